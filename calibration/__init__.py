@@ -11,20 +11,18 @@
 | `adjust.py` | the bundle adjustment and its covariance |
 | `start.py` | a start without a guess, in open air |
 | `judgement.py` | what every capture is worth, one by one |
-| `figures.py` | what a calibration is worth, by simulation |
-| `rigs.py` | rigs with errors and their captures, for figures and tests |
 | `rest.py` | the map of the mirror at rest, kept with the rig; drift |
 | `response.py` | response, blur, vignetting and backlight of display and camera, kept with the rig |
 | `harmonics.py` | error of the coordinate by harmonics that a response leaves in fringes |
 | `sources.py` | the independent errors behind the covariance |
-| `observability.py` | singular values in prior units, warnings |
+| `observability.py` | singular values in prior units, notices |
+| `effects.py` | what errors of the numbers do to heights and depths |
 """
 
 from optolever.arguments import check_face
 
 from .calibrate import Calibration, calibrate, left_out
 from .contact import contact
-from .figures import SETUPS, Figure, figures, mode_chi2
 from .harmonics import HarmonicError, harmonic_errors
 from .judgement import Judgement, as_they_come, judged
 from .observation import Observation
@@ -34,10 +32,8 @@ from .rest import RestMap, load_rest, store_rest
 from .targets import Ball, Flat, Plate, Points, Rest, Target
 
 __all__ = [
-    "SETUPS",
     "Ball",
     "Calibration",
-    "Figure",
     "Flat",
     "HarmonicError",
     "Judgement",
@@ -52,14 +48,12 @@ __all__ = [
     "calibrate",
     "contact",
     "default_priors",
-    "figures",
     "harmonic_errors",
     "judged",
     "left_out",
     "load_response",
     "load_rest",
     "measure_response",
-    "mode_chi2",
     "store_response",
     "store_rest",
 ]

@@ -22,6 +22,7 @@ from .targets import Points
 __all__ = ["Adjustment", "Problem", "adjust", "among", "covariance_of", "step_of"]
 
 Floats = NDArray[np.float64]
+Rays = tuple[Floats, Floats]
 
 _LOST = 1e4  # residual of a pixel that sees nothing there
 _LARGEST = 1e8  # residual
@@ -58,6 +59,11 @@ class Problem:
         return list(self.sigmas)
 
     @property
+    def held(self) -> list[str]:
+        """Numbers of the scene that are no unknowns."""
+        return [name for name in parameter_values(self.scene) if name not in self.sigmas]
+
+    @property
     def scale(self) -> Floats:
         """(p,): of the unknowns' priors, standard deviations."""
         return np.array(list(self.sigmas.values()))
@@ -81,13 +87,26 @@ class Problem:
     def data(self, vector: Floats) -> list[Floats]:
         """Residuals (2 n,) of every sample, and of the points, if there are any."""
         values, scene = self.named(vector), self.scene_at(vector)
-        found = [_rows(s, scene, _reflected(s, values, scene)) for s in self.samples]
+        found = [_rows(s, scene, self._reflected(s, values, scene)) for s in self.samples]
         return [*found, self.rest_shape(values)] if self.points else found
 
     def residuals(self, vector: Floats) -> Floats:
         """All rows: samples, points, priors."""
         means = np.array([self.means.get(name, 0.0) for name in self.names])
         return np.concatenate([*self.data(vector), (vector - means) / self.scale])
+
+    def _own(self, s: Sample) -> set[str]:
+        """The unknowns beside the scene's that move a sample's rows."""
+        names = {*s.target.unknowns(s.name, s.name == self.frame)}
+        return names if s.reference is None else names | {*s.reference.unknowns(self.frame, True)}
+
+    @np.errstate(all="ignore")
+    def _reflected(self, s: Sample, values: Mapping[str, float], scene: Scene) -> list[Rays]:
+        """The sample's rays after its mirror, and after its reference, if it has one."""
+        shapes = [s.target.shape(s.name, values, scene.mirror)]
+        if s.reference is not None:
+            shapes.append(s.reference.shape(self.frame, values, scene.mirror))
+        return [reflected(scene, shape, s.row, s.col) for shape in shapes]
 
     def jacobian(self, vector: Floats) -> Floats:
         """Central differences."""
@@ -99,9 +118,9 @@ class Problem:
         data = self.count - len(vector)
         rows = np.zeros((self.count, len(vector)))
         scene, known = self.scene_at(vector), parameter_values(self.scene)
-        out = [_reflected(s, self.named(vector), scene) for s in self.samples]
+        out = [self._reflected(s, self.named(vector), scene) for s in self.samples]
         here = self.data(vector)
-        own = [s.target.unknowns(s.name, s.name == self.frame) for s in self.samples]
+        own = [self._own(s) for s in self.samples]
         for k, name in enumerate(self.names):
             moved = vector.copy()
             moved[k] += steps * step_of(name)
@@ -110,7 +129,7 @@ class Problem:
             same = name.startswith("pattern.")
             for i, s in enumerate(self.samples):
                 if name in known or name in own[i]:
-                    change = _rows(s, there, out[i] if same else _reflected(s, values, there)) - here[i]
+                    change = _rows(s, there, out[i] if same else self._reflected(s, values, there)) - here[i]
                     rows[starts[i] : starts[i + 1], k] = change / step
             if self.points:
                 rows[starts[-1] : data, k] = (self.rest_shape(values) - here[-1]) / step
@@ -121,8 +140,8 @@ class Problem:
 @dataclass(frozen=True, eq=False)
 class Adjustment:
     """values (p,) at the minimum, jacobian there (data rows first, then one row per prior), chi of the data
-    per degree of freedom, chis of every sample, evaluations; cost: sum of squares, priors included; apart
-    (n, p): to other minima, each times the root of its share of the posterior."""
+    per degree of freedom, chis of every sample by its noise, evaluations; cost: sum of squares, priors
+    included; apart (n, p): to other minima, each times the root of its share of the posterior."""
 
     problem: Problem
     values: Floats
@@ -145,14 +164,12 @@ class Adjustment:
 
 
 @np.errstate(all="ignore")
-def _reflected(s: Sample, values: Mapping[str, float], scene: Scene) -> tuple[Floats, Floats]:
-    return reflected(scene, s.target.shape(s.name, values, scene.mirror), s.row, s.col)
-
-
-@np.errstate(all="ignore")
-def _rows(s: Sample, scene: Scene, out: tuple[Floats, Floats]) -> Floats:
-    """Residuals of a sample's rays after the mirror."""
-    u, v, _ = scene.pattern.landing(*out)
+def _rows(s: Sample, scene: Scene, out: Sequence[Rays]) -> Floats:
+    """Residuals of a sample's rays after its mirror, less those after its reference."""
+    u, v, _ = scene.pattern.landing(*out[0])
+    for rays in out[1:]:
+        u0, v0, _ = scene.pattern.landing(*rays)
+        u, v = u - u0, v - v0
     rows = np.concatenate([(u - s.u) / s.sigma_u, (v - s.v) / s.sigma_v])
     clipped: Floats = np.clip(
         np.nan_to_num(rows, nan=_LOST, posinf=_LOST, neginf=-_LOST), -_LARGEST, _LARGEST
@@ -200,7 +217,7 @@ def adjust(problem: Problem, start: Mapping[str, float], rough: bool = False, mo
     count = sum(rows.size for rows in data)
     chi = float(np.sqrt(sum((rows**2).sum() for rows in data) / max(1, count - len(first))))
     named = zip(problem.samples, data, strict=False)
-    chis = {sample.name: float(np.sqrt(np.mean(rows**2))) for sample, rows in named}
+    chis = {sample.name: sample.inflation * float(np.sqrt(np.mean(rows**2))) for sample, rows in named}
     return Adjustment(
         problem,
         found.x,

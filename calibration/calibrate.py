@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -14,8 +15,9 @@ from optolever.records import Axes
 from optolever.scene import Covariance, Scene, adjusted, parameter_changes, parameter_values
 
 from .adjust import Adjustment, Problem, adjust, among, step_of
-from .observability import Direction, directions, notices
-from .observation import Observation, Sample, checked, frame_of, sampled
+from .effects import Effects, effects
+from .observability import Direction, beyond_priors, directions, notices
+from .observation import Observation, Sample, against_rest, checked, frame_of, sampled
 from .priors import GAUGE, is_pose, resolved
 from .sources import error_sources
 from .start import open_air_start
@@ -31,6 +33,9 @@ _START_PIXELS = 200  # of a capture: starts are found on these
 _START_EVALUATIONS = 100  # of 144 starts of 18 rigs the longest that ended took 56; others wander
 _ALIKE = 0.1  # of the sum of squares: two minima are one
 _ROUNDING = 1e-9  # of derivatives by differences
+_MISFIT = 1.2  # chi of the rest above which its misfit is no noise
+_BLOCKS = 6  # of the image along rows and columns: a static field varies as slowly
+_REWEIGHTED = 6  # times
 _NO_BALL = 5.0  # chi of a ball's capture, and sigmas of its radius: it is none
 
 
@@ -38,7 +43,7 @@ _NO_BALL = 5.0  # chi of a ball's capture, and sigmas of its radius: it is none
 class Calibration:
     """scene: adjusted, with its covariance; by (q, p): derivatives of the numbers of that covariance by the
     unknowns; adjustment: how that went; start: the scene it started from, and whether that was found without
-    a guess; directions: weakest first; notices: warnings by name."""
+    a guess; directions: weakest first."""
 
     scene: Scene
     adjustment: Adjustment
@@ -46,8 +51,23 @@ class Calibration:
     start: Scene
     guessed: bool
     directions: tuple[Direction, ...]
-    notices: tuple[Notice, ...]
     by: Floats
+
+    @cached_property
+    def effects(self) -> Effects:
+        """What errors of the unknowns do to a height and to a depth."""
+        return effects(self.scene, self.by)
+
+    @cached_property
+    def notices(self) -> tuple[Notice, ...]:
+        """Warnings, and errors that pass into the heights one to one."""
+        return notices(self.adjustment, self.directions, self.effects, self.observations)
+
+    @property
+    def implausible(self) -> list[Notice]:
+        """Numbers that ended more than 5 prior sigma from their typed values, farthest first: then the scene
+        is likely wrong."""
+        return beyond_priors(self.adjustment)
 
     def __repr__(self) -> str:
         solved = self.adjustment
@@ -56,7 +76,7 @@ class Calibration:
             f"Calibration of {self.scene.name}: {len(solved.values)} parameters, {len(solved.chis)} captures"
         ]
         lines.append(f"  chi {solved.chi:.4g}, from {start}, {solved.evaluations} evaluations")
-        return "\n".join([*lines, f"  {len(self.notices)} notices"])
+        return "\n".join([*lines, f"  {len(self.implausible)} numbers beyond 5 prior sigma"])
 
     def plot(self, axes: Any = None) -> Axes:
         """Draw each capture's residuals, arrows in sigma at the pixels, with matplotlib; the axes."""
@@ -143,6 +163,7 @@ def calibrate(
     observations = checked(observations, (scene.camera.rows, scene.camera.cols))
     frame = frame_of(observations)
     samples = sorted(map(sampled, observations), key=lambda sample: sample.name != frame)
+    samples = against_rest(samples, next(each for each in observations if each.name == frame))
     if points and not any(isinstance(sample.target, Rest) for sample in samples):
         raise InputError("Points: need a capture of the mirror at Rest, whose heights they are")
     sigmas = resolved(scene, priors)
@@ -160,6 +181,7 @@ def calibrate(
         other = _least(replace(problem, scene=scene), means)
         if found is None or other.chi < result.chi:
             found, result = None, other
+    result = _rest_by_misfit(result)
     _require_balls(result)
     return _judged(result, observations, found is None)
 
@@ -212,6 +234,37 @@ def _distinct(minima: Iterable[Adjustment]) -> list[Adjustment]:
         if all(abs(each.cost - other.cost) > _ALIKE for other in found):
             found.append(each)
     return found
+
+
+def _rest_by_misfit(found: Adjustment) -> Adjustment:
+    """With the rest capture weighted by its misfit, where other captures are compared with it: a static field
+    (schlieren, glass) that the rest cannot explain cancels in these, and must not be fitted by the rig."""
+    problem = found.problem
+    if not any(sample.reference for sample in problem.samples):
+        return found
+    for _ in range(_REWEIGHTED):
+        (sample,) = (each for each in problem.samples if each.name == problem.frame)
+        rows = dict(zip((s.name for s in problem.samples), problem.data(found.values), strict=False))
+        factor = _misfit(sample, sample.inflation * rows[sample.name])
+        if factor < _MISFIT * sample.inflation:
+            break
+        wider = [s.inflated(factor) if s is sample else s for s in problem.samples]
+        problem = replace(problem, samples=wider)
+        found = adjust(problem, found.problem.named(found.values))
+    return found
+
+
+def _misfit(sample: Sample, rows: Floats) -> float:
+    """Factor in the sigma of a sample whose residuals (2 n,) in units of its noise are too large: their rms,
+    times the root of how many neighbours share one error, by the means over blocks of the image."""
+    places = [np.floor(_BLOCKS * (p - p.min()) / (np.ptp(p) + 1)) for p in (sample.row, sample.col)]
+    block = (_BLOCKS * places[0] + places[1]).astype(np.intp)
+    counts = np.bincount(block)
+    sums = [np.bincount(block, part) for part in np.split(rows, 2)]
+    used = counts > 0
+    common = np.mean([(each[used] ** 2 / counts[used]).mean() for each in sums])
+    square = float(np.mean(rows**2))
+    return math.sqrt(max(square, float(common))) if square > _MISFIT**2 else 1.0
 
 
 def _rest_minima(problem: Problem, mean: dict[str, float]) -> list[dict[str, float]]:
@@ -303,7 +356,6 @@ def _judged(result: Adjustment, observations: Sequence[Observation], guessed: bo
         base,
         guessed,
         tuple(found),
-        notices(result, found, observations),
         by,
     )
 

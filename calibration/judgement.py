@@ -7,15 +7,14 @@ linear.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from optolever.decode import Flag
-from optolever.reconstruct import predicted_maps
-from optolever.scene import Covariance, Scene
+from optolever.scene import Scene
 
 from .adjust import Adjustment, covariance_of
 from .calibrate import Calibration, calibrate
@@ -57,17 +56,13 @@ class Judgement:
 
 def judged(found: Calibration) -> list[Judgement]:
     """Every capture of a calibration, the frame's first, the others in the order that they were given."""
-    solved, scene = found.adjustment, found.scene
-    assert scene.covariance is not None
+    solved = found.adjustment
     names = [sample.name for sample in solved.problem.samples]
-    heights, depth = _derivatives(scene)
     sigmas = {}
     for k, name in enumerate(names):
         others = [each for each in names if each != name]
         for key, some in (("so_far", names[: k + 1]), ("without", others)):
-            known = found.by @ _covariance(solved, some) @ found.by.T
-            each = np.sqrt(np.einsum("pn,pq,qn->n", heights, known, heights))
-            sigmas[name, key] = float(np.median(each)), float(np.sqrt(depth @ known @ depth))
+            sigmas[name, key] = found.effects.sigmas(_covariance(solved, some))
     seen = {o.name: float(np.mean((o.correspondence.flags & _UNSEEN) == 0)) for o in found.observations}
     return [
         Judgement(
@@ -108,21 +103,3 @@ def _covariance(solved: Adjustment, captures: Sequence[str]) -> Floats:
     rows = np.concatenate([np.full(2 * len(each.row), each.name in captures) for each in problem.samples])
     kept[: len(rows)] = rows
     return covariance_of(solved.jacobian[kept], problem.scale, solved.chi)
-
-
-def _derivatives(scene: Scene) -> tuple[Floats, Floats]:
-    """By the numbers of the scene's covariance: of the height in n pixels (p, n), and of a dent's depth
-    (p,). The modes of numbers that are wrong one by one, each by its own sigma."""
-    assert scene.covariance is not None
-    own = np.diag(scene.covariance.matrix)
-    alone = Covariance(scene.covariance.names, np.diag(own))
-    small, height, rest, _ = predicted_maps(replace(scene, covariance=alone))
-    assert small.covariance is not None
-    assert height.calibration is not None
-    assert rest.calibration is not None
-    unit = np.sqrt(np.diag(small.covariance.matrix) / own)  # of the small scene's numbers
-    by_mode = unit[:, None] * np.linalg.pinv(small.covariance.root)
-    both = height.good & rest.good
-    depth = (height.calibration - rest.calibration)[:, both]
-    deepest = int(np.argmax((height.z - rest.z)[both]))
-    return by_mode @ height.calibration[:, both], by_mode @ depth[:, deepest]

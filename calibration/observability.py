@@ -1,4 +1,5 @@
-"""What the captures tell and what only the priors do: singular values in prior units, and warnings."""
+"""Which combinations of numbers the captures determine, and which the priors alone: singular values in prior
+units, what a weak combination does to the heights, and the notices of a calibration."""
 
 import math
 from collections.abc import Sequence
@@ -11,37 +12,47 @@ from scipy.stats import chi2
 from optolever.notices import Notice
 
 from .adjust import Adjustment
+from .effects import Effects
 from .observation import Observation
 from .priors import GAUGE, MEANING, plausible
 from .targets import Ball, Flat, Plate, Rest
 
-__all__ = ["Direction", "directions", "lacking", "notices"]
+__all__ = ["BEYOND", "Direction", "beyond_priors", "directions", "lacking", "notices"]
 
 Floats = NDArray[np.float64]
 
+BEYOND = 5.0  # prior sigma from the typed value: above, the adjustment is refused
 _WEAK = 3.0  # singular value in prior units: below, the prior says as much as the captures
+_SHARE = 0.25  # of the variance of a height or a depth: below, a weak direction needs no notice
 _TILT = math.radians(2.0)  # between mirrors: below, they are nearly one pose
 _CHI = 1.2
 _CONTACT = 300  # pixels
+_MISFIT = (
+    "the capture is mislabelled, the mirror moved, the mask is too large, or a held number must be free "
+    "(--prior)"
+)
+_STATIC = (
+    "a static error (glass, schlieren, bow of the display); it cancels in the captures that are compared "
+    "with this one, and in dents against rest"
+)
 _RARE = 1e-4  # probability that right priors are said to be contradicted
 _PART = 0.3  # share of a direction's length from which a number is named
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Direction:
-    """A combination of numbers: how much sharper the captures know it than the priors (singular value), and
-    the numbers behind it with their shares."""
+    """A combination of numbers. singular: prior sigma over the sigma by the captures alone; parts: numbers
+    with the largest shares; error (p,): one posterior sigma of it, in the unknowns' units."""
 
     singular: float
     parts: tuple[tuple[str, float], ...]
+    error: Floats
 
-    def __str__(self) -> str:
-        """In words."""
-        names = [MEANING.get(name, (name, ""))[0] for name, _ in self.parts]
-        cures = dict.fromkeys(MEANING.get(name, ("", ""))[1] for name, _ in self.parts)
-        cure = "; ".join(each for each in cures if each)
-        what = names[0] if len(names) == 1 else f"a combination of {', '.join(names)}"
-        return f"{what} is known from your prior alone{': ' + cure if cure else ''}"
+    @property
+    def names(self) -> str:
+        """The numbers, in words."""
+        words = [MEANING.get(name, name) for name, _ in self.parts]
+        return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]} separately"
 
 
 def directions(found: Adjustment, names: Sequence[str]) -> list[Direction]:
@@ -60,30 +71,55 @@ def directions(found: Adjustment, names: Sequence[str]) -> list[Direction]:
     for size, vector in zip(singular[::-1], right[::-1], strict=True):
         big = np.argsort(-np.abs(vector))
         parts = tuple((names[k], float(vector[k])) for k in big if abs(vector[k]) >= _PART)
-        result.append(Direction(float(size), parts or ((names[big[0]], float(vector[big[0]])),)))
+        error = np.zeros(len(order))
+        error[chosen] = problem.scale[chosen] * vector * max(1.0, found.chi) / math.hypot(1.0, size)
+        result.append(Direction(float(size), parts or ((names[big[0]], float(vector[big[0]])),), error))
     return result
 
 
-def notices(
-    found: Adjustment, weak: Sequence[Direction], observations: Sequence[Observation]
-) -> tuple[Notice, ...]:
-    """Warnings by name, and what passes through one to one."""
-    told = [
-        Notice(str(each), each.singular, _WEAK, "singular value in prior units")
-        for each in weak
-        if each.singular < _WEAK
+def beyond_priors(found: Adjustment) -> list[Notice]:
+    """Numbers that ended more than 5 prior sigma from the prior's mean, farthest first."""
+    problem = found.problem
+    means = np.array([problem.means.get(name, 0.0) for name in problem.names])
+    away = np.abs(found.values - means) / problem.scale
+    lens = [f"camera.{key}" for key in ("k1", "cx", "cy") if f"camera.{key}" in problem.held]
+    free = f"the lens may be distorted (--prior {lens[0]}=...), " if lens else ""
+    cure = f"{free}a capture is mislabelled, or the typed value is wrong (--prior NUMBER=SIGMA widens it)"
+    return [
+        Notice(
+            f"{problem.names[k]} ended at {found.values[k]:.4g}, typed {means[k]:.4g} +- "
+            f"{problem.scale[k]:.3g}: distance in prior sigma",
+            float(away[k]),
+            BEYOND,
+            cure,
+        )
+        for k in np.argsort(-away)
+        if away[k] > BEYOND
     ]
-    told += [*_poses(found, observations), *_priors(found)]
+
+
+def notices(
+    found: Adjustment, weak: Sequence[Direction], effects: Effects, observations: Sequence[Observation]
+) -> tuple[Notice, ...]:
+    """Warnings by name, and errors that pass into the heights one to one."""
+    warned = [*beyond_priors(found), *_weak(found, weak, effects, observations)]
+    warned += [*_poses(found, observations), *_priors(found)]
     chis = {"all captures": found.chi} | found.chis
-    told += [
-        Notice(f"chi of {name}", chi, _CHI, "the model does not explain it: leave it out, or free more")
+    compared = any(sample.reference for sample in found.problem.samples)
+    warned += [
+        Notice(
+            f"residuals of {name} over their noise",
+            chi,
+            _CHI,
+            _STATIC if compared and name == found.problem.frame else _MISFIT,
+        )
         for name, chi in chis.items()
         if chi > _CHI
     ]
     counts = {o.name: int(np.count_nonzero(o.usable)) for o in observations if isinstance(o.target, Ball)}
-    told += [
+    warned += [
         Notice(
-            f"{count} contact pixels of {name}, fewer than {_CONTACT}",
+            f"{name} has {count} contact pixels, fewer than {_CONTACT}",
             count,
             math.nan,
             "take a larger ball, or press deeper",
@@ -99,22 +135,47 @@ def notices(
     if through:
         verb = "pass" if len(through) > 1 else "passes"
         name = f"{' and '.join(through)} {verb} into the heights one to one"
-        told.append(Notice(name, math.nan, math.nan, ""))
-    return (*told, Notice(GAUGE, math.nan, math.nan, ""))
+        warned.append(Notice(name, math.nan, math.nan, ""))
+    return (*warned, Notice(GAUGE, math.nan, math.nan, ""))
+
+
+def _weak(
+    found: Adjustment, weak: Sequence[Direction], effects: Effects, observations: Sequence[Observation]
+) -> list[Notice]:
+    """Directions that the priors determine, where they are a quarter of the variance of heights or depths."""
+    whole = effects.sigmas(found.covariance)
+    kinds = {type(each.target) for each in observations}
+    if Ball in kinds:
+        cure = "add a ball at another place, or measure one of these numbers (--prior)"
+    elif Rest in kinds:
+        cure = "press a ball of known radius, or measure one of these numbers (--prior)"
+    else:
+        cure = "add a pose, tilted by 3 to 8 degrees about another axis"
+    notices = []
+    for each in (one for one in weak if one.singular < _WEAK):
+        height, depth = effects.sigmas(np.outer(each.error, each.error))
+        if max(height / whole[0], depth / whole[1]) > math.sqrt(_SHARE):
+            name = (
+                f"the captures do not determine {each.names}, only the priors do: sigma of a height "
+                f"{1e3 * height:.2g} um, of a depth {100 * depth / effects.peak:.2g} % by that"
+            )
+            notices.append(Notice(name, each.singular, math.nan, cure))
+    return notices
 
 
 def lacking(observations: Sequence[Observation]) -> Notice | None:
-    """What these captures are too few of."""
+    """Which captures are still needed."""
     kinds = [type(each.target) for each in observations]
     posed = sum(kind in (Flat, Plate) for kind in kinds)
-    name, cure = f"K = {posed} poses without a ball", f"the null space is not empty: {3 - posed} more, tilted"
+    name = f"K = {posed} poses without a ball do not determine the rig"
+    cure = f"{3 - posed} more, tilted by 3 to 8 degrees"
     if not {Flat, Rest} & {*kinds}:
-        name, cure = "no capture of a flat or of the mirror at rest", "take one: it says where z = 0 is"
+        name, cure = "no capture of a flat or of the mirror at rest", "take one: it defines z = 0"
     elif Ball in kinds or posed > 2:
         return None
     elif not posed:
-        name = "rest without a ball"
-        cure = "the scale of the depth is known from your priors alone: press a ball"
+        name = "rest without a ball: only the priors determine the scale of the depth"
+        cure = "press a ball of known radius"
     return Notice(name, posed or math.nan, math.nan, cure)
 
 
@@ -123,29 +184,30 @@ def _poses(found: Adjustment, observations: Sequence[Observation]) -> list[Notic
     if any(isinstance(each.target, Ball) for each in observations):
         return []
     values, few = found.problem.named(found.values), lacking(observations)
-    told = [] if few is None else [few]
+    warned = [] if few is None else [few]
     posed = [each for each in observations if isinstance(each.target, Flat | Plate)]
     tilts = np.array([[values.get(f"{p.name}.{key}", 0.0) for key in ("tilt_x", "tilt_y")] for p in posed])
     if len(posed) < 2:
-        return told
+        return warned
     apart = float(np.linalg.norm(tilts[:, None] - tilts[None], axis=-1).max())
     if apart < _TILT:
         name = "parallel poses" if apart < 0.1 * _TILT else "tilts below 2 degrees"
         cure = f"mirrors differ by {math.degrees(apart):.2g} degrees: tilt them by 3 to 8"
-        told.append(Notice(name, math.nan, math.nan, cure))
-    return told
+        warned.append(Notice(name, math.nan, math.nan, cure))
+    return warned
 
 
 def _priors(found: Adjustment) -> list[Notice]:
-    """Numbers of the scene against their priors: over these, their squares sum to a chi2 of as many degrees
-    of freedom as the captures tell, the sum of 1 - (sigma / prior sigma)^2."""
+    """Numbers of the scene against their priors: over these, their squares sum to a chi2 with as many degrees
+    of freedom as the captures determine, the sum of 1 - (sigma / prior sigma)^2."""
     problem, wide = found.problem, plausible(found.problem.scene)
-    told = [k for k, name in enumerate(problem.names) if problem.sigmas[name] < wide.get(name, 0.0)]
-    square = float((problem.residuals(found.values)[-len(problem.names) :][told] ** 2).sum())
-    freedom = float((1 - np.diag(found.linear) / problem.scale**2)[told].sum())
+    typed = [k for k, name in enumerate(problem.names) if problem.sigmas[name] < wide.get(name, 0.0)]
+    square = float((problem.residuals(found.values)[-len(problem.names) :][typed] ** 2).sum())
+    freedom = float((1 - np.diag(found.linear) / problem.scale**2)[typed].sum())
     limit = chi2.isf(_RARE, freedom) if freedom > 1 else math.inf
     if not square > limit:
         return []
     size, most = (math.sqrt(each / freedom) for each in (square, limit))
-    cure = "give wider ones, or a capture is not what it is said to be"
-    return [Notice("chi of the scene's numbers by their priors", size, most, cure)]
+    name = "distance of the scene's numbers from the typed values, rms in prior sigma"
+    cure = "sigma is too small where the priors determine a number: widen them (--prior)"
+    return [Notice(name, size, most, cure)]

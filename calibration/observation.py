@@ -1,4 +1,8 @@
-"""A capture of a target, and the sample of it that the adjustment uses."""
+"""A capture of a target, and the sample of it that the adjustment uses.
+
+A ball or a plate on the mirror is compared with the mirror at rest, pixel by pixel: errors that both captures
+have in common (schlieren, cover glass, bow of the display) cancel to first order.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -12,7 +16,7 @@ from optolever.errors import InputError
 from .contact import FEWEST, contact
 from .targets import Ball, Flat, Plate, Rest, Target
 
-__all__ = ["Observation", "Sample", "checked", "frame_of", "sampled"]
+__all__ = ["Observation", "Sample", "against_rest", "checked", "frame_of", "sampled"]
 
 Floats = NDArray[np.float64]
 
@@ -41,7 +45,9 @@ class Observation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sample:
-    """Pixels (n,) of an observation: row, col, coordinates u, v and their sigmas in cells."""
+    """Pixels (n,) of an observation: row, col, coordinates u, v and their sigmas in cells. reference: of the
+    mirror at rest, then u and v are changes since; inflation: factor in the sigmas by which they are larger
+    than the noise."""
 
     name: str
     target: Target
@@ -51,12 +57,22 @@ class Sample:
     v: Floats
     sigma_u: Floats
     sigma_v: Floats
+    reference: Rest | None = None
+    inflation: float = 1.0
 
     def thinned(self, count: int) -> "Sample":
         """About `count` of its pixels (fewer than twice as many), evenly taken."""
-        some = slice(None, None, max(1, self.row.size // count))
-        parts = (self.row, self.col, self.u, self.v, self.sigma_u, self.sigma_v)
-        return Sample(self.name, self.target, *(part[some] for part in parts))
+        return self.picked(slice(None, None, max(1, self.row.size // count)))
+
+    def picked(self, some: slice | NDArray[np.bool_]) -> "Sample":
+        """These of its pixels."""
+        names = ("row", "col", "u", "v", "sigma_u", "sigma_v")
+        return replace(self, **{name: getattr(self, name)[some] for name in names})
+
+    def inflated(self, factor: float) -> "Sample":
+        """With sigmas of `factor` times the noise."""
+        by = factor / self.inflation
+        return replace(self, sigma_u=by * self.sigma_u, sigma_v=by * self.sigma_v, inflation=factor)
 
 
 def checked(observations: Sequence[Observation], shape: tuple[int, int]) -> list[Observation]:
@@ -138,4 +154,47 @@ def sampled(each: Observation) -> Sample:
     values = [np.asarray(part[row, col], np.float64) for part in (c.u, c.v, c.sigma_u, c.sigma_v)]
     sigmas = [np.maximum(sigma, _LEAST_SIGMA) for sigma in values[2:]]
     where = row.astype(np.float64), col.astype(np.float64)
-    return Sample(each.name, each.target, *where, *values[:2], *sigmas)
+    return Sample(each.name, each.target, *where, values[0], values[1], sigmas[0], sigmas[1])
+
+
+def against_rest(samples: Sequence[Sample], rest: Observation) -> list[Sample]:
+    """Balls and plates less the rest capture, where it is good.
+
+    The rest's noise is common to all K captures that use a pixel. diag(a) + b 1 1^T is at most diag(a + K b),
+    so that rows with the variance of the capture and K times that of the rest are never too sure. The rest's
+    own sample leaves these pixels out.
+    """
+    if not isinstance(rest.target, Rest):
+        return list(samples)
+    c, usable = rest.correspondence, rest.usable
+    posed = {s.name for s in samples if isinstance(s.target, Ball | Plate)}
+    counts = np.zeros(usable.shape)
+    for sample in samples:
+        if sample.name in posed:
+            counts[_at(sample)] += 1
+    found = []
+    for sample in samples:
+        some = usable[_at(sample)] if sample.name in posed else counts[_at(sample)] == 0
+        few = np.count_nonzero(some) < FEWEST // 2
+        if few or sample.name not in posed | {rest.name}:
+            found.append(sample)
+        elif sample.name == rest.name:
+            found.append(sample.picked(some))
+        else:
+            found.append(_change(sample.picked(some), c, counts, rest.target))
+    return found
+
+
+def _change(sample: Sample, c: Correspondence, counts: Floats, target: Rest) -> Sample:
+    at = _at(sample)
+    sigmas = {
+        name: np.sqrt(
+            getattr(sample, name) ** 2 + counts[at] * np.maximum(getattr(c, name)[at], _LEAST_SIGMA) ** 2
+        )
+        for name in ("sigma_u", "sigma_v")
+    }
+    return replace(sample, u=sample.u - c.u[at], v=sample.v - c.v[at], reference=target, **sigmas)
+
+
+def _at(sample: Sample) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    return sample.row.astype(np.intp), sample.col.astype(np.intp)

@@ -15,30 +15,34 @@ GAUGE = (
 )
 _HELD = ("camera.x", "camera.y", "camera.rz")
 
-#: Parameter -> what it is, and what capture tells it.
+#: Parameter -> its name in notices.
 MEANING = {
-    "camera.f": ("the focal length", "tilt the reference more"),
-    "camera.cx": ("the lens's centre (columns)", "tilt the reference about the image's rows"),
-    "camera.cy": ("the lens's centre (rows)", "tilt the reference about the image's columns"),
-    "camera.z": ("the camera's distance", "add poses, or press a ball"),
-    "camera.rx": ("the camera's tilt about x", "capture the mirror at rest"),
-    "camera.ry": ("the camera's tilt about y", "capture the mirror at rest"),
-    "camera.pitch_u": ("the pixels' pitch along columns", "press a ball"),
-    "camera.pitch_v": ("the pixels' pitch along rows", "press a ball"),
-    "pattern.x": ("the pattern's place along u", "capture the mirror at rest"),
-    "pattern.y": ("the pattern's place along v", "capture the mirror at rest"),
-    "pattern.z": ("the pattern's distance", "press a ball"),
-    "pattern.rx": ("the pattern's tilt about u", "press a ball"),
-    "pattern.ry": ("the pattern's tilt about v", "press a ball"),
-    "pattern.rz": ("the pattern's turn in its plane", "capture the mirror at rest"),
-    "pattern.pitch": ("the pattern's pitch, which is the scale", "measure the display"),
-    "pattern.b20": ("the display's bow along u", "add poses"),
-    "pattern.b11": ("the display's twist", "add poses"),
-    "pattern.b02": ("the display's bow along v", "add poses"),
-    "face.rx": ("the face's tilt", "press a ball"),
-    "face.ry": ("the face's tilt", "press a ball"),
-    "face.distance": ("the face's distance", "harmless: report it"),
-    "face.index": ("the index of refraction", "harmless: report it"),
+    "camera.f": "the focal length",
+    "camera.cx": "the principal point (columns)",
+    "camera.cy": "the principal point (rows)",
+    "camera.k1": "the lens distortion k1",
+    "camera.k2": "the lens distortion k2",
+    "camera.p1": "the lens decentering p1",
+    "camera.p2": "the lens decentering p2",
+    "camera.z": "the camera's distance",
+    "camera.rx": "the camera's tilt about x",
+    "camera.ry": "the camera's tilt about y",
+    "camera.pitch_u": "the camera's pixel pitch along columns",
+    "camera.pitch_v": "the camera's pixel pitch along rows",
+    "pattern.x": "the pattern's position along u",
+    "pattern.y": "the pattern's position along v",
+    "pattern.z": "the pattern's distance",
+    "pattern.rx": "the pattern's tilt about u",
+    "pattern.ry": "the pattern's tilt about v",
+    "pattern.rz": "the pattern's rotation in its plane",
+    "pattern.pitch": "the pattern's pitch",
+    "pattern.b20": "the display's bow along u",
+    "pattern.b11": "the display's twist",
+    "pattern.b02": "the display's bow along v",
+    "face.rx": "the camera face's tilt about its first axis",
+    "face.ry": "the camera face's tilt about its second axis",
+    "face.distance": "the camera face's distance",
+    "face.index": "the index of refraction",
 }
 
 _DEGREE = math.pi / 180
@@ -59,24 +63,29 @@ def plausible(scene: Scene) -> dict[str, float]:
 
 
 def default_priors(scene: Scene) -> dict[str, float]:
-    """Name -> sigma (inf: free). In open air everything but pitch and k3 is free; a prism is known to 1
-    degree, 0.5 mm, 1 % and 0.01 of index."""
-    values = parameter_values(scene)
+    """Name -> sigma, finite. In open air everything but pitch and k3 is free within `plausible`. A prism is
+    known to 1 degree, 0.5 mm, 1 % and 0.01 of index; a lens in front of its face to `_lens`."""
+    wide = plausible(scene)
     if isinstance(scene.camera, PinholeCamera) and scene.camera.face is None and scene.medium is None:
         held = ("pattern.pitch", "camera.k3", *_HELD)
-        return {name: math.inf for name in values if name not in held}
-    sigmas = {"rx": _DEGREE, "ry": _DEGREE, "rz": _DEGREE, "x": 0.5, "y": 0.5, "z": 0.5, "distance": 0.5}
-    known = {"index": 0.01} | {
-        key: 0.01 * abs(values.get(f"camera.{key}", 0.0)) for key in ("f", "pitch_u", "pitch_v")
-    }
-    chosen = {}
-    for name in values:
-        key = name.partition(".")[2]
-        if key in sigmas | known and name not in _HELD:
-            chosen[name] = (sigmas | known)[key]
+        return {name: sigma for name, sigma in wide.items() if name not in held}
+    values = parameter_values(scene)
+    sigmas = {"rx": _DEGREE, "ry": _DEGREE, "rz": _DEGREE, "x": 0.5, "y": 0.5, "z": 0.5}
+    sigmas |= {"distance": 0.5, "index": 0.01}
+    sigmas |= {key: 0.01 * abs(values.get(f"camera.{key}", 0.0)) for key in ("f", "pitch_u", "pitch_v")}
+    sigmas |= _lens(scene)
+    keys = {name: name.partition(".")[2] for name in values if name not in _HELD}
+    chosen = {name: sigmas[key] for name, key in keys.items() if key in sigmas}
     if not isinstance(scene.camera, PinholeCamera):
         chosen.pop("camera.z")  # along parallel rays nothing changes, across them it is the gauge's x
     return chosen
+
+
+def _lens(scene: Scene) -> dict[str, float]:
+    """Of a lens without a calibration of its own: webcams have k1 of -0.3 to 0.1, a principal point within a
+    few per cent of the image's middle, and a decentering of 0.001."""
+    off = max(10.0, 0.02 * max(scene.camera.rows, scene.camera.cols))  # px
+    return {"cx": off, "cy": off, "k1": 0.2, "k2": 0.1, "p1": 1e-3, "p2": 1e-3}
 
 
 def is_pose(name: str) -> bool:

@@ -1,14 +1,13 @@
 """Commands: parse, call, print. No mathematics, and no heavy import before a command runs.
 
 - `app`: the program `optolever`, the one place where errors become a line and an exit code
-- `commands`: which commands there are, `lab` with those for work on the program; loaded when called
+- `commands`: which commands there are; loaded when called
 - `options`: arguments that several commands share (--json, --size, scenes)
 - `outputs`: where commands write, checked before they work
-- `show`: tables, progress bars, JSON
+- `show`: tables, progress, JSON
 - one file a command, named as it: `demo`, `doctor`, `names`; `capture`, `decode`, `calibrate`, `rest`,
-  `response`, `reconstruct`, `report` and `window`, which is the command `show`; `design`, `bench`, `paper`
-- `lab`: `figures`, `methods`, `codes`, `sweep`, `hard`, `fuzz`, `choices`, `sensor`, `adapt`
-  and `rigs`, which is `lab calibration`
+  `response`, `reconstruct`, `report` and `window`, which is the command `show`; `sensor`, `codes`,
+  `design`, `bench`, `paper`
 """
 
 from .app import main, run

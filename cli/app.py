@@ -12,7 +12,7 @@ from optolever import InputError, __version__
 
 from .commands import Program
 
-__all__ = ["app", "main", "run"]
+__all__ = ["app", "exit_code", "main", "run"]
 
 
 @click.group(
@@ -30,22 +30,27 @@ def app() -> None:
 
 def run(args: Sequence[str] | None = None) -> int:
     """Run the program on `args` (default: the process's); its exit code. Bad input never raises."""
+    return exit_code(app, "optolever", args)
+
+
+def exit_code(program: click.Command, name: str, args: Sequence[str] | None = None) -> int:
+    """Run a program, called `name`, on `args` (default: the process's); its exit code."""
     try:
-        code = app.main(args=args, prog_name="optolever", standalone_mode=False)
+        code = program.main(args=args, prog_name=name, standalone_mode=False)
     except InputError as error:
-        return _complain(str(error))
+        return _complain(name, str(error))
     except click.ClickException as error:
         context = getattr(error, "ctx", None)
         hint = f" (see {context.command_path} --help)" if context is not None else ""
-        return _complain(f"{error.format_message()}{hint}")
+        return _complain(name, f"{error.format_message()}{hint}")
     except MemoryError as error:
         from optolever.memory import free_memory
 
-        return _complain(f"{error or 'too little memory'}; {free_memory() / 2**30:.3g} GiB are free")
+        return _complain(name, f"{error or 'too little memory'}; {free_memory() / 2**30:.3g} GiB are free")
     except OSError as error:
-        return _complain(f"{error.filename or 'input or output'}: {error.strerror or error}")
+        return _complain(name, f"{error.filename or 'input or output'}: {error.strerror or error}")
     except (click.Abort, KeyboardInterrupt):
-        click.echo("optolever: interrupted", err=True)
+        click.echo(f"{name}: interrupted", err=True)
         return 130
     return code if isinstance(code, int) else 0
 
@@ -55,6 +60,6 @@ def main() -> None:
     sys.exit(run())
 
 
-def _complain(message: str) -> int:
-    click.echo("optolever: " + " ".join(message.split()), err=True)
+def _complain(name: str, message: str) -> int:
+    click.echo(f"{name}: " + " ".join(message.split()), err=True)
     return 2

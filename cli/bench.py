@@ -71,8 +71,7 @@ def command(
 
     Time, memory, error, error bars, silent errors. Every combination of the lists runs, here and one after
     the other; what is not given is the default grid's. DIR gets report.html (a section per mirror with a
-    chart of time against error), results.json, results.csv and a file per cell. --grid with many cells: see
-    optolever lab sweep.
+    chart of time against error), results.json, results.csv and a file per cell.
     """
     from optolever.experiments.bench import Store, absent_modules, time_cells
 

@@ -53,6 +53,7 @@ _POLL = 0.2  # s, between looks for a capture
 @click.option("--without", multiple=True, metavar="NAME", help="Leave a capture out, by its file's stem.")
 @click.option("--guess", is_flag=True, help="Start from the scene's numbers, in open air too.")
 @click.option("--leave-one-out", is_flag=True, help="Also show chi of every capture by the others.")
+@click.option("--accept", is_flag=True, help="Write a rig with numbers beyond 5 prior sigma, too.")
 @click.option("--follow", is_flag=True, help="Wait for every capture, and judge it as soon as it is there.")
 @click.option(
     "--report", "page", type=OutputFile(".html"), metavar="FILE.html", help="Also write a page about it."
@@ -67,6 +68,7 @@ def command(
     without: tuple[str, ...],
     guess: bool,
     leave_one_out: bool,
+    accept: bool,
     follow: bool,
     page: Path | None,
     size: tuple[int, int] | None,
@@ -96,6 +98,8 @@ def command(
             step("adjust")
             start = time.perf_counter()
             found = calibrate(scene, used, chosen, guess=guess)
+        if found.implausible and not accept:
+            raise InputError(f"{out}: not written (--accept overrides); {found.implausible[0]}")
         numbers = found.to_dict() | {"seconds": time.perf_counter() - start}
         step("judge captures")
         numbers["judged"] = {each.name: each.to_dict() for each in judged(found)}

@@ -53,7 +53,7 @@ def command(
     from optolever.projector import capture
     from optolever.scene import dent_from_text, trace
 
-    scene = load_scene(scene_name, size)
+    scene = load_scene(scene_name, size, exact=True)
     pressed = dent_of(scene, dent)
     scene = replace(scene, dent=pressed)
     surface = dent_from_text(pressed, scene)

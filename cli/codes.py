@@ -1,4 +1,4 @@
-"""`optolever lab codes`: which code when."""
+"""`optolever codes`: which code when."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 __all__ = ["command"]
 
 SAMPLE = """
-$ optolever lab codes gray phase gray+phase --size 200x320
+$ optolever codes gray phase gray+phase --size 200x320
 Codes
 code        frames  range   sigma       gross  stripe  lost   swapped
 gray        36      200 px  0.2972 px   0      2 px    100 %  100 %
@@ -45,7 +45,7 @@ def command(
     """
     from optolever.experiments import CODES, code_rows
 
-    with progress() as step:
+    with progress(lines=True) as step:
         rows = list(code_rows(codes or CODES, size, amplitude, noise, step))
     fields = ("name", "frames", "reach", "sigma", "gross", "stripe", "lost", "swapped")
     write_json(json_path, {"codes": [{name: getattr(row, name) for name in fields} for row in rows]})

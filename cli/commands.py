@@ -5,22 +5,16 @@ from collections.abc import Mapping, Sequence
 
 import click
 
-__all__ = ["LAB", "SECTIONS", "Commands", "Laboratory", "Program", "module_of"]
+__all__ = ["SECTIONS", "Commands", "Program", "module_of"]
 
 #: What a user calls, by section of --help.
 SECTIONS: Mapping[str, tuple[str, ...]] = {
     "Start": ("demo", "doctor", "names"),
     "Measure": ("show", "capture", "decode", "calibrate", "rest", "response", "reconstruct", "report"),
-    "Plan and compare": ("design", "bench", "paper", "lab"),
-}
-#: What measures and attacks the program itself: optolever lab NAME.
-LAB: Mapping[str, tuple[str, ...]] = {
-    "Figures": ("figures", "methods", "codes", "sweep", "calibration"),
-    "Attacks": ("hard", "fuzz"),
-    "Design": ("choices", "sensor", "adapt"),
+    "Plan and compare": ("sensor", "codes", "design", "bench", "paper"),
 }
 #: Files that are not named as their command.
-MODULES = {"show": "window", "calibration": "rigs"}
+MODULES = {"show": "window"}
 
 
 def module_of(name: str) -> str:
@@ -29,21 +23,21 @@ def module_of(name: str) -> str:
 
 
 class Commands(click.Group):
-    """A group whose commands are modules beside this one, imported when they are asked for.
+    """A group whose commands are modules of a package, imported when they are asked for.
 
-    sections: names under their headings. aliases: other names that work and are not listed.
+    sections: names under their headings. package: where the modules lie.
     """
 
     sections: Mapping[str, Sequence[str]] = {}
-    aliases: Sequence[str] = ()
+    package = ""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return [name for names in self.sections.values() for name in names]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        if cmd_name not in (*self.list_commands(ctx), *self.aliases):
+        if cmd_name not in self.list_commands(ctx):
             return None
-        command = importlib.import_module(f".{module_of(cmd_name)}", __package__).command
+        command = importlib.import_module(f"{self.package}.{module_of(cmd_name)}").command
         assert isinstance(command, click.Command)
         return command
 
@@ -59,13 +53,7 @@ class Commands(click.Group):
 
 
 class Program(Commands):
-    """optolever NAME; the laboratory's commands answer to their old names, too."""
+    """optolever NAME."""
 
     sections = SECTIONS
-    aliases = tuple(name for names in LAB.values() for name in names if name not in ("fuzz", "calibration"))
-
-
-class Laboratory(Commands):
-    """optolever lab NAME."""
-
-    sections = LAB
+    package = __package__

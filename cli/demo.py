@@ -60,7 +60,7 @@ def command(
     from optolever.experiments import run_demo, write_demo_report
     from optolever.files import report_folder, together
 
-    scene = load_scene(scene_name, size)
+    scene = load_scene(scene_name, size, exact=True)
     if blur is not None:
         scene = replace(scene, pattern=replace(scene.pattern, blur_px=blur))
     pressed = dent_of(scene, dent)

@@ -151,11 +151,12 @@ def dent_of(scene: "Scene", dent: str | None) -> str:
     return dent or scene.dent or "flat"
 
 
-def load_scene(name: str, size: tuple[int, int] | None = None) -> "Scene":
-    """The scene of a preset or file, resampled if a size is given. InputError if there is none."""
+def load_scene(name: str, size: tuple[int, int] | None = None, *, exact: bool = False) -> "Scene":
+    """The scene of a preset or file, resampled if a size is given; exact: for simulations. InputError if there
+    is none."""
     from optolever.scene import load, resize
 
-    scene = load(name)
+    scene = load(name, exact=exact)
     return scene if size is None else resize(scene, *size)
 
 

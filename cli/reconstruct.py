@@ -16,6 +16,7 @@ from .show import (
     dent_rows,
     flag_shares,
     grid,
+    noise_and_rig,
     number,
     print_notices,
     progress,
@@ -136,6 +137,12 @@ GRID_WRITERS = {".npz": "save", ".tif": "save_tiff", ".tiff": "save_tiff", ".x3p
     help="Also write the height less that at rest (a rig with [rest]): x, y, z and its sigma.",
 )
 @click.option("--facet", metavar="NAME", help="Of a SOFAST result: its group; default: facet_000.")
+@click.option(
+    "--accept",
+    is_flag=True,
+    help="Keep the heights of a capture that contradicts its scene beyond the scene's accuracy; without it all "
+    "pixels are flagged, and the exit code is 2.",
+)
 @click.option("--truth", type=FILE, metavar="TRUTH.npz", help="Compare with the truth of a virtual capture.")
 @size_option
 @json_option
@@ -154,10 +161,11 @@ def command(
     slopes_path: Path | None,
     change_path: Path | None,
     facet: str | None,
+    accept: bool,
     truth: Path | None,
     size: tuple[int, int] | None,
     json_path: Path | None,
-) -> None:
+) -> int:
     """Reconstruct the mirror's height, with an error bar per pixel.
 
     H.npz receives x, y, z, sigma (mm) and flags (0 = good) on the camera's pixels. Pixels that no anchor
@@ -203,7 +211,9 @@ def command(
             drift = () if at_rest is None else at_rest.notices(correspondence)
             step("reconstruct")
             start = time.perf_counter()
-            height = reconstruct(correspondence, scene, method, anchor, mask, rest=rest, progress=step)
+            height = reconstruct(
+                correspondence, scene, method, anchor, mask, rest=rest, accept=accept, progress=step
+            )
             seconds = time.perf_counter() - start
             height = replace(height, notices=height.notices + drift)
             step("contacts")
@@ -237,6 +247,7 @@ def command(
     table(f"Height map in {out}", _rows(numbers))
     if "budget_mm" in numbers:
         grid("Uncertainty by source", *budget_rows(numbers["budget_mm"]))
+    return 2 if height.implausible else 0
 
 
 def _numbers(height: "HeightMap") -> dict[str, Any]:
@@ -279,14 +290,13 @@ def _rows(numbers: dict[str, Any]) -> dict[str, str]:
     rows = {
         "good": number(100 * numbers["good_share"], "% of the pixels"),
         "height": f"{number(numbers['z_min_mm'])} to {number(numbers['z_max_mm'], 'mm')}",
-        "sigma": number(numbers["sigma_mm"], "mm (median of the good)"),
+        "sigma": f"{noise_and_rig(numbers['sigma_mm'], numbers['calibration_sigma_mm'] or 0.0)} (medians)",
         **{name: number(100 * share, "%") for name, share in numbers["flags"].items()},
     }
-    if numbers["calibration_sigma_mm"] is not None:
-        rows["sigma, rig's"] = number(numbers["calibration_sigma_mm"], "mm (common to the whole map)")
     if numbers["chi2"] is not None:
         rows["chi2"] = (
-            f"{number(numbers['chi2'])} per degree of freedom ({numbers['freedom']}), 1 by noise alone"
+            f"{number(numbers['chi2'])} per degree of freedom ({numbers['freedom']}), 1 by noise"
+            + ("" if numbers["calibration_sigma_mm"] is None else " and the errors of the rig")
         )
     if "height_rms_rel" in numbers:
         rows["error"] = f"{number(numbers['height_rms_rel'])} of the peak depth, rms"

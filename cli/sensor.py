@@ -1,4 +1,4 @@
-"""`optolever lab sensor`: what a scene can measure, before it is built."""
+"""`optolever sensor`: what a scene can measure, before it is built."""
 
 import time
 from pathlib import Path
@@ -21,7 +21,7 @@ from .show import grid, number, progress, table, write_json
 __all__ = ["command"]
 
 SAMPLE = """
-$ optolever lab sensor --scene prism48 --size 96x128 --sweep angle=45/48/50 --out sensor
+$ optolever sensor --scene prism48 --size 96x128 --sweep angle=45/48/50 --out sensor
 Sensor prism48
   visible_share          1
   slope_low_deg          -24.09
@@ -93,13 +93,15 @@ def command(
         write_sensor_report,
     )
     from optolever.files import report_folder, together
+    from optolever.patterns import sequence_from_text
 
     for name, _ in asked:
         if name not in SWEEPS:
             raise InputError(f"--sweep: {name!r} must be one of {', '.join(SWEEPS)}")
     scene = load_scene(scene_name, size)
+    sequence_from_text(sequence, scene.pattern.rows, scene.pattern.cols)
     settings = {"scene": scene_name, "name": scene.name, "size": size, "sequence": sequence, "noise": noise}
-    with progress() as step:
+    with progress(lines=True) as step:
         step("maps")
         start = time.perf_counter()
         maps = sensor_maps(scene, sequence, noise)

@@ -1,6 +1,8 @@
-"""What a person sees: tables on stdout, progress on stderr (only on a terminal), JSON for programs."""
+"""What a person sees: tables on stdout, progress on stderr, JSON for programs."""
 
 import math
+import sys
+import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -21,6 +23,8 @@ __all__ = [
     "dent_rows",
     "flag_shares",
     "grid",
+    "length",
+    "noise_and_rig",
     "number",
     "print_notices",
     "progress",
@@ -44,16 +48,36 @@ def flag_shares(flags: "NDArray[np.unsignedinteger]", *kinds: "type[IntFlag]") -
     return {name.lower(): share for name, share in shares.items() if share > 0}
 
 
+def length(mm: float) -> str:
+    """A length with two significant digits in nm, um or mm.
+
+    >>> length(0.0000069), length(0.0034), length(0.44)
+    ('6.9 nm', '3.4 um', '0.44 mm')
+    """
+    if not math.isfinite(mm):
+        return "unknown"
+    unit, factor = ("mm", 1.0) if abs(mm) >= 0.0995 else ("um", 1e3) if abs(mm) >= 0.995e-3 else ("nm", 1e6)
+    return f"{factor * mm:.2g} {unit}"
+
+
+def noise_and_rig(noise: float, rig: float) -> str:
+    """Standard deviations (mm) by noise and by the errors of the rig, of which 0 stands for an exact scene."""
+    return f"± {length(noise)} noise" + (f" ± {length(rig)} rig" if rig > 0 else "")
+
+
 def dent_rows(dent: Mapping[str, Any], count: int) -> dict[str, str]:
-    """The dent of that number (Contact.to_dict) for `table`: what it measures, and by which evidence."""
+    """The dent of that number (Contact.to_dict) for `table`: its measures, and the evidence for a contact."""
     x, y = dent["centroid"]
+    noise = dent["depth_sigma"] if dent["depth_noise"] is None else dent["depth_noise"]
+    rig = math.sqrt(max(0.0, dent["depth_sigma"] ** 2 - noise**2))
 
     def give(name: str, unit: str) -> str:
         return f"{number(dent[name])} ± {dent[f'{name}_sigma']:.2g} {unit}"
 
     return {
-        f"dent {count}": f"depth {give('depth', 'mm')}; {dent['region']}: area {give('area', 'mm²')}, volume "
-        f"{give('volume', 'mm³')}, centroid ({x:.6g}, {y:.6g}) ± {dent['centroid_sigma']:.2g} mm",
+        f"dent {count}": f"depth {number(dent['depth'])} mm {noise_and_rig(noise, rig)}; {dent['region']}: area "
+        f"{give('area', 'mm²')}, volume {give('volume', 'mm³')}, centroid ({x:.6g}, {y:.6g}) ± "
+        f"{dent['centroid_sigma']:.2g} mm",
         f"evidence {count}": dent["evidence"],
     }
 
@@ -147,9 +171,29 @@ class Step:
             self._bar.start()
 
 
+class _Lines(Step):
+    """Progress as plain lines on stderr: every stage, and its count at most every `SECONDS`."""
+
+    SECONDS = 5.0
+
+    def __init__(self) -> None:
+        self._text, self._time = "", -math.inf
+
+    def __call__(self, text: str, done: int | None = None, total: int | None = None) -> None:
+        now = time.monotonic()
+        if text and (text != self._text or now - self._time >= self.SECONDS):
+            count = "" if total is None else f" {done or 0}/{total}"
+            print(f"{text}{count}", file=sys.stderr, flush=True)
+            self._text, self._time = text, now
+
+    @contextmanager
+    def aside(self) -> Iterator[None]:
+        yield
+
+
 @contextmanager
-def progress() -> Iterator[Step]:
-    """A progress bar on stderr, silent where stderr is no terminal, gone when the work is done."""
+def progress(lines: bool = False) -> Iterator[Step]:
+    """A progress bar on stderr, gone when the work is done; on a pipe plain lines if wanted, else nothing."""
     from rich.console import Console
     from rich.progress import (
         BarColumn,
@@ -161,6 +205,9 @@ def progress() -> Iterator[Step]:
     )
 
     console = Console(stderr=True)
+    if lines and not console.is_terminal:
+        yield _Lines()
+        return
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
     with Progress(
         *columns,

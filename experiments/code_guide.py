@@ -70,10 +70,9 @@ def code_rows(
     for name, value in (("amplitude", amplitude), ("noise", noise)):
         if not 0 < value <= 1000:
             raise InputError(f"codes: {name} is {value:g}, must be above 0 and at most 1000 levels")
-    listed = list(names)
-    for done, name in enumerate(listed):
-        progress(name, done, len(listed))
-        shown = sequence_from_text(name, *size)
+    sequences = [(name, sequence_from_text(name, *size)) for name in names]
+    for done, (name, shown) in enumerate(sequences):
+        progress(name, done, len(sequences))
         lost, swapped = _detected(shown, amplitude, noise)
         reach, sigma, gross, stripe = predict_code(shown, amplitude, noise)
         yield CodeRow(name, len(shown), reach, sigma, gross, stripe, lost, swapped)

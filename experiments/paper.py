@@ -24,7 +24,6 @@ from optolever.records import Progress, silent
 from optolever.scene import Scene, Surface
 
 from .arrays import Floats, Mask
-from .drawn import surface_of
 from .metrics import rms
 from .paper_line import (
     Line,
@@ -38,7 +37,7 @@ from .paper_line import (
     pixel_points,
     seen_points,
 )
-from .place import Dent, Place, exact
+from .place import Dent, Place, exact, surface_of
 from .timing import Run, Stages, peak_bytes
 
 

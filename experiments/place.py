@@ -49,8 +49,13 @@ class Place:
 
 def resolve(scene: Scene | str | Path, size: tuple[int, int] | None = None) -> Scene:
     """A scene, or the one of a preset or TOML file, resampled to size (rows, cols) if one is given."""
-    known = scene if isinstance(scene, Scene) else load(scene)
+    known = scene if isinstance(scene, Scene) else load(scene, exact=True)
     return known if size is None else resize(known, *size)
+
+
+def surface_of(form: Callable[[Floats, Floats], tuple[Floats, Floats, Floats]]) -> Surface:
+    """The surface whose height and slopes along x and y a function gives together."""
+    return Surface(lambda x, y: form(x, y)[0], lambda x, y: form(x, y)[1:], both=form)
 
 
 def on_rest(scene: Scene) -> tuple[Floats, Floats]:

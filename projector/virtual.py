@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
 from types import TracebackType
 from typing import Any, Protocol, Self
 
@@ -199,7 +200,8 @@ class VirtualSensor:
                 self._expose({index: frame}, self._instants(index), index)
                 progress("frames", index + 1, len(frames))
         times = np.array([self.time(index) for index in range(len(frames))])
-        return Capture(frames, self._sequence, self._scene, timestamps=times, bits=self._bits)
+        exact = replace(self._scene, accuracy=None, covariance=None)  # what is rendered has no errors
+        return Capture(frames, self._sequence, exact, timestamps=times, bits=self._bits)
 
     def release(self) -> None:
         """Free what the renderer holds."""

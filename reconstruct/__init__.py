@@ -7,7 +7,9 @@
 | `arrays.py` | names of arrays by what they hold |
 | `problem.py`, `result.py` | checks, window, orientation, components; the solved grid as a HeightMap |
 | `calibration.py` | a rest capture as reference |
-| `propagation.py` | what the errors of a calibrated rig do to a height map |
+| `rig.py`, `rig_effects.py` | modes by the errors of the rig, the judgement of the slopes; glass, sag, gauge |
+| `hypotheses.py` | mistakes in a description, tried one by one |
+| `motion.py` | motion of the rig between rest and press |
 | `budget.py` | the uncertainty of a height, a depth, a difference, by its sources |
 | `exact.py` | the correspondence that a perfect decoder would give |
 | `predicted.py` | what a rig would measure: its sigma at rest and of a dent |
@@ -50,6 +52,7 @@ from .curvature import CurvatureMap, curvature_map
 from .exact import exact_correspondence
 from .heightmap import Diagnostics, HeightFlag, HeightMap
 from .integrate import Integral, integrate, integrator_names
+from .motion import Motion, MotionPrior, fit_motion, same_capture
 from .null_space import null_space
 from .paper import PaperGeometry, PaperResult, Profile, SeriesName, recursion, series
 from .paper_equations import (
@@ -93,6 +96,8 @@ __all__ = [
     "HeightMap",
     "HeightStream",
     "Integral",
+    "Motion",
+    "MotionPrior",
     "PaperGeometry",
     "PaperResult",
     "PixelAnchor",
@@ -107,6 +112,7 @@ __all__ = [
     "contacts",
     "curvature_map",
     "exact_correspondence",
+    "fit_motion",
     "free_mode",
     "free_mode_of",
     "height_increment",
@@ -126,6 +132,7 @@ __all__ = [
     "reconstruct_paper",
     "recursion",
     "row_recursion",
+    "same_capture",
     "series",
     "sigma_at_rest",
     "slope_angle",

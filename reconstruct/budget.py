@@ -14,7 +14,7 @@ from .anchors import Anchors, PixelAnchor, PointAnchor
 from .arrays import Floats, Mask
 from .heightmap import HeightMap
 from .null_space import null_space
-from .propagation import interpolated
+from .rig import interpolated
 
 __all__ = ["ANCHOR", "NOISE", "TOTAL", "budget", "free_mode_of"]
 

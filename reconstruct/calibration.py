@@ -2,6 +2,7 @@
 what it shows that the scene does not predict is calibration.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +14,13 @@ from optolever.scene import Scene
 from .arrays import Floats
 from .geometry import ray_field, rest_distance
 
-__all__ = ["rest_corrected"]
+__all__ = ["Form", "Pair3", "flat_mirror", "no_form", "rest_corrected"]
+
+Pair3 = tuple[Floats, Floats, Floats]
+#: Height of the mirror at rest over x and y (mm), and its derivatives by both.
+Form = Callable[[Floats, Floats], Pair3]
+
+_FORM_STEPS = 4  # each leaves the form's slope times the ray's, some thousandths
 
 
 def rest_corrected(correspondence: Correspondence, rest: Correspondence, scene: Scene) -> Correspondence:
@@ -33,7 +40,7 @@ def rest_corrected(correspondence: Correspondence, rest: Correspondence, scene: 
             f"correspondence: {correspondence.u.shape[0]} x {correspondence.u.shape[1]} pixels, the scene's "
             f"camera has {scene.camera.rows} x {scene.camera.cols}"
         )
-    flat_u, flat_v = _flat(scene)
+    flat_u, flat_v = flat_mirror(scene)
     known = rest.good & np.isfinite(flat_u)
     unknown = np.where(~known & correspondence.good, int(Flag.INVALID), 0)
     return replace(
@@ -47,18 +54,29 @@ def rest_corrected(correspondence: Correspondence, rest: Correspondence, scene: 
     )
 
 
-def _flat(scene: Scene) -> tuple[Floats, Floats]:
-    """Where on the pattern's surface every pixel looks by the flat mirror z = 0, u and v (H, W); NaN where it
-    does not.
+def no_form(x: Floats, y: Floats) -> Pair3:
+    """The flat mirror."""
+    return 0.0 * x, 0.0 * x, 0.0 * y
 
-    Neither mirror nor pattern end: a scene that is a little wrong has its edges elsewhere, and what a pixel
-    saw at rest tells where they are.
+
+def flat_mirror(scene: Scene, form: Form = no_form) -> Floats:
+    """Place on the pattern's surface of every pixel by the mirror z = form(x, y), u and v (2, H, W); NaN where
+    there is none. form: some micrometres high.
+
+    Neither mirror nor pattern end: a scene that is a little wrong has its edges elsewhere, and the capture at
+    rest shows where they are.
     """
     rays = ray_field(scene.camera)
     o, d = rays.inner_origins, rays.inner_directions
     away = rest_distance(o, d)
-    out = d * np.array([1.0, 1.0, -1.0])[:, None, None]
-    u, v, way = scene.pattern.landing((o + away * d).reshape(3, -1), out.reshape(3, -1))
+    for _ in range(_FORM_STEPS if form is not no_form else 0):
+        x, y, _ = o + away * d
+        away = (form(x, y)[0] - o[2]) / d[2]
+    points = o + away * d
+    _, hx, hy = form(points[0], points[1])
+    normal = np.stack([-hx, -hy, np.ones_like(hx)]) / np.sqrt(1 + hx * hx + hy * hy)
+    out = d - 2 * (d * normal).sum(axis=0) * normal
+    u, v, way = scene.pattern.landing(points.reshape(3, -1), out.reshape(3, -1))
     with np.errstate(invalid="ignore"):
         seen = (away > 0) & (way.reshape(away.shape) > 0)
-    return tuple(np.where(seen, at.reshape(away.shape), np.nan) for at in (u, v))  # type: ignore[return-value]
+    return np.stack([np.where(seen, at.reshape(away.shape), np.nan) for at in (u, v)])

@@ -16,12 +16,12 @@ import scipy.special
 
 from optolever.notices import Notice
 
-from .arrays import Floats
+from .arrays import Floats, Mask
 from .edges import increments
 from .measured import Measured
 from .newton import State
 
-__all__ = ["chi2_limit", "circulation_chi2", "contradiction"]
+__all__ = ["chi2_limit", "circulation_chi2", "circulations", "contradiction"]
 
 _SMALLEST = 4  # pixels: below it an edge's four slopes overlap
 _MOST = 1e6  # of the usual variance: what such a block sums to is anything
@@ -39,28 +39,35 @@ def circulation_chi2(data: Measured, state: State, gain: Floats) -> tuple[float,
     these most exceed their limit (NaN, 0: no block is whole). gain (rows, cols): on the slopes' variances,
     see `holes.noise_gain`.
     """
-    window = tuple(
-        slice((size - min(size, _LARGEST)) // 2, (size + min(size, _LARGEST)) // 2)
-        for size in data.mask.shape
-    )
-    inside = np.ascontiguousarray(data.mask[window])
-    p, q = (np.ascontiguousarray(part[window]) for part in state.slopes)
+    found = [(math.nan, 0)]
     variance = gain * (state.variances[0] + state.variances[1])
     if state.doubt is not None:
         variance += state.doubt.x**2 + state.doubt.y**2
-    gx, gy = increments(p, q, inside)
-    # sums of blocks are differences of sums over the image, of which they must be more than the rounding
-    both = np.minimum(variance[window], _MOST * float(np.median(variance[data.mask])))
-    sums, spread, holes = (_sums(gx, 1), _sums(gy, 0)), _area(both), _area((~inside).astype(np.float64))
-    found, block = [(math.nan, 0)], _SMALLEST
-    while block <= min(inside.shape) // 4:
-        scores = _scores(sums, spread, holes, block)
+    for block, scores in circulations(data.mask, state.slopes, variance):
         freedom = scores.size // (2 * block) ** 2
         if freedom > 1:
             found.append((float(np.mean(scores**2)), freedom))
-        block *= 2
     worst = max(found[1:], key=lambda one: one[0] / chi2_limit(one[1]), default=found[0])
     return worst if contradiction(*worst) else found[:2][-1]
+
+
+def circulations(mask: Mask, slopes: tuple[Floats, Floats], variance: Floats) -> list[tuple[int, Floats]]:
+    """Mean circulations over their standard deviation, (n,), of blocks of 4, 8, ... pixels without a hole.
+    variance (rows, cols): of both slopes together."""
+    window = tuple(
+        slice((size - min(size, _LARGEST)) // 2, (size + min(size, _LARGEST)) // 2) for size in mask.shape
+    )
+    inside = np.ascontiguousarray(mask[window])
+    p, q = (np.ascontiguousarray(part[window]) for part in slopes)
+    gx, gy = increments(p, q, inside)
+    # sums of blocks are differences of sums over the image, of which they must be more than the rounding
+    both = np.minimum(variance[window], _MOST * float(np.median(variance[mask])))
+    sums, spread, holes = (_sums(gx, 1), _sums(gy, 0)), _area(both), _area((~inside).astype(np.float64))
+    found, block = [], _SMALLEST
+    while block <= min(inside.shape) // 4:
+        found.append((block, _scores(sums, spread, holes, block)))
+        block *= 2
+    return found
 
 
 def _scores(sums: tuple[Floats, Floats], variance: Floats, holes: Floats, block: int) -> Floats:

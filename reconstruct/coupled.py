@@ -1,40 +1,42 @@
 """reconstruct(): Correspondence + Scene -> HeightMap."""
 
+import math
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 import scipy.ndimage
-from numpy.typing import NDArray
 
 from optolever.decode import Correspondence
 from optolever.errors import InputError
+from optolever.notices import Notice
 from optolever.records import LOG, Progress, logged, silent
-from optolever.scene import Scene
+from optolever.scene import TYPED, Scene
 
 from .alternatives import DirectEdges, MarchedEdges
 from .anchors import Anchors
 from .arrays import Floats, Mask
-from .calibration import rest_corrected
-from .circulation import chi2_limit, circulation_chi2
+from .circulation import chi2_limit, circulation_chi2, contradiction
 from .curl import curl_limit, curl_scale, curl_score, curl_suspects, lone
 from .discontinuities import edge_doubt, touched
 from .edges import Doubt
 from .gaps import across_gaps, widened
 from .heightmap import HeightMap
-from .holes import bridged, noise_gain
-from .newton import Options, State, solve
+from .holes import bridged, noise_gain, whole_lines
+from .hypotheses import likely_mistake
+from .motion import Motion, fit_motion, same_capture
+from .newton import Options, State, missed, solve
 from .paper import SeriesName
 from .paper_scene import reconstruct_paper
 from .problem import Problem, prepare
-from .propagation import Measurement, calibration_modes
-from .result import anchors_apart, height_map, judged
+from .result import anchors_apart, height_map, judged, off_mirror, refused
 from .reweighting import reweighted
+from .rig import Measurement, RigJudgement, judged_rig, rig_model, rig_modes, rig_solutions
 from .rounding import rounding_variance
 from .shared_noise import shared_variance
 from .uncertainty import unknown_variance
 
-__all__ = ["Solution", "doubted", "method_names", "reconstruct", "solved_height", "with_modes"]
+__all__ = ["Solution", "doubted", "method_names", "reconstruct", "solved_height", "with_rig"]
 
 PAPER_METHODS: dict[str, SeriesName] = {"paper": "mean", "paper-rises": "rises", "paper-drops": "drops"}
 _METHODS = {
@@ -46,18 +48,37 @@ _METHODS = {
 }
 _REWEIGHTED = 2  # solves with doubtful edges: the slopes depend a little on the height
 _ATTEMPTS = 3  # with pixels left out that have no normal where the mirror turns out to be
+#: Of w's change over a pixel: slopes that a wrong scene, any error, amplifies.
+_SENSITIVE, _UNSTABLE = 0.25, 1.0
+_MISSED = 5.0  # standard deviations of an edge
 _BETTER = 3.0  # times: data less better than that by its curl may hide what neighbours share
 _NOISIER = 1.2  # times the announced noise, by the curl: sigma grows to what it is
+_IMPOSSIBLE = 1e4  # chi2 of an exact scene from which on its description is doubted
+_SAME_CAPTURE = Notice(
+    "The press and the rest capture are one and the same capture, so that every height is 0",
+    math.nan,
+    math.nan,
+    "give the capture of the mirror at rest as --rest",
+)
 _ROUNDS = 6  # of leaving out lone pixels with a curl
 
 
 class Solution(NamedTuple):
-    """What was solved, how it ended, the variance of the unknown, and the map."""
+    """What was solved, how it ended, the variance of the unknown, and the map.
 
+    correspondence: less the rest capture's deviation, if there is one; independent: the variance by noise
+    that no neighbours share; scale: of the curl; rounding: whether variance is that of a discrete code's
+    rounding.
+    """
+
+    correspondence: Correspondence
     problem: Problem
     state: State
     variance: Floats
     height: HeightMap
+    independent: Floats
+    scale: float
+    rounding: bool
 
 
 def method_names() -> tuple[str, ...]:
@@ -74,6 +95,7 @@ def reconstruct(
     *,
     rest: Correspondence | None = None,
     start: HeightMap | None = None,
+    accept: bool = False,
     progress: Progress = silent,
 ) -> HeightMap:
     """The mirror behind a correspondence.
@@ -86,56 +108,92 @@ def reconstruct(
     in mm, or anchors of `anchors`. mask (H, W): pixels to use, among those without a flag. rest: what was
     decoded from the mirror at rest; its deviation from the scene's prediction is taken off as an error of
     calibration. start: a height map of the same camera to start from, say of the last frame.
+    accept: keep the heights of a capture that no rig of this scene's accuracy can have taken; else all its
+    pixels are flagged IMPLAUSIBLE.
     progress: called with what is being done, how many steps are done, and of how many. Raises InputError if
     the arrays do not fit the scene, no pixel is left, or no anchor can be used.
     """
-    before_rest = correspondence
+    if method not in (*_METHODS, *PAPER_METHODS):
+        raise InputError(f"method = {method!r}: unknown, must be one of {', '.join(method_names())}")
+    motion = None
     if rest is not None:
-        correspondence = rest_corrected(correspondence, rest, scene)
+        if same_capture(correspondence, rest):
+            correspondence = replace(correspondence, notices=(*correspondence.notices, _SAME_CAPTURE))
+        motion = None if scene.exact else fit_motion(correspondence, rest, scene)
+    measured = Measurement(_without(motion, correspondence), anchor, mask, rest, method)
+    correspondence = measured.corrected(scene)
     if method in PAPER_METHODS:
         if mask is not None:
             raise InputError(f"mask: method {method!r} takes none, it solves whole rows")
         height = reconstruct_paper(correspondence, scene, series=PAPER_METHODS[method])
         return replace(height, notices=correspondence.notices)
-    if method not in _METHODS:
-        raise InputError(f"method = {method!r}: unknown, must be one of {', '.join(method_names())}")
-    steps = 1 if scene.covariance is None else 2
+    steps = 1 if scene.exact else 2
     progress("height", 0, steps)
     with logged(f"reconstruct {correspondence.u.shape} by {method}"):
-        problem, state, _, height = solved_height(correspondence, scene, anchor, mask, method, start)
-    if scene.covariance is not None:
-        progress("errors of the rig", 1, steps)
-        height = with_modes(height, Measurement(before_rest, anchor, mask, rest, method), scene)
-    height = replace(height, notices=(*height.notices, *anchors_apart(problem, state, height)))
+        solution = solved_height(correspondence, scene, anchor, mask, method, start)
+    progress("errors of the rig", 1, steps)
+    solution = with_rig(solution, measured, scene, motion, accept)
+    problem, state, height = solution.problem, solution.state, solution.height
+    if not height.implausible:
+        doubts = (*anchors_apart(problem, state, height), *off_mirror(height, scene.mirror))
+        height = replace(height, notices=(*height.notices, *doubts))
     for notice in height.notices:
         LOG.warning("%s", notice)
     progress("reconstructed", steps, steps)
     return height
 
 
-def with_modes(
-    height: HeightMap, measured: Measurement, scene: Scene, modes: NDArray[np.float32] | None = None
-) -> HeightMap:
-    """The height with what the errors of a calibrated rig do to it, `modes` if they are known."""
-    known = scene.covariance
-    if known is None:
-        return height
-    if modes is None:
-        modes = calibration_modes(_height_alone, measured, scene, height)
-    return replace(height, calibration=modes, sources=known.sources, shares=known.shares)
+def with_rig(
+    solution: Solution,
+    measured: Measurement,
+    scene: Scene,
+    motion: Motion | None = None,
+    accept: bool = False,
+) -> Solution:
+    """The solution with the modes of its rig, its slopes judged after the errors of the rig are taken off; all
+    pixels are flagged where no such rig can have taken the capture, unless `accept`."""
+    known = solution.height.diagnostics
+    contradicted = bool(contradiction(known.chi2, known.freedom))
+    if scene.exact and not (contradicted and known.chi2 > _IMPOSSIBLE):  # type: ignore[operator]
+        return solution
+    typed = replace(scene, accuracy=TYPED) if scene.exact else scene
+    model = rig_model(_solved_coarse, measured, typed, solution.height, motion)
+    if model is None:
+        return solution
+    solutions = rig_solutions(model)
+    if contradicted:
+        gain = noise_gain(solution.problem.data.mask, solution.problem.bridged)
+        judged = judged_rig(model, solutions, solution.problem, solution.state, gain)
+        if not scene.exact:
+            solution = _rejudged(solution, judged.chi2, judged.freedom)
+        if not (judged.likely or accept):
+            mistake = likely_mistake(_judge_coarse, measured, typed, judged.raw)
+            return solution._replace(height=refused(solution.height, mistake))
+    if scene.exact:
+        return solution
+    modes = rig_modes(model, solutions, solution.height)
+    return solution._replace(height=replace(solution.height, **modes._asdict()))
 
 
-def _height_alone(measured: Measurement, scene: Scene, start: HeightMap | None) -> HeightMap:
-    """Height by a dense method, without sigma and without a look at discontinuities; NaN where unsolved."""
-    correspondence = measured.correspondence
-    if measured.rest is not None:
-        correspondence = rest_corrected(correspondence, measured.rest, scene)
+def _judge_coarse(measured: Measurement, scene: Scene) -> RigJudgement:
+    model = rig_model(_solved_coarse, measured, scene, None)
+    assert model is not None
+    gain = noise_gain(model.problem.data.mask, model.problem.bridged)
+    return judged_rig(model, rig_solutions(model), model.problem, model.state, gain)
+
+
+def _without(motion: Motion | None, correspondence: Correspondence) -> Correspondence:
+    if motion is None:
+        return correspondence
+    du, dv = motion.field()
+    notices = (*correspondence.notices, *motion.notices)
+    return replace(correspondence, u=correspondence.u - du, v=correspondence.v - dv, notices=notices)
+
+
+def _solved_coarse(measured: Measurement, scene: Scene, start: HeightMap | None) -> tuple[Problem, State]:
+    """Problem and state by a dense method, without a look at outliers and discontinuities."""
     options = _METHODS[measured.method]
-    problem, state = _first(correspondence, scene, measured.anchor, measured.mask, options, start)
-    grid = np.where(problem.labels > 0, problem.data.distance(state.w), np.nan)
-    o, d = problem.rays.inner_origins, problem.rays.inner_directions
-    x, y, z = o + problem.to_image(grid, np.nan) * d
-    return HeightMap(x, y, z, np.full_like(z, np.nan), np.zeros(z.shape, np.uint16))
+    return _first(measured.corrected(scene), scene, measured.anchor, measured.mask, options, start)
 
 
 def solved_height(
@@ -161,7 +219,8 @@ def solved_height(
     rounding = rounding_variance(problem, state)
     chi2, freedom = circulation_chi2(problem.data, state, gain)
     correlation = chi2 if rounding is None and chi2 > chi2_limit(freedom) else 1.0
-    variance = correlation * gain * unknown_variance(problem.data, state, problem.labels)
+    independent = gain * unknown_variance(problem.data, state, problem.labels)
+    variance = correlation * independent
     if correspondence.shared_noise is not None:
         variance += shared_variance(problem, state, correspondence.shared_noise)
     if rounding is not None:  # errors of discrete codes are shared by neighbours
@@ -169,8 +228,24 @@ def solved_height(
         correlation = float(np.median((larger / variance)[problem.data.mask]))
         variance, chi2 = larger, chi2 / correlation
     height = height_map(problem, state, correspondence.flags, scale, method, variance, correlation)
-    height = judged(height, scene.mirror, chi2, freedom, correspondence.notices)
-    return Solution(problem, state, variance, height)
+    height = judged(height, chi2, freedom, correspondence.notices)
+    return Solution(
+        correspondence, problem, state, variance, height, independent, scale, rounding is not None
+    )
+
+
+def _rejudged(solution: Solution, chi2: float, freedom: int) -> Solution:
+    """The solution with another chi2 of its slopes."""
+    problem, state, variance, before = solution.problem, solution.state, solution.variance, solution.height
+    correlation, flags = before.diagnostics.correlation, solution.correspondence.flags
+    if not solution.rounding:
+        new = chi2 if chi2 > chi2_limit(freedom) else 1.0
+        variance, correlation = variance + (new - correlation) * solution.independent, new
+    height = height_map(
+        problem, state, flags, solution.scale, before.diagnostics.method, variance, correlation
+    )
+    height = judged(height, chi2, freedom, solution.correspondence.notices)
+    return solution._replace(variance=variance, height=height)
 
 
 def _without_outliers(problem: Problem, state: State, options: Options) -> tuple[Problem, State, float]:
@@ -213,7 +288,8 @@ def _first(
     start: HeightMap | None,
 ) -> tuple[Problem, State]:
     """The problem and its solution. Pixels that cannot be solved are left out first; where the mirror turns
-    out to be elsewhere than at rest, once more.
+    out to be elsewhere than at rest, once more. If Newton's method does not converge, so are the pixels
+    beside the pattern whose edges it misses: in a scene that is slightly wrong they lie beyond the pattern.
     """
     singular = np.zeros(correspondence.u.shape, dtype=np.bool_)
     for _ in range(_ATTEMPTS):
@@ -221,10 +297,15 @@ def _first(
         first = _warm(problem, start) if start is not None else None
         state = _solve(problem, problem.data.rest() if first is None else first, options)
         hollow = problem.data.singular(state.w, not options.newton)
-        problem = replace(problem, singular=problem.singular | hollow)
+        if not state.converged:
+            limit = _UNSTABLE if hollow.any() else _SENSITIVE
+            places = state.w, problem.data.rest()
+            beside = np.logical_or(*(problem.data.sensitive(w, limit) for w in places))
+            hollow = whole_lines(hollow | (beside & missed(problem.data, state, _MISSED)))
+        singular |= problem.to_image(hollow, False)
+        problem = replace(problem, singular=problem.singular | (singular & problem.valid))
         if not hollow.any():
             break
-        singular |= problem.to_image(hollow, False)
     return problem, state
 
 
@@ -245,7 +326,8 @@ def _around_discontinuities(problem: Problem, state: State, options: Options, no
 def doubted(problem: Problem, state: State, noise: float) -> Doubt | None:
     """What is in doubt of a solution's edges, those of interpolated pixels included."""
     announced = not np.isfinite(noise) or problem.data.whole_cells(problem.bridged)
-    scale = 1.0 if announced else min(1.0, _BETTER * noise)
+    # a residual that most edges have is no discontinuity
+    scale = 1.0 if announced else max(min(1.0, _BETTER * noise), state.misfit)
     mask, blamed = problem.data.mask, problem.suspects & ~problem.bridged
     doubt = edge_doubt(*state.slopes, *state.variances, mask, scale, blamed)
     if problem.bridged.any():

@@ -12,7 +12,7 @@ from optolever.scene import Scene
 
 from .arrays import Floats
 
-__all__ = ["PAD", "RayField", "pattern_plane", "ray_field", "rest_distance"]
+__all__ = ["PAD", "RayField", "pattern_plane", "ray_field", "rest_distance", "traced_rays"]
 
 PAD = 2  # pixels beyond the image on every side: the reach of a 4th-order central difference
 
@@ -75,7 +75,7 @@ def ray_field(camera: Any) -> RayField:
     try:
         return _remembered(camera)
     except TypeError:  # a camera that cannot be hashed
-        return _trace(camera)
+        return traced_rays(camera)
 
 
 def pattern_plane(scene: Scene) -> Floats:
@@ -101,10 +101,11 @@ def rest_distance(origins: Floats, directions: Floats) -> Floats:
 
 @lru_cache(maxsize=2)
 def _remembered(camera: Any) -> RayField:
-    return _trace(camera)
+    return traced_rays(camera)
 
 
-def _trace(camera: Any) -> RayField:
+def traced_rays(camera: Any) -> RayField:
+    """Rays of a camera's every pixel, not remembered."""
     rows = np.arange(-PAD, camera.rows + PAD, dtype=np.float64)
     cols = np.arange(-PAD, camera.cols + PAD, dtype=np.float64)
     row, col = np.meshgrid(rows, cols, indexing="ij")

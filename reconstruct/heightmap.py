@@ -32,8 +32,9 @@ class HeightFlag(IntFlag):
     exceeds three sigma of the pixels around and is in its sigma (not so where pixels are missing along the
     same line: a step of any height may hide there, and the whole piece behind it is flagged); NOT_CONVERGED:
     the last steps still moved it, or so many others that nothing can be said of any; SINGULAR: the pattern
-    lies within its noise of the mirror or of the ray there, so that there is no normal (method 'fixed-point':
-    or so near that it does not contract).
+    lies within its noise of the mirror or of the ray there, so that there is no normal, or so near that the
+    solution does not converge there (a scene that is slightly wrong, method 'fixed-point'); IMPLAUSIBLE: no
+    rig of the scene's accuracy can have taken the whole capture.
     """
 
     NO_ANCHOR = 1024
@@ -41,6 +42,7 @@ class HeightFlag(IntFlag):
     STEEP = 4096
     NOT_CONVERGED = 8192
     SINGULAR = 16384
+    IMPLAUSIBLE = 32768
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,6 +100,10 @@ class HeightMap(Comparable):
     apart from `sigma`; one error moves the whole map. None: the scene has no covariance.
     sources, shares (s, r, r): what is behind these errors, in words, and each one's part of their covariance
     (see `budget`); none: not known.
+    displacement: (m, 2, 3), m >= r: the change of x and y by one standard deviation of every independent
+    error of the rig, an affine field displacement[k] @ (1, x, y) in mm. The first r errors are those of
+    `calibration`; the others move the map along the mirror and change no height (the gauge). None: x and y
+    are exact.
     """
 
     x: Floats
@@ -111,6 +117,7 @@ class HeightMap(Comparable):
     calibration: NDArray[np.float32] | None = None
     sources: tuple[str, ...] = ()
     shares: Floats | None = None
+    displacement: Floats | None = None
 
     def __post_init__(self) -> None:
         shape = np.shape(self.z)
@@ -133,6 +140,13 @@ class HeightMap(Comparable):
         if modes and self.shares is not None and self.shares.shape != (len(self.sources), modes, modes):
             found = f"{len(self.sources)} sources, {modes} modes"
             raise InputError(f"height map: shares has shape {self.shares.shape}, of {found}")
+        if self.displacement is not None and (
+            self.displacement.shape[1:] != (2, 3) or len(self.displacement) < modes
+        ):
+            raise InputError(
+                f"height map: displacement has shape {self.displacement.shape}, must be (m, 2, 3), "
+                f"m at least {modes}"
+            )
 
     def __repr__(self) -> str:
         good = self.good
@@ -201,10 +215,23 @@ class HeightMap(Comparable):
         modes = self.calibration - other.calibration
         return self.z - other.z, np.sqrt(noise**2 + np.einsum("rij,rij->ij", modes, modes))
 
+    def displacement_at(self, x: float, y: float) -> Floats:
+        """The change of the point (x, y) by one standard deviation of every independent error of the rig,
+        (m, 2) mm; (0, 2) where positions are exact."""
+        if self.displacement is None:
+            return np.zeros((0, 2))
+        moved: Floats = self.displacement @ np.array([1.0, x, y])
+        return moved
+
     @property
     def good(self) -> Mask:
         """True where no flag is set."""
         return np.asarray(self.flags == 0)
+
+    @property
+    def implausible(self) -> bool:
+        """Whether all pixels are flagged since the capture contradicts its scene."""
+        return bool((self.flags & HeightFlag.IMPLAUSIBLE).any())
 
     def resample(self, pitch_mm: float | None = None) -> Grid:
         """The good points on a regular grid of x and y (None: about as fine as the pixels); its sigma is that
@@ -221,7 +248,7 @@ class HeightMap(Comparable):
             path,
             arrays
             | {"diagnostics": self.diagnostics.to_json(), "lean": self.lean, "notices": told}
-            | {"calibration": self.calibration, "shares": self.shares}
+            | {"calibration": self.calibration, "shares": self.shares, "displacement": self.displacement}
             | ({} if self.shares is None else {"sources": np.array(self.sources)}),
         )
 
@@ -247,6 +274,7 @@ class HeightMap(Comparable):
                 calibration=modes,
                 sources=tuple(str(name) for name in np.atleast_1d(arrays.get("sources", ()))),
                 shares=arrays.get("shares"),
+                displacement=arrays.get("displacement"),
             )
         except InputError as error:
             raise InputError(f"{path}: {error}") from error

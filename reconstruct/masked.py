@@ -57,7 +57,10 @@ class MaskedEdges:
         for iteration in range(limit):
             if energy <= 0.0 or accuracy.met(energy, first, z):
                 return PoissonResult(x, iteration, float(np.sqrt(max(energy, 0.0))))
-            alpha = energy / apply_laplacian(direction, *self.weights, image)[1]
+            curvature = apply_laplacian(direction, *self.weights, image)[1]
+            if not curvature > 0.0:  # the direction is all rounding
+                return PoissonResult(x, iteration, float(np.sqrt(energy)))
+            alpha = energy / curvature
             r -= np.multiply(alpha, image, out=image)
             x += np.multiply(alpha, direction, out=image)
             before = energy

@@ -74,8 +74,15 @@ class Measured:
         u, v = self._on_plane(w)
         found = no_normal(self.rays, self.plane, u, v, *sigmas, w, *self.variances(w))
         if picard:
-            _, _, p_w, q_w = self.slopes(w)
-            found |= np.maximum(np.abs(p_w), np.abs(q_w)) >= 1.0
+            found |= self.sensitive(w, 1.0)
+        return found & self.mask
+
+    def sensitive(self, w: Floats, limit: float) -> Mask:
+        """Pixels of the mask where a change of w changes a slope, over one pixel, by at least `limit` times
+        itself, as beside the pattern.
+        """
+        _, _, p_w, q_w = self.slopes(w)
+        found: Mask = np.maximum(np.abs(p_w), np.abs(q_w)) >= limit
         return found & self.mask
 
     def clearance(self, w: Floats) -> Floats:

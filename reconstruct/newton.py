@@ -31,6 +31,10 @@ _SMALL_STEP = 1e-2  # of the range of w: steps below it cannot leave the medium
 _NOISE_SHARE = 0.02  # of a slope's standard deviation: a change that no noise lets one see
 _RESPONSE = 1e-3  # of the first error: drawn noise tells a variance to a few per cent at best
 _ASTRAY = 0.1  # of a slope's standard deviation: a pixel's step in the end that counts as moving
+_PATIENCE, _SHRINKS = 3, 0.5  # steps, of the smallest before: converging steps shrink more
+_ROWS = 64
+_MEDIAN = 2.0 * math.log(2.0)  # of chi squared with two degrees of freedom
+_MOVING = 0.05  # of the pixels: more are not single noisy ones
 _SLOWEST = 0.99  # of a step: what the next one is taken to leave at most
 _LARGEST = 1e12  # of the usual variance: a slope that tells nothing
 _CHORD_RATE = 1e-3  # refit the integrating factor while a step leaves more than this of the last one
@@ -59,7 +63,7 @@ class State:
     step met the tolerance, or noise hides what is left in every pixel; energy: sum of the squared edge
     defects over their variances, before the last step; bend: how much curves may mislead every anchor;
     doubt: of the edges; unsettled (rows, cols): pixels that steps like the last ones would still move, if it
-    did not converge.
+    did not converge; misfit: see `_misfit`.
     """
 
     w: Floats
@@ -76,6 +80,12 @@ class State:
     bend: Floats
     doubt: Doubt | None = None
     unsettled: Mask | None = None
+    misfit: float = 1.0
+
+    @property
+    def diverges(self) -> bool:
+        """Whether more pixels are unsettled than single noisy ones."""
+        return self.unsettled is not None and bool(np.mean(self.unsettled) >= _MOVING)
 
 
 def solve(
@@ -92,7 +102,8 @@ def solve(
     rows = anchor_rows(samples, data, labels)
     variances = _guarded(data.variances(w), data.mask)
     tolerance, noise = options.tolerance * _span(w, data.mask), _noise(variances[0], data.mask)
-    plain = options.build(*edge_weights(*variances, _ONE, data.mask, doubt), data.mask, doubt is None)
+    weights = edge_weights(*variances, _ONE, data.mask, doubt)
+    plain = options.build(*weights, data.mask, doubt is None)
     problem, root, phi = plain, _ONE, None
     iterations = 0
     energies: list[float] = []
@@ -118,7 +129,9 @@ def solve(
             merits.pop()
             steps.append(steps[-1])
             continue
-        quiet = min(1.0, math.sqrt(energies[-1] / data.mask.sum()))  # data may be better than announced
+        misfit = _misfit(weights, gx, gy)
+        # data may be better than announced; a wrong scene may miss most of them
+        quiet = max(min(1.0, math.sqrt(energies[-1] / data.mask.sum())), misfit)
         relative = _RELATIVE if steps else _FIRST_RELATIVE
         step = problem.solve(gx, gy, Accuracy(_LINEAR_SHARE * quiet, relative))
         iterations += step.iterations
@@ -127,7 +140,7 @@ def solve(
         w = w + change
         steps.append(float(np.sqrt(np.mean(change**2))))
         converged = _left(steps) <= max(tolerance, _NOISE_SHARE * quiet * noise)
-        if converged or len(steps) >= options.max_steps:
+        if converged or len(steps) >= options.max_steps or (options.newton and _stalled(steps)):
             left, unsettled = energies[-1], None
             if not converged:
                 rest = change / (1 - min(_rate(steps), _SLOWEST))
@@ -148,19 +161,32 @@ def solve(
                 rows.bend(p),
                 doubt,
                 unsettled,
+                misfit,
             )
 
 
-def chord_step(data: Measured, labels: Labels, state: State) -> State:
+def chord_step(data: Measured, labels: Labels, state: State, accuracy: Accuracy | None = None) -> State:
     """One more step from a state, for a measurement that has changed little: same problem,
-    factor and variances.
+    factor and variances. accuracy: of the linear solve; None: noise hides what is left.
     """
     p, q, _, _ = data.slopes(state.w)
     gx, gy = defects(p, q, state.w, state.root, data.mask)
-    step = state.problem.solve(gx, gy, Accuracy(_LINEAR_SHARE, _CHORD))
+    step = state.problem.solve(gx, gy, accuracy or Accuracy(_LINEAR_SHARE, _CHORD))
     change, _ = _anchored(step.x, state.root, labels, state.rows, state.w, (p, q), state.variances)
     size = float(np.sqrt(np.mean(change**2)))
     return replace(state, w=state.w + change, slopes=(p, q), steps=(size,), iterations=step.iterations)
+
+
+def missed(data: Measured, state: State, limit: float) -> Mask:
+    """Pixels with an edge whose defect exceeds so many standard deviations, (rows, cols)."""
+    p, q, _, _ = data.slopes(state.w)
+    gx, gy = defects(p, q, state.w, state.root, data.mask)
+    wx, wy = edge_weights(*state.variances, state.root, data.mask, state.doubt)
+    x, y = (w * g * g > limit * limit for w, g in ((wx, gx), (wy, gy)))
+    found: Mask = x | y
+    found[:, 1:] |= x[:, :-1]
+    found[1:] |= y[:-1]
+    return found
 
 
 def edge_errors(
@@ -267,6 +293,23 @@ def _left(steps: list[float]) -> float:
     if len(steps) == 1 or steps[-1] == 0.0:
         return steps[-1]
     return steps[-1] * rate / (1 - rate) if rate < 0.9 else float("inf")
+
+
+def _misfit(weights: tuple[Floats, Floats], gx: Floats, gy: Floats) -> float:
+    """Robust root mean square of the edge defects over their standard deviations, from about 64 rows: below 1
+    for noise as announced, independent of single wrong pixels.
+    """
+    rows = slice(None, None, max(1, len(gx) // _ROWS))
+    wx, wy = weights[0][rows], weights[1][rows]
+    both = (wx > 0) & (wy > 0)
+    if not both.any():
+        return 0.0
+    return math.sqrt(float(np.median((wx * gx[rows] ** 2 + wy * gy[rows] ** 2)[both])) / _MEDIAN)
+
+
+def _stalled(steps: list[float]) -> bool:
+    """Whether none of the last steps is much smaller than the smallest before."""
+    return len(steps) > _PATIENCE and not min(steps[-_PATIENCE:]) < _SHRINKS * min(steps[:-_PATIENCE])
 
 
 def _worse(energies: list[float]) -> bool:

@@ -29,7 +29,8 @@ def null_space(scene: Scene) -> Floats:
     [1.0, 0.5, 0.04]
     """
     seen = exact_correspondence(trace(scene, dent("flat", scene)), 1.0)
-    problem, state, *_ = solved_height(seen, scene, "edge")
+    solution = solved_height(seen, scene, "edge")
+    problem, state = solution.problem, solution.state
     data = problem.data
     # The solver's own factor is only near; here it is the result.
     edges = edge_problem(*edge_weights(*state.variances, np.ones((1, 1)), data.mask), data.mask)

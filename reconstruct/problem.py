@@ -35,8 +35,9 @@ class Problem:
     rays, valid: of the whole image (H, W); rows, cols: the window that holds valid pixels; turned: the
     window's rows and columns are exchanged, so that the slopes' variances go by columns; data: that grid, to
     which the samples belong; labels: its anchored components from 1 on; bridged: interpolated pixels, of
-    small holes and wrong ones; lost: valid pixels without an anchor; singular: valid pixels that cannot be
-    solved (see `Measured.singular`); suspects: pixels of the grid to which a curl of the slopes points.
+    small holes and wrong ones; lost: valid pixels without an anchor; singular (H, W): valid pixels of the
+    image that cannot be solved (see `Measured.singular`); suspects: pixels to which a curl of the slopes
+    points.
     """
 
     rays: RayField
@@ -85,7 +86,8 @@ def prepare(
     rays = ray_field(camera)
     valid = _valid(correspondence, rays, scene.pattern, mask)
     samples = anchor_samples(anchor, scene, rays, valid)
-    rows, cols = (_extent(valid, axis) for axis in (1, 0))
+    left_out = np.zeros_like(valid) if singular is None else valid & singular
+    rows, cols = (_extent(valid & ~left_out, axis) for axis in (1, 0))
     data = _window(correspondence, rays, pattern_plane(scene), valid, rows, cols)
     data = replace(data, shape=scene.pattern.shape)
     samples = samples.window(rows.start, cols.start)
@@ -98,9 +100,7 @@ def prepare(
 
     holes = small_holes(data.mask)
     seen, data = data.mask, bridged(data, holes)
-    hollow = data.singular(data.rest(), picard)
-    if singular is not None:
-        hollow |= data.mask & on_grid(singular)
+    hollow = data.singular(data.rest(), picard) | (data.mask & on_grid(left_out))
     # after holes are bridged: across these none is
     data = replace(data, mask=data.mask & ~hollow)
     labels = _anchored_labels(data, samples)
@@ -110,9 +110,21 @@ def prepare(
         )
     lost = int(np.count_nonzero(seen & ~hollow & (labels == 0)))
     data = data if labels.all() else replace(data, mask=labels > 0)
-    hollow, bridges = hollow & on_grid(valid), holes & ~hollow
+    left_out[rows, cols] |= (hollow.T if turned else hollow) & valid[rows, cols]
+    bridges = holes & ~hollow
     return Problem(
-        rays, valid, rows, cols, turned, data, samples, labels, bridges, lost, hollow, np.zeros_like(bridges)
+        rays,
+        valid,
+        rows,
+        cols,
+        turned,
+        data,
+        samples,
+        labels,
+        bridges,
+        lost,
+        left_out,
+        np.zeros_like(bridges),
     )
 
 

@@ -19,10 +19,10 @@ from .islands import cut_off
 from .newton import State
 from .problem import Problem
 
-__all__ = ["anchors_apart", "height_map", "judged"]
+__all__ = ["anchors_apart", "height_map", "judged", "off_mirror", "refused"]
 
-_MOVING = 0.05  # of the pixels: more that still move are not to blame one by one
 _APART = 5.0  # standard deviations, rms: rigs that are right stay below 1.2
+_SURE = 3.0  # standard deviations
 _STEEP = 3.0  # standard deviations, of slopes or of the heights around: where doubts exceed them
 
 
@@ -56,7 +56,7 @@ def height_map(
     deviation = np.where(solved, problem.to_image(sigma, np.nan), np.nan) * np.abs(d[2])
     flags = np.asarray(flags, dtype=np.uint16).copy()
     flags[~problem.valid & (flags == 0)] |= np.uint16(Flag.INVALID)
-    singular = problem.to_image(problem.singular, False)
+    singular = problem.singular
     flags[singular] |= np.uint16(HeightFlag.SINGULAR)
     flags[problem.valid & ~solved & ~singular] |= np.uint16(HeightFlag.NO_ANCHOR)
     flags[problem.to_image(problem.suspects, False) & solved] |= np.uint16(HeightFlag.CURL)
@@ -81,15 +81,26 @@ def height_map(
     return HeightMap(x, y, z, deviation, flags, diagnostics, problem.rays.lean)
 
 
-def judged(
-    height: HeightMap, mirror: Mirror, chi2: float, freedom: int, before: tuple[Notice, ...]
-) -> HeightMap:
-    """The height with what its slopes' circulation (see `circulation`) and its outline say of the scene, and
-    the notices of these and of the correspondence, `before`."""
+def judged(height: HeightMap, chi2: float, freedom: int, before: tuple[Notice, ...]) -> HeightMap:
+    """The height with the chi2 of its slopes' circulation (see `circulation`), the notice of that, and the
+    notices of the correspondence, `before`."""
     known = None if math.isnan(chi2) else chi2
     diagnostics = replace(height.diagnostics, chi2=known, freedom=freedom)
-    notices = before + contradiction(known, freedom) + _off_mirror(height, mirror)
+    notices = before + contradiction(known, freedom)
     return replace(height, diagnostics=diagnostics, notices=notices)
+
+
+def refused(height: HeightMap, mistake: str | None) -> HeightMap:
+    """The height with every pixel flagged, as no rig of the scene's accuracy can have taken the capture;
+    mistake: in the scene, without which the capture fits, in words."""
+    flags = height.flags | np.uint16(HeightFlag.IMPLAUSIBLE)
+    cure = (
+        f"with one change it fits: {mistake}; correct the scene"
+        if mistake
+        else "check pose, pitch and size of pattern and camera, and that the capture belongs to this scene"
+    )
+    name = "The capture contradicts its scene beyond the scene's accuracy; no height is trusted"
+    return replace(height, flags=flags, notices=(*height.notices, Notice(name, math.nan, math.nan, cure)))
 
 
 def anchors_apart(problem: Problem, state: State, height: HeightMap) -> tuple[Notice, ...]:
@@ -112,8 +123,9 @@ def anchors_apart(problem: Problem, state: State, height: HeightMap) -> tuple[No
     return (Notice("anchors contradict each other, sigma rms", apart, _APART, cure),)
 
 
-def _off_mirror(height: HeightMap, mirror: Mirror) -> tuple[Notice, ...]:
-    """The notice that good pixels lie off the mirror by more than one pixel, which may see it in part."""
+def off_mirror(height: HeightMap, mirror: Mirror) -> tuple[Notice, ...]:
+    """The notice that good pixels lie off the mirror by more than one pixel, which may see it in part, and
+    the uncertainty of their positions."""
     x, y = height.x[height.good], height.y[height.good]
     if x.size == 0:
         return ()
@@ -121,13 +133,15 @@ def _off_mirror(height: HeightMap, mirror: Mirror) -> tuple[Notice, ...]:
     if farthest <= 0:
         return ()
     step = float(np.nanmax(np.hypot(np.diff(height.x, axis=1), np.diff(height.y, axis=1)), initial=0))
-    if farthest <= step:
+    corners = [height.displacement_at(x, y) for x in (0.0, mirror.length) for y in (0.0, mirror.width)]
+    limit = step + _SURE * max(float(np.linalg.norm(corner)) for corner in corners)
+    if farthest <= limit:
         return ()
     cure = (
         "check the mirror's size, where the camera is and its pitch, or calibrate the rig (by flats alone "
         "x and y stay where they are)"
     )
-    return (Notice("points lie off the mirror, mm", farthest, step, cure),)
+    return (Notice("points lie off the mirror, mm", farthest, limit, cure),)
 
 
 def _surest(doubt: Doubt, mask: Mask) -> Floats:
@@ -144,7 +158,6 @@ def _surest(doubt: Doubt, mask: Mask) -> Floats:
 def _unsettled(problem: Problem, state: State) -> Mask:
     """Pixels of the image that did not converge: a few that noise drives away, right before the pattern or at
     its edge, move nothing else. All, where they are not few."""
-    moving = state.unsettled
-    if moving is None or not 0 < np.count_nonzero(moving) < _MOVING * moving.size:
+    if state.unsettled is None or state.diverges:
         return np.ones(problem.valid.shape, dtype=np.bool_)
-    return problem.to_image(moving, False)
+    return problem.to_image(state.unsettled, False)

@@ -21,15 +21,15 @@ from optolever.scene import Scene
 
 from .anchors import Anchors
 from .circulation import chi2_limit, circulation_chi2
-from .coupled import Solution, doubted, solved_height, with_modes
+from .coupled import Solution, doubted, solved_height, with_rig
 from .curl import curl_limit, curl_scale, curl_score, curl_suspects
 from .discontinuities import touched
 from .heightmap import HeightMap
 from .holes import bridged, noise_gain, small_holes
 from .newton import State, chord_step
 from .problem import Problem
-from .propagation import Measurement, interpolated
-from .result import anchors_apart, height_map
+from .result import anchors_apart, height_map, off_mirror
+from .rig import Measurement
 
 __all__ = ["HeightStream"]
 
@@ -48,7 +48,7 @@ class HeightStream:
 
     def __init__(self, scene: Scene, anchor: Anchors = None, refresh: int = 100) -> None:
         self._scene, self._anchor, self._refresh = scene, anchor, max(1, refresh)
-        self._age = self._modes_age = 0
+        self._age = 0
         self._last: Solution | None = None
         self._seen: Correspondence | None = None  # what it is of
         self._judgement: tuple[Notice, ...] = ()
@@ -61,29 +61,25 @@ class HeightStream:
         if height is None:
             start = self._last.height if self._last is not None else None
             solved = solved_height(correspondence, self._scene, self._anchor, start=start)
-            height = self._with_modes(solved.height, correspondence)
-            self._last, self._age, self._seen = solved._replace(height=height), 0, correspondence
-            apart = anchors_apart(solved.problem, solved.state, height)
+            if not self._scene.exact:
+                measured = Measurement(correspondence, self._anchor, None, None, "coupled")
+                solved = with_rig(solved, measured, self._scene)
+            height = solved.height
+            self._last, self._age, self._seen = solved, 0, correspondence
+            apart = (
+                *anchors_apart(solved.problem, solved.state, height),
+                *off_mirror(height, self._scene.mirror),
+            )
             self._judgement = (*height.notices[len(correspondence.notices) :], *apart)
         self._age += 1
-        self._modes_age += 1
         return replace(height, notices=(*correspondence.notices, *self._judgement))
-
-    def _with_modes(self, height: HeightMap, correspondence: Correspondence) -> HeightMap:
-        """With the modes of a calibrated rig: the last ones, anew where they are `refresh` frames old."""
-        modes = None if self._last is None else self._last.height.calibration
-        if modes is not None and self._modes_age < self._refresh:
-            modes = interpolated(modes.astype(np.float64), 1, np.isfinite(height.z))
-        else:
-            modes, self._modes_age = None, 0
-        measured = Measurement(correspondence, self._anchor, None, None, "coupled")
-        return with_modes(height, measured, self._scene, modes)
 
     def _followed(self, correspondence: Correspondence) -> HeightMap | None:
         """The height by chord steps; None where the frame has to be solved in full."""
         assert self._last is not None
         assert self._seen is not None
-        problem, state, variance, last = self._last
+        problem, state, last = self._last.problem, self._last.state, self._last.height
+        variance = self._last.variance
         renewed = _renewed(problem, correspondence)
         if renewed is None or not _as_noisy(self._seen, correspondence):
             return None
@@ -108,10 +104,11 @@ class HeightStream:
                     calibration=last.calibration,
                     sources=last.sources,
                     shares=last.shares,
+                    displacement=last.displacement,
                 )
                 # the variance knows of the doubts of the frame that was solved in full
                 kept = replace(state, doubt=self._last.state.doubt)
-                self._last = Solution(problem, kept, variance, height)
+                self._last = self._last._replace(state=kept, height=height)
                 return height
         return None
 

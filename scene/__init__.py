@@ -11,6 +11,7 @@ TOML only.
 | `telecentric.py`, `pinhole.py`, `face.py` | cameras: pixel -> ray, lens distortion, refraction at a face |
 | `scene.py`, `reading.py`, `writing.py`, `presets/` | Scene, resize; strict TOML; the scenes on board |
 | `parameters.py`, `covariance.py` | the numbers that a calibration adjusts; how sure they are |
+| `accuracy.py`, `priors.py` | how sure typed numbers are; the covariance that every scene has |
 | `surface.py`, `grid.py` | Surface (height and gradient), Formula; height array as a bicubic spline |
 | `forms.py`, `dents.py`, `relief.py` | closed forms of the dents; dents by name; a dent from an image |
 | `meeting.py`, `tracing.py` | first meeting of ray and surface; Trace, trace |
@@ -23,6 +24,7 @@ TOML only.
 
 from optolever.arguments import check_face
 
+from .accuracy import TYPED, Accuracy
 from .covariance import Covariance
 from .dents import dent, dent_from_text, dent_names, dent_parameters, moving_dent
 from .face import Face
@@ -33,6 +35,7 @@ from .parameters import adjusted, parameter_changes, parameter_values
 from .pattern import Pattern, prism_pattern
 from .pattern_shape import Bow, PatternShape, PointTable
 from .pinhole import PinholeCamera
+from .priors import GAUGE_HELD, rig_covariance, typed_covariance, typed_sigmas
 from .reading import load, preset_names
 from .scene import Camera, Scene, resize
 from .sensor import Display, Sensor
@@ -43,7 +46,10 @@ from .tracing import Trace, trace
 from .window import mean_beside, movement, scene_window, strided
 
 __all__ = [
+    "GAUGE_HELD",
     "SOFAST_SCREEN",
+    "TYPED",
+    "Accuracy",
     "Bow",
     "Camera",
     "Covariance",
@@ -79,10 +85,13 @@ __all__ = [
     "prism_camera",
     "prism_pattern",
     "resize",
+    "rig_covariance",
     "scene_window",
     "strided",
     "surface_from_array",
     "trace",
+    "typed_covariance",
+    "typed_sigmas",
 ]
 
 check_face(__name__)

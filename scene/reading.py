@@ -3,7 +3,7 @@
 import math
 import tomllib
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from optolever import InputError
 
+from .accuracy import TYPED, Accuracy
 from .covariance import Covariance
 from .dents import dent_from_text
 from .face import Face
@@ -38,8 +39,11 @@ def preset_names() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in _PRESETS.glob("*.toml")))
 
 
-def load(preset_or_path: str | Path) -> Scene:
+def load(preset_or_path: str | Path, *, exact: bool = False) -> Scene:
     """The preset of that name, or the scene in that TOML file; InputError if there is none, or a bad one.
+
+    exact: take the numbers as exact, as in simulations; else their errors are those of the file's
+    calibration, or of typed numbers (`Accuracy`).
 
     >>> load("prism48").mirror
     Mirror(length=60.0, width=45.0)
@@ -56,9 +60,10 @@ def load(preset_or_path: str | Path) -> Scene:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
         raise InputError(f"{path}: not readable as TOML: {error}") from error
     try:
-        return _scene(_Table("", content), path)
+        scene = _scene(_Table("", content), path)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
+    return replace(scene, accuracy=None, covariance=None) if exact else scene
 
 
 class _Table:
@@ -141,17 +146,44 @@ def _scene(top: _Table, path: Path) -> Scene:
     display = _display(top.take("display", _table)) if "display" in top else None
     sensor = _sensor(top.take("sensor", _table)) if "sensor" in top else None
     covariance = _covariance(top.take("calibration", _table), path) if "calibration" in top else None
+    accuracy = _accuracy(top)
     for section in FOREIGN:
         top.get(section, _table, top)
     top.done(
-        "name, dent, mirror, pattern, camera, medium, display, sensor, calibration, " + ", ".join(FOREIGN)
+        "name, dent, exact, mirror, pattern, camera, medium, display, sensor, accuracy, calibration, "
+        + ", ".join(FOREIGN)
     )
-    scene = Scene(name, mirror, pattern, camera, medium, display, sensor, dent, covariance)
+    scene = Scene(name, mirror, pattern, camera, medium, display, sensor, dent, covariance, accuracy)
     if covariance is not None:
         _require_known(scene, covariance)
     if dent is not None:
         dent_from_text(dent, scene)
     return scene
+
+
+def _accuracy(top: _Table) -> Accuracy | None:
+    """[accuracy], or None where `exact = true`."""
+    exact = top.get("exact", _boolean, False)
+    if "accuracy" not in top:
+        return None if exact else TYPED
+    if exact:
+        raise InputError("exact = true: excludes [accuracy]; leave one of both out")
+    table = top.take("accuracy", _table)
+    values = {
+        field.name: table.take(Accuracy.key(field.name), _non_negative)
+        for field in fields(Accuracy)
+        if Accuracy.key(field.name) in table
+    }
+    table.done(", ".join(TYPED.table()))
+    if "angle" in values:
+        values["angle"] = math.radians(values["angle"])
+    return Accuracy(**values)
+
+
+def _boolean(name: str, value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise InputError(f"{name} = {value!r}: must be true or false")
+    return value
 
 
 def _covariance(table: _Table, path: Path) -> Covariance:

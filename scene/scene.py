@@ -10,6 +10,7 @@ import tomli_w
 
 from optolever.files import atomic_file, together
 
+from .accuracy import TYPED, Accuracy
 from .covariance import Covariance
 from .drawing import draw_side
 from .medium import Medium
@@ -33,7 +34,8 @@ class Scene(Record):
 
     medium None: an ideal mirror that reflects everything; display None: light proportional to level;
     sensor None: 8 bit, linear, without noise; dent: the dent to show where none is named (`dent_from_text`);
-    covariance: of the numbers that a calibration adjusted, None: they are taken as exact.
+    covariance: of the numbers that a calibration adjusted, None: not calibrated; accuracy: of the numbers
+    that were typed, which counts where there is no covariance (see `rig_covariance`); None: they are exact.
     """
 
     name: str
@@ -45,6 +47,12 @@ class Scene(Record):
     sensor: Sensor | None = None
     dent: str | None = None
     covariance: Covariance | None = None
+    accuracy: Accuracy | None = TYPED
+
+    @property
+    def exact(self) -> bool:
+        """Whether the scene's numbers have no errors (simulations)."""
+        return self.accuracy is None and self.covariance is None
 
     def __repr__(self) -> str:
         mirror, pattern, camera = self.mirror, self.pattern, self.camera
@@ -73,6 +81,10 @@ class Scene(Record):
         """
         others = {"medium": self.medium, "display": self.display, "sensor": self.sensor}
         table = scene_table(self.name, self.mirror, self.pattern, self.camera, self.dent, others)
+        if self.accuracy is None:
+            table = {"exact": True, **table}
+        elif self.accuracy != TYPED:
+            table["accuracy"] = self.accuracy.table()
         file = Path(path)
         kept = foreign_sections(file) if file.is_file() else {}
         if self.covariance is None:

@@ -1,5 +1,8 @@
-"""What every test folder shares: where the repository and real captures are, commands that are refused."""
+"""What every test folder shares: the repository, `lab`, real captures, commands that are refused."""
 
+import importlib.util
+import re
+import sys
 import tomllib
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -11,6 +14,21 @@ from optolever.cli import run
 ROOT = Path(__file__).resolve().parents[1]
 #: Figures that the decoder is known to miss, with reasons.
 _MISSED = Path(__file__).with_name("missed_figures.toml")
+
+
+def _import_lab() -> None:
+    """Make `import lab` find the laboratory, which is not installed.
+
+    With the root itself on the path `import patterns` would find a second copy of a part.
+    """
+    spec = importlib.util.spec_from_file_location("lab", ROOT / "lab" / "__init__.py")
+    assert spec is not None
+    assert spec.loader is not None
+    sys.modules["lab"] = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(sys.modules["lab"])
+
+
+_import_lab()
 
 
 @pytest.fixture(scope="session")
@@ -30,20 +48,25 @@ def real() -> Path:
 
 @pytest.fixture
 def refused(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> Callable[..., str]:
-    """Function that runs a command which must end with 2 and one line that holds all words, and gives that
-    line; nothing changes in a folder.
+    """Function that runs a command (of `optolever`, or through another `run`) which must end with 2 and one
+    line that holds all words, and gives that line; nothing changes in a folder.
     """
 
     def held(folder: Path) -> dict[Path, bytes]:
         return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
-    def told(args: Iterable[object], *words: object, folder: Path = tmp_path) -> str:
+    def told(
+        args: Iterable[object],
+        *words: object,
+        folder: Path = tmp_path,
+        run: Callable[[list[str]], int] = run,
+    ) -> str:
         before = held(folder)
         capfd.readouterr()
         code, streams = run([str(arg) for arg in args]), capfd.readouterr()
         assert (code, streams.out) == (2, "")
         (line,) = streams.err.splitlines()
-        assert line.startswith("optolever: ")
+        assert re.match("(optolever|python -m lab): ", line)
         for word in words:
             assert str(word) in line, f"{word!r} not in: {line}"
         assert held(folder) == before

@@ -22,7 +22,7 @@ from ..timing import Measured, Stages, measured, toucher
 from ..timing import timed as run_once
 from .cell import ABSENT, DONE, FAILED, USELESS, Cell, Row, grouped
 from .decoders import Decoder, Shot, decoder, shoot
-from .found import measures
+from .measures import measures
 from .solvers import installed, solver
 
 Clock = Callable[[Callable[[], Any]], Measured]
@@ -37,7 +37,7 @@ def check(cells: Sequence[Cell]) -> None:
         solver(cell.solver)
         decoder(cell.decoder)
     for name, dent, shown in dict.fromkeys((cell.scene, cell.dent, cell.shown) for cell in cells):
-        scene = load(name)
+        scene = load(name, exact=True)
         if dent:
             dent_from_text(dent, scene)
         if shown != "exact":

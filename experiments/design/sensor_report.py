@@ -1,4 +1,4 @@
-"""The page of `optolever lab sensor`: maps, numbers, sweeps; the prose is in report/sensor.html."""
+"""The page of `optolever sensor`: maps, numbers, sweeps; the prose is in report/sensor.html."""
 
 import math
 from dataclasses import dataclass

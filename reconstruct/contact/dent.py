@@ -1,5 +1,6 @@
-"""One dent of a height map as flat arrays, seen in polar coordinates from its middle."""
+"""One dent of a height map as flat arrays, in polar coordinates from its middle."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,18 +8,29 @@ import scipy.ndimage
 
 from ..arrays import Floats, Mask
 from ..heightmap import HeightMap
+from ..resampling import gradients
 from ..slope_map import SlopeMap
+from .relief import Relief
+from .rim import Posterior, Rim
 
-__all__ = ["Dent", "cells"]
+__all__ = ["Dent", "sector_angles", "sectors"]
 
-CORE = 0.7  # of the depth: the dent's middle is that of what is deeper
+INSIDE = 0.4  # of the depth: pixels of the dent
+CORE = 0.7  # of the depth: the dent's middle is that of the deeper pixels
 
 
 @dataclass(frozen=True, slots=True)
 class Dent:
-    """Known pixels around one dent as flat arrays; modes (r, N), slope_modes (r, 2, N): of the rig's errors,
-    r = 0 without a covariance; cell: their area, mm^2; inside: those of the dent; peak:
-    the number of the deepest; pitch: size of a pixel, mm; middle: where r, phi start.
+    """Known pixels around one dent as flat arrays (N,), heights and positions corrected by what the
+    surroundings say of the rig.
+
+    modes (r, N), slope_modes (r, 2, N): of the rig's remaining errors; displacement (m, 2, 3): see
+    `HeightMap`; cell: area of a pixel, mm^2; inside: those of the dent; measured: those that are not
+    interpolated; error: of the interpolation, mm; border: neighbours of pixels where nothing is known (the
+    image's edge, flags); open: pixels whose mirror image about the peak is such a pixel; saddle: neighbours
+    of another dent's basin; peak: the number of the deepest within its sigma; pitch: size of a pixel, mm;
+    middle: where r, phi start; radius: where half of the depth is left; rim_depth and its sigma: of the peak
+    over the surroundings.
     """
 
     x: Floats
@@ -29,40 +41,81 @@ class Dent:
     slope_sigmas: Floats
     modes: Floats
     slope_modes: Floats
+    displacement: Floats
     cell: Floats
     inside: Mask
+    measured: Mask
+    error: Floats
+    open: Mask
+    border: Mask
+    saddle: Mask
     peak: int
     pitch: float
     middle: tuple[float, float]
+    radius: float
+    rim_depth: float
+    rim_depth_sigma: float
 
     @classmethod
     def of(
-        cls, height: HeightMap, slopes: SlopeMap, usable: Mask, inside: Mask, cell: Floats, pitch: float
-    ) -> "Dent":
-        """The pixels up to twice as far from the middle as the dent reaches."""
-        deepest = np.max(height.z[inside])
-        core = inside & (height.z > CORE * deepest)
-        whole = scipy.ndimage.binary_fill_holes(core) & np.isfinite(height.x)
-        middle = float(height.x[whole].mean()), float(height.y[whole].mean())
-        r = np.hypot(height.x - middle[0], height.y - middle[1])
-        near = usable & (r < 2.0 * r[inside].max())
-        height_modes, slope_modes = height.calibration, slopes.calibration
-        if height_modes is None or slope_modes is None:
-            height_modes, slope_modes = np.zeros((0, *near.shape)), np.zeros((0, 2, *near.shape))
+        cls, height: HeightMap, slopes: SlopeMap, relief: Relief, basin: Mask, rim: Rim, known: Posterior
+    ) -> "Dent | None":
+        """The pixels of a basin up to twice as far from the middle as the dent reaches; None where no height
+        is left above the surface at rest."""
+        z = relief.z - np.tensordot(known.mean, relief.modes, 1)
+        close = np.hypot(relief.x - relief.x.ravel()[rim.peak], relief.y - relief.y.ravel()[rim.peak])
+        top = np.where(basin & (close <= rim.radius), z - relief.sigma, -np.inf)
+        peak = int(np.argmax(top))
+        depth = float(z.ravel()[peak])
+        if not depth > 0:
+            return None
+        labels, _ = scipy.ndimage.label(basin & (z > INSIDE * depth))
+        inside = labels == labels.ravel()[peak]
+        core = scipy.ndimage.binary_fill_holes(inside & (z > CORE * depth)) & relief.known
+        middle = float(relief.x[core].mean()), float(relief.y[core].mean())
+        r = np.hypot(relief.x - middle[0], relief.y - middle[1])
+        near = basin & (r < 2.0 * r[inside].max())
+        slope_modes = slopes.calibration
+        if slope_modes is None or not len(relief.modes):
+            slope_modes = np.zeros((len(relief.modes), 2, *near.shape), np.float32)
+        count = len(relief.modes)
+        displacement = np.zeros((count, 2, 3)) if height.displacement is None else height.displacement
+        moved = known.mean @ displacement[:count].reshape(count, 6)
+        shift = moved.reshape(2, 3) @ np.stack(
+            [np.ones(np.count_nonzero(near)), relief.x[near], relief.y[near]]
+        )
+        rest = np.einsum("rs,rij->sij", known.root, displacement[:count])
+        noise = np.hypot(relief.sigma.ravel()[peak], np.linalg.norm(rim.means(relief.sigma) * rim.weights))
+        modes = relief.modes[:, near].astype(np.float64)
+        slope_modes = np.nan_to_num(slope_modes[:, :, near].astype(np.float64))
+        slope = np.stack([slopes.slope_x, slopes.slope_y])
+        if not relief.measured[near].all():
+            slope = np.where(relief.measured, slope, gradients(relief.x, relief.y, relief.z, relief.known))
+        slope = np.nan_to_num(slope[:, near])
+        spread = np.stack([slopes.sigma_x[near], slopes.sigma_y[near]])
         return cls(
-            height.x[near],
-            height.y[near],
-            height.z[near],
-            height.sigma[near],
-            np.stack([slopes.slope_x[near], slopes.slope_y[near]]),
-            np.stack([slopes.sigma_x[near], slopes.sigma_y[near]]),
-            height_modes[:, near].astype(np.float64),
-            np.nan_to_num(slope_modes[:, :, near].astype(np.float64)),
-            cell[near],
-            inside[near],
-            int(np.argmax(np.where(inside[near], height.z[near], -np.inf))),
-            pitch,
-            middle,
+            x=relief.x[near] - shift[0],
+            y=relief.y[near] - shift[1],
+            z=z[near],
+            sigma=relief.sigma[near],
+            slopes=slope - np.tensordot(known.mean, slope_modes, 1),
+            slope_sigmas=np.where(relief.measured[near], spread, np.inf),
+            modes=known.root.T @ modes,
+            slope_modes=np.einsum("rs,rkn->skn", known.root, slope_modes),
+            displacement=np.concatenate([rest, displacement[count:]]),
+            cell=relief.cell[near],
+            inside=inside[near],
+            measured=relief.measured[near],
+            error=relief.error[near],
+            open=_opposite(relief.known, peak)[near],
+            border=_beside(relief.known)[near],
+            saddle=_beside(basin | ~relief.known, beyond=True)[near],
+            peak=int(np.count_nonzero(near.ravel()[:peak])),
+            pitch=relief.pitch,
+            middle=(middle[0] - float(shift[0].mean()), middle[1] - float(shift[1].mean())),
+            radius=rim.radius,
+            rim_depth=float(rim.rise(z)),
+            rim_depth_sigma=float(np.hypot(noise, np.linalg.norm(known.root.T @ rim.rise(relief.modes)))),
         )
 
     @property
@@ -84,15 +137,54 @@ class Dent:
 
     @property
     def radial(self) -> tuple[Floats, Floats]:
-        """Slope away from the middle and its sigma."""
+        """Slope away from the middle and its sigma, inf where interpolated."""
         ray = self.direction
-        return (self.slopes * ray).sum(axis=0), np.hypot(*(self.slope_sigmas * ray))
+        return (self.slopes * ray).sum(axis=0), np.hypot(
+            *(self.slope_sigmas * np.where(ray == 0, 1e-12, ray))
+        )
+
+    def moved(self, x: float, y: float) -> Floats:
+        """Change of the point (x, y) by one standard deviation of every error of the rig, (m, 2)."""
+        changes: Floats = self.displacement @ np.array([1.0, x, y])
+        return changes
+
+    @property
+    def stretch(self) -> Floats:
+        """Relative change of areas by every error of the rig, (m,)."""
+        stretches: Floats = self.displacement[:, 0, 1] + self.displacement[:, 1, 2]
+        return stretches
 
 
-def cells(height: HeightMap) -> Floats:
-    """Area of the mirror (in x and y) that belongs to every pixel, mm^2."""
-    x0, x1 = np.gradient(height.x)
-    y0, y1 = np.gradient(height.y)
-    area = np.abs(x0 * y1 - x1 * y0)
-    areas: Floats = np.where(np.isfinite(area), area, np.nanmedian(area))
-    return areas
+def _opposite(known: Mask, peak: int) -> Mask:
+    """Pixels whose mirror image about the peak is unknown or beyond the image."""
+    row, col = np.indices(known.shape)
+    rows, cols = 2 * (peak // known.shape[1]) - row, 2 * (peak % known.shape[1]) - col
+    within = (rows >= 0) & (rows < known.shape[0]) & (cols >= 0) & (cols < known.shape[1])
+    found = np.ones_like(known)
+    found[within] = ~known[rows[within], cols[within]]
+    return found
+
+
+def _beside(mask: Mask, beyond: bool = False) -> Mask:
+    """Pixels of a mask that have a neighbour outside of it; beyond: whether what lies beyond the image is of
+    the mask."""
+    within = scipy.ndimage.binary_erosion(mask, np.ones((3, 3)), border_value=int(beyond))
+    return np.asarray(mask & ~within)
+
+
+def sector_angles(count: int) -> Floats:
+    """Middles of sectors of equal angle from -pi on."""
+    middles: Floats = np.linspace(-np.pi, np.pi, count, endpoint=False, dtype=np.float64) + np.pi / count
+    return middles
+
+
+def sectors(dent: Dent, count: int) -> Iterator[tuple[Floats, Floats, Floats, Mask]]:
+    """Radius, radial slope, its sigma and whether inside, of every sector's measured pixels, sorted by
+    radius."""
+    sector = ((dent.phi + np.pi) / (2 * np.pi) * count).astype(np.intp) % count
+    order = np.lexsort((dent.r, sector))
+    order = order[dent.measured[order]]
+    ends = np.searchsorted(sector[order], np.arange(1, count))
+    slope, sigma = dent.radial
+    fields = (np.split(part[order], ends) for part in (dent.r, slope, sigma, dent.inside))
+    return zip(*fields, strict=True)

@@ -1,4 +1,4 @@
-"""Contacts: depth, area, volume and centroid of what presses on the mirror, with error bars.
+"""Contacts: depth, area, volume and position of every dent of a height map, with error bars.
 
 On an elastic surface the dent is wider than the contact: under Hertz's ball the edge stands at half the
 depth, and a tenth of it is reached at four times the radius. So the edge is looked for in the slopes, see
@@ -6,23 +6,26 @@ depth, and a tenth of it is reached at four times the radius. So the edge is loo
 evidence says so.
 """
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import scipy.ndimage
 
 from ..arrays import Floats, Mask
-from ..heightmap import HeightFlag, HeightMap
-from ..resampling import natural_pitch
+from ..heightmap import HeightMap
 from ..slope_map import SlopeMap
-from .dent import Dent, cells
+from .deepest import deepest
+from .dent import Dent, sector_angles, sectors
 from .edge import Profile, SectorEdge, fit_edge
+from .peaks import basins
+from .record import Contact
+from .relief import Relief, levelled
+from .rim import Rim, posterior
 
-__all__ = ["Contact", "contacts"]
+__all__ = ["contacts"]
 
-_SIGNIFICANT = 5.0  # sigmas of height that make a dent
+_SIGNIFICANT = 3.0  # standard deviations: a dent exceeds its saddle and its surroundings by more
 _FEWEST = 24  # pixels of a dent
 _GUESSES = 24  # directions in which the steepest slope is looked for
 _SECTOR = 3.0  # pixels along the edge
@@ -32,81 +35,51 @@ _OUTLINE = 4  # waves around: how smooth a contact's outline is
 _TIP = 3.0  # pixels: steepest so near to the middle is a tip
 _SHARE = 0.6  # of the sectors
 _GAIN = (25.0, 6.0)  # of chi^2: five sigma, and what n sectors scatter by, per sqrt(n)
-_STEP = 0.05  # of a mode, by which it is differenced
+_ROUNDING = 1 / np.sqrt(180)  # of a pixel: the share of an area that an outline cuts off at random
+_WORTH_SAYING = 0.01  # of the area
+_STEP = 0.05  # of a standard deviation, by which measures are differenced
 _UNDER = 0.85  # of the edge: where the surface follows the indenter
 
 
-@dataclass(frozen=True, slots=True)
-class Contact:
-    """One dent. Lengths in mm, sigma: standard deviations; those of depth, volume, half depth's area and the
-    indenter's radius hold the errors of a calibrated rig.
-
-    found: whether the slopes show the edge of a contact; evidence: in words; x, y, depth: of the deepest
-    point. area, volume, centroid (x, y): of the contact if one is found, else of what is deeper than half the
-    depth; volume_sigma is an upper bound: the height's error is taken as common to the whole area.
-    With an edge: edge (N, 2): points around the contact; edge_share: height there over the depth (Hertz: 0.5,
-    flat punch: 1); indenter_radius: of the surface inside, inf where it is flat; directions: in how many the
-    edge was looked for; share: of them, that show it; gain: chi^2 of a smooth surface above that of the law.
-    """
-
-    found: bool
-    evidence: str
-    x: float
-    y: float
-    depth: float
-    depth_sigma: float
-    area: float
-    area_sigma: float
-    volume: float
-    volume_sigma: float
-    centroid: tuple[float, float]
-    centroid_sigma: float
-    edge: Floats
-    edge_share: float = float("nan")
-    indenter_radius: float = float("nan")
-    indenter_radius_sigma: float = float("nan")
-    directions: int = 0
-    share: float = 0.0
-    gain: float = 0.0
-
-    @property
-    def region(self) -> str:
-        """What area, volume and centroid belong to."""
-        return "contact" if self.found else "half depth"
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values."""
-        names = [name for name in self.__slots__ if name != "edge"]
-        return {name: getattr(self, name) for name in names} | {
-            "region": self.region,
-            "edge": self.edge.tolist(),
-        }
-
-
 def contacts(
-    height: HeightMap, slopes: SlopeMap, shallowest: float = 0.4, most: int = 16
+    height: HeightMap, slopes: SlopeMap, shallowest: float = 0.02, most: int = 16
 ) -> tuple[Contact, ...]:
-    """Dents (z > 0) at least `shallowest` times as deep as the deepest, deepest first, at most `most`.
+    """Dents of a height map, deepest first: at least `shallowest` times as deep as the deepest, at most
+    `most`.
 
-    slopes: of the same height map. Only pixels without a flag, or with STEEP alone, are used.
+    A dent exceeds the saddle to a deeper one by three standard deviations of the height on either side, and
+    its surroundings by three of noise and rig; errors of the rig that both share do not count.
+    slopes: of the same height map.
+    Only pixels without a flag, or with STEEP alone, are used; holes of other pixels are interpolated.
     """
-    usable = (height.flags & ~np.uint16(HeightFlag.STEEP)) == 0
-    usable &= np.isfinite(height.z) & np.isfinite(slopes.sigma_x + slopes.sigma_y) & np.isfinite(height.sigma)
-    usable &= (slopes.sigma_x > 0) & (slopes.sigma_y > 0)
-    if not usable.any():
+    relief = Relief.of(height, slopes)
+    if relief is None:
         return ()
-    dented = usable & (height.z > _SIGNIFICANT * height.sigma)
-    if not dented.any():
-        return ()
-    deepest = float(height.z[dented].max())
-    labels, count = scipy.ndimage.label(dented & (height.z > shallowest * deepest))
-    area = cells(height)
-    pitch = natural_pitch(height.x, height.y, usable)
-    large = 1 + np.flatnonzero(np.bincount(labels.ravel(), minlength=count + 1)[1:] >= _FEWEST)
-    peaks = scipy.ndimage.maximum(height.z, labels, large) if large.size else np.empty(0)
-    chosen = large[np.argsort(-np.asarray(peaks), kind="stable")][:most]
-    found = [_contact(Dent.of(height, slopes, usable, labels == label, area, pitch)) for label in chosen]
-    return tuple(sorted(found, key=lambda contact: -contact.depth))
+    z = levelled(relief)
+    labels, peaks = basins(z, relief.sigma, relief.known, _SIGNIFICANT)
+    rims = {}
+    for number, peak in enumerate(peaks):
+        rim = Rim.of(relief, z, labels == number, int(peak))
+        if rim is not None and _stands_out(relief, rim):
+            rims[number] = rim
+    deep = max((rim.depth for rim in rims.values()), default=0.0)
+    rims = {number: rim for number, rim in rims.items() if rim.depth >= shallowest * deep}
+    others = list(rims.values())
+    dents = [
+        Dent.of(height, slopes, relief, labels == number, rim, posterior(relief, rim, others))
+        for number, rim in rims.items()
+    ]
+    found = [
+        _contact(dent) for dent in dents if dent is not None and np.count_nonzero(dent.inside) >= _FEWEST
+    ]
+    return tuple(sorted(found, key=lambda contact: -contact.depth)[:most])
+
+
+def _stands_out(relief: Relief, rim: Rim) -> bool:
+    """Whether the peak exceeds its surroundings by _SIGNIFICANT standard deviations of noise and rig."""
+    noise = np.hypot(relief.sigma.ravel()[rim.peak], np.linalg.norm(rim.means(relief.sigma) * rim.weights))
+    sigma = float(np.hypot(noise, np.linalg.norm(rim.rise(relief.modes))))
+    return float(rim.rise(relief.z)) > _SIGNIFICANT * sigma
 
 
 def _contact(dent: Dent) -> Contact:
@@ -115,11 +88,12 @@ def _contact(dent: Dent) -> Contact:
         return _half_depth(dent, "no contact evidence: the slope is steepest at the deepest point, a tip")
     (seen, edges), (seen_sharp, sharp) = (_looked_for(dent, guesses, rim) for rim in (False, True))
     limit = _GAIN[0] + _GAIN[1] * np.sqrt(len(edges))
-    if _gain(sharp) > _gain(edges) + limit:
+    rimmed = _gain(sharp) > _gain(edges) + limit
+    if rimmed:
         seen, edges = seen_sharp, sharp
     gain, share = _gain(edges), sum(edge is not None and edge.gain > 0 for edge in edges) / len(edges)
     if gain > limit and share >= _SHARE:
-        return _within_edge(seen, edges, share, gain)
+        return _within_edge(seen, edges, share, gain, rimmed)
     why = f"no contact evidence: the edge's kink shows in {100 * share:.0f} % of {len(edges)} directions"
     return _half_depth(dent, f"{why}, a smooth surface explains the slopes as well or better")
 
@@ -127,7 +101,7 @@ def _contact(dent: Dent) -> Contact:
 def _steepest(dent: Dent) -> Floats:
     """Radius of the steepest descent in every of _GUESSES directions, mm."""
     found = np.full(_GUESSES, np.nan)
-    for k, (r, slope, sigma, inside) in enumerate(_sectors(dent, _GUESSES)):
+    for k, (r, slope, sigma, inside) in enumerate(sectors(dent, _GUESSES)):
         if not inside.any():
             continue
         near = r < 1.2 * r[inside].max()
@@ -160,10 +134,10 @@ def _edges(dent: Dent, guesses: Floats, sharp: bool) -> list[SectorEdge | None]:
     """The edge in every sector, around guesses at evenly spaced directions."""
     size = np.median(guesses) / dent.pitch
     count = int(np.clip(min(2 * np.pi * size / _SECTOR, size**2 / _POPULATED), *_SECTORS))
-    around = np.interp(_angles(count), _angles(guesses.size), guesses, period=2 * np.pi)
+    around = np.interp(sector_angles(count), sector_angles(guesses.size), guesses, period=2 * np.pi)
     return [
         fit_edge(Profile(r, slope, sigma, dent.pitch), guess, sharp)
-        for (r, slope, sigma, _), guess in zip(_sectors(dent, count), around, strict=True)
+        for (r, slope, sigma, _), guess in zip(sectors(dent, count), around, strict=True)
     ]
 
 
@@ -171,7 +145,7 @@ def _polar(edges: Sequence[SectorEdge | None]) -> tuple[Floats, Floats]:
     """Radius and sigma at every sector's middle; sigma at least what the radii scatter by about a smooth
     outline.
     """
-    angles = _angles(len(edges))
+    angles = sector_angles(len(edges))
     known = np.array([edge is not None for edge in edges])
     values = ([getattr(edge, name) for edge in edges if edge is not None] for name in ("radius", "sigma"))
     radius, sigma = (np.interp(angles, angles[known], value, period=2 * np.pi) for value in values)
@@ -185,64 +159,91 @@ def _polar(edges: Sequence[SectorEdge | None]) -> tuple[Floats, Floats]:
 
 def _centroid(radius: Floats) -> tuple[float, float]:
     """Of the area inside a polar outline, from its origin."""
-    angles, third = _angles(radius.size), radius**3 / (1.5 * np.sum(radius**2))
+    angles, third = sector_angles(radius.size), radius**3 / (1.5 * np.sum(radius**2))
     return float(np.sum(third * np.cos(angles))), float(np.sum(third * np.sin(angles)))
 
 
-def _within_edge(dent: Dent, edges: list[SectorEdge | None], share: float, gain: float) -> Contact:
-    """Everything about the area inside the edge."""
-    count, angles = len(edges), _angles(len(edges))
+def _within_edge(
+    dent: Dent, edges: list[SectorEdge | None], share: float, gain: float, rimmed: bool
+) -> Contact:
+    """Everything about the area inside the edge; rimmed: of an indenter with a rim."""
+    count, at_angles = len(edges), sector_angles(len(edges))
     radius, sigma = _polar(edges)
     r, phi = dent.r, dent.phi
-    step, cos, sin = 2 * np.pi / count, np.cos(angles), np.sin(angles)
-    area = 0.5 * step * float(np.sum(radius**2))
+    step, cos, sin = 2 * np.pi / count, np.cos(at_angles), np.sin(at_angles)
+    at = np.interp(phi, at_angles, radius, period=2 * np.pi)
+    member = np.clip(0.5 + (at - r) / dent.pitch, 0.0, 1.0)
     shift = _centroid(radius)
-    moves = [
-        step / area * float(np.linalg.norm(sigma * (radius**2 * part - by * radius)))
+    centre = (dent.middle[0] + shift[0], dent.middle[1] + shift[1])
+    full = 0.5 * step * float(np.sum(radius**2))
+    turned = [
+        step / full * sigma * (radius**2 * part - by * radius)
         for part, by in zip((cos, sin), shift, strict=True)
     ]
-    area_sigma = step * float(np.linalg.norm(radius * sigma))
-    at = np.interp(phi, angles, radius, period=2 * np.pi)
-    member = np.clip(0.5 + (at - r) / dent.pitch, 0.0, 1.0)
+    noise = [float(np.linalg.norm(part)) for part in turned]
+    area_noise = step * float(np.linalg.norm(radius * sigma))
+    hidden = _hidden(dent, member)
+    area = full
+    if hidden > 0:
+        member = np.where(r <= at, 1.0, member)
+        area = float((np.where(r <= at, 1.0, 0.0) * dent.cell).sum())
+    moved = dent.moved(*centre)
     rim = np.abs(r - at) < 0.75 * dent.pitch
-    depth, depth_sigma = _depth(dent)
-    edge_height = float(np.mean(dent.z[rim])) if rim.any() else float("nan")
-    indenter, indenter_sigma = _indenter(dent, r < _UNDER * at)
-    volume, common = _volume(dent, member, area)
-    edge_share = edge_height / depth
-    follows = "flat" if np.isinf(indenter) else f"of radius {indenter:.3g} mm"
+    top = deepest(dent)
+    doubt = _unresolved(dent, float(np.mean(radius))) * top.depth if rimmed else 0.0
+    edge_height = float(np.mean(dent.z[rim])) if rim.any() else 0.5 * top.depth
+    indenter, indenter_sigma = _indenter(dent, (r < _UNDER * at) & dent.measured)
+    weight = area * member * dent.cell / max(float((member * dent.cell).sum()), 1e-300)
+    edge_share = edge_height / top.depth
+    follows = "of unknown radius" if indenter is None else f"of radius {indenter:.3g} mm"
     evidence = (
         f"contact: the slope has the kink of a contact's edge in {100 * share:.0f} % of {count} directions "
         f"(chi^2 below a smooth surface's by {gain:.2g}); the edge stands at {edge_share:.2f} of the depth, "
-        f"inside it the surface is {follows}"
+        f"inside it the surface is {'flat' if indenter == float('inf') else follows}"
     )
-    x, y = (dent.middle[k] + shift[k] for k in (0, 1))
-    return Contact(
-        found=True,
-        evidence=evidence,
-        x=float(dent.x[dent.peak]),
-        y=float(dent.y[dent.peak]),
-        depth=depth,
-        depth_sigma=depth_sigma,
-        area=area,
-        area_sigma=area_sigma,
-        volume=volume,
-        volume_sigma=float(np.hypot(common, area_sigma * np.nan_to_num(edge_height))),
-        centroid=(x, y),
-        centroid_sigma=float(max(moves)),
-        edge=np.stack([dent.middle[0] + radius * cos, dent.middle[1] + radius * sin], axis=1),
-        edge_share=edge_share,
-        indenter_radius=indenter,
-        indenter_radius_sigma=indenter_sigma,
-        directions=count,
-        share=share,
-        gain=gain,
+    rig = np.abs(dent.stretch) * area
+    return _with_limits(
+        dent,
+        member,
+        Contact(
+            found=True,
+            evidence=evidence,
+            x=top.x,
+            y=top.y,
+            depth=top.depth,
+            depth_sigma=float(np.hypot(top.depth_sigma, doubt)),
+            area=area,
+            area_sigma=float(np.linalg.norm([area_noise, *rig])),
+            volume=float(weight @ dent.z),
+            volume_sigma=float(
+                np.linalg.norm([weight @ dent.sigma, area_noise * edge_height, *_volume_moves(dent, weight)])
+            ),
+            centroid=centre,
+            centroid_sigma=max(float(np.linalg.norm([noise[k], *moved[:, k]])) for k in (0, 1)),
+            edge=np.stack([dent.middle[0] + radius * cos, dent.middle[1] + radius * sin], axis=1),
+            edge_share=edge_share,
+            indenter_radius=indenter,
+            indenter_radius_sigma=indenter_sigma,
+            directions=count,
+            share=share,
+            gain=gain,
+            x_sigma=top.x_sigma,
+            y_sigma=top.y_sigma,
+            depth_noise=float(np.hypot(top.depth_noise, doubt)),
+        ),
     )
+
+
+def _volume_moves(dent: Dent, weight: Floats) -> Floats:
+    """Change of the volume over a fixed outline by every error of the rig, (m,)."""
+    moves = dent.stretch * float(weight @ dent.z)
+    moves[: len(dent.modes)] += dent.modes @ weight
+    return moves
 
 
 def _half_depth(dent: Dent, evidence: str) -> Contact:
     """Everything about the area deeper than half the depth."""
-    depth, depth_sigma = _depth(dent)
+    top = deepest(dent)
     slope = np.hypot(*dent.slopes)
     rise = np.maximum(slope, 1e-12) * dent.pitch
 
@@ -250,79 +251,123 @@ def _half_depth(dent: Dent, evidence: str) -> Contact:
         share: Floats = np.where(dent.inside, np.clip(0.5 + (z - level) / rise, 0.0, 1.0), 0.0)
         return share
 
-    def moved(mode: Floats) -> Floats:
-        """What a mode does to area and volume: the rim and the level move with it."""
-        sides = []
-        for step in (_STEP, -_STEP):
-            z = dent.z + step * mode
-            cells_in = member(0.5 * (depth + step * mode[dent.peak]), z) * dent.cell
-            sides.append([cells_in.sum(), cells_in @ z])
-        change: Floats = (np.array(sides[0]) - np.array(sides[1])) / (2 * _STEP)
+    def measures(z: Floats, x: Floats, y: Floats, cell: Floats, level: float) -> Floats:
+        """Area, volume, centroid."""
+        weight = member(level, z) * cell
+        area = max(float(weight.sum()), 1e-300)
+        return np.array([area, weight @ z, weight @ x / area, weight @ y / area])
+
+    def moved(k: int) -> Floats:
+        """Change of the measures by the error k of the rig, which moves heights, level and positions."""
+        mode = dent.modes[k] if k < len(dent.modes) else np.zeros_like(dent.z)
+        dx, dy = dent.displacement[k] @ np.stack([np.ones_like(dent.x), dent.x, dent.y])
+        sides = [
+            measures(
+                dent.z + step * mode,
+                dent.x + step * dx,
+                dent.y + step * dy,
+                dent.cell * (1.0 + step * dent.stretch[k]),
+                0.5 * (top.depth + step * mode[dent.peak]),
+            )
+            for step in (_STEP, -_STEP)
+        ]
+        change: Floats = (sides[0] - sides[1]) / (2 * _STEP)
         return change
 
-    half = member(0.5 * depth)
-    area = float(np.sum(half * dent.cell))
-    rim = dent.inside & (np.abs(dent.z - 0.5 * depth) < rise)
+    half = member(0.5 * top.depth)
+    area, volume, x, y = measures(dent.z, dent.x, dent.y, dent.cell, 0.5 * top.depth)
+    rim = dent.inside & (np.abs(dent.z - 0.5 * top.depth) < rise)
     noise = float(dent.sigma[dent.peak])
-    error = float(np.hypot(np.median(dent.sigma[rim]) if rim.any() else noise, 0.5 * noise))
-    shifted = [float(np.sum(member(0.5 * depth + by) * dent.cell)) for by in (-error, error)]
-    area_noise = 0.5 * abs(shifted[0] - shifted[1])
-    rig = np.linalg.norm(np.array([moved(mode) for mode in dent.modes]).reshape(-1, 2), axis=0)
-    volume, common = _volume(replace(dent, modes=dent.modes[:0]), half, area)
-    weight = half * dent.cell / max(area, 1e-300)
-    centroid = float(np.sum(weight * dent.x)), float(np.sum(weight * dent.y))
+    error = float(np.hypot(np.median(dent.sigma[rim]) if rim.any() else noise, 0.5 * top.depth_noise))
+    shifted = [float(np.sum(member(0.5 * top.depth + by) * dent.cell)) for by in (-error, error)]
+    guessed = float(np.sum((dent.error / rise * dent.cell)[rim]))
+    # the outline crosses each rim pixel somewhere: the rounding of its share, independent of the others'
+    rounding = float(np.linalg.norm(dent.cell[rim])) * _ROUNDING
+    area_noise = float(np.linalg.norm([0.5 * (shifted[0] - shifted[1]), guessed, rounding]))
+    rig = np.linalg.norm(np.array([moved(k) for k in range(len(dent.displacement))]).reshape(-1, 4), axis=0)
+    weight = half * dent.cell
+    common = float(weight @ (dent.sigma + dent.error))
     at_rim = float(np.median(slope[rim])) if rim.any() else 0.0
-    return Contact(
-        found=False,
-        evidence=evidence,
-        x=float(dent.x[dent.peak]),
-        y=float(dent.y[dent.peak]),
-        depth=depth,
-        depth_sigma=depth_sigma,
-        area=area,
-        area_sigma=float(np.hypot(area_noise, rig[0])),
-        volume=volume,
-        volume_sigma=float(np.linalg.norm([common, 0.5 * depth * area_noise, rig[1]])),
-        centroid=centroid,
-        centroid_sigma=error / at_rim if at_rim > 0 else float("nan"),
-        edge=np.empty((0, 2)),
+    reach = float(np.sqrt(area / np.pi))
+    drift = min(error / at_rim, reach) if at_rim > 0 else reach
+    centroid_noise = float(np.hypot(drift, guessed / area * reach))
+    return _with_limits(
+        dent,
+        half,
+        Contact(
+            found=False,
+            evidence=evidence,
+            x=top.x,
+            y=top.y,
+            depth=top.depth,
+            depth_sigma=top.depth_sigma,
+            area=float(area),
+            area_sigma=float(np.hypot(area_noise, rig[0])),
+            volume=float(volume),
+            volume_sigma=float(np.linalg.norm([common, 0.5 * top.depth * area_noise, rig[1]])),
+            centroid=(float(x), float(y)),
+            centroid_sigma=float(np.hypot(centroid_noise, rig[2:].max())),
+            edge=np.empty((0, 2)),
+            x_sigma=top.x_sigma,
+            y_sigma=top.y_sigma,
+            depth_noise=top.depth_noise,
+        ),
     )
 
 
-def _depth(dent: Dent) -> tuple[float, float]:
-    """Height of the deepest point and its sigma: the top of a paraboloid through the pixels around it where
-    one fits, else of the deepest pixel.
-    """
-    z = float(dent.z[dent.peak])
-    sigma = float(np.linalg.norm([dent.sigma[dent.peak], *dent.modes[:, dent.peak]]))
-    dx, dy = dent.x - dent.x[dent.peak], dent.y - dent.y[dent.peak]
-    near = np.hypot(dx, dy) < 3.2 * dent.pitch
-    if np.count_nonzero(near) < 12:
-        return z, sigma
-    dx, dy = dx[near], dy[near]
-    terms = np.stack([np.ones_like(dx), dx, dy, dx * dx, dx * dy, dy * dy], axis=1)
-    c = np.linalg.lstsq(terms, dent.z[near], rcond=None)[0]
-    bent = np.array([[2 * c[3], c[4]], [c[4], 2 * c[5]]])
-    if abs(c[0] - z) > max(sigma, 1e-3 * z) or not np.all(np.linalg.eigvalsh(bent) < 0):
-        return z, sigma
-    top = -np.linalg.solve(bent, c[1:3])
-    if np.hypot(*top) > 3.2 * dent.pitch:
-        return float(c[0]), sigma
-    return float(c[0] + 0.5 * c[1:3] @ top), sigma
+def _unresolved(dent: Dent, radius: float) -> float:
+    """Share of a flat punch's depth in doubt: half of the drop that the law, 2/pi asin(a/r), puts within half
+    a pixel outside its rim, where the slope is infinite and pixels do not resolve it."""
+    return float(np.arccos(radius / (radius + 0.5 * dent.pitch)) / np.pi)
 
 
-def _volume(dent: Dent, member: Floats, area: float) -> tuple[float, float]:
-    """Volume over an area, and what errors of the height add: noise as if it were common to all of it, and
-    the rig's modes."""
-    weight = area * member * dent.cell / max(float((member * dent.cell).sum()), 1e-300)
-    sigma = float(np.linalg.norm([weight @ dent.sigma, *(dent.modes @ weight)]))
-    return float(weight @ dent.z), sigma
+def _hidden(dent: Dent, member: Floats) -> float:
+    """Area (mm^2) that the visible part of an area lacks where its outline is cut: of the pixels whose mirror
+    image about the deepest point is unknown, or of those on the cut. 0 where the outline is closed."""
+    weight = np.where(member > 0.5, member * dent.cell, 0.0)
+    edge = float(weight[dent.border].sum())
+    return max(edge, float(weight[dent.open].sum())) if edge > 0 else 0.0
 
 
-def _indenter(dent: Dent, inside: Mask) -> tuple[float, float]:
-    """Radius of the surface under the indenter and its sigma: the radial slope is a - k r, R = 1/k."""
+def _with_limits(dent: Dent, member: Floats, contact: Contact) -> Contact:
+    """The contact with the depth over its surroundings, its cut and its interpolated share."""
+    weight = member * dent.cell
+    filled = float(weight[~dent.measured].sum() / max(weight.sum(), 1e-300))
+    text, hidden = contact.evidence, _hidden(dent, member)
+    if filled > _WORTH_SAYING:
+        text += f"; {100 * filled:.0f} % of its area is interpolated across flagged pixels"
+    if not contact.found and (dent.saddle & (member > 0.5)).any():
+        text += "; at half the depth it merges with another dent: the area ends at the saddle"
+    over_rim = {"rim_depth": dent.rim_depth, "rim_depth_sigma": dent.rim_depth_sigma}
+    contact = replace(contact, evidence=text, interpolated=filled, **over_rim)
+    return contact if hidden == 0 else _cut(dent, contact, hidden)
+
+
+def _cut(dent: Dent, contact: Contact, hidden: float) -> Contact:
+    """A contact of which an area `hidden` (mm^2) is unknown."""
+    text = f"{contact.evidence}; the image's edge or flagged pixels cut it: area and volume are those of the "
+    text += "visible part, lower bounds"
+    sigma, reach = contact.depth_sigma, float(np.sqrt((contact.area + hidden) / np.pi))
+    if dent.border[dent.peak]:
+        text += ", and so is the depth"
+        sigma = float(np.hypot(sigma, np.hypot(*dent.slopes[:, dent.peak]) * reach))
+    lacking = hidden / (contact.area + hidden) * reach
+    return replace(
+        contact,
+        evidence=text,
+        cut=True,
+        depth_sigma=sigma,
+        area_sigma=float(np.hypot(contact.area_sigma, hidden)),
+        volume_sigma=float(np.hypot(contact.volume_sigma, hidden * contact.volume / contact.area)),
+        centroid_sigma=float(np.hypot(contact.centroid_sigma, lacking)),
+    )
+
+
+def _indenter(dent: Dent, inside: Mask) -> tuple[float | None, float | None]:
+    """Radius of the surface under the indenter and its sigma: the radial slope is a - k r, R = 1/k; inf where
+    it is flat, None where unknown."""
     if np.count_nonzero(inside) < 6:
-        return float("nan"), float("nan")
+        return None, None
     slope, sigma = (part[inside] for part in dent.radial)
     phi, w = dent.phi[inside], 1.0 / sigma
     terms: Floats = np.stack([np.cos(phi), np.sin(phi), dent.r[inside]], axis=1) * w[:, None]
@@ -331,21 +376,5 @@ def _indenter(dent: Dent, inside: Mask) -> tuple[float, float]:
     modes = covariance @ terms.T @ ((dent.slope_modes * dent.direction).sum(axis=1)[:, inside] * w).T
     k_sigma = float(np.linalg.norm([np.sqrt(covariance[2, 2]), *modes[2]]))
     if abs(k) < 2 * k_sigma:
-        return float("inf"), float("nan")
+        return float("inf"), None
     return 1.0 / k, k_sigma / k**2
-
-
-def _angles(count: int) -> Floats:
-    """Middles of sectors of equal angle from -pi on."""
-    middles: Floats = np.linspace(-np.pi, np.pi, count, endpoint=False, dtype=np.float64) + np.pi / count
-    return middles
-
-
-def _sectors(dent: Dent, count: int) -> Iterator[tuple[Floats, Floats, Floats, Mask]]:
-    """Radius, radial slope, its sigma and whether inside, of every sector's pixels, sorted by radius."""
-    sector = ((dent.phi + np.pi) / (2 * np.pi) * count).astype(np.intp) % count
-    order = np.lexsort((dent.r, sector))
-    ends = np.searchsorted(sector[order], np.arange(1, count))
-    slope, sigma = dent.radial
-    fields = (np.split(part[order], ends) for part in (dent.r, slope, sigma, dent.inside))
-    return zip(*fields, strict=True)

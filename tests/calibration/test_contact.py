@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from lab.calibration.figures import _rendering
+from lab.calibration.rigs import Rig, ball_cap, correspondence_of, prism, shape_surface
 from optolever import InputError
 from optolever.calibration import Observation, calibrate, contact
-from optolever.calibration.figures import _rendering
 from optolever.calibration.observation import checked
-from optolever.calibration.rigs import Rig, ball_cap, correspondence_of, prism, shape_surface
 from optolever.decode import Correspondence
 from optolever.scene import trace
 

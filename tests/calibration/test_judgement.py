@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lab.calibration.rigs import correspondence_of, open_air
 from optolever.calibration import Calibration, calibrate, judged
 from optolever.calibration.adjust import adjust
-from optolever.calibration.rigs import correspondence_of, open_air
 from optolever.reconstruct import predicted_maps
 from optolever.scene import Covariance
 

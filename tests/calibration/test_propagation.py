@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy.ndimage import binary_erosion
 
+from lab.calibration.rigs import Rig, correspondence_of, open_air, prism
 from optolever import InputError
 from optolever.calibration import calibrate
-from optolever.calibration.rigs import Rig, correspondence_of, open_air, prism
 from optolever.decode import Correspondence
 from optolever.reconstruct import (
     Contact,
@@ -147,10 +147,10 @@ def test_figures_and_slopes_hold_the_rig(kind: str) -> None:
     """Standard deviations of a dent's figures and slopes against rigs that are wrong by each row of the
     covariance's root, measured anew."""
     if kind == "gaussian":
-        truth = resize(load("prism48"), 150, 200)
+        truth = resize(load("prism48", exact=True), 150, 200)
         surface = dent("gaussian", truth, peak=0.3, sigma=7.0)
     else:  # Hertz: contact radius 20 mm
-        truth = resize(load("paper-simulation"), 128, 128)
+        truth = resize(load("paper-simulation", exact=True), 128, 128)
         surface = dent("ball", truth, peak=1.3, radius=400 / 1.3)
     scene = uncalibrated(truth)
     assert scene.covariance is not None

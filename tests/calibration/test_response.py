@@ -32,7 +32,7 @@ DISPLAYS = {"gamma 2.2": Display(2.2, 0.005), "s": Bent()}
 
 
 def rig(display: str, blur: float) -> Scene:
-    scene = resize(load("monitor-mirror"), 96, 120)
+    scene = resize(load("monitor-mirror", exact=True), 96, 120)
     return replace(scene, pattern=replace(scene.pattern, blur_px=blur), display=DISPLAYS[display])
 
 

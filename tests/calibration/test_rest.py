@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lab.calibration.rigs import Rig, correspondence_of, prism
 from optolever import InputError
 from optolever.calibration import RestMap, load_rest, store_rest
-from optolever.calibration.rigs import Rig, correspondence_of, prism
 from optolever.decode import Correspondence
 from optolever.reconstruct import reconstruct
 from optolever.scene import Covariance, adjusted, load, trace

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optolever.calibration.rigs import Rig, correspondence_of, open_air
+from lab.calibration.rigs import Rig, correspondence_of, open_air
 from optolever.decode import Correspondence
 from optolever.reconstruct import HeightMap
 from optolever.scene import Display, load, resize
@@ -82,6 +82,19 @@ def test_from_captures_to_heights_with_modes(
     outcome = optolever("reconstruct", drifted, *scene_and_out, *change, "--anchor", "75,55,0")
     assert "drift" in outcome.err
     assert {"x", "y", "z", "sigma"} == set(np.load(tmp_path / "d.npz"))
+
+
+def test_a_number_far_from_its_typed_value_is_not_written(
+    rig: tuple[Rig, Path], tmp_path: Path, optolever: Program
+) -> None:
+    folder, out = rig[1], tmp_path / "rig.toml"
+    flats = [f"flat:1e-6={folder}/flat{k}.npz" for k in range(3)]
+    words = ("--scene", str(folder / "given.toml"), "--out", str(out), "--prior", "camera.k1=0.001")
+    outcome = optolever("calibrate", *flats, *words, code=2)
+    assert all(text in outcome.err for text in ("rig.toml", "camera.k1 ended at", "+- 0.001", "up to 5"))
+    assert not any(tmp_path.iterdir())
+    optolever("calibrate", *flats, *words, "--accept")
+    assert load(out).covariance is not None
 
 
 @pytest.mark.slow  # one flat alone: every start of the adjustment is tried

@@ -16,7 +16,7 @@ from pathlib import Path
 import click
 import pytest
 
-from optolever.cli.commands import LAB, SECTIONS, module_of
+from optolever.cli.commands import SECTIONS, module_of
 from optolever.cli.outputs import OutputFile, Program
 from optolever.patterns import sequence
 from optolever.reconstruct import HeightMap
@@ -55,9 +55,7 @@ def device(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
     return made
 
 
-@pytest.mark.parametrize(
-    "name", [name for names in (*SECTIONS.values(), *LAB.values()) for name in names if name != "lab"]
-)
+@pytest.mark.parametrize("name", [name for names in SECTIONS.values() for name in names])
 def test_every_command_checks_its_outputs(name: str) -> None:
     command = importlib.import_module(f"optolever.cli.{module_of(name)}").command
     assert isinstance(command, Program)
@@ -69,7 +67,7 @@ def test_every_command_checks_its_outputs(name: str) -> None:
 
 def _outputs() -> list[tuple[str, click.Option]]:
     """Commands and their options that name an output or a folder of them."""
-    names = [name for names in SECTIONS.values() for name in names if name != "lab"]
+    names = [name for names in SECTIONS.values() for name in names]
     commands = [(name, importlib.import_module(f"optolever.cli.{module_of(name)}").command) for name in names]
     return [
         (name, option)
@@ -176,14 +174,13 @@ def test_read_only_files_and_folders_are_kept_by_root_too(refused: Refused, tmp_
     locked = tmp_path / "locked"
     locked.mkdir()
     locked.chmod(0o555)
-    reports = (["demo"], ["paper"], ["bench"], ["hard"], ["sensor", "--scene", "none"])
+    reports = (["demo"], ["paper"], ["bench"], ["sensor", "--scene", "none"])
     for args in (
         ["decode", "nowhere", "--out", locked / "c.npz"],
         ["reconstruct", "nowhere", "--scene", "none", "--out", tmp_path / "h.npz", "--ply", locked / "h.ply"],
         ["capture", "--scene", "paper-simulation", "--out", locked / "capture"],
         *([*report, "--out", locked] for report in reports),
         *([*report, "--out", locked / "deeper" / "report"] for report in reports),
-        ["sweep", "nowhere", "--out", locked],
     ):
         refused(args, locked, "0555")
 

@@ -13,20 +13,16 @@ from typing import NoReturn
 
 import pytest
 
-from optolever.cli.commands import LAB, SECTIONS
-from optolever.cli.commands import Program as Top
+from optolever.cli.commands import SECTIONS
 
 from .conftest import Program, Refused
 
-USER = [name for names in SECTIONS.values() for name in names]
-LABORATORY = [name for names in LAB.values() for name in names]
+COMMANDS = [name for names in SECTIONS.values() for name in names]
 
 
-@pytest.mark.parametrize(
-    "command", [*(name for name in USER if name != "lab"), *(f"lab {name}" for name in LABORATORY)]
-)
+@pytest.mark.parametrize("command", COMMANDS)
 def test_help_has_synopsis_options_and_a_sample_with_output(command: str, optolever: Program) -> None:
-    outcome = optolever(*command.split(), "--help")
+    outcome = optolever(command, "--help")
     assert f"Usage: optolever {command}" in outcome.out
     assert "--json" in outcome.out
     sample = outcome.out.partition("Sample:")[2].strip().splitlines()
@@ -34,44 +30,26 @@ def test_help_has_synopsis_options_and_a_sample_with_output(command: str, optole
     assert len(sample) > 3, "the sample shows no output"
 
 
-@pytest.mark.parametrize(("group", "names"), [("", USER), ("lab", LABORATORY)])
-def test_help_shows_every_summary_whole(group: str, names: list[str]) -> None:
+def test_help_shows_every_summary_whole() -> None:
     """A line of 80 columns each, nothing cut, under headings."""
-    command = [sys.executable, "-c", "from optolever.cli import main; main()", *group.split(), "--help"]
+    command = [sys.executable, "-c", "from optolever.cli import main; main()", "--help"]
     environment = {**os.environ, "COLUMNS": "80"}
     lines = subprocess.run(
         command, env=environment, capture_output=True, text=True, check=True
     ).stdout.splitlines()
-    for name in names:
+    for name in COMMANDS:
         (line,) = [line for line in lines if re.match(rf"  {name}  +", line)]
         assert len(line) <= 80
         assert line.endswith(".")
         assert "..." not in line
-    assert {f"{heading}:" for heading in (LAB if group else SECTIONS)} <= set(lines)
-
-
-def test_old_names_work_and_are_not_listed(optolever: Program) -> None:
-    listed = optolever("--help").out
-    for name in LABORATORY:
-        known = name in Top.aliases
-        assert known == (name not in ("fuzz", "calibration"))
-        assert f"\n  {name} " not in listed
-        optolever(name, "--help", code=0 if known else 2)
+    assert {f"{heading}:" for heading in SECTIONS} <= set(lines)
 
 
 def test_what_is_missing_is_said_before_the_work(
     refused: Refused, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    grid = tmp_path / "grid.toml"
-    grid.write_text("scenes = ['paper-simulation']\nsequences = ['gray']\n")
-    calls = {
-        "optolever[sofast]": ["decode", tmp_path / "none.h5", "--out", tmp_path / "c.npz"],
-        "optolever[dask]": ["lab", "sweep", grid, "--workers", "2", "--out", tmp_path / "o"],
-    }
-    for extra, args in calls.items():
-        refused(args, f"pip install '{extra}'")
-        assert not list(tmp_path.glob("o*"))
+    refused(["decode", tmp_path / "none.h5", "--out", tmp_path / "c.npz"], "pip install 'optolever[sofast]'")
 
 
 def shape(text: str) -> str:

@@ -117,7 +117,7 @@ def test_dark_capture_is_flagged() -> None:
 
 def test_virtual_sensor() -> None:
     """End to end: what the simulated camera sees of spots is where its rays meet the pattern."""
-    scene = resize(load("paper-simulation"), 32, 32)
+    scene = resize(load("paper-simulation", exact=True), 32, 32)
     surface = dent("tilt", scene)
     shown = sequence("spot", scene.pattern.rows, scene.pattern.cols, step=3)
     found = decode(capture(scene, surface, shown, renderer="numpy", noise=1.0).frames, shown)

@@ -14,7 +14,7 @@ from optolever.patterns import Sequence, sequence_from_text
 from optolever.projector import capture
 from optolever.scene import dent, load, resize, trace
 
-RIG = resize(load("prism48"), 150, 200)
+RIG = resize(load("prism48", exact=True), 150, 200)
 SURFACE = dent("gaussian", RIG, peak=0.2, sigma=6.0)
 CODES = ("gray+phase", "phase", "phase:steps=3,periods=8.74/8.06/8", "micro-phase")
 
@@ -116,7 +116,7 @@ def px(at: np.ndarray) -> float:
 
 def test_a_coarse_fringe_seen_in_part_hides_no_shake() -> None:
     """Of less than a turn level and phase are told badly apart: what that makes of noise is no gain."""
-    rig = resize(load("monitor-mirror"), 120, 160)
+    rig = resize(load("monitor-mirror", exact=True), 120, 160)
     shown = sequence_from_text("phase", rig.pattern.rows, rig.pattern.cols)
     frames = capture(rig, dent("flat", rig), shown, renderer="numpy").frames.astype(np.float64)
     untold = 0

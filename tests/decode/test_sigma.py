@@ -138,7 +138,7 @@ def test_cells_that_a_blur_hides_are_in_sigma(
 
 def test_white_noise_alone_gives_no_notice() -> None:
     """Limits are those of chance however few pixels there are: the sensor's own noise, one pixel or all."""
-    scene = resize(load("prism48"), 24, 32)
+    scene = resize(load("prism48", exact=True), 24, 32)
     shown = sequence("gray+phase", scene.pattern.rows, scene.pattern.cols)
     flat, single = dent("flat", scene), np.zeros((24, 32), bool)
     single[12, 16] = True

@@ -1,4 +1,4 @@
-"""`optolever lab codes`: what is predicted is what a simulation gives; what is called detected is."""
+"""`optolever codes`: what is predicted is what a simulation gives; what is called detected is."""
 
 import json
 from pathlib import Path
@@ -101,11 +101,13 @@ def test_rows_and_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
     assert rows[0]["frames"] == len(sequence_from_text(names[0], *SIZE))
     assert rows[0]["lost"] == rows[0]["swapped"] == 1.0  # two steps of one period contradict the other period
     assert rows[1]["swapped"] < 1.0  # of one period alone: another mirror
-    assert names[0] in capsys.readouterr().out
+    streams = capsys.readouterr()
+    assert names[0] in streams.out
+    assert streams.err.splitlines() == [f"{names[0]} 0/2", f"{names[1]} 1/2"]  # progress, on no terminal too
 
 
 def test_bad_numbers() -> None:
     with pytest.raises(InputError, match="noise is 0"):
         list(code_rows(["gray"], SIZE, 60.0, 0.0))
-    with pytest.raises(InputError, match="name is 'grey'"):
-        list(code_rows(["grey"], SIZE, 60.0, 1.0))
+    with pytest.raises(InputError, match="name is 'grey'"):  # before any code is decoded
+        next(code_rows(["gray", "grey"], SIZE, 60.0, 1.0))

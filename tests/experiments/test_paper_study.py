@@ -12,7 +12,7 @@ from optolever.experiments.paper_line import Line, lattice_points, pixel_points,
 from optolever.reconstruct import capture_positions, prism_geometry
 from optolever.scene import dent, load, resize, trace
 
-SCENE = resize(load("paper-simulation"), 101, 150)
+SCENE = resize(load("paper-simulation", exact=True), 101, 150)
 
 
 def test_pixel_points_are_those_of_the_traced_scene() -> None:

@@ -1,11 +1,10 @@
-"""Habits of the tree: small files, small repository, nothing that hides from strict checks."""
+"""Habits of the tree: a small repository."""
 
 import subprocess
 from pathlib import Path
 
 import pytest
 
-LINES = 450
 BYTES = 1_000_000
 
 
@@ -17,16 +16,6 @@ def tracked(root: Path) -> list[Path]:
     if run.returncode:
         pytest.skip(f"{root} is no git checkout")
     return [root / name for name in run.stdout.split("\0") if name and (root / name).is_file()]
-
-
-def test_files_stay_small(root: Path) -> None:
-    """About 400 lines hold one thing; 450 is where it stops being a question."""
-    long = {
-        str(path.relative_to(root)): count
-        for path in tracked(root)
-        if path.suffix == ".py" and (count := len(path.read_text().splitlines())) > LINES
-    }
-    assert not long
 
 
 def test_no_heavy_file_is_tracked(root: Path) -> None:

@@ -1,4 +1,7 @@
-"""The architecture: imports run downward, across parts through the face, never bare; public Numba only."""
+"""The architecture: imports run downward, across parts through the face, never bare; public Numba only.
+
+The laboratory (`lab/`) stands beside the tests: it may import every module of every part; no part imports it.
+"""
 
 import ast
 import importlib
@@ -42,6 +45,8 @@ def faults(path: Path, part: str, depth: int) -> Iterator[str]:
         if level > 0:
             if level > depth + 1:
                 yield f"{where}: a relative import leaves {part}/"
+        elif head == "lab":
+            yield f"{where}: the laboratory is not installed, tests alone import it"
         elif head in PARTS:
             yield f"{where}: bare import of {module}; say optolever.{module}"
         elif head == "optolever":
@@ -68,11 +73,12 @@ def test_imports_run_downward_and_through_faces(part: str) -> None:
     assert not found, "\n".join(found)
 
 
-def test_tests_use_the_installed_name() -> None:
+@pytest.mark.parametrize("folder", ["tests", "lab"])
+def test_tests_and_laboratory_use_the_installed_name(folder: str) -> None:
     """`import patterns` from the repository's root would load a second copy of the part."""
     found = [
         f"{path.relative_to(ROOT)}:{line}: {module}"
-        for path in sorted((ROOT / "tests").rglob("*.py"))
+        for path in sorted((ROOT / folder).rglob("*.py"))
         for line, level, module, _ in imports(path)
         if level == 0 and module.partition(".")[0] in PARTS
     ]
@@ -92,6 +98,13 @@ def test_faces_have_a_map_and_a_complete_all(part: str) -> None:
         if path.stem != "__init__" and path.stem.lstrip("_") not in face.__doc__
     ]
     assert not unmapped, f"the docstring of {part}/__init__.py does not name {unmapped}"
+
+
+def test_the_laboratory_has_a_map() -> None:
+    files = [path for path in (ROOT / "lab").rglob("*.py") if path.parent.name != "commands"]
+    text = importlib.import_module("lab").__doc__ or ""
+    unmapped = [path for path in files if not path.stem.startswith("__") and f"`{path.name}`" not in text]
+    assert not unmapped, f"the docstring of lab/__init__.py does not name {unmapped}"
 
 
 def graph(folder: Path) -> dict[str, set[str]]:
@@ -122,7 +135,7 @@ def circles(edges: dict[str, set[str]]) -> set[str]:
         left = {name: targets - ends for name, targets in left.items() if name not in ends}
 
 
-@pytest.mark.parametrize("part", FLOOR)
+@pytest.mark.parametrize("part", [*FLOOR, "lab"])
 def test_no_import_leads_back(part: str) -> None:
     assert not circles(graph(ROOT / part))
 
@@ -138,6 +151,7 @@ def test_the_scan_finds_what_it_forbids(tmp_path: Path, monkeypatch: pytest.Monk
     bad = {
         "import patterns": "bare",
         "from decode import Flag": "bare",
+        "from lab.hard import hard": "not installed",
         "import optolever.cli": "upward",
         "from optolever import projector": "upward",
         "from optolever.patterns.codes import x": "behind the face",
@@ -170,7 +184,7 @@ def private_uses(path: Path) -> Iterator[str]:
         yield f"{path.name}:{text.count(chr(10), 0, found.start()) + 1}: {found.group().strip()}"
 
 
-@pytest.mark.parametrize("part", [*FLOOR, "tests"])
+@pytest.mark.parametrize("part", [*FLOOR, "lab", "tests"])
 def test_no_private_module_of_numba_is_used(part: str) -> None:
     files = [path for path in sorted((ROOT / part).rglob("*.py")) if path != Path(__file__)]
     assert files

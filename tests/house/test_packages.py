@@ -1,4 +1,4 @@
-"""The wheel: every part folder is a package of it, and everything that a part reads travels inside."""
+"""The wheel: every part is a package of it, everything that a part reads travels inside, `lab/` does not."""
 
 import os
 import shutil
@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-NOT_PARTS = {"docs", "tests", "typings", "out", "build", "dist"}
+NOT_PARTS = {"docs", "lab", "tests", "typings", "out", "build", "dist"}
 
 
 def pyproject(root: Path) -> dict[str, Any]:
@@ -52,7 +52,7 @@ def test_every_folder_is_a_package_with_mapping_and_stub(root: Path) -> None:
         if folder != "optolever":
             stub = root / "typings/optolever" / folder
             stub = stub / "__init__.pyi" if stub.is_dir() else stub.with_suffix(".pyi")
-            assert stub.read_text() == f"from {folder.replace('/', '.')} import *\n"
+            assert stub.is_file()
     for folder in part_folders(root):
         assert (root / folder / "py.typed").is_file()
 
@@ -65,7 +65,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory, root: Path) -> Path:
     source.mkdir()
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(root / name, source)
-    for folder in part_folders(root):
+    for folder in (*part_folders(root), "lab"):
         shutil.copytree(root / folder, source / folder, ignore=shutil.ignore_patterns("__pycache__"))
     target = tmp_path_factory.mktemp("wheel")
     command = [
@@ -96,6 +96,17 @@ def test_the_wheel_holds_every_file_of_every_part(wheel: Path, root: Path) -> No
         if path.is_file() and "__pycache__" not in path.parts
     }
     assert not expected - inside
+    assert not [name for name in inside if "lab" in Path(name).parts]
+
+
+def test_every_stub_leads_to_its_module(root: Path) -> None:
+    """mypy finds `optolever.scene` by a stub that names `scene`; to one whose module is gone it says Any."""
+    stubs = root / "typings/optolever"
+    for stub in stubs.rglob("*.pyi"):
+        name = stub.relative_to(stubs)
+        module = name.parent if name.stem == "__init__" else name.with_suffix("")
+        assert stub.read_text() == f"from {'.'.join(module.parts)} import *\n"
+        assert (root / module).is_dir() or (root / module).with_suffix(".py").is_file(), stub
 
 
 def test_the_installed_wheel_works_without_the_checkout(wheel: Path, tmp_path: Path) -> None:
@@ -158,27 +169,19 @@ def test_an_image_without_a_home_and_with_packages_that_are_read_only(
     assert "NUMBA_CACHE_DIR" in run.stdout
 
 
-#: One cell that compiles little.
-GRID = 'scenes = ["paper-simulation"]\nsizes = ["32x32"]\nsequences = ["exact"]\nsolvers = ["paper"]\n'
 MARKED = ("ctypes", "glob", "json", "multiprocessing", "random", "struct", "textwrap", "types", "optolever")
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        ["show", "--list"],
-        pytest.param(["sweep", "grid.toml", "--workers", "1"], marks=pytest.mark.slow),
-    ],
-)
-def test_nothing_is_imported_from_the_working_folder(words: list[str], tmp_path: Path) -> None:
-    """Not by the programs either that GLFW's binding and Dask start."""
+def test_nothing_is_imported_from_the_working_folder(tmp_path: Path) -> None:
+    """Not by the program either that GLFW's binding starts."""
     script = Path(sys.executable).with_name("optolever")
     if not script.is_file():
         pytest.skip(f"{script} is absent: optolever is not installed as a program")
     for name in MARKED:
         mark = f"open({str(tmp_path / 'run')!r}, 'a').write({name!r})\n"
         (tmp_path / f"{name}.py").write_text(mark)
-    (tmp_path / "grid.toml").write_text(GRID)
-    done = subprocess.run([script, *words], cwd=tmp_path, check=False, capture_output=True, text=True)
+    command = [script, "show", "--list"]
+    done = subprocess.run(command, cwd=tmp_path, check=False, capture_output=True, text=True)
+
     assert done.returncode == 0 or "display" in done.stderr, done.stderr
     assert not (tmp_path / "run").exists(), (tmp_path / "run").read_text()

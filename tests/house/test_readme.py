@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 import pytest
 
+from lab.program import NAME, lab
 from optolever.cli.app import app
 
 TARGET = re.compile(r"^([a-z-]+):", re.MULTILINE)
@@ -18,13 +19,13 @@ def pages(root: Path) -> list[Path]:
 
 
 def command_lines(page: Path) -> list[str]:
-    """Lines of a page's code blocks that call make or optolever, continuation lines joined."""
+    """Calls of make, optolever and the laboratory on a page, continuation lines joined."""
     text = page.read_text()
     blocks = re.findall(r"^```[a-z]*\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
     lines = "".join(blocks).replace("\\\n", " ").splitlines()
     bare = [re.sub(r"^\$ ", "", line).split("#")[0].strip() for line in lines]
-    inline = re.findall(r"`((?:make|optolever) [^`]+)`", text)
-    return [line for line in [*bare, *inline] if re.match(r"(make|optolever)\b", line)]
+    inline = re.findall(r"`((?:make|optolever|python -m lab) [^`]+)`", text)
+    return [line for line in [*bare, *inline] if re.match(r"(make|optolever|python -m lab)\b", line)]
 
 
 def test_the_readme_is_short_and_begins_with_two_commands(root: Path) -> None:
@@ -55,14 +56,18 @@ def test_make_targets_exist(root: Path) -> None:
 def test_programs_lines_parse(root: Path) -> None:
     """Each line names a command and options that exist."""
     lines = [(page.name, line) for page in pages(root) for line in command_lines(page)]
-    calls = [(page, shlex.split(line)[1:]) for page, line in lines if line.startswith("optolever ")]
-    assert len(calls) >= 4
-    for page, (name, *args) in calls:
+    programs = {"optolever ": app, f"{NAME} ": lab}
+    calls = [
+        (page, program, shlex.split(line.removeprefix(start)))
+        for page, line in lines
+        for start, program in programs.items()
+        if line.startswith(start)
+    ]
+    assert {program.name for _, program, _ in calls} == {"app", "lab"}
+    for page, program, (name, *args) in calls:
         if name.startswith("--"):
             continue
-        command = app.get_command(click.Context(app), name)
-        if isinstance(command, click.Group) and args and not args[0].startswith("-"):
-            command = command.get_command(click.Context(command), args.pop(0))
+        command = program.get_command(click.Context(program), name)
         assert command is not None, f"{page}: {name} {args}"
         known = {option for parameter in command.params for option in parameter.opts} | {"--help"}
         unknown = [arg for arg in args if arg.startswith("--") and arg not in known]

@@ -21,7 +21,7 @@ Chain = tuple[Scene, Sequence, Trace, Capture, Correspondence, HeightMap]
 
 @pytest.fixture(scope="module")
 def chain() -> Chain:
-    scene = resize(load("paper-simulation"), 40, 40)
+    scene = resize(load("paper-simulation", exact=True), 40, 40)
     surface = dent("gaussian", scene)
     shown = sequence("gray+phase", scene.pattern.rows, scene.pattern.cols)
     seen = capture(scene, surface, shown, renderer="numpy", noise=1.0)
@@ -110,7 +110,7 @@ def test_rays_of_a_drawn_rig_are_those_of_the_mirror_at_rest() -> None:
     pytest.importorskip("matplotlib").use("Agg")
     from matplotlib import pyplot
 
-    scene = resize(load("prism48"), 31, 33)
+    scene = resize(load("prism48", exact=True), 31, 33)
     truth = trace(scene, dent("flat", scene))
     rays = [line.get_xydata() for line in scene.plot().lines[:9]]
     cols = np.linspace(0, 32, 9).astype(int)

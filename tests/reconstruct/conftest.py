@@ -37,7 +37,7 @@ def rms_score(*found: np.ndarray) -> float:
 @lru_cache(maxsize=32)
 def exact_case(preset: str, dent: str, rows: int, cols: int) -> Exact:
     """A preset at another size, its trace under a dent, and the exact correspondence."""
-    scene = resize(load(preset), rows, cols)
+    scene = resize(load(preset, exact=True), rows, cols)
     truth = trace(scene, dent_from_text(dent, scene))
     return scene, truth, correspondence_of(truth)
 

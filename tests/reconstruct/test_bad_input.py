@@ -21,7 +21,7 @@ from optolever.scene import load
 from .conftest import exact_case
 
 SHAPE = (24, 32)
-SIMULATION = load("paper-simulation")
+SIMULATION = load("paper-simulation", exact=True)
 
 
 @pytest.fixture(scope="module")

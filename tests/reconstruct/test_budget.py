@@ -25,7 +25,7 @@ SIGMAS = {"camera.ry": 1e-4, "pattern.z": 0.02}  # rad, mm
 
 @pytest.fixture(scope="module")
 def rig() -> Scene:
-    small = resize(load("prism48"), 72, 96)
+    small = resize(load("prism48", exact=True), 72, 96)
     parts = np.stack(
         [np.diag([s**2 if k == j else 0 for j in range(2)]) for k, s in enumerate(SIGMAS.values())]
     )

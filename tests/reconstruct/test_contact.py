@@ -34,7 +34,7 @@ def found_in(
 
 @pytest.fixture(scope="module")
 def scene() -> Scene:
-    return resize(load("paper-simulation"), SIDE, SIDE)
+    return resize(load("paper-simulation", exact=True), SIDE, SIDE)
 
 
 def punch(depth: float, radius: float) -> Surface:

@@ -15,7 +15,7 @@ def test_variances_where_noise_is_not_small_beside_the_way_to_the_pattern() -> N
     """Drawn noise, at pixels whose pattern is a few of its standard deviations away; and the variance hardly
     depends on where the noise put the measured point.
     """
-    scene = resize(load("paper-simulation"), SIZE, SIZE)
+    scene = resize(load("paper-simulation", exact=True), SIZE, SIZE)
     rays, plane = ray_field(scene.camera), pattern_plane(scene)
     truth = trace(scene, dent("flat", scene))
     w = -rays.inner_origins[2] / rays.inner_directions[2]

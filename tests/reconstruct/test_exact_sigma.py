@@ -88,7 +88,7 @@ def roof(scene: Scene, crease: float) -> Surface:
 def test_a_crease_between_pixels_is_in_sigma(cut, slit: bool) -> None:
     """Wherever it lies between two rows, or in a slit that nobody sees: all of the far side is off by the
     slopes' jump times the way from the middle, which is evenly drawn. Without noise."""
-    scene = resize(load("paper-simulation"), 40, 48)
+    scene = resize(load("paper-simulation", exact=True), 40, 48)
     pitch = scene.mirror.width / 40
     off = []
     for share in (0.1, 0.3, 0.5, 0.7, 0.9):

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from lab.figures.cliffs import cauchy_loop, cliff
 from optolever import InputError
-from optolever.experiments.cliffs import cauchy_loop, cliff
 from optolever.reconstruct import integrate, integrator_names
 from optolever.reconstruct.edges import increments
 

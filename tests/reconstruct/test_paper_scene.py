@@ -12,7 +12,7 @@ from optolever.scene import Scene, Trace, dent, load, resize, trace
 
 from .conftest import correspondence_of
 
-SCENE = resize(load("paper-simulation"), 40, 320)
+SCENE = resize(load("paper-simulation", exact=True), 40, 320)
 PEAK = 1.3
 
 
@@ -24,7 +24,7 @@ def seen() -> Trace:
 def test_geometry_is_read_off_the_scene() -> None:
     geometry = prism_geometry(SCENE)
     assert_allclose([geometry.alpha0, geometry.beta0, geometry.length], [np.pi / 4, np.pi / 4, 163.7])
-    assert_allclose(np.rad2deg(prism_geometry(load("prism48")).beta0), 48)
+    assert_allclose(np.rad2deg(prism_geometry(load("prism48", exact=True)).beta0), 48)
 
 
 def test_capture_positions_run_from_the_far_edge() -> None:
@@ -43,7 +43,7 @@ def test_drops_recover_the_dent_with_its_places(seen: Trace) -> None:
 
 
 def test_unequal_angles() -> None:
-    scene = resize(load("prism48"), 20, 400)
+    scene = resize(load("prism48", exact=True), 20, 400)
     seen = trace(scene, dent("gaussian", scene))
     height = reconstruct_paper(correspondence_of(seen), scene, series="drops")
     peak = np.nanmax(seen.z)
@@ -79,7 +79,9 @@ def moved_off_the_edge(scene: Scene) -> Scene:
     return replace(scene, pattern=replace(pattern, origin=pattern.origin + np.array([-5.0, 0.0, 0.0])))
 
 
-@pytest.mark.parametrize("scene", [load("monitor-mirror"), moved_off_the_edge(SCENE)], ids=["pinhole", "gap"])
+@pytest.mark.parametrize(
+    "scene", [load("monitor-mirror", exact=True), moved_off_the_edge(SCENE)], ids=["pinhole", "gap"]
+)
 def test_only_prisms(scene: Scene) -> None:
     with pytest.raises(InputError, match=scene.name):
         prism_geometry(scene)
@@ -87,4 +89,4 @@ def test_only_prisms(scene: Scene) -> None:
 
 def test_other_shapes_are_refused(seen: Trace) -> None:
     with pytest.raises(InputError, match="shape"):
-        reconstruct_paper(correspondence_of(seen), load("paper-simulation"))
+        reconstruct_paper(correspondence_of(seen), load("paper-simulation", exact=True))

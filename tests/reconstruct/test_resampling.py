@@ -79,7 +79,7 @@ def test_sigma_against_monte_carlo(preset: str, dent: str) -> None:
     """Mirror points moved along the camera's rays by smooth random errors of known sigma: the scatter at
     fixed x, y on flanks of either sign. Without the factor it would differ from sigma by 15 % and more.
     """
-    scene = resize(load(preset), SIDE, SIDE)
+    scene = resize(load(preset, exact=True), SIDE, SIDE)
     surface = dent_from_text(dent, scene)
     truth = trace(scene, surface)
     _, d = scene.camera.rays()

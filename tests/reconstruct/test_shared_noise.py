@@ -21,7 +21,7 @@ Seen = Callable[[np.ndarray, np.random.Generator], np.ndarray]
 
 def score(anchor: str, noise: SharedNoise, seen: Seen) -> float:
     """rms(error / sigma) of 24 draws of what is seen of u and v."""
-    scene = resize(load("prism48"), SIZE, SIZE)
+    scene = resize(load("prism48", exact=True), SIZE, SIZE)
     truth = trace(scene, dent("raised-cosine", scene, peak=0.2))
     given = "edge" if anchor == "edge" else PixelAnchor(30, 70, float(truth.z[30, 70]))
     exact, rng, found = exact_correspondence(truth, SIGMA), np.random.default_rng(1), []
@@ -62,7 +62,7 @@ def test_all_places_off_by_the_same(anchor: str) -> None:
 @pytest.mark.parametrize("cols", [1, 3])
 def test_beside_the_edge_alone(cols: int) -> None:
     """No pixel is an anchor of its own where all lie next to the edge at rest."""
-    scene = resize(load("prism48"), SIZE, SIZE)
+    scene = resize(load("prism48", exact=True), SIZE, SIZE)
     noise = SharedNoise(0.1, 0.1, 0.3, 0.3, 0.125, 0.125, SIGMA, SIGMA)
     seen = exact_correspondence(trace(scene, dent("raised-cosine", scene, peak=0.2)), SIGMA)
     mask = np.tile(np.arange(SIZE) < cols, (SIZE, 1))

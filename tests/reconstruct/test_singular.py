@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lab.figures.figures import brute_force
 from optolever.decode import Flag
-from optolever.experiments import brute_force
 from optolever.reconstruct import HeightFlag, PixelAnchor, reconstruct
 from optolever.scene import dent, trace
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from optolever.experiments.solver_bound import EVERY, least_variance
+from lab.figures.solver_bound import EVERY, least_variance
 from optolever.reconstruct import PixelAnchor, reconstruct
 from optolever.reconstruct.monte_carlo import _block_means
 from optolever.scene import trace

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.experiments.bench.rigs import camera_axes
+from lab.hard.rigs import camera_axes
 from optolever.scene import (
     Camera,
     Face,

@@ -10,7 +10,7 @@ from optolever import InputError
 from optolever.reconstruct import PointAnchor, exact_correspondence, reconstruct, slope_map
 from optolever.scene import Bow, PatternShape, PointTable, Scene, dent, load, resize, trace
 
-SCENE = resize(load("monitor-mirror"), 64, 80)
+SCENE = resize(load("monitor-mirror", exact=True), 64, 80)
 
 
 def bow(scene: Scene, size: float = 1.0) -> Bow:

@@ -142,7 +142,7 @@ BAD = [
     ("x", r"not readable as TOML"),
     (MINIMAL.replace("size_mm", "size"), r"mirror\.size_mm is missing"),
     (MINIMAL + "colour = 1\n", r"camera\.colour is unknown, must be one of kind, size, pitch_mm"),
-    (MINIMAL + "[light]\n", r"light is unknown, must be one of name, dent, mirror"),
+    (MINIMAL + "[light]\n", r"light is unknown, must be one of name, dent, exact, mirror"),
     (MINIMAL.replace("[60, 45]", "[60]"), r"mirror\.size_mm = \[60\]: must be 2 numbers"),
     (MINIMAL.replace("[60, 45]", "[60, 0]"), r"mirror\.size_mm = 0\.0: must be greater than 0"),
     (MINIMAL.replace("[60, 45]", "[60, nan]"), r"mirror\.size_mm = nan: must be finite"),

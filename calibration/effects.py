@@ -1,0 +1,47 @@
+"""What errors of the rig's numbers do to a height and to the depth of a dent, on a small image."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.reconstruct import predicted_maps
+from optolever.scene import Covariance, Scene
+
+__all__ = ["Effects", "effects"]
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Effects:
+    """Derivatives by the p unknowns of an adjustment: heights (p, n) in n pixels and depth (p,) of a dent of
+    `peak` mm against the mirror at rest; mm per unit."""
+
+    heights: Floats
+    depth: Floats
+    peak: float
+
+    def sigmas(self, covariance: Floats) -> tuple[float, float]:
+        """By a covariance (p, p) of the unknowns: of a height (median over the mirror), of the depth; mm."""
+        heights = np.sqrt(np.einsum("pn,pq,qn->n", self.heights, covariance, self.heights))
+        return float(np.median(heights)), float(np.sqrt(self.depth @ covariance @ self.depth))
+
+
+def effects(scene: Scene, by: Floats) -> Effects:
+    """Of a scene with a covariance; by (q, p): derivatives of its numbers by the unknowns. The modes of
+    numbers that are wrong one by one, each by its own sigma."""
+    assert scene.covariance is not None
+    own = np.diag(scene.covariance.matrix)
+    alone = Covariance(scene.covariance.names, np.diag(own))
+    small, height, rest, _ = predicted_maps(replace(scene, covariance=alone))
+    assert small.covariance is not None
+    assert height.calibration is not None
+    assert rest.calibration is not None
+    unit = np.sqrt(np.diag(small.covariance.matrix) / own)  # of the small scene's numbers
+    by_mode = by.T @ (unit[:, None] * np.linalg.pinv(small.covariance.root))
+    both = height.good & rest.good
+    depth = (height.calibration - rest.calibration)[:, both]
+    change = (height.z - rest.z)[both]
+    deepest = int(np.argmax(change))
+    return Effects(by_mode @ height.calibration[:, both], by_mode @ depth[:, deepest], float(change[deepest]))

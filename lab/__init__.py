@@ -1,0 +1,30 @@
+"""lab: measures and attacks optolever itself. It is not installed: `python -m lab NAME` from the root.
+
+It may import every module of `optolever`; tests alone import it.
+
+| file | holds |
+|---|---|
+| `program.py`, `commands/` | the program; one file a command, named as it |
+| `figures/` | figures beside their limits |
+| - `figures.py` | run_figures; reflection by brute force, which checks scene.trace |
+| - `decode_speed.py`, `decode_errors.py` | the decoder: speed, and errors beside what noise allows |
+| - `solver_figures.py`, `solver_bound.py` | the solver: exactness, time; its noise and the bound |
+| - `cliffs.py` | a cliff behind a mask, and the plain robust integration of it |
+| `bench/` | larger benches |
+| - `methods.py` | every solver and integrator on the same cases |
+| - `sweeps.py` | grids of cells, resumed, here or on Dask |
+| `calibration/` | what a calibration is worth |
+| - `rigs.py`, `figures.py` | rigs with errors and captures on them; the figures |
+| - `typed.py` | rigs that are not as typed: heights against their total sigma |
+| `design/` | studies of `optolever design` |
+| - `exhaustive.py` | run_choice: the first choice against all candidates simulated |
+| - `adaptive.py`, `adaptive_study.py` | the next frames from the last; against the best fixed sequence |
+| `fuzz/` | the program on damaged inputs |
+| - `fuzz.py`, `damage.py` | cases and their verdicts; the damage |
+| `hard/` | hard cases of decode and reconstruct |
+| - `hard.py`, `hard_case.py`, `found.py` | the list; verdicts, figures over draws; errors against the truth |
+| - `hard_decode.py`, `hard_reconstruct.py`, `hard_surroundings.py` | written lists |
+| - `hard_drawn.py`, `rigs.py`, `drawn.py` | drawn rigs, wrong scenes, mirrors that bend; drawn dents |
+| - `hard_edges.py`, `hard_unlike.py` | depth edges, faults among them; displays unlike the sequence |
+| - `layered.py`, `plain.py` | light of layered scenes; places that ideal levels mean |
+"""

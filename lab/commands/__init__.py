@@ -1,0 +1,1 @@
+"""The commands of `python -m lab`: parse, call, print."""

@@ -1,0 +1,66 @@
+"""`python -m lab calibration`: what a calibration is worth, by simulated rigs."""
+
+from pathlib import Path
+
+import click
+
+from optolever.cli.options import json_option, sample
+from optolever.cli.outputs import Program
+from optolever.cli.show import grid, progress, write_json
+
+__all__ = ["command"]
+
+SAMPLE = """
+$ python -m lab calibration --draws 3 --setup "prism, rest + 3 balls"
+Dent less rest, relative to its depth
+set-up                 draws  error  worst  scale  scale/sigma  chi2/r  r  chi  seconds
+prism, rest + 3 balls  ...
+"""
+
+
+@click.command("calibration", cls=Program, epilog=sample(SAMPLE))
+@click.option("--draws", type=click.IntRange(1), default=12, show_default=True, metavar="N")
+@click.option("--setup", "setups", multiple=True, metavar="NAME", help="One of the set-ups; default: all.")
+@click.option("--rendered", is_flag=True, help="Rendered frames with a noise of one level, decoded.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="The first one's number.")
+@json_option
+def command(draws: int, setups: tuple[str, ...], rendered: bool, seed: int, json_path: Path | None) -> None:
+    """Simulate rigs and tell what calibrating them is worth.
+
+    Rigs with errors of their own are calibrated, a dent is measured with each. chi2 of the coefficients of
+    the modes is 1 where the covariance is true (a map is one sample).
+    """
+    import numpy as np
+
+    from optolever import InputError
+
+    from ..calibration.figures import SETUPS, Figure, figures
+
+    for name in setups:
+        if name not in SETUPS:
+            raise InputError(f"--setup {name}: unknown, must be one of {', '.join(SETUPS)}")
+    found: list[Figure] = []
+    rows = []
+    with progress() as step:
+        for name in setups or tuple(SETUPS):
+            drawn: list[Figure] = []
+            for each in figures(name, range(seed, seed + draws), rendered):
+                step(name, len(drawn), draws)
+                drawn.append(each)
+            found += drawn
+            if not drawn:
+                rows.append((name, "0", *["-"] * 8))
+                continue
+            column = {
+                key: np.array([getattr(each, key) for each in drawn])
+                for key in ("error", "scale", "sigma_scale", "chi2", "chi", "modes", "seconds")
+            }
+            share = column["scale"] / column["sigma_scale"]
+            cells = [np.median(column["error"]), column["error"].max(), np.abs(column["scale"]).max()]
+            cells += [np.sqrt(np.mean(share**2)), column["chi2"].mean(), np.median(column["modes"])]
+            cells += [column["chi"].max(), column["seconds"].max()]
+            rows.append((name, str(len(drawn)), *(f"{cell:.3g}" for cell in cells)))
+    heads = ("set-up", "draws", "error", "worst", "scale", "scale/sigma", "chi2/r", "r", "chi", "seconds")
+    grid("Dent less rest, relative to its depth", heads, rows)
+    if json_path is not None:
+        write_json(json_path, {"figures": [each.to_dict() for each in found]})

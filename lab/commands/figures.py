@@ -1,0 +1,98 @@
+"""`python -m lab figures`: figures beside their limits, measured here and now."""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from optolever.cli.options import json_option, sample, size_option
+from optolever.cli.outputs import Program
+from optolever.cli.show import grid, number, progress, write_json
+
+if TYPE_CHECKING:
+    from ..figures.figures import Figure
+
+__all__ = ["command"]
+
+SAMPLE = """
+$ python -m lab figures
+Figures
+figure                                                measured      limit
+trace against brute force, paper-simulation, largest  8.527e-14 px  at most 1e-09
+GLSL against float64, paper-simulation, decoded rms   1.539e-05 px  at most 0.002
+...
+"""
+
+
+@click.command("figures", cls=Program, epilog=sample(SAMPLE))
+@click.option(
+    "--seeds",
+    type=click.IntRange(min=1),
+    default=30,
+    show_default=True,
+    metavar="N",
+    help="Runs of the mean over seeds.",
+)
+@click.option(
+    "--decode",
+    "only_decode",
+    is_flag=True,
+    help="Measure the decoder instead: speed beside memory, `fringes` and OpenCV, on the same frames; errors "
+    "beside what noise allows.",
+)
+@click.option(
+    "--reconstruct",
+    "only_reconstruct",
+    is_flag=True,
+    help="Measure the reconstructor instead: exactness, time, memory, the Cramer-Rao bound, a stream.",
+)
+@size_option
+@json_option
+def command(
+    seeds: int,
+    only_decode: bool,
+    only_reconstruct: bool,
+    size: tuple[int, int] | None,
+    json_path: Path | None,
+) -> None:
+    """Measure exactness, speed and noise, each beside its limit.
+
+    Trace against brute force, GLSL against float64, frames per second, the demo with and without blur, and
+    error bars over many seeds. --size resamples the demo alone (with --decode: it is the size of the frames,
+    1080x1920 if not given).
+    """
+    from ..figures.decode_speed import run_decode_figures
+    from ..figures.figures import run_figures
+    from ..figures.solver_figures import run_solver_figures
+
+    if only_decode and only_reconstruct:
+        raise click.UsageError("--decode and --reconstruct: one at a time")
+    if only_reconstruct and size is not None:
+        raise click.UsageError("--size: the reconstructor's figures have their own sizes")
+    with progress() as step:
+        if only_reconstruct:
+            figures = run_solver_figures(seeds=seeds, progress=step)
+        elif only_decode:
+            figures = run_decode_figures(size=size or (1080, 1920), progress=step)
+        else:
+            figures = run_figures(seeds=seeds, size=size, progress=step)
+    write_json(json_path, {"figures": [asdict(figure) | {"met": figure.met} for figure in figures]})
+    rows = [
+        (
+            figure.name,
+            number(figure.value, figure.unit),
+            _limit(figure),
+            figure.note if figure.met else f"NOT MET; {figure.note}".rstrip("; "),
+        )
+        for figure in figures
+    ]
+    grid("Figures", ("figure", "measured", "limit", ""), rows)
+
+
+def _limit(figure: "Figure") -> str:
+    if figure.low is None and figure.high is None:
+        return ""
+    if figure.low is None or figure.high is None:
+        return f"at most {figure.high:g}" if figure.low is None else f"at least {figure.low:g}"
+    return f"{figure.low:g} to {figure.high:g}"

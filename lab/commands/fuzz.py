@@ -1,0 +1,65 @@
+"""`python -m lab fuzz`: damaged inputs of every kind, by number."""
+
+import tempfile
+from collections import Counter
+from pathlib import Path
+
+import click
+
+from optolever.cli.options import json_option, sample
+from optolever.cli.outputs import Program
+from optolever.cli.show import grid, number, progress, table, write_json
+
+__all__ = ["command"]
+
+SAMPLE = """
+$ python -m lab fuzz --cases 100 --seed 1
+Damaged inputs
+kind       results  refused  faults
+scene      5        6        0
+...
+"""
+
+
+@click.command("fuzz", cls=Program, epilog=sample(SAMPLE))
+@click.option("--cases", type=click.IntRange(1), default=1000, show_default=True, metavar="N")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the draws.")
+@click.option(
+    "--first", type=click.IntRange(0), default=0, show_default=True, help="The first case's number."
+)
+@json_option
+def command(cases: int, seed: int, first: int, json_path: Path | None) -> int:
+    """Run the program on damaged inputs of every kind.
+
+    Each must end with 0 and a result that holds, or with 2, one line and no result, within 30 s and 4 GiB.
+    Exit code 1 if one does not.
+    """
+    from optolever.cli.app import app, run
+
+    from ..fuzz.fuzz import FUZZED, fuzz
+
+    ended: Counter[tuple[str, str]] = Counter()
+    faults, slowest, largest = [], 0.0, 0
+    with tempfile.TemporaryDirectory() as folder, progress() as step:
+        for done, outcome in enumerate(fuzz(run, app, cases, seed, first, Path(folder))):
+            step("cases", done, cases)
+            ended[
+                outcome.kind, "faults" if outcome.fault else ("results", "", "refused")[outcome.code or 0]
+            ] += 1
+            slowest, largest = max(slowest, outcome.seconds), max(largest, outcome.bytes)
+            if outcome.fault:
+                faults.append(outcome)
+    columns = ("results", "refused", "faults")
+    rows = [(kind, *(str(ended[kind, name]) for name in columns)) for kind in FUZZED]
+    grid("Damaged inputs", ("kind", *columns), rows)
+    for outcome in faults:
+        last = outcome.fault.strip().splitlines()[-1]
+        click.echo(
+            f"--seed {seed} --first {outcome.number}, {outcome.kind}: {last}\n  {' '.join(outcome.args)}"
+        )
+    verdict = {"faults": f"{len(faults)} of {cases}", "slowest": number(slowest, "s")}
+    table("Verdict", verdict | {"memory": number(largest / 2**30, "GiB (the most of one case)")})
+    if json_path is not None:
+        found = {"seconds": slowest, "bytes": largest, "faults": [outcome.number for outcome in faults]}
+        write_json(json_path, {"cases": cases, "seed": seed, "first": first} | found)
+    return 1 if faults else 0

@@ -1,0 +1,80 @@
+"""`python -m lab rigs`: heights of rigs that are not as typed, against their total sigma."""
+
+from pathlib import Path
+
+import click
+
+from optolever.cli.options import json_option, sample
+from optolever.cli.outputs import Program
+from optolever.cli.show import grid, length, progress, write_json
+
+__all__ = ["command"]
+
+SAMPLE = """
+$ python -m lab rigs --draws 5
+Rigs off by draws of their priors
+kind         capture  runs  error   total sigma  error/sigma  worst  beyond  notices  refused  silent
+camera pose  alone    5     ...
+"""
+
+
+@click.command("rigs", cls=Program, epilog=sample(SAMPLE))
+@click.option(
+    "--draws", type=click.IntRange(1), default=5, show_default=True, metavar="N", help="Of every kind."
+)
+@click.option("--kind", "chosen", multiple=True, metavar="NAME", help="Kinds of errors; default: all.")
+@click.option("--times", type=click.FloatRange(0), default=1.0, show_default=True, help="Of the priors.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="The first one's number.")
+@json_option
+def command(draws: int, chosen: tuple[str, ...], times: float, seed: int, json_path: Path | None) -> None:
+    """Draw rigs from the priors of typed numbers and compare heights with their total sigma.
+
+    Medians of the heights' error and of total sigma; error/sigma: rms, median over runs and worst run; beyond:
+    largest share of heights beyond five total sigma; silent: runs with more than 1 % of them and no notice.
+    """
+    import numpy as np
+
+    from optolever import InputError
+
+    from ..calibration.typed import KINDS, typed_runs
+
+    for name in chosen:
+        if name not in KINDS:
+            raise InputError(f"--kind {name}: unknown, must be one of {', '.join(KINDS)}")
+    kinds = chosen or tuple(KINDS)
+    with progress(lines=True) as step:
+        runs = []
+        for run in typed_runs(kinds, range(seed, seed + draws), times):
+            runs.append(run)
+            step(run.kind, len(runs), 2 * draws * len(kinds))
+    rows = []
+    for kind in kinds:
+        for rest in (False, True):
+            some = [run for run in runs if run.kind == kind and run.rest is rest]
+            ratios = [run.ratio for run in some]
+            cells = (
+                length(float(np.nanmedian([run.error for run in some]))),
+                length(float(np.nanmedian([run.sigma for run in some]))),
+                f"{np.nanmedian(ratios):.2f}",
+                f"{np.nanmax(ratios):.2f}",
+                f"{max(run.beyond for run in some):.2%}",
+                str(sum(run.told for run in some)),
+                str(sum(run.refused for run in some)),
+                str(sum(run.silent for run in some)),
+            )
+            rows.append((kind, "against rest" if rest else "alone", str(len(some)), *cells))
+    heads = (
+        "kind",
+        "capture",
+        "runs",
+        "error",
+        "total sigma",
+        "error/sigma",
+        "worst",
+        "beyond",
+        "notices",
+        "refused",
+    )
+    grid("Rigs off by draws of their priors", (*heads, "silent"), rows)
+    if json_path is not None:
+        write_json(json_path, {"runs": [run.to_dict() for run in runs]})

@@ -1,0 +1,228 @@
+"""Contacts on rigs that are not as typed: how often area, depth and position lie within one sigma.
+
+Every number of the rig is drawn from its prior, and so is the place of the whole rig along the mirror. Rest
+and press are traced on that rig; the height is reconstructed with the typed scene against the rest capture.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.ndimage
+from scipy.spatial.transform import Rotation
+
+from optolever.decode import Correspondence
+from optolever.experiments.arrays import Floats, Mask
+from optolever.reconstruct import (
+    Contact,
+    HeightMap,
+    SlopeMap,
+    contacts,
+    exact_correspondence,
+    reconstruct,
+    slope_map,
+)
+from optolever.scene import (
+    Scene,
+    Surface,
+    adjusted,
+    dent,
+    load,
+    parameter_values,
+    resize,
+    rig_covariance,
+    trace,
+)
+
+__all__ = ["KINDS", "Compared", "Finger", "contact_figures", "drawn_press", "press"]
+
+KINDS = ("ball", "punch", "gaussian", "needle")
+_GAUGE = (0.5, 0.5, np.radians(1.0))  # mm, mm, rad: where the whole rig stands along the mirror
+_TAPER = 0.1  # of the mirror's length, as dents of a scene fade to the edge at rest
+_FINE, _COARSE = 0.05, 0.25  # mm: grids of the true areas and of the dents that merge
+
+
+@dataclass(frozen=True, slots=True)
+class Finger:
+    """One contact: kind, place, depth and size (contact radius, sigma or decay) in mm."""
+
+    kind: str
+    x: float
+    y: float
+    depth: float
+    size: float
+
+    @property
+    def radius(self) -> float:
+        """Where about half of the depth is left, mm."""
+        factor = {"ball": 1.0, "punch": 1.3, "gaussian": np.sqrt(2 * np.log(2)), "needle": np.log(2)}
+        return float(self.size * factor[self.kind])
+
+    def surface(self, scene: Scene) -> Surface:
+        """Its dent alone."""
+        place = {"peak": self.depth, "x": self.x, "y": self.y}
+        if self.kind == "ball":
+            return dent("ball", scene, radius=self.size**2 / self.depth, **place)
+        if self.kind == "needle":
+            return dent("needle", scene, decay=self.size, **place)
+        if self.kind == "gaussian":
+            return dent("gaussian", scene, sigma=self.size, **place)
+        return _punch(scene, self)
+
+
+@dataclass(frozen=True, slots=True)
+class Compared:
+    """A finger, the contact that was found (None: none) and errors over sigma by name."""
+
+    finger: Finger
+    contact: Contact | None
+    scores: dict[str, float]
+
+
+def contact_figures(rigs: int, seed: int = 0, size: tuple[int, int] = (120, 160)) -> Iterator[list[Compared]]:
+    """Fingers of every drawn rig against what was found."""
+    scene = resize(load("prism48"), *size)
+    for number in range(rigs):
+        rng = np.random.default_rng([60, seed, number])
+        fingers = drawn_press(scene, rng)
+        yield compared(press(scene, fingers, rng), fingers, scene)
+
+
+def drawn_press(scene: Scene, rng: np.random.Generator) -> list[Finger]:
+    """Two to five fingers whose dents do not merge above half of their depths."""
+    wanted = int(rng.integers(2, 6))
+    while True:
+        fingers = [_drawn(scene, rng) for _ in range(wanted)]
+        if not _merge(fingers, scene):
+            return fingers
+
+
+def _drawn(scene: Scene, rng: np.random.Generator) -> Finger:
+    length, width = scene.mirror.length, scene.mirror.width
+    depth, size = float(np.exp(rng.uniform(*np.log([0.02, 0.3])))), float(rng.uniform(2.0, 4.5))
+    x, y = rng.uniform([0.2 * length, 0.15 * width], [0.8 * length, 0.85 * width])
+    return Finger(KINDS[rng.integers(len(KINDS))], float(x), float(y), depth, size)
+
+
+def _merge(fingers: list[Finger], scene: Scene) -> bool:
+    """Whether at half of its depth any dent contains another one, or reaches the mirror's edge."""
+    x, y = np.meshgrid(np.arange(0, scene.mirror.length, _COARSE), np.arange(0, scene.mirror.width, _COARSE))
+    z = surface_of(fingers, scene).height(x, y)
+    at = [(round(finger.y / _COARSE), round(finger.x / _COARSE)) for finger in fingers]
+    for finger, place in zip(fingers, at, strict=True):
+        labels, _ = scipy.ndimage.label(z > 0.45 * z[place])
+        mine = labels == labels[place]
+        if sum(mine[other] for other in at) > 1 or np.hypot(x - finger.x, y - finger.y)[mine].max() > 9.0:
+            return True
+    return False
+
+
+def press(
+    scene: Scene, fingers: list[Finger], rng: np.random.Generator, at_rest: bool = True
+) -> tuple[HeightMap, SlopeMap]:
+    """Height and slopes of fingers on a rig drawn from the priors of a typed scene; at_rest: against a rest
+    capture."""
+    covariance = rig_covariance(scene)
+    assert covariance is not None
+    own, change = parameter_values(scene), rng.standard_normal(len(covariance.root)) @ covariance.root
+    values = {name: own[name] + by for name, by in zip(covariance.names, change, strict=True)}
+    truth = _moved(adjusted(scene, values), *(_GAUGE * rng.standard_normal(3)))
+    noise = float(rng.uniform(0.01, 0.02))
+    rest = _captured(truth, dent("flat", scene), noise, rng) if at_rest else None
+    seen = _captured(truth, surface_of(fingers, scene), noise, rng)
+    height = reconstruct(seen, scene, rest=rest)
+    return height, slope_map(height, seen, scene, rest)
+
+
+def compared(pressed: tuple[HeightMap, SlopeMap], fingers: list[Finger], scene: Scene) -> list[Compared]:
+    """Every finger against the nearest contact of a map."""
+    found = contacts(*pressed)
+    surface, result = surface_of(fingers, scene), []
+    for finger in fingers:
+        off = [np.hypot(c.x - finger.x, c.y - finger.y) for c in found]
+        near = int(np.argmin(off)) if off else -1
+        if near < 0 or off[near] > finger.radius + 2.0:
+            result.append(Compared(finger, None, {}))
+            continue
+        result.append(Compared(finger, found[near], _scores(found[near], finger, surface)))
+    return result
+
+
+def surface_of(fingers: list[Finger], scene: Scene) -> Surface:
+    """The sum of all dents."""
+    parts = [finger.surface(scene) for finger in fingers]
+
+    def both(x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
+        z, zx, zy = (np.sum(part, axis=0) for part in zip(*(p.evaluate(x, y) for p in parts), strict=True))
+        return z, zx, zy
+
+    return Surface(lambda x, y: both(x, y)[0], lambda x, y: both(x, y)[1:], both=both)
+
+
+def _moved(scene: Scene, along: float, across: float, turn: float) -> Scene:
+    """The whole rig shifted along the mirror and turned about the normal in its middle."""
+    rotation = Rotation.from_rotvec([0.0, 0.0, turn]).as_matrix()
+    middle = np.array([0.5 * scene.mirror.length, 0.5 * scene.mirror.width, 0.0])
+
+    def point(at: Floats) -> Floats:
+        to: Floats = rotation @ (at - middle) + middle + [along, across, 0.0]
+        return to
+
+    camera, pattern = scene.camera, scene.pattern
+    face = camera.face
+    if face is not None:
+        face = replace(face, point=point(face.point), normal=rotation @ face.normal)
+    axes = {"u_axis": rotation @ camera.u_axis, "v_axis": rotation @ camera.v_axis}
+    turned = {"u_axis": rotation @ pattern.u_axis, "v_axis": rotation @ pattern.v_axis}
+    return replace(
+        scene,
+        camera=replace(camera, origin=point(camera.origin), face=face, **axes),
+        pattern=replace(pattern, origin=point(pattern.origin), **turned),
+    )
+
+
+def _captured(scene: Scene, surface: Surface, noise: float, rng: np.random.Generator) -> Correspondence:
+    exact = exact_correspondence(trace(scene, surface), noise)
+    u, v = (part + noise * rng.standard_normal(part.shape) for part in (exact.u, exact.v))
+    return replace(exact, u=u, v=v)
+
+
+def _punch(scene: Scene, finger: Finger) -> Surface:
+    """Flat rigid cylinder on an elastic half-space: depth inside, 2/pi depth asin(a/r) outside."""
+    length, taper = scene.mirror.length, _TAPER * scene.mirror.length
+
+    def both(x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
+        dx, dy = x - finger.x, y - finger.y
+        q = np.maximum(np.hypot(dx, dy) / finger.size, 1.0)
+        z = finger.depth * 2 / np.pi * np.arcsin(1 / q)
+        root = np.sqrt(np.maximum(q * q - 1, 1e-12))
+        over_r = np.where(q > 1, -2 / np.pi * finger.depth / (finger.size * q) ** 2 / root, 0.0)
+        s = np.clip((length - x) / taper, 0.0, 1.0)
+        fade, fading = s**3 * (10 + s * (6 * s - 15)), -30 / taper * (s * (1 - s)) ** 2
+        return z * fade, over_r * dx * fade + z * fading, over_r * dy * fade
+
+    return Surface(lambda x, y: both(x, y)[0], lambda x, y: both(x, y)[1:], both=both)
+
+
+def _scores(contact: Contact, finger: Finger, surface: Surface) -> dict[str, float]:
+    """Errors over sigma of depth, area and position against the true surface."""
+    reach = 10.0
+    steps = np.arange(-reach, reach + _FINE, _FINE)
+    x, y = np.meshgrid(finger.x + steps, finger.y + steps)
+    z = surface.height(x, y)
+    close = np.hypot(x - finger.x, y - finger.y) < finger.radius
+    depth = float(z[close].max())
+    if contact.found:
+        area, place = np.pi * finger.size**2, np.array([finger.x, finger.y])
+    else:
+        labels, _ = scipy.ndimage.label(z > 0.5 * depth)
+        middle = steps.size // 2
+        half: Mask = labels == labels[middle, middle]
+        area, place = np.count_nonzero(half) * _FINE**2, np.array([x[half].mean(), y[half].mean()])
+    off = (np.array(contact.centroid) - place) / contact.centroid_sigma
+    return {
+        "depth": (contact.depth - depth) / contact.depth_sigma,
+        "area": float(contact.area - area) / contact.area_sigma,
+        "x": float(off[0]),
+        "y": float(off[1]),
+    }

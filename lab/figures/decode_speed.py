@@ -1,0 +1,283 @@
+"""The decoder's speed beside what memory allows and beside other decoders, on the same frames in one run; its
+errors: see decode_errors.
+
+The floor is a kernel of the same shape that reads every frame and writes as many bytes as decode, into
+memory that the process has already.
+Frames for others are those of an ideal surface and camera: a smooth map, noise, rounding.
+"""
+
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.blocks import on_cores
+from optolever.decode import decode
+from optolever.experiments.arrays import Floats
+from optolever.experiments.bench.decoders import (
+    axis_by_axis,
+    cv2_coder,
+    cv2_decode,
+    cv2_places,
+    fringes_coder,
+)
+from optolever.experiments.ideal import camera_frames
+from optolever.experiments.metrics import rms
+from optolever.experiments.timing import timed, toucher
+from optolever.patterns import Frame, Sequence, sequence, sequence_from_text
+from optolever.processes import safe_path
+from optolever.projector import Footprints, light_of
+from optolever.records import Progress, silent
+
+from .decode_errors import decode_errors
+from .figures import Figure, Parts, measured_parts
+
+SIZE = (1080, 1920)
+#: Turns of two that are compared, fewer where they take longer together than so many seconds.
+PAIRS, FEWEST, SECONDS = 10, 3, 10.0
+#: Frames for others, levels.
+OFFSET, AMPLITUDE, NOISE = 110.0, 95.0, 1.5
+PERIODS, STEPS = (2160.0, 48.0), 4
+#: Frames of every code, levels.
+DARK, BRIGHT = 20.0, 220.0
+BLUR = 0.5  # cells, rms, between display and camera
+_PLACES = 128  # per cell, at which a pixel may look
+#: Free levels: frames of an axis, cells of the display that share a grey value.
+_FREE_FRAMES, _FREE_CELL = 12, 2.0
+PARTS = ("codes", "fringes", "gray", "first calls", "errors")
+_START = """
+import sys, time
+import numpy as np
+from optolever.decode import decode
+from optolever.errors import InputError
+from optolever.patterns import sequence_from_text
+frames = np.load(sys.argv[1])
+shown = sequence_from_text(sys.argv[2], *frames.shape[1:])
+start = time.perf_counter()
+decode(frames, shown)
+print(time.perf_counter() - start)
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedCode:
+    """text: of the sequence, or "levels": random grey values; limit: times the floor that decoding may take;
+    noise: grey levels; extent: surface, cells along either axis at most (0: as many as the camera has
+    pixels)."""
+
+    text: str
+    limit: float = 5.0
+    noise: float = 1.0
+    extent: int = 0
+
+    @property
+    def name(self) -> str:
+        """Of its row in the table."""
+        name = "free levels" if self.text == "levels" else self.text
+        return name + (f" on {self.extent} cells" if self.extent else "") + f", noise {self.noise:g}"
+
+
+SPEED_CODES = (
+    SpeedCode("gray"),
+    SpeedCode("gray:inverses=false"),
+    SpeedCode("long-run-gray"),
+    SpeedCode("phase:steps=4"),
+    SpeedCode("phase:steps=8"),
+    SpeedCode("phase:steps=3,periods=8.73782/8.05745/8", 8.0),
+    SpeedCode("phase:steps=4,periods=20/22/25", 8.0, extent=1100),
+    SpeedCode("phase:counts=1/40"),
+    SpeedCode("phase"),
+    SpeedCode("phase:steps=3,periods=576/64/7", extent=576),
+    SpeedCode("micro-phase", 15.0),
+    SpeedCode("micro-phase", 25.0, noise=2.0),
+    SpeedCode("gray+phase"),
+    SpeedCode("stripe:step=16", 10.0),
+    SpeedCode("stripe:step=8", 10.0),
+    SpeedCode("levels", 40.0),
+)
+
+
+def speed_sequence(code: SpeedCode, size: tuple[int, int]) -> Sequence:
+    """On a surface of `size` (rows, cols), or as much of it as the code tells apart."""
+    rows, cols = (min(extent, code.extent or extent) for extent in size)
+    if code.text != "levels":
+        return sequence_from_text(code.text, rows, cols)
+    rng = np.random.default_rng(0)
+    frames = []
+    for axis, extent in (("u", cols), ("v", rows)):
+        for levels in rng.integers(0, 256, (_FREE_FRAMES, int(np.ceil(extent / _FREE_CELL)))).tolist():
+            frames.append(Frame("levels", axis, levels=tuple(levels), cell_px=_FREE_CELL))
+    return Sequence(tuple(frames), rows, cols)
+
+
+def smooth_map(size: tuple[int, int], surface: tuple[int, int]) -> tuple[Floats, Floats]:
+    """u and v of every pixel: within the surface, with a gradient that changes."""
+    row, col = np.mgrid[: size[0], : size[1]].astype(np.float64)
+    x, y = col / size[1], row / size[0]
+    u = surface[1] * (0.03 + 0.93 * x + 0.005 * np.sin(9 * y))
+    return u, surface[0] * (0.03 + 0.93 * y + 0.005 * np.cos(9 * x))
+
+
+def speed_frames(shown: Sequence, size: tuple[int, int], noise: float) -> NDArray[np.uint8]:
+    """Images (N, *size) of a surface with smooth_map, white noise of `noise` levels."""
+    maps = [np.rint(place * _PLACES).astype(np.intp) for place in smooth_map(size, (shown.rows, shown.cols))]
+    lines = [_line(shown, axis, 0.93 / pixels) for axis, pixels in enumerate(size[::-1])]
+    stack = np.empty((len(shown), *size), np.uint8)
+
+    def fill(i: int) -> None:
+        frame = shown.frames[i]
+        axis = int(frame.axis == "v")
+        (light,) = light_of(lines[axis], replace(shown, frames=(frame,)), None, BLUR)
+        level = np.float32(DARK) + np.float32(BRIGHT - DARK) * light[maps[axis]]
+        level += np.float32(noise) * np.random.default_rng(i).standard_normal(size, dtype=np.float32)
+        stack[i] = np.clip(np.rint(level), 0, 255)
+
+    on_cores(fill, range(len(shown)))
+    return stack
+
+
+def _line(shown: Sequence, axis: int, width: float) -> Footprints:
+    """Pixels of a width (share of the surface) at every place along u (axis 0) or v, amid the other."""
+    extent = (shown.cols, shown.rows)[axis]
+    place = np.arange(extent * _PLACES) / _PLACES
+    box, none = np.tile([width * extent, 0.0], (place.size, 1)), np.zeros((place.size, 2))
+    across = np.full(place.size, 0.5 * (shown.cols, shown.rows)[1 - axis])
+    at, boxes = (place, across), (box, none)
+    return Footprints(at[axis], at[1 - axis], np.ones(place.size), boxes[axis], boxes[1 - axis])
+
+
+def run_decode_figures(
+    *, size: tuple[int, int] = SIZE, parts: tuple[str, ...] = PARTS, progress: Progress = silent
+) -> list[Figure]:
+    """Everything on frames of `size` (rows, cols), the surface's size too; peers that are missing say so.
+
+    parts: of PARTS; "fringes" and "first calls" compile for long.
+    "errors" are those of images of their own sizes.
+    """
+    sized = (partial(part, size) for part in (_codes, _fringes, _gray, _starts))
+    every: Parts = dict(zip(PARTS, (*sized, decode_errors), strict=True))
+    return measured_parts({name: every[name] for name in parts}, progress)
+
+
+def _shoot(shown: Sequence, size: tuple[int, int]) -> tuple[NDArray[Any], tuple[Floats, Floats]]:
+    """Frames of an ideal surface with a smooth map, and that."""
+    truth = smooth_map(size, size)
+    return camera_frames(shown, truth, (OFFSET, AMPLITUDE), NOISE, np.random.default_rng(0)), truth
+
+
+def _codes(size: tuple[int, int]) -> Iterator[Figure]:
+    """Every code with decode's default options, beside the floor of its own frames."""
+    for code in SPEED_CODES:
+        shown = speed_sequence(code, size)
+        frames = speed_frames(shown, size, code.noise)
+        found = decode(frames, shown)
+        floor, ours, ratio = _pairs(toucher(frames), lambda: decode(frames, shown))  # noqa: B023
+        note = (
+            f"{1e9 * ours / frames.size:.2f} ns per frame and pixel; {len(shown)} frames: floor "
+            f"{1e3 * floor:.1f} ms, decode {1e3 * ours:.1f} ms; good {100 * found.good.mean():.4g} %"
+        )
+        yield Figure(f"{code.name}, decode over floor", ratio, "times", high=code.limit, note=note)
+
+
+def _pairs(one: Callable[[], Any], other: Callable[[], Any]) -> tuple[float, float, float]:
+    """Seconds of each and other over one, medians over pairs of calls in turn: others may share the machine;
+    the first pair warms up."""
+    one(), other()
+    # no value is kept, so that its memory serves the next call
+    pairs = [(timed(one).seconds, timed(other).seconds)]
+    count = int(np.clip(SECONDS / pairs[0][1], FEWEST, PAIRS))
+    pairs += [(timed(one).seconds, timed(other).seconds) for _ in range(count - 1)]
+    first, second = np.array(pairs).T
+    return float(np.median(first)), float(np.median(second)), float(np.median(second / first))
+
+
+def _error(
+    name: str, u: NDArray[Any], v: NDArray[Any], truth: tuple[Floats, Floats], good: NDArray[Any]
+) -> Figure:
+    distance = np.stack([u - truth[0], v - truth[1]])[:, good]
+    note = f"{100 * good.mean():.3g} % of the pixels"
+    return Figure(f"{name}, rms error", rms(distance), "px", note=note)
+
+
+def _fringes(size: tuple[int, int]) -> Iterator[Figure]:
+    """Two periods of four steps on both axes, beside decode, which gives u, v, their sigmas, flags,
+    amplitude, offset and order error in one go; of ideal cosines, which is all that `fringes` knows.
+    """
+    shown = axis_by_axis(sequence("phase", *size, periods=PERIODS, steps=STEPS))
+    frames, truth = _shoot(shown, size)
+    name = f"{len(shown)} phase frames"
+    found = decode(frames, shown, on_cells=False)
+    yield _error(f"{name}, optolever", found.u, found.v, truth, found.good)
+    if find_spec("fringes") is None:
+        yield Figure(f"{name}, fringes", float("nan"), note="not installed")
+        return
+    coder, stack = fringes_coder(shown), frames[..., None]
+    for label, verbose, more in (
+        ("fringes", False, "no sigma, no flags"),
+        ("fringes verbose", True, "uncertainty (of rounding only), residual, no flags"),
+    ):
+        _, theirs, ratio = _pairs(
+            partial(decode, frames, shown, on_cells=False),
+            partial(coder.decode, stack, verbose=verbose),
+        )
+        yield Figure(f"{name}, {label}", 1e3 * theirs, "ms", note=f"u, v, amplitudes, offsets; {more}")
+        yield Figure(f"{name}, {label} over optolever", ratio, low=30)
+    x = np.asarray(coder.decode(stack).x, np.float64)[..., 0]
+    yield _error(f"{name}, fringes", x[0], x[1], truth, np.asarray(np.isfinite(x).all(axis=0)))
+
+
+def _gray(size: tuple[int, int]) -> Iterator[Figure]:
+    """Gray bits of both axes, each with its inverse."""
+    rows, cols = size
+    shown = axis_by_axis(sequence("gray", rows, cols, references=False))
+    frames, truth = _shoot(shown, size)
+    name = f"{len(shown)} Gray frames"
+    found = decode(frames, shown)
+    yield _error(f"{name}, optolever", found.u, found.v, truth, found.good)
+    (white, black), _ = _shoot(Sequence((Frame("white"), Frame("black")), rows, cols), size)
+    code, images = cv2_coder(shown), list(frames)
+    ours, theirs, ratio = _pairs(
+        lambda: decode(frames, shown), lambda: cv2_decode(code, images, white, black)
+    )
+    yield Figure(f"{name}, optolever", 1e3 * ours, "ms")
+    yield Figure(f"{name}, cv2", 500 * theirs, "ms", note="whole u, v; half of its time for two cameras")
+    yield Figure(f"{name}, cv2 over optolever", 0.5 * ratio, low=60)
+    chosen = np.random.default_rng(0).integers(0, size, (2000, 2))
+    u, v = cv2_places(code, images, chosen).T
+    there = truth[0][tuple(chosen.T)], truth[1][tuple(chosen.T)]
+    yield _error(f"{name}, cv2 (2000 pixels)", u, v, there, np.isfinite(u))
+
+
+def _starts(size: tuple[int, int]) -> Iterator[Figure]:
+    """The first call in a fresh process, its kernels compiled or cached."""
+    for text in ("phase", "gray", "gray+phase"):
+        shown = sequence(text, *size)
+        frames, _ = _shoot(shown, size)
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "frames.npy"
+            np.save(path, frames)
+            cold, warm = (_first_call(path, text, Path(folder) / "cache") for _ in range(2))
+        yield Figure(f"first decode of {text}, nothing compiled", cold, "s", high=20)
+        yield Figure(f"first decode of {text}, kernels cached", warm, "s", high=1)
+
+
+def _first_call(path: Path, text: str, cache: Path) -> float:
+    """Seconds of the first decode in a process whose compiled kernels are in `cache`."""
+    with safe_path():
+        run = subprocess.run(
+            [sys.executable, "-c", _START, str(path), text],
+            env=os.environ | {"NUMBA_CACHE_DIR": str(cache)},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+    return float(run.stdout)

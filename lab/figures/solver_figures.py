@@ -1,0 +1,188 @@
+"""The reconstructor's figures: exactness and time, growth and memory, plain integration, cliffs, a stream.
+
+Heights from exact correspondences, relative to the peak depth. Times are those of a second call, wall clock;
+processor time beside them, for machines that are shared.
+"""
+
+import time
+import tracemalloc
+from collections.abc import Iterator
+from functools import lru_cache, partial
+
+import numpy as np
+import scipy.fft
+
+from optolever.decode import decode
+from optolever.experiments.arrays import Floats, Mask
+from optolever.experiments.metrics import relative_error, rms
+from optolever.experiments.place import Place, exact, middle_anchor
+from optolever.experiments.timing import in_turn, timed
+from optolever.patterns import sequence_from_text
+from optolever.projector import capture
+from optolever.reconstruct import HeightMap, HeightStream, integrate, reconstruct
+from optolever.records import Progress, silent
+from optolever.scene import dent_from_text, load, resize
+
+from .cliffs import cauchy_loop, cliff
+from .figures import Figure, Parts, measured_parts
+from .solver_bound import bound_figures
+
+SIDE = 1024
+LARGE = 2048
+PRISM, RIG = "paper-simulation", "monitor-mirror"
+INTEGRATED = 512
+CLIFFS, ROUGH = (512, 612), (1e-2, 1e-4)  # pixels; noise of the slopes, per pixel
+STREAM, FRAMES = (480, 640), "phase"
+PEAKS = (1.0, 1.01, 1.02, 1.03)
+STREAMED = 24  # frames
+
+
+def run_solver_figures(*, seeds: int = 30, progress: Progress = silent) -> list[Figure]:
+    """Measure everything; seeds: runs of the means over noise."""
+    parts: Parts = {
+        "mirrors": _mirrors,
+        "growth and memory": _growth,
+        "integration": _integration,
+        "cliffs": _cliffs,
+        "noise": lambda: bound_figures(seeds),
+        "stream": _stream,
+    }
+    return measured_parts(parts, progress)
+
+
+def _mirrors() -> Iterator[Figure]:
+    place = _mirror(PRISM, "raised-cosine", SIDE)
+    yield from _solved("prism, raised cosine", place, 1e-9, 1.0)
+    error = relative_error(reconstruct(exact(place.truth), place.scene), place.truth)
+    yield Figure("prism, raised cosine, edge at rest", error, "of the depth", high=1e-6)
+    for name, mask in (("disk", _disk(SIDE)), ("blob", _blob(SIDE))):
+        yield from _solved(f"prism behind a {name}", place, 1e-8, 2.5, mask)
+    yield from _solved("pinhole", _mirror(RIG, "", SIDE), 1e-8, 2.5)
+    yield from _solved("folded map", _mirror(PRISM, "gaussian:peak=2,sigma=9", SIDE), 1e-8)
+    yield from _solved("needle", _mirror(PRISM, "needle", SIDE), 5e-6)
+
+
+def _solved(
+    name: str, place: Place, limit: float, seconds: float | None = None, mask: Mask | None = None
+) -> Iterator[Figure]:
+    _height(place, mask)  # what is compiled or loaded once is not counted
+    run = timed(lambda: _height(place, mask))
+    rows, cols = place.truth.u.shape
+    error = relative_error(run.value, place.truth)
+    yield Figure(f"{name}, {rows} x {cols}, known point", error, "of the depth", high=limit)
+    solved = run.value.diagnostics
+    note = (
+        f"{run.processor:.2f} s of processor time, {len(solved.steps)} steps, {solved.iterations} iterations"
+    )
+    yield Figure(f"{name}, time", run.seconds, "s", high=seconds, note=note)
+
+
+def _growth() -> Iterator[Figure]:
+    """Processor time against N log N, and memory."""
+    place = _mirror(PRISM, "raised-cosine", SIDE)
+    _height(place)
+    small = min(timed(lambda: _height(place)).processor for _ in range(2))
+    for name, mask in (("whole", None), ("behind a blob", _blob(SIDE))):
+        seen, anchor = exact(place.truth, mask), middle_anchor(place.truth)
+        tracemalloc.start()
+        reconstruct(seen, place.scene, anchor=anchor)
+        peak = tracemalloc.get_traced_memory()[1] / place.truth.u.nbytes
+        tracemalloc.stop()
+        yield Figure(f"memory above the inputs, {name}", peak, "float64 images", high=40)
+    place = _mirror(PRISM, "raised-cosine", LARGE)
+    yield from _solved("prism, 4 Mpx", place, 1e-9, 6.0)
+    large = min(timed(lambda: _height(place)).processor for _ in range(2))
+    expected = (LARGE / SIDE) ** 2 * np.log(LARGE) / np.log(SIDE)
+    yield Figure("growth over that of N log N", large / small / float(expected), high=1.1)
+
+
+def _integration() -> Iterator[Figure]:
+    y, x = (np.mgrid[:INTEGRATED, :INTEGRATED] + 0.5) / INTEGRATED - 0.5
+    truth = np.exp(-(x**2 + y**2) / (2 * 0.15**2))
+    gx, gy = -x / 0.15**2 * truth, -y / 0.15**2 * truth
+    step = 1 / INTEGRATED
+    found = integrate(gx, gy, spacing=step).z
+    truth = truth - truth.mean()
+    name = f"plain integration, Gaussian, {INTEGRATED} x {INTEGRATED}"
+    yield Figure(name, rms(found - truth) / rms(truth), "of the field", high=3e-9)
+    turns = in_turn(partial(integrate, gx, gy, spacing=step), partial(_transforms, gx), count=15)
+    whole, alone = (np.median([turn[k].processor for turn in turns]) for k in (0, 1))
+    ratio = float(whole / alone)
+    yield Figure(f"{name}, time over its two transforms", ratio, high=2.0)
+
+
+def _cliffs() -> Iterator[Figure]:
+    """Robust integration over a cliff against a plain loop of reweighted sparse solves."""
+    for noise in ROUGH:
+        z, gx, gy, mask = cliff(*CLIFFS, noise)
+        robust, plain = partial(integrate, gx, gy, "robust", mask=mask), partial(cauchy_loop, gx, gy, mask)
+        robust()  # what is compiled once is not counted
+        turns = in_turn(robust, plain, count=2)
+        own, loop = (min(turn[k].processor for turn in turns) for k in (0, 1))
+        errors = [(found - z)[mask] for found in (turns[0][0].value.z, turns[0][1].value)]
+        errors = [error - np.median(error) for error in errors]
+        whole, middle = (
+            [rms(error) for error in errors],
+            [float(np.median(np.abs(error))) for error in errors],
+        )
+        name = f"robust over a cliff, {CLIFFS[0]} x {CLIFFS[1]}, noise {noise:g}"
+        note = f"processor time: {own:.1f} s, loop {loop:.1f} s"
+        yield Figure(f"{name}, time over a plain loop's", own / loop, high=1.0, note=note)
+        note = f"rms {whole[0]:.3g}, loop {whole[1]:.3g}; median {middle[0]:.3g}, loop {middle[1]:.3g}"
+        yield Figure(f"{name}, rms error over a plain loop's", whole[0] / whole[1], high=1.02, note=note)
+
+
+def _transforms(values: Floats) -> Floats:
+    modes = scipy.fft.dctn(values, norm="ortho", workers=-1)
+    there: Floats = scipy.fft.idctn(modes, norm="ortho", workers=-1)
+    return there
+
+
+def _stream() -> Iterator[Figure]:
+    """A dent that grows frame by frame: decoding and heights from the last frame's, timed together."""
+    scene = resize(load(PRISM, exact=True), *STREAM)
+    shown = sequence_from_text(FRAMES, scene.pattern.rows, scene.pattern.cols)
+    stacks = [
+        capture(scene, dent_from_text(f"raised-cosine:peak={peak}", scene), shown, noise=1.0, seed=k).frames
+        for k, peak in enumerate(PEAKS)
+    ]
+    stream = HeightStream(scene)
+    for frames in stacks:  # what is compiled or loaded once is not counted
+        stream.update(decode(frames, shown))
+    turn = [stacks[k % len(stacks)] for k in [*range(4), 2, 1] * (STREAMED // 6)]
+    start, processor = time.perf_counter(), time.process_time()
+    heights: list[HeightMap] = []
+    for frames in turn:
+        height = stream.update(decode(frames, shown))
+        if len(heights) < len(stacks):  # to hold them all is to fetch new memory for each
+            heights.append(height)
+    wall, processor = time.perf_counter() - start, time.process_time() - processor
+    worst = 0.0
+    for frames, height in zip(turn, heights, strict=False):
+        full = reconstruct(decode(frames, shown), scene)
+        both = full.good & height.good
+        worst = max(worst, rms((height.z - full.z)[both] / full.sigma[both]))
+    note = f"{1000 * processor / len(turn):.0f} ms of processor time each"
+    yield Figure("stream, 640 x 480, decode and height", len(turn) / wall, "heights/s", low=30, note=note)
+    yield Figure("stream, off the converged height, rms", worst, "sigma", high=0.1)
+
+
+def _height(place: Place, mask: Mask | None = None) -> HeightMap:
+    return reconstruct(exact(place.truth, mask), place.scene, anchor=middle_anchor(place.truth))
+
+
+def _disk(side: int) -> Mask:
+    y, x = (np.mgrid[:side, :side] + 0.5) / side - 0.5
+    return np.asarray(np.hypot(x, y) < 0.45)
+
+
+def _blob(side: int) -> Mask:
+    """A shape with bays, off any symmetry of the grid."""
+    y, x = (np.mgrid[:side, :side] + 0.5) / side - 0.5
+    angle = np.arctan2(y, x)
+    return np.asarray(np.hypot(x, y) < 0.35 + 0.08 * np.sin(3 * angle + 0.4) + 0.04 * np.cos(7 * angle))
+
+
+@lru_cache(maxsize=2)
+def _mirror(name: str, shape: str, side: int) -> Place:
+    return Place.of(name, shape, (side, side))

@@ -1,0 +1,1 @@
+"""Hard cases of decode and reconstruct, and a verdict for each."""

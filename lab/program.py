@@ -1,0 +1,38 @@
+"""The program `python -m lab`: commands that measure and attack optolever itself."""
+
+from collections.abc import Mapping, Sequence
+
+import click
+
+from optolever.cli.app import exit_code
+from optolever.cli.commands import Commands
+
+#: Commands by section of --help.
+SECTIONS: Mapping[str, tuple[str, ...]] = {
+    "Figures": ("figures", "methods", "sweep", "calibration", "rigs"),
+    "Attacks": ("hard", "fuzz"),
+    "Design": ("choices", "adapt"),
+}
+NAME = "python -m lab"
+
+
+class Laboratory(Commands):
+    """python -m lab NAME."""
+
+    sections = SECTIONS
+    package = f"{__package__}.commands"
+
+
+@click.group(
+    cls=Laboratory, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100}
+)
+def lab() -> None:
+    """The laboratory: figures, hard cases, studies of designs.
+
+    For those who work on the program, or want to know what a number of its pages rests on.
+    """
+
+
+def run(args: Sequence[str] | None = None) -> int:
+    """Run the laboratory on `args` (default: the process's); its exit code. Bad input never raises."""
+    return exit_code(lab, NAME, args)

@@ -1,0 +1,71 @@
+"""Contact: one dent and what was measured of it."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from ..arrays import Floats
+
+__all__ = ["Contact"]
+
+
+@dataclass(frozen=True, slots=True)
+class Contact:
+    """One dent. Lengths in mm; sigma: standard deviations by noise and by the errors of the rig.
+
+    found: whether the slopes show the edge of a contact; evidence: in words.
+    x, y, depth: of the deepest point. depth: its height over the surface at rest, z = 0, from which errors of
+    the rig are taken off as far as the surroundings of the dent share them (see `rim`). Tails of other dents
+    are part of it. depth_noise: the part of depth_sigma that is no error of the rig.
+    rim_depth: height of the deepest point over the plane through its surroundings, about three half-depth
+    radii away; tails there are no part of it.
+    area, volume, centroid (x, y): of the contact if one is found, else of the pixels deeper than half the
+    depth; volume_sigma is an upper bound: the height's error is taken as common to the whole area;
+    centroid_sigma: along x or y, the larger one.
+    cut: the image's edge or flagged pixels end the area: area and volume are those of its visible part, lower
+    bounds, and their sigmas hold the invisible part, taken as the mirror image of the visible one.
+    interpolated: share of the area whose pixels were flagged.
+    With an edge: edge (N, 2): points around the contact; edge_share: height there over the depth (Hertz: 0.5,
+    flat punch: 1); indenter_radius: of the surface inside, inf where it is flat, None where unknown;
+    directions: in how many the edge was looked for; share: of them, that show it; gain: chi^2 of a smooth
+    surface above that of the law.
+    """
+
+    found: bool
+    evidence: str
+    x: float
+    y: float
+    depth: float
+    depth_sigma: float
+    area: float
+    area_sigma: float
+    volume: float
+    volume_sigma: float
+    centroid: tuple[float, float]
+    centroid_sigma: float
+    edge: Floats
+    edge_share: float | None = None
+    indenter_radius: float | None = None
+    indenter_radius_sigma: float | None = None
+    directions: int = 0
+    share: float = 0.0
+    gain: float = 0.0
+    x_sigma: float | None = None
+    y_sigma: float | None = None
+    rim_depth: float | None = None
+    rim_depth_sigma: float | None = None
+    depth_noise: float | None = None
+    cut: bool = False
+    interpolated: float = 0.0
+
+    @property
+    def region(self) -> str:
+        """What area, volume and centroid belong to."""
+        return "contact" if self.found else "half depth"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values."""
+        names = [name for name in self.__slots__ if name != "edge"]
+        return {name: getattr(self, name) for name in names} | {
+            "region": self.region,
+            "edge": self.edge.tolist(),
+        }

@@ -1,0 +1,60 @@
+"""`python -m lab`: help with real samples, outputs that are checked, what is missing said before the work."""
+
+import importlib
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from lab.program import NAME, SECTIONS, run
+from optolever.cli.outputs import OUTPUT, Program
+
+COMMANDS = [name for names in SECTIONS.values() for name in names]
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_has_a_synopsis_and_a_sample_with_output(name: str, capfd: pytest.CaptureFixture[str]) -> None:
+    assert run([name, "--help"]) == 0
+    text = capfd.readouterr().out
+    assert f"Usage: {NAME} {name}" in text
+    sample = text.partition("Sample:")[2].strip().splitlines()
+    assert sample[0].startswith(f"$ {NAME} {name}")
+    assert len(sample) > 3, "the sample shows no output"
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_checks_its_outputs(name: str) -> None:
+    command = importlib.import_module(f"lab.commands.{name}").command
+    assert isinstance(command, Program)
+    kinds = {parameter.name: parameter.type for parameter in command.params}
+    assert kinds["json_path"] is OUTPUT
+
+
+def test_it_runs_from_the_root(root: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "lab", "--help"], cwd=root, capture_output=True, text=True, check=True
+    )
+    for name in COMMANDS:
+        assert f"\n  {name} " in done.stdout
+
+
+def test_a_sweep_without_dask_is_refused_before_the_work(
+    refused: Callable[..., str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    grid = tmp_path / "grid.toml"
+    grid.write_text("scenes = ['paper-simulation']\nsequences = ['gray']\n")
+    refused(["sweep", grid, "--workers", "2", "--out", tmp_path / "o"], "pip install distributed", run=run)
+    assert not list(tmp_path.glob("o*"))
+
+
+@pytest.mark.parametrize("cases", [20, pytest.param(1000, marks=pytest.mark.slow)])
+def test_damaged_inputs_end_in_one_line_or_a_result_that_holds(
+    cases: int, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "f.json"
+    code = run(["fuzz", "--cases", str(cases), "--seed", "7", "--json", str(path)])
+    assert code == 0, capfd.readouterr().out
+    assert path.is_file()
