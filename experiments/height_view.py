@@ -12,7 +12,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from optolever.decode import Correspondence
-from optolever.reconstruct import HeightMap
+from optolever.reconstruct import Grid, HeightMap
 from optolever.scene import Trace
 
 from .arrays import Floats, Mask
@@ -189,31 +189,56 @@ def reliability_figure(told: dict[str, Scores], length: str) -> str:
 def surface_data(
     x: Floats, y: Floats, z: Floats, layers: dict[str, tuple[Floats, str, str, bool]]
 ) -> dict[str, Any]:
-    """What report/viewer.js reads, from mirror points x, y, z in mm (any shape, NaN where unknown).
+    """What report/viewer.js reads, from mirror points x, y, z in mm (H, W), NaN where unknown.
 
-    layers: name -> (values, unit, colour map, symmetric), one per way of colouring the surface.
+    Heights and layers are interpolated at the vertices of a grid of at most VERTICES a side. layers: name ->
+    (values, unit, colour map, symmetric), one per way of colouring the surface.
     """
-    grid = MirrorGrid.around(np.where(np.isfinite(z), x, np.nan), y, VERTICES)
-    heights = grid.place(z)
-    left, right, bottom, top = grid.extent
-    span = float(np.nanmax(heights) - np.nanmin(heights)) if np.isfinite(heights).any() else 0.0
-    size = max(right - left, top - bottom)
+    known = np.isfinite(z)
+    size = np.array([np.ptp(axis[known]) if known.any() else 0.0 for axis in (x, y)])
+    pitch = float(max(size.max() / VERTICES, np.sqrt(size.prod() / max(known.sum(), 1)))) or 1.0
+    mesh = _interpolated(x, y, z, pitch)
+    span = float(np.nanmax(mesh.z) - np.nanmin(mesh.z)) if np.isfinite(mesh.z).any() else 0.0
     return {
-        "nx": heights.shape[1],
-        "ny": heights.shape[0],
-        "x0": round(left + grid.pitch / 2, 6),
-        "y0": round(bottom + grid.pitch / 2, 6),
-        "dx": round(grid.pitch, 9),
-        "dy": round(grid.pitch, 9),
-        "z": _base64(heights),
-        "exaggeration": round(0.25 * size / span, 3) if span > 0 else 1.0,
+        "nx": mesh.z.shape[1],
+        "ny": mesh.z.shape[0],
+        "x0": round(mesh.x0, 6),
+        "y0": round(mesh.y0, 6),
+        "dx": round(pitch, 9),
+        "dy": round(pitch, 9),
+        "z": _base64(mesh.z),
+        "exaggeration": round(0.25 * size.max() / span, 3) if span > 0 else 1.0,
         "label": "z",
-        "layers": [_layer(grid, name, *layer) for name, layer in layers.items()],
+        "layers": [
+            _layer(name, *layer, _on(mesh, _interpolated(x, y, layer[0], pitch)))
+            for name, layer in layers.items()
+        ],
     }
 
 
+def _interpolated(x: Floats, y: Floats, values: Floats, pitch: float) -> Grid:
+    """Values of points x, y (H, W), NaN where unknown, at the multiples of the pitch."""
+    known = np.isfinite(values)
+    if not known.any():
+        nothing = np.full((1, 1), np.nan)
+        return Grid(nothing, nothing, x0=0.0, y0=0.0, pitch=pitch)
+    flags = np.where(known, 0, 1).astype(np.uint16)
+    return HeightMap(x, y, np.asarray(values, np.float64), np.zeros(known.shape), flags).resample(pitch)
+
+
+def _on(mesh: Grid, layer: Grid) -> Floats:
+    """A layer's values at the vertices of a mesh of the same pitch, NaN beyond the layer."""
+    shape = mesh.z.shape
+    values = np.full(shape, np.nan)
+    row = np.rint((layer.y - mesh.y0) / mesh.pitch).astype(int)
+    col = np.rint((layer.x - mesh.x0) / mesh.pitch).astype(int)
+    rows, cols = (row >= 0) & (row < shape[0]), (col >= 0) & (col < shape[1])
+    values[np.ix_(row[rows], col[cols])] = layer.z[np.ix_(rows, cols)]
+    return values
+
+
 def _layer(
-    grid: MirrorGrid, name: str, values: Floats, unit: str, colours: str, symmetric: bool
+    name: str, values: Floats, unit: str, colours: str, symmetric: bool, at_vertices: Floats
 ) -> dict[str, Any]:
     low, high = robust_limits(values, 0.995 if symmetric else 0.9999, symmetric)
     lut = np.round(matplotlib.colormaps[colours](np.linspace(0, 1, 256))[:, :3] * 255).astype(np.uint8)
@@ -222,7 +247,7 @@ def _layer(
         "unit": unit,
         "low": low,
         "high": high,
-        "data": _base64(np.nan_to_num(grid.place(values), nan=low)),
+        "data": _base64(np.nan_to_num(at_vertices, nan=low)),
         "lut": base64.b64encode(lut.tobytes()).decode("ascii"),
     }
 

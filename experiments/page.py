@@ -91,7 +91,7 @@ def scientific(value: float) -> str:
     """A small number for reading: 3.2 × 10⁻⁵."""
     if not math.isfinite(value):
         return "–"
-    if value == 0 or 1e-2 <= abs(value) < 1e4:
+    if value == 0 or 1e-2 <= abs(value) < 999.5:
         return f"{value:.3g}"
     digits, _, power = f"{value:.1e}".partition("e")
     digits = digits.replace("-", "−")

@@ -17,13 +17,16 @@ from optolever.reconstruct import (
     predicted_budget,
     sigma_at_rest,
 )
-from optolever.scene import Scene
+from optolever.scene import PinholeCamera, Scene
 
 from .arrays import Floats
 from .images import figure_uri, label_axes, length_unit, new_figure, robust_limits
 from .metrics import rms
 from .page import budget_table, scientific, table, write_page
 
+#: Beyond these the page is red: chi; prior sigmas that a number is off its prior. A number whose sigma is not
+#: LEAST_GAIN times below its prior's is grey.
+MOST_CHI, MOST_OFF, LEAST_GAIN = 1.2, 5.0, 2.0
 #: `calibration.Judgement`: what the reader sees, and the factor to its unit.
 _JUDGED = {
     "chi": ("chi", 1.0),
@@ -59,6 +62,7 @@ def write_rig_report(study: RigStudy, path: str | Path) -> None:
     """Write the page."""
     rest = sigma_at_rest(study.scene)
     heads, rows = judged_table(study.judged)
+    kinds = [_beyond(each.get("chi")) for each in study.judged.values()]
     write_page(
         path,
         "rig.html",
@@ -70,10 +74,12 @@ def write_rig_report(study: RigStudy, path: str | Path) -> None:
             "warnings": [str(each) for each in study.notices if each.cure or each.limit == each.limit],
             "remarks": [str(each) for each in study.notices if not (each.cure or each.limit == each.limit)],
             "captures": [
-                {"name": name, "chi": rms(np.concatenate(found[2:])), "figure": _residual_figure(found)}
+                {"name": name, "chi": chi, "kind": _beyond(chi), "figure": _residual_figure(found)}
                 for name, found in study.residuals.items()
+                for chi in [rms(np.concatenate(found[2:]))]
             ],
-            "judged": table("judged-table", heads, [("", row) for row in rows]),
+            "judged": table("judged-table", heads, list(zip(kinds, rows, strict=True))),
+            "limits": {"chi": MOST_CHI, "off": MOST_OFF, "gain": LEAST_GAIN},
             "numbers": _numbers(study.parameters),
             "correlations": _correlation_figure(study.scene),
             "sketch": _sketch(study.given, study.scene),
@@ -95,14 +101,20 @@ def judged_table(judged: Mapping[str, Mapping[str, float | None]]) -> tuple[list
     return ["capture", *(_JUDGED[key][0] for key in some)], rows
 
 
+def _beyond(chi: float | None) -> str:
+    """CSS class of a capture by its chi."""
+    return "" if chi is None or chi <= MOST_CHI else "beyond"
+
+
 def _numbers(parameters: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    heads = ("number", "value", "sigma", "prior", "its sigma", "sharper by")
+    heads = ("number", "value", "off by", "sigma", "prior", "its sigma", "sharper by")
     rows = []
     for each in parameters:
         gain = each["prior_sigma"] / each["sigma"]
+        off = abs(each["value"] - each["prior"]) / each["prior_sigma"]
         cells = [scientific(each[key]) for key in ("value", "sigma", "prior", "prior_sigma")]
-        # what the captures tell less of than the prior
-        rows.append(("bad" if gain < 2 else "", [each["name"], *cells, scientific(gain)]))
+        kind = "beyond" if off > MOST_OFF else "soft" if gain < LEAST_GAIN else ""
+        rows.append((kind, [each["name"], cells[0], f"{off:.2f}", *cells[1:], scientific(gain)]))
     return table("numbers-table", heads, rows)
 
 
@@ -158,24 +170,44 @@ def _sigma_figure(rest: HeightMap) -> str:
     return figure_uri(figure)
 
 
+def camera_view(scene: Scene) -> tuple[Floats, Floats]:
+    """The camera's middle ray (n, 3), from the camera to the mirror at rest, and the face that it crosses, a
+    line in its plane of x and z (2, 3), or none (0, 3); mm.
+
+    A pinhole stands where it is. A telecentric camera has no place along its axis: it is drawn outside.
+    """
+    camera, reach = scene.camera, scene.mirror.length
+    (start,), (way,) = camera.rays_at(*(0.5 * np.array([[camera.rows - 1], [camera.cols - 1]])))
+    foot = start - start[2] / way[2] * way
+    bends = np.empty((0, 3)) if camera.face is None else start[None]
+    if isinstance(camera, PinholeCamera):
+        place = camera.origin
+    else:
+        axis = np.cross(camera.u_axis, camera.v_axis)
+        place = (foot if camera.face is None else start) - reach * axis
+    ray = np.vstack([place, bends, foot])
+    if camera.face is None:
+        return ray, bends
+    normal = camera.face.normal
+    along = np.array([normal[2], 0.0, -normal[0]]) / np.hypot(normal[0], normal[2])
+    return ray, start + 0.3 * reach * np.array([[-1.0], [1.0]]) * along
+
+
 def _sketch(before: Scene, after: Scene) -> str:
-    """From the side (x, z) and from above (x, y): mirror, pattern, camera and its middle ray."""
+    """From the side (x, z) and from above (x, y): mirror, pattern, camera, its middle ray and its face."""
     figure = new_figure(9.0, 3.6)
     both = figure.subplots(1, 2)
-    for scene, colour, name in ((before, "#9aa4b2", "before"), (after, "#b3402e", "after")):
+    for scene, colour, name in ((before, "#9aa4b2", "before"), (after, "#2563a8", "after")):
         pattern = scene.pattern
         u, v = np.array([0, 1, 1, 0, 0]) * (pattern.cols - 1), np.array([0, 0, 1, 1, 0]) * (pattern.rows - 1)
         screen = pattern.point(u.astype(np.float64), v.astype(np.float64))
-        camera = scene.camera
-        o, d = camera.rays_at(*(0.5 * np.array([[camera.rows - 1], [camera.cols - 1]])))
-        foot = o - (o[:, 2:] / d[:, 2:]) * d
-        ray = np.vstack([o, foot])
+        ray, face = camera_view(scene)
         length, width = scene.mirror.length, scene.mirror.width
         mirror = np.array([[0, 0, 0], [length, 0, 0], [length, width, 0], [0, width, 0], [0, 0, 0]], float)
         for axes, (first, second) in zip(both, ((0, 2), (0, 1)), strict=True):
-            for line, style in ((screen, "-"), (ray, "--"), (mirror, "-")):
+            for line, style in ((screen, "-"), (ray, "--"), (mirror, "-"), (face, ":")):
                 axes.plot(line[:, first], line[:, second], style, color=colour, lw=1.3)
-            axes.plot(*o[0, [first, second]], "o", color=colour, ms=5, label=name)
+            axes.plot(*ray[0, [first, second]], "o", color=colour, ms=5, label=name)
     for axes, label in zip(both, "zy", strict=True):
         axes.set_aspect("equal", adjustable="datalim")
         label_axes(axes, "x [mm]", f"{label} [mm]")

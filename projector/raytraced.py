@@ -12,7 +12,7 @@ assumes something of a pixel: maps that bend, fold or end inside of one are aver
 """
 
 from dataclasses import dataclass, replace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -119,8 +119,9 @@ def trace_area(scene: Scene, surface: Surface, side: int = 6) -> AreaTrace:
     """Trace side^2 rays through every pixel."""
     pattern, margin = scene.pattern, _margin(scene)
     wide = pattern.resampled(pattern.rows + 2 * margin, pattern.cols + 2 * margin, 1.0, margin)
-    camera = cast(Camera, _AreaCamera(scene.camera, side))
-    rays = trace(replace(scene, pattern=wide, camera=camera), surface)
+    finer = replace(scene, pattern=wide)
+    object.__setattr__(finer, "camera", _AreaCamera(scene.camera, side))  # no camera that a scene takes
+    rays = trace(finer, surface)
     shape = scene.camera.rows, scene.camera.cols, side * side
     u, v = rays.u.reshape(shape) - margin, rays.v.reshape(shape) - margin
     met = rays.visible.reshape(shape)
