@@ -9,7 +9,7 @@ import scipy.ndimage
 from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.records import LOG, Progress, logged, silent
-from optolever.scene import TYPED, Scene
+from optolever.scene import TYPED, Scene, without_rest_form
 
 from .alternatives import DirectEdges, MarchedEdges
 from .anchors import Anchors
@@ -108,6 +108,7 @@ def reconstruct(
         raise InputError(f"method = {method!r}: unknown, must be one of {', '.join(method_names())}")
     motion = None
     if rest is not None:
+        scene = without_rest_form(scene)  # heights are those above the mirror at rest
         motion = None if scene.exact else fit_motion(correspondence, rest, scene)
     measured = Measurement(_without(motion, correspondence), anchor, mask, rest, method)
     correspondence = measured.corrected(scene)
