@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from optolever.errors import InputError
 from optolever.notices import Notice
 from optolever.records import Axes
-from optolever.scene import Covariance, Scene, adjusted, parameter_changes, parameter_values
+from optolever.scene import Covariance, RestForm, Scene, adjusted, parameter_changes, parameter_values
 
 from .adjust import Adjustment, Problem, adjust, among, step_of
 from .effects import Effects, effects
@@ -159,7 +159,7 @@ def calibrate(
     scene's numbers. points: known heights of the surface at rest. guess: start from the scene even where
     captures in open air tell where to start. InputError names the capture or the prior that is wrong.
     """
-    scene = replace(scene, covariance=None)
+    scene = replace(scene, covariance=None, rest_form=None)
     observations = checked(observations, (scene.camera.rows, scene.camera.cols))
     frame = frame_of(observations)
     samples = sorted(map(sampled, observations), key=lambda sample: sample.name != frame)
@@ -346,11 +346,15 @@ def _judged(result: Adjustment, observations: Sequence[Observation], guessed: bo
     found = directions(result, names)
     scene = result.problem.scene_at(result.values)
     numbers, by = _carried(result, scene, names)
+    form = _rest_form(result)
+    if form is not None:
+        own = np.array([[key == f"rest.{name}" for key in result.problem.names] for name in form.values])
+        numbers, by = (*numbers, *(f"rest.{name}" for name in form.values)), np.vstack([by, own])
     sources, parts = error_sources(result)
     matrix, parts = (by @ part @ by.T for part in (result.covariance, parts))
     covariance = Covariance(numbers, matrix, result.chi, GAUGE, sources, parts)
     return Calibration(
-        replace(scene, covariance=covariance),
+        replace(scene, covariance=covariance, rest_form=form),
         result,
         tuple(observations),
         base,
@@ -358,6 +362,13 @@ def _judged(result: Adjustment, observations: Sequence[Observation], guessed: bo
         tuple(found),
         by,
     )
+
+
+def _rest_form(result: Adjustment) -> RestForm | None:
+    """The form of the mirror at rest, if that is a capture."""
+    values = result.problem.named(result.values)
+    found = [value for name, value in values.items() if name.startswith("rest.L")]
+    return RestForm(np.array(found)) if found else None
 
 
 def _carried(result: Adjustment, scene: Scene, names: Sequence[str]) -> tuple[tuple[str, ...], Floats]:

@@ -40,7 +40,8 @@ _MOST = 1e9
 
 @dataclass(frozen=True, slots=True)
 class EdgeAnchor:
-    """The camera-side edge x = L0 of the mirror rests at z = 0; sigma: standard deviation of that z in mm."""
+    """The camera-side edge x = L0 of the mirror is at rest: at z = 0, or on the scene's `rest_form`, whose
+    errors the covariance of the scene holds; sigma: standard deviation of that z in mm."""
 
     sigma: float = 0.0
 
@@ -195,7 +196,17 @@ def _edge_samples(anchor: EdgeAnchor, scene: Scene, rays: RayField, mask: Mask) 
     row, col = (fixed, along) if axis == 1 else (along, fixed)
     # One error for the whole edge: the mean over its lines must not average it away.
     sigma = anchor.sigma * np.sqrt(lines.size) / np.abs(directions[2])
-    return Samples(row, col, rest_distance(origins, directions), sigma)
+    return Samples(row, col, _to_rest(origins, directions, scene), sigma)
+
+
+def _to_rest(origins: Floats, directions: Floats, scene: Scene) -> Floats:
+    """Distance along rays (3, M) to the mirror at rest."""
+    distance: Floats = rest_distance(origins, directions)
+    if scene.rest_form is not None:
+        for _ in range(3):  # a form of micrometres: each step leaves a slope's part of the last one
+            x, y, z = origins + distance * directions
+            distance = distance + (scene.rest_form.height(x, y, scene.mirror) - z) / directions[2]
+    return distance
 
 
 def _rays(camera: Any, fixed: Floats, along: Floats, axis: int) -> tuple[Floats, Floats]:

@@ -11,7 +11,7 @@ from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.notices import Notice
 from optolever.records import LOG, Progress, logged, silent
-from optolever.scene import TYPED, Scene
+from optolever.scene import TYPED, Scene, without_rest_form
 
 from .alternatives import DirectEdges, MarchedEdges
 from .anchors import Anchors
@@ -120,6 +120,7 @@ def reconstruct(
     if rest is not None:
         if same_capture(correspondence, rest):
             correspondence = replace(correspondence, notices=(*correspondence.notices, _SAME_CAPTURE))
+        scene = without_rest_form(scene)  # heights are those above the mirror at rest
         motion = None if scene.exact else fit_motion(correspondence, rest, scene)
     measured = Measurement(_without(motion, correspondence), anchor, mask, rest, method)
     correspondence = measured.corrected(scene)

@@ -11,6 +11,7 @@ TOML only.
 | `telecentric.py`, `pinhole.py`, `face.py` | cameras: pixel -> ray, lens distortion, refraction at a face |
 | `scene.py`, `reading.py`, `writing.py`, `presets/` | Scene, resize; strict TOML; the scenes on board |
 | `parameters.py`, `covariance.py` | the numbers that a calibration adjusts; how sure they are |
+| `rest_form.py` | form of the mirror at rest, measured by a calibration |
 | `accuracy.py`, `priors.py` | how sure typed numbers are; the covariance that every scene has |
 | `surface.py`, `grid.py` | Surface (height and gradient), Formula; height array as a bicubic spline |
 | `forms.py`, `dents.py`, `relief.py` | closed forms of the dents; dents by name; a dent from an image |
@@ -31,12 +32,13 @@ from .face import Face
 from .grid import Grid
 from .medium import Medium
 from .mirror import Mirror
-from .parameters import adjusted, parameter_changes, parameter_values
+from .parameters import adjusted, parameter_changes, parameter_values, without_rest_form
 from .pattern import Pattern, prism_pattern
 from .pattern_shape import Bow, PatternShape, PointTable
 from .pinhole import PinholeCamera
 from .priors import GAUGE_HELD, rig_covariance, typed_covariance, typed_sigmas
 from .reading import load, preset_names
+from .rest_form import RestForm
 from .scene import Camera, Scene, resize
 from .sensor import Display, Sensor
 from .sofast import SOFAST_SCREEN, SofastRig, load_sofast_rig
@@ -63,6 +65,7 @@ __all__ = [
     "PatternShape",
     "PinholeCamera",
     "PointTable",
+    "RestForm",
     "Scene",
     "Sensor",
     "SofastRig",
@@ -92,6 +95,7 @@ __all__ = [
     "trace",
     "typed_covariance",
     "typed_sigmas",
+    "without_rest_form",
 ]
 
 check_face(__name__)

@@ -1,7 +1,8 @@
 """The numbers of a scene that a calibration adjusts, by name, and a scene with other ones.
 
-Intrinsic numbers (focal length, pitches, bow, index) are values; poses are changes of the scene's own, 0 in
-it: the camera's and the face's in the mirror's axes, the pattern's in its own axes about its middle. mm, rad.
+Intrinsic numbers (focal length, pitches, bow, index) and the form of the mirror at rest are values; poses are
+changes of the scene's own, 0 in it: the camera's and the face's in the mirror's axes, the pattern's in its own
+axes about its middle. mm, rad.
 """
 
 from collections.abc import Mapping
@@ -19,9 +20,10 @@ from .pattern_shape import Bow
 from .pinhole import PinholeCamera
 from .pose import rotate, rotation_from_axes, rotation_from_vector
 from .record import Float
+from .rest_form import RestForm
 from .scene import Camera, Scene
 
-__all__ = ["adjusted", "parameter_changes", "parameter_values"]
+__all__ = ["adjusted", "parameter_changes", "parameter_values", "without_rest_form"]
 
 _LENS = ("k1", "k2", "p1", "p2", "k3")
 _BOW = ("b20", "b11", "b02")
@@ -44,6 +46,8 @@ def parameter_values(scene: Scene) -> dict[str, float]:
         values |= {
             f"pattern.{name}": 0.0 if pattern.shape is None else getattr(pattern.shape, name) for name in _BOW
         }
+    if scene.rest_form is not None:
+        values |= {f"rest.{name}": value for name, value in scene.rest_form.values.items()}
     return {name: float(value) for name, value in values.items()}
 
 
@@ -60,7 +64,25 @@ def adjusted(scene: Scene, values: Mapping[str, float]) -> Scene:
         if name not in known:
             raise InputError(f"parameter {name!r}: the scene has none, must be one of {', '.join(known)}")
     every = known | dict(values)
-    return replace(scene, camera=_camera(scene.camera, every), pattern=_pattern(scene.pattern, every))
+    form = scene.rest_form
+    if form is not None:
+        form = RestForm(np.array([every[f"rest.{name}"] for name in form.values]))
+    camera, pattern = _camera(scene.camera, every), _pattern(scene.pattern, every)
+    return replace(scene, camera=camera, pattern=pattern, rest_form=form)
+
+
+def without_rest_form(scene: Scene) -> Scene:
+    """The scene whose heights are those above the mirror at rest: without its form, and without the form's
+    part of the covariance."""
+    known = scene.covariance
+    if scene.rest_form is None or known is None:
+        return replace(scene, rest_form=None)
+    kept = [k for k, name in enumerate(known.names) if not name.startswith("rest.")]
+    some = np.ix_(kept, kept)
+    parts = None if known.parts is None else known.parts[:, *some]
+    names = tuple(known.names[k] for k in kept)
+    covariance = replace(known, names=names, matrix=known.matrix[some], parts=parts)
+    return replace(scene, rest_form=None, covariance=covariance)
 
 
 def parameter_changes(scene: Scene, other: Scene) -> dict[str, float]:

@@ -23,6 +23,7 @@ from .pattern_shape import Bow, PatternShape, PointTable
 from .pinhole import PinholeCamera
 from .pose import look_at, rotation_from_vector
 from .record import Float, finite, integer, number, positive, vector
+from .rest_form import RestForm
 from .scene import Camera, Scene
 from .sensor import Display, Sensor
 from .telecentric import TelecentricCamera, prism_camera
@@ -145,7 +146,8 @@ def _scene(top: _Table, path: Path) -> Scene:
     camera = _camera(top.take("camera", _table), mirror, medium)
     display = _display(top.take("display", _table)) if "display" in top else None
     sensor = _sensor(top.take("sensor", _table)) if "sensor" in top else None
-    covariance = _covariance(top.take("calibration", _table), path) if "calibration" in top else None
+    calibrated = _calibration(top.take("calibration", _table), path) if "calibration" in top else (None, None)
+    covariance, form = calibrated
     accuracy = _accuracy(top)
     for section in FOREIGN:
         top.get(section, _table, top)
@@ -153,7 +155,7 @@ def _scene(top: _Table, path: Path) -> Scene:
         "name, dent, exact, mirror, pattern, camera, medium, display, sensor, accuracy, calibration, "
         + ", ".join(FOREIGN)
     )
-    scene = Scene(name, mirror, pattern, camera, medium, display, sensor, dent, covariance, accuracy)
+    scene = Scene(name, mirror, pattern, camera, medium, display, sensor, dent, covariance, accuracy, form)
     if covariance is not None:
         _require_known(scene, covariance)
     if dent is not None:
@@ -186,11 +188,18 @@ def _boolean(name: str, value: Any) -> bool:
     return value
 
 
-def _covariance(table: _Table, path: Path) -> Covariance:
-    """[calibration]: the covariance's file, beside the scene's."""
+def _calibration(table: _Table, path: Path) -> tuple[Covariance, RestForm | None]:
+    """[calibration]: the covariance's file, beside the scene's, and the form of the mirror at rest."""
     name = table.take("covariance", _text)
-    table.done("covariance")
-    return Covariance.load(path.parent / name)
+    form = table.take("rest_form_mm", _form) if "rest_form_mm" in table else None
+    table.done("covariance, rest_form_mm")
+    return Covariance.load(path.parent / name), form
+
+
+def _form(name: str, value: Any) -> RestForm:
+    if not isinstance(value, list):
+        raise InputError(f"{name} = {value!r}: must be a list of numbers (mm)")
+    return RestForm(np.array([number(name, each) for each in value]))
 
 
 def _require_known(scene: Scene, covariance: Covariance) -> None:

@@ -18,6 +18,7 @@ from .mirror import Mirror
 from .pattern import Pattern
 from .pinhole import PinholeCamera
 from .record import Record, integer
+from .rest_form import RestForm
 from .sensor import Display, Sensor
 from .telecentric import TelecentricCamera
 from .writing import foreign_sections, scene_table
@@ -35,7 +36,8 @@ class Scene(Record):
     medium None: an ideal mirror that reflects everything; display None: light proportional to level;
     sensor None: 8 bit, linear, without noise; dent: the dent to show where none is named (`dent_from_text`);
     covariance: of the numbers that a calibration adjusted, None: not calibrated; accuracy: of the numbers
-    that were typed, which counts where there is no covariance (see `rig_covariance`); None: they are exact.
+    that were typed, which counts where there is no covariance (see `rig_covariance`); None: they are exact;
+    rest_form: of the mirror at rest, measured by a calibration (the anchor of a reconstruction); None: plane.
     """
 
     name: str
@@ -48,6 +50,7 @@ class Scene(Record):
     dent: str | None = None
     covariance: Covariance | None = None
     accuracy: Accuracy | None = TYPED
+    rest_form: RestForm | None = None
 
     @property
     def exact(self) -> bool:
@@ -93,6 +96,8 @@ class Scene(Record):
             return
         beside = file.with_suffix(".calibration.npz")
         table["calibration"] = {"covariance": beside.name}
+        if self.rest_form is not None:
+            table["calibration"]["rest_form_mm"] = self.rest_form.coefficients.tolist()
         with together():
             self.covariance.save(beside)
             with atomic_file(path) as temporary:

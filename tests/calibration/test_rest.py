@@ -8,7 +8,7 @@ import pytest
 
 from lab.calibration.rigs import Rig, correspondence_of, prism
 from optolever import InputError
-from optolever.calibration import RestMap, load_rest, store_rest
+from optolever.calibration import RestMap, calibrate, load_rest, store_rest
 from optolever.decode import Correspondence
 from optolever.reconstruct import reconstruct
 from optolever.scene import Covariance, Scene, adjusted, load, trace
@@ -93,6 +93,25 @@ def test_kept_with_the_rig(rig: Rig, rest: RestMap, tmp_path: Path) -> None:
     (tmp_path / "rig.rest.npz").unlink()
     with pytest.raises(InputError, match=r"rig\.rest\.npz"):
         load_rest(file)
+
+
+@pytest.mark.parametrize("seeds", [(1,), pytest.param((2, 3, 4), marks=pytest.mark.slow)])
+def test_absolute_heights_of_a_calibrated_rig(seeds: tuple[int, ...], tmp_path: Path) -> None:
+    """A mirror that sags by 20 um, at rest and pressed, by the default anchor of the saved rig."""
+    ratios = []
+    for seed in seeds:
+        rng = np.random.default_rng([seed, 3])
+        made = prism(rng, 2, correspondence_of(0.005, rng), size=160)
+        calibrate(made.given, made.observations).scene.save(tmp_path / "rig.toml")
+        calibrated = load(tmp_path / "rig.toml")
+        take = correspondence_of(0.002, rng)
+        for surface in (made.rest, made.dent):
+            height, seen = reconstruct(take(made.truth, surface, 0), calibrated), trace(made.truth, surface)
+            good = height.good & (seen.x > 6)
+            error = (height.z - seen.z)[good]
+            assert np.sqrt(np.mean(error**2)) < 3e-4
+            ratios.append(np.mean((error / height.total_sigma[good]) ** 2))
+    assert 0.5 < np.sqrt(np.mean(ratios)) < 1.5
 
 
 def test_presets_have_none_and_sizes_must_agree(rig: Rig, rest: RestMap) -> None:
