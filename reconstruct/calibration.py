@@ -60,8 +60,8 @@ def no_form(x: Floats, y: Floats) -> Pair3:
 
 
 def flat_mirror(scene: Scene, form: Form = no_form) -> Floats:
-    """Place on the pattern's surface of every pixel by the mirror z = form(x, y), u and v (2, H, W); NaN where
-    there is none. form: some micrometres high.
+    """Place on the pattern's surface of every pixel by the mirror z = form(x, y), u and v (2, H, W); NaN
+    where there is none. form: some micrometres high.
 
     Neither mirror nor pattern end: a scene that is a little wrong has its edges elsewhere, and the capture at
     rest shows where they are.

@@ -152,8 +152,8 @@ def with_rig(
     motion: Motion | None = None,
     accept: bool = False,
 ) -> Solution:
-    """The solution with the modes of its rig, its slopes judged after the errors of the rig are taken off; all
-    pixels are flagged where no such rig can have taken the capture, unless `accept`."""
+    """The solution with the modes of its rig, its slopes judged after the errors of the rig are taken off;
+    all pixels are flagged where no such rig can have taken the capture, unless `accept`."""
     known = solution.height.diagnostics
     contradicted = bool(contradiction(known.chi2, known.freedom))
     if scene.exact and not (contradicted and known.chi2 > _IMPOSSIBLE):  # type: ignore[operator]

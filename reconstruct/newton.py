@@ -173,8 +173,8 @@ def chord_step(
     share: Floats | None = None,
 ) -> State:
     """One more step from a state, for a measurement that has changed little: same problem,
-    factor and variances. accuracy: of the linear solve; None: noise hides what is left. share: of the anchors,
-    None: chosen anew.
+    factor and variances. accuracy: of the linear solve; None: noise hides what is left. share: of the
+    anchors, None: chosen anew.
     """
     p, q, _, _ = data.slopes(state.w)
     gx, gy = defects(p, q, state.w, state.root, data.mask)
@@ -240,7 +240,7 @@ def _anchored(
     if share is None or share.shape != error.shape:
         constants, share = free_constants(rows, error, factor, _anchor_spread(rows, variances), count)
     else:
-        constants = -np.bincount(rows.component, share * error / factor, count + 1)
+        constants = -np.bincount(rows.component, share * error / factor, count + 1).astype(np.float64)
     change = potential + (constants[1] if count == 1 else constants[labels])
     change *= root
     change *= root

@@ -1,10 +1,11 @@
-"""Modes of a height map by the errors of its rig, and whether these explain slopes that contradict each other.
+"""Modes of a height map by the errors of its rig, and whether these explain slopes that contradict each
+other.
 
-A rig has m independent errors a of unit variance: the rows of a root of its covariance, the thickness of a cover
-glass, a sag of the mirror at rest, motion between two captures. `RigModel.at(a)` is the measurement that the
-solver would work on if the rig had these errors; chord steps from the solution give the height, so that
-M_j = (z(h e_j) - z(0))/h needs no solve from scratch. h is small, since a rig that is off by a whole sigma of a
-wide prior may have no solution.
+A rig has m independent errors a of unit variance: the rows of a root of its covariance, the thickness of a
+cover glass, a sag of the mirror at rest, motion between two captures. `RigModel.at(a)` is the measurement
+that the solver would work on if the rig had these errors; chord steps from the solution give the height, so
+that M_j = (z(h e_j) - z(0))/h needs no solve from scratch. h is small, since a rig that is off by a whole
+sigma of a wide prior may have no solution.
 Modes are smooth: the model lies on a coarse grid of the camera's pixels, each the mean over its surroundings,
 and modes are interpolated linearly.
 """
@@ -123,11 +124,11 @@ class RigSolution(NamedTuple):
 class RigModel:
     """A solved measurement as a function of the errors of its rig, on every step-th pixel.
 
-    root (r0, p): rows of the covariance's root, of the scene's numbers `names`; forms: shapes of the mirror at
-    rest; shifts (k, 2, rows, cols): changes of u and v in the image; all of one standard deviation, the errors
-    in this order. rest_mirror (2, rows, cols): u and v of the flat mirror where a rest capture is compared with
-    it. sources (s,): of the errors, in words; shares (s, m, m): the part of each source in their covariance,
-    which is 1.
+    root (r0, p): rows of the covariance's root, of the scene's numbers `names`; forms: shapes of the mirror
+    at rest; shifts (k, 2, rows, cols): changes of u and v in the image; all of one standard deviation, the
+    errors in this order. rest_mirror (2, rows, cols): u and v of the flat mirror where a rest capture is
+    compared with it. sources (s,): of the errors, in words; shares (s, m, m): the part of each source in
+    their covariance, which is 1.
     """
 
     problem: Problem
@@ -293,8 +294,8 @@ def judged_rig(
     """Whether errors of the rig explain that the slopes contradict each other.
 
     Minimises trust sum_b w_b s_b(a)^2 + |a|^2 over the errors a, s the circulations of the coarse grid over
-    their sigma, w their share of independent ones; trust < 1 where the errors are so large that derivatives at
-    a = 0 describe them to a tenth. problem, state, gain: of all pixels; where trust is 1, chi2 is taken of
+    their sigma, w their share of independent ones; trust < 1 where the errors are so large that derivatives
+    at a = 0 describe them to a tenth. problem, state, gain: of all pixels; where trust is 1, chi2 is taken of
     these (see `circulation_chi2`), with the errors in the rig.
     """
     raw, freedom = circulation_chi2(problem.data, state, gain)
@@ -353,8 +354,8 @@ def _remaining(
 
 
 class _Circulations(NamedTuple):
-    """scores (n,): circulations over their sigma of blocks of all sizes; weights (n,): the share of each that is
-    independent; block (n,): number of its size."""
+    """scores (n,): circulations over their sigma of blocks of all sizes; weights (n,): the share of each that
+    is independent; block (n,): number of its size."""
 
     scores: Floats
     weights: Floats

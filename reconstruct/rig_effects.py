@@ -1,4 +1,5 @@
-"""Errors of a rig that are no numbers of its scene: a cover glass, the sag of the mirror at rest, the gauge."""
+"""Errors of a rig that are no numbers of its scene: a cover glass, the sag of the mirror at rest, the
+gauge."""
 
 import numpy as np
 
@@ -29,8 +30,8 @@ def glass_shift(scene: Scene, problem: Problem, w: Floats, at_rest: bool) -> Flo
 
 
 def _refracted(directions: Floats, plane: Floats, index: float) -> Floats:
-    """Change of the places, in cells (2, rows, cols), where rays (3, rows, cols) meet the cells behind 1 mm of
-    glass: by Snell's law, tan of the angle in the glass less tan of the angle outside."""
+    """Change of the places, in cells (2, rows, cols), where rays (3, rows, cols) meet the cells behind 1 mm
+    of glass: by Snell's law, tan of the angle in the glass less tan of the angle outside."""
     pitch = np.linalg.norm(plane[1:], axis=1)
     axes = plane[1:] / pitch[:, None]
     local = np.tensordot(np.stack([*axes, np.cross(*axes)]), directions, 1)
@@ -63,8 +64,8 @@ def sag_forms(scene: Scene, sigma: float) -> tuple[Form, ...]:
 
 
 def gauge_displacement(scene: Scene) -> Floats:
-    """Displacement (3, 2, 3), see `HeightMap`, by place (x, y) and turn about z of the whole rig over the mirror:
-    no height depends on them."""
+    """Displacement (3, 2, 3), see `HeightMap`, by place (x, y) and turn about z of the whole rig over the
+    mirror: no height depends on them."""
     known = TYPED if scene.accuracy is None else scene.accuracy
     x, y = 0.5 * scene.mirror.length, 0.5 * scene.mirror.width
     shift_x, shift_y = [[known.distance, 0, 0], [0, 0, 0]], [[0, 0, 0], [known.distance, 0, 0]]

@@ -1,8 +1,8 @@
 """The numbers of a scene that a calibration adjusts, by name, and a scene with other ones.
 
 Intrinsic numbers (focal length, pitches, bow, index) and the form of the mirror at rest are values; poses are
-changes of the scene's own, 0 in it: the camera's and the face's in the mirror's axes, the pattern's in its own
-axes about its middle. mm, rad.
+changes of the scene's own, 0 in it: the camera's and the face's in the mirror's axes, the pattern's in its
+own axes about its middle. mm, rad.
 """
 
 from collections.abc import Mapping
@@ -79,7 +79,7 @@ def without_rest_form(scene: Scene) -> Scene:
         return replace(scene, rest_form=None)
     kept = [k for k, name in enumerate(known.names) if not name.startswith("rest.")]
     some = np.ix_(kept, kept)
-    parts = None if known.parts is None else known.parts[:, *some]
+    parts = None if known.parts is None else known.parts[:, kept][:, :, kept]
     names = tuple(known.names[k] for k in kept)
     covariance = replace(known, names=names, matrix=known.matrix[some], parts=parts)
     return replace(scene, rest_form=None, covariance=covariance)

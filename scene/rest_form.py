@@ -55,5 +55,5 @@ class RestForm(Record):
         table = np.zeros((size, size))
         for order, c in zip(orders, self.coefficients, strict=True):
             table[order] = c
-        z: Float = legendre.legval2d(2 * x / mirror.length - 1, 2 * y / mirror.width - 1, table)
-        return z
+        z = legendre.legval2d(2 * x / mirror.length - 1, 2 * y / mirror.width - 1, table)
+        return np.asarray(z, dtype=np.float64)

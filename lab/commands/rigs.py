@@ -29,8 +29,9 @@ camera pose  alone    5     ...
 def command(draws: int, chosen: tuple[str, ...], times: float, seed: int, json_path: Path | None) -> None:
     """Draw rigs from the priors of typed numbers and compare heights with their total sigma.
 
-    Medians of the heights' error and of total sigma; error/sigma: rms, median over runs and worst run; beyond:
-    largest share of heights beyond five total sigma; silent: runs with more than 1 % of them and no notice.
+    Medians of the heights' error and of total sigma; error/sigma: rms, median over runs and worst run;
+    beyond: largest share of heights beyond five total sigma; silent: runs with more than 1 % of them and no
+    notice.
     """
     import numpy as np
 

@@ -1,6 +1,8 @@
-"""Every scene has a covariance: modes against rigs that are off, impossible scenes, the press as its own rest.
+"""Every scene has a covariance: modes against rigs that are off, impossible scenes, the press as its own
+rest.
 
-Truth is traced by `scene.trace` through the rig as it is; modes are compared with whole solves by other scenes.
+Truth is traced by `scene.trace` through the rig as it is; modes are compared with whole solves by other
+scenes.
 """
 
 from dataclasses import replace
@@ -56,7 +58,8 @@ def off(scene: Scene, name: str, times: float) -> Scene:
 
 
 def interior(height: HeightMap) -> NDArray[np.bool_]:
-    """Good pixels a tenth of the mirror away from the pattern's edge, where modes of single pixels are large."""
+    """Good pixels a tenth of the mirror away from the pattern's edge, where modes of single pixels are
+    large."""
     with np.errstate(invalid="ignore"):
         return np.asarray(height.good & (height.x > 0.1 * np.nanmax(height.x)))
 
