@@ -127,7 +127,7 @@ def test_a_facet_of_another_layout(tmp_path: Path) -> None:
         )
         if not fields:
             with h5py.File(path, "a") as file:
-                file.create_group(f"DataSofastCalculation/facet/facet_000")
+                file.create_group("DataSofastCalculation/facet/facet_000")
         with pytest.raises(InputError, match=r"r_cam_optic: a result of another version") as refused:
             load_sofast_rig(path)
         assert f"facet 'facet_000' has {found}, must have CalculationDataGeometryFacet" in str(refused.value)
