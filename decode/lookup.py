@@ -46,6 +46,8 @@ _RARE = 1e-5
 #: Relative step of a spread's derivatives; probability of another place below which a pixel may judge a
 #: spread.
 _NUDGE, _SAFE = 0.05, 1e-3
+#: Cells that wrong optics move a place by, at most: what moves farther is another answer.
+_MOVED = 0.5
 #: Share of a normal variance within three deviations, which fitted_noise makes up for: mean squares of
 #: several residuals have no tails.
 _TAILS = 0.9733
@@ -85,8 +87,8 @@ def prepare(
     """
 
     def table_for(way: int, spread: float, halo: float = 0.0) -> Table:
-        rounded = _STEP ** np.rint(np.log(spread) / np.log(_STEP)) if spread > 0 else 0.0
-        return table_of(sequence, plan, axis, way, Optics(float(rounded), blur, round(halo, 2)))
+        rounded = float(_STEP ** np.rint(np.log(spread) / np.log(_STEP))) if spread > 0 else 0.0
+        return table_of(sequence, plan, axis, way, Optics(rounded, blur, round(halo, 2)))
 
     way = WITHIN if cells is not None else SEARCH if axis.stripes is None else SWEEP
     usual = float(np.hypot(USUAL, blur or 0.0))
@@ -112,10 +114,12 @@ def prepare(
     spread, error = _likeliest(fitted, spreads)
     spread, halo = _scattering(fitted, spread) if on_cells else (spread, 0.0)
     low, fit, high = (fitted(spread * (1 + n), halo) for n in (-_NUDGE, 0.0, _NUDGE))
-    # what crowding is left may be due to the shape, too; but no shape moves places by more than a spread
-    # does, and none those of stripes, which are seen from either side
-    most = 0.0 if way == SWEEP else min(low.moved_to(high), 1.0)
-    unsure = min(most * error + abs(fit.crowding), most)
+    # no error of the spread moves places by more than the spread does; those of stripes, which are seen from
+    # either side, by nothing
+    most = 0.0 if way == SWEEP else min(low.moved_to(high) / float(np.log((1 + _NUDGE) / (1 - _NUDGE))), 1.0)
+    # places may crowd because the shape of the spread is another one; a known blur leaves no other shape
+    shape = fit.crowding if blur is None else 0.0
+    unsure = min(most * error + shape, most)
     table = replace(table_for(way, spread, halo), unsure=unsure)
     if noise is None:
         return replace(table, noise=fit.noise(pixels.noise))
@@ -154,23 +158,24 @@ class _Fit:
         return float(np.median(known)) / usual if len(known) else 1.0
 
     @property
-    def crowding(self) -> complex:
-        """Mean exp(2 pi i u / cell) of the sample, over each place's posterior (half a tread is no crowd): 0
-        but for chance where places are spread evenly."""
+    def crowding(self) -> float:
+        """Size of the mean exp(2 pi i u / cell) of the sample, over each place's posterior (half a tread is
+        no crowd): 0 but for chance where places are spread evenly.
+        """
         known = np.isfinite(self.misfit)
         if not known.any():
-            return 0j
+            return 0.0
         turn = 2j * np.pi * self.place[known] / self.table.cell
-        return complex(np.exp(turn - 2 * np.pi**2 * self.variance[known] / self.table.cell**2).mean())
+        mean = np.exp(turn - 2 * np.pi**2 * self.variance[known] / self.table.cell**2).mean()
+        return float(np.abs(mean))
 
     def moved_to(self, other: "_Fit") -> float:
-        """By how much of their way to the cell's nearest edge places move for a relative change of the
-        spread."""
+        """By how much of their way to the cell's nearest edge places differ, by least squares."""
         both = np.isfinite(self.misfit) & np.isfinite(other.misfit)
-        if not both.any() or other.table.optics.spread == self.table.optics.spread:
-            return 0.0
-        moved = np.median(np.abs(other.place - self.place)[both]) / (0.25 * self.table.cell)
-        return float(moved / np.log(other.table.optics.spread / self.table.optics.spread))
+        way = self.place[both] / self.table.cell + 0.5
+        way -= np.rint(way)
+        moved = np.clip((other.place - self.place)[both] / self.table.cell, -_MOVED, _MOVED)
+        return abs(float(moved @ way)) / max(float(way @ way), 1e-12)
 
     def unlikely(self, excess: float) -> float:
         """-2 log likelihood: squared residuals, over `excess` times their variance and no further than noise

@@ -136,9 +136,18 @@ def _of_json(path: Path) -> Fields:
 
 
 def _facets(paths: Sequence[Path], facet: str) -> str:
-    """Which facets there are instead."""
-    others = [name for path in paths if path.suffix.lower() != ".json" for name in names_in(path, _FACETS)]
-    return f"; no facet {facet!r}, there are {', '.join(others)}" if others else ""
+    """Which facets a result has instead, or which fields of this one that are not read."""
+    for path in paths:
+        others = [] if path.suffix.lower() == ".json" else names_in(path, _FACETS)
+        if facet in others:
+            found, needed = ", ".join(names_in(path, f"{_FACETS}/{facet}")), POSE[0].removeprefix(_RESULT)
+            return (
+                f"; facet {facet!r} has {found or 'no field'}, must have {needed}: a result of another "
+                "version of OpenCSP; give SOFAST's inputs instead, or compute it anew"
+            )
+        if others:
+            return f"; no facet {facet!r}, there are {', '.join(others)}"
+    return ""
 
 
 def _require_shapes(fields: Fields) -> None:
