@@ -36,9 +36,9 @@ $ optolever reconstruct c.npz --scene capture/scene.toml \\
 Height map in h.npz
   good                98.83 % of the pixels
   height              -0.00324 to 1.3 mm
-  sigma               3.884e-05 mm (median of the good)
+  sigma               ± 39 nm noise (medians)
   off_pattern         1.169 %
-  chi2                0.9207 per degree of freedom (949), 1 by noise alone
+  chi2                0.9207 per degree of freedom (949), 1 by noise
   error               0.000127 of the peak depth, rms
   rms(error / sigma)  0.9616
   dent 1              depth 1.3 mm ± 37 nm noise; half depth: area 1742 ± 0.16

@@ -41,6 +41,7 @@ MEANING = {
     "STEEP": "steeper than the optical lever can measure",
     "NOT_CONVERGED": "the solver found no answer here",
     "SINGULAR": "the pattern lies within its noise of the mirror: no slope can be told",
+    "IMPLAUSIBLE": "the capture contradicts its scene: no rig of the scene's accuracy can have taken it",
 }
 COLOURS = [to_hex(colour) for colour in colormaps["tab20"].colors]  # type: ignore[attr-defined]
 THUMBNAIL = 150  # pixels

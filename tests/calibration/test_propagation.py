@@ -164,16 +164,16 @@ def test_figures_and_slopes_hold_the_rig(kind: str) -> None:
 
     (plain, flat), (figures, slopes) = measured(truth), measured(scene)
     own, step = parameter_values(truth), 0.2
-    squares = dict.fromkeys(("depth", "volume", "area", "indenter_radius"), 0.0)
+    names = ["depth", "volume", "area"] if kind == "gaussian" else ["depth", "indenter_radius"]
+    squares = dict.fromkeys(names, 0.0)
     turned = np.zeros((2, *seen.u.shape))
     for row in scene.covariance.root:
         change = zip(scene.covariance.names, row, strict=True)
         moved, other = measured(adjusted(truth, {name: own[name] + step * by for name, by in change}))
-        for name in squares:
+        for name in names:
             squares[name] += ((getattr(moved, name) - getattr(plain, name)) / step) ** 2
         turned += (np.stack([other.slope_x - flat.slope_x, other.slope_y - flat.slope_y]) / step) ** 2
     assert plain.found == (kind == "ball")
-    names = ["depth", "volume", "area"] if kind == "gaussian" else ["depth", "indenter_radius"]
     for name in names:
         both, alone = (getattr(each, f"{name}_sigma") for each in (figures, plain))
         assert np.sqrt(both**2 - alone**2) == pytest.approx(np.sqrt(squares[name]), rel=0.2), name

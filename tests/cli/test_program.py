@@ -96,7 +96,7 @@ def test_console_script_and_version() -> None:
 def test_interruption_is_130(optolever: Program, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     from optolever import scene
 
-    def interrupt(name: str) -> None:
+    def interrupt(name: str, *, exact: bool) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(scene, "load", interrupt)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from lab.program import NAME, SECTIONS, run
-from optolever.cli.outputs import OUTPUT, Program
+from optolever.cli.outputs import OutputFile, Program
 
 COMMANDS = [name for names in SECTIONS.values() for name in names]
 
@@ -29,7 +29,7 @@ def test_every_command_checks_its_outputs(name: str) -> None:
     command = importlib.import_module(f"lab.commands.{name}").command
     assert isinstance(command, Program)
     kinds = {parameter.name: parameter.type for parameter in command.params}
-    assert kinds["json_path"] is OUTPUT
+    assert isinstance(kinds["json_path"], OutputFile)
 
 
 def test_it_runs_from_the_root(root: Path) -> None:
