@@ -1,6 +1,8 @@
 """reconstruct(): Correspondence + Scene -> HeightMap."""
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -23,7 +25,7 @@ from .edges import Doubt
 from .gaps import across_gaps, widened
 from .heightmap import HeightMap
 from .holes import bridged, noise_gain, whole_lines
-from .hypotheses import likely_mistake
+from .hypotheses import LIKELY, likely_mistake, likely_mistake_at_rest, rest_misfit
 from .motion import Motion, fit_motion, same_capture
 from .newton import Options, State, missed, solve
 from .paper import SeriesName
@@ -131,7 +133,7 @@ def reconstruct(
         return replace(height, notices=correspondence.notices)
     steps = 1 if scene.exact else 2
     progress("height", 0, steps)
-    with logged(f"reconstruct {correspondence.u.shape} by {method}"):
+    with logged(f"reconstruct {correspondence.u.shape} by {method}"), _explained(rest, scene):
         solution = solved_height(correspondence, scene, anchor, mask, method, start)
     progress("errors of the rig", 1, steps)
     solution = with_rig(solution, measured, scene, motion, accept)
@@ -159,6 +161,11 @@ def with_rig(
     if scene.exact and not (contradicted and known.chi2 > _IMPOSSIBLE):  # type: ignore[operator]
         return solution
     typed = replace(scene, accuracy=TYPED) if scene.exact else scene
+    if measured.rest is not None and not accept:
+        misfit = rest_misfit(measured.rest, typed)
+        if misfit > LIKELY:
+            mistake = likely_mistake_at_rest(measured.rest, typed, misfit)
+            return solution._replace(height=refused(solution.height, mistake))
     model = rig_model(_solved_coarse, measured, typed, solution.height, motion)
     if model is None:
         return solution
@@ -168,7 +175,8 @@ def with_rig(
         judged = judged_rig(model, solutions, solution.problem, solution.state, gain)
         if not scene.exact:
             solution = _rejudged(solution, judged.chi2, judged.freedom)
-        if judged.raw > _IMPOSSIBLE and not accept and not (judged.likely and judged.chi2 < _DOUBTED):
+        doubted = judged.raw > _IMPOSSIBLE and not (judged.likely and judged.chi2 < _DOUBTED)
+        if doubted and measured.rest is None and not accept:
             mistake = likely_mistake(_judge_coarse, measured, typed, judged.raw)
             if mistake or not judged.likely:
                 return solution._replace(height=refused(solution.height, mistake))
@@ -176,6 +184,22 @@ def with_rig(
         return solution
     modes = rig_modes(model, solutions, solution.height)
     return solution._replace(height=replace(solution.height, **modes._asdict()))
+
+
+@contextmanager
+def _explained(rest: Correspondence | None, scene: Scene) -> Iterator[None]:
+    """A capture that cannot be solved names the mistake in its scene that its rest capture shows."""
+    try:
+        yield
+    except InputError as error:
+        typed = replace(scene, accuracy=TYPED) if scene.exact else scene
+        misfit = 0.0 if rest is None else rest_misfit(rest, typed)
+        mistake = (
+            likely_mistake_at_rest(rest, typed, misfit) if rest is not None and misfit > LIKELY else None
+        )
+        if mistake is None:
+            raise
+        raise InputError(f"{error}; with one change of the scene the rest capture fits: {mistake}") from error
 
 
 def _judge_coarse(measured: Measurement, scene: Scene) -> RigJudgement:
