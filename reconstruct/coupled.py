@@ -177,7 +177,7 @@ def with_rig(
             solution = _rejudged(solution, judged.chi2, judged.freedom)
         doubted = judged.raw > _IMPOSSIBLE and not (judged.likely and judged.chi2 < _DOUBTED)
         if doubted and measured.rest is None and not accept:
-            mistake = likely_mistake(_judge_coarse, measured, typed, judged.raw)
+            mistake = likely_mistake(_judge_coarse, measured, typed, judged)
             if mistake or not judged.likely:
                 return solution._replace(height=refused(solution.height, mistake))
     if scene.exact:

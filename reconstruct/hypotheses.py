@@ -34,12 +34,15 @@ class _Mistake(NamedTuple):
 
 
 def likely_mistake(
-    judge: Callable[[Measurement, Scene], RigJudgement], measured: Measurement, scene: Scene, chi2: float
+    judge: Callable[[Measurement, Scene], RigJudgement],
+    measured: Measurement,
+    scene: Scene,
+    described: RigJudgement,
 ) -> str | None:
     """The mistake without which the capture fits its scene, in words; None where none does.
 
-    judge: solves a measurement on a coarse grid and judges its slopes; chi2: of the capture as it was
-    described.
+    judge: solves a measurement on a coarse grid and judges its slopes; described: the judgement of the capture
+    as it was described.
     """
     found: list[tuple[float, str]] = []
     for words, change, other in _mistakes(scene):
@@ -49,7 +52,8 @@ def likely_mistake(
             judged = judge(changed, other)
         except InputError:  # no such mirror
             continue
-        if judged.likely and judged.raw < _BETTER * chi2:
+        better = judged.raw < _BETTER * described.raw and (judged.exact or judged.chi2 < 0.5 * described.chi2)
+        if judged.likely and better:
             found.append((judged.raw, words))
     return min(found)[1] if found else None
 

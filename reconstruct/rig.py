@@ -101,6 +101,11 @@ class RigJudgement(NamedTuple):
     likely: bool
     raw: float
 
+    @property
+    def exact(self) -> bool:
+        """Whether the errors are small enough for chi2 to be that of noise alone."""
+        return self.raw < _LINEAR
+
 
 class RigModes(NamedTuple):
     """Changes by independent errors of unit variance: calibration (r, H, W), mm of z; displacement (m, 2, 3),
