@@ -50,12 +50,12 @@ def mirror_map(axes: Axes, grid: Grid, values: Floats, title: str, label: str, *
 
 def readme(path: Path) -> None:
     """Rig, one frame, height and its sigma: prism48, a dent of 0.3 mm, noise of one grey level."""
-    rig = resize(load("prism48"), 300, 400)
+    rig = resize(load("prism48", exact=True), 300, 400)
     frames, seen, _ = measured(rig, "gaussian:peak=0.3,sigma=6,x=24,y=20")
     grid = reconstruct(seen, rig).resample()
     figure = new_figure(9.6, 5.8)
     side, frame, map_z, map_sigma = figure.subplots(2, 2).flat
-    rig_figures.rig(side, load("prism48"), dent="gaussian:peak=0.3,sigma=6,x=24,y=22")
+    rig_figures.rig(side, load("prism48", exact=True), dent="gaussian:peak=0.3,sigma=6,x=24,y=22")
     rig_figures.names(side, rig)
     side.set_ylim(-5, None)
     side.set_title("Rig: one camera row, ray by ray", fontsize=10, loc="left")
@@ -71,7 +71,7 @@ def readme(path: Path) -> None:
 
 def side_view(name: str, path: Path) -> None:
     """The cut of a preset's rig with its axes."""
-    scene = load(name)
+    scene = load(name, exact=True)
     figure = new_figure(7.2, 5.0)
     axes = figure.subplots()
     rig_figures.rig(axes, scene)
@@ -114,7 +114,7 @@ def modes(path: Path) -> None:
     """The free mode of a prism and of a monitor rig."""
     figure = new_figure(8.6, 3.2)
     for axes, name in zip(figure.subplots(1, 2), ("prism48", "monitor-mirror"), strict=True):
-        rig = resize(load(name), 60, 80)
+        rig = resize(load(name, exact=True), 60, 80)
         rest = trace(rig, dent_from_text("flat", rig))
         image = axes.scatter(rest.x, rest.y, c=free_mode(rig), s=4, cmap="viridis", marker="s")
         axes.set_aspect("equal")
@@ -167,7 +167,7 @@ def pages(folder: Path) -> None:
     side_view("monitor-mirror", folder / "monitor.png")
     theta(folder / "theta.png")
     modes(folder / "free_mode.png")
-    rig = resize(load("prism48"), 150, 200)
+    rig = resize(load("prism48", exact=True), 150, 200)
     _, where, truth = measured(rig, PRESS)
     anchors(where, rig, folder / "anchors.png")
     sigma(where, truth, folder / "sigma.png")

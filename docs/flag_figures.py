@@ -97,7 +97,7 @@ CASES = (
 
 def prism() -> Scene:
     """The rig of all cases."""
-    return resize(load("prism48"), ROWS, COLS)
+    return resize(load("prism48", exact=True), ROWS, COLS)
 
 
 def frames_of(case: Case, rig: Scene) -> tuple[Frames, Sequence]:

@@ -120,7 +120,7 @@ def reconstruct(
         raise InputError(f"method = {method!r}: unknown, must be one of {', '.join(method_names())}")
     motion = None
     if rest is not None:
-        if same_capture(correspondence, rest):
+        if rest.u.shape == correspondence.u.shape and same_capture(correspondence, rest):
             correspondence = replace(correspondence, notices=(*correspondence.notices, _SAME_CAPTURE))
         scene = without_rest_form(scene)  # heights are those above the mirror at rest
         motion = None if scene.exact else fit_motion(correspondence, rest, scene)

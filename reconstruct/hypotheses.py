@@ -41,8 +41,8 @@ def likely_mistake(
 ) -> str | None:
     """The mistake without which the capture fits its scene, in words; None where none does.
 
-    judge: solves a measurement on a coarse grid and judges its slopes; described: the judgement of the capture
-    as it was described.
+    judge: solves a measurement on a coarse grid and judges its slopes; described: the judgement of the
+    capture as it was described.
     """
     found: list[tuple[float, str]] = []
     for words, change, other in _mistakes(scene):

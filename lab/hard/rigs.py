@@ -90,7 +90,7 @@ def _drawn_scene(rng: np.random.Generator, kind: str, size: tuple[int, int]) -> 
     except InputError:  # a lens that folds the image
         return None
     plane = _prism_plane(mirror, float(pattern_angle)) if prism else _open_plane(rng, mirror, float(angle))
-    scene = Scene(kind, mirror, plane, camera, medium)
+    scene = Scene(kind, mirror, plane, camera, medium, accuracy=None)
     pattern = _fitted_pattern(rng, scene)
     return None if pattern is None else replace(scene, pattern=pattern)
 

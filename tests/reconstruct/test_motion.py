@@ -201,7 +201,7 @@ def test_heights_less_the_motion() -> None:
 
     def height(field: Floats) -> Floats:
         kept = replace(now, u=now.u - field[0], v=now.v - field[1])
-        solved = reconstruct(kept, scene, rest=rest)
+        solved = reconstruct(kept, replace(scene, accuracy=None), rest=rest)
         return np.where(solved.good, np.stack([solved.z, solved.sigma]), np.nan)
 
     field = np.stack(found.field())
