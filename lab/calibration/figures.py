@@ -47,8 +47,8 @@ SETUPS = {
     "prism, priors alone": ("typed", 0, False),
 }
 
-#: The set-ups in the order of their random streams: a new one stands behind, so that the draws of others
-stay. _STREAMS = (
+#: The set-ups in the order of their random streams; a new one stands last, so that the others' draws stay.
+_STREAMS = (
     "air K = 3",
     "air K = 5",
     "air K = 8",
