@@ -104,6 +104,8 @@ class HeightMap(Comparable):
     error of the rig, an affine field displacement[k] @ (1, x, y) in mm. The first r errors are those of
     `calibration`; the others move the map along the mirror and change no height (the gauge). None: x and y
     are exact.
+    own: number of the last modes that belong to this capture alone (motion of the rig since the rest
+    capture): they do not cancel in a difference of two maps.
     """
 
     x: Floats
@@ -118,6 +120,7 @@ class HeightMap(Comparable):
     sources: tuple[str, ...] = ()
     shares: Floats | None = None
     displacement: Floats | None = None
+    own: int = 0
 
     def __post_init__(self) -> None:
         shape = np.shape(self.z)
@@ -173,9 +176,6 @@ class HeightMap(Comparable):
         if not isinstance(other, HeightMap):
             return NotImplemented
         z, _ = self.difference(other)
-        modes = None
-        if self.calibration is not None and other.calibration is not None:
-            modes = self.calibration - other.calibration
         return replace(
             self,
             z=z,
@@ -183,8 +183,29 @@ class HeightMap(Comparable):
             flags=self.flags | other.flags,
             diagnostics=Diagnostics("difference"),
             notices=tuple(dict.fromkeys((*self.notices, *other.notices))),
-            calibration=modes,
+            **self._modes_less(other),
         )
+
+    def _modes_less(self, other: "HeightMap") -> dict[str, Any]:
+        """The modes of the difference: common ones less the other's, then those of either capture alone."""
+        if self.calibration is None or other.calibration is None:
+            return {"calibration": None, "sources": (), "shares": None, "displacement": None, "own": 0}
+        common, own = len(self.calibration) - self.own, self.own + other.own
+        modes = [self.calibration[:common] - other.calibration[:common]]
+        modes += [self.calibration[common:], other.calibration[common:]]
+        changed: dict[str, Any] = {"calibration": np.concatenate(modes), "own": own}
+        if self.shares is not None:
+            wider = np.pad(self.shares[:, :common, :common], ((0, 0), (0, own), (0, own)))
+            alone = np.diag(np.repeat([0.0, 1.0], (common, own)))
+            last = self.sources[-1] if self.own else other.sources[-1] if other.own else ""
+            kept = [k for k, name in enumerate(self.sources) if name != last]
+            changed["sources"] = (*(self.sources[k] for k in kept), *((last,) if own else ()))
+            changed["shares"] = np.concatenate([wider[kept], alone[None]] if own else [wider])
+        if self.displacement is not None:
+            still = np.zeros((own, 2, 3))
+            gauge = self.displacement[common + self.own :]
+            changed["displacement"] = np.concatenate([self.displacement[:common], still, gauge])
+        return changed
 
     @property
     def calibration_sigma(self) -> Floats:
@@ -203,7 +224,9 @@ class HeightMap(Comparable):
         """z less another map's of the same rig, pixel by pixel, and its standard deviation (mm): modes are
         common to both, so that most of them cancels. InputError where the maps' shapes or rigs differ.
         """
-        counts = [0 if each.calibration is None else len(each.calibration) for each in (self, other)]
+        counts = [
+            0 if each.calibration is None else len(each.calibration) - each.own for each in (self, other)
+        ]
         if self.z.shape != other.z.shape or counts[0] != counts[1]:
             raise InputError(
                 f"difference: maps of {self.z.shape} and {other.z.shape} pixels with {counts[0]} and "
@@ -212,7 +235,7 @@ class HeightMap(Comparable):
         noise = np.hypot(self.sigma, other.sigma)
         if self.calibration is None or other.calibration is None:
             return self.z - other.z, noise
-        modes = self.calibration - other.calibration
+        modes = self._modes_less(other)["calibration"]
         return self.z - other.z, np.sqrt(noise**2 + np.einsum("rij,rij->ij", modes, modes))
 
     def displacement_at(self, x: float, y: float) -> Floats:
@@ -249,6 +272,7 @@ class HeightMap(Comparable):
             arrays
             | {"diagnostics": self.diagnostics.to_json(), "lean": self.lean, "notices": told}
             | {"calibration": self.calibration, "shares": self.shares, "displacement": self.displacement}
+            | ({"own": np.array(self.own)} if self.own else {})
             | ({} if self.shares is None else {"sources": np.array(self.sources)}),
         )
 
@@ -275,6 +299,7 @@ class HeightMap(Comparable):
                 sources=tuple(str(name) for name in np.atleast_1d(arrays.get("sources", ()))),
                 shares=arrays.get("shares"),
                 displacement=arrays.get("displacement"),
+                own=int(arrays.get("own", 0)),
             )
         except InputError as error:
             raise InputError(f"{path}: {error}") from error

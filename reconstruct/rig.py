@@ -109,12 +109,13 @@ class RigJudgement(NamedTuple):
 
 class RigModes(NamedTuple):
     """Changes by independent errors of unit variance: calibration (r, H, W), mm of z; displacement (m, 2, 3),
-    m >= r, of x and y (see `HeightMap`); sources (s,) in words, shares (s, r, r)."""
+    m >= r, of x and y (see `HeightMap`); sources (s,) in words, shares (s, r, r); own: modes of motion."""
 
     calibration: NDArray[np.float32]
     displacement: Floats
     sources: tuple[str, ...]
     shares: Floats
+    own: int
 
 
 class RigSolution(NamedTuple):
@@ -133,7 +134,7 @@ class RigModel:
     at rest; shifts (k, 2, rows, cols): changes of u and v in the image; all of one standard deviation, the
     errors in this order. rest_mirror (2, rows, cols): u and v of the flat mirror where a rest capture is
     compared with it. sources (s,): of the errors, in words; shares (s, m, m): the part of each source in
-    their covariance, which is 1.
+    their covariance, which is 1. motions: how many of the last errors are of motion.
     """
 
     problem: Problem
@@ -148,6 +149,7 @@ class RigModel:
     shifts: Floats
     sources: tuple[str, ...]
     shares: Floats
+    motions: int
 
     @property
     def count(self) -> int:
@@ -272,6 +274,7 @@ def _model(
         forms,
         np.concatenate([np.zeros((0, 2, *problem.valid.shape)), *(fields for _, fields in shifts)]),
         *_sources(known, forms, shifts),
+        motions=0 if motion is None else len(shifts[-1][1]),
     )
     return model if model.count else None
 
@@ -290,6 +293,7 @@ def rig_modes(model: RigModel, solutions: Sequence[RigSolution], height: HeightM
         np.concatenate([_affine(own, moved[:, :2]), gauge_displacement(model.scene)]),
         model.sources,
         model.shares,
+        model.motions,
     )
 
 

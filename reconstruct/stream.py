@@ -105,6 +105,7 @@ class HeightStream:
                     sources=last.sources,
                     shares=last.shares,
                     displacement=last.displacement,
+                    own=last.own,
                 )
                 # the variance knows of the doubts of the frame that was solved in full
                 kept = replace(state, doubt=self._last.state.doubt)

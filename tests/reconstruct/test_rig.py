@@ -227,3 +227,22 @@ def test_a_perfect_capture_keeps_its_heights() -> None:
     truth = trace(PRISM, dent("gaussian", PRISM, peak=0.2, sigma=5.0))
     height = reconstruct(exact_correspondence(truth, NOISE), PRISM)
     assert np.nanmax(np.abs(height.z - truth.z)[height.good]) < 1e-3
+
+
+def test_presses_against_one_rest_subtract() -> None:
+    """Errors of the rig cancel in a difference, motions of the rig since the rest capture do not."""
+    _, rest = captured(PRISM, "flat", seed=1)
+    one, two = (reconstruct(captured(PRISM, seed=seed)[1], PRISM, rest=rest) for seed in (2, 3))
+    assert one.calibration is not None
+    assert one.own > 0
+    less = one - two
+    assert less.calibration is not None
+    assert less.own == one.own + two.own
+    assert less.shares is not None
+    assert np.allclose(less.shares.sum(axis=0), np.eye(len(less.calibration)))
+    common = less.calibration[: -less.own]
+    both = less.good
+    left = np.median(np.sqrt((common[:, both] ** 2).sum(axis=0)))
+    assert left < 0.05 * np.median(one.calibration_sigma[both])
+    motion = np.sqrt((one.calibration[-one.own :, both] ** 2).sum(axis=0))
+    assert (one.difference(two)[1][both] > motion).all()
