@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 
 from optolever.errors import InputError
-from optolever.scene import PinholeCamera, Scene, parameter_values
+from optolever.scene import GAUGE_HELD, PinholeCamera, Scene, parameter_values, typed_sigmas
 
 __all__ = ["GAUGE", "MEANING", "default_priors", "is_pose", "plausible", "resolved"]
 
@@ -13,7 +13,6 @@ GAUGE = (
     "gauge: the mirror at rest (the first Rest, else the first Flat) is z = 0; the camera keeps its x and y "
     "and its turn about the mirror's normal"
 )
-_HELD = ("camera.x", "camera.y", "camera.rz")
 
 #: Parameter -> its name in notices.
 MEANING = {
@@ -45,8 +44,6 @@ MEANING = {
     "face.index": "the index of refraction",
 }
 
-_DEGREE = math.pi / 180
-
 
 def plausible(scene: Scene) -> dict[str, float]:
     """Standard deviations of a number of which nothing is known but that it is one of a rig."""
@@ -64,28 +61,23 @@ def plausible(scene: Scene) -> dict[str, float]:
 
 def default_priors(scene: Scene) -> dict[str, float]:
     """Name -> sigma, finite. In open air everything but pitch and k3 is free within `plausible`. A prism is
-    known to 1 degree, 0.5 mm, 1 % and 0.01 of index; a lens in front of its face to `_lens`."""
+    known as typed numbers are (`scene.typed_sigmas`), display pitch and bow held; a lens in front of its face
+    to `_lens`."""
     wide = plausible(scene)
     if isinstance(scene.camera, PinholeCamera) and scene.camera.face is None and scene.medium is None:
-        held = ("pattern.pitch", "camera.k3", *_HELD)
+        held = ("pattern.pitch", "camera.k3", *GAUGE_HELD)
         return {name: sigma for name, sigma in wide.items() if name not in held}
-    values = parameter_values(scene)
-    sigmas = {"rx": _DEGREE, "ry": _DEGREE, "rz": _DEGREE, "x": 0.5, "y": 0.5, "z": 0.5}
-    sigmas |= {"distance": 0.5, "index": 0.01}
-    sigmas |= {key: 0.01 * abs(values.get(f"camera.{key}", 0.0)) for key in ("f", "pitch_u", "pitch_v")}
-    sigmas |= _lens(scene)
-    keys = {name: name.partition(".")[2] for name in values if name not in _HELD}
-    chosen = {name: sigmas[key] for name, key in keys.items() if key in sigmas}
-    if not isinstance(scene.camera, PinholeCamera):
-        chosen.pop("camera.z")  # along parallel rays nothing changes, across them it is the gauge's x
-    return chosen
+    sigmas = typed_sigmas(scene) | _lens(scene)
+    display = ("pattern.pitch", "pattern.b20", "pattern.b11", "pattern.b02")
+    return {name: sigmas[name] for name in wide if name in sigmas and name not in display}
 
 
 def _lens(scene: Scene) -> dict[str, float]:
     """Of a lens without a calibration of its own: webcams have k1 of -0.3 to 0.1, a principal point within a
     few per cent of the image's middle, and a decentering of 0.001."""
     off = max(10.0, 0.02 * max(scene.camera.rows, scene.camera.cols))  # px
-    return {"cx": off, "cy": off, "k1": 0.2, "k2": 0.1, "p1": 1e-3, "p2": 1e-3}
+    sigmas = {"cx": off, "cy": off, "k1": 0.2, "k2": 0.1, "p1": 1e-3, "p2": 1e-3}
+    return {f"camera.{key}": sigma for key, sigma in sigmas.items()}
 
 
 def is_pose(name: str) -> bool:
@@ -103,7 +95,7 @@ def resolved(scene: Scene, given: Mapping[str, float] | None) -> dict[str, float
             )
         if math.isnan(sigma) or sigma < 0:
             raise InputError(f"prior {name} = {sigma}: must be at least 0 (0: held, inf: free)")
-        if name in _HELD and sigma > 0:
+        if name in GAUGE_HELD and sigma > 0:
             raise InputError(f"prior {name} = {sigma}: held by the {GAUGE}")
         priors[name] = sigma
     wide = plausible(scene)

@@ -25,7 +25,7 @@ from .edges import Doubt
 from .gaps import across_gaps, widened
 from .heightmap import HeightMap
 from .holes import bridged, noise_gain, whole_lines
-from .hypotheses import LIKELY, likely_mistake, likely_mistake_at_rest, rest_misfit
+from .hypotheses import likely_mistake, likely_mistake_at_rest
 from .motion import Motion, fit_motion, same_capture
 from .newton import Options, State, missed, solve
 from .paper import SeriesName
@@ -33,7 +33,7 @@ from .paper_scene import reconstruct_paper
 from .problem import Problem, prepare
 from .result import anchors_apart, height_map, judged, off_mirror, refused
 from .reweighting import reweighted
-from .rig import Measurement, RigJudgement, judged_rig, rig_model, rig_modes, rig_solutions
+from .rig import LINEAR, Measurement, RigJudgement, judged_rig, rig_model, rig_modes, rig_solutions
 from .rounding import rounding_variance
 from .shared_noise import shared_variance
 from .uncertainty import unknown_variance
@@ -55,7 +55,6 @@ _SENSITIVE, _UNSTABLE = 0.25, 1.0
 _MISSED = 5.0  # standard deviations of an edge
 _BETTER = 3.0  # times: data less better than that by its curl may hide what neighbours share
 _NOISIER = 1.2  # times the announced noise, by the curl: sigma grows to what it is
-_IMPOSSIBLE = 1e4  # chi2 from which on the description of the rig is doubted
 _DOUBTED = 0.2  # chi2 that the errors of such a rig leave, from which on other descriptions are tried
 _SAME_CAPTURE = Notice(
     "The press and the rest capture are one and the same capture, so that every height is 0",
@@ -158,13 +157,12 @@ def with_rig(
     all pixels are flagged where no such rig can have taken the capture, unless `accept`."""
     known = solution.height.diagnostics
     contradicted = bool(contradiction(known.chi2, known.freedom))
-    if scene.exact and not (contradicted and known.chi2 > _IMPOSSIBLE):  # type: ignore[operator]
+    if scene.exact and not (contradicted and known.chi2 > LINEAR):  # type: ignore[operator]
         return solution
     typed = replace(scene, accuracy=TYPED) if scene.exact else scene
     if measured.rest is not None and not accept:
-        misfit = rest_misfit(measured.rest, typed)
-        if misfit > LIKELY:
-            mistake = likely_mistake_at_rest(measured.rest, typed, misfit)
+        mistake = likely_mistake_at_rest(measured.rest, scene)
+        if mistake is not None:
             return solution._replace(height=refused(solution.height, mistake))
     model = rig_model(_solved_coarse, measured, typed, solution.height, motion)
     if model is None:
@@ -175,7 +173,7 @@ def with_rig(
         judged = judged_rig(model, solutions, solution.problem, solution.state, gain)
         if not scene.exact:
             solution = _rejudged(solution, judged.chi2, judged.freedom)
-        doubted = judged.raw > _IMPOSSIBLE and not (judged.likely and judged.chi2 < _DOUBTED)
+        doubted = not judged.exact and not (judged.likely and judged.chi2 < _DOUBTED)
         if doubted and measured.rest is None and not accept:
             mistake = likely_mistake(_judge_coarse, measured, typed, judged)
             if mistake or not judged.likely:
@@ -192,11 +190,7 @@ def _explained(rest: Correspondence | None, scene: Scene) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        typed = replace(scene, accuracy=TYPED) if scene.exact else scene
-        misfit = 0.0 if rest is None else rest_misfit(rest, typed)
-        mistake = (
-            likely_mistake_at_rest(rest, typed, misfit) if rest is not None and misfit > LIKELY else None
-        )
+        mistake = None if rest is None else likely_mistake_at_rest(rest, scene)
         if mistake is None:
             raise
         raise InputError(f"{error}; with one change of the scene the rest capture fits: {mistake}") from error

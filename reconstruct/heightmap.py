@@ -97,7 +97,7 @@ class HeightMap(Comparable):
     lean: dx/dz and dy/dz along the rays, (2, H, W), or (2, 1, 1) if all are parallel, None if unknown (taken
     as upright); notices: what the whole map wants its user to know, the correspondence's included;
     calibration: (r, H, W) mm, what one standard deviation of every independent error of the rig does to z,
-    apart from `sigma`; one error moves the whole map. None: the scene has no covariance.
+    apart from `sigma`; one error moves the whole map. None: the scene is exact.
     sources, shares (s, r, r): what is behind these errors, in words, and each one's part of their covariance
     (see `budget`); none: not known.
     displacement: (m, 2, 3), m >= r: the change of x and y by one standard deviation of every independent

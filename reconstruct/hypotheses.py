@@ -9,16 +9,14 @@ import numpy as np
 
 from optolever.decode import Correspondence
 from optolever.errors import InputError
-from optolever.scene import Scene, adjusted, parameter_values, rig_covariance, strided
+from optolever.scene import Scene, adjusted, parameter_values, strided, typed_covariance
 
 from .arrays import Floats
 from .calibration import flat_mirror
-from .rig import Measurement, RigJudgement
+from .rig import LIKELY, Measurement, RigJudgement
 
-__all__ = ["LIKELY", "likely_mistake", "likely_mistake_at_rest", "rest_misfit"]
+__all__ = ["likely_mistake", "likely_mistake_at_rest", "rest_misfit"]
 
-#: Mean square of the rig's errors in standard deviations, up to which a scene is believed.
-LIKELY = 9.0
 _BETTER = 0.1  # of the misfit: what the right description leaves at most
 _LINES = 24  # rows of the grid on which a rest capture is compared with the flat mirror
 _NOISE = 1.0  # px: sag, glass and curvature of a rest capture
@@ -58,8 +56,12 @@ def likely_mistake(
     return min(found)[1] if found else None
 
 
-def likely_mistake_at_rest(rest: Correspondence, scene: Scene, misfit: float) -> str | None:
-    """The mistake without which the rest capture is one of a flat mirror, in words; None where none is."""
+def likely_mistake_at_rest(rest: Correspondence, scene: Scene) -> str | None:
+    """The mistake without which the rest capture is one of a flat mirror, in words; None where none is, or
+    the scene is likely as it stands."""
+    misfit = rest_misfit(rest, scene)
+    if misfit <= LIKELY:
+        return None
     found = [(rest_misfit(change(rest), other), words) for words, change, other in _mistakes(scene)]
     some = [each for each in found if each[0] < min(LIKELY, _BETTER * misfit)]
     return min(some)[1] if some else None
@@ -72,7 +74,7 @@ def rest_misfit(rest: Correspondence, scene: Scene) -> float:
     Minimises |a|^2 + sum (y - J a)^2 / s^2 over the errors a, y the deviation from the flat mirror in px, s
     at least a pixel and a tenth of y.
     """
-    known = rig_covariance(scene)
+    known = typed_covariance(scene)
     step = max(1, min(rest.u.shape) // _LINES)
     flat = flat_mirror(strided(scene, step))
     places = np.stack([rest.u[::step, ::step], rest.v[::step, ::step]])

@@ -39,6 +39,8 @@ from .problem import Problem
 from .rig_effects import gauge_displacement, glass_shift, sag_forms
 
 __all__ = [
+    "LIKELY",
+    "LINEAR",
     "Measurement",
     "RigJudgement",
     "RigModel",
@@ -56,10 +58,12 @@ _UNSETTLED = np.uint16(HeightFlag.NOT_CONVERGED | HeightFlag.SINGULAR)
 _STEP = 0.05  # of a standard deviation
 _LINES = 96  # rows or columns of the coarse grid, at least
 _CHORDS = 3  # steps; each leaves about 1 % of the last one, the error of the integrating factor
-_LINEAR = 1e4  # chi2 up to which derivatives serve; beyond it they describe errors to a tenth of them
-_TENTH = 100.0  # chi2 of what a tenth may be, of 1e4
+#: chi2 up to which derivatives by the rig's errors serve; beyond it they describe errors to a tenth.
+LINEAR = 1e4
+#: Mean square of the rig's errors in standard deviations up to which a scene is believed: three sigma of all.
+LIKELY = 9.0
+_TENTH = 100.0  # chi2 by the tenth of an error whose chi2 is 1e4
 _FITS = 4  # Gauss-Newton steps
-_LIKELY = 9.0  # mean square of errors in standard deviations: three sigma of all at once
 _ACCURACY = Accuracy(1e-4, 1e-7)  # energy: of an edge's standard deviation; less is rounding
 GLASS, CENTROID = "cover glass", "colour stripes of the display"
 SAG, MOTION = "sag of the mirror at rest", "motion between rest and press"
@@ -104,7 +108,7 @@ class RigJudgement(NamedTuple):
     @property
     def exact(self) -> bool:
         """Whether the errors are small enough for chi2 to be that of noise alone."""
-        return self.raw < _LINEAR
+        return self.raw < LINEAR
 
 
 class RigModes(NamedTuple):
@@ -314,7 +318,7 @@ def judged_rig(
     slopes = np.stack([(_scores(model, each).scores - own.scores) / _STEP for each in solutions[1:]], axis=1)
     squares, prior = (slopes.T * own.weights) @ slopes, np.eye(model.count)
     before = own.worst(own.scores)
-    trust = 1.0 if before < _LINEAR else _TENTH / before
+    trust = 1.0 if before < LINEAR else _TENTH / before
     errors, scores, solution = np.zeros(model.count), own.scores, solutions[0]
     for _ in range(_FITS if trust == 1.0 else 1):
         gradient = trust * slopes.T @ (own.weights * scores) + errors
@@ -324,13 +328,13 @@ def judged_rig(
         except InputError:  # no rig has these numbers
             return RigJudgement(raw, freedom, False, before)
         scores = _scores(model, solution).scores
-    likely = float(errors @ errors) <= _LIKELY * model.count
+    likely = float(errors @ errors) <= LIKELY * model.count
     if trust < 1.0:
         better = own.worst(scores) < before
         chi2 = trust * (own.worst(own.scores + slopes @ errors) if better else before)
-        return RigJudgement(chi2, freedom, likely and chi2 <= _LIKELY, before)
+        return RigJudgement(chi2, freedom, likely and chi2 <= LIKELY, before)
     chi2, freedom = _remaining(model, solutions[0], solution, errors, problem, state, gain)
-    return RigJudgement(chi2 / max(1.0, raw / _LINEAR * _TENTH), freedom, likely, before)
+    return RigJudgement(chi2 / max(1.0, raw / LINEAR * _TENTH), freedom, likely, before)
 
 
 def _remaining(
@@ -403,13 +407,10 @@ def _sources(
     start = numbers
     for name, size in sizes:
         if size:
-            padded.append(
-                (name, np.diag((np.arange(total) >= start) & (np.arange(total) < start + size)) * 1.0)
-            )
+            padded.append((name, np.diag(np.repeat([0.0, 1.0, 0.0], (start, size, total - start - size)))))
         start += size
-    return tuple(name for name, _ in padded), np.stack([np.zeros((total, total)), *(s for _, s in padded)])[
-        1:
-    ]
+    shares = np.array([share for _, share in padded]).reshape(-1, total, total)
+    return tuple(name for name, _ in padded), shares
 
 
 def _nearest(reference: Samples, samples: Samples) -> Samples:

@@ -1,7 +1,5 @@
 """The covariance that every scene has: of its calibration, or of numbers that were typed."""
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from .accuracy import TYPED, Accuracy
@@ -54,7 +52,7 @@ def typed_covariance(scene: Scene, accuracy: Accuracy | None = None) -> Covarian
     return Covariance(names, parts.sum(axis=0), sources=sources, parts=parts, gauge="typed")
 
 
-def typed_sigmas(scene: Scene, accuracy: Accuracy | None = None) -> Mapping[str, float]:
+def typed_sigmas(scene: Scene, accuracy: Accuracy | None = None) -> dict[str, float]:
     """Name (see `parameter_values`) -> standard deviation of a number that was typed; finite everywhere.
 
     Left out: the gauge (`GAUGE_HELD`), and numbers without an effect (the distance of a telecentric camera,
