@@ -29,10 +29,6 @@ def test_share_within_is_the_gaussian_one() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(
-    strict=False,
-    reason="ends at 60 frames with 82 % of the heights within the goal of 90 %: cause not found yet",
-)
 def test_adaptive_sensing_stops_when_the_goal_is_met() -> None:
     """A harder goal takes more frames; what it says of itself is what the truth says, mean of two draws.
 
