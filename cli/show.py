@@ -195,7 +195,8 @@ class _Lines(Step):
 
 @contextmanager
 def progress(lines: bool = False) -> Iterator[Step]:
-    """A progress bar on stderr, gone when the work is done; on a pipe plain lines if wanted, else nothing."""
+    """A progress bar on stderr, gone when the work is done; on a pipe plain lines on request, else
+    nothing."""
     from rich.console import Console
     from rich.progress import (
         BarColumn,

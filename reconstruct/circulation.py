@@ -32,6 +32,10 @@ _CURE = (
     "likely the scene (pose of camera or pattern, pitch, lens): calibrate it, or give a capture of the "
     "mirror at rest (--rest); else the mirror moved between frames, or sigma is too small"
 )
+_CURE_BESIDE_RIG = (
+    "errors of the rig within its accuracy do not explain it: the mirror moved between frames, the scene is "
+    "worse than its accuracy, or sigma is too small"
+)
 
 
 def circulation_chi2(data: Measured, state: State, gain: Floats) -> tuple[float, int]:
@@ -95,12 +99,13 @@ def chi2_limit(freedom: int) -> float:
     return _TRUST**2 * float(scipy.special.chdtri(freedom, _CHANCE)) / freedom
 
 
-def contradiction(chi2: float | None, freedom: int) -> tuple[Notice, ...]:
-    """The notice that noise does not explain the slopes, if that is so."""
+def contradiction(chi2: float | None, freedom: int, rig: bool = False) -> tuple[Notice, ...]:
+    """The notice that noise does not explain the slopes, if that is so; rig: nor errors of the rig, which
+    chi2 holds."""
     if chi2 is None or not chi2 > chi2_limit(freedom):
         return ()
     name = f"slopes contradict each other beyond noise, chi2 per degree of freedom ({freedom})"
-    return (Notice(name, chi2, chi2_limit(freedom), _CURE),)
+    return (Notice(name, chi2, chi2_limit(freedom), _CURE_BESIDE_RIG if rig else _CURE),)
 
 
 def _area(values: Floats) -> Floats:

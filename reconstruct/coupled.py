@@ -256,7 +256,7 @@ def solved_height(
 
 
 def _rejudged(solution: Solution, chi2: float, freedom: int) -> Solution:
-    """The solution with another chi2 of its slopes."""
+    """The solution with the chi2 of its slopes that errors of the rig leave."""
     problem, state, variance, before = solution.problem, solution.state, solution.variance, solution.height
     correlation, flags = before.diagnostics.correlation, solution.correspondence.flags
     if not solution.rounding:
@@ -265,7 +265,7 @@ def _rejudged(solution: Solution, chi2: float, freedom: int) -> Solution:
     height = height_map(
         problem, state, flags, solution.scale, before.diagnostics.method, variance, correlation
     )
-    height = judged(height, chi2, freedom, solution.correspondence.notices)
+    height = judged(height, chi2, freedom, solution.correspondence.notices, rig=True)
     return solution._replace(variance=variance, height=height)
 
 

@@ -81,12 +81,14 @@ def height_map(
     return HeightMap(x, y, z, deviation, flags, diagnostics, problem.rays.lean)
 
 
-def judged(height: HeightMap, chi2: float, freedom: int, before: tuple[Notice, ...]) -> HeightMap:
+def judged(
+    height: HeightMap, chi2: float, freedom: int, before: tuple[Notice, ...], rig: bool = False
+) -> HeightMap:
     """The height with the chi2 of its slopes' circulation (see `circulation`), the notice of that, and the
-    notices of the correspondence, `before`."""
+    notices of the correspondence, `before`; rig: errors of the rig are taken off."""
     known = None if math.isnan(chi2) else chi2
     diagnostics = replace(height.diagnostics, chi2=known, freedom=freedom)
-    notices = before + contradiction(known, freedom)
+    notices = before + contradiction(known, freedom, rig)
     return replace(height, diagnostics=diagnostics, notices=notices)
 
 

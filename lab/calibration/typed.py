@@ -57,7 +57,7 @@ class _Drawn:
 @dataclass(frozen=True, slots=True)
 class TypedRun:
     """One capture. Of its good heights: medians of error and total sigma (mm), rms of error over total sigma,
-    share beyond five total sigma; told: there is a notice; refused: no height is trusted."""
+    share beyond five total sigma; noticed: there is a notice; refused: no height is trusted."""
 
     kind: str
     scene: str
@@ -68,13 +68,13 @@ class TypedRun:
     sigma: float
     ratio: float
     beyond: float
-    told: bool
+    noticed: bool
     refused: bool
 
     @property
     def silent(self) -> bool:
         """More than 1 % of the heights beyond five total sigma, without a notice."""
-        return self.beyond > _SILENT and not self.told
+        return self.beyond > _SILENT and not self.noticed
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values."""
@@ -171,7 +171,7 @@ def _runs(kind: str, typed: Scene, seed: int, rng: Rng, times: float) -> Iterato
             sigma=float(np.median(sigma)),
             ratio=float(np.sqrt(np.mean(share**2))),
             beyond=float(np.mean(share > 5)),
-            told=bool(height.notices),
+            noticed=bool(height.notices),
             refused=height.implausible,
         )
 

@@ -59,7 +59,7 @@ def command(draws: int, chosen: tuple[str, ...], times: float, seed: int, json_p
                 f"{np.nanmedian(ratios):.2f}",
                 f"{np.nanmax(ratios):.2f}",
                 f"{max(run.beyond for run in some):.2%}",
-                str(sum(run.told for run in some)),
+                str(sum(run.noticed for run in some)),
                 str(sum(run.refused for run in some)),
                 str(sum(run.silent for run in some)),
             )
