@@ -122,7 +122,10 @@ def test_displacement_is_how_points_move_with_the_rig() -> None:
     assert np.hypot(*gauge[:2, :, 0].T) == pytest.approx([0.5, 0.5])  # place along the mirror, mm
 
 
-@pytest.mark.parametrize("kind", ["both poses", "pattern pitch", "glass", "motion, sag", "all"])
+SLOW = pytest.mark.slow  # every other description is tried on the coarse grid
+
+
+@pytest.mark.parametrize("kind", ["both poses", "glass", "motion, sag", pytest.param("all", marks=SLOW)])
 def test_no_height_of_a_rig_that_is_not_as_typed_is_silent(kind: str) -> None:
     runs = list(typed_runs((kind,), range(2)))
     assert not [run for run in runs if run.silent or run.refused]
@@ -189,7 +192,7 @@ def require_named(words: str, press: Correspondence, scene: Scene, rest: Corresp
 
 
 @pytest.mark.parametrize("words", MISTAKES)
-@pytest.mark.parametrize("against_rest", [False, True], ids=["alone", "rest"])
+@pytest.mark.parametrize("against_rest", [pytest.param(False, marks=SLOW), True], ids=["alone", "rest"])
 def test_a_display_that_is_mounted_otherwise_is_named(words: str, against_rest: bool) -> None:
     press, rest = (
         MISTAKES[words](captured(PRISM, name, seed=seed)[1], PRISM.pattern)
@@ -199,7 +202,7 @@ def test_a_display_that_is_mounted_otherwise_is_named(words: str, against_rest: 
 
 
 @pytest.mark.parametrize(("ratio", "words"), [(10.0, "ten times smaller"), (0.1, "ten times larger")])
-@pytest.mark.parametrize("against_rest", [False, True], ids=["alone", "rest"])
+@pytest.mark.parametrize("against_rest", [pytest.param(False, marks=SLOW), True], ids=["alone", "rest"])
 def test_a_pitch_in_another_unit_is_named(ratio: float, words: str, against_rest: bool) -> None:
     """Or cells of the sequence that are as many times too large: no capture parts the two."""
     (_, press), (_, rest) = captured(PRISM), captured(PRISM, "flat", seed=1)
