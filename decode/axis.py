@@ -10,18 +10,18 @@ from numpy.typing import NDArray
 
 from optolever.patterns import Sequence
 
+from .codes.gray import CodePlan, code_plan, decode_code, read_code
+from .codes.lookup import Table, lookup_rows, prepare
+from .codes.phase import Periods, periods_of
+from .codes.unwrap import Orders, climb, order_table, unwrap_close
 from .display import table_rounding
 from .estimate import Estimate
 from .flags import DOUBT, Into, Limits, Shared, limits_of, merge
 from .frames import Light
-from .gray import CodePlan, code_plan, decode_code, read_code
-from .lookup import Table, lookup_rows, prepare
-from .noise import Noise, Sample
-from .phase import Periods, periods_of
 from .plan import AxisPlan, Fringe, Plan, constraints, plan, raster_axes
+from .profile.noise import Noise, Sample
+from .profile.unlike import Before, misfit_between, misfit_within, whole
 from .spatial import Raw
-from .unlike import Before, misfit_between, misfit_within, whole
-from .unwrap import Orders, climb, order_table, unwrap_close
 
 __all__ = ["AxisDecoder", "AxisOptions", "Shot", "axis_decoders"]
 

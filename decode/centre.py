@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from optolever.kernels import inlined, kernel
 
-from .border import SHADOW2
-from .pixelation import REACH
+from .profile.border import SHADOW2
+from .profile.pixelation import REACH
 
 __all__ = ["BULK", "STEEP", "centred", "dark_level", "lesser", "windowed"]
 

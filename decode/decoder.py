@@ -14,25 +14,25 @@ from optolever.patterns import Sequence
 from optolever.records import LOG, Progress, logged, silent
 
 from .axis import AxisDecoder, AxisOptions, Shot, axis_decoders
-from .border import NO_BORDER, Border, border_of, measured_blur
 from .centre import dark_level
+from .checks.integrity import examine, spoilt_pixels
 from .correspondence import Correspondence, Flag
 from .display import rounded_places, shares_of, take_off
-from .edge_lines import widen_edge_lines
-from .ends import end_width
 from .exposures import Part, better_of, by_exposure
 from .flags import Shared
 from .frames import Light, light_of, sample_levels
-from .integrity import examine, spoilt_pixels
-from .lens import measured_lens
-from .moved import Seen
-from .noise import Noise, Sample, estimate_noise, under_response
-from .pixelation import REACH, Pixelation, measured_pixelations, usual_width
 from .plan import plan, raster_axes
+from .profile.border import NO_BORDER, Border, border_of, measured_blur
+from .profile.edge_lines import widen_edge_lines
+from .profile.ends import end_width
+from .profile.lens import measured_lens
+from .profile.moved import Seen
+from .profile.noise import Noise, Sample, estimate_noise, under_response
+from .profile.pixelation import REACH, Pixelation, measured_pixelations, usual_width
+from .profile.shared_noise import shared_noise
+from .profile.unlike import Before, held_before, without_before
 from .response import Response
-from .shared_noise import shared_noise
 from .spatial import Raw, check_rows, despeckle
-from .unlike import Before, held_before, without_before
 
 __all__ = ["decode"]
 

@@ -10,7 +10,7 @@ from optolever.kernels import exact, kernel
 
 from .correspondence import Flag
 from .estimate import Estimate
-from .noise import Noise
+from .profile.noise import Noise
 
 __all__ = ["Into", "Limits", "Shared", "limits_of", "marked", "marks_for", "merge", "merge_line"]
 

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from optolever.kernels import exact, inlined, kernel
 
-from .border import SHADOW2, inwards
 from .centre import BULK, STEEP, centred, lesser, windowed
 from .correspondence import Flag
 from .display import PLACES
-from .ends import faded, slope
 from .flags import marked, marks_for
-from .pixelation import REACH, SLIGHT
+from .profile.border import SHADOW2, inwards
+from .profile.ends import faded, slope
+from .profile.pixelation import REACH, SLIGHT
 
 __all__ = ["Raw", "check_rows", "despeckle"]
 

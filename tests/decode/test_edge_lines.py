@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from optolever.decode import decode
-from optolever.decode.edge_lines import widen_edge_lines
+from optolever.decode.profile.edge_lines import widen_edge_lines
 from optolever.experiments.metrics import rms
 from optolever.patterns import sequence_from_text
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.special import ndtr
 
 from optolever.decode import Flag, decode
-from optolever.decode.border import border_of, inwards, measured_blur
+from optolever.decode.profile.border import border_of, inwards, measured_blur
 from optolever.experiments.metrics import rms
 from optolever.patterns import sequence, sequence_from_text
 

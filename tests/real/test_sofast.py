@@ -18,8 +18,8 @@ from optolever.decode import Correspondence, Response, decode
 from optolever.decode.axis import AxisOptions, Shot, axis_decoders
 from optolever.decode.flags import Shared
 from optolever.decode.frames import light_of
-from optolever.decode.noise import estimate_noise
 from optolever.decode.plan import plan
+from optolever.decode.profile.noise import estimate_noise
 from optolever.decode.spatial import Raw
 from optolever.projector import load_sofast, load_sofast_response
 from optolever.reconstruct import HeightMap, SlopeMap, on_rig, reconstruct

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from optolever.kernels import exact, inlined, kernel
 
-from .frames import level_of, variance_of
-from .plan import Fringe
+from ..frames import level_of, variance_of
+from ..plan import Fringe
 
 __all__ = ["Periods", "fit_line", "periods_of", "turn_of"]
 

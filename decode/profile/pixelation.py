@@ -17,10 +17,10 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from ..display import FINE, PLACES, WIDEST, WIDTHS, cell_error, inverted, shares_of
+from ..plan import Plan
 from .border import SHADOW2
-from .display import FINE, PLACES, WIDEST, WIDTHS, cell_error, inverted, shares_of
 from .noise import Sample
-from .plan import Plan
 
 __all__ = ["REACH", "SLIGHT", "Pixelation", "measured_pixelations", "usual_width"]
 

@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .frames import Light, sample_levels, sample_places
-from .plan import Fringe, Plan, constraints
+from ..frames import Light, sample_levels, sample_places
+from ..plan import Fringe, Plan, constraints
 
 __all__ = [
     "Noise",

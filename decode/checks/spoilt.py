@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .correspondence import Correspondence
-from .frames import Light
-from .noise import Noise
-from .plan import AxisPlan, Plan
+from ..correspondence import Correspondence
+from ..frames import Light
+from ..plan import AxisPlan, Plan
+from ..profile.noise import Noise
 from .sample_fit import AxisTable, axis_tables
 
 __all__ = ["Finding", "left_out", "spoilt_pixels"]

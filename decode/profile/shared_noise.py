@@ -15,10 +15,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .correspondence import SharedNoise
+from ..correspondence import SharedNoise
+from ..plan import AxisPlan, Plan, constraints
 from .moved import Moved, Seen, frames_moved
 from .noise import Sample, bulk, harmonics, product, unexplained, unsaturated
-from .plan import AxisPlan, Plan, constraints
 
 __all__ = ["shared_noise"]
 

@@ -25,11 +25,11 @@ from numpy.typing import NDArray
 
 from optolever.kernels import exact, kernel
 
-from .estimate import less_likely, vanishing
-from .flags import Into, merge_line
-from .frames import Light
+from ..estimate import less_likely, vanishing
+from ..flags import Into, merge_line
+from ..frames import Light
+from ..profile.noise import Noise
 from .gray import CodePlan, read_line, room_for
-from .noise import Noise
 from .phase import Periods, fit_line
 
 __all__ = [

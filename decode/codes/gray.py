@@ -20,6 +20,11 @@ from numpy.typing import NDArray
 
 from optolever.kernels import exact, inlined, kernel
 
+from ..estimate import Estimate, vanishing
+from ..flags import Into, marked, marks_for, merge_line
+from ..frames import Light, level_of
+from ..plan import Code, Plan
+from ..profile.noise import Noise, Sample
 from .bit_levels import (
     GROUP,
     WEAK,
@@ -32,11 +37,6 @@ from .bit_levels import (
     turned,
     weak_bits,
 )
-from .estimate import Estimate, vanishing
-from .flags import Into, marked, marks_for, merge_line
-from .frames import Light, level_of
-from .noise import Noise, Sample
-from .plan import Code, Plan
 
 __all__ = ["CodePlan", "code_plan", "decode_code", "read_code", "read_line", "room_for"]
 

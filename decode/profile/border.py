@@ -20,7 +20,7 @@ from scipy.ndimage import map_coordinates
 
 from optolever.kernels import exact
 
-from .display import cell_light
+from ..display import cell_light
 
 __all__ = ["MARGIN", "NO_BORDER", "SHADOW2", "Border", "border_of", "inwards", "measured_blur"]
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from optolever.kernels import exact, kernel
 
-from .estimate import less_likely
+from ..estimate import less_likely
 from .lookup_light import BATCH, SATURATED, beside, brightest, gather
 from .lookup_search import AROUND, COARSE, PER_PX, SURE, answer_of, fitted, lead_of, target_of, used_products
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .plan import AxisPlan, Fringe, Plan
+from ..plan import AxisPlan, Fringe, Plan
 
 __all__ = ["AxisTable", "axis_tables", "bends", "misfit_at", "places"]
 

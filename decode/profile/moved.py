@@ -23,9 +23,9 @@ from scipy.special import chdtri, fdtri
 
 from optolever.patterns import Frame
 
-from .display import FINER, through
+from ..display import FINER, through
+from ..plan import AxisPlan, Fringe, Plan
 from .noise import Sample, bulk, product
-from .plan import AxisPlan, Fringe, Plan
 
 __all__ = ["Moved", "Seen", "frames_moved"]
 

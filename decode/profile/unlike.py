@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .frames import Light
+from ..frames import Light
+from ..plan import Fringe, Plan
 from .noise import Noise, Sample, harmonics, product, trimmed_variance, unexplained
-from .plan import Fringe, Plan
 
 __all__ = ["Before", "held_before", "misfit_between", "misfit_within", "whole", "without_before"]
 

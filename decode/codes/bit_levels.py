@@ -19,8 +19,8 @@ from scipy.special import ndtr
 
 from optolever.kernels import exact, inlined
 
-from .estimate import vanishing
-from .plan import Code
+from ..estimate import vanishing
+from ..plan import Code
 
 __all__ = [
     "GROUP",

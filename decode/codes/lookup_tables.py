@@ -13,12 +13,12 @@ from scipy.signal import upfirdn
 from optolever.errors import InputError
 from optolever.patterns import Sequence
 
-from .display import cell_light
+from ..display import cell_light
+from ..plan import AxisPlan, Plan, raster_axes
+from ..plan import plan as described
+from ..profile.noise import Noise
 from .lookup_kernels import SEARCH, SWEEP
 from .lookup_search import AROUND, COARSE, LANES, PER_PX, RIVALS, Book, Search
-from .noise import Noise
-from .plan import AxisPlan, Plan, raster_axes
-from .plan import plan as described
 
 __all__ = ["USUAL", "Optics", "Table", "table_of"]
 

@@ -24,12 +24,12 @@ from scipy.special import chdtri
 
 from optolever.patterns import Sequence
 
-from .estimate import Estimate
-from .frames import Light
+from ..estimate import Estimate
+from ..frames import Light
+from ..plan import AxisPlan, Plan
+from ..profile.noise import Noise, Sample, fitted_noise
 from .lookup_kernels import SEARCH, SWEEP, WITHIN, Camera, match_rows
 from .lookup_tables import USUAL, Optics, Table, table_of
-from .noise import Noise, Sample, fitted_noise
-from .plan import AxisPlan, Plan
 
 __all__ = ["Table", "lookup_rows", "prepare"]
 

@@ -20,11 +20,11 @@ from numpy.typing import ArrayLike, NDArray
 from optolever.errors import InputError
 from optolever.patterns import Sequence
 
-from .correspondence import Correspondence
-from .exposures import by_exposure
-from .frames import Light, light_of, sample_levels
-from .noise import Sample, estimate_noise, sampled
-from .plan import Plan, constraints, plan
+from ..correspondence import Correspondence
+from ..exposures import by_exposure
+from ..frames import Light, light_of, sample_levels
+from ..plan import Plan, constraints, plan
+from ..profile.noise import Sample, estimate_noise, sampled
 from .sample_fit import AxisTable, axis_tables, bends, misfit_at, places
 from .spoilt import Finding, left_out, spoilt_pixels
 

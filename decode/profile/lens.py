@@ -19,9 +19,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..plan import AxisPlan, Fringe, Plan
 from .border import MARGIN
 from .noise import Sample
-from .plan import AxisPlan, Fringe, Plan
 
 __all__ = ["measured_lens"]
 
