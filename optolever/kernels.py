@@ -6,6 +6,7 @@ of shapes that differ, some 2 s.
 
 import hashlib
 import os
+import shutil
 import tempfile
 from collections.abc import Callable
 from functools import lru_cache
@@ -21,6 +22,8 @@ Kernel = Callable[..., Any]
 _config: Any = numba.config
 #: Reorderings that let loops become vector instructions; NaN and infinity keep their meaning.
 _REORDER = {"contract", "reassoc", "nsz", "arcp"}
+#: Caches of older sources that stay, the latest ones: two branches of a checkout take turns.
+_KEPT = 3
 
 
 def kernel(function: Kernel) -> Kernel:
@@ -70,7 +73,21 @@ def cache_folder(folder: Path) -> Path | None:
     if user.is_absolute():  # a user without a name, as in containers, has no home folder: "~" stays
         places.append(user / "optolever")
     chosen = (place / f"kernels-{state.hexdigest()[:16]}" for place in places)
-    return next((place for place in chosen if _can_be_written(place)), None)
+    found = next((place for place in chosen if _can_be_written(place)), None)
+    if found is not None:
+        _remove_old(found)
+    return found
+
+
+def _remove_old(folder: Path) -> None:
+    """Remove the caches of older sources beside `folder`, but for the latest: each takes some 25 MB."""
+    try:
+        os.utime(folder)
+        others = [one for one in folder.parent.glob("kernels-*") if one != folder]
+        for old in sorted(others, key=lambda one: one.stat().st_mtime)[:-_KEPT]:
+            shutil.rmtree(old, ignore_errors=True)
+    except OSError:  # another process removes them, too
+        pass
 
 
 def _can_be_written(folder: Path) -> bool:
