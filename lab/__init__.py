@@ -11,6 +11,7 @@ It may import every module of `optolever`; tests alone import it.
 | - `solver_figures.py`, `solver_bound.py` | the solver: exactness, time; its noise and the bound |
 | - `cliffs.py` | a cliff behind a mask, and the plain robust integration of it |
 | - `contacts.py` | contacts on rigs drawn from the priors, against their total sigma |
+| - `house.py` | the source in figures: lines, private words, types, constants; files of a call |
 | `bench/` | larger benches |
 | - `methods.py` | every solver and integrator on the same cases |
 | - `sweeps.py` | grids of cells, resumed, here or on Dask |

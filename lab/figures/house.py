@@ -1,0 +1,118 @@
+"""The source in figures: lines, private words, parameters without a type, constants; files of a call."""
+
+import ast
+import re
+import sys
+import threading
+import tokenize
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+
+__all__ = ["PARTS", "House", "house", "traced"]
+
+ROOT = Path(__file__).resolve().parents[2]
+PARTS = ("scene", "patterns", "projector", "decode", "reconstruct", "calibration", "experiments", "cli")
+#: Words of the project's own dialect where the field has a noun (STYLE.md).
+PRIVATE = re.compile(
+    r"\b(told|tells?|seen|shown|left|own|usual|wanted|whole|beside|unlike|alike|few|held|spoilt)\b", re.I
+)
+WORD = re.compile(r"[A-Za-z]{2,}")
+MOST_PARAMETERS = 8
+KERNELS = {"kernel", "exact", "inlined"}
+
+
+@dataclass(frozen=True, slots=True)
+class House:
+    """Figures of one part.
+
+    private_words per 100 of docstrings and comments; any_parameters annotated `Any`, wide_functions of more
+    than 8 parameters and outside kernels; constants: numbers with a name of their own at a module's top.
+    """
+
+    part: str
+    files: int
+    lines: int
+    private_words: float
+    any_parameters: int
+    wide_functions: int
+    constants: int
+
+
+def house(part: str, root: Path = ROOT) -> House:
+    """Figures of the part in folder `part` below `root`, the checkout."""
+    paths = sorted((root / part).rglob("*.py"))
+    trees = [ast.parse(path.read_bytes()) for path in paths]
+    prose = [text for path, tree in zip(paths, trees, strict=True) for text in _prose(path, tree)]
+    words = sum(len(WORD.findall(text)) for text in prose)
+    private = sum(len(PRIVATE.findall(text)) for text in prose)
+    functions = [node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
+    return House(
+        part=part,
+        files=len(paths),
+        lines=sum(len(path.read_text().splitlines()) for path in paths),
+        private_words=100 * private / max(words, 1),
+        any_parameters=sum(_is_any(one) for node in functions for one in _parameters(node)),
+        wide_functions=sum(
+            len(_parameters(one)) > MOST_PARAMETERS and not _is_kernel(one) for one in functions
+        ),
+        constants=sum(_is_constant(node) for tree in trees for node in tree.body),
+    )
+
+
+def traced(call: Callable[[], object]) -> list[str]:
+    """Source files of the parts whose Python functions run during `call`, on any thread, as paths from the
+    checkout's root. Kernels run compiled: only the functions that call them count."""
+    found: set[str] = set()
+
+    def enter(frame: FrameType, event: str, _: object) -> None:
+        if event == "call":
+            found.add(frame.f_code.co_filename)
+
+    threading.setprofile(enter)
+    sys.setprofile(enter)
+    try:
+        call()
+    finally:
+        sys.setprofile(None)
+        threading.setprofile(None)
+    inside = (Path(name) for name in found if name.startswith(str(ROOT)))
+    relative = (path.relative_to(ROOT) for path in inside)
+    return sorted(str(path) for path in relative if path.parts[0] in PARTS)
+
+
+def _prose(path: Path, tree: ast.Module) -> Iterator[str]:
+    """Docstrings and comments of a file."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
+            yield ast.get_docstring(node) or ""
+    with path.open("rb") as file:
+        yield from (one.string for one in tokenize.tokenize(file.readline) if one.type == tokenize.COMMENT)
+
+
+def _parameters(node: ast.FunctionDef) -> list[ast.arg]:
+    return [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
+
+
+def _is_any(parameter: ast.arg) -> bool:
+    return isinstance(parameter.annotation, ast.Name) and parameter.annotation.id == "Any"
+
+
+def _is_wide(node: ast.FunctionDef) -> bool:
+    return len(_parameters(node)) > MOST_PARAMETERS and not _is_kernel(node)
+
+
+def _is_kernel(node: ast.FunctionDef) -> bool:
+    return any(isinstance(one, ast.Name) and one.id in KERNELS for one in node.decorator_list)
+
+
+def _is_constant(node: ast.stmt) -> bool:
+    """Whether a statement gives numbers, alone or in a tuple or an expression, a name in capitals."""
+    if not isinstance(node, ast.Assign) or not isinstance(node.targets[0], ast.Name):
+        return False
+    values = [one.value for one in ast.walk(node.value) if isinstance(one, ast.Constant)]
+    numbers = [value for value in values if type(value) in (int, float)]
+    return (
+        node.targets[0].id.isupper() and bool(numbers) and not any(isinstance(value, str) for value in values)
+    )
