@@ -25,6 +25,8 @@ __all__ = [
     "harmonics",
     "modulation",
     "product",
+    "residuals",
+    "sample_at",
     "sampled",
     "trimmed_variance",
     "under_response",
@@ -74,15 +76,18 @@ class Noise:
     Misfits are judged by more than that: rounding2, as rounding is no random error (all samples of a pixel
     may be rounded alike), and misfit2 times the squared amplitude, what the constraints leave beyond noise in
     all pixels: what is shown or seen is not quite what was described.
+    read2_sigma, gain_sigma: standard deviations, NaN: not estimated.
     """
 
     read2: float
     gain: float = 0.0
     rounding2: float = 0.0
     misfit2: float = 0.0
+    read2_sigma: float = float("nan")
+    gain_sigma: float = float("nan")
 
     def numbers(self) -> Numbers:
-        """The fields as float32, for kernels."""
+        """The first four fields as float32, for kernels."""
         return Numbers(*(np.float32(x) for x in (self.read2, self.gain, self.rounding2, self.misfit2)))
 
     def variance(self, level: Any) -> Any:
@@ -133,10 +138,11 @@ def sampled(light: Light, mask: NDArray[np.bool_] | None, runs: int) -> Sample:
     places = sample_places(light.raw.shape[1:], runs)
     if mask is not None:
         places = places[mask[places[:, 0], places[:, 1]]]
-    return _sample_at(light, places)
+    return sample_at(light, places)
 
 
-def _sample_at(light: Light, places: NDArray[np.int64]) -> Sample:
+def sample_at(light: Light, places: NDArray[np.int64]) -> Sample:
+    """Pixels at places (K, 2)."""
     levels = sample_levels(light, places)
     sample = Sample(places, np.where(np.isnan(levels), np.float32(light.white), levels), light.white)
     if not len(light.spread):
@@ -184,7 +190,7 @@ def under_response(light: Light, noise: Noise, lit: Sample) -> tuple[Light, Nois
     if light.response is None:
         return light, noise, lit
     light = light.under(noise.read2, noise.gain)
-    lit = _sample_at(light, lit.places)  # all have a spread now
+    lit = sample_at(light, lit.places)  # all have a spread now
     if not lit.levels.size:
         return light, noise, lit
     usual = float(lit.variance(noise).mean())
@@ -196,12 +202,12 @@ def _estimated(light: Light, plan: Plan, sample: Sample) -> tuple[Noise, Sample]
     """Of all pixels first, then of those that see the pattern."""
     groups = constraints(plan, len(light.raw))
     floor = max(light.rounding, 1e-12)
-    noise = fitted_noise(*_residuals(plan, sample, groups), floor)
+    noise = fitted_noise(*residuals(plan, sample, groups), floor)
     amplitude, factor = modulation(plan, sample.levels)
     seen = amplitude**2 > _SURE**2 * factor * sample.variance(noise)
     if _FEWEST <= np.count_nonzero(seen) < len(seen):
         sample, amplitude = sample.only(seen), amplitude[seen]
-        level, residual = _residuals(plan, sample, groups)
+        level, residual = residuals(plan, sample, groups)
         if len(residual) >= _FEWEST:  # single pixels have no neighbours
             noise = fitted_noise(level, residual, floor)
     return replace(noise, rounding2=light.rounding, misfit2=_misfit(sample, amplitude, groups, noise)), sample
@@ -229,7 +235,7 @@ def _misfit(sample: Sample, amplitude: F32, groups: tuple[F64, ...], noise: Nois
     return found if found > least else 0.0
 
 
-def _residuals(plan: Plan, sample: Sample, groups: tuple[F64, ...]) -> tuple[F32, F32]:
+def residuals(plan: Plan, sample: Sample, groups: tuple[F64, ...]) -> tuple[F32, F32]:
     """Level and residual (M,) of the constraints that are trusted most, or of what stands in for them."""
     thin = max(1, sample.levels.shape[1] // _MOST)
     few = sample.only(slice(None, None, thin))
@@ -380,22 +386,25 @@ def fitted_noise(level: F32, residual: F32, floor: float) -> Noise:
     """Trimmed variance by level, and the weighted straight line through it that is nowhere below the
     floor."""
     whole = max(trimmed_variance(residual), floor) if len(residual) else floor
+    # a variance of n values has the relative error sqrt(2 / n)
+    sigma = whole * float(np.sqrt(2 / max(len(residual), 1)))
     if len(level) < 8 * _FEWEST:
-        return Noise(whole)
+        return Noise(whole, read2_sigma=sigma)
     edges = np.linspace(level.min(), level.max() + 1e-3, _BINS + 1)
     place = np.digitize(level, edges[1:-1])
     full = [k for k in range(_BINS) if np.count_nonzero(place == k) >= _FEWEST]
     if len(full) < 3 or np.ptp(edges) < 0.05 * max(float(edges[-1]), 1.0):
-        return Noise(whole)
+        return Noise(whole, read2_sigma=sigma)
     x = np.array([level[place == k].mean() for k in full], np.float64)
     y = np.array([max(trimmed_variance(residual[place == k]), floor) for k in full])
-    # a variance of n values has the relative error sqrt(2 / n)
     weight = np.array([np.count_nonzero(place == k) / 2 for k in full]) / y**2
     design = np.stack([np.ones(len(x)), x], axis=1)
     covariance = np.linalg.inv(design.T @ (weight[:, None] * design))
     start, slope = covariance @ (design.T @ (weight * y))
     if slope < 3 * np.sqrt(covariance[1, 1]):
-        return Noise(whole)
+        return Noise(whole, read2_sigma=sigma)
+    sigmas = {"read2_sigma": float(covariance[0, 0] ** 0.5), "gain_sigma": float(covariance[1, 1] ** 0.5)}
     if start < floor:
-        return Noise(floor, max(0.0, float(np.sum(weight * x * (y - floor)) / np.sum(weight * x * x))))
-    return Noise(float(start), float(slope))
+        gain = float(np.sum(weight * x * (y - floor)) / np.sum(weight * x * x))
+        return Noise(floor, max(0.0, gain), **sigmas)
+    return Noise(float(start), float(slope), **sigmas)
