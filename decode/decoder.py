@@ -15,7 +15,7 @@ from optolever.records import LOG, Progress, logged, silent
 
 from .axis import AxisDecoder, AxisOptions, Shot, axis_decoders
 from .centre import dark_level
-from .checks.integrity import examine, spoilt_pixels
+from .checks.integrity import Finding, examine, spoilt_pixels
 from .correspondence import Correspondence, Flag
 from .display import rounded_places, shares_of, take_off
 from .exposures import Part, better_of, by_exposure
@@ -142,13 +142,19 @@ class _Options:
 
 
 def _decoded(light: Light, part: Part, options: _Options) -> Correspondence:
-    """The steps: noise, each axis, flags, neighbours, integrity."""
-    step, steps = options.progress, 3 + options.check
+    """The steps: noise, hypotheses about frames (before anything is taken off), each axis, neighbours."""
+    step, steps = options.progress, 3
     step("noise", 0, steps)
     light = light.only(part.index)
     sequence = part.sequence if options.bent is None else options.bent.described(part.sequence)
     wanted = plan(sequence)
     noise, lit = estimate_noise(light, wanted, options.mask)
+    findings = _findings(light, part, lit, options) if options.check else ()
+    for finding in findings:
+        if finding.leave_out:
+            less = _without(finding, part)
+            found = _decoded(light, less, replace(options, check=False))
+            return replace(found, notices=found.notices + _told(findings))
     given = options.noise
     before = held_before(wanted, lit) if light.response is None and options.bent is None else Before()
     if before.share:
@@ -168,9 +174,10 @@ def _decoded(light: Light, part: Part, options: _Options) -> Correspondence:
     found = _among_neighbours(shot, decoders, raw, shared, options)
     own = _noticed(_HELD, max(before.left.values(), default=0.0)) + _noticed(_BRIGHT, _too_bright(shot))
     found = replace(found, notices=own + found.notices)
-    if options.check:
-        step("frames", 3, steps)
-        found = _checked(shot, part, found, options)
+    for finding in findings:
+        spoilt = spoilt_pixels(finding, shot.light, wanted, shot.noise, found)
+        np.bitwise_or(found.flags, np.uint16(Flag.WRONG_FRAME), out=found.flags, where=spoilt)
+    found = replace(found, notices=found.notices + _told(findings))
     step("decoded", steps, steps)
     return replace(found, notices=_noticed(_SLOW, before.share) + found.notices)
 
@@ -294,24 +301,24 @@ def _borders(
     return [border_of(share, (bound,) * 3, False) for share, bound in bounds]
 
 
-def _checked(shot: Shot, part: Part, found: Correspondence, options: _Options) -> Correspondence:
-    """Without the frames that are not those described, or with what they could have spoilt flagged."""
-    sequence, light, lit = part.sequence, shot.light, shot.lit
-    wanted = plan(sequence)
+def _findings(light: Light, part: Part, lit: Sample, options: _Options) -> tuple[Finding, ...]:
+    """Frames that are not those described, by levels as the camera has them; light: of the part's frames."""
     if options.bent is not None and light.raw.dtype.kind == "u":  # to tell frames apart, inverted ones do
-        light = light_of(light.raw, sequence, light.clip, options.bent)
+        light = light_of(light.raw, part.sequence, light.clip, options.bent)
         lit = replace(lit, levels=sample_levels(light, lit.places), white=light.white)
-    findings = examine(light, wanted, lit, found, part.index)
-    told = tuple(Notice(one.sentence, one.share, float("nan"), one.cure) for one in findings)
-    for finding in findings:
-        if finding.leave_out:
-            index = np.array([i for i in range(len(sequence)) if i not in finding.leave_out])
-            less = replace(sequence, frames=tuple(sequence.frames[i] for i in index))
-            found = _decoded(shot.light, Part(index, less), replace(options, check=False, progress=silent))
-        else:
-            spoilt = spoilt_pixels(finding, light, wanted, shot.noise, found)
-            np.bitwise_or(found.flags, np.uint16(Flag.WRONG_FRAME), out=found.flags, where=spoilt)
-    return replace(found, notices=found.notices + told)
+    return examine(light, plan(part.sequence), lit, part.index)
+
+
+def _without(finding: Finding, part: Part) -> Part:
+    """The frames that are left, each by the image that shows it: numbers among those of the part."""
+    kept = [i for i in range(len(part.sequence)) if i not in finding.leave_out]
+    images = finding.images or range(len(part.sequence))
+    less = replace(part.sequence, frames=tuple(part.sequence.frames[i] for i in kept))
+    return Part(np.array([images[i] for i in kept]), less)
+
+
+def _told(findings: tuple[Finding, ...]) -> tuple[Notice, ...]:
+    return tuple(Notice(one.sentence, one.share, float("nan"), one.cure) for one in findings)
 
 
 def _looks_up(sequence: Sequence) -> bool:
