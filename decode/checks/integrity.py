@@ -24,6 +24,7 @@ from ..exposures import by_exposure
 from ..frames import Light, light_of, sample_levels
 from ..plan import AxisPlan, Code, Plan, constraints, plan
 from ..profile.noise import Sample, estimate_noise, sampled
+from .contradictions import contradicting, other_descriptions
 from .sample_fit import AxisTable, axis_tables, bends, misfit_at, places
 from .spoilt import Finding, left_out, spoilt_pixels
 
@@ -66,6 +67,9 @@ _NESTED = ("gray", "binary")
 _SHIFTED, _ALL_LATER = ("lost", "repeated"), 0.075
 #: Frames up to which any two may be swapped; of more (sweeps) only those next to each other.
 _ALL_PAIRS = 64
+#: Share of the pixels that contradict themselves from which on nothing is believed; below which another
+#: description explains them.
+_MOST_OF, _HARDLY = 0.5, 0.15
 #: Fewest pixels that are mended; share of the best margin from which on a fault may be it, too.
 _LEAST, _TIED = 8, 0.9
 
@@ -119,9 +123,9 @@ def examine(light: Light, plan: Plan, lit: Sample, names: Ints | None = None) ->
         return ()
     names = np.arange(len(light.raw)) if names is None else names
     finding = _single_fault(crosses, told, light.raw.shape[1], names)
-    if finding is not None:
+    if finding is not None and crosses.contradicting(told, _order_of(finding, len(names))) < _MOST_OF:
         return (replace(finding, leave_out=left_out(finding, plan)),)
-    return ()
+    return _refused(crosses, told)
 
 
 def resolved(plan: Plan, lit: Sample) -> Plan:
@@ -189,6 +193,10 @@ class _Crosses:
         """Some of the pixels."""
         levels, own = self.levels[:, :, keep], self.own[:, keep]
         return replace(self, levels=levels, row=self.row[keep], contrast=self.contrast[keep], own=own)
+
+    def contradicting(self, plan: Plan, order: Ints) -> float:
+        """Share of the pixels, see contradictions."""
+        return contradicting(plan, self.levels, self.contrast, order)
 
     def cost(self, order: Ints) -> F32:
         """Cost (T,) of all axes where frame i is image order[i] (-1: none)."""
@@ -317,9 +325,33 @@ def _single_fault(crosses: _Crosses, plan: Plan, rows: int, names: Ints) -> Find
     )
 
 
+def _order_of(finding: Finding, count: int) -> Ints:
+    """Image of each frame under a finding."""
+    order = np.array(finding.images or range(count))
+    if not finding.images:
+        order[list(finding.spoilt)] = -1
+        if finding.kind == "swapped" and len(finding.frames) == 2:
+            order[list(finding.frames)] = finding.frames[::-1]
+    return order
+
+
+def _refused(crosses: _Crosses, plan: Plan) -> tuple[Finding, ...]:
+    """All of a capture most of whose pixels contradict themselves, with another description that explains it."""
+    count = len(crosses.levels)
+    share = crosses.contradicting(plan, np.arange(count))
+    if share < _MOST_OF:
+        return ()
+    sentence = "codes contradict each other nearly everywhere: frames are not those described"
+    for other in other_descriptions(plan, count):
+        if crosses.contradicting(other.plan, other.order) < _HARDLY:
+            sentence = other.sentence
+            break
+    return (Finding((), "contradicting", sentence, tuple(range(count)), share=share),)
+
+
 def _explains(trial: _Trial, odd: Mask) -> bool:
-    """Whether a fault mends most of the odd pixels."""
-    return bool(np.mean(trial.gain[odd] > _MENDED) > 0.5)
+    """Whether a fault mends more pixels than half of the odd ones."""
+    return trial.mended - trial.broken > 0.5 * np.count_nonzero(odd)
 
 
 def _together(findings: list[Finding], best: Finding) -> Finding:
