@@ -12,12 +12,11 @@ from optolever.patterns import Sequence
 from optolever.records import LOG, Progress, logged, silent
 
 from .apply import Prepared, applied
-from .checks.integrity import examine, spoilt_pixels
-from .correspondence import Correspondence, Flag
-from .exposures import Part, better_of, by_exposure
-from .frames import Light, light_of, sample_levels
-from .plan import plan, raster_axes
-from .prepare import Estimated, estimated, prepared
+from .correspondence import Correspondence
+from .exposures import better_of, by_exposure
+from .frames import Light, light_of
+from .plan import raster_axes
+from .prepare import estimated, prepared
 from .profile.pixelation import REACH
 from .response import Response
 from .rig_profile import RigProfile, Settings, digest
@@ -91,8 +90,11 @@ def estimate_profile(
 ) -> RigProfile:
     """What further captures of the rig have in common with this one, see `decode` for its parameters."""
     decoder = Decoder(sequence, settings=settings)
-    decoder.decode(frames, mask=mask)
-    assert decoder.profile is not None
+    found = decoder.decode(frames, mask=mask)
+    if decoder.profile is None:
+        raise InputError(
+            f"profile: {found.notices[-1]}; estimate it from a capture whose frames are those described"
+        )
     return decoder.profile
 
 
@@ -170,10 +172,9 @@ class Decoder:
     def _anew(self, light: Light, mask: NDArray[np.bool_] | None, progress: Progress) -> Correspondence:
         """Estimate the profile, and decode by it."""
         done = [estimated(light.only(part.index), part, self._own, mask) for part in self._parts]
-        found = [one.found for one in done]
-        if self._settings.check:
-            progress("frames", 1, _STEPS)
-            found = [_checked(one, self._own) for one in done]
+        found = reduce(better_of, (one.found for one in done))
+        if any(one.findings for one in done):  # a fault of this capture, not of the rig
+            return found
         self._prepared = tuple(one.prepared for one in done)
         self._profile = RigProfile(
             sequence=digest(self._sequence),
@@ -184,30 +185,7 @@ class Decoder:
             settings=self._settings,
             exposures=tuple(one.profile for one in self._prepared),
         )
-        return reduce(better_of, found)
-
-
-def _checked(done: Estimated, settings: Settings) -> Correspondence:
-    """Without the frames that are not those described, or with what they could have spoilt flagged."""
-    found, shot, part = done.found, done.shot, done.prepared.part
-    sequence, light, lit = part.sequence, shot.light, shot.lit
-    wanted = plan(sequence)
-    if (
-        settings.response is not None and light.raw.dtype.kind == "u"
-    ):  # to tell frames apart, inverted ones do
-        light = light_of(light.raw, sequence, light.clip, settings.response)
-        lit = replace(lit, levels=sample_levels(light, lit.places), white=light.white)
-    findings = examine(light, wanted, lit, found, part.index)
-    told = tuple(Notice(one.sentence, one.share, float("nan"), one.cure) for one in findings)
-    for finding in findings:
-        if finding.leave_out:
-            index = np.array([i for i in range(len(sequence)) if i not in finding.leave_out])
-            less = replace(sequence, frames=tuple(sequence.frames[i] for i in index))
-            found = estimated(shot.light.only(index), Part(index, less), settings, None).found
-        else:
-            spoilt = spoilt_pixels(finding, light, wanted, shot.setup.noise, found)
-            np.bitwise_or(found.flags, np.uint16(Flag.WRONG_FRAME), out=found.flags, where=spoilt)
-    return replace(found, notices=found.notices + told)
+        return found
 
 
 def _mask(mask: ArrayLike | None, light: Light) -> NDArray[np.bool_] | None:

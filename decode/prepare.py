@@ -27,10 +27,12 @@ from .apply import (
 )
 from .axis import AxisDecoder, AxisOptions, Setup, Shot, axis_decoders, estimate_axes
 from .centre import dark_level
-from .correspondence import Correspondence
+from .checks.integrity import examine
+from .checks.spoilt import Finding, spoilt_pixels
+from .correspondence import Correspondence, Flag
 from .exposures import Part
 from .flags import Shared
-from .frames import Light
+from .frames import Light, light_of, sample_levels
 from .plan import Plan, plan
 from .profile.border import NO_BLUR, BorderBlur, measured_blur
 from .profile.edge_lines import edge_lines
@@ -67,11 +69,12 @@ _ROUGH = "neighbours differ beyond noise, pattern px rms", _CURE
 
 
 class Estimated(NamedTuple):
-    """What frames of one exposure decode to, the decoder that they prepared, and its sample of them."""
+    """Correspondence of the frames of one exposure, the decoder that they prepared, and frames that are not
+    those described: with any, the decoder is of this capture alone."""
 
     found: Correspondence
     prepared: Prepared
-    shot: Shot
+    findings: tuple[Finding, ...]
 
 
 def _described(sequence: Sequence, settings: Settings) -> Sequence:
@@ -80,8 +83,17 @@ def _described(sequence: Sequence, settings: Settings) -> Sequence:
 
 
 def estimated(light: Light, part: Part, settings: Settings, mask: NDArray[np.bool_] | None) -> Estimated:
-    """Noise and axes from a sample, cells, border and lens from the maps, and the rest from the result."""
-    shot, camera, lag = _shot(light, part, settings, mask)
+    """Hypotheses about frames come first; then noise and axes from a sample, cells, border and lens from the
+    maps, and the rest from the result."""
+    noise, lit = estimate_noise(light, plan(_described(part.sequence, settings)), mask)
+    findings = _findings(light, part, lit, settings) if settings.check else ()
+    for finding in findings:
+        if finding.leave_out:
+            less = _without(finding, part)
+            rest = estimated(light.only(less.index), less, replace(settings, check=False), mask)
+            found = replace(rest.found, notices=rest.found.notices + _named(findings))
+            return rest._replace(found=found, findings=findings)
+    shot, camera, lag = _shot(light, part, settings, mask, noise, lit)
     options = AxisOptions(settings.subpixel, settings.noise is not None, settings.blur_px, lag)
     numbers = estimate_axes(shot, options)
     steps = Steps(shot.setup, lag, axis_decoders(shot.setup, numbers), shot.light.spread, shot.light.steep)
@@ -90,7 +102,32 @@ def estimated(light: Light, part: Part, settings: Settings, mask: NDArray[np.boo
     done = Prepared(part, steps, tables_of(steps, profile, settings.footprint or 1.0), profile)
     found = neighbours(maps, done)
     profile = _from_result(shot, steps, maps, profile, found)
-    return Estimated(with_profile(found, profile), replace(done, profile=profile), shot)
+    found = with_profile(found, profile)
+    for finding in findings:
+        spoilt = spoilt_pixels(finding, shot.light, shot.setup.plan, shot.setup.noise, found)
+        np.bitwise_or(found.flags, np.uint16(Flag.WRONG_FRAME), out=found.flags, where=spoilt)
+    found = replace(found, notices=found.notices + _named(findings))
+    return Estimated(found, replace(done, profile=profile), findings)
+
+
+def _findings(light: Light, part: Part, lit: Sample, settings: Settings) -> tuple[Finding, ...]:
+    """Frames that are not those described, by levels as the camera has them; light: of the part's frames."""
+    if settings.response is not None and light.raw.dtype.kind == "u":  # inverted levels tell frames apart
+        light = light_of(light.raw, part.sequence, light.clip, settings.response)
+        lit = replace(lit, levels=sample_levels(light, lit.places), white=light.white)
+    return examine(light, plan(part.sequence), lit, part.index)
+
+
+def _without(finding: Finding, part: Part) -> Part:
+    """The other frames, each by the image that shows it; index: among those of the part."""
+    kept = [i for i in range(len(part.sequence)) if i not in finding.leave_out]
+    images = finding.images or range(len(part.sequence))
+    less = replace(part.sequence, frames=tuple(part.sequence.frames[i] for i in kept))
+    return Part(np.array([images[i] for i in kept]), less)
+
+
+def _named(findings: tuple[Finding, ...]) -> tuple[Notice, ...]:
+    return tuple(Notice(one.sentence, one.share, float("nan"), one.cure) for one in findings)
 
 
 def prepared(part: Part, settings: Settings, profile: ExposureProfile, light: Light) -> Prepared:
@@ -106,13 +143,17 @@ def prepared(part: Part, settings: Settings, profile: ExposureProfile, light: Li
 
 
 def _shot(
-    light: Light, part: Part, settings: Settings, mask: NDArray[np.bool_] | None
+    light: Light,
+    part: Part,
+    settings: Settings,
+    mask: NDArray[np.bool_] | None,
+    noise: Noise,
+    lit: Sample,
 ) -> tuple[Shot, Noise, Before]:
     """Frames without lag, with their noise and a sample of pixels that see the pattern; noise of the camera's
     own levels; lag."""
     sequence = _described(part.sequence, settings)
     wanted = plan(sequence)
-    noise, lit = estimate_noise(light, wanted, mask)
     given = _given_noise(settings, light)
     linear = light.response is None and sequence is part.sequence
     lag = held_before(wanted, lit) if linear else Before()

@@ -18,13 +18,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from optolever.errors import InputError
-from optolever.patterns import Sequence
+from optolever.patterns import Sequence, code_words
 
-from ..correspondence import Correspondence
 from ..exposures import by_exposure
 from ..frames import Light, light_of, sample_levels
-from ..plan import Plan, constraints, plan
+from ..plan import AxisPlan, Code, Plan, constraints, plan
 from ..profile.noise import Sample, estimate_noise, sampled
+from .contradictions import contradicting, other_descriptions
 from .sample_fit import AxisTable, axis_tables, bends, misfit_at, places
 from .spoilt import Finding, left_out, spoilt_pixels
 
@@ -60,11 +60,16 @@ _CHANCE = 0.01
 #: Share of the pixels around which a frame changes, or where it is bright or dark, from which on it is like
 #: no other.
 _STRUCTURED = 0.25
+#: Codes whose upper bits are those of cells twice as wide.
+_NESTED = ("gray", "binary")
 #: Faults after which all frames are in wrong places, and the share of the pixels that chance may mend
 #: where most are.
 _SHIFTED, _ALL_LATER = ("lost", "repeated"), 0.075
 #: Frames up to which any two may be swapped; of more (sweeps) only those next to each other.
 _ALL_PAIRS = 64
+#: Share of the pixels that contradict themselves from which on nothing is believed; below which another
+#: description explains them.
+_MOST_OF, _HARDLY = 0.5, 0.15
 #: Fewest pixels that are mended; share of the best margin from which on a fault may be it, too.
 _LEAST, _TIED = 8, 0.9
 
@@ -77,11 +82,10 @@ class Integrity:
     constraints: int
 
 
-def check(frames: ArrayLike, sequence: Sequence, found: Correspondence | None = None) -> Integrity:
+def check(frames: ArrayLike, sequence: Sequence) -> Integrity:
     """Look for a frame that is not what the sequence describes.
 
-    frames (N, H, W), frame i as sequence.frames[i] describes it; found: what decode made of them, which saves
-    the look-up of places that are right. Some 2000 pixels are looked at.
+    frames (N, H, W), frame i as sequence.frames[i] describes it. Some 2000 pixels are looked at.
     """
     stack = np.asarray(frames)
     if stack.ndim != 3 or len(stack) != len(sequence):
@@ -93,7 +97,7 @@ def check(frames: ArrayLike, sequence: Sequence, found: Correspondence | None = 
     count = 0
     for part in by_exposure(sequence):
         shot, wanted = light.only(part.index), plan(part.sequence)
-        some = examine(shot, wanted, estimate_noise(shot, wanted)[1], found, part.index)
+        some = examine(shot, wanted, estimate_noise(shot, wanted)[1], part.index)
         findings += [_numbered(one, part.index) for one in some]
         count += sum(len(group) for group in constraints(wanted, len(part.index))[-1:])
     return Integrity(tuple(dict.fromkeys(findings)), count)
@@ -102,48 +106,64 @@ def check(frames: ArrayLike, sequence: Sequence, found: Correspondence | None = 
 def _numbered(finding: Finding, names: Ints) -> Finding:
     every = finding.frames, finding.spoilt, finding.leave_out
     frames, spoilt, leave_out = (tuple(names[list(one)].tolist()) for one in every)
-    return replace(finding, frames=frames, spoilt=spoilt, leave_out=leave_out)
+    images = tuple(-1 if i < 0 else int(names[i]) for i in finding.images)
+    return replace(finding, frames=frames, spoilt=spoilt, leave_out=leave_out, images=images)
 
 
-def examine(
-    light: Light, plan: Plan, lit: Sample, found: Correspondence | None = None, names: Ints | None = None
-) -> tuple[Finding, ...]:
+def examine(light: Light, plan: Plan, lit: Sample, names: Ints | None = None) -> tuple[Finding, ...]:
     """The fault that explains what single pixels and their neighbours say; none, if there is none.
 
     lit: pixels that see the pattern; names (N,): what sentences call the frames, default: their numbers.
     """
-    if not axis_tables(plan) or (found is not None and _quiet(plan, lit, found)):
+    told = resolved(plan, lit)
+    if not axis_tables(told):
         return ()
-    crosses = _crosses(light, plan, lit)
+    crosses = _crosses(light, told, lit)
     if crosses is None:
         return ()
     names = np.arange(len(light.raw)) if names is None else names
-    finding = _single_fault(crosses, plan, light.raw.shape[1], names)
-    return () if finding is None else (replace(finding, leave_out=left_out(finding, plan)),)
+    finding = _single_fault(crosses, told, light.raw.shape[1], names)
+    if finding is not None and crosses.contradicting(told, _order_of(finding, len(names))) < _MOST_OF:
+        return (replace(finding, leave_out=left_out(finding, plan)),)
+    return _refused(crosses, told)
 
 
-def _quiet(plan: Plan, lit: Sample, found: Correspondence) -> bool:
-    """Whether hardly a pixel is odd at the places that were found: nothing to look for."""
-    height, width = found.u.shape
-    chosen = _chosen(len(lit.places))
-    at = lit.places[chosen]
-    levels, apart = lit.levels[:, chosen], _apart(width)
-    for table in axis_tables(plan):
-        place = getattr(found, table.axis.axis)
-        row, col = at.T
-        centre = place[row, col]
-        misfit = misfit_at(table, levels[table.frames] / table.exposure[:, None], centre)
-        others = [
-            place[np.clip(row + down, 0, height - 1), np.clip(col + along, 0, width - 1)]
-            for down, along in ((0, -apart), (0, apart), (-apart, 0), (apart, 0))
-        ]
-        bend = np.abs(np.stack([others[0] + others[1], others[2] + others[3]]) - 2 * centre)
-        inside = (row >= apart) & (row < height - apart) & (col >= apart) & (col < width - apart)
-        bend = np.where(inside, bend, 0) if table.axis.code else np.zeros_like(bend)
-        cost = _cost(misfit[None], np.nan_to_num(bend, nan=np.inf), *_scale(table, misfit, bend))
-        if np.count_nonzero(~(cost <= _ODD)) >= _LEAST:
-            return False
-    return True
+def resolved(plan: Plan, lit: Sample) -> Plan:
+    """Without the finest bits of which a camera coarser than their stripes sees grey nearly everywhere: they
+    tell nothing of frames, and their places are known to a coarser cell."""
+    lost = tuple(_unresolved(axis, plan, lit.levels) for axis in plan.axes)
+    return _without_bits(plan, lost) if any(lost) else plan
+
+
+def _unresolved(axis: AxisPlan, plan: Plan, levels: F32) -> int:
+    """How many of the finest bits; levels (N, K) of pixels that see the pattern."""
+    code = axis.code
+    if code is None or code.kind not in _NESTED or not levels.size:
+        return 0
+    used = [*axis.frames(), *(i for i in (plan.white, plan.black) if i >= 0)]
+    half = np.ptp(levels[used], axis=0) / 2
+    middle, lost = levels[used].min(axis=0) + half, 0
+    for pair in zip(code.plain[:-1], code.inverse[:-1], strict=True):
+        told = [float(np.mean(np.abs(levels[i] - middle) > 0.5 * half)) for i in pair if i >= 0]
+        if max(told) > _STRUCTURED:
+            break
+        lost += 1
+    return lost
+
+
+@lru_cache(maxsize=8)
+def _without_bits(plan: Plan, lost: tuple[int, ...]) -> Plan:
+    """Of each axis so many of the finest ones."""
+    axes = []
+    for axis, less in zip(plan.axes, lost, strict=True):
+        if less and (code := axis.code) is not None:
+            bits = len(code.plain) - less
+            cells = np.empty(1 << bits, np.int32)
+            cells[code_words(code.kind, np.arange(1 << bits), bits)] = np.arange(1 << bits)
+            own = code.plain[less:], code.inverse[less:], code.cell * (1 << less), code.origin, cells
+            axis = replace(axis, code=Code(code.kind, *own))
+        axes.append(axis)
+    return replace(plan, axes=tuple(axes))
 
 
 @lru_cache(maxsize=4)
@@ -173,6 +193,10 @@ class _Crosses:
         """Some of the pixels."""
         levels, own = self.levels[:, :, keep], self.own[:, keep]
         return replace(self, levels=levels, row=self.row[keep], contrast=self.contrast[keep], own=own)
+
+    def contradicting(self, plan: Plan, order: Ints) -> float:
+        """Share of the pixels, see contradictions."""
+        return contradicting(plan, self.levels, self.contrast, order)
 
     def cost(self, order: Ints) -> F32:
         """Cost (T,) of all axes where frame i is image order[i] (-1: none)."""
@@ -269,15 +293,14 @@ class _Trial:
 
 def _single_fault(crosses: _Crosses, plan: Plan, rows: int, names: Ints) -> Finding | None:
     count, total = len(crosses.levels), crosses.own.sum(axis=0)
-    if np.count_nonzero(crosses.own > _ODD, axis=1).max() < _LEAST:
+    odd = (crosses.own > _ODD).any(axis=0)
+    if np.count_nonzero(odd) < _LEAST:
         return None
     gains = np.stack([total - crosses.cost(_without(count, i)) for i in range(count)])
     costly = np.argsort(total)[len(total) // 2 :]
     some = crosses.only(costly[:: max(1, len(costly) // _FIRST)])
     told = _told(crosses, _used(plan))
-    faint = _faint(crosses, told)
-    swaps = [i for i in _used(plan) if not faint[i]]
-    tried = sorted(_faults(names, swaps), key=lambda fault: float(some.cost(fault[1]).sum()))
+    tried = sorted(_faults(names, _used(plan)), key=lambda fault: float(some.cost(fault[1]).sum()))
     swept = any(axis.stripes is not None for axis in plan.axes)
     trials = []
     for finding, order in tried[:_SECOND]:
@@ -287,20 +310,60 @@ def _single_fault(crosses: _Crosses, plan: Plan, rows: int, names: Ints) -> Find
             usual = int(_ALL_LATER * len(total))
         near = finding.kind != "swapped" or finding.frames[1] - finding.frames[0] == 1
         gain = total - known - crosses.cost(order)
+        finding = replace(finding, images=tuple(order.tolist()))
         trials.append(_Trial(finding, gain, usual, count if near else len(tried)))
-    trials += _replacements(crosses, np.where(faint[:, None], 0, gains), told, rows, names)
-    trials = [trial for trial in trials if _chance(trial) < _CHANCE]
+    trials += _replacements(crosses, gains, told, rows, names)
+    trials = [trial for trial in trials if _chance(trial) < _CHANCE and _explains(trial, odd)]
     if not trials:
         return None
     best = max(trials, key=lambda trial: trial.margin * (_TIED if trial.finding.kind in _SHIFTED else 1))
     alike = [t for t in trials if t.margin >= _TIED * best.margin and t.finding.kind == best.finding.kind]
     return replace(
-        best.finding,
-        frames=tuple(sorted({i for t in alike for i in t.finding.frames})),
-        spoilt=tuple(sorted({i for t in alike for i in t.finding.spoilt})),
-        sentence=" or ".join(list(dict.fromkeys(t.finding.sentence for t in alike))[:4]),
+        _together([trial.finding for trial in alike], best.finding),
         confidence=1 - _chance(best),
         share=best.mended / len(total),
+    )
+
+
+def _order_of(finding: Finding, count: int) -> Ints:
+    """Image of each frame under a finding."""
+    order = np.array(finding.images or range(count))
+    if not finding.images:
+        order[list(finding.spoilt)] = -1
+        if finding.kind == "swapped" and len(finding.frames) == 2:
+            order[list(finding.frames)] = finding.frames[::-1]
+    return order
+
+
+def _refused(crosses: _Crosses, plan: Plan) -> tuple[Finding, ...]:
+    """All of a capture most of whose pixels contradict themselves, with another description that explains it."""
+    count = len(crosses.levels)
+    share = crosses.contradicting(plan, np.arange(count))
+    if share < _MOST_OF:
+        return ()
+    sentence = "codes contradict each other nearly everywhere: frames are not those described"
+    for other in other_descriptions(plan, count):
+        if crosses.contradicting(other.plan, other.order) < _HARDLY:
+            sentence = other.sentence
+            break
+    return (Finding((), "contradicting", sentence, tuple(range(count)), share=share),)
+
+
+def _explains(trial: _Trial, odd: Mask) -> bool:
+    """Whether a fault mends more pixels than half of the odd ones."""
+    return trial.mended - trial.broken > 0.5 * np.count_nonzero(odd)
+
+
+def _together(findings: list[Finding], best: Finding) -> Finding:
+    """Faults of a kind that explain alike: what they agree on of the frames' images."""
+    images = np.array([one.images for one in findings])
+    agreed = np.where((images == images[0]).all(axis=0), images[0], -1) if images.size else images
+    return replace(
+        best,
+        frames=tuple(sorted({i for one in findings for i in one.frames})),
+        spoilt=tuple(sorted({i for one in findings for i in one.spoilt})),
+        sentence=" or ".join(list(dict.fromkeys(one.sentence for one in findings))[:4]),
+        images=tuple(agreed.ravel().tolist()) if best.kind in _SHIFTED else (),
     )
 
 
@@ -347,20 +410,6 @@ def _faults(names: Ints, used: list[int]) -> Iterator[tuple[Finding, Ints]]:
         yield Finding((k,), "repeated", told, tuple(range(k, count))), order
 
 
-def _faint(crosses: _Crosses, told: Mask) -> Mask:
-    """Frames (N,) that a blur leaves nothing of: the finest bits, where they are grey nearly everywhere.
-
-    Where others are, too (pixels of five cells), sigma knows too little of the places to let them pass.
-    """
-    structured = told.mean(axis=1) > _STRUCTURED
-    faint = np.zeros(len(told), np.bool_)
-    for code in (table.axis.code for table in crosses.tables):
-        for polarity in (code.plain, code.inverse) if code else ():
-            finest = polarity[polarity >= 0][:1]
-            faint[finest] = ~structured[finest]
-    return faint
-
-
 def _told(crosses: _Crosses, used: list[int]) -> Mask:
     """Where frames (N, T) are bright or dark, no grey between."""
     centre = crosses.levels[:, 0]
@@ -399,7 +448,9 @@ def _replacements(crosses: _Crosses, gains: F32, told: Mask, rows: int, names: I
                 # no two frames with structure everywhere are the same in any scene
                 chance = 0 if structured[j, part].mean() > _STRUCTURED else usual
                 ways = 4 if finding.rows else 1  # either side, and the row
-                yield _Trial(finding, gains[i, part], chance, ways * len(gains))
+                gain = np.zeros_like(gains[i])
+                gain[part] = gains[i, part]
+                yield _Trial(finding, gain, chance, ways * len(gains))
 
 
 def _parts(same: Mask) -> Iterator[tuple[int, int]]:

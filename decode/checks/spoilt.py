@@ -25,9 +25,9 @@ class Finding:
     """A fault: numbers of the frames, what kind, and a sentence; `spoilt` frames are not those described, in
     rows start..stop (None: all).
 
-    kind: swapped | lost | repeated | replaced (by another frame) | torn.
+    kind: swapped | lost | repeated | replaced (by another frame) | torn | contradicting (most pixels do).
     confidence: probability that it is no chance; share: of the lit pixels that it mends; leave_out: frames
-    without which the others still decode.
+    without which the others still decode; images: that show each frame (-1: none does; empty: its own).
     """
 
     frames: tuple[int, ...]
@@ -38,6 +38,7 @@ class Finding:
     confidence: float = 1.0
     share: float = 0.0
     leave_out: tuple[int, ...] = ()
+    images: tuple[int, ...] = ()
 
     @property
     def cure(self) -> str:
@@ -48,10 +49,14 @@ class Finding:
 
 
 def left_out(finding: Finding, plan: Plan) -> tuple[int, ...]:
-    """Frames without which the others still decode, the wrong ones among them; empty: there are none."""
-    wrong, ends = set(finding.spoilt), {plan.white, plan.black}
+    """Frames without which the others still decode, those whose image is not known among them; empty: there
+    are none."""
+    if finding.kind == "contradicting":
+        return ()
+    lost = {i for i, image in enumerate(finding.images) if image < 0}
+    wrong, ends = lost or set(finding.spoilt), {plan.white, plan.black}
     found = [_droppable(axis, wrong, ends) for axis in plan.axes]
-    if finding.kind in ("lost", "repeated") or None in found:
+    if None in found:
         return ()
     return tuple(sorted((wrong & ends).union(*(one or set() for one in found))))
 
@@ -91,7 +96,7 @@ def spoilt_pixels(finding: Finding, light: Light, plan: Plan, noise: Noise, foun
     shape = light.raw.shape[1:]
     rows = slice(*finding.rows) if finding.rows else slice(None)
     spoilt = np.zeros(shape, np.bool_)
-    if finding.kind in ("lost", "repeated"):
+    if finding.kind in ("lost", "repeated", "contradicting"):
         spoilt[rows] = True
         return spoilt
     if finding.kind == "swapped":
