@@ -27,7 +27,7 @@ from .harmonics import HarmonicError, harmonic_errors
 from .judgement import Judgement, as_they_come, judged
 from .observation import Observation
 from .priors import default_priors
-from .response import RigResponse, load_response, measure_response, store_response
+from .response import RigResponse, load_response, measure_response, store_response, with_better_fit
 from .rest import RestMap, load_rest, store_rest
 from .targets import Ball, Flat, Plate, Points, Rest, Target
 
@@ -55,6 +55,7 @@ __all__ = [
     "load_rest",
     "measure_response",
     "store_response",
+    "with_better_fit",
     "store_rest",
 ]
 

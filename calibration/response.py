@@ -25,12 +25,13 @@ from scipy.optimize import least_squares
 from optolever.decode import Correspondence, Response, decode
 from optolever.errors import InputError
 from optolever.files import load_arrays, save_arrays, together
+from optolever.notices import Notice
 from optolever.patterns import Frame
 from optolever.projector import Capture
 
 from .rest import rig_table, write_section
 
-__all__ = ["RigResponse", "load_response", "measure_response", "store_response"]
+__all__ = ["RigResponse", "load_response", "measure_response", "store_response", "with_better_fit"]
 
 Floats = NDArray[np.float64]
 #: Degree of the polynomials of log gain: of log(1 - t), t up to a half, they leave 0.3 %.
@@ -45,6 +46,33 @@ _PARTED = 0.02
 _BORDER = 4
 #: Share of the brightest gain below which a pixel does not see the display; usual light of black (200:1).
 _LIT, _CONTRAST = 0.25, 0.005
+#: Sigma with a response over sigma without from which on the response is in doubt; rms of a normal variable
+#: over its median magnitude.
+_WIDER, _RMS = 3.0, 1.4826
+
+
+def with_better_fit(found: Correspondence, plain: Correspondence) -> Correspondence:
+    """What was decoded with a response, `found`; where the same frames decoded without it, `plain`, contradict
+    each other clearly less: with the sigma of these and the usual difference of both places, and a notice."""
+    both, sigma, worst = found.good & plain.good, {}, 0.0
+    if not both.any():
+        return found
+    for axis in ("u", "v"):
+        wide, narrow = (getattr(one, f"sigma_{axis}") for one in (found, plain))
+        if np.isfinite(wide[both]).any():
+            worst = max(worst, float(np.median(wide[both] / narrow[both])))
+            apart = _RMS * float(np.median(np.abs(getattr(found, axis) - getattr(plain, axis))[both]))
+            sigma[f"sigma_{axis}"] = np.fmin(wide, np.hypot(narrow, np.float32(apart)))
+    if worst <= _WIDER:
+        return found
+    notice = Notice(
+        "The frames fit better without the stated response; sigma with it over sigma without",
+        worst,
+        _WIDER,
+        "measure the response at this exposure (optolever response), or leave --response out; sigma is that "
+        "without it, and the difference that it makes",
+    )
+    return replace(found, **sigma, notices=(*found.notices, notice))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,7 +1,8 @@
 """`optolever decode`: a capture folder (or a SOFAST file) to a correspondence."""
 
 import time
-from dataclasses import asdict
+from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -86,8 +87,9 @@ def command(
     DIR is a folder with capture.toml and its frames, or a measurement of OpenCSP's SOFAST (HDF5, extra
     `sofast`). C.npz receives u, v, sigma_u, sigma_v (pattern pixels), flags (0 = good), amplitude, offset.
     """
-    from optolever.calibration import harmonic_errors
+    from optolever.calibration import harmonic_errors, with_better_fit
     from optolever.decode import decode
+    from optolever.experiments import code_that_decodes
     from optolever.files import together
 
     with progress() as step:
@@ -98,16 +100,22 @@ def command(
         with blame(source):
             inverse = _inverse(response)
             inside = _inside(mask, roi, capture.frames.shape[1:])
-            result = decode(
+            decoded = partial(
+                decode,
                 *(capture.frames, capture.sequence),
-                response=inverse,
                 mask=inside,
                 lens_px=lens,
                 on_cells=not no_cells,
                 check=not no_check,
                 progress=step,
             )
+            result = decoded(response=inverse)
+            if inverse is not None and result.notices:
+                result = with_better_fit(result, decoded())
         seconds = time.perf_counter() - start
+        weak = code_that_decodes(result, capture.sequence)
+        if weak is not None:
+            result = replace(result, notices=(*result.notices, weak))
         inverted = inverse is not None and inverse.blur is None
         left = [] if not inverted else harmonic_errors(capture.frames, capture.sequence, inverse)
         step("write")

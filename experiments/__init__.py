@@ -14,7 +14,7 @@
 | `page.py`, `images.py`, `report/` | HTML page; figures and maps as PNG; templates, style, viewer |
 """
 
-from .code_guide import CODES, CodeRow, code_rows, predict_code, seen
+from .code_guide import CODES, CodeRow, code_rows, code_that_decodes, predict_code, seen
 from .demo import DemoResult, run_demo
 from .height_report import write_demo_report, write_record_report
 from .metrics import height_metrics
@@ -32,6 +32,7 @@ __all__ = [
     "PaperStudy",
     "RigStudy",
     "code_rows",
+    "code_that_decodes",
     "height_metrics",
     "judged_table",
     "peak_bytes",

@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 
 from optolever.decode import Correspondence, decode
 from optolever.errors import InputError
+from optolever.notices import Notice
 from optolever.patterns import BINARY_CODES, Sequence, sequence_from_text
 from optolever.records import Progress, silent
 
-from .arrays import Floats
+from .arrays import Floats, Mask
 from .ideal import Fault, camera_frames
 from .metrics import rms
 
@@ -38,6 +39,16 @@ CODES = (
 #: Camera of the trials, pixels: a patch of the surface's start, one of its middle, one of its end.
 _PATCHES, _PATCH = 3, (32, 128)
 _SILENT = 1e-4
+#: Good pixels of a capture that is refused whole, and of a code that decodes: shares of the lit pixels.
+_REFUSED, _DECODED = 0.1, 0.9
+#: Codes for weak modulation, by number of frames.
+_PATIENT = ("phase", "phase:steps=8", "phase:steps=16")
+#: Modulation over noise of the trials that a refused capture is compared with, and factors on the exposure.
+_RATIOS = np.geomspace(1, 8, 4)
+_EXPOSURES = (1.5, 2, 3, 4, 6)
+_AS_ROUGH = 0.5  # of the amplitude's differences that noise makes
+_MARGIN = 0.9  # on the modulation, for cures
+_AMPLITUDE = 60.0  # of the trials, levels: their ratio to the noise alone counts
 #: Steps of the trials' camera per level: its rounding is no part of the noise.
 _STEPS = 16
 
@@ -96,6 +107,77 @@ def predict_code(shown: Sequence, amplitude: float, noise: float) -> tuple[float
     stated = 0.0 if found.order_error is None else float(np.mean(found.order_error))
     reach = min(_reach(shown, axis) for axis in axes)
     return reach, sigma, max(float(wrong.mean()), stated), min(_narrowest(shown, axis) for axis in axes)
+
+
+def code_that_decodes(found: Correspondence, shown: Sequence) -> Notice | None:
+    """The notice of a capture whose modulation is too weak for its sequence `shown`: with what exposure, or
+    with which code, it would decode. None where pixels are good, or something else than noise is against them.
+
+    Modulation over noise is that of a simulated capture of the same sequence with the median sigma of the lit
+    pixels, if neighbours' amplitudes differ as much as in that; codes are then tried by the decoder itself.
+    """
+    if found.amplitude is None or not (found.amplitude > 0).any():
+        return None
+    lit = found.amplitude > 0.5 * np.nanpercentile(found.amplitude, 95)
+    if found.good[lit].mean() > _REFUSED:
+        return None
+    ratio = _modulation(found, lit, shown)
+    if ratio is None:
+        return None
+    alike = _trial(shown, ratio)
+    if alike.good.mean() > _REFUSED or _roughness(found, lit) < _AS_ROUGH * _roughness(alike):
+        return None
+    surely = _MARGIN * ratio
+    longer = next((by for by in _EXPOSURES if _good_share(shown, by * surely) > _DECODED), None)
+    cure = f"expose {'more than ' if longer is None else ''}{longer or _EXPOSURES[-1]:g} times as long"
+    for text in _PATIENT:
+        code = sequence_from_text(text, shown.rows, shown.cols)
+        if _good_share(code, surely) > _DECODED:
+            cure += f", or show --sequence {text} ({len(code)} frames)"
+            break
+    share = float(found.good[lit].mean())
+    name = (
+        f"The pattern is too weak for {shown.name}: its modulation is {ratio:.2g} times the noise of a frame; "
+        "share of good pixels"
+    )
+    return Notice(name, share, _DECODED, cure)
+
+
+def _modulation(found: Correspondence, lit: Mask, shown: Sequence) -> float | None:
+    """Amplitude over a frame's noise of lit pixels (H, W), by their sigma; None where it does not tell."""
+    stated = _median_sigma(found, lit)
+    trials = [(ratio, _median_sigma(_trial(shown, ratio))) for ratio in _RATIOS]
+    known = [(sigma, ratio) for ratio, sigma in trials if np.isfinite(sigma)]
+    if not np.isfinite(stated) or len(known) < 2:
+        return None
+    sigma, ratios = np.array(sorted(known)).T
+    return float(np.exp(np.interp(np.log(stated), np.log(sigma), np.log(ratios))))
+
+
+def _median_sigma(found: Correspondence, lit: Mask | None = None) -> float:
+    """Of the encoded axes together, px."""
+    sigma = np.minimum(found.sigma_u, found.sigma_v)
+    return float(np.median(sigma if lit is None else sigma[lit]))
+
+
+def _roughness(found: Correspondence, lit: Mask | None = None) -> float:
+    """Second differences of the amplitude along rows, over the amplitude: by noise alone."""
+    assert found.amplitude is not None
+    bend = np.abs(np.diff(found.amplitude, 2, axis=1))
+    known = np.ones(found.flags.shape, np.bool_) if lit is None else lit
+    inside = known[:, :-2] & known[:, 1:-1] & known[:, 2:]
+    return float(np.median(bend[inside]) / np.median(found.amplitude[known])) if inside.any() else 0.0
+
+
+def _good_share(shown: Sequence, ratio: float) -> float:
+    return float(_trial(shown, ratio).good.mean())
+
+
+def _trial(shown: Sequence, ratio: float) -> Correspondence:
+    """Simulated patches with this amplitude over noise, decoded."""
+    u, v = _places(shown)
+    frames = seen(shown, u, v, _AMPLITUDE, _AMPLITUDE / ratio, np.random.default_rng(0))
+    return decode(frames, shown, on_cells=False)
 
 
 def _reach(shown: Sequence, axis: str) -> float:

@@ -9,7 +9,13 @@ import pytest
 from numpy.typing import NDArray
 
 from optolever import InputError
-from optolever.calibration import RigResponse, load_response, measure_response, store_response
+from optolever.calibration import (
+    RigResponse,
+    load_response,
+    measure_response,
+    store_response,
+    with_better_fit,
+)
 from optolever.decode import Response, decode
 from optolever.patterns import sequence_from_text
 from optolever.projector import AreaTrace, Capture, Lighting, area_frames, capture, trace_area
@@ -189,3 +195,27 @@ def test_bad_input() -> None:
     ):
         with pytest.raises(InputError, match=told):
             measure_response(first, others)
+
+
+def test_a_response_that_the_frames_contradict_makes_no_sigma_wide() -> None:
+    """A camera of gamma 1 that is said to have one of 2.2: sigma of the four-step fringes was 20 times that
+    of the frames as they are, with a right response it is not touched."""
+    scene = resize(load("prism48", exact=True), 90, 120)
+    scene = replace(scene, pattern=replace(scene.pattern, blur_px=0.5))
+    shown = sequence_from_text("phase", scene.pattern.rows, scene.pattern.cols)
+    flat = dent_from_text("flat", scene)
+    taken, truth = capture(scene, flat, shown, noise=1.0, seed=4), trace(scene, flat)
+    levels = np.arange(0.0, 256.0)
+    wrong = Response(levels, 255 * (levels / 255) ** 2.2 + 1e-3 * levels)
+    with_wrong = decode(taken.frames, shown, response=wrong)
+    plain = decode(taken.frames, shown)
+    found = with_better_fit(with_wrong, plain)
+    assert "fit better without the stated response" in found.notices[-1].name
+    good = found.good & truth.visible
+    for axis in "uv":
+        wide, sigma = (np.median(getattr(one, f"sigma_{axis}")[good]) for one in (with_wrong, found))
+        assert sigma < wide / 3
+        error = (getattr(found, axis) - getattr(truth, axis))[good] / getattr(found, f"sigma_{axis}")[good]
+        assert np.sqrt(np.mean(error**2)) < 1.5
+    right = Response(levels, levels)
+    assert with_better_fit(decode(taken.frames, shown, response=right), plain).notices == ()
