@@ -55,8 +55,8 @@ __all__ = [
     "load_rest",
     "measure_response",
     "store_response",
-    "with_better_fit",
     "store_rest",
+    "with_better_fit",
 ]
 
 check_face(__name__)

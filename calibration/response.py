@@ -52,8 +52,9 @@ _WIDER, _RMS = 3.0, 1.4826
 
 
 def with_better_fit(found: Correspondence, plain: Correspondence) -> Correspondence:
-    """What was decoded with a response, `found`; where the same frames decoded without it, `plain`, contradict
-    each other clearly less: with the sigma of these and the usual difference of both places, and a notice."""
+    """What was decoded with a response, `found`; where the same frames decoded without it, `plain`,
+    contradict each other clearly less: with the sigma of these, the usual difference of both places added,
+    and a notice."""
     both, sigma, worst = found.good & plain.good, {}, 0.0
     if not both.any():
         return found

@@ -111,7 +111,8 @@ def predict_code(shown: Sequence, amplitude: float, noise: float) -> tuple[float
 
 def code_that_decodes(found: Correspondence, shown: Sequence) -> Notice | None:
     """The notice of a capture whose modulation is too weak for its sequence `shown`: with what exposure, or
-    with which code, it would decode. None where pixels are good, or something else than noise is against them.
+    with which code, it would decode. None where pixels are good, or something else than noise is against
+    them.
 
     Modulation over noise is that of a simulated capture of the same sequence with the median sigma of the lit
     pixels, if neighbours' amplitudes differ as much as in that; codes are then tried by the decoder itself.
@@ -137,8 +138,8 @@ def code_that_decodes(found: Correspondence, shown: Sequence) -> Notice | None:
             break
     share = float(found.good[lit].mean())
     name = (
-        f"The pattern is too weak for {shown.name}: its modulation is {ratio:.2g} times the noise of a frame; "
-        "share of good pixels"
+        f"The pattern is too weak for {shown.name}: its modulation is {ratio:.2g} times the noise of a "
+        "frame; share of good pixels"
     )
     return Notice(name, share, _DECODED, cure)
 
