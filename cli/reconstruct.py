@@ -180,6 +180,7 @@ def command(
         budget,
         contacts,
         curvature_map,
+        depth_sigma_against_rest,
         free_mode_of,
         on_rig,
         reconstruct,
@@ -218,7 +219,11 @@ def command(
             height = replace(height, notices=height.notices + drift)
             step("contacts")
             slopes = slope_map(height, correspondence, scene)
-            dents = [contact.to_dict() for contact in contacts(height, slopes)]
+            found = contacts(height, slopes)
+            dents = [contact.to_dict() for contact in found]
+            if found and rest is None and at_rest is None and not scene.exact and scene.covariance is None:
+                deepest = max(range(len(found)), key=lambda k: found[k].depth)
+                dents[deepest]["depth_rig_against_rest"] = depth_sigma_against_rest(scene, found[deepest])
             step("compare")
             numbers = _numbers(height) | {"seconds": seconds, "contacts": dents}
             if height.calibration is not None:

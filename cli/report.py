@@ -6,16 +6,16 @@ import click
 
 from .options import FILE, json_option, sample
 from .outputs import Program, report_option
-from .show import budget_rows, grid, number, print_notices, table, write_json
+from .show import budget_rows, grid, noise_and_rig, number, print_notices, table, write_json
 
 __all__ = ["command"]
 
 SAMPLE = """
 $ optolever report h.npz --correspondence c.npz --capture capture --out report
 Report of h.npz
-  good           98.83 % of the pixels
-  sigma, median  3.915e-05 mm
-  page           report/report.html
+  good   98.83 % of the pixels
+  sigma  ± 39 nm noise (medians)
+  page   report/report.html
 """
 
 
@@ -54,18 +54,21 @@ def command(
     capture = None if folder is None else Capture.load(folder)
     other = None if less is None else HeightMap.load(less)
     good = height.good
-    sigma = float(np.median(height.total_sigma[good])) if good.any() else float("nan")
+    total, noise, rig = (
+        float(np.median(sigma[good])) if good.any() else float("nan")
+        for sigma in (height.total_sigma, height.sigma, height.calibration_sigma)
+    )
     readings = budget(height, other)
     with report_folder(out), together():
         write_record_report(out / "report.html", height, seen, capture, str(source), other)
-        numbers = {"good_share": float(good.mean()), "sigma_mm": sigma}
+        numbers = {"good_share": float(good.mean()), "sigma_mm": total, "noise_mm": noise, "rig_mm": rig}
         write_json(json_path, numbers | {"budget_mm": readings})
     print_notices(height.notices)
     table(
         f"Report of {source}",
         {
             "good": number(100 * good.mean(), "% of the pixels"),
-            "sigma, median": number(sigma, "mm"),
+            "sigma": f"{noise_and_rig(noise, rig)} (medians)",
             "page": str(out / "report.html"),
         },
     )

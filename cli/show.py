@@ -71,15 +71,17 @@ def dent_rows(dent: Mapping[str, Any], count: int) -> dict[str, str]:
     x, y = dent["centroid"]
     noise = dent["depth_sigma"] if dent["depth_noise"] is None else dent["depth_noise"]
     rig = math.sqrt(max(0.0, dent["depth_sigma"] ** 2 - noise**2))
+    against = dent.get("depth_rig_against_rest")
+    predicted = "" if against is None else f" (against a rest capture {length(against)})"
     at_least = "at least " if dent["cut"] else ""
 
     def give(name: str, unit: str) -> str:
         return f"{at_least}{number(dent[name])} ± {dent[f'{name}_sigma']:.2g} {unit}"
 
     return {
-        f"dent {count}": f"depth {number(dent['depth'])} mm {noise_and_rig(noise, rig)}; {dent['region']}: "
-        f"area {give('area', 'mm²')}, volume {give('volume', 'mm³')}, centroid ({x:.6g}, {y:.6g}) ± "
-        f"{dent['centroid_sigma']:.2g} mm",
+        f"dent {count}": f"depth {number(dent['depth'])} mm {noise_and_rig(noise, rig)}{predicted}; "
+        f"{dent['region']}: area {give('area', 'mm²')}, volume {give('volume', 'mm³')}, "
+        f"centroid ({x:.6g}, {y:.6g}) ± {dent['centroid_sigma']:.2g} mm",
         f"evidence {count}": dent["evidence"],
     }
 

@@ -116,15 +116,16 @@ def write_record_report(
     start = time.perf_counter()
     view = HeightView.of(height, correspondence)
     context = _common(view, capture)
-    known = [values[height.good] for values in (height.z, height.total_sigma)]
-    z, sigma = (values if values.size else np.array([np.nan]) for values in known)
+    known = [values[height.good] for values in (height.z, height.sigma, height.calibration_sigma)]
+    z, noise, rig = (values if values.size else np.array([np.nan]) for values in known)
     context |= {
         "source": source,
         "size": height.z.shape,
         "good_share": float(height.good.mean()),
         "deepest": float(z.max()),
         "least": float(z.min()),
-        "sigma": float(np.median(sigma)),
+        "noise": float(np.median(noise)),
+        "rig": None if height.calibration is None else float(np.median(rig)),
         "budget": budget_table(budget(height, less)),
     }
     write_page(path, "record.html", {"report": time.perf_counter() - start}, context)

@@ -37,8 +37,8 @@ Scores = tuple[NDArray[np.floating[Any]], NDArray[np.floating[Any]]]
 
 @dataclass(frozen=True)
 class HeightView:
-    """Height (mm) and sigma of a map, NaN where a flag stands; `factor`, `unit`: how sigma and errors are
-    written. correspondence, truth: as far as they are known.
+    """Height (mm) and sigma (noise and rig) of a map, NaN where a flag stands; `factor`, `unit`: how sigma
+    and errors are written. correspondence, truth: as far as they are known.
     """
 
     height: HeightMap
@@ -69,15 +69,24 @@ class HeightView:
         return surface_data(self.height.x, self.height.y, self.z, layers)
 
     def pictures(self) -> dict[str, str]:
-        """Maps of the measured height, and of sigma: of the height, and of u and v."""
+        """Maps of the measured height, and of sigma: of the height by noise, by the rig, of u and v."""
         title = "Measured height z, positive into the medium"
         deep = Panel(self.grid.place(self.z), title, "z [mm]", limits=robust_limits(self.z, 0.9999))
-        bars = [Panel(self.grid.place(self.sigma), "Sigma of the height", f"sigma [{self.unit}]", "cividis")]
+        bars = [self._bar("Sigma of the height by noise", self.height.sigma)]
+        if self.height.calibration is not None:
+            bars.append(self._bar("Sigma of the height by the rig", self.height.calibration_sigma))
         seen = self.correspondence
         if seen is not None:
             both = self.grid.place(np.where(seen.good, np.hypot(seen.sigma_u, seen.sigma_v), np.nan))
             bars.append(Panel(both, "Sigma of the correspondence", "√(σu² + σv²) [px]", "cividis"))
         return {"height": mirror_figure([deep], self.grid), "sigma": mirror_figure(bars, self.grid)}
+
+    def _bar(self, title: str, sigma: Floats) -> Panel:
+        """A map of standard deviations (mm) of the good pixels, in a unit of its own."""
+        good = self.height.good
+        factor, unit = length_unit(float(np.median(sigma[good])) if good.any() else np.nan)
+        known = np.where(good, sigma, np.nan) * factor
+        return Panel(self.grid.place(known), title, f"sigma [{unit}]", "cividis")
 
     def error(self, truth: Trace) -> Floats:
         """Measured less true height, in `unit`, NaN where either is unknown."""

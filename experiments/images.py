@@ -178,7 +178,10 @@ def _draw(
     width = 5.6 * columns if columns > 1 else 6.4
     beside = 2.0 if columns > 1 else 1.3  # inches for ticks, labels and colour bar
     figure = new_figure(width, lines * min(7.0, 0.55 + (width / columns - beside) * ratio))
-    for axes, panel in zip(figure.subplots(lines, columns, squeeze=False).flat, panels, strict=False):
+    places = figure.subplots(lines, columns, squeeze=False).flatten().tolist()
+    for unused in places[len(panels) :]:
+        unused.remove()
+    for axes, panel in zip(places, panels, strict=False):
         image = axes.imshow(
             panel.values, panel.colours, extent=extent, origin=origin, interpolation="nearest"
         )

@@ -73,7 +73,14 @@ from .paper_scene import (
     reconstruct_paper,
     row_recursion,
 )
-from .predicted import PREDICTED_DEPTH, PREDICTED_NOISE, predicted_budget, predicted_maps, sigma_at_rest
+from .predicted import (
+    PREDICTED_DEPTH,
+    PREDICTED_NOISE,
+    depth_sigma_against_rest,
+    predicted_budget,
+    predicted_maps,
+    sigma_at_rest,
+)
 from .resampling import Grid
 from .slope_map import SlopeMap, slope_map
 from .sofast import on_rig
@@ -113,6 +120,7 @@ __all__ = [
     "capture_positions",
     "contacts",
     "curvature_map",
+    "depth_sigma_against_rest",
     "exact_correspondence",
     "fit_motion",
     "free_mode",

@@ -125,6 +125,33 @@ def test_a_wrong_scene_is_told_and_a_capture_at_rest_mends_it(
         assert (height["flags"][:, :80] == 0).mean() > 0.8
 
 
+def test_noise_and_rig_apart_for_a_typed_scene(optolever: Program, tmp_path: Path) -> None:
+    """Two numbers and two maps; and what the rig's part of the depth would be against a rest capture, which
+    that capture then gives to a third."""
+    for name, shape, seed in (("press", "gaussian:peak=0.3,sigma=4", "1"), ("rest", "flat", "2")):
+        taken = ("--scene", "prism48", "--dent", shape, "--size", "90x120", "--noise", "1", "--seed", seed)
+        optolever("capture", *taken, "--out", tmp_path / name)
+        optolever("decode", tmp_path / name, "--out", tmp_path / f"{name}.npz")
+    solve = ("reconstruct", tmp_path / "press.npz", "--scene", "prism48", "--size", "90x120")
+    out, against = tmp_path / "h.npz", ("--rest", tmp_path / "rest.npz", "--out", tmp_path / "r.npz")
+    printed = optolever(*solve, "--out", out, "--json", tmp_path / "h.json").out
+    told = optolever(*solve, *against, "--json", tmp_path / "r.json").out
+    assert "(against a rest capture" in " ".join(printed.split())
+    assert "(against a rest capture" not in " ".join(told.split())
+    alone, rest = (json.loads((tmp_path / f"{name}.json").read_text())["contacts"][0] for name in "hr")
+    by_rig = [(one["depth_sigma"] ** 2 - one["depth_noise"] ** 2) ** 0.5 for one in (alone, rest)]
+    assert alone["depth_rig_against_rest"] == pytest.approx(by_rig[1], rel=1 / 3)
+    assert alone["depth_rig_against_rest"] < 0.75 * by_rig[0]
+    optolever("report", out, "--json", tmp_path / "n.json", "--out", tmp_path / "page")
+    page, numbers = (tmp_path / "page/report.html").read_text(), json.loads((tmp_path / "n.json").read_text())
+    assert 'id="noise_mm"' in page
+    assert 'id="rig_mm"' in page
+    height = HeightMap.load(out)
+    assert numbers["noise_mm"] == pytest.approx(np.median(height.sigma[height.good]))
+    assert numbers["rig_mm"] == pytest.approx(np.median(height.calibration_sigma[height.good]))
+    assert numbers["rig_mm"] > 100 * numbers["noise_mm"]
+
+
 def test_a_page_from_saved_records(optolever: Program, chain: Chain, tmp_path: Path) -> None:
     """Shows what is in the files, and only what is given; asks the network for nothing."""
     words = ["report", chain.height, "--json", tmp_path / "r.json"]
@@ -141,6 +168,8 @@ def test_a_page_from_saved_records(optolever: Program, chain: Chain, tmp_path: P
     assert 'id="correspondence-maps"' not in bare
     assert not height.notices
     assert 'id="notices"' not in bare
+    assert 'id="noise_mm"' in bare
+    assert 'id="rig_mm"' not in bare  # the scene is exact
     assert full.count('alt="camera frame') == 20
     assert 'alt="camera frame' not in bare
     assert "https://" not in full.replace("data:", "")
