@@ -8,6 +8,7 @@
 | `problem.py`, `result.py` | checks, window, orientation, components; the solved grid as a HeightMap |
 | `calibration.py` | a rest capture as reference |
 | `rig.py` | modes by the errors of the rig; whether these explain the slopes |
+| `references.py` | errors in common with maps of the same rest capture or anchor |
 | `rig_effects.py` | errors beside the scene's numbers: cover glass, sag, gauge |
 | `hypotheses.py` | mistakes in a description, tried one by one |
 | `motion.py`, `motion_fields.py` | the rig's motion between rest and press; its fields |

@@ -31,6 +31,7 @@ from .newton import Options, State, missed, solve
 from .paper import SeriesName
 from .paper_scene import reconstruct_paper
 from .problem import Problem, prepare
+from .references import with_references
 from .result import anchors_apart, height_map, judged, off_mirror, refused
 from .reweighting import reweighted
 from .rig import LINEAR, Measurement, RigJudgement, judged_rig, rig_model, rig_modes, rig_solutions
@@ -136,7 +137,8 @@ def reconstruct(
         solution = solved_height(correspondence, scene, anchor, mask, method, start)
     progress("errors of the rig", 1, steps)
     solution = with_rig(solution, measured, scene, motion, accept)
-    problem, state, height = solution.problem, solution.state, solution.height
+    problem, state = solution.problem, solution.state
+    height = with_references(solution.height, problem, state, correspondence, anchor, rest)
     if not height.implausible:
         doubts = (*anchors_apart(problem, state, height), *off_mirror(height, scene.mirror))
         height = replace(height, notices=(*height.notices, *doubts))

@@ -106,6 +106,8 @@ class HeightMap(Comparable):
     are exact.
     own: number of the last modes that belong to this capture alone (motion of the rig since the rest
     capture): they do not cancel in a difference of two maps.
+    references: names (k,) of the rest capture and the anchors that the map rests on; shared (k, H, W) mm: the
+    part of `sigma` that is theirs, common to all maps of the same reference.
     """
 
     x: Floats
@@ -121,6 +123,8 @@ class HeightMap(Comparable):
     shares: Floats | None = None
     displacement: Floats | None = None
     own: int = 0
+    references: tuple[str, ...] = ()
+    shared: Floats | None = None
 
     def __post_init__(self) -> None:
         shape = np.shape(self.z)
@@ -143,6 +147,11 @@ class HeightMap(Comparable):
         if modes and self.shares is not None and self.shares.shape != (len(self.sources), modes, modes):
             found = f"{len(self.sources)} sources, {modes} modes"
             raise InputError(f"height map: shares has shape {self.shares.shape}, of {found}")
+        parts = None if self.shared is None else self.shared.shape
+        if self.references and parts != (len(self.references), *shape):
+            raise InputError(
+                f"height map: shared has shape {parts}, must be {(len(self.references), *shape)}"
+            )
         if self.displacement is not None and (
             self.displacement.shape[1:] != (2, 3) or len(self.displacement) < modes
         ):
@@ -179,12 +188,25 @@ class HeightMap(Comparable):
         return replace(
             self,
             z=z,
-            sigma=np.hypot(self.sigma, other.sigma),
+            sigma=self._noise_less(other),
             flags=self.flags | other.flags,
             diagnostics=Diagnostics("difference"),
             notices=tuple(dict.fromkeys((*self.notices, *other.notices))),
+            references=(),
+            shared=None,
             **self._modes_less(other),
         )
+
+    def _noise_less(self, other: "HeightMap") -> Floats:
+        """Standard deviation of the difference by noise and anchors; errors of common references cancel as
+        far as they are as large in both maps."""
+        variance = np.square(self.sigma) + np.square(other.sigma)
+        if self.shared is not None and other.shared is not None:
+            for name in set(self.references) & set(other.references):
+                one, two = self.references.index(name), other.references.index(name)
+                variance = variance - 2 * np.nan_to_num(self.shared[one] * other.shared[two])
+        noise: Floats = np.sqrt(np.maximum(variance, np.square(self.sigma - other.sigma)))
+        return noise
 
     def _modes_less(self, other: "HeightMap") -> dict[str, Any]:
         """The modes of the difference: common ones less the other's, then those of either capture alone."""
@@ -221,8 +243,9 @@ class HeightMap(Comparable):
         return np.hypot(self.sigma, self.calibration_sigma)
 
     def difference(self, other: "HeightMap") -> tuple[Floats, Floats]:
-        """z less another map's of the same rig, pixel by pixel, and its standard deviation (mm): modes are
-        common to both, so that most of them cancels. InputError where the maps' shapes or rigs differ.
+        """z less another map's of the same rig, pixel by pixel, and its standard deviation (mm): modes, and
+        errors of a rest capture or an anchor in common, cancel as far as they are alike in both. InputError
+        where the maps' shapes or rigs differ.
         """
         counts = [
             0 if each.calibration is None else len(each.calibration) - each.own for each in (self, other)
@@ -232,7 +255,7 @@ class HeightMap(Comparable):
                 f"difference: maps of {self.z.shape} and {other.z.shape} pixels with {counts[0]} and "
                 f"{counts[1]} modes; must be of one rig"
             )
-        noise = np.hypot(self.sigma, other.sigma)
+        noise = self._noise_less(other)
         if self.calibration is None or other.calibration is None:
             return self.z - other.z, noise
         modes = self._modes_less(other)["calibration"]
@@ -273,13 +296,14 @@ class HeightMap(Comparable):
             | {"diagnostics": self.diagnostics.to_json(), "lean": self.lean, "notices": told}
             | {"calibration": self.calibration, "shares": self.shares, "displacement": self.displacement}
             | ({"own": np.array(self.own)} if self.own else {})
+            | ({"references": np.array(self.references), "shared": self.shared} if self.references else {})
             | ({} if self.shares is None else {"sources": np.array(self.sources)}),
         )
 
     @classmethod
     def load(cls, path: str | Path) -> "HeightMap":
         """Read what save() wrote; InputError names the file and the field."""
-        arrays = load_arrays(path, _ARRAYS, ("notices", "diagnostics", "sources"))
+        arrays = load_arrays(path, _ARRAYS, ("notices", "diagnostics", "sources", "references"))
         diagnostics = Diagnostics("unknown")
         if "diagnostics" in arrays:
             try:
@@ -300,6 +324,8 @@ class HeightMap(Comparable):
                 shares=arrays.get("shares"),
                 displacement=arrays.get("displacement"),
                 own=int(arrays.get("own", 0)),
+                references=tuple(str(name) for name in np.atleast_1d(arrays.get("references", ()))),
+                shared=arrays.get("shared"),
             )
         except InputError as error:
             raise InputError(f"{path}: {error}") from error

@@ -1,0 +1,72 @@
+"""Errors that a height map shares with other maps of the same references: a rest capture, an anchor.
+
+Part of `sigma`, as each map alone has them; a difference of two maps counts them once, see
+`HeightMap.difference`.
+"""
+
+import hashlib
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.decode import Correspondence
+
+from .anchors import Anchors
+from .arrays import Floats, Mask
+from .heightmap import HeightMap
+from .newton import State
+from .problem import Problem
+
+__all__ = ["with_references"]
+
+
+def with_references(
+    height: HeightMap,
+    problem: Problem,
+    state: State,
+    corrected: Correspondence,
+    anchor: Anchors,
+    rest: Correspondence | None,
+) -> HeightMap:
+    """The height with its `references` and their part of sigma, `shared`; corrected: the correspondence less
+    the rest capture's deviation, the variances of both added."""
+    settled = _anchor_sigma(problem, state)
+    parts: list[tuple[str, Floats]] = []
+    if np.nanmax(settled, initial=0.0) > 0:
+        parts.append((f"anchor {anchor!r}", np.fmin(settled, height.sigma)))
+    if rest is not None:
+        known = corrected.good & rest.good
+        share = _variance(rest, known) / _variance(corrected, known) if known.any() else 0.0
+        noise = np.sqrt(np.maximum(height.sigma**2 - np.nan_to_num(settled) ** 2, 0.0))
+        parts.append((f"rest {_digest(rest)}", np.sqrt(share) * noise))
+    if not parts:
+        return height
+    names, sigmas = tuple(name for name, _ in parts), np.stack([part for _, part in parts])
+    return replace(height, references=names, shared=sigmas)
+
+
+def _variance(correspondence: Correspondence, known: Mask) -> float:
+    """Of u and v together, median of the known pixels, pattern px^2."""
+    sigmas = (correspondence.sigma_u, correspondence.sigma_v)
+    return sum(float(np.median(sigma[known])) ** 2 for sigma in sigmas)
+
+
+def _anchor_sigma(problem: Problem, state: State) -> Floats:
+    """Standard deviation of z (mm) by the anchors' own (H, W): the free mode, by the anchors' shares."""
+    data, rows = problem.data, state.rows
+    factor = np.broadcast_to(state.root**2, state.w.shape)
+    moved = state.share * rows.sigma / factor.ravel()[rows.pixel]
+    constants = np.sqrt(np.bincount(rows.component, moved**2, int(problem.labels.max()) + 1))
+    sigma = factor * constants[problem.labels]
+    if data.rays.logarithmic:
+        sigma = sigma * data.distance(state.w)
+    image: Floats = problem.to_image(sigma, np.nan) * np.abs(problem.rays.inner_directions[2])
+    return image
+
+
+def _digest(correspondence: Correspondence) -> str:
+    parts: tuple[NDArray[np.floating], ...] = (correspondence.u, correspondence.v)
+    return hashlib.blake2b(
+        b"".join(np.ascontiguousarray(part).tobytes() for part in parts), digest_size=8
+    ).hexdigest()
