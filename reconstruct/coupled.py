@@ -34,7 +34,7 @@ from .problem import Problem, prepare
 from .references import with_references
 from .result import anchors_apart, height_map, judged, off_mirror, refused
 from .reweighting import reweighted
-from .rig import LINEAR, Measurement, RigJudgement, judged_rig, rig_model, rig_modes, rig_solutions
+from .rig import LINEAR, Measurement, RigJudgement, judged_rig, raw_chi2, rig_model, rig_modes, rig_solutions
 from .rounding import rounding_variance
 from .shared_noise import shared_variance
 from .uncertainty import unknown_variance
@@ -198,9 +198,12 @@ def _explained(rest: Correspondence | None, scene: Scene) -> Iterator[None]:
         raise InputError(f"{error}; with one change of the scene the rest capture fits: {mistake}") from error
 
 
-def _judge_coarse(measured: Measurement, scene: Scene) -> RigJudgement:
+def _judge_coarse(measured: Measurement, scene: Scene, limit: float) -> RigJudgement | None:
+    """None, at the price of one solve, where chi2 is not below the limit whatever the rig's errors are."""
     model = rig_model(_solved_coarse, measured, scene, None)
     assert model is not None
+    if raw_chi2(model) >= limit:
+        return None
     gain = noise_gain(model.problem.data.mask, model.problem.bridged)
     return judged_rig(model, rig_solutions(model), model.problem, model.state, gain)
 

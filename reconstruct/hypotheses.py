@@ -32,25 +32,28 @@ class _Mistake(NamedTuple):
 
 
 def likely_mistake(
-    judge: Callable[[Measurement, Scene], RigJudgement],
+    judge: Callable[[Measurement, Scene, float], RigJudgement | None],
     measured: Measurement,
     scene: Scene,
     described: RigJudgement,
 ) -> str | None:
     """The mistake without which the capture fits its scene, in words; None where none does.
 
-    judge: solves a measurement on a coarse grid and judges its slopes; described: the judgement of the
-    capture as it was described.
+    judge: solves a measurement on a coarse grid and judges its slopes, None where their raw chi2 is not below
+    a limit; described: the judgement of the capture as it was described.
     """
+    limit = _BETTER * described.raw
     found: list[tuple[float, str]] = []
     for words, change, other in _mistakes(scene):
         rest = None if measured.rest is None else change(measured.rest)
         changed = replace(measured, correspondence=change(measured.correspondence), rest=rest)
         try:
-            judged = judge(changed, other)
+            judged = judge(changed, other, limit)
         except InputError:  # no such mirror
             continue
-        better = judged.raw < _BETTER * described.raw and (judged.exact or judged.chi2 < 0.5 * described.chi2)
+        if judged is None:
+            continue
+        better = judged.raw < limit and (judged.exact or judged.chi2 < 0.5 * described.chi2)
         if judged.likely and better:
             found.append((judged.raw, words))
     return min(found)[1] if found else None

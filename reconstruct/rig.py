@@ -47,6 +47,7 @@ __all__ = [
     "RigModes",
     "interpolated",
     "judged_rig",
+    "raw_chi2",
     "rig_model",
     "rig_modes",
     "rig_solutions",
@@ -286,6 +287,13 @@ def _model(
 def rig_solutions(model: RigModel) -> list[RigSolution]:
     """The solution without errors, and those with one error each."""
     return [model.solved(errors) for errors in (np.zeros(model.count), *_STEP * np.eye(model.count))]
+
+
+def raw_chi2(model: RigModel) -> float:
+    """chi2 of the slopes' circulation on the coarse grid, errors of the rig not taken off: `raw` of its
+    `judged_rig`."""
+    own = _scores(model, model.solved(np.zeros(model.count)))
+    return own.worst(own.scores) if own.scores.size else 0.0
 
 
 def rig_modes(model: RigModel, solutions: Sequence[RigSolution], height: HeightMap) -> RigModes:
