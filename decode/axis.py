@@ -76,6 +76,7 @@ class AxisNumbers(NamedTuple):
     """What a sample of pixels tells of an axis: with the setup, all that its decoder needs.
 
     code       numbers of its code, the levels of the bits among them
+    unresolved  how many of the code's finest bits are left out, as the camera does not resolve them
     misfit     variance (turns^2) of each fringe's phase by what its samples leave beyond noise
     between    the same by what periods contradict each other by
     deviation  of a sample over the amplitude, of close periods; None of others
@@ -83,6 +84,7 @@ class AxisNumbers(NamedTuple):
     """
 
     code: CodePlan | None = None
+    unresolved: int = 0
     misfit: tuple[float, ...] = ()
     between: float = 0.0
     deviation: float | None = None
@@ -167,10 +169,14 @@ def _sampled_light(light: Light, places: NDArray[np.int64]) -> Light:
 
 def _estimated(axis: AxisPlan, shot: Shot, options: AxisOptions) -> AxisNumbers:
     setup, lit = shot.setup, shot.lit
-    code = None if axis.code is None else code_plan(axis.code, setup.plan, setup.noise, lit)
-    if axis.looked_up or (options.subpixel and code is not None and not axis.fringes):
+    by_table = axis.looked_up or (options.subpixel and axis.code is not None and not axis.fringes)
+    code, unresolved = None, 0
+    if axis.code is not None:
+        fringe = axis.fringes[0] if axis.fringes else None
+        code, unresolved = code_plan(axis.code, setup.plan, setup.noise, lit, by_table, fringe)
+    if by_table:
         return AxisNumbers(code, look_up=_looked_up(axis, code, shot, options))
-    found = AxisNumbers(code)
+    found = AxisNumbers(code, unresolved)
     return _of_fringes(axis, found, shot, options.before) if axis.fringes else found
 
 
