@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from optolever.patterns import Sequence
 
 from .codes.gray import CodePlan, code_plan, decode_code, read_code
+from .codes.harmonics import aliasing_variance
 from .codes.lookup import Table, lookup_rows, prepare
 from .codes.lookup_tables import Optics, table_of
 from .codes.phase import Periods, periods_of
@@ -228,7 +229,11 @@ def _of_fringes(axis: AxisPlan, found: AxisNumbers, shot: Shot, before: Before) 
     """What samples of fringes leave, and periods contradict each other by."""
     noise, lit = shot.setup.noise, shot.lit
     covered = found.code is not None or axis.fringes[0].period >= axis.extent or len(axis.fringes) == 1
-    misfit = tuple(_unlike(fringe, lit, noise, before) for fringe in axis.fringes)
+    setup = shot.setup
+    hidden = [aliasing_variance(one, axis, setup.plan, lit, noise) / (2 * np.pi) ** 2 for one in axis.fringes]
+    misfit = tuple(
+        _unlike(one, lit, noise, before) + more for one, more in zip(axis.fringes, hidden, strict=True)
+    )
     found = found._replace(misfit=misfit, deviation=None if covered else _deviation(axis, noise, lit))
     few = whole(lit, [i for fringe in axis.fringes for i in fringe.index], _ASKED)
     for _ in range(_ROUNDS if len(axis.fringes) > 1 else 0):
