@@ -8,8 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from optolever.notices import Notice
 from optolever.patterns import Sequence
 
+from .centre import STEEP
 from .codes.gray import CodePlan, code_plan, decode_code, read_code
 from .codes.harmonics import aliasing_variance
 from .codes.lookup import Table, lookup_rows, prepare
@@ -135,6 +137,31 @@ class AxisDecoder:
             read_code(light, self.noise, self.numbers.code, rows, estimate)
         lookup_rows(light, self.noise, table, rows, estimate)
         return estimate
+
+    def notices(self, width: float) -> tuple[Notice, ...]:
+        """What is not resolved; width: of a usual pixel, pattern px."""
+        found, count, name = [], self.numbers.unresolved, self.axis.axis
+        if count and self.numbers.code is not None:
+            numbers = [str(bit) for bit in range(count)]
+            bits = "bit 0" if count == 1 else f"bits {', '.join(numbers[:-1])} and {numbers[-1]}"
+            found.append(
+                Notice(
+                    f"the camera does not resolve {bits} of {name}: cells are read over so many pattern px",
+                    float(self.numbers.code.cell),
+                    float(self.numbers.code.cell) / 2**count,
+                    f"show {name} without them, or bring the camera nearer; sigma holds the wider cells",
+                )
+            )
+        if width * self.per_turn > STEEP:
+            found.append(
+                Notice(
+                    f"neighbours are further apart on {name} than the finest fringe can be followed, turns",
+                    width * self.per_turn,
+                    STEEP,
+                    f"a finest period of {math.ceil(2 * width)} px or more, or a camera nearer to the display",
+                )
+            )
+        return tuple(found)
 
 
 class AxisOptions(NamedTuple):

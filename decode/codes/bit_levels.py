@@ -1,4 +1,4 @@
-"""What pixels see of every bit of a code: which bits the camera resolves, and the posterior of a pixel's words.
+"""What pixels see of every bit of a code: which bits are resolved, and the posterior of a pixel's words.
 
 A Gaussian blur (deviation s cells) leaves of the fine bits less than of the coarse ones. Between two centres
 of cells levels are interpolated. The blur is the one that explains the bits of pixels that see the pattern

@@ -1,13 +1,13 @@
 """Binary codes: bits -> word -> cell, with the probability of a wrong bit.
 
-A bit is the sign of the difference from its inverse, or from the mean of white and black, or, where these were
-not shown, of a fringe's samples; the chance that noise turned it is Q(z), z that difference over its
+A bit is the sign of the difference from its inverse, or from the mean of white and black, or, where these
+were not shown, of a fringe's samples; the chance that noise turned it is Q(z), z that difference over its
 deviation. Bits that the camera resolves nowhere are left out of the code, and its cells are wider. At the
 edge of a cell one bit of a Gray code is weak: read either way it leads to one of two cells side by side.
 Where two bits or more are weak every word that they allow is compared (bit_levels): the cells side by side
 with the most probable one are the answer, wider ones if need be, the rest is the probability of a wrong one.
-Codes that change several bits at once see a mixture of one cell and the next, b = A ((1 - f) s(c) + f s(c + 1)),
-f in 0..1, s the cells' levels behind the blur, and the posterior is over the cells c.
+Codes that change several bits at once see a mixture of one cell and the next, b = A ((1 - f) s(c) +
+f s(c + 1)), f in 0..1, s the cells' levels behind the blur, and the posterior is over the cells c.
 
 Where white saturates, its level is known from below only. A bit and its inverse compare as ever, but their
 mean tells nothing; a single bit that is brighter than the mean of black and of what is read for white, and
@@ -69,7 +69,7 @@ class _Room(NamedTuple):
 
 
 class Resolved(NamedTuple):
-    """A code as kernels need it, without the bits that the camera does not resolve, and how many these are."""
+    """A code as kernels need it, without the bits that are not resolved, and how many these are."""
 
     plan: CodePlan
     unresolved: int
@@ -96,16 +96,15 @@ def code_plan(
     counts = bits.pairs != bits.referenced if bits.pairs.any() or bits.referenced else ~bits.pairs
     of_bits = bits_in_groups(bits.frames, bits.factor, counts, value)
     numbers = (np.float32(one) for one in (code.cell, 0.5 * (code.cell - 1) + code.origin))
-    told = blurred(code, blur), np.float32(misfit2), code.together, nested(code), bits.mean is not None, np.float32(bits.above)
-    return Resolved(
-        CodePlan(*of_bits, bits.factor, bits.ends, code.cells, linear, *told, *numbers, bits.freedom), unresolved
-    )
+    kind = code.together, nested(code), bits.mean is not None, np.float32(bits.above)
+    told = blurred(code, blur), np.float32(misfit2), *kind, *numbers, bits.freedom
+    return Resolved(CodePlan(*of_bits, bits.factor, bits.ends, code.cells, linear, *told), unresolved)
 
 
 class _Bits(NamedTuple):
-    """Frames (bits, 2) of a code's bits and their inverses, -1: not shown; whether (bits,) both were; variance
-    (bits,) of a difference over that of a sample; white and black, -1: not shown; the fringe whose mean is the
-    threshold, and by how much of its amplitude that is higher."""
+    """Frames (bits, 2) of a code's bits and their inverses, -1: not shown; whether (bits,) both were;
+    variance (bits,) of a difference over that of a sample; white and black, -1: not shown; the fringe whose
+    mean is the threshold, and by how much of its amplitude that is higher."""
 
     frames: NDArray[np.int64]
     pairs: NDArray[np.bool_]
@@ -135,9 +134,7 @@ class _Bits(NamedTuple):
 
     def only(self, first: int) -> "_Bits":
         """Bits from a first one on."""
-        return self._replace(
-            frames=self.frames[first:], pairs=self.pairs[first:], factor=self.factor[first:]
-        )
+        return self._replace(frames=self.frames[first:], pairs=self.pairs[first:], factor=self.factor[first:])
 
     def levelled(self, levels: Any) -> "_Bits":
         """With the threshold in the middle of the levels that bits have in a pixel, in most pixels."""
@@ -393,7 +390,8 @@ def _cells_line(room: Any, kept: Any, code: Any, numbers: Any, out: Any) -> None
         beside = abs(step) == one
         place[x] = first + cell * (np.float32(word[x]) + (mixed * wrong * step if beside else zero))
         # an edge is as wide as a cell at most, and noise moves it by its share of the contrast
-        spread = (mixed * wrong * (one - wrong) if beside else zero) + eighth * (own + misfit2 * power) / max(power, own)
+        spread = eighth * (own + misfit2 * power) / max(power, own)
+        spread += mixed * wrong * (one - wrong) if beside else zero
         var[x] = within + cell * cell * spread
         wrong = zero if beside else wrong
         error[x] = wrong + also - wrong * also

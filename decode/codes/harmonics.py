@@ -1,12 +1,12 @@
 """What a display's or a camera's curve does to a phase that few steps cannot see.
 
 Light that is a curve of the cosine has harmonics h_k cos k(phase - d). N even steps read those of N - 1 and
-N + 1 as the fringe itself: the phase is off by up to h_(N-1) / h_1, as a wave of N to a turn. Such a wave is no
-noise: an error b at most adds b^2 / 3 to a phase's variance.
+N + 1 as the fringe itself: the phase is off by up to h_(N-1) / h_1, as a wave of N to a turn. Such a wave is
+no noise: an error b at most adds b^2 / 3 to a phase's variance.
 
-Four steps or more show h_2; curves that are smooth have harmonics that fall off about as powers of it: of a
-response x^g or x / (x + a) h_k / h_1 is below (k - 1) (h_2 / h_1)^(k - 1). Three steps show none, but their mean
-level is not half way between white and black: by h_2 for a quadratic curve, and within 1 % for x^2.2.
+Four steps or more show h_2; smooth curves have harmonics that fall off about as powers of it: b is taken to
+be (N - 2) (h_2 / h_1)^(N - 2). Three steps show none, but their mean level is not half way between white and
+black: by h_2 for a quadratic curve, and within 1 % for x^2.2.
 """
 
 import numpy as np

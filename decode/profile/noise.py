@@ -313,8 +313,8 @@ def _of_pairs(pairs: NDArray[np.int64], count: int) -> F64:
 
 
 def _at_the_ends(pairs: NDArray[np.int64], levels: F32) -> NDArray[np.bool_]:
-    """Whether (P / 2, K) both pairs show one bright and one dark sample: a camera's or a display's curve bends
-    the sums of those between."""
+    """Whether (P / 2, K) both pairs show one bright and one dark sample: a camera's or a display's curve
+    bends the sums of those between."""
     apart = np.abs(levels[pairs[:, 0]] - levels[pairs[:, 1]])
     full = apart >= _FULL * apart.max(axis=0)
     half = len(pairs) // 2

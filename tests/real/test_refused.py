@@ -38,9 +38,13 @@ def decoded(real: Path) -> dict[str, Decoded]:
     folder = real / "refused"
     if not folder.is_dir():
         pytest.skip(f"{folder} is absent: no captures to test with")
-    captures = {name: Capture.load(folder / name) for name in sorted({name for name, _ in CASES} | {KAMINO})}
-    # whether frames are what they are said to be is told elsewhere
-    return {name: Decoded(one, decode(one.frames, one.sequence, check=False)) for name, one in captures.items()}
+    names = sorted({name for name, _ in CASES} | {KAMINO})
+    captures = {name: Capture.load(folder / name) for name in names}
+    return {
+        # whether frames are what they are said to be is told elsewhere
+        name: Decoded(one, decode(one.frames, one.sequence, check=False))
+        for name, one in captures.items()
+    }
 
 
 def of_axis(found: Correspondence, axis: str) -> tuple[F64, F64]:
