@@ -14,7 +14,7 @@ from .axis import AxisDecoder, Setup
 from .correspondence import Correspondence, Flag
 from .display import rounded_places, shares_of, take_off
 from .exposures import Part
-from .flags import Shared
+from .flags import Shared, flag_amid_contradictions
 from .frames import Light
 from .profile.border import NO_BORDER, border_of
 from .profile.edge_lines import widen_edge_lines
@@ -110,6 +110,7 @@ def decoded_axes(light: Light, steps: Steps, mask: NDArray[np.bool_] | None) -> 
     over_rows(block, lines[0], max(_BLOCK // count, 1))
     if mask is not None:
         np.bitwise_or(shared.flags, np.uint16(Flag.INVALID), out=shared.flags, where=~mask)
+    flag_amid_contradictions(shared.flags)
     return Maps(raw, shared)
 
 

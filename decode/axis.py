@@ -8,9 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from optolever.notices import Notice
 from optolever.patterns import Sequence
 
+from .centre import STEEP
 from .codes.gray import CodePlan, code_plan, decode_code, read_code
+from .codes.harmonics import aliasing_variance
 from .codes.lookup import Table, lookup_rows, prepare
 from .codes.lookup_tables import Optics, table_of
 from .codes.phase import Periods, periods_of
@@ -76,6 +79,7 @@ class AxisNumbers(NamedTuple):
     """What a sample of pixels tells of an axis: with the setup, all that its decoder needs.
 
     code       numbers of its code, the levels of the bits among them
+    unresolved  how many of the code's finest bits are left out, as the camera does not resolve them
     misfit     variance (turns^2) of each fringe's phase by what its samples leave beyond noise
     between    the same by what periods contradict each other by
     deviation  of a sample over the amplitude, of close periods; None of others
@@ -83,6 +87,7 @@ class AxisNumbers(NamedTuple):
     """
 
     code: CodePlan | None = None
+    unresolved: int = 0
     misfit: tuple[float, ...] = ()
     between: float = 0.0
     deviation: float | None = None
@@ -133,6 +138,31 @@ class AxisDecoder:
         lookup_rows(light, self.noise, table, rows, estimate)
         return estimate
 
+    def notices(self, width: float) -> tuple[Notice, ...]:
+        """What is not resolved; width: of a usual pixel, pattern px."""
+        found, count, name = [], self.numbers.unresolved, self.axis.axis
+        if count and self.numbers.code is not None:
+            numbers = [str(bit) for bit in range(count)]
+            bits = "bit 0" if count == 1 else f"bits {', '.join(numbers[:-1])} and {numbers[-1]}"
+            found.append(
+                Notice(
+                    f"the camera does not resolve {bits} of {name}: cells are read over so many pattern px",
+                    float(self.numbers.code.cell),
+                    float(self.numbers.code.cell) / 2**count,
+                    f"show {name} without them, or bring the camera nearer; sigma holds the wider cells",
+                )
+            )
+        if width * self.per_turn > STEEP:
+            found.append(
+                Notice(
+                    f"neighbours are further apart on {name} than the finest fringe can be followed, turns",
+                    width * self.per_turn,
+                    STEEP,
+                    f"a finest period of {math.ceil(2 * width)} px or more, or a camera nearer to the display",
+                )
+            )
+        return tuple(found)
+
 
 class AxisOptions(NamedTuple):
     """subpixel, blur (cells, None: unknown): see decode; known: whether the noise is, else, where no rule of
@@ -167,10 +197,14 @@ def _sampled_light(light: Light, places: NDArray[np.int64]) -> Light:
 
 def _estimated(axis: AxisPlan, shot: Shot, options: AxisOptions) -> AxisNumbers:
     setup, lit = shot.setup, shot.lit
-    code = None if axis.code is None else code_plan(axis.code, setup.plan, setup.noise, lit)
-    if axis.looked_up or (options.subpixel and code is not None and not axis.fringes):
+    by_table = axis.looked_up or (options.subpixel and axis.code is not None and not axis.fringes)
+    code, unresolved = None, 0
+    if axis.code is not None:
+        fringe = axis.fringes[0] if axis.fringes else None
+        code, unresolved = code_plan(axis.code, setup.plan, setup.noise, lit, by_table, fringe)
+    if by_table:
         return AxisNumbers(code, look_up=_looked_up(axis, code, shot, options))
-    found = AxisNumbers(code)
+    found = AxisNumbers(code, unresolved)
     return _of_fringes(axis, found, shot, options.before) if axis.fringes else found
 
 
@@ -222,7 +256,11 @@ def _of_fringes(axis: AxisPlan, found: AxisNumbers, shot: Shot, before: Before) 
     """What samples of fringes leave, and periods contradict each other by."""
     noise, lit = shot.setup.noise, shot.lit
     covered = found.code is not None or axis.fringes[0].period >= axis.extent or len(axis.fringes) == 1
-    misfit = tuple(_unlike(fringe, lit, noise, before) for fringe in axis.fringes)
+    setup = shot.setup
+    hidden = [aliasing_variance(one, axis, setup.plan, lit, noise) / (2 * np.pi) ** 2 for one in axis.fringes]
+    misfit = tuple(
+        _unlike(one, lit, noise, before) + more for one, more in zip(axis.fringes, hidden, strict=True)
+    )
     found = found._replace(misfit=misfit, deviation=None if covered else _deviation(axis, noise, lit))
     few = whole(lit, [i for fringe in axis.fringes for i in fringe.index], _ASKED)
     for _ in range(_ROUNDS if len(axis.fringes) > 1 else 0):

@@ -251,7 +251,9 @@ def _notices(shot: Shot, steps: Steps, profile: ExposureProfile) -> tuple[Notice
     between = [2 * (2 * np.pi) ** 2 * one.numbers.between for one in steps.decoders]
     misfit2 = max(profile.noise.misfit2, *(table.misfit2 for table in tables), *between, 0.0)
     roughness = max(one.pixelation.roughness for one in profile.axes)
+    pairs = zip(steps.decoders, profile.axes, strict=True)
     return (
+        *(notice for decoder, own in pairs for notice in decoder.notices(own.width)),
         *_noticed(_SLOW, profile.lag.share),
         *_noticed(_HELD, max(profile.lag.left.values(), default=0.0)),
         *_noticed(_BRIGHT, _too_bright(shot)),

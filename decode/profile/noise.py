@@ -55,6 +55,8 @@ _BINS = 8
 _STRAIGHT = 0.25
 #: Rounds of the noise and the spread of a response, which is that of a noise.
 _ROUNDS = 3
+#: Share of a pixel's contrast from which on a bit is bright or dark, and none at an edge.
+_FULL = 0.8
 #: Share of the noise's variance that a misfit has at least to be told from it, and pixels that are asked: of
 #: 700 with one constraint each, a median's chance is as large.
 _UNLIKE, _ASKED = 0.2, 2048
@@ -244,14 +246,21 @@ def residuals(plan: Plan, sample: Sample, groups: tuple[F64, ...]) -> tuple[F32,
         rows = groups[0]
         if not unsaturated(rows.astype(np.float32), levels, sample.white).any():
             rows = _of_four(plan, rows)
-        some = rows[:: max(1, len(rows) * levels.shape[1] // (2 * _MOST))].astype(np.float32)
+        every = [fringe for axis in plan.axes for fringe in axis.fringes]
+        pairs = [] if any(len(fringe.unlike) for fringe in every) else _pairs(plan)
+        if len(pairs) > 1:
+            rows = _of_pairs(pairs, len(levels))
+        part = slice(None, None, max(1, len(rows) * levels.shape[1] // (2 * _MOST)))
+        some = rows[part].astype(np.float32)
         used = np.abs(some) > 0
         mean = product(used.astype(np.float32), camera) / used.sum(axis=1, keepdims=True)
         slopes = np.broadcast_to(few.slopes(some), mean.shape)
         residual, kept = product(some, levels), unsaturated(some, levels, sample.white)
         if few.steep is not None:  # the inverse is straight over the noise where it is not steep
             kept &= slopes <= np.quantile(slopes, _STRAIGHT)
-        fringes = [(one, harmonics(one, levels)) for axis in plan.axes for one in axis.fringes]
+        if len(pairs) > 1:
+            kept &= _at_the_ends(pairs, levels)[part]
+        fringes = [(one, harmonics(one, levels)) for one in every]
         _explain(residual, kept, used, fringes)
         return mean[kept], (residual / slopes)[kept]
     return _neighbours(plan, sample.only(slice(_MOST)))
@@ -286,6 +295,30 @@ def _of_four(plan: Plan, rows: F64) -> F64:
             found.append(np.zeros(rows.shape[1]))
             found[-1][np.array(fringe.index)[four]] = np.linalg.svd(fringe.design[four])[0][:, 3]
     return np.stack(found) if found else rows
+
+
+def _pairs(plan: Plan) -> NDArray[np.int64]:
+    """Frames (P, 2) of bits and their inverses."""
+    codes = [np.stack([axis.code.plain, axis.code.inverse], axis=1) for axis in plan.axes if axis.code]
+    every = np.concatenate([np.empty((0, 2), np.int64), *codes])
+    return np.asarray(every[(every >= 0).all(axis=1)])
+
+
+def _of_pairs(pairs: NDArray[np.int64], count: int) -> F64:
+    """Orthonormal combinations (P / 2, count): one pair's sum less the next one's."""
+    rows = np.zeros((len(pairs) // 2, count))
+    for row, pair, other in zip(rows, pairs[::2], pairs[1::2], strict=False):
+        row[pair], row[other] = 0.5, -0.5
+    return rows
+
+
+def _at_the_ends(pairs: NDArray[np.int64], levels: F32) -> NDArray[np.bool_]:
+    """Whether (P / 2, K) both pairs show one bright and one dark sample: a camera's or a display's curve
+    bends the sums of those between."""
+    apart = np.abs(levels[pairs[:, 0]] - levels[pairs[:, 1]])
+    full = apart >= _FULL * apart.max(axis=0)
+    half = len(pairs) // 2
+    return np.asarray(full[: 2 * half : 2] & full[1 : 2 * half : 2])
 
 
 def unsaturated(rows: F32, levels: F32, white: float) -> NDArray[np.bool_]:
