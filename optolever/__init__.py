@@ -14,7 +14,7 @@ The parts, floor by floor (imports run downward only):
 | 1     | `scene`       | what is physically there, and its exact ray tracing                      |
 | 0     | `errors`, `files` | one-line input errors, atomic files                                  |
 | 0     | `arguments`   | records of a wrong type, named at every face                             |
-| 0     | `hdf5`, `pictures` | other programs' arrays and pictures, damaged or not                 |
+| 0     | `hdf5`, `pictures`, `toml` | other programs' arrays, pictures and text, damaged or not   |
 | 0     | `blocks`, `kernels` | row blocks on threads; how loops are compiled                      |
 | 0     | `processes`   | other Pythons that are started, none with the working folder on its path |
 | 0     | `records`     | equality, a few lines and a plot of what holds arrays; the logger          |

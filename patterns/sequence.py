@@ -1,6 +1,5 @@
 """Sequence: the frames that go together, and the size of the surface that shows them."""
 
-import tomllib
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 from optolever.errors import InputError
 from optolever.files import atomic_file, atomic_folder
 from optolever.records import Axes, plot_maps
+from optolever.toml import read_toml
 
 from .frame import Frame, frame_tables
 
@@ -134,11 +134,7 @@ class Sequence:
     @classmethod
     def load(cls, path: str | Path) -> "Sequence":
         """Read what save() or save_png() wrote; InputError names the file, the field and its value."""
-        try:
-            plain = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise InputError(f"{path}: is no TOML ({error})") from error
-        return cls.from_dict(plain, str(path))
+        return cls.from_dict(read_toml(path), str(path))
 
     def to_dict(self) -> dict[str, Any]:
         """Plain TOML types."""

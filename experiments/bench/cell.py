@@ -8,7 +8,6 @@ import io
 import json
 import math
 import re
-import tomllib
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass, field, fields, replace
 from itertools import product
@@ -17,6 +16,7 @@ from typing import Any
 
 from optolever.errors import InputError
 from optolever.projector import RENDERERS
+from optolever.toml import read_toml
 
 Size = tuple[int, int]
 DONE, ABSENT, USELESS, FAILED = "done", "not installed", "not applicable", "failed"
@@ -179,12 +179,7 @@ def load_grid(path: str | Path) -> Grid:
 
     InputError names the file, the field and its value.
     """
-    try:
-        plain = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        raise InputError(f"{path}: no such file") from error
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"{path}: not readable as TOML ({error})") from error
+    plain = read_toml(path)
     known = [field.name for field in fields(Grid)]
     for name in plain:
         if name not in known:

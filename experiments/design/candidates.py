@@ -5,19 +5,18 @@ budget, and what a user brings: a Python callable, a folder of images with what 
 import importlib
 import math
 import sys
-import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from optolever.errors import InputError
 from optolever.patterns import Frame, Sequence, bits_for, sequence_from_text, sequence_names
-from optolever.pictures import read_picture
+from optolever.pictures import read_grey
+from optolever.toml import read_toml
 
 #: Periods whose half is a whole number of cells: a Gray code cannot show others exactly.
 EVEN_PERIODS = (4.0, 6.0, 8.0, 10.0, 12.0, 16.0, 24.0)
@@ -182,10 +181,7 @@ def _from_folder(folder: Path, rows: int, cols: int) -> Sequence:
     path = folder / "coordinates.toml"
     if not path.is_file():
         raise InputError(f"{folder}: holds neither sequence.toml nor coordinates.toml")
-    try:
-        tables = tomllib.loads(path.read_text(encoding="utf-8")).get("frames")
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: is no TOML ({error})") from error
+    tables = read_toml(path).get("frames")
     if not isinstance(tables, list) or not tables:
         raise InputError(f"{path}: frames is missing, must be at least one [[frames]] table")
     frames = tuple(_frame(path, i, table, rows, cols) for i, table in enumerate(tables))
@@ -223,7 +219,7 @@ def _frame(path: Path, index: int, table: Any, rows: int, cols: int) -> Frame:
 
 
 def _image(path: Path, rows: int, cols: int) -> NDArray[np.uint8]:
-    image = read_picture(path, cv2.IMREAD_GRAYSCALE)
+    image = read_grey(path)
     if image.shape != (rows, cols):
         raise InputError(
             f"{path}: is {image.shape[0]}x{image.shape[1]} pixels, the pattern has {rows}x{cols}"
