@@ -11,6 +11,7 @@ __all__ = ["SECTIONS", "Commands", "Program", "module_of"]
 SECTIONS: Mapping[str, tuple[str, ...]] = {
     "Start": ("demo", "doctor", "names"),
     "Measure": (
+        "rig",
         "patterns",
         "show",
         "capture",

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optolever.errors import InputError
+from optolever.numbers import real, whole
 
 from .codes import code_words
 
@@ -83,6 +84,8 @@ class Frame:
     exposure: float = 1.0
 
     def __post_init__(self) -> None:
+        for field in fields(self):
+            object.__setattr__(self, field.name, _plain(getattr(self, field.name), field.name))
         if self.kind not in KINDS:
             raise InputError(f"frame: kind is {self.kind!r}, known kinds are {', '.join(KINDS)}")
         for name in KINDS[self.kind]:
@@ -171,6 +174,20 @@ class Frame:
             return cls(**values)
         except InputError as error:
             raise InputError(f"{where}: {error}") from error
+
+
+_WHOLE, _TEXT = ("bit", "level"), ("kind", "axis")
+
+
+def _plain(value: Any, name: str) -> Any:
+    """The value of a field as Python's own type, of NumPy's numbers and arrays too, else InputError."""
+    if value is None or name in _TEXT:
+        return value
+    if name == "inverted":
+        return bool(value)
+    if name == "levels":
+        return tuple(np.asarray(value).ravel().tolist())
+    return whole(f"frame: {name}", value) if name in _WHOLE else real(f"frame: {name}", value)
 
 
 def _typed(value: Any, wanted: str, where: str) -> Any:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from optolever.errors import InputError
 from optolever.files import atomic_file, atomic_folder
+from optolever.numbers import whole
 from optolever.records import Axes, plot_maps
 from optolever.toml import read_toml
 
@@ -47,8 +48,11 @@ class Sequence:
         if not self.frames:
             raise InputError("sequence: frames is empty, must hold at least one frame")
         for name in ("rows", "cols"):
-            if not 1 <= getattr(self, name) <= 1 << 16:
-                raise InputError(f"sequence: {name} is {getattr(self, name)}, must be in 1..{1 << 16}")
+            size = whole(f"sequence: {name}", getattr(self, name))
+            if not 1 <= size <= 1 << 16:
+                raise InputError(f"sequence: {name} is {size}, must be in 1..{1 << 16}")
+            object.__setattr__(self, name, size)
+        object.__setattr__(self, "nominal", bool(self.nominal))
 
     def __repr__(self) -> str:
         counts = Counter((frame.kind, frame.axis) for frame in self.frames)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from optolever.errors import InputError
 from optolever.notices import Notice
+from optolever.numbers import whole
 from optolever.patterns import Sequence
 from optolever.records import Axes, plot_maps
 from optolever.scene import Scene, Trace
@@ -46,6 +47,9 @@ class Capture:
 
     def __post_init__(self) -> None:
         count = len(self.sequence)
+        object.__setattr__(self, "bits", whole("bits", self.bits))
+        if self.timestamps is not None:
+            object.__setattr__(self, "timestamps", np.asarray(self.timestamps, np.float64))
         if self.frames.ndim != 3 or self.frames.shape[0] != count:
             raise InputError(f"frames: shape {self.frames.shape}, the sequence needs ({count}, H, W)")
         if not 8 <= self.bits <= 16:

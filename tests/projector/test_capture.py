@@ -199,7 +199,10 @@ def other_scene(folder: Path) -> None:
 
 BAD: dict[str, tuple[Callable[[Path], object], tuple[str, ...]]] = {
     "no folder": (shutil.rmtree, ("c: no such folder",)),
-    "no description": (lambda folder: (folder / "capture.toml").unlink(), ("no capture.toml", "--sequence", "--description")),
+    "no description": (
+        lambda folder: (folder / "capture.toml").unlink(),
+        ("no capture.toml", "--sequence", "--description"),
+    ),
     "description is a picture": (
         lambda folder: (folder / "capture.toml").write_bytes(b"\xff\xd8\x00"),
         ("capture.toml", "TOML"),
