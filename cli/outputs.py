@@ -18,7 +18,7 @@ from optolever.toml import read_toml
 __all__ = ["HDF5", "PEERS", "OutputFile", "Program", "report_option"]
 
 HDF5 = (".h5", ".hdf5")
-PEERS = "pip install 'optolever[bench]'"
+PEERS = "pip install 'optolever[bench]' && pip install --no-deps 'fringes>=2.1'"
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 

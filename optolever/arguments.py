@@ -79,7 +79,7 @@ def _guarded(function: Function) -> Function:
 def _require_plain(values: Mapping[str, Any]) -> None:
     """InputError for a masked array that masks something: the mask would be lost."""
     for name, value in values.items():
-        count = np.ma.count_masked(value) if isinstance(value, np.ma.MaskedArray) else 0
+        count = int(np.count_nonzero(value.mask)) if isinstance(value, np.ma.MaskedArray) else 0
         if count:
             raise InputError(
                 f"{name}: a masked array that masks {count} of {value.size} values, must be plain: pass "

@@ -18,6 +18,8 @@ from optolever.errors import InputError
 from optolever.projector import RENDERERS
 from optolever.toml import read_toml
 
+from ..own_sequence import source_digest
+
 Size = tuple[int, int]
 DONE, ABSENT, USELESS, FAILED = "done", "not installed", "not applicable", "failed"
 TIMINGS = (
@@ -51,8 +53,8 @@ class Cell:
     """One measurement: what is shown to whom under which noise, decoded by whom, solved how.
 
     size: (rows, cols) of the camera, None: the scene's own; dent: '' is the scene's own; sequence: text of
-    `patterns.sequence_from_text` (a .toml file, too), with '@DECODER' behind it where another decoder than
-    ours takes the frames; 'exact': the true correspondence. noise: 8-bit levels.
+    `own_sequence` (a .toml file or module:function, too), with '@DECODER' behind it where another decoder
+    than ours takes the frames; 'exact': the true correspondence. noise: 8-bit levels.
     """
 
     scene: str
@@ -96,7 +98,7 @@ class Cell:
         return _digest([asdict(self), *self._files()]).hex()[:20]
 
     def _files(self) -> list[str]:
-        return [_content(self.scene), _content(self.shown)]
+        return [source_digest(self.scene), source_digest(self.shown)]
 
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON types."""
@@ -231,12 +233,6 @@ def _value(path: str | Path, name: str, value: Any) -> Any:
 
 def _digest(value: Any) -> bytes:
     return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).digest()
-
-
-def _content(name: str) -> str:
-    """Digest of a TOML file; nothing for a name."""
-    path = Path(name)
-    return hashlib.sha256(path.read_bytes()).hexdigest() if path.suffix == ".toml" and path.is_file() else ""
 
 
 @dataclass(frozen=True, slots=True)
