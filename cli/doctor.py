@@ -136,8 +136,8 @@ def _missing(found: dict[str, str]) -> dict[str, str]:
     if len(wheels) > 1:
         names = " ".join(wheel.partition(" ")[0] for wheel in wheels)
         missing["one OpenCV"] = (
-            f"{' and '.join(wheels)} lie in one folder, cv2 is the last one installed: pip uninstall {names}, then "
-            "pip install opencv-contrib-python-headless"
+            f"{' and '.join(wheels)} lie in one folder, cv2 is the last one installed: pip uninstall "
+            f"{names}, then pip install opencv-contrib-python-headless"
         )
     missing |= {name: cost for name, cost in EXTRAS.items() if _version(name) is None}
     missing |= {

@@ -140,9 +140,8 @@ def virtual_sensor(scene: str | None, noise: float) -> Callable[[Command], Comma
     """What a virtual sensor looks at: --scene (required if there is no default), --dent, --sequence, ..."""
     text = "Name of a preset (optolever names) or a scene's TOML file."
     options = (
-        click.option(
-            "--scene", "scene_name", metavar="PRESET_OR_TOML", default=scene, required=scene is None,
-            show_default=scene is not None, help=text,
+        scene_option if scene is None else click.option(
+            "--scene", "scene_name", metavar="PRESET_OR_TOML", default=scene, show_default=True, help=text,
         ),
         click.option(
             "--dent", metavar="NAME[:KEY=VALUE,...]",

@@ -143,10 +143,12 @@ def new(
     kind = kind or _asked("kind", "monitor or prism", click.Choice(["monitor", "prism"]), None)
     values = {**given, "pitch": pitch}
     for name, item in ITEMS.items():
+        if kind not in item.kinds and given[name] is not None:
+            raise InputError(f"--{name.replace('_', '-')}: is of a {item.kinds[0]}, --kind is {kind}")
+    for name, item in ITEMS.items():
         if kind not in item.kinds:
-            if given[name] is not None:
-                raise InputError(f"--{name.replace('_', '-')}: is of a {item.kinds[0]}, --kind is {kind}")
-        elif values[name] is None and not (name == "diagonal" and pitch is not None):
+            continue
+        if values[name] is None and not (name == "diagonal" and pitch is not None):
             values[name] = _asked(name, item.question, item.read, item.default)
     if values["pitch"] is None:
         rows, cols = values["display"]

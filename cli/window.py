@@ -20,10 +20,10 @@ __all__ = ["command"]
 SAMPLE = """
 $ optolever show --sequence gray+phase --monitor 1 --seconds 0.5
 Shown on monitor 1
-  sequence  gray+phase
-  frames    34 of 34, of 1080 x 1920
-  each      0.5001 s on average
-  described capture.toml
+  sequence   gray+phase
+  frames     28 of 28, of 1080 x 1920
+  each       0.5001 s on average
+  described  capture.toml
 """
 
 

@@ -15,7 +15,7 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
-from optolever.errors import InputError
+from optolever.errors import InputError, require_file
 from optolever.memory import require_room
 
 __all__ = [
@@ -65,8 +65,7 @@ def read_picture(path: Path) -> Picture:
 
 def read_pictures(path: Path) -> Picture:
     """All pictures of a file, (N, H, W) or (N, H, W, channels). InputError as of `read_picture`."""
-    if not path.is_file():
-        raise InputError(f"{path}: no such file")
+    require_file(path)
     suffix = path.suffix.lower()
     if suffix == ".npy":
         return _from_npy(path)

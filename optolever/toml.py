@@ -5,7 +5,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from optolever.errors import InputError
+from optolever.errors import InputError, require_file
 
 __all__ = ["read_toml"]
 
@@ -16,8 +16,7 @@ def read_toml(path: str | Path) -> dict[str, Any]:
     """The tables of a TOML file in UTF-8. InputError, which names the file, if there is none or it is no
     TOML."""
     file = Path(path)
-    if not file.is_file():
-        raise InputError(f"{path}: no such file")
+    require_file(file)
     data = file.read_bytes()
     if data.startswith(_UTF16) or b"\0" in data[:4]:
         raise InputError(f"{path}: not readable as TOML: the text is UTF-16, must be UTF-8; save it as UTF-8")

@@ -115,7 +115,9 @@ def sequence_from_text(text: str, rows: int, cols: int) -> Sequence:
     for item in filter(None, rest.split(",")):
         key, equals, value = item.partition("=")
         if not equals:
-            raise InputError(f"sequence {text!r}: {item!r} is no parameter, must be name=value")
+            raise InputError(
+                f"sequence {text!r}: {item!r} is no parameter, must be name=value; several values: 16/8"
+            )
         if key.strip() in params:
             raise InputError(f"sequence {text!r}: {key.strip()} is given twice")
         params[key.strip()] = _parsed(value.strip())

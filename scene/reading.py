@@ -70,7 +70,7 @@ def load(preset_or_path: str | Path, *, exact: bool = False) -> Scene:
     path = Path(preset_or_path)
     if str(preset_or_path) in preset_names():
         path = _PRESETS / f"{preset_or_path}.toml"
-    elif not path.is_file():
+    elif not path.exists():
         raise InputError(
             f"scene {str(path)!r}: no such file, and no preset (presets: {', '.join(preset_names())})"
         )

@@ -252,7 +252,7 @@ def test_a_file_that_is_not_there_or_no_text(tmp_path):
         InputError, match=r"scene 'paper': no such file, and no preset \(presets: monitor-mirror"
     ):
         load("paper")
-    with pytest.raises(InputError, match="no such file"):
+    with pytest.raises(InputError, match="is a folder, must be a file"):
         load(tmp_path)
     (tmp_path / "b.toml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(InputError, match=r"b\.toml: not readable as TOML"):
