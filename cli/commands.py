@@ -20,6 +20,7 @@ SECTIONS: Mapping[str, tuple[str, ...]] = {
         "rest",
         "response",
         "reconstruct",
+        "form",
         "report",
     ),
     "Plan and compare": ("sensor", "codes", "design", "bench", "paper"),
