@@ -210,7 +210,7 @@ BAD: dict[str, tuple[Callable[[Path], object], tuple[str, ...]]] = {
     "missing frame": (lambda folder: (folder / "frames" / "001.png").unlink(), ("001.png", "no such file")),
     "frame is a folder": (
         lambda folder: ((folder / "frames/001.png").unlink(), (folder / "frames/001.png").mkdir()),
-        ("001.png", "no such file"),
+        ("001.png", "is a folder, must be a file"),
     ),
     "extra frame": (
         lambda folder: shutil.copy(folder / "frames/001.png", folder / "frames/004.png"),
