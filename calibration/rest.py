@@ -4,7 +4,6 @@
 from, by which later captures of the same pixels are compared.
 """
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +19,7 @@ from optolever.files import atomic_file, together
 from optolever.notices import Notice
 from optolever.reconstruct import HeightMap, fit_motion
 from optolever.scene import Scene, load
+from optolever.toml import read_toml
 
 __all__ = ["RestMap", "load_rest", "rig_table", "store_rest", "write_section"]
 
@@ -89,7 +89,7 @@ def load_rest(rig: str | Path) -> RestMap | None:
 def rig_table(file: Path) -> dict[str, Any]:
     """All that a rig's TOML holds. InputError of a file that is no scene."""
     load(file)
-    return tomllib.loads(file.read_text(encoding="utf-8"))
+    return read_toml(file)
 
 
 def write_section(file: Path, name: str, section: Mapping[str, Any]) -> None:

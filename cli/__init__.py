@@ -5,9 +5,9 @@
 - `options`: arguments that several commands share (--json, --size, scenes)
 - `outputs`: where commands write, checked before they work
 - `show`: tables, progress, JSON
-- one file a command, named as it: `demo`, `doctor`, `names`; `capture`, `decode`, `calibrate`, `rest`,
-  `response`, `reconstruct`, `report` and `window`, which is the command `show`; `sensor`, `codes`,
-  `design`, `bench`, `paper`
+- one file a command, named as it: `demo`, `doctor`, `names`; `rig`, `patterns`, `capture`, `decode`,
+  `calibrate`, `rest`, `response`, `reconstruct`, `form`, `report` and `window`, which is the command `show`;
+  `sensor`, `codes`, `design`, `bench`, `paper`
 """
 
 from .app import main, run

@@ -41,6 +41,13 @@ Run
     metavar="NAME[:KEY=VALUE,...][@DECODER]",
     help="Decoder: fringes or cv2 in place of ours; exact: the true correspondence.",
 )
+@click.option(
+    "--add",
+    "added",
+    multiple=True,
+    metavar="MODULE:FUNCTION",
+    help="Also a sequence of your own: called with rows, cols, it returns a patterns.Sequence.",
+)
 @click.option("--solver", "solvers", multiple=True, metavar="NAME", help="A method, or a peer's integrator.")
 @click.option("--size", "sizes", multiple=True, type=SIZE, metavar="ROWSxCOLS", help="Default: 512x512.")
 @click.option(
@@ -65,6 +72,7 @@ def command(
     out: Path,
     readme: bool,
     json_path: Path | None,
+    added: tuple[str, ...],
     **lists: tuple[Any, ...],
 ) -> None:
     """Compare speed and error of sequences and solvers.
@@ -73,9 +81,12 @@ def command(
     the other; what is not given is the default grid's. DIR gets report.html (a section per mirror with a
     chart of time against error), results.json, results.csv and a file per cell.
     """
+    from dataclasses import replace
+
     from optolever.experiments.bench import Store, absent_modules, time_cells
 
     asked = _grid(grid_path, lists, refresh, renderer)
+    asked = replace(asked, sequences=asked.sequences + added)
     absent = absent_modules(asked.cells())
     if absent:
         click.echo(f"Not installed, no numbers: {', '.join(absent)} ({PEERS})", err=True)

@@ -222,11 +222,17 @@ def _target(kind: str, numbers: list[float]) -> "Target":
     from optolever.calibration import Ball, Flat, Plate, Rest
 
     counts = {"flat": (0, 1), "rest": (0, 2), "ball": (2, 2), "plate": (0, 0)}
+    forms = {
+        "flat": "flat or flat:FLATNESS",
+        "rest": "rest, rest:ORDER or rest:ORDER,SIGMA",
+        "ball": "ball:RADIUS,SIGMA, such as ball:30,0.003",
+        "plate": "plate",
+    }
     if kind not in counts:
         raise InputError(f"target {kind!r}: unknown, must be one of {', '.join(counts)}")
     least, most = counts[kind]
     if not least <= len(numbers) <= most:
-        raise InputError(f"target {kind}: {len(numbers)} numbers, must be {least} to {most}")
+        raise InputError(f"target {kind}: given {len(numbers)} of its numbers, must be {forms[kind]} (mm)")
     if kind == "rest":
         order = numbers[0] if numbers else 3
         if not (math.isfinite(order) and order == int(order)):

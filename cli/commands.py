@@ -10,7 +10,19 @@ __all__ = ["SECTIONS", "Commands", "Program", "module_of"]
 #: What a user calls, by section of --help.
 SECTIONS: Mapping[str, tuple[str, ...]] = {
     "Start": ("demo", "doctor", "names"),
-    "Measure": ("show", "capture", "decode", "calibrate", "rest", "response", "reconstruct", "report"),
+    "Measure": (
+        "rig",
+        "patterns",
+        "show",
+        "capture",
+        "decode",
+        "calibrate",
+        "rest",
+        "response",
+        "reconstruct",
+        "form",
+        "report",
+    ),
     "Plan and compare": ("sensor", "codes", "design", "bench", "paper"),
 }
 #: Files that are not named as their command.

@@ -1,4 +1,4 @@
-"""`optolever decode`: a capture folder (or a SOFAST file) to a correspondence."""
+"""`optolever decode`: pictures (a capture folder, any camera's folder, a SOFAST file) to a correspondence."""
 
 import time
 from dataclasses import asdict, replace
@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .options import FILE, blame, json_option, mask_from, sample
+from .options import DISPLAY, FILE, blame, json_option, mask_from, sample, shown_sequence
 from .outputs import HDF5, OutputFile, Program
-from .show import flag_shares, number, print_notices, progress, table, write_json
+from .show import coverage, coverage_text, flag_shares, number, print_notices, progress, table, write_json
 
 if TYPE_CHECKING:
     import numpy as np
@@ -26,6 +26,7 @@ $ optolever decode capture --out c.npz
 Correspondence in c.npz
   frames       22 of 256 x 256
   good         98.83 % of the pixels
+  mirror       the mirror fills 100.0 % of the image; 98.8 % of it decoded
   sigma u      0.009746 px (median of the good)
   sigma v      0.009843 px (median of the good)
   off_pattern  1.169 %
@@ -34,7 +35,7 @@ Correspondence in c.npz
 
 
 @click.command("decode", cls=Program, epilog=sample(SAMPLE))
-@click.argument("source", type=FILE, metavar="DIR")
+@click.argument("sources", type=FILE, nargs=-1, required=True, metavar="DIR|PATTERN|FILE")
 @click.option(
     "--out",
     type=OutputFile(".npz"),
@@ -43,10 +44,31 @@ Correspondence in c.npz
     help="File to write the correspondence to.",
 )
 @click.option(
+    "--sequence",
+    "text",
+    metavar="NAME[:KEY=VALUE,...]",
+    help="What the pictures show, one each, in the order of their names; or a .toml file of it.",
+)
+@click.option(
+    "--display", type=DISPLAY, metavar="COLSxROWS", help="Of what showed the sequence, such as 1920x1080."
+)
+@click.option(
     "--description",
     type=FILE,
     metavar="TOML",
-    help="capture.toml that describes frames made by others; file names in it are relative to DIR.",
+    help="In place of both: capture.toml, as `optolever show` writes it; files that it names lie in DIR.",
+)
+@click.option(
+    "--channel",
+    type=click.Choice(["red", "green", "blue", "luminance"]),
+    default="luminance",
+    show_default=True,
+    help="Of pictures in colour.",
+)
+@click.option(
+    "--exposures",
+    metavar="A,B,...",
+    help="Relative exposures, such as 1,4: the whole sequence under each, or each pattern under all.",
 )
 @click.option(
     "--response",
@@ -71,9 +93,13 @@ Correspondence in c.npz
 @click.option("--no-check", is_flag=True, help="Take the frames for those described.")
 @json_option
 def command(
-    source: Path,
+    sources: tuple[Path, ...],
     out: Path,
+    text: str | None,
+    display: tuple[int, int] | None,
     description: Path | None,
+    channel: str,
+    exposures: str | None,
     response: Path | None,
     mask: Path | None,
     roi: str | None,
@@ -85,7 +111,9 @@ def command(
     """Find where on the pattern every pixel looks, and how surely.
 
     DIR is a folder with capture.toml and its frames, or a measurement of OpenCSP's SOFAST (HDF5, extra
-    `sofast`). C.npz receives u, v, sigma_u, sigma_v (pattern pixels), flags (0 = good), amplitude, offset.
+    `sofast`). With --sequence and --display, or --description: any camera's folder of pictures, a PATTERN
+    such as 'shots/*.png', or a FILE of several (TIFF, NPY, video), sorted as people count. C.npz receives u,
+    v, sigma_u, sigma_v (pattern pixels), flags (0 = good), amplitude, offset.
     """
     from optolever.calibration import harmonic_errors, with_better_fit
     from optolever.decode import decode
@@ -94,7 +122,8 @@ def command(
 
     with progress() as step:
         step("read frames")
-        capture = _read(source, description)
+        source = sources[0]
+        capture = _read(sources, text, display, description, channel, exposures)
         step("decode")
         start = time.perf_counter()
         with blame(source):
@@ -120,8 +149,9 @@ def command(
         left = [] if not inverted else harmonic_errors(capture.frames, capture.sequence, inverse)
         step("write")
         numbers = _numbers(result) | {"frames": len(capture), "seconds": seconds}
-        numbers["notices"] = [asdict(notice) for notice in result.notices]
         numbers["faults"] = [notice.name for notice in result.notices]
+        result = replace(result, notices=capture.notices + result.notices)
+        numbers["notices"] = [asdict(notice) for notice in result.notices]
         numbers["harmonic_error_px"] = {one.axis: {"rms": one.rms_px, "sigma": one.sigma_px} for one in left}
         with together():
             result.save(out)
@@ -133,6 +163,7 @@ def command(
         {
             "frames": f"{len(capture)} of {rows} x {cols}",
             "good": number(100 * numbers["good_share"], "% of the pixels"),
+            "mirror": coverage_text(numbers["mirror_share"], numbers["mirror_good_share"]),
             "sigma u": number(numbers["sigma_u_px"], "px (median of the good)"),
             "sigma v": number(numbers["sigma_v_px"], "px (median of the good)"),
             **{
@@ -166,15 +197,43 @@ def _inside(mask: Path | None, roi: str | None, shape: tuple[int, ...]) -> "NDAr
     return inside
 
 
-def _read(source: Path, description: Path | None) -> "Capture":
+def _read(
+    sources: tuple[Path, ...],
+    text: str | None,
+    display: tuple[int, int] | None,
+    description: Path | None,
+    channel: str,
+    exposures: str | None,
+) -> "Capture":
     from optolever import InputError
     from optolever.projector import Capture, load_sofast
 
-    if source.suffix.lower() not in HDF5:
-        return Capture.load(source, description)
+    if sources[0].suffix.lower() in HDF5:
+        for name, value in (("--description", description), ("--sequence", text)):
+            if value is not None:
+                raise InputError(f"{value}: {name} is for pictures, {sources[0]} describes itself")
+        return load_sofast(sources[0])
+    if text is None:
+        for name, given in (("--display", display is not None), ("--exposures", exposures is not None)):
+            if given:
+                raise InputError(f"{name}: is for --sequence, which is missing, such as gray+phase")
+        return Capture.load(sources, description, channel)
     if description is not None:
-        raise InputError(f"{description}: --description is for folders of images, {source} describes itself")
-    return load_sofast(source)
+        raise InputError(f"--sequence {text} and --description {description}: one of them says it all")
+    shown = shown_sequence(text, display)
+    return Capture.from_pictures(sources, shown, channel=channel, exposures=_exposures(exposures))
+
+
+def _exposures(text: str | None) -> list[float]:
+    from optolever import InputError
+
+    try:
+        values = [float(part) for part in (text or "1").split(",")]
+    except ValueError:
+        values = []
+    if not values or not all(0 < value < float("inf") for value in values):
+        raise InputError(f"--exposures {text!r}: must be numbers above 0, such as 1,4,16")
+    return values
 
 
 def _inverse(response: Path | None) -> "Response | None":
@@ -199,4 +258,6 @@ def _numbers(result: "Correspondence") -> dict[str, Any]:
         f"sigma_{axis}_px": float(np.median(sigma[good])) if good.any() else float("nan")
         for axis, sigma in (("u", result.sigma_u), ("v", result.sigma_v))
     }
-    return {"good_share": float(good.mean()), **median, "flags": flag_shares(result.flags, Flag)}
+    mirror, decoded = coverage(result.flags)
+    shares = {"good_share": float(good.mean()), "mirror_share": mirror, "mirror_good_share": decoded}
+    return {**shares, **median, "flags": flag_shares(result.flags, Flag)}

@@ -107,7 +107,8 @@ def command(
         from dataclasses import replace
 
         scene = replace(scene, pattern=replace(scene.pattern, blur_px=blur))
-    extra = [user_candidate(text, scene.pattern.rows, scene.pattern.cols) for text in added]
+    cells, resized = (scene.pattern.rows, scene.pattern.cols), size is not None
+    extra = [user_candidate(text, *cells, resized=resized) for text in added]
     with progress() as step:
         design = run_design(
             scene,

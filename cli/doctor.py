@@ -34,6 +34,8 @@ Missing
 
 CORE = ("moderngl", "numpy", "opencv-contrib-python-headless", "scipy", "numba", "glfw", "matplotlib")
 EXTRAS = {"h5py": "pip install 'optolever[sofast]'; without it SOFAST's HDF5 files cannot be read"}
+#: Wheels that all install the module cv2, into the same folder.
+OPENCV = tuple(f"opencv-{kind}python{end}" for kind in ("", "contrib-") for end in ("", "-headless"))
 PROGRAMS = {"xvfb-run": "apt-get install xvfb", "chromium": "apt-get install chromium"}
 
 
@@ -129,6 +131,13 @@ def _missing(found: dict[str, str]) -> dict[str, str]:
         missing["numba cache"] = (
             "set NUMBA_CACHE_DIR to a folder that can be written; "
             "without it the first decode of every process takes seconds longer"
+        )
+    wheels = [f"{name} {_version(name)}" for name in OPENCV if _version(name) is not None]
+    if len(wheels) > 1:
+        names = " ".join(wheel.partition(" ")[0] for wheel in wheels)
+        missing["one OpenCV"] = (
+            f"{' and '.join(wheels)} lie in one folder, cv2 is the last one installed: pip uninstall "
+            f"{names}, then pip install opencv-contrib-python-headless"
         )
     missing |= {name: cost for name, cost in EXTRAS.items() if _version(name) is None}
     missing |= {

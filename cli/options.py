@@ -16,9 +16,11 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from optolever.patterns import Sequence
     from optolever.scene import Scene
 
 __all__ = [
+    "DISPLAY",
     "FILE",
     "SIZE",
     "blame",
@@ -31,6 +33,7 @@ __all__ = [
     "sample",
     "scene_option",
     "seed_option",
+    "shown_sequence",
     "size_option",
 ]
 
@@ -54,7 +57,24 @@ class _Size(click.ParamType[tuple[int, int]]):
         return int(match[1]), int(match[2])
 
 
+class _Display(click.ParamType[tuple[int, int]]):
+    """COLSxROWS of a display, as its maker says; the value is (rows, cols)."""
+
+    name = "COLSxROWS"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[int, int]:
+        if isinstance(value, tuple):
+            return value
+        match = re.fullmatch(r"(\d+)[x×](\d+)", str(value))
+        if match is None or not all(1 <= int(number) <= 1 << 16 for number in match.groups()):
+            self.fail(f"{value!r} is not COLSxROWS, such as 1920x1080", param, ctx)
+        return int(match[2]), int(match[1])
+
+
 SIZE = _Size()
+DISPLAY = _Display()
 
 
 def json_option(command: Command) -> Command:
@@ -120,9 +140,8 @@ def virtual_sensor(scene: str | None, noise: float) -> Callable[[Command], Comma
     """What a virtual sensor looks at: --scene (required if there is no default), --dent, --sequence, ..."""
     text = "Name of a preset (optolever names) or a scene's TOML file."
     options = (
-        click.option(
-            "--scene", "scene_name", metavar="PRESET_OR_TOML", default=scene, required=scene is None,
-            show_default=scene is not None, help=text,
+        scene_option if scene is None else click.option(
+            "--scene", "scene_name", metavar="PRESET_OR_TOML", default=scene, show_default=True, help=text,
         ),
         click.option(
             "--dent", metavar="NAME[:KEY=VALUE,...]",
@@ -146,6 +165,18 @@ def virtual_sensor(scene: str | None, noise: float) -> Callable[[Command], Comma
     return decorate
 
 
+def shown_sequence(text: str, display: tuple[int, int] | None) -> "Sequence":
+    """The sequence of that name on a display (rows, cols), or of a file, whose size a display must be.
+    InputError if either says too little or they differ."""
+    from optolever.patterns import Sequence, sequence_from_text
+
+    if display is not None:
+        return sequence_from_text(text, *display)
+    if text.endswith(".toml"):
+        return Sequence.load(text)
+    raise InputError(f"--display is missing, must be COLSxROWS of what showed {text}, such as 1920x1080")
+
+
 def dent_of(scene: "Scene", dent: str | None) -> str:
     """The dent asked for, else the one that the scene names, else none."""
     return dent or scene.dent or "flat"
@@ -161,16 +192,14 @@ def load_scene(name: str, size: tuple[int, int] | None = None, *, exact: bool = 
 
 
 def mask_from(path: Path, shape: tuple[int, ...], others: str) -> "NDArray[np.bool_]":
-    """White pixels of an image of the given shape; InputError if it is none, or not as large as `others`."""
-    import cv2
-    import numpy as np
+    """Pixels that an image of the given shape marks; InputError if it marks none, or is not as large as
+    `others`."""
+    from optolever.pictures import read_mask
 
-    from optolever.pictures import read_picture
-
-    image = read_picture(path, cv2.IMREAD_GRAYSCALE)
-    if image.shape != shape:
-        raise InputError(f"{path}: is {image.shape[0]}x{image.shape[1]}, {others} {shape[0]}x{shape[1]}")
-    return np.asarray(image > 127)
+    mask = read_mask(path)
+    if mask.shape != shape:
+        raise InputError(f"{path}: is {mask.shape[0]}x{mask.shape[1]}, {others} {shape[0]}x{shape[1]}")
+    return mask
 
 
 @contextmanager

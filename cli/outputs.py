@@ -6,7 +6,6 @@ An output is an option of type `OutputFile`, or made by `report_option`; what el
 import importlib.util
 import os
 import re
-import tomllib
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar
@@ -14,11 +13,12 @@ from typing import Any, TypeVar
 import click
 
 from optolever.errors import InputError
+from optolever.toml import read_toml
 
 __all__ = ["HDF5", "PEERS", "OutputFile", "Program", "report_option"]
 
 HDF5 = (".h5", ".hdf5")
-PEERS = "pip install 'optolever[bench]'"
+PEERS = "pip install 'optolever[bench]' && pip install --no-deps 'fringes>=2.1'"
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
@@ -142,8 +142,8 @@ def _named(source: Path) -> set[str]:
     if source.suffix != ".toml":
         return set()
     try:
-        values: list[Any] = [tomllib.loads(source.read_text(encoding="utf-8"))]
-    except (OSError, ValueError):
+        values: list[Any] = [read_toml(source)]
+    except (OSError, InputError):
         return set()
     texts = set()
     while values:

@@ -26,7 +26,7 @@ from .show import (
 
 if TYPE_CHECKING:
     from optolever.decode import Correspondence
-    from optolever.reconstruct import HeightMap
+    from optolever.reconstruct import HeightMap, SlopeMap
 
 __all__ = ["Anchor", "command"]
 
@@ -219,6 +219,7 @@ def command(
             height = replace(height, notices=height.notices + drift)
             step("contacts")
             slopes = slope_map(height, correspondence, scene)
+            height = _with_slope_noise(height, slopes)
             found = contacts(height, slopes)
             dents = [contact.to_dict() for contact in found]
             if found and rest is None and at_rest is None and not scene.exact and scene.covariance is None:
@@ -253,6 +254,16 @@ def command(
     if "budget_mm" in numbers:
         grid("Uncertainty by source", *budget_rows(numbers["budget_mm"]))
     return 2 if height.implausible else 0
+
+
+def _with_slope_noise(height: "HeightMap", slopes: "SlopeMap") -> "HeightMap":
+    """Of the good pixels, for what reads the file without the slopes."""
+    import numpy as np
+
+    if not height.good.any():
+        return height
+    usual = [float(np.median(part[height.good])) for part in (slopes.sigma_x, slopes.sigma_y)]
+    return replace(height, diagnostics=replace(height.diagnostics, slope_sigma=(usual[0], usual[1])))
 
 
 def _numbers(height: "HeightMap") -> dict[str, Any]:

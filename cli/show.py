@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 __all__ = [
     "Step",
     "budget_rows",
+    "coverage",
+    "coverage_text",
     "dent_rows",
     "flag_shares",
     "grid",
@@ -46,6 +48,35 @@ def flag_shares(flags: "NDArray[np.unsignedinteger]", *kinds: "type[IntFlag]") -
         flag.name: float((flags & flag.value != 0).mean()) for kind in kinds for flag in kind if flag.name
     }
     return {name.lower(): share for name, share in shares.items() if share > 0}
+
+
+def coverage(flags: "NDArray[np.unsignedinteger]") -> tuple[float, float]:
+    """Share of the image that the mirror fills, and share of the mirror that is good (NaN without one).
+
+    The mirror: pixels that see the patterns change, and what they enclose; of what --mask leaves.
+    """
+    import numpy as np
+    from scipy.ndimage import binary_fill_holes
+
+    from optolever.decode import Flag
+
+    without = Flag.DARK | Flag.LOW_CONTRAST | Flag.INVALID
+    changing = (flags & without == 0) | (flags & Flag.SATURATED != 0)
+    inside = flags & Flag.INVALID == 0
+    mirror = np.asarray(binary_fill_holes(changing)) & inside
+    good = float((flags == 0)[mirror].mean()) if mirror.any() else math.nan
+    return float(mirror.mean()), good
+
+
+def coverage_text(mirror: float, good: float) -> str:
+    """`coverage` in words.
+
+    >>> coverage_text(0.576, 0.996)
+    'the mirror fills 57.6 % of the image; 99.6 % of it decoded'
+    """
+    if mirror == 0:
+        return "no pixel sees the patterns change"
+    return f"the mirror fills {100 * mirror:.1f} % of the image; {100 * good:.1f} % of it decoded"
 
 
 def length(mm: float) -> str:

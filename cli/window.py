@@ -8,7 +8,7 @@ import click
 from optolever import InputError
 
 from .options import SIZE, json_option, sample
-from .outputs import Program
+from .outputs import OutputFile, Program
 from .show import grid, number, table, write_json
 
 if TYPE_CHECKING:
@@ -20,9 +20,10 @@ __all__ = ["command"]
 SAMPLE = """
 $ optolever show --sequence gray+phase --monitor 1 --seconds 0.5
 Shown on monitor 1
-  sequence  gray+phase
-  frames    34 of 34, of 1080 x 1920
-  each      0.5001 s on average
+  sequence   gray+phase
+  frames     28 of 28, of 1080 x 1920
+  each       0.5001 s on average
+  described  capture.toml
 """
 
 
@@ -40,6 +41,10 @@ Shown on monitor 1
     "--seconds", type=click.FloatRange(min=0, min_open=True), metavar="SECONDS",
     help="Show every frame once for so long; default: right and left arrow step, Escape closes.",
 )  # fmt: skip
+@click.option(
+    "--out", type=OutputFile(".toml", bare=False), metavar="TOML",
+    help="Gets the description of what is shown, for decode --description; default: capture.toml.",
+)  # fmt: skip
 @click.option("--list", "listing", is_flag=True, help="List the monitors and show nothing.")
 @json_option
 def command(
@@ -47,15 +52,17 @@ def command(
     monitor: int | None,
     size: tuple[int, int] | None,
     seconds: float | None,
+    out: Path | None,
     listing: bool,
     json_path: Path | None,
 ) -> None:
     """Show a sequence on a monitor, for a camera of your own.
 
     One pattern pixel per screen pixel. The pattern starts in the upper left corner; what it does not cover
-    stays black. With --seconds, --json tells when every frame came on, seconds after the first.
+    stays black. Take one picture of each, in this order. With --seconds, --json tells when every frame came
+    on, seconds after the first.
     """
-    from optolever.projector import PatternWindow, monitors
+    from optolever.projector import PatternWindow, monitors, write_description
 
     found = monitors()
     if listing:
@@ -63,6 +70,8 @@ def command(
         return
     chosen = _chosen(found, monitor)
     shown = _sequence(text, size, found, chosen)
+    described = out or Path("capture.toml")
+    write_description(described, shown)
     with PatternWindow(shown, monitor=chosen) as window:
         if seconds is None:
             window.run()
@@ -85,6 +94,7 @@ def command(
                 "sequence": text,
                 "frames": f"{len(times)} of {len(shown)}, of {shown.rows} x {shown.cols}",
                 "each": f"{number(_mean_step(times), 's')} on average",
+                "described": str(described),
             },
         )
 

@@ -12,6 +12,7 @@
 | `estimate`       | `Estimate`: what a block of rows tells of one axis on its way                          |
 | `plan`           | a sequence as periods, bits, references, levels; the constraints that it obeys         |
 | `frames`         | frames validated, white level, response; pixels from all over them                     |
+| `float_frames`   | frames in floating point: their unit, pixels that are not finite                       |
 | `response`       | `Response` of display and camera, inverted before fringes are fitted                   |
 | `flags`          | flags, made once; maps that both axes share                                            |
 | `display`        | one model of what a display does: cell, footprint, blur, rounded grey values            |

@@ -14,6 +14,7 @@ from optolever.records import LOG, Progress, logged, silent
 from .apply import Prepared, applied
 from .correspondence import Correspondence
 from .exposures import better_of, by_exposure
+from .float_frames import in_levels
 from .frames import Light, light_of
 from .plan import raster_axes
 from .prepare import estimated, prepared
@@ -52,7 +53,8 @@ def decode(
 ) -> Correspondence:
     """Where on the pattern every camera pixel looks.
 
-    frames       (N, H, W) uint8 or uint16 (floats are taken, too), frame i as sequence.frames[i] describes it
+    frames       (N, H, W) uint8 or uint16 (floats of any unit are taken, too; pixels that are not finite are
+                 INVALID), frame i as sequence.frames[i] describes it
     noise, gain  of the camera: variance = noise^2 + gain * level, levels of the frames before rounding;
                  without `noise` both are estimated from the frames
     white_level  level at which the camera clips; default 255, for uint16 the 10, 12, 14 or 16 bits in use
@@ -73,12 +75,14 @@ def decode(
     progress     called with what is being done, how many steps are done, and of how many
 
     A code under several exposures is decoded from each that shows all of it, every pixel from its best one:
-    amplitude and offset are levels of that exposure. InputError if frames and sequence do not fit or hold
-    values that are not finite.
+    amplitude and offset are levels of that exposure. InputError if frames and sequence do not fit.
     """
-    camera = noise, gain, white_level, response
+    given = in_levels(frames)
+    white = white_level and white_level * given.unit
+    camera = noise and noise * given.unit, gain * given.unit, white, response
     settings = Settings(*camera, blur_px, lens_px, footprint, on_cells, subpixel, check)
-    return Decoder(sequence, settings=settings).decode(frames, mask=mask, progress=progress)
+    decoder = Decoder(sequence, settings=settings)
+    return given.restored(decoder.decode(given.frames, mask=given.inside(mask), progress=progress))
 
 
 def estimate_profile(

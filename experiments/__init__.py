@@ -9,6 +9,7 @@
 | `code_guide.py` | code_rows: which code when: predicted sigma and gross rate, faults tried |
 | `ideal.py` | codes by their definitions: what ideal surfaces show, faults of frames |
 | `place.py` | a dented mirror, its truth, its exact correspondence |
+| `own_sequence.py` | sequences that a user brings: function, folder, file |
 | `timing.py`, `arrays.py` | seconds of calls and stages, memory, the floor; names of types |
 | `bench/`, `design/` | speed against error; what to show and to build |
 | `page.py`, `images.py`, `report/` | HTML page; figures and maps as PNG; templates, style, viewer |

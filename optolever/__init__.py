@@ -7,6 +7,7 @@ The parts, floor by floor (imports run downward only):
 | 5     | `cli`         | commands and progress                                                    |
 | 4     | `experiments` | demo, paper tables, benchmarks, report                                   |
 | 4     | `calibration` | captures of simple targets -> Scene with covariance                        |
+| 4     | `metrology`   | form, residual, slope error, Zernike terms, with sigma                   |
 | 3     | `reconstruct` | Correspondence + Scene -> HeightMap                                      |
 | 2     | `projector`   | shows a Sequence, brings frames back: virtual sensor, folder             |
 | 2     | `decode`      | frames + Sequence -> Correspondence                                      |
@@ -14,7 +15,7 @@ The parts, floor by floor (imports run downward only):
 | 1     | `scene`       | what is physically there, and its exact ray tracing                      |
 | 0     | `errors`, `files` | one-line input errors, atomic files                                  |
 | 0     | `arguments`   | records of a wrong type, named at every face                             |
-| 0     | `hdf5`, `pictures` | other programs' arrays and pictures, damaged or not                 |
+| 0     | `hdf5`, `pictures`, `toml` | other programs' arrays, pictures and text, damaged or not   |
 | 0     | `blocks`, `kernels` | row blocks on threads; how loops are compiled                      |
 | 0     | `processes`   | other Pythons that are started, none with the working folder on its path |
 | 0     | `records`     | equality, a few lines and a plot of what holds arrays; the logger          |
@@ -34,7 +35,10 @@ __version__ = _version("optolever")
 
 __all__ = ["InputError", "__version__"]
 
-_PARTS = ("calibration", "cli", "decode", "experiments", "patterns", "projector", "reconstruct", "scene")
+_PARTS = (
+    *("calibration", "cli", "decode", "experiments", "metrology"),
+    *("patterns", "projector", "reconstruct", "scene"),
+)
 
 
 def __getattr__(name: str) -> _ModuleType:

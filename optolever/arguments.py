@@ -1,12 +1,16 @@
-"""Arguments of public functions checked by their annotations: a record of another type is an InputError."""
+"""Arguments of public functions checked: a record of another type than the annotation's, and a masked array,
+are an InputError. What they compute does not depend on the caller's np.seterr: underflows are harmless.
+"""
 
 import inspect
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cache, wraps
 from pathlib import Path
 from types import UnionType
 from typing import Any, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
 
 from optolever.errors import InputError
 
@@ -42,10 +46,9 @@ def check_face(face: str) -> None:
     for name in module.__all__:
         value = getattr(module, name)
         if inspect.isfunction(value):
-            checked = _checked(value)
-            if checked is not value:
-                checked.__module__ = face  # pickle finds it there
-                setattr(module, name, checked)
+            checked = _guarded(_checked(value))
+            checked.__module__ = face  # pickle finds it there
+            setattr(module, name, checked)
         elif inspect.isclass(value) and value.__module__.startswith(f"{face}."):
             for key, member in list(vars(value).items()):
                 if key == "__init__" or not key.startswith("_"):
@@ -54,9 +57,34 @@ def check_face(face: str) -> None:
 
 def _check_member(owner: type, name: str, member: object) -> None:
     if isinstance(member, classmethod | staticmethod):
-        setattr(owner, name, type(member)(_checked(member.__func__)))
+        setattr(owner, name, type(member)(_guarded(_checked(member.__func__))))
     elif inspect.isfunction(member):
-        setattr(owner, name, _checked(member))
+        setattr(owner, name, _checked(member) if name == "__init__" else _guarded(_checked(member)))
+
+
+def _guarded(function: Function) -> Function:
+    """The function, for plain arrays only, with underflows ignored."""
+
+    @wraps(function)
+    def call(*args: Any, **kwargs: Any) -> Any:
+        if any(isinstance(each, np.ma.MaskedArray) for each in (*args, *kwargs.values())):
+            named = dict(zip(inspect.signature(function).parameters, args, strict=False)) | kwargs
+            _require_plain(named)
+        with np.errstate(under="ignore"):
+            return function(*args, **kwargs)
+
+    return call
+
+
+def _require_plain(values: Mapping[str, Any]) -> None:
+    """InputError for a masked array that masks something: the mask would be lost."""
+    for name, value in values.items():
+        count = int(np.count_nonzero(value.mask)) if isinstance(value, np.ma.MaskedArray) else 0
+        if count:
+            raise InputError(
+                f"{name}: a masked array that masks {count} of {value.size} values, must be plain: pass "
+                f"{name}.filled(nan), or the valid pixels as mask= where there is one"
+            )
 
 
 def _checked(function: Function) -> Function:

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.errors import InputError
+from optolever.errors import InputError, require_file
 from optolever.memory import require_room
 
 __all__ = [
@@ -231,8 +231,7 @@ def load_arrays(
     """Read an .npz. InputError if the file is missing or unreadable, lacks a required field, holds other than
     real numbers in a field that is not one of `texts`, or more than fits in memory: all before any is read.
     """
-    if not Path(path).is_file():
-        raise InputError(f"{path}: no such file")
+    require_file(path)
     try:
         with zipfile.ZipFile(path) as archive:
             members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}

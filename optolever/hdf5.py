@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.errors import InputError
+from optolever.errors import InputError, require_file
 from optolever.memory import require_room
 
 __all__ = ["load_fields", "names_in"]
@@ -27,8 +27,7 @@ def load_fields(
         import h5py
     except ModuleNotFoundError as error:
         raise InputError(f"{path}: HDF5 needs h5py; pip install 'optolever[sofast]'") from error
-    if not Path(path).is_file():
-        raise InputError(f"{path}: no such file")
+    require_file(path)
     names = [*required, *optional]
     try:
         with h5py.File(path, "r") as file:

@@ -3,6 +3,7 @@
 The image is made of one 1-D table of grey values per axis, made here and nowhere else.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optolever.errors import InputError
+from optolever.numbers import real, whole
 
 from .codes import code_words
 
@@ -83,6 +85,8 @@ class Frame:
     exposure: float = 1.0
 
     def __post_init__(self) -> None:
+        for field in fields(self):
+            object.__setattr__(self, field.name, _plain(getattr(self, field.name), field.name))
         if self.kind not in KINDS:
             raise InputError(f"frame: kind is {self.kind!r}, known kinds are {', '.join(KINDS)}")
         for name in KINDS[self.kind]:
@@ -158,12 +162,14 @@ class Frame:
 
     @classmethod
     def from_dict(cls, plain: Mapping[str, Any], where: str = "frame") -> "Frame":
-        """Inverse of to_dict. InputError names `where`, the field, its value and what it must be."""
+        """Inverse of to_dict; in place of `shift`, too, shift_deg (degrees) or shift_step (k of N, [k, N]).
+        InputError names `where`, the field, its value and what it must be."""
         known = {field.name: str(field.type) for field in fields(cls)}
         values: dict[str, Any] = {}
-        for name, value in plain.items():
+        for name, value in _in_radians(plain, where).items():
             if name not in known:
-                raise InputError(f"{where}: unknown field {name!r}, known are {', '.join(known)}")
+                names = ", ".join([*known, *_SHIFTS])
+                raise InputError(f"{where}: unknown field {name!r}, known are {names}")
             values[name] = _typed(value, known[name], f"{where}: {name}")
         if "kind" not in values:
             raise InputError(f"{where}: kind is missing")
@@ -171,6 +177,44 @@ class Frame:
             return cls(**values)
         except InputError as error:
             raise InputError(f"{where}: {error}") from error
+
+
+_WHOLE, _TEXT = ("bit", "level"), ("kind", "axis")
+
+
+def _plain(value: Any, name: str) -> Any:
+    """The value of a field as Python's own type, of NumPy's numbers and arrays too, else InputError."""
+    if value is None or name in _TEXT:
+        return value
+    if name == "inverted":
+        return bool(value)
+    if name == "levels":
+        return tuple(np.asarray(value).ravel().tolist())
+    return whole(f"frame: {name}", value) if name in _WHOLE else real(f"frame: {name}", value)
+
+
+#: A fringe's shift in other units.
+_SHIFTS = ("shift_deg", "shift_step")
+
+
+def _in_radians(plain: Mapping[str, Any], where: str) -> Mapping[str, Any]:
+    """The fields with the shift in radians. InputError if it is given twice or is none."""
+    given = [name for name in ("shift", *_SHIFTS) if name in plain]
+    if not given or given == ["shift"]:
+        return plain
+    if len(given) > 1:
+        raise InputError(f"{where}: {' and '.join(given)} are given, one of them says it all")
+    name, value = given[0], plain[given[0]]
+    if name == "shift_deg":
+        shift = math.radians(real(f"{where}: shift_deg", value))
+    else:
+        if not isinstance(value, list | tuple) or len(value) != 2:
+            raise InputError(f"{where}: shift_step is {value!r}, must be [k, N], such as [1, 4]")
+        step, steps = (whole(f"{where}: shift_step", number) for number in value)
+        if steps < 1:
+            raise InputError(f"{where}: shift_step is {value!r}, N must be at least 1")
+        shift = 2 * math.pi * step / steps
+    return {key: each for key, each in plain.items() if key != name} | {"shift": shift}
 
 
 def _typed(value: Any, wanted: str, where: str) -> Any:

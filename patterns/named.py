@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from optolever.errors import InputError
+from optolever.numbers import whole
 
 from .codes import bits_for
 from .frame import Frame
@@ -75,6 +76,7 @@ def sequence(name: str, rows: int, cols: int, **params: Any) -> Sequence:
             _check(f"sequence {name}: {key}", value, wanted[key].annotation)
     if params.get("axes", "uv") not in ("u", "v", "uv"):
         raise InputError(f"sequence {name}: axes is {params['axes']!r}, must be 'u', 'v' or 'uv'")
+    rows, cols = whole(f"sequence {name}: rows", rows), whole(f"sequence {name}: cols", cols)
     for size_name, size in (("rows", rows), ("cols", cols)):
         if not 1 <= size <= 1 << 16:
             raise InputError(f"sequence {name}: {size_name} is {size}, must be in 1..{1 << 16}")
@@ -113,7 +115,9 @@ def sequence_from_text(text: str, rows: int, cols: int) -> Sequence:
     for item in filter(None, rest.split(",")):
         key, equals, value = item.partition("=")
         if not equals:
-            raise InputError(f"sequence {text!r}: {item!r} is no parameter, must be name=value")
+            raise InputError(
+                f"sequence {text!r}: {item!r} is no parameter, must be name=value; several values: 16/8"
+            )
         if key.strip() in params:
             raise InputError(f"sequence {text!r}: {key.strip()} is given twice")
         params[key.strip()] = _parsed(value.strip())

@@ -1,6 +1,5 @@
 """Sequence: the frames that go together, and the size of the surface that shows them."""
 
-import tomllib
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -14,7 +13,9 @@ from numpy.typing import NDArray
 
 from optolever.errors import InputError
 from optolever.files import atomic_file, atomic_folder
+from optolever.numbers import whole
 from optolever.records import Axes, plot_maps
+from optolever.toml import read_toml
 
 from .frame import Frame, frame_tables
 
@@ -47,8 +48,11 @@ class Sequence:
         if not self.frames:
             raise InputError("sequence: frames is empty, must hold at least one frame")
         for name in ("rows", "cols"):
-            if not 1 <= getattr(self, name) <= 1 << 16:
-                raise InputError(f"sequence: {name} is {getattr(self, name)}, must be in 1..{1 << 16}")
+            size = whole(f"sequence: {name}", getattr(self, name))
+            if not 1 <= size <= 1 << 16:
+                raise InputError(f"sequence: {name} is {size}, must be in 1..{1 << 16}")
+            object.__setattr__(self, name, size)
+        object.__setattr__(self, "nominal", bool(self.nominal))
 
     def __repr__(self) -> str:
         counts = Counter((frame.kind, frame.axis) for frame in self.frames)
@@ -134,11 +138,7 @@ class Sequence:
     @classmethod
     def load(cls, path: str | Path) -> "Sequence":
         """Read what save() or save_png() wrote; InputError names the file, the field and its value."""
-        try:
-            plain = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise InputError(f"{path}: is no TOML ({error})") from error
-        return cls.from_dict(plain, str(path))
+        return cls.from_dict(read_toml(path), str(path))
 
     def to_dict(self) -> dict[str, Any]:
         """Plain TOML types."""

@@ -10,6 +10,7 @@
 | `raytraced.py` | frames by rays through every pixel's area, for tests of what assumes something of a pixel |
 | `electronics.py` | exposure, flicker, response, noise, quantisation: one function for both |
 | `capture.py`, `folder.py`, `source.py` | `Capture`, its folder format, and the seam for real cameras |
+| `incoming.py` | pictures of other programs: which files, in which order, as which levels |
 | `sofast.py` | SOFAST's HDF5 measurements as captures |
 | `benchmark.py` | frames per second on the context at hand |
 """
@@ -20,6 +21,7 @@ from .benchmark import RendererSpeed, measure_renderer
 from .capture import Capture
 from .context import ContextInfo, NoContextError, context_info, release_context
 from .electronics import NOMINAL_SENSOR
+from .folder import write_description
 from .optics_numpy import Footprints, footprints, light_of
 from .raytraced import AreaTrace, Lighting, area_frames, area_light, expose, trace_area
 from .renderer import PatternRenderer, render
@@ -61,6 +63,7 @@ __all__ = [
     "release_context",
     "render",
     "trace_area",
+    "write_description",
 ]
 
 check_face(__name__)

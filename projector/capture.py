@@ -2,6 +2,7 @@
 
 import operator
 from collections.abc import Iterator
+from collections.abc import Sequence as Items
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self, SupportsIndex, overload
@@ -10,11 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optolever.errors import InputError
+from optolever.notices import Notice
+from optolever.numbers import whole
 from optolever.patterns import Sequence
 from optolever.records import Axes, plot_maps
 from optolever.scene import Scene, Trace
 
-from .folder import Image, read_folder, write_folder
+from .folder import Image, bits_of, read_folder, write_folder
+from .incoming import Source, incoming, with_exposures
 
 __all__ = ["Capture", "Image", "with_exposure"]
 
@@ -29,6 +33,7 @@ class Capture:
     frames: uint8 for 8 bits, else uint16 with values up to 2^bits - 1. bits: of the camera, 8 to 16.
     exposure: (N,) exposure of each frame relative to the nominal one; the same numbers stand in the
     sequence's frames. timestamps: (N,) seconds, middle of the exposure. scene: what is known about the rig.
+    notices: what was noticed about the files that it was read from.
     InputError names the field, its value and the limit.
     """
 
@@ -38,9 +43,13 @@ class Capture:
     exposure: NDArray[np.float64] | None = None
     timestamps: NDArray[np.float64] | None = None
     bits: int = 8
+    notices: tuple[Notice, ...] = ()
 
     def __post_init__(self) -> None:
         count = len(self.sequence)
+        object.__setattr__(self, "bits", whole("bits", self.bits))
+        if self.timestamps is not None:
+            object.__setattr__(self, "timestamps", np.asarray(self.timestamps, np.float64))
         if self.frames.ndim != 3 or self.frames.shape[0] != count:
             raise InputError(f"frames: shape {self.frames.shape}, the sequence needs ({count}, H, W)")
         if not 8 <= self.bits <= 16:
@@ -112,13 +121,35 @@ class Capture:
         write_folder(folder, self.frames, self.sequence, self.timestamps, self.bits, self.scene, truth)
 
     @classmethod
-    def load(cls, folder: str | Path, description: str | Path | None = None) -> Self:
+    def load(cls, folder: Source, description: str | Path | None = None, channel: str = "luminance") -> Self:
         """Read a capture folder strictly.
 
         description: a capture.toml elsewhere that describes the frames in `folder`, for captures made by
-        others; its `file` entries are relative to `folder`. InputError names file, field, value and limit.
+        others; its `file` entries are relative to `folder`; if it has none, the pictures of `folder` (or of a
+        glob pattern, a file, a list: see from_pictures) are taken in natural order. channel: of pictures in
+        colour. InputError names file, field, value and limit.
         """
-        return cls(**read_folder(folder, description))
+        return cls(**read_folder(folder, description, channel))
+
+    @classmethod
+    def from_pictures(
+        cls,
+        source: Source,
+        sequence: Sequence,
+        *,
+        channel: str = "luminance",
+        exposures: Items[float] = (1.0,),
+    ) -> Self:
+        """Pictures that another program took of the N patterns of `sequence`, one each, in that order.
+
+        source: a folder, a glob pattern, a file of several pictures (TIFF, NPY, video), or files; names are
+        sorted as people count. channel: red, green, blue or luminance. exposures: of K relative exposures
+        there are N pictures each, one exposure after the other or each pattern under all of them in turn.
+        InputError names the file, or the number of pictures and what would have it.
+        """
+        found = incoming(source, with_exposures(sequence, exposures), channel)
+        shown = with_exposures(sequence, exposures, found.frames)
+        return cls(found.frames, shown, bits=bits_of(found.frames), notices=found.notices)
 
 
 def with_exposure(sequence: Sequence, exposure: NDArray[np.float64] | float | None) -> Sequence:

@@ -5,13 +5,14 @@
     bits             of the camera, 8 to 16 (default 8)
     name             of the sequence (default "custom")
     nominal          true where rows and cols are only the unit of the coordinates (default false)
-    [[frames]]       one per frame: `file`, relative to the folder; `time` in s (in all frames or in none);
+    [[frames]]       one per frame: `file`, relative to the folder, and `time` in s (each in all or in none),
                      and the fields of patterns.Frame
 
-Others' captures are described by such a file kept elsewhere. Nothing else is allowed in it, nor in `frames/`.
+Others' captures are described by such a file kept elsewhere; where it names no files, the pictures of the
+folder are taken in natural order, and a file that Sequence.save wrote serves as well. Nothing else is
+allowed in it, and no other pictures in `frames/`.
 """
 
-import tomllib
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -24,12 +25,16 @@ from numpy.typing import NDArray
 
 from optolever.blocks import threads
 from optolever.errors import InputError
-from optolever.files import atomic_folder
+from optolever.files import atomic_file, atomic_folder
+from optolever.notices import Notice
 from optolever.patterns import Sequence
-from optolever.pictures import read_picture
+from optolever.pictures import CHANNELS, PICTURES, colours_of, grey_of, is_lossy, read_picture
 from optolever.scene import Scene, Trace, load
+from optolever.toml import read_toml
 
-__all__ = ["read_description", "read_folder", "read_image", "write_folder"]
+from .incoming import COLOURED, LOSSY, Source, incoming, passed_over
+
+__all__ = ["bits_of", "read_description", "read_folder", "write_description", "write_folder"]
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 
@@ -70,16 +75,37 @@ def write_folder(
             truth.save(target / _TRUTH)
 
 
-def read_folder(folder: str | Path, description: str | Path | None = None) -> dict[str, Any]:
+def read_folder(
+    folder: Source, description: str | Path | None = None, channel: str = "luminance"
+) -> dict[str, Any]:
     """The fields of a Capture, checked. InputError names file, field, value and limit."""
-    base = Path(folder)
+    if description is not None:
+        sequence, files, times, bits = read_description(Path(description))
+        if not files:
+            found = incoming(folder, sequence, channel)
+            own = {"frames": found.frames, "bits": bits or bits_of(found.frames), "notices": found.notices}
+            return {**own, "sequence": sequence, "timestamps": times}
+    base = Path(folder) if isinstance(folder, str | Path) else Path(folder[0])
     if not base.is_dir():
         raise InputError(f"{base}: no such folder")
     toml = base / _DESCRIPTION if description is None else Path(description)
+    if description is None and not toml.is_file():
+        raise InputError(
+            f"{base}: no {_DESCRIPTION} says what was shown; say it: --sequence NAME --display COLSxROWS, or "
+            "--description FILE"
+        )
     sequence, files, times, bits = read_description(toml)
-    _require_no_extra(base, files)
+    if not files:
+        return read_folder(base, toml, channel)
+    bits = bits or 8
+    notices = _passed_over(base, files)
     with ThreadPoolExecutor(threads()) as pool:
-        images = list(pool.map(lambda file: read_image(base / file, bits), files))
+        read = list(pool.map(lambda file: _read_image(base / file, bits, channel), files))
+    images = [image for image, _ in read]
+    if channel == CHANNELS[-1] and any(coloured for _, coloured in read):
+        notices += (COLOURED,)
+    if any(is_lossy(base / file) for file in files):
+        notices += (LOSSY,)
     for file, image in zip(files, images, strict=True):
         if image.shape != images[0].shape:
             raise InputError(
@@ -91,24 +117,35 @@ def read_folder(folder: str | Path, description: str | Path | None = None) -> di
         "scene": _read_scene(base / _SCENE, sequence, images[0]),
         "timestamps": times,
         "bits": bits,
+        "notices": notices,
     }
 
 
-def read_description(path: Path) -> tuple[Sequence, list[str], NDArray[np.float64] | None, int]:
-    """A capture.toml: sequence, file of each frame, time of each frame (s) or None, bits."""
-    plain = _read_toml(path)
+def bits_of(frames: Image) -> int:
+    """The fewest of 8, 10, 12, 14 and 16 bits that hold frames."""
+    if frames.dtype == np.uint8:
+        return 8
+    return next(bits for bits in (10, 12, 14, 16) if frames.max() < 2**bits)
+
+
+def read_description(path: Path) -> tuple[Sequence, list[str], NDArray[np.float64] | None, int | None]:
+    """A capture.toml: sequence, file of each frame (none: it names no files), time of each frame (s) or None,
+    bits or None."""
+    plain = read_toml(path)
     for key in plain:
         if key not in _KEYS:
             raise InputError(f"{path}: unknown field {key!r}, known are {', '.join(_KEYS)}")
-    if plain.get("version") != _VERSION:
-        raise InputError(f"{path}: version is {plain.get('version', 'missing')!r}, must be {_VERSION}")
-    bits = plain.get("bits", 8)
-    if not isinstance(bits, int) or isinstance(bits, bool) or not 8 <= bits <= 16:
+    bits = plain.get("bits")
+    if bits is not None and (not isinstance(bits, int) or isinstance(bits, bool) or not 8 <= bits <= 16):
         raise InputError(f"{path}: bits is {bits!r}, must be a whole number from 8 to 16")
     tables = plain.get("frames")
     if not isinstance(tables, list) or not tables or not all(isinstance(table, dict) for table in tables):
         raise InputError(f"{path}: frames is {tables!r:.40}, must be at least one [[frames]] table")
-    files = [_file(table, f"{path}: frames[{i}]") for i, table in enumerate(tables)]
+    named = any("file" in table for table in tables)
+    version = plain.get("version", "missing" if named else _VERSION)
+    if version != _VERSION:
+        raise InputError(f"{path}: version is {version!r}, must be {_VERSION}")
+    files = [_file(table, f"{path}: frames[{i}]") for i, table in enumerate(tables)] if named else []
     if len(set(files)) != len(files):
         twice = next(file for file in files if files.count(file) > 1)
         raise InputError(f"{path}: file {twice!r} is named {files.count(twice)} times, the limit is once")
@@ -118,20 +155,17 @@ def read_description(path: Path) -> tuple[Sequence, list[str], NDArray[np.float6
     return Sequence.from_dict({**outer, "frames": shown}, str(path)), files, times, bits
 
 
-def read_image(path: Path, bits: int) -> Image:
-    """One grey image (H, W), values below 2^bits. InputError if it is missing, damaged or something else."""
-    image = read_picture(path)
-    if image.ndim == 3:
-        if image.shape[2] != 3 or (image != image[..., :1]).any():
-            raise InputError(f"{path}: {image.shape[2]} colour channels, must be grey")
-        image = np.ascontiguousarray(image[..., 0])
+def _read_image(path: Path, bits: int, channel: str) -> tuple[Image, bool]:
+    """One image (H, W), values below 2^bits, and whether it is the luminance of colours. InputError if it is
+    missing, damaged or something else."""
+    picture = read_picture(path)
+    image = grey_of(picture, channel)
     expected = np.dtype(np.uint8 if bits == 8 else np.uint16)
     if image.dtype != expected:
         raise InputError(f"{path}: {image.dtype} pixels, {bits} bits need {expected}")
     if image.max() > 2**bits - 1:
         raise InputError(f"{path}: value {image.max()}, the limit of {bits} bits is {2**bits - 1}")
-    grey: Image = image
-    return grey
+    return image, colours_of(picture) is not None
 
 
 def _read_scene(path: Path, sequence: Sequence, image: Image) -> Scene | None:
@@ -151,6 +185,16 @@ def _read_scene(path: Path, sequence: Sequence, image: Image) -> Scene | None:
     return scene
 
 
+def write_description(path: str | Path, sequence: Sequence) -> None:
+    """A capture.toml that names no files: what was shown, for pictures in that order. Nothing but the same
+    description is written over; InputError names the file."""
+    target, text = Path(path), tomli_w.dumps({"version": _VERSION, **sequence.to_dict()})
+    if target.is_file() and target.read_bytes() != text.encode():
+        raise InputError(f"{path}: exists and describes something else; --out names another file")
+    with atomic_file(target) as temporary:
+        temporary.write_bytes(text.encode())
+
+
 def _described(
     sequence: Sequence, times: NDArray[np.float64] | None, bits: int, files: list[str]
 ) -> dict[str, Any]:
@@ -168,15 +212,6 @@ def _write_image(path: Path, image: Image) -> None:
     if not done:
         raise OSError(f"{path}: OpenCV cannot encode {image.dtype} {image.shape}")
     path.write_bytes(data.tobytes())
-
-
-def _read_toml(path: Path) -> dict[str, Any]:
-    if not path.is_file():
-        raise InputError(f"{path}: no such file")
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not TOML ({error})") from error
 
 
 def _file(table: Mapping[str, Any], where: str) -> str:
@@ -201,14 +236,18 @@ def _times(tables: list[Mapping[str, Any]], path: Path) -> NDArray[np.float64] |
     return np.array(times, np.float64)
 
 
-def _require_no_extra(base: Path, files: list[str]) -> None:
-    """`frames/` holds what the description names and nothing else."""
+def _passed_over(base: Path, files: list[str]) -> tuple[Notice, ...]:
+    """`frames/` holds what the description names; what else is no picture is told, a picture refused."""
     folder = base / _FRAMES
-    present = sorted(f"{_FRAMES}/{item.name}" for item in folder.iterdir()) if folder.is_dir() else []
-    extra = [name for name in present if name not in files]
+    present = sorted(folder.iterdir()) if folder.is_dir() else []
+    extra = [path for path in present if f"{_FRAMES}/{path.name}" not in files]
     named = [name for name in files if name.startswith(f"{_FRAMES}/")]
-    if extra and named:
-        raise InputError(f"{base / extra[0]}: not in the description, the limit is its {len(named)} frames")
+    if not extra or not named:
+        return ()
+    for path in extra:
+        if path.suffix.lower() in PICTURES and not path.name.startswith("."):
+            raise InputError(f"{path}: not in the description, the limit is its {len(named)} frames")
+    return (passed_over([path.name for path in extra]),)
 
 
 def _size(image: Image) -> str:

@@ -118,9 +118,9 @@ def anchor_samples(anchor: Anchors, scene: Scene, rays: RayField, mask: Mask) ->
 
 
 def _listed(anchor: Anchors) -> Sequence[Anchor]:
-    if anchor is None or anchor == "edge":
+    if anchor is None or (isinstance(anchor, str) and anchor == "edge"):
         return [EdgeAnchor()]
-    if anchor == "none":
+    if isinstance(anchor, str) and anchor == "none":
         raise InputError(
             "anchor = 'none': no anchor; the height is free by one mode, name 'edge' or a known point"
         )

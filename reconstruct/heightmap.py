@@ -57,7 +57,8 @@ class Diagnostics:
     what noise explains, per degree of freedom, of which there are `freedom` (see `circulation`; about 1 if
     the scene is right, None if there is no whole block); correlation: factor on the variance for errors
     that neighbouring pixels share, but for shared noise that is known (1: independent noise); solver: of the
-    linear problems; notes: what else a reader should know.
+    linear problems; notes: what else a reader should know; slope_sigma: median standard deviations of dz/dx
+    and dz/dy by noise, where they were computed.
     """
 
     method: str
@@ -73,6 +74,7 @@ class Diagnostics:
     freedom: int = 0
     solver: str = ""
     notes: tuple[str, ...] = ()
+    slope_sigma: tuple[float, float] | None = None
 
     def to_json(self) -> str:
         """As one line of JSON."""
@@ -85,6 +87,8 @@ class Diagnostics:
         values = {name: value for name, value in json.loads(text).items() if name in known}
         for name in ("steps", "notes"):
             values[name] = tuple(values.get(name, ()))
+        if values.get("slope_sigma") is not None:
+            values["slope_sigma"] = tuple(values["slope_sigma"])
         return cls(**values)
 
 

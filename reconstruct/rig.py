@@ -500,4 +500,5 @@ def _anchors(anchor: Anchors, step: int) -> Anchors:
 
 def _at_edge(anchor: Anchors) -> bool:
     """Whether the anchor is the mirror's edge at rest, a sag of which moves it."""
-    return anchor is None or anchor == "edge" or isinstance(anchor, EdgeAnchor)
+    named = isinstance(anchor, str) and anchor == "edge"
+    return anchor is None or named or isinstance(anchor, EdgeAnchor)

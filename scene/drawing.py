@@ -12,8 +12,8 @@ __all__ = ["draw_side"]
 def draw_side(length: float, pattern: Float, rays: Float, axes: Any = None) -> Any:
     """Draw with matplotlib, and give the axes back.
 
-    length: of the mirror (mm). pattern: its ends (2, 3). rays: (n, 3, 3), where each starts, meets z = 0, and
-    ends on the pattern's plane.
+    length: of the mirror (mm). pattern: its corners, the first one again (5, 3). rays: (n, 3, 3), where each
+    starts, meets z = 0, and ends on the pattern's plane.
     """
     import matplotlib.pyplot as plt
 

@@ -1,15 +1,16 @@
 """Scenes from TOML: strict, every error names the file, the field, the value and the limit."""
 
 import math
-import tomllib
 from collections.abc import Callable
 from dataclasses import fields, replace
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 
 from optolever import InputError
+from optolever.toml import read_toml
 
 from .accuracy import TYPED, Accuracy
 from .covariance import Covariance
@@ -31,6 +32,23 @@ from .writing import FOREIGN
 
 __all__ = ["load", "preset_names"]
 
+_TOP = "name, dent, exact, mirror, pattern, camera, medium, display, sensor, accuracy, calibration, "
+#: Keys that others call so, and ours.
+_MEANT = {
+    "n": "index",
+    "ior": "index",
+    "refractive_index": "index",
+    "f": "focal_px",
+    "f_px": "focal_px",
+    "f_mm": "focal_mm",
+    "focal_length": "focal_mm",
+    "focal_length_mm": "focal_mm",
+    "pixel_size_mm": "pixel_pitch_mm",
+    "pitch_mm": "pixel_pitch_mm",
+    "resolution": "size",
+    "target": "look_at_mm",
+    "tilt_deg": "angle_deg",
+}
 _PRESETS = Path(__file__).parent / "presets"
 T = TypeVar("T")
 
@@ -52,14 +70,11 @@ def load(preset_or_path: str | Path, *, exact: bool = False) -> Scene:
     path = Path(preset_or_path)
     if str(preset_or_path) in preset_names():
         path = _PRESETS / f"{preset_or_path}.toml"
-    elif not path.is_file():
+    elif not path.exists():
         raise InputError(
             f"scene {str(path)!r}: no such file, and no preset (presets: {', '.join(preset_names())})"
         )
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
-        raise InputError(f"{path}: not readable as TOML: {error}") from error
+    content = read_toml(path)
     try:
         scene = _scene(_Table("", content), path)
     except InputError as error:
@@ -88,9 +103,25 @@ class _Table:
     def get(self, key: str, check: Callable[[str, Any], T], default: T) -> T:
         return self.take(key, check) if key in self else default
 
-    def done(self, known: str) -> None:
+    def known(self, names: str) -> None:
+        """InputError if there is a key of another name; it names the one that is meant, if one is like it."""
+        known = names.split(", ")
         for key in self._left:
-            raise InputError(f"{self.field(key)} is unknown, must be one of {known}")
+            if key not in known:
+                meant = _MEANT.get(key) if _MEANT.get(key) in known else _resembling(key, known)
+                must = self.field(meant) if meant else f"one of {names}"
+                raise InputError(f"{self.field(key)} is unknown, must be {must}")
+
+    def done(self, why: str = "") -> None:
+        """InputError if there is a key that nothing of what was asked for goes with."""
+        for key in self._left:
+            raise InputError(f"{self.field(key)}: {why}; leave it out")
+
+
+def _resembling(key: str, known: list[str]) -> str | None:
+    """The known key that begins so (a unit is missing), or is spelled most like it."""
+    longer = [name for name in known if name.startswith(f"{key}_")]
+    return next(iter(longer or get_close_matches(key, known, 1)), None)
 
 
 def _text(name: str, value: Any) -> str:
@@ -138,6 +169,7 @@ def _non_negative(name: str, value: Any) -> float:
 
 
 def _scene(top: _Table, path: Path) -> Scene:
+    top.known(_TOP + ", ".join(FOREIGN))
     name = top.get("name", _text, path.stem)
     dent = top.take("dent", _text) if "dent" in top else None
     mirror = _mirror(top.take("mirror", _table))
@@ -151,10 +183,6 @@ def _scene(top: _Table, path: Path) -> Scene:
     accuracy = _accuracy(top)
     for section in FOREIGN:
         top.get(section, _table, top)
-    top.done(
-        "name, dent, exact, mirror, pattern, camera, medium, display, sensor, accuracy, calibration, "
-        + ", ".join(FOREIGN)
-    )
     scene = Scene(name, mirror, pattern, camera, medium, display, sensor, dent, covariance, accuracy, form)
     if covariance is not None:
         _require_known(scene, covariance)
@@ -171,12 +199,12 @@ def _accuracy(top: _Table) -> Accuracy | None:
     if exact:
         raise InputError("exact = true: excludes [accuracy]; leave one of both out")
     table = top.take("accuracy", _table)
+    table.known(", ".join(TYPED.table()))
     values = {
         field.name: table.take(Accuracy.key(field.name), _non_negative)
         for field in fields(Accuracy)
         if Accuracy.key(field.name) in table
     }
-    table.done(", ".join(TYPED.table()))
     if "angle" in values:
         values["angle"] = math.radians(values["angle"])
     return Accuracy(**values)
@@ -190,9 +218,9 @@ def _boolean(name: str, value: Any) -> bool:
 
 def _calibration(table: _Table, path: Path) -> tuple[Covariance, RestForm | None]:
     """[calibration]: the covariance's file, beside the scene's, and the form of the mirror at rest."""
+    table.known("covariance, rest_form_mm")
     name = table.take("covariance", _text)
     form = table.take("rest_form_mm", _form) if "rest_form_mm" in table else None
-    table.done("covariance, rest_form_mm")
     return Covariance.load(path.parent / name), form
 
 
@@ -210,59 +238,73 @@ def _require_known(scene: Scene, covariance: Covariance) -> None:
 
 
 def _mirror(table: _Table) -> Mirror:
+    table.known("size_mm")
     length, width = table.take("size_mm", _pair)
-    table.done("size_mm")
     return Mirror(float(length), float(width))
 
 
 def _medium(table: _Table) -> Medium:
+    table.known("index, outside")
     index = table.take("index", positive)
     outside = table.get("outside", positive, 1.0)
-    table.done("index, outside")
     return Medium(index, outside)
 
 
 def _display(table: _Table) -> Display:
+    table.known("gamma, black")
     gamma, black = table.get("gamma", positive, 1.0), table.get("black", _non_negative, 0.0)
-    table.done("gamma, black")
     return Display(gamma, black)
 
 
 def _sensor(table: _Table) -> Sensor:
     default = Sensor()
     names = tuple(Sensor.__dataclass_fields__)
+    table.known(", ".join(names))
     values = {name: table.get(name, lambda _, value: value, getattr(default, name)) for name in names}
-    table.done(", ".join(names))
     return Sensor(**values)
 
 
 def _pattern(table: _Table) -> Pattern:
+    surface, pose = "size, pitch_mm, blur_px, bow, table", "origin_mm, u_axis, v_axis, rotation_deg"
+    table.known(f"{surface}, angle_deg, offset_mm, {pose}")
     cols, rows = table.take("size", _size)
     pitch = table.take("pitch_mm", positive)
     blur_px = table.get("blur_px", _non_negative, 0.0)
     shape = _shape(table, rows, cols)
     if "angle_deg" in table:
         angle = table.take("angle_deg", _angle)
-        table.done("size, pitch_mm, blur_px, bow, table, angle_deg (which excludes an explicit pose)")
-        return replace(prism_pattern(angle, rows, cols, pitch, blur_px), shape=shape)
+        along, across = table.get("offset_mm", _offset, np.zeros(2))
+        table.done("angle_deg excludes an explicit pose")
+        flat = prism_pattern(angle, rows, cols, pitch, blur_px)
+        origin = flat.origin + along * flat.u_axis + across * flat.v_axis
+        return replace(flat, origin=origin, shape=shape)
+    if "origin_mm" not in table:
+        raise InputError(
+            "pattern.origin_mm is missing, must be given with axes; on a prism: angle_deg in their place"
+        )
     origin = table.take("origin_mm", vector)
     u_axis, v_axis = _axes(table)
-    table.done("size, pitch_mm, blur_px, bow, table, angle_deg, origin_mm, u_axis, v_axis, rotation_deg")
+    table.done("belongs to angle_deg; an explicit pose excludes it")
     return Pattern(origin, u_axis, v_axis, pitch, rows, cols, blur_px, shape)
+
+
+def _offset(name: str, value: Any) -> Float:
+    """Along the face from the mirror's edge, and across (mm); one number: along it."""
+    return vector(name, value if isinstance(value, list) else [value, 0.0], 2)
 
 
 def _shape(table: _Table, rows: int, cols: int) -> PatternShape | None:
     """[pattern.bow] or [pattern.table]; None: flat."""
     if "bow" in table:
         bow, flat = table.take("bow", _table), Bow.of_pattern(rows, cols)
+        bow.known("b20, b11, b02, centre_px, half_px")
         b20, b11, b02 = (bow.get(name, number, 0.0) for name in ("b20", "b11", "b02"))
         centre, half = bow.get("centre_px", _centre, flat.centre), bow.get("half_px", _pair, flat.half)
-        bow.done("b20, b11, b02, centre_px, half_px")
         return Bow(b20, b11, b02, centre, half)
     if "table" in table:
         points = table.take("table", _table)
+        points.known("places_px, offsets_mm")
         places, offsets = (points.take(name, _rows) for name in ("places_px", "offsets_mm"))
-        points.done("places_px, offsets_mm")
         return PointTable(places, offsets)
     return None
 
@@ -287,47 +329,85 @@ def _camera(table: _Table, mirror: Mirror, medium: Medium | None) -> Camera:
     kind = table.get("kind", _text, "telecentric")
     if kind not in ("telecentric", "pinhole"):
         raise InputError(f"camera.kind = {kind!r}: must be 'telecentric' or 'pinhole'")
+    for key in _PINHOLE.split(", "):
+        if kind == "telecentric" and key in table:
+            raise InputError(f"camera.{key}: is of kind = 'pinhole', camera.kind is 'telecentric' (default)")
+    table.known(f"kind, size, face, {_TELECENTRIC if kind == 'telecentric' else _PINHOLE}, {_POSE}")
     cols, rows = table.take("size", _size)
-    face = _face(table.take("face", _table), medium) if "face" in table else None
+    face = _face(table.take("face", _table), mirror, medium) if "face" in table else None
     build = _telecentric if kind == "telecentric" else _pinhole
     return build(table, rows, cols, face, mirror)
+
+
+_TELECENTRIC = "pitch_mm, angle_deg, origin_mm"
+_PINHOLE = "focal_px, focal_mm, pixel_pitch_mm, centre_px, distortion"
+_POSE = "position_mm, look_at_mm, row_axis, u_axis, v_axis, rotation_deg"
 
 
 def _telecentric(table: _Table, rows: int, cols: int, face: Face | None, mirror: Mirror) -> Camera:
     pitch = table.take("pitch_mm", _pair_or_one)
     if "angle_deg" in table:
         angle = table.take("angle_deg", _angle)
-        table.done("kind, size, pitch_mm, face, angle_deg (which excludes an explicit pose)")
+        table.done("angle_deg excludes an explicit pose")
         return prism_camera(mirror.length, angle, rows, cols, pitch, face)
-    origin = table.take("origin_mm", vector)
-    u_axis, v_axis = _axes(table)
-    table.done("kind, size, pitch_mm, face, angle_deg, origin_mm, u_axis, v_axis, rotation_deg")
+    if "position_mm" in table or "look_at_mm" in table:
+        position = table.take("position_mm", vector)
+        u_axis, v_axis = _direction(table, position)
+        half = 0.5 * pitch * np.array([cols - 1, rows - 1])
+        origin = position - half[0] * u_axis - half[1] * v_axis
+    else:
+        origin = table.take("origin_mm", vector)
+        u_axis, v_axis = _axes(table)
+    table.done("position_mm with look_at_mm, or origin_mm with axes, say it all")
     return TelecentricCamera(origin, u_axis, v_axis, pitch, rows, cols, face)
 
 
 def _pinhole(table: _Table, rows: int, cols: int, face: Face | None, mirror: Mirror) -> Camera:
-    focal = table.take("focal_px", _pair_or_one)
+    focal = _focal(table)
     centre = table.get("centre_px", _centre, np.array([0.5 * (cols - 1), 0.5 * (rows - 1)]))
     distortion = table.get("distortion", _distortion, np.zeros(5))
     position = table.take("position_mm", vector)
-    if "look_at_mm" in table:
-        target = table.take("look_at_mm", vector)
-        row_axis = table.get("row_axis", vector, np.array([0.0, 1.0, 0.0]))
-        u_axis, v_axis = look_at("camera", position, target, row_axis)
-    else:
-        u_axis, v_axis = _axes(table)
-    intrinsic = "kind, size, focal_px, centre_px, distortion, face"
-    table.done(f"{intrinsic}, position_mm, look_at_mm, row_axis, u_axis, v_axis, rotation_deg")
+    u_axis, v_axis = _direction(table, position)
+    table.done("look_at_mm with row_axis, or axes, say it all")
     return PinholeCamera(position, u_axis, v_axis, focal, centre, rows, cols, distortion, face)
+
+
+def _focal(table: _Table) -> Float:
+    """Focal length in pixels (column, row): given so, or in mm with the pitch of the sensor's pixels."""
+    if "focal_mm" not in table and "pixel_pitch_mm" not in table:
+        return table.take("focal_px", _pair_or_one)
+    focal, pitch = table.take("focal_mm", positive), table.take("pixel_pitch_mm", _pair_or_one)
+    if "focal_px" in table:
+        raise InputError("camera.focal_px: excludes focal_mm with pixel_pitch_mm; leave one of both out")
+    return np.asarray(focal / pitch)
+
+
+def _direction(table: _Table, position: Float) -> tuple[Float, Float]:
+    """Axes u, v of a camera at a position: by what it looks at, or given."""
+    if "look_at_mm" not in table:
+        if not any(key in table for key in ("u_axis", "v_axis", "rotation_deg")):
+            raise InputError(
+                "camera.look_at_mm is missing, must be given (or u_axis and v_axis, or rotation_deg)"
+            )
+        return _axes(table)
+    target = table.take("look_at_mm", vector)
+    row_axis = table.get("row_axis", vector, np.array([0.0, 1.0, 0.0]))
+    return look_at("camera", position, target, row_axis)
 
 
 def _centre(name: str, value: Any) -> Float:
     return vector(name, value, 2)
 
 
-def _face(table: _Table, medium: Medium | None) -> Face:
-    point, normal = table.take("point_mm", vector), table.take("normal", vector)
+def _face(table: _Table, mirror: Mirror, medium: Medium | None) -> Face:
+    """[camera.face]: by a point and its normal, or by its angle with the mirror at the edge x = L0."""
+    table.known("angle_deg, point_mm, normal, index, outside")
+    if "angle_deg" in table:
+        angle = table.take("angle_deg", _angle)
+        point, normal = np.array([mirror.length, 0, 0]), np.array([math.sin(angle), 0, math.cos(angle)])
+    else:
+        point, normal = table.take("point_mm", vector), table.take("normal", vector)
     index = table.take("index", positive) if medium is None else table.get("index", positive, medium.index)
     outside = table.get("outside", positive, 1.0)
-    table.done("point_mm, normal, index, outside")
+    table.done("angle_deg excludes it")
     return Face(point, normal, finite("camera.face.index", index), outside)

@@ -5,7 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from optolever.pictures import read_picture
+from optolever.pictures import read_grey
 
 from .forms import taper_of
 from .grid import Grid
@@ -22,7 +22,7 @@ _ZEROS = 12  # nodes at x = L0 that are exactly zero, so that the spline is too 
 def relief(scene: Scene, *, path: str, peak: float, smooth: float, taper: float) -> Surface:
     """Surface whose height is the image at `path`, stretched over the mirror: black 0, white `peak` mm.
 
-    Columns run along x, rows along y; colours are averaged to grey. smooth: rms radius (mm) of a Gaussian
+    Columns run along x, rows along y; of colours their luminance. smooth: rms radius (mm) of a Gaussian
     blur that turns the image's steps into slopes; taper: mm over which the height fades out towards x = L0.
     """
     positive("dent 'relief': smooth", smooth, zero=True)
@@ -44,10 +44,8 @@ def relief(scene: Scene, *, path: str, peak: float, smooth: float, taper: float)
 
 def _grey(path: Path) -> Float:
     """The image as 0..1 (rows, cols); InputError if it is none."""
-    image = read_picture(path)
-    white = {"uint8": 255.0, "uint16": 65535.0}.get(image.dtype.name, 1.0)
-    grey = image.astype(np.float64) / white
-    return grey if grey.ndim == 2 else grey[:, :, : min(3, grey.shape[2])].mean(axis=2)
+    grey = read_grey(path)
+    return grey.astype(np.float64) / {"uint8": 255.0, "uint16": 65535.0}.get(grey.dtype.name, 1.0)
 
 
 def _fitted(heights: Float) -> Float:

@@ -74,9 +74,15 @@ class Scene(Record):
         met = starts - (starts[:, 2] / d[:, 2])[:, None] * d
         out = d * [1, 1, -1]
         u, v, _ = pattern.landing(met.T, out.T)
-        ends = pattern.point(np.array([-0.5, pattern.cols - 0.5]), np.full(2, (pattern.rows - 1) / 2))
+        right, bottom = pattern.cols - 0.5, pattern.rows - 0.5
+        u_corner, v_corner = np.array([[-0.5, right, right, -0.5, -0.5], [-0.5, -0.5, bottom, bottom, -0.5]])
         landed = pattern.point(u, v)
-        return draw_side(self.mirror.length, ends, np.stack([starts, met, landed], axis=1), axes)
+        return draw_side(
+            self.mirror.length,
+            pattern.point(u_corner, v_corner),
+            np.stack([starts, met, landed], axis=1),
+            axes,
+        )
 
     def save(self, path: str | Path) -> None:
         """Write the scene as TOML, to be read by `load`, a covariance as .npz beside it; what is absent is

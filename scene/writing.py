@@ -1,12 +1,14 @@
 """Scenes to TOML: explicit poses in full precision, so that what is read back is equal."""
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from optolever import InputError
+from optolever.toml import read_toml
 
 from .face import Face
 from .mirror import Mirror
@@ -25,8 +27,8 @@ FOREIGN = ("rest", "response", "devices", "sync")
 def foreign_sections(path: Path) -> Table:
     """Those of a file that is there; none if it is no TOML."""
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError):
+        content = read_toml(path)
+    except (InputError, OSError):
         return {}
     return {name: content[name] for name in FOREIGN if name in content}
 

@@ -8,7 +8,6 @@ import io
 import json
 import math
 import re
-import tomllib
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass, field, fields, replace
 from itertools import product
@@ -17,6 +16,9 @@ from typing import Any
 
 from optolever.errors import InputError
 from optolever.projector import RENDERERS
+from optolever.toml import read_toml
+
+from ..own_sequence import source_digest
 
 Size = tuple[int, int]
 DONE, ABSENT, USELESS, FAILED = "done", "not installed", "not applicable", "failed"
@@ -51,8 +53,8 @@ class Cell:
     """One measurement: what is shown to whom under which noise, decoded by whom, solved how.
 
     size: (rows, cols) of the camera, None: the scene's own; dent: '' is the scene's own; sequence: text of
-    `patterns.sequence_from_text` (a .toml file, too), with '@DECODER' behind it where another decoder than
-    ours takes the frames; 'exact': the true correspondence. noise: 8-bit levels.
+    `own_sequence` (a .toml file or module:function, too), with '@DECODER' behind it where another decoder
+    than ours takes the frames; 'exact': the true correspondence. noise: 8-bit levels.
     """
 
     scene: str
@@ -96,7 +98,7 @@ class Cell:
         return _digest([asdict(self), *self._files()]).hex()[:20]
 
     def _files(self) -> list[str]:
-        return [_content(self.scene), _content(self.shown)]
+        return [source_digest(self.scene), source_digest(self.shown)]
 
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON types."""
@@ -179,12 +181,7 @@ def load_grid(path: str | Path) -> Grid:
 
     InputError names the file, the field and its value.
     """
-    try:
-        plain = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        raise InputError(f"{path}: no such file") from error
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"{path}: not readable as TOML ({error})") from error
+    plain = read_toml(path)
     known = [field.name for field in fields(Grid)]
     for name in plain:
         if name not in known:
@@ -236,12 +233,6 @@ def _value(path: str | Path, name: str, value: Any) -> Any:
 
 def _digest(value: Any) -> bytes:
     return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).digest()
-
-
-def _content(name: str) -> str:
-    """Digest of a TOML file; nothing for a name."""
-    path = Path(name)
-    return hashlib.sha256(path.read_bytes()).hexdigest() if path.suffix == ".toml" and path.is_file() else ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,6 +22,7 @@ from optolever.projector import capture
 from optolever.scene import Surface, dent
 
 from ..arrays import Floats
+from ..own_sequence import own_sequence
 from ..place import Place, exact
 from ..timing import timed
 from .cell import Cell
@@ -58,7 +59,8 @@ def shoot(place: Place, cell: Cell) -> Shot:
     if cell.shown == "exact":
         return Shot(place, cell)
     pattern = place.scene.pattern
-    shown = axis_by_axis(sequence_from_text(cell.shown, pattern.rows, pattern.cols))
+    resized = cell.size is not None
+    shown = axis_by_axis(own_sequence(cell.shown, pattern.rows, pattern.cols, resized=resized))
     if shown.name == "lattice":
         return Shot(place, cell, shown)
 

@@ -10,14 +10,14 @@ import numpy as np
 
 from optolever.decode import Correspondence
 from optolever.errors import InputError
-from optolever.patterns import sequence_from_text
 from optolever.reconstruct import prism_geometry, recursion
 from optolever.records import silent
-from optolever.scene import dent_from_text, load
+from optolever.scene import dent_from_text
 
 from ..metrics import rms
+from ..own_sequence import own_sequence
 from ..paper_line import lattice_frames, lattice_positions, seen_points
-from ..place import Place
+from ..place import Place, resolve
 from ..timing import Measured, Stages, measured, toucher
 from ..timing import timed as run_once
 from .cell import ABSENT, DONE, FAILED, USELESS, Cell, Row, grouped
@@ -36,12 +36,13 @@ def check(cells: Sequence[Cell]) -> None:
     for cell in cells:
         solver(cell.solver)
         decoder(cell.decoder)
-    for name, dent, shown in dict.fromkeys((cell.scene, cell.dent, cell.shown) for cell in cells):
-        scene = load(name, exact=True)
+    asked = ((cell.scene, cell.size, cell.dent, cell.shown) for cell in cells)
+    for name, size, dent, shown in dict.fromkeys(asked):
+        scene = resolve(name, size)
         if dent:
             dent_from_text(dent, scene)
         if shown != "exact":
-            sequence_from_text(shown, scene.pattern.rows, scene.pattern.cols)
+            own_sequence(shown, scene.pattern.rows, scene.pattern.cols, resized=size is not None)
 
 
 def absent_modules(cells: Iterable[Cell]) -> tuple[str, ...]:

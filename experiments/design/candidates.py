@@ -2,22 +2,14 @@
 budget, and what a user brings: a Python callable, a folder of images with what they encode, or a name.
 """
 
-import importlib
 import math
-import sys
-import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
-
-import cv2
-import numpy as np
-from numpy.typing import NDArray
 
 from optolever.errors import InputError
 from optolever.patterns import Frame, Sequence, bits_for, sequence_from_text, sequence_names
-from optolever.pictures import read_picture
+
+from ..own_sequence import own_sequence
 
 #: Periods whose half is a whole number of cells: a Gray code cannot show others exactly.
 EVEN_PERIODS = (4.0, 6.0, 8.0, 10.0, 12.0, 16.0, 24.0)
@@ -28,7 +20,6 @@ LEAST_STEPS = 3
 SPAN = 1.125  # of the surface: a coarse period whose ends differ
 #: Sequences that no dense, absolute map can be decoded from on their own.
 NOT_DENSE = ("lattice", "crossed", "ramp")
-SLACK = 1  # grey levels by which an image may differ from its description
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,103 +120,6 @@ def ladder(
     )
 
 
-def user_candidate(text: str, rows: int, cols: int) -> Candidate:
-    """The candidate behind 'module:function', a folder, a .toml file or the name of a sequence.
-
-    The module lies in the working folder or is installed. The function is called with rows and cols and
-    returns a Sequence of that size. A folder holds `sequence.toml` as Sequence.save_png writes it, or
-    `coordinates.toml`:
-
-        [[frames]]
-        file = "a.png"
-        axis = "u"        # the coordinate along which the image varies
-
-    Each image has the size of the pattern and varies along its axis alone; it becomes a frame of free levels.
-    InputError names what is wrong.
-    """
-    if text.partition(":")[0] in sequence_names() or text.endswith(".toml"):
-        return Candidate(text, sequence_from_text(text, rows, cols))
-    if Path(text).is_dir():
-        return Candidate(text, _from_folder(Path(text), rows, cols))
-    return Candidate(text, _from_callable(text, rows, cols))
-
-
-def _from_callable(text: str, rows: int, cols: int) -> Sequence:
-    module, colon, name = text.partition(":")
-    if not colon:
-        raise InputError(
-            f"pattern {text!r}: is no folder, no .toml, no module:function and no known sequence"
-        )
-    before = list(sys.path)
-    sys.path.append(str(Path.cwd()))  # last, so that it hides no other module
-    try:
-        function = getattr(importlib.import_module(module), name)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise InputError(f"pattern {text!r}: cannot be imported ({error})") from error
-    else:
-        try:
-            found = function(rows, cols)
-        except Exception as error:  # whatever a user's function raises is a finding about that function
-            raise InputError(f"pattern {text!r}: raises {type(error).__name__}: {error}") from error
-    finally:
-        sys.path[:] = before
-    if not isinstance(found, Sequence):
-        raise InputError(f"pattern {text!r}: returns {type(found).__name__}, must be a Sequence")
-    if (found.rows, found.cols) != (rows, cols):
-        raise InputError(f"pattern {text!r}: is {found.rows}x{found.cols} cells, must be {rows}x{cols}")
-    return found
-
-
-def _from_folder(folder: Path, rows: int, cols: int) -> Sequence:
-    if (folder / "sequence.toml").is_file():
-        return _described(folder, rows, cols)
-    path = folder / "coordinates.toml"
-    if not path.is_file():
-        raise InputError(f"{folder}: holds neither sequence.toml nor coordinates.toml")
-    try:
-        tables = tomllib.loads(path.read_text(encoding="utf-8")).get("frames")
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: is no TOML ({error})") from error
-    if not isinstance(tables, list) or not tables:
-        raise InputError(f"{path}: frames is missing, must be at least one [[frames]] table")
-    frames = tuple(_frame(path, i, table, rows, cols) for i, table in enumerate(tables))
-    return Sequence(frames, rows, cols, folder.name)
-
-
-def _described(folder: Path, rows: int, cols: int) -> Sequence:
-    """sequence.toml and images that show what it says."""
-    found = sequence_from_text(str(folder / "sequence.toml"), rows, cols)
-    for index in range(len(found)):
-        path = folder / f"{index:03d}.png"
-        image = _image(path, rows, cols)
-        if np.abs(image.astype(np.int16) - found.render_frame(index)).max() > SLACK:
-            raise InputError(f"{path}: is not the image that sequence.toml describes as frame {index}")
-    return found
-
-
-def _frame(path: Path, index: int, table: Any, rows: int, cols: int) -> Frame:
-    where = f"{path}: frames[{index}]"
-    if not isinstance(table, dict) or set(table) - {"file", "axis"}:
-        raise InputError(f"{where}: is {table!r:.60}, must hold file and axis")
-    axis, name = table.get("axis"), table.get("file")
-    if axis not in ("u", "v", None) or not isinstance(name, str):
-        raise InputError(f"{where}: file {name!r} and axis {axis!r}, must be text and 'u' or 'v'")
-    image = _image(path.parent / name, rows, cols)
-    if axis is None:
-        level = int(image.flat[0])
-        if np.ptp(image) > SLACK:
-            raise InputError(f"{where}: {name} varies, axis must say along what")
-        return {255: Frame("white"), 0: Frame("black")}.get(level, Frame("uniform", level=level))
-    along = image if axis == "u" else image.T
-    if np.ptp(along, axis=0).max() > SLACK:
-        raise InputError(f"{where}: {name} varies across {axis} too, must vary along it alone")
-    return Frame("levels", axis, levels=tuple(int(level) for level in along[0]))
-
-
-def _image(path: Path, rows: int, cols: int) -> NDArray[np.uint8]:
-    image = read_picture(path, cv2.IMREAD_GRAYSCALE)
-    if image.shape != (rows, cols):
-        raise InputError(
-            f"{path}: is {image.shape[0]}x{image.shape[1]} pixels, the pattern has {rows}x{cols}"
-        )
-    return np.asarray(image, np.uint8)
+def user_candidate(text: str, rows: int, cols: int, *, resized: bool = False) -> Candidate:
+    """The candidate of what a user brings: see `own_sequence`."""
+    return Candidate(text, own_sequence(text, rows, cols, resized=resized))

@@ -13,7 +13,10 @@ from types import FrameType
 __all__ = ["PARTS", "House", "house", "traced"]
 
 ROOT = Path(__file__).resolve().parents[2]
-PARTS = ("scene", "patterns", "projector", "decode", "reconstruct", "calibration", "experiments", "cli")
+PARTS = (
+    *("scene", "patterns", "projector", "decode", "reconstruct"),
+    *("calibration", "metrology", "experiments", "cli"),
+)
 #: Words of the project's own dialect where the field has a noun (STYLE.md).
 PRIVATE = re.compile(
     r"\b(told|tells?|seen|shown|left|own|usual|wanted|whole|beside|unlike|alike|few|held|spoilt)\b", re.I

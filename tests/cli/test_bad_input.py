@@ -42,7 +42,7 @@ REFUSED = [
 def test_refused(line: str, words: list[str], refused: Refused, chain: Chain, tmp_path: Path) -> None:
     out, small = tmp_path / "out", tmp_path / "small.png"
     out.with_suffix(".npz").write_bytes(b"an older result")
-    cv2.imwrite(str(small), np.zeros((8, 8), np.uint8))
+    cv2.imwrite(str(small), np.full((8, 8), 255, np.uint8))
     known = {
         "out": out,
         "small": small,

@@ -55,9 +55,19 @@ def device(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
     return made
 
 
-@pytest.mark.parametrize("name", [name for names in SECTIONS.values() for name in names])
+def _commands() -> dict[str, click.Command]:
+    """Every command by its name, those of a group by both names."""
+    found = {}
+    for name in (name for names in SECTIONS.values() for name in names):
+        command = importlib.import_module(f"optolever.cli.{module_of(name)}").command
+        inner = command.commands if isinstance(command, click.Group) else {"": command}
+        found |= {f"{name} {each}".strip(): one for each, one in inner.items()}
+    return found
+
+
+@pytest.mark.parametrize("name", _commands())
 def test_every_command_checks_its_outputs(name: str) -> None:
-    command = importlib.import_module(f"optolever.cli.{module_of(name)}").command
+    command = _commands()[name]
     assert isinstance(command, Program)
     kinds = {parameter.name: parameter.type for parameter in command.params}
     json_type = kinds["json_path"]
@@ -67,11 +77,9 @@ def test_every_command_checks_its_outputs(name: str) -> None:
 
 def _outputs() -> list[tuple[str, click.Option]]:
     """Commands and their options that name an output or a folder of them."""
-    names = [name for names in SECTIONS.values() for name in names]
-    commands = [(name, importlib.import_module(f"optolever.cli.{module_of(name)}").command) for name in names]
     return [
         (name, option)
-        for name, command in commands
+        for name, command in _commands().items()
         for option in command.params
         if isinstance(option, click.Option)
         and (isinstance(option.type, OutputFile) or getattr(option.type, "files", ()))
@@ -90,7 +98,7 @@ def test_a_suffix_that_is_not_written_is_refused(
     else:
         files = option.type.files  # type: ignore[attr-defined]
         path, words = tmp_path / f"a{Path(files[0]).suffix}", ["must be a folder", *files]
-    refused([name, option.opts[0], path], f"{option.opts[0]} {path}: ", *words)
+    refused([*name.split(), option.opts[0], path], f"{option.opts[0]} {path}: ", *words)
     assert not list(tmp_path.iterdir())
 
 

@@ -19,6 +19,7 @@ FLOOR = {
     "projector": 2,
     "reconstruct": 3,
     "calibration": 4,
+    "metrology": 4,
     "experiments": 4,
     "cli": 5,
 }

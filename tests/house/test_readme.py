@@ -68,6 +68,9 @@ def test_programs_lines_parse(root: Path) -> None:
         if name.startswith("--"):
             continue
         command = program.get_command(click.Context(program), name)
+        if isinstance(command, click.Group) and args and not args[0].startswith("--"):
+            name, *args = args
+            command = command.get_command(click.Context(command), name)
         assert command is not None, f"{page}: {name} {args}"
         known = {option for parameter in command.params for option in parameter.opts} | {"--help"}
         unknown = [arg for arg in args if arg.startswith("--") and arg not in known]

@@ -298,3 +298,18 @@ def test_frames_that_cannot_be_hashed_are_shown_all_the_same() -> None:
 def test_widths_that_no_whole_number_counts_are_refused(name: str) -> None:
     with pytest.raises(InputError, match=f"{name} is 1e-300, must be at least 1e-06"):
         Frame("levels", "u", levels=(0, 255), **{name: 1e-300})
+
+
+def test_a_shift_in_degrees_or_as_a_step_of_some() -> None:
+    plain = {"kind": "phase", "axis": "u", "period_px": 8.0}
+    quarter = Frame("phase", "u", period_px=8.0, shift=np.pi / 2)
+    assert Frame.from_dict({**plain, "shift_deg": 90}) == quarter
+    assert Frame.from_dict({**plain, "shift_step": [1, 4]}) == quarter
+    for wrong, words in (
+        ({"shift_deg": 90, "shift": 0.0}, "shift and shift_deg are given"),
+        ({"shift_step": [1, 0]}, "N must be at least 1"),
+        ({"shift_step": 3}, r"shift_step is 3, must be \[k, N\]"),
+        ({"shift_deg": "x"}, "shift_deg is 'x', must be a number"),
+    ):
+        with pytest.raises(InputError, match=words):
+            Frame.from_dict({**plain, **wrong}, "capture.toml: frames[3]")

@@ -199,15 +199,18 @@ def other_scene(folder: Path) -> None:
 
 BAD: dict[str, tuple[Callable[[Path], object], tuple[str, ...]]] = {
     "no folder": (shutil.rmtree, ("c: no such folder",)),
-    "no description": (lambda folder: (folder / "capture.toml").unlink(), ("capture.toml", "no such file")),
+    "no description": (
+        lambda folder: (folder / "capture.toml").unlink(),
+        ("no capture.toml", "--sequence", "--description"),
+    ),
     "description is a picture": (
         lambda folder: (folder / "capture.toml").write_bytes(b"\xff\xd8\x00"),
-        ("capture.toml", "not TOML"),
+        ("capture.toml", "TOML"),
     ),
     "missing frame": (lambda folder: (folder / "frames" / "001.png").unlink(), ("001.png", "no such file")),
     "frame is a folder": (
         lambda folder: ((folder / "frames/001.png").unlink(), (folder / "frames/001.png").mkdir()),
-        ("001.png", "no such file"),
+        ("001.png", "is a folder, must be a file"),
     ),
     "extra frame": (
         lambda folder: shutil.copy(folder / "frames/001.png", folder / "frames/004.png"),
@@ -225,10 +228,6 @@ BAD: dict[str, tuple[Callable[[Path], object], tuple[str, ...]]] = {
     "damaged": (flip_a_bit, ("002.png", "damaged")),
     "no pixels": (headless_png, ("002.png", "not an image")),
     "other size": (image("002.png", np.zeros((12, 16), np.uint8)), ("002.png", "12x16", "12x17", "000.png")),
-    "colour": (
-        image("002.png", np.arange(12 * 17 * 3, dtype=np.uint8).reshape(12, 17, 3)),
-        ("002.png", "3 colour channels", "grey"),
-    ),
     "16-bit frame": (
         image("002.png", np.zeros((12, 17), np.uint16)),
         ("002.png", "uint16", "8 bits", "uint8"),

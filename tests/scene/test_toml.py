@@ -137,11 +137,66 @@ def test_face_takes_the_mediums_index(read):
         read(MINIMAL + face)
 
 
+def test_a_panel_with_a_bezel_starts_away_from_the_edge(read):
+    """The face of 45 deg rises along (1, 0, 1)/sqrt 2: 2 mm along it, 3 mm across."""
+    moved = read(MINIMAL.replace("size = [425", "offset_mm = [2, 3]\nsize = [425")).pattern
+    assert np.allclose(moved.point(-0.5, -0.5), [math.sqrt(2), 3, math.sqrt(2)], atol=1e-14, rtol=0)
+    along = read(MINIMAL.replace("size = [425", "offset_mm = 2\nsize = [425")).pattern
+    assert np.allclose(along.point(-0.5, -0.5), [math.sqrt(2), 0, math.sqrt(2)], atol=1e-14, rtol=0)
+
+
+def test_a_face_by_its_angle_stands_on_the_cameras_edge(read):
+    """It holds the line x = L0, z = 0 and the direction (-cos, 0, sin) in which it rises."""
+    face = read(MINIMAL + "[camera.face]\nangle_deg = 50\nindex = 1.4\n").camera.face
+    a = math.radians(50)
+    for point in ([60, 0, 0], [60, 7, 0], [60 - math.cos(a), 0, math.sin(a)]):
+        assert abs((np.array(point) - face.point) @ face.normal) < 1e-14
+    assert face.normal[2] > 0
+
+
+def test_a_focal_length_in_mm_with_the_pixels_pitch(read):
+    lens = RIG.replace("focal_px = [110, 120]", "focal_mm = 25\npixel_pitch_mm = [0.005, 0.01]")
+    assert read(lens).camera.focal.tolist() == [5000, 2500]
+    with pytest.raises(InputError, match=r"camera\.focal_px: excludes focal_mm"):
+        read(lens + "focal_px = 3\n")
+    with pytest.raises(InputError, match=r"camera\.pixel_pitch_mm is missing"):
+        read(lens.replace("pixel_pitch_mm = [0.005, 0.01]", ""))
+
+
+def test_a_telecentric_camera_may_look_at_a_point(read):
+    text = (
+        MINIMAL.rpartition("angle_deg = 45\n")[0] + "position_mm = [30, 20, 100]\nlook_at_mm = [30, 20, 0]\n"
+    )
+    camera = read(text + "size = [101, 75]\npitch_mm = [0.4, 0.6]\n").camera
+    origin, direction = camera.rays_at(37.0, 50.0)
+    assert np.allclose(origin, [30, 20, 100], atol=1e-12)
+    assert np.allclose(direction, [0, 0, -1])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "meant"),
+    [
+        ("pitch_mm = 0.1", "pitch = 0.1", "pattern.pitch_mm"),
+        ("look_at_mm", "look_at", "camera.look_at_mm"),
+        ("focal_px = [110, 120]", "focal_length = 25", "camera.focal_mm"),
+        ("focal_px = [110, 120]", "pitch_mm = 0.005", "camera.pixel_pitch_mm"),
+        ("position_mm", "positon_mm", "camera.position_mm"),
+        ("[camera]", "[camera.face]\nangle = 45\nindex = 1.4\n[camera]", "camera.face.angle_deg"),
+        ("[camera]", "[medium]\nn = 1.49\n[camera]", "medium.index"),
+        ("[camera]", "[medum]\nindex = 1.49\n[camera]", "medium"),
+    ],
+)
+def test_a_wrong_key_names_the_right_one(old, new, meant, read):
+    with pytest.raises(InputError) as caught:
+        read(RIG.replace(old, new))
+    assert str(caught.value).endswith(f" is unknown, must be {meant}")
+
+
 BAD = [
     ("", r"mirror is missing, must be given"),
     ("x", r"not readable as TOML"),
-    (MINIMAL.replace("size_mm", "size"), r"mirror\.size_mm is missing"),
-    (MINIMAL + "colour = 1\n", r"camera\.colour is unknown, must be one of kind, size, pitch_mm"),
+    (MINIMAL.replace("size_mm", "size"), r"mirror\.size is unknown, must be mirror\.size_mm"),
+    (MINIMAL + "colour = 1\n", r"camera\.colour is unknown, must be one of kind, size, face, pitch_mm"),
     (MINIMAL + "[light]\n", r"light is unknown, must be one of name, dent, exact, mirror"),
     (MINIMAL.replace("[60, 45]", "[60]"), r"mirror\.size_mm = \[60\]: must be 2 numbers"),
     (MINIMAL.replace("[60, 45]", "[60, 0]"), r"mirror\.size_mm = 0\.0: must be greater than 0"),
@@ -158,13 +213,13 @@ BAD = [
     (MINIMAL.replace("angle_deg = 45", "angle_deg = 90"), r"pattern\.angle_deg = 90: must be less than 90"),
     (
         MINIMAL.replace("[pattern]", "[pattern]\norigin_mm = [0, 0, 0]"),
-        r"pattern\.origin_mm is unknown.*excludes",
+        r"pattern\.origin_mm: angle_deg excludes .*leave it out",
     ),
     (MINIMAL.replace("[pattern]", "[pattern]\nblur_px = -1"), r"pattern\.blur_px = -1: must be at least 0"),
     (MINIMAL.replace("[camera]", "[camera]\nkind = 'fisheye'"), r"camera\.kind = 'fisheye': must be 'tele"),
     (MINIMAL.replace("[camera]", "[camera]\nkind = 3"), r"camera\.kind = 3: must be a text"),
-    (MINIMAL.replace("[camera]", "[camera]\nfocal_px = 3"), r"camera\.focal_px is unknown"),
-    (MINIMAL.replace("[camera]", "camera = 3\n[x]"), r"pattern\.camera is unknown"),
+    (MINIMAL.replace("[camera]", "[camera]\nfocal_px = 3"), r"camera\.focal_px: is of kind = 'pinhole'"),
+    (MINIMAL.replace("[camera]", "camera = 3\n[x]"), r"x is unknown, must be one of name"),
     ("mirror = 3", r"mirror = 3: must be a table"),
     (MINIMAL + "[medium]\n", r"medium\.index is missing"),
     (MINIMAL + "[sensor]\nbits = 7\n", r"sensor\.bits = 7: must be 8 to 16"),
@@ -181,7 +236,7 @@ BAD = [
     (RIG + "row_axis = [20, 0, -300]\n", r"camera\.row_axis = .*must not be parallel"),
     (RIG.replace("[0.1, 0, 0, 0, 0]", "[0.1]"), r"camera\.distortion = \[0\.1\]: must be 5 numbers"),
     (RIG.replace("[0.1, 0, 0, 0, 0]", "[-9, 0, 0, 0, 0]"), r"camera\.distortion = .*folds the image"),
-    (RIG.replace("look_at_mm = [30, 20, 0]\n", ""), r"camera\.u_axis is missing"),
+    (RIG.replace("look_at_mm = [30, 20, 0]\n", ""), r"camera\.look_at_mm is missing.*or u_axis"),
 ]
 
 
@@ -197,7 +252,7 @@ def test_a_file_that_is_not_there_or_no_text(tmp_path):
         InputError, match=r"scene 'paper': no such file, and no preset \(presets: monitor-mirror"
     ):
         load("paper")
-    with pytest.raises(InputError, match="no such file"):
+    with pytest.raises(InputError, match="is a folder, must be a file"):
         load(tmp_path)
     (tmp_path / "b.toml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(InputError, match=r"b\.toml: not readable as TOML"):

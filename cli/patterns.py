@@ -1,0 +1,58 @@
+"""`optolever patterns`: sequences as pictures, for displays that other programs drive."""
+
+from pathlib import Path
+
+import click
+
+from .options import DISPLAY, FILE, json_option, sample, shown_sequence
+from .outputs import Program
+from .show import table, write_json
+
+__all__ = ["command"]
+
+SAMPLE = """
+$ optolever patterns export to-show --sequence gray+phase --display 640x480 \\
+      --json to-show.json
+Patterns in to-show
+  sequence     gray+phase
+  pictures     30 of 480 x 640
+  description  to-show/capture.toml
+"""
+
+
+@click.group("patterns", epilog=sample(SAMPLE))
+def command() -> None:
+    """Write patterns as pictures, for a display of your own."""
+
+
+@command.command("export", cls=Program, epilog=sample(SAMPLE))
+@click.argument("out", type=FILE, metavar="DIR")
+@click.option(
+    "--sequence", "text", metavar="NAME[:KEY=VALUE,...]", default="gray+phase", show_default=True,
+    help="What to write; a .toml file that design or Sequence.save wrote.",
+)  # fmt: skip
+@click.option("--display", type=DISPLAY, metavar="COLSxROWS", help="Size of the pictures, such as 1920x1080.")
+@json_option
+def export(out: Path, text: str, display: tuple[int, int] | None, json_path: Path | None) -> None:
+    """Write 000.png, 001.png, ... and the capture.toml that describes them.
+
+    Show them in this order, one pattern pixel per screen pixel, and take a picture of each; then decode the
+    pictures with --description DIR/capture.toml.
+    """
+    from optolever.files import atomic_folder, together
+    from optolever.projector import write_description
+
+    shown = shown_sequence(text, display)
+    with together():
+        with atomic_folder(out) as folder:
+            shown.save_png(folder)
+            write_description(folder / "capture.toml", shown)
+        write_json(json_path, {"sequence": text, "frames": len(shown), "size": shown.shape[1:]})
+    table(
+        f"Patterns in {out}",
+        {
+            "sequence": text,
+            "pictures": f"{len(shown)} of {shown.rows} x {shown.cols}",
+            "description": str(out / "capture.toml"),
+        },
+    )

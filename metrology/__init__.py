@@ -1,0 +1,21 @@
+"""metrology: a height map as those who make mirrors state it: form, residual, slope error, Zernike terms.
+
+| file | holds |
+|---|---|
+| `forms.py` | forms by name: plane, sphere, cylinder, paraboloid, conic; some of their numbers held |
+| `fit.py` | `fit_form`: least squares over the good pixels; `FormFit`: numbers with sigma, residual |
+| `zernike.py` | Zernike polynomials over the aperture, and their coefficients with sigma |
+| `covariance.py` | what slope noise and the errors of the rig do to any fitted number |
+
+Lengths in mm, slopes in mm per mm; z > 0 is towards the camera: a concave mirror has a radius above 0.
+"""
+
+from optolever.arguments import check_face
+
+from .fit import FormFit, fit_form
+from .forms import form_names
+from .zernike import ZernikeFit, fit_zernike, zernike
+
+__all__ = ["FormFit", "ZernikeFit", "fit_form", "fit_zernike", "form_names", "zernike"]
+
+check_face(__name__)

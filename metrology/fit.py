@@ -1,0 +1,237 @@
+"""fit_form: a form fitted to the good pixels of a height map, its numbers with sigma, and what is left."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.errors import InputError
+from optolever.reconstruct import HeightMap, SlopeMap
+
+from .covariance import SlopeNoise, noise_covariance
+from .forms import Form, form_from_text
+
+__all__ = ["FormFit", "Numbers", "covariances_of", "fit_form", "placed", "slope_noise"]
+
+Floats = NDArray[np.float64]
+_STEPS = 30
+_SETTLED = 1e-9  # of the numbers' sigmas by a residual of a nanometre, and of the rms
+_NUDGE = 1e-5  # of a number's scale, for differences
+_ANCHORED = 1e-6  # share of its weights by which a number moves with all heights
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Numbers:
+    """Fitted numbers: names, values, standard deviations by noise (NaN: unknown) and by the errors of the rig
+    (0: an exact scene, or not known)."""
+
+    names: tuple[str, ...]
+    values: Floats
+    noise: Floats
+    rig: Floats
+
+    @property
+    def sigma(self) -> Floats:
+        """Noise and rig together."""
+        return np.hypot(self.noise, self.rig)
+
+    def to_dict(self) -> dict[str, dict[str, float]]:
+        """By name: value, sigma, noise, rig."""
+        rows = zip(self.names, self.values, self.sigma, self.noise, self.rig, strict=True)
+        return {
+            name: {"value": float(value), "sigma": float(sigma), "noise": float(noise), "rig": float(rig)}
+            for name, value, sigma, noise, rig in rows
+        }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FormFit:
+    """form: its name; numbers: fitted ones; held: those that were given; x, y, residual (H, W): heights less
+    the form, mm, NaN where they are not good; slope_x, slope_y (H, W): its slopes, mm per mm; middle: where
+    x = y = 0 of the form, mm in the mirror's frame."""
+
+    form: str
+    numbers: Numbers
+    held: dict[str, float]
+    x: Floats
+    y: Floats
+    residual: Floats
+    slope_x: Floats
+    slope_y: Floats
+    middle: tuple[float, float]
+
+    @property
+    def rms(self) -> float:
+        """Of the residual about its mean, mm, every pixel alike."""
+        return float(np.nanstd(self.residual))
+
+    @property
+    def pv(self) -> float:
+        """Largest less smallest residual, mm."""
+        return float(np.nanmax(self.residual) - np.nanmin(self.residual))
+
+    @property
+    def slope_rms(self) -> tuple[float, float]:
+        """Rms slope error along x and y, mm per mm."""
+        along_x, along_y = (float(np.sqrt(np.nanmean(s**2))) for s in (self.slope_x, self.slope_y))
+        return along_x, along_y
+
+
+def fit_form(height: HeightMap, form: str = "sphere", slopes: SlopeMap | None = None) -> FormFit:
+    """The form that fits the good pixels best in the least-squares sense, every pixel alike.
+
+    form: one of form_names(), with numbers that are held behind it: 'sphere:radius=4000', 'conic:conic=-1'.
+    slopes: the map's, from the same correspondence: the noise that the numbers' sigmas come from, and the
+    slope error (without it: the residual's differences). InputError if too few pixels are good.
+    """
+    name, known, held = form_from_text(form)
+    x, y, good, middle = placed(height, len(known.names))
+    z = height.z[good]
+    p, free = _fitted(known, held, x[good], y[good], z)
+    model = _freed(known, p, free)
+    covariances = covariances_of(_jacobian(model, p[free], x[good], y[good]), height, x, y, good, slopes)
+    scale = np.abs(_statement(known, p)[free])
+    sigmas = (scale * np.sqrt(np.diag(part)) for part in covariances)
+    found = Numbers(tuple(known.names[i] for i in free), known.stated(p)[free], *sigmas)
+    residual = np.full(height.z.shape, np.nan)
+    residual[good] = z - known.model(p, x[good], y[good])
+    slope_x, slope_y = _slope_errors(height, slopes, residual, lambda a, b: known.model(p, a, b), x, y, good)
+    return FormFit(name, found, held, height.x, height.y, residual, slope_x, slope_y, middle)
+
+
+def placed(height: HeightMap, count: int) -> tuple[Floats, Floats, NDArray[np.bool_], tuple[float, float]]:
+    """x, y from the middle of the good pixels, these, and the middle. InputError if they are too few."""
+    good = height.good & np.isfinite(height.z)
+    if np.count_nonzero(good) < 2 * count:
+        raise InputError(f"height map: {np.count_nonzero(good)} good pixels, must be at least {2 * count}")
+    middle = tuple(0.5 * float(part[good].min() + part[good].max()) for part in (height.x, height.y))
+    x, y = (np.asarray(part, np.float64) - at for part, at in zip((height.x, height.y), middle, strict=True))
+    return x, y, good, (middle[0], middle[1])
+
+
+def slope_noise(height: HeightMap, slopes: SlopeMap | None) -> SlopeNoise | None:
+    """Of the slope map, or the usual one that the height map's file holds; None: not known."""
+    if slopes is not None:
+        if slopes.x.shape != height.z.shape:
+            raise InputError(f"slope map: {slopes.x.shape}, must be {height.z.shape} as the height map")
+        return SlopeNoise(np.nan_to_num(slopes.sigma_x), np.nan_to_num(slopes.sigma_y))
+    usual = height.diagnostics.slope_sigma
+    return SlopeNoise(*usual) if usual is not None else None
+
+
+def covariances_of(
+    jacobian: Floats,
+    height: HeightMap,
+    x: Floats,
+    y: Floats,
+    good: NDArray[np.bool_],
+    slopes: SlopeMap | None,
+) -> tuple[Floats, Floats]:
+    """Covariances (m, m), by noise (NaN: unknown) and by the errors of the rig, of numbers that least squares
+    with this Jacobian (n, m) find."""
+    size = np.linalg.norm(jacobian, axis=0)
+    unit = jacobian / size
+    inverse = np.linalg.inv(unit.T @ unit)
+    noise, count = slope_noise(height, slopes), len(size)
+    by_noise = np.full((count, count), np.nan)
+    if noise is not None:
+        by_noise = inverse @ noise_covariance(unit, x, y, good, noise) @ inverse / np.outer(size, size)
+        # what moves with all heights together depends on the anchor, of which slopes tell nothing
+        anchored = np.abs(inverse @ unit.sum(axis=0)) > _ANCHORED * np.abs(inverse) @ np.abs(unit).sum(axis=0)
+        by_noise[anchored] = by_noise[:, anchored] = np.nan
+    by_rig = np.zeros((count, count))
+    if height.calibration is not None:
+        modes = np.nan_to_num(height.calibration[:, good].astype(np.float64))
+        answers = modes @ unit @ inverse / size
+        by_rig = answers.T @ answers
+    return by_noise, by_rig
+
+
+def _quadric(x: Floats, y: Floats, z: Floats) -> Floats:
+    """a, b, c, d, e, f of a + b x + c y + (d x^2 + 2 e x y + f y^2) / 2."""
+    scale = max(float(np.abs(x).max()), float(np.abs(y).max()), 1e-12)
+    u, v = x / scale, y / scale
+    terms = np.stack([np.ones_like(u), u, v, 0.5 * u * u, u * v, 0.5 * v * v], axis=1)
+    found = np.linalg.lstsq(terms, z, rcond=None)[0]
+    return np.asarray(found / scale ** np.array([0, 1, 1, 2, 2, 2]))
+
+
+def _fitted(form: Form, held: dict[str, float], x: Floats, y: Floats, z: Floats) -> tuple[Floats, list[int]]:
+    """Internal numbers by Gauss-Newton steps from the best quadric, and the places of those that are free."""
+    p = form.start(_quadric(x, y, z))
+    given = form.stated(p)
+    for name, value in held.items():
+        given[form.names.index(name)] = value
+    p = np.where([name in held for name in form.names], form.internal(given), p)
+    free = [i for i, name in enumerate(form.names) if name not in held]
+    model = _freed(form, p, free)
+    for _ in range(_STEPS if free else 0):
+        left = z - model(p[free], x, y)
+        step = np.linalg.lstsq(_jacobian(model, p[free], x, y), left, rcond=None)[0]
+        p[free] += step
+        moved = model(p[free], x, y) - (z - left)
+        if not np.isfinite(moved).all():
+            raise InputError("form: the fit does not settle; give some of its numbers, or remove power")
+        if np.sqrt(np.mean(moved**2)) <= _SETTLED * max(float(left.std()), 1e-9):
+            break
+    return p, free
+
+
+def _freed(form: Form, p: Floats, free: list[int]) -> Callable[[Floats, Floats, Floats], Floats]:
+    """The model as a function of the free numbers."""
+
+    def model(values: Floats, x: Floats, y: Floats) -> Floats:
+        whole = p.copy()
+        whole[free] = values
+        return form.model(whole, x, y)
+
+    return model
+
+
+def _jacobian(model: Callable[[Floats, Floats, Floats], Floats], p: Floats, x: Floats, y: Floats) -> Floats:
+    """By central differences (n, m), of steps that move the surface by a share of its extent."""
+    columns = []
+    for i in range(len(p)):
+        step = _NUDGE * max(abs(p[i]), 1e-3)
+        ahead, behind = p.copy(), p.copy()
+        ahead[i], behind[i] = p[i] + step, p[i] - step
+        columns.append((model(ahead, x, y) - model(behind, x, y)) / (2 * step))
+    return np.stack(columns, axis=1)
+
+
+def _statement(form: Form, p: Floats) -> Floats:
+    """Change of each number that is stated with the internal one (m,)."""
+    step = _NUDGE * np.maximum(np.abs(p), 1e-12)
+    return np.asarray((form.stated(p + step) - form.stated(p - step)) / (2 * step))
+
+
+def _slope_errors(
+    height: HeightMap,
+    slopes: SlopeMap | None,
+    residual: Floats,
+    form: Callable[[Floats, Floats], Floats],
+    x: Floats,
+    y: Floats,
+    good: NDArray[np.bool_],
+) -> tuple[Floats, Floats]:
+    """dz/dx and dz/dy of the residual (H, W), NaN where they are not known."""
+    if slopes is None:
+        return _differences(height.x, height.y, residual)
+    step = 1e-6 * max(float(np.ptp(x[good])), float(np.ptp(y[good])), 1e-9)
+    along_x = (form(x + step, y) - form(x - step, y)) / (2 * step)
+    along_y = (form(x, y + step) - form(x, y - step)) / (2 * step)
+    parts = (slopes.slope_x - along_x, slopes.slope_y - along_y)
+    one, other = (np.where(good, part, np.nan) for part in parts)
+    return one, other
+
+
+def _differences(x: Floats, y: Floats, z: Floats) -> tuple[Floats, Floats]:
+    """dz/dx and dz/dy by central differences on the pixels, whose places are x, y."""
+    if min(z.shape) < 2:
+        unknown = np.full(z.shape, np.nan)
+        return unknown, unknown
+    (zr, zc), (xr, xc), (yr, yc) = (np.gradient(np.asarray(part, np.float64)) for part in (z, x, y))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        area = xc * yr - xr * yc
+        return np.asarray((zc * yr - zr * yc) / area), np.asarray((zr * xc - zc * xr) / area)

@@ -1,0 +1,175 @@
+"""Forms of mirrors: z(x, y) by a few numbers. x, y are measured from the middle of the good pixels, mm.
+
+| form | numbers | z |
+|---|---|---|
+| piston | piston | a constant |
+| tilt | and tilt_x, tilt_y | a plane |
+| power | and power (1/mm) | and power r^2 / 2 |
+| paraboloid | vertex_x, vertex_y, vertex_z, focal | r^2 / (4 focal), r from the vertex |
+| sphere | ..., radius | c r^2 / (1 + sqrt(1 - c^2 r^2)), c = 1 / radius |
+| conic | ..., radius, conic | c r^2 / (1 + sqrt(1 - (1 + conic) c^2 r^2)) |
+| cylinder | axis_deg, slope, vertex_t, vertex_z, radius | slope s + a circle across, s along the axis |
+
+Source of the conic's sag: D. Malacara, Optical Shop Testing, 3rd ed. (2007), appendix 1.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.errors import InputError
+from optolever.numbers import real
+
+__all__ = ["FORMS", "Form", "form_from_text", "form_names"]
+
+Floats = NDArray[np.float64]
+#: Numbers of a fit as they enter the model: curvatures in place of radii, so that a flat one is no pole.
+Model = Callable[[Floats, Floats, Floats], Floats]
+
+
+@dataclass(frozen=True, slots=True)
+class Form:
+    """A model z(p, x, y) of internal numbers p; names: of what is stated; start: p from the quadric
+    a + b x + c y + (d x^2 + 2 e x y + f y^2) / 2 (6,) that fits best; stated, internal: p -> what is stated,
+    number by number, and back.
+    """
+
+    names: tuple[str, ...]
+    model: Model
+    start: Callable[[Floats], Floats]
+    stated: Callable[[Floats], Floats]
+    internal: Callable[[Floats], Floats]
+
+
+def _same(p: Floats) -> Floats:
+    return np.asarray(p, np.float64)
+
+
+def _last_inverse(*places: int, factor: float = 1.0) -> Callable[[Floats], Floats]:
+    """The numbers with factor / p in some places; its own inverse."""
+
+    def change(p: Floats) -> Floats:
+        changed = np.array(p, np.float64)
+        with np.errstate(divide="ignore"):
+            for place in places:
+                changed[place] = factor / changed[place]
+        return changed
+
+    return change
+
+
+def _plane(p: Floats, x: Floats, y: Floats) -> Floats:
+    z = p[0] + np.zeros_like(x)
+    for slope, along in zip(p[1:3], (x, y), strict=False):
+        z = z + slope * along
+    return np.asarray(z + 0.5 * p[3] * (x * x + y * y) if len(p) > 3 else z)
+
+
+def _sag(c: float, conic: float, r2: Floats) -> Floats:
+    inside = 1 - (1 + conic) * c * c * r2
+    return np.asarray(c * r2 / (1 + np.sqrt(np.maximum(inside, 0.0))))
+
+
+def _revolved(conic: float | None) -> Model:
+    """About an axis along z through (p0, p1): vertex height p2, curvature p3, and conic constant p4."""
+
+    def model(p: Floats, x: Floats, y: Floats) -> Floats:
+        k = p[4] if conic is None else conic
+        return np.asarray(p[2] + _sag(p[3], k, (x - p[0]) ** 2 + (y - p[1]) ** 2))
+
+    return model
+
+
+def _vertex(q: Floats) -> Floats:
+    """Vertex and curvature of a quadric's mean."""
+    c = 0.5 * (q[3] + q[5])
+    if c == 0:
+        raise InputError("form: the heights are flat, must be curved; remove tilt")
+    x, y = -q[1] / c, -q[2] / c
+    return np.array([x, y, q[0] - 0.5 * c * (x * x + y * y), c])
+
+
+def _cylinder(p: Floats, x: Floats, y: Floats) -> Floats:
+    angle, slope, at, height, c = p
+    along, across = np.cos(angle) * x + np.sin(angle) * y, -np.sin(angle) * x + np.cos(angle) * y
+    return np.asarray(height + slope * along + _sag(c, 0.0, (across - at) ** 2))
+
+
+def _of_quadric(q: Floats) -> Floats:
+    """A cylinder's numbers by the direction in which a quadric bends most."""
+    values, vectors = np.linalg.eigh(np.array([[q[3], q[4]], [q[4], q[5]]]))
+    strong = int(np.argmax(np.abs(values)))
+    c, across = float(values[strong]), vectors[:, strong]
+    if c == 0:
+        raise InputError("form: the heights are flat, must be curved; remove tilt")
+    angle = float(np.arctan2(-across[0], across[1]))
+    angle = (angle + np.pi / 2) % np.pi - np.pi / 2
+    along, across = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
+    at = -float(q[1:3] @ across) / c
+    return np.array([angle, float(q[1:3] @ along), at, q[0] - 0.5 * c * at * at, c])
+
+
+def _degrees(p: Floats) -> Floats:
+    changed = _last_inverse(4)(p)
+    changed[0] = np.degrees(changed[0])
+    return changed
+
+
+def _radians(p: Floats) -> Floats:
+    changed = _last_inverse(4)(p)
+    changed[0] = np.radians(changed[0])
+    return changed
+
+
+_VERTEX = ("vertex_x", "vertex_y", "vertex_z")
+_PLANE = ("piston", "tilt_x", "tilt_y", "power")
+
+
+def _planar(count: int) -> Form:
+    def start(q: Floats) -> Floats:
+        return np.array([*q[:3], 0.5 * (q[3] + q[5])])[:count]
+
+    return Form(_PLANE[:count], _plane, start, _same, _same)
+
+
+FORMS: dict[str, Form] = {
+    "piston": _planar(1),
+    "tilt": _planar(3),
+    "power": _planar(4),
+    "paraboloid": Form((*_VERTEX, "focal"), _revolved(-1.0), _vertex, *2 * (_last_inverse(3, factor=0.5),)),
+    "sphere": Form((*_VERTEX, "radius"), _revolved(0.0), _vertex, *2 * (_last_inverse(3),)),
+    "conic": Form(
+        (*_VERTEX, "radius", "conic"),
+        _revolved(None),
+        lambda q: np.append(_vertex(q), 0.0),
+        *2 * (_last_inverse(3),),
+    ),
+    "cylinder": Form(
+        ("axis_deg", "slope", "vertex_t", "vertex_z", "radius"), _cylinder, _of_quadric, _degrees, _radians
+    ),
+}
+
+
+def form_names() -> tuple[str, ...]:
+    """Names that fit_form knows."""
+    return tuple(FORMS)
+
+
+def form_from_text(text: str) -> tuple[str, Form, dict[str, float]]:
+    """'sphere' or 'conic:radius=4000,conic=-1': the form, and its numbers that are given. InputError for an
+    unknown name or number."""
+    name, _, rest = text.partition(":")
+    if name not in FORMS:
+        raise InputError(f"form {text!r}: unknown, must be one of {', '.join(FORMS)}")
+    form, held = FORMS[name], {}
+    for item in filter(None, rest.split(",")):
+        key, equals, value = item.partition("=")
+        if not equals or key not in form.names:
+            raise InputError(f"form {text!r}: {item!r}, must be NUMBER=VALUE of {', '.join(form.names)}")
+        try:
+            held[key] = real(f"form {text!r}: {key}", float(value))
+        except ValueError:
+            raise InputError(f"form {text!r}: {key} is {value!r}, must be a number") from None
+    return name, form, held

@@ -1,0 +1,26 @@
+"""The one place where TOML is read: with or without a byte order mark; what is no TOML is one line."""
+
+import codecs
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from optolever.errors import InputError, require_file
+
+__all__ = ["read_toml"]
+
+_UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+
+
+def read_toml(path: str | Path) -> dict[str, Any]:
+    """The tables of a TOML file in UTF-8. InputError, which names the file, if there is none or it is no
+    TOML."""
+    file = Path(path)
+    require_file(file)
+    data = file.read_bytes()
+    if data.startswith(_UTF16) or b"\0" in data[:4]:
+        raise InputError(f"{path}: not readable as TOML: the text is UTF-16, must be UTF-8; save it as UTF-8")
+    try:
+        return tomllib.loads(data.decode("utf-8-sig"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not readable as TOML: {error}") from error

@@ -1,0 +1,389 @@
+"""Pictures that another program took, one per pattern: which files, in which order, and as which levels.
+
+What can be seen without decoding is said here: other files in the folder, another number of pictures, numbers
+that are missing or start again, copies, colours without contrast, lossy formats.
+"""
+
+import glob
+import re
+from collections import Counter
+from collections.abc import Callable, Iterable
+from collections.abc import Sequence as Items
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.blocks import threads
+from optolever.errors import InputError
+from optolever.memory import require_room
+from optolever.notices import Notice
+from optolever.patterns import Frame, Sequence, sequence, sequence_names, sequence_parameters
+from optolever.pictures import CHANNELS, PICTURES, STACKS, colours_of, grey_of, is_lossy, read_pictures
+
+__all__ = ["Incoming", "Source", "incoming", "natural_key", "passed_over", "with_exposures"]
+
+Item = TypeVar("Item")
+Levels = NDArray[np.uint8] | NDArray[np.uint16]
+#: A folder, a glob pattern, a file of several pictures, or files.
+Source = str | Path | Items[str | Path]
+
+#: Displays that a count of pictures is compared with, columns x rows.
+_DISPLAYS = (
+    *((640, 480), (800, 480), (800, 600), (854, 480), (1024, 600), (1024, 768), (1280, 720), (1280, 800)),
+    *((1366, 768), (1440, 900), (1600, 900), (1680, 1050), (1920, 1080), (1920, 1200), (2048, 1536)),
+    *((2560, 1440), (2560, 1600), (3440, 1440), (3840, 2160)),
+)
+#: Share of the strongest colour's contrast below which a colour carries nothing.
+_NOTHING = 0.05
+#: Pixels of a picture along a side that colours and exposures are compared at.
+_SAMPLED = 64
+#: Level of the brightest sample of pictures in floating point, where their white is unknown: nothing clips.
+_BRIGHTEST = 60000
+_NONE = float("nan")
+COLOURED = Notice("pictures in colour, luminance is taken", _NONE, _NONE, "--channel takes one colour")
+LOSSY = Notice(
+    "pictures compressed with loss (JPEG, video)", _NONE, _NONE, "sigma is larger; keep PNG or TIFF"
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Incoming:
+    """frames (N, H, W) uint8 or uint16 in the order of showing; files: their names; notices: what was
+    noticed about the files."""
+
+    frames: Levels
+    files: tuple[str, ...]
+    notices: tuple[Notice, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Picture:
+    """One picture: its file, levels (H, W); if it has colours, red, green, blue (n, 3) of some pixels."""
+
+    file: str
+    levels: NDArray[Any]
+    colours: NDArray[Any] | None
+
+
+def incoming(source: Source, shown: Sequence, channel: str = "luminance") -> Incoming:
+    """The pictures of a folder, a glob pattern, a file that holds several (TIFF, NPY, video), or a list.
+
+    source: names are sorted as people count (img_2 before img_10); files that are no pictures are passed over
+    with a notice, hidden ones as well. shown: what the N pictures show. channel: one of CHANNELS. Values in
+    floating point become 16-bit levels. InputError names the file or the count, what it must be, and what
+    would fit.
+    """
+    if channel not in CHANNELS:
+        raise InputError(f"channel is {channel!r}, must be one of {', '.join(CHANNELS)}")
+    files, notices = _files(source)
+    named = _listed([str(each) for each in source]) if isinstance(source, list | tuple) else str(source)
+    if len(files) > 1:
+        files, more = _named_alike(files, len(shown))
+        notices += more
+        files, more = _from_where_numbers_start(files)
+        notices += more
+    with ThreadPoolExecutor(threads()) as pool:
+        parts = list(pool.map(lambda file: _pictures(file, channel), files))
+    pictures = [picture for part in parts for picture in part]
+    pictures, more = _of_one_size(pictures, len(shown))
+    notices += more
+    pictures, more = _without_copies(pictures, len(shown))
+    notices += more
+    if len(pictures) != len(shown):
+        raise InputError(f"{named}: {_other_count(len(pictures), shown)}{_missing(files)}")
+    require_room(f"{named}: {len(pictures)} pictures", 2 * len(pictures) * pictures[0].levels.nbytes)
+    notices += _colour_notices(pictures, channel)
+    if any(map(is_lossy, files)):
+        notices.append(LOSSY)
+    levels, more = _as_levels(pictures)
+    return Incoming(levels, tuple(picture.file for picture in pictures), tuple(notices + more))
+
+
+def natural_key(name: str) -> list[Any]:
+    """By which names are sorted as people count.
+
+    >>> sorted(["img_10.png", "IMG_2.png", "img_1.png"], key=natural_key)
+    ['img_1.png', 'IMG_2.png', 'img_10.png']
+    """
+    return [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", name.casefold())]
+
+
+def with_exposures(shown: Sequence, exposures: Items[float], frames: Levels | None = None) -> Sequence:
+    """The sequence under each exposure: all patterns under the first, then under the next; or, where frames
+    (N K, H, W) resemble that more, each pattern under all K."""
+    frames_of = [[_exposed(frame, exposure) for frame in shown.frames] for exposure in exposures]
+    one_by_one = [frame for each in frames_of for frame in each]
+    in_turns = [frame for each in zip(*frames_of, strict=True) for frame in each]
+    chosen = one_by_one
+    if frames is not None and len(exposures) > 1:
+        few = _few(frames).reshape(len(frames), -1).astype(np.float64)
+        count, most = len(shown), len(exposures)
+        apart, beside = (few[:count], few[count : 2 * count]), (few[::most], few[1::most])
+        if _likeness(*beside) > _likeness(*apart):
+            chosen = in_turns
+    return Sequence(tuple(chosen), shown.rows, shown.cols, shown.name, shown.nominal)
+
+
+def _exposed(frame: Frame, exposure: float) -> Frame:
+    return replace(frame, exposure=frame.exposure * exposure)
+
+
+def _likeness(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
+    """Mean correlation of pictures (N, n), those without contrast left out."""
+    one, other = (each - each.mean(axis=1, keepdims=True) for each in (one, other))
+    size = np.sqrt((one**2).sum(axis=1) * (other**2).sum(axis=1))
+    known = size > 0
+    return float(np.mean((one * other).sum(axis=1)[known] / size[known])) if known.any() else 0.0
+
+
+def _said(name: str, cure: str = "") -> Notice:
+    return Notice(name, _NONE, _NONE, cure)
+
+
+def _files(source: Source) -> tuple[list[Path], list[Notice]]:
+    """Files of pictures in natural order."""
+    if not isinstance(source, str | Path):
+        if len(source) != 1:
+            return _pictures_among([Path(each) for each in source], "list", "list")
+        source = source[0]
+    base = Path(source)
+    if base.is_dir():
+        return _pictures_among([path for path in base.iterdir() if path.is_file()], str(source), "folder")
+    if base.is_file():
+        if base.suffix.lower() not in STACKS:
+            raise InputError(
+                f"{source}: one picture, must be a folder, a pattern such as 'shots/*.png', or a file of "
+                f"several pictures ({', '.join(STACKS)})"
+            )
+        return [base], []
+    if glob.has_magic(str(source)):
+        found = [Path(name) for name in glob.glob(str(source)) if Path(name).is_file()]
+        return _pictures_among(found, str(source), "pattern")
+    raise InputError(f"{source}: no such file or folder")
+
+
+def _pictures_among(present: list[Path], source: str, what: str) -> tuple[list[Path], list[Notice]]:
+    """Pictures in natural order, and a notice of other files."""
+    known = {*PICTURES, *STACKS}
+    files = [path for path in present if path.suffix.lower() in known and not path.name.startswith(".")]
+    others = sorted((path.name for path in set(present) - set(files)), key=natural_key)
+    foreign = [name for name in others if name not in ("capture.toml", "sequence.toml")]
+    if not files:
+        inside = f"; it holds {_listed(others)}" if others else ""
+        raise InputError(f"{source}: no pictures in this {what} ({', '.join(PICTURES)}){inside}")
+    notices = [passed_over(foreign)] if foreign else []
+    return sorted(files, key=lambda path: natural_key(str(path))), notices
+
+
+def passed_over(names: Items[str]) -> Notice:
+    """That files are no pictures."""
+    return _said(f"{_listed(names)}: no pictures, passed over")
+
+
+def _listed(names: Items[str], most: int = 3) -> str:
+    """Some names, and how many more."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
+
+
+def _template(path: Path) -> str:
+    return re.sub(r"\d+", "#", path.name.casefold())
+
+
+def _only(
+    items: list[Item], count: int, kind: Callable[[Item], Any], name: Callable[[Item], str], why: str
+) -> tuple[list[Item], list[Notice]]:
+    """Of too many items those of one kind, if they alone are `count`."""
+    kinds = Counter(map(kind, items))
+    fitting = [each for each, number in kinds.items() if number == count]
+    if len(items) <= count or len(fitting) != 1:
+        return items, []
+    others = [name(item) for item in items if kind(item) != fitting[0]]
+    return [item for item in items if kind(item) == fitting[0]], [
+        _said(f"{_listed(others)}: {why}, passed over")
+    ]
+
+
+def _named_alike(files: list[Path], count: int) -> tuple[list[Path], list[Notice]]:
+    return _only(files, count, _template, lambda path: path.name, "not named as the other pictures")
+
+
+def _of_one_size(pictures: list[_Picture], count: int) -> tuple[list[_Picture], list[Notice]]:
+    """Pictures of one size and type. InputError names one that differs from most."""
+
+    def kind(picture: _Picture) -> tuple[Any, ...]:
+        return *picture.levels.shape, picture.levels.dtype.name
+
+    chosen, notices = _only(pictures, count, kind, lambda picture: picture.file, "of another size or type")
+    usual = Counter(map(kind, chosen)).most_common(1)[0][0]
+    for picture in chosen:
+        if kind(picture) != usual:
+            own, most = ("{}x{} of {}".format(*each) for each in (kind(picture), usual))
+            raise InputError(
+                f"{picture.file}: {own}, must be {most} as most of the pictures; name those by a pattern, "
+                "such as 'shots/img_*.png'"
+            )
+    return chosen, notices
+
+
+def _without_copies(pictures: list[_Picture], count: int) -> tuple[list[_Picture], list[Notice]]:
+    """Of too many pictures those that do not repeat the one before to the last bit, if they alone are
+    `count`: no camera takes one twice."""
+    if len(pictures) <= count:
+        return pictures, []
+    copies = [
+        i for i in range(1, len(pictures)) if np.array_equal(pictures[i].levels, pictures[i - 1].levels)
+    ]
+    if len(pictures) - len(copies) != count:
+        return pictures, []
+    names = [pictures[i].file for i in copies]
+    kept = [picture for i, picture in enumerate(pictures) if i not in copies]
+    return kept, [_said(f"{_listed(names)}: the same as the picture before, passed over")]
+
+
+def _numbers(files: Iterable[Path]) -> list[int]:
+    """The number that tells names apart, of each; none if more than one does, or the rest differs."""
+    parts = [re.split(r"(\d+)", path.name.casefold()) for path in files]
+    if len({len(each) for each in parts}) != 1:
+        return []
+    varying = [place for place, values in enumerate(zip(*parts, strict=True)) if len(set(values)) > 1]
+    if len(varying) != 1 or varying[0] % 2 == 0:
+        return []
+    return [int(each[varying[0]]) for each in parts]
+
+
+def _from_where_numbers_start(files: list[Path]) -> tuple[list[Path], list[Notice]]:
+    """In order of taking where a camera's counter passed 9999 and began again: one gap, up to nines."""
+    numbers = _numbers(files)
+    gaps = [i for i in range(1, len(numbers)) if numbers[i] != numbers[i - 1] + 1]
+    if len(gaps) != 1 or numbers[0] > 1 or not re.fullmatch("9+", str(numbers[-1])):
+        return files, []
+    first = gaps[0]
+    text = f"{files[first].name} is taken for the first: the counter passed {numbers[-1]} and began again"
+    return files[first:] + files[:first], [_said(text, "name the pictures in order where that is wrong")]
+
+
+def _missing(files: list[Path]) -> str:
+    """Numbers between the first and the last that no name has, as a sentence."""
+    numbers = _numbers(files)
+    steps = np.diff(numbers) if len(numbers) > 2 else np.zeros(0, np.int64)
+    usual = int(np.median(steps)) if len(steps) else 0
+    if usual < 1:
+        return ""
+    gone = [n for n in range(numbers[0], numbers[-1], usual) if n not in numbers]
+    if not 0 < len(gone) <= len(numbers) // 2:
+        return ""
+    return f"; no picture has the number {_listed([str(n) for n in gone])}"
+
+
+def _other_count(found: int, shown: Sequence) -> str:
+    """What is wrong with a number of pictures, and what would have it."""
+    text = f"{found} pictures, {shown.name} on a display of {shown.cols}x{shown.rows} has {len(shown)} frames"
+    if found % len(shown) == 0:
+        times = found // len(shown)
+        return f"{text}: {times} times as many; several exposures are told by --exposures 1,4,..."
+    fitting = _fitting(found, shown)
+    if fitting:
+        return f"{text}; {found} frames has {' or '.join(fitting)}"
+    what = "lost" if found < len(shown) else "too many"
+    return (
+        f"{text}: {abs(found - len(shown))} {what}; name the pictures by a pattern, such as 'shots/img_*.png'"
+    )
+
+
+def _fitting(found: int, shown: Sequence) -> list[str]:
+    """Up to three descriptions of as many frames: other parameters of the same name, other displays."""
+    if shown.name not in sequence_names():
+        return []
+    known = sequence_parameters(shown.name)
+    tried: list[tuple[str, int, int, dict[str, Any]]] = []
+    for key, values in (
+        ("inverses", (True, False)),
+        ("steps", (3, 4, 5, 6, 8)),
+        ("axes", ("u", "v")),
+        ("references", (True, False)),
+    ):
+        for value in values if key in known else ():
+            text = f"{shown.name}:{key}={str(value).lower()}"
+            tried.append((f"--sequence {text}", shown.rows, shown.cols, {key: value}))
+    tried += [(f"--display {cols}x{rows}", rows, cols, {}) for cols, rows in _DISPLAYS]
+    fitting = []
+    for text, rows, cols, given in tried:
+        try:
+            if len(sequence(shown.name, rows, cols, **given)) == found:
+                fitting.append(text)
+        except InputError:
+            continue
+    return fitting[:3]
+
+
+def _pictures(file: Path, channel: str) -> list[_Picture]:
+    """All pictures of a file."""
+    stack = read_pictures(file)
+    found = []
+    for i, picture in enumerate(stack):
+        name = file.name if len(stack) == 1 else f"{file.name}[{i}]"
+        colours = colours_of(picture)
+        some = None if colours is None else _few(colours[None])[0].reshape(-1, 3)
+        found.append(_Picture(name, grey_of(picture, channel), some))
+    return found
+
+
+def _few(frames: NDArray[Any]) -> NDArray[Any]:
+    """Some pixels of frames (N, H, W, ...), evenly spread."""
+    rows, cols = (max(1, size // _SAMPLED) for size in frames.shape[1:3])
+    return frames[:, ::rows, ::cols]
+
+
+def _colour_notices(pictures: list[_Picture], channel: str) -> list[Notice]:
+    """How much red, green and blue vary from picture to picture, if they differ. InputError if the channel
+    that is asked for carries nothing."""
+    coloured = [picture.colours for picture in pictures if picture.colours is not None]
+    if not coloured:
+        return []
+    values = np.stack([each for each in coloured if each.shape == coloured[0].shape]).astype(np.float64)
+    contrast = dict(zip(CHANNELS[:3], np.quantile(np.ptp(values, axis=0), 0.9, axis=0).tolist(), strict=True))
+    best = max(contrast, key=contrast.__getitem__)
+    empty = [name for name, size in contrast.items() if size < _NOTHING * contrast[best]]
+    told = ", ".join(f"{name} {size:.3g}" for name, size in contrast.items())
+    if channel in empty:
+        raise InputError(
+            f"--channel {channel}: carries nothing (contrast in levels: {told}); take --channel {best}"
+        )
+    if channel != CHANNELS[3]:
+        return []
+    cure = (
+        f"{' and '.join(empty)} carry nothing, take --channel {best}"
+        if empty
+        else "--channel takes one of them"
+    )
+    return [_said(f"{COLOURED.name} (contrast in levels: {told})", cure)]
+
+
+def _as_levels(pictures: list[_Picture]) -> tuple[Levels, list[Notice]]:
+    """Pictures as uint8 or uint16 (N, H, W)."""
+    stack = np.stack([picture.levels for picture in pictures])
+    if stack.dtype in (np.uint8, np.uint16):
+        return stack, []
+    finite = np.isfinite(stack)
+    if not finite.any():
+        raise InputError(f"{pictures[0].file}: no value is finite, must be light")
+    least, most = float(stack[finite].min()), float(stack[finite].max())
+    notices = []
+    if not finite.all():
+        whole = finite.all(axis=0)
+        notices.append(
+            _said(
+                f"{np.count_nonzero(~whole)} pixels are not finite in some picture", "they are taken as dark"
+            )
+        )
+        stack = np.where(whole, stack, least)
+    if stack.dtype.kind in "iu" and least >= 0 and most < 65536:
+        return stack.astype(np.uint16), notices
+    low = min(least, 0.0)
+    scale = 65535.0 if low == 0 and 0 < most <= 1 else _BRIGHTEST / max(most - low, np.finfo(np.float64).tiny)
+    return np.rint((stack.astype(np.float64) - low) * scale).astype(np.uint16), notices

@@ -1,0 +1,180 @@
+"""Plausible mistakes: each is one line that names what is wrong, its value, what it must be, and the cure."""
+
+import re
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from optolever import InputError
+from optolever.decode import Correspondence, decode, difference
+from optolever.projector import Capture
+
+from .conftest import Chain, Program, Refused
+
+RIG = """\
+[mirror]
+size_mm = [60, 45]
+[pattern]
+size = [1080, 1920]
+pitch_mm = 0.153
+angle_deg = 48
+[camera]
+kind = "pinhole"
+size = [640, 512]
+focal_px = 2100
+position_mm = [185, 22.5, 126]
+look_at_mm = [30, 22.5, 0]
+[medium]
+index = 1.41
+"""
+#: A line of the rig, what stands in its place, and words of the answer.
+RIGS = [
+    ("pitch_mm", "pitch = 0.153", ("pattern.pitch is unknown", "must be pattern.pitch_mm")),
+    ("index", "n = 1.49", ("medium.n is unknown", "must be medium.index")),
+    ("focal_px", "focal_mm = 25", ("camera.pixel_pitch_mm is missing",)),
+    ("focal_px", "f = 2100", ("camera.f is unknown", "must be camera.focal_px")),
+    ("look_at_mm", "look_at = [30, 22.5, 0]", ("camera.look_at is unknown", "must be camera.look_at_mm")),
+    ("look_at_mm", "", ("camera.look_at_mm is missing", "u_axis")),
+    ("kind", "", ("camera.focal_px", "kind = 'pinhole'", "'telecentric'")),
+    ("angle_deg", "angle_deg = 48\norigin_mm = [0, 0, 0]", ("pattern.origin_mm", "angle_deg excludes")),
+    ("angle_deg", "angle_deg = 148", ("pattern.angle_deg = 148", "less than 90")),
+    ("angle_deg", "angle = 48", ("pattern.angle is unknown", "must be pattern.angle_deg")),
+    ("angle_deg", "", ("pattern.origin_mm is missing", "angle_deg")),
+]
+
+
+@pytest.mark.parametrize(("key", "line", "words"), RIGS)
+def test_a_rig_that_is_not_meant_so(
+    key: str, line: str, words: tuple[str, ...], refused: Refused, tmp_path: Path
+) -> None:
+    path = tmp_path / "rig.toml"
+    path.write_text(re.sub(rf"^{key} = .*$", line, RIG, count=1, flags=re.MULTILINE))
+    refused(["capture", "--scene", path, "--out", tmp_path / "capture"], "rig.toml: ", *words)
+
+
+#: Lines of the program, and words of the answer.
+LINES = [
+    ("reconstruct {c} --scene prism48 --out {out}.npz", ("c.npz", "96 x 96", "600 x 800")),
+    (
+        "{solve} --anchor 900,0,0 --out {out}.npz",
+        ("anchor point (900, 0, 0)", "outside the image of 96 x 96"),
+    ),
+    ("{solve} --out {out}.npz --grid {out}.obj", ("--grid", ".obj", ".x3p")),
+    ("{solve} --out {out}.csv", ("--out", ".csv", "must be .npz")),
+    (
+        "reconstruct {capture} {scene} --out {out}.npz",
+        ("capture: is a folder, must be a file", "capture.toml"),
+    ),
+    ("reconstruct {c} --scene {capture} --out {out}.npz", ("is a folder, must be a file", "scene.toml")),
+    ("decode {capture} --mask {capture} --out {out}.npz", ("is a folder, must be a file",)),
+    ("decode {capture} --out {out}.csv", ("--out", ".csv", "must be .npz")),
+    ("decode {capture} --description {capture} --out {out}.npz", ("is a folder, must be a file",)),
+    ("decode {capture}/frames --out {out}.npz", ("no capture.toml", "--sequence", "--display")),
+    ("decode {capture}/frames --sequence gray+phase --out {out}.npz", ("--display is missing", "COLSxROWS")),
+    ("decode {capture}/frames --display 96x96 --out {out}.npz", ("--display", "--sequence")),
+    (
+        "decode {capture}/frames --sequence gray+phase --display 1920x1080 --out {out}.npz",
+        ("pictures, gray+phase on a display of 1920x1080 has 28 frames",),
+    ),
+    ("capture --scene prism48 --sequence phase:periods=16,8 --out {out}", ("'8'", "name=value", "16/8")),
+    ("capture --scene prism48 --sequence phase:steps=2 --out {out}", ("steps is 2", "at least 3")),
+    ("capture --scene prism48 --sequence grey --out {out}", ("'grey'", "gray+phase")),
+    ("capture --scene prism48 --dent gaussian:depth=1 --out {out}", ("'depth'", "must be one of peak")),
+    ("capture --scene prism48 --dent hole --out {out}", ("'hole'", "must be one of flat")),
+    ("capture --scene prism --out {out}", ("'prism'", "prism48")),
+    ("capture --scene prism48 --size 600*800 --out {out}", ("'600*800'", "480x640")),
+    ("capture --scene prism48", ("--out",)),
+    ("capture --out {out}", ("--scene",)),
+    ("calibrate {scene} flat --out {out}.toml", ("capture 'flat'", "flat=pose.npz")),
+    ("calibrate {scene} ball:30={c} --out {out}.toml", ("target ball", "ball:RADIUS,SIGMA", "ball:30,0.003")),
+    ("calibrate {scene} flat={c} --prior pattern.zz=1 --out {out}.toml", ("pattern.zz", "pattern.")),
+    ("show --monitor 99", ()),
+    ("rig new --kind prism --out {out}.toml", ("--mirror is missing", "mm")),
+    (
+        "rig new --kind prism --display-distance 3 --out {out}.toml",
+        ("--display-distance", "of a monitor", "--kind is prism"),
+    ),
+    ("patterns export {out}", ("--display is missing", "1920x1080")),
+    ("patterns export {out} --display 0x5", ("'0x5'", "COLSxROWS")),
+]
+
+
+@pytest.mark.parametrize(("line", "words"), LINES)
+def test_a_line_that_is_not_meant_so(
+    line: str, words: tuple[str, ...], refused: Refused, chain: Chain, tmp_path: Path
+) -> None:
+    solve = f"reconstruct {chain.correspondence} --scene {chain.capture / 'scene.toml'}"
+    known = {
+        "out": tmp_path / "out",
+        "capture": chain.capture,
+        "c": chain.correspondence,
+        "solve": solve,
+        "scene": f"--scene {chain.capture / 'scene.toml'}",
+    }
+    refused(line.format(**known).split(), *words)
+
+
+def test_a_name_in_place_of_a_record() -> None:
+    with pytest.raises(
+        InputError, match=r"sequence: 'gray\+phase', must be .*patterns\.sequence\(name, rows"
+    ):
+        decode(np.zeros((3, 8, 8), np.uint8), "gray+phase")  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"must be a decode\.Correspondence.*decode\.decode"):
+        difference("w", "v")  # type: ignore[arg-type]
+
+
+def test_sequence_toml_is_a_description(optolever: Program, chain: Chain, tmp_path: Path) -> None:
+    capture = Capture.load(chain.capture)
+    capture.sequence.save(tmp_path / "sequence.toml")
+    args = ["--description", tmp_path / "sequence.toml", "--out", tmp_path / "c.npz"]
+    optolever("decode", chain.capture / "frames", *args)
+    assert Correspondence.load(tmp_path / "c.npz") == Correspondence.load(chain.correspondence)
+
+
+@pytest.mark.parametrize("kind", ["png", "jpg"])
+def test_pictures_in_colour_are_taken_and_told(
+    kind: str, optolever: Program, chain: Chain, tmp_path: Path
+) -> None:
+    """A warm white: red at 9/10, blue at 2/3."""
+    folder, tint = tmp_path / "shots", np.array([2 / 3, 1, 0.9])
+    folder.mkdir()
+    for path in (chain.capture / "frames").iterdir():
+        image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        coloured = np.rint(image[..., None] * tint).astype(np.uint8)
+        options = [cv2.IMWRITE_JPEG_QUALITY, 95] if kind == "jpg" else []
+        cv2.imwrite(str(folder / f"{path.stem}.{kind}"), coloured, options)
+    rows, cols = Capture.load(chain.capture).sequence.shape[1:]
+    args = ["--sequence", "gray+phase", "--display", f"{cols}x{rows}", "--out", tmp_path / "c.npz"]
+    told = optolever("decode", folder, *args).err
+    assert "pictures in colour, luminance is taken" in told
+    assert ("JPEG" in told) == (kind == "jpg")
+    found, true = Correspondence.load(tmp_path / "c.npz"), Correspondence.load(chain.correspondence)
+    both = found.good & true.good
+    assert both.sum() > 0.9 * true.good.sum()
+    assert np.abs(found.u - true.u)[both].max() < 1
+
+
+@pytest.mark.parametrize(
+    ("damage", "words"),
+    [
+        (lambda names: [*names[:3], names[4], names[3], *names[5:]], "each other's place"),
+        (lambda names: [*names[:3], names[2], *names[4:]], "frame 3 is frame 2 again"),
+    ],
+)
+def test_frames_in_another_order_are_named(
+    damage: object, words: str, optolever: Program, chain: Chain, tmp_path: Path
+) -> None:
+    shutil.copytree(chain.capture / "frames", tmp_path / "frames")
+    names = sorted(path.name for path in (tmp_path / "frames").iterdir())
+    for new, old in zip(names, damage(names), strict=True):  # type: ignore[operator]
+        shutil.copy(chain.capture / "frames" / old, tmp_path / "frames" / new)
+    shutil.copy(chain.capture / "capture.toml", tmp_path)
+    assert words in optolever("decode", tmp_path, "--out", tmp_path / "c.npz").err
+
+
+def test_a_press_as_its_own_rest_is_named(optolever: Program, chain: Chain, tmp_path: Path) -> None:
+    args = [*chain.solve, "--rest", chain.correspondence, "--out", tmp_path / "h.npz"]
+    assert "one and the same capture" in optolever(*args).err

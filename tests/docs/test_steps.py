@@ -1,0 +1,67 @@
+"""README's four steps, as they stand, with a camera that takes the pictures between them."""
+
+import re
+import shlex
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from optolever import projector
+from optolever.cli import run
+from optolever.patterns import sequence
+from optolever.projector import Monitor
+from optolever.reconstruct import HeightMap
+from optolever.scene import dent, load, resize
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+class Window:
+    """A monitor that nobody looks at."""
+
+    def __init__(self, *_: object, **__: object) -> None: ...
+
+    def __enter__(self) -> "Window":
+        return self
+
+    def __exit__(self, *_: object) -> None: ...
+
+    def run(self) -> None: ...
+
+
+def lines() -> list[list[str]]:
+    """The commands of README's section."""
+    section = (
+        (ROOT / "README.md").read_text().partition("## A capture of your own\n")[2].partition("\n## ")[0]
+    )
+    block = re.search(r"```console\n(.*?)```", section, re.DOTALL)
+    assert block is not None
+    return [shlex.split(line.removeprefix("$ optolever ")) for line in block[1].splitlines()]
+
+
+def test_the_four_steps_run_as_they_stand(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    rig = resize(load("monitor-mirror"), 72, 90)
+    rig.save("rig.toml")
+    shape = rig.pattern.rows, rig.pattern.cols
+    screens = [Monitor(0, "one", 480, 640, 60), Monitor(1, "two", *shape, 60)]
+    monkeypatch.setattr(projector, "monitors", lambda: screens)
+    monkeypatch.setattr(projector, "PatternWindow", Window)
+    show, *others = lines()
+    assert run(show) == 0
+    pressed: Any = dent("gaussian", rig, peak=0.1, sigma=20.0)
+    for name, surface in (("rest", dent("flat", rig)), ("pressed", pressed)):
+        shown = sequence("gray+phase", *shape)
+        taken = projector.capture(rig, surface, shown, noise=1.0, renderer="numpy")
+        (tmp_path / name).mkdir()
+        for i, image in enumerate(taken.frames):
+            cv2.imwrite(str(tmp_path / name / f"IMG_{i + 1}.png"), image)
+    for line in others:
+        assert run(line) == 0, line
+    height = HeightMap.load("h.npz")
+    error = (height.z - pressed.height(height.x, height.y))[height.good]
+    assert height.good.mean() > 0.95
+    assert np.std(error) < 1.5 * np.median(height.sigma[height.good]) < 1e-3  # mm, of a dent of 0.1

@@ -1,0 +1,207 @@
+"""Forms, Zernike terms and their sigmas, against closed forms and against noise that is drawn."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from optolever import InputError
+from optolever.metrology import fit_form, fit_zernike, form_names, zernike
+from optolever.reconstruct import Diagnostics, HeightMap, SlopeMap, integrate
+
+Floats = NDArray[np.float64]
+PITCH, ROWS, COLS = 3.0, 60, 80
+Y, X = np.mgrid[0:ROWS, 0:COLS] * PITCH
+X0, Y0 = 100.0, 80.0  # vertex, off the middle
+MIDDLE = PITCH * (COLS - 1) / 2, PITCH * (ROWS - 1) / 2
+
+
+def height_map(z: Floats, good: Any = True, **more: Any) -> HeightMap:
+    flags = np.where(np.broadcast_to(good, z.shape), 0, 128).astype(np.uint16)
+    return HeightMap(X.astype(float), Y.astype(float), z, np.full(z.shape, 1e-4), flags, **more)
+
+
+def conic(radius: float, constant: float) -> Floats:
+    r2, c = (X - X0) ** 2 + (Y - Y0) ** 2, 1 / radius
+    return np.asarray(c * r2 / (1 + np.sqrt(1 - (1 + constant) * c * c * r2)))
+
+
+def along(degrees: float) -> tuple[Floats, Floats]:
+    """Coordinates along and across an axis through the vertex."""
+    a = np.radians(degrees)
+    return np.cos(a) * (X - X0) + np.sin(a) * (Y - Y0), np.cos(a) * (Y - Y0) - np.sin(a) * (X - X0)
+
+
+def tilted_cylinder() -> Floats:
+    s, t = along(25)
+    return 0.01 * s - (4000 - np.sqrt(4000**2 - t**2))
+
+
+EXACT = {
+    "sphere": (
+        0.3 + 4000 - np.sqrt(4000**2 - (X - X0) ** 2 - (Y - Y0) ** 2),
+        {"radius": 4000, "vertex_z": 0.3},
+    ),
+    "paraboloid": (((X - X0) ** 2 + (Y - Y0) ** 2) / (4 * -2000), {"focal": -2000}),
+    "conic": (conic(300, -0.7), {"radius": 300, "conic": -0.7}),
+    "conic:conic=-0.7": (conic(300, -0.7), {"radius": 300}),
+    "sphere:radius=4000": (4000 - np.sqrt(4000**2 - (X - X0) ** 2 - (Y - Y0) ** 2), {"vertex_z": 0}),
+    "tilt": (0.2 + 0.03 * X - 0.05 * Y, {"tilt_x": 0.03, "tilt_y": -0.05}),
+    "cylinder": (tilted_cylinder(), {"axis_deg": 25, "slope": 0.01, "radius": -4000}),
+}
+
+
+@pytest.mark.parametrize("form", EXACT)
+def test_a_closed_form_is_found_and_leaves_nothing(form: str) -> None:
+    z, stated = EXACT[form]
+    fit = fit_form(height_map(z), form)
+    found = dict(zip(fit.numbers.names, fit.numbers.values, strict=True)) | fit.held
+    for name, value in stated.items():
+        assert found[name] == pytest.approx(value, rel=1e-7, abs=1e-9), name
+    if "vertex_x" in found:
+        assert (found["vertex_x"], found["vertex_y"]) == pytest.approx(
+            (X0 - MIDDLE[0], Y0 - MIDDLE[1]), abs=1e-6
+        )
+    assert fit.rms < 1e-10
+    assert fit.middle == pytest.approx(MIDDLE)
+
+
+def test_every_name_is_a_form() -> None:
+    for name in form_names():
+        assert fit_form(height_map(conic(500, -0.5)), name).form == name
+
+
+def test_what_a_given_radius_leaves() -> None:
+    """A sphere of 4010 mm against one of 4000 mm: r^2/2 (1/4010 - 1/4000), and its slope, to first order."""
+    z = 4010 - np.sqrt(4010**2 - (X - MIDDLE[0]) ** 2 - (Y - MIDDLE[1]) ** 2)
+    fit = fit_form(height_map(z), "sphere:radius=4000")
+    change = 1 / 4010 - 1 / 4000
+    quadratic = 0.5 * change * ((X - MIDDLE[0]) ** 2 + (Y - MIDDLE[1]) ** 2)
+    assert fit.rms == pytest.approx(quadratic.std(), rel=2e-3)
+    assert fit.pv == pytest.approx(np.ptp(quadratic), rel=2e-3)
+    inner = np.gradient(quadratic, PITCH)
+    assert fit.slope_rms == pytest.approx([np.sqrt(np.mean(part**2)) for part in inner[::-1]], rel=1e-2)
+
+
+def test_slopes_of_a_slope_map_are_used_less_those_of_the_form() -> None:
+    z = conic(900, 0)
+    map_, root = height_map(z), np.sqrt(900**2 - (X - X0) ** 2 - (Y - Y0) ** 2)
+    same = np.zeros(z.shape)
+    slopes = SlopeMap(map_.x, map_.y, (X - X0) / root + 3e-5, (Y - Y0) / root - 4e-5, same, same, map_.flags)
+    assert fit_form(map_, "sphere", slopes).slope_rms == pytest.approx((3e-5, 4e-5), rel=1e-4)
+
+
+@pytest.mark.parametrize("form", ["sphere", "paraboloid", "power", "cylinder"])
+def test_sigmas_are_what_slope_noise_does(form: str) -> None:
+    """40 draws of white slope noise, integrated by least squares; what hangs on the anchor has none."""
+    s, z = 1e-5, tilted_cylinder() if form == "cylinder" else conic(4000, 0)
+    usual = Diagnostics("drawn", slope_sigma=(s, s))
+    values, noise = [], np.zeros(0)
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        drawn = integrate(*(s * rng.standard_normal((2, ROWS, COLS))), spacing=PITCH).z
+        numbers = fit_form(height_map(z + drawn, diagnostics=usual), form).numbers
+        values.append(numbers.values)
+        noise = numbers.noise
+    known = np.isfinite(noise)
+    assert {name for name, each in zip(numbers.names, known, strict=True) if not each} <= {
+        "vertex_z",
+        "piston",
+    }
+    ratio = np.std(values, axis=0)[known] / noise[known]
+    assert (ratio > 0.7).all()
+    assert (ratio < 1.35).all()
+
+
+def test_the_rigs_errors_are_in_sigma() -> None:
+    """A mode that adds power moves the radius by d(1/R)."""
+    z, mode = conic(4000, 0), 1e-9 * ((X - X0) ** 2 + (Y - Y0) ** 2)
+    fit = fit_form(height_map(z, calibration=mode[None].astype(np.float32)), "sphere")
+    rig = fit.numbers.rig[fit.numbers.names.index("radius")]
+    assert rig == pytest.approx(4000**2 * 2e-9, rel=1e-3)
+    assert np.isnan(fit.numbers.noise).all()  # a file that does not say how noisy its slopes are
+
+
+#: Z_n^m as tables print them: R. J. Noll, J. Opt. Soc. Am. 66 (1976), table I.
+TABLE: dict[tuple[int, int], Callable[[Floats, Floats], Any]] = {
+    (0, 0): lambda r, t: 1 + 0 * r,
+    (1, 1): lambda r, t: 2 * r * np.cos(t),
+    (1, -1): lambda r, t: 2 * r * np.sin(t),
+    (2, 0): lambda r, t: np.sqrt(3) * (2 * r**2 - 1),
+    (2, -2): lambda r, t: np.sqrt(6) * r**2 * np.sin(2 * t),
+    (2, 2): lambda r, t: np.sqrt(6) * r**2 * np.cos(2 * t),
+    (3, -1): lambda r, t: np.sqrt(8) * (3 * r**3 - 2 * r) * np.sin(t),
+    (3, 1): lambda r, t: np.sqrt(8) * (3 * r**3 - 2 * r) * np.cos(t),
+    (3, 3): lambda r, t: np.sqrt(8) * r**3 * np.cos(3 * t),
+    (4, 0): lambda r, t: np.sqrt(5) * (6 * r**4 - 6 * r**2 + 1),
+    (4, 2): lambda r, t: np.sqrt(10) * (4 * r**4 - 3 * r**2) * np.cos(2 * t),
+}
+
+
+def test_zernike_polynomials_are_those_of_the_tables() -> None:
+    r, t = np.random.default_rng(1).uniform(0, [[1], [6.28]], (2, 200))
+    for (n, m), exact in TABLE.items():
+        np.testing.assert_allclose(zernike(n, m, r, t), exact(r, t), atol=1e-12)
+    for n, m in ((1, 0), (2, 3), (-1, 1)):
+        with pytest.raises(InputError, match="must be n >= "):
+            zernike(n, m, r, t)
+
+
+def test_zernike_coefficients_of_a_sum_of_terms() -> None:
+    u, v = X - MIDDLE[0], Y - MIDDLE[1]
+    radius = float(np.hypot(u, v).max())
+    given = {(2, 2): 3e-4, (3, -1): -2e-4, (4, 0): 1e-4}
+    z = sum(a * zernike(n, m, np.hypot(u, v) / radius, np.arctan2(v, u)) for (n, m), a in given.items())
+    fit = fit_zernike(height_map(np.asarray(z)), 4)
+    assert (fit.radius, fit.middle) == (pytest.approx(radius), pytest.approx(MIDDLE))
+    for name, value in zip(fit.numbers.names, fit.numbers.values, strict=True):
+        n, m = map(int, name[2:-1].split(","))
+        assert value == pytest.approx(given.get((n, m), 0.0), abs=1e-12)
+    assert np.nanmax(np.abs(fit.residual)) < 1e-12
+
+
+def test_zernike_sigmas_on_a_round_aperture_of_uneven_noise() -> None:
+    """Noise that grows along x, told by a slope map."""
+    inside = (X - MIDDLE[0]) ** 2 + (Y - MIDDLE[1]) ** 2 < 80**2
+    s = 1e-5 * (0.5 + X / X.max())
+    values, noise = [], np.zeros(0)
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        weights = np.where(inside, s**-2, 1.0)
+        field = s * rng.standard_normal((2, ROWS, COLS))
+        z = integrate(*field, spacing=PITCH, mask=inside, weights=weights).z
+        map_ = height_map(z, inside)
+        slopes = SlopeMap(map_.x, map_.y, z, z, s, s, map_.flags)
+        numbers = fit_zernike(map_, 3, slopes).numbers
+        values.append(numbers.values)
+        noise = numbers.noise
+    ratio = np.std(values, axis=0)[1:] / noise[1:]
+    assert (ratio > 0.7).all()
+    assert (ratio < 1.35).all()
+    assert np.isnan(noise[0])
+
+
+@pytest.mark.parametrize(
+    ("form", "words"),
+    [
+        ("ball", "form 'ball': unknown, must be one of piston"),
+        ("sphere:r=3", "'r=3', must be NUMBER=VALUE of vertex_x"),
+        ("sphere:radius=x", "radius is 'x', must be a number"),
+        ("sphere:radius", "'radius', must be NUMBER=VALUE"),
+    ],
+)
+def test_what_is_no_form(form: str, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        fit_form(height_map(conic(500, 0)), form)
+
+
+def test_too_few_pixels_are_refused() -> None:
+    good = np.zeros((ROWS, COLS), np.bool_)
+    good[3, 4:8] = True
+    with pytest.raises(InputError, match="4 good pixels, must be at least 8"):
+        fit_form(height_map(conic(500, 0), good), "sphere")
+    with pytest.raises(InputError, match="heights are flat"):
+        fit_form(replace(height_map(np.zeros((ROWS, COLS)))), "sphere")

@@ -1,0 +1,261 @@
+"""Pictures of other programs as captures: every format, order, colour and number that people bring."""
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+import tifffile
+from numpy.typing import NDArray
+
+from optolever import InputError
+from optolever.patterns import sequence
+from optolever.projector import Capture
+
+ROWS, COLS = 30, 44
+SHOWN = sequence("gray+phase", ROWS, COLS)
+COUNT = len(SHOWN)
+Stack = NDArray[Any]
+
+
+def frames(dtype: Any = np.uint8, top: int = 255, seed: int = 5) -> Stack:
+    """One image (20, 28) per pattern, no two alike, in levels 0 to top."""
+    values = np.random.default_rng(seed).integers(0, top, (COUNT, 20, 28))
+    return values.astype(dtype)
+
+
+def write(folder: Path, images: Stack, name: str = "img_{}.png", first: int = 1) -> Path:
+    folder.mkdir(exist_ok=True)
+    for i, image in enumerate(images):
+        assert cv2.imwrite(str(folder / name.format(i + first)), image)
+    return folder
+
+
+def names(capture: Capture) -> list[str]:
+    return [notice.name for notice in capture.notices]
+
+
+def test_names_are_sorted_as_people_count(tmp_path: Path) -> None:
+    images = frames()
+    found = Capture.from_pictures(write(tmp_path / "shots", images), SHOWN)
+    np.testing.assert_array_equal(found.frames, images)
+    assert (found.sequence, found.bits, found.notices) == (SHOWN, 8, ())
+    for source in (str(tmp_path / "shots" / "img_*.png"), list((tmp_path / "shots").iterdir())):
+        np.testing.assert_array_equal(Capture.from_pictures(source, SHOWN).frames, images)
+
+
+@pytest.mark.parametrize("suffix", ["png", "bmp", "pgm", "tif", "tiff"])
+@pytest.mark.parametrize(("dtype", "bits"), [(np.uint8, 8), (np.uint16, 12), (np.uint16, 16)])
+def test_lossless_formats_keep_every_level(suffix: str, dtype: Any, bits: int, tmp_path: Path) -> None:
+    if suffix == "bmp" and bits > 8:
+        pytest.skip("BMP holds 8 bits")
+    images = frames(dtype, 2**bits - 1)
+    found = Capture.from_pictures(write(tmp_path / "a", images, f"{{}}.{suffix}"), SHOWN)
+    np.testing.assert_array_equal(found.frames, images)
+    assert (found.bits, found.notices) == (bits, ())
+
+
+#: How one file holds all frames.
+STACKS = {
+    "little.tif": lambda path, images: tifffile.imwrite(
+        path, images, byteorder="<", photometric="minisblack"
+    ),
+    "big.tif": lambda path, images: tifffile.imwrite(path, images, byteorder=">", photometric="minisblack"),
+    "zip.tif": lambda path, images: tifffile.imwrite(path, images, compression="zlib"),
+    "imagej.tif": lambda path, images: tifffile.imwrite(path, images, imagej=True),
+    "lzw.tif": lambda path, images: cv2.imwritemulti(
+        str(path), list(images), [cv2.IMWRITE_TIFF_COMPRESSION, 5]
+    ),
+    "packbits.tif": lambda path, images: cv2.imwritemulti(
+        str(path), list(images), [cv2.IMWRITE_TIFF_COMPRESSION, 32773]
+    ),
+    "stack.npy": lambda path, images: np.save(path, images),
+    "big.npy": lambda path, images: np.save(path, images.astype(">u2")),
+}
+
+
+@pytest.mark.parametrize("name", STACKS)
+def test_one_file_of_all_frames(name: str, tmp_path: Path) -> None:
+    images = frames(np.uint16, 4095)
+    STACKS[name](tmp_path / name, images)
+    found = Capture.from_pictures(tmp_path / name, SHOWN)
+    np.testing.assert_array_equal(found.frames, images)
+    assert found.bits == 12
+
+
+def test_a_video_of_one_picture_per_pattern(tmp_path: Path) -> None:
+    """Without loss (FFV1): grey levels as they were, and the notice that video is not usually so."""
+    path, images = tmp_path / "v.avi", frames()
+    video = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"FFV1"), 10, (28, 20), False)
+    if not video.isOpened():
+        pytest.skip("OpenCV writes no FFV1 here")
+    for image in images:
+        video.write(image)
+    video.release()
+    found = Capture.from_pictures(path, SHOWN)
+    assert np.abs(found.frames.astype(int) - images).max() <= 1
+    assert names(found) == ["pictures compressed with loss (JPEG, video)"]
+
+
+def test_floating_point_becomes_levels_whatever_its_unit(tmp_path: Path) -> None:
+    """1.0 of 0..1 is white; other units are scaled so that nothing clips; ratios stay."""
+    images = frames()
+    for unit in (1 / 255, 1.0, 1e6):
+        np.save(tmp_path / "s.npy", images * unit)
+        found = Capture.from_pictures(tmp_path / "s.npy", SHOWN).frames.astype(float)
+        np.testing.assert_allclose(found / found.max(), images / images.max(), atol=1e-4)
+    np.save(tmp_path / "s.npy", images / 255)
+    assert Capture.from_pictures(tmp_path / "s.npy", SHOWN).frames.max() == 65535 * (images.max() / 255)
+    broken = images / 255
+    broken[3, 4, 5] = np.nan
+    np.save(tmp_path / "s.npy", broken)
+    found = Capture.from_pictures(tmp_path / "s.npy", SHOWN)
+    assert not found.frames[:, 4, 5].any()
+    assert names(found) == ["1 pixels are not finite in some picture"]
+
+
+def test_equal_channels_and_alpha_without_a_word(tmp_path: Path) -> None:
+    images = frames()
+    opaque = np.full_like(images, 255)
+    for i, picture in enumerate((np.stack([images] * 3, -1), np.stack([*[images] * 3, opaque], -1))):
+        found = Capture.from_pictures(write(tmp_path / str(i), picture), SHOWN)
+        np.testing.assert_array_equal(found.frames, images)
+        assert found.notices == ()
+
+
+def test_colour_is_luminance_or_a_channel(tmp_path: Path) -> None:
+    """Red, green and blue of different strength; OpenCV writes blue first."""
+    images = frames(top=200)
+    red, green, blue = (np.rint(images * share).astype(np.uint8) for share in (1.0, 0.8, 0.5))
+    folder = write(tmp_path / "c", np.stack([blue, green, red], -1))
+    whole = Capture.from_pictures(folder, SHOWN)
+    exact = 0.299 * red + 0.587 * green + 0.114 * blue
+    assert np.abs(whole.frames - exact).max() <= 0.5
+    assert "luminance is taken" in names(whole)[0]
+    for channel, levels in (("red", red), ("green", green), ("blue", blue)):
+        found = Capture.from_pictures(folder, SHOWN, channel=channel)
+        np.testing.assert_array_equal(found.frames, levels)
+        assert found.notices == ()
+
+
+def test_what_clips_in_one_colour_is_white(tmp_path: Path) -> None:
+    images = np.repeat(frames(top=200)[..., None], 3, -1)
+    images[..., 2] //= 2
+    images[0, 3, 4] = 10, 20, 255
+    found = Capture.from_pictures(write(tmp_path / "c", images), SHOWN)
+    assert found.frames[0, 3, 4] == 255
+
+
+def test_a_colour_that_carries_nothing_is_named(tmp_path: Path) -> None:
+    images = np.repeat(frames()[..., None], 3, -1)
+    images[..., 0] = 7
+    folder = write(tmp_path / "c", images)
+    assert "blue" in str(Capture.from_pictures(folder, SHOWN).notices[0])
+    with pytest.raises(InputError, match=r"--channel blue: carries nothing .*take --channel"):
+        Capture.from_pictures(folder, SHOWN, channel="blue")
+
+
+def test_other_files_are_passed_over_and_said(tmp_path: Path) -> None:
+    folder = write(tmp_path / "c", frames())
+    for name in (".DS_Store", "._img_1.png", "Thumbs.db", "desktop.ini", "notes.txt"):
+        (folder / name).write_bytes(b"\0")
+    cv2.imwrite(str(folder / "preview.png"), frames()[0])
+    found = Capture.from_pictures(folder, SHOWN)
+    np.testing.assert_array_equal(found.frames, frames())
+    assert [name.partition(":")[2] for name in names(found)] == [
+        " no pictures, passed over",
+        " not named as the other pictures, passed over",
+    ]
+    assert ".DS_Store" in names(found)[0]
+    assert "preview.png" in names(found)[1]
+
+
+def test_a_picture_that_was_saved_twice_is_passed_over(tmp_path: Path) -> None:
+    images = frames()
+    found = Capture.from_pictures(write(tmp_path / "c", np.insert(images, 4, images[3], axis=0)), SHOWN)
+    np.testing.assert_array_equal(found.frames, images)
+    assert names(found) == ["img_5.png: the same as the picture before, passed over"]
+
+
+def test_a_counter_that_began_again(tmp_path: Path) -> None:
+    images, first = frames(), 9990
+    folder = write(tmp_path / "c", images[:10], "DSC_{:04}.png", first)
+    write(folder, images[10:], "DSC_{:04}.png", 1)
+    found = Capture.from_pictures(folder, SHOWN)
+    np.testing.assert_array_equal(found.frames, images)
+    assert "DSC_9990.png is taken for the first" in names(found)[0]
+
+
+@pytest.mark.parametrize("in_turns", [False, True])
+def test_several_exposures(in_turns: bool, tmp_path: Path) -> None:
+    """The whole sequence under each exposure, or each pattern under all: told by what resembles what."""
+    bright = np.repeat(np.repeat(frames(top=60), 2, 1), 2, 2)
+    rng = np.random.default_rng(1)
+    pairs = [np.clip(bright * factor + rng.normal(0, 1, bright.shape), 0, 255) for factor in (1, 4)]
+    stack = np.stack(pairs, 1 if in_turns else 0).reshape(-1, *bright.shape[1:]).astype(np.uint8)
+    found = Capture.from_pictures(write(tmp_path / "c", stack), SHOWN, exposures=(1, 4))
+    assert found.exposure is not None
+    expected = [1, 4] * COUNT if in_turns else [1] * COUNT + [4] * COUNT
+    assert found.exposure.tolist() == expected
+    assert [frame.kind for frame in found.sequence[:2]] == ["white", "white" if in_turns else "black"]
+
+
+REFUSED = {
+    "one is lost": (lambda images: images[1:], (f"{COUNT - 1} pictures", f"has {COUNT} frames", "1 lost")),
+    "twice as many": (
+        lambda images: np.concatenate([images, images[::-1]]),
+        ("2 times as many", "--exposures"),
+    ),
+    "three steps": (
+        lambda _: np.random.default_rng(0).integers(
+            0, 9, (len(sequence("gray+phase", ROWS, COLS, steps=3)), 9, 9)
+        ),
+        ("--sequence gray+phase:steps=3",),
+    ),
+    "a larger display": (
+        lambda _: np.random.default_rng(0).integers(0, 9, (len(sequence("gray+phase", 480, 640)), 9, 9)),
+        ("--display 640x480",),
+    ),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_another_number_of_pictures_says_what_would_have_it(case: str, tmp_path: Path) -> None:
+    make, words = REFUSED[case]
+    folder = write(tmp_path / "c", make(frames()).astype(np.uint8))
+    with pytest.raises(InputError) as caught:
+        Capture.from_pictures(folder, SHOWN)
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_a_number_that_no_name_has(tmp_path: Path) -> None:
+    folder = write(tmp_path / "c", frames())
+    (folder / "img_7.png").unlink()
+    with pytest.raises(InputError, match="no picture has the number 7"):
+        Capture.from_pictures(folder, SHOWN)
+
+
+def test_what_is_no_folder_of_pictures(tmp_path: Path) -> None:
+    folder = write(tmp_path / "c", frames())
+    cv2.imwrite(str(folder / "img_3.png"), np.zeros((9, 9), np.uint8))
+    for source, words in (
+        (folder, r"img_3\.png: 9x9 of uint8, must be 20x28 of uint8"),
+        (folder / "img_1.png", "one picture, must be a folder"),
+        (tmp_path / "none", "no such file or folder"),
+        (str(tmp_path / "none*.png"), "no pictures in this pattern"),
+        (tmp_path, "no pictures in this folder"),
+    ):
+        with pytest.raises(InputError, match=words):
+            Capture.from_pictures(source, SHOWN)
+    with pytest.raises(InputError, match="channel is 'cyan', must be one of red"):
+        Capture.from_pictures(folder, SHOWN, channel="cyan")
+
+
+def test_a_description_without_files_takes_pictures_in_their_order(tmp_path: Path) -> None:
+    folder = write(tmp_path / "c", frames(np.uint16, 1023))
+    SHOWN.save(tmp_path / "sequence.toml")
+    found = Capture.load(folder, tmp_path / "sequence.toml")
+    np.testing.assert_array_equal(found.frames, frames(np.uint16, 1023))
+    assert (found.sequence, found.bits) == (SHOWN, 10)
