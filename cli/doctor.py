@@ -89,7 +89,8 @@ def _monitors() -> str:
         return "none: no display (DISPLAY and WAYLAND_DISPLAY are unset)"
     from optolever.projector import monitors
 
-    return "; ".join(str(monitor) for monitor in monitors()) or "none"
+    told = [("; ".join((str(monitor), *monitor.faults()))) for monitor in monitors()]
+    return "; ".join(told) or "none"
 
 
 def _cameras() -> str:

@@ -3,7 +3,10 @@
 | file | holds |
 |---|---|
 | `context.py`, `shaders.py`, `shaders/` | the OpenGL context (EGL first); shader files and their flags |
-| `renderer.py`, `window.py` | frames drawn offscreen, bit-equal to NumPy's; the same in a real window |
+| `renderer.py` | frames drawn offscreen, bit-equal to NumPy's |
+| `display.py`, `display_process.py`, `window.py` | the same in a real window, in a process of its own |
+| `monitors.py`, `edid.py` | monitors by name and serial; what bends their levels |
+| `devices.py` | records and protocols of cameras, displays, clocks |
 | `virtual.py` | `capture`, `VirtualSensor`: a scene with a dent seen by its camera, strip by strip |
 | `groups.py`, `footprint.py` | frames looked up together; light of the cells under a pixel's footprint |
 | `optics_gl.py`, `surface_gl.py`, `optics_numpy.py`, `rays.py` | light on the sensor: GLSL; float64 |
@@ -19,14 +22,17 @@ from optolever.arguments import check_face
 from .benchmark import RendererSpeed, measure_renderer
 from .capture import Capture
 from .context import ContextInfo, NoContextError, context_info, release_context
+from .devices import Shown
+from .display import PatternWindow, monitors
+from .edid import Edid, parse_edid
 from .electronics import NOMINAL_SENSOR
+from .monitors import Monitor, choose_monitor
 from .optics_numpy import Footprints, footprints, light_of
 from .raytraced import AreaTrace, Lighting, area_frames, area_light, expose, trace_area
 from .renderer import PatternRenderer, render
 from .sofast import load_sofast, load_sofast_response
 from .source import FolderSource, FrameSource, PatternDisplay, record
 from .virtual import RENDERERS, VirtualSensor, capture, chosen_renderer
-from .window import Monitor, PatternWindow, monitors
 
 __all__ = [
     "NOMINAL_SENSOR",
@@ -34,6 +40,7 @@ __all__ = [
     "AreaTrace",
     "Capture",
     "ContextInfo",
+    "Edid",
     "FolderSource",
     "Footprints",
     "FrameSource",
@@ -44,10 +51,12 @@ __all__ = [
     "PatternRenderer",
     "PatternWindow",
     "RendererSpeed",
+    "Shown",
     "VirtualSensor",
     "area_frames",
     "area_light",
     "capture",
+    "choose_monitor",
     "chosen_renderer",
     "context_info",
     "expose",
@@ -57,6 +66,7 @@ __all__ = [
     "load_sofast_response",
     "measure_renderer",
     "monitors",
+    "parse_edid",
     "record",
     "release_context",
     "render",
