@@ -29,8 +29,8 @@ class CameraLost(InputError):
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """address: what --camera takes; note: why it cannot be opened now ("busy", "no permission: ..."); formats:
-    pixel formats, as the driver names them.
+    """address: what --camera takes; note: why it cannot be opened now ("busy", "no permission"); formats: of
+    its pixels, as the driver names them.
     """
 
     backend: str

@@ -163,8 +163,8 @@ class PatternWindow:
         self._index, self._gone, self._closed = answer["index"], answer["gone"], True
 
     def play(self, seconds: float) -> list[float]:
-        """Show every frame once for so long, from the first; ends early if the window is closed or its monitor
-        goes.
+        """Show every frame once for so long, from the first; ends early if the window is closed or the
+        monitor goes.
 
         Returns when each came on, in seconds after the first.
         """

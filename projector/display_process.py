@@ -53,7 +53,7 @@ class _Server:
                 window.run()
                 return {"index": window.index, "gone": window.gone}
             case "read":
-                return {"shape": window.shape, "pixels": base64.b64encode(window.read()).decode()}
+                return {"shape": window.shape, "pixels": base64.b64encode(window.read().tobytes()).decode()}
         raise ValueError(command["do"])
 
     def poll(self) -> None:

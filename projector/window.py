@@ -78,15 +78,15 @@ def _described(index: int, handle: Any) -> Monitor:
 
 
 def _bend(handle: Any) -> float:
-    """Largest departure of the level ramp from a straight line, of full scale; 0 where there is no ramp."""
+    """Largest departure of the level ramp (0 to 1) from a straight line; 0 where there is none."""
     try:
         ramp = glfw.get_gamma_ramp(handle)
     except glfw.GLFWError:
         return 0.0
     channels = np.array([ramp.red, ramp.green, ramp.blue], np.float64)
-    if channels.shape[1] < 2:
-        return 0.0
-    return float(np.abs(channels / 65535 - np.linspace(0, 1, channels.shape[1])).max())
+    if channels.shape[1] < 2 or not channels.any() or (np.diff(channels) < 0).any():
+        return 0.0  # a server without a ramp answers zeros, or whatever lies in memory
+    return float(np.abs(channels - np.linspace(0, 1, channels.shape[1])).max())
 
 
 class Window:
