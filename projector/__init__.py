@@ -14,15 +14,30 @@
 | `electronics.py` | exposure, flicker, response, noise, quantisation: one function for both |
 | `capture.py`, `folder.py`, `source.py` | `Capture`, its folder format, and the seam for real cameras |
 | `sofast.py` | SOFAST's HDF5 measurements as captures |
+| `clocks.py`, `timing.py` | stamps of cameras as times here; what is known of a display and a camera |
+| `synchronise.py`, `acquire.py` | that measured by flips; one image for every pattern |
 | `benchmark.py` | frames per second on the context at hand |
 """
 
 from optolever.arguments import check_face
 
+from .acquire import Taken, acquire
 from .benchmark import RendererSpeed, measure_renderer
 from .capture import Capture
+from .clocks import ClockMap, Stamp
 from .context import ContextInfo, NoContextError, context_info, release_context
-from .devices import Shown
+from .devices import (
+    Accepted,
+    Camera,
+    CameraLost,
+    Display,
+    Identity,
+    Image,
+    RealTime,
+    Shown,
+    Time,
+    Wanted,
+)
 from .display import PatternWindow, monitors
 from .edid import Edid, parse_edid
 from .electronics import NOMINAL_SENSOR
@@ -32,27 +47,45 @@ from .raytraced import AreaTrace, Lighting, area_frames, area_light, expose, tra
 from .renderer import PatternRenderer, render
 from .sofast import load_sofast, load_sofast_response
 from .source import FolderSource, FrameSource, PatternDisplay, record
+from .synchronise import FlipRecord, fit_timing, sync_notices, synchronise
+from .timing import SAFE_WAIT_S, Timing
 from .virtual import RENDERERS, VirtualSensor, capture, chosen_renderer
 
 __all__ = [
     "NOMINAL_SENSOR",
     "RENDERERS",
+    "SAFE_WAIT_S",
+    "Accepted",
     "AreaTrace",
+    "Camera",
+    "CameraLost",
     "Capture",
+    "ClockMap",
     "ContextInfo",
+    "Display",
     "Edid",
+    "FlipRecord",
     "FolderSource",
     "Footprints",
     "FrameSource",
+    "Identity",
+    "Image",
     "Lighting",
     "Monitor",
     "NoContextError",
     "PatternDisplay",
     "PatternRenderer",
     "PatternWindow",
+    "RealTime",
     "RendererSpeed",
     "Shown",
+    "Stamp",
+    "Taken",
+    "Time",
+    "Timing",
     "VirtualSensor",
+    "Wanted",
+    "acquire",
     "area_frames",
     "area_light",
     "capture",
@@ -60,6 +93,7 @@ __all__ = [
     "chosen_renderer",
     "context_info",
     "expose",
+    "fit_timing",
     "footprints",
     "light_of",
     "load_sofast",
@@ -70,6 +104,8 @@ __all__ = [
     "record",
     "release_context",
     "render",
+    "sync_notices",
+    "synchronise",
     "trace_area",
 ]
 
