@@ -16,6 +16,8 @@
 | `sofast.py` | SOFAST's HDF5 measurements as captures |
 | `clocks.py`, `timing.py` | stamps of cameras as times here; what is known of a display and a camera |
 | `synchronise.py`, `acquire.py` | that measured by flips; one image for every pattern |
+| `recording.py`, `stream.py` | recordings; a thread that pulls images |
+| `cameras/` | back-ends of cameras |
 | `benchmark.py` | frames per second on the context at hand |
 """
 
@@ -44,9 +46,11 @@ from .electronics import NOMINAL_SENSOR
 from .monitors import Monitor, choose_monitor
 from .optics_numpy import Footprints, footprints, light_of
 from .raytraced import AreaTrace, Lighting, area_frames, area_light, expose, trace_area
+from .recording import Logged, Recorder, Recording
 from .renderer import PatternRenderer, render
 from .sofast import load_sofast, load_sofast_response
 from .source import FolderSource, FrameSource, PatternDisplay, record
+from .stream import CameraStream
 from .synchronise import FlipRecord, fit_timing, sync_notices, synchronise
 from .timing import SAFE_WAIT_S, Timing
 from .virtual import RENDERERS, VirtualSensor, capture, chosen_renderer
@@ -59,6 +63,7 @@ __all__ = [
     "AreaTrace",
     "Camera",
     "CameraLost",
+    "CameraStream",
     "Capture",
     "ClockMap",
     "ContextInfo",
@@ -71,12 +76,15 @@ __all__ = [
     "Identity",
     "Image",
     "Lighting",
+    "Logged",
     "Monitor",
     "NoContextError",
     "PatternDisplay",
     "PatternRenderer",
     "PatternWindow",
     "RealTime",
+    "Recorder",
+    "Recording",
     "RendererSpeed",
     "Shown",
     "Stamp",

@@ -33,6 +33,8 @@ _LIT = 0.3  # of the largest swing: pixels that see the display
 _SWING = 8.0  # levels, at least
 _LATENCIES = np.arange(-0.02, 0.3, 0.002)
 _LATENESS = np.arange(-0.01, 0.0605, 0.0005)
+_ON_TIME = int(np.argmin(np.abs(_LATENESS)))
+_CERTAIN = 16.0  # squared residuals, in their variance, that a late swap explains
 _LATE_S = 0.004  # a swap whose light is later than the others' by more does not count in the fit
 _MISFIT = 0.03
 _ROUNDS = 3
@@ -40,8 +42,8 @@ _ROUNDS = 3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FlipRecord:
-    """stamps_s (N,) and their sigma; brightness (N, B) of bands with middles `bands` (0 to 1); swaps_s (F,) and
-    the level (0 or 1) shown from each on; delays_s (N,) from stamp to arrival; flicker: of white images.
+    """stamps_s (N,) and their sigma; brightness (N, B) of bands with middles `bands` (0 to 1); swaps_s (F,)
+    and the level (0 or 1) shown from each on; delays_s (N,) from stamp to arrival; flicker: of white images.
     """
 
     stamps_s: Float
@@ -263,7 +265,8 @@ def _residual(numbers: Float, taken: FlipRecord, exposure: float, swaps: Float) 
     seen = taken.brightness - taken.brightness.mean(axis=0)
     gain = (model * seen).sum(axis=0) / np.maximum((model**2).sum(axis=0), 1e-12)
     swing = np.ptp(taken.brightness, axis=0)
-    return ((seen - gain * model) / swing).ravel()
+    residual: Float = ((seen - gain * model) / swing).ravel()
+    return residual
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -317,6 +320,7 @@ def _lateness(taken: FlipRecord, exposure: float, numbers: Float, lateness: Floa
     gain = (centred * taken.brightness).sum(axis=0) / (centred**2).sum(axis=0)
     seen = model.mean(axis=0) + (taken.brightness - taken.brightness.mean(axis=0)) / gain
     found = lateness.copy()
+    noise = float(np.mean((_light(pair, starts, exposure, swaps, taken.levels) - seen) ** 2))
     reach = exposure + 5 * max(rise, fall) + _LATENESS[-1]
     for k in range(1, len(swaps)):
         before, after = swaps[k - 1], swaps[k + 1] if k + 1 < len(swaps) else np.inf
@@ -331,6 +335,9 @@ def _lateness(taken: FlipRecord, exposure: float, numbers: Float, lateness: Floa
             costs.append(
                 np.sum((_light(pair, starts[near], exposure, moved, taken.levels) - seen[near]) ** 2)
             )
-        found[k] = _LATENESS[int(np.argmin(costs))]
+        if costs[_ON_TIME] - min(costs) < _CERTAIN * noise:
+            found[k] = 0.0  # no image shows by how much
+        else:
+            found[k] = _LATENESS[int(np.argmin(costs))]
         swaps[k] = min(max(planned + found[k], before), after)
     return found

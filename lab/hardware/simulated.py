@@ -1,13 +1,21 @@
 """A display, a camera and a clock in simulated time, written apart from what is tested with them."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from optolever.projector import Accepted, Identity, Image, Shown, Wanted
 
-__all__ = ["SETTINGS", "Setting", "SimulatedCamera", "SimulatedDisplay", "SimulatedTime", "drawn_setting"]
+__all__ = [
+    "SETTINGS",
+    "Setting",
+    "SimulatedCamera",
+    "SimulatedDisplay",
+    "SimulatedTime",
+    "codes",
+    "drawn_setting",
+]
 
 Float = NDArray[np.float64]
 
@@ -18,7 +26,7 @@ _COLUMNS = 8
 
 @dataclass(frozen=True)
 class Setting:
-    """Seconds. rise and fall: time constants; shutter: first to last row; late: share of the swaps whose light
+    """Seconds. rise and fall: time constants; shutter: first to last row; late: share of swaps whose light
     comes a refresh later; lost, incomplete: shares of the images; drift, offset: of the camera's clock;
     buffers: images that the driver holds for who does not pull; rate: images/s.
     """
@@ -90,7 +98,7 @@ class SimulatedTime:
 
 
 class SimulatedDisplay:
-    """patterns (K, 8), 0 to 1: what its columns show. Cells follow exponentially, with times of their own."""
+    """patterns (K, 8), 0 to 1: what its columns show. Cells follow exponentially."""
 
     def __init__(
         self, setting: Setting, time: SimulatedTime, patterns: Float, rng: np.random.Generator
@@ -145,12 +153,16 @@ class SimulatedCamera:
     display: SimulatedDisplay
     rng: np.random.Generator
     rows: int = 2
-    identity: Identity = Identity("simulated", "simulated", "1", "simulated")
     lost: int = 0
     _next: int = 0
     _phase: float = 0.0
     _pending: list[Image] = field(default_factory=list)
     _triggers: list[float] = field(default_factory=list)
+
+    @property
+    def identity(self) -> Identity:
+        """Of no maker."""
+        return Identity("simulated", "simulated", "1", "simulated")
 
     def configure(self, wanted: Wanted) -> Accepted:
         """As the setting says."""
@@ -225,8 +237,3 @@ def codes(count: int, rng: np.random.Generator) -> Float:
     """Patterns that differ in some column from all others, and in most from the one before."""
     found = rng.choice(2**_COLUMNS, count, replace=False)
     return ((found[:, None] >> np.arange(_COLUMNS)) & 1).astype(np.float64)
-
-
-def quiet(setting: Setting) -> Setting:
-    """Without losses."""
-    return replace(setting, lost=0.0, incomplete=0.0)

@@ -1,4 +1,4 @@
-"""`lab sync`: what `synchronise` recovers of drawn settings, and what `acquire` then takes, in simulated time."""
+"""What `synchronise` recovers of drawn settings, and what `acquire` then takes, in simulated time."""
 
 from dataclasses import dataclass, field
 
@@ -18,15 +18,15 @@ from .simulated import (
     drawn_setting,
 )
 
-__all__ = ["SyncFigure", "measured", "run_setting", "run_sync"]
+__all__ = ["Measured", "SyncFigure", "measured", "run_setting", "run_sync"]
 
 _PATTERNS = 64
 
 
 @dataclass(frozen=True)
 class SyncFigure:
-    """Errors (s) of latency, rise, fall, shutter; images taken; of the wrong pattern, with more than one level
-    of another one, not complete; time a frame over the setting's bound.
+    """Errors (s) of latency, rise, fall, shutter; images taken; of the wrong pattern, with more than one
+    level of another one, not complete; time a frame over the setting's bound.
     """
 
     setting: Setting
@@ -45,10 +45,18 @@ class SyncFigure:
         return all(abs(error) <= 0.0005 + 0.03 * truth.get(name, 0.0) for name, error in self.errors.items())
 
 
-def measured(
-    setting: Setting, seed: int, rows: int = 32
-) -> tuple[Timing, dict[str, float], ClockMap, SimulatedTime]:
-    """What `synchronise` finds, and by how much it is off."""
+@dataclass(frozen=True)
+class Measured:
+    """What `synchronise` found, by how much (s) it is off, and the clocks of then."""
+
+    timing: Timing
+    errors: dict[str, float]
+    clock: ClockMap
+    time: SimulatedTime
+
+
+def measured(setting: Setting, seed: int, rows: int = 32) -> Measured:
+    """Synchronise with a camera of so many rows."""
     time, rng, clock = SimulatedTime(), np.random.default_rng(seed), ClockMap()
     display = SimulatedDisplay(setting, time, np.repeat([[0.0], [1.0]], 8, axis=1), rng)
     camera = SimulatedCamera(setting, time, display, rng, rows=rows)
@@ -69,7 +77,7 @@ def measured(
         "fall": timing.fall_s - setting.fall,
         "shutter": timing.shutter_s - slope,
     }
-    return timing, errors, clock, time
+    return Measured(timing, errors, clock, time)
 
 
 def run_setting(setting: Setting, frames: int, seed: int, *, known: bool = True) -> SyncFigure:
@@ -77,7 +85,8 @@ def run_setting(setting: Setting, frames: int, seed: int, *, known: bool = True)
     rng = np.random.default_rng(seed + 1000)
     timing, errors, clock, time = None, {}, ClockMap(), SimulatedTime()
     if known:
-        timing, errors, clock, time = measured(setting, seed)
+        found = measured(setting, seed)
+        timing, errors, clock, time = found.timing, found.errors, found.clock, found.time
     patterns = codes(_PATTERNS, rng)
     display = SimulatedDisplay(setting, time, patterns, rng)
     camera = SimulatedCamera(setting, time, display, rng)
