@@ -5,7 +5,9 @@
 - `options`: arguments that several commands share (--json, --size, scenes)
 - `outputs`: where commands write, checked before they work
 - `show`: tables, progress, JSON
-- one file a command, named as it: `demo`, `doctor`, `names`; `capture`, `decode`, `calibrate`, `rest`,
+- `rig`, `rig_capture`: the devices of a rig opened; a capture by them
+- one file a command, named as it: `demo`, `doctor`, `names`; `devices`, `expose`, `sync`, `measure`,
+  `record`, `replay`; `capture`, `decode`, `calibrate`, `rest`,
   `response`, `reconstruct`, `report` and `window`, which is the command `show`; `sensor`, `codes`,
   `design`, `bench`, `paper`
 """

@@ -15,7 +15,7 @@
 | `capture.py`, `folder.py`, `source.py` | `Capture`, its folder format, and the seam for real cameras |
 | `sofast.py` | SOFAST's HDF5 measurements as captures |
 | `clocks.py`, `timing.py` | stamps of cameras as times here; what is known of a display and a camera |
-| `synchronise.py`, `acquire.py` | that measured by flips; one image for every pattern |
+| `synchronise.py`, `acquire.py`, `exposure.py` | measured by flips; an image for every pattern; exposure |
 | `recording.py`, `stream.py` | recordings; a thread that pulls images |
 | `cameras/` | back-ends of cameras |
 | `benchmark.py` | frames per second on the context at hand |
@@ -43,10 +43,11 @@ from .devices import (
 from .display import PatternWindow, monitors
 from .edid import Edid, parse_edid
 from .electronics import NOMINAL_SENSOR
+from .exposure import Contrast, ExposureChoice, choose_exposure, contrast
 from .monitors import Monitor, choose_monitor
 from .optics_numpy import Footprints, footprints, light_of
 from .raytraced import AreaTrace, Lighting, area_frames, area_light, expose, trace_area
-from .recording import Logged, Recorder, Recording
+from .recording import BackgroundRecorder, Logged, Recorder, Recording
 from .renderer import PatternRenderer, render
 from .sofast import load_sofast, load_sofast_response
 from .source import FolderSource, FrameSource, PatternDisplay, record
@@ -61,14 +62,17 @@ __all__ = [
     "SAFE_WAIT_S",
     "Accepted",
     "AreaTrace",
+    "BackgroundRecorder",
     "Camera",
     "CameraLost",
     "CameraStream",
     "Capture",
     "ClockMap",
     "ContextInfo",
+    "Contrast",
     "Display",
     "Edid",
+    "ExposureChoice",
     "FlipRecord",
     "FolderSource",
     "Footprints",
@@ -97,9 +101,11 @@ __all__ = [
     "area_frames",
     "area_light",
     "capture",
+    "choose_exposure",
     "choose_monitor",
     "chosen_renderer",
     "context_info",
+    "contrast",
     "expose",
     "fit_timing",
     "footprints",

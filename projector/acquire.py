@@ -15,6 +15,7 @@ from .timing import SAFE_WAIT_S, Timing
 __all__ = ["Taken", "acquire"]
 
 _REPEATS = 3
+_WARM_S, _WARM_IMAGES = 2.0, 30  # before the first pattern, for the map of the camera's clock
 _PERIOD_S = 0.2  # of a camera whose rate is not known
 _NOTHING_S = 5.0  # a camera that hands out no image for so long is not there
 
@@ -99,6 +100,17 @@ def acquire(
                 limit = sent + wait.image_s
             elif stamp.time_s >= limit:  # by its stamp: a busy computer pulls late
                 return None
+
+    warm = time.now() + _WARM_S  # a map by a few images may be as late as the latest of them
+    while clock.images < _WARM_IMAGES and time.now() < warm:
+        if triggered:
+            camera.trigger()
+        image = camera.next(warm - time.now())
+        if image is None or image.device_s is None:
+            break
+        first = clock.stamp(image)
+        if on_image is not None:
+            on_image(image, first.time_s)
 
     for index in order:
         refused = {"early": 0, "incomplete": 0}

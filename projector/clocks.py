@@ -55,6 +55,11 @@ class ClockMap:
         self.distrusted += 1
         return Stamp(arrived, 0.0, trusted=False)
 
+    @property
+    def images(self) -> int:
+        """How many stamps it knows."""
+        return self._count
+
     def host(self, device_s: float) -> tuple[float, float]:
         """Time and standard deviation, s, of a device time."""
         at, offset, drift = self._line

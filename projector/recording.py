@@ -10,6 +10,8 @@ killed, or a disk that is full, leaves all images that have a line. Lines, by "e
 """
 
 import json
+import queue
+import threading
 import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
@@ -23,11 +25,13 @@ import tifffile
 
 from optolever.errors import InputError
 
+from .clocks import Stamp
 from .devices import Accepted, Image, Shown, no_pixels
 
-__all__ = ["Logged", "Recorder", "Recording"]
+__all__ = ["BackgroundRecorder", "Logged", "Recorder", "Recording"]
 
 _VERSION = 1
+_WAITING = 256 << 20
 _PAGES, _LOG = "frames.tif", "log.jsonl"
 
 
@@ -91,6 +95,48 @@ class Recorder:
         """All that has a line is readable without."""
         self._log.close()
         self._pages.close()
+
+
+class BackgroundRecorder:
+    """Writes in a thread of its own, so that a slow disk does not hold the camera up.
+
+    At most 256 MB wait; what comes then is dropped, and counted. failure: the OSError that ended it.
+    """
+
+    def __init__(self, recorder: Recorder) -> None:
+        self._recorder = recorder
+        self._queue: queue.Queue[tuple[Image, float] | None] = queue.Queue()
+        self._waiting, self._lock = 0, threading.Lock()
+        self.dropped = 0
+        self.failure: OSError | None = None
+        self._thread = threading.Thread(target=self._write, name="recorder", daemon=True)
+        self._thread.start()
+
+    def image(self, image: Image, stamp: Stamp) -> None:
+        """Hand over an image; a listener of CameraStream. OSError once the disk is full."""
+        if self.failure is not None:
+            raise self.failure
+        with self._lock:
+            full = self._waiting + image.pixels.nbytes > _WAITING
+            self._waiting += 0 if full else image.pixels.nbytes
+            self.dropped += full
+        if not full:
+            self._queue.put((image, stamp.time_s))
+
+    def close(self) -> None:
+        """Write what waits."""
+        self._queue.put(None)
+        self._thread.join()
+
+    def _write(self) -> None:
+        while (one := self._queue.get()) is not None:
+            try:
+                if self.failure is None:
+                    self._recorder.image(*one)
+            except OSError as error:
+                self.failure = error
+            with self._lock:
+                self._waiting -= one[0].pixels.nbytes
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -20,7 +20,8 @@ Listener = Callable[[Image, Stamp], None]
 class CameraStream:
     """Begins and ends with its block. Listeners run in its thread and must be quick.
 
-    images, incomplete: counts so far; failure: why it ended early, None while it runs.
+    images, incomplete: counts so far; failure: CameraLost, or an error of a listener, that ended it early;
+    what is neither InputError nor OSError is raised at the end of the block.
     """
 
     def __init__(self, camera: Camera, clock: ClockMap, *listeners: Listener) -> None:
@@ -41,6 +42,8 @@ class CameraStream:
         self._stop.set()
         self._thread.join()
         self._camera.stop()
+        if self.failure is not None and not isinstance(self.failure, InputError | OSError):
+            raise self.failure
 
     @property
     def running(self) -> bool:
@@ -58,5 +61,5 @@ class CameraStream:
                 self.incomplete += not image.complete
                 for listener in self._listeners:
                     listener(image, stamp)
-        except (InputError, OSError) as error:
+        except Exception as error:
             self.failure = error

@@ -69,11 +69,9 @@ class Replay:
         return self._now
 
     def next(self, timeout_s: float) -> Image | None:
-        """The next image before the next swap, whose stamp is by then what it was. CameraLost at the end."""
-        if self._next >= len(self._events):
-            raise CameraLost(f"{self.recording.folder}: the recording ends")
-        event = self._events[self._next]
-        if isinstance(event, Shown) or event.image.arrived_s > self._now + timeout_s:
+        """The next image before the next swap; None where there is none in time, or no more."""
+        event = self._events[self._next] if self._next < len(self._events) else None
+        if event is None or isinstance(event, Shown) or event.image.arrived_s > self._now + timeout_s:
             self._now += timeout_s
             return None
         self._next += 1

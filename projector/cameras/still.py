@@ -9,13 +9,16 @@ __all__ = ["StillCamera"]
 
 
 class StillCamera:
-    """Camera and Display in one; images cost no time and carry the time at which they are asked for."""
+    """Camera and Display in one. Images cost no time, but for a rate that is asked for, and carry the time at
+    which they are asked for.
+    """
 
     lost = 0
 
     def __init__(self, identity: Identity, shape: tuple[int, int], bits: int) -> None:
         self._identity, self._shape, self._bits = identity, shape, bits
         self._index = self._count = 0
+        self._period = self._last = 0.0
 
     @property
     def identity(self) -> Identity:
@@ -39,7 +42,10 @@ class StillCamera:
     def configure(self, wanted: Wanted) -> Accepted:
         """The exposure is taken as it comes; size and bits are those of the images."""
         rows, cols = self._shape
-        return Accepted(wanted.exposure_s, rows, cols, bits=self._bits, trigger=wanted.trigger)
+        self._period = 0.0 if wanted.fps is None else 1 / wanted.fps
+        return Accepted(
+            wanted.exposure_s, rows, cols, bits=self._bits, fps=wanted.fps, trigger=wanted.trigger
+        )
 
     def start(self) -> None:
         """Always runs."""
@@ -49,9 +55,12 @@ class StillCamera:
         return time.monotonic()
 
     def next(self, timeout_s: float) -> Image | None:
-        """An image of the pattern on show."""
-        del timeout_s
-        now = time.monotonic()
+        """An image of the pattern on show, at the rate that was asked for."""
+        if (left := self._last + self._period - time.monotonic()) > 0:
+            time.sleep(min(left, timeout_s))
+            if left > timeout_s:
+                return None
+        now = self._last = time.monotonic()
         self._count += 1
         return Image(self.pixels(self._index), self._count, None, now)
 

@@ -75,7 +75,7 @@ def test_a_wait_that_is_too_short_would_be_seen() -> None:
     seen = list(acquire(display, camera, hasty, order, time=time, clock=found.clock))
     expected = np.rint(20 + 200 * patterns)
     off = [np.abs(one.image.pixels.astype(float) - expected[one.index]).max() for one in seen]
-    assert max(off) > 20
+    assert max(off) > 5  # levels; one is what a frame may hold
 
 
 def test_a_camera_that_sees_nothing_or_gives_nothing() -> None:
@@ -114,7 +114,7 @@ def test_a_timing_holds_for_its_settings_and_survives_toml() -> None:
 
 
 def test_clocks_that_drift_and_lie() -> None:
-    """Two minutes, 80 ppm, arrivals up to 20 ms late: within 1 ms. Stamps that stand still: arrivals count."""
+    """Two minutes, 80 ppm, arrivals up to 20 ms late: within 1 ms. A stamp that stands still: arrival."""
     clock, rng, late = ClockMap(), np.random.default_rng(6), []
     for k in range(7200):
         true = 100 + k / 60
