@@ -6,7 +6,6 @@
 | `v4l2.py`, `ioctl.py` | Linux's own cameras by ioctl and mmap; its structures |
 | `aravis.py`, `aravis_library.py` | GigE Vision and USB3 Vision by Aravis 0.8 (ctypes); its prototypes |
 | `opencv.py` | whatever cv2.VideoCapture opens by a path or URL |
-| `pylon.py` | Basler's cameras by pypylon |
 | `still.py`, `folder.py`, `virtual.py` | cameras that are not there, with the display that they look at |
 | `replay.py` | a recording as a camera, its display and its clock |
 """
