@@ -12,7 +12,7 @@
 | `optics_gl.py`, `surface_gl.py`, `optics_numpy.py`, `rays.py` | light on the sensor: GLSL; float64 |
 | `raytraced.py` | frames by rays through every pixel's area, for tests of what assumes something of a pixel |
 | `electronics.py` | exposure, flicker, response, noise, quantisation: one function for both |
-| `capture.py`, `folder.py`, `source.py` | `Capture`, its folder format, and the seam for real cameras |
+| `capture.py`, `folder.py` | `Capture` and its folder format |
 | `sofast.py` | SOFAST's HDF5 measurements as captures |
 | `clocks.py`, `timing.py` | stamps of cameras as times here; what is known of a display and a camera |
 | `synchronise.py`, `acquire.py`, `exposure.py` | measured by flips; an image for every pattern; exposure |
@@ -50,7 +50,6 @@ from .raytraced import AreaTrace, Lighting, area_frames, area_light, expose, tra
 from .recording import BackgroundRecorder, Logged, Recorder, Recording
 from .renderer import PatternRenderer, render
 from .sofast import load_sofast, load_sofast_response
-from .source import FolderSource, FrameSource, PatternDisplay, record
 from .stream import CameraStream
 from .synchronise import FlipRecord, fit_timing, sync_notices, synchronise
 from .timing import SAFE_WAIT_S, Timing
@@ -74,16 +73,13 @@ __all__ = [
     "Edid",
     "ExposureChoice",
     "FlipRecord",
-    "FolderSource",
     "Footprints",
-    "FrameSource",
     "Identity",
     "Image",
     "Lighting",
     "Logged",
     "Monitor",
     "NoContextError",
-    "PatternDisplay",
     "PatternRenderer",
     "PatternWindow",
     "RealTime",
@@ -115,7 +111,6 @@ __all__ = [
     "measure_renderer",
     "monitors",
     "parse_edid",
-    "record",
     "release_context",
     "render",
     "sync_notices",

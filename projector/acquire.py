@@ -60,8 +60,8 @@ def acquire(
 
     timing: as measured by `synchronise`; None waits 0.5 s after every swap. triggered: the camera waits for
     `trigger`. on_image, on_shown: called with every image (and its time), accepted or not, and every swap.
-    A pattern whose image does not come within three periods and the read-out is shown again, three times;
-    then InputError. CameraLost comes through.
+    A pattern is shown again if nothing comes for three periods and the read-out, or nothing whole that long
+    after it settled; three times, then InputError. CameraLost comes through.
     """
     if timing is None:
         wait = _Wait(SAFE_WAIT_S, 3 * _PERIOD_S)
@@ -98,8 +98,10 @@ def acquire(
             if triggered and (stamp.time_s >= sent or not image.complete):
                 lead, sent = 0.0, camera.trigger()
                 limit = sent + wait.image_s
-            elif stamp.time_s >= limit:  # by its stamp: a busy computer pulls late
+            elif stamp.time_s >= ready + wait.image_s:
                 return None
+            else:  # as long as images come, however old, a good one will
+                limit = max(limit, time.now() + wait.image_s)
 
     warm = time.now() + _WARM_S  # a map by a few images may be as late as the latest of them
     while clock.images < _WARM_IMAGES and time.now() < warm:

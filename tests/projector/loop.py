@@ -3,7 +3,8 @@
     python loop.py FBDIR ROWSxCOLS FRAMES FAULTS(JSON)
 
 Window (its process) on Xvfb -> frame buffer -> crystal -> optics -> rolling shutter -> GigE Vision ->
-back-end -> synchronisation -> capture -> decode -> height, beside the virtual sensor's own capture with as much noise.
+back-end -> synchronisation -> capture -> decode -> height, beside the virtual
+sensor's own captures with as much noise.
 """
 
 import json
@@ -100,13 +101,13 @@ def run(
         order = [k % len(shown) for k in range(count)]
         wrong, worst, begin = 0, 0.0, time.monotonic()
         taken: dict[int, list[np.ndarray]] = {}
-        repeats = incomplete = count_of = 0
-        for one in acquire(display, camera, timing, [k + 2 for k in order], time=real, clock=clock):
+        repeats = incomplete = 0
+        images = acquire(display, camera, timing, [k + 2 for k in order], time=real, clock=clock)
+        for count_of, one in enumerate(images):
             index = one.index - 2
             off = float(np.sqrt(np.mean((one.image.pixels - clean[index]) ** 2)))
             wrong, worst = wrong + (off > 2), max(worst, off)
             taken.setdefault(count_of // len(shown), []).append(one.image.pixels)
-            count_of += 1
             repeats, incomplete = repeats + one.repeats, incomplete + one.refused["incomplete"]
         seconds = time.monotonic() - begin
         camera.close()
