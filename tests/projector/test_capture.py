@@ -14,7 +14,7 @@ import pytest
 
 from optolever import InputError
 from optolever.patterns import Frame, Sequence, sequence
-from optolever.projector import Capture, VirtualSensor, capture
+from optolever.projector import Capture, capture
 from optolever.scene import dent, load, resize, trace
 
 SHOWN = Sequence(
