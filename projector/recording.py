@@ -9,12 +9,14 @@ killed, or a disk that is full, leaves all images that have a line. Lines, by "e
     image: page, id, device_s, arrived_s, stamp_s, complete, why, crc32
 """
 
+import errno
 import json
+import os
 import queue
 import threading
 import zlib
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from types import TracebackType
@@ -44,7 +46,8 @@ class Recorder:
             raise InputError(f"{self.folder}: exists and is no empty folder; name another")
         self.folder.mkdir(parents=True, exist_ok=True)
         self._log = (self.folder / _LOG).open("w", encoding="utf-8")
-        self._pages = tifffile.TiffWriter(self.folder / _PAGES, bigtiff=True)
+        self._file = (self.folder / _PAGES).open("w+b")
+        self._pages = tifffile.TiffWriter(self._file, bigtiff=True)
         self.images = 0
         self._line("recording", {"version": _VERSION, **about})
 
@@ -76,13 +79,17 @@ class Recorder:
         }
         if image.complete:
             pixels = np.ascontiguousarray(image.pixels)
-            self._pages.write(
+            place = self._pages.write(
                 pixels,
                 contiguous=False,
                 photometric="minisblack",
                 metadata=None,
+                returnoffset=True,
                 description=f"id {image.id} stamp {stamp_s:.6f}",
             )
+            self._file.flush()
+            if place is None or os.fstat(self._file.fileno()).st_size < sum(place):  # a part may be written
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self.folder))
             line |= {"page": self.images, "crc32": zlib.crc32(pixels.tobytes())}
             self.images += 1
         self._line("image", line)
@@ -94,7 +101,9 @@ class Recorder:
     def close(self) -> None:
         """All that has a line is readable without."""
         self._log.close()
-        self._pages.close()
+        with suppress(OSError):  # of a full disk, again
+            self._pages.close()
+            self._file.close()
 
 
 class BackgroundRecorder:
@@ -198,7 +207,10 @@ class Recording:
             page, where = line["page"], self.folder / _PAGES
             if pages is None or page >= len(pages):
                 raise InputError(f"{where}: page {page} is missing, its line is there")
-            pixels = pages[page].asarray()
+            try:
+                pixels = pages[page].asarray()
+            except (ValueError, tifffile.TiffFileError) as error:
+                raise InputError(f"{where}: page {page} is damaged ({error})") from error
             if zlib.crc32(pixels.tobytes()) != line["crc32"]:
                 raise InputError(f"{where}: page {page} is damaged, its crc32 is not {line['crc32']}")
         names = ("id", "device_s", "arrived_s", "complete", "why")

@@ -101,7 +101,10 @@ class V4L2Camera:
             raise InputError(f"camera: {self._name} has no grey format of {wanted.bits} bits, it has {names}")
         self._layout = fitting[0]
         rows, cols = wanted.rows or 1 << 14, wanted.cols or 1 << 14  # the driver takes its largest
-        self._format = ioctl.set_format(self._device, rows, cols, self._layout[0])
+        try:
+            self._format = ioctl.set_format(self._device, rows, cols, self._layout[0])
+        except OSError as error:
+            raise InputError(f"camera: {self._name}: {_reason(error)}") from error
         if self._format.fourcc != self._layout[0]:
             raise InputError(f"camera: {self._name} answers {self._format.fourcc!r} to {self._layout[0]!r}")
         unlocked: list[str] = []

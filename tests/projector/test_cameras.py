@@ -11,6 +11,7 @@ import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -21,6 +22,7 @@ from optolever.projector import (
     CameraLost,
     ClockMap,
     Display,
+    Identity,
     RealTime,
     Timing,
     VirtualSensor,
@@ -47,6 +49,7 @@ class RecordedDevice:
     stuck: tuple[int, ...] = ()
     busy: bool = False
     unplugged: bool = False
+    streaming: bool = False
     sequences: tuple[int, ...] = (0, 1, 4)
     flags: int = 0x2000
     used: int | None = None
@@ -68,6 +71,8 @@ class RecordedDevice:
                 raise OSError(errno.EINVAL, "Invalid argument")
             data[44:48] = self.fourccs[index]
         elif request == ioctl.S_FMT:
+            if self.streaming:
+                raise OSError(errno.EBUSY, "Device or resource busy")
             self.fourcc = bytes(data[16:20])
             width = 1 if self.fourcc == b"GREY" else 2
             stride = width * self.cols + 4  # drivers pad rows
@@ -176,6 +181,8 @@ def test_v4l2_locks_what_is_automatic_and_reads_back() -> None:
 def test_v4l2_faults_are_one_line() -> None:
     with pytest.raises(InputError, match="the camera's node for metadata"):
         V4L2Camera(RecordedDevice(capabilities=0x84A00000), "/dev/video1")
+    with pytest.raises(InputError, match="busy"):  # as a second program met it in the virtual machine
+        V4L2Camera(RecordedDevice(streaming=True), "/dev/video0").configure(Wanted(0.01))
     camera = V4L2Camera(RecordedDevice(busy=True), "/dev/video0")
     camera.configure(Wanted(0.01))
     with pytest.raises(InputError, match="busy"):
@@ -212,6 +219,43 @@ def test_addresses_are_names() -> None:
     ):
         with pytest.raises(InputError, match=message):
             open_camera(address)
+
+
+def test_two_of_one_serial_and_a_camera_that_is_not_permitted(monkeypatch: pytest.MonkeyPatch) -> None:
+    twins = [Identity("v4l2", "Cam", "7", f"v4l2:/dev/v4l/by-id/{k}") for k in "ab"]
+    monkeypatch.setattr("optolever.projector.cameras.addresses.find_cameras", lambda: (twins, {}))
+    with pytest.raises(InputError, match="2 have the serial '7'; name one: v4l2:/dev/v4l/by-id/a, v4l2"):
+        open_camera("serial:7")
+
+    def forbidden(path: str) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied", path)
+
+    monkeypatch.setattr("optolever.projector.cameras.v4l2.OpenDevice", forbidden)
+    with pytest.raises(InputError, match="no permission: add the user to the group video"):
+        open_camera("v4l2:/dev/video0")
+
+
+def test_opencv_reads_what_it_can_open(tmp_path: Path) -> None:
+    """A film stands for a camera: its pictures in order, grey, and CameraLost some seconds after its end."""
+    path = str(tmp_path / "film.avi")
+    writer = cv2.VideoWriter(path, cv2.VideoWriter.fourcc(*"MJPG"), 25, (64, 48), False)
+    for level in (40, 120, 200):
+        writer.write(np.full((48, 64), level, np.uint8))
+    writer.release()
+    camera = open_camera(f"opencv:{path}")
+    accepted = camera.configure(Wanted(0.01))
+    assert (accepted.rows, accepted.cols) == (48, 64)
+    assert any("exposure" in one for one in accepted.unlocked)
+    camera.start()
+    for level in (40, 120, 200):
+        image = camera.next(1.0)
+        assert image is not None
+        assert (image.pixels.shape, image.device_s) == ((48, 64), None)
+        assert abs(float(image.pixels.mean()) - level) < 2
+    assert camera.next(1.0) is None
+    with pytest.raises(InputError, match="no software trigger"):
+        camera.trigger()
+    camera.close()
 
 
 def test_cameras_that_are_not_there_are_cameras(tmp_path: Path) -> None:
