@@ -52,7 +52,7 @@ def command(
     json_path: Path | None,
     **given: Any,
 ) -> None:
-    """Render, or take with a rig's camera, what is seen of a sequence in a mirror.
+    """Render, or take by a rig's camera, a sequence in a mirror.
 
     DIR receives capture.toml and frames/*.png, and, since the sensor is virtual, scene.toml and truth.npz:
     for every camera pixel the exact u, v, x, y, z, normal, incidence, visible.
@@ -132,7 +132,7 @@ def _take(
             "sequence": sequence,
             "frames": f"{len(shown)} of {rows} x {cols}",
             "images": f"{done.lost} lost, {numbers['incomplete']} incomplete",
-            "repeats": f"{numbers['repeats']} patterns were shown again",
+            "patterns": f"{numbers['repeats']} shown again, {numbers['late']} late",
             "time": number(done.seconds, "s"),
         },
     )

@@ -27,13 +27,14 @@ Found
                                   (Core Profile) Mesa 22.3.6, egl
   monitors                        none: no display (DISPLAY and
                                   WAYLAND_DISPLAY are unset)
-  cameras                         none: no /dev/video*
+  cameras                         none
 Missing
   nothing
 """
 
 CORE = ("moderngl", "numpy", "opencv-contrib-python-headless", "scipy", "numba", "glfw", "matplotlib")
 EXTRAS = {"h5py": "pip install 'optolever[sofast]'; without it SOFAST's HDF5 files cannot be read"}
+LIBRARIES = {"aravis-0.8": "apt-get install libaravis-0.8-0; without it no GigE or USB3 Vision camera"}
 PROGRAMS = {"xvfb-run": "apt-get install xvfb", "chromium": "apt-get install chromium"}
 
 
@@ -94,16 +95,11 @@ def _monitors() -> str:
 
 
 def _cameras() -> str:
-    """Video devices by their names in sysfs; opening them would take seconds and may disturb others."""
-    devices = sorted(Path("/dev").glob("video*"))
-    names = [Path("/sys/class/video4linux") / device.name / "name" for device in devices]
-    return (
-        "; ".join(
-            f"{device} ({name.read_text().strip() if name.is_file() else 'unnamed'})"
-            for device, name in zip(devices, names, strict=True)
-        )
-        or "none: no /dev/video*"
-    )
+    from optolever.projector.cameras import find_cameras
+
+    found, silent = find_cameras()
+    told = [f"{one.address} ({one.note or one.model})" for one in found]
+    return "; ".join((*told, *silent.values())) or "none"
 
 
 def _cache() -> str:
@@ -118,6 +114,7 @@ def _cache() -> str:
 
 
 def _missing(found: dict[str, str]) -> dict[str, str]:
+    from ctypes.util import find_library
     from shutil import which
 
     missing = {name: f"pip install {name}" for name in CORE if found[name] == "missing"}
@@ -132,6 +129,7 @@ def _missing(found: dict[str, str]) -> dict[str, str]:
             "without it the first decode of every process takes seconds longer"
         )
     missing |= {name: cost for name, cost in EXTRAS.items() if _version(name) is None}
+    missing |= {name: cost for name, cost in LIBRARIES.items() if find_library(name) is None}
     missing |= {
         name: f"{install}; only tests need it" for name, install in PROGRAMS.items() if which(name) is None
     }

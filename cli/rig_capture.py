@@ -19,12 +19,13 @@ __all__ = ["RigCapture", "capture_rig"]
 
 @dataclass(frozen=True)
 class RigCapture:
-    """A capture, what was taken when, and what it cost."""
+    """A capture, what was taken when, and what it cost; late: swaps over 1.5 refreshes after their call."""
 
     capture: "Capture"
     taken: tuple["Taken", ...]
     seconds: float
     lost: int
+    late: int = 0
 
     def numbers(self) -> dict[str, Any]:
         """For --json."""
@@ -32,6 +33,7 @@ class RigCapture:
             "frames": len(self.taken),
             "seconds": self.seconds,
             "lost": self.lost,
+            "late": self.late,
             "repeats": sum(one.repeats for one in self.taken),
             "early": sum(one.refused["early"] for one in self.taken),
             "incomplete": sum(one.refused["incomplete"] for one in self.taken),
@@ -46,7 +48,7 @@ def capture_rig(rig: Path, devices: Devices, shown: "Sequence", out: Path, *, ke
     import numpy as np
 
     from optolever.files import atomic_folder
-    from optolever.projector import Capture, Recorder, acquire
+    from optolever.projector import Capture, Recorder, Shown, acquire
     from optolever.scene import load
 
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
@@ -59,15 +61,20 @@ def capture_rig(rig: Path, devices: Devices, shown: "Sequence", out: Path, *, ke
         about |= {"rig": rig.read_text(encoding="utf-8"), "sequence": shown.to_dict()}
         if timing is not None:
             about["timing"] = timing.to_table()
-        begin = now.time.now()
+        begin, shows = now.time.now(), list[Shown]()
         try:
             with Recorder(record, about) as recorder:
                 recorder.configured(now.accepted)
+
+                def note(one: Shown) -> None:
+                    shows.append(one)
+                    recorder.shown(one)
+
                 taken = tuple(
                     acquire(
                         now.display, now.camera, timing, range(len(shown)),
                         time=now.time, clock=now.clock, triggered=now.triggered,
-                        on_image=recorder.image, on_shown=recorder.shown,
+                        on_image=recorder.image, on_shown=note,
                     )
                 )  # fmt: skip
         except (InputError, OSError) as error:
@@ -85,7 +92,7 @@ def capture_rig(rig: Path, devices: Devices, shown: "Sequence", out: Path, *, ke
         (folder / "acquisition.jsonl").write_text("\n".join(lines) + "\n", encoding="utf-8")
     if not keep:
         shutil.rmtree(record)
-    return RigCapture(done, taken, seconds, lost)
+    return RigCapture(done, taken, seconds, lost, sum(one.late for one in shows))
 
 
 def _line(one: "Taken") -> dict[str, Any]:

@@ -8,6 +8,7 @@ offset per band; least squares.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -31,9 +32,9 @@ _REFRESH_S = 1 / 60  # where unknown: what holds are counted in
 _WHITE_IMAGES = 32
 _LIT = 0.3  # of the largest swing: pixels that see the display
 _SWING = 8.0  # levels, at least
-_LATENCIES = np.arange(-0.02, 0.3, 0.002)
+_LATENCIES = np.arange(-0.02, 0.3, 0.004)
 _LATENESS = np.arange(-0.01, 0.0605, 0.0005)
-_ON_TIME = int(np.argmin(np.abs(_LATENESS)))
+_STRIDE = 4
 _CERTAIN = 16.0  # squared residuals, in their variance, that a late swap explains
 _LATE_S = 0.004  # a swap whose light is later than the others' by more does not count in the fit
 _MISFIT = 0.03
@@ -289,7 +290,7 @@ def _fit(taken: FlipRecord, exposure: float, swaps: Float, start: Float | None) 
         grid = [
             np.array([latency, tau, tau, shutter])
             for latency in _LATENCIES
-            for tau in (0.003, 0.01)
+            for tau in (0.005,)
             for shutter in (-0.015, 0.0, 0.015)
         ]
         starts = sorted(grid, key=cost)[:3]
@@ -323,21 +324,44 @@ def _lateness(taken: FlipRecord, exposure: float, numbers: Float, lateness: Floa
     noise = float(np.mean((_light(pair, starts, exposure, swaps, taken.levels) - seen) ** 2))
     reach = exposure + 5 * max(rise, fall) + _LATENESS[-1]
     for k in range(1, len(swaps)):
-        before, after = swaps[k - 1], swaps[k + 1] if k + 1 < len(swaps) else np.inf
         planned = taken.swaps_s[k]
         near = ((starts > planned - exposure + _LATENESS[0]) & (starts < planned + reach)).any(axis=1)
         if not near.any():
             continue
-        costs = []
-        for shift in _LATENESS:
-            moved = swaps.copy()
-            moved[k] = min(max(planned + shift, before), after)
-            costs.append(
-                np.sum((_light(pair, starts[near], exposure, moved, taken.levels) - seen[near]) ** 2)
-            )
-        if costs[_ON_TIME] - min(costs) < _CERTAIN * noise:
-            found[k] = 0.0  # no image shows by how much
-        else:
-            found[k] = _LATENESS[int(np.argmin(costs))]
-        swaps[k] = min(max(planned + found[k], before), after)
+        cost = partial(_moved_cost, k, swaps, taken.levels, pair, starts[near], seen[near], exposure)
+        found[k] = _shift(cost, planned, noise)
+        swaps[k] = _between(k, swaps, planned + found[k])
     return found
+
+
+def _between(k: int, swaps: Float, moved: float) -> float:
+    """A time of swap k between those beside it."""
+    return float(min(max(moved, swaps[k - 1]), swaps[k + 1] if k + 1 < len(swaps) else np.inf))
+
+
+def _moved_cost(
+    k: int,
+    swaps: Float,
+    levels: Float,
+    pair: Float,
+    starts: Float,
+    seen: Float,
+    exposure: float,
+    moved: float,
+) -> float:
+    """Squared misfit of images if swap k were at `moved`."""
+    tried = swaps.copy()
+    tried[k] = _between(k, swaps, moved)
+    return float(np.sum((_light(pair, starts, exposure, tried, levels) - seen) ** 2))
+
+
+def _shift(cost: Callable[[float], float], planned: float, noise: float) -> float:
+    """The lateness of least cost; 0 where it explains no more than chance does."""
+
+    def at(late: float) -> float:
+        return cost(planned + late)
+
+    coarse = min(_LATENESS[::_STRIDE].tolist(), key=at)
+    reach = _STRIDE * float(_LATENESS[1] - _LATENESS[0]) + 1e-9
+    best = min(_LATENESS[np.abs(_LATENESS - coarse) < reach].tolist(), key=at)
+    return float(best) if at(0.0) - at(best) >= _CERTAIN * noise else 0.0

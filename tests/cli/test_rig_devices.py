@@ -72,6 +72,7 @@ def test_a_rig_captures_what_its_camera_sees(optolever: Program, rig: Path, tmp_
     np.testing.assert_array_equal(Capture.load(tmp_path / "f").frames, done.frames)
 
 
+@pytest.mark.slow
 def test_measure_goes_to_the_report(optolever: Program, rig: Path, tmp_path: Path) -> None:
     outcome = optolever("measure", "--rig", rig, "--out", tmp_path / "m", "--json", tmp_path / "m.json")
     assert {"c.npz", "h.npz", "report.html", "capture"} == {one.name for one in (tmp_path / "m").iterdir()}
@@ -162,6 +163,7 @@ class Logging:
     configure = start = trigger = stop = close = lambda self, *_: None
 
 
+@pytest.mark.slow
 def test_sync_of_a_recording_is_the_same_every_time(optolever: Program, rig: Path, tmp_path: Path) -> None:
     setting, rng, time = Setting(), np.random.default_rng(0), SimulatedTime()
     display = SimulatedDisplay(setting, time, np.repeat([[0.0], [1.0]], 8, axis=1), rng)

@@ -296,6 +296,7 @@ def in_own_network(script: str, *words: str) -> str:
     return run.stdout
 
 
+@pytest.mark.slow
 def test_aravis_camera_over_loopback() -> None:
     """Found, set, read exactly, triggered, counted, refused while busy, lost."""
     aravis_or_skip()
