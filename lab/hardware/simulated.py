@@ -28,7 +28,8 @@ _COLUMNS = 8
 class Setting:
     """Seconds. rise and fall: time constants; shutter: first to last row; late: share of swaps whose light
     comes a refresh later; lost, incomplete: shares of the images; drift, offset: of the camera's clock;
-    buffers: images that the driver holds for who does not pull; rate: images/s.
+    buffers: images that the driver holds for who does not pull; rate: images/s;
+    behind: images that come that much later; transfer: mean random delay; noise: levels rms of a pixel.
     """
 
     refresh: float = 1 / 60
@@ -47,6 +48,7 @@ class Setting:
     offset: float = 1234.5
     buffers: int = 8
     behind: int = 0
+    noise: float = 0.0
     trigger: str = "free"
 
     @property
@@ -230,7 +232,8 @@ class SimulatedCamera:
             place = row / max(self.rows - 1, 1) if one.shutter >= 0 else 1 - row / max(self.rows - 1, 1)
             start = begin + abs(one.shutter) * place
             image[row] = self.display.light(start, start + one.exposure)
-        return np.rint(BLACK + SWING * image).astype(np.uint8)
+        noise = self.rng.normal(0, one.noise, image.shape) if one.noise else 0.0
+        return np.clip(np.rint(BLACK + SWING * image + noise), 0, 255).astype(np.uint8)
 
 
 def codes(count: int, rng: np.random.Generator) -> Float:

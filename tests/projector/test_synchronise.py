@@ -41,6 +41,14 @@ def test_drawn_rigs_of_every_day() -> None:
     assert sum(one.wrong + one.mixed + one.incomplete for one in figures) == 0
 
 
+def test_noise_and_late_arrivals_do_not_mislead() -> None:
+    """Noise of 2 levels, arrivals 3 ms late in the mean, every tenth swap a refresh late."""
+    found = measured(Setting(noise=2.0, transfer=0.003, late=0.1), seed=3)
+    assert abs(found.errors["latency"]) < 5e-4
+    assert max(abs(found.errors[name]) for name in ("rise", "fall", "shutter")) < 5e-4
+    assert found.timing.jitter_s == pytest.approx(1 / 60, abs=1e-3)
+
+
 @pytest.mark.parametrize("setting", [Setting(behind=3), Setting(lost=0.2, incomplete=0.2, buffers=2)])
 def test_stale_and_lost_images_cost_time_not_truth(setting: Setting) -> None:
     """A camera that is three images behind; one that loses a fifth, and half of what waits."""
