@@ -5,9 +5,10 @@
 - `options`: arguments that several commands share (--json, --size, scenes)
 - `outputs`: where commands write, checked before they work
 - `show`: tables, progress, JSON
-- one file a command, named as it: `demo`, `doctor`, `names`; `rig`, `patterns`, `capture`, `decode`,
-  `calibrate`, `rest`, `response`, `reconstruct`, `form`, `report` and `window`, which is the command `show`;
-  `sensor`, `codes`, `design`, `bench`, `paper`
+- `rig_devices`, `rig_capture`: the devices of a rig opened; a capture by them
+- one file a command, named as it: `demo`, `doctor`, `names`; `devices`, `expose`, `sync`, `measure`,
+  `record`, `replay`; `rig`, `patterns`, `capture`, `decode`, `calibrate`, `rest`, `response`, `reconstruct`,
+  `form`, `report` and `window`, which is the command `show`; `sensor`, `codes`, `design`, `bench`, `paper`
 """
 
 from .app import main, run

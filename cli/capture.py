@@ -1,13 +1,17 @@
-"""`optolever capture`: a virtual sensor looks at a dented mirror."""
+"""`optolever capture`: a virtual sensor looks at a dented mirror, or a rig's camera at a real one."""
 
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import click
 
 from .options import FILE, dent_of, json_option, load_scene, sample, virtual_sensor
 from .outputs import Program
+from .rig_capture import capture_rig
+from .rig_devices import device_options, devices_of
 from .show import number, progress, table, write_json
 
 __all__ = ["command"]
@@ -27,13 +31,17 @@ Capture in capture
 
 
 @click.command("capture", cls=Program, epilog=sample(SAMPLE))
-@virtual_sensor(scene=None, noise=0.0)
+@virtual_sensor(scene=None, noise=0.0, required=False)
+@partial(device_options, required=False)
+@click.option("--keep", is_flag=True, help="Of a rig: keep the recording of all images, DIR.recording.")
 @click.option(
     "--out", type=FILE, required=True, metavar="DIR", help="Folder to make; it must be new or empty."
 )
 @json_option
 def command(
-    scene_name: str,
+    scene_name: str | None,
+    rig: Path | None,
+    keep: bool,
     dent: str | None,
     sequence: str,
     noise: float,
@@ -42,12 +50,22 @@ def command(
     size: tuple[int, int] | None,
     out: Path,
     json_path: Path | None,
+    **given: Any,
 ) -> None:
-    """Render what a camera sees of a sequence in a dented mirror.
+    """Render, or take by a rig's camera, a sequence in a mirror.
 
     DIR receives capture.toml and frames/*.png, and, since the sensor is virtual, scene.toml and truth.npz:
     for every camera pixel the exact u, v, x, y, z, normal, incidence, visible.
+
+    With --rig its display shows the frames and its camera takes the first image of each that was exposed
+    after the pattern had settled ([sync], else after 0.5 s); acquisition.jsonl tells when, and what was
+    repeated. The recording of a capture that breaks off stays in DIR.recording (optolever replay).
     """
+    if rig is not None:
+        _take(rig, sequence, out, keep=keep, json_path=json_path, given=given)
+        return
+    if scene_name is None:
+        raise click.UsageError("Missing option '--scene' (a virtual sensor), or '--rig' (a camera).")
     from optolever.files import atomic_folder, together
     from optolever.patterns import sequence_from_text
     from optolever.projector import capture
@@ -87,5 +105,34 @@ def command(
             "visible": number(100 * numbers["visible_share"], "% of the pixels"),
             "mean level": number(numbers["mean_level"]),
             "time": number(seconds, "s"),
+        },
+    )
+
+
+def _take(
+    rig: Path, sequence: str, out: Path, *, keep: bool, json_path: Path | None, given: dict[str, Any]
+) -> None:
+    """With the devices of a rig."""
+    from optolever.files import together
+    from optolever.patterns import sequence_from_text
+    from optolever.scene import load
+
+    pattern = load(rig).pattern
+    shown = sequence_from_text(sequence, pattern.rows, pattern.cols)
+    devices = devices_of(rig, **given)
+    with together():
+        done = capture_rig(rig, devices, shown, out, keep=keep)
+        write_json(json_path, done.numbers())
+    rows, cols = done.capture.shape
+    numbers = done.numbers()
+    table(
+        f"Capture in {out}",
+        {
+            "camera": devices.camera,
+            "sequence": sequence,
+            "frames": f"{len(shown)} of {rows} x {cols}",
+            "images": f"{done.lost} lost, {numbers['incomplete']} incomplete",
+            "patterns": f"{numbers['repeats']} shown again, {numbers['late']} late",
+            "time": number(done.seconds, "s"),
         },
     )

@@ -27,7 +27,7 @@ Found
                                   (Core Profile) Mesa 22.3.6, egl
   monitors                        none: no display (DISPLAY and
                                   WAYLAND_DISPLAY are unset)
-  cameras                         none: no /dev/video*
+  cameras                         none
 Missing
   nothing
 """
@@ -36,6 +36,7 @@ CORE = ("moderngl", "numpy", "opencv-contrib-python-headless", "scipy", "numba",
 EXTRAS = {"h5py": "pip install 'optolever[sofast]'; without it SOFAST's HDF5 files cannot be read"}
 #: Wheels that all install the module cv2, into the same folder.
 OPENCV = tuple(f"opencv-{kind}python{end}" for kind in ("", "contrib-") for end in ("", "-headless"))
+LIBRARIES = {"aravis-0.8": "apt-get install libaravis-0.8-0; without it no GigE or USB3 Vision camera"}
 PROGRAMS = {"xvfb-run": "apt-get install xvfb", "chromium": "apt-get install chromium"}
 
 
@@ -91,20 +92,16 @@ def _monitors() -> str:
         return "none: no display (DISPLAY and WAYLAND_DISPLAY are unset)"
     from optolever.projector import monitors
 
-    return "; ".join(str(monitor) for monitor in monitors()) or "none"
+    told = [("; ".join((str(monitor), *monitor.faults()))) for monitor in monitors()]
+    return "; ".join(told) or "none"
 
 
 def _cameras() -> str:
-    """Video devices by their names in sysfs; opening them would take seconds and may disturb others."""
-    devices = sorted(Path("/dev").glob("video*"))
-    names = [Path("/sys/class/video4linux") / device.name / "name" for device in devices]
-    return (
-        "; ".join(
-            f"{device} ({name.read_text().strip() if name.is_file() else 'unnamed'})"
-            for device, name in zip(devices, names, strict=True)
-        )
-        or "none: no /dev/video*"
-    )
+    from optolever.projector.cameras import find_cameras
+
+    found, silent = find_cameras()
+    told = [f"{one.address} ({one.note or one.model})" for one in found]
+    return "; ".join((*told, *silent.values())) or "none"
 
 
 def _cache() -> str:
@@ -119,6 +116,7 @@ def _cache() -> str:
 
 
 def _missing(found: dict[str, str]) -> dict[str, str]:
+    from ctypes.util import find_library
     from shutil import which
 
     missing = {name: f"pip install {name}" for name in CORE if found[name] == "missing"}
@@ -140,6 +138,7 @@ def _missing(found: dict[str, str]) -> dict[str, str]:
             f"{names}, then pip install opencv-contrib-python-headless"
         )
     missing |= {name: cost for name, cost in EXTRAS.items() if _version(name) is None}
+    missing |= {name: cost for name, cost in LIBRARIES.items() if find_library(name) is None}
     missing |= {
         name: f"{install}; only tests need it" for name, install in PROGRAMS.items() if which(name) is None
     }

@@ -136,12 +136,13 @@ def renderer_option(command: Command) -> Command:
     return click.option("--renderer", type=kind, default="auto", show_default=True, help=text)(command)
 
 
-def virtual_sensor(scene: str | None, noise: float) -> Callable[[Command], Command]:
+def virtual_sensor(scene: str | None, noise: float, *, required: bool = True) -> Callable[[Command], Command]:
     """What a virtual sensor looks at: --scene (required if there is no default), --dent, --sequence, ..."""
     text = "Name of a preset (optolever names) or a scene's TOML file."
     options = (
-        scene_option if scene is None else click.option(
-            "--scene", "scene_name", metavar="PRESET_OR_TOML", default=scene, show_default=True, help=text,
+        click.option(
+            "--scene", "scene_name", metavar="PRESET_OR_TOML", default=scene,
+            required=required and scene is None, show_default=scene is not None, help=text,
         ),
         click.option(
             "--dent", metavar="NAME[:KEY=VALUE,...]",

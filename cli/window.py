@@ -1,5 +1,6 @@
 """`optolever show`: a sequence on a real display, frame by frame."""
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -36,6 +37,9 @@ Shown on monitor 1
     "--monitor", type=click.IntRange(min=0), metavar="N",
     help="Full screen there, by its number in --list; default: the second one, or a plain window.",
 )  # fmt: skip
+@click.option(
+    "--display", metavar="NAME", help="Full screen there, by its name, name:serial or output in --list."
+)
 @click.option("--size", type=SIZE, metavar="ROWSxCOLS", help="Of the pattern; default: the whole monitor.")
 @click.option(
     "--seconds", type=click.FloatRange(min=0, min_open=True), metavar="SECONDS",
@@ -50,6 +54,7 @@ Shown on monitor 1
 def command(
     text: str,
     monitor: int | None,
+    display: str | None,
     size: tuple[int, int] | None,
     seconds: float | None,
     out: Path | None,
@@ -68,7 +73,9 @@ def command(
     if listing:
         _list(found, json_path)
         return
-    chosen = _chosen(found, monitor)
+    chosen = _chosen(found, monitor, display)
+    for fault in () if chosen is None else found[chosen].faults():
+        click.echo(f"notice: {fault}", err=True)
     shown = _sequence(text, size, found, chosen)
     described = out or Path("capture.toml")
     write_description(described, shown)
@@ -78,6 +85,9 @@ def command(
             times: list[float] = []
         else:
             times = window.play(seconds)
+    if window.gone:
+        told = f", {len(times)} of {len(shown)} frames were shown" if seconds is not None else ""
+        raise InputError(f"display: monitor {chosen} went away{told}")
     where = "in a window" if chosen is None else f"on monitor {chosen}"
     record = {
         "sequence": text,
@@ -103,12 +113,21 @@ def _list(found: "list[Monitor]", json_path: Path | None) -> None:
     from dataclasses import asdict
 
     write_json(json_path, {"monitors": [asdict(monitor) for monitor in found]})
-    rows = [[str(m.index), m.name, f"{m.rows}x{m.cols}", number(m.refresh_hz, "Hz")] for m in found]
-    grid("Monitors", ("number", "name", "size", "refresh"), rows)
+    rows = [
+        [str(m.index), m.address, m.output, f"{m.rows}x{m.cols}", number(m.refresh_hz or math.nan, "Hz")]
+        for m in found
+    ]
+    grid("Monitors", ("number", "name", "output", "size", "refresh"), rows)
+    for fault in (fault for monitor in found for fault in monitor.faults()):
+        click.echo(f"notice: {fault}", err=True)
 
 
-def _chosen(found: "list[Monitor]", monitor: int | None) -> int | None:
+def _chosen(found: "list[Monitor]", monitor: int | None, display: str | None) -> int | None:
     """The monitor asked for, else the second one, else none: a plain window."""
+    from optolever.projector import choose_monitor
+
+    if display is not None:
+        return choose_monitor(found, display).index
     if monitor is None:
         return 1 if len(found) > 1 else None
     if monitor >= len(found):

@@ -3,65 +3,120 @@
 | file | holds |
 |---|---|
 | `context.py`, `shaders.py`, `shaders/` | the OpenGL context (EGL first); shader files and their flags |
-| `renderer.py`, `window.py` | frames drawn offscreen, bit-equal to NumPy's; the same in a real window |
+| `renderer.py` | frames drawn offscreen, bit-equal to NumPy's |
+| `display.py`, `display_process.py`, `window.py` | the same in a real window, in a process of its own |
+| `monitors.py`, `edid.py` | monitors by name and serial; what bends their levels |
+| `devices.py` | records and protocols of cameras, displays, clocks |
 | `virtual.py` | `capture`, `VirtualSensor`: a scene with a dent seen by its camera, strip by strip |
 | `groups.py`, `footprint.py` | frames looked up together; light of the cells under a pixel's footprint |
 | `optics_gl.py`, `surface_gl.py`, `optics_numpy.py`, `rays.py` | light on the sensor: GLSL; float64 |
 | `raytraced.py` | frames by rays through every pixel's area, for tests of what assumes something of a pixel |
 | `electronics.py` | exposure, flicker, response, noise, quantisation: one function for both |
-| `capture.py`, `folder.py`, `source.py` | `Capture`, its folder format, and the seam for real cameras |
+| `capture.py`, `folder.py` | `Capture` and its folder format |
 | `incoming.py` | pictures of other programs: which files, in which order, as which levels |
 | `sofast.py` | SOFAST's HDF5 measurements as captures |
+| `clocks.py`, `timing.py` | stamps of cameras as times here; what is known of a display and a camera |
+| `synchronise.py`, `acquire.py`, `exposure.py` | measured by flips; an image for every pattern; exposure |
+| `recording.py`, `stream.py` | recordings; a thread that pulls images |
+| `cameras/` | back-ends of cameras |
 | `benchmark.py` | frames per second on the context at hand |
 """
 
 from optolever.arguments import check_face
 
+from .acquire import Taken, acquire
 from .benchmark import RendererSpeed, measure_renderer
 from .capture import Capture
+from .clocks import ClockMap, Stamp
 from .context import ContextInfo, NoContextError, context_info, release_context
+from .devices import (
+    Accepted,
+    Camera,
+    CameraLost,
+    Display,
+    Identity,
+    Image,
+    RealTime,
+    Shown,
+    Time,
+    Wanted,
+)
+from .display import PatternWindow, monitors
+from .edid import Edid, parse_edid
 from .electronics import NOMINAL_SENSOR
+from .exposure import Contrast, ExposureChoice, choose_exposure, contrast
 from .folder import write_description
+from .monitors import Monitor, choose_monitor
 from .optics_numpy import Footprints, footprints, light_of
 from .raytraced import AreaTrace, Lighting, area_frames, area_light, expose, trace_area
+from .recording import BackgroundRecorder, Logged, Recorder, Recording
 from .renderer import PatternRenderer, render
 from .sofast import load_sofast, load_sofast_response
-from .source import FolderSource, FrameSource, PatternDisplay, record
+from .stream import CameraStream
+from .synchronise import FlipRecord, fit_timing, sync_notices, synchronise
+from .timing import SAFE_WAIT_S, Timing
 from .virtual import RENDERERS, VirtualSensor, capture, chosen_renderer
-from .window import Monitor, PatternWindow, monitors
 
 __all__ = [
     "NOMINAL_SENSOR",
     "RENDERERS",
+    "SAFE_WAIT_S",
+    "Accepted",
     "AreaTrace",
+    "BackgroundRecorder",
+    "Camera",
+    "CameraLost",
+    "CameraStream",
     "Capture",
+    "ClockMap",
     "ContextInfo",
-    "FolderSource",
+    "Contrast",
+    "Display",
+    "Edid",
+    "ExposureChoice",
+    "FlipRecord",
     "Footprints",
-    "FrameSource",
+    "Identity",
+    "Image",
     "Lighting",
+    "Logged",
     "Monitor",
     "NoContextError",
-    "PatternDisplay",
     "PatternRenderer",
     "PatternWindow",
+    "RealTime",
+    "Recorder",
+    "Recording",
     "RendererSpeed",
+    "Shown",
+    "Stamp",
+    "Taken",
+    "Time",
+    "Timing",
     "VirtualSensor",
+    "Wanted",
+    "acquire",
     "area_frames",
     "area_light",
     "capture",
+    "choose_exposure",
+    "choose_monitor",
     "chosen_renderer",
     "context_info",
+    "contrast",
     "expose",
+    "fit_timing",
     "footprints",
     "light_of",
     "load_sofast",
     "load_sofast_response",
     "measure_renderer",
     "monitors",
-    "record",
+    "parse_edid",
     "release_context",
     "render",
+    "sync_notices",
+    "synchronise",
     "trace_area",
     "write_description",
 ]

@@ -117,7 +117,7 @@ def _fitting(chosen: str, asked: str, scene: Scene) -> str:
 
 
 class VirtualSensor:
-    """A camera that does not exist: a FrameSource whose frames are rendered. A context manager.
+    """A camera that does not exist: its frames are rendered. A context manager.
 
     surface: the mirror's shape, or a callable t (s) -> Surface of a moving one; frame i is taken at t = i
     frame_s,

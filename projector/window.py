@@ -1,8 +1,11 @@
-"""A real window that shows a sequence: chosen monitor, full screen, vsync, one frame at a time."""
+"""GLFW in this process: the window and the monitors. Only `display_process` calls it (its GLX and the virtual
+sensor's EGL end a process that has both).
+"""
 
+import ctypes
 import importlib
+import os
 import time
-from dataclasses import dataclass
 from functools import lru_cache
 from types import TracebackType
 from typing import Any, Self
@@ -15,16 +18,24 @@ from optolever.errors import InputError
 from optolever.patterns import Sequence
 from optolever.processes import safe_path
 
+from .devices import Shown
+from .monitors import Monitor, identified
 from .renderer import FramePainter
 
-__all__ = ["Monitor", "PatternWindow", "monitors"]
+__all__ = ["Shown", "Window", "connected_monitors"]
 
 _WAIT_S = 0.1  # between looks at whether the window was closed
+_OPENING_S = 3.0  # until a full-screen window has the monitor's size
+_DITHER = 0x0BD0  # GL_DITHER
 
 
 @lru_cache(maxsize=1)
 def _library() -> Any:
-    """GLFW's binding, imported for who has a window: it starts a Python for every libglfw that it finds."""
+    """GLFW's binding, imported for who has a window: it starts a Python for every libglfw that it finds.
+
+    X11's library: that for Wayland crashes in some compositors, and can choose neither monitor nor pixels.
+    """
+    os.environ["PYGLFW_LIBRARY_VARIANT"] = "x11"
     with safe_path():
         return importlib.import_module("glfw")
 
@@ -39,30 +50,46 @@ class _Glfw:
 glfw: Any = _Glfw()
 
 
-@dataclass(frozen=True, slots=True)
-class Monitor:
-    """A connected display: its index for PatternWindow, name, resolution in pixels and refresh rate in Hz."""
-
-    index: int
-    name: str
-    rows: int
-    cols: int
-    refresh_hz: int
-
-
-def monitors() -> list[Monitor]:
+def connected_monitors() -> list[Monitor]:
     """The connected monitors, the primary one first; InputError in one line where there is no display."""
     _initialise()
-    found = []
-    for index, handle in enumerate(glfw.get_monitors()):
-        mode = glfw.get_video_mode(handle)
-        name: Any = glfw.get_monitor_name(handle)
-        text = name.decode() if isinstance(name, bytes) else str(name)
-        found.append(Monitor(index, text, mode.size.height, mode.size.width, mode.refresh_rate))
-    return found
+    return [_described(index, handle) for index, handle in enumerate(glfw.get_monitors())]
 
 
-class PatternWindow:
+def _described(index: int, handle: Any) -> Monitor:
+    mode, name = glfw.get_video_mode(handle), glfw.get_monitor_name(handle)
+    output = name.decode() if isinstance(name, bytes) else str(name)
+    width_mm, height_mm = glfw.get_monitor_physical_size(handle)
+    return identified(
+        {
+            "index": index,
+            "name": output,
+            "output": output,
+            "rows": mode.size.height,
+            "cols": mode.size.width,
+            "refresh_hz": mode.refresh_rate,
+            "rows_mm": height_mm,
+            "cols_mm": width_mm,
+            "scale": round(float(max(glfw.get_monitor_content_scale(handle))), 3),
+            "bits": min(mode.bits.red, mode.bits.green, mode.bits.blue),
+            "bend": _bend(handle),
+        }
+    )
+
+
+def _bend(handle: Any) -> float:
+    """Largest departure of the level ramp (0 to 1) from a straight line; 0 where there is none."""
+    try:
+        ramp = glfw.get_gamma_ramp(handle)
+    except glfw.GLFWError:
+        return 0.0
+    channels = np.array([ramp.red, ramp.green, ramp.blue], np.float64)
+    if channels.shape[1] < 2 or not channels.any() or (np.diff(channels) < 0).any():
+        return 0.0  # a server without a ramp answers zeros, or whatever lies in memory
+    return float(np.abs(channels - np.linspace(0, 1, channels.shape[1])).max())
+
+
+class Window:
     """Shows frames of `sequence`, row 0 on top, column 0 on the left, one pattern pixel per screen pixel.
 
     monitor: index into `monitors()` for full screen, None for a plain window of the pattern's size.
@@ -72,7 +99,10 @@ class PatternWindow:
 
     def __init__(self, sequence: Sequence, *, monitor: int | None = None, vsync: bool = True) -> None:
         self._sequence = sequence
-        self._window = _open(sequence, monitor)
+        self._window, self._handle = _open(sequence, monitor)
+        self._gone = False
+        self._refresh_s = _refresh(self._handle)
+        glfw.set_monitor_callback(self._on_monitor)
         self._index = -1
         self._steps = 0  # asked for by keys
         try:
@@ -80,6 +110,7 @@ class PatternWindow:
             glfw.swap_interval(1 if vsync else 0)
             glfw.set_key_callback(self._window, self._on_key)
             self._ctx = moderngl.create_context(require=330)
+            self._ctx.disable_direct(_DITHER)
             self._painter = FramePainter(self._ctx, sequence)
         except BaseException:
             glfw.destroy_window(self._window)
@@ -109,8 +140,19 @@ class PatternWindow:
         """True once the user asked to close the window (its button, or the Escape key)."""
         return bool(glfw.window_should_close(self._window))
 
-    def show(self, index: int) -> None:
-        """Put frame `index` on the screen."""
+    @property
+    def gone(self) -> bool:
+        """True once the monitor was unplugged or switched off."""
+        return self._gone
+
+    @property
+    def refresh_s(self) -> float | None:
+        """Period of the monitor, None where the window system does not know it."""
+        return self._refresh_s
+
+    def show(self, index: int) -> Shown:
+        """Put frame `index` on the screen; when that was. InputError once the monitor is gone."""
+        asked = time.monotonic()
         if not 0 <= index < len(self._sequence):
             raise IndexError(f"frame {index} of a sequence of {len(self._sequence)}")
         glfw.make_context_current(self._window)
@@ -118,8 +160,16 @@ class PatternWindow:
         self._painter.draw(index, target, top=self.shape[0])
         glfw.swap_buffers(self._window)
         self._ctx.finish()
-        glfw.poll_events()
+        swapped = time.monotonic()
+        self.poll()
+        if self._gone:
+            raise InputError(f"display: the monitor went away before frame {index} was shown")
         self._index = index
+        return Shown(index, swapped, self._refresh_s is not None and swapped - asked > 1.5 * self._refresh_s)
+
+    def poll(self) -> None:
+        """Answer the window system."""
+        glfw.poll_events()
 
     def step(self, by: int = 1) -> int:
         """Show the frame `by` further on, the first after the last; returns its index."""
@@ -130,29 +180,34 @@ class PatternWindow:
         """Show frames until the window is closed: right and left arrow step, Escape closes."""
         if self._index < 0:
             self.show(0)
-        while not self.closed:
+        while not self.closed and not self._gone:
             if self._steps:
                 steps, self._steps = self._steps, 0
                 self.step(steps)
             glfw.wait_events_timeout(_WAIT_S)
 
-    def play(self, seconds: float) -> list[float]:
-        """Show every frame once for so long, from the first; ends early if the window is closed.
+    def play(self, seconds: float) -> list[Shown]:
+        """Show every frame once for so long, from the first; those that were on for as long as they should.
 
-        Returns when each came on, in seconds after the first.
+        Ends early if the window is closed or the monitor goes away.
         """
-        times: list[float] = []
-        start = 0.0
+        shown: list[Shown] = []
         for index in range(len(self._sequence)):
-            self.show(index)
-            now = time.monotonic()
-            start = now if index == 0 else start
-            times.append(now - start)
-            while not self.closed and (left := times[-1] + start + seconds - time.monotonic()) > 0:
+            try:
+                one = self.show(index)
+            except InputError:
+                break
+            while not self.closed and not self._gone:
+                left = one.swapped_s + seconds - time.monotonic()
+                if left <= 0:
+                    break
                 glfw.wait_events_timeout(min(left, _WAIT_S))
+            if self._gone:
+                break
+            shown.append(one)
             if self.closed:
                 break
-        return times
+        return shown
 
     def read(self) -> NDArray[np.uint8]:
         """What the window shows, (rows, cols) uint8, row 0 on top: drawn once more and read back."""
@@ -161,6 +216,11 @@ class PatternWindow:
         raw = self._ctx.screen.read(viewport=(0, 0, width, height), components=3, alignment=1)
         pixels = np.frombuffer(raw, np.uint8).reshape(height, width, 3)
         return np.ascontiguousarray(pixels[::-1, :, 0])
+
+    def _on_monitor(self, handle: Any, event: int) -> None:
+        """Note that the monitor of the window was disconnected."""
+        if event == glfw.DISCONNECTED and self._handle is not None and _same(handle, self._handle):
+            self._gone = True
 
     def _on_key(self, window: Any, key: int, scancode: int, action: int, mods: int) -> None:
         """Note what the key asks for; GLFW forbids to draw and poll from here."""
@@ -189,7 +249,19 @@ def _initialise() -> None:
         ) from error
 
 
-def _open(sequence: Sequence, monitor: int | None) -> Any:
+def _same(one: Any, other: Any) -> bool:
+    return bool(ctypes.cast(one, ctypes.c_void_p).value == ctypes.cast(other, ctypes.c_void_p).value)
+
+
+def _refresh(handle: Any) -> float | None:
+    """Period of a monitor, of the primary one for a plain window; None where it is unknown."""
+    chosen = handle or glfw.get_primary_monitor()
+    rate = glfw.get_video_mode(chosen).refresh_rate if chosen else 0
+    return 1 / rate if rate > 0 else None
+
+
+def _open(sequence: Sequence, monitor: int | None) -> tuple[Any, Any]:
+    """The window and its monitor (None: a plain window). InputError if it does not fit."""
     _initialise()
     for hint, value in (
         (glfw.CONTEXT_VERSION_MAJOR, 3),
@@ -205,23 +277,48 @@ def _open(sequence: Sequence, monitor: int | None) -> Any:
         glfw.window_hint(hint, value)
     try:
         if monitor is None:
-            return glfw.create_window(sequence.cols, sequence.rows, "optolever", None, None)
+            _require_room(sequence)
+            return glfw.create_window(sequence.cols, sequence.rows, "optolever", None, None), None
         return _open_full_screen(sequence, monitor)
     except glfw.GLFWError as error:
         raise InputError(f"display: no OpenGL 3.3 window ({error})") from error
 
 
-def _open_full_screen(sequence: Sequence, monitor: int) -> Any:
+def _require_room(sequence: Sequence) -> None:
+    """InputError if a plain window fits on no monitor: the window system would cut it without a word."""
+    sizes = [glfw.get_video_mode(handle).size for handle in glfw.get_monitors()]
+    if sizes and not any(sequence.rows <= size.height and sequence.cols <= size.width for size in sizes):
+        largest = max(sizes, key=lambda size: size.height * size.width)
+        raise InputError(
+            f"window: {sequence.rows}x{sequence.cols} pixels, the largest monitor has "
+            f"{largest.height}x{largest.width}"
+        )
+
+
+def _open_full_screen(sequence: Sequence, monitor: int) -> tuple[Any, Any]:
     handles = glfw.get_monitors()
     if not 0 <= monitor < len(handles):
         raise InputError(f"monitor: {monitor} does not exist, the limit is {len(handles) - 1}")
-    mode = glfw.get_video_mode(handles[monitor])
+    handle = handles[monitor]
+    mode = glfw.get_video_mode(handle)
     cols, rows = mode.size
     if sequence.rows > rows or sequence.cols > cols:
         raise InputError(
             f"monitor: {monitor} has {rows}x{cols} pixels, the sequence needs {sequence.rows}x{sequence.cols}"
         )
+    scale = max(glfw.get_monitor_content_scale(handle))
+    if scale != 1 and "WAYLAND_DISPLAY" in os.environ:
+        raise InputError(
+            f"monitor: {monitor} is scaled by {scale:g} under Wayland, must be 1: set its scale to 1"
+        )
     glfw.window_hint(glfw.REFRESH_RATE, mode.refresh_rate)
-    window = glfw.create_window(cols, rows, "optolever", handles[monitor], None)
+    window = glfw.create_window(cols, rows, "optolever", handle, None)
     glfw.set_input_mode(window, glfw.CURSOR, glfw.CURSOR_HIDDEN)
-    return window
+    limit = time.monotonic() + _OPENING_S
+    while tuple(glfw.get_framebuffer_size(window)) != (cols, rows):
+        if time.monotonic() > limit:
+            width, height = glfw.get_framebuffer_size(window)
+            glfw.destroy_window(window)
+            raise InputError(f"monitor: {monitor} has {rows}x{cols} pixels, the window got {height}x{width}")
+        glfw.wait_events_timeout(_WAIT_S / 10)
+    return window, handle

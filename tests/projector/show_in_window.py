@@ -1,6 +1,6 @@
 """Shows frames in a window and writes what the window and the X server's screen hold; run by test_window.py.
 
-Arguments: folder of the server's frame buffer file, output .npz, 'window' or 'full-screen'.
+Arguments: folder of the server's frame buffer file, output .npz, 'window' or 'full-screen'; or 'keys'.
 """
 
 import sys
@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optolever.patterns import sequence
-from optolever.projector import PatternWindow, monitors
+from optolever.projector import PatternWindow, capture, monitors
+from optolever.projector.window import Window
+from optolever.scene import dent, load, resize
 
 
 def screen(folder: Path) -> NDArray[np.uint8]:
@@ -25,14 +27,23 @@ def screen(folder: Path) -> NDArray[np.uint8]:
     return pixels[:, : 4 * cols].reshape(rows, cols, 4)[..., 1].copy()
 
 
-def press_keys(window: PatternWindow) -> list[int]:
-    """The frame on show after right, right, left and Escape, pressed before `run`."""
+def press_keys() -> None:
+    """Print the frame on show after right, right, left and Escape, pressed before `run`, from frame 2 on."""
+    window = Window(sequence("gray+phase", 48, 80))
+    window.show(2)
     for key in (glfw.KEY_RIGHT, glfw.KEY_RIGHT, glfw.KEY_LEFT):
         window._on_key(window._window, key, 0, glfw.PRESS, 0)
         window._on_key(window._window, key, 0, glfw.RELEASE, 0)
     threading.Timer(0.3, lambda: window._on_key(window._window, glfw.KEY_ESCAPE, 0, glfw.PRESS, 0)).start()
     window.run()
-    return [window.index]
+    window.close()
+    print(window.index)
+
+
+def look() -> None:
+    """The virtual sensor draws in this process: EGL beside the window's GLX."""
+    rig = resize(load("prism48"), 24, 32)
+    capture(rig, dent("flat", rig), sequence("gray", rig.pattern.rows, rig.pattern.cols), renderer="gl")
 
 
 def main(folder: Path, out: Path, mode: str) -> None:
@@ -40,12 +51,14 @@ def main(folder: Path, out: Path, mode: str) -> None:
     found = monitors()
     shown = sequence("gray+phase", 48, 80)
     windows, screens, indices = [], [], []
-    with PatternWindow(shown, monitor=0 if mode == "full-screen" else None) as window:
+    monitor = 0 if mode == "full-screen" else None
+    look()
+    with PatternWindow(shown, monitor=monitor) as window:
         for _ in range(3):
             indices.append(window.step())
             windows.append(window.read())
             screens.append(screen(folder))
-        indices += press_keys(window)
+            look()
     sizes = [(monitor.rows, monitor.cols) for monitor in found]
     np.savez(
         out, windows=windows, screens=screens, indices=indices, monitors=sizes, expected=shown.render()[:3]
@@ -53,4 +66,7 @@ def main(folder: Path, out: Path, mode: str) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3])
+    if sys.argv[1:] == ["keys"]:
+        press_keys()
+    else:
+        main(Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3])

@@ -14,7 +14,7 @@ import pytest
 
 from optolever import InputError
 from optolever.patterns import Frame, Sequence, sequence
-from optolever.projector import Capture, FolderSource, FrameSource, VirtualSensor, capture, record
+from optolever.projector import Capture, capture
 from optolever.scene import dent, load, resize, trace
 
 SHOWN = Sequence(
@@ -298,23 +298,3 @@ class Projector:
 
     def show(self, index: int) -> None:
         self.shown.append(index)
-
-
-def test_recording_from_a_folder_and_from_the_virtual_sensor(tmp_path: Path) -> None:
-    """The seam for real cameras: both sources go through `record` unchanged."""
-    made(12).save(tmp_path / "c")
-    folder = FolderSource(tmp_path / "c")
-    assert isinstance(folder, FrameSource)
-    display = Projector()
-    seen = record(folder, folder.sequence, display)
-    np.testing.assert_array_equal(seen.frames, made(12).frames)
-    assert (seen.bits, display.shown) == (12, [0, 1, 2, 3])
-
-    scene = resize(load("paper-simulation"), 16, 16)
-    shown = replace(SHOWN, rows=scene.pattern.rows, cols=scene.pattern.cols)
-    surface = dent("gaussian", scene)
-    with VirtualSensor(scene, surface, shown, renderer="numpy", noise=1.0, seed=4) as sensor:
-        assert isinstance(sensor, FrameSource)
-        seen = record(sensor, sensor.sequence)
-    whole = capture(scene, surface, shown, renderer="numpy", noise=1.0, seed=4)
-    np.testing.assert_array_equal(seen.frames, whole.frames)

@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -14,7 +15,7 @@ import pytest
 
 from optolever import InputError
 from optolever.patterns import sequence
-from optolever.projector import ContextInfo, monitors
+from optolever.projector import ContextInfo, PatternWindow, monitors
 
 from .show_in_window import screen
 
@@ -62,7 +63,7 @@ def test_window_shows_the_frames(x_server: tuple[str, Path], tmp_path: Path, mod
     assert time.perf_counter() - start < 60
     with np.load(out) as seen:
         assert seen["monitors"].tolist() == [[ROWS, COLS]]
-        assert seen["indices"].tolist() == [0, 1, 2, 3]  # steps, then what the keys asked for
+        assert seen["indices"].tolist() == [0, 1, 2]
         expected = seen["expected"]
         if mode == "window":
             np.testing.assert_array_equal(seen["windows"], expected)
@@ -72,6 +73,36 @@ def test_window_shows_the_frames(x_server: tuple[str, Path], tmp_path: Path, mod
             np.testing.assert_array_equal(seen["screens"], padded)
         for screen, image in zip(seen["screens"], expected, strict=True):
             assert_holds(screen, image)
+
+
+def test_keys_step_and_close(x_server: tuple[str, Path]) -> None:
+    script = Path(__file__).with_name("show_in_window.py")
+    environment = {**os.environ, "DISPLAY": x_server[0]}
+    words = [sys.executable, script, "keys"]
+    run = subprocess.run(words, env=environment, capture_output=True, text=True, check=False, timeout=60)
+    assert (run.returncode, run.stdout) == (0, "3\n"), run.stderr
+
+
+def test_a_window_that_dies_is_one_line(x_server: tuple[str, Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its process is killed, as by a crash of a driver: the caller goes on, with an InputError."""
+    monkeypatch.setenv("DISPLAY", x_server[0])
+    with PatternWindow(sequence("gray", 48, 80)) as window:
+        window.show(0)
+        children = Path(f"/proc/self/task/{os.getpid()}/children").read_text().split()
+        (child,) = [one for one in children if "display_process" in Path(f"/proc/{one}/cmdline").read_text()]
+        os.kill(int(child), signal.SIGSEGV)
+        with pytest.raises(InputError, match=r"^display: the window's process ended by SIGSEGV"):
+            window.show(1)
+
+
+def test_wayland_never_loads_its_library(x_server: tuple[str, Path], tmp_path: Path) -> None:
+    """GLFW's own choice where the session says wayland crashes in some compositors: X11's is loaded."""
+    code = "from optolever.projector.window import connected_monitors, _library; connected_monitors(); "
+    code += "print(_library().get_platform() == _library().PLATFORM_X11)"
+    environment = {**os.environ, "DISPLAY": x_server[0], "XDG_SESSION_TYPE": "wayland"}
+    words = [sys.executable, "-c", code]
+    run = subprocess.run(words, env=environment, capture_output=True, text=True, check=False, timeout=60)
+    assert (run.returncode, run.stdout) == (0, "True\n"), run.stderr
 
 
 def test_show_puts_every_frame_on_the_screen(x_server: tuple[str, Path], tmp_path: Path) -> None:
@@ -125,6 +156,8 @@ def test_show_lists_monitors_and_refuses_others(x_server: tuple[str, Path], tmp_
     for words, message in (
         (("--monitor", "3"), "does not exist, the limit is 0"),
         (("--monitor", "0", "--size", "4000x4000"), "the sequence needs 4000x4000"),
+        (("--size", "4000x4000"), f"the largest monitor has {ROWS}x{COLS}"),
+        (("--display", "nobody"), "is not connected, there is screen"),
         ((), "--size: must be given"),
     ):
         done = show(*words)

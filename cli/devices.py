@@ -1,0 +1,68 @@
+"""`optolever devices`: cameras and monitors, each with the words that choose it."""
+
+from dataclasses import asdict
+from pathlib import Path
+
+import click
+
+from optolever import InputError
+
+from .options import json_option, sample
+from .outputs import Program
+from .show import grid, write_json
+
+__all__ = ["command"]
+
+SAMPLE = """
+$ optolever devices
+Cameras
+--camera                                    model         serial  formats    note
+v4l2:/dev/v4l/by-id/usb-Maker_Cam_123-...   Cam: Cam      123     GREY YUYV
+gige:192.168.0.12                           acA1920-40gm  22781
+Monitors
+--display               size         refresh  mm         bits
+DELL U2412M:YMYH1234    1200 x 1920  60 Hz    324 x 518  8
+"""
+
+
+@click.command("devices", cls=Program, epilog=sample(SAMPLE))
+@json_option
+def command(json_path: Path | None) -> None:
+    """List cameras and monitors with the words that choose them.
+
+    A camera is chosen by address or serial:NUMBER, a monitor by name, never by a number that changes when
+    something is plugged in. Besides: --camera folder:DIR, replay:DIR, virtual; --display window.
+    """
+    from optolever.projector import monitors
+    from optolever.projector.cameras import find_cameras
+
+    cameras, silent = find_cameras()
+    try:
+        shown, why = monitors(), ""
+    except InputError as error:
+        shown, why = [], str(error)
+    write_json(
+        json_path,
+        {
+            "cameras": [asdict(one) for one in cameras],
+            "not_looked_for": silent,
+            "monitors": [asdict(one) | {"display": one.address, "faults": one.faults()} for one in shown],
+        },
+    )
+    rows = [[one.address, one.model, one.serial, " ".join(one.formats[:4]), one.note] for one in cameras]
+    grid("Cameras", ("--camera", "model", "serial", "formats", "note"), rows or [["none", "", "", "", ""]])
+    lines = [
+        [
+            one.address,
+            f"{one.rows} x {one.cols}",
+            f"{one.refresh_hz} Hz" if one.refresh_hz else "unknown",
+            f"{one.rows_mm} x {one.cols_mm}" if one.rows_mm else "unknown",
+            str(one.bits),
+        ]
+        for one in shown
+    ]
+    grid(
+        "Monitors", ("--display", "size", "refresh", "mm", "bits"), lines or [[f"none {why}", "", "", "", ""]]
+    )
+    for text in (*silent.values(), *(fault for one in shown for fault in one.faults())):
+        click.echo(f"notice: {text}", err=True)

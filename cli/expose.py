@@ -1,0 +1,104 @@
+"""`optolever expose`: exposure of a rig's camera by what it sees of white and black."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from optolever import InputError
+
+from .options import json_option, sample
+from .outputs import OutputFile, Program
+from .rig_devices import Opened, device_options, devices_of, opened, write_section
+from .show import number, table, write_json
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from optolever.projector import Wanted
+
+__all__ = ["command"]
+
+SAMPLE = """
+$ optolever expose --rig rig.toml --mask mask.png
+Exposure in rig.toml
+  exposure   16.67 ms
+  saturated  0 % of the pixels
+  swing      71.2 % of full scale (median)
+  lit        63.1 % of the pixels
+  further    66.67 ms, for dim pixels
+"""
+
+
+@click.command("expose", cls=Program, epilog=sample(SAMPLE))
+@device_options
+@click.option(
+    "--mask", "mask_path", type=OutputFile(".png"), metavar="FILE", help="Pixels that see the pattern."
+)
+@json_option
+def command(rig: Path, mask_path: Path | None, json_path: Path | None, **given: Any) -> None:
+    """Choose the longest exposure that saturates no pixel.
+
+    At most 0.01 % of the pixels reach the top level; a whole number of refreshes where the display tells
+    its own. RIG.toml gets it in [devices]. The gain stays: of one light it adds noise only.
+    """
+    import cv2
+
+    from optolever.files import atomic_file, together
+    from optolever.patterns import Frame, Sequence
+    from optolever.projector import choose_exposure
+    from optolever.scene import load
+
+    devices = devices_of(rig, **given)
+    pattern = load(rig).pattern
+    flat = Sequence((Frame("black"), Frame("white")), pattern.rows, pattern.cols)
+    with opened(rig, devices, flat, running=False) as now:
+        found = choose_exposure(
+            lambda exposure: _take(now, replace(devices.wanted(), exposure_s=exposure)),
+            now.accepted.bits,
+            1e-3 * devices.exposure_ms,
+            now.display.refresh_s,
+        )
+    chosen, seen = replace(devices, exposure_ms=1e3 * found.exposure_s), found.contrast
+    numbers = {
+        "exposure_ms": chosen.exposure_ms,
+        "saturated_share": seen.saturated,
+        "swing": seen.swing,
+        "lit_share": float(seen.mask.mean()),
+        "further_ms": [1e3 * one for one in found.further_s],
+    }
+    with together():
+        if mask_path is not None:
+            with atomic_file(mask_path) as temporary:
+                cv2.imwrite(str(temporary), 255 * seen.mask.astype("uint8"))
+        write_json(json_path, numbers)
+    write_section(rig, "devices", chosen.table())
+    table(
+        f"Exposure in {rig}",
+        {
+            "exposure": number(chosen.exposure_ms, "ms"),
+            "saturated": number(100 * seen.saturated, "% of the pixels"),
+            "swing": number(100 * seen.swing, "% of full scale (median)"),
+            "lit": number(100 * seen.mask.mean(), "% of the pixels"),
+            "further": ", ".join(number(1e3 * one, "ms") for one in found.further_s) or "none is needed",
+        },
+    )
+
+
+def _take(now: Opened, wanted: "Wanted") -> "tuple[float, NDArray[np.uint8], NDArray[np.uint8]]":
+    """Exposure as accepted, an image of white, one of black, each half a second after its swap."""
+    from optolever.projector import ClockMap, acquire
+
+    accepted = now.camera.configure(wanted)
+    now.camera.start()
+    try:
+        black, white = acquire(
+            now.display, now.camera, None, (0, 1), time=now.time, clock=ClockMap(), triggered=now.triggered
+        )
+    finally:
+        now.camera.stop()
+    if accepted.exposure_s <= 0:
+        raise InputError(f"camera: answers an exposure of {accepted.exposure_s:g} s")
+    return accepted.exposure_s, white.image.pixels, black.image.pixels

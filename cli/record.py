@@ -1,0 +1,86 @@
+"""`optolever record`: every image of a rig's camera, into a folder that everybody can read."""
+
+import shutil
+import time
+from pathlib import Path
+from typing import Any
+
+import click
+
+from optolever import InputError
+
+from .options import FILE, json_option, sample
+from .outputs import Program
+from .rig_devices import device_options, devices_of, opened
+from .show import number, table, write_json
+
+__all__ = ["command"]
+
+SAMPLE = """
+$ optolever record --rig rig.toml --seconds 10 --out recording
+Recording in recording
+  images      600, 60 a second
+  lost        0 by the camera, 0 by the disk
+  incomplete  0
+"""
+
+_SPARE = 1 << 28  # bytes that a disk must have left
+
+
+@click.command("record", cls=Program, epilog=sample(SAMPLE))
+@device_options
+@click.option(
+    "--seconds", type=click.FloatRange(0, min_open=True), required=True, metavar="SECONDS", help="How long."
+)
+@click.option("--out", type=FILE, required=True, metavar="DIR", help="Folder to make; new or empty.")
+@json_option
+def command(rig: Path, seconds: float, out: Path, json_path: Path | None, **given: Any) -> None:
+    """Record what a camera sees, the display white.
+
+    DIR gets frames.tif (BigTIFF, a page an image) and log.jsonl, a line an image with its counter and times.
+    A page without a line does not exist: what is killed, or meets a full disk, leaves all that has one.
+    """
+    from optolever.patterns import Frame, Sequence
+    from optolever.projector import BackgroundRecorder, CameraStream, Recorder
+    from optolever.scene import load
+
+    devices = devices_of(rig, **given)
+    pattern = load(rig).pattern
+    white = Sequence((Frame("white"),), pattern.rows, pattern.cols)
+    with opened(rig, devices, white, running=False) as now:
+        shown = now.display.show(0)
+        size = now.accepted.rows * now.accepted.cols * (1 if now.accepted.bits == 8 else 2)
+        need = int(size * seconds * (now.accepted.fps or 60)) + _SPARE
+        free = shutil.disk_usage(out.absolute().parent).free
+        if free < need:
+            raise InputError(f"{out}: needs {need / 1e9:.1f} GB, {free / 1e9:.1f} GB are free")
+        about = {"camera": now.camera.identity.address, "refresh_s": now.display.refresh_s}
+        with Recorder(out, about | {"rig": rig.read_text(encoding="utf-8")}) as recorder:
+            recorder.configured(now.accepted)
+            recorder.shown(shown)
+            writer = BackgroundRecorder(recorder)
+            try:
+                with CameraStream(now.camera, now.clock, writer.image) as stream:
+                    end = time.monotonic() + seconds
+                    while stream.running and (left := end - time.monotonic()) > 0:
+                        time.sleep(min(left, 0.05))
+            finally:
+                writer.close()
+            numbers = {
+                "images": recorder.images,
+                "incomplete": stream.incomplete,
+                "lost": now.camera.lost,
+                "dropped": writer.dropped,
+            }
+    failure = stream.failure or writer.failure
+    if failure is not None:
+        raise InputError(f"{failure}; {recorder.images} images are in {out}") from failure
+    write_json(json_path, numbers)
+    table(
+        f"Recording in {out}",
+        {
+            "images": f"{numbers['images']}, {number(numbers['images'] / seconds)} a second",
+            "lost": f"{numbers['lost']} by the camera, {numbers['dropped']} by the disk",
+            "incomplete": str(numbers["incomplete"]),
+        },
+    )

@@ -1,0 +1,109 @@
+"""A capture by the camera of a rig: recorded while it is taken, then written as a capture folder."""
+
+import json
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from optolever import InputError
+
+from .rig_devices import Devices, opened, wait_of
+
+if TYPE_CHECKING:
+    from optolever.patterns import Sequence
+    from optolever.projector import Capture, Taken
+
+__all__ = ["RigCapture", "capture_rig"]
+
+
+@dataclass(frozen=True)
+class RigCapture:
+    """A capture, what was taken when, and what it cost; late: swaps over 1.5 refreshes after their call."""
+
+    capture: "Capture"
+    taken: tuple["Taken", ...]
+    seconds: float
+    lost: int
+    late: int = 0
+
+    def numbers(self) -> dict[str, Any]:
+        """For --json."""
+        return {
+            "frames": len(self.taken),
+            "seconds": self.seconds,
+            "lost": self.lost,
+            "late": self.late,
+            "repeats": sum(one.repeats for one in self.taken),
+            "early": sum(one.refused["early"] for one in self.taken),
+            "incomplete": sum(one.refused["incomplete"] for one in self.taken),
+        }
+
+
+def capture_rig(rig: Path, devices: Devices, shown: "Sequence", out: Path, *, keep: bool) -> RigCapture:
+    """Show and take every frame; write `out`, acquisition.jsonl in it. keep: the recording stays, beside it.
+
+    InputError and CameraLost tell where what was taken so far lies.
+    """
+    import numpy as np
+
+    from optolever.files import atomic_folder
+    from optolever.projector import Capture, Recorder, Shown, acquire
+    from optolever.scene import load
+
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise InputError(f"{out}: exists and is no empty folder; name another")
+    scene = load(rig)
+    record = out.with_name(f"{out.name}.recording")
+    with opened(rig, devices, shown) as now:
+        timing = wait_of(now, rig)
+        about: dict[str, Any] = {"camera": now.camera.identity.address, "refresh_s": now.display.refresh_s}
+        about |= {"rig": rig.read_text(encoding="utf-8"), "sequence": shown.to_dict()}
+        if timing is not None:
+            about["timing"] = timing.to_table()
+        begin, shows = now.time.now(), list[Shown]()
+        try:
+            with Recorder(record, about) as recorder:
+                recorder.configured(now.accepted)
+
+                def note(one: Shown) -> None:
+                    shows.append(one)
+                    recorder.shown(one)
+
+                taken = tuple(
+                    acquire(
+                        now.display, now.camera, timing, range(len(shown)),
+                        time=now.time, clock=now.clock, triggered=now.triggered,
+                        on_image=recorder.image, on_shown=note,
+                    )
+                )  # fmt: skip
+        except (InputError, OSError) as error:
+            reason = error.strerror if isinstance(error, OSError) else str(error)
+            raise InputError(f"{reason or error}; what was taken so far is in {record}") from error
+        seconds, lost = now.time.now() - begin, now.camera.lost
+    frames = np.stack([one.image.pixels for one in taken])
+    stamps = np.array([one.stamp_s for one in taken])
+    size = frames.shape[1:]
+    known = scene if size == (scene.camera.rows, scene.camera.cols) else None
+    done = Capture(frames, shown, known, timestamps=stamps - stamps[0], bits=now.accepted.bits)
+    with atomic_folder(out) as folder:
+        done.save(folder)
+        lines = (json.dumps(_line(one)) for one in taken)
+        (folder / "acquisition.jsonl").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    if not keep:
+        shutil.rmtree(record)
+    return RigCapture(done, taken, seconds, lost, sum(one.late for one in shows))
+
+
+def _line(one: "Taken") -> dict[str, Any]:
+    """An image of acquisition.jsonl."""
+    return {
+        "index": one.index,
+        "id": one.image.id,
+        "device_s": one.image.device_s,
+        "swapped_s": one.swapped_s,
+        "stamp_s": one.stamp_s,
+        "arrived_s": one.image.arrived_s,
+        "repeats": one.repeats,
+        **one.refused,
+    }

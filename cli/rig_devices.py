@@ -1,0 +1,211 @@
+"""The devices of a rig: `[devices]` and `[sync]` of its TOML, options that change them, and both opened."""
+
+import tomllib
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from optolever import InputError
+
+if TYPE_CHECKING:
+    from optolever.patterns import Sequence
+    from optolever.projector import Accepted, Camera, ClockMap, Display, Time, Timing, Wanted
+
+__all__ = ["Devices", "Opened", "device_options", "devices_of", "opened", "wait_of", "write_section"]
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+_POSITIVE = click.FloatRange(0, min_open=True)
+_TRIGGERS = ("free", "software", "hardware")
+
+
+@dataclass(frozen=True)
+class Devices:
+    """[devices]: addresses, and the settings of the camera; rows, cols: 0 is the whole sensor."""
+
+    camera: str = ""
+    display: str = ""
+    exposure_ms: float = 16.6667
+    gain: float | None = None
+    bits: int = 8
+    rows: int = 0
+    cols: int = 0
+    row: int = 0
+    col: int = 0
+    fps: float | None = None
+    trigger: str = "free"
+
+    def wanted(self) -> "Wanted":
+        """Settings for a camera."""
+        from optolever.projector import Wanted
+
+        settings = {k: v for k, v in asdict(self).items() if k not in ("camera", "display", "exposure_ms")}
+        return Wanted(1e-3 * self.exposure_ms, **settings)
+
+    def table(self) -> dict[str, Any]:
+        """What is known, for TOML."""
+        return {name: value for name, value in asdict(self).items() if value is not None}
+
+
+@dataclass(frozen=True)
+class Opened:
+    """A rig that runs. still: a stand-in, which needs no time."""
+
+    camera: "Camera"
+    display: "Display"
+    accepted: "Accepted"
+    time: "Time"
+    clock: "ClockMap"
+    still: bool
+
+    @property
+    def triggered(self) -> bool:
+        """Whether the camera waits for the program."""
+        return self.accepted.trigger == "software"
+
+
+def device_options(command: Command, *, required: bool = True) -> Command:
+    """--rig, and what it holds, for this run instead."""
+    options = (
+        click.option(
+            "--rig", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="RIG.toml",
+            required=required, help="The rig: its scene, [devices] and [sync].",
+        ),
+        click.option("--camera", metavar="ADDRESS", help="As devices lists them, or virtual."),
+        click.option("--display", metavar="NAME", help="Monitor by its name; a plain window: window."),
+        click.option("--exposure-ms", type=_POSITIVE, metavar="MS", help="Of the camera."),
+        click.option("--gain", type=float, metavar="NUMBER", help="In the camera's own unit."),
+        click.option("--fps", type=_POSITIVE, metavar="HZ", help="Images a second."),
+        click.option("--trigger", type=click.Choice(_TRIGGERS), help="How exposures begin."),
+    )  # fmt: skip
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
+def devices_of(rig: Path, **given: Any) -> Devices:
+    """[devices] of a rig with what was given instead. InputError names the field."""
+    table = _table(rig).get("devices", {})
+    known = {field.name: field for field in fields(Devices)}
+    texts = ("camera", "display", "trigger")
+    for name, value in table.items():
+        if name not in known:
+            raise InputError(f"{rig}: [devices]: unknown field {name!r}, known are {', '.join(known)}")
+        whole = name in ("bits", "rows", "cols", "row", "col")
+        kind: Any = str if name in texts else int if whole else int | float
+        if not isinstance(value, kind) or isinstance(value, bool):
+            kind_name = "text" if name in texts else "whole number" if whole else "number"
+            raise InputError(f"{rig}: [devices]: {name} is {value!r}, must be a {kind_name}")
+    if table.get("trigger", "free") not in _TRIGGERS:
+        raise InputError(f"{rig}: [devices]: trigger is {table['trigger']!r}, must be {', '.join(_TRIGGERS)}")
+    devices = replace(Devices(**table), **{name: value for name, value in given.items() if value is not None})
+    if not devices.camera:
+        raise InputError(f"{rig}: [devices]: camera is missing; give --camera (optolever devices lists them)")
+    return devices
+
+
+def _timing_of(rig: Path) -> "Timing | None":
+    """[sync] of a rig; None without."""
+    from optolever.projector import Timing
+
+    section = _table(rig).get("sync")
+    return None if section is None else Timing.from_table(section, f"{rig}: [sync]")
+
+
+def _recorded(now: Opened) -> "Timing | None":
+    """Of a recording that is replayed: what it was taken with."""
+    from optolever.projector import Timing
+    from optolever.projector.cameras import Replay
+
+    if not isinstance(now.camera, Replay) or "timing" not in now.camera.recording.about:
+        return None
+    return Timing.from_table(now.camera.recording.about["timing"], str(now.camera.recording.folder))
+
+
+def wait_of(now: Opened, rig: Path) -> "Timing | None":
+    """What a capture waits by: [sync], that of the recording, none for a stand-in. None: unknown, with a
+    notice. InputError where it was measured with other settings.
+    """
+    from optolever.projector import Timing
+
+    if now.still:
+        return Timing(0, 0, 0, 0, 0, 0, 0.01, now.accepted.exposure_s)
+    timing = _timing_of(rig) or _recorded(now)
+    if timing is None:
+        text = "no [sync] in the rig, waiting 0.5 s for every pattern; optolever sync measures it"
+        click.echo(f"notice: {text}", err=True)
+        return None
+    timing.require(now.accepted)
+    return timing
+
+
+def write_section(rig: Path, name: str, section: Mapping[str, Any]) -> None:
+    """The rig with another section of that name; all others stay as they are."""
+    import tomli_w
+
+    from optolever.files import atomic_file
+
+    table = _table(rig) | {name: dict(section)}
+    with atomic_file(rig) as temporary:
+        temporary.write_bytes(tomli_w.dumps(table).encode())
+
+
+def _table(rig: Path) -> dict[str, Any]:
+    try:
+        table = tomllib.loads(rig.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{rig}: is no TOML ({error})") from error
+    if not isinstance(table.get("devices", {}), dict) or not isinstance(table.get("sync", {}), dict):
+        raise InputError(f"{rig}: devices and sync must be tables")
+    return table
+
+
+@contextmanager
+def opened(rig: Path, devices: Devices, shown: "Sequence", *, running: bool = True) -> Iterator[Opened]:
+    """Camera and display of a rig, set (and running); the display holds the frames of `shown`."""
+    from optolever.projector import ClockMap, Display, RealTime, Time
+
+    with ExitStack() as stack:
+        camera = _camera(rig, devices, shown, "auto" if running else "numpy")
+        stack.callback(camera.close)
+        accepted = camera.configure(devices.wanted())
+        for one in accepted.unlocked:
+            click.echo(f"notice: {one}", err=True)
+        still = isinstance(camera, Display)
+        display = camera if isinstance(camera, Display) else stack.enter_context(_window(devices, shown))
+        time = camera if isinstance(camera, Time) else RealTime()  # a recording has its own
+        if running:
+            camera.start()
+            stack.callback(camera.stop)
+        yield Opened(camera, display, accepted, time, ClockMap(), still and isinstance(time, RealTime))
+
+
+def _camera(rig: Path, devices: Devices, shown: "Sequence", renderer: str) -> "Camera":
+    """renderer: of the virtual sensor, which draws by OpenGL in one thread only."""
+    from optolever.projector.cameras import VirtualCamera, open_camera
+
+    if devices.camera != "virtual":
+        return open_camera(devices.camera)
+    from optolever.projector import VirtualSensor
+    from optolever.scene import dent_from_text, load
+
+    scene = load(rig)
+    surface = dent_from_text(scene.dent or "flat", scene)
+    return VirtualCamera(VirtualSensor(scene, surface, shown, renderer=renderer))
+
+
+def _window(devices: Devices, shown: "Sequence") -> Any:
+    """A PatternWindow on the monitor of that name, or a plain one; what bends its levels is told."""
+    from optolever.projector import PatternWindow, choose_monitor, monitors
+
+    if not devices.display:
+        raise InputError("display: must be given, --display NAME (optolever devices lists them), or window")
+    if devices.display == "window":
+        return PatternWindow(shown)
+    monitor = choose_monitor(monitors(), devices.display)
+    for fault in monitor.faults():
+        click.echo(f"notice: {fault}", err=True)
+    return PatternWindow(shown, monitor=monitor.index)

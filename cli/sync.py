@@ -1,0 +1,78 @@
+"""`optolever sync`: latency, settling and shutter of a rig's display and camera, into its [sync]."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import click
+
+from .options import json_option, sample
+from .outputs import Program
+from .rig_devices import device_options, devices_of, opened, write_section
+from .show import number, print_notices, table, write_json
+
+__all__ = ["command"]
+
+SAMPLE = """
+$ optolever sync --rig rig.toml
+Synchronisation in rig.toml
+  latency     38.2 ± 0.4 ms
+  latest      0.25 ms later
+  rise, fall  4.9 ms, 5.2 ms
+  shutter     16.02 ms
+  wait        75.1 ms after a swap
+  exposure    16.67 ms, 1 refreshes
+  flicker     0.1 % of white
+  misfit      0.2 % of the swing
+"""
+
+
+@click.command("sync", cls=Program, epilog=sample(SAMPLE))
+@device_options
+@click.option(
+    "--flips", type=click.IntRange(20), default=60, show_default=True, metavar="N", help="Of the screen."
+)
+@click.option(
+    "--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="N", help="Of the flips."
+)
+@json_option
+def command(rig: Path, flips: int, seed: int, json_path: Path | None, **given: Any) -> None:
+    """Measure how long after a pattern its image is good.
+
+    Flips the whole display between black and white for some seconds and watches with the camera. RIG.toml
+    gets [devices] as used and [sync]; capture then waits no longer than it must.
+    """
+    from optolever.files import together
+    from optolever.patterns import Frame, Sequence
+    from optolever.projector import sync_notices, synchronise
+    from optolever.scene import load
+
+    devices = devices_of(rig, **given)
+    pattern = load(rig).pattern
+    flat = Sequence((Frame("black"), Frame("white")), pattern.rows, pattern.cols)
+    with opened(rig, devices, flat) as now:
+        found, _ = synchronise(
+            now.display, now.camera, now.accepted,
+            time=now.time, clock=now.clock, seed=seed, flips=flips, triggered=now.triggered,
+        )  # fmt: skip
+    timing = replace(found, camera=devices.camera, display=devices.display)
+    with together():
+        write_section(rig, "devices", devices.table())
+        write_json(json_path, timing.to_table() | {"ready_s": timing.ready_s()})
+    write_section(rig, "sync", timing.to_table())
+    print_notices(sync_notices(timing))
+    sigma = timing.sigma_s or {}
+    refreshes = "" if timing.refresh_s is None else f", {timing.exposure_s / timing.refresh_s:.3g} refreshes"
+    table(
+        f"Synchronisation in {rig}",
+        {
+            "latency": f"{1e3 * timing.latency_s:.2f} ± {1e3 * sigma.get('latency', 0.0):.2f} ms",
+            "latest": number(1e3 * timing.jitter_s, "ms later"),
+            "rise, fall": f"{1e3 * timing.rise_s:.2f} ms, {1e3 * timing.fall_s:.2f} ms",
+            "shutter": number(1e3 * timing.shutter_s, "ms"),
+            "wait": number(1e3 * timing.ready_s(), "ms after a swap"),
+            "exposure": number(1e3 * timing.exposure_s, "ms") + refreshes,
+            "flicker": number(100 * timing.flicker, "% of white"),
+            "misfit": number(100 * timing.misfit, "% of the swing"),
+        },
+    )

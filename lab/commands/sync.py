@@ -1,0 +1,55 @@
+"""`python -m lab sync`: synchronisation and capture of drawn displays and cameras in simulated time."""
+
+from pathlib import Path
+
+import click
+
+from optolever.cli.options import json_option, sample
+from optolever.cli.outputs import Program
+from optolever.cli.show import grid, write_json
+
+__all__ = ["command"]
+
+SAMPLE = """
+$ python -m lab sync --frames 100000
+Synchronisation in simulated time
+setting  latency  rise   fall   shutter  within  frames  wrong  mixed  incomplete  time / bound
+0        0.07     0.00   -0.02  -0.00    yes     5000    0      0      0           0.899
+...
+"""
+
+
+@click.command("sync", cls=Program, epilog=sample(SAMPLE))
+@click.option(
+    "--frames", type=click.IntRange(20), default=100_000, show_default=True, metavar="N", help="In all."
+)
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the settings.")
+@click.option("--defaults", is_flag=True, help="Capture without [sync].")
+@json_option
+def command(frames: int, seed: int, defaults: bool, json_path: Path | None) -> None:
+    """Draw 20 displays, shutters, queues and losses; measure them; take images.
+
+    latency, rise, fall, shutter: error in ms; within: 0.5 ms and 3 %; wrong: images of another pattern;
+    mixed: with more than a level of one; time: of a frame, over latency + settling + exposure + read-out + a
+    refresh + a period.
+    """
+    from ..hardware.synchronisation import run_sync
+
+    figures = run_sync(frames, seed, known=not defaults)
+    rows = [
+        [
+            str(k),
+            *(f"{1e3 * one.errors[name]:.2f}" if one.errors else "-" for name in NAMES),
+            "yes" if one.recovered else "no",
+            *map(str, (one.frames, one.wrong, one.mixed, one.incomplete)),
+            f"{one.ratio:.3f}",
+        ]
+        for k, one in enumerate(figures)
+    ]
+    heads = ("setting", *NAMES, "within", "frames", "wrong", "mixed", "incomplete", "time / bound")
+    grid("Synchronisation in simulated time", heads, rows)
+    counts = {name: sum(getattr(one, name) for one in figures) for name in ("frames", "wrong", "mixed")}
+    write_json(json_path, {"worst_ratio": max(one.ratio for one in figures), **counts})
+
+
+NAMES = ("latency", "rise", "fall", "shutter")

@@ -1,0 +1,1 @@
+"""hardware: displays and cameras in simulated time. The map of its files is `lab`'s."""

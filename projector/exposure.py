@@ -1,0 +1,106 @@
+"""Exposure of a camera by white and black: no pixel saturates, the contrast in the mirror is largest."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.errors import InputError
+
+__all__ = ["Contrast", "ExposureChoice", "choose_exposure", "contrast"]
+
+Pixels = NDArray[np.uint8] | NDArray[np.uint16]
+
+_SATURATED = 1e-4  # share of the pixels that may be at the top level
+_TOP = 0.9  # of full scale, of the brightest that are to stay below
+_STEPS = 8
+_LIT = 0.03  # of the swing of the brightest pixels: those that see the pattern
+_RANGE = 10.0  # between bright and dim pixels of the mask, beyond which one exposure leaves dim ones noisy
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Contrast:
+    """saturated: share of the pixels at the top level; bright: level below which all others stay, of full
+    scale; swing: white less black (median of the mask), of full scale; mask (H, W): pixels that see the
+    pattern; range: swing of its bright over that of its dim pixels.
+    """
+
+    saturated: float
+    bright: float
+    swing: float
+    mask: NDArray[np.bool_]
+    range: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExposureChoice:
+    """The exposure (s), what white and black are with it; further: longer exposures for the dim pixels."""
+
+    exposure_s: float
+    contrast: Contrast
+    further_s: tuple[float, ...]
+
+
+def contrast(white: Pixels, black: Pixels, bits: int) -> Contrast:
+    """Of an image of a white and one of a black display. InputError where none of the pixels sees it."""
+    top = 2**bits - 1
+    swing = white.astype(np.float64) - black
+    most = float(np.percentile(swing, 99))
+    if most < 0.01 * top:
+        raise InputError(
+            f"expose: white is {most:.1f} levels of {top} above black; does the camera see the display? "
+            "is it in focus on the mirror, is the lens open?"
+        )
+    mask = swing > _LIT * most
+    dim, bright = np.percentile(swing[mask], (5, 95))
+    return Contrast(
+        saturated=float((white >= top).mean()),
+        bright=float(np.quantile(white, 1 - _SATURATED)) / top,
+        swing=float(np.median(swing[mask])) / top,
+        mask=mask,
+        range=float(bright / dim),
+    )
+
+
+def choose_exposure(
+    take: Callable[[float], tuple[float, Pixels, Pixels]],
+    bits: int,
+    start_s: float,
+    unit_s: float | None = None,
+) -> ExposureChoice:
+    """The longest exposure at which at most 0.01 % of the pixels saturate.
+
+    take(exposure) sets the camera and returns the exposure that it accepted, an image of white, one of black.
+    unit_s: a refresh of the display, of which the exposure is to be a whole number; None: any.
+    InputError where even the shortest exposure saturates.
+    """
+
+    def whole(exposure: float) -> float:
+        return exposure if unit_s is None else max(1, int(exposure / unit_s + 1e-6)) * unit_s
+
+    wanted, good = whole(start_s), None
+    tried: set[float] = set()
+    for _ in range(_STEPS):
+        accepted, white, black = take(wanted)
+        tried.add(wanted)
+        found = contrast(white, black, bits)
+        if found.saturated <= _SATURATED:
+            if good is None or accepted > good.exposure_s:
+                good = ExposureChoice(accepted, found, ())
+            factor = _TOP / max(found.bright, 0.01)
+        else:
+            factor = 0.5 if found.bright >= 1 else _TOP
+        wanted = whole(accepted * min(max(factor, 0.1), 10.0))
+        if wanted in tried or abs(wanted / accepted - 1) < 0.05:
+            break
+    if good is None:
+        raise InputError(
+            f"expose: {100 * found.saturated:.2f} % of the pixels saturate at {1e3 * accepted:.2f} ms, the "
+            "limit is 0.01 %; close the lens, or dim the display"
+        )
+    steps = (
+        int(np.ceil(np.log(good.contrast.range / _RANGE) / np.log(4))) if good.contrast.range > _RANGE else 0
+    )
+    further = tuple(whole(good.exposure_s * 4**k) for k in range(1, steps + 1))
+    return ExposureChoice(good.exposure_s, good.contrast, further)

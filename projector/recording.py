@@ -1,0 +1,234 @@
+"""Recordings: a folder of frames.tif (BigTIFF, a page an image, uncompressed) and log.jsonl, a line an event.
+
+The line of an image is written after its page: a page without a line does not exist. A process that is
+killed, or a disk that is full, leaves all images that have a line. Lines, by "event":
+
+    recording: version, free text fields of who recorded; the first one
+    configured: the settings that a camera accepted
+    shown: index, swapped_s, late
+    image: page, id, device_s, arrived_s, stamp_s, complete, why, crc32
+"""
+
+import errno
+import json
+import os
+import queue
+import threading
+import zlib
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, suppress
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+import tifffile
+
+from optolever.errors import InputError
+
+from .clocks import Stamp
+from .devices import Accepted, Image, Shown, no_pixels
+
+__all__ = ["BackgroundRecorder", "Logged", "Recorder", "Recording"]
+
+_VERSION = 1
+_WAITING = 256 << 20
+_PAGES, _LOG = "frames.tif", "log.jsonl"
+
+
+class Recorder:
+    """Writes a recording, event by event. A context manager."""
+
+    def __init__(self, folder: str | Path, about: Mapping[str, Any]) -> None:
+        self.folder = Path(folder)
+        if self.folder.exists() and (not self.folder.is_dir() or any(self.folder.iterdir())):
+            raise InputError(f"{self.folder}: exists and is no empty folder; name another")
+        self.folder.mkdir(parents=True, exist_ok=True)
+        self._log = (self.folder / _LOG).open("w", encoding="utf-8")
+        self._file = (self.folder / _PAGES).open("w+b")
+        self._pages = tifffile.TiffWriter(self._file, bigtiff=True)
+        self.images = 0
+        self._line("recording", {"version": _VERSION, **about})
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def configured(self, accepted: Accepted) -> None:
+        """Settings that hold from now on."""
+        self._line("configured", asdict(accepted))
+
+    def shown(self, shown: Shown) -> None:
+        """A frame came on."""
+        self._line("shown", asdict(shown))
+
+    def image(self, image: Image, stamp_s: float) -> None:
+        """An image and its time; one that is not complete has no page. OSError of `folder` on a full disk."""
+        line = {
+            "id": image.id,
+            "device_s": image.device_s,
+            "arrived_s": image.arrived_s,
+            "stamp_s": stamp_s,
+            "complete": image.complete,
+            "why": image.why,
+        }
+        if image.complete:
+            pixels = np.ascontiguousarray(image.pixels)
+            place = self._pages.write(
+                pixels,
+                contiguous=False,
+                photometric="minisblack",
+                metadata=None,
+                returnoffset=True,
+                description=f"id {image.id} stamp {stamp_s:.6f}",
+            )
+            self._file.flush()
+            if place is None or os.fstat(self._file.fileno()).st_size < sum(place):  # a part may be written
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self.folder))
+            line |= {"page": self.images, "crc32": zlib.crc32(pixels.tobytes())}
+            self.images += 1
+        self._line("image", line)
+
+    def _line(self, event: str, values: Mapping[str, Any]) -> None:
+        self._log.write(json.dumps({"event": event, **values}) + "\n")
+        self._log.flush()
+
+    def close(self) -> None:
+        """All that has a line is readable without."""
+        self._log.close()
+        with suppress(OSError):  # of a full disk, again
+            self._pages.close()
+            self._file.close()
+
+
+class BackgroundRecorder:
+    """Writes in a thread of its own, so that a slow disk does not hold the camera up.
+
+    At most 256 MB wait; what comes then is dropped, and counted. failure: the OSError that ended it.
+    """
+
+    def __init__(self, recorder: Recorder) -> None:
+        self._recorder = recorder
+        self._queue: queue.Queue[tuple[Image, float] | None] = queue.Queue()
+        self._waiting, self._lock = 0, threading.Lock()
+        self.dropped = 0
+        self.failure: OSError | None = None
+        self._thread = threading.Thread(target=self._write, name="recorder", daemon=True)
+        self._thread.start()
+
+    def image(self, image: Image, stamp: Stamp) -> None:
+        """Hand over an image; a listener of CameraStream. OSError once the disk is full."""
+        if self.failure is not None:
+            raise self.failure
+        with self._lock:
+            full = self._waiting + image.pixels.nbytes > _WAITING
+            self._waiting += 0 if full else image.pixels.nbytes
+            self.dropped += full
+        if not full:
+            self._queue.put((image, stamp.time_s))
+
+    def close(self) -> None:
+        """Write what waits."""
+        self._queue.put(None)
+        self._thread.join()
+
+    def _write(self) -> None:
+        while (one := self._queue.get()) is not None:
+            try:
+                if self.failure is None:
+                    self._recorder.image(*one)
+            except OSError as error:
+                self.failure = error
+            with self._lock:
+                self._waiting -= one[0].pixels.nbytes
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Logged:
+    """An image of a recording and the time that was found for it."""
+
+    image: Image
+    stamp_s: float
+
+
+class Recording:
+    """Reads a recording, whole or broken off. InputError names the file and what is wrong.
+
+    about: the first line; accepted: the last settings, None without.
+    """
+
+    def __init__(self, folder: str | Path) -> None:
+        self.folder = Path(folder)
+        log = self.folder / _LOG
+        if not log.is_file():
+            raise InputError(f"{self.folder}: no recording, {_LOG} is missing")
+        self._lines = list(_whole_lines(log))
+        if not self._lines or self._lines[0].get("version") != _VERSION:
+            raise InputError(f"{log}: the first line must tell version {_VERSION}")
+        self.about = self._lines[0]
+        settings = [line for line in self._lines if line["event"] == "configured"]
+        self.accepted = None if not settings else Accepted(**_plain(settings[-1], Accepted))
+
+    def __len__(self) -> int:
+        """Images, complete or not."""
+        return sum(line["event"] == "image" for line in self._lines)
+
+    def __iter__(self) -> Iterator[Shown | Logged]:
+        """Swaps and images in their order. InputError of an image whose pixels are not those of its line."""
+        with ExitStack() as open_files:
+            pages = self._pages(open_files)
+            for line in self._lines:
+                if line["event"] == "shown":
+                    yield Shown(**_plain(line, Shown))
+                elif line["event"] == "image":
+                    yield Logged(self._image(line, pages), line["stamp_s"])
+
+    def images(self) -> Iterator[Logged]:
+        """Images in their order."""
+        return (event for event in self if isinstance(event, Logged))
+
+    def _pages(self, open_files: ExitStack) -> tifffile.TiffPages | None:
+        """Of the file, while it is open; None where no image has a page."""
+        if not any("page" in line for line in self._lines):
+            return None
+        try:
+            return open_files.enter_context(tifffile.TiffFile(self.folder / _PAGES)).pages
+        except (OSError, tifffile.TiffFileError) as error:
+            raise InputError(f"{self.folder / _PAGES}: not readable ({error})") from error
+
+    def _image(self, line: Mapping[str, Any], pages: tifffile.TiffPages | None) -> Image:
+        pixels = no_pixels()
+        if "page" in line:
+            page, where = line["page"], self.folder / _PAGES
+            if pages is None or page >= len(pages):
+                raise InputError(f"{where}: page {page} is missing, its line is there")
+            try:
+                pixels = pages[page].asarray()
+            except (ValueError, tifffile.TiffFileError) as error:
+                raise InputError(f"{where}: page {page} is damaged ({error})") from error
+            if zlib.crc32(pixels.tobytes()) != line["crc32"]:
+                raise InputError(f"{where}: page {page} is damaged, its crc32 is not {line['crc32']}")
+        names = ("id", "device_s", "arrived_s", "complete", "why")
+        return Image(pixels, **{name: line[name] for name in names})
+
+
+def _whole_lines(log: Path) -> Iterator[dict[str, Any]]:
+    """Lines up to the first that is broken off."""
+    for text in log.read_text(encoding="utf-8", errors="replace").splitlines():
+        try:
+            line = json.loads(text)
+        except json.JSONDecodeError:
+            return
+        if not isinstance(line, dict) or "event" not in line:
+            return
+        yield line
+
+
+def _plain(line: Mapping[str, Any], record: type[Accepted | Shown]) -> dict[str, Any]:
+    values = {field.name: line[field.name] for field in fields(record) if field.name in line}
+    return {name: tuple(value) if isinstance(value, list) else value for name, value in values.items()}

@@ -1,0 +1,367 @@
+"""Latency, settling and shutter of a display and a camera, measured by flips of the whole screen.
+
+The camera is the photodiode: brightness of bands of rows against the times of pseudo-random swaps. Band r
+(0 top, 1 bottom) of an image with stamp s is the mean over [s + r shutter, + exposure] of cells that follow
+every swap `latency` later, with time constants of their own for rise and fall. Four numbers, a gain and an
+offset per band; least squares.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from optolever.errors import InputError
+from optolever.notices import Notice
+
+from .clocks import ClockMap
+from .devices import Accepted, Camera, Display, Image, Time
+from .timing import Timing
+
+__all__ = ["FlipRecord", "fit_timing", "record_flips", "sync_notices", "synchronise"]
+
+Float = NDArray[np.float64]
+
+_BANDS = 16
+_FLIPS = 60
+_REFRESH_S = 1 / 60  # where unknown: what holds are counted in
+_WHITE_IMAGES = 32
+_LIT = 0.3  # of the largest swing: pixels that see the display
+_SWING = 8.0  # levels, at least
+_LATENCIES = np.arange(-0.02, 0.3, 0.004)
+_LATENESS = np.arange(-0.01, 0.0605, 0.0005)
+_STRIDE = 4
+_CERTAIN = 16.0  # squared residuals, in their variance, that a late swap explains
+_LATE_S = 0.004  # a swap whose light is later than the others' by more does not count in the fit
+_MISFIT = 0.03
+_ROUNDS = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FlipRecord:
+    """stamps_s (N,) and their sigma; brightness (N, B) of bands with middles `bands` (0 to 1); swaps_s (F,)
+    and the level (0 or 1) shown from each on; delays_s (N,) from stamp to arrival; flicker: of white images.
+    """
+
+    stamps_s: Float
+    sigma_s: float
+    brightness: Float
+    bands: Float
+    swaps_s: Float
+    levels: Float
+    delays_s: Float
+    flicker: float
+
+
+def synchronise(
+    display: Display,
+    camera: Camera,
+    accepted: Accepted,
+    *,
+    time: Time,
+    clock: ClockMap,
+    seed: int = 0,
+    flips: int = _FLIPS,
+    triggered: bool = False,
+) -> tuple[Timing, FlipRecord]:
+    """Measure with frame 0 (black) and frame 1 (white) of `display` and a camera that runs; 60 flips, 5 s.
+
+    accepted: the camera's settings. InputError where the camera does not see the display.
+    """
+    taken = record_flips(display, camera, time=time, clock=clock, seed=seed, flips=flips, triggered=triggered)
+    return fit_timing(taken, accepted, display.refresh_s), taken
+
+
+def record_flips(
+    display: Display,
+    camera: Camera,
+    *,
+    time: Time,
+    clock: ClockMap,
+    seed: int = 0,
+    flips: int = _FLIPS,
+    triggered: bool = False,
+) -> FlipRecord:
+    """Flip black and white, held 2 to 6 refreshes at random, and keep the brightness of every image."""
+    refresh = display.refresh_s or _REFRESH_S
+    rng = np.random.default_rng(seed)
+
+    def pull(until: float, use: Callable[[Image, float, float], None]) -> None:
+        while (left := until - time.now()) > 0:
+            if triggered:
+                camera.trigger()
+            image = camera.next(left)
+            if image is not None:
+                stamp = clock.stamp(image)
+                if image.complete:
+                    use(image, stamp.time_s, stamp.sigma_s)
+
+    still: list[NDArray[np.float64]] = []
+    for level in (0, 1):
+        display.show(level)
+        seen: list[Image] = []
+        pull(time.now() + 0.5, lambda image, *_, seen=seen: seen.append(image))
+        limit = time.now() + 5.0
+        while len(seen) < 2 and time.now() < limit:
+            pull(time.now() + 0.5, lambda image, *_, seen=seen: seen.append(image))
+        if len(seen) < 2:
+            raise InputError("camera: fewer than 2 complete images in 5 s; is it running, is it triggered?")
+        still.append(seen[-1].pixels.astype(np.float64))
+    bands = _Bands(*still)
+
+    white: list[float] = []
+    limit = time.now() + 5.0
+    while len(white) < _WHITE_IMAGES and time.now() < limit:
+        pull(time.now() + 0.1, lambda image, *_: white.append(float(np.nanmean(bands(image.pixels)))))
+
+    rows: list[Float] = []
+    times: list[tuple[float, float, float]] = []
+
+    def use(image: Image, stamp: float, sigma: float) -> None:
+        rows.append(bands(image.pixels))
+        times.append((stamp, sigma, image.arrived_s - stamp))
+
+    level, swaps = 1, [display.show(1)]
+    for _ in range(flips):
+        pull(swaps[-1].swapped_s + (int(rng.integers(2, 7)) - 0.5) * refresh, use)
+        level = 1 - level
+        swaps.append(display.show(level))
+    pull(time.now() + 0.5, use)
+    stamps, sigmas, delays = (np.array(column) for column in zip(*times, strict=True))
+    return FlipRecord(
+        stamps,
+        float(np.median(sigmas)),
+        np.array(rows),
+        bands.middles,
+        np.array([shown.swapped_s for shown in swaps]),
+        np.array([float(shown.index) for shown in swaps]),
+        delays,
+        float(np.std(white) / np.mean(white)) if white else 0.0,
+    )
+
+
+class _Bands:
+    """Mean brightness of the lit pixels in bands of rows."""
+
+    def __init__(self, black: Float, white: Float) -> None:
+        swing = white - black
+        top = float(np.percentile(swing, 99.5))
+        if top < _SWING:
+            raise InputError(
+                f"camera: white is {top:.1f} levels above black, the limit is {_SWING:g}; does the camera "
+                "see the display? is the exposure long enough (optolever expose)?"
+            )
+        lit = swing > _LIT * top
+        count = min(_BANDS, len(lit))
+        edges = np.linspace(0, len(lit), count + 1).astype(int)
+        parts = [slice(a, b) for a, b in pairwise(edges) if lit[a:b].any()]
+        self._parts = [(part, lit[part]) for part in parts]
+        self.middles = np.array([self._middle(part, lit[part], len(lit)) for part in parts])
+
+    @staticmethod
+    def _middle(part: slice, lit: NDArray[np.bool_], rows: int) -> float:
+        return float((part.start + lit.sum(axis=1) @ (np.arange(len(lit)) + 0.5) / lit.sum()) / rows)
+
+    def __call__(self, pixels: NDArray[np.number]) -> Float:
+        return np.array([pixels[part][lit].mean() for part, lit in self._parts])
+
+
+def fit_timing(taken: FlipRecord, accepted: Accepted, refresh_s: float | None) -> Timing:
+    """The Timing that explains the brightness best. InputError of fewer images than numbers."""
+    if len(taken.stamps_s) < 20:
+        raise InputError(f"sync: {len(taken.stamps_s)} images while the screen flipped, the limit is 20")
+    exposure = accepted.exposure_s
+    fit = _fit(taken, exposure, taken.swaps_s, None)
+    lateness = np.zeros(len(taken.swaps_s))
+    for _ in range(_ROUNDS):  # late swaps bend the fit, and the fit the lateness
+        lateness = _lateness(taken, exposure, fit.x, lateness)
+        late = np.where(np.abs(lateness) > _LATE_S, lateness, 0.0)
+        fit = _fit(taken, exposure, taken.swaps_s + late, fit.x)
+    latency, rise, fall, shutter = (float(value) for value in fit.x)
+    freedom = max(fit.fun.size - 4 - 2 * len(taken.bands), 1)
+    covariance = np.linalg.pinv(fit.jac.T @ fit.jac) * float(fit.fun @ fit.fun) / freedom
+    formal = np.sqrt(np.diag(covariance))
+    sigma = dict(zip(("latency", "rise", "fall", "shutter"), map(float, formal), strict=True))
+    sigma["latency"] = float(np.hypot(sigma["latency"], taken.sigma_s))
+    period = float(np.median(np.diff(taken.stamps_s)))
+    read_out = float(np.median(taken.delays_s)) - exposure - abs(shutter)
+    return Timing(
+        latency_s=latency,
+        jitter_s=max(0.0, float(lateness[1:].max()) + 0.5 * float(_LATENESS[1] - _LATENESS[0])),
+        rise_s=rise,
+        fall_s=fall,
+        shutter_s=shutter,
+        read_out_s=max(read_out, 0.0),
+        period_s=period,
+        exposure_s=exposure,
+        refresh_s=refresh_s,
+        misfit=float(np.sqrt(np.mean(fit.fun**2))),
+        flicker=taken.flicker,
+        bits=accepted.bits,
+        trigger=accepted.trigger,
+        sigma_s=sigma,
+    )
+
+
+def sync_notices(timing: Timing) -> tuple[Notice, ...]:
+    """What a measurement wants its user to know."""
+    found = []
+    if timing.misfit > _MISFIT:
+        found.append(
+            Notice(
+                "the display does not follow the model of exponential cells (rms of the light, of the swing)",
+                timing.misfit,
+                _MISFIT,
+                "switch off dynamic backlight, overdrive and dithering, or capture without [sync]",
+            )
+        )
+    whole = timing.whole_refreshes(timing.exposure_s)
+    if whole is not None and abs(whole - timing.exposure_s) > 1e-3 * whole:
+        found.append(
+            Notice(
+                f"the exposure is {timing.exposure_s / (timing.refresh_s or 1):.3g} refreshes of the display",
+                float("nan"),
+                float("nan"),
+                f"expose for {1e3 * whole:.3f} ms, else its refresh beats with the camera",
+            )
+        )
+    return tuple(found)
+
+
+def _light(numbers: Float, starts: Float, exposure: float, swaps: Float, levels: Float) -> Float:
+    """Mean light over [starts, starts + exposure] of cells after swaps at `swaps`; numbers: rise, fall."""
+    rise, fall = numbers
+    state, total = float(levels[0]), 0.0
+    states, totals = np.empty(len(swaps)), np.empty(len(swaps))
+    taus = np.where(levels > 0.5, rise, fall)
+    for k, (level, tau) in enumerate(zip(levels, taus, strict=True)):
+        states[k], totals[k] = state, total
+        if k + 1 < len(swaps):
+            step = max(swaps[k + 1] - swaps[k], 0.0)
+            gone = -np.expm1(-step / tau)
+            total += level * step + (state - level) * tau * gone
+            state = level + (state - level) * (1 - gone)
+
+    def integral(times: Float) -> Float:
+        k = np.maximum(np.searchsorted(swaps, times, side="right") - 1, 0)
+        since = times - swaps[k]
+        gone = -np.expm1(-np.maximum(since, 0.0) / taus[k])
+        found: Float = totals[k] + levels[k] * since + (states[k] - levels[k]) * taus[k] * gone
+        return found
+
+    mean: Float = (integral(starts + exposure) - integral(starts)) / exposure
+    return mean
+
+
+def _residual(numbers: Float, taken: FlipRecord, exposure: float, swaps: Float) -> Float:
+    """Brightness less the model's best gain and offset of each band, over the gain; (N B,)."""
+    latency, rise, fall, shutter = numbers
+    starts = taken.stamps_s[:, None] + shutter * taken.bands
+    model = _light(np.array([rise, fall]), starts - latency, exposure, swaps, taken.levels)
+    model = model - model.mean(axis=0)
+    seen = taken.brightness - taken.brightness.mean(axis=0)
+    gain = (model * seen).sum(axis=0) / np.maximum((model**2).sum(axis=0), 1e-12)
+    swing = np.ptp(taken.brightness, axis=0)
+    residual: Float = ((seen - gain * model) / swing).ravel()
+    return residual
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fit:
+    """Latency, rise, fall, shutter; residuals and their derivatives there."""
+
+    x: Float
+    fun: Float
+    jac: Float
+
+
+def _fit(taken: FlipRecord, exposure: float, swaps: Float, start: Float | None) -> _Fit:
+    """Least squares from `start`, else from the best of a grid of latencies, cells and shutters."""
+
+    def cost(numbers: Float) -> float:
+        return float(np.sum(_residual(numbers, taken, exposure, swaps) ** 2))
+
+    starts = [start] if start is not None else []
+    if start is None:
+        grid = [
+            np.array([latency, tau, tau, shutter])
+            for latency in _LATENCIES
+            for tau in (0.005,)
+            for shutter in (-0.015, 0.0, 0.015)
+        ]
+        starts = sorted(grid, key=cost)[:3]
+    fits = [
+        least_squares(
+            _residual,
+            one,
+            args=(taken, exposure, swaps),
+            x_scale=1e-3,
+            bounds=([-0.1, 1e-4, 1e-4, -0.1], [0.5, 0.2, 0.2, 0.1]),
+        )
+        for one in starts
+    ]
+    best = min(fits, key=lambda fit: float(fit.cost))
+    return _Fit(best.x, best.fun, best.jac)
+
+
+def _lateness(taken: FlipRecord, exposure: float, numbers: Float, lateness: Float) -> Float:
+    """(F,) s, by how much the light of each swap is later than the fit says; one after the other, from what
+    was known of the others.
+    """
+    latency, rise, fall, shutter = numbers
+    starts = taken.stamps_s[:, None] + shutter * taken.bands - latency
+    swaps = taken.swaps_s + lateness
+    pair = np.array([rise, fall])
+    model = _light(pair, starts, exposure, swaps, taken.levels)
+    centred = model - model.mean(axis=0)
+    gain = (centred * taken.brightness).sum(axis=0) / (centred**2).sum(axis=0)
+    seen = model.mean(axis=0) + (taken.brightness - taken.brightness.mean(axis=0)) / gain
+    found = lateness.copy()
+    noise = float(np.mean((_light(pair, starts, exposure, swaps, taken.levels) - seen) ** 2))
+    reach = exposure + 5 * max(rise, fall) + _LATENESS[-1]
+    for k in range(1, len(swaps)):
+        planned = taken.swaps_s[k]
+        near = ((starts > planned - exposure + _LATENESS[0]) & (starts < planned + reach)).any(axis=1)
+        if not near.any():
+            continue
+        cost = partial(_moved_cost, k, swaps, taken.levels, pair, starts[near], seen[near], exposure)
+        found[k] = _shift(cost, planned, noise)
+        swaps[k] = _between(k, swaps, planned + found[k])
+    return found
+
+
+def _between(k: int, swaps: Float, moved: float) -> float:
+    """A time of swap k between those beside it."""
+    return float(min(max(moved, swaps[k - 1]), swaps[k + 1] if k + 1 < len(swaps) else np.inf))
+
+
+def _moved_cost(
+    k: int,
+    swaps: Float,
+    levels: Float,
+    pair: Float,
+    starts: Float,
+    seen: Float,
+    exposure: float,
+    moved: float,
+) -> float:
+    """Squared misfit of images if swap k were at `moved`."""
+    tried = swaps.copy()
+    tried[k] = _between(k, swaps, moved)
+    return float(np.sum((_light(pair, starts, exposure, tried, levels) - seen) ** 2))
+
+
+def _shift(cost: Callable[[float], float], planned: float, noise: float) -> float:
+    """The lateness of least cost; 0 where it explains no more than chance does."""
+
+    def at(late: float) -> float:
+        return cost(planned + late)
+
+    coarse = min(_LATENESS[::_STRIDE].tolist(), key=at)
+    reach = _STRIDE * float(_LATENESS[1] - _LATENESS[0]) + 1e-9
+    best = min(_LATENESS[np.abs(_LATENESS - coarse) < reach].tolist(), key=at)
+    return float(best) if at(0.0) - at(best) >= _CERTAIN * noise else 0.0

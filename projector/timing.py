@@ -1,0 +1,105 @@
+"""What synchronisation knows of one display and one camera with one exposure: latency, settling, shutter."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+from optolever.errors import InputError
+
+from .devices import Accepted
+
+__all__ = ["SAFE_WAIT_S", "Timing"]
+
+#: Without a measurement: what public rigs wait for slow displays, 30 refreshes at 60 Hz.
+SAFE_WAIT_S = 0.5
+_KINDS = {"trigger": "text", "camera": "text", "display": "text", "sigma_s": "table of numbers"}
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """Seconds, by the stamps of the camera (whatever of an exposure they mark).
+
+    latency_s: from a swap to the light, less the constant part of the stamps; jitter_s: largest lateness of
+    one swap's light; rise_s, fall_s: time constants of the cells; shutter_s: from the first row to the last
+    (negative: upwards); read_out_s: from the end of the last row's exposure to the arrival; period_s: of
+    the images; refresh_s: None where unknown; misfit: rms of the light that the model does not explain, of
+    the swing; flicker: rms of white images over their mean; sigma_s: of latency, rise, fall, shutter.
+    camera, display: their addresses. A Timing holds for its exposure, bits and trigger.
+    """
+
+    latency_s: float
+    jitter_s: float
+    rise_s: float
+    fall_s: float
+    shutter_s: float
+    read_out_s: float
+    period_s: float
+    exposure_s: float
+    refresh_s: float | None = None
+    misfit: float = 0.0
+    flicker: float = 0.0
+    bits: int = 8
+    trigger: str = "free"
+    camera: str = ""
+    display: str = ""
+    sigma_s: Mapping[str, float] | None = None
+
+    def ready_s(self, levels: int = 256) -> float:
+        """From a swap to the first stamp whose image holds the new pattern alone, to half a level."""
+        settled = math.log(2 * levels) * max(self.rise_s, self.fall_s)
+        spread = 3 * (self.sigma_s or {}).get("latency", 0.0)
+        return self.latency_s + self.jitter_s + settled + spread - min(self.shutter_s, 0.0)
+
+    def lag(self) -> float:
+        """Share of the pattern before that an image holds that is taken when `ready_s` says so."""
+        slowest = max(self.rise_s, self.fall_s)
+        return math.exp(-(self.ready_s() - self.latency_s) / slowest) if slowest > 0 else 0.0
+
+    def whole_refreshes(self, exposure_s: float) -> float | None:
+        """The exposure nearest above that is a whole number of refreshes; None where that is unknown."""
+        if self.refresh_s is None:
+            return None
+        return max(1, math.ceil(exposure_s / self.refresh_s - 1e-3)) * self.refresh_s
+
+    def require(self, accepted: Accepted) -> None:
+        """InputError unless it was measured with these settings: stamps mean other times with others."""
+        for name, mine, theirs in (
+            ("exposure_s", self.exposure_s, accepted.exposure_s),
+            ("bits", self.bits, accepted.bits),
+            ("trigger", self.trigger, accepted.trigger),
+        ):
+            texts = isinstance(mine, str) or isinstance(theirs, str)
+            if mine != theirs if texts else not math.isclose(float(mine), float(theirs), rel_tol=1e-3):
+                raise InputError(
+                    f"sync: measured with {name} {mine!r}, the camera has {theirs!r}; run optolever sync"
+                )
+
+    def to_table(self) -> dict[str, Any]:
+        """Plain TOML types, for [sync] of a rig; what is unknown is left out."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {name: value for name, value in values.items() if value is not None}
+
+    @classmethod
+    def from_table(cls, table: Mapping[str, Any], where: str) -> "Timing":
+        """Inverse of to_table. InputError names `where` and the field."""
+        known = {field.name: field for field in fields(cls)}
+        for name, value in table.items():
+            if name not in known:
+                raise InputError(f"{where}: unknown field {name!r}, known are {', '.join(known)}")
+            kind = _KINDS.get(name, "number")
+            if not _is(kind, value):
+                raise InputError(f"{where}: {name} is {value!r}, must be a {kind}")
+        missing = [name for name in list(known)[:8] if name not in table]
+        if missing:
+            raise InputError(f"{where}: {missing[0]} is missing; run optolever sync")
+        return cls(**table)
+
+
+def _is(kind: str, value: object) -> bool:
+    match kind:
+        case "text":
+            return isinstance(value, str)
+        case "number":
+            return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    return isinstance(value, Mapping) and all(_is("number", one) for one in value.values())

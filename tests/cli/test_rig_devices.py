@@ -1,0 +1,217 @@
+"""Commands for cameras and displays of a rig, on stand-ins and recordings: no hardware, no window."""
+
+import json
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from lab.hardware.simulated import Setting, SimulatedCamera, SimulatedDisplay, SimulatedTime
+from optolever.cli.measure import frames_of_another
+from optolever.cli.rig_capture import RigCapture
+from optolever.decode import decode
+from optolever.patterns import sequence
+from optolever.projector import (
+    Capture,
+    ClockMap,
+    Image,
+    Recorder,
+    Recording,
+    Shown,
+    VirtualSensor,
+    Wanted,
+    choose_exposure,
+    synchronise,
+)  # fmt: skip
+from optolever.scene import dent_from_text, load, resize
+
+from .conftest import Program, Refused
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Path:
+    """A rig whose camera is the virtual sensor, with a section that nobody knows but [devices] and [sync]."""
+    from dataclasses import replace
+
+    scene = resize(load("prism48"), 48, 64)
+    path = tmp_path / "rig.toml"
+    replace(scene, dent="gaussian:peak=0.3,sigma=8").save(path)
+    path.write_text(path.read_text() + '\n[devices]\ncamera = "virtual"\n\n[rest]\nnote = "kept"\n')
+    return path
+
+
+def sensor_frames(rig: Path, **words: Any) -> np.ndarray:
+    scene = load(rig)
+    shown = sequence("gray+phase", scene.pattern.rows, scene.pattern.cols)
+    assert scene.dent is not None
+    with VirtualSensor(scene, dent_from_text(scene.dent, scene), shown, **words) as sensor:
+        return sensor.capture().frames
+
+
+def test_a_rig_captures_what_its_camera_sees(optolever: Program, rig: Path, tmp_path: Path) -> None:
+    optolever("capture", "--rig", rig, "--out", tmp_path / "c", "--json", tmp_path / "n.json")
+    done = Capture.load(tmp_path / "c")
+    np.testing.assert_array_equal(done.frames, sensor_frames(rig))
+    lines = [json.loads(line) for line in (tmp_path / "c" / "acquisition.jsonl").read_text().splitlines()]
+    assert [line["index"] for line in lines] == list(range(len(done)))
+    assert all(line["stamp_s"] >= line["swapped_s"] for line in lines)
+    assert json.loads((tmp_path / "n.json").read_text())["repeats"] == 0
+    assert not (tmp_path / "c.recording").exists()
+    optolever(
+        "capture", "--rig", rig, "--camera", f"folder:{tmp_path / 'c'}", "--out", tmp_path / "d", "--keep"
+    )
+    np.testing.assert_array_equal(Capture.load(tmp_path / "d").frames, done.frames)
+    optolever("replay", tmp_path / "d.recording", "--out", tmp_path / "e")
+    np.testing.assert_array_equal(Capture.load(tmp_path / "e").frames, done.frames)
+    replayed = ("--camera", f"replay:{tmp_path / 'd.recording'}")
+    optolever("capture", "--rig", rig, *replayed, "--out", tmp_path / "f")
+    np.testing.assert_array_equal(Capture.load(tmp_path / "f").frames, done.frames)
+
+
+@pytest.mark.slow
+def test_measure_goes_to_the_report(optolever: Program, rig: Path, tmp_path: Path) -> None:
+    outcome = optolever("measure", "--rig", rig, "--out", tmp_path / "m", "--json", tmp_path / "m.json")
+    assert {"c.npz", "h.npz", "report.html", "capture"} == {one.name for one in (tmp_path / "m").iterdir()}
+    numbers = json.loads((tmp_path / "m.json").read_text())
+    assert numbers["wrong_frames"] == []
+    assert numbers["good_share"] > 0.5
+    assert "report.html" in "".join(outcome.out.split())
+
+
+def test_a_frame_of_the_pattern_before_is_found(rig: Path) -> None:
+    scene = load(rig)
+    shown = sequence("gray+phase", scene.pattern.rows, scene.pattern.cols)
+    frames = sensor_frames(rig, noise=1.0)
+    seen = decode(frames, shown)
+    right = RigCapture(Capture(frames, shown), (), 0.0, 0)
+    assert frames_of_another(right, seen) == []
+    late = frames.copy()
+    late[7] = frames[6]
+    assert frames_of_another(RigCapture(Capture(late, shown), (), 0.0, 0), seen) == [7]
+
+
+def test_record_and_replay(optolever: Program, refused: Refused, rig: Path, tmp_path: Path) -> None:
+    shown = sequence("gray", 8, 8)
+    Capture(np.repeat(shown.render()[:1], len(shown), axis=0), shown).save(tmp_path / "still")
+    camera = ("--camera", f"folder:{tmp_path / 'still'}", "--fps", "50")
+    words = ("record", "--rig", rig, *camera, "--seconds", "0.5")
+    optolever(*words, "--out", tmp_path / "r", "--json", tmp_path / "n.json")
+    numbers = json.loads((tmp_path / "n.json").read_text())
+    assert 3 < numbers["images"] <= 26
+    assert (numbers["lost"], numbers["dropped"], numbers["incomplete"]) == (0, 0, 0)
+    assert len(Recording(tmp_path / "r")) == numbers["images"]
+    assert f"{numbers['images']}, incomplete 0" in optolever("replay", tmp_path / "r").out
+    refused([*words, "--out", tmp_path / "r"], "no empty folder")
+    refused(["replay", tmp_path / "r", "--out", tmp_path / "c"], "tells no sequence")
+    refused(["replay", tmp_path / "nothing"], "no recording")
+
+
+def test_expose_takes_the_longest_that_does_not_saturate(
+    optolever: Program, rig: Path, tmp_path: Path
+) -> None:
+    """The command on the virtual sensor, whose light stays; the rule on a camera whose light follows."""
+    optolever("expose", "--rig", rig, "--mask", tmp_path / "m.png", "--json", tmp_path / "n.json")
+    kept = tomllib.loads(rig.read_text())
+    assert kept["rest"] == {"note": "kept"}
+    assert kept["devices"]["camera"] == "virtual"
+    mask = cv2.imread(str(tmp_path / "m.png"), cv2.IMREAD_GRAYSCALE)
+    assert mask is not None
+    assert set(np.unique(mask)) <= {0, 255}
+
+    def camera(gain: float) -> Callable[[float], tuple[float, np.ndarray, np.ndarray]]:
+        light = np.geomspace(0.02, 1, 10_000).reshape(100, 100)
+
+        def take(exposure: float) -> tuple[float, np.ndarray, np.ndarray]:
+            accepted = round(exposure, 4)  # as drivers do
+            white = np.clip(np.rint(16 + gain * accepted * light), 0, 255).astype(np.uint8)
+            return accepted, white, np.full(light.shape, 16, np.uint8)
+
+        return take
+
+    for gain in (500.0, 20_000.0, 400_000.0):
+        found = choose_exposure(camera(gain), 8, 0.01)
+        assert found.contrast.saturated <= 1e-4
+        assert 0.7 < found.contrast.bright < 1
+    stepped = choose_exposure(camera(2000.0), 8, 0.01, 1 / 60)
+    assert stepped.exposure_s == pytest.approx(6 / 60, abs=1e-3)
+    assert stepped.contrast.range > 10
+    assert len(stepped.further_s) == 1
+
+
+class Logging:
+    """A simulated camera with its display that a Recorder listens to."""
+
+    def __init__(self, camera: SimulatedCamera, display: SimulatedDisplay, recorder: Recorder) -> None:
+        self._camera, self._display, self._recorder = camera, display, recorder
+        self.identity, self.refresh_s, self.lost = camera.identity, display.refresh_s, 0
+
+    def show(self, index: int) -> Shown:
+        shown = self._display.show(index)
+        self._recorder.shown(shown)
+        return shown
+
+    def next(self, timeout_s: float) -> Image | None:
+        image = self._camera.next(timeout_s)
+        if image is not None:
+            self._recorder.image(image, image.arrived_s)
+        return image
+
+    configure = start = trigger = stop = close = lambda self, *_: None
+
+
+@pytest.mark.slow
+def test_sync_of_a_recording_is_the_same_every_time(optolever: Program, rig: Path, tmp_path: Path) -> None:
+    setting, rng, time = Setting(), np.random.default_rng(0), SimulatedTime()
+    display = SimulatedDisplay(setting, time, np.repeat([[0.0], [1.0]], 8, axis=1), rng)
+    camera = SimulatedCamera(setting, time, display, rng, rows=32)
+    with Recorder(tmp_path / "r", {"refresh_s": setting.refresh}) as recorder:
+        accepted = camera.configure(Wanted(0.01))
+        recorder.configured(accepted)
+        camera.start()
+        both = Logging(camera, display, recorder)
+        live, _ = synchronise(both, both, accepted, time=time, clock=ClockMap(), seed=0)
+    found = []
+    for _ in range(2):
+        optolever("sync", "--rig", rig, "--camera", f"replay:{tmp_path / 'r'}")
+        kept = tomllib.loads(rig.read_text())
+        assert kept["rest"] == {"note": "kept"}
+        found.append(kept["sync"])
+    assert found[0] == found[1]
+    assert found[0]["latency_s"] == live.latency_s
+    assert found[0]["rise_s"] == pytest.approx(setting.rise, abs=5e-4)
+    assert load(rig).pattern.rows > 0  # the rig is still a scene
+
+
+def test_faults_are_one_line(refused: Refused, rig: Path, tmp_path: Path) -> None:
+    capture = ("capture", "--rig", rig, "--out", tmp_path / "c")
+    for words, message in (
+        (("--camera", "0"), "must be serial:"),
+        (("--camera", "serial:nobody"), "is not connected"),
+        (("--camera", "v4l2:/dev/nobody"), "no such path"),
+        (("--camera", f"folder:{tmp_path / 'none'}"), "no such folder"),
+        (("--camera", f"replay:{tmp_path / 'none'}"), "no recording"),
+    ):
+        refused([*capture, *words], message)
+    refused(["capture", "--out", tmp_path / "c"], "--scene", "--rig")
+    text = rig.read_text()
+    for wrong, message in (
+        ("camera = 3\n", "camera is 3, must be a text"),
+        ('camera = "virtual"\nbits = "8"\n', "bits is '8', must be a whole number"),
+        ('camera = "virtual"\nspeed = 3\n', "unknown field 'speed'"),
+        ('camera = "virtual"\ntrigger = "soon"\n', "trigger is 'soon'"),
+    ):
+        rig.write_text(text.replace('camera = "virtual"\n', wrong))
+        refused(capture, message)
+    rig.write_text(text.replace('camera = "virtual"\n', ""))
+    refused(capture, "camera is missing; give --camera")
+
+
+def test_devices_lists_and_never_fails(optolever: Program, tmp_path: Path) -> None:
+    outcome = optolever("devices", "--json", tmp_path / "d.json")
+    assert "Cameras" in outcome.out
+    assert "Monitors" in outcome.out
+    assert set(json.loads((tmp_path / "d.json").read_text())) == {"cameras", "not_looked_for", "monitors"}

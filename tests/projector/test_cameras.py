@@ -1,0 +1,306 @@
+"""Back-ends of cameras: V4L2 on recorded structures, Aravis against its fake camera, addresses."""
+
+import ctypes
+import errno
+import os
+import shutil
+import struct
+import subprocess
+import sys
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from optolever import InputError
+from optolever.patterns import sequence
+from optolever.projector import (
+    Camera,
+    CameraLost,
+    ClockMap,
+    Display,
+    Identity,
+    RealTime,
+    Timing,
+    VirtualSensor,
+    Wanted,
+    acquire,
+    capture,
+)
+from optolever.projector.cameras import FolderCamera, VirtualCamera, ioctl, open_camera
+from optolever.projector.cameras.v4l2 import V4L2Camera
+from optolever.scene import dent, load, resize
+
+
+@dataclass
+class RecordedDevice:
+    """Answers as the kernel's vivid driver did (vivid_vm.sh, 2026-11-28), but for what a test changes.
+
+    exposure_auto: None where there is no such control; broken, monotonic: flags of the buffers.
+    """
+
+    card: bytes = b"vivid"
+    capabilities: int = 0x85200005
+    fourccs: tuple[bytes, ...] = (b"YUYV", b"GREY", b"Y16 ")
+    controls: dict[int, tuple[str, int, int, int]] = field(default_factory=dict)  # name, low, high, value
+    stuck: tuple[int, ...] = ()
+    busy: bool = False
+    unplugged: bool = False
+    streaming: bool = False
+    sequences: tuple[int, ...] = (0, 1, 4)
+    flags: int = 0x2000
+    used: int | None = None
+    rows: int = 6
+    cols: int = 8
+    taken: int = 0
+    memory: bytearray = field(default_factory=bytearray)
+    fourcc: bytes = b""
+
+    def ioctl(self, request: int, data: bytearray) -> None:
+        if self.unplugged:
+            raise OSError(errno.ENODEV, "No such device")
+        if request == ioctl.QUERYCAP:
+            data[16 : 16 + len(self.card)] = self.card
+            struct.pack_into("<I", data, 88, self.capabilities)
+        elif request == ioctl.ENUM_FMT:
+            (index,) = struct.unpack_from("<I", data)
+            if index >= len(self.fourccs):
+                raise OSError(errno.EINVAL, "Invalid argument")
+            data[44:48] = self.fourccs[index]
+        elif request == ioctl.S_FMT:
+            if self.streaming:
+                raise OSError(errno.EBUSY, "Device or resource busy")
+            self.fourcc = bytes(data[16:20])
+            width = 1 if self.fourcc == b"GREY" else 2
+            stride = width * self.cols + 4  # drivers pad rows
+            struct.pack_into(
+                "<II4sIII", data, 8, self.cols, self.rows, self.fourcc, 1, stride, stride * self.rows
+            )
+            rng = np.random.default_rng(0)
+            self.memory = bytearray(rng.integers(0, 256, stride * self.rows, np.uint8).tobytes())
+        elif request == ioctl.QUERYCTRL:
+            (number,) = struct.unpack_from("<I", data)
+            if number not in self.controls:
+                raise OSError(errno.EINVAL, "Invalid argument")
+            name, low, high, value = self.controls[number]
+            data[8 : 8 + len(name)] = name.encode()
+            struct.pack_into("<iiiiI", data, 40, low, high, 1, value, 0)
+        elif request in (ioctl.S_CTRL, ioctl.G_CTRL):
+            number, value = struct.unpack("<Ii", data)
+            name, low, high, _ = self.controls[number]
+            if request == ioctl.S_CTRL and number not in self.stuck:
+                self.controls[number] = name, low, high, value
+            elif request == ioctl.G_CTRL:
+                struct.pack_into("<i", data, 4, self.controls[number][3])
+        elif request == ioctl.S_PARM:
+            struct.pack_into("<II", data, 12, 1, 25)
+        elif request == ioctl.REQBUFS:
+            if self.busy:
+                raise OSError(errno.EBUSY, "Device or resource busy")
+            struct.pack_into("<I", data, 0, min(struct.unpack_from("<I", data)[0], 2))
+        elif request == ioctl.QUERYBUF:
+            struct.pack_into("<I", data, 72, len(self.memory))
+        elif request == ioctl.DQBUF:
+            number = self.sequences[self.taken]
+            self.taken += 1
+            used = len(self.memory) if self.used is None else self.used
+            struct.pack_into("<IIII", data, 0, number % 2, 1, used, self.flags)
+            struct.pack_into("<qq", data, 24, 7, 250_000)
+            struct.pack_into("<I", data, 56, number)
+
+    def map(self, length: int, offset: int) -> memoryview:
+        assert (length, offset) == (len(self.memory), 0)
+        return memoryview(self.memory)
+
+    def readable(self, timeout_s: float) -> bool:
+        return self.taken < len(self.sequences)
+
+    def close(self) -> None:
+        pass
+
+
+WEBCAM = {
+    0x9A0901: ("Auto Exposure", 0, 3, 3),
+    0x9A0902: ("Exposure Time, Absolute", 3, 2047, 250),
+    0x9A0903: ("Exposure, Dynamic Framerate", 0, 1, 1),
+    0x980913: ("Gain", 0, 100, 0),
+}
+
+
+FAST = Timing(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.01, 0.01)
+
+
+def test_numbers_are_those_of_the_kernel() -> None:
+    """As the C compiler computes them from linux/videodev2.h on x86-64."""
+    expected = {"QUERYCAP": 0x80685600, "S_FMT": 0xC0D05605, "DQBUF": 0xC0585611, "QUERYCTRL": 0xC0445624}
+    assert {name: getattr(ioctl, name) for name in expected} == expected
+
+
+@pytest.mark.parametrize(("fourcc", "bits"), [(b"GREY", 8), (b"YUYV", 8), (b"UYVY", 8), (b"Y16 ", 16)])
+def test_v4l2_images_are_the_bytes_of_the_driver(fourcc: bytes, bits: int) -> None:
+    device = RecordedDevice(fourccs=(fourcc,))
+    camera = V4L2Camera(device, "/dev/video0")
+    accepted = camera.configure(Wanted(0.01, bits=bits))
+    assert (accepted.rows, accepted.cols, accepted.bits, accepted.fps) == (6, 8, bits, 25.0)
+    assert accepted.unlocked == ("exposure: the driver has no control",)
+    camera.start()
+    image = camera.next(1.0)
+    assert image is not None
+    rows = np.frombuffer(device.memory, np.uint8).reshape(6, -1)
+    expected = {
+        b"GREY": rows[:, :8],
+        b"YUYV": rows[:, 0:16:2],
+        b"UYVY": rows[:, 1:16:2],
+        b"Y16 ": rows[:, :16].copy().view("<u2"),
+    }[fourcc]
+    np.testing.assert_array_equal(image.pixels, expected)
+    assert (image.id, image.device_s, image.complete) == (0, 7.25, True)
+    assert camera.next(0.0) is not None
+    assert camera.next(0.0) is not None
+    assert camera.lost == 2  # sequence 1 -> 4
+    assert camera.next(0.0) is None
+
+
+def test_v4l2_locks_what_is_automatic_and_reads_back() -> None:
+    device = RecordedDevice(controls=dict(WEBCAM))
+    camera = V4L2Camera(device, "/dev/video0")
+    accepted = camera.configure(Wanted(0.5, gain=20))
+    assert device.controls[0x9A0901][3] == 1
+    assert device.controls[0x9A0903][3] == 0
+    assert accepted.exposure_s == pytest.approx(0.2047)  # the driver's limit, not what was wanted
+    assert accepted.gain == 20
+    assert accepted.unlocked == ()
+    stubborn = RecordedDevice(controls=dict(WEBCAM), stuck=(0x9A0901,))
+    accepted = V4L2Camera(stubborn, "/dev/video0").configure(Wanted(0.01))
+    assert accepted.unlocked == ("exposure: automatic, the driver does not switch it off",)
+
+
+def test_v4l2_faults_are_one_line() -> None:
+    with pytest.raises(InputError, match="the camera's node for metadata"):
+        V4L2Camera(RecordedDevice(capabilities=0x84A00000), "/dev/video1")
+    with pytest.raises(InputError, match="busy"):  # as a second program met it in the virtual machine
+        V4L2Camera(RecordedDevice(streaming=True), "/dev/video0").configure(Wanted(0.01))
+    camera = V4L2Camera(RecordedDevice(busy=True), "/dev/video0")
+    camera.configure(Wanted(0.01))
+    with pytest.raises(InputError, match="busy"):
+        camera.start()
+    with pytest.raises(InputError, match="no grey format of 12 bits, it has GREY"):
+        V4L2Camera(RecordedDevice(fourccs=(b"GREY",)), "/dev/video0").configure(Wanted(0.01, bits=12))
+    for fault in ({"flags": 0x2040}, {"used": 10}):
+        broken = V4L2Camera(RecordedDevice(**fault), "/dev/video0")  # type: ignore[arg-type]
+        broken.configure(Wanted(0.01))
+        broken.start()
+        image = broken.next(1.0)
+        assert image is not None
+        assert not image.complete
+        assert image.pixels.size == 0
+    device = RecordedDevice()
+    camera = V4L2Camera(device, "/dev/video0")
+    camera.configure(Wanted(0.01))
+    camera.start()
+    device.unplugged = True
+    with pytest.raises(CameraLost, match="unplugged"):
+        camera.next(1.0)
+    camera.close()
+
+
+def test_addresses_are_names() -> None:
+    for address, message in (
+        ("0", "must be serial:"),
+        ("v4l2:0", "is a number"),
+        ("opencv:1", "is a number"),
+        ("v4l2:/dev/v4l/by-id/nobody", "no such path"),
+        ("opencv:/dev/nobody", "no such path"),
+        ("folder:", "must be"),
+        ("serial:nobody", "serial 'nobody' is not connected"),
+    ):
+        with pytest.raises(InputError, match=message):
+            open_camera(address)
+
+
+def test_two_of_one_serial_and_a_camera_that_is_not_permitted(monkeypatch: pytest.MonkeyPatch) -> None:
+    twins = [Identity("v4l2", "Cam", "7", f"v4l2:/dev/v4l/by-id/{k}") for k in "ab"]
+    monkeypatch.setattr("optolever.projector.cameras.addresses.find_cameras", lambda: (twins, {}))
+    with pytest.raises(InputError, match="2 have the serial '7'; name one: v4l2:/dev/v4l/by-id/a, v4l2"):
+        open_camera("serial:7")
+
+    def forbidden(path: str) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied", path)
+
+    monkeypatch.setattr("optolever.projector.cameras.v4l2.OpenDevice", forbidden)
+    with pytest.raises(InputError, match="no permission: add the user to the group video"):
+        open_camera("v4l2:/dev/video0")
+
+
+def test_opencv_reads_what_it_can_open(tmp_path: Path) -> None:
+    """A film stands for a camera: its pictures in order, grey, and CameraLost some seconds after its end."""
+    path = str(tmp_path / "film.avi")
+    writer = cv2.VideoWriter(path, cv2.VideoWriter.fourcc(*"MJPG"), 25, (64, 48), False)
+    for level in (40, 120, 200):
+        writer.write(np.full((48, 64), level, np.uint8))
+    writer.release()
+    camera = open_camera(f"opencv:{path}")
+    accepted = camera.configure(Wanted(0.01))
+    assert (accepted.rows, accepted.cols) == (48, 64)
+    assert any("exposure" in one for one in accepted.unlocked)
+    camera.start()
+    for level in (40, 120, 200):
+        image = camera.next(1.0)
+        assert image is not None
+        assert (image.pixels.shape, image.device_s) == ((48, 64), None)
+        assert abs(float(image.pixels.mean()) - level) < 2
+    assert camera.next(1.0) is None
+    with pytest.raises(InputError, match="no software trigger"):
+        camera.trigger()
+    camera.close()
+
+
+def test_cameras_that_are_not_there_are_cameras(tmp_path: Path) -> None:
+    """Through the same capture logic, folder and virtual sensor give what they hold."""
+    rig = resize(load("prism48"), 24, 32)
+    shown = sequence("gray", rig.pattern.rows, rig.pattern.cols)
+    expected = capture(rig, dent("gaussian", rig), shown, noise=1.0, seed=3, renderer="numpy")
+    expected.save(tmp_path / "c")
+    sensor = VirtualSensor(rig, dent("gaussian", rig), shown, noise=1.0, seed=3, renderer="numpy")
+    for camera in (FolderCamera(tmp_path / "c"), VirtualCamera(sensor)):
+        assert isinstance(camera, Camera)
+        assert isinstance(camera, Display)
+        camera.configure(Wanted(0.01))
+        order = range(len(shown))
+        taken = list(acquire(camera, camera, FAST, order, time=RealTime(), clock=ClockMap()))
+        np.testing.assert_array_equal([one.image.pixels for one in taken], expected.frames)
+        camera.close()
+
+
+def aravis_or_skip() -> None:
+    try:
+        ctypes.CDLL("libaravis-0.8.so.0")
+    except OSError:
+        pytest.skip("Aravis is absent (Debian: apt-get install libaravis-0.8-0)")
+    if shutil.which("unshare") is None or subprocess.run(["unshare", "-n", "true"], check=False).returncode:
+        pytest.skip("no network namespace of our own (unshare -n): a fake camera could be another test's")
+
+
+def in_own_network(script: str, *words: str) -> str:
+    """Run a script of this folder where no other fake camera can answer; its output."""
+    file = Path(__file__).with_name(script)
+    command = f"ip link set lo up && exec {sys.executable} {file} {' '.join(words)}"
+    run = subprocess.run(
+        ["unshare", "-n", "sh", "-c", command], capture_output=True, text=True, check=False, timeout=120,
+        env={**os.environ},
+    )  # fmt: skip
+    assert run.returncode == 0, run.stdout + run.stderr
+    return run.stdout
+
+
+@pytest.mark.slow
+def test_aravis_camera_over_loopback() -> None:
+    """Found, set, read exactly, triggered, counted, refused while busy, lost."""
+    aravis_or_skip()
+    began = time.monotonic()
+    said = in_own_network("gige_camera.py")
+    assert said.split() == ["found", "exact", "triggered", "incomplete", "counted", "busy", "lost", "again"]
+    assert time.monotonic() - began < 120

@@ -1,0 +1,140 @@
+"""Recordings: what has a line is there, whatever happened; replay is the rig again."""
+
+import json
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lab.hardware.simulated import Setting, SimulatedCamera, SimulatedDisplay, SimulatedTime, codes
+from optolever import InputError
+from optolever.projector import Accepted, ClockMap, Image, Recorder, Recording, Shown, Taken, Wanted, acquire
+from optolever.projector.cameras import Replay, open_camera
+
+WRITER = """
+import sys, numpy as np
+from optolever.projector import Image, Recorder
+recorder = Recorder(sys.argv[1], {})
+print("go", flush=True)
+for k in range(100000):
+    recorder.image(Image(np.full((48, 64), k % 251, np.uint8), k, None, float(k)), float(k))
+"""
+
+
+def test_events_come_back_as_they_were(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    images = [
+        Image(rng.integers(0, 256, (6, 8), np.uint8), 1, 2.5, 3.5),
+        Image(np.empty((0, 0), np.uint8), 2, None, 3.6, False, "missing packets"),
+        Image(rng.integers(0, 65536, (6, 8), np.uint16), 3, 2.7, 3.7),
+    ]
+    accepted = Accepted(0.01, 6, 8, unlocked=("exposure: automatic",))
+    with Recorder(tmp_path / "r", {"camera": "virtual"}) as recorder:
+        recorder.configured(accepted)
+        recorder.shown(Shown(4, 1.25, True))
+        for image in images:
+            recorder.image(image, image.arrived_s - 1)
+    found = Recording(tmp_path / "r")
+    assert (found.about["camera"], found.accepted, len(found)) == ("virtual", accepted, 3)
+    first, *rest = list(found)
+    assert first == Shown(4, 1.25, True)
+    for logged, image in zip(found.images(), images, strict=True):
+        np.testing.assert_array_equal(logged.image.pixels, image.pixels)
+        assert logged.image.pixels.dtype == image.pixels.dtype
+        assert logged.stamp_s == image.arrived_s - 1
+        for name in ("id", "device_s", "arrived_s", "complete", "why"):
+            assert getattr(logged.image, name) == getattr(image, name)
+    assert len(rest) == 3
+    with pytest.raises(InputError, match="no empty folder"):
+        Recorder(tmp_path / "r", {})
+
+
+@pytest.mark.parametrize("after", [0.05, 0.2, 0.6])
+def test_killed_at_any_moment(tmp_path: Path, after: float) -> None:
+    """kill -9: all images that have a line are right, and they are nearly all that were written."""
+    words = [sys.executable, "-c", WRITER, str(tmp_path / "r")]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline().strip() == "go"
+        time.sleep(after)
+        process.send_signal(signal.SIGKILL)
+    seen = list(Recording(tmp_path / "r").images())
+    assert len(seen) > 3
+    assert [one.image.id for one in seen] == list(range(len(seen)))
+    for k, one in enumerate(seen):
+        assert (one.image.pixels == k % 251).all()
+
+
+def test_damage_is_told(tmp_path: Path) -> None:
+    with Recorder(tmp_path / "r", {}) as recorder:
+        for k in range(3):
+            recorder.image(Image(np.full((6, 8), k, np.uint8), k, None, 0.0), 0.0)
+    log = tmp_path / "r" / "log.jsonl"
+    whole = log.read_text()
+    log.write_text(whole[:-20])  # broken off in the last line: that image does not exist
+    assert len(list(Recording(tmp_path / "r"))) == 2
+    lines = [json.loads(line) for line in whole.splitlines()]
+    lines[2]["crc32"] += 1
+    log.write_text("".join(json.dumps(line) + "\n" for line in lines))
+    with pytest.raises(InputError, match="page 1 is damaged"):
+        list(Recording(tmp_path / "r"))
+    lines[2]["page"] = 7
+    log.write_text("".join(json.dumps(line) + "\n" for line in lines))
+    with pytest.raises(InputError, match="page 7 is missing"):
+        list(Recording(tmp_path / "r"))
+    shutil.rmtree(tmp_path / "r")
+    with pytest.raises(InputError, match="no recording"):
+        Recording(tmp_path / "r")
+
+
+def test_a_replay_takes_the_same_images(tmp_path: Path) -> None:
+    setting, rng = Setting(lost=0.1, incomplete=0.1), np.random.default_rng(5)
+    time, order = SimulatedTime(), [3, 1, 4, 1, 5]
+    display = SimulatedDisplay(setting, time, codes(8, rng), rng)
+    camera = SimulatedCamera(setting, time, display, rng)
+    with Recorder(tmp_path / "r", {"refresh_s": setting.refresh}) as recorder:
+        recorder.configured(camera.configure(Wanted(0.01)))
+        camera.start()
+        events = {"on_image": recorder.image, "on_shown": recorder.shown}
+        first = list(acquire(display, camera, None, order, time=time, clock=ClockMap(), **events))
+
+    def again() -> list[Taken]:
+        replay = open_camera(f"replay:{tmp_path / 'r'}")
+        assert isinstance(replay, Replay)
+        assert replay.refresh_s == setting.refresh
+        return list(acquire(replay, replay, None, order, time=replay, clock=ClockMap()))
+
+    for found in (again(), again()):
+        assert [(one.index, one.image.id, one.stamp_s) for one in found] == [
+            (one.index, one.image.id, one.stamp_s) for one in first
+        ]
+        assert all((a.image.pixels == b.image.pixels).all() for a, b in zip(found, first, strict=True))
+
+
+FULL = """
+import resource, sys, numpy as np
+from optolever.projector import Image, Recorder
+resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
+recorder = Recorder(sys.argv[1], {})
+try:
+    for k in range(1000):
+        recorder.image(Image(np.full((48, 64), k % 251, np.uint8), k, None, float(k)), float(k))
+except OSError as error:
+    print(type(error).__name__, flush=True)
+"""
+
+
+def test_a_full_disk_leaves_what_has_a_line(tmp_path: Path) -> None:
+    """The file may not grow beyond 200 kB, as on a full disk: an OSError, and every line's image is right."""
+    words = [sys.executable, "-c", FULL, str(tmp_path / "r")]
+    run = subprocess.run(words, capture_output=True, text=True, check=False, timeout=60)
+    assert "OSError" in run.stdout, run.stderr
+    seen = list(Recording(tmp_path / "r").images())
+    assert 50 < len(seen) < 70
+    for k, one in enumerate(seen):
+        assert (one.image.pixels == k % 251).all()

@@ -1,0 +1,138 @@
+"""Synchronisation and capture in simulated time: no wrong frame, what is measured is what is, in time."""
+
+import numpy as np
+import pytest
+
+from lab.hardware.simulated import (
+    Setting,
+    SimulatedCamera,
+    SimulatedDisplay,
+    SimulatedTime,
+    codes,
+    drawn_setting,
+)
+from lab.hardware.synchronisation import measured, run_setting, run_sync
+from optolever import InputError
+from optolever.projector import (
+    Accepted,
+    ClockMap,
+    Image,
+    Timing,
+    Wanted,
+    acquire,
+    sync_notices,
+    synchronise,
+)  # fmt: skip
+
+
+@pytest.mark.slow
+def test_drawn_rigs_give_no_wrong_frame_in_100000() -> None:
+    """20 drawn settings: all recovered within 0.5 ms and 3 %, none wrong, mixed or incomplete, in time."""
+    figures = run_sync(100_000, seed=0)
+    assert sum(one.frames for one in figures) == 100_000
+    assert [one.errors for one in figures if not one.recovered] == []
+    assert sum(one.wrong + one.mixed + one.incomplete for one in figures) == 0
+    assert max(one.ratio for one in figures) <= 1.1
+
+
+def test_drawn_rigs_of_every_day() -> None:
+    figures = [run_setting(drawn_setting(np.random.default_rng(seed)), 60, seed) for seed in (100, 101)]
+    assert all(one.recovered for one in figures)
+    assert sum(one.wrong + one.mixed + one.incomplete for one in figures) == 0
+
+
+def test_noise_and_late_arrivals_do_not_mislead() -> None:
+    """Noise of 2 levels, arrivals 3 ms late in the mean, every tenth swap a refresh late."""
+    found = measured(Setting(noise=2.0, transfer=0.003, late=0.1), seed=3)
+    assert abs(found.errors["latency"]) < 5e-4
+    assert max(abs(found.errors[name]) for name in ("rise", "fall", "shutter")) < 5e-4
+    assert found.timing.jitter_s == pytest.approx(1 / 60, abs=1e-3)
+
+
+@pytest.mark.parametrize("setting", [Setting(behind=3), Setting(lost=0.2, incomplete=0.2, buffers=2)])
+def test_stale_and_lost_images_cost_time_not_truth(setting: Setting) -> None:
+    """A camera that is three images behind; one that loses a fifth, and half of what waits."""
+    figure = run_setting(setting, 100, seed=1)
+    assert figure.recovered
+    assert (figure.wrong, figure.mixed, figure.incomplete, figure.frames) == (0, 0, 0, 100)
+
+
+def test_triggered_cameras_go_the_same_way() -> None:
+    figure = run_setting(Setting(trigger="software", lost=0.02, incomplete=0.02), 200, seed=2)
+    assert figure.recovered
+    assert (figure.wrong, figure.mixed, figure.incomplete, figure.frames) == (0, 0, 0, 200)
+    assert figure.ratio <= 1.1
+
+
+def test_defaults_are_slow_and_right() -> None:
+    slow = run_setting(Setting(late=0.1, lost=0.02), 30, seed=3, known=False)
+    assert (slow.wrong, slow.mixed, slow.incomplete) == (0, 0, 0)
+    assert slow.ratio > 2
+
+
+def test_a_wait_that_is_too_short_would_be_seen() -> None:
+    """The oracle is one: without the settling, images hold light of two patterns."""
+    found = measured(Setting(), seed=4)
+    time, rng = found.time, np.random.default_rng(4)
+    patterns = codes(16, rng)
+    display = SimulatedDisplay(Setting(), time, patterns, rng)
+    camera = SimulatedCamera(Setting(), time, display, rng)
+    camera.start()
+    hasty = Timing(found.timing.latency_s, 0, 0, 0, 0, 0, 1 / 60, 1 / 60)
+    order = rng.integers(0, 16, 50)
+    seen = list(acquire(display, camera, hasty, order, time=time, clock=found.clock))
+    expected = np.rint(20 + 200 * patterns)
+    off = [np.abs(one.image.pixels.astype(float) - expected[one.index]).max() for one in seen]
+    assert max(off) > 5  # levels; one is what a frame may hold
+
+
+def test_a_camera_that_sees_nothing_or_gives_nothing() -> None:
+    time, rng = SimulatedTime(), np.random.default_rng(0)
+    dark = SimulatedDisplay(Setting(), time, np.full((2, 8), 0.5), rng)
+    camera = SimulatedCamera(Setting(), time, dark, rng)
+    camera.start()
+    with pytest.raises(InputError, match=r"white is 0.0 levels above black"):
+        synchronise(dark, camera, camera.configure(Wanted(0.01)), time=time, clock=ClockMap())
+    camera = SimulatedCamera(Setting(lost=1.0), time, dark, rng)
+    camera.start()
+    with pytest.raises(InputError, match="no image of frame 1, shown 4 times"):
+        list(acquire(dark, camera, None, [1], time=time, clock=ClockMap()))
+
+
+def test_a_display_unlike_the_model_is_told() -> None:
+    odd = Timing(0.01, 0, 0.005, 0.005, 0, 0.01, 1 / 60, 0.020, refresh_s=1 / 60, misfit=0.05)
+    texts = [str(notice) for notice in sync_notices(odd)]
+    assert "does not follow the model" in texts[0]
+    assert "expose for 33.333 ms" in texts[1]
+    assert sync_notices(Timing(0.01, 0, 0.005, 0.005, 0, 0.01, 1 / 60, 1 / 60, refresh_s=1 / 60)) == ()
+
+
+def test_a_timing_holds_for_its_settings_and_survives_toml() -> None:
+    timing = measured(Setting(), seed=5).timing
+    assert Timing.from_table(timing.to_table(), "rig.toml: [sync]") == timing
+    timing.require(Accepted(1 / 60, 32, 8))
+    with pytest.raises(InputError, match="exposure_s"):
+        timing.require(Accepted(1 / 30, 32, 8))
+    with pytest.raises(InputError, match=r"rig.toml: \[sync\]: unknown field 'latency'"):
+        Timing.from_table({"latency": 3}, "rig.toml: [sync]")
+    with pytest.raises(InputError, match="rise_s is 'slow', must be a number"):
+        Timing.from_table({**timing.to_table(), "rise_s": "slow"}, "rig.toml")
+    with pytest.raises(InputError, match="latency_s is missing"):
+        Timing.from_table({}, "rig.toml")
+
+
+def test_clocks_that_drift_and_lie() -> None:
+    """Two minutes, 80 ppm, arrivals up to 20 ms late: within 1 ms. A stamp that stands still: arrival."""
+    clock, rng, late = ClockMap(), np.random.default_rng(6), []
+    for k in range(7200):
+        true = 100 + k / 60
+        image = Image(
+            np.zeros((1, 1), np.uint8), k, true * (1 + 8e-5) - 50, true + 0.01 + rng.exponential(0.005)
+        )
+        late.append(clock.stamp(image).time_s - true)
+    assert np.ptp(late[3600:]) < 1e-3
+    assert np.abs(np.array(late) - 0.01).max() < 3.5e-3
+    stuck = Image(np.zeros((1, 1), np.uint8), 0, 70.0, 300.0)
+    assert not clock.stamp(stuck).trusted
+    assert clock.stamp(stuck).time_s == 300.0
+    assert clock.distrusted == 2
