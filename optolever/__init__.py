@@ -7,6 +7,7 @@ The parts, floor by floor (imports run downward only):
 | 5     | `cli`         | commands and progress                                                    |
 | 4     | `experiments` | demo, paper tables, benchmarks, report                                   |
 | 4     | `calibration` | captures of simple targets -> Scene with covariance                        |
+| 4     | `live`        | prepared rig + one frame -> height, contacts, force                        |
 | 3     | `reconstruct` | Correspondence + Scene -> HeightMap                                      |
 | 2     | `projector`   | shows a Sequence, brings frames back: virtual sensor, folder             |
 | 2     | `decode`      | frames + Sequence -> Correspondence                                      |
@@ -34,7 +35,7 @@ __version__ = _version("optolever")
 
 __all__ = ["InputError", "__version__"]
 
-_PARTS = ("calibration", "cli", "decode", "experiments", "patterns", "projector", "reconstruct", "scene")
+_PARTS = ("calibration", "cli", "decode", "experiments", "live", "patterns", "projector", "reconstruct", "scene")
 
 
 def __getattr__(name: str) -> _ModuleType:

@@ -20,6 +20,7 @@ FLOOR = {
     "reconstruct": 3,
     "calibration": 4,
     "experiments": 4,
+    "live": 4,
     "cli": 5,
 }
 PARTS = [part for part in FLOOR if part != "optolever"]
