@@ -5,8 +5,8 @@
 - `options`: arguments that several commands share (--json, --size, scenes)
 - `outputs`: where commands write, checked before they work
 - `show`: tables, progress, JSON
-- one file a command, named as it: `demo`, `doctor`, `names`; `capture`, `decode`, `calibrate`, `rest`,
-  `response`, `reconstruct`, `report` and `window`, which is the command `show`; `sensor`, `codes`,
+- one file a command, named as it: `demo`, `live`, `doctor`, `names`; `capture`, `decode`, `calibrate`,
+  `rest`, `response`, `reconstruct`, `report` and `window`, which is the command `show`; `sensor`, `codes`,
   `design`, `bench`, `paper`
 """
 
