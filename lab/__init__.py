@@ -23,6 +23,9 @@ It may import every module of `optolever`; tests alone import it.
 | - `adaptive.py`, `adaptive_study.py` | the next frames from the last; against the best fixed sequence |
 | `fuzz/` | the program on damaged inputs |
 | - `fuzz.py`, `damage.py` | cases and their verdicts; the damage |
+| `live/` | heights of single frames |
+| - `world.py` | an independent renderer of dents |
+| - `streams.py`, `figures.py` | drawn streams with faults; time, error and sigma beside their limits |
 | `hard/` | hard cases of decode and reconstruct |
 | - `hard.py`, `hard_case.py`, `found.py` | the list; verdicts, figures over draws; errors against the truth |
 | - `hard_decode.py`, `hard_reconstruct.py`, `hard_surroundings.py` | written lists |
