@@ -35,7 +35,17 @@ __version__ = _version("optolever")
 
 __all__ = ["InputError", "__version__"]
 
-_PARTS = ("calibration", "cli", "decode", "experiments", "live", "patterns", "projector", "reconstruct", "scene")
+_PARTS = (
+    "calibration",
+    "cli",
+    "decode",
+    "experiments",
+    "live",
+    "patterns",
+    "projector",
+    "reconstruct",
+    "scene",
+)
 
 
 def __getattr__(name: str) -> _ModuleType:

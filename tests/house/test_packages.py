@@ -115,7 +115,8 @@ def test_the_installed_wheel_works_without_the_checkout(wheel: Path, tmp_path: P
     zipfile.ZipFile(wheel).extractall(target)
     script = (
         "import sys, pathlib, importlib; sys.path.insert(0, sys.argv[1]); import optolever; "
-        "names = ['calibration','cli','decode','experiments','live','patterns','projector','reconstruct','scene']; "
+        "names = ['calibration','cli','decode','experiments','live','patterns','projector','reconstruct', "
+        "'scene']; "
         "parts = [importlib.import_module('optolever.' + name) for name in names]; "
         "assert all(pathlib.Path(p.__file__).is_relative_to(sys.argv[1]) for p in [optolever, *parts]); "
         "from optolever.scene import load, preset_names; print(*[load(n).name for n in preset_names()])"
