@@ -1,0 +1,53 @@
+"""live: a prepared rig and one frame of a crossed fringe -> height with sigma, contacts, force.
+
+| file | holds |
+|---|---|
+| `prepare.py`, `prepared.py` | prepare(): what a rig at rest fixes; its record and file |
+| `stream.py` | Live: one reading a frame |
+| `reading.py`, `verdict.py` | what a frame says; whether it may be trusted |
+| `chain.py` | one frame, from the picture to the height |
+| `picture.py`, `unwrap.py` | the model of the picture and its fit; whole periods |
+| `geometry.py`, `chord.py`, `columns.py` | rays and anchor; a step of the coupled equations; its solver |
+| `contact.py`, `touches.py`, `pressure.py` | figures of a contact; contacts over time; pressure and force |
+| `circulation.py` | how the slopes contradict one another |
+| `source.py`, `follow.py` | cameras, one of them virtual; readings as an iterator, tare |
+| `server.py`, `page.html` | the page |
+| `arrays.py` | names of arrays |
+"""
+
+from optolever.arguments import check_face
+
+from .contact import Force, Touch
+from .follow import Followed, follow, tared
+from .prepare import prepare
+from .prepared import Noise, Prepared
+from .pressure import Forces
+from .reading import Figures, Reading
+from .server import LiveServer
+from .source import Image, Newest, Source, VirtualFinger, virtual_rig
+from .stream import Live
+from .touches import Touches
+
+__all__ = [
+    "Figures",
+    "Followed",
+    "Force",
+    "Forces",
+    "Image",
+    "Live",
+    "LiveServer",
+    "Newest",
+    "Noise",
+    "Prepared",
+    "Reading",
+    "Source",
+    "Touch",
+    "Touches",
+    "VirtualFinger",
+    "follow",
+    "prepare",
+    "tared",
+    "virtual_rig",
+]
+
+check_face(__name__)

@@ -1,0 +1,201 @@
+"""Contacts of one frame, and which of the last frame's each of them is.
+
+A contact is a peak of the height that rises above its noise and above the saddle to a higher one; its figures
+are those of the cells around it that are deeper than half of it (a ball's contact ends there: K. L. Johnson,
+Contact Mechanics, 1985, ch. 3)."""
+
+import math
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from .arrays import Cells, Float, Mask
+from .contact import Touch
+from .prepared import Prepared
+from .reading import Reading
+
+__all__ = ["Touches"]
+
+_SIGNIFICANT = 6.0  # standard deviations of the height
+_PROMINENT = 0.2  # of a peak's height, over the saddle to a higher one
+_LEVELS, _LOW, _LOW_LEVELS = 0.8, 0.2, 0.5  # from one threshold to the next; below a share of the top
+_FEWEST = 3  # cells of the coarser grid in which peaks are looked for
+_COLUMNS = 80  # of the coarser grid
+_SAME = 3.0  # mm from frame to frame, beyond the contact's radius: two that merge lie there
+_HALF = 0.5
+_MARGIN = 2  # cells around a region
+_LARGEST = 8  # contacts of a frame
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Region:
+    """Cells (R, C) of a contact and its peak."""
+
+    row: int
+    col: int
+    inside: Mask
+
+
+class Touches:
+    """Contacts frame by frame. Where a frame is not trusted there are none, and identities outlive it."""
+
+    def __init__(self, prepared: Prepared) -> None:
+        self._prepared = prepared
+        self._last: tuple[Touch, ...] = ()
+        self._next = 1
+
+    def update(self, reading: Reading) -> tuple[Touch, ...]:
+        """The contacts of a reading, the deepest first."""
+        if not reading.trusted:
+            return ()
+        found = []
+        free = list(self._last)
+        for region in _regions(self._prepared, reading):
+            touch = _measured(self._prepared, reading, region)
+            near = min(free, key=lambda one, at=touch: _apart(one, at), default=None)  # type: ignore[misc]
+            if near is not None and _apart(near, touch) < _SAME + math.sqrt(touch.area / math.pi):
+                free.remove(near)
+                found.append(replace(touch, identity=near.identity))
+            else:
+                found.append(replace(touch, identity=self._next))
+                self._next += 1
+        self._last = tuple(found)
+        return self._last
+
+
+def _apart(one: Touch, other: Touch) -> float:
+    return math.dist((one.x, one.y), (other.x, other.y))
+
+
+def _regions(prepared: Prepared, reading: Reading) -> list[_Region]:
+    """Half-depth regions of the peaks, the deepest first."""
+    z = reading.z  # where it is not measured: what the equations put between
+    sure = reading.good & ~prepared.rig.rim & (z > _SIGNIFICANT * reading.sigma)
+    if not sure.any():
+        return []
+    regions: list[_Region] = []
+    taken = np.zeros(z.shape, np.bool_)
+    for row, col in _peaks(z, sure, reading.sigma):
+        labels = cv2.connectedComponents((z > _HALF * z[row, col]).astype(np.uint8), connectivity=4)[1]
+        inside = (labels == labels[row, col]) & ~taken
+        if not inside[row, col]:
+            continue
+        taken |= inside
+        regions.append(_Region(row, col, inside))
+    return regions if len(regions) < 2 else _parted(regions)
+
+
+def _peaks(z: Cells, sure: Mask, sigma: Cells) -> list[tuple[int, int]]:
+    """Cells (row, col) of the peaks, the highest first: thresholds fall, and where two peaks' areas merge,
+    the lower one stays if it is prominent."""
+    coarse = max(1, z.shape[1] // _COLUMNS)
+    small = np.where(sure, z, 0)[::coarse, ::coarse]
+    top = float(small.max())
+    if top <= 0:
+        return []
+    least = float(small[small > 0].min())
+    peaks: list[tuple[int, int]] = []
+    dropped: set[tuple[int, int]] = set()
+    level = top
+    while level > least and len(peaks) < 4 * _LARGEST:
+        before = level
+        level = max(level * (_LEVELS if level > _LOW * top else _LOW_LEVELS), least)
+        count, labels, stats, _ = cv2.connectedComponentsWithStats(
+            (small >= level).astype(np.uint8), connectivity=4
+        )
+        owners: dict[int, list[tuple[int, int]]] = {}
+        for at in peaks:
+            owners.setdefault(int(labels[at]), []).append(at)
+        for label in range(1, count):
+            x0, y0, width, height, cells = stats[label]
+            mine = owners.get(label, [])
+            if not mine and cells >= _FEWEST:
+                part = np.where(
+                    labels[y0 : y0 + height, x0 : x0 + width] == label,
+                    small[y0 : y0 + height, x0 : x0 + width],
+                    0,
+                )
+                down, along = np.unravel_index(int(part.argmax()), part.shape)
+                peaks.append((int(y0 + down), int(x0 + along)))
+            for at in sorted(mine, key=lambda one: -small[one])[1:]:
+                noise = _SIGNIFICANT * float(sigma[at[0] * coarse, at[1] * coarse])
+                if small[at] - before < max(_PROMINENT * small[at], noise):
+                    dropped.add(at)
+        peaks = [at for at in peaks if at not in dropped]
+    peaks = sorted(peaks, key=lambda one: -small[one])[:_LARGEST]
+    return [_climbed(z, sure, at[0] * coarse, at[1] * coarse, coarse) for at in peaks]
+
+
+def _climbed(z: Cells, sure: Mask, row: int, col: int, reach: int) -> tuple[int, int]:
+    """The highest cell beside a peak of the coarser grid."""
+    top, left = max(row - reach, 0), max(col - reach, 0)
+    part = np.where(sure, z, 0)[top : row + reach + 1, left : col + reach + 1]
+    down, along = np.unravel_index(int(part.argmax()), part.shape)
+    return top + int(down), left + int(along)
+
+
+def _parted(regions: list[_Region]) -> list[_Region]:
+    """Where a region holds another one's peak, its cells go to the nearest peak."""
+    rows = np.arange(regions[0].inside.shape[0])[:, None]
+    cols = np.arange(regions[0].inside.shape[1])
+    parted = []
+    for region in regions:
+        inside = region.inside
+        own = np.hypot(rows - region.row, cols - region.col)
+        for other in regions:
+            if other is not region and (inside & other.inside).any():
+                inside = inside & (own <= np.hypot(rows - other.row, cols - other.col))
+        parted.append(_Region(region.row, region.col, inside))
+    return parted
+
+
+def _measured(prepared: Prepared, reading: Reading, region: _Region) -> Touch:
+    """Figures of a region; its cells' areas are those on the dented mirror, seen from above."""
+    at = region.row, region.col
+    rows, cols = np.flatnonzero(region.inside.any(axis=1)), np.flatnonzero(region.inside.any(axis=0))
+    top, left = max(int(rows[0]) - _MARGIN, 0), max(int(cols[0]) - _MARGIN, 0)
+    cut = slice(top, int(rows[-1]) + 1 + _MARGIN), slice(left, int(cols[-1]) + 1 + _MARGIN)
+    inside, z = region.inside[cut], np.asarray(reading.z[cut], np.float64)
+    x, y = reading.x[cut].astype(np.float64), reading.y[cut].astype(np.float64)
+    (x_row, x_col), (y_row, y_col) = np.gradient(x), np.gradient(y)
+    areas = np.abs(x_col * y_row - x_row * y_col)
+    depth, volume = float(reading.z[at]), float((areas * z)[inside].sum())
+    centre = float((areas * x * z)[inside].sum() / volume), float((areas * y * z)[inside].sum() / volume)
+    factor = float(reading.sigma[at] / prepared.noise.sigma[at])
+    draws = np.float32(factor) * prepared.noise.draws[:, cut[0], cut[1]]
+    heights = draws[:, inside].astype(np.float64) * areas[inside]
+    arms = [part[inside] - middle for part, middle in zip((x, y), centre, strict=True)]
+    moved = [_rms(heights @ arm / volume) for arm in arms]
+    peak = factor * prepared.noise.draws[:, at[0], at[1]].astype(np.float64)
+    deeper = reading.z[cut] + draws > (_HALF * (depth + peak)).astype(np.float32)[:, None, None]
+    area = float(areas[inside].sum())
+    changed = np.count_nonzero(deeper & _grown(inside), axis=(1, 2))
+    edge = np.count_nonzero(inside) - np.count_nonzero(_shrunk(inside))
+    cells = math.hypot(_rms(changed - np.count_nonzero(inside)), math.sqrt(edge / 12))
+    border = prepared.rig.rim[cut] | ~reading.good[cut]
+    return Touch(
+        identity=0,
+        x=centre[0],
+        y=centre[1],
+        position_sigma=math.hypot(*moved) / math.sqrt(2),
+        depth=depth,
+        depth_sigma=float(reading.sigma[at]),
+        area=area,
+        area_sigma=prepared.area * cells,
+        volume=volume,
+        volume_sigma=_rms(heights.sum(axis=1)),
+        cut=bool((border & _grown(inside)).any()),
+    )
+
+
+def _rms(values: Float) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def _grown(mask: Mask) -> Mask:
+    return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)
+
+
+def _shrunk(mask: Mask) -> Mask:
+    return np.asarray(cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)
