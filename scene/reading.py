@@ -269,10 +269,10 @@ def _sensor(table: _Table) -> Sensor:
 
 
 def _layer(table: _Table) -> Layer:
+    table.known("youngs_modulus_mpa, poisson, thickness_mm")
     modulus = table.take("youngs_modulus_mpa", positive)
     poisson = table.get("poisson", number, 0.5)
     thickness = table.take("thickness_mm", positive) if "thickness_mm" in table else None
-    table.done("youngs_modulus_mpa, poisson, thickness_mm")
     return Layer(modulus, poisson, thickness)
 
 
