@@ -9,7 +9,6 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -20,6 +19,7 @@ from optolever import reconstruct
 from optolever.decode import crossed, decode
 from optolever.patterns import Frame, Sequence, sequence
 from optolever.projector import capture
+from optolever.reconstruct import HeightMap
 from optolever.scene import (
     Bow,
     Display,
@@ -447,7 +447,7 @@ def test_the_facets_page_has_a_concave_mirror(capsys: pytest.CaptureFixture[str]
     )
     assert np.allclose(names["gradient"](x, y), slopes, atol=1e-7)
     names["bump"] = 0.0
-    names["map_"] = SimpleNamespace(x=x, y=y, z=height(x, y), sigma=np.ones_like(x), good=x > 0)
+    names["map_"] = HeightMap(x, y, height(x, y), np.ones_like(x), np.zeros(x.shape, np.uint16))
     exec(fit, names)
     assert f"focal length {focal:.0f} mm, left 0 nm" in capsys.readouterr().out
 
