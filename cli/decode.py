@@ -183,11 +183,12 @@ def command(
         numbers["notices"] = [asdict(notice) for notice in result.notices]
         numbers["harmonic_error_px"] = {one.axis: {"rms": one.rms_px, "sigma": one.sigma_px} for one in left}
         told = decoder.profile
-        assert told is not None
-        numbers["profile"] = [effect._asdict() for effect in told.effects()]
+        if told is None and save_profile is not None:
+            raise InputError(f"{source}: no profile of frames that are not those described; see the notices")
+        numbers["profile"] = [] if told is None else [effect._asdict() for effect in told.effects()]
         with together():
             result.save(out)
-            if save_profile is not None:
+            if told is not None and save_profile is not None:
                 store_profile(save_profile, told)
             write_json(json_path, numbers)
     print_notices(result.notices)
