@@ -38,8 +38,9 @@ __all__ = [
 ]
 
 F32 = NDArray[np.float32]
-#: Rows of a block that a thread takes: what it keeps of them fits the second-level cache.
-_BLOCK = 32
+#: Rows of a block that a thread takes at least, and pixels: what it keeps of them fits the second-level
+#: cache, and to start its kernels takes as long as some thousand pixels.
+_BLOCK, _PIXELS = 32, 40_000
 #: Pixels of several rows that are read as one line, at most: to start a loop takes as long as some hundred.
 _LINE = 1 << 13
 #: Sigma that is stated for frames without noise beyond their rounding, pattern pixels.
@@ -62,6 +63,11 @@ class Steps:
         if self.lag.share:
             return without_before(light, self.setup.plan, self.lag)
         return replace(light, spread=self.spread, steep=self.steep)
+
+
+def _block(cols: int) -> int:
+    """Rows of a block."""
+    return max(_BLOCK, -(-_PIXELS // cols))
 
 
 class AxisTables(NamedTuple):
@@ -89,8 +95,11 @@ class Maps(NamedTuple):
     shared: Shared
 
 
-def decoded_axes(light: Light, steps: Steps, mask: NDArray[np.bool_] | None) -> Maps:
-    """Every axis, block by block of rows; flags of both."""
+def decoded_axes(
+    light: Light, steps: Steps, mask: NDArray[np.bool_] | None, rounding: tuple[F32, ...] = ()
+) -> Maps:
+    """Every axis, block by block of rows; flags of both. rounding: of each axis, what rounded grey values
+    shift, if it is known, which is taken off."""
     decoders, shape = steps.decoders, light.raw.shape[1:]
     rows, cols = shape
     raw = tuple(Raw(*(roomy_empty(shape, np.float32) for _ in range(2))) for _ in decoders)
@@ -106,8 +115,10 @@ def decoded_axes(light: Light, steps: Steps, mask: NDArray[np.bool_] | None) -> 
     def block(start: int, stop: int) -> None:
         for i, (decoder, own) in enumerate(zip(decoders, of_axes, strict=True)):
             decoder.decode(longer, (start, stop), own, i == 0, of_both)
+            if rounding and rounding[i].size:
+                take_off(own.coordinate[start:stop], rounding[i])
 
-    over_rows(block, lines[0], max(_BLOCK // count, 1))
+    over_rows(block, lines[0], max(_block(cols) // count, 1))
     if mask is not None:
         np.bitwise_or(shared.flags, np.uint16(Flag.INVALID), out=shared.flags, where=~mask)
     flag_amid_contradictions(shared.flags)
@@ -125,7 +136,8 @@ def rounding_of(decoder: AxisDecoder, setup: Setup, width: float) -> F32:
 def corrected(coordinate: F32, rounding: F32) -> None:
     """A coordinate (H, W) without what rounded grey values shift, in place."""
     if rounding.size:
-        over_rows(lambda start, stop: take_off(coordinate[start:stop], rounding), len(coordinate), _BLOCK)
+        rows, cols = coordinate.shape
+        over_rows(lambda start, stop: take_off(coordinate[start:stop], rounding), rows, _block(cols))
 
 
 def border_shares(decoder: AxisDecoder) -> tuple[tuple[float, float], ...]:
@@ -180,8 +192,9 @@ def neighbours(maps: Maps, prepared: Prepared) -> Correspondence:
         for own, table, limits, into in every:
             check_rows((start, stop), own, common, table, limits, into)
 
-    over_rows(block, shape[0], _BLOCK)
-    over_rows(lambda start, stop: despeckle(start, stop, flags, shared.flags), shape[0], _BLOCK)
+    size = _block(shape[1])
+    over_rows(block, shape[0], size)
+    over_rows(lambda start, stop: despeckle(start, stop, flags, shared.flags), shape[0], size)
     u, v = out["u"], out["v"]
     both = shared.amplitude, shared.offset, shared.error
     return Correspondence(u.coordinate, v.coordinate, u.sigma, v.sigma, shared.flags, *both)
@@ -196,7 +209,5 @@ def with_profile(found: Correspondence, profile: ExposureProfile) -> Corresponde
 
 def applied(light: Light, prepared: Prepared, mask: NDArray[np.bool_] | None) -> Correspondence:
     """Frames of the prepared exposure, see Steps.light, by its kernels."""
-    maps = decoded_axes(light, prepared.steps, mask)
-    for own, one in zip(maps.raw, prepared.tables, strict=True):
-        corrected(own.coordinate, one.rounding)
+    maps = decoded_axes(light, prepared.steps, mask, tuple(one.rounding for one in prepared.tables))
     return with_profile(neighbours(maps, prepared), prepared.profile)

@@ -47,16 +47,16 @@ class CentreLimits(NamedTuple):
     footprint  side of what a pixel reads over its pitch
     """
 
-    jump: Any
-    stripe: Any
-    per_turn: Any
-    reach2: Any
-    extent: Any
-    dark: Any
-    inner: Any
-    lens: Any
-    lens_sigma: Any
-    footprint: Any
+    jump: np.float32
+    stripe: np.float32
+    per_turn: np.float32
+    reach2: np.float32
+    extent: np.float32
+    dark: np.float32
+    inner: bool
+    lens: np.float32
+    lens_sigma: np.float32
+    footprint: np.float32
 
 
 def dark_level(level: F32, amplitude: F32) -> float:
@@ -74,7 +74,7 @@ def dark_level(level: F32, amplitude: F32) -> float:
 
 
 @kernel
-def windowed(coord: Any, flags: Any, start: Any, stop: Any, out: Any) -> None:
+def windowed(coord: F32, flags: NDArray[np.uint16], start: int, stop: int, out: F32) -> None:
     """Rows start..stop of a map (H, W) with REACH pixels on every side, (stop - start + 2 REACH,
     W + 2 REACH): NaN what is refused. Two pixels beyond the image are on the parabola through the last
     three."""
@@ -96,7 +96,7 @@ def windowed(coord: Any, flags: Any, start: Any, stop: Any, out: Any) -> None:
 
 
 @kernel
-def _good_only(line: Any, flags: Any, out: Any) -> None:
+def _good_only(line: F32, flags: NDArray[np.uint16], out: F32) -> None:
     for x in range(line.size):
         out[x] = line[x] if flags[x] == 0 else np.float32(np.nan)
 
@@ -109,7 +109,15 @@ def _parabola(end: Any, next_: Any, third: Any, k: Any) -> Any:
 
 
 @kernel
-def centred(here: Any, window: Any, k: Any, light: Any, limits: Any, out: Any, total: Any) -> None:
+def centred(
+    here: F32,
+    window: F32,
+    k: int,
+    light: tuple[F32, F32, F32],
+    limits: CentreLimits,
+    out: F32,
+    total: F32,
+) -> None:
     """From the mean over a pixel, weighted by the light, to its centre, along a line (W,).
 
     Of u(s) = u + g s + s H s / 2 and light A (1 + a s) the mean over a pixel is u + (H_xx + H_yy) / 24 +

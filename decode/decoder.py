@@ -131,20 +131,26 @@ class Decoder:
         self, frames: ArrayLike, *, mask: ArrayLike | None = None, progress: Progress = silent
     ) -> Correspondence:
         """See `decode`."""
-        known = self._profile
-        white, rounding = (None, None) if known is None else (known.clip, known.rounding)
-        light = light_of(frames, self._sequence, self._settings.white_level or white, self._camera, rounding)
+        light = self._light(frames, self._profile)
         inside = _mask(mask, light)
         with logged(f"decode {light.raw.shape} by {self._sequence.name}"):
             progress("decode", 0, _STEPS)
             found, doubts = self._by_profile(light, inside)
             if found is None:
+                light = light if self._profile is None else self._light(frames, None)
                 found = self._anew(light, inside, progress)
                 found = replace(found, notices=doubts + found.notices)
             progress("decoded", _STEPS, _STEPS)
         for notice in found.notices:
             LOG.warning("%s", notice)
         return found
+
+    def _light(self, frames: ArrayLike, known: RigProfile | None) -> Light:
+        """Frames with the levels at which a known camera clips, else those that all samples tell."""
+        white, rounding = self._settings.white_level, None
+        if known is not None and known.dtype == getattr(frames, "dtype", None):
+            white, rounding = known.clip, known.rounding
+        return light_of(frames, self._sequence, white, self._camera, rounding)
 
     def _by_profile(
         self, light: Light, mask: NDArray[np.bool_] | None
@@ -207,9 +213,8 @@ def _validated(settings: Settings) -> None:
         value = getattr(settings, name)
         if value is not None and not 0 <= value < np.inf:
             raise InputError(f"decode: {name} is {value}, must be finite and at least 0")
-    if (
-        settings.lens_px is not None and not 0 <= settings.lens_px <= REACH
-    ):  # over so many pixels bends are told
+    # over so many pixels bends are told
+    if settings.lens_px is not None and not 0 <= settings.lens_px <= REACH:
         raise InputError(f"decode: lens_px is {settings.lens_px}, must be 0 to {REACH}")
     if settings.footprint is not None and not 0 < settings.footprint <= 1:
         raise InputError(f"decode: footprint is {settings.footprint}, must be above 0, 1 at most")

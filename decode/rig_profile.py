@@ -152,9 +152,10 @@ class RigProfile:
         arrays = load_arrays(path, ("profile",), ("profile",))
         try:
             found = _unpacked(cls, json.loads(str(arrays["profile"])), arrays)
-        except (ValueError, TypeError, KeyError, AttributeError, InputError) as error:
+        except (ValueError, TypeError, KeyError, AttributeError, StopIteration, InputError) as error:
             raise InputError(f"{path}: no profile of this version ({error}); estimate it again") from error
-        assert isinstance(found, cls)
+        if not isinstance(found, cls):
+            raise InputError(f"{path}: no profile of this version; estimate it again")
         return found
 
 

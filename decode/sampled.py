@@ -19,10 +19,10 @@ F64 = NDArray[np.float64]
 #: Nothing that a sample says.
 NOTHING = Sampled(0.0, 0, float("nan"), 0.0, 0.0, np.zeros(0))
 #: Runs of 64 pixels that are looked at; good ones of them that tell anything.
-_RUNS, _FEWEST = 32, 64
+_RUNS, _FEWEST = 16, 64
 #: Logarithm of the ratio of two variances, change of light over the amplitude, relative change of a contrast,
-#: share of the good pixels, from which on a profile no longer holds.
-_VARIANCE, _LIGHT, _CONTRAST, _GOOD = 0.3, 0.15, 0.06, 0.9
+#: share of pixels that are lost, from which on a profile no longer holds.
+_VARIANCE, _LIGHT, _CONTRAST, _LOST = 0.3, 0.15, 0.06, 0.1
 #: Deviations of chance that come on top.
 _SURE = 4.0
 
@@ -45,29 +45,28 @@ def changes(before: Sampled, now: Sampled) -> tuple[Notice, ...]:
     """What differs by more than chance and by enough to change sigma or places: no longer the profile's."""
     if before.pixels < _FEWEST:
         return ()
-    if now.pixels < _FEWEST or now.good < _GOOD * before.good:
-        return _told("share of the good pixels, over the profile's", now.good / before.good, _GOOD)
-    chance = _SURE * float(np.sqrt(2 / now.pixels + 2 / before.pixels))
-    times = now.residual2 / before.residual2
-    found: tuple[Notice, ...] = ()
-    if abs(np.log(times)) > _VARIANCE + chance:
-        found += _told("noise, times the profile's", times**0.5, float(np.exp((_VARIANCE + chance) / 2)))
-    scale = max(before.amplitude, 1e-6)
-    dimmed = max(abs(now.amplitude / scale - 1), abs(now.offset - before.offset) / scale)
-    if dimmed > _LIGHT:
-        found += _told("light, relative change", dimmed, _LIGHT)
-    if now.contrast.size:
-        blurred = float(np.abs(now.contrast / np.maximum(before.contrast, 1e-6) - 1).max())
-        if blurred > _CONTRAST + chance:
-            found += _told(
-                "contrast of the finest fringe or bit, relative change", blurred, _CONTRAST + chance
-            )
-    return found
+    found = [("share of pixels that are lost, of the profile's good ones", 1 - now.good / before.good, _LOST)]
+    if now.pixels >= _FEWEST:
+        chance = _SURE * float(np.sqrt(2 / now.pixels + 2 / before.pixels))
+        beyond, scale = _VARIANCE + chance, max(before.amplitude, 1e-6)
+        times = abs(float(np.log(now.residual2 / before.residual2)))
+        dimmed = max(abs(now.amplitude - before.amplitude), abs(now.offset - before.offset)) / scale
+        blurred = np.abs(now.contrast / np.maximum(before.contrast, 1e-6) - 1).max(initial=0.0)
+        found += [
+            (
+                "noise, times the profile's or less by as much",
+                float(np.exp(times / 2)),
+                float(np.exp(beyond / 2)),
+            ),
+            ("light, relative change", dimmed, _LIGHT),
+            ("contrast of fringes or bits, relative change", float(blurred), _CONTRAST + chance),
+        ]
+    return tuple(_told(what, size, limit) for what, size, limit in found if size > limit)
 
 
-def _told(what: str, size: float, limit: float) -> tuple[Notice, ...]:
+def _told(what: str, size: float, limit: float) -> Notice:
     cure = "estimated anew from this capture; save that profile if the rig stays so"
-    return (Notice(f"the rig's profile no longer holds: {what}", size, limit, cure),)
+    return Notice(f"the rig's profile no longer holds: {what}", size, limit, cure)
 
 
 def _residual2(setup: Setup, sample: Sample) -> float:

@@ -24,6 +24,15 @@ from .profile.pixelation import REACH, SLIGHT
 
 __all__ = ["Common", "Raw", "SpatialLimits", "SpatialMaps", "SpatialTables", "check_rows", "despeckle"]
 
+F32 = NDArray[np.float32]
+U8 = NDArray[np.uint8]
+U16 = NDArray[np.uint16]
+U32 = NDArray[np.uint32]
+#: Flags of a line, variances of it and of the lines above and below.
+Own = tuple[U16, F32, F32, F32]
+#: jump, per_turn, squared reach and extent of SpatialLimits; usual, jump and footprint.
+Limits = tuple[np.float32, np.float32, np.float32, np.float32]
+Footprint = tuple[np.float32, np.float32, np.float32]
 _ONE = np.float32(1)
 _OUTLIER, _OFF = int(Flag.OUTLIER), int(Flag.OFF_PATTERN)
 #: Squared deviations beyond which a neighbour contradicts, and from which on a bend is of the map.
@@ -37,24 +46,24 @@ _BEND = np.float32(1 / 24**2)
 class Raw(NamedTuple):
     """One axis before its neighbours are asked, (H, W) float32: coordinate and variance, px and px^2."""
 
-    coordinate: NDArray[np.float32]
-    variance: NDArray[np.float32]
+    coordinate: F32
+    variance: F32
 
 
 class Common(NamedTuple):
     """What both axes share so far, (H, W): flags, amplitude, mean level."""
 
-    flags: NDArray[np.uint16]
-    amplitude: NDArray[np.float32]
-    offset: NDArray[np.float32]
+    flags: U16
+    amplitude: F32
+    offset: F32
 
 
 class SpatialTables(NamedTuple):
     """Shift and variance of a Pixelation, table of a Border."""
 
-    shift: NDArray[np.float32]
-    unsure: NDArray[np.float32]
-    border: NDArray[np.float32]
+    shift: F32
+    unsure: F32
+    border: F32
 
 
 class SpatialLimits(NamedTuple):
@@ -93,9 +102,9 @@ class SpatialLimits(NamedTuple):
 class SpatialMaps(NamedTuple):
     """Results of one axis, (H, W): coordinate, sigma; flags of both, or-ed."""
 
-    coordinate: NDArray[np.float32]
-    sigma: NDArray[np.float32]
-    flags: NDArray[np.uint16]
+    coordinate: F32
+    sigma: F32
+    flags: U16
 
 
 def check_rows(
@@ -111,7 +120,15 @@ def check_rows(
 
 
 @exact
-def _check(start: Any, stop: Any, raw: Any, common: Any, tables: Any, numbers: Any, maps: Any) -> None:
+def _check(
+    start: int,
+    stop: int,
+    raw: Raw,
+    common: Common,
+    tables: SpatialTables,
+    numbers: SpatialLimits,
+    maps: SpatialMaps,
+) -> None:
     (coord, variance), (flags, amplitude, offset) = raw, common
     reach, extent, jump, per_turn = numbers.reach, numbers.extent, numbers.jump, numbers.per_turn
     footprint, ends, shift = numbers.footprint, numbers.ends, tables.shift
@@ -183,7 +200,7 @@ def _check(start: Any, stop: Any, raw: Any, common: Any, tables: Any, numbers: A
 
 
 @kernel
-def despeckle(start: Any, stop: Any, flags: Any, out: Any) -> None:
+def despeckle(start: int, stop: int, flags: U16, out: U16) -> None:
     """Rows start..stop of flags (H, W): a good pixel of whose eight neighbours fewer than three are good (a
     corner has three, those beyond the image being as the nearest in it) passed by chance what refused them:
     OUTLIER."""
@@ -201,7 +218,7 @@ def despeckle(start: Any, stop: Any, flags: Any, out: Any) -> None:
 
 
 @kernel
-def _with_ends(line: Any, out: Any) -> None:
+def _with_ends(line: F32, out: F32) -> None:
     """A line (W,), and what it begins and ends with twice more on either side, (W + 4,)."""
     for x in range(line.size):
         out[x + 2] = line[x]
@@ -230,13 +247,13 @@ def _step_inwards(five: Any, low: Any, jump: Any) -> Any:
 
 
 @kernel
-def _root(sigma: Any, roughness: Any, least: Any) -> None:
+def _root(sigma: F32, roughness: np.float32, least: np.float32) -> None:
     for x in range(sigma.size):
         sigma[x] = max(np.sqrt(sigma[x] + roughness), least)
 
 
 @kernel
-def _special_line(window: Any, k: Any, own: Any, limits: Any, special: Any) -> None:
+def _special_line(window: F32, k: int, own: Own, limits: Limits, special: U8) -> None:
     """Good pixels of which neighbours or the border tell something. own: flags of the line, variances of it
     and of those above and below."""
     (flags, var, var_above, var_below), size, four = own, special.size, np.float32(4)
@@ -283,7 +300,7 @@ def _dimmer(at: Any, inner: Any, raw: Any, common: Any, per_turn: Any) -> Any:
 
 
 @kernel
-def _entry_line(c: Any, window: Any, k: Any, limits: Any, most: Any, at: Any) -> None:
+def _entry_line(c: F32, window: F32, k: int, limits: Footprint, most: np.float32, at: U32) -> None:
     """Entries of a Pixelation by place in the cell and width of the footprint, of `most` steps at most.
     limits: what it is at least where no neighbour tells it along rows or columns, by what neighbours of a map
     bend at most, and side of a pixel over its pitch."""
@@ -320,7 +337,7 @@ def _broad_slope(five: Any, jump: Any) -> Any:
 
 
 @kernel
-def _corrected_line(c: Any, var: Any, at: Any, tables: Any, out: Any, total: Any) -> None:
+def _corrected_line(c: F32, var: F32, at: U32, tables: tuple[F32, F32], out: F32, total: F32) -> None:
     """Pixelation taken off a line, what is unsure of it into the variance."""
     shifts, doubts = tables
     for x in range(c.size):
@@ -329,7 +346,7 @@ def _corrected_line(c: Any, var: Any, at: Any, tables: Any, out: Any, total: Any
 
 
 @kernel
-def _copied(c: Any, var: Any, out: Any, total: Any) -> None:
+def _copied(c: F32, var: F32, out: F32, total: F32) -> None:
     for x in range(c.size):
         out[x] = c[x]
         total[x] = var[x]
@@ -339,15 +356,15 @@ class _Pixel(NamedTuple):
     """A pixel of the image, and one beyond it, as is where it is nearest: whether it is of the image, whether
     it is good; place, variance, amplitude."""
 
-    inside: Any
-    good: Any
-    place: Any
-    variance: Any
-    amplitude: Any
+    inside: bool
+    good: bool
+    place: np.float32
+    variance: np.float32
+    amplitude: np.float32
 
 
 @exact
-def _pixel(y: Any, x: Any, coord: Any, variance: Any, flags: Any, amplitude: Any) -> Any:
+def _pixel(y: int, x: int, coord: F32, variance: F32, flags: U16, amplitude: F32) -> _Pixel:
     i, j = min(max(y, 0), coord.shape[0] - 1), min(max(x, 0), coord.shape[1] - 1)
     inside = (i == y) & (j == x)
     return _Pixel(inside, inside & (flags[i, j] == 0), coord[i, j], variance[i, j], amplitude[i, j])
@@ -355,7 +372,13 @@ def _pixel(y: Any, x: Any, coord: Any, variance: Any, flags: Any, amplitude: Any
 
 @exact
 def _neighbours(
-    y: Any, x: Any, coord: Any, variance: Any, flags: Any, amplitude: Any, limits: Any
+    y: int,
+    x: int,
+    coord: F32,
+    variance: F32,
+    flags: U16,
+    amplitude: F32,
+    limits: tuple[np.float32, np.float32],
 ) -> tuple[Any, Any, Any]:
     """Flag of a good pixel and squared shift of its centre, by those of its neighbours that are good; squared
     shift by how much the map bends in it."""

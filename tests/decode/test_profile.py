@@ -124,3 +124,7 @@ def test_what_is_no_profile_is_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "c.npz", u=np.zeros(3))
     with pytest.raises(InputError, match=r"c\.npz: field 'profile' is missing"):
         RigProfile.load(tmp_path / "c.npz")
+    for text in ("{", "3", "[]", '{"sequence": 3}'):
+        np.savez(tmp_path / "d.npz", profile=np.array(text))
+        with pytest.raises(InputError, match=r"d\.npz: no profile of this version"):
+            RigProfile.load(tmp_path / "d.npz")
