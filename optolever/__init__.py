@@ -8,6 +8,7 @@ The parts, floor by floor (imports run downward only):
 | 4     | `experiments` | demo, paper tables, benchmarks, report                                   |
 | 4     | `calibration` | captures of simple targets -> Scene with covariance                        |
 | 4     | `metrology`   | form, residual, slope error, Zernike terms, with sigma                   |
+| 4     | `live`        | prepared rig + one frame -> height, contacts, force                        |
 | 3     | `reconstruct` | Correspondence + Scene -> HeightMap                                      |
 | 2     | `projector`   | shows a Sequence, brings frames back: virtual sensor, folder             |
 | 2     | `decode`      | frames + Sequence -> Correspondence                                      |
@@ -36,7 +37,7 @@ __version__ = _version("optolever")
 __all__ = ["InputError", "__version__"]
 
 _PARTS = (
-    *("calibration", "cli", "decode", "experiments", "metrology"),
+    *("calibration", "cli", "decode", "experiments", "live", "metrology"),
     *("patterns", "projector", "reconstruct", "scene"),
 )
 

@@ -7,6 +7,7 @@ TOML only.
 | file | holds |
 |---|---|
 | `mirror.py`, `pattern.py`, `medium.py`, `sensor.py` | records; Fresnel; display and sensor response |
+| `layer.py` | the elastic layer whose boundary is the mirror |
 | `pattern_shape.py` | displays that are not flat: bow, table of points |
 | `telecentric.py`, `pinhole.py`, `face.py` | cameras: pixel -> ray, lens distortion, refraction at a face |
 | `scene.py`, `reading.py`, `writing.py`, `presets/` | Scene, resize; strict TOML; the scenes on board |
@@ -30,6 +31,7 @@ from .covariance import Covariance
 from .dents import dent, dent_from_text, dent_names, dent_parameters, moving_dent
 from .face import Face
 from .grid import Grid
+from .layer import Layer
 from .medium import Medium
 from .mirror import Mirror
 from .parameters import adjusted, parameter_changes, parameter_values, without_rest_form
@@ -59,6 +61,7 @@ __all__ = [
     "Face",
     "Formula",
     "Grid",
+    "Layer",
     "Medium",
     "Mirror",
     "Pattern",

@@ -16,6 +16,7 @@ from .accuracy import TYPED, Accuracy
 from .covariance import Covariance
 from .dents import dent_from_text
 from .face import Face
+from .layer import Layer
 from .medium import Medium
 from .mirror import Mirror
 from .parameters import parameter_values
@@ -32,7 +33,7 @@ from .writing import FOREIGN
 
 __all__ = ["load", "preset_names"]
 
-_TOP = "name, dent, exact, mirror, pattern, camera, medium, display, sensor, accuracy, calibration, "
+_TOP = "name, dent, exact, mirror, pattern, camera, medium, display, sensor, layer, accuracy, calibration, "
 #: Keys that others call so, and ours.
 _MEANT = {
     "n": "index",
@@ -178,12 +179,15 @@ def _scene(top: _Table, path: Path) -> Scene:
     camera = _camera(top.take("camera", _table), mirror, medium)
     display = _display(top.take("display", _table)) if "display" in top else None
     sensor = _sensor(top.take("sensor", _table)) if "sensor" in top else None
+    layer = _layer(top.take("layer", _table)) if "layer" in top else None
     calibrated = _calibration(top.take("calibration", _table), path) if "calibration" in top else (None, None)
     covariance, form = calibrated
     accuracy = _accuracy(top)
     for section in FOREIGN:
         top.get(section, _table, top)
-    scene = Scene(name, mirror, pattern, camera, medium, display, sensor, dent, covariance, accuracy, form)
+    scene = Scene(
+        name, mirror, pattern, camera, medium, display, sensor, dent, covariance, accuracy, form, layer
+    )
     if covariance is not None:
         _require_known(scene, covariance)
     if dent is not None:
@@ -262,6 +266,14 @@ def _sensor(table: _Table) -> Sensor:
     table.known(", ".join(names))
     values = {name: table.get(name, lambda _, value: value, getattr(default, name)) for name in names}
     return Sensor(**values)
+
+
+def _layer(table: _Table) -> Layer:
+    table.known("youngs_modulus_mpa, poisson, thickness_mm")
+    modulus = table.take("youngs_modulus_mpa", positive)
+    poisson = table.get("poisson", number, 0.5)
+    thickness = table.take("thickness_mm", positive) if "thickness_mm" in table else None
+    return Layer(modulus, poisson, thickness)
 
 
 def _pattern(table: _Table) -> Pattern:

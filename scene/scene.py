@@ -13,6 +13,7 @@ from optolever.files import atomic_file, together
 from .accuracy import TYPED, Accuracy
 from .covariance import Covariance
 from .drawing import draw_side
+from .layer import Layer
 from .medium import Medium
 from .mirror import Mirror
 from .pattern import Pattern
@@ -37,7 +38,8 @@ class Scene(Record):
     sensor None: 8 bit, linear, without noise; dent: the dent to show where none is named (`dent_from_text`);
     covariance: of the numbers that a calibration adjusted, None: not calibrated; accuracy: of the numbers
     that were typed, which counts where there is no covariance (see `rig_covariance`); None: they are exact;
-    rest_form: of the mirror at rest, measured by a calibration (the anchor of a reconstruction); None: plane.
+    rest_form: of the mirror at rest, measured by a calibration (the anchor of a reconstruction); None: plane;
+    layer: elastic, behind the mirror, for forces; None: unknown.
     """
 
     name: str
@@ -51,6 +53,7 @@ class Scene(Record):
     covariance: Covariance | None = None
     accuracy: Accuracy | None = TYPED
     rest_form: RestForm | None = None
+    layer: Layer | None = None
 
     @property
     def exact(self) -> bool:
@@ -88,7 +91,7 @@ class Scene(Record):
         """Write the scene as TOML, to be read by `load`, a covariance as .npz beside it; what is absent is
         left out. Sections of other programs' that a file of that name has are kept.
         """
-        others = {"medium": self.medium, "display": self.display, "sensor": self.sensor}
+        others = {"medium": self.medium, "display": self.display, "sensor": self.sensor, "layer": self.layer}
         table = scene_table(self.name, self.mirror, self.pattern, self.camera, self.dent, others)
         if self.accuracy is None:
             table = {"exact": True, **table}

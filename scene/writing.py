@@ -56,7 +56,8 @@ def scene_table(
         table = {"name": name, "dent": dent, **table}
     for section, record in others.items():
         if record is not None:
-            table[section] = {field.name: getattr(record, field.name) for field in fields(record)}
+            values = {field.name: getattr(record, field.name) for field in fields(record)}
+            table[section] = {key: value for key, value in values.items() if value is not None}
     return table
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from optolever.patterns import named, sequence
 
-PARTS = ("scene", "patterns", "projector", "decode", "reconstruct", "calibration", "experiments")
+PARTS = ("scene", "patterns", "projector", "decode", "reconstruct", "calibration", "experiments", "live")
 FACES = [importlib.import_module(f"optolever.{part}") for part in PARTS]
 
 

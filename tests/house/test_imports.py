@@ -21,6 +21,7 @@ FLOOR = {
     "calibration": 4,
     "metrology": 4,
     "experiments": 4,
+    "live": 4,
     "cli": 5,
 }
 PARTS = [part for part in FLOOR if part != "optolever"]

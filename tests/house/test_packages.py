@@ -115,7 +115,7 @@ def test_the_installed_wheel_works_without_the_checkout(wheel: Path, tmp_path: P
     zipfile.ZipFile(wheel).extractall(target)
     script = (
         "import sys, pathlib, importlib; sys.path.insert(0, sys.argv[1]); import optolever; "
-        "names = 'calibration cli decode experiments metrology patterns projector reconstruct scene'; "
+        "names = 'calibration cli decode experiments live metrology patterns projector reconstruct scene'; "
         "names = names.split(); "
         "parts = [importlib.import_module('optolever.' + name) for name in names]; "
         "assert all(pathlib.Path(p.__file__).is_relative_to(sys.argv[1]) for p in [optolever, *parts]); "

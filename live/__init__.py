@@ -1,0 +1,24 @@
+"""live: a prepared rig and one frame of a crossed fringe -> height with sigma, contacts, force.
+
+| file | holds |
+|---|---|
+| `prepare.py`, `prepared.py` | prepare(): what a rig at rest fixes; its record and file |
+| `stream.py` | Live: one reading a frame |
+| `reading.py`, `verdict.py` | what a frame says; whether it may be trusted |
+| `chain.py` | one frame, from the picture to the height |
+| `picture.py`, `unwrap.py` | the model of the picture and its fit; whole periods |
+| `geometry.py`, `chord.py`, `columns.py` | rays and anchor; a step of the coupled equations; its solver |
+| `circulation.py` | how the slopes contradict one another |
+| `arrays.py` | names of arrays |
+"""
+
+from optolever.arguments import check_face
+
+from .prepare import prepare
+from .prepared import Noise, Prepared
+from .reading import Figures, Reading
+from .stream import Live
+
+__all__ = ["Figures", "Live", "Noise", "Prepared", "Reading", "prepare"]
+
+check_face(__name__)

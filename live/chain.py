@@ -1,0 +1,189 @@
+"""One frame through the chain: steps of the picture and of the mirror in turns until neither changes.
+
+What is kept from frame to frame (`Track`) saves work and settles whole periods; from rest, without it, a
+frame takes one or two steps more and has the same height."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from optolever.kernels import kernel
+
+from .arrays import Cells, Frame, Mask
+from .chord import Linearised, chord_step
+from .picture import Carriers, Fit, State, fit_step, window_mean
+from .unwrap import beside_tears, torn, unwrapped
+
+__all__ = ["LEAST_SHARE", "Rig", "Settled", "Track", "at_rest", "settle"]
+
+_f4 = np.float32
+LEAST_SHARE = 0.15  # of a window, lit and on the pattern: a corner's window has a quarter
+_CONTRAST = 0.15  # of that at rest, in the same light: below it a window sees no fringe
+_AMPLITUDE = 6.0  # standard deviations that an amplitude must have
+_MISFIT = 6.0  # mean square residual over the usual one: a cell then counts half
+_COMPRESSED = 0.25  # of the map's area at rest: below it the map is about to fold
+_NOT_MOVED = 0.2  # of sigma: what further steps would change
+_STEPS = 6
+_FILL = 4.0  # cells: radius over which gaps take their neighbours' displacement
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rig:
+    """What a rig at rest fixes of the chain.
+
+    rest: of the picture; noise: variance of a grey value at rest; gradient (4, R, C): of the rest map's
+    turns, du and dv along columns, then along rows; normal (R, C): z of a mm along the ray; rim: cells along
+    the border of what is lit."""
+
+    carriers: Carriers
+    mirror: Linearised
+    rest: State
+    noise: float
+    gradient: Cells
+    normal: Cells
+    rim: Mask
+
+    @property
+    def lit(self) -> Mask:
+        """Cells whose window sees enough of the pattern at rest."""
+        return np.asarray(self.carriers.share > LEAST_SHARE)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Track:
+    """What is kept of a frame for the next. tau (R, C): distance along the rays less that at rest, mm; whole:
+    the state's whole periods are known."""
+
+    state: State
+    tau: Cells
+    whole: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Settled:
+    """A frame, fitted. good: cells whose height is measured; contrast (R, C): over that at rest, in the same
+    light; ahead (R, C): what further steps would change of z, mm; left: of most cells, in sigma; usual:
+    median of the mean square residual; slopes (2, R, C): less those at rest."""
+
+    track: Track
+    good: Mask
+    contrast: Cells
+    fit: Fit
+    ahead: Cells
+    left: float
+    usual: float
+    slopes: Cells
+    steps: int
+
+
+def at_rest(rig: Rig) -> Track:
+    """Where a chain without history begins."""
+    return Track(rig.rest, np.zeros(rig.carriers.shape, _f4), False)
+
+
+def settle(rig: Rig, frame: Frame, track: Track, sigma: Cells) -> Settled:
+    """Fit a frame. sigma (R, C): of z, mm, to judge when a step is small."""
+    state, tau = _calmed(rig, track.state), track.tau.copy()
+    sizes: list[float] = []
+    kinks: list[float] = []
+    some = (slice(None, None, 3), slice(None, None, 3))
+    for step in range(_STEPS):
+        state, fit = fit_step(rig.carriers, frame, state)
+        good, contrast = _good(rig, state, fit)
+        offset = state.displacement - rig.rest.displacement
+        if (not track.whole and step < 2) or (step == 0 and torn(offset, good)):
+            offset, good = unwrapped(offset, good, rig.rim)
+            state.displacement[:] = offset + rig.rest.displacement
+        if not good.all():
+            _fill(rig, state, good)
+            offset = state.displacement - rig.rest.displacement
+        change, slopes = chord_step(rig.mirror, offset, tau, good.astype(_f4))
+        tau += change
+        change *= rig.normal
+        ratios = (np.abs(change[some]) / sigma[some])[good[some]]
+        if ratios.size == 0:
+            sizes, kinks, slow = [np.inf], [np.inf], 0.5
+            break
+        sizes.append(1.48 * float(np.median(ratios)))
+        kinks.append(float(np.sqrt(np.mean(np.square(ratios)))))
+        pace, slow = (min(of[-1] / of[-2], 0.8) if step else 0.8 for of in (sizes, kinks))
+        if step and sizes[-1] * pace / (1 - pace) < _NOT_MOVED:
+            break
+    left = sizes[-1] * pace / (1 - pace) if np.isfinite(sizes[-1]) else np.inf
+    # the residual is judged once the fit has settled: before, it is large wherever something moved
+    usual = float(np.median(fit.residual[some]))
+    good &= ~_folded(rig, offset)
+    if torn(offset, good):
+        good &= ~beside_tears(offset)
+    if not good.all():
+        good = _anchored(rig, good)
+    trust = good / (1 + np.square(fit.residual / _f4(_MISFIT * max(usual, rig.noise))))
+    if trust.min() < 0.5:  # kinks count for little, and yet hold what they enclose
+        more, slopes = chord_step(rig.mirror, offset, tau, trust.astype(_f4))
+        tau += more
+    ahead = change * _f4(slow / (1 - slow))
+    return Settled(Track(state, tau, True), good, contrast, fit, ahead, left, usual, slopes, len(sizes))
+
+
+def _calmed(rig: Rig, state: State) -> State:
+    """Where windows are cut, what they do not see would walk at random from frame to frame: smooth it
+    there."""
+    calm, cut = state.copy(), np.clip(4 * (1 - rig.carriers.share), 0, 1)
+    for plane, rest in zip(calm.displacement, rig.rest.displacement, strict=True):
+        offset = plane - rest
+        plane += cut * (window_mean(offset, rig.carriers.window, inside=True) - offset)
+    return calm
+
+
+def _good(rig: Rig, state: State, fit: Fit) -> tuple[Mask, Cells]:
+    """Cells that see a fringe, and the contrast over that at rest in the same light."""
+    light = np.maximum(state.level / np.maximum(rig.rest.level, 1), _f4(0.05))
+    contrast = (state.amplitudes / np.maximum(rig.rest.amplitudes, _f4(1e-3))).min(axis=0) / light
+    window, cell = rig.carriers.window, rig.carriers.cell
+    least = _AMPLITUDE * float(np.sqrt(2 * rig.noise) * np.square(window).sum()) / cell
+    good = rig.lit & (fit.share > LEAST_SHARE) & (contrast > _CONTRAST)
+    return good & (state.amplitudes.min(axis=0) > least), contrast
+
+
+def _fill(rig: Rig, state: State, good: Mask) -> None:
+    """Cells without a fringe take state from around, so that the next step may find it."""
+    weight = cv2.GaussianBlur(good.astype(_f4), (0, 0), _FILL) + _f4(1e-6)
+    bad = ~good
+    for plane, rest in zip(state.planes, rig.rest.planes, strict=True):
+        around = cv2.GaussianBlur(np.where(good, plane - rest, _f4(0)), (0, 0), _FILL) / weight
+        plane[bad] = (around + rest)[bad]
+
+
+def _folded(rig: Rig, offset: Cells) -> Mask:
+    """Cells, and those in reach of their window, where the map is nearly folded: its area less than a share
+    of that at rest, or of the other sign."""
+    found = np.zeros(offset.shape[1:], np.uint8)
+    _compressed(rig.gradient, offset, _f4(_COMPRESSED), found)
+    reach = rig.carriers.window.size // 3
+    if not found.any():
+        return found > 0
+    return np.asarray(cv2.dilate(found, np.ones((reach, reach), np.uint8)) > 0)
+
+
+def _anchored(rig: Rig, good: Mask) -> Mask:
+    """Parts that an anchor reaches: the height of an island is free by a constant."""
+    labels = cv2.connectedComponents(good.astype(np.uint8), connectivity=4)[1]
+    reached = np.unique(labels[(rig.mirror.anchor[0] > 0) & good])
+    return np.isin(labels, reached[reached > 0])
+
+
+@kernel
+def _compressed(gradient, offset, least, found):  # type: ignore[no-untyped-def]
+    """found (R, C): 1 where the map's Jacobian is below `least` of that at rest."""
+    half = _f4(0.5)
+    for i in range(1, found.shape[0] - 1):
+        for j in range(1, found.shape[1] - 1):
+            a, b, c, d = gradient[0, i, j], gradient[1, i, j], gradient[2, i, j], gradient[3, i, j]
+            at_rest = a * d - b * c
+            a += half * (offset[0, i, j + 1] - offset[0, i, j - 1])
+            b += half * (offset[1, i, j + 1] - offset[1, i, j - 1])
+            c += half * (offset[0, i + 1, j] - offset[0, i - 1, j])
+            d += half * (offset[1, i + 1, j] - offset[1, i - 1, j])
+            if (a * d - b * c) * at_rest < least * at_rest * at_rest:
+                found[i, j] = 1

@@ -1,0 +1,248 @@
+"""The coupled equations of height and slope, linearised at rest: one chord step takes one cosine transform
+and its inverse.
+
+The unknown is tau = t - t0, the distance along a cell's ray less that at rest. The mirror's normal bisects
+the ray and the way to the pattern point, n ~ e - d, and the mirror holds its tangents, which gives the slope
+of t along columns and rows in closed form from (du, dv, tau) (as in `reconstruct`); the slope at rest is
+subtracted, so that float32 is good to nanometres and rest is exactly flat. With E the integrating factor at
+rest, tau = E x turns the equations into increments of x, whose weighted least squares are a `Columns` solve.
+Cells that are trusted less weigh less: then conjugate gradients, with that solve as preconditioner."""
+
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+import scipy.fft
+
+from optolever.blocks import over_rows
+from optolever.kernels import kernel
+
+from .arrays import Cells, Float, Mask
+from .columns import Columns, columns_of
+from .geometry import AnchorLine, RestRays
+
+__all__ = ["Linearised", "chord_step", "linearised"]
+
+Real = TypeVar("Real", Cells, Float)
+
+_f4 = np.float32
+_ITERATIONS = 15  # of conjugate gradients, at most
+_SETTLED = 1e-5  # of their energy
+_STEP = 1e-4  # turns and mm: of the differences that give derivatives at rest
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Linearised:
+    """planes (18, R, C), steps (2, 3): see RestRays; slopes (2, R, C): at rest, mm a cell; factor (R, C): the
+    integrating factor E; root: its square root; along (C,), across (C,): weights of the edges by column;
+    columns: the solver; anchor (3, R, C): weights of tau, p and q in the mean that is zero."""
+
+    planes: Cells
+    steps: Cells
+    slopes: Cells
+    factor: Cells
+    root: Cells
+    along: Cells
+    across: Cells
+    columns: Columns
+    anchor: Cells
+
+
+def linearised(rays: RestRays, line: AnchorLine, lit: Mask) -> Linearised:
+    """The equations at rest. lit (R, C): cells by which the weights go."""
+    steps = np.stack([rays.step_u, rays.step_v])
+    rows, cols = lit.shape
+    zero = np.zeros((rows, cols))
+
+    def at(du: float = 0.0, dv: float = 0.0, tau: float = 0.0) -> Float:
+        return _slopes_at(rays.planes, steps, np.stack([zero + du, zero + dv]), zero + tau)
+
+    by_tau = (at(tau=_STEP) - at(tau=-_STEP)) / (2 * _STEP)
+    by_u = (at(du=_STEP) - at(du=-_STEP)) / (2 * _STEP)
+    by_v = (at(dv=_STEP) - at(dv=-_STEP)) / (2 * _STEP)
+    variance = by_u**2 + by_v**2
+    log_factor = _integral(_amid(by_tau[0], 1), _amid(by_tau[1], 0))
+    factor = np.exp(log_factor - log_factor[lit].max())
+    # the weights of x: inverse variances of its increments, averaged over what is lit of a column
+    seen_x, seen_y = lit[:, :-1] & lit[:, 1:], lit[:-1] & lit[1:]
+    along = _weights(_amid(variance[0], 1) / (factor[:, :-1] * factor[:, 1:]), seen_x)
+    across = _weights(_amid(variance[1], 0) / (factor[:-1] * factor[1:]), seen_y)
+    most = max(along.max(), across.max())
+    along, across = np.append(along / most, 0.0), across / most
+    planes = rays.planes.astype(_f4)
+    at_rest = _slopes_at(
+        planes, steps.astype(_f4), np.zeros((2, rows, cols), _f4), np.zeros((rows, cols), _f4)
+    )
+    return Linearised(
+        planes,
+        steps.astype(_f4),
+        at_rest,
+        factor.astype(_f4),
+        np.sqrt(factor).astype(_f4),
+        along.astype(_f4),
+        across.astype(_f4),
+        columns_of(along, across, rows),
+        np.stack([line.distance, line.per_col, line.per_row]).astype(_f4),
+    )
+
+
+def chord_step(rig: Linearised, displacement: Cells, tau: Cells, trust: Cells) -> tuple[Cells, Cells]:
+    """The change of tau (R, C), mm, and the slopes (2, R, C) less those at rest, mm a cell.
+
+    displacement (2, R, C): turns less those at rest; trust (R, C): weight of a cell, 0 to 1.
+    """
+    slopes = _slopes_at(rig.planes, rig.steps, displacement, tau)
+    slopes -= rig.slopes
+    increments = np.empty_like(slopes)
+    over_rows(lambda start, stop: _increments(slopes, tau, rig.root, increments, start, stop), tau.shape[0])
+    divergence = _divergence(rig, increments, np.zeros_like(tau), trust)
+    evenly = bool(trust.min() == 1)
+    x = rig.columns.solve(divergence) if evenly else _weighted(rig, divergence, trust)
+    here = rig.anchor * trust
+    weight = float((here[0] * rig.factor).sum())
+    if weight > 0:
+        off = float((here[0] * (tau + rig.factor * x)).sum() + (here[1:] * slopes).sum())
+        x -= _f4(off / weight)
+    return rig.factor * x, slopes
+
+
+def _weighted(rig: Linearised, divergence: Cells, trust: Cells) -> Cells:
+    """Conjugate gradients. Cells without trust take what the whole rectangle says."""
+    seen = trust > 0
+    nothing = np.zeros((2, *trust.shape), _f4)
+    x, r = np.zeros_like(divergence), divergence.copy()
+    direction = rig.columns.solve(r) * seen
+    energy = first = float(np.vdot(r, direction))
+    for _ in range(_ITERATIONS):
+        image = _divergence(rig, nothing, -direction, trust)
+        length = energy / max(float(np.vdot(direction, image)), 1e-30)
+        x += _f4(length) * direction
+        r -= _f4(length) * image
+        z = rig.columns.solve(r) * seen
+        new = float(np.vdot(r, z))
+        if not new > _SETTLED * first:
+            break
+        direction *= _f4(new / energy)
+        direction += z
+        energy = new
+    return x if seen.all() else np.where(seen, x, rig.columns.solve(divergence))
+
+
+def _slopes_at(planes: Real, steps: Real, displacement: Real, tau: Real) -> Real:
+    out = np.empty((2, *tau.shape), tau.dtype)
+    over_rows(lambda start, stop: _slopes(planes, steps, displacement, tau, out, start, stop), tau.shape[0])
+    return out
+
+
+def _divergence(rig: Linearised, increments: Cells, x: Cells, trust: Cells) -> Cells:
+    """D^T w (increments - D x), (R, C)."""
+    out = np.empty_like(x)
+    args = increments, x, rig.along, rig.across, trust, out
+    over_rows(lambda start, stop: _flow(*args, start, stop), x.shape[0])
+    return out
+
+
+def _amid(field: Float, axis: int) -> Float:
+    first, second = np.delete(field, -1, axis), np.delete(field, 0, axis)
+    return np.asarray(0.5 * (first + second))
+
+
+def _weights(variance: Float, seen: Mask) -> Float:
+    """Inverse mean variances (n,) of the columns of edges; where none is lit, of all."""
+    total = float(np.mean(variance[seen])) if seen.any() else float(np.mean(variance))
+    count = seen.sum(axis=0)
+    mean = np.where(seen, variance, 0.0).sum(axis=0) / np.maximum(count, 1)
+    weights: Float = 1 / np.where(count > 0, mean, total)
+    return weights
+
+
+def _integral(along: Float, across: Float) -> Float:
+    """Least squares integral of increments (R, C - 1) and (R - 1, C), by cosine transforms."""
+    rows, cols = along.shape[0], across.shape[1]
+    rhs = np.zeros((rows, cols))
+    rhs[:, 1:] += along
+    rhs[:, :-1] -= along
+    rhs[1:] += across
+    rhs[:-1] -= across
+    by_row, by_col = (4 * np.sin(0.5 * np.pi * np.arange(n) / n) ** 2 for n in (rows, cols))
+    eigen = by_row[:, None] + by_col
+    eigen[0, 0] = 1
+    modes = scipy.fft.dctn(rhs, norm="ortho") / eigen
+    modes[0, 0] = 0
+    return np.asarray(scipy.fft.idctn(modes, norm="ortho"))
+
+
+@kernel
+def _slopes(g, steps, displacement, tau, out, start, stop):  # type: ignore[no-untyped-def]
+    """out (2, R, C): slopes of t along columns and rows, mm a cell; g (18, R, C): RestRays.planes."""
+    for i in range(start, stop):
+        for j in range(tau.shape[1]):
+            t, a, b = tau[i, j], displacement[0, i, j], displacement[1, i, j]
+            dx, dy, dz = g[3, i, j], g[4, i, j], g[5, i, j]
+            ex = g[0, i, j] + a * steps[0, 0] + b * steps[1, 0] - t * dx
+            ey = g[1, i, j] + a * steps[0, 1] + b * steps[1, 1] - t * dy
+            ez = g[2, i, j] + a * steps[0, 2] + b * steps[1, 2] - t * dz
+            k = _f4(1) / np.sqrt(ex * ex + ey * ey + ez * ez)
+            nx, ny, nz = ex * k - dx, ey * k - dy, ez * k - dz
+            scale = _f4(-1) / (nx * dx + ny * dy + nz * dz)
+            for axis in range(2):
+                m = 6 + 6 * axis
+                out[axis, i, j] = scale * (
+                    nx * (g[m, i, j] + t * g[m + 3, i, j])
+                    + ny * (g[m + 1, i, j] + t * g[m + 4, i, j])
+                    + nz * (g[m + 2, i, j] + t * g[m + 5, i, j])
+                )
+
+
+@kernel
+def _increments(slopes, tau, root, out, start, stop):  # type: ignore[no-untyped-def]
+    """out (2, R, C): increments of the slopes by the cubic through four cells, less those of tau, over the
+    integrating factor; 0 beyond the last column or row."""
+    rows, cols = tau.shape
+    w = _f4(1 / 24)
+    p, q = slopes[0], slopes[1]
+    for i in range(start, stop):
+        for j in range(cols - 1):
+            if 1 <= j < cols - 2:
+                rise = w * (_f4(13) * (p[i, j] + p[i, j + 1]) - p[i, j - 1] - p[i, j + 2])
+            elif j == 0:
+                rise = w * (_f4(9) * p[i, 0] + _f4(19) * p[i, 1] - _f4(5) * p[i, 2] + p[i, 3])
+            else:
+                k = cols - 1
+                rise = w * (_f4(9) * p[i, k] + _f4(19) * p[i, k - 1] - _f4(5) * p[i, k - 2] + p[i, k - 3])
+            out[0, i, j] = (rise - tau[i, j + 1] + tau[i, j]) / (root[i, j] * root[i, j + 1])
+        out[0, i, cols - 1] = _f4(0)
+        for j in range(cols):
+            if i == rows - 1:
+                out[1, i, j] = _f4(0)
+                continue
+            if 1 <= i < rows - 2:
+                rise = w * (_f4(13) * (q[i, j] + q[i + 1, j]) - q[i - 1, j] - q[i + 2, j])
+            elif i == 0:
+                rise = w * (_f4(9) * q[0, j] + _f4(19) * q[1, j] - _f4(5) * q[2, j] + q[3, j])
+            else:
+                k = rows - 1
+                rise = w * (_f4(9) * q[k, j] + _f4(19) * q[k - 1, j] - _f4(5) * q[k - 2, j] + q[k - 3, j])
+            out[1, i, j] = (rise - tau[i + 1, j] + tau[i, j]) / (root[i, j] * root[i + 1, j])
+
+
+@kernel
+def _flow(g, x, along, across, trust, out, start, stop):  # type: ignore[no-untyped-def]
+    """D^T (w (g - D x)); an edge counts as much as the less trusted of its cells."""
+    rows, cols = x.shape
+    for i in range(start, stop):
+        for j in range(cols):
+            total, here, t = _f4(0), x[i, j], trust[i, j]
+            if j > 0:
+                w = along[j - 1] * min(t, trust[i, j - 1])
+                total += w * (g[0, i, j - 1] - here + x[i, j - 1])
+            if j + 1 < cols:
+                w = along[j] * min(t, trust[i, j + 1])
+                total -= w * (g[0, i, j] - x[i, j + 1] + here)
+            if i > 0:
+                w = across[j] * min(t, trust[i - 1, j])
+                total += w * (g[1, i - 1, j] - here + x[i - 1, j])
+            if i + 1 < rows:
+                w = across[j] * min(t, trust[i + 1, j])
+                total -= w * (g[1, i, j] - x[i + 1, j] + here)
+            out[i, j] = total

@@ -1,0 +1,221 @@
+"""The picture of a crossed fringe as a model, and Gauss-Newton steps that fit it.
+
+    frame = level + amplitude_u cos 2 pi (u / period + du) + amplitude_v cos 2 pi (v / period + dv)
+
+u, v are the rest map, in pattern pixels; the unknowns of a cell of 2 x 2 or 4 x 4 pixels are the
+displacements du, dv in turns (periods), level and amplitudes. A step takes the residual of the frame,
+multiplies it by cosine and sine of both carriers, sums it into cells and blurs it by a window of half a
+period rms; the carriers' leakage into one another vanishes with the residual (demodulation of the residual,
+Takeda, Ina and Kobayashi, JOSA 72:156, 1982, iterated), and each step also undoes some of the window's
+smoothing (van Cittert)."""
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from optolever.blocks import over_rows
+from optolever.kernels import inlined, kernel
+
+from .arrays import Cells, Frame, Pixels
+
+__all__ = ["Carriers", "Fit", "State", "fit_step", "model", "to_cells", "to_pixels", "window_mean"]
+
+_f4 = np.float32
+_BLOCK = 24  # rows of cells a thread takes at a time
+_LEAST_SHARE = 0.02  # of a window: below it the sums are divided by this
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Carriers:
+    """What a rig at rest fixes of the picture.
+
+    period: pattern pixels; cell: pixels along its side; window: taps (K,) of the blur, in cells; turn_u,
+    turn_v: the rest map in turns, (H, W); lit (H, W): 1 where the rest map is known, else 0; ends (4,): least
+    and largest turn on the pattern along u, along v; full: level from which on a pixel is saturated; share
+    (R, C): part of a cell's window that is lit."""
+
+    period: float
+    cell: int
+    window: Cells
+    turn_u: Pixels
+    turn_v: Pixels
+    lit: Pixels
+    ends: Cells
+    full: float
+    share: Cells
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of cells."""
+        rows, cols = self.share.shape
+        return int(rows), int(cols)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class State:
+    """The model's unknowns, planes (5, R, C): du, dv (turns), level, amplitude_u, amplitude_v (levels)."""
+
+    planes: Cells
+
+    @property
+    def displacement(self) -> Cells:
+        """du, dv (2, R, C), turns."""
+        return self.planes[:2]
+
+    @property
+    def level(self) -> Cells:
+        """(R, C)."""
+        level: Cells = self.planes[2]
+        return level
+
+    @property
+    def amplitudes(self) -> Cells:
+        """Of the fringe along u and along v, (2, R, C)."""
+        return self.planes[3:]
+
+    def copy(self) -> "State":
+        """One that may be changed."""
+        return State(self.planes.copy())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """What a step found, (R, C): change of du and dv (2, R, C) in turns; mean square residual before the
+    step, levels^2; share of the window that is lit, on the pattern and not saturated."""
+
+    change: Cells
+    residual: Cells
+    share: Cells
+
+
+def fit_step(carriers: Carriers, frame: Frame, state: State) -> tuple[State, Fit]:
+    """One Gauss-Newton step of every cell. frame: (H, W) of whole cells."""
+    rows, cols = carriers.shape
+    full = [to_pixels(carriers, plane) for plane in state.planes]
+    sums = np.empty((7, rows, cols), _f4)
+    args = frame, carriers.turn_u, carriers.turn_v, carriers.lit, *full, carriers.ends
+    top, cell = _f4(carriers.full), carriers.cell
+    over_rows(lambda start, stop: _residuals(*args, top, cell, sums, start, stop), rows, _BLOCK)
+    for plane in sums:
+        _blur(plane, carriers.window)
+    planes, found = np.empty_like(state.planes), np.empty((4, rows, cols), _f4)
+    over_rows(lambda start, stop: _updated(sums, state.planes, planes, found, start, stop), rows, 64)
+    return State(planes), Fit(found[:2], found[2], found[3])
+
+
+def model(carriers: Carriers, state: State) -> Pixels:
+    """The picture (H, W) of a state, levels."""
+    du, dv, level, by_u, by_v = (to_pixels(carriers, plane) for plane in state.planes)
+    tau = _f4(2 * math.pi)
+    picture: Pixels = (
+        level
+        + by_u * np.cos(tau * np.remainder(carriers.turn_u + du, 1))
+        + by_v * np.cos(tau * np.remainder(carriers.turn_v + dv, 1))
+    )
+    return picture
+
+
+def to_pixels(carriers: Carriers, plane: Cells) -> Pixels:
+    """A plane of cells (R, C), linear in between, on the pixels (H, W)."""
+    rows, cols = carriers.lit.shape
+    return np.asarray(cv2.resize(plane, (cols, rows), interpolation=cv2.INTER_LINEAR), _f4)
+
+
+def to_cells(pixels: Pixels, cell: int) -> Cells:
+    """Means over cells."""
+    rows, cols = pixels.shape
+    means: Cells = pixels.reshape(rows // cell, cell, cols // cell, cell).mean((1, 3), dtype=np.float64)
+    return means.astype(_f4)
+
+
+def window_mean(plane: Cells, window: Cells, inside: bool = False) -> Cells:
+    """A plane (R, C) through the window; beyond its border: nothing, or (inside) what it has inside."""
+    border = cv2.BORDER_REFLECT if inside else cv2.BORDER_CONSTANT
+    return np.asarray(cv2.sepFilter2D(plane, cv2.CV_32F, window, window, borderType=border), _f4)
+
+
+def _blur(plane: Cells, window: Cells) -> None:
+    cv2.sepFilter2D(plane, cv2.CV_32F, window, window, dst=plane, borderType=cv2.BORDER_CONSTANT)
+
+
+@inlined
+def _cos_sin(turn):  # type: ignore[no-untyped-def]
+    """Cosine and sine of 2 pi turn, to 4e-6: polynomials of the half angle."""
+    y = turn - np.rint(turn)
+    z = y * y
+    s = y * (
+        _f4(3.14159265)
+        + z * (_f4(-5.16771278) + z * (_f4(2.55016404) + z * (_f4(-0.59926453) + z * _f4(0.0821458))))
+    )
+    c = _f4(1) + z * (_f4(-4.93480220) + z * (_f4(4.05871213) + z * (_f4(-1.33526277) + z * _f4(0.23533063))))
+    return _f4(1) - _f4(2) * s * s, _f4(2) * s * c
+
+
+@inlined
+def _turn_of(s, c):  # type: ignore[no-untyped-def]
+    """atan2(s, c) / 2 pi, to 1e-6 turns."""
+    far, near = max(abs(s), abs(c)), min(abs(s), abs(c))
+    t = near / max(far, _f4(1e-20))
+    z = t * t
+    tail = _f4(-0.11643287) + z * (_f4(0.05265332) - z * _f4(0.0117212))
+    series = _f4(0.99997726) + z * (_f4(-0.33262347) + z * (_f4(0.19354346) + z * tail))
+    p = _f4(0.15915494) * t * series
+    p = _f4(0.25) - p if abs(s) > abs(c) else p
+    p = _f4(0.5) - p if c < _f4(0) else p
+    return -p if s < _f4(0) else p
+
+
+@kernel
+def _residuals(frame, turn_u, turn_v, lit, du, dv, level, by_u, by_v, ends, full, cell, out, start, stop):  # type: ignore[no-untyped-def]
+    """out (7, R, C): means over cells of r, r cos u, r sin u, r cos v, r sin v, r^2 and of the pixels that
+    count; r = 0 in the others."""
+    cols, width = frame.shape[1], out.shape[2]
+    row = np.empty((7, cols), np.float32)
+    area = _f4(1) / _f4(cell * cell)
+    for i in range(start, stop):
+        for k in range(7):
+            for j in range(width):
+                out[k, i, j] = _f4(0)
+        for y in range(i * cell, (i + 1) * cell):
+            for x in range(cols):
+                u, v = turn_u[y, x] + du[y, x], turn_v[y, x] + dv[y, x]
+                cos_u, sin_u = _cos_sin(u)
+                cos_v, sin_v = _cos_sin(v)
+                grey = _f4(frame[y, x])
+                on = (u > ends[0]) & (u < ends[1]) & (v > ends[2]) & (v < ends[3]) & (grey < full)
+                counted = lit[y, x] * area if on else _f4(0)
+                whole = grey - level[y, x] - by_u[y, x] * cos_u - by_v[y, x] * cos_v
+                r = counted * whole
+                row[0, x] = r
+                row[1, x] = r * cos_u
+                row[2, x] = r * sin_u
+                row[3, x] = r * cos_v
+                row[4, x] = r * sin_v
+                row[5, x] = r * whole
+                row[6, x] = counted
+            for k in range(7):
+                for j in range(width):
+                    total = _f4(0)
+                    for m in range(cell):
+                        total += row[k, j * cell + m]
+                    out[k, i, j] += total
+
+
+@kernel
+def _updated(sums, before, after, found, start, stop):  # type: ignore[no-untyped-def]
+    """after, before (5, R, C): State.planes; found (4, R, C): change of du, of dv, mean square, share."""
+    for i in range(start, stop):
+        for j in range(sums.shape[2]):
+            over = _f4(1) / max(sums[6, i, j], _f4(_LEAST_SHARE))
+            after[2, i, j] = before[2, i, j] + sums[0, i, j] * over
+            for axis in range(2):
+                c = before[3 + axis, i, j] + _f4(2) * sums[1 + 2 * axis, i, j] * over
+                s = _f4(-2) * sums[2 + 2 * axis, i, j] * over
+                turn = _turn_of(s, c)
+                after[3 + axis, i, j] = np.sqrt(c * c + s * s)
+                after[axis, i, j] = before[axis, i, j] + turn
+                found[axis, i, j] = turn
+            found[2, i, j] = sums[5, i, j] * over
+            found[3, i, j] = sums[6, i, j]

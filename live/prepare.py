@@ -1,0 +1,200 @@
+"""Preparation: from a scene, its rest map and frames at rest to all that a frame's chain needs."""
+
+import math
+
+import cv2
+import numpy as np
+import scipy.ndimage
+from numpy.typing import NDArray
+
+from optolever.decode import Correspondence
+from optolever.errors import InputError
+from optolever.notices import Notice
+from optolever.patterns import Sequence
+from optolever.records import logged
+from optolever.scene import Scene
+
+from .arrays import Cells, Float, Frame, Mask
+from .chain import LEAST_SHARE, Rig, Track, at_rest, settle
+from .chord import linearised
+from .circulation import BLOCKS, circulation
+from .geometry import anchor_line, rest_rays, rim
+from .picture import Carriers, State, fit_step, model, to_cells, window_mean
+from .prepared import Noise, Prepared
+
+__all__ = ["prepare"]
+
+_WINDOW = 0.5  # periods, rms: less leaks between level and fringes, more smooths kinks
+_LEAST_WINDOW = 0.5  # cells, rms
+_BESIDE = 1.0  # pattern pixels within the border where a camera pixel may see what lies beside
+_REST_STEPS = 8
+_DRAWS, _KEPT, _WARM = 48, 12, 4
+_QUANTISED = 1 / 12  # levels^2, which the rounding of a drawn frame adds itself
+_SMOOTH = 6.0  # cells: of the map of variances
+_FIRST_SIGMA = 1e-5  # mm: before it is measured
+_CELLS = (1, 2, 4, 8)
+
+
+def prepare(
+    scene: Scene,
+    rest_frames: NDArray[np.uint8] | NDArray[np.uint16],
+    rest_map: Correspondence,
+    sequence: Sequence,
+    *,
+    cell: int = 2,
+    bits: int | None = None,
+    seed: int = 0,
+) -> Prepared:
+    """What `Live` needs of a rig at rest.
+
+    rest_frames: (N, H, W) of the crossed fringe `sequence`, two or more, which tell the noise; rest_map:
+    decoded from a dense capture of the same rest; cell: pixels along the side of a cell; bits: of the camera
+    (default: those of the frames' type); seed: of the noise whose way through the chain is measured.
+    InputError where these do not fit to one another."""
+    period = _period(scene, sequence)
+    frames = _frames(scene, rest_frames, rest_map)
+    if cell not in _CELLS or min(frames.shape[1:]) < 16 * cell:
+        raise InputError(f"cell = {cell}: must be one of {_CELLS} and a sixteenth of the image at most")
+    with logged(f"prepare {frames.shape[1]} x {frames.shape[2]} pixels in cells of {cell}"):
+        full = 2 ** (bits or 8 * frames.dtype.itemsize) - 1
+        carriers = _carriers(scene, rest_map, period, cell, full)
+        rows, cols = (cell * count for count in carriers.shape)
+        frames = frames[:, :rows, :cols]
+        lit = np.asarray(carriers.share > LEAST_SHARE)
+        rays = rest_rays(scene, *carriers.shape, cell, period)
+        line = anchor_line(scene, rays, lit)
+        mirror = linearised(rays, line, lit)
+        mean = frames.mean(axis=0, dtype=np.float64).astype(np.float32)
+        noise = float(np.var(frames, axis=0, ddof=1, dtype=np.float64)[carriers.lit > 0].mean())
+        normal = rays.directions[2].astype(np.float32)
+        rest = _rest_state(carriers, mean)
+        rig = Rig(carriers, mirror, rest, max(noise, _QUANTISED), _gradient(carriers), normal, rim(lit))
+        x, y = rays.points[:2]
+        (x_row, x_col), (y_row, y_col) = np.gradient(x), np.gradient(y)
+        area = float(np.median(np.abs(x_col * y_row - x_row * y_col)[lit]))
+        measured = _measured_noise(rig, seed, frames.dtype)
+    points = rays.points.astype(np.float32)
+    shape = scene.camera.rows, scene.camera.cols
+    return Prepared(rig, measured, *shape, points, area, scene.layer, _notices(scene, line.edge))
+
+
+def _notices(scene: Scene, edge: bool) -> tuple[Notice, ...]:
+    found = []
+    if not edge:
+        name = "the camera does not see the mirror's edge x = L0: the rim of what it sees is taken as at rest"
+        found.append(Notice(name, math.nan, math.nan, "heights are over that rim"))
+    if scene.pattern.shape is not None:
+        name = "the pattern is not flat: its shape counts at rest, displacements go along its plane"
+        found.append(Notice(name, math.nan, math.nan, "reconstruct heights that matter from a dense capture"))
+    return tuple(found)
+
+
+def _period(scene: Scene, sequence: Sequence) -> float:
+    pattern = scene.pattern
+    if (sequence.rows, sequence.cols) != (pattern.rows, pattern.cols):
+        raise InputError(
+            f"sequence: made for {sequence.rows} x {sequence.cols} pixels, the scene's pattern has "
+            f"{pattern.rows} x {pattern.cols}"
+        )
+    if len(sequence) != 1 or sequence.frames[0].kind != "crossed":
+        raise InputError(
+            f"sequence: {len(sequence)} frames of {sequence.frames[0].kind!r}, must be one crossed fringe: "
+            "patterns.sequence('crossed', rows, cols)"
+        )
+    return float(sequence.frames[0].period_px or 0.0)
+
+
+def _frames(scene: Scene, frames: Frame, rest_map: Correspondence) -> Frame:
+    shape = scene.camera.rows, scene.camera.cols
+    frames = np.asarray(frames)
+    if frames.ndim != 3 or frames.shape[0] < 2 or frames.dtype not in (np.uint8, np.uint16):
+        raise InputError(
+            f"rest_frames: {frames.dtype} of shape {frames.shape}, "
+            "must be two or more frames (N, H, W) of uint8 or uint16: their differences tell the noise"
+        )
+    for name, found in (("rest_frames", frames.shape[1:]), ("rest_map", rest_map.u.shape)):
+        if found != shape:
+            raise InputError(f"{name}: {found} pixels, the scene's camera has {shape}")
+    return frames
+
+
+def _carriers(scene: Scene, rest_map: Correspondence, period: float, cell: int, full: float) -> Carriers:
+    rows, cols = (count // cell * cell for count in rest_map.u.shape)
+    inside = slice(rows), slice(cols)
+    u, v = rest_map.u[inside], rest_map.v[inside]
+    lit = rest_map.good[inside] & np.isfinite(u) & np.isfinite(v)
+    if np.count_nonzero(lit) < 0.1 * lit.size:
+        raise InputError(f"rest_map: {100 * lit.mean():.2g} % of the pixels are good, must be 10 % at least")
+    u, v = np.where(lit, u, 0.0), np.where(lit, v, 0.0)
+    slopes = [float(np.median(np.hypot(*np.gradient(part))[lit])) for part in (u, v)]
+    rms = _WINDOW * period / min(slopes)
+    blur = math.sqrt(max(rms**2 - (cell**2 - 1) / 12, 0.0)) / cell
+    if blur < _LEAST_WINDOW:
+        raise InputError(
+            f"cell = {cell}: a period of {period:g} pattern pixels spans "
+            f"{period / min(slopes):.3g} camera pixels, too few for such cells; take smaller ones or a longer period"
+        )
+    window = cv2.getGaussianKernel(2 * math.ceil(3.5 * blur) + 1, blur).astype(np.float32).ravel()
+    pattern = scene.pattern
+    near = _BESIDE - 0.5
+    ends = np.array([near, pattern.cols - 1 - near, near, pattern.rows - 1 - near]) / period
+    seen = lit.astype(np.float32)
+    share = window_mean(to_cells(seen, cell), window)
+    turn_u, turn_v = ((part / period).astype(np.float32) for part in (u, v))
+    return Carriers(period, cell, window, turn_u, turn_v, seen, ends.astype(np.float32), full, share)
+
+
+def _gradient(carriers: Carriers) -> Cells:
+    """Changes of the rest map's turns a cell (4, R, C); those of cells that are not lit are medians."""
+    seen = to_cells(carriers.lit, carriers.cell) > 0.999
+    lit: Mask = scipy.ndimage.binary_erosion(seen, border_value=1)
+    planes: list[Float] = []
+    for axis in (1, 0):
+        for turns in (carriers.turn_u, carriers.turn_v):
+            change = np.gradient(to_cells(turns, carriers.cell), axis=axis)
+            planes.append(np.where(lit, change, np.median(change[lit])))
+    return np.asarray(planes, np.float32)
+
+
+def _rest_state(carriers: Carriers, mean: Frame) -> State:
+    planes = np.zeros((5, *carriers.shape), np.float32)
+    planes[2] = mean[carriers.lit > 0].mean()
+    planes[3:] = 1.0
+    state = State(planes)
+    for _ in range(_REST_STEPS):
+        state, _ = fit_step(carriers, mean, state)
+    return state
+
+
+def _measured_noise(rig: Rig, seed: int, kind: np.dtype[np.uint8] | np.dtype[np.uint16]) -> Noise:
+    """Frames of the rest state with the noise of the frames, through the chain as a stream."""
+    rng = np.random.default_rng(seed)
+    clean = model(rig.carriers, rig.rest)
+    spread = np.float32(math.sqrt(max(rig.noise - _QUANTISED, 0.0)))
+    sigma = np.full(rig.carriers.shape, _FIRST_SIGMA, np.float32)
+    track: Track = at_rest(rig)
+    squares, draws = np.zeros(rig.carriers.shape), []
+    around = [np.zeros(1, np.float32)] * len(BLOCKS)
+    for k in range(_WARM + _DRAWS):
+        noisy = clean + spread * rng.standard_normal(clean.shape, dtype=np.float32)
+        frame = np.clip(np.rint(noisy), 0, rig.carriers.full - 1).astype(kind)
+        settled = settle(rig, frame, track, sigma)
+        track = settled.track
+        if k < _WARM:
+            continue
+        z = track.tau * rig.normal
+        squares += np.square(z, dtype=np.float64)
+        draws.append(z)
+        for i, block in enumerate(BLOCKS):
+            around[i] = around[i] + np.square(circulation(settled.slopes, settled.good, block))
+    sigma = np.sqrt(scipy.ndimage.gaussian_filter(squares / _DRAWS, _SMOOTH, mode="nearest"))
+    fine, coarse = (
+        np.sqrt(scipy.ndimage.gaussian_filter(_filled(part / _DRAWS), 2.0, mode="nearest")) for part in around
+    )
+    return Noise(sigma.astype(np.float32), fine, coarse, np.asarray(draws[:_KEPT], np.float32))
+
+
+def _filled(variance: Cells) -> Cells:
+    """Blocks that are not whole at rest take the median of the others."""
+    known = np.isfinite(variance)
+    return np.where(known, variance, np.median(variance[known]) if known.any() else 1.0).astype(np.float32)

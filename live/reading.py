@@ -1,0 +1,63 @@
+"""Reading: what one frame says of the mirror."""
+
+from dataclasses import dataclass
+
+from optolever.notices import Notice
+from optolever.records import Comparable, span
+
+from .arrays import Cells, Mask
+
+__all__ = ["Figures", "Reading"]
+
+
+@dataclass(frozen=True, slots=True)
+class Figures:
+    """What a verdict rests on.
+
+    light: level over that at rest; contrast: least of the good cells, over that at rest; saturated: share of
+    lit pixels; lost: share of the lit cells without height; anchored: share of the anchor's cells that are
+    good; curl: mean square circulation around blocks of 8 and 32 cells in its own sigma; left: what a further
+    step would change, in sigma of most cells; moved: median shift of the anchor's picture from rest, pixels;
+    noise: rms residual, levels; steps: of the fit."""
+
+    light: float
+    contrast: float
+    saturated: float
+    lost: float
+    anchored: float
+    curl: tuple[float, float]
+    left: float
+    moved: float
+    noise: float
+    steps: int
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Reading(Comparable):
+    """One frame. z (R, C): height less rest, mm, its mean over the exposure; sigma (R, C): its standard
+    deviation, infinite where it is not measured; good (R, C): where it is; x, y (R, C): of the mirror point,
+    mm. trusted: the heights may be used; reason: why not, else empty; notices: what the frame wants its user
+    to know; time: of the frame, s."""
+
+    z: Cells
+    sigma: Cells
+    good: Mask
+    x: Cells
+    y: Cells
+    trusted: bool
+    reason: str
+    notices: tuple[Notice, ...]
+    figures: Figures
+    time: float
+
+    @property
+    def depth(self) -> float:
+        """Deepest good cell, mm; NaN where none is good."""
+        return float(self.z[self.good].max()) if self.good.any() else float("nan")
+
+    def __repr__(self) -> str:
+        rows, cols = self.z.shape
+        told = "trusted" if self.trusted else f"not trusted: {self.reason}"
+        lines = [f"Reading at {self.time:.4f} s: {rows} x {cols} cells, {told}"]
+        lines.append(f"  z {span(self.z, self.good)}, sigma {span(self.sigma, self.good)} mm")
+        return "\n".join(lines + [f"  notices: {len(self.notices)}"] * bool(self.notices))

@@ -1,0 +1,129 @@
+"""Live: the frames of one prepared rig, one reading each."""
+
+import numpy as np
+
+from optolever.errors import InputError
+
+from .arrays import Cells, Frame, Mask
+from .chain import Rig, Settled, Track, at_rest, settle
+from .circulation import BLOCKS, circulation, excess
+from .prepared import Prepared
+from .reading import Figures, Reading
+from .verdict import Verdict, judge
+
+__all__ = ["Live"]
+
+_SPARSE = 4  # every so many pixels tell how many are saturated
+_LEAST_NOISE = 0.2  # of the variance at rest: what a dark picture has at least
+_LEAST_CONTRAST = 0.1
+
+
+class Live:
+    """Frames in the order of time; what is kept from one to the next saves work and settles whole periods.
+
+    A frame that is not trusted is fitted once more from rest, and so is the frame after it: nothing is
+    believed because it was so before. After `reset` a frame gives the same height within its noise."""
+
+    def __init__(self, prepared: Prepared) -> None:
+        self.prepared = prepared
+        self._track = at_rest(prepared.rig)
+
+    def reset(self) -> None:
+        """Forget the frames before."""
+        self._track = at_rest(self.prepared.rig)
+
+    def update(self, frame: Frame, time: float = 0.0) -> Reading:
+        """The reading of a frame (H, W) of the camera, taken at `time` (s). InputError if it is of another
+        size or type than those at rest."""
+        used = self._used(frame)
+        settled = self._settle(used, self._track)
+        figures, verdict = self._judged(used, settled)
+        if not verdict.trusted and self._track.whole:
+            again = self._settle(used, at_rest(self.prepared.rig))
+            others = self._judged(used, again)
+            if others[1].trusted or _merit(others[0]) < _merit(figures):
+                settled, (figures, verdict) = again, others
+        self._track = settled.track if verdict.trusted else at_rest(self.prepared.rig)
+        return _reading(self.prepared, settled, figures, verdict, time)
+
+    def _used(self, frame: Frame) -> Frame:
+        """The part of whole cells."""
+        shape = self.prepared.rows, self.prepared.cols
+        if np.shape(frame) != shape or np.asarray(frame).dtype.kind != "u":
+            raise InputError(
+                f"frame: {np.asarray(frame).dtype} of shape {np.shape(frame)}, must be uint of {shape}"
+            )
+        rows, cols = self.prepared.rig.carriers.lit.shape
+        return np.ascontiguousarray(frame[:rows, :cols])
+
+    def _settle(self, frame: Frame, track: Track) -> Settled:
+        return settle(self.prepared.rig, frame, track, self.prepared.noise.sigma)
+
+    def _judged(self, frame: Frame, settled: Settled) -> tuple[Figures, Verdict]:
+        figures = _figures(self.prepared, frame, settled)
+        return figures, judge(figures)
+
+
+def _figures(prepared: Prepared, frame: Frame, settled: Settled) -> Figures:
+    rig, good = prepared.rig, settled.good
+    sigmas = prepared.noise.curl_fine, prepared.noise.curl_coarse
+    around = [circulation(settled.slopes, good, block) for block in BLOCKS]
+    fine, coarse = (excess(part, sigma) for part, sigma in zip(around, sigmas, strict=True))
+    lit, anchor = rig.lit, rig.mirror.anchor[0] > 0
+    few = slice(None, None, _SPARSE), slice(None, None, _SPARSE)
+    full = (frame[few] >= rig.carriers.full)[rig.carriers.lit[few] > 0]
+    level = settled.track.state.level
+    return Figures(
+        light=float(np.median((level / np.maximum(rig.rest.level, 1))[lit])),
+        contrast=float(np.median(settled.contrast[good])) if good.any() else 0.0,
+        saturated=float(np.mean(full)),
+        lost=1 - _share(good, lit),
+        anchored=_share(good, anchor),
+        curl=(fine, coarse),
+        left=settled.left,
+        moved=_moved(rig, settled, anchor & good),
+        noise=float(np.sqrt(settled.usual)),
+        steps=settled.steps,
+    )
+
+
+def _share(good: Mask, among: Mask) -> float:
+    return float(np.count_nonzero(good & among) / np.count_nonzero(among))
+
+
+def _moved(rig: Rig, settled: Settled, where: Mask) -> float:
+    """Shift of the picture at the anchor, pixels: its median displacement by the rest map's gradient."""
+    if not where.any():
+        return 0.0
+    offset = settled.track.state.displacement - rig.rest.displacement
+    turns = np.median(offset[:, where], axis=1)
+    per_cell = np.median(rig.gradient[:, where], axis=1).reshape(2, 2).T.astype(np.float64)
+    shift = np.linalg.lstsq(per_cell, turns, rcond=None)[0]
+    return float(np.hypot(*shift)) * rig.carriers.cell
+
+
+def _merit(figures: Figures) -> float:
+    return figures.lost + 1e-3 * max(figures.curl) + 1e-3 * figures.left
+
+
+def _reading(
+    prepared: Prepared, settled: Settled, figures: Figures, verdict: Verdict, time: float
+) -> Reading:
+    rig, good = prepared.rig, settled.good
+    tau = settled.track.tau
+    sigma = _sigma(prepared, settled, figures)
+    x, y = (prepared.points[i] + tau * rig.mirror.planes[3 + i] for i in (0, 1))
+    z = tau * rig.normal
+    return Reading(z, sigma, good, x, y, verdict.trusted, verdict.reason, verdict.notices, figures, time)
+
+
+def _sigma(prepared: Prepared, settled: Settled, figures: Figures) -> Cells:
+    """That of noise at rest, for this frame's noise and contrast, for what its slopes contradict each other
+    by (Birge's factor), for what the fit leaves of the picture, and what further steps would change."""
+    usual = max(settled.usual / prepared.rig.noise, _LEAST_NOISE)
+    birge = max(1.0, *figures.curl)
+    factor = np.float32(np.sqrt(usual * birge)) if np.isfinite(usual * birge) else np.float32(np.inf)
+    misfit = np.sqrt(np.maximum(settled.fit.residual / np.float32(max(settled.usual, 1e-6)), 1))
+    contrast = np.clip(settled.contrast, _LEAST_CONTRAST, 1)
+    sigma = np.hypot(prepared.noise.sigma * factor * misfit / contrast, settled.ahead)
+    return np.where(settled.good, sigma, np.inf).astype(np.float32)

@@ -1,0 +1,114 @@
+"""Whole periods of a displacement: torn where neighbours differ by nearly half a turn, made whole by
+continuity.
+
+The flood goes on from the smoothest place to the next, by second differences of the wrapped phase (Herraez et
+al., Applied Optics 41:7437, 2002): in the order of arrival it would carry a wrong period through a dent."""
+
+import cv2
+import numpy as np
+
+from optolever.kernels import exact
+
+from .arrays import Cells, Mask
+
+__all__ = ["TORN", "beside_tears", "torn", "unwrapped"]
+
+TORN = 0.4  # turns between neighbouring cells
+_BUCKETS = 64  # classes of roughness
+_CALM = 15  # cells: the flood starts at the middle of the smoothest square of that side
+
+
+def torn(displacement: Cells, good: Mask) -> bool:
+    """Whether good neighbours differ by more than `TORN` turns; displacement (2, R, C) less that at rest."""
+    return any(_tears(one, good, np.float32(TORN)) for one in displacement)
+
+
+def beside_tears(displacement: Cells) -> Mask:
+    """Cells within two cells of a tear."""
+    found = np.zeros(displacement.shape[1:], np.uint8)
+    for one in displacement:
+        found[:, 1:] |= np.abs(np.diff(one, axis=1)) > TORN
+        found[1:] |= np.abs(np.diff(one, axis=0)) > TORN
+    return np.asarray(cv2.dilate(found, np.ones((5, 5), np.uint8)) > 0)
+
+
+def unwrapped(displacement: Cells, good: Mask, rim: Mask) -> tuple[Cells, Mask]:
+    """The displacement (2, R, C) without tears, the median along the rim within half a turn of rest; and the
+    good cells that were reached. What was not reached stays as it is."""
+    if not (good & rim).any():
+        return displacement, good
+    rough = np.maximum(*(_roughness(one, good) for one in displacement))
+    calm = cv2.blur(rough.astype(np.float32), (_CALM, _CALM))
+    row, col = np.unravel_index(int(np.argmin(np.where(good, calm, np.inf))), good.shape)
+    reached = np.zeros(good.shape, np.bool_)
+    whole = displacement.copy()
+    for one in whole:
+        reached[:] = False
+        _flood(one, good, rough, row, col, reached)
+        if (reached & rim).any():
+            one -= np.rint(np.median(one[reached & rim]))
+    return np.where(reached, whole, displacement), good & reached
+
+
+@exact
+def _tears(d, good, limit):  # type: ignore[no-untyped-def]
+    for i in range(d.shape[0]):
+        for j in range(d.shape[1]):
+            if not good[i, j]:
+                continue
+            if j + 1 < d.shape[1] and good[i, j + 1] and abs(d[i, j + 1] - d[i, j]) > limit:
+                return True
+            if i + 1 < d.shape[0] and good[i + 1, j] and abs(d[i + 1, j] - d[i, j]) > limit:
+                return True
+    return False
+
+
+@exact
+def _roughness(d, good):  # type: ignore[no-untyped-def]
+    """Second differences of the wrapped phase in classes; the last one: half a turn and more, or beside a
+    cell that is not good."""
+    rows, cols = d.shape
+    out = np.full((rows, cols), _BUCKETS - 1, np.uint8)
+    for i in range(1, rows - 1):
+        for j in range(1, cols - 1):
+            if not (good[i, j] and good[i, j - 1] and good[i, j + 1] and good[i - 1, j] and good[i + 1, j]):
+                continue
+            left, right = d[i, j] - d[i, j - 1], d[i, j + 1] - d[i, j]
+            above, below = d[i, j] - d[i - 1, j], d[i + 1, j] - d[i, j]
+            bend = abs((left - np.rint(left)) - (right - np.rint(right)))
+            bend += abs((above - np.rint(above)) - (below - np.rint(below)))
+            out[i, j] = np.uint8(min(bend * 2.0 * (_BUCKETS - 1), _BUCKETS - 1.0))
+    for i in range(rows):
+        for j in (0, cols - 1):
+            out[i, j] = out[min(max(i, 1), rows - 2), min(max(j, 1), cols - 2)]
+    for j in range(cols):
+        for i in (0, rows - 1):
+            out[i, j] = out[min(max(i, 1), rows - 2), min(max(j, 1), cols - 2)]
+    return out
+
+
+@exact
+def _flood(d, good, rough, row, col, reached):  # type: ignore[no-untyped-def]
+    """Unwraps d in place from a cell, the smoothest first: one linked list per class of roughness."""
+    rows, cols = d.shape
+    head, after = np.full(_BUCKETS, -1, np.int32), np.full(rows * cols, -1, np.int32)
+    reached[row, col] = True
+    head[0] = row * cols + col
+    lowest = 0
+    while lowest < _BUCKETS:
+        at = head[lowest]
+        if at < 0:
+            lowest += 1
+            continue
+        head[lowest] = after[at]
+        i, j = at // cols, at % cols
+        for k in range(4):
+            y, x = i + (k == 0) - (k == 1), j + (k == 2) - (k == 3)
+            if y < 0 or x < 0 or y >= rows or x >= cols or reached[y, x] or not good[y, x]:
+                continue
+            d[y, x] += np.rint(d[i, j] - d[y, x])
+            reached[y, x] = True
+            rank = rough[y, x]
+            after[y * cols + x] = head[rank]
+            head[rank] = y * cols + x
+            lowest = min(lowest, rank)
