@@ -8,17 +8,32 @@
 | `chain.py` | one frame, from the picture to the height |
 | `picture.py`, `unwrap.py` | the model of the picture and its fit; whole periods |
 | `geometry.py`, `chord.py`, `columns.py` | rays and anchor; a step of the coupled equations; its solver |
+| `contact.py`, `touches.py`, `pressure.py` | figures of a contact; contacts over time; pressure and force |
 | `circulation.py` | how the slopes contradict one another |
 | `arrays.py` | names of arrays |
 """
 
 from optolever.arguments import check_face
 
+from .contact import Force, Touch
 from .prepare import prepare
 from .prepared import Noise, Prepared
+from .pressure import Forces
 from .reading import Figures, Reading
 from .stream import Live
+from .touches import Touches
 
-__all__ = ["Figures", "Live", "Noise", "Prepared", "Reading", "prepare"]
+__all__ = [
+    "Figures",
+    "Force",
+    "Forces",
+    "Live",
+    "Noise",
+    "Prepared",
+    "Reading",
+    "Touch",
+    "Touches",
+    "prepare",
+]
 
 check_face(__name__)

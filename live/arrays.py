@@ -5,10 +5,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Cells", "Float", "Frame", "Mask", "Pixels"]
+__all__ = ["Cells", "Float", "Frame", "Labels", "Mask", "Pixels"]
 
 Pixels = NDArray[np.float32]
 Cells = NDArray[np.float32]
 Float = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Frame = NDArray[Any]
+Labels = NDArray[np.int64]

@@ -85,7 +85,7 @@ def anchor_line(scene: Scene, rays: RestRays, lit: Mask) -> AnchorLine:
     lines = np.flatnonzero(np.isfinite(away.min(axis=axis)))
     if lines.size == 0:
         border = rim(lit)
-        weight = border / float(max(np.count_nonzero(border), 1))
+        weight = border / max(float(border.sum()), 1.0)
         return AnchorLine(weight, zero, zero, False)
     at = np.argmin(away, axis=axis)[lines]
     place = (lines, at) if axis == 1 else (at, lines)

@@ -132,7 +132,7 @@ def _carriers(scene: Scene, rest_map: Correspondence, period: float, cell: int, 
     if blur < _LEAST_WINDOW:
         raise InputError(
             f"cell = {cell}: a period of {period:g} pattern pixels spans "
-            f"{period / min(slopes):.3g} camera pixels, too few for such cells; take smaller ones or a longer period"
+            f"{period / min(slopes):.3g} camera pixels, too few for it; take smaller cells or a longer period"
         )
     window = cv2.getGaussianKernel(2 * math.ceil(3.5 * blur) + 1, blur).astype(np.float32).ravel()
     pattern = scene.pattern
@@ -189,7 +189,8 @@ def _measured_noise(rig: Rig, seed: int, kind: np.dtype[np.uint8] | np.dtype[np.
             around[i] = around[i] + np.square(circulation(settled.slopes, settled.good, block))
     sigma = np.sqrt(scipy.ndimage.gaussian_filter(squares / _DRAWS, _SMOOTH, mode="nearest"))
     fine, coarse = (
-        np.sqrt(scipy.ndimage.gaussian_filter(_filled(part / _DRAWS), 2.0, mode="nearest")) for part in around
+        np.sqrt(scipy.ndimage.gaussian_filter(_filled(part / np.float32(_DRAWS)), 2.0, mode="nearest"))
+        for part in around
     )
     return Noise(sigma.astype(np.float32), fine, coarse, np.asarray(draws[:_KEPT], np.float32))
 

@@ -6,6 +6,7 @@ from optolever.notices import Notice
 from optolever.records import Comparable, span
 
 from .arrays import Cells, Mask
+from .contact import Force, Touch
 
 __all__ = ["Figures", "Reading"]
 
@@ -37,7 +38,8 @@ class Reading(Comparable):
     """One frame. z (R, C): height less rest, mm, its mean over the exposure; sigma (R, C): its standard
     deviation, infinite where it is not measured; good (R, C): where it is; x, y (R, C): of the mirror point,
     mm. trusted: the heights may be used; reason: why not, else empty; notices: what the frame wants its user
-    to know; time: of the frame, s."""
+    to know; time: of the frame, s; touches: contacts, the deepest first, none where it is not trusted;
+    forces: of these, where the scene names an elastic layer."""
 
     z: Cells
     sigma: Cells
@@ -49,6 +51,8 @@ class Reading(Comparable):
     notices: tuple[Notice, ...]
     figures: Figures
     time: float
+    touches: tuple[Touch, ...] = ()
+    forces: tuple[Force, ...] = ()
 
     @property
     def depth(self) -> float:

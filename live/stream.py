@@ -1,5 +1,7 @@
 """Live: the frames of one prepared rig, one reading each."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from optolever.errors import InputError
@@ -8,7 +10,9 @@ from .arrays import Cells, Frame, Mask
 from .chain import Rig, Settled, Track, at_rest, settle
 from .circulation import BLOCKS, circulation, excess
 from .prepared import Prepared
+from .pressure import Forces
 from .reading import Figures, Reading
+from .touches import Touches
 from .verdict import Verdict, judge
 
 __all__ = ["Live"]
@@ -27,6 +31,8 @@ class Live:
     def __init__(self, prepared: Prepared) -> None:
         self.prepared = prepared
         self._track = at_rest(prepared.rig)
+        self._touches = Touches(prepared)
+        self._forces = None if prepared.layer is None else Forces(prepared, prepared.layer)
 
     def reset(self) -> None:
         """Forget the frames before."""
@@ -44,7 +50,10 @@ class Live:
             if others[1].trusted or _merit(others[0]) < _merit(figures):
                 settled, (figures, verdict) = again, others
         self._track = settled.track if verdict.trusted else at_rest(self.prepared.rig)
-        return _reading(self.prepared, settled, figures, verdict, time)
+        reading = _reading(self.prepared, settled, figures, verdict, time)
+        touches = self._touches.update(reading)
+        forces = () if self._forces is None else self._forces.update(reading, touches)
+        return replace(reading, touches=touches, forces=forces)
 
     def _used(self, frame: Frame) -> Frame:
         """The part of whole cells."""

@@ -1,0 +1,36 @@
+"""Touch and Force: the figures of one contact."""
+
+from dataclasses import dataclass
+
+__all__ = ["Force", "Touch"]
+
+
+@dataclass(frozen=True, slots=True)
+class Touch:
+    """One contact; lengths in mm. identity: the same from frame to frame; x, y: centroid of the cells deeper
+    than half the depth, position_sigma: of either; area (mm^2), volume (mm^3): of these cells; cut: the
+    border or cells without height end them, so that area and volume are lower bounds. Sigmas are those of
+    noise."""
+
+    identity: int
+    x: float
+    y: float
+    position_sigma: float
+    depth: float
+    depth_sigma: float
+    area: float
+    area_sigma: float
+    volume: float
+    volume_sigma: float
+    cut: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Force:
+    """On one contact: newton, sigma: by the height's noise, the layer's numbers taken as exact; peak: largest
+    pressure, N/mm^2."""
+
+    identity: int
+    newton: float
+    sigma: float
+    peak: float

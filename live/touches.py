@@ -1,0 +1,200 @@
+"""Contacts of one frame, and which of the last frame's each of them is.
+
+A contact is a peak of the height that rises above its noise and above the saddle to a higher one; its figures
+are those of the cells around it that are deeper than half of it (a ball's contact ends there: K. L. Johnson,
+Contact Mechanics, 1985, ch. 3)."""
+
+import math
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from .arrays import Cells, Float, Mask
+from .contact import Touch
+from .prepared import Prepared
+from .reading import Reading
+
+__all__ = ["Touches"]
+
+_SIGNIFICANT = 6.0  # standard deviations of the height
+_PROMINENT = 0.2  # of a peak's height, over the saddle to a higher one
+_LEVELS = 0.8  # from one threshold to the next
+_FEWEST = 6  # cells of the coarser grid in which peaks are looked for
+_COARSE = 2
+_SAME = 3.0  # mm from frame to frame
+_HALF = 0.5
+_LARGEST = 8  # contacts of a frame
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Region:
+    """Cells (R, C) of a contact and its peak."""
+
+    row: int
+    col: int
+    inside: Mask
+
+
+class Touches:
+    """Contacts frame by frame. Where a frame is not trusted there are none, and identities outlive it."""
+
+    def __init__(self, prepared: Prepared) -> None:
+        self._prepared = prepared
+        self._last: tuple[Touch, ...] = ()
+        self._next = 1
+
+    def update(self, reading: Reading) -> tuple[Touch, ...]:
+        """The contacts of a reading, the deepest first."""
+        if not reading.trusted:
+            return ()
+        found = []
+        free = list(self._last)
+        for region in _regions(self._prepared, reading):
+            touch = _measured(self._prepared, reading, region)
+            near = min(free, key=lambda one, at=touch: _apart(one, at), default=None)  # type: ignore[misc]
+            if near is not None and _apart(near, touch) < _SAME:
+                free.remove(near)
+                found.append(replace(touch, identity=near.identity))
+            else:
+                found.append(replace(touch, identity=self._next))
+                self._next += 1
+        self._last = tuple(found)
+        return self._last
+
+
+def _apart(one: Touch, other: Touch) -> float:
+    return math.dist((one.x, one.y), (other.x, other.y))
+
+
+def _regions(prepared: Prepared, reading: Reading) -> list[_Region]:
+    """Half-depth regions of the peaks, the deepest first."""
+    z = np.where(reading.good, reading.z, np.float32(0))
+    sure = reading.good & ~prepared.rig.rim & (z > _SIGNIFICANT * reading.sigma)
+    if not sure.any():
+        return []
+    regions: list[_Region] = []
+    taken = np.zeros(z.shape, np.bool_)
+    for row, col in _peaks(z, sure, reading.sigma):
+        labels = cv2.connectedComponents((z > _HALF * z[row, col]).astype(np.uint8), connectivity=4)[1]
+        inside = (labels == labels[row, col]) & ~taken
+        if not inside[row, col]:
+            continue
+        taken |= inside
+        regions.append(_Region(row, col, inside))
+    return regions if len(regions) < 2 else _parted(regions)
+
+
+def _peaks(z: Cells, sure: Mask, sigma: Cells) -> list[tuple[int, int]]:
+    """Cells (row, col) of the peaks, the highest first: thresholds fall, and where two peaks' areas merge,
+    the lower one stays if it is prominent."""
+    small = np.where(sure, z, 0)[::_COARSE, ::_COARSE]
+    top = float(small.max())
+    if top <= 0:
+        return []
+    least = float(small[small > 0].min())
+    peaks: list[tuple[int, int]] = []
+    dropped: set[tuple[int, int]] = set()
+    level = top
+    while level > least and len(peaks) < 4 * _LARGEST:
+        level = max(level * _LEVELS, least)
+        count, labels, stats, _ = cv2.connectedComponentsWithStats(
+            (small >= level).astype(np.uint8), connectivity=4
+        )
+        owners: dict[int, list[tuple[int, int]]] = {}
+        for at in peaks:
+            owners.setdefault(int(labels[at]), []).append(at)
+        for label in range(1, count):
+            x0, y0, width, height, cells = stats[label]
+            mine = owners.get(label, [])
+            if not mine and cells >= _FEWEST:
+                part = np.where(
+                    labels[y0 : y0 + height, x0 : x0 + width] == label,
+                    small[y0 : y0 + height, x0 : x0 + width],
+                    0,
+                )
+                down, along = np.unravel_index(int(part.argmax()), part.shape)
+                peaks.append((int(y0 + down), int(x0 + along)))
+            for at in sorted(mine, key=lambda one: -small[one])[1:]:
+                noise = _SIGNIFICANT * float(sigma[at[0] * _COARSE, at[1] * _COARSE])
+                if small[at] - level / _LEVELS < max(_PROMINENT * small[at], noise):
+                    dropped.add(at)
+        peaks = [at for at in peaks if at not in dropped]
+    peaks = sorted(peaks, key=lambda one: -small[one])[:_LARGEST]
+    return [_climbed(z, sure, at[0] * _COARSE, at[1] * _COARSE) for at in peaks]
+
+
+def _climbed(z: Cells, sure: Mask, row: int, col: int) -> tuple[int, int]:
+    """The highest cell beside a peak of the coarser grid."""
+    top, left = max(row - _COARSE, 0), max(col - _COARSE, 0)
+    part = np.where(sure, z, 0)[top : row + _COARSE + 1, left : col + _COARSE + 1]
+    down, along = np.unravel_index(int(part.argmax()), part.shape)
+    return top + int(down), left + int(along)
+
+
+def _parted(regions: list[_Region]) -> list[_Region]:
+    """Where a region holds another one's peak, its cells go to the nearest peak."""
+    rows = np.arange(regions[0].inside.shape[0])[:, None]
+    cols = np.arange(regions[0].inside.shape[1])
+    parted = []
+    for region in regions:
+        inside = region.inside
+        own = np.hypot(rows - region.row, cols - region.col)
+        for other in regions:
+            if other is not region and (inside & other.inside).any():
+                inside = inside & (own <= np.hypot(rows - other.row, cols - other.col))
+        parted.append(_Region(region.row, region.col, inside))
+    return parted
+
+
+def _measured(prepared: Prepared, reading: Reading, region: _Region) -> Touch:
+    at = region.row, region.col
+    rows, cols = np.flatnonzero(region.inside.any(axis=1)), np.flatnonzero(region.inside.any(axis=0))
+    margin = 2
+    top, left = max(int(rows[0]) - margin, 0), max(int(cols[0]) - margin, 0)
+    cut = slice(top, int(rows[-1]) + 1 + margin), slice(left, int(cols[-1]) + 1 + margin)
+    inside, z = region.inside[cut], np.asarray(reading.z[cut], np.float64)
+    x, y = reading.x[cut].astype(np.float64), reading.y[cut].astype(np.float64)
+    depth, total = float(reading.z[at]), float(z[inside].sum())
+    centre = float((x * z)[inside].sum() / total), float((y * z)[inside].sum() / total)
+    factor = float(reading.sigma[at] / prepared.noise.sigma[at])
+    draws = factor * prepared.noise.draws[:, cut[0], cut[1]].astype(np.float64)
+    sums = draws[:, inside]
+    moved = [
+        float(_rms(sums @ (part[inside] - middle) / total))
+        for part, middle in ((x, centre[0]), (y, centre[1]))
+    ]
+    peak = factor * prepared.noise.draws[:, at[0], at[1]].astype(np.float64)
+    changed = np.count_nonzero(
+        (z + draws > _HALF * (depth + peak[:, None, None])) & _grown(inside), axis=(1, 2)
+    )
+    count = int(np.count_nonzero(inside))
+    edge = count - int(np.count_nonzero(_shrunk(inside)))
+    cells = math.hypot(float(_rms(changed - float(count))), math.sqrt(edge / 12))
+    beyond = _grown(inside) & ~inside
+    border = prepared.rig.rim[cut] | ~reading.good[cut]
+    return Touch(
+        identity=0,
+        x=centre[0],
+        y=centre[1],
+        position_sigma=math.hypot(*moved) / math.sqrt(2),
+        depth=depth,
+        depth_sigma=float(reading.sigma[at]),
+        area=prepared.area * count,
+        area_sigma=prepared.area * cells,
+        volume=prepared.area * total,
+        volume_sigma=prepared.area * float(_rms(sums.sum(axis=1))),
+        cut=bool((border & (beyond | inside)).any()),
+    )
+
+
+def _rms(values: Float) -> Float:
+    return np.sqrt(np.mean(np.square(values)))  # type: ignore[no-any-return]
+
+
+def _grown(mask: Mask) -> Mask:
+    return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)
+
+
+def _shrunk(mask: Mask) -> Mask:
+    return np.asarray(cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)
