@@ -25,6 +25,8 @@ _MISFIT = 6.0  # mean square residual over the usual one: a cell then counts hal
 _COMPRESSED = 0.25  # of the map's area at rest: below it the map is about to fold
 _NOT_MOVED = 0.2  # of sigma: what further steps would change
 _STEPS = 6
+_SPARSE = 4  # every so many pixels tell the light
+_LIGHTER, _DARK = 0.01, 0.1  # of the light before: less is left to the fit, more is no light of this rig
 _FILL = 4.0  # cells: radius over which gaps take their neighbours' displacement
 
 
@@ -63,12 +65,14 @@ class Track:
 @dataclass(frozen=True, slots=True, eq=False)
 class Settled:
     """A frame, fitted. good: cells whose height is measured; contrast (R, C): over that at rest, in the same
-    light; ahead (R, C): what further steps would change of z, mm; left: of most cells, in sigma; usual:
-    median of the mean square residual; slopes (2, R, C): less those at rest."""
+    light; strength (R, C): amplitude over that at rest; ahead (R, C): what further steps, and the weights of
+    kinks, change of z, mm; left: of most cells, in sigma; usual: median of the mean square residual; slopes
+    (2, R, C): less those at rest."""
 
     track: Track
     good: Mask
     contrast: Cells
+    strength: Cells
     fit: Fit
     ahead: Cells
     left: float
@@ -84,13 +88,13 @@ def at_rest(rig: Rig) -> Track:
 
 def settle(rig: Rig, frame: Frame, track: Track, sigma: Cells) -> Settled:
     """Fit a frame. sigma (R, C): of z, mm, to judge when a step is small."""
-    state, tau = _calmed(rig, track.state), track.tau.copy()
+    state, tau = _calmed(rig, _lighted(rig, track.state, frame)), track.tau.copy()
     sizes: list[float] = []
     kinks: list[float] = []
     some = (slice(None, None, 3), slice(None, None, 3))
     for step in range(_STEPS):
         state, fit = fit_step(rig.carriers, frame, state)
-        good, contrast = _good(rig, state, fit)
+        good, contrast, strength = _good(rig, state, fit)
         offset = state.displacement - rig.rest.displacement
         if (not track.whole and step < 2) or (step == 0 and torn(offset, good)):
             offset, good = unwrapped(offset, good, rig.rim)
@@ -118,12 +122,28 @@ def settle(rig: Rig, frame: Frame, track: Track, sigma: Cells) -> Settled:
         good &= ~beside_tears(offset)
     if not good.all():
         good = _anchored(rig, good)
+    ahead = np.abs(change) * _f4(slow / (1 - slow))
     trust = good / (1 + np.square(fit.residual / _f4(_MISFIT * max(usual, rig.noise))))
     if trust.min() < 0.5:  # kinks count for little, and yet hold what they enclose
         more, slopes = chord_step(rig.mirror, offset, tau, trust.astype(_f4))
         tau += more
-    ahead = change * _f4(slow / (1 - slow))
-    return Settled(Track(state, tau, True), good, contrast, fit, ahead, left, usual, slopes, len(sizes))
+        ahead = np.hypot(ahead, more * rig.normal)
+    return Settled(
+        Track(state, tau, True), good, contrast, strength, fit, ahead, left, usual, slopes, len(sizes)
+    )
+
+
+def _lighted(rig: Rig, state: State, frame: Frame) -> State:
+    """The state in the frame's light: windows that are cut would take many steps to find it."""
+    few = slice(None, None, _SPARSE), slice(None, None, _SPARSE)
+    grey = float(frame[few][rig.carriers.lit[few] > 0].mean())
+    now = float(state.level[rig.lit].mean())
+    gain = grey / max(now, 1.0)
+    if not abs(gain - 1) > _LIGHTER or not _DARK < gain < 1 / _DARK:
+        return state
+    planes = state.planes.copy()
+    planes[2:] *= _f4(gain)
+    return State(planes)
 
 
 def _calmed(rig: Rig, state: State) -> State:
@@ -136,14 +156,15 @@ def _calmed(rig: Rig, state: State) -> State:
     return calm
 
 
-def _good(rig: Rig, state: State, fit: Fit) -> tuple[Mask, Cells]:
-    """Cells that see a fringe, and the contrast over that at rest in the same light."""
+def _good(rig: Rig, state: State, fit: Fit) -> tuple[Mask, Cells, Cells]:
+    """Cells that see a fringe, their contrast and strength (see Settled)."""
     light = np.maximum(state.level / np.maximum(rig.rest.level, 1), _f4(0.05))
-    contrast = (state.amplitudes / np.maximum(rig.rest.amplitudes, _f4(1e-3))).min(axis=0) / light
+    strength = (state.amplitudes / np.maximum(rig.rest.amplitudes, _f4(1e-3))).min(axis=0)
+    contrast = strength / light
     window, cell = rig.carriers.window, rig.carriers.cell
     least = _AMPLITUDE * float(np.sqrt(2 * rig.noise) * np.square(window).sum()) / cell
     good = rig.lit & (fit.share > LEAST_SHARE) & (contrast > _CONTRAST)
-    return good & (state.amplitudes.min(axis=0) > least), contrast
+    return good & (state.amplitudes.min(axis=0) > least), contrast, strength
 
 
 def _fill(rig: Rig, state: State, good: Mask) -> None:

@@ -144,7 +144,7 @@ def _pressed(matrix: Float, height: Float, owner: Labels) -> tuple[Float, Float]
 def _table(layer: Layer, pitch: float) -> Float:
     """Deflection (SPAN + 1, SPAN + 1) so many squares away along y, along x; mm per N/mm^2."""
     if layer.thickness_mm is None:
-        at = np.arange(_SPAN + 1) * pitch
+        at = np.arange(_SPAN + 1, dtype=np.float64) * pitch
         return _love(at[None, :], at[:, None], pitch) / (math.pi * layer.plane_modulus)
     count = scipy.fft.next_fast_len(2 * _SPAN + math.ceil(12 * layer.thickness_mm / pitch), real=True)
     along, across = scipy.fft.rfftfreq(count, pitch), scipy.fft.fftfreq(count, pitch)

@@ -18,8 +18,9 @@ from .verdict import Verdict, judge
 __all__ = ["Live"]
 
 _SPARSE = 4  # every so many pixels tell how many are saturated
-_LEAST_NOISE = 0.2  # of the variance at rest: what a dark picture has at least
-_LEAST_CONTRAST = 0.1
+_LEAST_NOISE = 0.05  # of the variance at rest: what a dark picture has at least
+_LEAST_STRENGTH = 0.05
+_CURL = 10.0  # of 1 by noise: from there on a frame is fitted from rest, too
 
 
 class Live:
@@ -44,10 +45,10 @@ class Live:
         used = self._used(frame)
         settled = self._settle(used, self._track)
         figures, verdict = self._judged(used, settled)
-        if not verdict.trusted and self._track.whole:
+        if self._track.whole and (not verdict.trusted or max(figures.curl) > _CURL):
             again = self._settle(used, at_rest(self.prepared.rig))
             others = self._judged(used, again)
-            if others[1].trusted or _merit(others[0]) < _merit(figures):
+            if _merit(others[0]) < _merit(figures):
                 settled, (figures, verdict) = again, others
         self._track = settled.track if verdict.trusted else at_rest(self.prepared.rig)
         reading = _reading(self.prepared, settled, figures, verdict, time)
@@ -127,12 +128,12 @@ def _reading(
 
 
 def _sigma(prepared: Prepared, settled: Settled, figures: Figures) -> Cells:
-    """That of noise at rest, for this frame's noise and contrast, for what its slopes contradict each other
+    """That of noise at rest, for this frame's noise and amplitude, for what its slopes contradict each other
     by (Birge's factor), for what the fit leaves of the picture, and what further steps would change."""
     usual = max(settled.usual / prepared.rig.noise, _LEAST_NOISE)
     birge = max(1.0, *figures.curl)
     factor = np.float32(np.sqrt(usual * birge)) if np.isfinite(usual * birge) else np.float32(np.inf)
     misfit = np.sqrt(np.maximum(settled.fit.residual / np.float32(max(settled.usual, 1e-6)), 1))
-    contrast = np.clip(settled.contrast, _LEAST_CONTRAST, 1)
-    sigma = np.hypot(prepared.noise.sigma * factor * misfit / contrast, settled.ahead)
+    strength = np.maximum(settled.strength, _LEAST_STRENGTH)
+    sigma = np.hypot(prepared.noise.sigma * factor * misfit / strength, settled.ahead)
     return np.where(settled.good, sigma, np.inf).astype(np.float32)

@@ -13,7 +13,7 @@ _SATURATED = 0.01  # of the lit pixels
 _CONTRAST = 0.85  # of that at rest, median of the good cells
 _LOST = (0.01, 0.3)  # of the lit cells: worth a word, and too many
 _LEFT = (1.0, 5.0)  # sigma
-_CURL = (4.0, 100.0)  # of 1 by noise
+_CURL = (4.0, 20.0)  # of 1 by noise
 _ANCHORED = 0.1  # of the anchor's cells
 _MOVED = 0.25  # pixels
 

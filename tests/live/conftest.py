@@ -1,0 +1,76 @@
+"""A rig of 240 x 320 pixels at rest, prepared by a decoded capture of the independent renderer; frames of
+dents."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from lab.live.world import World, expose, world_of
+from optolever.decode import Correspondence, decode
+from optolever.live import Prepared, prepare
+from optolever.patterns import Sequence, sequence
+from optolever.scene import Layer, Scene, load, resize
+
+Dents = tuple[tuple[float, float, float, float, float], ...]
+NOISE = 1.5
+LAYER = Layer(0.2, 0.5)
+
+
+@dataclass(frozen=True)
+class Rest:
+    """A rig and what was captured of it at rest."""
+
+    scene: Scene
+    world: World
+    fringe: Sequence
+    frames: NDArray[np.uint8]
+    rest_map: Correspondence
+
+
+@pytest.fixture(scope="session")
+def rest() -> Rest:
+    scene = replace(resize(load("prism48"), 240, 320), layer=LAYER)
+    world, rng = world_of(scene), np.random.default_rng(1)
+    full = sequence("gray+phase", scene.pattern.rows, scene.pattern.cols)
+    rest_map = decode(expose(world.lights((), full), rng, NOISE), full)
+    fringe = sequence("crossed", scene.pattern.rows, scene.pattern.cols, period=10.0)
+    light = world.lights((), fringe)[0]
+    return Rest(scene, world, fringe, expose(np.repeat(light[None], 8, 0), rng, NOISE), rest_map)
+
+
+@pytest.fixture(scope="session")
+def prepared(rest: Rest) -> Prepared:
+    return prepare(rest.scene, rest.frames, rest.rest_map, rest.fringe)
+
+
+@pytest.fixture(scope="session")
+def shot(rest: Rest) -> Callable[..., NDArray[Any]]:
+    """Function of dents and a seed: the frame; noise in levels, gain of the light."""
+
+    @cache
+    def light(dents: Dents) -> NDArray[np.float32]:
+        return rest.world.lights(dents, rest.fringe)[0]
+
+    def take(dents: Dents = (), seed: int = 0, noise: float = NOISE, gain: float = 1.0) -> NDArray[Any]:
+        frame: NDArray[Any] = expose(light(dents), np.random.default_rng(seed), noise, gain)
+        return frame
+
+    return take
+
+
+@pytest.fixture(scope="session")
+def truth(rest: Rest, prepared: Prepared) -> Callable[[Dents], NDArray[np.float64]]:
+    """Function of dents: the true height in the middle of the cells, mm."""
+    cell, (rows, cols) = prepared.rig.carriers.cell, prepared.rig.carriers.shape
+
+    @cache
+    def of(dents: Dents) -> NDArray[np.float64]:
+        z = rest.world.truth(dents)[2][: rows * cell, : cols * cell]
+        return np.asarray(z.reshape(rows, cell, cols, cell).mean((1, 3)))
+
+    return of

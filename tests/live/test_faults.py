@@ -1,0 +1,84 @@
+"""Frames that cannot be trusted are told, and the first good frame after them is trusted again."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lab.live.streams import FAULTS, StreamRig, Tally, drawn_stream, play
+from lab.live.world import GAUSS, expose, world_of
+from optolever.live import Live, Prepared
+from optolever.scene import load, resize
+
+from .conftest import Rest
+
+Shot = Callable[..., Any]
+PRESSED = ((GAUSS, 30.0, 22.5, 8.0, 0.15),)
+ELSEWHERE = ((GAUSS, 27.0, 15.0, 6.0, 0.1),)
+#: Faults whose heights stay right, which a notice tells.
+MILD = ("light", "saturated")
+
+
+@pytest.mark.parametrize("dents", [(), PRESSED], ids=["rest", "pressed"])
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_is_told_at_once_and_forgotten_at_once(
+    prepared: Prepared, shot: Shot, fault: str, dents: Any
+) -> None:
+    live = Live(prepared)
+    for seed in range(2):
+        assert live.update(shot(dents, seed)).trusted
+    for seed in range(2, 4):
+        bad = FAULTS[fault](shot(dents, seed), shot(ELSEWHERE, seed))
+        reading = live.update(bad)
+        if fault in MILD:
+            assert reading.notices
+            continue
+        assert not reading.trusted
+        assert reading.reason
+        assert not reading.touches
+    after = live.update(shot(dents, 9))
+    assert after.trusted, after.reason
+    assert after.good.mean() > 0.99
+
+
+def test_a_picture_of_noise_has_no_height(prepared: Prepared) -> None:
+    noise = np.random.default_rng(3).integers(0, 256, (240, 320)).astype(np.uint8)
+    assert not Live(prepared).update(noise).trusted
+
+
+def test_motion_in_the_exposure_is_the_mean_of_the_heights(rest: Rest, prepared: Prepared) -> None:
+    """The mean of heights is a height: a finger that slides by 1 mm is read as that mean."""
+    places = [((GAUSS, 29.5 + k / 8, 22.5, 7.0, 0.1),) for k in range(9)]
+    light = np.mean([rest.world.lights(one, rest.fringe, 3)[0] for one in places], axis=0)
+    reading = Live(prepared).update(expose(light.astype(np.float32), np.random.default_rng(5)))
+    mean = np.mean([rest.world.truth(one)[2] for one in places], axis=0)
+    mean = mean.reshape(120, 2, 160, 2).mean((1, 3))
+    ratio = ((reading.z - mean) / reading.sigma)[reading.good]
+    assert reading.trusted
+    assert np.sqrt(np.mean(np.square(ratio))) < 2
+
+
+def test_falling_light_touches_nothing(prepared: Prepared, shot: Shot) -> None:
+    live, ratios = Live(prepared), []
+    for k in range(60):
+        reading = live.update(shot((), k, gain=1 - 0.1 * k / 59))
+        assert reading.trusted, reading.reason
+        assert not reading.touches
+        ratios.append(float(np.mean(np.square((reading.z / reading.sigma)[reading.good]))))
+    assert np.sqrt(np.mean(ratios[-20:])) < 1.5 * np.sqrt(np.mean(ratios[:20]))  # no walk
+
+
+def test_drawn_streams_have_no_height_that_is_silently_wrong() -> None:
+    from lab.live.streams import stream_rig
+
+    rig: StreamRig = stream_rig(resize(load("prism48"), 120, 160))
+    assert rig.world.shape == world_of(rig.scene).shape
+    rng, tally = np.random.default_rng(64), Tally()
+    for k in range(6):
+        for _ in play(rig, drawn_stream(rng, 16, faulty=k % 2 == 0), rng, tally):
+            pass
+    assert tally.silent == 0, tally
+    assert tally.told == tally.faults == 3, tally
+    assert tally.recovered == tally.faults, tally
+    assert tally.refused == 0, tally

@@ -1,0 +1,156 @@
+"""Heights of single frames against an independent renderer's truth: error, sigma, independence of the
+past."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lab.live.world import BALL, GAUSS
+from optolever import InputError
+from optolever.decode import Flag
+from optolever.live import Live, Prepared, Reading, prepare
+from optolever.patterns import sequence
+from optolever.scene import dent, trace
+
+from .conftest import Dents, Rest
+
+Shot = Callable[..., Any]
+Truth = Callable[[Dents], Any]
+SMOOTH = [
+    ((GAUSS, 26.0, 22.5, 8.0, 0.05),),
+    ((GAUSS, 34.0, 21.0, 8.0, 0.3),),
+    ((GAUSS, 30.0, 22.5, 3.0, 0.05),),
+    ((GAUSS, 25.0, 15.0, 4.0, 0.06), (GAUSS, 38.0, 30.0, 5.0, 0.08)),
+]
+CONTACTS = [((BALL, 28.0, 20.0, 4.0, 0.05),), ((BALL, 31.0, 22.0, 4.0, 0.07),)]
+#: mm rms of noise that a frame of 240 x 320 pixels leaves, which no fit beats.
+FLOOR = 1.5e-4
+
+
+def _errors(reading: Reading, true: Any) -> tuple[Any, Any]:
+    error = (reading.z - true)[reading.good]
+    return error, error / reading.sigma[reading.good]
+
+
+def test_the_independent_renderer_agrees_with_the_trace(rest: Rest) -> None:
+    exact = trace(rest.scene, dent("gaussian:peak=0.05,sigma=6,x=30,y=22.5", rest.scene))
+    u, v, z, x, _ = rest.world.truth(((GAUSS, 30.0, 22.5, 6.0, 0.05),))
+    inner = exact.visible & (x < 53.9)
+    for ours, theirs in ((u, exact.u), (v, exact.v), (z, exact.z)):
+        assert np.abs(ours - theirs)[inner].max() < 1e-9
+
+
+@pytest.mark.parametrize("dents", SMOOTH)
+def test_smooth_dents_are_right_within_sigma(
+    prepared: Prepared, shot: Shot, truth: Truth, dents: Dents
+) -> None:
+    live, ratios = Live(prepared), []
+    for seed in range(6):
+        live.reset()
+        reading = live.update(shot(dents, seed))
+        error, ratio = _errors(reading, truth(dents))
+        assert reading.trusted, reading.reason
+        assert reading.good.mean() > 0.97
+        assert np.median(np.abs(error)) < FLOOR
+        assert np.mean(np.abs(ratio) > 5) < 0.01
+        ratios.append(np.mean(np.square(ratio)))
+    assert (
+        0.7 < np.sqrt(np.mean(ratios)) < 1.5
+    )  # a frame's error is a few modes: six frames hold them to 30 %
+
+
+@pytest.mark.parametrize("dents", CONTACTS)
+def test_contacts_are_right(prepared: Prepared, shot: Shot, truth: Truth, dents: Dents) -> None:
+    """The window spans twice the millimetres that it spans at 480 x 640 (`python -m lab live`)."""
+    live = Live(prepared)
+    for seed in range(3):
+        reading = live.update(shot(dents, seed))
+        error, ratio = _errors(reading, truth(dents))
+        assert reading.trusted, reading.reason
+        assert reading.good.mean() > 0.97
+        inner = reading.good & (reading.x > 6)  # towards x = 0 noise grows without bound
+        assert (reading.z - truth(dents))[inner].std() < 5e-3 * dents[0][4]
+        assert np.abs(error).max() < 0.1 * dents[0][4]
+        assert np.sqrt(np.mean(np.square(ratio))) < 1.5
+
+
+def test_rest_is_flat(prepared: Prepared, shot: Shot) -> None:
+    reading = Live(prepared).update(shot(seed=77), time=2.5)
+    assert reading.trusted
+    assert not reading.touches
+    assert np.sqrt(np.mean(np.square((reading.z / reading.sigma)[reading.good]))) < 2
+    assert reading.time == 2.5
+
+
+def test_the_past_does_not_matter(prepared: Prepared, shot: Shot) -> None:
+    """After another dent, or from rest, the same frame has the same height within a part of its sigma."""
+    frame = shot(SMOOTH[1], 3)
+    fresh, after = Live(prepared), Live(prepared)
+    for seed in range(3):
+        after.update(shot(SMOOTH[0], seed))
+    one, other = fresh.update(frame), after.update(frame)
+    both = one.good & other.good
+    assert np.sqrt(np.mean(np.square(((one.z - other.z) / one.sigma)[both]))) < 0.5
+
+
+def test_a_repeated_stream_is_bit_identical(prepared: Prepared, shot: Shot) -> None:
+    frames = [shot(SMOOTH[k % 4], k) for k in range(4)]
+    first, second = ([live.update(frame) for frame in frames] for live in (Live(prepared), Live(prepared)))
+    assert first == second
+
+
+def test_a_prepared_rig_comes_back_from_its_file(prepared: Prepared, shot: Shot, tmp_path: Path) -> None:
+    prepared.save(tmp_path / "prepared.npz")
+    loaded = Prepared.load(tmp_path / "prepared.npz")
+    frame = shot(SMOOTH[0], 1)
+    assert Live(loaded).update(frame) == Live(prepared).update(frame)
+    assert loaded.layer == prepared.layer
+    with np.load(tmp_path / "prepared.npz") as archive:
+        kept = {name: archive[name] for name in archive.files if name != "noise.sigma"}
+    np.savez(tmp_path / "less.npz", **kept)
+    with pytest.raises(InputError, match=r"less\.npz.*noise\.sigma"):
+        Prepared.load(tmp_path / "less.npz")
+
+
+@pytest.mark.parametrize("cell", [2, 4])
+def test_sizes_that_are_no_multiples_of_a_cell_lose_their_last_pixels(
+    rest: Rest, shot: Shot, cell: int
+) -> None:
+    camera = replace(rest.scene.camera, rows=237, cols=318)
+    scene = replace(rest.scene, camera=camera)
+    maps = {
+        name: getattr(rest.rest_map, name)[:237, :318] for name in ("u", "v", "sigma_u", "sigma_v", "flags")
+    }
+    own = prepare(scene, rest.frames[:, :237, :318], type(rest.rest_map)(**maps), rest.fringe, cell=cell)
+    reading = Live(own).update(shot(SMOOTH[0], 1)[:237, :318])
+    assert reading.z.shape == (237 // cell, 318 // cell)
+    assert reading.depth == pytest.approx(0.05, abs=1e-3)
+
+
+def test_pixels_that_the_rest_map_lacks_are_left_out(rest: Rest, shot: Shot, truth: Truth) -> None:
+    flags = rest.rest_map.flags.copy()
+    flags[60:110, 100:160] |= Flag.DARK.value
+    own = prepare(rest.scene, rest.frames, replace(rest.rest_map, flags=flags), rest.fringe)
+    reading = Live(own).update(shot(SMOOTH[0], 1))
+    _, ratio = _errors(reading, truth(SMOOTH[0]))
+    assert not reading.good[38:47, 58:72].any()  # a window reaches some cells in
+    assert reading.good.mean() > 0.9
+    assert np.sqrt(np.mean(np.square(ratio))) < 2
+
+
+def test_what_does_not_fit_is_one_line(rest: Rest, prepared: Prepared) -> None:
+    wrong = sequence("gray+phase", rest.scene.pattern.rows, rest.scene.pattern.cols)
+    with pytest.raises(InputError, match="one crossed fringe"):
+        prepare(rest.scene, rest.frames, rest.rest_map, wrong)
+    with pytest.raises(InputError, match="two or more frames"):
+        prepare(rest.scene, rest.frames[:1], rest.rest_map, rest.fringe)
+    with pytest.raises(InputError, match=r"cell = 3: must be one of"):
+        prepare(rest.scene, rest.frames, rest.rest_map, rest.fringe, cell=3)
+    with pytest.raises(InputError, match=r"rest_frames: \(120, 320\) pixels"):
+        prepare(rest.scene, rest.frames[:, :120], rest.rest_map, rest.fringe)
+    with pytest.raises(InputError, match="frame: uint8 of shape"):
+        Live(prepared).update(np.zeros((4, 4), np.uint8))
