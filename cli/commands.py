@@ -9,7 +9,7 @@ __all__ = ["SECTIONS", "Commands", "Program", "module_of"]
 
 #: What a user calls, by section of --help.
 SECTIONS: Mapping[str, tuple[str, ...]] = {
-    "Start": ("demo", "doctor", "names"),
+    "Start": ("demo", "live", "doctor", "names"),
     "Measure with a camera": ("devices", "expose", "sync", "measure", "record", "replay"),
     "Measure": (
         "rig",

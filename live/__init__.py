@@ -10,30 +10,44 @@
 | `geometry.py`, `chord.py`, `columns.py` | rays and anchor; a step of the coupled equations; its solver |
 | `contact.py`, `touches.py`, `pressure.py` | figures of a contact; contacts over time; pressure and force |
 | `circulation.py` | how the slopes contradict one another |
+| `source.py`, `follow.py` | cameras, one of them virtual; readings as an iterator, tare |
+| `server.py`, `page.html` | the page |
 | `arrays.py` | names of arrays |
 """
 
 from optolever.arguments import check_face
 
 from .contact import Force, Touch
+from .follow import Followed, follow, tared
 from .prepare import prepare
 from .prepared import Noise, Prepared
 from .pressure import Forces
 from .reading import Figures, Reading
+from .server import LiveServer
+from .source import Image, Newest, Source, VirtualFinger, virtual_rig
 from .stream import Live
 from .touches import Touches
 
 __all__ = [
     "Figures",
+    "Followed",
     "Force",
     "Forces",
+    "Image",
     "Live",
+    "LiveServer",
+    "Newest",
     "Noise",
     "Prepared",
     "Reading",
+    "Source",
     "Touch",
     "Touches",
+    "VirtualFinger",
+    "follow",
     "prepare",
+    "tared",
+    "virtual_rig",
 ]
 
 check_face(__name__)

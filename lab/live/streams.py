@@ -101,9 +101,7 @@ def drawn_stream(rng: np.random.Generator, frames: int, faulty: bool) -> Stream:
     x, y = rng.uniform(22, 38), rng.uniform(15, 30)
     size, peak = rng.uniform(4, 8), rng.uniform(0.05, 0.15)
     angle = rng.uniform(0, 2 * np.pi)
-    moved = at[:, None] * 8 * np.array([np.cos(angle), np.sin(angle)]) - 4 * np.array(
-        [np.cos(angle), np.sin(angle)]
-    )
+    moved = (8 * at[:, None] - 4) * np.array([np.cos(angle), np.sin(angle)])
     ball = rng.uniform(0.03, 0.06)
     dents: list[Dents] = []
     for k in range(frames):

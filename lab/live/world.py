@@ -42,11 +42,13 @@ class World:
             cells = np.pad(sequence.render_frame(k).astype(np.float32) / 255, 4)
             wide = np.kron(cells, np.ones((_FINE, _FINE), np.float32))
             tables.append(gaussian_filter(wide, self.blur * _FINE, truncate=5))
-        return self._run(dents, side, np.stack(tables))[0]
+        light: NDArray[np.float32] = self._run(dents, side, np.stack(tables))[0]
+        return light
 
     def truth(self, dents: ArrayLike) -> Float:
         """u, v, z, x, y (5, H, W) of the pixels' centres."""
-        return self._run(dents, 1, np.zeros((1, 1, 1), np.float32))[1]
+        truth: Float = self._run(dents, 1, np.zeros((1, 1, 1), np.float32))[1]
+        return truth
 
     def _run(self, dents: ArrayLike, side: int, tables: NDArray[np.float32]) -> Any:
         light, truth = np.zeros((len(tables), *self.shape), np.float32), np.zeros((5, *self.shape))

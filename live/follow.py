@@ -1,0 +1,76 @@
+"""follow(): readings of a camera as an iterator; their figures as plain values; the mirror at rest anew."""
+
+import time
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from optolever.errors import InputError
+
+from .arrays import Frame
+from .picture import fit_step
+from .prepared import Prepared
+from .reading import Reading
+from .source import Image, Source
+from .stream import Live
+
+__all__ = ["Followed", "follow", "tared"]
+
+_REST_STEPS = 4
+_PATIENCE = 30.0  # s without a frame: the camera is gone
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Followed:
+    """A reading, its image, and how long after the exposure it was there, s."""
+
+    reading: Reading
+    image: Image
+    delay: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, no maps."""
+        reading = self.reading
+        good = reading.good.any()
+        deepest = int(np.where(reading.good, reading.z, -np.inf).argmax()) if good else 0
+        return {
+            "frame": self.image.number,
+            "time_s": reading.time,
+            "delay_s": self.delay,
+            "trusted": reading.trusted,
+            "reason": reading.reason,
+            "notices": [str(notice) for notice in reading.notices],
+            "depth_mm": reading.depth if good else None,
+            "depth_sigma_mm": float(reading.sigma.flat[deepest]) if good else None,
+            "touches": [asdict(touch) for touch in reading.touches],
+            "forces": [asdict(force) for force in reading.forces],
+        }
+
+
+def follow(live: Live, source: Source, frames: int | None = None) -> Iterator[Followed]:
+    """Readings of a camera's frames, as many as asked for, or without end. InputError if no frame comes."""
+    done, last = 0, time.monotonic()
+    while frames is None or done < frames:
+        image = source.next(1.0)
+        if image is None:
+            if time.monotonic() - last > _PATIENCE:
+                raise InputError(f"camera: no frame for {_PATIENCE:g} s; is it plugged in?")
+            continue
+        reading = live.update(image.pixels, image.time)
+        last = time.monotonic()
+        done += 1
+        yield Followed(reading, image, last - image.time)
+
+
+def tared(prepared: Prepared, frames: Frame) -> Prepared:
+    """The same rig with the mirror of these frames (N, H, W) as its rest: a zero that has drifted. The noise
+    that was measured stays."""
+    carriers = prepared.rig.carriers
+    rows, cols = carriers.lit.shape
+    mean = np.asarray(frames, np.float64)[:, :rows, :cols].mean(axis=0).astype(np.float32)
+    state = prepared.rig.rest
+    for _ in range(_REST_STEPS):
+        state, _ = fit_step(carriers, mean, state)
+    return replace(prepared, rig=replace(prepared.rig, rest=state))

@@ -1,0 +1,158 @@
+"""Where frames come from: `next(timeout_s)` gives a frame and its time, or None.
+
+`VirtualFinger` is a camera that does not exist: a finger presses, slides and lifts on a scene's mirror, again
+and again. `Newest` reads a camera on a thread of its own and hands out the newest frame: where a reading
+takes longer than a frame, frames are skipped and counted, none is late."""
+
+import math
+import threading
+import time
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from optolever.decode import Correspondence, decode
+from optolever.patterns import Sequence, sequence
+from optolever.projector import NOMINAL_SENSOR, capture, footprints, light_of
+from optolever.scene import Scene, Surface, dent
+
+from .arrays import Frame, Pixels
+from .prepare import prepare
+from .prepared import Prepared
+
+__all__ = ["Image", "Newest", "Source", "VirtualFinger", "virtual_rig"]
+
+_PERIOD = 10.0  # pattern pixels
+_RESTS = 8  # frames at rest
+_CYCLE = 48  # frames of a press
+_DEPTH = 0.35  # of the curvature at which the picture folds, at most
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Image:
+    """pixels (H, W); time: when it was exposed, s (time.monotonic); number: counts the camera's frames."""
+
+    pixels: Frame
+    time: float
+    number: int
+
+
+class Source(Protocol):
+    """A camera that runs."""
+
+    def next(self, timeout_s: float) -> Image | None:
+        """The next frame; None: nothing came."""
+        ...
+
+
+class VirtualFinger:
+    """Frames of a finger on a scene's mirror, at `rate` a second by the clock, or (0) as they are asked
+    for."""
+
+    def __init__(self, scene: Scene, fringe: Sequence, noise: float, seed: int, rate: float = 0.0) -> None:
+        self._scene, self._fringe, self._noise, self._seed, self._rate = scene, fringe, noise, seed, rate
+        self._lights: dict[int, Pixels] = {}
+        self._number = 0
+        self._start = time.monotonic()
+
+    def next(self, timeout_s: float) -> Image | None:
+        """The next frame; None if it comes later than `timeout_s`."""
+        due = time.monotonic()
+        if self._rate > 0:
+            due = max(due, self._start + self._number / self._rate)
+            wait = due - time.monotonic()
+            time.sleep(min(max(wait, 0.0), timeout_s))
+            if wait > timeout_s:
+                return None
+        number, self._number = self._number, self._number + 1
+        phase = number % _CYCLE
+        if phase not in self._lights:
+            self._lights[phase] = _light(self._scene, _finger(self._scene, phase / _CYCLE), self._fringe)
+        return Image(self._exposed(self._lights[phase], number), due, number)
+
+    def at_rest(self) -> Frame:
+        """Frames (N, H, W) of the mirror at rest."""
+        light = _light(self._scene, dent("flat", self._scene), self._fringe)
+        return np.stack([self._exposed(light, -1 - k) for k in range(_RESTS)])
+
+    def _exposed(self, light: Pixels, number: int) -> Frame:
+        rng = np.random.default_rng([self._seed, number % 2**32])
+        noisy = 255 * (NOMINAL_SENSOR.exposure * light) + NOMINAL_SENSOR.offset
+        noisy += np.float32(self._noise) * rng.standard_normal(light.shape, dtype=np.float32)
+        return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+
+
+def virtual_rig(
+    scene: Scene, *, cell: int = 2, noise: float = 1.5, seed: int = 0, rate: float = 0.0
+) -> tuple[Prepared, VirtualFinger]:
+    """A scene captured at rest, prepared, and its camera. noise: 8-bit levels; cell: see prepare."""
+    rows, cols = scene.pattern.rows, scene.pattern.cols
+    full, fringe = sequence("gray+phase", rows, cols), sequence("crossed", rows, cols, period=_PERIOD)
+    flat = dent("flat", scene)
+    seen = capture(scene, flat, full, renderer="numpy", noise=noise, seed=seed)
+    rest_map: Correspondence = decode(seen.frames, full)
+    camera = VirtualFinger(scene, fringe, noise, seed, rate)
+    return prepare(scene, camera.at_rest(), rest_map, fringe, cell=cell, seed=seed), camera
+
+
+class Newest:
+    """A source read on a thread; `next` gives the newest frame that was not given before. A context
+    manager."""
+
+    def __init__(self, source: Source) -> None:
+        self._source, self._image, self._given = source, None, -1
+        self._ready, self._over = threading.Condition(), False
+        self._error: BaseException | None = None
+        self.skipped = 0
+        self._thread = threading.Thread(target=self._read, daemon=True)
+
+    def __enter__(self) -> "Newest":
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._over = True
+        self._thread.join(timeout=5.0)
+
+    def next(self, timeout_s: float) -> Image | None:
+        """The newest frame; None: nothing came. Errors of the camera come through."""
+        with self._ready:
+            self._ready.wait_for(lambda: self._image is not None or self._error is not None, timeout_s)
+            if self._error is not None:
+                raise self._error
+            image, self._image = self._image, None
+        return image
+
+    def _read(self) -> None:
+        try:
+            while not self._over:
+                image = self._source.next(0.2)
+                if image is None:
+                    continue
+                with self._ready:
+                    self.skipped += self._image is not None
+                    self._image: Image | None = image
+                    self._ready.notify_all()
+        except Exception as error:  # handed to whoever asks for the next frame
+            with self._ready:
+                self._error = error
+                self._ready.notify_all()
+
+
+def _light(scene: Scene, surface: Surface, fringe: Sequence) -> Pixels:
+    rows, cols = scene.camera.rows, scene.camera.cols
+    seen = footprints(scene, surface, 0, rows)
+    light = light_of(seen, fringe, scene.display, scene.pattern.blur_px)[0]
+    return np.asarray(light.reshape(rows, cols), np.float32)
+
+
+def _finger(scene: Scene, phase: float) -> Surface:
+    """Pressed in and lifted over two thirds of the cycle while it slides; then nothing."""
+    length, width = scene.mirror.length, scene.mirror.width
+    sigma = 0.12 * min(length, width)
+    peak = _DEPTH * sigma**2 / length * math.sin(min(phase * 1.5, 1.0) * math.pi) ** 2
+    if peak < 1e-6 * width:
+        return dent("flat", scene)
+    x, y = (0.38 + 0.2 * phase) * length, (0.5 + 0.12 * math.sin(2 * math.pi * phase)) * width
+    return dent("gaussian", scene, peak=peak, sigma=sigma, x=x, y=y)
