@@ -27,6 +27,7 @@ from .stream import Live
 __all__ = ["LiveServer"]
 
 _PAGE = Path(__file__).with_name("page.html")
+_TROUBLED = 0.5  # s between the answers of a camera that is gone
 _WAIT = 5.0  # s that a request waits for a reading
 _GRID = 96  # columns of the height that is sent, at most
 _TARE = 8  # frames
@@ -99,14 +100,14 @@ class LiveServer:
         with self._changed:
             self._changed.wait_for(lambda: self._count > after or bool(self._error), _WAIT)
             latest, count, told, error = self._latest, self._count, self._told, self._error
-            rate = (
-                (len(self._times) - 1) / max(self._times[-1] - self._times[0], 1e-9) if self._times else 0.0
-            )
+            times = list(self._times)
         if latest is None or (count <= after and not error):
             return None
-        return _body(
-            latest, {"count": count, "rate": rate, "told": told or error, "skipped": self._source.skipped}
-        )
+        if error:
+            time.sleep(_TROUBLED)
+        rate = (len(times) - 1) / max(times[-1] - times[0], 1e-9)
+        state = {"count": count, "rate": rate, "told": told or error, "skipped": self._source.skipped}
+        return _body(latest, state)
 
     def snapshot(self) -> bytes | None:
         """The last reading and its frame as .npz."""
@@ -156,12 +157,8 @@ def _body(followed: Followed, state: dict[str, Any]) -> bytes:
     numbers |= {"sigma_um": 1e3 * typical, "lost": reading.figures.lost, "noise": reading.figures.noise}
     frame = followed.image.pixels
     camera = frame if frame.dtype == np.uint8 else (frame >> 8).astype(np.uint8)
-    parts = [
-        json.dumps(_plain(numbers)).encode(),
-        _jpeg(camera),
-        _jpeg(_coloured(sigma / (4 * typical))),
-        z.tobytes(),
-    ]
+    trust = _jpeg(_coloured((sigma / (4 * typical)).astype(np.float32)))
+    parts = [json.dumps(_plain(numbers)).encode(), _jpeg(camera), trust, z.tobytes()]
     return np.array([len(part) for part in parts], "<u4").tobytes() + b"".join(parts)
 
 

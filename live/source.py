@@ -8,7 +8,7 @@ import math
 import threading
 import time
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -38,6 +38,7 @@ class Image:
     number: int
 
 
+@runtime_checkable
 class Source(Protocol):
     """A camera that runs."""
 
@@ -80,7 +81,8 @@ class VirtualFinger:
         rng = np.random.default_rng([self._seed, number % 2**32])
         noisy = 255 * (NOMINAL_SENSOR.exposure * light) + NOMINAL_SENSOR.offset
         noisy += np.float32(self._noise) * rng.standard_normal(light.shape, dtype=np.float32)
-        return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+        frame: Frame = np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+        return frame
 
 
 def virtual_rig(
@@ -101,7 +103,8 @@ class Newest:
     manager."""
 
     def __init__(self, source: Source) -> None:
-        self._source, self._image, self._given = source, None, -1
+        self._source = source
+        self._image: Image | None = None
         self._ready, self._over = threading.Condition(), False
         self._error: BaseException | None = None
         self.skipped = 0
@@ -132,7 +135,7 @@ class Newest:
                     continue
                 with self._ready:
                     self.skipped += self._image is not None
-                    self._image: Image | None = image
+                    self._image = image
                     self._ready.notify_all()
         except Exception as error:  # handed to whoever asks for the next frame
             with self._ready:
