@@ -1,15 +1,16 @@
 """`optolever live`: a camera's frames as heights, contacts and forces, on a page or as lines of JSON."""
 
 import time
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from optolever import InputError
 
-from .options import load_scene, noise_option, sample, seed_option, size_option
+from .options import json_option, load_scene, noise_option, sample, seed_option, size_option
 from .outputs import Program
-from .show import number, print_notices, table
+from .show import number, print_notices, table, write_json
 
 if TYPE_CHECKING:
     from optolever.live import Prepared, VirtualFinger
@@ -54,6 +55,7 @@ Live: prism48, 60 x 80 cells
     "--port", type=click.IntRange(min=0, max=65535), default=0, metavar="N",
     help="Of the page, on 127.0.0.1; default: a free one.",
 )  # fmt: skip
+@json_option
 def command(
     camera: str,
     scene_name: str,
@@ -66,6 +68,7 @@ def command(
     headless: bool,
     json_lines: bool,
     port: int,
+    json_path: Path | None,
 ) -> None:
     """Measure every frame of a camera: height, contacts, force.
 
@@ -80,12 +83,12 @@ def command(
     prepared, finger = virtual_rig(scene, cell=int(cell), noise=noise, seed=seed, rate=rate)
     print_notices(prepared.notices)
     if headless:
-        _headless(scene.name, prepared, finger, frames, json_lines)
+        write_json(json_path, _headless(scene.name, prepared, finger, frames, json_lines))
     else:
-        _page(prepared, finger, frames, port)
+        write_json(json_path, {"readings": _page(prepared, finger, frames, port)})
 
 
-def _page(prepared: "Prepared", finger: "VirtualFinger", frames: int | None, port: int) -> None:
+def _page(prepared: "Prepared", finger: "VirtualFinger", frames: int | None, port: int) -> int:
     from optolever.live import LiveServer
 
     try:
@@ -98,11 +101,12 @@ def _page(prepared: "Prepared", finger: "VirtualFinger", frames: int | None, por
             time.sleep(0.05)
         if server.error:
             raise InputError(server.error)
+        return server.readings
 
 
 def _headless(
     name: str, prepared: "Prepared", finger: "VirtualFinger", frames: int | None, lines: bool
-) -> None:
+) -> dict[str, float]:
     import json
 
     import numpy as np
@@ -118,9 +122,17 @@ def _headless(
             deepest = numbers["depth_mm"], numbers["depth_sigma_mm"]
         if lines:
             click.echo(json.dumps(numbers))
-    if lines:
-        return
     spent = time.perf_counter() - start
+    record = {
+        "readings": len(delays),
+        "trusted": trusted,
+        "depth_mm": deepest[0],
+        "depth_sigma_mm": deepest[1],
+        "readings_per_s": len(delays) / spent,
+        "delay_s": float(np.median(delays)),
+    }
+    if lines:
+        return record
     rows, cols = prepared.rig.carriers.shape
     table(
         f"Live: {name}, {rows} x {cols} cells",
@@ -130,3 +142,4 @@ def _headless(
             "rate": f"{len(delays) / spent:.3g} readings/s, median delay {1e3 * np.median(delays):.3g} ms",
         },
     )
+    return record

@@ -25,6 +25,9 @@ It may import every module of `optolever`; tests alone import it.
 | - `fuzz.py`, `damage.py` | cases and their verdicts; the damage |
 | `hardware/` | displays and cameras in simulated time |
 | - `simulated.py`, `synchronisation.py` | the models; what is recovered of them, what is captured |
+| `live/` | heights of single frames |
+| - `world.py` | an independent renderer of dents |
+| - `streams.py`, `figures.py` | drawn streams with faults; time, error and sigma beside their limits |
 | `hard/` | hard cases of decode and reconstruct |
 | - `hard.py`, `hard_case.py`, `found.py` | the list; verdicts, figures over draws; errors against the truth |
 | - `hard_decode.py`, `hard_reconstruct.py`, `hard_surroundings.py` | written lists |

@@ -9,7 +9,7 @@ from optolever.cli.commands import Commands
 
 #: Commands by section of --help.
 SECTIONS: Mapping[str, tuple[str, ...]] = {
-    "Figures": ("figures", "methods", "sweep", "calibration", "contacts", "rigs", "sync", "house"),
+    "Figures": ("figures", "methods", "sweep", "calibration", "contacts", "rigs", "sync", "live", "house"),
     "Attacks": ("hard", "pairs", "fuzz"),
     "Design": ("choices", "adapt"),
 }

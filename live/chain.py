@@ -25,6 +25,7 @@ _MISFIT = 6.0  # mean square residual over the usual one: a cell then counts hal
 _COMPRESSED = 0.25  # of the map's area at rest: below it the map is about to fold
 _NOT_MOVED = 0.2  # of sigma: what further steps would change
 _STEPS = 6
+_KINKED, _KINK_STEPS = 0.3, 4  # sigma rms, which kinks keep for long: so many steps for them
 _SPARSE = 4  # every so many pixels tell the light
 _LIGHTER, _DARK = 0.01, 0.1  # of the light before: less is left to the fit, more is no light of this rig
 _FILL = 4.0  # cells: radius over which gaps take their neighbours' displacement
@@ -112,7 +113,8 @@ def settle(rig: Rig, frame: Frame, track: Track, sigma: Cells) -> Settled:
         sizes.append(1.48 * float(np.median(ratios)))
         kinks.append(float(np.sqrt(np.mean(np.square(ratios)))))
         pace, slow = (min(of[-1] / of[-2], 0.8) if step else 0.8 for of in (sizes, kinks))
-        if step and sizes[-1] * pace / (1 - pace) < _NOT_MOVED:
+        kinked = kinks[-1] * slow / (1 - slow) > _KINKED and step + 1 < _KINK_STEPS
+        if step and sizes[-1] * pace / (1 - pace) < _NOT_MOVED and not kinked:
             break
     left = sizes[-1] * pace / (1 - pace) if np.isfinite(sizes[-1]) else np.inf
     # the residual is judged once the fit has settled: before, it is large wherever something moved

@@ -22,8 +22,9 @@ _PROMINENT = 0.2  # of a peak's height, over the saddle to a higher one
 _LEVELS = 0.8  # from one threshold to the next
 _FEWEST = 6  # cells of the coarser grid in which peaks are looked for
 _COARSE = 2
-_SAME = 3.0  # mm from frame to frame
+_SAME = 3.0  # mm from frame to frame, beyond the contact's radius: two that merge lie there
 _HALF = 0.5
+_MARGIN = 2  # cells around a region
 _LARGEST = 8  # contacts of a frame
 
 
@@ -53,7 +54,7 @@ class Touches:
         for region in _regions(self._prepared, reading):
             touch = _measured(self._prepared, reading, region)
             near = min(free, key=lambda one, at=touch: _apart(one, at), default=None)  # type: ignore[misc]
-            if near is not None and _apart(near, touch) < _SAME:
+            if near is not None and _apart(near, touch) < _SAME + math.sqrt(touch.area / math.pi):
                 free.remove(near)
                 found.append(replace(touch, identity=near.identity))
             else:
@@ -69,7 +70,7 @@ def _apart(one: Touch, other: Touch) -> float:
 
 def _regions(prepared: Prepared, reading: Reading) -> list[_Region]:
     """Half-depth regions of the peaks, the deepest first."""
-    z = np.where(reading.good, reading.z, np.float32(0))
+    z = reading.z  # where it is not measured: what the equations put between
     sure = reading.good & ~prepared.rig.rim & (z > _SIGNIFICANT * reading.sigma)
     if not sure.any():
         return []
@@ -148,30 +149,28 @@ def _parted(regions: list[_Region]) -> list[_Region]:
 
 
 def _measured(prepared: Prepared, reading: Reading, region: _Region) -> Touch:
+    """Figures of a region; its cells' areas are those on the dented mirror, seen from above."""
     at = region.row, region.col
     rows, cols = np.flatnonzero(region.inside.any(axis=1)), np.flatnonzero(region.inside.any(axis=0))
-    margin = 2
-    top, left = max(int(rows[0]) - margin, 0), max(int(cols[0]) - margin, 0)
-    cut = slice(top, int(rows[-1]) + 1 + margin), slice(left, int(cols[-1]) + 1 + margin)
+    top, left = max(int(rows[0]) - _MARGIN, 0), max(int(cols[0]) - _MARGIN, 0)
+    cut = slice(top, int(rows[-1]) + 1 + _MARGIN), slice(left, int(cols[-1]) + 1 + _MARGIN)
     inside, z = region.inside[cut], np.asarray(reading.z[cut], np.float64)
     x, y = reading.x[cut].astype(np.float64), reading.y[cut].astype(np.float64)
-    depth, total = float(reading.z[at]), float(z[inside].sum())
-    centre = float((x * z)[inside].sum() / total), float((y * z)[inside].sum() / total)
+    (x_row, x_col), (y_row, y_col) = np.gradient(x), np.gradient(y)
+    areas = np.abs(x_col * y_row - x_row * y_col)
+    depth, volume = float(reading.z[at]), float((areas * z)[inside].sum())
+    centre = float((areas * x * z)[inside].sum() / volume), float((areas * y * z)[inside].sum() / volume)
     factor = float(reading.sigma[at] / prepared.noise.sigma[at])
     draws = factor * prepared.noise.draws[:, cut[0], cut[1]].astype(np.float64)
-    sums = draws[:, inside]
-    moved = [
-        float(_rms(sums @ (part[inside] - middle) / total))
-        for part, middle in ((x, centre[0]), (y, centre[1]))
-    ]
+    heights = draws[:, inside] * areas[inside]
+    arms = [part[inside] - middle for part, middle in zip((x, y), centre, strict=True)]
+    moved = [_rms(heights @ arm / volume) for arm in arms]
     peak = factor * prepared.noise.draws[:, at[0], at[1]].astype(np.float64)
-    changed = np.count_nonzero(
-        (z + draws > _HALF * (depth + peak[:, None, None])) & _grown(inside), axis=(1, 2)
-    )
-    count = int(np.count_nonzero(inside))
-    edge = count - int(np.count_nonzero(_shrunk(inside)))
-    cells = math.hypot(float(_rms(changed - float(count))), math.sqrt(edge / 12))
-    beyond = _grown(inside) & ~inside
+    deeper = z + draws > _HALF * (depth + peak[:, None, None])
+    area = float(areas[inside].sum())
+    changed = np.count_nonzero(deeper & _grown(inside), axis=(1, 2))
+    edge = np.count_nonzero(inside) - np.count_nonzero(_shrunk(inside))
+    cells = math.hypot(_rms(changed - np.count_nonzero(inside)), math.sqrt(edge / 12))
     border = prepared.rig.rim[cut] | ~reading.good[cut]
     return Touch(
         identity=0,
@@ -180,16 +179,16 @@ def _measured(prepared: Prepared, reading: Reading, region: _Region) -> Touch:
         position_sigma=math.hypot(*moved) / math.sqrt(2),
         depth=depth,
         depth_sigma=float(reading.sigma[at]),
-        area=prepared.area * count,
+        area=area,
         area_sigma=prepared.area * cells,
-        volume=prepared.area * total,
-        volume_sigma=prepared.area * float(_rms(sums.sum(axis=1))),
-        cut=bool((border & (beyond | inside)).any()),
+        volume=volume,
+        volume_sigma=_rms(heights.sum(axis=1)),
+        cut=bool((border & _grown(inside)).any()),
     )
 
 
-def _rms(values: Float) -> Float:
-    return np.sqrt(np.mean(np.square(values)))  # type: ignore[no-any-return]
+def _rms(values: Float) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def _grown(mask: Mask) -> Mask:

@@ -19,6 +19,7 @@ __all__ = ["FAULTS", "Stream", "StreamRig", "Tally", "drawn_stream", "play", "st
 Frame = NDArray[np.uint8]
 Dents = tuple[tuple[float, float, float, float, float], ...]
 NOISE = 1.5
+_SHALLOW = 0.02  # mm: of a dent that is less the error counts as of this
 #: What may be wrong with a run of frames; the frame at fault from the good one and the one before.
 FAULTS: dict[str, Callable[[Frame, Frame], Frame]] = {
     "black": lambda now, before: np.zeros_like(now),
@@ -69,13 +70,15 @@ class Stream:
 @dataclass
 class Tally:
     """Counted over streams. wrong: trusted frames with more than 0.1 % of the heights beyond five sigma;
-    silent: of these the ones without a notice; told: faults that were told within two frames; recovered:
-    within ten frames of their end; refused: good frames that were not trusted."""
+    silent: of these the ones without a notice; gross: those whose rms error is above 1 % of the depth; told:
+    faults that were told within two frames; recovered: within ten frames of their end; refused: good frames
+    that were not trusted."""
 
     frames: int = 0
     good: int = 0
     wrong: int = 0
     silent: int = 0
+    gross: int = 0
     refused: int = 0
     faults: int = 0
     told: int = 0
@@ -134,10 +137,14 @@ def play(rig: StreamRig, stream: Stream, rng: np.random.Generator, tally: Tally)
         before = good
         reading = live.update(frame, k / 60)
         tally.frames += 1
-        ratio = ((reading.z - rig.truth(dents)) / reading.sigma)[reading.good]
-        wrong = reading.trusted and bool(np.mean(np.abs(ratio) > 5) > 1e-3)
+        true = rig.truth(dents)
+        beyond = (np.abs(reading.z - true) > 5 * reading.sigma)[reading.good]
+        wrong = reading.trusted and bool(beyond.mean() > 1e-3)
         tally.wrong += wrong
-        tally.silent += wrong and not reading.notices
+        silent = wrong and not reading.notices
+        tally.silent += silent
+        error = float((reading.z - true)[reading.good].std()) if reading.good.any() else 0.0
+        tally.gross += silent and error > 0.01 * max(float(true.max()), _SHALLOW)
         if bad and k < stream.first + 2:
             told |= not reading.trusted or bool(reading.notices)
         if not bad:

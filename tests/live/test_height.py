@@ -66,8 +66,8 @@ def test_smooth_dents_are_right_within_sigma(
 @pytest.mark.parametrize("dents", CONTACTS)
 def test_contacts_are_right(prepared: Prepared, shot: Shot, truth: Truth, dents: Dents) -> None:
     """The window spans twice the millimetres that it spans at 480 x 640 (`python -m lab live`)."""
-    live = Live(prepared)
-    for seed in range(3):
+    live, ratios = Live(prepared), []
+    for seed in range(4):
         reading = live.update(shot(dents, seed))
         error, ratio = _errors(reading, truth(dents))
         assert reading.trusted, reading.reason
@@ -75,7 +75,8 @@ def test_contacts_are_right(prepared: Prepared, shot: Shot, truth: Truth, dents:
         inner = reading.good & (reading.x > 6)  # towards x = 0 noise grows without bound
         assert (reading.z - truth(dents))[inner].std() < 5e-3 * dents[0][4]
         assert np.abs(error).max() < 0.1 * dents[0][4]
-        assert np.sqrt(np.mean(np.square(ratio))) < 1.5
+        ratios.append(np.mean(np.square(ratio)))
+    assert np.sqrt(np.mean(ratios)) < 1.5
 
 
 def test_rest_is_flat(prepared: Prepared, shot: Shot) -> None:

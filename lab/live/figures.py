@@ -1,0 +1,120 @@
+"""What `live` costs beside two cosine transforms, and how right it is: dents, contacts, drawn streams."""
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.fft
+
+from optolever.live import Live
+from optolever.scene import load, resize
+
+from .streams import NOISE, Dents, StreamRig, Tally, drawn_stream, play, stream_rig
+from .world import BALL, GAUSS, expose
+
+__all__ = ["CASES", "LiveRow", "live_rows", "stream_tally", "transforms_ms"]
+
+#: Frames of a case, and the limits: time over that of two transforms by cell, error over depth.
+CASES: dict[str, tuple[tuple[Dents, ...], dict[int, float], float]] = {
+    "smooth": (
+        tuple(((GAUSS, 26.0 + 2 * k, 22.5, 8.0, 0.08 + 0.05 * k),) for k in range(5)),
+        {2: 14.0, 4: 8.0},
+        2e-4,
+    ),
+    "contact": (
+        tuple(((BALL, 28.0 + k, 20.0 + k, 4.0, 0.05 + 0.01 * k),) for k in range(5)),
+        {2: 30.0, 4: 15.0},
+        1e-3,
+    ),
+}
+_REPEATS = 3
+
+
+@dataclass(frozen=True)
+class LiveRow:
+    """One case: time of one core over that of two float32 transforms (median), largest rms error over the
+    depth, error over sigma (rms over the frames), share beyond five sigma, frames that were trusted."""
+
+    case: str
+    cell: int
+    ms: float
+    ratio: float
+    ratio_limit: float
+    error: float
+    error_limit: float
+    sigma_ratio: float
+    beyond: float
+    trusted: float
+
+
+def transforms_ms(rows: int, cols: int) -> float:
+    """Processor time of two float32 cosine transforms, the fastest of 20."""
+    image = np.random.default_rng(0).standard_normal((rows, cols), dtype=np.float32)
+    times = []
+    for _ in range(20):
+        start = time.process_time()
+        scipy.fft.idctn(scipy.fft.dctn(image, norm="ortho"), norm="ortho")
+        times.append(time.process_time() - start)
+    return 1e3 * min(times)
+
+
+def live_rows(size: tuple[int, int], cells: tuple[int, ...], seed: int) -> Iterator[LiveRow]:
+    """Every case with every cell on prism48, rendered once."""
+    scene = resize(load("prism48"), *size)
+    rigs = {cell: stream_rig(scene, cell) for cell in cells}
+    some = next(iter(rigs.values()))
+    for case, (frames, limits, error_limit) in CASES.items():
+        lights = [some.light(dents, 4) for dents in frames]
+        for cell, rig in rigs.items():
+            yield _row(rig, case, cell, frames, lights, limits[cell], error_limit, seed)
+
+
+def _row(
+    rig: StreamRig,
+    case: str,
+    cell: int,
+    frames: tuple[Dents, ...],
+    lights: list[np.ndarray],  # type: ignore[type-arg]
+    ratio_limit: float,
+    error_limit: float,
+    seed: int,
+) -> LiveRow:
+    rng, live = np.random.default_rng(seed), Live(rig.prepared)
+    times, errors, ratios, beyond, trusted, ours = [], [], [], [], [], []
+    for k in range(_REPEATS):
+        for dents, light in zip(frames, lights, strict=True):
+            frame = expose(light, rng, NOISE)
+            ours.append(transforms_ms(*frame.shape))
+            start = time.process_time()
+            reading = live.update(frame)
+            times.append(1e3 * (time.process_time() - start))
+            error = reading.z - rig.truth(dents)
+            inner = reading.good & (reading.x > 6)
+            errors.append(float(error[inner].std()) / dents[0][4])
+            ratio = (error / reading.sigma)[reading.good]
+            ratios.append(float(np.mean(np.square(ratio))))
+            beyond.append(float(np.mean(np.abs(ratio) > 5)))
+            trusted.append(reading.trusted)
+    ms = float(np.median(times))
+    return LiveRow(
+        case,
+        cell,
+        ms,
+        ms / min(ours),
+        ratio_limit,
+        max(errors),
+        error_limit,
+        float(np.sqrt(np.mean(ratios))),
+        float(np.mean(beyond)),
+        float(np.mean(trusted)),
+    )
+
+
+def stream_tally(streams: int, frames: int, size: tuple[int, int], cell: int, seed: int) -> Tally:
+    """Drawn streams, every other one with a fault."""
+    rig, rng, tally = stream_rig(resize(load("prism48"), *size), cell), np.random.default_rng(seed), Tally()
+    for k in range(streams):
+        for _ in play(rig, drawn_stream(rng, frames, k % 2 == 0), rng, tally):
+            pass
+    return tally
