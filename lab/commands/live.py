@@ -21,12 +21,8 @@ smooth   2     23.5  11.7 (14)     0.00017 (0.0002)    1.03         0.0005      
 
 @click.command("live", cls=Program, epilog=sample(SAMPLE))
 @click.option("--size", type=SIZE, default="480x640", show_default=True, metavar="ROWSxCOLS")
-@click.option(
-    "--streams", type=click.IntRange(0), default=0, show_default=True, metavar="N", help="Drawn streams too."
-)
-@click.option(
-    "--frames", type=click.IntRange(12), default=60, show_default=True, metavar="N", help="Of a stream."
-)
+@click.option("--streams", type=click.IntRange(0), default=0, metavar="N", help="Drawn streams too.")
+@click.option("--frames", type=click.IntRange(12), default=60, metavar="N", help="Of each stream.")
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True)
 @json_option
 def command(size: tuple[int, int], streams: int, frames: int, seed: int, json_path: Path | None) -> None:

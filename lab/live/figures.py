@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.fft
+from numpy.typing import NDArray
 
 from optolever.live import Live
 from optolever.scene import load, resize
@@ -75,14 +76,14 @@ def _row(
     case: str,
     cell: int,
     frames: tuple[Dents, ...],
-    lights: list[np.ndarray],  # type: ignore[type-arg]
+    lights: list[NDArray[np.float32]],
     ratio_limit: float,
     error_limit: float,
     seed: int,
 ) -> LiveRow:
     rng, live = np.random.default_rng(seed), Live(rig.prepared)
     times, errors, ratios, beyond, trusted, ours = [], [], [], [], [], []
-    for k in range(_REPEATS):
+    for _ in range(_REPEATS):
         for dents, light in zip(frames, lights, strict=True):
             frame = expose(light, rng, NOISE)
             ours.append(transforms_ms(*frame.shape))

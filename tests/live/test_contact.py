@@ -118,7 +118,7 @@ def test_identities_are_kept_merged_split_and_end(prepared: Prepared, quiet: Rea
     assert close.identity in names.values()
     (merged,) = seen((27.5, 22), (28.5, 22))
     assert merged.identity in names.values()
-    assert len(seen((25.5, 22), (31, 22))) == 2
+    assert len(seen((24.8, 22), (31.4, 22))) == 2
     assert seen() == ()
     (new,) = seen((20, 22))
     assert new.identity not in names.values()
