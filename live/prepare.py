@@ -5,7 +5,7 @@ import math
 import cv2
 import numpy as np
 import scipy.ndimage
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
 from optolever.decode import Correspondence
 from optolever.errors import InputError
@@ -37,7 +37,7 @@ _CELLS = (1, 2, 4, 8)
 
 def prepare(
     scene: Scene,
-    rest_frames: NDArray[np.uint8] | NDArray[np.uint16],
+    rest_frames: ArrayLike,
     rest_map: Correspondence,
     sequence: Sequence,
     *,
@@ -104,9 +104,9 @@ def _period(scene: Scene, sequence: Sequence) -> float:
     return float(sequence.frames[0].period_px or 0.0)
 
 
-def _frames(scene: Scene, frames: Frame, rest_map: Correspondence) -> Frame:
+def _frames(scene: Scene, rest_frames: ArrayLike, rest_map: Correspondence) -> Frame:
     shape = scene.camera.rows, scene.camera.cols
-    frames = np.asarray(frames)
+    frames: Frame = np.asarray(rest_frames)
     if frames.ndim != 3 or frames.shape[0] < 2 or frames.dtype not in (np.uint8, np.uint16):
         raise InputError(
             f"rest_frames: {frames.dtype} of shape {frames.shape}, "

@@ -20,6 +20,7 @@ SLOW = {
     "docs/howto/calibrate.md",
     "docs/howto/compare.md",
     "docs/howto/facet.md",
+    "docs/howto/live.md",
     "docs/howto/rest.md",
     "docs/howto/stream.md",
     "docs/rig/monitor.md",

@@ -8,7 +8,6 @@ import struct
 import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -171,20 +170,9 @@ def test_chromium_draws_it(virtual: Virtual, tmp_path: Path) -> None:
         pytest.skip("no Chromium on this machine: the page is not opened")
     prepared, finger = virtual
     with LiveServer(prepared, finger) as live:
-        flags = [
-            "--headless=new",
-            "--no-sandbox",
-            "--disable-gpu",
-            "--virtual-time-budget=4000",
-            "--enable-logging=stderr",
-        ]
-        command: list[Any] = [
-            path,
-            *flags,
-            f"--user-data-dir={tmp_path / 'profile'}",
-            "--dump-dom",
-            live.address,
-        ]
+        flags = ["--headless=new", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr"]
+        flags += ["--virtual-time-budget=4000", f"--user-data-dir={tmp_path / 'profile'}"]
+        command = [path, *flags, "--dump-dom", live.address]
         done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
     assert "readings/s" in done.stdout
     assert "CONSOLE" not in done.stderr, done.stderr
