@@ -17,7 +17,7 @@ from .verdict import Verdict, judge
 
 __all__ = ["Live"]
 
-_SPARSE = 4  # every so many pixels tell how many are saturated
+_SPARSE = 4  # every so many pixels and cells tell medians and shares
 _LEAST_NOISE = 0.05  # of the variance at rest: what a dark picture has at least
 _LEAST_STRENGTH = 0.05
 _CURL = 10.0  # of 1 by noise: from there on a frame is fitted from rest, too
@@ -84,8 +84,8 @@ def _figures(prepared: Prepared, frame: Frame, settled: Settled) -> Figures:
     full = (frame[few] >= rig.carriers.full)[rig.carriers.lit[few] > 0]
     level = settled.track.state.level
     return Figures(
-        light=float(np.median((level / np.maximum(rig.rest.level, 1))[lit])),
-        contrast=float(np.median(settled.contrast[good])) if good.any() else 0.0,
+        light=float(np.median((level[few] / np.maximum(rig.rest.level[few], 1))[lit[few]])),
+        contrast=float(np.median(settled.contrast[few][good[few]])) if good[few].any() else 0.0,
         saturated=float(np.mean(full)),
         lost=1 - _share(good, lit),
         anchored=_share(good, anchor),

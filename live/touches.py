@@ -19,9 +19,9 @@ __all__ = ["Touches"]
 
 _SIGNIFICANT = 6.0  # standard deviations of the height
 _PROMINENT = 0.2  # of a peak's height, over the saddle to a higher one
-_LEVELS = 0.8  # from one threshold to the next
-_FEWEST = 6  # cells of the coarser grid in which peaks are looked for
-_COARSE = 2
+_LEVELS, _LOW, _LOW_LEVELS = 0.8, 0.2, 0.5  # from one threshold to the next; below a share of the top
+_FEWEST = 3  # cells of the coarser grid in which peaks are looked for
+_COLUMNS = 80  # of the coarser grid
 _SAME = 3.0  # mm from frame to frame, beyond the contact's radius: two that merge lie there
 _HALF = 0.5
 _MARGIN = 2  # cells around a region
@@ -89,7 +89,8 @@ def _regions(prepared: Prepared, reading: Reading) -> list[_Region]:
 def _peaks(z: Cells, sure: Mask, sigma: Cells) -> list[tuple[int, int]]:
     """Cells (row, col) of the peaks, the highest first: thresholds fall, and where two peaks' areas merge,
     the lower one stays if it is prominent."""
-    small = np.where(sure, z, 0)[::_COARSE, ::_COARSE]
+    coarse = max(1, z.shape[1] // _COLUMNS)
+    small = np.where(sure, z, 0)[::coarse, ::coarse]
     top = float(small.max())
     if top <= 0:
         return []
@@ -98,7 +99,8 @@ def _peaks(z: Cells, sure: Mask, sigma: Cells) -> list[tuple[int, int]]:
     dropped: set[tuple[int, int]] = set()
     level = top
     while level > least and len(peaks) < 4 * _LARGEST:
-        level = max(level * _LEVELS, least)
+        before = level
+        level = max(level * (_LEVELS if level > _LOW * top else _LOW_LEVELS), least)
         count, labels, stats, _ = cv2.connectedComponentsWithStats(
             (small >= level).astype(np.uint8), connectivity=4
         )
@@ -117,18 +119,18 @@ def _peaks(z: Cells, sure: Mask, sigma: Cells) -> list[tuple[int, int]]:
                 down, along = np.unravel_index(int(part.argmax()), part.shape)
                 peaks.append((int(y0 + down), int(x0 + along)))
             for at in sorted(mine, key=lambda one: -small[one])[1:]:
-                noise = _SIGNIFICANT * float(sigma[at[0] * _COARSE, at[1] * _COARSE])
-                if small[at] - level / _LEVELS < max(_PROMINENT * small[at], noise):
+                noise = _SIGNIFICANT * float(sigma[at[0] * coarse, at[1] * coarse])
+                if small[at] - before < max(_PROMINENT * small[at], noise):
                     dropped.add(at)
         peaks = [at for at in peaks if at not in dropped]
     peaks = sorted(peaks, key=lambda one: -small[one])[:_LARGEST]
-    return [_climbed(z, sure, at[0] * _COARSE, at[1] * _COARSE) for at in peaks]
+    return [_climbed(z, sure, at[0] * coarse, at[1] * coarse, coarse) for at in peaks]
 
 
-def _climbed(z: Cells, sure: Mask, row: int, col: int) -> tuple[int, int]:
+def _climbed(z: Cells, sure: Mask, row: int, col: int, reach: int) -> tuple[int, int]:
     """The highest cell beside a peak of the coarser grid."""
-    top, left = max(row - _COARSE, 0), max(col - _COARSE, 0)
-    part = np.where(sure, z, 0)[top : row + _COARSE + 1, left : col + _COARSE + 1]
+    top, left = max(row - reach, 0), max(col - reach, 0)
+    part = np.where(sure, z, 0)[top : row + reach + 1, left : col + reach + 1]
     down, along = np.unravel_index(int(part.argmax()), part.shape)
     return top + int(down), left + int(along)
 
@@ -161,12 +163,12 @@ def _measured(prepared: Prepared, reading: Reading, region: _Region) -> Touch:
     depth, volume = float(reading.z[at]), float((areas * z)[inside].sum())
     centre = float((areas * x * z)[inside].sum() / volume), float((areas * y * z)[inside].sum() / volume)
     factor = float(reading.sigma[at] / prepared.noise.sigma[at])
-    draws = factor * prepared.noise.draws[:, cut[0], cut[1]].astype(np.float64)
-    heights = draws[:, inside] * areas[inside]
+    draws = np.float32(factor) * prepared.noise.draws[:, cut[0], cut[1]]
+    heights = draws[:, inside].astype(np.float64) * areas[inside]
     arms = [part[inside] - middle for part, middle in zip((x, y), centre, strict=True)]
     moved = [_rms(heights @ arm / volume) for arm in arms]
     peak = factor * prepared.noise.draws[:, at[0], at[1]].astype(np.float64)
-    deeper = z + draws > _HALF * (depth + peak[:, None, None])
+    deeper = reading.z[cut] + draws > (_HALF * (depth + peak)).astype(np.float32)[:, None, None]
     area = float(areas[inside].sum())
     changed = np.count_nonzero(deeper & _grown(inside), axis=(1, 2))
     edge = np.count_nonzero(inside) - np.count_nonzero(_shrunk(inside))
