@@ -7,8 +7,9 @@
 - `show`: tables, progress, JSON
 - `rig_devices`, `rig_capture`: the devices of a rig opened; a capture by them
 - one file a command, named as it: `demo`, `live`, `doctor`, `names`; `devices`, `expose`, `sync`,
-  `measure`, `record`, `replay`; `rig`, `patterns`, `capture`, `decode`, `calibrate`, `rest`, `response`, `reconstruct`,
-  `form`, `report` and `window`, which is the command `show`; `sensor`, `codes`, `design`, `bench`, `paper`
+  `measure`, `record`, `replay`; `rig`, `patterns`, `capture`, `decode`, `calibrate`, `rest`, `response`,
+  `reconstruct`, `form`, `report` and `window`, which is the command `show`; `sensor`, `codes`, `design`,
+  `bench`, `paper`
 """
 
 from .app import main, run
