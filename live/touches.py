@@ -75,14 +75,9 @@ def _regions(prepared: Prepared, reading: Reading) -> list[_Region]:
     if not sure.any():
         return []
     regions: list[_Region] = []
-    taken = np.zeros(z.shape, np.bool_)
     for row, col in _peaks(z, sure, reading.sigma):
         labels = cv2.connectedComponents((z > _HALF * z[row, col]).astype(np.uint8), connectivity=4)[1]
-        inside = (labels == labels[row, col]) & ~taken
-        if not inside[row, col]:
-            continue
-        taken |= inside
-        regions.append(_Region(row, col, inside))
+        regions.append(_Region(row, col, labels == labels[row, col]))
     return regions if len(regions) < 2 else _parted(regions)
 
 

@@ -13,9 +13,12 @@ __all__ = ["command"]
 
 SAMPLE = """
 $ python -m lab live
-Live: 480 x 640, two float32 cosine transforms 2.01 ms
-case     cell  ms    x transforms  error/depth         error/sigma  beyond 5 sigma  trusted
-smooth   2     23.5  11.7 (14)     0.00017 (0.0002)    1.03         0.0005          1
+Live: 480 x 640, two float32 cosine transforms 1.501 ms
+case     cell  ms     x transforms  error/depth       error/sigma  beyond 5 sigma  trusted
+smooth   2     20.73  13.3 (14)     0.00022 (0.0002)  1.1          0.0012          1
+smooth   4     10.75  7.07 (8)      0.00028 (0.0002)  1.31         0.0053          1
+contact  2     56.95  34.6 (30)     0.0036 (0.001)    0.801        0.00023         1
+contact  4     24.39  16.4 (15)     0.0015 (0.001)    0.633        4.2e-05         0.933
 """
 
 
