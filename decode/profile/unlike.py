@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..frames import Light
 from ..plan import Fringe, Plan
-from .noise import Noise, Sample, harmonics, product, trimmed_variance, unexplained
+from .noise import Noise, Sample, bulk, harmonics, product, trimmed_variance, unexplained
 
 __all__ = ["Before", "held_before", "misfit_between", "misfit_within", "whole", "without_before"]
 
@@ -198,9 +198,10 @@ def _moments(fringe: Fringe, earlier: int, lit: Sample) -> list[_Moments]:
     for one, each in zip(holds, frames, strict=True):
         one[:, each] = rows
     noise = np.einsum("mrn,orn->mo", holds, holds)
+    usual = bulk(seen.reshape(-1, seen.shape[2])).all(axis=0)  # what befell a part of the image is no lag
     parts, found = (few.places > np.median(few.places, axis=0)) @ (1, 2), []
     for part in np.unique(parts).tolist():
-        own = seen[..., parts == part]
+        own = seen[..., (parts == part) & usual]
         square = np.einsum("mrk,ork->mo", own, own)
         found.append(_Moments(fringe.index, part, square, noise * own.shape[2]))
     return found

@@ -188,7 +188,7 @@ def _named_cause(draw: Drawn, told: tuple[str, ...]) -> tuple[str, bool]:
 
 
 #: Notices that name no frame and no cause.
-_NO_CAUSES = "frames contradict each other", "neighbours differ"
+_NO_CAUSES = "frames contradict each other", "neighbours differ", "codes contradict", "some frames, or parts", "frames do not fit"
 
 
 def _heights_beyond(draw: Drawn, found: Correspondence) -> float:
