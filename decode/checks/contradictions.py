@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..plan import AxisPlan, Code, Fringe, Plan
-from .sample_fit import AxisTable, axis_tables, bit_levels, places, turns
+from .sample_fit import AxisTable, ambiguous, axis_tables, bit_levels, places, turns
 
 __all__ = ["Described", "contradicting", "mistuned", "other_descriptions"]
 
@@ -37,15 +37,15 @@ def contradicting(plan: Plan, levels: F32, contrast: F32, order: Ints) -> float:
     as random places would.
 
     levels (N, 5, T): of pixels and their four neighbours; contrast (T,): half of what a pixel's levels span;
-    order (N,): image that shows each frame, -1: none is known; axes of which two are not known are not asked.
+    order (N,): image that shows each frame, -1: none is known; axes that need it are not asked.
     """
     shares = [0.0]
     for table in axis_tables(plan):
         source = order[table.frames]
         unknown = np.flatnonzero(source < 0)
-        if len(unknown) > 1:
-            continue
         free = int(table.frames[unknown[0]]) if len(unknown) else -1
+        if len(unknown) > 1 or ambiguous(table, free):
+            continue
         own = levels[np.maximum(source, 0)] / table.exposure[:, None, None]
         if table.axis.code is not None:
             shares.append(_folded(table, own, free))

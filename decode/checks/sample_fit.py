@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..plan import AxisPlan, Fringe, Plan
 
-__all__ = ["AxisTable", "axis_tables", "bends", "bit_levels", "misfit_at", "places", "turns"]
+__all__ = ["AxisTable", "ambiguous", "axis_tables", "bends", "bit_levels", "misfit_at", "places", "turns"]
 
 F32 = NDArray[np.float32]
 Ints = NDArray[np.int64]
@@ -98,6 +98,11 @@ def bit_levels(table: AxisTable, levels: F32, free: int = -1) -> tuple[F32, F32]
     assert code is not None
     both = (np.minimum(code.plain, code.inverse) >= 0) + np.float32(1)
     return np.asarray(_reader(table, free)[0] @ levels, np.float32), both
+
+
+def ambiguous(table: AxisTable, free: int) -> bool:
+    """Whether a frame that says nothing leaves a bit unknown."""
+    return table.axis.code is not None and _reader(table, free)[1] > 0
 
 
 def turns(table: AxisTable, fringe: Fringe, levels: F32, free: int = -1) -> NDArray[np.float64]:

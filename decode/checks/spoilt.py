@@ -17,6 +17,8 @@ __all__ = ["Finding", "left_out", "spoilt_pixels"]
 Mask = NDArray[np.bool_]
 #: Steps of a fringe that are left when one is dropped: three make a phase, four tell whether it is right.
 _STEPS = 4
+#: What flags pixels that contradict themselves, or their neighbours.
+_DOUBTFUL = Flag.ORDER_DOUBTFUL | Flag.OUTLIER | Flag.MOVED
 #: Misfit of a strange pixel (see integrity), in units of the usual one, and of at least so much; side of the
 #: square in which doubtful pixels outvote one, and how many of them do, over good ones.
 _STRANGE, _MISFIT, _AROUND, _OUTVOTED = 4.0, 0.2, 15, 0.5
@@ -128,7 +130,7 @@ def _strange(light: Light, plan: Plan, found: Correspondence) -> Mask:
         levels = light.linear(light.raw[table.frames][:, *at]) / table.exposure[:, None]
         misfit = misfit_at(table, levels, getattr(found, table.axis.axis)[at])
         strange[at] |= ~(misfit < _STRANGE * max(float(np.nanmedian(misfit)), _MISFIT))
-    doubtful = strange | (found.flags & np.uint16(Flag.ORDER_DOUBTFUL | Flag.OUTLIER) > 0)
+    doubtful = strange | (found.flags & np.uint16(_DOUBTFUL) > 0)
     good = (found.flags == 0) & ~strange
     around = [uniform_filter(one.astype(np.float32), _AROUND) for one in (doubtful, good)]
     return np.asarray(strange | (good & (around[0] > _OUTVOTED * around[1])))

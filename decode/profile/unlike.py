@@ -192,16 +192,19 @@ def _moments(fringe: Fringe, earlier: int, lit: Sample) -> list[_Moments]:
     if levels.shape[1] < _FEWEST:
         return []
     seen = np.concatenate([product(rows, levels[each]) for each in frames])
-    seen = unexplained(seen, harmonics(fringe, levels)).reshape(len(frames), len(rows), -1)
+    usual = np.flatnonzero(bulk(seen).all(axis=0))  # what befell a part of the image is no lag
+    few, seen = few.only(usual), seen[:, usual]
+    if len(usual) < _FEWEST:
+        return []
+    seen = unexplained(seen, harmonics(fringe, levels[:, usual])).reshape(len(frames), len(rows), -1)
     # noise of a frame is in all that stands some frames before or after it
     holds = np.zeros((len(frames), len(rows), len(levels)))
     for one, each in zip(holds, frames, strict=True):
         one[:, each] = rows
     noise = np.einsum("mrn,orn->mo", holds, holds)
-    usual = bulk(seen.reshape(-1, seen.shape[2])).all(axis=0)  # what befell a part of the image is no lag
     parts, found = (few.places > np.median(few.places, axis=0)) @ (1, 2), []
     for part in np.unique(parts).tolist():
-        own = seen[..., (parts == part) & usual]
+        own = seen[..., parts == part]
         square = np.einsum("mrk,ork->mo", own, own)
         found.append(_Moments(fringe.index, part, square, noise * own.shape[2]))
     return found

@@ -170,7 +170,7 @@ def judged(draw: Drawn) -> Judged:
 
 def _named_frames(draw: Drawn) -> tuple[str, bool]:
     """How the wrong frames are named, and whether they are left out."""
-    findings = check(draw.frames, draw.sequence).findings
+    findings = [one for one in check(draw.frames, draw.sequence).findings if one.frames]
     if not findings:
         return "", False
     told = {i for one in findings for i in one.frames}
