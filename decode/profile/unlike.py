@@ -23,6 +23,8 @@ _BEYOND, _SURE, _EARLIER = 0.2, 5.0, 3
 #: Ratios that are tried, an odd number of them, up to the largest.
 _RATIOS, _LONGEST = 361, 0.9
 _FAINT = 1e-9
+#: Share of the pixels that are alike from which on the others are another fault.
+_MOSTLY = 0.75
 
 
 def misfit_within(fringe: Fringe, lit: Sample, noise: Noise) -> float:
@@ -192,11 +194,10 @@ def _moments(fringe: Fringe, earlier: int, lit: Sample) -> list[_Moments]:
     if levels.shape[1] < _FEWEST:
         return []
     seen = np.concatenate([product(rows, levels[each]) for each in frames])
-    usual = np.flatnonzero(bulk(seen).all(axis=0))  # what befell a part of the image is no lag
-    few, seen = few.only(usual), seen[:, usual]
-    if len(usual) < _FEWEST:
-        return []
-    seen = unexplained(seen, harmonics(fringe, levels[:, usual])).reshape(len(frames), len(rows), -1)
+    usual = np.flatnonzero(bulk(seen).all(axis=0))
+    if len(usual) > _MOSTLY * seen.shape[1]:  # what befell a small part of the image is no lag
+        few, seen, levels = few.only(usual), seen[:, usual], levels[:, usual]
+    seen = unexplained(seen, harmonics(fringe, levels)).reshape(len(frames), len(rows), -1)
     # noise of a frame is in all that stands some frames before or after it
     holds = np.zeros((len(frames), len(rows), len(levels)))
     for one, each in zip(holds, frames, strict=True):
