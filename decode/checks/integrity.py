@@ -53,6 +53,8 @@ _STEP = 1 / _BEND
 _ODD = 1.0
 #: Misfit of a strange pixel, in units of one that has no cost to speak of.
 _STRANGE = 4.0
+#: Difference of the places of neighbours, in units of the usual one, that is a jump.
+_JUMP = 4.0
 #: Share of strange pixels that are no edges.
 _PART = 0.05
 #: Cost by which a pixel is mended, or broken.
@@ -131,7 +133,7 @@ def examine(light: Light, plan: Plan, lit: Sample, names: Ints | None = None) ->
     finding = _single_fault(crosses, told, light.raw.shape[1], names)
     if finding is not None:
         return (replace(finding, leave_out=left_out(finding, plan)),)
-    return _refused(crosses, told)
+    return _rolled(crosses, light.raw.shape[1]) or _refused(crosses, told)
 
 
 def resolved(plan: Plan, lit: Sample) -> Plan:
@@ -187,7 +189,7 @@ class _Crosses:
     """Levels (N, 5, T) of pixels and of their neighbours to the left, right, above and below; places (2, T); half
     of what a pixel's levels span (T,); tables of the axes, the misfit and bend of each that have no cost to
     speak of, and the cost (axes, T) of images in their own places; strange (T,): with a misfit that nothing makes but
-    frames that are not those described, or an edge inside of the pixel."""
+    frames that are not those described, or an edge inside of the pixel; vertical: distance of neighbours."""
 
     levels: F32
     at: Ints
@@ -196,6 +198,7 @@ class _Crosses:
     scales: tuple[tuple[float, float], ...]
     own: F32
     strange: Mask
+    vertical: int
 
     def only(self, keep: Any) -> "_Crosses":
         """Some of the pixels."""
@@ -240,7 +243,7 @@ def _crosses(light: Light, plan: Plan, lit: Sample) -> _Crosses | None:
     own = np.stack([_cost(*both, *scale) for both, scale in zip(measured, scales, strict=True)])
     odd = [both[0][0] > _STRANGE * scale[0] for both, scale in zip(measured, scales, strict=True)]
     strange = np.any(odd, axis=0)
-    return _Crosses(levels, at[0, whole].T, contrast[0, whole], tables, scales, own, strange)
+    return _Crosses(levels, at[0, whole].T, contrast[0, whole], tables, scales, own, strange, apart)
 
 
 def _scale(table: AxisTable, misfit: F32, bend: F32) -> tuple[float, float]:
@@ -360,6 +363,42 @@ def _refused(crosses: _Crosses, plan: Plan) -> tuple[Finding, ...]:
     )
     sentence = alike or next(fitting, tuned or _NOT_THOSE)
     return (Finding((), "contradicting", sentence, tuple(range(count)), share=max(share, _MOST_OF)),)
+
+
+def _rolled(crosses: _Crosses, rows: int) -> tuple[Finding, ...]:
+    """Rows from which on every frame shows the one before: places jump there, and do not where each frame is
+    looked for in the next image. Of axes that nothing else tells of: sweeps and fringes without bits."""
+    count, best = len(crosses.levels), (0, 0)
+    later = np.append(np.arange(1, count), -1)
+    for table in crosses.tables:
+        if table.axis.code is not None:
+            continue
+        here, next_ = (_centre_and_vertical(crosses, table, order) for order in (np.arange(count), later))
+        apart = crosses.vertical
+        upper, lower = np.concatenate([here[1], here[0]]), np.concatenate([here[0], here[2]])
+        rolled = np.concatenate([next_[0], next_[2]])
+        top = np.concatenate([crosses.at[0] - apart, crosses.at[0]])
+        usual = _JUMP * float(np.median(np.abs(lower - upper))) + 1
+        jumps = (np.abs(lower - upper) > usual).astype(int) - 2 * (np.abs(rolled - upper) > usual)
+        for row in range(apart, rows - apart):
+            across = (top < row) & (row <= top + apart)
+            told = int(jumps[across].sum())
+            if told > max(best[0], _LEAST, 0.6 * np.count_nonzero(across)):
+                best = told, row
+    if not best[0]:
+        return ()
+    start = best[1] - crosses.vertical
+    sentence = f"from about row {best[1]} on every frame shows the one before: a rolling shutter, or no sync"
+    spoilt = tuple(range(count))
+    return (Finding((), "rolling", sentence, spoilt, (max(start, 0), rows), share=1 - start / rows),)
+
+
+def _centre_and_vertical(crosses: _Crosses, table: AxisTable, order: Ints) -> F32:
+    """Places (3, T) of pixels and of their neighbours above and below, where frame i is image order[i]."""
+    source = order[table.frames]
+    free = int(table.frames[np.argmin(source)]) if source.min() < 0 else -1
+    levels = crosses.levels[np.maximum(source, 0)][:, [0, 3, 4]] / table.exposure[:, None, None]
+    return places(table, levels.reshape(len(source), -1), free)[0].reshape(3, -1)
 
 
 def _in_part(crosses: _Crosses) -> tuple[Finding, ...]:

@@ -32,7 +32,7 @@ class Finding:
     rows start..stop (None: all).
 
     kind: swapped | lost | repeated | replaced (by another frame) | torn | contradicting (most pixels do) |
-    in part (some pixels).
+    in part (some pixels) | rolling (every frame, from a row on).
     confidence: probability that it is no chance; share: of the lit pixels that it mends; leave_out: frames
     without which the others still decode; images: that show each frame (-1: none does; empty: its own).
     """
@@ -58,7 +58,7 @@ class Finding:
 def left_out(finding: Finding, plan: Plan) -> tuple[int, ...]:
     """Frames without which the others still decode, those whose image is not known among them; empty: there
     are none."""
-    if finding.kind == "contradicting":
+    if finding.kind in ("contradicting", "rolling"):
         return ()
     lost = {i for i, image in enumerate(finding.images) if image < 0}
     wrong, ends = lost or set(finding.spoilt), {plan.white, plan.black}
@@ -103,7 +103,7 @@ def spoilt_pixels(finding: Finding, light: Light, plan: Plan, noise: Noise, foun
     shape = light.raw.shape[1:]
     rows = slice(*finding.rows) if finding.rows else slice(None)
     spoilt = np.zeros(shape, np.bool_)
-    if finding.kind in ("lost", "repeated", "contradicting"):
+    if finding.kind in ("lost", "repeated", "contradicting", "rolling"):
         spoilt[rows] = True
         return spoilt
     if finding.kind == "in part":
