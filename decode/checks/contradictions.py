@@ -1,6 +1,8 @@
-"""Codes of a pixel that are each sure and say different places: by chance they agree in some of the pixels of a
-capture that is not what is described, and nothing tells in which. Other descriptions are tried, and named where
-they leave hardly any contradiction."""
+"""Codes of a pixel that are each sure and contradict each other.
+
+In a capture that is not as described they agree in some of the pixels by chance, and nothing tells in which.
+Other descriptions are tried. One is named if hardly any contradiction is left under it.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -33,8 +35,8 @@ _STRETCH, _MOST_TURNS, _HALF = 0.1, 20.0, 0.5
 
 
 def contradicting(plan: Plan, levels: F32, contrast: F32, order: Ints) -> float:
-    """Share of the pixels, 0 to 1, whose codes contradict each other, of the axis that has most: as many times
-    as random places would.
+    """Share of the pixels, 0 to 1, whose codes contradict each other, of the axis with most; 1: as random
+    places do.
 
     levels (N, 5, T): of pixels and their four neighbours; contrast (T,): half of what a pixel's levels span;
     order (N,): image that shows each frame, -1: none is known; axes that need it are not asked.
@@ -81,10 +83,12 @@ def _folded(table: AxisTable, levels: F32, free: int) -> float:
 
 @dataclass(frozen=True, slots=True)
 class _Drift:
-    """How a fringe is off the places that coarser ones, or bits, tell: by `turn` at the middle of these, and by
-    `slope` turns from end to end. resultants: length of the mean phasor of what is off, as described and with
-    both taken off, over what it is of a fringe that agrees; count: pixels; bias: turns that lag, gamma or stray
-    light may make of it."""
+    """How far a fringe is off the places of coarser ones, or of bits: `turn` turns in their middle, `slope`
+    turns from end to end.
+
+    as_described, at_best: mean phasor of the difference, before and after both are taken off, over that of a
+    fringe that agrees; count: pixels; bias: turns that lag, gamma or stray light may make.
+    """
 
     period: float
     extent: float

@@ -186,10 +186,13 @@ def _apart(width: int) -> int:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Crosses:
-    """Levels (N, 5, T) of pixels and of their neighbours to the left, right, above and below; places (2, T); half
-    of what a pixel's levels span (T,); tables of the axes, the misfit and bend of each that have no cost to
-    speak of, and the cost (axes, T) of images in their own places; strange (T,): with a misfit that nothing makes but
-    frames that are not those described, or an edge inside of the pixel; vertical: distance of neighbours."""
+    """Pixels and their neighbours to the left, right, above and below.
+
+    levels (N, 5, T); at (2, T): rows and columns; contrast (T,): half of what a pixel's levels span; tables of
+    the axes, the misfit and bend of each without a cost to speak of, and the cost (axes, T) of images in their
+    own places; strange (T,): with a misfit of frames that are not those described, or of an edge inside of the
+    pixel; vertical: distance of neighbours, px.
+    """
 
     levels: F32
     at: Ints
@@ -307,7 +310,7 @@ class _Trial:
 
 def _single_fault(crosses: _Crosses, plan: Plan, rows: int, names: Ints) -> Finding | None:
     count, total = len(crosses.levels), crosses.own.sum(axis=0)
-    odd = (crosses.own > _ODD).any(axis=0)
+    odd: Mask = np.any(crosses.own > _ODD, axis=0)
     if np.count_nonzero(odd) < _LEAST:
         return None
     gains = np.stack([total - crosses.cost(_without(count, i)) for i in range(count)])
@@ -349,7 +352,7 @@ def _order_of(finding: Finding, count: int) -> Ints:
 
 
 def _refused(crosses: _Crosses, plan: Plan) -> tuple[Finding, ...]:
-    """All of a capture most of whose pixels contradict themselves, with another description that explains it."""
+    """All of a capture most of whose pixels contradict themselves, with a description that explains it."""
     count = len(crosses.levels)
     share = crosses.contradicting(plan, np.arange(count))
     alike = _stretched(crosses, plan)
@@ -398,7 +401,7 @@ def _centre_and_vertical(crosses: _Crosses, table: AxisTable, order: Ints) -> F3
     source = order[table.frames]
     free = int(table.frames[np.argmin(source)]) if source.min() < 0 else -1
     levels = crosses.levels[np.maximum(source, 0)][:, [0, 3, 4]] / table.exposure[:, None, None]
-    return places(table, levels.reshape(len(source), -1), free)[0].reshape(3, -1)
+    return np.asarray(places(table, levels.reshape(len(source), -1), free)[0].reshape(3, -1), np.float32)
 
 
 def _in_part(crosses: _Crosses) -> tuple[Finding, ...]:
@@ -422,7 +425,7 @@ def _stretched(crosses: _Crosses, plan: Plan) -> str:
 
 def _explains(trial: _Trial, odd: Mask) -> bool:
     """Whether a fault mends more pixels than half of the odd ones."""
-    return trial.mended - trial.broken > 0.5 * np.count_nonzero(odd)
+    return bool(trial.mended - trial.broken > 0.5 * np.count_nonzero(odd))
 
 
 def _together(findings: list[Finding], best: Finding) -> Finding:

@@ -127,7 +127,7 @@ def _strange(light: Light, plan: Plan, found: Correspondence) -> Mask:
     if not at[0].size:
         return strange
     for table in axis_tables(plan):
-        levels = light.linear(light.raw[table.frames][:, *at]) / table.exposure[:, None]
+        levels = light.linear(light.raw[table.frames[:, None], *at]) / table.exposure[:, None]
         misfit = misfit_at(table, levels, getattr(found, table.axis.axis)[at])
         strange[at] |= ~(misfit < _STRANGE * max(float(np.nanmedian(misfit)), _MISFIT))
     doubtful = strange | (found.flags & np.uint16(_DOUBTFUL) > 0)

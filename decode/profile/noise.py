@@ -406,7 +406,7 @@ def trimmed_variance(residual: NDArray[np.floating[Any]]) -> float:
     # from above: on whole grey values more than half of the residuals may be 0; 1.15, 1.645: a normal's 75th
     # and 90th percentile; a fault in a part of the image is beyond the first
     at = [int(share * (len(square) - 1)) for share in (0.75, 0.9)]
-    inner, outer = np.partition(square, at)[at].tolist()
+    inner, outer = (float(one) for one in np.partition(square, at)[at])
     variance = 4 * (inner / 1.15**2 or outer / 1.645**2) + 1e-12
     for _ in range(30):
         kept = square[square <= _TRIM**2 * variance]

@@ -88,7 +88,7 @@ class Judged:
 
 
 def drawn_pair(number: int) -> Drawn:
-    """Two effects of LIGHT and FAULTS on a drawn rig; a fault that changes nothing measurable is drawn again."""
+    """Two effects of LIGHT and FAULTS on a drawn rig. Faults that change nothing are drawn again."""
     rng = np.random.default_rng([_SEED, number])
     rig, area = _drawn_rig(rng, number)
     code = str(rng.choice(CODES, p=SHARES))
@@ -188,7 +188,13 @@ def _named_cause(draw: Drawn, told: tuple[str, ...]) -> tuple[str, bool]:
 
 
 #: Notices that name no frame and no cause.
-_NO_CAUSES = "frames contradict each other", "neighbours differ", "codes contradict", "some frames, or parts", "frames do not fit"
+_NO_CAUSES = (
+    "frames contradict each other",
+    "neighbours differ",
+    "codes contradict",
+    "some frames, or parts",
+    "frames do not fit",
+)
 
 
 def _heights_beyond(draw: Drawn, found: Correspondence) -> float:
