@@ -188,10 +188,10 @@ def _apart(width: int) -> int:
 class _Crosses:
     """Pixels and their neighbours to the left, right, above and below.
 
-    levels (N, 5, T); at (2, T): rows and columns; contrast (T,): half of what a pixel's levels span; tables of
-    the axes, the misfit and bend of each without a cost to speak of, and the cost (axes, T) of images in their
-    own places; strange (T,): with a misfit of frames that are not those described, or of an edge inside of the
-    pixel; vertical: distance of neighbours, px.
+    levels (N, 5, T); at (2, T): rows and columns; contrast (T,): half of what a pixel's levels span; tables
+    of the axes, the misfit and bend of each without a cost to speak of, and the cost (axes, T) of images in
+    their own places; strange (T,): with a misfit of frames that are not those described, or of an edge inside
+    of the pixel; vertical: distance of neighbours, px.
     """
 
     levels: F32
