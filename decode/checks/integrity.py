@@ -24,7 +24,7 @@ from ..exposures import by_exposure
 from ..frames import Light, light_of, sample_levels
 from ..plan import AxisPlan, Code, Plan, constraints, plan
 from ..profile.noise import Sample, estimate_noise, sampled
-from .contradictions import contradicting, other_descriptions
+from .contradictions import contradicting, mistuned, other_descriptions
 from .sample_fit import AxisTable, axis_tables, bends, misfit_at, places
 from .spoilt import Finding, left_out, spoilt_pixels
 
@@ -51,6 +51,12 @@ _BEND = 1.5
 _STEP = 1 / _BEND
 #: Cost of an axis above which a pixel is odd.
 _ODD = 1.0
+#: Misfit of a strange pixel, in units of one that has no cost to speak of.
+_STRANGE = 4.0
+#: Difference of the places of neighbours, in units of the usual one, that is a jump.
+_JUMP = 4.0
+#: Share of strange pixels that are no edges.
+_PART = 0.05
 #: Cost by which a pixel is mended, or broken.
 _MENDED = 0.7
 #: Difference of two frames that show the same, share of the contrast; share of the pixels where they do.
@@ -67,6 +73,8 @@ _NESTED = ("gray", "binary")
 _SHIFTED, _ALL_LATER = ("lost", "repeated"), 0.075
 #: Frames up to which any two may be swapped; of more (sweeps) only those next to each other.
 _ALL_PAIRS = 64
+#: What is said of a capture that no other description explains.
+_NOT_THOSE = "codes contradict each other nearly everywhere: frames are not those described"
 #: Share of the pixels that contradict themselves from which on nothing is believed; below which another
 #: description explains them.
 _MOST_OF, _HARDLY = 0.5, 0.15
@@ -123,9 +131,9 @@ def examine(light: Light, plan: Plan, lit: Sample, names: Ints | None = None) ->
         return ()
     names = np.arange(len(light.raw)) if names is None else names
     finding = _single_fault(crosses, told, light.raw.shape[1], names)
-    if finding is not None and crosses.contradicting(told, _order_of(finding, len(names))) < _MOST_OF:
+    if finding is not None:
         return (replace(finding, leave_out=left_out(finding, plan)),)
-    return _refused(crosses, told)
+    return _rolled(crosses, light.raw.shape[1]) or _refused(crosses, told)
 
 
 def resolved(plan: Plan, lit: Sample) -> Plan:
@@ -178,21 +186,28 @@ def _apart(width: int) -> int:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Crosses:
-    """Levels (N, 5, T) of pixels and of their neighbours to the left, right, above and below; rows (T,); half
-    of what a pixel's levels span (T,); tables of the axes, the misfit and bend of each that have no cost to
-    speak of, and the cost (axes, T) of images in their own places."""
+    """Pixels and their neighbours to the left, right, above and below.
+
+    levels (N, 5, T); at (2, T): rows and columns; contrast (T,): half of what a pixel's levels span; tables
+    of the axes, the misfit and bend of each without a cost to speak of, and the cost (axes, T) of images in
+    their own places; strange (T,): with a misfit of frames that are not those described, or of an edge inside
+    of the pixel; vertical: distance of neighbours, px.
+    """
 
     levels: F32
-    row: Ints
+    at: Ints
     contrast: F32
     tables: tuple[AxisTable, ...]
     scales: tuple[tuple[float, float], ...]
     own: F32
+    strange: Mask
+    vertical: int
 
     def only(self, keep: Any) -> "_Crosses":
         """Some of the pixels."""
-        levels, own = self.levels[:, :, keep], self.own[:, keep]
-        return replace(self, levels=levels, row=self.row[keep], contrast=self.contrast[keep], own=own)
+        levels, own, strange = self.levels[:, :, keep], self.own[:, keep], self.strange[keep]
+        at, contrast = self.at[:, keep], self.contrast[keep]
+        return replace(self, levels=levels, at=at, contrast=contrast, own=own, strange=strange)
 
     def contradicting(self, plan: Plan, order: Ints) -> float:
         """Share of the pixels, see contradictions."""
@@ -229,7 +244,9 @@ def _crosses(light: Light, plan: Plan, lit: Sample) -> _Crosses | None:
     measured = [_measures(levels, table, np.arange(len(levels))) for table in tables]
     scales = tuple(_scale(table, *both) for table, both in zip(tables, measured, strict=True))
     own = np.stack([_cost(*both, *scale) for both, scale in zip(measured, scales, strict=True)])
-    return _Crosses(levels, at[0, whole, 0], contrast[0, whole], tables, scales, own)
+    odd = [both[0][0] > _STRANGE * scale[0] for both, scale in zip(measured, scales, strict=True)]
+    strange = np.any(odd, axis=0)
+    return _Crosses(levels, at[0, whole].T, contrast[0, whole], tables, scales, own, strange, apart)
 
 
 def _scale(table: AxisTable, misfit: F32, bend: F32) -> tuple[float, float]:
@@ -293,7 +310,7 @@ class _Trial:
 
 def _single_fault(crosses: _Crosses, plan: Plan, rows: int, names: Ints) -> Finding | None:
     count, total = len(crosses.levels), crosses.own.sum(axis=0)
-    odd = (crosses.own > _ODD).any(axis=0)
+    odd: Mask = np.any(crosses.own > _ODD, axis=0)
     if np.count_nonzero(odd) < _LEAST:
         return None
     gains = np.stack([total - crosses.cost(_without(count, i)) for i in range(count)])
@@ -314,6 +331,7 @@ def _single_fault(crosses: _Crosses, plan: Plan, rows: int, names: Ints) -> Find
         trials.append(_Trial(finding, gain, usual, count if near else len(tried)))
     trials += _replacements(crosses, gains, told, rows, names)
     trials = [trial for trial in trials if _chance(trial) < _CHANCE and _explains(trial, odd)]
+    trials = [t for t in trials if crosses.contradicting(plan, _order_of(t.finding, count)) < _MOST_OF]
     if not trials:
         return None
     best = max(trials, key=lambda trial: trial.margin * (_TIED if trial.finding.kind in _SHIFTED else 1))
@@ -330,28 +348,84 @@ def _order_of(finding: Finding, count: int) -> Ints:
     order = np.array(finding.images or range(count))
     if not finding.images:
         order[list(finding.spoilt)] = -1
-        if finding.kind == "swapped" and len(finding.frames) == 2:
-            order[list(finding.frames)] = finding.frames[::-1]
     return order
 
 
 def _refused(crosses: _Crosses, plan: Plan) -> tuple[Finding, ...]:
-    """All of a capture most of whose pixels contradict themselves, with another description that explains it."""
+    """All of a capture most of whose pixels contradict themselves, with a description that explains it."""
     count = len(crosses.levels)
     share = crosses.contradicting(plan, np.arange(count))
-    if share < _MOST_OF:
+    alike = _stretched(crosses, plan)
+    tuned = mistuned(plan, crosses.levels, crosses.contrast)
+    if share < _MOST_OF and not (alike or tuned):
+        return _in_part(crosses)
+    fitting = (
+        other.sentence
+        for other in other_descriptions(plan, count)
+        if crosses.contradicting(other.plan, other.order) < _HARDLY
+    )
+    sentence = alike or next(fitting, tuned or _NOT_THOSE)
+    return (Finding((), "contradicting", sentence, tuple(range(count)), share=max(share, _MOST_OF)),)
+
+
+def _rolled(crosses: _Crosses, rows: int) -> tuple[Finding, ...]:
+    """Rows from which on every frame shows the one before: places jump there, and do not where each frame is
+    looked for in the next image. Of axes that nothing else tells of: sweeps and fringes without bits."""
+    count, best = len(crosses.levels), (0, 0)
+    later = np.append(np.arange(1, count), -1)
+    for table in crosses.tables:
+        if table.axis.code is not None:
+            continue
+        here, next_ = (_centre_and_vertical(crosses, table, order) for order in (np.arange(count), later))
+        apart = crosses.vertical
+        upper, lower = np.concatenate([here[1], here[0]]), np.concatenate([here[0], here[2]])
+        rolled = np.concatenate([next_[0], next_[2]])
+        top = np.concatenate([crosses.at[0] - apart, crosses.at[0]])
+        usual = _JUMP * float(np.median(np.abs(lower - upper))) + 1
+        jumps = (np.abs(lower - upper) > usual).astype(int) - 2 * (np.abs(rolled - upper) > usual)
+        for row in range(apart, rows - apart):
+            across = (top < row) & (row <= top + apart)
+            told = int(jumps[across].sum())
+            if told > max(best[0], _LEAST, 0.6 * np.count_nonzero(across)):
+                best = told, row
+    if not best[0]:
         return ()
-    sentence = "codes contradict each other nearly everywhere: frames are not those described"
-    for other in other_descriptions(plan, count):
-        if crosses.contradicting(other.plan, other.order) < _HARDLY:
-            sentence = other.sentence
-            break
-    return (Finding((), "contradicting", sentence, tuple(range(count)), share=share),)
+    start = best[1] - crosses.vertical
+    sentence = f"from about row {best[1]} on every frame shows the one before: a rolling shutter, or no sync"
+    spoilt = tuple(range(count))
+    return (Finding((), "rolling", sentence, spoilt, (max(start, 0), rows), share=1 - start / rows),)
+
+
+def _centre_and_vertical(crosses: _Crosses, table: AxisTable, order: Ints) -> F32:
+    """Places (3, T) of pixels and of their neighbours above and below, where frame i is image order[i]."""
+    source = order[table.frames]
+    free = int(table.frames[np.argmin(source)]) if source.min() < 0 else -1
+    levels = crosses.levels[np.maximum(source, 0)][:, [0, 3, 4]] / table.exposure[:, None, None]
+    return np.asarray(places(table, levels.reshape(len(source), -1), free)[0].reshape(3, -1), np.float32)
+
+
+def _in_part(crosses: _Crosses) -> tuple[Finding, ...]:
+    """What no single fault explains, of a part of the pixels, and where."""
+    share = float(crosses.strange.mean())
+    if share < _PART:
+        return ()
+    row, col = np.median(crosses.at[:, crosses.strange], axis=1).astype(int)
+    where = f"in part of the picture, around row {row} and column {col}"
+    return (Finding((), "in part", f"frames do not fit their description {where}", share=share),)
+
+
+def _stretched(crosses: _Crosses, plan: Plan) -> str:
+    """A sentence, if black is as bright as white."""
+    if min(plan.white, plan.black) < 0:
+        return ""
+    apart = crosses.levels[plan.white, 0] - crosses.levels[plan.black, 0]
+    alike = float(np.median(np.abs(apart) / crosses.contrast)) < _SAME
+    return "black is as bright as white: every frame was stretched by itself (auto contrast)" if alike else ""
 
 
 def _explains(trial: _Trial, odd: Mask) -> bool:
     """Whether a fault mends more pixels than half of the odd ones."""
-    return trial.mended - trial.broken > 0.5 * np.count_nonzero(odd)
+    return bool(trial.mended - trial.broken > 0.5 * np.count_nonzero(odd))
 
 
 def _together(findings: list[Finding], best: Finding) -> Finding:
@@ -422,7 +496,7 @@ def _replacements(crosses: _Crosses, gains: F32, told: Mask, rows: int, names: I
     (N, T): where they are bright or dark, as greys of which a blur leaves nothing else are all alike."""
     mended = np.count_nonzero(gains > _MENDED, axis=1)
     usual = int(np.median(np.maximum(mended - np.count_nonzero(gains < -_MENDED, axis=1), 0)))
-    by_row, centre = np.argsort(crosses.row, kind="stable"), crosses.levels[:, 0]
+    by_row, centre = np.argsort(crosses.at[0], kind="stable"), crosses.levels[:, 0]
     structured = np.ptp(crosses.levels, axis=1) > crosses.contrast
     for i in np.flatnonzero(mended >= max(usual, _LEAST)).tolist():
         sure = told[i] | told
@@ -434,7 +508,7 @@ def _replacements(crosses: _Crosses, gains: F32, told: Mask, rows: int, names: I
             [int(nearest.argmin())] if alike.max() >= _MOSTLY else np.flatnonzero(same.any(axis=1)).tolist()
         ):
             some = by_row[sure[j, by_row]]
-            row = crosses.row[some]
+            row = crosses.at[0, some]
             for start, stop in _parts(same[j, some]):
                 first, last = (int(row[start]) if start else 0), (int(row[stop]) if stop < len(row) else rows)
                 if (first, last) == (0, rows):

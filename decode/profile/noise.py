@@ -279,7 +279,7 @@ def _explain(
         light = [float(np.square(one.exposure).sum()) for one, _ in own]
         level = np.average([waves[:1] for _, waves in own], axis=0, weights=light).astype(np.float32)
         waves = np.concatenate([level, *(waves[1:] for _, waves in own)])
-        most = 4 * np.sqrt(np.square(residual[row, kept[row]]).mean()) + 1e-6
+        most = 4 * trimmed_variance(residual[row, kept[row]]) ** 0.5 + 1e-6
         usual = np.flatnonzero(kept[row] & (np.abs(residual[row]) < most))
         residual[row] = unexplained(residual[row, None], waves, usual[:: max(1, len(usual) // _ASKED)])[0]
 
@@ -403,9 +403,11 @@ def bulk(residual: F32) -> NDArray[np.bool_]:
 def trimmed_variance(residual: NDArray[np.floating[Any]]) -> float:
     """Variance of the bulk of residuals: mean square of those within _TRIM deviations of it, iterated."""
     square = np.square(residual)
-    # from above: on whole grey values more than half of the residuals may be 0; 1.645: a normal's 90th
-    # percentile
-    variance = 4 * float(np.partition(square, at := int(0.9 * (len(square) - 1)))[at]) / 1.645**2 + 1e-12
+    # from above: on whole grey values more than half of the residuals may be 0; 1.15, 1.645: a normal's 75th
+    # and 90th percentile; a fault in a part of the image is beyond the first
+    at = [int(share * (len(square) - 1)) for share in (0.75, 0.9)]
+    inner, outer = (float(one) for one in np.partition(square, at)[at])
+    variance = 4 * (inner / 1.15**2 or outer / 1.645**2) + 1e-12
     for _ in range(30):
         kept = square[square <= _TRIM**2 * variance]
         found = float(kept.mean()) / _LEFT if len(kept) else variance

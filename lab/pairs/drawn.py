@@ -88,7 +88,7 @@ class Judged:
 
 
 def drawn_pair(number: int) -> Drawn:
-    """Two effects of LIGHT and FAULTS on a drawn rig; a fault that changes nothing measurable is drawn again."""
+    """Two effects of LIGHT and FAULTS on a drawn rig. Faults that change nothing are drawn again."""
     rng = np.random.default_rng([_SEED, number])
     rig, area = _drawn_rig(rng, number)
     code = str(rng.choice(CODES, p=SHARES))
@@ -170,7 +170,7 @@ def judged(draw: Drawn) -> Judged:
 
 def _named_frames(draw: Drawn) -> tuple[str, bool]:
     """How the wrong frames are named, and whether they are left out."""
-    findings = check(draw.frames, draw.sequence).findings
+    findings = [one for one in check(draw.frames, draw.sequence).findings if one.frames]
     if not findings:
         return "", False
     told = {i for one in findings for i in one.frames}
@@ -188,7 +188,13 @@ def _named_cause(draw: Drawn, told: tuple[str, ...]) -> tuple[str, bool]:
 
 
 #: Notices that name no frame and no cause.
-_NO_CAUSES = "frames contradict each other", "neighbours differ"
+_NO_CAUSES = (
+    "frames contradict each other",
+    "neighbours differ",
+    "codes contradict",
+    "some frames, or parts",
+    "frames do not fit",
+)
 
 
 def _heights_beyond(draw: Drawn, found: Correspondence) -> float:

@@ -1,6 +1,6 @@
 """Effects of display, camera, rig and frames, and a camera that sees a drawn rig under some of them.
 
-The light is summed over rays within every pixel (projector.trace_area): nothing of the decoder's model is used.
+The light is summed over rays within every pixel (projector.trace_area), without the decoder's model.
 """
 
 from dataclasses import dataclass, replace
