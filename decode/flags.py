@@ -31,7 +31,7 @@ DOUBT = 1e-4
 _CHANCE = 1e-6
 #: Side of the neighbourhood in which more than a half of contradictions make all doubtful, pixels; share of
 #: the image that contradicts itself below which none is looked for.
-_AMID, _HALF, _RARE = 9, 0.5, 1e-3
+_AMID, _MOST, _RARE = 9, 0.5, 1e-3
 #: Modulation over its noise below which a pixel is flagged: noise alone reaches it once in 3.7e-6.
 _CONTRAST = 5.0
 #: Share of the camera's range that the brightest sample of a dark pixel reaches: 4 of 8 bits.
@@ -140,7 +140,7 @@ def flag_amid_contradictions(flags: NDArray[np.uint16]) -> None:
     share, whole = (
         uniform_filter(one.astype(np.float32), _AMID, mode="nearest") for one in (moved & seen, seen)
     )
-    core = share > np.float32(_HALF) * np.maximum(whole, np.float32(_HALF))
+    core = share > np.float32(_MOST) * np.maximum(whole, np.float32(_MOST))
     around = uniform_filter(core.astype(np.float32), _AMID, mode="nearest") > np.float32(0.5 / _AMID**2)
     np.bitwise_or(flags, np.uint16(Flag.MOVED), out=flags, where=around & seen)
 

@@ -33,6 +33,7 @@ __all__ = [
     "bits_in_groups",
     "blurred",
     "coarser",
+    "dull_level",
     "fitted_levels",
     "mixture",
     "nested",
@@ -50,6 +51,9 @@ _BLURS = np.arange(0.0, 1.8, 0.2)
 _BESIDE = 2
 #: Contrast from which on a bit is resolved for sure; below the second one it is not where no edges tell.
 _SURE, _NONE = 0.5, 0.1
+#: Part of the contrast below which a level is neither black nor white: behind a pixel of four cells a bit has
+#: half of it in the cell next to its edge.
+_DULL = 0.35
 #: Contrast, of its own, below which a bit is at an edge; share of wrong signs there that noise may cause.
 _EDGE, _WRONG = 0.2, 0.01
 #: Pixels that tell a blur; fewer tell none.
@@ -84,6 +88,8 @@ class CodePlan(NamedTuple):
     nested          whether the upper bits of a word tell a cell of twice, four times, ... the width
     by_fringe       whether bits are compared with the mean of a fringe; above: by so much of its amplitude
                     more, as the middle of their levels is
+    dull            level over the amplitude below which a bit is neither black nor white, unless at its edge;
+                    0 of codes that change several bits together
     cell, first     width of a cell and coordinate of the centre of cell 0, pattern pixels
     freedom         degrees of freedom of chi2; the numbers before it are float32, as the loops are
     """
@@ -103,6 +109,7 @@ class CodePlan(NamedTuple):
     nested: bool
     by_fringe: bool
     above: Any
+    dull: Any
     cell: Any
     first: Any
     freedom: int
@@ -161,6 +168,17 @@ def unresolved_bits(code: Code, level: F32, variance: F32, factor: F32) -> tuple
         return count, 0.0
     known = float(np.median(variance)) * float(factor[count])
     return count, max(float(np.var(seen[0])) - known, 0.0)
+
+
+def dull_level(code: Code, level: F32) -> float:
+    """Level over the amplitude below which bits of a code that changes one at a time are neither black nor
+    white, unless at an edge of theirs: a part of the contrast of that which has least.
+
+    The finest bit does not count, as every cell is at an edge of it. level (bits, K): see fitted_levels.
+    """
+    if code.together or len(level) < 2 or not level.size:
+        return 0.0
+    return _DULL * float(np.quantile(np.abs(level[1:]), 0.9, axis=1).min())
 
 
 def _right_at_edges(code: Code, level: F32, contrast: NDArray[Any], b: int) -> bool:
