@@ -65,8 +65,8 @@ _MOST_WEAK = 5
 #: Level from which on a bit is as bright as a white that saturates.
 _FULL = 0.999
 #: Cells on both sides of a pixel's word over which its posterior is kept; a chance that counts as none; times
-#: that the cell of one pixel is doubled at most.
-_WINDOW, _TINY, _DOUBLED = 32, 1e-6, 4
+#: that the cell of one pixel is doubled at most; deviation of an answer, cells, from which on it is none.
+_WINDOW, _TINY, _DOUBLED, _WIDEST = 32, 1e-6, 3, 4.0
 
 
 class CodePlan(NamedTuple):
@@ -195,7 +195,7 @@ def _at_edges(code: Code, level: F32, contrast: NDArray[Any], b: int) -> tuple[F
     their signs are opposite on either side.
     """
     first = b + 2 if code.kind == "gray" else b + 1
-    coarse = np.abs(level[first:]) / contrast[first:, None]
+    coarse = np.abs(level[first:]) / np.maximum(contrast[first:, None], 1e-6)
     if code.kind == "gray":
         return (-level[b, (coarse < _EDGE).sum(axis=0) == 1],)
     weak = coarse < _EDGE
@@ -319,6 +319,8 @@ def posterior(
             break
         doubled += 1
     scale = np.float32(1 << doubled)
+    if variance * scale * scale > np.float32(_WIDEST**2):
+        error = np.float32(1)
     if not alone:  # beyond half of the code's own cell, and of an edge
         variance += np.square((scale - 1) / (2 * scale))
         variance += np.float32(0.125) * (noise + code.misfit2 * power) / max(power, noise)

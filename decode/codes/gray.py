@@ -95,12 +95,29 @@ def code_plan(
     misfit2 = max(spread2, 0.0 if bits.pairs.all() else misfit2)
     value, linear = bit_values(code.cells)
     counts = bits.pairs != bits.referenced if bits.pairs.any() or bits.referenced else ~bits.pairs
-    of_bits = bits_in_groups(bits.frames, bits.factor, counts, value)
-    numbers = (np.float32(one) for one in (code.cell, 0.5 * (code.cell - 1) + code.origin))
-    dull = np.float32(dull_level(code, level))
-    kind = code.together, nested(code), bits.mean is not None, np.float32(bits.above), dull
-    told = blurred(code, blur), np.float32(misfit2), *kind, *numbers, bits.freedom
-    return Resolved(CodePlan(*of_bits, bits.factor, bits.ends, code.cells, linear, *told), unresolved)
+    frames, share, value, scale, counting = bits_in_groups(bits.frames, bits.factor, counts, value)
+    plan_of_code = CodePlan(
+        frames=frames,
+        share=share,
+        value=value,
+        scale=scale,
+        counts=counting,
+        factor=bits.factor,
+        ends=bits.ends,
+        cells=code.cells,
+        linear=linear,
+        levels=blurred(code, blur),
+        misfit2=np.float32(misfit2),
+        together=code.together,
+        nested=nested(code),
+        by_fringe=bits.mean is not None,
+        above=np.float32(bits.above),
+        dull=np.float32(dull_level(code, level)),
+        cell=np.float32(code.cell),
+        first=np.float32(0.5 * (code.cell - 1) + code.origin),
+        freedom=bits.freedom,
+    )
+    return Resolved(plan_of_code, unresolved)
 
 
 class _Bits(NamedTuple):
@@ -118,7 +135,7 @@ class _Bits(NamedTuple):
     @classmethod
     def of(cls, code: Code, plan: Plan, fringe: Fringe | None) -> "_Bits":
         frames = np.stack([code.plain, code.inverse], axis=1)
-        pairs = (frames >= 0).all(axis=1)
+        pairs = np.asarray((frames >= 0).all(axis=1))
         referenced = plan.white >= 0 and plan.black >= 0
         # (p - q) / 2 has half the variance of a sample, p - (white + black) / 2 has one and a half
         factor = np.where(pairs, 0.5, 1.5).astype(np.float32)
