@@ -158,7 +158,7 @@ class AxisDecoder:
                     f"neighbours are further apart on {name} than the finest fringe can be followed, turns",
                     width * self.per_turn,
                     STEEP,
-                    f"a finest period of {math.ceil(2 * width)} px or more, or a camera nearer to the display",
+                    f"a finest period of {math.ceil(2 * width)} px or more, or a camera nearer to it",
                 )
             )
         return tuple(found)

@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter
+from scipy.ndimage import binary_closing, binary_dilation, maximum_filter, uniform_filter
 from scipy.special import chdtri
 
 from optolever.kernels import exact, kernel
@@ -30,8 +30,9 @@ DOUBT = 1e-4
 #: Chance of a pixel without fault to be refused for its misfit.
 _CHANCE = 1e-6
 #: Side of the neighbourhood in which more than a half of contradictions make all doubtful, pixels; share of
-#: the image that contradicts itself below which none is looked for.
-_AMID, _HALF, _RARE = 9, 0.5, 1e-3
+#: the image that contradicts itself below which none is looked for; gaps between contradictions that are
+#: closed, pixels.
+_AMID, _MOST, _RARE, _GAP = 9, 0.5, 1e-3, 5
 #: Modulation over its noise below which a pixel is flagged: noise alone reaches it once in 3.7e-6.
 _CONTRAST = 5.0
 #: Share of the camera's range that the brightest sample of a dark pixel reaches: 4 of 8 bits.
@@ -140,9 +141,12 @@ def flag_amid_contradictions(flags: NDArray[np.uint16]) -> None:
     share, whole = (
         uniform_filter(one.astype(np.float32), _AMID, mode="nearest") for one in (moved & seen, seen)
     )
-    core = share > np.float32(_HALF) * np.maximum(whole, np.float32(_HALF))
-    around = uniform_filter(core.astype(np.float32), _AMID, mode="nearest") > np.float32(0.5 / _AMID**2)
-    np.bitwise_or(flags, np.uint16(Flag.MOVED), out=flags, where=around & seen)
+    core = share > np.float32(_MOST) * np.maximum(whole, np.float32(_MOST))
+    # up to the rim, where fewer are around, and a pixel beyond
+    near = np.pad(moved & maximum_filter(core, _AMID), _GAP)
+    closed = binary_dilation(binary_closing(near, np.ones((_GAP, _GAP))))
+    core |= closed[_GAP:-_GAP, _GAP:-_GAP]
+    np.bitwise_or(flags, np.uint16(Flag.MOVED), out=flags, where=core & seen)
 
 
 @exact

@@ -59,7 +59,7 @@ _HELD = (
 )
 _BRIGHT = (
     "white saturates, share of the pixels; bits without inverses are compared with it",
-    "a shorter exposure, or inverses: edges of bits are known if white is at most twice what can be read",
+    "a shorter exposure, or inverses: edges of bits are flagged or their cells wider",
 )
 #: Share of the pixels that highlights may saturate.
 _HIGHLIGHTS = 0.01

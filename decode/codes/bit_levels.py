@@ -33,6 +33,7 @@ __all__ = [
     "bits_in_groups",
     "blurred",
     "coarser",
+    "dull_level",
     "fitted_levels",
     "mixture",
     "nested",
@@ -50,6 +51,9 @@ _BLURS = np.arange(0.0, 1.8, 0.2)
 _BESIDE = 2
 #: Contrast from which on a bit is resolved for sure; below the second one it is not where no edges tell.
 _SURE, _NONE = 0.5, 0.1
+#: Part of the contrast below which a level is neither black nor white: behind a pixel of four cells a bit has
+#: half of it in the cell next to its edge.
+_DULL = 0.35
 #: Contrast, of its own, below which a bit is at an edge; share of wrong signs there that noise may cause.
 _EDGE, _WRONG = 0.2, 0.01
 #: Pixels that tell a blur; fewer tell none.
@@ -61,8 +65,8 @@ _MOST_WEAK = 5
 #: Level from which on a bit is as bright as a white that saturates.
 _FULL = 0.999
 #: Cells on both sides of a pixel's word over which its posterior is kept; a chance that counts as none; times
-#: that the cell of one pixel is doubled at most.
-_WINDOW, _TINY, _DOUBLED = 32, 1e-6, 4
+#: that the cell of one pixel is doubled at most; deviation of an answer, cells, from which on it is none.
+_WINDOW, _TINY, _DOUBLED, _WIDEST = 32, 1e-6, 3, 4.0
 
 
 class CodePlan(NamedTuple):
@@ -84,6 +88,8 @@ class CodePlan(NamedTuple):
     nested          whether the upper bits of a word tell a cell of twice, four times, ... the width
     by_fringe       whether bits are compared with the mean of a fringe; above: by so much of its amplitude
                     more, as the middle of their levels is
+    dull            level over the amplitude below which a bit is neither black nor white, unless at its edge;
+                    0 of codes that change several bits together
     cell, first     width of a cell and coordinate of the centre of cell 0, pattern pixels
     freedom         degrees of freedom of chi2; the numbers before it are float32, as the loops are
     """
@@ -103,6 +109,7 @@ class CodePlan(NamedTuple):
     nested: bool
     by_fringe: bool
     above: Any
+    dull: Any
     cell: Any
     first: Any
     freedom: int
@@ -163,6 +170,17 @@ def unresolved_bits(code: Code, level: F32, variance: F32, factor: F32) -> tuple
     return count, max(float(np.var(seen[0])) - known, 0.0)
 
 
+def dull_level(code: Code, level: F32) -> float:
+    """Level over the amplitude below which bits of a code that changes one at a time are neither black nor
+    white, unless at an edge of theirs: a part of the contrast of that which has least.
+
+    The finest bit does not count, as every cell is at an edge of it. level (bits, K): see fitted_levels.
+    """
+    if code.together or len(level) < 2 or not level.size:
+        return 0.0
+    return _DULL * float(np.quantile(np.abs(level[1:]), 0.9, axis=1).min())
+
+
 def _right_at_edges(code: Code, level: F32, contrast: NDArray[Any], b: int) -> bool:
     """Whether bit b has the sign that the code tells where a coarser one changes."""
     (seen,) = _at_edges(code, level, contrast, b)
@@ -177,7 +195,7 @@ def _at_edges(code: Code, level: F32, contrast: NDArray[Any], b: int) -> tuple[F
     their signs are opposite on either side.
     """
     first = b + 2 if code.kind == "gray" else b + 1
-    coarse = np.abs(level[first:]) / contrast[first:, None]
+    coarse = np.abs(level[first:]) / np.maximum(contrast[first:, None], 1e-6)
     if code.kind == "gray":
         return (-level[b, (coarse < _EDGE).sum(axis=0) == 1],)
     weak = coarse < _EDGE
@@ -301,6 +319,8 @@ def posterior(
             break
         doubled += 1
     scale = np.float32(1 << doubled)
+    if variance * scale * scale > np.float32(_WIDEST**2):
+        error = np.float32(1)
     if not alone:  # beyond half of the code's own cell, and of an edge
         variance += np.square((scale - 1) / (2 * scale))
         variance += np.float32(0.125) * (noise + code.misfit2 * power) / max(power, noise)

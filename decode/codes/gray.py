@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from optolever.kernels import exact, inlined, kernel
 
 from ..estimate import Estimate, vanishing
-from ..flags import Into, marked, marks_for, merge_line
+from ..flags import DOUBT, Into, marked, marks_for, merge_line
 from ..frames import Light, level_of
 from ..plan import Code, Fringe, Plan
 from ..profile.noise import Noise, Sample, product
@@ -34,6 +34,7 @@ from .bit_levels import (
     bits_in_groups,
     blurred,
     coarser,
+    dull_level,
     fitted_levels,
     mixture,
     nested,
@@ -94,11 +95,29 @@ def code_plan(
     misfit2 = max(spread2, 0.0 if bits.pairs.all() else misfit2)
     value, linear = bit_values(code.cells)
     counts = bits.pairs != bits.referenced if bits.pairs.any() or bits.referenced else ~bits.pairs
-    of_bits = bits_in_groups(bits.frames, bits.factor, counts, value)
-    numbers = (np.float32(one) for one in (code.cell, 0.5 * (code.cell - 1) + code.origin))
-    kind = code.together, nested(code), bits.mean is not None, np.float32(bits.above)
-    told = blurred(code, blur), np.float32(misfit2), *kind, *numbers, bits.freedom
-    return Resolved(CodePlan(*of_bits, bits.factor, bits.ends, code.cells, linear, *told), unresolved)
+    frames, share, value, scale, counting = bits_in_groups(bits.frames, bits.factor, counts, value)
+    plan_of_code = CodePlan(
+        frames=frames,
+        share=share,
+        value=value,
+        scale=scale,
+        counts=counting,
+        factor=bits.factor,
+        ends=bits.ends,
+        cells=code.cells,
+        linear=linear,
+        levels=blurred(code, blur),
+        misfit2=np.float32(misfit2),
+        together=code.together,
+        nested=nested(code),
+        by_fringe=bits.mean is not None,
+        above=np.float32(bits.above),
+        dull=np.float32(dull_level(code, level)),
+        cell=np.float32(code.cell),
+        first=np.float32(0.5 * (code.cell - 1) + code.origin),
+        freedom=bits.freedom,
+    )
+    return Resolved(plan_of_code, unresolved)
 
 
 class _Bits(NamedTuple):
@@ -116,7 +135,7 @@ class _Bits(NamedTuple):
     @classmethod
     def of(cls, code: Code, plan: Plan, fringe: Fringe | None) -> "_Bits":
         frames = np.stack([code.plain, code.inverse], axis=1)
-        pairs = (frames >= 0).all(axis=1)
+        pairs = np.asarray((frames >= 0).all(axis=1))
         referenced = plan.white >= 0 and plan.black >= 0
         # (p - q) / 2 has half the variance of a sample, p - (white + black) / 2 has one and a half
         factor = np.where(pairs, 0.5, 1.5).astype(np.float32)
@@ -247,9 +266,10 @@ def _reread(
         margin[b] = _single(one, o[x], _bit(code, b)) + code.share[b, 1] * other
     own = noise.read2 + noise.gain * max(o[x], np.float32(0))
     known, saturated = (place[x], var[x]), alone & (clipped[x] > 0)
-    if code.together and not saturated:
+    by_mixture = code.together and not saturated
+    if by_mixture:
         place[x], var[x], error[x] = mixture(margin, code, a[x], own, alone, known)
-    else:
+    if not by_mixture or (code.nested and error[x] > np.float32(DOUBT)):
         place[x], var[x], error[x] = posterior(margin, code, a[x], own, saturated, alone, known)
 
 
@@ -373,6 +393,7 @@ def _cells_line(room: Any, kept: Any, code: Any, numbers: Any, out: Any) -> None
     count = one / max(pairs, one)
     # a mean of two samples; white and black are one more
     known = one - (count / (one + count) if code.ends[0] >= 0 else zero)
+    size = np.sqrt(np.float32(0.5) if pairs > 0 else np.float32(1.5))  # of a difference that is weak by 1
     for x in range(word.size):  # what a turned bit leads to
         weakest[x] = np.float32(word[x] ^ np.int32(weakest[x]))
     if not code.linear:
@@ -393,7 +414,9 @@ def _cells_line(room: Any, kept: Any, code: Any, numbers: Any, out: Any) -> None
         spread = eighth * (own + misfit2 * power) / max(power, own)
         spread += mixed * wrong * (one - wrong) if beside else zero
         var[x] = within + cell * cell * spread
-        wrong = zero if beside else wrong
+        # neither black nor white, at no edge
+        dull = least[x] * size < code.dull * amplitude[x]
+        wrong = zero if beside else (one if dull else wrong)
         error[x] = wrong + also - wrong * also
         unlike = noise.rounding2 + noise.misfit2 * power
         rss = (square[x] - off[x] * off[x] * count * known) * (one - clipped[x])

@@ -46,7 +46,7 @@ def _second(fringe: Fringe, lit: Sample, noise: Noise) -> float:
     of_one = rows @ np.stack([np.cos(2 * fringe.shifts), np.sin(2 * fringe.shifts)], axis=1)
     expected = product(of_one, waves)
     power = float(np.square(expected).sum())
-    if power == 0:
+    if power < levels.shape[1]:  # less than a level: no fringe
         return 0.0
     ratio = float((expected * seen).sum()) / power
     chance = float(np.sqrt(np.mean(few.variance(noise)) / power))
@@ -66,7 +66,8 @@ def _off_half_way(fringe: Fringe, axis: AxisPlan, plan: Plan, lit: Sample, noise
     levels = few.levels.astype(np.float64)
     offset, c, s = product(fringe.inverse, levels[list(fringe.index)])
     half = np.mean([levels[list(pair)].mean(axis=0) for pair in ends], axis=0)
-    ratio = (offset - half) / np.maximum(np.hypot(c, s), 1e-6)
-    chance = np.sqrt(np.median(few.variance(noise) / np.maximum(c * c + s * s, 1e-6)) / len(ratio))
+    power = np.maximum(c * c + s * s, 1.0)
+    ratio = (offset - half) / np.sqrt(power)
+    chance = np.sqrt(np.median(few.variance(noise) / power) / len(ratio))
     found = float(abs(np.median(ratio)))
     return found if found > _SURE * float(chance) else 0.0
