@@ -345,7 +345,8 @@ def _connected(chance: Any, alone: Any) -> Any:
         total += chance[at]
         mean += chance[at] * (at - best)
         square += chance[at] * (at - best) ** 2
-        beyond += chance[at] * max(abs(at - best) - 1, 0) ** 2
+        further = max(abs(at - best) - 1, 0)
+        beyond += chance[at] * further * further
     error = np.float32(max(1 - total, 0.0))
     if not alone:
         return np.float32(best), np.float32(beyond / total), error

@@ -247,7 +247,8 @@ def residuals(plan: Plan, sample: Sample, groups: tuple[F64, ...]) -> tuple[F32,
         if not unsaturated(rows.astype(np.float32), levels, sample.white).any():
             rows = _of_four(plan, rows)
         every = [fringe for axis in plan.axes for fringe in axis.fringes]
-        pairs = [] if any(len(fringe.unlike) for fringe in every) else _pairs(plan)
+        unlike = any(len(fringe.unlike) for fringe in every)
+        pairs = np.empty((0, 2), np.int64) if unlike else _pairs(plan)
         if len(pairs) > 1:
             rows = _of_pairs(pairs, len(levels))
         part = slice(None, None, max(1, len(rows) * levels.shape[1] // (2 * _MOST)))
