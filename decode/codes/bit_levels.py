@@ -21,14 +21,15 @@ from scipy.special import ndtr
 
 from optolever.kernels import exact, inlined
 
-from ..estimate import vanishing
-from ..flags import DOUBT as _DOUBT
+from ..estimate import less_likely, vanishing
+from ..flags import DOUBT
 from ..plan import Code
 
 __all__ = [
     "GROUP",
     "WEAK",
     "CodePlan",
+    "bit_contrast",
     "bit_values",
     "bits_in_groups",
     "blurred",
@@ -88,6 +89,7 @@ class CodePlan(NamedTuple):
     nested          whether the upper bits of a word tell a cell of twice, four times, ... the width
     by_fringe       whether bits are compared with the mean of a fringe; above: by so much of its amplitude
                     more, as the middle of their levels is
+    contrast (bits,)  level over the amplitude that a bit has where it has most
     dull            level over the amplitude below which a bit is neither black nor white, unless at its edge;
                     0 of codes that change several bits together
     cell, first     width of a cell and coordinate of the centre of cell 0, pattern pixels
@@ -109,6 +111,7 @@ class CodePlan(NamedTuple):
     nested: bool
     by_fringe: bool
     above: Any
+    contrast: F32
     dull: Any
     cell: Any
     first: Any
@@ -135,6 +138,13 @@ def bit_values(cells: NDArray[np.int32]) -> tuple[NDArray[np.int32], bool]:
     return (cells[bit] if linear else bit.astype(np.int32)), linear
 
 
+def bit_contrast(level: F32) -> F32:
+    """Level (bits,) that nine of ten pixels stay below; level (bits, K): see fitted_levels."""
+    if not level.size:
+        return np.ones(len(level), np.float32)
+    return np.asarray(np.quantile(np.abs(level), 0.9, axis=1), np.float32)
+
+
 def coarser(code: Code, bits: int) -> Code:
     """A code without its finest bits; of nested codes only."""
     words = np.arange(len(code.cells) >> bits) << bits
@@ -156,7 +166,7 @@ def unresolved_bits(code: Code, level: F32, variance: F32, factor: F32) -> tuple
     level (bits, K), variance (K,), factor (bits,): see fitted_levels.
     """
     bits = len(level)
-    contrast = np.quantile(np.abs(level), 0.9, axis=1) if level.size else np.ones(bits)
+    contrast = bit_contrast(level)
     count = 0
     for b in range(bits - 2 if nested(code) else 0):
         if contrast[b] < _SURE and not _right_at_edges(code, level, contrast, b):
@@ -178,7 +188,7 @@ def dull_level(code: Code, level: F32) -> float:
     """
     if code.together or len(level) < 2 or not level.size:
         return 0.0
-    return _DULL * float(np.quantile(np.abs(level[1:]), 0.9, axis=1).min())
+    return _DULL * float(bit_contrast(level[1:]).min())
 
 
 def _right_at_edges(code: Code, level: F32, contrast: NDArray[Any], b: int) -> bool:
@@ -284,38 +294,43 @@ def posterior(
     as they are where nothing is told.
     """
     weak, wrong = np.empty(margin.size, np.int64), np.empty(margin.size, np.float32)
+    sure, weakest, least = np.empty(margin.size, np.float32), 0, np.float32(1e9)
     count, word, power = 0, np.int32(0), amplitude * amplitude
     for b in range(code.factor.size):
         word |= np.int32(1 << b) if margin[b] > 0 else np.int32(0)
         either = saturated and code.factor[b] > 1 and 0 < margin[b] < np.float32(_FULL) * amplitude
         z2 = margin[b] * margin[b] / ((noise + code.misfit2 * power) * code.factor[b])
         if either or z2 < WEAK * WEAK:
+            z, full2 = np.sqrt(z2), np.square(code.contrast[b] * amplitude) * z2 / max(margin[b] ** 2, 1e-9)
             weak[count] = b
-            wrong[count] = np.float32(0.5) if either else turned(np.sqrt(z2))
+            wrong[count] = np.float32(0.5) if either else turned(z)
+            # of black and white, of half of its contrast at least, the nearer one: by their likelihoods
+            sure[count] = less_likely(z * np.sqrt(full2)) if 16 * z2 > full2 and not either else wrong[count]
+            weakest = count if z2 < least or either else weakest
+            least = min(z2, least)
             count += 1
+    # one bit may be at an edge of its own, where any level is as likely
+    for i in range(count):
+        beside = abs(code.cells[word ^ np.int32(1 << weak[i])] - code.cells[word]) == 1
+        wrong[i] = wrong[i] if beside and i == weakest else sure[i]
     doubled, most = 0, _DOUBLED if code.nested else 0
-    skipped = max(count - _MOST_WEAK, 0)
-    if skipped > 0:
-        doubled = weak[skipped - 1] + 1
-    if doubled > most:
-        return read[0], read[1], np.float32(1)
-    chance = np.empty(2 * _WINDOW + 1, np.float32)
+    chance, some_of = np.empty(2 * _WINDOW + 1, np.float32), np.empty(_MOST_WEAK, np.int64)
     while True:
-        while skipped < count and weak[skipped] < doubled:
-            skipped += 1
+        number, others = _weakest(weak[:count], wrong[:count], doubled, some_of)
         home = code.cells[word] >> doubled
         chance[:] = np.float32(0)
-        for some in range(1 << (count - skipped)):
+        for some in range(1 << number):
             this, likely = word, np.float32(1)
-            for i in range(skipped, count):
-                turn = (some >> (i - skipped)) & 1
+            for k in range(number):
+                i, turn = some_of[k], (some >> k) & 1
                 this ^= np.int32(turn << weak[i])
                 likely *= wrong[i] if turn else np.float32(1) - wrong[i]
             at = (code.cells[this] >> doubled) - home + _WINDOW
             if 0 <= at < chance.size:
                 chance[at] += likely
         place, variance, error = _connected(chance, alone)
-        if error < np.float32(_DOUBT) or doubled == most:
+        error = min(error + others, np.float32(1))
+        if error < np.float32(DOUBT) or doubled == most:
             break
         doubled += 1
     scale = np.float32(1 << doubled)
@@ -327,6 +342,29 @@ def posterior(
     wide = code.cell * scale
     middle = code.first + code.cell * (scale - 1) / 2
     return middle + wide * (np.float32(home - _WINDOW) + place), wide * wide * variance, error
+
+
+@exact
+def _weakest(weak: Any, wrong: Any, first: Any, out: Any) -> Any:
+    """How many of the weak bits from a first one on are compared, the weakest of them, into `out` their
+    numbers; the chance that one of the others is wrong."""
+    number, others = 0, np.float32(0)
+    for i in range(weak.size):
+        if weak[i] < first:
+            continue
+        if number < out.size:
+            out[number] = i
+            number += 1
+            continue
+        least = 0
+        for k in range(1, number):
+            least = k if wrong[out[k]] < wrong[out[least]] else least
+        if wrong[i] > wrong[out[least]]:
+            others += wrong[out[least]]
+            out[least] = i
+        else:
+            others += wrong[i]
+    return number, others
 
 
 @exact
@@ -345,15 +383,15 @@ def _connected(chance: Any, alone: Any) -> Any:
         total += chance[at]
         mean += chance[at] * (at - best)
         square += chance[at] * (at - best) ** 2
-        further = max(abs(at - best) - 1, 0)
-        beyond += chance[at] * further * further
+        if abs(at - best) > 1:
+            beyond += chance[at] * (abs(at - best) - 1) ** 2
     error = np.float32(max(1 - total, 0.0))
     if not alone:
         return np.float32(best), np.float32(beyond / total), error
     mean /= total
     variance = square / total - mean * mean + 1 / 12
     for at in range(low, high + 1):
-        if chance[at] > np.float32(_DOUBT):
+        if chance[at] > np.float32(DOUBT):
             variance = max(variance, ((abs(at - best - mean) + 0.5) / 5) ** 2)
     return np.float32(best + mean), np.float32(variance), error
 

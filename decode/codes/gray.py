@@ -30,6 +30,7 @@ from .bit_levels import (
     GROUP,
     WEAK,
     CodePlan,
+    bit_contrast,
     bit_values,
     bits_in_groups,
     blurred,
@@ -112,6 +113,7 @@ def code_plan(
         nested=nested(code),
         by_fringe=bits.mean is not None,
         above=np.float32(bits.above),
+        contrast=bit_contrast(level),
         dull=np.float32(dull_level(code, level)),
         cell=np.float32(code.cell),
         first=np.float32(0.5 * (code.cell - 1) + code.origin),
@@ -250,7 +252,6 @@ def read_line(light: Any, row: Any, code: Any, alone: Any, noise: Any, room: Any
         for x in range(a.size):
             room.several[x] |= np.uint8(clipped[x] > 0)
     for x in room.places[: marked(room.several, room.places)]:
-        room.sure[x] = np.float32(0)
         _reread(raw, row, table, x, code, alone, noise, room.margin, out)
 
 
