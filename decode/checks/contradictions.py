@@ -30,6 +30,8 @@ _FOLDS, _TEETH = (0.5, 3.0, 0.84), (0.25, 0.15, 0.75)
 _TELLS, _AGREES, _DRIFT, _SURELY = 0.3, 0.9, 0.12, 30.0
 #: Turns by which lag, gamma or stray light may put off a coarser fringe, at most.
 _BIAS = 0.25
+#: Periods that are seen of a fringe whose drift is told: cells of a few say nothing of it.
+_PERIODS = 8
 #: Periods that are tried, share of the one described; drift at most, turns.
 _STRETCH, _MOST_TURNS, _HALF = 0.1, 20.0, 0.5
 
@@ -108,7 +110,8 @@ class _Drift:
     def sure(self) -> bool:
         """Whether another period agrees better, by more than chance and than lag or stray light do."""
         better = self.count * (self.at_best**2 - max(self.as_described, 0.0) ** 2)
-        return self.at_best > _AGREES and abs(self.slope) > self.bias and better > _SURELY
+        drifts = self.at_best > _AGREES and abs(self.slope) > self.bias and better > _SURELY
+        return drifts and self.extent > _PERIODS * self.period
 
     def sentence(self, axis: str) -> str:
         """What is shown instead, if that agrees."""

@@ -21,7 +21,7 @@ _STEPS = 4
 _DOUBTFUL = Flag.ORDER_DOUBTFUL | Flag.OUTLIER | Flag.MOVED
 #: Misfit of a strange pixel (see integrity), in units of the usual one, and of at least so much; side of the
 #: square in which doubtful pixels outvote one, and how many of them do, over good ones.
-_STRANGE, _MISFIT, _AROUND, _OUTVOTED = 4.0, 0.2, 15, 0.5
+_STRANGE, _MISFIT, _AROUND, _OUTVOTED = 4.0, 0.2, 9, 1.0
 #: Deviations, and share of the amplitude, by which a frame may differ from what it should show.
 _SIGMAS, _UNLIKE = 4.0, 0.2
 

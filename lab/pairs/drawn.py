@@ -100,6 +100,7 @@ def drawn_pair(number: int) -> Drawn:
     camera, seed = drawn_camera(rng), int(rng.integers(1 << 30))
     while True:
         effects = tuple(drawn_effect(rng, name, shown) for name in names)
+        seed += 2  # a window may be where nothing is seen
         light = light_of_effects(area, rig, shown, effects, np.random.default_rng(seed))
         frames = read(light, camera, effects, np.random.default_rng(seed + 1))
         rest = tuple(one for one in effects if one.name not in FAULTS)
@@ -126,6 +127,7 @@ def drawn_structure(number: int) -> Drawn:
     plain = light_of_effects(area, rig, described, (), np.random.default_rng(seed))
     whole = read(plain, camera, (), np.random.default_rng(seed + 1))
     while True:
+        seed += 2
         fault = drawn_structural(rng, number, len(described))
         effects = (drawn_effect(rng, "window", described),) if kind == "window" else ()
         light = light_of_effects(area, rig, fault.shown(described), (), np.random.default_rng(seed))
