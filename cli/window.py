@@ -78,8 +78,8 @@ def command(
         click.echo(f"notice: {fault}", err=True)
     shown = _sequence(text, size, found, chosen)
     described = out or Path("capture.toml")
-    write_description(described, shown)
     with PatternWindow(shown, monitor=chosen) as window:
+        write_description(described, shown)
         if seconds is None:
             window.run()
             times: list[float] = []

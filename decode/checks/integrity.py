@@ -59,6 +59,8 @@ _JUMP = 4.0
 #: Share of strange pixels that are no edges; the nearest ones of each, and how many of these are strange,
 #: too, where they are one part of the picture.
 _PART, _NEAREST, _GATHERED = 0.05, 4, 0.5
+#: Contrast over the median below which a pixel is dim.
+_DIM = 0.5
 #: Cost by which a pixel is mended, or broken.
 _MENDED = 0.7
 #: Difference of two frames that show the same, share of the contrast; share of the pixels where they do.
@@ -409,14 +411,18 @@ def _centre_and_vertical(crosses: _Crosses, table: AxisTable, order: Ints) -> F3
 
 
 def _in_part(crosses: _Crosses) -> tuple[Finding, ...]:
-    """What no single fault explains, of a part of the pixels, and where."""
-    share = float(crosses.strange.mean())
+    """A part of the picture that no single fault explains. Dim pixels do not count: stray light alone makes
+    their levels odd; nor do bits alone, which are judged pixel by pixel by black and white."""
+    if not any(table.axis.fringes for table in crosses.tables):
+        return ()
+    bright = crosses.only(crosses.contrast > _DIM * np.median(crosses.contrast))
+    share = float(bright.strange.mean())
     if not _PART <= share < _MOST_OF:
         return ()
-    near = cKDTree(crosses.at.T).query(crosses.at[:, crosses.strange].T, _NEAREST + 1)[1][:, 1:]
-    if crosses.strange[near].mean() < _GATHERED:  # blurred bits and edges are all over it
+    near = cKDTree(bright.at.T).query(bright.at[:, bright.strange].T, _NEAREST + 1)[1][:, 1:]
+    if bright.strange[near].mean() < _GATHERED:  # blurred bits and edges are all over it
         return ()
-    row, col = np.median(crosses.at[:, crosses.strange], axis=1).astype(int)
+    row, col = np.median(bright.at[:, bright.strange], axis=1).astype(int)
     where = f"in part of the picture, around row {row} and column {col}"
     return (Finding((), "in part", f"frames do not fit their description {where}", share=share),)
 

@@ -144,7 +144,7 @@ def test_captures_are_awaited_and_judged_at_once(
     [
         (["flat"], "TARGET=CAPTURE"),
         (["mirror=flat0.npz"], "flat, rest, ball, plate"),
-        (["ball:10=flat0.npz"], "2 to 2"),
+        (["ball:10=flat0.npz"], "must be ball:RADIUS,SIGMA"),
         (["flat:0=flat0.npz"], "greater than 0"),
         (["flat:x=flat0.npz"], "must be a number"),
         (["rest:2.5=flat0.npz"], "whole number"),

@@ -146,6 +146,7 @@ def test_show_lists_monitors_and_refuses_others(x_server: tuple[str, Path], tmp_
         return subprocess.run(
             [sys.executable, "-c", code, "show", *words],
             env={**os.environ, "DISPLAY": display},
+            cwd=tmp_path,
             capture_output=True,
             text=True,
             check=False,
