@@ -68,7 +68,7 @@ class Light:
 
     def only(self, index: NDArray[np.int64]) -> "Light":
         """Some of the frames."""
-        if len(index) == len(self.raw):
+        if np.array_equal(index, np.arange(len(self.raw))):
             return self
         return replace(self, raw=np.ascontiguousarray(self.raw[index]))
 

@@ -88,7 +88,7 @@ def estimated(light: Light, part: Part, settings: Settings, mask: NDArray[np.boo
     noise, lit = estimate_noise(light, plan(_described(part.sequence, settings)), mask)
     findings = _findings(light, part, lit, settings) if settings.check else ()
     for finding in findings:
-        if finding.leave_out:
+        if finding.leave_out or finding.put_back:
             less = _without(finding, part)
             rest = estimated(light.only(less.index), less, replace(settings, check=False), mask)
             found = replace(rest.found, notices=rest.found.notices + _named(findings))

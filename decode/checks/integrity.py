@@ -82,6 +82,8 @@ _NOT_THOSE = "codes contradict each other nearly everywhere: frames are not thos
 #: Share of the pixels that contradict themselves from which on nothing is believed; below which another
 #: description explains them.
 _MOST_OF, _HARDLY = 0.5, 0.15
+#: Share of the odd pixels that two frames mend which are put back in each other's place.
+_PUT_BACK = 0.8
 #: Share of odd pixels that edges of depth make in a scene (tests' drawn scenes: 0.08).
 _EDGES = 0.08
 #: Fewest pixels that are mended; share of the best margin from which on a fault may be it, too.
@@ -342,8 +344,11 @@ def _single_fault(crosses: _Crosses, plan: Plan, rows: int, names: Ints) -> Find
         return None
     best = max(trials, key=lambda trial: trial.margin * (_TIED if trial.finding.kind in _SHIFTED else 1))
     alike = [t for t in trials if t.margin >= _TIED * best.margin and t.finding.kind == best.finding.kind]
+    found = _together([trial.finding for trial in alike], best.finding)
+    if best.finding.kind not in _SHIFTED and np.mean(best.gain[odd] > _MENDED) < _PUT_BACK:
+        found = replace(found, images=())
     return replace(
-        _together([trial.finding for trial in alike], best.finding),
+        found,
         confidence=1 - _chance(best),
         share=best.mended / len(total),
     )
@@ -450,7 +455,7 @@ def _together(findings: list[Finding], best: Finding) -> Finding:
         frames=tuple(sorted({i for one in findings for i in one.frames})),
         spoilt=tuple(sorted({i for one in findings for i in one.spoilt})),
         sentence=" or ".join(list(dict.fromkeys(one.sentence for one in findings))[:4]),
-        images=tuple(agreed.ravel().tolist()) if best.kind in _SHIFTED else (),
+        images=tuple(agreed.ravel().tolist()),
     )
 
 

@@ -48,9 +48,15 @@ class Finding:
     images: tuple[int, ...] = ()
 
     @property
+    def put_back(self) -> bool:
+        """Whether two swapped frames that nothing can be decoded without are decoded in their right places."""
+        return self.kind == "swapped" and not self.leave_out and min(self.images, default=-1) >= 0
+
+    @property
     def cure(self) -> str:
         """What to do about it."""
-        left = "decoded without; " if self.leave_out else ""
+        put_back = "put back; " if self.put_back else ""
+        left = "decoded without; " if self.leave_out else put_back
         again = "capture again, or describe the frames as they were shown (--no-check: decode as described)"
         return left + again
 

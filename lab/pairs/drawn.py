@@ -64,7 +64,7 @@ class Judged:
     good: share of the lit pixels; places, heights: share of the good ones that are off by more than 5 sigma
     (NaN: none is good, or heights were not asked for); named: 'right' (the frames and no others; the true
     cause), 'partly' (some of the frames, or more), 'false' (others), '' (nothing); left_out: whether the
-    wrong frames are decoded without; told: notices.
+    wrong frames are decoded without, or put back; told: notices.
     """
 
     number: int
@@ -177,7 +177,7 @@ def _named_frames(draw: Drawn) -> tuple[str, bool]:
         return "", False
     told = {i for one in findings for i in one.frames}
     named = "right" if told == draw.wrong else "partly" if told & draw.wrong else "false"
-    return named, any(draw.wrong <= set(one.leave_out) for one in findings)
+    return named, any(one.put_back or draw.wrong <= set(one.leave_out) for one in findings)
 
 
 def _named_cause(draw: Drawn, told: tuple[str, ...]) -> tuple[str, bool]:

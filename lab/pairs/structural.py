@@ -31,7 +31,7 @@ KINDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "mirrored code": ((BOTH,), ("mirrored",)),
     "frames stretched": ((BOTH, PHASE, GRAY), ("stretched",)),
     "window": ((BOTH, PHASE, GRAY), ("in a part", "in part")),
-    "rolling rows": ((BOTH, PHASE, GRAY), ("rows",)),
+    "rolling rows": ((BOTH, PHASE, GRAY), ("in rows", "from about row")),
 }
 FINER, STEP = 1.02, math.pi / 2
 
