@@ -367,14 +367,14 @@ def _refused(crosses: _Crosses, plan: Plan) -> tuple[Finding, ...]:
     count = len(crosses.levels)
     share = crosses.contradicting(plan, np.arange(count))
     alike = _stretched(crosses, plan)
-    tuned = mistuned(plan, crosses.levels, crosses.contrast)
-    if share < _MOST_OF and not (alike or tuned):
+    if share < _MOST_OF and not alike:
         return _in_part(crosses)
     fitting = (
         other.sentence
         for other in other_descriptions(plan, count)
         if crosses.contradicting(other.plan, other.order) < _HARDLY
     )
+    tuned = mistuned(plan, crosses.levels, crosses.contrast)
     sentence = alike or next(fitting, tuned or _NOT_THOSE)
     return (Finding((), "contradicting", sentence, tuple(range(count)), share=max(share, _MOST_OF)),)
 
