@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from optolever.cli import run
 from optolever.decode import Correspondence, Response, decode
-from optolever.decode.axis import AxisOptions, Setup, Shot, axis_decoders, estimate_axes
+from optolever.decode.axis import AxisOptions, Shot, axis_decoders
 from optolever.decode.flags import Shared
 from optolever.decode.frames import light_of
 from optolever.decode.plan import plan
@@ -67,15 +67,13 @@ def readings(real: Path, screen: Correspondence) -> Correspondence:
     table = load_sofast_response(real / "sofast_facet/image_calibration.h5")
     light = light_of(capture.frames, capture.sequence, response=Response.from_table(*table))
     wanted = plan(capture.sequence)
-    noise, lit = estimate_noise(light, wanted)
-    setup = Setup(capture.sequence, wanted, noise, False, light.white)
-    numbers = estimate_axes(Shot(setup, light, lit), AxisOptions())
+    shot = Shot(light, capture.sequence, wanted, *estimate_noise(light, wanted), cells=False)
     found = {}
     shape = screen.flags.shape
-    for decoder in axis_decoders(setup, numbers):
+    for decoder in axis_decoders(shot, AxisOptions()):
         raw = Raw(*np.empty((2, *shape), np.float32))
         shared = Shared(np.zeros(shape, np.uint16), *np.zeros((3, *shape), np.float32))
-        decoder.decode(light, (0, len(screen.flags)), raw, True, shared)
+        decoder.decode((0, len(screen.flags)), raw, True, shared)
         found[decoder.axis.axis] = raw
     u, v = found["u"], found["v"]
     sigmas = {"sigma_u": np.sqrt(u.variance), "sigma_v": np.sqrt(v.variance)}
@@ -112,15 +110,6 @@ def slopes(
     leaving = rig.scene.pattern.point(correspondence.u[where], correspondence.v[where]) - points
     normal = leaving / np.linalg.norm(leaving, axis=1, keepdims=True) - rays[where]
     return -(normal[:, :2] / normal[:, 2:]).T
-
-
-def test_sigma_by_a_response_table_that_the_frames_contradict(screen: Correspondence) -> None:
-    """Sigma of u is of the size of the places' scatter (second differences along
-    rows), where the table alone made it 20 times as wide; the command line says so."""
-    assert any("without the stated response" in notice.name for notice in screen.notices)
-    u = np.where(screen.good, screen.u, np.nan)
-    scatter = np.nanmedian(np.abs(np.diff(u, 2, axis=1))) / 0.6745 / np.sqrt(6)
-    assert 0.5 < np.median(screen.sigma_u[screen.good]) / scatter < 2.0
 
 
 def test_heights_by_the_command_line(
