@@ -133,7 +133,7 @@ def _checked(gx: ArrayLike, gy: ArrayLike, mask: ArrayLike | None) -> tuple[Floa
 def _spaced(spacing: Any, shape: tuple[int, ...]) -> tuple[tuple[float, float], tuple[Floats, Floats] | None]:
     """Steps between the pixels of an even grid, or 1 and their places x, y (H, W)."""
     try:
-        pair = (spacing, spacing) if np.ndim(spacing) == 0 else spacing
+        pair = spacing if isinstance(spacing, tuple | list) or np.ndim(spacing) else (spacing, spacing)
         x, y = (np.asarray(part, dtype=np.float64) for part in pair)
     except (TypeError, ValueError) as error:
         raise InputError(f"spacing: must be a number, a pair of them, or places x, y ({error})") from error
