@@ -22,6 +22,8 @@ ROOT = Path(__file__).resolve().parents[2]
 class Window:
     """A monitor that nobody looks at."""
 
+    gone = False
+
     def __init__(self, *_: object, **__: object) -> None: ...
 
     def __enter__(self) -> "Window":
