@@ -112,6 +112,15 @@ def slopes(
     return -(normal[:, :2] / normal[:, 2:]).T
 
 
+def test_sigma_by_a_response_table_that_the_frames_contradict(screen: Correspondence) -> None:
+    """Sigma of u is of the size of the places' scatter (second differences along
+    rows), where the table alone made it 20 times as wide; the command line says so."""
+    assert any("without the stated response" in notice.name for notice in screen.notices)
+    u = np.where(screen.good, screen.u, np.nan)
+    scatter = np.nanmedian(np.abs(np.diff(u, 2, axis=1))) / 0.6745 / np.sqrt(6)
+    assert 0.5 < np.median(screen.sigma_u[screen.good]) / scatter < 2.0
+
+
 def test_heights_by_the_command_line(
     real: Path, rig: SofastRig, free_form: HeightMap, screen_file: Path, tmp_path: Path
 ) -> None:
