@@ -28,8 +28,7 @@ from optolever.files import load_arrays, save_arrays, together
 from optolever.notices import Notice
 from optolever.patterns import Frame
 from optolever.projector import Capture
-
-from .rest import rig_table, write_section
+from optolever.scene import rig_table, write_sections
 
 __all__ = ["RigResponse", "load_response", "measure_response", "store_response", "with_better_fit"]
 
@@ -296,7 +295,7 @@ def store_response(rig: str | Path, found: RigResponse) -> Path:
     curve = {name: getattr(found.response, name) for name in ("shown", "seen", "blur")}
     with together():
         save_arrays(beside, curve | numbers | maps)
-        write_section(Path(rig), "response", section)
+        write_sections(rig, {"response": section})
     return beside
 
 

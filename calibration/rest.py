@@ -7,21 +7,18 @@ from, by which later captures of the same pixels are compared.
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import tomli_w
 from numpy.typing import NDArray
 
 from optolever.decode import Correspondence
 from optolever.errors import InputError
-from optolever.files import atomic_file, together
+from optolever.files import together
 from optolever.notices import Notice
 from optolever.reconstruct import HeightMap, fit_motion
-from optolever.scene import Scene, load
-from optolever.toml import read_toml
+from optolever.scene import Scene, rig_table, write_sections
 
-__all__ = ["RestMap", "load_rest", "rig_table", "store_rest", "write_section"]
+__all__ = ["RestMap", "load_rest", "store_rest"]
 
 Floats = NDArray[np.float64]
 
@@ -64,7 +61,7 @@ def store_rest(rig: str | Path, rest: RestMap) -> Path:
     with together():
         rest.height.save(beside)
         rest.seen.save(places)
-        write_section(file, "rest", {"height": beside.name, "places": places.name})
+        write_sections(file, {"rest": {"height": beside.name, "places": places.name}})
     return beside
 
 
@@ -84,16 +81,3 @@ def load_rest(rig: str | Path) -> RestMap | None:
     if height.z.shape != seen.u.shape:
         raise InputError(f"{file}: [rest] height has {height.z.shape} pixels, places {seen.u.shape}")
     return RestMap(height, seen)
-
-
-def rig_table(file: Path) -> dict[str, Any]:
-    """All that a rig's TOML holds. InputError of a file that is no scene."""
-    load(file)
-    return read_toml(file)
-
-
-def write_section(file: Path, name: str, section: Mapping[str, Any]) -> None:
-    """A rig's TOML with another section of that name."""
-    table = rig_table(file) | {name: section}
-    with atomic_file(file) as temporary:
-        temporary.write_bytes(tomli_w.dumps(table).encode())

@@ -9,7 +9,7 @@ import click
 
 from .options import DISPLAY, FILE, blame, json_option, mask_from, sample, shown_sequence
 from .outputs import HDF5, OutputFile, Program
-from .show import coverage, coverage_text, flag_shares, number, print_notices, progress, table, write_json
+from .show import coverage_text, flag_shares, number, print_notices, progress, table, write_json
 
 if TYPE_CHECKING:
     import numpy as np
@@ -249,12 +249,13 @@ def _numbers(result: "Correspondence") -> dict[str, Any]:
     import numpy as np
 
     from optolever.decode import Flag
+    from optolever.experiments import mirror_coverage
 
     good = result.good
     median = {
         f"sigma_{axis}_px": float(np.median(sigma[good])) if good.any() else float("nan")
         for axis, sigma in (("u", result.sigma_u), ("v", result.sigma_v))
     }
-    mirror, decoded = coverage(result.flags)
+    mirror, decoded = mirror_coverage(result.flags)
     shares = {"good_share": float(good.mean()), "mirror_share": mirror, "mirror_good_share": decoded}
     return {**shares, **median, "flags": flag_shares(result.flags, Flag)}

@@ -38,9 +38,9 @@ def command(json_path: Path | None) -> None:
 
     cameras, silent = find_cameras()
     try:
-        shown, why = monitors(), ""
+        shown = monitors()
     except InputError as error:
-        shown, why = [], str(error)
+        shown, silent = [], silent | {"monitors": str(error)}
     write_json(
         json_path,
         {
@@ -61,8 +61,6 @@ def command(json_path: Path | None) -> None:
         ]
         for one in shown
     ]
-    grid(
-        "Monitors", ("--display", "size", "refresh", "mm", "bits"), lines or [[f"none {why}", "", "", "", ""]]
-    )
+    grid("Monitors", ("--display", "size", "refresh", "mm", "bits"), lines or [["none", "", "", "", ""]])
     for text in (*silent.values(), *(fault for one in shown for fault in one.faults())):
         click.echo(f"notice: {text}", err=True)

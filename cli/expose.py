@@ -1,4 +1,4 @@
-"""`optolever expose`: exposure of a rig's camera by what it sees of white and black."""
+"""`optolever expose`: exposure of a rig's camera by images of a white and a black display."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -10,7 +10,7 @@ from optolever import InputError
 
 from .options import json_option, sample
 from .outputs import OutputFile, Program
-from .rig_devices import Opened, device_options, devices_of, opened, write_section
+from .rig_devices import Opened, device_options, devices_of, opened
 from .show import number, table, write_json
 
 if TYPE_CHECKING:
@@ -26,9 +26,9 @@ $ optolever expose --rig rig.toml --mask mask.png
 Exposure in rig.toml
   exposure   16.67 ms
   saturated  0 % of the pixels
-  swing      71.2 % of full scale (median)
-  lit        63.1 % of the pixels
-  further    66.67 ms, for dim pixels
+  swing      85.1 % of full scale (median)
+  lit        100 % of the pixels
+  further    none is needed
 """
 
 
@@ -41,15 +41,15 @@ Exposure in rig.toml
 def command(rig: Path, mask_path: Path | None, json_path: Path | None, **given: Any) -> None:
     """Choose the longest exposure that saturates no pixel.
 
-    At most 0.01 % of the pixels reach the top level; a whole number of refreshes where the display tells
-    its own. RIG.toml gets it in [devices]. The gain stays: of one light it adds noise only.
+    At most 0.01 % of the pixels reach the top level; a whole number of refreshes where the display's
+    period is known. RIG.toml gets it in [devices]. The gain stays: more of it adds noise only.
     """
     import cv2
 
     from optolever.files import atomic_file, together
     from optolever.patterns import Frame, Sequence
     from optolever.projector import choose_exposure
-    from optolever.scene import load
+    from optolever.scene import load, write_sections
 
     devices = devices_of(rig, **given)
     pattern = load(rig).pattern
@@ -73,8 +73,8 @@ def command(rig: Path, mask_path: Path | None, json_path: Path | None, **given: 
         if mask_path is not None:
             with atomic_file(mask_path) as temporary:
                 cv2.imwrite(str(temporary), 255 * seen.mask.astype("uint8"))
+        write_sections(rig, {"devices": chosen.table()})
         write_json(json_path, numbers)
-    write_section(rig, "devices", chosen.table())
     table(
         f"Exposure in {rig}",
         {

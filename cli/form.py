@@ -68,7 +68,7 @@ def command(
     out: Path | None,
     json_path: Path | None,
 ) -> None:
-    """Fit a form to a height map, and say what is left.
+    """Fit a form to a height map, and measure the residual.
 
     Every good pixel counts alike. A radius above 0 is that of a concave mirror. Sigmas hold the noise of the
     frames and the errors of the rig.

@@ -21,16 +21,12 @@ SAMPLE = """
 $ optolever live --size 120x160 --headless --frames 48
 Live: prism48, 60 x 80 cells
   readings  48, 48 trusted
-  deepest   77.53 ± 0.12 um
-  rate      31.2 readings/s, median delay 22.1 ms
+  deepest   170.2 ± 0.2 um
+  rate      13.7 readings/s, median delay 72.2 ms
 """
 
 
 @click.command("live", cls=Program, epilog=sample(SAMPLE))
-@click.option(
-    "--camera", type=click.Choice(["virtual"]), default="virtual", show_default=True,
-    help="virtual: a finger that presses on the scene's mirror.",
-)  # fmt: skip
 @click.option(
     "--scene", "scene_name", metavar="PRESET_OR_TOML", default="prism48", show_default=True,
     help="Name of a preset (optolever names) or a scene's TOML file; its [layer] gives forces.",
@@ -57,7 +53,6 @@ Live: prism48, 60 x 80 cells
 )  # fmt: skip
 @json_option
 def command(
-    camera: str,
     scene_name: str,
     size: tuple[int, int] | None,
     cell: str,
@@ -70,11 +65,13 @@ def command(
     port: int,
     json_path: Path | None,
 ) -> None:
-    """Measure every frame of a camera: height, contacts, force.
+    """Measure every frame of a simulated camera: height, contacts, force.
 
-    The display shows one crossed fringe all the time; the mirror at rest is measured first. The page shows
-    camera picture, height, sigma, contacts and their figures, with pause, tare and snapshot. A frame that
-    cannot be trusted says so, with the reason. --headless reads every frame, the page the newest one."""
+    A finger presses on the scene's mirror, which shows one crossed fringe; the mirror at rest is measured
+    first. The page has the camera's picture, height, sigma, contacts and their figures, with pause, tare and
+    snapshot. A frame that cannot be trusted has the reason beside it. --headless reads every frame, the page
+    the newest one. Real cameras: `optolever.live.follow` in Python.
+    """
     from optolever.live import virtual_rig
 
     if json_lines and not headless:

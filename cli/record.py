@@ -17,9 +17,9 @@ from .show import number, table, write_json
 __all__ = ["command"]
 
 SAMPLE = """
-$ optolever record --rig rig.toml --seconds 10 --out recording
-Recording in recording
-  images      600, 60 a second
+$ optolever record --rig rig.toml --seconds 0.5 --out film
+Recording in film
+  images      4, 8 a second
   lost        0 by the camera, 0 by the disk
   incomplete  0
 """

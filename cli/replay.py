@@ -17,12 +17,12 @@ if TYPE_CHECKING:
 __all__ = ["command"]
 
 SAMPLE = """
-$ optolever replay capture.recording
-Recording capture.recording
-  camera      gige:192.168.0.12
-  images      210, incomplete 2
-  patterns    36 swaps
-  span        3.51 s, 59.8 images a second
+$ optolever replay cap.recording
+Recording cap.recording
+  camera    virtual
+  images    20, incomplete 0
+  patterns  20 swaps
+  span      0.1406 s, 135.2 images a second
 """
 
 
@@ -80,7 +80,7 @@ def _capture(recording: "Recording", rig: Path | None, out: Path) -> int:
 
     about = recording.about
     if "sequence" not in about:
-        raise InputError(f"{recording.folder}: tells no sequence, it is not of a capture")
+        raise InputError(f"{recording.folder}: has no sequence, must be the recording of a capture")
     shown = Sequence.from_dict(about["sequence"], str(recording.folder))
     section = (
         about.get("timing") if rig is None else tomllib.loads(rig.read_text(encoding="utf-8")).get("sync")

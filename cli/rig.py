@@ -1,13 +1,12 @@
 """`optolever rig new`: the TOML of a rig from numbers that people have: sizes, angles, distances, lens."""
 
-import json
 import math
 import re
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -16,6 +15,9 @@ from optolever import InputError
 from .options import DISPLAY, json_option, sample
 from .outputs import OutputFile, Program
 from .show import number, table, write_json
+
+if TYPE_CHECKING:
+    from optolever.scene import TypedRig
 
 __all__ = ["command"]
 
@@ -138,7 +140,7 @@ def new(
     import matplotlib as mpl
 
     from optolever.files import atomic_file, together
-    from optolever.scene import dent, load, resize, trace
+    from optolever.scene import dent, load, resize, rig_toml, trace
 
     kind = kind or _asked("kind", "monitor or prism", click.Choice(["monitor", "prism"]), None)
     values = {**given, "pitch": pitch}
@@ -157,7 +159,7 @@ def new(
     mpl.use("agg")
     with together():
         with atomic_file(out) as temporary:
-            temporary.write_text(_toml(kind, out.stem, values), encoding="utf-8")
+            temporary.write_text(rig_toml(out.stem, _typed(kind, values)), encoding="utf-8")
             rig = load(temporary)
         few = resize(rig, *(min(size, 120) for size in values["image"]))
         seen = float(trace(few, dent("flat", few)).visible.mean())
@@ -178,6 +180,17 @@ def new(
     )
 
 
+def _typed(kind: str, values: Mapping[str, Any]) -> "TypedRig":
+    from optolever.scene import TypedRig
+
+    names = ("mirror", "display", "pitch", "image", "focal", "pixel", "distance")
+    common = {name: values[name] for name in names} | {"angle": math.radians(values["angle"])}
+    if kind == "monitor":
+        return TypedRig(**common, display_distance=values["display_distance"])
+    face = math.radians(values["display_angle"])
+    return TypedRig(**common, display_angle=face, bezel=values["bezel"], index=values["index"])
+
+
 def _asked(name: str, question: str, read: click.ParamType[Any], default: Any) -> Any:
     """The answer of whoever sits at the terminal; without one the default. InputError if there is none."""
     if sys.stdin.isatty():
@@ -185,48 +198,3 @@ def _asked(name: str, question: str, read: click.ParamType[Any], default: Any) -
     if default is None:
         raise InputError(f"--{name.replace('_', '-')} is missing, must be given: {question}")
     return default
-
-
-def _toml(kind: str, name: str, values: Mapping[str, Any]) -> str:
-    length, width = values["mirror"]
-    rows, cols = values["display"]
-    image_rows, image_cols = values["image"]
-    angle = math.radians(values["angle"])
-    away = values["distance"]
-    middle = 0.5 * length, 0.5 * width
-    camera = middle[0] + away * math.sin(angle), middle[1], away * math.cos(angle)
-    surface = _monitor(values, middle) if kind == "monitor" else _panel(values)
-    behind = "[camera.face]\nangle_deg = {angle:g}\n[medium]\nindex = {index:g}\n" if kind == "prism" else ""
-    return (
-        f"# Written by `optolever rig new`; lengths in mm, sizes as [columns, rows].\n"
-        f"name = {json.dumps(name)}\n"
-        f"[mirror]\nsize_mm = [{length:g}, {width:g}]\n"
-        f"[pattern]\nsize = [{cols}, {rows}]\npitch_mm = {values['pitch']:.7g}\n{surface}"
-        f'[camera]\nkind = "pinhole"\nsize = [{image_cols}, {image_rows}]\n'
-        f"focal_mm = {values['focal']:g}\npixel_pitch_mm = {values['pixel']:g}\n"
-        f"position_mm = {_list(camera)}\nlook_at_mm = {_list((*middle, 0.0))}\n" + behind.format_map(values)
-    )
-
-
-def _monitor(values: Mapping[str, Any], middle: tuple[float, float]) -> str:
-    """Square to the reflected line of sight, its columns along y, its rows downwards."""
-    rows, cols = values["display"]
-    angle, away, pitch = math.radians(values["angle"]), values["display_distance"], values["pitch"]
-    sine, cosine = math.sin(angle), math.cos(angle)
-    across, down = 0.5 * (cols - 1) * pitch, 0.5 * (rows - 1) * pitch
-    first = (
-        middle[0] - away * sine + down * cosine,
-        middle[1] - across,
-        away * cosine + down * sine,
-    )
-    axes = f"u_axis = [0, 1, 0]\nv_axis = {_list((-cosine, 0.0, -sine), 12)}\n"
-    return f"origin_mm = {_list(first)}\n{axes}"
-
-
-def _panel(values: Mapping[str, Any]) -> str:
-    bezel = f"offset_mm = {values['bezel']:g}\n" if values["bezel"] else ""
-    return f"angle_deg = {values['display_angle']:g}\n{bezel}"
-
-
-def _list(values: tuple[float, ...], digits: int = 7) -> str:
-    return "[" + ", ".join(f"{value:.{digits}g}" for value in values) + "]"

@@ -19,7 +19,8 @@ __all__ = ["RigCapture", "capture_rig"]
 
 @dataclass(frozen=True)
 class RigCapture:
-    """A capture, what was taken when, and what it cost; late: swaps over 1.5 refreshes after their call."""
+    """A capture, its images with their times, its duration, images lost by the camera; late: swaps over 1.5
+    refreshes after their call."""
 
     capture: "Capture"
     taken: tuple["Taken", ...]
@@ -43,7 +44,7 @@ class RigCapture:
 def capture_rig(rig: Path, devices: Devices, shown: "Sequence", out: Path, *, keep: bool) -> RigCapture:
     """Show and take every frame; write `out`, acquisition.jsonl in it. keep: the recording stays, beside it.
 
-    InputError and CameraLost tell where what was taken so far lies.
+    InputError and CameraLost name the recording of the images so far.
     """
     import numpy as np
 

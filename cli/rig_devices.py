@@ -1,7 +1,6 @@
 """The devices of a rig: `[devices]` and `[sync]` of its TOML, options that change them, and both opened."""
 
-import tomllib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
@@ -15,7 +14,7 @@ if TYPE_CHECKING:
     from optolever.patterns import Sequence
     from optolever.projector import Accepted, Camera, ClockMap, Display, Time, Timing, Wanted
 
-__all__ = ["Devices", "Opened", "device_options", "devices_of", "opened", "wait_of", "write_section"]
+__all__ = ["Devices", "Opened", "device_options", "devices_of", "opened", "wait_of"]
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 _POSITIVE = click.FloatRange(0, min_open=True)
@@ -116,7 +115,7 @@ def _timing_of(rig: Path) -> "Timing | None":
 
 
 def _recorded(now: Opened) -> "Timing | None":
-    """Of a recording that is replayed: what it was taken with."""
+    """The timing in a recording that is replayed."""
     from optolever.projector import Timing
     from optolever.projector.cameras import Replay
 
@@ -142,22 +141,10 @@ def wait_of(now: Opened, rig: Path) -> "Timing | None":
     return timing
 
 
-def write_section(rig: Path, name: str, section: Mapping[str, Any]) -> None:
-    """The rig with another section of that name; all others stay as they are."""
-    import tomli_w
-
-    from optolever.files import atomic_file
-
-    table = _table(rig) | {name: dict(section)}
-    with atomic_file(rig) as temporary:
-        temporary.write_bytes(tomli_w.dumps(table).encode())
-
-
 def _table(rig: Path) -> dict[str, Any]:
-    try:
-        table = tomllib.loads(rig.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{rig}: is no TOML ({error})") from error
+    from optolever.scene import rig_table
+
+    table = rig_table(rig)
     if not isinstance(table.get("devices", {}), dict) or not isinstance(table.get("sync", {}), dict):
         raise InputError(f"{rig}: devices and sync must be tables")
     return table
@@ -198,7 +185,7 @@ def _camera(rig: Path, devices: Devices, shown: "Sequence", renderer: str) -> "C
 
 
 def _window(devices: Devices, shown: "Sequence") -> Any:
-    """A PatternWindow on the monitor of that name, or a plain one; what bends its levels is told."""
+    """A PatternWindow on the monitor of that name, or a plain one; notices name faults of the monitor."""
     from optolever.projector import PatternWindow, choose_monitor, monitors
 
     if not devices.display:

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 __all__ = [
     "Step",
     "budget_rows",
-    "coverage",
     "coverage_text",
     "dent_rows",
     "flag_shares",
@@ -48,24 +47,6 @@ def flag_shares(flags: "NDArray[np.unsignedinteger]", *kinds: "type[IntFlag]") -
         flag.name: float((flags & flag.value != 0).mean()) for kind in kinds for flag in kind if flag.name
     }
     return {name.lower(): share for name, share in shares.items() if share > 0}
-
-
-def coverage(flags: "NDArray[np.unsignedinteger]") -> tuple[float, float]:
-    """Share of the image that the mirror fills, and share of the mirror that is good (NaN without one).
-
-    The mirror: pixels that see the patterns change, and what they enclose; of what --mask leaves.
-    """
-    import numpy as np
-    from scipy.ndimage import binary_fill_holes
-
-    from optolever.decode import Flag
-
-    without = Flag.DARK | Flag.LOW_CONTRAST | Flag.INVALID
-    changing = (flags & without == 0) | (flags & Flag.SATURATED != 0)
-    inside = flags & Flag.INVALID == 0
-    mirror = np.asarray(binary_fill_holes(changing)) & inside
-    good = float((flags == 0)[mirror].mean()) if mirror.any() else math.nan
-    return float(mirror.mean()), good
 
 
 def coverage_text(mirror: float, good: float) -> str:

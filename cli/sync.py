@@ -8,7 +8,7 @@ import click
 
 from .options import json_option, sample
 from .outputs import Program
-from .rig_devices import device_options, devices_of, opened, write_section
+from .rig_devices import device_options, devices_of, opened
 from .show import number, print_notices, table, write_json
 
 __all__ = ["command"]
@@ -45,7 +45,7 @@ def command(rig: Path, flips: int, seed: int, json_path: Path | None, **given: A
     from optolever.files import together
     from optolever.patterns import Frame, Sequence
     from optolever.projector import sync_notices, synchronise
-    from optolever.scene import load
+    from optolever.scene import load, write_sections
 
     devices = devices_of(rig, **given)
     pattern = load(rig).pattern
@@ -57,9 +57,8 @@ def command(rig: Path, flips: int, seed: int, json_path: Path | None, **given: A
         )  # fmt: skip
     timing = replace(found, camera=devices.camera, display=devices.display)
     with together():
-        write_section(rig, "devices", devices.table())
+        write_sections(rig, {"devices": devices.table(), "sync": timing.to_table()})
         write_json(json_path, timing.to_table() | {"ready_s": timing.ready_s()})
-    write_section(rig, "sync", timing.to_table())
     print_notices(sync_notices(timing))
     sigma = timing.sigma_s or {}
     refreshes = "" if timing.refresh_s is None else f", {timing.exposure_s / timing.refresh_s:.3g} refreshes"

@@ -9,16 +9,18 @@
 | `code_guide.py` | code_rows: which code when: predicted sigma and gross rate, faults tried |
 | `ideal.py` | codes by their definitions: what ideal surfaces show, faults of frames |
 | `place.py` | a dented mirror, its truth, its exact correspondence |
+| `acquisition_check.py` | images that show the pattern before theirs |
 | `own_sequence.py` | sequences that a user brings: function, folder, file |
 | `timing.py`, `arrays.py` | seconds of calls and stages, memory, the floor; names of types |
 | `bench/`, `design/` | speed against error; what to show and to build |
 | `page.py`, `images.py`, `report/` | HTML page; figures and maps as PNG; templates, style, viewer |
 """
 
+from .acquisition_check import frames_of_another
 from .code_guide import CODES, CodeRow, code_rows, code_that_decodes, predict_code, seen
 from .demo import DemoResult, run_demo
 from .height_report import write_demo_report, write_record_report
-from .metrics import height_metrics
+from .metrics import height_metrics, mirror_coverage
 from .paper import PaperStudy, run_paper
 from .paper_line import PaperRow
 from .paper_report import write_paper_report
@@ -34,8 +36,10 @@ __all__ = [
     "RigStudy",
     "code_rows",
     "code_that_decodes",
+    "frames_of_another",
     "height_metrics",
     "judged_table",
+    "mirror_coverage",
     "peak_bytes",
     "predict_code",
     "run_demo",

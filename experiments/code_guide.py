@@ -145,7 +145,7 @@ def code_that_decodes(found: Correspondence, shown: Sequence) -> Notice | None:
 
 
 def _modulation(found: Correspondence, lit: Mask, shown: Sequence) -> float | None:
-    """Amplitude over a frame's noise of lit pixels (H, W), by their sigma; None where it does not tell."""
+    """Amplitude over a frame's noise of lit pixels (H, W), by their sigma; None where unknown."""
     stated = _median_sigma(found, lit)
     trials = [(ratio, _median_sigma(_trial(shown, ratio))) for ratio in _RATIOS]
     known = [(sigma, ratio) for ratio, sigma in trials if np.isfinite(sigma)]

@@ -24,7 +24,7 @@ from .prepared import Noise, Prepared
 from .pressure import Forces
 from .reading import Figures, Reading
 from .server import LiveServer
-from .source import Image, Newest, Source, VirtualFinger, virtual_rig
+from .source import Newest, Source, VirtualFinger, virtual_rig
 from .stream import Live
 from .touches import Touches
 
@@ -33,7 +33,6 @@ __all__ = [
     "Followed",
     "Force",
     "Forces",
-    "Image",
     "Live",
     "LiveServer",
     "Newest",

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
-import scipy.fft
 
 from optolever.blocks import over_rows
 from optolever.kernels import kernel
+from optolever.reconstruct import integrate
 
 from .arrays import Cells, Float, Mask
 from .columns import Columns, columns_of
@@ -61,7 +61,7 @@ def linearised(rays: RestRays, line: AnchorLine, lit: Mask) -> Linearised:
     by_u = (at(du=_STEP) - at(du=-_STEP)) / (2 * _STEP)
     by_v = (at(dv=_STEP) - at(dv=-_STEP)) / (2 * _STEP)
     variance = by_u**2 + by_v**2
-    log_factor = _integral(_amid(by_tau[0], 1), _amid(by_tau[1], 0))
+    log_factor = integrate(by_tau[0], by_tau[1]).z
     factor = np.exp(log_factor - log_factor[lit].max())
     # the weights of x: inverse variances of its increments, averaged over what is lit of a column
     seen_x, seen_y = lit[:, :-1] & lit[:, 1:], lit[:-1] & lit[1:]
@@ -154,22 +154,6 @@ def _weights(variance: Float, seen: Mask) -> Float:
     mean = np.where(seen, variance, 0.0).sum(axis=0) / np.maximum(count, 1)
     weights: Float = 1 / np.where(count > 0, mean, total)
     return weights
-
-
-def _integral(along: Float, across: Float) -> Float:
-    """Least squares integral of increments (R, C - 1) and (R - 1, C), by cosine transforms."""
-    rows, cols = along.shape[0], across.shape[1]
-    rhs = np.zeros((rows, cols))
-    rhs[:, 1:] += along
-    rhs[:, :-1] -= along
-    rhs[1:] += across
-    rhs[:-1] -= across
-    by_row, by_col = (4 * np.sin(0.5 * np.pi * np.arange(n) / n) ** 2 for n in (rows, cols))
-    eigen = by_row[:, None] + by_col
-    eigen[0, 0] = 1
-    modes = scipy.fft.dctn(rhs, norm="ortho") / eigen
-    modes[0, 0] = 0
-    return np.asarray(scipy.fft.idctn(modes, norm="ortho"))
 
 
 @kernel

@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 
 from optolever.errors import InputError
+from optolever.projector import Image
 
 from .arrays import Frame
 from .picture import fit_step
 from .prepared import Prepared
 from .reading import Reading
-from .source import Image, Source
+from .source import Source
 from .stream import Live
 
 __all__ = ["Followed", "follow", "tared"]
@@ -24,7 +25,7 @@ _PATIENCE = 30.0  # s without a frame: the camera is gone
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Followed:
-    """A reading, its image, and how long after the exposure it was there, s."""
+    """A reading, its image, and how long after the image's arrival it was there, s."""
 
     reading: Reading
     image: Image
@@ -36,7 +37,7 @@ class Followed:
         good = reading.good.any()
         deepest = int(np.where(reading.good, reading.z, -np.inf).argmax()) if good else 0
         return {
-            "frame": self.image.number,
+            "frame": self.image.id,
             "time_s": reading.time,
             "delay_s": self.delay,
             "trusted": reading.trusted,
@@ -50,18 +51,19 @@ class Followed:
 
 
 def follow(live: Live, source: Source, frames: int | None = None) -> Iterator[Followed]:
-    """Readings of a camera's frames, as many as asked for, or without end. InputError if no frame comes."""
+    """Readings of a camera's complete frames, as many as asked for, or without end. InputError if no frame
+    comes."""
     done, last = 0, time.monotonic()
     while frames is None or done < frames:
         image = source.next(1.0)
-        if image is None:
+        if image is None or not image.complete:
             if time.monotonic() - last > _PATIENCE:
                 raise InputError(f"camera: no frame for {_PATIENCE:g} s; is it plugged in?")
             continue
-        reading = live.update(image.pixels, image.time)
+        reading = live.update(image.pixels, image.arrived_s)
         last = time.monotonic()
         done += 1
-        yield Followed(reading, image, last - image.time)
+        yield Followed(reading, image, last - image.arrived_s)
 
 
 def tared(prepared: Prepared, frames: Frame) -> Prepared:

@@ -4,6 +4,7 @@ known."""
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.ndimage
 
 from optolever.scene import Scene
 
@@ -96,13 +97,8 @@ def anchor_line(scene: Scene, rays: RestRays, lit: Mask) -> AnchorLine:
 
 def rim(lit: Mask) -> Mask:
     """Lit cells within a few cells of the border of what is lit."""
-    padded = np.pad(lit, _RIM)
-    inside = lit.copy()
-    size = 2 * _RIM + 1
-    for i in range(size):
-        for j in range(size):
-            inside &= padded[i : i + lit.shape[0], j : j + lit.shape[1]]
-    return lit & ~inside
+    side = 2 * _RIM + 1
+    return np.asarray(lit & ~scipy.ndimage.binary_erosion(lit, np.ones((side, side))))
 
 
 def _change(field: Float, axis: int) -> Float:

@@ -1,4 +1,4 @@
-"""Reading: what one frame says of the mirror."""
+"""Reading: the height, contacts and trust of one frame."""
 
 from dataclasses import dataclass
 
@@ -37,8 +37,8 @@ class Figures:
 class Reading(Comparable):
     """One frame. z (R, C): height less rest, mm, its mean over the exposure; sigma (R, C): its standard
     deviation, infinite where it is not measured; good (R, C): where it is; x, y (R, C): of the mirror point,
-    mm. trusted: the heights may be used; reason: why not, else empty; notices: what the frame wants its user
-    to know; time: of the frame, s; touches: contacts, the deepest first, none where it is not trusted;
+    mm. trusted: the heights may be used; reason: why not, else empty; notices: what is unusual about the
+    frame; time: of the frame, s; touches: contacts, the deepest first, none where it is not trusted;
     forces: of these, where the scene names an elastic layer."""
 
     z: Cells

@@ -1,27 +1,26 @@
-"""Where frames come from: `next(timeout_s)` gives a frame and its time, or None.
+"""Where frames come from: a `projector.Camera` that runs, or anything else with its `next`.
 
-`VirtualFinger` is a camera that does not exist: a finger presses, slides and lifts on a scene's mirror, again
-and again. `Newest` reads a camera on a thread of its own and hands out the newest frame: where a reading
-takes longer than a frame, frames are skipped and counted, none is late."""
+`VirtualFinger` simulates a camera: a finger presses, slides and lifts on a scene's mirror, in cycles.
+`Newest` reads a camera on a thread and hands out the newest frame: where a reading takes longer than a frame,
+frames are skipped and counted, none is late."""
 
 import math
 import threading
 import time
-from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from optolever.decode import Correspondence, decode
 from optolever.patterns import Sequence, sequence
-from optolever.projector import NOMINAL_SENSOR, capture, footprints, light_of
+from optolever.projector import NOMINAL_SENSOR, Image, capture, footprints, light_of
 from optolever.scene import Scene, Surface, dent
 
 from .arrays import Frame, Pixels
 from .prepare import prepare
 from .prepared import Prepared
 
-__all__ = ["Image", "Newest", "Source", "VirtualFinger", "virtual_rig"]
+__all__ = ["Newest", "Source", "VirtualFinger", "virtual_rig"]
 
 _PERIOD = 10.0  # pattern pixels
 _RESTS = 8  # frames at rest
@@ -29,22 +28,12 @@ _CYCLE = 48  # frames of a press
 _DEPTH = 0.35  # of the curvature at which the picture folds, at most
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Image:
-    """pixels (H, W); time: when it was exposed, s (time.monotonic); number: counts the camera's frames."""
-
-    pixels: Frame
-    time: float
-    number: int
-
-
 @runtime_checkable
 class Source(Protocol):
-    """A camera that runs."""
+    """What is used of a camera that runs."""
 
     def next(self, timeout_s: float) -> Image | None:
         """The next frame; None: nothing came."""
-        ...
 
 
 class VirtualFinger:
@@ -70,7 +59,7 @@ class VirtualFinger:
         phase = number % _CYCLE
         if phase not in self._lights:
             self._lights[phase] = _light(self._scene, _finger(self._scene, phase / _CYCLE), self._fringe)
-        return Image(self._exposed(self._lights[phase], number), due, number)
+        return Image(self._exposed(self._lights[phase], number), number, None, due)
 
     def at_rest(self) -> Frame:
         """Frames (N, H, W) of the mirror at rest."""

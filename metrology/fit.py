@@ -1,4 +1,4 @@
-"""fit_form: a form fitted to the good pixels of a height map, its numbers with sigma, and what is left."""
+"""fit_form: a form fitted to the good pixels of a height map, its numbers with sigma, and the residual."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -24,7 +24,7 @@ OnImage = Callable[[Image, float], None]
 
 @dataclass(frozen=True, slots=True)
 class Taken:
-    """An image and what it is of. swapped_s, stamp_s: host times of the swap and of the image; repeats: how
+    """The image of a pattern. swapped_s, stamp_s: host times of the swap and of the image; repeats: how
     often the pattern was shown again; refused: images before it, by reason ("early", "incomplete").
     """
 
@@ -103,17 +103,7 @@ def acquire(
             else:  # as long as images come, however old, a good one will
                 limit = max(limit, time.now() + wait.image_s)
 
-    warm = time.now() + _WARM_S  # a map by a few images may be as late as the latest of them
-    while clock.images < _WARM_IMAGES and time.now() < warm:
-        if triggered:
-            camera.trigger()
-        image = camera.next(warm - time.now())
-        if image is None or image.device_s is None:
-            break
-        first = clock.stamp(image)
-        if on_image is not None:
-            on_image(image, first.time_s)
-
+    _warm(camera, time, clock, triggered, on_image)
     for index in order:
         refused = {"early": 0, "incomplete": 0}
         for repeats in range(_REPEATS + 1):
@@ -127,3 +117,17 @@ def acquire(
                 f"camera: no image of frame {index}, shown {_REPEATS + 1} times (refused: {refused['early']} "
                 f"too old, {refused['incomplete']} incomplete); is the camera running, is its rate right?"
             )
+
+
+def _warm(camera: Camera, time: Time, clock: ClockMap, triggered: bool, on_image: OnImage | None) -> None:
+    """Images for the map of the camera's clock: a map by a few may be as late as the latest of them."""
+    limit = time.now() + _WARM_S
+    while clock.images < _WARM_IMAGES and time.now() < limit:
+        if triggered:
+            camera.trigger()
+        image = camera.next(limit - time.now())
+        if image is None or image.device_s is None:
+            return
+        stamp = clock.stamp(image)
+        if on_image is not None:
+            on_image(image, stamp.time_s)

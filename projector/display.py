@@ -40,7 +40,7 @@ class _Child:
         )
 
     def ask(self, do: str, **words: Any) -> dict[str, Any]:
-        """The answer. InputError: what it complains of, or how it ended."""
+        """The answer. InputError: its error, or how it ended."""
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         try:

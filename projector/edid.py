@@ -1,4 +1,4 @@
-"""EDID: who a monitor is and what its own resolution is, from the 128 bytes that it tells over its cable."""
+"""EDID: a monitor's identity and native resolution, from the 128 bytes that it sends over its cable."""
 
 from dataclasses import dataclass
 

@@ -237,7 +237,7 @@ def _times(tables: list[Mapping[str, Any]], path: Path) -> NDArray[np.float64] |
 
 
 def _passed_over(base: Path, files: list[str]) -> tuple[Notice, ...]:
-    """`frames/` holds what the description names; what else is no picture is told, a picture refused."""
+    """`frames/` holds what the description names; other files get a notice, other pictures are refused."""
     folder = base / _FRAMES
     present = sorted(folder.iterdir()) if folder.is_dir() else []
     extra = [path for path in present if f"{_FRAMES}/{path.name}" not in files]

@@ -169,7 +169,7 @@ class Recording:
             raise InputError(f"{self.folder}: no recording, {_LOG} is missing")
         self._lines = list(_whole_lines(log))
         if not self._lines or self._lines[0].get("version") != _VERSION:
-            raise InputError(f"{log}: the first line must tell version {_VERSION}")
+            raise InputError(f"{log}: the first line must state version {_VERSION}")
         self.about = self._lines[0]
         settings = [line for line in self._lines if line["event"] == "configured"]
         self.accepted = None if not settings else Accepted(**_plain(settings[-1], Accepted))

@@ -6,7 +6,7 @@ every swap `latency` later, with time constants of their own for rise and fall. 
 offset per band; least squares.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
@@ -18,7 +18,7 @@ from scipy.optimize import least_squares
 from optolever.errors import InputError
 from optolever.notices import Notice
 
-from .clocks import ClockMap
+from .clocks import ClockMap, Stamp
 from .devices import Accepted, Camera, Display, Image, Time
 from .timing import Timing
 
@@ -30,9 +30,11 @@ _BANDS = 16
 _FLIPS = 60
 _REFRESH_S = 1 / 60  # where unknown: what holds are counted in
 _WHITE_IMAGES = 32
+_STILL_S, _PATIENCE_S = 0.5, 5.0  # after a swap until the light is still; until an image must have come
 _LIT = 0.3  # of the largest swing: pixels that see the display
 _SWING = 8.0  # levels, at least
 _LATENCIES = np.arange(-0.02, 0.3, 0.004)
+_CELLS_S = 0.005  # time constant of cells that a fit starts from
 _LATENESS = np.arange(-0.01, 0.0605, 0.0005)
 _STRIDE = 4
 _CERTAIN = 16.0  # squared residuals, in their variance, that a late swap explains
@@ -89,48 +91,23 @@ def record_flips(
     """Flip black and white, held 2 to 6 refreshes at random, and keep the brightness of every image."""
     refresh = display.refresh_s or _REFRESH_S
     rng = np.random.default_rng(seed)
-
-    def pull(until: float, use: Callable[[Image, float, float], None]) -> None:
-        while (left := until - time.now()) > 0:
-            if triggered:
-                camera.trigger()
-            image = camera.next(left)
-            if image is not None:
-                stamp = clock.stamp(image)
-                if image.complete:
-                    use(image, stamp.time_s, stamp.sigma_s)
-
-    still: list[NDArray[np.float64]] = []
-    for level in (0, 1):
-        display.show(level)
-        seen: list[Image] = []
-        pull(time.now() + 0.5, lambda image, *_, seen=seen: seen.append(image))
-        limit = time.now() + 5.0
-        while len(seen) < 2 and time.now() < limit:
-            pull(time.now() + 0.5, lambda image, *_, seen=seen: seen.append(image))
-        if len(seen) < 2:
-            raise InputError("camera: fewer than 2 complete images in 5 s; is it running, is it triggered?")
-        still.append(seen[-1].pixels.astype(np.float64))
-    bands = _Bands(*still)
-
-    white: list[float] = []
-    limit = time.now() + 5.0
-    while len(white) < _WHITE_IMAGES and time.now() < limit:
-        pull(time.now() + 0.1, lambda image, *_: white.append(float(np.nanmean(bands(image.pixels)))))
-
+    eye = _Eye(camera, time, clock, triggered)
+    bands = _Bands(_still(display, 0, eye), _still(display, 1, eye))
+    flicker = _flicker(eye, bands)
     rows: list[Float] = []
     times: list[tuple[float, float, float]] = []
 
-    def use(image: Image, stamp: float, sigma: float) -> None:
-        rows.append(bands(image.pixels))
-        times.append((stamp, sigma, image.arrived_s - stamp))
+    def watch(until: float) -> None:
+        for image, stamp in eye.images(until):
+            rows.append(bands(image.pixels))
+            times.append((stamp.time_s, stamp.sigma_s, image.arrived_s - stamp.time_s))
 
     level, swaps = 1, [display.show(1)]
     for _ in range(flips):
-        pull(swaps[-1].swapped_s + (int(rng.integers(2, 7)) - 0.5) * refresh, use)
+        watch(swaps[-1].swapped_s + (int(rng.integers(2, 7)) - 0.5) * refresh)
         level = 1 - level
         swaps.append(display.show(level))
-    pull(time.now() + 0.5, use)
+    watch(time.now() + _STILL_S)
     stamps, sigmas, delays = (np.array(column) for column in zip(*times, strict=True))
     return FlipRecord(
         stamps,
@@ -140,8 +117,51 @@ def record_flips(
         np.array([shown.swapped_s for shown in swaps]),
         np.array([float(shown.index) for shown in swaps]),
         delays,
-        float(np.std(white) / np.mean(white)) if white else 0.0,
+        flicker,
     )
+
+
+@dataclass(frozen=True, slots=True)
+class _Eye:
+    """A camera that runs, or waits for triggers, and the clocks."""
+
+    camera: Camera
+    time: Time
+    clock: ClockMap
+    triggered: bool
+
+    def images(self, until: float) -> Iterator[tuple[Image, Stamp]]:
+        """Complete images and their times, up to a time."""
+        while (left := until - self.time.now()) > 0:
+            if self.triggered:
+                self.camera.trigger()
+            image = self.camera.next(left)
+            if image is not None:
+                stamp = self.clock.stamp(image)
+                if image.complete:
+                    yield image, stamp
+
+
+def _still(display: Display, level: int, eye: _Eye) -> Float:
+    """The display at one level, half a second after its swap or later. InputError if no images come."""
+    display.show(level)
+    limit, count, last = eye.time.now() + _PATIENCE_S, 0, None
+    while count < 2 and eye.time.now() < limit:
+        for image, _ in eye.images(eye.time.now() + _STILL_S):
+            count, last = count + 1, image
+    if last is None or count < 2:
+        raise InputError("camera: fewer than 2 complete images in 5 s; is it running, is it triggered?")
+    return np.asarray(last.pixels, np.float64)
+
+
+def _flicker(eye: _Eye, bands: "_Bands") -> float:
+    """Standard deviation of white images over their mean; 0 if none comes."""
+    white: list[float] = []
+    for image, _ in eye.images(eye.time.now() + _PATIENCE_S):
+        white.append(float(np.nanmean(bands(image.pixels))))
+        if len(white) == _WHITE_IMAGES:
+            break
+    return float(np.std(white) / np.mean(white)) if white else 0.0
 
 
 class _Bands:
@@ -208,7 +228,7 @@ def fit_timing(taken: FlipRecord, accepted: Accepted, refresh_s: float | None) -
 
 
 def sync_notices(timing: Timing) -> tuple[Notice, ...]:
-    """What a measurement wants its user to know."""
+    """Faults of a measured synchronisation."""
     found = []
     if timing.misfit > _MISFIT:
         found.append(
@@ -288,9 +308,8 @@ def _fit(taken: FlipRecord, exposure: float, swaps: Float, start: Float | None) 
     starts = [start] if start is not None else []
     if start is None:
         grid = [
-            np.array([latency, tau, tau, shutter])
+            np.array([latency, _CELLS_S, _CELLS_S, shutter])
             for latency in _LATENCIES
-            for tau in (0.005,)
             for shutter in (-0.015, 0.0, 0.015)
         ]
         starts = sorted(grid, key=cost)[:3]

@@ -51,11 +51,6 @@ class Timing:
         spread = 3 * (self.sigma_s or {}).get("latency", 0.0)
         return self.latency_s + self.jitter_s + settled + spread - min(self.shutter_s, 0.0)
 
-    def lag(self) -> float:
-        """Share of the pattern before that an image holds that is taken when `ready_s` says so."""
-        slowest = max(self.rise_s, self.fall_s)
-        return math.exp(-(self.ready_s() - self.latency_s) / slowest) if slowest > 0 else 0.0
-
     def whole_refreshes(self, exposure_s: float) -> float | None:
         """The exposure nearest above that is a whole number of refreshes; None where that is unknown."""
         if self.refresh_s is None:

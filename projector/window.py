@@ -7,8 +7,7 @@ import importlib
 import os
 import time
 from functools import lru_cache
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import moderngl
 import numpy as np
@@ -22,7 +21,7 @@ from .devices import Shown
 from .monitors import Monitor, identified
 from .renderer import FramePainter
 
-__all__ = ["Shown", "Window", "connected_monitors"]
+__all__ = ["Window", "connected_monitors"]
 
 _WAIT_S = 0.1  # between looks at whether the window was closed
 _OPENING_S = 3.0  # until a full-screen window has the monitor's size
@@ -94,7 +93,7 @@ class Window:
 
     monitor: index into `monitors()` for full screen, None for a plain window of the pattern's size.
     vsync: `show` returns when the frame before it has left the screen, so that a camera can be paced by it.
-    A context manager; use it in the main thread.
+    Use it in the main thread of a process that ends with it: nothing closes it.
     """
 
     def __init__(self, sequence: Sequence, *, monitor: int | None = None, vsync: bool = True) -> None:
@@ -115,14 +114,6 @@ class Window:
         except BaseException:
             glfw.destroy_window(self._window)
             raise
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     @property
     def index(self) -> int:
@@ -187,7 +178,7 @@ class Window:
             glfw.wait_events_timeout(_WAIT_S)
 
     def play(self, seconds: float) -> list[Shown]:
-        """Show every frame once for so long, from the first; those that were on for as long as they should.
+        """Show every frame once for so long, from the first; returns the frames that stayed on for all of it.
 
         Ends early if the window is closed or the monitor goes away.
         """
@@ -230,12 +221,6 @@ class Window:
             glfw.set_window_should_close(window, True)
         elif key in (glfw.KEY_RIGHT, glfw.KEY_LEFT):
             self._steps += 1 if key == glfw.KEY_RIGHT else -1
-
-    def close(self) -> None:
-        """Free the GL objects and close the window."""
-        self._painter.release()
-        self._ctx.release()
-        glfw.destroy_window(self._window)
 
 
 def _initialise() -> None:

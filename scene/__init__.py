@@ -11,6 +11,8 @@ TOML only.
 | `pattern_shape.py` | displays that are not flat: bow, table of points |
 | `telecentric.py`, `pinhole.py`, `face.py` | cameras: pixel -> ray, lens distortion, refraction at a face |
 | `scene.py`, `reading.py`, `writing.py`, `presets/` | Scene, resize; strict TOML; the scenes on board |
+| `typed_rig.py` | a rig's TOML from sizes, angles and distances |
+| `rig_file.py` | sections of other parts in a rig's TOML |
 | `parameters.py`, `covariance.py` | the numbers that a calibration adjusts; how sure they are |
 | `rest_form.py` | form of the mirror at rest, measured by a calibration |
 | `accuracy.py`, `priors.py` | how sure typed numbers are; the covariance that every scene has |
@@ -41,12 +43,14 @@ from .pinhole import PinholeCamera
 from .priors import GAUGE_HELD, rig_covariance, typed_covariance, typed_sigmas
 from .reading import load, preset_names
 from .rest_form import RestForm
+from .rig_file import rig_table, write_sections
 from .scene import Camera, Scene, resize
 from .sensor import Display, Sensor
 from .sofast import SOFAST_SCREEN, SofastRig, load_sofast_rig
 from .surface import Formula, Surface, surface_from_array
 from .telecentric import TelecentricCamera, prism_camera
 from .tracing import Trace, trace
+from .typed_rig import TypedRig, rig_toml
 from .window import mean_beside, movement, scene_window, strided
 
 __all__ = [
@@ -75,6 +79,7 @@ __all__ = [
     "Surface",
     "TelecentricCamera",
     "Trace",
+    "TypedRig",
     "adjusted",
     "dent",
     "dent_from_text",
@@ -92,6 +97,8 @@ __all__ = [
     "prism_pattern",
     "resize",
     "rig_covariance",
+    "rig_table",
+    "rig_toml",
     "scene_window",
     "strided",
     "surface_from_array",
@@ -99,6 +106,7 @@ __all__ = [
     "typed_covariance",
     "typed_sigmas",
     "without_rest_form",
+    "write_sections",
 ]
 
 check_face(__name__)

@@ -16,7 +16,7 @@ _KINDS = "serial:NUMBER, v4l2:PATH, gige:ADDRESS, aravis:NAME, opencv:PATH, fold
 
 
 def find_cameras() -> tuple[list[Identity], dict[str, str]]:
-    """What every back-end finds, and for those that cannot look why, by back-end."""
+    """Cameras by every back-end, and by back-end the reason why it cannot look."""
     found: list[Identity] = []
     silent: dict[str, str] = {}
     for backend in dict.fromkeys(_BACKENDS.values()):

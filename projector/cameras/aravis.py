@@ -73,7 +73,7 @@ class AravisCamera:
 
     @property
     def identity(self) -> Identity:
-        """Model and serial as the camera tells them."""
+        """Model and serial as the camera states them."""
         model = self._library.text("camera_get_model_name", self._camera)
         serial = self._library.text("camera_get_device_serial_number", self._camera)
         return Identity("aravis", model, serial, f"{'gige' if self._gige else 'aravis'}:{self._name}")

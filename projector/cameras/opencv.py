@@ -48,7 +48,7 @@ class OpenCVCamera:
         return Identity("opencv", self._capture.getBackendName(), "", f"opencv:{self._name}")
 
     def configure(self, wanted: Wanted) -> Accepted:
-        """Set and read back; what did not take is told as unlocked."""
+        """Set and read back; settings that did not hold are listed as unlocked."""
         unlocked = []
         if wanted.rows and wanted.cols:
             self._set(cv2.CAP_PROP_FRAME_HEIGHT, wanted.rows)

@@ -35,7 +35,7 @@ class Replay:
 
     @property
     def refresh_s(self) -> float | None:
-        """As the display told then."""
+        """Of the display at the recording."""
         value = self.recording.about.get("refresh_s")
         return None if value is None else float(value)
 

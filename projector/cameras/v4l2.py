@@ -141,7 +141,7 @@ class V4L2Camera:
             return None
 
     def _lock(self, number: int, value: int, what: str, unlocked: list[str]) -> None:
-        """Switch an automatic control off; one that the driver has and that stays on is told."""
+        """Switch an automatic control off; one that stays on is listed as unlocked."""
         if ioctl.control(self._device, number) is not None and self._set(number, value) != value:
             unlocked.append(f"{what}: automatic, the driver does not switch it off")
 

@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 from lab.hardware.simulated import Setting, SimulatedCamera, SimulatedDisplay, SimulatedTime
-from optolever.cli.measure import frames_of_another
-from optolever.cli.rig_capture import RigCapture
 from optolever.decode import decode
+from optolever.experiments import frames_of_another
 from optolever.patterns import sequence
 from optolever.projector import (
     Capture,
@@ -87,11 +86,10 @@ def test_a_frame_of_the_pattern_before_is_found(rig: Path) -> None:
     shown = sequence("gray+phase", scene.pattern.rows, scene.pattern.cols)
     frames = sensor_frames(rig, noise=1.0)
     seen = decode(frames, shown)
-    right = RigCapture(Capture(frames, shown), (), 0.0, 0)
-    assert frames_of_another(right, seen) == []
+    assert frames_of_another(Capture(frames, shown), seen) == []
     late = frames.copy()
     late[7] = frames[6]
-    assert frames_of_another(RigCapture(Capture(late, shown), (), 0.0, 0), seen) == [7]
+    assert frames_of_another(Capture(late, shown), seen) == [7]
 
 
 def test_record_and_replay(optolever: Program, refused: Refused, rig: Path, tmp_path: Path) -> None:
@@ -106,7 +104,7 @@ def test_record_and_replay(optolever: Program, refused: Refused, rig: Path, tmp_
     assert len(Recording(tmp_path / "r")) == numbers["images"]
     assert f"{numbers['images']}, incomplete 0" in optolever("replay", tmp_path / "r").out
     refused([*words, "--out", tmp_path / "r"], "no empty folder")
-    refused(["replay", tmp_path / "r", "--out", tmp_path / "c"], "tells no sequence")
+    refused(["replay", tmp_path / "r", "--out", tmp_path / "c"], "has no sequence")
     refused(["replay", tmp_path / "nothing"], "no recording")
 
 

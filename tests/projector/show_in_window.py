@@ -36,7 +36,6 @@ def press_keys() -> None:
         window._on_key(window._window, key, 0, glfw.RELEASE, 0)
     threading.Timer(0.3, lambda: window._on_key(window._window, glfw.KEY_ESCAPE, 0, glfw.PRESS, 0)).start()
     window.run()
-    window.close()
     print(window.index)
 
 

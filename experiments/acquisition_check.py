@@ -1,0 +1,32 @@
+"""Are the images of an acquisition those of their patterns? A swap of the display is not yet its light."""
+
+import numpy as np
+
+from optolever.decode import Correspondence
+from optolever.projector import Capture
+
+__all__ = ["frames_of_another"]
+
+_PIXELS = 20_000
+
+
+def frames_of_another(capture: Capture, seen: Correspondence) -> list[int]:
+    """Frames that the pattern shown before them explains better than their own, at the decoded places.
+
+    The light of a pixel is an offset and a gain times the pattern's level at its place (least squares).
+    """
+    sequence = capture.sequence
+    good = seen.good.ravel()
+    places = np.flatnonzero(good)[:: max(1, int(good.sum()) // _PIXELS)]
+    if len(places) == 0:
+        return []
+    u = np.clip(np.rint(seen.u.ravel()[places]), 0, sequence.cols - 1).astype(int)
+    v = np.clip(np.rint(seen.v.ravel()[places]), 0, sequence.rows - 1).astype(int)
+    shown = np.array([sequence.render_frame(k)[v, u] for k in range(len(sequence))], np.float64)
+    light = capture.frames.reshape(len(sequence), -1)[:, places].astype(np.float64)
+    level = shown - shown.mean(axis=0)
+    gain = (level * light).sum(axis=0) / np.maximum((level**2).sum(axis=0), 1e-9)
+    model = light.mean(axis=0) + gain * level
+    by_own = ((light[1:] - model[1:]) ** 2).sum(axis=1)
+    by_last = ((light[1:] - model[:-1]) ** 2).sum(axis=1)
+    return [int(k) + 1 for k in np.flatnonzero(by_last < by_own)]
