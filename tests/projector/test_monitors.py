@@ -152,12 +152,12 @@ def test_bent_levels_are_told(dummy: str) -> None:
 
 
 @pytest.mark.slow
-def test_a_monitor_that_goes_away_ends_the_show(dummy: str) -> None:
+def test_a_monitor_that_goes_away_ends_the_show(dummy: str, tmp_path: Path) -> None:
     plug(dummy)
     words = ["show", "--sequence", "phase", "--display", "DUMMY1", "--seconds", "1.5"]
     with subprocess.Popen(
         [sys.executable, "-c", RUN, *words], env={**os.environ, "DISPLAY": dummy},
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     ) as process:  # fmt: skip
         time.sleep(18)
         xrandr(dummy, "--output", "DUMMY1", "--off")

@@ -117,6 +117,7 @@ def test_show_puts_every_frame_on_the_screen(x_server: tuple[str, Path], tmp_pat
     with subprocess.Popen(
         [sys.executable, "-c", code, *words],
         env={**os.environ, "DISPLAY": display},
+        cwd=tmp_path,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
