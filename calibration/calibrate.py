@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from datetime import date
 from functools import cached_property
 from typing import Any
 
@@ -352,7 +353,8 @@ def _judged(result: Adjustment, observations: Sequence[Observation], guessed: bo
         numbers, by = (*numbers, *(f"rest.{name}" for name in form.values)), np.vstack([by, own])
     sources, parts = error_sources(result)
     matrix, parts = (by @ part @ by.T for part in (result.covariance, parts))
-    covariance = Covariance(numbers, matrix, result.chi, GAUGE, sources, parts)
+    day = date.today().isoformat()
+    covariance = Covariance(numbers, matrix, result.chi, GAUGE, sources, parts, day)
     return Calibration(
         replace(scene, covariance=covariance, rest_form=form),
         result,

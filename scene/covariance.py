@@ -22,6 +22,7 @@ class Covariance(Record):
     symmetric and positive definite.
     sources, parts (s, p, p): the independent errors behind it, in words, and what each adds to the matrix;
     none: not known.
+    date: day of the calibration, as 2026-11-28; empty: not known.
     """
 
     names: tuple[str, ...]
@@ -30,6 +31,7 @@ class Covariance(Record):
     gauge: str = ""
     sources: tuple[str, ...] = ()
     parts: Float | None = None
+    date: str = ""
 
     def __post_init__(self) -> None:
         matrix = np.array(self.matrix, dtype=np.float64)

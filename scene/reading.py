@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import fields, replace
+from datetime import date
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, TypeVar
@@ -222,10 +223,18 @@ def _boolean(name: str, value: Any) -> bool:
 
 def _calibration(table: _Table, path: Path) -> tuple[Covariance, RestForm | None]:
     """[calibration]: the covariance's file, beside the scene's, and the form of the mirror at rest."""
-    table.known("covariance, rest_form_mm")
+    table.known("covariance, date, rest_form_mm")
     name = table.take("covariance", _text)
     form = table.take("rest_form_mm", _form) if "rest_form_mm" in table else None
-    return Covariance.load(path.parent / name), form
+    day = table.get("date", _day, "")
+    return replace(Covariance.load(path.parent / name), date=day), form
+
+
+def _day(name: str, value: Any) -> str:
+    """A date of TOML as text."""
+    if type(value) is not date:
+        raise InputError(f"{name} = {value!r}: must be a date, such as 2026-11-28")
+    return value.isoformat()
 
 
 def _form(name: str, value: Any) -> RestForm:

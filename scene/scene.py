@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -105,6 +106,8 @@ class Scene(Record):
             return
         beside = file.with_suffix(".calibration.npz")
         table["calibration"] = {"covariance": beside.name}
+        if self.covariance.date:
+            table["calibration"]["date"] = date.fromisoformat(self.covariance.date)
         if self.rest_form is not None:
             table["calibration"]["rest_form_mm"] = self.rest_form.coefficients.tolist()
         with together():
