@@ -33,7 +33,7 @@ Demo: paper-simulation, raised-cosine:peak=1.3, gray+phase, 22 frames
     metavar="CELLS",
     help="Rms blur of the pattern in cells, in place of the scene's own.",
 )
-@report_option("demo", "Gets report.html.", "report.html")
+@report_option("demo", "Gets report.html and the data behind it.", "report.html", "figures.csv")
 @json_option
 def command(
     scene_name: str,
@@ -52,8 +52,9 @@ def command(
     The sequence is shown to a dented mirror, the frames are decoded, the height is reconstructed and compared
     with the truth.
 
-    DIR/report.html is one self-contained page: patterns, frames, maps of u and v, flags, the height as a
-    picture and as a surface that can be turned, error, error against sigma, the time of every stage.
+    DIR/report.html needs no network: maps and profiles with the numbers under the pointer, a surface that can
+    be turned, error against sigma, flags, frames, the rig to scale, the time of every stage. The full data
+    (.npz) and every number of the page (figures.csv) lie beside it.
     """
     from dataclasses import replace
 

@@ -37,13 +37,13 @@ Measured in press1
 def command(rig: Path, sequence: str, out: Path, json_path: Path | None, **given: Any) -> None:
     """Take a capture with a rig and make heights and a report.
 
-    DIR gets capture/, c.npz, h.npz and report.html. Every frame is checked to be nearer to its own pattern
-    than to the one shown before it: a swap is not the light.
+    DIR gets capture/, c.npz, h.npz, report.html and its data. Every frame is checked to be nearer to its own
+    pattern than to the one shown before it: a swap is not the light.
     """
     import numpy as np
 
     from optolever.decode import decode
-    from optolever.experiments import frames_of_another, write_record_report
+    from optolever.experiments import Measurement, frames_of_another, write_measurement_report
     from optolever.patterns import sequence_from_text
     from optolever.reconstruct import reconstruct
     from optolever.scene import load
@@ -63,7 +63,17 @@ def command(rig: Path, sequence: str, out: Path, json_path: Path | None, **given
         step("reconstruct")
         height = reconstruct(seen, scene)
         height.save(out / "h.npz")
-        write_record_report(out / "report.html", height, seen, done.capture, str(out / "h.npz"))
+        found = Measurement(
+            height,
+            seen,
+            done.capture,
+            scene,
+            source=str(out / "h.npz"),
+            rig=str(rig),
+            simulated=devices.camera == "virtual",
+            saved=("c.npz", "h.npz"),
+        )
+        write_measurement_report(out / "report.html", found)
     good = height.good
     noise, rig_error = (
         float(np.median(sigma[good])) if good.any() else float("nan")

@@ -4,15 +4,16 @@ from pathlib import Path
 
 import click
 
-from .options import FILE, json_option, sample
+from .options import FILE, blame, json_option, load_scene, sample
 from .outputs import Program, report_option
 from .show import budget_rows, grid, noise_and_rig, number, print_notices, table, write_json
 
 __all__ = ["command"]
 
 SAMPLE = """
-$ optolever report h.npz --correspondence c.npz --capture capture --out report
-Report of h.npz
+$ optolever report h.npz --correspondence c.npz --capture capture \\
+      --scene capture/scene.toml --out report
+Report of h.npz: simulated, geometry known
   good   98.83 % of the pixels
   sigma  ± 39 nm noise (medians)
   page   report/report.html
@@ -21,51 +22,86 @@ Report of h.npz
 
 @click.command("report", cls=Program, epilog=sample(SAMPLE))
 @click.argument("source", type=FILE, metavar="H.npz")
-@click.option("--correspondence", type=FILE, metavar="C.npz", help="What decode wrote: adds maps of u and v.")
+@click.option(
+    "--correspondence", type=FILE, metavar="C.npz", help="File of decode: adds maps of u and v, and slopes."
+)
 @click.option("--capture", "folder", type=FILE, metavar="DIR", help="Capture folder: adds its frames.")
 @click.option(
-    "--less", type=FILE, metavar="H.npz", help="Height map of the same rig: uncertainty of the difference."
+    "--scene",
+    "scene_name",
+    metavar="PRESET_OR_TOML",
+    help="Scene or rig of the map: adds its drawing, areas, slopes and dents.",
 )
-@report_option("report", "Gets report.html.", "report.html")
+@click.option(
+    "--remove",
+    "form",
+    metavar="FORM[:NUMBER=VALUE,...]",
+    help="Form to take off the heights, as in `form`, or none; default: a sphere where the scene is a mirror "
+    "in open air, else none.",
+)
+@click.option(
+    "--less",
+    type=FILE,
+    multiple=True,
+    metavar="H.npz",
+    help="Height map of the same rig: the difference and its uncertainty; again for more.",
+)
+@report_option(
+    "report",
+    "Gets report.html and the data behind it.",
+    *("report.html", "figures.csv", "height.npz"),
+)
 @json_option
 def command(
     source: Path,
     correspondence: Path | None,
     folder: Path | None,
-    less: Path | None,
+    scene_name: str | None,
+    form: str | None,
+    less: tuple[Path, ...],
     out: Path,
     json_path: Path | None,
 ) -> None:
-    """Write a page from saved records: height, error bars, flags.
+    """Write a page from saved records: heights, error bars, flags.
 
-    H.npz is what reconstruct wrote. DIR/report.html is one self-contained page, as the one of demo, without
-    what only a simulation knows.
+    H.npz is a file of reconstruct. DIR/report.html is the page that demo writes, without the comparison with
+    the truth. The full data (.npz) and every number of the page (figures.csv) lie beside it.
     """
     import numpy as np
 
     from optolever.decode import Correspondence
-    from optolever.experiments import write_record_report
+    from optolever.experiments import Measurement, write_measurement_report
     from optolever.files import report_folder, together
     from optolever.projector import Capture
     from optolever.reconstruct import HeightMap, budget
 
     height = HeightMap.load(source)
-    seen = None if correspondence is None else Correspondence.load(correspondence)
-    capture = None if folder is None else Capture.load(folder)
-    other = None if less is None else HeightMap.load(less)
+    others = {path.stem: HeightMap.load(path) for path in less}
+    given = Measurement(
+        height,
+        None if correspondence is None else Correspondence.load(correspondence),
+        None if folder is None else Capture.load(folder),
+        None if scene_name is None else load_scene(scene_name, height.z.shape),
+        source=str(source),
+        rig=scene_name or "",
+        simulated=folder is not None and (folder / "truth.npz").is_file(),
+        form="" if form == "none" else form,
+        less=others,
+    )
     good = height.good
     total, noise, rig = (
         float(np.median(sigma[good])) if good.any() else float("nan")
         for sigma in (height.total_sigma, height.sigma, height.calibration_sigma)
     )
-    readings = budget(height, other)
-    with report_folder(out), together():
-        write_record_report(out / "report.html", height, seen, capture, str(source), other)
-        numbers = {"good_share": float(good.mean()), "sigma_mm": total, "noise_mm": noise, "rig_mm": rig}
-        write_json(json_path, numbers | {"budget_mm": readings})
+    with blame(source):
+        readings = budget(height, next(iter(others.values()), None))
+        with report_folder(out), together():
+            write_measurement_report(out / "report.html", given)
+            numbers = {"good_share": float(good.mean()), "sigma_mm": total, "noise_mm": noise, "rig_mm": rig}
+            write_json(json_path, numbers | {"budget_mm": readings})
     print_notices(height.notices)
     table(
-        f"Report of {source}",
+        f"Report of {source}: {given.provenance}",
         {
             "good": number(100 * good.mean(), "% of the pixels"),
             "sigma": f"{noise_and_rig(noise, rig)} (medians)",

@@ -3,9 +3,11 @@
 | file | holds |
 |---|---|
 | `demo.py`, `metrics.py` | run_demo: the whole chain on a virtual sensor; how good it was |
-| `height_report.py`, `height_view.py` | pages of demo and records; what they show of the height |
+| `measurement.py`, `height_report.py` | a measurement and its page |
+| `height_tables.py`, `maps.py` | the tables, maps and charts of that page |
+| `figures.py`, `flag_table.py` | numbers on a page and in its file; flags by area |
 | `paper.py`, `paper_line.py`, `paper_report.py` | run_paper: the paper's simulation and experiment; page |
-| `rig_report.py` | the page of a calibration |
+| `rig_report.py`, `rig_drawing.py` | the page of a calibration; a rig to scale |
 | `code_guide.py` | code_rows: which code when: predicted sigma and gross rate, faults tried |
 | `ideal.py` | codes by their definitions: what ideal surfaces show, faults of frames |
 | `place.py` | a dented mirror, its truth, its exact correspondence |
@@ -19,7 +21,8 @@
 from .acquisition_check import frames_of_another
 from .code_guide import CODES, CodeRow, code_rows, code_that_decodes, predict_code, seen
 from .demo import DemoResult, run_demo
-from .height_report import write_demo_report, write_record_report
+from .height_report import write_demo_report, write_measurement_report
+from .measurement import Measurement
 from .metrics import height_metrics, mirror_coverage
 from .paper import PaperStudy, run_paper
 from .paper_line import PaperRow
@@ -31,6 +34,7 @@ __all__ = [
     "CODES",
     "CodeRow",
     "DemoResult",
+    "Measurement",
     "PaperRow",
     "PaperStudy",
     "RigStudy",
@@ -46,7 +50,7 @@ __all__ = [
     "run_paper",
     "seen",
     "write_demo_report",
+    "write_measurement_report",
     "write_paper_report",
-    "write_record_report",
     "write_rig_report",
 ]

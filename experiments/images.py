@@ -4,7 +4,7 @@ mirror in mm (x to the right, y up) and on the camera's pixels.
 
 import base64
 import io
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -19,7 +19,6 @@ from scipy.spatial import cKDTree
 from .arrays import Floats
 
 RESOLUTION = 110  # dots per inch of every figure
-CAMERA = "camera column [px]", "camera row [px]"
 SIDE = 520  # samples on the longer side of a drawn map
 
 
@@ -135,7 +134,7 @@ class MirrorGrid:
         rows, cols = self.pixel.shape
         return self.x0, self.x0 + cols * self.pitch, self.y0, self.y0 + rows * self.pitch
 
-    def place(self, values: Floats) -> Floats:
+    def place(self, values: NDArray[np.floating[Any]]) -> Floats:
         """Values of camera pixels (H, W) on the grid: samples, never averages."""
         return np.where(self.pixel < 0, np.nan, thin(values, 2 * self.side).ravel()[self.pixel])
 
@@ -150,29 +149,7 @@ def length_unit(size: float) -> tuple[float, str]:
 def mirror_figure(panels: list[Panel], grid: MirrorGrid) -> str:
     """Maps of the mirror side by side, axes in mm; values are already on the grid."""
     left, right, bottom, top = grid.extent
-    return _draw(panels, grid.extent, ("x [mm]", "y [mm]"), (top - bottom) / max(right - left, 1e-9), "lower")
-
-
-def camera_figure(panels: list[Panel]) -> str:
-    """Maps on the camera's pixels as the camera sees them: row 0 on top; samples of the pixels."""
-    rows, cols = panels[0].values.shape
-    small = [replace(panel, values=thin(panel.values, SIDE)) for panel in panels]
-    return _draw(small, (-0.5, cols - 0.5, rows - 0.5, -0.5), CAMERA, rows / cols, "upper")
-
-
-def flags_figure(index: NDArray[np.integer], colours: list[str]) -> str:
-    """A map of categories on the camera's pixels; index 0.. into colours; samples of the pixels."""
-    limits = -0.5, len(colours) - 0.5
-    return camera_figure([Panel(index.astype(np.float64), "", "", ListedColormap(colours), limits)])
-
-
-def _draw(
-    panels: list[Panel],
-    extent: tuple[float, float, float, float],
-    names: tuple[str, str],
-    ratio: float,
-    origin: str,
-) -> str:
+    ratio = (top - bottom) / max(right - left, 1e-9)
     columns = min(len(panels), 2)
     lines = -(-len(panels) // columns)
     width = 5.6 * columns if columns > 1 else 6.4
@@ -183,11 +160,11 @@ def _draw(
         unused.remove()
     for axes, panel in zip(places, panels, strict=False):
         image = axes.imshow(
-            panel.values, panel.colours, extent=extent, origin=origin, interpolation="nearest"
+            panel.values, panel.colours, extent=grid.extent, origin="lower", interpolation="nearest"
         )
         image.set_clim(*(panel.limits or robust_limits(panel.values)))
         axes.set_facecolor("#d9dde2")
-        label_axes(axes, *names, panel.title, frame=True)
+        label_axes(axes, "x [mm]", "y [mm]", panel.title, frame=True)
         if panel.label:
             bar = figure.colorbar(image, ax=axes, fraction=0.046, pad=0.02)
             bar.set_label(panel.label, fontsize=9)

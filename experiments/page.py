@@ -20,6 +20,7 @@ from .images import length_unit
 from .timing import peak_bytes
 
 FOLDER = Path(__file__).parent / "report"
+SCRIPTS = ("uplot.min.js", "viewer.js", "charts.js")
 LIBRARIES = ("numpy", "scipy", "numba", "moderngl", "opencv-contrib-python-headless", "matplotlib")
 
 
@@ -45,8 +46,8 @@ def write_page(path: str | Path, template: str, seconds: dict[str, float], conte
         "notices": (),
         "version": __version__,
         "versions": versions(),
-        "style": Markup((FOLDER / "style.css").read_text()),
-        "viewer": Markup((FOLDER / "viewer.js").read_text()),
+        "style": Markup("".join((FOLDER / name).read_text() for name in ("uplot.min.css", "style.css"))),
+        "scripts": Markup("".join((FOLDER / name).read_text() for name in SCRIPTS)),
         "stages": stage_bars(seconds),
         "memory_gib": peak_bytes() / 2**30,
         "command": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),

@@ -17,12 +17,13 @@ from optolever.reconstruct import (
     predicted_budget,
     sigma_at_rest,
 )
-from optolever.scene import PinholeCamera, Scene
+from optolever.scene import Scene
 
 from .arrays import Floats
 from .images import figure_uri, label_axes, length_unit, new_figure, robust_limits
 from .metrics import rms
 from .page import budget_table, scientific, table, write_page
+from .rig_drawing import rig_drawing
 
 #: Beyond these the page is red: chi; prior sigmas that a number is off its prior. A number whose sigma is not
 #: LEAST_GAIN times below its prior's is grey.
@@ -62,6 +63,7 @@ def write_rig_report(study: RigStudy, path: str | Path) -> None:
     """Write the page."""
     rest = sigma_at_rest(study.scene)
     heads, rows = judged_table(study.judged)
+    drawing, bar = rig_drawing({"before": study.given, "after": study.scene})
     kinds = [_beyond(each.get("chi")) for each in study.judged.values()]
     write_page(
         path,
@@ -69,6 +71,7 @@ def write_rig_report(study: RigStudy, path: str | Path) -> None:
         study.seconds,
         {
             "name": study.scene.name,
+            "day": "" if study.scene.covariance is None else study.scene.covariance.date,
             "chi": study.chi,
             "sigma": float(np.nanmedian(rest.calibration_sigma)),
             "warnings": [str(each) for each in study.notices if each.cure or each.limit == each.limit],
@@ -82,7 +85,8 @@ def write_rig_report(study: RigStudy, path: str | Path) -> None:
             "limits": {"chi": MOST_CHI, "off": MOST_OFF, "gain": LEAST_GAIN},
             "numbers": _numbers(study.parameters),
             "correlations": _correlation_figure(study.scene),
-            "sketch": _sketch(study.given, study.scene),
+            "drawing": drawing,
+            "bar": bar,
             "heights": _sigma_figure(rest),
             "budget": budget_table(predicted_budget(study.scene)),
             "depth": study.scene.mirror.length * PREDICTED_DEPTH,
@@ -167,49 +171,4 @@ def _sigma_figure(rest: HeightMap) -> str:
     for axes, (name, values) in zip(figure.subplots(1, 3)[: len(shown)], shown, strict=False):
         known_values = np.where(known, factor * values, np.nan)
         _draw_points(axes, (rest.x, rest.y), known_values, name, unit, "x [mm]")
-    return figure_uri(figure)
-
-
-def camera_view(scene: Scene) -> tuple[Floats, Floats]:
-    """The camera's middle ray (n, 3), from the camera to the mirror at rest, and the face that it crosses, a
-    line in its plane of x and z (2, 3), or none (0, 3); mm.
-
-    A pinhole stands where it is. A telecentric camera has no place along its axis: it is drawn outside.
-    """
-    camera, reach = scene.camera, scene.mirror.length
-    (start,), (way,) = camera.rays_at(*(0.5 * np.array([[camera.rows - 1], [camera.cols - 1]])))
-    foot = start - start[2] / way[2] * way
-    bends = np.empty((0, 3)) if camera.face is None else start[None]
-    if isinstance(camera, PinholeCamera):
-        place = camera.origin
-    else:
-        axis = np.cross(camera.u_axis, camera.v_axis)
-        place = (foot if camera.face is None else start) - reach * axis
-    ray = np.vstack([place, bends, foot])
-    if camera.face is None:
-        return ray, bends
-    normal = camera.face.normal
-    along = np.array([normal[2], 0.0, -normal[0]]) / np.hypot(normal[0], normal[2])
-    return ray, start + 0.3 * reach * np.array([[-1.0], [1.0]]) * along
-
-
-def _sketch(before: Scene, after: Scene) -> str:
-    """From the side (x, z) and from above (x, y): mirror, pattern, camera, its middle ray and its face."""
-    figure = new_figure(9.0, 3.6)
-    both = figure.subplots(1, 2)
-    for scene, colour, name in ((before, "#9aa4b2", "before"), (after, "#2563a8", "after")):
-        pattern = scene.pattern
-        u, v = np.array([0, 1, 1, 0, 0]) * (pattern.cols - 1), np.array([0, 0, 1, 1, 0]) * (pattern.rows - 1)
-        screen = pattern.point(u.astype(np.float64), v.astype(np.float64))
-        ray, face = camera_view(scene)
-        length, width = scene.mirror.length, scene.mirror.width
-        mirror = np.array([[0, 0, 0], [length, 0, 0], [length, width, 0], [0, width, 0], [0, 0, 0]], float)
-        for axes, (first, second) in zip(both, ((0, 2), (0, 1)), strict=True):
-            for line, style in ((screen, "-"), (ray, "--"), (mirror, "-"), (face, ":")):
-                axes.plot(line[:, first], line[:, second], style, color=colour, lw=1.3)
-            axes.plot(*ray[0, [first, second]], "o", color=colour, ms=5, label=name)
-    for axes, label in zip(both, "zy", strict=True):
-        axes.set_aspect("equal", adjustable="datalim")
-        label_axes(axes, "x [mm]", f"{label} [mm]")
-    both[0].legend(fontsize=8, frameon=False)
     return figure_uri(figure)

@@ -4,8 +4,8 @@ The parts, floor by floor (imports run downward only):
 
 | floor | part          | what it does                                                             |
 |-------|---------------|--------------------------------------------------------------------------|
-| 5     | `cli`         | commands and progress                                                    |
-| 4     | `experiments` | demo, paper tables, benchmarks, report                                   |
+| 6     | `cli`         | commands and progress                                                    |
+| 5     | `experiments` | demo, paper tables, benchmarks, report                                   |
 | 4     | `calibration` | captures of simple targets -> Scene with covariance                        |
 | 4     | `metrology`   | form, residual, slope error, Zernike terms, with sigma                   |
 | 4     | `live`        | prepared rig + one frame -> height, contacts, force                        |

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from datetime import date
 from pathlib import Path
 
 import numpy as np
@@ -41,7 +42,8 @@ def test_from_captures_to_heights_with_modes(
         text in html for text in ("flat2: chi", "camera.f", "flatness of the reference", "Correlations")
     )
     assert all(text in html for text in ("Uncertainty by source", "difference of maps", "noise of the cal"))
-    assert html.count("data:image/png") == 3 + 3  # residuals of each capture; correlations, sigma, sketch
+    assert html.count("data:image/png") == 3 + 2  # residuals of each capture; correlations, sigma
+    assert html.count("<svg ") == 2  # the rig from the side and from above
     assert "camera.f" in outcome.out
     assert "gauge" in outcome.err
     found = json.loads(numbers.read_text())
@@ -75,9 +77,13 @@ def test_from_captures_to_heights_with_modes(
     outcome = optolever("reconstruct", str(folder / "flat0.npz"), *scene_and_out, *change, code=2)
     assert "optolever rest" in outcome.err
     optolever("rest", str(folder / "flat0.npz"), "--scene", str(out), "--anchor", "75,55,0")
-    less = ("--less", str(tmp_path / "rig.rest.npz"), "--out", str(tmp_path / "page"))
+    less = ("--scene", str(out), "--less", str(tmp_path / "rig.rest.npz"), "--out", str(tmp_path / "page"))
     optolever("report", str(height), *less)
-    assert "difference of maps" in (tmp_path / "page" / "report.html").read_text()
+    html = (tmp_path / "page" / "report.html").read_text()
+    assert "h − rig.rest, largest" in html
+    assert scene.covariance.date == date.today().isoformat()
+    assert f"rig {out}, calibrated on {scene.covariance.date}" in html
+    assert f"Calibrated on {scene.covariance.date}" in page.read_text()
     drifted = str(folder / "flat1.npz")
     outcome = optolever("reconstruct", drifted, *scene_and_out, *change, "--anchor", "75,55,0")
     assert "drift" in outcome.err

@@ -164,6 +164,8 @@ def test_a_page_from_saved_records(optolever: Program, chain: Chain, tmp_path: P
     for name in ("height-map", "sigma-map", "flag-counts", "flags-map", "surface-data"):
         assert f'id="{name}"' in bare
         assert f'id="{name}"' in full
+    assert "simulated, rig not given" in full
+    assert "measured, rig not given" in bare
     assert 'id="correspondence-maps"' in full
     assert 'id="correspondence-maps"' not in bare
     assert not height.notices

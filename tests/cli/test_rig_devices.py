@@ -74,7 +74,9 @@ def test_a_rig_captures_what_its_camera_sees(optolever: Program, rig: Path, tmp_
 @pytest.mark.slow
 def test_measure_goes_to_the_report(optolever: Program, rig: Path, tmp_path: Path) -> None:
     outcome = optolever("measure", "--rig", rig, "--out", tmp_path / "m", "--json", tmp_path / "m.json")
-    assert {"c.npz", "h.npz", "report.html", "capture"} == {one.name for one in (tmp_path / "m").iterdir()}
+    files = {"c.npz", "h.npz", "report.html", "capture", "figures.csv", "slopes.npz"}
+    assert files == {one.name for one in (tmp_path / "m").iterdir()}
+    assert "simulated, rig " in (tmp_path / "m/report.html").read_text()
     numbers = json.loads((tmp_path / "m.json").read_text())
     assert numbers["wrong_frames"] == []
     assert numbers["good_share"] > 0.5

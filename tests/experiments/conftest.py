@@ -47,6 +47,8 @@ def browser(tmp_path: Path) -> Browser:
     def open_page(page: Path, *options: str) -> str:
         profile = f"--user-data-dir={tmp_path / 'profile'}"
         command = [path, *FLAGS, profile, *options, page.as_uri()]
-        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=120).stdout
+        done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
+        assert "CONSOLE" not in done.stderr, done.stderr  # messages, with --enable-logging=stderr
+        return done.stdout
 
     return open_page

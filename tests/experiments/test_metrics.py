@@ -7,7 +7,7 @@ import pytest
 
 from optolever.decode import Correspondence
 from optolever.experiments import height_metrics
-from optolever.experiments.height_view import reliability, scores
+from optolever.experiments.maps import reliability, scores
 from optolever.reconstruct import HeightMap
 from optolever.scene import Trace
 

@@ -8,9 +8,9 @@ import pytest
 from numpy.typing import NDArray
 
 from optolever.decode import Flag
-from optolever.experiments.height_report import MEANING, flag_index, flag_rows
-from optolever.experiments.height_view import VERTICES, surface_data
+from optolever.experiments.flag_table import MEANING, flag_index, flag_rows
 from optolever.experiments.images import MirrorGrid, length_unit, robust_limits, thumbnail
+from optolever.experiments.maps import VERTICES, surface_data
 from optolever.experiments.page import percent, scientific, seconds_text, share_text
 from optolever.reconstruct import HeightFlag
 
@@ -78,8 +78,9 @@ def test_every_flag_has_words() -> None:
 def test_flag_rows_count_and_colour() -> None:
     flags = np.array([[0, 1, 0], [1 | 1024, 1024, 64]], dtype=np.uint16)
     rows = flag_rows(flags)
-    assert {row.name: row.count for row in rows} == {"good": 2, "dark": 2, "moved": 1, "no anchor": 2}
-    index = flag_index(flags, rows)
+    assert {row.name: row.count for row in rows} == {"good": 2, "dark": 2, "moved": 1, "no anchor": 1}
+    assert sum(row.share for row in rows) == pytest.approx(1)
+    index = flag_index(flags, [row.bit for row in rows])
     names = np.array([row.name for row in rows])[index]
     assert names.tolist() == [["good", "dark", "good"], ["dark", "no anchor", "moved"]]
     assert len({row.colour for row in rows}) == len(rows)

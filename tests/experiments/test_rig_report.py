@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from optolever.experiments import RigStudy, write_rig_report
-from optolever.experiments.rig_report import camera_view
+from optolever.experiments.rig_drawing import camera_view
 from optolever.notices import Notice
 from optolever.scene import Covariance, Face, PinholeCamera, Scene, load, preset_names, resize
 

@@ -20,9 +20,9 @@ FLOOR = {
     "reconstruct": 3,
     "calibration": 4,
     "metrology": 4,
-    "experiments": 4,
     "live": 4,
-    "cli": 5,
+    "experiments": 5,
+    "cli": 6,
 }
 PARTS = [part for part in FLOOR if part != "optolever"]
 ROOT = Path(__file__).resolve().parents[2]

@@ -1,0 +1,101 @@
+"""Flags of a map: every pixel under the first of its reasons, so that the shares add up to all."""
+
+import itertools
+from dataclasses import dataclass
+from enum import IntFlag
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.colors import to_hex
+from numpy.typing import NDArray
+
+from optolever.decode import Flag
+from optolever.reconstruct import HeightFlag
+from optolever.scene import Scene
+
+from .arrays import Floats
+
+__all__ = ["MEANING", "FlagRow", "flag_index", "flag_rows", "mirror_area"]
+
+GOOD_COLOUR = "#dfe5ea"
+MEANING = {
+    "DARK": "too little light came back, for instance where total reflection is lost",
+    "SATURATED": "the camera was at its upper limit",
+    "LOW_CONTRAST": "the pattern is too weak in this pixel to be decoded",
+    "ORDER_DOUBTFUL": "the fringe order is ambiguous",
+    "OFF_PATTERN": "the pixel looks past the pattern surface",
+    "OUTLIER": "the coordinate does not fit its neighbours",
+    "MOVED": "the mirror moved while the frames were taken",
+    "INVALID": "no data came in for this pixel, or a mask excludes it",
+    "WRONG_FRAME": "frames were lost, shown twice, torn or swapped",
+    "NO_ANCHOR": "an island whose absolute height nothing fixes",
+    "CURL": "the slopes contradict each other around this pixel",
+    "STEEP": "steeper than the optical lever can measure",
+    "NOT_CONVERGED": "the solver found no answer here",
+    "SINGULAR": "the pattern lies within its noise of the mirror: no slope can be computed",
+    "IMPLAUSIBLE": "the capture contradicts its scene: no rig of the scene's accuracy can have taken it",
+}
+COLOURS = [to_hex(colour) for colour in colormaps["tab20"].colors]  # type: ignore[attr-defined]
+
+
+@dataclass(frozen=True, slots=True)
+class FlagRow:
+    """A reason: the pixels whose first reason it is, their area (mm^2; pixels without a scene) and its share
+    of all, meaning, colour."""
+
+    name: str
+    bit: int
+    count: int
+    area: float
+    share: float
+    meaning: str
+    colour: str
+
+
+def flag_index(flags: NDArray[np.integer], bits: list[int]) -> NDArray[np.uint8]:
+    """Place in `bits` of the first reason of each pixel, place 0 where it has none."""
+    index = np.zeros(flags.shape, dtype=np.uint8)
+    for place in range(len(bits) - 1, 0, -1):
+        index[(flags & bits[place]) != 0] = place
+    return index
+
+
+def flag_rows(flags: NDArray[np.integer], area: Floats | None = None, mirror: float = 0.0) -> list[FlagRow]:
+    """The reasons that occur, behind a row for the pixels without any; area (H, W) of the mirror by pixel,
+    mm^2, of `mirror` in all: what no pixel sees of it is the last row. Without them pixels count alike."""
+    members: list[IntFlag] = [*Flag, *HeightFlag]
+    index = flag_index(flags, [0, *(int(member) for member in members)])
+    count = np.bincount(index.ravel(), minlength=len(members) + 1)
+    weights = None if area is None else area.ravel()
+    part = np.bincount(index.ravel(), weights, len(members) + 1).astype(np.float64)
+    whole = max(mirror, float(part.sum())) or 1.0
+    words = [("good", 0, "height and error bar stand", GOOD_COLOUR)]
+    for member, colour in zip(members, itertools.cycle(COLOURS), strict=False):
+        name = str(member.name)
+        words.append((name.lower().replace("_", " "), int(member), MEANING[name], colour))
+    rows = [
+        FlagRow(name, bit, int(n), float(size), float(size) / whole, meaning, colour)
+        for (name, bit, meaning, colour), n, size in zip(words, count, part, strict=True)
+        if n or bit == 0
+    ]
+    beyond = whole - float(part.sum())
+    if area is not None:
+        rows.append(
+            FlagRow("outside the image", -1, 0, beyond, beyond / whole, "no camera pixel sees it", "#fff")
+        )
+    return rows
+
+
+def mirror_area(scene: Scene) -> Floats:
+    """Area of the mirror at rest that each camera pixel sees (H, W), mm^2: the quadrangle of its corners'
+    rays with the plane z = 0, cut at the mirror's edges."""
+    camera = scene.camera
+    rows = np.arange(camera.rows + 1, dtype=np.float64)[:, None] - 0.5
+    origins, ways = camera.rays_at(rows, np.arange(camera.cols + 1, dtype=np.float64) - 0.5)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        along = -origins[..., 2] / ways[..., 2]
+    x = np.clip(origins[..., 0] + along * ways[..., 0], 0.0, scene.mirror.length)
+    y = np.clip(origins[..., 1] + along * ways[..., 1], 0.0, scene.mirror.width)
+    diagonals = [(part[1:, 1:] - part[:-1, :-1], part[1:, :-1] - part[:-1, 1:]) for part in (x, y)]
+    (ax, bx), (ay, by) = diagonals
+    return np.asarray(np.nan_to_num(0.5 * np.abs(ax * by - bx * ay)))
