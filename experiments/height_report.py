@@ -3,7 +3,7 @@ report/measurement.html.
 """
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -95,7 +95,8 @@ def write_measurement_report(path: str | Path, given: Measurement) -> None:
     _write(Study.of(given), path, lambda: {"report": time.perf_counter() - start})
 
 
-def _write(study: Study, path: str | Path, seconds: Any) -> None:
+def _write(study: Study, path: str | Path, seconds: Callable[[], dict[str, float]]) -> None:
+    """seconds: of the stages, asked for once the data of the page are made."""
     figures, folder = Figures(), Path(path).parent
     context = _context(study, figures)
     with report_folder(folder):

@@ -62,7 +62,8 @@ class Layer:
 
     def data(self, sampled: NDArray[np.floating[Any]]) -> Data:
         """With the samples on a grid, (rows, cols) of its values."""
-        low, high = robust_limits(self.values, 0.995 if self.symmetric else 0.9999, self.symmetric)
+        share = 0.9999 if self.colours == "viridis" else 0.995
+        low, high = robust_limits(self.values, share, self.symmetric)
         return {
             "name": self.name,
             "unit": self.unit,

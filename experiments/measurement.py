@@ -61,7 +61,8 @@ class Measurement:
         if scene is None:
             return f"{word}, rig not given"
         if scene.exact:
-            return f"{word}, geometry {'known' if self.height.calibration is None else 'taken from a rig'}"
+            known = self.height.calibration is None
+            return f"{word}, {'geometry known' if known else 'heights by another rig than this scene'}"
         rig = f"{word}, rig {self.rig or scene.name}"
         if scene.covariance is None:
             return f"{rig}, typed numbers, not calibrated"

@@ -12,7 +12,7 @@ const plots = [];
 
 function number(value, digits) {
   if (!Number.isFinite(value)) return "\u2013";
-  return Number(value.toPrecision(Math.max(1, digits))).toString().replace("-", "\u2212");
+  return Number(value.toPrecision(Math.max(1, digits))).toString().replaceAll("-", "\u2212");
 }
 
 function axis(label, more = {}) {
@@ -102,10 +102,12 @@ class MapPlot {
       element(this.legend, "span", "", word);
     }
     if (lut) {
-      element(this.legend, "span", "", number(layer.low, 3));
+      const digits = clamp(2 - Math.floor(Math.log10(Math.max(Math.abs(layer.low), Math.abs(layer.high)) || 1)), 0, 12);
+      const end = (value) => number(Number(value.toFixed(digits)) || 0, 3);
+      element(this.legend, "span", "", end(layer.low));
       const stops = [...Array(17).keys()].map((i) => `rgb(${lut.subarray(3 * Math.min(255, 16 * i)).slice(0, 3)})`);
       element(this.legend, "span", "bar").style.background = `linear-gradient(to right, ${stops})`;
-      element(this.legend, "span", "", number(layer.high, 3));
+      element(this.legend, "span", "", end(layer.high));
     }
     this.plot.redraw(false);
     this.read(this.plot);
@@ -132,7 +134,7 @@ class MapPlot {
     ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
     ctx.clip();
     for (const [a, b] of this.lines)
-      for (const [style, width] of [["#fff", 3], ["#111", 1]]) {
+      for (const [style, width] of [["rgba(255, 255, 255, .5)", 3], ["#111", 1]]) {
         ctx.strokeStyle = style;
         ctx.lineWidth = width * devicePixelRatio;
         ctx.beginPath();

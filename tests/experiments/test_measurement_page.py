@@ -227,8 +227,16 @@ setTimeout(() => {
       out.moved = chart("x") !== before.x;
       out.drawn = chart("line") !== before.line;
       const select = document.getElementById("layer");
-      select.value = "slope x"; select.dispatchEvent(new Event("change"));
+      select.value = "slope y"; select.dispatchEvent(new Event("change"));
       setTimeout(() => {
+        const canvas = document.querySelector("#height-map canvas"), ground = canvas.getBoundingClientRect();
+        const scale = canvas.width / ground.width;
+        const image = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
+        out.colours = [[0.55, 0.25], [0.55, 0.6], [0.4, 0.6]].map(([x, y]) => {
+          const col = Math.floor(scale * (box.left - ground.left + x * box.width));
+          const row = Math.floor(scale * (box.top - ground.top + y * box.height));
+          return [x, y, [...image.slice(4 * (row * canvas.width + col)).slice(0, 3)]];
+        });
         out.layer = document.querySelector("#height-map .map-head strong").textContent;
         out.texts = window.drawn;
         out.sizes = [...document.querySelectorAll("body *")]
@@ -279,7 +287,16 @@ def test_a_reader_gets_numbers_profiles_and_a_line(mirror: Page, tmp_path: Path,
     assert float(y[1]) == pytest.approx(55 - 0.2 * 105, abs=3)
     assert found["moved"]
     assert found["drawn"]
-    assert found["layer"] == "slope x [mrad]"
+    assert found["layer"] == "slope y [mrad]"
+    model = mirror.block("map-data")["mirror"]
+    (layer,) = (each for each in model["layers"] if each["name"] == "slope y")
+    samples = mirror.layer("slope y")[0].reshape(model["ny"], model["nx"])
+    lut = np.frombuffer(base64.b64decode(model["luts"]["RdBu_r"]), np.uint8).reshape(256, 3).astype(int)
+    for x, y, drawn in found["colours"]:
+        row, col = int((1 - y) * model["ny"]), int(x * model["nx"])
+        share = (samples[row, col] - layer["low"]) / (layer["high"] - layer["low"])
+        wanted = lut[round(255 * min(max(share, 0.0), 1.0))]
+        assert np.abs(wanted - drawn).max() <= 2, (x, y)
 
 
 @pytest.mark.slow
