@@ -76,13 +76,17 @@ def command(
     from optolever.reconstruct import HeightMap, budget
 
     height = HeightMap.load(source)
-    others = {path.stem: HeightMap.load(path) for path in less}
+    paths = (source, *less)
+    stems = [path.stem for path in paths]
+    name, *names = stems if len(set(stems)) == len(paths) else [str(path) for path in paths]
+    others = {each: HeightMap.load(path) for each, path in zip(names, less, strict=True)}
     given = Measurement(
         height,
         None if correspondence is None else Correspondence.load(correspondence),
         None if folder is None else Capture.load(folder),
         None if scene_name is None else load_scene(scene_name, height.z.shape),
         source=str(source),
+        name=name,
         rig=scene_name or "",
         simulated=folder is not None and (folder / "truth.npz").is_file(),
         form="" if form == "none" else form,
@@ -97,9 +101,10 @@ def command(
         readings = budget(height, next(iter(others.values()), None))
         with report_folder(out), together():
             write_measurement_report(out / "report.html", given)
+            uncertainty = given.readings
             numbers = {"good_share": float(good.mean()), "sigma_mm": total, "noise_mm": noise, "rig_mm": rig}
             write_json(json_path, numbers | {"budget_mm": readings})
-    print_notices(height.notices)
+    print_notices(given.notices)
     table(
         f"Report of {source}: {given.provenance}",
         {
@@ -108,5 +113,5 @@ def command(
             "page": str(out / "report.html"),
         },
     )
-    if readings:
-        grid("Uncertainty by source", *budget_rows(readings))
+    if uncertainty:
+        grid("Uncertainty by source", *budget_rows(uncertainty))

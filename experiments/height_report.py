@@ -136,9 +136,7 @@ def _context(study: Study, figures: Figures) -> dict[str, Any]:
     given = study.given
     height = given.height
     layers = _layers(study)
-    area = None
-    if given.scene is not None and (given.scene.camera.rows, given.scene.camera.cols) == height.z.shape:
-        area = mirror_area(given.scene)
+    area = None if given.scene is None else mirror_area(given.scene)
     size = 0.0 if given.scene is None else given.scene.mirror.length * given.scene.mirror.width
     rows = flag_rows(height.flags, area, size)
     drawing, bar = (Markup(""), 0.0) if given.scene is None else rig_drawing({"rig": given.scene})
@@ -149,7 +147,7 @@ def _context(study: Study, figures: Figures) -> dict[str, Any]:
         "provenance": given.provenance,
         "source": given.source,
         "size": height.z.shape,
-        "notices": height.notices,
+        "notices": given.notices,
         "cards": cards(study, figures),
         "maps": embedded_json(
             {"mirror": mirror_map(known, height.y, layers), "camera": _camera(given, rows)}
@@ -163,7 +161,7 @@ def _context(study: Study, figures: Figures) -> dict[str, Any]:
         "terms": None if study.terms is None else terms_table(study.terms, figures),
         "dents": study.dents if study.dents is None else dents_table(study.dents, figures),
         "differences": differences_table(given, figures),
-        "budget": budget_table(study, figures),
+        "budget": budget_table(given, figures),
         "flags": flags_table(rows, area is not None, figures),
         "truth": given.truth is not None,
         "seen": given.correspondence is not None,

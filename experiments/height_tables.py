@@ -7,7 +7,7 @@ import numpy as np
 from markupsafe import Markup
 
 from optolever.metrology import ZernikeFit
-from optolever.reconstruct import Contact, budget
+from optolever.reconstruct import Contact
 
 from .figures import Figures
 from .flag_table import FlagRow
@@ -195,16 +195,9 @@ def differences_table(given: Measurement, figures: Figures) -> dict[str, Any] | 
     return table("difference-table", heads, rows) if rows else None
 
 
-def budget_table(study: Study, figures: Figures) -> dict[str, Any]:
-    """A row per source; of a mirror that is no sensor there is no dent."""
-    given = study.given
-    readings = budget(given.height)
-    for name, other in given.less.items():
-        found = budget(given.height, other).get("difference of maps", {})
-        readings[f"{given.name} − {name}, largest"] = found
-    if study.fit is not None:
-        readings.pop("depth of the dent", None)
-        readings = {each.replace("(deepest)", "(largest)"): sources for each, sources in readings.items()}
+def budget_table(given: Measurement, figures: Figures) -> dict[str, Any]:
+    """A row per source of uncertainty."""
+    readings = given.readings
     names = dict.fromkeys(name for sources in readings.values() for name in sources)
     rows = [
         (

@@ -2,19 +2,20 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 import numpy as np
 
 from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.metrology import FormFit, ZernikeFit, fit_form, fit_zernike
+from optolever.notices import Notice
 from optolever.projector import Capture
 from optolever.reconstruct import (
     Contact,
     CurvatureMap,
     HeightMap,
     SlopeMap,
+    budget,
     contacts,
     curvature_map,
     slope_map,
@@ -24,6 +25,7 @@ from optolever.scene import PinholeCamera, Scene, Trace
 __all__ = ["Measurement", "Study"]
 
 ZERNIKE = 6  # radial order
+_SAMPLE, _OFF_RAY = 2000, 0.1  # pixels; of a pixel on the mirror
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,9 +33,10 @@ class Measurement:
     """What a page is about: the height map; as far as they are known the correspondence, capture and scene
     behind it, and the truth.
 
-    source: file of the map; rig: file of the scene; simulated: whether no camera took the frames. form: to be
-    taken off (`metrology.fit_form`); '': none; None: a sphere where the scene is a mirror in open air. less:
-    maps of the same rig by name, for differences. saved: files of FILES beside the page that are there.
+    source: where the map is from; name: of the map in differences; rig: file of the scene; simulated: whether
+    no camera took the frames. form: to be taken off (`metrology.fit_form`); '': none; None: a sphere where
+    the scene is a mirror in open air. less: maps of the same rig by name, for differences. saved: files
+    beside the page that are there already.
     """
 
     height: HeightMap
@@ -42,6 +45,7 @@ class Measurement:
     scene: Scene | None = None
     truth: Trace | None = None
     source: str = ""
+    name: str = "this map"
     rig: str = ""
     simulated: bool = False
     form: str | None = None
@@ -49,9 +53,46 @@ class Measurement:
     saved: tuple[str, ...] = ()
 
     @property
-    def name(self) -> str:
-        """Of the map, in differences."""
-        return Path(self.source).stem or "this"
+    def notices(self) -> tuple[Notice, ...]:
+        """Those of the map, behind one where its points do not lie on the scene's camera rays."""
+        height, scene = self.height, self.scene
+        known = height.good & np.isfinite(height.z)
+        if scene is None or not known.any():
+            return height.notices
+        if (scene.camera.rows, scene.camera.cols) != height.z.shape:
+            size = f"{scene.camera.rows} x {scene.camera.cols}"
+            raise InputError(f"scene: its camera has {size} pixels, the height map {height.z.shape}")
+        row, col = (part[:: max(1, len(part) // _SAMPLE)] for part in np.nonzero(known))
+        origins, ways = scene.camera.rays_at(row.astype(np.float64), col.astype(np.float64))
+        away = np.stack([part[row, col] for part in (height.x, height.y, height.z)], axis=-1) - origins
+        miss = float(np.median(np.linalg.norm(np.cross(away, ways), axis=-1)))
+        pixel = float(np.sqrt(scene.mirror.length * scene.mirror.width / height.z.size))
+        if miss <= _OFF_RAY * pixel:
+            return height.notices
+        text = f"The points of the map lie {miss:.2g} mm off the camera rays of the scene"
+        cure = "give the rig that the heights were reconstructed with; slopes and areas are wrong"
+        return Notice(text, miss, np.nan, cure), *height.notices
+
+    @property
+    def open_air(self) -> bool:
+        """Whether the map is of a mirror in open air, no sensor; without a scene: whether a form is named."""
+        scene = self.scene
+        if scene is None:
+            return bool(self.form)
+        bare = scene.medium is None and scene.layer is None
+        return bare and isinstance(scene.camera, PinholeCamera) and scene.camera.face is None
+
+    @property
+    def readings(self) -> dict[str, dict[str, float]]:
+        """`reconstruct.budget` of the map and of every difference; a mirror in open air has no dent."""
+        found = budget(self.height)
+        if self.open_air:
+            found.pop("depth of the dent", None)
+            found = {name.replace("(deepest)", "(largest)"): sources for name, sources in found.items()}
+        for name, other in self.less.items():
+            change = budget(self.height, other).get("difference of maps", {})
+            found[f"{self.name} − {name}, largest"] = change
+        return found
 
     @property
     def provenance(self) -> str:
@@ -89,25 +130,20 @@ class Study:
         fit = _form_fit(given, slopes)
         deviation = None if fit is None else _deviation(height, fit)
         terms = None if deviation is None else _terms(deviation, slopes)
-        dents = contacts(height, slopes) if slopes is not None and fit is None else None
+        dents = contacts(height, slopes) if slopes is not None and not given.open_air else None
         curvature = None if slopes is None else curvature_map(slopes)
         return cls(given, slopes, curvature, fit, deviation, terms, dents)
 
 
 def _form_fit(given: Measurement, slopes: SlopeMap | None) -> FormFit | None:
-    scene, form = given.scene, given.form
-    if form is None:
-        camera = None if scene is None else scene.camera
-        open_air = scene is not None and scene.medium is None and scene.layer is None
-        if not (open_air and isinstance(camera, PinholeCamera) and camera.face is None):
-            return None
-    if form == "" or not given.height.good.any():
+    form = ("sphere" if given.open_air else "") if given.form is None else given.form
+    if not form or not given.height.good.any():
         return None
-    if form is not None:
-        return fit_form(given.height, form, slopes)
     try:
-        return fit_form(given.height, "sphere", slopes)
-    except InputError:  # flat, or too few pixels for it
+        return fit_form(given.height, form, slopes)
+    except InputError:  # flat, or too few pixels for the default
+        if given.form is not None:
+            raise
         return fit_form(given.height, "tilt", slopes) if given.height.good.sum() > 6 else None
 
 

@@ -189,10 +189,58 @@ def test_the_header_names_the_rig_and_the_day(
     assert f'<strong id="provenance">{words}</strong>' in (tmp_path / "report.html").read_text("utf-8")
 
 
+def test_another_rig_than_that_of_the_heights_is_named(mirror: Page, tmp_path: Path) -> None:
+    """A camera 5 mm beside its place; the right one says nothing."""
+    scene = resize(load("monitor-mirror"), 64, 80)
+    moved = replace(scene, camera=replace(scene.camera, origin=np.add(scene.camera.origin, [0.0, 5.0, 0.0])))
+    height = HeightMap.load(mirror.files / "one.npz")
+    for rig, found in ((scene, 0), (moved, 1)):
+        given = Measurement(height, scene=rig)
+        write_measurement_report(tmp_path / "report.html", given)
+        html = (tmp_path / "report.html").read_text("utf-8")
+        assert html.count("off the camera rays of the scene") == found
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--remove", "egg"), "form 'egg': unknown, must be one of"),
+        (("--scene", "prism48", "--less", "{files}/c-one.npz"), "c-one.npz"),
+    ],
+)
+def test_a_mistake_is_one_line_and_leaves_no_page(
+    words: tuple[str, ...], message: str, mirror: Page, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    given = [word.format(files=mirror.files) for word in words]
+    source, out = str(mirror.files / "one.npz"), str(tmp_path / "page")
+    assert run(["report", source, *given, "--out", out]) == 2
+    (line,) = capfd.readouterr().err.strip().splitlines()
+    assert message in line
+    assert not (tmp_path / "page").exists()
+
+
+def test_forms_and_several_maps_by_name(mirror: Page, tmp_path: Path) -> None:
+    """Maps whose files share a name are told apart by their folders."""
+    twin = tmp_path / "one.npz"
+    twin.write_bytes((mirror.files / "two.npz").read_bytes())
+    less = ("--less", mirror.files / "two.npz", "--less", twin)
+    words = ("--remove", "tilt", "--out", tmp_path / "page")
+    optolever("report", mirror.files / "one.npz", *less, *words)
+    page = Page(tmp_path / "page", tmp_path)
+    figures = page.figures()
+    assert "tilt piston" in figures
+    rows = [name for name in figures if name.endswith(", rms") and " − " in name]
+    assert len(rows) == 2
+    assert figures[rows[0]][0] == figures[rows[1]][0]
+    assert not any(name.startswith("depth of the dent") for name in figures)
+    optolever("report", mirror.files / "one.npz", "--remove", "none", "--out", tmp_path / "page")
+    assert "deviation rms" not in page.figures()
+
+
 def test_a_map_without_a_good_pixel_has_a_page(mirror: Page, tmp_path: Path, browser: Browser) -> None:
     height = HeightMap.load(mirror.files / "one.npz")
     nothing = replace(height, z=np.full(height.z.shape, np.nan), flags=np.ones_like(height.flags))
-    write_measurement_report(tmp_path / "report.html", Measurement(nothing, scene=load("monitor-mirror")))
+    write_measurement_report(tmp_path / "report.html", Measurement(nothing))
     assert 'data-charts="ready"' in browser(tmp_path / "report.html", "--dump-dom", *LOGGING)
 
 
