@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -82,7 +83,7 @@ class Measurement:
         bare = scene.medium is None and scene.layer is None
         return bare and isinstance(scene.camera, PinholeCamera) and scene.camera.face is None
 
-    @property
+    @cached_property
     def readings(self) -> dict[str, dict[str, float]]:
         """`reconstruct.budget` of the map and of every difference; a mirror in open air has no dent."""
         found = budget(self.height)
@@ -126,7 +127,11 @@ class Study:
     def of(cls, given: Measurement) -> "Study":
         height, seen, scene = given.height, given.correspondence, given.scene
         some = bool(height.good.any())
-        slopes = None if seen is None or scene is None or not some else slope_map(height, seen, scene)
+        slopes = None
+        if seen is not None and scene is not None and some:
+            # dents alone need the slopes of the modes
+            plain = replace(height, calibration=None) if given.open_air else height
+            slopes = slope_map(plain, seen, scene)
         fit = _form_fit(given, slopes)
         deviation = None if fit is None else _deviation(height, fit)
         terms = None if deviation is None else _terms(deviation, slopes)
