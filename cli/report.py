@@ -65,7 +65,7 @@ def command(
     """Write a page from saved records: heights, error bars, flags.
 
     H.npz is a file of reconstruct. DIR/report.html is the page that demo writes, without the comparison with
-    the truth. The full data (.npz) and every number of the page (figures.csv) lie beside it.
+    the truth. The full data (.npz) and every number of the page (figures.csv) lie in the same folder.
     """
     import numpy as np
 

@@ -68,7 +68,7 @@ def quantity(value: float, unit: str = "", sigma: float = math.nan) -> str:
 
 
 def _plain(value: float) -> str:
-    """Four significant digits, whole numbers as they are."""
+    """Four significant digits, all of an integer part."""
     if value == 0:
         return "0"
     if 1e-3 <= abs(value) < 1e7:

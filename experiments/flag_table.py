@@ -27,7 +27,7 @@ MEANING = {
     "OUTLIER": "the coordinate does not fit its neighbours",
     "MOVED": "the mirror moved while the frames were taken",
     "INVALID": "no data came in for this pixel, or a mask excludes it",
-    "WRONG_FRAME": "frames were lost, shown twice, torn or swapped",
+    "WRONG_FRAME": "frames were lost, repeated, torn or swapped",
     "NO_ANCHOR": "an island whose absolute height nothing fixes",
     "CURL": "the slopes contradict each other around this pixel",
     "STEEP": "steeper than the optical lever can measure",
@@ -62,26 +62,27 @@ def flag_index(flags: NDArray[np.integer], bits: list[int]) -> NDArray[np.uint8]
 
 def flag_rows(flags: NDArray[np.integer], area: Floats | None = None, mirror: float = 0.0) -> list[FlagRow]:
     """The reasons that occur, behind a row for the pixels without any; area (H, W) of the mirror by pixel,
-    mm^2, of `mirror` in all: what no pixel sees of it is the last row. Without them pixels count alike."""
+    mm^2, of `mirror` in all: what no pixel sees of it is the last row. Without areas all pixels
+    count the same."""
     members: list[IntFlag] = [*Flag, *HeightFlag]
     index = flag_index(flags, [0, *(int(member) for member in members)])
     count = np.bincount(index.ravel(), minlength=len(members) + 1)
     weights = None if area is None else area.ravel()
     part = np.bincount(index.ravel(), weights, len(members) + 1).astype(np.float64)
-    whole = max(mirror, float(part.sum())) or 1.0
+    total = max(mirror, float(part.sum())) or 1.0
     words = [("good", 0, "height and error bar stand", GOOD_COLOUR)]
     for member, colour in zip(members, itertools.cycle(COLOURS), strict=False):
         name = str(member.name)
         words.append((name.lower().replace("_", " "), int(member), MEANING[name], colour))
     rows = [
-        FlagRow(name, bit, int(n), float(size), float(size) / whole, meaning, colour)
+        FlagRow(name, bit, int(n), float(size), float(size) / total, meaning, colour)
         for (name, bit, meaning, colour), n, size in zip(words, count, part, strict=True)
         if n or bit == 0
     ]
-    beyond = whole - float(part.sum())
+    beyond = total - float(part.sum())
     if area is not None:
         rows.append(
-            FlagRow("outside the image", -1, 0, beyond, beyond / whole, "no camera pixel sees it", "#fff")
+            FlagRow("outside the image", -1, 0, beyond, beyond / total, "no camera pixel sees it", "#fff")
         )
     return rows
 

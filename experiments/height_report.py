@@ -1,4 +1,4 @@
-"""The page of a measurement, simulated or of a rig, and the files beside it; the prose is in
+"""The page of a measurement, simulated or of a rig, and its files; the prose is in
 report/measurement.html.
 """
 
@@ -13,7 +13,7 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from optolever.decode import Correspondence
-from optolever.files import report_folder, save_arrays
+from optolever.files import report_folder, save_arrays, together
 from optolever.patterns import Frame
 from optolever.projector import Capture
 from optolever.scene import Trace
@@ -53,7 +53,7 @@ from .rig_drawing import rig_drawing
 __all__ = ["write_demo_report", "write_measurement_report"]
 
 THUMBNAIL, PIXELS = 150, 1_000_000  # of a frame, on its longer side; of all frames, both pictures of each
-#: Files beside the page, by what they hold.
+#: Files of the page's folder, and their content.
 FILES = {
     "figures.csv": "every number of this page",
     "height.npz": "x, y, z, sigma (mm), flags",
@@ -68,7 +68,7 @@ FILES = {
 def write_demo_report(result: DemoResult, path: str | Path) -> DemoResult:
     """Write the page of a run, and return the run with the time that this took and its dents.
 
-    The page's own timing ends where its data are made.
+    The timing on the page ends where its data are made.
     """
     start = time.perf_counter()
     asked = result.settings
@@ -90,7 +90,7 @@ def write_demo_report(result: DemoResult, path: str | Path) -> DemoResult:
 
 
 def write_measurement_report(path: str | Path, given: Measurement) -> None:
-    """Write the page, and beside it the data of FILES that are not there yet."""
+    """Write the page, and the data of FILES that its folder does not have yet: all or nothing."""
     start = time.perf_counter()
     _write(Study.of(given), path, lambda: {"report": time.perf_counter() - start})
 
@@ -99,7 +99,7 @@ def _write(study: Study, path: str | Path, seconds: Callable[[], dict[str, float
     """seconds: of the stages, asked for once the data of the page are made."""
     figures, folder = Figures(), Path(path).parent
     context = _context(study, figures)
-    with report_folder(folder):
+    with report_folder(folder), together():
         names = [*study.given.saved, *_save_data(study, folder), "figures.csv"]
         files = [{"name": name, "holds": FILES[name]} for name in FILES if name in names]
         write_page(path, "measurement.html", seconds(), context | {"files": files})

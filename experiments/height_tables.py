@@ -92,7 +92,7 @@ def cards(study: Study, figures: Figures) -> list[_Card]:
             show("error rms", m["height_rms_mm"], "mm"),
             show("error max over peak", m["height_max_rel"]),
         )
-        cards += [
+        return [
             _Card(
                 "height_rms_rel",
                 "Height error, rms over largest height",
@@ -114,6 +114,7 @@ def cards(study: Study, figures: Figures) -> list[_Card]:
                     show("error over sigma, v", m["sigma_ratio_v"]),
                 ),
             ),
+            *cards,
         ]
     return cards
 

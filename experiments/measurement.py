@@ -37,7 +37,7 @@ class Measurement:
     source: where the map is from; name: of the map in differences; rig: file of the scene; simulated: whether
     no camera took the frames. form: to be taken off (`metrology.fit_form`); '': none; None: a sphere where
     the scene is a mirror in open air. less: maps of the same rig by name, for differences. saved: files
-    beside the page that are there already.
+    of the page's folder that exist already.
     """
 
     height: HeightMap
