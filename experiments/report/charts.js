@@ -206,8 +206,11 @@ function chart(figure, spec) {
     edge: { width: 0 },
     truth: { width: 4 },
   };
-  const series = spec.series.map(({ name, kind }, k) => {
-    const stroke = () => colour(kind === "edge" || kind === "truth" ? "--soft" : WHEEL[k % WHEEL.length]);
+  const grey = ({ kind }) => kind === "edge" || kind === "truth";
+  const coloured = spec.series.filter((each) => !grey(each));
+  const series = spec.series.map((each) => {
+    const { name, kind } = each;
+    const stroke = () => colour(grey(each) ? "--soft" : WHEEL[coloured.indexOf(each) % WHEEL.length]);
     const fill = kind === "bars" || kind === "points" ? { fill: stroke } : {};
     const made = { label: name, stroke, ...fill, ...kinds[kind], value: (u, v) => number(v ?? NaN, 6) };
     if (kind === "points") made.points = { ...made.points, stroke, fill: stroke };
@@ -283,13 +286,13 @@ class Profiles {
       }
       if (truth) columns.truth.push(known(map.value(truth, cell) * inUnit(truth.unit, layer.unit)));
     }
-    const series = truth ? [{ name: layer.true, kind: "truth", values: columns.truth }] : [];
-    series.push({ name: layer.name, kind: "line", values: columns.value });
-    const bands = [];
+    const series = [], bands = [];
     if (sigma) {
       series.push({ name: "+ 2 sigma", kind: "edge", values: columns.high }, { name: "\u2212 2 sigma", kind: "edge", values: columns.low });
-      bands.push({ series: [series.length - 1, series.length], fill: () => colour("--band") });
+      bands.push({ series: [1, 2], fill: () => colour("--band") });
     }
+    if (truth) series.push({ name: layer.true, kind: "truth", values: columns.truth });
+    series.push({ name: layer.name, kind: "line", values: columns.value });
     const through = name === "x" ? `y = ${number(a[1], 5)} mm` : name === "y" ? `x = ${number(a[0], 5)} mm` : "along the line";
     const axes = [name === "line" ? "distance [mm]" : `${name} [mm]`, `${layer.name} [${layer.unit}]`];
     const figure = document.getElementById(`profile-${name}`);

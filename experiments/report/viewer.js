@@ -166,7 +166,7 @@ class SurfaceViewer {
     // as large as it goes in at the first view, whatever the turn; margins hold the ticks
     const diagonal = Math.hypot(this.width, this.depth);
     const tall = diagonal * Math.sin(0.6) + (this.high - this.low) * this.exaggeration * Math.cos(0.6);
-    this.scale = this.zoom * Math.min((0.84 * w) / diagonal, (0.94 * h) / tall);
+    this.scale = this.zoom * Math.min((w - 120 * ratio) / diagonal, (0.94 * h) / tall);
   }
 
   draw() {
