@@ -1,5 +1,6 @@
 """How sure the numbers of a scene are: the covariance that a calibration leaves, saved beside the scene."""
 
+import datetime
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -57,6 +58,11 @@ class Covariance(Record):
         if len(parts) and np.abs(parts.sum(axis=0) - matrix).max() > 1e-6 * np.abs(matrix).max():
             raise InputError("covariance: its parts do not add up to the matrix")
         freeze(self, parts=parts if len(parts) else None)
+        try:
+            if self.date:
+                datetime.date.fromisoformat(self.date)
+        except (TypeError, ValueError):
+            raise InputError(f"covariance: date is {self.date!r}, must be as 2026-11-28") from None
 
     @property
     def root(self) -> Float:

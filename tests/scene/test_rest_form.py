@@ -62,6 +62,20 @@ def test_a_saved_form_loads_back_equal(scene: Scene, tmp_path: Path) -> None:
         load(tmp_path / "rig.toml")
 
 
+def test_the_day_of_a_calibration_is_kept_in_the_rig(scene: Scene, tmp_path: Path) -> None:
+    assert scene.covariance is not None
+    dated = replace(scene, covariance=replace(scene.covariance, date="2026-11-28"))
+    dated.save(tmp_path / "rig.toml")
+    assert load(tmp_path / "rig.toml") == dated
+    text = (tmp_path / "rig.toml").read_text()
+    assert "date = 2026-11-28\n" in text
+    (tmp_path / "rig.toml").write_text(text.replace("2026-11-28", '"28.11.2026"'))
+    with pytest.raises(InputError, match=r"calibration\.date = '28\.11\.2026': must be a date"):
+        load(tmp_path / "rig.toml")
+    with pytest.raises(InputError, match="date is 'yesterday'"):
+        replace(scene.covariance, date="yesterday")
+
+
 def test_coefficients_are_numbers_of_the_scene(scene: Scene) -> None:
     assert parameter_values(scene)["rest.L11"] == FORM[1]
     moved = adjusted(scene, {"rest.L11": 0.5}).rest_form
