@@ -7,7 +7,7 @@ import pytest
 from scipy.special import ndtr
 
 from optolever.decode import Flag, decode
-from optolever.decode.profile.border import border_of, inwards, measured_blur
+from optolever.decode.profile.border import BorderBlur, border_of, inwards, measured_blur
 from optolever.experiments.metrics import rms
 from optolever.patterns import sequence, sequence_from_text
 
@@ -179,7 +179,8 @@ def test_what_an_unsure_blur_shifts_is_in_sigma(cells: float, place: float) -> N
     """What it would shift if it were the least or the largest, at the same place and footprint."""
 
     def shift_of(*blurs: float) -> tuple[float, float]:
-        border, none, width = border_of(((8.0, 1.0),), blurs), np.float32(0), np.float32(cells)
+        border = border_of(((8.0, 1.0),), BorderBlur(*blurs, True))
+        none, width = np.float32(0), np.float32(cells)
         return inwards(np.float32(place), none, width, none, border.reach, border.table, 500.0)[1:]
 
     middle, variance = shift_of(0.8, 0.85, 0.9)
