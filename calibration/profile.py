@@ -6,8 +6,7 @@ from pathlib import Path
 from optolever.decode import RigProfile
 from optolever.errors import InputError
 from optolever.files import together
-
-from .rest import rig_table, write_section
+from optolever.scene import rig_table, write_sections
 
 __all__ = ["load_profile", "store_profile"]
 
@@ -21,7 +20,7 @@ def store_profile(path: str | Path, profile: RigProfile) -> Path:
     beside = file.with_suffix(".profile.npz")
     with together():
         profile.save(beside)
-        write_section(file, "profile", {"file": beside.name})
+        write_sections(file, {"profile": {"file": beside.name}})
     return beside
 
 

@@ -86,7 +86,7 @@ def estimated(light: Light, part: Part, settings: Settings, mask: NDArray[np.boo
     """Hypotheses about frames come first; then noise and axes from a sample, cells, border and lens from the
     maps, and the rest from the result."""
     noise, lit = estimate_noise(light, plan(_described(part.sequence, settings)), mask)
-    findings = _findings(light, part, lit, settings) if settings.check else ()
+    findings = _findings(light, part, noise, lit, settings) if settings.check else ()
     for finding in findings:
         if finding.leave_out or finding.put_back:
             less = _without(finding, part)
@@ -110,12 +110,12 @@ def estimated(light: Light, part: Part, settings: Settings, mask: NDArray[np.boo
     return Estimated(found, replace(done, profile=profile), findings)
 
 
-def _findings(light: Light, part: Part, lit: Sample, settings: Settings) -> tuple[Finding, ...]:
+def _findings(light: Light, part: Part, noise: Noise, lit: Sample, settings: Settings) -> tuple[Finding, ...]:
     """Frames that are not those described, by levels as the camera has them; light: of the part's frames."""
     if settings.response is not None and light.raw.dtype.kind == "u":  # inverted levels tell frames apart
         light = light_of(light.raw, part.sequence, light.clip, settings.response)
         lit = replace(lit, levels=sample_levels(light, lit.places), white=light.white)
-    return examine(light, plan(part.sequence), lit, part.index)
+    return examine(light, plan(part.sequence), noise, lit, part.index)
 
 
 def _without(finding: Finding, part: Part) -> Part:

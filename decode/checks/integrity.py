@@ -19,12 +19,14 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from optolever.errors import InputError
-from optolever.patterns import Sequence, code_words
+from optolever.patterns import Sequence
 
+from ..codes.bit_levels import coarser, nested
+from ..codes.gray import unresolved_count
 from ..exposures import by_exposure
 from ..frames import Light, light_of, sample_levels
-from ..plan import AxisPlan, Code, Plan, constraints, plan
-from ..profile.noise import Sample, estimate_noise, sampled
+from ..plan import AxisPlan, Plan, constraints, plan
+from ..profile.noise import Noise, Sample, estimate_noise, sampled
 from .contradictions import contradicting, mistuned, other_descriptions
 from .sample_fit import AxisTable, axis_tables, bends, misfit_at, places
 from .spoilt import Finding, left_out, spoilt_pixels
@@ -70,8 +72,6 @@ _CHANCE = 0.01
 #: Share of the pixels around which a frame changes, or where it is bright or dark, from which on it is like
 #: no other.
 _STRUCTURED = 0.25
-#: Codes whose upper bits are those of cells twice as wide.
-_NESTED = ("gray", "binary")
 #: Faults after which all frames are in wrong places, and the share of the pixels that chance may mend
 #: where most are.
 _SHIFTED, _ALL_LATER = ("lost", "repeated"), 0.075
@@ -113,7 +113,7 @@ def check(frames: ArrayLike, sequence: Sequence) -> Integrity:
     count = 0
     for part in by_exposure(sequence):
         shot, wanted = light.only(part.index), plan(part.sequence)
-        some = examine(shot, wanted, estimate_noise(shot, wanted)[1], part.index)
+        some = examine(shot, wanted, *estimate_noise(shot, wanted), part.index)
         findings += [_numbered(one, part.index) for one in some]
         count += sum(len(group) for group in constraints(wanted, len(part.index))[-1:])
     return Integrity(tuple(dict.fromkeys(findings)), count)
@@ -126,12 +126,14 @@ def _numbered(finding: Finding, names: Ints) -> Finding:
     return replace(finding, frames=frames, spoilt=spoilt, leave_out=leave_out, images=images)
 
 
-def examine(light: Light, plan: Plan, lit: Sample, names: Ints | None = None) -> tuple[Finding, ...]:
+def examine(
+    light: Light, plan: Plan, noise: Noise, lit: Sample, names: Ints | None = None
+) -> tuple[Finding, ...]:
     """The fault that explains what single pixels and their neighbours say; none, if there is none.
 
     lit: pixels that see the pattern; names (N,): what sentences call the frames, default: their numbers.
     """
-    told = resolved(plan, lit)
+    told = resolved(plan, lit, noise)
     if not axis_tables(told):
         return ()
     crosses = _crosses(light, told, lit)
@@ -144,42 +146,24 @@ def examine(light: Light, plan: Plan, lit: Sample, names: Ints | None = None) ->
     return _rolled(crosses, light.raw.shape[1]) or _refused(crosses, told)
 
 
-def resolved(plan: Plan, lit: Sample) -> Plan:
-    """Without the finest bits of which a camera coarser than their stripes sees grey nearly everywhere: they
-    tell nothing of frames, and their places are known to a coarser cell."""
-    lost = tuple(_unresolved(axis, plan, lit.levels) for axis in plan.axes)
+def resolved(plan: Plan, lit: Sample, noise: Noise) -> Plan:
+    """Without the finest bits that the camera does not resolve: they tell nothing of frames."""
+    lost = tuple(_unresolved(axis, plan, lit, noise) for axis in plan.axes)
     return _without_bits(plan, lost) if any(lost) else plan
 
 
-def _unresolved(axis: AxisPlan, plan: Plan, levels: F32) -> int:
-    """How many of the finest bits; levels (N, K) of pixels that see the pattern."""
-    code = axis.code
-    if code is None or code.kind not in _NESTED or not levels.size:
+def _unresolved(axis: AxisPlan, plan: Plan, lit: Sample, noise: Noise) -> int:
+    if axis.code is None or not nested(axis.code):
         return 0
-    used = [*axis.frames(), *(i for i in (plan.white, plan.black) if i >= 0)]
-    half = np.ptp(levels[used], axis=0) / 2
-    middle, lost = levels[used].min(axis=0) + half, 0
-    for pair in zip(code.plain[:-1], code.inverse[:-1], strict=True):
-        told = [float(np.mean(np.abs(levels[i] - middle) > 0.5 * half)) for i in pair if i >= 0]
-        if max(told) > _STRUCTURED:
-            break
-        lost += 1
-    return lost
+    return unresolved_count(axis.code, plan, noise, lit, axis.fringes[0] if axis.fringes else None)
 
 
 @lru_cache(maxsize=8)
 def _without_bits(plan: Plan, lost: tuple[int, ...]) -> Plan:
     """Of each axis so many of the finest ones."""
-    axes = []
-    for axis, less in zip(plan.axes, lost, strict=True):
-        if less and (code := axis.code) is not None:
-            bits = len(code.plain) - less
-            cells = np.empty(1 << bits, np.int32)
-            cells[code_words(code.kind, np.arange(1 << bits), bits)] = np.arange(1 << bits)
-            own = code.plain[less:], code.inverse[less:], code.cell * (1 << less), code.origin, cells
-            axis = replace(axis, code=Code(code.kind, *own))
-        axes.append(axis)
-    return replace(plan, axes=tuple(axes))
+    axes = zip(plan.axes, lost, strict=True)
+    less = (axis if axis.code is None else replace(axis, code=coarser(axis.code, n)) for axis, n in axes)
+    return replace(plan, axes=tuple(less))
 
 
 @lru_cache(maxsize=4)

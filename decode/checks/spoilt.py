@@ -49,7 +49,7 @@ class Finding:
 
     @property
     def put_back(self) -> bool:
-        """Whether two swapped frames that nothing can be decoded without are decoded in their right places."""
+        """Whether two swapped frames, without which nothing decodes, are decoded in their right places."""
         return self.kind == "swapped" and not self.leave_out and min(self.images, default=-1) >= 0
 
     @property

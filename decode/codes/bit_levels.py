@@ -169,7 +169,9 @@ def unresolved_bits(code: Code, level: F32, variance: F32, factor: F32) -> tuple
     contrast = bit_contrast(level)
     count = 0
     for b in range(bits - 2 if nested(code) else 0):
-        if contrast[b] < _SURE and not _right_at_edges(code, level, contrast, b):
+        if contrast[b] >= _SURE:  # so are coarser ones, unless their frames are not theirs
+            break
+        if not _right_at_edges(code, level, contrast, b):
             count = b + 1
     if count == 0 or count == bits:
         return 0, 0.0

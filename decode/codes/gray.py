@@ -44,7 +44,16 @@ from .bit_levels import (
     unresolved_bits,
 )
 
-__all__ = ["CodePlan", "Resolved", "code_plan", "decode_code", "read_code", "read_line", "room_for"]
+__all__ = [
+    "CodePlan",
+    "Resolved",
+    "code_plan",
+    "decode_code",
+    "read_code",
+    "read_line",
+    "room_for",
+    "unresolved_count",
+]
 
 #: Pixels that tell the blur at most: medians to 4 %; that tell which bits are resolved: of a twentieth at
 #: edges 1 % of wrong ones are four.
@@ -85,10 +94,7 @@ def code_plan(
     whole: keep all bits, for a look-up; fringe: whose mean is the threshold of bits where white and black, or
     an inverse, were not shown, None: there is none.
     """
-    many = lit.only(slice(None, None, max(1, len(lit.places) // _AT_EDGES)))
-    bits = _Bits.of(code, plan, None if whole else fringe).levelled(many.levels)
-    margin, amplitude = bits.margins(many.levels)
-    level, variance = margin / amplitude, many.variance(noise) / np.square(amplitude)
+    bits, level, variance = _seen(code, plan, noise, lit, None if whole else fringe)
     unresolved, spread2 = (0, 0.0) if whole else unresolved_bits(code, level, variance, bits.factor)
     code, bits, level = coarser(code, unresolved), bits.only(unresolved), level[unresolved:]
     few = slice(None, None, max(1, level.shape[1] // _PIXELS))
@@ -120,6 +126,28 @@ def code_plan(
         freedom=bits.freedom,
     )
     return Resolved(plan_of_code, unresolved)
+
+
+def unresolved_count(code: Code, plan: Plan, noise: Noise, lit: Sample, fringe: Fringe | None) -> int:
+    """How many of the finest bits the camera does not resolve, see `code_plan`."""
+    bits, level, variance = _seen(code, plan, noise, lit, fringe)
+    return unresolved_bits(code, level, variance, bits.factor)[0]
+
+
+class _Seen(NamedTuple):
+    """What pixels that see the pattern show of bits: level (bits, K) over the amplitude, variance (K,) of a
+    sample in that unit."""
+
+    bits: "_Bits"
+    level: NDArray[np.float32]
+    variance: NDArray[np.float32]
+
+
+def _seen(code: Code, plan: Plan, noise: Noise, lit: Sample, fringe: Fringe | None) -> _Seen:
+    many = lit.only(slice(None, None, max(1, len(lit.places) // _AT_EDGES)))
+    bits = _Bits.of(code, plan, fringe).levelled(many.levels)
+    margin, amplitude = bits.margins(many.levels)
+    return _Seen(bits, margin / amplitude, many.variance(noise) / np.square(amplitude))
 
 
 class _Bits(NamedTuple):

@@ -40,11 +40,7 @@ def decoded(real: Path) -> dict[str, Decoded]:
         pytest.skip(f"{folder} is absent: no captures to test with")
     names = sorted({name for name, _ in CASES} | {KAMINO})
     captures = {name: Capture.load(folder / name) for name in names}
-    return {
-        # whether frames are what they are said to be is told elsewhere
-        name: Decoded(one, decode(one.frames, one.sequence, check=False))
-        for name, one in captures.items()
-    }
+    return {name: Decoded(one, decode(one.frames, one.sequence)) for name, one in captures.items()}
 
 
 def of_axis(found: Correspondence, axis: str) -> tuple[F64, F64]:
