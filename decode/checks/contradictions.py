@@ -1,4 +1,4 @@
-"""Codes of a pixel that are each sure and contradict each other.
+"""Codes of a pixel that are each sure and contradict each other, and places that jump to and fro.
 
 In a capture that is not as described they agree in some of the pixels by chance, and nothing tells in which.
 Other descriptions are tried. One is named if hardly any contradiction is left under it.
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..plan import AxisPlan, Code, Fringe, Plan
 from .sample_fit import AxisTable, ambiguous, axis_tables, bit_levels, places, turns
 
-__all__ = ["Described", "contradicting", "mistuned", "other_descriptions"]
+__all__ = ["Contradictions", "Described", "contradictions", "mistuned", "other_descriptions"]
 
 F32 = NDArray[np.float32]
 Ints = NDArray[np.int64]
@@ -36,14 +36,30 @@ _PERIODS = 8
 _STRETCH, _MOST_TURNS, _HALF = 0.1, 20.0, 0.5
 
 
-def contradicting(plan: Plan, levels: F32, contrast: F32, order: Ints) -> float:
-    """Share of the pixels, 0 to 1, whose codes contradict each other, of the axis with most; 1: as random
-    places do.
+@dataclass(frozen=True, slots=True)
+class Contradictions:
+    """Shares of the pixels, 0 to 1, of the axis with most; 1: as random places do.
+
+    in_pixel: whose own codes contradict each other; folded: around which places jump to and fro, as wrong
+    bits make them, and as steep waves of a scene do, too.
+    """
+
+    in_pixel: float
+    folded: float
+
+    @property
+    def worst(self) -> float:
+        """The larger share."""
+        return max(self.in_pixel, self.folded)
+
+
+def contradictions(plan: Plan, levels: F32, contrast: F32, order: Ints) -> Contradictions:
+    """Of pixels and their neighbours.
 
     levels (N, 5, T): of pixels and their four neighbours; contrast (T,): half of what a pixel's levels span;
     order (N,): image that shows each frame, -1: none is known; axes that need it are not asked.
     """
-    shares = [0.0]
+    in_pixel, folded = [0.0], [0.0]
     for table in axis_tables(plan):
         source = order[table.frames]
         unknown = np.flatnonzero(source < 0)
@@ -52,9 +68,9 @@ def contradicting(plan: Plan, levels: F32, contrast: F32, order: Ints) -> float:
             continue
         own = levels[np.maximum(source, 0)] / table.exposure[:, None, None]
         if table.axis.code is not None:
-            shares.append(_folded(table, own, free))
-        shares += [drift.contradicting for drift in _drifts(table, own[:, 0], contrast, free)]
-    return min(max(shares), 1.0)
+            folded.append(_folded(table, own, free))
+        in_pixel += [drift.contradicting for drift in _drifts(table, own[:, 0], contrast, free)]
+    return Contradictions(min(max(in_pixel), 1.0), min(max(folded), 1.0))
 
 
 def mistuned(plan: Plan, levels: F32, contrast: F32) -> str:

@@ -27,7 +27,7 @@ from ..exposures import by_exposure
 from ..frames import Light, light_of, sample_levels
 from ..plan import AxisPlan, Plan, constraints, plan
 from ..profile.noise import Noise, Sample, estimate_noise, sampled
-from .contradictions import contradicting, mistuned, other_descriptions
+from .contradictions import Contradictions, contradictions, mistuned, other_descriptions
 from .sample_fit import AxisTable, axis_tables, bends, misfit_at, places
 from .spoilt import Finding, left_out, spoilt_pixels
 
@@ -201,9 +201,9 @@ class _Crosses:
         at, contrast = self.at[:, keep], self.contrast[keep]
         return replace(self, levels=levels, at=at, contrast=contrast, own=own, strange=strange)
 
-    def contradicting(self, plan: Plan, order: Ints) -> float:
-        """Share of the pixels, see contradictions."""
-        return contradicting(plan, self.levels, self.contrast, order)
+    def contradictions(self, plan: Plan, order: Ints) -> Contradictions:
+        """Where frame i is image order[i] (-1: none)."""
+        return contradictions(plan, self.levels, self.contrast, order)
 
     def cost(self, order: Ints) -> F32:
         """Cost (T,) of all axes where frame i is image order[i] (-1: none)."""
@@ -323,7 +323,7 @@ def _single_fault(crosses: _Crosses, plan: Plan, rows: int, names: Ints) -> Find
         trials.append(_Trial(finding, gain, usual, count if near else len(tried)))
     trials += _replacements(crosses, gains, told, rows, names)
     trials = [trial for trial in trials if _chance(trial) < _CHANCE and _explains(trial, odd)]
-    trials = [t for t in trials if crosses.contradicting(plan, _order_of(t.finding, count)) < _MOST_OF]
+    trials = [t for t in trials if crosses.contradictions(plan, _order_of(t.finding, count)).worst < _MOST_OF]
     if not trials:
         return None
     best = max(trials, key=lambda trial: trial.margin * (_TIED if trial.finding.kind in _SHIFTED else 1))
@@ -347,20 +347,22 @@ def _order_of(finding: Finding, count: int) -> Ints:
 
 
 def _refused(crosses: _Crosses, plan: Plan) -> tuple[Finding, ...]:
-    """All of a capture most of whose pixels contradict themselves, with a description that explains it."""
+    """All of a capture most of whose pixels contradict themselves, or that another description explains."""
     count = len(crosses.levels)
-    share = crosses.contradicting(plan, np.arange(count))
-    alike = _stretched(crosses, plan)
-    if share < _MOST_OF and not alike:
+    found = crosses.contradictions(plan, np.arange(count))
+    sentence = _stretched(crosses, plan)
+    if not sentence and found.worst >= _MOST_OF:
+        fitting = (
+            other.sentence
+            for other in other_descriptions(plan, count)
+            if crosses.contradictions(other.plan, other.order).worst < _HARDLY
+        )
+        sentence = next(fitting, "")
+    if not sentence and found.in_pixel >= _MOST_OF:
+        sentence = mistuned(plan, crosses.levels, crosses.contrast) or _NOT_THOSE
+    if not sentence:
         return _in_part(crosses)
-    fitting = (
-        other.sentence
-        for other in other_descriptions(plan, count)
-        if crosses.contradicting(other.plan, other.order) < _HARDLY
-    )
-    tuned = mistuned(plan, crosses.levels, crosses.contrast)
-    sentence = alike or next(fitting, tuned or _NOT_THOSE)
-    return (Finding((), "contradicting", sentence, tuple(range(count)), share=max(share, _MOST_OF)),)
+    return (Finding((), "contradicting", sentence, tuple(range(count)), share=max(found.worst, _MOST_OF)),)
 
 
 def _rolled(crosses: _Crosses, rows: int) -> tuple[Finding, ...]:

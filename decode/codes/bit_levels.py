@@ -36,6 +36,7 @@ __all__ = [
     "coarser",
     "dull_level",
     "fitted_levels",
+    "hidden_variance",
     "mixture",
     "nested",
     "posterior",
@@ -50,6 +51,8 @@ GROUP = 4
 _BLURS = np.arange(0.0, 1.8, 0.2)
 #: Cells by which turned bits lead beside a place; those that lead further are weak ones.
 _BESIDE = 2
+#: Places in a cell.
+_PARTS = 8
 #: Contrast from which on a bit is resolved for sure; below the second one it is not where no edges tell.
 _SURE, _NONE = 0.5, 0.1
 #: Part of the contrast below which a level is neither black nor white: behind a pixel of four cells a bit has
@@ -86,6 +89,7 @@ class CodePlan(NamedTuple):
     levels          (cells, bits) what a cell shows of a bit, -1..1; misfit2: variance of a bit's level beyond
                     noise, of those that are compared with white and black, or where others are not resolved
     together        whether several bits change from a cell to the next
+    hidden          variance of the cell that is read behind the blur, beyond that of a place within it
     nested          whether the upper bits of a word tell a cell of twice, four times, ... the width
     by_fringe       whether bits are compared with the mean of a fringe; above: by so much of its amplitude
                     more, as the middle of their levels is
@@ -108,6 +112,7 @@ class CodePlan(NamedTuple):
     levels: F32
     misfit2: Any
     together: bool
+    hidden: Any
     nested: bool
     by_fringe: bool
     above: Any
@@ -251,6 +256,19 @@ def blurred(code: Code, blur: int) -> F32:
     weights = np.diff(ndtr(edges))
     seen = correlate1d(sharp, weights / weights.sum(), axis=0, mode="nearest")
     return np.asarray(seen, np.float32)
+
+
+@lru_cache(maxsize=8 * len(_BLURS))
+def hidden_variance(code: Code, blur: int) -> float:
+    """Variance (cells^2) of a place in the cell that is read behind a blur, beyond that of any within a cell:
+    where several bits change together a narrow stripe between wide ones reads as one of these."""
+    levels, parts = blurred(code, blur), len(code.cells) * _PARTS
+    place = np.clip((np.arange(parts) + 0.5) / _PARTS - 0.5, 0, len(levels) - 1)
+    low = np.minimum(place.astype(int), len(levels) - 2)
+    share = (place - low)[:, None]
+    word = ((((1 - share) * levels[low] + share * levels[low + 1]) > 0) << np.arange(levels.shape[1])).sum(1)
+    away = place - code.cells[word]
+    return max(float(np.square(away[np.abs(away) <= _BESIDE + 0.5]).mean()) - 1 / 12, 0.0)
 
 
 @exact

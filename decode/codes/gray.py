@@ -37,6 +37,7 @@ from .bit_levels import (
     coarser,
     dull_level,
     fitted_levels,
+    hidden_variance,
     mixture,
     nested,
     posterior,
@@ -99,7 +100,8 @@ def code_plan(
     code, bits, level = coarser(code, unresolved), bits.only(unresolved), level[unresolved:]
     few = slice(None, None, max(1, level.shape[1] // _PIXELS))
     blur, misfit2 = fitted_levels(code, level[:, few], variance[few], bits.factor)
-    misfit2 = max(spread2, 0.0 if bits.pairs.all() else misfit2)
+    # what a blur hides of bits that change one at a time is at their edges; else other cells explain it
+    misfit2 = max(spread2, misfit2 if code.together or not bits.pairs.all() else 0.0)
     value, linear = bit_values(code.cells)
     counts = bits.pairs != bits.referenced if bits.pairs.any() or bits.referenced else ~bits.pairs
     frames, share, value, scale, counting = bits_in_groups(bits.frames, bits.factor, counts, value)
@@ -116,6 +118,7 @@ def code_plan(
         levels=blurred(code, blur),
         misfit2=np.float32(misfit2),
         together=code.together,
+        hidden=np.float32(hidden_variance(code, blur)),
         nested=nested(code),
         by_fringe=bits.mean is not None,
         above=np.float32(bits.above),
@@ -440,7 +443,7 @@ def _cells_line(room: Any, kept: Any, code: Any, numbers: Any, out: Any) -> None
         beside = abs(step) == one
         place[x] = first + cell * (np.float32(word[x]) + (mixed * wrong * step if beside else zero))
         # an edge is as wide as a cell at most, and noise moves it by its share of the contrast
-        spread = eighth * (own + misfit2 * power) / max(power, own)
+        spread = code.hidden + eighth * (own + misfit2 * power) / max(power, own)
         spread += mixed * wrong * (one - wrong) if beside else zero
         var[x] = within + cell * cell * spread
         # neither black nor white, at no edge

@@ -110,7 +110,8 @@ def test_off_pattern(shoot: Shoot) -> None:
     outside = (col > -4.5) & (col < -2) | (col > 81.5) & (col < 84)
     assert share(found, Flag.OFF_PATTERN, outside) > 0.95
     gray = sequence("gray", 60, 80, axes="u")
-    assert share(decode(shoot(gray, col + 40, col + 40), gray), Flag.OFF_PATTERN, np.s_[:, -20:]) == 1
+    found = decode(shoot(gray, col + 40, col + 40), gray, check=False)  # a fold looks like a turned bit
+    assert share(found, Flag.OFF_PATTERN, np.s_[:, -20:]) == 1
 
 
 def test_order_doubtful_where_bits_are_weak(shoot: Shoot, smooth: Map) -> None:
@@ -134,7 +135,7 @@ def test_code_and_fringe_that_disagree(shoot: Shoot, smooth: Map) -> None:
     assert found.good.mean() < 0.05
     checked = decode(frames, GRAY_PHASE, on_cells=False)
     cell = GRAY_PHASE.frames[2].cell_px
-    assert any("frames" in notice.name for notice in checked.notices)
+    assert any("periods off" in notice.name for notice in checked.notices)
     assert (np.abs(checked.u - u) < cell)[checked.good].all()
 
 

@@ -292,7 +292,7 @@ def test_light_that_steps_without_a_level_moves_no_place_far() -> None:
     ]
     row, col = places(24, 32)
     seen = footprints(shown, 2 + 0.9 * col, 2 + 1.1 * row)
-    found = decode(seen, replace(shown, frames=tuple(frames)))
+    found = decode(seen, replace(shown, frames=tuple(frames)), check=False)
     assert found.offset is not None
     assert found.offset.min() < 0
     assert found.good.any()
@@ -312,14 +312,14 @@ def test_places_by_chance_are_no_map(shoot: Shoot) -> None:
 
 @pytest.mark.parametrize("code", ["xor-gray", "gray"])
 def test_pixels_that_look_right_among_those_too_wide_for_a_code(code: str) -> None:
-    """Five cells a pixel: two neighbours may alias to places side by side, all others are doubtful. Of Gray
-    code some are right nevertheless: whichever of its cells a pixel reads is at most half of it away."""
+    """Five cells a pixel: two neighbours may alias to places side by side, all others are doubtful. A Gray
+    code is read by wider cells instead."""
     row, col = places(110, 120)
     u, v = 6 + 2.75 * col + 1.5 * np.sin(row / 40), 9 + 5.15 * row
     shown = sequence(code, 600, 350)
     found = decode(footprints(shown, u, v, blur=0.1, noise=0.4), shown)
     assert silent(found, centres(u), centres(v)) == 0
-    assert found.good.mean() < (0.2 if code == "gray" else 2e-3)
+    assert found.good.mean() > 0.99 if code == "gray" else found.good.mean() < 2e-3
 
 
 def test_a_row_that_leaves_both_rows_beside_it_is_flagged(shoot, smooth: Map) -> None:
