@@ -100,8 +100,8 @@ def test_given_noise_is_taken(shoot: Shoot, smooth: Map) -> None:
 @pytest.mark.parametrize("inverses", [True, False])
 @pytest.mark.parametrize("kind", ["gray", "binary", "long-run-gray"])
 def test_bits_in_blur_and_noise(kind: str, inverses: bool, blur: float, ratio: float) -> None:
-    """Places beyond sigma, or a cell beside their own, are no more frequent than stated; sigma holds what bits
-    do within a cell and its neighbours, or the wider cell that is left; none of it is silent."""
+    """Places beyond sigma, or a cell beside their own, are no more frequent than stated; sigma holds what
+    bits do within a cell and its neighbours, or the wider cell that is left; none of it is silent."""
     shown = sequence(kind, 256, 256, axes="u", inverses=inverses)
     row, col = np.mgrid[:150, :180]
     u = 8 + 0.25 * col + 0.05 * row + 1.3 * np.sin(row / 17)
