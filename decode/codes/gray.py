@@ -100,8 +100,9 @@ def code_plan(
     code, bits, level = coarser(code, unresolved), bits.only(unresolved), level[unresolved:]
     few = slice(None, None, max(1, level.shape[1] // _PIXELS))
     blur, misfit2 = fitted_levels(code, level[:, few], variance[few], bits.factor)
-    # what a blur hides of bits that change one at a time is at their edges; else other cells explain it
-    misfit2 = max(spread2, misfit2 if code.together or not bits.pairs.all() else 0.0)
+    # what a blur hides of pairs is at edges, if one bit changes, or held by a nested code's coarser cells
+    hidden = code.together and not nested(code)
+    misfit2 = max(spread2, misfit2 if hidden or not bits.pairs.all() else 0.0)
     value, linear = bit_values(code.cells)
     counts = bits.pairs != bits.referenced if bits.pairs.any() or bits.referenced else ~bits.pairs
     frames, share, value, scale, counting = bits_in_groups(bits.frames, bits.factor, counts, value)

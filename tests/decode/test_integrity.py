@@ -109,7 +109,7 @@ def test_three_steps_tell_nothing(shoot: Shoot, smooth: Map) -> None:
         ("binary", True, 1.0, 1.1, 0.97),
         ("binary", True, 0.8, 2.0, 0.97),
         ("binary", False, 1.2, 1.1, 0.97),
-        ("xor-gray", True, 1.2, 1.1, 0.6),
+        ("xor-gray", True, 1.2, 1.1, 0.5),
     ],
 )
 def test_bits_that_a_blur_hides_are_no_fault(
