@@ -79,9 +79,9 @@ _SHIFTED, _ALL_LATER = ("lost", "repeated"), 0.075
 _ALL_PAIRS = 64
 #: What is said of a capture that no other description explains.
 _NOT_THOSE = "codes contradict each other nearly everywhere: frames are not those described"
-#: Share of the pixels that contradict themselves from which on nothing is believed; below which another
-#: description explains them.
-_MOST_OF, _HARDLY = 0.5, 0.15
+#: Share of the pixels that contradict themselves from which on nothing is believed; from which on other
+#: descriptions are tried, and what one that explains them leaves of it at most.
+_MOST_OF, _SOME, _EXPLAINED = 0.5, 0.25, 0.5
 #: Share of the odd pixels that two frames mend which are put back in each other's place.
 _PUT_BACK = 0.8
 #: Share of odd pixels that edges of depth make in a scene (tests' drawn scenes: 0.08).
@@ -351,13 +351,13 @@ def _refused(crosses: _Crosses, plan: Plan) -> tuple[Finding, ...]:
     count = len(crosses.levels)
     found = crosses.contradictions(plan, np.arange(count))
     sentence = _stretched(crosses, plan)
-    if not sentence and found.worst >= _MOST_OF:
-        fitting = (
-            other.sentence
+    if not sentence and found.worst >= _SOME:
+        left = {
+            other.sentence: crosses.contradictions(other.plan, other.order).worst
             for other in other_descriptions(plan, count)
-            if crosses.contradictions(other.plan, other.order).worst < _HARDLY
-        )
-        sentence = next(fitting, "")
+        }
+        best = min(left, key=left.__getitem__)
+        sentence = best if left[best] < _EXPLAINED * found.worst else ""
     if not sentence and found.in_pixel >= _MOST_OF:
         sentence = mistuned(plan, crosses.levels, crosses.contrast) or _NOT_THOSE
     if not sentence:
@@ -369,9 +369,10 @@ def _rolled(crosses: _Crosses, rows: int) -> tuple[Finding, ...]:
     """Rows from which on every frame shows the one before: places jump there, and do not where each frame is
     looked for in the next image. Of axes that nothing else tells of: sweeps and fringes without bits."""
     count, best = len(crosses.levels), (0, 0)
+    odd = float(np.any(crosses.own > _ODD, axis=0).mean())
     later = np.append(np.arange(1, count), -1)
     for table in crosses.tables:
-        if table.axis.code is not None:
+        if table.axis.code is not None or (table.axis.stripes is None and odd < _PART):
             continue
         here, next_ = (_centre_and_vertical(crosses, table, order) for order in (np.arange(count), later))
         apart = crosses.vertical

@@ -60,8 +60,8 @@ _SURE, _NONE = 0.5, 0.1
 _DULL = 0.35
 #: Contrast, of its own, below which a bit is at an edge; share of wrong signs there that noise may cause.
 _EDGE, _WRONG = 0.2, 0.01
-#: Pixels that tell a blur; fewer tell none.
-_FEWEST = 64
+#: Pixels that tell a blur; fewer tell none; that tell a contrast to 1 %.
+_FEWEST, _ENOUGH = 64, 1024
 #: Deviations within which a bit is weak: noise turns others once in 3.5e6.
 WEAK = 5.0
 #: Weak bits of which all combinations are tried; with more a pixel tells nothing.
@@ -147,7 +147,8 @@ def bit_contrast(level: F32) -> F32:
     """Level (bits,) that nine of ten pixels stay below; level (bits, K): see fitted_levels."""
     if not level.size:
         return np.ones(len(level), np.float32)
-    return np.asarray(np.quantile(np.abs(level), 0.9, axis=1), np.float32)
+    some = level[:, :: max(1, level.shape[1] // _ENOUGH)]
+    return np.asarray(np.quantile(np.abs(some), 0.9, axis=1), np.float32)
 
 
 def coarser(code: Code, bits: int) -> Code:
