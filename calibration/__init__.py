@@ -13,6 +13,7 @@
 | `judgement.py` | what every capture is worth, one by one |
 | `rest.py` | the map of the mirror at rest, kept with the rig; drift |
 | `response.py` | response, blur, vignetting and backlight of display and camera, kept with the rig |
+| `profile.py` | a decoder's profile of the rig, kept with it |
 | `harmonics.py` | error of the coordinate by harmonics that a response leaves in fringes |
 | `sources.py` | the independent errors behind the covariance |
 | `observability.py` | singular values in prior units, notices |
@@ -27,6 +28,7 @@ from .harmonics import HarmonicError, harmonic_errors
 from .judgement import Judgement, as_they_come, judged
 from .observation import Observation
 from .priors import default_priors
+from .profile import load_profile, store_profile
 from .response import RigResponse, load_response, measure_response, store_response, with_better_fit
 from .rest import RestMap, load_rest, store_rest
 from .targets import Ball, Flat, Plate, Points, Rest, Target
@@ -51,9 +53,11 @@ __all__ = [
     "harmonic_errors",
     "judged",
     "left_out",
+    "load_profile",
     "load_response",
     "load_rest",
     "measure_response",
+    "store_profile",
     "store_response",
     "store_rest",
     "with_better_fit",

@@ -88,6 +88,24 @@ Correspondence in c.npz
     help="Rms blur of the camera's lens, its pixels (4 at most): what that flattens of bends is taken off. "
     "Default: as fringes tell it where the map bends, else 0.",
 )
+@click.option(
+    "--footprint",
+    type=click.FloatRange(min=0, max=1, min_open=True),
+    metavar="SHARE",
+    help="Side of what a camera's pixel reads over its pitch. Default: 1, sigma holds that it may be half.",
+)
+@click.option(
+    "--profile",
+    type=FILE,
+    metavar="RIG.toml|NPZ",
+    help="What an earlier capture of the rig told of it (--save-profile), instead of estimating it again.",
+)
+@click.option(
+    "--save-profile",
+    type=FILE,
+    metavar="RIG.toml|NPZ",
+    help="Keep what this capture tells of the rig, with the rig or in a file of its own.",
+)
 @click.option("--no-cells", is_flag=True, help="Frames were ideal cosines, not shown on a display's cells.")
 @click.option("--no-check", is_flag=True, help="Take the frames for those described.")
 @json_option
@@ -103,6 +121,9 @@ def command(
     mask: Path | None,
     roi: str | None,
     lens: float | None,
+    footprint: float | None,
+    profile: Path | None,
+    save_profile: Path | None,
     no_cells: bool,
     no_check: bool,
     json_path: Path | None,
@@ -114,8 +135,9 @@ def command(
     such as 'shots/*.png', or a FILE of several (TIFF, NPY, video), sorted as people count. C.npz receives u,
     v, sigma_u, sigma_v (pattern pixels), flags (0 = good), amplitude, offset.
     """
-    from optolever.calibration import harmonic_errors, with_better_fit
-    from optolever.decode import decode
+    from optolever import InputError
+    from optolever.calibration import harmonic_errors, load_profile, store_profile, with_better_fit
+    from optolever.decode import Decoder, Settings
     from optolever.experiments import code_that_decodes
     from optolever.files import together
 
@@ -128,16 +150,26 @@ def command(
         with blame(source):
             inverse = _inverse(response)
             inside = _inside(mask, roi, capture.frames.shape[1:])
-            given: dict[str, Any] = {
-                "lens_px": lens,
-                "on_cells": not no_cells,
-                "check": not no_check,
-                "mask": inside,
-            }
-            result = decode(capture.frames, capture.sequence, response=inverse, progress=step, **given)
+            settings = Settings(
+                response=inverse,
+                lens_px=lens,
+                footprint=footprint,
+                on_cells=not no_cells,
+                check=not no_check,
+            )
+            known = None if profile is None else load_profile(profile)
+            if known is not None:
+                if settings != Settings(check=settings.check):
+                    raise InputError(
+                        "--profile holds response, lens, footprint and cells: leave out --response, --lens, "
+                        "--footprint and --no-cells"
+                    )
+                settings = replace(known.settings, check=settings.check)
+            decoder = Decoder(capture.sequence, known, settings)
+            result = decoder.decode(capture.frames, mask=inside, progress=step)
             if inverse is not None and result.notices:
-                plain = decode(capture.frames, capture.sequence, **given)
-                result = with_better_fit(result, plain)
+                plain = Decoder(capture.sequence, settings=replace(settings, response=None))
+                result = with_better_fit(result, plain.decode(capture.frames, mask=inside))
         seconds = time.perf_counter() - start
         weak = code_that_decodes(result, capture.sequence)
         if weak is not None:
@@ -150,8 +182,14 @@ def command(
         result = replace(result, notices=capture.notices + result.notices)
         numbers["notices"] = [asdict(notice) for notice in result.notices]
         numbers["harmonic_error_px"] = {one.axis: {"rms": one.rms_px, "sigma": one.sigma_px} for one in left}
+        told = decoder.profile
+        if told is None and save_profile is not None:
+            raise InputError(f"{source}: no profile of frames that are not those described; see the notices")
+        numbers["profile"] = [] if told is None else [effect._asdict() for effect in told.effects()]
         with together():
             result.save(out)
+            if told is not None and save_profile is not None:
+                store_profile(save_profile, told)
             write_json(json_path, numbers)
     print_notices(result.notices)
     rows, cols = result.u.shape

@@ -3,8 +3,12 @@
 | file             | holds                                                                                  |
 |------------------|----------------------------------------------------------------------------------------|
 | `correspondence` | `Correspondence`, `Flag`; `Displacement`, `difference` of two captures                 |
-| `decoder`        | `decode`: the steps, on one screen                                                     |
-| `axis`           | which steps the frames of one axis ask for, chained over a block of rows               |
+| `decoder`        | `decode`; `Decoder`, `estimate_profile`: many captures of one rig                      |
+| `rig_profile`    | `RigProfile`: what the frames of one rig have in common; `Settings`                    |
+| `prepare`        | frames -> profile -> tables, once                                                      |
+| `apply`          | frames -> Correspondence by a prepared decoder, without an estimate                    |
+| `sampled`        | what some pixels show: whether a profile still holds                                   |
+| `axis`           | what a sample tells of one axis, which steps its frames ask for, chained over rows     |
 | `estimate`       | `Estimate`: what a block of rows tells of one axis on its way                          |
 | `plan`           | a sequence as periods, bits, references, levels; the constraints that it obeys         |
 | `frames`         | frames validated, white level, response; pixels from all over them                     |
@@ -29,24 +33,30 @@ from optolever.arguments import check_face
 from .checks.integrity import Integrity, check
 from .checks.spoilt import Finding
 from .correspondence import Correspondence, Displacement, Flag, SharedNoise, difference
-from .decoder import decode
+from .decoder import Decoder, decode, estimate_profile
 from .response import Response
+from .rig_profile import Effect, RigProfile, Settings
 from .single_shot import Crossings, PatternMap, crossed, lattice
 
 __all__ = [
     "Correspondence",
     "Crossings",
+    "Decoder",
     "Displacement",
+    "Effect",
     "Finding",
     "Flag",
     "Integrity",
     "PatternMap",
     "Response",
+    "RigProfile",
+    "Settings",
     "SharedNoise",
     "check",
     "crossed",
     "decode",
     "difference",
+    "estimate_profile",
     "lattice",
 ]
 

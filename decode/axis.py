@@ -1,4 +1,4 @@
-"""One axis: which steps its frames ask for, and their chain over a block of rows."""
+"""One axis: what a sample of its frames tells, which steps they ask for, and their chain over rows."""
 
 import math
 from dataclasses import dataclass, replace
@@ -8,10 +8,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from optolever.notices import Notice
 from optolever.patterns import Sequence
 
+from .centre import STEEP
 from .codes.gray import CodePlan, code_plan, decode_code, read_code
+from .codes.harmonics import aliasing_variance
 from .codes.lookup import Table, lookup_rows, prepare
+from .codes.lookup_tables import Optics, table_of
 from .codes.phase import Periods, periods_of
 from .codes.unwrap import Orders, climb, order_table, unwrap_close
 from .display import table_rounding
@@ -23,11 +27,71 @@ from .profile.noise import Noise, Sample
 from .profile.unlike import Before, misfit_between, misfit_within, whole
 from .spatial import Raw
 
-__all__ = ["AxisDecoder", "AxisOptions", "Shot", "axis_decoders"]
+__all__ = [
+    "AxisDecoder",
+    "AxisNumbers",
+    "AxisOptions",
+    "LookUp",
+    "Setup",
+    "Shot",
+    "axis_decoders",
+    "estimate_axes",
+]
 
 #: Pixels that tell a variance (18 %), and that are asked (a fifth surely); rounds in which what periods
 #: contradict each other by is found, as orders are listed within it.
 _FEWEST, _ASKED, _ROUNDS = 64, 450, 6
+
+
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """What frames of one exposure show, and a camera's noise; cells: whether it was shown on cells; white:
+    linear level at which samples saturate."""
+
+    sequence: Sequence
+    plan: Plan
+    noise: Noise
+    cells: bool
+    white: float
+
+
+@dataclass(frozen=True, slots=True)
+class Shot:
+    """Frames of a setup, and a sample of pixels that see the pattern."""
+
+    setup: Setup
+    light: Light
+    lit: Sample
+
+
+class LookUp(NamedTuple):
+    """Of a `Table`: way of its search, optics, relative error of their spread, variance of what the levels
+    leave (over the squared amplitude), the camera's noise by its residuals (None: it was known)."""
+
+    way: int
+    optics: Optics
+    unsure: float
+    misfit2: float
+    noise: Noise | None
+
+
+class AxisNumbers(NamedTuple):
+    """What a sample of pixels tells of an axis: with the setup, all that its decoder needs.
+
+    code       numbers of its code, the levels of the bits among them
+    unresolved  how many of the code's finest bits are left out, as the camera does not resolve them
+    misfit     variance (turns^2) of each fringe's phase by what its samples leave beyond noise
+    between    the same by what periods contradict each other by
+    deviation  of a sample over the amplitude, of close periods; None of others
+    look_up    of what is looked up
+    """
+
+    code: CodePlan | None = None
+    unresolved: int = 0
+    misfit: tuple[float, ...] = ()
+    between: float = 0.0
+    deviation: float | None = None
+    look_up: LookUp | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,14 +100,12 @@ class AxisDecoder:
 
     periods   of the fringes, with the variance that rounded grey values and misfit leave
     limits    beyond which pixels are flagged; jump: largest second difference of neighbours, stripe: the
-              finest one of a code, pattern px; per_turn: turns of the finest fringe in a px, 0 without one;
-              between: variance (turns^2) of a phase by what periods contradict each other by
+              finest one of a code, pattern px; per_turn: turns of the finest fringe in a px, 0 without one
     """
 
     axis: AxisPlan
-    light: Light
     noise: Noise
-    code: CodePlan | None
+    numbers: AxisNumbers
     orders: Orders | None
     table: Table | None
     periods: Periods | None
@@ -51,43 +113,55 @@ class AxisDecoder:
     jump: float
     stripe: float
     per_turn: float = 0.0
-    between: float = 0.0
 
-    def decode(self, rows: tuple[int, int], raw: Raw, first: bool, shared: Shared) -> None:
+    def decode(self, light: Light, rows: tuple[int, int], raw: Raw, first: bool, shared: Shared) -> None:
         """Rows start..stop: coordinates and variances into the axis' maps, the rest into the shared ones."""
         into = Into(raw.coordinate, raw.variance, self.limits, first, shared)
+        code = self.numbers.code
         if self.table is not None:
-            merge(self._looked_up(self.table, rows, raw), self.noise, rows, into)
+            merge(self._looked_up(self.table, light, rows, raw), self.noise, rows, into)
         elif self.periods is None:
-            assert self.code is not None
-            decode_code(self.light, self.noise, self.code, rows, into)
+            assert code is not None
+            decode_code(light, self.noise, code, rows, into)
         elif self.orders is not None:
-            unwrap_close(self.light, self.noise, self.periods, self.orders, rows, into)
+            unwrap_close(light, self.noise, self.periods, self.orders, rows, into)
         else:
-            climb(self.light, self.noise, self.periods, self.axis.extent, self.code, rows, into)
+            climb(light, self.noise, self.periods, self.axis.extent, code, rows, into)
 
-    def _looked_up(self, table: Table, rows: tuple[int, int], raw: Raw) -> Estimate:
+    def _looked_up(self, table: Table, light: Light, rows: tuple[int, int], raw: Raw) -> Estimate:
         """Rows start..stop by a table, of a code from its cells on."""
         part = slice(*rows)
-        estimate = Estimate.empty(rows[1] - rows[0], self.light.raw.shape[2])
+        estimate = Estimate.empty(rows[1] - rows[0], light.raw.shape[2])
         estimate = estimate._replace(coordinate=raw.coordinate[part], variance=raw.variance[part])
-        if self.code is not None:
-            read_code(self.light, self.noise, self.code, rows, estimate)
-        lookup_rows(self.light, self.noise, table, rows, estimate)
+        if self.numbers.code is not None:
+            read_code(light, self.noise, self.numbers.code, rows, estimate)
+        lookup_rows(light, self.noise, table, rows, estimate)
         return estimate
 
-
-@dataclass(frozen=True, slots=True)
-class Shot:
-    """Frames of one exposure, what they show, the camera's noise, and pixels that see the pattern; cells:
-    whether it was shown on cells."""
-
-    light: Light
-    sequence: Sequence
-    plan: Plan
-    noise: Noise
-    lit: Sample
-    cells: bool
+    def notices(self, width: float) -> tuple[Notice, ...]:
+        """What is not resolved; width: of a usual pixel, pattern px."""
+        found, count, name = [], self.numbers.unresolved, self.axis.axis
+        if count and self.numbers.code is not None:
+            numbers = [str(bit) for bit in range(count)]
+            bits = "bit 0" if count == 1 else f"bits {', '.join(numbers[:-1])} and {numbers[-1]}"
+            found.append(
+                Notice(
+                    f"the camera does not resolve {bits} of {name}: cells are read over so many pattern px",
+                    float(self.numbers.code.cell),
+                    float(self.numbers.code.cell) / 2**count,
+                    f"show {name} without them, or bring the camera nearer; sigma holds the wider cells",
+                )
+            )
+        if width * self.per_turn > STEEP:
+            found.append(
+                Notice(
+                    f"neighbours are further apart on {name} than the finest fringe can be followed, turns",
+                    width * self.per_turn,
+                    STEEP,
+                    f"a finest period of {math.ceil(2 * width)} px or more, or a camera nearer to it",
+                )
+            )
+        return tuple(found)
 
 
 class AxisOptions(NamedTuple):
@@ -100,11 +174,19 @@ class AxisOptions(NamedTuple):
     before: Before = Before()
 
 
-def axis_decoders(shot: Shot, options: AxisOptions) -> list[AxisDecoder]:
-    """Choose the steps for each axis. InputError where its frames tell no place."""
-    known = options.known or bool(constraints(shot.plan, len(shot.sequence)))
-    axes = raster_axes(shot.sequence) or shot.plan.axes
-    return [_decoder(axis, shot, options._replace(known=known)) for axis in axes]
+def _axes(setup: Setup) -> tuple[AxisPlan, ...]:
+    return raster_axes(setup.sequence) or setup.plan.axes
+
+
+def estimate_axes(shot: Shot, options: AxisOptions) -> tuple[AxisNumbers, ...]:
+    """Of each axis, from the sample. InputError where its frames tell no place."""
+    known = options.known or bool(constraints(shot.setup.plan, len(shot.setup.sequence)))
+    return tuple(_estimated(axis, shot, options._replace(known=known)) for axis in _axes(shot.setup))
+
+
+def axis_decoders(setup: Setup, numbers: tuple[AxisNumbers, ...]) -> tuple[AxisDecoder, ...]:
+    """Steps for each axis."""
+    return tuple(_decoder(axis, setup, own) for axis, own in zip(_axes(setup), numbers, strict=True))
 
 
 def _sampled_light(light: Light, places: NDArray[np.int64]) -> Light:
@@ -113,33 +195,54 @@ def _sampled_light(light: Light, places: NDArray[np.int64]) -> Light:
     return replace(light, raw=np.ascontiguousarray(light.raw[:, row, col][:, None, :]))
 
 
-def _decoder(axis: AxisPlan, shot: Shot, options: AxisOptions) -> AxisDecoder:
-    light, noise = shot.light, shot.noise
-    code = None if axis.code is None else code_plan(axis.code, shot.plan, noise, shot.lit)
-    if axis.looked_up or (options.subpixel and code is not None and not axis.fringes):
-        return _by_table(axis, code, shot, options)
+def _estimated(axis: AxisPlan, shot: Shot, options: AxisOptions) -> AxisNumbers:
+    setup, lit = shot.setup, shot.lit
+    by_table = axis.looked_up or (options.subpixel and axis.code is not None and not axis.fringes)
+    code, unresolved = None, 0
+    if axis.code is not None:
+        fringe = axis.fringes[0] if axis.fringes else None
+        code, unresolved = code_plan(axis.code, setup.plan, setup.noise, lit, by_table, fringe)
+    if by_table:
+        return AxisNumbers(code, look_up=_looked_up(axis, code, shot, options))
+    found = AxisNumbers(code, unresolved)
+    return _of_fringes(axis, found, shot, options.before) if axis.fringes else found
+
+
+def _looked_up(axis: AxisPlan, code: CodePlan | None, shot: Shot, options: AxisOptions) -> LookUp:
+    """Of known levels, which are looked up."""
+    setup, light, lit = shot.setup, shot.light, shot.lit
+    cells = None if code is None else _cells(code, light, setup.noise, lit)
+    known = setup.noise if options.known else None
+    table = prepare(setup.sequence, setup.plan, axis, light, known, lit, cells, options.blur)
+    return LookUp(table.way, table.optics, table.unsure, table.misfit2, table.noise)
+
+
+def _decoder(axis: AxisPlan, setup: Setup, numbers: AxisNumbers) -> AxisDecoder:
+    code, per_turn = numbers.code, 0.0
+    if numbers.look_up is not None:
+        return _by_table(axis, setup, numbers, numbers.look_up)
     if axis.fringes:
         fine = axis.fringes[-1]
         jump, stripe, per_turn, factor = fine.period / 4, math.inf, 1 / fine.period, 2 / len(fine.index)
     else:
         assert code is not None
         jump = stripe = 2.0 * float(code.cell)
-        per_turn, factor = 0.0, 0.5
-    limits = limits_of(axis.extent, factor, _freedom(axis, code), light.white)
-    found = AxisDecoder(axis, light, noise, code, None, None, None, limits, jump, stripe, per_turn)
-    return _by_fringes(found, shot, options.before) if axis.fringes else found
+        factor = 0.5
+    limits = limits_of(axis.extent, factor, _freedom(axis, code), setup.white)
+    found = AxisDecoder(axis, setup.noise, numbers, None, None, None, limits, jump, stripe, per_turn)
+    return _with_periods(found, setup) if axis.fringes else found
 
 
-def _by_table(axis: AxisPlan, code: CodePlan | None, shot: Shot, options: AxisOptions) -> AxisDecoder:
+def _by_table(axis: AxisPlan, setup: Setup, numbers: AxisNumbers, look_up: LookUp) -> AxisDecoder:
     """Known levels are looked up."""
-    light, noise, lit = shot.light, shot.noise, shot.lit
-    cells = None if code is None else _cells(code, light, noise, lit)
-    known = noise if options.known else None
-    table = prepare(shot.sequence, shot.plan, axis, light, known, lit, cells, options.blur)
+    table = table_of(setup.sequence, setup.plan, axis, look_up.way, look_up.optics)
+    table = replace(table, unsure=look_up.unsure, misfit2=look_up.misfit2, noise=look_up.noise)
+    code = numbers.code
     jump = axis.stripes.width if axis.stripes else 2.0 * (1 if code is None else float(code.cell))
     stripe = jump if axis.stripes or code is not None else math.inf
-    limits = limits_of(axis.extent, 0.5, table.freedom, light.white)
-    return AxisDecoder(axis, light, table.noise or noise, code, None, table, None, limits, jump, stripe)
+    limits = limits_of(axis.extent, 0.5, table.freedom, setup.white)
+    noise = look_up.noise or setup.noise
+    return AxisDecoder(axis, noise, numbers, None, table, None, limits, jump, stripe)
 
 
 def _freedom(axis: AxisPlan, code: CodePlan | None) -> int:
@@ -149,40 +252,42 @@ def _freedom(axis: AxisPlan, code: CodePlan | None) -> int:
     return freedom + ((1 if axis.fringes else 0) + code.freedom if code is not None else 0)
 
 
-def _by_fringes(found: AxisDecoder, shot: Shot, before: Before) -> AxisDecoder:
-    """With fringes, and what they contradict each other by."""
-    axis, noise, lit = found.axis, found.noise, shot.lit
+def _of_fringes(axis: AxisPlan, found: AxisNumbers, shot: Shot, before: Before) -> AxisNumbers:
+    """What samples of fringes leave, and periods contradict each other by."""
+    noise, lit = shot.setup.noise, shot.lit
     covered = found.code is not None or axis.fringes[0].period >= axis.extent or len(axis.fringes) == 1
-    deviation = None if covered else _deviation(axis, noise, lit)
-    rounding = _rounding(axis.axis, shot.sequence) if shot.cells else (0.0,) * len(axis.fringes)
-    unlike = [_unlike(fringe, lit, noise, before) for fringe in axis.fringes]
-    known = tuple(r + m for r, m in zip(rounding, unlike, strict=True))
-    found = _with_periods(found, known, deviation)
+    setup = shot.setup
+    hidden = [aliasing_variance(one, axis, setup.plan, lit, noise) / (2 * np.pi) ** 2 for one in axis.fringes]
+    misfit = tuple(
+        _unlike(one, lit, noise, before) + more for one, more in zip(axis.fringes, hidden, strict=True)
+    )
+    found = found._replace(misfit=misfit, deviation=None if covered else _deviation(axis, noise, lit))
     few = whole(lit, [i for fringe in axis.fringes for i in fringe.index], _ASKED)
     for _ in range(_ROUNDS if len(axis.fringes) > 1 else 0):
-        more = _between(found, few)
+        more = _between(_decoder(axis, shot.setup, found), shot.light, few)
         if more == 0:
             break
-        found = replace(found, between=found.between + more)
-        found = _with_periods(found, tuple(one + found.between for one in known), deviation)
+        found = found._replace(between=found.between + more)
     return found
 
 
-def _with_periods(decoder: AxisDecoder, known: tuple[float, ...], deviation: float | None) -> AxisDecoder:
-    """With fringes whose phases have a variance (turns^2) beside that by noise; deviation: of a sample over
-    the amplitude, of close periods."""
-    orders = None if deviation is None else _orders(decoder.axis, deviation, max(known))
-    return replace(decoder, orders=orders, periods=periods_of(decoder.axis.fringes, known))
+def _with_periods(decoder: AxisDecoder, setup: Setup) -> AxisDecoder:
+    """With fringes whose phases have a variance beside that by noise."""
+    axis, numbers = decoder.axis, decoder.numbers
+    rounding = _rounding(axis.axis, setup.sequence) if setup.cells else (0.0,) * len(axis.fringes)
+    known = tuple(r + m + numbers.between for r, m in zip(rounding, numbers.misfit, strict=True))
+    orders = None if numbers.deviation is None else _orders(axis, numbers.deviation, max(known))
+    return replace(decoder, orders=orders, periods=periods_of(axis.fringes, known))
 
 
-def _between(decoder: AxisDecoder, few: Sample) -> float:
+def _between(decoder: AxisDecoder, light: Light, few: Sample) -> float:
     """What periods contradict each other by at the places that a decoder tells of some pixels, beyond what it
     knows of."""
     assert decoder.periods is not None
     shape = 1, len(few.places)
     raw = Raw(*(np.zeros(shape, np.float32) for _ in range(2)))
     shared = Shared(np.zeros(shape, np.uint16), *(np.zeros(shape, np.float32) for _ in range(3)))
-    replace(decoder, light=_sampled_light(decoder.light, few.places)).decode((0, 1), raw, True, shared)
+    decoder.decode(_sampled_light(light, few.places), (0, 1), raw, True, shared)
     told = np.isfinite(raw.coordinate[0]) & (raw.variance[0] < decoder.axis.extent**2)
     if np.count_nonzero(told) < _FEWEST:
         return 0.0

@@ -5,7 +5,7 @@ not the centre's value: that comes off as far as neighbours show it beyond noise
 jump inside of the pixel, a bend that changes from pixel to pixel) goes into the variance.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from optolever.kernels import inlined, kernel
 from .profile.border import SHADOW2
 from .profile.pixelation import REACH
 
-__all__ = ["BULK", "STEEP", "centred", "dark_level", "lesser", "windowed"]
+__all__ = ["BULK", "STEEP", "CentreLimits", "centred", "dark_level", "lesser", "windowed"]
 
 F32 = NDArray[np.float32]
 #: Second differences are of the map from so many deviations on.
@@ -33,6 +33,32 @@ _SHORT, _ALL, _EDGE = np.float32(1 / 64**2), np.float32(1 / 24**2), np.float32(1
 STEEP = 0.8
 
 
+class CentreLimits(NamedTuple):
+    """Numbers of a line, float32.
+
+    jump       by what neighbours of a map bend at most, px
+    stripe     the finest one of a code, px (infinite: no code), as parts of others on a pixel move what it
+               reads
+    per_turn   turns of the finest fringe in a px
+    reach2     squared reach of a pixel of no footprint, and extent of the surface (infinite: no border), in
+               whose border's shadow (see border) nothing is taken off
+    dark       level without light; inner (bool): whether there are REACH rows on either side
+    lens       variance that a lens mixes, px^2 of the camera, and its standard deviation lens_sigma
+    footprint  side of what a pixel reads over its pitch
+    """
+
+    jump: np.float32
+    stripe: np.float32
+    per_turn: np.float32
+    reach2: np.float32
+    extent: np.float32
+    dark: np.float32
+    inner: bool
+    lens: np.float32
+    lens_sigma: np.float32
+    footprint: np.float32
+
+
 def dark_level(level: F32, amplitude: F32) -> float:
     """Mean level of pixels without light of the display, by their mean levels and amplitudes (K,), grey
     levels: where the line through amplitudes over levels (medians of the dimmest and the brightest third) has
@@ -48,7 +74,7 @@ def dark_level(level: F32, amplitude: F32) -> float:
 
 
 @kernel
-def windowed(coord: Any, flags: Any, start: Any, stop: Any, out: Any) -> None:
+def windowed(coord: F32, flags: NDArray[np.uint16], start: int, stop: int, out: F32) -> None:
     """Rows start..stop of a map (H, W) with REACH pixels on every side, (stop - start + 2 REACH,
     W + 2 REACH): NaN what is refused. Two pixels beyond the image are on the parabola through the last
     three."""
@@ -70,7 +96,7 @@ def windowed(coord: Any, flags: Any, start: Any, stop: Any, out: Any) -> None:
 
 
 @kernel
-def _good_only(line: Any, flags: Any, out: Any) -> None:
+def _good_only(line: F32, flags: NDArray[np.uint16], out: F32) -> None:
     for x in range(line.size):
         out[x] = line[x] if flags[x] == 0 else np.float32(np.nan)
 
@@ -83,27 +109,33 @@ def _parabola(end: Any, next_: Any, third: Any, k: Any) -> Any:
 
 
 @kernel
-def centred(here: Any, window: Any, k: Any, light: Any, limits: Any, out: Any, total: Any) -> None:
+def centred(
+    here: F32,
+    window: F32,
+    k: int,
+    light: tuple[F32, F32, F32],
+    limits: CentreLimits,
+    out: F32,
+    total: F32,
+) -> None:
     """From the mean over a pixel, weighted by the light, to its centre, along a line (W,).
 
     Of u(s) = u + g s + s H s / 2 and light A (1 + a s) the mean over a pixel is u + (H_xx + H_yy) / 24 +
     a g / 12; of a fringe, and behind a lens, see `_mixed`. Of the light's slope only the pixel's own share
     comes off: where light falls off the lens has changed it, too.
     here: the line. window: see `windowed`, k: the line's row in it. light: of the line, (W + 4,) with its
-    ends repeated, and of those two rows above and below (W,). limits: by what neighbours of a map bend at
-    most, px; the finest stripe of a code (infinite: no code), as parts of others on a pixel move what it
-    reads, px; turns of the finest fringe in a px; squared reach of a pixel of no footprint, and extent of the
-    surface (infinite: no border), in whose border's shadow (see border) nothing is taken off; level without
-    light; whether there are REACH rows on either side; variance that a lens mixes (see lens), px^2.
+    ends repeated, and of those two rows above and below (W,).
 
     Over REACH pixels the curvature is told with next to no noise; it, and what it is more or less between
     next neighbours, count as far as they are beyond noise (James and Stein's shrinkage), and the latter as
     far as it does not change from pixel to pixel (a rough mirror, a neighbour at an edge).
     """
-    jump, stripe, per_turn, reach2, extent, dark, inner, lens2 = limits
+    jump, stripe, per_turn, reach2, extent, dark, inner, lens2, lens_sigma, footprint = limits
     zero, half, two, four = np.float32(0), np.float32(0.5), np.float32(2), np.float32(4)
     wide, twelfth = np.float32(1 / REACH**2), np.float32(1 / 12)
-    m2 = twelfth + lens2
+    area2 = footprint * footprint
+    m2 = twelfth * area2 + lens2
+    unsure2 = lens_sigma * lens_sigma
     part = half * m2
     # squared shifts over those of the pixel's own area
     blurred2 = np.float32(24**2) * part * part
@@ -145,9 +177,9 @@ def centred(here: Any, window: Any, k: Any, light: Any, limits: Any, out: Any, t
         far = inside & next_ & (broad_x + broad_y == broad_x + broad_y)
         noise = unsure * (total[x] + (was - u) * (was - u))
         turns_x, turns_y = half * one_x * per_turn, half * one_y * per_turn
-        pole_x, pole_y = _poles(turns_x, turns_y)
-        factor_x, across_x = _mixed(turns_x, pole_x, lens2)
-        factor_y, across_y = _mixed(turns_y, pole_y, lens2)
+        pole_x, pole_y = _poles(footprint * turns_x, footprint * turns_y)
+        factor_x, across_x = _mixed(turns_x, pole_x, lens2, footprint)
+        factor_y, across_y = _mixed(turns_y, pole_y, lens2, footprint)
         broad_x, broad_y = broad_x if far else zero, broad_y if far else zero
         ragged = max(uneven - _BY_NOISE * total[x], zero) if next_ else zero
         there = _beyond(broad_x + broad_y, max(noise * wide * wide, _ROUGH * ragged))
@@ -169,7 +201,7 @@ def centred(here: Any, window: Any, k: Any, light: Any, limits: Any, out: Any, t
         edge_x, light_x = _in_light(before[x], lit[x], after[x], dark, half * grain2)
         edge_y, light_y = _in_light(bright_up[x], lit[x], bright_down[x], dark, half * grain2)
         # of a code it is less than its cells round off, and what noise of the light would make of it
-        dims = light_x * one_x + light_y * one_y if stripe == np.float32(np.inf) else zero
+        dims = area2 * (light_x * one_x + light_y * one_y) if stripe == np.float32(np.inf) else zero
         edge_x = max(edge_x * edge_x - grain2, zero) * one_x * one_x
         edge_y = max(edge_y * edge_y - grain2, zero) * one_y * one_y
         edges = (edge_x + edge_y) * _EDGE if near else zero
@@ -185,6 +217,9 @@ def centred(here: Any, window: Any, k: Any, light: Any, limits: Any, out: Any, t
         width2 = (steps_x * steps_x + steps_y * steps_y) * np.float32(1 / 48)
         clear = away * away > SHADOW2 * (reach2 + width2)
         off, taken = bends + dims, smooth & clear
+        # what a variance of 1 beside m2 would move the centre by
+        by_m2 = half * (there * (broad_x + broad_y) + share * (bend_x + bend_y) if near else zero)
+        by_m2 += light_x * one_x + light_y * one_y if dims != zero else zero
         out[x] = was - (np.float32(1 / 24) * off if taken else zero)
         least_x, least_y = lesser(u - left[x], right[x] - u), lesser(u - up[x], down[x] - u)
         over = max(least_x + least_y - stripe, zero)
@@ -196,6 +231,7 @@ def centred(here: Any, window: Any, k: Any, light: Any, limits: Any, out: Any, t
         size_of = abs(factor_x * near_x) + abs(factor_y * near_y) + (abs(twist) if twisted else zero)
         short += size_of * size_of * most_turns * most_turns * _ALL if near else zero
         short += off * off * _ALL if near & (not taken) else zero
+        short += by_m2 * by_m2 * unsure2 if near & taken else zero
         # where light falls off neighbours are shifted (see ends), which bends what they show
         scale = np.float32(1) / max(lit[x] - dark, np.float32(1e-6))
         fall_x = max(abs(after[x] - lit[x]), abs(before[x] - lit[x])) * scale
@@ -216,19 +252,20 @@ def _poles(one: Any, other: Any) -> tuple[Any, Any]:
 
 
 @inlined
-def _mixed(turns: Any, pole: Any, lens2: Any) -> tuple[Any, Any]:
+def _mixed(turns: Any, pole: Any, lens2: Any, footprint: Any) -> tuple[Any, Any]:
     """What a bend along an axis shifts the phase of a fringe of which w turns lie on a pixel, over H_xx / 24,
     and c of a mixed one, which shifts it by -H_xy c(w_x) c(w_y).
 
-    What a pixel mixes has the transfer function M(w) = sinc(w) exp(-2 pi^2 lens2 w^2); these are
-    -12 M'' / (4 pi^2 M) and -M' / (2 pi M). Of sinc alone they are, by the pole at 1 and the first term of
+    What a pixel of side f mixes has the transfer function M(w) = sinc(f w) exp(-2 pi^2 lens2 w^2); these are
+    -12 M'' / (4 pi^2 M) and -M' / (2 pi M). Of sinc(w) alone they are, by the pole at 1 and the first term of
     the rest of the series (the first to 0.01 up to half a turn, to 8 % near one),
-    1 - 2 pi^2 / 15 w^2 / (1 - w^2) and (w / pi) (1 / (1 - w^2) + pi^2 / 6 - 1).
+    1 - 2 pi^2 / 15 w^2 / (1 - w^2) and (w / pi) (1 / (1 - w^2) + pi^2 / 6 - 1); pole: of f w.
     """
     one, pi, most = np.float32(1), np.float32(np.pi), np.float32(2 * np.pi**2 / 15)
-    own, through = turns / pi * (pole + np.float32(np.pi**2 / 6 - 1)), pi * lens2 * turns
+    area2 = footprint * footprint
+    own, through = area2 * turns / pi * (pole + np.float32(np.pi**2 / 6 - 1)), pi * lens2 * turns
     blurred = lens2 * (one - np.float32(4) * pi * turns * (own + through))
-    return one + most - most * pole + np.float32(12) * blurred, own + through + through
+    return area2 * (one + most - most * pole) + np.float32(12) * blurred, own + through + through
 
 
 @inlined

@@ -4,6 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import binary_closing, binary_dilation, maximum_filter, uniform_filter
 from scipy.special import chdtri
 
 from optolever.kernels import exact, kernel
@@ -12,12 +13,26 @@ from .correspondence import Flag
 from .estimate import Estimate
 from .profile.noise import Noise
 
-__all__ = ["Into", "Limits", "Shared", "limits_of", "marked", "marks_for", "merge", "merge_line"]
+__all__ = [
+    "Into",
+    "Limits",
+    "Shared",
+    "flag_amid_contradictions",
+    "limits_of",
+    "marked",
+    "marks_for",
+    "merge",
+    "merge_line",
+]
 
 #: Probability of a wrong order above which a pixel is flagged.
 DOUBT = 1e-4
 #: Chance of a pixel without fault to be refused for its misfit.
 _CHANCE = 1e-6
+#: Side of the neighbourhood in which more than a half of contradictions make all doubtful, pixels; share of
+#: the image that contradicts itself below which none is looked for; gaps between contradictions that are
+#: closed, pixels.
+_AMID, _MOST, _RARE, _GAP = 9, 0.5, 1e-3, 5
 #: Modulation over its noise below which a pixel is flagged: noise alone reaches it once in 3.7e-6.
 _CONTRAST = 5.0
 #: Share of the camera's range that the brightest sample of a dark pixel reaches: 4 of 8 bits.
@@ -111,6 +126,27 @@ def merge_line(estimate: Any, noise: Any, row: Any, into: Any) -> None:
         least[x] = a if first else min(least[x], a)
         mean[x] = o if first else half * (mean[x] + o)
         either[x] = wrong if first else either[x] + wrong - either[x] * wrong
+
+
+def flag_amid_contradictions(flags: NDArray[np.uint16]) -> None:
+    """Flag pixels among those most of which contradict themselves, in place.
+
+    Something before the pattern during some frames shows words of its own, and fringes agree with some of
+    them by chance.
+    """
+    moved = (flags & np.uint16(Flag.MOVED)) > 0
+    if moved.mean() < _RARE:
+        return
+    seen = (flags & np.uint16(Flag.DARK | Flag.LOW_CONTRAST | Flag.INVALID)) == 0
+    share, whole = (
+        uniform_filter(one.astype(np.float32), _AMID, mode="nearest") for one in (moved & seen, seen)
+    )
+    core = share > np.float32(_MOST) * np.maximum(whole, np.float32(_MOST))
+    # up to the rim, where fewer are around, and a pixel beyond
+    near = np.pad(moved & maximum_filter(core, _AMID), _GAP)
+    closed = binary_dilation(binary_closing(near, np.ones((_GAP, _GAP))))
+    core |= closed[_GAP:-_GAP, _GAP:-_GAP]
+    np.bitwise_or(flags, np.uint16(Flag.MOVED), out=flags, where=core & seen)
 
 
 @exact

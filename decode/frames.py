@@ -68,7 +68,7 @@ class Light:
 
     def only(self, index: NDArray[np.int64]) -> "Light":
         """Some of the frames."""
-        if len(index) == len(self.raw):
+        if np.array_equal(index, np.arange(len(self.raw))):
             return self
         return replace(self, raw=np.ascontiguousarray(self.raw[index]))
 
@@ -82,8 +82,13 @@ def light_of(
     sequence: Sequence,
     white_level: float | None = None,
     response: Response | None = None,
+    rounding: float | None = None,
 ) -> Light:
-    """Check frames against their description. InputError if they do not fit or are not finite."""
+    """Check frames against their description. InputError if they do not fit or are not finite.
+
+    rounding: variance that rounding adds, if it and white_level are known of the camera: of 16-bit frames
+    both are told by all samples.
+    """
     stack = np.asarray(frames)
     if stack.ndim != 3 or 0 in stack.shape:
         raise InputError(f"decode: frames have shape {stack.shape}, must be (N, H, W)")
@@ -98,9 +103,10 @@ def light_of(
     if response is not None and stack.dtype.kind != "u":
         raise InputError(f"decode: response is given and frames are {stack.dtype}, must be uint8 or uint16")
     table = np.zeros(0, np.float32) if response is None else response.table(stack.dtype)
-    step, clip = levels_of(stack)
-    clip = clip if white_level is None else float(white_level)
-    return Light(np.ascontiguousarray(stack), clip, table, step * step / 12, response)
+    if rounding is None or white_level is None:
+        step, found = levels_of(stack)
+        white_level, rounding = white_level or found, step * step / 12
+    return Light(np.ascontiguousarray(stack), float(white_level), table, rounding, response)
 
 
 def _finite(stack: NDArray[Any]) -> F32:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from optolever.kernels import exact, inlined, kernel
 
-from .centre import BULK, STEEP, centred, lesser, windowed
+from .centre import BULK, STEEP, CentreLimits, centred, lesser, windowed
 from .correspondence import Flag
 from .display import PLACES
 from .flags import marked, marks_for
@@ -22,8 +22,17 @@ from .profile.border import SHADOW2, inwards
 from .profile.ends import faded, slope
 from .profile.pixelation import REACH, SLIGHT
 
-__all__ = ["Raw", "check_rows", "despeckle"]
+__all__ = ["Common", "Raw", "SpatialLimits", "SpatialMaps", "SpatialTables", "check_rows", "despeckle"]
 
+F32 = NDArray[np.float32]
+U8 = NDArray[np.uint8]
+U16 = NDArray[np.uint16]
+U32 = NDArray[np.uint32]
+#: Flags of a line, variances of it and of the lines above and below.
+Own = tuple[U16, F32, F32, F32]
+#: jump, per_turn, squared reach and extent of SpatialLimits; usual, jump and footprint.
+Limits = tuple[np.float32, np.float32, np.float32, np.float32]
+Footprint = tuple[np.float32, np.float32, np.float32]
 _ONE = np.float32(1)
 _OUTLIER, _OFF = int(Flag.OUTLIER), int(Flag.OFF_PATTERN)
 #: Squared deviations beyond which a neighbour contradicts, and from which on a bend is of the map.
@@ -37,34 +46,92 @@ _BEND = np.float32(1 / 24**2)
 class Raw(NamedTuple):
     """One axis before its neighbours are asked, (H, W) float32: coordinate and variance, px and px^2."""
 
-    coordinate: NDArray[np.float32]
-    variance: NDArray[np.float32]
+    coordinate: F32
+    variance: F32
+
+
+class Common(NamedTuple):
+    """What both axes share so far, (H, W): flags, amplitude, mean level."""
+
+    flags: U16
+    amplitude: F32
+    offset: F32
+
+
+class SpatialTables(NamedTuple):
+    """Shift and variance of a Pixelation, table of a Border."""
+
+    shift: F32
+    unsure: F32
+    border: F32
+
+
+class SpatialLimits(NamedTuple):
+    """Numbers of one axis, float32.
+
+    reach      how far pixels see, cells; usual: their usual footprint, cells
+    roughness  variance, px^2; least: sigma, px
+    extent     of the surface, px; 0: it has no border
+    jump       largest second difference of neighbours, px; stripe: the finest one of a code, px
+    per_turn   turns of the finest fringe in a px
+    ends       variance of the mirror's ends (see ends), px^2 of the camera; dark: level without light
+    lens       variance that a lens mixes, px^2 of the camera; lens_sigma: its standard deviation
+    footprint  side of what a pixel reads over its pitch
+    """
+
+    reach: np.float32
+    usual: np.float32
+    roughness: np.float32
+    least: np.float32
+    extent: np.float32
+    jump: np.float32
+    stripe: np.float32
+    per_turn: np.float32
+    ends: np.float32
+    dark: np.float32
+    lens: np.float32
+    lens_sigma: np.float32
+    footprint: np.float32
+
+    @classmethod
+    def of(cls, **numbers: float) -> "SpatialLimits":
+        """Rounded to float32."""
+        return cls(**{name: np.float32(number) for name, number in numbers.items()})
+
+
+class SpatialMaps(NamedTuple):
+    """Results of one axis, (H, W): coordinate, sigma; flags of both, or-ed."""
+
+    coordinate: F32
+    sigma: F32
+    flags: U16
 
 
 def check_rows(
     rows: tuple[int, int],
     raw: Raw,
-    common: tuple[NDArray[np.uint16], Any, Any],
-    tables: tuple[Any, Any, Any],
-    limits: tuple[float, ...],
-    out: tuple[Any, Any, NDArray[np.uint16]],
+    common: Common,
+    tables: SpatialTables,
+    limits: SpatialLimits,
+    out: SpatialMaps,
 ) -> None:
-    """Rows start..stop of one axis.
-
-    common: flags (H, W) so far, amplitude and offset (H, W). tables: of a Pixelation and of the Border.
-    limits: how far pixels see (cells), roughness (px^2), extent of the surface (0: it has no border),
-    largest second difference, finest stripe of a code (px), turns of the finest fringe in a px, least sigma
-    (px), width of the mirror's ends (see ends), level without light, usual footprint (cells), variance
-    that a lens mixes (px^2 of the camera).
-    out: coordinate, sigma, flags (H, W), the last or-ed.
-    """
-    _check(*rows, raw, common, tables, tuple(np.float32(number) for number in limits), out)
+    """Rows start..stop of one axis."""
+    _check(*rows, raw, common, tables, limits, out)
 
 
 @exact
-def _check(start: Any, stop: Any, raw: Any, common: Any, tables: Any, numbers: Any, maps: Any) -> None:
-    (coord, variance), (flags, amplitude, offset), (shift, unsure, shadow) = raw, common, tables
-    reach, roughness, extent, jump, stripe, per_turn, least, m2, dark, usual, lens2 = numbers
+def _check(
+    start: int,
+    stop: int,
+    raw: Raw,
+    common: Common,
+    tables: SpatialTables,
+    numbers: SpatialLimits,
+    maps: SpatialMaps,
+) -> None:
+    (coord, variance), (flags, amplitude, offset) = raw, common
+    reach, extent, jump, per_turn = numbers.reach, numbers.extent, numbers.jump, numbers.per_turn
+    footprint, ends, shift = numbers.footprint, numbers.ends, tables.shift
     out, sigma, out_flags = maps
     rows, cols = coord.shape
     large = (rows > 4) & (cols > 4)
@@ -85,19 +152,23 @@ def _check(start: Any, stop: Any, raw: Any, common: Any, tables: Any, numbers: A
         for x, inner in ((0, min(2, cols - 1)), (cols - 1, max(cols - 3, 0))):
             special[x] |= _dimmer((y, x), (y, inner), raw, common, per_turn)
         if shift.size > 1:
-            _entry_line(coord[y], window, k, (usual, jump), most, at)
-            _corrected_line(coord[y], variance[y], at, (shift, unsure), out[y], sigma[y])
+            _entry_line(coord[y], window, k, (numbers.usual, jump, footprint), most, at)
+            _corrected_line(coord[y], variance[y], at, (shift, tables.unsure), out[y], sigma[y])
         else:
             _copied(coord[y], variance[y], out[y], sigma[y])
         if large:
             _with_ends(offset[y], light)
             lights = light, offset[max(y - 2, 0)], offset[min(y + 2, rows - 1)]
-            limits = jump, stripe, per_turn, reach * reach, border, dark, REACH <= y < rows - REACH, lens2
-            centred(*(coord[y], window, k, lights, limits, out[y], sigma[y]))
-        if large & (m2 > 0):
+            inner, reach2, dark = REACH <= y < rows - REACH, reach * reach, numbers.dark
+            stripe, lens, unsure = numbers.stripe, numbers.lens, numbers.lens_sigma
+            limits = CentreLimits(
+                jump, stripe, per_turn, reach2, border, dark, inner, lens, unsure, footprint
+            )
+            centred(coord[y], window, k, lights, limits, out[y], sigma[y])
+        if large & (ends > 0):
             first = min(up, rows - 3)
             lights = amplitude[y], amplitude[first], amplitude[first + 2]
-            faded(window, k, REACH, lights, m2, sigma[y])
+            faded(window, k, REACH, lights, ends, sigma[y])
         for x in places[: marked(special, places)]:
             flag, lost, bends = _neighbours(y, x, coord, variance, flags, amplitude, (jump, per_turn))
             here, c = window[k, x + REACH], x + REACH
@@ -112,16 +183,24 @@ def _check(start: Any, stop: Any, raw: Any, common: Any, tables: Any, numbers: A
             flag |= np.uint16(_OUTLIER if unknown else 0)
             low = here + here < extent - np.float32(1)
             inner_x, inner_y = _step_inwards(across, low, jump), _step_inwards(down, low, jump)
-            off, shift_in, unsure_in = inwards(here, variance[y, x], inner_x, inner_y, reach, shadow, extent)
+            off, shift_in, unsure_in = inwards(
+                here,
+                variance[y, x],
+                footprint * inner_x,
+                footprint * inner_y,
+                reach,
+                tables.border,
+                extent,
+            )
             out[y, x] -= shift_in
             # where one does not, nothing is taken off (see centre)
             sigma[y, x] += lost + unsure_in + (bends if untold & large else np.float32(0))
             out_flags[y, x] |= flag | np.uint16(_OFF if off else 0)
-        _root(sigma[y], roughness, least)
+        _root(sigma[y], numbers.roughness, numbers.least)
 
 
 @kernel
-def despeckle(start: Any, stop: Any, flags: Any, out: Any) -> None:
+def despeckle(start: int, stop: int, flags: U16, out: U16) -> None:
     """Rows start..stop of flags (H, W): a good pixel of whose eight neighbours fewer than three are good (a
     corner has three, those beyond the image being as the nearest in it) passed by chance what refused them:
     OUTLIER."""
@@ -139,7 +218,7 @@ def despeckle(start: Any, stop: Any, flags: Any, out: Any) -> None:
 
 
 @kernel
-def _with_ends(line: Any, out: Any) -> None:
+def _with_ends(line: F32, out: F32) -> None:
     """A line (W,), and what it begins and ends with twice more on either side, (W + 4,)."""
     for x in range(line.size):
         out[x + 2] = line[x]
@@ -168,13 +247,13 @@ def _step_inwards(five: Any, low: Any, jump: Any) -> Any:
 
 
 @kernel
-def _root(sigma: Any, roughness: Any, least: Any) -> None:
+def _root(sigma: F32, roughness: np.float32, least: np.float32) -> None:
     for x in range(sigma.size):
         sigma[x] = max(np.sqrt(sigma[x] + roughness), least)
 
 
 @kernel
-def _special_line(window: Any, k: Any, own: Any, limits: Any, special: Any) -> None:
+def _special_line(window: F32, k: int, own: Own, limits: Limits, special: U8) -> None:
     """Good pixels of which neighbours or the border tell something. own: flags of the line, variances of it
     and of those above and below."""
     (flags, var, var_above, var_below), size, four = own, special.size, np.float32(4)
@@ -221,11 +300,11 @@ def _dimmer(at: Any, inner: Any, raw: Any, common: Any, per_turn: Any) -> Any:
 
 
 @kernel
-def _entry_line(c: Any, window: Any, k: Any, limits: Any, most: Any, at: Any) -> None:
+def _entry_line(c: F32, window: F32, k: int, limits: Footprint, most: np.float32, at: U32) -> None:
     """Entries of a Pixelation by place in the cell and width of the footprint, of `most` steps at most.
-    limits: what it is at least where no neighbour tells it along rows or columns, and by what neighbours of a
-    map bend at most."""
-    half, places, (usual, jump) = np.float32(0.5), np.float32(PLACES), limits
+    limits: what it is at least where no neighbour tells it along rows or columns, by what neighbours of a map
+    bend at most, and side of a pixel over its pitch."""
+    half, places, (usual, jump, footprint) = np.float32(0.5), np.float32(PLACES), limits
     size = c.size
     left, right = window[k, :size], window[k, 2 * REACH : 2 * REACH + size]
     above, below = window[k - REACH, REACH : REACH + size], window[k + REACH, REACH : REACH + size]
@@ -237,7 +316,8 @@ def _entry_line(c: Any, window: Any, k: Any, limits: Any, most: Any, at: Any) ->
         alone = ((left[x] != left[x]) & (right[x] != right[x])) | (
             (above[x] != above[x]) & (below[x] != below[x])
         )
-        width = max(np.sqrt(gx * gx + gy * gy), usual if alone else np.float32(0)) * places + half
+        width = footprint * np.sqrt(gx * gx + gy * gy)
+        width = max(width, usual if alone else np.float32(0)) * places + half
         width = width if width < most else most
         place = np.int32((c[x] - np.floor(c[x])) * places + half) & np.int32(PLACES - 1)
         at[x] = np.uint32(np.int32(width)) * np.uint32(PLACES) + np.uint32(place)
@@ -257,7 +337,7 @@ def _broad_slope(five: Any, jump: Any) -> Any:
 
 
 @kernel
-def _corrected_line(c: Any, var: Any, at: Any, tables: Any, out: Any, total: Any) -> None:
+def _corrected_line(c: F32, var: F32, at: U32, tables: tuple[F32, F32], out: F32, total: F32) -> None:
     """Pixelation taken off a line, what is unsure of it into the variance."""
     shifts, doubts = tables
     for x in range(c.size):
@@ -266,7 +346,7 @@ def _corrected_line(c: Any, var: Any, at: Any, tables: Any, out: Any, total: Any
 
 
 @kernel
-def _copied(c: Any, var: Any, out: Any, total: Any) -> None:
+def _copied(c: F32, var: F32, out: F32, total: F32) -> None:
     for x in range(c.size):
         out[x] = c[x]
         total[x] = var[x]
@@ -276,15 +356,15 @@ class _Pixel(NamedTuple):
     """A pixel of the image, and one beyond it, as is where it is nearest: whether it is of the image, whether
     it is good; place, variance, amplitude."""
 
-    inside: Any
-    good: Any
-    place: Any
-    variance: Any
-    amplitude: Any
+    inside: bool
+    good: bool
+    place: np.float32
+    variance: np.float32
+    amplitude: np.float32
 
 
 @exact
-def _pixel(y: Any, x: Any, coord: Any, variance: Any, flags: Any, amplitude: Any) -> Any:
+def _pixel(y: int, x: int, coord: F32, variance: F32, flags: U16, amplitude: F32) -> _Pixel:
     i, j = min(max(y, 0), coord.shape[0] - 1), min(max(x, 0), coord.shape[1] - 1)
     inside = (i == y) & (j == x)
     return _Pixel(inside, inside & (flags[i, j] == 0), coord[i, j], variance[i, j], amplitude[i, j])
@@ -292,7 +372,13 @@ def _pixel(y: Any, x: Any, coord: Any, variance: Any, flags: Any, amplitude: Any
 
 @exact
 def _neighbours(
-    y: Any, x: Any, coord: Any, variance: Any, flags: Any, amplitude: Any, limits: Any
+    y: int,
+    x: int,
+    coord: F32,
+    variance: F32,
+    flags: U16,
+    amplitude: F32,
+    limits: tuple[np.float32, np.float32],
 ) -> tuple[Any, Any, Any]:
     """Flag of a good pixel and squared shift of its centre, by those of its neighbours that are good; squared
     shift by how much the map bends in it."""

@@ -28,6 +28,8 @@ It may import every module of `optolever`; tests alone import it.
 | `live/` | heights of single frames |
 | - `world.py` | an independent renderer of dents |
 | - `streams.py`, `figures.py` | drawn streams with faults; time, error and sigma beside their limits |
+| `pairs/` | two effects at once, and frames of another description |
+| - `drawn.py`, `effects.py`, `structural.py` | draws and verdicts; light and time; structural faults |
 | `hard/` | hard cases of decode and reconstruct |
 | - `hard.py`, `hard_case.py`, `found.py` | the list; verdicts, figures over draws; errors against the truth |
 | - `hard_decode.py`, `hard_reconstruct.py`, `hard_surroundings.py` | written lists |

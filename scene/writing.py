@@ -21,7 +21,7 @@ __all__ = ["FOREIGN", "foreign_sections", "scene_table"]
 Table = dict[str, Any]
 
 #: Sections of a rig's file that other parts own; read past here, kept on writing.
-FOREIGN = ("rest", "response", "devices", "sync")
+FOREIGN = ("rest", "response", "profile", "devices", "sync")
 
 
 def foreign_sections(path: Path) -> Table:

@@ -4,6 +4,7 @@
 |------------------|------------------------------------------------------------------------------------|
 | `integrity`      | `check`: frames that are not those described, named                                |
 | `spoilt`         | `Finding`: frames that a code can do without, pixels that a wrong one could spoil  |
+| `contradictions` | captures of another description: codes of a pixel that contradict each other       |
 | `sample_fit`     | places and misfit of single pixels, by each axis                                   |
 """
 

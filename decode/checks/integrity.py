@@ -16,15 +16,18 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
 
 from optolever.errors import InputError
 from optolever.patterns import Sequence
 
-from ..correspondence import Correspondence
+from ..codes.bit_levels import coarser, nested
+from ..codes.gray import unresolved_count
 from ..exposures import by_exposure
 from ..frames import Light, light_of, sample_levels
-from ..plan import Plan, constraints, plan
-from ..profile.noise import Sample, estimate_noise, sampled
+from ..plan import AxisPlan, Plan, constraints, plan
+from ..profile.noise import Noise, Sample, estimate_noise, sampled
+from .contradictions import Contradictions, contradictions, mistuned, other_descriptions
 from .sample_fit import AxisTable, axis_tables, bends, misfit_at, places
 from .spoilt import Finding, left_out, spoilt_pixels
 
@@ -51,6 +54,15 @@ _BEND = 1.5
 _STEP = 1 / _BEND
 #: Cost of an axis above which a pixel is odd.
 _ODD = 1.0
+#: Misfit of a strange pixel, in units of one that has no cost to speak of.
+_STRANGE = 4.0
+#: Difference of the places of neighbours, in units of the usual one, that is a jump.
+_JUMP = 4.0
+#: Share of strange pixels that are no edges; the nearest ones of each, and how many of these are strange,
+#: too, where they are one part of the picture.
+_PART, _NEAREST, _GATHERED = 0.05, 4, 0.5
+#: Contrast over the median below which a pixel is dim.
+_DIM = 0.5
 #: Cost by which a pixel is mended, or broken.
 _MENDED = 0.7
 #: Difference of two frames that show the same, share of the contrast; share of the pixels where they do.
@@ -65,6 +77,15 @@ _STRUCTURED = 0.25
 _SHIFTED, _ALL_LATER = ("lost", "repeated"), 0.075
 #: Frames up to which any two may be swapped; of more (sweeps) only those next to each other.
 _ALL_PAIRS = 64
+#: What is said of a capture that no other description explains.
+_NOT_THOSE = "codes contradict each other nearly everywhere: frames are not those described"
+#: Share of the pixels that contradict themselves from which on nothing is believed; from which on other
+#: descriptions are tried, and what one that explains them leaves of it at most.
+_MOST_OF, _SOME, _EXPLAINED = 0.5, 0.25, 0.5
+#: Share of the odd pixels that two frames mend which are put back in each other's place.
+_PUT_BACK = 0.8
+#: Share of odd pixels that edges of depth make in a scene (tests' drawn scenes: 0.08).
+_EDGES = 0.08
 #: Fewest pixels that are mended; share of the best margin from which on a fault may be it, too.
 _LEAST, _TIED = 8, 0.9
 
@@ -77,11 +98,10 @@ class Integrity:
     constraints: int
 
 
-def check(frames: ArrayLike, sequence: Sequence, found: Correspondence | None = None) -> Integrity:
+def check(frames: ArrayLike, sequence: Sequence) -> Integrity:
     """Look for a frame that is not what the sequence describes.
 
-    frames (N, H, W), frame i as sequence.frames[i] describes it; found: what decode made of them, which saves
-    the look-up of places that are right. Some 2000 pixels are looked at.
+    frames (N, H, W), frame i as sequence.frames[i] describes it. Some 2000 pixels are looked at.
     """
     stack = np.asarray(frames)
     if stack.ndim != 3 or len(stack) != len(sequence):
@@ -93,7 +113,7 @@ def check(frames: ArrayLike, sequence: Sequence, found: Correspondence | None = 
     count = 0
     for part in by_exposure(sequence):
         shot, wanted = light.only(part.index), plan(part.sequence)
-        some = examine(shot, wanted, estimate_noise(shot, wanted)[1], found, part.index)
+        some = examine(shot, wanted, *estimate_noise(shot, wanted), part.index)
         findings += [_numbered(one, part.index) for one in some]
         count += sum(len(group) for group in constraints(wanted, len(part.index))[-1:])
     return Integrity(tuple(dict.fromkeys(findings)), count)
@@ -102,48 +122,48 @@ def check(frames: ArrayLike, sequence: Sequence, found: Correspondence | None = 
 def _numbered(finding: Finding, names: Ints) -> Finding:
     every = finding.frames, finding.spoilt, finding.leave_out
     frames, spoilt, leave_out = (tuple(names[list(one)].tolist()) for one in every)
-    return replace(finding, frames=frames, spoilt=spoilt, leave_out=leave_out)
+    images = tuple(-1 if i < 0 else int(names[i]) for i in finding.images)
+    return replace(finding, frames=frames, spoilt=spoilt, leave_out=leave_out, images=images)
 
 
 def examine(
-    light: Light, plan: Plan, lit: Sample, found: Correspondence | None = None, names: Ints | None = None
+    light: Light, plan: Plan, noise: Noise, lit: Sample, names: Ints | None = None
 ) -> tuple[Finding, ...]:
     """The fault that explains what single pixels and their neighbours say; none, if there is none.
 
     lit: pixels that see the pattern; names (N,): what sentences call the frames, default: their numbers.
     """
-    if not axis_tables(plan) or (found is not None and _quiet(plan, lit, found)):
+    told = resolved(plan, lit, noise)
+    if not axis_tables(told):
         return ()
-    crosses = _crosses(light, plan, lit)
+    crosses = _crosses(light, told, lit)
     if crosses is None:
         return ()
     names = np.arange(len(light.raw)) if names is None else names
-    finding = _single_fault(crosses, plan, light.raw.shape[1], names)
-    return () if finding is None else (replace(finding, leave_out=left_out(finding, plan)),)
+    finding = _single_fault(crosses, told, light.raw.shape[1], names)
+    if finding is not None:
+        return (replace(finding, leave_out=left_out(finding, plan)),)
+    return _rolled(crosses, light.raw.shape[1]) or _refused(crosses, told)
 
 
-def _quiet(plan: Plan, lit: Sample, found: Correspondence) -> bool:
-    """Whether hardly a pixel is odd at the places that were found: nothing to look for."""
-    height, width = found.u.shape
-    chosen = _chosen(len(lit.places))
-    at = lit.places[chosen]
-    levels, apart = lit.levels[:, chosen], _apart(width)
-    for table in axis_tables(plan):
-        place = getattr(found, table.axis.axis)
-        row, col = at.T
-        centre = place[row, col]
-        misfit = misfit_at(table, levels[table.frames] / table.exposure[:, None], centre)
-        others = [
-            place[np.clip(row + down, 0, height - 1), np.clip(col + along, 0, width - 1)]
-            for down, along in ((0, -apart), (0, apart), (-apart, 0), (apart, 0))
-        ]
-        bend = np.abs(np.stack([others[0] + others[1], others[2] + others[3]]) - 2 * centre)
-        inside = (row >= apart) & (row < height - apart) & (col >= apart) & (col < width - apart)
-        bend = np.where(inside, bend, 0) if table.axis.code else np.zeros_like(bend)
-        cost = _cost(misfit[None], np.nan_to_num(bend, nan=np.inf), *_scale(table, misfit, bend))
-        if np.count_nonzero(~(cost <= _ODD)) >= _LEAST:
-            return False
-    return True
+def resolved(plan: Plan, lit: Sample, noise: Noise) -> Plan:
+    """Without the finest bits that the camera does not resolve: they tell nothing of frames."""
+    lost = tuple(_unresolved(axis, plan, lit, noise) for axis in plan.axes)
+    return _without_bits(plan, lost) if any(lost) else plan
+
+
+def _unresolved(axis: AxisPlan, plan: Plan, lit: Sample, noise: Noise) -> int:
+    if axis.code is None or not nested(axis.code):
+        return 0
+    return unresolved_count(axis.code, plan, noise, lit, axis.fringes[0] if axis.fringes else None)
+
+
+@lru_cache(maxsize=8)
+def _without_bits(plan: Plan, lost: tuple[int, ...]) -> Plan:
+    """Of each axis so many of the finest ones."""
+    axes = zip(plan.axes, lost, strict=True)
+    less = (axis if axis.code is None else replace(axis, code=coarser(axis.code, n)) for axis, n in axes)
+    return replace(plan, axes=tuple(less))
 
 
 @lru_cache(maxsize=4)
@@ -158,21 +178,32 @@ def _apart(width: int) -> int:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Crosses:
-    """Levels (N, 5, T) of pixels and of their neighbours to the left, right, above and below; rows (T,); half
-    of what a pixel's levels span (T,); tables of the axes, the misfit and bend of each that have no cost to
-    speak of, and the cost (axes, T) of images in their own places."""
+    """Pixels and their neighbours to the left, right, above and below.
+
+    levels (N, 5, T); at (2, T): rows and columns; contrast (T,): half of what a pixel's levels span; tables
+    of the axes, the misfit and bend of each without a cost to speak of, and the cost (axes, T) of images in
+    their own places; strange (T,): with a misfit of frames that are not those described, or of an edge inside
+    of the pixel; vertical: distance of neighbours, px.
+    """
 
     levels: F32
-    row: Ints
+    at: Ints
     contrast: F32
     tables: tuple[AxisTable, ...]
     scales: tuple[tuple[float, float], ...]
     own: F32
+    strange: Mask
+    vertical: int
 
     def only(self, keep: Any) -> "_Crosses":
         """Some of the pixels."""
-        levels, own = self.levels[:, :, keep], self.own[:, keep]
-        return replace(self, levels=levels, row=self.row[keep], contrast=self.contrast[keep], own=own)
+        levels, own, strange = self.levels[:, :, keep], self.own[:, keep], self.strange[keep]
+        at, contrast = self.at[:, keep], self.contrast[keep]
+        return replace(self, levels=levels, at=at, contrast=contrast, own=own, strange=strange)
+
+    def contradictions(self, plan: Plan, order: Ints) -> Contradictions:
+        """Where frame i is image order[i] (-1: none)."""
+        return contradictions(plan, self.levels, self.contrast, order)
 
     def cost(self, order: Ints) -> F32:
         """Cost (T,) of all axes where frame i is image order[i] (-1: none)."""
@@ -205,7 +236,9 @@ def _crosses(light: Light, plan: Plan, lit: Sample) -> _Crosses | None:
     measured = [_measures(levels, table, np.arange(len(levels))) for table in tables]
     scales = tuple(_scale(table, *both) for table, both in zip(tables, measured, strict=True))
     own = np.stack([_cost(*both, *scale) for both, scale in zip(measured, scales, strict=True)])
-    return _Crosses(levels, at[0, whole, 0], contrast[0, whole], tables, scales, own)
+    odd = [both[0][0] > _STRANGE * scale[0] for both, scale in zip(measured, scales, strict=True)]
+    strange = np.any(odd, axis=0)
+    return _Crosses(levels, at[0, whole].T, contrast[0, whole], tables, scales, own, strange, apart)
 
 
 def _scale(table: AxisTable, misfit: F32, bend: F32) -> tuple[float, float]:
@@ -269,15 +302,14 @@ class _Trial:
 
 def _single_fault(crosses: _Crosses, plan: Plan, rows: int, names: Ints) -> Finding | None:
     count, total = len(crosses.levels), crosses.own.sum(axis=0)
-    if np.count_nonzero(crosses.own > _ODD, axis=1).max() < _LEAST:
+    odd: Mask = np.any(crosses.own > _ODD, axis=0)
+    if np.count_nonzero(odd) < _LEAST:
         return None
     gains = np.stack([total - crosses.cost(_without(count, i)) for i in range(count)])
     costly = np.argsort(total)[len(total) // 2 :]
     some = crosses.only(costly[:: max(1, len(costly) // _FIRST)])
     told = _told(crosses, _used(plan))
-    faint = _faint(crosses, told)
-    swaps = [i for i in _used(plan) if not faint[i]]
-    tried = sorted(_faults(names, swaps), key=lambda fault: float(some.cost(fault[1]).sum()))
+    tried = sorted(_faults(names, _used(plan)), key=lambda fault: float(some.cost(fault[1]).sum()))
     swept = any(axis.stripes is not None for axis in plan.axes)
     trials = []
     for finding, order in tried[:_SECOND]:
@@ -287,20 +319,130 @@ def _single_fault(crosses: _Crosses, plan: Plan, rows: int, names: Ints) -> Find
             usual = int(_ALL_LATER * len(total))
         near = finding.kind != "swapped" or finding.frames[1] - finding.frames[0] == 1
         gain = total - known - crosses.cost(order)
+        finding = replace(finding, images=tuple(order.tolist()))
         trials.append(_Trial(finding, gain, usual, count if near else len(tried)))
-    trials += _replacements(crosses, np.where(faint[:, None], 0, gains), told, rows, names)
-    trials = [trial for trial in trials if _chance(trial) < _CHANCE]
+    trials += _replacements(crosses, gains, told, rows, names)
+    trials = [trial for trial in trials if _chance(trial) < _CHANCE and _explains(trial, odd)]
+    trials = [t for t in trials if crosses.contradictions(plan, _order_of(t.finding, count)).worst < _MOST_OF]
     if not trials:
         return None
     best = max(trials, key=lambda trial: trial.margin * (_TIED if trial.finding.kind in _SHIFTED else 1))
     alike = [t for t in trials if t.margin >= _TIED * best.margin and t.finding.kind == best.finding.kind]
+    found = _together([trial.finding for trial in alike], best.finding)
+    if best.finding.kind not in _SHIFTED and np.mean(best.gain[odd] > _MENDED) < _PUT_BACK:
+        found = replace(found, images=())
     return replace(
-        best.finding,
-        frames=tuple(sorted({i for t in alike for i in t.finding.frames})),
-        spoilt=tuple(sorted({i for t in alike for i in t.finding.spoilt})),
-        sentence=" or ".join(list(dict.fromkeys(t.finding.sentence for t in alike))[:4]),
+        found,
         confidence=1 - _chance(best),
         share=best.mended / len(total),
+    )
+
+
+def _order_of(finding: Finding, count: int) -> Ints:
+    """Image of each frame under a finding."""
+    order = np.array(finding.images or range(count))
+    if not finding.images:
+        order[list(finding.spoilt)] = -1
+    return order
+
+
+def _refused(crosses: _Crosses, plan: Plan) -> tuple[Finding, ...]:
+    """All of a capture most of whose pixels contradict themselves, or that another description explains."""
+    count = len(crosses.levels)
+    found = crosses.contradictions(plan, np.arange(count))
+    sentence = _stretched(crosses, plan)
+    if not sentence and found.worst >= _SOME:
+        left = {
+            other.sentence: crosses.contradictions(other.plan, other.order).worst
+            for other in other_descriptions(plan, count)
+        }
+        best = min(left, key=left.__getitem__)
+        sentence = best if left[best] < _EXPLAINED * found.worst else ""
+    if not sentence and found.in_pixel >= _MOST_OF:
+        sentence = mistuned(plan, crosses.levels, crosses.contrast) or _NOT_THOSE
+    if not sentence:
+        return _in_part(crosses)
+    return (Finding((), "contradicting", sentence, tuple(range(count)), share=max(found.worst, _MOST_OF)),)
+
+
+def _rolled(crosses: _Crosses, rows: int) -> tuple[Finding, ...]:
+    """Rows from which on every frame shows the one before: places jump there, and do not where each frame is
+    looked for in the next image. Of axes that nothing else tells of: sweeps and fringes without bits."""
+    count, best = len(crosses.levels), (0, 0)
+    odd = float(np.any(crosses.own > _ODD, axis=0).mean())
+    later = np.append(np.arange(1, count), -1)
+    for table in crosses.tables:
+        if table.axis.code is not None or (table.axis.stripes is None and odd < _PART):
+            continue
+        here, next_ = (_centre_and_vertical(crosses, table, order) for order in (np.arange(count), later))
+        apart = crosses.vertical
+        upper, lower = np.concatenate([here[1], here[0]]), np.concatenate([here[0], here[2]])
+        rolled = np.concatenate([next_[0], next_[2]])
+        top = np.concatenate([crosses.at[0] - apart, crosses.at[0]])
+        usual = _JUMP * float(np.median(np.abs(lower - upper))) + 1
+        jumps = (np.abs(lower - upper) > usual).astype(int) - 2 * (np.abs(rolled - upper) > usual)
+        for row in range(apart, rows - apart):
+            across = (top < row) & (row <= top + apart)
+            told = int(jumps[across].sum())
+            if told > max(best[0], _LEAST, 0.6 * np.count_nonzero(across)):
+                best = told, row
+    if not best[0]:
+        return ()
+    start = best[1] - crosses.vertical
+    sentence = f"from about row {best[1]} on every frame shows the one before: a rolling shutter, or no sync"
+    spoilt = tuple(range(count))
+    return (Finding((), "rolling", sentence, spoilt, (max(start, 0), rows), share=1 - start / rows),)
+
+
+def _centre_and_vertical(crosses: _Crosses, table: AxisTable, order: Ints) -> F32:
+    """Places (3, T) of pixels and of their neighbours above and below, where frame i is image order[i]."""
+    source = order[table.frames]
+    free = int(table.frames[np.argmin(source)]) if source.min() < 0 else -1
+    levels = crosses.levels[np.maximum(source, 0)][:, [0, 3, 4]] / table.exposure[:, None, None]
+    return np.asarray(places(table, levels.reshape(len(source), -1), free)[0].reshape(3, -1), np.float32)
+
+
+def _in_part(crosses: _Crosses) -> tuple[Finding, ...]:
+    """A part of the picture that no single fault explains. Dim pixels do not count: stray light alone makes
+    their levels odd; nor do bits alone, which are judged pixel by pixel by black and white."""
+    if not any(table.axis.fringes for table in crosses.tables):
+        return ()
+    bright = crosses.only(crosses.contrast > _DIM * np.median(crosses.contrast))
+    share = float(bright.strange.mean())
+    if not _PART <= share < _MOST_OF:
+        return ()
+    near = cKDTree(bright.at.T).query(bright.at[:, bright.strange].T, _NEAREST + 1)[1][:, 1:]
+    if bright.strange[near].mean() < _GATHERED:  # blurred bits and edges are all over it
+        return ()
+    row, col = np.median(bright.at[:, bright.strange], axis=1).astype(int)
+    where = f"in part of the picture, around row {row} and column {col}"
+    return (Finding((), "in part", f"frames do not fit their description {where}", share=share),)
+
+
+def _stretched(crosses: _Crosses, plan: Plan) -> str:
+    """A sentence, if black is as bright as white."""
+    if min(plan.white, plan.black) < 0:
+        return ""
+    apart = crosses.levels[plan.white, 0] - crosses.levels[plan.black, 0]
+    alike = float(np.median(np.abs(apart) / crosses.contrast)) < _SAME
+    return "black is as bright as white: every frame was stretched by itself (auto contrast)" if alike else ""
+
+
+def _explains(trial: _Trial, odd: Mask) -> bool:
+    """Whether a fault mends more pixels than half of the odd ones beyond those at edges of a scene."""
+    return bool(trial.mended - trial.broken > 0.5 * (np.count_nonzero(odd) - _EDGES * len(odd)))
+
+
+def _together(findings: list[Finding], best: Finding) -> Finding:
+    """Faults of a kind that explain alike: what they agree on of the frames' images."""
+    images = np.array([one.images for one in findings])
+    agreed = np.where((images == images[0]).all(axis=0), images[0], -1) if images.size else images
+    return replace(
+        best,
+        frames=tuple(sorted({i for one in findings for i in one.frames})),
+        spoilt=tuple(sorted({i for one in findings for i in one.spoilt})),
+        sentence=" or ".join(list(dict.fromkeys(one.sentence for one in findings))[:4]),
+        images=tuple(agreed.ravel().tolist()),
     )
 
 
@@ -347,20 +489,6 @@ def _faults(names: Ints, used: list[int]) -> Iterator[tuple[Finding, Ints]]:
         yield Finding((k,), "repeated", told, tuple(range(k, count))), order
 
 
-def _faint(crosses: _Crosses, told: Mask) -> Mask:
-    """Frames (N,) that a blur leaves nothing of: the finest bits, where they are grey nearly everywhere.
-
-    Where others are, too (pixels of five cells), sigma knows too little of the places to let them pass.
-    """
-    structured = told.mean(axis=1) > _STRUCTURED
-    faint = np.zeros(len(told), np.bool_)
-    for code in (table.axis.code for table in crosses.tables):
-        for polarity in (code.plain, code.inverse) if code else ():
-            finest = polarity[polarity >= 0][:1]
-            faint[finest] = ~structured[finest]
-    return faint
-
-
 def _told(crosses: _Crosses, used: list[int]) -> Mask:
     """Where frames (N, T) are bright or dark, no grey between."""
     centre = crosses.levels[:, 0]
@@ -373,7 +501,7 @@ def _replacements(crosses: _Crosses, gains: F32, told: Mask, rows: int, names: I
     (N, T): where they are bright or dark, as greys of which a blur leaves nothing else are all alike."""
     mended = np.count_nonzero(gains > _MENDED, axis=1)
     usual = int(np.median(np.maximum(mended - np.count_nonzero(gains < -_MENDED, axis=1), 0)))
-    by_row, centre = np.argsort(crosses.row, kind="stable"), crosses.levels[:, 0]
+    by_row, centre = np.argsort(crosses.at[0], kind="stable"), crosses.levels[:, 0]
     structured = np.ptp(crosses.levels, axis=1) > crosses.contrast
     for i in np.flatnonzero(mended >= max(usual, _LEAST)).tolist():
         sure = told[i] | told
@@ -385,7 +513,7 @@ def _replacements(crosses: _Crosses, gains: F32, told: Mask, rows: int, names: I
             [int(nearest.argmin())] if alike.max() >= _MOSTLY else np.flatnonzero(same.any(axis=1)).tolist()
         ):
             some = by_row[sure[j, by_row]]
-            row = crosses.row[some]
+            row = crosses.at[0, some]
             for start, stop in _parts(same[j, some]):
                 first, last = (int(row[start]) if start else 0), (int(row[stop]) if stop < len(row) else rows)
                 if (first, last) == (0, rows):
@@ -399,7 +527,9 @@ def _replacements(crosses: _Crosses, gains: F32, told: Mask, rows: int, names: I
                 # no two frames with structure everywhere are the same in any scene
                 chance = 0 if structured[j, part].mean() > _STRUCTURED else usual
                 ways = 4 if finding.rows else 1  # either side, and the row
-                yield _Trial(finding, gains[i, part], chance, ways * len(gains))
+                gain = np.zeros_like(gains[i])
+                gain[part] = gains[i, part]
+                yield _Trial(finding, gain, chance, ways * len(gains))
 
 
 def _parts(same: Mask) -> Iterator[tuple[int, int]]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..plan import AxisPlan, Fringe, Plan
 
-__all__ = ["AxisTable", "axis_tables", "bends", "misfit_at", "places"]
+__all__ = ["AxisTable", "ambiguous", "axis_tables", "bends", "bit_levels", "misfit_at", "places", "turns"]
 
 F32 = NDArray[np.float32]
 Ints = NDArray[np.int64]
@@ -89,6 +89,29 @@ def places(table: AxisTable, levels: F32, free: int = -1) -> F32:
             turn = np.arctan2(sine, cosine) / (2 * np.pi) - found / fringe.period
             found = found + (turn - np.rint(turn)) * fringe.period
     return np.asarray(found, np.float32)
+
+
+def bit_levels(table: AxisTable, levels: F32, free: int = -1) -> tuple[F32, F32]:
+    """What bits (bits, K) are read by, above 0 where they are 1, of levels (n, K), and how much that is at
+    half of what levels span (bits,): twice as much beside an inverse."""
+    code = table.axis.code
+    assert code is not None
+    both = (np.minimum(code.plain, code.inverse) >= 0) + np.float32(1)
+    return np.asarray(_reader(table, free)[0] @ levels, np.float32), both
+
+
+def ambiguous(table: AxisTable, free: int) -> bool:
+    """Whether a frame that says nothing leaves a bit unknown."""
+    return table.axis.code is not None and _reader(table, free)[1] > 0
+
+
+def turns(table: AxisTable, fringe: Fringe, levels: F32, free: int = -1) -> NDArray[np.float64]:
+    """Phase (K,) of levels (n, K), turns; NaN: too few frames."""
+    inverse = _phase_reader(table, fringe, free)
+    if inverse is None:
+        return np.full(levels.shape[1], np.nan)
+    cosine, sine = inverse @ levels
+    return np.asarray(np.arctan2(sine, cosine) / (2 * np.pi), np.float64)
 
 
 @lru_cache(maxsize=256)

@@ -4,18 +4,24 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
 
-from ..correspondence import Correspondence
+from ..correspondence import Correspondence, Flag
 from ..frames import Light
 from ..plan import AxisPlan, Plan
 from ..profile.noise import Noise
-from .sample_fit import AxisTable, axis_tables
+from .sample_fit import AxisTable, axis_tables, misfit_at
 
 __all__ = ["Finding", "left_out", "spoilt_pixels"]
 
 Mask = NDArray[np.bool_]
 #: Steps of a fringe that are left when one is dropped: three make a phase, four tell whether it is right.
 _STEPS = 4
+#: What flags pixels that contradict themselves, or their neighbours.
+_DOUBTFUL = Flag.ORDER_DOUBTFUL | Flag.OUTLIER | Flag.MOVED
+#: Misfit of a strange pixel (see integrity), in units of the usual one, and of at least so much; side of the
+#: square in which doubtful pixels outvote one, and how many of them do, over good ones.
+_STRANGE, _MISFIT, _AROUND, _OUTVOTED = 4.0, 0.2, 9, 1.0
 #: Deviations, and share of the amplitude, by which a frame may differ from what it should show.
 _SIGMAS, _UNLIKE = 4.0, 0.2
 
@@ -25,9 +31,10 @@ class Finding:
     """A fault: numbers of the frames, what kind, and a sentence; `spoilt` frames are not those described, in
     rows start..stop (None: all).
 
-    kind: swapped | lost | repeated | replaced (by another frame) | torn.
+    kind: swapped | lost | repeated | replaced (by another frame) | torn | contradicting (most pixels do) |
+    in part (some pixels) | rolling (every frame, from a row on).
     confidence: probability that it is no chance; share: of the lit pixels that it mends; leave_out: frames
-    without which the others still decode.
+    without which the others still decode; images: that show each frame (-1: none does; empty: its own).
     """
 
     frames: tuple[int, ...]
@@ -38,20 +45,31 @@ class Finding:
     confidence: float = 1.0
     share: float = 0.0
     leave_out: tuple[int, ...] = ()
+    images: tuple[int, ...] = ()
+
+    @property
+    def put_back(self) -> bool:
+        """Whether two swapped frames, without which nothing decodes, are decoded in their right places."""
+        return self.kind == "swapped" and not self.leave_out and min(self.images, default=-1) >= 0
 
     @property
     def cure(self) -> str:
         """What to do about it."""
-        left = "decoded without; " if self.leave_out else ""
+        put_back = "put back; " if self.put_back else ""
+        left = "decoded without; " if self.leave_out else put_back
         again = "capture again, or describe the frames as they were shown (--no-check: decode as described)"
         return left + again
 
 
 def left_out(finding: Finding, plan: Plan) -> tuple[int, ...]:
-    """Frames without which the others still decode, the wrong ones among them; empty: there are none."""
-    wrong, ends = set(finding.spoilt), {plan.white, plan.black}
+    """Frames without which the others still decode, those whose image is not known among them; empty: there
+    are none."""
+    if finding.kind in ("contradicting", "rolling"):
+        return ()
+    lost = {i for i, image in enumerate(finding.images) if image < 0}
+    wrong, ends = lost or set(finding.spoilt), {plan.white, plan.black}
     found = [_droppable(axis, wrong, ends) for axis in plan.axes]
-    if finding.kind in ("lost", "repeated") or None in found:
+    if None in found:
         return ()
     return tuple(sorted((wrong & ends).union(*(one or set() for one in found))))
 
@@ -91,9 +109,11 @@ def spoilt_pixels(finding: Finding, light: Light, plan: Plan, noise: Noise, foun
     shape = light.raw.shape[1:]
     rows = slice(*finding.rows) if finding.rows else slice(None)
     spoilt = np.zeros(shape, np.bool_)
-    if finding.kind in ("lost", "repeated"):
+    if finding.kind in ("lost", "repeated", "contradicting", "rolling"):
         spoilt[rows] = True
         return spoilt
+    if finding.kind == "in part":
+        return _strange(light, plan, found)
     if finding.kind == "swapped":
         levels = light.linear(light.raw[list(finding.spoilt)])
         return np.asarray(np.ptp(levels, axis=0) > _SIGMAS * np.sqrt(2 * noise.variance(levels[0])))
@@ -103,6 +123,23 @@ def spoilt_pixels(finding: Finding, light: Light, plan: Plan, noise: Noise, foun
             if frame in table.frames:
                 spoilt[rows] |= _contradicted(frame, finding, light, table, noise, found)[rows]
     return spoilt
+
+
+def _strange(light: Light, plan: Plan, found: Correspondence) -> Mask:
+    """Good pixels (H, W) whose levels are not those of their place, and those among doubtful ones, which by
+    chance agree."""
+    at = np.nonzero(found.flags == 0)
+    strange = np.zeros(found.flags.shape, np.bool_)
+    if not at[0].size:
+        return strange
+    for table in axis_tables(plan):
+        levels = light.linear(light.raw[table.frames[:, None], *at]) / table.exposure[:, None]
+        misfit = misfit_at(table, levels, getattr(found, table.axis.axis)[at])
+        strange[at] |= ~(misfit < _STRANGE * max(float(np.nanmedian(misfit)), _MISFIT))
+    doubtful = strange | (found.flags & np.uint16(_DOUBTFUL) > 0)
+    good = (found.flags == 0) & ~strange
+    around = [uniform_filter(one.astype(np.float32), _AROUND) for one in (doubtful, good)]
+    return np.asarray(strange | (good & (around[0] > _OUTVOTED * around[1])))
 
 
 def _contradicted(

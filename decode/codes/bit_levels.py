@@ -1,14 +1,16 @@
-"""What a pixel sees of every bit of a code: the levels of its cells behind the blur of display and optics.
+"""What pixels see of every bit of a code: which bits are resolved, and the posterior of a pixel's words.
 
 A Gaussian blur (deviation s cells) leaves of the fine bits less than of the coarse ones. Between two centres
 of cells levels are interpolated. The blur is the one that explains the bits of pixels that see the pattern
 best; what it does not explain (light that comes by way of the scene, other blurs) is a misfit of the levels.
-A pixel's footprint is no Gaussian: each bit has a gain beside the blur, which tells whether stripes as wide
-as a pixel are turned.
+
+A pixel of more than a period of a bit's stripes may read them reversed, however little noise there is. Where
+a coarser bit changes, a finer one is known: there its sign is checked (see `unresolved_bits`). Bits that fail
+are left out of the code. Of a word's other bits each is wrong with a probability of its own, by its distance
+from the threshold over noise and misfit; that is the posterior over words (see `posterior`).
 """
 
-import itertools
-import math
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -19,21 +21,27 @@ from scipy.special import ndtr
 
 from optolever.kernels import exact, inlined
 
-from ..estimate import vanishing
+from ..estimate import less_likely, vanishing
+from ..flags import DOUBT
 from ..plan import Code
 
 __all__ = [
     "GROUP",
     "WEAK",
     "CodePlan",
-    "Levels",
+    "bit_contrast",
     "bit_values",
     "bits_in_groups",
     "blurred",
+    "coarser",
+    "dull_level",
     "fitted_levels",
-    "read_beside",
+    "hidden_variance",
+    "mixture",
+    "nested",
+    "posterior",
     "turned",
-    "weak_bits",
+    "unresolved_bits",
 ]
 
 F32 = NDArray[np.float32]
@@ -43,16 +51,26 @@ GROUP = 4
 _BLURS = np.arange(0.0, 1.8, 0.2)
 #: Cells by which turned bits lead beside a place; those that lead further are weak ones.
 _BESIDE = 2
-#: Places of a cell at which its levels are read.
-_PARTS = 16
-#: Pixels that tell a blur; fewer tell none.
-_FEWEST = 64
+#: Places in a cell.
+_PARTS = 8
+#: Contrast from which on a bit is resolved for sure; below the second one it is not where no edges tell.
+_SURE, _NONE = 0.5, 0.1
+#: Part of the contrast below which a level is neither black nor white: behind a pixel of four cells a bit has
+#: half of it in the cell next to its edge.
+_DULL = 0.35
+#: Contrast, of its own, below which a bit is at an edge; share of wrong signs there that noise may cause.
+_EDGE, _WRONG = 0.2, 0.01
+#: Pixels that tell a blur; fewer tell none; that tell a contrast to 1 %.
+_FEWEST, _ENOUGH = 64, 1024
 #: Deviations within which a bit is weak: noise turns others once in 3.5e6.
 WEAK = 5.0
 #: Weak bits of which all combinations are tried; with more a pixel tells nothing.
 _MOST_WEAK = 5
 #: Level from which on a bit is as bright as a white that saturates.
 _FULL = 0.999
+#: Cells on both sides of a pixel's word over which its posterior is kept; a chance that counts as none; times
+#: that the cell of one pixel is doubled at most; deviation of an answer, cells, from which on it is none.
+_WINDOW, _TINY, _DOUBLED, _WIDEST = 32, 1e-6, 3, 4.0
 
 
 class CodePlan(NamedTuple):
@@ -68,10 +86,16 @@ class CodePlan(NamedTuple):
     ends            white, black; -1: not shown
     cells           word -> cell; linear: whether a cell is the exclusive or of those of its word's bits, as
                     in all codes but long-run-gray: then these are the value of a bit, which is 1 << b else
-    levels          (cells, bits) what a cell shows of a bit, -1..1; misfit2: variance that this leaves
-    beside, unsure  (cells,) by how many cells places that read as a cell are beside it: mean, variance; empty
-                    where none is
-    whites          that are compared where white saturates, over what is read for it
+    levels          (cells, bits) what a cell shows of a bit, -1..1; misfit2: variance of a bit's level beyond
+                    noise, of those that are compared with white and black, or where others are not resolved
+    together        whether several bits change from a cell to the next
+    hidden          variance of the cell that is read behind the blur, beyond that of a place within it
+    nested          whether the upper bits of a word tell a cell of twice, four times, ... the width
+    by_fringe       whether bits are compared with the mean of a fringe; above: by so much of its amplitude
+                    more, as the middle of their levels is
+    contrast (bits,)  level over the amplitude that a bit has where it has most
+    dull            level over the amplitude below which a bit is neither black nor white, unless at its edge;
+                    0 of codes that change several bits together
     cell, first     width of a cell and coordinate of the centre of cell 0, pattern pixels
     freedom         degrees of freedom of chi2; the numbers before it are float32, as the loops are
     """
@@ -87,9 +111,13 @@ class CodePlan(NamedTuple):
     linear: bool
     levels: F32
     misfit2: Any
-    beside: F32
-    unsure: F32
-    whites: NDArray[np.float64]
+    together: bool
+    hidden: Any
+    nested: bool
+    by_fringe: bool
+    above: Any
+    contrast: F32
+    dull: Any
     cell: Any
     first: Any
     freedom: int
@@ -115,24 +143,96 @@ def bit_values(cells: NDArray[np.int32]) -> tuple[NDArray[np.int32], bool]:
     return (cells[bit] if linear else bit.astype(np.int32)), linear
 
 
-class Levels(NamedTuple):
-    """What is left of a code: the blur that fits best, misfit2, the variance that it leaves unexplained, and
-    the gain (bits,) of each bit over what it predicts: under 0 where a pixel sees over one whole stripe."""
+def bit_contrast(level: F32) -> F32:
+    """Level (bits,) that nine of ten pixels stay below; level (bits, K): see fitted_levels."""
+    if not level.size:
+        return np.ones(len(level), np.float32)
+    some = level[:, :: max(1, level.shape[1] // _ENOUGH)]
+    return np.asarray(np.quantile(np.abs(some), 0.9, axis=1), np.float32)
 
-    blur: int
-    misfit2: float
-    gain: NDArray[np.float64]
+
+def coarser(code: Code, bits: int) -> Code:
+    """A code without its finest bits; of nested codes only."""
+    words = np.arange(len(code.cells) >> bits) << bits
+    cells = (code.cells[words] >> bits).astype(np.int32)
+    return replace(
+        code, plain=code.plain[bits:], inverse=code.inverse[bits:], cell=code.cell * 2**bits, cells=cells
+    )
 
 
-def fitted_levels(code: Code, margin: F32, variance: F32, factor: F32) -> Levels:
-    """What is left of a code, by pixels that see the pattern.
+def nested(code: Code) -> bool:
+    """Whether the upper bits of a word tell a cell of twice, four times, ... the width."""
+    return code.kind in ("gray", "binary")
+
+
+def unresolved_bits(code: Code, level: F32, variance: F32, factor: F32) -> tuple[int, float]:
+    """How many of the finest bits the camera does not resolve, and the variance of the next one's level
+    beyond noise, where some are not.
+
+    level (bits, K), variance (K,), factor (bits,): see fitted_levels.
+    """
+    bits = len(level)
+    contrast = bit_contrast(level)
+    count = 0
+    for b in range(bits - 2 if nested(code) else 0):
+        if contrast[b] >= _SURE:  # so are coarser ones, unless their frames are not theirs
+            break
+        if not _right_at_edges(code, level, contrast, b):
+            count = b + 1
+    if count == 0 or count == bits:
+        return 0, 0.0
+    seen = _at_edges(code, level, contrast, count)
+    if len(seen[0]) < _FEWEST:
+        return count, 0.0
+    known = float(np.median(variance)) * float(factor[count])
+    return count, max(float(np.var(seen[0])) - known, 0.0)
+
+
+def dull_level(code: Code, level: F32) -> float:
+    """Level over the amplitude below which bits of a code that changes one at a time are neither black nor
+    white, unless at an edge of theirs: a part of the contrast of that which has least.
+
+    The finest bit does not count, as every cell is at an edge of it. level (bits, K): see fitted_levels.
+    """
+    if code.together or len(level) < 2 or not level.size:
+        return 0.0
+    return _DULL * float(bit_contrast(level[1:]).min())
+
+
+def _right_at_edges(code: Code, level: F32, contrast: NDArray[Any], b: int) -> bool:
+    """Whether bit b has the sign that the code tells where a coarser one changes."""
+    (seen,) = _at_edges(code, level, contrast, b)
+    return contrast[b] > _NONE if len(seen) < _FEWEST else bool((seen <= 0).mean() < _WRONG)
+
+
+def _at_edges(code: Code, level: F32, contrast: NDArray[Any], b: int) -> tuple[F32]:
+    """Level of bit b, positive if the code's sign is right, where one coarser bit changes.
+
+    There a Gray code's bit is in the middle of a stripe of 0, but for that which follows the one that
+    changes. A binary code's bit falls where the highest bit that changes rises, and the reverse, so that
+    their signs are opposite on either side.
+    """
+    first = b + 2 if code.kind == "gray" else b + 1
+    coarse = np.abs(level[first:]) / np.maximum(contrast[first:, None], 1e-6)
+    if code.kind == "gray":
+        return (-level[b, (coarse < _EDGE).sum(axis=0) == 1],)
+    weak = coarse < _EDGE
+    top = len(weak) - 1 - np.argmax(weak[::-1], axis=0)
+    at = np.flatnonzero(weak.any(axis=0))
+    side = level[first + top[at], at]
+    clear = np.abs(side) > _EDGE / 4
+    return (-np.sign(side[clear]) * level[b, at[clear]],)
+
+
+def fitted_levels(code: Code, margin: F32, variance: F32, factor: F32) -> tuple[int, float]:
+    """The blur that fits a code's bits best, and the variance that it leaves, by pixels that see the pattern.
 
     margin (bits, K) differences of bits over the amplitude, variance (K,) of a sample in the same unit,
     factor (bits,) of a difference over that of a sample.
     """
     bits, count = margin.shape
     if count < _FEWEST or len(code.cells) < 2:
-        return Levels(0, 0.0, np.ones(bits))
+        return 0, 0.0
     cell = code.cells[((margin > 0) << np.arange(bits)[:, None]).sum(axis=0)].astype(np.float32)
     expected = float(np.median(variance)) * max(bits - 1, 1)
     seen, weight = np.ascontiguousarray(margin.T), 1 / factor
@@ -144,11 +244,7 @@ def fitted_levels(code: Code, margin: F32, variance: F32, factor: F32) -> Levels
         _least_misfits(blurred(code, blur), cell, seen, weight, 1, own, place[blur])
     left = np.median(misfit, axis=1)
     best = int(np.argmin(left))
-    usual = misfit[best] <= 2 * left[best]
-    one, other, share = _between(blurred(code, best), place[best, usual])
-    told = (1 - share) * one + share * other
-    gain = (told * seen[usual]).sum(axis=0) / np.maximum((told * told).sum(axis=0), 1e-9)
-    return Levels(best, max(float(left[best]) - expected, 0.0) / bits, gain)
+    return best, max(float(left[best]) - expected, 0.0) / bits
 
 
 @lru_cache(maxsize=8 * len(_BLURS))
@@ -163,50 +259,17 @@ def blurred(code: Code, blur: int) -> F32:
     return np.asarray(seen, np.float32)
 
 
-def _between(levels: F32, place: NDArray[Any]) -> tuple[F32, F32, NDArray[Any]]:
-    """Levels (K, bits) of the cells on both sides of places (K,), and the share (K, 1) of the second ones."""
-    low = np.clip(np.floor(place).astype(int), 0, len(levels) - 2)
-    return levels[low], levels[low + 1], np.clip(place - low, 0, 1)[:, None]
-
-
-def read_beside(code: Code, levels: Levels) -> tuple[F32, F32]:
-    """What a blur hides: by how many cells places that read as a cell are beside its centre (cells,), mean
-    and variance beyond the cell's own; empty where it hides nothing.
-
-    A narrow stripe between wide ones reads as one beside it, and a bit of which hardly any contrast is left
-    may be turned as a whole, as stripes of one cell are that a pixel of over two sees.
-    """
-    if len(code.cells) < 2:
-        return np.zeros(0, np.float32), np.zeros(0, np.float32)
-    # rounded, so that the next capture finds it again
-    misfit2 = 2.0 ** round(math.log2(max(levels.misfit2, 1e-9)))
-    return _hidden(code, levels.blur, misfit2, tuple(np.rint(8 * np.clip(levels.gain, -1, 1)) / 8))
-
-
-@lru_cache(maxsize=16)
-def _hidden(code: Code, blur: int, misfit2: float, gain: tuple[float, ...]) -> tuple[F32, F32]:
-    count = len(code.cells)
-    place = (np.arange(count * _PARTS) + 0.5) / _PARTS - 0.5
-    one, other, share = _between(blurred(code, blur), place)
-    word = (((1 - share) * one + share * other > 0) << np.arange(len(gain))).sum(axis=1)
-    # at an edge a bit is sure of either side: its contrast is what is off
-    contrast = np.maximum(np.abs(one), np.abs(other)) * gain
-    faint = np.argsort(contrast, axis=1)[:, :2]
-    chance = ndtr(-np.take_along_axis(contrast, faint, axis=1) / math.sqrt(misfit2))
-    total, moved, square = np.zeros((3, count))
-    for turn in itertools.product((0, 1), repeat=faint.shape[1]):
-        read = code.cells[word ^ (turn << faint).sum(axis=1)]
-        away = place - read
-        weight = np.abs(np.subtract(turn, 1) + chance).prod(axis=1)
-        weight[np.abs(away) > _BESIDE + 0.5] = 0.0  # others have weak bits
-        total += np.bincount(read, weight, count)
-        moved += np.bincount(read, weight * away, count)
-        square += np.bincount(read, weight * away * away, count)
-    mean = moved / np.maximum(total, 1e-9)
-    unsure = np.maximum(square / np.maximum(total, 1e-9) - mean**2 - 1 / 12, 0.0)
-    if max(np.abs(mean).max(), math.sqrt(unsure.max())) < 1 / _PARTS:
-        mean = unsure = np.zeros(0)
-    return mean.astype(np.float32), unsure.astype(np.float32)
+@lru_cache(maxsize=8 * len(_BLURS))
+def hidden_variance(code: Code, blur: int) -> float:
+    """Variance (cells^2) of a place in the cell that is read behind a blur, beyond that of any within a cell:
+    where several bits change together a narrow stripe between wide ones reads as one of these."""
+    levels, parts = blurred(code, blur), len(code.cells) * _PARTS
+    place = np.clip((np.arange(parts) + 0.5) / _PARTS - 0.5, 0, len(levels) - 1)
+    low = np.minimum(place.astype(int), len(levels) - 2)
+    share = (place - low)[:, None]
+    word = ((((1 - share) * levels[low] + share * levels[low + 1]) > 0) << np.arange(levels.shape[1])).sum(1)
+    away = place - code.cells[word]
+    return max(float(np.square(away[np.abs(away) <= _BESIDE + 0.5]).mean()) - 1 / 12, 0.0)
 
 
 @exact
@@ -240,31 +303,140 @@ def turned(z: Any) -> Any:
 
 
 @exact
-def weak_bits(
+def posterior(
     margin: Any, code: Any, amplitude: Any, noise: Any, saturated: Any, alone: Any, read: Any
 ) -> Any:
-    """Posterior over the mixtures of one cell and the next that the weak bits of a pixel allow: place,
-    variance, probability of another cell; saturated: white is, so that all that it may be are compared; read:
-    place and variance as they are where it tells nothing."""
-    factor, cells, levels, whites = code.factor, code.cells, code.levels, code.whites
+    """Posterior over the words that a pixel's weak bits allow: place, variance, probability of a place beyond
+    what these say.
+
+    Each bit is wrong with a probability of its own. The answer are the cells side by side with the most
+    probable one; of a nested code these are doubled until no other is likely. margin (bits,): differences;
+    saturated: white is, so that the threshold may be higher; alone: see read_line; read: place and variance
+    as they are where nothing is told.
+    """
+    weak, wrong = np.empty(margin.size, np.int64), np.empty(margin.size, np.float32)
+    sure, weakest, least = np.empty(margin.size, np.float32), 0, np.float32(1e9)
+    count, word, power = 0, np.int32(0), amplitude * amplitude
+    for b in range(code.factor.size):
+        word |= np.int32(1 << b) if margin[b] > 0 else np.int32(0)
+        either = saturated and code.factor[b] > 1 and 0 < margin[b] < np.float32(_FULL) * amplitude
+        z2 = margin[b] * margin[b] / ((noise + code.misfit2 * power) * code.factor[b])
+        if either or z2 < WEAK * WEAK:
+            z, full2 = np.sqrt(z2), np.square(code.contrast[b] * amplitude) * z2 / max(margin[b] ** 2, 1e-9)
+            weak[count] = b
+            wrong[count] = np.float32(0.5) if either else turned(z)
+            # of black and white, of half of its contrast at least, the nearer one: by their likelihoods
+            sure[count] = less_likely(z * np.sqrt(full2)) if 16 * z2 > full2 and not either else wrong[count]
+            weakest = count if z2 < least or either else weakest
+            least = min(z2, least)
+            count += 1
+    # one bit may be at an edge of its own, where any level is as likely
+    for i in range(count):
+        beside = abs(code.cells[word ^ np.int32(1 << weak[i])] - code.cells[word]) == 1
+        wrong[i] = wrong[i] if beside and i == weakest else sure[i]
+    doubled, most = 0, _DOUBLED if code.nested else 0
+    chance, some_of = np.empty(2 * _WINDOW + 1, np.float32), np.empty(_MOST_WEAK, np.int64)
+    while True:
+        number, others = _weakest(weak[:count], wrong[:count], doubled, some_of)
+        home = code.cells[word] >> doubled
+        chance[:] = np.float32(0)
+        for some in range(1 << number):
+            this, likely = word, np.float32(1)
+            for k in range(number):
+                i, turn = some_of[k], (some >> k) & 1
+                this ^= np.int32(turn << weak[i])
+                likely *= wrong[i] if turn else np.float32(1) - wrong[i]
+            at = (code.cells[this] >> doubled) - home + _WINDOW
+            if 0 <= at < chance.size:
+                chance[at] += likely
+        place, variance, error = _connected(chance, alone)
+        error = min(error + others, np.float32(1))
+        if error < np.float32(DOUBT) or doubled == most:
+            break
+        doubled += 1
+    scale = np.float32(1 << doubled)
+    if variance * scale * scale > np.float32(_WIDEST**2):
+        error = np.float32(1)
+    if not alone:  # beyond half of the code's own cell, and of an edge
+        variance += np.square((scale - 1) / (2 * scale))
+        variance += np.float32(0.125) * (noise + code.misfit2 * power) / max(power, noise)
+    wide = code.cell * scale
+    middle = code.first + code.cell * (scale - 1) / 2
+    return middle + wide * (np.float32(home - _WINDOW) + place), wide * wide * variance, error
+
+
+@exact
+def _weakest(weak: Any, wrong: Any, first: Any, out: Any) -> Any:
+    """How many of the weak bits from a first one on are compared, the weakest of them, into `out` their
+    numbers; the chance that one of the others is wrong."""
+    number, others = 0, np.float32(0)
+    for i in range(weak.size):
+        if weak[i] < first:
+            continue
+        if number < out.size:
+            out[number] = i
+            number += 1
+            continue
+        least = 0
+        for k in range(1, number):
+            least = k if wrong[out[k]] < wrong[out[least]] else least
+        if wrong[i] > wrong[out[least]]:
+            others += wrong[out[least]]
+            out[least] = i
+        else:
+            others += wrong[i]
+    return number, others
+
+
+@exact
+def _connected(chance: Any, alone: Any) -> Any:
+    """Of chances of cells: place (cells), variance, and chance of those that are not side by side with the
+    most probable one. Variances reach any cell of some chance within five deviations; not alone: that one's
+    place, and what is beyond its neighbours."""
+    best = np.argmax(chance)
+    low, high = best, best
+    while low > 0 and chance[low - 1] > np.float32(_TINY):
+        low -= 1
+    while high < chance.size - 1 and chance[high + 1] > np.float32(_TINY):
+        high += 1
+    total, mean, square, beyond = 0.0, 0.0, 0.0, 0.0
+    for at in range(low, high + 1):
+        total += chance[at]
+        mean += chance[at] * (at - best)
+        square += chance[at] * (at - best) ** 2
+        if abs(at - best) > 1:
+            beyond += chance[at] * (abs(at - best) - 1) ** 2
+    error = np.float32(max(1 - total, 0.0))
+    if not alone:
+        return np.float32(best), np.float32(beyond / total), error
+    mean /= total
+    variance = square / total - mean * mean + 1 / 12
+    for at in range(low, high + 1):
+        if chance[at] > np.float32(DOUBT):
+            variance = max(variance, ((abs(at - best - mean) + 0.5) / 5) ** 2)
+    return np.float32(best + mean), np.float32(variance), error
+
+
+@exact
+def mixture(margin: Any, code: Any, amplitude: Any, noise: Any, alone: Any, read: Any) -> Any:
+    """Posterior over the mixtures of one cell and the next that the weak bits of a pixel allow, for codes
+    that change several bits together: place, variance, probability of another cell. read: place and variance
+    where nothing is told."""
+    factor, cells, levels = code.factor, code.cells, code.levels
     unlike2 = float(code.misfit2)
     weak = np.empty(_MOST_WEAK, np.int64)
     count, word = 0, np.int32(0)
     for b in range(factor.size):
         word |= np.int32(1 << b) if margin[b] > 0 else np.int32(0)
-        threshold = unlike2 * amplitude * amplitude if factor[b] > 1 else 0.0
-        either = saturated and factor[b] > 1 and 0 < margin[b] < _FULL * amplitude
-        if either or margin[b] * margin[b] < WEAK * WEAK * (noise + threshold) * factor[b]:
+        threshold = unlike2 * amplitude * amplitude
+        if margin[b] * margin[b] < WEAK * WEAK * (noise + threshold) * factor[b]:
             if count == _MOST_WEAK:
                 return read[0], read[1], np.float32(1)
             weak[count] = b
             count += 1
     judged = noise / (amplitude * amplitude) + unlike2
-    if saturated:  # as far as whites are from the next
-        judged += (whites[1] - whites[0]) ** 2 / 12
-    tried = whites.size if saturated else 1
     best, at, curve = np.inf, 0, 1.0
-    weight, near, beside, shift = 0.0, 0.0, 0.0, 0.0
+    weight, near, beside = 0.0, 0.0, 0.0
     for turn in range(2):  # the best mixture, then the weight of all, of its cell and those beside it
         for some in range(1 << count):
             this = word
@@ -272,10 +444,8 @@ def weak_bits(
                 this ^= np.int32(((some >> i) & 1) << weak[i])
             for before in range(2):
                 c = cells[this] - before
-                inside = 0 <= c < levels.shape[0] - 1
-                for k in range(tried if inside else 0):
-                    seen = margin, factor, amplitude, whites[k] if saturated else 0.0
-                    rss, share, sharp = _mixture(seen, float(before), levels[c], levels[c + 1])
+                if 0 <= c < levels.shape[0] - 1:
+                    rss, share, sharp = _mixture(margin, factor, amplitude, levels[c], levels[c + 1])
                     rss /= judged
                     here = c + (1 if share > 0.5 else 0)
                     if turn == 0 and rss < best:
@@ -285,14 +455,12 @@ def weak_bits(
                         weight += likely
                         near += likely * _near(c, share, np.sqrt(judged / sharp), at)
                         beside += likely if abs(here - at) == 1 else 0.0
-                        shift += likely * (here - at) if abs(here - at) == 1 else 0.0
     if weight == 0.0:
         return read[0], read[1], np.float32(1)
     # the mixture's edge is known to the noise of its share, a cell to its width
     variance = min(noise / (amplitude * amplitude * curve), 0.25)
-    shift = shift / weight if alone and saturated else 0.0  # by a threshold that is off to one side
-    variance += 1 / 12 + beside / weight - shift * shift if alone else 0.0
-    place = code.first + code.cell * np.float32(at + shift)
+    variance += 1 / 12 + beside / weight if alone else 0.0
+    place = code.first + code.cell * np.float32(at)
     return place, code.cell * code.cell * np.float32(variance), np.float32(1 - near / weight)
 
 
@@ -308,24 +476,18 @@ def _near(c: Any, share: Any, deviation: Any, at: Any) -> Any:
 
 
 @exact
-def _mixture(seen: Any, share: Any, one: Any, other: Any) -> tuple[Any, Any, Any]:
+def _mixture(margin: Any, factor: Any, amplitude: Any, one: Any, other: Any) -> tuple[Any, Any, Any]:
     """Of the best mixture of two cells' levels: squared misfit over the factor and the squared amplitude, the
-    share of the other one, and its curvature; seen: margins, factors, amplitude, white (see _level); share:
-    where it starts."""
-    margin, factor, amplitude, white = seen
-    bottom = 1e-6
-    for _ in range(2 if white > 0 else 1):  # the share tells which saturated samples say something
-        top, bottom = 0.0, 1e-6
-        for b in range(factor.size):
-            step = other[b] - one[b]
-            level = _level(margin[b] / amplitude, factor[b], white, one[b] + share * step)
-            top += step * (level - one[b]) / factor[b]
-            bottom += step * step / factor[b]
-        share = min(max(top / bottom, 0.0), 1.0)
+    share of the other one, and its curvature; margins, factors, levels: (bits,)."""
+    top, bottom = 0.0, 1e-6
+    for b in range(factor.size):
+        step = other[b] - one[b]
+        top += step * (margin[b] / amplitude - one[b]) / factor[b]
+        bottom += step * step / factor[b]
+    share = min(max(top / bottom, 0.0), 1.0)
     rss, common, singles = 0.0, 0.0, 0
     for b in range(factor.size):
-        expected = one[b] + share * (other[b] - one[b])
-        off = _level(margin[b] / amplitude, factor[b], white, expected) - expected
+        off = margin[b] / amplitude - one[b] - share * (other[b] - one[b])
         if factor[b] > 1:  # a sample against the mean of white and black, whose noise all of these share
             rss += off * off
             common += off
@@ -333,12 +495,3 @@ def _mixture(seen: Any, share: Any, one: Any, other: Any) -> tuple[Any, Any, Any
         else:
             rss += off * off / factor[b]
     return rss - common * common / (singles + 2), share, bottom
-
-
-@inlined
-def _level(level: Any, factor: Any, white: Any, expected: Any) -> Any:
-    """Level of a bit, if white is so many times as far from black as what is read for it (0: as far); where a
-    single bit saturates, what is expected, if that would."""
-    if white == 0.0 or factor <= 1:
-        return level
-    return (level + 1) / white - 1 if level < _FULL else max(expected, 2 / white - 1)

@@ -1,16 +1,17 @@
 """Binary codes: bits -> word -> cell, with the probability of a wrong bit.
 
-A bit is the sign of the difference from its inverse, or from the mean of white and black; the chance that
-noise turned it is Q(z), z that difference over its deviation. At the edge of a cell one bit of a Gray code is
-weak: read either way it leads to one of two cells side by side. Whatever else the weakest bit leads to, and
-any other weak bit, makes the cell doubtful. Where two bits or more are weak (codes that change several bits
-at once, or faint light) every word that they allow is compared: a pixel sees a mixture of one cell and the
-next, b = A ((1 - f) s(c) + f s(c + 1)), f in 0..1, s the cells' levels behind the blur (bit_levels), and the
-posterior is over the cells c.
+A bit is the sign of the difference from its inverse, or from the mean of white and black, or, where these
+were not shown, of a fringe's samples; the chance that noise turned it is Q(z), z that difference over its
+deviation. Bits that the camera resolves nowhere are left out of the code, and its cells are wider. At the
+edge of a cell one bit of a Gray code is weak: read either way it leads to one of two cells side by side.
+Where two bits or more are weak every word that they allow is compared (bit_levels): the cells side by side
+with the most probable one are the answer, wider ones if need be, the rest is the probability of a wrong one.
+Codes that change several bits at once see a mixture of one cell and the next, b = A ((1 - f) s(c) +
+f s(c + 1)), f in 0..1, s the cells' levels behind the blur, and the posterior is over the cells c.
 
 Where white saturates, its level is known from below only. A bit and its inverse compare as ever, but their
 mean tells nothing; a single bit that is brighter than the mean of black and of what is read for white, and
-does not saturate, may be either, and every white up to twice as bright is compared, too.
+does not saturate, may be either.
 """
 
 from typing import Any, NamedTuple
@@ -21,29 +22,43 @@ from numpy.typing import NDArray
 from optolever.kernels import exact, inlined, kernel
 
 from ..estimate import Estimate, vanishing
-from ..flags import Into, marked, marks_for, merge_line
+from ..flags import DOUBT, Into, marked, marks_for, merge_line
 from ..frames import Light, level_of
-from ..plan import Code, Plan
-from ..profile.noise import Noise, Sample
+from ..plan import Code, Fringe, Plan
+from ..profile.noise import Noise, Sample, product
 from .bit_levels import (
     GROUP,
     WEAK,
     CodePlan,
+    bit_contrast,
     bit_values,
     bits_in_groups,
     blurred,
+    coarser,
+    dull_level,
     fitted_levels,
-    read_beside,
+    hidden_variance,
+    mixture,
+    nested,
+    posterior,
     turned,
-    weak_bits,
+    unresolved_bits,
 )
 
-__all__ = ["CodePlan", "code_plan", "decode_code", "read_code", "read_line", "room_for"]
+__all__ = [
+    "CodePlan",
+    "Resolved",
+    "code_plan",
+    "decode_code",
+    "read_code",
+    "read_line",
+    "room_for",
+    "unresolved_count",
+]
 
-#: Pixels that tell the blur at most: medians to 4 %; at least, that tell white where it saturates.
-_PIXELS, _FEWEST = 1024, 64
-#: Levels between which a bit changes; whites that are compared where white saturates.
-_BETWEEN, _WHITES = 0.9, 5
+#: Pixels that tell the blur at most: medians to 4 %; that tell which bits are resolved: of a twentieth at
+#: edges 1 % of wrong ones are four.
+_PIXELS, _AT_EDGES = 1024, 8192
 #: What a line keeps of the bits compared so far: the value of the weakest, how weak it and the next are, the
 #: largest difference that counts. It is passed on from group to group: compilers make slow conditional stores
 #: of a maximum in place.
@@ -52,66 +67,155 @@ _WEAKEST, _LEAST, _SECOND, _LARGEST, _KEPT = 0, 1, 2, 3, 4
 
 class _Room(NamedTuple):
     """For a line: words (W,), of a linear code cells; what is kept of bits (2, _KEPT, W); what the means of
-    pairs are off the usual level, summed, and squared (2, W); differences of one pixel (bits,); marks of
-    pixels of several weak bits, and where they are (W,)."""
+    pairs are off the usual level, summed, and squared (2, W); squared deviations by which the weakest bit is
+    off its threshold (W,); differences of one pixel (bits,); marks of pixels of several weak bits, and where
+    they are (W,)."""
 
     word: Any
     kept: Any
     off: Any
+    sure: Any
     margin: Any
     several: Any
     places: Any
 
 
-def code_plan(code: Code, plan: Plan, noise: Noise, lit: Sample) -> CodePlan:
-    """The numbers of a code, the blur of its bits by pixels that see the pattern."""
-    frames = np.stack([code.plain, code.inverse], axis=1)
-    pairs = (frames >= 0).all(axis=1)
-    referenced = plan.white >= 0 and plan.black >= 0
-    # (p - q) / 2 has half the variance of a sample, p - (white + black) / 2 has one and a half
-    factor = np.where(pairs, 0.5, 1.5).astype(np.float32)
-    freedom = max(int(pairs.sum()) - (0 if referenced else 1), 0) + int((~pairs).any())
-    first = 0.5 * (code.cell - 1) + code.origin
-    ends = np.array([plan.white, plan.black] if referenced else [-1, -1])
-    value, linear = bit_values(code.cells)
-    of_bits = bits_in_groups(frames, factor, pairs != referenced, value)
-    few = lit.only(slice(None, None, max(1, len(lit.places) // _PIXELS)))
-    shown, share = of_bits[0][: len(frames)], of_bits[1][: len(frames)].astype(np.float64)
-    margin, amplitude = _margins(shown, share, ends, few.levels)
-    variance = few.variance(noise) / np.square(amplitude)
-    seen = fitted_levels(code, margin / amplitude, variance, factor)
-    unlike2, cell, start = (np.float32(one) for one in (seen.misfit2, code.cell, first))
-    whites = np.linspace(1, 2, _WHITES)
-    if code.together and referenced:
-        whites = _whites(few.levels[ends[0]] >= few.white, margin[factor > 1] / amplitude)
-    told = blurred(code, seen.blur), unlike2, *read_beside(code, seen), whites
-    return CodePlan(*of_bits, factor, ends, code.cells, linear, *told, cell, start, freedom)
+class Resolved(NamedTuple):
+    """A code as kernels need it, without the bits that are not resolved, and how many these are."""
+
+    plan: CodePlan
+    unresolved: int
 
 
-def _whites(saturated: Any, level: Any) -> NDArray[np.float64]:
-    """Whites that may be where white saturates, in units of what is read for it: what bits say that turn
-    opposite ways at one place, as their sum is that of white and black; else up to twice as bright.
+def code_plan(
+    code: Code, plan: Plan, noise: Noise, lit: Sample, whole: bool, fringe: Fringe | None
+) -> Resolved:
+    """The numbers of a code: bits that are resolved and their blur by pixels that see the pattern.
 
-    saturated (K,), level (bits, K) of bits without inverses, black -1, what is read for white 1.
+    whole: keep all bits, for a look-up; fringe: whose mean is the threshold of bits where white and black, or
+    an inverse, were not shown, None: there is none.
     """
-    mixed = (level > -_BETWEEN) & (level < _BETWEEN)
-    several = saturated & (mixed.sum(axis=0) > 1)
-    if np.count_nonzero(several) < _FEWEST:
-        return np.linspace(1, 2, _WHITES)
-    some, kept = level[:, several], mixed[:, several]
-    ends = np.where(kept, some, -1).max(axis=0) + np.where(kept, some, 1).min(axis=0)
-    least, most = np.clip(1 + np.quantile(ends, (0.05, 0.95)) / 2, 1, 2)
-    return np.linspace(least, most, _WHITES)
+    bits, level, variance = _seen(code, plan, noise, lit, None if whole else fringe)
+    unresolved, spread2 = (0, 0.0) if whole else unresolved_bits(code, level, variance, bits.factor)
+    code, bits, level = coarser(code, unresolved), bits.only(unresolved), level[unresolved:]
+    few = slice(None, None, max(1, level.shape[1] // _PIXELS))
+    blur, misfit2 = fitted_levels(code, level[:, few], variance[few], bits.factor)
+    # what a blur hides of pairs is at edges, if one bit changes, or held by a nested code's coarser cells
+    hidden = code.together and not nested(code)
+    misfit2 = max(spread2, misfit2 if hidden or not bits.pairs.all() else 0.0)
+    value, linear = bit_values(code.cells)
+    counts = bits.pairs != bits.referenced if bits.pairs.any() or bits.referenced else ~bits.pairs
+    frames, share, value, scale, counting = bits_in_groups(bits.frames, bits.factor, counts, value)
+    plan_of_code = CodePlan(
+        frames=frames,
+        share=share,
+        value=value,
+        scale=scale,
+        counts=counting,
+        factor=bits.factor,
+        ends=bits.ends,
+        cells=code.cells,
+        linear=linear,
+        levels=blurred(code, blur),
+        misfit2=np.float32(misfit2),
+        together=code.together,
+        hidden=np.float32(hidden_variance(code, blur)),
+        nested=nested(code),
+        by_fringe=bits.mean is not None,
+        above=np.float32(bits.above),
+        contrast=bit_contrast(level),
+        dull=np.float32(dull_level(code, level)),
+        cell=np.float32(code.cell),
+        first=np.float32(0.5 * (code.cell - 1) + code.origin),
+        freedom=bits.freedom,
+    )
+    return Resolved(plan_of_code, unresolved)
 
 
-def _margins(frames: NDArray[np.int64], share: Any, ends: NDArray[np.int64], levels: Any) -> tuple[Any, Any]:
-    """Differences (bits, K) of bits, and the amplitude (K,), of sampled levels (N, K); frames (bits, 2) and
-    share (bits, 5) as of a CodePlan."""
-    white, black = levels[ends[0]], levels[ends[1]]
-    one, other, mean = share[:, 0:1], share[:, 1:2], share[:, 2:3] * (0.5 * (white + black))
-    margin = one * levels[frames[:, 0]] + other * levels[frames[:, 1]] + mean
-    amplitude = np.abs(margin).max(axis=0) if ends[0] < 0 else 0.5 * (white - black)
-    return margin, np.maximum(amplitude, np.float32(1e-3))
+def unresolved_count(code: Code, plan: Plan, noise: Noise, lit: Sample, fringe: Fringe | None) -> int:
+    """How many of the finest bits the camera does not resolve, see `code_plan`."""
+    bits, level, variance = _seen(code, plan, noise, lit, fringe)
+    return unresolved_bits(code, level, variance, bits.factor)[0]
+
+
+class _Seen(NamedTuple):
+    """What pixels that see the pattern show of bits: level (bits, K) over the amplitude, variance (K,) of a
+    sample in that unit."""
+
+    bits: "_Bits"
+    level: NDArray[np.float32]
+    variance: NDArray[np.float32]
+
+
+def _seen(code: Code, plan: Plan, noise: Noise, lit: Sample, fringe: Fringe | None) -> _Seen:
+    many = lit.only(slice(None, None, max(1, len(lit.places) // _AT_EDGES)))
+    bits = _Bits.of(code, plan, fringe).levelled(many.levels)
+    margin, amplitude = bits.margins(many.levels)
+    return _Seen(bits, margin / amplitude, many.variance(noise) / np.square(amplitude))
+
+
+class _Bits(NamedTuple):
+    """Frames (bits, 2) of a code's bits and their inverses, -1: not shown; whether (bits,) both were;
+    variance (bits,) of a difference over that of a sample; white and black, -1: not shown; the fringe whose
+    mean is the threshold, and by how much of its amplitude that is higher."""
+
+    frames: NDArray[np.int64]
+    pairs: NDArray[np.bool_]
+    factor: NDArray[np.float32]
+    ends: NDArray[np.int64]
+    mean: Fringe | None
+    above: float = 0.0
+
+    @classmethod
+    def of(cls, code: Code, plan: Plan, fringe: Fringe | None) -> "_Bits":
+        frames = np.stack([code.plain, code.inverse], axis=1)
+        pairs = np.asarray((frames >= 0).all(axis=1))
+        referenced = plan.white >= 0 and plan.black >= 0
+        # (p - q) / 2 has half the variance of a sample, p - (white + black) / 2 has one and a half
+        factor = np.where(pairs, 0.5, 1.5).astype(np.float32)
+        ends = np.array([plan.white, plan.black] if referenced else [-1, -1])
+        return cls(frames, pairs, factor, ends, None if referenced or pairs.all() else fringe)
+
+    @property
+    def referenced(self) -> bool:
+        return bool(self.ends[0] >= 0)
+
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom of what means of pairs and single bits contradict each other by."""
+        return max(int(self.pairs.sum()) - (0 if self.referenced else 1), 0) + int((~self.pairs).any())
+
+    def only(self, first: int) -> "_Bits":
+        """Bits from a first one on."""
+        return self._replace(frames=self.frames[first:], pairs=self.pairs[first:], factor=self.factor[first:])
+
+    def levelled(self, levels: Any) -> "_Bits":
+        """With the threshold in the middle of the levels that bits have in a pixel, in most pixels."""
+        if self.mean is None:
+            return self
+        margin, _ = self.margins(levels)
+        both = (margin.min(axis=0) < 0) & (margin.max(axis=0) > 0)
+        middle = 0.5 * (margin.min(axis=0) + margin.max(axis=0)) / self._wave(levels)[1]
+        return self._replace(above=float(np.median(middle[both])) if both.any() else 0.0)
+
+    def _wave(self, levels: Any) -> tuple[Any, Any]:
+        """Mean level and amplitude (K,) of the fringe."""
+        assert self.mean is not None
+        mean, c, s = product(self.mean.inverse.astype(np.float32), levels[list(self.mean.index)])
+        return mean, np.maximum(np.hypot(c, s), np.float32(1e-3))
+
+    def margins(self, levels: Any) -> tuple[Any, Any]:
+        """Differences (bits, K), and the amplitude (K,), of sampled levels (N, K)."""
+        white, black = levels[self.ends[0]], levels[self.ends[1]]
+        mean = 0.5 * (white + black)
+        if self.mean is not None:
+            level, wave = self._wave(levels)
+            mean = level + np.float32(self.above) * wave
+        plain, inverse = levels[self.frames[:, 0]], levels[self.frames[:, 1]]
+        single = np.where(self.frames[:, :1] >= 0, plain - mean, mean - inverse)
+        margin = np.where(self.pairs[:, None], 0.5 * (plain - inverse), single)
+        amplitude = 0.5 * (white - black) if self.referenced else np.abs(margin).max(axis=0)
+        return margin, np.maximum(amplitude, np.float32(1e-3))
 
 
 def read_code(light: Light, noise: Noise, code: CodePlan, rows: tuple[int, int], estimate: Estimate) -> None:
@@ -150,7 +254,8 @@ def room_for(code: Any, width: Any) -> Any:
     """Room for a line."""
     kept, off = np.empty((2, _KEPT, width), np.float32), np.empty((2, width), np.float32)
     margin = np.empty(code.factor.size, np.float32)
-    return _Room(np.empty(width, np.int32), kept, off, margin, marks_for(width), np.empty(width, np.int64))
+    sure, places = np.empty(width, np.float32), np.empty(width, np.int64)
+    return _Room(np.empty(width, np.int32), kept, off, sure, margin, marks_for(width), places)
 
 
 @exact
@@ -158,21 +263,22 @@ def read_line(light: Any, row: Any, code: Any, alone: Any, noise: Any, room: Any
     """A row into out, as an Estimate's arrays, each (W,); light: see `Light.numbers`.
 
     alone: variances are those of a place within the cell and of its neighbour where that is as likely; else
-    of the cell's edges only, for a fringe that tells the place. room: see room_for.
+    of the cell's edges only, for a fringe that tells the place. room: see room_for. Where a fringe's mean is
+    the threshold, out holds it as the mean level.
     """
     (raw, table, _, (clip, _)), (_, _, _, a, o, _, clipped) = light, out
     pairs, referenced = np.float32(np.sum(code.factor < 1)), code.ends[0] >= 0
-    # a bit and its inverse are off by the same: their difference keeps its sign
-    misfit2 = np.float32(0) if pairs == code.factor.size else code.misfit2
-    high, low = code.ends if referenced else code.frames[0]
-    _references(raw[high, row], raw[low, row], table, clip, a, o, clipped)
+    misfit2 = code.misfit2
+    if code.by_fringe:
+        clipped[:] = np.float32(0)
+    else:
+        high, low = code.ends if referenced else code.frames[0]
+        _references(raw[high, row], raw[low, row], table, clip, a, o, clipped)
     room.word[:], room.off[:] = 0, np.float32(0)
     kept = _compared(raw, row, table, code, pairs, o, room)
     if not referenced:
         _moved(kept[_LARGEST], a)
     _cells_line(room, kept, code, (pairs, misfit2, alone, noise), out)
-    if code.beside.size > 0:
-        _moved_beside(room.word, kept[_WEAKEST], code, out[0], out[1])
     _several_weak(kept[_SECOND], misfit2, noise, a, o, room.several[: a.size])
     if alone & (pairs < code.factor.size):  # a fringe's place is none of an edge's
         for x in range(a.size):
@@ -192,8 +298,12 @@ def _reread(
         one, other = level_of(raw[plain, row, x], table), level_of(raw[inverse, row, x], table)
         margin[b] = _single(one, o[x], _bit(code, b)) + code.share[b, 1] * other
     own = noise.read2 + noise.gain * max(o[x], np.float32(0))
-    known = place[x], var[x]
-    place[x], var[x], error[x] = weak_bits(margin, code, a[x], own, alone & (clipped[x] > 0), alone, known)
+    known, saturated = (place[x], var[x]), alone & (clipped[x] > 0)
+    by_mixture = code.together and not saturated
+    if by_mixture:
+        place[x], var[x], error[x] = mixture(margin, code, a[x], own, alone, known)
+    if not by_mixture or (code.nested and error[x] > np.float32(DOUBT)):
+        place[x], var[x], error[x] = posterior(margin, code, a[x], own, saturated, alone, known)
 
 
 @exact
@@ -316,6 +426,7 @@ def _cells_line(room: Any, kept: Any, code: Any, numbers: Any, out: Any) -> None
     count = one / max(pairs, one)
     # a mean of two samples; white and black are one more
     known = one - (count / (one + count) if code.ends[0] >= 0 else zero)
+    size = np.sqrt(np.float32(0.5) if pairs > 0 else np.float32(1.5))  # of a difference that is weak by 1
     for x in range(word.size):  # what a turned bit leads to
         weakest[x] = np.float32(word[x] ^ np.int32(weakest[x]))
     if not code.linear:
@@ -325,16 +436,20 @@ def _cells_line(room: Any, kept: Any, code: Any, numbers: Any, out: Any) -> None
         own = noise.read2 + noise.gain * max(offset[x], zero)
         power = amplitude[x] * amplitude[x]
         deviation = one / np.sqrt(own + misfit2 * power)
-        wrong, next_ = turned(least[x] * deviation), second[x] * deviation
+        weak, next_ = least[x] * deviation, second[x] * deviation
+        wrong, room.sure[x] = turned(weak), weak * weak
         # of the next one from above: Q(z) <= exp(-z^2 / 2) / 2
         also = half * vanishing(half * next_ * next_)
         step = weakest[x] - np.float32(word[x])
         beside = abs(step) == one
         place[x] = first + cell * (np.float32(word[x]) + (mixed * wrong * step if beside else zero))
         # an edge is as wide as a cell at most, and noise moves it by its share of the contrast
-        spread = (mixed * wrong * (one - wrong) if beside else zero) + eighth * own / max(power, own)
+        spread = code.hidden + eighth * (own + misfit2 * power) / max(power, own)
+        spread += mixed * wrong * (one - wrong) if beside else zero
         var[x] = within + cell * cell * spread
-        wrong = zero if beside else wrong
+        # neither black nor white, at no edge
+        dull = least[x] * size < code.dull * amplitude[x]
+        wrong = zero if beside else (one if dull else wrong)
         error[x] = wrong + also - wrong * also
         unlike = noise.rounding2 + noise.misfit2 * power
         rss = (square[x] - off[x] * off[x] * count * known) * (one - clipped[x])
@@ -342,22 +457,6 @@ def _cells_line(room: Any, kept: Any, code: Any, numbers: Any, out: Any) -> None
         singles, both = np.float32(1.5) * own + unlike + code.misfit2 * power, half * own + unlike
         # one division for both quotients
         chi2[x] = (rss * singles + over * over * both) / (both * singles)
-
-
-@kernel
-def _moved_beside(word: Any, weakest: Any, code: Any, place: Any, var: Any) -> None:
-    """Places (W,) by what the blur hides (see read_beside) of their cell and, where they lie between two, of
-    that one to which the weakest bit leads (W,)."""
-    one, cell2 = np.float32(1), code.cell * code.cell
-    for x in range(word.size):
-        here, there = word[x], np.int32(weakest[x])
-        step = np.float32(there - here)
-        share = step * ((place[x] - code.first) / code.cell - np.float32(here))  # see _cells_line
-        share = share if abs(step) == one else np.float32(0)
-        apart = step + code.beside[there] - code.beside[here]
-        place[x] += code.cell * ((one - share) * code.beside[here] + share * code.beside[there])
-        unsure = (one - share) * code.unsure[here] + share * code.unsure[there]
-        var[x] += cell2 * (unsure + share * (one - share) * (apart * apart - one))
 
 
 @kernel

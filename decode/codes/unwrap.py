@@ -90,8 +90,11 @@ def _climb(light: Any, noise: Any, periods: Any, rows: Any, numbers: Any, code: 
             elif code is None:
                 _start(told, middle, beyond, lines)
             else:
+                if code.by_fringe:
+                    cells[4, :] = offset + code.above * amplitude
                 read_line(light, row, code, False, noise, room, read)
-                _join(told, _HALF * code.cell, (cells[0], cells[1], cells[2], cells[5]), lines)
+                cell = cells[0], cells[1], cells[2], cells[5], room.sure
+                _join(told, _HALF * code.cell, cell, lines)
         found = place[row], var[row], error, amplitude, offset, misfit, lost
         merge_line(found, noise, row, into)
 
@@ -130,7 +133,7 @@ def _refine(told: Any, lines: Any) -> None:
 @kernel
 def _join(told: Any, half: Any, code: Any, lines: Any) -> None:
     turn, variance, chi2, clipped, period = told
-    centre, centre_var, centre_error, centre_chi2 = code
+    centre, centre_var, centre_error, centre_chi2, sure = code
     place, var, error, misfit, saturated = lines
     per_period, square, zero = _ONE / period, period * period, np.float32(0)
     for x in range(turn.size):
@@ -139,7 +142,11 @@ def _join(told: Any, half: Any, code: Any, lines: Any) -> None:
         inverse = _ONE / (own + centre_var[x])
         away = abs(new - centre[x])
         over, other = max(away - half, zero), max(period - away - half, zero)
-        wrong = less_likely(_HALF * max(other * other - over * over, zero) * inverse)
+        # out of the cell by noise of the fringe alone, or as the weakest bit is wrong
+        per_own = _ONE / own
+        this = max(over * over * inverse, min(over * over * per_own, sure[x]))
+        that = max(other * other * inverse, min(other * other * per_own, sure[x]))
+        wrong = less_likely(_HALF * max(that - this, zero))
         error[x] = wrong + centre_error[x] - wrong * centre_error[x]
         misfit[x] = chi2[x] + centre_chi2[x] + over * over * inverse
         saturated[x] = clipped[x]

@@ -12,7 +12,7 @@ about the centre of the light: P is infinite.
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,17 @@ from optolever.kernels import exact
 
 from ..display import cell_light
 
-__all__ = ["MARGIN", "NO_BORDER", "SHADOW2", "Border", "border_of", "inwards", "measured_blur"]
+__all__ = [
+    "MARGIN",
+    "NO_BLUR",
+    "NO_BORDER",
+    "SHADOW2",
+    "Border",
+    "BorderBlur",
+    "border_of",
+    "inwards",
+    "measured_blur",
+]
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -47,6 +57,16 @@ _TRUE = np.linspace(0.0, 5.0, 101)
 _CENTRE, _SHAPE = ((1e6, 1.0),), 0.25
 
 
+class BorderBlur(NamedTuple):
+    """Blur beside the border between a least and a largest one, cells; measured: whether light tells it, or
+    it is a bound."""
+
+    low: float
+    blur: float
+    high: float
+    measured: bool
+
+
 @dataclass(frozen=True, slots=True)
 class Border:
     """What it does to the pixels of an axis. reach: deviation of what one of no footprint sees, cells; table
@@ -57,15 +77,17 @@ class Border:
     table: F32
 
 
-#: Of a surface that has none.
+#: Of a surface that has no border.
+NO_BLUR = BorderBlur(0.0, 0.0, 0.0, False)
+#: The same, as a table.
 NO_BORDER = Border(0.0, np.zeros((_RATIOS + 1, _SHADOW * _STEPS + 1, 3), np.float32))
 
 
 @lru_cache(maxsize=16)
-def border_of(shares: Shares, blurs: tuple[float, float, float], told: bool = True) -> Border:
-    """Of periods (see display) and a blur between a least and a largest one. One that nothing told bounds
-    what a pixel sees: half of its shift is taken off, and as much is unsure."""
-    low, blur, high = blurs
+def border_of(shares: Shares, blurs: BorderBlur) -> Border:
+    """Of periods (see display) and a blur. One that is a bound bounds what a pixel sees: half of its shift is
+    taken off, and as much is unsure."""
+    low, blur, high, told = blurs
     missing, shift = _of_blur(shares, blur)
     reach = float(_reach(blur))
     deviation = reach / np.linspace(_LEAST, 1.0, _RATIOS + 1, dtype=np.float64)[:, None]
@@ -130,14 +152,14 @@ def _light(index: int) -> list[tuple[float, F64, F64, NDArray[np.bool_]]]:
 
 def measured_blur(
     coord: F32, flags: NDArray[np.uint16], light: tuple[F32, F32], extent: int, shares: Shares = ()
-) -> tuple[tuple[float, float, float], int]:
-    """Blur (cells) between a least and a largest one, by the light that is missing beside the border, and how
-    many pixels tell it (0: too few). coord, flags: (H, W); extent: of the surface.
+) -> tuple[BorderBlur, int]:
+    """Blur by the light that is missing beside the border, and how many pixels tell it (0: too few). coord,
+    flags: (H, W); extent: of the surface.
 
     light: mean level and amplitude (H, W). Light of a room is in the level only: the amplitude tells how much
     of it is the display's.
     """
-    parts, nothing = [], ((math.nan,) * 3, 0)
+    parts, nothing = [], (BorderBlur(math.nan, math.nan, math.nan, False), 0)
     for turned, count in enumerate(coord.shape):
         every = slice(None, None, max(1, count // _LINES))
         lines: list[Any] = [(one.T if turned else one)[every] for one in (coord, flags, *light)]
@@ -165,7 +187,7 @@ def measured_blur(
     straight = np.abs(bend - (shift[0] - 2 * shift[1] + shift[2])).sum() > np.abs(bend).sum()
     count = np.count_nonzero((dims > _DARK[0]) & (dims < _DARK[1]))
     unbounded = low >= _BLURS[-1]
-    return nothing if unlike or straight or unbounded else ((low, blur, high), int(count))
+    return nothing if unlike or straight or unbounded else (BorderBlur(low, blur, high, True), int(count))
 
 
 def _missing(light: Any) -> F64:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from .pixelation import REACH
 
-__all__ = ["widen_edge_lines"]
+__all__ = ["edge_lines", "widen_edge_lines"]
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -44,9 +44,18 @@ _SIDES: tuple[Callable[[NDArray[Any]], NDArray[Any]], ...] = (
 )
 
 
-def widen_edge_lines(axes: Sequence[tuple[F32, F32]], flags: NDArray[np.uint16]) -> None:
-    """Sigma of the outermost lines at least what they are off; of each axis coordinate and sigma (H, W)."""
-    for lines_of in _SIDES:
+def widen_edge_lines(sigmas: Sequence[F32], off: F32) -> None:
+    """Sigma (H, W) of each of A axes at least what its outermost lines are off, see edge_lines."""
+    for side, lines_of in enumerate(_SIDES):
+        for sigma, own in zip(sigmas, off[:, side], strict=True):
+            outer = lines_of(sigma)[: len(own)]
+            np.maximum(outer, own[: len(outer), None], out=outer)
+
+
+def edge_lines(coords: Sequence[F32], flags: NDArray[np.uint16]) -> F32:
+    """What the outermost lines of A coordinates (H, W) are off, (A, 4, _OUTER): from each side inwards."""
+    found = np.zeros((len(coords), len(_SIDES), _OUTER), np.float32)
+    for side, lines_of in enumerate(_SIDES):
         good = lines_of(flags)[:_LINES] == 0
         count = good.sum(axis=1)
         inner = _OUTER + np.flatnonzero(2 * count[_OUTER:] >= count.max())[: _OUTER + _BEHIND]
@@ -54,12 +63,11 @@ def widen_edge_lines(axes: Sequence[tuple[F32, F32]], flags: NDArray[np.uint16])
             continue
         kept = np.append(np.arange(_OUTER), inner)
         weights, next_weights = _extrapolation(kept[:-_OUTER]), _extrapolation(inner)
-        for coord, sigma in axes:
+        for coord, own in zip(coords, found, strict=True):
             lines = np.where(good[kept], lines_of(coord)[kept], np.float64(np.nan))
             missed2, usual2 = _missed2(lines[:-_OUTER], weights), _missed2(lines[_OUTER:], next_weights)
-            off = [_surely_off(*of_line) for of_line in zip(missed2, usual2, strict=True)]
-            outer = lines_of(sigma)[:_OUTER]
-            np.maximum(outer, np.array(off)[:, None], out=outer)
+            own[side] = [_surely_off(*of_line) for of_line in zip(missed2, usual2, strict=True)]
+    return found
 
 
 def _extrapolation(at: NDArray[np.intp]) -> F64:

@@ -7,7 +7,7 @@ centre of its light is a quarter away). Where a camera is focused on something e
 agree, so that the shift is not taken off: it joins the variance.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from scipy.stats import trim_mean
 
 from optolever.kernels import inlined, kernel
 
-__all__ = ["end_width", "faded", "slope"]
+__all__ = ["Ends", "end_width", "faded", "slope"]
 
 F64 = NDArray[np.float64]
 #: Lines that are looked at along either axis; pixels on either side of an end; ends that tell a width.
@@ -26,12 +26,22 @@ _DARK, _EVEN = 0.2, 0.2
 _LOW, _HIGH = 0.16, 0.84
 
 
-def end_width(amplitude: NDArray[Any], flags: NDArray[np.uint16]) -> float:
-    """m2 (px^2) by the ends of the mirror; 0 where too few tell. amplitude, flags: (H, W)."""
+class Ends(NamedTuple):
+    """m2 and its standard deviation, px^2; 0 and NaN where too few ends tell."""
+
+    variance: float
+    sigma: float
+
+
+def end_width(amplitude: NDArray[Any], flags: NDArray[np.uint16]) -> Ends:
+    """m2 by the ends of the mirror. amplitude, flags: (H, W)."""
     turned = ((amplitude, flags), (amplitude.T, flags.T))
     lines = [(light[:, ::way], refused[:, ::way]) for light, refused in turned for way in (1, -1)]
     found = np.concatenate([_rises(*line) for line in lines])
-    return max(float(trim_mean(found, 0.1)), 0.0) if len(found) >= _FEWEST else 0.0
+    if len(found) < _FEWEST:
+        return Ends(0.0, float("nan"))
+    spread = float(np.std(np.sort(found)[len(found) // 10 : len(found) - len(found) // 10]))
+    return Ends(max(float(trim_mean(found, 0.1)), 0.0), spread / len(found) ** 0.5)
 
 
 def _rises(light: NDArray[Any], flags: NDArray[np.uint16]) -> F64:

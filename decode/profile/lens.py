@@ -23,7 +23,7 @@ from ..plan import AxisPlan, Fringe, Plan
 from .border import MARGIN
 from .noise import Sample
 
-__all__ = ["measured_lens"]
+__all__ = ["NO_LENS", "Lens", "measured_lens"]
 
 F64 = NDArray[np.float64]
 #: Variance of a pixel's own area; turns in a pixel from which on it leaves less than half of a contrast.
@@ -33,27 +33,45 @@ _OWN, _HALF = 1 / 12, 0.6
 _FIT, _OTHERS = (6, 1), ((10, 1), (6, 2))
 #: Parts of the sample that tell the error; deviations by which a lens is sure, and residuals are outliers.
 _PARTS, _SURE, _TRIM = 16, 2.5, 3.0
+#: Standard deviation of the variance of a pixel's own area where nothing tells it: a square of 1/4 to all of
+#: the pitch's area, evenly, is (1 - share) / 12 less.
+_UNTOLD = 0.75 / 3**0.5 / 12
 #: Fewest pixels of a part, and most of all; share of the coarser contrast below which noise is most of it.
 _FEWEST, _MOST, _FAINT = 64, 4096, 0.05
 
 
+class Lens(NamedTuple):
+    """Variance of what a lens mixes into a pixel, px^2 of the camera, and its standard deviation. Negative: a
+    camera sharpens by more, or its pixels do not fill their pitch."""
+
+    variance: float
+    sigma: float
+
+
+#: Of which nothing is known but that pixels may not fill their pitch.
+NO_LENS = Lens(0.0, _UNTOLD)
+
+
 def measured_lens(
-    plan: Plan, lit: Sample, maps: list[NDArray[np.float32]], flags: NDArray[np.uint16]
-) -> float:
-    """Variance of what the lens mixes into a pixel, px^2 of the camera (negative: it is sharpened by more);
-    0 where it is not sure, or not as well known as a pixel's own share is large. maps: coordinate (H, W) of
-    every axis; flags (H, W)."""
+    plan: Plan, lit: Sample, maps: list[NDArray[np.float32]], flags: NDArray[np.uint16], footprint: float
+) -> Lens | None:
+    """0 where it is not sure; None: not told as well as a pixel's own share is large. maps: coordinate (H, W)
+    of every axis; flags (H, W); footprint: side of a pixel over its pitch."""
     some = lit.only(slice(None, None, 1 + len(lit.places) // (_MOST + 1)))
-    of_axes = [_line(plan, *one, some, flags) for one in zip(plan.axes, maps, strict=True)]
+    of_axes = [_line(plan, *one, some, flags, footprint) for one in zip(plan.axes, maps, strict=True)]
     lines = [line for line in of_axes if line is not None]
     over, under = _sums(lines, *_FIT)
     if under.sum() <= 0:
-        return 0.0
+        return None
     blur2, without = over.sum() / under.sum(), (over.sum() - over) / (under.sum() - under)
     others = np.array([np.divide(*_sums(lines, *other).sum(axis=1)) for other in _OTHERS])
     # jackknife
     error = float(np.sqrt((_PARTS - 1) * np.var(without) + np.max((others - blur2) ** 2)))
-    return float(blur2) if _SURE * error < abs(blur2) and error < _OWN else 0.0
+    if not error < _OWN:
+        return None
+    if _SURE * error < abs(blur2):
+        return Lens(float(blur2), error)
+    return Lens(0.0, min(float(np.hypot(error, blur2)), _UNTOLD))
 
 
 class _Line(NamedTuple):
@@ -66,7 +84,12 @@ class _Line(NamedTuple):
 
 
 def _line(
-    plan: Plan, axis: AxisPlan, coord: NDArray[np.float32], lit: Sample, flags: NDArray[np.uint16]
+    plan: Plan,
+    axis: AxisPlan,
+    coord: NDArray[np.float32],
+    lit: Sample,
+    flags: NDArray[np.uint16],
+    footprint: float,
 ) -> _Line | None:
     """None without a coarser fringe, or of too few pixels."""
     beside = _coarser(plan, axis, lit)
@@ -90,7 +113,9 @@ def _line(
         slopes = np.stack([down - up, right - left]) / np.float32(2 * reach)
         good &= np.abs(slopes * turns_fine).max(axis=0) < _HALF
         with np.errstate(divide="ignore", invalid="ignore"):  # where slopes are no map's
-            own = np.prod(np.sinc(slopes * turns_fine) / np.sinc(slopes * turns_coarse), axis=0)
+            own = np.prod(
+                np.sinc(footprint * slopes * turns_fine) / np.sinc(footprint * slopes * turns_coarse), axis=0
+            )
             logs[reach - 1] = np.log(fine[kept] / (coarse[kept] * own))
         turns[reach - 1] = -2 * np.pi**2 * (turns_fine**2 - turns_coarse**2) * np.square(slopes).sum(axis=0)
     if np.count_nonzero(good) < _FEWEST * _PARTS:

@@ -25,6 +25,8 @@ __all__ = [
     "harmonics",
     "modulation",
     "product",
+    "residuals",
+    "sample_at",
     "sampled",
     "trimmed_variance",
     "under_response",
@@ -53,6 +55,8 @@ _BINS = 8
 _STRAIGHT = 0.25
 #: Rounds of the noise and the spread of a response, which is that of a noise.
 _ROUNDS = 3
+#: Share of a pixel's contrast from which on a bit is bright or dark, and none at an edge.
+_FULL = 0.8
 #: Share of the noise's variance that a misfit has at least to be told from it, and pixels that are asked: of
 #: 700 with one constraint each, a median's chance is as large.
 _UNLIKE, _ASKED = 0.2, 2048
@@ -74,15 +78,18 @@ class Noise:
     Misfits are judged by more than that: rounding2, as rounding is no random error (all samples of a pixel
     may be rounded alike), and misfit2 times the squared amplitude, what the constraints leave beyond noise in
     all pixels: what is shown or seen is not quite what was described.
+    read2_sigma, gain_sigma: standard deviations, NaN: not estimated.
     """
 
     read2: float
     gain: float = 0.0
     rounding2: float = 0.0
     misfit2: float = 0.0
+    read2_sigma: float = float("nan")
+    gain_sigma: float = float("nan")
 
     def numbers(self) -> Numbers:
-        """The fields as float32, for kernels."""
+        """The first four fields as float32, for kernels."""
         return Numbers(*(np.float32(x) for x in (self.read2, self.gain, self.rounding2, self.misfit2)))
 
     def variance(self, level: Any) -> Any:
@@ -133,10 +140,11 @@ def sampled(light: Light, mask: NDArray[np.bool_] | None, runs: int) -> Sample:
     places = sample_places(light.raw.shape[1:], runs)
     if mask is not None:
         places = places[mask[places[:, 0], places[:, 1]]]
-    return _sample_at(light, places)
+    return sample_at(light, places)
 
 
-def _sample_at(light: Light, places: NDArray[np.int64]) -> Sample:
+def sample_at(light: Light, places: NDArray[np.int64]) -> Sample:
+    """Pixels at places (K, 2)."""
     levels = sample_levels(light, places)
     sample = Sample(places, np.where(np.isnan(levels), np.float32(light.white), levels), light.white)
     if not len(light.spread):
@@ -184,7 +192,7 @@ def under_response(light: Light, noise: Noise, lit: Sample) -> tuple[Light, Nois
     if light.response is None:
         return light, noise, lit
     light = light.under(noise.read2, noise.gain)
-    lit = _sample_at(light, lit.places)  # all have a spread now
+    lit = sample_at(light, lit.places)  # all have a spread now
     if not lit.levels.size:
         return light, noise, lit
     usual = float(lit.variance(noise).mean())
@@ -196,12 +204,12 @@ def _estimated(light: Light, plan: Plan, sample: Sample) -> tuple[Noise, Sample]
     """Of all pixels first, then of those that see the pattern."""
     groups = constraints(plan, len(light.raw))
     floor = max(light.rounding, 1e-12)
-    noise = fitted_noise(*_residuals(plan, sample, groups), floor)
+    noise = fitted_noise(*residuals(plan, sample, groups), floor)
     amplitude, factor = modulation(plan, sample.levels)
     seen = amplitude**2 > _SURE**2 * factor * sample.variance(noise)
     if _FEWEST <= np.count_nonzero(seen) < len(seen):
         sample, amplitude = sample.only(seen), amplitude[seen]
-        level, residual = _residuals(plan, sample, groups)
+        level, residual = residuals(plan, sample, groups)
         if len(residual) >= _FEWEST:  # single pixels have no neighbours
             noise = fitted_noise(level, residual, floor)
     return replace(noise, rounding2=light.rounding, misfit2=_misfit(sample, amplitude, groups, noise)), sample
@@ -229,7 +237,7 @@ def _misfit(sample: Sample, amplitude: F32, groups: tuple[F64, ...], noise: Nois
     return found if found > least else 0.0
 
 
-def _residuals(plan: Plan, sample: Sample, groups: tuple[F64, ...]) -> tuple[F32, F32]:
+def residuals(plan: Plan, sample: Sample, groups: tuple[F64, ...]) -> tuple[F32, F32]:
     """Level and residual (M,) of the constraints that are trusted most, or of what stands in for them."""
     thin = max(1, sample.levels.shape[1] // _MOST)
     few = sample.only(slice(None, None, thin))
@@ -238,14 +246,22 @@ def _residuals(plan: Plan, sample: Sample, groups: tuple[F64, ...]) -> tuple[F32
         rows = groups[0]
         if not unsaturated(rows.astype(np.float32), levels, sample.white).any():
             rows = _of_four(plan, rows)
-        some = rows[:: max(1, len(rows) * levels.shape[1] // (2 * _MOST))].astype(np.float32)
+        every = [fringe for axis in plan.axes for fringe in axis.fringes]
+        unlike = any(len(fringe.unlike) for fringe in every)
+        pairs = np.empty((0, 2), np.int64) if unlike else _pairs(plan)
+        if len(pairs) > 1:
+            rows = _of_pairs(pairs, len(levels))
+        part = slice(None, None, max(1, len(rows) * levels.shape[1] // (2 * _MOST)))
+        some = rows[part].astype(np.float32)
         used = np.abs(some) > 0
         mean = product(used.astype(np.float32), camera) / used.sum(axis=1, keepdims=True)
         slopes = np.broadcast_to(few.slopes(some), mean.shape)
         residual, kept = product(some, levels), unsaturated(some, levels, sample.white)
         if few.steep is not None:  # the inverse is straight over the noise where it is not steep
             kept &= slopes <= np.quantile(slopes, _STRAIGHT)
-        fringes = [(one, harmonics(one, levels)) for axis in plan.axes for one in axis.fringes]
+        if len(pairs) > 1:
+            kept &= _at_the_ends(pairs, levels)[part]
+        fringes = [(one, harmonics(one, levels)) for one in every]
         _explain(residual, kept, used, fringes)
         return mean[kept], (residual / slopes)[kept]
     return _neighbours(plan, sample.only(slice(_MOST)))
@@ -264,7 +280,7 @@ def _explain(
         light = [float(np.square(one.exposure).sum()) for one, _ in own]
         level = np.average([waves[:1] for _, waves in own], axis=0, weights=light).astype(np.float32)
         waves = np.concatenate([level, *(waves[1:] for _, waves in own)])
-        most = 4 * np.sqrt(np.square(residual[row, kept[row]]).mean()) + 1e-6
+        most = 4 * trimmed_variance(residual[row, kept[row]]) ** 0.5 + 1e-6
         usual = np.flatnonzero(kept[row] & (np.abs(residual[row]) < most))
         residual[row] = unexplained(residual[row, None], waves, usual[:: max(1, len(usual) // _ASKED)])[0]
 
@@ -280,6 +296,30 @@ def _of_four(plan: Plan, rows: F64) -> F64:
             found.append(np.zeros(rows.shape[1]))
             found[-1][np.array(fringe.index)[four]] = np.linalg.svd(fringe.design[four])[0][:, 3]
     return np.stack(found) if found else rows
+
+
+def _pairs(plan: Plan) -> NDArray[np.int64]:
+    """Frames (P, 2) of bits and their inverses."""
+    codes = [np.stack([axis.code.plain, axis.code.inverse], axis=1) for axis in plan.axes if axis.code]
+    every = np.concatenate([np.empty((0, 2), np.int64), *codes])
+    return np.asarray(every[(every >= 0).all(axis=1)])
+
+
+def _of_pairs(pairs: NDArray[np.int64], count: int) -> F64:
+    """Orthonormal combinations (P / 2, count): one pair's sum less the next one's."""
+    rows = np.zeros((len(pairs) // 2, count))
+    for row, pair, other in zip(rows, pairs[::2], pairs[1::2], strict=False):
+        row[pair], row[other] = 0.5, -0.5
+    return rows
+
+
+def _at_the_ends(pairs: NDArray[np.int64], levels: F32) -> NDArray[np.bool_]:
+    """Whether (P / 2, K) both pairs show one bright and one dark sample: a camera's or a display's curve
+    bends the sums of those between."""
+    apart = np.abs(levels[pairs[:, 0]] - levels[pairs[:, 1]])
+    full = apart >= _FULL * apart.max(axis=0)
+    half = len(pairs) // 2
+    return np.asarray(full[: 2 * half : 2] & full[1 : 2 * half : 2])
 
 
 def unsaturated(rows: F32, levels: F32, white: float) -> NDArray[np.bool_]:
@@ -364,9 +404,11 @@ def bulk(residual: F32) -> NDArray[np.bool_]:
 def trimmed_variance(residual: NDArray[np.floating[Any]]) -> float:
     """Variance of the bulk of residuals: mean square of those within _TRIM deviations of it, iterated."""
     square = np.square(residual)
-    # from above: on whole grey values more than half of the residuals may be 0; 1.645: a normal's 90th
-    # percentile
-    variance = 4 * float(np.partition(square, at := int(0.9 * (len(square) - 1)))[at]) / 1.645**2 + 1e-12
+    # from above: on whole grey values more than half of the residuals may be 0; 1.15, 1.645: a normal's 75th
+    # and 90th percentile; a fault in a part of the image is beyond the first
+    at = [int(share * (len(square) - 1)) for share in (0.75, 0.9)]
+    inner, outer = (float(one) for one in np.partition(square, at)[at])
+    variance = 4 * (inner / 1.15**2 or outer / 1.645**2) + 1e-12
     for _ in range(30):
         kept = square[square <= _TRIM**2 * variance]
         found = float(kept.mean()) / _LEFT if len(kept) else variance
@@ -380,22 +422,25 @@ def fitted_noise(level: F32, residual: F32, floor: float) -> Noise:
     """Trimmed variance by level, and the weighted straight line through it that is nowhere below the
     floor."""
     whole = max(trimmed_variance(residual), floor) if len(residual) else floor
+    # a variance of n values has the relative error sqrt(2 / n)
+    sigma = whole * float(np.sqrt(2 / max(len(residual), 1)))
     if len(level) < 8 * _FEWEST:
-        return Noise(whole)
+        return Noise(whole, read2_sigma=sigma)
     edges = np.linspace(level.min(), level.max() + 1e-3, _BINS + 1)
     place = np.digitize(level, edges[1:-1])
     full = [k for k in range(_BINS) if np.count_nonzero(place == k) >= _FEWEST]
     if len(full) < 3 or np.ptp(edges) < 0.05 * max(float(edges[-1]), 1.0):
-        return Noise(whole)
+        return Noise(whole, read2_sigma=sigma)
     x = np.array([level[place == k].mean() for k in full], np.float64)
     y = np.array([max(trimmed_variance(residual[place == k]), floor) for k in full])
-    # a variance of n values has the relative error sqrt(2 / n)
     weight = np.array([np.count_nonzero(place == k) / 2 for k in full]) / y**2
     design = np.stack([np.ones(len(x)), x], axis=1)
     covariance = np.linalg.inv(design.T @ (weight[:, None] * design))
     start, slope = covariance @ (design.T @ (weight * y))
     if slope < 3 * np.sqrt(covariance[1, 1]):
-        return Noise(whole)
+        return Noise(whole, read2_sigma=sigma)
+    sigmas = {"read2_sigma": float(covariance[0, 0] ** 0.5), "gain_sigma": float(covariance[1, 1] ** 0.5)}
     if start < floor:
-        return Noise(floor, max(0.0, float(np.sum(weight * x * (y - floor)) / np.sum(weight * x * x))))
-    return Noise(float(start), float(slope))
+        gain = float(np.sum(weight * x * (y - floor)) / np.sum(weight * x * x))
+        return Noise(floor, max(0.0, gain), **sigmas)
+    return Noise(float(start), float(slope), **sigmas)

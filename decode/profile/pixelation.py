@@ -9,6 +9,7 @@ may be there joins the variance. What neighbours then still show beyond noise jo
 step with cells, what is off is off for all of them alike (see _in_step).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -110,19 +111,21 @@ class Pixelation:
 
 def measured_pixelations(
     plan: Plan,
-    maps: tuple[tuple[F32, F32], ...],
+    maps: Sequence[tuple[F32, F32]],
     on_cells: bool,
     blur: float | None,
     lit: Sample,
+    footprint: float,
 ) -> list[Pixelation]:
     """Of each axis, from its decoded map (H, W) and variance at the sampled pixels that see the pattern.
 
-    on_cells: fringes were shown on cells; blur: rms, cells, if it is known. Both axes are of one display: the
+    on_cells: fringes were shown on cells; blur: rms, cells, if it is known; footprint: side of a pixel over
+    its pitch. Both axes are of one display: the
     blur is what explains both.
     """
     shares = [shares_of(axis) if on_cells else () for axis in plan.axes]
     extents = [axis.extent if on_cells else np.inf for axis in plan.axes]
-    seen = [_neighbours(lit, *own, extent) for own, extent in zip(maps, extents, strict=True)]
+    seen = [_neighbours(lit, *own, extent, footprint) for own, extent in zip(maps, extents, strict=True)]
     sigmas = [0.05 if one is None else float(np.sqrt(np.median(one.noise))) for one in seen]
     usual = [float(2.0 ** np.clip(np.rint(2 * np.log2(max(sigma, 1e-6))) / 2, -8, -1)) for sigma in sigmas]
     asked = [
@@ -250,7 +253,9 @@ class _Neighbours:
         return excess / float(np.mean(1 / noise[kept])) if excess > max(sure, SLIGHT) else 0.0
 
 
-def _neighbours(lit: Sample, coord: F32, variance: F32, extent: float) -> _Neighbours | None:
+def _neighbours(
+    lit: Sample, coord: F32, variance: F32, extent: float, footprint: float
+) -> _Neighbours | None:
     """Of neighbours along the direction in which the coordinate changes most, outside of what the border of a
     surface (infinite: it has none) may take from what they see."""
     row, col = _inner(lit, coord.shape)
@@ -258,7 +263,7 @@ def _neighbours(lit: Sample, coord: F32, variance: F32, extent: float) -> _Neigh
     steps = _steps(coord, row, col)
     noise = variance[row, col]
     with np.errstate(invalid="ignore"):
-        five, width = np.where(steps[0] >= steps[1], *lines), np.hypot(*steps)
+        five, width = np.where(steps[0] >= steps[1], *lines), footprint * np.hypot(*steps)
         away = np.minimum(five + 0.5, extent - 0.5 - five).min(axis=0)
         keep = (
             (noise > 0)
@@ -356,12 +361,13 @@ def _in_step(coord: F32, flags: NDArray[np.uint16]) -> float:
     return float(np.sqrt(max(pairs.mean(), 0.0))) if told.any() else 1.0
 
 
-def usual_width(lit: Sample, coord: F32, flags: NDArray[np.uint16]) -> float:
-    """Median footprint of the sampled pixels that are good, cells, in steps of a twentieth."""
+def usual_width(lit: Sample, coord: F32, flags: NDArray[np.uint16], footprint: float) -> float:
+    """Median footprint of the sampled pixels that are good, cells, in steps of a twentieth; footprint: side
+    of a pixel over its pitch."""
     row, col = _inner(lit, coord.shape)
     ends = ((row, col - REACH), (row, col + REACH), (row - REACH, col), (row + REACH, col))
     width = np.hypot(*_steps(coord, row, col))[np.all([flags[end] == 0 for end in ends], axis=0)]
-    usual = float(np.median(width)) if width.size else 1.0
+    usual = footprint * float(np.median(width)) if width.size else 1.0
     return 0.05 * max(round(usual / 0.05), 1)
 
 

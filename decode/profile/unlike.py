@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..frames import Light
 from ..plan import Fringe, Plan
-from .noise import Noise, Sample, harmonics, product, trimmed_variance, unexplained
+from .noise import Noise, Sample, bulk, harmonics, product, trimmed_variance, unexplained
 
 __all__ = ["Before", "held_before", "misfit_between", "misfit_within", "whole", "without_before"]
 
@@ -23,6 +23,8 @@ _BEYOND, _SURE, _EARLIER = 0.2, 5.0, 3
 #: Ratios that are tried, an odd number of them, up to the largest.
 _RATIOS, _LONGEST = 361, 0.9
 _FAINT = 1e-9
+#: Share of the pixels that are alike from which on the others are another fault.
+_MOSTLY = 0.75
 
 
 def misfit_within(fringe: Fringe, lit: Sample, noise: Noise) -> float:
@@ -192,6 +194,9 @@ def _moments(fringe: Fringe, earlier: int, lit: Sample) -> list[_Moments]:
     if levels.shape[1] < _FEWEST:
         return []
     seen = np.concatenate([product(rows, levels[each]) for each in frames])
+    usual = np.flatnonzero(bulk(seen).all(axis=0))
+    if len(usual) > _MOSTLY * seen.shape[1]:  # what befell a small part of the image is no lag
+        few, seen, levels = few.only(usual), seen[:, usual], levels[:, usual]
     seen = unexplained(seen, harmonics(fringe, levels)).reshape(len(frames), len(rows), -1)
     # noise of a frame is in all that stands some frames before or after it
     holds = np.zeros((len(frames), len(rows), len(levels)))

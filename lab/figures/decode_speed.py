@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optolever.blocks import on_cores
-from optolever.decode import decode
+from optolever.decode import Decoder, decode, estimate_profile
 from optolever.experiments.arrays import Floats
 from optolever.experiments.bench.decoders import (
     axis_by_axis,
@@ -53,7 +53,7 @@ BLUR = 0.5  # cells, rms, between display and camera
 _PLACES = 128  # per cell, at which a pixel may look
 #: Free levels: frames of an axis, cells of the display that share a grey value.
 _FREE_FRAMES, _FREE_CELL = 12, 2.0
-PARTS = ("codes", "fringes", "gray", "first calls", "errors")
+PARTS = ("codes", "profiles", "fringes", "gray", "first calls", "errors")
 _START = """
 import sys, time
 import numpy as np
@@ -72,12 +72,14 @@ print(time.perf_counter() - start)
 class SpeedCode:
     """text: of the sequence, or "levels": random grey values; limit: times the floor that decoding may take;
     noise: grey levels; extent: surface, cells along either axis at most (0: as many as the camera has
-    pixels)."""
+    pixels); profiled: limits with a profile of the rig, of images of a megapixel or more and of smaller ones
+    (None: not asked)."""
 
     text: str
     limit: float = 5.0
     noise: float = 1.0
     extent: int = 0
+    profiled: tuple[float, float] | None = None
 
     @property
     def name(self) -> str:
@@ -86,20 +88,21 @@ class SpeedCode:
         return name + (f" on {self.extent} cells" if self.extent else "") + f", noise {self.noise:g}"
 
 
+_PROFILED = (5.5, 8.0)
 SPEED_CODES = (
-    SpeedCode("gray"),
+    SpeedCode("gray", profiled=_PROFILED),
     SpeedCode("gray:inverses=false"),
     SpeedCode("long-run-gray"),
     SpeedCode("phase:steps=4"),
     SpeedCode("phase:steps=8"),
     SpeedCode("phase:steps=3,periods=8.73782/8.05745/8", 8.0),
-    SpeedCode("phase:steps=4,periods=20/22/25", 8.0, extent=1100),
+    SpeedCode("phase:steps=4,periods=20/22/25", 8.0, extent=1100, profiled=(9.0, 9.0)),
     SpeedCode("phase:counts=1/40"),
-    SpeedCode("phase"),
+    SpeedCode("phase", profiled=_PROFILED),
     SpeedCode("phase:steps=3,periods=576/64/7", extent=576),
-    SpeedCode("micro-phase", 15.0),
+    SpeedCode("micro-phase", 15.0, profiled=(43.0, 43.0)),
     SpeedCode("micro-phase", 25.0, noise=2.0),
-    SpeedCode("gray+phase"),
+    SpeedCode("gray+phase", profiled=_PROFILED),
     SpeedCode("stripe:step=16", 10.0),
     SpeedCode("stripe:step=8", 10.0),
     SpeedCode("levels", 40.0),
@@ -163,7 +166,7 @@ def run_decode_figures(
     parts: of PARTS; "fringes" and "first calls" compile for long.
     "errors" are those of images of their own sizes.
     """
-    sized = (partial(part, size) for part in (_codes, _fringes, _gray, _starts))
+    sized = (partial(part, size) for part in (_codes, _profiles, _fringes, _gray, _starts))
     every: Parts = dict(zip(PARTS, (*sized, decode_errors), strict=True))
     return measured_parts({name: every[name] for name in parts}, progress)
 
@@ -186,6 +189,21 @@ def _codes(size: tuple[int, int]) -> Iterator[Figure]:
             f"{1e3 * floor:.1f} ms, decode {1e3 * ours:.1f} ms; good {100 * found.good.mean():.4g} %"
         )
         yield Figure(f"{code.name}, decode over floor", ratio, "times", high=code.limit, note=note)
+
+
+def _profiles(size: tuple[int, int]) -> Iterator[Figure]:
+    """The same by a profile of the rig that another capture told."""
+    for code in SPEED_CODES:
+        if code.profiled is None:
+            continue
+        shown = speed_sequence(code, size)
+        frames = speed_frames(shown, size, code.noise)
+        decoder = Decoder(shown, estimate_profile(frames, shown))
+        found = decoder.decode(frames)
+        floor, ours, ratio = _pairs(toucher(frames), lambda: decoder.decode(frames))  # noqa: B023
+        note = f"floor {1e3 * floor:.1f} ms, decode {1e3 * ours:.1f} ms; good {100 * found.good.mean():.4g} %"
+        high = code.profiled[0 if size[0] * size[1] >= 1 << 20 else 1]
+        yield Figure(f"{code.name}, with a profile, decode over floor", ratio, "times", high=high, note=note)
 
 
 def _pairs(one: Callable[[], Any], other: Callable[[], Any]) -> tuple[float, float, float]:

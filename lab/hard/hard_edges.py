@@ -296,7 +296,7 @@ def judged_draw(draw: Draw) -> Found:
     shot = taken(draw)
     seen = decode(shot.frames, shot.sequence)
     found = against_truth(seen, shot.u, shot.v, shot.judged)
-    report = check(shot.frames, shot.sequence, seen)
+    report = check(shot.frames, shot.sequence)
     verdict = FrameVerdict(
         fault="" if draw.fault is None else str(draw.fault),
         moves=shot.moved > COUNTS,

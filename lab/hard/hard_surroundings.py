@@ -290,7 +290,7 @@ def _is_detected(frames: NDArray[Any], shown: Sequence, mask: Mask) -> bool:
     """A finding, frames refused, or most of the mirror's pixels flagged for it."""
     try:
         found = decode(frames, shown)
-        if check(frames, shown, found).findings:
+        if check(frames, shown).findings:
             return True
     except InputError:
         return True

@@ -23,11 +23,12 @@ def footprints(
     noise: float = 1.0,
     dark: Any = None,
     lens: float = 0.0,
+    fill: float = 1.0,
 ) -> NDArray[Any]:
     """Frames of pixels that average FINE x FINE places each, cells blurred, darkness beyond the border.
 
     u, v (FINE H, FINE W): where the parts of the pixels look; dark: parts that see nothing; lens: blur on
-    the sensor, camera pixels rms.
+    the sensor, camera pixels rms; fill: side of what a pixel averages over its pitch.
     """
     per_cell, pad = 8, 24
 
@@ -49,7 +50,9 @@ def footprints(
         parts = light(along[i], u) * light(across[i], v) * seen
         if lens > 0:
             parts = cv2.GaussianBlur(parts, (0, 0), lens * FINE)
-        mean = parts.reshape(height, FINE, width, FINE).mean(axis=(1, 3))
+        rim = round(FINE * (1 - fill) / 2)
+        inner = slice(rim, FINE - rim)
+        mean = parts.reshape(height, FINE, width, FINE)[:, inner, :, inner].mean(axis=(1, 3))
         frames[i] = np.clip(np.rint(20 + 200 * mean + noise * rng.standard_normal(mean.shape)), 0, 255)
     return frames
 

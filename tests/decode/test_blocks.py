@@ -30,7 +30,7 @@ def cut(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Correspondence]:
     """decode, in blocks of so many rows among so many threads."""
 
     def run(frames: NDArray[Any], shown: Sequence, block: int, threads: int) -> Correspondence:
-        monkeypatch.setattr("optolever.decode.decoder._BLOCK", block)
+        monkeypatch.setattr("optolever.decode.apply._block", lambda cols: block)
         monkeypatch.setenv(THREADS_VARIABLE, str(threads))
         return decode(frames, shown)
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from optolever.decode import decode
-from optolever.decode.profile.edge_lines import widen_edge_lines
+from optolever.decode.profile.edge_lines import edge_lines, widen_edge_lines
 from optolever.experiments.metrics import rms
 from optolever.patterns import sequence_from_text
 
@@ -35,7 +35,7 @@ def test_without_a_filter(name: str, smooth: Map, shoot: Shoot, monkeypatch: pyt
     shown = sequence_from_text(name, 150, 170)
     frames = shoot(shown, *smooth, noise=1.0)
     found = decode(frames, shown)
-    monkeypatch.setattr("optolever.decode.decoder.widen_edge_lines", lambda *_: None)
+    monkeypatch.setattr("optolever.decode.apply.widen_edge_lines", lambda *_: None)
     plain = decode(frames, shown)
     for sigma, without in ((found.sigma_u, plain.sigma_u), (found.sigma_v, plain.sigma_v)):
         np.testing.assert_array_equal(sigma, without)
@@ -52,7 +52,8 @@ def test_lines_that_are_off(turns: int) -> None:
     flags = np.zeros(coord.shape, np.uint16)
     flags[5], flags[9], flags[1, ::2] = 1, 1, 1
     sigma = np.full(coord.shape, 0.01, np.float32)
-    widen_edge_lines([(np.rot90(coord, turns), np.rot90(sigma, turns))], np.rot90(flags, turns))
+    off = edge_lines([np.rot90(coord, turns)], np.rot90(flags, turns))
+    widen_edge_lines([np.rot90(sigma, turns)], off)
     np.testing.assert_allclose(np.median(sigma[:2], axis=1), [0.5, 0.2], rtol=0.1)
     np.testing.assert_array_equal(sigma[2:, 3:-3], np.float32(0.01))
 
@@ -67,5 +68,5 @@ def test_noise_and_bends_are_not_off(size: tuple[int, int], share: float) -> Non
     flags = (rng.random(size) < share).astype(np.uint16)
     coord = np.where(flags == 0, 1.3 * row + dent + 0.03 * rng.standard_normal(size), np.nan)
     sigma = np.full(size, 0.03, np.float32)
-    widen_edge_lines([(coord.astype(np.float32), sigma)], flags)
+    widen_edge_lines([sigma], edge_lines([coord.astype(np.float32)], flags))
     np.testing.assert_array_equal(sigma, np.float32(0.03))

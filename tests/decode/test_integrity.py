@@ -109,7 +109,7 @@ def test_three_steps_tell_nothing(shoot: Shoot, smooth: Map) -> None:
         ("binary", True, 1.0, 1.1, 0.97),
         ("binary", True, 0.8, 2.0, 0.97),
         ("binary", False, 1.2, 1.1, 0.97),
-        ("xor-gray", True, 1.2, 1.1, 0.6),
+        ("xor-gray", True, 1.2, 1.1, 0.5),
     ],
 )
 def test_bits_that_a_blur_hides_are_no_fault(
@@ -263,16 +263,17 @@ def test_only_pixels_that_a_wrong_step_could_spoil_are_blamed(shoot: Shoot, smoo
 
 
 @pytest.mark.parametrize("swap", [(0, 1), (0, 2), (1, 3)])
-def test_whichever_of_two_swaps_it_is_nothing_wrong_stays_good(
+def test_two_swapped_steps_that_nothing_decodes_without_are_put_back(
     swap: tuple[int, int], shoot: Shoot, smooth: Map
 ) -> None:
-    """Of four steps, either pair of opposite ones mirrors the phase; the first period cannot be left out."""
+    """Of four steps, either pair of opposite ones mirrors the phase; the finer periods tell which it is."""
     shown = sequence("phase", 150, 170, steps=4)
     frames = shoot(shown, *smooth, noise=1.0)
     frames[list(swap)] = frames[list(swap[::-1])]
     found = decode(frames, shown, on_cells=False)
     assert silent(found, *smooth) == 0
-    assert (found.flags & Flag.WRONG_FRAME).any()
+    assert found.good.mean() > 0.99
+    assert f"frames {swap[0]} and {swap[1]} are in each other's place" in found.notices[0].name
 
 
 def test_a_whole_period_or_a_polarity_is_left_out(shoot: Shoot, smooth: Map) -> None:

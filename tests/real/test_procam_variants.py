@@ -128,7 +128,8 @@ def test_nothing_unflagged_is_grossly_wrong(decoded: tuple[str, Variant, Corresp
     use = made.lit & found.good
     assert use.any()
     error = np.hypot(found.u - made.u, found.v - made.v)[use]
-    assert error.max() <= (GROSS_JPEG if "jpeg" in name else GROSS)
+    sigma = np.hypot(found.sigma_u, found.sigma_v)[use]  # a weak bit costs resolution, not the pixel
+    assert (error <= np.maximum(GROSS_JPEG if "jpeg" in name else GROSS, 5 * sigma)).all()
 
 
 def test_no_frame_costs_a_pixel(decoded: tuple[str, Variant, Correspondence]) -> None:

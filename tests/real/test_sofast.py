@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from optolever.cli import run
 from optolever.decode import Correspondence, Response, decode
-from optolever.decode.axis import AxisOptions, Shot, axis_decoders
+from optolever.decode.axis import AxisOptions, Setup, Shot, axis_decoders, estimate_axes
 from optolever.decode.flags import Shared
 from optolever.decode.frames import light_of
 from optolever.decode.plan import plan
@@ -67,13 +67,15 @@ def readings(real: Path, screen: Correspondence) -> Correspondence:
     table = load_sofast_response(real / "sofast_facet/image_calibration.h5")
     light = light_of(capture.frames, capture.sequence, response=Response.from_table(*table))
     wanted = plan(capture.sequence)
-    shot = Shot(light, capture.sequence, wanted, *estimate_noise(light, wanted), cells=False)
+    noise, lit = estimate_noise(light, wanted)
+    setup = Setup(capture.sequence, wanted, noise, False, light.white)
+    numbers = estimate_axes(Shot(setup, light, lit), AxisOptions())
     found = {}
     shape = screen.flags.shape
-    for decoder in axis_decoders(shot, AxisOptions()):
+    for decoder in axis_decoders(setup, numbers):
         raw = Raw(*np.empty((2, *shape), np.float32))
         shared = Shared(np.zeros(shape, np.uint16), *np.zeros((3, *shape), np.float32))
-        decoder.decode((0, len(screen.flags)), raw, True, shared)
+        decoder.decode(light, (0, len(screen.flags)), raw, True, shared)
         found[decoder.axis.axis] = raw
     u, v = found["u"], found["v"]
     sigmas = {"sigma_u": np.sqrt(u.variance), "sigma_v": np.sqrt(v.variance)}

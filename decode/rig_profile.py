@@ -1,0 +1,228 @@
+"""RigProfile: what the frames of one rig have in common, estimated once, applied to every further capture."""
+
+import hashlib
+import json
+import types
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, is_dataclass
+from pathlib import Path
+from typing import Any, NamedTuple, Self, get_args, get_origin, get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.errors import InputError
+from optolever.files import load_arrays, save_arrays
+from optolever.notices import Notice
+from optolever.patterns import Sequence
+
+from .axis import AxisNumbers
+from .correspondence import SharedNoise
+from .profile.border import BorderBlur
+from .profile.ends import Ends
+from .profile.lens import Lens
+from .profile.noise import Noise
+from .profile.pixelation import Pixelation
+from .profile.unlike import Before
+from .response import Response
+
+__all__ = ["AxisProfile", "Effect", "ExposureProfile", "RigProfile", "Sampled", "Settings", "digest"]
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """What decode's caller knows or chooses: see `decode`."""
+
+    noise: float | None = None
+    gain: float = 0.0
+    white_level: float | None = None
+    response: Response | None = None
+    blur_px: float | None = None
+    lens_px: float | None = None
+    footprint: float | None = None
+    on_cells: bool = True
+    subpixel: bool = False
+    check: bool = True
+
+
+class Sampled(NamedTuple):
+    """What some pixels show while a profile holds.
+
+    good       share of the pixels without a flag; pixels: how many of them are good
+    residual2  variance that constraints leave, over that by the profile's noise and misfit (NaN: not told)
+    amplitude, offset  medians, camera levels
+    contrast   (K,) of each fringe and bit over that of the whole pixel, medians
+    """
+
+    good: float
+    pixels: int
+    residual2: float
+    amplitude: float
+    offset: float
+    contrast: F64
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AxisProfile:
+    """Of one axis: numbers of its codes and fringes; width of a usual pixel, cells; what the display's cells
+    shift; blur beside its border."""
+
+    axis: str
+    numbers: AxisNumbers
+    width: float
+    pixelation: Pixelation
+    border: BorderBlur
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExposureProfile:
+    """Of the frames of one exposure.
+
+    camera     noise of the camera's levels; noise: of the linear levels that a response makes of them
+    silent     whether there is no noise beyond rounding
+    lag        share of earlier frames; white: linear level at which samples saturate
+    axes       of u and of v
+    ends       variance by which light fades at the mirror's ends, px^2 of the camera
+    dark       level without light of the display
+    lens       variance that the lens mixes into a pixel, px^2
+    edges      (A, 4, 3) least sigma of the three outermost lines on every side of the image, pattern px
+    shared     noise that pixels have in common; notices: what a user should know of the rig
+    sampled    what some pixels show
+    """
+
+    noise: Noise
+    camera: Noise
+    silent: bool
+    lag: Before
+    white: float
+    axes: tuple[AxisProfile, ...]
+    ends: Ends
+    dark: float
+    lens: Lens
+    edges: F32
+    shared: SharedNoise | None
+    notices: tuple[Notice, ...]
+    sampled: Sampled
+
+
+class Effect(NamedTuple):
+    """A row of a profile's table: value and standard deviation (NaN: not estimated) in a unit."""
+
+    name: str
+    value: float
+    sigma: float
+    unit: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RigProfile:
+    """Estimated by `estimate_profile`, or by a `Decoder` from its first capture.
+
+    sequence   digest of the sequence whose fringes and bits the numbers are of
+    shape      (H, W) of the frames, dtype: their kind
+    clip       raw level at which samples saturate; rounding: variance that rounding adds, levels^2
+    settings   under which the numbers were estimated
+    exposures  one profile for each exposure of the sequence
+    """
+
+    sequence: str
+    shape: tuple[int, ...]
+    dtype: str
+    clip: float
+    rounding: float
+    settings: Settings
+    exposures: tuple[ExposureProfile, ...]
+
+    def effects(self) -> tuple[Effect, ...]:
+        """The table of what was estimated."""
+        return tuple(row for number, one in enumerate(self.exposures) for row in _rows(number, one))
+
+    def save(self, path: str | Path) -> None:
+        """Write an .npz: arrays, and all other numbers as JSON."""
+        arrays: dict[str, NDArray[Any]] = {}
+        text = json.dumps(_packed(self, "profile", arrays))
+        save_arrays(path, {"profile": np.array(text), **arrays})
+
+    @classmethod
+    def load(cls, path: str | Path) -> Self:
+        """Read what save() wrote; InputError names the file."""
+        arrays = load_arrays(path, ("profile",), ("profile",))
+        try:
+            found = _unpacked(cls, json.loads(str(arrays["profile"])), arrays)
+        except (ValueError, TypeError, KeyError, AttributeError, StopIteration, InputError) as error:
+            raise InputError(f"{path}: no profile of this version ({error}); estimate it again") from error
+        if not isinstance(found, cls):
+            raise InputError(f"{path}: no profile of this version; estimate it again")
+        return found
+
+
+def digest(sequence: Sequence) -> str:
+    """Of all that a sequence shows; its name is no part of it."""
+    shown = repr((sequence.frames, sequence.rows, sequence.cols, sequence.nominal))
+    return hashlib.sha256(shown.encode()).hexdigest()[:16]
+
+
+def _rows(number: int, one: ExposureProfile) -> list[Effect]:
+    def effect(name: str, value: float, sigma: float, unit: str) -> Effect:
+        return Effect(name if number == 0 else f"{name}, exposure {number + 1}", value, sigma, unit)
+
+    nan, noise = float("nan"), one.camera
+    rows = [
+        effect("read noise", noise.read2**0.5, noise.read2_sigma / (2 * noise.read2**0.5), "levels"),
+        effect("noise gain", noise.gain, noise.gain_sigma, "levels^2 per level"),
+        effect("misfit", noise.misfit2**0.5, nan, "of the amplitude"),
+        effect("lag", one.lag.share, nan, "of the frame before"),
+        effect("dark level", one.dark, nan, "levels"),
+        effect("fading at the mirror's ends", one.ends.variance, one.ends.sigma, "px^2"),
+        effect("lens", one.lens.variance, one.lens.sigma, "px^2"),
+    ]
+    for axis in one.axes:
+        blur = axis.border
+        rows += [
+            effect(f"blur beside the border, {axis.axis}", blur.blur, (blur.high - blur.low) / 2, "cells"),
+            effect(f"roughness, {axis.axis}", axis.pixelation.roughness**0.5, nan, "pattern px"),
+            effect(f"contradiction of periods, {axis.axis}", axis.numbers.between**0.5, nan, "turns"),
+        ]
+    return rows
+
+
+def _packed(value: object, name: str, arrays: dict[str, NDArray[Any]]) -> object:
+    """As JSON; arrays and NumPy's numbers go into `arrays` by their names."""
+    if isinstance(value, np.ndarray | np.generic):
+        arrays[name] = np.asarray(value)
+        return {"array": name}
+    if isinstance(value, tuple) and hasattr(value, "_fields"):
+        return {key: _packed(getattr(value, key), f"{name}.{key}", arrays) for key in value._fields}
+    if is_dataclass(value):
+        keys = [field.name for field in fields(value)]
+        return {key: _packed(getattr(value, key), f"{name}.{key}", arrays) for key in keys}
+    if isinstance(value, Mapping):
+        return [
+            [_packed(key, name, arrays), _packed(one, f"{name}.{i}", arrays)]
+            for i, (key, one) in enumerate(value.items())
+        ]
+    if isinstance(value, tuple):
+        return [_packed(one, f"{name}.{i}", arrays) for i, one in enumerate(value)]
+    return value
+
+
+def _unpacked(kind: Any, value: Any, arrays: Mapping[str, NDArray[Any]]) -> Any:
+    """Of a type what _packed made of it."""
+    if isinstance(value, dict) and set(value) == {"array"}:
+        found = arrays[value["array"]]
+        return found[()] if found.ndim == 0 else found
+    origin, parts = get_origin(kind), get_args(kind)
+    if origin in (types.UnionType,) and value is not None:
+        return _unpacked(next(part for part in parts if part is not type(None)), value, arrays)
+    if value is None or not isinstance(value, dict | list):
+        return value
+    if isinstance(value, dict):
+        hints = get_type_hints(kind)
+        return kind(**{key: _unpacked(hints[key], one, arrays) for key, one in value.items()})
+    if origin is Mapping:
+        return {_unpacked(parts[0], key, arrays): _unpacked(parts[1], one, arrays) for key, one in value}
+    inner = [parts[0]] * len(value) if len(parts) == 2 and parts[1] is ... else parts
+    return tuple(_unpacked(part, one, arrays) for part, one in zip(inner, value, strict=True))

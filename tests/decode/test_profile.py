@@ -1,0 +1,130 @@
+"""RigProfile: estimated on one capture, applied to others; told where it no longer holds."""
+
+from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from optolever.decode import Correspondence, Decoder, RigProfile, decode, estimate_profile
+from optolever.errors import InputError
+from optolever.patterns import Sequence, sequence_from_text
+from optolever.projector import capture
+from optolever.scene import Scene, Trace, dent_from_text, load, resize, trace
+
+from .conftest import scores, silent
+
+Frames = NDArray[np.uint8]
+#: Gray and fringes, fringes of a ladder, bits alone, close periods, codes that are looked up.
+CODES = ("gray+phase", "phase", "gray", "phase:steps=4,periods=20/22/25", "micro-phase")
+
+
+@lru_cache(maxsize=1)
+def rig() -> Scene:
+    """A prism in front of 1100 cells at most, which close periods tell apart."""
+    return resize(load("prism48"), 180, 240)
+
+
+@lru_cache(maxsize=16)
+def shot(text: str, times: float, noise: float = 1.0, seed: int = 0) -> tuple[Frames, Sequence, Trace]:
+    """Frames of a dent so many times as deep as the usual one, and where its pixels look."""
+    shown = sequence_from_text(text, rig().pattern.rows, rig().pattern.cols)
+    usual = dent_from_text("gaussian", rig())
+    surface = dent_from_text(f"gaussian:peak={usual.formula.params['peak'] * times}", rig())
+    return capture(rig(), surface, shown, noise=noise, seed=seed).frames, shown, trace(rig(), surface)
+
+
+def good_share(found: Correspondence, truth: Trace) -> float:
+    return float((found.good & truth.visible).sum() / truth.visible.sum())
+
+
+@pytest.mark.parametrize("text", CODES)
+def test_a_profile_of_one_capture_serves_another(text: str, tmp_path: Path) -> None:
+    """Another dent, other noise: as many good pixels, sigma as true, none silently wrong; it is kept."""
+    frames, shown, _ = shot(text, 1.0)
+    estimate_profile(frames, shown).save(tmp_path / "p.npz")
+    other, _, truth = shot(text, 1.3, seed=1)
+    decoder = Decoder(shown, RigProfile.load(tmp_path / "p.npz"))
+    found, alone = decoder.decode(other), decode(other, shown)
+    assert not [notice for notice in found.notices if "profile" in notice.name]
+    assert good_share(found, truth) == pytest.approx(good_share(alone, truth), abs=1e-3)
+    assert silent(found, truth.u, truth.v) == 0
+    ratio = float(np.sqrt(np.mean(scores(found, truth.u, truth.v) ** 2)))
+    usual = float(np.sqrt(np.mean(scores(alone, truth.u, truth.v) ** 2)))
+    assert 0.9 < ratio < 1.1 or ratio == pytest.approx(usual, rel=0.03)
+
+
+@pytest.mark.parametrize("text", CODES)
+def test_a_profile_of_the_same_capture_changes_nothing(text: str) -> None:
+    frames, shown, _ = shot(text, 1.0)
+    decoder = Decoder(shown)
+    first, second, alone = decoder.decode(frames), decoder.decode(frames), decode(frames, shown)
+    for name in ("u", "v", "sigma_u", "sigma_v", "flags"):
+        np.testing.assert_array_equal(getattr(second, name), getattr(alone, name))
+        np.testing.assert_array_equal(getattr(first, name), getattr(alone, name))
+
+
+def _noisy(frames: Frames) -> Frames:
+    return np.clip(np.rint(frames + 3**0.5 * _grain(frames)), 0, 255).astype(np.uint8)
+
+
+def _dimmed(frames: Frames) -> Frames:
+    return np.clip(np.rint(0.7 * frames + 0.7 * _grain(frames)), 0, 255).astype(np.uint8)
+
+
+def _defocused(frames: Frames) -> Frames:
+    blurred = np.stack([cv2.GaussianBlur(one.astype(np.float32), (0, 0), 1.5) for one in frames])
+    return np.clip(np.rint(blurred + _grain(frames)), 0, 255).astype(np.uint8)
+
+
+def _bent(frames: Frames) -> Frames:
+    return np.clip(np.rint(255 * (frames / 255.0) ** 1.5), 0, 255).astype(np.uint8)
+
+
+def _swapped(frames: Frames) -> Frames:
+    order = np.arange(len(frames))
+    order[[4, 9]] = 9, 4
+    return frames[order]
+
+
+def _grain(frames: Frames) -> NDArray[np.float64]:
+    return np.random.default_rng(5).standard_normal(frames.shape)
+
+
+@pytest.mark.parametrize("change", [_noisy, _dimmed, _defocused, _bent, _swapped])
+@pytest.mark.parametrize("text", CODES)
+def test_a_profile_that_no_longer_holds_is_estimated_anew(text: str, change: Callable[..., Frames]) -> None:
+    """Noise doubled, a lamp dimmed by 30 %, a lens out of focus, another response, two frames swapped."""
+    frames, shown, _ = shot(text, 1.0)
+    decoder = Decoder(shown, estimate_profile(frames, shown))
+    other = change(shot(text, 1.3, seed=1)[0])
+    found, alone = decoder.decode(other), decode(other, shown)
+    assert [notice for notice in found.notices if "profile" in notice.name]
+    np.testing.assert_array_equal(found.flags, alone.flags)
+    np.testing.assert_array_equal(found.sigma_u, alone.sigma_u)
+    # the next capture finds the new profile
+    again = decoder.decode(other)
+    if change is not _swapped:
+        assert not [notice for notice in again.notices if "profile" in notice.name]
+
+
+def test_a_profile_of_other_frames_is_estimated_anew() -> None:
+    frames, shown, _ = shot("gray+phase", 1.0)
+    other, phase, _ = shot("phase", 1.0)
+    decoder = Decoder(phase, estimate_profile(frames, shown))
+    found = decoder.decode(other)
+    assert "another sequence" in found.notices[0].name
+    np.testing.assert_array_equal(found.sigma_u, decode(other, phase).sigma_u)
+
+
+def test_what_is_no_profile_is_refused(tmp_path: Path) -> None:
+    np.savez(tmp_path / "c.npz", u=np.zeros(3))
+    with pytest.raises(InputError, match=r"c\.npz: field 'profile' is missing"):
+        RigProfile.load(tmp_path / "c.npz")
+    for text in ("{", "3", "[]", '{"sequence": 3}'):
+        np.savez(tmp_path / "d.npz", profile=np.array(text))
+        with pytest.raises(InputError, match=r"d\.npz: no profile of this version"):
+            RigProfile.load(tmp_path / "d.npz")
