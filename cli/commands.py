@@ -22,6 +22,7 @@ SECTIONS: Mapping[str, tuple[str, ...]] = {
         "response",
         "reconstruct",
         "form",
+        "export",
         "report",
     ),
     "Plan and compare": ("sensor", "codes", "design", "bench", "paper"),

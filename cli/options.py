@@ -78,9 +78,11 @@ DISPLAY = _Display()
 
 
 def json_option(command: Command) -> Command:
-    """--json FILE: the numbers of the run for other programs."""
-    text = "Write the numbers as JSON too."
-    return click.option("--json", "json_path", type=OutputFile(".json"), metavar="FILE", help=text)(command)
+    """--json FILE: the numbers of the run for other programs; by the suffix as CSV."""
+    text = "Write the numbers too: JSON, or CSV (figure, value)."
+    return click.option("--json", "json_path", type=OutputFile(".json", ".csv"), metavar="FILE", help=text)(
+        command
+    )
 
 
 def size_option(command: Command) -> Command:

@@ -15,9 +15,12 @@ import click
 from optolever.errors import InputError
 from optolever.toml import read_toml
 
-__all__ = ["HDF5", "PEERS", "OutputFile", "Program", "report_option"]
+__all__ = ["GRID_SUFFIXES", "HDF5", "HEIGHT_SUFFIXES", "PEERS", "OutputFile", "Program", "report_option"]
 
 HDF5 = (".h5", ".hdf5")
+#: Formats of a regular grid of heights, and of a height map (`reconstruct.HEIGHT_FORMATS`; a test compares).
+GRID_SUFFIXES = (".npz", ".tif", ".tiff", ".x3p", ".sdf", ".dat")
+HEIGHT_SUFFIXES = (*GRID_SUFFIXES, ".ply", ".stl", ".xyz")
 PEERS = "pip install 'optolever[bench]' && pip install --no-deps 'fringes>=2.1'"
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -37,7 +40,7 @@ class OutputFile(click.Path):
         known = path.suffix.lower() in self.suffixes or (self.bare and not path.suffix)
         if not known and (path.is_file() or not path.exists()):
             must = " or ".join(self.suffixes)
-            raise InputError(f"{_option(param)} {path}: suffix {path.suffix!r}, must be {must}")
+            raise InputError(f"{_option(param)} {path}: suffix {path.suffix!r}, must be {must}".strip())
         return path
 
 
@@ -56,7 +59,7 @@ class _ReportFolder(click.Path):
 
 
 def _option(param: click.Parameter | None) -> str:
-    return param.opts[0] if param is not None else ""
+    return param.opts[0] if isinstance(param, click.Option) else ""
 
 
 def report_option(command: str, text: str, *files: str) -> Callable[[Function], Function]:

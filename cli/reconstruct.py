@@ -10,7 +10,7 @@ import click
 from optolever import InputError
 
 from .options import FILE, blame, json_option, load_scene, mask_from, sample, scene_option, size_option
-from .outputs import HDF5, OutputFile, Program
+from .outputs import GRID_SUFFIXES, HDF5, OutputFile, Program
 from .show import (
     budget_rows,
     dent_rows,
@@ -72,10 +72,6 @@ def _sofast_files(scene: str) -> list[str]:
     return files if any(Path(each).suffix.lower() in HDF5 for each in files) else []
 
 
-#: Methods of a grid that write it, by the file's suffix.
-GRID_WRITERS = {".npz": "save", ".tif": "save_tiff", ".tiff": "save_tiff", ".x3p": "save_x3p"}
-
-
 @click.command("reconstruct", cls=Program, epilog=sample(SAMPLE))
 @click.argument("source", type=FILE, metavar="C.npz")
 @scene_option
@@ -110,11 +106,11 @@ GRID_WRITERS = {".npz": "save", ".tif": "save_tiff", ".tiff": "save_tiff", ".x3p
 @click.option(
     "--grid",
     "grids",
-    type=OutputFile(*GRID_WRITERS, bare=False),
+    type=OutputFile(*GRID_SUFFIXES, bare=False),
     multiple=True,
     metavar="FILE",
-    help="Also write the surface on a regular grid of x and y: .npz (with sigma), .tif (with its scale) or "
-    ".x3p (ISO 25178-72, only written, never read); again for more.",
+    help="Also write the surface on a regular grid of x and y: .npz (with sigma), .tif (with its scale), "
+    ".x3p, .sdf (ISO 25178) or .dat (Zygo); again for more.",
 )
 @click.option(
     "--pitch",
@@ -247,7 +243,7 @@ def command(
                 save_arrays(slopes_path, asdict(slopes) | asdict(curvature_map(slopes)))
             if regular is not None:
                 for path in grids:
-                    getattr(regular, GRID_WRITERS.get(path.suffix.lower(), "save"))(path)
+                    regular.export(path)
             write_json(json_path, numbers)
     print_notices(height.notices)
     table(f"Height map in {out}", _rows(numbers))

@@ -154,11 +154,12 @@ def _print(title: str, lines: "Table", width: int | None = None) -> None:
 
 
 def write_json(path: Path | None, values: Mapping[str, Any]) -> None:
-    """`optolever.files.write_json`; no path, no file."""
+    """`optolever.files.write_json`, or as CSV where the suffix says so; no path, no file."""
     if path is not None:
         from optolever import files
 
-        files.write_json(path, values)
+        write = files.write_csv if path.suffix.lower() == ".csv" else files.write_json
+        write(path, values)
 
 
 WIDE = 240  # columns of a grid; a terminal folds what it cannot show

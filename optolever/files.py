@@ -2,7 +2,9 @@
 .npz.
 """
 
+import csv
 import errno
+import io
 import json
 import math
 import os
@@ -36,6 +38,7 @@ __all__ = [
     "require_writable",
     "save_arrays",
     "together",
+    "write_csv",
     "write_json",
 ]
 
@@ -218,11 +221,14 @@ def require_folder(path: str | Path, *files: str) -> None:
     _require_permission(there, folder)
 
 
-def save_arrays(path: str | Path, arrays: Mapping[str, Any]) -> None:
-    """Write arrays as an uncompressed .npz; None values are left out."""
-    with atomic_file(path) as temporary, temporary.open("wb") as stream:
-        present = {name: np.asarray(value) for name, value in arrays.items() if value is not None}
-        np.savez(stream, allow_pickle=False, **present)
+def save_arrays(path: str | Path, arrays: Mapping[str, Any], compressed: bool = False) -> None:
+    """Write arrays as an .npz; None values are left out. compressed: by zlib's fastest level."""
+    method = zipfile.ZIP_DEFLATED if compressed else zipfile.ZIP_STORED
+    with atomic_file(path) as temporary, zipfile.ZipFile(temporary, "w", method, compresslevel=1) as archive:
+        for name, value in arrays.items():
+            if value is not None:
+                with archive.open(f"{name}.npy", "w", force_zip64=True) as stream:
+                    np.lib.format.write_array(stream, np.asarray(value), allow_pickle=False)
 
 
 def load_arrays(
@@ -253,6 +259,27 @@ def write_json(path: str | Path, values: Mapping[str, Any]) -> None:
     """Write a record as JSON, whole or not at all; NaN and infinities become null."""
     with atomic_file(path) as temporary:
         temporary.write_text(json.dumps(_plain(values), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def write_csv(path: str | Path, values: Mapping[str, Any]) -> None:
+    """Write a record as lines `figure,value`, whole or not at all; the names of nested records are joined by
+    points, entries of lists are counted from 0, NaN and infinities are empty.
+    """
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(("figure", "value"))
+    writer.writerows(_flat("", _plain(values)))
+    with atomic_file(path) as temporary:
+        temporary.write_text(text.getvalue(), encoding="utf-8")
+
+
+def _flat(name: str, value: Any) -> Iterator[tuple[str, Any]]:
+    """Every number and text of a record, by its full name."""
+    if isinstance(value, Mapping | list):
+        for key, item in value.items() if isinstance(value, Mapping) else enumerate(value):
+            yield from _flat(f"{name}.{key}" if name else str(key), item)
+    else:
+        yield name, value
 
 
 def _plain(value: Any) -> Any:

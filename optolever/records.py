@@ -1,16 +1,35 @@
 """What records have in common: equality of arrays, a few lines that say what they hold, a plot of maps."""
 
+import base64
+import html
+import io
 import logging
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import fields
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["LOG", "Axes", "Comparable", "Progress", "flag_line", "logged", "plot_maps", "silent", "span"]
+from optolever.errors import InputError
+
+if TYPE_CHECKING:
+    from xarray import Dataset
+
+__all__ = [
+    "LOG",
+    "Axes",
+    "Comparable",
+    "Progress",
+    "dataset",
+    "flag_line",
+    "logged",
+    "plot_maps",
+    "silent",
+    "span",
+]
 
 #: What the package does, for whoever listens: logging.getLogger("optolever").
 LOG = logging.getLogger("optolever")
@@ -44,6 +63,29 @@ class Comparable:
         if type(other) is not type(self):
             return NotImplemented
         return all(_same(getattr(self, field.name), getattr(other, field.name)) for field in fields(self))  # type: ignore[arg-type]
+
+    def _repr_html_(self) -> str:
+        """For notebooks: the lines of repr(), and the maps as a picture where the record draws them."""
+        lines = f"<pre>{html.escape(repr(self))}</pre>"
+        draw = getattr(self, "plot", None)
+        if draw is None:
+            return lines
+        import matplotlib.pyplot as plt
+
+        figure, image = draw().flat[0].figure, io.BytesIO()
+        figure.savefig(image, format="png", dpi=60)
+        plt.close(figure)
+        picture = base64.b64encode(image.getvalue()).decode("ascii")
+        return f'{lines}<img alt="maps" src="data:image/png;base64,{picture}">'
+
+
+def dataset(values: Mapping[str, Any], places: Mapping[str, Any]) -> "Dataset":
+    """An xarray.Dataset of (dimensions, array, attributes) by name. InputError if xarray is not installed."""
+    try:
+        from xarray import Dataset
+    except ImportError as error:
+        raise InputError("to_xarray needs xarray; pip install 'optolever[xarray]'") from error
+    return Dataset(dict(values), dict(places))
 
 
 def _same(one: Any, other: Any) -> bool:

@@ -7,6 +7,7 @@
 | `arrays.py` | names of arrays by what they hold |
 | `problem.py`, `result.py` | checks, window, orientation, components; the solved grid as a HeightMap |
 | `calibration.py` | a rest capture as reference |
+| `coarse_modes.py` | smooth maps on every step-th pixel, and back |
 | `rig.py` | modes by the errors of the rig; whether these explain the slopes |
 | `references.py` | errors in common with maps of the same rest capture or anchor |
 | `rig_effects.py` | errors beside the scene's numbers: cover glass, sag, gauge |
@@ -38,7 +39,7 @@
 | `quadrilateral.py` | the same for pixels that lie anywhere |
 | `rectangle.py` | the same on a rectangle, at the price of its two cosine transforms |
 | `heightmap.py`, `resampling.py` | HeightMap; its regular grid, with conserved sigma |
-| `export.py`, `x3p.py` | TIFF and PLY; X3P (ISO 25178-72); only written |
+| `export.py`, `x3p.py` | TIFF, PLY, STL, XYZ, SDF, Zygo DAT; X3P (ISO 25178-72); only written |
 | `slope_map.py`, `curvature.py` | slopes from the normals, curvature from the slopes, with sigma |
 | `contact/` | contacts: depth, area, volume, centroid, and the edge of what presses on the mirror |
 | `paper.py`, `paper_equations.py`, `paper_scene.py` | the paper's recursion, by equations and on a scene |
@@ -52,7 +53,7 @@ from .contact import Contact, contacts
 from .coupled import method_names, reconstruct
 from .curvature import CurvatureMap, curvature_map
 from .exact import exact_correspondence
-from .heightmap import Diagnostics, HeightFlag, HeightMap
+from .heightmap import HEIGHT_FORMATS, Diagnostics, HeightFlag, HeightMap
 from .integrate import Integral, integrate, integrator_names
 from .motion import Motion, fit_motion, same_capture
 from .motion_fields import MotionPrior
@@ -82,7 +83,7 @@ from .predicted import (
     predicted_maps,
     sigma_at_rest,
 )
-from .resampling import Grid
+from .resampling import GRID_FORMATS, Grid
 from .slope_map import SlopeMap, slope_map
 from .sofast import on_rig
 from .stream import HeightStream
@@ -91,6 +92,8 @@ free_mode = null_space  # its name before
 
 __all__ = [
     "ANCHOR",
+    "GRID_FORMATS",
+    "HEIGHT_FORMATS",
     "NOISE",
     "PREDICTED_DEPTH",
     "PREDICTED_NOISE",

@@ -12,9 +12,9 @@ from optolever.scene import Scene, strided
 
 from .anchors import Anchors, PixelAnchor, PointAnchor
 from .arrays import Floats, Mask
+from .coarse_modes import interpolated
 from .heightmap import HeightMap
 from .null_space import null_space
-from .rig import interpolated
 
 __all__ = ["ANCHOR", "NOISE", "TOTAL", "budget", "free_mode_of"]
 

@@ -4,7 +4,7 @@ import json
 from dataclasses import asdict, dataclass, field, fields, replace
 from enum import IntFlag
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,13 +13,20 @@ from optolever.decode import Flag
 from optolever.errors import InputError
 from optolever.files import load_arrays, save_arrays
 from optolever.notices import Notice, notices_from_array, notices_to_array
-from optolever.records import Axes, Comparable, flag_line, plot_maps, span
+from optolever.records import Axes, Comparable, dataset, flag_line, plot_maps, span
 
 from .arrays import Floats, Mask
-from .export import write_ply, write_tiff
-from .resampling import Grid, Lean, natural_pitch, resample
+from .coarse_modes import CoarseModes, coarsened, expanded
+from .export import chosen, write_ply, write_stl, write_tiff, write_xyz
+from .resampling import GRID_FORMATS, Grid, Lean, natural_pitch, resample
 
-__all__ = ["Diagnostics", "HeightFlag", "HeightMap"]
+if TYPE_CHECKING:
+    from xarray import Dataset
+
+__all__ = ["HEIGHT_FORMATS", "Diagnostics", "HeightFlag", "HeightMap"]
+
+#: How a height map is written, by the file's suffix.
+HEIGHT_FORMATS = GRID_FORMATS | {".ply": "save_ply", ".stl": "save_stl", ".xyz": "save_xyz"}
 
 _ARRAYS = ("x", "y", "z", "sigma", "flags")
 
@@ -291,22 +298,27 @@ class HeightMap(Comparable):
         return resample(self.x, self.y, self.z, self.total_sigma, self.good, pitch, self.lean)
 
     def save(self, path: str | Path) -> None:
-        """Write an .npz with the fields' names."""
-        arrays: dict[str, Any] = {name: getattr(self, name) for name in _ARRAYS}
+        """Write a compressed .npz with the fields' names, maps as float32; `modes` holds `calibration` on
+        every `modes_step`-th pixel where such a grid expands to it.
+        """
+        maps = {name: getattr(self, name) for name in ("x", "y", "z", "sigma", "lean", "shared")}
+        arrays: dict[str, Any] = {
+            name: None if one is None else np.asarray(one, np.float32) for name, one in maps.items()
+        }
         told = notices_to_array(self.notices) if self.notices else None
-        save_arrays(
-            path,
-            arrays
-            | {"diagnostics": self.diagnostics.to_json(), "lean": self.lean, "notices": told}
-            | {"calibration": self.calibration, "shares": self.shares, "displacement": self.displacement}
-            | ({"own": np.array(self.own)} if self.own else {})
-            | ({"references": np.array(self.references), "shared": self.shared} if self.references else {})
-            | ({} if self.shares is None else {"sources": np.array(self.sources)}),
-        )
+        arrays |= {"flags": self.flags, "diagnostics": self.diagnostics.to_json(), "notices": told}
+        arrays |= {"shares": self.shares, "displacement": self.displacement}
+        if self.calibration is not None:
+            coarse = coarsened(self.calibration, np.isfinite(self.z))
+            arrays |= {"modes": coarse.modes, "modes_step": np.array(coarse.step)}
+        arrays |= {"own": np.array(self.own)} if self.own else {}
+        arrays |= {"references": np.array(self.references)} if self.references else {}
+        arrays |= {} if self.shares is None else {"sources": np.array(self.sources)}
+        save_arrays(path, arrays, compressed=True)
 
     @classmethod
     def load(cls, path: str | Path) -> "HeightMap":
-        """Read what save() wrote; InputError names the file and the field."""
+        """Read what save() wrote, maps as float64; InputError names the file and the field."""
         arrays = load_arrays(path, _ARRAYS, ("notices", "diagnostics", "sources", "references"))
         diagnostics = Diagnostics("unknown")
         if "diagnostics" in arrays:
@@ -315,13 +327,16 @@ class HeightMap(Comparable):
             except (ValueError, TypeError) as error:
                 raise InputError(f"{path}: field 'diagnostics' is not readable ({error})") from error
         try:
-            known = {name: arrays[name] for name in _ARRAYS}
+            known = {name: _doubled(arrays[name]) for name in _ARRAYS}
             notices = notices_from_array(arrays["notices"]) if "notices" in arrays else ()
-            modes = arrays.get("calibration")
+            modes = arrays.get("calibration")  # as files before 0.1.0 hold them
+            if "modes" in arrays:
+                step = int(arrays.get("modes_step", 1))
+                modes = expanded(CoarseModes(arrays["modes"], step), np.isfinite(known["z"]))
             return cls(
                 **known,
                 diagnostics=diagnostics,
-                lean=arrays.get("lean"),
+                lean=_doubled(arrays.get("lean")),
                 notices=notices,
                 calibration=modes,
                 sources=tuple(str(name) for name in np.atleast_1d(arrays.get("sources", ()))),
@@ -329,7 +344,7 @@ class HeightMap(Comparable):
                 displacement=arrays.get("displacement"),
                 own=int(arrays.get("own", 0)),
                 references=tuple(str(name) for name in np.atleast_1d(arrays.get("references", ()))),
-                shared=arrays.get("shared"),
+                shared=_doubled(arrays.get("shared")),
             )
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
@@ -342,3 +357,38 @@ class HeightMap(Comparable):
         """Write the good points with their sigma (noise and rig) as a binary PLY mesh of the camera's pixel
         grid."""
         write_ply(path, self.x, self.y, self.z, self.total_sigma, self.good)
+
+    def save_stl(self, path: str | Path) -> None:
+        """Write the mesh between the good pixels as binary STL."""
+        write_stl(path, self.x, self.y, self.z, self.good)
+
+    def save_xyz(self, path: str | Path) -> None:
+        """Write a line x y z (mm) per good pixel."""
+        write_xyz(path, self.x, self.y, self.z, self.good)
+
+    def export(self, path: str | Path, pitch_mm: float | None = None) -> None:
+        """Write in the format of the suffix, one of HEIGHT_FORMATS; InputError names these.
+
+        X3P, SDF and DAT hold a regular grid of the pitch (None: about as fine as the pixels). NPZ and TIFF do
+        so where a pitch is given; else they hold the camera's pixels.
+        """
+        writer = chosen(path, HEIGHT_FORMATS)
+        if not hasattr(self, writer) or (pitch_mm is not None and writer in ("save", "save_tiff")):
+            self.resample(pitch_mm).export(path)
+        else:
+            getattr(self, writer)(path)
+
+    def to_xarray(self) -> "Dataset":
+        """z, sigma (noise), rig_sigma and flags over row and col, with coordinates x and y. InputError if
+        xarray is not installed."""
+        maps = {"z": self.z, "sigma": self.sigma, "rig_sigma": self.calibration_sigma}
+        over = ("row", "col")
+        values = {name: (over, one, {"units": "mm"}) for name, one in maps.items()}
+        bits = {flag.name: flag.value for flag in (*Flag, *HeightFlag)}
+        places = {name: (over, getattr(self, name), {"units": "mm"}) for name in ("x", "y")}
+        return dataset(values | {"flags": (over, self.flags, bits)}, places)
+
+
+def _doubled(values: Any) -> Any:
+    """Float32 as float64, in which all sums are made; others as they are."""
+    return values.astype(np.float64) if getattr(values, "dtype", None) == np.float32 else values

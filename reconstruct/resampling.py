@@ -10,7 +10,7 @@ this factor belongs to sigma. Neighbouring errors are correlated, so that interp
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,16 +18,28 @@ from numpy.typing import NDArray
 from optolever.errors import InputError
 from optolever.files import load_arrays, save_arrays
 from optolever.kernels import exact
-from optolever.records import Axes, Comparable, plot_maps, span
+from optolever.records import Axes, Comparable, dataset, plot_maps, span
 
 from .arrays import Floats, Mask
-from .export import write_tiff
+from .export import chosen, write_dat, write_sdf, write_tiff
 from .x3p import write_x3p
 
-__all__ = ["Grid", "Lean", "gradients", "natural_pitch", "resample"]
+if TYPE_CHECKING:
+    from xarray import Dataset
+
+__all__ = ["GRID_FORMATS", "Grid", "Lean", "gradients", "natural_pitch", "resample"]
 
 Lean = NDArray[np.floating[Any]]
 
+#: How a grid is written, by the file's suffix.
+GRID_FORMATS = {
+    ".npz": "save",
+    ".tif": "save_tiff",
+    ".tiff": "save_tiff",
+    ".x3p": "save_x3p",
+    ".sdf": "save_sdf",
+    ".dat": "save_dat",
+}
 _LIMIT = 64_000_000  # grid points
 
 
@@ -85,6 +97,23 @@ class Grid(Comparable):
     def save_x3p(self, path: str | Path) -> None:
         """Write z as X3P (ISO 25178-72), which metrology programs read; it has no place for sigma."""
         write_x3p(path, self.z, self.pitch, self.x0, self.y0)
+
+    def save_sdf(self, path: str | Path) -> None:
+        """Write z as SDF (ISO 25178-71); it has no place for sigma and the origin."""
+        write_sdf(path, self.z, self.pitch)
+
+    def save_dat(self, path: str | Path) -> None:
+        """Write z as Zygo MetroPro data, in steps of at most 0.1 nm, without sigma and origin."""
+        write_dat(path, self.z, self.pitch)
+
+    def export(self, path: str | Path) -> None:
+        """Write in the format of the suffix, one of GRID_FORMATS; InputError names these."""
+        getattr(self, chosen(path, GRID_FORMATS))(path)
+
+    def to_xarray(self) -> "Dataset":
+        """z and sigma as a dataset over y and x. InputError if xarray is not installed."""
+        values = {name: (("y", "x"), getattr(self, name), {"units": "mm"}) for name in ("z", "sigma")}
+        return dataset(values, {name: (name, getattr(self, name), {"units": "mm"}) for name in ("x", "y")})
 
 
 def natural_pitch(x: Floats, y: Floats, good: Mask) -> float:

@@ -17,7 +17,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.linalg
 import scipy.ndimage
-import scipy.sparse
 from numpy.typing import NDArray
 
 from optolever.decode import Correspondence
@@ -28,6 +27,7 @@ from .anchors import Anchors, DistanceAnchor, EdgeAnchor, PixelAnchor, Samples, 
 from .arrays import Floats, Mask
 from .calibration import Form, Pair3, flat_mirror, no_form, rest_corrected
 from .circulation import circulation_chi2, circulations
+from .coarse_modes import LINES, interpolated
 from .gauge import AnchorRows, anchor_rows
 from .geometry import pattern_plane, traced_rays
 from .heightmap import HeightFlag, HeightMap
@@ -45,7 +45,6 @@ __all__ = [
     "RigJudgement",
     "RigModel",
     "RigModes",
-    "interpolated",
     "judged_rig",
     "raw_chi2",
     "rig_model",
@@ -57,7 +56,6 @@ First = Callable[["Measurement", Scene, HeightMap | None], tuple[Problem, State]
 
 _UNSETTLED = np.uint16(HeightFlag.NOT_CONVERGED | HeightFlag.SINGULAR)
 _STEP = 0.05  # of a standard deviation
-_LINES = 96  # rows or columns of the coarse grid, at least
 _CHORDS = 3  # steps; each leaves about 1 % of the last one, the error of the integrating factor
 #: chi2 up to which derivatives by the rig's errors serve; beyond it they describe errors to a tenth.
 LINEAR = 1e4
@@ -225,7 +223,7 @@ def rig_model(
     first: solves a measurement (its problem and its state); motion: between the rest capture and the press.
     Where the coarse grid holds no solution (few pixels, ragged masks), all pixels are taken.
     """
-    step = max(1, min(measured.correspondence.u.shape) // _LINES)
+    step = max(1, min(measured.correspondence.u.shape) // LINES)
     if height is not None:
         settled = np.isfinite(height.z) & ((height.flags & _UNSETTLED) == 0)
         if settled.any():
@@ -447,32 +445,6 @@ def _affine(points: Floats, moved: Floats) -> Floats:
     fields = moved[:, :, known].reshape(-1, len(terms)).T
     found: Floats = np.linalg.lstsq(terms, fields, rcond=None)[0].T.reshape(-1, 2, 3)
     return found
-
-
-def interpolated(coarse: Floats, step: int, known: Mask) -> NDArray[np.float32]:
-    """From every step-th pixel to all, linearly; gaps from their nearest neighbours."""
-    along_rows, along_cols = (_linear(size, step) for size in known.shape)
-    modes = np.full((len(coarse), *known.shape), np.nan, np.float32)
-    for mode, found in zip(modes, coarse, strict=True):
-        gaps = ~np.isfinite(found)
-        if gaps.all():
-            raise InputError("calibration: no height is left where a number of the scene is off by its sigma")
-        if gaps.any():
-            nearest = scipy.ndimage.distance_transform_edt(gaps, return_distances=False, return_indices=True)
-            found = found[tuple(nearest)]
-        mode[known] = (along_rows @ (along_cols @ found.T).T)[known]
-    return modes
-
-
-def _linear(size: int, step: int) -> scipy.sparse.csr_array:
-    """Weights (size, coarse size) of linear interpolation from every step-th pixel, constant beyond."""
-    place = np.minimum(np.arange(size) / step, (size - 1) // step)
-    low = np.minimum(place.astype(np.intp), max(0, (size - 1) // step - 1))
-    high = np.minimum(low + 1, (size - 1) // step)
-    share, pixel = place - low, np.arange(size)
-    rows, cols = np.concatenate([pixel, pixel]), np.concatenate([low, high])
-    weights = np.concatenate([1 - share, share])
-    return scipy.sparse.csr_array((weights, (rows, cols)), shape=(size, (size - 1) // step + 1))
 
 
 def _coarse(c: Correspondence, step: int) -> Correspondence:

@@ -72,7 +72,7 @@ def test_every_command_checks_its_outputs(name: str) -> None:
     kinds = {parameter.name: parameter.type for parameter in command.params}
     json_type = kinds["json_path"]
     assert isinstance(json_type, OutputFile)
-    assert json_type.suffixes == (".json",)
+    assert json_type.suffixes == (".json", ".csv")
 
 
 def _outputs() -> list[tuple[str, click.Option]]:

@@ -85,7 +85,8 @@ def test_sources_are_kept(rig: Scene, tmp_path: Path) -> None:
     height.save(tmp_path / "h.npz")
     back = HeightMap.load(tmp_path / "h.npz")
     assert back.sources == ("camera", "pattern")
-    assert budget(back) == budget(height)
+    kept, own = budget(back), budget(height)
+    assert kept == {name: pytest.approx(parts, rel=1e-6) for name, parts in own.items()}  # maps are float32
     rig.save(tmp_path / "rig.toml")
     assert load(tmp_path / "rig.toml") == rig
     assert budget(replace(height, flags=np.ones_like(height.flags))) == {}

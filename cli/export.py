@@ -1,0 +1,44 @@
+"""`optolever export`: a height map in other programs' formats."""
+
+from pathlib import Path
+
+import click
+
+from .options import FILE, blame, json_option, sample
+from .outputs import HEIGHT_SUFFIXES, OutputFile, Program
+from .show import table, write_json
+
+__all__ = ["command"]
+
+SAMPLE = """
+SAMPLE
+"""
+
+
+@click.command("export", cls=Program, epilog=sample(SAMPLE))
+@click.argument("source", type=FILE, metavar="H.npz")
+@click.argument(
+    "files", type=OutputFile(*HEIGHT_SUFFIXES, bare=False), nargs=-1, required=True, metavar="FILE..."
+)
+@click.option(
+    "--pitch",
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="MM",
+    help="Of the regular grid, which .npz and .tif then hold, too; default: as fine as the camera's pixels.",
+)
+@json_option
+def command(source: Path, files: tuple[Path, ...], pitch: float | None, json_path: Path | None) -> None:
+    """Write a height map in other programs' formats.
+
+    By the suffix: .npz, .tif (float32), .ply and .stl (mesh), .xyz (points) of the camera's pixels; .x3p,
+    .sdf (ISO 25178) and .dat (Zygo MetroPro) of a regular grid. Good pixels only.
+    """
+    from optolever.files import together
+    from optolever.reconstruct import HeightMap
+
+    height = HeightMap.load(source)
+    with together(), blame(source):
+        for path in files:
+            height.export(path, pitch)
+        write_json(json_path, {"files": [str(path) for path in files]})
+    table(f"Exported {source}", {str(path): "written" for path in files})
