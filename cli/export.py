@@ -6,12 +6,17 @@ import click
 
 from .options import FILE, blame, json_option, sample
 from .outputs import HEIGHT_SUFFIXES, OutputFile, Program
-from .show import table, write_json
+from .show import number, table, write_json
 
 __all__ = ["command"]
 
 SAMPLE = """
-SAMPLE
+$ optolever export h.npz h.stl h.sdf h.dat h.xyz --pitch 0.5
+Exported h.npz
+  h.stl  1.038 MB
+  h.sdf  0.1395 MB
+  h.dat  0.04237 MB
+  h.xyz  0.319 MB
 """
 
 
@@ -41,4 +46,5 @@ def command(source: Path, files: tuple[Path, ...], pitch: float | None, json_pat
         for path in files:
             height.export(path, pitch)
         write_json(json_path, {"files": [str(path) for path in files]})
-    table(f"Exported {source}", {str(path): "written" for path in files})
+    sizes = {str(path): number(path.stat().st_size / 1e6, "MB") for path in files if path.is_file()}
+    table(f"Exported {source}", sizes)

@@ -1,7 +1,7 @@
 """`optolever form`: a height map without its form: radius, residual, slope error, Zernike coefficients."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
@@ -10,7 +10,9 @@ from .outputs import OutputFile, Program
 from .show import grid, length, number, table, write_json
 
 if TYPE_CHECKING:
-    from optolever.metrology import FormFit, ZernikeFit
+    from collections.abc import Iterator
+
+    from optolever.metrology import FormFit, Profile, Spectrum, ZernikeFit
 
 __all__ = ["command"]
 
@@ -26,6 +28,28 @@ Residual
   heights      4.6e+02 nm rms, 3.6 um from valley to peak
   slope error  29.1 urad rms along x, 29.11 urad along y
 """
+
+
+class Ends(NamedTuple):
+    """Ends of a profile (x, y), mm."""
+
+    start: tuple[float, float]
+    end: tuple[float, float]
+
+
+class Line(click.ParamType[Any]):
+    """x, y, or the ends of a line."""
+
+    name = "x|y|X0,Y0,X1,Y1"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if value in ("x", "y"):
+            return value
+        try:
+            x0, y0, x1, y1 = (float(part) for part in str(value).split(","))
+        except ValueError:
+            self.fail(f"{value!r} is neither x nor y nor X0,Y0,X1,Y1 (mm)", param, ctx)
+        return Ends((x0, y0), (x1, y1))
 
 
 @click.command("form", cls=Program, epilog=sample(SAMPLE))
@@ -54,6 +78,34 @@ Residual
     help="Slopes that `reconstruct --slopes` wrote: slope error and noise from them, not from differences.",
 )
 @click.option(
+    "--nominal",
+    type=FILE,
+    metavar="FILE",
+    help="Remove this surface after a rigid best fit, in place of --remove: .npz (height map or grid), .tif "
+    "with its scale, .stl or .ply (mm).",
+)
+@click.option(
+    "--profile",
+    "lines",
+    type=Line(),
+    multiple=True,
+    help="x, y (through the middle) or X0,Y0,X1,Y1 in mm: rms and PV of the residual there; again for more.",
+)
+@click.option(
+    "--profiles",
+    "profiles_path",
+    type=OutputFile(".csv"),
+    metavar="FILE.csv",
+    help="Gets the points of the profiles; without --profile of x and y.",
+)
+@click.option(
+    "--psd",
+    "psd_path",
+    type=OutputFile(".csv"),
+    metavar="FILE.csv",
+    help="Gets the residual's power spectral density along x and y.",
+)
+@click.option(
     "--out",
     type=OutputFile(".npz"),
     metavar="R.npz",
@@ -65,6 +117,10 @@ def command(
     form: str,
     order: int | None,
     slopes_path: Path | None,
+    nominal: Path | None,
+    lines: tuple["Ends | str", ...],
+    profiles_path: Path | None,
+    psd_path: Path | None,
     out: Path | None,
     json_path: Path | None,
 ) -> None:
@@ -73,24 +129,85 @@ def command(
     Every good pixel counts alike. A radius above 0 is that of a concave mirror. Sigmas hold the noise of the
     frames and the errors of the rig.
     """
-    from optolever.files import save_arrays, together
-    from optolever.metrology import fit_form, fit_zernike
+    from optolever.files import save_arrays, together, write_rows
+    from optolever.metrology import fit_form, fit_nominal, fit_zernike, load_nominal
     from optolever.reconstruct import HeightMap, SlopeMap
 
     height = HeightMap.load(source)
     slopes = None if slopes_path is None else SlopeMap.load(slopes_path)
     with blame(source):
-        fit = fit_form(height, form, slopes)
+        if nominal is None:
+            fit = fit_form(height, form, slopes)
+        else:
+            fit = fit_nominal(height, load_nominal(nominal), str(nominal))
         terms = None if order is None else fit_zernike(height, order, slopes)
+        asked = lines or (("x", "y") if profiles_path is not None else ())
+        profiles = _profiles(fit, asked)
+        spectra = {} if psd_path is None else _spectra(fit)
     with together():
+        if profiles_path is not None:
+            points = [(name, *row) for name, one in profiles.items() for row in _columns(one)]
+            write_rows(profiles_path, ("line", "s_mm", "x_mm", "y_mm", "z_mm"), points)
+        if psd_path is not None:
+            points = [(name, *row) for name, one in spectra.items() for row in _columns(one)]
+            write_rows(psd_path, ("axis", "frequency_per_mm", "density_mm3"), points)
         if out is not None:
             names = ("x", "y", "residual", "slope_x", "slope_y")
             save_arrays(out, {name: getattr(fit, name) for name in names})
-        write_json(json_path, _numbers(fit, terms))
+        write_json(json_path, _numbers(fit, terms, profiles))
     _show(source, fit, terms)
+    if profiles:
+        table("Profiles of the residual", {name: _both(one) for name, one in profiles.items()})
 
 
-def _numbers(fit: "FormFit", terms: "ZernikeFit | None") -> dict[str, Any]:
+def _profiles(fit: "FormFit", lines: "tuple[Ends | str, ...]") -> "dict[str, Profile]":
+    """By the line's name; x and y through the middle of what is known."""
+    import numpy as np
+
+    from optolever.metrology import profile
+
+    if not lines:
+        return {}
+    grid, found = fit.grid(), {}
+    known = np.isfinite(grid.z)
+    spans = [
+        (at[known.any(axis=axis)][0], at[known.any(axis=axis)][-1])
+        for axis, at in enumerate((grid.x, grid.y))
+    ]
+    (x0, x1), (y0, y1) = spans
+    middle = fit.middle
+    for line in lines:
+        if line == "x":
+            ends = Ends((x0, middle[1]), (x1, middle[1]))
+        elif line == "y":
+            ends = Ends((middle[0], y0), (middle[0], y1))
+        else:
+            ends = line
+        name = line if isinstance(line, str) else ",".join(f"{value:g}" for end in line for value in end)
+        found[name] = profile(grid, ends.start, ends.end)
+    return found
+
+
+def _spectra(fit: "FormFit") -> "dict[str, Spectrum]":
+    from optolever.metrology import spectrum
+
+    grid = fit.grid()
+    return {axis: spectrum(grid, axis) for axis in ("x", "y")}
+
+
+def _columns(record: "Profile | Spectrum") -> "Iterator[tuple[float, ...]]":
+    """The record's arrays point by point."""
+    from dataclasses import fields
+
+    arrays = [getattr(record, field.name).tolist() for field in fields(record)]
+    return zip(*arrays, strict=True)
+
+
+def _both(one: "Profile") -> str:
+    return f"{length(one.rms)} rms, {length(one.pv)} from valley to peak, {one.s[-1]:.4g} mm long"
+
+
+def _numbers(fit: "FormFit", terms: "ZernikeFit | None", profiles: "dict[str, Profile]") -> dict[str, Any]:
     numbers: dict[str, Any] = {
         "form": fit.form,
         "numbers": fit.numbers.to_dict(),
@@ -100,6 +217,8 @@ def _numbers(fit: "FormFit", terms: "ZernikeFit | None") -> dict[str, Any]:
         "pv_mm": fit.pv,
         "slope_rms": fit.slope_rms,
     }
+    if profiles:
+        numbers["profiles"] = {name: {"rms_mm": one.rms, "pv_mm": one.pv} for name, one in profiles.items()}
     if terms is not None:
         numbers["zernike"] = {"radius_mm": terms.radius, "coefficients_mm": terms.numbers.to_dict()}
     return numbers

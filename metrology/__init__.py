@@ -4,6 +4,8 @@
 |---|---|
 | `forms.py` | forms by name: plane, sphere, cylinder, paraboloid, conic; some of their numbers held |
 | `fit.py` | `fit_form`: least squares over the good pixels; `FormFit`: numbers with sigma, residual |
+| `nominal.py` | a nominal height map or mesh after its rigid best fit |
+| `lines.py` | profiles along lines, power spectral density |
 | `zernike.py` | Zernike polynomials over the aperture, and their coefficients with sigma |
 | `covariance.py` | what slope noise and the errors of the rig do to any fitted number |
 
@@ -14,8 +16,25 @@ from optolever.arguments import check_face
 
 from .fit import FormFit, fit_form
 from .forms import form_names
+from .lines import Profile, Spectrum, profile, spectrum
+from .nominal import NOMINAL_SUFFIXES, Nominal, fit_nominal, load_nominal
 from .zernike import ZernikeFit, fit_zernike, zernike
 
-__all__ = ["FormFit", "ZernikeFit", "fit_form", "fit_zernike", "form_names", "zernike"]
+__all__ = [
+    "NOMINAL_SUFFIXES",
+    "FormFit",
+    "Nominal",
+    "Profile",
+    "Spectrum",
+    "ZernikeFit",
+    "fit_form",
+    "fit_nominal",
+    "fit_zernike",
+    "form_names",
+    "load_nominal",
+    "profile",
+    "spectrum",
+    "zernike",
+]
 
 check_face(__name__)

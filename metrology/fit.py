@@ -7,12 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optolever.errors import InputError
-from optolever.reconstruct import HeightMap, SlopeMap
+from optolever.reconstruct import Grid, HeightFlag, HeightMap, SlopeMap
 
 from .covariance import SlopeNoise, noise_covariance
 from .forms import Form, form_from_text
 
-__all__ = ["FormFit", "Numbers", "covariances_of", "fit_form", "placed", "slope_noise"]
+__all__ = ["FormFit", "Numbers", "covariances_of", "differences", "fit_form", "placed", "slope_noise"]
 
 Floats = NDArray[np.float64]
 _STEPS = 30
@@ -76,6 +76,13 @@ class FormFit:
         """Rms slope error along x and y, mm per mm."""
         along_x, along_y = (float(np.sqrt(np.nanmean(s**2))) for s in (self.slope_x, self.slope_y))
         return along_x, along_y
+
+    def grid(self, pitch_mm: float | None = None) -> Grid:
+        """The residual on a regular grid of x and y (None: about as fine as the pixels)."""
+        unknown = np.isnan(self.residual)
+        nothing = np.zeros(unknown.shape)
+        flags = np.where(unknown, int(HeightFlag.NO_ANCHOR), 0).astype(np.uint16)
+        return HeightMap(self.x, self.y, self.residual, nothing, flags).resample(pitch_mm)
 
 
 def fit_form(height: HeightMap, form: str = "sphere", slopes: SlopeMap | None = None) -> FormFit:
@@ -217,7 +224,7 @@ def _slope_errors(
 ) -> tuple[Floats, Floats]:
     """dz/dx and dz/dy of the residual (H, W), NaN where they are not known."""
     if slopes is None:
-        return _differences(height.x, height.y, residual)
+        return differences(height.x, height.y, residual)
     step = 1e-6 * max(float(np.ptp(x[good])), float(np.ptp(y[good])), 1e-9)
     along_x = (form(x + step, y) - form(x - step, y)) / (2 * step)
     along_y = (form(x, y + step) - form(x, y - step)) / (2 * step)
@@ -226,7 +233,7 @@ def _slope_errors(
     return one, other
 
 
-def _differences(x: Floats, y: Floats, z: Floats) -> tuple[Floats, Floats]:
+def differences(x: Floats, y: Floats, z: Floats) -> tuple[Floats, Floats]:
     """dz/dx and dz/dy by central differences on the pixels, whose places are x, y."""
     if min(z.shape) < 2:
         unknown = np.full(z.shape, np.nan)

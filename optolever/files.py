@@ -16,7 +16,7 @@ import tempfile
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -40,6 +40,7 @@ __all__ = [
     "together",
     "write_csv",
     "write_json",
+    "write_rows",
 ]
 
 _FAILED = "cannot be written"
@@ -265,10 +266,15 @@ def write_csv(path: str | Path, values: Mapping[str, Any]) -> None:
     """Write a record as lines `figure,value`, whole or not at all; the names of nested records are joined by
     points, entries of lists are counted from 0, NaN and infinities are empty.
     """
+    write_rows(path, ("figure", "value"), _flat("", _plain(values)))
+
+
+def write_rows(path: str | Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+    """Write a table as CSV, whole or not at all."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(("figure", "value"))
-    writer.writerows(_flat("", _plain(values)))
+    writer.writerow(header)
+    writer.writerows(rows)
     with atomic_file(path) as temporary:
         temporary.write_text(text.getvalue(), encoding="utf-8")
 

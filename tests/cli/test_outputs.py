@@ -94,7 +94,7 @@ def test_a_suffix_that_is_not_written_is_refused(
 ) -> None:
     """`decode --out a.csv` wrote a ZIP. Refused while options are read, whatever else is given or missing."""
     if isinstance(option.type, OutputFile):
-        path, words = tmp_path / "a.csv", ["suffix '.csv', must be", *option.type.suffixes]
+        path, words = tmp_path / "a.bin", ["suffix '.bin', must be", *option.type.suffixes]
     else:
         files = option.type.files  # type: ignore[attr-defined]
         path, words = tmp_path / f"a{Path(files[0]).suffix}", ["must be a folder", *files]

@@ -78,7 +78,7 @@ def test_records_come_back_from_their_files(
         if isinstance(record, HeightMap):  # maps are float32 in its file
             np.testing.assert_allclose(again.z, record.z, rtol=1e-7, atol=0)
             again.save(path)
-            record = again  # noqa: PLW2901
+            record = again
         assert type(record).load(path) == record
         with np.load(path) as archive:
             name, *others = archive.files

@@ -58,7 +58,9 @@ def test_error_of_a_common_anchor_counts_once(tmp_path: Path) -> None:
         apart.append(two - three)
     one.save(tmp_path / "one.npz")
     kept = HeightMap.load(tmp_path / "one.npz")
-    np.testing.assert_allclose((two - kept).sigma, (two - one).sigma, rtol=1e-4, atol=1e-6)  # maps are float32
+    np.testing.assert_allclose(
+        (two - kept).sigma, (two - one).sigma, rtol=1e-4, atol=1e-6
+    )  # maps are float32
     assert 0.85 < spread(found) < 1.2
     assert 0.8 < spread(apart) < 1.2
     good = two.good & one.good

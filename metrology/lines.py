@@ -1,0 +1,91 @@
+"""Profiles along lines, and power spectral densities, of a map on a regular grid."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.ndimage
+from numpy.typing import NDArray
+
+from optolever.errors import InputError
+from optolever.reconstruct import Grid
+
+__all__ = ["Profile", "Spectrum", "profile", "spectrum"]
+
+Floats = NDArray[np.float64]
+_KNOWN = 0.999  # share of the rectangle's points that a spectrum asks for
+_LEAST = 16  # points along the axis of a spectrum
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Profile:
+    """Heights z along a line (n,), mm: s from its start, at x, y; NaN where nothing is known."""
+
+    s: Floats
+    x: Floats
+    y: Floats
+    z: Floats
+
+    @property
+    def rms(self) -> float:
+        """About the mean, mm."""
+        return float(np.nanstd(self.z)) if np.isfinite(self.z).any() else float("nan")
+
+    @property
+    def pv(self) -> float:
+        """Largest less smallest height, mm."""
+        return float(np.nanmax(self.z) - np.nanmin(self.z)) if np.isfinite(self.z).any() else float("nan")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Spectrum:
+    """One-sided power spectral density (n,) in mm^3 by spatial frequency (n,) in 1/mm: its integral is the
+    mean square of the heights about straight lines."""
+
+    frequency: Floats
+    density: Floats
+
+
+def profile(grid: Grid, start: tuple[float, float], end: tuple[float, float]) -> Profile:
+    """Heights on the straight line between two points (mm), a grid step apart, linear between grid points."""
+    length = float(np.hypot(end[0] - start[0], end[1] - start[1]))
+    if not 0 < length < np.inf:
+        raise InputError(f"profile from {start} to {end}: {length:g} mm long, must be above 0")
+    s = np.linspace(0.0, length, max(2, round(length / grid.pitch) + 1))
+    x, y = (a + (b - a) * s / length for a, b in zip(start, end, strict=True))
+    at = np.stack([(y - grid.y0) / grid.pitch, (x - grid.x0) / grid.pitch])
+    return Profile(s, x, y, scipy.ndimage.map_coordinates(grid.z, at, order=1, cval=np.nan))
+
+
+def spectrum(grid: Grid, axis: str) -> Spectrum:
+    """Along 'x' or 'y', mean over the lines of the largest rectangle about the middle that is known.
+
+    Periodograms with a Hann window after each line's best straight line (E. L. Church and P. Z. Takacs, Opt.
+    Eng. 34 (1995) 353). InputError where no rectangle of 16 points is known.
+    """
+    if axis not in ("x", "y"):
+        raise InputError(f"spectrum: axis is {axis!r}, must be x or y")
+    z = _rectangle(grid.z if axis == "x" else grid.z.T)
+    count = z.shape[1]
+    place = np.linspace(-1.0, 1.0, count)
+    flat = z - z.mean(axis=1, keepdims=True)
+    flat -= (flat @ place / (place @ place))[:, None] * place
+    window = np.hanning(count + 1)[:-1]
+    power = np.abs(np.fft.rfft(flat * window, axis=1)) ** 2
+    density = 2 * grid.pitch * power.mean(axis=0) / np.sum(window**2)
+    return Spectrum(np.fft.rfftfreq(count, grid.pitch)[1:], density[1:])
+
+
+def _rectangle(z: Floats) -> Floats:
+    """The largest part about the middle of what is known, with its few gaps at the mean."""
+    known = np.isfinite(z)
+    rows, cols = np.nonzero(known)
+    for share in np.linspace(1.0, 0.1, 91) if rows.size else ():
+        part = []
+        for index in (rows, cols):
+            middle, half = 0.5 * (index.min() + index.max()), 0.5 * share * (index.max() - index.min())
+            part.append(slice(int(np.ceil(middle - half)), int(np.floor(middle + half)) + 1))
+        inside = known[part[0], part[1]]
+        if inside.mean() >= _KNOWN and inside.shape[1] >= _LEAST:
+            found = z[part[0], part[1]]
+            return np.where(inside, found, found[inside].mean())
+    raise InputError(f"spectrum: no known rectangle of at least {_LEAST} points about the middle")

@@ -1,0 +1,183 @@
+"""A nominal surface, from a height map or a mesh, and its rigid best fit to a measured map.
+
+The measured points move as a rigid body, Q = R(a) (P - c) + c + t, until the differences Q_z - N(Q_x, Q_y) to
+the nominal surface N have the least sum of squares (Gauss-Newton). Directions that hardly change these, as
+turns about the axis of a sphere, stay where they are.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import scipy.interpolate
+import scipy.ndimage
+import tifffile
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from optolever.errors import InputError, require_file
+from optolever.files import load_arrays
+from optolever.reconstruct import Grid, HeightMap
+
+from .fit import FormFit, Numbers, differences, placed
+
+__all__ = ["NOMINAL_SUFFIXES", "Nominal", "fit_nominal", "load_nominal"]
+
+Floats = NDArray[np.float64]
+NOMINAL_SUFFIXES = (".npz", ".tif", ".tiff", ".stl", ".ply")
+_STEPS, _SETTLED = 30, 1e-6  # of the residual's rms
+_WEAK = 1e-6  # of the strongest direction's effect: weaker ones stay
+_MOST = 20_000  # points that the fit uses
+_NUDGE = 1e-4  # of half the map's width, for differences
+_NAMES = ("shift_x", "shift_y", "shift_z", "turn_x", "turn_y", "turn_z")
+
+
+@dataclass(frozen=True, slots=True)
+class Nominal:
+    """z(x, y) in mm, NaN beyond its border, and the middle of what it covers (x, y, z), mm."""
+
+    z: Callable[[Floats, Floats], Floats]
+    middle: tuple[float, float, float]
+
+
+def load_nominal(path: str | Path) -> Nominal:
+    """From an .npz of a height map or a grid, a .tif with its scale (z in mm), an .stl or a .ply mesh (mm).
+
+    A mesh is taken for points of a smooth surface z(x, y). InputError for other files, for a TIFF without a
+    scale, and for a mesh where trimesh is not installed.
+    """
+    file = Path(path)
+    require_file(file)
+    suffix = file.suffix.lower()
+    if suffix == ".npz":
+        return _of_grid(_npz_grid(file))
+    if suffix in (".tif", ".tiff"):
+        return _of_grid(_tiff_grid(file))
+    if suffix in (".stl", ".ply"):
+        return _of_points(file, _vertices(file))
+    raise InputError(f"{file}: suffix {suffix!r}, must be {' or '.join(NOMINAL_SUFFIXES)}")
+
+
+def fit_nominal(height: HeightMap, nominal: Nominal, name: str = "nominal") -> FormFit:
+    """The rigid best fit of a map to a nominal surface: shifts (mm) and turns (degrees) of the map about its
+    middle, from where both middles coincide; residual along the nominal's z. The numbers have no sigma.
+
+    InputError where less than half of the map lies on the nominal surface.
+    """
+    x, y, good, middle = placed(height, len(_NAMES))
+    points = np.stack([x[good], y[good], height.z[good]], axis=1)
+    centre = np.array([0.0, 0.0, float(points[:, 2].mean())])
+    points = points - centre
+    half = 0.5 * max(float(np.ptp(points[:, 0])), float(np.ptp(points[:, 1])), 1e-9)
+
+    def left(p: Floats, some: Floats) -> Floats:
+        """Differences to the nominal surface; p: shifts and turns times half the width, mm."""
+        moved = Rotation.from_rotvec(p[3:] / half).apply(some) + p[:3] + nominal.middle
+        return np.asarray(moved[:, 2] - nominal.z(moved[:, 0], moved[:, 1]))
+
+    used = points[:: max(1, len(points) // _MOST)]
+    p = np.zeros(len(_NAMES))
+    p[2] = -_mean(left(p, used))
+    for _ in range(_STEPS):
+        rest = left(p, used)
+        nudges = _NUDGE * half * np.eye(len(p))
+        jacobian = np.stack(
+            [(left(p + n, used) - left(p - n, used)) / (2 * _NUDGE * half) for n in nudges], axis=1
+        )
+        known = np.isfinite(rest) & np.isfinite(jacobian).all(axis=1)
+        if np.count_nonzero(known) < 0.5 * len(used):
+            share = 100 * np.count_nonzero(known) / len(used)
+            raise InputError(f"{name}: covers {share:.0f} % of the measured map, must be at least 50 %")
+        step = -np.linalg.lstsq(jacobian[known], rest[known], rcond=_WEAK)[0]
+        p = p + step
+        if np.abs(jacobian[known] @ step).max() <= _SETTLED * max(float(np.std(rest[known])), 1e-9):
+            break
+    residual = np.full(height.z.shape, np.nan)
+    residual[good] = left(p, points)
+    slope_x, slope_y = differences(height.x, height.y, residual)
+    start = np.array([nominal.middle[k] - (*middle, centre[2])[k] for k in range(3)])
+    unknown = np.full(len(p), np.nan)
+    values = np.concatenate([p[:3] + start, np.degrees(p[3:] / half)])
+    found = Numbers(_NAMES, values, unknown, unknown)
+    return FormFit(name, found, {}, height.x, height.y, residual, slope_x, slope_y, middle)
+
+
+def _mean(values: Floats) -> float:
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if known.size else 0.0
+
+
+def _of_grid(grid: Grid) -> Nominal:
+    """Cubic splines; cells beside unknown points are unknown."""
+    known = np.isfinite(grid.z)
+    if min(grid.z.shape) < 4 or not known.any():
+        raise InputError(f"nominal: {grid.z.shape} points, must be at least (4, 4), some of them known")
+    nearest = scipy.ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
+    filled = np.asarray(grid.z[tuple(nearest)], np.float64)
+    # the last rows go on as straight lines, so that the splines' mirrored ends lie outside
+    coefficients = scipy.ndimage.spline_filter(np.pad(filled, 12, "reflect", reflect_type="odd"))
+    inside = known.astype(np.float64)
+
+    def z(x: Floats, y: Floats) -> Floats:
+        at = np.stack([(y - grid.y0) / grid.pitch, (x - grid.x0) / grid.pitch])
+        there = scipy.ndimage.map_coordinates(inside, at, order=1, cval=0.0) > 1 - 1e-9
+        height = scipy.ndimage.map_coordinates(coefficients, at + 12, order=3, prefilter=False)
+        return np.where(there, height, np.nan)
+
+    rows, cols = np.nonzero(known)
+    middle = [grid.x0 + 0.5 * grid.pitch * (cols.min() + cols.max())]
+    middle += [grid.y0 + 0.5 * grid.pitch * (rows.min() + rows.max()), float(grid.z[known].mean())]
+    return Nominal(z, (middle[0], middle[1], middle[2]))
+
+
+def _of_points(file: Path, points: Floats) -> Nominal:
+    """Smooth cubic triangles between points (n, 3)."""
+    try:
+        smooth = scipy.interpolate.CloughTocher2DInterpolator(points[:, :2], points[:, 2])
+    except (ValueError, RuntimeError) as error:
+        raise InputError(
+            f"{file}: its points are no surface z(x, y) ({str(error).splitlines()[0]})"
+        ) from error
+    low, high = points.min(axis=0), points.max(axis=0)
+    x, y = 0.5 * (low + high)[:2]
+    return Nominal(lambda a, b: np.asarray(smooth(a, b)), (float(x), float(y), float(points[:, 2].mean())))
+
+
+def _npz_grid(file: Path) -> Grid:
+    """Of a Grid, or of a height map's good pixels, as fine as these."""
+    names = load_arrays(file, ("z",), ("notices", "diagnostics", "sources", "references"))
+    return Grid.load(file) if "pitch" in names else HeightMap.load(file).resample()
+
+
+def _tiff_grid(file: Path) -> Grid:
+    try:
+        with tifffile.TiffFile(file) as tiff:
+            page = tiff.pages.first
+            z = np.asarray(page.asarray(), np.float64)
+            per_cm = page.get_resolution(unit="CENTIMETER")
+            scaled = "ResolutionUnit" in page.tags and page.tags["ResolutionUnit"].value != 1
+    except (OSError, ValueError, KeyError, IndexError, tifffile.TiffFileError) as error:
+        raise InputError(f"{file}: not a readable TIFF ({error})") from error
+    if z.ndim != 2 or not scaled or per_cm[0] != per_cm[1] or not per_cm[0] > 0:
+        raise InputError(
+            f"{file}: {z.ndim}-D, {per_cm} points per cm, must be 2-D with a scale that is the same along x "
+            "and y (as reconstruct --grid writes it)"
+        )
+    return Grid(z, np.zeros(z.shape), 0.0, 0.0, 10.0 / per_cm[0])
+
+
+def _vertices(file: Path) -> Floats:
+    """Different points (n, 3) of a mesh."""
+    try:
+        import trimesh
+    except ImportError as error:
+        raise InputError(f"{file}: a mesh needs trimesh; pip install 'optolever[mesh]'") from error
+    try:
+        points = np.asarray(trimesh.load_mesh(file).vertices, np.float64)
+    except Exception as error:  # a reader of another project, on any file
+        raise InputError(f"{file}: not a readable mesh ({str(error) or type(error).__name__})") from error
+    points = np.unique(points, axis=0)
+    if len(points) < 4 or not np.isfinite(points).all():
+        raise InputError(f"{file}: {len(points)} points, must be at least 4, all finite")
+    return points

@@ -1,0 +1,172 @@
+"""A nominal surface after its rigid best fit; profiles and spectra: against closed forms."""
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from optolever import InputError
+from optolever.cli import run
+from optolever.metrology import fit_nominal, load_nominal, profile, spectrum
+from optolever.reconstruct import Grid, HeightMap
+
+Floats = NDArray[np.float64]
+ERROR = 2e-4  # mm: what the measured mirror has and the nominal one has not
+
+
+def design(x: Floats, y: Floats) -> Floats:
+    """A mirror without symmetry: astigmatism, coma, a ripple."""
+    u, v = x / 40, y / 40
+    return np.asarray(
+        0.8 * u * u - 0.5 * v * v + 0.2 * u * u * u + 0.15 * u * v * v + 0.02 * np.sin(4 * u + 3 * v)
+    )
+
+
+def fault(x: Floats, y: Floats) -> Floats:
+    return np.asarray(ERROR * np.exp(-((x - 5) ** 2 + (y + 8) ** 2) / 50))
+
+
+def rotation(x: float, y: float, z: float) -> Floats:
+    """By the matrix exponential of a turn vector (rad): Rodrigues' formula."""
+    angle = float(np.sqrt(x * x + y * y + z * z))
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) / angle
+    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross)
+
+
+def nominal_grid(pitch: float = 0.5) -> Grid:
+    axis = np.arange(-50, 50 + pitch / 2, pitch)
+    x, y = np.meshgrid(axis, axis)
+    return Grid(design(x, y), np.zeros(x.shape), -50.0, -50.0, pitch)
+
+
+def as_map(x: Floats, y: Floats, z: Floats) -> HeightMap:
+    return HeightMap(x, y, z, np.zeros(z.shape), np.zeros(z.shape, np.uint16))
+
+
+def measured(turn: tuple[float, float, float], shift: tuple[float, float, float]) -> tuple[HeightMap, Floats]:
+    """The design with its fault, turned and shifted; and that fault, as the points have it."""
+    v, u = np.mgrid[-30:30:81j, -36:36:97j]
+    points = np.stack([u, v, design(u, v) + fault(u, v)]).reshape(3, -1)
+    moved = rotation(*turn) @ points + np.array(shift)[:, None]
+    x, y, z = (part.reshape(u.shape) for part in moved)
+    return as_map(x, y, z), fault(u, v)
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".tif", ".stl", ".ply"])
+def test_a_turned_and_shifted_mirror_is_laid_on_its_design(tmp_path: Path, suffix: str) -> None:
+    path, grid = tmp_path / f"n{suffix}", nominal_grid(0.5 if suffix in (".npz", ".tif") else 1.0)
+    if suffix in (".stl", ".ply"):
+        pytest.importorskip("trimesh")
+        x, y = np.meshgrid(grid.x, grid.y)
+        as_map(x, y, grid.z).export(path)
+    else:
+        grid.export(path)
+    height, true = measured((0.01, -0.015, 0.02), (101.0, 63.0, 2.0))
+    fit = fit_nominal(height, load_nominal(path))
+    found = dict(zip(fit.numbers.names, fit.numbers.values, strict=True))
+    # the fault itself moves the best fit: of the height's rms by a part that a fit without motion tells
+    still = fit_nominal(as_map(*(part for part in _unmoved())), load_nominal(path))
+    np.testing.assert_allclose(fit.residual, still.residual, atol=0.02 * ERROR)
+    assert fit.pv == pytest.approx(true.max() - true.min(), rel=0.2)
+    if suffix != ".tif":  # which has no origin
+        assert [found[f"turn_{axis}"] for axis in "xyz"] == pytest.approx(
+            [-np.degrees(part) for part in (0.01, -0.015, 0.02)], abs=2e-3
+        )
+
+
+def _unmoved() -> tuple[Floats, Floats, Floats]:
+    height, _ = measured((1e-12, 0, 0), (0, 0, 0))
+    return height.x, height.y, height.z
+
+
+def test_the_design_itself_leaves_nothing(tmp_path: Path) -> None:
+    nominal_grid().save(tmp_path / "n.npz")
+    v, u = np.mgrid[-30:30:81j, -36:36:97j]
+    turned = rotation(0.003, 0.002, -0.004) @ np.stack([u, v, design(u, v)]).reshape(3, -1)
+    fit = fit_nominal(as_map(*(part.reshape(u.shape) for part in turned)), load_nominal(tmp_path / "n.npz"))
+    assert fit.rms < 2e-8
+    assert max(fit.slope_rms) < 1e-7
+
+
+def test_directions_that_change_nothing_stay(tmp_path: Path) -> None:
+    """A sphere: its turns are shifts, and the turn about its axis is none."""
+    axis = np.arange(-60, 60.5, 1.0)
+    x, y = np.meshgrid(axis, axis)
+    Grid(2000 - np.sqrt(2000**2 - x**2 - y**2), x, -60.0, -60.0, 1.0).save(tmp_path / "n.npz")
+    v, u = np.mgrid[-30:30:81j, -36:36:97j]
+    z = 2000 - np.sqrt(2000**2 - (u - 4) ** 2 - v**2)
+    fit = fit_nominal(as_map(u, v, z), load_nominal(tmp_path / "n.npz"))
+    assert fit.rms < 1e-7
+    assert abs(dict(zip(fit.numbers.names, fit.numbers.values, strict=True))["turn_z"]) < 1e-6
+
+
+def test_nominal_surfaces_that_do_not_serve(tmp_path: Path, refused: Any) -> None:
+    height, _ = measured((1e-3, 0, 0), (0, 0, 0))
+    height.save(tmp_path / "h.npz")
+    small = nominal_grid()
+    Grid(small.z[:40, :40], small.z[:40, :40], 0.0, 0.0, 0.5).save(tmp_path / "small.npz")
+    height.save_tiff(tmp_path / "pixels.tif")
+    (tmp_path / "n.stl").write_bytes(b"solid nothing")
+    (tmp_path / "n.obj").write_text("v 0 0 0")
+    for name, *words in (
+        ("small.npz", "covers", "must be at least 50 %"),
+        ("pixels.tif", "must be 2-D with a scale"),
+        ("n.stl", "n.stl: "),
+        ("n.obj", "suffix '.obj', must be .npz or .tif or .tiff or .stl or .ply"),
+    ):
+        refused(["form", tmp_path / "h.npz", "--nominal", tmp_path / name], name, *words)
+    np.savez(tmp_path / "no.npz", u=np.zeros(3))
+    with pytest.raises(InputError, match="field 'z' is missing"):
+        load_nominal(tmp_path / "no.npz")
+
+
+def test_a_profile_of_a_plane() -> None:
+    y, x = np.mgrid[0:40, 0:60] * 0.5
+    grid = Grid(0.3 * x - 0.1 * y, x, 10.0, 20.0, 0.5)
+    found = profile(grid, (12.0, 24.0), (32.0, 39.0))
+    assert found.s[-1] == pytest.approx(25.0)
+    np.testing.assert_allclose(np.diff(found.s), 0.5)
+    np.testing.assert_allclose(found.z, 0.3 * (found.x - 10) - 0.1 * (found.y - 20), atol=1e-12)
+    assert found.pv == pytest.approx(0.3 * 20 - 0.1 * 15)
+    assert np.isnan(profile(grid, (-50.0, 0.0), (-40.0, 0.0)).rms)
+    with pytest.raises(InputError, match="0 mm long"):
+        profile(grid, (1.0, 1.0), (1.0, 1.0))
+
+
+@pytest.mark.parametrize("axis", ["x", "y"])
+def test_a_spectrum_of_a_wave_and_of_white_noise(axis: str) -> None:
+    """a^2/2 of a wave lies at its frequency; noise of variance s^2 has the density 2 s^2 pitch."""
+    rows, cols, pitch = 200, 256, 0.5
+    y, x = np.mgrid[0:rows, 0:cols] * pitch
+    along = x if axis == "x" else y
+    noise = 1e-4 * np.random.default_rng(2).standard_normal(x.shape)
+    z = 3e-3 * np.sin(2 * np.pi * along / 8 + 0.4) + noise
+    z[np.hypot(x - x.mean(), y - y.mean()) > 62] = np.nan  # a round mirror
+    found = spectrum(Grid(z, z, 0.0, 0.0, pitch), axis)
+    near = np.abs(found.frequency - 1 / 8) < 0.05
+    step = float(found.frequency[1] - found.frequency[0])
+    assert found.density[near].sum() * step == pytest.approx(3e-3**2 / 2, rel=0.02)
+    high = found.frequency > 0.3
+    assert found.density[high].mean() == pytest.approx(2 * 1e-4**2 * pitch, rel=0.05)
+
+
+def test_profiles_and_spectra_by_the_command_line(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    height, _ = measured((1e-3, 0, 0), (0, 0, 0))
+    height.save(tmp_path / "h.npz")
+    nominal_grid().save(tmp_path / "n.npz")
+    names = ["h.npz", "--nominal", "n.npz", "--profile", "x", "--profile", "-20,-10,20,15"]
+    names += ["--profiles", "p.csv", "--psd", "s.csv", "--json", "f.json"]
+    assert run(["form", *(str(tmp_path / name) if "." in name else name for name in names)]) == 0
+    figures = json.loads((tmp_path / "f.json").read_text())["profiles"]
+    with (tmp_path / "p.csv").open() as stream:
+        rows = [row for row in csv.DictReader(stream) if row["line"] == "-20,-10,20,15"]
+    z = np.array([float(row["z_mm"]) for row in rows])
+    assert z.std() == pytest.approx(figures["-20,-10,20,15"]["rms_mm"])
+    assert float(rows[-1]["s_mm"]) == pytest.approx(np.hypot(40, 25))
+    with (tmp_path / "s.csv").open() as stream:
+        assert {row["axis"] for row in csv.DictReader(stream)} == {"x", "y"}
+    assert "Profiles of the residual" in capfd.readouterr().out
