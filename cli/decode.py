@@ -106,6 +106,13 @@ Correspondence in c.npz
     metavar="RIG.toml|NPZ",
     help="Keep what this capture tells of the rig, with the rig or in a file of its own.",
 )
+@click.option(
+    "--blur",
+    type=click.FloatRange(min=0),
+    metavar="CELLS",
+    help="Rms blur of the display's cells, where it is known: sigma then holds no allowance for it. Default: "
+    "estimated from the frames.",
+)
 @click.option("--no-cells", is_flag=True, help="Frames were ideal cosines, not shown on a display's cells.")
 @click.option("--no-check", is_flag=True, help="Take the frames for those described.")
 @json_option
@@ -124,6 +131,7 @@ def command(
     footprint: float | None,
     profile: Path | None,
     save_profile: Path | None,
+    blur: float | None,
     no_cells: bool,
     no_check: bool,
     json_path: Path | None,
@@ -153,6 +161,7 @@ def command(
             settings = Settings(
                 response=inverse,
                 lens_px=lens,
+                blur_px=blur,
                 footprint=footprint,
                 on_cells=not no_cells,
                 check=not no_check,
@@ -161,8 +170,8 @@ def command(
             if known is not None:
                 if settings != Settings(check=settings.check):
                     raise InputError(
-                        "--profile holds response, lens, footprint and cells: leave out --response, --lens, "
-                        "--footprint and --no-cells"
+                        "--profile holds response, lens, blur, footprint and cells: leave out --response, --lens, "
+                        "--blur, --footprint and --no-cells"
                     )
                 settings = replace(known.settings, check=settings.check)
             decoder = Decoder(capture.sequence, known, settings)

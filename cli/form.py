@@ -177,12 +177,12 @@ def _profiles(fit: "FormFit", lines: "tuple[Ends | str, ...]") -> "dict[str, Pro
     (x0, x1), (y0, y1) = spans
     middle = fit.middle
     for line in lines:
-        if line == "x":
-            ends = Ends((x0, middle[1]), (x1, middle[1]))
-        elif line == "y":
-            ends = Ends((middle[0], y0), (middle[0], y1))
-        else:
+        if isinstance(line, Ends):
             ends = line
+        elif line == "x":
+            ends = Ends((x0, middle[1]), (x1, middle[1]))
+        else:
+            ends = Ends((middle[0], y0), (middle[0], y1))
         name = line if isinstance(line, str) else ",".join(f"{value:g}" for end in line for value in end)
         found[name] = profile(grid, ends.start, ends.end)
     return found

@@ -52,17 +52,17 @@ Height map in h.npz
 
 
 class Anchor(click.ParamType[Any]):
-    """edge, or a known point of the mirror X,Y,Z in mm; none, for methods that take no anchor."""
+    """edge, middle, or a known point of the mirror X,Y,Z in mm; none, for methods that take no anchor."""
 
-    name = "edge|X,Y,Z"
+    name = "edge|middle|X,Y,Z"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        if value in ("edge", "none"):
+        if value in ("edge", "middle", "none"):
             return value
         try:
             x, y, z = (float(part) for part in str(value).split(","))
         except ValueError:
-            self.fail(f"{value!r} is neither edge nor X,Y,Z (mm)", param, ctx)
+            self.fail(f"{value!r} is neither edge nor middle nor X,Y,Z (mm)", param, ctx)
         return x, y, z
 
 
@@ -82,8 +82,9 @@ def _sofast_files(scene: str) -> list[str]:
 @click.option(
     "--anchor",
     type=Anchor(),
-    help="What fixes the height: the camera-side edge at rest (default), or a known point (mm; default of a "
-    "SOFAST rig: where it measured its distance).",
+    help="What fixes the height: the camera-side edge at rest (default), the mirror's middle at rest "
+    "(default in open air where that edge is not seen), or a known point (mm; default of a SOFAST rig: "
+    "where it measured its distance).",
 )
 @click.option(
     "--rest",

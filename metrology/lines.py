@@ -72,7 +72,8 @@ def spectrum(grid: Grid, axis: str) -> Spectrum:
     window = np.hanning(count + 1)[:-1]
     power = np.abs(np.fft.rfft(flat * window, axis=1)) ** 2
     density = 2 * grid.pitch * power.mean(axis=0) / np.sum(window**2)
-    return Spectrum(np.fft.rfftfreq(count, grid.pitch)[1:], density[1:])
+    frequency = np.arange(1, len(density)) / (count * grid.pitch)
+    return Spectrum(frequency, density[1:])
 
 
 def _rectangle(z: Floats) -> Floats:

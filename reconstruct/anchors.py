@@ -4,8 +4,8 @@ The slopes leave one degree of freedom per connected component (dt ~ E, the inte
 h = C x, a rotation about the pattern's edge). Nothing in the image fixes it; an anchor does.
 
 The default is the camera-side edge at rest: the line x = L0, z = 0, reached by extrapolation from the pixels
-next to it. It asks that the camera sees up to that line; otherwise a point, a pixel's height or a distance
-must be named.
+next to it. It asks that the camera sees up to that line. Where it does not, the default is the middle of a
+mirror in open air; of a prism a point, a pixel's height or a distance must be named.
 """
 
 from collections.abc import Iterable, Sequence
@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from optolever.errors import InputError
-from optolever.scene import Scene
+from optolever.scene import PinholeCamera, Scene
 
 from .arrays import Floats, Mask
 from .geometry import RayField, rest_distance
@@ -104,11 +104,17 @@ class Samples:
 
 
 def anchor_samples(anchor: Anchors, scene: Scene, rays: RayField, mask: Mask) -> Samples:
-    """Anchors as known distances at pixels. None and 'edge': the camera-side edge at rest.
+    """Anchors as known distances at pixels. 'edge': the camera-side edge at rest; 'middle': the middle at
+    rest; None: the edge, or the middle in open air where no valid pixel lies at the edge.
 
     Raises InputError if an anchor cannot be used with this scene and mask.
     """
-    parts = [_samples(one, scene, rays, mask) for one in _listed(anchor)]
+    try:
+        parts = [_samples(one, scene, rays, mask) for one in _listed(anchor, scene)]
+    except InputError:
+        if anchor is not None or not _in_open_air(scene):
+            raise
+        parts = [_samples(_middle(scene), scene, rays, mask)]
     return Samples(
         *(
             np.concatenate([getattr(part, name) for part in parts])
@@ -117,15 +123,29 @@ def anchor_samples(anchor: Anchors, scene: Scene, rays: RayField, mask: Mask) ->
     )
 
 
-def _listed(anchor: Anchors) -> Sequence[Anchor]:
+def _in_open_air(scene: Scene) -> bool:
+    return isinstance(scene.camera, PinholeCamera) and scene.camera.face is None and scene.medium is None
+
+
+def _middle(scene: Scene) -> PointAnchor:
+    """The middle of the mirror at rest."""
+    x, y = 0.5 * scene.mirror.length, 0.5 * scene.mirror.width
+    form = scene.rest_form
+    z = 0.0 if form is None else float(form.height(np.array(x), np.array(y), scene.mirror))
+    return PointAnchor(x, y, z)
+
+
+def _listed(anchor: Anchors, scene: Scene) -> Sequence[Anchor]:
+    if isinstance(anchor, str) and anchor == "middle":
+        return [_middle(scene)]
     if anchor is None or (isinstance(anchor, str) and anchor == "edge"):
         return [EdgeAnchor()]
     if isinstance(anchor, str) and anchor == "none":
         raise InputError(
-            "anchor = 'none': no anchor; the height is free by one mode, name 'edge' or a known point"
+            "anchor = 'none': the height is free by one mode, name 'edge', 'middle' or a known point"
         )
     if isinstance(anchor, str):
-        raise InputError(f"anchor = {anchor!r}: unknown, the only name is 'edge'; else give points")
+        raise InputError(f"anchor = {anchor!r}: unknown, the names are 'edge' and 'middle'; else give points")
     if isinstance(anchor, Anchor):
         return [anchor]
     anchors: list[Any] = list(anchor) if isinstance(anchor, Iterable) else [anchor]

@@ -69,6 +69,9 @@ def free_mode_of(height: HeightMap, scene: Scene, anchor: Anchors = None) -> tup
     elif isinstance(anchor, PixelAnchor):
         rows, cols = np.indices(height.z.shape)
         away = np.where(known, np.hypot(rows - anchor.row, cols - anchor.col), np.inf)
+    elif anchor == "middle":
+        x, y = 0.5 * scene.mirror.length, 0.5 * scene.mirror.width
+        away = np.where(known, np.hypot(height.x - x, height.y - y), np.inf)
     elif anchor in (None, "edge"):
         away = np.where(known, -height.x, np.inf)
     else:

@@ -107,10 +107,11 @@ def reconstruct(
     'direct' (by sparse factorisation, for extreme weights), 'robust' (defects reweighted, see `reweighting`),
     'march' (along rows from one column, full rectangles only) and 'fixed-point' as cross-checks, or the
     paper's recursion 'paper', 'paper-rises', 'paper-drops' (see `reconstruct_paper`; no anchor, no sigma).
-    anchor: what settles the free mode: 'edge' (default: the camera-side edge x = L0 rests), a point (x, y, z)
-    in mm, or anchors of `anchors`. mask (H, W): pixels to use, among those without a flag. rest: what was
-    decoded from the mirror at rest; its deviation from the scene's prediction is taken off as an error of
-    calibration. start: a height map of the same camera to start from, say of the last frame.
+    anchor: what settles the free mode: 'edge' (default: the camera-side edge x = L0 rests), 'middle' (default
+    in open air where that edge is not seen), a point (x, y, z) in mm, or anchors of `anchors`. mask (H, W):
+    pixels to use, among those without a flag. rest: what was decoded from the mirror at rest; its deviation
+    from the scene's prediction is taken off as an error of calibration. start: a height map of the same
+    camera to start from, say of the last frame.
     accept: keep the heights of a capture that no rig of this scene's accuracy can have taken; else all its
     pixels are flagged IMPLAUSIBLE.
     progress: called with what is being done, how many steps are done, and of how many. Raises InputError if

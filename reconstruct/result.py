@@ -119,8 +119,8 @@ def anchors_apart(problem: Problem, state: State, height: HeightMap) -> tuple[No
     if not apart > _APART:
         return ()
     cure = (
-        "check the anchors; the mirror's edge may not rest, or the scene is wrong (pose of camera or "
-        "pattern): calibrate it, or give a capture of the mirror at rest (--rest)"
+        "check the anchors; the mirror's edge may not rest (a curved mirror: --anchor middle), or the scene "
+        "is wrong (pose of camera or pattern): calibrate it, or give a capture of the mirror at rest (--rest)"
     )
     return (Notice("anchors contradict each other, sigma rms", apart, _APART, cure),)
 

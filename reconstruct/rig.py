@@ -471,6 +471,6 @@ def _anchors(anchor: Anchors, step: int) -> Anchors:
 
 
 def _at_edge(anchor: Anchors) -> bool:
-    """Whether the anchor is the mirror's edge at rest, a sag of which moves it."""
-    named = isinstance(anchor, str) and anchor == "edge"
+    """Whether the anchor is the mirror's edge or its middle at rest, which a sag moves."""
+    named = isinstance(anchor, str) and anchor in ("edge", "middle")
     return anchor is None or named or isinstance(anchor, EdgeAnchor)

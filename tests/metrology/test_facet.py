@@ -1,6 +1,7 @@
 """A concave facet of 300 mm, R = 4 m, a bump of 3 um and waviness, from rendered frames to its figures."""
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,12 +11,12 @@ import pytest
 from numpy.typing import NDArray
 
 from optolever.cli import run
-from optolever.decode import decode
+from optolever.decode import Correspondence, decode
 from optolever.metrology import fit_zernike
 from optolever.patterns import sequence
 from optolever.projector import capture
 from optolever.reconstruct import HeightMap, exact_correspondence, reconstruct, slope_map
-from optolever.scene import Scene, Surface, load, resize, trace
+from optolever.scene import Scene, Surface, Trace, load, resize, trace
 
 Floats = NDArray[np.float64]
 RADIUS, MIDDLE = 4000.0, 150.0
@@ -93,16 +94,31 @@ def test_residual_and_radius_of_the_facet(tmp_path: Path, capfd: pytest.CaptureF
     assert "urad rms along x" in capfd.readouterr().out
 
 
+def places(scene: Scene, truth: Trace, seed: int, noise: float = 0.02) -> Correspondence:
+    """Places with white noise as large as they state."""
+    rng, seen = np.random.default_rng(seed), exact_correspondence(truth, noise)
+    u, v = (part + noise * rng.standard_normal(part.shape) for part in (seen.u, seen.v))
+    return replace(seen, u=u.astype(np.float32), v=v.astype(np.float32))
+
+
+def rendered(scene: Scene, truth: Trace, seed: int) -> Correspondence:
+    """Places decoded from rendered frames, with the display's blur that an exact scene states."""
+    shown = sequence("gray+phase", scene.pattern.rows, scene.pattern.cols)
+    frames = capture(scene, FACET, shown, noise=1.0, seed=seed, renderer="numpy").frames
+    return decode(frames, shown, blur_px=scene.pattern.blur_px)
+
+
 @pytest.mark.slow
-def test_sigmas_of_coefficients_hold_over_seeds(tmp_path: Path) -> None:
-    """Zernike coefficients up to order 3 of places with white noise as large as they state."""
-    scene, noise, chi2 = rig(tmp_path, 60, 80), 0.02, []
+@pytest.mark.parametrize("seen_by", [places, rendered])
+def test_sigmas_of_coefficients_hold_over_seeds(
+    tmp_path: Path, seen_by: Callable[[Scene, Trace, int], Correspondence]
+) -> None:
+    """chi2 of Zernike coefficients up to order 3 per degree of freedom, over 50 seeds."""
+    scene, chi2 = rig(tmp_path, 60, 80), []
     truth = trace(scene, FACET)
     top = float(form(np.array(MIDDLE), np.array(MIDDLE))[0])
     for seed in range(50):
-        rng, seen = np.random.default_rng(seed), exact_correspondence(truth, noise)
-        u, v = (part + noise * rng.standard_normal(part.shape) for part in (seen.u, seen.v))
-        seen = replace(seen, u=u.astype(np.float32), v=v.astype(np.float32))
+        seen = seen_by(scene, truth, seed)
         height = reconstruct(seen, scene, anchor=(MIDDLE, MIDDLE, top))
         fit = fit_zernike(height, 3, slope_map(height, seen, scene))
         exact = HeightMap(height.x, height.y, form(height.x, height.y)[0], height.sigma, height.flags)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from optolever import InputError
 from optolever.decode import Correspondence
 from optolever.experiments.metrics import relative_error, rms
 from optolever.reconstruct import (
@@ -17,8 +18,8 @@ from optolever.reconstruct import (
     null_space,
     reconstruct,
 )
+from optolever.scene import Surface, load, resize, trace
 from optolever.scene import dent_from_text as dent
-from optolever.scene import trace
 
 
 @pytest.mark.parametrize(
@@ -219,3 +220,22 @@ def test_warm_start(exact, cut) -> None:
     assert warm.diagnostics.steps[0] < 0.3 * cold.diagnostics.steps[0]
     same = reconstruct(correspondence, scene, start=cold)
     assert len(same.diagnostics.steps) <= 2
+
+
+def test_in_open_air_the_middle_stands_in_for_an_edge_that_is_not_seen() -> None:
+    """A concave mirror of R = 3 m whose vertex rests, behind a mask that leaves a disk."""
+    scene, radius = resize(load("monitor-mirror"), 60, 80), 3000.0
+    bowl = Surface(
+        lambda x, y: ((x - 75) ** 2 + (y - 55) ** 2) / (2 * radius),
+        lambda x, y: ((x - 75) / radius, (y - 55) / radius),
+    )
+    truth = trace(scene, bowl)
+    row, col = np.mgrid[:60, :80]
+    mask = np.hypot(row - 30, col - 40) < 25
+    seen = exact_correspondence(truth)
+    least = reconstruct(seen, scene, mask=mask)
+    assert np.abs(least.z - truth.z)[least.good].max() < 1e-5 * np.nanmax(truth.z)
+    np.testing.assert_array_equal(reconstruct(seen, scene, anchor="middle", mask=mask).z, least.z)
+    prism = resize(load("prism48"), 60, 80)
+    with pytest.raises(InputError, match="anchor = 'edge': no valid pixel"):
+        reconstruct(exact_correspondence(trace(prism, dent("flat", prism))), prism, mask=mask)
