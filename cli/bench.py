@@ -31,6 +31,9 @@ Run
 """
 
 
+SHARE = click.FloatRange(0, 1, max_open=True)
+
+
 @click.command("bench", cls=Program, epilog=sample(SAMPLE))
 @click.option("--scene", "scenes", multiple=True, metavar="PRESET_OR_TOML", help="Again for more.")
 @click.option("--dent", "dents", multiple=True, metavar="NAME[:KEY=VALUE,...]", help="Default: the scene's.")
@@ -39,14 +42,16 @@ Run
     "sequences",
     multiple=True,
     metavar="NAME[:KEY=VALUE,...][@DECODER]",
-    help="Decoder: fringes or cv2 in place of ours; exact: the true correspondence.",
+    help="Decoder: fringes, cv2 or a MODULE:FUNCTION of yours (called with frames and sequence, it returns a "
+    "Correspondence) in place of ours; exact: the true correspondence.",
 )
 @click.option(
     "--add",
     "added",
     multiple=True,
-    metavar="MODULE:FUNCTION",
-    help="Also a sequence of your own: called with rows, cols, it returns a patterns.Sequence.",
+    metavar="MODULE:FUNCTION[@DECODER]",
+    help="Also a pattern of your own: called with rows, cols, it returns a patterns.Sequence, or images "
+    "(N, rows, cols), which need a decoder of your own.",
 )
 @click.option("--solver", "solvers", multiple=True, metavar="NAME", help="A method, or a peer's integrator.")
 @click.option("--size", "sizes", multiple=True, type=SIZE, metavar="ROWSxCOLS", help="Default: 512x512.")
@@ -61,6 +66,16 @@ Run
     metavar="HZ",
     help="Frames that the display shows per second; default 60.",
 )
+@click.option("--lag", "lags", multiple=True, type=SHARE, metavar="SHARE",
+              help="Of the frame before in each frame; default 0.")  # fmt: skip
+@click.option("--gamma", "gammas", multiple=True, type=click.FloatRange(min=0, min_open=True), metavar="G",
+              help="Of the display, which the decoder is not told; default: the scene's.")  # fmt: skip
+@click.option("--flicker", "flickers", multiple=True, type=SHARE, metavar="SHARE",
+              help="Amplitude of the light's oscillation at 100 Hz; default: the scene's.")  # fmt: skip
+@click.option("--blur", "blurs", multiple=True, type=click.FloatRange(min=0), metavar="CELLS",
+              help="Rms blur between display and camera; default: the scene's.")  # fmt: skip
+@click.option("--exposure", "exposure", type=click.FloatRange(min=0), metavar="MS",
+              help="Of a frame, which stays for the whole refreshes that hold it; default 0.")  # fmt: skip
 @renderer_option
 @report_option("bench", "Gets the report.", "report.html", "results.json", "results.csv")
 @click.option("--readme", is_flag=True, help="Print the summary as a Markdown table, in place of all rows.")
@@ -68,6 +83,7 @@ Run
 def command(
     grid_path: Path | None,
     refresh: float | None,
+    exposure: float | None,
     renderer: str,
     out: Path,
     readme: bool,
@@ -85,7 +101,7 @@ def command(
 
     from optolever.experiments.bench import Store, absent_modules, time_cells
 
-    asked = _grid(grid_path, lists, refresh, renderer)
+    asked = _grid(grid_path, lists, {"refresh": refresh, "exposure_ms": exposure}, renderer)
     asked = replace(asked, sequences=asked.sequences + added)
     absent = absent_modules(asked.cells())
     if absent:
@@ -127,14 +143,14 @@ def finish(
 
     from optolever.experiments.bench import Store, bench_markdown, bench_table, write_bench_report
 
-    settings = asdict(asked)
-    Store(out).finish(rows, settings, asked.refresh)
+    settings = asdict(asked) | {"rate": asked.rate}
+    Store(out).finish(rows, settings, asked.rate)
     write_bench_report(out / "report.html", rows, settings, {"total": seconds})
-    write_json(json_path, {"settings": settings, "rows": [row.flat(asked.refresh) for row in rows]})
+    write_json(json_path, {"settings": settings, "rows": [row.flat(asked.rate) for row in rows]})
     if readme:
         click.echo(bench_markdown(rows))
         return
-    for name, (header, *lines), absent in bench_table(rows, asked.refresh):
+    for name, (header, *lines), absent in bench_table(rows, asked.rate):
         grid(name, header, lines)
         for line in absent:
             click.echo(f"no number: {line}")
@@ -149,7 +165,7 @@ def finish(
 
 
 def _grid(
-    path: Path | None, lists: dict[str, tuple[Any, ...]], refresh: float | None, renderer: str
+    path: Path | None, lists: dict[str, tuple[Any, ...]], times: dict[str, float | None], renderer: str
 ) -> "Grid":
     from dataclasses import replace
 
@@ -157,8 +173,7 @@ def _grid(
 
     base = DEFAULT_GRID if path is None else load_grid(path)
     given: dict[str, Any] = {name: tuple(values) for name, values in lists.items() if values}
-    if refresh is not None:
-        given["refresh"] = refresh
+    given |= {name: value for name, value in times.items() if value is not None}
     if path is None or renderer != "auto":
         given["renderer"] = renderer
     return replace(base, **given)

@@ -43,6 +43,9 @@ Choice
 HEADER = ("sequence", "frames", "time", "predicted", "+-", "simulated", "wrong order", "measured", "")
 
 
+SHARE = click.FloatRange(0, 1, max_open=True)
+
+
 @click.command("design", cls=Program, epilog=sample(SAMPLE))
 @scene_option
 @click.option(
@@ -54,14 +57,23 @@ HEADER = ("sequence", "frames", "time", "predicted", "+-", "simulated", "wrong o
 @click.option("--refresh", type=click.FloatRange(min=0, min_open=True), default=60.0, show_default=True,
               metavar="HZ", help="Frames that the display shows per second.")  # fmt: skip
 @noise_option(1.0)
+@click.option("--lag", type=SHARE, default=0.0, metavar="SHARE",
+              help="Of the frame before in each simulated frame; predictions leave it out.")  # fmt: skip
+@click.option("--gamma", type=click.FloatRange(min=0, min_open=True), metavar="G",
+              help="Of the display in place of the scene's; the decoder is not told.")  # fmt: skip
+@click.option("--flicker", type=SHARE, metavar="SHARE",
+              help="Amplitude of the light's oscillation at 100 Hz, in simulated frames.")  # fmt: skip
+@click.option("--exposure", type=click.FloatRange(min=0), default=0.0, metavar="MS",
+              help="Of a frame, which stays for the whole refreshes that hold it.")  # fmt: skip
 @click.option(
     "--blur", type=click.FloatRange(min=0), metavar="CELLS", help="Rms blur in place of the scene's."
 )
 @click.option("--failure", type=click.FloatRange(0, 1), default=1e-3, show_default=True, metavar="RATE",
               help="Largest probability of a wrong fringe order or code bit.")  # fmt: skip
 @click.option("--add", "added", multiple=True, metavar="PATTERN",
-              help="Also rank MODULE:FUNCTION (called with rows, cols; returns a patterns.Sequence), a "
-              "folder of images with a coordinates.toml ([[frames]] file, axis), a sequence.")  # fmt: skip
+              help="Also rank MODULE:FUNCTION (called with rows, cols; returns a patterns.Sequence, or "
+              "images), with @MODULE:FUNCTION behind it a decoder of your own (simulated only); a folder "
+              " of images with a coordinates.toml ([[frames]] file, axis), a sequence.")  # fmt: skip
 @click.option("--verify", type=click.IntRange(min=0), default=3, show_default=True, metavar="N",
               help="How many of the best to simulate.")  # fmt: skip
 @click.option("--rows", "shown", type=click.IntRange(min=1), default=12, show_default=True, metavar="N",
@@ -82,7 +94,11 @@ def command(
     seconds: float | None,
     refresh: float,
     noise: float,
+    lag: float,
+    gamma: float | None,
+    flicker: float | None,
     blur: float | None,
+    exposure: float,
     failure: float,
     added: tuple[str, ...],
     verify: int,
@@ -98,27 +114,29 @@ def command(
     and by the scene's own solver. What fails too often or loses pixels comes last; what --add brings is
     always printed. +-: standard error of the prediction; measured: share of the pixels with a height.
     """
-    from optolever.experiments.design import run_design, user_candidate
+    from optolever.experiments import Faults
+    from optolever.experiments.bench import Grid
+    from optolever.experiments.design import own_candidate, run_design, user_candidate
     from optolever.files import together
 
-    budget = _budget(frames, seconds, refresh)
-    scene = load_scene(scene_name, size)
-    if blur is not None:
-        from dataclasses import replace
-
-        scene = replace(scene, pattern=replace(scene.pattern, blur_px=blur))
+    rate = Grid((), (), refresh=refresh, exposure_ms=exposure).rate
+    budget = _budget(frames, seconds, rate)
+    scene = Faults(lag, gamma, flicker, blur).on(load_scene(scene_name, size))
     cells, resized = (scene.pattern.rows, scene.pattern.cols), size is not None
-    extra = [user_candidate(text, *cells, resized=resized) for text in added]
+    extra = [user_candidate(text, *cells, resized=resized) for text in added if "@" not in text]
+    own = [own_candidate(text, *cells, resized=resized) for text in added if "@" in text]
     with progress() as step:
         design = run_design(
             scene,
             dent_of(scene, dent),
             frames=budget,
-            refresh=refresh,
+            refresh=rate,
             noise=noise,
             failure=failure,
             verify=verify,
             extra=extra,
+            own=own,
+            lag=lag,
             renderer=renderer,
             progress=step,
         )

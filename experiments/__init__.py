@@ -12,7 +12,9 @@
 | `ideal.py` | codes by their definitions: what ideal surfaces show, faults of frames |
 | `place.py` | a dented mirror, its truth, its exact correspondence |
 | `acquisition_check.py` | images that show the pattern before theirs |
-| `own_sequence.py` | sequences that a user brings: function, folder, file |
+| `own_sequence.py`, `own_function.py` | sequences that a user brings: function, folder, file |
+| `own_images.py` | patterns along both axes that a user brings, and the user's decoder |
+| `faults.py` | lag, gamma, flicker and blur of display and light |
 | `timing.py`, `arrays.py` | seconds of calls and stages, memory, the floor; names of types |
 | `bench/`, `design/` | speed against error; what to show and to build |
 | `page.py`, `images.py`, `report/` | HTML page; figures and maps as PNG; templates, style, viewer |
@@ -21,6 +23,7 @@
 from .acquisition_check import frames_of_another
 from .code_guide import CODES, CodeRow, code_rows, code_that_decodes, predict_code, seen
 from .demo import DemoResult, run_demo
+from .faults import Faults
 from .height_report import write_demo_report, write_measurement_report
 from .measurement import Measurement
 from .metrics import height_metrics, mirror_coverage
@@ -34,6 +37,7 @@ __all__ = [
     "CODES",
     "CodeRow",
     "DemoResult",
+    "Faults",
     "Measurement",
     "PaperRow",
     "PaperStudy",

@@ -1,11 +1,7 @@
 """Sequences that a user brings: a Python function, images with what they encode, a file, a name."""
 
 import hashlib
-import importlib
 import importlib.util
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,16 +14,20 @@ from optolever.patterns import Frame, Sequence, sequence_from_text, sequence_nam
 from optolever.pictures import read_grey
 from optolever.toml import read_toml
 
+from .own_function import imported, working_folder
+from .own_images import OwnImages
+
 __all__ = ["own_sequence", "source_digest"]
 
 SLACK = 1  # grey levels by which an image may differ from its description
 
 
-def own_sequence(text: str, rows: int, cols: int, *, resized: bool = False) -> Sequence:
+def own_sequence(text: str, rows: int, cols: int, *, resized: bool = False) -> Sequence | OwnImages:
     """The sequence behind 'module:function', a folder, a .toml file or a name.
 
     The module lies in the working folder or is installed. The function is called with rows and cols and
-    returns a Sequence of that size. A folder holds `sequence.toml` as Sequence.save_png writes it, or
+    returns a Sequence of that size, or images (N, rows, cols) uint8, which a decoder of the user's own reads.
+    A folder holds `sequence.toml` as Sequence.save_png writes it, or
     `coordinates.toml`:
 
         [[frames]]
@@ -52,7 +52,7 @@ def source_digest(text: str) -> str:
     path = Path(text)
     module = text.partition(":")[0]
     if path.suffix != ".toml" and ":" in text and module not in sequence_names():
-        with _working_folder():
+        with working_folder():
             try:
                 found = importlib.util.find_spec(module)
             except (ImportError, ValueError):
@@ -71,37 +71,30 @@ def _part(path: str, rows: int, cols: int) -> Sequence:
     return replace(found, rows=rows, cols=cols)
 
 
-@contextmanager
-def _working_folder() -> Iterator[None]:
-    """Modules of the working folder can be imported; it comes last, so that it hides no other module."""
-    before = list(sys.path)
-    sys.path.append(str(Path.cwd()))
-    try:
-        yield
-    finally:
-        sys.path[:] = before
-
-
-def _from_callable(text: str, rows: int, cols: int) -> Sequence:
-    module, colon, name = text.partition(":")
-    if not colon:
+def _from_callable(text: str, rows: int, cols: int) -> Sequence | OwnImages:
+    if ":" not in text:
         raise InputError(
             f"pattern {text!r}: is no folder, no .toml, no module:function and no known sequence"
         )
-    with _working_folder():
-        try:
-            function = getattr(importlib.import_module(module), name)
-        except (ImportError, AttributeError, ValueError) as error:
-            raise InputError(f"pattern {text!r}: cannot be imported ({error})") from error
-        try:
+    function = imported(f"pattern {text!r}", text)
+    try:
+        with working_folder():
             found = function(rows, cols)
-        except Exception as error:  # whatever a user's function raises is a finding about that function
-            raise InputError(f"pattern {text!r}: raises {type(error).__name__}: {error}") from error
-    if not isinstance(found, Sequence):
-        raise InputError(f"pattern {text!r}: returns {type(found).__name__}, must be a Sequence")
-    if (found.rows, found.cols) != (rows, cols):
-        raise InputError(f"pattern {text!r}: is {found.rows}x{found.cols} cells, must be {rows}x{cols}")
-    return found
+    except Exception as error:  # whatever a user's function raises is a finding about that function
+        raise InputError(f"pattern {text!r}: raises {type(error).__name__}: {error}") from error
+    shown: Sequence | OwnImages
+    if isinstance(found, np.ndarray) and found.dtype == np.uint8 and found.ndim == 3 and len(found):
+        size, shown = found.shape[1:], OwnImages(found, text)
+    elif isinstance(found, Sequence):
+        size, shown = (found.rows, found.cols), found
+    else:
+        what = type(found).__name__
+        raise InputError(
+            f"pattern {text!r}: returns {what}, must be a Sequence or uint8 images (N, rows, cols)"
+        )
+    if size != (rows, cols):
+        raise InputError(f"pattern {text!r}: is {size[0]}x{size[1]} cells, must be {rows}x{cols}")
+    return shown
 
 
 def _from_folder(folder: Path, rows: int, cols: int) -> Sequence:

@@ -18,6 +18,7 @@ from optolever.errors import InputError
 from optolever.projector import RENDERERS
 from optolever.toml import read_toml
 
+from ..faults import Faults
 from ..own_sequence import source_digest
 
 Size = tuple[int, int]
@@ -44,8 +45,12 @@ METRICS = (
 )
 COLUMNS = (
     *("scene", "rows", "cols", "dent", "sequence", "noise", "seed", "solver", "renderer"),
+    *("lag", "gamma", "flicker", "blur"),
     *("status", "why", "kind", "frames", "display_seconds", *TIMINGS, *METRICS),
 )
+
+
+NO_FAULTS = Faults()
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +59,8 @@ class Cell:
 
     size: (rows, cols) of the camera, None: the scene's own; dent: '' is the scene's own; sequence: text of
     `own_sequence` (a .toml file or module:function, too), with '@DECODER' behind it where another decoder
-    than ours takes the frames; 'exact': the true correspondence. noise: 8-bit levels.
+    than ours takes the frames, by name or as module:function; 'exact': the true correspondence. noise: 8-bit
+    levels. faults: of display and light.
     """
 
     scene: str
@@ -65,6 +71,7 @@ class Cell:
     seed: int
     solver: str
     renderer: str = "auto"
+    faults: Faults = NO_FAULTS
 
     @property
     def shown(self) -> str:
@@ -79,8 +86,8 @@ class Cell:
 
     @property
     def place(self) -> tuple[Any, ...]:
-        """What cells have in common that see the same mirror: scene, size, dent."""
-        return self.scene, self.size, self.dent
+        """What cells have in common that see the same mirror: scene, size, dent, faults."""
+        return self.scene, self.size, self.dent, self.faults
 
     @property
     def frames(self) -> tuple[Any, ...]:
@@ -90,7 +97,8 @@ class Cell:
     @property
     def capture_seed(self) -> int:
         """Seed of the noise: of the cell's own, equal for all decoders and solvers that take its frames."""
-        return int.from_bytes(_digest([*self.frames[:-1], *self._files()])[:4])
+        frames = (self.scene, self.size, self.dent, self.shown, self.noise, self.seed)
+        return int.from_bytes(_digest([*frames, *self._files()])[:4])
 
     @property
     def key(self) -> str:
@@ -108,7 +116,10 @@ class Cell:
     def from_dict(cls, plain: dict[str, Any]) -> "Cell":
         """Inverse of to_dict."""
         size = plain["size"]
-        return cls(**{**plain, "size": None if size is None else (int(size[0]), int(size[1]))})
+        faults = Faults(**plain.get("faults", {}))
+        return cls(
+            **{**plain, "size": None if size is None else (int(size[0]), int(size[1])), "faults": faults}
+        )
 
 
 def grouped(cells: Iterable[Cell]) -> list[tuple[Cell, ...]]:
@@ -121,7 +132,8 @@ def grouped(cells: Iterable[Cell]) -> list[tuple[Cell, ...]]:
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """Every combination of these; refresh: of the display, Hz, for the time that a sequence takes to show."""
+    """Every combination of these; lags to blurs: see Faults, None is the scene's own; refresh: of the
+    display, Hz, and exposure_ms: of a frame, for the time that a sequence takes to show."""
 
     scenes: tuple[str, ...]
     sequences: tuple[str, ...]
@@ -132,6 +144,16 @@ class Grid:
     seeds: tuple[int, ...] = (0,)
     renderer: str = "auto"
     refresh: float = 60.0
+    lags: tuple[float, ...] = (0.0,)
+    gammas: tuple[float | None, ...] = (None,)
+    flickers: tuple[float | None, ...] = (None,)
+    blurs: tuple[float | None, ...] = (None,)
+    exposure_ms: float = 0.0
+
+    @property
+    def rate(self) -> float:
+        """Frames per second: each stays for the whole refreshes that hold its exposure, one at least."""
+        return self.refresh / max(1, math.ceil(1e-3 * self.exposure_ms * self.refresh - 1e-9))
 
     def cells(self) -> list[Cell]:
         """All combinations, each once; the exact correspondence has no noise and is taken once."""
@@ -139,8 +161,9 @@ class Grid:
 
     def _cells(self) -> Iterator[Cell]:
         axes = (self.scenes, self.sizes, self.dents, self.sequences, self.noises, self.seeds, self.solvers)
-        for values in product(*axes):
-            cell = Cell(*values, renderer=self.renderer)
+        faults = [Faults(*each) for each in product(self.lags, self.gammas, self.flickers, self.blurs)]
+        for values, found in product(product(*axes), faults):
+            cell = Cell(*values, renderer=self.renderer, faults=found)
             yield replace(cell, noise=0.0, seed=0) if cell.decoder == "exact" else cell
 
 
@@ -213,6 +236,11 @@ _FIELDS: dict[str, tuple[str, Callable[[Any], bool], Callable[[Any], Any]]] = {
     "sizes": ("'own' or ROWSxCOLS with at least 8 each", _is_size, _size),
     "noises": ("a number of at least 0", lambda value: _is_number(value, 0.0), float),
     "seeds": ("whole numbers of at least 0", lambda value: type(value) is int and value >= 0, int),
+    "lags": ("a share of at least 0, below 1", lambda value: _is_number(value, 0.0, 0.999), float),
+    "gammas": ("a number above 0", lambda value: _is_number(value, 1e-3, 100.0), float),
+    "flickers": ("a share of at least 0, below 1", lambda value: _is_number(value, 0.0, 0.999), float),
+    "blurs": ("cells of at least 0", lambda value: _is_number(value, 0.0), float),
+    "exposure_ms": ("ms of at least 0", lambda value: _is_number(value, 0.0), float),
     "refresh": ("0.001 to 1e6 Hz", lambda value: _is_number(value, 1e-3, 1e6), float),
     "renderer": (f"one of {', '.join(RENDERERS)}", lambda value: value in RENDERERS, str),
 }
@@ -221,7 +249,7 @@ _TEXT = "text", lambda value: isinstance(value, str), str
 
 def _value(path: str | Path, name: str, value: Any) -> Any:
     must, holds, read = _FIELDS.get(name, _TEXT)
-    single = name in ("refresh", "renderer")
+    single = name in ("refresh", "renderer", "exposure_ms")
     if not single and (not isinstance(value, list) or not value):
         raise InputError(f"{path}: {name} is {value!r}, must be a list with at least one entry")
     entries = [value] if single else value
@@ -294,6 +322,7 @@ class Row:
         """One value per name of COLUMNS; None where nothing is known."""
         cell = self.cell.to_dict()
         rows, cols = cell.pop("size") or (None, None)
+        cell |= cell.pop("faults")
         shown = {"rows": rows, "cols": cols, "display_seconds": self.display_seconds(refresh)}
         told = {name: getattr(self, name) for name in ("status", "why", "kind", "frames")}
         values = cell | shown | told | self.timings | self.metrics

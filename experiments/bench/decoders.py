@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 from optolever.decode import Correspondence, Flag, crossed, decode
 from optolever.errors import InputError
 from optolever.patterns import Frame, Sequence, sequence, sequence_from_text
-from optolever.projector import capture
 from optolever.scene import Surface, dent
 
 from ..arrays import Floats
+from ..faults import frames_of
+from ..own_images import OwnDecoder, OwnImages, image_frames, own_decoder
 from ..own_sequence import own_sequence
 from ..place import Place, exact
 from ..timing import timed
@@ -42,15 +43,17 @@ class Shot:
 
     place: Place
     cell: Cell
-    sequence: Sequence | None = None
+    sequence: Sequence | OwnImages | None = None
     frames: NDArray[Any] | None = None
     render_seconds: float = 0.0
     rest: tuple[NDArray[Any], Correspondence] | None = None
 
     def taken(self) -> tuple[NDArray[Any], Sequence]:
-        """The frames and what they show; InputError where there are none."""
+        """The frames and what they show; InputError where there are none, or images of a user's own."""
         if self.frames is None or self.sequence is None:
             raise InputError(f"sequence {self.cell.shown!r}: no frames, this decoder needs some")
+        if isinstance(self.sequence, OwnImages):
+            raise InputError(f"sequence {self.cell.shown!r}: is images, name a decoder: ...@MODULE:FUNCTION")
         return self.frames, self.sequence
 
 
@@ -59,15 +62,19 @@ def shoot(place: Place, cell: Cell) -> Shot:
     if cell.shown == "exact":
         return Shot(place, cell)
     pattern = place.scene.pattern
-    resized = cell.size is not None
-    shown = axis_by_axis(own_sequence(cell.shown, pattern.rows, pattern.cols, resized=resized))
+    resized, lag = cell.size is not None, cell.faults.lag
+    found = own_sequence(cell.shown, pattern.rows, pattern.cols, resized=resized)
+    if isinstance(found, OwnImages):
+        images, known = found, (lag, cell.noise, cell.capture_seed, cell.renderer)
+        made = timed(lambda: image_frames(place.scene, place.surface, place.truth, images, *known))
+        return Shot(place, cell, found, made.value, made.seconds)
+    shown = axis_by_axis(found)
     if shown.name == "lattice":
         return Shot(place, cell, shown)
 
     def taken(surface: Surface, shown: Sequence, offset: int) -> NDArray[Any]:
         seed = cell.capture_seed + offset
-        made = capture(place.scene, surface, shown, renderer=cell.renderer, noise=cell.noise, seed=seed)
-        return made.frames
+        return frames_of(place.scene, surface, shown, lag, cell.noise, seed, cell.renderer)
 
     own, rest = timed(lambda: taken(place.surface, shown, 0)), None
     if all(frame.kind == "crossed" for frame in shown.frames):
@@ -91,7 +98,10 @@ class Decoder:
 
 
 def decoder(name: str) -> Decoder:
-    """The decoder of this name; InputError if there is none."""
+    """The decoder of this name, or a user's module:function; InputError if there is none."""
+    if ":" in name:
+        function = own_decoder(name)
+        return Decoder("own", lambda shot: _by_user(function, shot))
     try:
         return DECODERS[name]
     except KeyError as error:
@@ -105,6 +115,12 @@ def _ours(shot: Shot) -> Correspondence:
         return decode(frames, shown)
     before, seen = shot.rest
     return crossed(frames, before, shown, prior=seen).added_to(seen)
+
+
+def _by_user(function: OwnDecoder, shot: Shot) -> Correspondence:
+    if isinstance(shot.sequence, OwnImages) and shot.frames is not None:
+        return function(shot.frames, shot.sequence.levels)
+    return function(*shot.taken())
 
 
 def _fringes(shot: Shot) -> Correspondence:

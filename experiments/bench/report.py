@@ -138,7 +138,7 @@ def groups(rows: Iterable[Row]) -> list[Group]:
     for row in others or exact:
         kept.setdefault((*row.cell.place, row.cell.noise), []).append(row)
     for key, members in kept.items() if others else ():
-        members += [row for row in exact if row.cell.place == key[:3]]
+        members += [row for row in exact if row.cell.place == key[:-1]]
     return [Group(_name(key), members) for key, members in kept.items()]
 
 
@@ -156,7 +156,7 @@ def write_bench_report(
     path: str | Path, rows: Sequence[Row], settings: dict[str, Any], seconds: dict[str, float]
 ) -> None:
     """Write the page, whole or not at all."""
-    refresh = float(settings["refresh"])
+    refresh = float(settings.get("rate", settings["refresh"]))
     context = {
         "asked": settings,
         "sections": [_section(place, group, refresh) for place, group in enumerate(groups(rows))],
@@ -169,7 +169,7 @@ def write_bench_report(
 def _section(place: int, group: Group, refresh: float) -> dict[str, Any]:
     times: dict[str, Time] = {
         "decode + reconstruct [s]": lambda row: row.compute_seconds,
-        f"display at {refresh:g} Hz + decode + reconstruct [s]": lambda row: (
+        f"display of {refresh:.4g} frames/s + decode + reconstruct [s]": lambda row: (
             row.display_seconds(refresh) + row.compute_seconds
         ),
     }
@@ -201,9 +201,10 @@ def _listed(names: Iterable[str]) -> str:
 
 
 def _name(key: tuple[Any, ...]) -> str:
-    scene, size, dent, noise = key
+    scene, size, dent, faults, noise = key
+    told = f", {faults}" if str(faults) else ""
     pixels = "" if size is None else f", {size[0]} × {size[1]}"
-    return f"{Path(scene).stem}, {dent or 'own dent'}{pixels}, noise {noise:g}"
+    return f"{Path(scene).stem}, {dent or 'own dent'}{pixels}, noise {noise:g}{told}"
 
 
 def summary(rows: Iterable[Row]) -> dict[str, Row]:

@@ -61,12 +61,18 @@ def run_cells(cells: Iterable[Cell], *, timed: bool = True) -> Iterator[Row]:
         place: Place | None = None
         for group in sharing:
             try:
-                place = place or Place.of(group[0].scene, group[0].dent, group[0].size)
+                place = place or _place(group[0])
                 shot = shoot(place, group[0])
             except InputError as error:
                 yield from (Row(cell, USELESS, str(error)) for cell in group)
             else:
                 yield from _of_shot(group, shot, clock)
+
+
+def _place(cell: Cell) -> Place:
+    """The mirror before a display and a light with the cell's faults, which do not move what a pixel sees."""
+    place = Place.of(cell.scene, cell.dent, cell.size)
+    return replace(place, scene=cell.faults.on(place.scene))
 
 
 def warm_up(cells: Iterable[Cell], told: Callable[[str, int, int], None]) -> None:

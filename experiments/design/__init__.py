@@ -8,7 +8,7 @@
 | `sensor_maps.py`, `sensor_report.py` | what a scene can measure |
 """
 
-from .candidates import Candidate, candidates, ladder, user_candidate
+from .candidates import Candidate, OwnCandidate, candidates, ladder, own_candidate, user_candidate
 from .ranking import Design, DesignRow, merit, run_design, simulate
 from .sensitivity import Lever
 from .sensor_maps import SWEEPS, SensorMaps, sensor_maps, sweep_sensor, varied
@@ -22,11 +22,13 @@ __all__ = [
     "Design",
     "DesignRow",
     "Lever",
+    "OwnCandidate",
     "SensorMaps",
     "SensorStudy",
     "candidates",
     "ladder",
     "merit",
+    "own_candidate",
     "predict",
     "run_design",
     "sensor_maps",

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from optolever.errors import InputError
 from optolever.patterns import Frame, Sequence, bits_for, sequence_from_text, sequence_names
 
+from ..own_images import OwnDecoder, OwnImages, own_decoder
 from ..own_sequence import own_sequence
 
 #: Periods whose half is a whole number of cells: a Gray code cannot show others exactly.
@@ -28,6 +29,15 @@ class Candidate:
 
     text: str
     sequence: Sequence
+
+
+@dataclass(frozen=True, slots=True)
+class OwnCandidate:
+    """A pattern with a decoder of the user's own: it is simulated, as nobody can predict that decoder."""
+
+    text: str
+    shown: Sequence | OwnImages
+    decode: OwnDecoder
 
 
 def candidates(rows: int, cols: int, frames: int) -> list[Candidate]:
@@ -121,5 +131,14 @@ def ladder(
 
 
 def user_candidate(text: str, rows: int, cols: int, *, resized: bool = False) -> Candidate:
-    """The candidate of what a user brings: see `own_sequence`."""
-    return Candidate(text, own_sequence(text, rows, cols, resized=resized))
+    """The candidate of what a user brings: see `own_sequence`. InputError for images: they need a decoder."""
+    shown = own_sequence(text, rows, cols, resized=resized)
+    if isinstance(shown, OwnImages):
+        raise InputError(f"pattern {text!r}: is images, name a decoder: {text}@MODULE:FUNCTION")
+    return Candidate(text, shown)
+
+
+def own_candidate(text: str, rows: int, cols: int, *, resized: bool = False) -> OwnCandidate:
+    """Of 'PATTERN@module:function': see `own_sequence` and `own_decoder`."""
+    pattern, _, decoder = text.partition("@")
+    return OwnCandidate(text, own_sequence(pattern, rows, cols, resized=resized), own_decoder(decoder))

@@ -17,7 +17,7 @@ from optolever.scene import Scene, dent_from_text
 
 from ..metrics import rms
 from ..timing import Stages
-from .candidates import Candidate, candidates
+from .candidates import Candidate, OwnCandidate, candidates
 from .sensitivity import Lever
 from .view import predict
 
@@ -91,6 +91,8 @@ def run_design(
     verify: int = 3,
     seeds: int = 3,
     extra: Many[Candidate] = (),
+    own: Many[OwnCandidate] = (),
+    lag: float = 0.0,
     renderer: str = "auto",
     progress: Progress = silent,
 ) -> Design:
@@ -98,7 +100,9 @@ def run_design(
 
     dent: as on the command line, default: the scene's own or the mirror at rest. noise: rms, 8-bit levels,
     besides the sensor's own. failure: largest mean probability of a wrong fringe order or bit. verify: how
-    many of the best are simulated, each with `seeds` draws of noise. InputError if nothing fits the budget.
+    many of the best are simulated, each with `seeds` draws of noise. own: with decoders of a user's own,
+    simulated only, last. lag: share of the frame before in each simulated frame. InputError if nothing fits
+    the budget.
     """
     pressed = dent or scene.dent or "flat"
     surface = dent_from_text(pressed, scene)
@@ -115,8 +119,9 @@ def run_design(
             rows.append(_predicted(lever, one, noise, refresh, failure))
         rows.sort(key=lambda row: (bool(row.why), merit(row.predicted, row.share)))
     with stages.stage("simulate"):
-        simulated = partial(simulate, lever, noise=noise, seeds=range(seeds), renderer=renderer)
+        simulated = partial(simulate, lever, noise=noise, seeds=range(seeds), renderer=renderer, lag=lag)
         rows = _verified(rows, lambda text: simulated(by_text[text]), verify, progress)
+        rows += [_simulated_only(one, simulated, refresh) for one in own]
     best = next((row for row in rows if not row.why), None)
     return Design(
         rows,
@@ -129,6 +134,7 @@ def run_design(
             "frames": frames,
             "refresh": refresh,
             "noise": noise,
+            "lag": lag,
             "blur": pattern.blur_px,
             "failure": failure,
         },
@@ -150,6 +156,18 @@ def _predicted(lever: Lever, candidate: Candidate, noise: float, refresh: float,
     return replace(row, why=_ruled_out(row, failure))
 
 
+def _simulated_only(
+    one: OwnCandidate, simulated: Callable[[OwnCandidate], tuple[float, float]], refresh: float
+) -> DesignRow:
+    """The row of a decoder that nobody can predict."""
+    row = DesignRow(one.text, len(one.shown), len(one.shown) / refresh, why="own decoder: simulated only")
+    try:
+        error, share = simulated(one)
+    except InputError as error_:
+        return replace(row, why=f"cannot be decoded: {error_}")
+    return replace(row, simulated=error, simulated_share=share, share=share)
+
+
 def _ruled_out(row: DesignRow, failure: float) -> str:
     """Why a row cannot be chosen."""
     if row.failure > failure:
@@ -160,7 +178,12 @@ def _ruled_out(row: DesignRow, failure: float) -> str:
 
 
 def simulate(
-    lever: Lever, candidate: Candidate, noise: float, seeds: Many[int], renderer: str = "auto"
+    lever: Lever,
+    candidate: Candidate | OwnCandidate,
+    noise: float,
+    seeds: Many[int],
+    renderer: str = "auto",
+    lag: float = 0.0,
 ) -> tuple[float, float]:
     """(rms height error in mm, share measured) of rendered, decoded, reconstructed frames, pooled over seeds.
 
@@ -168,7 +191,10 @@ def simulate(
     """
     squares, shares = [], []
     for seed in seeds:
-        height = lever.measured(candidate.sequence, noise, seed, renderer)
+        if isinstance(candidate, OwnCandidate):
+            height = lever.measured(candidate.shown, noise, seed, renderer, lag, candidate.decode)
+        else:
+            height = lever.measured(candidate.sequence, noise, seed, renderer, lag)
         good = height.good & lever.full.usable
         squares.append(rms((height.z - lever.full.truth.z)[good]) ** 2)
         shares.append(good.sum() / lever.full.usable.sum())

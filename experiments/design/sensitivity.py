@@ -13,19 +13,22 @@ tell it place by place, the same noise drawn on both cameras as a whole.
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from optolever.decode import Correspondence, Flag, decode
 from optolever.errors import InputError
 from optolever.patterns import Sequence
-from optolever.projector import capture
 from optolever.reconstruct import HeightMap, reconstruct
 from optolever.scene import Scene, Surface
 
 from ..arrays import Floats, Mask
+from ..faults import frames_of
 from ..metrics import rms
+from ..own_images import OwnDecoder, OwnImages, image_frames
 from .view import Prediction, View, stride_for, view_of
 
 REFERENCE = 0.01  # cells of noise by which draws and both cameras are compared
@@ -55,10 +58,27 @@ class Lever:
         if not self.view.visible.any():
             raise InputError(f"scene {scene.name!r}: no pixel sees the pattern")
 
-    def measured(self, sequence: Sequence, noise: float, seed: int, renderer: str) -> HeightMap:
-        """From frames of the whole camera. InputError if they cannot be decoded or leave no anchor."""
-        seen = capture(self.scene, self.surface, sequence, noise=noise, seed=seed, renderer=renderer)
-        return reconstruct(decode(seen.frames, sequence), self.scene)
+    def measured(
+        self,
+        shown: Sequence | OwnImages,
+        noise: float,
+        seed: int,
+        renderer: str,
+        lag: float = 0.0,
+        decoder: OwnDecoder | None = None,
+    ) -> HeightMap:
+        """From frames of the whole camera, by our decoder or another one. InputError if they cannot be
+        decoded or leave no anchor."""
+        known = lag, noise, seed, renderer
+        frames: NDArray[Any]
+        if isinstance(shown, OwnImages):
+            assert decoder is not None
+            frames = image_frames(self.scene, self.surface, self.full.truth, shown, *known)
+            seen = decoder(frames, shown.levels)
+        else:
+            frames = frames_of(self.scene, self.surface, shown, *known)
+            seen = decode(frames, shown) if decoder is None else decoder(frames, shown)
+        return reconstruct(seen, self.scene)
 
     @cached_property
     def full(self) -> View:
