@@ -184,7 +184,7 @@ def _cells(row: "DesignRow") -> list[Any]:
         number(row.predicted),
         f"{100 * row.spread:.0f} %" if math.isfinite(row.spread) else "",
         number(row.simulated) if math.isfinite(row.simulated) else "",
-        f"{row.failure:.0e}",
+        f"{row.failure:.0e}" if math.isfinite(row.failure) else "",
         number(100 * row.share, "%"),
         row.why,
     ]

@@ -18,6 +18,7 @@ PAGES = sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "docs").rgl
 #: Pages that measure for seconds; the others are run every day.
 SLOW = {
     "docs/howto/calibrate.md",
+    "docs/howto/code.md",
     "docs/howto/compare.md",
     "docs/howto/facet.md",
     "docs/howto/live.md",
