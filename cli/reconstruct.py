@@ -111,7 +111,7 @@ def _sofast_files(scene: str) -> list[str]:
     multiple=True,
     metavar="FILE",
     help="Also write the surface on a regular grid of x and y: .npz (with sigma), .tif (with its scale), "
-    ".x3p, .sdf (ISO 25178) or .dat (Zygo); again for more.",
+    ".x3p, .sdf (ISO 25178) or .dat (Zygo; these three are only written, never read); again for more.",
 )
 @click.option(
     "--pitch",

@@ -8,15 +8,12 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import fields
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from optolever.errors import InputError
-
-if TYPE_CHECKING:
-    from xarray import Dataset
 
 __all__ = [
     "LOG",
@@ -79,7 +76,7 @@ class Comparable:
         return f'{lines}<img alt="maps" src="data:image/png;base64,{picture}">'
 
 
-def dataset(values: Mapping[str, Any], places: Mapping[str, Any]) -> "Dataset":
+def dataset(values: Mapping[str, Any], places: Mapping[str, Any]) -> Any:
     """An xarray.Dataset of (dimensions, array, attributes) by name. InputError if xarray is not installed."""
     try:
         from xarray import Dataset

@@ -4,7 +4,7 @@ import json
 from dataclasses import asdict, dataclass, field, fields, replace
 from enum import IntFlag
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +19,6 @@ from .arrays import Floats, Mask
 from .coarse_modes import CoarseModes, coarsened, expanded
 from .export import chosen, write_ply, write_stl, write_tiff, write_xyz
 from .resampling import GRID_FORMATS, Grid, Lean, natural_pitch, resample
-
-if TYPE_CHECKING:
-    from xarray import Dataset
 
 __all__ = ["HEIGHT_FORMATS", "Diagnostics", "HeightFlag", "HeightMap"]
 
@@ -378,9 +375,9 @@ class HeightMap(Comparable):
         else:
             getattr(self, writer)(path)
 
-    def to_xarray(self) -> "Dataset":
-        """z, sigma (noise), rig_sigma and flags over row and col, with coordinates x and y. InputError if
-        xarray is not installed."""
+    def to_xarray(self) -> Any:
+        """z, sigma (noise), rig_sigma and flags over row and col, with coordinates x and y, as an
+        xarray.Dataset. InputError if xarray is not installed."""
         maps = {"z": self.z, "sigma": self.sigma, "rig_sigma": self.calibration_sigma}
         over = ("row", "col")
         values = {name: (over, one, {"units": "mm"}) for name, one in maps.items()}

@@ -10,7 +10,7 @@ this factor belongs to sigma. Neighbouring errors are correlated, so that interp
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +23,6 @@ from optolever.records import Axes, Comparable, dataset, plot_maps, span
 from .arrays import Floats, Mask
 from .export import chosen, write_dat, write_sdf, write_tiff
 from .x3p import write_x3p
-
-if TYPE_CHECKING:
-    from xarray import Dataset
 
 __all__ = ["GRID_FORMATS", "Grid", "Lean", "gradients", "natural_pitch", "resample"]
 
@@ -110,8 +107,8 @@ class Grid(Comparable):
         """Write in the format of the suffix, one of GRID_FORMATS; InputError names these."""
         getattr(self, chosen(path, GRID_FORMATS))(path)
 
-    def to_xarray(self) -> "Dataset":
-        """z and sigma as a dataset over y and x. InputError if xarray is not installed."""
+    def to_xarray(self) -> Any:
+        """z and sigma over y and x as an xarray.Dataset. InputError if xarray is not installed."""
         values = {name: (("y", "x"), getattr(self, name), {"units": "mm"}) for name in ("z", "sigma")}
         return dataset(values, {name: (name, getattr(self, name), {"units": "mm"}) for name in ("x", "y")})
 

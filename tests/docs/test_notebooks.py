@@ -14,7 +14,8 @@ import sys
 import nbformat
 from nbclient import NotebookClient
 book = nbformat.read(sys.argv[1], as_version=4)
-NotebookClient(book, timeout=300, kernel_name="python3", resources={"metadata": {"path": sys.argv[2]}}).execute()
+place = {"metadata": {"path": sys.argv[2]}}
+NotebookClient(book, timeout=300, kernel_name="python3", resources=place).execute()
 """
 
 
