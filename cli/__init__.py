@@ -8,7 +8,8 @@
 - `rig_devices`, `rig_capture`: the devices of a rig opened; a capture by them
 - one file a command, named as it: `demo`, `live`, `doctor`, `names`; `devices`, `expose`, `sync`, `measure`,
   `record`, `replay`; `rig`, `patterns`, `capture`, `decode`, `calibrate`, `rest`, `response`, `reconstruct`,
-  `form`, `export`, `report` and `window`, which is the command `show`; `sensor`, `codes`, `design`, `bench`, `paper`
+  `form`, `export`, `report` and `window`, which is the command `show`; `sensor`, `codes`, `design`, `bench`,
+  `paper`
 """
 
 from .app import main, run
