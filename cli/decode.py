@@ -170,8 +170,8 @@ def command(
             if known is not None:
                 if settings != Settings(check=settings.check):
                     raise InputError(
-                        "--profile holds response, lens, blur, footprint and cells: leave out --response, --lens, "
-                        "--blur, --footprint and --no-cells"
+                        "--profile holds response, lens, blur, footprint and cells: leave out --response, "
+                        "--lens, --blur, --footprint and --no-cells"
                     )
                 settings = replace(known.settings, check=settings.check)
             decoder = Decoder(capture.sequence, known, settings)
