@@ -15,29 +15,38 @@ from optolever.notices import Notice
 from optolever.records import LOG, Progress, logged, silent
 from optolever.scene import TYPED, Scene, without_rest_form
 
-from .alternatives import DirectEdges, MarchedEdges
-from .anchors import Anchors
 from .arrays import Floats, Mask
-from .circulation import chi2_limit, circulation_chi2, contradiction
-from .curl import curl_limit, curl_scale, curl_score, curl_suspects, lone
-from .discontinuities import edge_doubt, touched
-from .edges import Doubt
-from .gaps import across_gaps, widened
 from .heightmap import HeightMap
-from .holes import bridged, noise_gain, whole_lines
-from .hypotheses import likely_mistake, likely_mistake_at_rest
-from .motion import Motion, fit_motion, same_capture
-from .newton import Options, State, missed, solve
-from .paper import SeriesName
-from .paper_scene import reconstruct_paper
+from .judgement.circulation import chi2_limit, circulation_chi2, contradiction
+from .judgement.curl import curl_limit, curl_scale, curl_score, curl_suspects, lone
+from .judgement.discontinuities import edge_doubt, touched
+from .judgement.gaps import across_gaps, widened
+from .judgement.holes import bridged, noise_gain, whole_lines
+from .judgement.reweighting import reweighted
+from .paper.paper_scene import reconstruct_paper
+from .paper.recursion import SeriesName
 from .problem import Problem, prepare
 from .references import with_references
 from .result import anchors_apart, height_map, judged, off_mirror, refused
-from .reweighting import reweighted
-from .rig import LINEAR, Measurement, RigJudgement, judged_rig, raw_chi2, rig_model, rig_modes, rig_solutions
-from .rounding import rounding_variance
-from .shared_noise import shared_variance
-from .uncertainty import unknown_variance
+from .rig.hypotheses import likely_mistake, likely_mistake_at_rest
+from .rig.model import (
+    LINEAR,
+    Measurement,
+    RigJudgement,
+    judged_rig,
+    raw_chi2,
+    rig_model,
+    rig_modes,
+    rig_solutions,
+)
+from .rig.motion import Motion, fit_motion, same_capture
+from .solver.alternatives import DirectEdges, MarchedEdges
+from .solver.anchors import Anchors
+from .solver.edges import Doubt
+from .solver.newton import Options, State, missed, solve
+from .uncertainty.closed_form import unknown_variance
+from .uncertainty.rounding import rounding_variance
+from .uncertainty.shared_noise import shared_variance
 
 __all__ = ["Solution", "doubted", "method_names", "reconstruct", "solved_height", "with_rig"]
 

@@ -16,9 +16,9 @@ from optolever.notices import Notice, notices_from_array, notices_to_array
 from optolever.records import Axes, Comparable, dataset, flag_line, plot_maps, span
 
 from .arrays import Floats, Mask
-from .coarse_modes import CoarseModes, coarsened, expanded
-from .export import chosen, write_ply, write_stl, write_tiff, write_xyz
-from .resampling import GRID_FORMATS, Grid, Lean, natural_pitch, resample
+from .outputs.coarse_modes import CoarseModes, coarsened, expanded
+from .outputs.export import chosen, write_ply, write_stl, write_tiff, write_xyz
+from .outputs.resampling import GRID_FORMATS, Grid, Lean, natural_pitch, resample
 
 __all__ = ["HEIGHT_FORMATS", "Diagnostics", "HeightFlag", "HeightMap"]
 

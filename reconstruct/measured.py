@@ -7,8 +7,8 @@ import numpy as np
 from optolever.scene import PatternShape
 
 from .arrays import Floats, Mask
-from .equations import no_normal, slope_variances, slopes
 from .geometry import RayField, rest_distance
+from .solver.equations import no_normal, slope_variances, slopes
 
 __all__ = ["Measured"]
 

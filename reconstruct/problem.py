@@ -11,12 +11,12 @@ from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.scene import Pattern, Scene
 
-from .anchors import EDGE_REACH, Anchors, Samples, anchor_samples
 from .arrays import Floats, Labels, Mask
-from .gauge import anchor_rows
 from .geometry import RayField, pattern_plane, ray_field
-from .holes import bridged, small_holes
+from .judgement.holes import bridged, small_holes
 from .measured import Measured
+from .solver.anchors import EDGE_REACH, Anchors, Samples, anchor_samples
+from .solver.gauge import anchor_rows
 
 __all__ = ["Problem", "prepare"]
 

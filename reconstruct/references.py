@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from optolever.decode import Correspondence
 
-from .anchors import Anchors
 from .arrays import Floats, Mask
 from .heightmap import HeightMap
-from .newton import State
 from .problem import Problem
+from .solver.anchors import Anchors
+from .solver.newton import State
 
 __all__ = ["with_references"]
 

@@ -12,12 +12,12 @@ from optolever.notices import Notice
 from optolever.scene import Mirror
 
 from .arrays import Floats, Mask
-from .circulation import contradiction
-from .edges import Doubt
 from .heightmap import Diagnostics, HeightFlag, HeightMap
-from .islands import cut_off
-from .newton import State
+from .judgement.circulation import contradiction
+from .judgement.islands import cut_off
 from .problem import Problem
+from .solver.edges import Doubt
+from .solver.newton import State
 
 __all__ = ["anchors_apart", "height_map", "judged", "off_mirror", "refused"]
 

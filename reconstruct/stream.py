@@ -19,17 +19,17 @@ from optolever.decode import Correspondence
 from optolever.notices import Notice
 from optolever.scene import Scene
 
-from .anchors import Anchors
-from .circulation import chi2_limit, circulation_chi2
 from .coupled import Solution, doubted, solved_height, with_rig
-from .curl import curl_limit, curl_scale, curl_score, curl_suspects
-from .discontinuities import touched
 from .heightmap import HeightMap
-from .holes import bridged, noise_gain, small_holes
-from .newton import State, chord_step
+from .judgement.circulation import chi2_limit, circulation_chi2
+from .judgement.curl import curl_limit, curl_scale, curl_score, curl_suspects
+from .judgement.discontinuities import touched
+from .judgement.holes import bridged, noise_gain, small_holes
 from .problem import Problem
 from .result import anchors_apart, height_map, off_mirror
-from .rig import Measurement
+from .rig.model import Measurement
+from .solver.anchors import Anchors
+from .solver.newton import State, chord_step
 
 __all__ = ["HeightStream"]
 

@@ -8,8 +8,8 @@ import scipy.ndimage
 
 from ..arrays import Floats, Mask
 from ..heightmap import HeightMap
-from ..resampling import gradients
-from ..slope_map import SlopeMap
+from ..outputs.resampling import gradients
+from ..outputs.slope_map import SlopeMap
 from .relief import Relief
 from .rim import Posterior, Rim
 

@@ -14,7 +14,7 @@ import scipy.ndimage
 
 from ..arrays import Floats, Mask
 from ..heightmap import HeightMap
-from ..slope_map import SlopeMap
+from ..outputs.slope_map import SlopeMap
 from .deepest import deepest
 from .dent import Dent, sector_angles, sectors
 from .edge import Profile, SectorEdge, fit_edge

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from ..arrays import Floats, Ints, Mask
 from ..heightmap import HeightFlag, HeightMap
-from ..resampling import natural_pitch
-from ..slope_map import SlopeMap
+from ..outputs.resampling import natural_pitch
+from ..outputs.slope_map import SlopeMap
 
 __all__ = ["Relief", "flat", "levelled"]
 

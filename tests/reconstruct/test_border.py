@@ -8,8 +8,8 @@ import pytest
 
 from optolever.experiments.metrics import relative_error
 from optolever.reconstruct import HeightFlag, reconstruct
-from optolever.reconstruct.curl import lone
-from optolever.reconstruct.holes import bridged
+from optolever.reconstruct.judgement.curl import lone
+from optolever.reconstruct.judgement.holes import bridged
 from optolever.reconstruct.problem import prepare
 
 from .conftest import rms_score, scores

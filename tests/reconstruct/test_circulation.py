@@ -10,7 +10,7 @@ from optolever import InputError
 from optolever.experiments.metrics import relative_error
 from optolever.notices import Notice
 from optolever.reconstruct import HeightMap, HeightStream, PixelAnchor, reconstruct
-from optolever.reconstruct.circulation import chi2_limit, contradiction
+from optolever.reconstruct.judgement.circulation import chi2_limit, contradiction
 from optolever.scene import Scene, adjusted
 
 SIZE = (120, 136)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from optolever.reconstruct import HeightFlag, reconstruct
-from optolever.reconstruct.discontinuities import edge_doubt
-from optolever.reconstruct.edges import Doubt
-from optolever.reconstruct.gaps import widened
+from optolever.reconstruct.judgement.discontinuities import edge_doubt
+from optolever.reconstruct.judgement.gaps import widened
+from optolever.reconstruct.solver.edges import Doubt
 from optolever.scene import Surface, load, resize, trace
 
 from .conftest import correspondence_of, rms_score, scores

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from optolever.reconstruct.equations import slope_variances, slopes
 from optolever.reconstruct.geometry import pattern_plane, ray_field
+from optolever.reconstruct.solver.equations import slope_variances, slopes
 from optolever.scene import dent_from_text as dent
 from optolever.scene import load, resize, trace
 

@@ -6,7 +6,7 @@ import pytest
 from lab.figures.cliffs import cauchy_loop, cliff
 from optolever import InputError
 from optolever.reconstruct import integrate, integrator_names
-from optolever.reconstruct.edges import increments
+from optolever.reconstruct.solver.edges import increments
 
 from .dense import dense_solution
 

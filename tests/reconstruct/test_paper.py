@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
 from optolever.reconstruct import PaperGeometry, recursion, series
-from optolever.reconstruct.paper_equations import (
+from optolever.reconstruct.paper.paper_equations import (
     angle_increment,
     capture_position,
     height_increment,

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from optolever.reconstruct.edges import divergence
-from optolever.reconstruct.masked import MaskedEdges
-from optolever.reconstruct.poisson import Accuracy, ColumnPoisson, column_profile
+from optolever.reconstruct.solver.edges import divergence
+from optolever.reconstruct.solver.masked import MaskedEdges
+from optolever.reconstruct.solver.poisson import Accuracy, ColumnPoisson, column_profile
 
 ROWS, COLS = 11, 9
 

@@ -7,7 +7,7 @@ import pytest
 
 from lab.figures.solver_bound import EVERY, least_variance
 from optolever.reconstruct import PixelAnchor, reconstruct
-from optolever.reconstruct.monte_carlo import _block_means
+from optolever.reconstruct.uncertainty.monte_carlo import _block_means
 from optolever.scene import trace
 
 from .conftest import rms_score, scores

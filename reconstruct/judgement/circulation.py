@@ -1,0 +1,126 @@
+"""Do the slopes contradict each other beyond their noise? The circulation around blocks of pixels as a chi2.
+
+A surface's slopes sum to zero around any block of pixels, and so does the mean of that over neighbouring
+blocks. Independent noise of variance v per slope leaves in the mean over B x B blocks of B x B pixels the
+variance 8/3 v (1 + 1/(2 B^2)), whatever B. A smooth contradiction (a camera that looks elsewhere, a pitch
+that is wrong) adds up over a block's area, and errors that neighbours share leave more, the larger the
+block, until it holds them all: blocks of 4, 8, 16, ... pixels are looked at. What chi2 exceeds its degrees of
+freedom by multiplies the height's variance (Birge's ratio, doi:10.1103/PhysRev.40.207): in two dimensions
+every octave of wavelengths adds the same to a height, and what has a curl has a part without one as large.
+"""
+
+import math
+
+import numpy as np
+import scipy.special
+
+from optolever.notices import Notice
+
+from ..arrays import Floats, Mask
+from ..measured import Measured
+from ..solver.edges import increments
+from ..solver.newton import State
+
+__all__ = ["chi2_limit", "circulation_chi2", "circulations", "contradiction"]
+
+_SMALLEST = 4  # pixels: below it an edge's four slopes overlap
+_MOST = 1e6  # of the usual variance: what such a block sums to is anything
+_LARGEST = 512  # rows or columns: of larger images the middle is looked at
+_CHANCE = 1e-4  # of right geometry to be called wrong, by each size of blocks
+_TRUST = 1.15  # error over sigma that the decoder may have
+_CURE = (
+    "likely the scene (pose of camera or pattern, pitch, lens): calibrate it, or give a capture of the "
+    "mirror at rest (--rest); else the mirror moved between frames, or sigma is too small"
+)
+_CURE_BESIDE_RIG = (
+    "errors of the rig within its accuracy do not explain it: the mirror moved between frames, the scene is "
+    "worse than its accuracy, or sigma is too small"
+)
+
+
+def circulation_chi2(data: Measured, state: State, gain: Floats) -> tuple[float, int]:
+    """chi2 over its degrees of freedom, and how many there are, by the smallest blocks; by larger ones where
+    these most exceed their limit (NaN, 0: no block is whole). gain (rows, cols): on the slopes' variances,
+    see `holes.noise_gain`.
+    """
+    found = [(math.nan, 0)]
+    variance = gain * (state.variances[0] + state.variances[1])
+    if state.doubt is not None:
+        variance += state.doubt.x**2 + state.doubt.y**2
+    for block, scores in circulations(data.mask, state.slopes, variance):
+        freedom = scores.size // (2 * block) ** 2
+        if freedom > 1:
+            found.append((float(np.mean(scores**2)), freedom))
+    worst = max(found[1:], key=lambda one: one[0] / chi2_limit(one[1]), default=found[0])
+    return worst if contradiction(*worst) else found[:2][-1]
+
+
+def circulations(mask: Mask, slopes: tuple[Floats, Floats], variance: Floats) -> list[tuple[int, Floats]]:
+    """Mean circulations over their standard deviation, (n,), of blocks of 4, 8, ... pixels without a hole.
+    variance (rows, cols): of both slopes together."""
+    window = tuple(
+        slice((size - min(size, _LARGEST)) // 2, (size + min(size, _LARGEST)) // 2) for size in mask.shape
+    )
+    inside = np.ascontiguousarray(mask[window])
+    p, q = (np.ascontiguousarray(part[window]) for part in slopes)
+    gx, gy = increments(p, q, inside)
+    # sums of blocks are differences of sums over the image, of which they must be more than the rounding
+    both = np.minimum(variance[window], _MOST * float(np.median(variance[mask])))
+    sums, spread, holes = (_sums(gx, 1), _sums(gy, 0)), _area(both), _area((~inside).astype(np.float64))
+    found, block = [], _SMALLEST
+    while block <= min(inside.shape) // 4:
+        found.append((block, _scores(sums, spread, holes, block)))
+        block *= 2
+    return found
+
+
+def _scores(sums: tuple[Floats, Floats], variance: Floats, holes: Floats, block: int) -> Floats:
+    """Mean circulations over their standard deviation, where there is no hole."""
+    gx, gy = sums
+    rows, cols = variance.shape[0] - 1, variance.shape[1] - 1
+    along = gx[: rows - 1, block:] - gx[: rows - 1, :-block]
+    down = gy[block:, : cols - 1] - gy[:-block, : cols - 1]
+    across, below = along[:-block] - along[block:], down[:, block:] - down[:, :-block]
+    r, c = min(across.shape[0], below.shape[0]), min(across.shape[1], below.shape[1])
+    mean = _boxes(_area(across[:r, :c] + below[:r, :c]), block) / block**2
+    wide = 2 * block
+    here = slice(mean.shape[0]), slice(mean.shape[1])
+    spread = _boxes(variance, wide)[here] / wide**2
+    mean = mean[: spread.shape[0], : spread.shape[1]]
+    score = mean / np.sqrt(spread * 2.0 * (2.0 * block**2 + 1.0) / (3.0 * block**2))
+    whole: Floats = score[_boxes(holes, wide)[here] < 0.5]
+    return whole
+
+
+def chi2_limit(freedom: int) -> float:
+    """What chi2 over its degrees of freedom stays below by chance, if sigma is what the decoder promises."""
+    if freedom == 0:
+        return math.inf
+    return _TRUST**2 * float(scipy.special.chdtri(freedom, _CHANCE)) / freedom
+
+
+def contradiction(chi2: float | None, freedom: int, rig: bool = False) -> tuple[Notice, ...]:
+    """The notice that noise does not explain the slopes, if that is so; rig: nor errors of the rig, which
+    chi2 holds."""
+    if chi2 is None or not chi2 > chi2_limit(freedom):
+        return ()
+    name = f"slopes contradict each other beyond noise, chi2 per degree of freedom ({freedom})"
+    return (Notice(name, chi2, chi2_limit(freedom), _CURE_BESIDE_RIG if rig else _CURE),)
+
+
+def _area(values: Floats) -> Floats:
+    """Sums over the rectangles from the corner, one row and column larger."""
+    return _sums(_sums(values, 0), 1)
+
+
+def _boxes(area: Floats, size: int) -> Floats:
+    """Sums over all squares of size x size."""
+    boxes: Floats = area[size:, size:] - area[:-size, size:] - area[size:, :-size] + area[:-size, :-size]
+    return boxes
+
+
+def _sums(values: Floats, axis: int) -> Floats:
+    """Running sums along an axis, from zero."""
+    shape = list(values.shape)
+    shape[axis] = 1
+    return np.concatenate([np.zeros(shape), np.cumsum(values, axis=axis)], axis=axis)

@@ -1,0 +1,142 @@
+"""Holes of a few pixels and narrow slits, bridged from their neighbours, so that scattered bad pixels cost no
+masked solve, and the flagged seams between the cells of a code do not part the image into islands.
+
+Bridged values are those that are nearest to parabolas along rows and columns, by the least sum of squares of
+third differences: across one pixel or two these are polynomials of fifth degree through three neighbours on
+either side, beyond a border they are parabolas. What this does not settle is harmonic. They only serve the
+neighbours' edges; a bridged pixel stays flagged and gets no height.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import scipy.ndimage
+import scipy.sparse
+import scipy.sparse.linalg
+
+from ..arrays import Floats, Mask
+from ..measured import Measured
+
+__all__ = ["bridged", "noise_gain", "small_holes", "whole_lines"]
+
+LARGEST = 9  # pixels
+NARROW = 2  # pixels between measured ones in a row or a column
+WASTE = 0.01  # of the pixels: what a rectangle, which is solved several times faster, may cost
+SHARE = 0.5  # of the image: where more is missing, it falls apart
+_FIRST, _THIRD = (-1.0, 1.0), (-1.0, 3.0, -3.0, 1.0)
+_ROUNDING = 1e-14  # what iterations leave
+_MOST = 200  # of their steps
+_REACH = 4.0  # pixels, rms: over which the gain is averaged
+
+
+def small_holes(mask: Mask) -> Mask:
+    """Pixels outside the mask in holes of at most LARGEST pixels (eight neighbours), and in slits of at most
+    NARROW.
+    """
+    outside = ~mask
+    if not outside.any():
+        return outside
+    labels, _ = scipy.ndimage.label(outside, structure=np.ones((3, 3)))
+    sizes = np.bincount(labels.ravel())
+    sizes[0] = LARGEST + 1
+    small: Mask = sizes[labels] <= LARGEST
+    if not small[outside].all():
+        small |= _slit(mask) | _slit(mask.T).T
+    return small if np.count_nonzero(small) <= SHARE * mask.size else np.zeros_like(mask)
+
+
+def _slit(mask: Mask) -> Mask:
+    """Pixels outside the mask between two of it, at most NARROW + 1 apart along the row."""
+    found = np.zeros_like(mask)
+    for gap in range(1, NARROW + 1):
+        ends = mask[:, : -gap - 1] & mask[:, gap + 1 :]
+        for k in range(1, gap + 1):
+            found[:, k : k - gap - 1] |= ends
+    return found & ~mask
+
+
+def whole_lines(pixels: Mask) -> Mask:
+    """Pixels (rows, cols), and the rest of the rows or columns from a border on that hold some, so that a
+    rectangle remains; not where that costs more than WASTE of the pixels.
+    """
+    filled = pixels.copy()
+    for lines in (filled, filled[::-1], filled.T, filled.T[::-1]):
+        cut = lines[: int(np.argmin(lines.any(axis=1)))]
+        if np.count_nonzero(~cut) <= WASTE * pixels.size:
+            cut[:] = True
+    return filled
+
+
+def bridged(data: Measured, holes: Mask) -> Measured:
+    """The measurement with u, v and the sigmas interpolated across the holes, which join the mask."""
+    if not holes.any():
+        return data
+    known = data.mask & ~holes
+    parts, count = scipy.ndimage.label(known | holes)
+    reached = np.zeros(count + 1, np.bool_)
+    reached[parts[known]] = True
+    holes = holes & reached[parts]
+    harmonic, parabolic = (_Differences(known, holes, coefficients) for coefficients in (_FIRST, _THIRD))
+    u, v, sigma_u, sigma_v = (harmonic.filled(part) for part in (data.u, data.v, data.sigma_u, data.sigma_v))
+    u, v = parabolic.filled(u), parabolic.filled(v)
+    return replace(data, u=u, v=v, sigma_u=sigma_u, sigma_v=sigma_v, mask=known | holes)
+
+
+def noise_gain(mask: Mask, holes: Mask) -> Floats:
+    """By what factor bridging the holes, which are part of the mask, raises the noise of long waves,
+    (rows, cols).
+
+    A bridged pixel repeats its neighbours' noise. With W the sum of a measured pixel's weights, its own and
+    those in bridged ones, the power at long waves is the mean of W^2 over all pixels, 1 without any bridge.
+    """
+    if not holes.any():
+        return np.ones(mask.shape)
+    weights = mask.astype(np.float64)
+    for coefficients in (_THIRD, _FIRST):
+        weights = _Differences(mask & ~holes, holes, coefficients).gathered(weights)
+    area = scipy.ndimage.gaussian_filter(mask.astype(np.float64), _REACH)
+    gain: Floats = scipy.ndimage.gaussian_filter(weights**2, _REACH) / np.maximum(area, 1e-12)
+    return np.maximum(gain, 1.0, out=gain)
+
+
+class _Differences:
+    """Differences of such coefficients between known pixels and holes next to each other in rows and columns,
+    as far as they hold a hole; the sum of their squares is to be least.
+    """
+
+    def __init__(self, known: Mask, holes: Mask, coefficients: tuple[float, ...]) -> None:
+        self._coefficients, self._at = np.array(coefficients), np.flatnonzero(holes)
+        along, rows = np.arange(len(coefficients)), np.array([holes.shape[1], 1])
+        either, windows = (known | holes).ravel(), []
+        for step in np.eye(2, dtype=np.int64):
+            first = (np.argwhere(holes)[:, None] - along[:, None] * step).reshape(-1, 2)
+            inside = (first >= 0) & (first + along[-1] * step < holes.shape)
+            pixels = np.unique(first[inside.all(axis=1)] @ rows)[:, None] + along * (step @ rows)
+            windows.append(pixels[either[pixels].all(axis=1)])
+        self._pixels = np.concatenate(windows)
+        row, term = np.nonzero(holes.ravel()[self._pixels])
+        place = row, np.searchsorted(self._at, self._pixels[row, term])
+        shape = len(self._pixels), self._at.size
+        self._of_holes = scipy.sparse.csr_array((self._coefficients[term], place), shape=shape)
+
+    def filled(self, field: Floats) -> Floats:
+        """The field (rows, cols), holes changed as little as the differences ask for."""
+        out = field.astype(np.float64)
+        values = out.ravel()
+        values[self._at] = np.nan_to_num(values[self._at])
+        values[self._at] -= _least_squares(self._of_holes, values[self._pixels] @ self._coefficients)
+        return out
+
+    def gathered(self, weights: Floats) -> Floats:
+        """The transpose: weights (rows, cols) with those of the holes handed to what they are made of."""
+        share = _least_squares(self._of_holes.T, weights.ravel()[self._at])
+        moved = np.outer(share, self._coefficients).ravel()
+        return weights - np.bincount(self._pixels.ravel(), moved, weights.size).reshape(weights.shape)
+
+
+def _least_squares(matrix: scipy.sparse.csr_array, values: Floats) -> Floats:
+    """The smallest solution."""
+    found: Floats = scipy.sparse.linalg.lsqr(
+        matrix, values, 0.0, _ROUNDING, _ROUNDING, conlim=0, iter_lim=_MOST
+    )[0]
+    return found

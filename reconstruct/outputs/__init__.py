@@ -1,0 +1,14 @@
+"""A height map on a regular grid, its derivatives, and files.
+
+| file | holds |
+|---|---|
+| `resampling` | the regular grid, with conserved sigma |
+| `slope_map` | slopes from the normals, with sigma |
+| `curvature` | curvature from the slopes, with sigma |
+| `coarse_modes` | smooth maps on every step-th pixel, and back |
+| `export` | TIFF, PLY, STL, XYZ, SDF, Zygo DAT; only written |
+| `x3p` | X3P (ISO 25178-72) |
+"""
+
+#: Inside of reconstruct its files are imported one by one: none of their names is public.
+__all__: list[str] = []

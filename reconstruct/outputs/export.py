@@ -1,0 +1,199 @@
+"""Height maps in other programs' formats: TIFF; meshes (PLY, STL) and points (XYZ) of the camera's pixels;
+SDF (ISO 25178-71) and Zygo's DAT of a regular grid. X3P: `x3p.py`.
+"""
+
+import io
+import struct
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tifffile
+from numpy.typing import NDArray
+
+from optolever.errors import InputError
+from optolever.files import atomic_file
+
+from ..arrays import Floats, Mask
+
+__all__ = ["chosen", "write_dat", "write_ply", "write_sdf", "write_stl", "write_tiff", "write_xyz"]
+
+_METRES = 1e-3  # per mm
+#: Fields of a MetroPro header of format 2 that readers go by: place, kind, in the order of `_dat_header`.
+#: MetroPro Reference Guide OMP-0347, appendix "MetroPro binary data format". Big-endian.
+_DAT_SIZE, _DAT_MAGIC, _DAT_UNKNOWN = 834, 0x881B0370, 2147483640
+_DAT_STEPS = {2: 131072, 1: 32768, 0: 4096}  # of a wave, by the code of the resolution
+_WAVE = float(np.float32(632.8e-9))  # m, as the header holds it
+_OBLIQUITY, _FRINGE = 1.0, 0.5  # waves of height per fringe
+
+
+def chosen(path: str | Path, writers: Mapping[str, str]) -> str:
+    """The writer of the path's suffix. InputError names the suffixes that are known."""
+    suffix = Path(path).suffix.lower()
+    if suffix not in writers:
+        raise InputError(f"{path}: suffix {suffix!r}, must be {' or '.join(writers)}")
+    return writers[suffix]
+
+
+def write_tiff(path: str | Path, z: Floats, pitch_mm: float | None = None) -> None:
+    """z (rows, cols) in mm as float32; with a pitch also the resolution in pixels per centimetre."""
+    scale: dict[str, Any] = {}
+    if pitch_mm is not None:
+        scale = {"resolution": (10.0 / pitch_mm, 10.0 / pitch_mm), "resolutionunit": "CENTIMETER"}
+    # in memory first: NumPy's writing into a file does not say why it failed
+    image = io.BytesIO()
+    tifffile.imwrite(image, z.astype(np.float32), metadata={"unit": "mm", "axes": "YX"}, **scale)
+    with atomic_file(path) as temporary:
+        temporary.write_bytes(image.getbuffer())
+
+
+def write_ply(path: str | Path, x: Floats, y: Floats, z: Floats, sigma: Floats, good: Mask) -> None:
+    """Vertices x, y, z, sigma (float32, mm) of the good pixels, and the triangles between neighbours."""
+    _require_any(path, good)
+    names = ("x", "y", "z", "sigma")
+    vertices = np.empty(int(good.sum()), dtype=[(name, "<f4") for name in names])
+    for name, values in zip(names, (x, y, z, sigma), strict=True):
+        vertices[name] = values[good]
+    triangles = _triangles(good)
+    faces = np.empty(len(triangles), dtype=[("count", "u1"), ("corners", "<i4", (3,))])
+    faces["count"], faces["corners"] = 3, triangles
+    header = [
+        "ply",
+        "format binary_little_endian 1.0",
+        "comment optolever height map, mm, mirror frame",
+        f"element vertex {len(vertices)}",
+        *(f"property float {name}" for name in names),
+        f"element face {len(faces)}",
+        "property list uchar int vertex_indices",
+        "end_header",
+    ]
+    with atomic_file(path) as temporary, temporary.open("wb") as stream:
+        stream.write(("\n".join(header) + "\n").encode("ascii"))
+        stream.write(vertices.tobytes())
+        stream.write(faces.tobytes())
+
+
+def write_stl(path: str | Path, x: Floats, y: Floats, z: Floats, good: Mask) -> None:
+    """The triangles between neighbouring good pixels as binary STL, mm; normals towards +z."""
+    _require_any(path, good)
+    points = np.stack([x[good], y[good], z[good]], axis=1)
+    corners = points[_triangles(good)]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    down = normals[:, 2] < 0
+    corners[down] = corners[down, ::-1]
+    normals[down] *= -1
+    with np.errstate(invalid="ignore"):
+        normals = np.nan_to_num(normals / np.linalg.norm(normals, axis=1, keepdims=True))
+    facets = np.zeros(
+        len(corners), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]
+    )
+    facets["normal"], facets["corners"] = normals, corners
+    with atomic_file(path) as temporary, temporary.open("wb") as stream:
+        stream.write(b"optolever height map, mm, mirror frame".ljust(80))
+        stream.write(struct.pack("<I", len(facets)))
+        stream.write(facets.tobytes())
+
+
+def write_xyz(path: str | Path, x: Floats, y: Floats, z: Floats, good: Mask) -> None:
+    """A line `x y z` (mm) per good pixel."""
+    _require_any(path, good)
+    text = io.StringIO()
+    np.savetxt(text, np.stack([x[good], y[good], z[good]], axis=1), fmt="%.9g")
+    with atomic_file(path) as temporary:
+        temporary.write_text(text.getvalue(), encoding="ascii")
+
+
+def write_sdf(path: str | Path, z: Floats, pitch_mm: float) -> None:
+    """z (rows, cols) mm, NaN where unknown, as ASCII SDF (ISO 25178-71), metres, without an origin."""
+    known = np.isfinite(z)
+    _require_any(path, known)
+    now = datetime.now(UTC).strftime("%d%m%Y%H%M")
+    fields = {
+        "ManufacID": "optolever ",
+        "CreateDate": now,
+        "ModDate": now,
+        "NumPoints": z.shape[1],
+        "NumProfiles": z.shape[0],
+        "Xscale": float(pitch_mm) * _METRES,
+        "Yscale": float(pitch_mm) * _METRES,
+        "Zscale": _METRES,
+        "Zresolution": -1,
+        "Compression": 0,
+        "DataType": 7,
+        "CheckType": 0,
+    }
+    lines = ["aISO-1.0", *(f"{name} = {value}" for name, value in fields.items()), "*"]
+    for row, there in zip(z, known, strict=True):
+        lines.append(" ".join(f"{value:.9g}" if ok else "BAD" for value, ok in zip(row, there, strict=True)))
+    with atomic_file(path) as temporary:
+        temporary.write_text("\n".join([*lines, "*", "*", ""]), encoding="ascii")
+
+
+def write_dat(path: str | Path, z: Floats, pitch_mm: float) -> None:
+    """z (rows, cols) mm, NaN where unknown, as Zygo MetroPro binary data, in the finest steps that hold it.
+
+    InputError where the heights exceed 165 mm, or a side 65535 points.
+    """
+    known = np.isfinite(z)
+    _require_any(path, known)
+    if max(z.shape) > 0xFFFF:
+        raise InputError(
+            f"{path}: {z.shape[0]} x {z.shape[1]} points, at most 65535 a side; name a larger pitch"
+        )
+    largest = float(np.abs(z[known]).max())
+    units = {code: _FRINGE * _WAVE / steps / _METRES for code, steps in _DAT_STEPS.items()}  # mm
+    code = next((each for each, unit in units.items() if largest / unit < _DAT_UNKNOWN), None)
+    if code is None:
+        most = _DAT_UNKNOWN * max(units.values())
+        raise InputError(f"{path}: heights up to {largest:.4g} mm, this format holds {most:.4g} mm")
+    values = np.full(z.shape, _DAT_UNKNOWN, ">i4")
+    values[known] = np.round(z[known] / units[code])
+    rows, cols = z.shape
+    header = bytearray(_DAT_SIZE)
+    for place, kind, value in (
+        (0, ">I", _DAT_MAGIC),
+        (4, ">H", 2),
+        (6, ">I", _DAT_SIZE),
+        (68, ">H", cols),
+        (70, ">H", rows),
+        (72, ">I", values.nbytes),
+        (76, ">I", int(datetime.now(UTC).timestamp())),
+        (164, ">f", _FRINGE),
+        (168, ">f", _WAVE),
+        (176, ">f", _OBLIQUITY),
+        (184, ">f", pitch_mm * _METRES),
+        (218, ">H", code),
+        (234, ">H", cols),
+        (236, ">H", rows),
+    ):
+        struct.pack_into(kind, header, place, value)
+    header[80:161] = b"optolever".ljust(81)
+    with atomic_file(path) as temporary, temporary.open("wb") as stream:
+        stream.write(header)
+        stream.write(values.tobytes())
+
+
+def _require_any(path: str | Path, good: Mask) -> None:
+    if not good.any():
+        raise InputError(f"{path}: the height map has no good pixel to write")
+
+
+def _triangles(good: Mask) -> NDArray[np.int32]:
+    """Vertex numbers (N, 3) of the two triangles of every square of four good pixels' halves."""
+    number = np.cumsum(good).reshape(good.shape).astype(np.int32) - 1
+    a, b, c, d = (
+        (slice(None, -1), slice(None, -1)),
+        (slice(None, -1), slice(1, None)),
+        (
+            slice(1, None),
+            slice(1, None),
+        ),
+        (slice(1, None), slice(None, -1)),
+    )
+    halves = []
+    for corners in ((a, b, c), (a, c, d)):
+        whole = good[corners[0]] & good[corners[1]] & good[corners[2]]
+        halves.append(np.stack([number[corner][whole] for corner in corners], axis=1))
+    return np.concatenate(halves)

@@ -1,0 +1,163 @@
+"""SlopeMap: the surface's slopes as the light tells them, without differencing heights.
+
+The normal bisects the ray back to the camera and the one to the pattern: n ~ (X - P)/|X - P| - d; the slopes
+are -n_x/n_z and -n_y/n_z. Their noise is that of u and v; the height's own error dt moves n by
+dt ((d.e) e - d)/|X - P|, e the unit vector along X - P.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.decode import Correspondence
+from optolever.errors import InputError
+from optolever.files import load_arrays, save_arrays
+from optolever.records import Axes, Comparable, plot_maps, span
+from optolever.scene import Scene
+
+from ..arrays import Floats, Mask
+from ..geometry import pattern_plane, ray_field
+from ..heightmap import HeightMap
+from ..rig.calibration import rest_corrected
+from .resampling import gradients
+
+__all__ = ["SlopeMap", "slope_map"]
+
+_ARRAYS = ("x", "y", "slope_x", "slope_y", "sigma_x", "sigma_y", "flags")
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class SlopeMap(Comparable):
+    """dz/dx and dz/dy on the camera's pixels, (H, W) each; x, y in mm, slopes and their sigmas mm per mm.
+
+    flags: those of the height map; NaN where the height is. calibration: (r, 2, H, W), slopes of the height
+    map's modes: what one standard deviation of every independent error of the rig does to them, apart from
+    the sigmas. None: the height map has no modes.
+    """
+
+    x: Floats
+    y: Floats
+    slope_x: Floats
+    slope_y: Floats
+    sigma_x: Floats
+    sigma_y: Floats
+    flags: NDArray[np.uint16]
+    calibration: NDArray[np.float32] | None = None
+
+    def __post_init__(self) -> None:
+        shape = np.shape(self.x)
+        for name in _ARRAYS:
+            found = np.shape(getattr(self, name))
+            if found != shape or len(shape) != 2:
+                raise InputError(f"slope map: {name} has shape {found}, must be 2-D like x {shape}")
+
+    def __repr__(self) -> str:
+        good = self.good
+        rows, cols = good.shape
+        return "\n".join(
+            [f"SlopeMap: {rows} x {cols} pixels, {100 * good.mean():.4g} % good"]
+            + [
+                f"  slope_{name} {span(slope, good)}, sigma {span(sigma, good)} mm per mm"
+                for name, slope, sigma in (
+                    ("x", self.slope_x, self.sigma_x),
+                    ("y", self.slope_y, self.sigma_y),
+                )
+            ]
+        )
+
+    def plot(self, axes: Any = None) -> Axes:
+        """Draw both slopes of the good pixels with matplotlib; the axes."""
+        maps = {"slope_x [mm/mm]": self.slope_x, "slope_y [mm/mm]": self.slope_y}
+        return plot_maps({title: np.where(self.good, one, np.nan) for title, one in maps.items()}, axes)
+
+    @property
+    def good(self) -> Mask:
+        """True where no flag is set."""
+        return np.asarray(self.flags == 0)
+
+    @property
+    def total_sigma(self) -> tuple[Floats, Floats]:
+        """Standard deviations of slope_x and slope_y: noise and rig."""
+        if self.calibration is None:
+            return self.sigma_x, self.sigma_y
+        rig = np.sqrt((self.calibration.astype(np.float64) ** 2).sum(axis=0))
+        return np.hypot(self.sigma_x, rig[0]), np.hypot(self.sigma_y, rig[1])
+
+    def save(self, path: str | Path) -> None:
+        """Write an .npz with the fields' names."""
+        save_arrays(path, {name: getattr(self, name) for name in (*_ARRAYS, "calibration")})
+
+    @classmethod
+    def load(cls, path: str | Path) -> "SlopeMap":
+        """Read what save() wrote; InputError names the file and the field."""
+        arrays = load_arrays(path, _ARRAYS)
+        return cls(**{name: arrays[name] for name in _ARRAYS}, calibration=arrays.get("calibration"))
+
+
+def slope_map(
+    height: HeightMap, correspondence: Correspondence, scene: Scene, rest: Correspondence | None = None
+) -> SlopeMap:
+    """Slopes at the mirror points of a height map, from the correspondence that it was reconstructed from.
+
+    rest: as in `reconstruct`. InputError if the shapes do not agree.
+    """
+    if correspondence.u.shape != height.z.shape:
+        raise InputError(f"correspondence: shape {correspondence.u.shape}, the height map {height.z.shape}")
+    if height.z.shape != (scene.camera.rows, scene.camera.cols):
+        raise InputError(
+            f"height map: shape {height.z.shape}, the scene's camera has "
+            f"{scene.camera.rows} x {scene.camera.cols} pixels"
+        )
+    if rest is not None:
+        correspondence = rest_corrected(correspondence, rest, scene)
+    plane, d = pattern_plane(scene), ray_field(scene.camera).inner_directions
+    point = (height.x, height.y, height.z)
+    known = np.isfinite(height.z)
+    u, v = (np.where(known, part, np.nan).astype(np.float64) for part in (correspondence.u, correspondence.v))
+    if scene.pattern.shape is None:
+        away = [plane[0, k] + u * plane[1, k] + v * plane[2, k] - point[k] for k in range(3)]
+    else:
+        away = [part - point[k] for k, part in enumerate(np.moveaxis(scene.pattern.point(u, v), -1, 0))]
+    inverse = 1.0 / np.sqrt(away[0] ** 2 + away[1] ** 2 + away[2] ** 2)
+    e = [part * inverse for part in away]
+    n = [e[k] - d[k] for k in range(3)]
+    slopes = [-n[k] / n[2] for k in (0, 1)]
+    with np.errstate(divide="ignore"):
+        along = height.sigma / np.abs(d[2])
+    variances = [np.zeros(u.shape), np.zeros(u.shape)]
+    for direction, sigma in (
+        (plane[1], correspondence.sigma_u),
+        (plane[2], correspondence.sigma_v),
+        (d, along),
+    ):
+        for k, change in enumerate(_moved(direction, e, n, slopes)):
+            variances[k] += (change * inverse * sigma) ** 2
+    fields: dict[str, Any] = {
+        "slope_x": slopes[0],
+        "slope_y": slopes[1],
+        "sigma_x": np.sqrt(variances[0]),
+        "sigma_y": np.sqrt(variances[1]),
+    }
+    fields = {name: np.where(known, field, np.nan) for name, field in fields.items()}
+    return SlopeMap(height.x, height.y, flags=height.flags, calibration=_mode_slopes(height), **fields)
+
+
+def _mode_slopes(height: HeightMap) -> NDArray[np.float32] | None:
+    """Slopes (r, 2, H, W) of the modes over x and y."""
+    if height.calibration is None:
+        return None
+    slopes = np.empty((len(height.calibration), 2, *height.z.shape), np.float32)
+    for mode, slope in zip(height.calibration, slopes, strict=True):
+        known = np.isfinite(height.z) & np.isfinite(mode)
+        slope[:] = gradients(height.x, height.y, mode.astype(np.float64), known)
+    return slopes
+
+
+def _moved(direction: Floats, e: list[Floats], n: list[Floats], slopes: list[Floats]) -> list[Floats]:
+    """Change of both slopes while the pattern point moves along a direction (3, ...), times |X - P|."""
+    with_e = direction[0] * e[0] + direction[1] * e[1] + direction[2] * e[2]
+    dn = [direction[k] - with_e * e[k] for k in range(3)]
+    return [-(dn[k] + slopes[k] * dn[2]) / n[2] for k in (0, 1)]

@@ -1,0 +1,13 @@
+"""Errors of the rig in the height.
+
+| file | holds |
+|---|---|
+| `model` | modes by the errors of the rig; whether these explain the slopes |
+| `rig_effects` | errors beside the scene's numbers: cover glass, sag, gauge |
+| `hypotheses` | mistakes in a description, tried one by one |
+| `motion`, `motion_fields` | the rig's motion between rest and press; its fields |
+| `calibration` | a rest capture as reference |
+"""
+
+#: Inside of reconstruct its files are imported one by one: none of their names is public.
+__all__: list[str] = []

@@ -1,0 +1,276 @@
+"""Pixel edges: increments of a slope between neighbouring pixels, their weights, and the operators on them.
+
+Edge arrays have the shape of the image: gx[i, j] belongs to the edge from (i, j) to (i, j + 1), gy[i, j] to
+the one from (i, j) to (i + 1, j); an edge exists if both its pixels are in the mask, and is zero in every
+array otherwise. Increments of a slope sampled at pixels (unit spacing) integrate the cubic through four
+neighbours: interior (-1, 13, 13, -1)/24; where the image or the mask ends, one-sided (9, 19, -5, 1)/24; the
+trapezoid where fewer than four neighbours stand.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from optolever.blocks import over_image
+from optolever.kernels import exact, inlined
+
+from ..arrays import Floats, Mask
+
+__all__ = [
+    "Doubt",
+    "apply_laplacian",
+    "cubic_at_end",
+    "cubic_inside",
+    "curl",
+    "defects",
+    "divergence",
+    "edge_weights",
+    "factor_increments",
+    "increments",
+    "stencil",
+]
+
+_AT_END = (9.0 / 24.0, 19.0 / 24.0, -5.0 / 24.0, 1.0 / 24.0)  # the cubic's increment over its first edge
+
+_NONE = np.zeros((1, 1))
+
+
+class Doubt(NamedTuple):
+    """What every edge's increment may be off by beyond its noise (see `discontinuities`), (H, W): x along
+    columns, y along rows."""
+
+    x: Floats
+    y: Floats
+
+
+def increments(p: Floats, q: Floats, mask: Mask) -> tuple[Floats, Floats]:
+    """Edge increments of the slopes p (along columns) and q (along rows), each (H, W)."""
+    zero, one = np.zeros((1, 1)), np.ones((1, 1))
+    return defects(p, q, zero, one, mask)
+
+
+def defects(p: Floats, q: Floats, w: Floats, root: Floats, mask: Mask) -> tuple[Floats, Floats]:
+    """Edge defects in units of the integrating factor: (increment of the slope - difference of w) / (root_i
+    root_j).
+
+    w and root: (H, W), or (1, 1) if constant. root = sqrt(E).
+    """
+    gx, gy, whole = np.empty(p.shape), np.empty(p.shape), bool(mask.all())
+    w, root = (part if len(part) > 1 else np.full((1, p.shape[1]), part[0, 0]) for part in (w, root))
+    over_image(lambda start, stop: _defects(p, q, w, root, mask, whole, gx, gy, start, stop), p.shape)
+    return gx, gy
+
+
+def factor_increments(p_w: Floats, q_w: Floats, mask: Mask) -> tuple[Floats, Floats]:
+    """Edge increments of the logarithm of the integrating factor, log((1 + f_i/2) / (1 - f_j/2)).
+
+    This is what the trapezoid rule multiplies by from pixel to pixel (and exact for a factor C x).
+    """
+    gx, gy = np.empty(p_w.shape), np.empty(p_w.shape)
+    over_image(lambda start, stop: _factor_increments(p_w, q_w, mask, gx, gy, start, stop), p_w.shape)
+    return gx, gy
+
+
+def edge_weights(
+    var_p: Floats,
+    var_q: Floats,
+    root: Floats,
+    mask: Mask,
+    doubt: Doubt | None = None,
+) -> tuple[Floats, Floats]:
+    """Weights (E_i E_j) / var_edge of the edges, var_edge the mean of its two pixels' slope variances
+    and the square of the edge's doubt.
+    """
+    wx, wy = np.empty(var_p.shape), np.empty(var_p.shape)
+    dx, dy = (_NONE, _NONE) if doubt is None else doubt
+    over_image(
+        lambda start, stop: _edge_weights(var_p, var_q, root, mask, dx, dy, wx, wy, start, stop),
+        var_p.shape,
+    )
+    return wx, wy
+
+
+def divergence(gx: Floats, gy: Floats, wx: Floats, wy: Floats) -> Floats:
+    """D^T (w g): what flows into each pixel minus what flows out of it. Weights (H, W), or (1,
+    W) for all rows.
+    """
+    out = np.empty(gx.shape)
+    over_image(lambda start, stop: _divergence(gx, gy, wx, wy, out, start, stop), gx.shape)
+    return out
+
+
+def apply_laplacian(x: Floats, wx: Floats, wy: Floats, out: Floats | None = None) -> tuple[Floats, float]:
+    """D^T w D x (into out) for weights (H, W) that are zero where no edge is; its product with x, as a sum of
+    squares.
+    """
+    image, sums = np.empty(x.shape) if out is None else out, np.empty(x.shape[0])
+    over_image(lambda start, stop: _laplacian(x, wx, wy, image, sums, start, stop), x.shape)
+    return image, float(sums.sum())
+
+
+def curl(p: Floats, q: Floats, mask: Mask) -> Floats:
+    """Trapezoid sum of the slopes around the pixels (i, j) .. (i + 1, j + 1), (H, W);
+    NaN where one is masked.
+    """
+    out = np.full(p.shape, np.nan)
+    over_image(lambda start, stop: _curl(p, q, mask, out, start, stop), p.shape)
+    return out
+
+
+@inlined
+def cubic_inside(before, g0, g1, after):  # type: ignore[no-untyped-def]
+    """Increment from g0 to g1 of the cubic through four slopes in a row."""
+    return (13.0 * (g0 + g1) - before - after) / 24.0
+
+
+@inlined
+def cubic_at_end(g0, g1, g2, g3):  # type: ignore[no-untyped-def]
+    """Increment from g0 to g1 likewise, see _AT_END."""
+    return (9.0 * g0 + 19.0 * g1 - 5.0 * g2 + g3) / 24.0
+
+
+@inlined
+def stencil(f, mask, i, j, di, dj, before, after):  # type: ignore[no-untyped-def]
+    """Increment from (i, j) to (i + di, j + dj); before/after:
+    how many pixels the image has on either side.
+    """
+    g0, g1 = f[i, j], f[i + di, j + dj]
+    back = before >= 1 and mask[i - di, j - dj]
+    ahead = after >= 2 and mask[i + 2 * di, j + 2 * dj]
+    if back and ahead:
+        return cubic_inside(f[i - di, j - dj], g0, g1, f[i + 2 * di, j + 2 * dj])
+    if ahead and after >= 3 and mask[i + 3 * di, j + 3 * dj]:
+        return cubic_at_end(g0, g1, f[i + 2 * di, j + 2 * dj], f[i + 3 * di, j + 3 * dj])
+    if back and before >= 2 and mask[i - 2 * di, j - 2 * dj]:
+        return cubic_at_end(g1, g0, f[i - di, j - dj], f[i - 2 * di, j - 2 * dj])
+    return 0.5 * (g0 + g1)
+
+
+@exact
+def _defects(p, q, w, root, mask, whole, gx, gy, start, stop):  # type: ignore[no-untyped-def]
+    rows, cols = p.shape
+    full, scaled = int(w.shape[0] > 1), int(root.shape[0] > 1)
+    for i in range(start, stop):
+        below = min(i + 1, rows - 1)
+        w0, w1, r0, r1 = w[full * i], w[full * below], root[scaled * i], root[scaled * below]
+        out_x, out_y = gx[i], gy[i]
+        inner = whole and cols > 3 and 1 <= i < rows - 2
+        if inner:  # the common case, without a look at the mask
+            row, q0, q1, q2, q3 = p[i], q[i - 1], q[i], q[i + 1], q[i + 2]
+            for j in range(1, cols - 2):
+                rise = cubic_inside(row[j - 1], row[j], row[j + 1], row[j + 2])
+                out_x[j] = (rise - (w0[j + 1] - w0[j])) / (r0[j] * r0[j + 1])
+            for j in range(cols):
+                rise = cubic_inside(q0[j], q1[j], q2[j], q3[j])
+                out_y[j] = (rise - (w1[j] - w0[j])) / (r0[j] * r1[j])
+        for j in range(cols):
+            if inner and 1 <= j < cols - 2:
+                continue
+            out_x[j] = 0.0
+            if j + 1 < cols and mask[i, j] and mask[i, j + 1]:
+                rise = stencil(p, mask, i, j, 0, 1, j, cols - 1 - j)
+                out_x[j] = (rise - (w0[j + 1] - w0[j])) / (r0[j] * r0[j + 1])
+        if inner:
+            continue
+        for j in range(cols):
+            out_y[j] = 0.0
+            if i + 1 < rows and mask[i, j] and mask[i + 1, j]:
+                rise = stencil(q, mask, i, j, 1, 0, i, rows - 1 - i)
+                out_y[j] = (rise - (w1[j] - w0[j])) / (r0[j] * r1[j])
+
+
+@inlined
+def _log_ratio(f0, f1):  # type: ignore[no-untyped-def]
+    above, below = 1.0 + 0.5 * f0, 1.0 - 0.5 * f1
+    if above > 0.05 and below > 0.05:
+        return math.log(above / below)
+    return 0.5 * (f0 + f1)
+
+
+@exact
+def _factor_increments(p_w, q_w, mask, gx, gy, start, stop):  # type: ignore[no-untyped-def]
+    rows, cols = p_w.shape
+    for i in range(start, stop):
+        for j in range(cols):
+            here = mask[i, j]
+            gx[i, j] = (
+                _log_ratio(p_w[i, j], p_w[i, j + 1]) if here and j + 1 < cols and mask[i, j + 1] else 0.0
+            )
+            gy[i, j] = (
+                _log_ratio(q_w[i, j], q_w[i + 1, j]) if here and i + 1 < rows and mask[i + 1, j] else 0.0
+            )
+
+
+@exact
+def _edge_weights(var_p, var_q, root, mask, dx, dy, wx, wy, start, stop):  # type: ignore[no-untyped-def]
+    rows, cols = var_p.shape
+    scaled = 1 if root.shape[0] > 1 else 0
+    doubtful = 1 if dx.shape[0] > 1 else 0
+    for i in range(start, stop):
+        for j in range(cols):
+            wx[i, j] = 0.0
+            wy[i, j] = 0.0
+            if not mask[i, j]:
+                continue
+            ri = root[scaled * i, scaled * j]
+            if j + 1 < cols and mask[i, j + 1]:
+                both = ri * root[scaled * i, scaled * (j + 1)]
+                more = 2.0 * dx[doubtful * i, doubtful * j] ** 2
+                wx[i, j] = 2.0 * both * both / (var_p[i, j] + var_p[i, j + 1] + more)
+            if i + 1 < rows and mask[i + 1, j]:
+                both = ri * root[scaled * (i + 1), scaled * j]
+                more = 2.0 * dy[doubtful * i, doubtful * j] ** 2
+                wy[i, j] = 2.0 * both * both / (var_q[i, j] + var_q[i + 1, j] + more)
+
+
+@exact
+def _divergence(gx, gy, wx, wy, out, start, stop):  # type: ignore[no-untyped-def]
+    cols = gx.shape[1]
+    full = 1 if wx.shape[0] > 1 else 0
+    for i in range(start, stop):
+        for j in range(cols):
+            total = -wx[full * i, j] * gx[i, j] - wy[full * i, j] * gy[i, j]
+            if j > 0:
+                total += wx[full * i, j - 1] * gx[i, j - 1]
+            if i > 0:
+                total += wy[full * (i - 1), j] * gy[i - 1, j]
+            out[i, j] = total
+
+
+@exact
+def _laplacian(x, wx, wy, out, sums, start, stop):  # type: ignore[no-untyped-def]
+    rows, cols = x.shape
+    for i in range(start, stop):
+        total = 0.0
+        for j in range(cols):
+            here = x[i, j]
+            value = 0.0
+            if j > 0:
+                value += wx[i, j - 1] * (here - x[i, j - 1])
+            if j + 1 < cols:
+                rise = x[i, j + 1] - here
+                value -= wx[i, j] * rise
+                total += wx[i, j] * rise * rise
+            if i > 0:
+                value += wy[i - 1, j] * (here - x[i - 1, j])
+            if i + 1 < rows:
+                rise = x[i + 1, j] - here
+                value -= wy[i, j] * rise
+                total += wy[i, j] * rise * rise
+            out[i, j] = value
+        sums[i] = total
+
+
+@exact
+def _curl(p, q, mask, out, start, stop):  # type: ignore[no-untyped-def]
+    rows, cols = p.shape
+    for i in range(start, min(stop, rows - 1)):
+        for j in range(cols - 1):
+            if mask[i, j] and mask[i, j + 1] and mask[i + 1, j] and mask[i + 1, j + 1]:
+                out[i, j] = 0.5 * (
+                    (p[i, j] + p[i, j + 1])
+                    - (p[i + 1, j] + p[i + 1, j + 1])
+                    + (q[i, j + 1] + q[i + 1, j + 1])
+                    - (q[i, j] + q[i + 1, j])
+                )

@@ -1,0 +1,348 @@
+"""Newton's method on the coupled equations, with an integrating factor.
+
+The linearised system grad(dw) = r + (p_w, q_w) dw becomes a plain gradient by dw = E g with grad log E =
+(p_w, q_w) (Poisson problem one): grad g = r / E (Poisson problem two, weighted by E^2 / var). E is also the
+free mode, settled by the anchors. The fixed point dw = integral of r alone converges linearly; it is kept as
+a cross-check.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..arrays import Floats, Labels, Mask
+from ..measured import Measured
+from .anchors import Samples
+from .edges import Doubt, defects, edge_weights, factor_increments
+from .gauge import AnchorRows, anchor_rows, free_constants
+from .linear import EdgeProblem, edge_problem
+from .poisson import Accuracy
+
+__all__ = ["Options", "State", "chord_step", "edge_errors", "response", "solve"]
+
+_ONE, _ZERO = np.ones((1, 1)), np.zeros((1, 1))
+_FACTOR_ACCURACY = Accuracy(peak=0.02)  # of log E, in every pixel: E only has to be near
+_LINEAR_SHARE = 0.02  # of an edge's standard deviation: the energy of what a linear solve may leave
+_FIRST_RELATIVE, _RELATIVE = 1e-2, 1e-10  # of the first error: there is a second step; rounding
+_CHORD = 1e-4  # of a chord step: the next one takes what is left
+_SMALL_STEP = 1e-2  # of the range of w: steps below it cannot leave the medium
+_NOISE_SHARE = 0.02  # of a slope's standard deviation: a change that no noise lets one see
+_RESPONSE = 1e-3  # of the first error: drawn noise tells a variance to a few per cent at best
+_ASTRAY = 0.1  # of a slope's standard deviation: a pixel's step in the end that counts as moving
+_PATIENCE, _SHRINKS = 3, 0.5  # steps, of the smallest before: converging steps shrink more
+_ROWS = 64
+_MEDIAN = 2.0 * math.log(2.0)  # of chi squared with two degrees of freedom
+_MOVING = 0.05  # of the pixels: more are not single noisy ones
+_SLOWEST = 0.99  # of a step: what the next one is taken to leave at most
+_LARGEST = 1e12  # of the usual variance: a slope that tells nothing
+_CHORD_RATE = 1e-3  # refit the integrating factor while a step leaves more than this of the last one
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """tolerance: rms change of w, relative to its range, at which to stop; newton False: plain fixed point;
+    build: makes the linear problems of edge weights, mask and whether columns may share theirs.
+    """
+
+    tolerance: float = 1e-11
+    max_steps: int = 15
+    newton: bool = True
+    build: Callable[[Floats, Floats, Mask, bool], EdgeProblem] = edge_problem
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """The end of a solve.
+
+    w: the unknown (rows, cols), outside the mask as it started; root: square root of the integrating
+    factor; problem: the last weighted problem; rows, share: the anchors, and each one's share in its
+    component's constant; slopes: p and q before the last step; variances: of these; steps: rms change of w
+    in every step; iterations: linear solves and conjugate-gradient iterations; converged: whether the last
+    step met the tolerance, or noise hides what is left in every pixel; energy: sum of the squared edge
+    defects over their variances, before the last step; bend: how much curves may mislead every anchor;
+    doubt: of the edges; unsettled (rows, cols): pixels that steps like the last ones would still move, if it
+    did not converge; misfit: see `_misfit`.
+    """
+
+    w: Floats
+    root: Floats
+    problem: EdgeProblem
+    rows: AnchorRows
+    share: Floats
+    slopes: tuple[Floats, Floats]
+    variances: tuple[Floats, Floats]
+    steps: tuple[float, ...]
+    iterations: int
+    converged: bool
+    energy: float
+    bend: Floats
+    doubt: Doubt | None = None
+    unsettled: Mask | None = None
+    misfit: float = 1.0
+
+    @property
+    def diverges(self) -> bool:
+        """Whether more pixels are unsettled than single noisy ones."""
+        return self.unsettled is not None and bool(np.mean(self.unsettled) >= _MOVING)
+
+
+def solve(
+    data: Measured,
+    samples: Samples,
+    labels: Labels,
+    w: Floats,
+    options: Options,
+    doubt: Doubt | None = None,
+) -> State:
+    """Iterate from w. labels: connected components of the mask from 1 on,
+    each with an anchor sample at least; doubt: of the edges' increments, see `discontinuities`.
+    """
+    rows = anchor_rows(samples, data, labels)
+    variances = _guarded(data.variances(w), data.mask)
+    tolerance, noise = options.tolerance * _span(w, data.mask), _noise(variances[0], data.mask)
+    weights = edge_weights(*variances, _ONE, data.mask, doubt)
+    plain = options.build(*weights, data.mask, doubt is None)
+    problem, root, phi = plain, _ONE, None
+    iterations = 0
+    energies: list[float] = []
+    merits: list[float] = []
+    steps: list[float] = []
+    change, share = np.zeros(w.shape), np.zeros(rows.pixel.shape)
+    while True:
+        p, q, p_w, q_w = data.slopes(w)
+        if options.newton and _rate(steps) > _CHORD_RATE:
+            fit = plain.solve(*factor_increments(p_w, q_w, data.mask), _FACTOR_ACCURACY, phi)
+            phi, iterations = fit.x, iterations + fit.iterations
+            root = _root(phi, labels)
+            weights = edge_weights(*variances, root, data.mask, doubt)
+            problem = options.build(*weights, data.mask, doubt is None)
+        gx, gy = defects(p, q, w, root, data.mask)
+        energies.append(problem.energy(gx, gy))
+        merits.append(energies[-1] + _anchor_energy(root, rows, w, (p, q), variances))
+        if _worse(merits) and len(steps) < options.max_steps:  # half of the last step was too much
+            change *= 0.5
+            w = w - change
+            steps[-1] *= 0.5
+            energies.pop()
+            merits.pop()
+            steps.append(steps[-1])
+            continue
+        misfit = _misfit(weights, gx, gy)
+        # data may be better than announced; a wrong scene may miss most of them
+        quiet = max(min(1.0, math.sqrt(energies[-1] / data.mask.sum())), misfit)
+        relative = _RELATIVE if steps else _FIRST_RELATIVE
+        step = problem.solve(gx, gy, Accuracy(_LINEAR_SHARE * quiet, relative))
+        iterations += step.iterations
+        change, share = _anchored(step.x, root, labels, rows, w, (p, q), variances)
+        change = _limited(change, data, w)
+        w = w + change
+        steps.append(float(np.sqrt(np.mean(change**2))))
+        converged = _left(steps) <= max(tolerance, _NOISE_SHARE * quiet * noise)
+        if converged or len(steps) >= options.max_steps or (options.newton and _stalled(steps)):
+            left, unsettled = energies[-1], None
+            if not converged:
+                rest = change / (1 - min(_rate(steps), _SLOWEST))
+                unsettled = data.mask & (np.square(rest) > np.square(_ASTRAY) * variances[0])
+                converged = not unsettled.any()
+            return State(
+                w,
+                root,
+                problem,
+                rows,
+                share,
+                (p, q),
+                variances,
+                tuple(steps),
+                iterations,
+                converged,
+                left,
+                rows.bend(p),
+                doubt,
+                unsettled,
+                misfit,
+            )
+
+
+def chord_step(
+    data: Measured,
+    labels: Labels,
+    state: State,
+    accuracy: Accuracy | None = None,
+    share: Floats | None = None,
+) -> State:
+    """One more step from a state, for a measurement that has changed little: same problem,
+    factor and variances. accuracy: of the linear solve; None: noise hides what is left. share: of the
+    anchors, None: chosen anew.
+    """
+    p, q, _, _ = data.slopes(state.w)
+    gx, gy = defects(p, q, state.w, state.root, data.mask)
+    step = state.problem.solve(gx, gy, accuracy or Accuracy(_LINEAR_SHARE, _CHORD))
+    change, _ = _anchored(step.x, state.root, labels, state.rows, state.w, (p, q), state.variances, share)
+    size = float(np.sqrt(np.mean(change**2)))
+    return replace(state, w=state.w + change, slopes=(p, q), steps=(size,), iterations=step.iterations)
+
+
+def missed(data: Measured, state: State, limit: float) -> Mask:
+    """Pixels with an edge whose defect exceeds so many standard deviations, (rows, cols)."""
+    p, q, _, _ = data.slopes(state.w)
+    gx, gy = defects(p, q, state.w, state.root, data.mask)
+    wx, wy = edge_weights(*state.variances, state.root, data.mask, state.doubt)
+    x, y = (w * g * g > limit * limit for w, g in ((wx, gx), (wy, gy)))
+    found: Mask = x | y
+    found[:, 1:] |= x[:, :-1]
+    found[1:] |= y[:-1]
+    return found
+
+
+def edge_errors(
+    data: Measured, state: State, slopes: tuple[Floats, Floats], doubts: tuple[Floats, Floats] | None = None
+) -> tuple[Floats, Floats]:
+    """What errors of the slopes, and of single edges' increments, are in units of the integrating factor."""
+    gx, gy = defects(*slopes, _ZERO, state.root, data.mask)
+    if doubts is not None:
+        root = np.broadcast_to(state.root, gx.shape)
+        gx[:, :-1] += doubts[0][:, :-1] / (root[:, :-1] * root[:, 1:])
+        gy[:-1] += doubts[1][:-1] / (root[:-1] * root[1:])
+    return gx, gy
+
+
+def response(
+    labels: Labels,
+    state: State,
+    edges: tuple[Floats, Floats],
+    slopes: tuple[Floats, Floats],
+    anchors: Floats,
+) -> Floats:
+    """What errors of the edges (see `edge_errors`), of the slopes behind them and of the anchors' known
+    values (M,) do to the solution, first order.
+    """
+    step = state.problem.solve(*edges, Accuracy(relative=_RESPONSE))
+    rows = replace(state.rows, known=anchors)
+    return _anchored(step.x, state.root, labels, rows, np.zeros(state.w.shape), slopes, state.variances)[0]
+
+
+def _anchored(
+    potential: Floats,
+    root: Floats,
+    labels: Labels,
+    rows: AnchorRows,
+    w: Floats,
+    slopes: tuple[Floats, Floats],
+    variances: tuple[Floats, Floats],
+    share: Floats | None = None,
+) -> tuple[Floats, Floats]:
+    """The change of w: E times the potential and the constant that the anchors ask for; and their shares."""
+    at, count = rows.pixel, int(labels.max())
+    factor = np.square(np.broadcast_to(root, w.shape).ravel()[at])
+    error = rows.predict(w, *slopes) + factor * potential.ravel()[at] - rows.known
+    if share is None or share.shape != error.shape:
+        constants, share = free_constants(rows, error, factor, _anchor_spread(rows, variances), count)
+    else:
+        constants = -np.bincount(rows.component, share * error / factor, count + 1).astype(np.float64)
+    change = potential + (constants[1] if count == 1 else constants[labels])
+    change *= root
+    change *= root
+    if not labels.all():
+        change *= labels > 0
+    return change, share
+
+
+def _anchor_spread(rows: AnchorRows, variances: tuple[Floats, Floats]) -> Floats:
+    """Variance of what the anchors' rows predict minus what is known, (M,)."""
+    spread: Floats = rows.sigma**2 + rows.spread(*variances) + 0.25 * variances[0].ravel()[rows.pixel]
+    return spread
+
+
+def _anchor_energy(
+    root: Floats,
+    rows: AnchorRows,
+    w: Floats,
+    slopes: tuple[Floats, Floats],
+    variances: tuple[Floats, Floats],
+) -> float:
+    """What the anchors ask for, squared over its variance: no slope sees it, and yet a step that brings it
+    about is progress.
+    """
+    if not rows.pixel.size:
+        return 0.0
+    factor = np.broadcast_to(root**2, w.shape).ravel()[rows.pixel]
+    error = rows.predict(w, *slopes) - rows.known
+    spread = _anchor_spread(rows, variances)
+    constants, share = free_constants(rows, error, factor, spread, int(rows.component.max()))
+    weights = np.bincount(rows.component, np.where(share > 0, factor**2 / spread, 0.0), constants.size)
+    return float(weights @ np.square(constants))
+
+
+def _limited(change: Floats, data: Measured, w: Floats) -> Floats:
+    """The change, cut to half the way to the pattern where it would lead farther."""
+    if float(np.abs(change).max()) < _SMALL_STEP * float(np.ptp(w)):
+        return change
+    half = 0.5 * data.clearance(w)
+    limit = half / data.distance(w) if data.rays.logarithmic else half
+    limited: Floats = np.clip(change, -limit, limit, where=np.isfinite(limit), out=change)
+    return limited
+
+
+def _span(w: Floats, mask: Mask) -> float:
+    return float(np.ptp(w if mask.all() else w[mask]))
+
+
+def _noise(variance: Floats, mask: Mask) -> float:
+    return math.sqrt(float(np.median(variance[mask])))
+
+
+def _rate(steps: list[float]) -> float:
+    """How much of a step the next one left."""
+    return steps[-1] / steps[-2] if len(steps) > 1 and steps[-2] > 0.0 else 1.0
+
+
+def _left(steps: list[float]) -> float:
+    """What the steps to come will add up to, if they shrink as they did."""
+    rate = _rate(steps)
+    if len(steps) == 1 or steps[-1] == 0.0:
+        return steps[-1]
+    return steps[-1] * rate / (1 - rate) if rate < 0.9 else float("inf")
+
+
+def _misfit(weights: tuple[Floats, Floats], gx: Floats, gy: Floats) -> float:
+    """Robust root mean square of the edge defects over their standard deviations, from about 64 rows: below 1
+    for noise as announced, independent of single wrong pixels.
+    """
+    rows = slice(None, None, max(1, len(gx) // _ROWS))
+    wx, wy = weights[0][rows], weights[1][rows]
+    both = (wx > 0) & (wy > 0)
+    if not both.any():
+        return 0.0
+    return math.sqrt(float(np.median((wx * gx[rows] ** 2 + wy * gy[rows] ** 2)[both])) / _MEDIAN)
+
+
+def _stalled(steps: list[float]) -> bool:
+    """Whether none of the last steps is much smaller than the smallest before."""
+    return len(steps) > _PATIENCE and not min(steps[-_PATIENCE:]) < _SHRINKS * min(steps[:-_PATIENCE])
+
+
+def _worse(energies: list[float]) -> bool:
+    return len(energies) > 1 and not energies[-1] <= 2.0 * energies[-2]
+
+
+def _root(phi: Floats, labels: Labels) -> Floats:
+    """sqrt(E), E at most one in every component."""
+    tops = np.full(int(labels.max()) + 1, -np.inf)
+    np.maximum.at(tops, labels, phi)
+    root: Floats = np.exp(0.5 * (phi - tops[labels]))
+    return root
+
+
+def _guarded(variances: tuple[Floats, Floats], mask: Mask) -> tuple[Floats, Floats]:
+    """Variances that are positive everywhere: at least 1e-12 of their median, which also stands outside the
+    mask; and no larger than sums over an image still hold the usual one beside.
+    """
+    guarded = []
+    for variance in variances:
+        middle = float(np.median(variance[mask]))
+        floor = 1e-24 * middle if middle > 0 else 1.0
+        most = _LARGEST * middle if middle > 0 else np.inf
+        guarded.append(np.where(mask, np.clip(variance, floor, most), max(middle, floor)))
+    return guarded[0], guarded[1]

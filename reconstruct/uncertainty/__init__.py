@@ -1,0 +1,15 @@
+"""Variance of the height by noise, and its budget.
+
+| file | holds |
+|---|---|
+| `closed_form` | variance of the height on a rectangle |
+| `monte_carlo` | the same by drawn noise |
+| `shared_noise` | variance by noise that rows, columns or whole frames share |
+| `rounding` | errors of discrete codes, which neighbouring pixels share |
+| `budget` | the uncertainty of a height, a depth, a difference, by its sources |
+| `predicted` | sigma of a rig at rest and of a dent, before any capture |
+| `null_space` | height modes without a slope |
+"""
+
+#: Inside of reconstruct its files are imported one by one: none of their names is public.
+__all__: list[str] = []

@@ -1,0 +1,112 @@
+"""The uncertainty of what is read off a height map, by its sources.
+
+A reading is a weighted sum of heights. Independent noise adds by the weights' squares (a mean over an area is
+given the noise of one of its pixels: neighbours share most of theirs). The rig's errors move the whole map:
+with f the weighted sum of the modes, (r,), a source of shares A adds f^T A f; A of all sources sum to 1.
+"""
+
+import numpy as np
+
+from optolever.errors import InputError
+from optolever.scene import Scene, strided
+
+from ..arrays import Floats, Mask
+from ..heightmap import HeightMap
+from ..outputs.coarse_modes import interpolated
+from ..solver.anchors import Anchors, PixelAnchor, PointAnchor
+from .null_space import null_space
+
+__all__ = ["ANCHOR", "NOISE", "TOTAL", "budget", "free_mode_of"]
+
+NOISE, TOTAL = "noise of the frames, independent", "total"
+#: Not part of the total: anchors are taken as exact.
+ANCHOR = "an anchor wrong by 1 um would add"
+_LINES = 96  # rows or columns, at least, on which the free mode is solved
+_SHALLOW = 0.1  # of the deepest: what surrounds a dent
+
+
+def budget(
+    height: HeightMap,
+    less: HeightMap | None = None,
+    free: tuple[Floats, float] | None = None,
+) -> dict[str, dict[str, float]]:
+    """Reading -> source -> standard deviation in mm, NOISE first and TOTAL, the root sum square, behind.
+
+    Readings: the height at the deepest good point; the depth of the dent there against the mean of what is a
+    tenth as deep or less; with `less`, a map of the same rig, the deepest point of the difference. free: the
+    change of z that slopes do not see (H, W), and its value at the anchor (see `null_space`): adds ANCHOR.
+    """
+    good = height.good & np.isfinite(height.z) & np.isfinite(height.sigma)
+    if not good.any():
+        return {}
+    at = _deepest(height, good)
+    around = good & (height.z <= _SHALLOW * height.z[at])
+    readings = {"height (deepest)": _one(height, at, None, free)}
+    if around.any():
+        readings["depth of the dent"] = _one(height, at, around, free)
+    if less is not None:
+        difference = height - less
+        both = difference.good & np.isfinite(difference.z) & np.isfinite(difference.sigma)
+        if both.any():
+            place = _deepest(difference, both)
+            readings["difference of maps"] = _one(difference, place, None, None)
+    return readings
+
+
+def free_mode_of(height: HeightMap, scene: Scene, anchor: Anchors = None) -> tuple[Floats, float] | None:
+    """For `budget`: the free mode on the height's pixels and its value at the edge or a known point; None for
+    other anchors, and where the scene's camera does not see the edge at rest."""
+    step = max(1, min(height.z.shape) // _LINES)
+    known = np.isfinite(height.z)
+    try:
+        coarse = null_space(strided(scene, step))
+        mode = interpolated(coarse[None], step, known)[0].astype(np.float64)
+    except InputError:
+        return None
+    if isinstance(anchor, tuple | PointAnchor):
+        x, y = (anchor[0], anchor[1]) if isinstance(anchor, tuple) else (anchor.x, anchor.y)
+        away = np.where(known, np.hypot(height.x - x, height.y - y), np.inf)
+    elif isinstance(anchor, PixelAnchor):
+        rows, cols = np.indices(height.z.shape)
+        away = np.where(known, np.hypot(rows - anchor.row, cols - anchor.col), np.inf)
+    elif anchor == "middle":
+        x, y = 0.5 * scene.mirror.length, 0.5 * scene.mirror.width
+        away = np.where(known, np.hypot(height.x - x, height.y - y), np.inf)
+    elif anchor in (None, "edge"):
+        away = np.where(known, -height.x, np.inf)
+    else:
+        return None
+    value = float(mode.ravel()[np.argmin(away)])
+    return (mode, value) if value > 0 else None
+
+
+def _deepest(height: HeightMap, good: Mask) -> tuple[int, int]:
+    """Row and column that is deepest even if noise made it so by three sigma."""
+    row, col = divmod(int(np.argmax(np.where(good, height.z - 3 * height.sigma, -np.inf))), good.shape[1])
+    return row, col
+
+
+def _one(
+    height: HeightMap,
+    at: tuple[int, int],
+    around: Mask | None,
+    free: tuple[Floats, float] | None,
+) -> dict[str, float]:
+    """Sources of the height at a pixel, less the mean around."""
+    noise = float(height.sigma[at])
+    if around is not None:
+        noise = float(np.hypot(noise, np.median(height.sigma[around])))
+    found = {NOISE: noise}
+    if height.calibration is not None:
+        modes = height.calibration.astype(np.float64)
+        moved = modes[:, at[0], at[1]] - (0.0 if around is None else np.nanmean(modes[:, around], axis=1))
+        shares = np.eye(len(modes))[None] if height.shares is None else height.shares
+        names = ("the numbers of the rig",) if height.shares is None else height.sources
+        squares = np.einsum("i,sij,j->s", moved, shares, moved)
+        found |= dict(zip(names, np.sqrt(np.maximum(squares, 0.0)).tolist(), strict=True))
+    found[TOTAL] = float(np.linalg.norm(list(found.values())))
+    if free is not None:
+        mode, anchor = free
+        there = mode[at] - (0.0 if around is None else np.nanmean(mode[around]))
+        found[ANCHOR] = abs(float(1e-3 * there / anchor))
+    return found

@@ -1,0 +1,160 @@
+"""Variance of the height: what the slopes' noise leaves after the least-squares solve and the anchors.
+
+With independent edge noise of variance var_e the solve w = E g has the covariance E L^-1 E, L = D^T w D. In
+the DCT basis along the rows L is tridiagonal, and two Schur sweeps give the diagonal of its inverse, mode by
+mode. Edges share pixels: an edge averages the slopes of its neighbours, A A^T = 1 - |..|, so that the
+covariance is smaller,
+
+    E L^-1 E - c,    c = < sum_a w_a l_a (1 - |A_a|^2) / (sum_a w_a l_a)^2 >,   l = 2 - 2 cos k, a = x, y,
+
+averaged over the Brillouin zone: c is local (the correction is an operator of order zero) and a fifth of the
+slopes' variance, about, that of the columns' weights as all of this. |A| = (13 cos(k/2) - cos(3k/2)) / 12 for
+the four-pixel increments.
+Noise that differs from that of its column joins by the solve's own answer to it, see `unlike_columns`.
+An anchor sum_m a_m w_m = known subtracts the covariance with it: var_i = G_ii - 2 (G a)_i + a.G a. What a
+curve adds on the way to the anchors, it adds to all of them alike: the square of its weighted sum joins.
+"""
+
+from functools import lru_cache
+
+import numpy as np
+import scipy.fft
+import scipy.ndimage
+
+from optolever.blocks import threads
+
+from ..arrays import Floats, Labels, Mask, Pair
+from ..measured import Measured
+from ..solver.newton import State
+from ..solver.poisson import ColumnPoisson
+from .monte_carlo import FLOOR, monte_carlo_variance
+
+__all__ = ["averaging_gain", "edge_diagonal", "unknown_variance", "unlike_columns"]
+
+#: Pixels: noise farther away is that of its column, on average; the reach of an answer's square (1 / r^2).
+_NEAR = 64
+
+
+def unknown_variance(data: Measured, state: State, labels: Labels) -> Floats:
+    """Variance of w in every pixel, (rows, cols): the closed form of a least-squares solve with weights by
+    columns on a rectangle without holes; for others drawn noise (see `monte_carlo`).
+    """
+    rows, columns = state.rows, state.problem.columns
+    factor = np.broadcast_to(state.root**2, state.w.shape)
+    at = factor.ravel()[rows.pixel]
+    along_rows = 1.0 / columns.wy
+    # of the edges on either side of a pixel
+    edges = np.pad(1.0 / columns.wx[:-1], 1, mode="edge") if len(columns.wx) > 1 else along_rows.repeat(2)
+    along_cols = 0.5 * (edges[:-1] + edges[1:])
+    # what is averaged is no noisier than its neighbours
+    gain = scipy.ndimage.minimum_filter1d(averaging_gain(along_cols, along_rows), 3)
+    share = state.share / state.share.sum()
+    own = share**2 * ((rows.sigma**2 + rows.spread(*state.variances)) / at**2 - gain[rows.pixel % gain.size])
+    load = np.zeros(labels.shape)
+    np.add.at(load.reshape(-1), rows.pixel, share)
+    green = columns.solve(load)
+    diagonal = edge_diagonal(columns)
+    potential = diagonal + float(np.vdot(load, green)) + own.sum() - 2.0 * green
+    if state.problem.closed:
+        scaled = state.variances[0] / factor**2, state.variances[1] / factor**2
+        more = unlike_columns(scaled, diagonal)
+        # as if all anchors shared theirs
+        potential = potential + more + max(float(share @ more.ravel()[rows.pixel]), 0.0)
+    variance = factor**2 * np.maximum(potential - gain, FLOOR * along_cols)
+    if not state.problem.closed:
+        variance = monte_carlo_variance(data, state, labels, variance, load)
+    lean = np.bincount(rows.component, state.share * state.bend / at, int(labels.max()) + 1)
+    bent: Floats = variance + factor**2 * np.square(lean)[labels]
+    return bent + _shared_at_ends(data, state.variances)
+
+
+def _shared_at_ends(data: Measured, variances: Pair) -> Floats:
+    """What neighbours along an end of the mirror may share of their slopes' variances adds to that of w, all
+    (rows, cols).
+
+    The solve averages along an end, as if errors were independent. What the outermost pixel has beyond the
+    noise of the next one inwards (fading light, the pattern's border) is in those beside it, too; the edge
+    between both takes half of it.
+    """
+    noise = data.sigma_u**2 + data.sigma_v**2
+    along = _shared_along_rows(data.mask, noise, variances[0])
+    return along + _shared_along_rows(data.mask.T, noise.T, variances[1].T).T
+
+
+def _shared_along_rows(mask: Mask, noise: Floats, variance: Floats) -> Floats:
+    """Of the first and the last pixels of runs along the rows."""
+    found = np.zeros(mask.shape)
+    for way in (1, -1):
+        seen, own, more = mask[:, ::way], noise[:, ::way], found[:, ::way]
+        last = seen[:, 1:] & seen[:, :-1] & ~np.pad(seen[:, 2:], ((0, 0), (0, 1)))
+        with np.errstate(divide="ignore", invalid="ignore"):  # where nothing is measured
+            excess = np.maximum(1 - own[:, :-1] / own[:, 1:], 0.0) * variance[:, ::way][:, 1:]
+        more[:, 1:] += np.where(last, excess / 4, 0.0)
+    return found
+
+
+def unlike_columns(variances: Pair, diagonal: Floats) -> Floats:
+    """What slopes' variances (rows, cols; of p and q over the squared integrating factor) other than their
+    columns' means, for which the solve is weighted, add to the potential's variance `diagonal`, same units
+    (rows, cols).
+
+    Near a pixel the solve is a convolution: a slope along x is answered by h, of the transform
+    -2i sin(k_x / 2) |A| / (l_x + r l_y), r = var_p / var_q, one along y alike; the variance is the sum of
+    h^2 times that of the slopes. Beyond the border all is mirrored. Where noise grows from column to column
+    the answer is rather its quiet side's: less noise than the columns' takes off no more than the whole.
+    """
+    usual = [variance.mean(axis=0) for variance in variances]
+    r = float(np.median(usual[0] / usual[1]))
+    k = 2 * np.pi * np.fft.fftfreq(4 * _NEAR)
+    l = 2 - 2 * np.cos(k)
+    answer = 2 * np.sin(k / 2) * (13 * np.cos(k / 2) - np.cos(3 * k / 2)) / 12
+    both = l + r * l[:, None]
+    both[0, 0] = np.inf
+    kernels = (np.square(np.fft.ifft2(part / both).imag) for part in (answer, np.sqrt(r) * answer[:, None]))
+    total, parts, shape = 0.0, 0.0, [n + 2 * _NEAR for n in variances[0].shape]
+    size = [scipy.fft.next_fast_len(n, real=True) for n in shape]
+    for variance, own, kernel in zip(variances, usual, kernels, strict=True):
+        more = np.pad((variance / own - 1).astype(np.float32), _NEAR, mode="symmetric")
+        near = np.roll(kernel, (_NEAR, _NEAR), (0, 1))[: 2 * _NEAR + 1, : 2 * _NEAR + 1].astype(np.float32)
+        spectra = (scipy.fft.rfft2(part, size, workers=threads()) for part in (more, near))
+        total, parts = total + np.prod(list(spectra), axis=0), parts + float(near.sum())
+    found = scipy.fft.irfft2(total, size, workers=threads())[2 * _NEAR : shape[0], 2 * _NEAR : shape[1]]
+    return np.asarray(
+        np.where(found > 0, usual[0], np.minimum(usual[0], diagonal / parts)) * found, np.float64
+    )
+
+
+def averaging_gain(var_p: Floats, var_q: Floats) -> Floats:
+    """What the averaging of neighbouring slopes takes off the height's variance, same shape."""
+    ratios, values = _gain_table()
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.log(var_p / var_q)
+    gain: Floats = var_p * np.interp(ratio, ratios, values)
+    return gain
+
+
+@lru_cache(maxsize=1)
+def _gain_table() -> tuple[Floats, Floats]:
+    """c / var_p as a function of log(var_p / var_q), by the midpoint rule over the Brillouin zone."""
+    count = 512
+    k = np.pi * (np.arange(count) + 0.5) / count
+    transfer = (13 * np.cos(k / 2) - np.cos(3 * k / 2)) / 12
+    l = 2 - 2 * np.cos(k)
+    lost = l * (1 - transfer**2)
+    ratios = np.linspace(np.log(1e-3), np.log(1e3), 61)
+    values = [float(np.mean((lost[:, None] + r * lost) / (l[:, None] + r * l) ** 2)) for r in np.exp(ratios)]
+    return ratios, np.array(values)
+
+
+def edge_diagonal(columns: ColumnPoisson) -> Floats:
+    """Diagonal of the rectangle's inverse, (rows, cols): sum_k v_k(col) phi_k(row)^2,
+    symmetric in the rows.
+    """
+    modes = columns.inverse_diagonal()
+    rows = columns.rows
+    upper = (rows + 1) // 2
+    angle = np.pi * np.outer(np.arange(upper) + 0.5, np.arange(rows)) / rows
+    squares = np.cos(angle) ** 2 * (2.0 / rows)
+    squares[:, 0] = 1.0 / rows
+    half = squares @ modes
+    return np.concatenate([half, half[: rows - upper][::-1]])

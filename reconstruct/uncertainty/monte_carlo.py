@@ -1,0 +1,141 @@
+"""Variance of the height where no closed form holds: noise as announced, drawn and carried through the solve.
+
+The same draw is carried through the unbroken rectangle, whose variance R is known (see `uncertainty`), as a
+control variate: of normal errors a of the solve and r of the rectangle, a = b r + e, the maximum-likelihood
+variance of a with R known is b^2 R + mean(e^2) (T. W. Anderson, 1957, doi:10.1080/01621459.1957.10501379),
+after n draws uncertain by 2 (1 - rho^4) / n of itself, squared, rho the correlation of a and r: four draws
+are enough where a mask changes little; where it changes all, b tends to zero and the draws decide.
+"""
+
+import numpy as np
+import scipy.ndimage
+
+from ..arrays import Floats, Labels, Pair
+from ..judgement.discontinuities import touched
+from ..measured import Measured
+from ..solver.edges import Doubt, apply_laplacian, divergence
+from ..solver.newton import State, edge_errors, response
+from ..solver.poisson import ColumnPoisson
+
+__all__ = ["FLOOR", "monte_carlo_variance"]
+
+FLOOR = 0.02  # of a slope's variance: the least that a height next to an exact anchor is given
+_DRAWS = 48
+_PIXELS = 1 << 22  # solved in all: fewer draws for large images
+_FEWEST = 4
+_MOSTLY = 0.9  # of the pixels: those that decide how many draws are made
+_PRIOR = 6.0  # draws that the mean over a block counts as
+_BLOCK = 25  # pixels
+_SEED = 20140318
+
+
+def monte_carlo_variance(
+    data: Measured, state: State, labels: Labels, rectangle: Floats, load: Floats
+) -> Floats:
+    """The variance of w, (rows, cols). rectangle: that of the rectangle without holes, pinned by its anchors'
+    pixels with weights load (rows, cols)."""
+    inside = labels > 0
+    most = int(np.clip(_PIXELS // np.count_nonzero(inside), _FEWEST, _DRAWS))
+    rng = np.random.default_rng(_SEED)
+    sums = np.zeros((3, *rectangle.shape))
+    scale = rectangle + _beside_known(state)
+    for count in range(1, most + 1):
+        own, control = (
+            np.divide(errors, np.sqrt(size), out=np.zeros_like(errors), where=size > 0)
+            for errors, size in zip(_drawn(data, state, labels, load, rng), (scale, rectangle), strict=True)
+        )
+        sums += np.stack([own * own, own * control, control * control])
+        if count >= _FEWEST and _unexplained(sums[:, inside]) * _DRAWS <= count:
+            break
+    share = np.maximum(_block_means(inside.astype(np.float64)), 1e-3)
+    means = np.where(inside, sums / count, 0.0)
+    nearby = np.stack([_block_means(part) / share for part in means])
+    own, both, control = (count * means + _PRIOR * nearby) / (count + _PRIOR)
+    slope = np.divide(both, control, out=np.zeros_like(both), where=control > 0)
+    left = np.maximum(own - slope * both, 0.0) * count / (count - 1)
+    return np.where(inside, scale * (slope**2 + left), rectangle)
+
+
+def _beside_known(state: State) -> Floats:
+    """Variance of w (rows, cols) in a pixel whose neighbours are known: what it has of its own."""
+    columns: ColumnPoisson = state.problem.columns
+    wx, wy = state.problem.weights or (np.tile(part, (columns.rows, 1)) for part in (columns.wx, columns.wy))
+    board = 1.0 - 2.0 * (np.indices(wx.shape).sum(axis=0) % 2)
+    total = 0.5 * board * apply_laplacian(board, wx, wy)[0]  # every edge counts twice
+    variance: Floats = np.divide(state.root**4, total, out=np.zeros_like(total), where=total > 0)
+    return variance
+
+
+def _unexplained(sums: Floats) -> float:
+    """1 - rho^4 of the sums (3, N) of squares and products, at most, in nearly all pixels."""
+    own, both, control = sums
+    rho2 = np.divide(both**2, own * control, out=np.zeros_like(own), where=own * control > 0)
+    return float(np.quantile(1.0 - rho2**2, _MOSTLY))
+
+
+def _block_means(values: Floats) -> Floats:
+    """Over blocks around every pixel. Summed one by one: running sums (`uniform_filter`) leave what rounding
+    makes of a pixel 1e16 times larger, squares below zero."""
+    weights = np.full(_BLOCK, 1.0 / _BLOCK)
+    means: Floats = values
+    for axis in (0, 1):
+        means = scipy.ndimage.correlate1d(means, weights, axis)
+    return means
+
+
+def _drawn(
+    data: Measured, state: State, labels: Labels, load: Floats, rng: np.random.Generator
+) -> tuple[Floats, Floats]:
+    """Answers (rows, cols) of the solution and of the rectangle to one draw of noise, and of what is in doubt
+    of the edges.
+    """
+    mask, rows = data.mask, state.rows
+    p, q = data.slopes(state.w)[:2]
+    du, dv = (
+        np.where(mask, sigma, 0.0) * rng.standard_normal(mask.shape) for sigma in (data.sigma_u, data.sigma_v)
+    )
+    noisy_p, noisy_q = data.shifted(du, dv).slopes(state.w)[:2]
+    slopes = np.where(mask, noisy_p - p, 0.0), np.where(mask, noisy_q - q, 0.0)
+    alone = together = edge_errors(data, state, slopes)
+    if state.doubt is not None:
+        singly, alike = _drawn_doubts(state.doubt, p, q, rng)
+        alone = edge_errors(data, state, slopes, singly)
+        together = edge_errors(data, state, slopes, (singly[0] + alike[0], singly[1] + alike[1]))
+    known = rows.sigma * rng.standard_normal(rows.sigma.shape)
+    own = response(labels, state, together, slopes, known)
+    factor = np.broadcast_to(state.root**2, own.shape)
+    control = state.problem.columns.solve(_divergence(alone, state, rng))
+    way = rows.predict(np.zeros(own.shape), *slopes) - known
+    pinned = np.vdot(load, control) + load.reshape(-1)[rows.pixel] @ (way / factor.ravel()[rows.pixel])
+    return own, factor * (control - pinned)
+
+
+def _drawn_doubts(doubt: Doubt, p: Floats, q: Floats, rng: np.random.Generator) -> tuple[Pair, Pair]:
+    """A draw of what edges are in doubt of, each by itself (the rectangle's edges are independent), and of
+    what those of one rim share where they rise alike: it is misjudged in the same way all around.
+    """
+    rims, count = scipy.ndimage.label(touched(doubt), np.ones((3, 3)))
+    one, other = rng.standard_normal((2, *p.shape))
+    shared = rng.standard_normal(count + 1)[rims]
+    rise_x, rise_y = np.zeros_like(p), np.zeros_like(q)
+    rise_x[:, :-1] = np.sign(np.nan_to_num(p[:, :-1] + p[:, 1:]))
+    rise_y[:-1] = np.sign(np.nan_to_num(q[:-1] + q[1:]))
+    return (doubt.x * one, doubt.y * other), (doubt.x * shared * rise_x, doubt.y * shared * rise_y)
+
+
+def _divergence(edges: Pair, state: State, rng: np.random.Generator) -> Floats:
+    """D^T w g of the rectangle: the edges' errors, scaled to its weights; others are drawn."""
+    columns: ColumnPoisson = state.problem.columns
+    wx = columns.wx.copy()
+    wx[-1] = 0.0  # no edge
+    weights, scaled = state.problem.weights, []
+    for axis, (g, full) in enumerate(zip(edges, (wx, columns.wy), strict=True)):
+        root = np.sqrt(full)
+        if weights is None:
+            scaled.append(g)
+            continue
+        noise = np.divide(rng.standard_normal(g.shape), root, out=np.zeros(g.shape), where=root > 0)
+        known = np.divide(np.sqrt(weights[axis]) * g, root, out=np.zeros(g.shape), where=root > 0)
+        scaled.append(np.where(weights[axis] > 0, known, noise))
+    scaled[1][-1] = 0.0
+    return divergence(scaled[0], scaled[1], wx[None], columns.wy[None])

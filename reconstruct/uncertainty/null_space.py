@@ -1,0 +1,45 @@
+"""The change of height that no slope measurement sees: what anchors are for."""
+
+import numpy as np
+
+from optolever.scene import Scene, dent, trace
+
+from ..arrays import Floats
+from ..coupled import solved_height
+from ..exact import exact_correspondence
+from ..solver.edges import edge_weights, factor_increments
+from ..solver.linear import edge_problem
+from ..solver.poisson import Accuracy
+
+__all__ = ["null_space"]
+
+_ACCURACY = Accuracy(relative=1e-12)
+
+
+def null_space(scene: Scene) -> Floats:
+    """How the mirror at rest may move unseen, (H, W): change of z on the camera's pixels, largest value 1.
+
+    Slopes tell the height up to a multiple of it (45-degree prism: in proportion to x, a rotation about the
+    edge shared with the pattern). One known height settles the multiple; where the mode is small beside its
+    value at the anchor, an anchor's error hurts little. NaN where the mirror at rest shows no pattern.
+
+    >>> from optolever.scene import load, resize
+    >>> mode = free_mode(resize(load("prism48"), 60, 80))
+    >>> [round(float(part), 2) for part in mode[30, [0, 40, 76]]]
+    [1.0, 0.5, 0.04]
+    """
+    seen = exact_correspondence(trace(scene, dent("flat", scene)), 1.0)
+    solution = solved_height(seen, scene, "edge")
+    problem, state = solution.problem, solution.state
+    data = problem.data
+    # The solver's own factor is only near; here it is the result.
+    edges = edge_problem(*edge_weights(*state.variances, np.ones((1, 1)), data.mask), data.mask)
+    _, _, p_w, q_w = data.slopes(state.w)
+    fit = edges.solve(*factor_increments(p_w, q_w, data.mask), _ACCURACY)
+    factor = np.exp(fit.x - fit.x[problem.labels > 0].max())
+    if problem.data.rays.logarithmic:
+        factor = factor * np.exp(state.w)
+    whole = np.where(problem.labels > 0, factor, np.nan)
+    mode = problem.to_image(whole, np.nan) * np.abs(problem.rays.inner_directions[2])
+    scaled: Floats = mode / np.nanmax(mode)
+    return scaled

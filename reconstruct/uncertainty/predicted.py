@@ -1,0 +1,93 @@
+"""What a rig would measure: exact places of a known surface, with the rig's errors, on a small image."""
+
+import math
+
+import numpy as np
+
+from optolever.errors import InputError
+from optolever.scene import Scene, Surface, dent, resize, trace
+
+from ..contact import Contact, contacts
+from ..coupled import reconstruct
+from ..exact import exact_correspondence
+from ..heightmap import HeightMap
+from ..outputs.slope_map import slope_map
+from ..solver.anchors import PixelAnchor
+from .budget import budget, free_mode_of
+
+__all__ = [
+    "PREDICTED_DEPTH",
+    "PREDICTED_NOISE",
+    "depth_sigma_against_rest",
+    "predicted_budget",
+    "predicted_maps",
+    "sigma_at_rest",
+]
+
+_LINES = 60  # rows of the image
+PREDICTED_NOISE = 0.01  # px
+PREDICTED_DEPTH, _WIDTH = 1 / 300, 1 / 16  # of the mirror's length: a dent's depth and its sigma
+
+
+def sigma_at_rest(scene: Scene) -> HeightMap:
+    """The mirror z = 0 as this rig would measure it, anchored in the middle of the image: its modes are what
+    the rig's errors do to the height."""
+    small = _coarse(scene)
+    return _measured(small, dent("flat", small), 0.5)[0]
+
+
+def predicted_maps(scene: Scene) -> tuple[Scene, HeightMap, HeightMap, PixelAnchor]:
+    """The scene on fewer pixels, a dent in the middle of the mirror as it would measure it, the mirror at
+    rest, and the anchor beside the dent."""
+    small = _coarse(scene)
+    length = small.mirror.length
+    pressed = dent("gaussian", small, peak=PREDICTED_DEPTH * length, sigma=_WIDTH * length)
+    height, anchor = _measured(small, pressed, 0.2)
+    return small, height, _measured(small, dent("flat", small), 0.2)[0], anchor
+
+
+def predicted_budget(scene: Scene) -> dict[str, dict[str, float]]:
+    """Uncertainty of that dent by its sources, see `budget`."""
+    small, height, rest, anchor = predicted_maps(scene)
+    return budget(height, rest, free_mode_of(height, small, anchor))
+
+
+def depth_sigma_against_rest(scene: Scene, dent_found: Contact) -> float | None:
+    """Standard deviation of the depth of a dent (mm) by the rig alone, if a capture of the mirror at rest
+    were given, too: of a Gaussian dent of the same place, depth and area at half depth, solved with both
+    captures under the scene's errors, which they share. None where a coarse image does not show it.
+    """
+    small = _coarse(scene)
+    width = math.sqrt(dent_found.area / (2 * math.pi * math.log(2)))
+    place = {"x": dent_found.x, "y": dent_found.y}
+    try:
+        pressed = dent("gaussian", small, peak=dent_found.depth, sigma=width, **place)
+        press, rest = (
+            exact_correspondence(trace(small, each), PREDICTED_NOISE)
+            for each in (pressed, dent("flat", small))
+        )
+        height = reconstruct(press, small, rest=rest)
+    except InputError:
+        return None
+    found = contacts(height, slope_map(height, press, small))
+    if not found:
+        return None
+    nearest = min(found, key=lambda one: math.hypot(one.x - dent_found.x, one.y - dent_found.y))
+    return math.sqrt(max(0.0, nearest.depth_sigma**2 - (nearest.depth_noise or 0.0) ** 2))
+
+
+def _coarse(scene: Scene) -> Scene:
+    rows = min(_LINES, scene.camera.rows)
+    return resize(scene, rows, max(8, round(rows * scene.camera.cols / scene.camera.rows)))
+
+
+def _measured(small: Scene, surface: Surface, place: float) -> tuple[HeightMap, PixelAnchor]:
+    """A surface, anchored where it is, at a share of the image's rows and in the middle of its columns."""
+    seen = trace(small, surface)
+    visible = np.argwhere(seen.visible)
+    if not len(visible):
+        raise InputError("this rig sees nothing of the pattern: a capture is not what it is said to be")
+    middle = np.array([place, 0.5]) * seen.u.shape
+    row, col = visible[np.argmin(np.linalg.norm(visible - middle, axis=1))].tolist()
+    anchor = PixelAnchor(row, col, float(seen.z[row, col]))
+    return reconstruct(exact_correspondence(seen, PREDICTED_NOISE), small, anchor=anchor), anchor

@@ -1,0 +1,1 @@
+from reconstruct.paper import *
