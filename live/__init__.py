@@ -11,6 +11,7 @@
 | `contact.py`, `touches.py`, `pressure.py` | figures of a contact; contacts over time; pressure and force |
 | `circulation.py` | how the slopes contradict one another |
 | `source.py`, `follow.py` | cameras, one of them virtual; readings as an iterator, tare |
+| `ring.py` | Ring: a code of several frames, one height a frame |
 | `server.py`, `page.html` | the page |
 | `arrays.py` | names of arrays |
 """
@@ -23,6 +24,7 @@ from .prepare import prepare
 from .prepared import Noise, Prepared
 from .pressure import Forces
 from .reading import Figures, Reading
+from .ring import Ring
 from .server import LiveServer
 from .source import Newest, Source, VirtualFinger, virtual_rig
 from .stream import Live
@@ -39,6 +41,7 @@ __all__ = [
     "Noise",
     "Prepared",
     "Reading",
+    "Ring",
     "Source",
     "Touch",
     "Touches",
