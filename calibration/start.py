@@ -72,10 +72,11 @@ def open_air_start(scene: Scene, views: Sequence[Sample]) -> tuple[Scene, Mappin
 
 def _virtual_displays(scene: Scene, views: Sequence[Sample]) -> tuple[PinholeCamera, Floats, Floats] | None:
     """The lens, and axes (K, 3, 3) and origins (K, 3) of the display's images in the camera's frame."""
-    camera, pitch = scene.camera, scene.pattern.pitch
+    camera, width = scene.camera, scene.pattern.pitch
     assert isinstance(camera, PinholeCamera)
+    height = width * scene.pattern.aspect
     places = [
-        np.stack([pitch * view.u, pitch * view.v, 0 * view.u], axis=-1).astype(np.float32) for view in views
+        np.stack([width * view.u, height * view.v, 0 * view.u], axis=-1).astype(np.float32) for view in views
     ]
     pixels = [np.stack([view.col, view.row], axis=-1).astype(np.float32) for view in views]
     size = camera.cols, camera.rows

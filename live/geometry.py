@@ -68,7 +68,7 @@ def rest_rays(scene: Scene, rows: int, cols: int, cell: int, period: float) -> R
         for part in (_change(origins, axis) + t * _change(directions, axis), _change(directions, axis))
     ]
     planes = np.concatenate([way.reshape(t.shape) * reflected, d, *changes])
-    step_u, step_v = (period * pattern.pitch * np.asarray(axis) for axis in (pattern.u_axis, pattern.v_axis))
+    step_u, step_v = period * pattern.steps
     return RestRays(_finite(planes), _finite(points), step_u, step_v)
 
 

@@ -247,7 +247,7 @@ class GLOptics:
             "highest": ((1 + beyond) * length, (1 + beyond) * width, surface.highest),
             "near": _NEAR * length,
             "u_axis": tuple(pattern.u_axis / pattern.pitch),
-            "v_axis": tuple(pattern.v_axis / pattern.pitch),
+            "v_axis": tuple(pattern.v_axis / (pattern.pitch * pattern.aspect)),
             "facing": tuple(pattern.normal),
             "steepest": surface.steepest,
             "shortest": float(np.hypot(length, width)) / _MARCH,

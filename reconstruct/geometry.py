@@ -83,13 +83,7 @@ def pattern_plane(scene: Scene) -> Floats:
     v) = row 0 + u row 1 + v row 2.
     """
     pattern = scene.pattern
-    return np.stack(
-        [
-            np.asarray(pattern.origin, dtype=np.float64),
-            pattern.pitch * np.asarray(pattern.u_axis, dtype=np.float64),
-            pattern.pitch * np.asarray(pattern.v_axis, dtype=np.float64),
-        ]
-    )
+    return np.vstack([np.asarray(pattern.origin, dtype=np.float64), pattern.steps])
 
 
 def rest_distance(origins: Floats, directions: Floats) -> Floats:

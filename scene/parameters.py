@@ -159,7 +159,7 @@ def _half(pattern: Pattern) -> Float:
 
 
 def _middle(pattern: Pattern) -> Float:
-    middle: Float = pattern.origin + pattern.pitch * _half(pattern) @ _axes(pattern)[:2]
+    middle: Float = pattern.origin + _half(pattern) @ pattern.steps
     return middle
 
 
@@ -170,7 +170,7 @@ def _pattern(pattern: Pattern, values: Mapping[str, float]) -> Pattern:
     middle = _middle(pattern) + shift @ axes
     u_axis, v_axis = rotate(rotation, pattern.u_axis), rotate(rotation, pattern.v_axis)
     pitch = values["pattern.pitch"]
-    origin = middle - pitch * (half[0] * u_axis + half[1] * v_axis)
+    origin = middle - pitch * (half[0] * u_axis + half[1] * pattern.aspect * v_axis)
     shape = pattern.shape
     if "pattern.b20" in values:
         bow = shape if isinstance(shape, Bow) else Bow.of_pattern(pattern.rows, pattern.cols)

@@ -1,4 +1,4 @@
-"""The pattern surface: a grid of square cells in any pose, flat or of a `shape`."""
+"""The pattern surface: a grid of cells in any pose, flat or of a `shape`."""
 
 from dataclasses import dataclass, replace
 
@@ -16,11 +16,11 @@ _SETTLED = 1e-12  # cells, of the last step
 
 @dataclass(frozen=True, eq=False)
 class Pattern(Record):
-    """Cell (u, v) (column, row) has its centre at origin + u pitch u_axis + v pitch v_axis.
+    """Cell (u, v) (column, row) has its centre at origin + u pitch u_axis + v pitch aspect v_axis.
 
     In the mirror's frame: origin (3,) mm, u_axis and v_axis (3,) unit and perpendicular, pitch mm;
     blur_px: rms radius, in cells, of the Gaussian through which the camera reads the pattern (0: none);
-    shape: what lies off that plane, or None.
+    shape: what lies off that plane, or None; aspect: height of a cell over its width.
     """
 
     origin: Float
@@ -31,11 +31,13 @@ class Pattern(Record):
     cols: int
     blur_px: float = 0.0
     shape: PatternShape | None = None
+    aspect: float = 1.0
 
     def __post_init__(self) -> None:
         u_axis, v_axis = orthonormal("pattern", self.u_axis, self.v_axis)
         freeze(self, origin=vector("pattern.origin", self.origin), u_axis=u_axis, v_axis=v_axis)
         freeze(self, pitch=positive("pattern.pitch", self.pitch))
+        freeze(self, aspect=positive("pattern.aspect", self.aspect))
         freeze(self, rows=integer("pattern.rows", self.rows), cols=integer("pattern.cols", self.cols))
         freeze(self, blur_px=positive("pattern.blur_px", self.blur_px, zero=True))
 
@@ -44,10 +46,21 @@ class Pattern(Record):
         """u x v (3,), unit; away from a viewer who sees u to the right and v downwards."""
         return cross(self.u_axis, self.v_axis)
 
+    @property
+    def steps(self) -> Float:
+        """Steps (2, 3) in mm from a cell to the next one along u and along v."""
+        return self._sides[:, None] * np.stack([self.u_axis, self.v_axis])
+
+    @property
+    def _sides(self) -> Float:
+        """Width and height (2,) of a cell, mm."""
+        return self.pitch * np.array([1.0, self.aspect])
+
     def point(self, u: Float | float, v: Float | float) -> Float:
         """Points (..., 3) in mm of pattern coordinates u, v in cells."""
-        du = self.pitch * np.asarray(u, np.float64)[..., None] * self.u_axis
-        dv = self.pitch * np.asarray(v, np.float64)[..., None] * self.v_axis
+        step_u, step_v = self.steps
+        du = np.asarray(u, np.float64)[..., None] * step_u
+        dv = np.asarray(v, np.float64)[..., None] * step_v
         point: Float = self.origin + du + dv
         if self.shape is None:
             return point
@@ -65,6 +78,7 @@ class Pattern(Record):
             slant, height = self.normal @ directions, self.normal @ offset
             way = -height / slant
             u, v = self._along(offset + way * directions)
+            width, tall = self._sides
             if self.shape is None:
                 return u, v, way
             moved = np.full(u.shape, np.inf)
@@ -72,7 +86,7 @@ class Pattern(Record):
                 off = self.shape.offset(u, v)
                 way = (off[..., 2] - height) / slant
                 u_next, v_next = self._along(offset + way * directions)
-                u_next, v_next = u_next - off[..., 0] / self.pitch, v_next - off[..., 1] / self.pitch
+                u_next, v_next = u_next - off[..., 0] / width, v_next - off[..., 1] / tall
                 moved = np.abs(u_next - u) + np.abs(v_next - v)
                 u, v = u_next, v_next
                 if not np.any(moved > _SETTLED):
@@ -82,20 +96,25 @@ class Pattern(Record):
 
     def resampled(self, rows: int, cols: int, scale: float, shift: float) -> "Pattern":
         """The surface in rows x cols cells scale u + shift, scale v + shift; blur in cells stays."""
-        start = self.origin - shift / scale * self.pitch * (self.u_axis + self.v_axis)
+        start = self.origin - shift / scale * self.steps.sum(axis=0)
         shape = None if self.shape is None else self.shape.mapped(scale, shift)
         return replace(self, rows=rows, cols=cols, pitch=self.pitch / scale, origin=start, shape=shape)
 
     def _along(self, landed: Float) -> tuple[Float, Float]:
-        return self.u_axis @ landed / self.pitch, self.v_axis @ landed / self.pitch
+        width, height = self._sides
+        return self.u_axis @ landed / width, self.v_axis @ landed / height
 
     def coordinates(self, points: Float) -> tuple[Float, Float]:
         """Pattern coordinates (u, v) in cells of points (..., 3) in mm, projected along the normal."""
         offset = points - self.origin
-        return offset @ self.u_axis / self.pitch, offset @ self.v_axis / self.pitch
+        width, height = self._sides
+        return offset @ self.u_axis / width, offset @ self.v_axis / height
 
 
-def prism_pattern(angle: float, rows: int, cols: int, pitch: float, blur_px: float = 0.0) -> Pattern:
+def prism_pattern(
+    angle: float, rows: int, cols: int, pitch: float, blur_px: float = 0.0, aspect: float = 1.0
+) -> Pattern:
     """The pattern on the prism face that rises at `angle` (rad) from the mirror's edge x = 0."""
     u_axis, v_axis = np.array([np.cos(angle), 0.0, np.sin(angle)]), np.array([0.0, 1.0, 0.0])
-    return Pattern(0.5 * pitch * (u_axis + v_axis), u_axis, v_axis, pitch, rows, cols, blur_px)
+    start = 0.5 * pitch * (u_axis + aspect * v_axis)
+    return Pattern(start, u_axis, v_axis, pitch, rows, cols, blur_px, aspect=aspect)

@@ -289,14 +289,15 @@ def _pattern(table: _Table) -> Pattern:
     surface, pose = "size, pitch_mm, blur_px, bow, table", "origin_mm, u_axis, v_axis, rotation_deg"
     table.known(f"{surface}, angle_deg, offset_mm, {pose}")
     cols, rows = table.take("size", _size)
-    pitch = table.take("pitch_mm", positive)
+    pitch, tall = table.take("pitch_mm", _pair_or_one)
+    aspect = tall / pitch
     blur_px = table.get("blur_px", _non_negative, 0.0)
     shape = _shape(table, rows, cols)
     if "angle_deg" in table:
         angle = table.take("angle_deg", _angle)
         along, across = table.get("offset_mm", _offset, np.zeros(2))
         table.done("angle_deg excludes an explicit pose")
-        flat = prism_pattern(angle, rows, cols, pitch, blur_px)
+        flat = prism_pattern(angle, rows, cols, pitch, blur_px, aspect)
         origin = flat.origin + along * flat.u_axis + across * flat.v_axis
         return replace(flat, origin=origin, shape=shape)
     if "origin_mm" not in table:
@@ -306,7 +307,7 @@ def _pattern(table: _Table) -> Pattern:
     origin = table.take("origin_mm", vector)
     u_axis, v_axis = _axes(table)
     table.done("belongs to angle_deg; an explicit pose excludes it")
-    return Pattern(origin, u_axis, v_axis, pitch, rows, cols, blur_px, shape)
+    return Pattern(origin, u_axis, v_axis, pitch, rows, cols, blur_px, shape, aspect)
 
 
 def _offset(name: str, value: Any) -> Float:

@@ -64,10 +64,12 @@ class Scene(Record):
     def __repr__(self) -> str:
         mirror, pattern, camera = self.mirror, self.pattern, self.camera
         inside = "ideal mirror" if self.medium is None else f"in a medium of index {self.medium.index:g}"
+        tall = "" if pattern.aspect == 1 else f" x {pattern.pitch * pattern.aspect:.4g}"
+        cell = f"{pattern.pitch:.4g}{tall}"
         return (
             f"Scene {self.name!r}: mirror {mirror.length:g} x {mirror.width:g} mm, {inside}\n"
             f"  {type(camera).__name__} of {camera.rows} x {camera.cols} pixels\n"
-            f"  pattern of {pattern.rows} x {pattern.cols} cells of {pattern.pitch:.4g} mm"
+            f"  pattern of {pattern.rows} x {pattern.cols} cells of {cell} mm"
         )
 
     def plot(self, axes: Any = None) -> Any:

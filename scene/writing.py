@@ -33,6 +33,11 @@ def foreign_sections(path: Path) -> Table:
     return {name: content[name] for name in FOREIGN if name in content}
 
 
+def _pitch(pattern: Pattern) -> float | list[float]:
+    """Of square cells one number."""
+    return pattern.pitch if pattern.aspect == 1 else [pattern.pitch, pattern.pitch * pattern.aspect]
+
+
 def scene_table(
     name: str, mirror: Mirror, pattern: Pattern, camera: Any, dent: str | None, others: Mapping[str, Any]
 ) -> Table:
@@ -42,7 +47,7 @@ def scene_table(
         "mirror": {"size_mm": [mirror.length, mirror.width]},
         "pattern": {
             "size": [pattern.cols, pattern.rows],
-            "pitch_mm": pattern.pitch,
+            "pitch_mm": _pitch(pattern),
             "blur_px": pattern.blur_px,
             "origin_mm": pattern.origin.tolist(),
             **_axes(pattern),

@@ -15,7 +15,6 @@ from optolever.patterns import sequence_from_text
 from optolever.reconstruct import null_space
 from optolever.scene import (
     Medium,
-    Pattern,
     Scene,
     TelecentricCamera,
     dent,
@@ -255,7 +254,7 @@ def _angle(scene: Scene, value: float) -> Scene:
     return replace(
         scene,
         camera=prism_camera(length, angle, camera.rows, camera.cols, pitch, camera.face),
-        pattern=prism_pattern(angle, pattern.rows, cols, pattern.pitch, pattern.blur_px),
+        pattern=prism_pattern(angle, pattern.rows, cols, pattern.pitch, pattern.blur_px, pattern.aspect),
     )
 
 
@@ -280,9 +279,12 @@ def _camera(scene: Scene, value: float) -> Scene:
 def _pattern(scene: Scene, value: float) -> Scene:
     old = scene.pattern
     pitch = old.pitch / value
-    shift = 0.5 * (pitch - old.pitch) * (old.u_axis + old.v_axis)
+    shift = 0.5 * (1 / value - 1) * old.steps.sum(axis=0)
     rows, cols = (max(1, math.ceil(n * value - 1e-6)) for n in (old.rows, old.cols))
-    finer = Pattern(old.origin + shift, old.u_axis, old.v_axis, pitch, rows, cols, old.blur_px * value)
+    blur_px = old.blur_px * value
+    finer = replace(
+        old, origin=old.origin + shift, pitch=pitch, rows=rows, cols=cols, blur_px=blur_px, shape=None
+    )
     return replace(scene, pattern=finer)
 
 
