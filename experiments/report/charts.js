@@ -27,12 +27,13 @@ function axis(label, more = {}) {
 
 const across = (label, more = {}) => axis(label, { size: 32, ...more });
 
-// Keep a plot as wide as its figure.
-function follow(figure, plot, height) {
+// Keep a plot at the size that its figure's width allows.
+function follow(figure, plot, size) {
   plots.push(plot);
   new ResizeObserver(() => {
-    const width = figure.clientWidth;
-    if (width && width !== plot.width) plot.setSize({ width, height: height(width) });
+    if (!figure.clientWidth) return;
+    const now = size(figure.clientWidth);
+    if (now.width !== plot.width || now.height !== plot.height) plot.setSize(now);
   }).observe(figure);
 }
 
@@ -56,11 +57,13 @@ class MapPlot {
     const { x0, y0, dx, dy, nx, ny } = model;
     this.ends = [x0, x0 + nx * dx, y0, y0 + ny * dy];
     const plain = (u, low, high) => [low, high];
-    const height = (width) => Math.min(640, 56 + ((width - 90) * (ny * dy)) / (nx * dx));
-    const width = figure.clientWidth || 600;
+    const size = (room) => { // one scale for both axes
+      const scale = Math.min((room - 90) / (nx * dx), 584 / (ny * dy));
+      return { width: Math.round(90 + scale * nx * dx), height: Math.round(56 + scale * ny * dy) };
+    };
     this.plot = new uPlot(
       {
-        width, height: height(width), legend: { show: false },
+        ...size(figure.clientWidth || 600), legend: { show: false },
         scales: { x: { time: false, range: plain }, y: { range: plain, dir: model.down ? -1 : 1 } },
         series: [{}, { paths: () => null, points: { show: false } }],
         axes: [across(model.x, { grid: { show: false } }), axis(model.y, { grid: { show: false } })],
@@ -73,7 +76,7 @@ class MapPlot {
       [this.ends.slice(0, 2), this.ends.slice(2)],
       holder,
     );
-    follow(figure, this.plot, height);
+    follow(figure, this.plot, size);
     this.show(figure.dataset.layer);
   }
 
@@ -224,12 +227,12 @@ function chart(figure, spec) {
     x.values = () => spec.names;
   }
   const ticks = spec.log ? { values: (u, splits) => splits.map((v) => (v === null ? null : number(v, 2))) } : {};
-  const height = () => (spec.names ? 300 : 240);
+  const size = (width) => ({ width, height: spec.names ? 300 : 240 });
   const first = { value: (u, v) => (spec.names ? spec.names[v] : number(v ?? NaN, 5)), label: spec.names ? "term" : spec.axes[0] };
   const margin = spec.names ? { range: (u, low, high) => [low - 0.7, high + 0.7] } : {};
   const plot = new uPlot(
     {
-      title: spec.title, width: figure.clientWidth || 300, height: height(),
+      title: spec.title, ...size(figure.clientWidth || 300),
       scales: { x: { ...scale, ...margin }, y: { ...scale, time: undefined } },
       series: [first, ...series], bands: spec.bands || [],
       axes: [{ ...x, ...(spec.log ? ticks : {}) }, axis(spec.axes[1], ticks)],
@@ -237,7 +240,7 @@ function chart(figure, spec) {
     [spec.x, ...spec.series.map((each) => each.values)],
     figure,
   );
-  follow(figure, plot, height);
+  follow(figure, plot, size);
   return plot;
 }
 
