@@ -280,7 +280,7 @@ setTimeout(() => {
         const canvas = document.querySelector("#height-map canvas"), ground = canvas.getBoundingClientRect();
         const scale = canvas.width / ground.width;
         const image = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
-        out.colours = [[0.55, 0.25], [0.55, 0.6], [0.4, 0.6]].map(([x, y]) => {
+        out.colours = [[0.5533, 0.2533], [0.5533, 0.6033], [0.4033, 0.6033]].map(([x, y]) => {
           const col = Math.floor(scale * (box.left - ground.left + x * box.width));
           const row = Math.floor(scale * (box.top - ground.top + y * box.height));
           return [x, y, [...image.slice(4 * (row * canvas.width + col)).slice(0, 3)]];
