@@ -1,4 +1,4 @@
-"""Response of display and camera together: camera level against shown level.
+"""Response of display and camera together: camera level against displayed level.
 
 A camera's response is inverted before decoding. A display's is not: its light is blurred after the
 nonlinearity, so that the decoder expects the light of the displayed levels.

@@ -79,7 +79,7 @@ class AxisProfile:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExposureProfile:
-    """Of the frames of one exposure.
+    """Profile of one exposure.
 
     camera     noise of the camera's levels; noise: of the linear levels that a response makes of them
     silent     whether there is no noise beyond rounding

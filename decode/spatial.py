@@ -284,7 +284,7 @@ def _tell(cross: Any, noise: Any, limits: Any) -> Any:
     far = max(max(abs(c - left), abs(right - c)), max(abs(c - up), abs(down - c)))
     away = max(min(c + low, border - half - c), np.float32(0))
     footprint2 = ((right - left) * (right - left) + (down - up) * (down - up)) * np.float32(1 / 48)
-    beside = off_x + off_y != off_x + off_y  # one that is refused
+    beside = off_x + off_y != off_x + off_y  # a flagged one
     return wide | beside | (away * away <= SHADOW2 * (reach2 + footprint2)) | (far > half_a_turn)
 
 

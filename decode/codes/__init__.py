@@ -1,4 +1,4 @@
-"""From frames of one axis to an `Estimate`: place, variance, chance of a wrong order.
+"""From frames of one axis to an `Estimate`: place, variance, probability of a wrong order.
 
 | file             | holds                                                                              |
 |------------------|------------------------------------------------------------------------------------|

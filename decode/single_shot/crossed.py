@@ -57,8 +57,8 @@ def crossed(
     """Displacement (pattern pixels, deformed minus rest) of one crossed-fringe frame.
 
     frame, rest  (H, W), or (N, H, W) as the sequence describes them
-    prior        where the camera looked at rest, to a fraction of a period across the fringe's own width
-                 (a trace, a decoded capture); default: the surface fills the frame
+    prior        u and v at rest, to a fraction of a period across the fringe's width (a trace, a decoded
+                 capture); default: the surface fills the frame
 
     Whole periods follow from continuity within each island, a connected part of pixels with a fringe at rest.
     One frame does not determine them otherwise: the median displacement of every island must be within half a

@@ -86,8 +86,8 @@ def lattice(
     """Crossings of the lattice in `frames`, each matched to the same one in `rest`.
 
     frames, rest  (N, H, W) as the sequence describes them, or the lattice frame alone, (H, W)
-    prior         map of the mirror at rest, to a quarter of the lattice's period (a trace, a
-                  decoded capture); default: the surface fills the frame, u along columns, v along rows
+    prior         u and v at rest, to a quarter of the lattice's period (a trace, a decoded capture);
+                  default: the surface fills the frame, u along columns, v along rows
 
     A crossing is matched by the displacement of the lattice's first harmonic, which is a crossed fringe: its
     median in each connected part of the mirror must be within half a period (see crossed).
