@@ -1,5 +1,4 @@
-"""A prepared decoder on frames of one exposure: every pixel's axes, then its neighbours; nothing is
-estimated here."""
+"""Applies a prepared decoder to frames of one exposure: both axes, then the spatial checks; no estimation."""
 
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -38,19 +37,20 @@ __all__ = [
 ]
 
 F32 = NDArray[np.float32]
-#: Rows of a block that a thread takes at least, and pixels: what it keeps of them fits the second-level
-#: cache, and to start its kernels takes as long as some thousand pixels.
+#: Smallest block of a thread, rows and pixels: its data fit the second-level cache; starting its kernels
+#: costs as much as some thousand pixels.
 _BLOCK, _PIXELS = 32, 40_000
-#: Pixels of several rows that are read as one line, at most: to start a loop takes as long as some hundred.
+#: Largest number of pixels of joined rows: starting a loop costs as much as some hundred pixels.
 _LINE = 1 << 13
-#: Sigma that is stated for frames without noise beyond their rounding, pattern pixels.
+#: Smallest sigma of frames without noise beyond rounding, pattern pixels.
 _LEAST_SIGMA = 0.01
 
 
 @dataclass(frozen=True, slots=True)
 class Steps:
-    """What turns frames of one exposure into axes: the setup, the lag to take off, a decoder for each axis;
-    of a response, variance of linear levels and the same over that of the raw ones."""
+    """Decoding steps of one exposure: setup, display lag to remove, a decoder per axis.
+
+    spread, steep: variance of linear levels (see Light), and its ratio to the variance of raw levels."""
 
     setup: Setup
     lag: Before
@@ -71,7 +71,7 @@ def _block(cols: int) -> int:
 
 
 class AxisTables(NamedTuple):
-    """Of an axis: what rounded grey values shift (empty: nothing), tables and numbers of its neighbours."""
+    """Of one axis: shift by rounded grey values (empty: none), tables and limits of the spatial checks."""
 
     rounding: F32
     tables: SpatialTables
@@ -89,7 +89,7 @@ class Prepared:
 
 
 class Maps(NamedTuple):
-    """Before neighbours are asked: each axis' coordinate and variance, and what both share."""
+    """Per axis coordinate and variance, and shared maps, before the spatial checks."""
 
     raw: tuple[Raw, ...]
     shared: Shared
@@ -98,13 +98,14 @@ class Maps(NamedTuple):
 def decoded_axes(
     light: Light, steps: Steps, mask: NDArray[np.bool_] | None, rounding: tuple[F32, ...] = ()
 ) -> Maps:
-    """Every axis, block by block of rows; flags of both. rounding: of each axis, what rounded grey values
-    shift, if it is known, which is taken off."""
+    """Coordinates and variances of every axis, flags of both, by blocks of rows.
+
+    rounding: per axis, the shift by rounded grey values, which is subtracted (empty: not known)."""
     decoders, shape = steps.decoders, light.raw.shape[1:]
     rows, cols = shape
     raw = tuple(Raw(*(roomy_empty(shape, np.float32) for _ in range(2))) for _ in decoders)
     shared = Shared(roomy_empty(shape, np.uint16), *(roomy_empty(shape, np.float32) for _ in range(3)))
-    # but for look-ups, which go from pixel to pixel along a row
+    # join rows, except for look-ups, whose search walks along a row
     most = 1 if any(decoder.table is not None for decoder in decoders) else max(_LINE // cols, 1)
     count = next(n for n in (16, 8, 4, 2, 1) if n <= most and rows % n == 0)
     lines = rows // count, cols * count
@@ -126,27 +127,26 @@ def decoded_axes(
 
 
 def rounding_of(decoder: AxisDecoder, setup: Setup, width: float) -> F32:
-    """What rounded grey values shift, read by pixels of a width (cells); empty where nothing is shown on
-    cells, or looked up."""
+    """Shift by rounded grey values for pixels of a width (cells); empty for ideal cosines and look-ups."""
     if not setup.cells or decoder.periods is None:
         return np.zeros(0, np.float32)
     return rounded_places(decoder.axis.axis, setup.sequence, width)
 
 
 def corrected(coordinate: F32, rounding: F32) -> None:
-    """A coordinate (H, W) without what rounded grey values shift, in place."""
+    """Subtract the shift by rounded grey values from a coordinate (H, W), in place."""
     if rounding.size:
         rows, cols = coordinate.shape
         over_rows(lambda start, stop: take_off(coordinate[start:stop], rounding), rows, _block(cols))
 
 
 def border_shares(decoder: AxisDecoder) -> tuple[tuple[float, float], ...]:
-    """Periods that share in what the border shifts; none of what is looked up."""
+    """Periods that the border shifts, with their weights; none for look-ups."""
     return () if decoder.table is not None else shares_of(decoder.axis)
 
 
 def tables_of(steps: Steps, profile: ExposureProfile, footprint: float) -> tuple[AxisTables, ...]:
-    """Of each axis; footprint: side of a pixel over its pitch."""
+    """Tables of each axis; footprint: side of a pixel's active area over its pitch."""
     found = []
     for decoder, own in zip(steps.decoders, profile.axes, strict=True):
         border = border_of(border_shares(decoder), own.border) if steps.setup.cells else NO_BORDER
@@ -171,7 +171,7 @@ def tables_of(steps: Steps, profile: ExposureProfile, footprint: float) -> tuple
 
 
 def neighbours(maps: Maps, prepared: Prepared) -> Correspondence:
-    """Pixelation taken off; edges, strays and partial footprints flagged or in sigma."""
+    """Remove pixelation; edges, outliers and partial footprints raise flags or sigma."""
     (raw, shared), decoders = maps, prepared.steps.decoders
     shape = shared.flags.shape
     flags = roomy_empty(shape, np.uint16)
@@ -201,13 +201,13 @@ def neighbours(maps: Maps, prepared: Prepared) -> Correspondence:
 
 
 def with_profile(found: Correspondence, profile: ExposureProfile) -> Correspondence:
-    """Sigma of the outermost lines, in place; notices and shared noise of the profile."""
+    """Inflate sigma of the outermost lines, in place; add notices and shared noise of the profile."""
     sigmas = {"u": found.sigma_u, "v": found.sigma_v}
     widen_edge_lines([sigmas[one.axis] for one in profile.axes], profile.edges)
     return replace(found, notices=profile.notices, shared_noise=profile.shared)
 
 
 def applied(light: Light, prepared: Prepared, mask: NDArray[np.bool_] | None) -> Correspondence:
-    """Frames of the prepared exposure, see Steps.light, by its kernels."""
+    """Decode frames (see Steps.light) of the prepared exposure."""
     maps = decoded_axes(light, prepared.steps, mask, tuple(one.rounding for one in prepared.tables))
     return with_profile(neighbours(maps, prepared), prepared.profile)

@@ -1,4 +1,4 @@
-"""One axis: what a sample of its frames tells, which steps they ask for, and their chain over rows."""
+"""One axis: estimates from a sample of its frames, choice of decoding steps, their chain over rows."""
 
 import math
 from dataclasses import dataclass, replace
@@ -38,15 +38,15 @@ __all__ = [
     "estimate_axes",
 ]
 
-#: Pixels that tell a variance (18 %), and that are asked (a fifth surely); rounds in which what periods
-#: contradict each other by is found, as orders are listed within it.
+#: Fewest pixels for a variance (18 %), sample size (a variance of a fifth is significant), rounds of the
+#: interfringe variance: fringe orders depend on it.
 _FEWEST, _ASKED, _ROUNDS = 64, 450, 6
 
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """What frames of one exposure show, and a camera's noise; cells: whether it was shown on cells; white:
-    linear level at which samples saturate."""
+    """Sequence of one exposure and the camera's noise; cells: whether the display's cells are modelled;
+    white: linear level at which samples saturate."""
 
     sequence: Sequence
     plan: Plan
@@ -57,7 +57,7 @@ class Setup:
 
 @dataclass(frozen=True, slots=True)
 class Shot:
-    """Frames of a setup, and a sample of pixels that see the pattern."""
+    """Frames of a setup, and a sample of illuminated pixels."""
 
     setup: Setup
     light: Light
@@ -65,8 +65,8 @@ class Shot:
 
 
 class LookUp(NamedTuple):
-    """Of a `Table`: way of its search, optics, relative error of their spread, variance of what the levels
-    leave (over the squared amplitude), the camera's noise by its residuals (None: it was known)."""
+    """Estimates of a `Table`: search mode, optics, relative error of their spread, variance of the residuals
+    (over the squared amplitude), camera noise by the residuals (None: given)."""
 
     way: int
     optics: Optics
@@ -76,14 +76,14 @@ class LookUp(NamedTuple):
 
 
 class AxisNumbers(NamedTuple):
-    """What a sample of pixels tells of an axis: with the setup, all that its decoder needs.
+    """Estimates of an axis from a sample of pixels; with the setup they determine its decoder.
 
-    code       numbers of its code, the levels of the bits among them
-    unresolved  how many of the code's finest bits are left out, as the camera does not resolve them
-    misfit     variance (turns^2) of each fringe's phase by what its samples leave beyond noise
-    between    the same by what periods contradict each other by
-    deviation  of a sample over the amplitude, of close periods; None of others
-    look_up    of what is looked up
+    code       code and the levels of its bits
+    unresolved  number of the code's finest bits that the camera does not resolve
+    misfit     variance (turns^2) of each fringe's phase by residuals beyond noise
+    between    variance (turns^2) of a phase by contradictions between periods
+    deviation  of a sample over the amplitude, of close periods; else None
+    look_up    estimates of a look-up
     """
 
     code: CodePlan | None = None
@@ -96,11 +96,11 @@ class AxisNumbers(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class AxisDecoder:
-    """What turns rows of frames into coordinates of one axis.
+    """Decodes rows of frames to coordinates of one axis.
 
-    periods   of the fringes, with the variance that rounded grey values and misfit leave
-    limits    beyond which pixels are flagged; jump: largest second difference of neighbours, stripe: the
-              finest one of a code, pattern px; per_turn: turns of the finest fringe in a px, 0 without one
+    periods   of the fringes, with phase variance by rounded grey values and misfit
+    limits    limits of the flags; jump: largest second difference of neighbours, stripe: finest stripe of a
+              code, pattern px; per_turn: turns of the finest fringe per px, 0 without one
     """
 
     axis: AxisPlan
@@ -115,7 +115,7 @@ class AxisDecoder:
     per_turn: float = 0.0
 
     def decode(self, light: Light, rows: tuple[int, int], raw: Raw, first: bool, shared: Shared) -> None:
-        """Rows start..stop: coordinates and variances into the axis' maps, the rest into the shared ones."""
+        """Decode rows start..stop into the axis' coordinate and variance and the shared maps."""
         into = Into(raw.coordinate, raw.variance, self.limits, first, shared)
         code = self.numbers.code
         if self.table is not None:
@@ -129,7 +129,7 @@ class AxisDecoder:
             climb(light, self.noise, self.periods, self.axis.extent, code, rows, into)
 
     def _looked_up(self, table: Table, light: Light, rows: tuple[int, int], raw: Raw) -> Estimate:
-        """Rows start..stop by a table, of a code from its cells on."""
+        """Look up rows start..stop; a code gives the starting cells."""
         part = slice(*rows)
         estimate = Estimate.empty(rows[1] - rows[0], light.raw.shape[2])
         estimate = estimate._replace(coordinate=raw.coordinate[part], variance=raw.variance[part])
@@ -139,7 +139,7 @@ class AxisDecoder:
         return estimate
 
     def notices(self, width: float) -> tuple[Notice, ...]:
-        """What is not resolved; width: of a usual pixel, pattern px."""
+        """Notices of unresolved bits and fringes; width: median footprint of a pixel, pattern px."""
         found, count, name = [], self.numbers.unresolved, self.axis.axis
         if count and self.numbers.code is not None:
             numbers = [str(bit) for bit in range(count)]
@@ -165,8 +165,8 @@ class AxisDecoder:
 
 
 class AxisOptions(NamedTuple):
-    """subpixel, blur (cells, None: unknown): see decode; known: whether the noise is, else, where no rule of
-    the frames tells it, a look-up measures it; before: what frames hold of earlier ones."""
+    """subpixel, blur (cells, None: unknown): see decode; known: the noise is given or follows from
+    constraints (else a look-up estimates it); before: display lag."""
 
     subpixel: bool = False
     known: bool = False
@@ -179,13 +179,13 @@ def _axes(setup: Setup) -> tuple[AxisPlan, ...]:
 
 
 def estimate_axes(shot: Shot, options: AxisOptions) -> tuple[AxisNumbers, ...]:
-    """Of each axis, from the sample. InputError where its frames tell no place."""
+    """Estimates of each axis from the sample. InputError where an axis cannot be decoded."""
     known = options.known or bool(constraints(shot.setup.plan, len(shot.setup.sequence)))
     return tuple(_estimated(axis, shot, options._replace(known=known)) for axis in _axes(shot.setup))
 
 
 def axis_decoders(setup: Setup, numbers: tuple[AxisNumbers, ...]) -> tuple[AxisDecoder, ...]:
-    """Steps for each axis."""
+    """A decoder for each axis."""
     return tuple(_decoder(axis, setup, own) for axis, own in zip(_axes(setup), numbers, strict=True))
 
 
@@ -209,7 +209,7 @@ def _estimated(axis: AxisPlan, shot: Shot, options: AxisOptions) -> AxisNumbers:
 
 
 def _looked_up(axis: AxisPlan, code: CodePlan | None, shot: Shot, options: AxisOptions) -> LookUp:
-    """Of known levels, which are looked up."""
+    """Estimates of a look-up of known levels."""
     setup, light, lit = shot.setup, shot.light, shot.lit
     cells = None if code is None else _cells(code, light, setup.noise, lit)
     known = setup.noise if options.known else None
@@ -234,7 +234,7 @@ def _decoder(axis: AxisPlan, setup: Setup, numbers: AxisNumbers) -> AxisDecoder:
 
 
 def _by_table(axis: AxisPlan, setup: Setup, numbers: AxisNumbers, look_up: LookUp) -> AxisDecoder:
-    """Known levels are looked up."""
+    """Decoder of an axis of known levels."""
     table = table_of(setup.sequence, setup.plan, axis, look_up.way, look_up.optics)
     table = replace(table, unsure=look_up.unsure, misfit2=look_up.misfit2, noise=look_up.noise)
     code = numbers.code
@@ -246,14 +246,14 @@ def _by_table(axis: AxisPlan, setup: Setup, numbers: AxisNumbers, look_up: LookU
 
 
 def _freedom(axis: AxisPlan, code: CodePlan | None) -> int:
-    """Degrees of freedom of chi2: samples of fringes beyond three each, places that they tell beyond one, and
-    what a code adds."""
+    """Degrees of freedom of chi2: samples of each fringe beyond three, fringes beyond the first, those of the
+    code."""
     freedom = sum(len(fringe.index) - 3 for fringe in axis.fringes) + max(len(axis.fringes) - 1, 0)
     return freedom + ((1 if axis.fringes else 0) + code.freedom if code is not None else 0)
 
 
 def _of_fringes(axis: AxisPlan, found: AxisNumbers, shot: Shot, before: Before) -> AxisNumbers:
-    """What samples of fringes leave, and periods contradict each other by."""
+    """Add misfit variance of each fringe and the interfringe variance."""
     noise, lit = shot.setup.noise, shot.lit
     covered = found.code is not None or axis.fringes[0].period >= axis.extent or len(axis.fringes) == 1
     setup = shot.setup
@@ -272,7 +272,7 @@ def _of_fringes(axis: AxisPlan, found: AxisNumbers, shot: Shot, before: Before) 
 
 
 def _with_periods(decoder: AxisDecoder, setup: Setup) -> AxisDecoder:
-    """With fringes whose phases have a variance beside that by noise."""
+    """Add periods with phase variance beyond noise, and the table of orders."""
     axis, numbers = decoder.axis, decoder.numbers
     rounding = _rounding(axis.axis, setup.sequence) if setup.cells else (0.0,) * len(axis.fringes)
     known = tuple(r + m + numbers.between for r, m in zip(rounding, numbers.misfit, strict=True))
@@ -281,8 +281,8 @@ def _with_periods(decoder: AxisDecoder, setup: Setup) -> AxisDecoder:
 
 
 def _between(decoder: AxisDecoder, light: Light, few: Sample) -> float:
-    """What periods contradict each other by at the places that a decoder tells of some pixels, beyond what it
-    knows of."""
+    """Interfringe variance (turns^2) at the decoded places of sample pixels, beyond the decoder's
+    variances."""
     assert decoder.periods is not None
     shape = 1, len(few.places)
     raw = Raw(*(np.zeros(shape, np.float32) for _ in range(2)))
@@ -299,22 +299,22 @@ def _between(decoder: AxisDecoder, light: Light, few: Sample) -> float:
 
 @lru_cache(maxsize=16)
 def _rounding(name: str, sequence: Sequence) -> tuple[float, ...]:
-    """Variance (turns^2) that the rounding of shown grey values makes in each fringe's phase."""
+    """Variance (turns^2) of each fringe's phase by rounding of the displayed grey values."""
     axis = next(one for one in plan(sequence).axes if one.axis == name)
     tables = sequence.tables()["uv".index(name)]
     return tuple(float(table_rounding(fringe, tables).var()) for fringe in axis.fringes)
 
 
 def _unlike(fringe: Fringe, lit: Sample, noise: Noise, before: Before) -> float:
-    """Variance (turns^2) of a fringe's phase by what its samples leave beyond noise, and by what they still
-    hold of earlier ones: its share in radians at most."""
+    """Variance (turns^2) of a fringe's phase by residuals beyond noise, and by residual lag: a share shifts
+    the phase by as many radians at most."""
     _, c, s = np.square(fringe.inverse).sum(axis=1)
     held = before.left.get(fringe.index, before.least)
     return (misfit_within(fringe, lit, noise) * float(c + s) / 2 + held**2) / (2 * np.pi) ** 2
 
 
 def _cells(code: CodePlan, light: Light, noise: Noise, lit: Sample) -> NDArray[np.float64]:
-    """Coordinates (K,) of the sampled pixels' cells; NaN where one is doubtful."""
+    """Coordinates (K,) of the sampled pixels' cells; NaN where a bit is doubtful."""
     estimate = Estimate.empty(1, len(lit.places))
     if len(lit.places):
         read_code(_sampled_light(light, lit.places), noise, code, (0, 1), estimate)
@@ -323,8 +323,7 @@ def _cells(code: CodePlan, light: Light, noise: Noise, lit: Sample) -> NDArray[n
 
 
 def _deviation(axis: AxisPlan, noise: Noise, lit: Sample) -> float:
-    """Deviation of a sample over the amplitude of the finest fringe that all but a twentieth of the pixels
-    have."""
+    """Deviation of a sample over the 5 % quantile of the finest fringe's amplitude."""
     fringe = axis.fringes[-1]
     levels = lit.levels[list(fringe.index)]
     c, s = fringe.inverse[1:].astype(np.float32) @ levels
@@ -334,8 +333,8 @@ def _deviation(axis: AxisPlan, noise: Noise, lit: Sample) -> float:
 
 
 def _orders(axis: AxisPlan, deviation: float, unlike: float) -> Orders:
-    """The table of orders for the noise of residues, of two phases each; unlike: variance (turns^2) of a
-    phase by rounded grey values and what else its samples leave."""
+    """Table of fringe orders for the noise of residues of two phases each; unlike: variance (turns^2) of a
+    phase by rounded grey values and misfit."""
     noise2 = deviation**2 * 4 / len(axis.fringes[-1].index) / (2 * np.pi) ** 2
     return order_table(
         tuple(f.period for f in axis.fringes), axis.extent, float(np.sqrt(noise2 + 2 * unlike))

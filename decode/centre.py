@@ -1,8 +1,8 @@
-"""From the mean over a pixel, which is what it reads, to what its centre sees.
+"""From the mean over a pixel's area to the value at its centre.
 
-A pixel takes light all over its area. Where the map bends inside of it, or its light is a slope, the mean is
-not the centre's value: that comes off as far as neighbours show it beyond noise, and what they cannot tell (a
-jump inside of the pixel, a bend that changes from pixel to pixel) goes into the variance.
+A pixel integrates light over its area. Curvature of the map and a gradient of light inside the pixel shift
+the mean from the centre's value. The shift that neighbours determine beyond noise is subtracted. The rest (a
+step inside the pixel, a curvature that changes from pixel to pixel) adds variance.
 """
 
 from typing import Any, NamedTuple
@@ -18,33 +18,33 @@ from .profile.pixelation import REACH
 __all__ = ["BULK", "STEEP", "CentreLimits", "centred", "dark_level", "lesser", "windowed"]
 
 F32 = NDArray[np.float32]
-#: Second differences are of the map from so many deviations on.
+#: Standard deviations beyond which a second difference is signal.
 BULK = 2.5
-#: Squared second difference over the squared fourth one, of pixels that have nothing to do with each other: a
-#: sum over both axes of 20 variances, and of two times 70.
+#: Squared second difference over the squared fourth one, of uncorrelated pixels: sums over both axes with 20
+#: variances, and with 2 x 70.
 _ROUGH = np.float32(20 / 140)
 #: Twice the squared fourth differences of noise of variance 1.
 _BY_NOISE = np.float32(2 * 140)
-#: Squared shares: of a fourth difference, what a second one over 24 leaves of waves (1 / sinc - 1, down to
-#: 2.4 pixels); of a second one, all; of the way between both neighbours (two pixels), how far the lesser
-#: change of light, as a step or a speck anywhere in the pixel, moves its centre of light.
+#: Squared shares: of a fourth difference, the error of a second one over 24 for waves (1 / sinc - 1, down to
+#: 2.4 pixels); of a second difference, all; of the distance of both neighbours (two pixels), the shift of the
+#: centre of light by a step or speck of the lesser change of light.
 _SHORT, _ALL, _EDGE = np.float32(1 / 64**2), np.float32(1 / 24**2), np.float32(1 / 8**2)
-#: Turns of a fringe in a pixel from which on it tells no place: a quarter of its contrast is left.
+#: Turns of a fringe per pixel beyond which it is not decoded: a quarter of its contrast remains.
 STEEP = 0.8
 
 
 class CentreLimits(NamedTuple):
     """Numbers of a line, float32.
 
-    jump       by what neighbours of a map bend at most, px
-    stripe     the finest one of a code, px (infinite: no code), as parts of others on a pixel move what it
-               reads
+    jump       largest second difference of neighbours of one map, px
+    stripe     finest stripe of a code, px (infinite: no code); parts of other stripes in a pixel shift its
+               reading
     per_turn   turns of the finest fringe in a px
     reach2     squared reach of a pixel of no footprint, and extent of the surface (infinite: no border), in
-               whose border's shadow (see border) nothing is taken off
+               shadow (see border) nothing is subtracted
     dark       level without light; inner (bool): whether there are REACH rows on either side
-    lens       variance that a lens mixes, px^2 of the camera, and its standard deviation lens_sigma
-    footprint  side of what a pixel reads over its pitch
+    lens       variance of the lens blur, px^2 of the camera, and its standard deviation lens_sigma
+    footprint  side of a pixel's active area over its pitch
     """
 
     jump: np.float32
@@ -60,11 +60,11 @@ class CentreLimits(NamedTuple):
 
 
 def dark_level(level: F32, amplitude: F32) -> float:
-    """Mean level of pixels without light of the display, by their mean levels and amplitudes (K,), grey
-    levels: where the line through amplitudes over levels (medians of the dimmest and the brightest third) has
-    none. A swing is no more than its mean, and a room's light not below zero."""
+    """Mean level of pixels without light of the display, from mean levels and amplitudes (K,), grey levels:
+    zero of the line through amplitude over level (medians of the dimmest and the brightest third). An
+    amplitude is no more than its mean, and ambient light is not negative."""
     mean, swing = (float(np.median(one)) if one.size else 0.0 for one in (level, amplitude))
-    if swing <= 0:  # nothing tells it: no pixels, or black and white in each other's place
+    if swing <= 0:  # undetermined: no pixels, or black and white exchanged
         return 0.0
     low, high = np.quantile(level, (1 / 3, 2 / 3))
     ends = [(np.median(amplitude[third]), np.median(level[third])) for third in (level <= low, level >= high)]
@@ -76,7 +76,7 @@ def dark_level(level: F32, amplitude: F32) -> float:
 @kernel
 def windowed(coord: F32, flags: NDArray[np.uint16], start: int, stop: int, out: F32) -> None:
     """Rows start..stop of a map (H, W) with REACH pixels on every side, (stop - start + 2 REACH,
-    W + 2 REACH): NaN what is refused. Two pixels beyond the image are on the parabola through the last
+    W + 2 REACH): flagged pixels are NaN. Two pixels beyond the image continue the parabola through the last
     three."""
     rows, cols = coord.shape
     out[:] = np.float32(np.nan)
@@ -103,7 +103,7 @@ def _good_only(line: F32, flags: NDArray[np.uint16], out: F32) -> None:
 
 @inlined
 def _parabola(end: Any, next_: Any, third: Any, k: Any) -> Any:
-    """k beyond the end of three values, 1 or 2."""
+    """Extrapolate the parabola through three values to k = 1 or 2 beyond its end."""
     one = np.float32(3) * (end - next_) + third
     return one if k == 1 else np.float32(3) * (one - end) + next_
 
@@ -121,14 +121,14 @@ def centred(
     """From the mean over a pixel, weighted by the light, to its centre, along a line (W,).
 
     Of u(s) = u + g s + s H s / 2 and light A (1 + a s) the mean over a pixel is u + (H_xx + H_yy) / 24 +
-    a g / 12; of a fringe, and behind a lens, see `_mixed`. Of the light's slope only the pixel's own share
-    comes off: where light falls off the lens has changed it, too.
+    a g / 12; of a fringe, and behind a lens, see `_mixed`. For the light's gradient only the pixel's own area
+    is corrected: at a falloff of light the lens has changed the gradient, too.
     here: the line. window: see `windowed`, k: the line's row in it. light: of the line, (W + 4,) with its
-    ends repeated, and of those two rows above and below (W,).
+    ends repeated, and of the rows two above and two below (W,).
 
-    Over REACH pixels the curvature is told with next to no noise; it, and what it is more or less between
-    next neighbours, count as far as they are beyond noise (James and Stein's shrinkage), and the latter as
-    far as it does not change from pixel to pixel (a rough mirror, a neighbour at an edge).
+    Over REACH pixels the curvature has almost no noise. It is shrunk by its noise (James and Stein), and so
+    is its difference to the curvature between nearest neighbours. That difference is also shrunk by its
+    change from pixel to pixel (a rough mirror, a neighbour at an edge).
     """
     jump, stripe, per_turn, reach2, extent, dark, inner, lens2, lens_sigma, footprint = limits
     zero, half, two, four = np.float32(0), np.float32(0.5), np.float32(2), np.float32(4)
@@ -137,18 +137,18 @@ def centred(
     m2 = twelfth * area2 + lens2
     unsure2 = lens_sigma * lens_sigma
     part = half * m2
-    # squared shifts over those of the pixel's own area
+    # squared shifts over those by the pixel's area alone
     blurred2 = np.float32(24**2) * part * part
-    # of the pixel 1 + 4 part, of four neighbours part each
+    # weights: 1 + 4 part for the pixel, part for each of four neighbours
     more = np.float32(8) * part + np.float32(20) * part * part
     unsure = np.float32(20 * BULK**2)
-    # by noise of a fringe: twice the relative variance of a difference of mean levels, by that of a place
+    # twice the relative variance of a difference of mean levels, over the variance of a place
     grain = np.float32(2 * (2 * np.pi) ** 2) * per_turn * per_turn
-    # squared fourth differences that second ones of one map may make: beyond, it is an edge (see spatial)
+    # largest squared fourth difference by second ones of one map: beyond, it is an edge (see spatial)
     most = np.float32(2 * 4**2) * jump * jump
     size, at = out.size, REACH
     first, last = np.int32(at), np.int32(size - 1 - at)
-    # views of one length: an index that only counts up is known not to wrap round
+    # views of equal length: the compiler knows that a rising index does not wrap round
     line = window[k]
     left, right = line[at - 1 : at - 1 + size], line[at + 1 : at + 1 + size]
     left_2, right_2 = line[at - 2 : at - 2 + size], line[at + 2 : at + 2 + size]
@@ -170,9 +170,9 @@ def centred(
         broad_x = (left_far[x] + right_far[x] - two * u) * wide
         broad_y = (up_far[x] + down_far[x] - two * u) * wide
         bend, uneven = near_x + near_y, fourth_x * fourth_x + fourth_y * fourth_y
-        # where one is refused, what it is in is NaN
+        # a flagged neighbour makes its differences NaN
         near, next_ = bend == bend, uneven == uneven
-        # an index as wide as the values: wider ones would halve the lanes of all that depends on it
+        # an index as wide as the values: a wider one would halve the SIMD lanes
         inside = inner & (np.int32(x) >= first) & (np.int32(x) <= last)
         far = inside & next_ & (broad_x + broad_y == broad_x + broad_y)
         noise = unsure * (total[x] + (was - u) * (was - u))
@@ -188,8 +188,8 @@ def centred(
         share = _beyond(bend, max(noise, _ROUGH * uneven)) if next_ else zero
         bends = factor_x * (there * broad_x + share * bend_x) + factor_y * (there * broad_y + share * bend_y)
         turned = np.float32(24 / 4) * across_x * across_y
-        # as far as all four quarters show it: of one outlying neighbour they differ by as much, or, at the
-        # image's border, where values are continued, by half of it
+        # shrunk by the disagreement of the four quarters: one outlying neighbour makes it as large as the
+        # twist, or half as large at the image's border, where values are extrapolated
         along, against = before_up[x] + after_down[x], before_down[x] + after_up[x]
         differ = along + against - four * u - two * (near_x + near_y)
         twist = (along - against) * _beyond(along - against, four * differ * differ) * turned
@@ -200,39 +200,39 @@ def centred(
         grain2 = grain * total[x]
         edge_x, light_x = _in_light(before[x], lit[x], after[x], dark, half * grain2)
         edge_y, light_y = _in_light(bright_up[x], lit[x], bright_down[x], dark, half * grain2)
-        # of a code it is less than its cells round off, and what noise of the light would make of it
+        # of a code it is below the rounding to cells and the noise of the light
         dims = area2 * (light_x * one_x + light_y * one_y) if stripe == np.float32(np.inf) else zero
         edge_x = max(edge_x * edge_x - grain2, zero) * one_x * one_x
         edge_y = max(edge_y * edge_y - grain2, zero) * one_y * one_y
         edges = (edge_x + edge_y) * _EDGE if near else zero
         jump_x = _jump(one_x, two_x, right_far[x] - left_far[x]) if far else two * one_x - two_x
         jump_y = _jump(one_y, two_y, down_far[x] - up_far[x]) if far else two * one_y - two_y
-        # along either axis by itself: a pixel that is refused on one says nothing of the other
+        # each axis by itself: a flagged pixel on one does not affect the other
         jump_x, jump_y = jump_x if jump_x == jump_x else zero, jump_y if jump_y == jump_y else zero
         jumps = max(jump_x * jump_x + jump_y * jump_y - two * noise, zero)
         smooth = near & (near_x * near_x < jump * jump) & (near_y * near_y < jump * jump)
-        # clear of the border's shadow, as neighbours two pixels away are
+        # outside the border's shadow, as are neighbours two pixels away
         steps_x, steps_y = one_x if one_x == one_x else zero, one_y if one_y == one_y else zero
         away = max(min(u + half, extent - half - u) - max(abs(steps_x), abs(steps_y)), zero)
         width2 = (steps_x * steps_x + steps_y * steps_y) * np.float32(1 / 48)
         clear = away * away > SHADOW2 * (reach2 + width2)
         off, taken = bends + dims, smooth & clear
-        # what a variance of 1 beside m2 would move the centre by
+        # shift of the centre by a variance of 1 on top of m2
         by_m2 = half * (there * (broad_x + broad_y) + share * (bend_x + bend_y) if near else zero)
         by_m2 += light_x * one_x + light_y * one_y if dims != zero else zero
         out[x] = was - (np.float32(1 / 24) * off if taken else zero)
         least_x, least_y = lesser(u - left[x], right[x] - u), lesser(u - up[x], down[x] - u)
         over = max(least_x + least_y - stripe, zero)
-        # as of a ridge, where a diagonal neighbour is refused
+        # bound by the curvature of a ridge, where a diagonal neighbour is flagged
         bent = near_x * near_y * turned * turned * np.float32(16)
         short += abs(bent) * _ALL if near & (not twisted) else zero
-        # terms of the next order are by the turns squared less than these
+        # next-order terms are smaller than these by a factor of turns squared
         most_turns = turns_x * turns_x + turns_y * turns_y
         size_of = abs(factor_x * near_x) + abs(factor_y * near_y) + (abs(twist) if twisted else zero)
         short += size_of * size_of * most_turns * most_turns * _ALL if near else zero
         short += off * off * _ALL if near & (not taken) else zero
         short += by_m2 * by_m2 * unsure2 if near & taken else zero
-        # where light falls off neighbours are shifted (see ends), which bends what they show
+        # at a falloff of light neighbours are shifted (see ends), which adds apparent curvature
         scale = np.float32(1) / max(lit[x] - dark, np.float32(1e-6))
         fall_x = max(abs(after[x] - lit[x]), abs(before[x] - lit[x])) * scale
         fall_y = max(abs(bright_down[x] - lit[x]), abs(bright_up[x] - lit[x])) * scale
@@ -244,7 +244,7 @@ def centred(
 
 @inlined
 def _poles(one: Any, other: Any) -> tuple[Any, Any]:
-    """1 / (1 - w^2) of both numbers of turns, by one division; as of STEEP beyond it."""
+    """1 / (1 - w^2) of both numbers of turns, by one division; |w| is limited to STEEP."""
     a = np.float32(1) - min(one * one, np.float32(STEEP**2))
     b = np.float32(1) - min(other * other, np.float32(STEEP**2))
     both = np.float32(1) / (a * b)
@@ -253,12 +253,12 @@ def _poles(one: Any, other: Any) -> tuple[Any, Any]:
 
 @inlined
 def _mixed(turns: Any, pole: Any, lens2: Any, footprint: Any) -> tuple[Any, Any]:
-    """What a bend along an axis shifts the phase of a fringe of which w turns lie on a pixel, over H_xx / 24,
-    and c of a mixed one, which shifts it by -H_xy c(w_x) c(w_y).
+    """Phase shift of a fringe with w turns per pixel by curvature along an axis, over H_xx / 24; and c of the
+    mixed derivative, which shifts the phase by -H_xy c(w_x) c(w_y).
 
-    What a pixel of side f mixes has the transfer function M(w) = sinc(f w) exp(-2 pi^2 lens2 w^2); these are
-    -12 M'' / (4 pi^2 M) and -M' / (2 pi M). Of sinc(w) alone they are, by the pole at 1 and the first term of
-    the rest of the series (the first to 0.01 up to half a turn, to 8 % near one),
+    A pixel of side f behind a lens has the MTF M(w) = sinc(f w) exp(-2 pi^2 lens2 w^2); the shifts are
+    -12 M'' / (4 pi^2 M) and -M' / (2 pi M). For sinc(w) alone, the pole at 1 and the first term of the
+    remaining series give (the first to 0.01 up to half a turn, to 8 % near one)
     1 - 2 pi^2 / 15 w^2 / (1 - w^2) and (w / pi) (1 / (1 - w^2) + pi^2 / 6 - 1); pole: of f w.
     """
     one, pi, most = np.float32(1), np.float32(np.pi), np.float32(2 * np.pi**2 / 15)
@@ -270,7 +270,7 @@ def _mixed(turns: Any, pole: Any, lens2: Any, footprint: Any) -> tuple[Any, Any]
 
 @inlined
 def lesser(one: Any, other: Any) -> Any:
-    """The lesser size of two changes; of one where the other is refused (NaN), 0 of none."""
+    """The smaller magnitude of two changes; the other one where one is NaN (flagged), 0 if both are."""
     one, other = abs(one), abs(other)
     least = one if (one < other) | (other != other) else other
     return least if least == least else np.float32(0)
@@ -278,23 +278,23 @@ def lesser(one: Any, other: Any) -> Any:
 
 @inlined
 def _beyond(value: Any, noise: Any) -> Any:
-    """Share of a value that is beyond noise (variance)."""
+    """Shrinkage factor max(1 - noise / value^2, 0); noise: variance."""
     return max(np.float32(1) - noise / (value * value + np.float32(1e-12)), np.float32(0))
 
 
 @inlined
 def _jump(one: Any, two: Any, four: Any) -> Any:
-    """J by differences over 2, 4 and 8 pixels of g x + k x^3 + J sign(x) / 2; its variance is 14.6 times that
-    of a pixel. (By the first two of g x + J sign(x) / 2: 2 one - two, 10 times.)"""
+    """Step J of g x + k x^3 + J sign(x) / 2, from differences over 2, 4 and 8 pixels; its variance is 14.6
+    times a pixel's. (g x + J sign(x) / 2 by the first two: 2 one - two, 10 times.)"""
     return (four - np.float32(10) * two + np.float32(16) * one) * np.float32(1 / 7)
 
 
 @inlined
 def _in_light(before: Any, here: Any, after: Any, dark: Any, noise: Any) -> tuple[Any, Any]:
-    """Lesser of the relative changes of light to both pixels two pixels away (of one colour, behind a
-    mosaic): its size, and itself over one pixel, 0 if their signs differ (minmod: beside an edge no
-    gradient), of changes that differ by as much as is beyond noise (variance of a change). At most 2: light
-    is nowhere negative in the pixel. dark: level without light."""
+    """Lesser of the relative changes of light to both pixels two pixels away (same colour of a mosaic): its
+    magnitude; and the change per pixel, reduced by the difference of both beyond noise (variance of a
+    change), 0 if their signs differ (minmod: no gradient at an edge). At most 2: light is not negative inside
+    the pixel. dark: level without light."""
     half, scale = np.float32(0.5), np.float32(1) / max(here - dark, np.float32(1e-6))
     mean, bend = half * (after - before) * scale, abs(half * (before + after) - here) * scale
     sure = bend * _beyond(bend, np.float32(0.75 * BULK**2) * noise)

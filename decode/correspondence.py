@@ -1,5 +1,5 @@
-"""Correspondence: where on the pattern every camera pixel looks, how sure that is, and what is wrong;
-Displacement: how far the pattern has moved for it since the mirror was at rest."""
+"""Correspondence: pattern coordinates of every camera pixel, their sigma, and flags; Displacement: change of
+the pattern coordinates since the mirror was at rest."""
 
 from dataclasses import MISSING, dataclass, fields
 from enum import IntFlag
@@ -34,12 +34,12 @@ class Flag(IntFlag):
 
 
 class SharedNoise(NamedTuple):
-    """Of the variance of the frames' noise the share (0 to 1) that pixels have in common: those of one row,
-    of one column, and, among the frames of u and of v, all of the image by their level and phase (a lamp that
-    flickers). turns: of the finest fringe along u and v in a pattern pixel; noise of a frame becomes an error
-    of the place by the cosine of its phase. shift: standard deviation of what is common to all of u and of v:
-    what camera or mirror move them by as they shake or drift, and what a display's cells leave where pixels
-    keep step with them, pattern pixels."""
+    """Shares (0 to 1) of the frames' noise variance that pixels have in common: within a row, within a
+    column, and, for the frames of u and of v, over the image by level and phase (a lamp that flickers).
+    turns: of the finest fringe along u and v per pattern pixel; a frame's noise shifts the place by the
+    cosine of its phase. shift: standard deviation common to all of u and of v, pattern pixels, by motion of
+    camera or mirror and by residual pixelation where the sampling is commensurate with the display's cells.
+    """
 
     rows: float
     cols: float
@@ -51,12 +51,12 @@ class SharedNoise(NamedTuple):
     shift_v: float = 0.0
 
 
-#: Fields of records that are no maps.
+#: Fields of records that are not maps.
 _NO_MAPS = ("notices", "shared_noise")
 
 
 class PixelMaps(Comparable):
-    """What records of maps (H, W) of camera pixels share: checks and .npz."""
+    """Common base of records of maps (H, W) of camera pixels: checks and .npz."""
 
     __slots__ = ()
     __dataclass_fields__: ClassVar[dict[str, Any]]
@@ -107,15 +107,15 @@ class PixelMaps(Comparable):
 class Correspondence(PixelMaps):
     """Per camera pixel, all (H, W).
 
-    u, v               what the centre of the camera's pixel sees, pattern pixels, integer = pixel centre
-                       (what is read is the mean over its area, see centre); NaN along an axis that was not
-                       encoded
+    u, v               pattern coordinates at the centre of the camera pixel, pattern pixels, integer = pixel
+                       centre (the pixel itself averages over its area, see centre); NaN along an axis that
+                       was not encoded
     sigma_u, sigma_v   standard deviations, pattern pixels; inf along an axis that was not encoded
     flags              uint16 bit field of Flag, 0 = good
     amplitude, offset  of the modulation, camera levels (the smaller amplitude of both axes, the mean level)
     order_error        probability that a fringe order or code bit is wrong
-    notices            what the whole capture wants its user to know
-    shared_noise       what pixels have in common of the noise; None: nothing that is known
+    notices            warnings about the whole capture
+    shared_noise       noise that pixels have in common; None: unknown
     """
 
     u: Map
@@ -175,7 +175,7 @@ class Displacement(PixelMaps):
         return text + ")"
 
     def added_to(self, rest: Correspondence) -> Correspondence:
-        """Where the deformed mirror looks: rest + displacement; variances add, flags are or-ed.
+        """Correspondence of the deformed mirror: rest + displacement; variances add, flags are or-ed.
 
         The errors of both are taken as independent. Amplitude and offset are the displacement's.
         """
@@ -188,14 +188,14 @@ class Displacement(PixelMaps):
 def difference(deformed: Correspondence, rest: Correspondence) -> Displacement:
     """Deformed minus rest, in pattern pixels; variances add, flags are or-ed.
 
-    Amplitude and offset stay those of the deformed capture; order_error: that either order is wrong.
+    Amplitude and offset stay those of the deformed capture; order_error: probability of either error.
     """
     common = _common(deformed, rest)
     return Displacement(deformed.u - rest.u, deformed.v - rest.v, **common)
 
 
 def _shared_noise(stored: NDArray[Any]) -> SharedNoise:
-    """As it was saved, (8,)."""
+    """Shared noise from its stored array (8,)."""
     limits = np.array([1.0, 1.0, 1.0, 1.0, *4 * [np.inf]])
     if stored.shape != (8,) or not ((stored >= 0) & (stored <= limits) & np.isfinite(stored)).all():
         raise InputError(f"shared_noise is {stored.tolist()}, must be four shares (0 to 1), turns and shifts")
@@ -203,14 +203,14 @@ def _shared_noise(stored: NDArray[Any]) -> SharedNoise:
 
 
 def _probability_or(first: Map | None, second: Map | None) -> Map | None:
-    """Probability that one or the other is wrong, independent of each other; None: not known."""
+    """Probability that one or the other is wrong, if independent; None: unknown."""
     if first is None or second is None:
         return first if second is None else second
     return np.asarray(first + second - first * second)
 
 
 def _common(now: Correspondence | Displacement, rest: Correspondence) -> dict[str, Any]:
-    """Fields of both kinds of record that follow from what is seen now and at rest."""
+    """Fields of both kinds of record, from the deformed and the rest state."""
     if now.flags.shape != rest.flags.shape:
         raise InputError(f"displacement: now is {now.flags.shape}, rest is {rest.flags.shape}, must be equal")
     return {

@@ -58,24 +58,23 @@ def decode(
     noise, gain  of the camera: variance = noise^2 + gain * level, levels of the frames before rounding;
                  without `noise` both are estimated from the frames
     white_level  level at which the camera clips; default 255, for uint16 the 10, 12, 14 or 16 bits in use
-    response     camera level against shown level: a camera's is inverted first; of a display the light of the
-                 shown levels is looked up (known cells and an exposure of 1; else it is inverted, too)
+    response     camera level against displayed level: a camera's is inverted first; of a display the light
+                 of its levels is looked up (known cells and exposure of 1; else it is inverted, too)
     blur_px      rms blur between display and camera, cells; default: estimated (see display)
-    lens_px      rms blur of the camera's lens, its pixels (4 at most): what it flattens of the map's bends is
-                 taken off; default: as fringes tell it (see lens), else 0 (a slanted edge does, ISO 12233)
-    footprint    side of what a camera's pixel reads over its pitch (square root of the fill factor); default:
-                 1, and sigma holds that it may be a half
-    on_cells     frames were shown on the cells of a surface of the sequence's size, as Frame.tables says,
-                 dark around it; what that shifts is taken off (see display). False: ideal cosines
-    subpixel     binary codes: answers within their cells, from the blur of their edges, where it tells
+    lens_px      rms blur of the camera's lens, its pixels (4 at most), which smooths the map; its effect is
+                 corrected; default: estimated from fringes (see lens), else 0 (a slanted edge, ISO 12233)
+    footprint    side of a camera pixel's active area over its pitch (square root of the fill factor);
+                 default: 1, with a sigma that allows a half
+    on_cells     the display shows frames on the cells of a surface of the sequence's size, see Frame.tables,
+                 dark around it; the resulting shifts are corrected (see display). False: ideal cosines
+    subpixel     binary codes: coordinates within a cell, from the blur of edges, where it determines them
     mask         (H, W) bool: pixels to decode, the others are INVALID
-    check        look for frames that are not those described (see integrity): a notice names them, what can
-                 do without them is decoded without them, else the pixels that they could have spoilt are
-                 flagged
-    progress     called with what is being done, how many steps are done, and of how many
+    check        test whether the frames are those described (see integrity): a notice names wrong ones. The
+                 code is decoded without them if it can be; else pixels that they may affect are flagged
+    progress     called with step name, steps done, number of steps
 
-    A code under several exposures is decoded from each that shows all of it, every pixel from its best one:
-    amplitude and offset are levels of that exposure. InputError if frames and sequence do not fit.
+    A code under several exposures is decoded from each complete exposure, and every pixel takes its best
+    result: amplitude and offset are levels of that exposure. InputError if frames and sequence do not fit.
     """
     given = in_levels(frames)
     white = white_level and white_level * given.unit
@@ -92,7 +91,7 @@ def estimate_profile(
     *,
     mask: ArrayLike | None = None,
 ) -> RigProfile:
-    """What further captures of the rig have in common with this one, see `decode` for its parameters."""
+    """Profile of the rig, for further captures; see `decode` for the parameters."""
     decoder = Decoder(sequence, settings=settings)
     found = decoder.decode(frames, mask=mask)
     if decoder.profile is None:
@@ -105,16 +104,16 @@ def estimate_profile(
 class Decoder:
     """Decodes captures of one sequence on one rig: plan, tables and the rig's profile are made once.
 
-    A capture costs its kernels and a look at some pixels, whether they show what the profile says (noise,
-    light, contrast, share of good pixels). Where they do not, or where there is no profile for such frames
-    yet, it is estimated from the capture, which is what `decode` does; a notice tells what had changed.
+    Each capture runs the kernels, and some pixels test the profile (noise, light, contrast, share of good
+    pixels). If the test fails, or no profile fits the frames, the capture gives a new profile, as in
+    `decode`; a notice names the change.
     """
 
     def __init__(
         self, sequence: Sequence, profile: RigProfile | None = None, settings: Settings | None = None
     ) -> None:
         """settings: default: those under which the profile was estimated."""
-        raster_axes(sequence)  # of an exposure alone it may be whole
+        raster_axes(sequence)  # checks all frames: one exposure's raster may be complete
         self._settings = settings or (Settings() if profile is None else profile.settings)
         _validated(self._settings)
         self._own, self._camera = _parted(sequence, self._settings)
@@ -124,7 +123,7 @@ class Decoder:
 
     @property
     def profile(self) -> RigProfile | None:
-        """The last one that was estimated, or given; None before the first capture."""
+        """The last profile, estimated or given; None before the first capture."""
         return self._profile
 
     def decode(
@@ -146,7 +145,7 @@ class Decoder:
         return found
 
     def _light(self, frames: ArrayLike, known: RigProfile | None) -> Light:
-        """Frames with the levels at which a known camera clips, else those that all samples tell."""
+        """Frames with the clip level of a known camera, else with one estimated from all samples."""
         white, rounding = self._settings.white_level, None
         if known is not None and known.dtype == getattr(frames, "dtype", None):
             white, rounding = known.clip, known.rounding
@@ -155,7 +154,7 @@ class Decoder:
     def _by_profile(
         self, light: Light, mask: NDArray[np.bool_] | None
     ) -> tuple[Correspondence | None, tuple[Notice, ...]]:
-        """None where there is no profile for these frames, or none that holds: notices say why."""
+        """None where no profile fits these frames or the profile no longer holds; notices give the reason."""
         if self._profile is None:
             return None, ()
         if not self._prepared:
@@ -175,7 +174,7 @@ class Decoder:
         return reduce(better_of, found), ()
 
     def _fits(self, profile: RigProfile, light: Light) -> bool:
-        """Whether a profile is of such frames."""
+        """Whether a profile fits the frames: sequence, size and type."""
         kind = profile.sequence, profile.shape, profile.dtype, len(profile.exposures)
         return kind == (digest(self._sequence), light.raw.shape[1:], light.raw.dtype.name, len(self._parts))
 
@@ -208,12 +207,12 @@ def _mask(mask: ArrayLike | None, light: Light) -> NDArray[np.bool_] | None:
 
 
 def _validated(settings: Settings) -> None:
-    """InputError where a number is beyond its limits."""
+    """InputError where a number exceeds its limits."""
     for name in ("noise", "gain"):
         value = getattr(settings, name)
         if value is not None and not 0 <= value < np.inf:
             raise InputError(f"decode: {name} is {value}, must be finite and at least 0")
-    # over so many pixels bends are told
+    # curvature is estimated over so many pixels
     if settings.lens_px is not None and not 0 <= settings.lens_px <= REACH:
         raise InputError(f"decode: lens_px is {settings.lens_px}, must be 0 to {REACH}")
     if settings.footprint is not None and not 0 < settings.footprint <= 1:
@@ -221,8 +220,8 @@ def _validated(settings: Settings) -> None:
 
 
 def _parted(sequence: Sequence, settings: Settings) -> tuple[Settings, Response | None]:
-    """Settings of which the response is the display's, whose light is looked up where it is known of every
-    place; else the camera's, whose levels are inverted."""
+    """Split the response from the settings: a display's stays in them if its light is looked up (known cells,
+    exposure of 1); else levels are inverted, as for a camera's."""
     response = settings.response
     known = not sequence.nominal and all(frame.exposure == 1 for frame in sequence.frames)
     if response is None or response.blur is None or not settings.on_cells or not known:

@@ -1,14 +1,14 @@
-"""What a display does to a fringe: it is a grid of cells, read through the footprint of a pixel and a blur.
+"""Display model: a grid of cells, read through the footprint of a pixel and a blur.
 
-A pixel at u takes the share W(k - u) of the light of cell k, W being a box of what of a cell gives light (all
-of it, or less, as cells have dark rims), a box of the w cells that the pixel covers and a Gaussian of b cells
-in convolution. Of a fringe of P cells it reads u + e(u),
+A pixel at u takes the share W(k - u) of the light of cell k. W is the convolution of a box of the cell's
+luminous part (cells have dark rims), a box of the w cells that the pixel covers, and a Gaussian of b cells. A
+fringe of P cells is read as u + e(u),
 
     e(u) = P / 2 pi arg(sum over k of W(k - u) exp(2 pi i (k - u) / P)),
 
-periodic in u with a cell: for a sharp display treads of 1 - w on which u cannot be told. Several periods
-share in the coordinate by their information N_j / P_j^2 (contrast_j)^2. What rounded grey values shift is not
-periodic: a table over the surface, read through a usual pixel.
+with the period of a cell: a sharp display gives treads of 1 - w with a constant reading. Several periods
+share in the coordinate by their information N_j / P_j^2 (contrast_j)^2. The shift by rounded grey values is
+not periodic: a table over the surface, for a pixel of median width.
 """
 
 import math
@@ -43,20 +43,20 @@ __all__ = [
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
-#: Places of a cell, and widths of a footprint (cells), that are tabled.
+#: Tabulated places in a cell, and widths of a footprint (cells).
 PLACES = 128
 WIDEST = 2.5
 WIDTHS = np.linspace(0.0, WIDEST, 51)
-#: Parts of a cell in which rounded levels are read, and the blur (cells) with which they are.
+#: Parts of a cell, and blur (cells), at which rounded levels are read.
 FINER, _HALF = 4, 0.5
-#: Finer places on which readings are inverted.
+#: Finer places at which readings are inverted.
 FINE = 256
 
 
 def shares_of(axis: AxisPlan) -> tuple[tuple[float, float], ...]:
     """Periods that share in the coordinate of an axis, and their information over the first's: N / P^2.
 
-    Of a ladder the finest alone; of close periods all; none of what is looked up, whose tables hold cells.
+    The finest period alone of a ladder; all close periods; none for look-ups, whose tables hold cells.
     """
     fringes = _telling(axis)
     if not fringes:
@@ -74,7 +74,7 @@ def _telling(axis: AxisPlan) -> tuple[Fringe, ...]:
 def cell_light(distance: F64, width: F64, blur: float, fill: float = 1.0) -> F64:
     """Share of a cell's light in a pixel, by the distance of their centres: box * box * Gaussian.
 
-    distance, width (footprint, > 0), blur (rms), fill (what of a cell gives light): cells, arrays that
+    distance, width (footprint, > 0), blur (rms), fill (luminous part of a cell): cells, arrays that
     broadcast. The second difference of the Gaussian integrated twice, R(t) = t Phi(t / b) + b phi(t / b),
     over both boxes.
     """
@@ -105,7 +105,7 @@ def cell_error(shares: tuple[tuple[float, float], ...], blur: float, fill: float
         own = share * np.abs(seen) ** 2
         error += own * period / (2 * np.pi) * np.angle(seen)
         weight += own
-    # a pixel between the rims of sharp cells sees no light
+    # a pixel between the rims of sharp cells receives no light
     return np.asarray(error / np.maximum(weight, 1e-12))
 
 
@@ -113,7 +113,7 @@ def cell_error(shares: tuple[tuple[float, float], ...], blur: float, fill: float
 def inverted(
     shares: tuple[tuple[float, float], ...], blur: float, sigma: float, fill: float = 1.0
 ) -> tuple[F32, F32]:
-    """E[u] - reading and Var[u] less the noise's (W, PLACES), cells, of readings with that noise."""
+    """E[u] - reading, and Var[u] less the noise variance, (W, PLACES), cells; sigma: noise of readings."""
     at, noise = np.arange(FINE) / FINE, np.float32(max(sigma, 1.5 / FINE))
     reading = at + cell_error(shares, blur, fill)
     place = (np.arange(PLACES) / PLACES)[:, None]
@@ -136,10 +136,10 @@ def table_rounding(fringe: Fringe, tables: NDArray[np.uint8]) -> F64:
 
 @lru_cache(maxsize=16)
 def rounded_places(name: str, sequence: Sequence, width: float) -> F32:
-    """By how much readings of an axis are too large as shown grey values are rounded, by place in parts of a
-    cell (FINER * extent + 1,), the last one twice; read by pixels of `width` cells and a blur of half a one.
+    """Excess of an axis' readings by rounding of displayed grey values, by place in parts of a cell
+    (FINER * extent + 1,), the last one twice; for pixels of `width` cells and a blur of half a cell.
 
-    Least squares for offset, contrast and place at once, of each period that shares in the coordinate.
+    Joint least squares for offset, contrast and place, for each period that shares in the coordinate.
     """
     axis = next(one for one in plan(sequence).axes if one.axis == name)
     fringes, tables = _telling(axis), sequence.tables()["uv".index(name)]
@@ -161,7 +161,7 @@ def rounded_places(name: str, sequence: Sequence, width: float) -> F32:
 
 
 def _design(fringe: Fringe, place: NDArray[Any]) -> F64:
-    """Derivatives (K, N, 3) of a fringe's levels for offset, contrast and place (K,), of contrast 1."""
+    """Derivatives (K, N, 3) of a fringe's levels by offset, contrast and place (K,), at contrast 1."""
     wave = 2 * np.pi / fringe.period
     phase = wave * place[:, None] - fringe.shifts
     waves = np.stack([np.ones_like(phase), np.cos(phase), -wave * np.sin(phase)], axis=2)
@@ -169,7 +169,7 @@ def _design(fringe: Fringe, place: NDArray[Any]) -> F64:
 
 
 def through(levels: F64, width: float) -> F64:
-    """Levels (N, extent) of cells as pixels at parts of a cell read them, (FINER * extent, N, 1)."""
+    """Levels (N, extent) of cells as read by pixels at parts of a cell, (FINER * extent, N, 1)."""
     reach = math.ceil(width / 2 + 3)
     distance = np.arange(-reach, reach + 1) - np.arange(FINER)[:, None] / FINER
     light = cell_light(distance, np.array(width), _HALF)
@@ -179,7 +179,7 @@ def through(levels: F64, width: float) -> F64:
 
 @kernel
 def take_off(coord: Any, table: Any) -> None:
-    """What a table (see rounded_places) has at coordinates (H, W), between its places on a straight line."""
+    """Subtract a table (see rounded_places) at coordinates (H, W), linearly interpolated, in place."""
     zero, last, finer, one = np.float32(0), np.float32(table.size - 2), np.float32(FINER), np.int32(1)
     for y in range(coord.shape[0]):
         line = coord[y]
@@ -188,6 +188,6 @@ def take_off(coord: Any, table: Any) -> None:
             at = at if at > zero else zero
             at = at if at < last else last
             low = np.int32(at)
-            # no place is negative: nothing is to be counted from the end
+            # no place is negative: unsigned indices need no wrap-around
             here, after = table[np.uint32(low)], table[np.uint32(low + one)]
             line[x] -= here + (at - np.float32(low)) * (after - here)

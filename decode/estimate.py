@@ -1,5 +1,4 @@
-"""Estimate: what one axis tells of every pixel of a block of rows, on its way to a Correspondence; and small
-probabilities."""
+"""Estimate: intermediate result of one axis for a block of rows; and small probabilities."""
 
 from typing import Any, NamedTuple
 
@@ -17,7 +16,7 @@ _ONE = np.float32(1)
 class Estimate(NamedTuple):
     """One axis over R rows of W pixels; every array is (R, W) float32, written in place by the steps.
 
-    coordinate  pattern pixels, integer = pixel centre; NaN: nothing was decoded
+    coordinate  pattern pixels, integer = pixel centre; NaN: not decoded
     variance    of the coordinate, px^2
     error       probability that the fringe order or a bit is wrong, 0..1
     amplitude   of the modulation, camera levels (half of white minus black)
@@ -36,25 +35,25 @@ class Estimate(NamedTuple):
 
     @classmethod
     def empty(cls, rows: int, cols: int) -> "Estimate":
-        """Room for one, all 0: a look-up leaves out pixels that have no start."""
+        """An Estimate of zeros: a look-up skips pixels without a start."""
         return cls(*np.zeros((7, rows, cols), np.float32))
 
 
 @inlined
 def vanishing(x: Any) -> Any:
-    """exp(-x) for x >= 0 from above, float32: (1 + x / 256)^-256 is 1.2 times that at x = 10."""
+    """Upper bound of exp(-x), x >= 0, float32: (1 + x / 256)^-256 is 1.2 times exp(-x) at x = 10."""
     return _ONE / _growing(x)
 
 
 @inlined
 def less_likely(x: Any) -> Any:
-    """Probability of the one of two that is exp(-x) times as likely, x >= 0."""
+    """Posterior of the less likely of two hypotheses, with a likelihood ratio of exp(-x), x >= 0."""
     return _ONE / (_ONE + _growing(x))
 
 
 @inlined
 def _growing(x: Any) -> Any:
-    """exp(x) from below, float32, infinite from x = 106 on."""
+    """Lower bound of exp(x), float32, infinite from x = 106 on."""
     y = _ONE + x * np.float32(1 / 256)
     y = y * y
     y = y * y

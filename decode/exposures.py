@@ -1,8 +1,8 @@
-"""Captures under several exposures: each of them is decoded, every pixel takes its best.
+"""Captures under several exposures: each is decoded, and every pixel takes its best result.
 
-A camera's black level does not grow with the exposure, and its noise does not grow alike, so frames of
-several exposures are not mixed; what a pixel's long exposure clips its short one shows, and where that is
-dark, the long one does.
+A camera's black level does not grow with the exposure, and neither does its noise in proportion; so frames of
+several exposures are not combined. A short exposure serves pixels that clip in a long one; a long exposure
+serves dark pixels.
 """
 
 from dataclasses import dataclass, replace
@@ -24,18 +24,18 @@ _APART = 5.0
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """Frames (M,) of a capture that decode by themselves, and their description, relative to one exposure."""
+    """Frames (M,) of a capture that decode by themselves; their description, relative to one exposure."""
 
     index: NDArray[np.int64]
     sequence: Sequence
 
 
 def by_exposure(sequence: Sequence) -> tuple[Part, ...]:
-    """Parts of one exposure each that show everything the sequence does, exposures rising.
+    """Parts of one exposure each that encode all that the sequence encodes, exposures ascending.
 
-    A code or fringes that are whole under fewer exposures serve the others, too; fringes that are whole under
-    none are fitted from all. Frames of an exposure under which they are not whole are left out. InputError if
-    no exposure shows all of a code.
+    A code or fringes that are complete under some exposures only serve the other parts, too. Fringes that are
+    complete under no exposure are fitted from all. An incomplete code or fringes are left out. InputError if
+    no exposure shows a complete code.
     """
     frames = sequence.frames
     if {frame.exposure for frame in frames} == {1.0}:
@@ -63,13 +63,13 @@ def by_exposure(sequence: Sequence) -> tuple[Part, ...]:
 
 
 def _lost(frames: tuple[Frame, ...], index: list[int]) -> dict[float, int]:
-    """How many places of some frames every exposure, rising, does not show."""
+    """Number of places that are missing under each exposure, ascending."""
     every, own = _places(frames, index), sorted({frames[i].exposure for i in index})
     return {one: len(every - _places(frames, [i for i in index if frames[i].exposure == one])) for one in own}
 
 
 def _whole(frames: tuple[Frame, ...], index: list[int]) -> dict[float, list[int]]:
-    """Those of some frames under each exposure that shows all of their places."""
+    """Frames of each exposure that shows all places."""
     return {
         one: [i for i in index if frames[i].exposure == one]
         for one, lost in _lost(frames, index).items()
@@ -78,7 +78,7 @@ def _whole(frames: tuple[Frame, ...], index: list[int]) -> dict[float, list[int]
 
 
 def _places(frames: tuple[Frame, ...], index: list[int]) -> set[tuple[object, ...]]:
-    """What some frames show that encodes u or v, whatever their exposures and the polarity of a bit."""
+    """Encoded places of frames, regardless of exposure and of the polarity of a bit."""
     return {_place(frames[i]) for i in index if frames[i].axis is not None}
 
 
@@ -97,8 +97,8 @@ def _place(frame: Frame) -> tuple[object, ...]:
 
 
 def better_of(first: Correspondence, second: Correspondence) -> Correspondence:
-    """Every pixel's better answer: unflagged, else not clipped, else of fewer flags; then of least sigma, of
-    least probability of a wrong bit, of most contrast. MOVED where both are sure and contradict each other.
+    """Better result of every pixel: unflagged, else decoded, else not clipped, else fewer flags; then least
+    sigma, least probability of a wrong bit, highest contrast. MOVED where two good ones contradict.
     """
     ranks = [np.stack(both) for both in zip(_ranks(first), _ranks(second), strict=True)]
     take = np.lexsort(ranks[::-1], axis=0)[0] == 1
@@ -116,7 +116,7 @@ def better_of(first: Correspondence, second: Correspondence) -> Correspondence:
 
 
 def _ranks(found: Correspondence) -> tuple[NDArray[Any], ...]:
-    """Less is better, the first that differs decides."""
+    """Ranks in order of priority; less is better."""
     sigmas = [np.where(np.isfinite(sigma), sigma, 0) for sigma in (found.sigma_u, found.sigma_v)]
     spoilt = np.isnan(found.u) & np.isnan(found.v)
     assert found.amplitude is not None

@@ -1,4 +1,4 @@
-"""Flags: what the estimates of both axes say against a pixel, made once, and the maps that the axes share."""
+"""Flags, from the estimates of both axes, and the maps that the axes share."""
 
 from typing import Any, NamedTuple
 
@@ -27,11 +27,11 @@ __all__ = [
 
 #: Probability of a wrong order above which a pixel is flagged.
 DOUBT = 1e-4
-#: Chance of a pixel without fault to be refused for its misfit.
+#: False-alarm probability of a flag by misfit.
 _CHANCE = 1e-6
-#: Side of the neighbourhood in which more than a half of contradictions make all doubtful, pixels; share of
-#: the image that contradicts itself below which none is looked for; gaps between contradictions that are
-#: closed, pixels.
+#: Side of the neighbourhood in which a majority of contradictions makes all doubtful, pixels; share of the
+#: image that contradicts itself below which none is sought; gaps between contradictions that are closed,
+#: pixels.
 _AMID, _MOST, _RARE, _GAP = 9, 0.5, 1e-3, 5
 #: Modulation over its noise below which a pixel is flagged: noise alone reaches it once in 3.7e-6.
 _CONTRAST = 5.0
@@ -75,8 +75,8 @@ def limits_of(extent: int, factor: float, freedom: int, white: float) -> Limits:
 
 
 class Into(NamedTuple):
-    """Where an axis' rows go: its coordinate and variance (H, W); limits; whether the shared maps hold
-    nothing yet."""
+    """Output maps of an axis: coordinate and variance (H, W); limits; first: the shared maps are still
+    empty."""
 
     place: NDArray[np.float32]
     variance: NDArray[np.float32]
@@ -86,7 +86,7 @@ class Into(NamedTuple):
 
 
 def merge(estimate: Estimate, noise: Noise, rows: tuple[int, int], into: Into) -> None:
-    """One axis' estimate of rows start..stop into the shared maps."""
+    """Merge one axis' estimate of rows start..stop into the shared maps."""
     _merge(estimate, noise.numbers(), *rows, into)
 
 
@@ -101,7 +101,7 @@ def _merge(estimate: Any, noise: Any, start: Any, stop: Any, into: Any) -> None:
 
 @kernel
 def merge_line(estimate: Any, noise: Any, row: Any, into: Any) -> None:
-    """One axis' estimate of a row (W,), in the order of Estimate's fields, into the shared maps."""
+    """Merge one axis' estimate of a row (W,), in the order of Estimate's fields, into the shared maps."""
     coordinate, variance, error, amplitude, offset, misfit, clipped = estimate
     read2, gain, _, _ = noise
     _, _, limits, first, shared = into
@@ -129,10 +129,9 @@ def merge_line(estimate: Any, noise: Any, row: Any, into: Any) -> None:
 
 
 def flag_amid_contradictions(flags: NDArray[np.uint16]) -> None:
-    """Flag pixels among those most of which contradict themselves, in place.
+    """Flag pixels amid a majority of contradictions, in place.
 
-    Something before the pattern during some frames shows words of its own, and fringes agree with some of
-    them by chance.
+    An object in front of the pattern in some frames gives random words; some agree with fringes by chance.
     """
     moved = (flags & np.uint16(Flag.MOVED)) > 0
     if moved.mean() < _RARE:
@@ -142,7 +141,7 @@ def flag_amid_contradictions(flags: NDArray[np.uint16]) -> None:
         uniform_filter(one.astype(np.float32), _AMID, mode="nearest") for one in (moved & seen, seen)
     )
     core = share > np.float32(_MOST) * np.maximum(whole, np.float32(_MOST))
-    # up to the rim, where fewer are around, and a pixel beyond
+    # up to the rim, with fewer contradictions around, and one pixel beyond
     near = np.pad(moved & maximum_filter(core, _AMID), _GAP)
     closed = binary_dilation(binary_closing(near, np.ones((_GAP, _GAP))))
     core |= closed[_GAP:-_GAP, _GAP:-_GAP]
@@ -157,7 +156,8 @@ def marks_for(width: Any) -> Any:
 
 @exact
 def marked(marks: Any, places: Any) -> Any:
-    """How many of a line's pixels are marked; places (W,): where. Eight are asked at once, as few are."""
+    """Number of marked pixels of a line; places (W,): their indices. Marks are rare: eight are tested at
+    once."""
     count = 0
     for first in range(0, marks.size, 8):
         some = marks[first]

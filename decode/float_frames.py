@@ -1,5 +1,5 @@
-"""Frames in floating point: brought to levels of 8 bits, so that answers do not depend on their unit; pixels
-that are not finite are left out."""
+"""Floating-point frames: scaled to levels of 8 bits, so that results do not depend on the unit; pixels that
+are not finite are left out."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -13,7 +13,7 @@ from .correspondence import Correspondence
 
 __all__ = ["Levels", "in_levels"]
 
-#: The brightest sample is from here to twice as much: a power of two leaves every digit.
+#: The brightest sample is scaled to this level up to twice as much: a power of two keeps every digit.
 _BRIGHT = 128.0
 
 
@@ -27,7 +27,7 @@ class Levels:
     unit: float = 1.0
 
     def inside(self, mask: ArrayLike | None) -> ArrayLike | None:
-        """A mask (H, W) without the lost pixels; one that is none as it is."""
+        """A mask (H, W) without the lost pixels; unchanged if there are none."""
         if self.lost is None or mask is None:
             return mask if self.lost is None else ~self.lost
         pixels = np.asarray(mask)
@@ -43,7 +43,7 @@ class Levels:
 
 
 def in_levels(frames: ArrayLike) -> Levels:
-    """Frames as they are decoded. InputError if no pixel is finite in all of them."""
+    """Frames scaled for decoding. InputError if no pixel is finite in all of them."""
     stack = np.asarray(frames)
     if stack.dtype.kind != "f" or stack.ndim != 3 or 0 in stack.shape:
         return Levels(stack)

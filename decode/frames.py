@@ -29,13 +29,13 @@ _RUN = 64
 
 @dataclass(frozen=True, slots=True)
 class Light:
-    """Frames (N, H, W) uint8, uint16 or float32 and what turns their levels into linear ones.
+    """Frames (N, H, W) uint8, uint16 or float32 and the tables that linearise their levels.
 
     clip    raw level from which on a sample is saturated
     table   linear level of every raw one, float32; empty: levels are linear
-    rounding  variance that rounding to whole raw levels adds, levels^2
-    response  that the table inverts; of the linear level of every raw one, empty: all alike:
-    spread  variance, levels^2; steep: the same over that of the raw level
+    rounding  variance by rounding to integer raw levels, levels^2
+    response  inverted by the table; by raw level, empty if constant:
+    spread  variance of the linear level, levels^2; steep: its ratio to the variance of the raw level
     """
 
     raw: NDArray[Any]
@@ -52,14 +52,14 @@ class Light:
         return float(self.table[min(int(self.clip), len(self.table) - 1)]) if len(self.table) else self.clip
 
     def numbers(self) -> tuple[Any, ...]:
-        """What kernels take as `light`: raw, table and spread (None: there is none, and what it needs is left
-        out), raw and linear levels from which on samples are saturated."""
+        """Kernel argument `light`: raw, table and spread (None where empty), raw and linear saturation
+        levels."""
         saturated = tuple(np.float32(min(level, 1e9)) for level in (self.clip, self.white))
         tables = (one if len(one) else None for one in (self.table, self.spread))
         return self.raw, *tables, saturated
 
     def under(self, read2: float, gain: float) -> "Light":
-        """With the spread of a response for a camera whose noise variance is read2 + gain * raw level."""
+        """Add the spread of a response for a camera whose noise variance is read2 + gain * raw level."""
         if self.response is None:
             return self
         variance = read2 + gain * np.arange(len(self.table), dtype=np.float64)
@@ -86,8 +86,8 @@ def light_of(
 ) -> Light:
     """Check frames against their description. InputError if they do not fit or are not finite.
 
-    rounding: variance that rounding adds, if it and white_level are known of the camera: of 16-bit frames
-    both are told by all samples.
+    rounding: variance by rounding, if it and white_level are known of the camera; else all samples of 16-bit
+    frames determine both.
     """
     stack = np.asarray(frames)
     if stack.ndim != 3 or 0 in stack.shape:
@@ -117,8 +117,8 @@ def _finite(stack: NDArray[Any]) -> F32:
 
 
 def sample_places(shape: tuple[int, int], runs: int) -> NDArray[np.int64]:
-    """Row and column (K, 2) of pixels in runs along rows, spread evenly over an image (golden-ratio lattice);
-    of a small image all pixels."""
+    """Row and column (K, 2) of pixels in runs along rows, evenly spread over an image (golden-ratio lattice);
+    all pixels of a small image."""
     rows, cols = shape
     if rows * cols <= runs * _RUN:
         return np.stack(np.divmod(np.arange(rows * cols), cols), axis=1)

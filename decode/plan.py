@@ -1,4 +1,4 @@
-"""From a sequence's descriptions to what has to be computed: which frame serves which axis and code."""
+"""From a sequence's descriptions to the structure for decoding: frames by axis, fringe and code."""
 
 import math
 from dataclasses import dataclass, field
@@ -20,7 +20,7 @@ _PLACES = 5
 @dataclass(frozen=True, eq=False)
 class Fringe:
     """Frames of one axis and period: I_i = e_i (A + c cos d_i + s sin d_i), phase = atan2(s, c). Its matrices
-    are asked by every estimate of a decode, and kept."""
+    are cached."""
 
     index: tuple[int, ...]
     period: float
@@ -40,17 +40,17 @@ class Fringe:
 
     @cached_property
     def unlike(self) -> F64:
-        """Orthonormal combinations (N - 3, N) of samples that are 0 of a fringe."""
+        """Orthonormal combinations (N - 3, N) of samples that vanish for every fringe."""
         return np.ascontiguousarray(np.linalg.qr(self.design, mode="complete")[0][:, 3:].T)
 
     def few(self) -> bool:
-        """Whether there are too few different shifts for a phase."""
+        """Whether there are fewer than three different shifts, too few for a phase."""
         return len(np.unique(np.round(np.mod(self.shifts, 2 * np.pi), 6))) < 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Code:
-    """Bits of one axis, least significant first; frame numbers, -1 where that polarity was not shown."""
+    """Bits of one axis, least significant first; frame numbers, -1: the sequence lacks that polarity."""
 
     kind: str
     plain: NDArray[np.int64]
@@ -61,7 +61,7 @@ class Code:
 
     @property
     def together(self) -> bool:
-        """Whether several bits change from one cell to the next, as they do in none of the Gray codes."""
+        """Whether several bits change between adjacent cells; in Gray codes one does."""
         return self.kind in ("binary", "xor-gray")
 
     def centre(self, cell: NDArray[np.int32]) -> F64:
@@ -73,7 +73,7 @@ class Code:
 class Stripes:
     """Frames of a line swept over one axis, in the order of its places; width at half maximum, pattern px.
 
-    Of spots: frames (n, m) at n places of this axis and m of the other one, `beside`.
+    Of spots: frames (n, m) at n places of this axis and m of the other one (`beside`).
     """
 
     index: NDArray[np.int64]
@@ -83,15 +83,15 @@ class Stripes:
 
     @property
     def pitch(self) -> float:
-        """Step of the places along the other axis; the width where there is one only."""
+        """Step of the places along the other axis; the width if there is only one."""
         return float(np.median(np.diff(self.beside))) if len(self.beside) > 1 else self.width
 
 
 @dataclass(frozen=True, slots=True)
 class AxisPlan:
-    """What was shown along one axis of `extent` pixels; fringes from coarse to fine.
+    """Description of one axis of `extent` pixels; fringes from coarse to fine.
 
-    singles: fringes of too few shifts for a phase of their own (micro phase shifting)
+    singles: fringes of one or two shifts, too few for a phase (micro phase shifting)
     """
 
     axis: str
@@ -104,7 +104,7 @@ class AxisPlan:
 
     @property
     def looked_up(self) -> bool:
-        """Whether only a table of known levels leads to an answer."""
+        """Whether the axis is decoded by a look-up of known levels."""
         return bool(self.levels or self.singles) or self.stripes is not None
 
     def frames(self) -> tuple[int, ...]:
@@ -119,8 +119,8 @@ class AxisPlan:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """All axes, the frames that serve both (-1: not shown), and all frames. No axes: spots, which lie along
-    both at once."""
+    """All axes, the frames that serve both (-1: none), and all frames. No axes: spots, which encode both axes
+    at once."""
 
     axes: tuple[AxisPlan, ...]
     white: int
@@ -130,9 +130,9 @@ class Plan:
 
 @lru_cache(maxsize=16)
 def plan(sequence: Sequence) -> Plan:
-    """Sort the frames by what they describe; their order in the sequence does not matter.
+    """Sort the frames by their descriptions; their order in the sequence does not matter.
 
-    Kept: a series of captures asks for the same plan again and again.
+    Cached: a series of captures has one plan.
     """
     frames = sequence.frames
     axes = tuple(
@@ -235,7 +235,7 @@ def _fringes(sequence: Sequence, index: list[int]) -> tuple[Fringe, ...]:
 
 
 def _fringe(sequence: Sequence, index: list[int], period: float) -> Fringe:
-    """By its shifts, in whatever order they were shown; an inverted fringe is the same half a turn on."""
+    """A fringe from its frames, sorted by shift; inversion adds half a turn."""
     frames = sequence.frames
     by = sorted(((frames[i].shift or 0.0) + (math.pi if frames[i].inverted else 0.0), i) for i in index)
     shifts, order = np.array([shift for shift, _ in by]), tuple(i for _, i in by)
@@ -244,12 +244,12 @@ def _fringe(sequence: Sequence, index: list[int], period: float) -> Fringe:
 
 @lru_cache(maxsize=16)
 def raster_axes(sequence: Sequence) -> tuple[AxisPlan, ...]:
-    """Both sweeps of the raster that a sequence's spots make, in any order; none: it shows no spots.
+    """Both sweeps of the raster of a sequence's spots, in any order; none: the sequence has no spots.
 
-    White and black may be there, too. InputError where places are missing or twice, or other codes are shown
-    besides. The frames of a spot are products, so that a pixel's light is A f(v - row) g(u - column) + B: the
-    mean over any rows of the raster is a stripe's sweep. They are those around the pixel's brightest frame,
-    as the others hold nothing but noise.
+    White and black are allowed, too. InputError if places are missing or repeated, or other codes are mixed
+    in. A spot is a product, so that a pixel's light is A f(v - row) g(u - column) + B: the mean over any rows
+    of the raster is a stripe's sweep. The mean uses the rows around the pixel's brightest frame; the others
+    contain only noise.
     """
     spots = [i for i, frame in enumerate(sequence.frames) if frame.kind == "stripe" and frame.axis == "uv"]
     if not spots:
@@ -284,11 +284,11 @@ def raster_axes(sequence: Sequence) -> tuple[AxisPlan, ...]:
 
 @lru_cache(maxsize=16)
 def constraints(plan: Plan, count: int) -> tuple[F64, ...]:
-    """Orthonormal combinations (C, count) of a pixel's samples that are 0 whatever it looks at, by trust.
+    """Orthonormal combinations (C, count) of a pixel's samples that vanish at every place, by reliability.
 
     First those within one fringe (offset, c, s are free), then those within the pairs of bits and inverses
-    (one sum), last all of them: every fringe and pair, white and black share one mean level. What a frame
-    shows besides is free. Groups without any combination are left out.
+    (one sum), last all of them: fringes, pairs, white and black share one mean level. Everything else is
+    free. Empty groups are omitted.
     """
     fringes = [fringe for axis in plan.axes for fringe in axis.fringes]
     pairs = [pair for axis in plan.axes if axis.code for pair in _pairs(axis.code)]

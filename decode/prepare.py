@@ -1,7 +1,7 @@
-"""From frames of a rig to its profile: a sample of pixels first, then the maps that it decodes to, then what
-these say of the whole capture; and from a profile to tables, once.
+"""From frames of a rig to its profile: first a sample of pixels, then the decoded maps, then the result; and
+from a profile to tables.
 
-Here a setting's response is the display's: a camera's is inverted in the frames' levels.
+Here a setting's response is the display's: a camera's is already inverted in the frames' levels.
 """
 
 from dataclasses import replace
@@ -48,7 +48,7 @@ from .sampled import NOTHING, sampled
 
 __all__ = ["Estimated", "estimated", "prepared"]
 
-#: Notices of what no sequence says, and what to do.
+#: Notices of deviations that a sequence does not describe, with the remedy.
 _SLOW = (
     "frames hold a share of earlier ones",
     "a slow display: wait longer before each frame is captured; the share is taken off",
@@ -69,8 +69,8 @@ _ROUGH = "neighbours differ beyond noise, pattern px rms", _CURE
 
 
 class Estimated(NamedTuple):
-    """Correspondence of the frames of one exposure, the decoder that they prepared, and frames that are not
-    those described: with any, the decoder is of this capture alone."""
+    """Correspondence of the frames of one exposure, the prepared decoder, and findings of wrong frames: with
+    any, the decoder holds for this capture only."""
 
     found: Correspondence
     prepared: Prepared
@@ -78,13 +78,13 @@ class Estimated(NamedTuple):
 
 
 def _described(sequence: Sequence, settings: Settings) -> Sequence:
-    """What was shown: of a display whose response is known, by the light of its levels."""
+    """The sequence; with a display's response, by the light of its levels."""
     return sequence if settings.response is None else settings.response.described(sequence)
 
 
 def estimated(light: Light, part: Part, settings: Settings, mask: NDArray[np.bool_] | None) -> Estimated:
-    """Hypotheses about frames come first; then noise and axes from a sample, cells, border and lens from the
-    maps, and the rest from the result."""
+    """First tests of the frames; then noise and axes from a sample; pixelation, border and lens from the
+    maps; the rest from the result."""
     noise, lit = estimate_noise(light, plan(_described(part.sequence, settings)), mask)
     findings = _findings(light, part, noise, lit, settings) if settings.check else ()
     for finding in findings:
@@ -111,15 +111,15 @@ def estimated(light: Light, part: Part, settings: Settings, mask: NDArray[np.boo
 
 
 def _findings(light: Light, part: Part, noise: Noise, lit: Sample, settings: Settings) -> tuple[Finding, ...]:
-    """Frames that are not those described, by levels as the camera has them; light: of the part's frames."""
-    if settings.response is not None and light.raw.dtype.kind == "u":  # inverted levels tell frames apart
+    """Findings of wrong frames, by the camera's levels; light: of the part's frames."""
+    if settings.response is not None and light.raw.dtype.kind == "u":  # tests need inverted levels
         light = light_of(light.raw, part.sequence, light.clip, settings.response)
         lit = replace(lit, levels=sample_levels(light, lit.places), white=light.white)
     return examine(light, plan(part.sequence), noise, lit, part.index)
 
 
 def _without(finding: Finding, part: Part) -> Part:
-    """The other frames, each by the image that shows it; index: among those of the part."""
+    """The other frames, each with the image that shows it; index: among those of the part."""
     kept = [i for i in range(len(part.sequence)) if i not in finding.leave_out]
     images = finding.images or range(len(part.sequence))
     less = replace(part.sequence, frames=tuple(part.sequence.frames[i] for i in kept))
@@ -131,7 +131,7 @@ def _named(findings: tuple[Finding, ...]) -> tuple[Notice, ...]:
 
 
 def prepared(part: Part, settings: Settings, profile: ExposureProfile, light: Light) -> Prepared:
-    """The decoder of a profile, for frames like these."""
+    """The decoder of a profile, for frames of this type."""
     sequence = _described(part.sequence, settings)
     cells = settings.on_cells and not sequence.nominal
     setup = Setup(sequence, plan(sequence), profile.noise, cells, profile.white)
@@ -150,8 +150,8 @@ def _shot(
     noise: Noise,
     lit: Sample,
 ) -> tuple[Shot, Noise, Before]:
-    """Frames without lag, with their noise and a sample of pixels that see the pattern; noise of the camera's
-    own levels; lag."""
+    """Frames without lag, with their noise and a sample of illuminated pixels; noise of the camera's raw
+    levels; lag."""
     sequence = _described(part.sequence, settings)
     wanted = plan(sequence)
     given = _given_noise(settings, light)
@@ -174,7 +174,7 @@ def _given_noise(settings: Settings, light: Light) -> Noise | None:
 
 
 def _from_maps(shot: Shot, camera: Noise, steps: Steps, maps: Maps, settings: Settings) -> ExposureProfile:
-    """Pixelation, border, ends and lens; the coordinates are without rounded grey values then."""
+    """Pixelation, border, mirror edges and lens; subtracts the shift by rounded grey values from the maps."""
     (raw, shared), setup, lit, decoders = maps, shot.setup, shot.lit, steps.decoders
     footprint = settings.footprint or 1.0
     widths = [usual_width(lit, own.coordinate, shared.flags, footprint) for own in raw]
@@ -206,7 +206,7 @@ def _from_maps(shot: Shot, camera: Noise, steps: Steps, maps: Maps, settings: Se
 
 
 def _lens(shot: Shot, shown: Plan, maps: Maps, settings: Settings) -> Lens:
-    """Given, or measured; unless the footprint is given, as unsure as how far pixels fill their pitch."""
+    """Given or measured lens, or none; sigma includes the fill factor's, unless a footprint is given."""
     nothing = NO_LENS if settings.footprint is None else NO_LENS._replace(sigma=0.0)
     if settings.lens_px is not None:
         return nothing._replace(variance=settings.lens_px**2)
@@ -218,7 +218,7 @@ def _lens(shot: Shot, shown: Plan, maps: Maps, settings: Settings) -> Lens:
 def _from_result(
     shot: Shot, steps: Steps, maps: Maps, profile: ExposureProfile, found: Correspondence
 ) -> ExposureProfile:
-    """Outermost lines, noise that pixels share, notices, and what some pixels show."""
+    """Add outermost lines, shared noise, notices and statistics of sample pixels."""
     lit, raw, flags, axes = shot.lit, maps.raw, found.flags, profile.axes
     shown = replace(shot.setup.plan, axes=tuple(decoder.axis for decoder in steps.decoders))
     in_common = {
@@ -236,7 +236,7 @@ def _from_result(
 
 
 def _seen(shot: Shot, steps: Steps, maps: Maps, axes: tuple[AxisProfile, ...]) -> dict[str, Seen]:
-    """Places of the sampled pixels, of each axis, as far as they are good."""
+    """Places of the sampled pixels per axis, NaN where flagged."""
     at, found = tuple(shot.lit.places.T), {}
     for decoder, own, one in zip(steps.decoders, maps.raw, axes, strict=True):
         place = np.where(maps.shared.flags[at] == 0, own.coordinate[at], np.float32(np.nan))
@@ -247,7 +247,7 @@ def _seen(shot: Shot, steps: Steps, maps: Maps, axes: tuple[AxisProfile, ...]) -
 
 def _notices(shot: Shot, steps: Steps, profile: ExposureProfile) -> tuple[Notice, ...]:
     tables = [one.table for one in steps.decoders if one.table is not None]
-    # of a sample, as phases have it
+    # as the variance of a sample over the squared amplitude
     between = [2 * (2 * np.pi) ** 2 * one.numbers.between for one in steps.decoders]
     misfit2 = max(profile.noise.misfit2, *(table.misfit2 for table in tables), *between, 0.0)
     roughness = max(one.pixelation.roughness for one in profile.axes)
@@ -263,12 +263,12 @@ def _notices(shot: Shot, steps: Steps, profile: ExposureProfile) -> tuple[Notice
 
 
 def _noticed(what: tuple[str, str], size: float) -> tuple[Notice, ...]:
-    """A notice of what frames or neighbours show beyond noise, if they do."""
+    """A notice of a deviation beyond noise; none if its size is 0."""
     return (Notice(what[0], size, 0.0, what[1]),) if size else ()
 
 
 def _dark_level(lit: Sample, shared: Shared) -> float:
-    """By the sampled pixels that are good so far."""
+    """Level without light of the display, from the sampled pixels that are good so far."""
     level, amplitude, flags = (
         one[tuple(lit.places.T)] for one in (shared.offset, shared.amplitude, shared.flags)
     )
@@ -278,7 +278,7 @@ def _dark_level(lit: Sample, shared: Shared) -> float:
 def _borders(
     decoders: tuple[AxisDecoder, ...], maps: Maps, pixelations: list[Pixelation]
 ) -> list[BorderBlur]:
-    """Of each axis, the blur that either border tells, or else one that bounds it."""
+    """Border blur of each axis: measured at either border, or else an upper bound."""
     raw, shared = maps
     light = shared.offset, shared.amplitude
     shares = [border_shares(one) for one in decoders]
@@ -297,8 +297,7 @@ def _borders(
 
 
 def _too_bright(shot: Shot) -> float:
-    """Share of the pixels in which white saturates, where bits are compared with it; 0 if these may be
-    highlights."""
+    """Share of pixels whose white saturates, if bits are compared with it; 0 if highlights explain it."""
     white = shot.setup.plan.white
     codes = [axis.code for axis in shot.setup.plan.axes if axis.code is not None]
     single = any((np.minimum(code.plain, code.inverse) < 0).any() for code in codes)

@@ -1,7 +1,7 @@
-"""Response of display and camera together: camera level against shown level.
+"""Response of display and camera together: camera level against displayed level.
 
-A camera's is inverted before decoding. A display's is not: its light is blurred after its levels are bent, so
-that a frame's level is no level that was shown. There the light of the levels is what the decoder expects.
+A camera's response is inverted before decoding. A display's is not: its light is blurred after the
+nonlinearity, so that the decoder expects the light of the displayed levels.
 """
 
 from dataclasses import dataclass, replace
@@ -19,7 +19,7 @@ from optolever.patterns import Frame, Sequence
 __all__ = ["Response", "levels_of"]
 
 F64 = NDArray[np.float64]
-#: Levels that a ramp spans at least; share of the pixels that see it brightly which may not clip.
+#: Least span of a ramp, levels; least share of unclipped pixels among those that receive the ramp brightly.
 _HARDLY, _WHOLE = 5.0, 0.1
 
 
@@ -27,10 +27,10 @@ _HARDLY, _WHOLE = 5.0, 0.1
 class Response:
     """Camera levels `seen` (K,) where levels `shown` (K,) were displayed; both rise strictly with each other.
 
-    Between the entries the inverse is linear, beyond them it goes on with the slope of the last pair, or the
-    mean one where that is less: a camera that hardly tells the darkest levels apart must not lead far beyond.
-    blur: rms, cells, of the light between a display that bends the levels and a linear camera (NaN: unknown);
-    None: they bend after the blur, in the camera.
+    Between the entries the inverse is linear. Beyond them it continues with the slope of the last pair, or
+    the mean slope if that is less: at dark levels a camera may be almost flat, and its inverse too steep.
+    blur: rms, cells, of the light between a nonlinear display and a linear camera (NaN: unknown); None: the
+    nonlinearity follows the blur, in the camera.
     """
 
     shown: F64
@@ -50,7 +50,7 @@ class Response:
 
     @classmethod
     def from_table(cls, shown: ArrayLike, seen: ArrayLike) -> "Response":
-        """From a measured table in any order; entries where the camera no longer tells levels apart go."""
+        """From a measured table in any order; entries where the camera's level does not rise are dropped."""
         pairs = np.array([np.asarray(shown, np.float64).ravel(), np.asarray(seen, np.float64).ravel()])
         if not np.all(np.isfinite(pairs)):
             raise InputError("response: table holds values that are not finite")
@@ -61,7 +61,7 @@ class Response:
 
     @classmethod
     def from_gamma(cls, gamma: float, white_level: float = 255.0) -> "Response":
-        """seen = white_level (shown / 255)^gamma."""
+        """`seen` = white_level (shown / 255)^gamma."""
         if not 0.1 <= gamma <= 10:
             raise InputError(f"response: gamma is {gamma}, must be in 0.1..10")
         shown = np.linspace(0.0, 1.0, 1025)
@@ -69,10 +69,10 @@ class Response:
 
     @classmethod
     def from_ramp(cls, frames: ArrayLike, sequence: Sequence) -> "Response":
-        """Of a display, from the uniform frames of a capture ("ramp"): mean over the pixels that see it best.
+        """Of a display, from the uniform frames of a capture ("ramp"): mean over the brightest pixels.
 
-        A pixel's own brightness is taken off by its span between the darkest and the brightest level shown;
-        pixels that clip at the brightest one say nothing.
+        A pixel is normalised by its span between the darkest and the brightest level; pixels that clip at the
+        brightest level are excluded.
         """
         stack = np.asarray(frames)
         if stack.ndim != 3 or len(stack) != len(sequence):
@@ -112,16 +112,16 @@ class Response:
         return replace(cls.from_table([shown[i] for i in order], seen), blur=float("nan"))
 
     def light(self) -> F64:
-        """Light (256,) of the levels 0..255 beyond that of 0, over that of 255 (monotone cubics)."""
+        """Relative light (256,) of the levels 0..255: 0 at level 0, 1 at 255 (monotone cubics)."""
         curve = PchipInterpolator(self.shown, self.seen, extrapolate=True)(np.arange(256.0))
         return np.asarray(np.clip((curve - curve[0]) / (curve[-1] - curve[0]), 0, 1))
 
     def described(self, sequence: Sequence) -> Sequence:
-        """The sequence by the light of its fringes and stripes: free levels of the cells."""
+        """The sequence with fringes and stripes as free levels of cells, by their light."""
         return _described(sequence, tuple((255 * self.light()).tolist()))
 
     def shown_of(self, seen: ArrayLike) -> F64:
-        """Level that was shown where the camera read `seen`."""
+        """Displayed level for a camera level `seen`."""
         value, steepest = np.asarray(seen, np.float64), np.ptp(self.shown) / np.ptp(self.seen)
         slope = np.minimum(np.diff(self.shown)[[0, -1]] / np.diff(self.seen)[[0, -1]], steepest)
         below, above = np.minimum(value - self.seen[0], 0), np.maximum(value - self.seen[-1], 0)
@@ -129,11 +129,11 @@ class Response:
         return np.asarray(inside + slope[0] * below + slope[1] * above)
 
     def table(self, dtype: np.dtype[Any]) -> NDArray[np.float32]:
-        """Shown level of every raw level of an unsigned integer type."""
+        """Displayed level for every raw level of an unsigned integer type."""
         return self.shown_of(np.arange(np.iinfo(dtype).max + 1)).astype(np.float32)
 
     def spread(self, variance: F64) -> NDArray[np.float32]:
-        """Variance of `table` by the camera's noise, whose variance is given by raw level, (levels,)."""
+        """Variance of `table` by the camera's noise; variance (levels,): of the noise at each raw level."""
         node, weight = np.polynomial.hermite_e.hermegauss(9)
         raw, deviation = np.arange(len(variance)), np.sqrt(variance)
         shown = np.stack([self.shown_of(raw + deviation * z) for z in node])
@@ -155,14 +155,14 @@ def _described(sequence: Sequence, light: tuple[float, ...]) -> Sequence:
 
 
 def levels_of(stack: NDArray[Any]) -> tuple[int, float]:
-    """Step of whole levels (0: they are not), and the largest: 255, or that of the fewest bits that hold all
-    samples of 16-bit frames; a camera's bits may be the upper of 16, then the others are 0."""
+    """Step of integer levels (0: not integer), and the largest level: 255, or that of the fewest bits that
+    hold all samples of 16-bit frames; if a camera uses the upper bits of 16, the lower ones are 0."""
     if stack.dtype == np.uint8:
         return 1, 255.0
     if stack.dtype.kind == "f":
         return 0, float("inf")
     used = int(np.bitwise_or.reduce(on_cores(_bits_used, list(stack))))
-    step = min(used & -used, 256) if used > 16383 else 1  # 8 bits are the fewest
+    step = min(used & -used, 256) if used > 16383 else 1  # at least 8 bits
     return step, float(next(level for level in (255, 1023, 4095, 16383, 65536 - step) if level >= used))
 
 

@@ -1,4 +1,4 @@
-"""RigProfile: what the frames of one rig have in common, estimated once, applied to every further capture."""
+"""RigProfile: common properties of the captures of one rig, estimated once, applied to further ones."""
 
 import hashlib
 import json
@@ -34,7 +34,7 @@ F64 = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """What decode's caller knows or chooses: see `decode`."""
+    """Parameters of `decode` that the caller knows or chooses."""
 
     noise: float | None = None
     gain: float = 0.0
@@ -49,12 +49,12 @@ class Settings:
 
 
 class Sampled(NamedTuple):
-    """What some pixels show while a profile holds.
+    """Statistics of sample pixels while a profile holds.
 
-    good       share of the pixels without a flag; pixels: how many of them are good
-    residual2  variance that constraints leave, over that by the profile's noise and misfit (NaN: not told)
+    good       share of the pixels without a flag; pixels: number of good ones
+    residual2  variance of the constraints' residuals over that by noise and misfit (NaN: none)
     amplitude, offset  medians, camera levels
-    contrast   (K,) of each fringe and bit over that of the whole pixel, medians
+    contrast   (K,) rms of each fringe and bit, relative to white and black or the coarsest
     """
 
     good: float
@@ -67,8 +67,8 @@ class Sampled(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AxisProfile:
-    """Of one axis: numbers of its codes and fringes; width of a usual pixel, cells; what the display's cells
-    shift; blur beside its border."""
+    """Of one axis: numbers of its codes and fringes; median footprint of a pixel, cells; pixelation; blur at
+    the border."""
 
     axis: str
     numbers: AxisNumbers
@@ -79,18 +79,18 @@ class AxisProfile:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExposureProfile:
-    """Of the frames of one exposure.
+    """Profile of one exposure.
 
     camera     noise of the camera's levels; noise: of the linear levels that a response makes of them
     silent     whether there is no noise beyond rounding
     lag        share of earlier frames; white: linear level at which samples saturate
     axes       of u and of v
-    ends       variance by which light fades at the mirror's ends, px^2 of the camera
+    ends       variance of the edge blur at the mirror's ends, px^2 of the camera
     dark       level without light of the display
-    lens       variance that the lens mixes into a pixel, px^2
+    lens       variance of the lens blur, px^2
     edges      (A, 4, 3) least sigma of the three outermost lines on every side of the image, pattern px
-    shared     noise that pixels have in common; notices: what a user should know of the rig
-    sampled    what some pixels show
+    shared     noise that pixels have in common; notices: warnings about the rig
+    sampled    statistics of sample pixels
     """
 
     noise: Noise
@@ -121,10 +121,10 @@ class Effect(NamedTuple):
 class RigProfile:
     """Estimated by `estimate_profile`, or by a `Decoder` from its first capture.
 
-    sequence   digest of the sequence whose fringes and bits the numbers are of
+    sequence   digest of the sequence that the estimates belong to
     shape      (H, W) of the frames, dtype: their kind
-    clip       raw level at which samples saturate; rounding: variance that rounding adds, levels^2
-    settings   under which the numbers were estimated
+    clip       raw level at which samples saturate; rounding: variance by rounding, levels^2
+    settings   parameters of the estimation
     exposures  one profile for each exposure of the sequence
     """
 
@@ -137,7 +137,7 @@ class RigProfile:
     exposures: tuple[ExposureProfile, ...]
 
     def effects(self) -> tuple[Effect, ...]:
-        """The table of what was estimated."""
+        """Table of the estimates."""
         return tuple(row for number, one in enumerate(self.exposures) for row in _rows(number, one))
 
     def save(self, path: str | Path) -> None:
@@ -160,7 +160,7 @@ class RigProfile:
 
 
 def digest(sequence: Sequence) -> str:
-    """Of all that a sequence shows; its name is no part of it."""
+    """Hash of a sequence's content; its name does not count."""
     shown = repr((sequence.frames, sequence.rows, sequence.cols, sequence.nominal))
     return hashlib.sha256(shown.encode()).hexdigest()[:16]
 
@@ -190,7 +190,7 @@ def _rows(number: int, one: ExposureProfile) -> list[Effect]:
 
 
 def _packed(value: object, name: str, arrays: dict[str, NDArray[Any]]) -> object:
-    """As JSON; arrays and NumPy's numbers go into `arrays` by their names."""
+    """JSON form of a value; arrays and NumPy numbers go into `arrays` by their names."""
     if isinstance(value, np.ndarray | np.generic):
         arrays[name] = np.asarray(value)
         return {"array": name}
@@ -210,7 +210,7 @@ def _packed(value: object, name: str, arrays: dict[str, NDArray[Any]]) -> object
 
 
 def _unpacked(kind: Any, value: Any, arrays: Mapping[str, NDArray[Any]]) -> Any:
-    """Of a type what _packed made of it."""
+    """Inverse of _packed for a type."""
     if isinstance(value, dict) and set(value) == {"array"}:
         found = arrays[value["array"]]
         return found[()] if found.ndim == 0 else found

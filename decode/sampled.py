@@ -1,4 +1,4 @@
-"""What some pixels of a capture show, by which a profile of the rig is told from one that no longer holds."""
+"""Statistics of sample pixels of a capture: they test whether a profile of the rig still holds."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,19 +16,19 @@ __all__ = ["NOTHING", "changes", "sampled"]
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
-#: Nothing that a sample says.
+#: No statistics.
 NOTHING = Sampled(0.0, 0, float("nan"), 0.0, 0.0, np.zeros(0))
-#: Runs of 64 pixels that are looked at; good ones of them that tell anything.
+#: Runs of 64 pixels in the sample; fewest good pixels for statistics.
 _RUNS, _FEWEST = 16, 64
-#: Logarithm of the ratio of two variances, change of light over the amplitude, relative change of a contrast,
-#: share of pixels that are lost, from which on a profile no longer holds.
+#: Limits beyond which a profile no longer holds: logarithm of the ratio of two variances, change of light
+#: over the amplitude, relative change of a contrast, share of lost pixels.
 _VARIANCE, _LIGHT, _CONTRAST, _LOST = 0.3, 0.15, 0.06, 0.1
-#: Deviations of chance that come on top.
+#: Standard deviations of chance on top of these limits.
 _SURE = 4.0
 
 
 def sampled(light: Light, setup: Setup, found: Correspondence) -> Sampled:
-    """Of a capture that was decoded by a setup; light: with the variances of its levels."""
+    """Statistics of a capture decoded by a setup; light: with the variances of its levels."""
     places = sample_places(light.raw.shape[1:], _RUNS)
     at = tuple(places.T)
     good = found.flags[at] == 0
@@ -42,7 +42,7 @@ def sampled(light: Light, setup: Setup, found: Correspondence) -> Sampled:
 
 
 def changes(before: Sampled, now: Sampled) -> tuple[Notice, ...]:
-    """What differs by more than chance and by enough to change sigma or places: no longer the profile's."""
+    """Notices of differences beyond chance that change sigma or places: the profile no longer holds."""
     if before.pixels < _FEWEST:
         return ()
     found = [("share of pixels that are lost, of the profile's good ones", 1 - now.good / before.good, _LOST)]
@@ -70,7 +70,7 @@ def _told(what: str, size: float, limit: float) -> Notice:
 
 
 def _residual2(setup: Setup, sample: Sample) -> float:
-    """Variance of what frames leave, over that by noise and misfit."""
+    """Variance of the constraints' residuals over that by noise and misfit."""
     noise, groups = setup.noise, constraints(setup.plan, len(setup.sequence))
     if not groups:
         level, residual = residuals(setup.plan, sample, groups)
@@ -83,7 +83,7 @@ def _residual2(setup: Setup, sample: Sample) -> float:
 
 
 def _contrasts(plan: Plan, sample: Sample) -> F64:
-    """Of each axis' bits and fringes over what white and black have, or else the coarsest of them."""
+    """Contrasts of each axis' bits and fringes, relative to white and black, or else to the coarsest."""
     found = [one for axis in plan.axes for one in _of_axis(plan, axis, sample.levels)]
     return np.asarray(found, np.float64)
 

@@ -1,10 +1,10 @@
-"""What neighbours tell of a pixel: its footprint, what the display's cells shift in it, and whether it fits.
+"""Checks of a pixel against its neighbours: its footprint, pixelation by the display's cells, outliers.
 
-A pixel that looks at two places at once (at the edge of an object, of a shadow, of the mirror) reads neither.
-Edges show as second differences that no single place can have: more than a quarter of the finest period, or
-two cells of a code, between neighbours. A pixel beside one that sees nothing may itself see only in part; its
-lost amplitude tells how much, and half of that share of the footprint is how far its centre of light may be
-off (across a slanted end, or behind a lens that blurs, see ends).
+A pixel that covers two places at once (at the edge of an object, of a shadow, of the mirror) reads neither.
+Edges appear as second differences between neighbours that no single place can have: more than a quarter of
+the finest period, or two cells of a code. Next to a flagged pixel, a pixel may be lit only in part. Its lost
+amplitude is the dark share, and its centre of light may be off by half of that share of the footprint (across
+a slanted end, or behind a lens that blurs, see ends).
 """
 
 from typing import Any, NamedTuple
@@ -30,28 +30,28 @@ U16 = NDArray[np.uint16]
 U32 = NDArray[np.uint32]
 #: Flags of a line, variances of it and of the lines above and below.
 Own = tuple[U16, F32, F32, F32]
-#: jump, per_turn, squared reach and extent of SpatialLimits; usual, jump and footprint.
+#: Fields of SpatialLimits: jump, per_turn, squared reach, extent; and usual, jump, footprint.
 Limits = tuple[np.float32, np.float32, np.float32, np.float32]
 Footprint = tuple[np.float32, np.float32, np.float32]
 _ONE = np.float32(1)
 _OUTLIER, _OFF = int(Flag.OUTLIER), int(Flag.OFF_PATTERN)
-#: Squared deviations beyond which a neighbour contradicts, and from which on a bend is of the map.
+#: Squared deviations beyond which a neighbour contradicts, and beyond which a curvature is signal.
 _SURE2, _BULK2 = np.float32(6.0**2), np.float32(BULK**2)
 #: Relative variance of a fringe's amplitude over that of its place, turns^2.
 _TURN2 = np.float32((2 * np.pi) ** 2)
-#: Of a squared second difference, the squared shift of a pixel's mean from its centre.
+#: Squared shift of a pixel's mean from its centre, over the squared second difference.
 _BEND = np.float32(1 / 24**2)
 
 
 class Raw(NamedTuple):
-    """One axis before its neighbours are asked, (H, W) float32: coordinate and variance, px and px^2."""
+    """One axis before the spatial checks, (H, W) float32: coordinate and variance, px and px^2."""
 
     coordinate: F32
     variance: F32
 
 
 class Common(NamedTuple):
-    """What both axes share so far, (H, W): flags, amplitude, mean level."""
+    """Maps of both axes before the checks, (H, W): flags, amplitude, mean level."""
 
     flags: U16
     amplitude: F32
@@ -69,14 +69,14 @@ class SpatialTables(NamedTuple):
 class SpatialLimits(NamedTuple):
     """Numbers of one axis, float32.
 
-    reach      how far pixels see, cells; usual: their usual footprint, cells
+    reach      rms blur of a point pixel (see Border), cells; usual: median footprint, cells
     roughness  variance, px^2; least: sigma, px
     extent     of the surface, px; 0: it has no border
-    jump       largest second difference of neighbours, px; stripe: the finest one of a code, px
+    jump       largest second difference of neighbours, px; stripe: finest stripe of a code, px
     per_turn   turns of the finest fringe in a px
-    ends       variance of the mirror's ends (see ends), px^2 of the camera; dark: level without light
-    lens       variance that a lens mixes, px^2 of the camera; lens_sigma: its standard deviation
-    footprint  side of what a pixel reads over its pitch
+    ends       variance of the mirror's edge blur (see ends), px^2 of the camera; dark: level without light
+    lens       variance of the lens blur, px^2 of the camera; lens_sigma: its standard deviation
+    footprint  side of a pixel's active area over its pitch
     """
 
     reach: np.float32
@@ -100,7 +100,7 @@ class SpatialLimits(NamedTuple):
 
 
 class SpatialMaps(NamedTuple):
-    """Results of one axis, (H, W): coordinate, sigma; flags of both, or-ed."""
+    """Results of one axis, (H, W): coordinate, sigma; flags of both axes, or-ed."""
 
     coordinate: F32
     sigma: F32
@@ -115,7 +115,7 @@ def check_rows(
     limits: SpatialLimits,
     out: SpatialMaps,
 ) -> None:
-    """Rows start..stop of one axis."""
+    """Check rows start..stop of one axis."""
     _check(*rows, raw, common, tables, limits, out)
 
 
@@ -175,7 +175,7 @@ def _check(
             across = window[k, c - 2], window[k, c - 1], here, window[k, c + 1], window[k, c + 2]
             down = window[k - 2, c], window[k - 1, c], here, window[k + 1, c], window[k + 2, c]
             gx, gy = _step_on_a_map(across, jump), _step_on_a_map(down, jump)
-            # what bends inside of half a turn or more, only all neighbours tell
+            # curvature inside half a turn or more is unknown unless all neighbours are good
             four = across[1] + across[3] + down[1] + down[3]
             untold = four != four
             unknown = untold & ((gx + gy) * per_turn > np.float32(0.5))
@@ -193,7 +193,7 @@ def _check(
                 extent,
             )
             out[y, x] -= shift_in
-            # where one does not, nothing is taken off (see centre)
+            # next to a flagged pixel the curvature is not subtracted (see centre)
             sigma[y, x] += lost + unsure_in + (bends if untold & large else np.float32(0))
             out_flags[y, x] |= flag | np.uint16(_OFF if off else 0)
         _root(sigma[y], numbers.roughness, numbers.least)
@@ -201,9 +201,9 @@ def _check(
 
 @kernel
 def despeckle(start: int, stop: int, flags: U16, out: U16) -> None:
-    """Rows start..stop of flags (H, W): a good pixel of whose eight neighbours fewer than three are good (a
-    corner has three, those beyond the image being as the nearest in it) passed by chance what refused them:
-    OUTLIER."""
+    """Rows start..stop of flags (H, W): a good pixel with fewer than three good neighbours of eight passed
+    the checks by chance: OUTLIER. Pixels beyond the image count as the nearest inside, so that a corner has
+    three."""
     (rows, cols), outlier = flags.shape, np.uint16(_OUTLIER)
     enough = np.uint8(4 if min(rows, cols) > 2 else 0)
     good = np.empty(cols + 2, np.uint8)
@@ -219,7 +219,7 @@ def despeckle(start: int, stop: int, flags: U16, out: U16) -> None:
 
 @kernel
 def _with_ends(line: F32, out: F32) -> None:
-    """A line (W,), and what it begins and ends with twice more on either side, (W + 4,)."""
+    """A line (W,) with each of its ends repeated twice, (W + 4,)."""
     for x in range(line.size):
         out[x + 2] = line[x]
     out[0] = out[1] = line[0]
@@ -228,8 +228,8 @@ def _with_ends(line: F32, out: F32) -> None:
 
 @exact
 def _step_on_a_map(five: Any, jump: Any) -> Any:
-    """Size of the change per pixel by both neighbours; by the nearer in value where these bend by more than a
-    map does (the other is beyond an edge) or one is refused; 0 by none."""
+    """Change per pixel from both neighbours; from the nearer one in value where their second difference
+    exceeds a map's (the other is beyond an edge) or one is flagged; 0 from none."""
     _, before, here, after, _ = five
     least = lesser(here - before, after - here)
     return np.float32(0.5) * abs(after - before) if abs(before + after - here - here) <= jump else least
@@ -237,8 +237,9 @@ def _step_on_a_map(five: Any, jump: Any) -> Any:
 
 @exact
 def _step_inwards(five: Any, low: Any, jump: Any) -> Any:
-    """Size of the change per pixel between the next two ones inwards of the nearer border (low: of the low
-    coordinates), as beside it neighbours read nearly the same place; on a map without those."""
+    """Change per pixel between the next two neighbours inwards of the nearer border (low: of the low
+    coordinates), because at the border neighbours read nearly the same place; at an edge, see
+    _step_on_a_map."""
     before_2, before, here, after, after_2 = five
     ahead = (after > here) == low if after == after else (before > here) != low
     near, next_ = (after, after_2) if ahead else (before, before_2)
@@ -254,8 +255,8 @@ def _root(sigma: F32, roughness: np.float32, least: np.float32) -> None:
 
 @kernel
 def _special_line(window: F32, k: int, own: Own, limits: Limits, special: U8) -> None:
-    """Good pixels of which neighbours or the border tell something. own: flags of the line, variances of it
-    and of those above and below."""
+    """Mark good pixels that need the checks of _neighbours or of the border. own: flags of the line,
+    variances of it and of the lines above and below."""
     (flags, var, var_above, var_below), size, four = own, special.size, np.float32(4)
     line, above, below = window[k, REACH:], window[k - 1, REACH:], window[k + 1, REACH:]
     for x in range(1, max(size - 1, 1)):
@@ -270,11 +271,11 @@ def _special_line(window: F32, k: int, own: Own, limits: Limits, special: U8) ->
 
 @inlined
 def _tell(cross: Any, noise: Any, limits: Any) -> Any:
-    """Whether a pixel's neighbours or the border tell something. cross: the pixel, those to the left, right,
-    above and below; noise: variances of both second differences."""
+    """Whether a pixel needs the checks of its neighbours or of the border. cross: the pixel and its
+    neighbours in -x, +x, -y, +y; noise: variances of both second differences."""
     (c, left, right, up, down), (noise_x, noise_y), (jump, per_turn, reach2, border) = cross, noise, limits
     two, half, square = np.float32(2), np.float32(0.5), jump * jump
-    # where nothing bounds the surface, nothing is near its border
+    # without a surface there is no border
     low = half if border < np.float32(np.inf) else border
     half_a_turn = half / max(per_turn, np.float32(1e-9))
     off_x, off_y = left + right - two * c, up + down - two * c
@@ -283,14 +284,14 @@ def _tell(cross: Any, noise: Any, limits: Any) -> Any:
     far = max(max(abs(c - left), abs(right - c)), max(abs(c - up), abs(down - c)))
     away = max(min(c + low, border - half - c), np.float32(0))
     footprint2 = ((right - left) * (right - left) + (down - up) * (down - up)) * np.float32(1 / 48)
-    beside = off_x + off_y != off_x + off_y  # one that is refused
+    beside = off_x + off_y != off_x + off_y  # a flagged one
     return wide | beside | (away * away <= SHADOW2 * (reach2 + footprint2)) | (far > half_a_turn)
 
 
 @exact
 def _dimmer(at: Any, inner: Any, raw: Any, common: Any, per_turn: Any) -> Any:
-    """Whether a good pixel at the image's edge has less light than one two pixels inwards, by more than its
-    noise, and enough to count: a place moves by half of the share that is lost."""
+    """Whether a good pixel at the image's edge has significantly less light than the one two pixels inwards,
+    with a relevant shift: a place moves by half of the lost share."""
     (coord, variance), (flags, amplitude, _) = raw, common
     share = max(np.float32(1) - amplitude[at] / max(amplitude[inner], np.float32(1e-6)), np.float32(0))
     noise = np.float32(2) * _TURN2 * per_turn * per_turn * variance[at]
@@ -301,9 +302,9 @@ def _dimmer(at: Any, inner: Any, raw: Any, common: Any, per_turn: Any) -> Any:
 
 @kernel
 def _entry_line(c: F32, window: F32, k: int, limits: Footprint, most: np.float32, at: U32) -> None:
-    """Entries of a Pixelation by place in the cell and width of the footprint, of `most` steps at most.
-    limits: what it is at least where no neighbour tells it along rows or columns, by what neighbours of a map
-    bend at most, and side of a pixel over its pitch."""
+    """Entries of a Pixelation by place in the cell and width of the footprint, `most` steps at most. limits:
+    least footprint where both neighbours along rows or columns are flagged, largest second difference of a
+    map, side of a pixel over its pitch."""
     half, places, (usual, jump, footprint) = np.float32(0.5), np.float32(PLACES), limits
     size = c.size
     left, right = window[k, :size], window[k, 2 * REACH : 2 * REACH + size]
@@ -325,8 +326,8 @@ def _entry_line(c: F32, window: F32, k: int, limits: Footprint, most: np.float32
 
 @inlined
 def _broad_slope(five: Any, jump: Any) -> Any:
-    """Change per pixel by both neighbours REACH pixels away; where these bend by more than next ones of a map
-    do, by that one of them with which the next ones agree, as the other may be beyond an edge."""
+    """Change per pixel from both neighbours REACH pixels away. Where their second difference exceeds a map's,
+    one may be beyond an edge: then from the one that agrees with the nearest neighbours."""
     far_before, before, here, after, far_after = five
     one, two, per_step = np.float32(1), np.float32(2), np.float32(1 / REACH)
     back, ahead = (here - far_before) * per_step, (far_after - here) * per_step
@@ -338,7 +339,7 @@ def _broad_slope(five: Any, jump: Any) -> Any:
 
 @kernel
 def _corrected_line(c: F32, var: F32, at: U32, tables: tuple[F32, F32], out: F32, total: F32) -> None:
-    """Pixelation taken off a line, what is unsure of it into the variance."""
+    """Subtract pixelation from a line; add its variance."""
     shifts, doubts = tables
     for x in range(c.size):
         out[x] = c[x] + shifts[at[x]]
@@ -353,8 +354,8 @@ def _copied(c: F32, var: F32, out: F32, total: F32) -> None:
 
 
 class _Pixel(NamedTuple):
-    """A pixel of the image, and one beyond it, as is where it is nearest: whether it is of the image, whether
-    it is good; place, variance, amplitude."""
+    """Pixel record, with the image's border repeated beyond it: whether it is inside the image, whether it is
+    good; place, variance, amplitude."""
 
     inside: bool
     good: bool
@@ -380,8 +381,8 @@ def _neighbours(
     amplitude: F32,
     limits: tuple[np.float32, np.float32],
 ) -> tuple[Any, Any, Any]:
-    """Flag of a good pixel and squared shift of its centre, by those of its neighbours that are good; squared
-    shift by how much the map bends in it."""
+    """Flag of a good pixel and squared shift of its centre, from its good neighbours; squared shift by the
+    map's curvature."""
     here = _pixel(y, x, coord, variance, flags, amplitude)
     left = _pixel(y, x - 1, coord, variance, flags, amplitude)
     right = _pixel(y, x + 1, coord, variance, flags, amplitude)
@@ -393,7 +394,7 @@ def _neighbours(
     down_2 = _pixel(y + 2, x, coord, variance, flags, amplitude)
     beside, torn, lost_x, bend_x = _along((left_2, left, here, right, right_2), limits[0])
     others, torn_y, lost_y, bend_y = _along((up_2, up, here, down, down_2), limits[0])
-    # without one on an axis, nothing tells where the centre of what is left of its light is
+    # without a neighbour on an axis, the centre of the remaining light is unknown
     brightest = max(max(left.amplitude, right.amplitude), max(up.amplitude, down.amplitude))
     dim = (limits[1] > 0) | (here.amplitude < np.float32(0.5) * brightest)
     alone = (beside + others <= 1) | ((beside * others == 0) & dim)
@@ -404,9 +405,9 @@ def _neighbours(
 
 @exact
 def _along(five: Any, jump: Any) -> tuple[Any, Any, Any, Any]:
-    """How many of both neighbours on an axis are good (beyond the image: one), whether they say that the
-    pixel is of neither side, squared shift that they allow, squared second difference beyond noise, or what
-    it may be where no two of a side are good."""
+    """Consistency along one axis: number of good neighbours (beyond the image: counted as good); whether the
+    pixel contradicts both sides; squared shift of its centre; squared second difference beyond noise, or its
+    upper bound where neither side has two good pixels."""
     before_2, before, here, after, after_2 = five
     none = np.float32(0)
     back, back_noise = _off_line(here, before, before_2)
@@ -416,7 +417,7 @@ def _along(five: Any, jump: Any) -> tuple[Any, Any, Any, Any]:
     if count < 2 or not inside:  # the mirror may end in a pixel at the image's edge
         near, next_ = (before, before_2) if before.good else (after, after_2)
         lost = none
-        if near.good:  # the pixel two away is of one colour behind a mosaic
+        if near.good:  # the pixel two away has the same colour of a mosaic
             whole = max(next_.amplitude if next_.good else near.amplitude, np.float32(1e-6))
             share = max(np.float32(1) - here.amplitude / whole, none)
             lost = np.float32(0.5) * share * (here.place - near.place)
@@ -442,8 +443,8 @@ def _along(five: Any, jump: Any) -> tuple[Any, Any, Any, Any]:
 
 @exact
 def _untold(before: Any, here: Any, after: Any, jump: Any) -> Any:
-    """Squared second difference that may be where some of three pixels are refused: what these say of it and
-    their noise, at most what it may be on a map."""
+    """Upper bound of the squared second difference where some of three pixels are flagged: its estimate plus
+    noise, limited to a map's largest."""
     off = before.place + after.place - np.float32(2) * here.place
     noise = before.variance + np.float32(4) * here.variance + after.variance
     return min(np.float32(4) * jump * jump, off * off + noise)
@@ -451,8 +452,8 @@ def _untold(before: Any, here: Any, after: Any, jump: Any) -> Any:
 
 @exact
 def _off_line(here: Any, near: Any, next_: Any) -> tuple[Any, Any]:
-    """Squared distance from the line through the next two pixels on one side, and its variance; of one alone
-    from that, without noise; 0 of none."""
+    """Squared distance from the line through the next two pixels on one side, and its variance; from a single
+    neighbour without noise; 0 from none."""
     off = near.place - here.place - (next_.place - near.place if next_.good else np.float32(0))
     noise = here.variance + np.float32(4) * near.variance + next_.variance
     return (off * off if near.good else np.float32(0)), (noise if near.good & next_.good else np.float32(0))
@@ -460,10 +461,9 @@ def _off_line(here: Any, near: Any, next_: Any) -> tuple[Any, Any]:
 
 @exact
 def _undersampled(five: Any, per_turn: Any) -> Any:
-    """Whether the middle one of five pixels takes so many turns of the finest fringe that its order is by
-    chance: more than half a turn lies between it and both neighbours, so that these cannot vouch for it, and
-    steps differ by a quarter of a turn (or are not known); or it takes nearly a turn: its contrast is lost,
-    and reversed beyond.
+    """Whether the fringe order at the middle of five pixels is ambiguous. Either more than half a turn of the
+    finest fringe lies between it and each neighbour, and the steps differ by a quarter of a turn (or are
+    unknown); or a pixel takes nearly a turn: its contrast vanishes, and is reversed beyond.
     """
     a, b, c, d, e = five
     one, two = abs(b - a) * per_turn, abs(c - b) * per_turn

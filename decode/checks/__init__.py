@@ -2,11 +2,11 @@
 
 | file             | holds                                                                              |
 |------------------|------------------------------------------------------------------------------------|
-| `integrity`      | `check`: frames that are not those described, named                                |
-| `spoilt`         | `Finding`: frames that a code can do without, pixels that a wrong one could spoil  |
+| `integrity`      | `check`: names frames that contradict the sequence                                 |
+| `spoilt`         | `Finding`: redundant frames of a code, pixels that a wrong frame may affect        |
 | `contradictions` | captures of another description: codes of a pixel that contradict each other       |
-| `sample_fit`     | places and misfit of single pixels, by each axis                                   |
+| `sample_fit`     | place and misfit of single pixels, per axis                                        |
 """
 
-#: Inside of decode its files are imported one by one: none of their names is public.
+#: Inside decode these files are imported one by one: none of their names is public.
 __all__: list[str] = []

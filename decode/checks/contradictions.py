@@ -1,7 +1,7 @@
-"""Codes of a pixel that are each sure and contradict each other, and places that jump to and fro.
+"""Contradictions between reliable codes of a pixel, and places that jump to and fro between neighbours.
 
-In a capture that is not as described they agree in some of the pixels by chance, and nothing tells in which.
-Other descriptions are tried. One is named if hardly any contradiction is left under it.
+If the description of a capture is wrong, its codes agree in some pixels by chance, and no test finds these
+pixels. So other descriptions are tried; one that removes nearly all contradictions is named.
 """
 
 from collections.abc import Iterator
@@ -18,30 +18,30 @@ __all__ = ["Contradictions", "Described", "contradictions", "mistuned", "other_d
 
 F32 = NDArray[np.float32]
 Ints = NDArray[np.int64]
-#: Pixels that tell a share.
+#: Fewest pixels for a share.
 _FEWEST = 32
-#: Contrast of a sure bit, share of the pixel's.
+#: Contrast of a reliable bit, share of the pixel's.
 _SURE = 0.5
-#: Bend of places that a smooth map does not have: over the sum of their differences, and besides (cells; of
-#: places by fringes, too: periods); share of the crosses of random cells, or teeth of half a period, with it.
+#: Second difference that a smooth map excludes: slope over the sum of both differences, and intercept (cells;
+#: with fringes: periods); share of crosses that exceed it for random cells, or for sawteeth of half a period.
 _FOLDS, _TEETH = (0.5, 3.0, 0.84), (0.25, 0.15, 0.75)
-#: Least mean phasor of fringes that agree with cells of a width; of its best, what agrees; turns of a drift
-#: that is none of lag or stray light; likelihood ratio of one.
+#: Least mean phasor of an agreeing fringe over a code's cells; relative phasor of agreement; drift beyond lag
+#: or stray light, turns; likelihood ratio of a significant drift.
 _TELLS, _AGREES, _DRIFT, _SURELY = 0.3, 0.9, 0.12, 30.0
-#: Turns by which lag, gamma or stray light may put off a coarser fringe, at most.
+#: Largest phase error of a coarser fringe by lag, gamma or stray light, turns.
 _BIAS = 0.25
-#: Periods that are seen of a fringe whose drift is told: cells of a few say nothing of it.
+#: Least number of periods on the surface for the drift of a fringe: over fewer, cells do not determine it.
 _PERIODS = 8
-#: Periods that are tried, share of the one described; drift at most, turns.
+#: Range of trial periods, share of the described one; largest drift, turns; share of contradictions.
 _STRETCH, _MOST_TURNS, _HALF = 0.1, 20.0, 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class Contradictions:
-    """Shares of the pixels, 0 to 1, of the axis with most; 1: as random places do.
+    """Shares of the pixels, 0 to 1, of the axis with most; 1: as for random places.
 
-    in_pixel: whose own codes contradict each other; folded: around which places jump to and fro, as wrong
-    bits make them, and as steep waves of a scene do, too.
+    in_pixel: codes of the pixel contradict each other; folded: places around it jump to and fro, as by wrong
+    bits, or by steep waves of a scene.
     """
 
     in_pixel: float
@@ -54,10 +54,10 @@ class Contradictions:
 
 
 def contradictions(plan: Plan, levels: F32, contrast: F32, order: Ints) -> Contradictions:
-    """Of pixels and their neighbours.
+    """Contradictions in pixels and between neighbours.
 
-    levels (N, 5, T): of pixels and their four neighbours; contrast (T,): half of what a pixel's levels span;
-    order (N,): image that shows each frame, -1: none is known; axes that need it are not asked.
+    levels (N, 5, T): of pixels and their four neighbours; contrast (T,): half of the span of a pixel's
+    levels; order (N,): image of each frame, -1: unknown; axes that need an unknown one are skipped.
     """
     in_pixel, folded = [0.0], [0.0]
     for table in axis_tables(plan):
@@ -74,7 +74,7 @@ def contradictions(plan: Plan, levels: F32, contrast: F32, order: Ints) -> Contr
 
 
 def mistuned(plan: Plan, levels: F32, contrast: F32) -> str:
-    """A sentence of fringes whose period or shift is not the one described; empty: none is."""
+    """A sentence on fringes with another period or shift than described; empty: none."""
     for table in axis_tables(plan):
         for drift in _drifts(table, levels[table.frames, 0] / table.exposure[:, None], contrast):
             if drift.contradicting > _HALF or drift.sure:
@@ -83,7 +83,7 @@ def mistuned(plan: Plan, levels: F32, contrast: F32) -> str:
 
 
 def _folded(table: AxisTable, levels: F32, free: int) -> float:
-    """By places of bits, or of bits and fringes, that jump to and fro."""
+    """Share of pixels around which places of bits, or of bits and fringes, jump to and fro."""
     code = table.axis.code
     assert code is not None
     flat = levels.reshape(len(levels), -1)
@@ -101,11 +101,11 @@ def _folded(table: AxisTable, levels: F32, free: int) -> float:
 
 @dataclass(frozen=True, slots=True)
 class _Drift:
-    """How far a fringe is off the places of coarser ones, or of bits: `turn` turns in their middle, `slope`
-    turns from end to end.
+    """Phase of a fringe relative to places by coarser fringes or bits: `turn` turns in the middle of the
+    surface, `slope` turns from end to end.
 
-    as_described, at_best: mean phasor of the difference, before and after both are taken off, over that of a
-    fringe that agrees; count: pixels; bias: turns that lag, gamma or stray light may make.
+    as_described, at_best: mean phasor of the difference, before and after subtraction of both, relative to a
+    fringe that agrees; count: pixels; bias: largest turns by lag, gamma or stray light.
     """
 
     period: float
@@ -119,18 +119,18 @@ class _Drift:
 
     @property
     def contradicting(self) -> float:
-        """Share of the pixels."""
+        """Share of contradicting pixels."""
         return 1 - min(max(self.as_described, 0.0), 1.0)
 
     @property
     def sure(self) -> bool:
-        """Whether another period agrees better, by more than chance and than lag or stray light do."""
+        """Whether another period agrees significantly better, and the drift exceeds lag or stray light."""
         better = self.count * (self.at_best**2 - max(self.as_described, 0.0) ** 2)
         drifts = self.at_best > _AGREES and abs(self.slope) > self.bias and better > _SURELY
         return drifts and self.extent > _PERIODS * self.period
 
     def sentence(self, axis: str) -> str:
-        """What is shown instead, if that agrees."""
+        """Actual period or shift, if the fringe agrees with it; else empty."""
         if self.at_best < _AGREES:
             return ""
         if abs(self.slope) > self.bias:
@@ -140,7 +140,7 @@ class _Drift:
 
 
 def _drifts(table: AxisTable, levels: F32, contrast: F32, free: int = -1) -> Iterator[_Drift]:
-    """Of each fringe beside what coarser ones, or sure bits, tell."""
+    """Drift of each fringe relative to coarser ones, or to reliable bits."""
     axis, code = table.axis, table.axis.code
     fringes, slack, coarser = list(axis.fringes), 0.0, 0.0
     if not fringes:
@@ -191,7 +191,7 @@ class Described:
 
 
 def other_descriptions(plan: Plan, count: int) -> Iterator[Described]:
-    """What is mistaken for what is described, and still tells places."""
+    """Descriptions that are often mistaken for the right one, and still encode places."""
     same = np.arange(count)
     yield Described("the frames are there in reverse order", plan, same[::-1].copy())
     other = tuple(replace(axis, fringes=tuple(map(_turned_back, axis.fringes))) for axis in plan.axes)
@@ -236,7 +236,7 @@ def _mirrored(code: Code, axis: AxisPlan) -> Code:
 
 
 def _exchanged(plan: Plan) -> Iterator[Plan]:
-    """Fringes of each period that both axes have."""
+    """Exchange the fringes of each period that both axes share."""
     one, two = plan.axes
     for k, fringe in enumerate(one.fringes):
         if k < len(two.fringes) and two.fringes[k].period == fringe.period:

@@ -1,11 +1,11 @@
-"""Are the frames those that the sequence describes? Swapped, lost, repeated, replaced and torn ones, named.
+"""Tests whether frames match the sequence: swapped, lost, repeated, replaced and torn frames are named.
 
-Some hundred pixels that see the pattern, each with a neighbour on either side, are explained by every axis
-on its own (see sample_fit). A wrong frame shows in what stays unexplained, where the code is redundant, and
-in places that jump or fold along the picture that was shown instead, where it is not. Depth edges, shadows
-and gloss do both, too, at pixels that no single fault mends. So every single fault is tried in turn, and
-the one is named that mends many of these pixels and breaks hardly any other. Faults that are another
-scene's perfect picture stay unseen, and so do those of spots.
+Some hundred illuminated pixels, each with four neighbours, are fitted by every axis separately (see
+sample_fit). A wrong frame raises the residuals where the code is redundant, and otherwise makes places jump
+or fold along the picture of the wrong frame. Depth edges, shadows and gloss do both, too, at pixels that no
+single fault repairs. So every single fault is tried, and the one is named that repairs many of these pixels
+and breaks hardly any other. Faults that give another scene's perfect picture are not detected, nor are faults
+of spots.
 """
 
 from collections.abc import Iterator
@@ -36,78 +36,76 @@ __all__ = ["Finding", "Integrity", "check", "examine", "spoilt_pixels"]
 F32 = NDArray[np.float32]
 Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
-#: Pixels that are looked at, with four neighbours each; fewest that tell anything.
+#: Pixels of the sample, with four neighbours each; fewest pixels for a test.
 _PIXELS, _FEWEST = 600, 32
 #: Pixels of the search's first round, and faults of its second.
 _FIRST, _SECOND = 100, 16
 #: Distance of neighbours: share of the image's width, px at least and at most.
 _APART, _NEAR, _FAR = 1 / 40, 3, 8
-#: Of a pixel's contrast, what its neighbours have at least.
+#: Least contrast of the neighbours, share of the pixel's.
 _ALIKE = 0.3
-#: Cost above which nothing is worse: log(1 + z^2) at z = 3.
+#: Largest cost: log(1 + z^2) at z = 3.
 _MOST = 2.3
-#: Misfit (sum of squares over B^2) that has no cost to speak of: JPEG, weak finest bits; least, most.
+#: Misfit (sum of squares over B^2) of negligible cost: JPEG, weak finest bits; least, most.
 _MISFIT = (0.2, 1.0)
-#: Bend of the place that has no cost to speak of, cells.
+#: Second difference of the place with negligible cost, cells.
 _BEND = 1.5
-#: Share of that which comes of whole cells, one on a smooth map.
+#: Share of it by rounding to cells: one cell on a smooth map.
 _STEP = 1 / _BEND
 #: Cost of an axis above which a pixel is odd.
 _ODD = 1.0
-#: Misfit of a strange pixel, in units of one that has no cost to speak of.
+#: Misfit of a strange pixel, in units of the negligible one.
 _STRANGE = 4.0
-#: Difference of the places of neighbours, in units of the usual one, that is a jump.
+#: Difference of the places of neighbours that is a jump, in units of the median.
 _JUMP = 4.0
-#: Share of strange pixels that are no edges; the nearest ones of each, and how many of these are strange,
-#: too, where they are one part of the picture.
+#: Share of strange pixels beyond edges of a scene; their nearest neighbours, and the share of strange ones
+#: among these if they form one part of the picture.
 _PART, _NEAREST, _GATHERED = 0.05, 4, 0.5
 #: Contrast over the median below which a pixel is dim.
 _DIM = 0.5
-#: Cost by which a pixel is mended, or broken.
+#: Change of cost by which a pixel is repaired, or broken.
 _MENDED = 0.7
-#: Difference of two frames that show the same, share of the contrast; share of the pixels where they do.
+#: Largest difference of equal frames, share of the contrast; share of the pixels where they are equal.
 _SAME, _MOSTLY = 0.35, 0.95
-#: Probability by chance, of all faults tried, above which nothing is named.
+#: False-alarm probability over all tried faults, above which none is named.
 _CHANCE = 0.01
-#: Share of the pixels around which a frame changes, or where it is bright or dark, from which on it is like
-#: no other.
+#: Share of the pixels around which a frame varies by its contrast, beyond which it resembles no other frame.
 _STRUCTURED = 0.25
-#: Faults after which all frames are in wrong places, and the share of the pixels that chance may mend
-#: where most are.
+#: Faults that displace all later frames, and the share of the pixels that such a fault repairs by chance.
 _SHIFTED, _ALL_LATER = ("lost", "repeated"), 0.075
 #: Frames up to which any two may be swapped; of more (sweeps) only those next to each other.
 _ALL_PAIRS = 64
-#: What is said of a capture that no other description explains.
+#: Sentence for a capture that no other description explains.
 _NOT_THOSE = "codes contradict each other nearly everywhere: frames are not those described"
-#: Share of the pixels that contradict themselves from which on nothing is believed; from which on other
-#: descriptions are tried, and what one that explains them leaves of it at most.
+#: Share of contradicting pixels beyond which a capture is rejected; beyond which other descriptions are
+#: tried; and the remaining part of it under a description that explains them.
 _MOST_OF, _SOME, _EXPLAINED = 0.5, 0.25, 0.5
-#: Share of the odd pixels that two frames mend which are put back in each other's place.
+#: Share of the odd pixels that a swap must repair to exchange both frames.
 _PUT_BACK = 0.8
-#: Share of odd pixels that edges of depth make in a scene (tests' drawn scenes: 0.08).
+#: Share of odd pixels by depth edges of a scene (tests' drawn scenes: 0.08).
 _EDGES = 0.08
-#: Fewest pixels that are mended; share of the best margin from which on a fault may be it, too.
+#: Fewest repaired pixels; share of the best margin beyond which faults tie.
 _LEAST, _TIED = 8, 0.9
 
 
 @dataclass(frozen=True, slots=True)
 class Integrity:
-    """findings: none, if nothing is wrong that the code can tell; constraints: how many it obeys."""
+    """findings: empty if the code's redundancy reveals no fault; constraints: their number."""
 
     findings: tuple[Finding, ...]
     constraints: int
 
 
 def check(frames: ArrayLike, sequence: Sequence) -> Integrity:
-    """Look for a frame that is not what the sequence describes.
+    """Test whether frames match the sequence.
 
-    frames (N, H, W), frame i as sequence.frames[i] describes it. Some 2000 pixels are looked at.
+    frames (N, H, W), frame i as sequence.frames[i] describes it. The test uses some 2000 pixels.
     """
     stack = np.asarray(frames)
     if stack.ndim != 3 or len(stack) != len(sequence):
         raise InputError(f"check: frames have shape {stack.shape}, sequence describes {len(sequence)} images")
     if any(frame.kind == "stripe" and frame.axis == "uv" for frame in sequence.frames):
-        return Integrity((), 0)  # of spots, nothing is told
+        return Integrity((), 0)  # spots are not tested
     light = light_of(stack, sequence)
     findings: list[Finding] = []
     count = 0
@@ -129,9 +127,9 @@ def _numbered(finding: Finding, names: Ints) -> Finding:
 def examine(
     light: Light, plan: Plan, noise: Noise, lit: Sample, names: Ints | None = None
 ) -> tuple[Finding, ...]:
-    """The fault that explains what single pixels and their neighbours say; none, if there is none.
+    """The fault that explains residuals of single pixels and jumps between neighbours; empty: none.
 
-    lit: pixels that see the pattern; names (N,): what sentences call the frames, default: their numbers.
+    lit: illuminated pixels; names (N,): numbers of the frames in sentences, default: their indices.
     """
     told = resolved(plan, lit, noise)
     if not axis_tables(told):
@@ -147,7 +145,7 @@ def examine(
 
 
 def resolved(plan: Plan, lit: Sample, noise: Noise) -> Plan:
-    """Without the finest bits that the camera does not resolve: they tell nothing of frames."""
+    """The plan without the finest bits that the camera does not resolve: they do not test frames."""
     lost = tuple(_unresolved(axis, plan, lit, noise) for axis in plan.axes)
     return _without_bits(plan, lost) if any(lost) else plan
 
@@ -160,7 +158,7 @@ def _unresolved(axis: AxisPlan, plan: Plan, lit: Sample, noise: Noise) -> int:
 
 @lru_cache(maxsize=8)
 def _without_bits(plan: Plan, lost: tuple[int, ...]) -> Plan:
-    """Of each axis so many of the finest ones."""
+    """Remove so many of the finest bits of each axis."""
     axes = zip(plan.axes, lost, strict=True)
     less = (axis if axis.code is None else replace(axis, code=coarser(axis.code, n)) for axis, n in axes)
     return replace(plan, axes=tuple(less))
@@ -168,7 +166,7 @@ def _without_bits(plan: Plan, lost: tuple[int, ...]) -> Plan:
 
 @lru_cache(maxsize=4)
 def _chosen(count: int) -> Ints:
-    """Some of `count` pixels: by chance, as every so many may be a fringe's period."""
+    """Random choice among `count` pixels: equidistant ones might match a fringe's period."""
     return np.sort(np.random.default_rng(0).permutation(count)[:_PIXELS])
 
 
@@ -178,12 +176,12 @@ def _apart(width: int) -> int:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Crosses:
-    """Pixels and their neighbours to the left, right, above and below.
+    """Pixels and their four neighbours: -x, +x, -y, +y.
 
-    levels (N, 5, T); at (2, T): rows and columns; contrast (T,): half of what a pixel's levels span; tables
-    of the axes, the misfit and bend of each without a cost to speak of, and the cost (axes, T) of images in
-    their own places; strange (T,): with a misfit of frames that are not those described, or of an edge inside
-    of the pixel; vertical: distance of neighbours, px.
+    levels (N, 5, T); at (2, T): rows and columns; contrast (T,): half of the span of a pixel's levels; tables
+    of the axes; scales: misfit and second difference of negligible cost; own (axes, T): cost of the described
+    order of images; strange (T,): whether the misfit indicates a wrong frame, or an edge inside the pixel;
+    vertical: distance of neighbours, px.
     """
 
     levels: F32
@@ -202,11 +200,11 @@ class _Crosses:
         return replace(self, levels=levels, at=at, contrast=contrast, own=own, strange=strange)
 
     def contradictions(self, plan: Plan, order: Ints) -> Contradictions:
-        """Where frame i is image order[i] (-1: none)."""
+        """Contradictions if frame i is image order[i] (-1: none)."""
         return contradictions(plan, self.levels, self.contrast, order)
 
     def cost(self, order: Ints) -> F32:
-        """Cost (T,) of all axes where frame i is image order[i] (-1: none)."""
+        """Cost (T,) of all axes if frame i is image order[i] (-1: none)."""
         moved = [not np.array_equal(order[table.frames], table.frames) for table in self.tables]
         every = zip(self.tables, self.scales, self.own, moved, strict=True)
         costs = [
@@ -229,7 +227,7 @@ def _crosses(light: Light, plan: Plan, lit: Sample) -> _Crosses | None:
     at = at[:, ((at >= 0) & (at < (height, width))).all(axis=(0, 2))]
     levels = sample_levels(light, at.reshape(-1, 2)).reshape(len(light.raw), 5, -1)
     contrast = np.ptp(levels[_used(plan)], axis=0) / 2
-    whole = (contrast > _ALIKE * contrast[0]).all(axis=0)  # not where a sample is NaN
+    whole = (contrast > _ALIKE * contrast[0]).all(axis=0)  # False where a sample is NaN
     if np.count_nonzero(whole) < _FEWEST:
         return None
     levels, tables = levels[:, :, whole], axis_tables(plan)
@@ -242,17 +240,17 @@ def _crosses(light: Light, plan: Plan, lit: Sample) -> _Crosses | None:
 
 
 def _scale(table: AxisTable, misfit: F32, bend: F32) -> tuple[float, float]:
-    """Misfit and bend that have no cost to speak of. Bits alone are weak at their finest anyway."""
+    """Misfit and second difference of negligible cost. Bits alone have weak finest bits anyway."""
     code = table.axis.code
-    if not (np.isfinite(misfit).any() and np.isfinite(bend).any()):  # no pixel sees the pattern
+    if not (np.isfinite(misfit).any() and np.isfinite(bend).any()):  # no illuminated pixel
         return 1.0, _BEND
     odd = 1.0 if code and not table.axis.fringes else float(np.clip(np.nanmedian(misfit), *_MISFIT))
     return odd, max(_BEND * max(code.cell if code else 1.0, 1.0), 3 * float(np.nanquantile(bend, 0.3)))
 
 
 def _measures(levels: F32, table: AxisTable, order: Ints) -> tuple[F32, F32]:
-    """Misfit (P, T) and bends (2, T) of an axis, whose frame f is image order[f] (-1: none). Where it has no
-    bits it is looked up from all frames at once, and no neighbour tells more."""
+    """Misfit (P, T) and second differences (2, T) of an axis whose frame f is image order[f] (-1: none). An
+    axis without bits is looked up from all frames at once; its second differences are set to 0."""
     source = order[table.frames]
     free = int(table.frames[np.argmin(source)]) if source.min() < 0 else -1
     pixels = 5 if table.axis.code is not None else 1
@@ -262,13 +260,13 @@ def _measures(levels: F32, table: AxisTable, order: Ints) -> tuple[F32, F32]:
     misfit = misfits.min(axis=0).reshape(pixels, -1)
     if pixels == 1:
         return misfit, np.zeros((2, misfit.shape[1]), np.float32)
-    if table.axis.fringes:  # which tell what a bit must be
+    if table.axis.fringes:  # fringes determine an unknown bit
         place = np.take_along_axis(place, misfits.argmin(axis=0)[None], axis=0)
     return misfit, bends(place.reshape(len(place), 5, -1))
 
 
 def _cost(misfit: F32, bend: F32, odd: float, rough: float) -> F32:
-    """Cost (T,) of misfits (P, T) and bends (2, T)."""
+    """Cost (T,) of misfits (P, T) and second differences (2, T)."""
     beyond = np.maximum(bend / rough - _STEP, 0)
     both = (
         np.minimum(np.log1p(misfit / odd), _MOST).mean(axis=0),
@@ -279,8 +277,8 @@ def _cost(misfit: F32, bend: F32, odd: float, rough: float) -> F32:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Trial:
-    """A fault that was tried, and by how much it lowers the cost of pixels (T,); usual: how many are mended
-    where there is no such fault; tried: number of such faults."""
+    """A tried fault and its reduction of the cost of pixels (T,); usual: number of pixels repaired without
+    such a fault; tried: number of such faults."""
 
     finding: Finding
     gain: F32
@@ -314,7 +312,7 @@ def _single_fault(crosses: _Crosses, plan: Plan, rows: int, names: Ints) -> Find
     trials = []
     for finding, order in tried[:_SECOND]:
         known, usual = np.zeros_like(total), 0
-        if order.min() < 0 and not swept:  # what it is worth to know less is no gain of the fault
+        if order.min() < 0 and not swept:  # subtract the gain of merely dropping a frame
             known = max(known, gains[np.argmin(order)], gains[-1], key=np.sum)
             usual = int(_ALL_LATER * len(total))
         near = finding.kind != "swapped" or finding.frames[1] - finding.frames[0] == 1
@@ -347,7 +345,7 @@ def _order_of(finding: Finding, count: int) -> Ints:
 
 
 def _refused(crosses: _Crosses, plan: Plan) -> tuple[Finding, ...]:
-    """All of a capture most of whose pixels contradict themselves, or that another description explains."""
+    """Finding for all frames: most pixels contradict themselves, or another description explains them."""
     count = len(crosses.levels)
     found = crosses.contradictions(plan, np.arange(count))
     sentence = _stretched(crosses, plan)
@@ -366,8 +364,8 @@ def _refused(crosses: _Crosses, plan: Plan) -> tuple[Finding, ...]:
 
 
 def _rolled(crosses: _Crosses, rows: int) -> tuple[Finding, ...]:
-    """Rows from which on every frame shows the one before: places jump there, and do not where each frame is
-    looked for in the next image. Of axes that nothing else tells of: sweeps and fringes without bits."""
+    """Rolling shutter: from a row on every frame shows the one before. Places jump at that row, unless each
+    frame is taken from the next image. For axes without other tests: sweeps and fringes without bits."""
     count, best = len(crosses.levels), (0, 0)
     odd = float(np.any(crosses.own > _ODD, axis=0).mean())
     later = np.append(np.arange(1, count), -1)
@@ -395,7 +393,7 @@ def _rolled(crosses: _Crosses, rows: int) -> tuple[Finding, ...]:
 
 
 def _centre_and_vertical(crosses: _Crosses, table: AxisTable, order: Ints) -> F32:
-    """Places (3, T) of pixels and of their neighbours above and below, where frame i is image order[i]."""
+    """Places (3, T) of pixels and of their neighbours above and below, if frame i is image order[i]."""
     source = order[table.frames]
     free = int(table.frames[np.argmin(source)]) if source.min() < 0 else -1
     levels = crosses.levels[np.maximum(source, 0)][:, [0, 3, 4]] / table.exposure[:, None, None]
@@ -403,8 +401,8 @@ def _centre_and_vertical(crosses: _Crosses, table: AxisTable, order: Ints) -> F3
 
 
 def _in_part(crosses: _Crosses) -> tuple[Finding, ...]:
-    """A part of the picture that no single fault explains. Dim pixels do not count: stray light alone makes
-    their levels odd; nor do bits alone, which are judged pixel by pixel by black and white."""
+    """A part of the picture that no single fault explains. Dim pixels are excluded, as stray light alone
+    makes their levels odd; so are axes of bits alone, which black and white test pixel by pixel."""
     if not any(table.axis.fringes for table in crosses.tables):
         return ()
     bright = crosses.only(crosses.contrast > _DIM * np.median(crosses.contrast))
@@ -412,7 +410,7 @@ def _in_part(crosses: _Crosses) -> tuple[Finding, ...]:
     if not _PART <= share < _MOST_OF:
         return ()
     near = cKDTree(bright.at.T).query(bright.at[:, bright.strange].T, _NEAREST + 1)[1][:, 1:]
-    if bright.strange[near].mean() < _GATHERED:  # blurred bits and edges are all over it
+    if bright.strange[near].mean() < _GATHERED:  # blurred bits and edges are all over the picture
         return ()
     row, col = np.median(bright.at[:, bright.strange], axis=1).astype(int)
     where = f"in part of the picture, around row {row} and column {col}"
@@ -420,7 +418,7 @@ def _in_part(crosses: _Crosses) -> tuple[Finding, ...]:
 
 
 def _stretched(crosses: _Crosses, plan: Plan) -> str:
-    """A sentence, if black is as bright as white."""
+    """A sentence if black is as bright as white."""
     if min(plan.white, plan.black) < 0:
         return ""
     apart = crosses.levels[plan.white, 0] - crosses.levels[plan.black, 0]
@@ -429,12 +427,12 @@ def _stretched(crosses: _Crosses, plan: Plan) -> str:
 
 
 def _explains(trial: _Trial, odd: Mask) -> bool:
-    """Whether a fault mends more pixels than half of the odd ones beyond those at edges of a scene."""
+    """Whether a fault repairs more than half of the odd pixels beyond those at edges of a scene."""
     return bool(trial.mended - trial.broken > 0.5 * (np.count_nonzero(odd) - _EDGES * len(odd)))
 
 
 def _together(findings: list[Finding], best: Finding) -> Finding:
-    """Faults of a kind that explain alike: what they agree on of the frames' images."""
+    """Merge tied faults of one kind: images on which they agree."""
     images = np.array([one.images for one in findings])
     agreed = np.where((images == images[0]).all(axis=0), images[0], -1) if images.size else images
     return replace(
@@ -453,7 +451,8 @@ def _without(count: int, frame: int) -> Ints:
 
 
 def _chance(trial: _Trial) -> float:
-    """Probability that as many more pixels are mended than broken (or mended without any fault) by chance."""
+    """Probability that the excess of repaired pixels over broken ones (or over those repaired without a
+    fault) is chance."""
     lost = max(trial.broken, trial.usual)
     if trial.mended < _LEAST or trial.mended < 2 * lost or trial.margin <= 0:
         return 1.0
@@ -461,13 +460,13 @@ def _chance(trial: _Trial) -> float:
 
 
 def _used(plan: Plan) -> list[int]:
-    """Numbers of the frames that a plan looks at, ascending."""
+    """Numbers of the frames in a plan's tables, ascending."""
     return sorted({i for table in axis_tables(plan) for i in table.frames.tolist()})
 
 
 def _faults(names: Ints, used: list[int]) -> Iterator[tuple[Finding, Ints]]:
-    """Every fault that leaves all images whole, and which image is which frame under it (-1: none); swaps are
-    of frames that are used."""
+    """Every fault that keeps images complete, and the image of each frame under it (-1: none); swaps are
+    limited to frames in use."""
     count = len(names)
     for k, i in enumerate(used):
         for j in used[k + 1 : None if len(used) <= _ALL_PAIRS else k + 3]:
@@ -490,15 +489,15 @@ def _faults(names: Ints, used: list[int]) -> Iterator[tuple[Finding, Ints]]:
 
 
 def _told(crosses: _Crosses, used: list[int]) -> Mask:
-    """Where frames (N, T) are bright or dark, no grey between."""
+    """Where frames (N, T) are clearly bright or dark."""
     centre = crosses.levels[:, 0]
     middle = centre[used].min(axis=0) + crosses.contrast
     return np.asarray(np.abs(centre - middle) > 0.5 * crosses.contrast)
 
 
 def _replacements(crosses: _Crosses, gains: F32, told: Mask, rows: int, names: Ints) -> Iterator[_Trial]:
-    """Frames that show another one instead, in all rows or beyond a tear; gains (N, T): without each; told
-    (N, T): where they are bright or dark, as greys of which a blur leaves nothing else are all alike."""
+    """Frames replaced by another one, in all rows or beyond a tear. gains (N, T): of dropping each frame;
+    told (N, T): where frames are clearly bright or dark, because blurred greys are all similar."""
     mended = np.count_nonzero(gains > _MENDED, axis=1)
     usual = int(np.median(np.maximum(mended - np.count_nonzero(gains < -_MENDED, axis=1), 0)))
     by_row, centre = np.argsort(crosses.at[0], kind="stable"), crosses.levels[:, 0]
@@ -524,7 +523,7 @@ def _replacements(crosses: _Crosses, gains: F32, told: Mask, rows: int, names: I
                     sentence = f"frame {names[i]} is torn: {torn}"
                     finding = Finding((i,), "torn", sentence, (i,), (first, last))
                 part = some[start:stop]
-                # no two frames with structure everywhere are the same in any scene
+                # two frames with structure everywhere are never equal in a real scene
                 chance = 0 if structured[j, part].mean() > _STRUCTURED else usual
                 ways = 4 if finding.rows else 1  # either side, and the row
                 gain = np.zeros_like(gains[i])
@@ -533,7 +532,7 @@ def _replacements(crosses: _Crosses, gains: F32, told: Mask, rows: int, names: I
 
 
 def _parts(same: Mask) -> Iterator[tuple[int, int]]:
-    """Ranges from the first or to the last of sorted pixels, in which two frames are the same."""
+    """Ranges of sorted pixels, from the first or to the last one, in which two frames are equal."""
     count = len(same)
     if same.mean() >= _MOSTLY:
         yield 0, count

@@ -1,8 +1,8 @@
-"""What some pixels say of the frames: places by which an axis explains them, and what stays unexplained.
+"""Per-pixel codeword fit of some pixels: places by each axis, and the residuals.
 
-A pixel that looks at place x shows A + B t_i(x) in frame i. Codes are read bit by bit, fringes beside them
-refine the place; any other axis is looked up in a table of t by correlation. The sum of squared residuals
-over B^2 is the misfit; how the place bends from a pixel to its neighbours is the roughness.
+A pixel at place x has the levels A + B t_i(x) in frames i. Codes are read bit by bit, and fringes refine
+their place; any other axis is looked up in a table of t by correlation. The misfit is the sum of squared
+residuals over B^2; the roughness is the second difference of places between a pixel and its neighbours.
 """
 
 from dataclasses import dataclass
@@ -19,17 +19,17 @@ __all__ = ["AxisTable", "ambiguous", "axis_tables", "bends", "bit_levels", "misf
 
 F32 = NDArray[np.float32]
 Ints = NDArray[np.int64]
-#: Table entries per finest period: a phase is off by a 32nd of a turn, 0.2 B, at most.
+#: Table entries per finest period: the phase error is a 32nd of a turn, 0.2 B, at most.
 _PER_PERIOD = 16
-#: Pixels that are looked up together: the scores of a block stay in cache.
+#: Pixels per block of a look-up: their scores fit the cache.
 _BLOCK = 256
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AxisTable:
-    """What the frames (n,) of an axis, white and black with them, show at places (M,): shown (n, M), -1..1.
+    """Codewords of the frames (n,) of an axis with white and black, at places (M,): shown (n, M), -1..1.
 
-    exposure (n,): by which levels are divided.
+    exposure (n,): divisor of the levels.
     """
 
     axis: AxisPlan
@@ -53,7 +53,7 @@ class AxisTable:
 
 @lru_cache(maxsize=8)
 def axis_tables(plan: Plan) -> tuple[AxisTable, ...]:
-    """Tables of the axes whose levels are known from the plan: all but free ones."""
+    """Tables of the axes whose levels follow from the plan: all but free levels."""
     return tuple(_axis_table(plan, axis) for axis in plan.axes if not axis.levels)
 
 
@@ -71,9 +71,9 @@ def _axis_table(plan: Plan, axis: AxisPlan) -> AxisTable:
 
 
 def places(table: AxisTable, levels: F32, free: int = -1) -> F32:
-    """Places (A, K) that levels (n, K) may mean, pattern pixels: A = 2 where a bit is not known.
+    """Candidate places (A, K) of levels (n, K), pattern pixels: A = 2 if a bit is unknown.
 
-    free: number of a frame that says nothing (-1: all do).
+    free: number of a frame to ignore (-1: none).
     """
     code, fringes = table.axis.code, table.axis.fringes
     if code is None:
@@ -92,8 +92,8 @@ def places(table: AxisTable, levels: F32, free: int = -1) -> F32:
 
 
 def bit_levels(table: AxisTable, levels: F32, free: int = -1) -> tuple[F32, F32]:
-    """What bits (bits, K) are read by, above 0 where they are 1, of levels (n, K), and how much that is at
-    half of what levels span (bits,): twice as much beside an inverse."""
+    """Signed differences (bits, K) of levels (n, K), above 0 where a bit is 1, and their scale (bits,): value
+    at half of the levels' span, twice as large with an inverse."""
     code = table.axis.code
     assert code is not None
     both = (np.minimum(code.plain, code.inverse) >= 0) + np.float32(1)
@@ -101,7 +101,7 @@ def bit_levels(table: AxisTable, levels: F32, free: int = -1) -> tuple[F32, F32]
 
 
 def ambiguous(table: AxisTable, free: int) -> bool:
-    """Whether a frame that says nothing leaves a bit unknown."""
+    """Whether a bit is unknown without a frame."""
     return table.axis.code is not None and _reader(table, free)[1] > 0
 
 
@@ -116,11 +116,11 @@ def turns(table: AxisTable, fringe: Fringe, levels: F32, free: int = -1) -> NDAr
 
 @lru_cache(maxsize=256)
 def _reader(table: AxisTable, free: int) -> tuple[F32, int]:
-    """Weights (bits, n) whose product with levels is above 0 where a bit is 1; mask of one that is lost."""
+    """Weights (bits, n) whose product with levels is above 0 where a bit is 1; mask of unknown bits."""
     code, known = table.axis.code, [int(i) for i in table.frames if i != free]
     assert code is not None
     both = [int(table.frames[k]) for k in table.references if k >= 0]
-    # the mean level: that of white and black, else of all, in which pairs of bits cancel
+    # the mean level: that of white and black, else of all frames, in which pairs of bits cancel
     mean = np.isin(table.frames, both if both and free not in both else known).astype(np.float32)
     mean /= mean.sum()
     weights, unknown = np.zeros((len(code.plain), len(table.frames)), np.float32), 0
@@ -135,7 +135,7 @@ def _reader(table: AxisTable, free: int) -> tuple[F32, int]:
 
 @lru_cache(maxsize=256)
 def _phase_reader(table: AxisTable, fringe: Fringe, free: int) -> F32 | None:
-    """Weights (2, n) of cosine and sine; None: too few frames are left."""
+    """Weights (2, n) of cosine and sine; None: too few frames."""
     kept = [m for m, i in enumerate(fringe.index) if i != free]
     less = Fringe(
         tuple(fringe.index[m] for m in kept), fringe.period, fringe.shifts[kept], np.ones(len(kept))
@@ -161,7 +161,7 @@ def _looked_up(table: AxisTable, levels: F32, free: int) -> F32:
 
 @lru_cache(maxsize=64)
 def _centred(table: AxisTable, free: int) -> tuple[Ints, F32, F32]:
-    """Slots of the frames that say something, their table without mean, of unit length, and that length."""
+    """Slots of the frames in use, their table without mean at unit length, and that length."""
     kept = np.flatnonzero(table.frames != free)
     shown = table.shown[kept] - table.shown[kept].mean(axis=0)
     length = np.maximum(np.linalg.norm(shown, axis=0), 1e-3).astype(np.float32)
@@ -170,7 +170,7 @@ def _centred(table: AxisTable, free: int) -> tuple[Ints, F32, F32]:
 
 @lru_cache(maxsize=64)
 def _in_part(table: AxisTable, free: int) -> NDArray[np.bool_]:
-    """Slots and entries (n, M) of bits that flip within a cell: pixels see them in part."""
+    """Slots and entries (n, M) of bits that flip within a cell: pixels may read a mixture."""
     code = table.axis.code
     bits: Any = () if code is None else np.concatenate([code.plain, code.inverse])
     at = table.place(np.arange(table.shown.shape[1]))
@@ -180,7 +180,7 @@ def _in_part(table: AxisTable, free: int) -> NDArray[np.bool_]:
 
 
 def misfit_at(table: AxisTable, levels: F32, place: Any, free: int = -1) -> F32:
-    """Sum of squared residuals over B^2 (K,) of levels (n, K) at places (K,), without bits seen in part."""
+    """Sum of squared residuals over B^2 (K,) of levels (n, K) at places (K,), without bits at an edge."""
     kept, shown, length = _centred(table, free)
     at = table.entry(place)
     own = levels[kept]
@@ -192,8 +192,8 @@ def misfit_at(table: AxisTable, levels: F32, place: Any, free: int = -1) -> F32:
 
 
 def bends(place: F32) -> F32:
-    """Second differences (2, T) of places (A, 5, T) of a pixel and its neighbours to the left, right, above
-    and below, of those of the A answers that bend least."""
+    """Second differences (2, T), rows and columns, of places (A, 5, T) of a pixel and its neighbours (-x, +x,
+    -y, +y): the least magnitude over the A candidates."""
     centre, others = place[:, 0], place[:, 1:]
     least = np.full((2, place.shape[2]), np.inf, np.float32)
     for one, middle, two in product(range(len(place)), repeat=3):

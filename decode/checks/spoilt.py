@@ -1,4 +1,4 @@
-"""What a wrong frame costs: which frames a code can do without, which pixels it could have spoilt."""
+"""Consequences of a wrong frame: frames that a code can omit, pixels that a wrong frame may affect."""
 
 from dataclasses import dataclass
 
@@ -15,26 +15,26 @@ from .sample_fit import AxisTable, axis_tables, misfit_at
 __all__ = ["Finding", "left_out", "spoilt_pixels"]
 
 Mask = NDArray[np.bool_]
-#: Steps of a fringe that are left when one is dropped: three make a phase, four tell whether it is right.
+#: Fewest steps of a fringe after one is dropped: three give a phase, four test it.
 _STEPS = 4
-#: What flags pixels that contradict themselves, or their neighbours.
+#: Flags of pixels that contradict themselves, or their neighbours.
 _DOUBTFUL = Flag.ORDER_DOUBTFUL | Flag.OUTLIER | Flag.MOVED
-#: Misfit of a strange pixel (see integrity), in units of the usual one, and of at least so much; side of the
-#: square in which doubtful pixels outvote one, and how many of them do, over good ones.
+#: Misfit of a strange pixel (see integrity), in units of the median, and its least value; side of the square
+#: in which doubtful pixels outvote a good one, and their least ratio to good ones.
 _STRANGE, _MISFIT, _AROUND, _OUTVOTED = 4.0, 0.2, 9, 1.0
-#: Deviations, and share of the amplitude, by which a frame may differ from what it should show.
+#: Deviations, and share of the amplitude, by which a level may differ from its prediction.
 _SIGMAS, _UNLIKE = 4.0, 0.2
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """A fault: numbers of the frames, what kind, and a sentence; `spoilt` frames are not those described, in
-    rows start..stop (None: all).
+    """A fault: numbers of the frames, kind, and a sentence; `spoilt` frames are wrong in rows start..stop
+    (None: all).
 
-    kind: swapped | lost | repeated | replaced (by another frame) | torn | contradicting (most pixels do) |
-    in part (some pixels) | rolling (every frame, from a row on).
-    confidence: probability that it is no chance; share: of the lit pixels that it mends; leave_out: frames
-    without which the others still decode; images: that show each frame (-1: none does; empty: its own).
+    kind: swapped | lost | repeated | replaced (by another frame) | torn | contradicting (most pixels do) | in
+    part (some pixels) | rolling (every frame, from a row on).
+    confidence: 1 - probability of chance; share: of the illuminated pixels that it repairs; leave_out: frames
+    to omit in decoding; images: image of each frame (-1: none; empty: unchanged).
     """
 
     frames: tuple[int, ...]
@@ -49,12 +49,12 @@ class Finding:
 
     @property
     def put_back(self) -> bool:
-        """Whether two swapped frames, without which nothing decodes, are decoded in their right places."""
+        """Whether two swapped frames, which the code cannot omit, are exchanged before decoding."""
         return self.kind == "swapped" and not self.leave_out and min(self.images, default=-1) >= 0
 
     @property
     def cure(self) -> str:
-        """What to do about it."""
+        """Remedy."""
         put_back = "put back; " if self.put_back else ""
         left = "decoded without; " if self.leave_out else put_back
         again = "capture again, or describe the frames as they were shown (--no-check: decode as described)"
@@ -62,8 +62,7 @@ class Finding:
 
 
 def left_out(finding: Finding, plan: Plan) -> tuple[int, ...]:
-    """Frames without which the others still decode, those whose image is not known among them; empty: there
-    are none."""
+    """Frames to omit in decoding, including those with unknown images; empty: impossible, or none."""
     if finding.kind in ("contradicting", "rolling"):
         return ()
     lost = {i for i, image in enumerate(finding.images) if image < 0}
@@ -75,14 +74,14 @@ def left_out(finding: Finding, plan: Plan) -> tuple[int, ...]:
 
 
 def _droppable(axis: AxisPlan, wrong: set[int], ends: set[int]) -> set[int] | None:
-    """Frames of an axis to drop: bits whose other polarity is right beside white and black, steps of five or
-    more, whole periods; None: it does not decode without the wrong ones."""
+    """Frames of an axis to drop: bits with a valid inverse and white and black, steps of five or more,
+    complete periods; None: the axis needs the wrong frames."""
     out, own = set[int](), wrong & set(axis.frames())
     code = axis.code
     pairs = [] if code is None else list(zip(code.plain.tolist(), code.inverse.tolist(), strict=True))
     paired = all(min(pair) >= 0 and not wrong & set(pair) for pair in pairs)
     if not paired and wrong & ends:
-        return None  # bits that are read against white and black
+        return None  # bits need white and black as references
     for pair in pairs:
         bad = wrong & set(pair)
         if bad and (len(bad) > 1 or min(*pair, *ends) < 0):
@@ -100,11 +99,11 @@ def _droppable(axis: AxisPlan, wrong: set[int], ends: set[int]) -> set[int] | No
 
 
 def spoilt_pixels(finding: Finding, light: Light, plan: Plan, noise: Noise, found: Correspondence) -> Mask:
-    """Pixels (H, W) that the wrong frames could have spoilt.
+    """Pixels (H, W) that wrong frames may affect.
 
-    Where a spoilt frame does not show what it should at the place that was found; where any of the frames
-    differ that may have been swapped; all that saw a frame whose bit no other frame confirms, or that come
-    after a lost one.
+    These are: pixels where the level of a wrong frame differs from the prediction at the decoded place;
+    pixels where swapped frames differ; all pixels, if a wrong bit has no valid inverse, or later frames are
+    displaced.
     """
     shape = light.raw.shape[1:]
     rows = slice(*finding.rows) if finding.rows else slice(None)
@@ -126,8 +125,8 @@ def spoilt_pixels(finding: Finding, light: Light, plan: Plan, noise: Noise, foun
 
 
 def _strange(light: Light, plan: Plan, found: Correspondence) -> Mask:
-    """Good pixels (H, W) whose levels are not those of their place, and those among doubtful ones, which by
-    chance agree."""
+    """Good pixels (H, W) whose levels contradict their place, and good ones amid doubtful ones, which agree
+    by chance."""
     at = np.nonzero(found.flags == 0)
     strange = np.zeros(found.flags.shape, np.bool_)
     if not at[0].size:
@@ -145,7 +144,7 @@ def _strange(light: Light, plan: Plan, found: Correspondence) -> Mask:
 def _contradicted(
     frame: int, finding: Finding, light: Light, table: AxisTable, noise: Noise, found: Correspondence
 ) -> Mask:
-    """Where a frame could have led to a wrong place along an axis (H, W)."""
+    """Pixels (H, W) whose place along an axis a wrong frame may have changed."""
     level = light.linear(light.raw[frame])
     code = table.axis.code
     if code is not None and frame in (*code.plain, *code.inverse):

@@ -1,13 +1,13 @@
-"""What pixels see of every bit of a code: which bits are resolved, and the posterior of a pixel's words.
+"""Levels of a code's bits behind a blur: which bits are resolved, and the posterior of a pixel's words.
 
-A Gaussian blur (deviation s cells) leaves of the fine bits less than of the coarse ones. Between two centres
-of cells levels are interpolated. The blur is the one that explains the bits of pixels that see the pattern
-best; what it does not explain (light that comes by way of the scene, other blurs) is a misfit of the levels.
+A Gaussian blur (deviation s cells) attenuates fine bits more than coarse ones. Levels are interpolated
+between the centres of two cells. The blur is the one that fits the bits of illuminated pixels best; the
+residual (light by way of the scene, other blurs) is a misfit of the levels.
 
-A pixel of more than a period of a bit's stripes may read them reversed, however little noise there is. Where
-a coarser bit changes, a finer one is known: there its sign is checked (see `unresolved_bits`). Bits that fail
-are left out of the code. Of a word's other bits each is wrong with a probability of its own, by its distance
-from the threshold over noise and misfit; that is the posterior over words (see `posterior`).
+A pixel of more than a period of a bit's stripes may read them reversed, even without noise. Where a coarser
+bit changes, a finer one is known: its sign is checked there (see `unresolved_bits`). Bits that fail are
+removed from the code. Each remaining bit of a word has an independent error probability, from its distance to
+the threshold over noise and misfit; these give the posterior over words (see `posterior`).
 """
 
 from dataclasses import replace
@@ -45,59 +45,59 @@ __all__ = [
 ]
 
 F32 = NDArray[np.float32]
-#: Bits that are compared in one pass over a line.
+#: Bits per pass over a line.
 GROUP = 4
-#: Blurs that are tried, cells: a Gray code's finest bit keeps 3 % of its contrast behind the last one.
+#: Trial blurs, cells: the last one reduces the contrast of a Gray code's finest bit to 3 %.
 _BLURS = np.arange(0.0, 1.8, 0.2)
-#: Cells by which turned bits lead beside a place; those that lead further are weak ones.
+#: Largest displacement, cells, by wrong bits next to an edge; larger ones come from weak bits.
 _BESIDE = 2
-#: Places in a cell.
+#: Places per cell.
 _PARTS = 8
-#: Contrast from which on a bit is resolved for sure; below the second one it is not where no edges tell.
+#: Contrast from which on a bit is resolved; contrast below which it is not, if too few edges test it.
 _SURE, _NONE = 0.5, 0.1
-#: Part of the contrast below which a level is neither black nor white: behind a pixel of four cells a bit has
+#: Share of the contrast below which a level is neither black nor white: in a pixel of four cells a bit has
 #: half of it in the cell next to its edge.
 _DULL = 0.35
-#: Contrast, of its own, below which a bit is at an edge; share of wrong signs there that noise may cause.
+#: Contrast, relative to the bit's maximum, below which a bit is at an edge; share of wrong signs by noise.
 _EDGE, _WRONG = 0.2, 0.01
-#: Pixels that tell a blur; fewer tell none; that tell a contrast to 1 %.
+#: Fewest pixels for a blur; pixels for a contrast to 1 %.
 _FEWEST, _ENOUGH = 64, 1024
-#: Deviations within which a bit is weak: noise turns others once in 3.5e6.
+#: Deviations within which a bit is weak: noise turns a stronger one once in 3.5e6.
 WEAK = 5.0
-#: Weak bits of which all combinations are tried; with more a pixel tells nothing.
+#: Weak bits in all combinations; a pixel with more is not decoded.
 _MOST_WEAK = 5
 #: Level from which on a bit is as bright as a white that saturates.
 _FULL = 0.999
-#: Cells on both sides of a pixel's word over which its posterior is kept; a chance that counts as none; times
-#: that the cell of one pixel is doubled at most; deviation of an answer, cells, from which on it is none.
+#: Cells on both sides of a pixel's word for its posterior; negligible probability; largest number of
+#: doublings of a pixel's cell; largest deviation of a result, cells.
 _WINDOW, _TINY, _DOUBLED, _WIDEST = 32, 1e-6, 3, 4.0
 
 
 class CodePlan(NamedTuple):
-    """A code as the kernels need it.
+    """A code in the form for kernels.
 
-    frames (B, 2)   of each bit, least significant first, and its inverse, twice the same one where there is
-                    none; filled up to whole groups by bits that are sure
-    share (B, 5)    in a difference: of a bit, its inverse, the mean level, and 1; 1 for a pair
-    value, scale (B,)  of bits, and one over the deviation that noise of 1 makes of their difference
-    counts (B,)     1 where a difference counts as large: that of pairs where these tell the amplitude, else
-                    of the others, which must not pass it
+    frames (B, 2)   of each bit, least significant first, and its inverse, the same frame twice without an
+                    inverse; filled up to complete groups by bits that never count as weak
+    share (B, 5)    weights in a difference: of a bit, its inverse, the mean level, and 1; 1 for a pair
+    value, scale (B,)  of bits, and one over the deviation of their difference for noise of 1
+    counts (B,)     1 if a difference enters the largest one: of pairs where these give the amplitude, else
+                    of the others, which must not exceed it
     factor (bits,)  variance of a bit's difference over that of a sample
-    ends            white, black; -1: not shown
-    cells           word -> cell; linear: whether a cell is the exclusive or of those of its word's bits, as
-                    in all codes but long-run-gray: then these are the value of a bit, which is 1 << b else
-    levels          (cells, bits) what a cell shows of a bit, -1..1; misfit2: variance of a bit's level beyond
-                    noise, of those that are compared with white and black, or where others are not resolved
-    together        whether several bits change from a cell to the next
-    hidden          variance of the cell that is read behind the blur, beyond that of a place within it
-    nested          whether the upper bits of a word tell a cell of twice, four times, ... the width
-    by_fringe       whether bits are compared with the mean of a fringe; above: by so much of its amplitude
-                    more, as the middle of their levels is
-    contrast (bits,)  level over the amplitude that a bit has where it has most
+    ends            white, black; -1: none
+    cells           word -> cell; linear: whether a cell is the exclusive or of the cells of its word's bits,
+                    as in all codes but long-run-gray: then these are the value of a bit, which is 1 << b else
+    levels          (cells, bits) of a bit in a cell, -1..1; misfit2: variance of a bit's level beyond noise,
+                    of bits that are compared with white and black, or next to unresolved bits
+    together        whether several bits change between adjacent cells
+    hidden          variance of the cell behind the blur, beyond that of a place within it
+    nested          whether the upper bits of a word give a cell of twice, four times, ... the width
+    by_fringe       whether bits are compared with the mean of a fringe; above: offset of this threshold over
+                    the fringe's amplitude, to the middle of the bits' levels
+    contrast (bits,)  largest level of a bit over the amplitude
     dull            level over the amplitude below which a bit is neither black nor white, unless at its edge;
                     0 of codes that change several bits together
     cell, first     width of a cell and coordinate of the centre of cell 0, pattern pixels
-    freedom         degrees of freedom of chi2; the numbers before it are float32, as the loops are
+    freedom         degrees of freedom of chi2; the numbers before it are float32, as in the kernels
     """
 
     frames: NDArray[np.int64]
@@ -144,7 +144,7 @@ def bit_values(cells: NDArray[np.int32]) -> tuple[NDArray[np.int32], bool]:
 
 
 def bit_contrast(level: F32) -> F32:
-    """Level (bits,) that nine of ten pixels stay below; level (bits, K): see fitted_levels."""
+    """90 % quantile of the levels (bits,); level (bits, K): see fitted_levels."""
     if not level.size:
         return np.ones(len(level), np.float32)
     some = level[:, :: max(1, level.shape[1] // _ENOUGH)]
@@ -161,13 +161,13 @@ def coarser(code: Code, bits: int) -> Code:
 
 
 def nested(code: Code) -> bool:
-    """Whether the upper bits of a word tell a cell of twice, four times, ... the width."""
+    """Whether the upper bits of a word give a cell of twice, four times, ... the width."""
     return code.kind in ("gray", "binary")
 
 
 def unresolved_bits(code: Code, level: F32, variance: F32, factor: F32) -> tuple[int, float]:
-    """How many of the finest bits the camera does not resolve, and the variance of the next one's level
-    beyond noise, where some are not.
+    """Number of finest bits that the camera does not resolve, and if there are any, the variance of the next
+    bit's level beyond noise.
 
     level (bits, K), variance (K,), factor (bits,): see fitted_levels.
     """
@@ -175,7 +175,7 @@ def unresolved_bits(code: Code, level: F32, variance: F32, factor: F32) -> tuple
     contrast = bit_contrast(level)
     count = 0
     for b in range(bits - 2 if nested(code) else 0):
-        if contrast[b] >= _SURE:  # so are coarser ones, unless their frames are not theirs
+        if contrast[b] >= _SURE:  # coarser bits are resolved, too, unless frames are wrong
             break
         if not _right_at_edges(code, level, contrast, b):
             count = b + 1
@@ -190,9 +190,9 @@ def unresolved_bits(code: Code, level: F32, variance: F32, factor: F32) -> tuple
 
 def dull_level(code: Code, level: F32) -> float:
     """Level over the amplitude below which bits of a code that changes one at a time are neither black nor
-    white, unless at an edge of theirs: a part of the contrast of that which has least.
+    white, unless at an edge: a share of the least contrast.
 
-    The finest bit does not count, as every cell is at an edge of it. level (bits, K): see fitted_levels.
+    Every cell is at an edge of the finest bit, which is excluded. level (bits, K): see fitted_levels.
     """
     if code.together or len(level) < 2 or not level.size:
         return 0.0
@@ -200,7 +200,7 @@ def dull_level(code: Code, level: F32) -> float:
 
 
 def _right_at_edges(code: Code, level: F32, contrast: NDArray[Any], b: int) -> bool:
-    """Whether bit b has the sign that the code tells where a coarser one changes."""
+    """Whether bit b has the code's sign where a coarser one changes."""
     (seen,) = _at_edges(code, level, contrast, b)
     return contrast[b] > _NONE if len(seen) < _FEWEST else bool((seen <= 0).mean() < _WRONG)
 
@@ -208,9 +208,9 @@ def _right_at_edges(code: Code, level: F32, contrast: NDArray[Any], b: int) -> b
 def _at_edges(code: Code, level: F32, contrast: NDArray[Any], b: int) -> tuple[F32]:
     """Level of bit b, positive if the code's sign is right, where one coarser bit changes.
 
-    There a Gray code's bit is in the middle of a stripe of 0, but for that which follows the one that
-    changes. A binary code's bit falls where the highest bit that changes rises, and the reverse, so that
-    their signs are opposite on either side.
+    There a Gray code's bit is in the middle of a stripe of 0, except for the bit that follows the changing
+    one. A binary code's bit falls where the highest changing bit rises, and vice versa: their signs are
+    opposite on either side.
     """
     first = b + 2 if code.kind == "gray" else b + 1
     coarse = np.abs(level[first:]) / np.maximum(contrast[first:, None], 1e-6)
@@ -225,7 +225,7 @@ def _at_edges(code: Code, level: F32, contrast: NDArray[Any], b: int) -> tuple[F
 
 
 def fitted_levels(code: Code, margin: F32, variance: F32, factor: F32) -> tuple[int, float]:
-    """The blur that fits a code's bits best, and the variance that it leaves, by pixels that see the pattern.
+    """Index of the blur that fits a code's bits best, and the residual variance, from illuminated pixels.
 
     margin (bits, K) differences of bits over the amplitude, variance (K,) of a sample in the same unit,
     factor (bits,) of a difference over that of a sample.
@@ -237,7 +237,7 @@ def fitted_levels(code: Code, margin: F32, variance: F32, factor: F32) -> tuple[
     expected = float(np.median(variance)) * max(bits - 1, 1)
     seen, weight = np.ascontiguousarray(margin.T), 1 / factor
     misfit, place = np.empty((2, len(_BLURS), count), np.float32)
-    # a blur turns bits, so that a word leads beside its cell: found by one that is neither slight nor large
+    # a blur turns bits, and the word gives another cell: search around it with a medium blur
     _least_misfits(blurred(code, len(_BLURS) // 2), cell, seen, weight, _BESIDE, misfit[0], place[0])
     cell = place[0].copy()
     for blur, own in enumerate(misfit):
@@ -261,8 +261,8 @@ def blurred(code: Code, blur: int) -> F32:
 
 @lru_cache(maxsize=8 * len(_BLURS))
 def hidden_variance(code: Code, blur: int) -> float:
-    """Variance (cells^2) of a place in the cell that is read behind a blur, beyond that of any within a cell:
-    where several bits change together a narrow stripe between wide ones reads as one of these."""
+    """Variance (cells^2) of a place in the cell that is read behind a blur, beyond the variance within a
+    cell: where several bits change together, a narrow stripe between wide ones reads as one of these."""
     levels, parts = blurred(code, blur), len(code.cells) * _PARTS
     place = np.clip((np.arange(parts) + 0.5) / _PARTS - 0.5, 0, len(levels) - 1)
     low = np.minimum(place.astype(int), len(levels) - 2)
@@ -276,8 +276,8 @@ def hidden_variance(code: Code, blur: int) -> float:
 def _least_misfits(
     levels: Any, cell: Any, margin: Any, weight: Any, reach: Any, least: Any, place: Any
 ) -> None:
-    """Squared misfit (K,), weighted (bits,), of margins (K, bits) from the best mixture of two cells, up to
-    `reach` from a place (K,), and where that is; levels (cells, bits)."""
+    """Least squared misfit (K,), weighted (bits,), of margins (K, bits) from mixtures of two adjacent cells
+    within `reach` of a place (K,), and the place of the minimum; levels (cells, bits)."""
     for k in range(cell.size):
         least[k] = np.inf
         near = round(cell[k])
@@ -306,13 +306,11 @@ def turned(z: Any) -> Any:
 def posterior(
     margin: Any, code: Any, amplitude: Any, noise: Any, saturated: Any, alone: Any, read: Any
 ) -> Any:
-    """Posterior over the words that a pixel's weak bits allow: place, variance, probability of a place beyond
-    what these say.
+    """Posterior over the words that a pixel's weak bits allow: place, variance, probability of another place.
 
-    Each bit is wrong with a probability of its own. The answer are the cells side by side with the most
-    probable one; of a nested code these are doubled until no other is likely. margin (bits,): differences;
-    saturated: white is, so that the threshold may be higher; alone: see read_line; read: place and variance
-    as they are where nothing is told.
+    Bits are wrong independently. The result is the run of cells around the most probable one; of a nested
+    code cells are doubled until no other is likely. margin (bits,): differences; saturated: whether white
+    saturates, so that the threshold may be higher; alone: see read_line; read: decoded place and variance.
     """
     weak, wrong = np.empty(margin.size, np.int64), np.empty(margin.size, np.float32)
     sure, weakest, least = np.empty(margin.size, np.float32), 0, np.float32(1e9)
@@ -325,12 +323,12 @@ def posterior(
             z, full2 = np.sqrt(z2), np.square(code.contrast[b] * amplitude) * z2 / max(margin[b] ** 2, 1e-9)
             weak[count] = b
             wrong[count] = np.float32(0.5) if either else turned(z)
-            # of black and white, of half of its contrast at least, the nearer one: by their likelihoods
+            # of black and white, at half of the contrast at least, the nearer one: by their likelihood ratio
             sure[count] = less_likely(z * np.sqrt(full2)) if 16 * z2 > full2 and not either else wrong[count]
             weakest = count if z2 < least or either else weakest
             least = min(z2, least)
             count += 1
-    # one bit may be at an edge of its own, where any level is as likely
+    # one bit may be at its own edge, where all levels are equally likely
     for i in range(count):
         beside = abs(code.cells[word ^ np.int32(1 << weak[i])] - code.cells[word]) == 1
         wrong[i] = wrong[i] if beside and i == weakest else sure[i]
@@ -357,7 +355,7 @@ def posterior(
     scale = np.float32(1 << doubled)
     if variance * scale * scale > np.float32(_WIDEST**2):
         error = np.float32(1)
-    if not alone:  # beyond half of the code's own cell, and of an edge
+    if not alone:  # half widths beyond that of the code's cell, and of an edge
         variance += np.square((scale - 1) / (2 * scale))
         variance += np.float32(0.125) * (noise + code.misfit2 * power) / max(power, noise)
     wide = code.cell * scale
@@ -367,8 +365,8 @@ def posterior(
 
 @exact
 def _weakest(weak: Any, wrong: Any, first: Any, out: Any) -> Any:
-    """How many of the weak bits from a first one on are compared, the weakest of them, into `out` their
-    numbers; the chance that one of the others is wrong."""
+    """Number of weak bits to combine, from bit `first` on, with the largest error probabilities, and their
+    indices into `out`; probability that one of the others is wrong."""
     number, others = 0, np.float32(0)
     for i in range(weak.size):
         if weak[i] < first:
@@ -390,9 +388,9 @@ def _weakest(weak: Any, wrong: Any, first: Any, out: Any) -> Any:
 
 @exact
 def _connected(chance: Any, alone: Any) -> Any:
-    """Of chances of cells: place (cells), variance, and chance of those that are not side by side with the
-    most probable one. Variances reach any cell of some chance within five deviations; not alone: that one's
-    place, and what is beyond its neighbours."""
+    """From probabilities of cells: place (cells), variance, and probability outside the run of cells around
+    the most probable one. Each cell of the run above DOUBT is within five deviations. Not alone: the most
+    probable cell itself, and the variance beyond its neighbours."""
     best = np.argmax(chance)
     low, high = best, best
     while low > 0 and chance[low - 1] > np.float32(_TINY):
@@ -419,9 +417,9 @@ def _connected(chance: Any, alone: Any) -> Any:
 
 @exact
 def mixture(margin: Any, code: Any, amplitude: Any, noise: Any, alone: Any, read: Any) -> Any:
-    """Posterior over the mixtures of one cell and the next that the weak bits of a pixel allow, for codes
-    that change several bits together: place, variance, probability of another cell. read: place and variance
-    where nothing is told."""
+    """Posterior over the mixtures of two adjacent cells that the weak bits of a pixel allow, for codes that
+    change several bits together: place, variance, probability of another cell. read: place and variance if
+    there is no result."""
     factor, cells, levels = code.factor, code.cells, code.levels
     unlike2 = float(code.misfit2)
     weak = np.empty(_MOST_WEAK, np.int64)
@@ -437,7 +435,7 @@ def mixture(margin: Any, code: Any, amplitude: Any, noise: Any, alone: Any, read
     judged = noise / (amplitude * amplitude) + unlike2
     best, at, curve = np.inf, 0, 1.0
     weight, near, beside = 0.0, 0.0, 0.0
-    for turn in range(2):  # the best mixture, then the weight of all, of its cell and those beside it
+    for turn in range(2):  # the best mixture, then the weights of all, of its cell and adjacent ones
         for some in range(1 << count):
             this = word
             for i in range(count):
@@ -457,7 +455,7 @@ def mixture(margin: Any, code: Any, amplitude: Any, noise: Any, alone: Any, read
                         beside += likely if abs(here - at) == 1 else 0.0
     if weight == 0.0:
         return read[0], read[1], np.float32(1)
-    # the mixture's edge is known to the noise of its share, a cell to its width
+    # the mixture's edge has the variance of its share, a cell that of its width
     variance = min(noise / (amplitude * amplitude * curve), 0.25)
     variance += 1 / 12 + beside / weight if alone else 0.0
     place = code.first + code.cell * np.float32(at)
@@ -466,7 +464,8 @@ def mixture(margin: Any, code: Any, amplitude: Any, noise: Any, alone: Any, read
 
 @inlined
 def _near(c: Any, share: Any, deviation: Any, at: Any) -> Any:
-    """Chance that a place between cells c and c + 1, known to a deviation, lies in cell `at` or beside."""
+    """Probability that a place between cells c and c + 1, known to a deviation, is in cell `at` or next to
+    it."""
     if c == at or c == at - 1:
         return 1.0
     if c != at + 1 and c != at - 2:
@@ -477,8 +476,8 @@ def _near(c: Any, share: Any, deviation: Any, at: Any) -> Any:
 
 @exact
 def _mixture(margin: Any, factor: Any, amplitude: Any, one: Any, other: Any) -> tuple[Any, Any, Any]:
-    """Of the best mixture of two cells' levels: squared misfit over the factor and the squared amplitude, the
-    share of the other one, and its curvature; margins, factors, levels: (bits,)."""
+    """Best mixture of two cells' levels: squared misfit over the factor and the squared amplitude, share of
+    the second cell, curvature; margins, factors, levels: (bits,)."""
     top, bottom = 0.0, 1e-6
     for b in range(factor.size):
         step = other[b] - one[b]
@@ -488,7 +487,7 @@ def _mixture(margin: Any, factor: Any, amplitude: Any, one: Any, other: Any) -> 
     rss, common, singles = 0.0, 0.0, 0
     for b in range(factor.size):
         off = margin[b] / amplitude - one[b] - share * (other[b] - one[b])
-        if factor[b] > 1:  # a sample against the mean of white and black, whose noise all of these share
+        if factor[b] > 1:  # a sample against the mean of white and black, whose noise is common to these bits
             rss += off * off
             common += off
             singles += 1

@@ -1,17 +1,16 @@
 """Binary codes: bits -> word -> cell, with the probability of a wrong bit.
 
-A bit is the sign of the difference from its inverse, or from the mean of white and black, or, where these
-were not shown, of a fringe's samples; the chance that noise turned it is Q(z), z that difference over its
-deviation. Bits that the camera resolves nowhere are left out of the code, and its cells are wider. At the
-edge of a cell one bit of a Gray code is weak: read either way it leads to one of two cells side by side.
-Where two bits or more are weak every word that they allow is compared (bit_levels): the cells side by side
-with the most probable one are the answer, wider ones if need be, the rest is the probability of a wrong one.
-Codes that change several bits at once see a mixture of one cell and the next, b = A ((1 - f) s(c) +
-f s(c + 1)), f in 0..1, s the cells' levels behind the blur, and the posterior is over the cells c.
-
-Where white saturates, its level is known from below only. A bit and its inverse compare as ever, but their
-mean tells nothing; a single bit that is brighter than the mean of black and of what is read for white, and
-does not saturate, may be either.
+A bit is the sign of a difference: from its inverse, or from the mean of white and black, or, without these,
+of a fringe's samples. The probability of a bit error is Q(z), z the difference over its deviation. Bits that
+the camera resolves nowhere are removed from the code, which widens its cells. At the edge of a cell one bit
+of a Gray code is weak: either value gives one of two adjacent cells. With two or more weak bits all words
+that they allow are compared (bit_levels): the result is the run of cells around the most probable one, with
+wider cells if necessary; the remaining probability is the error. Codes that change several bits at once show
+a mixture of two adjacent cells, b = A ((1 - f) s(c) + f s(c + 1)), f in 0..1, s the cells' levels behind the
+blur, and the posterior is over the cells c.
+Where white saturates, only a lower bound of its level is known. A bit and its inverse compare as before, but
+their mean is not tested; a single bit that is brighter than the mean of black and clipped white, and does not
+saturate, may have either value.
 """
 
 from typing import Any, NamedTuple
@@ -56,20 +55,19 @@ __all__ = [
     "unresolved_count",
 ]
 
-#: Pixels that tell the blur at most: medians to 4 %; that tell which bits are resolved: of a twentieth at
-#: edges 1 % of wrong ones are four.
+#: Largest sample for the blur: medians to 4 %; and for resolved bits: with a twentieth of the pixels at
+#: edges, 1 % of wrong ones are four.
 _PIXELS, _AT_EDGES = 1024, 8192
-#: What a line keeps of the bits compared so far: the value of the weakest, how weak it and the next are, the
-#: largest difference that counts. It is passed on from group to group: compilers make slow conditional stores
-#: of a maximum in place.
+#: State of a line over the groups of bits: value of the weakest bit, its weakness and that of the next,
+#: largest difference that counts. Groups pass it on, as conditional stores in place are slow.
 _WEAKEST, _LEAST, _SECOND, _LARGEST, _KEPT = 0, 1, 2, 3, 4
 
 
 class _Room(NamedTuple):
-    """For a line: words (W,), of a linear code cells; what is kept of bits (2, _KEPT, W); what the means of
-    pairs are off the usual level, summed, and squared (2, W); squared deviations by which the weakest bit is
-    off its threshold (W,); differences of one pixel (bits,); marks of pixels of several weak bits, and where
-    they are (W,)."""
+    """Workspace for a line: words (W,), of a linear code cells; state of the bits (2, _KEPT, W); deviations
+    of pair means from the mean level, summed, and squared (2, W); squared distance of the weakest bit from
+    its threshold in deviations (W,); differences of one pixel (bits,); marks of pixels with several weak
+    bits, and their indices (W,)."""
 
     word: Any
     kept: Any
@@ -81,7 +79,7 @@ class _Room(NamedTuple):
 
 
 class Resolved(NamedTuple):
-    """A code as kernels need it, without the bits that are not resolved, and how many these are."""
+    """A code in the form for kernels, without unresolved bits, and the number of these."""
 
     plan: CodePlan
     unresolved: int
@@ -90,17 +88,17 @@ class Resolved(NamedTuple):
 def code_plan(
     code: Code, plan: Plan, noise: Noise, lit: Sample, whole: bool, fringe: Fringe | None
 ) -> Resolved:
-    """The numbers of a code: bits that are resolved and their blur by pixels that see the pattern.
+    """The parameters of a code: resolved bits and their blur, from illuminated pixels.
 
-    whole: keep all bits, for a look-up; fringe: whose mean is the threshold of bits where white and black, or
-    an inverse, were not shown, None: there is none.
+    whole: keep all bits, for a look-up; fringe: its mean is the threshold of bits without an inverse, if
+    there is no white and black; None: there is none.
     """
     bits, level, variance = _seen(code, plan, noise, lit, None if whole else fringe)
     unresolved, spread2 = (0, 0.0) if whole else unresolved_bits(code, level, variance, bits.factor)
     code, bits, level = coarser(code, unresolved), bits.only(unresolved), level[unresolved:]
     few = slice(None, None, max(1, level.shape[1] // _PIXELS))
     blur, misfit2 = fitted_levels(code, level[:, few], variance[few], bits.factor)
-    # what a blur hides of pairs is at edges, if one bit changes, or held by a nested code's coarser cells
+    # a blur's misfit of pairs is at edges, if one bit changes, or covered by a nested code's coarser cells
     hidden = code.together and not nested(code)
     misfit2 = max(spread2, misfit2 if hidden or not bits.pairs.all() else 0.0)
     value, linear = bit_values(code.cells)
@@ -133,14 +131,14 @@ def code_plan(
 
 
 def unresolved_count(code: Code, plan: Plan, noise: Noise, lit: Sample, fringe: Fringe | None) -> int:
-    """How many of the finest bits the camera does not resolve, see `code_plan`."""
+    """Number of the finest bits that the camera does not resolve, see `code_plan`."""
     bits, level, variance = _seen(code, plan, noise, lit, fringe)
     return unresolved_bits(code, level, variance, bits.factor)[0]
 
 
 class _Seen(NamedTuple):
-    """What pixels that see the pattern show of bits: level (bits, K) over the amplitude, variance (K,) of a
-    sample in that unit."""
+    """Bits of illuminated pixels: level (bits, K) over the amplitude, variance (K,) of a sample in that
+    unit."""
 
     bits: "_Bits"
     level: NDArray[np.float32]
@@ -155,9 +153,9 @@ def _seen(code: Code, plan: Plan, noise: Noise, lit: Sample, fringe: Fringe | No
 
 
 class _Bits(NamedTuple):
-    """Frames (bits, 2) of a code's bits and their inverses, -1: not shown; whether (bits,) both were;
-    variance (bits,) of a difference over that of a sample; white and black, -1: not shown; the fringe whose
-    mean is the threshold, and by how much of its amplitude that is higher."""
+    """Frames (bits, 2) of a code's bits and their inverses, -1: none; pairs (bits,): whether both exist;
+    variance (bits,) of a difference over that of a sample; white and black, -1: none; the fringe whose mean
+    is the threshold, and the threshold's offset over the amplitude."""
 
     frames: NDArray[np.int64]
     pairs: NDArray[np.bool_]
@@ -182,7 +180,7 @@ class _Bits(NamedTuple):
 
     @property
     def freedom(self) -> int:
-        """Degrees of freedom of what means of pairs and single bits contradict each other by."""
+        """Degrees of freedom of the test of pair means and single bits."""
         return max(int(self.pairs.sum()) - (0 if self.referenced else 1), 0) + int((~self.pairs).any())
 
     def only(self, first: int) -> "_Bits":
@@ -190,7 +188,7 @@ class _Bits(NamedTuple):
         return self._replace(frames=self.frames[first:], pairs=self.pairs[first:], factor=self.factor[first:])
 
     def levelled(self, levels: Any) -> "_Bits":
-        """With the threshold in the middle of the levels that bits have in a pixel, in most pixels."""
+        """With the threshold's offset: median over pixels of the middle of the bits' levels."""
         if self.mean is None:
             return self
         margin, _ = self.margins(levels)
@@ -240,7 +238,7 @@ def decode_code(light: Light, noise: Noise, code: CodePlan, rows: tuple[int, int
 
 @exact
 def _decode_rows(light: Any, rows: Any, code: Any, noise: Any, into: Any) -> None:
-    """A row at a time, so that what it tells is still in the cache."""
+    """Row by row, so that the data of a row stay in the cache."""
     width = into.place.shape[1]
     room, own = room_for(code, width), np.empty((5, width), np.float32)
     for row in range(rows[0], rows[1]):
@@ -251,7 +249,7 @@ def _decode_rows(light: Any, rows: Any, code: Any, noise: Any, into: Any) -> Non
 
 @exact
 def room_for(code: Any, width: Any) -> Any:
-    """Room for a line."""
+    """Workspace for a line."""
     kept, off = np.empty((2, _KEPT, width), np.float32), np.empty((2, width), np.float32)
     margin = np.empty(code.factor.size, np.float32)
     sure, places = np.empty(width, np.float32), np.empty(width, np.int64)
@@ -260,11 +258,11 @@ def room_for(code: Any, width: Any) -> Any:
 
 @exact
 def read_line(light: Any, row: Any, code: Any, alone: Any, noise: Any, room: Any, out: Any) -> None:
-    """A row into out, as an Estimate's arrays, each (W,); light: see `Light.numbers`.
+    """Decode a row into out, an Estimate's arrays, each (W,); light: see `Light.numbers`.
 
-    alone: variances are those of a place within the cell and of its neighbour where that is as likely; else
-    of the cell's edges only, for a fringe that tells the place. room: see room_for. Where a fringe's mean is
-    the threshold, out holds it as the mean level.
+    alone: variances include the place within the cell and an equally likely neighbour; else the cell's edges
+    only, if a fringe gives the place. room: see room_for. If a fringe's mean is the threshold, out holds it
+    as the mean level.
     """
     (raw, table, _, (clip, _)), (_, _, _, a, o, _, clipped) = light, out
     pairs, referenced = np.float32(np.sum(code.factor < 1)), code.ends[0] >= 0
@@ -280,7 +278,7 @@ def read_line(light: Any, row: Any, code: Any, alone: Any, noise: Any, room: Any
         _moved(kept[_LARGEST], a)
     _cells_line(room, kept, code, (pairs, misfit2, alone, noise), out)
     _several_weak(kept[_SECOND], misfit2, noise, a, o, room.several[: a.size])
-    if alone & (pairs < code.factor.size):  # a fringe's place is none of an edge's
+    if alone & (pairs < code.factor.size):  # a fringe's place is never at a cell's edge
         for x in range(a.size):
             room.several[x] |= np.uint8(clipped[x] > 0)
     for x in room.places[: marked(room.several, room.places)]:
@@ -291,7 +289,7 @@ def read_line(light: Any, row: Any, code: Any, alone: Any, noise: Any, room: Any
 def _reread(
     raw: Any, row: Any, table: Any, x: Any, code: Any, alone: Any, noise: Any, margin: Any, out: Any
 ) -> None:
-    """A pixel of several weak bits, or of a white that saturates; margin (bits,): room."""
+    """A pixel with several weak bits, or with saturated white; margin (bits,): workspace."""
     place, var, error, a, o, _, clipped = out
     for b in range(margin.size):
         plain, inverse = code.frames[b]
@@ -308,7 +306,7 @@ def _reread(
 
 @exact
 def _compared(raw: Any, row: Any, table: Any, code: Any, pairs: Any, offset: Any, room: Any) -> Any:
-    """Words of a line, and what is kept of their bits (_KEPT, W)."""
+    """Words of a line, and the state of their bits (_KEPT, W)."""
     before, after = room.kept[0], room.kept[1]
     before[_WEAKEST], before[_LARGEST] = np.float32(0), np.float32(0)
     before[_LEAST], before[_SECOND] = np.float32(1e9), np.float32(1e9)
@@ -338,21 +336,21 @@ def _references(
 
 @kernel
 def _moved(largest: Any, amplitude: Any) -> None:
-    """The largest difference is the amplitude, so that none is larger."""
+    """Take the largest difference as amplitude, and set its excess to none."""
     for x in range(amplitude.size):
         amplitude[x], largest[x] = largest[x], np.float32(0)
 
 
 @inlined
 def _bit(code: Any, b: Any) -> Any:
-    """Numbers of a bit."""
+    """Parameters of a bit."""
     share = code.share[b]
     return share[0], share[1], share[2], share[3], share[4], code.value[b], code.scale[b], code.counts[b]
 
 
 @inlined
 def _single(one: Any, offset: Any, bit: Any) -> Any:
-    """A bit's share in its difference from its inverse, or from the mean level."""
+    """Contribution of a bit to its difference from its inverse, or from the mean level."""
     return bit[0] * one + bit[2] * offset + bit[3]
 
 
@@ -368,8 +366,8 @@ def _join(
     before: Any,
     after: Any,
 ) -> None:
-    """A group of bits joins the words, what is kept of them, and what means of pairs are off; others: their
-    inverses, None if there are none."""
+    """Add a group of bits to the words, their state, and the deviations of pair means; others: inverses or
+    None."""
     (a, b, c, d), total, square = ones, off[0], off[1]
     for x in range(word.size):
         o, weakest, least = offset[x], before[_WEAKEST, x], before[_LEAST, x]
@@ -395,14 +393,14 @@ def _join(
 
 @inlined
 def _paired(one: Any, margin: Any, other: Any, offset: Any, bit: Any) -> Any:
-    """Difference of a bit and its inverse, and what their mean is off the usual level."""
+    """Difference of a bit and its inverse, and the deviation of their mean from the mean level."""
     return margin + bit[1] * other, bit[4] * (np.float32(0.5) * (one + other) - offset)
 
 
 @inlined
 def _with_bit(margin: Any, bit: Any, kept: Any) -> Any:
-    """Word, value of the weakest bit, how weak it and the next are (deviations of a sample), largest
-    difference that counts."""
+    """State with one more bit: word, value of the weakest bit, its weakness and that of the next (deviations
+    of a sample), largest difference that counts."""
     (word, weakest, least, second, largest), value, size = kept, bit[5], abs(margin)
     weak = size * bit[6]
     return (
@@ -416,7 +414,7 @@ def _with_bit(margin: Any, bit: Any, kept: Any) -> Any:
 
 @kernel
 def _cells_line(room: Any, kept: Any, code: Any, numbers: Any, out: Any) -> None:
-    """Cells of the words; what the weakest bit leads to if noise turned it."""
+    """Cells of the words; expected shift by an error of the weakest bit."""
     place, var, error, amplitude, offset, chi2, clipped = out
     zero, half, eighth, one = np.float32(0), np.float32(0.5), np.float32(0.125), np.float32(1)
     weakest, least, second, largest = kept[_WEAKEST], kept[_LEAST], kept[_SECOND], kept[_LARGEST]
@@ -424,10 +422,10 @@ def _cells_line(room: Any, kept: Any, code: Any, numbers: Any, out: Any) -> None
     (pairs, misfit2, alone, noise), (cells, cell, first) = numbers, (code.cells, code.cell, code.first)
     within, mixed = (cell * cell / np.float32(12), one) if alone else (zero, zero)
     count = one / max(pairs, one)
-    # a mean of two samples; white and black are one more
+    # a pair's mean has two samples; white and black are one more pair
     known = one - (count / (one + count) if code.ends[0] >= 0 else zero)
     size = np.sqrt(np.float32(0.5) if pairs > 0 else np.float32(1.5))  # of a difference that is weak by 1
-    for x in range(word.size):  # what a turned bit leads to
+    for x in range(word.size):  # word with the weakest bit turned
         weakest[x] = np.float32(word[x] ^ np.int32(weakest[x]))
     if not code.linear:
         for x in range(word.size):
@@ -438,16 +436,16 @@ def _cells_line(room: Any, kept: Any, code: Any, numbers: Any, out: Any) -> None
         deviation = one / np.sqrt(own + misfit2 * power)
         weak, next_ = least[x] * deviation, second[x] * deviation
         wrong, room.sure[x] = turned(weak), weak * weak
-        # of the next one from above: Q(z) <= exp(-z^2 / 2) / 2
+        # upper bound for the next bit: Q(z) <= exp(-z^2 / 2) / 2
         also = half * vanishing(half * next_ * next_)
         step = weakest[x] - np.float32(word[x])
         beside = abs(step) == one
         place[x] = first + cell * (np.float32(word[x]) + (mixed * wrong * step if beside else zero))
-        # an edge is as wide as a cell at most, and noise moves it by its share of the contrast
+        # an edge is one cell wide at most, and noise moves it by its ratio to the contrast
         spread = code.hidden + eighth * (own + misfit2 * power) / max(power, own)
         spread += mixed * wrong * (one - wrong) if beside else zero
         var[x] = within + cell * cell * spread
-        # neither black nor white, at no edge
+        # neither black nor white, and not at an edge
         dull = least[x] * size < code.dull * amplitude[x]
         wrong = zero if beside else (one if dull else wrong)
         error[x] = wrong + also - wrong * also
@@ -461,7 +459,7 @@ def _cells_line(room: Any, kept: Any, code: Any, numbers: Any, out: Any) -> None
 
 @kernel
 def _several_weak(second: Any, misfit2: Any, noise: Any, amplitude: Any, offset: Any, several: Any) -> None:
-    """Whether (W,) more than one bit is weak in a pixel that is not as weak itself."""
+    """Mark pixels (W,) with more than one weak bit, except pixels without contrast."""
     sure = np.float32(WEAK * WEAK)
     for x in range(several.size):
         own = noise.read2 + noise.gain * max(offset[x], np.float32(0))

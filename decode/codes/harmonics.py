@@ -1,12 +1,12 @@
-"""What a display's or a camera's curve does to a phase that few steps cannot see.
+"""Phase error by a nonlinear response whose harmonics alias with few phase steps.
 
-Light that is a curve of the cosine has harmonics h_k cos k(phase - d). N even steps read those of N - 1 and
-N + 1 as the fringe itself: the phase is off by up to h_(N-1) / h_1, as a wave of N to a turn. Such a wave is
-no noise: an error b at most adds b^2 / 3 to a phase's variance.
+Light that is a nonlinear function of the cosine has harmonics h_k cos k(phase - d). N equidistant steps alias
+those of N - 1 and N + 1 to the fundamental: the phase error is up to h_(N-1) / h_1, a wave with N periods per
+turn. Such a wave is not random: a bound b adds b^2 / 3 to a phase's variance.
 
-Four steps or more show h_2; smooth curves have harmonics that fall off about as powers of it: b is taken to
-be (N - 2) (h_2 / h_1)^(N - 2). Three steps show none, but their mean level is not half way between white and
-black: by h_2 for a quadratic curve, and within 1 % for x^2.2.
+Four or more steps measure h_2; smooth curves have harmonics that fall off about as powers of it: b is taken
+as (N - 2) (h_2 / h_1)^(N - 2). Three steps do not measure h_2, but their mean level deviates from the mean of
+white and black: by h_2 for a quadratic curve, and within 1 % for x^2.2.
 """
 
 import numpy as np
@@ -19,12 +19,12 @@ from ..profile.unlike import whole
 __all__ = ["aliasing_variance"]
 
 F64 = NDArray[np.float64]
-#: Pixels that tell a ratio; deviations by which one is told from none.
+#: Fewest pixels for a ratio; deviations from which on it is significant.
 _FEWEST, _SURE = 64, 4.0
 
 
 def aliasing_variance(fringe: Fringe, axis: AxisPlan, plan: Plan, lit: Sample, noise: Noise) -> float:
-    """Variance (radians^2) of a fringe's phase by the harmonics that its steps may hide."""
+    """Bound on the variance (radians^2) of a fringe's phase by aliased harmonics."""
     steps = len(fringe.index)
     if (fringe.exposure != 1).any():
         return 0.0
@@ -36,7 +36,7 @@ def aliasing_variance(fringe: Fringe, axis: AxisPlan, plan: Plan, lit: Sample, n
 
 
 def _second(fringe: Fringe, lit: Sample, noise: Noise) -> float:
-    """h_2 / h_1 as far as it is sure, of most pixels."""
+    """h_2 / h_1 over the pixels; 0 if not significant."""
     few, rows = whole(lit, fringe.index), fringe.unlike
     if few.levels.shape[1] < _FEWEST:
         return 0.0
@@ -54,8 +54,8 @@ def _second(fringe: Fringe, lit: Sample, noise: Noise) -> float:
 
 
 def _off_half_way(fringe: Fringe, axis: AxisPlan, plan: Plan, lit: Sample, noise: Noise) -> float:
-    """How far a fringe's mean level is from half way between white and black, over its amplitude, as far as
-    that is sure; 0 where nothing shows what is half way."""
+    """Deviation of a fringe's mean level from the mean of white and black, or of bit pairs, over its
+    amplitude; 0 if not significant, or without such frames."""
     pairs = [] if axis.code is None else list(zip(axis.code.plain, axis.code.inverse, strict=True))
     ends = [pair for pair in (*pairs, (plan.white, plan.black)) if min(pair) >= 0]
     if not ends:

@@ -1,13 +1,13 @@
 """Look-up: a pixel's samples against known levels, whatever they are.
 
 Free grey values, fringes of a single shift each (micro phase shifting: M. Gupta, S. K. Nayar, CVPR 2012,
-doi:10.1109/CVPR.2012.6247753), swept stripes, binary codes within their cells: the levels
-that each place of the surface shows through a pixel (cell, footprint, blur) are known, a codeword for each
-eighth of a pattern pixel. Samples are v = o + a t(u): normalised correlation finds the place, least squares
-between adjacent codewords refines it, the Fisher information of the fit is its variance, or that of the
-flattest codewords of the cell (the treads of a sharp display). Probability of another answer: from the angle
-to the most similar codeword elsewhere, or from the highest correlations of all. Where no rule of the frames
-tells the camera's noise, it is that of the residuals.
+doi:10.1109/CVPR.2012.6247753), swept stripes, binary codes within their cells: the levels of each place of
+the surface through a pixel (cell, footprint, blur) are known, with a codeword for each eighth of a pattern
+pixel. Samples are v = o + a t(u): normalised correlation finds the place, least squares between adjacent
+codewords refines it, and the Fisher information of the fit gives its variance, or that of the flattest
+codewords of the cell (the treads of a sharp display). The probability of another place follows from the angle
+to the most similar codeword elsewhere, or from the highest correlations of all. If the frames have no
+constraints for the camera's noise, the residuals give it.
 
 Start of the search: the neighbour's place (any levels), the brightest frame (stripes), the decoded cell
 (codes).
@@ -36,29 +36,28 @@ __all__ = ["Table", "lookup_rows", "prepare"]
 F64 = NDArray[np.float64]
 #: Pixels of the sample on which the spread is measured.
 _PIXELS = 2048
-#: Spreads that are tried, pattern pixels rms: from a pixel of a third of a cell to out of focus, or to half a
-#: stripe's width.
+#: Trial spreads, pattern pixels rms: from a pixel of a third of a cell to defocus, or to half a stripe.
 _SHARPEST, _WIDEST, _TRIED = 0.12, 2.4, 8
 #: Tables are kept for spreads in steps of 1 %, so that a series of captures shares them.
 _STEP = 1.01
 #: Squared residuals that noise reaches once in so many pixels.
 _RARE = 1e-5
-#: Relative step of a spread's derivatives; probability of another place below which a pixel may judge a
-#: spread.
+#: Relative step of a spread's derivatives; probability of another place below which a pixel enters the fit of
+#: a spread.
 _NUDGE, _SAFE = 0.05, 1e-3
-#: Cells that wrong optics move a place by, at most: what moves farther is another answer.
+#: Largest shift of a place by wrong optics, cells: a larger one is another place.
 _MOVED = 0.5
-#: Share of a normal variance within three deviations, which fitted_noise makes up for: mean squares of
+#: Share of a normal variance within three deviations, for which fitted_noise corrects: mean squares of
 #: several residuals have no tails.
 _TAILS = 0.9733
-#: Variance that is assumed before noise is measured, over the squared contrast.
+#: Variance assumed before noise is measured, over the squared contrast.
 _FIRST = 1e-5
 
 
 def lookup_rows(light: Light, noise: Noise, table: Table, rows: tuple[int, int], estimate: Estimate) -> None:
-    """Decode rows start..stop, in place; of a code (WITHIN), refine the cells' centres that are there.
+    """Decode rows start..stop, in place; of a code (WITHIN), refine the given centres of cells.
 
-    A row's answers depend on nothing but that row. NaN, infinite variance and error 1: no pattern.
+    Each row is independent of the others. NaN, infinite variance and error 1: no pattern.
     """
     misfit2 = max(noise.misfit2, table.misfit2)
     camera = Camera(
@@ -80,10 +79,10 @@ def prepare(
     cells: F64 | None = None,
     blur: float | None = None,
 ) -> Table:
-    """Table of an axis, its spread measured on pixels that see the pattern.
+    """Table of an axis, with the spread measured on illuminated pixels.
 
-    cells (K,): of a code, coordinate of the cell of each pixel of `lit`, NaN: unknown; look within the cells.
-    noise: None where it is not known; blur: rms, pattern px, if it is known.
+    cells (K,): of a code, coordinate of the cell of each pixel of `lit`, NaN: unknown; the search stays
+    within the cells. noise: None if unknown; blur: rms, pattern px, if known.
     """
 
     def table_for(way: int, spread: float, halo: float = 0.0) -> Table:
@@ -114,10 +113,10 @@ def prepare(
     spread, error = _likeliest(fitted, spreads)
     spread, halo = _scattering(fitted, spread) if on_cells else (spread, 0.0)
     low, fit, high = (fitted(spread * (1 + n), halo) for n in (-_NUDGE, 0.0, _NUDGE))
-    # no error of the spread moves places by more than the spread does; those of stripes, which are seen from
-    # either side, by nothing
+    # an error of the spread shifts places by less than the spread changes; places of stripes, which are
+    # symmetric, not at all
     most = 0.0 if way == SWEEP else min(low.moved_to(high) / float(np.log((1 + _NUDGE) / (1 - _NUDGE))), 1.0)
-    # places may crowd because the shape of the spread is another one; a known blur leaves no other shape
+    # a wrong shape of the spread crowds places; a known blur leaves no other shape
     shape = fit.crowding if blur is None else 0.0
     unsure = min(most * error + shape, most)
     table = replace(table_for(way, spread, halo), unsure=unsure)
@@ -127,7 +126,7 @@ def prepare(
 
 
 def _pilot(light: Light, noise: Noise | None, lit: Sample, cells: F64 | None) -> "_Pixels":
-    """At most _PIXELS of the lit pixels, from all over the image; without a noise one of its order."""
+    """At most _PIXELS illuminated pixels over the image; if the noise is unknown, a rough value."""
     every = max(1, -(-len(lit.places) // _PIXELS))
     row, col = lit.places[::every].T
     small = replace(light, raw=np.ascontiguousarray(light.raw[:, row, col][:, None, :]))
@@ -140,8 +139,8 @@ def _pilot(light: Light, noise: Noise | None, lit: Sample, cells: F64 | None) ->
 
 @dataclass(frozen=True, slots=True)
 class _Fit:
-    """Sampled pixels by one table: place, its variance, amplitude, offset, chi2 over freedom (infinite: not
-    decoded)."""
+    """Fit of sampled pixels by one table: place, its variance, amplitude, offset, chi2 over freedom
+    (infinite: not decoded)."""
 
     table: Table
     place: F64
@@ -152,15 +151,15 @@ class _Fit:
 
     @property
     def excess(self) -> float:
-        """Median of the misfit over that of noise alone (Wilson & Hilferty)."""
+        """Median of the misfit over its value for noise alone (Wilson & Hilferty)."""
         known = self.misfit[np.isfinite(self.misfit)]
         usual = (1 - 2 / (9 * max(self.table.freedom, 1))) ** 3
         return float(np.median(known)) / usual if len(known) else 1.0
 
     @property
     def crowding(self) -> float:
-        """Size of the mean exp(2 pi i u / cell) of the sample, over each place's posterior (half a tread is
-        no crowd): 0 but for chance where places are spread evenly.
+        """Magnitude of the mean exp(2 pi i u / cell) over the sample and each place's posterior (so that half
+        a tread does not count): 0, except for chance, for evenly spread places.
         """
         known = np.isfinite(self.misfit)
         if not known.any():
@@ -170,7 +169,7 @@ class _Fit:
         return float(np.abs(mean))
 
     def moved_to(self, other: "_Fit") -> float:
-        """By how much of their way to the cell's nearest edge places differ, by least squares."""
+        """Relative change of the distances of places to the cell's nearest edge, by least squares."""
         both = np.isfinite(self.misfit) & np.isfinite(other.misfit)
         way = self.place[both] / self.table.cell + 0.5
         way -= np.rint(way)
@@ -178,39 +177,39 @@ class _Fit:
         return abs(float(moved @ way)) / max(float(way @ way), 1e-12)
 
     def unlikely(self, excess: float) -> float:
-        """-2 log likelihood: squared residuals, over `excess` times their variance and no further than noise
-        reaches."""
+        """-2 log likelihood: squared residuals over `excess` times their variance, clipped at noise's
+        limit."""
         freedom = max(self.table.freedom, 1)
         return float(np.minimum(self.misfit * freedom / excess, float(chdtri(freedom, _RARE))).sum())
 
     def noise(self, assumed: Noise) -> Noise:
-        """The camera's noise, by the residuals; assumed: one that does not depend on the level."""
+        """The camera's noise, from the residuals; assumed: noise of the fit, independent of the level."""
         known = np.isfinite(self.misfit)
         deviation = np.sqrt(_TAILS * self.misfit[known] * assumed.read2).astype(np.float32)
         return fitted_noise(self.offset[known].astype(np.float32), deviation, assumed.rounding2)
 
     def beyond(self, noise: Noise) -> float:
-        """Variance that the levels leave beyond noise, over the squared amplitude."""
+        """Variance of the residuals beyond noise, over the squared amplitude."""
         used = np.isfinite(self.misfit)
         if not used.any():
             return 0.0
         own = noise.variance(self.offset[used]) / np.square(self.amplitude[used])
         own /= self.table.book.frames.shape[2]
-        # what chance adds to the median of so many pixels
+        # chance error of the median of so many pixels
         chance = 4 * np.sqrt(2 / (max(self.table.freedom, 1) * np.count_nonzero(used)))
         return float((self.excess - 1) * np.median(own)) if self.excess - 1 > chance else 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class _Pixels:
-    """Pixels of a sample as frames of one row, and where their answers start."""
+    """Pixels of a sample as frames of one row, and the starts of their search."""
 
     light: Light
     noise: Noise
     start: F64 | None
 
     def decoded(self, table: Table) -> Estimate:
-        """The sample by a table, without its misfit."""
+        """Decode the sample by a table, with a misfit of 0."""
         found = Estimate.empty(1, self.light.raw.shape[2])
         if table.way == WITHIN:
             assert self.start is not None
@@ -219,7 +218,7 @@ class _Pixels:
         return found
 
     def fitted(self, table: Table) -> _Fit:
-        """How well a table fits."""
+        """Fit of the sample by a table."""
         found = self.decoded(table)
         parts = found.coordinate, found.variance, found.amplitude, found.offset, found.chi2
         place, variance, amplitude, offset, chi2 = (part[0].astype(np.float64) for part in parts)
@@ -228,8 +227,8 @@ class _Pixels:
 
 
 def _likeliest(fitted: Callable[[float], _Fit], spreads: F64) -> tuple[float, float]:
-    """The likeliest spread, and the relative error that the likelihood's curvature gives it (1 at most);
-    residuals are judged by the variance that the best spread leaves."""
+    """The likeliest spread, and its relative error from the likelihood's curvature (1 at most); the variance
+    of residuals is scaled to the best spread's."""
     fits = [fitted(float(spread)) for spread in spreads]
     excess = max(min(fit.excess for fit in fits), 1e-3)
     values = [fit.unlikely(excess) for fit in fits]
@@ -252,8 +251,8 @@ def _likeliest(fitted: Callable[[float], _Fit], spreads: F64) -> tuple[float, fl
 
 
 def _scattering(fitted: Callable[[float, float], _Fit], spread: float) -> tuple[float, float]:
-    """The likeliest spread and halo, from the likeliest spread without a halo, which stands unless the other
-    is surely likelier."""
+    """The likeliest spread and halo, starting from the likeliest spread without a halo; a halo must be
+    significant."""
     usual = fitted(spread, 0.0)
     excess = max(usual.excess, 1e-3)
     start = [(spread, 0.0), (0.9 * spread, 0.1), (spread, 0.1)]

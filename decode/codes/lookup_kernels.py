@@ -1,7 +1,7 @@
 """Compiled: rows of pixels against codewords, batch by batch.
 
-Most pixels are where those before them lead: these are followed together, in loops that become vector
-instructions. What is left is searched for, pixel by pixel (lookup_search).
+Most pixels continue the places of the pixels before them: batches of these are followed in vectorised loops.
+The remaining pixels are searched one by one (lookup_search).
 """
 
 from typing import Any, NamedTuple
@@ -17,20 +17,20 @@ from .lookup_search import AROUND, COARSE, PER_PX, SURE, answer_of, fitted, lead
 __all__ = ["SEARCH", "SWEEP", "WITHIN", "Camera", "match_rows"]
 
 _ZERO, _ONE = np.float32(0), np.float32(1)
-#: Where a pixel's search starts.
+#: Start of a pixel's search.
 SEARCH, SWEEP, WITHIN = 0, 1, 2
-#: Pixels that are compared at once, from where those before lead; steps that each goes; pixels that a slope
-#: is taken over.
+#: Pixels per group, which start from the places before them; steps of each pixel; pixels over which the slope
+#: is taken.
 _GROUP, _TURNS, _BACK = 16, 2, 8
-#: Where a batch's pixels lie in its workspace: mean, power and samples, see gather, and what is found.
+#: Layout of a batch's workspace: mean, power and samples, see gather, and the results.
 _MEAN, _POWER, _COUNT, _NOISE, _GUESS, _NEAR, _RISE, _ZZ, _ZD, _DD, _LOW, _STEP = range(0, 12 * BATCH, BATCH)
 _F, _SCALE, _RSS, _ERROR, _LEFT = range(12 * BATCH, 17 * BATCH, BATCH)
 _ROOM = 17 * BATCH
-#: Share of a stripe's light that another place has to show to be another answer, whatever the noise.
+#: Share of a stripe's light from which on a second place is ambiguous, regardless of noise.
 _RIVAL = np.float32(0.6)
-#: Explained power over the noise below which there is no pattern: chance reaches it once in 1e4 (2 freedoms).
+#: Explained power over the noise below which there is no pattern: noise exceeds it once in 1e4 (2 freedoms).
 _NOTHING = np.float32(18)
-#: Pattern pixels per pixel that are an edge.
+#: Slope of an edge, pattern pixels per pixel.
 _STEEP = np.float32(4)
 
 
@@ -47,12 +47,12 @@ class Camera(NamedTuple):
 
 
 class Batch(NamedTuple):
-    """Pixels of a row that are compared together, K = BATCH.
+    """A batch of pixels of a row, K = BATCH.
 
     lines   (n, K) levels, and y (K, n filled up) without their mean, see gather
-    used    of one pixel, which of its samples are not saturated
-    room    numbers of each: _MEAN + k and so on
-    block, low, place  (K,) block of the book, coordinate of its first codeword, and the answer's codeword
+    used    of one pixel, mask of unsaturated samples
+    room    numbers of each pixel: _MEAN + k and so on
+    block, low, place  (K,) block of the book, coordinate of its first codeword, number of the codeword
     """
 
     lines: Any
@@ -66,7 +66,7 @@ class Batch(NamedTuple):
 
 @kernel
 def _begin(batch: Any, camera: Any, book: Any, at: Any, given: Any) -> None:
-    """Noise of a batch's pixels, which of them hold a pattern and, if any are given, a place."""
+    """Noise of a batch's pixels; mark those with a pattern and, if places are given, with a place."""
     n, summed, room = book.frames.shape[1], book.frames.shape[2], batch.room
     read2, gain = np.float32(camera.read2 / summed), np.float32(camera.gain / summed)
     misfit2, chance = np.float32(camera.misfit2 / n), np.float32(5 * np.sqrt(2.0 * n) - 1)
@@ -85,16 +85,16 @@ def _begin(batch: Any, camera: Any, book: Any, at: Any, given: Any) -> None:
 
 @kernel
 def _follow(batch: Any, book: Any, apart: Any, way: Any, bounds: Any, line: Any, x: Any, begin: Any) -> Any:
-    """Walks of a batch's pixels from where those before lead, group by group from `begin` on, up to one where
-    some are left.
+    """Follow a batch's pixels from the places before them, group by group from `begin` on, up to the first
+    group with unfinished pixels.
 
-    A pixel is done with where the segment that a few steps lead to holds a minimum that fits and is better
-    than the most similar codeword elsewhere, or where it holds no pattern.
+    A pixel is finished if after a few steps its segment holds a minimum that fits and is better than the most
+    similar codeword elsewhere, or if it has no pattern.
     """
     words, angles, whole = book.words, book.angles, np.float32(book.frames.shape[1] - 0.5)
     (limit, sure), last = bounds, words.shape[1] - 2
     while begin < BATCH:
-        # of views it is known that places are not negative
+        # views: the compiler knows that places are not negative
         y, room, place = batch.y[begin:], batch.room[begin:], batch.place[begin:]
         block, low, found = batch.block[begin:], batch.low[begin:], line[x + begin :]
         if way != WITHIN:
@@ -153,7 +153,7 @@ def _before(line: Any, x: Any, back: Any) -> Any:
 
 @exact
 def _alone(batch: Any, book: Any, search: Any, way: Any, bounds: Any, line: Any, x: Any, k: Any) -> None:
-    """Pixel k of a batch that starts at x, searched for."""
+    """Search pixel k of a batch that starts at x."""
     words, angles, room, b = book.words, book.angles, batch.room, batch.block[k]
     n, count = batch.lines.shape[0], np.int64(room[_COUNT + k] + 0.5)
     for i in range(n):
@@ -179,11 +179,11 @@ def _alone(batch: Any, book: Any, search: Any, way: Any, bounds: Any, line: Any,
 
 @kernel
 def _placed(batch: Any, book: Any, camera: Any) -> None:
-    """Variances (px^2), offsets and chi2 of a batch, in place of guesses, means of codewords and squared
+    """Variances (px^2), offsets and chi2 of a batch; they replace guesses, means of codewords and squared
     residuals.
 
-    Where codewords differ less on a part of the cell (a tread of a sharp display) noise may lead anywhere on
-    it: the variance is that of these, of the whole cell at most.
+    Where codewords differ less on a part of the cell (a tread of a sharp display), noise may shift the place
+    anywhere on it: the variance is that of these codewords, limited to that of the cell.
     """
     summed, room, angles = book.frames.shape[2], batch.room, book.angles
     read2, gain = np.float32(camera.read2 / summed), np.float32(camera.gain / summed)
@@ -198,7 +198,7 @@ def _placed(batch: Any, book: Any, camera: Any) -> None:
         middle, f, a, rss = room[_MEAN + k], room[_F + k], room[_SCALE + k], room[_RSS + k]
         zz, zd, dd = room[_ZZ + k], room[_ZD + k], room[_DD + k]
         offset = middle - a * room[_LOW + k]
-        # squared change per codeword that no scale or offset makes
+        # squared change per codeword that scale and offset do not absorb
         told = (zz * dd - zd * zd) / max(zz + f * (zd + zd + f * dd), none)
         own = max(room[_COUNT + k] - np.float32(3), _ONE)
         noise = read2 + gain * max(middle, _ZERO) + misfit2 * a * a
@@ -214,8 +214,8 @@ def _placed(batch: Any, book: Any, camera: Any) -> None:
 
 @kernel
 def _write(batch: Any, line: Any, edges: Any, r: Any, x: Any, reach: Any, out: Any) -> None:
-    """A batch into row r of an Estimate; reach (px, 0: all are written): only what is surer than what is
-    there, and no further from it."""
+    """Write a batch into row r of an Estimate; reach (px, 0: write all): only results with a lower variance
+    than the given place's, and within reach of it."""
     coordinates, variances, errors, amplitudes, offsets, chi2, clipped = out
     room, n, count = batch.room, np.float32(batch.lines.shape[0]), min(BATCH, coordinates.shape[1] - x)
     half, unsure, cell = np.float32(0.5), np.float32(edges[0]), np.float32(edges[1])
@@ -223,7 +223,7 @@ def _write(batch: Any, line: Any, edges: Any, r: Any, x: Any, reach: Any, out: A
         found, variance = line[x + k], room[_GUESS + k]
         better = (abs(found - coordinates[r, x + k]) < reach) & (variance < variances[r, x + k])
         room[_LEFT + k] = _ONE if better | (reach == _ZERO) else _ZERO
-        # the way to the nearest edge is proportional to the spread of the edges
+        # the shift is proportional to the distance to the nearest edge and to the error of the spread
         phase = (found + half) / cell
         edge = unsure * cell * (phase - np.rint(phase))
         room[_GUESS + k] = variance + edge * edge
@@ -243,7 +243,7 @@ def _write(batch: Any, line: Any, edges: Any, r: Any, x: Any, reach: Any, out: A
 
 @kernel
 def _second_stripe(batch: Any, other: Any, camera: Any, summed: Any) -> None:
-    """Probability that a sweep's answer is the stripe of `other` levels (K,), elsewhere."""
+    """Probability that a sweep's true place is the stripe of `other` levels (K,), elsewhere."""
     room = batch.room
     for k in range(other.size):
         rival = camera.table[np.int64(other[k])] if camera.table.size > 0 else np.float32(other[k])
@@ -252,7 +252,7 @@ def _second_stripe(batch: Any, other: Any, camera: Any, summed: Any) -> None:
         lead = np.float32(0.5) * (scale * scale - light * light) / noise
         unlike = less_likely(abs(lead))
         error = unlike if lead > _ZERO else _ONE - unlike
-        # another place that is more than half as bright is no noise
+        # a second place with more than half of the light is not noise
         if light * light > np.float32(25) * noise and light > _RIVAL * scale:
             error = max(error, light / (light + scale))
         room[_ERROR + k] = error
@@ -262,17 +262,17 @@ def _second_stripe(batch: Any, other: Any, camera: Any, summed: Any) -> None:
 def match_rows(
     camera: Any, book: Any, way: Any, search: Any, limit: Any, edges: Any, start: Any, stop: Any, out: Any
 ) -> None:
-    """All pixels of rows start..stop into out, the arrays of an Estimate.
+    """Decode rows start..stop into out, the arrays of an Estimate.
 
-    WITHIN  around the places that are there (cells of a code) where that is better
+    WITHIN  around given places (cells of a code), if the result is better
     SWEEP   a stripe: block k of the book holds the places around stripe k
-    SEARCH  from the neighbours' places on, or over the whole surface where that does not lead to an answer
-            that fits (squared residuals below `limit` variances) and is better than all similar ones
-    edges: by how much of the way to the nearest edge places may be wrong, and from edge to edge (px)
+    SEARCH  from the neighbours' places; over the whole surface, if the result does not fit (squared residuals
+            below `limit` variances) or is not better than all similar ones
+    edges: relative error of the distance to the nearest edge, and distance of edges (px)
     """
     raw, n, width = camera.raw, book.frames.shape[1], camera.raw.shape[2]
     top, other, at = np.zeros(width, raw.dtype), np.zeros(width, raw.dtype), np.zeros(width, np.int16)
-    # what codewords are filled up with is no sample
+    # padding of the codewords holds no samples
     y, used = np.zeros((BATCH, book.words.shape[2]), np.float32), np.zeros(book.words.shape[2], np.float32)
     lines, room, low = (
         np.empty((n, BATCH), np.float32),
@@ -291,7 +291,7 @@ def match_rows(
         for x in range(0, width, BATCH):
             stop_x = min(x + BATCH, width)
             gather(camera, book, row, x, at, lines, y, room)
-            room[_COUNT + stop_x - x : _NOISE] = _ZERO  # beyond the last pixel there is none
+            room[_COUNT + stop_x - x : _NOISE] = _ZERO  # no samples beyond the last pixel
             _begin(batch, camera, book, at[x:stop_x], out.coordinate[r, x : stop_x if way == WITHIN else x])
             begin = 0
             while begin < BATCH:

@@ -8,16 +8,16 @@ from optolever.kernels import inlined, kernel
 
 __all__ = ["BATCH", "SATURATED", "beside", "brightest", "gather"]
 
-#: Pixels whose samples are turned into vectors together: they stay in the first cache.
+#: Pixels per conversion into vectors: they fit the first-level cache.
 BATCH = 64
-#: What stands for the level of a saturated sample: the mean of any with one is none, either.
+#: Level of a saturated sample; a mean with one is saturated, too.
 SATURATED = np.float32(-np.inf)
 
 
 @kernel
 def brightest(raw: Any, index: Any, row: Any, clip: Any, top: Any, at: Any) -> None:
-    """Largest level of each pixel of a row, and which of the frames shows it first; the middle of those that
-    are saturated one after the other."""
+    """Largest level of each pixel of a row, and its first frame; the middle one of consecutive saturated
+    frames."""
     top[:], at[:] = 0, 0
     for k in range(index.size):
         _raise(raw[index[k], row], np.int16(k), top, at)
@@ -63,9 +63,9 @@ def _compare(line: Any, i: Any, j: Any, away: Any, down: Any, right: Any, other:
 def gather(
     camera: Any, book: Any, row: Any, first: Any, at: Any, lines: Any, batch: Any, pixels: Any
 ) -> None:
-    """Samples of the pixels first.. of a row -> lines (n, BATCH), linear levels, SATURATED where they are;
-    without their mean -> batch (BATCH, n), saturated ones 0; pixels (3 BATCH..): means, squared sums, how
-    many are not saturated. Of a sweep those around the brightest frame, `at`."""
+    """Samples of the pixels first.. of a row -> lines (n, BATCH), linear levels or SATURATED; less their mean
+    -> batch (BATCH, n), saturated ones 0; pixels (3 BATCH..): means, squared sums, numbers of unsaturated
+    samples. Of a sweep, samples around the brightest frame, `at`."""
     raw, frames, cols = camera.raw, book.frames, min(BATCH, camera.raw.shape[2] - first)
     middle, power, count = pixels[:BATCH], pixels[BATCH : 2 * BATCH], pixels[2 * BATCH : 3 * BATCH]
     clip = np.float32(camera.clip)
@@ -91,7 +91,7 @@ def _level(value: Any, table: Any, clip: Any) -> Any:
 
 @kernel
 def _means(raw: Any, table: Any, clip: Any, frames: Any, at: Any, out: Any) -> None:
-    """Of pixel k (raw (N, K)) the mean level of its frames (K', S)[at[k]]; SATURATED if one is."""
+    """Mean level of the frames (K', S)[at[k]] for each pixel k (raw (N, K)); SATURATED if one is."""
     for k in range(raw.shape[1]):
         total = np.float32(0)
         for j in range(frames.shape[1]):
@@ -119,7 +119,7 @@ def _add(line: Any, total: Any, count: Any) -> None:
 
 @kernel
 def _deviate(line: Any, mean: Any, power: Any, out: Any) -> None:
-    """Less the mean, saturated samples 0; squares added."""
+    """Subtract the mean, with saturated samples 0; add squares."""
     for k in range(BATCH):
         own = line[k] - mean[k] if line[k] > SATURATED else np.float32(0)
         power[k] += own * own

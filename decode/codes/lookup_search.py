@@ -1,8 +1,8 @@
 """Compiled: a pixel's samples against codewords, v = o + a t(u), t a polyline through codewords at close
 places.
 
-Codewords are stored without their mean, so that the offset o drops out: y = v - mean(v) is compared with
-z(f) = z_q + f d_q, d_q = z_(q+1) - z_q, and the scale a and the place f of the best fit are a 2 x 2 system.
+Codewords are stored without their mean, which removes the offset o: y = v - mean(v) is compared with z(f) =
+z_q + f d_q, d_q = z_(q+1) - z_q, and the scale a and the place f of the best fit solve a 2 x 2 system.
 """
 
 from typing import Any, NamedTuple
@@ -32,15 +32,16 @@ _ZERO, _ONE = np.float32(0), np.float32(1)
 PER_PX, LANES = 8, 8
 #: Codewords per pattern pixel of the search over the whole surface.
 COARSE = 2
-#: Steps of a walk, each at most a pixel long; places that a search compares.
+#: Steps of a walk, each at most a pixel long; places per search.
 _STEPS, _ANSWERS = 16, 12
-#: Similar codewords that are listed of each.
+#: Number of similar codewords listed for each codeword.
 RIVALS = _ANSWERS
-#: Codewords beside the neighbour's place from which a walk starts, too: off the tread of a sharp cell.
+#: Distance of two further starts of a walk from the neighbour's place, codewords: off the tread of a sharp
+#: cell.
 _BESIDE = 5
-#: -log of the probability of another answer below which a search may be left out.
+#: -log of the probability of another place below which the search is skipped.
 SURE = 12.0
-#: Cells around an answer that may be as good: half a cell beyond its own.
+#: Cells around a place that may fit as well: half a cell beyond its cell.
 AROUND = 1.5
 
 
@@ -51,8 +52,8 @@ class Book(NamedTuple):
     block, first  (K,) its block, and the coordinate of codeword 0
     words    (B, Q, n filled up) z
     angles   (B, Q, 6) |z|^2, z.d, |d|^2, mean, least sin^2 of the next angles where they differ, else 1, and
-             how far the level of the samples that change (by their squares) is above the mean
-    reach    codewords around an answer that may be as good
+             height above the mean of the samples that change (weighted by their squares)
+    reach    codewords around a place that may fit as well
     index    (K,) frames of the stripes or spots; across: how many lie side by side along the other axis
     """
 
@@ -68,9 +69,8 @@ class Book(NamedTuple):
 
 
 class Search(NamedTuple):
-    """Of the whole surface: coarse (M, P) unit codewords; of each the most similar ones elsewhere, rivals
-    (P, RIVALS), descending, and sine and cosine of the angles to them and to the next one, apart
-    (RIVALS + 1, P, 2)."""
+    """Of the surface: coarse (M, P) unit codewords; rivals (P, RIVALS), the most similar ones elsewhere, in
+    descending order; apart (RIVALS + 1, P, 2), sine and cosine of the angles to them and to the next one."""
 
     coarse: Any
     rivals: Any
@@ -79,7 +79,7 @@ class Search(NamedTuple):
 
 @kernel
 def used_products(used: Any, z: Any, b: Any, q: Any) -> Any:
-    """|z|^2, z.d, |d|^2 over the samples that are used, less their means; means of z and d."""
+    """|z|^2, z.d, |d|^2 over the samples in use, less their means; means of z and d."""
     count, mean, step = np.float32(1e-6), np.float32(0), np.float32(0)
     zz, zd, dd = np.float32(0), np.float32(0), np.float32(0)
     for i in range(z.shape[2]):
@@ -104,18 +104,18 @@ def fitted(near: Any, rise: Any, zz: Any, zd: Any, dd: Any) -> Any:
 
 @inlined
 def target_of(q: Any, f: Any, last: Any) -> Any:
-    """The segment that a fit leads to, a pixel away at most."""
+    """The segment of a fit, limited to a step of one pixel."""
     away = min(max(np.floor(f), np.float32(-PER_PX)), np.float32(PER_PX))
     return min(max(q + np.int64(away), 0), last)
 
 
 @inlined
 def lead_of(rss: Any, power: Any, s: Any, c: Any) -> Any:
-    """By how much squared residuals of another codeword are larger at least, halved; s, c: sine and cosine of
-    its angle to the answer.
+    """Lower bound on the excess of another codeword's squared residuals, halved; s, c: sine and cosine of its
+    angle to the result.
 
-    With t the angle between samples and the answer, that to another codeword is apart - t at least, and its
-    squared residuals are larger by power sin(apart) sin(apart - 2 t).
+    With t the angle between samples and the result, the angle to another codeword is at least apart - t, and
+    its squared residuals are larger by power sin(apart) sin(apart - 2 t).
     """
     rss = min(rss, power)
     half = np.sqrt(rss * (power - rss))
@@ -124,8 +124,8 @@ def lead_of(rss: Any, power: Any, s: Any, c: Any) -> Any:
 
 @kernel
 def _walk(y: Any, k: Any, used: Any, whole: Any, power: Any, z: Any, angles: Any, b: Any, start: Any) -> Any:
-    """From codeword `start` downhill: (q, f, a, squared residuals) of the best place on segments q..q+1, over
-    the samples that are used (whole: all are); y is 0 elsewhere."""
+    """Descend from codeword `start`: (q, f, a, squared residuals) of the best place on segments q..q+1, over
+    the samples in use (whole: all); y is 0 for the others."""
     last = z.shape[1] - 2
     q, before, steps = min(max(start, 0), last), -1, 0
     best_q, best_f, best_a, best = q, _ZERO, _ZERO, power
@@ -148,7 +148,7 @@ def _walk(y: Any, k: Any, used: Any, whole: Any, power: Any, z: Any, angles: Any
 
 @kernel
 def _scores(y: Any, k: Any, used: Any, whole: Any, coarse: Any, score: Any) -> None:
-    """Correlation of samples with all codewords (M, P) of unit length; without samples that are not used."""
+    """Correlation of samples with all codewords (M, P) of unit length, over the samples in use."""
     score[:] = np.float32(0)
     for m in range(coarse.shape[0]):
         v = y[k, m]
@@ -189,8 +189,8 @@ def _highest(score: Any, place: Any, value: Any) -> None:
 def _compared(
     y: Any, k: Any, used: Any, sums: Any, z: Any, angles: Any, reach: Any, places: Any, noise: Any, first: Any
 ) -> Any:
-    """(walk's result, probability of another answer) of the best of an answer and those at other places,
-    coarse codewords; first: the result that there is."""
+    """Best of a first result and the results from coarse codewords at other places: (walk's result,
+    probability of another place)."""
     left, found = np.empty(_ANSWERS + 1), np.empty(_ANSWERS + 1)
     whole, per, count = sums[2] == sums[3], PER_PX // COARSE, 1 + places.size
     fit = first
@@ -215,11 +215,11 @@ def _compared(
 def _likely(
     y: Any, pixel: Any, used: Any, whole: Any, coarse: Any, score: Any, place: Any, value: Any
 ) -> Any:
-    """How many places of the whole surface may be the answer; they are the first of `place`."""
+    """Number of candidate places over the whole surface; they are the first of `place`."""
     _scores(y, pixel, used, whole, coarse, score)
     _highest(score, place, value)
     count = 0
-    # codewords are half a step from the best place at most: that costs less than half the score
+    # codewords are half a step from the best place at most, which costs less than half the score
     while count < place.size and place[count] >= 0 and value[count] >= 0.5 * value[0]:
         count += 1
     return count
@@ -227,12 +227,12 @@ def _likely(
 
 @exact
 def _rivals(fit: Any, sums: Any, apart: Any, lead: Any) -> Any:
-    """How many of the codewords that are most similar to an answer may be as good, if `lead` tells them
-    apart; -1: more than are listed."""
+    """Number of codewords similar to a result that may fit as well, within a margin `lead`; -1: more than the
+    list holds."""
     power, count, n = sums[1:]
     q = fit[0] // (PER_PX // COARSE)
     for k in range(apart.shape[0]):
-        # samples that are dropped take their share of the distance with them
+        # the distance shrinks with the omitted samples
         if lead_of(fit[3], power, apart[k, q, 0], apart[k, q, 1]) * (2 * count - n) > lead * n:
             return k
     return -1
@@ -242,9 +242,8 @@ def _rivals(fit: Any, sums: Any, apart: Any, lead: Any) -> Any:
 def answer_of(
     y: Any, k: Any, used: Any, sums: Any, book: Any, search: Any, b: Any, guess: Any, bounds: Any, noise: Any
 ) -> Any:
-    """(walk's result, probability of another answer) of a pixel: from a guess on (-1: there is none), or
-    over the whole surface, if that may be searched, where that does not lead to an answer that fits and is
-    better than all similar ones."""
+    """(walk's result, probability of another place) of a pixel: from a guess (-1: none), or by a search over
+    the surface, if allowed, unless the result fits and is better than all similar ones."""
     words, angles, (coarse, rivals, apart) = book.words, book.angles, search
     whole, power, searched = sums[2] == sums[3], sums[1], apart.shape[1] > 0
     (limit, lead), sure = bounds, not searched

@@ -1,4 +1,4 @@
-"""Tables of known levels: what each place of the surface shows through optics (see `Optics`)."""
+"""Tables of known levels: codewords of each place of the surface through optics (see `Optics`)."""
 
 import math
 from dataclasses import dataclass
@@ -24,21 +24,21 @@ __all__ = ["USUAL", "Optics", "Table", "table_of"]
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
-#: Spread of a pixel of one cell, no blur: what is assumed before anything is known.
+#: Spread of a pixel of one cell without blur: the first assumption.
 USUAL = 12**-0.5
 _NO_SEARCH = Search(
     np.zeros((0, 0), np.float32), np.zeros((0, RIVALS), np.int64), np.zeros((RIVALS + 1, 0, 2), np.float32)
 )
-#: Tables that are kept: as many as one axis asks for while its spread is measured.
+#: Number of cached tables: as many as one axis needs to measure its spread.
 _KEPT = 40
 
 
 class Optics(NamedTuple):
-    """What a cell's light goes through.
+    """Optical transfer of a cell's light.
 
     spread  rms of footprint and blur, pattern px; 0: an ideal surface without cells
-    blur    its part, if known
-    halo    share of the light that is scattered
+    blur    its part by the blur, if known
+    halo    share of scattered light
     """
 
     spread: float
@@ -47,7 +47,7 @@ class Optics(NamedTuple):
 
     @property
     def reach(self) -> float:
-        """rms of all, pattern px; of scattered light within a cell or two, as it has no end."""
+        """rms of everything, pattern px; scattered light counts within a cell or two, as it has no end."""
         return math.sqrt(self.spread**2 + self.halo)
 
     @property
@@ -63,10 +63,10 @@ class Table:
     way      SEARCH (any levels), SWEEP (stripes) or WITHIN (codes)
     book     codewords
     search   see Search; empty but for SEARCH
-    optics   through which they are seen
-    misfit2  variance of what the levels leave, over the squared amplitude
-    noise    of the camera, as residuals tell it; None: it was known
-    unsure   relative error of the spread: by as much of the way to the cell's nearest edge are places wrong
+    optics   between cells and pixels
+    misfit2  variance of the residuals, over the squared amplitude
+    noise    of the camera, from residuals; None: given
+    unsure   relative error of the spread, and so of a place's distance to the cell's nearest edge
     """
 
     way: int
@@ -103,7 +103,7 @@ def _cached(sequence: Sequence, index: tuple[int, ...], axis: str, optics: Optic
 
 @lru_cache(maxsize=8)
 def _search(sequence: Sequence, index: tuple[int, ...], axis: str, optics: Optics, reach: int) -> Search:
-    """Codewords of the whole surface, and which of them are similar."""
+    """Codewords of the surface, and the most similar ones of each."""
     words = _cached(sequence, index, axis, optics)[0][0][:, : len(index)].astype(np.float64)
     length = np.sqrt(np.square(words).sum(axis=1))
     unit = words / np.maximum(length, 1e-3 * length.max() + 1e-12)[:, None]
@@ -132,12 +132,12 @@ def _search(sequence: Sequence, index: tuple[int, ...], axis: str, optics: Optic
 
 
 def table_of(sequence: Sequence, plan: Plan, axis: AxisPlan, way: int, optics: Optics) -> Table:
-    """The table of an axis for a way of its search; of stripes without a halo."""
+    """The table of an axis for a search mode; of stripes without a halo."""
     if way == SWEEP:
         return Table(way, _sweep(sequence, axis.axis, optics), _NO_SEARCH, optics)
-    # beside free levels a code only tells where to look: what a blur makes of its edges is known less well
+    # with free levels a code only gives the start: the blur of its edges is less well known
     own = axis.levels if len(axis.levels) >= 3 else axis.frames()
-    # white and black also hold what the whole surface lights by way of the scene, bits about half of it
+    # white and black include indirect light from the whole surface, bits from about half of it
     ends = () if axis.code and not axis.levels and len(own) > 3 else (plan.white, plan.black)
     index = own + tuple(i for i in ends if i >= 0)
     if len(index) < 3:
@@ -152,8 +152,8 @@ def table_of(sequence: Sequence, plan: Plan, axis: AxisPlan, way: int, optics: O
 
 @lru_cache(maxsize=_KEPT)
 def _sweep(sequence: Sequence, axis: str, optics: Optics) -> Book:
-    """Raised cosines around each place of a sweep, of as many frames as one lights; of spots the mean of as
-    many along the other axis as are lit: their light is a product."""
+    """Raised cosines around each place of a sweep, over as many frames as illuminate one place; of spots the
+    mean over as many along the other axis: their light is a product."""
     axes = raster_axes(sequence) or described(sequence).axes
     (stripes,) = (one.stripes for one in axes if one.axis == axis)
     assert stripes is not None
@@ -163,7 +163,7 @@ def _sweep(sequence: Sequence, axis: str, optics: Optics) -> Book:
     summed, side = _around(stripes.beside, stripes.width - stripes.pitch, 1)
     half, beyond = math.ceil(1.25 * np.diff(at).max()) + 1, math.ceil(4 * spread) + 1
     first = np.rint(at).astype(np.float64) - half
-    # stripes at equal steps from cells share a block
+    # stripes at equal offsets from cells share a block
     away = at[begin[:, None] + np.arange(samples)] - first[:, None]
     away, block = np.unique(away, axis=0, return_inverse=True)
     place = np.arange(2 * half * PER_PX + 1) / PER_PX
@@ -171,10 +171,10 @@ def _sweep(sequence: Sequence, axis: str, optics: Optics) -> Book:
     shown = np.abs(cell - away[:, :, None]) / stripes.width
     seen = np.where(shown < 1, 0.5 + 0.5 * np.cos(np.pi * np.minimum(shown, 1.0)), 0.0)
     if spread > 0:
-        if len(stripes.beside) == 1:  # cells are shown in 8 bits; of a spot that is a product's rounding
+        if len(stripes.beside) == 1:  # cells have 8 bits; the rounding of a spot is that of a product
             seen = np.rint(255 * seen) / 255
         seen = seen @ _weight(cell[:, None] - place, optics)
-    # raised cosines at equal steps add up to their width in steps
+    # raised cosines at equal steps add up to their width over the step
     words, angles = _words(seen * min(stripes.width / (stripes.pitch * summed), 1.0))
     window = begin[:, None, None, None] + np.arange(samples)[:, None]
     frames = index[window, side[:, None, None] + np.arange(summed)]
@@ -186,7 +186,7 @@ def _sweep(sequence: Sequence, axis: str, optics: Optics) -> Book:
 
 
 def _around(at: F64, reach: float, least: int) -> tuple[int, NDArray[np.int64]]:
-    """How many places, as many everywhere, lie within reach of each, and the first of them."""
+    """Number of places within reach of each place, equal for all, and the first of them."""
     count = len(at)
     if count == 1:
         return 1, np.zeros(1, np.int64)
@@ -195,10 +195,10 @@ def _around(at: F64, reach: float, least: int) -> tuple[int, NDArray[np.int64]]:
 
 
 def _weight(distance: F64, optics: Optics) -> F64:
-    """Share of a cell's light in what a pixel at a distance (pattern px) sees.
+    """Share of a cell's light in a pixel at a distance (pattern px).
 
-    The cell through a footprint and a Gaussian blur that makes up the spread: half of its square where it is
-    not known, more where a footprint would be wider than a cell.
+    The cell through a footprint and a Gaussian blur that add up to the spread. An unknown blur has half of
+    its variance, or more where the footprint would be wider than a cell.
     """
     spread, known, _ = optics
     widest = math.sqrt(6) * spread if known is None else math.sqrt(12 * max(spread**2 - known**2, 0.0))
@@ -217,7 +217,7 @@ def _cosines(sequence: Sequence, index: tuple[int, ...], axis: str) -> F64:
 
 
 def _seen(levels: F64, optics: Optics, beyond: Any) -> F64:
-    """Levels (M, E) of cells as pixels at -1 + k / PER_PX see them, (M, (E + 1) PER_PX + 1)."""
+    """Levels (M, E) of cells as read by pixels at -1 + k / PER_PX, (M, (E + 1) PER_PX + 1)."""
     reach = math.ceil(4 * optics.spread) + 1
     around = np.pad(levels, ((0, 0), (reach + 1, reach + 1)), mode=beyond)
     weight = _weight(np.arange(-reach * PER_PX, reach * PER_PX + 1) / PER_PX, optics)
@@ -226,13 +226,13 @@ def _seen(levels: F64, optics: Optics, beyond: Any) -> F64:
 
 
 def _scattered(seen: F64, halo: float) -> F64:
-    """Levels (M, Q) of which a share is scattered, by lenses and surfaces.
+    """Levels (M, Q) with a share scattered by lenses and surfaces.
 
     A line's scattered light falls with the square of the distance (procam_capture_0: 0.1 / d^2 from 1.5 to 5
-    cells): a Lorentzian, of one cell, as what is nearer is part of the blur. Its transfer function is
+    cells): a Lorentzian of one cell, as light nearer by is part of the blur. Its transfer function is
     exp(-2 pi |f|).
     """
-    count = 2 * seen.shape[1]  # dark beyond, so that nothing comes round
+    count = 2 * seen.shape[1]  # dark padding against wrap-around
     kept = 1 - halo + halo * np.exp(-2 * np.pi * np.fft.rfftfreq(count, 1 / PER_PX))
     return np.fft.irfft(np.fft.rfft(seen, count) * kept, count)[:, : seen.shape[1]]
 

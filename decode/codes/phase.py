@@ -1,8 +1,8 @@
 """Phase shifting: least squares of N samples per period, I_i = e_i (A + c cos d_i + s sin d_i).
 
-Phase = atan2(s, c); its variance follows from the covariance of c and s (for N even steps
-2 sigma^2 / (N B^2), the Cramer-Rao bound). Saturated samples leave the fit, pixel by pixel, as long as three
-others determine it; where a response is inverted every sample has the weight of its own variance.
+Phase = atan2(s, c); its variance follows from the covariance of c and s (for N equidistant steps
+2 sigma^2 / (N B^2), the Cramer-Rao bound). Saturated samples are excluded per pixel, as long as three others
+determine the fit; if a response is inverted, every sample is weighted by its inverse variance.
 """
 
 from functools import lru_cache
@@ -21,17 +21,16 @@ __all__ = ["Periods", "fit_line", "periods_of", "turn_of"]
 F32 = NDArray[np.float32]
 _TINY = np.float32(1e-12)
 _TWO_PI = np.float32(2 * np.pi)
-#: Determinant of a fit's normal matrix, of the whole fit's, below which samples are too few.
+#: Determinant of a fit's normal matrix, relative to all samples, below which samples are too few.
 _DEGENERATE = 1e-3
 
 
 class Periods(NamedTuple):
-    """Fringes of an axis as kernels need them: K periods of N samples at most.
+    """Fringes of an axis in the form for kernels: K periods of N samples at most.
 
-    period (K,): pattern px; number (K,) of samples; frame (K, N) of each; design (K, N, 3); weights
-    (K, 4, N) of offset, c, s and, of four samples, the one combination that these do not reach; covariance
-    (K, 3): variances and covariance of c and s; rounding (K,): variance (turns^2) by rounded grey values
-    and misfit.
+    period (K,): pattern px; number (K,) of samples; frame (K, N) of each; design (K, N, 3); weights (K, 4, N)
+    of offset, c, s and, of four samples, the one combination orthogonal to the fringe; covariance (K, 3):
+    variances and covariance of c and s; rounding (K,): variance (turns^2) by rounded grey values and misfit.
     """
 
     period: F32
@@ -45,7 +44,7 @@ class Periods(NamedTuple):
 
 @lru_cache(maxsize=16)
 def periods_of(fringes: tuple[Fringe, ...], rounding: tuple[float, ...]) -> Periods:
-    """Of an axis' fringes; rounding: variance (turns^2) of each one's phase by grey values and misfit."""
+    """Periods of an axis; rounding: variance (turns^2) of each fringe's phase by grey values and misfit."""
     most = max(len(fringe.index) for fringe in fringes)
     spread = [fringe.inverse @ fringe.inverse.T for fringe in fringes]
     padded = [most - len(fringe.index) for fringe in fringes]
@@ -64,7 +63,7 @@ def periods_of(fringes: tuple[Fringe, ...], rounding: tuple[float, ...]) -> Peri
 
 
 def _weights(fringe: Fringe) -> NDArray[np.float64]:
-    """Of offset, c, s and of what they leave of four samples (4, N)."""
+    """Weights (4, N) of offset, c, s and the residual of four samples."""
     count = len(fringe.index)
     return np.concatenate([fringe.inverse, fringe.unlike if count == 4 else np.zeros((1, count))])
 
@@ -115,7 +114,7 @@ def fit_line(light: Any, noise: Any, periods: Any, k: Any, row: Any, work: Any, 
 
 @kernel
 def _sums_of_three_or_four(raw: Any, table: Any, index: Any, row: Any, w: Any, sums: Any) -> None:
-    """Offset, c, s of the first frames of a line; squared combination of four that these do not reach."""
+    """Offset, c, s of the first frames of a line; squared combination of four orthogonal to the fringe."""
     a, b, d = raw[index[0], row], raw[index[1], row], raw[index[2], row]
     (mean, cosine, sine, square), four = sums, index.size > 3
     g = raw[index[3], row] if four else d
@@ -154,8 +153,8 @@ def _residual(line: Any, table: Any, design: Any, sums: Any, first: Any) -> None
 
 @kernel
 def _phase_line(cosine: Any, sine: Any, fringe: Any, white: Any, noise: Any, fit: Any) -> Any:
-    """Phase, variance, amplitude and chi2 of a line (chi2 holds squared residuals); number of pixels that may
-    hold a saturated sample: none of a fit that stays below white by more than its residuals."""
+    """Phase, variance, amplitude and chi2 of a line (chi2 holds squared residuals); number of pixels with
+    possible saturation: all but those whose fit stays below white by more than its residuals."""
     turn, variance, amplitude, mean, chi2, _ = fit
     _, _, _, covariance, rounding = fringe
     read2, gain, rounding2, misfit2 = noise
@@ -184,10 +183,10 @@ def _phase_line(cosine: Any, sine: Any, fringe: Any, white: Any, noise: Any, fit
 def _refit(
     raw: Any, table: Any, spread: Any, clip: Any, row: Any, x: Any, fringe: Any, noise: Any, fit: Any
 ) -> None:
-    """Weighted normal equations of the samples that are not saturated; variance 1e12 if they are too few.
+    """Weighted normal equations of the unsaturated samples; variance 1e12 if they are too few.
 
-    Under a response a sample's variance is its own and what frames contradict each other by, of the amplitude
-    that samples of one weight have."""
+    Under a response a sample's variance is its own plus the misfit, for the amplitude of the unweighted
+    fit."""
     index, design, _, _, rounding = fringe
     read2, gain, rounding2, misfit2 = noise
     turn, variance, amplitude, offset, chi2, clipped = fit
@@ -230,7 +229,7 @@ def _refit(
 
 @exact
 def _add_to(d: Any, weight: Any, sums: Any) -> None:
-    """A sample's share in the upper triangle of the normal matrix."""
+    """Add a sample to the upper triangle of the normal matrix."""
     sums[0] += weight * d[0] * d[0]
     sums[1] += weight * d[0] * d[1]
     sums[2] += weight * d[0] * d[2]
@@ -241,7 +240,7 @@ def _add_to(d: Any, weight: Any, sums: Any) -> None:
 
 @exact
 def _inverted(m: Any, out: Any) -> Any:
-    """Determinant of a symmetric matrix by its upper triangle, and that of its inverse."""
+    """Determinant of a symmetric matrix from its upper triangle, and the inverse's upper triangle."""
     out[0], out[1] = m[3] * m[5] - m[4] * m[4], m[2] * m[4] - m[1] * m[5]
     out[2], out[3] = m[1] * m[4] - m[2] * m[3], m[0] * m[5] - m[2] * m[2]
     out[4], out[5] = m[1] * m[2] - m[0] * m[4], m[0] * m[3] - m[1] * m[1]

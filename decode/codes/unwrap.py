@@ -1,20 +1,19 @@
-"""Fringe orders: from coarse to fine, or of close periods by a table of those that fit.
+"""Fringe orders: from coarse to fine, or of close periods by a table of candidate orders.
 
-A coordinate that is known roughly chooses the order of a finer period. The rough coordinate x has a variance
-s^2 (a coarser period), or lies anywhere within half a cell of x (a code). A period p with phase t and
-variance p^2 v puts the pixel at p (t + k). With d the distance of the nearest such place from x, the next one
-is p - |d| away, so that with q(d) = max(|d| - half, 0)^2 / (s^2 + p^2 v)
+A rough coordinate selects the order of a finer period. The rough coordinate x has a variance s^2 (a coarser
+period), or lies anywhere within half a cell of x (a code). A period p with phase t and variance p^2 v gives
+the places p (t + k). With d the distance from x to the nearest of these, the next one is p - |d| away, so
+that with q(d) = max(|d| - half, 0)^2 / (s^2 + p^2 v)
 
     P(order is wrong) = 1 / (1 + exp((q(p - |d|) - q(d)) / 2)),
 
-and q(d) is a misfit with one degree of freedom. The finer period's place stands: a coarser one would add
-little to its precision and all of what is wrong with its grey values.
+and q(d) is a misfit with one degree of freedom. The finer period's place is the result: a coarser one would
+hardly improve its precision, and add the errors of its grey values.
 
-Where no period covers the surface the finest is measured best: its phase t leaves the places p (t + k),
-k = 0, 1, ... Every other phase at such a place is known, so a table over two of them, quantised, lists the
-orders that are within the noise. Each pixel looks up its cell and compares the listed orders by what all
-phases say: their posterior tells the probability of a wrong one, and an order that the table's tolerance
-leaves out adds to it.
+If no period covers the surface, the finest is the most precise: its phase t gives the places p (t + k),
+k = 0, 1, ... Each such place predicts every other phase, so a quantised table over two of them lists the
+orders within the noise. Each pixel looks up its cell and compares the listed orders by all phases: their
+posterior gives the probability of a wrong order, which includes orders beyond the table's tolerance.
 """
 
 from functools import lru_cache
@@ -41,9 +40,9 @@ __all__ = [
 
 #: Entries of a table along each of its axes, and deviations within which an order is listed.
 _ENTRIES, _DEVIATIONS = 64, 5.0
-#: Tables are kept by tolerances in steps of this factor.
+#: Tables are cached for tolerances in steps of this factor.
 _STEP = 2**0.5
-#: No order, and a misfit that no order has.
+#: No order, and the misfit of no order.
 _NONE, _NEVER = np.float32(-20000), np.float32(1e30)
 _ONE, _HALF = np.float32(1), np.float32(0.5)
 
@@ -57,20 +56,20 @@ def climb(
     rows: tuple[int, int],
     into: Into,
 ) -> None:
-    """Rows start..stop from the coarsest period to the finest.
+    """Decode rows start..stop from the coarsest period to the finest.
 
-    code: what tells the cell; without one the coarsest period's order is that of the place nearest to the
-    middle of the surface.
+    code: gives the cell; without one the coarsest period's order is that of the place nearest to the middle
+    of the surface.
     """
     coarsest = float(periods.period[0])
-    beyond = max(0.0, 1 - coarsest / extent)  # so much of the surface has another order
+    beyond = max(0.0, 1 - coarsest / extent)  # share of the surface with another order
     numbers = np.float32((extent - 1) / 2), np.float32(beyond)
     _climb(light.numbers(), noise.numbers(), periods, rows, numbers, code, into)
 
 
 @exact
 def _climb(light: Any, noise: Any, periods: Any, rows: Any, numbers: Any, code: Any, into: Any) -> None:
-    """A row at a time, so that what its fits tell is still in the cache."""
+    """Row by row, so that the fits of a row stay in the cache."""
     place, var, width, (middle, beyond) = into.place, into.variance, into.place.shape[1], numbers
     work = np.empty((2, width), np.float32)
     own = np.empty((9, width), np.float32)
@@ -142,7 +141,7 @@ def _join(told: Any, half: Any, code: Any, lines: Any) -> None:
         inverse = _ONE / (own + centre_var[x])
         away = abs(new - centre[x])
         over, other = max(away - half, zero), max(period - away - half, zero)
-        # out of the cell by noise of the fringe alone, or as the weakest bit is wrong
+        # outside of the cell by noise of the fringe, or by an error of the weakest bit
         per_own = _ONE / own
         this = max(over * over * inverse, min(over * over * per_own, sure[x]))
         that = max(other * other * inverse, min(other * other * per_own, sure[x]))
@@ -157,9 +156,9 @@ def _join(told: Any, half: Any, code: Any, lines: Any) -> None:
 class Orders(NamedTuple):
     """A table of the orders of close periods.
 
-    listed (most, cells): the nearest, the next, ... of a cell, _NONE beyond them. tolerance: turns within
-    which they are listed; extent: of the surface, px, from which all light comes: a place beyond it is as
-    unlikely as the noise that carries it there.
+    listed (most, cells): the nearest, the next, ... of a cell, then _NONE. tolerance: turns within which they
+    are listed; extent: of the surface, px, which emits all light: a place beyond it is as unlikely as the
+    noise that would shift it there.
     """
 
     listed: NDArray[np.float32]
@@ -170,7 +169,7 @@ class Orders(NamedTuple):
 def order_table(periods: tuple[float, ...], extent: int, deviation: float) -> Orders:
     """Orders of the last period by the residues of the first two, t_j - t p / p_j modulo 1.
 
-    deviation: of a residue, turns, at the usual contrast; rounded up, as tables are kept by it.
+    deviation: of a residue, turns; rounded up, as tables are cached by it.
     """
     tolerance = max(_DEVIATIONS * deviation, 1e-3)
     return _order_table(periods, extent, float(_STEP ** np.ceil(np.log(tolerance) / np.log(_STEP))))
@@ -208,7 +207,7 @@ def unwrap_close(
 
 @exact
 def _unwrap(light: Any, noise: Any, periods: Any, rows: Any, orders: Any, into: Any) -> None:
-    """A row at a time, so that what its fits tell is still in the cache."""
+    """Row by row, so that the fits of a row stay in the cache."""
     place, var, width = into.place, into.variance, into.place.shape[1]
     count, period = periods.number.size, periods.period
     work = np.empty((2, width), np.float32)
@@ -240,7 +239,7 @@ def _unwrap(light: Any, noise: Any, periods: Any, rows: Any, orders: Any, into: 
 def _kept(
     var: Any, chi2: Any, saturated: Any, period: Any, own: Any, weight: Any, misfit: Any, clipped: Any
 ) -> None:
-    """Of a period's fit: the weight of its place, its misfit, its saturated samples."""
+    """Add a period's fit: weight of its place, misfit, saturated samples."""
     square = period * period
     for x in range(var.size):
         own[x] = _ONE / (square * var[x])
@@ -267,7 +266,7 @@ def _cells(turns: Any, periods: Any, cell: Any) -> None:
 
 @kernel
 def _listed(orders: Any, cell: Any, order: Any) -> Any:
-    """Orders of a line's cells, of one rank; whether there are any."""
+    """Orders of one rank for a line's cells; whether there are any."""
     some = False
     for x in range(cell.size):
         order[x] = orders[cell[x]]
@@ -277,7 +276,7 @@ def _listed(orders: Any, cell: Any, order: Any) -> Any:
 
 @kernel
 def _scores(turns: Any, weights: Any, weight: Any, periods: Any, extent: Any, order: Any, out: Any) -> None:
-    """Of an order: weighted mean of the places that all periods give, and misfit; weight: sum of weights."""
+    """Weighted mean of the places by all periods for an order, and misfit; weight: sum of weights."""
     last = periods.size - 1
     fine, t = periods[last], turns[last]
     place, mean, square = out
@@ -302,7 +301,7 @@ def _scores(turns: Any, weights: Any, weight: Any, periods: Any, extent: Any, or
 
 @kernel
 def _compared(order: Any, at: Any, score: Any, best: Any) -> None:
-    """An order beside the best one so far: its place, its misfit, how likely all others are over it."""
+    """Update the best order: its place, its misfit, likelihood of all others relative to it."""
     place, least, others = best
     for x in range(order.size):
         here, before, there = at[x], least[x], place[x]
@@ -316,8 +315,8 @@ def _compared(order: Any, at: Any, score: Any, best: Any) -> None:
 
 @kernel
 def _doubt(variances: Any, periods: Any, tolerance: Any, least: Any, lines: Any) -> None:
-    """Variance of the best order's place, its misfit with that of the fits, the probability that it is
-    another one or one whose residues are beyond the tolerance."""
+    """Variance of the best order's place, its misfit including the fits', and probability of another order or
+    of one beyond the tolerance."""
     last = periods.size - 1
     b = min(1, last - 1)
     r0, r1 = periods[last] / periods[0], periods[last] / periods[b]

@@ -1,12 +1,12 @@
-"""The border of the display: beyond it is dark, so what a pixel sees there lies further inwards.
+"""The border of the display: beyond it is dark, which shifts a pixel's centre of light inwards.
 
 A pixel at a distance a from the border takes the share W(k - u) of the light of cell k (see display), and
-nothing from cells beyond the border. Of a fringe of P cells that moves the reading by
+nothing from cells beyond the border. For a fringe of P cells this shifts the reading by
 
     s(a) = P / 2 pi (arg sum over k inside of W(k - u) exp(2 pi i (k - u) / P) - arg sum over every k).
 
-Missing is the sum of W over cells beyond, which tells the blur. Codes and levels that are looked up read
-about the centre of the light: P is infinite.
+The missing light is the sum of W over cells beyond the border, which determines the blur. For codes and
+look-ups, which read about the centre of the light, P is infinite.
 """
 
 import math
@@ -39,27 +39,25 @@ F64 = NDArray[np.float64]
 Shares = tuple[tuple[float, float], ...]
 #: Cells from the border within which light may be missing: three deviations of a blur of three cells.
 MARGIN = 9.0
-#: Deviations of what a pixel sees within which the border takes some of it, squared.
+#: Squared deviations of a pixel's response within which the border takes some of its light.
 _SHADOW = 4
 SHADOW2 = np.float32(_SHADOW**2)
-#: Light that is missing where the blur is measured, and that may be missing of a good pixel.
+#: Range of missing light for the measurement of blur; largest missing light of a good pixel.
 _DARK, _LOST = (0.05, 0.45), 0.1
-#: Lines that are looked at along either axis; pixels that tell a blur; pixels inwards at which no light is
-#: missing.
+#: Lines in the sample along either axis; fewest pixels for a blur; pixels inwards to light without loss.
 _LINES, _FEWEST, _FARTHEST = 100, 8, 60
-#: Blurs that are tabled, cells rms.
+#: Tabulated blurs, cells rms.
 _BLURS = np.array([0.0, *np.geomspace(0.2, 3.2, 13)])
-#: Shares of a pixel's deviation that are no footprint, and readings in deviations from the border, that are
-#: tabled; deviations from it that these are of.
+#: Tabulated shares of a pixel's deviation that are not footprint, and readings, in deviations from the
+#: border; number of deviations.
 _LEAST, _RATIOS, _STEPS = np.float32(0.1), 18, 16
 _TRUE = np.linspace(0.0, 5.0, 101)
-#: A period that is as good as infinite; share of the shift that is unsure where one stands for a code.
+#: A period that approximates infinity; uncertain share of the shift where it stands for a code.
 _CENTRE, _SHAPE = ((1e6, 1.0),), 0.25
 
 
 class BorderBlur(NamedTuple):
-    """Blur beside the border between a least and a largest one, cells; measured: whether light tells it, or
-    it is a bound."""
+    """Range of the blur at the border, cells; measured: from light; else it is an upper bound."""
 
     low: float
     blur: float
@@ -69,24 +67,24 @@ class BorderBlur(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Border:
-    """What it does to the pixels of an axis. reach: deviation of what one of no footprint sees, cells; table
-    (_RATIOS + 1, 4 _STEPS + 1, 3): the share of light that is missing, the shift of a reading, and what is
-    unsure of it, both in deviations, by reach over deviation and reading."""
+    """Effect of the border on the pixels of an axis. reach: deviation of the response of a pixel without
+    footprint, cells; table (_RATIOS + 1, 4 _STEPS + 1, 3): share of missing light, shift of a reading and its
+    uncertainty, both in deviations, by reach over deviation and reading."""
 
     reach: float
     table: F32
 
 
-#: Of a surface that has no border.
+#: Blur of a surface without a border.
 NO_BLUR = BorderBlur(0.0, 0.0, 0.0, False)
-#: The same, as a table.
+#: Table of a surface without a border.
 NO_BORDER = Border(0.0, np.zeros((_RATIOS + 1, _SHADOW * _STEPS + 1, 3), np.float32))
 
 
 @lru_cache(maxsize=16)
 def border_of(shares: Shares, blurs: BorderBlur) -> Border:
-    """Of periods (see display) and a blur. One that is a bound bounds what a pixel sees: half of its shift is
-    taken off, and as much is unsure."""
+    """Border of periods (see display) and a blur. If the blur is an upper bound, half of its shift is
+    subtracted, with the same uncertainty."""
     low, blur, high, told = blurs
     missing, shift = _of_blur(shares, blur)
     reach = float(_reach(blur))
@@ -101,12 +99,12 @@ def border_of(shares: Shares, blurs: BorderBlur) -> Border:
 
 
 def _reach(blur: Any) -> Any:
-    """Deviation of a cell and its blur."""
+    """Standard deviation of a cell with its blur."""
     return np.sqrt(1 / 12 + blur**2)
 
 
 def _of_blur(shares: Shares, blur: float) -> F64:
-    """Missing light and shift (2, _RATIOS + 1, 4 _STEPS + 1), between the blurs that are tabled."""
+    """Missing light and shift (2, _RATIOS + 1, 4 _STEPS + 1), interpolated between tabulated blurs."""
     after = int(np.clip(np.searchsorted(_BLURS, blur), 1, len(_BLURS) - 1))
     part = min((blur - _BLURS[after - 1]) / (_BLURS[after] - _BLURS[after - 1]), 1.0)
     return np.asarray((1 - part) * _table(shares, after - 1) + part * _table(shares, after))
@@ -114,7 +112,7 @@ def _of_blur(shares: Shares, blur: float) -> F64:
 
 @lru_cache(maxsize=1024)
 def _table(shares: Shares, index: int) -> F64:
-    """Of one of the blurs, as `_of_blur`."""
+    """Table of one of the blurs, as `_of_blur`."""
     read = np.arange(_SHADOW * _STEPS + 1) / _STEPS
     out = []
     for deviation, distance, light, inside in _light(index):
@@ -125,7 +123,7 @@ def _table(shares: Shares, index: int) -> F64:
 
 
 def _phase(shares: Shares, distance: F64, light: F64) -> F64:
-    """Shift (A,) of fringes of which pixels see the light (K, A) of cells at distances (K, A), cells."""
+    """Shift (A,), cells, of fringes for pixels with light (K, A) from cells at distances (K, A), cells."""
     shift, weight = np.zeros(light.shape[1]), np.full(light.shape[1], 1e-30)
     for period, share in shares:
         seen = (light * np.exp(2j * np.pi / period * distance)).sum(axis=0)
@@ -137,8 +135,8 @@ def _phase(shares: Shares, distance: F64, light: F64) -> F64:
 
 @lru_cache(maxsize=len(_BLURS))
 def _light(index: int) -> list[tuple[float, F64, F64, NDArray[np.bool_]]]:
-    """Of each footprint deviation, distances (K, A) of cells from a pixel at the places `_TRUE`, their light,
-    and whether they are inside."""
+    """For each footprint deviation, distances (K, A) of cells from a pixel at the places `_TRUE`, their
+    light, and whether they are inside."""
     blur, out = float(_BLURS[index]), []
     for ratio in np.linspace(_LEAST, 1.0, _RATIOS + 1):
         deviation = float(_reach(blur) / ratio)
@@ -153,11 +151,11 @@ def _light(index: int) -> list[tuple[float, F64, F64, NDArray[np.bool_]]]:
 def measured_blur(
     coord: F32, flags: NDArray[np.uint16], light: tuple[F32, F32], extent: int, shares: Shares = ()
 ) -> tuple[BorderBlur, int]:
-    """Blur by the light that is missing beside the border, and how many pixels tell it (0: too few). coord,
-    flags: (H, W); extent: of the surface.
+    """Blur from the light that is missing at the border, and number of pixels in the estimate (0: too few).
+    coord, flags: (H, W); extent: of the surface.
 
-    light: mean level and amplitude (H, W). Light of a room is in the level only: the amplitude tells how much
-    of it is the display's.
+    light: mean level and amplitude (H, W). Ambient light is in the level only: the amplitude gives the
+    display's share of it.
     """
     parts, nothing = [], (BorderBlur(math.nan, math.nan, math.nan, False), 0)
     for turned, count in enumerate(coord.shape):
@@ -179,11 +177,11 @@ def measured_blur(
     low, blur, high = (float(np.interp(0.0, line, blurs)) for line in quartiles)
     shift = _shift(shares, blur, away, width2)
     dims = _missing(1 - _expected(_of_blur(shares, blur)[0], blur, away, width2))
-    # noise of faint light is missing anywhere: a blur has to explain most of what is, and is not, beside it;
-    # and more than a share that is the same there, as of light that falls off all over the image
+    # noise of faint light resembles missing light: a blur must explain most of the pattern of loss at the
+    # border, and more than a constant share does, as by a falloff over the image
     share = np.sum(level * dims) / np.maximum(np.sum(dims**2), 1e-9)
     unlike = np.sum((level - share * dims) ** 2) > min(0.5 * np.sum(level**2), len(level) * np.var(level))
-    # uneven light shifts nothing: as the blur says readings have to bend
+    # uneven light shifts no reading: readings must show the curvature that the blur predicts
     straight = np.abs(bend - (shift[0] - 2 * shift[1] + shift[2])).sum() > np.abs(bend).sum()
     count = np.count_nonzero((dims > _DARK[0]) & (dims < _DARK[1]))
     unbounded = low >= _BLURS[-1]
@@ -191,14 +189,13 @@ def measured_blur(
 
 
 def _missing(light: Any) -> F64:
-    """Share (K,) that is missing of light (3, K) on the straight line from inwards."""
+    """Share (K,) that is missing of light (3, K), relative to the straight line from inwards."""
     near, middle, far = light
     return np.asarray(1 - near / np.maximum(2 * middle - far, 1e-6))
 
 
 def _expected(table: F64, blur: float, away: F64, width2: F64) -> F64:
-    """Entries of a table of a blur for pixels that read a distance from the border and have a footprint of a
-    variance."""
+    """Table of a blur at readings of a distance from the border, for footprints of a variance."""
     deviation = _deviation(blur, width2)
     ratio = (_reach(blur) / deviation - _LEAST) * (_RATIOS / (1 - _LEAST))
     place = np.broadcast_arrays(ratio, away / deviation * _STEPS)
@@ -206,21 +203,21 @@ def _expected(table: F64, blur: float, away: F64, width2: F64) -> F64:
 
 
 def _shift(shares: Shares, blur: float, away: F64, width2: F64) -> F64:
-    """Of readings at a distance from the border, cells."""
+    """Shift of readings at a distance from the border, cells."""
     return _expected(_of_blur(shares, blur)[1], blur, away, width2) * _deviation(blur, width2)
 
 
 def _deviation(blur: float, width2: F64) -> F64:
-    """Of what pixels of a footprint of a variance see, cells."""
+    """Standard deviation of the response of pixels with a footprint of a variance, cells."""
     return np.asarray(np.sqrt(_reach(blur) ** 2 + width2))
 
 
 def _beside(
     extent: int, coord: F32, flags: NDArray[np.uint16], level: F32, amplitude: F32
 ) -> tuple[NDArray[Any], ...]:
-    """Of K pixels beside the border, on lines (L, W) of maps: distances (3, K) from it of the pixel, of one
-    inwards and of one twice as far; variance (K,) of the footprint; by how much the three bend inwards; what
-    is missing of the level and of the amplitude (K,).
+    """For K pixels at the border, on lines (L, W) of maps: distances (3, K) from it of the pixel, of one
+    inwards and of one twice as far; variance (K,) of the footprint; inward second difference of the three
+    readings; missing shares of the level and of the amplitude (K,).
     """
     away = extent / 2 - np.abs(coord - (extent - 1) / 2)
     line, at = np.divmod(np.flatnonzero((away > 0) & (away < MARGIN / 2)), coord.shape[1])
@@ -239,7 +236,7 @@ def _beside(
     kept = (within > 0.8 * MARGIN) & (within < 3 * MARGIN) & (flags[line, three[1:]] == 0).all(axis=0)
     line, three, half = line[kept], three[:, kept], half[kept]
     (near, middle, far), sign = coord[line, three], np.where(2 * coord[line, three[0]] < extent, 1, -1)
-    # beside the border neighbours read nearly the same place: the footprint is that of the next ones inwards
+    # at the border neighbours read nearly the same place: take the footprint of the next ones inwards
     width2 = ((far - middle) / half) ** 2 / 12
     bend = sign * (near - 2 * middle + far)
     missing = (_missing(one[line, three]) for one in (level, amplitude))
@@ -250,8 +247,9 @@ def _beside(
 def inwards(
     c: Any, noise: Any, gx: Any, gy: Any, reach: Any, table: Any, extent: Any
 ) -> tuple[Any, Any, Any]:
-    """Whether more light is missing than a good pixel may lack; shift inwards and its variance, by the table
-    of a `Border`. noise: variance of the reading c, of which some is the shift's; gx, gy: the footprint."""
+    """Whether more light is missing than allowed for a good pixel; shift inwards and its variance, by the
+    table of a `Border`. noise: variance of the reading c, which makes the shift uncertain; gx, gy: the
+    footprint."""
     none, half = np.float32(0), np.float32(0.5)
     if extent <= 0:
         return False, none, none
@@ -261,7 +259,7 @@ def inwards(
     if away * away >= SHADOW2 * deviation * deviation:
         return False, none, none
     _, shift, unsure = _looked_up(table, reach, deviation, away)
-    # as sharp cells are treads, noise may hide that the reading is of a place nearer to the border
+    # sharp cells are treads: the place may be nearer to the border than a noisy reading indicates
     sigma = np.sqrt(noise)
     dark, _, _ = _looked_up(table, reach, deviation, max(away - sigma, none))
     _, most, _ = _looked_up(table, reach, deviation, max(away - sigma - sigma, none))
@@ -271,7 +269,7 @@ def inwards(
 
 @exact
 def _looked_up(table: Any, reach: Any, deviation: Any, away: Any) -> tuple[Any, Any, Any]:
-    """Entries of a table, shifts in cells."""
+    """Interpolated entries of a table, shifts in cells."""
     one = np.float32(1)
     ratio = max(reach / deviation - _LEAST, np.float32(0)) * (np.float32(_RATIOS) / (one - _LEAST))
     step = away / deviation * np.float32(_STEPS)

@@ -1,10 +1,10 @@
-"""Outermost lines of the image that do not fit those behind: what a camera's filters make of its edge.
+"""Outermost lines of the image that contradict those behind them: artefacts of the camera's filters.
 
 Sharpening, demosaicing and median filters repeat or mirror pixels beyond the image. That shifts a fringe by
-nearly the same all along a line, so that means over some of its pixels tell it. The outermost lines are
-extrapolated from those behind them, and in the same way the next lines from those behind these: what the
-former miss more than the latter is neither noise nor a bend of the map. A dent may hide in it, so that
-nothing is taken off: sigma of the line becomes at least as wide.
+nearly the same amount along a line, so that means over some of its pixels reveal it. The outermost lines are
+extrapolated from those behind them, and the next lines likewise from those behind these: the excess of the
+first error over the second is neither noise nor curvature of the map. A dent might cause it, so that no
+correction is applied: sigma of the line becomes at least as large.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,21 +19,21 @@ __all__ = ["edge_lines", "widen_edge_lines"]
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
-#: Lines that may be off. A demosaicing kernel of 5 px reaches two; of an unsharp mask of 2 px rms the third
-#: has a fifth of the first one's shift, the fourth 7 %.
+#: Lines that may be shifted. A demosaicing kernel of 5 px reaches two; of an unsharp mask of 2 px rms the
+#: third has a fifth of the first one's shift, the fourth 7 %.
 _OUTER = 3
-#: Lines that a parabola is laid through: by six, extrapolated to the outermost, noise is 4.8 times a pixel's.
+#: Lines of a parabola: extrapolated from six to the outermost line, its noise is 4.8 times a pixel's.
 _BEHIND = 6
-#: Pixels of a mean, which leaves 2.4 of these 4.8: by the limits below, shifts from 3.5 sigma of a pixel on
-#: show along lines of 160 px or more.
+#: Pixels of a mean, which reduces 4.8 to 2.4: with the limits below, shifts above 3.5 sigma of a pixel are
+#: significant along lines of 160 px or more.
 _MEAN = 4
 _MEANS = np.full(_MEAN, 1 / _MEAN)
 #: Three deviations of the logarithm of two medians' ratio, each of n squares (2.33 / sqrt(n), from chi2 with
 #: one degree of freedom, for either), are 10 / sqrt(n).
 _CHANCE = 10.0
-#: Logarithm of the ratio by which squared bends differ over _OUTER lines: they fade over REACH px or more.
+#: Log ratio of squared second differences over _OUTER lines: curvature fades over REACH px or more.
 _BEND = 2 * _OUTER / REACH
-#: Lines that are looked at; half of them may be refused, as edges of bits may be all along a line.
+#: Lines in the test; half of them may be flagged, as edges of bits may extend along a line.
 _LINES = 2 * (2 * _OUTER + _BEHIND)
 #: Of an image (H, W), every side's lines from the outermost inwards, as views.
 _SIDES: tuple[Callable[[NDArray[Any]], NDArray[Any]], ...] = (
@@ -45,7 +45,7 @@ _SIDES: tuple[Callable[[NDArray[Any]], NDArray[Any]], ...] = (
 
 
 def widen_edge_lines(sigmas: Sequence[F32], off: F32) -> None:
-    """Sigma (H, W) of each of A axes at least what its outermost lines are off, see edge_lines."""
+    """Raise sigma (H, W) of each of A axes to at least the shift of its outermost lines, see edge_lines."""
     for side, lines_of in enumerate(_SIDES):
         for sigma, own in zip(sigmas, off[:, side], strict=True):
             outer = lines_of(sigma)[: len(own)]
@@ -53,7 +53,7 @@ def widen_edge_lines(sigmas: Sequence[F32], off: F32) -> None:
 
 
 def edge_lines(coords: Sequence[F32], flags: NDArray[np.uint16]) -> F32:
-    """What the outermost lines of A coordinates (H, W) are off, (A, 4, _OUTER): from each side inwards."""
+    """Shifts of the outermost lines of A coordinates (H, W), (A, 4, _OUTER): from each side inwards."""
     found = np.zeros((len(coords), len(_SIDES), _OUTER), np.float32)
     for side, lines_of in enumerate(_SIDES):
         good = lines_of(flags)[:_LINES] == 0
@@ -71,20 +71,20 @@ def edge_lines(coords: Sequence[F32], flags: NDArray[np.uint16]) -> F32:
 
 
 def _extrapolation(at: NDArray[np.intp]) -> F64:
-    """Weights of the last _BEHIND of some lines by which least-squares parabolas reach the others."""
+    """Weights of the last _BEHIND of some lines for least-squares parabolas at the others."""
     powers = np.vander(at, 3)
     return powers[:_OUTER] @ np.linalg.pinv(powers[_OUTER:])
 
 
 def _missed2(lines: F64, weights: F64) -> list[F64]:
-    """Squares px^2 of what the first _OUTER lines (K, n) miss those behind by, means over pixels not NaN."""
+    """Squared extrapolation errors, px^2, of the first _OUTER lines (K, n), of means without NaN."""
     missed = lines[:_OUTER] - weights @ lines[_OUTER:]
     known = [line[np.isfinite(line)] for line in missed]
     return [(line[: line.size // _MEAN * _MEAN].reshape(-1, _MEAN) @ _MEANS) ** 2 for line in known]
 
 
 def _surely_off(missed2: F64, usual2: F64) -> float:
-    """Square root of the difference of both medians where their ratio is no chance and no bend, or else 0."""
+    """Root of the difference of both medians if their ratio exceeds chance and curvature, else 0."""
     count = min(missed2.size, usual2.size)
     if not count:
         return 0.0

@@ -1,10 +1,10 @@
-"""Where the mirror ends light fades, in a pixel or over the lens's blur: pixels there see more of one side.
+"""Edge blur: at the mirror's ends light fades, in a pixel or over the lens's blur, and readings shift.
 
-A pixel sees places around its own, with weights of some variance m2 (px^2). Of a map u in a light A it reads
-u + m2 grad u . grad A / A (exact for normal weights). m2 is how wide light rises across the mirror's ends (a
-sharp end within a pixel reads about 1/4, as it should: half of it dark, its neighbours dark and bright, the
-centre of its light is a quarter away). Where a camera is focused on something else rise and mixing need not
-agree, so that the shift is not taken off: it joins the variance.
+A pixel averages places around its centre, with weights of some variance m2 (px^2). Of a map u in a light A it
+reads u + m2 grad u . grad A / A (exact for normal weights). m2 is the variance of the rise of light across
+the mirror's ends (a sharp end within a pixel gives about 1/4, which is right: half of it dark, its neighbours
+dark and bright, the centre of its light is a quarter away). If the camera is focused on something else, rise
+and averaging may differ, so that the shift is not subtracted: it joins the variance.
 """
 
 from typing import Any, NamedTuple
@@ -18,23 +18,23 @@ from optolever.kernels import inlined, kernel
 __all__ = ["Ends", "end_width", "faded", "slope"]
 
 F64 = NDArray[np.float64]
-#: Lines that are looked at along either axis; pixels on either side of an end; ends that tell a width.
+#: Lines in the sample along either axis; pixels on either side of an end; fewest ends for a width.
 _LINES, _REACH, _FEWEST = 100, 6, 16
-#: Light that is left where a rise begins, and range where it has ended: shares of the light inside.
+#: Residual light before a rise, and range of light after it: shares of the light inside.
 _DARK, _EVEN = 0.2, 0.2
-#: Shares at which a rise is one deviation below and above its middle.
+#: Levels of a rise one deviation below and above its middle.
 _LOW, _HIGH = 0.16, 0.84
 
 
 class Ends(NamedTuple):
-    """m2 and its standard deviation, px^2; 0 and NaN where too few ends tell."""
+    """m2 and its standard deviation, px^2; 0 and NaN if there are too few ends."""
 
     variance: float
     sigma: float
 
 
 def end_width(amplitude: NDArray[Any], flags: NDArray[np.uint16]) -> Ends:
-    """m2 by the ends of the mirror. amplitude, flags: (H, W)."""
+    """m2 from the ends of the mirror. amplitude, flags: (H, W)."""
     turned = ((amplitude, flags), (amplitude.T, flags.T))
     lines = [(light[:, ::way], refused[:, ::way]) for light, refused in turned for way in (1, -1)]
     found = np.concatenate([_rises(*line) for line in lines])
@@ -45,7 +45,7 @@ def end_width(amplitude: NDArray[Any], flags: NDArray[np.uint16]) -> Ends:
 
 
 def _rises(light: NDArray[Any], flags: NDArray[np.uint16]) -> F64:
-    """Variances across the ends from which on pixels of a line are good."""
+    """Variances of the rises of light at the first good pixel after flagged ones, along lines."""
     if min(light.shape) < 2 * _REACH:
         return np.zeros(0)
     every = slice(1, -1, max(1, len(light) // _LINES))
@@ -64,12 +64,12 @@ def _rises(light: NDArray[Any], flags: NDArray[np.uint16]) -> F64:
     along = light[line, middle + 1] - light[line, middle - 1]
     across = light[line + 1, middle] - light[line - 1, middle]
     straight = (along**2 / np.maximum(along**2 + across**2, 1e-12))[:, 0]  # cos^2 of the end's slant
-    # between samples of pixels a rise is a box of one wider
+    # interpolation between pixels widens a rise by a box of one pixel
     return np.asarray(((((high - low) / 2) ** 2 - 1 / 12) * straight)[straight > 0.5])
 
 
 def _crossing(rise: F64, level: float) -> F64:
-    """Where rises (K, n) first reach a level."""
+    """Positions where rises (K, n) first reach a level."""
     after = np.maximum((rise >= level).argmax(axis=1), 1)
     row = np.arange(len(rise))
     low, high = rise[row, after - 1], rise[row, after]
@@ -78,7 +78,7 @@ def _crossing(rise: F64, level: float) -> F64:
 
 @inlined
 def slope(before: Any, here: Any, after: Any, per_step: Any) -> Any:
-    """Change per pixel by two neighbours, equally far; by one where the other is refused (NaN), 0 by none."""
+    """Change per pixel from two equidistant neighbours; from one if the other is NaN; 0 from none."""
     low = before if before == before else here
     high = after if after == after else here
     both = before + after == before + after
@@ -87,11 +87,11 @@ def slope(before: Any, here: Any, after: Any, per_step: Any) -> Any:
 
 @kernel
 def faded(window: Any, k: Any, reach: Any, light: Any, m2: Any, total: Any) -> None:
-    """What uneven light shifts in a line (W,), into its variance.
+    """Add the squared shift by uneven light to the variance of a line (W,).
 
-    window, k: the map around the line, see `centre.windowed`; its slope is taken over `reach` pixels, as
-    those next to an end are shifted themselves. light: amplitude of the line and of two others (W,), between
-    which it is or one of which it is, two pixels apart (behind a mosaic of one colour).
+    window, k: the map around the line, see `centre.windowed`; its slope is taken over `reach` pixels, as the
+    nearest ones at an end are shifted, too. light: amplitude of the line and of two others (W,), two pixels
+    apart (one colour of a mosaic), on both sides of it or including it.
     """
     lit, up, down = light
     half, per_step, size = np.float32(0.5), np.float32(1) / np.float32(reach), total.size

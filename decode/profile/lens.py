@@ -1,17 +1,17 @@
-"""What a camera's lens blurs, told by the contrast that it takes from fringes where the map is steep.
+"""Lens blur, from the contrast of fringes where the map is steep.
 
-A lens mixes places with a variance of blur2 px^2 along either axis. Of a fringe of which w turns lie on a
-pixel that leaves exp(-2 pi^2 blur2 w^2) of the contrast, and the pixel's own area sinc(w_x) sinc(w_y). Beside
-a coarser fringe, or white and black, of the same pixel its light cancels; what the display takes is the same
-everywhere, or changes slowly, as a polynomial of the image's rows and columns does:
+A lens averages places with a variance of blur2 px^2 along either axis. This reduces the contrast of a fringe
+with w turns per pixel to exp(-2 pi^2 blur2 w^2), and the pixel's area to sinc(w_x) sinc(w_y). In the ratio to
+a coarser fringe, or to white and black, the pixel's light cancels; the display's transfer is constant, or
+varies slowly, as a polynomial of the image's rows and columns:
 
     log(fine / coarse) - log(sinc sinc) = polynomial - 2 pi^2 blur2 (w_fine^2 - w_coarse^2).
 
-A straight line through sampled pixels tells blur2. Slopes that other pixels tell are its instrumental
-variable (Wald, 1940): noise in what a line is fitted over would make it flatter, and what the display's cells
-leave in places shifts neighbours at one and at two pixels differently. Where the map does not bend nothing
-tells a lens, and nothing has to. A camera that sharpens (an unsharp mask of a times what blur2 px^2 take: the
-variance -a blur2) adds contrast in the same way.
+The slope of a straight line through sampled pixels is blur2. Slopes from other pixels are its instrumental
+variable (Wald, 1940): noise of the abscissa would flatten the line, and pixelation shifts neighbours at one
+and at two pixels differently. Where the map is not curved, the lens is not determined, and has no effect. A
+camera that sharpens (an unsharp mask of a times the effect of blur2 px^2: the variance -a blur2) adds
+contrast in the same way.
 """
 
 from typing import NamedTuple
@@ -26,37 +26,37 @@ from .noise import Sample
 __all__ = ["NO_LENS", "Lens", "measured_lens"]
 
 F64 = NDArray[np.float64]
-#: Variance of a pixel's own area; turns in a pixel from which on it leaves less than half of a contrast.
+#: Variance of a pixel's area; turns per pixel beyond which it halves a contrast.
 _OWN, _HALF = 1 / 12, 0.6
-#: Terms of the polynomial (to second order, to third), and pixels on either side over which slopes are taken;
-#: what others must tell, too.
+#: Terms of the polynomial (to second order, to third), and pixels on either side for slopes; alternatives
+#: that must agree.
 _FIT, _OTHERS = (6, 1), ((10, 1), (6, 2))
-#: Parts of the sample that tell the error; deviations by which a lens is sure, and residuals are outliers.
+#: Parts of the sample for the error; deviations for a significant lens, and for outliers.
 _PARTS, _SURE, _TRIM = 16, 2.5, 3.0
-#: Standard deviation of the variance of a pixel's own area where nothing tells it: a square of 1/4 to all of
-#: the pitch's area, evenly, is (1 - share) / 12 less.
+#: Standard deviation of the variance of a pixel's area if it is unknown: for a square of 1/4 to all of the
+#: pitch's area, uniformly distributed, (1 - share) / 12 is missing.
 _UNTOLD = 0.75 / 3**0.5 / 12
 #: Fewest pixels of a part, and most of all; share of the coarser contrast below which noise is most of it.
 _FEWEST, _MOST, _FAINT = 64, 4096, 0.05
 
 
 class Lens(NamedTuple):
-    """Variance of what a lens mixes into a pixel, px^2 of the camera, and its standard deviation. Negative: a
-    camera sharpens by more, or its pixels do not fill their pitch."""
+    """Variance of a lens's blur, px^2 of the camera, and its standard deviation. Negative: the camera
+    sharpens more, or its pixels do not fill their pitch."""
 
     variance: float
     sigma: float
 
 
-#: Of which nothing is known but that pixels may not fill their pitch.
+#: Unknown lens: pixels may not fill their pitch.
 NO_LENS = Lens(0.0, _UNTOLD)
 
 
 def measured_lens(
     plan: Plan, lit: Sample, maps: list[NDArray[np.float32]], flags: NDArray[np.uint16], footprint: float
 ) -> Lens | None:
-    """0 where it is not sure; None: not told as well as a pixel's own share is large. maps: coordinate (H, W)
-    of every axis; flags (H, W); footprint: side of a pixel over its pitch."""
+    """0 if not significant; None: less precise than a pixel's area is large. maps: coordinate (H, W) of every
+    axis; flags (H, W); footprint: side of a pixel over its pitch."""
     some = lit.only(slice(None, None, 1 + len(lit.places) // (_MOST + 1)))
     of_axes = [_line(plan, *one, some, flags, footprint) for one in zip(plan.axes, maps, strict=True)]
     lines = [line for line in of_axes if line is not None]
@@ -75,8 +75,8 @@ def measured_lens(
 
 
 class _Line(NamedTuple):
-    """Of sampled pixels of an axis: terms of the polynomial (10, K); by slopes over either reach (2, K)
-    logarithms of ratios of contrast less what a pixel's own area takes, and what blur2 is the factor of."""
+    """Sampled pixels of an axis: terms of the polynomial (10, K); for slopes over either reach (2, K),
+    logarithms of contrast ratios less the pixel area's, and factors of blur2."""
 
     terms: F64
     logs: F64
@@ -91,7 +91,7 @@ def _line(
     flags: NDArray[np.uint16],
     footprint: float,
 ) -> _Line | None:
-    """None without a coarser fringe, or of too few pixels."""
+    """None without a coarser fringe, or with too few pixels."""
     beside = _coarser(plan, axis, lit)
     if beside is None:
         return None
@@ -112,7 +112,7 @@ def _line(
         up, down, left, right = (coord[end] for end in ends)
         slopes = np.stack([down - up, right - left]) / np.float32(2 * reach)
         good &= np.abs(slopes * turns_fine).max(axis=0) < _HALF
-        with np.errstate(divide="ignore", invalid="ignore"):  # where slopes are no map's
+        with np.errstate(divide="ignore", invalid="ignore"):  # at slopes across edges
             own = np.prod(
                 np.sinc(footprint * slopes * turns_fine) / np.sinc(footprint * slopes * turns_coarse), axis=0
             )
@@ -127,7 +127,7 @@ def _line(
 
 
 def _coarser(plan: Plan, axis: AxisPlan, lit: Sample) -> tuple[F64, float] | None:
-    """Contrast (K,) beside that of the finest fringe, and its turns in a pattern pixel."""
+    """Contrast (K,) for the ratio to the finest fringe, and its turns per pattern pixel."""
     if not axis.fringes:
         return None
     if plan.white >= 0 and plan.black >= 0:
@@ -143,13 +143,13 @@ def _contrast(fringe: Fringe, lit: Sample) -> F64:
 
 
 def _terms(y: F64, x: F64) -> F64:
-    """To third order (10, K)."""
+    """Terms to third order (10, K)."""
     y2, x2 = y * y, x * x
     return np.stack([np.ones(len(x)), y, x, y2, y * x, x2, y2 * y, y2 * x, y * x2, x2 * x])
 
 
 def _within(line: _Line, count: int, reach: int) -> F64:
-    """Logarithms, turns over a reach and over the other one (3, K), less the nearest polynomials."""
+    """Logarithms, turns over a reach and over the other one (3, K), less their fitted polynomials."""
     terms = line.terms[:count]
     three = np.stack([line.logs[reach - 1], line.turns[reach - 1], line.turns[2 - reach]])
     shares = np.linalg.lstsq(terms @ terms.T, terms @ three.T, rcond=None)[0]
@@ -157,12 +157,12 @@ def _within(line: _Line, count: int, reach: int) -> F64:
 
 
 def _left(logs: F64, turns: F64, others: F64) -> F64:
-    """What the line leaves of the logarithms (K,)."""
+    """Residuals of the logarithms (K,) from the line."""
     return np.asarray(logs - turns * (others @ logs / (others @ turns or 1.0)))
 
 
 def _sums(lines: list[_Line], count: int, reach: int) -> F64:
-    """Of every part of the samples (2, _PARTS): blur2 is the ratio of both."""
+    """Sums over every part of the sample (2, _PARTS): blur2 is their ratio."""
     sums = np.zeros((2, _PARTS))
     for line in lines:
         logs, turns, others = _within(line, count, reach)

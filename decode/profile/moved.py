@@ -1,16 +1,16 @@
-"""How far whole frames are off, as camera, mirror or display moved between them.
+"""Shift of frames: motion of camera, mirror or display between frames.
 
-At the place u that all frames of an axis tell, a sample is v_f = o + a t_f(u); in a frame that is off by d_f
-it is a t_f'(u) d_f more. What a fit of offset and contrast (of each fringe; of all, where some are too short
-for a phase of their own) and of one place leaves is r = P v, P being the projection of each pixel. Normal
-equations over many pixels tell what places do not take for a place:
+At the place u of a pixel, common to all frames of an axis, a sample is v_f = o + a t_f(u); a shift d_f of the
+frame adds a t_f'(u) d_f. The residual of a fit of offset and contrast (of each fringe; or common, if some
+have too few frames for a phase) and of one place is r = P v, with the projection P of each pixel. Normal
+equations over many pixels give the part of the shifts that a place does not absorb:
 
     M d = b,  M_fg = <a t_f' P_fg a t_g'>,  b_f = <a t_f' r_f>.
 
-In the directions that M knows well d is a handful of numbers. Of a steady motion all are in proportion to
-time, and places are those of a moment that need not be the one of the scene's pose; of a rig that shakes none
-are. Gains of single frames (a lamp, an exposure) make such numbers, too; how large ones, the mean levels
-tell.
+In the well-conditioned directions of M, d is a handful of coefficients. In a steady motion all are
+proportional to time, and places belong to a moment that may differ from that of the scene's pose; with
+vibration they are not. Gains of single frames (a lamp, an exposure) contribute to the coefficients, too; the
+mean levels give their size.
 """
 
 from dataclasses import dataclass
@@ -31,22 +31,22 @@ __all__ = ["Moved", "Seen", "frames_moved"]
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
-#: Pixels that tell a variance (18 %), that are asked, and one in how many of these is for mean products.
+#: Fewest pixels for a variance (18 %), most pixels, and thinning for mean products.
 _FEWEST, _MOST, _THIN = 64, 8192, 8
-#: Parts of the sample that tell how sure it is.
+#: Parts of the sample for the variance of a coefficient.
 _PARTS = 16
-#: Share of the largest eigenvalue of M from which on a direction is well known.
+#: Share of the largest eigenvalue of M from which on a direction is well conditioned.
 _KNOWN = 0.1
-#: Probability that noise or gains alone look like frames that moved, or a rig that shakes like a steady one.
+#: False-alarm probability of motion by noise or gains, and of steady motion by vibration.
 _CHANCE = 0.01
 _FAINT = np.float32(1e-9)
-#: Amplitude of a shown fringe, grey levels.
+#: Amplitude of a displayed fringe, grey levels.
 _SHOWN = 127.5
 
 
 class Seen(NamedTuple):
-    """An axis of sampled pixels: places (K,), NaN: not told; width of a pixel (None: fringes are ideal
-    cosines) and rms of all that it sees, pattern px."""
+    """Sampled pixels of an axis: places (K,), NaN: unknown; width of a pixel (None: fringes are ideal
+    cosines) and rms of its response, pattern px."""
 
     place: F32
     width: float | None
@@ -54,15 +54,15 @@ class Seen(NamedTuple):
 
 
 class Moved(NamedTuple):
-    """What frames that moved shift all places of an axis, standard deviation in pattern px; share of the
-    variance of their noise that gains of frames make besides."""
+    """Motion of frames: standard deviation of the common shift of an axis, pattern px; share of frame gains
+    in the variance of noise."""
 
     shift: float
     gains: float
 
 
 def frames_moved(plan: Plan, lit: Sample, seen: dict[str, Seen]) -> dict[str, Moved]:
-    """Of each axis; empty where chance, or gains of frames, may be all of it."""
+    """Motion of each axis; empty if noise, or gains of frames, explain it."""
     every = [_numbers(plan, axis, lit, seen[axis.axis]) for axis in plan.axes]
     told = [one for one in every if one is not None]
     if not told or not _surely_moved(told):
@@ -75,7 +75,7 @@ def frames_moved(plan: Plan, lit: Sample, seen: dict[str, Seen]) -> dict[str, Mo
     variance = max((left / freedom if steady else power / len(whole)) - noise, 0.0)
     found, span = {}, len(plan.frames)
     for one in told:
-        # a scene's pose holds at some moment while frames were taken, or at none
+        # the scene's pose holds at some moment of the capture, or at none
         away2 = one.rate**2 * ((one.moment - span / 2) ** 2 + span**2 / 12) if steady else 0.0
         shift = float(np.sqrt(variance * np.square(one.shares).sum() + away2))
         found[one.axis] = Moved(shift, min(float(np.mean(one.gains**2)) * one.light, 1.0))
@@ -83,9 +83,9 @@ def frames_moved(plan: Plan, lit: Sample, seen: dict[str, Seen]) -> dict[str, Mo
 
 
 class _Numbers(NamedTuple):
-    """What an axis tells of its frames: numbers (R,), px, what each is of a motion by a px per frame, and its
-    variance by noise; sum of the squares of what they are of gains of variance 1; gains (G,); mean square of
-    the light over the variance of noise; times of the frames (N,) and their shares in a place."""
+    """Motion estimate of an axis: coefficients (R,), px, their response to a drift of one px per frame, and
+    their noise variance; summed squared response to gains of variance 1; gains (G,); mean square of the light
+    over the variance of noise; times of the frames (N,) and their weights in a place."""
 
     axis: str
     moved: F64
@@ -99,22 +99,22 @@ class _Numbers(NamedTuple):
 
     @property
     def rate(self) -> float:
-        """Of the steady motion that is nearest, px per frame."""
+        """Rate of the best-fitting steady motion, px per frame."""
         return float(self.by_time @ self.moved) / max(float(self.by_time @ self.by_time), float(_FAINT))
 
     @property
     def shaken(self) -> F64:
-        """The numbers (R,) without it."""
+        """The coefficients (R,) without steady motion."""
         return self.moved - self.rate * self.by_time
 
     @property
     def moment(self) -> float:
-        """Mean time of a place."""
+        """Mean time of a place, weighted by the frames."""
         return float(self.shares @ self.times)
 
 
 def _surely_moved(told: list[_Numbers]) -> bool:
-    """Whether it is more than chance, and than what gains of the frames make of it."""
+    """F test of motion against frame gains, and chi2 test against noise."""
     moved, variance, gains = (
         np.concatenate([getattr(one, name) for one in told]) for name in ("moved", "variance", "gains")
     )
@@ -125,7 +125,7 @@ def _surely_moved(told: list[_Numbers]) -> bool:
 
 
 def _numbers(plan: Plan, axis: AxisPlan, lit: Sample, seen: Seen) -> _Numbers | None:
-    """None where frames are too few, or pixels."""
+    """None with too few frames or pixels."""
     fringes = (*axis.fringes, *axis.singles)
     index = np.array([i for fringe in fringes for i in fringe.index], np.int64)
     fits = 1 if axis.singles else len(fringes)
@@ -160,7 +160,7 @@ def _numbers(plan: Plan, axis: AxisPlan, lit: Sample, seen: Seen) -> _Numbers | 
 
 
 def _means(of: F32) -> F64:
-    """Of all but a few of the pixels (N, K), in parts (N, _PARTS)."""
+    """Means over pixels (N, K), in parts (N, _PARTS); a remainder is dropped."""
     count = of.shape[1] // _PARTS
     whole = of[:, : count * _PARTS].reshape(len(of), _PARTS, count)
     return np.asarray(whole.mean(axis=2, dtype=np.float64))
@@ -175,8 +175,8 @@ def _known(products: F64) -> tuple[F64, F64]:
 
 @lru_cache(maxsize=16)
 def _rounding(frames: tuple[Frame, ...], axis: str, extent: int, width: float | None) -> F32:
-    """Of shown grey values, as pixels of a width (cells) read them, over a fringe's amplitude, (N, FINER *
-    extent)."""
+    """Rounding of displayed grey values, as read by pixels of a width (cells), over a fringe's amplitude,
+    (N, FINER * extent)."""
     if width is None:
         return np.zeros((len(frames), 1), np.float32)
     at, which = np.arange(float(extent)), "uv".index(axis)
@@ -186,9 +186,9 @@ def _rounding(frames: tuple[Frame, ...], axis: str, extent: int, width: float | 
 
 @dataclass(frozen=True, slots=True)
 class _Fit:
-    """Samples of K pixels in N frames by fringes of one place: residual, change per px, offset, and light in
-    all (N, K); what the fit takes, (N, K) of length 1: offsets, contrasts (both of each group of frames), and
-    the place; same (N, N): 1 of frames of one group."""
+    """Samples of K pixels in N frames, fitted by fringes at one place: residual, change per px, offset, and
+    total light (N, K); unit vectors (N, K) of the fit's parameters: offset and contrast (both per group of
+    frames), and place; same (N, N): 1 for frames of one group."""
 
     residual: F32
     slope: F32
@@ -212,7 +212,7 @@ class _Fit:
 
 
 def _fitted(fringes: tuple[Fringe, ...], fits: int, levels: F32, seen: Seen, rounding: F32) -> _Fit:
-    """Of levels (N, K); fits: as many as fringes, or one of all; rounding: see _rounding."""
+    """Fit of levels (N, K); fits: number of groups, each fringe or all together; rounding: see _rounding."""
     counts = [len(fringe.index) for fringe in fringes]
     turn = np.repeat([2 * np.pi / fringe.period for fringe in fringes], counts).astype(np.float32)[:, None]
     shifts = np.concatenate([fringe.shifts for fringe in fringes]).astype(np.float32)[:, None]
@@ -234,8 +234,8 @@ def _fitted(fringes: tuple[Fringe, ...], fits: int, levels: F32, seen: Seen, rou
 
 
 def _without_light(light: F32, levels: F32, wave: F32, slope: F32, rounding: F32) -> tuple[F32, ...]:
-    """Frames of one group: levels and their change per px without what offset and contrast take; that change,
-    offset, fitted levels; what offset and contrast take, of length 1."""
+    """Frames of one group: levels and their change per px, orthogonal to offset and contrast; that change,
+    offset, fitted levels; unit vectors of offset and contrast."""
     level = np.broadcast_to(light / np.sqrt(np.square(light).sum()), wave.shape)
     swing = wave - level * (level * wave).sum(axis=0)
     swing /= np.sqrt(np.square(swing).sum(axis=0)) + _FAINT

@@ -1,10 +1,10 @@
-"""Noise of the camera, from what no scene can make of the frames: variance = read^2 + gain * level.
+"""Noise of the camera, from constraints that no scene can violate: variance = read^2 + gain * level.
 
-Photon transfer on the constraints that a sequence obeys (plan.constraints): residuals of fringes with more
-than three shifts, sums of bits and inverses, mean levels of fringes, else bits near the reference levels,
-else differences of neighbours. Only pixels that see the pattern count, clipped ones never; scales are trimmed
-means, which edges, reflections and a few moving pixels do not shift. Where a response is inverted the noise
-is that of the camera's levels: residuals are divided by the slope of the inverse (see under_response).
+Photon transfer on the constraints of a sequence (plan.constraints): residuals of fringes with more than three
+shifts, sums of bits and inverses, mean levels of fringes, else bits near the reference levels, else
+differences of neighbours. Only illuminated, unclipped pixels count; scales are trimmed means, which are
+robust to edges, reflections and some moving pixels. If a response is inverted, the noise is that of the
+camera's levels: residuals are divided by the slope of the inverse (see under_response).
 """
 
 from dataclasses import dataclass, replace
@@ -36,29 +36,29 @@ __all__ = [
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
-#: Modulation over its noise from which on a pixel surely sees the pattern: chance reaches it once in 6e7.
+#: Modulation over its noise from which on a pixel is illuminated: noise alone exceeds it once in 6e7.
 _SURE = 6.0
-#: Pixels that are used at most, half of the residuals: variances to 1 %.
+#: Largest number of pixels, half of the residuals: variances to 1 %.
 _MOST = 8192
-#: Trimmed beyond so many deviations, and what that leaves of a normal variance.
+#: Deviations of the trimming, and the remaining share of a normal variance.
 _TRIM, _LEFT = 3.0, 0.9733
-#: Deviations beyond which a residual is an outlier, and the median of the square of what is normal.
+#: Deviations beyond which a residual is an outlier, and the median square of a standard normal.
 _FAR, _MEDIAN = 4.0, 0.455
-#: Residuals that tell a variance (18 %), pixels that tell noise and map well, runs of 64 pixels of a sample:
-#: 1000 and 8000 pixels on a mirror that fills 10 % of the image.
+#: Fewest residuals for a variance (18 %); pixels that determine noise and map well; runs of 64 pixels of a
+#: sample: 1000 and 8000 pixels on a mirror that fills 10 % of the image.
 _FEWEST, _ENOUGH = 64, 1024
 _FEW_RUNS, _MANY_RUNS = 128, 1024
-#: Second differences that tell the noise at most: of a sweep's many frames fewer pixels do.
+#: Largest number of second differences: a sweep's many frames need fewer pixels.
 _BENDS = 1 << 15
 _BINS = 8
-#: Share of the constraints, of those with the least slopes, that tell the noise under a response.
+#: Share of the constraints, with the least slopes, that give the noise under a response.
 _STRAIGHT = 0.25
-#: Rounds of the noise and the spread of a response, which is that of a noise.
+#: Iterations of the noise and the spread of a response, which depend on each other.
 _ROUNDS = 3
-#: Share of a pixel's contrast from which on a bit is bright or dark, and none at an edge.
+#: Share of a pixel's contrast from which on a bit is bright or dark, and not at an edge.
 _FULL = 0.8
-#: Share of the noise's variance that a misfit has at least to be told from it, and pixels that are asked: of
-#: 700 with one constraint each, a median's chance is as large.
+#: Smallest significant misfit, share of the noise's variance, and size of the sample: of 700 pixels with one
+#: constraint each, the median has this chance error.
 _UNLIKE, _ASKED = 0.2, 2048
 
 
@@ -75,9 +75,9 @@ class Numbers(NamedTuple):
 class Noise:
     """variance = read2 + gain * level of one sample, linear camera levels; rounding is part of read2.
 
-    Misfits are judged by more than that: rounding2, as rounding is no random error (all samples of a pixel
-    may be rounded alike), and misfit2 times the squared amplitude, what the constraints leave beyond noise in
-    all pixels: what is shown or seen is not quite what was described.
+    The misfit variance is larger: it includes rounding2, as rounding is not a random error (all samples of a
+    pixel may be rounded alike), and misfit2 times the squared amplitude: residuals of the constraints beyond
+    noise in all pixels, by deviations of display or camera from the description.
     read2_sigma, gain_sigma: standard deviations, NaN: not estimated.
     """
 
@@ -101,7 +101,7 @@ class Noise:
 class Sample:
     """Pixels from all over the image: places (K, 2) row, column; linear levels (N, K); white: saturated.
 
-    Under a response: the camera's levels (N, K), and the variance of the linear ones over that of these.
+    Under a response: the camera's levels (N, K), and the ratio of the linear levels' variance to theirs.
     """
 
     places: NDArray[np.int64]
@@ -111,7 +111,7 @@ class Sample:
     steep: F32 | None = None
 
     def only(self, keep: Any) -> "Sample":
-        """Some of them."""
+        """Select pixels."""
         camera, steep = (one if one is None else one[:, keep] for one in (self.camera, self.steep))
         return replace(
             self, places=self.places[keep], levels=self.levels[:, keep], camera=camera, steep=steep
@@ -136,7 +136,7 @@ class Sample:
 
 
 def sampled(light: Light, mask: NDArray[np.bool_] | None, runs: int) -> Sample:
-    """A sample of pixels in runs along rows; mask (H, W): of these only."""
+    """A sample of pixels in runs along rows; mask (H, W): restricts it."""
     places = sample_places(light.raw.shape[1:], runs)
     if mask is not None:
         places = places[mask[places[:, 0], places[:, 1]]]
@@ -154,7 +154,7 @@ def sample_at(light: Light, places: NDArray[np.int64]) -> Sample:
 
 
 def modulation(plan: Plan, levels: F32) -> tuple[F32, float]:
-    """Amplitude (K,) of the axis that shows least, and its variance over that of a sample.
+    """Amplitude (K,) of the axis with the least, and its variance over that of a sample.
 
     Fringes: the finest of each axis; codes: half the difference of white and black or of the coarsest pair.
     """
@@ -174,7 +174,7 @@ def modulation(plan: Plan, levels: F32) -> tuple[F32, float]:
 
 
 def estimate_noise(light: Light, plan: Plan, mask: NDArray[np.bool_] | None = None) -> tuple[Noise, Sample]:
-    """The camera's noise, and a sample of pixels that see the pattern: a larger one where these are few."""
+    """The camera's noise, and a sample of illuminated pixels; the sample is enlarged if they are few."""
     if light.response is not None and not len(light.spread):
         light = light.under(light.rounding, 0.0)
     for runs in (_FEW_RUNS, _MANY_RUNS):
@@ -187,12 +187,12 @@ def estimate_noise(light: Light, plan: Plan, mask: NDArray[np.bool_] | None = No
 
 
 def under_response(light: Light, noise: Noise, lit: Sample) -> tuple[Light, Noise, Sample]:
-    """Of a camera with this noise: levels that its response inverts, each with its variance; the noise of
-    such levels in the mean; the sample in such levels. As they are without a response."""
+    """Invert a camera's response, given its noise: levels with their variances, mean noise of these levels,
+    and the sample in these levels. Unchanged without a response."""
     if light.response is None:
         return light, noise, lit
     light = light.under(noise.read2, noise.gain)
-    lit = sample_at(light, lit.places)  # all have a spread now
+    lit = sample_at(light, lit.places)  # with spread
     if not lit.levels.size:
         return light, noise, lit
     usual = float(lit.variance(noise).mean())
@@ -201,7 +201,7 @@ def under_response(light: Light, noise: Noise, lit: Sample) -> tuple[Light, Nois
 
 
 def _estimated(light: Light, plan: Plan, sample: Sample) -> tuple[Noise, Sample]:
-    """Of all pixels first, then of those that see the pattern."""
+    """From all pixels first, then from illuminated ones."""
     groups = constraints(plan, len(light.raw))
     floor = max(light.rounding, 1e-12)
     noise = fitted_noise(*residuals(plan, sample, groups), floor)
@@ -216,29 +216,28 @@ def _estimated(light: Light, plan: Plan, sample: Sample) -> tuple[Noise, Sample]
 
 
 def _misfit(sample: Sample, amplitude: F32, groups: tuple[F64, ...], noise: Noise) -> float:
-    """Variance that all constraints together leave beyond noise, of the bulk of pixels, over the
-    amplitude^2."""
+    """Variance of the constraints' residuals beyond noise, of the bulk of pixels, over the amplitude^2."""
     if not groups or not sample.levels.size:
         return 0.0
     thin = max(1, sample.levels.shape[1] // _ASKED)
     rows, some = groups[-1].astype(np.float32), sample.only(slice(None, None, thin))
     whole = unsaturated(rows, some.levels, sample.white)
     told = whole.any(axis=0)
-    if np.count_nonzero(told) < _FEWEST:  # the noise itself is not known better than what it leaves
+    if np.count_nonzero(told) < _FEWEST:  # the noise is less precise than the misfit
         return 0.0
     some, whole = some.only(told), whole[:, told]
     power = np.square(amplitude[::thin][told], dtype=np.float64)
     square = (np.square(product(rows, some.levels)) * whole).sum(axis=0) / whole.sum(axis=0)
     beyond = square - (some.variances(rows, noise) * whole).sum(axis=0) / whole.sum(axis=0)
     found = float(np.median(beyond / np.maximum(power, 1e-9)))
-    # a mean square varies by sqrt(2 / n), a median by sqrt(pi / 2) more
+    # a mean square has the relative error sqrt(2 / n), a median sqrt(pi / 2) more
     chance = max(_UNLIKE, 3 * float(np.sqrt(np.pi / whole.sum())))
     least = chance * float(np.median(square - beyond)) / max(float(np.median(power)), 1e-9)
     return found if found > least else 0.0
 
 
 def residuals(plan: Plan, sample: Sample, groups: tuple[F64, ...]) -> tuple[F32, F32]:
-    """Level and residual (M,) of the constraints that are trusted most, or of what stands in for them."""
+    """Level and residual (M,) of the most reliable constraints, or of second differences without any."""
     thin = max(1, sample.levels.shape[1] // _MOST)
     few = sample.only(slice(None, None, thin))
     levels, camera = few.levels, few.levels if few.camera is None else few.camera
@@ -257,7 +256,7 @@ def residuals(plan: Plan, sample: Sample, groups: tuple[F64, ...]) -> tuple[F32,
         mean = product(used.astype(np.float32), camera) / used.sum(axis=1, keepdims=True)
         slopes = np.broadcast_to(few.slopes(some), mean.shape)
         residual, kept = product(some, levels), unsaturated(some, levels, sample.white)
-        if few.steep is not None:  # the inverse is straight over the noise where it is not steep
+        if few.steep is not None:  # where it is not steep, the inverse is linear over the noise
             kept &= slopes <= np.quantile(slopes, _STRAIGHT)
         if len(pairs) > 1:
             kept &= _at_the_ends(pairs, levels)[part]
@@ -270,9 +269,9 @@ def residuals(plan: Plan, sample: Sample, groups: tuple[F64, ...]) -> tuple[F32,
 def _explain(
     residual: F32, kept: NDArray[np.bool_], used: NDArray[np.bool_], fringes: list[tuple[Fringe, F32]]
 ) -> None:
-    """Take off what their fringes' waves (see harmonics) explain of residuals (M, K) that use frames (M, N),
-    by those that are kept and no outliers. Levels of several fringes count as one, by their light, as their
-    differences are residuals."""
+    """Subtract the part of residuals (M, K) of frames (M, N) that their fringes' waves (see harmonics)
+    explain; it is fitted to kept pixels without outliers. Levels of several fringes count as one, weighted by
+    their light, as their differences are residuals."""
     for row in np.flatnonzero(kept.any(axis=1)):
         own = [(one, waves) for one, waves in fringes if used[row, list(one.index)].any()]
         if not own:
@@ -286,8 +285,8 @@ def _explain(
 
 
 def _of_four(plan: Plan, rows: F64) -> F64:
-    """Combinations (M, N) of four neighbouring steps of a fringe that are 0: where it is clipped somewhere in
-    every pixel, some of them are whole. As `rows` where no fringe has more steps."""
+    """Combinations (M, N) of four neighbouring steps of a fringe that vanish: if every pixel is clipped in
+    some frame, some of these combinations are not. `rows` if no fringe has more steps."""
     found = []
     for fringe in (one for axis in plan.axes for one in axis.fringes if len(one.index) > 4):
         order = np.argsort(np.mod(fringe.shifts, 2 * np.pi))
@@ -314,8 +313,8 @@ def _of_pairs(pairs: NDArray[np.int64], count: int) -> F64:
 
 
 def _at_the_ends(pairs: NDArray[np.int64], levels: F32) -> NDArray[np.bool_]:
-    """Whether (P / 2, K) both pairs show one bright and one dark sample: a camera's or a display's curve
-    bends the sums of those between."""
+    """Whether (P / 2, K) both pairs have a bright and a dark sample: a nonlinear response distorts the sums
+    of levels between."""
     apart = np.abs(levels[pairs[:, 0]] - levels[pairs[:, 1]])
     full = apart >= _FULL * apart.max(axis=0)
     half = len(pairs) // 2
@@ -331,8 +330,8 @@ def unsaturated(rows: F32, levels: F32, white: float) -> NDArray[np.bool_]:
 
 
 def harmonics(fringe: Fringe, levels: Any) -> Any:
-    """Of pixels that see a fringe, by their levels (N, K): offset; c and s; the same of two and three times
-    the phase, times the amplitude (7, K)."""
+    """Harmonics (7, K) of a fringe, from levels (N, K): offset; c and s; cosine and sine of two and three
+    times the phase, times the amplitude."""
     offset, c, s = product(fringe.inverse.astype(levels.dtype), levels[list(fringe.index)])
     wave = c + 1j * s
     unit = wave / np.maximum(np.abs(wave), 1e-6)
@@ -341,8 +340,8 @@ def harmonics(fringe: Fringe, levels: Any) -> Any:
 
 
 def unexplained(residuals: Any, waves: Any, kept: Any = slice(None)) -> Any:
-    """Residuals (M, K) without what waves (W, K) explain of them in the pixels to keep: what follows level
-    and phase, as by a gain of single frames or by a response, is no noise."""
+    """Residuals (M, K) less their regression on waves (W, K) over the pixels to keep: a part that follows
+    level and phase, as by a gain of single frames or by a response, is not noise."""
     some = waves[:, kept].astype(np.float64)
     both = product(residuals[:, kept].astype(np.float64), some.T)
     parts = np.linalg.lstsq(product(some, some.T), both.T)[0].T.astype(waves.dtype)
@@ -350,16 +349,16 @@ def unexplained(residuals: Any, waves: Any, kept: Any = slice(None)) -> Any:
 
 
 def product(one: Any, other: Any) -> Any:
-    """Matrix product by NumPy's own loop: a library's threads wait busily for more, and take the cores."""
+    """Matrix product by NumPy's loop: a library's threads would wait busily and occupy the cores."""
     return np.einsum("mn,nk->mk", one, other)
 
 
 def _neighbours(plan: Plan, few: Sample) -> tuple[F32, F32]:
     """Second differences along runs of pixels, of every frame (J. Immerkaer, doi:10.1006/cviu.1996.0060).
 
-    Beside references: of the distance from the nearer one, which is free of the scene's own light and dark.
-    That distance itself is no noise: light that comes by way of the scene is less where half of the pattern
-    is dark, and edges of bits are blurred.
+    With white and black: of the difference from the nearer one, which cancels the scene's brightness. The
+    difference itself is not noise: indirect light is less if half of the pattern is dark, and edges of bits
+    are blurred.
     """
     places = few.places
     run = np.flatnonzero((places[2:, 0] == places[:-2, 0]) & (places[2:, 1] == places[:-2, 1] + 2))
@@ -379,8 +378,8 @@ def _neighbours(plan: Plan, few: Sample) -> tuple[F32, F32]:
 
 def _off_references(plan: Plan, few: Sample) -> tuple[list[int], F32, F32, NDArray[np.int8]]:
     """Frames (F,) of bits; per pixel (F, K) their difference from the nearer of white and black, its variance
-    over that of a camera level, and which of the two it is, -1: saturated. Without references all frames as
-    they are."""
+    over that of a camera level, and index of the nearer one, -1: saturated. Without references, all frames
+    unchanged."""
     levels, ends = few.levels, [plan.white, plan.black]
     steep = np.ones_like(levels) if few.steep is None else few.steep
     if min(ends) < 0:
@@ -395,7 +394,7 @@ def _off_references(plan: Plan, few: Sample) -> tuple[list[int], F32, F32, NDArr
 
 
 def bulk(residual: F32) -> NDArray[np.bool_]:
-    """Residuals (M, K) that are no outliers of their row."""
+    """Mask of residuals (M, K): True except for outliers of their row."""
     square = np.square(residual)
     usual = np.median(square[:, :: 1 + square.shape[1] // _ASKED], axis=1, keepdims=True)
     return np.asarray(square <= _FAR**2 / _MEDIAN * usual)
@@ -404,8 +403,8 @@ def bulk(residual: F32) -> NDArray[np.bool_]:
 def trimmed_variance(residual: NDArray[np.floating[Any]]) -> float:
     """Variance of the bulk of residuals: mean square of those within _TRIM deviations of it, iterated."""
     square = np.square(residual)
-    # from above: on whole grey values more than half of the residuals may be 0; 1.15, 1.645: a normal's 75th
-    # and 90th percentile; a fault in a part of the image is beyond the first
+    # start from above: with integer grey values more than half of the residuals may be 0; 1.15, 1.645: a
+    # normal's 75th and 90th percentile; a fault in a part of the image is beyond the first
     at = [int(share * (len(square) - 1)) for share in (0.75, 0.9)]
     inner, outer = (float(one) for one in np.partition(square, at)[at])
     variance = 4 * (inner / 1.15**2 or outer / 1.645**2) + 1e-12
@@ -419,8 +418,7 @@ def trimmed_variance(residual: NDArray[np.floating[Any]]) -> float:
 
 
 def fitted_noise(level: F32, residual: F32, floor: float) -> Noise:
-    """Trimmed variance by level, and the weighted straight line through it that is nowhere below the
-    floor."""
+    """Trimmed variance by level, and a weighted straight line through it that is limited by the floor."""
     whole = max(trimmed_variance(residual), floor) if len(residual) else floor
     # a variance of n values has the relative error sqrt(2 / n)
     sigma = whole * float(np.sqrt(2 / max(len(residual), 1)))

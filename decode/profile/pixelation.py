@@ -1,12 +1,12 @@
-"""What the cells of a display shift: the optics that the map tells, what they take off, what stays unsure.
+"""Pixelation by a display's cells: estimate of the optics from the map, correction, and residual variance.
 
-Blur, and the share of a cell that gives light, are what the map tells itself: where the place of a pixel
-follows from its neighbours, what it reads is compared with what it would read through each (see display), and
-those that leave least are taken if they leave significantly less than no cells at all do, and would have to.
-Then E[u | reading] replaces the reading, and what is unsure (Var[u | reading], and the range of optics that
-explain the map as well) joins the variance. Where the map does not tell, nothing is taken off and all that
-may be there joins the variance. What neighbours then still show beyond noise joins it, too. Where pixels keep
-step with cells, what is off is off for all of them alike (see _in_step).
+The map determines blur and the luminous share of a cell: the neighbours of a pixel predict its place, its
+reading is compared with the reading through each optics (see display), and the optics with the least misfit
+are selected if they fit significantly better than no cells, as they are expected to. Then E[u | reading]
+replaces the reading, and its uncertainty (Var[u | reading], and the range of optics that explain the map
+equally well) joins the variance. If the map does not determine the optics, no correction is applied, and the
+whole possible shift joins the variance. The remaining differences of neighbours beyond noise join it, too.
+Where sampling and cells are commensurate, the error is common to all pixels (see _in_step).
 """
 
 from collections.abc import Sequence
@@ -29,10 +29,10 @@ F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 Shares = tuple[tuple[float, float], ...]
 Tables = tuple[F32, F32, F32]
-#: Pixels on either side over which a footprint is taken: over fewer the cells would count as gradient.
+#: Pixels on either side for the slope of a footprint: over fewer the cells would count as gradient.
 REACH = 4
-#: Optics that are compared: rms blur, cells, and share of a cell that gives light along an axis (a display's
-#: cells have dark rims); those of one share from soft to sharp, and where they begin.
+#: Trial optics: rms blur, cells, and luminous share of a cell along an axis (a display's cells have dark
+#: rims); sorted from soft to sharp for each share, and start of each share.
 _BLURS = (0.7, 0.6, 0.5, 0.45, 0.4, 0.35, 0.3, 0.25, 0.2, 0.15, 0.1, 0.05, 0.0)
 _OPTICS = (
     *((b, 1.0) for b in _BLURS),
@@ -40,42 +40,41 @@ _OPTICS = (
 )
 _BEGIN = [k for k, (_, lit) in enumerate(_OPTICS) if k == 0 or lit != _OPTICS[k - 1][1]]
 _FULL, _SHARP = _BEGIN[1], float(_BEGIN[1] - 1)
-#: One in how many pixels is asked first; steps between optics of one share that all are asked.
+#: Thinning of pixels in the coarse search; steps between optics of one share in the fine search.
 _COARSE, _STEPS = 3, np.arange(-4, 5) / 4
-#: Neighbours that tell a pixel's place, and their weights in the middle of the parabola through them.
+#: Neighbours that predict a pixel's place, and their weights in the parabola through them.
 _BESIDE, _PARABOLA = [0, 1, 3, 4], np.array([-1, 4, 4, -1], np.float32) / 6
-#: Nodes and weights that have the first five moments of a normal distribution.
+#: Nodes and weights with the first five moments of a normal distribution.
 _NODES = np.array([-(3**0.5), 0, 3**0.5], np.float32)
 _WEIGHTS = np.array([1, 4, 1], np.float32) / 6
 #: Change of chi2 that is significant (three deviations).
 _SIGNIFICANT = 9.0
-#: Squared deviations beyond which a pixel says nothing of cells.
+#: Squared deviations beyond which a pixel is an outlier.
 _OUTLYING = 400.0
-#: Pixels that tell it.
+#: Fewest pixels for an estimate.
 _FEWEST = 200
-#: Blur that is assumed where nothing tells it, cells.
+#: Blur if it is undetermined, cells.
 _UNKNOWN = 1.0
-#: Of the mean square of fourth differences along a row, how much more it varies than one of independent ones:
-#: sum over k of the squared correlation C(8, 4 + k) / C(8, 4), C(16, 8) / C(8, 4)^2.
+#: Increase of the variance of a mean of squared fourth differences by their overlap along a row: sum over k
+#: of the squared correlation C(8, 4 + k) / C(8, 4), C(16, 8) / C(8, 4)^2.
 _OVERLAP = 12870 / 70**2
-#: Size of the mean of exp(2 pi i u) from which on more pixels see one place of their cells than do not.
+#: Magnitude of the mean of exp(2 pi i u) beyond which most pixels sample one place of their cells.
 _CROWDED = 0.5
-#: Pixels on a side of squares that tell whether cells and pixels keep step, and squares along the image.
+#: Side of the squares in the test of commensurate sampling, pixels, and squares along the image.
 _SQUARE, _SQUARES = 32, 5
-#: Share of sigma that may be left out.
+#: Negligible share of sigma.
 SLIGHT = 0.1
-#: Pixels of the sample that are compared at most.
+#: Largest number of pixels in the comparison.
 _MOST = 1024
 
 
 @dataclass(frozen=True, slots=True)
 class Pixelation:
-    """What is added to a reading, and its variance, by footprint (51,) and place in the cell (128,), cells.
+    """Correction of a reading, and its variance, by footprint (51,) and place in the cell (128,), cells.
 
-    common (51,): rms of what is unsure of it and the same for all pixels of a footprint that see one place of
-    their cells, cells; empty without cells. bound: the largest blur that explains the map, rms, cells.
-    roughness: variance (px^2) that neighbours show beyond noise and cells: whatever else the frames hold that
-    was not described.
+    common (51,): rms error common to all pixels of a footprint that sample one place of their cells, cells;
+    empty without cells. bound: the largest blur that explains the map, rms, cells. roughness: variance (px^2)
+    of neighbours beyond noise and cells: all other deviations of the frames from their description.
     """
 
     shift: F32
@@ -87,8 +86,8 @@ class Pixelation:
     def in_common(
         self, width: float, lit: Sample, coord: F32, variance: F32, flags: NDArray[np.uint16]
     ) -> float:
-        """What is off for all pixels alike as they keep step with cells, rms, px; 0 where a sum along the
-        image cannot tell it from noise. width: of a usual pixel, cells; maps (H, W)."""
+        """Error common to all pixels by commensurate sampling, rms, px; 0 if negligible beside noise in a sum
+        along the image. width: median footprint, cells; maps (H, W)."""
         if not self.common.size:
             return 0.0
         own = float(np.sqrt(self.common[np.abs(WIDTHS - width).argmin()] ** 2 + self.roughness))
@@ -98,8 +97,8 @@ class Pixelation:
         return shared if shared > least else 0.0
 
     def tables(self) -> tuple[F32, F32]:
-        """Both by footprint in steps of a place, so that the nearest entry is as near in either; one 0 of a
-        correction that is empty."""
+        """Correction and variance, with footprints in steps of a place for nearest-entry look-up; one 0 for
+        an empty correction."""
         if not self.shift.size:
             return np.zeros(1, np.float32), np.zeros(1, np.float32)
         step = np.arange(int(WIDEST * PLACES) + 1) / PLACES / WIDTHS[1]
@@ -117,11 +116,10 @@ def measured_pixelations(
     lit: Sample,
     footprint: float,
 ) -> list[Pixelation]:
-    """Of each axis, from its decoded map (H, W) and variance at the sampled pixels that see the pattern.
+    """Pixelation of each axis, from its decoded map (H, W) and variance at the sampled pixels.
 
-    on_cells: fringes were shown on cells; blur: rms, cells, if it is known; footprint: side of a pixel over
-    its pitch. Both axes are of one display: the
-    blur is what explains both.
+    on_cells: fringes are displayed on cells; blur: rms, cells, if known; footprint: side of a pixel over its
+    pitch. Both axes share one display, so that one blur must explain both.
     """
     shares = [shares_of(axis) if on_cells else () for axis in plan.axes]
     extents = [axis.extent if on_cells else np.inf for axis in plan.axes]
@@ -135,7 +133,7 @@ def measured_pixelations(
     ]
     apart = [one for one in asked if not one[1].crowded()]
     fitted = _Fitted(None, (0.0, _SHARP))
-    if asked:  # where all see one place of their cells a gain that all have passes for optics of dark rims
+    if asked:  # at one place of the cells a common gain resembles optics with dark rims
         fitted = _fitted(apart, len(_OPTICS)) if apart else _fitted(asked, _FULL)
     bound = _softest(fitted) if blur is None else blur
     tables = [
@@ -149,8 +147,8 @@ def measured_pixelations(
 
 
 class _Fitted(NamedTuple):
-    """Place among the _OPTICS of those that explain a map (None: it tells none, or need not), places of all
-    that may, and some with their likelihood beside that of the best."""
+    """Index among the _OPTICS of the best fit (None: undetermined or unnecessary), indices of all that fit as
+    well, and some with their relative likelihood."""
 
     best: float | None
     alike: tuple[float, ...]
@@ -164,8 +162,8 @@ def _softest(fitted: _Fitted) -> float:
 
 
 def _taken_off(shares: Shares, fitted: _Fitted, sigma: float) -> Tables:
-    """shift, variance and common of a Pixelation: the correction, what optics that explain as much would
-    change in the variance, and what likely ones would, on average."""
+    """shift, variance and common of a Pixelation: the correction; the variance, with the largest difference
+    to optics that fit as well; and the mean difference to likely optics."""
     shift, variance = np.zeros((2, len(WIDTHS), PLACES), np.float32)
     if not shares:
         return shift, variance, shift[:0, 0]
@@ -184,7 +182,7 @@ def _taken_off(shares: Shares, fitted: _Fitted, sigma: float) -> Tables:
 
 
 def _on_average(shift: F32, error: F32, sigma: float) -> F32:
-    """What a correction (W, PLACES) adds to readings, which are off by an error, over their noise."""
+    """Mean correction (W, PLACES) of readings with an error, over their noise."""
     reading = np.arange(PLACES) + PLACES * error
     at = (np.rint(reading + PLACES * sigma * node).astype(np.int64) % PLACES for node in _NODES)
     each = (weight * np.take_along_axis(shift, one, axis=1) for one, weight in zip(at, _WEIGHTS, strict=True))
@@ -192,13 +190,13 @@ def _on_average(shift: F32, error: F32, sigma: float) -> F32:
 
 
 def _between(tables: F32, at: float) -> F32:
-    """Tables (B, W, PLACES) at a place among them, on a straight line."""
+    """Interpolate tables (B, W, PLACES) linearly at an index."""
     low = min(int(at), len(_OPTICS) - 2)
     return np.asarray((low + 1 - at) * tables[low] + (at - low) * tables[low + 1], np.float32)
 
 
 def _of_blur(shares: Shares, blur: float, sigma: float) -> Tables:
-    """As _taken_off, of a blur that is known."""
+    """As _taken_off, for a known blur."""
     shift, variance = np.zeros((2, len(WIDTHS), PLACES), np.float32)
     if shares:
         shift, variance = inverted(shares, blur, sigma)
@@ -206,15 +204,15 @@ def _of_blur(shares: Shares, blur: float, sigma: float) -> Tables:
 
 
 def _reduced(shift: F32, variance: F32, common: F32, sigma: float) -> Tables:
-    """Empty where they are next to nothing."""
+    """Replace negligible tables by empty ones."""
     slight = (shift**2 + variance).max() < (SLIGHT * sigma) ** 2
     return (shift[:0], shift[:0], common) if slight else (shift, variance, common)
 
 
 @dataclass(frozen=True, slots=True)
 class _Neighbours:
-    """Readings (5, K) of neighbours in a row and their variance (K,); rows of a table by footprint and place
-    (K,) that is theirs, and how far their footprint is to the next one's row (K,)."""
+    """Readings (5, K) of neighbours in a row and their variance (K,); row of a table by footprint and place
+    (K,), and its fraction to the next row (K,)."""
 
     place: F32
     noise: F32
@@ -222,17 +220,17 @@ class _Neighbours:
     part: F32
 
     def crowded(self) -> bool:
-        """Whether most of them see one place of their cells."""
+        """Whether most of them sample one place of their cells."""
         return bool(np.abs(np.exp(2j * np.pi * self.place[2]).mean()) > _CROWDED)
 
     def thinned(self) -> "_Neighbours":
-        """Some of them."""
+        """A subsample."""
         every = slice(None, None, _COARSE)
         return _Neighbours(self.place[:, every], self.noise[every], self.row[every], self.part[every])
 
     def looked_up(self, table: F32, place: F32) -> Any:
-        """Entries of a table (W, PLACES) at places (..., K), or (B, N, K) of tables (B, W, PLACES) at places
-        (N, K), or at its own of each, (B, N, K)."""
+        """Entries of a table (W, PLACES) at places (..., K), or (B, N, K) of tables (B, W, PLACES) at common
+        places (N, K) or at separate ones (B, N, K)."""
         if not table.size:
             return np.float32(0)
         entry = self.row * PLACES + np.rint((place - np.floor(place)) * PLACES).astype(np.int64) % PLACES
@@ -243,8 +241,8 @@ class _Neighbours:
         return (1 - self.part) * flat[entry] + self.part * flat[entry + PLACES]
 
     def roughness(self, shift: F32, variance: F32) -> float:
-        """Variance of a coordinate that fourth differences of neighbours, which no smooth map has, show
-        beyond noise and a Pixelation: their variance is 1 + 16 + 36 + 16 + 1 times that of a coordinate."""
+        """Variance of a coordinate beyond noise and a Pixelation, from fourth differences of neighbours,
+        which vanish for smooth maps: their variance is 1 + 16 + 36 + 16 + 1 times a coordinate's."""
         noise = self.noise + self.looked_up(variance, self.place[2])
         fourth = np.diff(self.place + self.looked_up(shift, self.place), 4, axis=0)[0] ** 2 / (70 * noise)
         kept = fourth < _OUTLYING
@@ -256,8 +254,8 @@ class _Neighbours:
 def _neighbours(
     lit: Sample, coord: F32, variance: F32, extent: float, footprint: float
 ) -> _Neighbours | None:
-    """Of neighbours along the direction in which the coordinate changes most, outside of what the border of a
-    surface (infinite: it has none) may take from what they see."""
+    """Neighbours along the direction of the largest gradient, outside the shadow of a surface's border
+    (infinite extent: no border)."""
     row, col = _inner(lit, coord.shape)
     lines = [np.stack([coord[row + d * y, col + d * x] for d in range(-2, 3)]) for y, x in ((0, 1), (1, 0))]
     steps = _steps(coord, row, col)
@@ -280,12 +278,13 @@ def _neighbours(
 
 
 def _misfits(tables: Tables, seen: _Neighbours) -> tuple[F64, F64]:
-    """-2 log likelihood of readings whose neighbours are known, less that by no cells, of each blur; how much
-    less that has to be if the blur is right. tables: see _every_optics.
+    """-2 log likelihood of readings given their neighbours, for each optics, relative to no cells; and its
+    expected decrease if the optics is right. tables: see _every_optics.
 
-    A parabola through four neighbours tells the place, and what a pixel reads there is compared. (Of what is
-    left after the correction it would be none: that takes noise off, too, and where pixels keep step with the
-    cells all have the same gain.) What the map bends more is noise of a size that each fits for itself.
+    A parabola through four neighbours predicts the place, and the predicted reading is compared. (The
+    residual after correction is no measure: correction reduces noise, too, and with commensurate sampling all
+    pixels have the same gain.) Curvature beyond the parabola counts as noise, of a size that each optics
+    fits.
     """
     shift, variance, error = tables
     four, parts = seen.place[_BESIDE], _PARABOLA[:, None]
@@ -314,9 +313,9 @@ def _every_optics(shares: Shares, sigma: float) -> Tables:
 
 
 def _fitted(asked: list[tuple[Tables, _Neighbours]], most: int) -> _Fitted:
-    """By tables (see _every_optics) and neighbours of each axis: which of the first optics leave least, asked
-    of some of the pixels, then of all for optics between that one and those beside it, and of cells that are
-    lit all over. None: none leave significantly less than no cells do, or none that would have to."""
+    """Best optics among the first `most`, by tables (see _every_optics) and neighbours of each axis: a coarse
+    search on some pixels, then a fine one on all, between the best and adjacent optics, also of fully
+    luminous cells. None: no optics fits significantly better than no cells, or none is expected to."""
     left, shown = np.sum([_misfits(tables, seen.thinned()) for tables, seen in asked], axis=0)[:, :most]
     usual = np.where(_COARSE * shown > _SIGNIFICANT, left, 0.0)
     near = np.flatnonzero(left <= min(usual.min(), 0.0) + _SIGNIFICANT / _COARSE)
@@ -333,21 +332,21 @@ def _fitted(asked: list[tuple[Tables, _Neighbours]], most: int) -> _Fitted:
 
 
 def _around(k: int) -> F64:
-    """Places beside one, among optics of the same share."""
+    """Indices around one, among optics of the same share."""
     begin = max(one for one in _BEGIN if one <= k)
     end = min((one for one in _BEGIN if one > k), default=len(_OPTICS))
     return np.clip(k + _STEPS, begin, end - 1)
 
 
 def _mixed(tables: Tables, places: F64) -> Tables:
-    """Tables of optics at places among them."""
+    """Interpolate tables of optics at indices."""
     shift, variance, error = (np.stack([*(_between(one, at) for at in places), one[-1]]) for one in tables)
     return shift, variance, error
 
 
 def _in_step(coord: F32, flags: NDArray[np.uint16]) -> float:
-    """How far pixels keep step with cells: rms of the mean of exp(2 pi i u) in squares of the image, so that
-    what cells leave in places is common to neighbours. 0: not at all; 1: every pixel sees one place of its
+    """Coherence of sampling and cells: rms of the mean of exp(2 pi i u) in squares of the image, so that
+    residual pixelation is common to neighbours. 0: incoherent; 1: every pixel samples one place of its
     cell."""
     if min(coord.shape) < _SQUARE:
         return 1.0
@@ -362,8 +361,8 @@ def _in_step(coord: F32, flags: NDArray[np.uint16]) -> float:
 
 
 def usual_width(lit: Sample, coord: F32, flags: NDArray[np.uint16], footprint: float) -> float:
-    """Median footprint of the sampled pixels that are good, cells, in steps of a twentieth; footprint: side
-    of a pixel over its pitch."""
+    """Median footprint of the good sampled pixels, cells, in steps of a twentieth; footprint: side of a pixel
+    over its pitch."""
     row, col = _inner(lit, coord.shape)
     ends = ((row, col - REACH), (row, col + REACH), (row - REACH, col), (row + REACH, col))
     width = np.hypot(*_steps(coord, row, col))[np.all([flags[end] == 0 for end in ends], axis=0)]

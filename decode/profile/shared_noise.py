@@ -1,12 +1,12 @@
-"""What pixels have in common of the noise: those of a row, of a column, of a whole frame.
+"""Noise that pixels have in common: within a row, a column, a frame.
 
-Cameras read by rows and amplify by columns (EMVA 1288 release 4.0, row and column noise); before a rolling
-shutter a lamp's flicker leaves bands, before a global one frames of unequal light. A height adds up along a
-line, or over half a fringe, what is common, where independent noise averages out. Constraints of a plan are
-free of the scene: what level and phase explain of their residuals is of whole frames, and of the rest the
-product of two pixels is, on average, what both share. What is shown otherwise than described leaves
-residuals, too, which lines of equal place share: an axis tells most where it changes along the line, and the
-least of both axes stands.
+Cameras read by rows and amplify by columns (EMVA 1288 release 4.0, row and column noise); a lamp's flicker
+gives bands with a rolling shutter, and frames of unequal light with a global one. A height accumulates common
+errors along a line, or over half a fringe, while independent noise averages out. Constraints of a plan are
+independent of the scene: the part of their residuals that follows level and phase belongs to a frame, and of
+the rest the mean product of two pixels is their common variance. Deviations of the display from the
+description cause residuals, too, which lines of equal place share: the axis that varies along the line is
+affected least, so that the smaller estimate of both axes is used.
 """
 
 import math
@@ -23,21 +23,21 @@ from .noise import Sample, bulk, harmonics, product, unexplained, unsaturated
 __all__ = ["shared_noise"]
 
 F32 = NDArray[np.float32]
-#: Pixels that are looked at, at most; deviations of chance from which on a share is one.
+#: Largest number of pixels; deviations of chance from which on a share is significant.
 _MOST, _SURE = 4096, 3.0
-#: Pixels that tell a variance (18 %).
+#: Fewest pixels for a variance (18 %).
 _FEWEST = 64
-#: Pixels that are asked what level and phase explain of residuals.
+#: Pixels in the regression of residuals on level and phase.
 _ASKED = 1024
-#: Of the waves (see noise.harmonics), level and phase: what light or gain of one frame changes.
+#: Number of waves (see noise.harmonics) for level and phase: light or gain of one frame changes them.
 _LIGHT = 3
 
 
 def shared_noise(
     plan: Plan, lit: Sample, seen: dict[str, Seen], unsure: dict[str, float]
 ) -> SharedNoise | None:
-    """None where nothing is surely shared, or fringes do not tell. unsure: deviation of what neighbours share
-    of the display's cells, pattern px, by axis."""
+    """None if no share is significant, or without fringes. unsure: deviation of residual pixelation common to
+    neighbours, pattern px, by axis."""
     thin = max(1, lit.levels.shape[1] // _MOST)
     some = lit.only(slice(None, None, thin))
     fringes = {axis.axis: (*axis.fringes, *axis.singles) for axis in plan.axes}
@@ -46,7 +46,7 @@ def shared_noise(
     turns = {name: max(1 / fringe.period for fringe in every) for name, every in fringes.items()}
     shares = {axis.axis: _shares(plan, axis, some) for axis in plan.axes}
     rows, cols, _ = np.minimum(shares["u"], shares["v"]).tolist()
-    # what frames that moved leave is no noise of theirs
+    # residuals by motion of frames are not noise
     still = {name: Moved(0.0, share) for name, (_, _, share) in shares.items()}
     moved = still | frames_moved(plan, lit, seen)
     u, v = moved["u"], moved["v"]
@@ -56,8 +56,8 @@ def shared_noise(
 
 
 def _shares(plan: Plan, axis: AxisPlan, sample: Sample) -> tuple[float, float, float]:
-    """Shares of rows, of columns and of frames, by those of one axis, where these have constraints, else with
-    white and black; 0 without any."""
+    """Shares of rows, of columns and of frames, from one axis' constraints, if necessary with white and
+    black; 0 without any."""
     alone, count = replace(plan, axes=(axis,)), len(sample.levels)
     groups = constraints(replace(alone, white=-1, black=-1), count) or constraints(alone, count)
     if not groups:
@@ -85,8 +85,8 @@ def _shares(plan: Plan, axis: AxisPlan, sample: Sample) -> tuple[float, float, f
 
 
 def _shared(residual: F32, line: NDArray[np.int64], square: float) -> float:
-    """Mean product of residuals (M, K) of two pixels of a line (K,), over a mean square, of the sum `square`
-    over all; 0 where chance leaves as much."""
+    """Mean product of residuals (M, K) of two pixels of a line (K,), over the mean square, which has the sum
+    `square`; 0 if not significant."""
     count = np.bincount(line).astype(np.float64)
     pairs = float((count * (count - 1)).sum())
     sums = np.stack([np.bincount(line, one) for one in residual])

@@ -1,5 +1,5 @@
-"""What a display or a camera does that no sequence says, told by what fringes cannot look like: a display so
-slow that a frame still holds a share of earlier ones, and what samples contradict each other by."""
+"""Deviations that no sequence describes, from samples that no fringe can have: lag of a display so slow that
+a frame contains a share of earlier ones, and misfit of samples."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -15,23 +15,22 @@ from .noise import Noise, Sample, bulk, harmonics, product, trimmed_variance, un
 __all__ = ["Before", "held_before", "misfit_between", "misfit_within", "whole", "without_before"]
 
 F64 = NDArray[np.float64]
-#: Pixels that are asked at most, and at least.
+#: Largest sample, and fewest pixels.
 _ASKED, _FEWEST = 1024, 64
-#: Share of the noise's variance that a misfit has at least; deviations by which a share of an earlier frame
-#: is sure, and how many frames earlier are asked.
+#: Smallest significant misfit, share of the noise's variance; deviations of a sure lag; earlier frames.
 _BEYOND, _SURE, _EARLIER = 0.2, 5.0, 3
-#: Ratios that are tried, an odd number of them, up to the largest.
+#: Trial ratios, an odd number of them, up to the largest.
 _RATIOS, _LONGEST = 361, 0.9
 _FAINT = 1e-9
-#: Share of the pixels that are alike from which on the others are another fault.
+#: Share of consistent pixels beyond which the others have another fault.
 _MOSTLY = 0.75
 
 
 def misfit_within(fringe: Fringe, lit: Sample, noise: Noise) -> float:
     """Variance of a fringe's samples beyond noise, of the bulk of pixels, over its squared amplitude.
 
-    What harmonics of a response leave there is no part of it (they do a phase no harm unless they alias), nor
-    is what chance may be. Three samples, or too few pixels, tell none.
+    Harmonics of a response are excluded (they do not shift a phase unless they alias), and so is chance. 0
+    for three samples, or too few pixels.
     """
     few, rows = whole(lit, fringe.index), fringe.unlike
     freedom, pixels = len(rows), few.levels.shape[1]
@@ -47,11 +46,11 @@ def misfit_within(fringe: Fringe, lit: Sample, noise: Noise) -> float:
 
 
 def misfit_between(fringes: tuple[Fringe, ...], known: Any, place: F64, few: Sample, noise: Noise) -> float:
-    """Variance (turns^2) of a phase beyond noise and what is known of it (turns^2, of each fringe), by what
-    periods contradict each other by at the places (K,) that they tell of some pixels.
+    """Variance (turns^2) of a phase beyond noise and known variances (turns^2, of each fringe), from
+    contradictions between periods at the decoded places (K,).
 
-    It holds what no fringe shows on its own: harmonics that alias, what befell three samples, a map that has
-    moved in between.
+    It includes errors that no single fringe reveals: aliased harmonics, errors of three-step fringes, motion
+    of the map between fringes.
     """
     own = few.variance(noise) / (2 * np.pi) ** 2
     phases = [_phase(fringe, few, own, more) for fringe, more in zip(fringes, known, strict=True)]
@@ -67,7 +66,7 @@ def misfit_between(fringes: tuple[Fringe, ...], known: Any, place: F64, few: Sam
 
 
 def _phase(fringe: Fringe, few: Sample, own: Any, known: float) -> tuple[F64, F64]:
-    """Turns (K,) of sampled pixels, and their variance; own: variance of a sample over (2 pi)^2."""
+    """Phase (K,), turns, of sampled pixels, and its variance; own: variance of a sample over (2 pi)^2."""
     inverse = fringe.inverse[1:]
     c, s = product(inverse, few.levels[list(fringe.index)])
     variance = own * (float(np.square(inverse).sum()) / 2) / (c * c + s * s + _FAINT)
@@ -75,13 +74,13 @@ def _phase(fringe: Fringe, few: Sample, own: Any, known: float) -> tuple[F64, F6
 
 
 class Before(NamedTuple):
-    """What frames hold of earlier ones where the display is slow, or the camera exposes before it is done.
+    """Lag model: frames contain earlier ones if the display is slow, or the camera exposes too early.
 
-    I_i = (1 - m) L_i + m S_(i-1), S_i = (1 - e) L_i + e S_(i-1): a share m of the state S in which the last
-    frame left the display. L is (I_i - sum_k a r^(k-1) I_(i-k)) / (1 - m), r = (e - m) / (1 - m), a = e - r.
+    I_i = (1 - m) L_i + m S_(i-1), S_i = (1 - e) L_i + e S_(i-1): a share m of the display's state S after the
+    last frame. L is (I_i - sum_k a r^(k-1) I_(i-k)) / (1 - m), r = (e - m) / (1 - m), a = e - r.
 
-    first, ratio  a and r of all the image, which are taken off; a < 0: overdriven
-    left          share that fringes (by their frames) hold besides; least: those that tell none
+    first, ratio  a and r over the image, which are corrected; a < 0: overdriven
+    left          residual share of fringes (by their frames); least: of fringes without an estimate
     """
 
     first: float = 0.0
@@ -96,15 +95,15 @@ class Before(NamedTuple):
 
     @property
     def noisier(self) -> float:
-        """Variance of a sample of L over that of one of I."""
+        """Ratio of the variance of a sample of L to that of I."""
         return (1 + self.first**2 / (1 - self.ratio**2)) / (1 - self.share) ** 2
 
 
 class _Moments(NamedTuple):
-    """Of what no fringe looks like, of a fringe's samples and of those 1, 2, ... frames before, M in all, in
-    one part of the image; or sums of such.
+    """Moments of the combinations that vanish for fringes, of a fringe's samples and of those 1, 2, ...
+    frames before, M in all, in one part of the image; or sums of such.
 
-    square  (M, M) sums of products; noise: what noise of variance 1 makes of it
+    square  (M, M) sums of products; noise: the same for noise of variance 1
     """
 
     fringe: tuple[int, ...]
@@ -113,12 +112,12 @@ class _Moments(NamedTuple):
     noise: F64
 
     def of_light(self, before: Before) -> tuple[float, float]:
-        """Sums of squares of what the light without the frames before would be, and of its noise."""
+        """Sums of squares of the combinations after lag removal, and for noise."""
         weights = self._weights(before)
         return float(weights @ self.square @ weights), float(weights @ self.noise @ weights)
 
     def left(self, before: Before) -> float:
-        """What is surely in the frames of earlier ones besides, over what these show, rms; 1 at most."""
+        """Residual lag: significant share of earlier frames, rms, relative to them; 1 at most."""
         whole, noise = self.of_light(before)
         both = (self.square - whole / noise * self.noise)[1:] @ self._weights(before)
         more = np.linalg.lstsq(self.square[1:, 1:], both)[0]
@@ -132,11 +131,11 @@ class _Moments(NamedTuple):
 
 
 def held_before(plan: Plan, lit: Sample) -> Before:
-    """What all the image holds of earlier frames, and what parts of it do besides.
+    """Estimate the lag over the image, and the residual lag in parts of it.
 
-    What no fringe of L looks like must be noise, in the quarters of the image and in all fringes of more than
-    three samples before which there are so many frames. What these do not agree on is not taken off; nothing
-    is told where exposures differ.
+    Combinations of L that vanish for fringes must be noise, in the quarters of the image and in all fringes
+    of more than three samples with enough frames before them. If these disagree, the lag is not removed;
+    without equal exposures there is no estimate.
     """
     every = [fringe for axis in plan.axes for fringe in axis.fringes]
     if not all((fringe.exposure == 1).all() for fringe in every):
@@ -148,14 +147,14 @@ def held_before(plan: Plan, lit: Sample) -> Before:
     if not any(none.left.values()):
         return none
     before = _left(told, _fitted(told))
-    # most of what was asked is the same everywhere; a frame that is mostly the one before is another fault
+    # most fringes must agree everywhere; a frame that mostly repeats the one before is another fault
     agreed = max(before.left.values()) < 0.5 * abs(before.first) and abs(before.share) < 0.5
     return before if agreed else none
 
 
 def _fitted(told: list[_Moments]) -> Before:
-    """Before that leaves least over its noise, a by a generalised eigenvalue, and r where that surely leaves
-    less. (By least squares alone noise is told for a share where frames that cancel leave little besides.)"""
+    """Lag with the least power over its noise: a by a generalised eigenvalue, and r if that is significantly
+    better. (Least squares alone would mistake noise for lag where frames cancel.)"""
     whole = _sum(told)
     sure = _SURE**2 / float(whole.noise[0, 0])
     ratios = np.linspace(-_LONGEST, _LONGEST, _RATIOS)
@@ -174,8 +173,9 @@ def _fitted(told: list[_Moments]) -> Before:
 
 
 def _left(told: list[_Moments], before: Before) -> Before:
-    """With what is left: by what each fringe tells, here or there or in all, at least what others tell
-    together of a part of the image: all but that which tells most, where one frame may be another."""
+    """Add the residual lag of each fringe: its largest estimate in a part of the image or in all. The floor
+    is the largest pooled estimate in a part, without the fringe of the largest lag, which may have a wrong
+    frame."""
     left = {}
     for fringe in {one.fringe for one in told}:
         own = [one for one in told if one.fringe == fringe]
@@ -187,7 +187,7 @@ def _left(told: list[_Moments], before: Before) -> Before:
 
 
 def _moments(fringe: Fringe, earlier: int, lit: Sample) -> list[_Moments]:
-    """Of the quarters of the image, as far as their pixels are whole in these frames and so many before."""
+    """Moments in the quarters of the image, from pixels unsaturated in these and the earlier frames."""
     frames = np.array(fringe.index) - np.arange(earlier + 1)[:, None]
     few, rows = whole(lit, np.unique(frames)), fringe.unlike
     levels = few.levels.astype(np.float64)
@@ -195,10 +195,10 @@ def _moments(fringe: Fringe, earlier: int, lit: Sample) -> list[_Moments]:
         return []
     seen = np.concatenate([product(rows, levels[each]) for each in frames])
     usual = np.flatnonzero(bulk(seen).all(axis=0))
-    if len(usual) > _MOSTLY * seen.shape[1]:  # what befell a small part of the image is no lag
+    if len(usual) > _MOSTLY * seen.shape[1]:  # a deviation in a small part of the image is no lag
         few, seen, levels = few.only(usual), seen[:, usual], levels[:, usual]
     seen = unexplained(seen, harmonics(fringe, levels)).reshape(len(frames), len(rows), -1)
-    # noise of a frame is in all that stands some frames before or after it
+    # noise of a frame is common to all combinations that contain it
     holds = np.zeros((len(frames), len(rows), len(levels)))
     for one, each in zip(holds, frames, strict=True):
         one[:, each] = rows
@@ -217,9 +217,9 @@ def _sum(told: list[_Moments]) -> _Moments:
 
 
 def without_before(light: Light, plan: Plan, before: Before) -> Light:
-    """L; of fringes, saturated where the frame before is, too."""
+    """Remove the lag; samples of fringes are saturated if the previous frame is, too."""
     raw, clipped = light.raw.astype(np.float32), light.raw >= light.clip
-    # bits are compared: what a saturated frame leaves in them changes no sign
+    # bits are compared: the lag of a saturated frame does not change their sign
     fringes = [fringe for axis in plan.axes for fringe in (*axis.fringes, *axis.singles)]
     for i in {i for fringe in fringes for i in fringe.index if i > 0}:
         clipped[i] |= raw[i - 1] >= light.clip
@@ -234,6 +234,6 @@ def without_before(light: Light, plan: Plan, before: Before) -> Light:
 
 
 def whole(lit: Sample, frames: Any, most: int = _ASKED) -> Sample:
-    """Some of the pixels that are not saturated in any of these frames."""
+    """A sample of the pixels that are unsaturated in these frames."""
     some = np.flatnonzero((lit.levels[list(frames)] < lit.white).all(axis=0))
     return lit.only(some[:: max(1, len(some) // most)])

@@ -5,7 +5,7 @@
 | `crossed`        | `crossed`: Displacement of every pixel from a crossed fringe                           |
 | `window_fit`     | both fringes fitted at once within a Gaussian window                                   |
 | `lattice`        | `lattice`: corners of the paper's lattice, at rest and deformed                        |
-| `prior`          | where the camera looked at rest, which pixels see the fringe, and the noise there      |
+| `prior`          | map of the mirror at rest, pixels with a fringe, and the noise there                   |
 """
 
 from .crossed import crossed

@@ -1,13 +1,13 @@
-"""Single-shot crossed fringe: displacement of one frame against the rest frame, for what moves.
+"""Single-shot crossed fringe: displacement of one frame against the rest frame, for moving mirrors.
 
 The frame is the mean of a fringe along u and one along v. Both are fitted at once within a Gaussian window
 (window_fit.py) over the carriers that the map at rest predicts (the local-carrier form of Takeda, Ina,
 Kobayashi 1982, doi:10.1364/JOSA.72.000156). The phase of the deformed frame over that of the rest frame,
 unwrapped, is the displacement.
 
-The window smooths: of a spatial frequency that it passes with gain g, the first pass has g. The next pass
-takes the last one's phase into its carrier and adds the remainder, 1 - (1 - g)^k after k passes (van
-Cittert); the change in the last of them counts as error.
+The window smooths: the first pass reduces a spatial frequency by its gain g. The next pass adds the phase of
+the last one to its carrier and fits the remainder, which gives 1 - (1 - g)^k after k passes (van Cittert);
+the change in the last pass counts as error.
 """
 
 import math
@@ -37,7 +37,7 @@ _PASSES = 4
 _GROWTH = math.sqrt(
     4 * sum(1 / k for k in range(1, _PASSES + 1)) - 2 * sum(1 / k for k in range(1, 2 * _PASSES + 1))
 )
-#: Largest of the noise within a window's width, over its rms.
+#: Maximum of the noise within a window's width, over its rms.
 _LARGEST = 2.5
 #: Change in the last pass, cycles, above which a pixel is flagged: a tenth of the 0.2 of half a jump.
 _SETTLED = 0.02
@@ -47,7 +47,7 @@ _STEEPEST = 0.3
 #: Contrast over that at rest below which a pixel is flagged: exp(-phi^2 / 2) at an rms misfit phi of an
 #: eighth of a cycle within the window.
 _RESOLVED = math.exp(-0.5 * (math.pi / 4) ** 2)
-#: Pattern pixels inside its outline where a camera pixel's footprint may cover what lies beside it.
+#: Margin inside the pattern's outline, pattern pixels: a camera pixel's footprint may extend beyond it.
 _MARGIN = 1.0
 
 
@@ -57,16 +57,16 @@ def crossed(
     """Displacement (pattern pixels, deformed minus rest) of one crossed-fringe frame.
 
     frame, rest  (H, W), or (N, H, W) as the sequence describes them
-    prior        where the camera looked at rest, to a fraction of a period across the fringe's own width
-                 (a trace, a decoded capture); default: the surface fills the frame
+    prior        u and v at rest, to a fraction of a period across the fringe's width (a trace, a decoded
+                 capture); default: the surface fills the frame
 
-    Whole periods follow from continuity within each island, a connected part of what sees the fringe at rest.
-    One frame cannot tell them otherwise: the median displacement of every island must be within half a
-    period, as that of a picture which is one island. What is cut off from the largest good part of its
-    island, and an island smaller than a window, is flagged. sigma holds noise, smoothing and borders. Flagged
-    are pixels without a fringe or with one of less than 8 % of the usual amplitude (LOW_CONTRAST), where the
-    displacement is too steep to tell a slope from a jump by a period, does not settle, costs contrast or has
-    no connection (ORDER_DOUBTFUL), and what was moved off the pattern (OFF_PATTERN).
+    Whole periods follow from continuity within each island, a connected part of pixels with a fringe at rest.
+    One frame does not determine them otherwise: the median displacement of every island must be within half a
+    period. Pixels without a connection to the largest good part of their island, and islands smaller than a
+    window, are flagged. sigma includes noise, smoothing and borders. Flags: LOW_CONTRAST without a fringe, or
+    below 8 % of the typical amplitude; ORDER_DOUBTFUL where the displacement may be a slope or a jump by a
+    period, has not converged, reduces contrast or lacks a connection; OFF_PATTERN where it leaves the
+    pattern.
     """
     fringe, now, still = frame_pair(frame, rest, sequence, "crossed")
     at_rest = prior_map(prior, sequence, still.shape)
@@ -83,8 +83,8 @@ def displaced(
 ) -> Displacement:
     """Displacement between frames (H, W) of fringes, or lines, along u and v of a pattern (rows, cols).
 
-    at_rest: u and v (H, W) of the frame at rest; settled: change in the last pass, cycles, above which a
-    pixel is flagged.
+    at_rest: u and v (H, W) of the frame at rest; settled: largest change in the last pass, cycles, of an
+    unflagged pixel.
     """
     pair = _pair(now, still, at_rest, pattern, period)
     axes, level = _passes(pair)
@@ -97,9 +97,9 @@ def displaced(
 
 @dataclass(frozen=True, slots=True)
 class _Pair:
-    """Both frames, where they look at rest on a pattern (rows, cols), and which pixels see the fringe (H, W).
+    """Both frames, their map at rest on a pattern (rows, cols), and the pixels with a fringe (H, W).
 
-    noise: that of a half amplitude within a window of rms `width`, of both frames, camera levels
+    noise: of a half amplitude within a window of rms `width`, of both frames, camera levels
     """
 
     now: F32
@@ -113,7 +113,7 @@ class _Pair:
     sees: Mask
 
     def inside(self, turns: list[F64] | None, margin: float) -> Mask:
-        """Pixels that look further than margin (pattern pixels) inside the pattern; None: at rest."""
+        """Pixels whose place is farther than margin (pattern pixels) inside the pattern; None: at rest."""
         u, v = self.at_rest
         if turns is not None:
             u, v = (coord + self.period * turn for coord, turn in zip((u, v), turns, strict=True))
@@ -123,7 +123,7 @@ class _Pair:
 @dataclass(frozen=True, slots=True)
 class _Axis:
     """Along one axis, (H, W): displacement, its noise, its change in the last pass (cycles); half amplitude;
-    whether the fringe within the window is unlike its local line.
+    whether the fringe within the window deviates from its local line.
     """
 
     turn: F64
@@ -136,7 +136,7 @@ class _Axis:
 def _pair(
     now: NDArray[Any], still: NDArray[Any], at_rest: tuple[F64, F64], pattern: tuple[int, int], period: float
 ) -> _Pair:
-    """Window, noise and pixels that see the fringe, from the frame at rest."""
+    """Window, noise and pixels with a fringe, from the frame at rest."""
     images = now.astype(np.float32), still.astype(np.float32)
     known = _inside(*at_rest, pattern, _MARGIN)
     width = window_width(at_rest, known, period)
@@ -145,7 +145,7 @@ def _pair(
     pilot = Window.over(known, width).fit(images[1], _carriers(at_rest, known, period), cut=False)
     sees = seeing(np.minimum(*pilot.height), known, width)
     width = window_width(at_rest, sees, period)
-    # of white noise the window leaves sigma / (2 sqrt(pi) width), 1 / sqrt(2) of it in each quadrature
+    # for white noise the window gives sigma / (2 sqrt(pi) width), 1 / sqrt(2) of it in each quadrature
     gain = 1 / (2 * math.sqrt(2 * math.pi) * width)
     noise = gain * noise_of(images[0], sees), gain * noise_of(images[1], sees)
     return _Pair(*images, at_rest, pattern, period, width, noise, clipped, sees)
@@ -174,16 +174,16 @@ def _passes(pair: _Pair) -> tuple[list[_Axis], F32]:
 
 def _axis(pair: _Pair, before: Fit, after: Fit, k: int, turn: F64, changes: list[list[F64]]) -> _Axis:
     height = np.asarray(np.minimum(before.height[k], after.height[k]), np.float64)
-    # what one pass leaves of the noise; pass i changes 1 / sqrt(i (2 i - 1)) of it
+    # noise after one pass; pass i changes 1 / sqrt(i (2 i - 1)) of it
     noise = np.hypot(pair.noise[0] * after.growth[k], pair.noise[1] * before.growth[k])
     random = noise / np.maximum(height, 1e-9) / (2 * np.pi)
     last, change = (
         np.sqrt(np.maximum(changes[i - 2][k] ** 2 - (_LARGEST * random) ** 2 / (i * (2 * i - 1)), 0))
         for i in (_PASSES, _PASSES - 1)
     )
-    # what further passes would change, at least what the last one did: a geometric series
+    # the sum of further changes, at least the last one: a geometric series
     ratio = np.minimum(last / np.maximum(change, 1e-9), 0.9)
-    # a mirror that loses light loses level and amplitude, a window that covers a jump the amplitude alone
+    # a mirror that loses light reduces level and amplitude, a jump within a window the amplitude alone
     expected = before.height[k] * after.level / np.maximum(before.level, 1e-3)
     unresolved = after.height[k] < _RESOLVED * expected - 3 * max(pair.noise)
     return _Axis(
@@ -192,7 +192,7 @@ def _axis(pair: _Pair, before: Fit, after: Fit, k: int, turn: F64, changes: list
 
 
 def _flags(pair: _Pair, axes: list[_Axis], settled: float) -> NDArray[np.uint16]:
-    """Flags of every pixel from its own fit, then from its connection."""
+    """Flags of every pixel, first from its fit, then from its connection."""
     known = np.isfinite(pair.at_rest[0]) & np.isfinite(pair.at_rest[1])
     blind = pair.inside(None, _MARGIN) & ~pair.sees & ~pair.clipped
     beside = known & ~pair.inside([axis.turn for axis in axes], 0.0)
@@ -204,7 +204,7 @@ def _flags(pair: _Pair, axes: list[_Axis], settled: float) -> NDArray[np.uint16]
         lost = axis.height <= _LEAST * max(pair.noise)
         doubtful = (_steep(axis, pair) | (axis.change > settled)) & ~lost
         flags |= np.where(lost, int(Flag.LOW_CONTRAST), 0) | np.where(doubtful, int(Flag.ORDER_DOUBTFUL), 0)
-    # the area of as many pixels as a window's weights count for
+    # area of the number of pixels that a window's weights are equivalent to
     connected = _largest_parts(flags == 0, islands, 4 * math.pi * pair.width**2)
     return (flags | np.where(connected, 0, int(Flag.ORDER_DOUBTFUL))).astype(np.uint16)
 
@@ -232,7 +232,7 @@ def _clear(pair: _Pair, before: Fit, after: Fit, k: int) -> Mask:
 
 
 def _around(change: F32, pair: _Pair) -> F64:
-    """The largest change within a window's width, cycles, smoothed: solvers weigh by sigma."""
+    """Largest change within a window's width, cycles, smoothed, because solvers weight by sigma."""
     size = 2 * math.ceil(pair.width) + 1
     own = np.where(pair.sees, np.abs(change) / np.float32(2 * np.pi), np.float32(0))
     largest = cv2.dilate(own, np.ones((size, size), np.uint8))
@@ -240,7 +240,7 @@ def _around(change: F32, pair: _Pair) -> F64:
 
 
 def _steep(axis: _Axis, pair: _Pair) -> Mask:
-    """True where a window does not tell a slope from a jump by a whole cycle, nor its neighbours."""
+    """True where a window, or a neighbour's, does not distinguish a slope from a jump by a cycle."""
     slope = np.hypot(*np.gradient(np.where(pair.sees, axis.turn, np.nan)))
     steep = (slope * pair.width > _STEEPEST) | axis.unresolved
     size = 2 * math.ceil(pair.width / 2) + 1

@@ -1,9 +1,9 @@
 """Corners of the paper's lattice: sub-pixel in the rest frame, tracked into a deformed one.
 
 A corner is a centre of symmetry. Around it, in lattice coordinates x = (s along u, t along v), the image is
-E(x + d + q(x)) (1 + g x): E is even, d how far the corner is from where it was looked for, q the quadratic
-bend of the map, g a slope of the light. So the odd part of what is seen is linear in d, q and g, whatever the
-lines' profile and blur are, and its least squares tell d, what is left over its sigma.
+E(x + d + q(x)) (1 + g x): E is even, d the distance of the corner from its expected place, q the quadratic
+curvature of the map, g a slope of the light. So the odd part of the image is linear in d, q and g, for any
+profile and blur of the lines; least squares give d, and the residuals its sigma.
 """
 
 import math
@@ -27,21 +27,21 @@ __all__ = ["Crossings", "lattice"]
 
 F64 = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-#: Change of the displacement in its last pass, cycles: a line's number needs no more.
+#: Largest change of the displacement in its last pass, cycles: the numbers of lines need no more.
 _SETTLED = 0.1
-#: From its expected place, periods: half a period away the next line is as near.
+#: Distance from the expected place, periods: at half a period the next line is as near.
 _FARTHEST = 0.25
-#: Of a patch around a corner: samples along either line, how far they reach and are apart (periods), t, s.
+#: Patch around a corner: samples along either line, their reach and spacing (periods), t, s.
 _SAMPLES = 41
 _REACH = 0.47
 _SHARE = 2 * _REACH / (_SAMPLES - 1)
 _GRID = np.meshgrid(*2 * [np.linspace(-1, 1, _SAMPLES)], indexing="ij")
-#: Blurs of the patch (periods) in the rounds that lead there: with one, from a quarter of a period away.
+#: Blurs of the patch (periods) in successive rounds: the first one converges from a quarter of a period.
 _BLURS = (0.15, 0.1, 0.0, 0.0)
 _BATCH = 500
-#: Blur of the image, periods rms: lines' edges that are too sharp for the camera's pixels move less.
+#: Blur of the image, periods rms: lines' edges too sharp for the camera's pixels would shift less.
 _SOFT = 0.03
-#: Share of a patch that must be in the image; of its variance that may be unlike a corner.
+#: Least share of a patch inside the image; largest share of its variance that deviates from a corner.
 _LEAST, _UNLIKE = 0.5, 0.1
 #: Darkness of a line's centre below which there is no line.
 _LEAST_DARKNESS = 0.15
@@ -49,7 +49,7 @@ _LEAST_DARKNESS = 0.15
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Crossings(Comparable):
-    """K crossings found at rest; `now` is NaN and `sigma` inf where one was not found again.
+    """K crossings found at rest; `now` is NaN and `sigma` inf where a crossing is lost in the deformed frame.
 
     index  (K, 2) numbers of the lines along u and v      pattern  (K, 2) their u, v, pattern pixels
     rest   (K, 2) row, col at rest, camera pixels          now      (K, 2) row, col in the deformed frame
@@ -86,8 +86,8 @@ def lattice(
     """Crossings of the lattice in `frames`, each matched to the same one in `rest`.
 
     frames, rest  (N, H, W) as the sequence describes them, or the lattice frame alone, (H, W)
-    prior         where the camera looked at rest, to a quarter of the lattice's period (a trace, a decoded
-                  capture); default: the surface fills the frame, u along columns, v along rows
+    prior         u and v at rest, to a quarter of the lattice's period (a trace, a decoded capture);
+                  default: the surface fills the frame, u along columns, v along rows
 
     A crossing is matched by the displacement of the lattice's first harmonic, which is a crossed fringe: its
     median in each connected part of the mirror must be within half a period (see crossed).
@@ -114,8 +114,8 @@ def lattice(
 
 
 def _expected(u: F64, v: F64, lines: tuple[F64, F64], period: float) -> tuple[NDArray[np.int64], F64, F64]:
-    """Corners that a map (H, W) shows: numbers of their lines (K, 2), row and column (K, 2), camera steps per
-    pattern pixel of u and v (K, 2, 2). From the nearest pixel a Newton step of the map leads there.
+    """Corners that a map (H, W) predicts: numbers of their lines (K, 2), row and column (K, 2), camera steps
+    per pattern pixel of u and v (K, 2, 2). They are found from the nearest pixel by a Newton step of the map.
     """
     coords = np.stack([u, v], axis=-1)
     first, count = (lines[0][0], lines[1][0]), (len(lines[0]), len(lines[1]))
@@ -134,14 +134,14 @@ def _expected(u: F64, v: F64, lines: tuple[F64, F64], period: float) -> tuple[ND
 
 
 def refined(image: NDArray[Any], start: F64, steps: F64, period: float, width: float) -> tuple[F64, F64]:
-    """Row and column (K, 2) of the corners near start (K, 2), NaN where there is none, and their sigma.
+    """Row and column (K, 2) of the corners near start (K, 2), NaN if there is none, and their sigma.
 
     steps (K, 2, 2): camera (row, col) per pattern pixel of u and v.
     """
     area = period**2 * np.abs(np.linalg.det(steps))
     soft = _SOFT * math.sqrt(np.median(area)) if len(area) else 0.0
     spline = spline_filter(gaussian_filter(image.astype(np.float64), soft), mode="mirror")
-    # opposite samples are one, and so are those that the blur or a pixel makes one
+    # opposite samples count once, and so do samples within the blur or a pixel
     each = 0.5 * np.minimum(1, area * _SHARE**2 / max(1.0, 4 * math.pi * soft**2))
     points, sigmas = [start[:0]], [start[:0]]
     for first in range(0, len(start), _BATCH):
@@ -160,7 +160,7 @@ def refined(image: NDArray[Any], start: F64, steps: F64, period: float, width: f
 
 
 def _patches(spline: F64, point: F64, steps: F64, period: float) -> tuple[F64, Mask]:
-    """Image at point + s steps[u] + t steps[v], (K, t, s), and where it and what is opposite are of it."""
+    """Image at point + s steps[u] + t steps[v], (K, t, s), and whether it and its opposite are inside."""
     t, s = (_REACH * period * axis for axis in _GRID)
     along, down = steps[:, None, None, 0], steps[:, None, None, 1]
     place = point[:, None, None] + s[..., None] * along + t[..., None] * down
@@ -172,9 +172,9 @@ def _patches(spline: F64, point: F64, steps: F64, period: float) -> tuple[F64, M
 def _centre(
     patch: F64, inside: Mask, period: float, width: float, each: F64, blur: float
 ) -> tuple[F64, F64, Mask]:
-    """Corner relative to the middle of its patch, s and t (K, 2), pattern pixels; sigma; whether it is there.
+    """Corner relative to the middle of its patch, s and t (K, 2), pattern pixels; sigma; whether it exists.
 
-    each: independent samples that one sample counts for (K,); blur: of the patch, periods.
+    each: number of independent samples per sample (K,); blur: of the patch, periods.
     """
     t, s = _GRID
     if blur:
@@ -199,7 +199,7 @@ def _centre(
 
 
 def _crossed(patch: F64, even: F64, width: float) -> Mask:
-    """Whether both lines are darker, beside their corner, than all four fields between them.
+    """Whether both lines, next to their corner, are darker than all four fields between them.
 
     width: of a line, in halves of a patch.
     """

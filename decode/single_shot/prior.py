@@ -1,6 +1,6 @@
-"""The frame at rest: where the camera looked then (a map from elsewhere, or a default), which pixels see the
-fringe, and how noisy they are. A mirror may fill a small part of the picture; beside it there may be
-darkness, a lit room, a lamp, a second and weaker reflection of the pattern.
+"""The frame at rest: its map (given, or a default), pixels with a fringe, and their noise. A mirror may fill
+a small part of the picture; around it there may be darkness, a lit room, a lamp, a second and weaker
+reflection of the pattern.
 """
 
 import math
@@ -22,9 +22,9 @@ F64 = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 #: Rms width of the window in periods of the fringe.
 _WIDTH = 0.5
-#: Amplitude over that around it: a window whose middle lies on a straight border sees half.
+#: Least amplitude relative to its surroundings: a window centred on a straight border has half.
 _HALF = 0.5
-#: Amplitude over the usual one: twice what bare glass of index 1.5 reflects, ((1.5 - 1) / (1.5 + 1))^2.
+#: Least relative amplitude: twice the reflectance of glass of index 1.5, ((1.5 - 1) / (1.5 + 1))^2.
 _GLASS = 0.08
 
 
@@ -39,7 +39,7 @@ class PatternMap(Protocol):
 
 
 def prior_map(prior: PatternMap | None, sequence: Sequence, shape: tuple[int, ...]) -> tuple[F64, F64]:
-    """u and v at rest (H, W), NaN where they are unknown or flagged.
+    """u and v at rest (H, W), NaN where unknown or flagged.
 
     Without a prior the surface fills the frame, u along columns, v along rows.
     """
@@ -69,7 +69,7 @@ def frame_pair(
 
 
 def _image(stack: Any, sequence: Sequence, number: int, name: str) -> NDArray[Any]:
-    """One image (H, W) of a stack that the sequence describes, or that image alone."""
+    """One image (H, W), from the stack of a sequence, or given alone."""
     array, kind = np.asarray(stack), sequence.frames[number].kind
     if array.ndim == 3:
         if len(array) != len(sequence):
@@ -93,11 +93,11 @@ def window_width(at_rest: tuple[F64, F64], lit: Mask, period: float) -> float:
 
 
 def seeing(height: F32, known: Mask, width: float) -> Mask:
-    """Pixels that see the fringe, from the amplitude (H, W) that windows of this width see.
+    """Pixels with a fringe, from the amplitude (H, W) within windows of this width.
 
-    Borders are where it falls to half of the largest within two widths, beyond which a window sees 2 % of
-    what lies behind the border; half a width is left out along them, as a step of brightness has amplitude
-    as well. The usual amplitude weighs pixels by its square: many faint ones do not count.
+    Borders are where it falls to half of the maximum within two widths: farther away, light behind the border
+    contributes 2 %. Half a width along them is left out, as a step of brightness has amplitude, too. The
+    typical amplitude weights pixels by its square, so that many faint ones do not count.
     """
     lit = np.where(known, height, np.float32(0)).astype(np.float32)
     size = 2 * math.ceil(2 * width) + 1
@@ -110,7 +110,7 @@ def seeing(height: F32, known: Mask, width: float) -> Mask:
 
 
 def overexposed(image: NDArray[Any], width: float) -> Mask:
-    """Where an integer image is at its top over half a period both ways: no fringe stays bright that far."""
+    """Where an integer image is at its maximum over half a period both ways: no fringe is bright that far."""
     if image.dtype.kind not in "ui":
         return np.zeros(image.shape, bool)
     top = (image == np.iinfo(image.dtype).max).astype(np.uint8)
@@ -121,7 +121,7 @@ def overexposed(image: NDArray[Any], width: float) -> Mask:
 def noise_of(image: F32, lit: Mask) -> float:
     """Immerkaer's estimate (doi:10.1006/cviu.1996.0060), median in place of mean, where his mask is lit.
 
-    The mask is blind to fringes along either axis of the camera. At least that of rounding to integers.
+    The mask ignores fringes along either axis of the camera. The result is at least the rounding to integers.
     """
     inner = cv2.erode(lit.astype(np.uint8), np.ones((3, 3), np.uint8))[1:-1, 1:-1] > 0
     across = image[:, :-2] - 2 * image[:, 1:-1] + image[:, 2:]

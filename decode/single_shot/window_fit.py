@@ -1,12 +1,12 @@
-"""Two fringes fitted at once within a Gaussian window: what the window of crossed.py sees of a phase.
+"""Two fringes fitted at once within a Gaussian window: the phase estimate of crossed.py.
 
-Around every pixel the image is 1 + cos u + sin u + cos v + sin v with five coefficients, least squares with
-the window's weights. The mean level and the other fringe then leak nothing, also where the frame's edge cuts
-the window off. There the window sees not its middle but its mean, `shift` away from it: the phase's slope
-takes that off, which makes the fit a local line (Fan 1993, doi:10.1214/aos/1176349022).
-
-The window is wide, so that its sums are made of cells of a few pixels and what follows from them is
-interpolated; what that costs shows as change in the next pass.
+Around every pixel the image is 1 + cos u + sin u + cos v + sin v with five coefficients, by least squares
+with the window's weights. So the mean level and the other fringe do not leak into the phase, even where the
+frame's edge truncates the window. There the estimate belongs to the mean of the truncated window, `shift`
+away from its middle; the phase's slope corrects this, which makes the fit a local line (Fan 1993,
+doi:10.1214/aos/1176349022).
+The window is wide, so that its sums use cells of some pixels and its results are interpolated; the
+interpolation error appears as change in the next pass.
 """
 
 import math
@@ -22,21 +22,21 @@ __all__ = ["Fit", "Window"]
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-#: Share of the window's weight below which nothing is told.
+#: Least share of the window's weight for an estimate.
 _LEAST = 0.02
-#: Power of a window's share by which its phase is believed over what its neighbours say.
+#: Power of a window's share that weights its phase against that of neighbours.
 _TRUST = 8
-#: A cut window's variance over the whole one's: not below, for shifts along its corners.
+#: Least variance of a truncated window relative to the full one, for shifts along its corners.
 _NARROW = 0.25
 
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """Of both fringes, in order u, v, each (H, W): phase left over their carriers, half their amplitude."""
+    """Of both fringes, in order u, v, each (H, W): phase relative to their carriers, half their amplitude."""
 
     phase: tuple[F32, F32]
     height: tuple[F32, F32]
-    #: Sigma of the phase over what it is in a whole window.
+    #: Sigma of the phase relative to a full window.
     growth: tuple[F32, F32]
     #: Mean level without the fringes.
     level: F32
@@ -46,9 +46,8 @@ class Fit:
 class Window:
     """A Gaussian of rms `width` pixels over the known pixels of a frame (H, W), on cells of `cell` pixels.
 
-    All else (R, C), in cells: share of the weight that is known; along columns and rows, shift of the mean of
-    what is known and how much of the step from one cell to the next that mean makes; sigma of a local line
-    over that of a whole window.
+    All else (R, C), in cells: known share of the weight; along columns and rows, shift of the mean of the
+    known pixels, and its response to a step of one cell; sigma of a local line relative to a full window.
     """
 
     known: Mask
@@ -67,7 +66,7 @@ class Window:
         binned = _binned(known, cell)
         share, mean, spread = _moments(binned, sigma)
         stretch = (np.maximum(spread[0] / sigma**2, _NARROW), np.maximum(spread[1] / sigma**2, _NARROW))
-        # the squared weights are a Gaussian as well: variance of a local line's value at 0
+        # the squared weights are a Gaussian, too: variance of a local line's value at 0
         least, middle, around = _moments(binned, sigma / math.sqrt(2))
         tilt = [m / (s * sigma**2) for m, s in zip(mean, stretch, strict=True)]
         lean = sum(t * (m - n) for t, m, n in zip(tilt, middle, mean, strict=True))
@@ -76,8 +75,8 @@ class Window:
         return cls(known, share, width, cell, mean, stretch, growth.astype(np.float32))
 
     def fit(self, image: F32, carriers: list[F64], *, cut: bool = True) -> Fit:
-        """The fringes of an image (H, W) over carriers (u, v). Without `cut` the phase is that of a
-        cut window's mean, as it must be while the phase may still jump by a cycle.
+        """The fringes of an image (H, W) over carriers (u, v). Without `cut` the phase is that of a truncated
+        window's mean, which is required while the phase may jump by a cycle.
         """
         phases = [_wrapped(carrier) for carrier in carriers]
         waves = [self.known.astype(np.float32)]
@@ -92,20 +91,20 @@ class Window:
         right[2, 1] = right[4, 2] = 1.0
         solved = np.where(self.share > _LEAST, _solved(matrix, right), 0.0).astype(np.float32)
         level, *out = solved[:, 0]
-        # inverse's diagonal at the sines: 2 where the window is whole
+        # inverse's diagonal at the sines: 2 in a full window
         spread = [np.where(self.share > _LEAST, own, np.float32(1e9)) for own in (solved[2, 1], solved[4, 2])]
         u, v = (self._lobe(out[k], -out[k + 1], cut) for k in (0, 2))
         of_u, of_v = (self._whole(self.growth * np.sqrt(np.maximum(0.5 * own, 1.0))) for own in spread)
         return Fit((u[0], v[0]), (u[1], v[1]), (of_u, of_v), self._whole(level))
 
     def _mean(self, plane: F32) -> F32:
-        """Mean of a plane (H, W), 0 where it is unknown, over the known part of the window around every
-        cell (R, C)."""
+        """Mean of a plane (H, W), 0 where unknown, over the known part of the window around every cell (R,
+        C)."""
         blurred = _around(_binned(plane, self.cell), _sigma(self.width, self.cell), 0, 0)
         return np.asarray(blurred / np.maximum(self.share, np.float32(_LEAST)))
 
     def _lobe(self, real: F32, imag: F32, cut: bool) -> tuple[F32, F32]:
-        """Phase and half amplitude (H, W); a phase that turns is not interpolated itself."""
+        """Phase and half amplitude (H, W), interpolated as complex values."""
         if cut:
             phase, size = self._at_middle(np.arctan2(imag, real)), np.hypot(real, imag)
             real, imag = size * np.cos(phase), size * np.sin(phase)
@@ -113,10 +112,10 @@ class Window:
         return np.arctan2(imag, real), np.float32(0.5) * np.hypot(real, imag)
 
     def extended(self, phase: F64) -> F64:
-        """A phase (H, W) without jumps; where the window is cut, planes through what lies inside.
+        """A phase (H, W) without jumps; planes through the inside where the window is truncated.
 
-        Fitted without `cut` it is bent there: the mean of a window that is steep is not the phase at its
-        mean. What is bent within a window no later pass sees.
+        A fit without `cut` is curved there: the mean over a steep window is not the phase at its mean. Later
+        passes do not detect curvature within a window.
         """
         rows, cols = (-size % self.cell for size in phase.shape)
         whole = np.pad(phase, ((0, rows), (0, cols)), mode="edge")
@@ -134,7 +133,8 @@ class Window:
         return phase
 
     def _whole(self, cells: F32) -> F32:
-        """From cells (R, C) to pixels (H, W); beyond the outermost cells' middles along straight lines."""
+        """From cells (R, C) to pixels (H, W), with linear extrapolation beyond the outermost cells'
+        middles."""
         rows, cols = self.known.shape
         framed = np.pad(cells, 1, mode="reflect", reflect_type="odd")
         size = framed.shape[1] * self.cell, framed.shape[0] * self.cell
@@ -143,7 +143,7 @@ class Window:
 
 
 def _sigma(width: float, cell: int) -> float:
-    """Rms width in cells that, with the cells' own, makes up the window's."""
+    """Rms width in cells that, with the cell's width, gives the window's."""
     return math.sqrt(width**2 - (cell**2 - 1) / 12) / cell
 
 
@@ -156,7 +156,7 @@ def _binned(plane: Any, cell: int) -> F32:
 
 
 def _solved(matrix: F64, right: F64) -> F64:
-    """matrix^-1 right, (5, 5, R, C) and (5, K, R, C), both spoilt; a positive matrix needs no pivots."""
+    """matrix^-1 right, (5, 5, R, C) and (5, K, R, C), both overwritten; a positive matrix needs no pivots."""
     for i in range(5):
         for j in range(i + 1, 5):
             factor = matrix[j, i] / matrix[i, i]
@@ -169,7 +169,7 @@ def _solved(matrix: F64, right: F64) -> F64:
 
 
 def _moments(known: F32, sigma: float) -> tuple[F32, tuple[F32, F32], tuple[F32, F32]]:
-    """Share of a window's weight that is known, its mean and its variance along columns and rows."""
+    """Known share of a window's weight, its mean and its variance along columns and rows."""
     share = _around(known, sigma, 0, 0)
     over = np.reciprocal(np.maximum(share, np.float32(1e-6)), dtype=np.float32)
     mean = _around(known, sigma, 1, 0) * over, _around(known, sigma, 0, 1) * over
@@ -178,7 +178,7 @@ def _moments(known: F32, sigma: float) -> tuple[F32, tuple[F32, F32], tuple[F32,
 
 
 def _planes(values: F64, trust: F32, sigma: float) -> F32:
-    """At every cell the value of the plane through all around, weighted by trust and distance."""
+    """Value at every cell of the plane through all cells around, weighted by trust and distance."""
     powers = ((0, 0), (1, 0), (0, 1))
     matrix = np.empty((*values.shape, 3, 3))
     right = np.empty((*values.shape, 3, 1))
@@ -186,7 +186,7 @@ def _planes(values: F64, trust: F32, sigma: float) -> F32:
         right[..., i, 0] = _around((trust * values).astype(np.float32), sigma, along, down)
         for j, (also, below) in enumerate(powers):
             matrix[..., i, j] = _around(trust, sigma, along + also, down + below)
-        matrix[..., i, i] += 1e-9  # nothing trusted around: 0
+        matrix[..., i, i] += 1e-9  # without trusted cells: 0
     return np.asarray(np.linalg.solve(matrix, right)[..., 0, 0], np.float32)
 
 
