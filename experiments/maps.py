@@ -1,8 +1,7 @@
 """Maps and charts of a measurement as data for report/charts.js, and the surface for report/viewer.js.
 
 A map is a set of layers on one grid: samples of single pixels, never averages, so that a number under the
-pointer is that of the data file; the grid holds at most CELLS samples, and as many fewer as there
-are more layers.
+pointer equals that of the data file. The grid holds at most CELLS samples, and all layers together SAMPLES.
 """
 
 import base64
