@@ -107,7 +107,7 @@ def chord_step(rig: Linearised, displacement: Cells, tau: Cells, trust: Cells) -
 
 
 def _weighted(rig: Linearised, divergence: Cells, trust: Cells) -> Cells:
-    """Conjugate gradients. Cells without trust take what the whole rectangle says."""
+    """Conjugate gradients. Cells of weight zero get the solution of equal weights."""
     seen = trust > 0
     nothing = np.zeros((2, *trust.shape), _f4)
     x, r = np.zeros_like(divergence), divergence.copy()

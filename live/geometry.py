@@ -1,5 +1,4 @@
-"""What the equations of a rig at rest need of its scene, on cells of pixels, and where its mirror is
-known."""
+"""Geometry of a rig at rest, on cells of pixels, for the linearised equations; the anchor."""
 
 from dataclasses import dataclass
 
