@@ -45,7 +45,7 @@ class OutputFile(click.Path):
 
 
 class _ReportFolder(click.Path):
-    """A folder to write into, made if it is absent, and the files that it gets."""
+    """A folder to write into, created if absent, and its files."""
 
     def __init__(self, *files: str) -> None:
         super().__init__(path_type=Path)
@@ -141,7 +141,7 @@ def _reads(source: Path, path: Path) -> bool:
 
 
 def _named(source: Path) -> set[str]:
-    """Every text in a TOML file; nothing of others, nor of one that cannot be read, which its reader says."""
+    """Every string in a TOML file; none for other or unreadable files, whose reader reports the error."""
     if source.suffix != ".toml":
         return set()
     try:
@@ -164,7 +164,7 @@ def _texts(text: str) -> set[str]:
 
 
 def _same(one: Path, other: Path) -> bool:
-    """One file by two names; or what will be one, by where its links lead."""
+    """Whether two names lead to one file, existing or not, after links are resolved."""
     if one.exists() and other.exists():
         return one.is_file() and one.samefile(other)
     return os.path.realpath(one) == os.path.realpath(other)

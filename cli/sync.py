@@ -37,10 +37,10 @@ Synchronisation in rig.toml
 )
 @json_option
 def command(rig: Path, flips: int, seed: int, json_path: Path | None, **given: Any) -> None:
-    """Measure how long after a pattern its image is good.
+    """Measure the delay from a pattern to its settled image.
 
-    Flips the whole display between black and white for some seconds and watches with the camera. RIG.toml
-    gets [devices] as used and [sync]; capture then waits no longer than it must.
+    Switches the full display between black and white for some seconds and records it with the camera.
+    RIG.toml gets [devices] as used and [sync]; capture then waits for the measured time only.
     """
     from optolever.files import together
     from optolever.patterns import Frame, Sequence

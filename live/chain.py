@@ -27,10 +27,7 @@ _NOT_MOVED = 0.2  # predicted change by further steps in sigma, at convergence
 _STEPS = 6
 _KINKED, _KINK_STEPS = 0.3, 4  # rms change in sigma at kinks, which converge slowly; steps for them at most
 _SPARSE = 4  # stride of the pixels that measure the light
-_LIGHTER, _DARK = (
-    0.01,
-    0.1,
-)  # relative change of light: below, the fit handles it; beyond factor 10, no rescaling
+_LIGHTER, _DARK = 0.01, 0.1  # relative change of light that needs rescaling; smallest valid factor
 _FILL = 4.0  # cells: radius of the interpolation of displacement into gaps
 
 
