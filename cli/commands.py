@@ -7,7 +7,7 @@ import click
 
 __all__ = ["SECTIONS", "Commands", "Program", "module_of"]
 
-#: What a user calls, by section of --help.
+#: Commands by section of --help.
 SECTIONS: Mapping[str, tuple[str, ...]] = {
     "Start": ("demo", "live", "doctor", "names"),
     "Measure with a camera": ("devices", "expose", "sync", "measure", "record", "replay"),

@@ -65,7 +65,7 @@ Correspondence in c.npz
     type=click.Choice(["red", "green", "blue", "luminance"]),
     default="luminance",
     show_default=True,
-    help="Of pictures in colour.",
+    help="Channel of colour pictures.",
 )
 @click.option(
     "--exposures",

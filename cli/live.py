@@ -49,7 +49,7 @@ Live: prism48, 60 x 80 cells
 @click.option("--json-lines", is_flag=True, help="Print a line of JSON for every reading.")
 @click.option(
     "--port", type=click.IntRange(min=0, max=65535), default=0, metavar="N",
-    help="Of the page, on 127.0.0.1; default: a free one.",
+    help="Port of the page, on 127.0.0.1; default: a free one.",
 )  # fmt: skip
 @json_option
 def command(

@@ -1,6 +1,6 @@
-"""Where commands write: the checks of every output, made before a command does any work.
+"""Outputs of commands: checks of every output before any work.
 
-An output is an option of type `OutputFile`, or made by `report_option`; what else names a file is an input.
+An output is an option of type `OutputFile`, or made by `report_option`; all other files are inputs.
 """
 
 import importlib.util
@@ -63,7 +63,7 @@ def _option(param: click.Parameter | None) -> str:
 
 
 def report_option(command: str, text: str, *files: str) -> Callable[[Function], Function]:
-    """--out DIR, by default out/COMMAND; files: what it gets for certain."""
+    """--out DIR, by default out/COMMAND; files: its guaranteed files."""
     default = Path("out") / command
     return click.option(
         "--out", type=_ReportFolder(*files), default=default, show_default=True, metavar="DIR", help=text
@@ -107,7 +107,7 @@ class Program(click.Command):
 
 
 def _require_apart(outputs: list[Path], inputs: Iterable[str]) -> None:
-    """InputError if two outputs are one file, or an output is what a command reads."""
+    """InputError if two outputs are one file, or an output is an input."""
     for place, path in enumerate(outputs):
         if path.exists() and not path.is_file():
             continue  # devices take whatever comes
@@ -120,7 +120,7 @@ def _require_apart(outputs: list[Path], inputs: Iterable[str]) -> None:
 
 
 def _require_readers(inputs: Iterable[str]) -> None:
-    """InputError if an input is HDF5 and what reads it is not installed: before any work, not after it."""
+    """InputError if an input is HDF5 and its reader is not installed: before any work."""
     for text in inputs:
         if Path(text).suffix.lower() in HDF5 and importlib.util.find_spec("h5py") is None:
             raise InputError(f"{text}: HDF5 needs h5py; pip install 'optolever[sofast]'")

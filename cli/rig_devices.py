@@ -125,8 +125,8 @@ def _recorded(now: Opened) -> "Timing | None":
 
 
 def wait_of(now: Opened, rig: Path) -> "Timing | None":
-    """What a capture waits by: [sync], that of the recording, none for a stand-in. None: unknown, with a
-    notice. InputError where it was measured with other settings.
+    """Timing of a capture: [sync] of the rig or of the recording, no delays for a simulated or replayed
+    camera. None: unknown, with a notice. InputError if it was measured with other settings.
     """
     from optolever.projector import Timing
 

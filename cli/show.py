@@ -35,7 +35,7 @@ __all__ = [
 
 
 def number(value: float, unit: str = "") -> str:
-    """Four significant digits and a unit; what is not finite is a dash."""
+    """Four significant digits and a unit; a dash if not finite."""
     if not math.isfinite(value):
         return "-"
     return f"{value:.4g} {unit}".rstrip()

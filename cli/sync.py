@@ -30,10 +30,15 @@ Synchronisation in rig.toml
 @click.command("sync", cls=Program, epilog=sample(SAMPLE))
 @device_options
 @click.option(
-    "--flips", type=click.IntRange(20), default=60, show_default=True, metavar="N", help="Of the screen."
+    "--flips",
+    type=click.IntRange(20),
+    default=60,
+    show_default=True,
+    metavar="N",
+    help="Flips of the screen.",
 )
 @click.option(
-    "--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="N", help="Of the flips."
+    "--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="N", help="Seed of the flips."
 )
 @json_option
 def command(rig: Path, flips: int, seed: int, json_path: Path | None, **given: Any) -> None:

@@ -16,7 +16,7 @@
 | `own_images.py` | patterns along both axes that a user brings, and the user's decoder |
 | `faults.py` | lag, gamma, flicker and blur of display and light |
 | `timing.py`, `arrays.py` | seconds of calls and stages, memory, the floor; names of types |
-| `bench/`, `design/` | speed against error; what to show and to build |
+| `bench/`, `design/` | speed against error; choice of sequence and sensor |
 | `page.py`, `images.py`, `report/` | HTML page; figures and maps as PNG; templates, style, viewer |
 """
 

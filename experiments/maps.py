@@ -37,7 +37,7 @@ BINS = 12
 MOST = 400_000  # samples that enter a chart; the numbers on the page use them all
 #: Of pixels: errors and their sigmas, (n,) each.
 Scores: TypeAlias = tuple[NDArray[np.floating[Any]], NDArray[np.floating[Any]]]
-#: What becomes JSON.
+#: Content of a JSON object.
 Data: TypeAlias = dict[str, Any]
 
 

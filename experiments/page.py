@@ -74,7 +74,7 @@ def budget_table(readings: Mapping[str, Mapping[str, float]]) -> dict[str, Any]:
 
 
 def versions() -> list[tuple[str, str]]:
-    """What computed the page: this package, Python, the machine, and the libraries that matter."""
+    """Versions for the page: this package, Python, the machine, and the main libraries."""
     rows = [
         ("optolever", __version__),
         ("Python", platform.python_version()),

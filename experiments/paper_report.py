@@ -48,7 +48,7 @@ DRAWN = (
     ("paper, every pixel, drops", ("pixels", 1, True), "drops", "#3b7dc4"),
     ("dense solver", ("dense", None, None), "mean", "#1f7a4d"),
 )
-FLOOR = 1e-13  # of the peak: what is drawn of smaller errors
+FLOOR = 1e-13  # of the peak: smaller errors are drawn at this value
 
 
 def write_paper_report(study: PaperStudy, path: str | Path) -> PaperStudy:

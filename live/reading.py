@@ -37,7 +37,7 @@ class Figures:
 class Reading(Comparable):
     """One frame. z (R, C): height less rest, mm, its mean over the exposure; sigma (R, C): its standard
     deviation, infinite where it is not measured; good (R, C): where it is; x, y (R, C): of the mirror point,
-    mm. trusted: the heights may be used; reason: why not, else empty; notices: what is unusual about the
+    mm. trusted: the heights may be used; reason: why not, else empty; notices: unusual properties of the
     frame; time: of the frame, s; touches: contacts, the deepest first, none where it is not trusted;
     forces: of these, where the scene names an elastic layer."""
 

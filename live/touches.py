@@ -70,7 +70,7 @@ def _apart(one: Touch, other: Touch) -> float:
 
 def _regions(prepared: Prepared, reading: Reading) -> list[_Region]:
     """Half-depth regions of the peaks, the deepest first."""
-    z = reading.z  # where it is not measured: what the equations put between
+    z = reading.z  # where it is not measured: interpolated by the equations
     sure = reading.good & ~prepared.rig.rim & (z > _SIGNIFICANT * reading.sigma)
     if not sure.any():
         return []
