@@ -3,21 +3,21 @@
 | file | holds |
 |---|---|
 | `calibrate.py` | calibrate(): the stages, the result |
-| `targets.py` | Flat, Rest, Ball, Plate, Points: form, own unknowns, priors |
-| `observation.py` | a capture of a target, checks, the sample that is used |
-| `contact.py` | where a pressed ball touches the mirror |
-| `priors.py` | what is free, held or known of a scene; the gauge |
-| `model.py` | where pixels look by a target |
+| `targets.py` | Flat, Rest, Ball, Plate, Points: form, unknowns, priors |
+| `observation.py` | a capture of a target, checks, the pixels that the adjustment uses |
+| `contact.py` | the contact of a pressed ball with the mirror |
+| `priors.py` | priors of a scene's parameters: free, fixed, or known with a sigma; the gauge |
+| `model.py` | ray tracing of pixels by a target to the pattern |
 | `adjust.py` | the bundle adjustment and its covariance |
-| `start.py` | a start without a guess, in open air |
-| `judgement.py` | what every capture is worth, one by one |
-| `rest.py` | the map of the mirror at rest, kept with the rig; drift |
-| `response.py` | response, blur, vignetting and backlight of display and camera, kept with the rig |
-| `profile.py` | a decoder's profile of the rig, kept with it |
-| `harmonics.py` | error of the coordinate by harmonics that a response leaves in fringes |
+| `start.py` | closed-form start values, in open air |
+| `judgement.py` | contribution of each capture to the accuracy |
+| `rest.py` | the height map of the mirror at rest, stored with the rig; drift |
+| `response.py` | response, blur, vignetting and backlight of display and camera, stored with the rig |
+| `profile.py` | a decoder's profile of the rig, stored with it |
+| `harmonics.py` | coordinate error by residual harmonics of the fringes |
 | `sources.py` | the independent errors behind the covariance |
 | `observability.py` | singular values in prior units, notices |
-| `effects.py` | what errors of the numbers do to heights and depths |
+| `effects.py` | errors of heights and depths by errors of the parameters |
 """
 
 from optolever.arguments import check_face

@@ -1,8 +1,8 @@
 """The bundle adjustment: all captures, all unknowns, one least-squares problem.
 
 Residuals (model - (u, v))/sigma on every capture's sample, and one row (value - mean)/sigma for every prior;
-dense, by `scipy.optimize.least_squares`. Covariance C = max(1, chi)^2 (J^T J)^-1, and the way to other
-minima that may be the true one (`among`).
+dense, by `scipy.optimize.least_squares`. Covariance C = max(1, chi)^2 (J^T J)^-1, plus the scatter of
+other plausible minima (`among`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,10 +24,10 @@ __all__ = ["Adjustment", "Problem", "adjust", "among", "covariance_of", "step_of
 Floats = NDArray[np.float64]
 Rays = tuple[Floats, Floats]
 
-_LOST = 1e4  # residual of a pixel that sees nothing there
+_LOST = 1e4  # residual of a pixel whose ray misses the pattern
 _LARGEST = 1e8  # residual
-# Steps of forward differences: the root of what rounding leaves. Larger ones err by the curvature, which
-# exceeds the slope along a weak direction; by these, covariances are right to 2e-4, by central ones to 1e-7.
+# Steps of forward differences: the root of the rounding error. Larger steps err by the curvature, which
+# exceeds the slope along a weak direction. Covariances by these are right to 2e-4, by central ones to 1e-7.
 _TINY = {"k1": 1e-7, "k2": 1e-6, "k3": 1e-5, "p1": 1e-8, "p2": 1e-8, "index": 1e-8, "pitch": 1e-10}
 _TINY |= {"pitch_u": 1e-10, "pitch_v": 1e-10, "f": 1e-4, "cx": 1e-5, "cy": 1e-5, "rx": 1e-8, "ry": 1e-8}
 _TINY |= {"rz": 1e-8, "tilt_x": 1e-8, "tilt_y": 1e-8}
@@ -37,7 +37,7 @@ _CENTRAL = 100.0  # steps of a central difference
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What is adjusted: names (p,) with prior means and sigmas; the others stay as `fixed` says."""
+    """The least-squares problem. Unknowns (p,) with prior means and sigmas; other values are in `fixed`."""
 
     scene: Scene
     samples: Sequence[Sample]
@@ -49,27 +49,27 @@ class Problem:
 
     @property
     def count(self) -> int:
-        """Of the residuals."""
+        """Number of residuals."""
         points = sum(len(np.asarray(p.x)) for p in self.points)
         return sum(2 * len(sample.row) for sample in self.samples) + points + len(self.sigmas)
 
     @property
     def names(self) -> list[str]:
-        """Of the unknowns."""
+        """Names of the unknowns."""
         return list(self.sigmas)
 
     @property
     def held(self) -> list[str]:
-        """Numbers of the scene that are no unknowns."""
+        """Parameters of the scene that are fixed."""
         return [name for name in parameter_values(self.scene) if name not in self.sigmas]
 
     @property
     def scale(self) -> Floats:
-        """(p,): of the unknowns' priors, standard deviations."""
+        """Prior standard deviations of the unknowns, (p,)."""
         return np.array(list(self.sigmas.values()))
 
     def named(self, vector: Floats) -> dict[str, float]:
-        """Values of the unknowns and of what is fixed."""
+        """Values of the unknowns and the fixed values, by name."""
         return dict(self.fixed) | dict(zip(self.names, vector.tolist(), strict=True))
 
     def rest_shape(self, values: Mapping[str, float]) -> Floats:
@@ -80,7 +80,7 @@ class Problem:
         return np.concatenate(rows) if rows else np.zeros(0)
 
     def scene_at(self, vector: Floats) -> Scene:
-        """The scene with these numbers."""
+        """The scene with these parameter values."""
         known = parameter_values(self.scene)
         return adjusted(self.scene, {n: value for n, value in self.named(vector).items() if n in known})
 
@@ -96,7 +96,7 @@ class Problem:
         return np.concatenate([*self.data(vector), (vector - means) / self.scale])
 
     def _own(self, s: Sample) -> set[str]:
-        """The unknowns beside the scene's that move a sample's rows."""
+        """Unknowns of the targets (not of the scene) that affect a sample's rows."""
         names = {*s.target.unknowns(s.name, s.name == self.frame)}
         return names if s.reference is None else names | {*s.reference.unknowns(self.frame, True)}
 
@@ -113,7 +113,7 @@ class Problem:
         return 0.5 * (self.forward(vector, _CENTRAL) + self.forward(vector, -_CENTRAL))
 
     def forward(self, vector: Floats, steps: float = 1.0) -> Floats:
-        """Differences by so many steps; a capture's own unknowns move its own rows alone."""
+        """Jacobian by one-sided differences of `steps` steps; a target's unknowns affect only its capture."""
         starts = np.cumsum([0, *(2 * len(sample.row) for sample in self.samples)])
         data = self.count - len(vector)
         rows = np.zeros((self.count, len(vector)))
@@ -141,7 +141,7 @@ class Problem:
 class Adjustment:
     """values (p,) at the minimum, jacobian there (data rows first, then one row per prior), chi of the data
     per degree of freedom, chis of every sample by its noise, evaluations; cost: sum of squares, priors
-    included; apart (n, p): to other minima, each times the root of its share of the posterior."""
+    included; apart (n, p): offsets to other minima, each times the root of its share of the posterior."""
 
     problem: Problem
     values: Floats
@@ -159,7 +159,7 @@ class Adjustment:
 
     @property
     def covariance(self) -> Floats:
-        """(p, p): linear, and by other minima."""
+        """(p, p): `linear` plus the scatter of other minima."""
         return self.linear + self.apart.T @ self.apart
 
 
@@ -178,7 +178,7 @@ def _rows(s: Sample, scene: Scene, out: Sequence[Rays]) -> Floats:
 
 
 def covariance_of(jacobian: Floats, scale: Floats, chi: float) -> Floats:
-    """max(1, chi)^2 (J^T J)^-1 of numbers whose priors' sigmas are `scale` (p,)."""
+    """max(1, chi)^2 (J^T J)^-1 of unknowns with prior sigmas `scale` (p,)."""
     _, singular, right = np.linalg.svd(np.linalg.qr(jacobian * scale, mode="r"))
     inverse = (right.T / singular**2) @ right
     found: Floats = max(1.0, chi) ** 2 * inverse * np.outer(scale, scale)
@@ -186,14 +186,15 @@ def covariance_of(jacobian: Floats, scale: Floats, chi: float) -> Floats:
 
 
 def adjust(problem: Problem, start: Mapping[str, float], rough: bool = False, most: int = 200) -> Adjustment:
-    """The minimum from a start (names that it lacks: the prior's mean) in `most` evaluations; rough: where
-    a step lowers the sum of squares by less than 1e-6 of it, with Jacobians in half the time."""
+    """The minimum from a start (missing names: the prior's mean) in at most `most` evaluations. rough: stop
+    where a step lowers the sum of squares by less than 1e-6 of it, with one-sided Jacobians at half the
+    cost."""
     first = np.array([start.get(name, problem.means.get(name, 0.0)) for name in problem.names])
 
     def residuals(vector: Floats) -> Floats:
         try:
             return problem.residuals(vector)
-        except InputError:  # no scene has these numbers: such a step is none
+        except InputError:  # no scene has these parameters: reject the step
             return np.full(problem.count, _LARGEST)
 
     try:
@@ -231,8 +232,8 @@ def adjust(problem: Problem, start: Mapping[str, float], rough: bool = False, mo
 
 
 def among(found: Adjustment, minima: Sequence[Adjustment]) -> Adjustment:
-    """A minimum among others that may be the true one: by Laplace's approximation each holds exp(-cost/2) /
-    sqrt(det J^T J) of the posterior."""
+    """The minimum with the scatter of all plausible minima. By Laplace's approximation the posterior weight
+    of each is exp(-cost/2) / sqrt(det J^T J)."""
     scale = found.problem.scale
     spans = [np.linalg.slogdet(np.linalg.qr(each.jacobian * scale, mode="r"))[1] for each in minima]
     logs = np.array([-0.5 * each.cost / max(1.0, found.chi) ** 2 for each in minima]) - np.array(spans)
@@ -243,5 +244,5 @@ def among(found: Adjustment, minima: Sequence[Adjustment]) -> Adjustment:
 
 
 def step_of(name: str) -> float:
-    """Of a number's differences."""
+    """Step of finite differences by a parameter."""
     return _TINY.get(name.rpartition(".")[2], _SMALL)

@@ -1,4 +1,4 @@
-"""calibrate(): captures of simple targets -> a scene with covariance, and what there is to say of it."""
+"""calibrate(): captures of simple targets -> a scene with covariance, and notices."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -28,23 +28,23 @@ __all__ = ["Calibration", "calibrate", "left_out"]
 
 Floats = NDArray[np.float64]
 
-_STARTS = 24  # where there was a second minimum, one in 4 to one in 12 led to it: one such in 8 is missed
+_STARTS = 24  # one start in 4 to one in 12 led to a second minimum: one such minimum in 8 is missed
 _COSTLIER = 25.0  # five sigma: the difference D of two sums of squares is known to 2 sqrt(D)
-_START_PIXELS = 200  # of a capture: starts are found on these
-_START_EVALUATIONS = 100  # of 144 starts of 18 rigs the longest that ended took 56; others wander
-_ALIKE = 0.1  # of the sum of squares: two minima are one
-_ROUNDING = 1e-9  # of derivatives by differences
-_MISFIT = 1.2  # chi of the rest above which its misfit is no noise
-_BLOCKS = 6  # of the image along rows and columns: a static field varies as slowly
-_REWEIGHTED = 6  # times
-_NO_BALL = 5.0  # chi of a ball's capture, and sigmas of its radius: it is none
+_START_PIXELS = 200  # pixels of a capture in the search for starts
+_START_EVALUATIONS = 100  # of 144 starts of 18 rigs, converged ones took 56 at most; others wander
+_ALIKE = 0.1  # difference of two sums of squares below which two minima are one
+_ROUNDING = 1e-9  # rounding error of derivatives by differences
+_MISFIT = 1.2  # chi of the rest capture above which its misfit exceeds noise
+_BLOCKS = 6  # blocks of the image along rows and columns: a static field varies over such lengths
+_REWEIGHTED = 6  # iterations of the weighting at most
+_NO_BALL = 5.0  # chi of a ball's capture and sigmas of its radius, above which the target is no ball
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Calibration:
-    """scene: adjusted, with its covariance; by (q, p): derivatives of the numbers of that covariance by the
-    unknowns; adjustment: how that went; start: the scene it started from, and whether that was found without
-    a guess; directions: weakest first."""
+    """scene: adjusted, with its covariance; adjustment: the solution of the bundle adjustment; start: the
+    scene at the start; guessed: that scene was the given one (else `open_air_start` found it); directions:
+    weakest first; by (q, p): derivatives of the covariance's parameters by the unknowns."""
 
     scene: Scene
     adjustment: Adjustment
@@ -56,18 +56,18 @@ class Calibration:
 
     @cached_property
     def effects(self) -> Effects:
-        """What errors of the unknowns do to a height and to a depth."""
+        """Derivatives of heights and of a depth by the unknowns."""
         return effects(self.scene, self.by)
 
     @cached_property
     def notices(self) -> tuple[Notice, ...]:
-        """Warnings, and errors that pass into the heights one to one."""
+        """Warnings, and a list of errors that enter the heights one to one."""
         return notices(self.adjustment, self.directions, self.effects, self.observations)
 
     @property
     def implausible(self) -> list[Notice]:
-        """Numbers that ended more than 5 prior sigma from their typed values, farthest first: then the scene
-        is likely wrong."""
+        """Parameters that ended more than 5 prior sigma from their typed values, farthest first. Any of them
+        is a sign of a wrong scene."""
         return beyond_priors(self.adjustment)
 
     def __repr__(self) -> str:
@@ -123,7 +123,7 @@ class Calibration:
 
     @property
     def tilts(self) -> dict[str, float]:
-        """Per flat or plate: its tilt against the frame's mirror, degrees."""
+        """Per flat or plate: its tilt relative to the plane z = 0, degrees."""
         values = self.adjustment.problem.named(self.adjustment.values)
         posed = [each.name for each in self.observations if isinstance(each.target, Flat | Plate)]
         slopes = {n: [values.get(f"{n}.{key}", 0.0) for key in ("tilt_x", "tilt_y")] for n in posed}
@@ -156,9 +156,9 @@ def calibrate(
 ) -> Calibration:
     """The scene that explains the captures, with its covariance.
 
-    priors: name -> standard deviation (inf: free, 0: held) in place of `default_priors`; their means are the
-    scene's numbers. points: known heights of the surface at rest. guess: start from the scene even where
-    captures in open air tell where to start. InputError names the capture or the prior that is wrong.
+    priors: name -> standard deviation (inf: free, 0: fixed) in place of `default_priors`; their means are the
+    scene's values. points: known heights of the surface at rest. guess: start from the given scene even where
+    captures in open air yield a start. InputError names the wrong capture or prior.
     """
     scene = replace(scene, covariance=None, rest_form=None)
     observations = checked(observations, (scene.camera.rows, scene.camera.cols))
@@ -178,7 +178,7 @@ def calibrate(
         base, first = found
         problem = replace(problem, scene=base)
         result = adjust(problem, _roughly(problem, first))
-    if found is None or result.chi > _NO_BALL:  # a bad start: the scene's own may be better
+    if found is None or result.chi > _NO_BALL:  # a bad start: the given scene may be better
         other = _least(replace(problem, scene=scene), means)
         if found is None or other.chi < result.chi:
             found, result = None, other
@@ -188,8 +188,9 @@ def calibrate(
 
 
 def left_out(calibration: Calibration, name: str) -> float:
-    """chi of a capture by all the others: what it adds to the least sum of squares, per degree of freedom, so
-    that what the others leave open of the rig counts as such. NaN of the capture that is the frame."""
+    """Leave-one-out chi of a capture: the root of the increase that it causes in the minimal sum of squares,
+    per degree of freedom. The uncertainty of the rig by the other captures is thus included. NaN for the
+    capture that defines the frame."""
     whole = calibration.adjustment.problem
     others = [sample for sample in whole.samples if sample.name != name]
     if name == whole.frame or not others:
@@ -219,8 +220,8 @@ def _without_guess(
 
 
 def _least(problem: Problem, mean: dict[str, float]) -> Adjustment:
-    """The least of the minima that the mirror at rest leaves, each joined by the other captures. Of flats
-    nothing is drawn: their poses are free."""
+    """The lowest minimum of all captures, from every minimum of the rest capture alone. For flats there is
+    one start, the priors' mean: their poses are free."""
     (frame,) = (sample for sample in problem.samples if sample.name == problem.frame)
     starts = _rest_minima(_thinned(problem), mean) if isinstance(frame.target, Rest) else [mean]
     joined = (_roughly(problem, _staged(_thinned(problem), first)) for first in starts)
@@ -229,7 +230,7 @@ def _least(problem: Problem, mean: dict[str, float]) -> Adjustment:
 
 
 def _distinct(minima: Iterable[Adjustment]) -> list[Adjustment]:
-    """Each minimum once."""
+    """The minima without duplicates."""
     found: list[Adjustment] = []
     for each in minima:
         if all(abs(each.cost - other.cost) > _ALIKE for other in found):
@@ -238,8 +239,8 @@ def _distinct(minima: Iterable[Adjustment]) -> list[Adjustment]:
 
 
 def _rest_by_misfit(found: Adjustment) -> Adjustment:
-    """With the rest capture weighted by its misfit, where other captures are compared with it: a static field
-    (schlieren, glass) that the rest cannot explain cancels in these, and must not be fitted by the rig."""
+    """The adjustment with the rest capture weighted by its misfit, if other captures are compared with it: a
+    static field (schlieren, glass) cancels in the comparisons, and the rig must not fit it."""
     problem = found.problem
     if not any(sample.reference for sample in problem.samples):
         return found
@@ -256,8 +257,8 @@ def _rest_by_misfit(found: Adjustment) -> Adjustment:
 
 
 def _misfit(sample: Sample, rows: Floats) -> float:
-    """Factor in the sigma of a sample whose residuals (2 n,) in units of its noise are too large: their rms,
-    times the root of how many neighbours share one error, by the means over blocks of the image."""
+    """Inflation factor of a sample's sigma by its residuals (2 n,) in sigma of the noise: their rms, or the
+    rms of block means times the root of the pixels per block, whichever is larger; 1 below a chi of 1.2."""
     places = [np.floor(_BLOCKS * (p - p.min()) / (np.ptp(p) + 1)) for p in (sample.row, sample.col)]
     block = (_BLOCKS * places[0] + places[1]).astype(np.intp)
     counts = np.bincount(block)
@@ -269,8 +270,8 @@ def _misfit(sample: Sample, rows: Floats) -> float:
 
 
 def _rest_minima(problem: Problem, mean: dict[str, float]) -> list[dict[str, float]]:
-    """The mirror at rest alone has several minima: those from the priors' mean and from draws of the priors,
-    each once, and no costlier than noise could make the least."""
+    """Minima of the rest capture alone, from the priors' mean and from random draws of the priors, without
+    duplicates; minima whose cost exceeds the lowest by more than five sigma of noise are dropped."""
     (frame,) = (sample for sample in problem.samples if sample.name == problem.frame)
     drawn = sorted(set(parameter_values(problem.scene)) & set(problem.sigmas))
     own = {*drawn, *frame.target.unknowns(problem.frame, True)}
@@ -298,7 +299,7 @@ def _roughly(problem: Problem, first: Mapping[str, float]) -> dict[str, float]:
 
 
 def _staged(problem: Problem, first: dict[str, float]) -> dict[str, float]:
-    """First values of the captures beside the frame's, each by itself, all else held."""
+    """Start values of the captures other than the frame's, adjusted one by one with the rest fixed."""
     values = dict.fromkeys(problem.sigmas, 0.0) | first
     for sample in problem.samples:
         if sample.name != problem.frame:
@@ -310,7 +311,7 @@ def _staged(problem: Problem, first: dict[str, float]) -> dict[str, float]:
 
 
 def _first_pose(problem: Problem, sample: Sample, values: Mapping[str, float]) -> dict[str, float]:
-    """A ball lies under the middle of its pixels, as deep as its contact's radius a tells: a^2 = R d."""
+    """Start values of a ball: below the centroid of its pixels; depth d by the contact radius, a^2 = R d."""
     if not isinstance(sample.target, Ball):
         return {}
     known = parameter_values(problem.scene)
@@ -367,16 +368,18 @@ def _judged(result: Adjustment, observations: Sequence[Observation], guessed: bo
 
 
 def _rest_form(result: Adjustment) -> RestForm | None:
-    """The form of the mirror at rest, if that is a capture."""
+    """The form of the mirror at rest, None without a rest capture."""
     values = result.problem.named(result.values)
     found = [value for name, value in values.items() if name.startswith("rest.L")]
     return RestForm(np.array(found)) if found else None
 
 
 def _carried(result: Adjustment, scene: Scene, names: Sequence[str]) -> tuple[tuple[str, ...], Floats]:
-    """Names (q,) of the adjusted scene's numbers, and their derivatives (q, p) by the unknowns, which are
-    numbers of the scene that it started from: its parts have turned, and with them the axes of their poses.
-    Without that, a number known to 30 um enters where another is known to 0.4."""
+    """Names (q,) of the adjusted scene's parameters, and their derivatives (q, p) by the unknowns.
+
+    The unknowns are changes of the start scene's poses, along the axes of its parts. The adjustment rotates
+    these axes. Without the derivatives, a parameter known to 30 um mixes with one known to 0.4 um.
+    """
     known, problem = parameter_values(scene), result.problem
     by = np.zeros((len(known), len(result.values)))
     for name in names:

@@ -1,15 +1,16 @@
-"""Where a pressed ball touches the mirror, from its capture and one of the mirror without it.
+"""The contact of a pressed ball with the mirror, from captures with the ball and without it.
 
-A ball bends the mirror about both axes to one side. Beside the contact nothing presses: there a membrane or
-an elastic body bends to the other side along the radius, at once (Hertz: with a singular curvature). What the
-mirror's change h adds to the pattern's coordinates, by those without it, has the derivatives D. Far from the
-pattern D is the path times the second derivatives of h, so that det D has the sign of h's Gaussian curvature,
-whatever the rig. Near its edge the path itself changes: in a prism of 45 degrees, x from the edge,
+Inside the contact the deformation h has positive Gaussian curvature. Outside it, where no pressure acts, a
+membrane or an elastic body has the opposite curvature along the radius (Hertz: with a singularity at the
+edge). D is the Jacobian of the change (du, dv) of the pattern's coordinates by the coordinates (u0, v0)
+without the ball. Far from the pattern, D is the path length times the second derivatives of h: det D has the
+sign of h's Gaussian curvature in every rig. Near the pattern's edge the path length varies: in a prism of 45
+degrees, at distance x from the edge,
 
     du = sqrt 2 (x h_x - h), dv = x h_y over u0 = x / sqrt 2, v0 = y,
     D = (2 x h_xx, sqrt 2 (x h_xy - h_y); sqrt 2 (x h_xy + h_y), x h_yy)
 
-Slopes are in its antisymmetric part alone, which is left out.
+The slopes enter only the antisymmetric part of D, which is omitted.
 """
 
 import numpy as np
@@ -23,14 +24,14 @@ __all__ = ["contact"]
 
 Floats = NDArray[np.float64]
 
-_SURE = 5.0  # sigma of the determinant
-_INNER = 0.8  # of the contact's radius: derivatives reach over a pixel, and contacts are no sharp circles
-FEWEST = 100  # pixels: less is no mirror
+_SURE = 5.0  # det D in its sigma, above which the curvature is significant
+_INNER = 0.8  # share of the contact's radius: derivatives span 3 pixels, and contacts are no sharp circles
+FEWEST = 100  # usable pixels at least
 
 
 def contact(ball: Correspondence, rest: Correspondence) -> NDArray[np.bool_]:
     """Pixels (H, W) in the inner 80 % of the contact, from the mirror with the ball and without it (the
-    same camera, the same pose). InputError where fewer than 100 pixels are such."""
+    same camera, the same pose). InputError for a contact of fewer than 100 pixels."""
     both = ball.good & rest.good
     u0, v0 = (np.where(both, part, np.nan).astype(np.float64) for part in (rest.u, rest.v))
     (u_col, u_row), (v_col, v_row) = _gradient(u0), _gradient(v0)
@@ -64,7 +65,7 @@ def contact(ball: Correspondence, rest: Correspondence) -> NDArray[np.bool_]:
 
 
 def _gradient(values: Floats) -> tuple[Floats, Floats]:
-    """Slopes along columns and rows of the plane through 3 x 3 pixels; NaN where one of these is unknown."""
+    """Slopes along columns and rows of the plane fit to 3 x 3 pixels; NaN where any of them is NaN."""
     slope, mean = [-0.5, 0.0, 0.5], [1 / 3] * 3
     along, across = (
         ndimage.correlate1d(ndimage.correlate1d(values, slope, axis), mean, 1 - axis) for axis in (1, 0)

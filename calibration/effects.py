@@ -1,4 +1,4 @@
-"""What errors of the rig's numbers do to a height and to the depth of a dent, on a small image."""
+"""Errors of heights and of the depth of a dent by errors of the rig's parameters, on a small image."""
 
 from dataclasses import dataclass, replace
 
@@ -15,22 +15,22 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Effects:
-    """Derivatives by the p unknowns of an adjustment: heights (p, n) in n pixels and depth (p,) of a dent of
-    `peak` mm against the mirror at rest; mm per unit."""
+    """Derivatives by the p unknowns of an adjustment: heights (p, n) in n pixels, and depth (p,) of a dent of
+    `peak` mm relative to the mirror at rest; mm per unit of the unknown."""
 
     heights: Floats
     depth: Floats
     peak: float
 
     def sigmas(self, covariance: Floats) -> tuple[float, float]:
-        """By a covariance (p, p) of the unknowns: of a height (median over the mirror), of the depth; mm."""
+        """Sigma of a height (median over the mirror) and of the depth (mm), by the unknowns' covariance."""
         heights = np.sqrt(np.einsum("pn,pq,qn->n", self.heights, covariance, self.heights))
         return float(np.median(heights)), float(np.sqrt(self.depth @ covariance @ self.depth))
 
 
 def effects(scene: Scene, by: Floats) -> Effects:
-    """Of a scene with a covariance; by (q, p): derivatives of its numbers by the unknowns. The modes of
-    numbers that are wrong one by one, each by its own sigma."""
+    """Effects for a scene with a covariance; by (q, p): derivatives of its parameters by the unknowns. Each
+    parameter is perturbed alone, by its sigma."""
     assert scene.covariance is not None
     own = np.diag(scene.covariance.matrix)
     alone = Covariance(scene.covariance.names, np.diag(own))

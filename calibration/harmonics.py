@@ -1,10 +1,10 @@
-"""What harmonics a response leaves in fringes, and the error of the coordinate that comes of them.
+"""Residual harmonics of fringes after the response is inverted, and their error of the coordinate.
 
-A wave sum of b_k cos(k psi), sampled at N equal shifts, is read as a fringe of modulation b_1 + (b_(N-1) +
-b_(N+1)) cos(N psi), of offset b_0 + b_N cos(N psi), and of phase psi - (b_(N-1) - b_(N+1)) / b_1 sin(N psi):
-aliasing, to first order. The fit's residuals hold b_2 .. b_(N-2) alone, which do no harm. So the error is
-told by how modulation and offset swing with the decoded phase over all pixels; the sum of b_(N-1) and
-b_(N+1) is parted by b_N, as if a wrong gamma had made them.
+The N-step algorithm applied to sum b_k cos(k psi) yields the modulation b_1 + (b_(N-1) + b_(N+1)) cos(N psi),
+the offset b_0 + b_N cos(N psi) and the phase psi - (b_(N-1) - b_(N+1)) / b_1 sin(N psi): aliasing, to first
+order. The residuals of the sinusoidal fit contain only b_2 .. b_(N-2), which do not bias the phase. The error
+is therefore estimated from the variation of modulation and offset with N psi over all pixels. b_N separates
+b_(N-1) and b_(N+1), which are known as a sum, under the assumption of a power law (wrong gamma).
 """
 
 from dataclasses import dataclass
@@ -20,21 +20,21 @@ from optolever.patterns import Frame, Sequence
 __all__ = ["HarmonicError", "harmonic_errors"]
 
 F64 = NDArray[np.float64]
-#: Pixels that tell harmonics: rows and columns at most.
+#: Pixels of the fit: rows and columns, roughly.
 _ROWS, _COLS = 128, 512
-#: Degree of the surface that uneven light and reflectance may follow.
+#: Degree of the polynomial of uneven light and reflectance over the image.
 _DEGREE = 3
 _FEWEST = 200
-#: Ratio of following harmonics at most, and rounds to find it.
+#: Upper bound of the ratio of successive harmonics, and fixed-point iterations for it.
 _STEEPEST, _ROUNDS = 0.9, 12
-#: Share of the brightest modulation below which a pixel tells nothing.
+#: Share of the brightest modulation below which a pixel is omitted.
 _LIT = 0.25
 
 
 @dataclass(frozen=True, slots=True)
 class HarmonicError:
-    """Of an axis' finest fringe: rms error of the coordinate by harmonics, pattern pixels; sigma_px: standard
-    deviation by noise of that figure, below which it is nought."""
+    """rms_px: rms error of the coordinate by harmonics of an axis' finest fringe, pattern pixels; sigma_px:
+    its standard deviation by noise; a smaller error is not significant."""
 
     axis: str
     rms_px: float
@@ -44,13 +44,14 @@ class HarmonicError:
 def harmonic_errors(
     frames: ArrayLike, sequence: Sequence, response: Response | None = None, white_level: float = np.inf
 ) -> tuple[HarmonicError, ...]:
-    """Residual harmonic error of the axes that show fringes of N >= 3 equal shifts, others are left out.
+    """Residual harmonic error of each axis with fringes of N >= 3 equal shifts; other axes are omitted.
 
     frames (N, H, W), unsigned where a response is given; white_level: where the camera clips (uint8: 255).
-    Light and reflectance may vary smoothly over the image; texture goes into sigma_px.
+    Light and reflectance may vary smoothly over the image; texture increases sigma_px.
 
-    What a power of the shown level leaves is told within 20 % (N = 3, 4, 5). Other kinks are not: 0.5 levels
-    of noise rounded at black, gamma 2.2 inverted as 2.8, hide 40 % of it at N = 4 and nearly all at N = 5.
+    For a residual power law the estimate is right to 20 % (N = 3, 4, 5). Other nonlinearities are
+    underestimated: noise of 0.5 levels rounded at black, with gamma 2.2 inverted as 2.8, hides 40 % of the
+    error at N = 4 and nearly all of it at N = 5.
     """
     stack = np.asarray(frames)
     if stack.ndim != 3 or len(stack) != len(sequence):
@@ -78,7 +79,7 @@ def _of_fringe(
     stack: NDArray[Any], frames: dict[int, Frame], table: NDArray[np.float32] | None, clip: float
 ) -> HarmonicError | None:
     (frame, *_), steps = frames.values(), len(frames)
-    # an inverted fringe is the same fringe half a turn on
+    # an inverted fringe is the fringe shifted by half a period
     shifts = np.array([(one.shift or 0.0) + np.pi * one.inverted for one in frames.values()])
     turns = np.sort(np.mod(shifts - shifts[0], 2 * np.pi))
     if steps < 3 or not np.allclose(np.diff(turns, append=2 * np.pi), 2 * np.pi / steps, atol=1e-3):
@@ -109,7 +110,7 @@ def _of_fringe(
 
 
 def _apart(both: float, middle: float, steps: int) -> float:
-    """b_(N-1) - b_(N+1) from their sum and b_N, as a power of the shown level has them.
+    """b_(N-1) - b_(N+1) from their sum and b_N, for a power law of the displayed level.
 
     ((1 + cos psi) / 2)^g has b_(k+1) / b_k = (g - k) / (g + k + 1); g follows from the first ratio.
     """

@@ -1,9 +1,8 @@
-"""What every capture is worth, in the order in which they came: how much of it is of use, how far it is
-tilted, and what it adds to the predicted sigma of a height.
+"""Contribution of each capture, in order: usable share, tilt, and effect on the predicted sigma of a height.
 
-Information adds: the matrix of some captures is the sum of theirs, J_k^T J_k, and the priors'. Its inverse,
-through the heights' derivatives by the scene's numbers, is the sigma that these captures leave, if all is
-linear.
+Information adds: the normal matrix of some captures is the sum of their J_k^T J_k and the priors'. Its
+inverse, propagated by the heights' derivatives by the scene's parameters, predicts the variance of a height
+by these captures, to first order.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -31,11 +30,14 @@ _UNSEEN = int(Flag.DARK | Flag.LOW_CONTRAST | Flag.OFF_PATTERN | Flag.INVALID)
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """Of a capture. chi: what the adjustment leaves of it; seen: share of the image in which the mirror shows
-    the pattern; decoded: share that the adjustment may use (good, in the mask); tilt: against the frame's
-    mirror, degrees, None of what is no plane. Standard deviations by the rig alone (mm) of a height of the
-    map (median over the mirror) and of the depth of a dent against the mirror at rest: by the captures up to
-    this one, and by all but this one (None of the capture that says where z = 0 is)."""
+    """Figures of a capture.
+
+    chi: rms residual in sigma; seen: share of the image in which the mirror reflects the pattern; decoded:
+    share usable in the adjustment (good, in the mask); tilt: relative to z = 0, degrees, None unless the
+    target is a flat or a plate. height_*, depth_*: standard deviations by the rig alone (mm) of a height
+    (median over the mirror) and of the depth of a dent relative to the mirror at rest; so_far: by the
+    captures up to this one; without: by all others (None for the capture that defines z = 0).
+    """
 
     name: str
     chi: float
@@ -55,7 +57,7 @@ class Judgement:
 
 
 def judged(found: Calibration) -> list[Judgement]:
-    """Every capture of a calibration, the frame's first, the others in the order that they were given."""
+    """Every capture of a calibration, the frame's first, the others in the given order."""
     solved = found.adjustment
     names = [sample.name for sample in solved.problem.samples]
     sigmas = {}
@@ -85,9 +87,8 @@ def as_they_come(
     *,
     guess: bool = False,
 ) -> Iterator[tuple[Calibration | None, str]]:
-    """After every capture, as soon as `observations` gives it: `calibrate` of those so far (None while none
-    of them says where z = 0 is), and what they are too few of ("": nothing). InputError names a capture that
-    is wrong."""
+    """Incremental calibration: after each capture, `calibrate` of all captures so far (None without a Flat or
+    a Rest), and a sentence on missing captures ("": none missing). InputError names a wrong capture."""
     so_far: list[Observation] = []
     for each in observations:
         so_far.append(each)
@@ -98,7 +99,7 @@ def as_they_come(
 
 
 def _covariance(solved: Adjustment, captures: Sequence[str]) -> Floats:
-    """Of the unknowns by these captures, at the minimum of all and with its chi."""
+    """Covariance of the unknowns by these captures, linearised at the minimum of all, with its chi."""
     problem, kept = solved.problem, np.ones(len(solved.jacobian), dtype=np.bool_)
     rows = np.concatenate([np.full(2 * len(each.row), each.name in captures) for each in problem.samples])
     kept[: len(rows)] = rows

@@ -1,7 +1,7 @@
-"""Where pixels look by a target of known form: the adjustment's own way, without limits and second meetings.
+"""Reflection of camera rays at a target of known form, for the adjustment: first intersection, no edges.
 
-Ray, foot on z = h(x, y) by Newton's method, reflection at (-h_x, -h_y, 1), place on the pattern. Checked
-against `scene.trace`, which brackets the meeting and knows edges and shadows.
+Intersection with z = h(x, y) by Newton's method, then reflection at the normal (-h_x, -h_y, 1). Checked
+against `scene.trace`, which brackets the intersection and handles edges and shadows.
 """
 
 import numpy as np

@@ -1,5 +1,7 @@
-"""Which combinations of numbers the captures determine, and which the priors alone: singular values in prior
-units, what a weak combination does to the heights, and the notices of a calibration."""
+"""Observability: which combinations of parameters the captures determine, and which the priors alone.
+
+Singular values in prior units, the effect of a weak combination on the heights, notices of a calibration.
+"""
 
 import math
 from collections.abc import Sequence
@@ -22,7 +24,7 @@ __all__ = ["BEYOND", "Direction", "beyond_priors", "directions", "lacking", "not
 Floats = NDArray[np.float64]
 
 BEYOND = 5.0  # prior sigma from the typed value: above, the adjustment is refused
-_WEAK = 3.0  # singular value in prior units: below, the prior says as much as the captures
+_WEAK = 3.0  # singular value in prior units: below, the prior contributes noticeably
 _SHARE = 0.25  # of the variance of a height or a depth: below, a weak direction needs no notice
 _TILT = math.radians(2.0)  # between mirrors: below, they are nearly one pose
 _CHI = 1.2
@@ -35,14 +37,14 @@ _STATIC = (
     "a static error (glass, schlieren, bow of the display); it cancels in the captures that are compared "
     "with this one, and in dents against rest"
 )
-_RARE = 1e-4  # probability that right priors are said to be contradicted
-_PART = 0.3  # share of a direction's length from which a number is named
+_RARE = 1e-4  # false-alarm probability of the test of the priors
+_PART = 0.3  # share of a direction's length above which a parameter is named
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Direction:
-    """A combination of numbers. singular: prior sigma over the sigma by the captures alone; parts: numbers
-    with the largest shares; error (p,): one posterior sigma of it, in the unknowns' units."""
+    """A combination of parameters. singular: prior sigma over the sigma by the captures alone; parts: the
+    parameters with the largest shares; error (p,): one posterior sigma, in the unknowns' units."""
 
     singular: float
     parts: tuple[tuple[str, float], ...]
@@ -50,13 +52,13 @@ class Direction:
 
     @property
     def names(self) -> str:
-        """The numbers, in words."""
+        """The parameters, in words."""
         words = [MEANING.get(name, name) for name, _ in self.parts]
         return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]} separately"
 
 
 def directions(found: Adjustment, names: Sequence[str]) -> list[Direction]:
-    """Of these numbers, weakest first: the others are eliminated (columns projected out)."""
+    """Singular directions of these parameters, weakest first; others are eliminated (projected out)."""
     problem = found.problem
     order = problem.names
     rows = (found.jacobian * problem.scale)[: -len(order)]
@@ -78,7 +80,7 @@ def directions(found: Adjustment, names: Sequence[str]) -> list[Direction]:
 
 
 def beyond_priors(found: Adjustment) -> list[Notice]:
-    """Numbers that ended more than 5 prior sigma from the prior's mean, farthest first."""
+    """Parameters that ended more than 5 prior sigma from the prior's mean, farthest first."""
     problem = found.problem
     means = np.array([problem.means.get(name, 0.0) for name in problem.names])
     away = np.abs(found.values - means) / problem.scale
@@ -101,7 +103,7 @@ def beyond_priors(found: Adjustment) -> list[Notice]:
 def notices(
     found: Adjustment, weak: Sequence[Direction], effects: Effects, observations: Sequence[Observation]
 ) -> tuple[Notice, ...]:
-    """Warnings by name, and errors that pass into the heights one to one."""
+    """Warnings, and a list of errors that enter the heights one to one."""
     warned = [*beyond_priors(found), *_weak(found, weak, effects, observations)]
     warned += [*_poses(found, observations), *_priors(found)]
     chis = {"all captures": found.chi} | found.chis
@@ -142,7 +144,7 @@ def notices(
 def _weak(
     found: Adjustment, weak: Sequence[Direction], effects: Effects, observations: Sequence[Observation]
 ) -> list[Notice]:
-    """Directions that the priors determine, where they are a quarter of the variance of heights or depths."""
+    """Directions that the priors determine, if they cause a quarter of a height's or a depth's variance."""
     whole = effects.sigmas(found.covariance)
     kinds = {type(each.target) for each in observations}
     if Ball in kinds:
@@ -164,7 +166,7 @@ def _weak(
 
 
 def lacking(observations: Sequence[Observation]) -> Notice | None:
-    """Which captures are still needed."""
+    """Notice of missing captures, None if there are enough."""
     kinds = [type(each.target) for each in observations]
     posed = sum(kind in (Flat, Plate) for kind in kinds)
     name = f"K = {posed} poses without a ball do not determine the rig"
@@ -180,7 +182,7 @@ def lacking(observations: Sequence[Observation]) -> Notice | None:
 
 
 def _poses(found: Adjustment, observations: Sequence[Observation]) -> list[Notice]:
-    """Too few, parallel or nearly parallel mirrors, where no ball makes up for them."""
+    """Notices of too few or of nearly parallel poses; none if a ball was captured."""
     if any(isinstance(each.target, Ball) for each in observations):
         return []
     values, few = found.problem.named(found.values), lacking(observations)
@@ -198,8 +200,8 @@ def _poses(found: Adjustment, observations: Sequence[Observation]) -> list[Notic
 
 
 def _priors(found: Adjustment) -> list[Notice]:
-    """Numbers of the scene against their priors: over these, their squares sum to a chi2 with as many degrees
-    of freedom as the captures determine, the sum of 1 - (sigma / prior sigma)^2."""
+    """chi2 test of the scene's parameters against their priors: the squared distances in prior sigma. Degrees
+    of freedom: sum of 1 - (sigma / prior sigma)^2, the parameters that the captures determine."""
     problem, wide = found.problem, plausible(found.problem.scene)
     typed = [k for k, name in enumerate(problem.names) if problem.sigmas[name] < wide.get(name, 0.0)]
     square = float((problem.residuals(found.values)[-len(problem.names) :][typed] ** 2).sum())

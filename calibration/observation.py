@@ -1,7 +1,7 @@
-"""A capture of a target, and the sample of it that the adjustment uses.
+"""A capture of a target, and the pixels of it that the adjustment uses.
 
-A ball or a plate on the mirror is compared with the mirror at rest, pixel by pixel: errors that both captures
-have in common (schlieren, cover glass, bow of the display) cancel to first order.
+A ball or a plate on the mirror is compared with the mirror at rest, pixel by pixel: common errors of both
+captures (schlieren, cover glass, bow of the display) cancel to first order.
 """
 
 from collections.abc import Sequence
@@ -21,14 +21,14 @@ __all__ = ["Observation", "Sample", "against_rest", "checked", "frame_of", "samp
 Floats = NDArray[np.float64]
 
 _GRID = 40  # rows and columns of the sample
-_LEAST_SIGMA = 1e-4  # cells: no model of a rig is better
-_SAME = 5.0  # sigma: two captures that agree so far everywhere are one pose
+_LEAST_SIGMA = 1e-4  # cells: accuracy limit of the rig's model
+_SAME = 5.0  # sigma: two captures whose difference is smaller everywhere are one pose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Observation:
-    """name: what the unknowns of this capture are called by; target: what it shows; mask (H, W): pixels to
-    use among the good ones; None: all, of a ball the contact that is found beside the frame's capture."""
+    """name: prefix of the names of its unknowns; target: the captured mirror, ball or plate; mask (H, W):
+    pixels to use; None: all, or for a ball the contact, detected by comparison with the frame's capture."""
 
     name: str
     target: Target
@@ -37,7 +37,7 @@ class Observation:
 
     @property
     def usable(self) -> NDArray[np.bool_]:
-        """Pixels (H, W) that tell something of the target."""
+        """Good pixels (H, W) in the mask."""
         c = self.correspondence
         good = c.good & np.isfinite(c.u) & np.isfinite(c.v)
         return good if self.mask is None else good & self.mask
@@ -45,9 +45,8 @@ class Observation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sample:
-    """Pixels (n,) of an observation: row, col, coordinates u, v and their sigmas in cells. reference: of the
-    mirror at rest, then u and v are changes since; inflation: factor in the sigmas by which they are larger
-    than the noise."""
+    """Pixels (n,) of an observation: row, col, coordinates u, v and their sigmas in cells. reference: the
+    mirror at rest; if given, u and v are differences from its capture; inflation: sigmas over the noise."""
 
     name: str
     target: Target
@@ -61,22 +60,22 @@ class Sample:
     inflation: float = 1.0
 
     def thinned(self, count: int) -> "Sample":
-        """About `count` of its pixels (fewer than twice as many), evenly taken."""
+        """About `count` of its pixels (less than twice as many), at a regular stride."""
         return self.picked(slice(None, None, max(1, self.row.size // count)))
 
     def picked(self, some: slice | NDArray[np.bool_]) -> "Sample":
-        """These of its pixels."""
+        """The sample restricted to these pixels."""
         names = ("row", "col", "u", "v", "sigma_u", "sigma_v")
         return replace(self, **{name: getattr(self, name)[some] for name in names})
 
     def inflated(self, factor: float) -> "Sample":
-        """With sigmas of `factor` times the noise."""
+        """The sample with sigmas of `factor` times the noise."""
         by = factor / self.inflation
         return replace(self, sigma_u=by * self.sigma_u, sigma_v=by * self.sigma_v, inflation=factor)
 
 
 def checked(observations: Sequence[Observation], shape: tuple[int, int]) -> list[Observation]:
-    """The observations, balls with a mask. InputError names the capture that is wrong."""
+    """The observations, balls with a mask. InputError names a wrong capture."""
     if not observations:
         raise InputError("calibration: no capture is left; at least one of Flat or Rest is needed")
     names = [each.name for each in observations]
@@ -124,7 +123,7 @@ def _require(each: Observation, shape: tuple[int, int]) -> None:
 
 
 def _require_different(observations: Sequence[Observation]) -> None:
-    """InputError where two flats are the same to within their noise: they count twice and tell once."""
+    """InputError where two captures of flats, plates or balls agree within their noise (one pose twice)."""
     posed = [each for each in observations if isinstance(each.target, Flat | Plate | Ball)]
     for i, one in enumerate(posed):
         for other in posed[:i]:
@@ -140,7 +139,7 @@ def _require_different(observations: Sequence[Observation]) -> None:
 
 
 def sampled(each: Observation) -> Sample:
-    """40 x 40 pixels on a grid over what is usable."""
+    """40 x 40 pixels on a grid over the usable ones."""
     usable, c = each.usable, each.correspondence
     lines = [np.flatnonzero(usable.any(axis=1 - axis)) for axis in (0, 1)]
     picked = [np.unique(np.linspace(at[0], at[-1], _GRID).round().astype(int)) for at in lines]
@@ -158,11 +157,11 @@ def sampled(each: Observation) -> Sample:
 
 
 def against_rest(samples: Sequence[Sample], rest: Observation) -> list[Sample]:
-    """Balls and plates less the rest capture, where it is good.
+    """The samples of balls and plates less the rest capture, where it is usable.
 
-    The rest's noise is common to all K captures that use a pixel. diag(a) + b 1 1^T is at most diag(a + K b),
-    so that rows with the variance of the capture and K times that of the rest are never too sure. The rest's
-    own sample leaves these pixels out.
+    The noise of the rest capture is common to all K captures that use a pixel. diag(a) + b 1 1^T is at most
+    diag(a + K b): the variance of the capture plus K times that of the rest capture is a safe upper bound.
+    The sample of the rest capture omits these pixels.
     """
     if not isinstance(rest.target, Rest):
         return list(samples)

@@ -1,4 +1,4 @@
-"""Which numbers of a scene are free, held or known with a sigma, before anything was captured."""
+"""Priors of a scene's parameters before any capture: free, fixed, or known with a sigma."""
 
 import math
 from collections.abc import Mapping
@@ -8,7 +8,7 @@ from optolever.scene import GAUGE_HELD, PinholeCamera, Scene, parameter_values, 
 
 __all__ = ["GAUGE", "MEANING", "default_priors", "is_pose", "plausible", "resolved"]
 
-#: Never free: another choice moves the frame, and no height.
+#: Parameters that are never free: another choice moves the frame, but no height.
 GAUGE = (
     "gauge: the mirror at rest (the first Rest, else the first Flat) is z = 0; the camera keeps its x and y "
     "and its turn about the mirror's normal"
@@ -46,7 +46,7 @@ MEANING = {
 
 
 def plausible(scene: Scene) -> dict[str, float]:
-    """Standard deviations of a number of which nothing is known but that it is one of a rig."""
+    """Standard deviations of parameters of any plausible rig, for free parameters."""
     values = parameter_values(scene)
     wide = {"x": 1e3, "y": 1e3, "z": 1e3, "rx": 1.0, "ry": 1.0, "rz": 1.0}
     wide |= {"k1": 1.0, "k2": 3.0, "p1": 0.03, "p2": 0.03, "k3": 10.0, "b20": 5.0, "b11": 5.0, "b02": 5.0}
@@ -60,9 +60,9 @@ def plausible(scene: Scene) -> dict[str, float]:
 
 
 def default_priors(scene: Scene) -> dict[str, float]:
-    """Name -> sigma, finite. In open air everything but pitch and k3 is free within `plausible`. A prism is
-    known as typed numbers are (`scene.typed_sigmas`), display pitch and bow held; a lens in front of its face
-    to `_lens`."""
+    """Name -> sigma, finite. In open air every parameter but pitch and k3 is free within `plausible`. Of a
+    prism the sigmas are those of typed values (`scene.typed_sigmas`) and of `_lens` for the lens at its face;
+    display pitch and bow are fixed."""
     wide = plausible(scene)
     if isinstance(scene.camera, PinholeCamera) and scene.camera.face is None and scene.medium is None:
         held = ("pattern.pitch", "camera.k3", *GAUGE_HELD)
@@ -73,20 +73,20 @@ def default_priors(scene: Scene) -> dict[str, float]:
 
 
 def _lens(scene: Scene) -> dict[str, float]:
-    """Of a lens without a calibration of its own: webcams have k1 of -0.3 to 0.1, a principal point within a
-    few per cent of the image's middle, and a decentering of 0.001."""
+    """Priors of an uncalibrated lens: webcams have k1 of -0.3 to 0.1, a principal point within some per cent
+    of the image's centre, and a decentering of 0.001."""
     off = max(10.0, 0.02 * max(scene.camera.rows, scene.camera.cols))  # px
     sigmas = {"cx": off, "cy": off, "k1": 0.2, "k2": 0.1, "p1": 1e-3, "p2": 1e-3}
     return {f"camera.{key}": sigma for key, sigma in sigmas.items()}
 
 
 def is_pose(name: str) -> bool:
-    """Whether a number is a change of the scene's own pose."""
+    """Whether a parameter is part of a pose in the scene."""
     return name.partition(".")[2] in ("x", "y", "z", "rx", "ry", "rz", "distance")
 
 
 def resolved(scene: Scene, given: Mapping[str, float] | None) -> dict[str, float]:
-    """Default priors with those given in their place; sigma inf: free, 0: held. InputError for others."""
+    """Default priors, replaced by the given ones; sigma inf: free, 0: fixed. InputError for other values."""
     known, priors = parameter_values(scene), default_priors(scene)
     for name, sigma in (given or {}).items():
         if name not in known:

@@ -1,4 +1,4 @@
-"""A decoder's profile of the rig, kept with it: `[profile]` in the rig's TOML names the .npz beside it."""
+"""A decoder's profile of the rig, stored with it: `[profile]` in the rig's TOML names an .npz beside it."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -12,7 +12,8 @@ __all__ = ["load_profile", "store_profile"]
 
 
 def store_profile(path: str | Path, profile: RigProfile) -> Path:
-    """Write an .npz, or one beside a rig's TOML, which names it from then on; the .npz's path."""
+    """Write the profile to an .npz, or for a rig's TOML to an .npz in its folder and its name into the TOML;
+    the .npz's path."""
     file = Path(path)
     if file.suffix.lower() != ".toml":
         profile.save(file)
@@ -25,7 +26,8 @@ def store_profile(path: str | Path, profile: RigProfile) -> Path:
 
 
 def load_profile(path: str | Path) -> RigProfile:
-    """Of an .npz, or what a rig's TOML names in [profile]. InputError names the file that is wrong."""
+    """The profile in an .npz, or in the file that a rig's TOML names in [profile]. InputError names the wrong
+    file."""
     file = Path(path)
     if file.suffix.lower() != ".toml":
         return RigProfile.load(file)

@@ -1,13 +1,14 @@
-"""Response and display of a rig: light of the levels, blur, vignetting and backlight, kept in `[response]`.
+"""Radiometric response of a rig: display response, blur, vignetting and backlight, stored in `[response]`.
 
-A uniform frame of level l is seen by pixel p as I = dark + gain(p) (black + g(l)), whatever blurs the light:
-so a ramp tells g and black. A fringe of period P has the modulation of its light, bent by g, times the MTF
+A pixel p records a uniform frame of level l as I = dark + gain(p) (black + g(l)), independent of blur: a ramp
+determines g and black. The modulation of a fringe of period P is that of its light after g, times the MTF
 
     sinc(1 / P) sinc(w / P) exp(-2 pi^2 b^2 / P^2)
 
-of a cell, the pixel's footprint w (known from the map) and a blur of b cells: so fringes tell b. The gain is
-vignetting(p) times backlight(u, v): captures that see a place of the pattern through different pixels part
-the two, as polynomials of their logarithms with one common mean; one capture tells their product only.
+of a cell, of the pixel's footprint w (known from the map) and of a Gaussian blur of b cells: fringes
+determine b. The gain is vignetting(p) times backlight(u, v). Captures in which different pixels view one
+place of the pattern separate the two, as polynomials of their logarithms with one common mean; one capture
+determines only their product.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -33,27 +34,29 @@ from optolever.scene import rig_table, write_sections
 __all__ = ["RigResponse", "load_response", "measure_response", "store_response", "with_better_fit"]
 
 Floats = NDArray[np.float64]
-#: Degree of the polynomials of log gain: of log(1 - t), t up to a half, they leave 0.3 %.
+#: Degree of the polynomials of log gain: they fit log(1 - t), t up to a half, to 0.3 %.
 _DEGREE = 6
-#: Parts of a capture whose scatter tells the blur's error; pixels of it that log gain is fitted to.
+#: Parts of a capture, whose scatter is the blur's error; approximate number of pixels in the fit of log gain.
 _PARTS, _MOST = 16, 20000
-#: Modulation that rounding to 8 bits may feign, share: 1 / (255 sqrt 12).
+#: Relative error of the modulation by rounding to 8 bits: 1 / (255 sqrt 12).
 _ROUNDED = 1.1e-3
-#: Relative standard deviation of vignetting and backlight above which they are not parted.
+#: Relative standard deviation of vignetting and backlight above which they are not separated.
 _PARTED = 0.02
-#: Pixels and cells beside a border within which light may be missing, by the footprint or a blur.
+#: Margin in pixels and cells at a border, where footprint or blur may lose light.
 _BORDER = 4
-#: Share of the brightest gain below which a pixel does not see the display; usual light of black (200:1).
+#: Share of the brightest gain below which a pixel views no display; typical light of black (200:1).
 _LIT, _CONTRAST = 0.25, 0.005
-#: Sigma with a response over sigma without from which on the response is in doubt; rms of a normal variable
-#: over its median magnitude.
+#: Ratio of sigma with a response to sigma without it, above which the response is doubtful; rms of a normal
+#: variable over its median magnitude.
 _WIDER, _RMS = 3.0, 1.4826
 
 
 def with_better_fit(found: Correspondence, plain: Correspondence) -> Correspondence:
-    """What was decoded with a response, `found`; where the same frames decoded without it, `plain`,
-    contradict each other clearly less: with the sigma of these, the usual difference of both places added,
-    and a notice."""
+    """The decoding with a response, `found`, checked by the decoding of the same frames without it, `plain`.
+
+    If sigma of `plain` is clearly smaller (median ratio above 3): its sigma, with the typical difference of
+    both coordinates added in quadrature, and a notice.
+    """
     both, sigma, worst = found.good & plain.good, {}, 0.0
     if not both.any():
         return found
@@ -77,11 +80,11 @@ def with_better_fit(found: Correspondence, plain: Correspondence) -> Corresponde
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RigResponse:
-    """response: light of the levels, with the blur; black: light of level 0 over what 255 adds to it.
+    """response: light of the levels, with the blur; black: light of level 0 relative to (white less black).
 
-    gain (H, W): levels that 255 adds to level 0 in the ramp, the product of both of the following. vignetting
-    (H, W), backlight (rows, cols): shares of the brightest; NaN where nothing was seen, None: not parted.
-    blur_sigma, parted_sigma: standard deviation of the blur (cells) and of the two (relative).
+    gain (H, W): white less black in the ramp, camera levels; the product of vignetting and backlight.
+    vignetting (H, W), backlight (rows, cols): relative to their maxima; NaN outside the captures, None: not
+    separated. blur_sigma, parted_sigma: standard deviation of the blur (cells) and of the two (relative).
     """
 
     response: Response
@@ -94,7 +97,7 @@ class RigResponse:
 
     @property
     def gamma(self) -> tuple[float, float]:
-        """Exponent of the power law that is nearest to g, and what it leaves, rms, shares of white."""
+        """Exponent of the power law fitted to g, and its rms residual as a share of white."""
         level, light = np.arange(1, 256) / 255, self.response.light()[1:]
         found = least_squares(lambda gamma: level**gamma - light, 1.0)
         return float(found.x[0]), float(np.sqrt(np.mean(found.fun**2)))
@@ -103,8 +106,9 @@ class RigResponse:
 def measure_response(
     ramp: Capture, captures: Sequence[Capture] = (), names: Sequence[str] = ()
 ) -> RigResponse:
-    """From a ramp, and captures of fringes by the same camera and display: blur, and, where they are several
-    whose mirror stood differently, vignetting and backlight. names: of ramp and captures, for errors."""
+    """Response and gain from a ramp; blur from captures of fringes with the same camera and display; with
+    two or more different poses of the mirror also vignetting and backlight. names: of ramp and captures, for
+    errors."""
     with _named(names, 0):
         found, camera = _levels(ramp)
     views = []
@@ -124,7 +128,7 @@ def measure_response(
 
 @contextmanager
 def _named(names: Sequence[str], number: int) -> Iterator[None]:
-    """Errors name the capture."""
+    """Prefix an InputError with the capture's name."""
     try:
         yield
     except InputError as error:
@@ -133,7 +137,7 @@ def _named(names: Sequence[str], number: int) -> Iterator[None]:
 
 
 def _levels(ramp: Capture) -> tuple[RigResponse, float]:
-    """Light of the levels, and the camera's own level."""
+    """Light of the levels, and the camera's dark level."""
     response = Response.from_ramp(ramp.frames, ramp.sequence)
     shown = [_shown(frame) for frame in ramp.sequence.frames]
     order = sorted((i for i, level in enumerate(shown) if level is not None), key=lambda i: shown[i] or 0)
@@ -146,8 +150,9 @@ def _levels(ramp: Capture) -> tuple[RigResponse, float]:
 
 
 def _dark(dark: Floats, bright: Floats, light: float) -> tuple[float, float]:
-    """Light of level 0, and the camera's own level: dark = camera + black gain of pixels whose other frames,
-    of a mean light, are camera + (black + light) gain. Where the gain hardly varies black is as usual: 0."""
+    """Light of level 0, and the camera's dark level, by regression over the pixels: the dark frame is
+    camera + black gain, the mean of the other frames is camera + (black + light) gain. Without variation of
+    the gain, black tends to 0."""
     away = bright - bright.mean()
     share = float(away @ dark / (away @ away + dark.var() / _CONTRAST**2))
     share = min(max(share, 0.0), 0.5)
@@ -155,14 +160,14 @@ def _dark(dark: Floats, bright: Floats, light: float) -> tuple[float, float]:
 
 
 def _shown(frame: Frame) -> int | None:
-    """Level of a uniform frame; None: it is none."""
+    """Level of a uniform frame; None for other frames."""
     return {"white": 255, "black": 0, "uniform": frame.level}.get(frame.kind)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _View:
-    """A capture: image (H, W) of log gain, where it looks (H, W), which pixels tell, its surface, and
-    squares of the blur by each fringe, their variances and those by rounded levels (cells)."""
+    """A capture: gain (H, W), correspondence, usable pixels (H, W), rows and cols of the display; squares:
+    per fringe the squared blur (cells^2), its variance, and its variance by rounded levels."""
 
     gain: Floats
     where: Correspondence
@@ -189,7 +194,7 @@ def _view(found: RigResponse, camera: float, capture: Capture) -> _View:
     for axis, period, index, shifts in _fringes(capture):
         coordinate = getattr(where, axis)
         phase = 2 * np.pi * coordinate / period - shifts[:, None, None]
-        # by the light at its place: few steps do not even out what harmonics do to a mean
+        # relative to the light at this phase: harmonics do not average out over only 3 or 4 steps
         gains.append(
             light[index].sum(axis=0) / np.interp(127.5 + 127.5 * np.cos(phase), level, curve).sum(axis=0)
         )
@@ -212,7 +217,7 @@ def _view(found: RigResponse, camera: float, capture: Capture) -> _View:
 
 
 def _fringes(capture: Capture) -> list[tuple[str, float, list[int], Floats]]:
-    """Fringes of three or more equal shifts: axis, period, their frames and shifts."""
+    """Fringes of three or more equal shifts: axis, period, frame indices and shifts."""
     groups: dict[tuple[str, float], list[int]] = {}
     for i, frame in enumerate(capture.sequence.frames):
         if frame.kind == "phase" and frame.exposure == 1:
@@ -228,7 +233,7 @@ def _fringes(capture: Capture) -> list[tuple[str, float, list[int], Floats]]:
 
 
 def _powers(down: Floats, along: Floats) -> Floats:
-    """Polynomials (K, terms) of places in -1..1, without the constant."""
+    """Monomials (K, terms) at coordinates in -1..1, without the constant."""
     powers = [(i, j) for i in range(_DEGREE + 1) for j in range(_DEGREE + 1 - i) if i + j]
     return np.stack([down**i * along**j for i, j in powers], axis=1)
 
@@ -238,7 +243,7 @@ def _scaled(at: Any, extent: int) -> Floats:
 
 
 def _parted(found: RigResponse, views: list[_View]) -> RigResponse:
-    """With vignetting and backlight, where the captures tell them apart."""
+    """The response with vignetting and backlight, if the captures separate them."""
     if len(views) < 2:
         return found
     (rows, cols), (height, width) = views[0].surface, found.gain.shape
@@ -253,7 +258,7 @@ def _parted(found: RigResponse, views: list[_View]) -> RigResponse:
         gains.append(view.gain[row, col])
     gain = np.concatenate(gains)
     columns = np.hstack([np.concatenate(lens), np.concatenate(screen), np.ones((len(gain), 1))])
-    # noise of a logarithm is that of the level over it
+    # noise of log(level) is noise of the level over the level
     left, values, right = np.linalg.svd(columns * gain[:, None], full_matrices=False)
     used = values > 1e-12 * values[0]
     inverse = right[used].T / values[used]
@@ -277,7 +282,7 @@ def _parted(found: RigResponse, views: list[_View]) -> RigResponse:
 
 
 def _share(mask: NDArray[np.bool_], terms: Floats) -> Floats:
-    """exp of a polynomial over its largest value in the mask; NaN beside it."""
+    """exp of a polynomial over its largest value in the mask; NaN outside."""
     row, col = np.nonzero(mask)
     out = np.full(mask.shape, np.nan)
     power = _powers(_scaled(row, mask.shape[0]), _scaled(col, mask.shape[1])) @ terms
@@ -286,7 +291,7 @@ def _share(mask: NDArray[np.bool_], terms: Floats) -> Floats:
 
 
 def store_response(rig: str | Path, found: RigResponse) -> Path:
-    """Write it beside the rig's TOML, which names it from then on; the .npz's path."""
+    """Write the response into the folder of the rig's TOML, and its name into the TOML; the .npz's path."""
     beside = Path(rig).with_suffix(".response.npz")
     gamma, misfit = found.gamma
     section = {"file": beside.name, "gamma": gamma, "misfit": misfit, "blur_px": found.response.blur}
@@ -300,7 +305,7 @@ def store_response(rig: str | Path, found: RigResponse) -> Path:
 
 
 def load_response(rig: str | Path) -> RigResponse:
-    """What a rig's TOML names in [response]. InputError names the file that is wrong."""
+    """The response that a rig's TOML names in [response]. InputError names the wrong file."""
     file = Path(rig)
     section = rig_table(file).get("response")
     name = section.get("file") if isinstance(section, Mapping) else None

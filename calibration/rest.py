@@ -1,7 +1,7 @@
-"""The mirror at rest, solved once and kept with the rig: dents are z - h0, and what has moved since is told.
+"""The mirror at rest, solved once and stored with the rig: dents are z - h0; drift since then is detected.
 
-`[rest]` in the rig's TOML names the .npz beside it: the height map at rest and the places that it was solved
-from, by which later captures of the same pixels are compared.
+`[rest]` in the rig's TOML names two .npz in its folder: the height map at rest, and the correspondence of its
+capture, with which later captures are compared pixel by pixel.
 """
 
 from collections.abc import Mapping
@@ -25,20 +25,20 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RestMap:
-    """height: of the mirror at rest; seen: the correspondence that it was solved from."""
+    """height: the height map of the mirror at rest; seen: the correspondence of its capture."""
 
     height: HeightMap
     seen: Correspondence
 
     def dent(self, height: HeightMap) -> tuple[Floats, Floats]:
-        """z less the rest's (H, W), and its standard deviation (mm), errors of the rig in it. Good where both
-        are."""
+        """Height above the mirror at rest (H, W) and its standard deviation (mm), errors of the rig included.
+        NaN unless both maps are good."""
         change, sigma = height.difference(self.height)
         good = height.good & self.height.good
         return np.where(good, change, np.nan), np.where(good, sigma, np.nan)
 
     def notices(self, correspondence: Correspondence, scene: Scene) -> tuple[Notice, ...]:
-        """Of a rig that has moved since the map was stored, by the mirror's part that nothing presses."""
+        """Notice of drift of the rig since the map was stored, estimated from the undeformed part."""
         motion = fit_motion(correspondence, self.seen, scene)
         size, limit = motion.drift()
         cure = "dents by --change hold that motion: capture the mirror untouched and run `optolever rest`"
@@ -55,7 +55,7 @@ class RestMap:
 
 
 def store_rest(rig: str | Path, rest: RestMap) -> Path:
-    """Write the map beside the rig's TOML, which names it from then on; the .npz's path."""
+    """Write the map into the folder of the rig's TOML, and its name into the TOML; the .npz's path."""
     file = Path(rig)
     beside, places = file.with_suffix(".rest.npz"), file.with_suffix(".rest_places.npz")
     with together():
@@ -66,7 +66,7 @@ def store_rest(rig: str | Path, rest: RestMap) -> Path:
 
 
 def load_rest(rig: str | Path) -> RestMap | None:
-    """The map that a rig's TOML names; None without one. InputError names the file that is wrong."""
+    """The map that a rig's TOML names; None without one. InputError names the wrong file."""
     file = Path(rig)
     if not file.is_file():  # a preset's name
         return None

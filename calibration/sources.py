@@ -1,8 +1,8 @@
-"""Where the covariance comes from: independent errors in words, and what each adds.
+"""Error budget of the covariance: the independent sources, by name, and the contribution of each.
 
-The estimate is (J^T J)^-1 J^T times the rows' errors, all of variance 1: so a row adds g g^T, g its column of
-(J^T J)^-1 J^T. A prior's row has one entry, 1/sigma; what the priors leave of the sum is the captures' noise.
-Other minima are a source of their own.
+The error of the estimate is (J^T J)^-1 J^T times the rows' errors, all of variance 1: a row contributes
+g g^T, g its column of (J^T J)^-1 J^T. A prior's row has one entry, 1/sigma. The covariance less the priors'
+contributions is the captures' noise. Other minima are a separate source.
 """
 
 from fnmatch import fnmatchcase
@@ -18,7 +18,7 @@ Floats = NDArray[np.float64]
 
 _NOISE = "noise of the calibration's captures"
 _MINIMA = "other rigs that explain the captures nearly as well"
-#: Names of the priors' numbers, the first that fits: source.
+#: Pattern of parameter names -> source; the first match counts.
 _WORDS = {
     "flat *.L??": "the flatness of the reference",
     "rest.L??": "the form of the mirror at rest, by its prior",
@@ -33,7 +33,7 @@ _WORDS = {
 
 
 def error_sources(found: Adjustment) -> tuple[tuple[str, ...], Floats]:
-    """Names of the sources that add anything, and what each adds to `found.covariance`, (s, p, p)."""
+    """Names of the s contributing sources, and the contribution of each to `found.covariance`, (s, p, p)."""
     covariance = found.linear
     parts: dict[str, Floats] = {}
     for k, (name, sigma) in enumerate(found.problem.sigmas.items()):

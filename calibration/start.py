@@ -1,9 +1,10 @@
-"""A start without a guess, from flat mirrors in open air.
+"""Closed-form start values from flat mirrors in open air.
 
-The display's mirror image behind every flat is a plane of known pitch: `cv2.calibrateCamera` finds the lens
-and where these images V_i = S_i V lie, S_i = I - 2 n_i n_i^T. V_i V_j^T = S_i S_j turns about n_i x n_j, so
-that n_i is what all these axes are perpendicular to; then V, and from o_i = S_i o + 2 d_i n_i linearly the
-display's origin o and the distances d_i (Sturm, Bonfort, inria-00387128; Takahashi et al., IPSJ TCVA 8:11).
+The mirror image of the display behind each flat is a plane of known pitch. `cv2.calibrateCamera` yields the
+lens and the poses of these images, V_i = S_i V, S_i = I - 2 n_i n_i^T. V_i V_j^T = S_i S_j is a rotation
+about n_i x n_j: n_i is perpendicular to the rotation axes of all its pairs. V follows, and from
+o_i = S_i o + 2 d_i n_i linearly the display's origin o and the distances d_i (Sturm, Bonfort, inria-00387128;
+Takahashi et al., IPSJ TCVA 8:11).
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,14 +24,14 @@ __all__ = ["open_air_start"]
 
 Floats = NDArray[np.float64]
 
-_LEAST_TURN = 1e-3  # rad between two images: below, their axis is noise
+_LEAST_TURN = 1e-3  # rad of rotation between two images: below, the axis is noise
 
 
 def open_air_start(scene: Scene, views: Sequence[Sample]) -> tuple[Scene, Mapping[str, float]] | None:
-    """A scene whose z = 0 is the first view's mirror, and the poses of the others; None: not possible.
+    """A scene whose z = 0 is the first view's mirror, and the poses of the others; None: no solution.
 
-    Of the given scene the pattern's pitch and cells, the image's size, and where on the mirror and which way
-    round the camera's middle pixel looks are kept: what no capture tells.
+    The captures do not determine the pattern's pitch and cells, the image's size, and place and orientation
+    of the image's centre on the mirror: these are the given scene's.
     """
     camera = scene.camera
     if not isinstance(camera, PinholeCamera) or camera.face is not None or len(views) < 3:
@@ -71,7 +72,7 @@ def open_air_start(scene: Scene, views: Sequence[Sample]) -> tuple[Scene, Mappin
 
 
 def _virtual_displays(scene: Scene, views: Sequence[Sample]) -> tuple[PinholeCamera, Floats, Floats] | None:
-    """The lens, and axes (K, 3, 3) and origins (K, 3) of the display's images in the camera's frame."""
+    """The lens, and axes (K, 3, 3) and origins (K, 3) of the display's mirror images, camera frame."""
     camera, width = scene.camera, scene.pattern.pitch
     assert isinstance(camera, PinholeCamera)
     height = width * scene.pattern.aspect
@@ -111,7 +112,7 @@ def _virtual_displays(scene: Scene, views: Sequence[Sample]) -> tuple[PinholeCam
 
 
 def _normals(axes: Floats) -> Floats | None:
-    """Normals (K, 3) up to their sign: what the axes of all of a mirror's turns are perpendicular to."""
+    """Normals (K, 3) up to their sign: perpendicular to the rotation axes between a mirror and the others."""
     normals = []
     for i, one in enumerate(axes):
         turns = [np.ravel(cv2.Rodrigues(one @ other.T)[0]) for j, other in enumerate(axes) if j != i]
@@ -122,7 +123,7 @@ def _normals(axes: Floats) -> Floats | None:
 
 
 def _orthogonal(matrix: Floats) -> Floats:
-    """The nearest right-handed axes."""
+    """The nearest rotation matrix."""
     left, _, right = np.linalg.svd(matrix)
     flip = np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
     nearest: Floats = left @ flip @ right
@@ -137,8 +138,8 @@ def _offsets(mirrors: Floats, normals: Floats, origins: Floats) -> tuple[Floats,
 
 
 def _frame(scene: Scene, lens: PinholeCamera, normal: Floats, distance: float) -> tuple[Floats, Floats]:
-    """Rotation (camera to mirror) and the camera's place: z = 0 is n . x = d; the middle pixel looks at the
-    same x, y, and its columns run along the same direction, as in the given scene."""
+    """Rotation (camera to mirror) and position of the camera: z = 0 is n . x = d; x, y of the image's centre
+    on the mirror, and the azimuth of its u axis, are those of the given scene."""
     old = scene.camera
     middle = 0.5 * (old.rows - 1), 0.5 * (old.cols - 1)
     at, along = (np.asarray(part) for part in old.rays_at(*middle))

@@ -1,7 +1,7 @@
-"""What a capture shows: mirrors of a known form, in the mirror's frame z = h(x, y).
+"""Calibration targets: mirrors of a known form, in the mirror's frame z = h(x, y).
 
-Every target names its own unknowns (pose, radius, shape), each with the prior that it has, and tells height
-and slopes at x, y for given values of these. The frame is that of one capture: its plane is z = 0.
+Each target has unknowns (pose, radius, shape) with priors, and computes height and slopes at x, y for given
+values of them. One capture defines the frame: its plane is z = 0.
 """
 
 import math
@@ -22,8 +22,8 @@ Floats = NDArray[np.float64]
 Shape = Callable[[Floats, Floats], tuple[Floats, Floats, Floats]]
 Values = Mapping[str, float]
 
-_FAR = 1e3  # mm: prior of a position of which nothing is known
-_STEEP = 0.5  # rad: prior of a tilt of which nothing is known
+_FAR = 1e3  # mm: prior of an unknown position
+_STEEP = 0.5  # rad: prior of an unknown tilt
 
 
 class _Form:
@@ -33,12 +33,12 @@ class _Form:
     _posed = True
 
     def _shapes(self) -> tuple[str, int, float]:
-        """What the shapes' names begin with, order, sigma."""
+        """Prefix of the shapes' names, order, sigma."""
         return "", 1, 1.0
 
     def unknowns(self, name: str, frame: bool) -> dict[str, float]:
-        """Name -> standard deviation of its prior, mean 0; captures of the same surface share its shapes.
-        The frame's own plane is z = 0."""
+        """Name -> standard deviation of its prior, mean 0; captures of one surface share its shapes. The
+        capture that defines the frame has no pose: its plane is z = 0."""
         prefix, order, sigma = self._shapes()
         pose = {"height": _FAR, "tilt_x": _STEEP, "tilt_y": _STEEP} if self._posed and not frame else {}
         shapes = dict.fromkeys(_names(prefix, order), sigma)
@@ -71,7 +71,7 @@ class Flat(_Form):
 
 @dataclass(frozen=True, slots=True)
 class Rest(_Form):
-    """The sensor's own surface: Legendre shapes of total order 2 to `order`, each 0 +- sigma (mm)."""
+    """The sensor's undeformed surface: Legendre shapes of total order 2 to `order`, each 0 +- sigma (mm)."""
 
     order: int = 3
     sigma: float = 0.05
@@ -93,8 +93,8 @@ class Plate(_Form):
 
 @dataclass(frozen=True, slots=True)
 class Ball:
-    """The cap of a ball of `radius` +- sigma (mm), convex into the medium; place unknown. Of a
-    pressed one only the contact is of use: beside it the mirror is no sphere."""
+    """The cap of a ball of `radius` +- sigma (mm), convex into the medium; position unknown. Of a pressed
+    ball only the contact is used: outside it the mirror is no sphere."""
 
     radius: float
     sigma: float
@@ -108,7 +108,7 @@ class Ball:
         return far | {f"{name}.radius": self.sigma}
 
     def shape(self, name: str, values: Values, mirror: Mirror) -> Shape:
-        """Height and slopes for these values; `radius` is what it is more than announced."""
+        """Height and slopes for these values; `NAME.radius` is the deviation from the nominal radius."""
         radius = self.radius + values[f"{name}.radius"]
         x0 = 0.5 * mirror.length + values[f"{name}.x"]
         y0 = 0.5 * mirror.width + values[f"{name}.y"]
@@ -138,7 +138,7 @@ class Points:
             raise InputError(f"Points: x, y, z have shapes {shapes}, must be (n,) each")
 
 
-#: What a capture for a calibration shows.
+#: Any target of a calibration's capture.
 Target = Flat | Rest | Plate | Ball
 
 
@@ -177,7 +177,7 @@ def _legendre(table: Floats, mirror: Mirror) -> Shape:
 
 @lru_cache
 def _monomials(order: int) -> Floats:
-    """Rows: Legendre's polynomials up to `order` as sums of powers."""
+    """Rows: coefficients of the Legendre polynomials up to `order` in powers."""
     rows = [
         np.pad(legendre.leg2poly(unit[: k + 1]), (0, order - k)) for k, unit in enumerate(np.eye(order + 1))
     ]

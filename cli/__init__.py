@@ -1,9 +1,9 @@
 """Commands: parse, call, print. No mathematics, and no heavy import before a command runs.
 
 - `app`: the program `optolever`, the one place where errors become a line and an exit code
-- `commands`: which commands there are; loaded when called
-- `options`: arguments that several commands share (--json, --size, scenes)
-- `outputs`: where commands write, checked before they work
+- `commands`: the list of commands; loaded when called
+- `options`: common arguments of several commands (--json, --size, scenes)
+- `outputs`: output files, checked before any work
 - `show`: tables, progress, JSON
 - `rig_devices`, `rig_capture`: the devices of a rig opened; a capture by them
 - one file a command, named as it: `demo`, `live`, `doctor`, `names`; `devices`, `expose`, `sync`, `measure`,

@@ -22,9 +22,9 @@ __all__ = ["app", "exit_code", "main", "run"]
 )
 @click.version_option(__version__, prog_name="optolever")
 def app() -> None:
-    """Patterns on a surface, a mirror that deforms, a camera: from the frames the height of the mirror.
+    """Height of a deformable mirror from camera frames of patterns reflected in it.
 
-    The chain is capture -> decode -> reconstruct -> report; demo runs it whole.
+    The chain is capture -> decode -> reconstruct -> report; demo runs all of it.
     """
 
 

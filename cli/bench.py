@@ -67,15 +67,15 @@ SHARE = click.FloatRange(0, 1, max_open=True)
     help="Frames that the display shows per second; default 60.",
 )
 @click.option("--lag", "lags", multiple=True, type=SHARE, metavar="SHARE",
-              help="Of the frame before in each frame; default 0.")  # fmt: skip
+              help="Share of the preceding frame in each frame; default 0.")  # fmt: skip
 @click.option("--gamma", "gammas", multiple=True, type=click.FloatRange(min=0, min_open=True), metavar="G",
-              help="Of the display, which the decoder is not told; default: the scene's.")  # fmt: skip
+              help="Gamma of the display, unknown to the decoder; default: the scene's.")  # fmt: skip
 @click.option("--flicker", "flickers", multiple=True, type=SHARE, metavar="SHARE",
               help="Amplitude of the light's oscillation at 100 Hz; default: the scene's.")  # fmt: skip
 @click.option("--blur", "blurs", multiple=True, type=click.FloatRange(min=0), metavar="CELLS",
               help="Rms blur between display and camera; default: the scene's.")  # fmt: skip
 @click.option("--exposure", "exposure", type=click.FloatRange(min=0), metavar="MS",
-              help="Of a frame, which stays for the whole refreshes that hold it; default 0.")  # fmt: skip
+              help="Exposure of a frame, rounded up to full refreshes; default 0.")  # fmt: skip
 @renderer_option
 @report_option("bench", "Gets the report.", "report.html", "results.json", "results.csv")
 @click.option("--readme", is_flag=True, help="Print the summary as a Markdown table, in place of all rows.")
@@ -93,9 +93,9 @@ def command(
 ) -> None:
     """Compare speed and error of sequences and solvers.
 
-    Time, memory, error, error bars, silent errors. Every combination of the lists runs, here and one after
-    the other; what is not given is the default grid's. DIR gets report.html (a section per mirror with a
-    chart of time against error), results.json, results.csv and a file per cell.
+    Time, memory, error, error bars, silent errors. Every combination of the lists runs on this machine, one
+    after the other; omitted lists are those of the default grid. DIR gets report.html (a section per mirror
+    with a chart of error over time), results.json, results.csv and a file per cell.
     """
     from dataclasses import replace
 
@@ -117,7 +117,7 @@ def command(
 
 
 class interrupted:
-    """Ctrl-C ends the block, not the program: what is finished is reported, then the exit code tells."""
+    """Ctrl-C ends the block, not the program: finished results are reported, then the exit code is 130."""
 
     def __init__(self) -> None:
         self.hit = False

@@ -48,11 +48,15 @@ _POLL = 0.2  # s, between looks for a capture
     help="Scene with covariance, to write.",
 )
 @click.option(
-    "--prior", "priors", multiple=True, metavar="NUMBER=SIGMA", help="Of a number; 0: held, inf: free."
+    "--prior",
+    "priors",
+    multiple=True,
+    metavar="NUMBER=SIGMA",
+    help="Prior sigma of a parameter; 0: fixed, inf: free.",
 )
 @click.option("--without", multiple=True, metavar="NAME", help="Leave a capture out, by its file's stem.")
 @click.option("--guess", is_flag=True, help="Start from the scene's numbers, in open air too.")
-@click.option("--leave-one-out", is_flag=True, help="Also show chi of every capture by the others.")
+@click.option("--leave-one-out", is_flag=True, help="Also print the leave-one-out chi of each capture.")
 @click.option("--accept", is_flag=True, help="Write a rig with numbers beyond 5 prior sigma, too.")
 @click.option("--follow", is_flag=True, help="Wait for every capture, and judge it as soon as it is there.")
 @click.option(
@@ -76,10 +80,10 @@ def command(
 ) -> None:
     """Measure the rig: adjust a scene to captures of targets.
 
-    A capture is what decode wrote (.npz) or a folder of frames. TARGET is flat[:FLATNESS] (a reference mirror
-    in any pose, mm), rest[:ORDER[,SIGMA]] (the sensor's own surface), ball:RADIUS,SIGMA (its contact alone,
-    which is found; or white in MASK.png) or plate. reconstruct takes RIG.toml and tells what its errors do to
-    the heights.
+    A capture is an .npz of decode or a folder of frames. TARGET is flat[:FLATNESS] (a reference mirror in any
+    pose, mm), rest[:ORDER[,SIGMA]] (the sensor's undeformed surface), ball:RADIUS,SIGMA (its contact only,
+    detected, or white in MASK.png) or plate. reconstruct reads RIG.toml and propagates its errors to the
+    heights.
     """
     from optolever.calibration import calibrate, judged, left_out
     from optolever.experiments import RigStudy, write_rig_report
@@ -144,7 +148,7 @@ def _show(found: "Calibration", numbers: dict[str, Any], out: Path) -> None:
 
 
 def _followed(scene: "Scene", given: Sequence[Given], priors: dict[str, float], guess: bool) -> "Calibration":
-    """Every capture as it comes, and a line about it."""
+    """Calibration by every capture as it arrives, with a line about it."""
     from optolever.calibration import as_they_come, judged
     from optolever.experiments import judged_table
 
@@ -171,7 +175,7 @@ def _followed(scene: "Scene", given: Sequence[Given], priors: dict[str, float], 
 
 
 def _given(captures: Sequence[str], without: Sequence[str]) -> list[Given]:
-    """Target, file and mask of these arguments, which are named by their files' stems."""
+    """Target, file and mask of these arguments; the names are the files' stems."""
     given = [_target_and_files(text) for text in captures]
     names = [path.stem for _, path, _ in given]
     for name in without:
@@ -243,7 +247,7 @@ def _target(kind: str, numbers: list[float]) -> "Target":
 
 
 def correspondence_of(path: Path) -> "Correspondence":
-    """What was decoded, or a folder of frames, decoded now."""
+    """The correspondence in an .npz, or of a folder of frames, decoded now."""
     from optolever.decode import Correspondence, decode
     from optolever.projector import Capture
 

@@ -1,4 +1,4 @@
-"""`optolever capture`: a virtual sensor looks at a dented mirror, or a rig's camera at a real one."""
+"""`optolever capture`: frames of a dented mirror by a virtual sensor, or of a real one by a rig's camera."""
 
 import time
 from dataclasses import replace
@@ -54,12 +54,12 @@ def command(
 ) -> None:
     """Render, or take by a rig's camera, a sequence in a mirror.
 
-    DIR receives capture.toml and frames/*.png, and, since the sensor is virtual, scene.toml and truth.npz:
-    for every camera pixel the exact u, v, x, y, z, normal, incidence, visible.
+    DIR receives capture.toml and frames/*.png, and from a virtual sensor scene.toml and truth.npz: for every
+    camera pixel the exact u, v, x, y, z, normal, incidence, visible.
 
-    With --rig its display shows the frames and its camera takes the first image of each that was exposed
-    after the pattern had settled ([sync], else after 0.5 s); acquisition.jsonl tells when, and what was
-    repeated. The recording of a capture that breaks off stays in DIR.recording (optolever replay).
+    With --rig its display shows the frames, and its camera takes the first image of each whose exposure began
+    after the pattern had settled ([sync], else after 0.5 s); acquisition.jsonl lists the times and the
+    repeated frames. The recording of an aborted capture stays in DIR.recording (optolever replay).
     """
     if rig is not None:
         _take(rig, sequence, out, keep=keep, json_path=json_path, given=given)

@@ -1,4 +1,4 @@
-"""`optolever codes`: which code when."""
+"""`optolever codes`: comparison of codes."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -36,12 +36,12 @@ HEADER = ("code", "frames", "range", "sigma", "gross", "stripe", "lost", "swappe
 def command(
     codes: tuple[str, ...], size: tuple[int, int], amplitude: float, noise: float, json_path: Path | None
 ) -> None:
-    """Tell what codes cost, resolve and detect in white noise.
+    """Compare frames, errors and fault detection of codes.
 
-    CODE as in --sequence. Simulated patches of the surface's start, middle and end are decoded. range: pixels
-    without ambiguity; sigma: rms error, of the worse axis; gross: share of wrong orders or bits; stripe: the
-    narrowest, which blur wipes out first; lost, swapped: share of the frames that may be lost (or change
-    places with the next) without an unflagged error.
+    White noise only. CODE as in --sequence. Simulated patches at the surface's start, middle and end are
+    decoded. range: unambiguous range, pixels; sigma: rms error, of the worse axis; gross: share of wrong
+    orders or bits; stripe: the narrowest, most sensitive to blur; lost, swapped: share of the frames whose
+    loss (or swap with the next) causes no unflagged error.
     """
     from optolever.experiments import CODES, code_rows
 

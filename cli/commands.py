@@ -1,4 +1,4 @@
-"""Groups of commands that load when they are called, listed in sections, every summary whole."""
+"""Groups of commands that load when they are called, listed in sections with full summaries."""
 
 import importlib
 from collections.abc import Mapping, Sequence
@@ -7,7 +7,7 @@ import click
 
 __all__ = ["SECTIONS", "Commands", "Program", "module_of"]
 
-#: What a user calls, by section of --help.
+#: Commands by section of --help.
 SECTIONS: Mapping[str, tuple[str, ...]] = {
     "Start": ("demo", "live", "doctor", "names"),
     "Measure with a camera": ("devices", "expose", "sync", "measure", "record", "replay"),
@@ -32,7 +32,7 @@ MODULES = {"show": "window"}
 
 
 def module_of(name: str) -> str:
-    """The file beside this one that holds a command."""
+    """The module of a command, in this folder."""
     return MODULES.get(name, name)
 
 

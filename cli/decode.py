@@ -46,10 +46,13 @@ Correspondence in c.npz
     "--sequence",
     "text",
     metavar="NAME[:KEY=VALUE,...]",
-    help="What the pictures show, one each, in the order of their names; or a .toml file of it.",
+    help="The sequence of the pictures, one frame each, in the order of their names; or its .toml file.",
 )
 @click.option(
-    "--display", type=DISPLAY, metavar="COLSxROWS", help="Of what showed the sequence, such as 1920x1080."
+    "--display",
+    type=DISPLAY,
+    metavar="COLSxROWS",
+    help="Size of the display of the sequence, such as 1920x1080.",
 )
 @click.option(
     "--description",
@@ -62,7 +65,7 @@ Correspondence in c.npz
     type=click.Choice(["red", "green", "blue", "luminance"]),
     default="luminance",
     show_default=True,
-    help="Of pictures in colour.",
+    help="Channel of colour pictures.",
 )
 @click.option(
     "--exposures",
@@ -85,32 +88,32 @@ Correspondence in c.npz
     "--lens",
     type=click.FloatRange(min=0),
     metavar="PX",
-    help="Rms blur of the camera's lens, its pixels (4 at most): what that flattens of bends is taken off. "
-    "Default: as fringes tell it where the map bends, else 0.",
+    help="Rms blur of the camera's lens, camera pixels (4 at most): its bias in curved parts is removed. "
+    "Default: estimated from the fringes where the map is curved, else 0.",
 )
 @click.option(
     "--footprint",
     type=click.FloatRange(min=0, max=1, min_open=True),
     metavar="SHARE",
-    help="Side of what a camera's pixel reads over its pitch. Default: 1, sigma holds that it may be half.",
+    help="Side of a camera pixel's active area over its pitch. Default: 1; sigma allows for 0.5.",
 )
 @click.option(
     "--profile",
     type=FILE,
     metavar="RIG.toml|NPZ",
-    help="What an earlier capture of the rig told of it (--save-profile), instead of estimating it again.",
+    help="Profile of the rig from an earlier capture (--save-profile), instead of a new estimate.",
 )
 @click.option(
     "--save-profile",
     type=FILE,
     metavar="RIG.toml|NPZ",
-    help="Keep what this capture tells of the rig, with the rig or in a file of its own.",
+    help="Store this capture's profile of the rig, with the rig or in a separate file.",
 )
 @click.option(
     "--blur",
     type=click.FloatRange(min=0),
     metavar="CELLS",
-    help="Rms blur of the display's cells, where it is known: sigma then holds no allowance for it. Default: "
+    help="Rms blur of the display's cells, if known: sigma then includes no uncertainty of it. Default: "
     "estimated from the frames.",
 )
 @click.option("--no-cells", is_flag=True, help="Frames were ideal cosines, not shown on a display's cells.")
@@ -136,7 +139,7 @@ def command(
     no_check: bool,
     json_path: Path | None,
 ) -> None:
-    """Find where on the pattern every pixel looks, and how surely.
+    """Find the pattern coordinates of every pixel, with sigma.
 
     DIR is a folder with capture.toml and its frames, or a measurement of OpenCSP's SOFAST (HDF5, extra
     `sofast`). With --sequence and --display, or --description: any camera's folder of pictures, a PATTERN
@@ -220,7 +223,7 @@ def command(
 
 
 def _inside(mask: Path | None, roi: str | None, shape: tuple[int, ...]) -> "NDArray[np.bool_] | None":
-    """Pixels (H, W) that --mask and --roi leave; None: all."""
+    """Pixels (H, W) inside --mask and --roi; None: all."""
     import numpy as np
 
     from optolever import InputError

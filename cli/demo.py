@@ -1,4 +1,4 @@
-"""`optolever demo`: the whole chain on a virtual sensor, and a report."""
+"""`optolever demo`: the full chain on a virtual sensor, and a report."""
 
 from pathlib import Path
 
@@ -31,7 +31,7 @@ Demo: paper-simulation, raised-cosine:peak=1.3, gray+phase, 22 frames
     "--blur",
     type=click.FloatRange(min=0),
     metavar="CELLS",
-    help="Rms blur of the pattern in cells, in place of the scene's own.",
+    help="Rms blur of the pattern in cells, in place of the scene's.",
 )
 @report_option("demo", "Gets report.html and the data behind it.", "report.html", "figures.csv")
 @json_option
@@ -49,12 +49,12 @@ def command(
 ) -> None:
     """Simulate a measurement, reconstruct it, compare; one page.
 
-    The sequence is shown to a dented mirror, the frames are decoded, the height is reconstructed and compared
-    with the truth.
+    The frames of a dented mirror are simulated and decoded; the height is reconstructed and compared with the
+    truth.
 
-    DIR/report.html needs no network: maps and profiles with the numbers under the pointer, a surface that can
-    be turned, error against sigma, flags, frames, the rig to scale, the time of every stage. The full data
-    (.npz) and every number of the page (figures.csv) lie beside it.
+    DIR/report.html needs no network: maps and profiles with the numbers under the pointer, a rotatable
+    surface, error over sigma, flags, frames, the rig to scale, the time of every stage. The full data (.npz)
+    and every number of the page (figures.csv) are in the same folder.
     """
     from dataclasses import replace
 

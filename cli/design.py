@@ -1,4 +1,4 @@
-"""`optolever design`: what to show, ranked by the height error that it will mean."""
+"""`optolever design`: sequences for a scene, ranked by predicted height error."""
 
 import math
 from pathlib import Path
@@ -53,18 +53,18 @@ SHARE = click.FloatRange(0, 1, max_open=True)
 )
 @click.option("--frames", type=click.IntRange(min=2), metavar="N", help="Most frames to show; default 24.")
 @click.option("--time", "seconds", type=click.FloatRange(min=0, min_open=True), metavar="SECONDS",
-              help="Longest time to show them, in place of --frames.")  # fmt: skip
+              help="Maximum display time, in place of --frames.")  # fmt: skip
 @click.option("--refresh", type=click.FloatRange(min=0, min_open=True), default=60.0, show_default=True,
               metavar="HZ", help="Frames that the display shows per second.")  # fmt: skip
 @noise_option(1.0)
 @click.option("--lag", type=SHARE, default=0.0, metavar="SHARE",
-              help="Of the frame before in each simulated frame; predictions leave it out.")  # fmt: skip
+              help="Share of the preceding frame in each simulated frame; not predicted.")  # fmt: skip
 @click.option("--gamma", type=click.FloatRange(min=0, min_open=True), metavar="G",
-              help="Of the display in place of the scene's; the decoder is not told.")  # fmt: skip
+              help="Gamma of the display in place of the scene's; unknown to the decoder.")  # fmt: skip
 @click.option("--flicker", type=SHARE, metavar="SHARE",
               help="Amplitude of the light's oscillation at 100 Hz, in simulated frames.")  # fmt: skip
 @click.option("--exposure", type=click.FloatRange(min=0), default=0.0, metavar="MS",
-              help="Of a frame, which stays for the whole refreshes that hold it.")  # fmt: skip
+              help="Exposure of a frame, rounded up to full refreshes.")  # fmt: skip
 @click.option(
     "--blur", type=click.FloatRange(min=0), metavar="CELLS", help="Rms blur in place of the scene's."
 )
@@ -75,7 +75,7 @@ SHARE = click.FloatRange(0, 1, max_open=True)
               "images), with @MODULE:FUNCTION behind it a decoder of your own (simulated only); a folder "
               " of images with a coordinates.toml ([[frames]] file, axis), a sequence.")  # fmt: skip
 @click.option("--verify", type=click.IntRange(min=0), default=3, show_default=True, metavar="N",
-              help="How many of the best to simulate.")  # fmt: skip
+              help="Number of the best candidates to simulate.")  # fmt: skip
 @click.option("--rows", "shown", type=click.IntRange(min=1), default=12, show_default=True, metavar="N",
               help="Rows of the table to print; the JSON file has all.")  # fmt: skip
 @renderer_option
@@ -110,8 +110,8 @@ def command(
 ) -> None:
     """Rank codes for a scene by predicted error; simulate the best.
 
-    Predicted by the decoder itself, run on images of the scene (of a large camera: on windows of its image),
-    and by the scene's own solver. What fails too often or loses pixels comes last; what --add brings is
+    The prediction runs the decoder on simulated images of the scene (of a large camera: on windows of its
+    image), and then the solver. Codes that fail too often or lose pixels are listed last; codes of --add are
     always printed. +-: standard error of the prediction; measured: share of the pixels with a height.
     """
     from optolever.experiments import Faults
@@ -162,7 +162,7 @@ def command(
 
 
 def _printed(design: "Design", shown: int, added: tuple[str, ...]) -> "list[DesignRow]":
-    """The best rows, and those that the user asked for."""
+    """The best rows, and the rows of --add."""
     return design.rows[:shown] + [row for row in design.rows[shown:] if row.text in added]
 
 

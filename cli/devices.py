@@ -1,4 +1,4 @@
-"""`optolever devices`: cameras and monitors, each with the words that choose it."""
+"""`optolever devices`: cameras and monitors, each with its address."""
 
 from dataclasses import asdict
 from pathlib import Path

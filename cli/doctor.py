@@ -1,4 +1,4 @@
-"""`optolever doctor`: what this machine has, what is missing, and what its absence costs."""
+"""`optolever doctor`: available and missing components of this machine, and the cost of their absence."""
 
 import importlib.metadata
 import os
@@ -68,7 +68,7 @@ def _version(name: str) -> str | None:
 
 
 def _guarded(probe: Callable[[], str]) -> str:
-    """What a probe says; a probe that breaks is a finding as well, never a crash of the doctor."""
+    """Result of a probe; an exception is a result as well, never a crash of the doctor."""
     try:
         return probe()
     except Exception as error:
@@ -105,7 +105,7 @@ def _cameras() -> str:
 
 
 def _cache() -> str:
-    """Where compiled kernels are kept; the first decode of a capture compiles them."""
+    """Folder of compiled kernels; the first decode of a capture compiles them."""
     from optolever import decode
     from optolever.kernels import cache_folder
 

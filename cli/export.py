@@ -29,7 +29,7 @@ Exported h.npz
     "--pitch",
     type=click.FloatRange(min=0, min_open=True),
     metavar="MM",
-    help="Of the regular grid, which .npz and .tif then hold, too; default: as fine as the camera's pixels.",
+    help="Pitch of the regular grid, then also in .npz and .tif; default: about that of the camera's pixels.",
 )
 @json_option
 def command(source: Path, files: tuple[Path, ...], pitch: float | None, json_path: Path | None) -> None:

@@ -35,14 +35,18 @@ Exposure in rig.toml
 @click.command("expose", cls=Program, epilog=sample(SAMPLE))
 @device_options
 @click.option(
-    "--mask", "mask_path", type=OutputFile(".png"), metavar="FILE", help="Pixels that see the pattern."
+    "--mask",
+    "mask_path",
+    type=OutputFile(".png"),
+    metavar="FILE",
+    help="Gets the pixels with the pattern in view.",
 )
 @json_option
 def command(rig: Path, mask_path: Path | None, json_path: Path | None, **given: Any) -> None:
     """Choose the longest exposure that saturates no pixel.
 
-    At most 0.01 % of the pixels reach the top level; a whole number of refreshes where the display's
-    period is known. RIG.toml gets it in [devices]. The gain stays: more of it adds noise only.
+    At most 0.01 % of the pixels reach the top level; an integer number of refreshes if the display's period
+    is known. RIG.toml gets it in [devices]. The gain is unchanged: more gain only adds noise.
     """
     import cv2
 

@@ -60,22 +60,22 @@ class Line(click.ParamType[Any]):
     default="sphere",
     show_default=True,
     metavar="FORM[:NUMBER=VALUE,...]",
-    help="piston, tilt, power, paraboloid, sphere, conic or cylinder; numbers that are given are held, such "
-    "as sphere:radius=4000.",
+    help="piston, tilt, power, paraboloid, sphere, conic or cylinder; given parameters are fixed, such as "
+    "sphere:radius=4000.",
 )
 @click.option(
     "--zernike",
     "order",
     type=click.IntRange(min=1, max=20),
     metavar="ORDER",
-    help="Also Zernike coefficients up to this radial order, over the circle that holds the good pixels.",
+    help="Also Zernike coefficients up to this radial order, over the circle around the good pixels.",
 )
 @click.option(
     "--slopes",
     "slopes_path",
     type=FILE,
     metavar="S.npz",
-    help="Slopes that `reconstruct --slopes` wrote: slope error and noise from them, not from differences.",
+    help="Slopes by `reconstruct --slopes`, for slope error and noise, in place of differences.",
 )
 @click.option(
     "--nominal",
@@ -126,7 +126,7 @@ def command(
 ) -> None:
     """Fit a form to a height map, and measure the residual.
 
-    Every good pixel counts alike. A radius above 0 is that of a concave mirror. Sigmas hold the noise of the
+    All good pixels have equal weight. A concave mirror has a radius above 0. Sigmas include the noise of the
     frames and the errors of the rig.
     """
     from optolever.files import save_arrays, together, write_rows
@@ -161,7 +161,7 @@ def command(
 
 
 def _profiles(fit: "FormFit", lines: "tuple[Ends | str, ...]") -> "dict[str, Profile]":
-    """By the line's name; x and y through the middle of what is known."""
+    """Profiles by the line's name; x and y pass through the middle of the known part."""
     import numpy as np
 
     from optolever.metrology import profile
@@ -252,5 +252,5 @@ def _show(source: Path, fit: "FormFit", terms: "ZernikeFit | None") -> None:
 
 
 def _two(sigma: float) -> str:
-    """Two significant digits; a dash where it is not known."""
+    """Two significant digits; a dash if unknown."""
     return "-" if sigma != sigma else f"{sigma:.2g}"

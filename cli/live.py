@@ -49,7 +49,7 @@ Live: prism48, 60 x 80 cells
 @click.option("--json-lines", is_flag=True, help="Print a line of JSON for every reading.")
 @click.option(
     "--port", type=click.IntRange(min=0, max=65535), default=0, metavar="N",
-    help="Of the page, on 127.0.0.1; default: a free one.",
+    help="Port of the page, on 127.0.0.1; default: a free one.",
 )  # fmt: skip
 @json_option
 def command(
@@ -67,10 +67,10 @@ def command(
 ) -> None:
     """Measure every frame of a simulated camera: height, contacts, force.
 
-    A finger presses on the scene's mirror, which shows one crossed fringe; the mirror at rest is measured
-    first. The page has the camera's picture, height, sigma, contacts and their figures, with pause, tare and
-    snapshot. A frame that cannot be trusted has the reason beside it. --headless reads every frame, the page
-    the newest one. Real cameras: `optolever.live.follow` in Python.
+    A finger presses on the scene's mirror, which reflects one crossed fringe; the mirror at rest is measured
+    first. The page has the camera's image, height, sigma, contacts and their figures, with pause, tare and
+    snapshot. An untrusted frame comes with the reason. --headless reads every frame, the page the newest one.
+    Real cameras: `optolever.live.follow` in Python.
     """
     from optolever.live import virtual_rig
 

@@ -30,15 +30,15 @@ Measured in press1
 @click.command("measure", cls=Program, epilog=sample(SAMPLE))
 @device_options
 @click.option(
-    "--sequence", metavar="NAME[:KEY=VALUE,...]", default="gray+phase", show_default=True, help="To show."
+    "--sequence", metavar="NAME[:KEY=VALUE,...]", default="gray+phase", show_default=True, help="Sequence."
 )
 @click.option("--out", type=FILE, required=True, metavar="DIR", help="Folder to make: capture, maps, report.")
 @json_option
 def command(rig: Path, sequence: str, out: Path, json_path: Path | None, **given: Any) -> None:
     """Take a capture with a rig and make heights and a report.
 
-    DIR gets capture/, c.npz, h.npz, report.html and its data. Every frame is checked to be nearer to its own
-    pattern than to the one shown before it: a swap is not the light.
+    DIR gets capture/, c.npz, h.npz, report.html and its data. Every frame is checked against its pattern and
+    the preceding one: a display's light changes later than its buffer is swapped.
     """
     import numpy as np
 

@@ -1,4 +1,4 @@
-"""`optolever names`: what --scene, --dent, --sequence and --method understand."""
+"""`optolever names`: names for --scene, --dent, --sequence and --method."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -36,7 +36,7 @@ Dents, on paper-simulation (mm)
     metavar="PRESET_OR_TOML",
     default="paper-simulation",
     show_default=True,
-    help="Whose mirror the dents' defaults suit.",
+    help="Scene for the default parameters of the dents.",
 )
 @json_option
 def command(scene_name: str, json_path: Path | None) -> None:

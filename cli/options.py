@@ -1,4 +1,4 @@
-"""Arguments that several commands share, and the checks that must come before any work."""
+"""Common arguments of several commands, and checks before any work."""
 
 import re
 from collections.abc import Callable, Iterator
@@ -98,14 +98,14 @@ def scene_option(command: Command) -> Command:
 
 
 def rig_option(command: Command) -> Command:
-    """--scene RIG.toml: the file of a rig that keeps what is measured."""
+    """--scene RIG.toml: the file of a rig, in which the result is stored."""
     return click.option(
         "--scene",
         "rig",
         type=click.Path(exists=True, dir_okay=False, path_type=Path),
         required=True,
         metavar="RIG.toml",
-        help="The rig that keeps it.",
+        help="Rig in which the result is stored.",
     )(command)
 
 
@@ -127,7 +127,7 @@ def seed_option(command: Command) -> Command:
     """--seed N."""
     whole = click.IntRange(min=0)
     return click.option(
-        "--seed", type=whole, default=0, show_default=True, metavar="N", help="Of the noise."
+        "--seed", type=whole, default=0, show_default=True, metavar="N", help="Seed of the noise."
     )(command)
 
 
@@ -139,7 +139,7 @@ def renderer_option(command: Command) -> Command:
 
 
 def virtual_sensor(scene: str | None, noise: float, *, required: bool = True) -> Callable[[Command], Command]:
-    """What a virtual sensor looks at: --scene (required if there is no default), --dent, --sequence, ..."""
+    """Options of a virtual sensor: --scene (required without a default), --dent, --sequence, ..."""
     text = "Name of a preset (optolever names) or a scene's TOML file."
     options = (
         click.option(
@@ -148,11 +148,11 @@ def virtual_sensor(scene: str | None, noise: float, *, required: bool = True) ->
         ),
         click.option(
             "--dent", metavar="NAME[:KEY=VALUE,...]",
-            help="What is pressed in; default: the dent that the scene names, or none.",
+            help="Shape of the dent; default: the scene's, or none.",
         ),
         click.option(
             "--sequence", metavar="NAME[:KEY=VALUE,...]", default="gray+phase", show_default=True,
-            help="What the surface shows.",
+            help="Displayed sequence.",
         ),
         noise_option(noise),
         seed_option,
@@ -169,8 +169,8 @@ def virtual_sensor(scene: str | None, noise: float, *, required: bool = True) ->
 
 
 def shown_sequence(text: str, display: tuple[int, int] | None) -> "Sequence":
-    """The sequence of that name on a display (rows, cols), or of a file, whose size a display must be.
-    InputError if either says too little or they differ."""
+    """The sequence of that name on a display (rows, cols), or of a file, whose size the display must have.
+    InputError without a size, or if both differ."""
     from optolever.patterns import Sequence, sequence_from_text
 
     if display is not None:
@@ -181,7 +181,7 @@ def shown_sequence(text: str, display: tuple[int, int] | None) -> "Sequence":
 
 
 def dent_of(scene: "Scene", dent: str | None) -> str:
-    """The dent asked for, else the one that the scene names, else none."""
+    """The given dent, else the scene's, else 'flat'."""
     return dent or scene.dent or "flat"
 
 
@@ -195,8 +195,8 @@ def load_scene(name: str, size: tuple[int, int] | None = None, *, exact: bool = 
 
 
 def mask_from(path: Path, shape: tuple[int, ...], others: str) -> "NDArray[np.bool_]":
-    """Pixels that an image of the given shape marks; InputError if it marks none, or is not as large as
-    `others`."""
+    """Pixels marked in an image of the given shape; InputError if there are none, or if its size differs from
+    that of `others`."""
     from optolever.pictures import read_mask
 
     mask = read_mask(path)
@@ -207,7 +207,7 @@ def mask_from(path: Path, shape: tuple[int, ...], others: str) -> "NDArray[np.bo
 
 @contextmanager
 def blame(path: Path) -> Iterator[None]:
-    """Errors about what a file holds name the file too."""
+    """Prefix an InputError about a file's content with the file's name."""
     try:
         yield
     except InputError as error:

@@ -1,6 +1,6 @@
-"""Where commands write: the checks of every output, made before a command does any work.
+"""Outputs of commands: checks of every output before any work.
 
-An output is an option of type `OutputFile`, or made by `report_option`; what else names a file is an input.
+An output is an option of type `OutputFile`, or made by `report_option`; all other files are inputs.
 """
 
 import importlib.util
@@ -45,7 +45,7 @@ class OutputFile(click.Path):
 
 
 class _ReportFolder(click.Path):
-    """A folder to write into, made if it is absent, and the files that it gets."""
+    """A folder to write into, created if absent, and its files."""
 
     def __init__(self, *files: str) -> None:
         super().__init__(path_type=Path)
@@ -63,7 +63,7 @@ def _option(param: click.Parameter | None) -> str:
 
 
 def report_option(command: str, text: str, *files: str) -> Callable[[Function], Function]:
-    """--out DIR, by default out/COMMAND; files: what it gets for certain."""
+    """--out DIR, by default out/COMMAND; files: its guaranteed files."""
     default = Path("out") / command
     return click.option(
         "--out", type=_ReportFolder(*files), default=default, show_default=True, metavar="DIR", help=text
@@ -107,7 +107,7 @@ class Program(click.Command):
 
 
 def _require_apart(outputs: list[Path], inputs: Iterable[str]) -> None:
-    """InputError if two outputs are one file, or an output is what a command reads."""
+    """InputError if two outputs are one file, or an output is an input."""
     for place, path in enumerate(outputs):
         if path.exists() and not path.is_file():
             continue  # devices take whatever comes
@@ -120,7 +120,7 @@ def _require_apart(outputs: list[Path], inputs: Iterable[str]) -> None:
 
 
 def _require_readers(inputs: Iterable[str]) -> None:
-    """InputError if an input is HDF5 and what reads it is not installed: before any work, not after it."""
+    """InputError if an input is HDF5 and its reader is not installed: before any work."""
     for text in inputs:
         if Path(text).suffix.lower() in HDF5 and importlib.util.find_spec("h5py") is None:
             raise InputError(f"{text}: HDF5 needs h5py; pip install 'optolever[sofast]'")
@@ -141,7 +141,7 @@ def _reads(source: Path, path: Path) -> bool:
 
 
 def _named(source: Path) -> set[str]:
-    """Every text in a TOML file; nothing of others, nor of one that cannot be read, which its reader says."""
+    """Every string in a TOML file; none for other or unreadable files, whose reader reports the error."""
     if source.suffix != ".toml":
         return set()
     try:
@@ -164,7 +164,7 @@ def _texts(text: str) -> set[str]:
 
 
 def _same(one: Path, other: Path) -> bool:
-    """One file by two names; or what will be one, by where its links lead."""
+    """Whether two names lead to one file, existing or not, after links are resolved."""
     if one.exists() and other.exists():
         return one.is_file() and one.samefile(other)
     return os.path.realpath(one) == os.path.realpath(other)

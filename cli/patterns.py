@@ -22,14 +22,14 @@ Patterns in to-show
 
 @click.group("patterns", epilog=sample(SAMPLE))
 def command() -> None:
-    """Write patterns as pictures, for a display of your own."""
+    """Write patterns as pictures, for any display."""
 
 
 @command.command("export", cls=Program, epilog=sample(SAMPLE))
 @click.argument("out", type=FILE, metavar="DIR")
 @click.option(
     "--sequence", "text", metavar="NAME[:KEY=VALUE,...]", default="gray+phase", show_default=True,
-    help="What to write; a .toml file that design or Sequence.save wrote.",
+    help="Sequence, or a .toml file by design or Sequence.save.",
 )  # fmt: skip
 @click.option("--display", type=DISPLAY, metavar="COLSxROWS", help="Size of the pictures, such as 1920x1080.")
 @json_option

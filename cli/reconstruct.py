@@ -91,7 +91,7 @@ def _sofast_files(scene: str) -> list[str]:
     "rest_path",
     type=FILE,
     metavar="REST.npz",
-    help="Correspondence of the mirror at rest: what it shows that the scene does not predict comes off.",
+    help="Correspondence of the mirror at rest: its deviation from the scene's prediction is subtracted.",
 )
 @click.option(
     "--mask",
@@ -117,7 +117,7 @@ def _sofast_files(scene: str) -> list[str]:
     "--pitch",
     type=click.FloatRange(min=0, min_open=True),
     metavar="MM",
-    help="Of the regular grid; default: as fine as the camera's pixels.",
+    help="Pitch of the regular grid; default: about that of the camera's pixels.",
 )
 @click.option(
     "--slopes",
@@ -254,7 +254,7 @@ def command(
 
 
 def _with_slope_noise(height: "HeightMap", slopes: "SlopeMap") -> "HeightMap":
-    """Of the good pixels, for what reads the file without the slopes."""
+    """The map with the typical slope noise of its good pixels, for programs that read it without slopes."""
     import numpy as np
 
     if not height.good.any():

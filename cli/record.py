@@ -1,4 +1,4 @@
-"""`optolever record`: every image of a rig's camera, into a folder that everybody can read."""
+"""`optolever record`: every image of a rig's camera, into a folder in common formats."""
 
 import shutil
 import time
@@ -24,7 +24,7 @@ Recording in film
   incomplete  0
 """
 
-_SPARE = 1 << 28  # bytes that a disk must have left
+_SPARE = 1 << 28  # bytes: minimum free space on the disk
 
 
 @click.command("record", cls=Program, epilog=sample(SAMPLE))
@@ -35,10 +35,10 @@ _SPARE = 1 << 28  # bytes that a disk must have left
 @click.option("--out", type=FILE, required=True, metavar="DIR", help="Folder to make; new or empty.")
 @json_option
 def command(rig: Path, seconds: float, out: Path, json_path: Path | None, **given: Any) -> None:
-    """Record what a camera sees, the display white.
+    """Record images of a camera, with a white display.
 
-    DIR gets frames.tif (BigTIFF, a page an image) and log.jsonl, a line an image with its counter and times.
-    A page without a line does not exist: what is killed, or meets a full disk, leaves all that has one.
+    DIR gets frames.tif (BigTIFF, a page per image) and log.jsonl, a line per image with its counter and
+    times. A page without a line is invalid: after a kill or a full disk, all images with a line are intact.
     """
     from optolever.patterns import Frame, Sequence
     from optolever.projector import BackgroundRecorder, CameraStream, Recorder

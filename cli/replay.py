@@ -1,4 +1,4 @@
-"""`optolever replay`: what a recording holds; that of a capture becomes a capture folder again."""
+"""`optolever replay`: check of a recording; the recording of a capture becomes a capture folder again."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -69,7 +69,7 @@ def command(folder: Path, rig: Path | None, out: Path | None, json_path: Path | 
 
 
 def _capture(recording: "Recording", rig: Path | None, out: Path) -> int:
-    """Write the capture that a recording is of; how many frames."""
+    """Write the capture folder of a capture's recording; returns the number of frames."""
     import tomllib
 
     import numpy as np

@@ -36,8 +36,8 @@ Report of h.npz: simulated, geometry known
     "--remove",
     "form",
     metavar="FORM[:NUMBER=VALUE,...]",
-    help="Form to take off the heights, as in `form`, or none; default: a sphere where the scene is a mirror "
-    "in open air, else none.",
+    help="Form to subtract from the heights, as in `form`, or none; default: a sphere for a mirror in open "
+    "air, else none.",
 )
 @click.option(
     "--less",
@@ -64,8 +64,8 @@ def command(
 ) -> None:
     """Write a page from saved records: heights, error bars, flags.
 
-    H.npz is a file of reconstruct. DIR/report.html is the page that demo writes, without the comparison with
-    the truth. The full data (.npz) and every number of the page (figures.csv) lie in the same folder.
+    H.npz is a file of reconstruct. DIR/report.html is the page of demo, without the comparison with the
+    truth. The full data (.npz) and every number of the page (figures.csv) are in the same folder.
     """
     import numpy as np
 

@@ -1,4 +1,4 @@
-"""`optolever response`: what display and camera make of levels, measured and stored with the rig."""
+"""`optolever response`: radiometric response of display and camera, measured and stored with the rig."""
 
 from pathlib import Path
 from typing import Any
@@ -25,11 +25,11 @@ $ optolever decode capture --response rig.toml --out c.npz
 @rig_option
 @json_option
 def command(ramp: Path, captures: tuple[Path, ...], rig: Path, json_path: Path | None) -> None:
-    """Store with the rig what its display and camera make of levels.
+    """Measure the response of display and camera to levels.
 
-    RAMP is a capture of the sequence `ramp`, by a linear camera. Fringes (CAPTURE) tell the blur; three or
-    so, the mirror in different poses as for calibrate, tell vignetting and backlight apart. decode
-    --response RIG.toml then knows the light of every level.
+    RAMP is a capture of the sequence `ramp`, by a linear camera. Captures of fringes (CAPTURE) determine the
+    blur; about three of them, with the mirror in different poses as for calibrate, separate vignetting and
+    backlight. decode --response RIG.toml then uses the light of every level.
     """
     import numpy as np
 

@@ -25,14 +25,14 @@ $ optolever reconstruct pressed.npz --scene rig.toml --out h.npz --change dent.n
 @click.command("rest", cls=Program, epilog=sample(SAMPLE))
 @click.argument("source", type=click.Path(exists=True, path_type=Path), metavar="CAPTURE")
 @rig_option
-@click.option("--anchor", type=Anchor(), help="What fixes the height, as reconstruct takes it.")
+@click.option("--anchor", type=Anchor(), help="Anchor of the height, as in reconstruct.")
 @json_option
 def command(source: Path, rig: Path, anchor: Any, json_path: Path | None) -> None:
     """Store the mirror at rest with the rig.
 
-    Dents are the height less that at rest (reconstruct --change). CAPTURE, of the untouched mirror, is what
-    decode wrote (.npz) or a folder of frames. Run it anew whenever reconstruct says that the rest has
-    drifted: the rig's calibration stays.
+    Dents are the height less that at rest (reconstruct --change). CAPTURE, of the untouched mirror, is an
+    .npz of decode or a folder of frames. Run it again whenever reconstruct reports drift: the rig's
+    calibration stays.
     """
     import numpy as np
 

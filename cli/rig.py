@@ -1,4 +1,4 @@
-"""`optolever rig new`: the TOML of a rig from numbers that people have: sizes, angles, distances, lens."""
+"""`optolever rig new`: the TOML of a rig from sizes, angles, distances and lens."""
 
 import math
 import re
@@ -112,13 +112,15 @@ def _items(function: Command) -> Command:
 
 @click.group("rig", epilog=sample(SAMPLE))
 def command() -> None:
-    """Describe a rig of your own."""
+    """Describe a rig."""
 
 
 @command.command("new", cls=Program, epilog=sample(SAMPLE))
 @click.option("--kind", type=click.Choice(["monitor", "prism"]), help="Mirror in open air, or a prism.")
 @_items
-@click.option("--pitch", type=ABOVE_0, metavar="MM", help="Of the display's pixels, in place of --diagonal.")
+@click.option(
+    "--pitch", type=ABOVE_0, metavar="MM", help="Pitch of the display's pixels, in place of --diagonal."
+)
 @click.option("--out", type=OutputFile(".toml", bare=False), required=True, metavar="RIG.toml")
 @click.option(
     "--picture", type=OutputFile(".png", ".svg", bare=False), metavar="FILE", help="Default: RIG.png."
@@ -134,8 +136,8 @@ def new(
 ) -> None:
     """Write the TOML of a rig and draw it from the side.
 
-    On a terminal what is not given is asked for. The camera looks at the mirror's middle; a monitor stands
-    square to its reflected line of sight; through a prism's face the camera looks square to it.
+    On a terminal, missing values are asked for. The camera points at the mirror's middle; a monitor is
+    perpendicular to the reflected line of sight; a prism's face is perpendicular to the camera's.
     """
     import matplotlib as mpl
 

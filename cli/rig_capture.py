@@ -42,7 +42,7 @@ class RigCapture:
 
 
 def capture_rig(rig: Path, devices: Devices, shown: "Sequence", out: Path, *, keep: bool) -> RigCapture:
-    """Show and take every frame; write `out`, acquisition.jsonl in it. keep: the recording stays, beside it.
+    """Show and take every frame; write `out` with acquisition.jsonl. keep: do not delete OUT.recording.
 
     InputError and CameraLost name the recording of the images so far.
     """

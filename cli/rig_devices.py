@@ -23,7 +23,7 @@ _TRIGGERS = ("free", "software", "hardware")
 
 @dataclass(frozen=True)
 class Devices:
-    """[devices]: addresses, and the settings of the camera; rows, cols: 0 is the whole sensor."""
+    """[devices]: addresses, and the settings of the camera; rows, cols: 0 is the full sensor."""
 
     camera: str = ""
     display: str = ""
@@ -45,13 +45,13 @@ class Devices:
         return Wanted(1e-3 * self.exposure_ms, **settings)
 
     def table(self) -> dict[str, Any]:
-        """What is known, for TOML."""
+        """The known fields, for TOML."""
         return {name: value for name, value in asdict(self).items() if value is not None}
 
 
 @dataclass(frozen=True)
 class Opened:
-    """A rig that runs. still: a stand-in, which needs no time."""
+    """An opened rig. still: a simulated or replayed one, without delays."""
 
     camera: "Camera"
     display: "Display"
@@ -67,7 +67,7 @@ class Opened:
 
 
 def device_options(command: Command, *, required: bool = True) -> Command:
-    """--rig, and what it holds, for this run instead."""
+    """--rig, and options that replace its [devices] for this run."""
     options = (
         click.option(
             "--rig", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="RIG.toml",
@@ -75,7 +75,7 @@ def device_options(command: Command, *, required: bool = True) -> Command:
         ),
         click.option("--camera", metavar="ADDRESS", help="As devices lists them, or virtual."),
         click.option("--display", metavar="NAME", help="Monitor by its name; a plain window: window."),
-        click.option("--exposure-ms", type=_POSITIVE, metavar="MS", help="Of the camera."),
+        click.option("--exposure-ms", type=_POSITIVE, metavar="MS", help="Exposure of the camera."),
         click.option("--gain", type=float, metavar="NUMBER", help="In the camera's own unit."),
         click.option("--fps", type=_POSITIVE, metavar="HZ", help="Images a second."),
         click.option("--trigger", type=click.Choice(_TRIGGERS), help="How exposures begin."),
@@ -86,7 +86,7 @@ def device_options(command: Command, *, required: bool = True) -> Command:
 
 
 def devices_of(rig: Path, **given: Any) -> Devices:
-    """[devices] of a rig with what was given instead. InputError names the field."""
+    """[devices] of a rig, replaced by the given options. InputError names the field."""
     table = _table(rig).get("devices", {})
     known = {field.name: field for field in fields(Devices)}
     texts = ("camera", "display", "trigger")
@@ -125,8 +125,8 @@ def _recorded(now: Opened) -> "Timing | None":
 
 
 def wait_of(now: Opened, rig: Path) -> "Timing | None":
-    """What a capture waits by: [sync], that of the recording, none for a stand-in. None: unknown, with a
-    notice. InputError where it was measured with other settings.
+    """Timing of a capture: [sync] of the rig or of the recording, no delays for a simulated or replayed
+    camera. None: unknown, with a notice. InputError if it was measured with other settings.
     """
     from optolever.projector import Timing
 

@@ -1,4 +1,4 @@
-"""`optolever sensor`: what a scene can measure, before it is built."""
+"""`optolever sensor`: predicted measuring range and sensitivity of a scene."""
 
 import time
 from pathlib import Path
@@ -61,7 +61,7 @@ Report
     default="gray+phase",
     show_default=True,
     metavar="NAME[:KEY=VALUE,...]",
-    help="What the error bars are told for.",
+    help="Sequence of the error bars.",
 )
 @noise_option(1.0)
 @size_option
@@ -76,11 +76,11 @@ def command(
     out: Path,
     json_path: Path | None,
 ) -> None:
-    """Map what a scene can measure, before it is built.
+    """Map the measuring range and sensitivity of a scene.
 
-    Slopes, total reflection, lever, free mode, error bars of the height. Everything at rest, on a thinned
-    camera; error bars are those of the full one. A sweep tells the same numbers for other values of one
-    thing.
+    Slopes, total reflection, lever, free mode, error bars of the height. Computed at rest, on a thinned
+    camera; error bars are those of the full one. A sweep computes the same numbers for other values of one
+    parameter.
     """
     asked = [_sweep(text) for text in sweeps]
     from optolever.experiments.design import (

@@ -1,4 +1,4 @@
-"""What a person sees: tables on stdout, progress on stderr, JSON for programs."""
+"""Output: tables on stdout, progress on stderr, JSON for programs."""
 
 import math
 import sys
@@ -35,14 +35,14 @@ __all__ = [
 
 
 def number(value: float, unit: str = "") -> str:
-    """Four significant digits and a unit; what is not finite is a dash."""
+    """Four significant digits and a unit; a dash if not finite."""
     if not math.isfinite(value):
         return "-"
     return f"{value:.4g} {unit}".rstrip()
 
 
 def flag_shares(flags: "NDArray[np.unsignedinteger]", *kinds: "type[IntFlag]") -> dict[str, float]:
-    """Share of all pixels that carry each flag, by its name; flags that no pixel carries are left out."""
+    """Share of all pixels with each flag, by its name; flags without pixels are omitted."""
     shares = {
         flag.name: float((flags & flag.value != 0).mean()) for kind in kinds for flag in kind if flag.name
     }
@@ -79,7 +79,7 @@ def noise_and_rig(noise: float, rig: float) -> str:
 
 
 def dent_rows(dent: Mapping[str, Any], count: int) -> dict[str, str]:
-    """The dent of that number (Contact.to_dict) for `table`: its measures, and the evidence for a contact."""
+    """The dent number `count` (Contact.to_dict) for `table`: its measures, and the evidence for a contact."""
     x, y = dent["centroid"]
     noise = dent["depth_sigma"] if dent["depth_noise"] is None else dent["depth_noise"]
     rig = math.sqrt(max(0.0, dent["depth_sigma"] ** 2 - noise**2))
@@ -141,7 +141,7 @@ def grid(title: str, header: Sequence[str], rows: Iterable[Sequence[str]]) -> No
 
 
 def _print(title: str, lines: "Table", width: int | None = None) -> None:
-    """To stdout, without the padding that rich leaves at line ends."""
+    """Print to stdout, without rich's padding at line ends."""
     import click
     from rich.console import Console
     from rich.text import Text
@@ -166,7 +166,7 @@ WIDE = 240  # columns of a grid; a terminal folds what it cannot show
 
 
 class Step:
-    """A progress bar that several stages share: call it with what is being done, and how far it has come."""
+    """A progress bar of several stages: call it with the stage's name, its count and its total."""
 
     def __init__(self, bar: Any) -> None:
         self._bar = bar
@@ -177,7 +177,7 @@ class Step:
 
     @contextmanager
     def aside(self) -> Iterator[None]:
-        """The bar out of the way, so that something can be printed."""
+        """Hide the bar while something is printed."""
         if self._bar.disable:
             yield
             return

@@ -30,17 +30,22 @@ Synchronisation in rig.toml
 @click.command("sync", cls=Program, epilog=sample(SAMPLE))
 @device_options
 @click.option(
-    "--flips", type=click.IntRange(20), default=60, show_default=True, metavar="N", help="Of the screen."
+    "--flips",
+    type=click.IntRange(20),
+    default=60,
+    show_default=True,
+    metavar="N",
+    help="Flips of the screen.",
 )
 @click.option(
-    "--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="N", help="Of the flips."
+    "--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="N", help="Seed of the flips."
 )
 @json_option
 def command(rig: Path, flips: int, seed: int, json_path: Path | None, **given: Any) -> None:
-    """Measure how long after a pattern its image is good.
+    """Measure the delay from a pattern to its settled image.
 
-    Flips the whole display between black and white for some seconds and watches with the camera. RIG.toml
-    gets [devices] as used and [sync]; capture then waits no longer than it must.
+    Switches the full display between black and white for some seconds and records it with the camera.
+    RIG.toml gets [devices] as used and [sync]; capture then waits for the measured time only.
     """
     from optolever.files import together
     from optolever.patterns import Frame, Sequence

@@ -31,7 +31,7 @@ Shown on monitor 1
 @click.command("show", cls=Program, epilog=sample(SAMPLE))
 @click.option(
     "--sequence", "text", metavar="NAME[:KEY=VALUE,...]", default="gray+phase", show_default=True,
-    help="What to show; a .toml file that design or Sequence.save wrote.",
+    help="Sequence, or a .toml file by design or Sequence.save.",
 )  # fmt: skip
 @click.option(
     "--monitor", type=click.IntRange(min=0), metavar="N",
@@ -40,14 +40,16 @@ Shown on monitor 1
 @click.option(
     "--display", metavar="NAME", help="Full screen there, by its name, name:serial or output in --list."
 )
-@click.option("--size", type=SIZE, metavar="ROWSxCOLS", help="Of the pattern; default: the whole monitor.")
+@click.option(
+    "--size", type=SIZE, metavar="ROWSxCOLS", help="Size of the pattern; default: the full monitor."
+)
 @click.option(
     "--seconds", type=click.FloatRange(min=0, min_open=True), metavar="SECONDS",
     help="Show every frame once for so long; default: right and left arrow step, Escape closes.",
 )  # fmt: skip
 @click.option(
     "--out", type=OutputFile(".toml", bare=False), metavar="TOML",
-    help="Gets the description of what is shown, for decode --description; default: capture.toml.",
+    help="Gets the description of the sequence, for decode --description; default: capture.toml.",
 )  # fmt: skip
 @click.option("--list", "listing", is_flag=True, help="List the monitors and show nothing.")
 @json_option
@@ -61,11 +63,11 @@ def command(
     listing: bool,
     json_path: Path | None,
 ) -> None:
-    """Show a sequence on a monitor, for a camera of your own.
+    """Show a sequence on a monitor, for any camera.
 
-    One pattern pixel per screen pixel. The pattern starts in the upper left corner; what it does not cover
-    stays black. Take one picture of each, in this order. With --seconds, --json tells when every frame came
-    on, seconds after the first.
+    One pattern pixel per screen pixel. The pattern starts in the upper left corner; the rest of the screen is
+    black. Take one picture of each frame, in this order. With --seconds, --json gets the start of every
+    frame, seconds after the first.
     """
     from optolever.projector import PatternWindow, monitors, write_description
 
@@ -123,7 +125,7 @@ def _list(found: "list[Monitor]", json_path: Path | None) -> None:
 
 
 def _chosen(found: "list[Monitor]", monitor: int | None, display: str | None) -> int | None:
-    """The monitor asked for, else the second one, else none: a plain window."""
+    """The given monitor, else the second one, else none: a plain window."""
     from optolever.projector import choose_monitor
 
     if display is not None:
@@ -138,7 +140,7 @@ def _chosen(found: "list[Monitor]", monitor: int | None, display: str | None) ->
 def _sequence(
     text: str, size: tuple[int, int] | None, found: "list[Monitor]", chosen: int | None
 ) -> "Sequence":
-    """The sequence in the size asked for, its file's own, or that of the whole monitor."""
+    """The sequence in the given size, that of its file, or that of the monitor."""
     from optolever.patterns import Sequence, sequence_from_text
 
     if size is None and text.endswith(".toml"):

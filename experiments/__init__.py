@@ -2,21 +2,21 @@
 
 | file | holds |
 |---|---|
-| `demo.py`, `metrics.py` | run_demo: the whole chain on a virtual sensor; how good it was |
+| `demo.py`, `metrics.py` | run_demo: the full chain on a virtual sensor; error metrics |
 | `measurement.py`, `height_report.py` | a measurement and its page |
 | `height_tables.py`, `maps.py` | the tables, maps and charts of that page |
 | `figures.py`, `flag_table.py` | numbers on a page and in its file; flags by area |
 | `paper.py`, `paper_line.py`, `paper_report.py` | run_paper: the paper's simulation and experiment; page |
 | `rig_report.py`, `rig_drawing.py` | the page of a calibration; a rig to scale |
-| `code_guide.py` | code_rows: which code when: predicted sigma and gross rate, faults tried |
-| `ideal.py` | codes by their definitions: what ideal surfaces show, faults of frames |
+| `code_guide.py` | code_rows: comparison of codes: predicted sigma and gross rate, detection of faults |
+| `ideal.py` | codes by their definitions: ideal levels, faults of frames |
 | `place.py` | a dented mirror, its truth, its exact correspondence |
-| `acquisition_check.py` | images that show the pattern before theirs |
+| `acquisition_check.py` | images that show the preceding pattern instead of their nominal one |
 | `own_sequence.py`, `own_function.py` | sequences that a user brings: function, folder, file |
 | `own_images.py` | patterns along both axes that a user brings, and the user's decoder |
 | `faults.py` | lag, gamma, flicker and blur of display and light |
 | `timing.py`, `arrays.py` | seconds of calls and stages, memory, the floor; names of types |
-| `bench/`, `design/` | speed against error; what to show and to build |
+| `bench/`, `design/` | speed against error; choice of sequence and sensor |
 | `page.py`, `images.py`, `report/` | HTML page; figures and maps as PNG; templates, style, viewer |
 """
 

@@ -1,4 +1,4 @@
-"""Are the images of an acquisition those of their patterns? A swap of the display is not yet its light."""
+"""Check that each image shows its pattern: a display's light changes later than its buffer is swapped."""
 
 import numpy as np
 
@@ -11,9 +11,10 @@ _PIXELS = 20_000
 
 
 def frames_of_another(capture: Capture, seen: Correspondence) -> list[int]:
-    """Frames that the pattern shown before them explains better than their own, at the decoded places.
+    """Indices of frames that the preceding pattern fits better than their nominal one.
 
-    The light of a pixel is an offset and a gain times the pattern's level at its place (least squares).
+    Model: the light of a pixel is an offset and a gain times the pattern's level at its decoded coordinates
+    (least squares).
     """
     sequence = capture.sequence
     good = seen.good.ravel()

@@ -1,7 +1,7 @@
-"""Which code when: what every code costs, tells and detects, by the decoder itself on simulated patches.
+"""Comparison of codes: number of frames, errors and detection of faults, by the decoder on simulated patches.
 
-Noise alone, white Gaussian, of pixels that see one place each: the codes' own limits. What a display's cells,
-blur, a dented mirror or a camera's footprint add is for `optolever design` and `optolever bench`.
+White Gaussian noise only, pixels without a footprint: the limits of the codes. The effects of a display's
+cells, blur, a dented mirror or a camera's footprint are computed by `optolever design` and `optolever bench`.
 """
 
 import math
@@ -22,7 +22,7 @@ from .arrays import Floats, Mask
 from .ideal import Fault, camera_frames
 from .metrics import rms
 
-#: What is compared if nothing else is asked for: bits, fringes, both, sweeps.
+#: Default codes: bits, fringes, both, sweeps.
 CODES = (
     "gray",
     "gray:inverses=false",
@@ -36,28 +36,28 @@ CODES = (
     "gray+phase:steps=8,period=16",
     "stripe:step=8",
 )
-#: Camera of the trials, pixels: a patch of the surface's start, one of its middle, one of its end.
+#: Camera of the trials, pixels: a patch each at the start, the middle and the end of the surface.
 _PATCHES, _PATCH = 3, (32, 128)
 _SILENT = 1e-4
-#: Good pixels of a capture that is refused whole, and of a code that decodes: shares of the lit pixels.
+#: Maximum share of good pixels in a failed capture, and minimum for a working code, among illuminated pixels.
 _REFUSED, _DECODED = 0.1, 0.9
 #: Codes for weak modulation, by number of frames.
 _PATIENT = ("phase", "phase:steps=8", "phase:steps=16")
-#: Modulation over noise of the trials that a refused capture is compared with, and factors on the exposure.
+#: Modulation over noise of the trials for comparison with a failed capture, and factors on the exposure.
 _RATIOS = np.geomspace(1, 8, 4)
 _EXPOSURES = (1.5, 2, 3, 4, 6)
-_AS_ROUGH = 0.5  # of the amplitude's differences that noise makes
-_MARGIN = 0.9  # on the modulation, for cures
-_AMPLITUDE = 60.0  # of the trials, levels: their ratio to the noise alone counts
-#: Steps of the trials' camera per level: its rounding is no part of the noise.
+_AS_ROUGH = 0.5  # of the amplitude's second differences by noise
+_MARGIN = 0.9  # safety factor on the modulation, for cures
+_AMPLITUDE = 60.0  # of the trials, levels: only its ratio to the noise matters
+#: Steps of the trials' camera per level: its rounding error is negligible.
 _STEPS = 16
 
 
 @dataclass(frozen=True, slots=True)
 class CodeRow:
-    """sigma: px, of the worse axis; gross: share of wrong orders or bits, either axis; reach: px without
-    ambiguity (of the shorter one); stripe: px, the narrowest; lost, swapped: shares of trials in which such a
-    fault left no unflagged error behind.
+    """sigma: px, of the worse axis; gross: share of wrong orders or bits, either axis; reach: unambiguous
+    range in px, of the axis with the shorter one; stripe: narrowest, px; lost, swapped: shares of trials with
+    a lost or swapped frame without unflagged errors.
     """
 
     name: str
@@ -92,8 +92,8 @@ def code_rows(
 def predict_code(shown: Sequence, amplitude: float, noise: float) -> tuple[float, float, float, float]:
     """(range, sigma, gross rate, narrowest stripe), px but for the rate. InputError if nothing is encoded.
 
-    sigma: rms error of the worse axis over the pixels with neither flag nor gross error; the rate is the one
-    that is seen, or that the decoder states where this is more.
+    sigma: rms error of the worse axis over the pixels with neither flag nor gross error; gross rate: the
+    measured one, or the decoder's stated one if it is larger.
     """
     axes = [axis for axis in "uv" if any(axis in (frame.axis or "") for frame in shown.frames)]
     if not axes:
@@ -110,12 +110,12 @@ def predict_code(shown: Sequence, amplitude: float, noise: float) -> tuple[float
 
 
 def code_that_decodes(found: Correspondence, shown: Sequence) -> Notice | None:
-    """The notice of a capture whose modulation is too weak for its sequence `shown`: with what exposure, or
-    with which code, it would decode. None where pixels are good, or something else than noise is against
-    them.
+    """The notice of a capture whose modulation is too weak for its sequence `shown`: the exposure or the code
+    that would decode. None where enough pixels are good, or where noise is not the cause.
 
-    Modulation over noise is that of a simulated capture of the same sequence with the median sigma of the lit
-    pixels, if neighbours' amplitudes differ as much as in that; codes are then tried by the decoder itself.
+    Modulation over noise is that of a simulated capture of the same sequence with the same median sigma of
+    the illuminated pixels, provided that the amplitudes of adjacent pixels differ as much. Codes are then
+    tried by simulation and decoding.
     """
     if found.amplitude is None or not (found.amplitude > 0).any():
         return None
@@ -145,7 +145,7 @@ def code_that_decodes(found: Correspondence, shown: Sequence) -> Notice | None:
 
 
 def _modulation(found: Correspondence, lit: Mask, shown: Sequence) -> float | None:
-    """Amplitude over a frame's noise of lit pixels (H, W), by their sigma; None where unknown."""
+    """Amplitude over a frame's noise of illuminated pixels (H, W), by their sigma; None where unknown."""
     stated = _median_sigma(found, lit)
     trials = [(ratio, _median_sigma(_trial(shown, ratio))) for ratio in _RATIOS]
     known = [(sigma, ratio) for ratio, sigma in trials if np.isfinite(sigma)]
@@ -156,13 +156,13 @@ def _modulation(found: Correspondence, lit: Mask, shown: Sequence) -> float | No
 
 
 def _median_sigma(found: Correspondence, lit: Mask | None = None) -> float:
-    """Of the encoded axes together, px."""
+    """Median over pixels of the smaller sigma of both axes, px."""
     sigma = np.minimum(found.sigma_u, found.sigma_v)
     return float(np.median(sigma if lit is None else sigma[lit]))
 
 
 def _roughness(found: Correspondence, lit: Mask | None = None) -> float:
-    """Second differences of the amplitude along rows, over the amplitude: by noise alone."""
+    """Median second difference of the amplitude along rows over the median amplitude, a measure of noise."""
     assert found.amplitude is not None
     bend = np.abs(np.diff(found.amplitude, 2, axis=1))
     known = np.ones(found.flags.shape, np.bool_) if lit is None else lit
@@ -182,7 +182,7 @@ def _trial(shown: Sequence, ratio: float) -> Correspondence:
 
 
 def _reach(shown: Sequence, axis: str) -> float:
-    """Pixels along an axis that a code, its coarsest fringe, or all fringes together tell apart."""
+    """Unambiguous range along an axis, px, of a code, its coarsest fringe, or all fringes together."""
     extent = shown.cols if axis == "u" else shown.rows
     mine = [frame for frame in shown.frames if frame.axis == axis]
     bits = [frame for frame in mine if frame.kind in BINARY_CODES]
@@ -195,7 +195,7 @@ def _reach(shown: Sequence, axis: str) -> float:
 
 
 def _narrowest(shown: Sequence, axis: str) -> float:
-    """Narrowest stripe along an axis, brighter or darker than mid grey, those at the surface's ends apart."""
+    """Narrowest stripe along an axis, brighter or darker than mid grey, except at the surface's ends."""
     runs = [math.inf]
     for frame in shown.frames:
         if axis in (frame.axis or ""):
@@ -206,7 +206,7 @@ def _narrowest(shown: Sequence, axis: str) -> float:
 
 
 def _places(shown: Sequence) -> tuple[Floats, Floats]:
-    """What the camera of the trials sees: its patches one under the other, one cell per pixel."""
+    """Coordinates (u, v) of the trials' pixels: patches one below the other, about one cell per pixel."""
     rows, cols = (min(n, size - 4) for n, size in zip(_PATCH, (shown.rows, shown.cols), strict=True))
     row, col = np.mgrid[:rows, :cols].astype(np.float64)
     u = 0.93 * (col - cols / 2) + 2 * np.sin(row / 19)
@@ -223,12 +223,12 @@ def _places(shown: Sequence) -> tuple[Floats, Floats]:
 def seen(
     shown: Sequence, u: Floats, v: Floats, amplitude: float, noise: float, rng: np.random.Generator
 ) -> NDArray[np.uint16]:
-    """Frames (N, H, W) of pixels that look at (u, v) each, from 1 to 3 amplitudes, in levels / _STEPS."""
+    """Frames (N, H, W) of pixels at (u, v), from 1 to 3 amplitudes, in levels / _STEPS."""
     return camera_frames(shown, (u, v), (2 * amplitude, amplitude), noise, rng, _STEPS).astype(np.uint16)
 
 
 def _wrong(found: Correspondence, shown: Sequence, u: Floats, v: Floats) -> NDArray[np.bool_]:
-    """Pixels that are off by more than 5 sigma, of cells alone by more than one and a half."""
+    """Pixels with an error above 5 sigma; for codes of bits only, above 1.5 cells."""
     discrete = not any(frame.kind in ("phase", "stripe", "levels") for frame in shown.frames)
     off = np.zeros(u.shape, np.bool_)
     for coord, sigma, true in ((found.u, found.sigma_u, u), (found.v, found.sigma_v, v)):
@@ -237,7 +237,7 @@ def _wrong(found: Correspondence, shown: Sequence, u: Floats, v: Floats) -> NDAr
 
 
 def _detected(shown: Sequence, amplitude: float, noise: float) -> tuple[float, float]:
-    """Shares of lost and of swapped frames, of those that are seen to change, without unflagged errors."""
+    """Shares of lost and of swapped frames without unflagged errors, among frames that visibly change."""
     u, v = _places(shown)
     whole = seen(shown, u, v, amplitude, noise, np.random.default_rng(0))
 
@@ -245,7 +245,7 @@ def _detected(shown: Sequence, amplitude: float, noise: float) -> tuple[float, f
         found = decode(frames, shown, on_cells=False)
         return bool((_wrong(found, shown, u, v) & found.good).sum() <= _SILENT * found.good.sum())
 
-    # a camera that sees all of the surface sees every frame change; this one some
+    # a camera of the full surface records a change in every frame; these patches only in some
     change = np.flatnonzero(np.ptp(whole[:-1], axis=(1, 2)) > 0.5 * amplitude * _STEPS)
     tried = np.unique(change[np.linspace(0, len(change) - 1, 6).astype(int)])
     lost = [told(Fault("lost", k, k).spoil(whole)) for k in tried]

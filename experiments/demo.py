@@ -1,4 +1,4 @@
-"""The whole chain on a virtual sensor: scene, dent -> frames -> correspondence -> height, against truth."""
+"""The full chain on a virtual sensor: scene, dent -> frames -> correspondence -> height, against truth."""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -18,8 +18,8 @@ from .timing import Run, Stages, peak_bytes
 
 @dataclass(frozen=True)
 class DemoResult(Run):
-    """Everything a run made: the records of the chain, the numbers, and how long each stage took (trace,
-    capture, decode, reconstruct, total, and report, once it is written).
+    """Results of a run: the records of the chain, metrics, and the time of each stage (trace, capture,
+    decode, reconstruct, total, and report, once it is written).
 
     metrics: see `metrics.height_metrics`. contacts: of the report.
     """
@@ -54,10 +54,10 @@ def run_demo(
     renderer: str = "auto",
     progress: Progress = silent,
 ) -> DemoResult:
-    """Show the sequence to the dented mirror of a scene, capture, decode, reconstruct, and compare.
+    """Simulate the frames of a scene's dented mirror, decode, reconstruct, and compare with the truth.
 
-    dent: None is the scene's own, else a raised cosine. noise: standard deviation of added Gaussian noise,
-    8-bit levels. renderer: auto, gl or numpy. InputError for names that do not exist.
+    dent: None is the scene's dent, else a raised cosine. noise: standard deviation of added Gaussian noise,
+    8-bit levels. renderer: auto, gl or numpy. InputError for unknown names.
     """
     known, drawn_by = resolve(scene, size), chosen_renderer(renderer)
     shown = sequence_from_text(sequence, known.pattern.rows, known.pattern.cols)

@@ -1,4 +1,4 @@
-"""What displays and lights do to a sequence: a share of the frame before, gamma, flicker, blur."""
+"""Faults of display and light: lag (a share of the preceding frame), gamma, flicker, blur."""
 
 from dataclasses import dataclass, replace
 
@@ -17,8 +17,8 @@ _FINE = 16  # bits of frames that are mixed before the camera rounds them
 
 @dataclass(frozen=True, slots=True)
 class Faults:
-    """lag: share of the frame before in each frame; gamma: of the display, in place of the scene's; flicker:
-    relative amplitude of the light at 100 Hz; blur: rms, cells. None: the scene's own."""
+    """lag: share of the preceding frame in each frame; gamma: of the display, in place of the scene's;
+    flicker: relative amplitude of the light at 100 Hz; blur: rms, cells. None: the scene's value."""
 
     lag: float = 0.0
     gamma: float | None = None
@@ -34,7 +34,7 @@ class Faults:
         return ", ".join(f"{name} {value:g}" for name, value in known.items() if value)
 
     def on(self, scene: Scene) -> Scene:
-        """The scene with such a display, blur and light."""
+        """The scene with these faults of display, blur and light."""
         if self.gamma is not None:
             scene = replace(scene, display=replace(scene.display or Display(), gamma=self.gamma))
         if self.flicker is not None:
@@ -47,7 +47,7 @@ class Faults:
 def frames_of(
     scene: Scene, surface: Surface, shown: Sequence, lag: float, noise: float, seed: int, renderer: str
 ) -> NDArray[np.uint8] | NDArray[np.uint16]:
-    """Frames (N, H, W) with noise (8-bit levels) of a display that keeps a share of the frame before."""
+    """Frames (N, H, W) with noise (8-bit levels) of a display with lag."""
     if not lag:
         return capture(scene, surface, shown, renderer=renderer, noise=noise, seed=seed).frames
     own = capture(scene, surface, shown, renderer=renderer, seed=seed, bits=_FINE).frames
@@ -58,6 +58,6 @@ def frames_of(
 
 
 def with_noise(levels: NDArray[np.float32], noise: float, seed: int) -> NDArray[np.uint8]:
-    """8-bit frames of levels 0 to 255 with white noise of so many levels."""
+    """8-bit frames of levels 0 to 255 with white noise (rms, levels)."""
     drawn = np.random.default_rng([seed, 7]).standard_normal(levels.shape, np.float32)
     return np.asarray(np.clip(np.round(levels + np.float32(noise) * drawn), 0, 255), np.uint8)

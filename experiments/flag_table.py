@@ -1,4 +1,4 @@
-"""Flags of a map: every pixel under the first of its reasons, so that the shares add up to all."""
+"""Flags of a map: each pixel is counted once, under its first reason; the shares sum to one."""
 
 import itertools
 from dataclasses import dataclass
@@ -53,7 +53,7 @@ class FlagRow:
 
 
 def flag_index(flags: NDArray[np.integer], bits: list[int]) -> NDArray[np.uint8]:
-    """Place in `bits` of the first reason of each pixel, place 0 where it has none."""
+    """Index in `bits` of the first reason of each pixel, 0 for none."""
     index = np.zeros(flags.shape, dtype=np.uint8)
     for place in range(len(bits) - 1, 0, -1):
         index[(flags & bits[place]) != 0] = place
@@ -61,9 +61,9 @@ def flag_index(flags: NDArray[np.integer], bits: list[int]) -> NDArray[np.uint8]
 
 
 def flag_rows(flags: NDArray[np.integer], area: Floats | None = None, mirror: float = 0.0) -> list[FlagRow]:
-    """The reasons that occur, behind a row for the pixels without any; area (H, W) of the mirror by pixel,
-    mm^2, of `mirror` in all: what no pixel sees of it is the last row. Without areas all pixels
-    count the same."""
+    """The reasons that occur, after a row of the pixels without any. area (H, W): mirror area of each pixel,
+    mm^2; mirror: total area; the part out of view is the last row. Without areas all pixels have equal
+    weight."""
     members: list[IntFlag] = [*Flag, *HeightFlag]
     index = flag_index(flags, [0, *(int(member) for member in members)])
     count = np.bincount(index.ravel(), minlength=len(members) + 1)
@@ -88,8 +88,8 @@ def flag_rows(flags: NDArray[np.integer], area: Floats | None = None, mirror: fl
 
 
 def mirror_area(scene: Scene) -> Floats:
-    """Area of the mirror at rest that each camera pixel sees (H, W), mm^2: the quadrangle of its corners'
-    rays with the plane z = 0, cut at the mirror's edges."""
+    """Area of the mirror at rest in each camera pixel (H, W), mm^2: the quadrangle of its corner rays on the
+    plane z = 0, clipped at the mirror's edges."""
     camera = scene.camera
     rows = np.arange(camera.rows + 1, dtype=np.float64)[:, None] - 0.5
     origins, ways = camera.rays_at(rows, np.arange(camera.cols + 1, dtype=np.float64) - 0.5)

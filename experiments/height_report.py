@@ -66,9 +66,9 @@ FILES = {
 
 
 def write_demo_report(result: DemoResult, path: str | Path) -> DemoResult:
-    """Write the page of a run, and return the run with the time that this took and its dents.
+    """Write the page of a run; returns the run with the dents and the time of the report.
 
-    The timing on the page ends where its data are made.
+    The timing on the page ends when its data are computed.
     """
     start = time.perf_counter()
     asked = result.settings
@@ -90,13 +90,13 @@ def write_demo_report(result: DemoResult, path: str | Path) -> DemoResult:
 
 
 def write_measurement_report(path: str | Path, given: Measurement) -> None:
-    """Write the page, and the data of FILES that its folder does not have yet: all or nothing."""
+    """Write the page, and the missing data files (FILES) of its folder, atomically."""
     start = time.perf_counter()
     _write(Study.of(given), path, lambda: {"report": time.perf_counter() - start})
 
 
 def _write(study: Study, path: str | Path, seconds: Callable[[], dict[str, float]]) -> None:
-    """seconds: of the stages, asked for once the data of the page are made."""
+    """seconds: function of the stages' seconds, called when the page's data are computed."""
     figures, folder = Figures(), Path(path).parent
     context = _context(study, figures)
     with report_folder(folder), together():
@@ -172,7 +172,7 @@ def _context(study: Study, figures: Figures) -> dict[str, Any]:
 
 
 def _layers(study: Study) -> list[Layer]:
-    """Over the mirror, the first one that of the height or of its deviation."""
+    """Layers of the map over the mirror; the first is the height or its deviation."""
     given, good = study.given, study.given.height.good
 
     def known(values: Floats) -> Floats:
@@ -213,7 +213,7 @@ def _layers(study: Study) -> list[Layer]:
 
 
 def _surface(study: Study) -> dict[str, tuple[Floats, str, str, bool]]:
-    """Ways of colouring the surface."""
+    """Colourings of the surface."""
     height, good = study.given.height, study.given.height.good
     name, values, colours = ("height", height.z, "viridis")
     if study.fit is not None:
@@ -227,7 +227,7 @@ def _surface(study: Study) -> dict[str, tuple[Floats, str, str, bool]]:
 
 
 def _camera(given: Measurement, rows: list[FlagRow]) -> Data:
-    """Coordinates, their departure from the best plane, and flags, as the camera sees them."""
+    """Layers over the camera's pixels: coordinates, their deviation from the best plane, flags."""
     seen, layers = given.correspondence, []
     for letter, what in (("u", "column"), ("v", "row")) if seen is not None else ():
         values = np.where(seen.good, getattr(seen, letter), np.nan)  # type: ignore[union-attr]
@@ -240,7 +240,7 @@ def _camera(given: Measurement, rows: list[FlagRow]) -> Data:
 
 
 def _charts(study: Study) -> dict[str, Data]:
-    """By the id of their figure."""
+    """Charts, by the id of their figure."""
     given, charts = study.given, {}
     if study.terms is not None:
         numbers = study.terms.numbers
@@ -274,7 +274,7 @@ def _scores(given: Measurement, seen: Correspondence, truth: Trace) -> dict[str,
 
 
 def _frame_pairs(capture: Capture) -> list[dict[str, str]]:
-    """Every frame as it was shown and as the camera saw it, in small, with a few words."""
+    """Thumbnails of each displayed and captured frame, with a caption."""
     side = min(THUMBNAIL, int(np.sqrt(PIXELS / (2 * len(capture)))))
     return [
         {
@@ -287,7 +287,7 @@ def _frame_pairs(capture: Capture) -> list[dict[str, str]]:
 
 
 def _frame_words(frame: Frame) -> str:
-    """A frame in a few words."""
+    """Caption of a frame."""
     words = [frame.kind if frame.axis is None else f"{frame.kind} on {frame.axis}"]
     if frame.bit is not None:
         words.append(f"bit {frame.bit}")

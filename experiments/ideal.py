@@ -1,6 +1,6 @@
-"""Codes by their definitions: what an ideal surface shows at a place (no cells but those of bits and of free
-levels, no blur, no pixel's area; none of the package's tables but that of long-run words), and what faults of
-displays, cameras and drivers do to its frames.
+"""Codes by their definitions: levels of an ideal surface at (u, v), and frames with faults of displays,
+cameras and drivers. Only bits and free levels have cells; no blur, no pixel area. Independent of the
+package's tables, except for long-run words.
 """
 
 from dataclasses import dataclass
@@ -55,8 +55,8 @@ def camera_frames(
     rng: np.random.Generator,
     step: int = 1,
 ) -> NDArray[np.uint8] | NDArray[np.uint16]:
-    """Frames (N, H, W) of pixels that look at place (u, v); levels: offset and amplitude about it; noise:
-    white, rms; step: numbers per level, uint16 where it is more than one.
+    """Frames (N, H, W) of pixels at place (u, v); levels: offset and amplitude; noise: white, rms; step:
+    quantisation steps per level, uint16 if above one.
     """
     (offset, amplitude), kind = levels, np.uint8 if step == 1 else np.uint16
     frames = np.empty((len(shown), *place[0].shape), kind)
@@ -69,10 +69,10 @@ def camera_frames(
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """kind: swapped (frame, other), twice (`frame` shows `other`), torn (so from row share `at` on) or lost.
-    Where `frame` is lost all later ones arrive one place early, and the last one stays.
+    """kind: swapped (frame, other), twice (`frame` is replaced by `other`), torn (the same below the share
+    `at` of the rows) or lost (all later frames arrive one position early; the last one is repeated).
 
-    shown: the display does it, so that a picture shown twice has noise of its own each time; else the camera
+    shown: a fault of the display, so that repeated pictures have independent noise; else of the camera, which
     delivers the same numbers twice.
     """
 
@@ -98,6 +98,6 @@ class Fault:
         return spoilt
 
     def inverts(self, sequence: Sequence) -> bool:
-        """Whether a bit and its own inverse are swapped, which may be another scene's perfect picture."""
+        """Whether a bit and its inverse are swapped, an undetectable fault: valid frames of another scene."""
         one, two = (sequence.frames[index] for index in (self.frame, self.other))
         return self.kind == "swapped" and one.bit is not None and (one.bit, one.axis) == (two.bit, two.axis)

@@ -1,5 +1,5 @@
-"""Pictures as PNG data URIs, made small before they are drawn: arrays, Matplotlib figures, maps on the
-mirror in mm (x to the right, y up) and on the camera's pixels.
+"""Images as PNG data URIs, downsampled before drawing: arrays, Matplotlib figures, maps on the mirror in mm
+(x to the right, y up) and on the camera's pixels.
 """
 
 import base64
@@ -60,7 +60,7 @@ def png_uri(image: NDArray[np.uint8]) -> str:
 
 
 def thumbnail(frame: NDArray[Any], side: int) -> NDArray[np.uint8]:
-    """A frame as 8 bit, at most `side` pixels on its longer side, each the mean of what it covers."""
+    """A frame as 8 bit, at most `side` pixels on its longer side, each the mean of the pixels in it."""
     grey = (frame >> max(0, int(frame.max()).bit_length() - 8)).astype(np.uint8)
     scale = side / max(grey.shape)
     if scale >= 1:
@@ -70,7 +70,7 @@ def thumbnail(frame: NDArray[Any], side: int) -> NDArray[np.uint8]:
 
 
 def thin(array: NDArray[Any], side: int) -> NDArray[Any]:
-    """Every k-th row and column of an array, so that at most `side` are left: samples, never averages."""
+    """Every k-th row and column of an array, at most `side` of each: samples, never averages."""
     step = max(1, -(-max(array.shape[:2]) // side))
     return array[step // 2 :: step, step // 2 :: step]
 
@@ -130,7 +130,7 @@ class MirrorGrid:
 
     @property
     def extent(self) -> tuple[float, float, float, float]:
-        """Left, right, bottom, top in mm."""
+        """x_min, x_max, y_min, y_max in mm."""
         rows, cols = self.pixel.shape
         return self.x0, self.x0 + cols * self.pitch, self.y0, self.y0 + rows * self.pitch
 

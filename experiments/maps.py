@@ -1,8 +1,7 @@
 """Maps and charts of a measurement as data for report/charts.js, and the surface for report/viewer.js.
 
 A map is a set of layers on one grid: samples of single pixels, never averages, so that a number under the
-pointer is that of the data file; the grid holds at most CELLS samples, and as many fewer as there
-are more layers.
+pointer equals that of the data file. The grid holds at most CELLS samples, and all layers together SAMPLES.
 """
 
 import base64
@@ -38,7 +37,7 @@ BINS = 12
 MOST = 400_000  # samples that enter a chart; the numbers on the page use them all
 #: Of pixels: errors and their sigmas, (n,) each.
 Scores: TypeAlias = tuple[NDArray[np.floating[Any]], NDArray[np.floating[Any]]]
-#: What becomes JSON.
+#: Content of a JSON object.
 Data: TypeAlias = dict[str, Any]
 
 

@@ -1,4 +1,4 @@
-"""A measurement, and what its page computes of it: slopes, the form and the deviation from it, dents."""
+"""A measurement and the derived results of its page: slopes, form and deviation from it, dents."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -31,13 +31,11 @@ _SAMPLE, _OFF_RAY = 2000, 0.1  # pixels; of a pixel on the mirror
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
-    """What a page is about: the height map; as far as they are known the correspondence, capture and scene
-    behind it, and the truth.
+    """A measurement: the height map, and if known its correspondence, capture and scene, and the truth.
 
-    source: where the map is from; name: of the map in differences; rig: file of the scene; simulated: whether
-    no camera took the frames. form: to be taken off (`metrology.fit_form`); '': none; None: a sphere where
-    the scene is a mirror in open air. less: maps of the same rig by name, for differences. saved: files
-    of the page's folder that exist already.
+    source: origin of the map; name: of the map in differences; rig: file of the scene; simulated: the frames
+    are simulated. form: to be subtracted (`metrology.fit_form`); '': none; None: a sphere for a mirror in
+    open air. less: maps of the same rig by name, for differences. saved: existing files of the page's folder.
     """
 
     height: HeightMap
@@ -55,7 +53,7 @@ class Measurement:
 
     @property
     def notices(self) -> tuple[Notice, ...]:
-        """Those of the map, behind one where its points do not lie on the scene's camera rays."""
+        """Notices of the map, preceded by one if its points do not lie on the scene's camera rays."""
         height, scene = self.height, self.scene
         known = height.good & np.isfinite(height.z)
         if scene is None or not known.any():
@@ -113,7 +111,7 @@ class Measurement:
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """A measurement and what the page computes of it."""
+    """A measurement and its derived results."""
 
     given: Measurement
     slopes: SlopeMap | None
@@ -153,9 +151,9 @@ def _form_fit(given: Measurement, slopes: SlopeMap | None) -> FormFit | None:
 
 
 def _deviation(height: HeightMap, fit: FormFit) -> HeightMap:
-    """The map less the form, and its modes less what the fit takes off them: to first order the fit's numbers
-    move the surface by a plane, and by a quadric or, of a conic, r^4. Its noise is that of the map, an upper
-    bound."""
+    """The map less the form; its error modes less the fit's response to them. To first order the fit's
+    parameters change the surface by a plane and a quadric, for a conic also by r^4. Its noise is that of the
+    map, an upper bound."""
     if height.calibration is None:
         return replace(height, z=fit.residual)
     good = height.good & np.isfinite(fit.residual)

@@ -1,4 +1,4 @@
-"""How good a reconstruction is, and whether its error bars tell it: pure functions on truth and result."""
+"""Accuracy of a reconstruction and of its error bars: pure functions on truth and result."""
 
 import math
 from typing import Any
@@ -22,7 +22,7 @@ def rms(values: Array) -> float:
 
 
 def sigma_ratio(value: Array, truth: Array, sigma: Array, where: Mask) -> float:
-    """Rms of error over sigma where `where` holds and sigma is finite: 1 if the error bars tell the truth."""
+    """Rms of error over sigma where `where` holds and sigma is finite: 1 if the error bars are right."""
     use = where & np.isfinite(sigma) & (sigma > 0)
     return rms((value[use] - truth[use]) / sigma[use])
 
@@ -30,7 +30,7 @@ def sigma_ratio(value: Array, truth: Array, sigma: Array, where: Mask) -> float:
 def mirror_coverage(flags: NDArray[np.unsignedinteger]) -> tuple[float, float]:
     """Share of the image (H, W) that the mirror fills, and good share of the mirror (NaN without one).
 
-    The mirror: pixels that see the patterns change, and what they enclose, of the pixels that a mask leaves.
+    The mirror: pixels whose level changes with the patterns, with holes filled, except masked pixels.
     """
     without = Flag.DARK | Flag.LOW_CONTRAST | Flag.INVALID
     changing = (flags & without == 0) | (flags & Flag.SATURATED != 0)
@@ -40,7 +40,7 @@ def mirror_coverage(flags: NDArray[np.unsignedinteger]) -> tuple[float, float]:
 
 
 def unflagged(truth: Trace, height: HeightMap) -> Mask:
-    """Pixels whose height stands: without a flag, and with a mirror point to compare with."""
+    """Pixels with an unflagged height and a true mirror point."""
     return np.asarray(height.good & truth.visible)
 
 
@@ -51,12 +51,11 @@ def relative_error(height: HeightMap, truth: Trace) -> float:
 
 
 def height_metrics(truth: Trace, correspondence: Correspondence, height: HeightMap) -> dict[str, float]:
-    """The headline numbers, by the names that checks from outside rely on.
+    """The main metrics; their names are part of the interface.
 
     height_rms_rel: rms height error over unflagged pixels / peak depth; unflagged_share: of the truth-visible
-    pixels; unflagged_invisible: unflagged pixels that see no mirror point at all, as a share of all pixels;
-    sigma_ratio_u, _v, _height: rms(error / sigma) over unflagged pixels. NaN where there is nothing to divide
-    by.
+    pixels; unflagged_invisible: unflagged pixels without a mirror point in view, as a share of all pixels;
+    sigma_ratio_u, _v, _height: rms(error / sigma) over unflagged pixels. NaN for a divisor of zero.
     """
     decoded = correspondence.good & truth.visible
     stands = unflagged(truth, height)

@@ -1,7 +1,7 @@
-"""Patterns of a user that vary along both axes, as images, and a decoder of the user's own for them.
+"""A user's patterns that vary along both axes, as images, and the user's decoder for them.
 
-OwnImages are rendered as a white and a black frame are, each pixel with the light that the blurred image has
-where the pixel looks: a point, no footprint.
+OwnImages are rendered from a white and a black frame, each pixel with the level of the blurred image at its
+coordinates: a point, no footprint.
 """
 
 from collections.abc import Callable
@@ -24,13 +24,13 @@ from .own_function import imported
 __all__ = ["OwnDecoder", "OwnImages", "image_frames", "own_decoder"]
 
 Levels = NDArray[np.uint8]
-#: From frames (N, H, W) and what they show, a Sequence or images (N, rows, cols), to where each pixel looks.
+#: From frames (N, H, W) and their Sequence or images (N, rows, cols) to a correspondence.
 OwnDecoder = Callable[[NDArray[Any], "Sequence | Levels"], Correspondence]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OwnImages:
-    """OwnImages (N, rows, cols) uint8 for a surface of rows x cols cells; name: how they are called."""
+    """Images (N, rows, cols) uint8 for a surface of rows x cols cells, and their name."""
 
     levels: Levels
     name: str

@@ -1,4 +1,4 @@
-"""Sequences that a user brings: a Python function, images with what they encode, a file, a name."""
+"""A user's sequences: a Python function, images with a description, a file, a name."""
 
 import hashlib
 import importlib.util
@@ -25,18 +25,17 @@ SLACK = 1  # grey levels by which an image may differ from its description
 def own_sequence(text: str, rows: int, cols: int, *, resized: bool = False) -> Sequence | OwnImages:
     """The sequence behind 'module:function', a folder, a .toml file or a name.
 
-    The module lies in the working folder or is installed. The function is called with rows and cols and
-    returns a Sequence of that size, or images (N, rows, cols) uint8, which a decoder of the user's own reads.
-    A folder holds `sequence.toml` as Sequence.save_png writes it, or
-    `coordinates.toml`:
+    The module is in the working folder or installed. The function is called with rows and cols and returns a
+    Sequence of that size, or images (N, rows, cols) uint8 for a user's decoder. A folder holds
+    `sequence.toml` as Sequence.save_png writes it, or `coordinates.toml`:
 
         [[frames]]
         file = "a.png"
         axis = "u"        # the coordinate along which the image varies
 
     Each image has the size of the pattern and varies along its axis alone; it becomes a frame of free levels.
-    resized: rows x cols are a scene's whose camera was resampled; of a .toml file its first rows and columns
-    are shown. InputError names what is wrong.
+    resized: rows x cols belong to a scene with a resampled camera; a .toml file is cropped to its first rows
+    and columns. InputError names the error.
     """
     if text.partition(":")[0] in sequence_names() or (text.endswith(".toml") and not resized):
         return sequence_from_text(text, rows, cols)
@@ -48,7 +47,7 @@ def own_sequence(text: str, rows: int, cols: int, *, resized: bool = False) -> S
 
 
 def source_digest(text: str) -> str:
-    """Digest of the file behind a .toml or a module:function; nothing for what has none."""
+    """Digest of the file of a .toml or a module:function; '' for other names."""
     path = Path(text)
     module = text.partition(":")[0]
     if path.suffix != ".toml" and ":" in text and module not in sequence_names():
@@ -111,7 +110,7 @@ def _from_folder(folder: Path, rows: int, cols: int) -> Sequence:
 
 
 def _described(folder: Path, rows: int, cols: int) -> Sequence:
-    """sequence.toml and images that show what it says."""
+    """The sequence of sequence.toml, after a check of its images."""
     found = sequence_from_text(str(folder / "sequence.toml"), rows, cols)
     for index in range(len(found)):
         path = folder / f"{index:03d}.png"

@@ -25,8 +25,8 @@ LIBRARIES = ("numpy", "scipy", "numba", "moderngl", "opencv-contrib-python-headl
 
 
 def write_page(path: str | Path, template: str, seconds: dict[str, float], context: dict[str, Any]) -> None:
-    """Write the page of a template in report/, whole or not at all, into a folder that is made if it is
-    absent; its context is joined by what all pages show: seconds of the stages, the program's command."""
+    """Write the page of a template in report/, atomically, into a folder that is created if absent. Its
+    context gets the common entries of all pages: seconds of the stages, the program's command."""
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(FOLDER),
         autoescape=True,
@@ -74,7 +74,7 @@ def budget_table(readings: Mapping[str, Mapping[str, float]]) -> dict[str, Any]:
 
 
 def versions() -> list[tuple[str, str]]:
-    """What computed the page: this package, Python, the machine, and the libraries that matter."""
+    """Versions for the page: this package, Python, the machine, and the main libraries."""
     rows = [
         ("optolever", __version__),
         ("Python", platform.python_version()),
@@ -133,7 +133,7 @@ def seconds_text(seconds: float) -> str:
 def table(
     name: str, heads: Iterable[str], rows: Iterable[tuple[str, list[str]]], texts: int = 1
 ) -> dict[str, Any]:
-    """What parts.html draws as a table of rows (kind, cells); texts: columns on the left without numbers."""
+    """Context of parts.html for a table of rows (kind, cells); texts: number of leading text columns."""
     columns = [{"name": head, "numeric": k >= texts} for k, head in enumerate(heads)]
     return {"id": name, "columns": columns, "rows": [{"kind": kind, "cells": cells} for kind, cells in rows]}
 

@@ -1,7 +1,7 @@
-"""`optolever paper`: the seed's simulation and experiment, by its own method and by the dense solver.
+"""`optolever paper`: the seed's simulation and experiment, by the seed's method and by the dense solver.
 
-Every case is a scene and a dent; every case is seen exactly and through rendered, noisy 8-bit frames;
-every result is a row of numbers along the line through the dent's middle, errors over the peak depth.
+Every case is a scene and a dent, with exact data and with rendered, noisy 8-bit frames; every result is a row
+of numbers along the line through the dent's middle, errors over the peak depth.
 """
 
 from collections.abc import Iterator
@@ -56,7 +56,8 @@ class Case:
 
 
 def tent(scene: Scene) -> Surface:
-    """A wedge as wide as the mirror, 13 of 1637 deep in its middle: another reading of the seed's needle."""
+    """A wedge as wide as the mirror, 13 of 1637 deep in its middle: an alternative model of the seed's
+    needle."""
     half = scene.mirror.length / 2
     slope = 13 / 1637 * scene.mirror.length / half
 
@@ -82,7 +83,7 @@ class PaperStudy(Run):
 
     @property
     def notices(self) -> tuple[Notice, ...]:
-        """Of all rows, each once."""
+        """Notices of all rows, without duplicates."""
         return tuple(dict.fromkeys(notice for row in self.rows for notice in row.notices))
 
     def find(self, **fields: Any) -> PaperRow:
@@ -96,7 +97,7 @@ class PaperStudy(Run):
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """A case built: its mirror, and the largest depth along the line through the middle, mm."""
+    """A traced case: its mirror, and the largest depth along the line through the middle, mm."""
 
     case: Case
     place: Place
@@ -116,7 +117,7 @@ class Setup:
         return self.place.scene.camera.rows // 2
 
     def middle(self, seen: Correspondence) -> Points:
-        """What the middle row measured, from l = 0 on, and the truth; NaN where it carries a flag."""
+        """Measured points of the middle row, from l = 0 on, with the truth; NaN where flagged."""
         row, truth = self.row, self.place.truth
         x, y = truth.x[row], truth.y[row]
         theta = np.arctan(np.asarray(self.place.surface.gradient(x, y)[0], dtype=np.float64))
@@ -133,7 +134,7 @@ def run_paper(
     renderer: str = "auto",
     progress: Progress = silent,
 ) -> PaperStudy:
-    """Redo the seed's simulation and experiment geometry; size (rows, cols) resamples the camera of every
+    """Repeat the seed's simulation and experiment geometry; size (rows, cols) resamples the camera of every
     case.
     """
     stages = Stages(sum(5 if case.rendered else 2 for case in CASES), progress)
@@ -209,6 +210,6 @@ def _on_pixels(setup: Setup, seen: Correspondence, data: str) -> Iterator[PaperR
 
 
 def _field(setup: Setup, z: Floats, good: Mask) -> float:
-    """Rms error over all pixels that stand, over the peak depth."""
+    """Rms error over all good pixels, over the peak depth."""
     use = good & setup.place.truth.visible
     return rms(z[use] - setup.place.truth.z[use]) / setup.peak

@@ -1,9 +1,9 @@
-"""The line through a dent's middle: the seed's own simulation of it, exact, by the reflection law or by the
-printed sign; its measurement, one column of lattice crossings found in a frame at rest and in a dented one;
-and a reconstruction's row of numbers and curves.
+"""The line through a dent's middle: the seed's simulation of it, exact, by the reflection law or by the
+printed sign; its measurement, one column of lattice crossings detected in a frame at rest and in a dented
+one; and a reconstruction's row of numbers and curves.
 
-For a point of the mirror (12) and (14) give where its ray leaves the pattern and meets the capture face; a
-given place on either face is found by bisection.
+For a mirror point, (12) and (14) give the positions of its ray on the pattern and on the capture face; the
+mirror point of a given position on either face is found by bisection.
 """
 
 import dataclasses
@@ -38,7 +38,7 @@ from .metrics import rms
 from .place import Place
 
 _HALVINGS = 60
-PIXELS_PER_LINE = 10  # of the camera, that a lattice line needs to be told from the next
+PIXELS_PER_LINE = 10  # camera pixels per lattice line, for separate lines
 Frame = NDArray[Any]
 Curve = dict[str, Floats]
 Names = tuple[str, str, str, str]  # case, data, law, method
@@ -47,7 +47,7 @@ SIGNS = (1, -1)
 
 @dataclass(frozen=True, slots=True)
 class Points:
-    """Mirror points along a line (points,), l rising: measured m and w (mm); true l, d (mm) and theta
+    """Mirror points along a line (points,), by rising l: measured m and w (mm); true l, d (mm) and theta
     (rad).
     """
 
@@ -72,7 +72,7 @@ class Line:
         return cls(place.surface, prism_geometry(place.scene), place.scene.mirror.width / 2)
 
     def points(self, l: Floats, sign: int = 1) -> Points:
-        """Everything about the mirror points at l: whence their rays come, where they are seen."""
+        """The mirror points at l, with positions on the pattern and on the capture face."""
         g, y = self.geometry, np.broadcast_to(self.y, l.shape)
         d = np.asarray(self.surface.height(l, y), dtype=np.float64)
         theta = np.arctan(np.asarray(self.surface.gradient(l, y)[0], dtype=np.float64))
@@ -81,10 +81,9 @@ class Line:
 
 
 def lattice_points(line: Line, count: int, sign: int) -> Points:
-    """`count` lines, equally spaced (half a space from the ends) on the stretch of the pattern seen at rest.
+    """`count` lines, equally spaced (half a space from the ends) on the part of the pattern in view at rest.
 
-    Lines that no mirror point shows (a cusp skips some) are left out; of a line that several show, one is
-    found.
+    Lines without a mirror point (a cusp skips some) are omitted; for a line with several, one is returned.
     """
     g = line.geometry
     rest = g.length * np.cos(g.beta0) / np.cos(g.beta0 - g.alpha0)
@@ -94,14 +93,12 @@ def lattice_points(line: Line, count: int, sign: int) -> Points:
 
 
 def pixel_points(line: Line, w: Floats, sign: int) -> Points:
-    """The mirror points that the capture positions w (mm) see, in order of l."""
+    """The mirror points of the capture positions w (mm), in order of l."""
     return line.points(np.sort(_seen(line, w)), sign)
 
 
 def seen_points(surface: Surface, geometry: PaperGeometry, m: Floats, w: Floats, y: Floats) -> Points:
-    """Measured points m, w with the truth at the places that were measured: where w sees the mirror at
-    this y.
-    """
+    """Measured points m, w with the truth at the measured places: the mirror points of w at this y."""
     line = Line(surface, geometry, np.nan_to_num(y))
     order = np.argsort(m)
     at = line.points(np.where(np.isfinite(w), _seen(line, w), np.nan)[order])
@@ -113,7 +110,7 @@ def _seen(line: Line, w: Floats) -> Floats:
 
 
 def _where_rising(function: Callable[[Floats], Floats], values: Floats, length: float) -> Floats:
-    """Bisection on (0, length): where a rising function takes the values."""
+    """Inverse of a rising function on (0, length), by bisection."""
     low, high = np.zeros_like(values), np.full_like(values, length)
     for _ in range(_HALVINGS):
         middle = (low + high) / 2
@@ -125,10 +122,10 @@ def _where_rising(function: Callable[[Floats], Floats], values: Floats, length: 
 def lattice_frames(
     scene: Scene, surface: Surface, lines: int, *, noise: float, seed: int, renderer: str
 ) -> tuple[Sequence, Frame, Frame]:
-    """What was shown, and what the camera saw of it at rest and dented, (1, H, W) each.
+    """The displayed sequence, and its frames at rest and dented, (1, H, W) each.
 
-    The lattice has `lines` lines on the stretch of the pattern seen at rest, or as many as a smaller camera
-    can tell apart.
+    The lattice has `lines` lines on the part of the pattern in view at rest, or as many as a smaller camera
+    resolves.
     """
     geometry, pattern = prism_geometry(scene), scene.pattern
     seen = geometry.length * np.cos(geometry.beta0) / np.cos(geometry.beta0 - geometry.alpha0)
@@ -146,8 +143,8 @@ def lattice_positions(
 ) -> tuple[Floats, Floats, Floats]:
     """m, w and y (mm) of the crossings along the pattern line nearest to the mirror's middle.
 
-    m is where the crossing is printed, w and y are where it was found in the dented frame, NaN if it was
-    not. InputError if fewer than two are found.
+    m: position of the crossing on the pattern; w, y: its position in the dented frame, NaN if not detected.
+    InputError if fewer than two are detected.
     """
     pattern = scene.pattern
     crossings = lattice(dented, rest, shown, prior=trace(scene, dent("flat", scene)))
@@ -167,13 +164,13 @@ def lattice_positions(
 class PaperRow:
     """Errors of one reconstruction along the line through the dent's middle, over the peak depth.
 
-    case: smooth | needle | pencil; data: exact | frames; law: reflection | print, by which the light went;
+    case: smooth | needle | pencil; data: exact | frames; law: reflection | print, the law of the simulation;
     method: lattice | pixels (the paper's, on crossings or on every pixel) | dense; sign, gamma: of the
-    paper's equations (dense: None); points: how many; drops, rises, mean: rms of each series (dense: mean
+    paper's equations (dense: None); points: their number; drops, rises, mean: rms of each series (dense: mean
     alone); largest: of the mean; peak: estimated over true depth at the deepest point, minus 1; theta: rms
-    error of the mean's slope angle (rad); field: rms over all pixels, where the whole field
-    was reconstructed, by the drops (rises diverge in noise); notices: of the dense solver's height map;
-    curve: l, and true and found d and theta there, by name ("mean d").
+    error of the mean's slope angle (rad); field: rms over all pixels, if the full field was reconstructed, by
+    the drops (rises diverge in noise); notices: of the dense solver's height map; curve: l, and true and
+    estimated d and theta there, by name ("mean d").
     """
 
     case: str
@@ -201,7 +198,7 @@ class PaperRow:
 def paper_rows(
     points: Points, geometry: PaperGeometry, peak: float, names: Names, signs: tuple[int, ...] = SIGNS
 ) -> Iterator[PaperRow]:
-    """The paper's recursion on measured points, by every sign and with gamma or without."""
+    """The paper's recursion on measured points, for each sign, with gamma and without."""
     for sign in signs:
         for gamma in (False, True):
             result = recursion(points.m, points.w, geometry, sign=sign, gamma=gamma)
@@ -210,7 +207,7 @@ def paper_rows(
 
 
 def dense_row(points: Points, height: HeightMap, row: int, peak: float, names: Names) -> PaperRow:
-    """The dense solver's row of the camera that `points` stand for; theta by differences along it."""
+    """The dense solver's result along the camera row of `points`; theta by differences along the row."""
     z = np.where(height.good, height.z, np.nan)[row, ::-1]
     x = height.x[row, ::-1]
     return _row((*names, None, None), points, {"mean": Profile(x, z, np.arctan(np.gradient(z, x)))}, peak)
@@ -222,7 +219,7 @@ def _row(
     found: dict[str, Profile],
     peak: float,
 ) -> PaperRow:
-    """The row of a reconstruction: rms of its series, and what concerns its mean profile."""
+    """The row of a reconstruction: rms of its series, errors and curve of its mean profile."""
     mean = found["mean"]
     error = mean.d - points.d
     known = np.isfinite(error)

@@ -1,5 +1,5 @@
-"""The report of `optolever paper`: tables, the seed's figures 5 to 14 and 20 redrawn, all methods beside each
-other; the prose is in report/paper.html.
+"""The report of `optolever paper`: tables, the seed's figures 5 to 14 and 20 redrawn, all methods compared;
+the prose is in report/paper.html.
 """
 
 import time
@@ -28,7 +28,7 @@ GROUPS = (
     ("frames", "reflection", "Rendered 8-bit frames with noise, light obeys the reflection law"),
 )
 
-#: Rows that the prose tells of: data, law, method, sign, gamma.
+#: Rows cited in the prose: data, law, method, sign, gamma.
 ROLES: dict[str, Key] = {
     "seed": ("exact", "print", "lattice", -1, True),
     "printed": ("exact", "reflection", "lattice", 1, False),
@@ -48,11 +48,11 @@ DRAWN = (
     ("paper, every pixel, drops", ("pixels", 1, True), "drops", "#3b7dc4"),
     ("dense solver", ("dense", None, None), "mean", "#1f7a4d"),
 )
-FLOOR = 1e-13  # of the peak: what is drawn of smaller errors
+FLOOR = 1e-13  # of the peak: smaller errors are drawn at this value
 
 
 def write_paper_report(study: PaperStudy, path: str | Path) -> PaperStudy:
-    """Write the page and return the study with the time that this took."""
+    """Write the page and return the study with the time of the report."""
     start = time.perf_counter()
     cases = [_case(study, name) for name in study.settings["cases"]]
     seconds = study.with_report(time.perf_counter() - start).seconds
@@ -67,7 +67,7 @@ def write_paper_report(study: PaperStudy, path: str | Path) -> PaperStudy:
 
 
 def _case(study: PaperStudy, name: str) -> dict[str, Any]:
-    """What the template needs of one case: its rows by their role, its table, its figures."""
+    """Context of the template for one case: its rows by role, its table, its figures."""
     own = {(r.data, r.law, r.method, r.sign, r.gamma): r for r in study.rows if r.case == name}
     roles = {role: own[key] for role, key in ROLES.items() if key in own}
     taken, fine = study.settings["cases"][name], roles["pixels"].curve
@@ -88,7 +88,7 @@ def _case(study: PaperStudy, name: str) -> dict[str, Any]:
 
 
 def _table(study: PaperStudy, name: str) -> dict[str, Any]:
-    """All rows of a case, grouped by how they were seen."""
+    """All rows of a case, grouped by data and law."""
     heads = ("method", "sign", "gamma", "points", "drops", "rises", "mean", "largest", "at the peak")
     lines: list[tuple[str, list[str]]] = []
     for data, law, title in GROUPS:

@@ -1,4 +1,4 @@
-"""A dented mirror before a camera: its truth, and the correspondence that a perfect decoder would give."""
+"""A dented mirror in front of a camera: its truth, and the correspondence of a perfect decoder."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -19,7 +19,7 @@ USUAL = "raised-cosine"
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """A dented mirror: scene, shape, and what every pixel truly sees; dent: how the shape is called."""
+    """A dented mirror: scene, shape, and the traced truth of each pixel; dent: name of the shape."""
 
     scene: Scene
     surface: Surface
@@ -30,8 +30,8 @@ class Place:
     def of(cls, scene: Scene | str | Path, dent: Dent = None, size: tuple[int, int] | None = None) -> "Place":
         """The mirror of a scene, preset or TOML file, traced; size (rows, cols) resamples the camera.
 
-        dent: as on the command line, or a function of the scene; none: the scene's own, else a raised cosine.
-        InputError for names that do not exist.
+        dent: as on the command line, or a function of the scene; none: the scene's, else a raised cosine.
+        InputError for unknown names.
         """
         known = resolve(scene, size)
         if callable(dent):
@@ -43,7 +43,7 @@ class Place:
 
     @property
     def peak(self) -> float:
-        """Largest height or depth that is seen, mm."""
+        """Largest visible height or depth, mm."""
         return float(np.max(np.abs(self.truth.z[self.truth.visible])))
 
 
@@ -54,12 +54,12 @@ def resolve(scene: Scene | str | Path, size: tuple[int, int] | None = None) -> S
 
 
 def surface_of(form: Callable[[Floats, Floats], tuple[Floats, Floats, Floats]]) -> Surface:
-    """The surface whose height and slopes along x and y a function gives together."""
+    """The surface of a function that returns height and slopes along x and y."""
     return Surface(lambda x, y: form(x, y)[0], lambda x, y: form(x, y)[1:], both=form)
 
 
 def on_rest(scene: Scene) -> tuple[Floats, Floats]:
-    """Where each pixel's ray meets the plane of the mirror at rest, mm, and its direction, (H, W, 3) each."""
+    """Intersection of each pixel's ray with z = 0, mm, and the ray's direction, (H, W, 3) each."""
     origins, directions = scene.camera.rays()
     with np.errstate(divide="ignore", invalid="ignore"):
         return origins - (origins[..., 2:] / directions[..., 2:]) * directions, np.asarray(directions)
@@ -72,7 +72,7 @@ def exact(
     noise: float = 0.0,
     rng: np.random.Generator | None = None,
 ) -> Correspondence:
-    """Where every pixel truly looks, flagged where it sees no pattern and beside `where` (H, W).
+    """The true correspondence, flagged where a pixel views no pattern and outside `where` (H, W).
 
     noise: rms px of white noise, drawn by rng and stated as sigma; 0: EXACT_SIGMA is stated.
     """

@@ -1,5 +1,5 @@
-"""The page of `optolever calibrate`: what the captures leave unexplained, numbers, what the rig's errors do
-to the heights; the prose is in report/rig.html.
+"""The page of `optolever calibrate`: residuals of the captures, parameters, height errors by the rig's
+errors; the prose is in report/rig.html.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,10 +25,10 @@ from .metrics import rms
 from .page import budget_table, scientific, table, write_page
 from .rig_drawing import rig_drawing
 
-#: Beyond these the page is red: chi; prior sigmas that a number is off its prior. A number whose sigma is not
-#: LEAST_GAIN times below its prior's is grey.
+#: Red on the page: chi above the first; a parameter farther from its prior, in prior sigma, than the second.
+#: Grey: a parameter whose sigma is not LEAST_GAIN times below its prior's.
 MOST_CHI, MOST_OFF, LEAST_GAIN = 1.2, 5.0, 2.0
-#: `calibration.Judgement`: what the reader sees, and the factor to its unit.
+#: Fields of `calibration.Judgement`: heading, and the factor to its unit.
 _JUDGED = {
     "chi": ("chi", 1.0),
     "left_out": ("chi left out", 1.0),
@@ -44,9 +44,9 @@ _JUDGED = {
 
 @dataclass(frozen=True, eq=False)
 class RigStudy:
-    """given, scene: the rig before and after, this with its covariance; chi: of the adjustment; parameters:
-    name, value, sigma, prior, prior_sigma of each; residuals: capture -> row, col (n,) and what is left of u
-    and v (n,), in sigma; judged: capture -> what it is worth (`calibration.Judgement`); notices; seconds per
+    """given, scene: the rig before and after, the latter with its covariance; chi: of the adjustment;
+    parameters: name, value, sigma, prior, prior_sigma of each; residuals: capture -> row, col (n,) and
+    residuals of u and v (n,), in sigma; judged: capture -> its `calibration.Judgement`; notices; seconds per
     stage."""
 
     given: Scene
@@ -96,7 +96,7 @@ def write_rig_report(study: RigStudy, path: str | Path) -> None:
 
 
 def judged_table(judged: Mapping[str, Mapping[str, float | None]]) -> tuple[list[str], list[list[str]]]:
-    """Header and a row per capture, of what these judgements hold."""
+    """Header and a row per capture, with the available fields of its judgement."""
     some = [key for key in _JUDGED if any(key in each for each in judged.values())]
     rows = []
     for name, each in judged.items():
@@ -134,7 +134,7 @@ def _residual_figure(found: tuple[Floats, Floats, Floats, Floats]) -> str:
 def _draw_points(
     axes: Any, at: tuple[Floats, Floats], values: Floats, title: str, unit: str, x: str = ""
 ) -> None:
-    """Values at their places, in colours that tell a sign, if they have one."""
+    """Values at their positions; a diverging colour map for signed values."""
     signed = bool(np.nanmin(values, initial=0.0) < 0)
     low, high = robust_limits(values, symmetric=signed)
     colours = "RdBu_r" if signed else "viridis"

@@ -1,4 +1,4 @@
-"""How long calls and stages take, by the clock and of the processor, and how much memory."""
+"""Wall-clock and processor time of calls and stages, and peak memory."""
 
 import resource
 import sys
@@ -17,14 +17,14 @@ from optolever.kernels import kernel
 from optolever.records import Progress
 
 RUNS = 3  # timed runs of a short stage
-BUDGET = 1.0  # s, that repeated runs may take together
-LONG = 2.0  # s, from which a stage is not run again: tracing costs it a few per cent
+BUDGET = 1.0  # s, of all repeated runs
+LONG = 2.0  # s, above which a stage is not run again: tracing costs some per cent of its time
 
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """What a call gave, its seconds by the clock and of the processor, and its peak memory above what was
-    there before (bytes; None: unknown).
+    """Value of a call, its wall-clock and processor seconds, and its additional peak memory (bytes; None:
+    unknown).
     """
 
     value: Any
@@ -34,19 +34,19 @@ class Measured:
 
 
 def timed(call: Callable[[], Any]) -> Measured:
-    """Make a call and look at the clocks."""
+    """Time a call."""
     start, processor = time.perf_counter(), time.process_time()
     value = call()
     return Measured(value, time.perf_counter() - start, time.process_time() - processor)
 
 
 def in_turn(*calls: Callable[[], Any], count: int) -> list[tuple[Measured, ...]]:
-    """Make each of the calls so many times, by turns, so that all meet the same load."""
+    """Time each of the calls `count` times, interleaved, so that all meet the same load."""
     return [tuple(timed(call) for call in calls) for _ in range(count)]
 
 
 def fastest(call: Callable[[], Any], runs: int, budget: float) -> Measured:
-    """The fastest of so many calls, fewer once they took more seconds than a budget together."""
+    """The fastest of up to `runs` calls; no further call once their sum exceeds `budget` seconds."""
     taken = [timed(call)]
     while len(taken) < runs and sum(run.seconds for run in taken) <= budget:
         taken.append(timed(call))
@@ -54,8 +54,8 @@ def fastest(call: Callable[[], Any], runs: int, budget: float) -> Measured:
 
 
 def measured(call: Callable[[], Any]) -> Measured:
-    """Memory from a first run under tracemalloc, which also warms caches and compiles; then the least of up
-    to three timed runs. A stage of more than two seconds runs once.
+    """Memory from a first run under tracemalloc, which also warms caches and compiles; time from the fastest
+    of up to three further runs. A stage of more than two seconds runs once.
     """
     tracemalloc.start()
     try:
@@ -86,8 +86,8 @@ def _touch(start: int, stop: int, frames: Any, maps: Any, flags: Any) -> None:
 
 
 def toucher(frames: NDArray[Any]) -> Callable[[], None]:
-    """The floor: read all frames; write u, v, two sigmas, amplitude, offset, order error in float32, flags,
-    as decode. Into the same memory every time: clearing what is new takes longer than writing it.
+    """The floor of a decoder's time: read all frames; write u, v, two sigmas, amplitude, offset, order error
+    in float32, and flags. The outputs are reused: clearing new memory takes longer than writing to it.
     """
     size = frames.shape[1:]
     maps = tuple(np.empty(size, np.float32) for _ in range(7))
@@ -106,7 +106,7 @@ def peak_bytes() -> int:
 
 
 class Stages:
-    """A clock for stages that run one after the other, and the word to whoever watches."""
+    """A clock for consecutive stages, with progress reports."""
 
     def __init__(self, count: int, progress: Progress) -> None:
         self._seconds: dict[str, float] = {}
@@ -123,14 +123,13 @@ class Stages:
 
     @property
     def seconds(self) -> dict[str, float]:
-        """Of every stage, and `total`."""
+        """Seconds of each stage, and `total`."""
         return self._seconds | {"total": sum(self._seconds.values())}
 
 
 @dataclass(frozen=True)
 class Run:
-    """What a study tells of itself: seconds of its stages and `total`, memory, what was asked for (plain
-    values)."""
+    """Record of a study's run: seconds of its stages and `total`, memory, settings (plain values)."""
 
     seconds: dict[str, float]
     peak_bytes: int
@@ -141,7 +140,7 @@ class Run:
         return {"seconds": self.seconds, "peak_bytes": self.peak_bytes, "settings": self.settings}
 
     def with_report(self, seconds: float) -> Self:
-        """The same run after its report was written, which took so long."""
+        """The run with `seconds` as the time of its report."""
         stages = {name: own for name, own in self.seconds.items() if name not in ("report", "total")}
         stages["report"] = seconds
         return replace(self, seconds=stages | {"total": sum(stages.values())}, peak_bytes=peak_bytes())

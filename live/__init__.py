@@ -2,16 +2,16 @@
 
 | file | holds |
 |---|---|
-| `prepare.py`, `prepared.py` | prepare(): what a rig at rest fixes; its record and file |
-| `stream.py` | Live: one reading a frame |
-| `reading.py`, `verdict.py` | what a frame says; whether it may be trusted |
-| `chain.py` | one frame, from the picture to the height |
-| `picture.py`, `unwrap.py` | the model of the picture and its fit; whole periods |
+| `prepare.py`, `prepared.py` | prepare(): precomputation for a rig at rest; its record and file |
+| `stream.py` | Live: one reading per frame |
+| `reading.py`, `verdict.py` | results of a frame; whether they are valid |
+| `chain.py` | one frame, from the image to the height |
+| `picture.py`, `unwrap.py` | the model of the image and its fit; phase unwrapping |
 | `geometry.py`, `chord.py`, `columns.py` | rays and anchor; a step of the coupled equations; its solver |
 | `contact.py`, `touches.py`, `pressure.py` | figures of a contact; contacts over time; pressure and force |
-| `circulation.py` | how the slopes contradict one another |
+| `circulation.py` | circulation of the slopes: their inconsistency |
 | `source.py`, `follow.py` | cameras, one of them virtual; readings as an iterator, tare |
-| `ring.py` | Ring: a code of several frames, one height a frame |
+| `ring.py` | Ring: a code of several frames, one height per frame |
 | `server.py`, `page.html` | the page |
 | `arrays.py` | names of arrays |
 """

@@ -1,7 +1,7 @@
-"""One frame through the chain: steps of the picture and of the mirror in turns until neither changes.
+"""One frame to a height: alternating steps of the image model and of the mirror until convergence.
 
-What is kept from frame to frame (`Track`) saves work and settles whole periods; from rest, without it, a
-frame takes one or two steps more and has the same height."""
+The state of the preceding frame (`Track`) is the start: it saves steps and determines the fringe order. A
+start from rest takes one or two steps more and converges to the same height."""
 
 from dataclasses import dataclass
 
@@ -18,26 +18,26 @@ from .unwrap import beside_tears, torn, unwrapped
 __all__ = ["LEAST_SHARE", "Rig", "Settled", "Track", "at_rest", "settle"]
 
 _f4 = np.float32
-LEAST_SHARE = 0.15  # of a window, lit and on the pattern: a corner's window has a quarter
-_CONTRAST = 0.15  # of that at rest, in the same light: below it a window sees no fringe
-_AMPLITUDE = 6.0  # standard deviations that an amplitude must have
-_MISFIT = 6.0  # mean square residual over the usual one: a cell then counts half
-_COMPRESSED = 0.25  # of the map's area at rest: below it the map is about to fold
-_NOT_MOVED = 0.2  # of sigma: what further steps would change
+LEAST_SHARE = 0.15  # illuminated share of a window on the pattern: a corner's window has a quarter
+_CONTRAST = 0.15  # of that at rest, in the same light: below it a window has no fringe
+_AMPLITUDE = 6.0  # minimum amplitude in standard deviations
+_MISFIT = 6.0  # mean square residual over the median one, at which a cell has half weight
+_COMPRESSED = 0.25  # Jacobian of the map over that at rest: below it the map is about to fold
+_NOT_MOVED = 0.2  # predicted change by further steps in sigma, at convergence
 _STEPS = 6
-_KINKED, _KINK_STEPS = 0.3, 4  # sigma rms, which kinks keep for long: so many steps for them
-_SPARSE = 4  # every so many pixels tell the light
-_LIGHTER, _DARK = 0.01, 0.1  # of the light before: less is left to the fit, more is no light of this rig
-_FILL = 4.0  # cells: radius over which gaps take their neighbours' displacement
+_KINKED, _KINK_STEPS = 0.3, 4  # rms change in sigma at kinks, which converge slowly; steps for them at most
+_SPARSE = 4  # stride of the pixels that measure the light
+_LIGHTER, _DARK = 0.01, 0.1  # relative change of light that needs rescaling; smallest valid factor
+_FILL = 4.0  # cells: radius of the interpolation of displacement into gaps
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rig:
-    """What a rig at rest fixes of the chain.
+    """Constants of a rig at rest for the chain.
 
-    rest: of the picture; noise: variance of a grey value at rest; gradient (4, R, C): of the rest map's
-    turns, du and dv along columns, then along rows; normal (R, C): z of a mm along the ray; rim: cells along
-    the border of what is lit."""
+    rest: state of the image model at rest; noise: variance of a grey value at rest; gradient (4, R, C): of
+    the rest map in periods, du and dv along columns, then along rows; normal (R, C): z per mm along the ray;
+    rim: cells along the border of the illuminated area."""
 
     carriers: Carriers
     mirror: Linearised
@@ -49,14 +49,14 @@ class Rig:
 
     @property
     def lit(self) -> Mask:
-        """Cells whose window sees enough of the pattern at rest."""
+        """Cells whose window has enough of the pattern in view at rest."""
         return np.asarray(self.carriers.share > LEAST_SHARE)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Track:
-    """What is kept of a frame for the next. tau (R, C): distance along the rays less that at rest, mm; whole:
-    the state's whole periods are known."""
+    """State passed on to the next frame. tau (R, C): distance along the rays less that at rest, mm; whole:
+    the state is unwrapped."""
 
     state: State
     tau: Cells
@@ -65,10 +65,10 @@ class Track:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Settled:
-    """A frame, fitted. good: cells whose height is measured; contrast (R, C): over that at rest, in the same
-    light; strength (R, C): amplitude over that at rest; ahead (R, C): what further steps, and the weights of
-    kinks, change of z, mm; left: of most cells, in sigma; usual: median of the mean square residual; slopes
-    (2, R, C): less those at rest."""
+    """The fit of a frame. good: cells with a measured height; contrast (R, C): over that at rest, in the same
+    light; strength (R, C): amplitude over that at rest; ahead (R, C): predicted change of z by further steps
+    and by the weights at kinks, mm; left: predicted typical change by further steps, in sigma; usual: median
+    of the mean square residual; slopes (2, R, C): less those at rest."""
 
     track: Track
     good: Mask
@@ -83,12 +83,12 @@ class Settled:
 
 
 def at_rest(rig: Rig) -> Track:
-    """Where a chain without history begins."""
+    """Start of a chain without history."""
     return Track(rig.rest, np.zeros(rig.carriers.shape, _f4), False)
 
 
 def settle(rig: Rig, frame: Frame, track: Track, sigma: Cells) -> Settled:
-    """Fit a frame. sigma (R, C): of z, mm, to judge when a step is small."""
+    """Fit a frame. sigma (R, C): of z, mm, for the criterion of convergence."""
     state, tau = _calmed(rig, _lighted(rig, track.state, frame)), track.tau.copy()
     sizes: list[float] = []
     kinks: list[float] = []
@@ -117,7 +117,7 @@ def settle(rig: Rig, frame: Frame, track: Track, sigma: Cells) -> Settled:
         if step and sizes[-1] * pace / (1 - pace) < _NOT_MOVED and not kinked:
             break
     left = sizes[-1] * pace / (1 - pace) if np.isfinite(sizes[-1]) else np.inf
-    # the residual is judged once the fit has settled: before, it is large wherever something moved
+    # the residual is evaluated after convergence: before, it is large wherever something moved
     usual = float(np.median(fit.residual[some]))
     good &= ~_folded(rig, offset)
     if torn(offset, good):
@@ -126,7 +126,7 @@ def settle(rig: Rig, frame: Frame, track: Track, sigma: Cells) -> Settled:
         good = _anchored(rig, good)
     ahead = np.abs(change) * _f4(slow / (1 - slow))
     trust = good / (1 + np.square(fit.residual / _f4(_MISFIT * max(usual, rig.noise))))
-    if trust.min() < 0.5:  # kinks count for little, and yet hold what they enclose
+    if trust.min() < 0.5:  # kinks have a small weight, but must not detach the area that they enclose
         more, slopes = chord_step(rig.mirror, offset, tau, trust.astype(_f4))
         tau += more
         ahead = np.hypot(ahead, more * rig.normal)
@@ -136,7 +136,7 @@ def settle(rig: Rig, frame: Frame, track: Track, sigma: Cells) -> Settled:
 
 
 def _lighted(rig: Rig, state: State, frame: Frame) -> State:
-    """The state in the frame's light: windows that are cut would take many steps to find it."""
+    """The state rescaled to the frame's light: truncated windows would take many steps to converge to it."""
     few = slice(None, None, _SPARSE), slice(None, None, _SPARSE)
     grey = float(frame[few][rig.carriers.lit[few] > 0].mean())
     now = float(state.level[rig.lit].mean())
@@ -149,8 +149,8 @@ def _lighted(rig: Rig, state: State, frame: Frame) -> State:
 
 
 def _calmed(rig: Rig, state: State) -> State:
-    """Where windows are cut, what they do not see would walk at random from frame to frame: smooth it
-    there."""
+    """The state smoothed in truncated windows, whose unobserved components would drift randomly from frame to
+    frame."""
     calm, cut = state.copy(), np.clip(4 * (1 - rig.carriers.share), 0, 1)
     for plane, rest in zip(calm.displacement, rig.rest.displacement, strict=True):
         offset = plane - rest
@@ -159,7 +159,7 @@ def _calmed(rig: Rig, state: State) -> State:
 
 
 def _good(rig: Rig, state: State, fit: Fit) -> tuple[Mask, Cells, Cells]:
-    """Cells that see a fringe, their contrast and strength (see Settled)."""
+    """Cells with a fringe, their contrast and strength (see Settled)."""
     light = np.maximum(state.level / np.maximum(rig.rest.level, 1), _f4(0.05))
     strength = (state.amplitudes / np.maximum(rig.rest.amplitudes, _f4(1e-3))).min(axis=0)
     contrast = strength / light
@@ -170,7 +170,7 @@ def _good(rig: Rig, state: State, fit: Fit) -> tuple[Mask, Cells, Cells]:
 
 
 def _fill(rig: Rig, state: State, good: Mask) -> None:
-    """Cells without a fringe take state from around, so that the next step may find it."""
+    """Interpolate the state of cells without a fringe from surrounding ones, as a start for the next step."""
     weight = cv2.GaussianBlur(good.astype(_f4), (0, 0), _FILL) + _f4(1e-6)
     bad = ~good
     for plane, rest in zip(state.planes, rig.rest.planes, strict=True):
@@ -179,8 +179,8 @@ def _fill(rig: Rig, state: State, good: Mask) -> None:
 
 
 def _folded(rig: Rig, offset: Cells) -> Mask:
-    """Cells, and those in reach of their window, where the map is nearly folded: its area less than a share
-    of that at rest, or of the other sign."""
+    """Cells where the map is nearly folded (Jacobian below a share of that at rest, or of the other sign),
+    and cells whose window reaches them."""
     found = np.zeros(offset.shape[1:], np.uint8)
     _compressed(rig.gradient, offset, _f4(_COMPRESSED), found)
     reach = rig.carriers.window.size // 3
@@ -190,7 +190,7 @@ def _folded(rig: Rig, offset: Cells) -> Mask:
 
 
 def _anchored(rig: Rig, good: Mask) -> Mask:
-    """Parts that an anchor reaches: the height of an island is free by a constant."""
+    """Cells connected to an anchor: the height of an island is known only up to a constant."""
     labels = cv2.connectedComponents(good.astype(np.uint8), connectivity=4)[1]
     reached = np.unique(labels[(rig.mirror.anchor[0] > 0) & good])
     return np.isin(labels, reached[reached > 0])

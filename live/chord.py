@@ -63,7 +63,7 @@ def linearised(rays: RestRays, line: AnchorLine, lit: Mask) -> Linearised:
     variance = by_u**2 + by_v**2
     log_factor = integrate(by_tau[0], by_tau[1]).z
     factor = np.exp(log_factor - log_factor[lit].max())
-    # the weights of x: inverse variances of its increments, averaged over what is lit of a column
+    # the weights of x: inverse variances of its increments, averaged over the lit cells of a column
     seen_x, seen_y = lit[:, :-1] & lit[:, 1:], lit[:-1] & lit[1:]
     along = _weights(_amid(variance[0], 1) / (factor[:, :-1] * factor[:, 1:]), seen_x)
     across = _weights(_amid(variance[1], 0) / (factor[:-1] * factor[1:]), seen_y)
@@ -107,7 +107,7 @@ def chord_step(rig: Linearised, displacement: Cells, tau: Cells, trust: Cells) -
 
 
 def _weighted(rig: Linearised, divergence: Cells, trust: Cells) -> Cells:
-    """Conjugate gradients. Cells without trust take what the whole rectangle says."""
+    """Conjugate gradients. Cells of weight zero get the solution of equal weights."""
     seen = trust > 0
     nothing = np.zeros((2, *trust.shape), _f4)
     x, r = np.zeros_like(divergence), divergence.copy()

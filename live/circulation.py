@@ -1,7 +1,7 @@
-"""Circulation of the slopes around blocks of cells: zero for every surface, whatever the height.
+"""Circulation of the slopes around blocks of cells: zero for every surface.
 
-Noise gives it a size that is measured when a rig is prepared; wrong whole periods, torn frames and folds give
-it more."""
+Its size by noise is measured when a rig is prepared; wrong fringe orders, torn frames and folds increase
+it."""
 
 import numpy as np
 
@@ -13,8 +13,8 @@ BLOCKS = (8, 32)  # cells along a block's side
 
 
 def circulation(slopes: Cells, good: Mask, block: int) -> Cells:
-    """Around the blocks that fit into the image (rows, cols), mm, by the trapezoidal rule; NaN where a cell
-    is not good. slopes (2, R, C): mm a cell, along columns and rows."""
+    """Circulation around the complete blocks of the image (rows, cols), mm, by the trapezoidal rule; NaN
+    where a cell is not good. slopes (2, R, C): mm per cell, along columns and rows."""
     p, q = slopes
     rows, cols = (max(count - 1, 0) // block for count in p.shape)
     along = 0.5 * (
@@ -31,8 +31,7 @@ def circulation(slopes: Cells, good: Mask, block: int) -> Cells:
 
 
 def excess(around: Cells, sigma: Cells) -> float:
-    """Mean square of circulations over their sigma; 1: noise, infinite: no block is good, as where all is
-    lost."""
+    """Mean square of circulations over their sigma; 1: noise, infinite: no good block."""
     if around.size == 0:
         return 1.0
     ratio = (around / sigma)[np.isfinite(around)]

@@ -20,12 +20,12 @@ from .stream import Live
 __all__ = ["Followed", "follow", "tared"]
 
 _REST_STEPS = 4
-_PATIENCE = 30.0  # s without a frame: the camera is gone
+_PATIENCE = 30.0  # s without a frame, after which the camera counts as lost
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Followed:
-    """A reading, its image, and how long after the image's arrival it was there, s."""
+    """A reading, its image, and its latency after the image's arrival, s."""
 
     reading: Reading
     image: Image
@@ -51,8 +51,8 @@ class Followed:
 
 
 def follow(live: Live, source: Source, frames: int | None = None) -> Iterator[Followed]:
-    """Readings of a camera's complete frames, as many as asked for, or without end. InputError if no frame
-    comes."""
+    """Readings of a camera's complete frames, `frames` of them, or without end. InputError if no frame
+    arrives."""
     done, last = 0, time.monotonic()
     while frames is None or done < frames:
         image = source.next(1.0)
@@ -67,8 +67,8 @@ def follow(live: Live, source: Source, frames: int | None = None) -> Iterator[Fo
 
 
 def tared(prepared: Prepared, frames: Frame) -> Prepared:
-    """The same rig with the mirror of these frames (N, H, W) as its rest: a zero that has drifted. The noise
-    that was measured stays."""
+    """The rig with the mirror of these frames (N, H, W) as its rest, to correct a drift of zero. The measured
+    noise stays."""
     carriers = prepared.rig.carriers
     rows, cols = carriers.lit.shape
     mean = np.asarray(frames, np.float64)[:, :rows, :cols].mean(axis=0).astype(np.float32)

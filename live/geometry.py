@@ -1,5 +1,4 @@
-"""What the equations of a rig at rest need of its scene, on cells of pixels, and where its mirror is
-known."""
+"""Geometry of a rig at rest, on cells of pixels, for the linearised equations; the anchor."""
 
 from dataclasses import dataclass
 
@@ -14,7 +13,7 @@ __all__ = ["AnchorLine", "RestRays", "anchor_line", "rest_rays", "rim"]
 
 _PAD = 2  # cells beyond the image: the reach of a 4th-order difference
 _REACH = 4.0  # cells over which the slope is extrapolated to the mirror's edge
-_RIM = 3  # cells from the border of what is lit
+_RIM = 3  # cells from the border of the lit area
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,7 +39,7 @@ class RestRays:
 class AnchorLine:
     """A mean of heights that is zero: sum over cells of distance tau + per_col p + per_row q, with tau the
     distance along the ray less that at rest and p, q its slopes (mm a cell); (R, C) each. edge: it is the
-    mirror's camera-side edge; else the rim of what the camera sees of the mirror."""
+    mirror's camera-side edge; else the rim of the lit area."""
 
     distance: Float
     per_col: Float
@@ -74,7 +73,7 @@ def rest_rays(scene: Scene, rows: int, cols: int, cell: int, period: float) -> R
 
 def anchor_line(scene: Scene, rays: RestRays, lit: Mask) -> AnchorLine:
     """The line x = length, reached from the nearest lit cell of every row (or column); where none is near,
-    the rim of what is lit."""
+    the rim of the lit area."""
     x, length = rays.points[0], scene.mirror.length
     per_row, per_col = np.gradient(x)
     axis = int(np.median(np.abs(per_col[lit])) >= np.median(np.abs(per_row[lit])))
@@ -96,7 +95,7 @@ def anchor_line(scene: Scene, rays: RestRays, lit: Mask) -> AnchorLine:
 
 
 def rim(lit: Mask) -> Mask:
-    """Lit cells within a few cells of the border of what is lit."""
+    """Lit cells within _RIM cells of the border of the lit area."""
     side = 2 * _RIM + 1
     return np.asarray(lit & ~scipy.ndimage.binary_erosion(lit, np.ones((side, side))))
 

@@ -1,4 +1,4 @@
-"""The picture of a crossed fringe as a model, and Gauss-Newton steps that fit it.
+"""Model of the image of a crossed fringe, and Gauss-Newton steps of its fit.
 
     frame = level + amplitude_u cos 2 pi (u / period + du) + amplitude_v cos 2 pi (v / period + dv)
 
@@ -29,7 +29,7 @@ _LEAST_SHARE = 0.02  # of a window: below it the sums are divided by this
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Carriers:
-    """What a rig at rest fixes of the picture.
+    """Constants of the image model for a rig at rest.
 
     period: pattern pixels; cell: pixels along its side; window: taps (K,) of the blur, in cells; turn_u,
     turn_v: the rest map in turns, (H, W); lit (H, W): 1 where the rest map is known, else 0; ends (4,): least
@@ -82,8 +82,8 @@ class State:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """What a step found, (R, C): change of du and dv (2, R, C) in turns; mean square residual before the
-    step, levels^2; share of the window that is lit, on the pattern and not saturated."""
+    """Result of a step, (R, C): change of du and dv (2, R, C) in turns; mean square residual before the step,
+    levels^2; share of the window that is lit, on the pattern and not saturated."""
 
     change: Cells
     residual: Cells
@@ -131,7 +131,7 @@ def to_cells(pixels: Pixels, cell: int) -> Cells:
 
 
 def window_mean(plane: Cells, window: Cells, inside: bool = False) -> Cells:
-    """A plane (R, C) through the window; beyond its border: nothing, or (inside) what it has inside."""
+    """A plane (R, C) filtered by the window; beyond its border: zeros, or (inside) reflected."""
     border = cv2.BORDER_REFLECT if inside else cv2.BORDER_CONSTANT
     return np.asarray(cv2.sepFilter2D(plane, cv2.CV_32F, window, window, borderType=border), _f4)
 

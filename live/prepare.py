@@ -1,4 +1,4 @@
-"""Preparation: from a scene, its rest map and frames at rest to all that a frame's chain needs."""
+"""Precomputation for the live chain: from a scene, its rest map and frames at rest."""
 
 import math
 
@@ -26,10 +26,10 @@ __all__ = ["prepare"]
 
 _WINDOW = 0.5  # periods, rms: less leaks between level and fringes, more smooths kinks
 _LEAST_WINDOW = 0.5  # cells, rms
-_BESIDE = 1.0  # pattern pixels within the border where a camera pixel may see what lies beside
+_BESIDE = 1.0  # pattern pixels: margin at the border, where a footprint may exceed the pattern
 _REST_STEPS = 8
 _DRAWS, _KEPT, _WARM = 48, 12, 4
-_QUANTISED = 1 / 12  # levels^2, which the rounding of a drawn frame adds itself
+_QUANTISED = 1 / 12  # levels^2: variance by the rounding of a simulated frame
 _SMOOTH = 6.0  # cells: of the map of variances
 _FIRST_SIGMA = 1e-5  # mm: before it is measured
 _CELLS = (1, 2, 4, 8)
@@ -45,12 +45,12 @@ def prepare(
     bits: int | None = None,
     seed: int = 0,
 ) -> Prepared:
-    """What `Live` needs of a rig at rest.
+    """The precomputed record of a rig at rest for `Live`.
 
-    rest_frames: (N, H, W) of the crossed fringe `sequence`, two or more, which tell the noise; rest_map:
+    rest_frames: (N, H, W) of the crossed fringe `sequence`, two or more, to measure the noise; rest_map:
     decoded from a dense capture of the same rest; cell: pixels along the side of a cell; bits: of the camera
-    (default: those of the frames' type); seed: of the noise whose way through the chain is measured.
-    InputError where these do not fit to one another."""
+    (default: those of the frames' type); seed: of the simulated noise that is propagated through the chain.
+    InputError where the arguments do not match."""
     period = _period(scene, sequence)
     frames = _frames(scene, rest_frames, rest_map)
     if cell not in _CELLS or min(frames.shape[1:]) < 16 * cell:
@@ -167,7 +167,7 @@ def _rest_state(carriers: Carriers, mean: Frame) -> State:
 
 
 def _measured_noise(rig: Rig, seed: int, kind: np.dtype[np.uint8] | np.dtype[np.uint16]) -> Noise:
-    """Frames of the rest state with the noise of the frames, through the chain as a stream."""
+    """Noise of the chain by simulation: a stream of frames at rest with the measured noise."""
     rng = np.random.default_rng(seed)
     clean = model(rig.carriers, rig.rest)
     spread = np.float32(math.sqrt(max(rig.noise - _QUANTISED, 0.0)))
@@ -196,6 +196,6 @@ def _measured_noise(rig: Rig, seed: int, kind: np.dtype[np.uint8] | np.dtype[np.
 
 
 def _filled(variance: Cells) -> Cells:
-    """Blocks that are not whole at rest take the median of the others."""
+    """Incomplete blocks at rest get the median of the others."""
     known = np.isfinite(variance)
     return np.where(known, variance, np.median(variance[known]) if known.any() else 1.0).astype(np.float32)

@@ -1,4 +1,4 @@
-"""Prepared: all that a rig at rest fixes, measured once and kept in one file."""
+"""Prepared: the precomputed record of a rig at rest, and its file."""
 
 import types
 import typing
@@ -21,10 +21,10 @@ __all__ = ["Noise", "Prepared"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Noise:
-    """What noise of frames at rest becomes through the chain.
+    """Noise of frames at rest, propagated through the chain.
 
     sigma (R, C): of z, mm; curl_fine, curl_coarse: of the circulation around blocks of 8 and 32 cells, mm;
-    draws (K, R, C): heights of single frames, mm, whose spread in any figure is that figure's sigma."""
+    draws (K, R, C): heights of single frames, mm; their scatter in any figure is the figure's sigma."""
 
     sigma: Cells
     curl_fine: Cells
@@ -34,8 +34,8 @@ class Noise:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Prepared:
-    """rows, cols: of the camera's frames, whose last ones beyond whole cells are not used; points (3, R, C):
-    of the mirror at rest, mm; area: of a cell on the mirror, mm^2; layer: elastic, or None; notices: of the
+    """rows, cols: of the camera's frames; incomplete cells at their end are unused; points (3, R, C): of the
+    mirror at rest, mm; area: of a cell on the mirror, mm^2; layer: elastic, or None; notices: of the
     preparation."""
 
     rig: Rig

@@ -1,4 +1,4 @@
-"""Reading: the height, contacts and trust of one frame."""
+"""Reading: the height, contacts and validity of one frame."""
 
 from dataclasses import dataclass
 
@@ -13,12 +13,12 @@ __all__ = ["Figures", "Reading"]
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """What a verdict rests on.
+    """Figures for the verdict on a frame.
 
     light: level over that at rest; contrast: least of the good cells, over that at rest; saturated: share of
     lit pixels; lost: share of the lit cells without height; anchored: share of the anchor's cells that are
-    good; curl: mean square circulation around blocks of 8 and 32 cells in its own sigma; left: what a further
-    step would change, in sigma of most cells; moved: median shift of the anchor's picture from rest, pixels;
+    good; curl: mean square circulation around blocks of 8 and 32 cells, in its sigma; left: predicted typical
+    change by further steps, in sigma; moved: median shift of the image at the anchor from rest, pixels;
     noise: rms residual, levels; steps: of the fit."""
 
     light: float
@@ -37,7 +37,7 @@ class Figures:
 class Reading(Comparable):
     """One frame. z (R, C): height less rest, mm, its mean over the exposure; sigma (R, C): its standard
     deviation, infinite where it is not measured; good (R, C): where it is; x, y (R, C): of the mirror point,
-    mm. trusted: the heights may be used; reason: why not, else empty; notices: what is unusual about the
+    mm. trusted: the heights may be used; reason: why not, else empty; notices: unusual properties of the
     frame; time: of the frame, s; touches: contacts, the deepest first, none where it is not trusted;
     forces: of these, where the scene names an elastic layer."""
 

@@ -1,4 +1,4 @@
-"""Ring: a code of several frames, one height a frame, each new frame in the place of the oldest."""
+"""Ring: a code of several frames, one height per frame: each new frame replaces the oldest."""
 
 from dataclasses import replace
 
@@ -14,17 +14,17 @@ from optolever.scene import Scene
 
 __all__ = ["Ring"]
 
-#: Deviations of the noise by which a frame differs from that of the round before, and share of such pixels.
+#: Difference from the frame of the preceding cycle, in sigma of noise, and share of pixels beyond it.
 _SIGMAS, _SHARE = 5.0, 1e-3
 _CURE = "hold still for two rounds of frames, or show one crossed fringe (optolever live)"
 
 
 class Ring:
-    """Heights of a code of N frames that are shown over and over.
+    """Heights of a code of N frames, displayed in cycles.
 
-    A height is that of the last N frames. While the mirror moves these show different moments: most pixels
-    that contradict themselves are flagged, others may be wrong. A notice says so as long as one of the N
-    frames differs from the frame that it replaced. The profile is the decoder's, or of the first N frames.
+    A height is that of the last N frames. While the mirror moves, these record different shapes: most
+    inconsistent pixels are flagged, others may be wrong. A notice warns as long as one of the N frames
+    differs from the frame that it replaced. The profile is the decoder's, or of the first N frames.
     """
 
     def __init__(self, scene: Scene, sequence: Sequence, decoder: Decoder | None = None) -> None:
@@ -36,14 +36,14 @@ class Ring:
         self._seen = np.zeros(len(sequence), np.bool_)
         self._changed = np.zeros(len(sequence), np.bool_)
         self._number = -1
-        #: Of the last N frames; None before each of the sequence was given.
+        #: Of the last N frames; None until each frame of the sequence has arrived.
         self.correspondence: Correspondence | None = None
 
     def update(self, frame: ArrayLike, number: int | None = None) -> HeightMap | None:
-        """The height (H, W) of the last N frames; None before each of the sequence was given.
+        """The height (H, W) of the last N frames; None until each frame of the sequence has arrived.
 
-        frame (H, W); number: of the sequence's frames the one that is shown, default: the one after the last.
-        InputError if it has another shape or type than the last, or number is none of the sequence's.
+        frame (H, W); number: index of the frame in the sequence, default: the one after the last. InputError
+        if shape or type differ from the last frame's, or for an index outside the sequence.
         """
         image, count = np.asarray(frame), len(self._seen)
         number = (self._number + 1) % count if number is None else number
@@ -69,7 +69,7 @@ class Ring:
         return replace(height, notices=(*height.notices, *moving)) if share else height
 
     def _differ(self, last: NDArray[np.generic], new: NDArray[np.generic]) -> bool:
-        """Whether two frames (H, W) of a number differ by more than noise; where none is known, they do."""
+        """Whether two frames (H, W) of one index differ by more than noise; True if the noise is unknown."""
         if self._profile is None:
             return True
         two = np.stack([last, new]).astype(np.float32)

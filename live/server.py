@@ -63,7 +63,7 @@ class LiveServer:
 
     @property
     def readings(self) -> int:
-        """How many there were."""
+        """Number of readings so far."""
         return self._count
 
     @property
@@ -83,7 +83,7 @@ class LiveServer:
         self._threads[1].join(timeout=5.0)
 
     def command(self, name: str) -> str:
-        """pause, resume or tare; what came of it, in words. Tare is refused while something touches."""
+        """Execute pause, resume or tare; returns the outcome in words. Tare is refused during a contact."""
         with self._changed:
             latest = self._latest
             if name == "pause":
@@ -164,7 +164,7 @@ def _body(followed: Followed, state: dict[str, Any]) -> bytes:
 
 
 def _small(z: Cells) -> tuple[Cells, int]:
-    """At most _GRID columns, and every how many of them."""
+    """The map thinned to at most _GRID columns, and the stride."""
     factor = max(1, -(-z.shape[1] // _GRID))
     return np.ascontiguousarray(z[::factor, ::factor]), factor
 
@@ -179,7 +179,7 @@ def _jpeg(picture: Frame) -> bytes:
 
 
 def _plain(value: Any) -> Any:
-    """Without NaN and infinities, which JSON has not."""
+    """The value without NaN and infinities, which JSON lacks."""
     if isinstance(value, dict):
         return {key: _plain(each) for key, each in value.items()}
     if isinstance(value, list | tuple):

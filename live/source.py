@@ -30,7 +30,7 @@ _DEPTH = 0.35  # of the curvature at which the picture folds, at most
 
 @runtime_checkable
 class Source(Protocol):
-    """What is used of a camera that runs."""
+    """Interface of a running camera."""
 
     def next(self, timeout_s: float) -> Image | None:
         """The next frame; None: nothing came."""

@@ -17,17 +17,17 @@ from .verdict import Verdict, judge
 
 __all__ = ["Live"]
 
-_SPARSE = 4  # every so many pixels and cells tell medians and shares
-_LEAST_NOISE = 0.05  # of the variance at rest: what a dark picture has at least
+_SPARSE = 4  # stride of the pixels and cells of medians and shares
+_LEAST_NOISE = 0.05  # minimum variance of a dark image over that at rest
 _LEAST_STRENGTH = 0.05
-_CURL = 10.0  # of 1 by noise: from there on a frame is fitted from rest, too
+_CURL = 10.0  # 1 by noise: above, a frame is also fitted from rest
 
 
 class Live:
-    """Frames in the order of time; what is kept from one to the next saves work and settles whole periods.
+    """Readings of frames in order of time; the fit of each frame starts from the preceding one.
 
-    A frame that is not trusted is fitted once more from rest, and so is the frame after it: nothing is
-    believed because it was so before. After `reset` a frame gives the same height within its noise."""
+    An untrusted frame is fitted once more from rest, and so is the frame after it: an error does not persist.
+    After `reset` a frame gives the same height within its noise."""
 
     def __init__(self, prepared: Prepared) -> None:
         self.prepared = prepared
@@ -40,8 +40,8 @@ class Live:
         self._track = at_rest(self.prepared.rig)
 
     def update(self, frame: Frame, time: float = 0.0) -> Reading:
-        """The reading of a frame (H, W) of the camera, taken at `time` (s). InputError if it is of another
-        size or type than those at rest."""
+        """The reading of a frame (H, W) of the camera, taken at `time` (s). InputError for a wrong size or
+        type."""
         used = self._used(frame)
         settled = self._settle(used, self._track)
         figures, verdict = self._judged(used, settled)
@@ -57,7 +57,7 @@ class Live:
         return replace(reading, touches=touches, forces=forces)
 
     def _used(self, frame: Frame) -> Frame:
-        """The part of whole cells."""
+        """The part of the frame in complete cells."""
         shape = self.prepared.rows, self.prepared.cols
         if np.shape(frame) != shape or np.asarray(frame).dtype.kind != "u":
             raise InputError(
@@ -102,7 +102,7 @@ def _share(good: Mask, among: Mask) -> float:
 
 
 def _moved(rig: Rig, settled: Settled, where: Mask) -> float:
-    """Shift of the picture at the anchor, pixels: its median displacement by the rest map's gradient."""
+    """Shift of the image at the anchor, pixels: its median displacement over the rest map's gradient."""
     if not where.any():
         return 0.0
     offset = settled.track.state.displacement - rig.rest.displacement
@@ -128,8 +128,8 @@ def _reading(
 
 
 def _sigma(prepared: Prepared, settled: Settled, figures: Figures) -> Cells:
-    """That of noise at rest, for this frame's noise and amplitude, for what its slopes contradict each other
-    by (Birge's factor), for what the fit leaves of the picture, and what further steps would change."""
+    """Sigma by noise at rest, scaled to this frame's noise and amplitude, to the inconsistency of its slopes
+    (Birge's factor) and to the fit's residual; and the predicted change by further steps."""
     usual = max(settled.usual / prepared.rig.noise, _LEAST_NOISE)
     birge = max(1.0, *figures.curl)
     factor = np.float32(np.sqrt(usual * birge)) if np.isfinite(usual * birge) else np.float32(np.inf)

@@ -1,4 +1,4 @@
-"""Contacts of one frame, and which of the last frame's each of them is.
+"""Contacts of one frame, and their identities with those of the last frame.
 
 A contact is a peak of the height that rises above its noise and above the saddle to a higher one; its figures
 are those of the cells around it that are deeper than half of it (a ball's contact ends there: K. L. Johnson,
@@ -38,7 +38,7 @@ class _Region:
 
 
 class Touches:
-    """Contacts frame by frame. Where a frame is not trusted there are none, and identities outlive it."""
+    """Contacts frame by frame. An untrusted frame has none; identities survive it."""
 
     def __init__(self, prepared: Prepared) -> None:
         self._prepared = prepared
@@ -70,7 +70,7 @@ def _apart(one: Touch, other: Touch) -> float:
 
 def _regions(prepared: Prepared, reading: Reading) -> list[_Region]:
     """Half-depth regions of the peaks, the deepest first."""
-    z = reading.z  # where it is not measured: what the equations put between
+    z = reading.z  # where it is not measured: interpolated by the equations
     sure = reading.good & ~prepared.rig.rim & (z > _SIGNIFICANT * reading.sigma)
     if not sure.any():
         return []
@@ -123,7 +123,7 @@ def _peaks(z: Cells, sure: Mask, sigma: Cells) -> list[tuple[int, int]]:
 
 
 def _climbed(z: Cells, sure: Mask, row: int, col: int, reach: int) -> tuple[int, int]:
-    """The highest cell beside a peak of the coarser grid."""
+    """The highest cell near a peak of the coarser grid."""
     top, left = max(row - reach, 0), max(col - reach, 0)
     part = np.where(sure, z, 0)[top : row + reach + 1, left : col + reach + 1]
     down, along = np.unravel_index(int(part.argmax()), part.shape)
@@ -131,7 +131,7 @@ def _climbed(z: Cells, sure: Mask, row: int, col: int, reach: int) -> tuple[int,
 
 
 def _parted(regions: list[_Region]) -> list[_Region]:
-    """Where a region holds another one's peak, its cells go to the nearest peak."""
+    """Disjoint regions: cells of a region that contains another one's peak go to the nearest peak."""
     rows = np.arange(regions[0].inside.shape[0])[:, None]
     cols = np.arange(regions[0].inside.shape[1])
     parted = []
@@ -146,7 +146,7 @@ def _parted(regions: list[_Region]) -> list[_Region]:
 
 
 def _measured(prepared: Prepared, reading: Reading, region: _Region) -> Touch:
-    """Figures of a region; its cells' areas are those on the dented mirror, seen from above."""
+    """Figures of a region; cell areas are those on the dented mirror, projected on x, y."""
     at = region.row, region.col
     rows, cols = np.flatnonzero(region.inside.any(axis=1)), np.flatnonzero(region.inside.any(axis=0))
     top, left = max(int(rows[0]) - _MARGIN, 0), max(int(cols[0]) - _MARGIN, 0)

@@ -1,8 +1,7 @@
-"""Whole periods of a displacement: torn where neighbours differ by nearly half a turn, made whole by
-continuity.
+"""Spatial phase unwrapping of a displacement, where adjacent cells differ by nearly half a period.
 
-The flood goes on from the smoothest place to the next, by second differences of the wrapped phase (Herraez et
-al., Applied Optics 41:7437, 2002): in the order of arrival it would carry a wrong period through a dent."""
+Quality-guided flood fill, smoothest cells first, by second differences of the wrapped phase (Herraez et al.,
+Applied Optics 41:7437, 2002): in plain order it would propagate a wrong period through a dent."""
 
 import cv2
 import numpy as np
@@ -19,7 +18,8 @@ _CALM = 15  # cells: the flood starts at the middle of the smoothest square of t
 
 
 def torn(displacement: Cells, good: Mask) -> bool:
-    """Whether good neighbours differ by more than `TORN` turns; displacement (2, R, C) less that at rest."""
+    """Whether adjacent good cells differ by more than `TORN` turns; displacement (2, R, C), less that at
+    rest."""
     return any(_tears(one, good, np.float32(TORN)) for one in displacement)
 
 
@@ -33,8 +33,8 @@ def beside_tears(displacement: Cells) -> Mask:
 
 
 def unwrapped(displacement: Cells, good: Mask, rim: Mask) -> tuple[Cells, Mask]:
-    """The displacement (2, R, C) without tears, the median along the rim within half a turn of rest; and the
-    good cells that were reached. What was not reached stays as it is."""
+    """The unwrapped displacement (2, R, C), its median along the rim within half a turn of rest, and the good
+    cells reached by the flood. Other cells are unchanged."""
     if not (good & rim).any():
         return displacement, good
     rough = np.maximum(*(_roughness(one, good) for one in displacement))
@@ -65,8 +65,8 @@ def _tears(d, good, limit):  # type: ignore[no-untyped-def]
 
 @exact
 def _roughness(d, good):  # type: ignore[no-untyped-def]
-    """Second differences of the wrapped phase in classes; the last one: half a turn and more, or beside a
-    cell that is not good."""
+    """Second differences of the wrapped phase in classes; the last one: half a turn and more, or adjacent to
+    a cell that is not good."""
     rows, cols = d.shape
     out = np.full((rows, cols), _BUCKETS - 1, np.uint8)
     for i in range(1, rows - 1):

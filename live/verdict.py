@@ -11,7 +11,7 @@ __all__ = ["Verdict", "judge"]
 _LIGHT = (0.7, 1.4)  # of that at rest
 _SATURATED = 0.01  # of the lit pixels
 _CONTRAST = 0.85  # of that at rest, median of the good cells
-_LOST = (0.01, 0.3)  # of the lit cells: worth a word, and too many
+_LOST = (0.01, 0.3)  # of the lit cells: limits of a notice and of a rejection
 _LEFT = (1.0, 5.0)  # sigma
 _CURL = (4.0, 20.0)  # of 1 by noise
 _ANCHORED = 0.1  # of the anchor's cells
@@ -20,7 +20,7 @@ _MOVED = 0.25  # pixels
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """trusted, reason: see Reading; notices: what is unusual."""
+    """trusted, reason: see Reading; notices: of deviations from rest."""
 
     trusted: bool
     reason: str
@@ -28,7 +28,7 @@ class Verdict:
 
 
 def judge(figures: Figures) -> Verdict:
-    """By the figures of a frame alone."""
+    """The verdict, from the figures of a frame alone."""
     curl, light = max(figures.curl), figures.light
     stopped = [
         (1 - figures.lost, 1 - _LOST[1], "too few cells see a fringe"),

@@ -1,13 +1,13 @@
-"""metrology: a height map as those who make mirrors state it: form, residual, slope error, Zernike terms.
+"""metrology: optical-shop figures of a height map: form, residual, slope error, Zernike terms.
 
 | file | holds |
 |---|---|
-| `forms.py` | forms by name: plane, sphere, cylinder, paraboloid, conic; some of their numbers held |
-| `fit.py` | `fit_form`: least squares over the good pixels; `FormFit`: numbers with sigma, residual |
+| `forms.py` | forms by name: plane, sphere, cylinder, paraboloid, conic; parameters free or fixed |
+| `fit.py` | `fit_form`: least squares over the good pixels; `FormFit`: parameters with sigma, residual |
 | `nominal.py` | a nominal height map or mesh after its rigid best fit |
 | `lines.py` | profiles along lines, power spectral density |
 | `zernike.py` | Zernike polynomials over the aperture, and their coefficients with sigma |
-| `covariance.py` | what slope noise and the errors of the rig do to any fitted number |
+| `covariance.py` | covariance of fitted parameters by slope noise |
 
 Lengths in mm, slopes in mm per mm; z > 0 is towards the camera: a concave mirror has a radius above 0.
 """

@@ -1,10 +1,11 @@
-"""What noise and the errors of the rig do to numbers that are linear in the heights.
+"""Covariance of linear functionals of the heights by slope noise.
 
-Heights come from slopes by least squares. White noise of the slopes makes increments from pixel to pixel of
-variance (dx sigma_x)^2 + (dy sigma_y)^2, and the heights' covariance is the inverse of the edges' Laplacian
-L, weighted by one over these. A number g.z whose weights sum to zero (its form holds a piston) does not ask
-for an anchor and has the variance g L^-1 g. Blocks of pixels have the same increments' variance as their
-pixels (as many more slopes are averaged as a block is longer): L is solved on blocks, low forms are smooth.
+Heights are integrated from slopes by least squares. White noise of the slopes gives increments from pixel to
+pixel the variance (dx sigma_x)^2 + (dy sigma_y)^2. The heights' covariance is the inverse of the graph
+Laplacian L, whose edge weights are the inverses of these variances. A functional g.z whose weights sum to
+zero (any parameter of a form with a piston) is independent of the anchor and has the variance g L^-1 g. L is
+solved on blocks of pixels, since low-order forms are smooth: a block's increments have the variance of its
+pixels' (the longer step is compensated by the average over more slopes).
 """
 
 from dataclasses import dataclass
@@ -19,7 +20,7 @@ __all__ = ["SlopeNoise", "noise_covariance"]
 
 Floats = NDArray[np.float64]
 _BLOCKS = 64  # along the longer side of the image
-_LEAST = 1e-30  # mm^2, of an increment's variance: slopes that are called exact
+_LEAST = 1e-30  # mm^2, minimum variance of an increment, for slopes without noise
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,9 +34,9 @@ class SlopeNoise:
 def noise_covariance(
     weights: Floats, x: Floats, y: Floats, good: NDArray[np.bool_], noise: SlopeNoise
 ) -> Floats:
-    """Covariance (m, m) of numbers sum_i weights[i, k] z_i over the good pixels, weights (n, m), by noise.
+    """Covariance (m, m) of sum_i weights[i, k] z_i over the good pixels, weights (n, m), by slope noise.
 
-    x, y (H, W): places of the pixels, mm; good (H, W).
+    x, y (H, W): positions of the pixels, mm; good (H, W).
     """
     step = max(1, -(-max(good.shape) // _BLOCKS))
     rows, cols = (-(-size // step) for size in good.shape)
@@ -57,7 +58,7 @@ def noise_covariance(
         first = (slice(None, -1), slice(None)) if axis == 0 else (slice(None), slice(None, -1))
         second = (slice(1, None), slice(None)) if axis == 0 else (slice(None), slice(1, None))
         both = (number[first] >= 0) & (number[second] >= 0)
-        # increments of a pixel's length: those of a block are as noisy
+        # increments over one pixel: those over a block have the same variance
         lengths = [(place[second] - place[first])[both] / step for place in places]
         spread = [0.5 * (own[first] + own[second])[both] for own in variances]
         variance = lengths[0] ** 2 * spread[0] + lengths[1] ** 2 * spread[1]
@@ -75,6 +76,6 @@ def noise_covariance(
     laplacian = scipy.sparse.diags(degree + ground) - graph
     load: Floats = np.stack([np.bincount(block, each, rows * cols)[held] for each in weights.T])
     sums = np.stack([np.bincount(label, each, label.max() + 1) for each in load])
-    load = np.asarray(load - (sums / np.bincount(label))[:, label])  # what is apart has a piston of its own
+    load = np.asarray(load - (sums / np.bincount(label))[:, label])  # one piston per connected component
     solved = scipy.sparse.linalg.splu(laplacian.tocsc()).solve(load.T)
     return np.asarray(load @ solved)

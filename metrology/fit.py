@@ -1,4 +1,4 @@
-"""fit_form: a form fitted to the good pixels of a height map, its numbers with sigma, and the residual."""
+"""fit_form: a form fitted to the good pixels of a height map, its parameters with sigma, and the residual."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,15 +16,15 @@ __all__ = ["FormFit", "Numbers", "covariances_of", "differences", "fit_form", "p
 
 Floats = NDArray[np.float64]
 _STEPS = 30
-_SETTLED = 1e-9  # of the numbers' sigmas by a residual of a nanometre, and of the rms
-_NUDGE = 1e-5  # of a number's scale, for differences
-_ANCHORED = 1e-6  # share of its weights by which a number moves with all heights
+_SETTLED = 1e-9  # rms of the last step's change of the form over the rms residual, at convergence
+_NUDGE = 1e-5  # step of differences over a parameter's scale
+_ANCHORED = 1e-6  # relative response of a parameter to a piston, above which it depends on the anchor
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Numbers:
-    """Fitted numbers: names, values, standard deviations by noise (NaN: unknown) and by the errors of the rig
-    (0: an exact scene, or not known)."""
+    """Fitted parameters: names, values, standard deviations by noise (NaN: unknown) and by the errors of the
+    rig (0: an exact scene, or unknown)."""
 
     names: tuple[str, ...]
     values: Floats
@@ -33,7 +33,7 @@ class Numbers:
 
     @property
     def sigma(self) -> Floats:
-        """Noise and rig together."""
+        """Noise and rig combined."""
         return np.hypot(self.noise, self.rig)
 
     def to_dict(self) -> dict[str, dict[str, float]]:
@@ -47,9 +47,9 @@ class Numbers:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FormFit:
-    """form: its name; numbers: fitted ones; held: those that were given; x, y, residual (H, W): heights less
-    the form, mm, NaN where they are not good; slope_x, slope_y (H, W): its slopes, mm per mm; middle: where
-    x = y = 0 of the form, mm in the mirror's frame."""
+    """form: its name; numbers: fitted parameters; held: fixed parameters; x, y (H, W): mm; residual (H, W):
+    heights less the form, mm, NaN where not good; slope_x, slope_y (H, W): slopes of the residual, mm per mm;
+    middle: origin x = y = 0 of the form, mm in the mirror's frame."""
 
     form: str
     numbers: Numbers
@@ -63,7 +63,7 @@ class FormFit:
 
     @property
     def rms(self) -> float:
-        """Of the residual about its mean, mm, every pixel alike."""
+        """Rms of the residual about its mean, mm, unweighted."""
         return float(np.nanstd(self.residual))
 
     @property
@@ -86,11 +86,11 @@ class FormFit:
 
 
 def fit_form(height: HeightMap, form: str = "sphere", slopes: SlopeMap | None = None) -> FormFit:
-    """The form that fits the good pixels best in the least-squares sense, every pixel alike.
+    """Unweighted least-squares fit of a form to the good pixels.
 
-    form: one of form_names(), with numbers that are held behind it: 'sphere:radius=4000', 'conic:conic=-1'.
-    slopes: the map's, from the same correspondence: the noise that the numbers' sigmas come from, and the
-    slope error (without it: the residual's differences). InputError if too few pixels are good.
+    form: one of form_names(), followed by fixed parameters: 'sphere:radius=4000', 'conic:conic=-1'. slopes:
+    slope map of the same correspondence, for the parameters' sigmas by noise and for the slope error (None:
+    differences of the residual). InputError without enough good pixels.
     """
     name, known, held = form_from_text(form)
     x, y, good, middle = placed(height, len(known.names))
@@ -108,7 +108,8 @@ def fit_form(height: HeightMap, form: str = "sphere", slopes: SlopeMap | None = 
 
 
 def placed(height: HeightMap, count: int) -> tuple[Floats, Floats, NDArray[np.bool_], tuple[float, float]]:
-    """x, y from the middle of the good pixels, these, and the middle. InputError if they are too few."""
+    """x, y relative to the middle of the good pixels, good (H, W), and the middle. InputError without
+    enough good pixels."""
     good = height.good & np.isfinite(height.z)
     if np.count_nonzero(good) < 2 * count:
         raise InputError(f"height map: {np.count_nonzero(good)} good pixels, must be at least {2 * count}")
@@ -118,7 +119,7 @@ def placed(height: HeightMap, count: int) -> tuple[Floats, Floats, NDArray[np.bo
 
 
 def slope_noise(height: HeightMap, slopes: SlopeMap | None) -> SlopeNoise | None:
-    """Of the slope map, or the usual one that the height map's file holds; None: not known."""
+    """Noise of the slope map, or the typical slope noise stored in the height map; None: unknown."""
     if slopes is not None:
         if slopes.x.shape != height.z.shape:
             raise InputError(f"slope map: {slopes.x.shape}, must be {height.z.shape} as the height map")
@@ -135,8 +136,8 @@ def covariances_of(
     good: NDArray[np.bool_],
     slopes: SlopeMap | None,
 ) -> tuple[Floats, Floats]:
-    """Covariances (m, m), by noise (NaN: unknown) and by the errors of the rig, of numbers that least squares
-    with this Jacobian (n, m) find."""
+    """Covariances (m, m), by noise (NaN: unknown) and by the errors of the rig, of least-squares parameters
+    with this Jacobian (n, m)."""
     size = np.linalg.norm(jacobian, axis=0)
     unit = jacobian / size
     inverse = np.linalg.inv(unit.T @ unit)
@@ -144,7 +145,7 @@ def covariances_of(
     by_noise = np.full((count, count), np.nan)
     if noise is not None:
         by_noise = inverse @ noise_covariance(unit, x, y, good, noise) @ inverse / np.outer(size, size)
-        # what moves with all heights together depends on the anchor, of which slopes tell nothing
+        # a parameter that responds to a piston depends on the anchor: its sigma does not follow from slopes
         anchored = np.abs(inverse @ unit.sum(axis=0)) > _ANCHORED * np.abs(inverse) @ np.abs(unit).sum(axis=0)
         by_noise[anchored] = by_noise[:, anchored] = np.nan
     by_rig = np.zeros((count, count))
@@ -165,7 +166,7 @@ def _quadric(x: Floats, y: Floats, z: Floats) -> Floats:
 
 
 def _fitted(form: Form, held: dict[str, float], x: Floats, y: Floats, z: Floats) -> tuple[Floats, list[int]]:
-    """Internal numbers by Gauss-Newton steps from the best quadric, and the places of those that are free."""
+    """Internal parameters by Gauss-Newton steps from the best quadric, and the indices of the free ones."""
     p = form.start(_quadric(x, y, z))
     given = form.stated(p)
     for name, value in held.items():
@@ -186,7 +187,7 @@ def _fitted(form: Form, held: dict[str, float], x: Floats, y: Floats, z: Floats)
 
 
 def _freed(form: Form, p: Floats, free: list[int]) -> Callable[[Floats, Floats, Floats], Floats]:
-    """The model as a function of the free numbers."""
+    """The model as a function of the free parameters."""
 
     def model(values: Floats, x: Floats, y: Floats) -> Floats:
         whole = p.copy()
@@ -197,7 +198,7 @@ def _freed(form: Form, p: Floats, free: list[int]) -> Callable[[Floats, Floats, 
 
 
 def _jacobian(model: Callable[[Floats, Floats, Floats], Floats], p: Floats, x: Floats, y: Floats) -> Floats:
-    """By central differences (n, m), of steps that move the surface by a share of its extent."""
+    """Jacobian (n, m) by central differences."""
     columns = []
     for i in range(len(p)):
         step = _NUDGE * max(abs(p[i]), 1e-3)
@@ -208,7 +209,7 @@ def _jacobian(model: Callable[[Floats, Floats, Floats], Floats], p: Floats, x: F
 
 
 def _statement(form: Form, p: Floats) -> Floats:
-    """Change of each number that is stated with the internal one (m,)."""
+    """Derivative of each stated parameter by its internal one (m,)."""
     step = _NUDGE * np.maximum(np.abs(p), 1e-12)
     return np.asarray((form.stated(p + step) - form.stated(p - step)) / (2 * step))
 
@@ -222,7 +223,7 @@ def _slope_errors(
     y: Floats,
     good: NDArray[np.bool_],
 ) -> tuple[Floats, Floats]:
-    """dz/dx and dz/dy of the residual (H, W), NaN where they are not known."""
+    """dz/dx and dz/dy of the residual (H, W), NaN where unknown."""
     if slopes is None:
         return differences(height.x, height.y, residual)
     step = 1e-6 * max(float(np.ptp(x[good])), float(np.ptp(y[good])), 1e-9)
@@ -234,7 +235,7 @@ def _slope_errors(
 
 
 def differences(x: Floats, y: Floats, z: Floats) -> tuple[Floats, Floats]:
-    """dz/dx and dz/dy by central differences on the pixels, whose places are x, y."""
+    """dz/dx and dz/dy by central differences between pixels at x, y."""
     if min(z.shape) < 2:
         unknown = np.full(z.shape, np.nan)
         return unknown, unknown

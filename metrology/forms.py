@@ -1,6 +1,6 @@
-"""Forms of mirrors: z(x, y) by a few numbers. x, y are measured from the middle of the good pixels, mm.
+"""Forms of mirrors: parametric surfaces z(x, y). x, y are relative to the middle of the good pixels, mm.
 
-| form | numbers | z |
+| form | parameters | z |
 |---|---|---|
 | piston | piston | a constant |
 | tilt | and tilt_x, tilt_y | a plane |
@@ -25,15 +25,15 @@ from optolever.numbers import real
 __all__ = ["FORMS", "Form", "form_from_text", "form_names"]
 
 Floats = NDArray[np.float64]
-#: Numbers of a fit as they enter the model: curvatures in place of radii, so that a flat one is no pole.
+#: Internal parameters of the model: curvatures instead of radii, to avoid a pole at a flat surface.
 Model = Callable[[Floats, Floats, Floats], Floats]
 
 
 @dataclass(frozen=True, slots=True)
 class Form:
-    """A model z(p, x, y) of internal numbers p; names: of what is stated; start: p from the quadric
-    a + b x + c y + (d x^2 + 2 e x y + f y^2) / 2 (6,) that fits best; stated, internal: p -> what is stated,
-    number by number, and back.
+    """A model z(p, x, y) of internal parameters p; names: of the stated parameters; start: p from the best
+    quadric a + b x + c y + (d x^2 + 2 e x y + f y^2) / 2 (6,); stated, internal: p -> stated parameters,
+    elementwise, and back.
     """
 
     names: tuple[str, ...]
@@ -48,7 +48,7 @@ def _same(p: Floats) -> Floats:
 
 
 def _last_inverse(*places: int, factor: float = 1.0) -> Callable[[Floats], Floats]:
-    """The numbers with factor / p in some places; its own inverse."""
+    """The parameters with factor / p in some places (an involution)."""
 
     def change(p: Floats) -> Floats:
         changed = np.array(p, np.float64)
@@ -73,7 +73,7 @@ def _sag(c: float, conic: float, r2: Floats) -> Floats:
 
 
 def _revolved(conic: float | None) -> Model:
-    """About an axis along z through (p0, p1): vertex height p2, curvature p3, and conic constant p4."""
+    """Surface of revolution about z through (p0, p1): vertex height p2, curvature p3, conic constant p4."""
 
     def model(p: Floats, x: Floats, y: Floats) -> Floats:
         k = p[4] if conic is None else conic
@@ -83,7 +83,7 @@ def _revolved(conic: float | None) -> Model:
 
 
 def _vertex(q: Floats) -> Floats:
-    """Vertex and curvature of a quadric's mean."""
+    """Vertex and mean curvature of a quadric."""
     c = 0.5 * (q[3] + q[5])
     if c == 0:
         raise InputError("form: the heights are flat, must be curved; remove tilt")
@@ -98,7 +98,7 @@ def _cylinder(p: Floats, x: Floats, y: Floats) -> Floats:
 
 
 def _of_quadric(q: Floats) -> Floats:
-    """A cylinder's numbers by the direction in which a quadric bends most."""
+    """Parameters of a cylinder from a quadric, by its direction of largest curvature."""
     values, vectors = np.linalg.eigh(np.array([[q[3], q[4]], [q[4], q[5]]]))
     strong = int(np.argmax(np.abs(values)))
     c, across = float(values[strong]), vectors[:, strong]
@@ -153,13 +153,13 @@ FORMS: dict[str, Form] = {
 
 
 def form_names() -> tuple[str, ...]:
-    """Names that fit_form knows."""
+    """Names of the forms of `fit_form`."""
     return tuple(FORMS)
 
 
 def form_from_text(text: str) -> tuple[str, Form, dict[str, float]]:
-    """'sphere' or 'conic:radius=4000,conic=-1': the form, and its numbers that are given. InputError for an
-    unknown name or number."""
+    """'sphere' or 'conic:radius=4000,conic=-1': name, form and fixed parameters. InputError for an unknown
+    name or parameter."""
     name, _, rest = text.partition(":")
     if name not in FORMS:
         raise InputError(f"form {text!r}: unknown, must be one of {', '.join(FORMS)}")

@@ -12,13 +12,13 @@ from optolever.reconstruct import Grid
 __all__ = ["Profile", "Spectrum", "profile", "spectrum"]
 
 Floats = NDArray[np.float64]
-_KNOWN = 0.999  # share of the rectangle's points that a spectrum asks for
-_LEAST = 16  # points along the axis of a spectrum
+_KNOWN = 0.999  # minimum share of known points in the rectangle of a spectrum
+_LEAST = 16  # minimum number of points along the axis of a spectrum
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Profile:
-    """Heights z along a line (n,), mm: s from its start, at x, y; NaN where nothing is known."""
+    """Heights z along a line (n,), mm: s from its start, at x, y; NaN where unknown."""
 
     s: Floats
     x: Floats
@@ -27,7 +27,7 @@ class Profile:
 
     @property
     def rms(self) -> float:
-        """About the mean, mm."""
+        """Rms about the mean, mm."""
         return float(np.nanstd(self.z)) if np.isfinite(self.z).any() else float("nan")
 
     @property
@@ -38,7 +38,7 @@ class Profile:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spectrum:
-    """One-sided power spectral density (n,) in mm^3 by spatial frequency (n,) in 1/mm: its integral is the
+    """One-sided power spectral density (n,) in mm^3 over spatial frequency (n,) in 1/mm. Its integral is the
     mean square of the heights about straight lines."""
 
     frequency: Floats
@@ -57,10 +57,10 @@ def profile(grid: Grid, start: tuple[float, float], end: tuple[float, float]) ->
 
 
 def spectrum(grid: Grid, axis: str) -> Spectrum:
-    """Along 'x' or 'y', mean over the lines of the largest rectangle about the middle that is known.
+    """Spectrum along 'x' or 'y', mean over the lines of the largest known rectangle about the middle.
 
-    Periodograms with a Hann window after each line's best straight line (E. L. Church and P. Z. Takacs, Opt.
-    Eng. 34 (1995) 353). InputError where no rectangle of 16 points is known.
+    Periodograms with a Hann window after subtraction of each line's best straight line (E. L. Church and
+    P. Z. Takacs, Opt. Eng. 34 (1995) 353). InputError without a known rectangle of 16 points.
     """
     if axis not in ("x", "y"):
         raise InputError(f"spectrum: axis is {axis!r}, must be x or y")
@@ -77,7 +77,7 @@ def spectrum(grid: Grid, axis: str) -> Spectrum:
 
 
 def _rectangle(z: Floats) -> Floats:
-    """The largest part about the middle of what is known, with its few gaps at the mean."""
+    """The largest known rectangle about the middle; its remaining gaps are filled with the mean."""
     known = np.isfinite(z)
     rows, cols = np.nonzero(known)
     for share in np.linspace(1.0, 0.1, 91) if rows.size else ():

@@ -1,8 +1,8 @@
 """A nominal surface, from a height map or a mesh, and its rigid best fit to a measured map.
 
-The measured points move as a rigid body, Q = R(a) (P - c) + c + t, until the differences Q_z - N(Q_x, Q_y) to
-the nominal surface N have the least sum of squares (Gauss-Newton). Directions that hardly change these, as
-turns about the axis of a sphere, stay where they are.
+The measured points move as a rigid body, Q = R(a) (P - c) + c + t, with the minimal sum of squares of the
+differences Q_z - N(Q_x, Q_y) to the nominal surface N (Gauss-Newton). Directions with hardly any effect on
+the differences, such as rotation about the axis of a sphere, are fixed.
 """
 
 from collections.abc import Callable
@@ -27,15 +27,15 @@ __all__ = ["NOMINAL_SUFFIXES", "Nominal", "fit_nominal", "load_nominal"]
 Floats = NDArray[np.float64]
 NOMINAL_SUFFIXES = (".npz", ".tif", ".tiff", ".stl", ".ply")
 _STEPS, _SETTLED = 30, 1e-6  # of the residual's rms
-_WEAK = 1e-6  # of the strongest direction's effect: weaker ones stay
-_MOST = 20_000  # points that the fit uses
-_NUDGE = 1e-4  # of half the map's width, for differences
+_WEAK = 1e-6  # of the strongest direction's effect: weaker directions are fixed
+_MOST = 20_000  # points of the fit
+_NUDGE = 1e-4  # step of differences over half the map's width
 _NAMES = ("shift_x", "shift_y", "shift_z", "turn_x", "turn_y", "turn_z")
 
 
 @dataclass(frozen=True, slots=True)
 class Nominal:
-    """z(x, y) in mm, NaN beyond its border, and the middle of what it covers (x, y, z), mm."""
+    """z(x, y) in mm, NaN outside its border, and the middle of its area (x, y, z), mm."""
 
     z: Callable[[Floats, Floats], Floats]
     middle: tuple[float, float, float]
@@ -44,8 +44,8 @@ class Nominal:
 def load_nominal(path: str | Path) -> Nominal:
     """From an .npz of a height map or a grid, a .tif with its scale (z in mm), an .stl or a .ply mesh (mm).
 
-    A mesh is taken for points of a smooth surface z(x, y). InputError for other files, for a TIFF without a
-    scale, and for a mesh where trimesh is not installed.
+    The vertices of a mesh are points of a smooth surface z(x, y). InputError for other files, for a TIFF
+    without a scale, and for a mesh if trimesh is not installed.
     """
     file = Path(path)
     require_file(file)
@@ -60,10 +60,10 @@ def load_nominal(path: str | Path) -> Nominal:
 
 
 def fit_nominal(height: HeightMap, nominal: Nominal, name: str = "nominal") -> FormFit:
-    """The rigid best fit of a map to a nominal surface: shifts (mm) and turns (degrees) of the map about its
-    middle, from where both middles coincide; residual along the nominal's z. The numbers have no sigma.
+    """The rigid best fit of a map to a nominal surface: translation (mm) and rotation (degrees) of the map
+    about its middle, relative to coinciding middles; residual along the nominal's z. No sigmas.
 
-    InputError where less than half of the map lies on the nominal surface.
+    InputError if less than half of the map lies on the nominal surface.
     """
     x, y, good, middle = placed(height, len(_NAMES))
     points = np.stack([x[good], y[good], height.z[good]], axis=1)
@@ -72,7 +72,7 @@ def fit_nominal(height: HeightMap, nominal: Nominal, name: str = "nominal") -> F
     half = 0.5 * max(float(np.ptp(points[:, 0])), float(np.ptp(points[:, 1])), 1e-9)
 
     def left(p: Floats, some: Floats) -> Floats:
-        """Differences to the nominal surface; p: shifts and turns times half the width, mm."""
+        """Differences to the nominal surface; p: translation, and rotation times half the width, mm."""
         moved = Rotation.from_rotvec(p[3:] / half).apply(some) + p[:3] + nominal.middle
         return np.asarray(moved[:, 2] - nominal.z(moved[:, 0], moved[:, 1]))
 
@@ -109,7 +109,7 @@ def _mean(values: Floats) -> float:
 
 
 def _of_grid(grid: Grid) -> Nominal:
-    """Cubic splines; cells beside unknown points are unknown."""
+    """Cubic splines; cells adjacent to unknown points are unknown."""
     known = np.isfinite(grid.z)
     if min(grid.z.shape) < 4 or not known.any():
         raise InputError(f"nominal: {grid.z.shape} points, must be at least (4, 4), some of them known")
@@ -132,7 +132,7 @@ def _of_grid(grid: Grid) -> Nominal:
 
 
 def _of_points(file: Path, points: Floats) -> Nominal:
-    """Smooth cubic triangles between points (n, 3)."""
+    """Piecewise cubic interpolation on triangles between points (n, 3)."""
     try:
         smooth = scipy.interpolate.CloughTocher2DInterpolator(points[:, :2], points[:, 2])
     except (ValueError, RuntimeError) as error:
@@ -145,7 +145,7 @@ def _of_points(file: Path, points: Floats) -> Nominal:
 
 
 def _npz_grid(file: Path) -> Grid:
-    """Of a Grid, or of a height map's good pixels, as fine as these."""
+    """The grid of a Grid's file, or of a height map's good pixels at their pitch."""
     names = load_arrays(file, ("z",), ("notices", "diagnostics", "sources", "references"))
     return Grid.load(file) if "pitch" in names else HeightMap.load(file).resample()
 

@@ -19,12 +19,12 @@ from .fit import Numbers, covariances_of, placed
 __all__ = ["ZernikeFit", "fit_zernike", "zernike"]
 
 Floats = NDArray[np.float64]
-_MOST = 20  # of the radial order
+_MOST = 20  # maximum radial order
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ZernikeFit:
-    """Coefficients (mm, rms over the full circle) by their names Z(n,m); middle and radius of the circle, mm;
+    """Coefficients (mm, rms over the full circle), named Z(n,m); middle and radius of the circle, mm;
     residual (H, W), mm."""
 
     numbers: Numbers
@@ -34,7 +34,7 @@ class ZernikeFit:
 
 
 def zernike(n: int, m: int, rho: Floats, theta: Floats) -> Floats:
-    """Z_n^m at rho (1 at the aperture's edge) and theta (from x to y). InputError if n, m name none."""
+    """Z_n^m at rho (1 at the aperture's edge) and theta (from x to y). InputError for invalid n, m."""
     if n < 0 or abs(m) > n or (n - m) % 2:
         raise InputError(f"zernike: n = {n}, m = {m}, must be n >= |m| with n - m even")
     order, half = abs(m), (n - abs(m)) // 2
@@ -46,10 +46,10 @@ def zernike(n: int, m: int, rho: Floats, theta: Floats) -> Floats:
 def fit_zernike(
     height: HeightMap, order: int = 4, slopes: SlopeMap | None = None, radius: float | None = None
 ) -> ZernikeFit:
-    """Coefficients up to a radial order by least squares over the good pixels, every pixel alike.
+    """Coefficients up to a radial order by unweighted least squares over the good pixels.
 
-    The circle is about the middle of the good pixels; radius (mm): default: it holds all of them. slopes: see
-    `fit_form`.
+    The circle is centred at the middle of the good pixels; radius (mm), default: encloses all of them.
+    slopes: see `fit_form`.
     """
     if not 1 <= order <= _MOST:
         raise InputError(f"zernike: order is {order}, must be 1 to {_MOST}")

@@ -1,12 +1,12 @@
-"""bench: what a sequence and a solver are worth, measured.
+"""bench: measured accuracy and time of sequences and solvers.
 
 | file | holds |
 |---|---|
 | `cell.py` | Cell, Grid, TOML grids, keys and seeds; the grid of `optolever bench`; the record |
-| `decoders.py`, `solvers.py` | frames and who decodes them; who solves |
-| `run.py`, `measures.py` | cells to rows; the numbers of a row |
+| `decoders.py`, `solvers.py` | frames and their decoders; solvers |
+| `run.py`, `measures.py` | cells to rows; the metrics of a row |
 | `store.py`, `worker.py` | Store: a result file per cell; cells on other machines |
-| `report.py` | frontier and chart; the few rows that count, the page |
+| `report.py` | Pareto frontier and chart; the best rows by category, the page |
 """
 
 from .cell import DEFAULT_GRID, Cell, Grid, Row, load_grid

@@ -1,5 +1,5 @@
-"""Cell: one measurement of a grid, with a key and a seed of its own; Grid: the cells of a TOML file; the grid
-that `optolever bench` runs when nothing else is asked for. Row: what a cell gave, as plain numbers.
+"""Cell: one measurement of a grid, with a key and a seed; Grid: the cells of a TOML file; the default grid of
+`optolever bench`. Row: the result of a cell, as plain numbers.
 """
 
 import csv
@@ -55,12 +55,12 @@ NO_FAULTS = Faults()
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """One measurement: what is shown to whom under which noise, decoded by whom, solved how.
+    """One measurement: scene, dent, sequence, noise, decoder, solver.
 
-    size: (rows, cols) of the camera, None: the scene's own; dent: '' is the scene's own; sequence: text of
-    `own_sequence` (a .toml file or module:function, too), with '@DECODER' behind it where another decoder
-    than ours takes the frames, by name or as module:function; 'exact': the true correspondence. noise: 8-bit
-    levels. faults: of display and light.
+    size: (rows, cols) of the camera, None: the scene's; dent: '' is the scene's; sequence: text of
+    `own_sequence` (a .toml file or module:function, too), followed by '@DECODER' (a name or module:function)
+    for a decoder other than this package's; 'exact': the true correspondence. noise: 8-bit levels. faults: of
+    display and light.
     """
 
     scene: str
@@ -86,23 +86,23 @@ class Cell:
 
     @property
     def place(self) -> tuple[Any, ...]:
-        """What cells have in common that see the same mirror: scene, size, dent, faults."""
+        """Key common to all cells of one mirror: scene, size, dent, faults."""
         return self.scene, self.size, self.dent, self.faults
 
     @property
     def frames(self) -> tuple[Any, ...]:
-        """What cells have in common that take the same frames."""
+        """Key common to all cells that use the same frames."""
         return (*self.place, self.shown, self.noise, self.seed, self.renderer)
 
     @property
     def capture_seed(self) -> int:
-        """Seed of the noise: of the cell's own, equal for all decoders and solvers that take its frames."""
+        """Seed of the noise, equal for all decoders and solvers of the same frames."""
         frames = (self.scene, self.size, self.dent, self.shown, self.noise, self.seed)
         return int.from_bytes(_digest([*frames, *self._files()])[:4])
 
     @property
     def key(self) -> str:
-        """Name of the cell's result file: a digest of all fields and of what files they name."""
+        """Name of the cell's result file: a digest of all fields and of the files named in them."""
         return _digest([asdict(self), *self._files()]).hex()[:20]
 
     def _files(self) -> list[str]:
@@ -123,7 +123,7 @@ class Cell:
 
 
 def grouped(cells: Iterable[Cell]) -> list[tuple[Cell, ...]]:
-    """Cells that take the same frames together, in order of their first appearance."""
+    """Cells grouped by the frames that they use, in order of first appearance."""
     groups: dict[tuple[Any, ...], list[Cell]] = {}
     for cell in cells:
         groups.setdefault(cell.frames, []).append(cell)
@@ -132,8 +132,8 @@ def grouped(cells: Iterable[Cell]) -> list[tuple[Cell, ...]]:
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """Every combination of these; lags to blurs: see Faults, None is the scene's own; refresh: of the
-    display, Hz, and exposure_ms: of a frame, for the time that a sequence takes to show."""
+    """Every combination of these; lags to blurs: see Faults, None is the scene's value; refresh of the
+    display (Hz) and exposure_ms of a frame determine the display time of a sequence."""
 
     scenes: tuple[str, ...]
     sequences: tuple[str, ...]
@@ -152,11 +152,11 @@ class Grid:
 
     @property
     def rate(self) -> float:
-        """Frames per second: each stays for the whole refreshes that hold its exposure, one at least."""
+        """Frames per second: each lasts an integer number of refreshes, at least one and its exposure."""
         return self.refresh / max(1, math.ceil(1e-3 * self.exposure_ms * self.refresh - 1e-9))
 
     def cells(self) -> list[Cell]:
-        """All combinations, each once; the exact correspondence has no noise and is taken once."""
+        """All combinations without duplicates; the exact correspondence has no noise and occurs once."""
         return list(dict.fromkeys(self._cells()))
 
     def _cells(self) -> Iterator[Cell]:
@@ -169,8 +169,8 @@ class Grid:
 
 #: Periods of 20, 22 and 25 px repeat together after 1100 px, more than any pattern of a 512 x 512 camera.
 _PERIODS = "periods=20/22/25"
-#: Of the kind that `optolever design` prefers: three periods of n, n - 1 and n - sqrt(n) fringes, here on
-#: up to 1122 px (n = 1122 / 8).
+#: A typical choice of `optolever design`: three periods of n, n - 1 and n - sqrt(n) fringes, here on up to
+#: 1122 px (n = 1122 / 8).
 _DESIGNED = "phase:steps=3,periods=8.73782/8.05745/8"
 
 DEFAULT_GRID = Grid(
@@ -231,7 +231,7 @@ def _size(text: str) -> Size | None:
     return None if text == "own" else (int(rows), int(cols))
 
 
-#: What a field or its entries must hold, and how that is read; of other fields text.
+#: Field -> the requirement on its entries, its check, its conversion; other fields are text.
 _FIELDS: dict[str, tuple[str, Callable[[Any], bool], Callable[[Any], Any]]] = {
     "sizes": ("'own' or ROWSxCOLS with at least 8 each", _is_size, _size),
     "noises": ("a number of at least 0", lambda value: _is_number(value, 0.0), float),
@@ -268,10 +268,10 @@ class Row:
     """One cell's result.
 
     status: done | not installed | not applicable | failed, and why; kind: own | paper | peer | floor (exact
-    correspondence); frames: shown and captured, a rest capture not counted; timings: render_, decode_,
+    correspondence); frames: number of frames, without a rest capture; timings: render_, decode_,
     reconstruct_seconds, floor_seconds (reading the frames and writing as much as a decoder does) and peak
-    bytes above the stage's inputs (decode_bytes, reconstruct_bytes), metrics: see `found.measures`; what
-    is not known is absent.
+    bytes above the stage's inputs (decode_bytes, reconstruct_bytes); metrics: see `measures.measures`;
+    unknown values are absent.
     """
 
     cell: Cell
@@ -284,7 +284,7 @@ class Row:
 
     @property
     def done(self) -> bool:
-        """True if there are numbers."""
+        """True if the cell has results."""
         return self.status == DONE
 
     @property
@@ -298,11 +298,11 @@ class Row:
         return self.metrics.get("height_rms_rel", math.nan)
 
     def display_seconds(self, refresh: float) -> float:
-        """What the display takes to show the frames, one per refresh."""
+        """Display time of the frames, one per refresh."""
         return self.frames / refresh
 
     def numbers(self) -> dict[str, Any]:
-        """What must be the same on every run: all but the timings."""
+        """The reproducible values: all but the timings."""
         return {"status": self.status, "frames": self.frames, **self.metrics}
 
     def to_dict(self) -> dict[str, Any]:
@@ -319,7 +319,7 @@ class Row:
         return cls(**{**record, **numbers, "cell": Cell.from_dict(record["cell"])})
 
     def flat(self, refresh: float) -> dict[str, Any]:
-        """One value per name of COLUMNS; None where nothing is known."""
+        """One value per name of COLUMNS; None where unknown."""
         cell = self.cell.to_dict()
         rows, cols = cell.pop("size") or (None, None)
         cell |= cell.pop("faults")
@@ -331,7 +331,7 @@ class Row:
 
 
 def csv_text(rows: Iterable[Row], refresh: float) -> str:
-    """All rows as CSV under a header; empty where nothing is known."""
+    """All rows as CSV under a header; unknown values are empty."""
     stream = io.StringIO()
     writer = csv.DictWriter(stream, COLUMNS, lineterminator="\n")
     writer.writeheader()

@@ -1,8 +1,8 @@
-"""Frames of a mirror, and who decodes them: this package, the exact correspondence as a floor, and others on
-the same frames (`fringes`, GPL: run, never copied; OpenCV's structured_light, of its contrib modules).
+"""Frames of a mirror and their decoders: this package, the exact correspondence as a floor, and peers on the
+same frames (`fringes`, GPL: run, never copied; OpenCV's structured_light, of its contrib modules).
 
-A single shot (crossed fringes) is followed from the mirror at rest, which is captured before: the same frame,
-and where every pixel looks, by a dense sequence.
+A single shot (crossed fringes) yields the displacement from the mirror at rest. The mirror at rest is first
+captured with the same frame, and with a dense sequence for its correspondence.
 """
 
 import importlib
@@ -29,16 +29,16 @@ from ..timing import timed
 from .cell import Cell
 
 AT_REST = "gray+phase:steps=8"
-FRINGES_MODULATION = 5.0  # levels, the least amplitude that `fringes` is told to take
-CV2_BLACK = 40  # levels between white and black, OpenCV's own default for what is lit
+FRINGES_MODULATION = 5.0  # levels, the minimum amplitude given to `fringes`
+CV2_BLACK = 40  # levels between white and black, OpenCV's default threshold of illuminated pixels
 
 Images = list[NDArray[np.uint8]]
 
 
 @dataclass(frozen=True, slots=True)
 class Shot:
-    """Frames (N, H, W) of a place; None where the sequence is 'exact' or shown otherwise ('lattice'); rest:
-    only of a single shot, its frames of the mirror at rest, and where every pixel looks then.
+    """Frames (N, H, W) of a mirror; None for the sequences 'exact' and 'lattice'; rest: for a single shot
+    only, its frame and the correspondence of the mirror at rest.
     """
 
     place: Place
@@ -49,7 +49,7 @@ class Shot:
     rest: tuple[NDArray[Any], Correspondence] | None = None
 
     def taken(self) -> tuple[NDArray[Any], Sequence]:
-        """The frames and what they show; InputError where there are none, or images of a user's own."""
+        """The frames and their sequence; InputError without frames, or for a user's images."""
         if self.frames is None or self.sequence is None:
             raise InputError(f"sequence {self.cell.shown!r}: no frames, this decoder needs some")
         if isinstance(self.sequence, OwnImages):
@@ -58,7 +58,7 @@ class Shot:
 
 
 def shoot(place: Place, cell: Cell) -> Shot:
-    """The cell's frames, with its own noise."""
+    """The cell's frames, with its noise."""
     if cell.shown == "exact":
         return Shot(place, cell)
     pattern = place.scene.pattern
@@ -85,9 +85,9 @@ def shoot(place: Place, cell: Cell) -> Shot:
 
 @dataclass(frozen=True, slots=True)
 class Decoder:
-    """A way from frames to correspondence. kind: own | floor | peer; module: what must be installed;
-    clock: what to time in place of `run` and by how much to divide it, where `run` does more than the
-    peer's user would.
+    """A decoder of frames to a correspondence. kind: own | floor | peer; module: required package; clock:
+    function to time in place of `run`, and divide: divisor of its time, where `run` does more than a user of
+    the peer would.
     """
 
     kind: str
@@ -109,7 +109,7 @@ def decoder(name: str) -> Decoder:
 
 
 def _ours(shot: Shot) -> Correspondence:
-    """Of one frame the displacement from the frame at rest, added to where the pixels looked then."""
+    """By this package. Single shot: displacement from the frame at rest plus the correspondence at rest."""
     frames, shown = shot.taken()
     if shot.rest is None:
         return decode(frames, shown)
@@ -173,8 +173,8 @@ DECODERS = {
 
 
 def axis_by_axis(shown: Sequence) -> Sequence:
-    """The same frames as peers show them, u before v and a fringe's shifts ascending: of a still rig and a
-    display without lag they tell the same."""
+    """The same frames in the peers' order: u before v, a fringe's shifts ascending. For a static rig and a
+    display without lag the order has no effect."""
     periods = list(dict.fromkeys(frame.period_px for frame in shown.frames))
 
     def place(frame: Frame) -> tuple[str, int, float]:
@@ -184,7 +184,7 @@ def axis_by_axis(shown: Sequence) -> Sequence:
 
 
 def fringes_coder(shown: Sequence) -> Any:
-    """A coder that shows our frames; bad input: others than phase frames, the same on u and v."""
+    """A `fringes` coder of our frames. InputError unless all are phase frames, the same on u and v."""
     fringes: Any = importlib.import_module("fringes")
     periods, steps = _ladder(shown, "u")
     if (periods, steps) != _ladder(shown, "v") or any(f.kind != "phase" for f in shown.frames):
@@ -200,7 +200,7 @@ def fringes_coder(shown: Sequence) -> Any:
 
 
 def _ladder(shown: Sequence, axis: str) -> tuple[list[float], int]:
-    """Periods in order of showing, and the number of steps, 0 if they are not evenly shifted."""
+    """Periods in display order, and the number of steps, 0 unless the shifts are equal."""
     frames = [frame for frame in shown.frames if frame.axis == axis and frame.kind == "phase"]
     periods = list(dict.fromkeys(float(frame.period_px or 0.0) for frame in frames))
     steps = len(frames) // max(len(periods), 1)
@@ -210,17 +210,17 @@ def _ladder(shown: Sequence, axis: str) -> tuple[list[float], int]:
 
 
 def cv2_coder(shown: Sequence) -> Any:
-    """OpenCV's Gray code of bits with inverses on such a surface."""
+    """OpenCV's Gray code of bits with inverses on a surface of this size."""
     return cv2.structured_light.GrayCodePattern.create(shown.cols, shown.rows)
 
 
 def cv2_decode(coder: Any, images: Images, white: NDArray[np.uint8], black: NDArray[np.uint8]) -> Any:
-    """Its own loop over all pixels, which wants two cameras: it is given the same one twice, and takes twice
-    as long."""
+    """OpenCV's loop over all pixels. It requires two cameras: it gets the same one twice, at twice the
+    time."""
     return coder.decode([images, images], None, [black] * 2, [white] * 2)
 
 
 def cv2_places(coder: Any, images: Images, pixels: NDArray[np.integer]) -> Floats:
-    """u and v (N, 2) of pixels (N, 2: row, column), one by one; NaN where it tells none."""
+    """u and v (N, 2) of pixels (N, 2: row, column), one by one; NaN where OpenCV rejects the pixel."""
     found = [coder.getProjPixel(images, int(col), int(row)) for row, col in pixels]
     return np.array([(math.nan, math.nan) if wrong else place for wrong, place in found], np.float64)

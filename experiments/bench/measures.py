@@ -1,4 +1,4 @@
-"""The numbers of a bench's row: errors, flags, and unflagged pixels that are wrong."""
+"""The metrics of a bench's row: errors, flags, and silent (unflagged) errors."""
 
 import math
 from typing import Any
@@ -18,16 +18,16 @@ SIGMAS = 5.0  # beyond which an unflagged value is a silent error
 
 
 def far_from_visible(visible: Mask) -> Mask:
-    """Pixels that see nothing, nor do their neighbours: no footprint of theirs touches the mirror."""
+    """Pixels that view no mirror, with all neighbours: their footprints miss the mirror."""
     return np.asarray(~ndimage.binary_dilation(visible, np.ones((3, 3), np.bool_)))
 
 
 def measures(truth: Trace, seen: Correspondence, height: HeightMap) -> dict[str, float]:
     """`metrics.height_metrics`, and:
 
-    height_p95_rel: 95 % of the unflagged pixels are off by less, over the peak depth; flagged_share: of the
-    pixels that see the pattern; silent_share: of the unflagged pixels, off by more than 5 sigma or seeing no
-    mirror at all (0 if sigma is unknown); decode_silent_share: likewise of u and v.
+    height_p95_rel: 95 % quantile of the error of unflagged pixels, over the peak depth; flagged_share: of the
+    pixels that view the pattern; silent_share: of the unflagged pixels, share with an error above 5 sigma or
+    without any mirror in view (0 if sigma is unknown); decode_silent_share: likewise of u and v.
     """
     known = height_metrics(truth, seen, height)
     error = np.abs(height.z - truth.z)[unflagged(truth, height)]
@@ -44,12 +44,12 @@ def measures(truth: Trace, seen: Correspondence, height: HeightMap) -> dict[str,
 
 
 def _beyond(error: NDArray[np.floating[Any]], sigma: NDArray[np.floating[Any]]) -> Mask:
-    """Pixels that are off by more than SIGMAS sigma, or by an unknown amount."""
+    """Pixels with an error above SIGMAS sigma, or with an unknown error."""
     return np.asarray(~(np.abs(error) <= SIGMAS * sigma))
 
 
 def _silent_share(wrong: Mask, visible: Mask, good: Mask) -> float:
-    """Share of the good pixels that are wrong, or see nothing of the mirror."""
+    """Share of the good pixels that are wrong, or view no mirror."""
     count = int(good.sum())
     silent = good & ((wrong & visible) | far_from_visible(visible))
     return float(silent.sum()) / count if count else math.nan

@@ -1,5 +1,5 @@
-"""The report of a bench: a section per mirror with charts and table, and a few rows of it (the best, the
-single shot, the paper's method, the peers); prose in ../report/bench.html.
+"""The report of a bench: a section per mirror with charts, table and summary (the best, the single shot, the
+paper's method, the peers); prose in ../report/bench.html.
 """
 
 import math
@@ -21,11 +21,11 @@ HEADER = (
     *("sequence", "solver", "frames", "display", "render", "decode", "x copy", "solve", "memory"),
     *("rms", "95 %", "max", "err/sigma", "flagged", "silent", "x exact"),
 )
-NAMED = 6  # names that a line lists
+NAMED = 6  # names in a line at most
 REPORT_ONLY = ("render", "x copy", "memory", "95 %", "x exact")
-LOSS = 0.05  # share of the pixels that a chain may lose against the one that loses least
-FEW = 20  # frames of the row "few frames"
-PAPER = 0.01  # of the depth: the error that the paper states
+LOSS = 0.05  # share of flagged pixels in excess of the minimum, above which a chain is not compared
+FEW = 20  # frames at most of the row "at most 20 frames"
+PAPER = 0.01  # of the depth: the error stated in the paper
 TIME = "compute"
 SUMMARY = ("sequence", "solver", "frames", TIME, "rms", "1 % over it", "err/sigma", "flagged", "silent")
 #: marker, colour, filled, legend
@@ -40,7 +40,7 @@ Time = Callable[[Row], float]
 
 
 def frontier(points: Sequence[tuple[float, float]]) -> list[int]:
-    """Indices of the points (time, error) that no other point beats in both, by rising time."""
+    """Indices of the Pareto-optimal points (time, error), by rising time."""
     order = sorted(
         (i for i, (time, error) in enumerate(points) if math.isfinite(time) and math.isfinite(error)),
         key=lambda i: points[i],
@@ -54,7 +54,7 @@ def frontier(points: Sequence[tuple[float, float]]) -> list[int]:
 
 
 def pareto_figure(rows: Sequence[Row], times: dict[str, Time]) -> str:
-    """Charts side by side as a PNG data URI: error against each of the times, by their names."""
+    """Charts side by side as a PNG data URI: error over each of the named times."""
     figure: Figure = new_figure(11.0, 6.2)
     left, right = figure.subplots(1, 2, sharey=True)
     for axes, (label, time) in zip((left, right), times.items(), strict=True):
@@ -65,7 +65,7 @@ def pareto_figure(rows: Sequence[Row], times: dict[str, Time]) -> str:
 
 
 def _best(rows: Iterable[Row], time: Time) -> list[Row]:
-    """Rows that nothing beats in time and error."""
+    """Pareto-optimal rows in time and error."""
     real = [row for row in rows if row.done and row.kind != "floor"]
     return [real[i] for i in frontier([(time(row), row.error) for row in real])]
 
@@ -110,7 +110,7 @@ class Group:
     rows: list[Row]
 
     def absent(self) -> list[str]:
-        """Why there is no number: a line for every reason, with what it concerns."""
+        """Reasons of missing results: a line per reason, with its sequences and solvers."""
         reasons: dict[str, list[Row]] = {}
         for row in self.rows:
             if not row.done:
@@ -124,13 +124,13 @@ class Group:
         return lines
 
     def ranked(self) -> list[Row]:
-        """Those with numbers, the least error first."""
+        """Rows with results, the smallest error first."""
         done = [row for row in self.rows if row.done]
         return sorted(done, key=lambda row: row.error if math.isfinite(row.error) else math.inf)
 
 
 def groups(rows: Iterable[Row]) -> list[Group]:
-    """Rows by mirror; the exact correspondence, which has no noise, goes with every noise of its mirror."""
+    """Rows by mirror and noise; the exact correspondence, without noise, joins every group of its mirror."""
     listed = list(rows)
     exact = [row for row in listed if row.cell.decoder == "exact"]
     others = [row for row in listed if row.cell.decoder != "exact"]
@@ -143,9 +143,7 @@ def groups(rows: Iterable[Row]) -> list[Group]:
 
 
 def bench_table(rows: Iterable[Row], refresh: float) -> Iterator[tuple[str, list[list[str]], list[str]]]:
-    """For the terminal: of every mirror its name, HEADER and under it the rows, best first, and what is
-    absent.
-    """
+    """For the terminal: per mirror its name, a header with the rows, best first, and the missing results."""
     shown = [name for name in HEADER if name not in REPORT_ONLY]
     for group in groups(rows):
         lines = [_cells(row, shown, refresh) for row in group.ranked()]
@@ -155,7 +153,7 @@ def bench_table(rows: Iterable[Row], refresh: float) -> Iterator[tuple[str, list
 def write_bench_report(
     path: str | Path, rows: Sequence[Row], settings: dict[str, Any], seconds: dict[str, float]
 ) -> None:
-    """Write the page, whole or not at all."""
+    """Write the page, atomically."""
     refresh = float(settings.get("rate", settings["refresh"]))
     context = {
         "asked": settings,
@@ -173,7 +171,7 @@ def _section(place: int, group: Group, refresh: float) -> dict[str, Any]:
             row.display_seconds(refresh) + row.compute_seconds
         ),
     }
-    # what is left of every solver's error when decoding is perfect
+    # error of each solver with perfect decoding
     floors = {row.cell.solver: row.error for row in group.rows if row.kind == "floor" and row.done}
     best = [row for time in times.values() for row in _best(group.rows, time)]
     lines = (
@@ -195,7 +193,7 @@ def _section(place: int, group: Group, refresh: float) -> dict[str, Any]:
 
 
 def _listed(names: Iterable[str]) -> str:
-    """Different names, a few of them by name."""
+    """The different names, or their number if there are many."""
     different = list(dict.fromkeys(names))
     return ", ".join(different) if len(different) <= NAMED else f"{len(different)} sequences"
 
@@ -208,8 +206,8 @@ def _name(key: tuple[Any, ...]) -> str:
 
 
 def summary(rows: Iterable[Row]) -> dict[str, Row]:
-    """Of one mirror: the row of least error of every kind, among those that measure what the others do; what
-    does not exist is left out."""
+    """For one mirror: the row of smallest error of each category, among the rows that flag few more pixels
+    than the minimum; empty categories are omitted."""
     done = [row for row in _whole(rows) if row.kind != "floor"]
     own = [row for row in done if row.kind == "own"]
     wanted = (
@@ -224,8 +222,8 @@ def summary(rows: Iterable[Row]) -> dict[str, Row]:
 
 
 def ahead_of_peers(rows: Iterable[Row]) -> float:
-    """Least ratio, over all peer chains, of their error to the least of this package's own with no more
-    frames: above 1 it is ahead of every one. NaN where there is no peer."""
+    """Smallest ratio, over all peer chains, of the peer's error to this package's smallest error with no more
+    frames; above 1: every peer's error is larger. NaN without a peer."""
     done = _whole(rows)
     own = [row for row in done if row.kind == "own"]
     ratios = []
@@ -236,7 +234,7 @@ def ahead_of_peers(rows: Iterable[Row]) -> float:
 
 
 def _whole(rows: Iterable[Row]) -> list[Row]:
-    """Rows with an error that flag not many more pixels than the least; lattice lines flag nothing."""
+    """Rows with an error whose flagged share exceeds the minimum by at most LOSS."""
     done = [row for row in rows if row.done and math.isfinite(row.error) and row.error > 0]
     flagged = [row.metrics.get("flagged_share", 0.0) for row in done]
     least = min((f for f, row in zip(flagged, done, strict=True) if row.kind != "floor"), default=0.0)
@@ -244,7 +242,7 @@ def _whole(rows: Iterable[Row]) -> list[Row]:
 
 
 def _cells(row: Row, names: Iterable[str], refresh: float = 60.0, floor: float = math.nan) -> list[str]:
-    """A finished row as text under the names of columns; floor: error where decoding is perfect."""
+    """A finished row as text under the names of columns; floor: error with perfect decoding."""
     number, seconds = row.metrics.get, row.timings.get
     stages = (seconds(f"{stage}_seconds", 0.0) for stage in ("render", "decode", "reconstruct", "floor"))
     render, decode, solve, copy = stages
@@ -275,7 +273,7 @@ def _cells(row: Row, names: Iterable[str], refresh: float = 60.0, floor: float =
 
 
 def bench_markdown(rows: Iterable[Row]) -> str:
-    """The table of the benchmarks page: a few rows per mirror, without times, which belong to a machine."""
+    """The table of the benchmarks page: the summary of each mirror, without times (machine-dependent)."""
     header = ("mirror", *(name for name in SUMMARY if name != TIME))
     lines = [f"| {' | '.join(header)} |", f"|{'---|' * len(header)}"]
     listed = groups(rows)

@@ -1,4 +1,4 @@
-"""Cells to rows: frames once for all that take them, decoded once, then every solver."""
+"""Cells to rows: frames are rendered once, decoded once per decoder, then reconstructed by every solver."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
@@ -32,7 +32,7 @@ LATTICE_LINES = 64
 
 
 def check(cells: Sequence[Cell]) -> None:
-    """InputError if a cell names what does not exist: known before the work."""
+    """InputError for unknown names in a cell, before any work."""
     for cell in cells:
         solver(cell.solver)
         decoder(cell.decoder)
@@ -46,7 +46,7 @@ def check(cells: Sequence[Cell]) -> None:
 
 
 def absent_modules(cells: Iterable[Cell]) -> tuple[str, ...]:
-    """Packages that the decoders and solvers of cells ask for, and that are not installed."""
+    """Packages that the decoders and solvers of cells require and that are not installed."""
     asked = dict.fromkeys(
         module for cell in cells for module in (decoder(cell.decoder).module, solver(cell.solver).module)
     )
@@ -54,8 +54,8 @@ def absent_modules(cells: Iterable[Cell]) -> tuple[str, ...]:
 
 
 def run_cells(cells: Iterable[Cell], *, timed: bool = True) -> Iterator[Row]:
-    """Rows in the order of `grouped` cells; timed: memory and the best of several runs, else one each. What
-    goes wrong becomes a row that says so."""
+    """Rows in the order of `grouped` cells; timed: memory and the best of several runs, else one run each. A
+    failure becomes a row with its reason."""
     clock = measured if timed else run_once
     for _, sharing in groupby(grouped(cells), lambda group: group[0].place):
         place: Place | None = None
@@ -70,20 +70,20 @@ def run_cells(cells: Iterable[Cell], *, timed: bool = True) -> Iterator[Row]:
 
 
 def _place(cell: Cell) -> Place:
-    """The mirror before a display and a light with the cell's faults, which do not move what a pixel sees."""
+    """The mirror with the cell's faults of display and light, which do not affect the correspondence."""
     place = Place.of(cell.scene, cell.dent, cell.size)
     return replace(place, scene=cell.faults.on(place.scene))
 
 
 def warm_up(cells: Iterable[Cell], told: Callable[[str, int, int], None]) -> None:
-    """Compile everything that the cells will use, on a tiny camera."""
+    """Compile all kernels of the cells, on a tiny camera."""
     tiny = list(dict.fromkeys(replace(cell, size=TINY, noise=1.0, seed=0) for cell in cells))
     for done, _ in enumerate(run_cells(tiny, timed=False)):
         told("warm-up", done, len(tiny))
 
 
 def _of_shot(cells: Iterable[Cell], shot: Shot, clock: Clock) -> Iterator[Row]:
-    """Rows of cells that take the same frames."""
+    """Rows of cells that use the same frames."""
     if shot.sequence is not None and shot.sequence.name == "lattice":
         yield from (_lattice(cell, shot.place) for cell in cells)
         return
@@ -128,7 +128,7 @@ def _decode(coder: Decoder, shot: Shot, clock: Clock) -> Measured:
 
 
 def _lattice(cell: Cell, place: Place) -> Row:
-    """The paper's own measurement: crossings of one lattice frame (and one at rest), its recursion along
+    """The paper's measurement: crossings of one lattice frame (and one at rest), the paper's recursion along
     the line through the middle. Errors are along that line, timings of single runs.
     """
     row = Row(cell, USELESS, "lattice crossings are sparse: method paper only", "paper", 1)
@@ -162,8 +162,8 @@ def _lattice(cell: Cell, place: Place) -> Row:
 
 
 def _tried(module: str | None, stage: Callable[[], Measured]) -> Measured | tuple[str, str]:
-    """What a stage gives, or the status that says why there is nothing: one bad cell must not end a run of
-    hundreds. module: what it asks for."""
+    """Result of a stage, or a status with its reason: a failed cell must not end a run of hundreds. module:
+    required package."""
     if not installed(module):
         return ABSENT, f"{module} is not installed"
     try:

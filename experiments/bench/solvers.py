@@ -1,6 +1,6 @@
-"""Solvers of the table: every method of `reconstruct`; deflectometry as most codes do it (slopes as if the
-mirror were at rest, the depth that they depend on taken as zero, one integration), and integrators from PyPI
-(mbipy, pyGrad2Surf), which are run, never copied.
+"""Solvers of the table: every method of `reconstruct`; conventional deflectometry (slopes computed at depth
+zero, as if the mirror were at rest, and one integration); integrators from PyPI (mbipy, pyGrad2Surf), which
+are run, never copied.
 """
 
 import importlib
@@ -48,7 +48,7 @@ def decoupled(seen: Correspondence, scene: Scene, integrate: Integrator) -> Heig
 
 
 def frankot_chellappa(per_row: Floats, per_col: Floats) -> Floats:
-    """The periodic field whose gradient is nearest to the given one in the mean square.
+    """The periodic field whose gradient fits the given one in least squares.
 
     Frankot and Chellappa 1988, eq. 21 (doi:10.1109/34.3909).
     """
@@ -64,7 +64,7 @@ def frankot_chellappa(per_row: Floats, per_col: Floats) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class Solver:
-    """A way from correspondence to height. kind: own | paper | peer; module: what must be installed."""
+    """A solver of correspondence to height. kind: own | paper | peer; module: required package."""
 
     kind: str
     run: Callable[[Correspondence, Scene], HeightMap]
@@ -81,8 +81,8 @@ def _by_column(name: str, gx: Floats, gy: Floats) -> Floats:
 
 
 def _g2s(gx: Floats, gy: Floats) -> Floats:
-    """Global least squares of Harker and O'Leary (arXiv:1308.4292), derivatives over five points; it
-    overwrites what it is given.
+    """Global least squares of Harker and O'Leary (arXiv:1308.4292), derivatives over five points; on copies:
+    the package overwrites its arguments.
     """
     module: Any = importlib.import_module("pyGrad2Surf.g2s")
     x, y = (np.arange(count, dtype=np.float64) for count in gx.shape[::-1])
@@ -108,7 +108,7 @@ def missing_peers() -> tuple[str, ...]:
 
 
 def peer_integrators() -> Iterator[tuple[str, Callable[[Floats, Floats], Floats]]]:
-    """Names, and calls of (dz/dcol, dz/drow) per pixel that give z up to a constant; what is installed."""
+    """Names and functions of the installed integrators: dz/dcol, dz/drow per pixel -> z up to a constant."""
     if installed("mbipy"):
         for name in ("frankot", "dct_poisson", "southwell", "li"):
             yield f"mbipy {name}", partial(_by_column, name)
@@ -117,7 +117,7 @@ def peer_integrators() -> Iterator[tuple[str, Callable[[Floats, Floats], Floats]
 
 
 def solver_names() -> tuple[str, ...]:
-    """Names that `solver` knows."""
+    """Names of all solvers."""
     return (*method_names(), *_OTHERS)
 
 

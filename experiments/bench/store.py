@@ -1,4 +1,4 @@
-"""Cells timed one after the other; what is finished is kept on disk, one JSON file per cell."""
+"""Cells timed one after the other; results are stored on disk, one JSON file per cell."""
 
 import json
 from collections.abc import Iterable, Iterator
@@ -21,7 +21,7 @@ class Store:
         (self.folder / "cells").mkdir(parents=True, exist_ok=True)
 
     def path(self, cell: Cell) -> Path:
-        """Where the cell's result lies."""
+        """Path of the cell's result."""
         return self.folder / "cells" / f"{cell.key}.json"
 
     def load(self, cell: Cell) -> Row | None:
@@ -49,7 +49,7 @@ class Store:
 
 
 def time_cells(cells: Iterable[Cell], store: Store, progress: Progress = silent) -> Iterator[Row]:
-    """Rows with careful timings, in this process, each saved when it is done."""
+    """Rows with repeated timings, in this process, each saved when it is done."""
     wanted = list(cells)
     check(wanted)
     warm_up(wanted, progress)

@@ -1,4 +1,4 @@
-"""Work on cells in other processes and on other machines: these have optolever installed, and no checkout."""
+"""Work on cells in other processes and on other machines: with optolever installed, without a checkout."""
 
 import os
 import pickle
@@ -13,10 +13,10 @@ from .run import run_cells
 
 
 def compile_apart(cells: list[Cell]) -> None:
-    """Compile what the cells use in a process of its own, so that all others load it from Numba's cache.
+    """Compile the cells' kernels in a separate process, so that all others load them from Numba's cache.
 
-    Kernels that a process has just compiled round differently, in the last bits, from the same kernels out of
-    the cache: without this the numbers would depend on who came first.
+    A freshly compiled kernel rounds differently, in the last bits, from the same kernel out of the cache:
+    otherwise the results would depend on the order of the processes.
     """
     code = "import pickle, sys; from optolever.experiments.bench.run import warm_up; "
     code += "warm_up(pickle.load(sys.stdin.buffer), lambda *_: None)"
@@ -32,6 +32,6 @@ def compile_apart(cells: list[Cell]) -> None:
 
 
 def group_rows(group: tuple[Cell, ...]) -> list[Row]:
-    """The task of a worker: rows of cells that take the same frames, on one thread."""
+    """The task of a worker: rows of cells that use the same frames, on one thread."""
     os.environ.update(ONE_THREAD)
     return list(run_cells(group, timed=False))

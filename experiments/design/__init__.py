@@ -1,11 +1,11 @@
-"""design: what to show and what to build.
+"""design: choice of the sequence and of the sensor.
 
 | file | holds |
 |---|---|
-| `ranking.py`, `candidates.py` | run_design; what could be shown; what users bring |
-| `view.py` | images of a scene, whole or in windows; the decoder run on them |
-| `sensitivity.py` | from errors on the pattern to errors of height, by the solver |
-| `sensor_maps.py`, `sensor_report.py` | what a scene can measure |
+| `ranking.py`, `candidates.py` | run_design; candidate sequences; sequences of users |
+| `view.py` | images of a scene, complete or in windows; the decoder run on them |
+| `sensitivity.py` | error propagation from pattern coordinates to height, by the solver |
+| `sensor_maps.py`, `sensor_report.py` | measuring range and sensitivity of a scene |
 """
 
 from .candidates import Candidate, OwnCandidate, candidates, ladder, own_candidate, user_candidate

@@ -1,5 +1,5 @@
-"""What could be shown within a number of frames: every family of codes with the parameters that fill the
-budget, and what a user brings: a Python callable, a folder of images with what they encode, or a name.
+"""Candidate sequences for a number of frames: every family of codes with parameters that use the budget, and
+a user's sequences: a Python callable, a folder of images with a description, or a name.
 """
 
 import math
@@ -12,20 +12,20 @@ from optolever.patterns import Frame, Sequence, bits_for, sequence_from_text, se
 from ..own_images import OwnDecoder, OwnImages, own_decoder
 from ..own_sequence import own_sequence
 
-#: Periods whose half is a whole number of cells: a Gray code cannot show others exactly.
+#: Periods whose half is an integer number of cells: a Gray code cannot represent others exactly.
 EVEN_PERIODS = (4.0, 6.0, 8.0, 10.0, 12.0, 16.0, 24.0)
 PERIODS = (3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 24.0)
-#: Numbers of fringes of two periods that are unambiguous together, one more each.
+#: Number of fringes n of the longer of two periods; n and n + 1 fringes are unambiguous together.
 PAIRS = (5, 8, 12, 15, 18, 22, 27, 33, 40, 50, 60, 75, 90, 110)
 LEAST_STEPS = 3
-SPAN = 1.125  # of the surface: a coarse period whose ends differ
-#: Sequences that no dense, absolute map can be decoded from on their own.
+SPAN = 1.125  # coarsest period over the surface's extent: above 1, its ends differ
+#: Sequences without a dense, absolute map from their frames alone.
 NOT_DENSE = ("lattice", "crossed", "ramp")
 
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A sequence and how it is called; text of a named sequence is what the command line takes."""
+    """A sequence and its name; text: for a named sequence, the argument on the command line."""
 
     text: str
     sequence: Sequence
@@ -33,7 +33,7 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True)
 class OwnCandidate:
-    """A pattern with a decoder of the user's own: it is simulated, as nobody can predict that decoder."""
+    """A pattern with a user's decoder: simulated only, without a prediction."""
 
     text: str
     shown: Sequence | OwnImages
@@ -65,7 +65,7 @@ def _add(found: dict[str, Candidate], text: str, rows: int, cols: int, frames: i
 
 
 def _gray_phase(rows: int, cols: int, frames: int) -> Iterator[str]:
-    """White, black, Gray bits of cells of half a period, and as many steps as are left."""
+    """White, black, Gray bits of cells of half a period, and phase steps in the remaining frames."""
     for period in EVEN_PERIODS:
         bits = sum(bits_for(math.ceil(extent / (period / 2))) for extent in (rows, cols))
         steps = (frames - 2 - bits) // 2
@@ -74,7 +74,7 @@ def _gray_phase(rows: int, cols: int, frames: int) -> Iterator[str]:
 
 
 def _together(rows: int, cols: int, frames: int) -> Iterator[str]:
-    """Periods that are unambiguous only together: two whose numbers of fringes differ by one, three by
+    """Periods that are unambiguous only together: two whose numbers of fringes differ by one, or three by
     heterodyne (beats of beats)."""
     longest = 1.02 * max(rows, cols)
     for count in PAIRS:
@@ -99,7 +99,8 @@ def _codes(frames: int) -> Iterator[str]:
 
 
 def _ladders(rows: int, cols: int, frames: int) -> Iterator[Candidate]:
-    """Fringes from one that spans the surface down to the finest, all steps that are left on the finest."""
+    """Temporal unwrapping from a fringe that spans the surface to the finest, which gets all remaining
+    steps; and the same number of steps for all."""
     for fine in PERIODS:
         for levels in (2, 3):
             steps = (frames - 2 * LEAST_STEPS * (levels - 1)) // 2
@@ -115,7 +116,8 @@ def _ladders(rows: int, cols: int, frames: int) -> Iterator[Candidate]:
 def ladder(
     rows: int, cols: int, fine: float, levels: int, steps: int, coarse_steps: int = LEAST_STEPS
 ) -> Sequence:
-    """A geometric ladder of `levels` periods per axis, the finest in `steps` steps, the others in fewer."""
+    """`levels` periods per axis in geometric progression; the finest in `steps` steps, the others in
+    `coarse_steps`."""
     frames: list[Frame] = []
     for axis, extent in (("u", cols), ("v", rows)):
         coarse = SPAN * extent
@@ -131,7 +133,7 @@ def ladder(
 
 
 def user_candidate(text: str, rows: int, cols: int, *, resized: bool = False) -> Candidate:
-    """The candidate of what a user brings: see `own_sequence`. InputError for images: they need a decoder."""
+    """The candidate of a user's sequence: see `own_sequence`. InputError for images: they need a decoder."""
     shown = own_sequence(text, rows, cols, resized=resized)
     if isinstance(shown, OwnImages):
         raise InputError(f"pattern {text!r}: is images, name a decoder: {text}@MODULE:FUNCTION")
@@ -139,6 +141,6 @@ def user_candidate(text: str, rows: int, cols: int, *, resized: bool = False) ->
 
 
 def own_candidate(text: str, rows: int, cols: int, *, resized: bool = False) -> OwnCandidate:
-    """Of 'PATTERN@module:function': see `own_sequence` and `own_decoder`."""
+    """The candidate of 'PATTERN@module:function': see `own_sequence` and `own_decoder`."""
     pattern, _, decoder = text.partition("@")
     return OwnCandidate(text, own_sequence(pattern, rows, cols, resized=resized), own_decoder(decoder))

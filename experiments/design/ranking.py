@@ -1,4 +1,4 @@
-"""run_design: rank what could be shown within a budget by the height error that it means, and check the
+"""run_design: rank candidate sequences within a budget of frames by predicted height error, and simulate the
 best.
 """
 
@@ -21,20 +21,20 @@ from .candidates import Candidate, OwnCandidate, candidates
 from .sensitivity import Lever
 from .view import predict
 
-#: Share of the pixels that a sequence must be expected to measure.
+#: Minimum predicted share of measured pixels.
 LEAST_SHARE = 0.5
-#: What a pixel without a height counts as, in rms errors of those that have one.
+#: Error of a pixel without a height, in rms errors of the measured pixels.
 LOST = 5.0
 
 
 @dataclass(frozen=True, slots=True)
 class DesignRow:
-    """One candidate. predicted, noise, bias: rms height error and its parts (mm); spread: standard error of
-    predicted by the draw of noise alone, as a share; failure: share of wrong orders or bits that nobody
-    flags; share: of the pixels that it measures, predicted; why: what rules it out ('' : nothing).
+    """One candidate. predicted, noise, bias: rms height error and its parts (mm); spread: relative standard
+    error of predicted by the finite number of noise draws; failure: share of pixels with an unflagged wrong
+    order or bit; share: predicted share of measured pixels; why: reason of exclusion ('': none).
 
-    predicted and share together are what rows are ranked by (see merit).
-    simulated, simulated_share: the same from rendered frames, NaN where they were not; note: why not.
+    predicted and share determine the rank (see merit). simulated, simulated_share: the same from rendered
+    frames, NaN if not simulated; note: reason of a failed simulation.
     """
 
     text: str
@@ -54,7 +54,7 @@ class DesignRow:
 
 @dataclass(frozen=True)
 class Design:
-    """Rows from best to worst, those ruled out last; candidates by text; chosen: of them; settings,
+    """Rows from best to worst, excluded ones last; candidates by text; chosen: the best; settings,
     seconds.
     """
 
@@ -75,8 +75,8 @@ class Design:
 
 
 def merit(error: float, share: float) -> float:
-    """What a sequence is ranked by: rms height error (mm) over all pixels, one without a height counted as
-    LOST times the rms of the others; infinite without any."""
+    """Figure of merit: rms height error (mm) over all pixels, where a pixel without a height counts as LOST
+    times the rms of the others; infinite without any height."""
     return error * math.sqrt(share + LOST**2 * (1 - share)) if error > 0 and share > 0 else math.inf
 
 
@@ -98,11 +98,11 @@ def run_design(
 ) -> Design:
     """Rank the candidates of at most `frames` frames (and `extra` ones) for a scene, simulate the best.
 
-    dent: as on the command line, default: the scene's own or the mirror at rest. noise: rms, 8-bit levels,
-    besides the sensor's own. failure: largest mean probability of a wrong fringe order or bit. verify: how
-    many of the best are simulated, each with `seeds` draws of noise. own: with decoders of a user's own,
-    simulated only, last. lag: share of the frame before in each simulated frame. InputError if nothing fits
-    the budget.
+    dent: as on the command line, default: the scene's dent or the mirror at rest. noise: rms, 8-bit levels,
+    in addition to the sensor's noise. failure: maximum share of pixels with an unflagged wrong fringe order
+    or bit. verify: number of the best candidates that are simulated, each with `seeds` draws of noise. own:
+    candidates with a user's decoder, simulated only, listed last. lag: share of the preceding frame in each
+    simulated frame. InputError if nothing fits the budget.
     """
     pressed = dent or scene.dent or "flat"
     surface = dent_from_text(pressed, scene)
@@ -143,7 +143,7 @@ def run_design(
 
 
 def _predicted(lever: Lever, candidate: Candidate, noise: float, refresh: float, failure: float) -> DesignRow:
-    """The row of a candidate before a frame is taken."""
+    """The predicted row of a candidate."""
     count = len(candidate.sequence)
     row = DesignRow(candidate.text, count, count / refresh)
     try:
@@ -159,7 +159,7 @@ def _predicted(lever: Lever, candidate: Candidate, noise: float, refresh: float,
 def _simulated_only(
     one: OwnCandidate, simulated: Callable[[OwnCandidate], tuple[float, float]], refresh: float
 ) -> DesignRow:
-    """The row of a decoder that nobody can predict."""
+    """The row of a candidate with a user's decoder."""
     row = DesignRow(one.text, len(one.shown), len(one.shown) / refresh, why="own decoder: simulated only")
     try:
         error, share = simulated(one)
@@ -169,7 +169,7 @@ def _simulated_only(
 
 
 def _ruled_out(row: DesignRow, failure: float) -> str:
-    """Why a row cannot be chosen."""
+    """Reason of exclusion of a row, '' for none."""
     if row.failure > failure:
         return f"fails at {row.failure:.1e} of the pixels"
     if row.share < LEAST_SHARE:
@@ -187,7 +187,8 @@ def simulate(
 ) -> tuple[float, float]:
     """(rms height error in mm, share measured) of rendered, decoded, reconstructed frames, pooled over seeds.
 
-    Over the pixels that the pattern's border does not touch. InputError if it cannot be decoded.
+    Over the pixels whose footprint is clear of the pattern's border. InputError if the frames cannot be
+    decoded.
     """
     squares, shares = [], []
     for seed in seeds:
@@ -207,7 +208,7 @@ def _verified(
     verify: int,
     progress: Progress,
 ) -> list[DesignRow]:
-    """The best rows simulated, `verify` of them; what cannot be decoded comes last."""
+    """The best `verify` rows simulated, then the other rows; rows that cannot be decoded are last."""
     found: list[DesignRow] = []
     left, failed = list(rows), []
     while left and len(found) < verify and not left[0].why:

@@ -1,13 +1,13 @@
-"""From errors on the pattern to errors of height: the scene's lever, by the solver itself.
+"""Error propagation from pattern coordinates to height, by the solver.
 
-What does not change sign with the noise is solved as it was decoded. Noise is one draw, the same for all
-sequences, in units of the decoder's sigma and of its rms error over it: most of a height error are low
-frequencies of the noise, so that draws differ much from each other, but little between sequences. How much
-that draw is off is told by others, once.
+The bias (the part of the error that does not change sign with the noise) is propagated as decoded. The noise
+is one draw for all sequences, scaled by the decoder's sigma and by the rms of error over sigma. A height
+error consists mostly of low frequencies of the noise: it varies strongly between draws, but hardly between
+sequences. The ratio of the rms over many draws to this draw is computed once.
 
-To a whole camera from a thinned one: heights from independent noise scale with the distance of the pixels,
-but not equally everywhere (most next to the pattern's edge, where they are largest). Error bars at full size
-tell it place by place, the same noise drawn on both cameras as a whole.
+Scaling from a thinned camera to the full one: height errors by independent noise scale with the pixel
+distance, but not uniformly (most next to the pattern's edge, where they are largest). Error bars at full size
+give the factor per pixel; one noise field on both cameras gives the overall factor.
 """
 
 import math
@@ -31,16 +31,15 @@ from ..metrics import rms
 from ..own_images import OwnDecoder, OwnImages, image_frames
 from .view import Prediction, View, stride_for, view_of
 
-REFERENCE = 0.01  # cells of noise by which draws and both cameras are compared
-DRAWS = 96  # of noise, by which the one that all sequences get is put in relation to others
-PAIRED = 6  # of noise, on both cameras: the ratio of their errors differs by 2 to 3 % from draw to draw
+REFERENCE = 0.01  # cells of noise, for the comparison of draws and of both cameras
+DRAWS = 96  # draws of noise, for the rms relative to the draw of all sequences
+PAIRED = 6  # draws of noise on both cameras: the ratio of their errors varies by 2 to 3 % between draws
 
 
 @dataclass(frozen=True, slots=True)
 class HeightPrediction:
-    """rms over the measured pixels, mm: of noise, of what does not change sign with it, of both; spread:
-    standard error of the total by the draw of noise alone, as a share; share: of the usable pixels, those
-    with a height."""
+    """rms over the measured pixels, mm: of noise, of bias, of both; spread: relative standard error of the
+    total by the finite number of noise draws; share: share of the usable pixels with a height."""
 
     noise: float
     bias: float
@@ -50,7 +49,7 @@ class HeightPrediction:
 
 
 class Lever:
-    """A scene with a dent (or at rest), ready to tell the height error of any sequence's prediction."""
+    """Error propagation of a scene with a dent (or at rest): height error of any sequence's prediction."""
 
     def __init__(self, scene: Scene, surface: Surface, *, stride: int | None = None) -> None:
         self.scene, self.surface = scene, surface
@@ -67,8 +66,8 @@ class Lever:
         lag: float = 0.0,
         decoder: OwnDecoder | None = None,
     ) -> HeightMap:
-        """From frames of the whole camera, by our decoder or another one. InputError if they cannot be
-        decoded or leave no anchor."""
+        """Height from simulated frames of the full camera, by this package's decoder or a given one.
+        InputError if the frames cannot be decoded or no anchor has valid pixels."""
         known = lag, noise, seed, renderer
         frames: NDArray[Any]
         if isinstance(shown, OwnImages):
@@ -95,8 +94,7 @@ class Lever:
         return reconstruct(seen, view.scene)
 
     def height(self, prediction: Prediction) -> HeightPrediction:
-        """Rms height error that a prediction on `view`, of one pair of draws, means; NaN where it gives no
-        height."""
+        """Rms height error by a prediction on `view` of one pair of draws; NaN without an anchor."""
         view, (error, sigma, good) = self.view, (prediction.error, prediction.sigma, prediction.good)
         known = good.all(axis=0) & prediction.usable
         half = 0.5 * (error[0] - error[1])
@@ -118,13 +116,13 @@ class Lever:
         return HeightPrediction(noise_mm, bias_mm, total, scatter * (noise_mm / total) ** 2, share)
 
     def _unit_noise(self, number: int) -> Floats:
-        """White noise (2, H, W), by number always the same."""
+        """White noise (2, H, W) with `number` as seed."""
         return np.random.default_rng([number, 3]).standard_normal((2, *self.view.truth.u.shape))
 
     @cached_property
     def _usual(self) -> tuple[float, float]:
-        """Rms height error from white noise over that from the first draw of it, and its standard error as a
-        share."""
+        """Rms height error over all draws of white noise, on the full camera, relative to that of the first
+        draw on the view; relative standard error."""
         sizes = np.array([self._size(self._unit_noise(number)) for number in range(DRAWS)])
         usual = rms(sizes)
         scatter = float(np.std(sizes)) / usual / math.sqrt(DRAWS)
@@ -132,7 +130,7 @@ class Lever:
 
     @cached_property
     def _whole_over_weighed(self) -> float:
-        """Rms height error of the whole camera over the view's, weighed, from the same white noise."""
+        """Rms height error of the full camera over the view's, weighted, by the same white noise."""
         if self.view.stride == 1:
             return 1.0
         whole, size = self.full, self.view.truth.u.shape[::-1]
@@ -144,34 +142,34 @@ class Lever:
         return float(np.sqrt(squares[0] / squares[1]))
 
     def _size(self, noise: Floats) -> float:
-        """Rms height error (mm) from so much noise, in units of REFERENCE, weighed."""
+        """Weighted rms height error (mm) by noise in units of REFERENCE."""
         return _known_rms(self._weighed * _errors(self.view, noise))
 
     @cached_property
     def unit_sigma(self) -> Floats:
-        """Error bars (mm) of the whole camera's heights under noise of one cell along u and v, rms over its
-        pixels behind one of the view; NaN where there are none."""
+        """Error bars (mm) of the full camera's heights under noise of one cell along u and v, rms over the
+        full camera's pixels inside each pixel of the view; NaN where all are unusable."""
         square, share = self._blocks
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(np.sqrt(square / share))
 
     @cached_property
     def to_full(self) -> Floats:
-        """Per pixel of the view: height error on the whole camera over that on the view, for the same noise
+        """Per pixel of the view: height error on the full camera over that on the view, for the same noise
         (cells)."""
         factor = self.unit_sigma / _unit_sigma(self.view)
         return np.asarray(np.where(np.isfinite(factor), factor, np.nanmedian(factor)))
 
     @cached_property
     def _weighed(self) -> Floats:
-        """`to_full`, weighed by the whole camera's pixels that stand behind one of the view."""
+        """`to_full`, weighted by the share of usable full-camera pixels inside each pixel of the view."""
         share = self._blocks[1]
         return np.asarray(self.to_full * np.sqrt(share / share[self.view.usable].mean()))
 
     @cached_property
     def _blocks(self) -> tuple[Floats, Floats]:
-        """Over the whole camera's pixels behind one of the view: mean square of unit sigma (mm), 0 where
-        there is none, and the share with one."""
+        """Over the full camera's pixels inside each pixel of the view: mean square of unit sigma (mm), 0 for
+        unusable pixels, and the share of usable ones."""
         sigma = _unit_sigma(self.full)
         known = np.isfinite(sigma)
         size = self.view.truth.u.shape[::-1]
@@ -183,7 +181,7 @@ class Lever:
 
 
 def _errors(view: View, noise: Floats) -> Floats:
-    """Height errors (mm) of a view from noise (2, H, W) of REFERENCE cells; NaN beside the usable pixels."""
+    """Height errors (mm) of a view by noise (2, H, W) of REFERENCE cells; NaN outside the usable pixels."""
     height = Lever.solve(view, REFERENCE * noise, np.full(noise.shape, REFERENCE), view.visible)
     return np.where(height.good & view.usable, height.z - view.truth.z, np.nan)
 
@@ -193,7 +191,7 @@ def _known_rms(values: Floats) -> float:
 
 
 def _unit_sigma(view: View) -> Floats:
-    """Error bars (mm) of a view's heights per cell of noise, NaN beside the usable pixels."""
+    """Error bars (mm) of a view's heights per cell of noise, NaN outside the usable pixels."""
     noise = np.full((2, *view.truth.u.shape), REFERENCE)
     height = Lever.solve(view, 0 * noise, noise, view.visible)
     return np.where(height.good & view.usable, height.sigma / REFERENCE, np.nan)

@@ -1,6 +1,5 @@
-"""What a scene can measure, before it is built: maps over the camera's pixels, by rays turned at the mirror
-at rest, not traced; the numbers they come to; the same for other angles, indices, distances, cameras,
-patterns.
+"""Measuring range and sensitivity of a scene: maps over the camera's pixels by reflection at the mirror at
+rest (no tracing of a dent), their medians, and sweeps of angle, index, distance, camera and pattern.
 """
 
 import math
@@ -28,7 +27,7 @@ from ..place import on_rest
 from .sensitivity import Lever
 from .view import predict, stride_for
 
-WIDEST = np.radians(45.0)  # no ray is turned farther
+WIDEST = np.radians(45.0)  # largest slope angle
 SCAN, BISECTIONS = 181, 40
 SIDE = 96  # pixels along the shorter side of the camera on which maps are made
 SWEEPS = ("angle", "index", "distance", "camera", "pattern")
@@ -36,7 +35,7 @@ SWEEPS = ("angle", "index", "distance", "camera", "pattern")
 
 @dataclass(frozen=True, slots=True)
 class Rest:
-    """The mirror at rest as the camera sees it: points (H, W, 3) mm on z = 0, directions of the rays (unit),
+    """The mirror at rest per camera pixel: points (H, W, 3) mm on z = 0, directions of the rays (unit),
     inside: whether the point is on the mirror."""
 
     points: Floats
@@ -45,7 +44,7 @@ class Rest:
 
 
 def rest_of(scene: Scene) -> Rest:
-    """Where every pixel's ray meets the plane of the mirror."""
+    """Intersections of the pixels' rays with the plane of the mirror."""
     points, directions = on_rest(scene)
     x, y = points[..., 0], points[..., 1]
     inside = (x >= 0) & (x <= scene.mirror.length) & (y >= 0) & (y <= scene.mirror.width)
@@ -75,9 +74,9 @@ def reflected(
 
 
 def slope_limits(scene: Scene, rest: Rest, along: str) -> tuple[Floats, Floats]:
-    """Least and greatest slope angle along x or y (rad, (H, W)) up to which the ray lands on the pattern.
+    """Smallest and largest slope angle along x or y (rad, (H, W)) at which the ray hits the pattern.
 
-    From rest outwards until it first leaves; NaN where it misses at rest. In a telecentric 45-degree prism
+    From rest outwards until it first misses; NaN where it misses at rest. In a telecentric 45-degree prism
     along x: from -atan((L0 - x) / x) / 2 (the apex) to 22.5 degrees (along the mirror to the pattern's edge).
     """
     seen, limits = _lands(scene, rest, 0.0, along), []
@@ -95,8 +94,8 @@ def slope_limits(scene: Scene, rest: Rest, along: str) -> tuple[Floats, Floats]:
 
 
 def lever_arm(scene: Scene, rest: Rest) -> tuple[Floats, Floats]:
-    """(path from mirror to pattern in mm, cells by which the image moves per mrad of slope along x), (H,
-    W).
+    """(path from mirror to pattern in mm, displacement on the pattern in cells per mrad of slope along x),
+    (H, W) each.
     """
     step = 1e-5
     _, _, path, _ = reflected(scene, rest, 0.0, "x")
@@ -115,13 +114,13 @@ def _lands(scene: Scene, rest: Rest, angle: Floats | float, along: str) -> NDArr
 
 @dataclass(frozen=True, slots=True)
 class SensorMaps:
-    """Maps (H, W) of a scene at rest, NaN where a pixel sees no pattern.
+    """Maps (H, W) of a scene at rest, NaN where a pixel views no pattern.
 
-    x, y: point on the mirror, mm; low, high: slopes along x (rad) between which the ray stays on the pattern,
+    x, y: point on the mirror, mm; low, high: limits of the slope along x (rad) with the ray on the pattern,
     low_y, high_y: along y; reflection_margin: slope (rad) up to which reflection stays total, below 0
-    where it is not even at rest, NaN without a medium; reflectance; path: mirror to pattern, mm; lever:
-    cells per mrad; fold: curvature (1/mm) along x from which on the image folds; free_mode: height that
-    no image fixes, 1 at its largest; sigma: of the height, mm, under the sequence and noise asked for.
+    where it is not total at rest, NaN without a medium; reflectance; path: mirror to pattern, mm; lever:
+    cells per mrad; fold: curvature (1/mm) along x above which the image folds; free_mode: the undetermined
+    height mode, maximum 1; sigma: of the height, mm, for the given sequence and noise.
     """
 
     scene: Scene
@@ -140,7 +139,7 @@ class SensorMaps:
     sigma: Floats
 
     def numbers(self) -> dict[str, float]:
-        """Medians over the pixels (worst: the least), the share that sees the pattern; slopes in degrees."""
+        """Medians over the pixels (worst: the minimum), share with the pattern in view; slopes in degrees."""
         on = np.isfinite(self.x)
         seen = np.isfinite(self.low)
         degrees = np.degrees
@@ -205,7 +204,7 @@ def _sigma(lever: Lever, text: str, noise: float) -> Floats:
 
 
 def _median(values: Floats, share: float = 0.5) -> float:
-    """Of the finite ones: their median, or another quantile."""
+    """Median, or another quantile, of the finite values."""
     finite = values[np.isfinite(values)]
     return float(np.quantile(finite, share)) if finite.size else math.nan
 
@@ -213,7 +212,7 @@ def _median(values: Floats, share: float = 0.5) -> float:
 def sweep_sensor(
     scene: Scene, name: str, values: list[float], sequence: str = "gray+phase", noise: float = 1.0
 ) -> Iterator[dict[str, float | str]]:
-    """A row of numbers (see SensorMaps.numbers) per value; 'why' where a value makes no sensor."""
+    """A row of numbers (see SensorMaps.numbers) per value; 'why' for a value without a valid sensor."""
     for value in values:
         row: dict[str, float | str] = {"sweep": name, "value": value}
         numbers: dict[str, float | str]
@@ -225,12 +224,12 @@ def sweep_sensor(
 
 
 def varied(scene: Scene, name: str, value: float) -> Scene:
-    """The scene with one thing changed.
+    """The scene with one parameter changed.
 
     angle: of both faces of a prism, degrees; its faces keep meeting at the apex, camera and pattern keep
     covering mirror and face. index: of the medium. distance: by which the pattern is moved away from the
     mirror, mm. camera, pattern: factor on the number of pixels (cells) along each side, the field stays.
-    InputError names what cannot be.
+    InputError names an invalid change.
     """
     if name not in _CHANGES:
         raise InputError(f"sweep: {name!r}, must be one of {', '.join(SWEEPS)}")

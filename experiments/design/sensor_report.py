@@ -28,7 +28,7 @@ COLUMNS = (
 
 @dataclass(frozen=True)
 class SensorStudy:
-    """Maps of a scene, rows of its sweeps (see sweep_sensor), what was asked for, seconds."""
+    """Maps of a scene, rows of its sweeps (see sweep_sensor), settings, seconds."""
 
     maps: SensorMaps
     sweeps: list[dict[str, float | str]]
@@ -84,7 +84,7 @@ def _pictures(maps: SensorMaps) -> dict[str, str]:
     grid = MirrorGrid.around(maps.x, maps.y)
 
     def panel(values: Floats, title: str, label: str, colours: str = "viridis") -> Panel:
-        # rounded, so that what is constant is drawn as such
+        # rounded, so that constant values are drawn as constant
         size = float(np.nanmax(np.abs(values))) or 1.0
         return Panel(grid.place(np.round(values / size, 9) * size), title, label, colours)
 

@@ -1,15 +1,14 @@
-"""What a camera sees of a scene: the images that are decoded, and the maps that are solved.
+"""Prediction of a sequence's decoding errors: images for the decoder, maps for the solver.
 
-A small camera is decoded whole. Of a large one every stride-th pixel is solved; what is decoded are windows
-of BLOCK x BLOCK neighbouring pixels, one amid each BLOCK x BLOCK of those, set side by side in one image. The
-error of a window's pixel stands for that of a pixel of the thinned camera: noise and everything that changes
-from pixel to pixel then do to the thinned camera's height what they do to the whole one's, times the distance
-of the pixels (see `sensitivity`). Errors that change more slowly than a window are not told.
+A small camera is decoded completely. Of a large one the solver uses every stride-th pixel; the decoder uses
+windows of BLOCK x BLOCK adjacent pixels, one at the centre of each BLOCK x BLOCK solved pixels, tiled in one
+image. The error of a window's pixel is assigned to a pixel of the thinned camera. The effect of noise and of
+other pixel-to-pixel errors on the height then scales with the pixel distance (see `sensitivity`). Errors that
+vary more slowly than a window are not predicted.
 
-A sequence is worth what the decoder makes of these images, before a frame is taken. They are those of the
-virtual sensor: its light (footprint, blur, reflectance, border, the display's response), the sensor's levels,
-noise and rounding. Noise is drawn in pairs of opposite sign: half the difference of two errors is what noise
-does, half their sum what it does not.
+The images are those of the virtual sensor: its light (footprint, blur, reflectance, border, the display's
+response), the sensor's levels, noise and rounding. Noise is drawn in pairs of opposite sign: half the
+difference of the two errors is noise, half their sum is bias.
 """
 
 from collections.abc import Iterator
@@ -29,17 +28,20 @@ from ..arrays import Floats, Mask
 from ..metrics import rms
 
 FINEST = 128  # pixels along the shorter side above which a camera is thinned
-BLOCK, MARGIN = 24, 4  # pixels of a window, and of its rim, which is decoded but not used
-BORDER = 0.01  # light lost beyond the pattern's border from which on a pixel is left out of every figure
+BLOCK, MARGIN = 24, 4  # pixels of a window, and of its margin, which is decoded but not used
+BORDER = 0.01  # share of light lost beyond the pattern's border, above which a pixel is unusable
 #: Stated sigmas, and cells, beyond which an error is a wrong order or bit.
 GROSS = 6.0, 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A camera before the pattern. scene, truth: whose pixels (H, W) are solved; image: what is decoded, of
-    `shape` pixels; centre (2, pixels): what their centres see, u and v; pick (H, W): its pixel whose error
-    stands for one that is solved; stride: pixels of the whole camera between two that are solved."""
+    """A camera's view of the pattern.
+
+    scene, truth: of the solved pixels (H, W); image: footprints of the decoded image of `shape` pixels;
+    centre (2, pixels): u and v at its pixels' centres; pick (H, W): index of the decoded pixel whose error is
+    assigned to a solved one; stride: distance of solved pixels in pixels of the full camera.
+    """
 
     scene: Scene
     truth: Trace
@@ -51,18 +53,18 @@ class View:
 
     @property
     def visible(self) -> Mask:
-        """Pixels (H, W) that see the pattern."""
+        """Pixels (H, W) that view the pattern."""
         return np.asarray(self.truth.visible & (self.image.light[self.pick] > 0))
 
     @property
     def sensor(self) -> Sensor:
-        """The scene's, or the one of a scene that names none."""
+        """The scene's sensor, or the nominal one."""
         return self.scene.sensor or NOMINAL_SENSOR
 
     @cached_property
     def usable(self) -> Mask:
-        """Pixels (H, W) that the pattern's border does not touch: those that count. Beside it light is
-        missing that a white, endless pattern would send."""
+        """Pixels (H, W) whose footprint is clear of the pattern's border: they lose less than BORDER of the
+        light of an infinite white pattern."""
         pattern = self.scene.pattern
         white = Sequence((Frame("white"),), pattern.rows, pattern.cols)
         seen = light_of(self.image, white, None, pattern.blur_px)[0][self.pick]
@@ -70,12 +72,12 @@ class View:
 
 
 def stride_for(scene: Scene, finest: int = FINEST) -> int:
-    """How much to thin a camera so that its shorter side keeps at least `finest` pixels."""
+    """Thinning factor that keeps at least `finest` pixels on the camera's shorter side."""
     return max(1, min(scene.camera.rows, scene.camera.cols) // finest)
 
 
 def view_of(scene: Scene, surface: Surface, stride: int = 1) -> View:
-    """The view of a mirror of that shape."""
+    """The view of a mirror with this surface."""
     rows, cols = scene.camera.rows, scene.camera.cols
     image, shape = footprints(scene, surface, 0, rows), (rows, cols)
     pick = np.arange(rows * cols).reshape(shape)
@@ -89,7 +91,7 @@ def view_of(scene: Scene, surface: Surface, stride: int = 1) -> View:
 
 
 def thinned(whole: View, scene: Scene, truth: Trace) -> View:
-    """Of a whole camera's view that of a thinned one: its scene, and the truth of its pixels."""
+    """The view of a thinned camera from the full one; scene, truth: of the thinned camera."""
     size, full = truth.u.shape, whole.shape
     (down, rows), (across, cols) = (_windows(n, few) for n, few in zip(full, size, strict=True))
     index = (down[:, None] * full[1] + across).ravel()
@@ -102,7 +104,7 @@ def thinned(whole: View, scene: Scene, truth: Trace) -> View:
 
 
 def _windows(full: int, few: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Of `full` rows those that are decoded, and (few,) the place among them of each that is solved."""
+    """Indices of the decoded rows among `full`, and (few,) the position of each solved row among them."""
     taken, pick, used = [], [], 0
     for part in np.array_split(np.arange(few), -(-few // BLOCK)):
         size = min(full, len(part) + 2 * MARGIN)
@@ -116,9 +118,11 @@ def _windows(full: int, few: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prediction:
-    """Draws of a sequence in a view, two by two of opposite noise. error, sigma (D, 2, H, W): of u and v and
-    as the decoder states it, cells, 0 and inf where a pixel is refused; good (D, H, W): whether it is not;
-    usable (H, W): pixels over which errors are taken."""
+    """D noise draws of a sequence in a view, in pairs of opposite noise.
+
+    error, sigma (D, 2, H, W): error of u and v, and the decoder's sigma, cells, 0 and inf where a pixel is
+    flagged; good (D, H, W): not flagged; usable (H, W): pixels of the error statistics.
+    """
 
     error: Floats
     sigma: Floats
@@ -127,7 +131,7 @@ class Prediction:
 
     @property
     def failure(self) -> float:
-        """Share of the usable pixels with a wrong order or bit that nobody flags."""
+        """Share of the usable pixels with an unflagged wrong order or bit."""
         far, cells = GROSS
         size = np.abs(self.error)
         gross = (size > cells) & (size > far * self.sigma)
@@ -135,13 +139,13 @@ class Prediction:
 
     @property
     def rms(self) -> float:
-        """Of the errors over the usable pixels that are not refused, cells."""
+        """Rms error over the usable, unflagged pixels, cells."""
         error = self.error.swapaxes(0, 1)[:, self.good & self.usable]
         return rms(error)
 
 
 def predict(view: View, sequence: Sequence, noise: float, *, pairs: int = 1) -> Prediction:
-    """`pairs` pairs of draws under Gaussian noise (rms, 8-bit levels) besides the sensor's own.
+    """`pairs` pairs of draws under Gaussian noise (rms, 8-bit levels) in addition to the sensor's noise.
 
     InputError if the sequence does not fit the pattern, does not encode both axes or cannot be decoded.
     """
@@ -151,7 +155,7 @@ def predict(view: View, sequence: Sequence, noise: float, *, pairs: int = 1) -> 
     def picked(name: str) -> Floats:
         return np.stack([np.asarray(getattr(one, name)).ravel()[view.pick] for one in decoded])
 
-    # the seams between windows are edges that no scene has
+    # seams between windows look like frame faults to the decoder
     seams = int(Flag.WRONG_FRAME) if view.stride > 1 else 0
     at, sigma = (np.stack([picked(name + axis) for axis in "uv"], axis=1) for name in ("", "sigma_"))
     good = ((picked("flags").astype(np.int64) & ~seams) == 0) & view.visible & np.isfinite(at).all(axis=1)
@@ -172,7 +176,7 @@ def _require_fit(view: View, sequence: Sequence) -> None:
 
 
 def _decoded(view: View, sequence: Sequence, noise: float, pairs: int) -> Iterator[Correspondence]:
-    """What the decoder makes of images of the view, two for every pair."""
+    """Correspondences of noisy images of the view, two per pair."""
     sensor, white = view.sensor, 2**view.sensor.bits - 1
     kind = np.uint8 if sensor.bits == 8 else np.uint16
     light = light_of(view.image, sequence, view.scene.display, view.scene.pattern.blur_px)
