@@ -38,7 +38,7 @@ _DISPLAYS = (
     *((2560, 1440), (2560, 1600), (3440, 1440), (3840, 2160)),
 )
 #: Sides of another display over those described; parameters of another sequence.
-_SIDES = (0.5, 1.0, 2.0)
+_SIDES = (0.25, 0.5, 1.0, 2.0, 4.0)
 _PARAMETERS = {
     "inverses": (True, False),
     "steps": (3, 4, 5, 6, 8),

@@ -26,10 +26,9 @@ def test_a_cause_is_right_for_its_own_fault_alone(reversed_order: Folder, tmp_pa
     assert list(verdicts.values()) == ["named rightly", "named falsely", "false alarm"]
 
 
-@pytest.mark.parametrize("number", [1, 10])
-def test_places_off_the_truth_are_silently_wrong(number: int, tmp_path: Path) -> None:
-    """Folders without a fault are decoded within 5 sigma; beside another truth they are not."""
-    folder = drawn_folder(number)
+def test_places_off_the_truth_are_silently_wrong(tmp_path: Path) -> None:
+    """A folder without a fault is decoded within 5 sigma; beside another truth it is not."""
+    folder = drawn_folder(10)
     area = folder.area
     moved = replace(area, u=area.u + 2.0, centre=replace(area.centre, u=area.centre.u + 2.0))
     found = []
@@ -48,7 +47,7 @@ def test_a_false_cause_does_not_excuse_wrong_places() -> None:
 
 def test_formats_and_names_are_those_of_cameras(tmp_path: Path) -> None:
     kinds = set()
-    for number in (1, 6, 8, 10, 11):
+    for number in (1, 8, 11):
         folder = drawn_folder(number)
         folder.write(tmp_path / str(number))
         present = {file.name for file in (tmp_path / str(number)).iterdir()}
@@ -57,14 +56,14 @@ def test_formats_and_names_are_those_of_cameras(tmp_path: Path) -> None:
         picture = next(iter(folder.pictures.values()))
         kinds.add((Path(next(iter(folder.pictures))).suffix, picture.dtype, picture.ndim))
         assert np.ptp(picture) > 0
-    assert len(kinds) == 5
+    assert len(kinds) == 3
 
 
 def test_the_table_counts_verdicts(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     numbers = tmp_path / "folders.json"
-    assert run(["folders", "--faulty", "4", "--plain", "1", "--every", "--json", str(numbers)]) == 0
+    assert run(["folders", "--faulty", "2", "--plain", "1", "--every", "--json", str(numbers)]) == 0
     rows = json.loads(numbers.read_text())["folders"]
-    assert [row["fault"] for row in rows] == [*FAULTS[:4], ""]
-    assert [row["verdict"] for row in rows] == ["named rightly"] * 4 + ["within 5 sigma"]
+    assert [row["fault"] for row in rows] == [*FAULTS[:2], ""]
+    assert [row["verdict"] for row in rows] == ["named rightly"] * 2 + ["within 5 sigma"]
     printed = capsys.readouterr().out
-    assert "4, 100% of them rightly" in printed
+    assert "2, 100% of them rightly" in printed
