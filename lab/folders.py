@@ -1,5 +1,5 @@
-"""Folders of pictures as other programs write them, with one fault or none, decoded by `optolever decode
-FOLDER --sequence ... --display ...` and compared with the rays that drew them."""
+"""Folders of pictures as other programs write them, with one fault or none, decoded by `optolever decode DIR
+--sequence ... --display ...` and compared with the rays that drew them."""
 
 import os
 import re
@@ -104,7 +104,8 @@ class Folder:
 @dataclass(frozen=True, slots=True)
 class Judged:
     """good, silent: shares of the lit pixels that are good, and good and off by more than 5 sigma; named:
-    'rightly' or 'falsely' (a cause), or ''; refused: by an error; told: names of the notices, the error."""
+    'rightly' or 'falsely' (a cause), or ''; refused: by an error; told: names of the notices, the error,
+    sentences of a cause first."""
 
     number: int
     fault: str
@@ -223,7 +224,8 @@ def judged(folder: Folder, place: Path) -> Judged:
         if folder.fault in _SCENES and not _cause(folder, told):
             error = _error("reconstruct", str(out), "--scene", str(rig), "--out", str(heights))
             told += [] if error else [one.name for one in HeightMap.load(heights).notices]
-    told += [error] * bool(error)
+    told += [error.replace(str(place / "pictures"), "DIR")] * bool(error)
+    told.sort(key=lambda one: _CAUSE.search(one) is None)
     cause = _cause(folder, told)
     return Judged(folder.number, folder.fault, folder.code, *found, cause, bool(error), (*told,))
 

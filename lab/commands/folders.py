@@ -13,9 +13,12 @@ __all__ = ["command"]
 SAMPLE = """
 $ python -m lab folders --every
 Folders of other programs' pictures
-number  fault           code   good    silent  verdict        told
-0       order reversed  phase  0.00 %  0.00 %  named rightly  the frames are there in reverse order
+number  fault           code   good   silent  verdict        told
+0       order reversed  phase  0.00%  0.00%   named rightly  the frames are there in reverse order
 """
+
+
+SHOWN = 110  # letters of a notice in the table
 
 
 @click.command("folders", cls=Program, epilog=sample(SAMPLE))
@@ -46,7 +49,15 @@ def command(faulty: int, plain: int, every: bool, json_path: Path | None) -> Non
                 found.append(judged(drawn_folder(number, fault), Path(place)))
             step(f"{fault or 'no fault'} {number}", len(found), len(asked))
     rows = [
-        (str(one.number), one.fault, one.code, f"{one.good:.2%}", f"{one.silent:.2%}", one.verdict, *one.told)
+        (
+            str(one.number),
+            one.fault,
+            one.code,
+            f"{one.good:.2%}",
+            f"{one.silent:.2%}",
+            one.verdict,
+            "; ".join(one.told)[:SHOWN],
+        )
         for one in found
         if every or one.verdict != ("named rightly" if one.fault else "within 5 sigma")
     ]
