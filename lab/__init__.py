@@ -21,6 +21,7 @@ It may import every module of `optolever`; tests alone import it.
 | `design/` | studies of `optolever design` |
 | - `exhaustive.py` | run_choice: the first choice against all candidates simulated |
 | - `adaptive.py`, `adaptive_study.py` | the next frames from the last; against the best fixed sequence |
+| `folders.py` | folders of other programs' pictures through `optolever decode`; the verdicts |
 | `fuzz/` | the program on damaged inputs |
 | - `fuzz.py`, `damage.py` | cases and their verdicts; the damage |
 | `hardware/` | displays and cameras in simulated time |

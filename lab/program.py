@@ -10,7 +10,7 @@ from optolever.cli.commands import Commands
 #: Commands by section of --help.
 SECTIONS: Mapping[str, tuple[str, ...]] = {
     "Figures": ("figures", "methods", "sweep", "calibration", "contacts", "rigs", "sync", "live", "house"),
-    "Attacks": ("hard", "pairs", "fuzz"),
+    "Attacks": ("hard", "pairs", "folders", "fuzz"),
     "Design": ("choices", "adapt"),
 }
 NAME = "python -m lab"

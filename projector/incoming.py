@@ -37,6 +37,14 @@ _DISPLAYS = (
     *((1366, 768), (1440, 900), (1600, 900), (1680, 1050), (1920, 1080), (1920, 1200), (2048, 1536)),
     *((2560, 1440), (2560, 1600), (3440, 1440), (3840, 2160)),
 )
+#: Sides of another display over those described; parameters of another sequence.
+_SIDES = (0.25, 0.5, 1.0, 2.0, 4.0)
+_PARAMETERS = {
+    "inverses": (True, False),
+    "steps": (3, 4, 5, 6, 8),
+    "axes": ("u", "v"),
+    "references": (True, False),
+}
 #: Share of the strongest colour's contrast below which a colour carries nothing.
 _NOTHING = 0.05
 #: Pixels of a picture along a side that colours and exposures are compared at.
@@ -286,39 +294,35 @@ def _other_count(found: int, shown: Sequence) -> str:
     if found % len(shown) == 0:
         times = found // len(shown)
         return f"{text}: {times} times as many; several exposures are told by --exposures 1,4,..."
+    what = f"{abs(found - len(shown))} {'lost' if found < len(shown) else 'too many'}"
     fitting = _fitting(found, shown)
     if fitting:
-        return f"{text}; {found} frames has {' or '.join(fitting)}"
-    what = "lost" if found < len(shown) else "too many"
-    return (
-        f"{text}: {abs(found - len(shown))} {what}; name the pictures by a pattern, such as 'shots/img_*.png'"
-    )
+        what += f", or another description: {' or '.join(fitting)} has {found}"
+    return f"{text}: {what}; name the pictures by a pattern, such as 'shots/img_*.png'"
 
 
 def _fitting(found: int, shown: Sequence) -> list[str]:
-    """Up to three descriptions of as many frames: other parameters of the same name, other displays."""
+    """Descriptions of as many frames: other parameters of the same name, other displays."""
     if shown.name not in sequence_names():
         return []
     known = sequence_parameters(shown.name)
-    tried: list[tuple[str, int, int, dict[str, Any]]] = []
-    for key, values in (
-        ("inverses", (True, False)),
-        ("steps", (3, 4, 5, 6, 8)),
-        ("axes", ("u", "v")),
-        ("references", (True, False)),
-    ):
-        for value in values if key in known else ():
-            text = f"{shown.name}:{key}={str(value).lower()}"
-            tried.append((f"--sequence {text}", shown.rows, shown.cols, {key: value}))
-    tried += [(f"--display {cols}x{rows}", rows, cols, {}) for cols, rows in _DISPLAYS]
-    fitting = []
-    for text, rows, cols, given in tried:
+
+    def fits(rows: int, cols: int, **given: Any) -> bool:
         try:
-            if len(sequence(shown.name, rows, cols, **given)) == found:
-                fitting.append(text)
+            return len(sequence(shown.name, rows, cols, **given)) == found
         except InputError:
-            continue
-    return fitting[:3]
+            return False
+
+    parameters = [
+        f"--sequence {shown.name}:{key}={str(value).lower()}"
+        for key, values in _PARAMETERS.items()
+        for value in (values if key in known else ())
+        if fits(shown.rows, shown.cols, **{key: value})
+    ]
+    displays = [f"--display {cols}x{rows}" for cols, rows in _DISPLAYS if fits(rows, cols)]
+    if not displays and any(fits(int(a * shown.rows), int(b * shown.cols)) for a in _SIDES for b in _SIDES):
+        displays = ["another --display"]
+    return parameters[:2] + displays[:2]
 
 
 def _pictures(file: Path, channel: str) -> list[_Picture]:
