@@ -303,14 +303,12 @@ def turned(z: Any) -> Any:
 
 
 @exact
-def posterior(
-    margin: Any, code: Any, amplitude: Any, noise: Any, saturated: Any, alone: Any, read: Any
-) -> Any:
+def posterior(margin: Any, code: Any, amplitude: Any, noise: Any, saturated: Any, alone: Any) -> Any:
     """Posterior over the words that a pixel's weak bits allow: place, variance, probability of another place.
 
     Bits are wrong independently. The result is the run of cells around the most probable one; of a nested
     code cells are doubled until no other is likely. margin (bits,): differences; saturated: whether white
-    saturates, so that the threshold may be higher; alone: see read_line; read: decoded place and variance.
+    saturates, so that the threshold may be higher; alone: see read_line.
     """
     weak, wrong = np.empty(margin.size, np.int64), np.empty(margin.size, np.float32)
     sure, weakest, least = np.empty(margin.size, np.float32), 0, np.float32(1e9)

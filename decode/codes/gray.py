@@ -301,7 +301,7 @@ def _reread(
     if by_mixture:
         place[x], var[x], error[x] = mixture(margin, code, a[x], own, alone, known)
     if not by_mixture or (code.nested and error[x] > np.float32(DOUBT)):
-        place[x], var[x], error[x] = posterior(margin, code, a[x], own, saturated, alone, known)
+        place[x], var[x], error[x] = posterior(margin, code, a[x], own, saturated, alone)
 
 
 @exact
