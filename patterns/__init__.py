@@ -1,4 +1,4 @@
-"""What a surface shows: codes, frames, sequences. The decoder goes by these descriptions, never by position.
+"""Patterns of a surface: codes, frames, sequences. The decoder goes by these descriptions, never by position.
 
 | file        | holds                                                                 |
 |-------------|-----------------------------------------------------------------------|

@@ -16,7 +16,7 @@ Words = NDArray[np.int64]
 
 
 def bits_for(cells: int) -> int:
-    """Bits that tell `cells` cells apart.
+    """Codeword length, in bits, for `cells` distinct cells.
 
     >>> bits_for(1000)
     10

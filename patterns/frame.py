@@ -21,7 +21,7 @@ __all__ = ["KINDS", "Frame", "frame_tables", "lattice_lines"]
 Table = NDArray[np.uint8]
 Levels = NDArray[np.float64]
 
-#: What every kind needs besides its name. Optional fields have defaults in Frame.
+#: Required fields of every kind. Optional fields have defaults in Frame.
 KINDS: dict[str, tuple[str, ...]] = {
     "white": (),
     "black": (),
@@ -44,8 +44,8 @@ _AXES: dict[str, tuple[str | None, ...]] = {
     "crossed": (None, "uv"),
     "lattice": (None, "uv"),
 }
-#: Cells, radians or factors at most: beyond, a float holds no millionth of them. A fringe of half a cell or
-#: less is none that a surface shows; places in cells or stripes of less than a millionth leave whole numbers.
+#: Cells, radians or factors at most: beyond, a float holds no millionth of them. A surface displays no
+#: fringe of half a cell or less; indices of cells or stripes below a millionth exceed a float's integers.
 _MOST, _LEAST_PERIOD, _LEAST_WIDTH = 1e9, 0.5, 1e-6
 _TIE = 1e-9  # levels: so near to a half is one; cosines of thousands of cells are off by 1e-11
 
@@ -65,7 +65,7 @@ class Frame:
     cell_px     width of a code's cells; cell k is [k cell_px, (k + 1) cell_px) - 0.5 + offset_px
     offset_px   origin of cells and lattice lines (lattice: centre of line 0; default half a period - 0.5)
     level       grey value of a uniform frame
-    levels      grey value of each cell: any code that somebody invents (shown rounded to whole ones)
+    levels      grey value of each cell: any user-defined code (displayed rounded to integers)
     exposure    relative exposure under which this frame was captured
     """
 
@@ -152,7 +152,7 @@ class Frame:
         return np.asarray(255.0 - levels if self.inverted else levels, np.float64)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain TOML types; fields at their default are left out."""
+        """Plain TOML types; fields at their default are omitted."""
         plain: dict[str, Any] = {}
         for field in fields(self):
             value = getattr(self, field.name)
@@ -163,7 +163,7 @@ class Frame:
     @classmethod
     def from_dict(cls, plain: Mapping[str, Any], where: str = "frame") -> "Frame":
         """Inverse of to_dict; in place of `shift`, too, shift_deg (degrees) or shift_step (k of N, [k, N]).
-        InputError names `where`, the field, its value and what it must be."""
+        InputError names `where`, the field, its value and its limit."""
         known = {field.name: str(field.type) for field in fields(cls)}
         values: dict[str, Any] = {}
         for name, value in _in_radians(plain, where).items():
@@ -183,7 +183,7 @@ _WHOLE, _TEXT = ("bit", "level"), ("kind", "axis")
 
 
 def _plain(value: Any, name: str) -> Any:
-    """The value of a field as Python's own type, of NumPy's numbers and arrays too, else InputError."""
+    """The value of a field as a Python type, also from NumPy's numbers and arrays, else InputError."""
     if value is None or name in _TEXT:
         return value
     if name == "inverted":
@@ -278,7 +278,7 @@ def _levels(frame: Frame, coord: Levels, axis: str) -> Levels:
 
 
 def _rounded(levels: Levels) -> Table:
-    """Mid grey, 127.5, always up: what the cosine's own rounding makes of it would shift fringes for good."""
+    """Mid grey, 127.5, always rounds up: the cosine's rounding error would bias the phase."""
     return np.clip(np.floor(levels + (0.5 + _TIE)), 0, 255).astype(np.uint8)
 
 
@@ -314,5 +314,5 @@ def _tent_share(edge: Levels) -> Levels:
 
 
 def _cell_of(frame: Frame, coord: Levels) -> NDArray[np.int64]:
-    """Of binary codes and free grey values: the cell of a pixel is the one that holds its centre."""
+    """Of binary codes and free grey values: the cell that contains a pixel's centre."""
     return np.floor((coord + 0.5 - (frame.offset_px or 0.0)) / frame.cell_px).astype(np.int64)

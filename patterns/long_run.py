@@ -2,7 +2,7 @@
 
 In the reflected Gray code the last bit has stripes of two cells, and it is the first that defocus or a large
 pixel wipes out. Codes with long bit runs (L. Goddyn, P. Gvozdjak, "Binary gray codes with long bit runs",
-Electron. J. Combin. 10, R27, 2003; shown to cameras by M. Gupta et al., IJCV 102, 2013,
+Electron. J. Combin. 10, R27, 2003; used in imaging by M. Gupta et al., IJCV 102, 2013,
 doi:10.1007/s11263-012-0554-3) spread the changes evenly over the bits. Here, as there, large codes are woven
 of two small ones: two cyclic codes advance in turns, in a periodic word of steps that visits every pair of
 their states once.

@@ -37,7 +37,7 @@ def sequence_parameters(name: str) -> dict[str, Any]:
 
 
 def _wanted(name: str) -> dict[str, inspect.Parameter]:
-    """What a builder takes beside rows and cols. InputError for a name that there is not."""
+    """Parameters of a builder besides rows and cols. InputError for an unknown name."""
     if name not in _BUILDERS:
         raise InputError(f"sequence: name is {name!r}, known are {', '.join(_BUILDERS)}")
     return dict(list(inspect.signature(_BUILDERS[name]).parameters.items())[2:])
@@ -87,7 +87,7 @@ def sequence(name: str, rows: int, cols: int, **params: Any) -> Sequence:
 
 
 def _check(what: str, value: Any, wanted: Any) -> None:
-    """InputError unless a parameter is what its builder's annotation says: numbers above 0, and finite."""
+    """InputError unless a parameter has its builder's annotated type; numbers must be finite and above 0."""
     if wanted is bool:
         if not isinstance(value, bool):
             raise InputError(f"{what} is {value!r}, must be true or false")
@@ -149,12 +149,12 @@ def _extents(rows: int, cols: int, axes: str) -> list[tuple[str, int]]:
 
 
 def _in_turns(axes: list[list[Frames]], span: int = 1) -> Frames:
-    """What is shown of each axis (frames that stay together: a bit and its inverse) in turns, the longer
-    first, so that they end together: u v, v u, ..., changing places after every `span`.
+    """Frames of the axes interleaved (a bit and its inverse stay together), the longer axis first, so that
+    they end together: u v, v u, ..., the order reversed after every `span`.
 
-    What moves while frames are taken is seen by both axes at the same mean time, and is no slope. Nor does
-    what a slow display keeps of the frame before turn a phase, or pull a stripe along: it is of the other
-    axis, or, of an even number of steps, as often a step less as a step more.
+    Both axes have the same mean time, so that motion during the sequence adds no slope. Lag of the display
+    biases neither phase nor stripe position: the preceding frame belongs to the other axis or, for an even
+    number of steps, is a step less as often as a step more.
     """
     shown: list[Frame] = []
     for left in reversed(range(max(map(len, axes)))):
@@ -202,8 +202,7 @@ def _fringes(axis: str, period: float, steps: int) -> list[Frames]:
 
 
 def _span(steps: int) -> int:
-    """Three steps have no opposite ones, and nothing tells what they hold of others: never one after another
-    of the same axis."""
+    """Three steps have no opposite pairs that cancel a display's lag: never two in a row of the same axis."""
     return 3 if steps == 3 else 1
 
 
@@ -273,7 +272,7 @@ def _micro_phase(
     period: float = 16.0,
     periods: float | Iterable[float] | None = None,
 ) -> Frames:
-    """Micro phase shifting: all fringes have about one period, which light that strays evens out alike.
+    """Micro phase shifting: all fringes have similar periods, which indirect light attenuates equally.
 
     White and black; three steps of `period` and one each of the other `periods` (default five, to a quarter
     longer): M. Gupta, S. K. Nayar, CVPR 2012, doi:10.1109/CVPR.2012.6247753.
@@ -342,7 +341,7 @@ def _crossed(rows: int, cols: int, *, period: float = 16.0) -> Frames:
 
 
 def _ramp(rows: int, cols: int, *, count: int = 18) -> Frames:
-    """Uniform frames from 0 to 255: what the response is estimated from."""
+    """Uniform frames from 0 to 255, to estimate the response."""
     if count < 2:
         raise InputError(f"count is {count}, must be at least 2")
     return tuple(Frame("uniform", level=round(255 * k / (count - 1))) for k in range(count))

@@ -28,8 +28,8 @@ class Sequence:
 
     sequence[3] is a Frame, sequence[2:5] a Sequence of three frames; len() and iteration as of a tuple.
 
-    nominal: rows and cols are only the unit of the coordinates (a foreign capture of an unknown display), so
-    that nothing follows from them about the cells on which the frames were shown.
+    nominal: rows and cols are only the unit of the coordinates (a foreign capture of an unknown display), and
+    say nothing about the cells of the display.
 
     >>> fringe = Frame("phase", "u", period_px=16.0, shift=0.0)
     >>> Sequence((fringe,), rows=4, cols=8).render()[0, 0].tolist()
@@ -67,7 +67,7 @@ class Sequence:
         )
 
     def __hash__(self) -> int:
-        """Made once: what is made of a sequence is kept by it, and asked for again and again."""
+        """Computed once: results derived from a sequence are repeatedly looked up by it."""
         if self._hash is None:
             own = hash((self.frames, self.rows, self.cols, self.name, self.nominal))
             object.__setattr__(self, "_hash", own)
@@ -131,13 +131,13 @@ class Sequence:
             (target / "sequence.toml").write_text(tomli_w.dumps(self.to_dict()), encoding="utf-8")
 
     def save(self, path: str | Path) -> None:
-        """Write the description as TOML, whole or not at all."""
+        """Write the description as TOML, atomically."""
         with atomic_file(path) as temporary:
             temporary.write_text(tomli_w.dumps(self.to_dict()), encoding="utf-8")
 
     @classmethod
     def load(cls, path: str | Path) -> "Sequence":
-        """Read what save() or save_png() wrote; InputError names the file, the field and its value."""
+        """Read a file of save() or save_png(); InputError names the file, the field and its value."""
         return cls.from_dict(read_toml(path), str(path))
 
     def to_dict(self) -> dict[str, Any]:

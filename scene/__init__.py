@@ -1,4 +1,4 @@
-"""scene: what is physically there, in mm and the mirror's frame, and its exact ray tracing.
+"""scene: the physical setup, in mm and the mirror's frame, and its exact ray tracing.
 
 Mirror frame: the resting mirror is z = 0, x from 0 (edge shared with the pattern face) to L0 (capture face),
 y along the prism, z into the medium; a dent is z > 0. Integer pixel = pixel centre. Angles in rad, degrees in

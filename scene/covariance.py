@@ -1,4 +1,4 @@
-"""How sure the numbers of a scene are: the covariance that a calibration leaves, saved beside the scene."""
+"""Covariance of a scene's parameters from a calibration, saved next to the scene."""
 
 import datetime
 from collections.abc import Mapping
@@ -17,11 +17,11 @@ __all__ = ["Covariance"]
 
 @dataclass(frozen=True, eq=False)
 class Covariance(Record):
-    """How sure the numbers of a scene are: names (p,), covariance matrix (p, p) in their units.
+    """Covariance of a scene's parameters: names (p,), matrix (p, p) in their units.
 
-    chi: of the adjustment that it comes from; gauge: in words, what was held. InputError unless the matrix is
-    symmetric and positive definite.
-    sources, parts (s, p, p): the independent errors behind it, in words, and what each adds to the matrix;
+    chi: of the adjustment; gauge: in words, the fixed parameters. InputError unless the matrix is symmetric
+    and positive definite.
+    sources, parts (s, p, p): the independent error sources, in words, and their contributions to the matrix;
     none: not known.
     date: day of the calibration, as 2026-11-28; empty: not known.
     """
@@ -66,7 +66,7 @@ class Covariance(Record):
 
     @property
     def root(self) -> Float:
-        """L (r, p), r <= p: matrix = L^T L, rows by falling share, those of rounding left out."""
+        """L (r, p), r <= p: matrix = L^T L, rows by falling share, without those of rounding size."""
         scale = np.sqrt(np.diag(self.matrix))
         shares, vectors = np.linalg.eigh(self.matrix / np.outer(scale, scale))
         some = shares > 1e-14 * shares.max()
@@ -81,8 +81,8 @@ class Covariance(Record):
 
     @property
     def shares(self) -> Float | None:
-        """(s, r, r): what each source adds to the covariance of the r independent errors that `root` has as
-        rows, all of variance 1: they sum to the unit matrix. None without parts."""
+        """(s, r, r): contribution of each source to the covariance of the r independent unit-variance errors,
+        the rows of `root`: they sum to the unit matrix. None without parts."""
         if self.parts is None:
             return None
         scale = np.sqrt(np.diag(self.matrix))
@@ -98,7 +98,7 @@ class Covariance(Record):
 
     @classmethod
     def load(cls, path: str | Path) -> "Covariance":
-        """Read what `save` wrote; InputError names the file and what is wrong."""
+        """Read a file of `save`; InputError names the file and its fault."""
         arrays = load_arrays(path, ("names", "matrix", "chi", "gauge"), ("names", "gauge", "sources"))
         names = tuple(str(name) for name in np.atleast_1d(arrays["names"]))
         sources = tuple(str(name) for name in np.atleast_1d(arrays.get("sources", ())))

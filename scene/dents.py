@@ -97,8 +97,8 @@ def dent_parameters(name: str, scene: Scene) -> dict[str, Any]:
 
 
 def dent(name: str, scene: Scene, **params: Any) -> Surface:
-    """The named dent on the scene's mirror; what is not given (mm) suits the mirror's size. The name may be
-    the command line's text: `dent("gaussian:peak=0.3", scene)`.
+    """The named dent on the scene's mirror; parameters (mm) default to suit the mirror's size. The name
+    may be the command line's text: `dent("gaussian:peak=0.3", scene)`.
 
     | name | parameters |
     |---|---|

@@ -1,4 +1,4 @@
-"""The elastic layer whose boundary is the mirror: what turns a dent into a force."""
+"""The elastic layer whose boundary is the mirror: relates a dent to a force."""
 
 from dataclasses import dataclass
 

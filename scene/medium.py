@@ -1,4 +1,4 @@
-"""The transparent medium in front of the mirror, and what its boundary reflects (Fresnel)."""
+"""The transparent medium in front of the mirror, and the reflectance of its boundary (Fresnel)."""
 
 import math
 from dataclasses import dataclass

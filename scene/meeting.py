@@ -24,7 +24,7 @@ _STEPS = 100  # of Newton or bisection; the bracket is exhausted after about 60
 _EXHAUSTED = 1e-15  # of the distance: a bracket this narrow holds no other number
 _NEARLY = 1e-12  # of the mirror's length: a Newton step this short is followed by no other
 _MARCH = 4096  # shortest marching steps that cross the mirror
-_INSIDE = 1e-9  # of the mirror's length: what counts as on the surface; marching rays meet it deeper
+_INSIDE = 1e-9  # of the mirror's length: distance that counts as on the surface; marching rays meet it deeper
 
 Bool = NDArray[np.bool_]
 
@@ -39,7 +39,7 @@ class Bounds:
 
 
 def bounds_of(surface: Surface, mirror: Mirror) -> Bounds:
-    """Bounds from samples of the surface (as fine as its grid, if any), widened for what lies between."""
+    """Bounds from samples of the surface (as fine as its grid, if any), widened for heights between them."""
     fine = _SAMPLES if surface.grid is None else min(max(_SAMPLES, *surface.grid.z.shape), _MOST_SAMPLES)
     x, y = np.meshgrid(np.linspace(0.0, mirror.length, fine), np.linspace(0.0, mirror.width, fine))
     height, slope_x, slope_y = surface.evaluate(x, y)

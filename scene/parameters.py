@@ -1,8 +1,8 @@
 """The numbers of a scene that a calibration adjusts, by name, and a scene with other ones.
 
 Intrinsic numbers (focal length, pitches, bow, index) and the form of the mirror at rest are values; poses are
-changes of the scene's own, 0 in it: the camera's and the face's in the mirror's axes, the pattern's in its
-own axes about its middle. mm, rad.
+changes relative to the scene's: the camera's and the face's in the mirror's axes, the pattern's in its axes
+about its middle. mm, rad.
 """
 
 from collections.abc import Mapping
@@ -86,7 +86,7 @@ def without_rest_form(scene: Scene) -> Scene:
 
 
 def parameter_changes(scene: Scene, other: Scene) -> dict[str, float]:
-    """What `adjusted` takes to make the other scene of this one; both have the same parts."""
+    """Changes with which `adjusted` turns this scene into the other; both have the same parts."""
     values = parameter_values(other)
     one, two = scene.camera, other.camera
     turn = rotation_from_axes(two.u_axis, two.v_axis) @ rotation_from_axes(one.u_axis, one.v_axis).T
@@ -131,7 +131,7 @@ def _camera(camera: Camera, values: Mapping[str, float]) -> Camera:
 
 
 def _face(face: Face, values: Mapping[str, float]) -> Face:
-    """Turned about its point in two axes of its plane (the mirror's y, and what is across), moved along its
+    """Turned about its point in two axes of its plane (the mirror's y, and across it), moved along its
     normal."""
     first, second = _tilt_axes(face)
     rotation = rotation_from_vector(values["face.rx"] * first + values["face.ry"] * second)

@@ -20,7 +20,7 @@ class Pattern(Record):
 
     In the mirror's frame: origin (3,) mm, u_axis and v_axis (3,) unit and perpendicular, pitch mm;
     blur_px: rms radius, in cells, of the Gaussian through which the camera reads the pattern (0: none);
-    shape: what lies off that plane, or None; aspect: height of a cell over its width.
+    shape: deviation from that plane, or None; aspect: height of a cell over its width.
     """
 
     origin: Float

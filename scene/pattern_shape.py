@@ -113,5 +113,5 @@ class PointTable(Record):
         return {"places_px": self.places.tolist(), "offsets_mm": self.offsets.tolist()}
 
 
-#: What a pattern's `shape` may be, if it is not flat.
+#: Types of a pattern's `shape`, if it is not flat.
 PatternShape = Bow | PointTable

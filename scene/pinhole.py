@@ -14,13 +14,13 @@ __all__ = ["PinholeCamera", "distort", "undistort"]
 
 _STEPS = 50
 _CLOSE = 1e-15  # normalised image units: no further step
-_SETTLED = 1e-12  # what rounding may leave of the last step, where the lens nearly folds
+_SETTLED = 1e-12  # rounding error of the last step, where the lens nearly folds
 _CHECKED = 33  # the distortion is tested for folds at this many rows and columns of the image
 
 
 @dataclass(frozen=True, eq=False)
 class PinholeCamera(Record):
-    """OpenCV's model: a point (x, y, 1) z in the camera's frame is seen at (column, row) f (x'', y'') + c.
+    """OpenCV's model: a point (x, y, 1) z in the camera's frame is imaged at (column, row) f (x'', y'') + c.
 
     origin (3,) mm: centre of projection in the mirror's frame; u_axis, v_axis (3,): directions of columns and
     rows, the camera looks along u_axis x v_axis; focal (2,) and centre (2,) in pixels (column, row);

@@ -10,7 +10,7 @@ from .scene import Scene
 
 __all__ = ["GAUGE_HELD", "rig_covariance", "typed_covariance", "typed_sigmas"]
 
-#: Held: the mirror's frame follows the camera in x, y and its turn about z; no height depends on them.
+#: Fixed: the mirror's frame follows the camera in x, y and its turn about z; no height depends on them.
 GAUGE_HELD = ("camera.x", "camera.y", "camera.rz")
 
 _SOURCES = {
@@ -55,7 +55,7 @@ def typed_covariance(scene: Scene, accuracy: Accuracy | None = None) -> Covarian
 def typed_sigmas(scene: Scene, accuracy: Accuracy | None = None) -> dict[str, float]:
     """Name (see `parameter_values`) -> standard deviation of a number that was typed; finite everywhere.
 
-    Left out: the gauge (`GAUGE_HELD`), and numbers without an effect (the distance of a telecentric camera,
+    Omitted: the gauge (`GAUGE_HELD`), and numbers without an effect (the distance of a telecentric camera,
     higher terms of a lens's distortion).
     """
     known = TYPED if accuracy is None else accuracy

@@ -85,7 +85,7 @@ def load(preset_or_path: str | Path, *, exact: bool = False) -> Scene:
 
 
 class _Table:
-    """A TOML table that hands out its values once each, and complains about what nobody asked for."""
+    """A TOML table that hands out its values once each, and rejects keys that remain."""
 
     def __init__(self, name: str, content: dict[str, Any]) -> None:
         self.name = name
@@ -106,7 +106,7 @@ class _Table:
         return self.take(key, check) if key in self else default
 
     def known(self, names: str) -> None:
-        """InputError if there is a key of another name; it names the one that is meant, if one is like it."""
+        """InputError if there is a key of another name; it suggests a similar one, if any."""
         known = names.split(", ")
         for key in self._left:
             if key not in known:
@@ -115,7 +115,7 @@ class _Table:
                 raise InputError(f"{self.field(key)} is unknown, must be {must}")
 
     def done(self, why: str = "") -> None:
-        """InputError if there is a key that nothing of what was asked for goes with."""
+        """InputError if a key remains."""
         for key in self._left:
             raise InputError(f"{self.field(key)}: {why}; leave it out")
 
@@ -222,7 +222,7 @@ def _boolean(name: str, value: Any) -> bool:
 
 
 def _calibration(table: _Table, path: Path) -> tuple[Covariance, RestForm | None]:
-    """[calibration]: the covariance's file, beside the scene's, and the form of the mirror at rest."""
+    """[calibration]: the covariance's file, next to the scene's, and the form of the mirror at rest."""
     table.known("covariance, date, rest_form_mm")
     name = table.take("covariance", _text)
     form = table.take("rest_form_mm", _form) if "rest_form_mm" in table else None
@@ -405,7 +405,7 @@ def _focal(table: _Table) -> Float:
 
 
 def _direction(table: _Table, position: Float) -> tuple[Float, Float]:
-    """Axes u, v of a camera at a position: by what it looks at, or given."""
+    """Axes u, v of a camera at a position: by its target, or given."""
     if "look_at_mm" not in table:
         if not any(key in table for key in ("u_axis", "v_axis", "rotation_deg")):
             raise InputError(

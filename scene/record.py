@@ -1,4 +1,4 @@
-"""What every record of a scene shares: equality over array fields, and checks that end in one line."""
+"""Base of every record of a scene: equality over array fields, and checks that end in one line."""
 
 import math
 from collections.abc import Sequence
@@ -14,9 +14,9 @@ __all__ = ["Float", "Record", "finite", "freeze", "integer", "number", "orthonor
 
 Float = NDArray[np.float64]
 
-_UNIT = 1e-12  # an axis this close to unit length is left as it is, so that a saved scene loads back equal
-#: Numbers of a scene (mm, px): up to a thousand kilometres, what is above 0 from a nanometre on. Squares of
-#: what is beyond leave float64, and what is as unlike as that leaves no digits to a solver.
+_UNIT = 1e-12  # an axis this close to unit length is not rescaled, so that a saved scene loads back equal
+#: Numbers of a scene (mm, px): up to a thousand kilometres, positive ones from a nanometre on. Squares
+#: of larger numbers may overflow float64, and larger ratios leave no digits to a solver.
 _MOST, _LEAST = 1e9, 1e-6
 _RIGHT_ANGLE = 1e-9  # largest cosine between two axes that are called perpendicular
 

@@ -27,7 +27,7 @@ from .writing import foreign_sections, scene_table
 
 __all__ = ["Camera", "Scene", "resize"]
 
-#: What a scene's `camera` may be.
+#: Types of a scene's `camera`.
 Camera = TelecentricCamera | PinholeCamera
 
 
@@ -91,8 +91,8 @@ class Scene(Record):
         )
 
     def save(self, path: str | Path) -> None:
-        """Write the scene as TOML, to be read by `load`, a covariance as .npz beside it; what is absent is
-        left out. Sections of other programs' that a file of that name has are kept.
+        """Write the scene as TOML, to be read by `load`, a covariance as .npz next to it; absent
+        parts are omitted. An existing file keeps its sections of other parts.
         """
         others = {"medium": self.medium, "display": self.display, "sensor": self.sensor, "layer": self.layer}
         table = scene_table(self.name, self.mirror, self.pattern, self.camera, self.dent, others)

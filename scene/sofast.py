@@ -41,7 +41,7 @@ from .sofast_files import (
 
 __all__ = ["SOFAST_SCREEN", "SofastRig", "load_sofast_rig"]
 
-#: Rows and columns of nominal pixels: SOFAST tells places as fractions of the screen, u = 2000 x,
+#: Rows and columns of nominal pixels: SOFAST gives places as fractions of the screen, u = 2000 x,
 #: v = 1000 (1 - y).
 SOFAST_SCREEN = (1000, 2000)
 
@@ -53,9 +53,9 @@ _TURNS = 10  # the pose settles: the normal turns by the offset over the distanc
 class SofastRig:
     """scene: camera, facet and screen; a flat screen's cells are 1 mm, u along its x, v along its y.
 
-    mask (H, W): camera pixels that see the facet. fractions (n, 2), points (n, 3): where on the screen (mm)
-    the fractions (x, y) of the shown image lie; linear between these places. datum: the origin of SOFAST's
-    optic frame, to which it measured the distance: a known point of the facet, mm.
+    mask (H, W): camera pixels that see the facet. fractions (n, 2), points (n, 3): places on the screen
+    (mm) of fractions (x, y) of the displayed image; linear between them. datum: the origin of SOFAST's optic
+    frame, to which it measured the distance: a known point of the facet, mm.
     """
 
     scene: Scene
@@ -71,7 +71,7 @@ class SofastRig:
         return x, y
 
     def pattern_coordinates(self, x: Float, y: Float) -> tuple[Float, Float]:
-        """(u, v) on the scene's pattern of fractions (x, y) of the shown image; NaN outside the measured."""
+        """(u, v) on the scene's pattern of fractions (x, y) of the image; NaN outside `fractions`."""
         from scipy.interpolate import LinearNDInterpolator
 
         if self.scene.pattern.shape is None:
@@ -85,10 +85,10 @@ class SofastRig:
 def load_sofast_rig(path: str | Path | Sequence[str | Path], facet: str = FACET) -> SofastRig:
     """Read camera, display shape, pose and mask of a SOFAST result (facet: of an ensemble, by its group's
     name) or, where several files are given, of SOFAST's inputs: camera, display shape, orientation and
-    measurement (HDF5), and the facet's definition (JSON) if there is one. InputError names what is missing,
-    of another shape, or no rig.
+    measurement (HDF5), and the facet's definition (JSON) if there is one. InputError names missing fields
+    or parts, and fields of another shape.
 
-    Inputs do not tell the mirror's pose. It is taken as SOFAST starts, too: the middle of the lit pixels is
+    Inputs do not contain the mirror's pose. It is taken as SOFAST starts: the middle of the lit pixels is
     at the measured distance from the screen and reflects the screen's centre; columns run along x. Heights
     refer to that plane. Where nobody defined the facet, its borders are those of the lit pixels on it.
     """
@@ -165,7 +165,7 @@ def _lit(images: NDArray[Any]) -> NDArray[np.bool_]:
 
 
 def _screen(fields: Fields) -> tuple[Float, Float]:
-    """Fractions (n, 2) and their places on the screen (n, 3), mm, of whichever model the file has."""
+    """Fractions (n, 2) and their places on the screen (n, 3), mm, of the file's display model."""
     models = [model for model, names in MODELS.items() if any(n in fields for n in names if n != FRACTIONS)]
     if len(models) != 1 or any(name not in fields for name in MODELS[models[0]]):
         what = "none of the screen models whole" if len(models) < 2 else "fields of several screen models"

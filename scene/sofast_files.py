@@ -1,4 +1,4 @@
-"""What OpenCSP's SOFAST writes: fields of a result, or gathered from its inputs, with their shapes checked.
+"""Files of OpenCSP's SOFAST: fields of a result, or gathered from its inputs, with their shapes checked.
 
 Results and inputs are HDF5; a facet's definition is JSON. Fields go by their full names in the file.
 """
@@ -70,7 +70,7 @@ _SHAPES: dict[str, tuple[int | None, ...]] = {
     SHOTS: (None, None, 2),
     ALIGNMENT: (4, 4),
 }
-#: What a rig is made of, and the fields that say so: of a result, and of inputs.
+#: Parts of a rig and their fields: of a result, and of inputs.
 _PARTS = {
     True: {"camera": CAMERA, "orientation": POSE, "mask of the facet": (MASK,)},
     False: {"camera": CAMERA, "orientation": _ORIENTATION, "measurement": (SHOTS, DISTANCE)},
@@ -84,8 +84,8 @@ _OLDER = {
 
 
 def sofast_fields(paths: Sequence[Path], facet: str) -> Fields:
-    """Fields by their names for facet_000: of a result (POSE is whole), or of inputs (POSE tells where the
-    screen is, SHOTS and DISTANCE are there). InputError names the file, or all that is missing."""
+    """Fields by their names for facet_000: of a result (POSE is complete), or of inputs (POSE has the
+    screen's place, SHOTS and DISTANCE are there). InputError names the file, or all that is missing."""
     fields: Fields = {}
     for path in paths:
         found = _of_json(path) if path.suffix.lower() == ".json" else _of_hdf5(path, facet)

@@ -1,4 +1,4 @@
-"""What shape the mirror has: height and gradient, and how GLSL may evaluate the same."""
+"""Shape of the mirror: height and gradient, and how GLSL may evaluate the same."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field

@@ -25,7 +25,7 @@ _BLOCK = 16  # rows at a time: a block's temporaries stay in the cache
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Trace(Comparable):
-    """What every camera pixel sees, (H, W), NaN where it sees no pattern.
+    """The ray of every camera pixel, (H, W), NaN where it meets no pattern.
 
     u, v: pattern coordinates in cells; x, y, z: point on the mirror (mm); normal (H, W, 3): unit, on the
     camera's side; incidence: angle between ray and normal (rad); visible: bool.
@@ -60,7 +60,7 @@ class Trace(Comparable):
 
     @classmethod
     def load(cls, path: str | Path) -> "Trace":
-        """Read what `save` wrote; InputError if the file is not that."""
+        """Read a file of `save`; InputError if it is another."""
         arrays = load_arrays(path, _FIELDS)
         shape = arrays["u"].shape
         for name in _FIELDS:

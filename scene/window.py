@@ -1,4 +1,4 @@
-"""A part of the image, or every n-th pixel, as its own camera, and how far the view moves across a pixel."""
+"""A part of the image, or every n-th pixel, as a camera, and how far the view moves across a pixel."""
 
 from dataclasses import replace
 
@@ -14,7 +14,7 @@ Float = NDArray[np.float64]
 
 
 def scene_window(scene: Scene, row: float, col: float, rows: int, cols: int) -> Scene:
-    """The scene seen by a camera whose pixel (0, 0) is at (row, col) of its camera, fractions allowed."""
+    """The scene with a camera whose pixel (0, 0) is at (row, col) of its camera, fractions allowed."""
     return replace(scene, camera=_window(scene.camera, row, col, rows, cols))
 
 

@@ -1,4 +1,4 @@
-"""Scenes to TOML: explicit poses in full precision, so that what is read back is equal."""
+"""Scenes to TOML: explicit poses in full precision, so that a scene read back is equal."""
 
 from collections.abc import Mapping
 from dataclasses import fields
@@ -20,7 +20,7 @@ __all__ = ["FOREIGN", "foreign_sections", "scene_table"]
 
 Table = dict[str, Any]
 
-#: Sections of a rig's file that other parts own; read past here, kept on writing.
+#: Sections of a rig's file of other parts; skipped here, kept on writing.
 FOREIGN = ("rest", "response", "profile", "devices", "sync")
 
 
@@ -41,7 +41,7 @@ def _pitch(pattern: Pattern) -> float | list[float]:
 def scene_table(
     name: str, mirror: Mirror, pattern: Pattern, camera: Any, dent: str | None, others: Mapping[str, Any]
 ) -> Table:
-    """A scene's parts as plain TOML types; others: records by section, None: left out."""
+    """A scene's parts as plain TOML types; others: records by section, None: omitted."""
     table: Table = {
         "name": name,
         "mirror": {"size_mm": [mirror.length, mirror.width]},
