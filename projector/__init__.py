@@ -4,18 +4,18 @@
 |---|---|
 | `context.py`, `shaders.py`, `shaders/` | the OpenGL context (EGL first); shader files and their flags |
 | `renderer.py` | frames drawn offscreen, bit-equal to NumPy's |
-| `display.py`, `display_process.py`, `window.py` | the same in a real window, in a process of its own |
-| `monitors.py`, `edid.py` | monitors by name and serial; what bends their levels |
+| `display.py`, `display_process.py`, `window.py` | the same in a real window, in a separate process |
+| `monitors.py`, `edid.py` | monitors by name and serial; settings that distort levels |
 | `devices.py` | records and protocols of cameras, displays, clocks |
-| `virtual.py` | `capture`, `VirtualSensor`: a scene with a dent seen by its camera, strip by strip |
+| `virtual.py` | `capture`, `VirtualSensor`: images of a scene with a dent, strip by strip |
 | `groups.py`, `footprint.py` | frames looked up together; light of the cells under a pixel's footprint |
 | `optics_gl.py`, `surface_gl.py`, `optics_numpy.py`, `rays.py` | light on the sensor: GLSL; float64 |
-| `raytraced.py` | frames by rays through every pixel's area, for tests of what assumes something of a pixel |
+| `raytraced.py` | frames by rays through every pixel's area, for tests of models of a pixel |
 | `electronics.py` | exposure, flicker, response, noise, quantisation: one function for both |
 | `capture.py`, `folder.py` | `Capture` and its folder format |
 | `incoming.py` | pictures of other programs: which files, in which order, as which levels |
 | `sofast.py` | SOFAST's HDF5 measurements as captures |
-| `clocks.py`, `timing.py` | stamps of cameras as times here; what is known of a display and a camera |
+| `clocks.py`, `timing.py` | stamps of cameras as host times; latency, settling, shutter |
 | `synchronise.py`, `acquire.py`, `exposure.py` | measured by flips; an image for every pattern; exposure |
 | `recording.py`, `stream.py` | recordings; a thread that pulls images |
 | `cameras/` | back-ends of cameras |

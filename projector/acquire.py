@@ -25,7 +25,7 @@ OnImage = Callable[[Image, float], None]
 @dataclass(frozen=True, slots=True)
 class Taken:
     """The image of a pattern. swapped_s, stamp_s: host times of the swap and of the image; repeats: how
-    often the pattern was shown again; refused: images before it, by reason ("early", "incomplete").
+    often the pattern was repeated; refused: images before it, by reason ("early", "incomplete").
     """
 
     index: int
@@ -60,7 +60,7 @@ def acquire(
 
     timing: as measured by `synchronise`; None waits 0.5 s after every swap. triggered: the camera waits for
     `trigger`. on_image, on_shown: called with every image (and its time), accepted or not, and every swap.
-    A pattern is shown again if nothing comes for three periods and the read-out, or nothing whole that long
+    A pattern is repeated if no image comes for three periods and the read-out, or no complete one that long
     after it settled; three times, then InputError. CameraLost comes through.
     """
     if timing is None:
@@ -120,7 +120,7 @@ def acquire(
 
 
 def _warm(camera: Camera, time: Time, clock: ClockMap, triggered: bool, on_image: OnImage | None) -> None:
-    """Images for the map of the camera's clock: a map by a few may be as late as the latest of them."""
+    """Images for the map of the camera's clock: a map from a handful may be as late as the latest."""
     limit = time.now() + _WARM_S
     while clock.images < _WARM_IMAGES and time.now() < limit:
         if triggered:

@@ -18,7 +18,7 @@ __all__ = ["RendererSpeed", "measure_renderer"]
 class RendererSpeed:
     """Frames per second at rows x cols: drawn, drawn and read back, captured with noise.
 
-    renderer: 'gl' or 'numpy' (then nothing is drawn: 0); context: what draws.
+    renderer: 'gl' or 'numpy' (then nothing is drawn: 0); context: of OpenGL, or NumPy.
     """
 
     rows: int

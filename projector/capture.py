@@ -1,4 +1,4 @@
-"""What a camera saw of a sequence: the record that the projector hands to the decoder."""
+"""The images of a sequence: the record that the projector hands to the decoder."""
 
 import operator
 from collections.abc import Iterator
@@ -32,8 +32,8 @@ class Capture:
 
     frames: uint8 for 8 bits, else uint16 with values up to 2^bits - 1. bits: of the camera, 8 to 16.
     exposure: (N,) exposure of each frame relative to the nominal one; the same numbers stand in the
-    sequence's frames. timestamps: (N,) seconds, middle of the exposure. scene: what is known about the rig.
-    notices: what was noticed about the files that it was read from.
+    sequence's frames. timestamps: (N,) seconds, middle of the exposure. scene: the known rig.
+    notices: remarks on the files that it was read from.
     InputError names the field, its value and the limit.
     """
 
@@ -116,7 +116,7 @@ class Capture:
     def save(self, folder: str | Path, truth: Trace | None = None) -> None:
         """Write `capture.toml` and `frames/*.png`, with `scene.toml` and `truth.npz` where they are known.
 
-        The folder must not hold files; it is whole or absent afterwards.
+        The folder must not hold files; it is complete or absent afterwards.
         """
         write_folder(folder, self.frames, self.sequence, self.timestamps, self.bits, self.scene, truth)
 
@@ -145,7 +145,7 @@ class Capture:
         source: a folder, a glob pattern, a file of several pictures (TIFF, NPY, video), or files; names are
         sorted as people count. channel: red, green, blue or luminance. exposures: of K relative exposures
         there are N pictures each, one exposure after the other or each pattern under all of them in turn.
-        InputError names the file, or the number of pictures and what would have it.
+        InputError names the file, or the number of pictures and a remedy.
         """
         found = incoming(source, with_exposures(sequence, exposures), channel)
         shown = with_exposures(sequence, exposures, found.frames)

@@ -28,7 +28,7 @@ class ClockMap:
     """Device time to host time by the images that arrived with the least delay.
 
     That delay's constant part stays in the stamps: `synchronise` measures latency with the same stamps, so
-    it cancels. The drift is 0 until 30 s were seen, then that of the lower envelope, at most 100 ppm.
+    it cancels. The drift is 0 until the images span 30 s, then that of the lower envelope, at most 100 ppm.
     """
 
     def __init__(self) -> None:

@@ -1,6 +1,6 @@
-"""The OpenGL context: EGL (a GPU, or Mesa's llvmpipe) first, then the platform's own; else one clear line.
+"""The OpenGL context: EGL (a GPU, or Mesa's llvmpipe) first, then the platform's; else one clear line.
 
-Contexts are current per thread, so each thread that asks gets one of its own; `release_context` ends it.
+Contexts are current per thread, so each thread that asks gets a separate one; `release_context` ends it.
 A process that was forked from one that had one gets none: it would wait for ever for the driver's threads,
 which stay behind.
 """
@@ -45,7 +45,7 @@ class NoContextError(RuntimeError):
 
 @dataclass(frozen=True, slots=True)
 class ContextInfo:
-    """What draws: for `doctor` and for the reports."""
+    """Renderer and limits of a context: for `doctor` and for the reports."""
 
     backend: str
     vendor: str
@@ -73,7 +73,7 @@ _local = _Local()
 
 
 class _Process:
-    """Whether this process has had a context, and what a fork left it of its parent's."""
+    """Whether this process has had a context, and the objects that a fork copied from its parent's."""
 
     drawn = False
     forked = False
@@ -81,7 +81,7 @@ class _Process:
 
 
 def _forget() -> None:
-    """In a forked process: keep what belongs to the parent's driver, never to touch it, nor to free it."""
+    """In a forked process: keep the parent's objects of the driver, never to touch nor free them."""
     _Process.forked = _Process.drawn
     if _local.context is not None:
         _Process.abandoned += [_local.context, _local.kept]
@@ -132,7 +132,7 @@ def keep(name: str, make: Callable[[moderngl.Context], T]) -> T:
 
 
 def context_info(ctx: moderngl.Context | None = None) -> ContextInfo:
-    """Describe a context (this thread's own by default). NoContextError where none can be made."""
+    """Describe a context (this thread's by default). NoContextError where none can be made."""
     chosen = context() if ctx is None else ctx
     info = chosen.info
     return ContextInfo(

@@ -29,7 +29,7 @@ class CameraLost(InputError):
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """address: what --camera takes; note: why it cannot be opened now ("busy", "no permission"); formats: of
+    """address: argument of --camera; note: why it cannot be opened now ("busy", "no permission"); formats: of
     its pixels, as the driver names them.
     """
 
@@ -43,7 +43,7 @@ class Identity:
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """Settings of a camera. gain: None leaves it; fps: None is as fast as it can; rows, cols: 0 is the whole
+    """Settings of a camera. gain: None keeps it; fps: None is the highest; rows, cols: 0 is the full
     sensor; trigger: free, software or hardware.
     """
 
@@ -60,7 +60,7 @@ class Wanted:
 
 @dataclass(frozen=True, slots=True)
 class Accepted:
-    """Settings as read back from the camera, units as in Wanted. unlocked: what may change by itself, with
+    """Settings as read back from the camera, units as in Wanted. unlocked: settings that may change, with
     the reason ("exposure: the driver has no control").
     """
 
@@ -79,7 +79,7 @@ class Accepted:
 @dataclass(frozen=True, slots=True, eq=False)
 class Image:
     """pixels (H, W) uint8 or uint16, empty where the image is not complete; id: counter of the camera;
-    device_s: stamp of its clock; arrived_s: when it was here; why: what is wrong with it.
+    device_s: stamp of its clock; arrived_s: host time of arrival; why: its fault.
     """
 
     pixels: NDArray[Any]
@@ -112,7 +112,7 @@ class Camera(Protocol):
         """Images that were taken and never came."""
 
     def configure(self, wanted: Wanted) -> Accepted:
-        """Set everything, no automatic control left on; what the camera says that it does."""
+        """Set everything, automatic controls off; returns the settings read back."""
 
     def start(self) -> None:
         """Begin to take images."""
@@ -132,7 +132,7 @@ class Camera(Protocol):
 
 @runtime_checkable
 class Display(Protocol):
-    """What shows patterns."""
+    """A display of patterns."""
 
     @property
     def refresh_s(self) -> float | None:

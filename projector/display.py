@@ -1,4 +1,4 @@
-"""A real window that shows a sequence, in a process of its own: chosen monitor, full screen, vsync.
+"""A real window that displays a sequence, in a separate process: chosen monitor, full screen, vsync.
 
 GLX of the window and EGL of the virtual sensor end a process that has both; a crash of GLFW or of a driver
 takes this process only; the picture stays while Python decodes.
@@ -96,8 +96,8 @@ class PatternWindow:
     """Shows frames of `sequence`, row 0 on top, column 0 on the left, one pattern pixel per screen pixel.
 
     monitor: index into `monitors()` for full screen, None for a plain window of the pattern's size.
-    vsync: `show` returns when the frame before it has left the screen, so that a camera can be paced by it.
-    A context manager; a Display. `frames` and `late` count what was shown.
+    vsync: `show` returns once the previous frame is off the screen, so that it can pace a camera.
+    A context manager; a Display. `frames` and `late` count displayed and late frames.
     """
 
     def __init__(self, sequence: Sequence, *, monitor: int | None = None, vsync: bool = True) -> None:
@@ -175,7 +175,7 @@ class PatternWindow:
         return [one.swapped_s - shown[0].swapped_s for one in shown]
 
     def read(self) -> NDArray[np.uint8]:
-        """What the window shows, (rows, cols) uint8, row 0 on top: drawn once more and read back."""
+        """The window's content, (rows, cols) uint8, row 0 on top: drawn once more and read back."""
         answer = self._child.ask("read")
         return np.frombuffer(base64.b64decode(answer["pixels"]), np.uint8).reshape(answer["shape"])
 

@@ -12,8 +12,8 @@ _NAME, _SERIAL = 0xFC, 0xFF  # tags of display descriptors
 
 @dataclass(frozen=True, slots=True)
 class Edid:
-    """maker: three letters; name, serial: "" where absent; rows, cols: of its own mode; height_mm, width_mm:
-    of its image. 0 is unknown.
+    """maker: three letters; name, serial: "" where absent; rows, cols: of its native mode; height_mm,
+    width_mm: of its image. 0 is unknown.
     """
 
     maker: str

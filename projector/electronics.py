@@ -47,7 +47,7 @@ class FrameElectronics:
     def of_frame(
         cls, sensor: Sensor, gain: float, noise: float, bits: int, seed: int, frame: int
     ) -> "FrameElectronics":
-        """Electronics of frame number `frame`, with that frame's own noise."""
+        """Electronics of frame number `frame`, with that frame's noise."""
         shot, read = (np.random.default_rng([seed, frame, source]) for source in (_SHOT, _READ))
         return cls(sensor, gain, noise, bits, shot, read)
 

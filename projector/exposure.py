@@ -15,7 +15,7 @@ Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 _SATURATED = 1e-4  # share of the pixels that may be at the top level
 _TOP = 0.9  # of full scale, of the brightest that are to stay below
 _STEPS = 8
-_LIT = 0.03  # of the swing of the brightest pixels: those that see the pattern
+_LIT = 0.03  # of the swing of the brightest pixels: threshold of the mask
 _RANGE = 10.0  # between bright and dim pixels of the mask, beyond which one exposure leaves dim ones noisy
 
 
@@ -35,7 +35,7 @@ class Contrast:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExposureChoice:
-    """The exposure (s), what white and black are with it; further: longer exposures for the dim pixels."""
+    """The exposure (s), its contrast; further: longer exposures for the dim pixels."""
 
     exposure_s: float
     contrast: Contrast
@@ -72,7 +72,7 @@ def choose_exposure(
     """The longest exposure at which at most 0.01 % of the pixels saturate.
 
     take(exposure) sets the camera and returns the exposure that it accepted, an image of white, one of black.
-    unit_s: a refresh of the display, of which the exposure is to be a whole number; None: any.
+    unit_s: refresh of the display; the exposure is an integer multiple of it; None: any.
     InputError where even the shortest exposure saturates.
     """
 

@@ -1,4 +1,4 @@
-"""A capture as a folder: `capture.toml` says what every frame is, `frames/*.png` hold them without loss.
+"""A capture as a folder: `capture.toml` describes every frame, `frames/*.png` hold them without loss.
 
     version = 1
     rows, cols       of the pattern surface
@@ -39,7 +39,7 @@ __all__ = ["bits_of", "read_description", "read_folder", "write_description", "w
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 
 _VERSION = 1
-#: Seconds (or microseconds since 1970) at most: up to here a float holds whole numbers.
+#: Seconds (or microseconds since 1970) at most: up to here a float holds integers.
 _LATEST = 2.0**53
 _DESCRIPTION, _FRAMES, _SCENE, _TRUTH = "capture.toml", "frames", "scene.toml", "truth.npz"
 _KEYS = ("version", "rows", "cols", "bits", "name", "nominal", "frames")
@@ -169,7 +169,7 @@ def _read_image(path: Path, bits: int, channel: str) -> tuple[Image, bool]:
 
 
 def _read_scene(path: Path, sequence: Sequence, image: Image) -> Scene | None:
-    """The scene beside the frames, if there is one; its pattern and camera must be those of the capture."""
+    """The scene next to the frames, if there is one; its pattern and camera must be those of the capture."""
     if not path.is_file():
         return None
     scene = load(path)
@@ -186,7 +186,7 @@ def _read_scene(path: Path, sequence: Sequence, image: Image) -> Scene | None:
 
 
 def write_description(path: str | Path, sequence: Sequence) -> None:
-    """A capture.toml that names no files: what was shown, for pictures in that order. Nothing but the same
+    """A capture.toml that names no files: the sequence, for pictures in that order. Only the same
     description is written over; InputError names the file."""
     target, text = Path(path), tomli_w.dumps({"version": _VERSION, **sequence.to_dict()})
     if target.is_file() and target.read_bytes() != text.encode():
@@ -237,7 +237,7 @@ def _times(tables: list[Mapping[str, Any]], path: Path) -> NDArray[np.float64] |
 
 
 def _passed_over(base: Path, files: list[str]) -> tuple[Notice, ...]:
-    """`frames/` holds what the description names; other files get a notice, other pictures are refused."""
+    """`frames/` holds the files of the description; other files get a notice, other pictures are refused."""
     folder = base / _FRAMES
     present = sorted(folder.iterdir()) if folder.is_dir() else []
     extra = [path for path in present if f"{_FRAMES}/{path.name}" not in files]

@@ -72,7 +72,7 @@ def _shape(a: float, b: float, blur: float) -> tuple[float, float, float, float]
 
 @exact
 def _share(x: Any, p: Any, q: Any, scale: Any, s: Any) -> Any:
-    """H(x): the share of the footprint left of x, less one half."""
+    """H(x): the share of the footprint below x, less one half."""
     if x >= p + REACH * s:
         return 0.5
     if x <= -p - REACH * s:
@@ -122,8 +122,8 @@ def look_up_one(
 
     look: (P, 6): position along the axis, its movement from edge to edge of the pixel along columns and along
     rows, and the same three across the axis, in cells.
-    light: (P,) what the mirror passes on, 0 where nothing is seen. table: (cells, N) levels. across: cells
-    of the other axis. out: (P, N).
+    light: (P,) share that the mirror passes on, 0 without a view of the pattern. table: (cells, N) levels.
+    across: cells of the other axis. out: (P, N).
     """
     sums = np.empty(table.shape[1])
     for i in range(light.size):

@@ -14,10 +14,10 @@ __all__ = ["FrameGroup", "combined", "frame_groups", "varying_axis"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameGroup:
-    """Frames `indices` of a sequence, and what their cells emit.
+    """Frames `indices` of a sequence, and the light of their cells.
 
-    axis: 'u' or 'v' where the cells of one axis tell everything: `light` (cells, n) float32 is what they
-    emit, 0..1, and `across` counts the cells of the other axis. 'uv' otherwise: levels (cols, n) and (rows,
+    axis: 'u' or 'v' where frames vary along this axis at most: `light` (cells, n) float32 is emitted
+    light, 0..1, and `across` counts the cells of the other axis. 'uv' otherwise: levels (cols, n) and (rows,
     n) uint8, combined by their product or, if `mean`, their mean, and `response` (256,) float32, the light
     of each level.
     """

@@ -1,6 +1,6 @@
 """Pictures that another program took, one per pattern: which files, in which order, and as which levels.
 
-What can be seen without decoding is said here: other files in the folder, another number of pictures, numbers
+Faults that need no decoding are reported here: other files in the folder, another number of pictures, numbers
 that are missing or start again, copies, colours without contrast, lossy formats.
 """
 
@@ -60,8 +60,8 @@ LOSSY = Notice(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Incoming:
-    """frames (N, H, W) uint8 or uint16 in the order of showing; files: their names; notices: what was
-    noticed about the files."""
+    """frames (N, H, W) uint8 or uint16 in the order of showing; files: their names; notices: remarks
+    on the files."""
 
     frames: Levels
     files: tuple[str, ...]
@@ -81,9 +81,9 @@ def incoming(source: Source, shown: Sequence, channel: str = "luminance") -> Inc
     """The pictures of a folder, a glob pattern, a file that holds several (TIFF, NPY, video), or a list.
 
     source: names are sorted as people count (img_2 before img_10); files that are no pictures are passed over
-    with a notice, hidden ones as well. shown: what the N pictures show. channel: one of CHANNELS. Values in
-    floating point become 16-bit levels. InputError names the file or the count, what it must be, and what
-    would fit.
+    with a notice, hidden ones as well. shown: the sequence of the N pictures. channel: one of CHANNELS.
+    Values in floating point become 16-bit levels. InputError names the file or the count, its limit and a
+    remedy.
     """
     if channel not in CHANNELS:
         raise InputError(f"channel is {channel!r}, must be one of {', '.join(CHANNELS)}")
@@ -141,7 +141,7 @@ def _exposed(frame: Frame, exposure: float) -> Frame:
 
 
 def _likeness(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
-    """Mean correlation of pictures (N, n), those without contrast left out."""
+    """Mean correlation of pictures (N, n), except those without contrast."""
     one, other = (each - each.mean(axis=1, keepdims=True) for each in (one, other))
     size = np.sqrt((one**2).sum(axis=1) * (other**2).sum(axis=1))
     known = size > 0
@@ -239,7 +239,7 @@ def _of_one_size(pictures: list[_Picture], count: int) -> tuple[list[_Picture], 
 
 
 def _without_copies(pictures: list[_Picture], count: int) -> tuple[list[_Picture], list[Notice]]:
-    """Of too many pictures those that do not repeat the one before to the last bit, if they alone are
+    """Of too many pictures all that do not repeat the one before to the last bit, if they alone are
     `count`: no camera takes one twice."""
     if len(pictures) <= count:
         return pictures, []
@@ -254,7 +254,7 @@ def _without_copies(pictures: list[_Picture], count: int) -> tuple[list[_Picture
 
 
 def _numbers(files: Iterable[Path]) -> list[int]:
-    """The number that tells names apart, of each; none if more than one does, or the rest differs."""
+    """The number in which the names differ, of each; none if more than one does, or the rest differs."""
     parts = [re.split(r"(\d+)", path.name.casefold()) for path in files]
     if len({len(each) for each in parts}) != 1:
         return []
@@ -289,7 +289,7 @@ def _missing(files: list[Path]) -> str:
 
 
 def _other_count(found: int, shown: Sequence) -> str:
-    """What is wrong with a number of pictures, and what would have it."""
+    """The mismatch of a number of pictures, and a remedy."""
     text = f"{found} pictures, {shown.name} on a display of {shown.cols}x{shown.rows} has {len(shown)} frames"
     if found % len(shown) == 0:
         times = found // len(shown)

@@ -1,4 +1,4 @@
-"""Monitors: identity by EDID, size, refresh, levels; what about them bends patterns."""
+"""Monitors: identity by EDID, size, refresh, levels; settings that distort patterns."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -44,7 +44,7 @@ class Monitor:
 
     @property
     def address(self) -> str:
-        """What --display takes."""
+        """Argument of --display."""
         return f"{self.name}:{self.serial}" if self.serial else self.name
 
     def __str__(self) -> str:
@@ -53,7 +53,7 @@ class Monitor:
         return f"{self.address} ({self.rows} x {self.cols}, {refresh}{size}, {self.bits} bits)"
 
     def faults(self) -> tuple[str, ...]:
-        """What bends levels or resamples pixels: a sentence each, with its cure."""
+        """Settings that distort levels or resample pixels: a sentence each, with its cure."""
         found = []
         if self.bend > _STRAIGHT:
             found.append(
@@ -88,7 +88,7 @@ def choose_monitor(found: Sequence[Monitor], text: str) -> Monitor:
 
 
 def identified(plain: Mapping[str, Any], sysfs: Path = _SYSFS) -> Monitor:
-    """A monitor as the window system describes it, with what its EDID adds."""
+    """A monitor as the window system describes it, with its EDID's data."""
     monitor = Monitor(**plain)
     edid = _edids(sysfs).get(_connector(monitor.output))
     if edid is None:
@@ -114,5 +114,5 @@ def _edids(sysfs: Path) -> dict[str, Edid]:
 
 
 def _connector(name: str) -> str:
-    """One name for what the kernel calls HDMI-A-1 and the X server HDMI-1."""
+    """One name for the kernel's HDMI-A-1 and the X server's HDMI-1."""
     return re.sub(r"^(HDMI|DVI)-[A-Z]-", r"\1-", name)

@@ -21,8 +21,8 @@ __all__ = ["GLOptics", "look_source", "trace_source"]
 
 _NEAR = 2e-6  # of the mirror's length: see `near` in trace.glsl
 _MARCH = 4096  # shortest marching steps that cross the mirror
-_BELOW = 1e-6  # of the mirror's length: what float32 cannot tell from the surface itself
-_BEYOND = 0.01  # of the mirror's size: how far outside of it the edges of the outermost pixels may see
+_BELOW = 1e-6  # of the mirror's length: distance from the surface below float32's resolution
+_BEYOND = 0.01  # of the mirror's size: how far outside of it rays of the outermost pixels' edges may end
 
 _Target = tuple[moderngl.Framebuffer, tuple[moderngl.Texture, ...]]
 
@@ -135,7 +135,7 @@ class GLOptics:
         free(self._ctx, surface)
 
     def release(self) -> None:
-        """Free what lies on the GPU; the context stays, and its programs with it."""
+        """Free its GPU memory; the context stays, and its programs with it."""
         tables = [
             texture for looks in self._looks.values() for look in looks for texture in look.textures.values()
         ]
@@ -162,7 +162,7 @@ class GLOptics:
         return found
 
     def seen(self, surface: LoadedSurface, start: int, stop: int) -> NDArray[np.float32]:
-        """(stop - start, W, 4): u, v, light that is passed on (0: nothing is seen), cosine of incidence."""
+        """(stop - start, W, 4): u, v, light that is passed on (0 without a view), cosine of incidence."""
         rows, cols = stop - start, self._scene.camera.cols
         out = np.empty((rows, cols, 4), np.float32)
         with checked(self._ctx):
@@ -239,7 +239,7 @@ class GLOptics:
         return _Look(group, quads, program, textures)
 
     def _uniforms(self, surface: LoadedSurface, beyond: float) -> dict[str, Any]:
-        """What trace.glsl is told; `beyond`: how far outside the mirror it sees, relative to its size."""
+        """Uniforms of trace.glsl; `beyond`: margin around the mirror that it traces, relative to its size."""
         scene, pattern = self._scene, self._scene.pattern
         length, width = scene.mirror.length, scene.mirror.width
         values: dict[str, Any] = {

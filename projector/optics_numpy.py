@@ -73,10 +73,10 @@ class HeldNowhere:
         return surface
 
     def unload(self, surface: Surface) -> None:
-        """Nothing is held for a surface."""
+        """No memory to free for a surface."""
 
     def release(self) -> None:
-        """Nothing is held."""
+        """No memory to free."""
 
 
 class NumpyOptics(HeldNowhere):

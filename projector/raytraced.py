@@ -6,9 +6,9 @@ face, dent, reflection). They form a turned grid: ray (i, j) of a pixel stands a
     ((i + (j + 1/2) / side) / side, (j + (side - i - 1/2) / side) / side)
 
 of it: all of them differ along columns and along rows, and the two do not correlate. Each looks up the light
-of the display at the place that it meets: cells of even level as `Frame.tables` says, dark around them, seen
-through a Gaussian of `pattern.blur_px` cells; the pixel's light is their mean. It serves tests of whatever
-assumes something of a pixel: maps that bend, fold or end inside of one are averaged as they are.
+of the display at the place that it meets: cells of uniform level (`Frame.tables`), dark around them, blurred
+by a Gaussian of `pattern.blur_px` cells; the pixel's light is their mean. It serves tests of
+models of a pixel: maps that bend, fold or end inside of one are averaged as they are.
 """
 
 from dataclasses import dataclass, replace
@@ -36,12 +36,12 @@ Light = NDArray[np.float32]
 _REACH = 5.0  # the blur is cut off here, in units of its rms: 6e-7 of the light
 _FINE = 128  # places in a cell at which the blurred light is tabulated; in between it is interpolated
 _BLOCK = 1024  # pixels at a time per thread
-_TRACED = 1 << 14  # pixels whose rays are held at a time
+_TRACED = 1 << 14  # pixels whose rays are in memory at a time
 
 
 @dataclass(frozen=True, slots=True)
 class Lighting:
-    """What dims the light. backlight: share that is missing at the display's corner farthest from `brightest`
+    """Losses of light. backlight: share that is missing at the display's corner farthest from `brightest`
     (u, v, shares of its sides); vignetting: share that is missing in the image's corners (with the square of
     the distance, both); dark: dark current, 8-bit levels, with the shot noise of as much light.
     """
@@ -54,10 +54,10 @@ class Lighting:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AreaTrace:
-    """What the rays of every pixel's area meet.
+    """Intersections of the rays of every pixel's area.
 
-    u, v (H, W, R): pattern coordinates in cells, NaN where a ray meets nothing that light of the pattern
-    comes from (within the blur's reach it comes from beside the cells, too); reflected (H, W, R): share of
+    u, v (H, W, R): pattern coordinates in cells, NaN where a ray meets neither the pattern nor the
+    margin into which its blur carries light; reflected (H, W, R): share of
     the light that the mirror passes on; hit (H, W, R): rays that meet a cell; centre: of the pixels' centres.
     """
 
@@ -194,12 +194,12 @@ def expose(
 
 
 def _margin(scene: Scene) -> int:
-    """Cells beside the pattern into which its blur carries light."""
+    """Cells around the pattern into which its blur carries light."""
     return int(np.ceil(_REACH * scene.pattern.blur_px)) + 1
 
 
 def _dimming(seen: AreaTrace, lighting: Lighting) -> Float:
-    """What reaches the sensor (H, W, R) of the light that the display would emit, and the lens pass on."""
+    """Factor (H, W, R) of the backlight's falloff and the lens's vignetting; 0 for rays without light."""
     pattern = seen.scene.pattern
     at = np.stack([(seen.u + 0.5) / pattern.cols, (seen.v + 0.5) / pattern.rows])
     brightest = np.array(lighting.brightest)[:, None, None, None]
@@ -285,7 +285,7 @@ def _pixel_means(
     """Mean light (P, n) over the rays of pixels.
 
     at, beside (P, R): places along and across the axis of the frames, cells from the tables' start; weights
-    (P, R): 0 where a ray sees nothing; table (F, n), edges (E,): light along, and share of it left across,
+    (P, R): 0 where a ray meets no light; table (F, n), edges (E,): light along, and share of it across,
     `fine` entries a cell, interpolated where that is more than one.
     """
     smooth = 1.0 if fine > 1 else 0.0

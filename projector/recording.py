@@ -107,9 +107,9 @@ class Recorder:
 
 
 class BackgroundRecorder:
-    """Writes in a thread of its own, so that a slow disk does not hold the camera up.
+    """Writes in a separate thread, so that a slow disk does not delay the camera.
 
-    At most 256 MB wait; what comes then is dropped, and counted. failure: the OSError that ended it.
+    At most 256 MB wait; images beyond are dropped, and counted. failure: the OSError that ended it.
     """
 
     def __init__(self, recorder: Recorder) -> None:
@@ -133,7 +133,7 @@ class BackgroundRecorder:
             self._queue.put((image, stamp.time_s))
 
     def close(self) -> None:
-        """Write what waits."""
+        """Write the queue."""
         self._queue.put(None)
         self._thread.join()
 
@@ -157,7 +157,7 @@ class Logged:
 
 
 class Recording:
-    """Reads a recording, whole or broken off. InputError names the file and what is wrong.
+    """Reads a recording, complete or truncated. InputError names the file and its fault.
 
     about: the first line; accepted: the last settings, None without.
     """

@@ -19,7 +19,7 @@ __all__ = ["FramePainter", "PatternRenderer", "render"]
 class FramePainter:
     """A sequence's level tables on the GPU, and the programs that draw one frame into any framebuffer.
 
-    A frame that varies along one axis needs one table only: as shown, combined with the other axis' level.
+    A frame that varies along one axis needs one table only: as displayed, with the other axis' level.
     """
 
     def __init__(self, ctx: moderngl.Context, sequence: Sequence) -> None:
@@ -42,7 +42,7 @@ class FramePainter:
         """Draw frame `index`.
 
         top: 0 puts image row 0 at the target's first row (offscreen); the target's height puts it on top, and
-        what the frame does not cover is black (a window).
+        the area around the frame is black (a window).
         """
         axis = self._axes[index]
         program = self._programs[axis]
@@ -60,7 +60,7 @@ class FramePainter:
         self._vertices[axis].render(moderngl.TRIANGLES, vertices=3)
 
     def release(self) -> None:
-        """Free what lies on the GPU."""
+        """Free its GPU memory."""
         free(self._ctx, *self._vertices.values(), *self._programs.values(), *self._textures.values())
 
     def _program(self, axis: str, sequence: Sequence) -> moderngl.Program:
@@ -114,7 +114,7 @@ class PatternRenderer:
         self._ctx.finish()
 
     def release(self) -> None:
-        """Free what lies on the GPU; the context stays."""
+        """Free its GPU memory; the context stays."""
         free(self._ctx, self._framebuffer, self._target, self._painter)
 
 

@@ -1,10 +1,10 @@
 """Shaders are files in `shaders/`: includes, flags and constants are resolved before the driver sees them.
 
-Directives of these files (each on a line of its own):
+Directives of these files (one a line):
 
-    #include "name.glsl"      once per program; a second include of the same file is left out
+    #include "name.glsl"      once per program; a second include of the same file is omitted
     #ifdef FLAG / #ifndef FLAG / #else / #endif
-                              FLAG is a feature of the program; what is off is removed
+                              FLAG is a feature of the program; code of a feature that is off is removed
     $NAME                     replaced by the value of the define NAME
 
 `#line` directives number the lines by file, and `compile_program` puts the file names back into driver
@@ -56,7 +56,7 @@ def build_source(
     """The source of shader file `name`.
 
     flags: feature -> on or off. A flag that the files test must be given, and one given must be tested by
-    them. values: name -> text for `$name`, under the same rule. ShaderError names what does not fit.
+    them. values: name -> text for `$name`, under the same rule. ShaderError names a violation.
     """
     builder = _Builder(dict(flags or {}), {key: str(value) for key, value in (values or {}).items()})
     lines = [_VERSION, *builder.expand(name)]

@@ -1,6 +1,6 @@
 """Measurements of OpenCSP's SOFAST (HDF5) as captures: fringes on a screen, and the response to invert.
 
-The file tells its fringes in periods per screen and places as fractions of the screen, not in pixels; here
+The file gives its fringes in periods per screen and places as fractions of the screen, not in pixels; here
 a screen has nominal pixels, `scene.SOFAST_SCREEN`: u = 2000 x, v = 1000 (1 - y) for fractions (x, y).
 """
 
@@ -56,7 +56,7 @@ def load_sofast(path: str | Path) -> Capture:
 
 
 def load_sofast_response(path: str | Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Display levels (n,) and what the camera saw of them (n,), both rising: the response to invert."""
+    """Display levels (n,) and the camera's levels for them (n,), both rising: the response to invert."""
     fields = load_fields(path, [_DISPLAY, _CAMERA])
     display, camera = (fields[name].astype(np.float64) for name in (_DISPLAY, _CAMERA))
     if display.ndim != 1 or display.shape != camera.shape or len(display) < 2:

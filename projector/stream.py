@@ -21,7 +21,7 @@ class CameraStream:
     """Begins and ends with its block. Listeners run in its thread and must be quick.
 
     images, incomplete: counts so far; failure: CameraLost, or an error of a listener, that ended it early;
-    what is neither InputError nor OSError is raised at the end of the block.
+    errors other than InputError and OSError are raised at the end of the block.
     """
 
     def __init__(self, camera: Camera, clock: ClockMap, *listeners: Listener) -> None:

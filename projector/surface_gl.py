@@ -35,13 +35,13 @@ class LoadedSurface:
     steepest: float
 
     def release(self) -> None:
-        """Free what lies on the GPU."""
+        """Free its GPU memory."""
         if self.texture is not None:
             self.texture.release()
 
 
 def load_surface(ctx: moderngl.Context, scene: Scene, surface: Surface) -> LoadedSurface:
-    """Bring a surface to the GPU; what is neither a known closed form nor a height array is sampled."""
+    """Bring a surface to the GPU; one that is neither a known closed form nor a height array is sampled."""
     kind = "" if surface.formula is None else surface.formula.name.upper().replace("-", "_")
     if surface.formula is not None and kind == "FLAT":
         return LoadedSurface(_kinds("FLAT"), {}, None, *_bounds(scene, surface))
@@ -76,7 +76,7 @@ def _load_grid(ctx: moderngl.Context, scene: Scene, surface: Surface) -> LoadedS
 
 
 def _bounds(scene: Scene, surface: Surface) -> tuple[float, float, float]:
-    """Lowest, highest height (mm), largest slope over the mirror: samples, widened for what is between."""
+    """Lowest, highest height (mm), largest slope over the mirror: samples, widened for the gaps."""
     length, width = scene.mirror.length, scene.mirror.width
     x, y = np.meshgrid(np.linspace(0.0, length, _SAMPLES), np.linspace(0.0, width, _SAMPLES))
     z = np.asarray(surface.height(x, y), np.float64)

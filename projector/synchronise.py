@@ -1,8 +1,8 @@
-"""Latency, settling and shutter of a display and a camera, measured by flips of the whole screen.
+"""Latency, settling and shutter of a display and a camera, measured by full-screen flips.
 
 The camera is the photodiode: brightness of bands of rows against the times of pseudo-random swaps. Band r
 (0 top, 1 bottom) of an image with stamp s is the mean over [s + r shutter, + exposure] of cells that follow
-every swap `latency` later, with time constants of their own for rise and fall. Four numbers, a gain and an
+every swap `latency` later, with separate time constants for rise and fall. Four numbers, a gain and an
 offset per band; least squares.
 """
 
@@ -28,7 +28,7 @@ Float = NDArray[np.float64]
 
 _BANDS = 16
 _FLIPS = 60
-_REFRESH_S = 1 / 60  # where unknown: what holds are counted in
+_REFRESH_S = 1 / 60  # assumed where unknown: unit of the time between flips
 _WHITE_IMAGES = 32
 _STILL_S, _PATIENCE_S = 0.5, 5.0  # after a swap until the light is still; until an image must have come
 _LIT = 0.3  # of the largest swing: pixels that see the display
@@ -46,7 +46,7 @@ _ROUNDS = 3
 @dataclass(frozen=True, slots=True, eq=False)
 class FlipRecord:
     """stamps_s (N,) and their sigma; brightness (N, B) of bands with middles `bands` (0 to 1); swaps_s (F,)
-    and the level (0 or 1) shown from each on; delays_s (N,) from stamp to arrival; flicker: of white images.
+    and the level (0 or 1) after each; delays_s (N,) from stamp to arrival; flicker: of white images.
     """
 
     stamps_s: Float
@@ -88,7 +88,7 @@ def record_flips(
     flips: int = _FLIPS,
     triggered: bool = False,
 ) -> FlipRecord:
-    """Flip black and white, held 2 to 6 refreshes at random, and keep the brightness of every image."""
+    """Flip black and white every 2 to 6 refreshes, at random, and keep the brightness of every image."""
     refresh = display.refresh_s or _REFRESH_S
     rng = np.random.default_rng(seed)
     eye = _Eye(camera, time, clock, triggered)
@@ -328,9 +328,7 @@ def _fit(taken: FlipRecord, exposure: float, swaps: Float, start: Float | None) 
 
 
 def _lateness(taken: FlipRecord, exposure: float, numbers: Float, lateness: Float) -> Float:
-    """(F,) s, by how much the light of each swap is later than the fit says; one after the other, from what
-    was known of the others.
-    """
+    """(F,) s, delay of each swap's light relative to the fit; sequentially, given the others' estimates."""
     latency, rise, fall, shutter = numbers
     starts = taken.stamps_s[:, None] + shutter * taken.bands - latency
     swaps = taken.swaps_s + lateness
@@ -354,7 +352,7 @@ def _lateness(taken: FlipRecord, exposure: float, numbers: Float, lateness: Floa
 
 
 def _between(k: int, swaps: Float, moved: float) -> float:
-    """A time of swap k between those beside it."""
+    """A time of swap k, clipped to the swaps before and after it."""
     return float(min(max(moved, swaps[k - 1]), swaps[k + 1] if k + 1 < len(swaps) else np.inf))
 
 

@@ -1,4 +1,4 @@
-"""What synchronisation knows of one display and one camera with one exposure: latency, settling, shutter."""
+"""Result of synchronisation of one display and one camera with one exposure: latency, settling, shutter."""
 
 import math
 from collections.abc import Mapping
@@ -11,7 +11,7 @@ from .devices import Accepted
 
 __all__ = ["SAFE_WAIT_S", "Timing"]
 
-#: Without a measurement: what public rigs wait for slow displays, 30 refreshes at 60 Hz.
+#: Without a measurement: the wait of public rigs for slow displays, 30 refreshes at 60 Hz.
 SAFE_WAIT_S = 0.5
 _KINDS = {"trigger": "text", "camera": "text", "display": "text", "sigma_s": "table of numbers"}
 
@@ -52,7 +52,7 @@ class Timing:
         return self.latency_s + self.jitter_s + settled + spread - min(self.shutter_s, 0.0)
 
     def whole_refreshes(self, exposure_s: float) -> float | None:
-        """The exposure nearest above that is a whole number of refreshes; None where that is unknown."""
+        """The shortest integer number of refreshes that covers the exposure, s; None for unknown ones."""
         if self.refresh_s is None:
             return None
         return max(1, math.ceil(exposure_s / self.refresh_s - 1e-3)) * self.refresh_s
@@ -71,7 +71,7 @@ class Timing:
                 )
 
     def to_table(self) -> dict[str, Any]:
-        """Plain TOML types, for [sync] of a rig; what is unknown is left out."""
+        """Plain TOML types, for [sync] of a rig; unknown fields are omitted."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         return {name: value for name, value in values.items() if value is not None}
 

@@ -1,4 +1,4 @@
-"""The virtual sensor: a scene with a dent, seen by its camera while its pattern surface shows a sequence."""
+"""The virtual sensor: images of a scene with a dent while its pattern surface displays a sequence."""
 
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -26,11 +26,11 @@ from .raytraced import RayOptics
 
 __all__ = ["RENDERERS", "VirtualSensor", "capture", "chosen_renderer"]
 
-#: What draws the light: OpenGL where there is a context, OpenGL, NumPy in float64 (all of these take a
+#: Renderer of the light: OpenGL where there is a context, OpenGL, NumPy in float64 (all of these take a
 #: pixel's footprint for a parallelogram), or the mean of 36 rays, for maps that bend inside of a pixel.
 RENDERERS = ("auto", "gl", "numpy", "rays")
 
-_STRIP = 1 << 19  # pixels of a frame whose light is held at a time
+_STRIP = 1 << 19  # pixels of a frame whose light is in memory at a time
 
 _LOUDEST = 1e9  # levels rms, as of a scene's sensor
 
@@ -39,7 +39,7 @@ Motion = Callable[[float], Surface]
 
 
 class _Optics(Protocol):
-    """What renders light: GLOptics, NumpyOptics."""
+    """A renderer of light: GLOptics, NumpyOptics."""
 
     def load(self, surface: Surface) -> Any: ...
 
@@ -65,9 +65,9 @@ def capture(
     samples: int = 8,
     progress: Progress = silent,
 ) -> Capture:
-    """What the scene's camera records of `sequence`; see VirtualSensor for the parameters.
+    """The camera's images of `sequence`; see VirtualSensor for the parameters.
 
-    progress: called with what is being done, how many rows (frames, if it moves) are done, of how many.
+    progress: called with the activity, the number of rows (frames, if it moves) done, and their total.
     """
     with (
         VirtualSensor(
@@ -124,7 +124,7 @@ class VirtualSensor:
         and with a shutter averaged over `samples` instants of it.
     renderer: 'gl', 'numpy' (float64, the reference), 'rays' (36 of them over every pixel, where the map
     bends inside of one), or 'auto', OpenGL where there is a context.
-    noise: rms of Gaussian noise in 8-bit levels, added to the sensor's own; seed: of all noise, same on
+    noise: rms of Gaussian noise in 8-bit levels, added to the sensor's; seed: of all noise, same on
     every machine. bits: of the camera (default: the scene's sensor). exposure: of each frame, relative to
     the sensor's. A scene without a sensor has NOMINAL_SENSOR: level = 16 + 216.75 light.
     """
@@ -176,7 +176,7 @@ class VirtualSensor:
 
     @property
     def sequence(self) -> Sequence:
-        """What is shown, with the exposure of each frame."""
+        """The displayed sequence, with the exposure of each frame."""
         return self._sequence
 
     def time(self, index: int) -> float:
@@ -200,11 +200,11 @@ class VirtualSensor:
                 self._expose({index: frame}, self._instants(index), index)
                 progress("frames", index + 1, len(frames))
         times = np.array([self.time(index) for index in range(len(frames))])
-        exact = replace(self._scene, accuracy=None, covariance=None)  # what is rendered has no errors
+        exact = replace(self._scene, accuracy=None, covariance=None)  # a rendered scene has no errors
         return Capture(frames, self._sequence, exact, timestamps=times, bits=self._bits)
 
     def release(self) -> None:
-        """Free what the renderer holds."""
+        """Free the renderer's memory."""
         if self._still is not None:
             self._optics.unload(self._still)
         self._optics.release()

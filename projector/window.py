@@ -92,7 +92,7 @@ class Window:
     """Shows frames of `sequence`, row 0 on top, column 0 on the left, one pattern pixel per screen pixel.
 
     monitor: index into `monitors()` for full screen, None for a plain window of the pattern's size.
-    vsync: `show` returns when the frame before it has left the screen, so that a camera can be paced by it.
+    vsync: `show` returns once the previous frame is off the screen, so that it can pace a camera.
     Use it in the main thread of a process that ends with it: nothing closes it.
     """
 
@@ -201,7 +201,7 @@ class Window:
         return shown
 
     def read(self) -> NDArray[np.uint8]:
-        """What the window shows, (rows, cols) uint8, row 0 on top: drawn once more and read back."""
+        """The window's content, (rows, cols) uint8, row 0 on top: drawn once more and read back."""
         height, width = self.shape
         self._painter.draw(self._index, self._ctx.screen, top=height)
         raw = self._ctx.screen.read(viewport=(0, 0, width, height), components=3, alignment=1)
@@ -214,7 +214,7 @@ class Window:
             self._gone = True
 
     def _on_key(self, window: Any, key: int, scancode: int, action: int, mods: int) -> None:
-        """Note what the key asks for; GLFW forbids to draw and poll from here."""
+        """Note the key's command; GLFW forbids to draw and poll from here."""
         if action == glfw.RELEASE:
             return
         if key == glfw.KEY_ESCAPE:

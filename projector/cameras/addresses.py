@@ -29,7 +29,7 @@ def find_cameras() -> tuple[list[Identity], dict[str, str]]:
 
 
 def open_camera(address: str) -> Camera:
-    """The camera of an address. InputError of what is unknown, busy, not permitted, or not the only one."""
+    """The camera of an address. InputError if it is unknown, busy, not permitted or ambiguous."""
     kind, _, name = address.partition(":")
     if kind == "serial" and name:
         return open_camera(_by_serial(name))

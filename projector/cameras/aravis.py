@@ -39,7 +39,7 @@ def find() -> list[Identity]:
 
 
 def open_named(name: str) -> "AravisCamera":
-    """By address or by Aravis' own name."""
+    """By address or by Aravis' name."""
     return AravisCamera(name)
 
 
@@ -79,7 +79,7 @@ class AravisCamera:
         return Identity("aravis", model, serial, f"{'gige' if self._gige else 'aravis'}:{self._name}")
 
     def configure(self, wanted: Wanted) -> Accepted:
-        """InputError names what the camera refuses."""
+        """InputError names a setting that the camera refuses."""
         try:
             return self._configure(wanted)
         except GlibError as error:

@@ -64,11 +64,11 @@ _PROTOTYPES: dict[str, tuple[Any, ...]] = {
 
 
 class GlibError(OSError):
-    """What a function of Aravis complains of."""
+    """An error of an Aravis function."""
 
 
 class Glib:
-    """The library with its prototypes set; `call` raises what a GError says."""
+    """The library with its prototypes set; `call` raises the message of a GError."""
 
     def __init__(self, library: C.CDLL, objects: C.CDLL) -> None:
         self._functions = {}
@@ -86,7 +86,7 @@ class Glib:
         self._unref.argtypes, self._error_free.argtypes = [_POINTER], [_POINTER]
 
     def call(self, name: str, *arguments: Any) -> Any:
-        """What the function returns. GlibError."""
+        """The function's result. GlibError."""
         function = self._functions[name]
         if not function.argtypes or function.argtypes[-1] is not _ERROR:
             return function(*arguments)

@@ -38,7 +38,7 @@ _DISABLED = 1
 
 
 class VideoDevice(Protocol):
-    """A device file: what tests put recorded structures in the place of."""
+    """A device file; tests replace it by recorded structures."""
 
     def ioctl(self, request: int, data: bytearray) -> None:
         """Fill `data`; OSError."""
@@ -78,7 +78,7 @@ class OpenDevice:
 
 @dataclass(frozen=True, slots=True)
 class Format:
-    """What the driver agreed to: fourcc, bytes a row."""
+    """The driver's format: fourcc, bytes a row."""
 
     rows: int
     cols: int
@@ -88,7 +88,7 @@ class Format:
 
 @dataclass(frozen=True, slots=True)
 class Control:
-    """A control's limits, in its own units."""
+    """A control's limits, in the driver's units."""
 
     name: str
     low: int
@@ -138,7 +138,7 @@ def set_format(device: VideoDevice, rows: int, cols: int, fourcc: bytes) -> Form
 
 
 def set_rate(device: VideoDevice, fps: float) -> float | None:
-    """The rate that the driver takes; None where it cannot tell."""
+    """The rate that the driver sets; None where it reports none."""
     data = bytearray(204)
     struct.pack_into("<I", data, 0, _CAPTURE)
     struct.pack_into("<II", data, 12, 1000, round(1000 * fps))
@@ -162,7 +162,7 @@ def control(device: VideoDevice, number: int) -> Control | None:
 
 
 def set_control(device: VideoDevice, number: int, value: int) -> int:
-    """Set, and what it reads back; OSError."""
+    """Set, and return the value read back; OSError."""
     device.ioctl(S_CTRL, bytearray(struct.pack("<Ii", number, value)))
     data = bytearray(struct.pack("<Ii", number, 0))
     device.ioctl(G_CTRL, data)

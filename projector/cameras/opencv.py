@@ -14,7 +14,7 @@ from ..devices import Accepted, CameraLost, Identity, Image, Wanted
 
 __all__ = ["OpenCVCamera", "find", "open_named"]
 
-_MANUAL = (1.0, 0.25)  # of CAP_PROP_AUTO_EXPOSURE: V4L2's own number, and older OpenCV's
+_MANUAL = (1.0, 0.25)  # of CAP_PROP_AUTO_EXPOSURE: V4L2's number, and older OpenCV's
 _GONE_S = 5.0
 _EXPOSURE_UNIT_S = 1e-4  # V4L2; elsewhere powers of two
 

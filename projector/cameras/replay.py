@@ -12,7 +12,7 @@ __all__ = ["Replay"]
 
 
 class Replay:
-    """Camera, Display and Time in one, so that what ran on a rig runs again, alike every time."""
+    """Camera, Display and Time in one, so that a recorded run repeats identically."""
 
     lost = 0
 
@@ -57,7 +57,7 @@ class Replay:
         raise CameraLost(f"{self.recording.folder}: the recording ends before frame {index} is shown (again)")
 
     def configure(self, wanted: Wanted) -> Accepted:
-        """As it was recorded, whatever is wanted."""
+        """The recorded settings, for any request."""
         rows, cols = self._shape
         return self.recording.accepted or Accepted(wanted.exposure_s, rows, cols)
 
@@ -65,7 +65,7 @@ class Replay:
         """Stands where it stands."""
 
     def trigger(self) -> float:
-        """What it triggered then comes anyway."""
+        """No effect: the recorded images come anyway."""
         return self._now
 
     def next(self, timeout_s: float) -> Image | None:

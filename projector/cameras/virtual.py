@@ -1,4 +1,4 @@
-"""The virtual sensor as a camera: what the scene's camera sees of the pattern that is on show."""
+"""The virtual sensor as a camera: its image of the pattern on display."""
 
 from ..capture import Image as Pixels
 from ..devices import Identity
@@ -20,5 +20,5 @@ class VirtualCamera(StillCamera):
         return self._sensor.grab(index)
 
     def close(self) -> None:
-        """Free what the sensor holds."""
+        """Free the sensor's memory."""
         self._sensor.release()
