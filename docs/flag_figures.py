@@ -57,11 +57,11 @@ def hazy(frames: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(110 + 0.05 * frames + noise)
 
 
-def swapped(frames: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Two coarse bits in each other's place."""
-    order = list(range(len(frames)))
-    order[4], order[5] = order[5], order[4]
-    return frames[order]
+def torn(frames: NDArray[np.float64]) -> NDArray[np.float64]:
+    """One bit shows the bit before it in the lower rows."""
+    changed = frames.copy()
+    changed[5, 70:] = frames[4, 70:]
+    return changed
 
 
 def pressed_late(frames: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -88,7 +88,7 @@ CASES = (
     Case(Flag.OFF_PATTERN, dent="tilt:slope=0.1"),
     Case(Flag.OUTLIER, change=dust),
     Case(Flag.MOVED, change=pressed_late),
-    Case(Flag.WRONG_FRAME, code="gray:inverses=false", change=swapped),
+    Case(Flag.WRONG_FRAME, code="gray:inverses=false", change=torn),
     Case(HeightFlag.CURL, dent="flat"),
     Case(HeightFlag.STEEP, dent="flat"),
     Case(HeightFlag.NO_ANCHOR),
