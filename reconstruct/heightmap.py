@@ -34,9 +34,9 @@ class HeightFlag(IntFlag):
     NO_ANCHOR: nothing ties the pixel to a known height; CURL: its slopes are those of no surface; STEEP: it
     is reached only across slopes that change too fast between pixels (a cusp, a rim), what that may cost
     exceeds three sigma of the pixels around and is in its sigma (not so where pixels are missing along the
-    same line: a step of any height may hide there, and the piece behind it is flagged); NOT_CONVERGED:
-    the last steps still moved it, or so many others that nothing can be said of any; SINGULAR: the pattern
-    lies within its noise of the mirror or of the ray there, so that there is no normal, or so near that the
+    same line: a step of any height may hide there, and the piece behind it is flagged); NOT_CONVERGED: the
+    last steps still moved it, or so many others that nothing can be said of any; SINGULAR: the pattern lies
+    within its noise of the mirror or of the ray there, so that there is no normal, or so near that the
     solution does not converge there (a scene that is slightly wrong, method 'fixed-point'); IMPLAUSIBLE: no
     rig of the scene's accuracy can have taken the capture (on all pixels).
     """
@@ -59,10 +59,10 @@ class Diagnostics:
     calibration rules, not noise); both None if unknown; components: connected components solved; lost: pixels
     in components without an anchor; chi2: of the slopes' circulation around blocks of pixels, per degree of
     freedom, `freedom` in number (see `circulation`; about 1 if the scene is right, None without a complete
-    block); correlation: factor on the variance for errors
-    that neighbouring pixels share, but for shared noise that is known (1: independent noise); solver: of the
-    linear problems; notes: what else a reader should know; slope_sigma: median standard deviations of dz/dx
-    and dz/dy by noise, where they were computed.
+    block); correlation: factor on the variance for errors that neighbouring pixels share, but for shared
+    noise that is known (1: independent noise); solver: of the linear problems; notes: what else a reader
+    should know; slope_sigma: median standard deviations of dz/dx and dz/dy by noise, where they were
+    computed.
     """
 
     method: str

@@ -24,8 +24,8 @@ class Measured:
     """Correspondences on a grid with their rays.
 
     u, v, sigma_u, sigma_v (rows, cols) pattern pixels, used where mask is true; plane (3, 3): see
-    `geometry.pattern_plane`; shape: of the pattern's surface off that plane. With one, a mirror at w
-    looks at the place of the plane on the line to the pattern point: slopes depend on the direction alone.
+    `geometry.pattern_plane`; shape: of the pattern's surface off that plane. With one, a mirror at w looks at
+    the place of the plane on the line to the pattern point: slopes depend on the direction alone.
     """
 
     rays: RayField

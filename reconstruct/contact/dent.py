@@ -25,11 +25,11 @@ class Dent:
     errors of the rig by the surroundings.
 
     modes (r, N), slope_modes (r, 2, N): of the rig's remaining errors; displacement (m, 2, 3): see
-    `HeightMap`; cell: area of a pixel, mm^2; inside: pixels of the dent; measured: not interpolated;
-    error: of the interpolation, mm; border: neighbours of pixels where nothing is known (the
-    image's edge, flags); saddle: neighbours of another dent's basin; peak: the number of the deepest within
-    its sigma; pitch: size of a pixel, mm; middle: where r, phi start; radius: where the depth is
-    halved; rim_depth and its sigma: of the peak over the surroundings.
+    `HeightMap`; cell: area of a pixel, mm^2; inside: pixels of the dent; measured: not interpolated; error:
+    of the interpolation, mm; border: neighbours of pixels where nothing is known (the image's edge, flags);
+    saddle: neighbours of another dent's basin; peak: the number of the deepest within its sigma; pitch: size
+    of a pixel, mm; middle: where r, phi start; radius: where the depth is halved; rim_depth and its sigma: of
+    the peak over the surroundings.
     """
 
     x: Floats

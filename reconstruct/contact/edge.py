@@ -51,7 +51,7 @@ class SectorEdge:
 
 
 def fit_edge(profile: Profile, guess: float, sharp: bool) -> SectorEdge | None:
-    """The edge near a guess (mm), None where not enough slopes surround it; sharp: by an indenter with a rim."""
+    """The edge near a guess (mm), None without enough slopes around it; sharp: by an indenter with a rim."""
     r, s, w = _gathered(profile, _REACH[0] * guess, _REACH[1] * guess)
     inside = int(np.count_nonzero(r < guess))
     if inside < 3 or r.size - inside < 3 or r.size < 2 * (_TERMS + 1):

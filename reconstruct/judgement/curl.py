@@ -43,9 +43,8 @@ def curl_limit(score: Floats) -> float:
     """What the root of the evidence against a pixel (see `curl_suspects`) exceeds by chance in one image of a
     hundred.
 
-    The scores of two squares that share a corner alone are correlated by -1/4, of two that
-    share a side not at all: the four around a pixel add up to 1.25 chi2(2) + 0.75 chi2(2), whose tail is
-    2.5 exp(-x / 2.5).
+    The scores of two squares that share a corner alone are correlated by -1/4, of two that share a side not
+    at all: the four around a pixel add up to 1.25 chi2(2) + 0.75 chi2(2), whose tail is 2.5 exp(-x / 2.5).
     """
     squares = int(np.count_nonzero(np.isfinite(score)))
     return math.sqrt(2.5 * math.log(2.5 * max(squares, 1) / _CHANCE))

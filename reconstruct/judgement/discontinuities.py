@@ -52,8 +52,8 @@ def edge_doubt(
 ) -> Doubt | None:
     """The doubts of slopes p, q (H, W); None if no edge is doubtful.
 
-    noise: factor on the slopes' standard deviations; suspects (H, W): pixels that are
-    blamed for a curl and yet in use.
+    noise: factor on the slopes' standard deviations; suspects (H, W): pixels that are blamed for a curl and
+    yet in use.
     """
     blamed = suspects is not None and bool(suspects.any())
     dx, plain_x, sure_x = _axis(p, var_p, mask, (0, 1), noise)

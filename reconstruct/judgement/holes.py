@@ -86,8 +86,8 @@ def noise_gain(mask: Mask, holes: Mask) -> Floats:
     """By what factor bridging the holes, which are part of the mask, raises the noise of long waves,
     (rows, cols).
 
-    A bridged pixel repeats its neighbours' noise. With W one plus a measured pixel's weights in
-    bridged ones, the power at long waves is the mean of W^2 over all pixels, 1 without any bridge.
+    A bridged pixel repeats its neighbours' noise. With W one plus a measured pixel's weights in bridged ones,
+    the power at long waves is the mean of W^2 over all pixels, 1 without any bridge.
     """
     if not holes.any():
         return np.ones(mask.shape)

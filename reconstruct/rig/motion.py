@@ -315,7 +315,7 @@ def _averaged(y: Floats, fields: Floats, heights: Floats, priors: list[Floats]) 
     """Mean and covariance of the motion, averaged over skirts and widths of the prior by their evidence.
 
     All in units of the blocks' noise: y (n,), fields (k, n), fields of sag and skirts heights (q, n); their
-    prior standard deviations, (q,) each: alternatives.
+    prior standard deviations, (q,) each, of which one applies.
     """
     motion, others = fields @ fields.T, heights @ heights.T
     mixed, right_m, right_h = heights @ fields.T, fields @ y, heights @ y

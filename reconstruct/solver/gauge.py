@@ -47,7 +47,7 @@ class AnchorRows:
         return value
 
     def bend(self, p: Floats) -> Floats:
-        """What the cubic along the row adds to the parabola, (M,): more than the cubic misses of a curve."""
+        """Excess of the cubic along the row over the parabola, (M,): above the cubic's error on a curve."""
         added: Floats = np.einsum("mk,mk->m", p.ravel()[self.at_p], self.more_p)
         return added
 

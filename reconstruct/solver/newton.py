@@ -172,9 +172,8 @@ def chord_step(
     accuracy: Accuracy | None = None,
     share: Floats | None = None,
 ) -> State:
-    """One more step from a state, for a measurement that has changed little: same problem,
-    factor and variances. accuracy: of the linear solve; None: the noise limit. share: of the
-    anchors, None: chosen anew.
+    """One more step from a state, for a measurement that has changed little: same problem, factor and
+    variances. accuracy: of the linear solve; None: below the noise. share: of the anchors, None: chosen anew.
     """
     p, q, _, _ = data.slopes(state.w)
     gx, gy = defects(p, q, state.w, state.root, data.mask)

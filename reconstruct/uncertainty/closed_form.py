@@ -8,8 +8,8 @@ covariance is smaller,
     E L^-1 E - c,    c = < sum_a w_a l_a (1 - |A_a|^2) / (sum_a w_a l_a)^2 >,   l = 2 - 2 cos k, a = x, y,
 
 averaged over the Brillouin zone: c is local (the correction is an operator of order zero), about a fifth of
-the slopes' variance; all of this is for weights by columns. |A| = (13 cos(k/2) - cos(3k/2)) / 12 for
-the four-pixel increments.
+the slopes' variance; all of this is for weights by columns. |A| = (13 cos(k/2) - cos(3k/2)) / 12 for the
+four-pixel increments.
 Deviations of the slopes' variances from their columns' means add by the solve's response: `unlike_columns`.
 An anchor sum_m a_m w_m = known subtracts the covariance with it: var_i = G_ii - 2 (G a)_i + a.G a. The error
 by curvature on the way to the anchors (`AnchorRows.bend`) is common to all: the square of its weighted sum
