@@ -59,12 +59,12 @@ _METHODS = {
     "fixed-point": Options(newton=False, max_steps=120),
 }
 _REWEIGHTED = 2  # solves with doubtful edges: the slopes depend a little on the height
-_ATTEMPTS = 3  # with pixels left out that have no normal where the mirror turns out to be
+_ATTEMPTS = 3  # each without the pixels that have no normal at the last solution
 #: Of w's change over a pixel: slopes that a wrong scene, any error, amplifies.
 _SENSITIVE, _UNSTABLE = 0.25, 1.0
 _MISSED = 5.0  # standard deviations of an edge
 _BETTER = 3.0  # times: data less better than that by its curl may hide what neighbours share
-_NOISIER = 1.2  # times the announced noise, by the curl: sigma grows to what it is
+_NOISIER = 1.2  # times the announced noise, by the curl: from there on sigma grows to it
 _DOUBTED = 0.2  # chi2 that the errors of such a rig leave, from which on other descriptions are tried
 _SAME_CAPTURE = Notice(
     "The press and the rest capture are one and the same capture, so that every height is 0",
@@ -117,14 +117,14 @@ def reconstruct(
     'march' (along rows from one column, full rectangles only) and 'fixed-point' as cross-checks, or the
     paper's recursion 'paper', 'paper-rises', 'paper-drops' (see `reconstruct_paper`; no anchor, no sigma).
     anchor: what settles the free mode: 'edge' (default: the camera-side edge x = L0 rests), 'middle' (default
-    in open air where that edge is not seen), a point (x, y, z) in mm, or anchors of `anchors`. mask (H, W):
+    in open air without that edge in view), a point (x, y, z) in mm, or anchors of `anchors`. mask (H, W):
     pixels to use, among those without a flag. rest: what was decoded from the mirror at rest; its deviation
     from the scene's prediction is taken off as an error of calibration. start: a height map of the same
     camera to start from, say of the last frame.
     accept: keep the heights of a capture that no rig of this scene's accuracy can have taken; else all its
     pixels are flagged IMPLAUSIBLE.
     progress: called with what is being done, how many steps are done, and of how many. Raises InputError if
-    the arrays do not fit the scene, no pixel is left, or no anchor can be used.
+    the arrays do not fit the scene, no pixel remains, or no anchor can be used.
     """
     if method not in (*_METHODS, *PAPER_METHODS):
         raise InputError(f"method = {method!r}: unknown, must be one of {', '.join(method_names())}")
@@ -306,8 +306,8 @@ def _without_outliers(problem: Problem, state: State, options: Options) -> tuple
 def _at_its_noise(
     problem: Problem, state: State, scale: float, options: Options
 ) -> tuple[Problem, State, float]:
-    """The same with sigma as large as the curl's scale says, and the scale that is left; not where rounding
-    makes the curl.
+    """The same with sigma scaled by the curl's scale, and the remaining scale; unchanged where rounding makes
+    the curl.
     """
     if not scale > _NOISIER or problem.data.whole_cells(problem.bridged):
         return problem, state, scale
@@ -323,9 +323,9 @@ def _first(
     options: Options,
     start: HeightMap | None,
 ) -> tuple[Problem, State]:
-    """The problem and its solution. Pixels that cannot be solved are left out first; where the mirror turns
-    out to be elsewhere than at rest, once more. If Newton's method does not converge, so are the pixels
-    beside the pattern whose edges it misses: in a scene that is slightly wrong they lie beyond the pattern.
+    """The problem and its solution. Pixels that cannot be solved with the mirror at rest are excluded first,
+    then those that cannot at the solution. If Newton's method does not converge, so are pixels close to the
+    pattern with a large edge defect: in a scene that is slightly wrong they lie beyond the pattern.
     """
     singular = np.zeros(correspondence.u.shape, dtype=np.bool_)
     for _ in range(_ATTEMPTS):
@@ -350,7 +350,7 @@ def _solve(problem: Problem, first: Floats, options: Options) -> State:
 
 
 def _around_discontinuities(problem: Problem, state: State, options: Options, noise: float) -> State:
-    """The solution with doubtful edges held in doubt, if there are any. noise: the curl's scale."""
+    """The solution with the doubts in the edges' variances, if there are any. noise: the curl's scale."""
     for _ in range(_REWEIGHTED):
         doubt = doubted(problem, state, noise)
         if doubt is None:

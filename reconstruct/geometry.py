@@ -1,4 +1,4 @@
-"""The camera's rays as one padded array: what the equations of the mirror need to know of a scene."""
+"""The camera's rays as one padded array: the scene's part in the equations of the mirror."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -23,8 +23,8 @@ class RayField:
 
     origins, directions: (3, rows + 2 PAD, cols + 2 PAD) mm and unit vectors, mirror frame.
     logarithmic: solve for log t instead of t. True where the rays diverge from one centre: there the
-    distance scales with the whole field, and its slope over the distance is free of that scale.
-    lean: of a whole image, dx/dz and dy/dz along its rays, (2, rows, cols), or (2, 1, 1) if all are parallel.
+    distance scales with the field, and its slope over the distance is free of that scale.
+    lean: of a full image, dx/dz and dy/dz along the rays, (2, rows, cols), or (2, 1, 1) if all are parallel.
     """
 
     origins: Floats

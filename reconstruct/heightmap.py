@@ -29,16 +29,16 @@ _ARRAYS = ("x", "y", "z", "sigma", "flags")
 
 
 class HeightFlag(IntFlag):
-    """Why a height is not to be trusted, beside the decoder's reasons (bits below 1024); 0 = good.
+    """Reasons not to trust a height, in addition to the decoder's (bits below 1024); 0 = good.
 
     NO_ANCHOR: nothing ties the pixel to a known height; CURL: its slopes are those of no surface; STEEP: it
     is reached only across slopes that change too fast between pixels (a cusp, a rim), what that may cost
     exceeds three sigma of the pixels around and is in its sigma (not so where pixels are missing along the
-    same line: a step of any height may hide there, and the whole piece behind it is flagged); NOT_CONVERGED:
-    the last steps still moved it, or so many others that nothing can be said of any; SINGULAR: the pattern
-    lies within its noise of the mirror or of the ray there, so that there is no normal, or so near that the
+    same line: a step of any height may hide there, and the piece behind it is flagged); NOT_CONVERGED: the
+    last steps still moved it, or so many others that nothing can be said of any; SINGULAR: the pattern lies
+    within its noise of the mirror or of the ray there, so that there is no normal, or so near that the
     solution does not converge there (a scene that is slightly wrong, method 'fixed-point'); IMPLAUSIBLE: no
-    rig of the scene's accuracy can have taken the whole capture.
+    rig of the scene's accuracy can have taken the capture (on all pixels).
     """
 
     NO_ANCHOR = 1024
@@ -57,12 +57,12 @@ class Diagnostics:
     linear solves or conjugate-gradient iterations; defect: rms edge defect over its standard deviation (below
     1: noise alone); curl: robust scale of the slopes' curl over its standard deviation (well above 1: the
     calibration rules, not noise); both None if unknown; components: connected components solved; lost: pixels
-    in components without an anchor; chi2: how the slopes contradict each other around blocks of pixels, over
-    what noise explains, per degree of freedom, of which there are `freedom` (see `circulation`; about 1 if
-    the scene is right, None if there is no whole block); correlation: factor on the variance for errors
-    that neighbouring pixels share, but for shared noise that is known (1: independent noise); solver: of the
-    linear problems; notes: what else a reader should know; slope_sigma: median standard deviations of dz/dx
-    and dz/dy by noise, where they were computed.
+    in components without an anchor; chi2: of the slopes' circulation around blocks of pixels, per degree of
+    freedom, `freedom` in number (see `circulation`; about 1 if the scene is right, None without a complete
+    block); correlation: factor on the variance for errors that neighbouring pixels share, but for shared
+    noise that is known (1: independent noise); solver: of the linear problems; notes: what else a reader
+    should know; slope_sigma: median standard deviations of dz/dx and dz/dy by noise, where they were
+    computed.
     """
 
     method: str
@@ -86,7 +86,7 @@ class Diagnostics:
 
     @classmethod
     def from_json(cls, text: str) -> "Diagnostics":
-        """What to_json wrote; unknown entries are left out."""
+        """The inverse of to_json; unknown entries are skipped."""
         known = {entry.name for entry in fields(cls)}
         values = {name: value for name, value in json.loads(text).items() if name in known}
         for name in ("steps", "notes"):
@@ -103,16 +103,16 @@ class HeightMap(Comparable):
     x, y, z: NaN where nothing is known; sigma: standard deviation of z at that pixel, whose point then moves
     along the pixel's ray; flags: uint16, 0 = good: the decoder's bits and those of HeightFlag;
     lean: dx/dz and dy/dz along the rays, (2, H, W), or (2, 1, 1) if all are parallel, None if unknown (taken
-    as upright); notices: what the whole map wants its user to know, the correspondence's included;
-    calibration: (r, H, W) mm, what one standard deviation of every independent error of the rig does to z,
-    apart from `sigma`; one error moves the whole map. None: the scene is exact.
-    sources, shares (s, r, r): what is behind these errors, in words, and each one's part of their covariance
+    as upright); notices: warnings about the map, the correspondence's included;
+    calibration: (r, H, W) mm, change of z by one standard deviation of every independent error of the rig,
+    apart from `sigma`; an error is common to all heights. None: the scene is exact.
+    sources, shares (s, r, r): origins of these errors, in words, and each one's part of their covariance
     (see `budget`); none: not known.
     displacement: (m, 2, 3), m >= r: the change of x and y by one standard deviation of every independent
     error of the rig, an affine field displacement[k] @ (1, x, y) in mm. The first r errors are those of
     `calibration`; the others move the map along the mirror and change no height (the gauge). None: x and y
     are exact.
-    own: number of the last modes that belong to this capture alone (motion of the rig since the rest
+    own: number of the last modes, errors of this capture alone (motion of the rig since the rest
     capture): they do not cancel in a difference of two maps.
     references: names (k,) of the rest capture and the anchors that the map rests on; shared (k, H, W) mm: the
     part of `sigma` that is theirs, common to all maps of the same reference.
@@ -187,8 +187,8 @@ class HeightMap(Comparable):
         return plot_maps({title: np.where(self.good, one, np.nan) for title, one in maps.items()}, axes)
 
     def __sub__(self, other: "HeightMap") -> "HeightMap":
-        """This map less another one of the same rig, pixel by pixel: sigma is that of both, modes cancel as
-        far as they are common, flags are those of either. x, y and lean are this map's.
+        """This map less another one of the same rig, pixel by pixel: sigma is of the difference, modes
+        cancel as far as they are common, flags of both are joined. x, y and lean are this map's.
         """
         if not isinstance(other, HeightMap):
             return NotImplemented
@@ -207,7 +207,7 @@ class HeightMap(Comparable):
 
     def _noise_less(self, other: "HeightMap") -> Floats:
         """Standard deviation of the difference by noise and anchors; errors of common references cancel as
-        far as they are as large in both maps."""
+        far as they are equal in both maps."""
         variance = np.square(self.sigma) + np.square(other.sigma)
         if self.shared is not None and other.shared is not None:
             for name in set(self.references) & set(other.references):
@@ -252,7 +252,7 @@ class HeightMap(Comparable):
 
     def difference(self, other: "HeightMap") -> tuple[Floats, Floats]:
         """z less another map's of the same rig, pixel by pixel, and its standard deviation (mm): modes, and
-        errors of a rest capture or an anchor in common, cancel as far as they are alike in both. InputError
+        errors of a rest capture or an anchor in common, cancel as far as they are equal in both. InputError
         where the maps' shapes or rigs differ.
         """
         counts = [
@@ -387,5 +387,5 @@ class HeightMap(Comparable):
 
 
 def _doubled(values: Any) -> Any:
-    """Float32 as float64, in which all sums are made; others as they are."""
+    """Float32 as float64, in which all sums are made; others unchanged."""
     return values.astype(np.float64) if getattr(values, "dtype", None) == np.float32 else values

@@ -12,10 +12,10 @@ from .solver.equations import no_normal, slope_variances, slopes
 
 __all__ = ["Measured"]
 
-#: Share of pixels, at least, in the middles of a discrete code's cells: in noise its decoder tells means of
-#: several cells (of up to 88 % of the pixels). Coordinates of other codes are nowhere exactly at a middle.
+#: Share of pixels, at least, in the middles of a discrete code's cells: in noise its decoder returns means
+#: of several cells (of up to 88 % of the pixels). Coordinates of other codes are nowhere exactly at a middle.
 _MIDDLES = 0.05
-#: Rows that are looked at for that, about.
+#: Rows sampled for that, about.
 _ROWS = 64
 
 
@@ -24,9 +24,8 @@ class Measured:
     """Correspondences on a grid with their rays.
 
     u, v, sigma_u, sigma_v (rows, cols) pattern pixels, used where mask is true; plane (3, 3): see
-    `geometry.pattern_plane`; shape: what the pattern's surface has off that plane. With one, a mirror at w
-    looks at the place of the plane that lies on the line to the pattern point: the same direction, which is
-    all that slopes ask for.
+    `geometry.pattern_plane`; shape: of the pattern's surface off that plane. With one, a mirror at w looks at
+    the place of the plane on the line to the pattern point: slopes depend on the direction alone.
     """
 
     rays: RayField
@@ -79,7 +78,7 @@ class Measured:
 
     def sensitive(self, w: Floats, limit: float) -> Mask:
         """Pixels of the mask where a change of w changes a slope, over one pixel, by at least `limit` times
-        itself, as beside the pattern.
+        itself, as close to the pattern.
         """
         _, _, p_w, q_w = self.slopes(w)
         found: Mask = np.maximum(np.abs(p_w), np.abs(q_w)) >= limit
@@ -98,7 +97,7 @@ class Measured:
         return points
 
     def _on_plane(self, w: Floats) -> tuple[Floats, Floats]:
-        """u and v of the places on the pattern's plane that lie in line with its points, seen from w.
+        """u and v of the projections of the pattern's points from w onto its plane.
 
         e/h of the way from point to mirror, whose height over the plane is h, e that of the pattern point.
         """

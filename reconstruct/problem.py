@@ -20,19 +20,19 @@ from .solver.gauge import anchor_rows
 
 __all__ = ["Problem", "prepare"]
 
-#: Pattern pixels; what is announced as more certain is taken as this.
+#: Pattern pixels: the lower limit of sigma.
 _LEAST_SIGMA = 1e-5
 #: Deviations that noise may lead beyond the pattern.
 _NOISE = 5.0
-#: Pixels of a component: an anchor beside fewer is reached without any idea of how the slope changes.
+#: Pixels of a component: with fewer, the way to an anchor has no estimate of the change of slope.
 _FEWEST = 4
 
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """What is solved, and how it lies in the image.
+    """The equations' data, and their window in the image.
 
-    rays, valid: of the whole image (H, W); rows, cols: the window that holds valid pixels; turned: the
+    rays, valid: of the full image (H, W); rows, cols: the window that holds valid pixels; turned: the
     window's rows and columns are exchanged, so that the slopes' variances go by columns; data: that grid, to
     which the samples belong; labels: its anchored components from 1 on; bridged: interpolated pixels, of
     small holes and wrong ones; lost: valid pixels without an anchor; singular (H, W): valid pixels of the
@@ -73,8 +73,8 @@ def prepare(
     singular: Mask | None = None,
     picard: bool = False,
 ) -> Problem:
-    """Everything up to the solve. singular (H, W): pixels that cannot be solved, beside those that cannot if
-    the mirror rests; picard: by a fixed point (see `Measured.singular`). Raises InputError where the input
+    """Everything up to the solve. singular (H, W): pixels that cannot be solved, in addition to those that
+    cannot at rest; picard: by a fixed point (see `Measured.singular`). Raises InputError where the input
     makes no sense or no anchor can be used.
     """
     size, camera = correspondence.u.shape, scene.camera

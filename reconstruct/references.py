@@ -53,7 +53,7 @@ def _variance(correspondence: Correspondence, known: Mask) -> float:
 
 
 def _anchor_sigma(problem: Problem, state: State) -> Floats:
-    """Standard deviation of z (mm) by the anchors' own (H, W): the free mode, by the anchors' shares."""
+    """Standard deviation of z (mm) by that of the anchors (H, W): the free mode, by the anchors' shares."""
     data, rows = problem.data, state.rows
     factor = np.broadcast_to(state.root**2, state.w.shape)
     moved = state.share * rows.sigma / factor.ravel()[rows.pixel]

@@ -44,7 +44,7 @@ def height_map(
         limits = _STEEP * np.sqrt(state.variances[0]), _STEEP * np.sqrt(state.variances[1])
         lost = ~data.mask | (problem.bridged & ~problem.suspects)
         away = cut_off(doubt, limits, data.mask, state.rows.pixel[state.share > 0], lost)
-        # where all of a pixel's edges share a doubt, its own variance holds it
+        # a doubt common to all of a pixel's edges is in the pixel's variance
         around = minimum_filter(np.where(data.mask, variance, np.inf), 3)
         steep = away | (_surest(doubt, data.mask) > _STEEP * np.sqrt(around))
     distance, sigma = data.distance(state.w), np.sqrt(variance)
@@ -158,8 +158,8 @@ def _surest(doubt: Doubt, mask: Mask) -> Floats:
 
 
 def _unsettled(problem: Problem, state: State) -> Mask:
-    """Pixels of the image that did not converge: a few that noise drives away, right before the pattern or at
-    its edge, move nothing else. All, where they are not few."""
+    """Pixels of the image that did not converge: where noise moves single ones, right before the pattern or
+    at its edge, these alone; else all."""
     if state.unsettled is None or state.diverges:
         return np.ones(problem.valid.shape, dtype=np.bool_)
     return problem.to_image(state.unsettled, False)

@@ -35,7 +35,7 @@ __all__ = ["HeightStream"]
 
 _SETTLED = 0.05  # rms change of the height over its sigma that the next step would bring
 _STEPS = 3  # chord steps before the frame is solved in full
-_NOISIER = 1.2  # times the last sigma: from there on it is told anew
+_NOISIER = 1.2  # times the last sigma: from there on it is computed anew
 _MOST = 25.0  # times its variance that a single pixel counts with, as it may be at an edge now
 _NEAR = 4  # pixels by which noise moves what is in doubt around a crease
 
@@ -50,7 +50,7 @@ class HeightStream:
         self._scene, self._anchor, self._refresh = scene, anchor, max(1, refresh)
         self._age = 0
         self._last: Solution | None = None
-        self._seen: Correspondence | None = None  # what it is of
+        self._seen: Correspondence | None = None  # its correspondence
         self._judgement: tuple[Notice, ...] = ()
 
     def update(self, correspondence: Correspondence) -> HeightMap:
@@ -115,7 +115,7 @@ class HeightStream:
 
 
 def _as_noisy(last: Correspondence, now: Correspondence) -> bool:
-    """Whether a frame's own sigma is what the last one's was."""
+    """Whether a frame's sigma agrees with the last one's."""
     both = last.good & now.good
     before, after = (one.sigma_u[both] ** 2 + one.sigma_v[both] ** 2 for one in (last, now))
     with np.errstate(divide="ignore", invalid="ignore"):

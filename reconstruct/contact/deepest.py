@@ -104,8 +104,8 @@ def _top(dent: Dent, radius: float) -> _Top | None:
 
 
 def _tip(dent: Dent, radius: float) -> _Top | None:
-    """The tip of a cone with a curved flank through the pixels within a radius (mm) but those that the tip
-    itself flattens; None where the flanks do not rise to it."""
+    """The tip of a cone with a curved flank through the pixels within a radius (mm), without those that the
+    tip flattens; None where the flanks do not rise to it."""
     dx, dy, heights = _around(dent, radius)
     steps = np.linspace(-1.5, 1.5, 21) * dent.pitch
     best = None

@@ -21,15 +21,15 @@ CORE = 0.7  # of the depth: the dent's middle is that of the deeper pixels
 
 @dataclass(frozen=True, slots=True)
 class Dent:
-    """Known pixels around one dent as flat arrays (N,), heights and positions corrected by what the
-    surroundings say of the rig.
+    """Known pixels around one dent as flat arrays (N,), heights and positions corrected for the
+    errors of the rig by the surroundings.
 
     modes (r, N), slope_modes (r, 2, N): of the rig's remaining errors; displacement (m, 2, 3): see
-    `HeightMap`; cell: area of a pixel, mm^2; inside: those of the dent; measured: those that are not
-    interpolated; error: of the interpolation, mm; border: neighbours of pixels where nothing is known (the
-    image's edge, flags); saddle: neighbours of another dent's basin; peak: the number of the deepest within
-    its sigma; pitch: size of a pixel, mm; middle: where r, phi start; radius: where half of the depth is
-    left; rim_depth and its sigma: of the peak over the surroundings.
+    `HeightMap`; cell: area of a pixel, mm^2; inside: pixels of the dent; measured: not interpolated; error:
+    of the interpolation, mm; border: neighbours of pixels where nothing is known (the image's edge, flags);
+    saddle: neighbours of another dent's basin; peak: the number of the deepest within its sigma; pitch: size
+    of a pixel, mm; middle: where r, phi start; radius: where the depth is halved; rim_depth and its sigma: of
+    the peak over the surroundings.
     """
 
     x: Floats
@@ -59,7 +59,7 @@ class Dent:
         cls, height: HeightMap, slopes: SlopeMap, relief: Relief, basin: Mask, rim: Rim, known: Posterior
     ) -> "Dent | None":
         """The pixels of a basin up to twice as far from the middle as the dent reaches; None where no height
-        is left above the surface at rest."""
+        is above the surface at rest."""
         z = relief.z - np.tensordot(known.mean, relief.modes, 1)
         close = np.hypot(relief.x - relief.x.ravel()[rim.peak], relief.y - relief.y.ravel()[rim.peak])
         top = np.where(basin & (close <= rim.radius), z - relief.sigma, -np.inf)

@@ -23,7 +23,7 @@ __all__ = ["Profile", "SectorEdge", "fit_edge"]
 _REACH = (0.45, 1.7)  # of the first guess: where the slopes are compared
 _SCAN = (0.6, 1.4)  # likewise: where the edge is looked for
 _COARSE, _FINE = 61, 41  # places tried
-_TERMS = 5  # of the contact law at most, beside the edge itself
+_TERMS = 5  # of the contact law at most, in addition to the edge
 _RINGS = 160
 _NEAREST = 1e-3  # of q^2 - 1 where the slope of a punch is infinite
 _RIDGE = 1e-10  # of the normal matrix' diagonal
@@ -51,7 +51,7 @@ class SectorEdge:
 
 
 def fit_edge(profile: Profile, guess: float, sharp: bool) -> SectorEdge | None:
-    """The edge near a guess (mm), None where too few slopes surround it; sharp: of an indenter with a rim."""
+    """The edge near a guess (mm), None without enough slopes around it; sharp: by an indenter with a rim."""
     r, s, w = _gathered(profile, _REACH[0] * guess, _REACH[1] * guess)
     inside = int(np.count_nonzero(r < guess))
     if inside < 3 or r.size - inside < 3 or r.size < 2 * (_TERMS + 1):

@@ -19,10 +19,10 @@ class Contact:
     rim_depth: height of the deepest point over the plane through its surroundings, about three half-depth
     radii away; tails there are no part of it.
     area, volume, centroid (x, y): of the contact if one is found, else of the pixels deeper than half the
-    depth; volume_sigma is an upper bound: the height's error is taken as common to the whole area;
+    depth; volume_sigma is an upper bound: the height's error is taken as common to the area;
     centroid_sigma: along either axis, the root mean square of both.
     cut: the image's edge or flagged pixels end the area: area and volume are those of its visible part, lower
-    bounds, and their sigmas hold what the circle about the deepest point has beyond them.
+    bounds, and their sigmas include the rest of the circle about the deepest point.
     interpolated: share of the area whose pixels were flagged.
     With an edge: edge (N, 2): points around the contact; edge_share: height there over the depth (Hertz: 0.5,
     flat punch: 1); indenter_radius: of the surface inside, inf where it is flat, None where unknown;

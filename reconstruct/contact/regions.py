@@ -120,7 +120,7 @@ def _gain(edges: Sequence[SectorEdge | None]) -> float:
 
 
 def _looked_for(dent: Dent, guesses: Floats, sharp: bool) -> tuple[Dent, list[SectorEdge | None]]:
-    """The edge around the guesses, then around what was found there and seen from its own middle."""
+    """The edge around the guesses, then around the first result, in sectors about its centroid."""
     edges = _edges(dent, guesses, sharp)
     if sum(edge is not None for edge in edges) < 0.5 * len(edges):
         return dent, edges
@@ -142,7 +142,7 @@ def _edges(dent: Dent, guesses: Floats, sharp: bool) -> list[SectorEdge | None]:
 
 
 def _polar(edges: Sequence[SectorEdge | None]) -> tuple[Floats, Floats]:
-    """Radius and sigma at every sector's middle; sigma at least what the radii scatter by about a smooth
+    """Radius and sigma at every sector's middle; sigma at least the scatter of the radii about a smooth
     outline.
     """
     angles = sector_angles(len(edges))
@@ -359,7 +359,7 @@ def _with_limits(dent: Dent, member: Floats, contact: Contact) -> Contact:
 
 
 def _cut(dent: Dent, contact: Contact, hidden: float) -> Contact:
-    """A contact of which an area `hidden` (mm^2) is unknown."""
+    """The contact with the uncertainty of an unknown area `hidden`, mm^2."""
     text = f"{contact.evidence}; the image's edge or flagged pixels cut it: area and volume are those of the "
     text += "visible part, lower bounds"
     sigma, reach = contact.depth_sigma, float(np.sqrt((contact.area + hidden) / np.pi))

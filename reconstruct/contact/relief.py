@@ -44,7 +44,7 @@ class Relief:
 
     @classmethod
     def of(cls, height: HeightMap, slopes: SlopeMap) -> "Relief | None":
-        """Of pixels without a flag, or with STEEP alone; None if there are too few."""
+        """Of pixels unflagged or STEEP alone; None without three at (i, j), (i + 1, j) and (i, j + 1)."""
         measured = (height.flags & ~np.uint16(HeightFlag.STEEP)) == 0
         spread = height.sigma + slopes.sigma_x + slopes.sigma_y
         measured &= np.isfinite(height.z) & np.isfinite(spread) & (slopes.sigma_x > 0) & (slopes.sigma_y > 0)

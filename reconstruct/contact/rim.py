@@ -35,7 +35,7 @@ _ROUNDS = 4
 @dataclass(frozen=True, slots=True)
 class Rim:
     """Surroundings of one dent: the flat pixels (`groups`, one array a sector); peak: flat pixel; radius:
-    where half of its depth is left, mm; depth: of the peak over the plane of the sectors' means, mm; weights
+    where its depth is halved, mm; depth: of the peak over the plane of the sectors' means, mm; weights
     (n,): depth = z_peak - weights @ means.
     """
 

@@ -29,7 +29,7 @@ from .rectangle import rectangle
 
 __all__ = ["Integral", "integrate", "integrator_names"]
 
-RECTANGLES = ("dct2", "dct4")  # by `rectangle`, beside the solvers of edge increments
+RECTANGLES = ("dct2", "dct4")  # by `rectangle`, apart from the solvers of edge increments
 
 _ONE = np.ones((1, 1))
 
@@ -39,7 +39,7 @@ class Integral:
     """Heights z (H, W), NaN outside the mask, of mean zero in every connected component.
 
     defect: rms difference between edge increments and heights, in units of z; components: labels (H, W), 0
-    outside; edge_weights: what robust reweighting left of the edges (x, y), (H, W) each, or None.
+    outside; edge_weights: factors of robust reweighting on the edges (x, y), (H, W) each, or None.
     """
 
     z: Floats
@@ -51,7 +51,7 @@ class Integral:
 
 
 def integrator_names() -> tuple[str, ...]:
-    """Names that `integrate` takes as method, beside 'auto'."""
+    """Names that `integrate` takes as method, apart from 'auto'."""
     return (*RECTANGLES, *SOLVERS)
 
 

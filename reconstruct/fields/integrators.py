@@ -16,7 +16,7 @@ from ..solver.poisson import Accuracy
 __all__ = ["SOLVERS", "Field", "defect"]
 
 _ACCURACY = Accuracy(relative=1e-12)
-_NEGLIGIBLE = 0.1  # energy of a solve's error: what no height is off by, in its own standard deviations
+_NEGLIGIBLE = 0.1  # energy of a solve's error: a bound of every height's error in standard deviations
 _PATIENCE = 50  # conjugate gradients that cost a factorisation; steeper weights still make it many more
 _FACTORISED = 1 << 20  # pixels: 1 GB of factors
 _ROUNDING = 1e-4  # of the increments: defects below it are quadrature and rounding, no outliers

@@ -1,7 +1,7 @@
 """Edge increments of slopes on a grid whose pixels lie anywhere: irregular and quadrilateral grids.
 
 Around every edge a polynomial of fifth degree in both coordinates, a potential, is fitted to the slopes of
-its neighbours, by least squares and at their own places; the increment is its difference between the edge's
+its neighbours, by least squares at their true places; the increment is its difference between the edge's
 ends. Exact for surfaces of fifth degree wherever the pixels lie; a chain rule would differentiate the places
 too.
 """
@@ -17,7 +17,7 @@ from ..arrays import Floats, Mask
 
 __all__ = ["quadrilateral_increments", "quadrilateral_weights"]
 
-#: Neighbours (rows, cols) around an edge along a row; the wider ones where a mask has taken some of those.
+#: Neighbours (rows, cols) around an edge along a row; the wider windows where a mask hides some.
 _WINDOWS = ((3, 6), (5, 8))
 _DEGREE = 5
 _POWERS = np.array([(m, n - m) for n in range(1, _DEGREE + 1) for m in range(n, -1, -1)])
@@ -25,8 +25,8 @@ _DEGREES = _POWERS.sum(axis=1)
 #: Neighbours from which on a term of the second, third, ... degree is fitted: as many as a polynomial of one
 #: degree less has coefficients. Each brings two slopes.
 _NEEDED = np.array([d * (d + 1) // 2 for d in range(2, _DEGREE + 1)])
-#: What a term costs beside the fit, by its degree: of those that neighbours on a line or a lattice cannot
-#: tell apart, the lower one stays. And what one costs that is not fitted.
+#: Ridge of a term by its degree: of terms that neighbours on a line or a lattice do not separate, the lowest
+#: remains. And the ridge of a term that is not fitted.
 _RIDGE, _NEVER = np.array([0.0, 1e-12, 1e-11, 1e-10, 1e-9])[_DEGREES - 1], 1e12
 _BLOCK = 8  # rows whose edges are fitted together
 
@@ -98,7 +98,7 @@ def _increments(window: Floats, first: Floats, second: Floats) -> Floats:
     used = window[4]
     middle, along = 0.5 * (first + second), second - first
     away = (window[:2] - middle[..., None]) * used
-    # the frame in which the neighbours spread alike along the edge and across it
+    # the frame in which the neighbours extend as far along the edge as across it
     length = np.hypot(*along)
     across = np.array([-along[1], along[0]]) / length
     height = np.abs(np.einsum("cn,cnk->nk", across, away)).max(axis=1)

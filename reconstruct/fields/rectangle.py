@@ -1,4 +1,4 @@
-"""Plain integration on a full rectangle: two cosine transforms, and little beside them.
+"""Integration on a full rectangle by two cosine transforms.
 
 The least-squares heights of edge increments g solve the Neumann Laplacian L z = D^T g, which the DCT-II
 diagonalises with eigenvalues (2 - 2 cos(pi k / rows)) + (2 - 2 cos(pi l / cols)); no boundary terms.

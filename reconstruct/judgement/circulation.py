@@ -24,7 +24,7 @@ from ..solver.newton import State
 __all__ = ["chi2_limit", "circulation_chi2", "circulations", "contradiction"]
 
 _SMALLEST = 4  # pixels: below it an edge's four slopes overlap
-_MOST = 1e6  # of the usual variance: what such a block sums to is anything
+_MOST = 1e6  # of the median variance: the cap
 _LARGEST = 512  # rows or columns: of larger images the middle is looked at
 _CHANCE = 1e-4  # of right geometry to be called wrong, by each size of blocks
 _TRUST = 1.15  # error over sigma that the decoder may have
@@ -40,7 +40,7 @@ _CURE_BESIDE_RIG = (
 
 def circulation_chi2(data: Measured, state: State, gain: Floats) -> tuple[float, int]:
     """chi2 over its degrees of freedom, and how many there are, by the smallest blocks; by larger ones where
-    these most exceed their limit (NaN, 0: no block is whole). gain (rows, cols): on the slopes' variances,
+    these most exceed their limit (NaN, 0: no block is complete). gain (rows, cols): on the slopes' variances,
     see `holes.noise_gain`.
     """
     found = [(math.nan, 0)]
@@ -64,7 +64,7 @@ def circulations(mask: Mask, slopes: tuple[Floats, Floats], variance: Floats) ->
     inside = np.ascontiguousarray(mask[window])
     p, q = (np.ascontiguousarray(part[window]) for part in slopes)
     gx, gy = increments(p, q, inside)
-    # sums of blocks are differences of sums over the image, of which they must be more than the rounding
+    # block sums are differences of cumulative sums: they must exceed the rounding of these
     both = np.minimum(variance[window], _MOST * float(np.median(variance[mask])))
     sums, spread, holes = (_sums(gx, 1), _sums(gy, 0)), _area(both), _area((~inside).astype(np.float64))
     found, block = [], _SMALLEST
@@ -93,7 +93,7 @@ def _scores(sums: tuple[Floats, Floats], variance: Floats, holes: Floats, block:
 
 
 def chi2_limit(freedom: int) -> float:
-    """What chi2 over its degrees of freedom stays below by chance, if sigma is what the decoder promises."""
+    """Limit of chi2 over its degrees of freedom by chance, for errors up to _TRUST times sigma."""
     if freedom == 0:
         return math.inf
     return _TRUST**2 * float(scipy.special.chdtri(freedom, _CHANCE)) / freedom

@@ -43,8 +43,8 @@ def curl_limit(score: Floats) -> float:
     """What the root of the evidence against a pixel (see `curl_suspects`) exceeds by chance in one image of a
     hundred.
 
-    The scores of two squares that share a corner alone are correlated by -1/4, those beside each other not at
-    all: the four around a pixel add up to 1.25 chi2(2) + 0.75 chi2(2), whose tail is 2.5 exp(-x / 2.5).
+    The scores of two squares that share a corner alone are correlated by -1/4, of two that share a side not
+    at all: the four around a pixel add up to 1.25 chi2(2) + 0.75 chi2(2), whose tail is 2.5 exp(-x / 2.5).
     """
     squares = int(np.count_nonzero(np.isfinite(score)))
     return math.sqrt(2.5 * math.log(2.5 * max(squares, 1) / _CHANCE))
@@ -55,7 +55,7 @@ def curl_suspects(score: Floats, limit: float, cleared: Mask) -> Mask:
 
     An outlier spoils the four squares around it, its neighbours share two of them or one; so a pixel is
     suspected if the sum of the squares' evidence is over limit^2 and largest among its neighbours, and far
-    above what the squares around hold: along a rim all have a curl. Suspects clear their squares, and what
+    above that of the squares around: along a rim all have a curl. Suspects clear their squares, and what
     remains is looked at again. cleared (H, W): pixels that are interpolated and cannot be to blame.
     """
     evidence = np.square(np.nan_to_num(score, nan=0.0, posinf=1e150, neginf=-1e150))

@@ -3,10 +3,10 @@
 An edge's increment comes from the cubic through four slopes, two on either side. Where the surface is smooth
 on one side up to the edge, the slopes of that side alone, extrapolated (Adams-Bashforth, three pixels), give
 the same increment. Where neither side does, slopes jump inside the edge (a cusp, a ridge, the rim of a
-contact) or one of its pixels is wrong, and the smaller of the two differences is about what the increment may
-be off by: the doubt. Edges beside share it, as in which of them the slopes jump is not sure. Its square joins
-the edge's variance, so that the solve goes around the crease, and what can only be reached across it gets a
-sigma that says so.
+contact) or one of its pixels is wrong, and the smaller of the two differences estimates the increment's
+error: the doubt. Neighbouring edges share it, as the jump may lie in any of them. Its square adds to the
+edge's variance, so that the solve goes around the crease, and the sigma of pixels behind it contains the
+doubt.
 """
 
 import numpy as np
@@ -20,7 +20,7 @@ from ..solver.edges import Doubt, cubic_at_end, curl, stencil
 
 __all__ = ["CONVERGES", "RISE", "SIGMAS", "edge_doubt", "touched"]
 
-SIGMAS = 5.0  # of the difference's own noise: both sides exceed it by chance in no edge of a megapixel
+SIGMAS = 5.0  # of the difference's noise: both sides exceed it by chance in no edge of a megapixel
 FAINT = 2.0  # of the same, for edges that continue a crease
 _CHAIN = 16  # such edges side by side are a crease too: noise alone strings together a dozen in a megapixel
 RISE = 3.0  # from zero at the limit: what depends continuously on the slopes is the same from any start
@@ -34,11 +34,11 @@ _QUIET = 8.0  # of a slope's sigma: third differences of noise (4.5) and little 
 _SHARE = 1.0 / 12.0  # a jump inside an edge moves that edge's increment by half of it, the next one's by 1/24
 _BESIDE = 5  # pixels: reach of a crease's surroundings, in which doubts below the noise count too
 _BLAME = 13.0 / 12.0  # a wrong slope is in its edges by 13/24, in the curl around it by half
-_CERTAIN, _ABRUPT = 8.0, 0.2  # of its noise, of the largest step: what one side alone misses at a kink
-_ONE_SIDED = 0.25  # of that, at most, what the other side misses
-_KINK = 0.5  # of what one side alone misses, at the edge of three where it misses most
+_CERTAIN, _ABRUPT = 8.0, 0.2  # of its noise, of the largest step: residual of one side at a kink
+_ONE_SIDED = 0.25  # of that, at most: the other side's residual
+_KINK = 0.5  # of one side's residual, at the edge of three where it is largest
 _FEEBLE = 0.5  # of a slope's sigma
-_BY_ACCIDENT = 0.1  # of the doubt beside: next to a jump within one edge, an edge misses a twelfth of that
+_BY_ACCIDENT = 0.1  # of the next doubt: after a jump within one edge, the next edge's error is a twelfth
 
 
 def edge_doubt(
@@ -52,8 +52,8 @@ def edge_doubt(
 ) -> Doubt | None:
     """The doubts of slopes p, q (H, W); None if no edge is doubtful.
 
-    noise: what the slopes' noise really is, over what the variances say; suspects (H, W): pixels that are
-    blamed for a curl and yet in use.
+    noise: factor on the slopes' standard deviations; suspects (H, W): pixels that are blamed for a curl and
+    yet in use.
     """
     blamed = suspects is not None and bool(suspects.any())
     dx, plain_x, sure_x = _axis(p, var_p, mask, (0, 1), noise)
@@ -126,7 +126,7 @@ def _axis(
         f.shape,
     )
     if most.any():
-        # beside an edge that neither side explains, one side is bound to fail
+        # next to an edge that neither side explains, one side always fails
         highest, explained = (
             scipy.ndimage.maximum_filter1d(part, 3, axis=1 if dj else 0) for part in (most, plain)
         )
@@ -147,8 +147,8 @@ def touched(doubt: Doubt) -> Mask:
 
 @inlined
 def _edge(f, var, mask, i, j, di, dj, before, after, scale):  # type: ignore[no-untyped-def]
-    """Of the edge from (i, j): what neither side explains, beyond the noise and whatever the noise (inf where
-    no side can tell); whether it is beyond any noise; what one side misses that certainly should not.
+    """Of the edge from (i, j): the smaller residual of both sides, beyond the noise and regardless of it (inf
+    without a side of enough pixels); whether it exceeds the noise for certain; the largest certain residual.
     """
     i1, j1 = i + di, j + dj
     centre = stencil(f, mask, i, j, di, dj, before, after)

@@ -60,7 +60,7 @@ def _across(f: Floats, variance: Floats, mask: Mask, guessed: Mask) -> Floats:
 
 
 def _gaps(seen: Mask, guessed: Mask) -> tuple[Ints, Ints, Ints]:
-    """Row, and the seen pixels before and after, of the runs of interpolated ones that have both."""
+    """Row, and the measured pixels before and after, of the interpolated runs that have both."""
     ends = np.diff(np.pad(guessed, ((0, 0), (1, 1))).astype(np.int8), axis=1)
     (row, first), after = np.nonzero(ends == 1), np.nonzero(ends == -1)[1]
     inside = np.pad(seen, ((0, 0), (1, 1)))

@@ -1,8 +1,8 @@
 """Holes of a few pixels and narrow slits, bridged from their neighbours, so that scattered bad pixels cost no
 masked solve, and the flagged seams between the cells of a code do not part the image into islands.
 
-Bridged values are those that are nearest to parabolas along rows and columns, by the least sum of squares of
-third differences: across one pixel or two these are polynomials of fifth degree through three neighbours on
+Bridged values are nearest to parabolas along rows and columns, by the least sum of squares of third
+differences: across one pixel or two these are polynomials of fifth degree through three neighbours on
 either side, beyond a border they are parabolas. What this does not settle is harmonic. They only serve the
 neighbours' edges; a bridged pixel stays flagged and gets no height.
 """
@@ -86,8 +86,8 @@ def noise_gain(mask: Mask, holes: Mask) -> Floats:
     """By what factor bridging the holes, which are part of the mask, raises the noise of long waves,
     (rows, cols).
 
-    A bridged pixel repeats its neighbours' noise. With W the sum of a measured pixel's weights, its own and
-    those in bridged ones, the power at long waves is the mean of W^2 over all pixels, 1 without any bridge.
+    A bridged pixel repeats its neighbours' noise. With W one plus a measured pixel's weights in bridged ones,
+    the power at long waves is the mean of W^2 over all pixels, 1 without any bridge.
     """
     if not holes.any():
         return np.ones(mask.shape)

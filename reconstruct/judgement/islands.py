@@ -1,4 +1,4 @@
-"""Islands: what edges in doubt (see `discontinuities`) and missing pixels together part from the anchors."""
+"""Islands: regions that doubtful edges (`discontinuities`) and missing pixels separate from the anchors."""
 
 import numpy as np
 import scipy.ndimage
@@ -18,10 +18,10 @@ _CHANCE = 5.0  # standard deviations of a count: no more are missing along a lin
 def cut_off(doubt: Doubt, limit: tuple[Floats, Floats], mask: Mask, anchors: Ints, lost: Mask) -> Mask:
     """Pixels that doubts beyond the limits (H, W) and missing pixels together part from every anchor.
 
-    Where slopes go beyond what can be seen, along the same line as they change too fast to follow, a step of
-    any height may hide between two pixels: no doubt is large enough. Where none is missing along the line,
-    sigma holds what the doubts leave. A gap lies between an island and what is held: pixels that
-    are missing at an island's other rim part nothing. lost: pixels that were not seen.
+    Where pixels are missing along a line of doubts, slopes may exceed the range, and a step of any height
+    may hide between two pixels: no doubt is large enough. Where none is missing, sigma contains the doubts. A
+    gap lies between an island and the anchored part: pixels missing at an island's other rim separate
+    nothing. lost: pixels without a measurement.
     """
     index = np.arange(mask.size).reshape(mask.shape)
     inner = (mask[:, :-1] & mask[:, 1:], mask[:-1] & mask[1:])

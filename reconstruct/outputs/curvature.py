@@ -30,7 +30,7 @@ class CurvatureMap(Comparable):
     """Second derivatives of z and the mean curvature, 1/mm, with their sigmas, (H, W) each.
 
     mean: half the sum of the principal curvatures, negative at the bottom of a dent (z > 0 into the medium);
-    NaN where the window holds too few good pixels.
+    NaN where the window has not enough good pixels.
     """
 
     xx: Floats

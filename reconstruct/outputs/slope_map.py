@@ -1,7 +1,7 @@
-"""SlopeMap: the surface's slopes as the light tells them, without differencing heights.
+"""SlopeMap: the surface's slopes by the law of reflection, without differencing heights.
 
 The normal bisects the ray back to the camera and the one to the pattern: n ~ (X - P)/|X - P| - d; the slopes
-are -n_x/n_z and -n_y/n_z. Their noise is that of u and v; the height's own error dt moves n by
+are -n_x/n_z and -n_y/n_z. Their noise is that of u and v; the height's error dt moves n by
 dt ((d.e) e - d)/|X - P|, e the unit vector along X - P.
 """
 

@@ -22,7 +22,7 @@ _DATA = "bindata/data.bin"
 _CHECKSUM = "md5checksum.hex"
 _METRES = 1e-3  # per mm
 #: main.xml: x and y go by increments (I), z is absolute (A); D: float64. The schema asks for a date of
-#: calibration; nobody told one, so it is the file's own.
+#: calibration; none is known: the date of the file.
 _DOCUMENT = """<?xml version="1.0" encoding="utf-8"?>
 <p:ISO5436_2 xmlns:p="http://www.opengps.eu/2008/ISO5436_2">
   <Record1>

@@ -1,4 +1,4 @@
-"""The paper's method, apart from the product's own.
+"""The paper's method, apart from the product's.
 
 | file | holds |
 |---|---|

@@ -1,7 +1,7 @@
 """The equations of the paper, one pure function each, on arrays of any common shape (mm, radians, float64).
 
 Saga, Kajimoto, Tachi, "High-Resolution Tactile Sensor Using the Movement of a Reflected Image"; numbers are
-its own. A cut through the prism: l from P0 along the mirror, d into the prism, m = |P0 P| on the pattern
+the paper's. A cut through the prism: l from P0 along the mirror, d into the prism, m = |P0 P| on the pattern
 face, w = |R0 R| on the capture face; alpha0, beta0 the faces' angles with the mirror; alpha, beta the angles
 of the rays towards the pattern and the camera with the mirror's normal; theta = atan(dd/dl).
 
@@ -71,7 +71,7 @@ def capture_position(
 
 
 def mirror_position(w: Array | float, d: Array | float, beta0: float, length: float) -> Array:
-    """The place l on the mirror seen from w at depth d by a camera at infinity (beta = beta0): (14) solved
+    """The mirror position l at depth d on the ray of w of a camera at infinity (beta = beta0): (14) solved
     for l.
     """
     return np.asarray(length - (w - d * np.sin(beta0)) / np.cos(beta0), dtype=np.float64)
@@ -80,8 +80,8 @@ def mirror_position(w: Array | float, d: Array | float, beta0: float, length: fl
 def angle_increment(
     l: Array | float, d: Array | float, m: Array | float, alpha0: float, gamma: bool = True
 ) -> Array:
-    """Alpha - alpha0 from the pattern position m seen at (l, d): (16) to second order, (17), the root nearest
-    0.
+    """Alpha - alpha0 from the pattern position m reflected at (l, d): (16) to second order, (17), the root
+    nearest 0.
 
     A x^2 + 2 B x + C = 0 with A = R cos 2a - m^2, B = R sin a cos a, C = m^2 - R cos^2 a, R = l^2 + d^2 and a
     = alpha0, or alpha0 - atan(d / l) where gamma is kept (the paper sets it to 0). The roots are always real:

@@ -116,7 +116,7 @@ def recursion(
 
 
 def _first_step(w: Array, geometry: PaperGeometry) -> Array:
-    """The first Dl: distance of the two outermost seen points at depth 0, per line; w is (points, lines)."""
+    """The first Dl: distance of the first two known points at depth 0, per line; w is (points, lines)."""
     known = np.isfinite(w)
     order = np.cumsum(known, axis=0)
     first, second = (np.where(known & (order == k), w, 0.0).sum(axis=0) for k in (1, 2))

@@ -1,5 +1,5 @@
 """A capture of the mirror at rest as a reference:
-what it shows that the scene does not predict is calibration.
+its deviation from the scene's prediction is calibration.
 """
 
 from collections.abc import Callable
@@ -24,10 +24,10 @@ _FORM_STEPS = 4  # each leaves the form's slope times the ray's, some thousandth
 
 
 def rest_corrected(correspondence: Correspondence, rest: Correspondence, scene: Scene) -> Correspondence:
-    """The correspondence less the rest capture's deviation from what the scene predicts of a flat mirror,
+    """The correspondence less the rest capture's deviation from the scene's prediction for a flat mirror,
     pixel by pixel.
 
-    Right to first order in the dent: every pixel's error of pattern pose, scale and lens is taken as it is at
+    Right to first order in the dent: every pixel's error of pattern pose, scale and lens is taken as that at
     rest. The sigmas add in square. Pixels that the rest capture does not know are flagged INVALID.
     """
     if rest.u.shape != correspondence.u.shape:

@@ -17,7 +17,7 @@ from .model import LIKELY, Measurement, RigJudgement
 
 __all__ = ["likely_mistake", "likely_mistake_at_rest", "rest_misfit"]
 
-_BETTER = 0.1  # of the misfit: what the right description leaves at most
+_BETTER = 0.1  # of the misfit: the limit for the right description
 _LINES = 24  # rows of the grid on which a rest capture is compared with the flat mirror
 _NOISE = 1.0  # px: sag, glass and curvature of a rest capture
 _TENTH = 0.1  # of the deviation: derivatives describe large errors to a tenth

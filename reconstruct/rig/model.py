@@ -4,7 +4,7 @@ other.
 A rig has m independent errors a of unit variance: the rows of a root of its covariance, the thickness of a
 cover glass, a sag of the mirror at rest, motion between two captures. `RigModel.at(a)` is the measurement
 that the solver would work on if the rig had these errors; chord steps from the solution give the height, so
-that M_j = (z(h e_j) - z(0))/h needs no solve from scratch. h is small, since a rig that is off by a whole
+that M_j = (z(h e_j) - z(0))/h needs no solve from scratch. h is small, since a rig that is off by one
 sigma of a wide prior may have no solution.
 Modes are smooth: the model lies on a coarse grid of the camera's pixels, each the mean over its surroundings,
 and modes are interpolated linearly.
@@ -221,7 +221,7 @@ def rig_model(
     """The model on a coarse grid, from a height map if it is solved; None where there are no errors.
 
     first: solves a measurement (its problem and its state); motion: between the rest capture and the press.
-    Where the coarse grid holds no solution (few pixels, ragged masks), all pixels are taken.
+    Where the coarse grid has no solution (small images, ragged masks), all pixels are taken.
     """
     step = max(1, min(measured.correspondence.u.shape) // LINES)
     if height is not None:

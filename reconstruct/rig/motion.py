@@ -214,7 +214,7 @@ def _gradient(pressed: Correspondence, rest: Correspondence) -> Floats:
 
 
 def _block_means(pressed: Correspondence, rest: Correspondence) -> _Blocks:
-    """Over the pixels that are good in both; blocks of which fewer than half are have none."""
+    """Over the pixels that are good in both; other blocks, of fewer than half good pixels, have none."""
     rows, cols = pressed.u.shape
     size = max(_SMALLEST, -(-max(rows, cols) // _BLOCKS))
     starts = [np.arange(0, max(1, length - size // 2), size) for length in (rows, cols)]
@@ -256,8 +256,8 @@ def _combinations(fields: Floats, blocks: _Blocks) -> Floats:
 def _estimate(blocks: _Blocks, fields: Floats, sag: Floats, skirts: list[Floats]) -> tuple[_Posterior, float]:
     """The motion's posterior in units of its prior, and the share of the blocks that are quiet.
 
-    fields (k, 2, rows, cols), sag and each of the skirts alike. A smaller share is taken where it lowers the
-    variance by far: the least of several variances is small by chance as well.
+    fields (k, 2, rows, cols), sag and each of the skirts likewise. A smaller share is taken where it lowers
+    the variance by far: the least of several variances is small by chance as well.
     """
     size = len(fields)
     best, quiet = _Posterior(np.zeros(size), np.eye(size), float("nan")), 0.0
@@ -315,7 +315,7 @@ def _averaged(y: Floats, fields: Floats, heights: Floats, priors: list[Floats]) 
     """Mean and covariance of the motion, averaged over skirts and widths of the prior by their evidence.
 
     All in units of the blocks' noise: y (n,), fields (k, n), fields of sag and skirts heights (q, n); their
-    prior standard deviations, (q,) each, of which one holds.
+    prior standard deviations, (q,) each, of which one applies.
     """
     motion, others = fields @ fields.T, heights @ heights.T
     mixed, right_m, right_h = heights @ fields.T, fields @ y, heights @ y

@@ -64,8 +64,8 @@ def sag_forms(scene: Scene, sigma: float) -> tuple[Form, ...]:
 
 
 def gauge_displacement(scene: Scene) -> Floats:
-    """Displacement (3, 2, 3), see `HeightMap`, by place (x, y) and turn about z of the whole rig over the
-    mirror: no height depends on them."""
+    """Displacement (3, 2, 3), see `HeightMap`, by place (x, y) and turn about z of the rig over the mirror:
+    no height depends on them."""
     known = TYPED if scene.accuracy is None else scene.accuracy
     x, y = 0.5 * scene.mirror.length, 0.5 * scene.mirror.width
     shift_x, shift_y = [[known.distance, 0, 0], [0, 0, 0]], [[0, 0, 0], [known.distance, 0, 0]]

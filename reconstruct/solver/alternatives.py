@@ -1,4 +1,4 @@
-"""Other solvers of the edge problem, beside DCT and conjugate gradients: a sparse factorisation, a march."""
+"""Solvers of the edge problem other than DCT and conjugate gradients: a sparse factorisation, a march."""
 
 import numpy as np
 import scipy.ndimage
@@ -76,7 +76,7 @@ class MarchedEdges(SeparableEdges):
         self.spine = int(np.argmax(wy[:-1].sum(axis=0)))
 
     def solve(self, gx: Floats, gy: Floats, accuracy: Accuracy, start: Floats | None = None) -> PoissonResult:
-        """Sums; what the other columns' edges say is not asked."""
+        """Sums along one path; the other columns' edges do not count."""
         return PoissonResult(marched(gx, gy, self.spine), 1, 0.0)
 
 

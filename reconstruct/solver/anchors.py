@@ -58,7 +58,7 @@ class PointAnchor:
 
 @dataclass(frozen=True, slots=True)
 class PixelAnchor:
-    """The mirror point seen by the (fractional) pixel has depth z, give or take sigma, mm."""
+    """The mirror point on the ray of the (fractional) pixel has depth z, give or take sigma, mm."""
 
     row: float
     col: float
@@ -68,7 +68,7 @@ class PixelAnchor:
 
 @dataclass(frozen=True, slots=True)
 class DistanceAnchor:
-    """The mirror point seen by the (fractional) pixel lies `distance`, give or take sigma, along its ray,
+    """The mirror point on the ray of the (fractional) pixel lies `distance`, give or take sigma, along it,
     mm.
     """
 
@@ -214,7 +214,7 @@ def _edge_samples(anchor: EdgeAnchor, scene: Scene, rays: RayField, mask: Mask) 
         along = along + (length - _rest_x(origins, directions)) / step[picked]
     origins, directions = _rays(scene.camera, fixed, along, axis)
     row, col = (fixed, along) if axis == 1 else (along, fixed)
-    # One error for the whole edge: the mean over its lines must not average it away.
+    # one error common to the edge: the mean over its lines must not reduce it
     sigma = anchor.sigma * np.sqrt(lines.size) / np.abs(directions[2])
     return Samples(row, col, _to_rest(origins, directions, scene), sigma)
 

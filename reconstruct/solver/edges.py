@@ -65,7 +65,7 @@ def defects(p: Floats, q: Floats, w: Floats, root: Floats, mask: Mask) -> tuple[
 def factor_increments(p_w: Floats, q_w: Floats, mask: Mask) -> tuple[Floats, Floats]:
     """Edge increments of the logarithm of the integrating factor, log((1 + f_i/2) / (1 - f_j/2)).
 
-    This is what the trapezoid rule multiplies by from pixel to pixel (and exact for a factor C x).
+    This is the factor of the trapezoid rule from pixel to pixel (exact for a factor C x).
     """
     gx, gy = np.empty(p_w.shape), np.empty(p_w.shape)
     over_image(lambda start, stop: _factor_increments(p_w, q_w, mask, gx, gy, start, stop), p_w.shape)

@@ -1,8 +1,8 @@
 """The mirror's equations in closed form, pixel by pixel.
 
 The mirror point is P = o + t d, the pattern point X(u, v), e = (X - P)/|X - P|. The normal bisects, n ~ e -
-d, and the mirror holds its own tangents, n . dP/di = 0; hence with the ray field's derivative along a pixel
-axis
+d, and the mirror's tangents are normal to it, n . dP/di = 0; hence with the ray field's derivative along a
+pixel axis
 
     p = dt/di = -n . (o_i + t d_i) / (n . d)
 
@@ -26,7 +26,7 @@ __all__ = ["no_normal", "slope_variances", "slopes"]
 
 _SWING = 0.05  # noise over the way to the pattern: what noise does to a slope depends on where noise put it
 _SURE = 3.0  # standard deviations: beyond them lies noise of a normal distribution but for 0.3 %
-_ALONG, _ACROSS = 2, 1  # rows and columns on either side that tell where it is without
+_ALONG, _ACROSS = 2, 1  # rows and columns on either side that predict where it lies without noise
 
 
 def slopes(rays: RayField, plane: Floats, u: Floats, v: Floats, w: Floats) -> tuple[Floats, ...]:
@@ -82,7 +82,7 @@ def no_normal(
     """Pixels whose normal n ~ e - d is lost in noise, (rows, cols).
 
     e has no direction where X is at P, and is d where X is on the ray's way on from P: X must be farther
-    from that half-line than its own noise may move it, and farther from P than a pixel's noisy slopes, of
+    from that half-line than its noise may move it, and farther from P than a pixel's noisy slopes, of
     variances var_p and var_q, move P.
     """
     found = np.empty(u.shape, dtype=np.bool_)

@@ -15,7 +15,7 @@ from .anchors import EDGE_REACH, Samples
 __all__ = ["AnchorRows", "anchor_rows", "free_constants"]
 
 _THERE = 0.05  # pixels: an anchor so near needs no slopes
-_STARTS = (-1, 0, -3, -2)  # where a window of four pixels may start, seen from the pixel; the best first
+_STARTS = (-1, 0, -3, -2)  # where a window of four pixels may start, relative to the pixel; the best first
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,8 +23,8 @@ class AnchorRows:
     """Known values of the unknown near valid pixels, M of them.
 
     The value predicted at an anchor is w[pixel] + p[at_p] . by_p + q[at_q] . by_q: from the nearest valid
-    pixel along the row, then along the column, by the cubic through four slopes. more_p: what the cubic adds
-    to the parabola nearest to the same slopes; known: w there; reach: pixels travelled; sigma: of the known
+    pixel along the row, then along the column, by the cubic through four slopes. more_p: excess of the cubic
+    over the parabola nearest to the same slopes; known: w there; reach: pixels travelled; sigma: of the known
     value, in units of w; component: label of the pixel.
     """
 
@@ -47,7 +47,7 @@ class AnchorRows:
         return value
 
     def bend(self, p: Floats) -> Floats:
-        """What the cubic along the row adds to the parabola, (M,): more than the cubic misses of a curve."""
+        """Excess of the cubic along the row over the parabola, (M,): above the cubic's error on a curve."""
         added: Floats = np.einsum("mk,mk->m", p.ravel()[self.at_p], self.more_p)
         return added
 
@@ -60,8 +60,8 @@ class AnchorRows:
 
 
 def anchor_rows(samples: Samples, data: Measured, labels: Labels) -> AnchorRows:
-    """Tie the samples (in this grid's pixels) to the nearest valid pixels; left out are those without one in
-    reach, and those with fewer than four slopes to tell the way.
+    """Tie the samples (in this grid's pixels) to the nearest valid pixels, except samples without one in
+    reach or with fewer than four slopes on the way.
     """
     mask = data.mask
     row, col, found = _nearest(samples, mask)
@@ -175,7 +175,7 @@ def _integral(start: Ints, delta: Floats, terms: int = 4) -> Floats:
 
 
 def _own(start: Ints, delta: Floats) -> Floats:
-    """Weights that take the pixel's own slope as constant."""
+    """Weights for a constant slope, that of the pixel."""
     out = np.zeros((*start.shape, 4))
     out[:, 0] = delta
     return out

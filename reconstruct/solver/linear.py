@@ -23,7 +23,7 @@ class EdgeProblem(Protocol):
 
     @property
     def columns(self) -> ColumnPoisson:
-        """The separable problem: itself, or what it would be without mask and jumps."""
+        """The separable problem: itself, or its counterpart without mask and jumps."""
 
     @property
     def weights(self) -> tuple[Floats, Floats] | None:
@@ -65,7 +65,7 @@ class SeparableEdges:
 
 
 def edge_problem(wx: Floats, wy: Floats, mask: Mask, separable: bool = True) -> EdgeProblem:
-    """Separable where the mask is the whole rectangle and the weights go by columns closely enough
+    """Separable where the mask is the full rectangle and the weights go by columns closely enough
     (not if single edges are to count less).
     """
     if separable and mask.all() and max(spread(wx), spread(wy)) < SEPARABLE_SPREAD:

@@ -17,8 +17,8 @@ _LEAK = 1e-4  # of its column's mean weight: what a missing edge conducts in the
 class MaskedEdges:
     """min sum w_e (x_j - x_i - g_e)^2 on the edges whose weight is not zero.
 
-    wx, wy: (rows, cols). The preconditioner sees the whole rectangle, in which missing edges conduct next to
-    nothing: its solution, taken in the mask alone, is that of the mask but for this.
+    wx, wy: (rows, cols). The preconditioner solves the full rectangle, in which missing edges conduct next to
+    nothing: its solution, restricted to the mask, is that of the mask but for this.
     """
 
     closed = False

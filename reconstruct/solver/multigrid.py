@@ -29,7 +29,7 @@ _STEPS = (0, 1), (1, 0), (1, 1), (1, -1)  # rows and columns to the pixel at the
 class _Level:
     """weights (4, rows + 2, cols + 2) of the edges to the right, down, down right and down left; inverse of
     the diagonal (rows, cols); interpolation from the next level: share of the left or upper neighbour in the
-    pixels between two (across, along), and of the four corners in those between four.
+    pixels between two (across, along), and of the four corners between four.
     """
 
     weights: Floats
@@ -64,7 +64,7 @@ class Multigrid:
         return self._cycle(0, rhs)[1 : rows + 1, 1 : cols + 1]
 
     def _cycle(self, depth: int, rhs: Floats) -> Floats:
-        """The solution (rows + 2, cols + 2), of which the border is zero."""
+        """The solution (rows + 2, cols + 2), zero on the border."""
         rows, cols = rhs.shape
         x = np.zeros((rows + 2, cols + 2))
         if depth == len(self._levels):

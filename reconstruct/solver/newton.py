@@ -26,17 +26,17 @@ _ONE, _ZERO = np.ones((1, 1)), np.zeros((1, 1))
 _FACTOR_ACCURACY = Accuracy(peak=0.02)  # of log E, in every pixel: E only has to be near
 _LINEAR_SHARE = 0.02  # of an edge's standard deviation: the energy of what a linear solve may leave
 _FIRST_RELATIVE, _RELATIVE = 1e-2, 1e-10  # of the first error: there is a second step; rounding
-_CHORD = 1e-4  # of a chord step: the next one takes what is left
+_CHORD = 1e-4  # of a chord step: the next one corrects the rest
 _SMALL_STEP = 1e-2  # of the range of w: steps below it cannot leave the medium
-_NOISE_SHARE = 0.02  # of a slope's standard deviation: a change that no noise lets one see
-_RESPONSE = 1e-3  # of the first error: drawn noise tells a variance to a few per cent at best
+_NOISE_SHARE = 0.02  # of a slope's standard deviation: a change below the noise
+_RESPONSE = 1e-3  # of the first error: drawn noise yields a variance to some per cent at best
 _ASTRAY = 0.1  # of a slope's standard deviation: a pixel's step in the end that counts as moving
 _PATIENCE, _SHRINKS = 3, 0.5  # steps, of the smallest before: converging steps shrink more
 _ROWS = 64
 _MEDIAN = 2.0 * math.log(2.0)  # of chi squared with two degrees of freedom
 _MOVING = 0.05  # of the pixels: more are not single noisy ones
-_SLOWEST = 0.99  # of a step: what the next one is taken to leave at most
-_LARGEST = 1e12  # of the usual variance: a slope that tells nothing
+_SLOWEST = 0.99  # ratio of successive steps: the upper limit in extrapolation
+_LARGEST = 1e12  # of the median variance: a slope without information
 _CHORD_RATE = 1e-3  # refit the integrating factor while a step leaves more than this of the last one
 
 
@@ -60,7 +60,7 @@ class State:
     factor; problem: the last weighted problem; rows, share: the anchors, and each one's share in its
     component's constant; slopes: p and q before the last step; variances: of these; steps: rms change of w
     in every step; iterations: linear solves and conjugate-gradient iterations; converged: whether the last
-    step met the tolerance, or noise hides what is left in every pixel; energy: sum of the squared edge
+    step met the tolerance, or noise hides the rest in every pixel; energy: sum of the squared edge
     defects over their variances, before the last step; bend: how much curves may mislead every anchor;
     doubt: of the edges; unsettled (rows, cols): pixels that steps like the last ones would still move, if it
     did not converge; misfit: see `_misfit`.
@@ -172,9 +172,8 @@ def chord_step(
     accuracy: Accuracy | None = None,
     share: Floats | None = None,
 ) -> State:
-    """One more step from a state, for a measurement that has changed little: same problem,
-    factor and variances. accuracy: of the linear solve; None: noise hides what is left. share: of the
-    anchors, None: chosen anew.
+    """One more step from a state, for a measurement that has changed little: same problem, factor and
+    variances. accuracy: of the linear solve; None: below the noise. share: of the anchors, None: chosen anew.
     """
     p, q, _, _ = data.slopes(state.w)
     gx, gy = defects(p, q, state.w, state.root, data.mask)
@@ -250,7 +249,7 @@ def _anchored(
 
 
 def _anchor_spread(rows: AnchorRows, variances: tuple[Floats, Floats]) -> Floats:
-    """Variance of what the anchors' rows predict minus what is known, (M,)."""
+    """Variance of the anchors' predicted values less the known ones, (M,)."""
     spread: Floats = rows.sigma**2 + rows.spread(*variances) + 0.25 * variances[0].ravel()[rows.pixel]
     return spread
 
@@ -294,7 +293,7 @@ def _noise(variance: Floats, mask: Mask) -> float:
 
 
 def _rate(steps: list[float]) -> float:
-    """How much of a step the next one left."""
+    """Ratio of the last two steps."""
     return steps[-1] / steps[-2] if len(steps) > 1 and steps[-2] > 0.0 else 1.0
 
 
@@ -337,7 +336,7 @@ def _root(phi: Floats, labels: Labels) -> Floats:
 
 def _guarded(variances: tuple[Floats, Floats], mask: Mask) -> tuple[Floats, Floats]:
     """Variances that are positive everywhere: at least 1e-12 of their median, which also stands outside the
-    mask; and no larger than sums over an image still hold the usual one beside.
+    mask; and at most 1e12 times the median, so that sums over an image resolve the others.
     """
     guarded = []
     for variance in variances:

@@ -26,7 +26,7 @@ _ABREAST = 8  # modes
 
 @dataclass(frozen=True, slots=True)
 class PoissonResult:
-    """A solution (free constant left as it comes), the iterations it took and its energy error estimate.
+    """A solution (free constant arbitrary), the iterations it took and its energy error estimate.
 
     error: square root of the last preconditioned residual's energy, in units of the edges' standard
     deviations.
@@ -121,7 +121,7 @@ def column_profile(weights: Floats) -> Floats:
 
 @exact
 def _factor(wx, wy, eigenvalues, inverse_pivot, start, stop):  # type: ignore[no-untyped-def]
-    """Pivot = weight of the edge towards the heavy end, column 0, + excess; column 0's own is its excess."""
+    """Pivot = weight of the edge towards the heavy end, column 0, + excess; column 0's is its excess."""
     for k in range(start, stop):
         excess = 0.0
         for j in range(wx.size - 1, 0, -1):

@@ -4,7 +4,7 @@
 |---|---|
 | `closed_form` | variance of the height on a rectangle |
 | `monte_carlo` | the same by drawn noise |
-| `shared_noise` | variance by noise that rows, columns or whole frames share |
+| `shared_noise` | variance by noise common to rows, columns or frames |
 | `rounding` | errors of discrete codes, which neighbouring pixels share |
 | `budget` | the uncertainty of a height, a depth, a difference, by its sources |
 | `predicted` | sigma of a rig at rest and of a dent, before any capture |

@@ -1,8 +1,9 @@
 """The uncertainty of what is read off a height map, by its sources.
 
 A reading is a weighted sum of heights. Independent noise adds by the weights' squares (a mean over an area is
-given the noise of one of its pixels: neighbours share most of theirs). The rig's errors move the whole map:
-with f the weighted sum of the modes, (r,), a source of shares A adds f^T A f; A of all sources sum to 1.
+given the noise of one of its pixels: neighbours share most of theirs). The rig's errors are common to all
+heights: with f the weighted sum of the modes, (r,), a source of shares A adds f^T A f; A of all sources
+sum to 1.
 """
 
 import numpy as np

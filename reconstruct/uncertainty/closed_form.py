@@ -1,4 +1,4 @@
-"""Variance of the height: what the slopes' noise leaves after the least-squares solve and the anchors.
+"""Variance of the height by noise of the slopes, after the least-squares solve and the anchors.
 
 With independent edge noise of variance var_e the solve w = E g has the covariance E L^-1 E, L = D^T w D. In
 the DCT basis along the rows L is tridiagonal, and two Schur sweeps give the diagonal of its inverse, mode by
@@ -7,12 +7,13 @@ covariance is smaller,
 
     E L^-1 E - c,    c = < sum_a w_a l_a (1 - |A_a|^2) / (sum_a w_a l_a)^2 >,   l = 2 - 2 cos k, a = x, y,
 
-averaged over the Brillouin zone: c is local (the correction is an operator of order zero) and a fifth of the
-slopes' variance, about, that of the columns' weights as all of this. |A| = (13 cos(k/2) - cos(3k/2)) / 12 for
-the four-pixel increments.
-Noise that differs from that of its column joins by the solve's own answer to it, see `unlike_columns`.
-An anchor sum_m a_m w_m = known subtracts the covariance with it: var_i = G_ii - 2 (G a)_i + a.G a. What a
-curve adds on the way to the anchors, it adds to all of them alike: the square of its weighted sum joins.
+averaged over the Brillouin zone: c is local (the correction is an operator of order zero), about a fifth of
+the slopes' variance; all of this is for weights by columns. |A| = (13 cos(k/2) - cos(3k/2)) / 12 for the
+four-pixel increments.
+Deviations of the slopes' variances from their columns' means add by the solve's response: `unlike_columns`.
+An anchor sum_m a_m w_m = known subtracts the covariance with it: var_i = G_ii - 2 (G a)_i + a.G a. The error
+by curvature on the way to the anchors (`AnchorRows.bend`) is common to all: the square of its weighted sum
+adds.
 """
 
 from functools import lru_cache
@@ -58,7 +59,7 @@ def unknown_variance(data: Measured, state: State, labels: Labels) -> Floats:
     if state.problem.closed:
         scaled = state.variances[0] / factor**2, state.variances[1] / factor**2
         more = unlike_columns(scaled, diagonal)
-        # as if all anchors shared theirs
+        # errors of the anchors as fully correlated
         potential = potential + more + max(float(share @ more.ravel()[rows.pixel]), 0.0)
     variance = factor**2 * np.maximum(potential - gain, FLOOR * along_cols)
     if not state.problem.closed:
@@ -69,12 +70,12 @@ def unknown_variance(data: Measured, state: State, labels: Labels) -> Floats:
 
 
 def _shared_at_ends(data: Measured, variances: Pair) -> Floats:
-    """What neighbours along an end of the mirror may share of their slopes' variances adds to that of w, all
+    """Variance of w by noise of the slopes that neighbours along an end of the mirror may share, all
     (rows, cols).
 
-    The solve averages along an end, as if errors were independent. What the outermost pixel has beyond the
-    noise of the next one inwards (fading light, the pattern's border) is in those beside it, too; the edge
-    between both takes half of it.
+    The solve averages along an end, as if errors were independent. The excess of the outermost pixel's noise
+    over that of the next one inwards (fading light, the pattern's border) counts as common to its neighbours
+    along the end; the edge between both takes half of it.
     """
     noise = data.sigma_u**2 + data.sigma_v**2
     along = _shared_along_rows(data.mask, noise, variances[0])
@@ -99,9 +100,9 @@ def unlike_columns(variances: Pair, diagonal: Floats) -> Floats:
     (rows, cols).
 
     Near a pixel the solve is a convolution: a slope along x is answered by h, of the transform
-    -2i sin(k_x / 2) |A| / (l_x + r l_y), r = var_p / var_q, one along y alike; the variance is the sum of
-    h^2 times that of the slopes. Beyond the border all is mirrored. Where noise grows from column to column
-    the answer is rather its quiet side's: less noise than the columns' takes off no more than the whole.
+    -2i sin(k_x / 2) |A| / (l_x + r l_y), r = var_p / var_q, one along y likewise; the variance is the sum
+    of h^2 times that of the slopes. Beyond the border all is mirrored. Where noise grows from column to
+    column the response is rather its quiet side's: a decrease is at most `diagonal`.
     """
     usual = [variance.mean(axis=0) for variance in variances]
     r = float(np.median(usual[0] / usual[1]))
@@ -125,7 +126,7 @@ def unlike_columns(variances: Pair, diagonal: Floats) -> Floats:
 
 
 def averaging_gain(var_p: Floats, var_q: Floats) -> Floats:
-    """What the averaging of neighbouring slopes takes off the height's variance, same shape."""
+    """Decrease of the height's variance by the averaging of neighbouring slopes, same shape."""
     ratios, values = _gain_table()
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = np.log(var_p / var_q)

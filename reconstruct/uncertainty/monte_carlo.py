@@ -23,7 +23,7 @@ FLOOR = 0.02  # of a slope's variance: the least that a height next to an exact 
 _DRAWS = 48
 _PIXELS = 1 << 22  # solved in all: fewer draws for large images
 _FEWEST = 4
-_MOSTLY = 0.9  # of the pixels: those that decide how many draws are made
+_MOSTLY = 0.9  # of the pixels: their quantile sets the number of draws
 _PRIOR = 6.0  # draws that the mean over a block counts as
 _BLOCK = 25  # pixels
 _SEED = 20140318
@@ -57,7 +57,7 @@ def monte_carlo_variance(
 
 
 def _beside_known(state: State) -> Floats:
-    """Variance of w (rows, cols) in a pixel whose neighbours are known: what it has of its own."""
+    """Variance of w (rows, cols) in a pixel, given its neighbours."""
     columns: ColumnPoisson = state.problem.columns
     wx, wy = state.problem.weights or (np.tile(part, (columns.rows, 1)) for part in (columns.wx, columns.wy))
     board = 1.0 - 2.0 * (np.indices(wx.shape).sum(axis=0) % 2)
@@ -86,8 +86,8 @@ def _block_means(values: Floats) -> Floats:
 def _drawn(
     data: Measured, state: State, labels: Labels, load: Floats, rng: np.random.Generator
 ) -> tuple[Floats, Floats]:
-    """Answers (rows, cols) of the solution and of the rectangle to one draw of noise, and of what is in doubt
-    of the edges.
+    """Answers (rows, cols) of the solution and of the rectangle to one draw of noise and of the
+    edges' doubts.
     """
     mask, rows = data.mask, state.rows
     p, q = data.slopes(state.w)[:2]
@@ -111,8 +111,8 @@ def _drawn(
 
 
 def _drawn_doubts(doubt: Doubt, p: Floats, q: Floats, rng: np.random.Generator) -> tuple[Pair, Pair]:
-    """A draw of what edges are in doubt of, each by itself (the rectangle's edges are independent), and of
-    what those of one rim share where they rise alike: it is misjudged in the same way all around.
+    """Draws of the edges' doubts: independent, as the rectangle's edges are, and common to each rim with the
+    sign of the slope along every edge, as a rim is misjudged in the same way all around.
     """
     rims, count = scipy.ndimage.label(touched(doubt), np.ones((3, 3)))
     one, other = rng.standard_normal((2, *p.shape))

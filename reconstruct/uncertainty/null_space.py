@@ -1,4 +1,4 @@
-"""The change of height that no slope measurement sees: what anchors are for."""
+"""The null space of the slope measurement: the change of height that only an anchor determines."""
 
 import numpy as np
 
@@ -17,11 +17,12 @@ _ACCURACY = Accuracy(relative=1e-12)
 
 
 def null_space(scene: Scene) -> Floats:
-    """How the mirror at rest may move unseen, (H, W): change of z on the camera's pixels, largest value 1.
+    """Mode of the mirror at rest that no slope changes with, (H, W): change of z on the camera's pixels, of
+    largest value 1.
 
-    Slopes tell the height up to a multiple of it (45-degree prism: in proportion to x, a rotation about the
-    edge shared with the pattern). One known height settles the multiple; where the mode is small beside its
-    value at the anchor, an anchor's error hurts little. NaN where the mirror at rest shows no pattern.
+    Slopes determine the height up to a multiple of it (45-degree prism: in proportion to x, a rotation about
+    the edge shared with the pattern). One known height fixes the multiple; an anchor's error scales with the
+    mode over its value at the anchor. NaN where the mirror at rest shows no pattern.
 
     >>> from optolever.scene import load, resize
     >>> mode = free_mode(resize(load("prism48"), 60, 80))
@@ -32,7 +33,7 @@ def null_space(scene: Scene) -> Floats:
     solution = solved_height(seen, scene, "edge")
     problem, state = solution.problem, solution.state
     data = problem.data
-    # The solver's own factor is only near; here it is the result.
+    # the solver's integrating factor is approximate; here it is the result
     edges = edge_problem(*edge_weights(*state.variances, np.ones((1, 1)), data.mask), data.mask)
     _, _, p_w, q_w = data.slopes(state.w)
     fit = edges.solve(*factor_increments(p_w, q_w, data.mask), _ACCURACY)

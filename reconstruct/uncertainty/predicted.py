@@ -38,7 +38,7 @@ def sigma_at_rest(scene: Scene) -> HeightMap:
 
 def predicted_maps(scene: Scene) -> tuple[Scene, HeightMap, HeightMap, PixelAnchor]:
     """The scene on fewer pixels, a dent in the middle of the mirror as it would measure it, the mirror at
-    rest, and the anchor beside the dent."""
+    rest, and the anchor next to the dent."""
     small = _coarse(scene)
     length = small.mirror.length
     pressed = dent("gaussian", small, peak=PREDICTED_DEPTH * length, sigma=_WIDTH * length)

@@ -1,8 +1,8 @@
-"""What rounding to whole cells does to the height.
+"""Variance of the height by rounding to the cells of a discrete code.
 
-A discrete code tells the middle of the cell that a pixel looks at. Its errors are a sawtooth of the
-coordinate, not noise: where cells and pixels keep step (one cell a pixel, two, one and a half) whole regions
-share one, along lines of constant coordinate all pixels do. They may have neither scatter nor curl, and tilt
+A discrete code yields the middle of the cell at which a pixel looks. Its errors are a sawtooth of the
+coordinate, not noise: where sampling is commensurate (one cell a pixel, two, one and a half) regions share
+one error, along lines of constant coordinate all pixels do. They may have neither scatter nor curl, and tilt
 the height like a true slope. Their covariance is that of the sawtooth itself, over all places where the cells
 may begin: the measured coordinates, smoothed, are rounded again with the cells shifted by parts of a cell,
 and every such error field is carried to the height by one linear solve (a parametric bootstrap: Efron,
@@ -22,11 +22,11 @@ __all__ = ["rounding_variance"]
 
 _PLACES = 8  # of the cells' beginning
 _SMOOTH = 4.0  # pixels, rms: over more than the sawtooth of two cells a pixel
-_WIDE = 6.0  # pixels, rms: the variance of so few solves is smoothed
+_WIDE = 6.0  # pixels, rms: smoothing of the variance from _PLACES solves
 
 
 def rounding_variance(problem: Problem, state: State) -> Floats | None:
-    """Variance of the unknown (rows, cols) that rounding to whole cells makes; None for other coordinates."""
+    """Variance of the unknown (rows, cols) by rounding to cells; None for other coordinates."""
     data = problem.data
     if not data.whole_cells(problem.bridged):
         return None
@@ -53,8 +53,8 @@ def _rounding(coord: Floats) -> Floats:
 
 
 def _twiced(coord: Floats, mask: Mask) -> Floats:
-    """Smoothed, and what that leaves smoothed, too, as it took off bends (twicing: Tukey, Exploratory Data
-    Analysis, 1977): slopes tell where cells keep step."""
+    """Smoothed, plus the smoothed residual, which restores curvature (twicing: Tukey, Exploratory Data
+    Analysis, 1977): the slope determines where sampling is commensurate."""
     once = _smoothed(coord, mask)
     return once + _smoothed(coord - once, mask)
 

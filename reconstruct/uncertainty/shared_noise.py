@@ -3,13 +3,13 @@
 Rows: an error e(y) cos(k x) of a slope, e independent from row to row, is answered by the least-squares solve
 with e * exp(-k |y|) / 2, whichever slope it is of: the sum of squares is the slope's variance over 4 k. Where
 the phase does not turn along the row (k = 0) errors of slopes down the columns add up on the way from the
-anchors: edge j of those that a pixel has below it takes 1 - A_j of its error, one above it A_j, where A_j is
+anchors: edge j below a pixel takes 1 - A_j of its error, one above it A_j, where A_j is
 the anchors' share above it; a turning phase ends that walk where the pixel's and the anchors' errors are
-independent. Those of slopes along the row, which no surface has, leave an eighth of the row's length at its
-ends (the odd cosines' share of a constant), less within. Columns alike.
+independent. Errors of slopes along the row, which are no gradient, leave an eighth of the row's length at its
+ends (the odd cosines' share of a constant), less within. Columns: the same.
 
 Frames: an error that is the cosine of the phase all over the image is a wave of the slope; its height is the
-slope's over the wave number. A shift of all places: the solve's own answer to it.
+slope's over the wave number. A common shift of the coordinates adds the square of the solve's response to it.
 """
 
 from dataclasses import replace
@@ -25,13 +25,13 @@ from ..solver.newton import State, edge_errors, response
 
 __all__ = ["shared_variance"]
 
-_COLUMNS = 128  # that are asked for what is usual
+_COLUMNS = 128  # sampled for medians
 _STILL = 1e-9  # radians per pixel: no turn in any image
 _ENDS = 8.0  # one over the share of a row's length that slopes along it leave, about
 
 
 def shared_variance(problem: Problem, state: State, noise: SharedNoise) -> Floats:
-    """Variance of w in every pixel of the grid, (rows, cols), beside that of independent noise."""
+    """Variance of w in every pixel of the grid, (rows, cols), in addition to that of independent noise."""
     data, labels = problem.data, problem.labels
     seen = labels > 0
     by_rows, by_cols = (noise.cols, noise.rows) if problem.turned else (noise.rows, noise.cols)
@@ -90,7 +90,7 @@ class _Anchors(NamedTuple):
 
 
 def _of_frames(phase: Floats, variance: Floats, labels: Labels, anchors: _Anchors) -> Floats:
-    """Of noise that is all shared by the image: phase of the fringe, variance of both slopes."""
+    """Of noise common to the image: phase of the fringe, variance of both slopes."""
     waves = _turn(phase) ** 2 + _turn(phase.T) ** 2 + 1 / max(labels.shape) ** 2
     own = variance / waves
     known = anchors.by_row(len(own), anchors.share * own[anchors.row, anchors.col]).sum(axis=1)
@@ -98,8 +98,8 @@ def _of_frames(phase: Floats, variance: Floats, labels: Labels, anchors: _Anchor
 
 
 def _of_rows(phase: Floats, variances: Pair, labels: Labels, anchors: _Anchors) -> Floats:
-    """Of noise that is all shared by rows: phase of the fringe; variances of the slopes along the rows and
-    down the columns, NaN where nothing is seen."""
+    """Of noise common to each row: phase of the fringe; variances of the slopes along the rows and down the
+    columns, NaN outside the mask."""
     rows, cols = labels.shape
     k, usual = max(_turn(phase), _STILL), np.zeros(rows)
     some = _thin(variances[1])
@@ -117,7 +117,7 @@ def _of_rows(phase: Floats, variances: Pair, labels: Labels, anchors: _Anchors) 
 
 
 def _turn(phase: Floats) -> float:
-    """What a phase changes from pixel to pixel along the rows, radians, usually."""
+    """Median absolute change of a phase from pixel to pixel along the rows, radians."""
     turned = np.abs(_thin(np.diff(phase)))
     known = turned[np.isfinite(turned)]
     return float(np.median(known)) if known.size else 0.0
@@ -129,8 +129,8 @@ def _thin(values: Floats) -> Floats:
 
 
 def _walk(variance: Floats, anchors: Floats) -> Floats:
-    """Variance (C, rows) of sums of errors down the rows, of variances (rows,), less what the anchors' shares
-    (C, rows) take."""
+    """Variance (C, rows) of running sums of errors down the rows, of variances (rows,), less their mean by
+    the anchors' shares (C, rows)."""
     edges = 0.5 * (variance[1:] + variance[:-1])
     beyond = np.cumsum(anchors[:, :0:-1], axis=1)[:, ::-1]
     before = np.cumsum(edges * (1 - beyond) ** 2, axis=1)
