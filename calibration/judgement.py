@@ -34,7 +34,7 @@ class Judgement:
 
     chi: rms residual in sigma; seen: share of the image in which the mirror reflects the pattern; decoded:
     share usable in the adjustment (good, in the mask); tilt: relative to z = 0, degrees, None unless the
-    target is a flat or a plate. height_*, depth_*: standard deviations by the rig alone (mm) of a height
+    target is a flat or a plate. Heights and depths: standard deviations by the rig alone (mm) of a height
     (median over the mirror) and of the depth of a dent relative to the mirror at rest; so_far: by the
     captures up to this one; without: by all others (None for the capture that defines z = 0).
     """

@@ -25,7 +25,7 @@ def null_space(scene: Scene) -> Floats:
     mode over its value at the anchor. NaN where the mirror at rest shows no pattern.
 
     >>> from optolever.scene import load, resize
-    >>> mode = free_mode(resize(load("prism48"), 60, 80))
+    >>> mode = null_space(resize(load("prism48"), 60, 80))
     >>> [round(float(part), 2) for part in mode[30, [0, 40, 76]]]
     [1.0, 0.5, 0.04]
     """
