@@ -33,7 +33,6 @@ Own = tuple[U16, F32, F32, F32]
 #: Fields of SpatialLimits: jump, per_turn, squared reach, extent; and usual, jump, footprint.
 Limits = tuple[np.float32, np.float32, np.float32, np.float32]
 Footprint = tuple[np.float32, np.float32, np.float32]
-_ONE = np.float32(1)
 _OUTLIER, _OFF = int(Flag.OUTLIER), int(Flag.OFF_PATTERN)
 #: Squared deviations beyond which a neighbour contradicts, and beyond which a curvature is signal.
 _SURE2, _BULK2 = np.float32(6.0**2), np.float32(BULK**2)

@@ -17,7 +17,6 @@ __all__ = ["Taken", "acquire"]
 _REPEATS = 3
 _WARM_S, _WARM_IMAGES = 2.0, 30  # before the first pattern, for the map of the camera's clock
 _PERIOD_S = 0.2  # of a camera whose rate is not known
-_NOTHING_S = 5.0  # a camera that hands out no image for so long is not there
 
 OnImage = Callable[[Image, float], None]
 

@@ -131,17 +131,17 @@ def examine(
 
     lit: illuminated pixels; names (N,): numbers of the frames in sentences, default: their indices.
     """
-    told = resolved(plan, lit, noise)
-    if not axis_tables(told):
+    known = resolved(plan, lit, noise)
+    if not axis_tables(known):
         return ()
-    crosses = _crosses(light, told, lit)
+    crosses = _crosses(light, known, lit)
     if crosses is None:
         return ()
     names = np.arange(len(light.raw)) if names is None else names
-    finding = _single_fault(crosses, told, light.raw.shape[1], names)
+    finding = _single_fault(crosses, known, light.raw.shape[1], names)
     if finding is not None:
         return (replace(finding, leave_out=left_out(finding, plan)),)
-    return _rolled(crosses, light.raw.shape[1]) or _refused(crosses, told)
+    return _rolled(crosses, light.raw.shape[1]) or _refused(crosses, known)
 
 
 def resolved(plan: Plan, lit: Sample, noise: Noise) -> Plan:
