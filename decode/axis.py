@@ -24,7 +24,7 @@ from .flags import DOUBT, Into, Limits, Shared, limits_of, merge
 from .frames import Light
 from .plan import AxisPlan, Fringe, Plan, constraints, plan, raster_axes
 from .profile.noise import Noise, Sample
-from .profile.unlike import Before, misfit_between, misfit_within, whole
+from .profile.unlike import Before, Between, misfit_between, misfit_within, stray_light, whole
 from .spatial import Raw
 
 __all__ = [
@@ -82,6 +82,7 @@ class AxisNumbers(NamedTuple):
     unresolved  number of the code's finest bits that the camera does not resolve
     misfit     variance (turns^2) of each fringe's phase by residuals beyond noise
     between    variance (turns^2) of a phase by contradictions between periods
+    stray      rms of the phase (turns) of all fringes by stray light, which neighbours share
     deviation  of a sample over the amplitude, of close periods; else None
     look_up    estimates of a look-up
     """
@@ -90,6 +91,7 @@ class AxisNumbers(NamedTuple):
     unresolved: int = 0
     misfit: tuple[float, ...] = ()
     between: float = 0.0
+    stray: float = 0.0
     deviation: float | None = None
     look_up: LookUp | None = None
 
@@ -138,6 +140,11 @@ class AxisDecoder:
         lookup_rows(light, self.noise, table, rows, estimate)
         return estimate
 
+    @property
+    def stray(self) -> float:
+        """Error by stray light, rms, pattern px, which neighbours share; 0 without fringes."""
+        return self.numbers.stray * self.axis.fringes[-1].period if self.axis.fringes else 0.0
+
     def notices(self, width: float) -> tuple[Notice, ...]:
         """Notices of unresolved bits and fringes; width: median footprint of a pixel, pattern px."""
         found, count, name = [], self.numbers.unresolved, self.axis.axis
@@ -166,12 +173,13 @@ class AxisDecoder:
 
 class AxisOptions(NamedTuple):
     """subpixel, blur (cells, None: unknown): see decode; known: the noise is given or follows from
-    constraints (else a look-up estimates it); before: display lag."""
+    constraints (else a look-up estimates it); before: display lag; stray: light over the amplitude."""
 
     subpixel: bool = False
     known: bool = False
     blur: float | None = None
     before: Before = Before()
+    stray: float = 0.0
 
 
 def _axes(setup: Setup) -> tuple[AxisPlan, ...]:
@@ -181,7 +189,8 @@ def _axes(setup: Setup) -> tuple[AxisPlan, ...]:
 def estimate_axes(shot: Shot, options: AxisOptions) -> tuple[AxisNumbers, ...]:
     """Estimates of each axis from the sample. InputError where an axis cannot be decoded."""
     known = options.known or bool(constraints(shot.setup.plan, len(shot.setup.sequence)))
-    return tuple(_estimated(axis, shot, options._replace(known=known)) for axis in _axes(shot.setup))
+    options = options._replace(known=known, stray=stray_light(shot.setup.plan, shot.lit, shot.setup.noise))
+    return tuple(_estimated(axis, shot, options) for axis in _axes(shot.setup))
 
 
 def axis_decoders(setup: Setup, numbers: tuple[AxisNumbers, ...]) -> tuple[AxisDecoder, ...]:
@@ -205,7 +214,7 @@ def _estimated(axis: AxisPlan, shot: Shot, options: AxisOptions) -> AxisNumbers:
     if by_table:
         return AxisNumbers(code, look_up=_looked_up(axis, code, shot, options))
     found = AxisNumbers(code, unresolved)
-    return _of_fringes(axis, found, shot, options.before) if axis.fringes else found
+    return _of_fringes(axis, found, shot, options) if axis.fringes else found
 
 
 def _looked_up(axis: AxisPlan, code: CodePlan | None, shot: Shot, options: AxisOptions) -> LookUp:
@@ -252,23 +261,25 @@ def _freedom(axis: AxisPlan, code: CodePlan | None) -> int:
     return freedom + ((1 if axis.fringes else 0) + code.freedom if code is not None else 0)
 
 
-def _of_fringes(axis: AxisPlan, found: AxisNumbers, shot: Shot, before: Before) -> AxisNumbers:
-    """Add misfit variance of each fringe and the interfringe variance."""
+def _of_fringes(axis: AxisPlan, found: AxisNumbers, shot: Shot, options: AxisOptions) -> AxisNumbers:
+    """Add misfit variance of each fringe, the interfringe variance, and stray light."""
     noise, lit = shot.setup.noise, shot.lit
     covered = found.code is not None or axis.fringes[0].period >= axis.extent or len(axis.fringes) == 1
     setup = shot.setup
     hidden = [aliasing_variance(one, axis, setup.plan, lit, noise) / (2 * np.pi) ** 2 for one in axis.fringes]
     misfit = tuple(
-        _unlike(one, lit, noise, before) + more for one, more in zip(axis.fringes, hidden, strict=True)
+        _unlike(one, lit, noise, options.before) + more
+        for one, more in zip(axis.fringes, hidden, strict=True)
     )
     found = found._replace(misfit=misfit, deviation=None if covered else _deviation(axis, noise, lit))
     few = whole(lit, [i for fringe in axis.fringes for i in fringe.index], _ASKED)
+    stray2 = (options.stray / (2 * np.pi)) ** 2
     for _ in range(_ROUNDS if len(axis.fringes) > 1 else 0):
         more = _between(_decoder(axis, shot.setup, found), shot.light, few)
-        if more == 0:
+        if more.variance == 0:
             break
-        found = found._replace(between=found.between + more)
-    return found
+        found, stray2 = found._replace(between=found.between + more.variance), max(stray2, more.common)
+    return found._replace(stray=stray2**0.5)
 
 
 def _with_periods(decoder: AxisDecoder, setup: Setup) -> AxisDecoder:
@@ -280,8 +291,8 @@ def _with_periods(decoder: AxisDecoder, setup: Setup) -> AxisDecoder:
     return replace(decoder, orders=orders, periods=periods_of(axis.fringes, known))
 
 
-def _between(decoder: AxisDecoder, light: Light, few: Sample) -> float:
-    """Interfringe variance (turns^2) at the decoded places of sample pixels, beyond the decoder's
+def _between(decoder: AxisDecoder, light: Light, few: Sample) -> Between:
+    """Interfringe variance at the decoded places of sample pixels, beyond the decoder's
     variances."""
     assert decoder.periods is not None
     shape = 1, len(few.places)
@@ -290,7 +301,7 @@ def _between(decoder: AxisDecoder, light: Light, few: Sample) -> float:
     decoder.decode(_sampled_light(light, few.places), (0, 1), raw, True, shared)
     told = np.isfinite(raw.coordinate[0]) & (raw.variance[0] < decoder.axis.extent**2)
     if np.count_nonzero(told) < _FEWEST:
-        return 0.0
+        return Between()
     place = raw.coordinate[0][told].astype(np.float64)
     return misfit_between(
         decoder.axis.fringes, decoder.periods.rounding, place, few.only(told), decoder.noise

@@ -4,6 +4,7 @@ from a profile to tables.
 Here a setting's response is the display's: a camera's is already inverted in the frames' levels.
 """
 
+import math
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -64,6 +65,10 @@ _BRIGHT = (
 #: Share of the pixels that highlights may saturate.
 _HIGHLIGHTS = 0.01
 _CURE = "gamma, flicker, a slow display or stray light; sigma holds what frames and neighbours show of it"
+_STRAY = (
+    "light of other places of the pattern, share of the amplitude",
+    "a second reflection, as by another face: black it; sigma holds it",
+)
 _MISFIT = "frames contradict each other, share of the amplitude", _CURE
 _ROUGH = "neighbours differ beyond noise, pattern px rms", _CURE
 
@@ -222,8 +227,8 @@ def _from_result(
     lit, raw, flags, axes = shot.lit, maps.raw, found.flags, profile.axes
     shown = replace(shot.setup.plan, axes=tuple(decoder.axis for decoder in steps.decoders))
     in_common = {
-        one.axis: one.pixelation.in_common(one.width, lit, *own, flags)
-        for own, one in zip(raw, axes, strict=True)
+        one.axis: math.hypot(one.pixelation.in_common(one.width, lit, *own, flags), decoder.stray)
+        for own, one, decoder in zip(raw, axes, steps.decoders, strict=True)
     }
     coords = [{"u": found.u, "v": found.v}[one.axis] for one in axes]
     return replace(
@@ -257,6 +262,7 @@ def _notices(shot: Shot, steps: Steps, profile: ExposureProfile) -> tuple[Notice
         *_noticed(_SLOW, profile.lag.share),
         *_noticed(_HELD, max(profile.lag.left.values(), default=0.0)),
         *_noticed(_BRIGHT, _too_bright(shot)),
+        *_noticed(_STRAY, 2 * np.pi * max(one.numbers.stray for one in steps.decoders)),
         *_noticed(_MISFIT, misfit2**0.5),
         *_noticed(_ROUGH, roughness**0.5),
     )

@@ -15,8 +15,8 @@ __all__ = ["Notice", "notices_from_array", "notices_to_array"]
 
 @dataclass(frozen=True, slots=True)
 class Notice:
-    """name: what it is about, a sentence; size of it and the limit that it passes (NaN: none); cure: what to
-    do."""
+    """name: what it is about, a sentence; size of it and the limit that it passes (0: it should be none; NaN:
+    no size); cure: what to do."""
 
     name: str
     size: float
@@ -25,7 +25,8 @@ class Notice:
 
     def __str__(self) -> str:
         """One line."""
-        beyond = "" if self.limit != self.limit else f" ({self.size:.3g}, usual up to {self.limit:.3g})"
+        usual = f", usual up to {self.limit:.3g}" if self.limit else ""
+        beyond = "" if self.limit != self.limit else f" ({self.size:.3g}{usual})"
         return f"{self.name}{beyond}: {self.cure}" if self.cure else f"{self.name}{beyond}"
 
 

@@ -1,5 +1,5 @@
-"""Deviations that no sequence describes, from samples that no fringe can have: lag of a display so slow that
-a frame contains a share of earlier ones, and misfit of samples."""
+"""Deviations that no sequence describes: lag of a display so slow that a frame contains a share of earlier
+ones, misfit of samples, and stray light, as by a second reflection of the pattern."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -12,8 +12,18 @@ from ..frames import Light
 from ..plan import Fringe, Plan
 from .noise import Noise, Sample, bulk, harmonics, product, trimmed_variance, unexplained
 
-__all__ = ["Before", "held_before", "misfit_between", "misfit_within", "whole", "without_before"]
+__all__ = [
+    "Before",
+    "Between",
+    "held_before",
+    "misfit_between",
+    "misfit_within",
+    "stray_light",
+    "whole",
+    "without_before",
+]
 
+F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 #: Largest sample, and fewest pixels.
 _ASKED, _FEWEST = 1024, 64
@@ -24,6 +34,10 @@ _RATIOS, _LONGEST = 361, 0.9
 _FAINT = 1e-9
 #: Share of consistent pixels beyond which the others have another fault.
 _MOSTLY = 0.75
+#: Parts of the sample, for what neighbours share; of bits: pixels for a variance; level over the amplitude
+#: below which a bit is at an edge, and share of such pixels up to which it tells stray light; least share of
+#: stray light, which blurred edges are taken for.
+_PARTS, _MANY, _EDGE, _AT_EDGES, _LEAST = 16, 4096, 0.75, 0.08, 0.005
 
 
 def misfit_within(fringe: Fringe, lit: Sample, noise: Noise) -> float:
@@ -45,24 +59,77 @@ def misfit_within(fringe: Fringe, lit: Sample, noise: Noise) -> float:
     return (times - 1) * float(np.median(own / power)) if times > 1 + chance else 0.0
 
 
-def misfit_between(fringes: tuple[Fringe, ...], known: Any, place: F64, few: Sample, noise: Noise) -> float:
-    """Variance (turns^2) of a phase beyond noise and known variances (turns^2, of each fringe), from
-    contradictions between periods at the decoded places (K,).
+class Between(NamedTuple):
+    """Variance (turns^2) of a phase by contradictions between periods, and the part that neighbours share."""
+
+    variance: float = 0.0
+    common: float = 0.0
+
+
+def misfit_between(fringes: tuple[Fringe, ...], known: Any, place: F64, few: Sample, noise: Noise) -> Between:
+    """Phase variance beyond noise and known variances (turns^2, of each fringe), from contradictions between
+    periods at the decoded places (K,).
 
     It includes errors that no single fringe reveals: aliased harmonics, errors of three-step fringes, motion
-    of the map between fringes.
+    of the map between fringes. Harmonics alternate along a fringe; a second reflection shifts neighbours
+    alike.
     """
     own = few.variance(noise) / (2 * np.pi) ** 2
     phases = [_phase(fringe, few, own, more) for fringe, more in zip(fringes, known, strict=True)]
-    (turn, finest), fine, found = phases[-1], fringes[-1].period, 0.0
+    (turn, finest), fine, found = phases[-1], fringes[-1].period, Between()
     at = fine * (turn + np.rint(place / fine - turn))
     for fringe, (turn, variance) in zip(fringes[:-1], phases, strict=False):
         ratio2 = (fine / fringe.period) ** 2
         off, expected = turn - at / fringe.period, variance + ratio2 * finest
-        times = trimmed_variance((off - np.rint(off)) / np.sqrt(expected))
+        off = (off - np.rint(off)) / np.sqrt(expected)
+        times = trimmed_variance(off)
         if times > 1 + max(_BEYOND, 3 * float(np.sqrt(2 / len(place)))):
-            found = max(found, (times - 1) * float(np.median(expected)) / (1 + ratio2))
+            usual = float(np.median(expected)) / (1 + ratio2)
+            own = (times - 1) * usual, _common(off[off**2 < _SURE**2 * times], times) * usual
+            found = Between(*np.maximum(found, own).tolist())
     return found
+
+
+def _common(off: F64, variance: float) -> float:
+    """Mean square of what neighbours among sampled deviations (K,) share, beyond chance; 0: insignificant."""
+    means = np.array([part.mean() for part in np.array_split(off, _PARTS)])
+    chance = variance * _PARTS / max(len(off), 1)
+    shared = float(np.mean(means**2)) - chance
+    return shared if shared > 3 * chance * float(np.sqrt(2 / _PARTS)) else 0.0
+
+
+def stray_light(plan: Plan, lit: Sample, noise: Noise) -> float:
+    """Light of other places of the pattern in a pixel, rms over the amplitude. 0 without white and black.
+
+    A bit is as bright as white, or as dark as black, of its own pixel; a second reflection adds the bit of
+    another place. Of bits that mostly are not at an edge: some change less often than the reflection is
+    aside, so that the upper third counts.
+    """
+    if min(plan.white, plan.black) < 0:
+        return 0.0
+    lit = whole(lit, [plan.white], _MANY)
+    white, black = lit.levels[[plan.white, plan.black]]
+    amplitude, middle = np.maximum(0.5 * (white - black), np.float32(_FAINT)), 0.5 * (white + black)
+    own, found = lit.variance(noise) / amplitude**2, []
+    for code in (axis.code for axis in plan.axes if axis.code is not None):
+        for plain, inverse in zip(code.plain.tolist(), code.inverse.tolist(), strict=True):
+            high, low = (middle if i < 0 else lit.levels[i] for i in (plain, inverse))
+            both = min(plain, inverse) >= 0  # a pair's difference holds four samples, a bit's two
+            level, times = ((high - low) / (2 * amplitude), 1) if both else ((high - low) / amplitude, 2)
+            if np.mean(np.abs(level) < _EDGE) <= _AT_EDGES:
+                found += [_spread2(sign * level, times * own) for sign in (1, -1)]
+    share = float(np.quantile(found, 0.65)) ** 0.5 if found else 0.0
+    return share if share > _LEAST else 0.0
+
+
+def _spread2(level: F32, variance: F32) -> float:
+    """Variance of a bit's levels (K,) where it is 1, beyond that by noise (K,); 0: insignificant."""
+    at = np.flatnonzero(level > 0)
+    if len(at) < _FEWEST:
+        return 0.0
+    times = trimmed_variance((level[at] - np.median(level[at])) / np.sqrt(variance[at]))
+    chance = max(_BEYOND, 3 * float(np.sqrt(2 / len(at))))
+    return (times - 1) * float(np.median(variance[at])) if times > 1 + chance else 0.0
 
 
 def _phase(fringe: Fringe, few: Sample, own: Any, known: float) -> tuple[F64, F64]:

@@ -118,6 +118,37 @@ def test_bands_of_a_lamp_are_no_share_of_earlier_frames(
     assert found.good.mean() > 0.95
 
 
+@pytest.mark.parametrize("share", [0.0, 0.02, 0.05])
+@pytest.mark.parametrize(
+    "shown",
+    [
+        sequence("gray+phase", *EXTENT),
+        sequence("gray+phase", *EXTENT, inverses=True),
+        sequence("phase", *EXTENT),
+    ],
+    ids=["white", "inverses", "phase"],
+)
+def test_a_second_reflection_shifts_all_pixels_and_sigma_says_so(
+    shown: Sequence, share: float, shoot: Shoot, smooth: Map
+) -> None:
+    """Of 23.3 and 11.7 px aside: fringes are turned alike, by a share of the light at most."""
+    u, v = smooth
+
+    def light(u: F64, v: F64) -> F64:
+        return shoot(shown, u, v, dtype=np.uint16, offset=10500.0, amplitude=9000.0) / 100.0
+
+    found = decode(camera(light(u, v) + share * light(u + 23.3, v + 11.7), 0.7, 4), shown, on_cells=False)
+    shared = found.shared_noise
+    shifts = (0.0, 0.0) if shared is None else (shared.shift_u, shared.shift_v)
+    told = any(notice.name.startswith("light of other places") for notice in found.notices)
+    assert told == (share > 0)
+    most = share * min(frame.period_px for frame in shown.frames if frame.period_px) / (2 * np.pi)
+    for place, truth, shift in ((found.u, u, shifts[0]), (found.v, v, shifts[1])):
+        assert abs(float(np.median((place - truth)[found.good]))) <= 3 * shift + 2e-3
+        assert shift <= 2 * most
+    assert found.good.mean() > 0.95
+
+
 def test_harmonics_of_a_response_do_not_widen_a_phase(shoot: Shoot, smooth: Map) -> None:
     """Six steps read no harmonic below the fifth."""
     shown = sequence("gray+phase", *EXTENT, steps=6)
