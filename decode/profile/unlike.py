@@ -85,15 +85,20 @@ def misfit_between(fringes: tuple[Fringe, ...], known: Any, place: F64, few: Sam
         times = trimmed_variance(off)
         if times > 1 + max(_BEYOND, 3 * float(np.sqrt(2 / len(place)))):
             usual = float(np.median(expected)) / (1 + ratio2)
-            own = (times - 1) * usual, _common(off[off**2 < _SURE**2 * times], times) * usual
+            own = (times - 1) * usual, _common(off, turn, times) * usual
             found = Between(*np.maximum(found, own).tolist())
     return found
 
 
-def _common(off: F64, variance: float) -> float:
-    """Mean square of what neighbours among sampled deviations (K,) share, beyond chance; 0: insignificant."""
+def _common(off: F64, turn: F64, variance: float) -> float:
+    """Mean square of what neighbours among sampled deviations (K,) of a variance share, beyond chance; 0:
+    insignificant. turn: phase; gains of single frames give waves of one and two periods a turn."""
+    usual = off**2 < _SURE**2 * variance
+    phase, off = 2 * np.pi * turn[usual], off[usual]
+    waves = np.stack([one(k * phase) for k in (1, 2) for one in (np.cos, np.sin)] + [np.ones_like(phase)])
+    off = off - np.linalg.lstsq(waves.T, off)[0][:4] @ waves[:4]
     means = np.array([part.mean() for part in np.array_split(off, _PARTS)])
-    chance = variance * _PARTS / max(len(off), 1)
+    chance = variance * _PARTS / len(off)
     shared = float(np.mean(means**2)) - chance
     return shared if shared > 3 * chance * float(np.sqrt(2 / _PARTS)) else 0.0
 
@@ -108,6 +113,8 @@ def stray_light(plan: Plan, lit: Sample, noise: Noise) -> float:
     if min(plan.white, plan.black) < 0:
         return 0.0
     lit = whole(lit, [plan.white], _MANY)
+    if len(lit.places) < _FEWEST:
+        return 0.0
     white, black = lit.levels[[plan.white, plan.black]]
     amplitude, middle = np.maximum(0.5 * (white - black), np.float32(_FAINT)), 0.5 * (white + black)
     own, found = lit.variance(noise) / amplitude**2, []
