@@ -66,8 +66,8 @@ _BRIGHT = (
 _HIGHLIGHTS = 0.01
 _CURE = "gamma, flicker, a slow display or stray light; sigma holds what frames and neighbours show of it"
 _STRAY = (
-    "light of other places of the pattern, share of the amplitude",
-    "a second reflection, as by another face: black it; sigma holds it",
+    "neighbours share an error, of the amplitude",
+    "a second reflection (black the other faces), a camera that sharpens, a slow display; sigma holds it",
 )
 _MISFIT = "frames contradict each other, share of the amplitude", _CURE
 _ROUGH = "neighbours differ beyond noise, pattern px rms", _CURE

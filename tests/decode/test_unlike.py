@@ -140,7 +140,7 @@ def test_a_second_reflection_shifts_all_pixels_and_sigma_says_so(
     found = decode(camera(light(u, v) + share * light(u + 23.3, v + 11.7), 0.7, 4), shown, on_cells=False)
     shared = found.shared_noise
     shifts = (0.0, 0.0) if shared is None else (shared.shift_u, shared.shift_v)
-    told = any(notice.name.startswith("light of other places") for notice in found.notices)
+    told = any(notice.name.startswith("neighbours share an error") for notice in found.notices)
     assert told == (share > 0)
     most = share * min(frame.period_px for frame in shown.frames if frame.period_px) / (2 * np.pi)
     for place, truth, shift in ((found.u, u, shifts[0]), (found.v, v, shifts[1])):
