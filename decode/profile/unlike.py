@@ -135,7 +135,7 @@ def _spread2(level: F32, variance: F32) -> float:
     if len(at) < _FEWEST:
         return 0.0
     times = trimmed_variance((level[at] - np.median(level[at])) / np.sqrt(variance[at]))
-    chance = max(_BEYOND, 3 * float(np.sqrt(2 / len(at))))
+    chance = max(_BEYOND, _SURE * float(np.sqrt(2 / len(at))))
     return (times - 1) * float(np.median(variance[at])) if times > 1 + chance else 0.0
 
 
