@@ -28,7 +28,7 @@ from .harmonics import HarmonicError, harmonic_errors
 from .judgement import Judgement, as_they_come, judged
 from .observation import Observation
 from .priors import default_priors
-from .profile import load_profile, store_profile
+from .profile import load_profile, store_profile, with_lag
 from .response import RigResponse, load_response, measure_response, store_response, with_better_fit
 from .rest import RestMap, load_rest, store_rest
 from .targets import Ball, Flat, Plate, Points, Rest, Target
@@ -61,6 +61,7 @@ __all__ = [
     "store_response",
     "store_rest",
     "with_better_fit",
+    "with_lag",
 ]
 
 check_face(__name__)

@@ -9,6 +9,7 @@ import click
 
 from .options import DISPLAY, FILE, blame, json_option, mask_from, sample, shown_sequence
 from .outputs import HDF5, OutputFile, Program
+from .rig_capture import measured_lag
 from .show import coverage_text, flag_shares, number, print_notices, progress, table, write_json
 
 if TYPE_CHECKING:
@@ -147,7 +148,7 @@ def command(
     v, sigma_u, sigma_v (pattern pixels), flags (0 = good), amplitude, offset.
     """
     from optolever import InputError
-    from optolever.calibration import harmonic_errors, load_profile, store_profile, with_better_fit
+    from optolever.calibration import harmonic_errors, load_profile, store_profile, with_better_fit, with_lag
     from optolever.decode import Decoder, Settings
     from optolever.experiments import code_that_decodes
     from optolever.files import together
@@ -177,6 +178,7 @@ def command(
                         "--lens, --blur, --footprint and --no-cells"
                     )
                 settings = replace(known.settings, check=settings.check)
+                known = with_lag(known, measured_lag(profile, source))
             decoder = Decoder(capture.sequence, known, settings)
             result = decoder.decode(capture.frames, mask=inside, progress=step)
             if inverse is not None and result.notices:

@@ -9,7 +9,7 @@ from optolever import InputError
 
 from .options import FILE, json_option, sample
 from .outputs import Program
-from .rig_capture import capture_rig
+from .rig_capture import capture_rig, measured_lag
 from .rig_devices import device_options, devices_of
 from .show import length, noise_and_rig, number, print_notices, progress, table, write_json
 
@@ -42,7 +42,8 @@ def command(rig: Path, sequence: str, out: Path, json_path: Path | None, **given
     """
     import numpy as np
 
-    from optolever.decode import decode
+    from optolever.calibration import with_lag
+    from optolever.decode import Decoder
     from optolever.experiments import Measurement, frames_of_another, write_measurement_report
     from optolever.patterns import sequence_from_text
     from optolever.reconstruct import reconstruct
@@ -57,7 +58,10 @@ def command(rig: Path, sequence: str, out: Path, json_path: Path | None, **given
         step("capture")
         done = capture_rig(rig, devices, shown, out / "capture", keep=False)
         step("decode")
-        seen = decode(done.capture.frames, shown)
+        decoder = Decoder(shown)
+        seen, lag = decoder.decode(done.capture.frames), measured_lag(rig, out / "capture")
+        if lag and decoder.profile is not None:
+            seen = Decoder(shown, with_lag(decoder.profile, lag)).decode(done.capture.frames)
         seen.save(out / "c.npz")
         wrong = frames_of_another(done.capture, seen)
         step("reconstruct")

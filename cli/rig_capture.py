@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 from optolever import InputError
 
-from .rig_devices import Devices, opened, wait_of
+from .rig_devices import Devices, opened, timing_of, wait_of
 
 if TYPE_CHECKING:
     from optolever.patterns import Sequence
     from optolever.projector import Capture, Taken
 
-__all__ = ["RigCapture", "capture_rig"]
+__all__ = ["RigCapture", "capture_rig", "measured_lag"]
 
 
 @dataclass(frozen=True)
@@ -108,3 +108,14 @@ def _line(one: "Taken") -> dict[str, Any]:
         "repeats": one.repeats,
         **one.refused,
     }
+
+
+def measured_lag(rig: Path, capture: Path) -> float:
+    """Mean share of the frame before in a capture's images, by the rig's [sync] and the times in its
+    acquisition.jsonl; 0 without either."""
+    times = capture / "acquisition.jsonl"
+    timing = timing_of(rig) if rig.suffix.lower() == ".toml" and times.is_file() else None
+    if timing is None:
+        return 0.0
+    lines = [json.loads(line) for line in times.read_text(encoding="utf-8").splitlines()]
+    return sum(timing.lag(one["stamp_s"] - one["swapped_s"]) for one in lines) / max(len(lines), 1)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from optolever.patterns import Sequence
     from optolever.projector import Accepted, Camera, ClockMap, Display, Time, Timing, Wanted
 
-__all__ = ["Devices", "Opened", "device_options", "devices_of", "opened", "wait_of"]
+__all__ = ["Devices", "Opened", "device_options", "devices_of", "opened", "timing_of", "wait_of"]
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 _POSITIVE = click.FloatRange(0, min_open=True)
@@ -106,7 +106,7 @@ def devices_of(rig: Path, **given: Any) -> Devices:
     return devices
 
 
-def _timing_of(rig: Path) -> "Timing | None":
+def timing_of(rig: Path) -> "Timing | None":
     """[sync] of a rig; None without."""
     from optolever.projector import Timing
 
@@ -132,7 +132,7 @@ def wait_of(now: Opened, rig: Path) -> "Timing | None":
 
     if now.still:
         return Timing(0, 0, 0, 0, 0, 0, 0.01, now.accepted.exposure_s)
-    timing = _timing_of(rig) or _recorded(now)
+    timing = timing_of(rig) or _recorded(now)
     if timing is None:
         text = "no [sync] in the rig, waiting 0.5 s for every pattern; optolever sync measures it"
         click.echo(f"notice: {text}", err=True)

@@ -51,6 +51,19 @@ class Timing:
         spread = 3 * (self.sigma_s or {}).get("latency", 0.0)
         return self.latency_s + self.jitter_s + settled + spread - min(self.shutter_s, 0.0)
 
+    def lag(self, waited_s: float) -> float:
+        """Share of the frame before in the mean light of the middle row, of an image whose stamp is `waited_s`
+        after its swap; 0 for less than `ready_s`: such an image was not taken by this timing."""
+        if waited_s < self.ready_s():
+            return 0.0
+        begin, exposure = waited_s - self.latency_s + 0.5 * self.shutter_s, self.exposure_s
+        shares = [
+            tau / exposure * -math.expm1(-exposure / tau) * math.exp(-max(begin, 0.0) / tau)
+            for tau in (self.rise_s, self.fall_s)
+            if tau > 0
+        ]
+        return sum(shares) / max(len(shares), 1)
+
     def whole_refreshes(self, exposure_s: float) -> float | None:
         """The shortest integer number of refreshes that covers the exposure, s; None for unknown ones."""
         if self.refresh_s is None:

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from optolever.decode import Correspondence
+from optolever.projector import Capture, Timing
+from optolever.scene import write_sections
 
 from .conftest import Program, Refused
 
@@ -35,3 +37,35 @@ def test_a_profile_is_kept_and_decoded_by(
     optolever("capture", *shown[:-1], "3", "--out", noisier)
     outcome = optolever("decode", noisier, "--out", out, "--profile", profile)
     assert "profile no longer holds: noise" in outcome.err
+
+
+def test_the_lag_that_sync_measured_is_taken_off(tmp_path: Path, optolever: Program) -> None:
+    """Frames with half a level of the frame before, too little for the decoder's estimate, much for the mean
+    of many pixels; by [sync] and the times of the capture it is taken off. Without those times it is not."""
+    shown = ("--scene", "prism48", "--size", "96x128", "--sequence", "micro-phase", "--renderer", "numpy")
+    optolever("capture", *shown, "--out", tmp_path / "clean")
+    clean, rig, out = Capture.load(tmp_path / "clean"), tmp_path / "rig.toml", tmp_path / "c.npz"
+    rig.write_bytes((tmp_path / "clean/scene.toml").read_bytes())
+    timing = Timing(0.01, 0, 0.1, 0.1, 0, 0, 0.1, 0.005)  # slow cells, a short exposure
+    write_sections(rig, {"sync": timing.to_table()})
+    waited, share = timing.ready_s(), timing.lag(timing.ready_s())
+    assert share == pytest.approx(1 / 512, rel=0.05)
+    light = clean.frames.astype(float)
+    light[1:] = (1 - share) * light[1:] + share * light[:-1]
+    noisy = np.rint(light + np.random.default_rng(0).normal(0, 1, light.shape)).clip(0, 255)
+    Capture(noisy.astype(np.uint8), clean.sequence).save(tmp_path / "c")
+    truth = np.load(tmp_path / "clean/truth.npz")
+
+    def bias() -> float:
+        found = Correspondence.load(out)
+        off = [(found.u - truth["u"])[found.good], (found.v - truth["v"])[found.good]]
+        return float(np.abs(np.median(off, axis=1)).max())
+
+    optolever("decode", tmp_path / "c", "--out", out, "--save-profile", rig)
+    optolever("decode", tmp_path / "c", "--out", out, "--profile", rig)
+    untold = bias()
+    line = json.dumps({"swapped_s": 7.0, "stamp_s": 7.0 + waited + 1e-9})
+    (tmp_path / "c/acquisition.jsonl").write_text("\n".join([line] * len(clean)))
+    optolever("decode", tmp_path / "c", "--out", out, "--profile", rig)
+    assert untold > 1e-3
+    assert bias() < untold / 3
