@@ -25,7 +25,7 @@ from optolever.arguments import check_face
 from .calibrate import Calibration, calibrate, left_out
 from .contact import contact
 from .harmonics import HarmonicError, harmonic_errors
-from .judgement import Judgement, as_they_come, judged
+from .judgement import Judgement, calibrate_so_far, judged
 from .observation import Observation
 from .priors import default_priors
 from .profile import load_profile, store_profile, with_lag
@@ -46,8 +46,8 @@ __all__ = [
     "RestMap",
     "RigResponse",
     "Target",
-    "as_they_come",
     "calibrate",
+    "calibrate_so_far",
     "contact",
     "default_priors",
     "harmonic_errors",

@@ -5,7 +5,7 @@ inverse, propagated by the heights' derivatives by the scene's parameters, predi
 by these captures, to first order.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,7 +21,7 @@ from .observability import lacking
 from .observation import Observation
 from .targets import Flat, Rest
 
-__all__ = ["Judgement", "as_they_come", "judged"]
+__all__ = ["Judgement", "calibrate_so_far", "judged"]
 
 Floats = NDArray[np.float64]
 
@@ -80,22 +80,19 @@ def judged(found: Calibration) -> list[Judgement]:
     ]
 
 
-def as_they_come(
+def calibrate_so_far(
     scene: Scene,
-    observations: Iterable[Observation],
+    observations: Sequence[Observation],
     priors: Mapping[str, float] | None = None,
     *,
     guess: bool = False,
-) -> Iterator[tuple[Calibration | None, str]]:
-    """Incremental calibration: after each capture, `calibrate` of all captures so far (None without a Flat or
-    a Rest), and a sentence on missing captures ("": none missing). InputError names a wrong capture."""
-    so_far: list[Observation] = []
-    for each in observations:
-        so_far.append(each)
-        few = lacking(so_far)
-        framed = any(isinstance(one.target, Flat | Rest) for one in so_far)
-        found = calibrate(scene, so_far, priors, guess=guess) if framed else None
-        yield found, "" if few is None else f"{few.name}: {few.cure}"
+) -> tuple[Calibration | None, str]:
+    """`calibrate` of captures while others are still to come (None without a Flat or a Rest), and a sentence
+    on missing captures ("": none missing). InputError names a wrong capture."""
+    few = lacking(observations)
+    framed = any(isinstance(one.target, Flat | Rest) for one in observations)
+    found = calibrate(scene, observations, priors, guess=guess) if framed else None
+    return found, "" if few is None else f"{few.name}: {few.cure}"
 
 
 def _covariance(solved: Adjustment, captures: Sequence[str]) -> Floats:

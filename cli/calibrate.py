@@ -3,7 +3,8 @@
 import math
 import re
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -11,8 +12,9 @@ import click
 
 from optolever import InputError
 
-from .options import blame, json_option, load_scene, mask_from, sample, scene_option, size_option
+from .options import FILE, blame, json_option, load_scene, mask_from, sample, scene_option, size_option
 from .outputs import OutputFile, Program
+from .rig_targets import SoFar, capture_targets, so_far
 from .show import grid, number, print_notices, progress, table, write_json
 
 if TYPE_CHECKING:
@@ -30,23 +32,38 @@ $ optolever calibrate --scene monitor-mirror --out rig.toml \\
 ...
 $ optolever calibrate --scene prism48 --out rig.toml \\
       rest=rest.npz ball:30,0.003=b.npz --leave-one-out
+...
+$ optolever calibrate --rig rig.toml rest ball:30,0.003
+1 of 2, rest: take everything off the mirror. Enter captures, s stops:
 """
 
-_TARGET = re.compile(r"(?P<kind>[a-z]+)(:(?P<numbers>[^=]*))?=(?P<path>[^@]+)(@(?P<mask>.+))?")
+_TARGET = re.compile(r"(?P<target>[a-z]+(:[^=]*)?)=(?P<path>[^@]+)(@(?P<mask>.+))?")
 
 _POLL = 0.2  # s, between looks for a capture
 
 
 @click.command("calibrate", cls=Program, epilog=sample(SAMPLE))
-@click.argument("captures", nargs=-1, required=True, metavar="TARGET=CAPTURE[@MASK.png]...")
-@scene_option
+@click.argument("captures", nargs=-1, metavar="TARGET[=CAPTURE[@MASK.png]]...")
+@partial(scene_option, required=False)
+@click.option(
+    "--rig",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    metavar="RIG.toml",
+    help="Take the captures now, by the camera and the display of this rig, which is then calibrated.",
+)
 @click.option(
     "--out",
     type=OutputFile(".toml"),
-    required=True,
     metavar="RIG.toml",
-    help="Scene with covariance, to write.",
+    help="Scene with covariance, to write; default: that of --rig.",
 )
+@click.option(
+    "--captures", "folder", type=FILE, metavar="DIR", help="Of --rig: their folder; default: RIG.captures."
+)
+@click.option(
+    "--sequence", metavar="NAME[:KEY=VALUE,...]", default="gray+phase", show_default=True, help="Of --rig."
+)
+@click.option("--yes", is_flag=True, help="Of --rig: ask nothing; doubtful captures are set aside.")
 @click.option(
     "--prior",
     "priors",
@@ -66,8 +83,12 @@ _POLL = 0.2  # s, between looks for a capture
 @json_option
 def command(
     captures: tuple[str, ...],
-    scene_name: str,
-    out: Path,
+    scene_name: str | None,
+    rig: Path | None,
+    out: Path | None,
+    folder: Path | None,
+    sequence: str,
+    yes: bool,
     priors: tuple[str, ...],
     without: tuple[str, ...],
     guess: bool,
@@ -84,19 +105,33 @@ def command(
     pose, mm), rest[:ORDER[,SIGMA]] (the sensor's undeformed surface), ball:RADIUS,SIGMA (its contact only,
     detected, or white in MASK.png) or plate. reconstruct reads RIG.toml and propagates its errors to the
     heights.
+
+    With --rig no CAPTURE is given: the command says for each TARGET (default in open air: five flats) what to
+    put in place, captures, judges, and repeats or goes on. Interrupted, it goes on with the captures in DIR.
     """
     from optolever.calibration import calibrate, judged, left_out
     from optolever.experiments import RigStudy, write_rig_report
     from optolever.files import together
 
-    scene = load_scene(scene_name, size)
-    chosen = _priors(priors)
-    given = _given(captures, without)
+    if (name := rig or scene_name) is None or (out := out or rig) is None:
+        raise click.UsageError("Missing option '--scene' and '--out' (captures), or '--rig' (a camera).")
+    of_captures = {"--scene": scene_name, "--without": without, "--follow": follow, "--size": size}
+    for option, value in (of_captures if rig else {"--captures": folder, "--yes": yes}).items():
+        if value:
+            raise InputError(
+                f"{option}: {'is of captures that exist, --rig takes them' if rig else 'needs --rig'}"
+            )
+    scene, chosen = load_scene(str(name), size), _priors(priors)
+    given = _given(captures, without) if rig is None else []
+    found, start = None, time.perf_counter()
+    if rig is not None:  # asks at the terminal: no progress bar over it
+        walk = partial(capture_targets, priors=chosen, guess=guess, ask=not yes)
+        plan = _plan(captures, scene)
+        found = walk(rig, scene, plan, folder or rig.with_suffix(".captures"), sequence).required()
     with progress() as step:
-        start = time.perf_counter()
         if follow:
             found = _followed(scene, given, chosen, guess)
-        else:
+        elif found is None:
             step("read captures")
             used = [_observation(*each) for each in given]
             step("adjust")
@@ -149,29 +184,36 @@ def _show(found: "Calibration", numbers: dict[str, Any], out: Path) -> None:
 
 def _followed(scene: "Scene", given: Sequence[Given], priors: dict[str, float], guess: bool) -> "Calibration":
     """Calibration by every capture as it arrives, with a line about it."""
-    from optolever.calibration import as_they_come, judged
-    from optolever.experiments import judged_table
+    used, now = (
+        list["Observation"](),
+        SoFar(None, "no capture is left; at least one of Flat or Rest is needed"),
+    )
+    for target, path, mask in given:
+        while not (path.is_file() or (path / "capture.toml").is_file()):
+            time.sleep(_POLL)
+        used.append(_observation(target, path, mask))
+        now = so_far(scene, used, priors, guess)
+        click.echo(f"{path.stem}: {now.text()}")
+    return now.required()
 
-    def awaited() -> Iterator["Observation"]:
-        for target, path, mask in given:
-            while not (path.is_file() or (path / "capture.toml").is_file()):
-                time.sleep(_POLL)
-            yield _observation(target, path, mask)
 
-    found, few = None, "no capture is left; at least one of Flat or Rest is needed"
-    judgements = as_they_come(scene, awaited(), priors, guess=guess)
-    for (_, path, _), (found, few) in zip(given, judgements, strict=True):
-        told = few
-        if found is not None:
-            heads, rows = judged_table({one.name: one.to_dict() for one in judged(found)})
-            (row,) = (row for row in rows if row[0] == path.stem)
-            parts = zip((head.partition(", ") for head in heads[1:]), row[1:], strict=True)
-            judgement = ", ".join(f"{what} {cell} {unit}".rstrip() for (what, _, unit), cell in parts if cell)
-            told = f"{judgement}; {few}" if few else judgement
-        click.echo(f"{path.stem}: {told}")
-    if found is None:
-        raise InputError(f"calibration: {few}")
-    return found
+def _plan(texts: Sequence[str], scene: "Scene") -> list[tuple[str, "Target"]]:
+    """Targets to capture, by their texts; five flats in open air if none are given."""
+    if not texts and scene.medium is not None:
+        raise InputError("targets of a prism are missing, must be given, such as rest ball:30,0.003")
+    for text in texts:
+        if "=" in text:
+            raise InputError(
+                f"capture {text!r}: --rig takes the captures itself, must be a target such as rest"
+            )
+    return [(text, _target_of(text)) for text in texts or ("flat",) * 5]
+
+
+def _target_of(text: str) -> "Target":
+    """KIND[:NUMBERS]."""
+    kind, _, numbers = text.partition(":")
+    parts = numbers.split(",") if numbers else []
+    return _target(kind, [_number(f"target {text!r}", part) for part in parts])
 
 
 def _given(captures: Sequence[str], without: Sequence[str]) -> list[Given]:
@@ -207,9 +249,7 @@ def _target_and_files(text: str) -> Given:
         raise InputError(
             f"capture {text!r}: must be TARGET=CAPTURE, such as flat=pose.npz or ball:30,0.003=b.npz"
         )
-    given = match["numbers"].split(",") if match["numbers"] else []
-    target = _target(match["kind"], [_number(f"capture {text!r}: {match['kind']}", part) for part in given])
-    return target, Path(match["path"]), Path(match["mask"]) if match["mask"] else None
+    return _target_of(match["target"]), Path(match["path"]), Path(match["mask"]) if match["mask"] else None
 
 
 def _observation(target: "Target", path: Path, mask_path: Path | None) -> "Observation":

@@ -91,10 +91,12 @@ def size_option(command: Command) -> Command:
     return click.option("--size", type=SIZE, metavar="ROWSxCOLS", help=text)(command)
 
 
-def scene_option(command: Command) -> Command:
+def scene_option(command: Command, *, required: bool = True) -> Command:
     """--scene PRESET_OR_TOML."""
     text = "Name of a preset (optolever names) or a scene's TOML file."
-    return click.option("--scene", "scene_name", metavar="PRESET_OR_TOML", required=True, help=text)(command)
+    return click.option("--scene", "scene_name", metavar="PRESET_OR_TOML", required=required, help=text)(
+        command
+    )
 
 
 def rig_option(command: Command) -> Command:

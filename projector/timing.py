@@ -52,7 +52,7 @@ class Timing:
         return self.latency_s + self.jitter_s + settled + spread - min(self.shutter_s, 0.0)
 
     def lag(self, waited_s: float) -> float:
-        """Share of the frame before in the mean light of the middle row, of an image whose stamp is `waited_s`
+        """Share of the frame before in the mean light of the middle row of an image whose stamp is `waited_s`
         after its swap; 0 for less than `ready_s`: such an image was not taken by this timing."""
         if waited_s < self.ready_s():
             return 0.0

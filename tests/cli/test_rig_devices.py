@@ -3,6 +3,8 @@
 import json
 import tomllib
 from collections.abc import Callable
+from dataclasses import replace
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -26,16 +28,14 @@ from optolever.projector import (
     choose_exposure,
     synchronise,
 )  # fmt: skip
-from optolever.scene import dent_from_text, load, resize
+from optolever.scene import adjusted, dent_from_text, load, resize
 
-from .conftest import Program, Refused
+from .conftest import Outcome, Program, Refused
 
 
 @pytest.fixture
 def rig(tmp_path: Path) -> Path:
     """A rig whose camera is the virtual sensor, with a section that nobody knows but [devices] and [sync]."""
-    from dataclasses import replace
-
     scene = resize(load("prism48"), 48, 64)
     path = tmp_path / "rig.toml"
     replace(scene, dent="gaussian:peak=0.3,sigma=8").save(path)
@@ -215,3 +215,73 @@ def test_devices_lists_and_never_fails(optolever: Program, tmp_path: Path) -> No
     assert "Cameras" in outcome.out
     assert "Monitors" in outcome.out
     assert set(json.loads((tmp_path / "d.json").read_text())) == {"cameras", "not_looked_for", "monitors"}
+
+
+class Hands:
+    """A user at the prompts, who puts something else on the virtual mirror before each answer."""
+
+    def __init__(self, put: Callable[[str], None], *acts: tuple[str, str]) -> None:
+        self._put, self._acts = put, list(acts)
+
+    def isatty(self) -> bool:
+        return False
+
+    def readline(self) -> str:
+        if not self._acts:
+            return ""  # the pipe ends
+        dent, answer = self._acts.pop(0)
+        self._put(dent)
+        return f"{answer}\n"
+
+
+@pytest.mark.slow  # two calibrations of a prism, the first by rest alone
+def test_a_rig_is_calibrated_by_its_camera_step_by_step(
+    optolever: Program, rig: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Between the prompts the file is the true rig, which the virtual camera sees; the typed one is off. A
+    walk whose pipe ends goes on with its captures; a ball that was forgotten is asked for again."""
+    typed = resize(load("prism48"), 120, 160)
+    true = adjusted(typed, {"pattern.z": 0.4, "camera.rx": np.radians(0.5)})
+
+    def walk(*acts: tuple[str, str], code: int = 0, words: tuple[str, ...] = ()) -> Outcome:
+        replace(typed, dent="flat").save(rig)
+        hands = Hands(lambda dent: replace(true, dent=dent).save(rig), *acts)
+        monkeypatch.setattr("sys.stdin", hands)
+        return optolever("calibrate", "--rig", rig, *targets, *words, code=code)
+
+    targets, ball = ("rest", "ball:200,0.02"), "ball:radius=200,peak=0.1"
+    outcome = walk(("flat", ""), code=130)
+    assert "1 of 2, rest: take everything off" in outcome.out
+    assert "2 of 2, ball:200,0.02: press the ball" in outcome.out
+    assert "press a ball of known radius" in outcome.out  # judged at once
+    assert "captures so far are in" in outcome.err
+    outcome = walk(words=("--yes",))
+    assert "of 2" not in outcome.out
+    assert "2-ball-200-0.02: set aside" in outcome.out
+    assert "1-rest" in outcome.out
+    monkeypatch.setattr("optolever.cli.rig_targets._CHI", 0.1)  # all are doubtful
+    outcome = walk(("flat", "k"), (ball, ""), (ball, "k"), words=("--json", str(tmp_path / "n.json")))
+    assert outcome.out.count("is above 0.1") == 2
+    values = {one["name"]: one for one in json.loads((tmp_path / "n.json").read_text())["parameters"]}
+    for name, truth in (("pattern.z", 0.4), ("camera.rx", np.radians(0.5))):
+        assert abs(values[name]["value"] - truth) < 3 * values[name]["sigma"]
+        assert values[name]["sigma"] < 0.4 * values[name]["prior_sigma"]
+    kept = tomllib.loads(rig.read_text())
+    assert kept["devices"] == {"camera": "virtual"}
+    assert kept["rest"] == {"note": "kept"}
+    assert kept["calibration"]["date"] == date.today()
+    assert load(rig).covariance is not None
+    names = {one.name for one in (tmp_path / "rig.captures").iterdir()}
+    assert names == {"1-rest", "2-ball-200-0.02", "2-ball-200-0.02.aside1"}
+
+
+def test_a_walk_takes_its_own_captures(refused: Refused, rig: Path) -> None:
+    for words, message in (
+        (("--rig", rig, "flat=p.npz"), "takes the captures itself"),
+        (("--rig", rig), "targets of a prism are missing"),
+        (("--rig", rig, "ball"), "must be ball:RADIUS,SIGMA"),
+        (("--rig", rig, "--scene", "prism48", "rest"), "--scene: is of captures that exist"),
+        (("--scene", "prism48", "--out", "r.toml", "--yes", "rest=r.npz"), "--yes: needs --rig"),
+        (("rest=r.npz",), "Missing option '--scene'"),
+    ):
+        refused(["calibrate", *words], message)

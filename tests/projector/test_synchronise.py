@@ -123,7 +123,7 @@ def test_a_timing_holds_for_its_settings_and_survives_toml() -> None:
 
 @pytest.mark.parametrize(("rise", "fall"), [(0.005, 0.005), (0.012, 0.004)])
 def test_the_share_of_the_frame_before_is_that_of_the_light(rise: float, fall: float) -> None:
-    """Against the simulated display's light: the mean of what a rise and a fall leave, at most half a level."""
+    """Against the simulated display's light: the mean of a rise and a fall, at most half a level."""
     setting = Setting(rise=rise, fall=fall)
     timing = Timing(setting.delay, 0, rise, fall, 0, 0.01, 1 / 60, setting.exposure, sigma_s={})
     for waited in (timing.ready_s(), timing.ready_s() + 0.01):

@@ -1,0 +1,162 @@
+"""Captures of calibration targets by a rig's camera, one after the other, each judged at once."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from optolever import InputError
+
+from .rig_capture import capture_rig
+from .rig_devices import devices_of
+
+if TYPE_CHECKING:
+    from optolever.calibration import Calibration, Judgement, Observation, Target
+    from optolever.scene import Scene
+
+__all__ = ["SoFar", "capture_targets", "so_far"]
+
+_CHI = 1.2  # above, the model does not hold (docs/howto/calibrate.md)
+_DECODED = 0.5  # of the pixels that see the pattern, at least
+_GAIN = 0.95  # of the last sigma of a depth: above, a pose adds next to nothing
+_HANDS = {
+    "flat": "put the reference mirror in place, tilted by 3 to 8 degrees about another axis than before",
+    "rest": "take everything off the mirror",
+    "ball": "press the ball into the mirror, away from its edges",
+    "plate": "press the flat plate against the mirror, in another pose than before",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class SoFar:
+    """A calibration by the captures so far (None: none says where z = 0 is), missing captures, and the
+    judgement of the last capture."""
+
+    found: "Calibration | None"
+    few: str
+    last: "Judgement | None" = None
+
+    def text(self) -> str:
+        """The last capture's figures, and missing captures."""
+        from optolever.experiments import judged_table
+
+        if self.last is None:
+            return self.few
+        heads, (row,) = judged_table({self.last.name: self.last.to_dict()})
+        parts = zip((head.partition(", ") for head in heads[1:]), row[1:], strict=True)
+        judgement = ", ".join(f"{what} {cell} {unit}".rstrip() for (what, _, unit), cell in parts if cell)
+        return f"{judgement}; {self.few}" if self.few else judgement
+
+    def required(self) -> "Calibration":
+        """InputError without a calibration."""
+        if self.found is None:
+            raise InputError(f"calibration: {self.few}")
+        return self.found
+
+    def fault(self, before: "SoFar | None") -> str:
+        """Reason to repeat the last capture; "": none."""
+        one = self.last
+        if one is None:
+            return ""
+        if one.chi > _CHI:
+            return (
+                f"chi {one.chi:.3g} is above {_CHI}: another target, a mirror that moved, or a wrong number"
+            )
+        if one.tilt is not None and one.decoded < _DECODED * one.seen:
+            return (
+                f"{100 * one.decoded / max(one.seen, 1e-9):.0f} % of the lit pixels are usable: expose, focus"
+            )
+        old = before.last if before is not None else None
+        if old is not None and one.depth_so_far > _GAIN * old.depth_so_far and not self.few:
+            return "it adds next to nothing: another pose, another place"
+        return ""
+
+
+def so_far(scene: "Scene", used: Sequence["Observation"], priors: Mapping[str, float], guess: bool) -> SoFar:
+    """Calibrate by these captures; InputError of a wrong one."""
+    from optolever.calibration import calibrate_so_far, judged
+
+    found, few = calibrate_so_far(scene, used, priors, guess=guess)
+    last = None if found is None else next(one for one in judged(found) if one.name == used[-1].name)
+    return SoFar(found, few, last)
+
+
+def capture_targets(
+    rig: Path,
+    scene: "Scene",
+    plan: Sequence[tuple[str, "Target"]],
+    folder: Path,
+    sequence: str,
+    *,
+    priors: Mapping[str, float],
+    guess: bool,
+    ask: bool,
+) -> SoFar:
+    """Take every target of a plan (text, target), or what `folder` already holds of it, and calibrate.
+
+    ask: wait for the hands before every capture, and let them decide on a doubtful one; else doubtful ones
+    are set aside. Captures stay in `folder` whatever ends the walk; a further walk takes them up.
+    """
+    from optolever.calibration import Observation
+    from optolever.patterns import sequence_from_text
+
+    from .calibrate import correspondence_of
+
+    devices, shown = devices_of(rig), sequence_from_text(sequence, scene.pattern.rows, scene.pattern.cols)
+    folder.mkdir(parents=True, exist_ok=True)
+    used, now = list[Observation](), SoFar(None, "no capture is left; at least one of Flat or Rest is needed")
+    for number, (text, target) in enumerate(plan, 1):
+        path = folder / f"{number}-{re.sub(r'[^a-z0-9.]+', '-', text)}"
+        hands = f"{number} of {len(plan)}, {text}: {_HANDS[text.partition(':')[0]]}. Enter captures"
+        doubtful: tuple[Path, Observation, SoFar] | None = None
+        while True:
+            if not (path / "capture.toml").is_file():
+                keeps = ", k keeps the last" if doubtful is not None else ""
+                answer = _answer(f"{hands}{keeps}, s stops", folder) if ask else ""
+                if answer == "s":
+                    return now
+                if answer == "k" and doubtful is not None:
+                    kept, one, now = doubtful
+                    kept.rename(path)
+                    used = [*used, one]
+                    break
+                _aside(path.with_name(f"{path.name}.recording"))
+                capture_rig(rig, devices, shown, path, keep=False)
+            one, then = Observation(path.name, target, correspondence_of(path)), None
+            try:
+                then = so_far(scene, [*used, one], priors, guess)
+                fault = then.fault(now)
+                click.echo(f"{path.name}: {then.text()}")
+            except InputError as error:
+                fault = str(error)
+            if not fault and then is not None:
+                used, now = [*used, one], then
+                break
+            click.echo(f"{path.name}: set aside: {fault}")
+            aside = _aside(path)
+            doubtful = None if then is None else (aside, one, then)
+            if not ask:
+                break
+    return now
+
+
+def _answer(question: str, folder: Path) -> str:
+    """A letter from the terminal or a pipe; at its end the program ends, and says where the captures are."""
+    try:
+        return str(click.prompt(question, default="", show_default=False)).strip().lower()[:1]
+    except click.Abort:
+        click.echo(f"captures so far are in {folder}; the same command goes on with them", err=True)
+        raise
+
+
+def _aside(path: Path) -> Path:
+    """The new name of a rejected capture, or of the recording of an interrupted one, if there is one."""
+    number = 1
+    while (other := path.with_name(f"{path.name}.aside{number}")).exists():
+        number += 1
+    if path.exists():
+        path.rename(other)
+    return other
