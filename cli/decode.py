@@ -170,15 +170,15 @@ def command(
                 on_cells=not no_cells,
                 check=not no_check,
             )
-            known = None if profile is None else load_profile(profile)
-            if known is not None:
+            known = None
+            if profile is not None:
                 if settings != Settings(check=settings.check):
                     raise InputError(
                         "--profile holds response, lens, blur, footprint and cells: leave out --response, "
                         "--lens, --blur, --footprint and --no-cells"
                     )
+                known = with_lag(load_profile(profile), measured_lag(profile, source))
                 settings = replace(known.settings, check=settings.check)
-                known = with_lag(known, measured_lag(profile, source))
             decoder = Decoder(capture.sequence, known, settings)
             result = decoder.decode(capture.frames, mask=inside, progress=step)
             if inverse is not None and result.notices:
