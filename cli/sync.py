@@ -1,5 +1,6 @@
 """`optolever sync`: latency, settling and shutter of a rig's display and camera, into its [sync]."""
 
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -7,7 +8,7 @@ from typing import Any
 import click
 
 from .options import json_option, sample
-from .outputs import Program
+from .outputs import OutputFile, Program
 from .rig_devices import device_options, devices_of, opened
 from .show import number, print_notices, table, write_json
 
@@ -40,13 +41,19 @@ Synchronisation in rig.toml
 @click.option(
     "--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="N", help="Seed of the flips."
 )
+@click.option(
+    "--report", "page", type=OutputFile(".html"), metavar="FILE.html", help="Also write a page about it."
+)
 @json_option
-def command(rig: Path, flips: int, seed: int, json_path: Path | None, **given: Any) -> None:
+def command(
+    rig: Path, flips: int, seed: int, page: Path | None, json_path: Path | None, **given: Any
+) -> None:
     """Measure the delay from a pattern to its settled image.
 
     Switches the full display between black and white for some seconds and records it with the camera.
     RIG.toml gets [devices] as used and [sync]; capture then waits for the measured time only.
     """
+    from optolever.experiments import write_sync_report
     from optolever.files import together
     from optolever.patterns import Frame, Sequence
     from optolever.projector import sync_notices, synchronise
@@ -55,14 +62,17 @@ def command(rig: Path, flips: int, seed: int, json_path: Path | None, **given: A
     devices = devices_of(rig, **given)
     pattern = load(rig).pattern
     flat = Sequence((Frame("black"), Frame("white")), pattern.rows, pattern.cols)
+    start = time.perf_counter()
     with opened(rig, devices, flat) as now:
-        found, _ = synchronise(
+        found, taken = synchronise(
             now.display, now.camera, now.accepted,
             time=now.time, clock=now.clock, seed=seed, flips=flips, triggered=now.triggered,
         )  # fmt: skip
     timing = replace(found, camera=devices.camera, display=devices.display)
     with together():
         write_sections(rig, {"devices": devices.table(), "sync": timing.to_table()})
+        if page is not None:
+            write_sync_report(timing, taken, time.perf_counter() - start, page)
         write_json(json_path, timing.to_table() | {"ready_s": timing.ready_s()})
     print_notices(sync_notices(timing))
     sigma = timing.sigma_s or {}

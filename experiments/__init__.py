@@ -8,6 +8,7 @@
 | `figures.py`, `flag_table.py` | numbers on a page and in its file; flags by area |
 | `paper.py`, `paper_line.py`, `paper_report.py` | run_paper: the paper's simulation and experiment; page |
 | `rig_report.py`, `rig_drawing.py` | the page of a calibration; a rig to scale |
+| `sync_report.py` | the page of a synchronisation |
 | `code_guide.py` | code_rows: comparison of codes: predicted sigma and gross rate, detection of faults |
 | `ideal.py` | codes by their definitions: ideal levels, faults of frames |
 | `place.py` | a dented mirror, its truth, its exact correspondence |
@@ -31,6 +32,7 @@ from .paper import PaperStudy, run_paper
 from .paper_line import PaperRow
 from .paper_report import write_paper_report
 from .rig_report import RigStudy, judged_table, write_rig_report
+from .sync_report import write_sync_report
 from .timing import peak_bytes
 
 __all__ = [
@@ -57,4 +59,5 @@ __all__ = [
     "write_measurement_report",
     "write_paper_report",
     "write_rig_report",
+    "write_sync_report",
 ]

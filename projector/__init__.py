@@ -53,7 +53,7 @@ from .recording import BackgroundRecorder, Logged, Recorder, Recording
 from .renderer import PatternRenderer, render
 from .sofast import load_sofast, load_sofast_response
 from .stream import CameraStream
-from .synchronise import FlipRecord, fit_timing, sync_notices, synchronise
+from .synchronise import FlipFit, FlipRecord, fit_timing, flip_fit, sync_notices, synchronise
 from .timing import SAFE_WAIT_S, Timing
 from .virtual import RENDERERS, VirtualSensor, capture, chosen_renderer
 
@@ -74,6 +74,7 @@ __all__ = [
     "Display",
     "Edid",
     "ExposureChoice",
+    "FlipFit",
     "FlipRecord",
     "Footprints",
     "Identity",
@@ -106,6 +107,7 @@ __all__ = [
     "contrast",
     "expose",
     "fit_timing",
+    "flip_fit",
     "footprints",
     "light_of",
     "load_sofast",

@@ -13,7 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
+from scipy.optimize import least_squares, minimize_scalar
 
 from optolever.errors import InputError
 from optolever.notices import Notice
@@ -22,7 +22,15 @@ from .clocks import ClockMap, Stamp
 from .devices import Accepted, Camera, Display, Image, Time
 from .timing import Timing
 
-__all__ = ["FlipRecord", "fit_timing", "record_flips", "sync_notices", "synchronise"]
+__all__ = [
+    "FlipFit",
+    "FlipRecord",
+    "fit_timing",
+    "flip_fit",
+    "record_flips",
+    "sync_notices",
+    "synchronise",
+]
 
 Float = NDArray[np.float64]
 
@@ -227,6 +235,56 @@ def fit_timing(taken: FlipRecord, accepted: Accepted, refresh_s: float | None) -
     )
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class FlipFit:
+    """A Timing against its record. lateness_s (F - 1,): light of every swap after the first, relative to the
+    others; since_s (N, B): from the light of a swap to the start of a band's exposure; light, model (N, B):
+    measured and predicted, 0 black to 1 white; rising (N, B): whether that swap was to white; begins_s (B,):
+    start of every band's exposure after the first row's, each fitted alone.
+    """
+
+    lateness_s: Float
+    since_s: Float
+    light: Float
+    model: Float
+    rising: NDArray[np.bool_]
+    begins_s: Float
+
+
+def flip_fit(taken: FlipRecord, timing: Timing) -> FlipFit:
+    """How well a Timing explains its record, for a page: nothing of it enters a capture."""
+    exposure, pair = timing.exposure_s, np.array([timing.rise_s, timing.fall_s])
+    numbers = np.array([timing.latency_s, *pair, timing.shutter_s])
+    late = np.zeros(len(taken.swaps_s))
+    for _ in range(_ROUNDS):
+        late = _lateness(taken, exposure, numbers, late)
+    swaps = taken.swaps_s + late
+    starts = taken.stamps_s[:, None] + timing.shutter_s * taken.bands - timing.latency_s
+    model = _light(pair, starts, exposure, swaps, taken.levels)
+    k = np.maximum(np.searchsorted(swaps, starts + exposure, side="right") - 1, 0)
+
+    def cost(begin: float, band: int) -> float:
+        one = taken.stamps_s + begin - timing.latency_s
+        light = _light(pair, one, exposure, swaps, taken.levels)
+        return float(np.sum((_scaled(taken.brightness[:, band], light) - light) ** 2))
+
+    limits = (-abs(timing.shutter_s) - _LATE_S, abs(timing.shutter_s) + _LATE_S)
+    begins = [
+        minimize_scalar(cost, bounds=limits, args=(band,), method="bounded").x
+        for band in range(len(taken.bands))
+    ]
+    light = _scaled(taken.brightness, model)
+    return FlipFit(late[1:], starts - swaps[k], light, model, taken.levels[k] > 0.5, np.array(begins))
+
+
+def _scaled(brightness: Float, model: Float) -> Float:
+    """Brightness (N, ...) by its best gain and offset on the model's light."""
+    centred, off = model - model.mean(axis=0), brightness - brightness.mean(axis=0)
+    gain = (centred * off).sum(axis=0) / np.maximum((centred**2).sum(axis=0), 1e-12)
+    scaled: Float = model.mean(axis=0) + off / gain
+    return scaled
+
+
 def sync_notices(timing: Timing) -> tuple[Notice, ...]:
     """Faults of a measured synchronisation."""
     found = []
@@ -334,9 +392,7 @@ def _lateness(taken: FlipRecord, exposure: float, numbers: Float, lateness: Floa
     swaps = taken.swaps_s + lateness
     pair = np.array([rise, fall])
     model = _light(pair, starts, exposure, swaps, taken.levels)
-    centred = model - model.mean(axis=0)
-    gain = (centred * taken.brightness).sum(axis=0) / (centred**2).sum(axis=0)
-    seen = model.mean(axis=0) + (taken.brightness - taken.brightness.mean(axis=0)) / gain
+    seen = _scaled(taken.brightness, model)
     found = lateness.copy()
     noise = float(np.mean((_light(pair, starts, exposure, swaps, taken.levels) - seen) ** 2))
     reach = exposure + 5 * max(rise, fall) + _LATENESS[-1]

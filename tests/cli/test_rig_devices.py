@@ -23,6 +23,7 @@ from optolever.projector import (
     Recorder,
     Recording,
     Shown,
+    Timing,
     VirtualSensor,
     Wanted,
     choose_exposure,
@@ -176,11 +177,16 @@ def test_sync_of_a_recording_is_the_same_every_time(optolever: Program, rig: Pat
         live, _ = synchronise(both, both, accepted, time=time, clock=ClockMap(), seed=0)
     found = []
     for _ in range(2):
-        optolever("sync", "--rig", rig, "--camera", f"replay:{tmp_path / 'r'}")
+        page = tmp_path / "sync.html"
+        optolever("sync", "--rig", rig, "--camera", f"replay:{tmp_path / 'r'}", "--report", page)
         kept = tomllib.loads(rig.read_text())
         assert kept["rest"] == {"note": "kept"}
         found.append(kept["sync"])
     assert found[0] == found[1]
+    html = page.read_text()
+    assert html.count("data:image/png") == 3
+    wait = Timing.from_table(found[0], "rig").ready_s()
+    assert all(text in html for text in (f"{1e3 * wait:.1f} ms", "60 flips", "16.67 ms", "Flicker"))
     assert found[0]["latency_s"] == live.latency_s
     assert found[0]["rise_s"] == pytest.approx(setting.rise, abs=5e-4)
     assert load(rig).pattern.rows > 0  # the rig is still a scene
