@@ -140,7 +140,8 @@ def area_light(seen: AreaTrace, sequence: Sequence, lighting: Lighting | None = 
     rows, cols = seen.u.shape[:2]
     light = np.empty((len(sequence), rows, cols), np.float32)
     weight = seen.reflected * _dimming(seen, lighting or Lighting())
-    for group in frame_groups(sequence, seen.scene.display):
+    staggered = seen.scene.pattern.stagger != 0
+    for group in frame_groups(sequence, seen.scene.display, staggered=staggered):
         if group.axis == "uv":
             for index in group.indices:
                 light[index] = _look_up_two(seen, group.response[sequence.render_frame(index)], weight)
@@ -238,6 +239,7 @@ def _look_up(seen: AreaTrace, group: FrameGroup, weight: Float) -> Light:
 def _look_up_two(seen: AreaTrace, image: Light, weight: Float) -> Light:
     """Light (H, W) of a frame that varies along both axes: image (rows, cols) of its cells' light."""
     blur, margin, rays = seen.scene.pattern.blur_px, _margin(seen.scene), seen.u.shape[2]
+    stagger = seen.scene.pattern.stagger
     reach = margin if blur > 0.0 else 0
     padded = np.pad(image.astype(np.float64), (margin + reach, margin + reach + 1))
     shares = _shares(blur, reach)
@@ -247,7 +249,8 @@ def _look_up_two(seen: AreaTrace, image: Light, weight: Float) -> Light:
 
     def work(first: int, last: int) -> None:
         part = slice(first, last)
-        _image_means(places[0][part], places[1][part], weights[part], padded, shares, out[part])
+        at = places[0][part], places[1][part]
+        _image_means(*at, weights[part], padded, shares, 0.5 * stagger, margin + reach, out[part])
 
     over_rows(work, out.size, _BLOCK)
     return out.reshape(seen.u.shape[:2])
@@ -306,11 +309,21 @@ def _pixel_means(
 
 
 @exact
-def _image_means(at_u: Float, at_v: Float, weights: Float, image: Float, shares: Float, out: Light) -> None:
+def _image_means(
+    at_u: Float,
+    at_v: Float,
+    weights: Float,
+    image: Float,
+    shares: Float,
+    aside: float,
+    padding: int,
+    out: Light,
+) -> None:
     """Mean light (P,) over the rays of pixels.
 
     at_u, at_v (P, R): places in cells from the image's start, to which `shares` (F + 1, K) reaches K / 2
-    cells beyond; weights (P, R): 0 where a ray sees nothing; image (rows, cols).
+    cells beyond; weights (P, R): 0 where a ray sees nothing; image (rows, cols); aside: of odd rows to the
+    right, of even ones to the left, counted from the image's row `padding`.
     """
     fine, reach = shares.shape[0] - 1, shares.shape[1]
     for p in range(out.size):
@@ -318,11 +331,16 @@ def _image_means(at_u: Float, at_v: Float, weights: Float, image: Float, shares:
         for r in range(at_u.shape[1]):
             if weights[p, r] <= 0.0:
                 continue
-            col, row = int(at_u[p, r]), int(at_v[p, r])
-            x, y = (at_u[p, r] - col) * fine, (at_v[p, r] - row) * fine
-            i, j = min(int(x), fine - 1), min(int(y), fine - 1)
-            s, t = x - i, y - j
+            row = int(at_v[p, r])
+            y = (at_v[p, r] - row) * fine
+            j = min(int(y), fine - 1)
+            t = y - j
             for k in range(reach):
+                u = at_u[p, r] + (aside if (row + k - padding) % 2 == 0 else -aside)
+                col = min(max(int(u), 0), image.shape[1] - reach)
+                x = (u - col) * fine
+                i = min(max(int(x), 0), fine - 1)
+                s = x - i
                 along = 0.0
                 for m in range(reach):
                     along += ((1.0 - s) * shares[i, m] + s * shares[i + 1, m]) * image[row + k, col + m]

@@ -286,11 +286,11 @@ def _layer(table: _Table) -> Layer:
 
 
 def _pattern(table: _Table) -> Pattern:
-    surface, pose = "size, pitch_mm, blur_px, bow, table", "origin_mm, u_axis, v_axis, rotation_deg"
+    surface, pose = "size, pitch_mm, stagger, blur_px, bow, table", "origin_mm, u_axis, v_axis, rotation_deg"
     table.known(f"{surface}, angle_deg, offset_mm, {pose}")
     cols, rows = table.take("size", _size)
     pitch, tall = table.take("pitch_mm", _pair_or_one)
-    aspect = tall / pitch
+    aspect, stagger = tall / pitch, table.get("stagger", number, 0.0)
     blur_px = table.get("blur_px", _non_negative, 0.0)
     shape = _shape(table, rows, cols)
     if "angle_deg" in table:
@@ -299,7 +299,7 @@ def _pattern(table: _Table) -> Pattern:
         table.done("angle_deg excludes an explicit pose")
         flat = prism_pattern(angle, rows, cols, pitch, blur_px, aspect)
         origin = flat.origin + along * flat.u_axis + across * flat.v_axis
-        return replace(flat, origin=origin, shape=shape)
+        return replace(flat, origin=origin, shape=shape, stagger=stagger)
     if "origin_mm" not in table:
         raise InputError(
             "pattern.origin_mm is missing, must be given with axes; on a prism: angle_deg in their place"
@@ -307,7 +307,7 @@ def _pattern(table: _Table) -> Pattern:
     origin = table.take("origin_mm", vector)
     u_axis, v_axis = _axes(table)
     table.done("belongs to angle_deg; an explicit pose excludes it")
-    return Pattern(origin, u_axis, v_axis, pitch, rows, cols, blur_px, shape, aspect)
+    return Pattern(origin, u_axis, v_axis, pitch, rows, cols, blur_px, shape, aspect, stagger)
 
 
 def _offset(name: str, value: Any) -> Float:
