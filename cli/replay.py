@@ -8,7 +8,7 @@ import click
 from optolever import InputError
 
 from .options import FILE, json_option, sample
-from .outputs import Program
+from .outputs import OutputFile, Program
 from .show import number, table, write_json
 
 if TYPE_CHECKING:
@@ -30,8 +30,13 @@ Recording cap.recording
 @click.argument("folder", type=FILE, metavar="DIR")
 @click.option("--rig", type=FILE, metavar="RIG.toml", help="Whose [sync] decides; default: as it was taken.")
 @click.option("--out", type=FILE, metavar="DIR", help="Capture folder to make of a capture's recording.")
+@click.option(
+    "--mcap", type=OutputFile(".mcap"), metavar="FILE.mcap", help="Also write it for ROS 2 (extra mcap)."
+)
 @json_option
-def command(folder: Path, rig: Path | None, out: Path | None, json_path: Path | None) -> None:
+def command(
+    folder: Path, rig: Path | None, out: Path | None, mcap: Path | None, json_path: Path | None
+) -> None:
     """Check a recording: every page against its line.
 
     --out takes the images of a capture once more, by the times that were recorded; one that broke off gives
@@ -40,7 +45,7 @@ def command(folder: Path, rig: Path | None, out: Path | None, json_path: Path | 
     import numpy as np
 
     from optolever.files import together
-    from optolever.projector import Logged, Recording
+    from optolever.projector import Logged, Recording, write_mcap
 
     recording = Recording(folder)
     swaps, stamps, incomplete = 0, [], 0
@@ -55,6 +60,8 @@ def command(folder: Path, rig: Path | None, out: Path | None, json_path: Path | 
     with together():
         if out is not None:
             numbers["frames"] = _capture(recording, rig, out)
+        if mcap is not None:
+            numbers["exported"] = write_mcap(recording, mcap)
         write_json(json_path, numbers)
     rate = number((len(stamps) - 1) / span) if span > 0 else "-"
     rows = {
@@ -65,6 +72,8 @@ def command(folder: Path, rig: Path | None, out: Path | None, json_path: Path | 
     }
     if out is not None:
         rows["capture"] = f"{numbers['frames']} frames in {out}"
+    if mcap is not None:
+        rows["mcap"] = f"{numbers['exported']} images in {mcap}"
     table(f"Recording {folder}", rows)
 
 

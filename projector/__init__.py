@@ -17,7 +17,7 @@
 | `sofast.py` | SOFAST's HDF5 measurements as captures |
 | `clocks.py`, `timing.py` | stamps of cameras as host times; latency, settling, shutter |
 | `synchronise.py`, `acquire.py`, `exposure.py` | measured by flips; an image for every pattern; exposure |
-| `recording.py`, `stream.py` | recordings; a thread that pulls images |
+| `recording.py`, `mcap_file.py`, `stream.py` | recordings; as MCAP; a thread that pulls images |
 | `cameras/` | back-ends of cameras |
 | `benchmark.py` | frames per second on the context at hand |
 """
@@ -46,6 +46,7 @@ from .edid import Edid, parse_edid
 from .electronics import NOMINAL_SENSOR
 from .exposure import Contrast, ExposureChoice, choose_exposure, contrast
 from .folder import write_description
+from .mcap_file import write_mcap
 from .monitors import Monitor, choose_monitor
 from .optics_numpy import Footprints, footprints, light_of
 from .raytraced import AreaTrace, Lighting, area_frames, area_light, expose, trace_area
@@ -121,6 +122,7 @@ __all__ = [
     "synchronise",
     "trace_area",
     "write_description",
+    "write_mcap",
 ]
 
 check_face(__name__)

@@ -5,6 +5,7 @@ import tomllib
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import date
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -105,7 +106,9 @@ def test_record_and_replay(optolever: Program, refused: Refused, rig: Path, tmp_
     assert 3 < numbers["images"] <= 26
     assert (numbers["lost"], numbers["dropped"], numbers["incomplete"]) == (0, 0, 0)
     assert len(Recording(tmp_path / "r")) == numbers["images"]
-    assert f"{numbers['images']}, incomplete 0" in optolever("replay", tmp_path / "r").out
+    export = ("--mcap", tmp_path / "r.mcap") if find_spec("mcap") else ()
+    assert f"{numbers['images']}, incomplete 0" in optolever("replay", tmp_path / "r", *export).out
+    assert not export or (tmp_path / "r.mcap").read_bytes()[1:5] == b"MCAP"
     refused([*words, "--out", tmp_path / "r"], "no empty folder")
     refused(["replay", tmp_path / "r", "--out", tmp_path / "c"], "has no sequence")
     refused(["replay", tmp_path / "nothing"], "no recording")

@@ -13,7 +13,18 @@ import pytest
 
 from lab.hardware.simulated import Setting, SimulatedCamera, SimulatedDisplay, SimulatedTime, codes
 from optolever import InputError
-from optolever.projector import Accepted, ClockMap, Image, Recorder, Recording, Shown, Taken, Wanted, acquire
+from optolever.projector import (
+    Accepted,
+    ClockMap,
+    Image,
+    Recorder,
+    Recording,
+    Shown,
+    Taken,
+    Wanted,
+    acquire,
+    write_mcap,
+)
 from optolever.projector.cameras import Replay, open_camera
 
 WRITER = """
@@ -52,6 +63,46 @@ def test_events_come_back_as_they_were(tmp_path: Path) -> None:
     assert len(rest) == 3
     with pytest.raises(InputError, match="no empty folder"):
         Recorder(tmp_path / "r", {})
+
+
+def test_an_mcap_file_holds_what_a_recording_holds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Read back by the format's own packages, which decode the ROS 2 messages by the schemas in the file."""
+    reader = pytest.importorskip("mcap.reader")
+    ros2 = pytest.importorskip("mcap_ros2.decoder")
+    rng = np.random.default_rng(0)
+    images = [
+        Image(rng.integers(0, 256, (5, 7), np.uint8), 11, None, 13.5),
+        Image(np.empty((0, 0), np.uint8), 12, None, 13.6, False, "missing packets"),
+        Image(rng.integers(0, 65536, (6, 8), np.uint16), 13, None, 13.7),
+    ]
+    with Recorder(tmp_path / "r", {"camera": "virtual"}) as recorder:
+        recorder.shown(Shown(4, 12.25, True))
+        for image in images:
+            recorder.image(image, image.arrived_s - 1)
+    assert write_mcap(Recording(tmp_path / "r"), tmp_path / "r.mcap") == 2
+    with (tmp_path / "r.mcap").open("rb") as file:
+        factory = ros2.DecoderFactory()
+        found = list(reader.make_reader(file, decoder_factories=[factory]).iter_decoded_messages())
+    events = [json.loads(one.decoded_message.data) for one in found if one.channel.topic == "/log"]
+    assert events[0]["camera"] == "virtual"
+    assert events[1] == {"event": "shown", "index": 4, "swapped_s": 12.25, "late": True}
+    assert events[2] == {"event": "incomplete", "id": 12, "why": "missing packets"}
+    seen = [one for one in found if one.channel.topic == "/camera"]
+    for one, image in zip(seen, (images[0], images[2]), strict=True):
+        ros = one.decoded_message
+        kind = {"mono8": "u1", "mono16": "<u2"}[ros.encoding]
+        np.testing.assert_array_equal(
+            np.frombuffer(ros.data, kind).reshape(ros.height, ros.width), image.pixels
+        )
+        assert (ros.step, ros.is_bigendian) == (image.pixels[0].nbytes, 0)
+        assert ros.header.stamp.sec + 1e-9 * ros.header.stamp.nanosec == pytest.approx(image.arrived_s - 1)
+        assert one.message.log_time == round(1e9 * (image.arrived_s - 1))
+        assert one.message.publish_time == round(1e9 * image.arrived_s)
+        assert one.message.sequence == image.id
+    monkeypatch.setitem(sys.modules, "mcap.writer", None)
+    with pytest.raises(InputError, match=r"pip install 'optolever\[mcap\]'"):
+        write_mcap(Recording(tmp_path / "r"), tmp_path / "other.mcap")
+    assert not (tmp_path / "other.mcap").exists()
 
 
 @pytest.mark.parametrize("after", [0.05, 0.2, 0.6])
