@@ -11,7 +11,7 @@ from optolever.errors import InputError
 from ..devices import Accepted, CameraLost, Identity, Image, Wanted, no_pixels
 from .aravis_library import LOST, GlibError, aravis
 
-__all__ = ["AravisCamera", "find", "open_named"]
+__all__ = ["AUTOMATIC", "AravisCamera", "find", "open_named"]
 
 _STATUS = (
     "success", "cleared", "timeout", "missing packets", "wrong packet id", "size mismatch", "filling",
@@ -20,7 +20,8 @@ _STATUS = (
 _BUFFERS = 8
 _IDS = 65535  # of GVSP: 16 bits, 0 is skipped
 _FORMATS = {8: ("Mono8",), 10: ("Mono10",), 12: ("Mono12",), 16: ("Mono16",)}
-_AUTOMATIC = (("ExposureAuto", "exposure"), ("GainAuto", "gain"), ("BalanceWhiteAuto", "white balance"))
+#: GenICam's features to switch off, in words.
+AUTOMATIC = (("ExposureAuto", "exposure"), ("GainAuto", "gain"), ("BalanceWhiteAuto", "white balance"))
 
 
 def find() -> list[Identity]:
@@ -90,7 +91,7 @@ class AravisCamera:
         if wanted.bits not in _FORMATS:
             raise InputError(f"camera: bits {wanted.bits}, must be one of {', '.join(map(str, _FORMATS))}")
         unlocked = []
-        for feature, what in _AUTOMATIC:
+        for feature, what in AUTOMATIC:
             if call("camera_is_feature_available", camera, feature.encode()):
                 try:
                     call("camera_set_string", camera, feature.encode(), b"Off")

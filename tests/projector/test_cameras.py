@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 from pathlib import Path
 
 import cv2
@@ -30,7 +31,7 @@ from optolever.projector import (
     acquire,
     capture,
 )
-from optolever.projector.cameras import FolderCamera, VirtualCamera, ioctl, open_camera
+from optolever.projector.cameras import FolderCamera, VirtualCamera, find_cameras, ioctl, open_camera
 from optolever.projector.cameras.v4l2 import V4L2Camera
 from optolever.scene import dent, load, resize
 
@@ -256,6 +257,55 @@ def test_opencv_reads_what_it_can_open(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no software trigger"):
         camera.trigger()
     camera.close()
+
+
+def test_pylon_and_its_emulator(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two emulated Basler cameras: settings read back, a known test picture, failed buffers, the trigger."""
+    monkeypatch.setenv("PYLON_CAMEMU", "2")
+    if find_spec("pypylon") is None:
+        pytest.skip("pypylon is absent (pip install 'optolever[basler]')")
+    known = [one.serial for one in find_cameras()[0] if one.backend == "pylon"]
+    assert len(known) >= 2
+    camera = open_camera(f"serial:{known[0]}")
+    assert camera.identity.model == "Emulation"
+    native = camera._camera  # type: ignore[attr-defined]
+    accepted = camera.configure(Wanted(0.004, rows=48, cols=64, row=8, col=16, gain=3, fps=100.0))
+    assert (accepted.rows, accepted.cols, accepted.row, accepted.col) == (48, 64, 8, 16)
+    assert accepted.exposure_s == pytest.approx(0.004)
+    assert accepted.gain == pytest.approx(3, abs=1e-3)
+    assert accepted.fps is not None
+    assert accepted.fps <= 101
+    native.TestImageSelector.Value = "Testimage1"  # a diagonal ramp, which moves along each image
+    camera.start()
+    images = [camera.next(2.0) for _ in range(3)]
+    for number, image in enumerate(images):
+        assert image is not None
+        assert (image.id, image.complete, image.pixels.shape) == (number, True, (48, 64))
+        ramp = image.pixels.astype(int)
+        assert (np.diff(ramp, axis=0) % 256 == 1).all()
+        assert (np.diff(ramp, axis=1) % 256 == 1).all()
+    native.ForceFailedBufferCount.Value = 1
+    native.ForceFailedBuffer.Execute()
+    faults = [camera.next(2.0) for _ in range(4)]
+    assert sum(one is not None and not one.complete for one in faults) == 1
+    (broken,) = [one for one in faults if one is not None and not one.complete]
+    assert broken.pixels.size == 0
+    assert "incompletely" in broken.why
+    camera.stop()
+    assert camera.configure(Wanted(0.004, bits=12, trigger="software")).bits == 12
+    camera.start()
+    assert camera.next(0.2) is None
+    camera.trigger()
+    image = camera.next(2.0)
+    assert image is not None
+    assert image.pixels.dtype == np.uint16
+    assert camera.lost == 0
+    camera.stop()
+    with pytest.raises(InputError, match="refuses its settings"):
+        camera.configure(Wanted(0.004, rows=1 << 20))
+    camera.close()
+    with pytest.raises(InputError, match="pylon:nobody is not connected"):
+        open_camera("pylon:nobody")
 
 
 def test_cameras_that_are_not_there_are_cameras(tmp_path: Path) -> None:
