@@ -57,8 +57,8 @@ def open_camera(address: str) -> Camera:
 def _by_serial(serial: str) -> str:
     found, silent = find_cameras()
     fitting = [one for one in found if one.serial == serial]
-    if len(fitting) == 1:
-        return fitting[0].address
+    if fitting and len({one.backend for one in fitting}) == len(fitting):
+        return fitting[0].address  # several back-ends know the one camera
     if fitting:
         addresses = ", ".join(one.address for one in fitting)
         raise InputError(f"camera: {len(fitting)} have the serial {serial!r}; name one: {addresses}")

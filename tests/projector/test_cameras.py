@@ -228,6 +228,11 @@ def test_two_of_one_serial_and_a_camera_that_is_not_permitted(monkeypatch: pytes
     with pytest.raises(InputError, match="2 have the serial '7'; name one: v4l2:/dev/v4l/by-id/a, v4l2"):
         open_camera("serial:7")
 
+    one = [Identity(backend, "Cam", "7", f"{backend}:7") for backend in ("pylon", "opencv")]
+    monkeypatch.setattr("optolever.projector.cameras.addresses.find_cameras", lambda: (one, {}))
+    with pytest.raises(InputError, match="pylon"):  # one camera by two back-ends: the first opens it
+        open_camera("serial:7")
+
     def forbidden(path: str) -> None:
         raise PermissionError(errno.EACCES, "Permission denied", path)
 
