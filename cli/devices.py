@@ -9,7 +9,7 @@ from optolever import InputError
 
 from .options import json_option, sample
 from .outputs import Program
-from .show import grid, write_json
+from .show import grid, print_notices, write_json
 
 __all__ = ["command"]
 
@@ -62,5 +62,4 @@ def command(json_path: Path | None) -> None:
         for one in shown
     ]
     grid("Monitors", ("--display", "size", "refresh", "mm", "bits"), lines or [["none", "", "", "", ""]])
-    for text in (*silent.values(), *(fault for one in shown for fault in one.faults())):
-        click.echo(f"notice: {text}", err=True)
+    print_notices((*silent.values(), *(fault for one in shown for fault in one.faults())))

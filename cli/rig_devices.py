@@ -10,6 +10,8 @@ import click
 
 from optolever import InputError
 
+from .show import print_notices
+
 if TYPE_CHECKING:
     from optolever.patterns import Sequence
     from optolever.projector import Accepted, Camera, ClockMap, Display, Time, Timing, Wanted
@@ -134,8 +136,7 @@ def wait_of(now: Opened, rig: Path) -> "Timing | None":
         return Timing(0, 0, 0, 0, 0, 0, 0.01, now.accepted.exposure_s)
     timing = timing_of(rig) or _recorded(now)
     if timing is None:
-        text = "no [sync] in the rig, waiting 0.5 s for every pattern; optolever sync measures it"
-        click.echo(f"notice: {text}", err=True)
+        print_notices(["no [sync] in the rig, waiting 0.5 s for every pattern; optolever sync measures it"])
         return None
     timing.require(now.accepted)
     return timing
@@ -159,8 +160,7 @@ def opened(rig: Path, devices: Devices, shown: "Sequence", *, running: bool = Tr
         camera = _camera(rig, devices, shown, "auto" if running else "numpy")
         stack.callback(camera.close)
         accepted = camera.configure(devices.wanted())
-        for one in accepted.unlocked:
-            click.echo(f"notice: {one}", err=True)
+        print_notices(accepted.unlocked)
         still = isinstance(camera, Display)
         display = camera if isinstance(camera, Display) else stack.enter_context(_window(devices, shown))
         time = camera if isinstance(camera, Time) else RealTime()  # a recording has its own
@@ -193,6 +193,5 @@ def _window(devices: Devices, shown: "Sequence") -> Any:
     if devices.display == "window":
         return PatternWindow(shown)
     monitor = choose_monitor(monitors(), devices.display)
-    for fault in monitor.faults():
-        click.echo(f"notice: {fault}", err=True)
+    print_notices(monitor.faults())
     return PatternWindow(shown, monitor=monitor.index)

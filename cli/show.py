@@ -108,7 +108,7 @@ def budget_rows(readings: "Mapping[str, Mapping[str, float]]") -> tuple[list[str
     return ["um", *readings], rows
 
 
-def print_notices(notices: "Iterable[Notice]") -> None:
+def print_notices(notices: "Iterable[Notice | str]") -> None:
     """Print each on stderr, one line."""
     import click
 

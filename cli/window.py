@@ -10,7 +10,7 @@ from optolever import InputError
 
 from .options import SIZE, json_option, sample
 from .outputs import OutputFile, Program
-from .show import grid, number, table, write_json
+from .show import grid, number, print_notices, table, write_json
 
 if TYPE_CHECKING:
     from optolever.patterns import Sequence
@@ -76,8 +76,7 @@ def command(
         _list(found, json_path)
         return
     chosen = _chosen(found, monitor, display)
-    for fault in () if chosen is None else found[chosen].faults():
-        click.echo(f"notice: {fault}", err=True)
+    print_notices(() if chosen is None else found[chosen].faults())
     shown = _sequence(text, size, found, chosen)
     described = out or Path("capture.toml")
     with PatternWindow(shown, monitor=chosen) as window:
@@ -120,8 +119,7 @@ def _list(found: "list[Monitor]", json_path: Path | None) -> None:
         for m in found
     ]
     grid("Monitors", ("number", "name", "output", "size", "refresh"), rows)
-    for fault in (fault for monitor in found for fault in monitor.faults()):
-        click.echo(f"notice: {fault}", err=True)
+    print_notices(fault for monitor in found for fault in monitor.faults())
 
 
 def _chosen(found: "list[Monitor]", monitor: int | None, display: str | None) -> int | None:
