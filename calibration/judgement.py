@@ -18,7 +18,7 @@ from optolever.scene import Scene
 from .adjust import Adjustment, covariance_of
 from .calibrate import Calibration, calibrate
 from .observability import lacking
-from .observation import Observation
+from .observation import Observation, checked
 from .targets import Flat, Rest
 
 __all__ = ["Judgement", "calibrate_so_far", "judged"]
@@ -87,11 +87,16 @@ def calibrate_so_far(
     *,
     guess: bool = False,
 ) -> tuple[Calibration | None, str]:
-    """`calibrate` of captures while others are still to come (None without a Flat or a Rest), and a sentence
-    on missing captures ("": none missing). InputError names a wrong capture."""
-    few = lacking(observations)
-    framed = any(isinstance(one.target, Flat | Rest) for one in observations)
-    found = calibrate(scene, observations, priors, guess=guess) if framed else None
+    """`calibrate` of captures while others are still to come, and a sentence on missing captures ("": none
+    missing). None without a Flat or a Rest, and for so few Flats that any rig would fit them. InputError
+    names a wrong capture."""
+    few, kinds = lacking(observations), {type(one.target) for one in observations}
+    if Rest in kinds or (Flat in kinds and few is None):
+        found = calibrate(scene, observations, priors, guess=guess)
+    else:
+        found = None
+        if Flat in kinds:
+            checked(observations, (scene.camera.rows, scene.camera.cols))
     return found, "" if few is None else f"{few.name}: {few.cure}"
 
 

@@ -12,6 +12,7 @@ from optolever import InputError
 
 from .rig_capture import capture_rig
 from .rig_devices import devices_of
+from .show import coverage_text
 
 if TYPE_CHECKING:
     from optolever.calibration import Calibration, Judgement, Observation, Target
@@ -56,18 +57,16 @@ class SoFar:
             raise InputError(f"calibration: {self.few}")
         return self.found
 
-    def fault(self, before: "SoFar | None") -> str:
-        """Reason to repeat the last capture; "": none."""
+    def fault(self, before: "SoFar | None", decoded: float) -> str:
+        """Reason to repeat the last capture; "": none. decoded: share of the pixels that see the pattern."""
         one = self.last
+        if decoded < _DECODED:
+            return f"{100 * decoded:.0f} % of the pixels that see the pattern are decoded: expose, focus"
         if one is None:
             return ""
         if one.chi > _CHI:
             return (
                 f"chi {one.chi:.3g} is above {_CHI}: another target, a mirror that moved, or a wrong number"
-            )
-        if one.tilt is not None and one.decoded < _DECODED * one.seen:
-            return (
-                f"{100 * one.decoded / max(one.seen, 1e-9):.0f} % of the lit pixels are usable: expose, focus"
             )
         old = before.last if before is not None else None
         if old is not None and one.depth_so_far > _GAIN * old.depth_so_far and not self.few:
@@ -101,6 +100,7 @@ def capture_targets(
     are set aside. Captures stay in `folder` whatever ends the walk; a further walk takes them up.
     """
     from optolever.calibration import Observation
+    from optolever.experiments import mirror_coverage
     from optolever.patterns import sequence_from_text
 
     from .calibrate import correspondence_of
@@ -128,8 +128,9 @@ def capture_targets(
             one, then = Observation(path.name, target, correspondence_of(path)), None
             try:
                 then = so_far(scene, [*used, one], priors, guess)
-                fault = then.fault(now)
-                click.echo(f"{path.name}: {then.text()}")
+                mirror, decoded = mirror_coverage(one.correspondence.flags)
+                fault = then.fault(now, decoded)
+                click.echo(f"{path.name}: {coverage_text(mirror, decoded)}; {then.text()}")
             except InputError as error:
                 fault = str(error)
             if not fault and then is not None:

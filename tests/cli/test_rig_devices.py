@@ -12,6 +12,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from lab.hardware.simulated import Setting, SimulatedCamera, SimulatedDisplay, SimulatedTime
 from optolever.decode import decode
@@ -282,6 +283,44 @@ def test_a_rig_is_calibrated_by_its_camera_step_by_step(
     assert load(rig).covariance is not None
     names = {one.name for one in (tmp_path / "rig.captures").iterdir()}
     assert names == {"1-rest", "2-ball-200-0.02", "2-ball-200-0.02.aside1"}
+
+
+@pytest.mark.slow  # three calibrations without a guess
+def test_five_flats_are_asked_for_in_open_air(
+    optolever: Program, rig: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Poses of the mirror are those of camera and display, the other way round. One pose is given twice."""
+    typed = resize(load("monitor-mirror"), 96, 120)
+    focal = typed.camera.focal[0]
+    true = adjusted(typed, {"camera.f": 1.02 * focal, "pattern.z": 4.0, "pattern.rx": np.radians(1.0)})
+    middle = np.array([0.5 * typed.mirror.length, 0.5 * typed.mirror.width, 0.0])
+
+    def put(pose: str) -> None:
+        about_x, about_y, height = map(float, pose.split())
+        turn = Rotation.from_rotvec([about_x, about_y, 0]).as_matrix()
+
+        def moved(part: Any) -> Any:
+            origin = turn @ (part.origin - middle) + middle + [0, 0, height]
+            return replace(part, origin=origin, u_axis=turn @ part.u_axis, v_axis=turn @ part.v_axis)
+
+        replace(true, camera=moved(true.camera), pattern=moved(true.pattern), dent="flat").save(rig)
+
+    poses = ("0 0 0", "0 0 0", "0.07 0.02 2", "-0.05 0.06 -2", "0.03 -0.07 1", "-0.06 -0.04 0")
+    typed.save(rig)
+    monkeypatch.setattr("sys.stdin", Hands(put, *((pose, "") for pose in poses)))
+    outcome = optolever("calibrate", "--rig", rig, "--json", tmp_path / "n.json")
+    assert "2-flat: set aside: captures '1-flat' and '2-flat': the same pose twice" in outcome.out
+    assert "1-flat: the mirror fills 100.0 % of the image" in outcome.out
+    assert "5 of 5, flat: put the reference mirror in place" in outcome.out
+    assert list(json.loads((tmp_path / "n.json").read_text())["judged"]) == [f"{k}-flat" for k in range(1, 6)]
+    found, corners = load(rig), np.array([[0, 0], [typed.pattern.cols, 0], [0, typed.pattern.rows]]).T
+    off = {
+        name: np.abs(scene.pattern.point(*corners) - true.pattern.point(*corners)).max()
+        for name, scene in (("typed", typed), ("found", found))
+    }
+    assert off["typed"] > 3  # mm
+    assert off["found"] < 1.0  # the gauge holds x, y and the turn of the camera
+    assert found.camera.focal[0] == pytest.approx(1.02 * focal, rel=2e-3)
 
 
 def test_a_walk_takes_its_own_captures(refused: Refused, rig: Path) -> None:
