@@ -12,17 +12,25 @@ import click
 
 from optolever import InputError
 
-from .options import FILE, blame, json_option, load_scene, mask_from, sample, scene_option, size_option
+from .options import (
+    FILE,
+    correspondence_of,
+    json_option,
+    load_scene,
+    mask_from,
+    sample,
+    scene_option,
+    size_option,
+)
 from .outputs import OutputFile, Program
 from .rig_targets import SoFar, capture_targets, so_far
 from .show import grid, number, print_notices, progress, table, write_json
 
 if TYPE_CHECKING:
     from optolever.calibration import Calibration, Observation, Target
-    from optolever.decode import Correspondence
     from optolever.scene import Scene
 
-__all__ = ["command", "correspondence_of"]
+__all__ = ["command"]
 
 Given: TypeAlias = "tuple[Target, Path, Path | None]"
 
@@ -284,15 +292,3 @@ def _target(kind: str, numbers: list[float]) -> "Target":
         return Rest(int(order), *numbers[1:])
     made: Target = {"flat": Flat, "ball": Ball, "plate": Plate}[kind](*numbers)
     return made
-
-
-def correspondence_of(path: Path) -> "Correspondence":
-    """The correspondence in an .npz, or of a folder of frames, decoded now."""
-    from optolever.decode import Correspondence, decode
-    from optolever.projector import Capture
-
-    if not path.is_dir():
-        return Correspondence.load(path)
-    capture = Capture.load(path)
-    with blame(path):
-        return decode(capture.frames, capture.sequence)

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from optolever.decode import Correspondence
     from optolever.patterns import Sequence
     from optolever.scene import Scene
 
@@ -24,6 +25,7 @@ __all__ = [
     "FILE",
     "SIZE",
     "blame",
+    "correspondence_of",
     "json_option",
     "load_scene",
     "mask_from",
@@ -215,3 +217,15 @@ def blame(path: Path) -> Iterator[None]:
     except InputError as error:
         text = str(error)
         raise InputError(text if str(path) in text else f"{path}: {text}") from error
+
+
+def correspondence_of(path: Path) -> "Correspondence":
+    """The correspondence in an .npz, or of a folder of frames, decoded now."""
+    from optolever.decode import Correspondence, decode
+    from optolever.projector import Capture
+
+    if not path.is_dir():
+        return Correspondence.load(path)
+    capture = Capture.load(path)
+    with blame(path):
+        return decode(capture.frames, capture.sequence)

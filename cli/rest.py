@@ -7,7 +7,7 @@ import click
 
 from optolever import InputError
 
-from .options import blame, json_option, rig_option, sample
+from .options import blame, correspondence_of, json_option, rig_option, sample
 from .outputs import Program
 from .reconstruct import Anchor
 from .show import number, print_notices, progress, table, write_json
@@ -40,8 +40,6 @@ def command(source: Path, rig: Path, anchor: Any, json_path: Path | None) -> Non
     from optolever.files import together
     from optolever.reconstruct import reconstruct
     from optolever.scene import load
-
-    from .calibrate import correspondence_of
 
     scene = load(rig)
     with progress() as step:

@@ -10,6 +10,7 @@ import click
 
 from optolever import InputError
 
+from .options import correspondence_of
 from .rig_capture import capture_rig
 from .rig_devices import devices_of
 from .show import coverage_text
@@ -102,8 +103,6 @@ def capture_targets(
     from optolever.calibration import Observation
     from optolever.experiments import mirror_coverage
     from optolever.patterns import sequence_from_text
-
-    from .calibrate import correspondence_of
 
     devices, shown = devices_of(rig), sequence_from_text(sequence, scene.pattern.rows, scene.pattern.cols)
     folder.mkdir(parents=True, exist_ok=True)
