@@ -15,7 +15,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from lab.hardware.simulated import Setting, SimulatedCamera, SimulatedDisplay, SimulatedTime
-from optolever.decode import decode
+from optolever.calibration import with_lag
+from optolever.decode import Correspondence, Decoder, decode, estimate_profile
 from optolever.experiments import frames_of_another
 from optolever.patterns import sequence
 from optolever.projector import (
@@ -75,7 +76,9 @@ def test_a_rig_captures_what_its_camera_sees(optolever: Program, rig: Path, tmp_
 
 
 @pytest.mark.slow
-def test_measure_goes_to_the_report(optolever: Program, rig: Path, tmp_path: Path) -> None:
+def test_measure_goes_to_the_report(
+    optolever: Program, rig: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     outcome = optolever("measure", "--rig", rig, "--out", tmp_path / "m", "--json", tmp_path / "m.json")
     files = {"c.npz", "h.npz", "report.html", "capture", "figures.csv", "slopes.npz"}
     assert files == {one.name for one in (tmp_path / "m").iterdir()}
@@ -84,6 +87,14 @@ def test_measure_goes_to_the_report(optolever: Program, rig: Path, tmp_path: Pat
     assert numbers["wrong_frames"] == []
     assert numbers["good_share"] > 0.5
     assert "report.html" in "".join(outcome.out.split())
+    monkeypatch.setattr("optolever.cli.measure.measured_lag", lambda *_: 1 / 512)  # of a slow display
+    optolever("measure", "--rig", rig, "--out", tmp_path / "slow")
+    capture = Capture.load(tmp_path / "slow/capture")
+    plain, found = (Correspondence.load(tmp_path / name / "c.npz") for name in ("m", "slow"))
+    known = with_lag(estimate_profile(capture.frames, capture.sequence), 1 / 512)
+    expected = Decoder(capture.sequence, known).decode(capture.frames)
+    np.testing.assert_array_equal(found.u, expected.u)
+    assert np.nanmax(np.abs(found.u - plain.u)) > 1e-4
 
 
 def test_a_frame_of_the_pattern_before_is_found(rig: Path) -> None:
