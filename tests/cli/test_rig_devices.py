@@ -271,6 +271,9 @@ def test_a_rig_is_calibrated_by_its_camera_step_by_step(
         return optolever("calibrate", "--rig", rig, *targets, *words, code=code)
 
     targets, ball = ("rest", "ball:200,0.02"), "ball:radius=200,peak=0.1"
+    broken = tmp_path / "rig.captures/1-rest.recording"  # a capture that broke off
+    broken.mkdir(parents=True)
+    (broken / "log.jsonl").write_text("")
     outcome = walk(("flat", ""), code=130)
     assert "1 of 2, rest: take everything off" in outcome.out
     assert "2 of 2, ball:200,0.02: press the ball" in outcome.out
@@ -293,7 +296,7 @@ def test_a_rig_is_calibrated_by_its_camera_step_by_step(
     assert kept["calibration"]["date"] == date.today()
     assert load(rig).covariance is not None
     names = {one.name for one in (tmp_path / "rig.captures").iterdir()}
-    assert names == {"1-rest", "2-ball-200-0.02", "2-ball-200-0.02.aside1"}
+    assert names == {"1-rest", "1-rest.recording.aside1", "2-ball-200-0.02", "2-ball-200-0.02.aside1"}
 
 
 @pytest.mark.slow  # three calibrations without a guess
