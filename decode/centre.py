@@ -5,7 +5,7 @@ the mean from the centre's value. The shift that neighbours determine beyond noi
 step inside the pixel, a curvature that changes from pixel to pixel) adds variance.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,7 +102,7 @@ def _good_only(line: F32, flags: NDArray[np.uint16], out: F32) -> None:
 
 
 @inlined
-def _parabola(end: Any, next_: Any, third: Any, k: Any) -> Any:
+def _parabola(end: np.float32, next_: np.float32, third: np.float32, k: int) -> np.float32:
     """Extrapolate the parabola through three values to k = 1 or 2 beyond its end."""
     one = np.float32(3) * (end - next_) + third
     return one if k == 1 else np.float32(3) * (one - end) + next_
@@ -243,7 +243,7 @@ def centred(
 
 
 @inlined
-def _poles(one: Any, other: Any) -> tuple[Any, Any]:
+def _poles(one: np.float32, other: np.float32) -> tuple[np.float32, np.float32]:
     """1 / (1 - w^2) of both numbers of turns, by one division; |w| is limited to STEEP."""
     a = np.float32(1) - min(one * one, np.float32(STEEP**2))
     b = np.float32(1) - min(other * other, np.float32(STEEP**2))
@@ -252,7 +252,9 @@ def _poles(one: Any, other: Any) -> tuple[Any, Any]:
 
 
 @inlined
-def _mixed(turns: Any, pole: Any, lens2: Any, footprint: Any) -> tuple[Any, Any]:
+def _mixed(
+    turns: np.float32, pole: np.float32, lens2: np.float32, footprint: np.float32
+) -> tuple[np.float32, np.float32]:
     """Phase shift of a fringe with w turns per pixel by curvature along an axis, over H_xx / 24; and c of the
     mixed derivative, which shifts the phase by -H_xy c(w_x) c(w_y).
 
@@ -269,7 +271,7 @@ def _mixed(turns: Any, pole: Any, lens2: Any, footprint: Any) -> tuple[Any, Any]
 
 
 @inlined
-def lesser(one: Any, other: Any) -> Any:
+def lesser(one: np.float32, other: np.float32) -> np.float32:
     """The smaller magnitude of two changes; the other one where one is NaN (flagged), 0 if both are."""
     one, other = abs(one), abs(other)
     least = one if (one < other) | (other != other) else other
@@ -277,20 +279,22 @@ def lesser(one: Any, other: Any) -> Any:
 
 
 @inlined
-def _beyond(value: Any, noise: Any) -> Any:
+def _beyond(value: np.float32, noise: np.float32) -> np.float32:
     """Shrinkage factor max(1 - noise / value^2, 0); noise: variance."""
     return max(np.float32(1) - noise / (value * value + np.float32(1e-12)), np.float32(0))
 
 
 @inlined
-def _jump(one: Any, two: Any, four: Any) -> Any:
+def _jump(one: np.float32, two: np.float32, four: np.float32) -> np.float32:
     """Step J of g x + k x^3 + J sign(x) / 2, from differences over 2, 4 and 8 pixels; its variance is 14.6
     times a pixel's. (g x + J sign(x) / 2 by the first two: 2 one - two, 10 times.)"""
     return (four - np.float32(10) * two + np.float32(16) * one) * np.float32(1 / 7)
 
 
 @inlined
-def _in_light(before: Any, here: Any, after: Any, dark: Any, noise: Any) -> tuple[Any, Any]:
+def _in_light(
+    before: np.float32, here: np.float32, after: np.float32, dark: np.float32, noise: np.float32
+) -> tuple[np.float32, np.float32]:
     """Lesser of the relative changes of light to both pixels two pixels away (same colour of a mosaic): its
     magnitude; and the change per pixel, reduced by the difference of both beyond noise (variance of a
     change), 0 if their signs differ (minmod: no gradient at an edge). At most 2: light is not negative inside

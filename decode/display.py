@@ -178,7 +178,7 @@ def through(levels: F64, width: float) -> F64:
 
 
 @kernel
-def take_off(coord: Any, table: Any) -> None:
+def take_off(coord: F32, table: F32) -> None:
     """Subtract a table (see rounded_places) at coordinates (H, W), linearly interpolated, in place."""
     zero, last, finer, one = np.float32(0), np.float32(table.size - 2), np.float32(FINER), np.int32(1)
     for y in range(coord.shape[0]):

@@ -1,15 +1,17 @@
 """Estimate: intermediate result of one axis for a block of rows; and small probabilities."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.kernels import inlined
+from optolever.kernels import Real, inlined
 
-__all__ = ["Estimate", "less_likely", "vanishing"]
+__all__ = ["Estimate", "Line", "less_likely", "vanishing"]
 
 F32 = NDArray[np.float32]
+#: A row of each array of an `Estimate`, (W,).
+Line = tuple[F32, F32, F32, F32, F32, F32, F32]
 _ONE = np.float32(1)
 
 
@@ -40,19 +42,19 @@ class Estimate(NamedTuple):
 
 
 @inlined
-def vanishing(x: Any) -> Any:
+def vanishing(x: Real) -> Real:
     """Upper bound of exp(-x), x >= 0, float32: (1 + x / 256)^-256 is 1.2 times exp(-x) at x = 10."""
     return _ONE / _growing(x)
 
 
 @inlined
-def less_likely(x: Any) -> Any:
+def less_likely(x: Real) -> Real:
     """Posterior of the less likely of two hypotheses, with a likelihood ratio of exp(-x), x >= 0."""
     return _ONE / (_ONE + _growing(x))
 
 
 @inlined
-def _growing(x: Any) -> Any:
+def _growing(x: Real) -> Real:
     """Lower bound of exp(x), float32, infinite from x = 106 on."""
     y = _ONE + x * np.float32(1 / 256)
     y = y * y

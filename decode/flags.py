@@ -1,6 +1,6 @@
 """Flags, from the estimates of both axes, and the maps that the axes share."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,8 +10,8 @@ from scipy.special import chdtri
 from optolever.kernels import exact, kernel
 
 from .correspondence import Flag
-from .estimate import Estimate
-from .profile.noise import Noise
+from .estimate import Estimate, Line
+from .profile.noise import Noise, Numbers
 
 __all__ = [
     "Into",
@@ -91,7 +91,7 @@ def merge(estimate: Estimate, noise: Noise, rows: tuple[int, int], into: Into) -
 
 
 @exact
-def _merge(estimate: Any, noise: Any, start: Any, stop: Any, into: Any) -> None:
+def _merge(estimate: Estimate, noise: Numbers, start: int, stop: int, into: Into) -> None:
     place, var, error, amplitude, offset, misfit, clipped = estimate
     for row in range(start, stop):
         r = row - start
@@ -100,7 +100,7 @@ def _merge(estimate: Any, noise: Any, start: Any, stop: Any, into: Any) -> None:
 
 
 @kernel
-def merge_line(estimate: Any, noise: Any, row: Any, into: Any) -> None:
+def merge_line(estimate: Line, noise: Numbers, row: int, into: Into) -> None:
     """Merge one axis' estimate of a row (W,), in the order of Estimate's fields, into the shared maps."""
     coordinate, variance, error, amplitude, offset, misfit, clipped = estimate
     read2, gain, _, _ = noise
@@ -110,8 +110,7 @@ def merge_line(estimate: Any, noise: Any, row: Any, into: Any) -> None:
     half, zero, none = np.float32(0.5), np.float32(0), np.int32(0)
     for x in range(coordinate.size):
         c, a, o = coordinate[x], amplitude[x], offset[x]
-        noise = read2 + gain * max(o, zero)
-        faint = a * a < contrast2 * noise
+        faint = a * a < contrast2 * (read2 + gain * max(o, zero))
         blind = variance[x] > extent * extent
         flag = none if first else np.int32(flags[x])
         flag |= _LOW if faint else none
@@ -149,13 +148,13 @@ def flag_amid_contradictions(flags: NDArray[np.uint16]) -> None:
 
 
 @exact
-def marks_for(width: Any) -> Any:
+def marks_for(width: int) -> NDArray[np.uint8]:
     """Room for the marks of a line, uint8, all 0."""
     return np.zeros(-(-width // 8) * 8, np.uint8)
 
 
 @exact
-def marked(marks: Any, places: Any) -> Any:
+def marked(marks: NDArray[np.uint8], places: NDArray[np.int64]) -> int:
     """Number of marked pixels of a line; places (W,): their indices. Marks are rare: eight are tested at
     once."""
     count = 0

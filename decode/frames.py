@@ -8,13 +8,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from optolever.errors import InputError
-from optolever.kernels import inlined
+from optolever.kernels import Real, inlined
 from optolever.patterns import Sequence
 
 from .response import Response, levels_of
 
 __all__ = [
+    "KernelLight",
     "Light",
+    "RawFrames",
+    "RawLevel",
     "level_of",
     "light_of",
     "sample_levels",
@@ -23,6 +26,11 @@ __all__ = [
 ]
 
 F32 = NDArray[np.float32]
+#: A camera's level as it comes, and an array of them.
+RawLevel = np.uint8 | np.uint16 | np.float32
+RawFrames = NDArray[RawLevel]
+#: `Light` for kernels, see `Light.numbers`.
+KernelLight = tuple[RawFrames, F32 | None, F32 | None, tuple[np.float32, np.float32]]
 #: Pixels of a run (a cache line of 8-bit frames).
 _RUN = 64
 
@@ -51,12 +59,12 @@ class Light:
         """The linear level at which samples saturate."""
         return float(self.table[min(int(self.clip), len(self.table) - 1)]) if len(self.table) else self.clip
 
-    def numbers(self) -> tuple[Any, ...]:
+    def numbers(self) -> KernelLight:
         """Kernel argument `light`: raw, table and spread (None where empty), raw and linear saturation
         levels."""
-        saturated = tuple(np.float32(min(level, 1e9)) for level in (self.clip, self.white))
-        tables = (one if len(one) else None for one in (self.table, self.spread))
-        return self.raw, *tables, saturated
+        clip, white = (np.float32(min(level, 1e9)) for level in (self.clip, self.white))
+        table, spread = (one if len(one) else None for one in (self.table, self.spread))
+        return self.raw, table, spread, (clip, white)
 
     def under(self, read2: float, gain: float) -> "Light":
         """Add the spread of a response for a camera whose noise variance is read2 + gain * raw level."""
@@ -138,16 +146,18 @@ def sample_levels(light: Light, places: NDArray[np.int64]) -> F32:
 
 
 @inlined
-def variance_of(value: Any, spread: Any, more: Any) -> Any:
+def variance_of(value: RawLevel, spread: F32 | None, more: Real) -> Real:
     """Variance of a linear level by the raw one, and more; 1 where all have the same."""
     if spread is None:
         return 1.0
-    return spread[np.int64(value)] + more
+    own: np.float32 = spread[np.int64(value)]
+    return own + more
 
 
 @inlined
-def level_of(value: Any, table: Any) -> Any:
+def level_of(value: RawLevel, table: F32 | None) -> np.float32:
     """Linear level of one raw one."""
     if table is None:
         return np.float32(value)
-    return table[np.int64(value)]
+    level: np.float32 = table[np.int64(value)]
+    return level

@@ -7,7 +7,7 @@ amplitude is the dark share, and its centre of light may be off by half of that 
 a slanted end, or behind a lens that blurs, see ends).
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,8 @@ U32 = NDArray[np.uint32]
 #: Flags of a line, variances of it and of the lines above and below.
 Own = tuple[U16, F32, F32, F32]
 #: Fields of SpatialLimits: jump, per_turn, squared reach, extent; and usual, jump, footprint.
+#: The pixel two before along an axis, one before, here, one after, two after.
+Five = tuple[np.float32, np.float32, np.float32, np.float32, np.float32]
 Limits = tuple[np.float32, np.float32, np.float32, np.float32]
 Footprint = tuple[np.float32, np.float32, np.float32]
 _OUTLIER, _OFF = int(Flag.OUTLIER), int(Flag.OFF_PATTERN)
@@ -226,7 +228,7 @@ def _with_ends(line: F32, out: F32) -> None:
 
 
 @exact
-def _step_on_a_map(five: Any, jump: Any) -> Any:
+def _step_on_a_map(five: Five, jump: np.float32) -> np.float32:
     """Change per pixel from both neighbours; from the nearer one in value where their second difference
     exceeds a map's (the other is beyond an edge) or one is flagged; 0 from none."""
     _, before, here, after, _ = five
@@ -235,7 +237,7 @@ def _step_on_a_map(five: Any, jump: Any) -> Any:
 
 
 @exact
-def _step_inwards(five: Any, low: Any, jump: Any) -> Any:
+def _step_inwards(five: Five, low: bool, jump: np.float32) -> np.float32:
     """Change per pixel between the next two neighbours inwards of the nearer border (low: of the low
     coordinates), because at the border neighbours read nearly the same place; at an edge, see
     _step_on_a_map."""
@@ -269,7 +271,7 @@ def _special_line(window: F32, k: int, own: Own, limits: Limits, special: U8) ->
 
 
 @inlined
-def _tell(cross: Any, noise: Any, limits: Any) -> Any:
+def _tell(cross: Five, noise: tuple[np.float32, np.float32], limits: Limits) -> bool:
     """Whether a pixel needs the checks of its neighbours or of the border. cross: the pixel and its
     neighbours in -x, +x, -y, +y; noise: variances of both second differences."""
     (c, left, right, up, down), (noise_x, noise_y), (jump, per_turn, reach2, border) = cross, noise, limits
@@ -284,11 +286,13 @@ def _tell(cross: Any, noise: Any, limits: Any) -> Any:
     away = max(min(c + low, border - half - c), np.float32(0))
     footprint2 = ((right - left) * (right - left) + (down - up) * (down - up)) * np.float32(1 / 48)
     beside = off_x + off_y != off_x + off_y  # a flagged one
-    return wide | beside | (away * away <= SHADOW2 * (reach2 + footprint2)) | (far > half_a_turn)
+    return bool(wide | beside | (away * away <= SHADOW2 * (reach2 + footprint2)) | (far > half_a_turn))
 
 
 @exact
-def _dimmer(at: Any, inner: Any, raw: Any, common: Any, per_turn: Any) -> Any:
+def _dimmer(
+    at: tuple[int, int], inner: tuple[int, int], raw: Raw, common: Common, per_turn: np.float32
+) -> np.uint8:
     """Whether a good pixel at the image's edge has significantly less light than the one two pixels inwards,
     with a relevant shift: a place moves by half of the lost share."""
     (coord, variance), (flags, amplitude, _) = raw, common
@@ -324,7 +328,7 @@ def _entry_line(c: F32, window: F32, k: int, limits: Footprint, most: np.float32
 
 
 @inlined
-def _broad_slope(five: Any, jump: Any) -> Any:
+def _broad_slope(five: Five, jump: np.float32) -> np.float32:
     """Change per pixel from both neighbours REACH pixels away. Where their second difference exceeds a map's,
     one may be beyond an edge: then from the one that agrees with the nearest neighbours."""
     far_before, before, here, after, far_after = five
@@ -379,7 +383,7 @@ def _neighbours(
     flags: U16,
     amplitude: F32,
     limits: tuple[np.float32, np.float32],
-) -> tuple[Any, Any, Any]:
+) -> tuple[np.uint16, np.float32, np.float32]:
     """Flag of a good pixel and squared shift of its centre, from its good neighbours; squared shift by the
     map's curvature."""
     here = _pixel(y, x, coord, variance, flags, amplitude)
@@ -403,7 +407,9 @@ def _neighbours(
 
 
 @exact
-def _along(five: Any, jump: Any) -> tuple[Any, Any, Any, Any]:
+def _along(
+    five: tuple[_Pixel, _Pixel, _Pixel, _Pixel, _Pixel], jump: np.float32
+) -> tuple[int, bool, np.float32, np.float32]:
     """Consistency along one axis: number of good neighbours (beyond the image: counted as good); whether the
     pixel contradicts both sides; squared shift of its centre; squared second difference beyond noise, or its
     upper bound where neither side has two good pixels."""
@@ -441,7 +447,7 @@ def _along(five: Any, jump: Any) -> tuple[Any, Any, Any, Any]:
 
 
 @exact
-def _untold(before: Any, here: Any, after: Any, jump: Any) -> Any:
+def _untold(before: _Pixel, here: _Pixel, after: _Pixel, jump: np.float32) -> np.float32:
     """Upper bound of the squared second difference where some of three pixels are flagged: its estimate plus
     noise, limited to a map's largest."""
     off = before.place + after.place - np.float32(2) * here.place
@@ -450,7 +456,7 @@ def _untold(before: Any, here: Any, after: Any, jump: Any) -> Any:
 
 
 @exact
-def _off_line(here: Any, near: Any, next_: Any) -> tuple[Any, Any]:
+def _off_line(here: _Pixel, near: _Pixel, next_: _Pixel) -> tuple[np.float32, np.float32]:
     """Squared distance from the line through the next two pixels on one side, and its variance; from a single
     neighbour without noise; 0 from none."""
     off = near.place - here.place - (next_.place - near.place if next_.good else np.float32(0))
@@ -459,7 +465,7 @@ def _off_line(here: Any, near: Any, next_: Any) -> tuple[Any, Any]:
 
 
 @exact
-def _undersampled(five: Any, per_turn: Any) -> Any:
+def _undersampled(five: Five, per_turn: np.float32) -> bool:
     """Whether the fringe order at the middle of five pixels is ambiguous. Either more than half a turn of the
     finest fringe lies between it and each neighbour, and the steps differ by a quarter of a turn (or are
     unknown); or a pixel takes nearly a turn: its contrast vanishes, and is reversed beyond.
@@ -470,4 +476,4 @@ def _undersampled(five: Any, per_turn: Any) -> Any:
     uneven = max(max(one, four), max(two, three)) - min(min(one, four), min(two, three))
     unknown = one + two + three + four != one + two + three + four
     tells = unknown | (uneven > np.float32(0.25)) | (two + three > np.float32(2 * STEEP))
-    return (min(two, three) > np.float32(0.5)) & tells
+    return bool((min(two, three) > np.float32(0.5)) & tells)

@@ -11,13 +11,16 @@ import tempfile
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 import numba
+import numpy as np
 
-__all__ = ["cache_folder", "exact", "inlined", "kernel"]
+__all__ = ["Real", "cache_folder", "exact", "inlined", "kernel"]
 
-Kernel = Callable[..., Any]
+#: A number of a kernel that single and double precision pass alike: it is compiled for either.
+Real = float | np.floating
+T = TypeVar("T")
 #: Its settings are made when numba is imported: no checker knows them.
 _config: Any = numba.config
 #: Reorderings that let loops become vector instructions; NaN and infinity keep their meaning.
@@ -26,23 +29,23 @@ _REORDER = {"contract", "reassoc", "nsz", "arcp"}
 _KEPT = 3
 
 
-def kernel(function: Kernel) -> Kernel:
+def kernel(function: Callable[..., T]) -> Callable[..., T]:
     """A loop whose sums may be reordered, so that it becomes vector instructions."""
     return _compiled(function, fastmath=_REORDER)
 
 
-def exact(function: Kernel) -> Kernel:
+def exact(function: Callable[..., T]) -> Callable[..., T]:
     """A loop that is computed as it is written."""
     return _compiled(function)
 
 
-def inlined(function: Kernel) -> Kernel:
+def inlined(function: Callable[..., T]) -> Callable[..., T]:
     """A small function that becomes part of its callers' loops. For numbers: of arrays that it takes
     references are counted on every call where it branches; those that a `kernel` takes are not."""
     return _compiled(function, fastmath=_REORDER, inline="always")
 
 
-def _compiled(function: Kernel, **options: Any) -> Kernel:
+def _compiled(function: Callable[..., T], **options: Any) -> Callable[..., T]:
     """numba.njit, cached under a key of all sources: Numba itself watches a kernel's own file only, and not
     the files of those that it calls. Where nothing can be kept, every process compiles for itself."""
     folder = cache_folder(Path(function.__code__.co_filename).parent)
@@ -51,7 +54,7 @@ def _compiled(function: Kernel, **options: Any) -> Kernel:
         made = numba.njit(cache=folder is not None, nogil=True, error_model="numpy", **options)(function)
     finally:
         _config.CACHE_DIR = before
-    return cast(Kernel, made)
+    return cast(Callable[..., T], made)
 
 
 @lru_cache(maxsize=16)

@@ -12,14 +12,14 @@ the threshold over noise and misfit; these give the posterior over words (see `p
 
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import correlate1d
 from scipy.special import ndtr
 
-from optolever.kernels import exact, inlined
+from optolever.kernels import Real, exact, inlined
 
 from ..estimate import less_likely, vanishing
 from ..flags import DOUBT
@@ -45,6 +45,8 @@ __all__ = [
 ]
 
 F32 = NDArray[np.float32]
+#: Of a pixel: place, variance, probability of another place.
+_Answer = tuple[np.float32, np.float32, np.float32]
 #: Bits per pass over a line.
 GROUP = 4
 #: Trial blurs, cells: the last one reduces the contrast of a Gray code's finest bit to 3 %.
@@ -110,16 +112,16 @@ class CodePlan(NamedTuple):
     cells: NDArray[np.int32]
     linear: bool
     levels: F32
-    misfit2: Any
+    misfit2: np.float32
     together: bool
-    hidden: Any
+    hidden: np.float32
     nested: bool
     by_fringe: bool
-    above: Any
+    above: np.float32
     contrast: F32
-    dull: Any
-    cell: Any
-    first: Any
+    dull: np.float32
+    cell: np.float32
+    first: np.float32
     freedom: int
 
 
@@ -199,13 +201,13 @@ def dull_level(code: Code, level: F32) -> float:
     return _DULL * float(bit_contrast(level[1:]).min())
 
 
-def _right_at_edges(code: Code, level: F32, contrast: NDArray[Any], b: int) -> bool:
+def _right_at_edges(code: Code, level: F32, contrast: F32, b: int) -> bool:
     """Whether bit b has the code's sign where a coarser one changes."""
     (seen,) = _at_edges(code, level, contrast, b)
     return contrast[b] > _NONE if len(seen) < _FEWEST else bool((seen <= 0).mean() < _WRONG)
 
 
-def _at_edges(code: Code, level: F32, contrast: NDArray[Any], b: int) -> tuple[F32]:
+def _at_edges(code: Code, level: F32, contrast: F32, b: int) -> tuple[F32]:
     """Level of bit b, positive if the code's sign is right, where one coarser bit changes.
 
     There a Gray code's bit is in the middle of a stripe of 0, except for the bit that follows the changing
@@ -274,7 +276,7 @@ def hidden_variance(code: Code, blur: int) -> float:
 
 @exact
 def _least_misfits(
-    levels: Any, cell: Any, margin: Any, weight: Any, reach: Any, least: Any, place: Any
+    levels: F32, cell: F32, margin: F32, weight: F32, reach: int, least: F32, place: F32
 ) -> None:
     """Least squared misfit (K,), weighted (bits,), of margins (K, bits) from mixtures of two adjacent cells
     within `reach` of a place (K,), and the place of the minimum; levels (cells, bits)."""
@@ -295,15 +297,16 @@ def _least_misfits(
 
 
 @inlined
-def turned(z: Any) -> Any:
+def turned(z: Real) -> Real:
     """Q(z) for z >= 0 within 2 % (W. Boerjesson, C. Sundberg, doi:10.1109/TCOM.1979.1094433)."""
-    return vanishing(np.float32(0.5) * z * z) / (
-        np.float32(1.64) * z + np.sqrt(np.float32(0.76) * z * z + np.float32(4))
-    )
+    root: Real = np.sqrt(np.float32(0.76) * z * z + np.float32(4))
+    return vanishing(np.float32(0.5) * z * z) / (np.float32(1.64) * z + root)
 
 
 @exact
-def posterior(margin: Any, code: Any, amplitude: Any, noise: Any, saturated: Any, alone: Any) -> Any:
+def posterior(
+    margin: F32, code: CodePlan, amplitude: np.float32, noise: np.float32, saturated: bool, alone: bool
+) -> _Answer:
     """Posterior over the words that a pixel's weak bits allow: place, variance, probability of another place.
 
     Bits are wrong independently. The result is the run of cells around the most probable one; of a nested
@@ -362,7 +365,7 @@ def posterior(margin: Any, code: Any, amplitude: Any, noise: Any, saturated: Any
 
 
 @exact
-def _weakest(weak: Any, wrong: Any, first: Any, out: Any) -> Any:
+def _weakest(weak: NDArray[np.int64], wrong: F32, first: int, out: NDArray[np.int64]) -> tuple[int, Real]:
     """Number of weak bits to combine, from bit `first` on, with the largest error probabilities, and their
     indices into `out`; probability that one of the others is wrong."""
     number, others = 0, np.float32(0)
@@ -385,7 +388,7 @@ def _weakest(weak: Any, wrong: Any, first: Any, out: Any) -> Any:
 
 
 @exact
-def _connected(chance: Any, alone: Any) -> Any:
+def _connected(chance: F32, alone: bool) -> _Answer:
     """From probabilities of cells: place (cells), variance, and probability outside the run of cells around
     the most probable one. Each cell of the run above DOUBT is within five deviations. Not alone: the most
     probable cell itself, and the variance beyond its neighbours."""
@@ -409,12 +412,19 @@ def _connected(chance: Any, alone: Any) -> Any:
     variance = square / total - mean * mean + 1 / 12
     for at in range(low, high + 1):
         if chance[at] > np.float32(DOUBT):
-            variance = max(variance, ((abs(at - best - mean) + 0.5) / 5) ** 2)
+            variance = max(variance, np.square((abs(at - best - mean) + 0.5) / 5))
     return np.float32(best + mean), np.float32(variance), error
 
 
 @exact
-def mixture(margin: Any, code: Any, amplitude: Any, noise: Any, alone: Any, read: Any) -> Any:
+def mixture(
+    margin: F32,
+    code: CodePlan,
+    amplitude: np.float32,
+    noise: np.float32,
+    alone: bool,
+    read: tuple[np.float32, np.float32],
+) -> _Answer:
     """Posterior over the mixtures of two adjacent cells that the weak bits of a pixel allow, for codes that
     change several bits together: place, variance, probability of another cell. read: place and variance if
     there is no result."""
@@ -430,7 +440,7 @@ def mixture(margin: Any, code: Any, amplitude: Any, noise: Any, alone: Any, read
                 return read[0], read[1], np.float32(1)
             weak[count] = b
             count += 1
-    judged = noise / (amplitude * amplitude) + unlike2
+    judged = float(noise / (amplitude * amplitude)) + unlike2
     best, at, curve = np.inf, 0, 1.0
     weight, near, beside = 0.0, 0.0, 0.0
     for turn in range(2):  # the best mixture, then the weights of all, of its cell and adjacent ones
@@ -454,14 +464,14 @@ def mixture(margin: Any, code: Any, amplitude: Any, noise: Any, alone: Any, read
     if weight == 0.0:
         return read[0], read[1], np.float32(1)
     # the mixture's edge has the variance of its share, a cell that of its width
-    variance = min(noise / (amplitude * amplitude * curve), 0.25)
+    variance = min(float(noise / (amplitude * amplitude * curve)), 0.25)
     variance += 1 / 12 + beside / weight if alone else 0.0
     place = code.first + code.cell * np.float32(at)
     return place, code.cell * code.cell * np.float32(variance), np.float32(1 - near / weight)
 
 
 @inlined
-def _near(c: Any, share: Any, deviation: Any, at: Any) -> Any:
+def _near(c: int, share: float, deviation: float, at: int) -> Real:
     """Probability that a place between cells c and c + 1, known to a deviation, is in cell `at` or next to
     it."""
     if c == at or c == at - 1:
@@ -473,7 +483,9 @@ def _near(c: Any, share: Any, deviation: Any, at: Any) -> Any:
 
 
 @exact
-def _mixture(margin: Any, factor: Any, amplitude: Any, one: Any, other: Any) -> tuple[Any, Any, Any]:
+def _mixture(
+    margin: F32, factor: F32, amplitude: np.float32, one: F32, other: F32
+) -> tuple[float, float, float]:
     """Best mixture of two cells' levels: squared misfit over the factor and the squared amplitude, share of
     the second cell, curvature; margins, factors, levels: (bits,)."""
     top, bottom = 0.0, 1e-6

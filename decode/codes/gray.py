@@ -13,18 +13,18 @@ their mean is not tested; a single bit that is brighter than the mean of black a
 saturate, may have either value.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from optolever.kernels import exact, inlined, kernel
 
-from ..estimate import Estimate, vanishing
+from ..estimate import Estimate, Line, vanishing
 from ..flags import DOUBT, Into, marked, marks_for, merge_line
-from ..frames import Light, level_of
+from ..frames import KernelLight, Light, RawFrames, level_of
 from ..plan import Code, Fringe, Plan
-from ..profile.noise import Noise, Sample, product
+from ..profile.noise import Noise, Numbers, Sample, product
 from .bit_levels import (
     GROUP,
     WEAK,
@@ -63,19 +63,27 @@ _PIXELS, _AT_EDGES = 1024, 8192
 _WEAKEST, _LEAST, _SECOND, _LARGEST, _KEPT = 0, 1, 2, 3, 4
 
 
+F32 = NDArray[np.float32]
+#: Of a bit: row of CodePlan.share, value, scale and counts.
+_Bit = tuple[np.float32, np.float32, np.float32, np.float32, np.float32, np.int32, np.float32, np.float32]
+#: A line of each frame of a group of bits; the word and the other state of a pixel's bits.
+_Group = tuple[RawFrames, RawFrames, RawFrames, RawFrames]
+_Kept = tuple[np.int32, np.float32, np.float32, np.float32, np.float32]
+
+
 class _Room(NamedTuple):
     """Workspace for a line: words (W,), of a linear code cells; state of the bits (2, _KEPT, W); deviations
     of pair means from the mean level, summed, and squared (2, W); squared distance of the weakest bit from
     its threshold in deviations (W,); differences of one pixel (bits,); marks of pixels with several weak
     bits, and their indices (W,)."""
 
-    word: Any
-    kept: Any
-    off: Any
-    sure: Any
-    margin: Any
-    several: Any
-    places: Any
+    word: NDArray[np.int32]
+    kept: F32
+    off: F32
+    sure: F32
+    margin: F32
+    several: NDArray[np.uint8]
+    places: NDArray[np.int64]
 
 
 class Resolved(NamedTuple):
@@ -187,7 +195,7 @@ class _Bits(NamedTuple):
         """Bits from a first one on."""
         return self._replace(frames=self.frames[first:], pairs=self.pairs[first:], factor=self.factor[first:])
 
-    def levelled(self, levels: Any) -> "_Bits":
+    def levelled(self, levels: F32) -> "_Bits":
         """With the threshold's offset: median over pixels of the middle of the bits' levels."""
         if self.mean is None:
             return self
@@ -196,13 +204,13 @@ class _Bits(NamedTuple):
         middle = 0.5 * (margin.min(axis=0) + margin.max(axis=0)) / self._wave(levels)[1]
         return self._replace(above=float(np.median(middle[both])) if both.any() else 0.0)
 
-    def _wave(self, levels: Any) -> tuple[Any, Any]:
+    def _wave(self, levels: F32) -> tuple[F32, F32]:
         """Mean level and amplitude (K,) of the fringe."""
         assert self.mean is not None
         mean, c, s = product(self.mean.inverse.astype(np.float32), levels[list(self.mean.index)])
         return mean, np.maximum(np.hypot(c, s), np.float32(1e-3))
 
-    def margins(self, levels: Any) -> tuple[Any, Any]:
+    def margins(self, levels: F32) -> tuple[F32, F32]:
         """Differences (bits, K), and the amplitude (K,), of sampled levels (N, K)."""
         white, black = levels[self.ends[0]], levels[self.ends[1]]
         mean = 0.5 * (white + black)
@@ -222,7 +230,9 @@ def read_code(light: Light, noise: Noise, code: CodePlan, rows: tuple[int, int],
 
 
 @exact
-def _read_rows(light: Any, rows: Any, code: Any, noise: Any, out: Any) -> None:
+def _read_rows(
+    light: KernelLight, rows: tuple[int, int], code: CodePlan, noise: Numbers, out: Estimate
+) -> None:
     place, var, error, amplitude, offset, chi2, clipped = out
     room = room_for(code, place.shape[1])
     for row in range(rows[0], rows[1]):
@@ -237,7 +247,9 @@ def decode_code(light: Light, noise: Noise, code: CodePlan, rows: tuple[int, int
 
 
 @exact
-def _decode_rows(light: Any, rows: Any, code: Any, noise: Any, into: Any) -> None:
+def _decode_rows(
+    light: KernelLight, rows: tuple[int, int], code: CodePlan, noise: Numbers, into: Into
+) -> None:
     """Row by row, so that the data of a row stay in the cache."""
     width = into.place.shape[1]
     room, own = room_for(code, width), np.empty((5, width), np.float32)
@@ -248,7 +260,7 @@ def _decode_rows(light: Any, rows: Any, code: Any, noise: Any, into: Any) -> Non
 
 
 @exact
-def room_for(code: Any, width: Any) -> Any:
+def room_for(code: CodePlan, width: int) -> _Room:
     """Workspace for a line."""
     kept, off = np.empty((2, _KEPT, width), np.float32), np.empty((2, width), np.float32)
     margin = np.empty(code.factor.size, np.float32)
@@ -257,7 +269,9 @@ def room_for(code: Any, width: Any) -> Any:
 
 
 @exact
-def read_line(light: Any, row: Any, code: Any, alone: Any, noise: Any, room: Any, out: Any) -> None:
+def read_line(
+    light: KernelLight, row: int, code: CodePlan, alone: bool, noise: Numbers, room: _Room, out: Line
+) -> None:
     """Decode a row into out, an Estimate's arrays, each (W,); light: see `Light.numbers`.
 
     alone: variances include the place within the cell and an equally likely neighbour; else the cell's edges
@@ -282,12 +296,20 @@ def read_line(light: Any, row: Any, code: Any, alone: Any, noise: Any, room: Any
         for x in range(a.size):
             room.several[x] |= np.uint8(clipped[x] > 0)
     for x in room.places[: marked(room.several, room.places)]:
-        _reread(raw, row, table, x, code, alone, noise, room.margin, out)
+        _reread(raw, table, row, x, code, alone, noise, room.margin, out)
 
 
 @exact
 def _reread(
-    raw: Any, row: Any, table: Any, x: Any, code: Any, alone: Any, noise: Any, margin: Any, out: Any
+    raw: RawFrames,
+    table: F32 | None,
+    row: int,
+    x: int,
+    code: CodePlan,
+    alone: bool,
+    noise: Numbers,
+    margin: F32,
+    out: Line,
 ) -> None:
     """A pixel with several weak bits, or with saturated white; margin (bits,): workspace."""
     place, var, error, a, o, _, clipped = out
@@ -305,9 +327,12 @@ def _reread(
 
 
 @exact
-def _compared(raw: Any, row: Any, table: Any, code: Any, pairs: Any, offset: Any, room: Any) -> Any:
+def _compared(
+    raw: RawFrames, row: int, table: F32 | None, code: CodePlan, pairs: np.float32, offset: F32, room: _Room
+) -> F32:
     """Words of a line, and the state of their bits (_KEPT, W)."""
-    before, after = room.kept[0], room.kept[1]
+    before: F32 = room.kept[0]
+    after: F32 = room.kept[1]
     before[_WEAKEST], before[_LARGEST] = np.float32(0), np.float32(0)
     before[_LEAST], before[_SECOND] = np.float32(1e9), np.float32(1e9)
     for b in range(0, code.value.size, GROUP):
@@ -325,7 +350,13 @@ def _compared(raw: Any, row: Any, table: Any, code: Any, pairs: Any, offset: Any
 
 @kernel
 def _references(
-    white: Any, black: Any, table: Any, clip: Any, amplitude: Any, offset: Any, clipped: Any
+    white: RawFrames,
+    black: RawFrames,
+    table: F32 | None,
+    clip: np.float32,
+    amplitude: F32,
+    offset: F32,
+    clipped: F32,
 ) -> None:
     half, one, zero = np.float32(0.5), np.float32(1), np.float32(0)
     for x in range(offset.size):
@@ -335,36 +366,36 @@ def _references(
 
 
 @kernel
-def _moved(largest: Any, amplitude: Any) -> None:
+def _moved(largest: F32, amplitude: F32) -> None:
     """Take the largest difference as amplitude, and set its excess to none."""
     for x in range(amplitude.size):
         amplitude[x], largest[x] = largest[x], np.float32(0)
 
 
 @inlined
-def _bit(code: Any, b: Any) -> Any:
+def _bit(code: CodePlan, b: int) -> _Bit:
     """Parameters of a bit."""
     share = code.share[b]
     return share[0], share[1], share[2], share[3], share[4], code.value[b], code.scale[b], code.counts[b]
 
 
 @inlined
-def _single(one: Any, offset: Any, bit: Any) -> Any:
+def _single(one: np.float32, offset: np.float32, bit: _Bit) -> np.float32:
     """Contribution of a bit to its difference from its inverse, or from the mean level."""
     return bit[0] * one + bit[2] * offset + bit[3]
 
 
 @kernel
 def _join(
-    ones: Any,
-    others: Any,
-    table: Any,
-    bits: Any,
-    offset: Any,
-    word: Any,
-    off: Any,
-    before: Any,
-    after: Any,
+    ones: _Group,
+    others: _Group | None,
+    table: F32 | None,
+    bits: tuple[_Bit, _Bit, _Bit, _Bit],
+    offset: F32,
+    word: NDArray[np.int32],
+    off: F32,
+    before: F32,
+    after: F32,
 ) -> None:
     """Add a group of bits to the words, their state, and the deviations of pair means; others: inverses or
     None."""
@@ -392,13 +423,15 @@ def _join(
 
 
 @inlined
-def _paired(one: Any, margin: Any, other: Any, offset: Any, bit: Any) -> Any:
+def _paired(
+    one: np.float32, margin: np.float32, other: np.float32, offset: np.float32, bit: _Bit
+) -> tuple[np.float32, np.float32]:
     """Difference of a bit and its inverse, and the deviation of their mean from the mean level."""
     return margin + bit[1] * other, bit[4] * (np.float32(0.5) * (one + other) - offset)
 
 
 @inlined
-def _with_bit(margin: Any, bit: Any, kept: Any) -> Any:
+def _with_bit(margin: np.float32, bit: _Bit, kept: _Kept) -> _Kept:
     """State with one more bit: word, value of the weakest bit, its weakness and that of the next (deviations
     of a sample), largest difference that counts."""
     (word, weakest, least, second, largest), value, size = kept, bit[5], abs(margin)
@@ -413,7 +446,9 @@ def _with_bit(margin: Any, bit: Any, kept: Any) -> Any:
 
 
 @kernel
-def _cells_line(room: Any, kept: Any, code: Any, numbers: Any, out: Any) -> None:
+def _cells_line(
+    room: _Room, kept: F32, code: CodePlan, numbers: tuple[np.float32, np.float32, bool, Numbers], out: Line
+) -> None:
     """Cells of the words; expected shift by an error of the weakest bit."""
     place, var, error, amplitude, offset, chi2, clipped = out
     zero, half, eighth, one = np.float32(0), np.float32(0.5), np.float32(0.125), np.float32(1)
@@ -458,7 +493,9 @@ def _cells_line(room: Any, kept: Any, code: Any, numbers: Any, out: Any) -> None
 
 
 @kernel
-def _several_weak(second: Any, misfit2: Any, noise: Any, amplitude: Any, offset: Any, several: Any) -> None:
+def _several_weak(
+    second: F32, misfit2: np.float32, noise: Numbers, amplitude: F32, offset: F32, several: NDArray[np.uint8]
+) -> None:
     """Mark pixels (W,) with more than one weak bit, except pixels without contrast."""
     sure = np.float32(WEAK * WEAK)
     for x in range(several.size):

@@ -13,9 +13,8 @@ Start of the search: the neighbour's place (any levels), the brightest frame (st
 (codes).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +27,8 @@ from ..estimate import Estimate
 from ..frames import Light
 from ..plan import AxisPlan, Plan
 from ..profile.noise import Noise, Sample, fitted_noise
-from .lookup_kernels import SEARCH, SWEEP, WITHIN, Camera, match_rows
+from .lookup_kernels import SEARCH, SWEEP, WITHIN, match_rows
+from .lookup_light import Camera
 from .lookup_tables import USUAL, Optics, Table, table_of
 
 __all__ = ["Table", "lookup_rows", "prepare"]
@@ -257,7 +257,7 @@ def _scattering(fitted: Callable[[float, float], _Fit], spread: float) -> tuple[
     excess = max(usual.excess, 1e-3)
     start = [(spread, 0.0), (0.9 * spread, 0.1), (spread, 0.1)]
 
-    def unlikely(at: Any) -> float:
+    def unlikely(at: Iterable[float]) -> float:
         return fitted(*at).unlikely(excess)
 
     least = usual.unlikely(excess)

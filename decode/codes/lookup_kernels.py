@@ -4,18 +4,34 @@ Most pixels continue the places of the pixels before them: batches of these are 
 The remaining pixels are searched one by one (lookup_search).
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from optolever.kernels import exact, kernel
 
-from ..estimate import less_likely
-from .lookup_light import BATCH, SATURATED, beside, brightest, gather
-from .lookup_search import AROUND, COARSE, PER_PX, SURE, answer_of, fitted, lead_of, target_of, used_products
+from ..estimate import Estimate, less_likely
+from ..frames import RawFrames
+from .lookup_light import BATCH, SATURATED, Camera, beside, brightest, gather
+from .lookup_search import (
+    AROUND,
+    COARSE,
+    PER_PX,
+    SURE,
+    Book,
+    Bounds,
+    Search,
+    answer_of,
+    fitted,
+    lead_of,
+    target_of,
+    used_products,
+)
 
-__all__ = ["SEARCH", "SWEEP", "WITHIN", "Camera", "match_rows"]
+__all__ = ["SEARCH", "SWEEP", "WITHIN", "match_rows"]
 
+F32 = NDArray[np.float32]
 _ZERO, _ONE = np.float32(0), np.float32(1)
 #: Start of a pixel's search.
 SEARCH, SWEEP, WITHIN = 0, 1, 2
@@ -34,18 +50,6 @@ _NOTHING = np.float32(18)
 _STEEP = np.float32(4)
 
 
-class Camera(NamedTuple):
-    """raw (N, H, W), level of each raw value (empty: linear), white level, variance = read2 + gain level +
-    misfit2 amplitude^2."""
-
-    raw: Any
-    table: Any
-    clip: Any
-    read2: Any
-    gain: Any
-    misfit2: Any
-
-
 class Batch(NamedTuple):
     """A batch of pixels of a row, K = BATCH.
 
@@ -55,17 +59,17 @@ class Batch(NamedTuple):
     block, low, place  (K,) block of the book, coordinate of its first codeword, number of the codeword
     """
 
-    lines: Any
-    y: Any
-    used: Any
-    room: Any
-    block: Any
-    low: Any
-    place: Any
+    lines: F32
+    y: F32
+    used: F32
+    room: F32
+    block: NDArray[np.int64]
+    low: F32
+    place: NDArray[np.int64]
 
 
 @kernel
-def _begin(batch: Any, camera: Any, book: Any, at: Any, given: Any) -> None:
+def _begin(batch: Batch, camera: Camera, book: Book, at: NDArray[np.int16], given: F32) -> None:
     """Noise of a batch's pixels; mark those with a pattern and, if places are given, with a place."""
     n, summed, room = book.frames.shape[1], book.frames.shape[2], batch.room
     read2, gain = np.float32(camera.read2 / summed), np.float32(camera.gain / summed)
@@ -84,7 +88,9 @@ def _begin(batch: Any, camera: Any, book: Any, at: Any, given: Any) -> None:
 
 
 @kernel
-def _follow(batch: Any, book: Any, apart: Any, way: Any, bounds: Any, line: Any, x: Any, begin: Any) -> Any:
+def _follow(
+    batch: Batch, book: Book, apart: F32, way: int, bounds: Bounds, line: F32, x: int, begin: int
+) -> int:
     """Follow a batch's pixels from the places before them, group by group from `begin` on, up to the first
     group with unfinished pixels.
 
@@ -144,7 +150,7 @@ def _follow(batch: Any, book: Any, apart: Any, way: Any, bounds: Any, line: Any,
 
 
 @kernel
-def _before(line: Any, x: Any, back: Any) -> Any:
+def _before(line: F32, x: int, back: int) -> tuple[np.float32, np.float32]:
     """Place of the pixel before x (NaN: unknown), and slope between that and one `back` before it."""
     before = line[x - 1] if x > 0 else np.float32(np.nan)
     slope = (before - line[x - 1 - back]) / np.float32(back) if x > back else _ZERO
@@ -152,7 +158,9 @@ def _before(line: Any, x: Any, back: Any) -> Any:
 
 
 @exact
-def _alone(batch: Any, book: Any, search: Any, way: Any, bounds: Any, line: Any, x: Any, k: Any) -> None:
+def _alone(
+    batch: Batch, book: Book, search: Search, way: int, bounds: Bounds, line: F32, x: int, k: int
+) -> None:
     """Search pixel k of a batch that starts at x."""
     words, angles, room, b = book.words, book.angles, batch.room, batch.block[k]
     n, count = batch.lines.shape[0], np.int64(room[_COUNT + k] + 0.5)
@@ -178,7 +186,7 @@ def _alone(batch: Any, book: Any, search: Any, way: Any, bounds: Any, line: Any,
 
 
 @kernel
-def _placed(batch: Any, book: Any, camera: Any) -> None:
+def _placed(batch: Batch, book: Book, camera: Camera) -> None:
     """Variances (px^2), offsets and chi2 of a batch; they replace guesses, means of codewords and squared
     residuals.
 
@@ -213,7 +221,9 @@ def _placed(batch: Any, book: Any, camera: Any) -> None:
 
 
 @kernel
-def _write(batch: Any, line: Any, edges: Any, r: Any, x: Any, reach: Any, out: Any) -> None:
+def _write(
+    batch: Batch, line: F32, edges: tuple[float, float], r: int, x: int, reach: np.float32, out: Estimate
+) -> None:
     """Write a batch into row r of an Estimate; reach (px, 0: write all): only results with a lower variance
     than the given place's, and within reach of it."""
     coordinates, variances, errors, amplitudes, offsets, chi2, clipped = out
@@ -242,7 +252,7 @@ def _write(batch: Any, line: Any, edges: Any, r: Any, x: Any, reach: Any, out: A
 
 
 @kernel
-def _second_stripe(batch: Any, other: Any, camera: Any, summed: Any) -> None:
+def _second_stripe(batch: Batch, other: RawFrames, camera: Camera, summed: int) -> None:
     """Probability that a sweep's true place is the stripe of `other` levels (K,), elsewhere."""
     room = batch.room
     for k in range(other.size):
@@ -260,7 +270,15 @@ def _second_stripe(batch: Any, other: Any, camera: Any, summed: Any) -> None:
 
 @exact
 def match_rows(
-    camera: Any, book: Any, way: Any, search: Any, limit: Any, edges: Any, start: Any, stop: Any, out: Any
+    camera: Camera,
+    book: Book,
+    way: int,
+    search: Search,
+    limit: float,
+    edges: tuple[float, float],
+    start: int,
+    stop: int,
+    out: Estimate,
 ) -> None:
     """Decode rows start..stop into out, the arrays of an Estimate.
 
@@ -286,8 +304,8 @@ def match_rows(
     for row in range(start, stop):
         r = row - start
         if way == SWEEP:
-            brightest(raw, book.index, row, camera.clip, top, at)
-            beside(raw, book.index, row, at, n // 2, book.across, other)
+            brightest(raw, book.swept, row, camera.clip, top, at)
+            beside(raw, book.swept, row, at, n // 2, book.across, other)
         for x in range(0, width, BATCH):
             stop_x = min(x + BATCH, width)
             gather(camera, book, row, x, at, lines, y, room)

@@ -1,21 +1,40 @@
 """Compiled: rows of frames as the look-up reads them: brightest frames, vectors of samples, linear levels."""
 
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from optolever.kernels import inlined, kernel
 
-__all__ = ["BATCH", "SATURATED", "beside", "brightest", "gather"]
+from ..frames import RawFrames, RawLevel
+from .lookup_search import Book
 
+__all__ = ["BATCH", "SATURATED", "Camera", "beside", "brightest", "gather"]
+
+F32 = NDArray[np.float32]
+I16 = NDArray[np.int16]
+I64 = NDArray[np.int64]
 #: Pixels per conversion into vectors: they fit the first-level cache.
 BATCH = 64
 #: Level of a saturated sample; a mean with one is saturated, too.
 SATURATED = np.float32(-np.inf)
 
 
+class Camera(NamedTuple):
+    """raw (N, H, W), level of each raw value (empty: linear), white level, variance = read2 + gain level +
+    misfit2 amplitude^2."""
+
+    raw: RawFrames
+    table: F32
+    clip: float
+    read2: float
+    gain: float
+    misfit2: float
+
+
 @kernel
-def brightest(raw: Any, index: Any, row: Any, clip: Any, top: Any, at: Any) -> None:
+def brightest(raw: RawFrames, index: I64, row: int, clip: float, top: RawFrames, at: I16) -> None:
     """Largest level of each pixel of a row, and its first frame; the middle one of consecutive saturated
     frames."""
     top[:], at[:] = 0, 0
@@ -30,14 +49,14 @@ def brightest(raw: Any, index: Any, row: Any, clip: Any, top: Any, at: Any) -> N
 
 
 @kernel
-def _raise(line: Any, place: Any, top: Any, at: Any) -> None:
+def _raise(line: RawFrames, place: np.int16, top: RawFrames, at: I16) -> None:
     for x in range(line.size):
         at[x] = place if line[x] > top[x] else at[x]
         top[x] = max(line[x], top[x])
 
 
 @kernel
-def beside(raw: Any, index: Any, row: Any, at: Any, away: Any, across: Any, other: Any) -> None:
+def beside(raw: RawFrames, index: I64, row: int, at: I16, away: int, across: int, other: RawFrames) -> None:
     """Largest level of the frames that are more than `away` from `at` along either axis of a raster that is
     `across` frames wide."""
     other[:] = 0
@@ -49,7 +68,7 @@ def beside(raw: Any, index: Any, row: Any, at: Any, away: Any, across: Any, othe
 
 
 @kernel
-def _compare(line: Any, i: Any, j: Any, away: Any, down: Any, right: Any, other: Any) -> None:
+def _compare(line: RawFrames, i: int, j: int, away: int, down: I16, right: I16, other: RawFrames) -> None:
     above, below = np.int16(i - away), np.int16(i + away)
     left, beyond = np.int16(j - away), np.int16(j + away)
     for x in range(line.size):
@@ -61,7 +80,7 @@ def _compare(line: Any, i: Any, j: Any, away: Any, down: Any, right: Any, other:
 
 @kernel
 def gather(
-    camera: Any, book: Any, row: Any, first: Any, at: Any, lines: Any, batch: Any, pixels: Any
+    camera: Camera, book: Book, row: int, first: int, at: I16, lines: F32, batch: F32, pixels: F32
 ) -> None:
     """Samples of the pixels first.. of a row -> lines (n, BATCH), linear levels or SATURATED; less their mean
     -> batch (BATCH, n), saturated ones 0; pixels (3 BATCH..): means, squared sums, numbers of unsaturated
@@ -84,13 +103,13 @@ def gather(
 
 
 @inlined
-def _level(value: Any, table: Any, clip: Any) -> Any:
+def _level(value: RawLevel, table: F32, clip: np.float32) -> np.float32:
     linear = table[np.int64(value)] if table.size > 0 else np.float32(value)
     return SATURATED if value >= clip else linear
 
 
 @kernel
-def _means(raw: Any, table: Any, clip: Any, frames: Any, at: Any, out: Any) -> None:
+def _means(raw: RawFrames, table: F32, clip: np.float32, frames: I64, at: I16, out: F32) -> None:
     """Mean level of the frames (K', S)[at[k]] for each pixel k (raw (N, K)); SATURATED if one is."""
     for k in range(raw.shape[1]):
         total = np.float32(0)
@@ -100,7 +119,7 @@ def _means(raw: Any, table: Any, clip: Any, frames: Any, at: Any, out: Any) -> N
 
 
 @kernel
-def _convert(line: Any, table: Any, clip: Any, out: Any) -> None:
+def _convert(line: RawFrames, table: F32, clip: np.float32, out: F32) -> None:
     if table.size > 0:
         for k in range(line.size):
             out[k] = _level(line[k], table, clip)
@@ -110,7 +129,7 @@ def _convert(line: Any, table: Any, clip: Any, out: Any) -> None:
 
 
 @kernel
-def _add(line: Any, total: Any, count: Any) -> None:
+def _add(line: F32, total: F32, count: F32) -> None:
     for k in range(BATCH):
         whole = line[k] > SATURATED
         total[k] += line[k] if whole else np.float32(0)
@@ -118,7 +137,7 @@ def _add(line: Any, total: Any, count: Any) -> None:
 
 
 @kernel
-def _deviate(line: Any, mean: Any, power: Any, out: Any) -> None:
+def _deviate(line: F32, mean: F32, power: F32, out: F32) -> None:
     """Subtract the mean, with saturated samples 0; add squares."""
     for k in range(BATCH):
         own = line[k] - mean[k] if line[k] > SATURATED else np.float32(0)

@@ -5,11 +5,12 @@ Codewords are stored without their mean, which removes the offset o: y = v - mea
 z_q + f d_q, d_q = z_(q+1) - z_q, and the scale a and the place f of the best fit solve a 2 x 2 system.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from optolever.kernels import exact, inlined, kernel
+from optolever.kernels import Real, exact, inlined, kernel
 
 __all__ = [
     "AROUND",
@@ -19,6 +20,7 @@ __all__ = [
     "RIVALS",
     "SURE",
     "Book",
+    "Bounds",
     "Search",
     "answer_of",
     "fitted",
@@ -27,6 +29,15 @@ __all__ = [
     "used_products",
 ]
 
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+I64 = NDArray[np.int64]
+#: Squared residuals of a fit, and lead over other places, over the noise's variance.
+Bounds = tuple[np.float32, np.float32]
+#: Segment, place on it, scale and squared residuals of a walk; mean, squared sum, number of unsaturated
+#: samples and of all of a pixel.
+_Walk = tuple[int, np.float32, np.float32, np.float32]
+_Sums = tuple[np.float32, np.float32, int, int]
 _ZERO, _ONE = np.float32(0), np.float32(1)
 #: Codewords per pattern pixel, and samples per vector instruction: codewords are filled up to a multiple.
 PER_PX, LANES = 8, 8
@@ -54,31 +65,33 @@ class Book(NamedTuple):
     angles   (B, Q, 6) |z|^2, z.d, |d|^2, mean, least sin^2 of the next angles where they differ, else 1, and
              height above the mean of the samples that change (weighted by their squares)
     reach    codewords around a place that may fit as well
-    index    (K,) frames of the stripes or spots; across: how many lie side by side along the other axis
+    swept    (K,) frames of the stripes or spots; across: how many lie side by side along the other axis
     """
 
-    frames: Any
-    block: Any
-    first: Any
-    words: Any
-    angles: Any
-    reach: Any
-    freedom: Any
-    index: Any
-    across: Any
+    frames: I64
+    block: I64
+    first: F64
+    words: F32
+    angles: F32
+    reach: int
+    freedom: int
+    swept: I64
+    across: int
 
 
 class Search(NamedTuple):
     """Of the surface: coarse (M, P) unit codewords; rivals (P, RIVALS), the most similar ones elsewhere, in
     descending order; apart (RIVALS + 1, P, 2), sine and cosine of the angles to them and to the next one."""
 
-    coarse: Any
-    rivals: Any
-    apart: Any
+    coarse: F32
+    rivals: I64
+    apart: F32
 
 
 @kernel
-def used_products(used: Any, z: Any, b: Any, q: Any) -> Any:
+def used_products(
+    used: F32, z: F32, b: int, q: int
+) -> tuple[np.float32, np.float32, np.float32, np.float32, np.float32]:
     """|z|^2, z.d, |d|^2 over the samples in use, less their means; means of z and d."""
     count, mean, step = np.float32(1e-6), np.float32(0), np.float32(0)
     zz, zd, dd = np.float32(0), np.float32(0), np.float32(0)
@@ -91,7 +104,9 @@ def used_products(used: Any, z: Any, b: Any, q: Any) -> Any:
 
 
 @inlined
-def fitted(near: Any, rise: Any, zz: Any, zd: Any, dd: Any) -> Any:
+def fitted(
+    near: np.float32, rise: np.float32, zz: np.float32, zd: np.float32, dd: np.float32
+) -> tuple[np.float32, np.float32, np.float32, np.float32]:
     """Of y = a (z + f d): f and its numerator, and scale and squared length of the best fit within 0..1."""
     a, af = near * dd - rise * zd, rise * zz - near * zd
     f = af / a if a > _ZERO else (np.float32(99) if af > _ZERO else np.float32(-99))
@@ -103,14 +118,14 @@ def fitted(near: Any, rise: Any, zz: Any, zd: Any, dd: Any) -> Any:
 
 
 @inlined
-def target_of(q: Any, f: Any, last: Any) -> Any:
+def target_of(q: int, f: np.float32, last: int) -> int:
     """The segment of a fit, limited to a step of one pixel."""
     away = min(max(np.floor(f), np.float32(-PER_PX)), np.float32(PER_PX))
-    return min(max(q + np.int64(away), 0), last)
+    return min(max(q + int(away), 0), last)
 
 
 @inlined
-def lead_of(rss: Any, power: Any, s: Any, c: Any) -> Any:
+def lead_of(rss: Real, power: Real, s: np.float32, c: np.float32) -> Real:
     """Lower bound on the excess of another codeword's squared residuals, halved; s, c: sine and cosine of its
     angle to the result.
 
@@ -118,12 +133,14 @@ def lead_of(rss: Any, power: Any, s: Any, c: Any) -> Any:
     its squared residuals are larger by power sin(apart) sin(apart - 2 t).
     """
     rss = min(rss, power)
-    half = np.sqrt(rss * (power - rss))
+    half: Real = np.sqrt(rss * (power - rss))
     return np.float32(0.5) * s * (s * (power - rss - rss) - c * (half + half))
 
 
 @kernel
-def _walk(y: Any, k: Any, used: Any, whole: Any, power: Any, z: Any, angles: Any, b: Any, start: Any) -> Any:
+def _walk(
+    y: F32, k: int, used: F32, whole: bool, power: np.float32, z: F32, angles: F32, b: int, start: int
+) -> _Walk:
     """Descend from codeword `start`: (q, f, a, squared residuals) of the best place on segments q..q+1, over
     the samples in use (whole: all); y is 0 for the others."""
     last = z.shape[1] - 2
@@ -147,7 +164,7 @@ def _walk(y: Any, k: Any, used: Any, whole: Any, power: Any, z: Any, angles: Any
 
 
 @kernel
-def _scores(y: Any, k: Any, used: Any, whole: Any, coarse: Any, score: Any) -> None:
+def _scores(y: F32, k: int, used: F32, whole: bool, coarse: F32, score: F32) -> None:
     """Correlation of samples with all codewords (M, P) of unit length, over the samples in use."""
     score[:] = np.float32(0)
     for m in range(coarse.shape[0]):
@@ -167,7 +184,7 @@ def _scores(y: Any, k: Any, used: Any, whole: Any, coarse: Any, score: Any) -> N
 
 
 @exact
-def _highest(score: Any, place: Any, value: Any) -> None:
+def _highest(score: F32, place: I64, value: F64) -> None:
     """The highest local maxima of a score, descending."""
     value[:] = 0.0
     place[:] = -1
@@ -187,8 +204,8 @@ def _highest(score: Any, place: Any, value: Any) -> None:
 
 @exact
 def _compared(
-    y: Any, k: Any, used: Any, sums: Any, z: Any, angles: Any, reach: Any, places: Any, noise: Any, first: Any
-) -> Any:
+    y: F32, k: int, used: F32, sums: _Sums, book: Book, places: I64, noise: Real, first: _Walk
+) -> tuple[_Walk, np.float32]:
     """Best of a first result and the results from coarse codewords at other places: (walk's result,
     probability of another place)."""
     left, found = np.empty(_ANSWERS + 1), np.empty(_ANSWERS + 1)
@@ -196,14 +213,14 @@ def _compared(
     fit = first
     left[0], found[0] = first[3], first[0] + first[1]
     for j in range(1, count):
-        one = _walk(y, k, used, whole, sums[1], z, angles, 0, places[j - 1] * per + per // 2)
+        one = _walk(y, k, used, whole, sums[1], book.words, book.angles, 0, places[j - 1] * per + per // 2)
         fit = one if one[3] < fit[3] else fit
         left[j], found[j] = one[3], one[0] + one[1]
     own = max(sums[2] - 3.0, 1.0)
     noise *= max(fit[3] / (own * noise) - 2 * np.sqrt(2.0 / own), 1.0)
     total = 0.0
     for i in range(count):
-        again = abs(found[i] - fit[0] - fit[1]) <= 2 * reach
+        again = abs(found[i] - fit[0] - fit[1]) <= 2 * book.reach
         for j in range(i):  # two maxima may lead to the same place
             again |= abs(found[i] - found[j]) < PER_PX
         if not again:
@@ -213,8 +230,8 @@ def _compared(
 
 @exact
 def _likely(
-    y: Any, pixel: Any, used: Any, whole: Any, coarse: Any, score: Any, place: Any, value: Any
-) -> Any:
+    y: F32, pixel: int, used: F32, whole: bool, coarse: F32, score: F32, place: I64, value: F64
+) -> int:
     """Number of candidate places over the whole surface; they are the first of `place`."""
     _scores(y, pixel, used, whole, coarse, score)
     _highest(score, place, value)
@@ -226,7 +243,7 @@ def _likely(
 
 
 @exact
-def _rivals(fit: Any, sums: Any, apart: Any, lead: Any) -> Any:
+def _rivals(fit: _Walk, sums: _Sums, apart: F32, lead: Real) -> int:
     """Number of codewords similar to a result that may fit as well, within a margin `lead`; -1: more than the
     list holds."""
     power, count, n = sums[1:]
@@ -240,8 +257,17 @@ def _rivals(fit: Any, sums: Any, apart: Any, lead: Any) -> Any:
 
 @exact
 def answer_of(
-    y: Any, k: Any, used: Any, sums: Any, book: Any, search: Any, b: Any, guess: Any, bounds: Any, noise: Any
-) -> Any:
+    y: F32,
+    k: int,
+    used: F32,
+    sums: _Sums,
+    book: Book,
+    search: Search,
+    b: int,
+    guess: int,
+    bounds: Bounds,
+    noise: Real,
+) -> tuple[_Walk, np.float32]:
     """(walk's result, probability of another place) of a pixel: from a guess (-1: none), or by a search over
     the surface, if allowed, unless the result fits and is better than all similar ones."""
     words, angles, (coarse, rivals, apart) = book.words, book.angles, search
@@ -259,10 +285,10 @@ def answer_of(
             sure = some == 0
             if some > 0:
                 before, similar = fit[0], rivals[fit[0] // (PER_PX // COARSE), :some]
-                fit, error = _compared(y, k, used, sums, words, angles, book.reach, similar, noise, fit)
+                fit, error = _compared(y, k, used, sums, book, similar, noise, fit)
                 sure = abs(fit[0] - before) <= 2 * book.reach
     if not sure:
         score, place = np.empty(coarse.shape[1], np.float32), np.empty(_ANSWERS, np.int64)
         some = _likely(y, k, used, whole, coarse, score, place, np.empty(_ANSWERS))
-        fit, error = _compared(y, k, used, sums, words, angles, book.reach, place[:some], noise, fit)
+        fit, error = _compared(y, k, used, sums, book, place[:some], noise, fit)
     return fit, error

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -180,8 +180,15 @@ def _sweep(sequence: Sequence, axis: str, optics: Optics) -> Book:
     frames = index[window, side[:, None, None] + np.arange(summed)]
     every = len(side)
     return Book(
-        *(frames.reshape(-1, samples, summed), np.repeat(block.ravel(), every), np.repeat(first, every)),
-        *(words, angles, math.ceil(AROUND * PER_PX), samples - 3, index.ravel(), every),
+        frames=frames.reshape(-1, samples, summed),
+        block=np.repeat(block.ravel(), every),
+        first=np.repeat(first, every),
+        words=words,
+        angles=angles,
+        reach=math.ceil(AROUND * PER_PX),
+        freedom=samples - 3,
+        swept=index.ravel(),
+        across=every,
     )
 
 
@@ -216,7 +223,7 @@ def _cosines(sequence: Sequence, index: tuple[int, ...], axis: str) -> F64:
     return np.stack(levels) / 255
 
 
-def _seen(levels: F64, optics: Optics, beyond: Any) -> F64:
+def _seen(levels: F64, optics: Optics, beyond: Literal["edge", "constant"]) -> F64:
     """Levels (M, E) of cells as read by pixels at -1 + k / PER_PX, (M, (E + 1) PER_PX + 1)."""
     reach = math.ceil(4 * optics.spread) + 1
     around = np.pad(levels, ((0, 0), (reach + 1, reach + 1)), mode=beyond)

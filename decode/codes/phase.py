@@ -6,19 +6,25 @@ determine the fit; if a response is inverted, every sample is weighted by its in
 """
 
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from optolever.kernels import exact, inlined, kernel
 
-from ..frames import level_of, variance_of
+from ..frames import KernelLight, RawFrames, level_of, variance_of
 from ..plan import Fringe
+from ..profile.noise import Numbers
 
 __all__ = ["Periods", "fit_line", "periods_of", "turn_of"]
 
 F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+I64 = NDArray[np.int64]
+#: A row of each result of a fit, see fit_line; of a period its frames, design, weights, covariance, rounding.
+_Fit = tuple[F32, F32, F32, F32, F32, F32]
+_Samples = tuple[I64, F32, F32, F32, np.float32]
 _TINY = np.float32(1e-12)
 _TWO_PI = np.float32(2 * np.pi)
 #: Determinant of a fit's normal matrix, relative to all samples, below which samples are too few.
@@ -34,8 +40,8 @@ class Periods(NamedTuple):
     """
 
     period: F32
-    number: NDArray[np.int64]
-    frame: NDArray[np.int64]
+    number: I64
+    frame: I64
     design: F32
     weights: F32
     covariance: F32
@@ -69,7 +75,7 @@ def _weights(fringe: Fringe) -> NDArray[np.float64]:
 
 
 @inlined
-def turn_of(s: Any, c: Any) -> Any:
+def turn_of(s: np.float32, c: np.float32) -> np.float32:
     """atan2(s, c) / 2 pi in [-1/2, 1/2], float32, to 6e-9 turns: an odd polynomial on [0, 1] and
     symmetries."""
     far, near = max(abs(s), abs(c)), min(abs(s), abs(c))
@@ -90,7 +96,9 @@ def turn_of(s: Any, c: Any) -> Any:
 
 
 @exact
-def fit_line(light: Any, noise: Any, periods: Any, k: Any, row: Any, work: Any, fit: Any) -> None:
+def fit_line(
+    light: KernelLight, noise: Numbers, periods: Periods, k: int, row: int, work: F32, fit: _Fit
+) -> None:
     """Fit the k-th period in a row; light: see `Light.numbers`; work: (2, W).
 
     fit, each (W,) float32: phase (turns), its variance (turns^2), amplitude, offset, squared residuals over
@@ -113,7 +121,9 @@ def fit_line(light: Any, noise: Any, periods: Any, k: Any, row: Any, work: Any, 
 
 
 @kernel
-def _sums_of_three_or_four(raw: Any, table: Any, index: Any, row: Any, w: Any, sums: Any) -> None:
+def _sums_of_three_or_four(
+    raw: RawFrames, table: F32 | None, index: I64, row: int, w: F32, sums: tuple[F32, F32, F32, F32]
+) -> None:
     """Offset, c, s of the first frames of a line; squared combination of four orthogonal to the fringe."""
     a, b, d = raw[index[0], row], raw[index[1], row], raw[index[2], row]
     (mean, cosine, sine, square), four = sums, index.size > 3
@@ -133,7 +143,7 @@ def _sums_of_three_or_four(raw: Any, table: Any, index: Any, row: Any, w: Any, s
 
 
 @kernel
-def _add(line: Any, table: Any, w: Any, sums: Any) -> None:
+def _add(line: RawFrames, table: F32 | None, w: F32, sums: tuple[F32, F32, F32, F32]) -> None:
     (mean, cosine, sine, _), (m, c, s) = sums, (w[0], w[1], w[2])
     for x in range(mean.size):
         value = level_of(line[x], table)
@@ -143,7 +153,9 @@ def _add(line: Any, table: Any, w: Any, sums: Any) -> None:
 
 
 @kernel
-def _residual(line: Any, table: Any, design: Any, sums: Any, first: Any) -> None:
+def _residual(
+    line: RawFrames, table: F32 | None, design: F32, sums: tuple[F32, F32, F32, F32], first: bool
+) -> None:
     mean, cosine, sine, square = sums
     e, c, s, kept = design[0], design[1], design[2], np.float32(0) if first else np.float32(1)
     for x in range(mean.size):
@@ -152,7 +164,9 @@ def _residual(line: Any, table: Any, design: Any, sums: Any, first: Any) -> None
 
 
 @kernel
-def _phase_line(cosine: Any, sine: Any, fringe: Any, white: Any, noise: Any, fit: Any) -> Any:
+def _phase_line(
+    cosine: F32, sine: F32, fringe: _Samples, white: np.float32, noise: Numbers, fit: _Fit
+) -> np.float32:
     """Phase, variance, amplitude and chi2 of a line (chi2 holds squared residuals); number of pixels with
     possible saturation: all but those whose fit stays below white by more than its residuals."""
     turn, variance, amplitude, mean, chi2, _ = fit
@@ -181,7 +195,15 @@ def _phase_line(cosine: Any, sine: Any, fringe: Any, white: Any, noise: Any, fit
 
 @exact
 def _refit(
-    raw: Any, table: Any, spread: Any, clip: Any, row: Any, x: Any, fringe: Any, noise: Any, fit: Any
+    raw: RawFrames,
+    table: F32 | None,
+    spread: F32 | None,
+    clip: np.float32,
+    row: int,
+    x: int,
+    fringe: _Samples,
+    noise: Numbers,
+    fit: _Fit,
 ) -> None:
     """Weighted normal equations of the unsaturated samples; variance 1e12 if they are too few.
 
@@ -228,7 +250,7 @@ def _refit(
 
 
 @exact
-def _add_to(d: Any, weight: Any, sums: Any) -> None:
+def _add_to(d: F32, weight: float, sums: F64) -> None:
     """Add a sample to the upper triangle of the normal matrix."""
     sums[0] += weight * d[0] * d[0]
     sums[1] += weight * d[0] * d[1]
@@ -239,12 +261,12 @@ def _add_to(d: Any, weight: Any, sums: Any) -> None:
 
 
 @exact
-def _inverted(m: Any, out: Any) -> Any:
+def _inverted(m: F64, out: F64) -> float:
     """Determinant of a symmetric matrix from its upper triangle, and the inverse's upper triangle."""
     out[0], out[1] = m[3] * m[5] - m[4] * m[4], m[2] * m[4] - m[1] * m[5]
     out[2], out[3] = m[1] * m[4] - m[2] * m[3], m[0] * m[5] - m[2] * m[2]
     out[4], out[5] = m[1] * m[2] - m[0] * m[4], m[0] * m[3] - m[1] * m[1]
-    size = m[0] * out[0] + m[1] * out[1] + m[2] * out[2]
+    size: float = m[0] * out[0] + m[1] * out[1] + m[2] * out[2]
     for k in range(6):
         out[k] /= size if size > 0 else 1.0
     return size

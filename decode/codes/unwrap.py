@@ -17,7 +17,7 @@ posterior gives the probability of a wrong order, which includes orders beyond t
 """
 
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,8 +26,8 @@ from optolever.kernels import exact, kernel
 
 from ..estimate import less_likely, vanishing
 from ..flags import Into, merge_line
-from ..frames import Light
-from ..profile.noise import Noise
+from ..frames import KernelLight, Light
+from ..profile.noise import Noise, Numbers
 from .gray import CodePlan, read_line, room_for
 from .phase import Periods, fit_line
 
@@ -38,6 +38,13 @@ __all__ = [
     "unwrap_close",
 ]
 
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+#: Of a period, lines (W,): phase, its variance, chi2, saturated samples; and the period.
+_Told = tuple[F32, F32, F32, F32, np.float32]
+#: Lines (W,) of the place so far, its variance, its error, misfit, saturated samples.
+_Lines = tuple[F32, F32, F32, F32, F32]
+_Three = tuple[F32, F32, F32]
 #: Entries of a table along each of its axes, and deviations within which an order is listed.
 _ENTRIES, _DEVIATIONS = 64, 5.0
 #: Tables are cached for tolerances in steps of this factor.
@@ -68,7 +75,15 @@ def climb(
 
 
 @exact
-def _climb(light: Any, noise: Any, periods: Any, rows: Any, numbers: Any, code: Any, into: Any) -> None:
+def _climb(
+    light: KernelLight,
+    noise: Numbers,
+    periods: Periods,
+    rows: tuple[int, int],
+    numbers: tuple[np.float32, np.float32],
+    code: CodePlan | None,
+    into: Into,
+) -> None:
     """Row by row, so that the fits of a row stay in the cache."""
     place, var, width, (middle, beyond) = into.place, into.variance, into.place.shape[1], numbers
     work = np.empty((2, width), np.float32)
@@ -99,7 +114,7 @@ def _climb(light: Any, noise: Any, periods: Any, rows: Any, numbers: Any, code: 
 
 
 @kernel
-def _start(told: Any, middle: Any, beyond: Any, lines: Any) -> None:
+def _start(told: _Told, middle: np.float32, beyond: np.float32, lines: _Lines) -> None:
     turn, variance, chi2, clipped, period = told
     place, var, error, misfit, saturated = lines
     order, square = middle / period, period * period
@@ -112,7 +127,7 @@ def _start(told: Any, middle: Any, beyond: Any, lines: Any) -> None:
 
 
 @kernel
-def _refine(told: Any, lines: Any) -> None:
+def _refine(told: _Told, lines: _Lines) -> None:
     turn, variance, chi2, clipped, period = told
     place, var, error, misfit, saturated = lines
     per_period, square = _ONE / period, period * period
@@ -130,7 +145,7 @@ def _refine(told: Any, lines: Any) -> None:
 
 
 @kernel
-def _join(told: Any, half: Any, code: Any, lines: Any) -> None:
+def _join(told: _Told, half: np.float32, code: tuple[F32, F32, F32, F32, F32], lines: _Lines) -> None:
     turn, variance, chi2, clipped, period = told
     centre, centre_var, centre_error, centre_chi2, sure = code
     place, var, error, misfit, saturated = lines
@@ -194,7 +209,7 @@ def _order_table(periods: tuple[float, ...], extent: int, tolerance: float) -> O
     return Orders(listed, np.float32(tolerance), np.float32(extent))
 
 
-def _wrapped(turns: Any) -> Any:
+def _wrapped(turns: F64) -> F64:
     return turns - np.rint(turns)
 
 
@@ -206,7 +221,9 @@ def unwrap_close(
 
 
 @exact
-def _unwrap(light: Any, noise: Any, periods: Any, rows: Any, orders: Any, into: Any) -> None:
+def _unwrap(
+    light: KernelLight, noise: Numbers, periods: Periods, rows: tuple[int, int], orders: Orders, into: Into
+) -> None:
     """Row by row, so that the fits of a row stay in the cache."""
     place, var, width = into.place, into.variance, into.place.shape[1]
     count, period = periods.number.size, periods.period
@@ -237,7 +254,7 @@ def _unwrap(light: Any, noise: Any, periods: Any, rows: Any, orders: Any, into: 
 
 @kernel
 def _kept(
-    var: Any, chi2: Any, saturated: Any, period: Any, own: Any, weight: Any, misfit: Any, clipped: Any
+    var: F32, chi2: F32, saturated: F32, period: np.float32, own: F32, weight: F32, misfit: F32, clipped: F32
 ) -> None:
     """Add a period's fit: weight of its place, misfit, saturated samples."""
     square = period * period
@@ -249,7 +266,7 @@ def _kept(
 
 
 @kernel
-def _cells(turns: Any, periods: Any, cell: Any) -> None:
+def _cells(turns: F32, periods: F32, cell: NDArray[np.uint32]) -> None:
     last = periods.size - 1
     r0 = periods[last] / periods[0]
     b = min(1, last - 1)
@@ -265,7 +282,7 @@ def _cells(turns: Any, periods: Any, cell: Any) -> None:
 
 
 @kernel
-def _listed(orders: Any, cell: Any, order: Any) -> Any:
+def _listed(orders: F32, cell: NDArray[np.uint32], order: F32) -> bool:
     """Orders of one rank for a line's cells; whether there are any."""
     some = False
     for x in range(cell.size):
@@ -275,7 +292,9 @@ def _listed(orders: Any, cell: Any, order: Any) -> Any:
 
 
 @kernel
-def _scores(turns: Any, weights: Any, weight: Any, periods: Any, extent: Any, order: Any, out: Any) -> None:
+def _scores(
+    turns: F32, weights: F32, weight: F32, periods: F32, extent: np.float32, order: F32, out: _Three
+) -> None:
     """Weighted mean of the places by all periods for an order, and misfit; weight: sum of weights."""
     last = periods.size - 1
     fine, t = periods[last], turns[last]
@@ -300,7 +319,7 @@ def _scores(turns: Any, weights: Any, weight: Any, periods: Any, extent: Any, or
 
 
 @kernel
-def _compared(order: Any, at: Any, score: Any, best: Any) -> None:
+def _compared(order: F32, at: F32, score: F32, best: tuple[F32, F32, F32]) -> None:
     """Update the best order: its place, its misfit, likelihood of all others relative to it."""
     place, least, others = best
     for x in range(order.size):
@@ -314,7 +333,7 @@ def _compared(order: Any, at: Any, score: Any, best: Any) -> None:
 
 
 @kernel
-def _doubt(variances: Any, periods: Any, tolerance: Any, least: Any, lines: Any) -> None:
+def _doubt(variances: F32, periods: F32, tolerance: np.float32, least: F32, lines: _Three) -> None:
     """Variance of the best order's place, its misfit including the fits', and probability of another order or
     of one beyond the tolerance."""
     last = periods.size - 1

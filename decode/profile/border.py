@@ -98,7 +98,7 @@ def border_of(shares: Shares, blurs: BorderBlur) -> Border:
     return Border(reach, np.ascontiguousarray(np.stack(three, axis=-1), np.float32))
 
 
-def _reach(blur: Any) -> Any:
+def _reach(blur: float | F64) -> F64:
     """Standard deviation of a cell with its blur."""
     return np.sqrt(1 / 12 + blur**2)
 
@@ -188,7 +188,7 @@ def measured_blur(
     return nothing if unlike or straight or unbounded else (BorderBlur(low, blur, high, True), int(count))
 
 
-def _missing(light: Any) -> F64:
+def _missing(light: F32 | F64) -> F64:
     """Share (K,) that is missing of light (3, K), relative to the straight line from inwards."""
     near, middle, far = light
     return np.asarray(1 - near / np.maximum(2 * middle - far, 1e-6))
@@ -245,8 +245,14 @@ def _beside(
 
 @exact
 def inwards(
-    c: Any, noise: Any, gx: Any, gy: Any, reach: Any, table: Any, extent: Any
-) -> tuple[Any, Any, Any]:
+    c: np.float32,
+    noise: np.float32,
+    gx: np.float32,
+    gy: np.float32,
+    reach: np.float32,
+    table: F32,
+    extent: np.float32,
+) -> tuple[bool | np.bool, np.float32, np.float32]:
     """Whether more light is missing than allowed for a good pixel; shift inwards and its variance, by the
     table of a `Border`. noise: variance of the reading c, which makes the shift uncertain; gx, gy: the
     footprint."""
@@ -268,7 +274,9 @@ def inwards(
 
 
 @exact
-def _looked_up(table: Any, reach: Any, deviation: Any, away: Any) -> tuple[Any, Any, Any]:
+def _looked_up(
+    table: F32, reach: np.float32, deviation: np.float32, away: np.float32
+) -> tuple[np.float32, np.float32, np.float32]:
     """Interpolated entries of a table, shifts in cells."""
     one = np.float32(1)
     ratio = max(reach / deviation - _LEAST, np.float32(0)) * (np.float32(_RATIOS) / (one - _LEAST))

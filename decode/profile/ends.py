@@ -17,6 +17,7 @@ from optolever.kernels import inlined, kernel
 
 __all__ = ["Ends", "end_width", "faded", "slope"]
 
+F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 #: Lines in the sample along either axis; pixels on either side of an end; fewest ends for a width.
 _LINES, _REACH, _FEWEST = 100, 6, 16
@@ -77,7 +78,7 @@ def _crossing(rise: F64, level: float) -> F64:
 
 
 @inlined
-def slope(before: Any, here: Any, after: Any, per_step: Any) -> Any:
+def slope(before: np.float32, here: np.float32, after: np.float32, per_step: np.float32) -> np.float32:
     """Change per pixel from two equidistant neighbours; from one if the other is NaN; 0 from none."""
     low = before if before == before else here
     high = after if after == after else here
@@ -86,7 +87,7 @@ def slope(before: Any, here: Any, after: Any, per_step: Any) -> Any:
 
 
 @kernel
-def faded(window: Any, k: Any, reach: Any, light: Any, m2: Any, total: Any) -> None:
+def faded(window: F32, k: int, reach: int, light: tuple[F32, F32, F32], m2: np.float32, total: F32) -> None:
     """Add the squared shift by uneven light to the variance of a line (W,).
 
     window, k: the map around the line, see `centre.windowed`; its slope is taken over `reach` pixels, as the

@@ -8,7 +8,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from optolever.errors import InputError
 from optolever.patterns import Frame, Sequence
@@ -56,7 +56,7 @@ def prior_map(prior: PatternMap | None, sequence: Sequence, shape: tuple[int, ..
 
 
 def frame_pair(
-    now: Any, rest: Any, sequence: Sequence, kind: str
+    now: ArrayLike, rest: ArrayLike, sequence: Sequence, kind: str
 ) -> tuple[Frame, NDArray[Any], NDArray[Any]]:
     """The frame of this kind that a sequence describes, and both its images (H, W)."""
     number = next((i for i, frame in enumerate(sequence.frames) if frame.kind == kind), None)
@@ -68,7 +68,7 @@ def frame_pair(
     return sequence.frames[number], images[0], images[1]
 
 
-def _image(stack: Any, sequence: Sequence, number: int, name: str) -> NDArray[Any]:
+def _image(stack: ArrayLike, sequence: Sequence, number: int, name: str) -> NDArray[Any]:
     """One image (H, W), from the stack of a sequence, or given alone."""
     array, kind = np.asarray(stack), sequence.frames[number].kind
     if array.ndim == 3:

@@ -11,7 +11,6 @@ interpolation error appears as change in the next pass.
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
@@ -147,7 +146,7 @@ def _sigma(width: float, cell: int) -> float:
     return math.sqrt(width**2 - (cell**2 - 1) / 12) / cell
 
 
-def _binned(plane: Any, cell: int) -> F32:
+def _binned(plane: F32 | Mask, cell: int) -> F32:
     """Mean of a plane (H, W) over every cell (R, C), 0 beyond it."""
     rows, cols = (-size % cell for size in plane.shape)
     whole = cv2.copyMakeBorder(plane.astype(np.float32), 0, rows, 0, cols, cv2.BORDER_CONSTANT)
