@@ -296,7 +296,7 @@ def _borders(
     if count:
         return [blur] * len(decoders)
     bounds = [
-        one.bound if decoder.table is None else decoder.table.optics.reach
+        one.bound if decoder.table is None else decoder.table.optics.spread
         for decoder, one in zip(decoders, pixelations, strict=True)
     ]
     return [BorderBlur(bound, bound, bound, False) for bound in bounds]

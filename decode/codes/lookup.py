@@ -13,12 +13,12 @@ Start of the search: the neighbour's place (any levels), the brightest frame (st
 (codes).
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize, minimize_scalar
+from scipy.optimize import minimize_scalar
 from scipy.special import chdtri
 
 from optolever.patterns import Sequence
@@ -85,9 +85,9 @@ def prepare(
     within the cells. noise: None if unknown; blur: rms, pattern px, if known.
     """
 
-    def table_for(way: int, spread: float, halo: float = 0.0) -> Table:
+    def table_for(way: int, spread: float) -> Table:
         rounded = float(_STEP ** np.rint(np.log(spread) / np.log(_STEP))) if spread > 0 else 0.0
-        return table_of(sequence, plan, axis, way, Optics(rounded, blur, round(halo, 2)))
+        return table_of(sequence, plan, axis, way, Optics(rounded, blur))
 
     way = WITHIN if cells is not None else SEARCH if axis.stripes is None else SWEEP
     usual = float(np.hypot(USUAL, blur or 0.0))
@@ -107,19 +107,18 @@ def prepare(
     if not on_cells:
         spreads = np.append(0.0, spreads)  # an ideal surface without cells
 
-    def fitted(spread: float, halo: float = 0.0) -> _Fit:
-        return pixels.fitted(table_for(one_way, spread, halo))
+    def fitted(spread: float) -> _Fit:
+        return pixels.fitted(table_for(one_way, spread))
 
     spread, error = _likeliest(fitted, spreads)
-    spread, halo = _scattering(fitted, spread) if on_cells else (spread, 0.0)
-    low, fit, high = (fitted(spread * (1 + n), halo) for n in (-_NUDGE, 0.0, _NUDGE))
+    low, fit, high = (fitted(spread * (1 + n)) for n in (-_NUDGE, 0.0, _NUDGE))
     # an error of the spread shifts places by less than the spread changes; places of stripes, which are
     # symmetric, not at all
     most = 0.0 if way == SWEEP else min(low.moved_to(high) / float(np.log((1 + _NUDGE) / (1 - _NUDGE))), 1.0)
     # a wrong shape of the spread crowds places; a known blur leaves no other shape
     shape = fit.crowding if blur is None else 0.0
     unsure = min(most * error + shape, most)
-    table = replace(table_for(way, spread, halo), unsure=unsure)
+    table = replace(table_for(way, spread), unsure=unsure)
     if noise is None:
         return replace(table, noise=fit.noise(pixels.noise))
     return replace(table, misfit2=fit.beyond(noise))
@@ -248,26 +247,3 @@ def _likeliest(fitted: Callable[[float], _Fit], spreads: F64) -> tuple[float, fl
     beside = [fitted(spread * (1 + step)).unlikely(excess) for step in (-_NUDGE, _NUDGE)]
     rise = max(sum(beside) / 2 - least, _NUDGE**2)
     return spread, _NUDGE / rise**0.5
-
-
-def _scattering(fitted: Callable[[float, float], _Fit], spread: float) -> tuple[float, float]:
-    """The likeliest spread and halo, starting from the likeliest spread without a halo; a halo must be
-    significant."""
-    usual = fitted(spread, 0.0)
-    excess = max(usual.excess, 1e-3)
-    start = [(spread, 0.0), (0.9 * spread, 0.1), (spread, 0.1)]
-
-    def unlikely(at: Iterable[float]) -> float:
-        return fitted(*at).unlikely(excess)
-
-    least = usual.unlikely(excess)
-    if min(unlikely(at) for at in start[1:]) >= least:
-        return spread, 0.0
-    found = minimize(
-        unlikely,
-        start[0],
-        method="Nelder-Mead",
-        bounds=((0.25 * spread, spread), (0.0, 1.0)),
-        options={"initial_simplex": start, "xatol": 0.5 * (_STEP - 1) * spread, "fatol": 1.0},
-    )
-    return tuple(found.x.tolist()) if least - found.fun > float(chdtri(1, _RARE)) else (spread, 0.0)

@@ -38,17 +38,10 @@ class Optics(NamedTuple):
 
     spread  rms of footprint and blur, pattern px; 0: an ideal surface without cells
     blur    its part by the blur, if known
-    halo    share of scattered light
     """
 
     spread: float
     blur: float | None = None
-    halo: float = 0.0
-
-    @property
-    def reach(self) -> float:
-        """rms of everything, pattern px; scattered light counts within a cell or two, as it has no end."""
-        return math.sqrt(self.spread**2 + self.halo)
 
     @property
     def with_cell(self) -> float:
@@ -98,7 +91,7 @@ def _cached(sequence: Sequence, index: tuple[int, ...], axis: str, optics: Optic
             free = frame.free_levels(np.arange(levels.shape[1], dtype=np.float64)) / 255
             levels[k] = 1 - free if frame.inverted else free
     seen = _seen(levels, optics, "edge" if sequence.nominal else "constant")
-    return _words((_scattered(seen, optics.halo) if optics.halo else seen)[None])
+    return _words(seen[None])
 
 
 @lru_cache(maxsize=8)
@@ -132,7 +125,7 @@ def _search(sequence: Sequence, index: tuple[int, ...], axis: str, optics: Optic
 
 
 def table_of(sequence: Sequence, plan: Plan, axis: AxisPlan, way: int, optics: Optics) -> Table:
-    """The table of an axis for a search mode; of stripes without a halo."""
+    """The table of an axis for a search mode."""
     if way == SWEEP:
         return Table(way, _sweep(sequence, axis.axis, optics), _NO_SEARCH, optics)
     # with free levels a code only gives the start: the blur of its edges is less well known
@@ -207,7 +200,7 @@ def _weight(distance: F64, optics: Optics) -> F64:
     The cell through a footprint and a Gaussian blur that add up to the spread. An unknown blur has half of
     its variance, or more where the footprint would be wider than a cell.
     """
-    spread, known, _ = optics
+    spread, known = optics
     widest = math.sqrt(6) * spread if known is None else math.sqrt(12 * max(spread**2 - known**2, 0.0))
     width = max(min(widest, 1.0) if known is None else widest, 0.05)
     blur = math.sqrt(max(spread**2 - width**2 / 12, 1e-6))
@@ -230,18 +223,6 @@ def _seen(levels: F64, optics: Optics, beyond: Literal["edge", "constant"]) -> F
     weight = _weight(np.arange(-reach * PER_PX, reach * PER_PX + 1) / PER_PX, optics)
     seen = upfirdn(weight, around, up=PER_PX)[:, 2 * reach * PER_PX :]
     return np.asarray(seen[:, : (levels.shape[1] + 1) * PER_PX + 1], np.float64)
-
-
-def _scattered(seen: F64, halo: float) -> F64:
-    """Levels (M, Q) with a share scattered by lenses and surfaces.
-
-    A line's scattered light falls with the square of the distance (procam_capture_0: 0.1 / d^2 from 1.5 to 5
-    cells): a Lorentzian of one cell, as light nearer by is part of the blur. Its transfer function is
-    exp(-2 pi |f|).
-    """
-    count = 2 * seen.shape[1]  # dark padding against wrap-around
-    kept = 1 - halo + halo * np.exp(-2 * np.pi * np.fft.rfftfreq(count, 1 / PER_PX))
-    return np.fft.irfft(np.fft.rfft(seen, count) * kept, count)[:, : seen.shape[1]]
 
 
 def _words(seen: F64) -> tuple[F32, F32]:

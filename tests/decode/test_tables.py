@@ -178,7 +178,7 @@ def test_gray_within_its_cells(smooth: Map, blur: float) -> None:
 
 @pytest.mark.parametrize("code", ["gray", "levels"])
 def test_scattered_light(code: str) -> None:
-    """A fifth of the light comes from up to twenty cells away: three blurs beside that of the optics."""
+    """A fifth of the light comes from up to twenty cells away: a blur alone is fitted, and sigma says so."""
     shown = free_levels(COLS, 12)
     if code == "gray":
         frames = sequence("gray", 4, COLS).frames
@@ -187,7 +187,6 @@ def test_scattered_light(code: str) -> None:
     light = [sum(share * seen_by_pixels(shown, row, WIDTH, blur) for share, blur in shares) for row in U]
     found = decode(camera(np.concatenate(light, axis=1), 1.0, 3), shown, subpixel=True)
     assert found.good.mean() > 0.99
-    assert np.std((found.u - U)[found.good]) < 0.012  # 0.02 by a blur alone
     assert 0.5 < rms(scores(found, U)) < 1.1
 
 
