@@ -425,8 +425,8 @@ def mixture(
     alone: bool,
     read: tuple[np.float32, np.float32],
 ) -> _Answer:
-    """Posterior over the mixtures of two adjacent cells that the weak bits of a pixel allow, for codes that
-    change several bits together: place, variance, probability of another cell. read: place and variance if
+    """Posterior over the mixtures of two adjacent cells that the weak bits of a pixel allow, for binary
+    codes: place, variance, probability of another cell. read: place and variance if
     there is no result."""
     factor, cells, levels = code.factor, code.cells, code.levels
     unlike2 = float(code.misfit2)

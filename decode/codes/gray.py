@@ -5,9 +5,9 @@ of a fringe's samples. The probability of a bit error is Q(z), z the difference 
 the camera resolves nowhere are removed from the code, which widens its cells. At the edge of a cell one bit
 of a Gray code is weak: either value gives one of two adjacent cells. With two or more weak bits all words
 that they allow are compared (bit_levels): the result is the run of cells around the most probable one, with
-wider cells if necessary; the remaining probability is the error. Codes that change several bits at once show
-a mixture of two adjacent cells, b = A ((1 - f) s(c) + f s(c + 1)), f in 0..1, s the cells' levels behind the
-blur, and the posterior is over the cells c.
+wider cells if necessary; the remaining probability is the error. A binary code, which changes several bits at
+once, shows a mixture of two adjacent cells, b = A ((1 - f) s(c) + f s(c + 1)), f in 0..1, s the cells' levels
+behind the blur, and the posterior is over the cells c first.
 Where white saturates, only a lower bound of its level is known. A bit and its inverse compare as before, but
 their mean is not tested; a single bit that is brighter than the mean of black and clipped white, and does not
 saturate, may have either value.
@@ -319,10 +319,10 @@ def _reread(
         margin[b] = _single(one, o[x], _bit(code, b)) + code.share[b, 1] * other
     own = noise.read2 + noise.gain * max(o[x], np.float32(0))
     known, saturated = (place[x], var[x]), alone & (clipped[x] > 0)
-    by_mixture = code.together and not saturated
+    by_mixture = code.together and code.nested and not saturated
     if by_mixture:
         place[x], var[x], error[x] = mixture(margin, code, a[x], own, alone, known)
-    if not by_mixture or (code.nested and error[x] > np.float32(DOUBT)):
+    if not by_mixture or error[x] > np.float32(DOUBT):
         place[x], var[x], error[x] = posterior(margin, code, a[x], own, saturated, alone)
 
 
