@@ -5,8 +5,8 @@
 - `options`: common arguments of several commands (--json, --size, scenes)
 - `outputs`: output files, checked before any work
 - `show`: tables, progress, JSON
-- `rig_devices`, `rig_capture`, `rig_targets`: the devices of a rig opened; a capture by them; captures of
-  targets for `calibrate`
+- `rig_devices`, `rig_capture`, `rig_targets`, `rig_live`: the devices of a rig opened; a capture by them;
+  captures of targets for `calibrate`; rest and frames for `live`
 - one file a command, named as it: `demo`, `live`, `doctor`, `names`; `devices`, `expose`, `sync`, `measure`,
   `record`, `replay`; `rig`, `patterns`, `capture`, `decode`, `calibrate`, `rest`, `response`, `reconstruct`,
   `form`, `export`, `report` and `window`, which is the command `show`; `sensor`, `codes`, `design`, `bench`,

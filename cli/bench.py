@@ -25,7 +25,7 @@ gray+phase  coupled      20      0.33 s   0.01 s  0.03 s  7.2 × 10⁻⁴  0.019
 exact       paper-drops                           0.02 s  0.0109      0.0302      –          0.00 %   –
 gray+phase  paper-drops  20      0.33 s   0.01 s  0.02 s  0.0109      0.032       –          2.06 %   –
 Run
-  cells   4 measured of 4
+  cases   4 measured of 4
   time    2.018 s
   report  bench/report.html
 """
@@ -35,31 +35,59 @@ SHARE = click.FloatRange(0, 1, max_open=True)
 
 
 @click.command("bench", cls=Program, epilog=sample(SAMPLE))
-@click.option("--scene", "scenes", multiple=True, metavar="PRESET_OR_TOML", help="Again for more.")
-@click.option("--dent", "dents", multiple=True, metavar="NAME[:KEY=VALUE,...]", help="Default: the scene's.")
+@click.option("--scene", "scenes", multiple=True, metavar="PRESET_OR_TOML", help="Scene; repeatable.")
+@click.option(
+    "--dent", "dents", multiple=True, metavar="NAME[:KEY=VALUE,...]", help="Dent; default: the scene's."
+)
 @click.option(
     "--sequence",
     "sequences",
     multiple=True,
     metavar="NAME[:KEY=VALUE,...][@DECODER]",
-    help="Decoder: fringes, cv2 or a MODULE:FUNCTION of yours (called with frames and sequence, it returns a "
-    "Correspondence) in place of ours; exact: the true correspondence.",
+    help="Sequence, and another decoder: fringes, cv2 or MODULE:FUNCTION (FUNCTION(frames, "
+    "sequence) returns a "
+    "Correspondence). exact: the true correspondence, no frames.",
 )
 @click.option(
     "--add",
     "added",
     multiple=True,
     metavar="MODULE:FUNCTION[@DECODER]",
-    help="Also a pattern of your own: called with rows, cols, it returns a patterns.Sequence, or images "
-    "(N, rows, cols), which need a decoder of your own.",
+    help="Also a pattern of yours: FUNCTION(rows, cols) returns a patterns.Sequence, or images "
+    "(N, rows, cols), which need a decoder of yours.",
 )
-@click.option("--solver", "solvers", multiple=True, metavar="NAME", help="A method, or a peer's integrator.")
-@click.option("--size", "sizes", multiple=True, type=SIZE, metavar="ROWSxCOLS", help="Default: 512x512.")
 @click.option(
-    "--noise", "noises", multiple=True, type=click.FloatRange(min=0), metavar="LEVELS", help="Default: 1."
+    "--solver",
+    "solvers",
+    multiple=True,
+    metavar="NAME",
+    help="Method of reconstruct, or a peer's integrator.",
 )
-@click.option("--seed", "seeds", multiple=True, type=click.IntRange(min=0), metavar="N", help="Default: 0.")
-@click.option("--grid", "grid_path", type=FILE, metavar="TOML", help="The lists above from a file.")
+@click.option(
+    "--size",
+    "sizes",
+    multiple=True,
+    type=SIZE,
+    metavar="ROWSxCOLS",
+    help="Size of the camera; default 512x512.",
+)
+@click.option(
+    "--noise",
+    "noises",
+    multiple=True,
+    type=click.FloatRange(min=0),
+    metavar="LEVELS",
+    help="Noise of a frame; default 1.",
+)
+@click.option(
+    "--seed",
+    "seeds",
+    multiple=True,
+    type=click.IntRange(min=0),
+    metavar="N",
+    help="Seed of the noise; default 0.",
+)
+@click.option("--grid", "grid_path", type=FILE, metavar="TOML", help="File with the lists above.")
 @click.option(
     "--refresh",
     type=click.FloatRange(min=0, min_open=True),
@@ -95,7 +123,7 @@ def command(
 
     Time, memory, error, error bars, silent errors. Every combination of the lists runs on this machine, one
     after the other; omitted lists are those of the default grid. DIR gets report.html (a section per mirror
-    with a chart of error over time), results.json, results.csv and a file per cell.
+    with a chart of error over time), results.json, results.csv and a file per case.
     """
     from dataclasses import replace
 
@@ -105,7 +133,7 @@ def command(
     asked = replace(asked, sequences=asked.sequences + added)
     absent = absent_modules(asked.cells())
     if absent:
-        click.echo(f"Not installed, no numbers: {', '.join(absent)} ({PEERS})", err=True)
+        click.echo(f"Notice: {', '.join(absent)}: not installed, no numbers of them; {PEERS}", err=True)
     start = time.perf_counter()
     rows: list[Row] = []
     with interrupted() as stopped, progress() as step:
@@ -157,7 +185,7 @@ def finish(
     table(
         "Run",
         {
-            "cells": f"{sum(row.done for row in rows)} measured of {len(asked.cells())}",
+            "cases": f"{sum(row.done for row in rows)} measured of {len(asked.cells())}",
             "time": number(seconds, "s"),
             "report": str(out / "report.html"),
         },

@@ -4,6 +4,7 @@ import math
 import re
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import click
 
 from optolever import InputError
+from optolever.quantities import quantity
 
 from .options import (
     FILE,
@@ -80,12 +82,26 @@ _POLL = 0.2  # s, between looks for a capture
     help="Prior sigma of a parameter; 0: fixed, inf: free.",
 )
 @click.option("--without", multiple=True, metavar="NAME", help="Leave a capture out, by its file's stem.")
-@click.option("--guess", is_flag=True, help="Start from the scene's numbers, in open air too.")
-@click.option("--leave-one-out", is_flag=True, help="Also print the leave-one-out chi of each capture.")
-@click.option("--accept", is_flag=True, help="Write a rig with numbers beyond 5 prior sigma, too.")
-@click.option("--follow", is_flag=True, help="Wait for every capture, and judge it as soon as it is there.")
 @click.option(
-    "--report", "page", type=OutputFile(".html"), metavar="FILE.html", help="Also write a page about it."
+    "--weight",
+    "weights",
+    multiple=True,
+    metavar="NEWTON[,SIGMA]=H.npz",
+    help="In place of captures: heights less rest under a known weight, for the modulus of the scene's "
+    "[layer]; repeatable.",
+)
+@click.option("--guess", is_flag=True, help="Start from the parameters of the scene, in open air too.")
+@click.option("--leave-one-out", is_flag=True, help="Also print the leave-one-out chi of each capture.")
+@click.option("--accept", is_flag=True, help="Write the rig even if a parameter ends beyond 5 prior sigma.")
+@click.option(
+    "--follow", is_flag=True, help="Wait for each capture, and print its contribution as soon as it exists."
+)
+@click.option(
+    "--report",
+    "page",
+    type=OutputFile(".html"),
+    metavar="FILE.html",
+    help="Also write a page about the calibration.",
 )
 @size_option
 @json_option
@@ -99,6 +115,7 @@ def command(
     yes: bool,
     priors: tuple[str, ...],
     without: tuple[str, ...],
+    weights: tuple[str, ...],
     guess: bool,
     leave_one_out: bool,
     accept: bool,
@@ -112,7 +129,7 @@ def command(
     A capture is an .npz of decode or a folder of frames. TARGET is flat[:FLATNESS] (a reference mirror in any
     pose, mm), rest[:ORDER[,SIGMA]] (the sensor's undeformed surface), ball:RADIUS,SIGMA (its contact only,
     detected, or white in MASK.png) or plate. reconstruct reads RIG.toml and propagates its errors to the
-    heights.
+    heights. With --weight RIG.toml is the scene with the modulus of its layer, for forces (live).
 
     With --rig no CAPTURE is given: the command says for each TARGET (default in open air: five flats) what to
     put in place, captures, judges, and repeats or goes on. Interrupted, it goes on with the captures in DIR.
@@ -124,12 +141,18 @@ def command(
     if (name := rig or scene_name) is None or (out := out or rig) is None:
         raise click.UsageError("Missing option '--scene' and '--out' (captures), or '--rig' (a camera).")
     of_captures = {"--scene": scene_name, "--without": without, "--follow": follow, "--size": size}
+    of_captures["--weight"] = weights
     for option, value in (of_captures if rig else {"--captures": folder, "--yes": yes}).items():
         if value:
             raise InputError(
                 f"{option}: {'is of captures that exist, --rig takes them' if rig else 'needs --rig'}"
             )
     scene, chosen = load_scene(str(name), size), _priors(priors)
+    if rig is None and bool(captures) == bool(weights):
+        raise InputError("TARGET=CAPTURE or --weight NEWTON=H.npz: one of both must be given")
+    if weights:
+        _weigh(scene, str(name), weights, out, json_path)
+        return
     given = _given(captures, without) if rig is None else []
     found, start = None, time.perf_counter()
     if rig is not None:  # asks at the terminal: no progress bar over it
@@ -146,7 +169,7 @@ def command(
             start = time.perf_counter()
             found = calibrate(scene, used, chosen, guess=guess)
         if found.implausible and not accept:
-            raise InputError(f"{out}: not written (--accept overrides); {found.implausible[0]}")
+            raise InputError(f"{out}: not written; {found.implausible[0]}; --accept writes it all the same")
         numbers = found.to_dict() | {"seconds": time.perf_counter() - start}
         step("judge captures")
         numbers["judged"] = {each.name: each.to_dict() for each in judged(found)}
@@ -173,19 +196,50 @@ def command(
     _show(found, numbers, out)
 
 
+def _weigh(scene: "Scene", name: str, weights: tuple[str, ...], out: Path, json_path: Path | None) -> None:
+    """The modulus of the layer by --weight, into a scene."""
+    from optolever.files import together
+    from optolever.live import Weight, weighed
+    from optolever.reconstruct import HeightMap
+
+    if scene.layer is None:
+        raise InputError(f"--weight: {name} has no [layer], must have one; any youngs_modulus_mpa will do")
+    given = []
+    for text in weights:
+        numbers, equals, path = text.partition("=")
+        newton, comma, sigma = numbers.partition(",")
+        if not equals or not path:
+            raise InputError(f"--weight {text}: must be NEWTON[,SIGMA]=H.npz, such as 0.5,0.005=h.npz")
+        values = [_number(f"--weight {text}: weight", part) for part in (newton, *([sigma] if comma else []))]
+        given.append(Weight(HeightMap.load(path), *values))
+    found = weighed(scene.layer, given)
+    layer, each = found.layer, list(zip(weights, found.moduli, found.sigmas, strict=True))
+    modulus = layer.youngs_modulus_mpa, layer.youngs_modulus_sigma_mpa
+    names = "youngs_modulus_mpa", "youngs_modulus_sigma_mpa"
+    with together():
+        replace(scene, layer=layer).save(out)
+        write_json(json_path, dict(zip(names, modulus, strict=True)) | {"chi": found.chi, "weights": each})
+    rows = {text: quantity(value, "N/mm²", sigma) for text, value, sigma in each}
+    rows |= {"modulus": quantity(modulus[0], "N/mm²", modulus[1])}
+    table(f"Layer in {out}", rows | ({"chi": number(found.chi)} if len(each) > 1 else {}))
+
+
 def _show(found: "Calibration", numbers: dict[str, Any], out: Path) -> None:
     from optolever.experiments import judged_table
 
     rows = [
-        (each["name"], *(number(each[key]) for key in ("value", "sigma", "prior_sigma")))
+        (each["name"], quantity(each["value"], "", each["sigma"]), f"{each['prior_sigma']:.2g}")
         for each in found.parameters
     ]
-    grid("Numbers (mm, rad, px)", ("name", "value", "sigma", "prior sigma"), rows)
+    grid("Parameters (mm, rad, px)", ("name", "value ± sigma", "prior sigma"), rows)
     chis = numbers.get("left_out", {})
     judged = {
         name: each | {"left_out": chis[name]} if chis else each for name, each in numbers["judged"].items()
     }
-    grid("Captures; what is left of sigma, of a height and of a dent's depth", *judged_table(judged))
+    grid(
+        "Captures: sigma of a height and of a dent's depth, cumulative and leave-one-out",
+        *judged_table(judged),
+    )
     rest = {"chi": number(numbers["chi"]), "start": numbers["start"], "time": number(numbers["seconds"], "s")}
     table(f"Rig in {out}", rest)
 

@@ -28,10 +28,23 @@ HEADER = ("code", "frames", "range", "sigma", "gross", "stripe", "lost", "swappe
 @click.command("codes", cls=Program, epilog=sample(SAMPLE))
 @click.argument("codes", nargs=-1, metavar="[CODE]...")
 @click.option(
-    "--size", type=SIZE, default="1080x1920", show_default=True, metavar="ROWSxCOLS", help="Surface."
+    "--size",
+    type=SIZE,
+    default="1080x1920",
+    show_default=True,
+    metavar="ROWSxCOLS",
+    help="Size of the display.",
 )
-@click.option("--amplitude", default=60.0, show_default=True, metavar="LEVELS", help="Mid grey to white.")
-@click.option("--noise", default=2.0, show_default=True, metavar="LEVELS", help="Standard deviation.")
+@click.option(
+    "--amplitude",
+    default=60.0,
+    show_default=True,
+    metavar="LEVELS",
+    help="Amplitude, from mid grey to white.",
+)
+@click.option(
+    "--noise", default=2.0, show_default=True, metavar="LEVELS", help="Standard deviation of the noise."
+)
 @json_option
 def command(
     codes: tuple[str, ...], size: tuple[int, int], amplitude: float, noise: float, json_path: Path | None

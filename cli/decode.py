@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .options import DISPLAY, FILE, blame, json_option, mask_from, sample, shown_sequence
+from .options import DISPLAY, FILE, blame, json_option, mask_from, mask_option, sample, shown_sequence
 from .outputs import HDF5, OutputFile, Program
 from .rig_capture import measured_lag
 from .show import coverage_text, flag_shares, number, print_notices, progress, table, write_json
@@ -27,8 +27,8 @@ Correspondence in c.npz
   frames       22 of 256 x 256
   good         98.83 % of the pixels
   mirror       the mirror fills 100.0 % of the image; 98.8 % of it decoded
-  sigma u      0.009746 px (median of the good)
-  sigma v      0.009843 px (median of the good)
+  sigma u      0.0097 px (median of the good pixels)
+  sigma v      0.0098 px (median of the good pixels)
   off_pattern  1.169 %
   time         0.607 s
 """
@@ -47,7 +47,7 @@ Correspondence in c.npz
     "--sequence",
     "text",
     metavar="NAME[:KEY=VALUE,...]",
-    help="The sequence of the pictures, one frame each, in the order of their names; or its .toml file.",
+    help="Sequence of the pictures, one frame each in the order of their names, or its .toml file.",
 )
 @click.option(
     "--display",
@@ -59,7 +59,8 @@ Correspondence in c.npz
     "--description",
     type=FILE,
     metavar="TOML",
-    help="In place of both: capture.toml, as `optolever show` writes it; files that it names lie in DIR.",
+    help="capture.toml, as `optolever show` writes it, in place of --sequence and --display; files that it "
+    "names lie in DIR.",
 )
 @click.option(
     "--channel",
@@ -77,11 +78,10 @@ Correspondence in c.npz
     "--response",
     type=FILE,
     metavar="RIG.toml|H5",
-    help="Light of the levels: a rig's (`optolever response`), or an image calibration of SOFAST to invert.",
+    help="Response of display and camera to levels: of a rig (`optolever response`), or an image calibration "
+    "of SOFAST.",
 )
-@click.option(
-    "--mask", type=FILE, metavar="PNG", help="Pixels to decode: white in an image of the frames' size."
-)
+@mask_option("Pixels to decode")
 @click.option(
     "--roi", metavar="TOP,LEFT,ROWS,COLS", help="Decode this rectangle only; the rest of C.npz is INVALID."
 )
@@ -118,7 +118,7 @@ Correspondence in c.npz
     "estimated from the frames.",
 )
 @click.option("--no-cells", is_flag=True, help="Frames were ideal cosines, not shown on a display's cells.")
-@click.option("--no-check", is_flag=True, help="Take the frames for those described.")
+@click.option("--no-check", is_flag=True, help="Skip the check of the frames against their description.")
 @json_option
 def command(
     sources: tuple[Path, ...],
@@ -129,7 +129,7 @@ def command(
     channel: str,
     exposures: str | None,
     response: Path | None,
-    mask: Path | None,
+    mask_path: Path | None,
     roi: str | None,
     lens: float | None,
     footprint: float | None,
@@ -161,7 +161,7 @@ def command(
         start = time.perf_counter()
         with blame(source):
             inverse = _inverse(response)
-            inside = _inside(mask, roi, capture.frames.shape[1:])
+            inside = _inside(mask_path, roi, capture.frames.shape[1:])
             settings = Settings(
                 response=inverse,
                 lens_px=lens,
@@ -174,8 +174,8 @@ def command(
             if profile is not None:
                 if settings != Settings(check=settings.check):
                     raise InputError(
-                        "--profile holds response, lens, blur, footprint and cells: leave out --response, "
-                        "--lens, --blur, --footprint and --no-cells"
+                        f"--profile {profile}: includes response, lens, blur, footprint and cells; leave out "
+                        "--response, --lens, --blur, --footprint and --no-cells"
                     )
                 known = with_lag(load_profile(profile), measured_lag(profile, source))
                 settings = replace(known.settings, check=settings.check)
@@ -198,7 +198,10 @@ def command(
         numbers["harmonic_error_px"] = {one.axis: {"rms": one.rms_px, "sigma": one.sigma_px} for one in left}
         told = decoder.profile
         if told is None and save_profile is not None:
-            raise InputError(f"{source}: no profile of frames that are not those described; see the notices")
+            raise InputError(
+                f"--save-profile {save_profile}: not written, the frames of {source} contradict their "
+                "description (see the notices)"
+            )
         numbers["profile"] = [] if told is None else [effect._asdict() for effect in told.effects()]
         with together():
             result.save(out)
@@ -213,8 +216,10 @@ def command(
             "frames": f"{len(capture)} of {rows} x {cols}",
             "good": number(100 * numbers["good_share"], "% of the pixels"),
             "mirror": coverage_text(numbers["mirror_share"], numbers["mirror_good_share"]),
-            "sigma u": number(numbers["sigma_u_px"], "px (median of the good)"),
-            "sigma v": number(numbers["sigma_v_px"], "px (median of the good)"),
+            **{
+                f"sigma {axis}": f"{numbers[f'sigma_{axis}_px']:.2g} px (median of the good pixels)"
+                for axis in "uv"
+            },
             **{
                 f"harmonics {one.axis}": f"{number(one.rms_px)} ± {one.sigma_px:.2g} px (rms)" for one in left
             },
@@ -260,15 +265,19 @@ def _read(
     if sources[0].suffix.lower() in HDF5:
         for name, value in (("--description", description), ("--sequence", text)):
             if value is not None:
-                raise InputError(f"{value}: {name} is for pictures, {sources[0]} describes itself")
+                raise InputError(
+                    f"{name} {value}: is for pictures; {sources[0]} describes itself, leave the option out"
+                )
         return load_sofast(sources[0])
     if text is None:
         for name, given in (("--display", display is not None), ("--exposures", exposures is not None)):
             if given:
-                raise InputError(f"{name}: is for --sequence, which is missing, such as gray+phase")
+                raise InputError(f"{name}: needs --sequence, which is missing, such as --sequence gray+phase")
         return Capture.load(sources, description, channel)
     if description is not None:
-        raise InputError(f"--sequence {text} and --description {description}: one of them says it all")
+        raise InputError(
+            f"--sequence {text} and --description {description}: exclude each other, leave one out"
+        )
     shown = shown_sequence(text, display)
     return Capture.from_pictures(sources, shown, channel=channel, exposures=_exposures(exposures))
 

@@ -10,6 +10,7 @@ from optolever import InputError
 
 from .options import (
     dent_of,
+    dent_option,
     json_option,
     load_scene,
     noise_option,
@@ -48,10 +49,10 @@ SHARE = click.FloatRange(0, 1, max_open=True)
 
 @click.command("design", cls=Program, epilog=sample(SAMPLE))
 @scene_option
+@dent_option
 @click.option(
-    "--dent", metavar="NAME[:KEY=VALUE,...]", help="Default: the dent that the scene names, or none."
+    "--frames", type=click.IntRange(min=2), metavar="N", help="Maximum number of frames; default 24."
 )
-@click.option("--frames", type=click.IntRange(min=2), metavar="N", help="Most frames to show; default 24.")
 @click.option("--time", "seconds", type=click.FloatRange(min=0, min_open=True), metavar="SECONDS",
               help="Maximum display time, in place of --frames.")  # fmt: skip
 @click.option("--refresh", type=click.FloatRange(min=0, min_open=True), default=60.0, show_default=True,
@@ -71,9 +72,9 @@ SHARE = click.FloatRange(0, 1, max_open=True)
 @click.option("--failure", type=click.FloatRange(0, 1), default=1e-3, show_default=True, metavar="RATE",
               help="Largest probability of a wrong fringe order or code bit.")  # fmt: skip
 @click.option("--add", "added", multiple=True, metavar="PATTERN",
-              help="Also rank MODULE:FUNCTION (called with rows, cols; returns a patterns.Sequence, or "
-              "images), with @MODULE:FUNCTION behind it a decoder of your own (simulated only); a folder "
-              " of images with a coordinates.toml ([[frames]] file, axis), a sequence.")  # fmt: skip
+              help="Also rank a sequence; a folder of images with a coordinates.toml ([[frames]] file, axis) "
+              "or MODULE:FUNCTION, where FUNCTION(rows, cols) returns a patterns.Sequence or images; "
+              "@MODULE:FUNCTION after it: a decoder of yours (simulated only).")  # fmt: skip
 @click.option("--verify", type=click.IntRange(min=0), default=3, show_default=True, metavar="N",
               help="Number of the best candidates to simulate.")  # fmt: skip
 @click.option("--rows", "shown", type=click.IntRange(min=1), default=12, show_default=True, metavar="N",
@@ -153,7 +154,7 @@ def command(
     table(
         "Choice",
         {
-            "sequence": "none: nothing meets the limits" if chosen is None else chosen.text,
+            "sequence": "none: no candidate meets the limits" if chosen is None else chosen.text,
             "candidates": str(len(design.rows)),
             "time": ", ".join(f"{name} {number(value)}" for name, value in design.seconds.items()) + " s",
             **({"written to": str(out)} if out is not None and chosen is not None else {}),
@@ -168,11 +169,13 @@ def _printed(design: "Design", shown: int, added: tuple[str, ...]) -> "list[Desi
 
 def _budget(frames: int | None, seconds: float | None, refresh: float) -> int:
     if frames is not None and seconds is not None:
-        raise InputError("--frames and --time: both are given, one of them says it all")
+        raise InputError("--frames and --time: exclude each other, leave one out")
     if seconds is None:
         return frames or 24
     if seconds * refresh < 2:
-        raise InputError(f"--time: {seconds:g} s at {refresh:g} Hz are less than two frames")
+        raise InputError(
+            f"--time {seconds:g}: shows less than two frames, must be at least {2 / refresh:.3g}"
+        )
     return int(seconds * refresh + 1e-9)
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from .options import FILE, blame, json_option, sample
+from .options import FILE, blame, json_option, pitch_option, sample
 from .outputs import HEIGHT_SUFFIXES, OutputFile, Program
 from .show import number, table, write_json
 
@@ -25,18 +25,14 @@ Exported h.npz
 @click.argument(
     "files", type=OutputFile(*HEIGHT_SUFFIXES, bare=False), nargs=-1, required=True, metavar="FILE..."
 )
-@click.option(
-    "--pitch",
-    type=click.FloatRange(min=0, min_open=True),
-    metavar="MM",
-    help="Pitch of the regular grid, then also in .npz and .tif; default: about that of the camera's pixels.",
-)
+@pitch_option
 @json_option
 def command(source: Path, files: tuple[Path, ...], pitch: float | None, json_path: Path | None) -> None:
     """Write a height map in other programs' formats.
 
     By the suffix: .npz, .tif (float32), .ply and .stl (mesh), .xyz (points) of the camera's pixels; .x3p,
-    .sdf (ISO 25178) and .dat (Zygo MetroPro) of a regular grid. Good pixels only.
+    .sdf (ISO 25178) and .dat (Zygo MetroPro) of a regular grid. Good pixels only. With --pitch .npz and
+    .tif are on the grid, too.
     """
     from optolever.files import together
     from optolever.reconstruct import HeightMap

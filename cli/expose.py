@@ -26,9 +26,9 @@ $ optolever expose --rig rig.toml --mask mask.png
 Exposure in rig.toml
   exposure   16.67 ms
   saturated  0 % of the pixels
-  swing      85.1 % of full scale (median)
+  contrast   85.1 % of full scale (median)
   lit        100 % of the pixels
-  further    none is needed
+  bracket    no further exposure is needed
 """
 
 
@@ -39,7 +39,7 @@ Exposure in rig.toml
     "mask_path",
     type=OutputFile(".png"),
     metavar="FILE",
-    help="Gets the pixels with the pattern in view.",
+    help="Also write the mask of the pixels that see the display.",
 )
 @json_option
 def command(rig: Path, mask_path: Path | None, json_path: Path | None, **given: Any) -> None:
@@ -84,9 +84,10 @@ def command(rig: Path, mask_path: Path | None, json_path: Path | None, **given: 
         {
             "exposure": number(chosen.exposure_ms, "ms"),
             "saturated": number(100 * seen.saturated, "% of the pixels"),
-            "swing": number(100 * seen.swing, "% of full scale (median)"),
+            "contrast": number(100 * seen.swing, "% of full scale (median)"),
             "lit": number(100 * seen.mask.mean(), "% of the pixels"),
-            "further": ", ".join(number(1e3 * one, "ms") for one in found.further_s) or "none is needed",
+            "bracket": ", ".join(number(1e3 * one, "ms") for one in found.further_s)
+            or "no further exposure is needed",
         },
     )
 
@@ -104,5 +105,8 @@ def _take(now: Opened, wanted: "Wanted") -> "tuple[float, NDArray[np.uint8], NDA
     finally:
         now.camera.stop()
     if accepted.exposure_s <= 0:
-        raise InputError(f"camera: answers an exposure of {accepted.exposure_s:g} s")
+        raise InputError(
+            f"camera: reports an exposure of {accepted.exposure_s:g} s, must be above 0; set it "
+            "with --exposure-ms"
+        )
     return accepted.exposure_s, white.image.pixels, black.image.pixels

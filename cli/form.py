@@ -5,6 +5,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
+from optolever import InputError
+from optolever.quantities import quantity
+
 from .options import FILE, blame, json_option, sample
 from .outputs import OutputFile, Program
 from .show import grid, length, number, table, write_json
@@ -19,11 +22,11 @@ __all__ = ["command"]
 SAMPLE = """
 $ optolever form h.npz --remove sphere
 Form of h.npz: sphere; x, y from the middle (150.021, 150) mm
-number    value         sigma    noise    rig
-vertex_x  -0.02287867   6.3e-05  6.3e-05  0
-vertex_y  0.001375273   6.5e-05  6.5e-05  0
-vertex_z  0.0004064822  -        -        0
-radius    4000.596      0.0023   0.0023   0
+number    value ± sigma            noise    rig
+vertex_x  −0.022879 ± 0.000063     6.3e-05  0
+vertex_y  0.001375 ± 0.000065      6.5e-05  0
+vertex_z  4.065 × 10⁻⁴             -        0
+radius    4000.5960 ± 0.0023       0.0023   0
 Residual
   heights      4.6e+02 nm rms, 3.6 um from valley to peak
   slope error  29.1 urad rms along x, 29.11 urad along y
@@ -89,27 +92,28 @@ class Line(click.ParamType[Any]):
     "lines",
     type=Line(),
     multiple=True,
-    help="x, y (through the middle) or X0,Y0,X1,Y1 in mm: rms and PV of the residual there; again for more.",
+    help="Also rms and PV of the residual along x or y (through the middle) or a line X0,Y0,X1,Y1 (mm); "
+    "repeatable.",
 )
 @click.option(
     "--profiles",
     "profiles_path",
     type=OutputFile(".csv"),
     metavar="FILE.csv",
-    help="Gets the points of the profiles; without --profile of x and y.",
+    help="Also write the points of the profiles (default: along x and y).",
 )
 @click.option(
     "--psd",
     "psd_path",
     type=OutputFile(".csv"),
     metavar="FILE.csv",
-    help="Gets the residual's power spectral density along x and y.",
+    help="Also write the power spectral density of the residual along x and y.",
 )
 @click.option(
     "--out",
     type=OutputFile(".npz"),
     metavar="R.npz",
-    help="Gets x, y, residual, slope_x, slope_y (mm, mm per mm).",
+    help="Also write x, y, residual, slope_x, slope_y (mm, mm per mm).",
 )
 @json_option
 def command(
@@ -185,6 +189,9 @@ def _profiles(fit: "FormFit", lines: "tuple[Ends | str, ...]") -> "dict[str, Pro
             ends = Ends((middle[0], y0), (middle[0], y1))
         name = line if isinstance(line, str) else ",".join(f"{value:g}" for end in line for value in end)
         found[name] = profile(grid, ends.start, ends.end)
+        if not np.isfinite(found[name].rms):
+            part = f"x {x0:.4g} to {x1:.4g}, y {y0:.4g} to {y1:.4g} mm"
+            raise InputError(f"--profile {name}: meets no height, must lie in {part}")
     return found
 
 
@@ -225,11 +232,15 @@ def _numbers(fit: "FormFit", terms: "ZernikeFit | None", profiles: "dict[str, Pr
 
 
 def _show(source: Path, fit: "FormFit", terms: "ZernikeFit | None") -> None:
-    header = ("number", "value", "sigma", "noise", "rig")
+    header = ("number", "value ± sigma", "noise", "rig")
 
     def rows(numbers: dict[str, dict[str, float]], factor: float = 1.0) -> list[list[str]]:
         return [
-            [name, f"{factor * each['value']:.7g}", *(_two(factor * each[key]) for key in header[2:])]
+            [
+                name,
+                quantity(factor * each["value"], "", factor * each["sigma"]),
+                *(_two(factor * each[key]) for key in header[2:]),
+            ]
             for name, each in numbers.items()
         ]
 

@@ -7,7 +7,7 @@ import click
 
 from optolever import InputError
 
-from .options import FILE, json_option, sample
+from .options import FILE, json_option, sample, sequence_option
 from .outputs import Program
 from .rig_capture import capture_rig, measured_lag
 from .rig_devices import device_options, devices_of
@@ -29,9 +29,7 @@ Measured in press1
 
 @click.command("measure", cls=Program, epilog=sample(SAMPLE))
 @device_options
-@click.option(
-    "--sequence", metavar="NAME[:KEY=VALUE,...]", default="gray+phase", show_default=True, help="Sequence."
-)
+@sequence_option("Displayed sequence.")
 @click.option("--out", type=FILE, required=True, metavar="DIR", help="Folder to make: capture, maps, report.")
 @json_option
 def command(rig: Path, sequence: str, out: Path, json_path: Path | None, **given: Any) -> None:
@@ -107,4 +105,8 @@ def command(rig: Path, sequence: str, out: Path, json_path: Path | None, **given
     )
     if wrong:
         numbered = ", ".join(map(str, wrong))
-        raise InputError(f"frames {numbered} are nearer to the pattern before theirs; run optolever sync")
+        raise InputError(
+            f"frames {numbered} fit the preceding pattern better than their own: the display had "
+            "not settled; run "
+            "optolever sync"
+        )

@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from .options import json_option, load_scene, sample
+from .options import json_option, load_scene, preset_option, sample
 from .outputs import Program
 from .show import table, write_json
 
@@ -30,14 +30,7 @@ Dents, on paper-simulation (mm)
 
 
 @click.command("names", cls=Program, epilog=sample(SAMPLE))
-@click.option(
-    "--scene",
-    "scene_name",
-    metavar="PRESET_OR_TOML",
-    default="paper-simulation",
-    show_default=True,
-    help="Scene for the default parameters of the dents.",
-)
+@preset_option("paper-simulation", text=", whose dents are listed")
 @json_option
 def command(scene_name: str, json_path: Path | None) -> None:
     """List the names that options take, parameters and defaults.

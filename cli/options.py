@@ -24,17 +24,24 @@ __all__ = [
     "DISPLAY",
     "FILE",
     "SIZE",
+    "RigFile",
     "blame",
     "correspondence_of",
+    "dent_option",
     "json_option",
     "load_scene",
     "mask_from",
+    "mask_option",
     "noise_option",
+    "pitch_option",
+    "preset_option",
     "renderer_option",
+    "rest_option",
     "rig_option",
     "sample",
     "scene_option",
     "seed_option",
+    "sequence_option",
     "shown_sequence",
     "size_option",
 ]
@@ -93,12 +100,63 @@ def size_option(command: Command) -> Command:
     return click.option("--size", type=SIZE, metavar="ROWSxCOLS", help=text)(command)
 
 
+def preset_option(
+    default: str | None = None, *, required: bool = False, text: str = ""
+) -> Callable[[Command], Command]:
+    """--scene PRESET_OR_TOML; text: in addition to what it is."""
+    what = f"Name of a preset (optolever names) or a scene's TOML file{text}."
+    return click.option(
+        "--scene", "scene_name", metavar="PRESET_OR_TOML", default=default, show_default=default is not None,
+        required=required, help=what,
+    )  # fmt: skip
+
+
 def scene_option(command: Command, *, required: bool = True) -> Command:
     """--scene PRESET_OR_TOML."""
-    text = "Name of a preset (optolever names) or a scene's TOML file."
-    return click.option("--scene", "scene_name", metavar="PRESET_OR_TOML", required=required, help=text)(
-        command
-    )
+    return preset_option(required=required)(command)
+
+
+def sequence_option(text: str) -> Callable[[Command], Command]:
+    """--sequence NAME, with a default."""
+    name, default = "NAME[:KEY=VALUE,...]", "gray+phase"
+    return click.option("--sequence", metavar=name, default=default, show_default=True, help=text)
+
+
+def dent_option(command: Command) -> Command:
+    """--dent NAME."""
+    text = "Shape of the dent; default: the scene's, or none."
+    return click.option("--dent", metavar="NAME[:KEY=VALUE,...]", help=text)(command)
+
+
+def mask_option(text: str) -> Callable[[Command], Command]:
+    """--mask PNG; text: what happens to its pixels."""
+    what = f"{text}: white in an image of the camera's size."
+    return click.option("--mask", "mask_path", type=FILE, metavar="PNG", help=what)
+
+
+def rest_option(text: str) -> Callable[[Command], Command]:
+    """--rest REST.npz; text: what it changes."""
+    what = f"Correspondence of the mirror at rest: {text}."
+    return click.option("--rest", "rest_path", type=FILE, metavar="REST.npz", help=what)
+
+
+def pitch_option(command: Command) -> Command:
+    """--pitch MM."""
+    text = "Pitch of the regular grid; default: about that of the camera's pixels."
+    above_0 = click.FloatRange(min=0, min_open=True)
+    return click.option("--pitch", type=above_0, metavar="MM", help=text)(command)
+
+
+class RigFile(click.Path):
+    """The file of a rig, which exists."""
+
+    def __init__(self) -> None:
+        super().__init__(dir_okay=False, path_type=Path)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if not Path(value).exists():
+            self.fail(f"{value}: no such file; `optolever rig new` writes one, a preset has none", param, ctx)
+        return super().convert(value, param, ctx)
 
 
 def rig_option(command: Command) -> Command:
@@ -106,7 +164,7 @@ def rig_option(command: Command) -> Command:
     return click.option(
         "--scene",
         "rig",
-        type=click.Path(exists=True, dir_okay=False, path_type=Path),
+        type=RigFile(),
         required=True,
         metavar="RIG.toml",
         help="Rig in which the result is stored.",
@@ -131,7 +189,7 @@ def seed_option(command: Command) -> Command:
     """--seed N."""
     whole = click.IntRange(min=0)
     return click.option(
-        "--seed", type=whole, default=0, show_default=True, metavar="N", help="Seed of the noise."
+        "--seed", type=whole, default=0, show_default=True, metavar="N", help="Seed of the random numbers."
     )(command)
 
 
@@ -144,25 +202,15 @@ def renderer_option(command: Command) -> Command:
 
 def virtual_sensor(scene: str | None, noise: float, *, required: bool = True) -> Callable[[Command], Command]:
     """Options of a virtual sensor: --scene (required without a default), --dent, --sequence, ..."""
-    text = "Name of a preset (optolever names) or a scene's TOML file."
     options = (
-        click.option(
-            "--scene", "scene_name", metavar="PRESET_OR_TOML", default=scene,
-            required=required and scene is None, show_default=scene is not None, help=text,
-        ),
-        click.option(
-            "--dent", metavar="NAME[:KEY=VALUE,...]",
-            help="Shape of the dent; default: the scene's, or none.",
-        ),
-        click.option(
-            "--sequence", metavar="NAME[:KEY=VALUE,...]", default="gray+phase", show_default=True,
-            help="Displayed sequence.",
-        ),
+        preset_option(scene, required=required and scene is None),
+        dent_option,
+        sequence_option("Displayed sequence."),
         noise_option(noise),
         seed_option,
         renderer_option,
         size_option,
-    )  # fmt: skip
+    )
 
     def decorate(command: Command) -> Command:
         for option in reversed(options):

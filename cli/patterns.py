@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from .options import DISPLAY, FILE, json_option, sample, shown_sequence
+from .options import DISPLAY, FILE, json_option, sample, sequence_option, shown_sequence
 from .outputs import Program
 from .show import table, write_json
 
@@ -27,13 +27,10 @@ def command() -> None:
 
 @command.command("export", cls=Program, epilog=sample(SAMPLE))
 @click.argument("out", type=FILE, metavar="DIR")
-@click.option(
-    "--sequence", "text", metavar="NAME[:KEY=VALUE,...]", default="gray+phase", show_default=True,
-    help="Sequence, or a .toml file by design or Sequence.save.",
-)  # fmt: skip
+@sequence_option("Sequence, or a .toml file by design or Sequence.save.")
 @click.option("--display", type=DISPLAY, metavar="COLSxROWS", help="Size of the pictures, such as 1920x1080.")
 @json_option
-def export(out: Path, text: str, display: tuple[int, int] | None, json_path: Path | None) -> None:
+def export(out: Path, sequence: str, display: tuple[int, int] | None, json_path: Path | None) -> None:
     """Write 000.png, 001.png, ... and the capture.toml that describes them.
 
     Show them in this order, one pattern pixel per screen pixel, and take a picture of each; then decode the
@@ -42,16 +39,16 @@ def export(out: Path, text: str, display: tuple[int, int] | None, json_path: Pat
     from optolever.files import atomic_folder, together
     from optolever.projector import write_description
 
-    shown = shown_sequence(text, display)
+    shown = shown_sequence(sequence, display)
     with together():
         with atomic_folder(out) as folder:
             shown.save_png(folder)
             write_description(folder / "capture.toml", shown)
-        write_json(json_path, {"sequence": text, "frames": len(shown), "size": shown.shape[1:]})
+        write_json(json_path, {"sequence": sequence, "frames": len(shown), "size": shown.shape[1:]})
     table(
         f"Patterns in {out}",
         {
-            "sequence": text,
+            "sequence": sequence,
             "pictures": f"{len(shown)} of {shown.rows} x {shown.cols}",
             "description": str(out / "capture.toml"),
         },

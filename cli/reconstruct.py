@@ -9,7 +9,19 @@ import click
 
 from optolever import InputError
 
-from .options import FILE, blame, json_option, load_scene, mask_from, sample, scene_option, size_option
+from .options import (
+    FILE,
+    blame,
+    json_option,
+    load_scene,
+    mask_from,
+    mask_option,
+    pitch_option,
+    rest_option,
+    sample,
+    scene_option,
+    size_option,
+)
 from .outputs import GRID_SUFFIXES, HDF5, OutputFile, Program
 from .show import (
     budget_rows,
@@ -41,9 +53,9 @@ Height map in h.npz
   chi2                0.9207 per degree of freedom (949), 1 by noise
   error               0.000127 of the peak depth, rms
   rms(error / sigma)  0.9616
-  dent 1              depth 1.3 mm ± 37 nm noise; half depth: area 1742 ± 0.16
-                      mm², volume 1634 ± 0.12 mm³, centroid (81.8496, 81.8502) ±
-                      0.0011 mm
+  dent 1              depth 1.300000 ± 0.000037 mm; half depth: area 1742.35 ±
+                      0.16 mm², volume 1634.02 ± 0.12 mm³, centroid x 81.8496 ±
+                      0.0011 mm, y 81.8502 ± 0.0011 mm
   evidence 1          no contact evidence: the edge's kink shows in 0 % of 65
                       directions, a smooth surface explains the slopes as well
                       or better
@@ -86,20 +98,8 @@ def _sofast_files(scene: str) -> list[str]:
     "(default in open air where that edge is not seen), or a known point (mm; default of a SOFAST rig: "
     "where it measured its distance).",
 )
-@click.option(
-    "--rest",
-    "rest_path",
-    type=FILE,
-    metavar="REST.npz",
-    help="Correspondence of the mirror at rest: its deviation from the scene's prediction is subtracted.",
-)
-@click.option(
-    "--mask",
-    "mask_path",
-    type=FILE,
-    metavar="PNG",
-    help="Pixels to reconstruct: white in an image of the camera's size.",
-)
+@rest_option("its deviation from the scene's prediction is subtracted")
+@mask_option("Pixels to reconstruct")
 @click.option(
     "--tiff", type=OutputFile(".tif", ".tiff"), metavar="FILE", help="Also write the height as float32 TIFF."
 )
@@ -113,12 +113,7 @@ def _sofast_files(scene: str) -> list[str]:
     help="Also write the surface on a regular grid of x and y: .npz (with sigma), .tif (with its scale), "
     ".x3p, .sdf (ISO 25178) or .dat (Zygo; these three are only written, never read); again for more.",
 )
-@click.option(
-    "--pitch",
-    type=click.FloatRange(min=0, min_open=True),
-    metavar="MM",
-    help="Pitch of the regular grid; default: about that of the camera's pixels.",
-)
+@pitch_option
 @click.option(
     "--slopes",
     "slopes_path",
@@ -133,12 +128,12 @@ def _sofast_files(scene: str) -> list[str]:
     metavar="FILE.npz",
     help="Also write the height less that at rest (a rig with [rest]): x, y, z and its sigma.",
 )
-@click.option("--facet", metavar="NAME", help="Of a SOFAST result: its group; default: facet_000.")
+@click.option("--facet", metavar="NAME", help="Group of the facet in a SOFAST result; default: facet_000.")
 @click.option(
     "--accept",
     is_flag=True,
-    help="Keep the heights of a capture that contradicts its scene beyond the scene's accuracy; without it "
-    "all pixels are flagged, and the exit code is 2.",
+    help="Keep the heights of a capture that contradicts its scene. Default: all its pixels are flagged, and "
+    "the exit code is 2.",
 )
 @click.option("--truth", type=FILE, metavar="TRUTH.npz", help="Compare with the truth of a virtual capture.")
 @size_option
@@ -215,7 +210,7 @@ def command(
             seconds = time.perf_counter() - start
             height = replace(height, notices=height.notices + drift)
             step("contacts")
-            slopes = slope_map(height, correspondence, scene)
+            slopes = slope_map(height, correspondence, scene, rest)
             height = _with_slope_noise(height, slopes)
             found = contacts(height, slopes)
             dents = [contact.to_dict() for contact in found]

@@ -30,7 +30,7 @@ _SPARE = 1 << 28  # bytes: minimum free space on the disk
 @click.command("record", cls=Program, epilog=sample(SAMPLE))
 @device_options
 @click.option(
-    "--seconds", type=click.FloatRange(0, min_open=True), required=True, metavar="SECONDS", help="How long."
+    "--seconds", type=click.FloatRange(0, min_open=True), required=True, metavar="SECONDS", help="Duration."
 )
 @click.option("--out", type=FILE, required=True, metavar="DIR", help="Folder to make; new or empty.")
 @json_option
@@ -53,7 +53,9 @@ def command(rig: Path, seconds: float, out: Path, json_path: Path | None, **give
         need = int(size * seconds * (now.accepted.fps or 60)) + _SPARE
         free = shutil.disk_usage(out.absolute().parent).free
         if free < need:
-            raise InputError(f"{out}: needs {need / 1e9:.1f} GB, {free / 1e9:.1f} GB are free")
+            raise InputError(
+                f"{out}: needs {need / 1e9:.1f} GB, {free / 1e9:.1f} GB are free; record fewer --seconds"
+            )
         about = {"camera": now.camera.identity.address, "refresh_s": now.display.refresh_s}
         with Recorder(out, about | {"rig": rig.read_text(encoding="utf-8")}) as recorder:
             recorder.configured(now.accepted)

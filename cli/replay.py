@@ -1,4 +1,4 @@
-"""`optolever replay`: check of a recording; the recording of a capture becomes a capture folder again."""
+"""`optolever replay`: check of a recording; a capture's recording as a capture folder."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,7 +9,7 @@ from optolever import InputError
 
 from .options import FILE, json_option, sample
 from .outputs import OutputFile, Program
-from .show import number, table, write_json
+from .show import number, print_notices, table, write_json
 
 if TYPE_CHECKING:
     from optolever.projector import Recording
@@ -28,8 +28,15 @@ Recording cap.recording
 
 @click.command("replay", cls=Program, epilog=sample(SAMPLE))
 @click.argument("folder", type=FILE, metavar="DIR")
-@click.option("--rig", type=FILE, metavar="RIG.toml", help="Whose [sync] decides; default: as it was taken.")
-@click.option("--out", type=FILE, metavar="DIR", help="Capture folder to make of a capture's recording.")
+@click.option(
+    "--rig",
+    type=FILE,
+    metavar="RIG.toml",
+    help="Rig whose [sync] selects the images; default: the timing of the recording.",
+)
+@click.option(
+    "--out", type=FILE, metavar="DIR", help="Capture folder to make from the recording of a capture."
+)
 @click.option(
     "--mcap", type=OutputFile(".mcap"), metavar="FILE.mcap", help="Also write it for ROS 2 (extra mcap)."
 )
@@ -37,14 +44,16 @@ Recording cap.recording
 def command(
     folder: Path, rig: Path | None, out: Path | None, mcap: Path | None, json_path: Path | None
 ) -> None:
-    """Check a recording: every page against its line.
+    """Check that every image of a recording is intact.
 
-    --out takes the images of a capture once more, by the times that were recorded; one that broke off gives
-    the frames until then. Other commands replay too: --camera replay:DIR.
+    --out selects the frames of a capture's recording anew, by the recorded times; an aborted capture gives
+    the frames before it ended. Other commands replay with --camera replay:DIR. Readings that
+    `live --record` wrote are computed again and compared bit by bit.
     """
     import numpy as np
 
     from optolever.files import together
+    from optolever.live import has_readings, replayed
     from optolever.projector import Logged, Recording, write_mcap
 
     recording = Recording(folder)
@@ -57,6 +66,10 @@ def command(
             swaps += 1
     span = float(np.ptp(stamps)) if stamps else 0.0
     numbers = {"images": len(stamps), "incomplete": incomplete, "swaps": swaps, "span_s": span}
+    again, same, seconds = 0, 0, 0.0
+    for one in replayed(folder) if has_readings(folder) else ():
+        again, same, seconds = again + 1, same + one.identical, seconds + one.followed.delay
+    numbers |= {"readings": again, "identical": same} if again else {}
     with together():
         if out is not None:
             numbers["frames"] = _capture(recording, rig, out)
@@ -74,6 +87,11 @@ def command(
         rows["capture"] = f"{numbers['frames']} frames in {out}"
     if mcap is not None:
         rows["mcap"] = f"{numbers['exported']} images in {mcap}"
+    if again:
+        rows["readings"] = f"{same} of {again} bit-identical, {number(1e3 * seconds / again, 'ms')} each"
+    if same < again:
+        name = f"{again - same} of {again} readings differ from the recorded ones"
+        print_notices([f"{name}: another version of the program, of its libraries, or another processor"])
     table(f"Recording {folder}", rows)
 
 
@@ -89,7 +107,10 @@ def _capture(recording: "Recording", rig: Path | None, out: Path) -> int:
 
     about = recording.about
     if "sequence" not in about:
-        raise InputError(f"{recording.folder}: has no sequence, must be the recording of a capture")
+        raise InputError(
+            f"--out {out}: {recording.folder} has no sequence, must be the recording of a capture "
+            "(capture --rig --keep)"
+        )
     shown = Sequence.from_dict(about["sequence"], str(recording.folder))
     section = (
         about.get("timing") if rig is None else tomllib.loads(rig.read_text(encoding="utf-8")).get("sync")

@@ -4,7 +4,9 @@ from pathlib import Path
 
 import click
 
-from .options import FILE, blame, json_option, load_scene, sample
+from optolever import InputError
+
+from .options import FILE, blame, json_option, load_scene, preset_option, rest_option, sample
 from .outputs import Program, report_option
 from .show import budget_rows, grid, noise_and_rig, number, print_notices, table, write_json
 
@@ -26,12 +28,8 @@ Report of h.npz: simulated, geometry known
     "--correspondence", type=FILE, metavar="C.npz", help="File of decode: adds maps of u and v, and slopes."
 )
 @click.option("--capture", "folder", type=FILE, metavar="DIR", help="Capture folder: adds its frames.")
-@click.option(
-    "--scene",
-    "scene_name",
-    metavar="PRESET_OR_TOML",
-    help="Scene or rig of the map: adds its drawing, areas, slopes and dents.",
-)
+@rest_option("slopes and dents are those less rest, as in reconstruct")
+@preset_option(text=": adds its drawing, areas, slopes and dents")
 @click.option(
     "--remove",
     "form",
@@ -56,6 +54,7 @@ def command(
     source: Path,
     correspondence: Path | None,
     folder: Path | None,
+    rest_path: Path | None,
     scene_name: str | None,
     form: str | None,
     less: tuple[Path, ...],
@@ -75,6 +74,8 @@ def command(
     from optolever.projector import Capture
     from optolever.reconstruct import HeightMap, budget
 
+    if rest_path is not None and (correspondence is None or scene_name is None):
+        raise InputError(f"--rest {rest_path}: needs --correspondence and --scene")
     height = HeightMap.load(source)
     paths = (source, *less)
     stems = [path.stem for path in paths]
@@ -91,6 +92,7 @@ def command(
         simulated=folder is not None and (folder / "truth.npz").is_file(),
         form="" if form == "none" else form,
         less=others,
+        rest=None if rest_path is None else Correspondence.load(rest_path),
     )
     good = height.good
     total, noise, rig = (

@@ -5,6 +5,8 @@ from typing import Any
 
 import click
 
+from optolever.quantities import quantity
+
 from .options import FILE, json_option, rig_option, sample
 from .outputs import Program
 from .show import number, progress, table, write_json
@@ -58,17 +60,17 @@ def command(ramp: Path, captures: tuple[Path, ...], rig: Path, json_path: Path |
         with together():
             path = store_response(rig, found)
             write_json(json_path, numbers)
-    told = found.vignetting is not None
-    missing = "not told: give captures of fringes" if not captures else None
-    apart = f"not parted ({len(captures)} captures"
+    separated = found.vignetting is not None
+    missing = "unknown: give captures of fringes" if not captures else None
+    apart = f"not separated ({len(captures)} captures"
     apart += ")" if len(captures) < 2 else f", standard deviation {100 * found.parted_sigma:.2g} %)"
     rows = {
-        "gamma": f"{number(gamma)}, off by {100 * misfit:.2g} % of white (rms)",
+        "gamma": f"{number(gamma)}; residual {100 * misfit:.2g} % of white (rms)",
         "black": number(100 * found.black, "% of white"),
-        "blur": missing or f"{number(found.response.blur or 0.0)} ± {found.blur_sigma:.2g} cells",
-        "gain": number(100 * numbers["gain_least"], "% of the brightest, darkest pixel"),
+        "blur": missing or quantity(found.response.blur or 0.0, "cells", found.blur_sigma),
+        "gain": number(100 * numbers["gain_least"], "% (darkest pixel over brightest)"),
         **{
-            name: number(100 * numbers[f"{name}_least"], "% of the brightest") if told else apart
+            name: number(100 * numbers[f"{name}_least"], "% (darkest over brightest)") if separated else apart
             for name in ("vignetting", "backlight")
         },
     }

@@ -10,7 +10,7 @@ from optolever import InputError
 from .options import blame, correspondence_of, json_option, rig_option, sample
 from .outputs import Program
 from .reconstruct import Anchor
-from .show import number, print_notices, progress, table, write_json
+from .show import length, number, print_notices, progress, table, write_json
 
 __all__ = ["command"]
 
@@ -38,7 +38,7 @@ def command(source: Path, rig: Path, anchor: Any, json_path: Path | None) -> Non
 
     from optolever.calibration import RestMap, store_rest
     from optolever.files import together
-    from optolever.reconstruct import reconstruct
+    from optolever.reconstruct import contacts, reconstruct, slope_map
     from optolever.scene import load
 
     scene = load(rig)
@@ -49,7 +49,15 @@ def command(source: Path, rig: Path, anchor: Any, json_path: Path | None) -> Non
         with blame(source):
             height = reconstruct(seen, scene, anchor=anchor)
             if not height.good.any():
-                raise InputError("no height is good; is the mirror at rest in view?")
+                raise InputError(
+                    "no pixel has a height; check that the mirror at rest is in view, and the scene"
+                )
+            dents = contacts(height, slope_map(height, seen, scene))
+        pressed = [
+            f"The mirror at rest has a dent of {length(one.depth)} at ({one.x:.3g}, {one.y:.3g}) mm: "
+            "every change lacks it; capture the mirror untouched"
+            for one in dents[:1]
+        ]
         good = height.good
         numbers = {
             "good_share": float(good.mean()),
@@ -60,10 +68,10 @@ def command(source: Path, rig: Path, anchor: Any, json_path: Path | None) -> Non
         with together():
             path = store_rest(rig, RestMap(height, seen))
             write_json(json_path, numbers)
-    print_notices(height.notices)
+    print_notices((*height.notices, *pressed))
     rows = {
         "good": number(100 * numbers["good_share"], "% of the pixels"),
         "height": number(numbers["z_rms_mm"], "mm rms"),
-        "sigma": number(numbers["sigma_mm"], "mm (median, noise and rig)"),
+        "sigma": f"{length(numbers['sigma_mm'])} (median, noise and rig)",
     }
     table(f"Rest map in {path}", rows)

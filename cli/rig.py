@@ -28,8 +28,8 @@ $ optolever rig new --kind monitor --mirror 150x110 --display 1920x1080 --diagon
 Rig in rig.toml
   kind     monitor
   display  531.3 x 298.9 mm, pixels of 0.2767 mm
-  sees     95.83 % of the pixels see the display in the mirror at rest
-  drawn    rig.png
+  visible  95.83 % of the pixels see the display in the mirror at rest
+  drawing  rig.png
 """
 
 TWO = re.compile(r"([\d.]+)\s*[x×]\s*([\d.]+)")
@@ -148,7 +148,10 @@ def new(
     values = {**given, "pitch": pitch}
     for name, item in ITEMS.items():
         if kind not in item.kinds and given[name] is not None:
-            raise InputError(f"--{name.replace('_', '-')}: is of a {item.kinds[0]}, --kind is {kind}")
+            raise InputError(
+                f"--{name.replace('_', '-')}: applies to --kind {item.kinds[0]}, --kind is {kind}; "
+                "leave it out"
+            )
     for name, item in ITEMS.items():
         if kind not in item.kinds:
             continue
@@ -176,8 +179,8 @@ def new(
         {
             "kind": kind,
             "display": f"{number(sides[0])} x {number(sides[1])} mm, pixels of {number(values['pitch'])} mm",
-            "sees": f"{number(100 * seen)} % of the pixels see the display in the mirror at rest",
-            "drawn": str(drawn),
+            "visible": f"{number(100 * seen)} % of the pixels see the display in the mirror at rest",
+            "drawing": str(drawn),
         },
     )
 

@@ -10,17 +10,29 @@ import click
 
 from optolever import InputError
 
+from .options import RigFile
 from .show import print_notices
 
 if TYPE_CHECKING:
     from optolever.patterns import Sequence
     from optolever.projector import Accepted, Camera, ClockMap, Display, Time, Timing, Wanted
 
-__all__ = ["Devices", "Opened", "device_options", "devices_of", "opened", "timing_of", "wait_of"]
+__all__ = [
+    "DEVICE_OPTIONS",
+    "Devices",
+    "Opened",
+    "device_options",
+    "devices_of",
+    "opened",
+    "timing_of",
+    "wait_of",
+]
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 _POSITIVE = click.FloatRange(0, min_open=True)
 _TRIGGERS = ("free", "software", "hardware")
+#: Names of the options beside --rig.
+DEVICE_OPTIONS = ("camera", "display", "exposure_ms", "gain", "fps", "trigger")
 
 
 @dataclass(frozen=True)
@@ -72,13 +84,13 @@ def device_options(command: Command, *, required: bool = True) -> Command:
     """--rig, and options that replace its [devices] for this run."""
     options = (
         click.option(
-            "--rig", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="RIG.toml",
+            "--rig", type=RigFile(), metavar="RIG.toml",
             required=required, help="The rig: its scene, [devices] and [sync].",
         ),
-        click.option("--camera", metavar="ADDRESS", help="As devices lists them, or virtual."),
-        click.option("--display", metavar="NAME", help="Monitor by its name; a plain window: window."),
+        click.option("--camera", metavar="ADDRESS", help="Address (see optolever devices), or virtual."),
+        click.option("--display", metavar="NAME", help="Name of the monitor; a plain window: window."),
         click.option("--exposure-ms", type=_POSITIVE, metavar="MS", help="Exposure of the camera."),
-        click.option("--gain", type=float, metavar="NUMBER", help="In the camera's own unit."),
+        click.option("--gain", type=float, metavar="NUMBER", help="Gain of the camera, in its unit."),
         click.option("--fps", type=_POSITIVE, metavar="HZ", help="Images a second."),
         click.option("--trigger", type=click.Choice(_TRIGGERS), help="How exposures begin."),
     )  # fmt: skip
@@ -101,7 +113,9 @@ def devices_of(rig: Path, **given: Any) -> Devices:
             kind_name = "text" if name in texts else "whole number" if whole else "number"
             raise InputError(f"{rig}: [devices]: {name} is {value!r}, must be a {kind_name}")
     if table.get("trigger", "free") not in _TRIGGERS:
-        raise InputError(f"{rig}: [devices]: trigger is {table['trigger']!r}, must be {', '.join(_TRIGGERS)}")
+        raise InputError(
+            f"{rig}: [devices]: trigger is {table['trigger']!r}, must be one of {', '.join(_TRIGGERS)}"
+        )
     devices = replace(Devices(**table), **{name: value for name, value in given.items() if value is not None})
     if not devices.camera:
         raise InputError(f"{rig}: [devices]: camera is missing; give --camera (optolever devices lists them)")
@@ -136,7 +150,9 @@ def wait_of(now: Opened, rig: Path) -> "Timing | None":
         return Timing(0, 0, 0, 0, 0, 0, 0.01, now.accepted.exposure_s)
     timing = timing_of(rig) or _recorded(now)
     if timing is None:
-        print_notices(["no [sync] in the rig, waiting 0.5 s for every pattern; optolever sync measures it"])
+        print_notices(
+            ["The rig has no [sync]: every pattern gets 0.5 s to settle; optolever sync measures the time"]
+        )
         return None
     timing.require(now.accepted)
     return timing

@@ -13,6 +13,7 @@ from .options import (
     noise_option,
     sample,
     scene_option,
+    sequence_option,
     size_option,
 )
 from .outputs import Program, report_option
@@ -56,13 +57,7 @@ Report
     metavar="NAME=VALUE/...",
     help="angle (deg), index, distance (mm), camera or pattern (factor on the pixels); again for more.",
 )
-@click.option(
-    "--sequence",
-    default="gray+phase",
-    show_default=True,
-    metavar="NAME[:KEY=VALUE,...]",
-    help="Sequence of the error bars.",
-)
+@sequence_option("Sequence of the error bars.")
 @noise_option(1.0)
 @size_option
 @report_option("sensor", "Gets report.html.", "report.html")

@@ -8,6 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from optolever.quantities import quantity
+
 if TYPE_CHECKING:
     from enum import IntFlag
 
@@ -84,16 +86,18 @@ def dent_rows(dent: Mapping[str, Any], count: int) -> dict[str, str]:
     noise = dent["depth_sigma"] if dent["depth_noise"] is None else dent["depth_noise"]
     rig = math.sqrt(max(0.0, dent["depth_sigma"] ** 2 - noise**2))
     against = dent.get("depth_rig_against_rest")
-    predicted = "" if against is None else f" (against a rest capture {length(against)})"
+    predicted = "" if against is None else f", against a rest capture {length(against)}"
+    parts = f" (noise {length(noise)}, rig {length(rig)}{predicted})" if rig > 0 else ""
     at_least = "at least " if dent["cut"] else ""
 
     def give(name: str, unit: str) -> str:
-        return f"{at_least}{number(dent[name])} ± {dent[f'{name}_sigma']:.2g} {unit}"
+        return at_least + quantity(dent[name], unit, dent[f"{name}_sigma"])
 
     return {
-        f"dent {count}": f"depth {number(dent['depth'])} mm {noise_and_rig(noise, rig)}{predicted}; "
+        f"dent {count}": f"depth {quantity(dent['depth'], 'mm', dent['depth_sigma'])}{parts}; "
         f"{dent['region']}: area {give('area', 'mm²')}, volume {give('volume', 'mm³')}, "
-        f"centroid ({x:.6g}, {y:.6g}) ± {dent['centroid_sigma']:.2g} mm",
+        f"centroid x {quantity(x, 'mm', dent['centroid_sigma'])}, "
+        f"y {quantity(y, 'mm', dent['centroid_sigma'])}",
         f"evidence {count}": dent["evidence"],
     }
 
@@ -102,7 +106,7 @@ def budget_rows(readings: "Mapping[str, Mapping[str, float]]") -> tuple[list[str
     """Header and rows for `grid` of an uncertainty budget (mm), in micrometres: a row per source."""
     names = list(dict.fromkeys(name for sources in readings.values() for name in sources))
     rows = [
-        [name, *(number(1e3 * sources[name]) if name in sources else "" for sources in readings.values())]
+        [name, *(f"{1e3 * sources[name]:.2g}" if name in sources else "" for sources in readings.values())]
         for name in names
     ]
     return ["um", *readings], rows

@@ -7,7 +7,9 @@ from typing import Any
 
 import click
 
-from .options import json_option, sample
+from optolever.quantities import quantity
+
+from .options import json_option, sample, seed_option
 from .outputs import OutputFile, Program
 from .rig_devices import device_options, devices_of, opened
 from .show import number, print_notices, table, write_json
@@ -17,14 +19,14 @@ __all__ = ["command"]
 SAMPLE = """
 $ optolever sync --rig rig.toml
 Synchronisation in rig.toml
-  latency     38.2 ± 0.4 ms
-  latest      0.25 ms later
+  latency     38.20 ± 0.40 ms
+  jitter      0.25 ms at most
   rise, fall  4.9 ms, 5.2 ms
   shutter     16.02 ms
   wait        75.1 ms after a swap
   exposure    16.67 ms, 1 refreshes
   flicker     0.1 % of white
-  misfit      0.2 % of the swing
+  residual    0.2 % of white less black
 """
 
 
@@ -36,11 +38,9 @@ Synchronisation in rig.toml
     default=60,
     show_default=True,
     metavar="N",
-    help="Flips of the screen.",
+    help="Number of changes between black and white.",
 )
-@click.option(
-    "--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="N", help="Seed of the flips."
-)
+@seed_option
 @click.option(
     "--report", "page", type=OutputFile(".html"), metavar="FILE.html", help="Also write a page about it."
 )
@@ -80,13 +80,13 @@ def command(
     table(
         f"Synchronisation in {rig}",
         {
-            "latency": f"{1e3 * timing.latency_s:.2f} ± {1e3 * sigma.get('latency', 0.0):.2f} ms",
-            "latest": number(1e3 * timing.jitter_s, "ms later"),
+            "latency": quantity(1e3 * timing.latency_s, "ms", 1e3 * sigma.get("latency", 0.0)),
+            "jitter": number(1e3 * timing.jitter_s, "ms at most"),
             "rise, fall": f"{1e3 * timing.rise_s:.2f} ms, {1e3 * timing.fall_s:.2f} ms",
             "shutter": number(1e3 * timing.shutter_s, "ms"),
             "wait": number(1e3 * timing.ready_s(), "ms after a swap"),
             "exposure": number(1e3 * timing.exposure_s, "ms") + refreshes,
             "flicker": number(100 * timing.flicker, "% of white"),
-            "misfit": number(100 * timing.misfit, "% of the swing"),
+            "residual": number(100 * timing.misfit, "% of white less black"),
         },
     )

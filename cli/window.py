@@ -8,7 +8,7 @@ import click
 
 from optolever import InputError
 
-from .options import SIZE, json_option, sample
+from .options import SIZE, json_option, sample, sequence_option
 from .outputs import OutputFile, Program
 from .show import grid, number, print_notices, table, write_json
 
@@ -29,10 +29,7 @@ Shown on monitor 1
 
 
 @click.command("show", cls=Program, epilog=sample(SAMPLE))
-@click.option(
-    "--sequence", "text", metavar="NAME[:KEY=VALUE,...]", default="gray+phase", show_default=True,
-    help="Sequence, or a .toml file by design or Sequence.save.",
-)  # fmt: skip
+@sequence_option("Sequence, or a .toml file by design or Sequence.save.")
 @click.option(
     "--monitor", type=click.IntRange(min=0), metavar="N",
     help="Full screen there, by its number in --list; default: the second one, or a plain window.",
@@ -45,7 +42,7 @@ Shown on monitor 1
 )
 @click.option(
     "--seconds", type=click.FloatRange(min=0, min_open=True), metavar="SECONDS",
-    help="Show every frame once for so long; default: right and left arrow step, Escape closes.",
+    help="Duration of each frame; default: right and left arrow step, Escape closes.",
 )  # fmt: skip
 @click.option(
     "--out", type=OutputFile(".toml", bare=False), metavar="TOML",
@@ -54,7 +51,7 @@ Shown on monitor 1
 @click.option("--list", "listing", is_flag=True, help="List the monitors and show nothing.")
 @json_option
 def command(
-    text: str,
+    sequence: str,
     monitor: int | None,
     display: str | None,
     size: tuple[int, int] | None,
@@ -77,7 +74,7 @@ def command(
         return
     chosen = _chosen(found, monitor, display)
     print_notices(() if chosen is None else found[chosen].faults())
-    shown = _sequence(text, size, found, chosen)
+    shown = _sequence(sequence, size, found, chosen)
     described = out or Path("capture.toml")
     with PatternWindow(shown, monitor=chosen) as window:
         write_description(described, shown)
@@ -87,11 +84,13 @@ def command(
         else:
             times = window.play(seconds)
     if window.gone:
-        told = f", {len(times)} of {len(shown)} frames were shown" if seconds is not None else ""
-        raise InputError(f"display: monitor {chosen} went away{told}")
+        count = f" after {len(times)} of {len(shown)} frames" if seconds is not None else ""
+        raise InputError(
+            f"display: monitor {chosen} was disconnected{count}; connect it and show the sequence again"
+        )
     where = "in a window" if chosen is None else f"on monitor {chosen}"
     record = {
-        "sequence": text,
+        "sequence": sequence,
         "frames": len(shown),
         "size": shown.shape,
         "monitor": chosen,
@@ -102,7 +101,7 @@ def command(
         table(
             f"Shown {where}",
             {
-                "sequence": text,
+                "sequence": sequence,
                 "frames": f"{len(times)} of {len(shown)}, of {shown.rows} x {shown.cols}",
                 "each": f"{number(_mean_step(times), 's')} on average",
                 "described": str(described),
@@ -131,7 +130,9 @@ def _chosen(found: "list[Monitor]", monitor: int | None, display: str | None) ->
     if monitor is None:
         return 1 if len(found) > 1 else None
     if monitor >= len(found):
-        raise InputError(f"--monitor {monitor}: does not exist, the limit is {len(found) - 1}")
+        raise InputError(
+            f"--monitor {monitor}: does not exist, must be 0 to {len(found) - 1} (--list shows them)"
+        )
     return monitor
 
 

@@ -16,6 +16,7 @@ from optolever.decode import Correspondence
 from optolever.files import report_folder, save_arrays, together
 from optolever.patterns import Frame
 from optolever.projector import Capture
+from optolever.quantities import length_unit
 from optolever.scene import Trace
 
 from .arrays import Floats
@@ -31,7 +32,7 @@ from .height_tables import (
     form_table,
     terms_table,
 )
-from .images import length_unit, png_uri, thumbnail
+from .images import png_uri, thumbnail
 from .maps import (
     Data,
     Layer,

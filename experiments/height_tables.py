@@ -47,7 +47,7 @@ def cards(study: Study, figures: Figures) -> list[_Card]:
             "good_share",
             "Pixels with a height",
             show("good pixels", good.mean(), "%"),
-            "of all of the camera's",
+            "of all camera pixels",
         )
     ]
     if study.fit is not None:
@@ -77,7 +77,7 @@ def cards(study: Study, figures: Figures) -> list[_Card]:
         cards.append(_Card("depth", "Largest z", deepest, Markup("smallest {}").format(least)))
     if study.deviation is not None:
         spread = float(np.median(study.deviation.total_sigma[good]))
-        says = "median of the good pixels; the errors of the rig less their part in the form"
+        says = "median of the good pixels; errors of the rig less their part in the form"
         value = show("sigma of the deviation", spread, "mm")
         cards.append(_Card("deviation_sigma", "Standard deviation of the deviation", value, says))
     value = show("sigma by noise", np.median(noise), "mm")

@@ -139,13 +139,6 @@ class MirrorGrid:
         return np.where(self.pixel < 0, np.nan, thin(values, 2 * self.side).ravel()[self.pixel])
 
 
-def length_unit(size: float) -> tuple[float, str]:
-    """Factor and name of the unit in which a length given in mm reads well."""
-    if abs(size) >= 0.1 or size == 0 or not np.isfinite(size):
-        return 1.0, "mm"
-    return (1e3, "µm") if abs(size) >= 1e-4 else (1e6, "nm")
-
-
 def mirror_figure(panels: list[Panel], grid: MirrorGrid) -> str:
     """Maps of the mirror side by side, axes in mm; values are already on the grid."""
     left, right, bottom, top = grid.extent

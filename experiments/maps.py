@@ -13,10 +13,11 @@ import matplotlib
 import numpy as np
 from numpy.typing import NDArray
 
+from optolever.quantities import length_unit
 from optolever.reconstruct import Grid, HeightMap
 
 from .arrays import Floats, Mask
-from .images import MirrorGrid, length_unit, robust_limits, thin
+from .images import MirrorGrid, robust_limits, thin
 
 __all__ = [
     "CELLS",

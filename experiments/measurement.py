@@ -36,6 +36,7 @@ class Measurement:
     source: origin of the map; name: of the map in differences; rig: file of the scene; simulated: the frames
     are simulated. form: to be subtracted (`metrology.fit_form`); '': none; None: a sphere for a mirror in
     open air. less: maps of the same rig by name, for differences. saved: existing files of the page's folder.
+    rest: the correspondence of the mirror at rest, of a map reconstructed against it.
     """
 
     height: HeightMap
@@ -50,14 +51,37 @@ class Measurement:
     form: str | None = None
     less: Mapping[str, HeightMap] = field(default_factory=dict)
     saved: tuple[str, ...] = ()
+    rest: Correspondence | None = None
+
+    def __post_init__(self) -> None:
+        size = self.height.z.shape
+        if self.capture is not None and self.capture.frames.shape[1:] != size:
+            found = "{} x {}".format(*self.capture.frames.shape[1:])
+            raise InputError(
+                f"capture: frames of {found} pixels, must be {size[0]} x {size[1]} as the height map"
+            )
 
     @property
     def notices(self) -> tuple[Notice, ...]:
-        """Notices of the map, preceded by one if its points do not lie on the scene's camera rays."""
+        """Notices of the map, preceded by those of records that are not of this map."""
+        return *self._other_rig(), *self._other_rest(), *self.height.notices
+
+    def _other_rest(self) -> list[Notice]:
+        """Whether either the heights or the slopes alone are less a rest capture."""
+        less = any(name.startswith("rest ") for name in self.height.references)
+        if self.correspondence is None or self.scene is None or less == (self.rest is not None):
+            return []
+        parts = "heights", "slopes and dents"
+        name = "The {} are less a rest capture, the {} are not".format(*(parts if less else parts[::-1]))
+        cure = "give that capture by --rest" if less else "reconstruct with --rest"
+        return [Notice(name, np.nan, np.nan, cure)]
+
+    def _other_rig(self) -> list[Notice]:
+        """Whether the map's points lie off the camera rays of the scene. InputError for another size."""
         height, scene = self.height, self.scene
         known = height.good & np.isfinite(height.z)
         if scene is None or not known.any():
-            return height.notices
+            return []
         if (scene.camera.rows, scene.camera.cols) != height.z.shape:
             size = f"{scene.camera.rows} x {scene.camera.cols}"
             raise InputError(f"scene: its camera has {size} pixels, the height map {height.z.shape}")
@@ -67,10 +91,10 @@ class Measurement:
         miss = float(np.median(np.linalg.norm(np.cross(away, ways), axis=-1)))
         pixel = float(np.sqrt(scene.mirror.length * scene.mirror.width / height.z.size))
         if miss <= _OFF_RAY * pixel:
-            return height.notices
+            return []
         text = f"The points of the map lie {miss:.2g} mm off the camera rays of the scene"
         cure = "give the rig that the heights were reconstructed with; slopes and areas are wrong"
-        return Notice(text, miss, np.nan, cure), *height.notices
+        return [Notice(text, miss, np.nan, cure)]
 
     @property
     def open_air(self) -> bool:
@@ -129,7 +153,7 @@ class Study:
         if seen is not None and scene is not None and some:
             # dents alone need the slopes of the modes
             plain = replace(height, calibration=None) if given.open_air else height
-            slopes = slope_map(plain, seen, scene)
+            slopes = slope_map(plain, seen, scene, given.rest)
         fit = _form_fit(given, slopes)
         deviation = None if fit is None else _deviation(height, fit)
         terms = None if deviation is None else _terms(deviation, slopes)

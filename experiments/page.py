@@ -15,8 +15,8 @@ from markupsafe import Markup
 
 from optolever import __version__
 from optolever.files import atomic_file, report_folder
+from optolever.quantities import length_unit
 
-from .images import length_unit
 from .timing import peak_bytes
 
 FOLDER = Path(__file__).parent / "report"

@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from .images import figure_uri, label_axes, length_unit, new_figure
+from optolever.quantities import length_unit
+
+from .images import figure_uri, label_axes, new_figure
 from .page import share_text, table, write_page
 from .paper import PaperStudy
 from .paper_line import Curve, PaperRow

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from optolever.notices import Notice
+from optolever.quantities import length_unit, quantity
 from optolever.reconstruct import (
     PREDICTED_DEPTH,
     PREDICTED_NOISE,
@@ -20,9 +21,9 @@ from optolever.reconstruct import (
 from optolever.scene import Scene
 
 from .arrays import Floats
-from .images import figure_uri, label_axes, length_unit, new_figure, robust_limits
+from .images import figure_uri, label_axes, new_figure, robust_limits
 from .metrics import rms
-from .page import budget_table, scientific, table, write_page
+from .page import budget_table, table, write_page
 from .rig_drawing import rig_drawing
 
 #: Red on the page: chi above the first; a parameter farther from its prior, in prior sigma, than the second.
@@ -111,14 +112,15 @@ def _beyond(chi: float | None) -> str:
 
 
 def _numbers(parameters: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    heads = ("number", "value", "off by", "sigma", "prior", "its sigma", "sharper by")
+    heads = ("parameter", "value ± sigma", "prior ± sigma", "off by", "prior sigma over sigma")
     rows = []
     for each in parameters:
         gain = each["prior_sigma"] / each["sigma"]
         off = abs(each["value"] - each["prior"]) / each["prior_sigma"]
-        cells = [scientific(each[key]) for key in ("value", "sigma", "prior", "prior_sigma")]
+        pairs = ("value", "sigma"), ("prior", "prior_sigma")
+        cells = [quantity(each[value], "", each[sigma]) for value, sigma in pairs]
         kind = "beyond" if off > MOST_OFF else "soft" if gain < LEAST_GAIN else ""
-        rows.append((kind, [each["name"], cells[0], f"{off:.2f}", *cells[1:], scientific(gain)]))
+        rows.append((kind, [each["name"], *cells, f"{off:.2f}", f"{gain:.2g}"]))
     return table("numbers-table", heads, rows)
 
 

@@ -8,9 +8,11 @@
 | `chain.py` | one frame, from the image to the height |
 | `picture.py`, `unwrap.py` | the model of the image and its fit; phase unwrapping |
 | `geometry.py`, `chord.py`, `columns.py` | rays and anchor; a step of the coupled equations; its solver |
-| `contact.py`, `touches.py`, `pressure.py` | figures of a contact; contacts over time; pressure and force |
+| `contact.py`, `touches.py`, `shape.py` | figures of a contact; contacts over time; tilt and radii |
+| `pressure.py`, `weights.py` | pressure and force; the modulus by known weights |
 | `circulation.py` | circulation of the slopes: their inconsistency |
 | `source.py`, `follow.py` | cameras, one of them virtual; readings as an iterator, tare |
+| `recorded.py` | readings beside their frames, and again from them |
 | `ring.py` | Ring: a code of several frames, one height per frame |
 | `server.py`, `page.html` | the page |
 | `arrays.py` | names of arrays |
@@ -24,11 +26,14 @@ from .prepare import prepare
 from .prepared import Noise, Prepared
 from .pressure import Forces
 from .reading import Figures, Reading
+from .recorded import ReadingRecorder, Replayed, has_readings, replayed
 from .ring import Ring
 from .server import LiveServer
+from .shape import Shape
 from .source import Newest, Source, VirtualFinger, virtual_rig
 from .stream import Live
 from .touches import Touches
+from .weights import Weighed, Weight, weighed
 
 __all__ = [
     "Figures",
@@ -41,15 +46,23 @@ __all__ = [
     "Noise",
     "Prepared",
     "Reading",
+    "ReadingRecorder",
+    "Replayed",
     "Ring",
+    "Shape",
     "Source",
     "Touch",
     "Touches",
     "VirtualFinger",
+    "Weighed",
+    "Weight",
     "follow",
+    "has_readings",
     "prepare",
+    "replayed",
     "tared",
     "virtual_rig",
+    "weighed",
 ]
 
 check_face(__name__)

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from .shape import Shape
+
 __all__ = ["Force", "Touch"]
 
 
@@ -9,8 +11,9 @@ __all__ = ["Force", "Touch"]
 class Touch:
     """One contact; lengths in mm. identity: the same from frame to frame; x, y: centroid of the cells deeper
     than half the depth, position_sigma: of either; area (mm^2), volume (mm^3): of these cells; cut: the
-    border or cells without height end them, so that area and volume are lower bounds. Sigmas are those of
-    noise."""
+    border or cells without height end them, so that area and volume are lower bounds; shape: tilt and radii,
+    None of few cells. Sigmas are those of noise and of the edge in whole cells; the shape's include its
+    misfit."""
 
     identity: int
     x: float
@@ -23,11 +26,12 @@ class Touch:
     volume: float
     volume_sigma: float
     cut: bool
+    shape: Shape | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Force:
-    """On one contact: newton, sigma: by the height's noise, the layer's numbers taken as exact; peak: largest
+    """On one contact: newton, sigma: by the height's noise and the modulus; peak: largest
     pressure, N/mm^2."""
 
     identity: int

@@ -53,8 +53,11 @@ def prepare(
     InputError where the arguments do not match."""
     period = _period(scene, sequence)
     frames = _frames(scene, rest_frames, rest_map)
-    if cell not in _CELLS or min(frames.shape[1:]) < 16 * cell:
-        raise InputError(f"cell = {cell}: must be one of {_CELLS} and a sixteenth of the image at most")
+    if cell not in _CELLS:
+        raise InputError(f"cell = {cell}: must be one of {_CELLS}")
+    if min(frames.shape[1:]) < 16 * cell:
+        size, least = "{} x {}".format(*frames.shape[1:]), f"{16 * cell} x {16 * cell}"
+        raise InputError(f"frames: {size} pixels, must be at least {least} in cells of {cell}")
     with logged(f"prepare {frames.shape[1]} x {frames.shape[2]} pixels in cells of {cell}"):
         full = 2 ** (bits or 8 * frames.dtype.itemsize) - 1
         carriers = _carriers(scene, rest_map, period, cell, full)
@@ -81,11 +84,19 @@ def prepare(
 def _notices(scene: Scene, edge: bool) -> tuple[Notice, ...]:
     found = []
     if not edge:
-        name = "the camera does not see the mirror's edge x = L0: the rim of what it sees is taken as at rest"
-        found.append(Notice(name, math.nan, math.nan, "heights are over that rim"))
+        name = "The camera does not see the edge x = L0: the border of the visible part counts as at rest"
+        found.append(
+            Notice(
+                name, math.nan, math.nan, "heights are relative to that border; keep contacts away from it"
+            )
+        )
     if scene.pattern.shape is not None:
-        name = "the pattern is not flat: its shape counts at rest, displacements go along its plane"
-        found.append(Notice(name, math.nan, math.nan, "reconstruct heights that matter from a dense capture"))
+        name = "The pattern is not flat: displacements of the image are taken along its plane"
+        found.append(
+            Notice(
+                name, math.nan, math.nan, "heights of large slopes err; measure them with a dense sequence"
+            )
+        )
     return tuple(found)
 
 

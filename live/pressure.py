@@ -16,6 +16,8 @@ is
 """
 
 import math
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import lru_cache
 
 import cv2
@@ -30,7 +32,7 @@ from .contact import Force, Touch
 from .prepared import Prepared
 from .reading import Reading
 
-__all__ = ["Forces", "deflection"]
+__all__ = ["Forces", "deflection", "forces_on"]
 
 _SQUARES = 350  # of the grid around all contacts
 _PITCHES = tuple(0.0625 * 2 ** (k / 2) for k in range(16))  # mm: a table of deflections each
@@ -59,22 +61,21 @@ class Forces:
         """The force of every contact, in the contacts' order."""
         if not touches:
             return ()
-        circles = [(one.x, one.y, _REACH * math.sqrt(one.area / math.pi)) for one in touches]
-        wanted = math.sqrt(sum(math.pi * radius**2 for _, _, radius in circles) / _SQUARES)
-        pitch = next((one for one in _PITCHES if one >= wanted), _PITCHES[-1])
-        places, owner = _squares(circles, pitch)
-        matrix = deflection(self._layer, pitch, places)
-        height = self._sampled(reading.z, places, pitch)
-        pressure, weights = _pressed(matrix, height, owner)
+        circles = [(one.x, one.y, math.sqrt(one.area / math.pi)) for one in touches]
+        found = forces_on(self._layer, circles, lambda at, pitch: self._sampled(reading.z, at, pitch))
+        pressure, owner, area = found.pressure, found.owner, found.pitch**2
         peak = max(touches, key=lambda one: one.depth)
         factor = peak.depth_sigma / float(np.median(self._prepared.noise.sigma[self._prepared.rig.lit]))
-        draws = np.stack([self._sampled(draw, places, pitch) for draw in self._prepared.noise.draws])
-        spread = np.sqrt(np.mean(np.square(draws @ weights.T), axis=0)) * factor
+        noise = self._prepared.noise.draws
+        draws = np.stack([self._sampled(draw, found.places, found.pitch) for draw in noise])
+        spread = np.sqrt(np.mean(np.square(draws @ found.weights.T), axis=0)) * factor
+        newton = [float(pressure[owner == k].sum() * area) for k in range(len(touches))]
+        modulus = self._layer.youngs_modulus_sigma_mpa / self._layer.youngs_modulus_mpa
         return tuple(
             Force(
                 touch.identity,
-                float(pressure[owner == k].sum() * pitch**2),
-                float(spread[k] * pitch**2),
+                newton[k],
+                math.hypot(float(spread[k] * area), newton[k] * modulus),
                 float(pressure[owner == k].max(initial=0.0)),
             )
             for k, touch in enumerate(touches)
@@ -93,6 +94,31 @@ class Forces:
         smooth = cv2.blur(z, (side, side))
         found = cv2.remap(smooth, col, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         return np.asarray(found[:, 0], np.float64)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pressed:
+    """Pressures (n,), N/mm^2, on squares of a pitch, mm, at places (n, 2); owner (n,): number of the contact;
+    weights (contacts, n): of the heights in the sums of the pressures."""
+
+    pressure: Float
+    places: Float
+    pitch: float
+    owner: Labels
+    weights: Float
+
+
+def forces_on(
+    layer: Layer, circles: list[tuple[float, float, float]], height: Callable[[Float, float], Float]
+) -> Pressed:
+    """Pressures behind contacts, circles (x, y, radius) of their areas; height: function of places (n, 2) and
+    a pitch: mean heights (n,) of squares there, mm."""
+    reached = [(x, y, _REACH * radius) for x, y, radius in circles]
+    wanted = math.sqrt(sum(math.pi * radius**2 for _, _, radius in reached) / _SQUARES)
+    pitch = next((one for one in _PITCHES if one >= wanted), _PITCHES[-1])
+    places, owner = _squares(reached, pitch)
+    pressure, weights = _pressed(deflection(layer, pitch, places), height(places, pitch), owner)
+    return Pressed(pressure, places, pitch, owner, weights)
 
 
 def deflection(layer: Layer, pitch: float, places: Float) -> Float:

@@ -65,7 +65,11 @@ class Ring:
             self._decoder = Decoder(self._sequence, self._profile)
         height = self._stream.update(self.correspondence)
         share = float(self._changed.mean())
-        moving = (Notice("frames differ from those of the round before, share", share, 0.0, _CURE),)
+        moving = (
+            Notice(
+                "The mirror moved during the last round of frames; share of changed frames", share, 0.0, _CURE
+            ),
+        )
         return replace(height, notices=(*height.notices, *moving)) if share else height
 
     def _differ(self, last: NDArray[np.generic], new: NDArray[np.generic]) -> bool:

@@ -22,6 +22,7 @@ import numpy as np
 from .arrays import Cells, Frame
 from .follow import Followed, follow, tared
 from .prepared import Prepared
+from .recorded import ReadingRecorder
 from .source import Newest, Source
 from .stream import Live
 
@@ -38,9 +39,13 @@ _HOSTS = ("127.0.0.1", "localhost")
 
 
 class LiveServer:
-    """Reads a source on a thread and serves the page on another. A context manager; port 0: any free one."""
+    """Reads a source on a thread and serves the page on another. A context manager; port 0: any free one;
+    record: gets every reading, which excludes tare."""
 
-    def __init__(self, prepared: Prepared, source: Source, port: int = 0) -> None:
+    def __init__(
+        self, prepared: Prepared, source: Source, port: int = 0, record: ReadingRecorder | None = None
+    ) -> None:
+        self._record = record
         self._live, self._source = Live(prepared), Newest(source)
         self._changed = threading.Condition()
         self._latest: Followed | None = None
@@ -90,6 +95,8 @@ class LiveServer:
                 self._paused, self._told = True, "paused"
             elif name == "resume":
                 self._paused, self._told = False, ""
+            elif self._record is not None:
+                self._told = "tare refused: it would change the rest of the recording"
             elif latest is None or not latest.reading.trusted or latest.reading.touches:
                 self._told = "tare refused: something touches, or the frame is not trusted"
             else:
@@ -133,6 +140,8 @@ class LiveServer:
                 self._changed.notify_all()
 
     def _take(self, followed: Followed) -> None:
+        if self._record is not None:
+            self._record.write(followed)
         with self._changed:
             if self._resting is not None:
                 self._resting.append(followed.image.pixels)

@@ -14,6 +14,7 @@ from .arrays import Cells, Float, Mask
 from .contact import Touch
 from .prepared import Prepared
 from .reading import Reading
+from .shape import shape_of
 
 __all__ = ["Touches"]
 
@@ -168,12 +169,13 @@ def _measured(prepared: Prepared, reading: Reading, region: _Region) -> Touch:
     changed = np.count_nonzero(deeper & _grown(inside), axis=(1, 2))
     edge = np.count_nonzero(inside) - np.count_nonzero(_shrunk(inside))
     cells = math.hypot(_rms(changed - np.count_nonzero(inside)), math.sqrt(edge / 12))
+    off = math.hypot(*moved, math.sqrt(edge / 12) * prepared.area / math.sqrt(math.pi * area)) / math.sqrt(2)
     border = prepared.rig.rim[cut] | ~reading.good[cut]
     return Touch(
         identity=0,
         x=centre[0],
         y=centre[1],
-        position_sigma=math.hypot(*moved) / math.sqrt(2),
+        position_sigma=off,
         depth=depth,
         depth_sigma=float(reading.sigma[at]),
         area=area,
@@ -181,6 +183,7 @@ def _measured(prepared: Prepared, reading: Reading, region: _Region) -> Touch:
         volume=volume,
         volume_sigma=_rms(heights.sum(axis=1)),
         cut=bool((border & _grown(inside)).any()),
+        shape=shape_of((x - centre[0], y - centre[1], z), draws, inside & ~border, depth, off),
     )
 
 

@@ -31,21 +31,46 @@ def judge(figures: Figures) -> Verdict:
     """The verdict, from the figures of a frame alone."""
     curl, light = max(figures.curl), figures.light
     stopped = [
-        (1 - figures.lost, 1 - _LOST[1], "too few cells see a fringe"),
-        (figures.anchored, _ANCHORED, "the mirror's edge at rest is not seen"),
-        (-curl, -_CURL[1], "the slopes contradict one another, as in a torn or rolled frame"),
-        (-figures.left, -_LEFT[1], "the fit does not settle"),
-        (-figures.moved, -_MOVED, "the picture of the mirror's edge has moved: camera, display or mirror"),
+        (1 - figures.lost, 1 - _LOST[1], "too few cells see a fringe: cover, fold, or light lost"),
+        (figures.anchored, _ANCHORED, "the edge of the mirror, which is taken as at rest, is not visible"),
+        (-curl, -_CURL[1], "the slopes contradict each other, as in a torn or rolled frame"),
+        (-figures.left, -_LEFT[1], "the fit does not converge"),
+        (-figures.moved, -_MOVED, "the image of the mirror's edge has moved: camera, display or mirror"),
     ]
     reasons = [text for value, least, text in stopped if not value >= least]
     told = [
-        (figures.saturated, _SATURATED, "share of saturated pixels", "shorten the exposure"),
-        (figures.lost, _LOST[0], "share of cells without height", "look for covers, folds and steep edges"),
-        (figures.left, _LEFT[0], "sigma that the height may still change by", "sigma holds it"),
-        (curl, _CURL[0], "circulation of the slopes over its noise", "sigma holds it; prepare the rig anew"),
-        (1 - figures.contrast, 1 - _CONTRAST, "lost contrast", "the height is the mean over the exposure"),
-        (light, _LIGHT[1], "light over that at rest", "prepare the rig anew in this light"),
-        (1 / max(light, 1e-3), 1 / _LIGHT[0], "light at rest over the light now", "prepare the rig anew"),
+        (figures.saturated, _SATURATED, "Saturated pixels, share", "shorten the exposure"),
+        (
+            figures.lost,
+            _LOST[0],
+            "Cells without a height (cover, fold or steep edge), share",
+            "heights of the other cells stand",
+        ),
+        (
+            figures.left,
+            _LEFT[0],
+            "The fit has not converged; predicted change of the height, sigma",
+            "sigma includes it",
+        ),
+        (
+            curl,
+            _CURL[0],
+            "The slopes contradict each other; mean square circulation over noise",
+            "sigma includes it; prepare the rig anew",
+        ),
+        (
+            1 - figures.contrast,
+            1 - _CONTRAST,
+            "The mirror moved during the exposure; loss of contrast",
+            "the height is the mean over the exposure; shorten it",
+        ),
+        (light, _LIGHT[1], "More light than at rest, ratio", "prepare the rig anew in this light"),
+        (
+            1 / max(light, 1e-3),
+            1 / _LIGHT[0],
+            "Less light than at rest, ratio at rest to now",
+            "prepare the rig anew in this light",
+        ),
     ]
     notices = tuple(Notice(name, size, limit, cure) for size, limit, name, cure in told if not size <= limit)
     return Verdict(not reasons, "; ".join(reasons), notices)

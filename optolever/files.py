@@ -232,6 +232,15 @@ def save_arrays(path: str | Path, arrays: Mapping[str, Any], compressed: bool = 
                     np.lib.format.write_array(stream, np.asarray(value), allow_pickle=False)
 
 
+#: A record's file by a field that it alone has.
+_KINDS = {
+    "u": "a correspondence, by `optolever decode`",
+    "slope_x": "a slope map, by `reconstruct --slopes`",
+    "diagnostics": "a height map, by `optolever reconstruct`",
+    "z": "a surface",
+}
+
+
 def load_arrays(
     path: str | Path, required: Sequence[str], texts: Sequence[str] = ("notices", "diagnostics")
 ) -> dict[str, NDArray[Any]]:
@@ -244,7 +253,8 @@ def load_arrays(
             members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
             missing = [name for name in required if name not in members]
             if missing:
-                raise InputError(f"field {missing[0]!r} is missing (has {', '.join(sorted(members))})")
+                kind = next((f"; it is {text}" for name, text in _KINDS.items() if name in members), "")
+                raise InputError(f"field {missing[0]!r} is missing (has {', '.join(sorted(members))}){kind}")
             sizes = {name: _claimed_size(archive, info, name, texts) for name, info in members.items()}
             if sizes:
                 largest = max(sizes, key=sizes.__getitem__)

@@ -25,8 +25,9 @@ class Notice:
 
     def __str__(self) -> str:
         """One line."""
-        usual = f", usual up to {self.limit:.3g}" if self.limit else ""
-        beyond = "" if self.limit != self.limit else f" ({self.size:.3g}{usual})"
+        size = "" if self.size != self.size or self.limit != self.limit else f"{self.size:.2g}"
+        limit = f", at most {self.limit:.2g} is normal" if size and self.limit > 0 else ""
+        beyond = f" ({size}{limit})" if size else ""
         return f"{self.name}{beyond}: {self.cure}" if self.cure else f"{self.name}{beyond}"
 
 

@@ -87,7 +87,12 @@ def read_folder(
             return {**own, "sequence": sequence, "timestamps": times}
     base = Path(folder) if isinstance(folder, str | Path) else Path(folder[0])
     if not base.is_dir():
-        raise InputError(f"{base}: no such folder")
+        what = (
+            "is no folder of frames; pictures in a file need --sequence"
+            if base.exists()
+            else "no such folder"
+        )
+        raise InputError(f"{base}: {what}")
     toml = base / _DESCRIPTION if description is None else Path(description)
     if description is None and not toml.is_file():
         raise InputError(

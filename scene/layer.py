@@ -11,12 +11,13 @@ __all__ = ["Layer"]
 
 @dataclass(frozen=True, eq=False)
 class Layer(Record):
-    """Bonded to a rigid base; thickness_mm None: a half-space; youngs_modulus_mpa: N/mm^2; poisson: up to
-    0.5."""
+    """Bonded to a rigid base; thickness_mm None: a half-space; youngs_modulus_mpa: N/mm^2, with its standard
+    deviation; poisson: up to 0.5."""
 
     youngs_modulus_mpa: float
     poisson: float = 0.5
     thickness_mm: float | None = None
+    youngs_modulus_sigma_mpa: float = 0.0
 
     def __post_init__(self) -> None:
         modulus = positive("layer.youngs_modulus_mpa", self.youngs_modulus_mpa)
@@ -26,7 +27,9 @@ class Layer(Record):
         thickness = self.thickness_mm
         if thickness is not None:
             thickness = positive("layer.thickness_mm", thickness)
-        freeze(self, youngs_modulus_mpa=modulus, poisson=poisson, thickness_mm=thickness)
+        sigma = positive("layer.youngs_modulus_sigma_mpa", self.youngs_modulus_sigma_mpa, zero=True)
+        values = {"youngs_modulus_mpa": modulus, "youngs_modulus_sigma_mpa": sigma}
+        freeze(self, poisson=poisson, thickness_mm=thickness, **values)
 
     @property
     def plane_modulus(self) -> float:

@@ -278,11 +278,11 @@ def _sensor(table: _Table) -> Sensor:
 
 
 def _layer(table: _Table) -> Layer:
-    table.known("youngs_modulus_mpa, poisson, thickness_mm")
+    table.known("youngs_modulus_mpa, poisson, thickness_mm, youngs_modulus_sigma_mpa")
     modulus = table.take("youngs_modulus_mpa", positive)
     poisson = table.get("poisson", number, 0.5)
     thickness = table.take("thickness_mm", positive) if "thickness_mm" in table else None
-    return Layer(modulus, poisson, thickness)
+    return Layer(modulus, poisson, thickness, table.get("youngs_modulus_sigma_mpa", _non_negative, 0.0))
 
 
 def _pattern(table: _Table) -> Pattern:

@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from optolever.quantities import length_unit
+
 from ..arrays import Floats
-from ..images import MirrorGrid, Panel, figure_uri, label_axes, length_unit, mirror_figure, new_figure
+from ..images import MirrorGrid, Panel, figure_uri, label_axes, mirror_figure, new_figure
 from ..page import scientific, table, write_page
 from .sensor_maps import SensorMaps
 

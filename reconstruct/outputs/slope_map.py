@@ -134,7 +134,9 @@ def slope_map(
         (d, along),
     ):
         for k, change in enumerate(_moved(direction, e, n, slopes)):
-            variances[k] += (change * inverse * sigma) ** 2
+            with np.errstate(invalid="ignore"):  # 0 times the infinite sigma of a method that states none
+                term = (change * inverse * sigma) ** 2
+            variances[k] += np.where(np.isposinf(sigma), np.inf, term)
     fields: dict[str, Any] = {
         "slope_x": slopes[0],
         "slope_y": slopes[1],

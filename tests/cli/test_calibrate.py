@@ -97,7 +97,7 @@ def test_a_number_far_from_its_typed_value_is_not_written(
     flats = [f"flat:1e-6={folder}/flat{k}.npz" for k in range(4)]
     words = ("--scene", str(folder / "given.toml"), "--out", str(out), "--prior", "camera.f=0.1")
     outcome = optolever("calibrate", *flats, *words, code=2)
-    assert all(text in outcome.err for text in ("rig.toml", "camera.f ended at", "+- 0.1", "up to 5"))
+    assert all(text in outcome.err for text in ("rig.toml", "camera.f ended at", "+- 0.1", "at most 5"))
     assert not any(tmp_path.iterdir())
     optolever("calibrate", *flats, *words, "--accept")
     assert load(out).covariance is not None
@@ -189,7 +189,7 @@ def test_a_response_is_kept_and_decoded_by(tmp_path: Path, optolever: Program, r
         refused(["response", *words, "--scene", rig], error)
     refused([*decode, "--response", rig], "optolever response")
     outcome = optolever("response", *paths, "--scene", str(rig), "--json", str(numbers))
-    assert "not parted (1 captures)" in outcome.out
+    assert "not separated (1 captures)" in outcome.out
     told = json.loads(numbers.read_text())
     assert told["gamma"] == pytest.approx(2.2, abs=0.02)
     assert told["blur_px"] == pytest.approx(scene.pattern.blur_px, rel=0.05)

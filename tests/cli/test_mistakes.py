@@ -95,10 +95,21 @@ LINES = [
     ("rig new --kind prism --out {out}.toml", ("--mirror is missing", "mm")),
     (
         "rig new --kind prism --display-distance 3 --out {out}.toml",
-        ("--display-distance", "of a monitor", "--kind is prism"),
+        ("--display-distance", "--kind monitor", "--kind is prism", "leave it out"),
     ),
     ("patterns export {out}", ("--display is missing", "1920x1080")),
     ("patterns export {out} --display 0x5", ("'0x5'", "COLSxROWS")),
+    ("reconstruct {h} {scene} --out {out}.npz", ("field 'u' is missing", "it is a height map")),
+    ("form {c}", ("field 'x' is missing", "it is a correspondence", "decode")),
+    ("decode {c} --out {out}.npz", ("is no folder of frames", "--sequence")),
+    ("form {h} --profile 900,0,900,9", ("meets no height", "must lie in x")),
+    ("report {h} --rest {c} --out {out}", ("needs --correspondence and --scene",)),
+    ("rest {c} --scene prism48", ("prism48: no such file", "rig new")),
+    ("measure --rig prism48 --out {out}", ("prism48: no such file", "rig new")),
+    ("live --size 8x8 --headless", ("8 x 8 pixels", "at least 32 x 32")),
+    ("calibrate {scene} --out {out}.toml", ("TARGET=CAPTURE", "--weight NEWTON=H.npz")),
+    ("calibrate {scene} --weight 1={h} --out {out}.toml", ("has no [layer]",)),
+    ("replay {capture}", ("no recording", "log.jsonl")),
 ]
 
 
@@ -111,6 +122,7 @@ def test_a_line_that_is_not_meant_so(
         "out": tmp_path / "out",
         "capture": chain.capture,
         "c": chain.correspondence,
+        "h": chain.height,
         "solve": solve,
         "scene": f"--scene {chain.capture / 'scene.toml'}",
     }

@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from optolever.cli import run
+from optolever.decode import Correspondence
 from optolever.experiments import Measurement, write_measurement_report
 from optolever.metrology import fit_form
 from optolever.reconstruct import HeightMap
-from optolever.scene import Covariance, Scene, dent, load, resize, trace
+from optolever.scene import Accuracy, Covariance, Scene, dent, load, resize, trace
 
 Browser = Callable[..., str]
 Floats = NDArray[np.float64]
@@ -235,6 +236,46 @@ def test_forms_and_several_maps_by_name(mirror: Page, tmp_path: Path) -> None:
     assert not any(name.startswith("depth of the dent") for name in figures)
     optolever("report", mirror.files / "one.npz", "--remove", "none", "--out", tmp_path / "page")
     assert "deviation rms" not in page.figures()
+
+
+def test_slopes_and_dents_are_less_rest(tmp_path: Path) -> None:
+    """On a page as by reconstruct, from a rig whose camera is 0.3 degrees off: against the true slopes."""
+    true = resize(load("prism48", exact=True), 60, 80)
+    turned = np.array([-np.cos(np.radians(48.3)), 0.0, np.sin(np.radians(48.3))])
+    typed = tmp_path / "typed.toml"
+    replace(true, accuracy=Accuracy(), camera=replace(true.camera, u_axis=turned)).save(typed)
+    surface = dent("gaussian", true, peak=0.3, sigma=4)
+    for name, shape in (("rest", dent("flat", true)), ("press", surface)):
+        light = trace(true, shape)
+        one = np.full(light.u.shape, 0.01)
+        flags = np.where(light.visible, 0, 1).astype(np.uint16)
+        Correspondence(light.u, light.v, one, one, flags).save(tmp_path / f"{name}.npz")
+    press, rest = tmp_path / "press.npz", ("--rest", tmp_path / "rest.npz")
+    scene = ("--scene", typed)
+    numbers = tmp_path / "h.json", tmp_path / "s.npz"
+    out = ("--out", tmp_path / "h.npz", "--json", numbers[0], "--slopes", numbers[1])
+    optolever("reconstruct", press, *scene, *rest, *out)
+    known = ("report", tmp_path / "h.npz", "--correspondence", press, *scene)
+    errors = {}
+    for name, words in (("with", rest), ("without", ())):
+        optolever(*known, *words, "--out", tmp_path / name)
+        with np.load(tmp_path / name / "slopes.npz") as slopes:
+            good = slopes["flags"] == 0
+            exact = surface.gradient(slopes["x"], slopes["y"])
+            errors[name] = [
+                np.sqrt(np.mean((slopes[f"slope_{a}"] - exact[k])[good] ** 2)) for k, a in enumerate("xy")
+            ]
+        with np.load(numbers[1]) as slopes:
+            by_command = [
+                np.sqrt(np.mean((slopes[f"slope_{a}"] - exact[k])[good] ** 2)) for k, a in enumerate("xy")
+            ]
+        page = Page(tmp_path / name, tmp_path)
+        assert ("The heights are less a rest capture" in page.html) == (name == "without")
+    assert by_command == pytest.approx(errors["with"], rel=1e-3)
+    assert errors["with"][0] < 0.1 * errors["without"][0]
+    (contact,) = json.loads(numbers[0].read_text())["contacts"]
+    depth = Page(tmp_path / "with", tmp_path).figures()["dent 1 depth"]
+    assert depth[:2] == pytest.approx((contact["depth"], contact["depth_sigma"]))
 
 
 def test_a_map_without_a_good_pixel_has_a_page(mirror: Page, tmp_path: Path, browser: Browser) -> None:

@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from optolever.decode import Flag
 from optolever.experiments.flag_table import MEANING, flag_index, flag_rows
-from optolever.experiments.images import MirrorGrid, length_unit, robust_limits, thumbnail
+from optolever.experiments.images import MirrorGrid, robust_limits, thumbnail
 from optolever.experiments.maps import VERTICES, surface_data
 from optolever.experiments.page import percent, scientific, seconds_text, share_text
+from optolever.quantities import length_unit
 from optolever.reconstruct import HeightFlag
 
 Floats = NDArray[np.float64]

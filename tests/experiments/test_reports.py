@@ -107,7 +107,7 @@ def test_surface_is_drawn_turns_and_takes_colours(demo_page: Path, tmp_path: Pat
 def test_words_and_notices_of_a_run_cannot_break_the_pages(demo_page: Path, paper_page: Path) -> None:
     pages = [page.read_text(encoding="utf-8") for page in (demo_page, paper_page)]
     for html in pages:
-        assert html.count("slopes &lt;contradict&gt; each other (9, usual up to 1.5): calibrate") == 1
+        assert html.count("slopes &lt;contradict&gt; each other (9, at most 1.5 is normal): calibrate") == 1
     assert "<script>alert" not in pages[0]
     assert "&lt;script&gt;alert" in pages[0]
 

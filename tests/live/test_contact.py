@@ -10,7 +10,7 @@ import pytest
 
 from lab.live.world import BALL
 from optolever import InputError
-from optolever.live import Forces, Live, Prepared, Reading, Touches
+from optolever.live import Forces, Live, Prepared, Reading, Shape, Touches
 from optolever.scene import Layer, load
 
 from .conftest import LAYER
@@ -39,6 +39,45 @@ def _punch(reading: Reading, at: Place, radius: float, depth: float) -> Any:
     q = np.maximum(np.hypot(reading.x - at[0], reading.y - at[1]) / radius, 1e-9)
     outside = 2 / math.pi * np.arcsin(np.minimum(1 / q, 1))
     return (depth * np.where(q <= 1, 1.0, outside)).astype(np.float32)
+
+
+def test_a_sphere_a_cylinder_and_an_oblique_punch(prepared: Prepared, quiet: Reading) -> None:
+    """Exact heights: radii within 0.5 %, the cylinder's axis within 0.01 rad, the punch's tilt."""
+    x, y = quiet.x.astype(np.float64) - 30, quiet.y.astype(np.float64) - 22
+    across = x * math.sin(0.5) - y * math.cos(0.5)
+    sphere = 0.05 - 100 + np.sqrt(100**2 - x**2 - y**2)
+    punch = np.where(np.hypot(x, y) < 4, 0.05 + 0.002 * x - 0.001 * y, 0.0)
+
+    def shape(z: Any) -> Shape:
+        touch = Touches(prepared).update(replace(quiet, z=np.maximum(z, 0).astype(np.float32)))[0]
+        assert touch.shape is not None
+        return touch.shape
+
+    ball = shape(sphere)
+    assert ball.radii == pytest.approx((100, 100), rel=0.005)
+    assert np.hypot(*ball.tilt) < 5 * ball.tilt_sigma
+    cylinder = shape(0.05 - 100 + np.sqrt(100**2 - across**2))
+    assert cylinder.radii[0] == pytest.approx(100, rel=0.005)
+    assert cylinder.radii[1] is None
+    assert math.remainder(cylinder.axis - 0.5, math.pi) == pytest.approx(0, abs=0.01)
+    flat = shape(punch)
+    assert flat.tilt == pytest.approx((0.002, -0.001), abs=1e-5)
+    assert flat.tilt_sigma < 1e-4
+    assert flat.radii == (None, None)
+
+
+@pytest.mark.parametrize(("edge", "depth"), [(4.0, 0.05), (5.0, 0.08)])
+def test_radii_of_a_rendered_ball(prepared: Prepared, shot: Shot, edge: float, depth: float) -> None:
+    """R = a^2 / d (Hertz), within 3 % and 1.5 of a sigma of less than 10 %; no tilt beyond five sigma."""
+    live = Live(prepared)
+    for k in range(4):
+        live.reset()
+        (touch,) = live.update(shot(((BALL, 30.0 + k, 22.0, edge, depth),), k)).touches
+        assert touch.shape is not None
+        for radius, sigma in zip(touch.shape.radii, touch.shape.radii_sigma, strict=True):
+            assert radius == pytest.approx(edge**2 / depth, rel=0.03)
+            assert abs(radius - edge**2 / depth) < 1.5 * sigma < 0.15 * radius
+        assert np.hypot(*touch.shape.tilt) < 5 * touch.shape.tilt_sigma
 
 
 @pytest.mark.parametrize("radius", [3.0, 5.0])

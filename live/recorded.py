@@ -1,0 +1,87 @@
+"""Readings beside their frames, and the same readings from the frames again.
+
+A recording of `projector.Recorder` with two more files: prepared.npz, the rig, and readings.jsonl, the
+figures of every reading and the CRC-32 of its height and sigma.
+"""
+
+import json
+import time
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from optolever.errors import InputError
+from optolever.projector import Recorder, Recording
+
+from .follow import Followed
+from .prepared import Prepared
+from .stream import Live
+
+__all__ = ["ReadingRecorder", "Replayed", "has_readings", "replayed"]
+
+_READINGS, _PREPARED = "readings.jsonl", "prepared.npz"
+
+
+class ReadingRecorder:
+    """Writes the readings of one `Live`, from its first frame on. A context manager. InputError if the folder
+    is not empty; OSError on a full disk, all readings with a line are intact."""
+
+    def __init__(self, folder: str | Path, prepared: Prepared, camera: str) -> None:
+        self._frames = Recorder(folder, {"camera": camera})
+        prepared.save(self._frames.folder / _PREPARED)
+        self._lines = (self._frames.folder / _READINGS).open("w", encoding="utf-8")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._lines.close()
+        self._frames.close()
+
+    def write(self, followed: Followed) -> None:
+        """The frame, then its reading."""
+        self._frames.image(followed.image, followed.image.arrived_s)
+        self._lines.write(_line(followed) + "\n")
+        self._lines.flush()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Replayed:
+    """A reading anew; identical: bit by bit to the recorded one, heights and sigmas included."""
+
+    followed: Followed
+    identical: bool
+
+
+def has_readings(folder: str | Path) -> bool:
+    """Whether a recording has readings."""
+    return (Path(folder) / _READINGS).is_file()
+
+
+def replayed(folder: str | Path) -> Iterator[Replayed]:
+    """The readings of a recording, computed again in their order. InputError of a damaged file."""
+    recording, live = Recording(folder), Live(Prepared.load(Path(folder) / _PREPARED))
+    try:
+        lines = (Path(folder) / _READINGS).read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{Path(folder) / _READINGS}: not readable ({error})") from error
+    for logged, line in zip(recording.images(), lines, strict=False):  # a killed one may lack the last line
+        start = time.perf_counter()
+        reading = live.update(logged.image.pixels, logged.image.arrived_s)
+        followed = Followed(reading, logged.image, time.perf_counter() - start)
+        yield Replayed(followed, _line(followed) == line)
+
+
+def _line(followed: Followed) -> str:
+    numbers = followed.to_dict()
+    del numbers["delay_s"]
+    maps = (followed.reading.z, followed.reading.sigma)
+    crc = [zlib.crc32(np.ascontiguousarray(one).tobytes()) for one in maps]
+    return json.dumps(numbers | {"crc32": crc})
