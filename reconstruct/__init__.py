@@ -52,7 +52,7 @@ from .rig.motion_fields import MotionPrior
 from .sofast import on_rig
 from .solver.anchors import Anchor, DistanceAnchor, EdgeAnchor, PixelAnchor, PointAnchor
 from .stream import HeightStream
-from .uncertainty.budget import ANCHOR, NOISE, TOTAL, budget, free_mode_of
+from .uncertainty.budget import ANCHOR, TOTAL, budget, free_mode_of
 from .uncertainty.null_space import null_space
 from .uncertainty.predicted import (
     PREDICTED_DEPTH,
@@ -62,6 +62,7 @@ from .uncertainty.predicted import (
     predicted_maps,
     sigma_at_rest,
 )
+from .uncertainty.sources import NOISE
 
 free_mode = null_space  # its name before
 

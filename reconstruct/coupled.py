@@ -44,9 +44,7 @@ from .solver.alternatives import DirectEdges, MarchedEdges
 from .solver.anchors import Anchors
 from .solver.edges import Doubt
 from .solver.newton import Options, State, missed, solve
-from .uncertainty.closed_form import unknown_variance
-from .uncertainty.rounding import rounding_variance
-from .uncertainty.shared_noise import shared_variance
+from .uncertainty.sources import CELLS, CONTRADICTION, NOISE, noise_sources
 
 __all__ = ["Solution", "doubted", "method_names", "reconstruct", "solved_height", "with_rig"]
 
@@ -76,21 +74,17 @@ _ROUNDS = 6  # of leaving out lone pixels with a curl
 
 
 class Solution(NamedTuple):
-    """What was solved, how it ended, the variance of the unknown, and the map.
+    """What was solved, how it ended, the variance of the unknown by source (see `sources`), and the map.
 
-    correspondence: less the rest capture's deviation, if there is one; independent: the variance by noise
-    that no neighbours share; scale: of the curl; rounding: whether variance is that of a discrete code's
-    rounding.
+    correspondence: less the rest capture's deviation, if there is one; scale: of the curl.
     """
 
     correspondence: Correspondence
     problem: Problem
     state: State
-    variance: Floats
-    height: HeightMap
-    independent: Floats
+    noise: dict[str, Floats]
     scale: float
-    rounding: bool
+    height: HeightMap
 
 
 def method_names() -> tuple[str, ...]:
@@ -148,7 +142,7 @@ def reconstruct(
     progress("errors of the rig", 1, steps)
     solution = with_rig(solution, measured, scene, motion, accept)
     problem, state = solution.problem, solution.state
-    height = with_references(solution.height, problem, state, correspondence, anchor, rest)
+    height = with_references(solution.height, problem, state, solution.noise, correspondence, anchor, rest)
     if not height.implausible:
         doubts = (*anchors_apart(problem, state, height), *off_mirror(height, scene.mirror))
         height = replace(height, notices=(*height.notices, *doubts))
@@ -182,13 +176,13 @@ def with_rig(
     solutions = rig_solutions(model)
     if contradicted:
         gain = noise_gain(solution.problem.data.mask, solution.problem.bridged)
-        judged = judged_rig(model, solutions, solution.problem, solution.state, gain)
+        left = judged_rig(model, solutions, solution.problem, solution.state, gain)
         if not scene.exact:
-            solution = _rejudged(solution, judged.chi2, judged.freedom)
-        doubted = not judged.exact and not (judged.likely and judged.chi2 < _DOUBTED)
+            solution = _judged(*solution[:-1], known.method, left.chi2, left.freedom, rig=True)
+        doubted = not left.exact and not (left.likely and left.chi2 < _DOUBTED)
         if doubted and measured.rest is None and not accept:
-            mistake = likely_mistake(_judge_coarse, measured, typed, judged)
-            if mistake or not judged.likely:
+            mistake = likely_mistake(_judge_coarse, measured, typed, left)
+            if mistake or not left.likely:
                 return solution._replace(height=refused(solution.height, mistake))
     if scene.exact:
         return solution
@@ -252,36 +246,31 @@ def solved_height(
     else:
         state = _around_discontinuities(problem, state, options, noise)
     gain = noise_gain(problem.data.mask, problem.bridged)
-    rounding = rounding_variance(problem, state)
+    noise = noise_sources(problem, state, gain, correspondence.shared_noise)
     chi2, freedom = circulation_chi2(problem.data, state, gain)
-    correlation = chi2 if rounding is None and chi2 > chi2_limit(freedom) else 1.0
-    independent = gain * unknown_variance(problem.data, state, problem.labels)
-    variance = correlation * independent
-    if correspondence.shared_noise is not None:
-        variance += shared_variance(problem, state, correspondence.shared_noise)
-    if rounding is not None:  # errors of discrete codes are shared by neighbours
-        larger = np.maximum(variance, rounding)
-        correlation = float(np.median((larger / variance)[problem.data.mask]))
-        variance, chi2 = larger, chi2 / correlation
-    height = height_map(problem, state, correspondence.flags, scale, method, variance, correlation)
-    height = judged(height, chi2, freedom, correspondence.notices)
-    return Solution(
-        correspondence, problem, state, variance, height, independent, scale, rounding is not None
-    )
+    if CELLS in noise:  # neighbours share their errors
+        chi2 /= 1 + float(np.median((noise[CELLS] / noise[NOISE])[problem.data.mask]))
+    return _judged(correspondence, problem, state, noise, scale, method, chi2, freedom)
 
 
-def _rejudged(solution: Solution, chi2: float, freedom: int) -> Solution:
-    """The solution with the chi2 of its slopes that errors of the rig leave."""
-    problem, state, variance, before = solution.problem, solution.state, solution.variance, solution.height
-    correlation, flags = before.diagnostics.correlation, solution.correspondence.flags
-    if not solution.rounding:
-        new = chi2 if chi2 > chi2_limit(freedom) else 1.0
-        variance, correlation = variance + (new - correlation) * solution.independent, new
-    height = height_map(
-        problem, state, flags, solution.scale, before.diagnostics.method, variance, correlation
-    )
-    height = judged(height, chi2, freedom, solution.correspondence.notices, rig=True)
-    return solution._replace(variance=variance, height=height)
+def _judged(
+    correspondence: Correspondence,
+    problem: Problem,
+    state: State,
+    noise: dict[str, Floats],
+    scale: float,
+    method: str,
+    chi2: float,
+    freedom: int,
+    rig: bool = False,
+) -> Solution:
+    """The solution under the chi2 of its slopes; rig: that errors of the rig leave."""
+    noise = {name: variance for name, variance in noise.items() if name != CONTRADICTION}
+    if CELLS not in noise and chi2 > chi2_limit(freedom):
+        noise[CONTRADICTION] = (chi2 - 1) * noise[NOISE]
+    height = height_map(problem, state, correspondence.flags, scale, method, noise)
+    height = judged(height, chi2, freedom, correspondence.notices, rig)
+    return Solution(correspondence, problem, state, noise, scale, height)
 
 
 def _without_outliers(problem: Problem, state: State, options: Options) -> tuple[Problem, State, float]:

@@ -59,10 +59,9 @@ class Diagnostics:
     calibration rules, not noise); both None if unknown; components: connected components solved; lost: pixels
     in components without an anchor; chi2: of the slopes' circulation around blocks of pixels, per degree of
     freedom, `freedom` in number (see `circulation`; about 1 if the scene is right, None without a complete
-    block); correlation: factor on the variance for errors that neighbouring pixels share, but for shared
-    noise that is known (1: independent noise); solver: of the linear problems; notes: what else a reader
-    should know; slope_sigma: median standard deviations of dz/dx and dz/dy by noise, where they were
-    computed.
+    block); noise: share of the variance by every source (see `uncertainty.sources`), median; solver: of the
+    linear problems; notes: what else a reader should know; slope_sigma: median standard deviations of dz/dx
+    and dz/dy by noise, where they were computed.
     """
 
     method: str
@@ -73,7 +72,7 @@ class Diagnostics:
     curl: float | None = None
     components: int = 0
     lost: int = 0
-    correlation: float = 1.0
+    noise: dict[str, float] = field(default_factory=dict)
     chi2: float | None = None
     freedom: int = 0
     solver: str = ""

@@ -15,8 +15,10 @@ from optolever.decode import Correspondence
 from .arrays import Floats, Mask
 from .heightmap import HeightMap
 from .problem import Problem
+from .result import height_sigma
 from .solver.anchors import Anchors
 from .solver.newton import State
+from .uncertainty.sources import ANCHORS
 
 __all__ = ["with_references"]
 
@@ -25,21 +27,23 @@ def with_references(
     height: HeightMap,
     problem: Problem,
     state: State,
+    noise: dict[str, Floats],
     corrected: Correspondence,
     anchor: Anchors,
     rest: Correspondence | None,
 ) -> HeightMap:
-    """The height with its `references` and their part of sigma, `shared`; corrected: the correspondence less
-    the rest capture's deviation, the variances of both added."""
-    settled = _anchor_sigma(problem, state)
+    """The height with its `references` and their part of sigma, `shared`; noise: see `sources`; corrected:
+    the correspondence less the rest capture's deviation, the variances of both added."""
+    known = noise.get(ANCHORS, np.zeros(state.w.shape))
+    settled = height_sigma(problem, state, known)
     parts: list[tuple[str, Floats]] = []
     if np.nanmax(settled, initial=0.0) > 0:
         parts.append((f"anchor {anchor!r}", np.fmin(settled, height.sigma)))
     if rest is not None:
-        known = corrected.good & rest.good
-        share = _variance(rest, known) / _variance(corrected, known) if known.any() else 0.0
-        noise = np.sqrt(np.maximum(height.sigma**2 - np.nan_to_num(settled) ** 2, 0.0))
-        parts.append((f"rest {_digest(rest)}", np.sqrt(share) * noise))
+        both = corrected.good & rest.good
+        share = _variance(rest, both) / _variance(corrected, both) if both.any() else 0.0
+        others = np.sqrt(np.maximum(height.sigma**2 - np.nan_to_num(settled) ** 2, 0.0))
+        parts.append((f"rest {_digest(rest)}", np.sqrt(share) * others))
     if not parts:
         return height
     names, sigmas = tuple(name for name, _ in parts), np.stack([part for _, part in parts])
@@ -50,19 +54,6 @@ def _variance(correspondence: Correspondence, known: Mask) -> float:
     """Of u and v together, median of the known pixels, pattern px^2."""
     sigmas = (correspondence.sigma_u, correspondence.sigma_v)
     return sum(float(np.median(sigma[known])) ** 2 for sigma in sigmas)
-
-
-def _anchor_sigma(problem: Problem, state: State) -> Floats:
-    """Standard deviation of z (mm) by that of the anchors (H, W): the free mode, by the anchors' shares."""
-    data, rows = problem.data, state.rows
-    factor = np.broadcast_to(state.root**2, state.w.shape)
-    moved = state.share * rows.sigma / factor.ravel()[rows.pixel]
-    constants = np.sqrt(np.bincount(rows.component, moved**2, int(problem.labels.max()) + 1))
-    sigma = factor * constants[problem.labels]
-    if data.rays.logarithmic:
-        sigma = sigma * data.distance(state.w)
-    image: Floats = problem.to_image(sigma, np.nan) * np.abs(problem.rays.inner_directions[2])
-    return image
 
 
 def _digest(correspondence: Correspondence) -> str:

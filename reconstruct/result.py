@@ -19,7 +19,7 @@ from .problem import Problem
 from .solver.edges import Doubt
 from .solver.newton import State
 
-__all__ = ["anchors_apart", "height_map", "judged", "off_mirror", "refused"]
+__all__ = ["anchors_apart", "height_map", "height_sigma", "judged", "off_mirror", "refused"]
 
 _APART = 5.0  # standard deviations, rms: rigs that are right stay below 1.2
 _SURE = 3.0  # standard deviations
@@ -32,13 +32,12 @@ def height_map(
     flags: NDArray[np.uint16],
     curl: float,
     method: str,
-    variance: Floats,
-    correlation: float,
+    noise: dict[str, Floats],
 ) -> HeightMap:
-    """flags (H, W): the decoder's; curl: robust scale of the slopes' curl; variance: of the unknown;
-    correlation: see `Diagnostics`.
+    """flags (H, W): the decoder's; curl: robust scale of the slopes' curl; noise: variance of the unknown by
+    source.
     """
-    data, doubt = problem.data, state.doubt
+    data, doubt, variance = problem.data, state.doubt, np.sum(list(noise.values()), axis=0)
     steep = np.zeros(data.mask.shape, dtype=np.bool_)
     if doubt is not None:
         limits = _STEEP * np.sqrt(state.variances[0]), _STEEP * np.sqrt(state.variances[1])
@@ -47,13 +46,11 @@ def height_map(
         # a doubt common to all of a pixel's edges is in the pixel's variance
         around = minimum_filter(np.where(data.mask, variance, np.inf), 3)
         steep = away | (_surest(doubt, data.mask) > _STEEP * np.sqrt(around))
-    distance, sigma = data.distance(state.w), np.sqrt(variance)
-    if data.rays.logarithmic:
-        sigma = sigma * distance
+    distance = data.distance(state.w)
     solved = problem.to_image(data.mask, False) & problem.valid
     t = np.where(solved, problem.to_image(distance, np.nan), np.nan)
     o, d = problem.rays.inner_origins, problem.rays.inner_directions
-    deviation = np.where(solved, problem.to_image(sigma, np.nan), np.nan) * np.abs(d[2])
+    deviation = np.where(solved, height_sigma(problem, state, variance), np.nan)
     flags = np.asarray(flags, dtype=np.uint16).copy()
     flags[~problem.valid & (flags == 0)] |= np.uint16(Flag.INVALID)
     singular = problem.singular
@@ -72,13 +69,22 @@ def height_map(
         curl=curl if np.isfinite(curl) else None,
         components=int(problem.labels.max()),
         lost=problem.lost,
-        correlation=correlation,
+        noise={name: float(np.median((each / variance)[data.mask])) for name, each in noise.items()},
         solver=type(state.problem).__name__,
     )
     points = t * d
     points += o
     x, y, z = points
     return HeightMap(x, y, z, deviation, flags, diagnostics, problem.rays.lean)
+
+
+def height_sigma(problem: Problem, state: State, variance: Floats) -> Floats:
+    """Standard deviation of z, mm (H, W), by the unknown's variance (rows, cols); NaN off the grid."""
+    sigma = np.sqrt(variance)
+    if problem.data.rays.logarithmic:
+        sigma = sigma * problem.data.distance(state.w)
+    image: Floats = problem.to_image(sigma, np.nan) * np.abs(problem.rays.inner_directions[2])
+    return image
 
 
 def judged(

@@ -79,7 +79,8 @@ class HeightStream:
         assert self._last is not None
         assert self._seen is not None
         problem, state, last = self._last.problem, self._last.state, self._last.height
-        variance = self._last.variance
+        noise = self._last.noise
+        variance = np.sum(list(noise.values()), axis=0)
         renewed = _renewed(problem, correspondence)
         if renewed is None or not _as_noisy(self._seen, correspondence):
             return None
@@ -93,10 +94,7 @@ class HeightStream:
                 state = replace(state, doubt=doubted(renewed, state, 1.0))
                 if not _borne_out(self._last, renewed, state):
                     return None
-                correlation = last.diagnostics.correlation
-                height = height_map(
-                    renewed, state, correspondence.flags, math.nan, "coupled", variance, correlation
-                )
+                height = height_map(renewed, state, correspondence.flags, math.nan, "coupled", noise)
                 chi2, freedom = last.diagnostics.chi2, last.diagnostics.freedom
                 height = replace(
                     height,

@@ -29,7 +29,7 @@ _FIRST_RELATIVE, _RELATIVE = 1e-2, 1e-10  # of the first error: there is a secon
 _CHORD = 1e-4  # of a chord step: the next one corrects the rest
 _SMALL_STEP = 1e-2  # of the range of w: steps below it cannot leave the medium
 _NOISE_SHARE = 0.02  # of a slope's standard deviation: a change below the noise
-_RESPONSE = 1e-3  # of the first error: drawn noise yields a variance to some per cent at best
+_RESPONSE = 1e-2  # of the first error: drawn noise yields a variance to some per cent at best
 _ASTRAY = 0.1  # of a slope's standard deviation: a pixel's step in the end that counts as moving
 _PATIENCE, _SHRINKS = 3, 0.5  # steps, of the smallest before: converging steps shrink more
 _ROWS = 64
@@ -195,31 +195,33 @@ def missed(data: Measured, state: State, limit: float) -> Mask:
     return found
 
 
-def edge_errors(
-    data: Measured, state: State, slopes: tuple[Floats, Floats], doubts: tuple[Floats, Floats] | None = None
-) -> tuple[Floats, Floats]:
-    """What errors of the slopes, and of single edges' increments, are in units of the integrating factor."""
-    gx, gy = defects(*slopes, _ZERO, state.root, data.mask)
-    if doubts is not None:
-        root = np.broadcast_to(state.root, gx.shape)
-        gx[:, :-1] += doubts[0][:, :-1] / (root[:, :-1] * root[:, 1:])
-        gy[:-1] += doubts[1][:-1] / (root[:-1] * root[1:])
-    return gx, gy
-
-
 def response(
+    data: Measured,
     labels: Labels,
     state: State,
-    edges: tuple[Floats, Floats],
     slopes: tuple[Floats, Floats],
-    anchors: Floats,
+    edges: tuple[Floats, Floats] | None = None,
 ) -> Floats:
-    """What errors of the edges (see `edge_errors`), of the slopes behind them and of the anchors' known
-    values (M,) do to the solution, first order.
+    """Change of the solution (rows, cols) by errors of the slopes (rows, cols) and of single edges'
+    increments, first order.
     """
-    step = state.problem.solve(*edges, Accuracy(relative=_RESPONSE))
-    rows = replace(state.rows, known=anchors)
-    return _anchored(step.x, state.root, labels, rows, np.zeros(state.w.shape), slopes, state.variances)[0]
+    step = state.problem.solve(*edge_errors(data, state, slopes, edges), Accuracy(relative=_RESPONSE))
+    rows = replace(state.rows, known=np.zeros(state.rows.known.shape))
+    still = np.zeros(state.w.shape)
+    return _anchored(step.x, state.root, labels, rows, still, slopes, state.variances, state.share)[0]
+
+
+def edge_errors(
+    data: Measured, state: State, slopes: tuple[Floats, Floats], edges: tuple[Floats, Floats] | None
+) -> tuple[Floats, Floats]:
+    """Edge defects (rows, cols) by errors of the slopes and of single edges' increments, in units of the
+    integrating factor."""
+    gx, gy = defects(*slopes, _ZERO, state.root, data.mask)
+    if edges is not None:
+        root = np.broadcast_to(state.root, gx.shape)
+        gx[:, :-1] += edges[0][:, :-1] / (root[:, :-1] * root[:, 1:])
+        gy[:-1] += edges[1][:-1] / (root[:-1] * root[1:])
+    return gx, gy
 
 
 def _anchored(

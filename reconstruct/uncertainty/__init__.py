@@ -4,8 +4,8 @@
 |---|---|
 | `closed_form` | variance of the height on a rectangle |
 | `monte_carlo` | the same by drawn noise |
-| `shared_noise` | variance by noise common to rows, columns or frames |
-| `rounding` | errors of discrete codes, which neighbouring pixels share |
+| `response` | the response of the height to an error field |
+| `sources` | the list of the sources of noise, whose variances add up |
 | `budget` | the uncertainty of a height, a depth, a difference, by its sources |
 | `predicted` | sigma of a rig at rest and of a dent, before any capture |
 | `null_space` | height modes without a slope |

@@ -1,8 +1,8 @@
 """The uncertainty of what is read off a height map, by its sources.
 
-A reading is a weighted sum of heights. Independent noise adds by the weights' squares (a mean over an area is
-given the noise of one of its pixels: neighbours share most of theirs). The rig's errors are common to all
-heights: with f the weighted sum of the modes, (r,), a source of shares A adds f^T A f; A of all sources
+A reading is a weighted sum of heights. Noise adds by the weights' squares (a mean over an area is given the
+noise of one of its pixels: neighbours share most of theirs); its sources (see `sources`) have their median
+shares of the map's variance. The rig's errors are common to all heights: with f the weighted sum of the modes, (r,), a source of shares A adds f^T A f; A of all sources
 sum to 1.
 """
 
@@ -16,14 +16,16 @@ from ..heightmap import HeightMap
 from ..outputs.coarse_modes import interpolated
 from ..solver.anchors import Anchors, PixelAnchor, PointAnchor
 from .null_space import null_space
+from .sources import NOISE
 
 __all__ = ["ANCHOR", "NOISE", "TOTAL", "budget", "free_mode_of"]
 
-NOISE, TOTAL = "noise of the frames, independent", "total"
+TOTAL = "total"
 #: Not part of the total: anchors are taken as exact.
 ANCHOR = "an anchor wrong by 1 um would add"
 _LINES = 96  # rows or columns, at least, on which the free mode is solved
 _SHALLOW = 0.1  # of the deepest: what surrounds a dent
+_PART = 0.01  # of the noise's variance: smaller sources count with the others
 
 
 def budget(
@@ -31,7 +33,7 @@ def budget(
     less: HeightMap | None = None,
     free: tuple[Floats, float] | None = None,
 ) -> dict[str, dict[str, float]]:
-    """Reading -> source -> standard deviation in mm, NOISE first and TOTAL, the root sum square, behind.
+    """Reading -> source -> standard deviation in mm, noise first and TOTAL, the root sum square, behind.
 
     Readings: the height at the deepest good point; the depth of the dent there against the mean of what is a
     tenth as deep or less; with `less`, a map of the same rig, the deepest point of the difference. free: the
@@ -97,13 +99,16 @@ def _one(
     noise = float(height.sigma[at])
     if around is not None:
         noise = float(np.hypot(noise, np.median(height.sigma[around])))
-    found = {NOISE: noise}
+    shares = {name: share for name, share in height.diagnostics.noise.items() if share > _PART} or {
+        NOISE: 1.0
+    }
+    found = {name: noise * (share / sum(shares.values())) ** 0.5 for name, share in shares.items()}
     if height.calibration is not None:
         modes = height.calibration.astype(np.float64)
         moved = modes[:, at[0], at[1]] - (0.0 if around is None else np.nanmean(modes[:, around], axis=1))
-        shares = np.eye(len(modes))[None] if height.shares is None else height.shares
+        of_rig = np.eye(len(modes))[None] if height.shares is None else height.shares
         names = ("the numbers of the rig",) if height.shares is None else height.sources
-        squares = np.einsum("i,sij,j->s", moved, shares, moved)
+        squares = np.einsum("i,sij,j->s", moved, of_rig, moved)
         found |= dict(zip(names, np.sqrt(np.maximum(squares, 0.0)).tolist(), strict=True))
     found[TOTAL] = float(np.linalg.norm(list(found.values())))
     if free is not None:

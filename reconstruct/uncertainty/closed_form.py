@@ -11,9 +11,7 @@ averaged over the Brillouin zone: c is local (the correction is an operator of o
 the slopes' variance; all of this is for weights by columns. |A| = (13 cos(k/2) - cos(3k/2)) / 12 for the
 four-pixel increments.
 Deviations of the slopes' variances from their columns' means add by the solve's response: `unlike_columns`.
-An anchor sum_m a_m w_m = known subtracts the covariance with it: var_i = G_ii - 2 (G a)_i + a.G a. The error
-by curvature on the way to the anchors (`AnchorRows.bend`) is common to all: the square of its weighted sum
-adds.
+An anchor sum_m a_m w_m = known subtracts the covariance with it: var_i = G_ii - 2 (G a)_i + a.G a.
 """
 
 from functools import lru_cache
@@ -50,7 +48,7 @@ def unknown_variance(data: Measured, state: State, labels: Labels) -> Floats:
     # what is averaged is no noisier than its neighbours
     gain = scipy.ndimage.minimum_filter1d(averaging_gain(along_cols, along_rows), 3)
     share = state.share / state.share.sum()
-    own = share**2 * ((rows.sigma**2 + rows.spread(*state.variances)) / at**2 - gain[rows.pixel % gain.size])
+    own = share**2 * (rows.spread(*state.variances) / at**2 - gain[rows.pixel % gain.size])
     load = np.zeros(labels.shape)
     np.add.at(load.reshape(-1), rows.pixel, share)
     green = columns.solve(load)
@@ -64,9 +62,7 @@ def unknown_variance(data: Measured, state: State, labels: Labels) -> Floats:
     variance = factor**2 * np.maximum(potential - gain, FLOOR * along_cols)
     if not state.problem.closed:
         variance = monte_carlo_variance(data, state, labels, variance, load)
-    lean = np.bincount(rows.component, state.share * state.bend / at, int(labels.max()) + 1)
-    bent: Floats = variance + factor**2 * np.square(lean)[labels]
-    return bent + _shared_at_ends(data, state.variances)
+    return variance + _shared_at_ends(data, state.variances)
 
 
 def _shared_at_ends(data: Measured, variances: Pair) -> Floats:

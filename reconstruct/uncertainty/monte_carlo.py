@@ -16,11 +16,12 @@ from ..measured import Measured
 from ..solver.edges import Doubt, apply_laplacian, divergence
 from ..solver.newton import State, edge_errors, response
 from ..solver.poisson import ColumnPoisson
+from .response import ErrorField, slope_errors
 
 __all__ = ["FLOOR", "monte_carlo_variance"]
 
 FLOOR = 0.02  # of a slope's variance: the least that a height next to an exact anchor is given
-_DRAWS = 48
+_DRAWS = 64
 _PIXELS = 1 << 22  # solved in all: fewer draws for large images
 _FEWEST = 4
 _MOSTLY = 0.9  # of the pixels: their quantile sets the number of draws
@@ -89,23 +90,20 @@ def _drawn(
     """Answers (rows, cols) of the solution and of the rectangle to one draw of noise and of the
     edges' doubts.
     """
-    mask, rows = data.mask, state.rows
-    p, q = data.slopes(state.w)[:2]
+    rows, still = state.rows, data.slopes(state.w)[:2]
     du, dv = (
-        np.where(mask, sigma, 0.0) * rng.standard_normal(mask.shape) for sigma in (data.sigma_u, data.sigma_v)
+        np.where(data.mask, sigma, 0.0) * rng.standard_normal(labels.shape)
+        for sigma in (data.sigma_u, data.sigma_v)
     )
-    noisy_p, noisy_q = data.shifted(du, dv).slopes(state.w)[:2]
-    slopes = np.where(mask, noisy_p - p, 0.0), np.where(mask, noisy_q - q, 0.0)
-    alone = together = edge_errors(data, state, slopes)
+    slopes, alone, together = slope_errors(data, state, still, ErrorField(du, dv)), None, None
     if state.doubt is not None:
-        singly, alike = _drawn_doubts(state.doubt, p, q, rng)
-        alone = edge_errors(data, state, slopes, singly)
-        together = edge_errors(data, state, slopes, (singly[0] + alike[0], singly[1] + alike[1]))
-    known = rows.sigma * rng.standard_normal(rows.sigma.shape)
-    own = response(labels, state, together, slopes, known)
+        alone, alike = _drawn_doubts(state.doubt, *still, rng)
+        together = (alone[0] + alike[0], alone[1] + alike[1])
+    own = response(data, labels, state, slopes, together)
     factor = np.broadcast_to(state.root**2, own.shape)
-    control = state.problem.columns.solve(_divergence(alone, state, rng))
-    way = rows.predict(np.zeros(own.shape), *slopes) - known
+    edges = edge_errors(data, state, slopes, alone)
+    control = state.problem.columns.solve(_divergence(edges, state, rng))
+    way = rows.predict(np.zeros(own.shape), *slopes)
     pinned = np.vdot(load, control) + load.reshape(-1)[rows.pixel] @ (way / factor.ravel()[rows.pixel])
     return own, factor * (control - pinned)
 

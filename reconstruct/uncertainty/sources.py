@@ -1,0 +1,105 @@
+"""The height's variance by noise, as a list of sources that add up.
+
+| source | its error fields (see `response`) |
+|---|---|
+| NOISE | noise of every pixel: in closed form, or drawn |
+| SHARED | common noise: a shift of u or v; cosine and sine of the phase, of frames; drawn, of rows and columns |
+| CELLS | the sawtooth of a discrete code, over the places where its cells may begin |
+| ANCHORS | of every known value; the response is the integrating factor |
+| BEND | of the ways to the anchors in common (`AnchorRows.bend`), likewise |
+| CONTRADICTION | what the slopes' circulation shows beyond noise |
+
+A discrete code yields the middle of the cell at which a pixel looks. Where sampling is commensurate (one cell
+a pixel, two, one and a half) regions share one error. The measured coordinates, smoothed, are rounded again
+with the cells begun elsewhere (a parametric bootstrap: Efron, 10.1214/aos/1176344552).
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from optolever.decode import SharedNoise
+
+from ..arrays import Floats, Labels, Mask
+from ..problem import Problem
+from ..solver.newton import State
+from .closed_form import unknown_variance
+from .response import ErrorField, smoothed, variance_by
+
+__all__ = ["ANCHORS", "BEND", "CELLS", "CONTRADICTION", "NOISE", "SHARED", "noise_sources"]
+
+NOISE, SHARED = "noise of the frames, independent", "noise that pixels have in common"
+CELLS, CONTRADICTION = "cells of a discrete code", "slopes that contradict each other"
+ANCHORS, BEND = "known heights of the anchors", "curvature between mirror and anchors"
+_DRAWS, _FEWEST = 32, 8
+_PIXELS = 1 << 22  # solved in all: fewer draws for large images
+_SEED = 20140318
+_PLACES = 8  # of the cells' beginning
+_SMOOTH = 4.0  # pixels, rms: over more than the sawtooth of two cells a pixel
+
+
+def noise_sources(
+    problem: Problem, state: State, gain: Floats, shared: SharedNoise | None
+) -> dict[str, Floats]:
+    """Variance of the unknown (rows, cols) by every source of noise, in words; NOISE first. gain (rows,
+    cols): see `holes.noise_gain`."""
+    found = {NOISE: gain * unknown_variance(problem.data, state, problem.labels)}
+    if shared is not None:
+        found[SHARED] = variance_by(problem, state, _shared(problem, shared))
+    if problem.data.whole_cells(problem.bridged):
+        found[CELLS] = variance_by(problem, state, _cells(problem))
+    return found | {name: each for name, each in _anchors(problem.labels, state).items() if each.any()}
+
+
+def _anchors(labels: Labels, state: State) -> dict[str, Floats]:
+    rows, factor = state.rows, np.broadcast_to(state.root**2, labels.shape)
+    moved, count = state.share / factor.ravel()[rows.pixel], int(labels.max()) + 1
+    alone = np.bincount(rows.component, np.square(moved * rows.sigma), count)
+    together = np.square(np.bincount(rows.component, moved * state.bend, count))
+    return {ANCHORS: factor**2 * alone[labels], BEND: factor**2 * together[labels]}
+
+
+def _shared(problem: Problem, noise: SharedNoise) -> Iterator[ErrorField]:
+    data, shape, nothing = problem.data, problem.labels.shape, np.zeros(problem.labels.shape)
+    waves = []
+    for turns, at, sigma in ((noise.turns_u, data.u, data.sigma_u), (noise.turns_v, data.v, data.sigma_v)):
+        phase = 2 * np.pi * turns * np.where(data.mask, at, 0.0)
+        waves.append([np.where(data.mask, sigma, 0.0) * part for part in (np.cos(phase), np.sin(phase))])
+    for of_u in (nothing + noise.shift_u, *(np.sqrt(noise.frames_u) * wave for wave in waves[0])):
+        yield ErrorField(of_u, nothing)
+    for of_v in (nothing + noise.shift_v, *(np.sqrt(noise.frames_v) * wave for wave in waves[1])):
+        yield ErrorField(nothing, of_v)
+    if not (noise.rows > 0 or noise.cols > 0):
+        return
+    rng, count = np.random.default_rng(_SEED), int(np.clip(_PIXELS // nothing.size, _FEWEST, _DRAWS))
+    by_rows, by_cols = np.sqrt(np.array((noise.rows, noise.cols)[:: -1 if problem.turned else 1]) / count)
+
+    def common(wave: Floats) -> Floats:
+        rows, cols = rng.standard_normal((shape[0], 1)), rng.standard_normal(shape[1])
+        drawn: Floats = (by_rows * rows + by_cols * cols) * wave
+        return drawn
+
+    for _ in range(count):
+        yield ErrorField(*(common(cosine) + common(sine) for cosine, sine in waves))
+
+
+def _cells(problem: Problem) -> Iterator[ErrorField]:
+    data = problem.data
+    smooth = [_twiced(coord, data.mask) for coord in (data.u, data.v)]
+    # misread neighbours make sigma larger than a cell's 1 / sqrt(12), and share their errors likewise
+    widths = [np.sqrt(12.0) * np.where(data.mask, sigma, 0.0) for sigma in (data.sigma_u, data.sigma_v)]
+    cells = [float(width[data.mask].min()) for width in widths]
+    for k in range(_PLACES):
+        # 3 k mod 8 keeps u and v out of step
+        begins = ((k + 0.5) / _PLACES, ((3 * k) % _PLACES + 0.5) / _PLACES)
+        places = [coord / cell + begin for coord, cell, begin in zip(smooth, cells, begins, strict=True)]
+        yield ErrorField(
+            *(width / np.sqrt(_PLACES) * (np.rint(at) - at) for width, at in zip(widths, places, strict=True))
+        )
+
+
+def _twiced(coord: Floats, mask: Mask) -> Floats:
+    """Smoothed, plus the smoothed residual, which restores curvature (twicing: Tukey, Exploratory Data
+    Analysis, 1977): the slope determines where sampling is commensurate."""
+    once = smoothed(coord, mask, _SMOOTH)
+    return once + smoothed(coord - once, mask, _SMOOTH)
