@@ -238,13 +238,13 @@ def solved_height(
     options = _METHODS[method]
     problem, state = _first(correspondence, scene, anchor, mask, options, start)
     problem, state, scale = _without_outliers(problem, state, options)
-    problem, state, noise = _at_its_noise(problem, state, scale, options)
+    problem, state, curl = _at_its_noise(problem, state, scale, options)
     if method == "robust":
         state = reweighted(problem, state, options)
     elif method == "march":
-        state = replace(state, doubt=doubted(problem, state, noise))
+        state = replace(state, doubt=doubted(problem, state, curl))
     else:
-        state = _around_discontinuities(problem, state, options, noise)
+        state = _around_discontinuities(problem, state, options, curl)
     gain = noise_gain(problem.data.mask, problem.bridged)
     noise = noise_sources(problem, state, gain, correspondence.shared_noise)
     chi2, freedom = circulation_chi2(problem.data, state, gain)

@@ -2,8 +2,8 @@
 
 A reading is a weighted sum of heights. Noise adds by the weights' squares (a mean over an area is given the
 noise of one of its pixels: neighbours share most of theirs); its sources (see `sources`) have their median
-shares of the map's variance. The rig's errors are common to all heights: with f the weighted sum of the modes, (r,), a source of shares A adds f^T A f; A of all sources
-sum to 1.
+shares of the map's variance. The rig's errors are common to all heights: with f the weighted sum of the
+modes, (r,), a source of shares A adds f^T A f; A of all sources sum to 1.
 """
 
 import numpy as np

@@ -59,7 +59,7 @@ def unknown_variance(data: Measured, state: State, labels: Labels) -> Floats:
         more = unlike_columns(scaled, diagonal)
         # errors of the anchors as fully correlated
         potential = potential + more + max(float(share @ more.ravel()[rows.pixel]), 0.0)
-    variance = factor**2 * np.maximum(potential - gain, FLOOR * along_cols)
+    variance: Floats = factor**2 * np.maximum(potential - gain, FLOOR * along_cols)
     if not state.problem.closed:
         variance = monte_carlo_variance(data, state, labels, variance, load)
     return variance + _shared_at_ends(data, state.variances)

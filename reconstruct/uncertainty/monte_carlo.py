@@ -90,14 +90,15 @@ def _drawn(
     """Answers (rows, cols) of the solution and of the rectangle to one draw of noise and of the
     edges' doubts.
     """
-    rows, still = state.rows, data.slopes(state.w)[:2]
+    rows = state.rows
+    p, q, _, _ = data.slopes(state.w)
     du, dv = (
         np.where(data.mask, sigma, 0.0) * rng.standard_normal(labels.shape)
         for sigma in (data.sigma_u, data.sigma_v)
     )
-    slopes, alone, together = slope_errors(data, state, still, ErrorField(du, dv)), None, None
+    slopes, alone, together = slope_errors(data, state, (p, q), ErrorField(du, dv)), None, None
     if state.doubt is not None:
-        alone, alike = _drawn_doubts(state.doubt, *still, rng)
+        alone, alike = _drawn_doubts(state.doubt, p, q, rng)
         together = (alone[0] + alike[0], alone[1] + alike[1])
     own = response(data, labels, state, slopes, together)
     factor = np.broadcast_to(state.root**2, own.shape)

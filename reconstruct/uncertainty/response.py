@@ -30,11 +30,12 @@ class ErrorField(NamedTuple):
 
 def variance_by(problem: Problem, state: State, fields: Iterable[ErrorField]) -> Floats:
     """Variance of the unknown (rows, cols) by a source of errors."""
-    still, total = problem.data.slopes(state.w)[:2], np.zeros(problem.labels.shape)
+    p, q, _, _ = problem.data.slopes(state.w)
+    total = np.zeros(problem.labels.shape)
     for field in fields:
         if not (field.u.any() or field.v.any()):
             continue
-        slopes = slope_errors(problem.data, state, still, field)
+        slopes = slope_errors(problem.data, state, (p, q), field)
         total += np.square(response(problem.data, problem.labels, state, slopes))
     return smoothed(total, problem.labels > 0, _WIDE)
 

@@ -3,7 +3,7 @@
 | source | its error fields (see `response`) |
 |---|---|
 | NOISE | noise of every pixel: in closed form, or drawn |
-| SHARED | common noise: a shift of u or v; cosine and sine of the phase, of frames; drawn, of rows and columns |
+| SHARED | of u or v: a shift; cosine and sine of the phase, of frames; drawn, of rows and columns |
 | CELLS | the sawtooth of a discrete code, over the places where its cells may begin |
 | ANCHORS | of every known value; the response is the integrating factor |
 | BEND | of the ways to the anchors in common (`AnchorRows.bend`), likewise |
