@@ -64,8 +64,6 @@ from .uncertainty.predicted import (
 )
 from .uncertainty.sources import NOISE
 
-free_mode = null_space  # its name before
-
 __all__ = [
     "ANCHOR",
     "GRID_FORMATS",
@@ -103,7 +101,6 @@ __all__ = [
     "depth_sigma_against_rest",
     "exact_correspondence",
     "fit_motion",
-    "free_mode",
     "free_mode_of",
     "height_increment",
     "integrate",

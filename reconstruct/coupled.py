@@ -27,7 +27,7 @@ from .paper.paper_scene import reconstruct_paper
 from .paper.recursion import SeriesName
 from .problem import Problem, prepare
 from .references import with_references
-from .result import anchors_apart, height_map, judged, off_mirror, refused
+from .result import anchors_apart, height_map, off_mirror, refused
 from .rig.hypotheses import likely_mistake, likely_mistake_at_rest
 from .rig.model import (
     LINEAR,
@@ -268,8 +268,8 @@ def _judged(
     noise = {name: variance for name, variance in noise.items() if name != CONTRADICTION}
     if CELLS not in noise and chi2 > chi2_limit(freedom):
         noise[CONTRADICTION] = (chi2 - 1) * noise[NOISE]
-    height = height_map(problem, state, correspondence.flags, scale, method, noise)
-    height = judged(height, chi2, freedom, correspondence.notices, rig)
+    known = None if math.isnan(chi2) else chi2
+    height = height_map(problem, state, correspondence, noise, method, scale, known, freedom, rig)
     return Solution(correspondence, problem, state, noise, scale, height)
 
 

@@ -4,10 +4,9 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter
 
-from optolever.decode import Flag
+from optolever.decode import Correspondence, Flag
 from optolever.notices import Notice
 from optolever.scene import Mirror
 
@@ -19,7 +18,7 @@ from .problem import Problem
 from .solver.edges import Doubt
 from .solver.newton import State
 
-__all__ = ["anchors_apart", "height_map", "height_sigma", "judged", "off_mirror", "refused"]
+__all__ = ["anchors_apart", "height_map", "height_sigma", "off_mirror", "refused"]
 
 _APART = 5.0  # standard deviations, rms: rigs that are right stay below 1.2
 _SURE = 3.0  # standard deviations
@@ -29,13 +28,16 @@ _STEEP = 3.0  # standard deviations, of slopes or of the heights around: where d
 def height_map(
     problem: Problem,
     state: State,
-    flags: NDArray[np.uint16],
-    curl: float,
-    method: str,
+    correspondence: Correspondence,
     noise: dict[str, Floats],
+    method: str,
+    curl: float,
+    chi2: float | None,
+    freedom: int,
+    rig: bool = False,
 ) -> HeightMap:
-    """flags (H, W): the decoder's; curl: robust scale of the slopes' curl; noise: variance of the unknown by
-    source.
+    """noise: variance of the unknown by source; curl: robust scale of the slopes' curl; chi2, freedom: of
+    their circulation, see `Diagnostics`; rig: after errors of the rig are taken off.
     """
     data, doubt, variance = problem.data, state.doubt, np.sum(list(noise.values()), axis=0)
     steep = np.zeros(data.mask.shape, dtype=np.bool_)
@@ -51,7 +53,7 @@ def height_map(
     t = np.where(solved, problem.to_image(distance, np.nan), np.nan)
     o, d = problem.rays.inner_origins, problem.rays.inner_directions
     deviation = np.where(solved, height_sigma(problem, state, variance), np.nan)
-    flags = np.asarray(flags, dtype=np.uint16).copy()
+    flags = np.asarray(correspondence.flags, dtype=np.uint16).copy()
     flags[~problem.valid & (flags == 0)] |= np.uint16(Flag.INVALID)
     singular = problem.singular
     flags[singular] |= np.uint16(HeightFlag.SINGULAR)
@@ -69,13 +71,16 @@ def height_map(
         curl=curl if np.isfinite(curl) else None,
         components=int(problem.labels.max()),
         lost=problem.lost,
+        chi2=chi2,
+        freedom=freedom,
         noise={name: float(np.median((each / variance)[data.mask])) for name, each in noise.items()},
         solver=type(state.problem).__name__,
     )
     points = t * d
     points += o
     x, y, z = points
-    return HeightMap(x, y, z, deviation, flags, diagnostics, problem.rays.lean)
+    notices = correspondence.notices + contradiction(chi2, freedom, rig)
+    return HeightMap(x, y, z, deviation, flags, diagnostics, problem.rays.lean, notices)
 
 
 def height_sigma(problem: Problem, state: State, variance: Floats) -> Floats:
@@ -85,17 +90,6 @@ def height_sigma(problem: Problem, state: State, variance: Floats) -> Floats:
         sigma = sigma * problem.data.distance(state.w)
     image: Floats = problem.to_image(sigma, np.nan) * np.abs(problem.rays.inner_directions[2])
     return image
-
-
-def judged(
-    height: HeightMap, chi2: float, freedom: int, before: tuple[Notice, ...], rig: bool = False
-) -> HeightMap:
-    """The height with the chi2 of its slopes' circulation (see `circulation`), the notice of that, and the
-    notices of the correspondence, `before`; rig: errors of the rig are taken off."""
-    known = None if math.isnan(chi2) else chi2
-    diagnostics = replace(height.diagnostics, chi2=known, freedom=freedom)
-    notices = before + contradiction(known, freedom, rig)
-    return replace(height, diagnostics=diagnostics, notices=notices)
 
 
 def refused(height: HeightMap, mistake: str | None) -> HeightMap:

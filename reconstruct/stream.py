@@ -94,11 +94,9 @@ class HeightStream:
                 state = replace(state, doubt=doubted(renewed, state, 1.0))
                 if not _borne_out(self._last, renewed, state):
                     return None
-                height = height_map(renewed, state, correspondence.flags, math.nan, "coupled", noise)
                 chi2, freedom = last.diagnostics.chi2, last.diagnostics.freedom
                 height = replace(
-                    height,
-                    diagnostics=replace(height.diagnostics, chi2=chi2, freedom=freedom),
+                    height_map(renewed, state, correspondence, noise, "coupled", math.nan, chi2, freedom),
                     calibration=last.calibration,
                     sources=last.sources,
                     shares=last.shares,

@@ -321,7 +321,7 @@ def test_the_free_mode_of_45_degrees() -> None:
     """Turned about the edge x = 0 the mirror shows every pixel the same place, to first order."""
     rig = resize(load("paper-simulation"), 30, 40)
     seen = trace(rig, plane(0.0, 0.0))
-    mode = reconstruct.free_mode(rig)
+    mode = reconstruct.null_space(rig)
     known = np.isfinite(mode)
     assert known.mean() > 0.8
     assert np.nanmax(mode) == pytest.approx(1.0)
@@ -344,7 +344,7 @@ def test_an_anchors_error(x: float) -> None:
     where = reconstruct.exact_correspondence(trace(rig, dent("flat", rig)))
     wrong = 1e-3  # so small that only its first order counts
     heights = [reconstruct.reconstruct(where, rig, anchor=(x, 22.5, z)) for z in (0.0, wrong)]
-    mode = reconstruct.free_mode(rig)
+    mode = reconstruct.null_space(rig)
     good = heights[0].good & heights[1].good & np.isfinite(mode)
     assert good.mean() > 0.8
     at_anchor = np.interp(x, heights[0].x[30][::-1], mode[30][::-1])

@@ -95,10 +95,12 @@ def test_dense_outliers_are_gone_around(exact, noisy) -> None:
     assert (np.abs(scores(height, truth)) > 5).sum() < 1e-3 * height.good.sum()
 
 
-def test_a_rim_that_one_side_explains_by_accident(exact, noisy) -> None:
-    """Outside its contact a ball's slope leaves like a root: some edges agree with it from that side."""
+@pytest.mark.parametrize("sigma", [0.012, 0.003])
+def test_a_rim_that_one_side_explains_by_accident(exact, noisy, sigma: float) -> None:
+    """Outside its contact a ball's slope leaves like a root: some edges agree with it from that side. What
+    lies inside is as unsure as the rim, whose edges count next to nothing: a long way for a linear solve."""
     scene, truth, _ = exact("monitor-mirror", "ball", 128, 153)
-    height = reconstruct(noisy(truth, sigma=0.012, noise=0.012, seed=1), scene)
+    height = reconstruct(noisy(truth, sigma=sigma, noise=sigma, seed=1), scene)
     score = scores(height, truth)
     assert height.good.mean() > 0.95
     assert (np.abs(score) > 5).mean() < 1e-4
