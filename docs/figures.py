@@ -20,7 +20,7 @@ from sheet import new_figure
 from optolever.decode import Correspondence, decode
 from optolever.patterns import sequence
 from optolever.projector import capture
-from optolever.reconstruct import Grid, PointAnchor, free_mode, reconstruct
+from optolever.reconstruct import Grid, PointAnchor, null_space, reconstruct
 from optolever.scene import Scene, Trace, dent_from_text, load, resize, trace
 
 Floats = NDArray[np.float64]
@@ -116,7 +116,7 @@ def modes(path: Path) -> None:
     for axes, name in zip(figure.subplots(1, 2), ("prism48", "monitor-mirror"), strict=True):
         rig = resize(load(name, exact=True), 60, 80)
         rest = trace(rig, dent_from_text("flat", rig))
-        image = axes.scatter(rest.x, rest.y, c=free_mode(rig), s=4, cmap="viridis", marker="s")
+        image = axes.scatter(rest.x, rest.y, c=null_space(rig), s=4, cmap="viridis", marker="s")
         axes.set_aspect("equal")
         axes.set_title(name, fontsize=10, loc="left")
         axes.set_xlabel("x [mm]")
