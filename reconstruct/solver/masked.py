@@ -1,6 +1,7 @@
 """Weighted Poisson problems with any mask and any weights: conjugate gradients on multigrid."""
 
 from collections.abc import Callable
+from functools import cached_property
 
 import numpy as np
 
@@ -28,7 +29,7 @@ class MaskedEdges:
         self._mask = mask
         self._cycle: Callable[[Floats], Floats] | None = None
 
-    @property
+    @cached_property
     def columns(self) -> ColumnPoisson:
         """The separable problem with the columns' mean weights."""
         wx, wy = (column_profile(weight) for weight in self.weights)
