@@ -18,7 +18,7 @@ from optolever.scene import TYPED, Scene, without_rest_form
 from .arrays import Floats, Mask
 from .heightmap import HeightMap
 from .judgement.circulation import chi2_limit, circulation_chi2, contradiction
-from .judgement.curl import curl_limit, curl_scale, curl_score, curl_suspects
+from .judgement.curl import curl_limit, curl_scale, curl_score, curl_suspects, lone
 from .judgement.discontinuities import edge_doubt, touched
 from .judgement.gaps import across_gaps, widened
 from .judgement.holes import bridged, noise_gain, whole_lines
@@ -282,10 +282,12 @@ def _without_outliers(problem: Problem, state: State, options: Options) -> tuple
         scale = curl_scale(score)
         limit = curl_limit(score) * (max(1.0, scale) if np.isfinite(scale) else 1.0)
         found = curl_suspects(score, limit, problem.bridged) & problem.data.mask
-        if not found.any():
+        removable = lone(found, problem.data) & ~problem.bridged
+        problem = replace(problem, suspects=problem.suspects | found)
+        if not removable.any():
             break
-        suspects, wrong = problem.suspects | found, problem.bridged | found
-        problem = replace(problem, data=bridged(problem.data, wrong), bridged=wrong, suspects=suspects)
+        wrong = problem.bridged | removable
+        problem = replace(problem, data=bridged(problem.data, wrong), bridged=wrong)
         state = _solve(problem, state.w, options)
     return problem, state, scale
 
@@ -351,8 +353,8 @@ def doubted(problem: Problem, state: State, noise: float) -> Doubt | None:
     announced = not np.isfinite(noise) or problem.data.whole_cells(problem.bridged)
     # a residual that most edges have is no discontinuity
     scale = 1.0 if announced else max(min(1.0, _BETTER * noise), state.misfit)
-    mask = problem.data.mask
-    doubt = edge_doubt(*state.slopes, *state.variances, mask, scale)
+    mask, blamed = problem.data.mask, problem.suspects & ~problem.bridged
+    doubt = edge_doubt(*state.slopes, *state.variances, mask, scale, blamed)
     if problem.bridged.any():
         gaps = across_gaps(*state.slopes, state.variances, mask, problem.bridged)
         doubt = gaps if doubt is None else Doubt(np.maximum(doubt.x, gaps.x), np.maximum(doubt.y, gaps.y))

@@ -10,13 +10,15 @@ import scipy.special
 from numpy.typing import NDArray
 
 from ..arrays import Floats, Mask
+from ..measured import Measured
 from ..solver.edges import curl
 
-__all__ = ["curl_limit", "curl_scale", "curl_score", "curl_suspects"]
+__all__ = ["curl_limit", "curl_scale", "curl_score", "curl_suspects", "lone"]
 
 _CHANCE = 0.01  # of a right image to hold a suspect
-_LOOKS, _LARGEST = 8, 1e12  # evidence of a square
 _NEAR, _MOST = 4, 0.7  # reach of what lies around, and the share of it that wrong pixels leave alone
+_CALM = 0.3  # quantile of the pixels around that other wrong pixels nearby leave alone
+_STANDS_OUT = 30.0  # times that quantile
 
 
 def curl_score(p: Floats, q: Floats, var_p: Floats, var_q: Floats, mask: Mask) -> Floats:
@@ -49,25 +51,28 @@ def curl_limit(score: Floats) -> float:
 
 
 def curl_suspects(score: Floats, limit: float, cleared: Mask) -> Mask:
-    """Wrong pixels to which large curls point, (H, W).
+    """Pixels to which the large curls point, (H, W).
 
     An outlier spoils the four squares around it, its neighbours share two of them or one; so a pixel is
     suspected if the sum of the squares' evidence is over limit^2 and largest among its neighbours, and far
     above that of the squares around: along a rim all have a curl. Suspects clear their squares, and what
     remains is looked at again. cleared (H, W): pixels that are interpolated and cannot be to blame.
     """
-    evidence = np.minimum(np.square(np.nan_to_num(score, nan=0.0, posinf=1e6, neginf=-1e6)), _LARGEST)
+    evidence = np.square(np.nan_to_num(score, nan=0.0, posinf=1e150, neginf=-1e150))
+    evidence = np.minimum(evidence, 1e12)
     # On a border a pixel has two squares: as much evidence in these as an inner pixel has in four.
     share = 4.0 / np.maximum(_around(np.isfinite(score).astype(np.float64)), 1.0)
-    suspects, others = np.zeros(score.shape, dtype=np.bool_), cleared.copy()
-    for _ in range(_LOOKS):
-        total = np.where(others, 0.0, _around(evidence) * share)
-        at = np.argwhere((total > limit**2) & (total >= scipy.ndimage.maximum_filter(total, 3)))
-        if not at.size:
+    suspects: Mask = np.zeros(score.shape, dtype=np.bool_)
+    dismissed = suspects.copy()
+    for _ in range(8):
+        total = np.where(cleared | dismissed, 0.0, _around(evidence) * share)
+        over = total > limit**2
+        if not over.any():
             break
+        at = np.argwhere(over & (total >= scipy.ndimage.maximum_filter(total, 3)))
         alone = np.sqrt(total[tuple(at.T)]) > limit * np.maximum(1.0, _scale_around(score, at))
         suspects[tuple(at[alone].T)] = True
-        others[tuple(at[~alone].T)] = True
+        dismissed[tuple(at[~alone].T)] = True
         evidence[_touched(suspects)] = 0.0
     return suspects
 
@@ -83,6 +88,54 @@ def _scale_around(score: Floats, at: NDArray[np.intp]) -> Floats:
     sizes[np.isnan(sizes).all(axis=1)] = 0.0
     scale: Floats = np.nanquantile(sizes, _MOST, axis=1) / scipy.special.ndtri(0.5 + 0.5 * _MOST)
     return scale
+
+
+def lone(suspects: Mask, data: Measured) -> Mask:
+    """Suspects that are out of line with smooth surroundings: wrong pixels, not a cusp, a crease or a fold,
+    (H, W).
+
+    Measured by what a cubic through the neighbours misses, over sigma: many times the calmer third of the 5 x
+    5 pixels around. A feature of the surface is missed by as much all along.
+    """
+    single = np.zeros_like(suspects)
+    at = np.argwhere(suspects)
+    if at.size:
+        rough = np.maximum(_missed(data.u, data.sigma_u, at), _missed(data.v, data.sigma_v, at))
+        around = rough.reshape(len(at), -1)
+        around[np.isnan(around).all(axis=1)] = 0.0
+        with np.errstate(invalid="ignore"):
+            stands_out = around[:, around.shape[1] // 2] > _STANDS_OUT * np.nanquantile(around, _CALM, axis=1)
+        single[tuple(at[stands_out].T)] = True
+    return single
+
+
+def _missed(field: Floats, sigma: Floats, at: NDArray[np.intp]) -> Floats:
+    """|value - cubic through its neighbours| / sigma in the 5 x 5 pixels around each place, (M, 5, 5).
+
+    The mean of the predictions along the row and along the column, or the one that the image's border leaves.
+    """
+    reach = np.arange(-4, 5)
+    rows, cols = at[:, 0, None, None] + reach[:, None], at[:, 1, None, None] + reach
+    inside = (rows >= 0) & (rows < field.shape[0]) & (cols >= 0) & (cols < field.shape[1])
+    rows, cols = np.clip(rows, 0, field.shape[0] - 1), np.clip(cols, 0, field.shape[1] - 1)
+    patch = np.where(inside, field[rows, cols], np.nan)
+    middle = slice(2, 7)
+    along, across = (_cubic(turned)[:, middle] for turned in (patch.transpose(0, 2, 1), patch))
+    along = along.transpose(0, 2, 1)[:, middle]
+    across = across[:, :, middle]
+    one = np.where(np.isnan(along), across, along)
+    other = np.where(np.isnan(across), along, across)
+    missed: Floats = np.abs(patch[:, middle, middle] - 0.5 * (one + other))
+    missed /= sigma[rows, cols][:, middle, middle]
+    return missed
+
+
+def _cubic(patch: Floats) -> Floats:
+    """Prediction of rows 2 .. -3 from the two rows on either side (M, n, n); NaN in the others."""
+    out = np.full(patch.shape, np.nan)
+    near, far = patch[:, 1:-3] + patch[:, 3:-1], patch[:, :-4] + patch[:, 4:]
+    out[:, 2:-2] = (4.0 * near - far) / 6.0
+    return out
 
 
 def _around(evidence: Floats) -> Floats:

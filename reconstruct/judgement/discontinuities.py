@@ -16,7 +16,7 @@ from optolever.blocks import over_image
 from optolever.kernels import exact, inlined
 
 from ..arrays import Floats, Mask
-from ..solver.edges import Doubt, cubic_at_end, stencil
+from ..solver.edges import Doubt, cubic_at_end, curl, stencil
 
 __all__ = ["CONVERGES", "RISE", "SIGMAS", "edge_doubt", "touched"]
 
@@ -33,6 +33,7 @@ CONVERGES = 0.5  # errors that fall so from one order to the next are those of a
 _QUIET = 8.0  # of a slope's sigma: third differences of noise (4.5) and little more
 _SHARE = 1.0 / 12.0  # a jump inside an edge moves that edge's increment by half of it, the next one's by 1/24
 _BESIDE = 5  # pixels: reach of a crease's surroundings, in which doubts below the noise count too
+_BLAME = 13.0 / 12.0  # a wrong slope is in its edges by 13/24, in the curl around it by half
 _CERTAIN, _ABRUPT = 8.0, 0.2  # of its noise, of the largest step: residual of one side at a kink
 _ONE_SIDED = 0.25  # of that, at most: the other side's residual
 _KINK = 0.5  # of one side's residual, at the edge of three where it is largest
@@ -47,9 +48,14 @@ def edge_doubt(
     var_q: Floats,
     mask: Mask,
     noise: float = 1.0,
+    suspects: Mask | None = None,
 ) -> Doubt | None:
-    """The doubts of slopes p, q (H, W); None if no edge is doubtful. noise: factor on the slopes' standard
-    deviations."""
+    """The doubts of slopes p, q (H, W); None if no edge is doubtful.
+
+    noise: factor on the slopes' standard deviations; suspects (H, W): pixels that are blamed for a curl and
+    yet in use.
+    """
+    blamed = suspects is not None and bool(suspects.any())
     dx, plain_x, sure_x = _axis(p, var_p, mask, (0, 1), noise)
     dy, plain_y, sure_y = _axis(q, var_q, mask, (1, 0), noise)
     sure, doubtful = sure_x | sure_y, (dx > 0) | (dy > 0)
@@ -58,7 +64,7 @@ def edge_doubt(
     sizes[0] = 0
     long = (sizes >= _CHAIN)[parts]
     sure |= long
-    if not sure.any():
+    if not (blamed or sure.any()):
         return None
     found = np.zeros(count + 1, dtype=np.bool_)
     found[parts[sure]] = True
@@ -70,7 +76,20 @@ def edge_doubt(
     )
     lines = scipy.ndimage.maximum_filter(long, _BESIDE)
     dx, dy = _beside(dx, var_p, lines), _beside(dy, var_q, lines)
+    if suspects is not None and blamed:
+        curls = np.where(suspects, _BLAME * _largest_curl(p, q, mask), 0.0)
+        dx, dy = np.maximum(dx, curls), np.maximum(dy, curls)
+        dx[:, :-1], dy[:-1] = np.maximum(dx[:, :-1], curls[:, 1:]), np.maximum(dy[:-1], curls[1:])
     return Doubt(_shared(dx, mask), _shared(dy.T, mask.T).T.copy())
+
+
+def _largest_curl(p: Floats, q: Floats, mask: Mask) -> Floats:
+    """Of the squares around every pixel, (H, W)."""
+    size = np.pad(np.abs(np.nan_to_num(curl(p, q, mask))), ((1, 0), (1, 0)))
+    largest: Floats = np.maximum(
+        np.maximum(size[:-1, :-1], size[:-1, 1:]), np.maximum(size[1:, :-1], size[1:, 1:])
+    )
+    return largest
 
 
 def _beside(doubt: Floats, variance: Floats, lines: Mask) -> Floats:

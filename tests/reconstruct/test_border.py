@@ -1,12 +1,14 @@
 """Holes, ragged masks and noisy border lines: bridged, left out, reached again, sigma by repeated noise."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from optolever.experiments.metrics import relative_error
 from optolever.reconstruct import HeightFlag, reconstruct
+from optolever.reconstruct.judgement.curl import lone
 from optolever.reconstruct.judgement.holes import bridged
 from optolever.reconstruct.problem import prepare
 
@@ -227,3 +229,11 @@ def test_a_missing_pixel_flags_none_but_itself(exact, noisy, cut) -> None:
         share.append(reconstruct(cut(noisy(truth, 7e-4), keep), scene).good.mean())
     assert share[0] > 0.9
     np.testing.assert_allclose(share[1:], share[0], atol=1e-3)
+
+
+def test_a_suspect_without_surroundings_is_not_blamed() -> None:
+    nothing = np.full((12, 12), np.nan)
+    seen = SimpleNamespace(u=nothing, v=nothing, sigma_u=np.ones((12, 12)), sigma_v=np.ones((12, 12)))
+    suspects = np.zeros((12, 12), dtype=np.bool_)
+    suspects[6, 6] = True
+    assert not lone(suspects, seen).any()
