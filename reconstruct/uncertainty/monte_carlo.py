@@ -27,7 +27,7 @@ _FEWEST = 4
 _MOSTLY = 0.9  # of the pixels: their quantile sets the number of draws
 _PRIOR = 6.0  # draws that the mean over a block counts as
 _BLOCK = 25  # pixels
-_SEED = 4
+_SEED = 20140318
 
 
 def monte_carlo_variance(
