@@ -156,7 +156,7 @@ def test_show_lists_monitors_and_refuses_others(x_server: tuple[str, Path], tmp_
 
     assert f"{ROWS}x{COLS}" in show("--list").stdout
     for words, message in (
-        (("--monitor", "3"), "does not exist, the limit is 0"),
+        (("--monitor", "3"), "does not exist, must be 0 to 0"),
         (("--monitor", "0", "--size", "4000x4000"), "the sequence needs 4000x4000"),
         (("--size", "4000x4000"), f"the largest monitor has {ROWS}x{COLS}"),
         (("--display", "nobody"), "is not connected, there is screen"),
