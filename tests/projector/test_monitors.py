@@ -164,5 +164,5 @@ def test_a_monitor_that_goes_away_ends_the_show(dummy: str, tmp_path: Path) -> N
         _, err = process.communicate(timeout=60)
     assert process.returncode == 2
     (line,) = err.splitlines()
-    assert line.startswith("optolever: display: monitor 1 went away, ")
-    assert 0 < int(line.split(", ")[1].split()[0]) < 24
+    assert line.startswith("optolever: display: monitor 1 was disconnected after ")
+    assert 0 < int(line.split(" after ")[1].split()[0]) < 24
