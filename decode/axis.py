@@ -292,8 +292,7 @@ def _with_periods(decoder: AxisDecoder, setup: Setup) -> AxisDecoder:
 
 
 def _between(decoder: AxisDecoder, light: Light, few: Sample) -> Between:
-    """Interfringe variance at the decoded places of sample pixels, beyond the decoder's
-    variances."""
+    """Interfringe variance at the decoded places of sample pixels, beyond the decoder's variances."""
     assert decoder.periods is not None
     shape = 1, len(few.places)
     raw = Raw(*(np.zeros(shape, np.float32) for _ in range(2)))

@@ -38,7 +38,8 @@ class SharedNoise(NamedTuple):
     column, and, for the frames of u and of v, over the image by level and phase (a lamp that flickers).
     turns: of the finest fringe along u and v per pattern pixel; a frame's noise shifts the place by the
     cosine of its phase. shift: standard deviation common to all of u and of v, pattern pixels, by motion of
-    camera or mirror and by residual pixelation where the sampling is commensurate with the display's cells.
+    camera or mirror, by stray light such as a second reflection, and by residual pixelation where the
+    sampling is commensurate with the display's cells.
     """
 
     rows: float

@@ -34,10 +34,11 @@ _RATIOS, _LONGEST = 361, 0.9
 _FAINT = 1e-9
 #: Share of consistent pixels beyond which the others have another fault.
 _MOSTLY = 0.75
-#: Parts of the sample, for what neighbours share; of bits: pixels for a variance; level over the amplitude
-#: below which a bit is at an edge, and share of such pixels up to which it tells stray light; least share of
-#: stray light, which blurred edges are taken for.
-_PARTS, _MANY, _EDGE, _AT_EDGES, _LEAST = 16, 4096, 0.75, 0.08, 0.005
+#: Parts of the sample for the error that neighbours share; pixels for the variance of a bit's levels.
+_PARTS, _MANY = 16, 4096
+#: Of bits: level over the amplitude below which a pixel is at an edge, largest share of such pixels, quantile
+#: over the bits, least share of stray light (clean drawn rigs: 0.004 by blurred edges; `lab pairs`).
+_EDGE, _AT_EDGES, _QUANTILE, _LEAST = 0.75, 0.08, 0.65, 0.005
 
 
 def misfit_within(fringe: Fringe, lit: Sample, noise: Noise) -> float:
@@ -53,10 +54,15 @@ def misfit_within(fringe: Fringe, lit: Sample, noise: Noise) -> float:
     levels, own = few.levels.astype(np.float64), few.variance(noise)
     waves = harmonics(fringe, levels)[1:]
     left = unexplained(product(rows, levels[list(fringe.index)]), waves[2:])
-    times = trimmed_variance((left / np.sqrt(own)).ravel())
-    chance = max(_BEYOND, 3 * float(np.sqrt(2 / (freedom * pixels))))
     power = np.square(waves[:2]).sum(axis=0) + _FAINT
-    return (times - 1) * float(np.median(own / power)) if times > 1 + chance else 0.0
+    return _excess((left / np.sqrt(own)).ravel()) * float(np.median(own / power))
+
+
+def _excess(residuals: Any, sure: float = 3.0) -> float:
+    """Variance of normalised residuals (K,) beyond 1; 0: chance explains it (`sure` deviations)."""
+    times = trimmed_variance(residuals)
+    chance = max(_BEYOND, sure * float(np.sqrt(2 / len(residuals))))
+    return times - 1 if times > 1 + chance else 0.0
 
 
 class Between(NamedTuple):
@@ -71,8 +77,8 @@ def misfit_between(fringes: tuple[Fringe, ...], known: Any, place: F64, few: Sam
     periods at the decoded places (K,).
 
     It includes errors that no single fringe reveals: aliased harmonics, errors of three-step fringes, motion
-    of the map between fringes. Harmonics alternate along a fringe; a second reflection shifts neighbours
-    alike.
+    of the map between fringes. Errors by harmonics alternate along a fringe; neighbours share the shift by a
+    second reflection.
     """
     own = few.variance(noise) / (2 * np.pi) ** 2
     phases = [_phase(fringe, few, own, more) for fringe, more in zip(fringes, known, strict=True)]
@@ -82,11 +88,10 @@ def misfit_between(fringes: tuple[Fringe, ...], known: Any, place: F64, few: Sam
         ratio2 = (fine / fringe.period) ** 2
         off, expected = turn - at / fringe.period, variance + ratio2 * finest
         off = (off - np.rint(off)) / np.sqrt(expected)
-        times = trimmed_variance(off)
-        if times > 1 + max(_BEYOND, 3 * float(np.sqrt(2 / len(place)))):
+        if excess := _excess(off):
             usual = float(np.median(expected)) / (1 + ratio2)
-            own = (times - 1) * usual, _common(off, turn, times) * usual
-            found = Between(*np.maximum(found, own).tolist())
+            common = _common(off, turn, 1 + excess)
+            found = Between(max(found.variance, excess * usual), max(found.common, common * usual))
     return found
 
 
@@ -107,8 +112,8 @@ def stray_light(plan: Plan, lit: Sample, noise: Noise) -> float:
     """Light of other places of the pattern in a pixel, rms over the amplitude. 0 without white and black.
 
     A bit is as bright as white, or as dark as black, of its own pixel; a second reflection adds the bit of
-    another place. Of bits that mostly are not at an edge: some change less often than the reflection is
-    aside, so that the upper third counts.
+    another place. Bits with few pixels at their edges count. The stripes of some are wider than the
+    reflection's displacement and show it in few pixels: hence a quantile above the median.
     """
     if min(plan.white, plan.black) < 0:
         return 0.0
@@ -125,7 +130,7 @@ def stray_light(plan: Plan, lit: Sample, noise: Noise) -> float:
             level, times = ((high - low) / (2 * amplitude), 1) if both else ((high - low) / amplitude, 2)
             if np.mean(np.abs(level) < _EDGE) <= _AT_EDGES:
                 found += [_spread2(sign * level, times * own) for sign in (1, -1)]
-    share = float(np.quantile(found, 0.65)) ** 0.5 if found else 0.0
+    share = float(np.quantile(found, _QUANTILE)) ** 0.5 if found else 0.0
     return share if share > _LEAST else 0.0
 
 
@@ -134,9 +139,8 @@ def _spread2(level: F32, variance: F32) -> float:
     at = np.flatnonzero(level > 0)
     if len(at) < _FEWEST:
         return 0.0
-    times = trimmed_variance((level[at] - np.median(level[at])) / np.sqrt(variance[at]))
-    chance = max(_BEYOND, _SURE * float(np.sqrt(2 / len(at))))
-    return (times - 1) * float(np.median(variance[at])) if times > 1 + chance else 0.0
+    off = (level[at] - np.median(level[at])) / np.sqrt(variance[at])
+    return _excess(off, _SURE) * float(np.median(variance[at]))
 
 
 def _phase(fringe: Fringe, few: Sample, own: Any, known: float) -> tuple[F64, F64]:

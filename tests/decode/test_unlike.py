@@ -131,7 +131,7 @@ def test_bands_of_a_lamp_are_no_share_of_earlier_frames(
 def test_a_second_reflection_shifts_all_pixels_and_sigma_says_so(
     shown: Sequence, share: float, shoot: Shoot, smooth: Map
 ) -> None:
-    """Of 23.3 and 11.7 px aside: fringes are turned alike, by a share of the light at most."""
+    """23.3 and 11.7 px aside: one phase error in all pixels, at most the share of the light (radians)."""
     u, v = smooth
 
     def light(u: F64, v: F64) -> F64:
