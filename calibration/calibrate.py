@@ -1,5 +1,7 @@
 """calibrate(): captures of simple targets -> a scene with covariance, and notices."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace

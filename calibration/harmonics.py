@@ -7,6 +7,8 @@ is therefore estimated from the variation of modulation and offset with N psi ov
 b_(N-1) and b_(N+1), which are known as a sum, under the assumption of a power law (wrong gamma).
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import Any
 

@@ -5,6 +5,8 @@ inverse, propagated by the heights' derivatives by the scene's parameters, predi
 by these captures, to first order.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -4,6 +4,8 @@ A ball or a plate on the mirror is compared with the mirror at rest, pixel by pi
 captures (schlieren, cover glass, bow of the display) cancel to first order.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -59,16 +61,16 @@ class Sample:
     reference: Rest | None = None
     inflation: float = 1.0
 
-    def thinned(self, count: int) -> "Sample":
+    def thinned(self, count: int) -> Sample:
         """About `count` of its pixels (less than twice as many), at a regular stride."""
         return self.picked(slice(None, None, max(1, self.row.size // count)))
 
-    def picked(self, some: slice | NDArray[np.bool_]) -> "Sample":
+    def picked(self, some: slice | NDArray[np.bool_]) -> Sample:
         """The sample restricted to these pixels."""
         names = ("row", "col", "u", "v", "sigma_u", "sigma_v")
         return replace(self, **{name: getattr(self, name)[some] for name in names})
 
-    def inflated(self, factor: float) -> "Sample":
+    def inflated(self, factor: float) -> Sample:
         """The sample with sigmas of `factor` times the noise."""
         by = factor / self.inflation
         return replace(self, sigma_u=by * self.sigma_u, sigma_v=by * self.sigma_v, inflation=factor)

@@ -11,6 +11,8 @@ place of the pattern separate the two, as polynomials of their logarithms with o
 determines only their product.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace

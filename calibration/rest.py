@@ -4,6 +4,8 @@
 capture, with which later captures are compared pixel by pixel.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path

@@ -4,6 +4,8 @@ Each target has unknowns (pose, radius, shape) with priors, and computes height 
 values of them. One capture defines the frame: its plane is z = 0.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

@@ -1,6 +1,8 @@
 """Correspondence: pattern coordinates of every camera pixel, their sigma, and flags; Displacement: change of
 the pattern coordinates since the mirror was at rest."""
 
+from __future__ import annotations
+
 from dataclasses import MISSING, dataclass, fields
 from enum import IntFlag
 from pathlib import Path

@@ -1,5 +1,7 @@
 """decode(): frames and their descriptions -> Correspondence; Decoder: many captures of one rig."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 from functools import reduce
 

@@ -4,6 +4,8 @@ A camera's response is inverted before decoding. A display's is not: its light i
 nonlinearity, so that the decoder expects the light of the displayed levels.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -49,7 +51,7 @@ class Response:
             raise InputError(f"response: blur is {self.blur}, must be at least 0")
 
     @classmethod
-    def from_table(cls, shown: ArrayLike, seen: ArrayLike) -> "Response":
+    def from_table(cls, shown: ArrayLike, seen: ArrayLike) -> Response:
         """From a measured table in any order; entries where the camera's level does not rise are dropped."""
         pairs = np.array([np.asarray(shown, np.float64).ravel(), np.asarray(seen, np.float64).ravel()])
         if not np.all(np.isfinite(pairs)):
@@ -60,7 +62,7 @@ class Response:
         return cls(pairs[0, rising], pairs[1, rising])
 
     @classmethod
-    def from_gamma(cls, gamma: float, white_level: float = 255.0) -> "Response":
+    def from_gamma(cls, gamma: float, white_level: float = 255.0) -> Response:
         """`seen` = white_level (shown / 255)^gamma."""
         if not 0.1 <= gamma <= 10:
             raise InputError(f"response: gamma is {gamma}, must be in 0.1..10")
@@ -68,7 +70,7 @@ class Response:
         return cls(255.0 * shown, white_level * shown**gamma)
 
     @classmethod
-    def from_ramp(cls, frames: ArrayLike, sequence: Sequence) -> "Response":
+    def from_ramp(cls, frames: ArrayLike, sequence: Sequence) -> Response:
         """Of a display, from the uniform frames of a capture ("ramp"): mean over the brightest pixels.
 
         A pixel is normalised by its span between the darkest and the brightest level; pixels that clip at the

@@ -1,5 +1,7 @@
 """A measurement and the derived results of its page: slopes, form and deviation from it, dents."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -146,7 +148,7 @@ class Study:
     dents: tuple[Contact, ...] | None
 
     @classmethod
-    def of(cls, given: Measurement) -> "Study":
+    def of(cls, given: Measurement) -> Study:
         height, seen, scene = given.height, given.correspondence, given.scene
         some = bool(height.good.any())
         slopes = None

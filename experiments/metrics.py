@@ -1,5 +1,7 @@
 """Accuracy of a reconstruction and of its error bars: pure functions on truth and result."""
 
+from __future__ import annotations
+
 import math
 from typing import Any
 

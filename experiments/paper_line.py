@@ -6,6 +6,8 @@ For a mirror point, (12) and (14) give the positions of its ray on the pattern a
 mirror point of a given position on either face is found by bisection.
 """
 
+from __future__ import annotations
+
 import dataclasses
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -67,7 +69,7 @@ class Line:
     y: Floats | float
 
     @classmethod
-    def of(cls, place: Place) -> "Line":
+    def of(cls, place: Place) -> Line:
         """The cut through the mirror's middle."""
         return cls(place.surface, prism_geometry(place.scene), place.scene.mirror.width / 2)
 

@@ -2,6 +2,8 @@
 errors; the prose is in report/rig.html.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

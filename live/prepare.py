@@ -1,5 +1,7 @@
 """Precomputation for the live chain: from a scene, its rest map and frames at rest."""
 
+from __future__ import annotations
+
 import math
 
 import cv2

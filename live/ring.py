@@ -1,5 +1,7 @@
 """Ring: a code of several frames, one height per frame: each new frame replaces the oldest."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 
 import numpy as np

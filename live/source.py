@@ -4,6 +4,8 @@
 `Newest` reads a camera on a thread and hands out the newest frame: where a reading takes longer than a frame,
 frames are skipped and counted, none is late."""
 
+from __future__ import annotations
+
 import math
 import threading
 import time
@@ -99,7 +101,7 @@ class Newest:
         self.skipped = 0
         self._thread = threading.Thread(target=self._read, daemon=True)
 
-    def __enter__(self) -> "Newest":
+    def __enter__(self) -> Newest:
         self._thread.start()
         return self
 

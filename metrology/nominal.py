@@ -5,6 +5,8 @@ differences Q_z - N(Q_x, Q_y) to the nominal surface N (Gauss-Newton). Direction
 the differences, such as rotation about the axis of a sphere, are fixed.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path

@@ -3,6 +3,8 @@
 The image is made of one 1-D table of grey values per axis, made here and nowhere else.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -161,7 +163,7 @@ class Frame:
         return plain
 
     @classmethod
-    def from_dict(cls, plain: Mapping[str, Any], where: str = "frame") -> "Frame":
+    def from_dict(cls, plain: Mapping[str, Any], where: str = "frame") -> Frame:
         """Inverse of to_dict; in place of `shift`, too, shift_deg (degrees) or shift_step (k of N, [k, N]).
         InputError names `where`, the field, its value and its limit."""
         known = {field.name: str(field.type) for field in fields(cls)}

@@ -1,5 +1,7 @@
 """Sequence: the frames that go together, and the size of the surface that shows them."""
 
+from __future__ import annotations
+
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -84,9 +86,9 @@ class Sequence:
     def __getitem__(self, index: SupportsIndex) -> Frame: ...
 
     @overload
-    def __getitem__(self, index: slice) -> "Sequence": ...
+    def __getitem__(self, index: slice) -> Sequence: ...
 
-    def __getitem__(self, index: SupportsIndex | slice) -> "Frame | Sequence":
+    def __getitem__(self, index: SupportsIndex | slice) -> Frame | Sequence:
         if isinstance(index, slice):
             return replace(self, frames=self.frames[index])
         return self.frames[index]
@@ -136,7 +138,7 @@ class Sequence:
             temporary.write_text(tomli_w.dumps(self.to_dict()), encoding="utf-8")
 
     @classmethod
-    def load(cls, path: str | Path) -> "Sequence":
+    def load(cls, path: str | Path) -> Sequence:
         """Read a file of save() or save_png(); InputError names the file, the field and its value."""
         return cls.from_dict(read_toml(path), str(path))
 
@@ -147,7 +149,7 @@ class Sequence:
         return {**plain, "nominal": True} if self.nominal else plain
 
     @classmethod
-    def from_dict(cls, plain: Mapping[str, Any], where: str = "sequence") -> "Sequence":
+    def from_dict(cls, plain: Mapping[str, Any], where: str = "sequence") -> Sequence:
         """Inverse of to_dict; InputError names `where`, the field and its value."""
         known = ("name", "rows", "cols", "nominal", "frames")
         for name in plain:

@@ -3,6 +3,8 @@
 A pure function of a clock, a display and a camera: simulated time drives the same lines.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 

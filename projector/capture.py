@@ -1,5 +1,7 @@
 """The images of a sequence: the record that the projector hands to the decoder."""
 
+from __future__ import annotations
+
 import operator
 from collections.abc import Iterator
 from collections.abc import Sequence as Items

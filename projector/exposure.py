@@ -1,5 +1,7 @@
 """Exposure of a camera by white and black: no pixel saturates, the contrast in the mirror is largest."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -11,6 +11,8 @@ by a Gaussian of `pattern.blur_px` cells; the pixel's light is their mean. It se
 models of a pixel: maps that bend, fold or end inside of one are averaged as they are.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 from typing import Any
 

@@ -4,6 +4,8 @@ The file gives its fringes in periods per screen and places as fractions of the 
 a screen has nominal pixels, `scene.SOFAST_SCREEN`: u = 2000 x, v = 1000 (1 - y) for fractions (x, y).
 """
 
+from __future__ import annotations
+
 import math
 from pathlib import Path
 from typing import Any

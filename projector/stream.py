@@ -1,5 +1,7 @@
 """One thread for a camera: it pulls every image as it comes and hands it to who listens."""
 
+from __future__ import annotations
+
 import threading
 from collections.abc import Callable
 from types import TracebackType

@@ -6,6 +6,8 @@ every swap `latency` later, with separate time constants for rise and fall. Four
 offset per band; least squares.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -162,7 +164,7 @@ def _still(display: Display, level: int, eye: _Eye) -> Float:
     return np.asarray(last.pixels, np.float64)
 
 
-def _flicker(eye: _Eye, bands: "_Bands") -> float:
+def _flicker(eye: _Eye, bands: _Bands) -> float:
     """Standard deviation of white images over their mean; 0 if none comes."""
     white: list[float] = []
     for image, _ in eye.images(eye.time.now() + _PATIENCE_S):

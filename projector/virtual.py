@@ -1,5 +1,7 @@
 """The virtual sensor: images of a scene with a dent while its pattern surface displays a sequence."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace

@@ -1,5 +1,7 @@
 """reconstruct(): Correspondence + Scene -> HeightMap."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager

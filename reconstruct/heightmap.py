@@ -1,5 +1,7 @@
 """HeightMap: where the mirror is, how sure that is, and why not where it fails; and its files."""
 
+from __future__ import annotations
+
 import json
 from dataclasses import asdict, dataclass, field, fields, replace
 from enum import IntFlag
@@ -84,7 +86,7 @@ class Diagnostics:
         return json.dumps(asdict(self))
 
     @classmethod
-    def from_json(cls, text: str) -> "Diagnostics":
+    def from_json(cls, text: str) -> Diagnostics:
         """The inverse of to_json; unknown entries are skipped."""
         known = {entry.name for entry in fields(cls)}
         values = {name: value for name, value in json.loads(text).items() if name in known}
@@ -185,7 +187,7 @@ class HeightMap(Comparable):
         maps = {"z [mm]": self.z, "sigma [mm]": self.total_sigma}
         return plot_maps({title: np.where(self.good, one, np.nan) for title, one in maps.items()}, axes)
 
-    def __sub__(self, other: "HeightMap") -> "HeightMap":
+    def __sub__(self, other: HeightMap) -> HeightMap:
         """This map less another one of the same rig, pixel by pixel: sigma is of the difference, modes
         cancel as far as they are common, flags of both are joined. x, y and lean are this map's.
         """
@@ -204,7 +206,7 @@ class HeightMap(Comparable):
             **self._modes_less(other),
         )
 
-    def _noise_less(self, other: "HeightMap") -> Floats:
+    def _noise_less(self, other: HeightMap) -> Floats:
         """Standard deviation of the difference by noise and anchors; errors of common references cancel as
         far as they are equal in both maps."""
         variance = np.square(self.sigma) + np.square(other.sigma)
@@ -215,7 +217,7 @@ class HeightMap(Comparable):
         noise: Floats = np.sqrt(np.maximum(variance, np.square(self.sigma - other.sigma)))
         return noise
 
-    def _modes_less(self, other: "HeightMap") -> dict[str, Any]:
+    def _modes_less(self, other: HeightMap) -> dict[str, Any]:
         """The modes of the difference: common ones less the other's, then those of either capture alone."""
         if self.calibration is None or other.calibration is None:
             return {"calibration": None, "sources": (), "shares": None, "displacement": None, "own": 0}
@@ -249,7 +251,7 @@ class HeightMap(Comparable):
         """Standard deviation of z (mm): noise and rig."""
         return np.hypot(self.sigma, self.calibration_sigma)
 
-    def difference(self, other: "HeightMap") -> tuple[Floats, Floats]:
+    def difference(self, other: HeightMap) -> tuple[Floats, Floats]:
         """z less another map's of the same rig, pixel by pixel, and its standard deviation (mm): modes, and
         errors of a rest capture or an anchor in common, cancel as far as they are equal in both. InputError
         where the maps' shapes or rigs differ.
@@ -313,7 +315,7 @@ class HeightMap(Comparable):
         save_arrays(path, arrays, compressed=True)
 
     @classmethod
-    def load(cls, path: str | Path) -> "HeightMap":
+    def load(cls, path: str | Path) -> HeightMap:
         """Read what save() wrote, maps as float64; InputError names the file and the field."""
         arrays = load_arrays(path, _ARRAYS, ("notices", "diagnostics", "sources", "references"))
         diagnostics = Diagnostics("unknown")

@@ -8,6 +8,8 @@ in full itself: one of other noise, with doubts or wrong pixels where there were
 contradict each other more. Modes of a calibrated rig are solved for as often as `refresh` says.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import replace
 from typing import Any

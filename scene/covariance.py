@@ -1,5 +1,7 @@
 """Covariance of a scene's parameters from a calibration, saved next to the scene."""
 
+from __future__ import annotations
+
 import datetime
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -73,7 +75,7 @@ class Covariance(Record):
         root: Float = (np.sqrt(shares[some]) * vectors[:, some]).T[::-1] * scale
         return root
 
-    def scaled(self, factors: Mapping[str, float]) -> "Covariance":
+    def scaled(self, factors: Mapping[str, float]) -> Covariance:
         """In other units: each number named times its factor."""
         by = np.array([factors.get(name, 1.0) for name in self.names])
         parts = None if self.parts is None else self.parts * np.outer(by, by)
@@ -97,7 +99,7 @@ class Covariance(Record):
         save_arrays(path, {**texts, "matrix": self.matrix, "chi": self.chi, **parts})
 
     @classmethod
-    def load(cls, path: str | Path) -> "Covariance":
+    def load(cls, path: str | Path) -> Covariance:
         """Read a file of `save`; InputError names the file and its fault."""
         arrays = load_arrays(path, ("names", "matrix", "chi", "gauge"), ("names", "gauge", "sources"))
         names = tuple(str(name) for name in np.atleast_1d(arrays["names"]))

@@ -1,5 +1,7 @@
 """A flat refracting face between a camera and the medium in front of the mirror."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

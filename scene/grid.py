@@ -9,6 +9,8 @@ x and y are clamped to the grid first, so the surface continues level, and witho
 Source: Unser, Splines, IEEE Signal Processing Magazine 16(6), 1999, doi:10.1109/79.799930.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
 
 import numpy as np

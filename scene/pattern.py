@@ -1,5 +1,7 @@
 """The pattern surface: a grid of cells in any pose, flat or of a `shape`."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -102,7 +104,7 @@ class Pattern(Record):
         settled = moved <= 1e3 * _SETTLED
         return np.where(settled, u, np.nan), np.where(settled, v, np.nan), way
 
-    def resampled(self, rows: int, cols: int, scale: float, shift: float) -> "Pattern":
+    def resampled(self, rows: int, cols: int, scale: float, shift: float) -> Pattern:
         """The surface in rows x cols cells scale u + shift, scale v + shift; blur in cells stays."""
         start = self.origin - shift / scale * self.steps.sum(axis=0)
         shape = None if self.shape is None else self.shape.mapped(scale, shift)

@@ -1,5 +1,7 @@
 """The pinhole camera with OpenCV's five-coefficient lens distortion."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
 
 import numpy as np

@@ -1,5 +1,7 @@
 """The scene: everything that is physically there, and the same scene at another resolution."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass, replace
 from datetime import date

@@ -5,6 +5,8 @@ frame C; trans_alignment acts on the optic frame last. Its optic frame has the f
 and the camera at +z; the mirror frame here is the same, moved so that the facet starts at x = y = 0.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,5 +1,7 @@
 """Shape of the mirror: height and gradient, and how GLSL may evaluate the same."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -45,7 +47,7 @@ class Surface:
             return self.both(x, y)
         return self.height(x, y), *self.gradient(x, y)
 
-    def sampled(self, scene: Scene, pitch: float) -> "Surface":
+    def sampled(self, scene: Scene, pitch: float) -> Surface:
         """This surface as a grid over the scene's mirror, nodes on its edges, at most `pitch` mm apart."""
         pitch = positive("pitch", pitch)
         cols, rows = (

@@ -1,5 +1,7 @@
 """The telecentric camera: parallel rays from a grid of rectangular pixels."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,5 +1,7 @@
 """A part of the image, or every n-th pixel, as a camera, and how far the view moves across a pixel."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 
 import numpy as np

@@ -8,6 +8,8 @@ and breaks hardly any other. Faults that give another scene's perfect picture ar
 of spots.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -193,7 +195,7 @@ class _Crosses:
     strange: Mask
     vertical: int
 
-    def only(self, keep: Any) -> "_Crosses":
+    def only(self, keep: Any) -> _Crosses:
         """Some of the pixels."""
         levels, own, strange = self.levels[:, :, keep], self.own[:, keep], self.strange[keep]
         at, contrast = self.at[:, keep], self.contrast[keep]

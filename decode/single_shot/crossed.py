@@ -10,6 +10,8 @@ the last one to its carrier and fits the remainder, which gives 1 - (1 - g)^k af
 the change in the last pass counts as error.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from typing import Any

@@ -6,6 +6,8 @@ curvature of the map, g a slope of the light. So the odd part of the image is li
 profile and blur of the lines; least squares give d, and the residuals its sigma.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -73,7 +75,7 @@ class Crossings(Comparable):
         save_arrays(path, {field.name: getattr(self, field.name) for field in fields(self)})
 
     @classmethod
-    def load(cls, path: str | Path) -> "Crossings":
+    def load(cls, path: str | Path) -> Crossings:
         """Read what save() wrote."""
         names = [field.name for field in fields(cls)]
         arrays = load_arrays(path, names)

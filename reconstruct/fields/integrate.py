@@ -11,6 +11,8 @@
 | march | as dct4 | sums down the first column, then along every row: no least squares, a cross-check |
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import Any
 

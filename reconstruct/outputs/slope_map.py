@@ -5,6 +5,8 @@ are -n_x/n_z and -n_y/n_z. Their noise is that of u and v; the height's error dt
 dt ((d.e) e - d)/|X - P|, e the unit vector along X - P.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -91,7 +93,7 @@ class SlopeMap(Comparable):
         save_arrays(path, {name: getattr(self, name) for name in (*_ARRAYS, "calibration")})
 
     @classmethod
-    def load(cls, path: str | Path) -> "SlopeMap":
+    def load(cls, path: str | Path) -> SlopeMap:
         """Read what save() wrote; InputError names the file and the field."""
         arrays = load_arrays(path, _ARRAYS)
         return cls(**{name: arrays[name] for name in _ARRAYS}, calibration=arrays.get("calibration"))

@@ -10,6 +10,8 @@ The print carries the sign of theta in (9) that no mirror obeys, and its (17) ha
 (16).
 """
 
+from __future__ import annotations
+
 import numpy as np
 from numpy.typing import NDArray
 

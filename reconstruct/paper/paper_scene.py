@@ -1,5 +1,7 @@
 """The paper's method on a scene: the prism's numbers, and every camera row as one line of the recursion."""
 
+from __future__ import annotations
+
 import numpy as np
 from numpy.typing import NDArray
 

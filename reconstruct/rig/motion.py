@@ -15,6 +15,8 @@ MacKay, Bayesian interpolation, Neural Computation 4 (1992); Hoeting et al., Bay
 Statistical Science 14 (1999).
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import NamedTuple
 

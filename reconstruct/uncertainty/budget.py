@@ -6,6 +6,8 @@ shares of the map's variance. The rig's errors are common to all heights: with f
 modes, (r,), a source of shares A adds f^T A f; A of all sources sum to 1.
 """
 
+from __future__ import annotations
+
 import numpy as np
 
 from optolever.errors import InputError

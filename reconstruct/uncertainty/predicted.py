@@ -1,5 +1,7 @@
 """What a rig would measure: exact places of a known surface, with the rig's errors, on a small image."""
 
+from __future__ import annotations
+
 import math
 
 import numpy as np

@@ -137,3 +137,12 @@ def test_frames_are_indexed_like_arrays() -> None:
         seen[len(shown)]
     with pytest.raises(InputError, match="frames is empty"):
         seen[5:5]
+
+
+@pytest.mark.parametrize("part", PARTS)
+def test_signatures_are_readable(part: str) -> None:
+    """help() shows the names of types, not the unions behind them: the first sentence is in view."""
+    for name, function in _callables(part):
+        for parameter in inspect.signature(function).parameters.values():
+            shown = inspect.formatannotation(parameter.annotation)
+            assert len(shown) <= 110, f"{part}.{name}({parameter.name}): {shown}"
