@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import MISSING, fields, replace
 from datetime import date
 from difflib import get_close_matches
 from pathlib import Path
@@ -176,11 +176,11 @@ def _scene(top: _Table, path: Path) -> Scene:
     dent = top.take("dent", _text) if "dent" in top else None
     mirror = _mirror(top.take("mirror", _table))
     pattern = _pattern(top.take("pattern", _table))
-    medium = _medium(top.take("medium", _table)) if "medium" in top else None
+    medium = _record(top.take("medium", _table), Medium) if "medium" in top else None
     camera = _camera(top.take("camera", _table), mirror, medium)
-    display = _display(top.take("display", _table)) if "display" in top else None
-    sensor = _sensor(top.take("sensor", _table)) if "sensor" in top else None
-    layer = _layer(top.take("layer", _table)) if "layer" in top else None
+    display = _record(top.take("display", _table), Display) if "display" in top else None
+    sensor = _record(top.take("sensor", _table), Sensor) if "sensor" in top else None
+    layer = _record(top.take("layer", _table), Layer) if "layer" in top else None
     calibrated = _calibration(top.take("calibration", _table), path) if "calibration" in top else (None, None)
     covariance, form = calibrated
     accuracy = _accuracy(top)
@@ -256,33 +256,12 @@ def _mirror(table: _Table) -> Mirror:
     return Mirror(float(length), float(width))
 
 
-def _medium(table: _Table) -> Medium:
-    table.known("index, outside")
-    index = table.take("index", positive)
-    outside = table.get("outside", positive, 1.0)
-    return Medium(index, outside)
-
-
-def _display(table: _Table) -> Display:
-    table.known("gamma, black")
-    gamma, black = table.get("gamma", positive, 1.0), table.get("black", _non_negative, 0.0)
-    return Display(gamma, black)
-
-
-def _sensor(table: _Table) -> Sensor:
-    default = Sensor()
-    names = tuple(Sensor.__dataclass_fields__)
-    table.known(", ".join(names))
-    values = {name: table.get(name, lambda _, value: value, getattr(default, name)) for name in names}
-    return Sensor(**values)
-
-
-def _layer(table: _Table) -> Layer:
-    table.known("youngs_modulus_mpa, poisson, thickness_mm, youngs_modulus_sigma_mpa")
-    modulus = table.take("youngs_modulus_mpa", positive)
-    poisson = table.get("poisson", number, 0.5)
-    thickness = table.take("thickness_mm", positive) if "thickness_mm" in table else None
-    return Layer(modulus, poisson, thickness, table.get("youngs_modulus_sigma_mpa", _non_negative, 0.0))
+def _record(table: _Table, kind: type[T]) -> T:
+    """A table whose keys are a record's fields: the record checks their values."""
+    defaults = {field.name: field.default for field in fields(kind)}  # type: ignore[arg-type]
+    table.known(", ".join(defaults))
+    given = [name for name, default in defaults.items() if name in table or default is MISSING]
+    return kind(**{name: table.take(name, lambda _, value: value) for name in given})
 
 
 def _pattern(table: _Table) -> Pattern:
