@@ -214,7 +214,7 @@ def _weigh(scene: "Scene", name: str, weights: tuple[str, ...], out: Path, json_
         given.append(Weight(HeightMap.load(path), *values))
     found = weighed(scene.layer, given)
     layer, each = found.layer, list(zip(weights, found.moduli, found.sigmas, strict=True))
-    modulus = layer.youngs_modulus_mpa, layer.youngs_modulus_sigma_mpa
+    modulus = layer.youngs_modulus_mpa, layer.youngs_modulus_mpa * layer.relative_sigma
     names = "youngs_modulus_mpa", "youngs_modulus_sigma_mpa"
     with together():
         replace(scene, layer=layer).save(out)

@@ -70,7 +70,7 @@ class Forces:
         draws = np.stack([self._sampled(draw, found.places, found.pitch) for draw in noise])
         spread = np.sqrt(np.mean(np.square(draws @ found.weights.T), axis=0)) * factor
         newton = [float(pressure[owner == k].sum() * area) for k in range(len(touches))]
-        modulus = self._layer.youngs_modulus_sigma_mpa / self._layer.youngs_modulus_mpa
+        modulus = self._layer.relative_sigma
         return tuple(
             Force(
                 touch.identity,

@@ -98,8 +98,8 @@ def choose_exposure(
             break
     if good is None:
         raise InputError(
-            f"expose: {100 * found.saturated:.2f} % of the pixels saturate at {1e3 * accepted:.2f} ms, the "
-            "limit is 0.01 %; close the lens, or dim the display"
+            f"expose: {100 * found.saturated:.2f} % of the pixels saturate at {1e3 * accepted:.2f} ms, "
+            "at most 0.01 % may; close the lens, or dim the display"
         )
     steps = (
         int(np.ceil(np.log(good.contrast.range / _RANGE) / np.log(4))) if good.contrast.range > _RANGE else 0

@@ -153,7 +153,7 @@ def read_description(path: Path) -> tuple[Sequence, list[str], NDArray[np.float6
     files = [_file(table, f"{path}: frames[{i}]") for i, table in enumerate(tables)] if named else []
     if len(set(files)) != len(files):
         twice = next(file for file in files if files.count(file) > 1)
-        raise InputError(f"{path}: file {twice!r} is named {files.count(twice)} times, the limit is once")
+        raise InputError(f"{path}: file {twice!r} is named {files.count(twice)} times, must be named once")
     times = _times(tables, path)
     shown = [{key: value for key, value in table.items() if key not in ("file", "time")} for table in tables]
     outer: dict[str, Any] = {key: plain[key] for key in ("name", "rows", "cols", "nominal") if key in plain}
@@ -251,7 +251,7 @@ def _passed_over(base: Path, files: list[str]) -> tuple[Notice, ...]:
         return ()
     for path in extra:
         if path.suffix.lower() in PICTURES and not path.name.startswith("."):
-            raise InputError(f"{path}: not in the description, the limit is its {len(named)} frames")
+            raise InputError(f"{path}: not in the description, which has {len(named)} frames")
     return (passed_over([path.name for path in extra]),)
 
 

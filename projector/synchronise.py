@@ -182,7 +182,7 @@ class _Bands:
         top = float(np.percentile(swing, 99.5))
         if top < _SWING:
             raise InputError(
-                f"camera: white is {top:.1f} levels above black, the limit is {_SWING:g}; does the camera "
+                f"camera: white is {top:.1f} levels above black, must be {_SWING:g} or more; does the camera "
                 "see the display? is the exposure long enough (optolever expose)?"
             )
         lit = swing > _LIT * top
@@ -203,7 +203,7 @@ class _Bands:
 def fit_timing(taken: FlipRecord, accepted: Accepted, refresh_s: float | None) -> Timing:
     """The Timing that explains the brightness best. InputError of fewer images than numbers."""
     if len(taken.stamps_s) < 20:
-        raise InputError(f"sync: {len(taken.stamps_s)} images while the screen flipped, the limit is 20")
+        raise InputError(f"sync: {len(taken.stamps_s)} images while the screen flipped, must be at least 20")
     exposure = accepted.exposure_s
     fit = _fit(taken, exposure, taken.swaps_s, None)
     lateness = np.zeros(len(taken.swaps_s))

@@ -283,7 +283,7 @@ def _require_room(sequence: Sequence) -> None:
 def _open_full_screen(sequence: Sequence, monitor: int) -> tuple[Any, Any]:
     handles = glfw.get_monitors()
     if not 0 <= monitor < len(handles):
-        raise InputError(f"monitor: {monitor} does not exist, the limit is {len(handles) - 1}")
+        raise InputError(f"monitor: {monitor} does not exist, must be 0 to {len(handles) - 1}")
     handle = handles[monitor]
     mode = glfw.get_video_mode(handle)
     cols, rows = mode.size

@@ -18,7 +18,7 @@ from optolever.scene import Layer, Scene, load, resize
 
 Dents = tuple[tuple[float, float, float, float, float], ...]
 NOISE = 1.5
-LAYER = Layer(0.2, 0.5)
+LAYER = Layer(0.2, 0.5, youngs_modulus_sigma_mpa=0.0)
 
 
 @dataclass(frozen=True)

@@ -91,6 +91,8 @@ def test_the_force_of_a_ball_is_that_of_hertz(prepared: Prepared, quiet: Reading
     assert force.newton == pytest.approx(newton, rel=0.05)
     assert force.peak == pytest.approx(1.5 * newton / (math.pi * radius**2), rel=0.05)
     assert 0 < force.sigma < 0.05 * newton
+    (typed,) = Forces(prepared, Layer(0.2, 0.5)).update(reading, (touch,))
+    assert typed.sigma == pytest.approx(0.1 * newton, rel=0.1)
     assert math.dist((touch.x, touch.y), at) < 0.05
     assert touch.depth == pytest.approx(depth, rel=0.01)
     assert touch.area == pytest.approx(math.pi * radius**2, rel=0.03)
