@@ -4,13 +4,13 @@
 |---|---|
 | `coupled.py` | reconstruct(): the chain from measurement to HeightMap |
 | `problem.py`, `result.py` | checks, window, orientation, components; the solved grid as a HeightMap |
-| `geometry.py`, `measured.py`, `arrays.py` | rays of the camera; a measured grid; names of arrays |
+| `geometry.py`, `arrays.py` | rays of the camera; names of arrays |
+| `measured.py` | a measured grid, and its slopes in closed form |
 | `heightmap.py` | HeightMap |
-| `references.py` | errors in common with maps of the same rest capture or anchor |
 | `exact.py` | the correspondence that a perfect decoder would give |
 | `stream.py` | HeightStream: one chord step a frame |
 | `sofast.py` | a SOFAST measurement on its rig's flat pattern |
-| `solver/` | equations of the slopes, and their solution for the height |
+| `solver/` | the height that has these slopes |
 | `judgement/` | which slopes and edges are in doubt |
 | `uncertainty/` | variance of the height by noise, and its budget |
 | `rig/` | errors of the rig in the height; a rest capture as reference |

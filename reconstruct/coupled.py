@@ -19,17 +19,23 @@ from optolever.scene import TYPED, Scene, without_rest_form
 
 from .arrays import Floats, Mask
 from .heightmap import HeightMap
-from .judgement.circulation import chi2_limit, circulation_chi2, contradiction
-from .judgement.curl import curl_limit, curl_scale, curl_score, curl_suspects, lone
-from .judgement.discontinuities import edge_doubt, touched
-from .judgement.gaps import across_gaps, widened
+from .judgement.circulation import (
+    chi2_limit,
+    circulation_chi2,
+    contradiction,
+    curl_limit,
+    curl_scale,
+    curl_score,
+    curl_suspects,
+    lone,
+)
+from .judgement.discontinuities import across_gaps, edge_doubt, touched, widened
 from .judgement.holes import bridged, noise_gain, whole_lines
 from .judgement.reweighting import reweighted
 from .paper.paper_scene import reconstruct_paper
 from .paper.recursion import SeriesName
 from .problem import Problem, prepare
-from .references import with_references
-from .result import anchors_apart, height_map, off_mirror, refused
+from .result import anchors_apart, height_map, off_mirror, refused, with_references
 from .rig.hypotheses import likely_mistake, likely_mistake_at_rest
 from .rig.model import (
     LINEAR,

@@ -15,8 +15,7 @@ from .arrays import Floats, Labels, Mask
 from .geometry import RayField, pattern_plane, ray_field
 from .judgement.holes import bridged, small_holes
 from .measured import Measured
-from .solver.anchors import EDGE_REACH, Anchors, Samples, anchor_samples
-from .solver.gauge import anchor_rows
+from .solver.anchors import EDGE_REACH, Anchors, Samples, anchor_rows, anchor_samples
 
 __all__ = ["Problem", "prepare"]
 

@@ -1,9 +1,11 @@
 """The solved grid as a HeightMap: points, sigma, flags, diagnostics."""
 
+import hashlib
 import math
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter
 
 from optolever.decode import Correspondence, Flag
@@ -13,12 +15,14 @@ from optolever.scene import Mirror
 from .arrays import Floats, Mask
 from .heightmap import Diagnostics, HeightFlag, HeightMap
 from .judgement.circulation import contradiction
-from .judgement.islands import cut_off
+from .judgement.discontinuities import cut_off
 from .problem import Problem
+from .solver.anchors import Anchors
 from .solver.edges import Doubt
 from .solver.newton import State
+from .uncertainty.sources import ANCHORS
 
-__all__ = ["anchors_apart", "height_map", "height_sigma", "off_mirror", "refused"]
+__all__ = ["anchors_apart", "height_map", "off_mirror", "refused", "with_references"]
 
 _APART = 5.0  # standard deviations, rms: rigs that are right stay below 1.2
 _SURE = 3.0  # standard deviations
@@ -52,7 +56,7 @@ def height_map(
     solved = problem.to_image(data.mask, False) & problem.valid
     t = np.where(solved, problem.to_image(distance, np.nan), np.nan)
     o, d = problem.rays.inner_origins, problem.rays.inner_directions
-    deviation = np.where(solved, height_sigma(problem, state, variance), np.nan)
+    deviation = np.where(solved, _height_sigma(problem, state, variance), np.nan)
     flags = np.asarray(correspondence.flags, dtype=np.uint16).copy()
     flags[~problem.valid & (flags == 0)] |= np.uint16(Flag.INVALID)
     singular = problem.singular
@@ -83,13 +87,41 @@ def height_map(
     return HeightMap(x, y, z, deviation, flags, diagnostics, problem.rays.lean, notices)
 
 
-def height_sigma(problem: Problem, state: State, variance: Floats) -> Floats:
+def _height_sigma(problem: Problem, state: State, variance: Floats) -> Floats:
     """Standard deviation of z, mm (H, W), by the unknown's variance (rows, cols); NaN off the grid."""
     sigma = np.sqrt(variance)
     if problem.data.rays.logarithmic:
         sigma = sigma * problem.data.distance(state.w)
     image: Floats = problem.to_image(sigma, np.nan) * np.abs(problem.rays.inner_directions[2])
     return image
+
+
+def with_references(
+    height: HeightMap,
+    problem: Problem,
+    state: State,
+    noise: dict[str, Floats],
+    corrected: Correspondence,
+    anchor: Anchors,
+    rest: Correspondence | None,
+) -> HeightMap:
+    """The height with its `references` and their part of sigma, `shared`, which a difference of two maps
+    counts once; noise: see `sources`; corrected: the correspondence less the rest capture's deviation, the
+    variances of both added."""
+    known = noise.get(ANCHORS, np.zeros(state.w.shape))
+    settled = _height_sigma(problem, state, known)
+    parts: list[tuple[str, Floats]] = []
+    if np.nanmax(settled, initial=0.0) > 0:
+        parts.append((f"anchor {anchor!r}", np.fmin(settled, height.sigma)))
+    if rest is not None:
+        both = corrected.good & rest.good
+        share = _variance(rest, both) / _variance(corrected, both) if both.any() else 0.0
+        others = np.sqrt(np.maximum(height.sigma**2 - np.nan_to_num(settled) ** 2, 0.0))
+        parts.append((f"rest {_digest(rest)}", np.sqrt(share) * others))
+    if not parts:
+        return height
+    names, sigmas = tuple(name for name, _ in parts), np.stack([part for _, part in parts])
+    return replace(height, references=names, shared=sigmas)
 
 
 def refused(height: HeightMap, mistake: str | None) -> HeightMap:
@@ -163,3 +195,16 @@ def _unsettled(problem: Problem, state: State) -> Mask:
     if state.unsettled is None or state.diverges:
         return np.ones(problem.valid.shape, dtype=np.bool_)
     return problem.to_image(state.unsettled, False)
+
+
+def _variance(correspondence: Correspondence, known: Mask) -> float:
+    """Of u and v together, median of the known pixels, pattern px^2."""
+    sigmas = (correspondence.sigma_u, correspondence.sigma_v)
+    return sum(float(np.median(sigma[known])) ** 2 for sigma in sigmas)
+
+
+def _digest(correspondence: Correspondence) -> str:
+    parts: tuple[NDArray[np.floating], ...] = (correspondence.u, correspondence.v)
+    return hashlib.blake2b(
+        b"".join(np.ascontiguousarray(part).tobytes() for part in parts), digest_size=8
+    ).hexdigest()

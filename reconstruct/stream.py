@@ -23,8 +23,14 @@ from optolever.scene import Scene
 
 from .coupled import Solution, doubted, solved_height, with_rig
 from .heightmap import HeightMap
-from .judgement.circulation import chi2_limit, circulation_chi2
-from .judgement.curl import curl_limit, curl_scale, curl_score, curl_suspects
+from .judgement.circulation import (
+    chi2_limit,
+    circulation_chi2,
+    curl_limit,
+    curl_scale,
+    curl_score,
+    curl_suspects,
+)
 from .judgement.discontinuities import touched
 from .judgement.holes import bridged, noise_gain, small_holes
 from .problem import Problem

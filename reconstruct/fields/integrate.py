@@ -24,7 +24,7 @@ from optolever.errors import InputError
 
 from ..arrays import Floats, Labels, Mask
 from ..solver.edges import edge_weights, increments
-from ..solver.linear import SEPARABLE_SPREAD, spread
+from ..solver.poisson import SEPARABLE_SPREAD, spread
 from .integrators import SOLVERS, Field, defect
 from .quadrilateral import quadrilateral_increments, quadrilateral_weights
 from .rectangle import rectangle

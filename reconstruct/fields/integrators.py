@@ -9,9 +9,7 @@ import numpy as np
 from ..arrays import Floats, Mask
 from ..judgement.reweighting import cauchy, scaled_median
 from ..solver.alternatives import DirectEdges, marched
-from ..solver.linear import SeparableEdges
-from ..solver.masked import MaskedEdges
-from ..solver.poisson import Accuracy
+from ..solver.poisson import Accuracy, MaskedEdges, SeparableEdges
 
 __all__ = ["SOLVERS", "Field", "defect"]
 

@@ -2,11 +2,9 @@
 
 | file | holds |
 |---|---|
-| `curl` | wrong pixels, by the curl of the slopes |
-| `circulation` | by how much slopes contradict each other, which sigma then holds |
-| `discontinuities` | edges whose increment is in doubt: cusps, ridges, rims, wrong pixels |
-| `islands` | pixels that doubtful edges part from the anchors |
-| `holes`, `gaps` | small holes bridged; the doubt of the edges across them |
+| `circulation` | wrong pixels by the slopes' curl; chi2 of slopes that contradict each other |
+| `discontinuities` | edges in doubt: cusps, ridges, rims, gaps; what they part from the anchors |
+| `holes` | small holes bridged |
 | `reweighting` | robust reweighting |
 """
 

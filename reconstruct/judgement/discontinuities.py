@@ -7,29 +7,35 @@ contact) or one of its pixels is wrong, and the smaller of the two differences e
 error: the doubt. Neighbouring edges share it, as the jump may lie in any of them. Its square adds to the
 edge's variance, so that the solve goes around the crease, and the sigma of pixels behind it contains the
 doubt.
+
+Nobody saw how the slopes change across interpolated pixels. Carried straight on from either side of the gap,
+slopes rise by as much where the surface goes on as smoothly as it came, and by something else where a crease
+or a ridge hides in it: half of the difference is the doubt of the edges across, which share it.
 """
 
 import numpy as np
 import scipy.ndimage
+import scipy.sparse
+import scipy.sparse.csgraph
 
 from optolever.blocks import over_image
 from optolever.kernels import exact, inlined
 
-from ..arrays import Floats, Mask
+from ..arrays import Floats, Ints, Mask, Pair
 from ..solver.edges import Doubt, cubic_at_end, curl, stencil
 
-__all__ = ["CONVERGES", "RISE", "SIGMAS", "edge_doubt", "touched"]
+__all__ = ["across_gaps", "cut_off", "edge_doubt", "touched", "widened"]
 
-SIGMAS = 5.0  # of the difference's noise: both sides exceed it by chance in no edge of a megapixel
-FAINT = 2.0  # of the same, for edges that continue a crease
+_SIGMAS = 5.0  # of the difference's noise: both sides exceed it by chance in no edge of a megapixel
+_FAINT = 2.0  # of the same, for edges that continue a crease
 _CHAIN = 16  # such edges side by side are a crease too: noise alone strings together a dozen in a megapixel
-RISE = 3.0  # from zero at the limit: what depends continuously on the slopes is the same from any start
-MATTERS = 2.0  # of a slope's announced sigma: smaller doubts change nothing
-ROUGH = 0.03  # of the largest step between neighbouring slopes; waves of 20 pixels and longer stay below
+_RISE = 3.0  # from zero at the limit: what depends continuously on the slopes is the same from any start
+_MATTERS = 2.0  # of a slope's announced sigma: smaller doubts change nothing
+_ROUGH = 0.03  # of the largest step between neighbouring slopes; waves of 20 pixels and longer stay below
 _NOISE_CUBIC, _NOISE_LINEAR = 2.01, 1.19  # of cubic minus one side's three or two pixels, per slope's sigma
 _BEND = 0.375  # of a side's third difference: the error of its extrapolation
 _BEND4 = 0.349  # of its fourth difference: that of the next order
-CONVERGES = 0.5  # errors that fall so from one order to the next are those of a curve, not of a jump
+_CONVERGES = 0.5  # errors that fall so from one order to the next are those of a curve, not of a jump
 _QUIET = 8.0  # of a slope's sigma: third differences of noise (4.5) and little more
 _SHARE = 1.0 / 12.0  # a jump inside an edge moves that edge's increment by half of it, the next one's by 1/24
 _BESIDE = 5  # pixels: reach of a crease's surroundings, in which doubts below the noise count too
@@ -39,6 +45,10 @@ _ONE_SIDED = 0.25  # of that, at most: the other side's residual
 _KINK = 0.5  # of one side's residual, at the edge of three where it is largest
 _FEEBLE = 0.5  # of a slope's sigma
 _BY_ACCIDENT = 0.1  # of the next doubt: after a jump within one edge, the next edge's error is a twelfth
+_AROUND = 7  # pixels: reach of a doubt over pixels that were interpolated
+_BY_LINE = 2  # pixels from a line of doubts to one that is missing along it
+_MISSING = 0.02  # of the line, at least
+_CHANCE = 5.0  # standard deviations of a count: no more are missing along a line by chance
 
 
 def edge_doubt(
@@ -145,6 +155,117 @@ def touched(doubt: Doubt) -> Mask:
     return pixels
 
 
+def widened(doubt: Doubt, guessed: Mask) -> Doubt:
+    """Edges of interpolated pixels (guessed, (H, W)) get the largest doubt nearby."""
+    dx, dy = doubt
+    near = np.maximum(dx, dy)
+    near[:, 1:] = np.maximum(near[:, 1:], dx[:, :-1])
+    near[1:] = np.maximum(near[1:], dy[:-1])
+    near = np.where(guessed, scipy.ndimage.maximum_filter(near, _AROUND), 0.0)
+    wide_x, wide_y = dx.copy(), dy.copy()
+    wide_x[:, :-1] = np.maximum(wide_x[:, :-1], np.maximum(near[:, :-1], near[:, 1:]))
+    wide_y[:-1] = np.maximum(wide_y[:-1], np.maximum(near[:-1], near[1:]))
+    return Doubt(wide_x, wide_y)
+
+
+def across_gaps(p: Floats, q: Floats, variances: Pair, mask: Mask, guessed: Mask) -> Doubt:
+    """Doubts of the edges across interpolated pixels (guessed), of slopes p, q and their variances; all
+    (H, W)."""
+    along = _across(p, variances[0], mask, guessed)
+    return Doubt(along, _across(q.T, variances[1].T, mask.T, guessed.T).T.copy())
+
+
+def _across(f: Floats, variance: Floats, mask: Mask, guessed: Mask) -> Floats:
+    """Doubts along the rows."""
+    seen = mask & ~guessed
+    row, before, after = _gaps(seen, guessed)
+    edges = after - before
+    ways = [
+        [
+            _straight_on(f, variance, seen, row, at, out, edges, curved)
+            for at, out in ((before, -1), (after, 1))
+        ]
+        for curved in (False, True)
+    ]
+    by_lines, by_parabolas = (0.5 * np.abs(left[0] - right[0]) for left, right in ways)
+    noise = 0.5 * np.sqrt(ways[0][0][1] + ways[0][1][1])
+    off = np.where(by_parabolas < _CONVERGES * by_lines, by_parabolas, by_lines)
+    doubt = np.minimum(off, np.maximum(_RISE * (off - _SIGMAS * noise), 0.0)) / edges
+    found = np.zeros(f.shape)
+    inside = np.arange(edges.sum()) - np.repeat(np.cumsum(edges) - edges, edges)
+    found[np.repeat(row, edges), np.repeat(before, edges) + inside] = np.repeat(doubt, edges)
+    return found
+
+
+def _gaps(seen: Mask, guessed: Mask) -> tuple[Ints, Ints, Ints]:
+    """Row, and the measured pixels before and after, of the interpolated runs that have both."""
+    ends = np.diff(np.pad(guessed, ((0, 0), (1, 1))).astype(np.int8), axis=1)
+    (row, first), after = np.nonzero(ends == 1), np.nonzero(ends == -1)[1]
+    inside = np.pad(seen, ((0, 0), (1, 1)))
+    both = inside[row, first] & inside[row, after + 1]
+    return row[both], first[both] - 1, after[both]
+
+
+def _straight_on(
+    f: Floats, variance: Floats, seen: Mask, row: Ints, at: Ints, outward: int, edges: Ints, curved: bool
+) -> tuple[Floats, Floats]:
+    """What slopes rise by over so many edges, by the line through a side's pixels (level where there is one)
+    or the parabola (NaN where there are not three); and the variance of that.
+    """
+    steps = [at + k * outward for k in range(3)]
+    places = [np.clip(step, 0, f.shape[1] - 1) for step in steps]
+    there = [seen[row, place] & (place == step) for place, step in zip(places, steps, strict=True)]
+    line = np.where(there[1], edges**2 / 2, 0.0)
+    bend = np.where(there[1] & there[2], edges**3 / 6 + edges**2 / 4, np.nan) if curved else 0.0 * line
+    weights = edges + line + bend, -line - 2 * bend, bend
+    rise, noise = np.zeros(at.shape), np.zeros(at.shape)
+    for weight, place in zip(weights, places, strict=True):
+        rise += np.where(weight == 0, 0.0, weight * f[row, place])
+        noise += weight**2 * variance[row, place]
+    return rise, noise
+
+
+def cut_off(doubt: Doubt, limit: tuple[Floats, Floats], mask: Mask, anchors: Ints, lost: Mask) -> Mask:
+    """Pixels that doubts beyond the limits (H, W) and missing pixels together part from every anchor.
+
+    Where pixels are missing along a line of doubts, slopes may exceed the range, and a step of any height
+    may hide between two pixels: no doubt is large enough. Where none is missing, sigma contains the doubts. A
+    gap lies between an island and the anchored part: pixels missing at an island's other rim separate
+    nothing. lost: pixels without a measurement.
+    """
+    index = np.arange(mask.size).reshape(mask.shape)
+    inner = (mask[:, :-1] & mask[:, 1:], mask[:-1] & mask[1:])
+    open_x, open_y = inner[0] & (doubt[0] <= limit[0])[:, :-1], inner[1] & (doubt[1] <= limit[1])[:-1]
+    tail = np.concatenate([index[:, :-1][open_x], index[:-1][open_y]])
+    head = np.concatenate([index[:, 1:][open_x], index[1:][open_y]])
+    graph = scipy.sparse.coo_array((np.ones(tail.size), (tail, head)), shape=(mask.size, mask.size))
+    parts = scipy.sparse.csgraph.connected_components(graph, directed=False)[1].reshape(mask.shape)
+    held = np.zeros(parts.max() + 1, dtype=np.bool_)
+    held[parts.ravel()[anchors]] = True
+    islands, count = scipy.ndimage.label(mask & ~held[parts])
+    if count == 0:
+        return np.zeros(mask.shape, dtype=np.bool_)
+    line = np.zeros(mask.shape, dtype=np.bool_)
+    for closed, apart, ends in (
+        (inner[0] & ~open_x, parts[:, 1:] != parts[:, :-1], (line[:, :-1], line[:, 1:])),
+        (inner[1] & ~open_y, parts[1:] != parts[:-1], (line[:-1], line[1:])),
+    ):
+        for end in ends:
+            end |= closed & apart
+    along = np.where(line, islands, 0)
+    near, sides = (
+        scipy.ndimage.maximum_filter(part, 2 * _BY_LINE + 1) for part in (along, mask & held[parts])
+    )
+    missing, area, length = (
+        np.bincount(part.ravel(), minlength=count + 1) for part in (near[lost & sides], near[sides], along)
+    )
+    usual = area * (missing[0] / max(area[0], 1))
+    torn = (missing > usual + _CHANCE * np.sqrt(usual)) & (missing >= _MISSING * length)
+    torn[0] = False
+    away: Mask = torn[islands]
+    return away
+
+
 @inlined
 def _edge(f, var, mask, i, j, di, dj, before, after, scale):  # type: ignore[no-untyped-def]
     """Of the edge from (i, j): the smaller residual of both sides, beyond the noise and regardless of it (inf
@@ -177,19 +298,19 @@ def _edge(f, var, mask, i, j, di, dj, before, after, scale):  # type: ignore[no-
                 if room >= 4 and mask[a + 4 * ai, b + 4 * aj]:
                     g4 = f[a + 4 * ai, b + 4 * aj]
                     finer = max(finer, _BEND4 * abs(g0 + g4 - 4.0 * (g1 + g3) + 6.0 * g2))
-                if finer < CONVERGES * away:
+                if finer < _CONVERGES * away:
                     away = finer
             noise = sigma * scale * _NOISE_CUBIC
         else:
             away = abs(centre - 0.5 * (3.0 * g0 - g1))
             noise = sigma * scale * _NOISE_LINEAR
-        limit = max(FAINT * noise, ROUGH * step)
-        least = min(least, min(away, max(0.0, RISE * (away - limit))))
+        limit = max(_FAINT * noise, _ROUGH * step)
+        least = min(least, min(away, max(0.0, _RISE * (away - limit))))
         whatever = min(whatever, away)
         # a border's pixels may be noisier than this edge's
-        if room >= 3 and away > max(_CERTAIN * noise, MATTERS * sigma, _ABRUPT * step):
+        if room >= 3 and away > max(_CERTAIN * noise, _MATTERS * sigma, _ABRUPT * step):
             largest = max(largest, away)
-        certain = min(certain, away / max(SIGMAS * noise, MATTERS * sigma))
+        certain = min(certain, away / max(_SIGMAS * noise, _MATTERS * sigma))
     sure = least > 0.0 and certain > 1.0 and np.isfinite(least)
     return least if least > _FEEBLE * sigma else 0.0, whatever, sure, largest
 

@@ -30,8 +30,16 @@ from ..judgement.circulation import circulation_chi2, circulations
 from ..measured import Measured
 from ..outputs.coarse_modes import LINES, interpolated
 from ..problem import Problem
-from ..solver.anchors import Anchors, DistanceAnchor, EdgeAnchor, PixelAnchor, Samples, anchor_samples
-from ..solver.gauge import AnchorRows, anchor_rows
+from ..solver.anchors import (
+    AnchorRows,
+    Anchors,
+    DistanceAnchor,
+    EdgeAnchor,
+    PixelAnchor,
+    Samples,
+    anchor_rows,
+    anchor_samples,
+)
 from ..solver.newton import State, chord_step
 from ..solver.poisson import Accuracy
 from .calibration import Form, Pair3, flat_mirror, no_form, rest_corrected

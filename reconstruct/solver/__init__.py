@@ -1,17 +1,13 @@
-"""Equations of the mirror's slopes, and their solution for the height.
+"""The linear and nonlinear solution of the mirror's equations for the height.
 
 | file | holds |
 |---|---|
-| `equations` | slopes of the mirror per pixel, in closed form, and their variances |
 | `edges` | increments along pixel edges, weights, and the operators on them |
 | `newton` | Newton's method with an integrating factor |
-| `poisson` | weighted Poisson by columns (DCT and tridiagonal) |
-| `linear` | choice of the solver |
-| `masked` | any mask, any weights: conjugate gradients |
-| `multigrid`, `multigrid_kernels` | their preconditioner and its kernels |
+| `poisson` | weighted Poisson: by columns (DCT and tridiagonal), or with any mask (conjugate gradients) |
+| `multigrid` | the preconditioner of these |
 | `alternatives` | sparse factorisation and marching |
-| `anchors` | what is known of the mirror's height |
-| `gauge` | the free constant of every component, from the anchors |
+| `anchors` | what is known of the mirror's height, and the free constant of every component from it |
 """
 
 #: Inside of reconstruct its files are imported one by one: none of their names is public.

@@ -9,9 +9,7 @@ from optolever.errors import InputError
 
 from ..arrays import Floats, Mask
 from .edges import divergence
-from .linear import SeparableEdges
-from .masked import MaskedEdges
-from .poisson import Accuracy, PoissonResult
+from .poisson import Accuracy, MaskedEdges, PoissonResult, SeparableEdges
 
 __all__ = ["DirectEdges", "MarchedEdges", "marched"]
 

@@ -14,11 +14,9 @@ import numpy as np
 
 from ..arrays import Floats, Labels, Mask
 from ..measured import Measured
-from .anchors import Samples
+from .anchors import AnchorRows, Samples, anchor_rows, free_constants
 from .edges import Doubt, defects, edge_weights, factor_increments
-from .gauge import AnchorRows, anchor_rows, free_constants
-from .linear import EdgeProblem, edge_problem
-from .poisson import Accuracy
+from .poisson import Accuracy, EdgeProblem, edge_problem
 
 __all__ = ["Options", "State", "chord_step", "edge_errors", "response", "solve"]
 

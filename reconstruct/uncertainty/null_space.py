@@ -8,8 +8,7 @@ from ..arrays import Floats
 from ..coupled import solved_height
 from ..exact import exact_correspondence
 from ..solver.edges import edge_weights, factor_increments
-from ..solver.linear import edge_problem
-from ..solver.poisson import Accuracy
+from ..solver.poisson import Accuracy, edge_problem
 
 __all__ = ["null_space"]
 

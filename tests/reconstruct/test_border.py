@@ -8,7 +8,7 @@ import pytest
 
 from optolever.experiments.metrics import relative_error
 from optolever.reconstruct import HeightFlag, reconstruct
-from optolever.reconstruct.judgement.curl import lone
+from optolever.reconstruct.judgement.circulation import lone
 from optolever.reconstruct.judgement.holes import bridged
 from optolever.reconstruct.problem import prepare
 

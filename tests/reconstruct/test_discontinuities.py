@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from optolever.reconstruct import HeightFlag, reconstruct
-from optolever.reconstruct.judgement.discontinuities import edge_doubt
-from optolever.reconstruct.judgement.gaps import widened
+from optolever.reconstruct.judgement.discontinuities import edge_doubt, widened
 from optolever.reconstruct.solver.edges import Doubt
 from optolever.scene import Surface, load, resize, trace
 

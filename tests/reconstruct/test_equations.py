@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from optolever.reconstruct.geometry import pattern_plane, ray_field
-from optolever.reconstruct.solver.equations import slope_variances, slopes
+from optolever.reconstruct.measured import Measured
 from optolever.scene import dent_from_text as dent
 from optolever.scene import load, resize, trace
 
@@ -31,8 +31,9 @@ def test_variances_where_noise_is_not_small_beside_the_way_to_the_pattern() -> N
     rng = np.random.default_rng(1)
     for _ in range(400):
         u, v = (part + rng.standard_normal(part.shape) for part in (truth.u, truth.v))
-        drawn.append(slopes(rays, plane, u, v, w)[0][2:-2, col])
-        told.append(slope_variances(rays, plane, u, v, sigma, sigma, w)[0][2:-2, col])
+        measured = Measured(rays, plane, u, v, sigma, sigma, truth.visible)
+        drawn.append(measured.slopes(w)[0][2:-2, col])
+        told.append(measured.variances(w)[0][2:-2, col])
     exact, stated = np.var(drawn, axis=0).mean(), np.mean(told)
     assert stated == pytest.approx(exact, rel=0.15)
     assert np.std(told) < 0.35 * stated

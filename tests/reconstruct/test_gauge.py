@@ -8,7 +8,7 @@ import pytest
 from optolever import InputError
 from optolever.reconstruct import PointAnchor, reconstruct
 from optolever.reconstruct.problem import prepare
-from optolever.reconstruct.solver.gauge import anchor_rows, free_constants
+from optolever.reconstruct.solver.anchors import anchor_rows, free_constants
 from optolever.scene import adjusted, dent, trace
 
 APART = "anchors contradict each other, sigma rms"

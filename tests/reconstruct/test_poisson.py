@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from optolever.reconstruct.solver.edges import divergence
-from optolever.reconstruct.solver.masked import MaskedEdges
-from optolever.reconstruct.solver.poisson import Accuracy, ColumnPoisson, column_profile
+from optolever.reconstruct.solver.poisson import Accuracy, ColumnPoisson, MaskedEdges, column_profile
 
 ROWS, COLS = 11, 9
 
