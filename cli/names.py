@@ -37,6 +37,7 @@ def command(scene_name: str, json_path: Path | None) -> None:
 
     A parameter without a value must be given (path) or follows from the others.
     """
+    from optolever.experiments import PAPER_METHODS
     from optolever.patterns import sequence_names, sequence_parameters
     from optolever.reconstruct import method_names
     from optolever.scene import dent_names, dent_parameters, preset_names
@@ -46,7 +47,7 @@ def command(scene_name: str, json_path: Path | None) -> None:
         "scenes": list(preset_names()),
         "dents": list(dent_names()),
         "sequences": list(sequence_names()),
-        "methods": list(method_names()),
+        "methods": [*method_names(), *PAPER_METHODS],
     }
     sequences = {name: sequence_parameters(name) for name in sequence_names()}
     dents = {name: dent_parameters(name, scene) for name in dent_names()}

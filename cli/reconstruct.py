@@ -39,6 +39,7 @@ from .show import (
 if TYPE_CHECKING:
     from optolever.decode import Correspondence
     from optolever.reconstruct import HeightMap, SlopeMap
+    from optolever.scene import Scene
 
 __all__ = ["Anchor", "command"]
 
@@ -204,9 +205,12 @@ def command(
             drift = () if at_rest is None else at_rest.notices(correspondence, scene)
             step("reconstruct")
             start = time.perf_counter()
-            height = reconstruct(
-                correspondence, scene, method, anchor, mask, rest=rest, accept=accept, progress=step
-            )
+            if method.startswith("paper"):
+                height = _by_paper(correspondence, scene, method, mask, rest)
+            else:
+                height = reconstruct(
+                    correspondence, scene, method, anchor, mask, rest=rest, accept=accept, progress=step
+                )
             seconds = time.perf_counter() - start
             height = replace(height, notices=height.notices + drift)
             step("contacts")
@@ -246,6 +250,23 @@ def command(
     if "budget_mm" in numbers:
         grid("Uncertainty by source", *budget_rows(numbers["budget_mm"]))
     return 2 if height.implausible else 0
+
+
+def _by_paper(
+    correspondence: "Correspondence",
+    scene: "Scene",
+    method: str,
+    mask: object,
+    rest: "Correspondence | None",
+) -> "HeightMap":
+    """The height by the recursion of Saga, Kajimoto and Tachi."""
+    from optolever.experiments import PAPER_METHODS, reconstruct_paper
+
+    if method not in PAPER_METHODS:
+        raise InputError(f"--method {method}: unknown, must be one of {', '.join(PAPER_METHODS)}")
+    if mask is not None:
+        raise InputError(f"--mask: --method {method} takes none, it solves whole rows")
+    return reconstruct_paper(correspondence, scene, series=PAPER_METHODS[method], rest=rest)
 
 
 def _with_slope_noise(height: "HeightMap", slopes: "SlopeMap") -> "HeightMap":

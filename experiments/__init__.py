@@ -6,7 +6,7 @@
 | `measurement.py`, `height_report.py` | a measurement and its page |
 | `height_tables.py`, `maps.py` | the tables, maps and charts of that page |
 | `figures.py`, `flag_table.py` | numbers on a page and in its file; flags by area |
-| `paper.py`, `paper_line.py`, `paper_report.py` | run_paper: the paper's simulation and experiment; page |
+| `paper/` | the paper's method; run_paper: its simulation and experiment; page |
 | `rig_report.py`, `rig_drawing.py` | the page of a calibration; a rig to scale |
 | `sync_report.py` | the page of a synchronisation |
 | `code_guide.py` | code_rows: comparison of codes: predicted sigma and gross rate, detection of faults |
@@ -28,15 +28,21 @@ from .faults import Faults
 from .height_report import write_demo_report, write_measurement_report
 from .measurement import Measurement
 from .metrics import height_metrics, mirror_coverage
-from .paper import PaperStudy, run_paper
-from .paper_line import PaperRow
-from .paper_report import write_paper_report
+from .paper import (
+    PAPER_METHODS,
+    PaperRow,
+    PaperStudy,
+    reconstruct_paper,
+    run_paper,
+    write_paper_report,
+)
 from .rig_report import RigStudy, judged_table, write_rig_report
 from .sync_report import write_sync_report
 from .timing import peak_bytes
 
 __all__ = [
     "CODES",
+    "PAPER_METHODS",
     "CodeRow",
     "DemoResult",
     "Faults",
@@ -52,6 +58,7 @@ __all__ = [
     "mirror_coverage",
     "peak_bytes",
     "predict_code",
+    "reconstruct_paper",
     "run_demo",
     "run_paper",
     "seen",

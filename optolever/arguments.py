@@ -30,7 +30,6 @@ _MAKERS = {
     "PatternMap": "decode.decode(frames, sequence)",
     "HeightMap": "reconstruct.reconstruct(correspondence, scene)",
     "SlopeMap": "reconstruct.slope_map(height, correspondence, scene)",
-    "PaperGeometry": "reconstruct.prism_geometry(scene)",
     "SofastRig": "scene.load_sofast_rig(path)",
     "Calibration": "calibration.calibrate(scene, observations)",
     "RigResponse": "calibration.measure_response(ramp, captures)",

@@ -17,7 +17,6 @@
 | `fields/` | plain gradient fields: integrate() |
 | `outputs/` | a regular grid, slopes, curvature, files |
 | `contact/` | contacts: depth, area, volume, centroid, and the edge of what presses on the mirror |
-| `paper/` | the paper's recursion, by equations and on a scene |
 """
 
 from optolever.arguments import check_face
@@ -30,23 +29,7 @@ from .heightmap import HEIGHT_FORMATS, Diagnostics, HeightFlag, HeightMap
 from .outputs.curvature import CurvatureMap, curvature_map
 from .outputs.resampling import GRID_FORMATS, Grid
 from .outputs.slope_map import SlopeMap, slope_map
-from .paper.paper_equations import (
-    angle_increment,
-    capture_position,
-    height_increment,
-    mirror_position,
-    pattern_angle,
-    pattern_position,
-    slope_angle,
-)
-from .paper.paper_scene import (
-    capture_positions,
-    pattern_positions,
-    prism_geometry,
-    reconstruct_paper,
-    row_recursion,
-)
-from .paper.recursion import PaperGeometry, PaperResult, Profile, SeriesName, recursion, series
+from .rig.calibration import rest_corrected
 from .rig.motion import Motion, fit_motion, same_capture
 from .rig.motion_fields import MotionPrior
 from .sofast import on_rig
@@ -85,44 +68,27 @@ __all__ = [
     "Integral",
     "Motion",
     "MotionPrior",
-    "PaperGeometry",
-    "PaperResult",
     "PixelAnchor",
     "PointAnchor",
-    "Profile",
-    "SeriesName",
     "SlopeMap",
-    "angle_increment",
     "budget",
-    "capture_position",
-    "capture_positions",
     "contacts",
     "curvature_map",
     "depth_sigma_against_rest",
     "exact_correspondence",
     "fit_motion",
     "free_mode_of",
-    "height_increment",
     "integrate",
     "integrator_names",
     "method_names",
-    "mirror_position",
     "null_space",
     "on_rig",
-    "pattern_angle",
-    "pattern_position",
-    "pattern_positions",
     "predicted_budget",
     "predicted_maps",
-    "prism_geometry",
     "reconstruct",
-    "reconstruct_paper",
-    "recursion",
-    "row_recursion",
+    "rest_corrected",
     "same_capture",
-    "series",
     "sigma_at_rest",
-    "slope_angle",
     "slope_map",
 ]
 

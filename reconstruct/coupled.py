@@ -32,8 +32,6 @@ from .judgement.circulation import (
 from .judgement.discontinuities import across_gaps, edge_doubt, touched, widened
 from .judgement.holes import bridged, noise_gain, whole_lines
 from .judgement.reweighting import reweighted
-from .paper.paper_scene import reconstruct_paper
-from .paper.recursion import SeriesName
 from .problem import Problem, prepare
 from .result import anchors_apart, height_map, off_mirror, refused, with_references
 from .rig.hypotheses import likely_mistake, likely_mistake_at_rest
@@ -56,7 +54,6 @@ from .uncertainty.sources import CELLS, CONTRADICTION, NOISE, noise_sources
 
 __all__ = ["Solution", "doubted", "method_names", "reconstruct", "solved_height", "with_rig"]
 
-PAPER_METHODS: dict[str, SeriesName] = {"paper": "mean", "paper-rises": "rises", "paper-drops": "drops"}
 _METHODS = {
     "coupled": Options(),
     "direct": Options(build=DirectEdges),
@@ -97,7 +94,7 @@ class Solution(NamedTuple):
 
 def method_names() -> tuple[str, ...]:
     """Names that `reconstruct` takes as method."""
-    return (*_METHODS, *PAPER_METHODS)
+    return tuple(_METHODS)
 
 
 def reconstruct(
@@ -116,8 +113,7 @@ def reconstruct(
 
     method: 'coupled' (Newton with an integrating factor; DCT or conjugate gradients, as the weights ask),
     'direct' (by sparse factorisation, for extreme weights), 'robust' (defects reweighted, see `reweighting`),
-    'march' (along rows from one column, full rectangles only) and 'fixed-point' as cross-checks, or the
-    paper's recursion 'paper', 'paper-rises', 'paper-drops' (see `reconstruct_paper`; no anchor, no sigma).
+    'march' (along rows from one column, full rectangles only) and 'fixed-point' as cross-checks.
     anchor: what settles the free mode: 'edge' (default: the camera-side edge x = L0 rests), 'middle' (default
     in open air without that edge in view), a point (x, y, z) in mm, or anchors of `anchors`. mask (H, W):
     pixels to use, among those without a flag. rest: what was decoded from the mirror at rest; its deviation
@@ -128,7 +124,7 @@ def reconstruct(
     progress: called with what is being done, how many steps are done, and of how many. Raises InputError if
     the arrays do not fit the scene, no pixel remains, or no anchor can be used.
     """
-    if method not in (*_METHODS, *PAPER_METHODS):
+    if method not in _METHODS:
         raise InputError(f"method = {method!r}: unknown, must be one of {', '.join(method_names())}")
     motion = None
     if rest is not None:
@@ -138,11 +134,6 @@ def reconstruct(
         motion = None if scene.exact else fit_motion(correspondence, rest, scene)
     measured = Measurement(_without(motion, correspondence), anchor, mask, rest, method)
     correspondence = measured.corrected(scene)
-    if method in PAPER_METHODS:
-        if mask is not None:
-            raise InputError(f"mask: method {method!r} takes none, it solves whole rows")
-        height = reconstruct_paper(correspondence, scene, series=PAPER_METHODS[method])
-        return replace(height, notices=correspondence.notices)
     steps = 1 if scene.exact else 2
     progress("height", 0, steps)
     with logged(f"reconstruct {correspondence.u.shape} by {method}"), _explained(rest, scene):

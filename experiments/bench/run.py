@@ -10,13 +10,14 @@ import numpy as np
 
 from optolever.decode import Correspondence
 from optolever.errors import InputError
-from optolever.reconstruct import prism_geometry, recursion
 from optolever.records import silent
 from optolever.scene import dent_from_text
 
 from ..metrics import rms
 from ..own_sequence import own_sequence
-from ..paper_line import lattice_frames, lattice_positions, seen_points
+from ..paper.line import lattice_frames, lattice_positions, seen_points
+from ..paper.recursion import recursion
+from ..paper.rows import prism_geometry
 from ..place import Place, resolve
 from ..timing import Measured, Stages, measured, toucher
 from ..timing import timed as run_once

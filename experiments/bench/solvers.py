@@ -20,6 +20,7 @@ from optolever.reconstruct import HeightMap, method_names, reconstruct, slope_ma
 from optolever.scene import Scene
 
 from ..arrays import Floats
+from ..paper import PAPER_METHODS, reconstruct_paper
 from ..place import on_rest
 
 Integrator = Callable[[Floats, Floats], Floats]
@@ -91,7 +92,10 @@ def _g2s(gx: Floats, gy: Floats) -> Floats:
         return np.asarray(module.g2s(x, y, gx.copy(), gy.copy(), N=5), dtype=np.float64)
 
 
-_OTHERS = {"decoupled": Solver("own", partial(decoupled, integrate=frankot_chellappa))} | {
+_OTHERS = {
+    name: Solver("paper", partial(reconstruct_paper, series=series)) for name, series in PAPER_METHODS.items()
+}
+_OTHERS |= {"decoupled": Solver("own", partial(decoupled, integrate=frankot_chellappa))} | {
     f"mbipy-{short}": Solver("peer", partial(decoupled, integrate=partial(_mbipy, name)), "mbipy")
     for short, name in (("frankot", "frankot"), ("dct", "dct_poisson"), ("southwell", "southwell"))
 }
@@ -124,8 +128,7 @@ def solver_names() -> tuple[str, ...]:
 def solver(name: str) -> Solver:
     """The solver of this name; InputError if there is none."""
     if name in method_names():
-        kind = "paper" if name.startswith("paper") else "own"
-        return Solver(kind, partial(reconstruct, method=name))
+        return Solver("own", partial(reconstruct, method=name))
     try:
         return _OTHERS[name]
     except KeyError as error:

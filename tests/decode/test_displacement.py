@@ -76,7 +76,6 @@ def test_no_solver_and_no_prior_takes_a_displacement() -> None:
     for call in (
         lambda: stream.update(moved),  # type: ignore[arg-type]
         lambda: reconstruct(moved, scene),  # type: ignore[arg-type]
-        lambda: reconstruct(moved, scene, method="paper"),  # type: ignore[arg-type]
         lambda: reconstruct(rest, scene, rest=moved),  # type: ignore[arg-type]
         lambda: slope_map(reconstruct(rest, scene), moved, scene),  # type: ignore[arg-type]
     ):

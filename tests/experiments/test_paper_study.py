@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from optolever.experiments import PaperStudy
-from optolever.experiments.paper_line import Line, lattice_points, pixel_points, seen_points
-from optolever.reconstruct import capture_positions, prism_geometry
+from optolever.experiments.paper.line import Line, lattice_points, pixel_points, seen_points
+from optolever.experiments.paper.rows import capture_positions, prism_geometry
 from optolever.scene import dent, load, resize, trace
 
 SCENE = resize(load("paper-simulation", exact=True), 101, 150)

@@ -60,7 +60,6 @@ BAD: list[tuple[dict[str, Any], dict[str, Any], tuple[str, ...]]] = [
     ({"sigma_v": spoilt(np.inf)}, {}, ("sigma_v", "(3, 4)")),
     ({"v": np.full(SHAPE, np.nan)}, {}, ("v", "both axes")),
     ({}, {"method": "guess"}, method_names()),
-    ({}, {"method": "paper", "mask": np.ones(SHAPE, dtype=bool)}, ("mask",)),
     ({}, {"rest": SMALL}, ("rest", "24 x 32")),
     ({}, {"start": FLAT}, ("start", "(20, 24)")),
     *(({}, {"anchor": anchor}, ("anchor",)) for anchor in

@@ -9,14 +9,14 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from optolever.reconstruct import PaperGeometry, recursion, series
-from optolever.reconstruct.paper.paper_equations import (
+from optolever.experiments.paper.equations import (
     angle_increment,
     capture_position,
     height_increment,
     mirror_position,
     pattern_position,
 )
+from optolever.experiments.paper.recursion import PaperGeometry, recursion, series
 
 Array = NDArray[np.float64]
 LENGTH, PEAK, ANGLE = 1637.0, 13.0, np.pi / 4

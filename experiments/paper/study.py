@@ -14,18 +14,15 @@ from optolever.decode import Correspondence, decode
 from optolever.notices import Notice
 from optolever.patterns import sequence
 from optolever.projector import capture, chosen_renderer
-from optolever.reconstruct import (
-    capture_positions,
-    pattern_positions,
-    reconstruct,
-    reconstruct_paper,
-)
+from optolever.reconstruct import reconstruct
 from optolever.records import Progress, silent
 from optolever.scene import Scene, Surface
 
-from .arrays import Floats, Mask
-from .metrics import rms
-from .paper_line import (
+from ..arrays import Floats, Mask
+from ..metrics import rms
+from ..place import Dent, Place, exact, surface_of
+from ..timing import Run, Stages, peak_bytes
+from .line import (
     Line,
     PaperRow,
     Points,
@@ -37,8 +34,7 @@ from .paper_line import (
     pixel_points,
     seen_points,
 )
-from .place import Dent, Place, exact, surface_of
-from .timing import Run, Stages, peak_bytes
+from .rows import capture_positions, pattern_positions, reconstruct_paper
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,10 +7,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 from optolever import InputError
-from optolever.reconstruct import capture_positions, prism_geometry, reconstruct, reconstruct_paper
+from optolever.experiments.paper.rows import capture_positions, prism_geometry, reconstruct_paper
+from optolever.notices import Notice
+from optolever.reconstruct import exact_correspondence
 from optolever.scene import Scene, Trace, dent, load, resize, trace
-
-from .conftest import correspondence_of
 
 SCENE = resize(load("paper-simulation", exact=True), 40, 320)
 PEAK = 1.3
@@ -33,7 +33,7 @@ def test_capture_positions_run_from_the_far_edge() -> None:
 
 
 def test_drops_recover_the_dent_with_its_places(seen: Trace) -> None:
-    height = reconstruct_paper(correspondence_of(seen), SCENE, series="drops")
+    height = reconstruct_paper(exact_correspondence(seen, 0.02), SCENE, series="drops")
     assert np.array_equal(height.good, seen.visible)
     error = (height.z - seen.z)[seen.visible]
     assert np.sqrt(np.mean(error**2)) / PEAK < 0.006
@@ -45,28 +45,40 @@ def test_drops_recover_the_dent_with_its_places(seen: Trace) -> None:
 def test_unequal_angles() -> None:
     scene = resize(load("prism48", exact=True), 20, 400)
     seen = trace(scene, dent("gaussian", scene))
-    height = reconstruct_paper(correspondence_of(seen), scene, series="drops")
+    height = reconstruct_paper(exact_correspondence(seen, 0.02), scene, series="drops")
     peak = np.nanmax(seen.z)
     assert np.sqrt(np.nanmean((height.z - seen.z) ** 2)) / peak < 0.02
 
 
 def test_printed_sign_turns_the_dent_round(seen: Trace) -> None:
-    height = reconstruct_paper(correspondence_of(seen), SCENE, sign=-1, series="drops")
+    height = reconstruct_paper(exact_correspondence(seen, 0.02), SCENE, sign=-1, series="drops")
     middle = (SCENE.camera.rows // 2, SCENE.camera.cols // 4)
     assert height.z[middle] < 0 < seen.z[middle]
 
 
 def test_mean_is_the_mean(seen: Trace) -> None:
     drops, rises, mean = (
-        reconstruct_paper(correspondence_of(seen), SCENE, series=name).z
+        reconstruct_paper(exact_correspondence(seen, 0.02), SCENE, series=name).z
         for name in ("drops", "rises", "mean")
     )
     assert_allclose(mean, (drops + rises) / 2, atol=1e-12)
-    assert_allclose(reconstruct(correspondence_of(seen), SCENE, method="paper").z, mean)
+
+
+def test_a_rest_capture_is_taken_off_and_notices_stay(seen: Trace) -> None:
+    """An error of a tenth of a pixel that both captures share."""
+    notice = Notice("frames contradict each other", 2.0, 1.0, "take them again")
+    flat = exact_correspondence(trace(SCENE, dent("flat", SCENE)), 0.02)
+    measured = exact_correspondence(seen, 0.02)
+    off = replace(measured, u=measured.u + 0.1, notices=(notice,))
+    known = reconstruct_paper(measured, SCENE)
+    height = reconstruct_paper(off, SCENE, rest=replace(flat, u=flat.u + 0.1))
+    assert height.notices == (notice,)
+    both = known.good & height.good
+    assert_allclose(height.z[both], known.z[both], atol=1e-9)
 
 
 def test_flagged_pixels_have_no_height(seen: Trace) -> None:
-    measured = correspondence_of(seen)
+    measured = exact_correspondence(seen, 0.02)
     measured.flags[5, 100:110] = 4
     height = reconstruct_paper(measured, SCENE)
     assert np.isnan(height.z[5, 100:110]).all()
@@ -89,4 +101,4 @@ def test_only_prisms(scene: Scene) -> None:
 
 def test_other_shapes_are_refused(seen: Trace) -> None:
     with pytest.raises(InputError, match="shape"):
-        reconstruct_paper(correspondence_of(seen), load("paper-simulation", exact=True))
+        reconstruct_paper(exact_correspondence(seen, 0.02), load("paper-simulation", exact=True))

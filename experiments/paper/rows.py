@@ -7,14 +7,23 @@ from numpy.typing import NDArray
 
 from optolever import InputError
 from optolever.decode import Correspondence
+from optolever.reconstruct import HeightFlag, HeightMap, rest_corrected
 from optolever.scene import Scene, TelecentricCamera
 
-from ..heightmap import HeightFlag, HeightMap
 from .recursion import PaperGeometry, PaperResult, SeriesName, recursion
 
-__all__ = ["capture_positions", "pattern_positions", "prism_geometry", "reconstruct_paper", "row_recursion"]
+__all__ = [
+    "PAPER_METHODS",
+    "capture_positions",
+    "pattern_positions",
+    "prism_geometry",
+    "reconstruct_paper",
+    "row_recursion",
+]
 
 Array = NDArray[np.float64]
+#: Names of `optolever reconstruct --method`, and the series that each stands for.
+PAPER_METHODS: dict[str, SeriesName] = {"paper": "mean", "paper-rises": "rises", "paper-drops": "drops"}
 _EXACT = 1e-6  # of the mirror's length, and rad: how exactly the scene has to be a prism
 
 
@@ -85,13 +94,17 @@ def reconstruct_paper(
     sign: int = 1,
     gamma: bool = True,
     series: SeriesName = "mean",
+    rest: Correspondence | None = None,
 ) -> HeightMap:
     """Height by the paper's recursion on every pixel of every camera row. InputError unless the scene is a
     prism.
 
     sign: +1 the reflection law, -1 the paper's print; gamma: kept, or 0 as the paper has it; series: rises,
-    drops or their mean. Flags are those of the correspondence. The method knows no uncertainty: sigma is inf.
+    drops or their mean; rest: as in `reconstruct`. Flags and notices are those of the correspondence. The
+    method knows no uncertainty: sigma is inf.
     """
+    if rest is not None:
+        correspondence = rest_corrected(correspondence, rest, scene)
     profile = row_recursion(correspondence, scene, sign=sign, gamma=gamma).series(series)
     rows = np.arange(scene.camera.rows, dtype=np.float64)
     y = scene.camera.rays_at(rows, np.zeros_like(rows))[0][:, 1]
@@ -102,6 +115,7 @@ def reconstruct_paper(
         z=profile.d,
         sigma=np.full(profile.d.shape, np.inf),
         flags=(correspondence.flags | lost).astype(np.uint16),
+        notices=correspondence.notices,
     )
 
 

@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from .paper_equations import angle_increment, height_increment, mirror_position, slope_angle
+from .equations import angle_increment, height_increment, mirror_position, slope_angle
 
 __all__ = ["PaperGeometry", "PaperResult", "Profile", "SeriesName", "recursion", "series"]
 

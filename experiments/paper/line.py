@@ -21,23 +21,15 @@ from optolever.decode import lattice
 from optolever.notices import Notice
 from optolever.patterns import Sequence, sequence
 from optolever.projector import capture
-from optolever.reconstruct import (
-    HeightMap,
-    PaperGeometry,
-    Profile,
-    capture_position,
-    capture_positions,
-    pattern_angle,
-    pattern_position,
-    pattern_positions,
-    prism_geometry,
-    recursion,
-)
+from optolever.reconstruct import HeightMap
 from optolever.scene import Scene, Surface, dent, trace
 
-from .arrays import Floats
-from .metrics import rms
-from .place import Place
+from ..arrays import Floats
+from ..metrics import rms
+from ..place import Place
+from .equations import capture_position, pattern_angle, pattern_position
+from .recursion import PaperGeometry, Profile, recursion
+from .rows import capture_positions, pattern_positions, prism_geometry
 
 _HALVINGS = 60
 PIXELS_PER_LINE = 10  # camera pixels per lattice line, for separate lines

@@ -10,10 +10,10 @@ import numpy as np
 
 from optolever.quantities import length_unit
 
-from .images import figure_uri, label_axes, new_figure
-from .page import share_text, table, write_page
-from .paper import PaperStudy
-from .paper_line import Curve, PaperRow
+from ..images import figure_uri, label_axes, new_figure
+from ..page import share_text, table, write_page
+from .line import Curve, PaperRow
+from .study import PaperStudy
 
 Key = tuple[str, str, str, int | None, bool | None]
 
