@@ -8,32 +8,50 @@
 | cg | as dct4 | conjugate gradients: any mask, any weights |
 | direct | as dct4 | sparse factorisation: extreme weights |
 | robust | as dct4 | Cauchy reweighting of the edge defects |
-| march | as dct4 | sums down the first column, then along every row: no least squares, a cross-check |
+| march | as dct4 | sums down one column, then along every row: no least squares, a cross-check |
+
+dct2 and dct4: the least-squares heights of edge increments g solve the Neumann Laplacian L z = D^T g, which
+the DCT-II diagonalises with eigenvalues (2 - 2 cos(pi k / rows)) + (2 - 2 cos(pi l / cols)); no boundary
+terms.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy.fft
 import scipy.ndimage
 from numpy.typing import ArrayLike
 
+from optolever.blocks import threads
 from optolever.errors import InputError
 
-from ..arrays import Floats, Labels, Mask
-from ..solver.edges import edge_weights, increments
-from ..solver.poisson import SEPARABLE_SPREAD, spread
-from .integrators import SOLVERS, Field, defect
+from ..arrays import Floats, Labels, Mask, Pair
+from ..judgement.reweighting import cauchy, scaled_median
+from ..solver.alternatives import DirectEdges, MarchedEdges
+from ..solver.edges import divergence, edge_weights, increments
+from ..solver.poisson import SEPARABLE_SPREAD, Accuracy, EdgeProblem, MaskedEdges, SeparableEdges, spread
 from .quadrilateral import quadrilateral_increments, quadrilateral_weights
-from .rectangle import rectangle
 
 __all__ = ["Integral", "integrate", "integrator_names"]
 
-RECTANGLES = ("dct2", "dct4")  # by `rectangle`, apart from the solvers of edge increments
-
+_RECTANGLES = ("dct2", "dct4")
+_SOLVERS: dict[str, Callable[[Floats, Floats, Mask], EdgeProblem]] = {
+    "weighted": lambda wx, wy, _: SeparableEdges(wx, wy),
+    "cg": MaskedEdges,
+    "direct": DirectEdges,
+    "march": MarchedEdges,
+}
 _ONE = np.ones((1, 1))
+_ACCURACY = Accuracy(relative=1e-12)
+_NEGLIGIBLE = 0.1  # energy of a solve's error: a bound of every height's error in standard deviations
+_PATIENCE = 50  # conjugate gradients that cost a factorisation; steeper weights still make it many more
+_FACTORISED = 1 << 20  # pixels: 1 GB of factors
+_ROUNDING = 1e-4  # of the increments: defects below it are quadrature and rounding, no outliers
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +72,7 @@ class Integral:
 
 def integrator_names() -> tuple[str, ...]:
     """Names that `integrate` takes as method, apart from 'auto'."""
-    return (*RECTANGLES, *SOLVERS)
+    return (*_RECTANGLES, *_SOLVERS, "robust")
 
 
 def integrate(
@@ -93,21 +111,31 @@ def integrate(
         raise InputError(
             f"method = {method!r}: unknown, must be auto or one of {', '.join(integrator_names())}"
         )
-    if places is not None and name in (*RECTANGLES, "weighted"):
+    if places is not None and name in (*_RECTANGLES, "weighted"):
         raise InputError(f"method = {name!r}: needs an even grid; 'cg', 'direct' and 'robust' do not")
     if steps != (1.0, 1.0):
         p, q = p * steps[0], q * steps[1]
-    if name in RECTANGLES:
-        _require_plain(name, inside, wp is not None)
-        z, left_over = rectangle(p, q, name == "dct4")
-        return Integral(z, name, 1, left_over, np.ones(p.shape, dtype=np.int32))
-    if name in ("weighted", "march"):
-        _require_plain(name, inside, name == "march" and wp is not None)
-    field = _field(p, q, wp, wq, inside) if places is None else _field_at(places, p, q, wp, wq, inside)
-    z, iterations, left = SOLVERS[name](field)
-    labels = _labels(inside)
-    z = _centred(z, labels)
-    return Integral(z, name, iterations, defect(field, z), labels, left)
+    if name in (*_RECTANGLES, "weighted", "march"):
+        _require_plain(name, inside, name != "weighted" and wp is not None)
+    if name in _RECTANGLES:
+        z, rest = _rectangle(p, q, name == "dct4")
+        return Integral(z, name, 1, _rms(rest, rest[0].size + rest[1].size), np.ones(p.shape, dtype=np.int32))
+    one = np.ones(p.shape)
+    wp, wq = (one, one) if wp is None or wq is None else (wp, wq)
+    if places is None:
+        edges, weights = increments(p, q, inside), edge_weights(1.0 / wp, 1.0 / wq, _ONE, inside)
+    else:
+        weights = quadrilateral_weights(wp, wq, *places, inside)
+        edges = quadrilateral_increments(p, q, *places, inside)
+    reweighted = None
+    if name == "robust":
+        z, iterations, reweighted = _robust(edges, weights, inside)
+    else:
+        found = _SOLVERS[name](*weights, inside).solve(*edges, _ACCURACY)
+        z, iterations = found.x, found.iterations
+    labels = scipy.ndimage.label(inside)[0].astype(np.int32)
+    rest, count = _residuals(edges, weights, z), sum(np.count_nonzero(w) for w in weights)
+    return Integral(_centred(z, labels), name, iterations, _rms(rest, count), labels, reweighted)
 
 
 def _require_plain(name: str, inside: Mask, weighted: bool) -> None:
@@ -182,32 +210,72 @@ def _choose(inside: Mask, wp: Floats | None, wq: Floats | None, even: bool) -> s
     return "direct" if contrast > 1e4 and inside.sum() <= 1 << 18 else "cg"
 
 
-def _field(p: Floats, q: Floats, wp: Floats | None, wq: Floats | None, inside: Mask) -> Field:
-    one = np.ones(p.shape)
-    variances = one if wp is None else 1.0 / wp, one if wq is None else 1.0 / wq
-    return Field(*increments(p, q, inside), *edge_weights(*variances, _ONE, inside), inside)
+def _rectangle(p: Floats, q: Floats, cubic: bool) -> tuple[Floats, Pair]:
+    """Heights of mean zero (H, W) and the edges' defects, by two cosine transforms. cubic: increments of the
+    cubic through four pixels, else of the trapezoid.
+    """
+    (rows, cols), alike = p.shape, np.ones((1, p.shape[1]))
+    gx, gy = increments(p, q, np.ones(p.shape, np.bool_)) if cubic else _trapezoids(p, q)
+    modes = scipy.fft.dctn(
+        divergence(gx, gy, alike, alike), norm="ortho", workers=threads(), overwrite_x=True
+    )
+    eigenvalues = np.add.outer(*(2.0 - 2.0 * np.cos(np.pi * np.arange(n) / n) for n in (rows, cols)))
+    eigenvalues[0, 0] = np.inf
+    modes /= eigenvalues
+    z: Floats = scipy.fft.idctn(modes, norm="ortho", workers=threads(), overwrite_x=True)
+    gx[:, :-1] -= np.diff(z, axis=1)
+    gy[:-1] -= np.diff(z, axis=0)
+    return z, (gx[:, :-1], gy[:-1])
 
 
-def _field_at(
-    places: tuple[Floats, Floats], p: Floats, q: Floats, wp: Floats | None, wq: Floats | None, inside: Mask
-) -> Field:
-    """Of pixels that lie at x, y (H, W)."""
-    one = np.ones(p.shape)
-    wx, wy = quadrilateral_weights(one if wp is None else wp, one if wq is None else wq, *places, inside)
-    return Field(*quadrilateral_increments(p, q, *places, inside), wx, wy, inside)
+def _trapezoids(p: Floats, q: Floats) -> Pair:
+    gx, gy = np.zeros(p.shape), np.zeros(q.shape)
+    gx[:, :-1] = 0.5 * (p[:, :-1] + p[:, 1:])
+    gy[:-1] = 0.5 * (q[:-1] + q[1:])
+    return gx, gy
 
 
-def _labels(inside: Mask) -> Labels:
-    if inside.all():
-        return np.ones(inside.shape, dtype=np.int32)
-    labels: Labels = scipy.ndimage.label(inside)[0].astype(np.int32)
-    return labels
+def _robust(edges: Pair, weights: Pair, mask: Mask) -> tuple[Floats, int, Pair]:
+    """Cauchy weights on the edge defects, see `reweighting`: heights, iterations, the weights at the end."""
+    floor = _ROUNDING * scaled_median(edges, weights)
+    z, iterations, factorise = np.zeros(mask.shape), 0, False
+    left, scale = weights, 0.0
+
+    def step(doubts: Pair | None) -> Pair:
+        nonlocal z, iterations, factorise, left, scale
+        if doubts is not None:
+            wx, wy = (w / (1.0 + w * doubt**2) for w, doubt in zip(weights, doubts, strict=True))
+            left = wx, wy
+        accuracy = Accuracy(energy=_NEGLIGIBLE * scale, relative=1e-10)
+        if not factorise:
+            result = MaskedEdges(*left, mask).solve(*edges, accuracy, z, _PATIENCE)
+            factorise = result.iterations == _PATIENCE and int(mask.sum()) <= _FACTORISED
+            z, iterations = result.x, iterations + result.iterations
+        if factorise:
+            z, iterations = DirectEdges(*left, mask).solve(*edges, accuracy).x, iterations + 1
+        residuals = _residuals(edges, weights, z)
+        scale = scaled_median(residuals, weights)
+        return residuals
+
+    cauchy(step, weights, floor)
+    return z, iterations, left
+
+
+def _residuals(edges: Pair, weights: Pair, z: Floats) -> Pair:
+    """Increments less the differences of z, (H, W) each, zero where no edge is."""
+    rx, ry = (np.zeros(z.shape) for _ in range(2))
+    np.subtract(edges[0][:, :-1], np.diff(z, axis=1), out=rx[:, :-1], where=weights[0][:, :-1] > 0)
+    np.subtract(edges[1][:-1], np.diff(z, axis=0), out=ry[:-1], where=weights[1][:-1] > 0)
+    return rx, ry
+
+
+def _rms(values: Pair, count: int) -> float:
+    """Root mean square over so many edges."""
+    return math.sqrt(sum(float(np.einsum("ij,ij->", r, r)) for r in values) / max(count, 1))
 
 
 def _centred(z: Floats, labels: Labels) -> Floats:
     """Mean zero in every component, NaN outside."""
-    if labels.all() and labels.max() == 1:
-        return np.asarray(z - z.mean())
     count = int(labels.max())
     means = np.zeros(count + 1)
     means[1:] = scipy.ndimage.mean(z, labels, np.arange(1, count + 1))

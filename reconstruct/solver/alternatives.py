@@ -11,7 +11,7 @@ from ..arrays import Floats, Mask
 from .edges import divergence
 from .poisson import Accuracy, MaskedEdges, PoissonResult, SeparableEdges
 
-__all__ = ["DirectEdges", "MarchedEdges", "marched"]
+__all__ = ["DirectEdges", "MarchedEdges"]
 
 
 class DirectEdges(MaskedEdges):
@@ -75,13 +75,8 @@ class MarchedEdges(SeparableEdges):
 
     def solve(self, gx: Floats, gy: Floats, accuracy: Accuracy, start: Floats | None = None) -> PoissonResult:
         """Sums along one path; the other columns' edges do not count."""
-        return PoissonResult(marched(gx, gy, self.spine), 1, 0.0)
-
-
-def marched(gx: Floats, gy: Floats, spine: int = 0) -> Floats:
-    """Sums of edge increments down the column `spine` and from there along the rows, (rows, cols)."""
-    x = np.zeros(gx.shape)
-    x[:, 1:] = np.cumsum(gx[:, :-1], axis=1)
-    x -= x[:, spine : spine + 1]
-    x[1:] += np.cumsum(gy[:-1, spine])[:, None]
-    return x
+        x = np.zeros(gx.shape)
+        x[:, 1:] = np.cumsum(gx[:, :-1], axis=1)
+        x -= x[:, self.spine : self.spine + 1]
+        x[1:] += np.cumsum(gy[:-1, self.spine])[:, None]
+        return PoissonResult(x, 1, 0.0)
