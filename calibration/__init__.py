@@ -18,6 +18,7 @@
 | `sources.py` | the independent errors behind the covariance |
 | `observability.py` | singular values in prior units, notices |
 | `effects.py` | errors of heights and depths by errors of the parameters |
+| `predicted.py` | sigma of a rig at rest and of a dent, before any capture |
 """
 
 from optolever.arguments import check_face
@@ -27,6 +28,14 @@ from .contact import contact
 from .harmonics import HarmonicError, harmonic_errors
 from .judgement import Judgement, calibrate_so_far, judged
 from .observation import Observation
+from .predicted import (
+    PREDICTED_DEPTH,
+    PREDICTED_NOISE,
+    depth_sigma_against_rest,
+    predicted_budget,
+    predicted_maps,
+    sigma_at_rest,
+)
 from .priors import default_priors
 from .profile import load_profile, store_profile, with_lag
 from .response import RigResponse, load_response, measure_response, store_response, with_better_fit
@@ -34,6 +43,8 @@ from .rest import RestMap, load_rest, store_rest
 from .targets import Ball, Flat, Plate, Points, Rest, Target
 
 __all__ = [
+    "PREDICTED_DEPTH",
+    "PREDICTED_NOISE",
     "Ball",
     "Calibration",
     "Flat",
@@ -50,6 +61,7 @@ __all__ = [
     "calibrate_so_far",
     "contact",
     "default_priors",
+    "depth_sigma_against_rest",
     "harmonic_errors",
     "judged",
     "left_out",
@@ -57,6 +69,9 @@ __all__ = [
     "load_response",
     "load_rest",
     "measure_response",
+    "predicted_budget",
+    "predicted_maps",
+    "sigma_at_rest",
     "store_profile",
     "store_response",
     "store_rest",

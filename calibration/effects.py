@@ -5,8 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.reconstruct import predicted_maps
 from optolever.scene import Covariance, Scene
+
+from .predicted import predicted_maps
 
 __all__ = ["Effects", "effects"]
 

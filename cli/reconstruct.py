@@ -166,14 +166,13 @@ def command(
     or SOFAST's inputs, with commas: camera.h5,display.h5,orientation.h5,measurement.h5[,facet.json]; for a
     correspondence decoded from that measurement.
     """
-    from optolever.calibration import load_rest
+    from optolever.calibration import depth_sigma_against_rest, load_rest
     from optolever.decode import Correspondence
     from optolever.files import save_arrays, together
     from optolever.reconstruct import (
         budget,
         contacts,
         curvature_map,
-        depth_sigma_against_rest,
         free_mode_of,
         on_rig,
         reconstruct,

@@ -11,15 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from optolever.calibration import PREDICTED_DEPTH, PREDICTED_NOISE, predicted_budget, sigma_at_rest
 from optolever.notices import Notice
 from optolever.quantities import length_unit, quantity
-from optolever.reconstruct import (
-    PREDICTED_DEPTH,
-    PREDICTED_NOISE,
-    HeightMap,
-    predicted_budget,
-    sigma_at_rest,
-)
+from optolever.reconstruct import HeightMap
 from optolever.scene import Scene
 
 from .arrays import Floats

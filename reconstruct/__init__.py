@@ -37,14 +37,6 @@ from .solver.anchors import Anchor, DistanceAnchor, EdgeAnchor, PixelAnchor, Poi
 from .stream import HeightStream
 from .uncertainty.budget import ANCHOR, TOTAL, budget, free_mode_of
 from .uncertainty.null_space import null_space
-from .uncertainty.predicted import (
-    PREDICTED_DEPTH,
-    PREDICTED_NOISE,
-    depth_sigma_against_rest,
-    predicted_budget,
-    predicted_maps,
-    sigma_at_rest,
-)
 from .uncertainty.sources import NOISE
 
 __all__ = [
@@ -52,8 +44,6 @@ __all__ = [
     "GRID_FORMATS",
     "HEIGHT_FORMATS",
     "NOISE",
-    "PREDICTED_DEPTH",
-    "PREDICTED_NOISE",
     "TOTAL",
     "Anchor",
     "Contact",
@@ -74,7 +64,6 @@ __all__ = [
     "budget",
     "contacts",
     "curvature_map",
-    "depth_sigma_against_rest",
     "exact_correspondence",
     "fit_motion",
     "free_mode_of",
@@ -83,12 +72,9 @@ __all__ = [
     "method_names",
     "null_space",
     "on_rig",
-    "predicted_budget",
-    "predicted_maps",
     "reconstruct",
     "rest_corrected",
     "same_capture",
-    "sigma_at_rest",
     "slope_map",
 ]
 

@@ -7,7 +7,6 @@
 | `response` | the response of the height to an error field |
 | `sources` | the list of the sources of noise, whose variances add up |
 | `budget` | the uncertainty of a height, a depth, a difference, by its sources |
-| `predicted` | sigma of a rig at rest and of a dent, before any capture |
 | `null_space` | height modes without a slope |
 """
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from lab.calibration.rigs import correspondence_of, open_air
-from optolever.calibration import Calibration, calibrate, judged
+from optolever.calibration import Calibration, calibrate, judged, predicted_maps
 from optolever.calibration.adjust import adjust
-from optolever.reconstruct import predicted_maps
 from optolever.scene import Covariance
 
 

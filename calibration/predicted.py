@@ -7,15 +7,18 @@ import math
 import numpy as np
 
 from optolever.errors import InputError
+from optolever.reconstruct import (
+    Contact,
+    HeightMap,
+    PixelAnchor,
+    budget,
+    contacts,
+    exact_correspondence,
+    free_mode_of,
+    reconstruct,
+    slope_map,
+)
 from optolever.scene import Scene, Surface, dent, resize, trace
-
-from ..contact import Contact, contacts
-from ..coupled import reconstruct
-from ..exact import exact_correspondence
-from ..heightmap import HeightMap
-from ..outputs.slope_map import slope_map
-from ..solver.anchors import PixelAnchor
-from .budget import budget, free_mode_of
 
 __all__ = [
     "PREDICTED_DEPTH",
