@@ -6,8 +6,7 @@
 | `slope_map` | slopes from the normals, with sigma |
 | `curvature` | curvature from the slopes, with sigma |
 | `coarse_modes` | smooth maps on every step-th pixel, and back |
-| `export` | TIFF, PLY, STL, XYZ, SDF, Zygo DAT; only written |
-| `x3p` | X3P (ISO 25178-72) |
+| `export` | TIFF, PLY, STL, XYZ, SDF, Zygo DAT, X3P; only written |
 """
 
 #: Inside of reconstruct its files are imported one by one: none of their names is public.

@@ -1,9 +1,12 @@
 """Height maps in other programs' formats: TIFF; meshes (PLY, STL) and points (XYZ) of the camera's pixels;
-SDF (ISO 25178-71) and Zygo's DAT of a regular grid. X3P: `x3p.py`.
+SDF (ISO 25178-71), Zygo's DAT and X3P (ISO 25178-72, ISO 5436-2: a zip of main.xml, bindata/data.bin,
+md5checksum.hex) of a regular grid.
 """
 
+import hashlib
 import io
 import struct
+import zipfile
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
@@ -13,14 +16,61 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
+from optolever import __version__
 from optolever.errors import InputError
 from optolever.files import atomic_file
 
 from ..arrays import Floats, Mask
 
-__all__ = ["chosen", "write_dat", "write_ply", "write_sdf", "write_stl", "write_tiff", "write_xyz"]
+__all__ = [
+    "chosen",
+    "write_dat",
+    "write_ply",
+    "write_sdf",
+    "write_stl",
+    "write_tiff",
+    "write_x3p",
+    "write_xyz",
+]
 
 _METRES = 1e-3  # per mm
+_DATA = "bindata/data.bin"
+_CHECKSUM = "md5checksum.hex"
+#: main.xml: x and y go by increments (I), z is absolute (A); D: float64. The schema asks for a date of
+#: calibration; none is known: the date of the file.
+_DOCUMENT = """<?xml version="1.0" encoding="utf-8"?>
+<p:ISO5436_2 xmlns:p="http://www.opengps.eu/2008/ISO5436_2">
+  <Record1>
+    <Revision>ISO5436 - 2000</Revision>
+    <FeatureType>SUR</FeatureType>
+    <Axes>
+      <CX><AxisType>I</AxisType><DataType>D</DataType><Increment>{step!r}</Increment><Offset>{x0!r}</Offset></CX>
+      <CY><AxisType>I</AxisType><DataType>D</DataType><Increment>{step!r}</Increment><Offset>{y0!r}</Offset></CY>
+      <CZ><AxisType>A</AxisType><DataType>D</DataType></CZ>
+    </Axes>
+  </Record1>
+  <Record2>
+    <Date>{now}</Date>
+    <Instrument>
+      <Manufacturer>optolever</Manufacturer>
+      <Model>deflectometry</Model>
+      <Serial>not available</Serial>
+      <Version>{version}</Version>
+    </Instrument>
+    <CalibrationDate>{now}</CalibrationDate>
+    <ProbingSystem><Type>NonContacting</Type><Identification>optical lever</Identification></ProbingSystem>
+    <Comment>Mirror frame: z = 0 at rest, positive into the medium. CalibrationDate is the file's.</Comment>
+  </Record2>
+  <Record3>
+    <MatrixDimension><SizeX>{cols}</SizeX><SizeY>{rows}</SizeY><SizeZ>1</SizeZ></MatrixDimension>
+    <DataLink>
+      <PointDataLink>{link}</PointDataLink>
+      <MD5ChecksumPointData>{checksum}</MD5ChecksumPointData>
+    </DataLink>
+  </Record3>
+  <Record4><ChecksumFile>{sums}</ChecksumFile></Record4>
+</p:ISO5436_2>
+"""
 #: Fields of a MetroPro header of format 2 that readers go by: place, kind, in the order of `_dat_header`.
 #: MetroPro Reference Guide OMP-0347, appendix "MetroPro binary data format". Big-endian.
 _DAT_SIZE, _DAT_MAGIC, _DAT_UNKNOWN = 834, 0x881B0370, 2147483640
@@ -175,9 +225,36 @@ def write_dat(path: str | Path, z: Floats, pitch_mm: float) -> None:
         stream.write(values.tobytes())
 
 
+def write_x3p(path: str | Path, z: Floats, pitch_mm: float, x0_mm: float, y0_mm: float) -> None:
+    """z (rows, cols) mm, NaN where unknown, at x = x0 + j pitch, y = y0 + i pitch, as X3P: lengths in metres,
+    x runs fastest (little-endian float64). https://sourceforge.net/p/open-gps/mwiki/X3p.
+    """
+    _require_any(path, np.isfinite(z))
+    data = np.ascontiguousarray(z * _METRES, dtype="<f8").tobytes()
+    document = _DOCUMENT.format(
+        step=float(pitch_mm) * _METRES,
+        x0=float(x0_mm) * _METRES,
+        y0=float(y0_mm) * _METRES,
+        now=datetime.now(UTC).isoformat(timespec="seconds"),
+        version=__version__,
+        rows=z.shape[0],
+        cols=z.shape[1],
+        link=_DATA,
+        checksum=_md5(data),
+        sums=_CHECKSUM,
+    ).encode()
+    with (
+        atomic_file(path) as temporary,
+        zipfile.ZipFile(temporary, "w", compression=zipfile.ZIP_DEFLATED) as archive,
+    ):
+        archive.writestr("main.xml", document)
+        archive.writestr(_DATA, data)
+        archive.writestr(_CHECKSUM, f"{_md5(document)} *main.xml\n")
+
+
 def _require_any(path: str | Path, good: Mask) -> None:
     if not good.any():
-        raise InputError(f"{path}: the height map has no good pixel to write")
+        raise InputError(f"{path}: the height map has no good point to write")
 
 
 def _triangles(good: Mask) -> NDArray[np.int32]:
@@ -197,3 +274,7 @@ def _triangles(good: Mask) -> NDArray[np.int32]:
         whole = good[corners[0]] & good[corners[1]] & good[corners[2]]
         halves.append(np.stack([number[corner][whole] for corner in corners], axis=1))
     return np.concatenate(halves)
+
+
+def _md5(data: bytes) -> str:
+    return hashlib.md5(data, usedforsecurity=False).hexdigest()

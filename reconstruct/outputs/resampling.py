@@ -21,8 +21,7 @@ from optolever.kernels import exact
 from optolever.records import Axes, Comparable, dataset, plot_maps, span
 
 from ..arrays import Floats, Mask
-from .export import chosen, write_dat, write_sdf, write_tiff
-from .x3p import write_x3p
+from .export import chosen, write_dat, write_sdf, write_tiff, write_x3p
 
 __all__ = ["GRID_FORMATS", "Grid", "Lean", "gradients", "natural_pitch", "resample"]
 
