@@ -134,7 +134,7 @@ def integrate(
         found = _SOLVERS[name](*weights, inside).solve(*edges, _ACCURACY)
         z, iterations = found.x, found.iterations
     labels = scipy.ndimage.label(inside)[0].astype(np.int32)
-    rest, count = _residuals(edges, weights, z), sum(np.count_nonzero(w) for w in weights)
+    rest, count = _residuals(edges, weights, z), sum(int(np.count_nonzero(w)) for w in weights)
     return Integral(_centred(z, labels), name, iterations, _rms(rest, count), labels, reweighted)
 
 
