@@ -2,24 +2,18 @@
 
 import io
 import struct
-import tomllib
 import zipfile
 import zlib
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 
-from lab.fuzz.damage import damage
 from optolever import memory
 from optolever.decode import Correspondence
 from optolever.errors import InputError
-from optolever.patterns import sequence
 from optolever.pictures import read_picture
-from optolever.projector import load_sofast
 from optolever.reconstruct import exact_correspondence, reconstruct
 from optolever.scene import dent, load, resize, trace
 
@@ -99,15 +93,6 @@ def test_npz(damage: Any, tmp_path: Path, refused: Refused) -> None:
     refused(["reconstruct", path, "--scene", "prism48", "--out", tmp_path / "h.npz"], "c.npz")
 
 
-@pytest.mark.parametrize("name", ["u", "flags"])
-def test_a_missing_field_is_told_before_any_is_read(name: str, tmp_path: Path) -> None:
-    """Not the lie of another field: no byte of it counts if the file is of another kind."""
-    others = {key: value for key, value in fields().items() if key != name}
-    path = written(tmp_path / "c.npz", {"more": np.zeros((24, 32))} | others, lambda _, data: data[:-8])
-    with pytest.raises(InputError, match=rf"c\.npz: field '{name}' is missing"):
-        Correspondence.load(path)
-
-
 def test_fields_of_an_npz_count_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = written(tmp_path / "c.npz", fields())
     held = sum(value.nbytes for value in fields().values())
@@ -178,31 +163,6 @@ def test_fields_of_sofast(damage: Fields, said: str, tmp_path: Path, refused: Re
     assert len(refused(["decode", path, "--out", tmp_path / "c.npz"], said)) < 400
 
 
-def test_fields_of_hdf5_count_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    arrays = (np.zeros((6, 8, 8), np.uint8), np.zeros((6, 8, 2), np.uint8), np.ones(1), np.ones(1))
-    path, held = sofast(tmp_path / "m.h5", *arrays), sum(array.nbytes for array in arrays)
-    monkeypatch.setattr(memory, "free_memory", lambda: held)
-    load_sofast(path)
-    monkeypatch.setattr(memory, "free_memory", lambda: held - 1)
-    with pytest.raises(InputError, match=r"m\.h5: 4 fields, .*fringe_images.*GiB"):
-        load_sofast(path)
-
-
-def test_claims_of_hdf5_count_together(tmp_path: Path) -> None:
-    """Each field claims what all of the file could hold, together it is twice that."""
-    h5py = pytest.importorskip("h5py")
-    path = tmp_path / "m.h5"
-    with h5py.File(path, "w") as file:
-        for name in ("fringe_images", "mask_images"):
-            shape = (1000, 1400, 2)
-            file.create_dataset(f"MeasurementSofastFringe/{name}", shape, "u1", chunks=(1000, 1400, 1))
-        for name in ("fringe_periods_x", "fringe_periods_y"):
-            file[f"MeasurementSofastFringe/{name}"] = np.ones(1)
-    assert 2_800_000 < 1032 * path.stat().st_size < 5_600_000
-    with pytest.raises(InputError, match=r"m\.h5: 4 fields, .* claim 5600016 bytes"):
-        load_sofast(path)
-
-
 @pytest.mark.parametrize("far", [1e38, -1e6, 500.0])
 def test_places_far_off_the_pattern_are_not_solved(far: float) -> None:
     scene, arrays = resize(load("prism48", exact=True), 24, 32), fields()
@@ -229,26 +189,3 @@ def test_a_picture_that_claims_more_than_it_holds(size: tuple[int, int], tmp_pat
     path.write_bytes(_png(*size, bytes(1000)))
     with pytest.raises(InputError, match=rf"a\.png: claims {size[0]}x{size[1]} pixels"):
         read_picture(path)
-
-
-def test_damage_is_one_line_for_libraries_too(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    whole = np.full((24, 32), 255, np.uint8)
-    for name, start in (("a.tif", 60), ("a.png", 45)):
-        cv2.imwrite(str(tmp_path / name), whole)
-        data = (tmp_path / name).read_bytes()
-        (tmp_path / name).write_bytes(data[:start])
-        with pytest.raises(InputError, match=r"not an image|truncated"):
-            read_picture(tmp_path / name)
-    assert capfd.readouterr().err == ""
-
-
-def test_damaged_toml(tmp_path: Path) -> None:
-    sequence("gray+phase", 24, 32).save(tmp_path / "whole.toml")
-    text, readable = (tmp_path / "whole.toml").read_text(encoding="utf-8"), 0
-    for number in range(100):
-        path = tmp_path / "damaged.toml"
-        path.write_text(text, encoding="utf-8")
-        damage(np.random.default_rng(number), path)
-        with suppress(ValueError):
-            readable += tomllib.loads(path.read_text(encoding="utf-8")) != tomllib.loads(text)
-    assert readable > 50

@@ -1,6 +1,5 @@
 """Plausible mistakes: each is one line that names what is wrong, its value, what it must be, and the cure."""
 
-import re
 import shutil
 from pathlib import Path
 
@@ -8,52 +7,10 @@ import cv2
 import numpy as np
 import pytest
 
-from optolever import InputError
-from optolever.decode import Correspondence, decode, difference
+from optolever.decode import Correspondence
 from optolever.projector import Capture
 
 from .conftest import Chain, Program, Refused
-
-RIG = """\
-[mirror]
-size_mm = [60, 45]
-[pattern]
-size = [1080, 1920]
-pitch_mm = 0.153
-angle_deg = 48
-[camera]
-kind = "pinhole"
-size = [640, 512]
-focal_px = 2100
-position_mm = [185, 22.5, 126]
-look_at_mm = [30, 22.5, 0]
-[medium]
-index = 1.41
-"""
-#: A line of the rig, what stands in its place, and words of the answer.
-RIGS = [
-    ("pitch_mm", "pitch = 0.153", ("pattern.pitch is unknown", "must be pattern.pitch_mm")),
-    ("index", "n = 1.49", ("medium.n is unknown", "must be medium.index")),
-    ("focal_px", "focal_mm = 25", ("camera.pixel_pitch_mm is missing",)),
-    ("focal_px", "f = 2100", ("camera.f is unknown", "must be camera.focal_px")),
-    ("look_at_mm", "look_at = [30, 22.5, 0]", ("camera.look_at is unknown", "must be camera.look_at_mm")),
-    ("look_at_mm", "", ("camera.look_at_mm is missing", "u_axis")),
-    ("kind", "", ("camera.focal_px", "kind = 'pinhole'", "'telecentric'")),
-    ("angle_deg", "angle_deg = 48\norigin_mm = [0, 0, 0]", ("pattern.origin_mm", "angle_deg excludes")),
-    ("angle_deg", "angle_deg = 148", ("pattern.angle_deg = 148", "less than 90")),
-    ("angle_deg", "angle = 48", ("pattern.angle is unknown", "must be pattern.angle_deg")),
-    ("angle_deg", "", ("pattern.origin_mm is missing", "angle_deg")),
-]
-
-
-@pytest.mark.parametrize(("key", "line", "words"), RIGS)
-def test_a_rig_that_is_not_meant_so(
-    key: str, line: str, words: tuple[str, ...], refused: Refused, tmp_path: Path
-) -> None:
-    path = tmp_path / "rig.toml"
-    path.write_text(re.sub(rf"^{key} = .*$", line, RIG, count=1, flags=re.MULTILINE))
-    refused(["capture", "--scene", path, "--out", tmp_path / "capture"], "rig.toml: ", *words)
-
 
 #: Lines of the program, and words of the answer.
 LINES = [
@@ -129,23 +86,6 @@ def test_a_line_that_is_not_meant_so(
     refused(line.format(**known).split(), *words)
 
 
-def test_a_name_in_place_of_a_record() -> None:
-    with pytest.raises(
-        InputError, match=r"sequence: 'gray\+phase', must be .*patterns\.sequence\(name, rows"
-    ):
-        decode(np.zeros((3, 8, 8), np.uint8), "gray+phase")  # type: ignore[arg-type]
-    with pytest.raises(InputError, match=r"must be a decode\.Correspondence.*decode\.decode"):
-        difference("w", "v")  # type: ignore[arg-type]
-
-
-def test_sequence_toml_is_a_description(optolever: Program, chain: Chain, tmp_path: Path) -> None:
-    capture = Capture.load(chain.capture)
-    capture.sequence.save(tmp_path / "sequence.toml")
-    args = ["--description", tmp_path / "sequence.toml", "--out", tmp_path / "c.npz"]
-    optolever("decode", chain.capture / "frames", *args)
-    assert Correspondence.load(tmp_path / "c.npz") == Correspondence.load(chain.correspondence)
-
-
 @pytest.mark.parametrize("kind", ["png", "jpg"])
 def test_pictures_in_colour_are_taken_and_told(
     kind: str, optolever: Program, chain: Chain, tmp_path: Path
@@ -185,8 +125,3 @@ def test_frames_in_another_order_are_named(
         shutil.copy(chain.capture / "frames" / old, tmp_path / "frames" / new)
     shutil.copy(chain.capture / "capture.toml", tmp_path)
     assert words in optolever("decode", tmp_path, "--out", tmp_path / "c.npz").err
-
-
-def test_a_press_as_its_own_rest_is_named(optolever: Program, chain: Chain, tmp_path: Path) -> None:
-    args = [*chain.solve, "--rest", chain.correspondence, "--out", tmp_path / "h.npz"]
-    assert "one and the same capture" in optolever(*args).err

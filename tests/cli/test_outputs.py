@@ -8,7 +8,6 @@ import shutil
 import stat
 import subprocess
 import sys
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,9 +16,7 @@ import click
 import pytest
 
 from optolever.cli.commands import SECTIONS, module_of
-from optolever.cli.outputs import OutputFile, Program
-from optolever.patterns import sequence
-from optolever.reconstruct import HeightMap
+from optolever.cli.outputs import OutputFile
 
 from .conftest import SCENE, Chain, Refused
 from .conftest import Program as Run
@@ -65,16 +62,6 @@ def _commands() -> dict[str, click.Command]:
     return found
 
 
-@pytest.mark.parametrize("name", _commands())
-def test_every_command_checks_its_outputs(name: str) -> None:
-    command = _commands()[name]
-    assert isinstance(command, Program)
-    kinds = {parameter.name: parameter.type for parameter in command.params}
-    json_type = kinds["json_path"]
-    assert isinstance(json_type, OutputFile)
-    assert json_type.suffixes == (".json", ".csv")
-
-
 def _outputs() -> list[tuple[str, click.Option]]:
     """Commands and their options that name an output or a folder of them."""
     return [
@@ -106,18 +93,6 @@ def test_a_device_stays_a_device(optolever: Run, device: Callable[[str], Path]) 
     null = device("null")
     optolever("names", "--json", null)
     assert stat.S_ISCHR(null.stat().st_mode)
-
-
-def test_a_pipe_is_written_through(optolever: Run, tmp_path: Path) -> None:
-    pipe = tmp_path / "pipe"
-    os.mkfifo(pipe)
-    read: list[str] = []
-    reader = threading.Thread(target=lambda: read.append(pipe.read_text()))
-    reader.start()
-    optolever("names", "--json", pipe)
-    reader.join(10)
-    assert "scenes" in json.loads(read[0])
-    assert stat.S_ISFIFO(pipe.stat().st_mode)
 
 
 def test_standard_output_goes_on_where_it_is(tmp_path: Path) -> None:
@@ -238,15 +213,6 @@ def test_two_outputs_are_two_files(refused: Refused, tmp_path: Path) -> None:
         refused(args, other, "two outputs")
 
 
-def test_results_may_lie_beside_the_frames_and_be_made_again(
-    optolever: Run, chain: Chain, tmp_path: Path
-) -> None:
-    shutil.copytree(chain.capture, tmp_path / "capture")
-    for _ in range(2):
-        args = ["--out", tmp_path / "capture/c.npz", "--json", tmp_path / "capture/n.json"]
-        optolever("decode", tmp_path / "capture", *args)
-
-
 def test_a_full_disk_is_one_line_and_leaves_nothing(refused: Refused, chain: Chain, tmp_path: Path) -> None:
     """New files are absent, older ones as they were."""
     (tmp_path / "h.npz").write_bytes(b"an older result")
@@ -254,27 +220,6 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(refused: Refused, chain: Cha
         path = tmp_path / name
         with full_disk():
             refused([*args, "--out", path], path, "File too large")
-
-
-def test_every_writer_says_that_the_disk_is_full(chain: Chain, tmp_path: Path) -> None:
-    height = HeightMap.load(chain.height)
-    grid = height.resample()
-    writers: dict[str, Callable[[Path], None]] = {
-        "h.npz": height.save,
-        "h.tif": height.save_tiff,
-        "h.ply": height.save_ply,
-        "g.npz": grid.save,
-        "g.tif": grid.save_tiff,
-        "g.x3p": grid.save_x3p,
-        "s.toml": sequence("gray+phase", 96, 96).save,
-        "s": sequence("gray+phase", 512, 512).save_png,
-    }
-    for name, write in writers.items():
-        path = tmp_path / name
-        with full_disk(1024), pytest.raises(OSError, match=r"cannot be written .*File too large") as raised:
-            write(path)
-        assert str(raised.value.filename).startswith(str(path)), name
-        assert not list(tmp_path.iterdir()), name
 
 
 def test_a_full_disk_leaves_no_folder(refused: Refused, tmp_path: Path) -> None:

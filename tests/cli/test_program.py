@@ -82,17 +82,6 @@ def test_help_is_fast() -> None:
     assert time.perf_counter() - start < 5
 
 
-def test_console_script_and_version() -> None:
-    script = Path(sys.executable).with_name("optolever")
-    if not script.is_file():
-        pytest.skip(f"{script} is absent: optolever is not installed as a program")
-    done = subprocess.run([script, "--version"], capture_output=True, text=True, check=True)
-    assert done.stdout.startswith("optolever, version ")
-    wrong = subprocess.run([script, "decode"], capture_output=True, text=True, check=False)
-    assert wrong.returncode == 2
-    assert wrong.stderr.count("\n") == 1
-
-
 def test_interruption_is_130(optolever: Program, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     from optolever import scene
 

@@ -2,7 +2,6 @@
 NumPy's numbers, masked arrays, np.seterr, units of floats, NaN, sequences of another size, two OpenCV wheels.
 """
 
-import importlib.metadata
 import json
 import shutil
 from collections.abc import Iterator
@@ -42,11 +41,6 @@ def test_files_of_file_managers_are_passed_over(name: str, own: Path, optolever:
     (own / "frames" / name).write_bytes(b"\0\1")
     told = optolever("decode", own, "--out", own.parent / "c.npz").err
     assert f"{name}: no pictures, passed over" in told
-
-
-def test_pictures_that_nobody_names_are_refused(own: Path, refused: Refused) -> None:
-    shutil.copy(own / "frames/000.png", own / "frames/dark.png")
-    refused(["decode", own, "--out", own.parent / "c.npz"], "dark.png", "not in the description")
 
 
 def test_toml_with_a_byte_order_mark(own: Path, chain: Chain, optolever: Program, tmp_path: Path) -> None:
@@ -108,13 +102,6 @@ def test_a_mask_that_says_nothing_is_refused(
     path = own.parent / "mask.png"
     cv2.imwrite(str(path), np.resize(np.array(values, np.uint8), (96, 96)))
     refused(["decode", own, "--mask", path, "--out", own.parent / "c.npz"], "mask.png", words)
-
-
-def test_grey_pictures_with_opaque_alpha(own: Path, chain: Chain, optolever: Program) -> None:
-    for path in (own / "frames").iterdir():
-        image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-        cv2.imwrite(str(path), np.dstack([image] * 3 + [np.full_like(image, 255)]))
-    assert decoded(optolever, own) == Correspondence.load(chain.correspondence)
 
 
 def test_numbers_and_arrays_of_numpy(tmp_path: Path) -> None:
@@ -213,53 +200,6 @@ def test_pixels_that_are_not_finite_are_invalid(seen: tuple[NDArray[Any], Sequen
         decode(np.full(frames.shape, np.nan), shown)
 
 
-BENCH = ["--scene", "prism48", "--solver", "coupled", "--noise", "1"]
-
-
-def test_bench_takes_own_sequences_at_any_size(
-    optolever: Program, refused: Refused, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    pattern = load("prism48").pattern
-    sequence("gray+phase", pattern.rows, pattern.cols).save("own.toml")
-    Path("my_pattern.py").write_text(
-        "from optolever.patterns import sequence\n"
-        "def coarse(rows, cols): return sequence('gray+phase', rows, cols, period=16)\n"
-    )
-    args = ["--sequence", "own.toml", "--add", "my_pattern:coarse", "--size", "48x64", "--out", "bench"]
-    optolever("bench", *BENCH, *args, "--json", "b.json")
-    rows = json.loads(Path("b.json").read_text())["rows"]
-    assert [row["sequence"] for row in rows] == ["own.toml", "my_pattern:coarse"]
-    assert [row["status"] for row in rows] == ["done", "done"]
-    assert all(row["height_rms_rel"] < 1e-2 for row in rows)
-    sequence("gray+phase", 30, 30).save("small.toml")
-    refused(
-        ["bench", *BENCH, "--sequence", "small.toml", "--size", "48x64", "--out", "b2"], "small.toml", "30x30"
-    )
-    refused(
-        ["bench", *BENCH, "--sequence", "exact", "--add", "my_pattern:none", "--out", "b3"],
-        "my_pattern:none",
-        "cannot be imported",
-    )
-
-
-def test_doctor_names_two_opencv_wheels(optolever: Program, monkeypatch: pytest.MonkeyPatch) -> None:
-    true = importlib.metadata.version
-    monkeypatch.setattr(
-        importlib.metadata, "version", lambda name: "5.1" if name == "opencv-contrib-python" else true(name)
-    )
-    told = " ".join(optolever("doctor").out.split())
-    assert "opencv-contrib-python 5.1 and opencv-contrib-python-headless" in told
-    assert "pip uninstall" in told
-
-
-def test_the_bench_extra_brings_no_second_opencv(root: Path) -> None:
-    import tomllib
-
-    extra = tomllib.loads((root / "pyproject.toml").read_text())["project"]["optional-dependencies"]["bench"]
-    assert not [name for name in extra if name.lower().startswith(("fringes", "opencv"))]
-
-
 def test_words_after_decoding_say_how_much_the_mirror_fills(
     optolever: Program, chain: Chain, tmp_path: Path
 ) -> None:
@@ -288,19 +228,3 @@ def test_words_after_decoding_say_how_much_the_mirror_fills(
     assert abs(numbers["mirror_good_share"] - good[inside].mean()) < 0.01
     share, decoded_share = 100 * numbers["mirror_share"], 100 * numbers["mirror_good_share"]
     assert f"the mirror fills {share:.1f} % of the image; {decoded_share:.1f} % of it decoded" in out
-
-
-def test_no_mirror_is_said(optolever: Program, tmp_path: Path) -> None:
-    shown = sequence("gray+phase", 24, 32)
-    images = np.random.default_rng(0).normal(12, 1, (len(shown), 48, 64))
-    Capture(np.rint(images).astype(np.uint8), shown).save(tmp_path / "c")
-    out = optolever("decode", tmp_path / "c", "--out", tmp_path / "c.npz").out
-    assert "no pixel sees the patterns change" in out
-
-
-def test_exported_patterns_describe_themselves(optolever: Program, tmp_path: Path) -> None:
-    optolever("patterns", "export", tmp_path / "p", "--sequence", "gray", "--display", "32x24")
-    shown = sequence("gray", 24, 32)
-    found = Capture.load(tmp_path / "p")
-    np.testing.assert_array_equal(found.frames, shown.render())
-    assert found.sequence == shown

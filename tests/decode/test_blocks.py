@@ -72,21 +72,3 @@ def test_small_images(name: str, size: tuple[int, int], lit: bool, shoot: Shoot)
         assert np.abs(found.u - u)[found.good].max() < 1
     else:
         assert not found.good.any()
-
-
-@pytest.mark.parametrize("name", ["phase", "gray"])
-def test_a_border_in_view_does_not_depend_on_blocks(
-    name: str, shoot: Shoot, cut: Callable[..., Correspondence]
-) -> None:
-    """Dim bands beside it: what neighbours tell of them crosses blocks."""
-    shown = sequence(name, 90, 135)
-    v, u = np.mgrid[:120, :130] + 2.3
-    inside = 89.5 - v
-    # the border's shadow, and a band that is dim for another reason
-    dim = np.where((inside < 3) | (np.abs(inside - 9) < 2), 0.7, 1.0) * (inside > 0)
-    light = np.where(u > 60, dim, np.where(inside < 14, 0.7 * (inside > 0), 1.0)) * 90
-    frames = shoot(shown, u, v, noise=1.0, offset=light + 10, amplitude=light)
-    one = cut(frames, shown, 120, 1)
-    assert 0.5 < one.good[inside > 0].mean() < 1
-    for rows in (16, 40, 16, 40):  # threads take turns as they like
-        assert_same(one, cut(frames, shown, rows, 3))

@@ -110,16 +110,6 @@ def test_foreign_polarities_and_missing_inverses(shoot: Shoot, smooth: Map) -> N
     assert np.abs(found.u - smooth[0])[found.good].max() < 0.02
 
 
-@pytest.mark.parametrize("shape", [(1, 1), (1, 700), (700, 1), (3, 513)])
-def test_any_shape(shoot: Shoot, shape: tuple[int, int]) -> None:
-    u = np.linspace(3, 290, shape[0] * shape[1]).reshape(shape)
-    v = np.full(shape, 7.25)
-    shown = sequence("gray+phase", 40, 300)
-    found = decode(shoot(shown, u, v), shown, on_cells=False)
-    np.testing.assert_allclose(found.u, u, atol=0.02)
-    np.testing.assert_allclose(found.v, v, atol=0.02)
-
-
 def test_folded_map_is_decoded_on_both_sides(shoot: Shoot) -> None:
     """Where the map turns back, a per-pixel code goes on; no spatial step may flag or mend it."""
     col = np.arange(400.0)[None, :] * np.ones((40, 1))

@@ -84,14 +84,6 @@ def test_window_before_the_pattern_in_some_frames_is_flagged(
     assert outside.mean() > 0.95
 
 
-def test_threshold_by_a_fringe_where_no_white_and_black_was_shown(shoot: Shoot, smooth: Map) -> None:
-    whole = sequence("gray+phase", 150, 170)
-    shown = Sequence(tuple(f for f in whole.frames if f.kind not in ("white", "black")), 150, 170)
-    found = decode(shoot(shown, *smooth, noise=1.0), shown, on_cells=False, check=False)
-    assert found.good.mean() > 0.99
-    assert np.abs(found.u - smooth[0])[found.good].max() < 0.3
-
-
 def curved(frames: NDArray[Any], curve: Any) -> NDArray[np.uint8]:
     """Frames through a curve of levels 0 to 1."""
     light = np.clip((frames.astype(float) - 10) / 200, 0, 1)

@@ -1,7 +1,5 @@
 """What a display shifts is taken off, or in sigma: against light integrated cell by cell."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -45,49 +43,6 @@ def test_dark_rims_of_cells_are_told(code: str, lit: float, blur: float) -> None
     assert found.good.mean() > 0.95
     assert silent(found, u) < 3e-3
     assert rms(scores(found, u)) < 1.35
-
-
-def test_strips_too_narrow_to_tell_a_footprint_have_the_usual_one() -> None:
-    shown = sequence("phase", 4, 150, axes="u", steps=3, periods=(8.73782, 8.05745, 8.0))
-    u = 10 + 1.35 * np.arange(96) + 0.0137 * np.arange(90)[:, None]
-    mask = np.broadcast_to((np.arange(96) < 40) | (np.arange(96) % 7 < 3), u.shape)
-    found = decode(photographed(shown, u, 1.35, 0.3, noise=0.3), shown, mask=mask)
-    assert found.good.mean() > 0.6
-    assert rms(scores(found, u)) < 1.1
-
-
-def test_what_sees_no_fringe_tells_no_footprint() -> None:
-    """Beside a narrow mirror noise has no order, and places far from the surface."""
-    shown = sequence("phase", 4, 15, axes="u", steps=3, periods=(8.73782, 8.05745, 8.0))
-    u = 3 + 0.65 * np.arange(8) + 0.07 * np.arange(64)[:, None]
-    frames = np.random.default_rng(0).integers(16, 20, (len(shown), 64, 40), np.uint8)
-    frames[:, :, 16:24] = photographed(shown, u, 0.65, 0.3)
-    found = decode(frames, shown)
-    strip = found.good[:, 16:24]
-    assert strip.mean() > 0.9
-    assert np.abs((found.u[:, 16:24] - u) / found.sigma_u[:, 16:24])[strip].max() < 5
-
-
-@pytest.mark.parametrize("period", [11.0, 13.3])
-def test_what_rounded_levels_shift_is_taken_off(period: float) -> None:
-    """All pixels of a column share it: little is left of it beside the noise of 24 of them."""
-    shown, u, frames = _capture(200, 0.7, 0.5, period=period)
-    found = decode(frames, shown)
-    inside = (u > 4) & (u < 195)
-    left = (found.u - u)[:, inside]
-    assert 0.75 < rms(scores(found, np.broadcast_to(u, found.u.shape))) < 1.1
-    assert abs(left.mean()) < 3e-4
-    assert left.mean(axis=0).std() < 1.5 * left.std() / np.sqrt(24)
-
-
-def test_stripes_are_compared_with_the_grey_values_that_are_shown() -> None:
-    """Rounded to whole ones, which all pixels of a column share."""
-    shown, u = sequence("stripe", 4, 200, axes="u", step=5.87), np.arange(4.0, 195.0, 0.7)
-    frames = np.repeat(seen_by_pixels(shown, u, 0.7, 0.5), 24, axis=1)
-    frames = frames + np.random.default_rng(0).normal(0, 0.3, frames.shape)
-    found = decode(np.rint(16 * frames).astype(np.uint16), shown)
-    left = found.u - u
-    assert left.mean(axis=0).std() < 1.5 * left.std() / np.sqrt(24)
 
 
 @pytest.mark.parametrize(("period", "blur"), [(4.0, 0.4), (5.0, 0.4), (6.0, 0.38)])
@@ -151,14 +106,6 @@ def test_dark_border_is_taken_off_or_flagged() -> None:
     assert good[:, 2:-2].all()
 
 
-def test_blur_is_measured_from_the_contrast() -> None:
-    """The blur given and the blur measured take off the same."""
-    shown, u, frames = _capture(160, 0.7, 0.6, period=9.0)
-    inside = (u > 4) & (u < 155)
-    measured, given = decode(frames, shown).u[:, inside], decode(frames, shown, blur_px=0.6).u[:, inside]
-    assert np.abs(measured - given).max() < 5e-4
-
-
 @pytest.mark.parametrize("width", [0.7, 0.95, 1.05])
 def test_stairs_of_a_sharp_display_are_undone(width: float) -> None:
     """Pixels of 0.7 cells keep their place unknown on treads of 0.3 cells; wider ones have no treads."""
@@ -206,31 +153,6 @@ def test_ideal_cosines_are_left_alone(pixel: float) -> None:
     found = decode(camera(128 + 100 * np.stack(fringes), 1.0), shown)
     assert found.good.mean() > 0.99
     assert 0.95 < rms(scores(found, u)) < 1.06
-
-
-def test_an_axis_of_one_period_takes_the_blur_of_the_other() -> None:
-    """It has nothing to compare its contrast with."""
-    own = sequence("phase", 60, 60, steps=4, axes="v", periods=(80.0,))
-    both = sequence("phase", 60, 60, steps=4, axes="u", periods=(80.0, 4.0))
-    shown = replace(both, frames=(*both.frames, *own.frames))
-    u, v = np.meshgrid(np.arange(2.3, 55, 0.37), np.arange(3.1, 50, 0.8))
-    frames = np.concatenate(
-        [
-            np.repeat(seen_by_pixels(both, u[0], 0.37, 0.25), len(v), axis=1),
-            np.repeat(
-                seen_by_pixels(
-                    replace(own, frames=tuple(replace(f, axis="u") for f in own.frames)), v[:, 0], 0.8, 0.25
-                ).transpose(0, 2, 1),
-                u.shape[1],
-                axis=2,
-            ),
-        ]
-    )
-    found = decode(camera(frames, 1.0), shown)
-    for name, truth in (("u", u), ("v", v)):
-        score = ((getattr(found, name) - truth) / getattr(found, f"sigma_{name}"))[found.flags == 0]
-        assert score.size > 0.5 * u.size
-        assert 0.3 < rms(score) < 1.15
 
 
 def test_noise_is_not_taken_for_a_contrast_that_varies() -> None:
@@ -297,14 +219,6 @@ def test_what_few_pixels_cannot_tell_is_in_sigma(name: str) -> None:
     score = scores(found, few)
     assert len(score) > 400
     assert np.abs(score).max() < 5
-
-
-@pytest.mark.parametrize("blur", [1.2, 1.7, 3.3])
-def test_blur_of_a_sweep_is_measured_between_those_that_are_tried(blur: float) -> None:
-    shown = sequence("stripe", 4, COLS, axes="u", step=8)
-    found = decode(photographed(shown, U, WIDTH, blur, 0.5), shown)
-    assert found.good.mean() > 0.95
-    assert rms(scores(found, U)) == pytest.approx(1.0, abs=0.15)
 
 
 def test_light_that_is_missing_at_the_border_is_no_wrong_frame() -> None:

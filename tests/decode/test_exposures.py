@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from optolever.decode import Flag, check, decode
+from optolever.decode import Flag, decode
 from optolever.patterns import Sequence, sequence
 
 from .conftest import F64, Map, Shoot
@@ -70,20 +70,6 @@ def test_only_what_every_exposure_clips_is_saturated(shoot: Shoot, smooth: Map) 
     assert found.good[:, 8:92].mean() > 0.97
 
 
-def test_order_and_incomplete_exposures_do_not_matter(shoot: Shoot, smooth: Map) -> None:
-    """White of a third exposure and some bits of it: left out, and no bound for bits of others."""
-    both = bracketed(sequence("gray", 150, 170, inverses=False), 1.0, LONG)
-    more = tuple(replace(frame, exposure=7.0) for frame in both.frames[:5])
-    light = np.where(np.arange(140) < 70, 3.0, 180.0)[None, :] * np.ones((120, 1))
-    mixed = replace(both, frames=both.frames + more)
-    frames = shot(shoot, mixed, smooth, light)
-    order = np.random.default_rng(3).permutation(len(mixed))
-    plain = decode(frames[: len(both)], both)
-    found = decode(frames[order], replace(mixed, frames=tuple(mixed.frames[i] for i in order)))
-    np.testing.assert_allclose(found.u, plain.u, rtol=2**-23)  # one ulp of float32
-    np.testing.assert_array_equal(found.flags, plain.flags)
-
-
 def test_one_exposure_for_all_is_that_of_none(shoot: Shoot, smooth: Map) -> None:
     shown = sequence("gray+phase", 150, 170)
     frames = shoot(shown, *smooth, noise=1.0)
@@ -103,34 +89,6 @@ def test_what_moved_between_exposures_is_flagged(shoot: Shoot, smooth: Map) -> N
     assert (decode(still, both).flags & Flag.MOVED > 0).mean() < 1e-3
 
 
-def test_swapped_frames_of_one_exposure_keep_their_numbers(shoot: Shoot, smooth: Map) -> None:
-    both = bracketed(sequence("gray", 150, 170), 1.0, 1.2)
-    frames = shot(shoot, both, smooth, np.full(smooth[0].shape, 150.0))
-    assert not check(frames, both).findings
-    half = len(both) // 2
-    wrong = [half + 6, half + 11]
-    frames[wrong] = frames[wrong[::-1]]
-    (finding,) = check(frames, both).findings
-    assert (finding.kind, set(finding.frames)) == ("swapped", set(wrong))
-    assert [one for one in decode(frames, both).notices if one.name == finding.sentence]
-
-
-def test_fringes_of_another_exposure_serve_a_code_of_one(shoot: Shoot, smooth: Map) -> None:
-    """Sigma falls as the modulation grows with the longer exposure."""
-    shown = sequence("gray+phase", 150, 170)
-    longer = tuple(replace(f, exposure=2.0) for f in shown.frames if f.kind == "phase")
-    both = replace(shown, frames=shown.frames + longer)
-    frames = shot(shoot, both, smooth, np.full(smooth[0].shape, 100.0))
-    one = decode(frames[: len(shown)], shown, on_cells=False)
-    for exposed in (
-        both,
-        replace(both, frames=tuple(replace(f, exposure=3 * f.exposure) for f in both.frames)),
-    ):
-        found = decode(frames, exposed, on_cells=False)
-        assert found.good.mean() > 0.99
-        assert np.median(found.sigma_u) == pytest.approx(np.median(one.sigma_u) / 2, rel=0.05)
-
-
 @pytest.mark.parametrize("name", ["phase", "micro-phase"])
 def test_fringes_of_a_camera_whose_black_is_a_level(shoot: Shoot, smooth: Map, name: str) -> None:
     """It does not grow with the exposure, so that no fringe fits the samples of both."""
@@ -141,12 +99,3 @@ def test_fringes_of_a_camera_whose_black_is_a_level(shoot: Shoot, smooth: Map, n
     ratio = ((found.u - smooth[0]) / found.sigma_u)[found.good]
     assert 0.8 < np.sqrt(np.mean(ratio**2)) < 1.15
     assert not [one for one in found.notices if "contradict" in one.name]
-
-
-def test_steps_of_different_exposures_are_one_fringe(shoot: Shoot, smooth: Map) -> None:
-    """No exposure shows three of them."""
-    shown = sequence("phase", 150, 170)
-    mixed = replace(shown, frames=tuple(replace(f, exposure=1.0 + k % 2) for k, f in enumerate(shown.frames)))
-    found = decode(shot(shoot, mixed, smooth, np.full(smooth[0].shape, 100.0)), mixed, on_cells=False)
-    assert found.good.mean() > 0.99
-    assert 0.8 < np.sqrt(np.mean(((found.u - smooth[0]) / found.sigma_u)[found.good] ** 2)) < 1.15

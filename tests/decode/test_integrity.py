@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from optolever import InputError
 from optolever.decode import Finding, Flag, check, decode
 from optolever.patterns import Sequence, sequence
 
@@ -97,11 +96,6 @@ def test_a_torn_frame_is_named_with_its_rows(name: str, shoot: Shoot, smooth: Ma
         assert abs(finding.rows[0] - 50) < 25
 
 
-def test_three_steps_tell_nothing(shoot: Shoot, smooth: Map) -> None:
-    shown = sequence("phase", 150, 170, steps=3, periods=(190.0,))
-    assert check(shoot(shown, *smooth), shown).findings == ()
-
-
 @pytest.mark.parametrize(
     ("kind", "inverses", "blur", "width", "good"),
     [
@@ -122,22 +116,6 @@ def test_bits_that_a_blur_hides_are_no_fault(
     frames = cell_frames(shown, u, v, blur=blur, noise=1.0)
     assert check(frames, shown).findings == ()
     assert decode(frames, shown).good.mean() > good
-
-
-def test_frames_that_do_not_fit_are_refused() -> None:
-    with pytest.raises(InputError, match="describes"):
-        check(np.zeros((2, 4, 4), np.uint8), sequence("phase", 150, 170))
-
-
-def test_bits_without_inverse_are_tested_by_the_map(shoot: Shoot, smooth: Map) -> None:
-    """A Gray bit's picture that is the bit before: no sum tells, but the map jumps or folds."""
-    shown = _shown("gray:inverses")
-    whole = shoot(shown, *smooth, noise=1.0)
-    for i in range(3, len(shown)):
-        if (shown.frames[i].bit or 0) >= 2 and shown.frames[i].axis == shown.frames[i - 1].axis:
-            frames = whole.copy()
-            frames[i] = whole[i - 1]
-            assert i in _named(frames, shown).frames, i
 
 
 @pytest.mark.parametrize(
@@ -274,18 +252,6 @@ def test_two_swapped_steps_that_nothing_decodes_without_are_put_back(
     assert silent(found, *smooth) == 0
     assert found.good.mean() > 0.99
     assert f"frames {swap[0]} and {swap[1]} are in each other's place" in found.notices[0].name
-
-
-def test_a_whole_period_or_a_polarity_is_left_out(shoot: Shoot, smooth: Map) -> None:
-    shown = sequence("phase", 150, 170, steps=4)
-    frames = shoot(shown, *smooth, noise=1.0)
-    frames[11] = frames[12]
-    middle = {i for i in range(8, 16) if shown.frames[i].axis == shown.frames[11].axis}
-    assert set(_named(frames, shown).leave_out) == middle
-    coded = sequence("gray", 150, 170)
-    frames = shoot(coded, *smooth, noise=1.0)
-    frames[8] = frames[4]
-    assert _named(frames, coded).leave_out == (8,)
 
 
 @pytest.mark.parametrize("noise", [0.0, 1.0])

@@ -75,17 +75,6 @@ def test_what_a_camera_sharpens_of_a_bend_is_taken_off(name: str) -> None:
         assert abs(error[inner] @ steep[inner]) < 0.3 * steep[inner] @ steep[inner]
 
 
-@pytest.mark.parametrize("slope", [0.0, 0.004])
-def test_without_a_lens_fringes_tell_none(slope: float) -> None:
-    """Nor where nothing bends, and nothing could tell one."""
-    row, col = places(72, 90)
-    u, v = 10 + 1.2 * col + slope * (row - 36) ** 2, 8 + 1.3 * row
-    shown = sequence("gray+phase", 120, 150)
-    frames = footprints(shown, u, v, noise=0.7)
-    found, none = decode(frames, shown), decode(frames, shown, lens_px=0)
-    np.testing.assert_allclose(found.u[found.good], none.u[found.good], atol=2e-4)
-
-
 @pytest.mark.parametrize("lens", [-0.1, 4.1, np.nan])
 def test_a_lens_blurs_no_more_than_bends_are_told_over(lens: float) -> None:
     with pytest.raises(InputError, match=f"lens_px is {lens}, must be 0 to 4"):

@@ -4,10 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.special import ndtr
 
 from optolever.decode import Flag, decode
-from optolever.decode.profile.border import BorderBlur, border_of, inwards, measured_blur
+from optolever.decode.profile.border import BorderBlur, border_of, inwards
 from optolever.experiments.metrics import rms
 from optolever.patterns import sequence, sequence_from_text
 
@@ -120,59 +119,6 @@ def test_what_only_looks_like_the_borders_shadow(turned: bool, shoot: Shoot) -> 
     assert (found.flags[band & (inside < 4)] & Flag.OUTLIER).all()
 
 
-@pytest.mark.parametrize("seed", range(8))
-def test_noise_of_faint_light_tells_no_shadow_of_the_border(seed: int) -> None:
-    """Light seems to be missing here and there, of a reflection of a few levels: no reach explains where."""
-    rng = np.random.default_rng(seed)
-    coord = np.tile(0.6 * np.arange(64) - 0.3, (48, 1)).astype(np.float32)
-    level, amplitude = ((4 + 0.5 * rng.standard_normal(coord.shape)).astype(np.float32) for _ in range(2))
-    none = np.zeros(coord.shape, np.uint16)
-    assert measured_blur(coord, none, (level, amplitude), 500)[1] == 0
-
-
-@pytest.mark.parametrize("power", [2, 4])
-@pytest.mark.parametrize("away", [1.5, 3.5])
-def test_light_that_falls_off_all_over_the_image_tells_no_shadow(away: float, power: int) -> None:
-    """A vignette, on a map that happens to bend near the image's edge as the border would bend it."""
-    across = np.tile(np.linspace(-1, 1, 120), (90, 1))
-    extent = 42
-    coord = ((extent - 1) / 2 + (extent / 2 - away) * across * (1.11 - 0.11 * across**2)).astype(np.float32)
-    level = (100 * (1 - 0.4 * np.abs(across) ** power)).astype(np.float32)
-    none, shares = np.zeros(coord.shape, np.uint16), ((16.0, 1.0),)
-    assert measured_blur(coord, none, (level, level), extent, shares)[1] == 0
-
-
-@pytest.mark.parametrize(("cells", "blur", "period"), [(2.2, 0.8, 8.0), (1.2, 0.5, 16.0), (5.0, 0.6, 16.0)])
-def test_the_borders_shift_of_a_fringe(cells: float, blur: float, period: float) -> None:
-    """By rays through the pixels, of falling light in a lit room; the border's own table takes it off."""
-    first = np.random.default_rng(0).uniform(0, cells, (64, 1))
-    away = first - cells + cells * np.arange(24)
-    rays = away[..., None] - 0.5 + cells * ((np.arange(60) + 0.5) / 60 - 0.5)
-    share = np.stack(
-        [
-            np.diff(ndtr((k + np.array([[-0.5], [0.5]]) - rays.reshape(1, -1)) / blur), axis=0)
-            .reshape(rays.shape)
-            .mean(axis=-1)
-            for k in range(150)
-        ],
-        axis=-1,
-    )
-    seen, phase = share.sum(axis=-1), share @ np.exp(2j * np.pi / period * np.arange(150))
-    read = np.angle(phase) * period / (2 * np.pi)
-    read += period * np.rint((away - 0.5 - read) / period)
-    light = seen * (1 + 0.01 * np.arange(24))
-    level, amplitude = (100 * light + 30).astype(np.float32), (90 * light).astype(np.float32)
-    flags = (seen < 0.5).astype(np.uint16)
-    shares = ((period, 1.0),)
-    told, count = measured_blur(read.astype(np.float32), flags, (level, amplitude), 500, shares)
-    assert count > 20
-    assert abs(told[1] - blur) < 0.05
-    border, width, none = border_of(shares, told), np.float32(cells), np.float32(0)
-    for at, place in zip(away[seen > 0.92], read[seen > 0.92], strict=True):
-        off, shift, _ = inwards(np.float32(place), none, width, none, border.reach, border.table, 500.0)
-        assert off or abs(place - shift - at + 0.5) < 0.02 * cells
-
-
 @pytest.mark.parametrize("place", [1.0, 1.5, 2.0])
 @pytest.mark.parametrize("cells", [0.3, 1.2])
 def test_what_an_unsure_blur_shifts_is_in_sigma(cells: float, place: float) -> None:
@@ -212,15 +158,6 @@ def test_a_pixel_that_looks_elsewhere_bends_no_map_beside_it(shoot: Shoot) -> No
     found = decode(np.where(one, elsewhere, seen), shown)
     assert found.good[~one].mean() > 0.8
     assert (np.abs(scores(replace(found, flags=found.flags | one), u, v)) < 5).all()
-
-
-def test_folds_widen_sigma(shoot: Shoot) -> None:
-    """A mean over a pixel lies off the place at its centre by the second derivatives over 24."""
-    row, col = places(40, 60)
-    u = 60 + 0.5 * (col - 30) ** 2 / 6
-    shown = sequence("phase", 60, 150, steps=4)
-    found = decode(footprints(shown, u, row, noise=0.3), shown)
-    assert silent(found, centres(u), centres(row)) <= 1e-4
 
 
 def test_bends_are_taken_off_up_to_the_images_border() -> None:
@@ -280,24 +217,6 @@ def test_behind_a_mosaic_of_colours(name: str) -> None:
     inner = found.good & (centres(row) + 0.11 * centres(col) > 15)
     score = ((found.u - centres(u)) / found.sigma_u)[inner]
     assert 0.65 < np.sqrt(np.mean(score**2)) < 1.12
-
-
-def test_light_that_steps_without_a_level_moves_no_place_far() -> None:
-    """Shifts of u that are told wrongly leave mean levels below 0: the slope of such light knows no bound."""
-    shown = sequence("gray+phase", 30, 30)
-    told = {np.pi: 1.85, 1.5 * np.pi: 8.0}
-    frames = [
-        replace(frame, shift=told.get(frame.shift or 0.0, frame.shift)) if frame.axis == "u" else frame
-        for frame in shown.frames
-    ]
-    row, col = places(24, 32)
-    seen = footprints(shown, 2 + 0.9 * col, 2 + 1.1 * row)
-    found = decode(seen, replace(shown, frames=tuple(frames)), check=False)
-    assert found.offset is not None
-    assert found.offset.min() < 0
-    assert found.good.any()
-    for coord in (found.u, found.v):
-        assert np.abs(coord[found.good]).max() < 100
 
 
 def test_places_by_chance_are_no_map(shoot: Shoot) -> None:

@@ -111,15 +111,6 @@ def test_a_profile_that_no_longer_holds_is_estimated_anew(text: str, change: Cal
         assert not [notice for notice in again.notices if "profile" in notice.name]
 
 
-def test_a_profile_of_other_frames_is_estimated_anew() -> None:
-    frames, shown, _ = shot("gray+phase", 1.0)
-    other, phase, _ = shot("phase", 1.0)
-    decoder = Decoder(phase, estimate_profile(frames, shown))
-    found = decoder.decode(other)
-    assert "another sequence" in found.notices[0].name
-    np.testing.assert_array_equal(found.sigma_u, decode(other, phase).sigma_u)
-
-
 def test_what_is_no_profile_is_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "c.npz", u=np.zeros(3))
     with pytest.raises(InputError, match=r"c\.npz: field 'profile' is missing"):

@@ -1,7 +1,6 @@
 """Response of display and camera: given, tabled, measured; harmonic error predicted, against the real one."""
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -144,13 +143,3 @@ def test_of_the_right_gamma_is_nought(shoot: Shoot, smooth: Map, steps: int) -> 
     told, true, _ = predicted_and_true(shoot, smooth, steps, 2.2, 0.0, False)
     assert told < 1e-3
     assert true < 1e-3
-
-
-def test_shifts_that_tell_nothing_are_left_out(shoot: Shoot, smooth: Map) -> None:
-    shown = sequence("gray+phase", 150, 170)
-    frames = shoot(shown, *smooth)
-    uneven = [k for k, frame in enumerate(shown.frames) if (frame.axis, frame.shift) != ("v", 0.0)]
-    shorter = replace(shown, frames=tuple(shown.frames[k] for k in uneven))
-    assert [error.axis for error in harmonic_errors(frames[uneven], shorter)] == ["u"]
-    with pytest.raises(InputError, match="must be uint8 or uint16"):
-        harmonic_errors(frames.astype(np.float32), shown, Response.from_gamma(2.2))

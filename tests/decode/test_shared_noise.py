@@ -114,21 +114,6 @@ def px(at: np.ndarray) -> float:
     return float(np.nanmedian(np.hypot(*np.gradient(at))))
 
 
-def test_a_coarse_fringe_seen_in_part_hides_no_shake() -> None:
-    """Of less than a turn level and phase are told badly apart: what that makes of noise is no gain."""
-    rig = resize(load("monitor-mirror", exact=True), 120, 160)
-    shown = sequence_from_text("phase", rig.pattern.rows, rig.pattern.cols)
-    frames = capture(rig, dent("flat", rig), shown, renderer="numpy").frames.astype(np.float64)
-    untold = 0
-    for seed in range(12):
-        rng = np.random.default_rng(seed)
-        moved = [shift(one, 0.02 * rng.standard_normal(2), order=3, mode="nearest") for one in frames]
-        noisy = np.stack(moved) + rng.standard_normal(frames.shape)
-        found = decode(np.rint(noisy).clip(0, 255).astype(np.uint8), shown, check=False).shared_noise
-        untold += found is None or 0 in (found.shift_u, found.shift_v)
-    assert untold <= 3  # 9 where a coarse fringe counts as much as others
-
-
 def test_saved_and_loaded(tmp_path: Path) -> None:
     ones = np.ones((4, 5))
     found = Correspondence(ones, ones, ones, ones, np.zeros((4, 5), np.uint16))

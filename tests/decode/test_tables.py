@@ -1,8 +1,5 @@
 """Swept stripes, free grey values, micro phase shifting, Gray codes within their cells."""
 
-from collections import Counter
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -58,39 +55,6 @@ def test_micro_phase_shifting(shoot: Shoot, smooth: Map, named: bool) -> None:
     assert 0.7 < rms(scores(found, *smooth)) < 1.1
 
 
-@pytest.mark.parametrize("blur", [0.3, 0.5])
-def test_micro_phase_by_levels_that_were_rounded(blur: float) -> None:
-    """Grey values are shown in 8 bits: of a camera with little noise that is a third of the variance; how
-    wide a pixel sees hardly moves what is read of fringes, on a sharp display neither."""
-    shown = sequence("micro-phase", 4, 150, axes="u")
-    u = 10 + 0.61 * np.arange(200) + 0.0137 * np.arange(60)[:, None]
-    found = decode(photographed(shown, u, 0.6, blur, noise=0.3), shown)
-    assert found.good.mean() > 0.99
-    assert 0.6 < rms(scores(found, u)) < 1.05
-
-
-def test_micro_phase_behind_a_blur() -> None:
-    """A blur takes more of a shorter period: taken for a shift, all pixels of a region are off alike."""
-    shown = sequence("micro-phase", 150, 170)
-    row, col = np.mgrid[:120, :140].astype(np.float64)
-    where = {"u": 6 + 0.9 * col, "v": 8 + 0.8 * row}
-    frames = np.full((len(shown), *row.shape), 20.0)
-    for light, frame in zip(frames, shown.frames, strict=True):
-        if frame.kind == "phase":
-            turn = 2 * np.pi / float(frame.period_px or 1)
-            wave = np.cos(turn * where[str(frame.axis)] - float(frame.shift or 0))
-            light += 80 * (1 + np.exp(-0.5 * (turn * 1.2) ** 2) * wave)
-        else:
-            light += 160.0 * (frame.kind == "white")
-    found = decode(camera(frames, 0.5), shown, on_cells=False)
-    assert found.good.mean() > 0.98
-    for axis in "uv":
-        for part in range(6):
-            region = found.good & (where[axis] // 20 == part)
-            off = (getattr(found, axis) - where[axis])[region].mean()
-            assert abs(off) < 0.002
-
-
 @pytest.mark.parametrize("width", [2.2, 3.0])
 @pytest.mark.parametrize("name", ["free", "micro-phase"])
 def test_pixels_of_more_than_two_cells_know_how_sure_they_are(name: str, width: float) -> None:
@@ -130,13 +94,6 @@ def test_micro_phase_knows_when_it_may_be_elsewhere() -> None:
     assert rms(scores(found, u, v)) == pytest.approx(1, abs=0.06)
 
 
-def test_clipped_samples_do_not_lead_elsewhere() -> None:
-    found, u, v = dim_micro_phase(4, flashes=0.01)
-    far = (np.abs(found.u - u) > 3) | (np.abs(found.v - v) > 3)
-    assert not (far & found.good).any()
-    assert found.good.mean() > 0.2
-
-
 def test_pattern_that_was_just_invented(smooth: Map) -> None:
     """Random grey values on cells of two pixels: unknown to the decoder but for their table."""
     values = np.random.default_rng(0).integers(0, 256, (2, 12, 90))
@@ -153,16 +110,6 @@ def test_pattern_that_was_just_invented(smooth: Map) -> None:
     assert found.good.mean() > 0.97
     assert np.abs(found.u - smooth[0])[found.good].max() < 0.5
     assert 0.7 < rms(scores(found, *smooth)) < 1.3
-
-
-def test_a_surface_with_room_for_few_answers() -> None:
-    """No place is compared with itself: eight cells have no fourth one."""
-    values = np.random.default_rng(1).integers(0, 256, (12, 8))
-    shown = Sequence(tuple(Frame("levels", "u", levels=tuple(row.tolist())) for row in values), 8, 8)
-    u = np.broadcast_to(np.linspace(1, 6, 200), (8, 200))
-    found = decode(cell_frames(shown, u, np.full(u.shape, 3.5), blur=0.5, noise=1.0), shown)
-    assert found.good.mean() > 0.99
-    assert np.abs(found.u - u)[found.good].max() < 0.5
 
 
 @pytest.mark.parametrize("blur", [0.5, 0.9])
@@ -190,24 +137,6 @@ def test_scattered_light(code: str) -> None:
     assert 0.5 < rms(scores(found, U)) < 1.1
 
 
-def test_gray_without_blur_stays_within_its_cells(shoot: Shoot, smooth: Map) -> None:
-    """Ideal edges tell nothing about the place within a cell: sigma must say so."""
-    shown = sequence("gray", 150, 170)
-    found = decode(shoot(shown, *smooth, noise=1.0), shown, subpixel=True)
-    assert rms(scores(found, *smooth)) < 1.3
-
-
-def test_micro_phase_of_one_single_frame_is_decoded() -> None:
-    """Fewer frames than the table of orders has axes."""
-    whole = sequence("micro-phase", 24, 32)
-    periods = Counter((frame.axis, frame.period_px) for frame in whole.frames)
-    single = [next(f for f in whole.frames if f.axis == a and periods[a, f.period_px] == 1) for a in "uv"]
-    kept = tuple(f for f in whole.frames if periods[f.axis, f.period_px] > 1 or f in single)
-    shown = replace(whole, frames=kept)
-    found = decode(shown.render(), shown, on_cells=False)
-    assert found.u.shape == (24, 32)
-
-
 def rows_of_pixels(cols: int, width: float) -> F64:
     """Where 40 rows of pixels of `width` cells look, each row from a place of its own."""
     return 6 + 0.97 * width * np.arange(int((cols - 14) / width)) + 0.0273 * np.arange(40)[:, None]
@@ -223,29 +152,6 @@ def test_free_levels(width: float, blur: float, noise: float) -> None:
     assert 0.3 < rms(score) < 1.25
     assert np.median(found.amplitude) == pytest.approx(0.85 * 127.5, rel=0.1)
     assert np.median(found.offset) == pytest.approx(16 + 0.85 * 127.5, rel=0.1)
-
-
-def test_levels_that_jump_beside_dark_and_clipped_rows() -> None:
-    shown, rng = free_levels(300, 10), np.random.default_rng(3)
-    u = np.repeat(rng.uniform(8, 290, 8), 20) + 0.3 * np.tile(np.arange(20), 8) + np.zeros((30, 1))
-    frames = photographed(shown, u)
-    frames[:, 10:14] = np.clip(np.rint(20 + rng.standard_normal(frames[:, 10:14].shape)), 0, 255)
-    frames[:, 20:24] = 255
-    lit = np.ones(30, bool)
-    lit[10:14] = lit[20:24] = False
-    found = decode(frames, shown)
-    assert not found.good[~lit].any()
-    assert found.good[lit].mean() > 0.8
-    assert np.abs(found.u - u)[found.good].max() < 0.5
-
-
-def test_clipped_samples_are_left_out() -> None:
-    shown, u = free_levels(200, 14), rows_of_pixels(200, 1.0)
-    frames = photographed(shown, u)
-    frames[np.random.default_rng(1).random(frames.shape) < 0.05] = 255
-    found = decode(frames, shown)
-    assert found.good.mean() > 0.85
-    assert np.abs(found.u - u)[found.good].max() < 0.5
 
 
 def test_two_places_alike_are_known() -> None:

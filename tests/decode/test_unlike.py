@@ -57,22 +57,6 @@ def test_what_a_slow_crystal_keeps_is_taken_off(
     assert least <= float(np.sqrt(np.mean(np.square(scores(found, *smooth))))) <= 1.15
 
 
-@pytest.mark.parametrize(("share", "decay"), [(0.2, 0.0), (0.2, 0.05), (0.1, 0.02), (-0.05, 0.0)])
-def test_what_a_camera_sees_of_a_crystal_on_its_way_is_taken_off(
-    share: float, decay: float, shown: Sequence, light: F64, smooth: Map
-) -> None:
-    """More in the mean of an exposure than at its end; 0: exposed while the frames change."""
-    seen, state = [light[0]], light[0]
-    for frame in light[1:]:
-        seen.append((1 - share) * frame + share * state)
-        state = (1 - decay) * frame + decay * state
-    found = decode(camera(np.stack(seen), 0.7, 4), shown, on_cells=False)
-    assert abs(told(found) - share) <= 0.03 * abs(share) + 0.004
-    assert found.good.mean() > 0.95
-    assert silent(found, *smooth) <= 1e-4
-    assert abs(float(np.mean(scores(found, *smooth)))) <= 0.4, "a shift that no mean over pixels takes out"
-
-
 @pytest.mark.parametrize(("share", "rows"), [(0.25, 75), (0.2, 100), (0.6, 0)])
 def test_shares_that_are_not_taken_off_are_flagged_or_in_sigma(
     share: float, rows: int, shown: Sequence, light: F64, smooth: Map
@@ -149,13 +133,6 @@ def test_a_second_reflection_shifts_all_pixels_and_sigma_says_so(
     assert found.good.mean() > 0.95
 
 
-def test_harmonics_of_a_response_do_not_widen_a_phase(shoot: Shoot, smooth: Map) -> None:
-    """Six steps read no harmonic below the fifth."""
-    shown = sequence("gray+phase", *EXTENT, steps=6)
-    frames = shoot(shown, *smooth, noise=0.7, gamma=1.5, offset=127.5, amplitude=120.0)
-    assert float(np.sqrt(np.mean(np.square(scores(decode(frames, shown, on_cells=False), *smooth))))) > 0.8
-
-
 @pytest.mark.parametrize("gamma", [1.0, 1.4])
 @pytest.mark.parametrize(
     "shown",
@@ -175,16 +152,6 @@ def test_what_fringes_of_three_steps_contradict_each_other_by_is_no_noise(
 CLOSE = sequence("phase", *EXTENT, steps=3, periods=(8.74, 8.06, 8.0))
 
 
-def test_harmonics_that_alias_are_in_sigma(shoot: Shoot, smooth: Map) -> None:
-    """No period of three steps shows them: all that tells is that periods contradict each other."""
-    frames = shoot(CLOSE, *smooth, noise=0.7, gamma=1.25, offset=127.5, amplitude=120.0)
-    found = decode(frames, CLOSE, on_cells=False)
-    assert any("contradict" in notice.name for notice in found.notices)
-    assert silent(found, *smooth) <= 1e-4
-    assert found.good.mean() > 0.95
-    assert 0.25 <= float(np.sqrt(np.mean(np.square(scores(found, *smooth))))) <= 1.2
-
-
 def test_a_map_that_moves_from_period_to_period_is_in_sigma(shoot: Shoot, smooth: Map) -> None:
     """By 0.2 px in all; a place is one that the map had meanwhile, or next to it."""
     u, v = smooth
@@ -197,16 +164,6 @@ def test_a_map_that_moves_from_period_to_period_is_in_sigma(shoot: Shoot, smooth
         float(np.mean([moved[i] for i, one in enumerate(CLOSE.frames) if one.axis == axis])) for axis in "uv"
     )
     assert silent(found, u + mean_u, v + mean_v) <= 1e-4
-
-
-def test_white_that_clips_hides_no_lag(shoot: Shoot, smooth: Map) -> None:
-    """White is at 1.03 of the camera's range; what follows it is not lost with it."""
-    shown = SHOWN[0]
-    light = shoot(shown, *smooth, dtype=np.uint16, offset=13000.0, amplitude=13200.0) / 100.0
-    found = decode(camera(lagging(light, 0.1), 0.7, 4), shown, on_cells=False)
-    assert abs(told(found) - 0.1) <= 0.01
-    assert silent(found, *smooth) <= 1e-4
-    assert found.good.mean() > 0.5
 
 
 @pytest.mark.parametrize("shown", [*SHOWN, CLOSE], ids=["gray+phase", "phase", "close", "three steps"])

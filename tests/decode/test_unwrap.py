@@ -9,10 +9,9 @@ from scipy.integrate import cumulative_simpson, simpson
 from scipy.special import erfc, ndtr
 
 from optolever.decode import Correspondence, decode
-from optolever.patterns import Frame, Sequence, sequence_from_text
+from optolever.patterns import Frame, Sequence
 
 from .conftest import F64
-from .light import COLS, WIDTH, U, seen_by_pixels
 
 EXTENT, STEPS, PIXELS = 1260, 4, (300, 1000)
 
@@ -74,42 +73,6 @@ def test_two_periods_reach_the_best_decision(counts: tuple[int, int], ratio: flo
     gaussian = erfc(math.pi / (math.sqrt(2) * math.sqrt(2 / STEPS) / ratio * math.hypot(*counts)))
     assert gaussian < bound < 1.1 * gaussian
     assert found.order_error.mean() == pytest.approx(wrong.mean(), rel=0.15)
-
-
-@pytest.mark.parametrize(("counts", "ratio"), [((9, 10), 4.3), ((9, 10), 8.0)])
-def test_ends_of_the_range_are_not_taken_for_each_other(counts: tuple[int, int], ratio: float) -> None:
-    """Both look alike: only where noise carries a place over one of them, E|noise| / 2 each, is it lost."""
-    _, wrong = decoded(counts, ratio, -0.5, EXTENT - 0.5)
-    inside = best_rate(counts, ratio)
-    sigma = EXTENT / (2 * np.pi * ratio * math.sqrt(STEPS / 2) * math.hypot(*counts))
-    carried = 2 * sigma / math.sqrt(2 * math.pi) / EXTENT
-    counting = math.sqrt(inside / wrong.size)
-    assert wrong.mean() <= inside + carried + 3 * counting
-
-
-def test_periods_of_different_numbers_of_steps() -> None:
-    """Four steps of one period beside five of another: as exact as without noise they are."""
-    frames = [
-        Frame("phase", "u", period_px=period, shift=2 * math.pi * k / steps)
-        for period, steps in ((140.0, 4), (12.0, 5))
-        for k in range(steps)
-    ]
-    sequence = Sequence(tuple(frames), 1, 120)
-    u = np.tile(np.linspace(10, 110, 60), (20, 1))
-    found = decode(captured(sequence, u, 600.0), sequence, white_level=1e9, on_cells=False)
-    assert np.abs(found.u - u).max() < 0.02
-    assert (found.flags == 0).all()
-
-
-@pytest.mark.parametrize("noise", [0.02, 0.1])
-def test_rounded_grey_values_hide_no_orders(noise: float) -> None:
-    """Of a camera with next to no noise, what the display rounds is what residues are off by."""
-    shown = sequence_from_text("phase:axes=u,steps=3,periods=8.73782/8.05745/8", 4, COLS)
-    light = np.repeat(seen_by_pixels(shown, U[0], WIDTH, 0.5), 48, axis=1)
-    light += noise * np.random.default_rng(4).standard_normal(light.shape)
-    found = decode(np.rint(256 * light).astype(np.uint16), shown)
-    assert found.good.mean() > 0.99
-    assert np.abs((found.u - U[0]) / found.sigma_u)[found.good].max() < 5
 
 
 @pytest.mark.parametrize("shifts", [(0.0, 2.1, 4.2), (0.0, 1.57, 3.14, 4.71), (0.3, 1.9, 4.0, 5.5, 2.2)])

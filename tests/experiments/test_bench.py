@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import optolever.experiments.bench as bench
 from optolever import InputError
 from optolever.experiments.bench import (
     Cell,
@@ -19,16 +18,12 @@ from optolever.experiments.bench import (
     decoders,
     frontier,
     load_grid,
-    report,
     run_cells,
-    solver_names,
-    solvers,
     write_bench_report,
 )
 from optolever.experiments.bench import run as running
 from optolever.experiments.place import Place
 from optolever.reconstruct import HeightMap
-from optolever.scene import load, resize
 
 CELL = Cell("paper-simulation", (64, 64), "gaussian", "gray+phase", 1.0, 0, "coupled", "numpy")
 
@@ -52,23 +47,6 @@ def test_a_grid_has_every_combination_once() -> None:
     assert len(cells) == len(set(cells)) == 2 * 2 * (1 + 2 * 2 * 2)
     assert len({cell.key for cell in cells}) == len(cells)
     assert all(cell == Cell.from_dict(json.loads(json.dumps(cell.to_dict()))) for cell in cells)
-
-
-def test_a_seed_belongs_to_the_frames() -> None:
-    """All that decode and solve the same frames share the noise; other frames have other noise."""
-    same = {replace(CELL, solver="paper").capture_seed, replace(CELL, sequence="gray+phase@cv2").capture_seed}
-    assert same == {CELL.capture_seed}
-    others = [replace(CELL, dent="ball"), replace(CELL, seed=1), replace(CELL, sequence="phase")]
-    assert len({CELL.capture_seed, *(cell.capture_seed for cell in others)}) == 4
-
-
-def test_a_scene_file_is_part_of_the_key(tmp_path: Path) -> None:
-    path = tmp_path / "scene.toml"
-    resize(load("paper-simulation", exact=True), 32, 32).save(path)
-    cell = replace(CELL, scene=str(path))
-    before = cell.key
-    resize(load("paper-simulation", exact=True), 48, 32).save(path)
-    assert cell.key != before
 
 
 @pytest.mark.parametrize(
@@ -104,14 +82,6 @@ def test_frontier_against_brute_force() -> None:
     assert found == set(points) - set(beaten)
 
 
-def test_frankot_chellappa_on_a_periodic_field() -> None:
-    row, col = np.mgrid[:40, :48].astype(float)
-    a, b = 2 * np.pi * 3 * row / 40, 2 * np.pi * 5 * col / 48
-    z = np.sin(a) * np.cos(b)
-    by_row, by_col = np.cos(a) * np.cos(b) * 2 * np.pi * 3 / 40, -np.sin(a) * np.sin(b) * 2 * np.pi * 5 / 48
-    assert np.abs(solvers.frankot_chellappa(by_row, by_col) - z).max() < 1e-12
-
-
 def test_opencv_decodes_our_gray_frames() -> None:
     """The frames are OpenCV's own; what it makes of them is the truth to a pixel."""
     cell = replace(CELL, sequence="gray@cv2", noise=0.0)
@@ -122,18 +92,6 @@ def test_opencv_decodes_our_gray_frames() -> None:
     inside = seen.good & shot.place.truth.visible
     assert inside.mean() > 0.9
     assert np.abs(seen.u - shot.place.truth.u)[inside].max() < 1.0
-
-
-def test_fringes_shows_our_frames() -> None:
-    """Same coordinates, order and sign; its levels are rounded down, ours to the nearest."""
-    pytest.importorskip("fringes", reason="fringes is not installed (extra bench)")
-    from optolever.patterns import sequence
-
-    shown = decoders.axis_by_axis(sequence("phase", 40, 64, steps=4, periods=(20, 22, 25)))
-    theirs = decoders.fringes_coder(shown).encode()[..., 0].astype(int)
-    assert np.abs(theirs - shown.render()).max() <= 1
-    with pytest.raises(InputError, match="same periods"):
-        decoders.fringes_coder(sequence("phase", 40, 64))
 
 
 def test_rows_of_a_bench(rows: list[Row]) -> None:
@@ -169,20 +127,6 @@ def test_a_single_shot_counts_one_frame_and_follows_the_rest() -> None:
     assert row.error < 0.015  # 0.009 to 0.012 over seeds
 
 
-def test_summary_and_readme(rows: list[Row]) -> None:
-    """The few rows that count are the least of their kind; peers are compared at no more frames."""
-    mine = [row for row in rows if row.cell.scene == "paper-simulation"]
-    lines = report.summary(mine)
-    assert lines["best"].error == min(row.error for row in mine if row.kind == "own" and row.done)
-    assert lines["the paper's own frame"].cell.sequence == "lattice"
-    assert lines["best peer"].kind == "peer"
-    ratio = report.ahead_of_peers(mine)
-    assert ratio == pytest.approx(lines["best peer"].error / lines["best"].error)
-    text = bench.bench_markdown(rows).splitlines()
-    assert len({line.count("|") for line in text}) == 1
-    assert any("paper-simulation" in line and "`gray+phase`" in line for line in text)
-
-
 def test_what_is_not_installed_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(running, "installed", lambda module: module is None)
     cells = [
@@ -203,15 +147,6 @@ def test_a_broken_solver_is_a_row(monkeypatch: pytest.MonkeyPatch) -> None:
     (row,) = run_cells([replace(CELL, sequence="exact")], timed=False)
     assert (row.status, row.why) == ("failed", "ZeroDivisionError: by zero")
     assert not row.done
-
-
-def test_peers_integrate_where_they_are_installed() -> None:
-    pytest.importorskip("mbipy", reason="mbipy is not installed (extra bench)")
-    cells = [replace(CELL, solver=name) for name in solver_names() if "mbipy" in name]
-    for row in run_cells(cells, timed=False):
-        assert row.done, row.why
-        assert row.kind == "peer"
-        assert math.isfinite(row.error)
 
 
 def test_the_report_has_a_section_per_mirror(rows: list[Row], tmp_path: Path) -> None:

@@ -14,7 +14,6 @@ from optolever.errors import InputError
 from optolever.experiments.design import (
     Candidate,
     Lever,
-    candidates,
     ladder,
     predict,
     sensor_maps,
@@ -106,13 +105,6 @@ def test_a_thinned_camera_predicts_the_full_one(
     assert sizes[1] == pytest.approx(sizes[0], rel=0.1)
 
 
-def test_candidates_fit_the_budget() -> None:
-    found = candidates(72, 96, 20)
-    assert len(found) > 20
-    assert max(len(candidate.sequence) for candidate in found) <= 20
-    assert len({candidate.text for candidate in found}) == len(found)
-
-
 def test_user_patterns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A callable of the working folder (which a console script's path does not hold), a folder that Sequence
     wrote, a folder of bare images: all candidates like any other."""
@@ -192,16 +184,3 @@ def test_total_reflection_margin(prism: Scene, angle: float, margin: float) -> N
     """Silicone of 1.41: lost by 0.17 degrees at 45, kept up to 4.8 at 50."""
     maps = sensor_maps(varied(prism, "angle", angle), side=16)
     assert maps.numbers()["reflection_margin_deg"] == pytest.approx(margin, abs=0.01)
-
-
-def test_varied_scenes(prism: Scene) -> None:
-    """Another resolution keeps the field; what cannot be is refused."""
-    for name in ("camera", "pattern"):
-        other = varied(prism, name, 2.0)
-        ends = [scene.pattern.point(scene.pattern.cols - 0.5, -0.5) for scene in (prism, other)]
-        assert ends[0] == pytest.approx(ends[1], abs=1e-9)
-    assert varied(prism, "index", 1.5).medium.index == 1.5  # type: ignore[union-attr]
-    with pytest.raises(InputError, match="angle asks for a prism"):
-        varied(load("monitor-mirror", exact=True), "angle", 45.0)
-    with pytest.raises(InputError, match="must be one of"):
-        varied(prism, "colour", 1.0)

@@ -7,7 +7,7 @@ import pytest
 
 from optolever.decode import Correspondence
 from optolever.experiments import height_metrics
-from optolever.experiments.maps import reliability, scores
+from optolever.experiments.maps import reliability
 from optolever.reconstruct import HeightMap
 from optolever.scene import Trace
 
@@ -65,8 +65,3 @@ def test_reliability_finds_true_and_false_error_bars() -> None:
         predicted, measured = reliability(factor * sigma * rng.standard_normal(sigma.size), sigma)
         assert np.all(np.diff(predicted) > 0)
         np.testing.assert_allclose(measured / predicted, factor, rtol=0.05)
-
-
-def test_scores_are_of_what_has_error_and_sigma() -> None:
-    error, sigma = np.array([1.0, np.nan, 2.0, 3.0]), np.array([1.0, 1.0, np.inf, 0.5])
-    assert scores(error, sigma, np.ones(4, bool))[0].tolist() == [1.0, 3.0]

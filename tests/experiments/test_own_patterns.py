@@ -12,7 +12,6 @@ import pytest
 from optolever.cli import run
 from optolever.experiments import Faults
 from optolever.experiments.bench import Cell, Grid, load_grid, run_cells
-from optolever.experiments.faults import frames_of
 from optolever.experiments.own_images import OwnImages, image_frames
 from optolever.patterns import sequence
 from optolever.projector import capture
@@ -76,17 +75,6 @@ def test_images_of_a_sequence_are_seen_as_the_sequence_is() -> None:
     inside &= (truth.u < scene.pattern.cols - 3) & (truth.v < scene.pattern.rows - 3)
     off = np.abs(found - true)[:, inside]
     assert np.sqrt(np.mean(off**2)) < 0.02 * np.ptp(true)
-
-
-def test_lag_is_a_share_of_the_frame_before() -> None:
-    scene = resize(load("prism48"), 36, 48)
-    shown = sequence("gray", scene.pattern.rows, scene.pattern.cols)
-    surface = dent("flat", scene)
-    known = scene, surface, shown
-    still = frames_of(*known, 0.0, 0.0, 0, "numpy").astype(float)
-    found = frames_of(*known, 0.25, 0.0, 0, "numpy").astype(float)
-    assert np.abs(found[0] - still[0]).max() <= 1
-    assert np.abs(found[1:] - (0.75 * still[1:] + 0.25 * still[:-1])).max() <= 1.5
 
 
 def test_random_dots_with_a_decoder_of_ones_own(folder: Path) -> None:

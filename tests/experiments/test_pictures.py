@@ -8,11 +8,9 @@ import pytest
 from numpy.typing import NDArray
 
 from optolever.decode import Flag
-from optolever.experiments.flag_table import MEANING, flag_index, flag_rows
-from optolever.experiments.images import MirrorGrid, robust_limits, thumbnail
+from optolever.experiments.flag_table import MEANING
+from optolever.experiments.images import MirrorGrid
 from optolever.experiments.maps import VERTICES, surface_data
-from optolever.experiments.page import percent, scientific, seconds_text, share_text
-from optolever.quantities import length_unit
 from optolever.reconstruct import HeightFlag
 
 Floats = NDArray[np.float64]
@@ -34,57 +32,9 @@ def test_mirror_grid_puts_values_where_they_are() -> None:
     )
 
 
-def test_mirror_grid_keeps_holes() -> None:
-    y, x = np.mgrid[0:50, 0:50].astype(float)
-    z = x.copy()
-    z[20:30, 20:30] = np.nan
-    grid = MirrorGrid.around(x, y)
-    assert np.isnan(grid.place(z)).sum() * grid.pitch**2 == pytest.approx(100, rel=0.4)
-
-
-def test_thumbnail_of_more_than_eight_bits() -> None:
-    frame = np.array([[0, 4095], [2048, 1024]], dtype=np.uint16)
-    assert thumbnail(frame, 10).tolist() == [[0, 255], [128, 64]]
-    assert max(thumbnail(np.zeros((300, 500), np.uint8), 100).shape) == 100
-
-
-def test_robust_limits() -> None:
-    values = np.append(np.linspace(0, 1, 10_000), [np.nan, 1e9])
-    low, high = robust_limits(values)
-    assert 0 <= low < 0.01
-    assert 0.98 < high <= 1.0
-    assert robust_limits(-values, symmetric=True)[0] == -robust_limits(-values, symmetric=True)[1]
-    assert robust_limits(np.array([np.nan])) == (0.0, 1.0)
-    low, high = robust_limits(np.ones(5))
-    assert low < 1 < high
-
-
-def test_units_and_words() -> None:
-    assert length_unit(2.0) == (1.0, "mm")
-    assert length_unit(2e-3) == length_unit(-2e-3) == (1e3, "µm")
-    assert length_unit(2e-6) == (1e6, "nm")
-    assert scientific(3.21e-5) == "3.2 × 10⁻⁵"
-    assert scientific(-4e-9) == "−4.0 × 10⁻⁹"
-    assert scientific(float("nan")) == "–"
-    assert percent(0.9512) == "95.12 %"
-    assert share_text(-0.0123) == "−1.23 %"
-    assert seconds_text(0.0042) == "4.2 ms"
-
-
 def test_every_flag_has_words() -> None:
     for member in (*Flag, *HeightFlag):
         assert MEANING[str(member.name)]
-
-
-def test_flag_rows_count_and_colour() -> None:
-    flags = np.array([[0, 1, 0], [1 | 1024, 1024, 64]], dtype=np.uint16)
-    rows = flag_rows(flags)
-    assert {row.name: row.count for row in rows} == {"good": 2, "dark": 2, "moved": 1, "no anchor": 1}
-    assert sum(row.share for row in rows) == pytest.approx(1)
-    index = flag_index(flags, [row.bit for row in rows])
-    names = np.array([row.name for row in rows])[index]
-    assert names.tolist() == [["good", "dark", "good"], ["dark", "no anchor", "moved"]]
-    assert len({row.colour for row in rows}) == len(rows)
 
 
 def vertices(data: dict[str, Any], layer: int | None = None) -> tuple[Floats, Floats, Floats]:
@@ -121,9 +71,3 @@ def test_the_drawn_surface_has_the_heights_of_its_vertices(radius: float) -> Non
         drawn_there = known & (colour != np.float32(data["layers"][layer]["low"]))
         assert drawn_there.mean() > 0.1
         assert np.abs(colour - truth)[drawn_there].max() < 1e-4
-
-
-def test_nothing_known_is_drawn_as_nothing() -> None:
-    x, y = np.meshgrid(np.arange(5.0), np.arange(4.0))
-    data = surface_data(x, y, np.full((4, 5), np.nan), {})
-    assert np.isnan(vertices(data)[2]).all()

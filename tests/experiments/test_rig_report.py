@@ -2,7 +2,6 @@
 
 import re
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +9,7 @@ import pytest
 from optolever.experiments import RigStudy, write_rig_report
 from optolever.experiments.rig_drawing import camera_view
 from optolever.notices import Notice
-from optolever.scene import Covariance, Face, PinholeCamera, Scene, load, preset_names, resize
+from optolever.scene import Covariance, Face, PinholeCamera, Scene, load, resize
 
 
 def behind_face() -> Scene:
@@ -46,25 +45,6 @@ def test_a_pinhole_is_drawn_where_it_is_and_its_ray_bends_at_the_face() -> None:
         for way in (bend - place, foot - bend)
     ]
     assert sines[0] == pytest.approx(1.41 * sines[1])
-
-
-@pytest.mark.parametrize("name", preset_names())
-@pytest.mark.parametrize("shift", [-400.0, 0.0, 90.0])
-def test_a_camera_stands_on_the_side_of_the_light(name: str, shift: float) -> None:
-    """Of a telecentric one wherever its origin lies along its axis: a calibration holds that at anything."""
-    rig = load(name)
-    axis = np.cross(rig.camera.u_axis, rig.camera.v_axis)
-    moved = rig if isinstance(rig.camera, PinholeCamera) else _moved(rig, shift * axis)
-    ray, face = camera_view(moved)
-    assert ray[0, 2] > 0.5 * rig.mirror.length * abs(axis[2])
-    assert ray[-1, 2] == pytest.approx(0.0, abs=1e-9)
-    assert 0 < ray[-1, 0] < rig.mirror.length
-    assert np.allclose(ray, camera_view(rig)[0])
-    assert face.shape == (0, 3)
-
-
-def _moved(rig: Scene, shift: Any) -> Scene:
-    return replace(rig, camera=replace(rig.camera, origin=rig.camera.origin + shift))
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,6 @@
 
 import importlib
 import inspect
-import pickle
 import typing
 from collections.abc import Callable, Iterator
 from types import UnionType
@@ -12,7 +11,7 @@ import numpy as np
 import pytest
 
 from optolever import InputError, arguments, decode, projector
-from optolever.patterns import Frame, Sequence, sequence
+from optolever.patterns import Frame, sequence
 from optolever.scene import dent, load, resize
 
 PARTS = ("patterns", "scene", "projector", "decode", "reconstruct", "calibration", "live", "metrology")
@@ -97,24 +96,6 @@ def test_every_maker_is_public() -> None:
         if (part, function) != ("scene", "load"):
             given = [one.strip() for one in rest.removesuffix(")").split(",")]
             assert given == list(inspect.signature(getattr(face, function)).parameters)[: len(given)], record
-
-
-def test_messages_name_the_cure() -> None:
-    shown = sequence("gray+phase", 8, 8)
-    frames = shown.render()
-    with pytest.raises(InputError, match=r"'gray\+phase', must be .*patterns\.sequence\(name, rows, cols\)"):
-        decode.decode(frames, "gray+phase")  # type: ignore[arg-type]
-    with pytest.raises(InputError, match=r"sequence: ndarray, must be a patterns\.Sequence"):
-        decode.decode(shown, frames)  # type: ignore[arg-type]
-    with pytest.raises(InputError, match=r"frames\[1\]: 'black', must be a patterns\.Frame"):
-        Sequence((Frame("white"), "black"), 8, 8)  # type: ignore[arg-type]
-
-
-def test_checked_functions_stay_themselves() -> None:
-    """Names, help and pickle: processes are handed functions of the faces."""
-    assert pickle.loads(pickle.dumps(decode.decode)) is decode.decode
-    assert decode.decode.__name__ == "decode"
-    assert "sequence" in inspect.signature(decode.decode).parameters
 
 
 def test_frames_are_indexed_like_arrays() -> None:

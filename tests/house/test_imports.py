@@ -142,33 +142,6 @@ def test_no_import_leads_back(part: str) -> None:
     assert not circles(graph(ROOT / part))
 
 
-def test_circles_are_found() -> None:
-    line = {"a": {"b"}, "b": {"c"}, "c": set[str](), "d": {"b"}}
-    assert not circles(line)
-    assert circles(line | {"c": {"b"}}) == {"b", "c"}
-
-
-def test_the_scan_finds_what_it_forbids(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(globals(), "ROOT", tmp_path)
-    bad = {
-        "import patterns": "bare",
-        "from decode import Flag": "bare",
-        "from lab.hard import hard": "not installed",
-        "import optolever.cli": "upward",
-        "from optolever import projector": "upward",
-        "from optolever.patterns.codes import x": "behind the face",
-        "from optolever.decode import Flag": "itself",
-        "from .. import x": "leaves",
-    }
-    path = tmp_path / "decode" / "module.py"
-    path.parent.mkdir()
-    for text, word in bad.items():
-        path.write_text(text)
-        assert [word in fault for fault in faults(path, "decode", 0)] == [True], text
-    path.write_text("from optolever.patterns import Sequence\nfrom . import codes\nimport numpy\n")
-    assert not list(faults(path, "decode", 0))
-
-
 #: Modules of numba that its manual documents.
 PUBLIC = "config|errors|extending|typed|types"
 PRIVATE = re.compile(
@@ -191,24 +164,3 @@ def test_no_private_module_of_numba_is_used(part: str) -> None:
     files = [path for path in sorted((ROOT / part).rglob("*.py")) if path != Path(__file__)]
     assert files
     assert not [use for path in files for use in private_uses(path)]
-
-
-@pytest.mark.parametrize(
-    "line",
-    [
-        "from numba.core import types",
-        "import numba.core.cgutils as cg",
-        "    from numba.np import arrayobj",
-        "from numba import njit, core",
-        "import llvmlite.ir",
-        "@njit(_nrt=False)",
-        "@njit(pipeline_class=Own)",
-        "kind = numba.core.types.Array",
-    ],
-)
-def test_the_scan_finds_private_modules(line: str, tmp_path: Path) -> None:
-    path = tmp_path / "module.py"
-    path.write_text(f"import numpy as np\n{line}\n")
-    assert len(list(private_uses(path))) == 1
-    path.write_text("import numba\nfrom numba import njit\nfrom numba.extending import overload\n")
-    assert not list(private_uses(path))

@@ -102,16 +102,3 @@ def test_the_python_sample_runs(root: Path, tmp_path: Path, monkeypatch: pytest.
     monkeypatch.chdir(tmp_path)
     exec(code.replace(whole, f"scene.resize({whole}, 64, 64)"), {})
     assert (tmp_path / "h.npz").is_file()
-
-
-def test_no_reader_of_x3p_is_promised(root: Path) -> None:
-    """There is a writer and no reader: wherever the format is offered, that is said."""
-    for page in pages(root):
-        text = " ".join(page.read_text().split())
-        assert "X3P" not in text or "only written, never read" in text, page.name
-    option = next(
-        option
-        for option in app.get_command(click.Context(app), "reconstruct").params  # type: ignore[union-attr]
-        if "--grid" in option.opts
-    )
-    assert "only written, never read" in str(option.help)  # type: ignore[attr-defined]

@@ -111,21 +111,6 @@ def test_records_are_drawn(chain: Chain, derived: tuple[Grid, SlopeMap]) -> None
     pyplot.close("all")
 
 
-def test_rays_of_a_drawn_rig_are_those_of_the_mirror_at_rest() -> None:
-    pytest.importorskip("matplotlib").use("Agg")
-    from matplotlib import pyplot
-
-    scene = resize(load("prism48", exact=True), 31, 33)
-    truth = trace(scene, dent("flat", scene))
-    rays = [line.get_xydata() for line in scene.plot().lines[:9]]
-    cols = np.linspace(0, 32, 9).astype(int)
-    for ray, col in zip(rays, cols, strict=True):
-        assert ray[1] == pytest.approx([truth.x[15, col], 0.0], abs=1e-9)
-        place = scene.pattern.point(truth.u[15, col], truth.v[15, col])
-        assert ray[2] == pytest.approx(place[[0, 2]], abs=1e-9)
-    pyplot.close("all")
-
-
 def test_the_difference_of_two_maps(chain: Chain) -> None:
     height = chain[-1]
     rng = np.random.default_rng(4)

@@ -1,10 +1,7 @@
 """Scenes with edges, displays unlike their sequence: light against closed forms, judges that judge."""
 
-import json
 import math
 from dataclasses import replace
-from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,11 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from lab.hard import hard_edges as edges
-from lab.hard import hard_unlike as unlike
-from lab.hard.hard import hard_cases
-from lab.hard.hard_case import Case, Result, judged, pooled, run_case
+from lab.hard.hard_case import Case, Result, pooled, run_case
 from lab.hard.layered import (
-    Deviation,
     Layer,
     Outline,
     World,
@@ -25,7 +19,6 @@ from lab.hard.layered import (
     sampled,
 )
 from lab.hard.plain import plain_places
-from lab.program import run
 from optolever.decode import Correspondence, Finding, Flag, Integrity
 from optolever.experiments.ideal import Fault
 from optolever.patterns import sequence_from_text
@@ -84,27 +77,6 @@ def test_planes_and_shadows_are_those_of_rays_in_space() -> None:
     assert np.array_equal(inside(seen.lit), ~shadow)
 
 
-def test_a_bent_surface_shadows_where_a_fine_search_says() -> None:
-    """Its own inverse depth on the projector's ray solves q = q(x(q)): found by bisection."""
-    outline = Outline(5.0, 0.0, ((1.0, 0.0, 12.0), (0.0, 1.0, 30.0)))
-    layer = Layer(outline, 1.6, (0.002, 0.001), 0.002)
-    world = replace(FLAT, layers=(WALL, layer), disparity=18.0, pattern=(200, 300), origin=(150.0, 100.0))
-    x, y = pixels(world)
-    su, sv = world.shift
-    u, v = truth(world)
-    low, high = np.full(x.shape, 1.0), np.full(x.shape, 3.0)
-    for _ in range(40):
-        q = (low + high) / 2
-        across, down = (u - 150 + su * q) / 0.9, (v - 100 + sv * q) / 0.9
-        further = q < 1.6 + 0.002 * (across - 5) + 0.001 * down + 0.001 * ((across - 5) ** 2 + down**2)
-        low, high = np.where(further, q, low), np.where(further, high, q)
-    within = (np.abs(across - 5) < 12) & (np.abs(down) < 30)
-    own = (np.abs(x - 5) < 12) & (np.abs(y) < 30)
-    differ = inside(sampled(world, 1).lit) != ~(within & ~own)
-    assert (within & ~own).sum() > 100
-    assert differ.mean() < 0.005  # rounding at the shadow's border
-
-
 def test_fringes_on_a_plane_are_cosines_of_the_known_contrast() -> None:
     """Of a cell, a pixel's area and the point spread: sinc(1/P) sinc(r/P) exp(-2 (pi s r/P)^2)."""
     period, sequence = 16.0, sequence_from_text("phase:steps=3,periods=16,axes=u", 64, 96)
@@ -130,23 +102,6 @@ def test_a_pixel_at_a_depth_edge_mixes_two_places() -> None:
     assert inside(sampled(world).trouble, 4)[:, 127:129].all()
 
 
-def test_deviations_are_what_they_are_called() -> None:
-    centre, sequence = sampled(FLAT, 1), sequence_from_text("phase:steps=4,periods=16,axes=u", 64, 96)
-    plain = light(FLAT, centre, sequence) / 200
-    np.testing.assert_allclose(
-        light(FLAT, centre, sequence, Deviation(gamma=2.2)) / 200, plain**2.2, atol=1e-4
-    )
-    lag = light(FLAT, centre, sequence, Deviation(lag=0.1)) / 200
-    np.testing.assert_allclose(lag[2], 0.9 * plain[2] + 0.1 * plain[1], atol=1e-4)
-    ghost = light(FLAT, centre, sequence, Deviation(ghost=0.05, apart=(16.0, 0.0))) / 200
-    inner = truth(FLAT)[0] < 78
-    np.testing.assert_allclose(ghost[:, inner], 1.05 * plain[:, inner], atol=1e-3)
-    flicker = light(FLAT, centre, sequence, Deviation(flicker=0.02), np.random.default_rng(0)) / 200
-    ratio = (flicker / np.maximum(plain, 1e-6))[:, plain.min(axis=0) > 0.05]
-    assert np.ptp(ratio, axis=1).max() < 1e-4
-    assert 0.005 < np.abs(ratio - 1).max() <= 0.02
-
-
 # ---------------------------------------------------------------- draws
 
 
@@ -157,41 +112,6 @@ def test_a_code_by_its_definition_gives_the_place(code: str) -> None:
     loose = 1.01 if "binary" in code else 0.51
     for place, true in zip(places, truth(FLAT), strict=True):
         assert np.abs(place - true).max() < loose
-
-
-def test_faults_are_what_they_are_called() -> None:
-    frames = np.broadcast_to(np.arange(6)[:, None, None], (6, 8, 2)).copy()
-
-    def order(kind: str, row: int) -> list[int]:
-        return [int(n) for n in Fault(kind, 4, 1, 0.5).spoil(frames)[:, row, 0]]
-
-    assert order("swapped", 0) == [0, 4, 2, 3, 1, 5]
-    assert order("twice", 0) == [0, 1, 2, 3, 1, 5]
-    assert order("torn", 3) == [0, 1, 2, 3, 4, 5]
-    assert order("torn", 4) == [0, 1, 2, 3, 1, 5]
-    assert order("lost", 0) == [0, 1, 2, 3, 5, 5]
-
-
-@pytest.mark.parametrize(
-    ("code", "other", "middle", "moved", "perfect"),
-    [
-        ("gray:inverses=false", 3, 105.0, 1.0, True),
-        ("gray:inverses=false", 3, 75.0, 0.5, False),  # an edge of bit 6 is in view: the map is torn
-        ("gray:inverses=false", 0, 105.0, 1.0, False),  # white
-        ("gray", 4, 105.0, 1.0, False),  # the inverses stay where they are
-        ("gray", 5, 105.0, 0.0, True),  # as dark as bit 7
-    ],
-)
-def test_perfect_frames_of_another_scene_are_nobodys_fault(
-    code: str, other: int, middle: float, moved: float, perfect: bool
-) -> None:
-    """Of eight bits of u, 66 to 122 in view, 7 (frame 2) is dark and 6 bright: in each other's place they
-    make the same scene elsewhere."""
-    world = replace(FLAT, black=5.0, pattern=(64, 256), origin=(middle, 31.0))
-    draw = replace(edges.drawn(0, False, SIZE), world=world, variant="raw", code=code)
-    shot = edges.taken(replace(draw, fault=Fault("swapped", 2, other)))
-    assert shot.moved == pytest.approx(moved, abs=0.02)
-    assert shot.perfect == perfect
 
 
 # ---------------------------------------------------------------- judges
@@ -246,46 +166,3 @@ def test_faulty_draws_are_judged(monkeypatch: pytest.MonkeyPatch) -> None:
     figures = {figure.name: figure for figure in pooled([right, blind])}
     named = figures["wrong frames named, of faults that count"]
     assert (named.value, named.count, named.met) == (0.5, 2, False)
-
-
-@pytest.mark.parametrize(
-    ("sigma", "notices", "expected"),
-    [(0.05, 1, "good"), (0.005, 1, "silent errors"), (1.0, 1, "sigma too wide"), (0.05, 0, "no notice")],
-)
-def test_displays_unlike_their_sequence_are_judged(
-    sigma: float, notices: int, expected: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    world = unlike.smooth_world(SIZE)
-    u, v = truth(world)
-    noise = 0.05 * np.random.default_rng(0).standard_normal((2, *u.shape))
-    seen = SimpleNamespace(
-        u=u + noise[0],
-        v=v + noise[1],
-        sigma_u=np.full(u.shape, sigma),
-        sigma_v=np.full(u.shape, sigma),
-        flags=np.zeros(u.shape, np.uint16),
-        notices=("",) * notices,
-    )
-    monkeypatch.setattr(unlike, "decode", lambda *_: seen)
-    (case,) = (one for one in unlike.unlike_cases(SIZE) if one.label.startswith("unlike gamma 2.2 micro"))
-    result = judged(case, case.make())
-    assert result.verdict == expected
-    assert result.width == pytest.approx(sigma / 0.05, rel=0.1)
-
-
-def test_the_command_draws_as_many_as_asked_for(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    shots: list[edges.Taken] = []
-    take = edges.taken
-    monkeypatch.setattr(edges, "taken", lambda draw: shots.append(take(draw)) or shots[-1])
-    monkeypatch.setattr(edges, "decode", lambda *_: oracle(shots[-1]))
-    monkeypatch.setattr(edges, "check", lambda *_: Integrity((), 1))
-    told = tmp_path / "told.json"
-    asked = ["hard", "--filter", "edges", "--draws", "2", "--first", "3", "--size", "48x64"]
-    run([*asked, "--out", str(tmp_path), "--json", str(told)])
-    record = json.loads(told.read_text())
-    assert [case["case"].split(":")[0].split(",")[0] for case in record["cases"]] == [
-        *("clean 3", "clean 4", "fault 3", "fault 4")
-    ]
-    assert record["faults"] == 0
-    assert {figure["name"] for figure in record["pooled"]} >= {"right frames accused, of draws"}
-    assert len(hard_cases(wanted="edges")) == 48

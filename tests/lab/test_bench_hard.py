@@ -9,17 +9,12 @@ import numpy as np
 import pytest
 
 from lab.hard import hard as listed
-from lab.hard import hard_decode as decoding
-from lab.hard import hard_reconstruct as solving
-from lab.hard.found import Found, beyond
+from lab.hard.found import Found
 from lab.hard.hard import hard_cases, run_hard
 from lab.hard.hard_case import Case, judged, pooled
 from lab.hard.hard_drawn import random_cases
 from lab.program import run
 from optolever import InputError
-from optolever.decode import Correspondence
-from optolever.patterns import sequence
-from optolever.scene import dent, load, resize, trace
 
 SHAPE = (20, 30)
 
@@ -87,11 +82,6 @@ def test_what_breaks_is_a_fault_and_what_is_refused_is_not() -> None:
     assert [(result.verdict, result.fault) for result in results] == [("failed", True), ("refused", False)]
 
 
-def test_every_case_has_a_name_of_its_own() -> None:
-    cases = hard_cases()
-    assert len({case.label for case in cases}) == len(cases)
-
-
 @pytest.mark.parametrize("wanted", ["decode plain gray+phase", "reconstruct smooth noise=0.05 float64"])
 def test_a_case_is_a_pure_function(wanted: str) -> None:
     (one,) = hard_cases(((48, 48),), wanted)
@@ -136,37 +126,6 @@ def test_heights_of_drawn_rigs_that_were_once_silently_wrong(number: int) -> Non
     result = judged(one, one.make())
     assert result.verdict == "good"
     assert result.flagged < HARD_TO_DECODE.get(number, 0.1)
-
-
-def test_a_moving_mirror_may_be_where_it_ever_was() -> None:
-    """The truth is the range of what was true; discrete codes have a limit of their own; NaN is an error."""
-    scene = resize(load("paper-simulation", exact=True), 12, 12)
-    truth = trace(scene, dent("flat", scene))
-    later = replace(truth, u=truth.u + 2.0)
-    sigma = np.full(truth.u.shape, 0.1)
-    flags = np.zeros(truth.u.shape, np.uint16)
-    seen = Correspondence(truth.u + 2.4, truth.v - 0.3, sigma, sigma, flags)
-    phase = decoding.compared(seen, [truth, later], sequence("phase", 12, 12))
-    assert np.abs(phase.error[truth.visible]) == pytest.approx(0.4)
-    assert phase.limit[truth.visible] == pytest.approx(0.5)
-    gray = decoding.compared(seen, [truth, later], sequence("gray", 12, 12))
-    assert gray.limit == pytest.approx(1.5)
-    for name in "uv":
-        unknown = replace(seen, **{name: np.full(truth.u.shape, np.nan)})
-        assert beyond(decoding.compared(unknown, [truth, later], sequence("phase", 12, 12))).all()
-
-
-@pytest.mark.parametrize("radial", [False, True])
-def test_step_slopes_are_the_heights_differences(radial: bool) -> None:
-    scene = resize(load("paper-simulation", exact=True), 32, 32)
-    surface = solving._step(scene, 4, radial=radial)
-    x, y = np.random.default_rng(2).uniform(20, 140, (2, 50))
-    h = 1e-4
-    by_x = (surface.height(x + h, y) - surface.height(x - h, y)) / (2 * h)
-    by_y = (surface.height(x, y + h) - surface.height(x, y - h)) / (2 * h)
-    exact = surface.gradient(x, y)
-    assert np.abs(by_x - exact[0]).max() < 1e-6
-    assert np.abs(by_y - exact[1]).max() < 1e-6
 
 
 def test_command_exit_code_and_pictures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

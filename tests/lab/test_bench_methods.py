@@ -3,14 +3,11 @@
 import json
 import math
 from dataclasses import asdict
-from pathlib import Path
 
-import numpy as np
 import pytest
 
 from lab.bench import methods as table
 from lab.bench.methods import MethodRow, run_methods
-from optolever import InputError
 from optolever.reconstruct import integrator_names, method_names
 
 SIZE = (40, 48)
@@ -47,22 +44,3 @@ def test_mirrors() -> None:
     assert row(rows, "smooth, known point", "coupled").error < 1e-3
     assert "coupled" in method_names()
     json.dumps([asdict(row) for row in rows])
-
-
-def test_fields_of_others(tmp_path: Path) -> None:
-    z, gx, gy, _ = table._field("gaussian", SIZE)
-    mask = np.ones(SIZE, dtype=bool)
-    mask[5:9, 5:9] = False
-    gx[30, 30] = np.nan
-    np.savez(tmp_path / "theirs.npz", z=z, gx=gx, gy=gy, mask=mask)
-    (found,) = run_methods(SIZE, ("theirs",), ("cg",), files=(tmp_path / "theirs.npz",))
-    assert found.case == "theirs"
-    assert found.error < 1e-3
-    np.savez(tmp_path / "less.npz", z=z, gx=gx, gy=gy[:3])
-    with pytest.raises(InputError, match="gy has shape"):
-        run_methods(SIZE, files=(tmp_path / "less.npz",))
-
-
-def test_nothing_left() -> None:
-    with pytest.raises(InputError, match="none left"):
-        run_methods(SIZE, ("no such case",))

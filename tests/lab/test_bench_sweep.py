@@ -6,7 +6,6 @@ import signal
 import subprocess
 import sys
 import warnings
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,8 +13,6 @@ from typing import Any
 import pytest
 
 from lab.bench.sweeps import sweep
-from lab.program import run
-from optolever import InputError
 from optolever.blocks import ONE_THREAD
 from optolever.experiments.bench import Cell, Grid, Row, Store, load_grid
 from optolever.experiments.bench.cell import grouped
@@ -77,28 +74,6 @@ def test_a_stopped_sweep_keeps_its_cells(tmp_path: Path, grid: Grid) -> None:
     rows, had = counted(grid.cells(), store)
     assert had == 2
     assert rows[:2] == kept
-
-
-def test_interrupted_from_the_keyboard(tmp_path: Path, grid: Grid, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Exit code 130, and a report of what was finished."""
-
-    def stopped(cells: list[Cell], *_: object) -> Iterator[Row]:
-        yield Row(cells[0], "done", metrics={"height_rms_rel": 0.1})
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("lab.bench.sweeps.sweep", stopped)
-    for name in ONE_THREAD:
-        monkeypatch.setenv(name, os.environ.get(name, ""))  # the command sets them: put back afterwards
-    assert run(["sweep", str(tmp_path / "grid.toml"), "--workers", "0", "--out", str(tmp_path / "o")]) == 130
-    assert len(json.loads((tmp_path / "o/results.json").read_text())["rows"]) == 1
-    assert (tmp_path / "o/report.html").is_file()
-    assert len((tmp_path / "o/results.csv").read_text().splitlines()) == 2
-
-
-def test_a_scheduler_that_is_not_there(tmp_path: Path, grid: Grid) -> None:
-    pytest.importorskip("distributed", reason="distributed is not installed")
-    with pytest.raises(InputError, match="scheduler"):
-        list(sweep(grid.cells(), Store(tmp_path / "out"), scheduler="nonsense://127.0.0.1:1"))
 
 
 @pytest.mark.slow

@@ -1,13 +1,10 @@
 """The decoder's figures: errors are those that noise allows; how fast it is, is not a matter of tests."""
 
 import math
-from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 
-from lab.figures import decode_errors, decode_speed
 from lab.figures.decode_speed import (
     SPEED_CODES,
     SpeedCode,
@@ -16,7 +13,7 @@ from lab.figures.decode_speed import (
     speed_frames,
     speed_sequence,
 )
-from optolever.decode import Correspondence, decode
+from optolever.decode import decode
 
 SIZE = (40, 64)
 #: On which 40 fringes have periods of more than four cells.
@@ -31,14 +28,6 @@ def test_every_code_has_its_row() -> None:
     for figure in figures:
         assert 0 < figure.value < math.inf
         assert "ns per frame and pixel" in figure.note
-
-
-@pytest.mark.slow
-def test_codes_with_a_profile_have_theirs() -> None:
-    figures = run_decode_figures(size=SIZE, parts=("profiles",))
-    names = [code.name for code in SPEED_CODES if code.profiled]
-    assert [f.name for f in figures] == [f"{name}, with a profile, decode over floor" for name in names]
-    assert all(0 < figure.value < math.inf for figure in figures)
 
 
 @pytest.mark.parametrize(
@@ -56,29 +45,8 @@ def test_frames_show_the_smooth_map(code: SpeedCode) -> None:
     assert max(np.abs(found.u - u)[good].max(), np.abs(found.v - v)[good].max()) < 1.5
 
 
-def test_errors_beside_others() -> None:
-    """Errors are those of the noise put in."""
-    figures = {f.name: f.value for f in run_decode_figures(size=SIZE, parts=("fringes", "gray"))}
-    bound = decode_speed.PERIODS[-1] / (2 * np.pi) * np.sqrt(2 / decode_speed.STEPS)
-    bound *= decode_speed.NOISE / decode_speed.AMPLITUDE
-    assert figures["16 phase frames, optolever, rms error"] == pytest.approx(bound, rel=0.1)
-    assert figures["24 Gray frames, cv2 over optolever"] > 0
-    assert figures["24 Gray frames, optolever, rms error"] < 1
-
-
 @pytest.mark.slow
 def test_all_are_met() -> None:
     figures = run_decode_figures(parts=("errors",))
     assert len(figures) == 19
     assert [figure.name for figure in figures if not figure.met] == []
-
-
-@pytest.mark.slow
-def test_error_bars_that_are_too_short_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    def short(*args: Any, **kwargs: Any) -> Correspondence:
-        found = decode(*args, **kwargs)
-        return replace(found, sigma_u=0.9 * found.sigma_u)
-
-    monkeypatch.setattr(decode_errors, "decode", short)
-    missed = [figure.name for figure in decode_errors._coverage() if not figure.met]
-    assert "phase, within 1 sigma, least" in missed

@@ -4,10 +4,9 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from lab.folders import FAULTS, Folder, Judged, drawn_folder, judged
+from lab.folders import FAULTS, Folder, drawn_folder, judged
 from lab.program import run
 
 
@@ -38,25 +37,6 @@ def test_places_off_the_truth_are_silently_wrong(tmp_path: Path) -> None:
         found.append(judged(replace(folder, area=truth), place))
     assert [one.verdict for one in found] == ["within 5 sigma", "silently wrong"]
     assert found[1].silent == pytest.approx(found[1].good, abs=0.01)
-
-
-def test_a_false_cause_does_not_excuse_wrong_places() -> None:
-    one = Judged(0, "bits reversed", "gray", 0.9, 0.5, "falsely", False, ("frame 3 is missing",))
-    assert one.verdict == "silently wrong"
-
-
-def test_formats_and_names_are_those_of_cameras(tmp_path: Path) -> None:
-    kinds = set()
-    for number in (1, 8, 11):
-        folder = drawn_folder(number)
-        folder.write(tmp_path / str(number))
-        present = {file.name for file in (tmp_path / str(number)).iterdir()}
-        assert set(folder.pictures) <= present
-        assert (len(present) > len(folder.pictures)) == (folder.beside > 0)
-        picture = next(iter(folder.pictures.values()))
-        kinds.add((Path(next(iter(folder.pictures))).suffix, picture.dtype, picture.ndim))
-        assert np.ptp(picture) > 0
-    assert len(kinds) == 3
 
 
 def test_the_table_counts_verdicts(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,6 +1,5 @@
 """`python -m lab`: help with real samples, outputs that are checked, what is missing said before the work."""
 
-import importlib
 import subprocess
 import sys
 from collections.abc import Callable
@@ -9,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from lab.program import NAME, SECTIONS, run
-from optolever.cli.outputs import OutputFile, Program
 
 COMMANDS = [name for names in SECTIONS.values() for name in names]
 
@@ -22,14 +20,6 @@ def test_help_has_a_synopsis_and_a_sample_with_output(name: str, capfd: pytest.C
     sample = text.partition("Sample:")[2].strip().splitlines()
     assert sample[0].startswith(f"$ {NAME} {name}")
     assert len(sample) > 3, "the sample shows no output"
-
-
-@pytest.mark.parametrize("name", COMMANDS)
-def test_every_command_checks_its_outputs(name: str) -> None:
-    command = importlib.import_module(f"lab.commands.{name}").command
-    assert isinstance(command, Program)
-    kinds = {parameter.name: parameter.type for parameter in command.params}
-    assert isinstance(kinds["json_path"], OutputFile)
 
 
 def test_it_runs_from_the_root(root: Path) -> None:

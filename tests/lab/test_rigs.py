@@ -64,18 +64,6 @@ def test_the_judge_takes_the_truth_and_nothing_else(cut: AreaTrace) -> None:
         assert (result.silent_count, result.fault) == (count, count > 3)
 
 
-def test_partly_lit_pixels_are_judged_by_their_lit_part(cut: AreaTrace) -> None:
-    code, right = sequence("phase", 40, 14), true_correspondence(cut)
-    every = replace(right, flags=np.where(cut.visible | cut.partly, 0, right.flags).astype(np.uint16))
-    assert cut.partly.sum() > 10
-    assert judged(rig_case(0), found_area(every, cut, code)).silent_count == 0
-    wrong = replace(every, u=np.where(cut.partly, every.u + 0.5, every.u))
-    assert judged(rig_case(0), found_area(wrong, cut, code)).silent_count == cut.partly.sum()
-    beside = replace(every, flags=np.zeros_like(every.flags))
-    found = judged(rig_case(0), found_area(beside, cut, code))
-    assert found.silent_count > 0.3 * cut.partly.size
-
-
 def test_a_wrong_decoder_fails_and_is_pooled(monkeypatch: pytest.MonkeyPatch) -> None:
     area = trace_area(*_scene_and_surface(14))
 

@@ -2,20 +2,16 @@
 
 import json
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from lab.design import exhaustive
 from lab.design.adaptive import Goal, adapt, share_within, starting
 from lab.design.adaptive_study import actual_share, virtual
-from lab.design.exhaustive import CASES, Case, ChoiceRow, drawn_cases
 from lab.program import run
 from optolever.errors import InputError
-from optolever.experiments.design import Lever, ranking
+from optolever.experiments.design import Lever
 from optolever.scene import dent, load, resize
 
 
@@ -99,50 +95,6 @@ def test_adapt_stands_beside_the_best_fixed_sequence(
     assert all(row["fixed_within"] >= 0.95 for row in found["rows"])
     printed = capsys.readouterr().out
     assert f"on {found['fewer']} of 2 dents" in printed
-
-
-def _little(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Few candidates, few draws: no figure is judged here."""
-    offer = ranking.candidates
-
-    def few(*asked: int) -> list[Any]:
-        return offer(*asked)[:5]
-
-    monkeypatch.setattr(ranking, "candidates", few)
-
-
-@pytest.mark.slow
-def test_choices_come_case_by_case(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Ctrl-C in the second case keeps the first one, printed and in the file."""
-    numbers, small = tmp_path / "choices.json", replace(CASES[7], frames=12)
-    monkeypatch.setattr(exhaustive, "CASES", (small, CASES[8]))
-    _little(monkeypatch)
-    real, asked = exhaustive.run_choice, []
-
-    def until_interrupted(case: Case, **options: Any) -> ChoiceRow:
-        asked.append(case)
-        if len(asked) == 2:
-            raise KeyboardInterrupt
-        return real(case, **options)
-
-    monkeypatch.setattr(exhaustive, "run_choice", until_interrupted)
-    options = ["--pixels", "48", "--seeds", "1", "--more", "1", "--renderer", "numpy"]
-    assert run(["choices", *options, "--json", str(numbers)]) == 130
-    (row,) = json.loads(numbers.read_text())["rows"]
-    assert row["case"] == small.name
-    assert row["excess"] >= 0
-    printed = capsys.readouterr().out
-    assert row["chosen"] in printed
-    assert f"within 5 % of the best  {int(row['excess'] <= 0.05)} of 1" in printed
-
-
-def test_drawn_scenes_have_numbers() -> None:
-    """A number's scene is always the same, and one that can be built."""
-    assert list(drawn_cases(3, 4)) == list(drawn_cases(7))[4:]
-    for case in drawn_cases(12):
-        assert min(case.scene(48).camera.rows, case.scene(48).camera.cols) == 48
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,6 @@ import pytest
 from scipy import ndimage
 
 from lab.hard import hard_surroundings as hard
-from lab.hard.found import FrameVerdict
 from lab.hard.hard_case import Case, run_case
 from lab.hard.hard_surroundings import AROUND, FORMS, surrounded
 from optolever.decode import Correspondence, Flag
@@ -86,29 +85,3 @@ def test_a_decoder_that_surroundings_mislead_fails(
     fake_decoder(monkeypatch, 0.02, bias, flagged)
     found = hard._decoded(replace(ONE, sequence="phase"), (48, 48))
     assert run_case(replace(case, make=lambda: found)).verdict == verdict
-
-
-def test_a_missed_fault_is_a_fault(case: Case) -> None:
-    found = (
-        FrameVerdict("swapped 0 1", moves=True, hidden=False, named=True),
-        FrameVerdict("lost 1", moves=True, hidden=False, named=False),
-        FrameVerdict("lost 2", moves=False, hidden=True, named=False),
-    )
-    result = run_case(replace(case, make=lambda: found))
-    assert (result.verdict, result.fault, result.silent_count) == ("fault missed", True, 1)
-    assert "lost 1" in result.why
-    assert "lost 2" not in result.why
-    named = tuple(replace(one, named=one.counts) for one in found)
-    assert run_case(replace(case, make=lambda: named)).verdict == "good"
-
-
-@pytest.mark.usefixtures("case")
-def test_faults_that_change_nothing_are_not_expected(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A judge that detects everything: all that matters is expected, and white for black matters."""
-    fake_decoder(monkeypatch)
-    monkeypatch.setattr(hard, "_is_detected", lambda *_: True)
-    found = hard._frame_faults(ONE, (48, 48))
-    counts = {one.fault: one.counts for one in found}
-    assert all(one.named for one in found if one.counts)
-    assert counts["swapped 0 1"]
-    assert len(counts) == len(found)

@@ -1,11 +1,5 @@
 """Sequences against the definitions of their codes."""
 
-import os
-import pickle
-import subprocess
-import sys
-from dataclasses import replace
-from itertools import pairwise
 from typing import Any
 
 import cv2
@@ -84,16 +78,6 @@ def test_fringe_levels_follow_the_formula() -> None:
     assert np.abs(frame.tables(3, 90)[0] - level).max() <= 0.5
 
 
-def test_cells_of_half_a_period() -> None:
-    """Gray cells of 4 px: pixel k lies in cell k // 4."""
-    shown = sequence("gray+phase", 64, 64, axes="u", period=8)
-    gray = [i for i, frame in enumerate(shown.frames) if frame.kind == "gray"]
-    assert all(shown.frames[i].cell_px == 4 for i in gray)
-    words = shown.tables()[0][gray]
-    changes = np.flatnonzero(np.any(np.diff(words.astype(int), axis=1), axis=0)) + 1
-    np.testing.assert_array_equal(changes, np.arange(4, 64, 4))
-
-
 def test_uncovered_levels_of_a_lattice_add_up_to_its_lines() -> None:
     frame = Frame("lattice", period_px=12.5, width_px=3.3, offset_px=6.2)
     lines = lattice_lines(frame, 100)
@@ -142,23 +126,6 @@ def test_opposite_shifts_are_symmetrical_in_time(steps: int, axes: str) -> None:
         for phase in np.linspace(0, 6, 7):
             told = np.angle(np.cos(phase + phases - shifts) @ np.exp(1j * shifts) * np.exp(-1j * phase))
             assert told == pytest.approx(phases.mean(), abs=1e-5)
-
-
-@pytest.mark.parametrize("steps", [3, 4, 6, 8])
-def test_what_is_left_of_the_frame_before_turns_no_phase(steps: int) -> None:
-    """On average over the places along the other axis."""
-    shown = sequence("phase", 64, 64, steps=steps, periods=16.0)
-    shift, is_u = (
-        np.array(one) for one in zip(*((f.shift, f.axis == "u") for f in shown.frames), strict=True)
-    )
-    phase_u, phase_v = np.meshgrid(np.linspace(0, 2 * np.pi, 48, False), np.linspace(0, 2 * np.pi, 48, False))
-    light = [np.cos((phase_u if u else phase_v) - at) for at, u in zip(shift, is_u, strict=True)]
-    seen = light[:1] + [0.9 * now + 0.1 * before for before, now in pairwise(light)]
-    for own, phase in ((is_u, phase_u), (~is_u, phase_v)):
-        told = sum(seen[i] * np.exp(1j * shift[i]) for i in np.flatnonzero(own))
-        turned = np.angle(told * np.exp(-1j * phase))
-        assert np.abs(turned).max() > 0.02
-        assert abs(turned.mean()) < 1e-3
 
 
 def test_spot_is_a_raster_row_by_row() -> None:
@@ -267,37 +234,6 @@ def test_long_run_gray_is_a_gray_code_without_narrow_stripes(bits: int) -> None:
         assert len(edges) < 2 or np.diff(edges).min() >= shortest_run(bits)
     least = {1: 1, 5: 4, 6: 4, 7: 5, 8: 5, 9: 5}.get(bits, 2 if bits < 5 else 7)
     assert shortest_run(bits) >= least  # the reflected code: 2
-
-
-def test_hash_goes_with_equality_from_process_to_process() -> None:
-    """What is kept by a sequence is found again by its equal, wherever that was made."""
-    own = sequence("phase", 30, 40, periods=(40, 8))
-    script = "import pickle, sys; from optolever.patterns import sequence; "
-    script += "sys.stdout.buffer.write(pickle.dumps(sequence('phase', 30, 40, periods=(40, 8))))"
-    for seed in ("1", "2"):
-        environment = {**os.environ, "PYTHONHASHSEED": seed}
-        told = subprocess.run(
-            [sys.executable, "-c", script], env=environment, capture_output=True, check=True
-        )
-        other = pickle.loads(told.stdout)
-        assert other == own
-        assert hash(other) == hash(own)
-    assert hash(replace(own, name="other")) != hash(own)
-    assert hash(replace(own, name=own.name)) == hash(own)
-
-
-def test_frames_that_cannot_be_hashed_are_shown_all_the_same() -> None:
-    own = sequence("phase", 30, 40, periods=8)
-    listed = Sequence(list(own.frames), 30, 40)  # type: ignore[arg-type]
-    assert np.array_equal(listed.render(), own.render())
-    with pytest.raises(InputError, match="frames is empty"):
-        Sequence([], 30, 40)  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize("name", ["cell_px", "width_px"])
-def test_widths_that_no_whole_number_counts_are_refused(name: str) -> None:
-    with pytest.raises(InputError, match=f"{name} is 1e-300, must be at least 1e-06"):
-        Frame("levels", "u", levels=(0, 255), **{name: 1e-300})
 
 
 def test_a_shift_in_degrees_or_as_a_step_of_some() -> None:

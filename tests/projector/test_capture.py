@@ -273,28 +273,3 @@ def test_bad_folders_end_in_one_line(tmp_path: Path, case: str) -> None:
         Capture.load(tmp_path / "c")
     for word in words:
         assert word in str(caught.value)
-
-
-def test_values_beyond_the_bits_are_refused(tmp_path: Path) -> None:
-    made(12).save(tmp_path / "c")
-    values = np.zeros((12, 17), np.uint16)
-    values[3, 4] = 4096
-    cv2.imwrite(str(tmp_path / "c" / "frames" / "002.png"), values)
-    with pytest.raises(InputError, match=r"002\.png: value 4096, the limit of 12 bits is 4095"):
-        Capture.load(tmp_path / "c")
-
-
-def test_no_frames_are_described(tmp_path: Path) -> None:
-    (tmp_path / "capture.toml").write_text("version = 1\nrows = 3\ncols = 3\n")
-    with pytest.raises(InputError, match=r"capture\.toml: frames is None"):
-        Capture.load(tmp_path)
-
-
-class Projector:
-    """A display that remembers what it showed."""
-
-    def __init__(self) -> None:
-        self.shown: list[int] = []
-
-    def show(self, index: int) -> None:
-        self.shown.append(index)

@@ -89,21 +89,6 @@ def test_unknown_renderer_is_refused() -> None:
         chosen_renderer("vulkan")
 
 
-def test_gl_errors_do_not_pass_silently(gl: moderngl.Context) -> None:
-    texture = gl.texture((2, 2), 1)
-    with pytest.raises(RuntimeError, match="GL_INVALID"), module.checked(gl):
-        make_an_error(gl, texture)
-    module.free(gl, texture)
-
-
-def make_an_error(ctx: moderngl.Context, texture: moderngl.Texture) -> None:
-    """Free a framebuffer while it is bound: moderngl binds it again after making the next one."""
-    target = ctx.framebuffer([texture])
-    target.use()
-    target.release()
-    ctx.framebuffer([texture]).release()
-
-
 FORK = """
 import multiprocessing, os
 from optolever import InputError

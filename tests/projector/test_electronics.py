@@ -44,12 +44,6 @@ def test_read_noise_has_the_given_rms_and_no_bias() -> None:
     assert ((centred / 3) ** 4).mean() == pytest.approx(3.0, abs=4 * np.sqrt(96 / count))
 
 
-def test_quantisation_to_8_bits_adds_a_twelfth() -> None:
-    values = digits(LINEAR, 0.5017, noise=1.0)
-    assert values.var() == pytest.approx(1 + 1 / 12, rel=0.02)
-    assert values.mean() == pytest.approx(0.5017 * 255, abs=0.02)
-
-
 @pytest.mark.parametrize("electrons", [0.5, 4.0, 40.0])
 def test_shot_noise_is_poisson(electrons: float) -> None:
     """Variance = mean / electrons per level; skewness 1/sqrt(mean electrons); the offset has none."""
@@ -60,20 +54,6 @@ def test_shot_noise_is_poisson(electrons: float) -> None:
     skewness = ((values - values.mean()) ** 3).mean() / values.std() ** 3
     assert skewness == pytest.approx(1 / np.sqrt(63.75 * electrons), abs=0.03)
     assert (digits(sensor, 0.0) == 20).all()
-
-
-def test_shot_and_read_noise_add_in_variance() -> None:
-    values = digits(Sensor(gain_e=10.0), 0.5, noise=2.0, bits=16) * 255 / 65535
-    assert values.var() == pytest.approx(127.5 / 10 + 4, rel=0.03)
-
-
-def test_response_is_the_scenes() -> None:
-    sensor = Sensor(gamma=2.2, exposure=0.7, offset=5.0)
-    for light in (0.0, 0.1, 0.5, 1.0):
-        expected = sensor.levels(np.array(0.8 * light))
-        assert digits(sensor, light, bits=16, gain=0.8)[0, 0] == pytest.approx(
-            expected * 65535 / 255, abs=0.6
-        )
 
 
 def test_flicker_is_the_mean_over_the_shutter() -> None:
@@ -118,23 +98,6 @@ def test_exposures_of_the_frames_and_of_the_call() -> None:
     levels = inner(given.frames)[:, 5, 5]
     assert levels.tolist() == [59.0, 186.0, 59.0]  # 16 + 216.75 * (200, 200, 200) / 255 * (1/4, 1, 1/4)
     assert [frame.exposure for frame in given.sequence.frames] == [0.25, 2.0, 0.25]
-
-
-def test_flicker_dims_whole_frames() -> None:
-    scene, shown = small()
-    flickering = replace(scene, sensor=Sensor(flicker=0.2, flicker_hz=30.0, frame_s=1 / 90, exposure=0.8))
-    seen = inner(capture(flickering, dent("flat", scene), shown, renderer="numpy").frames)[:, 5, 5]
-    factors = 1 + 0.2 * np.sin(2 * np.pi * np.arange(3) / 3)
-    np.testing.assert_allclose(seen, 0.8 * factors * [200, 100, 100], atol=0.51)
-
-
-def test_noise_adds_to_the_sensors_own() -> None:
-    scene, shown = small()
-    noisy = replace(scene, sensor=Sensor(noise=3.0, exposure=0.5, bits=12))
-    seen = capture(noisy, dent("flat", scene), shown, renderer="numpy", noise=4.0)
-    assert seen.bits == 12
-    assert seen.frames.dtype == np.uint16
-    assert (inner(seen.frames) * 255 / 4095).std(axis=(1, 2)) == pytest.approx([5.0] * 3, rel=0.15)
 
 
 def test_noise_is_seeded_per_frame_and_independent_of_strips(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -139,14 +139,6 @@ def test_colour_is_luminance_or_a_channel(tmp_path: Path) -> None:
         assert found.notices == ()
 
 
-def test_what_clips_in_one_colour_is_white(tmp_path: Path) -> None:
-    images = np.repeat(frames(top=200)[..., None], 3, -1)
-    images[..., 2] //= 2
-    images[0, 3, 4] = 10, 20, 255
-    found = Capture.from_pictures(write(tmp_path / "c", images), SHOWN)
-    assert found.frames[0, 3, 4] == 255
-
-
 def test_a_colour_that_carries_nothing_is_named(tmp_path: Path) -> None:
     images = np.repeat(frames()[..., None], 3, -1)
     images[..., 0] = 7
@@ -229,13 +221,6 @@ def test_another_number_of_pictures_says_what_would_have_it(case: str, tmp_path:
         Capture.from_pictures(folder, SHOWN)
     for word in words:
         assert word in str(caught.value)
-
-
-def test_a_number_that_no_name_has(tmp_path: Path) -> None:
-    folder = write(tmp_path / "c", frames())
-    (folder / "img_7.png").unlink()
-    with pytest.raises(InputError, match="no picture has the number 7"):
-        Capture.from_pictures(folder, SHOWN)
 
 
 def test_what_is_no_folder_of_pictures(tmp_path: Path) -> None:

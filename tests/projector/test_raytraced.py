@@ -14,7 +14,6 @@ from optolever.projector import (
     VirtualSensor,
     area_frames,
     area_light,
-    expose,
     trace_area,
 )
 from optolever.scene import Scene, Sensor, dent, load, resize, trace
@@ -90,11 +89,6 @@ def test_a_dent_is_the_mean_of_many_rays(name: str) -> None:
     assert np.abs(light - supersampled(scene, surface, frames, 12)).max() < 1.2e-3
 
 
-def test_the_mean_of_a_flat_mirror_is_what_its_centre_sees(flat: AreaTrace) -> None:
-    for mean, centre in zip(flat.mean(), (flat.centre.u, flat.centre.v), strict=True):
-        assert np.abs(mean - centre)[flat.visible].max() < 1e-9
-
-
 def test_pixels_at_the_border_see_a_part() -> None:
     scene = rig()
     cut = replace(scene.pattern, cols=scene.pattern.cols // 2)
@@ -134,35 +128,12 @@ def test_lighting_dims_corners_and_the_display(flat: AreaTrace) -> None:
     assert uneven.min() == pytest.approx(0.7, abs=0.03)
 
 
-def test_vignetting_goes_on_within_pixels() -> None:
-    """A third of a pixel has the vignetting of its own place, as a fringe's shift by uneven light tells."""
-    vignette, ratios = Lighting(vignetting=0.5), []
-    for size in (24, 72):
-        scene = replace(resize(load("paper-simulation"), size, size), pattern=rig().pattern)
-        area, frames = trace_area(scene, dent("flat", scene)), shown(scene)
-        dimmed, plain = (area_light(area, frames, lighting)[3] for lighting in (vignette, None))
-        dimmed, plain = (one.reshape(24, size // 24, 24, -1).mean(axis=(1, 3)) for one in (dimmed, plain))
-        ratios.append(dimmed / plain)
-    np.testing.assert_allclose(*ratios, atol=3e-4)
-
-
 def test_dark_current_has_the_shot_noise_of_as_much_light(flat: AreaTrace) -> None:
     frames = shown(flat.scene, Frame("black"))
     sensor = Sensor(bits=16, offset=20.0, exposure=0.5, gain_e=4.0)
     dark = area_frames(flat, frames, sensor, Lighting(dark=10.0)) / 257.0
     assert dark.mean() == pytest.approx(30.0, abs=0.2)
     assert dark.var() == pytest.approx(10.0 / 4.0, rel=0.15)
-
-
-def test_noise_goes_by_place(flat: AreaTrace) -> None:
-    """What is beside a pixel does not change its noise."""
-    frames = shown(flat.scene)
-    sensor, light = Sensor(noise=2.0, offset=30.0, exposure=0.5), area_light(flat, frames)
-    halved = light.copy()
-    halved[:, :, :12] *= 0.5
-    first, second = expose(light, frames, sensor, seed=3), expose(halved, frames, sensor, seed=3)
-    assert (first[:, :, 12:] == second[:, :, 12:]).all()
-    assert (first[:, :, :12] != second[:, :, :12]).mean() > 0.5
 
 
 @pytest.mark.parametrize("blur", [0.0, 0.6])

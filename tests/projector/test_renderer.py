@@ -39,22 +39,6 @@ def test_every_kind_is_bit_equal(gl: moderngl.Context) -> None:
     np.testing.assert_array_equal(render(KINDS), KINDS.render())
 
 
-def test_all_products_and_means_of_levels_round_alike(gl: moderngl.Context) -> None:
-    """A crossed and a lattice frame over tables that meet all kinds of pairs of levels."""
-    for frame in (
-        Frame("crossed", period_px=255.7),
-        Frame("stripe", "uv", width_px=200.0, at_u=100.0, at_v=130.0),
-    ):
-        shown = Sequence((frame,), 256, 256)
-        np.testing.assert_array_equal(render(shown), shown.render())
-
-
-@pytest.mark.parametrize(("rows", "cols"), [(1, 1), (1, 7), (5, 1), (3, 4099)])
-def test_odd_sizes(gl: moderngl.Context, rows: int, cols: int) -> None:
-    shown = sequence("phase", rows, cols, periods=5.0)
-    np.testing.assert_array_equal(render(shown), shown.render())
-
-
 def test_frames_come_in_any_order_and_into_given_memory(gl: moderngl.Context) -> None:
     out = np.zeros((KINDS.rows, KINDS.cols), np.uint8)
     with PatternRenderer(KINDS) as renderer:

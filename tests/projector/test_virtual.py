@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 
 from optolever import InputError
 from optolever.experiments.metrics import rms
-from optolever.patterns import Frame, Sequence, sequence
-from optolever.projector import NOMINAL_SENSOR, VirtualSensor, capture, measure_renderer
+from optolever.patterns import Frame, Sequence
+from optolever.projector import NOMINAL_SENSOR, capture
 from optolever.scene import (
-    Display,
     Medium,
     Scene,
     Surface,
@@ -125,18 +124,6 @@ def test_frames_are_those_of_many_rays(renderer: str, name: str, blur: float, tu
     assert np.ptp(expected[3]) > 100
 
 
-def test_pinhole_display_response_and_fresnel_are_those_of_many_rays(renderer: str) -> None:
-    whole = load("monitor-mirror")
-    camera = part(whole.camera, 400, 600, 8, 9)
-    scene = replace(whole, camera=camera, medium=Medium(1.0, 1.5), display=Display(gamma=2.2, black=0.02))
-    surface = dent("gaussian", whole)
-    seen = levels(capture(scene, surface, shown(scene), renderer=renderer, bits=16).frames)
-    expected = 16 + 216.75 * supersampled(scene, surface, shown(scene), 8)
-    assert expected[0].max() < 0.2 * 216.75  # glass reflects a few per cent
-    for index, frame in enumerate(SHAPES):
-        assert rms(seen[index] - expected[index]) < 0.5, frame
-
-
 @pytest.mark.parametrize("degrees", [40.0, 44.0, 44.9, 46.0])
 def test_fresnel_dims_below_the_critical_angle(renderer: str, degrees: float) -> None:
     """White on a flat mirror at 45 degrees is as bright as Fresnel's formulas with complex cosines say."""
@@ -175,21 +162,6 @@ def test_a_wall_hides_what_is_behind_it(renderer: str) -> None:
     assert np.count_nonzero(seen != visible) <= 0.01 * visible.size
 
 
-def test_a_moving_mirror_is_where_it_is_when_the_frame_is_taken() -> None:
-    small = resize(load("paper-simulation"), 32, 32)
-    scene = replace(small, sensor=replace(NOMINAL_SENSOR, frame_s=0.1))
-    moving = moving_dent("gaussian", scene, {"x": 40.0}, x=60.0)
-    seen = capture(scene, moving, shown(scene), renderer="numpy")
-    assert seen.timestamps is not None
-    np.testing.assert_allclose(seen.timestamps, 0.1 * np.arange(len(SHAPES)))
-    for index, time in enumerate(seen.timestamps):
-        still = capture(scene, moving(float(time)), shown(scene), renderer="numpy")
-        np.testing.assert_array_equal(seen.frames[index], still.frames[index])
-    assert (
-        seen.frames[3] != capture(scene, moving(0.0), shown(scene), renderer="numpy").frames[3]
-    ).mean() > 0.05
-
-
 def test_motion_during_the_exposure_averages(renderer: str) -> None:
     small = resize(load("paper-simulation"), 32, 32)
     scene = replace(small, sensor=replace(NOMINAL_SENSOR, frame_s=0.1, shutter_s=0.08, bits=16))
@@ -203,31 +175,6 @@ def test_motion_during_the_exposure_averages(renderer: str) -> None:
             capture(scene, moving(t), brief, renderer=renderer).frames[index].astype(float) for t in instants
         ]
         np.testing.assert_allclose(seen[index], np.mean(stills, axis=0), atol=1.5)
-
-
-@pytest.mark.usefixtures("gl_info")
-def test_sensors_that_share_programs_do_not_draw_with_each_others_uniforms() -> None:
-    scenes = [resize(load("paper-simulation"), size, size) for size in (16, 24)]
-    moving = moving_dent("gaussian", scenes[0], {"x": 40.0}, x=60.0)
-    codes = [sequence("gray", scene.pattern.rows, scene.pattern.cols) for scene in scenes]
-    alone = [
-        capture(scene, moving, code, renderer="gl").frames for scene, code in zip(scenes, codes, strict=True)
-    ]
-    with (
-        VirtualSensor(scenes[0], moving, codes[0], renderer="gl") as first,
-        VirtualSensor(scenes[1], moving, codes[1], renderer="gl") as second,
-    ):
-        for _ in range(2):
-            np.testing.assert_array_equal(first.capture().frames, alone[0])
-            np.testing.assert_array_equal(second.capture().frames, alone[1])
-
-
-def test_more_frames_than_attachments(gl: moderngl.Context) -> None:
-    scene = resize(load("paper-simulation"), 24, 24)
-    many = sequence("phase", scene.pattern.rows, scene.pattern.cols, axes="u", steps=37, periods=9.0)
-    flat = dent("raised-cosine", scene)
-    a, b = (capture(scene, flat, many, renderer=renderer).frames.astype(int) for renderer in ("gl", "numpy"))
-    assert np.abs(a - b).max() <= 1
 
 
 @pytest.mark.parametrize(
@@ -273,11 +220,3 @@ def test_a_pixel_sees_where_its_light_comes_from(renderer: str) -> None:
     waves = [np.tensordot(inverse[1] + 1j * inverse[2], each[1:], 1) for each in (seen, truth)]
     off = np.angle(waves[0] / waves[1])[inner] * period / (2 * np.pi)
     assert np.sqrt(np.mean(off**2)) < 0.004
-
-
-def test_speeds(renderer: str) -> None:
-    scene = load("paper-simulation")
-    speed = measure_renderer(scene, dent("flat", scene), 60, 80, seconds=0.05, renderer=renderer)
-    assert (speed.rows, speed.cols, speed.renderer) == (60, 80, renderer)
-    assert (speed.drawn > 0) == (speed.read_back > 0) == (renderer == "gl")
-    assert speed.captured > 0

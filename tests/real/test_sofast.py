@@ -217,15 +217,6 @@ def test_screen_points(real: Path, rig: SofastRig, on_plane: Correspondence) -> 
     assert (np.linalg.norm(camera - facet, axis=1) > 9000).all()
 
 
-def test_slopes_at_the_given_surface(real: Path, rig: SofastRig, on_plane: Correspondence) -> None:
-    found = slopes(surface_points(real), on_plane, rig, rig.mask)
-    assert np.abs(found - expected(real, "SlopeSolverData/slopes_facet_xy")).max() < 1e-7
-
-
-def test_the_facet_is_solved_whole(rig: SofastRig, free_form: HeightMap) -> None:
-    assert (rig.mask & free_form.good).sum() > 0.99 * rig.mask.sum()
-
-
 def test_free_form_solve(real: Path, rig: SofastRig, on_plane: Correspondence, free_form: HeightMap) -> None:
     """Anchored where SOFAST measured its distance: slopes as its own, heights that integrate to them."""
     height = free_form

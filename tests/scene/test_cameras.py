@@ -6,7 +6,6 @@ import cv2
 import numpy as np
 import pytest
 
-from optolever import InputError
 from optolever.scene import Face, PinholeCamera, TelecentricCamera, load, prism_camera, resize
 
 LENSES = [(0, 0, 0, 0, 0), (-0.3, 0.1, 0, 0, 0), (0.2, -0.1, 0.003, -0.004, 0.05)]
@@ -125,24 +124,3 @@ def test_resize_keeps_the_field_of_view(name, size):
         before = getattr(scene.pattern, side) * scene.pattern.pitch
         after = getattr(small.pattern, side) * small.pattern.pitch
         assert before - 1e-4 <= after < before + small.pattern.pitch
-
-
-def test_resize_to_the_same_size_changes_nothing():
-    scene = load("paper-simulation")
-    assert resize(scene, 1637, 1637) == scene
-    back = resize(resize(scene, 100, 100), 1637, 1637)
-    assert np.allclose(back.camera.origin, scene.camera.origin, atol=1e-10, rtol=0)
-    with pytest.raises(InputError, match="rows = 0: must be 1 to"):
-        resize(scene, 0, 10)
-
-
-def test_records_compare_by_value():
-    assert pinhole() == pinhole()
-    assert hash(pinhole()) == hash(pinhole())
-    assert pinhole() != pinhole(rows=481)
-    assert pinhole() != prism_camera(1.0, 0.5, 2, 2, np.array([1.0, 1.0]))
-
-
-def test_records_cannot_be_changed_through_their_arrays():
-    with pytest.raises(ValueError, match="read-only"):
-        pinhole().origin[0] = 1.0

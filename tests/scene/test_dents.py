@@ -102,11 +102,3 @@ def test_relief_has_the_images_shape(picture):
     assert surface.grid is not None
     small = resize(scene, 40, 50)
     assert trace(small, surface).visible.mean() > 0.5
-
-
-def test_a_file_that_is_no_image(tmp_path):
-    scene = load("prism48")
-    for name, content in (("empty.png", b""), ("text.png", b"no image")):
-        (tmp_path / name).write_bytes(content)
-        with pytest.raises(InputError, match=rf"{name}: not an image"):
-            dent("relief", scene, path=str(tmp_path / name))

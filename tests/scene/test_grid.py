@@ -46,12 +46,6 @@ def test_level_and_without_a_step_beyond_the_edges():
     assert np.array_equal(grid.height(x, 0 * y + 99), grid.height(x, 0 * y + bottom))
 
 
-def test_nan_in_nan_out():
-    z = random_grid().height(np.array([np.nan, 3.0]), np.array([0.0, 0.0]))
-    assert np.isnan(z[0])
-    assert np.isfinite(z[1])
-
-
 def test_sampled_surface_converges_with_the_fourth_power():
     scene = load("paper-simulation")
     exact = dent("raised-cosine", scene)

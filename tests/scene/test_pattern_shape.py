@@ -56,16 +56,6 @@ def test_traced_places_lie_on_the_ray_and_on_the_surface(shape: PatternShape) ->
     assert np.abs(x - p.point(u, v)).max() < 1e-12
 
 
-def test_bow_is_what_its_formula_says() -> None:
-    shape = bow(SCENE)
-    rows, cols = SCENE.pattern.rows, SCENE.pattern.cols
-    middle = (
-        np.array([0.5 * (cols - 1), cols - 0.5, -0.5]),
-        np.array([0.5 * (rows - 1), 0.5 * (rows - 1), -0.5]),
-    )
-    assert np.allclose(shape.offset(*middle)[:, 2], [0.0, 2.0, 2.0 - 1.0 + 1.5], atol=1e-14)
-
-
 def test_height_behind_a_shaped_pattern(shape: PatternShape) -> None:
     flat, scene = SCENE, with_shape(SCENE, shape)
     seen = trace(scene, dent("gaussian", scene, peak=0.5, sigma=20))

@@ -6,14 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from optolever.scene import PinholeCamera, dent, dent_from_text, load, preset_names, resize, trace
+from optolever.scene import dent, dent_from_text, load, resize, trace
 
 ALL = ("monitor-mirror", "paper-prototype", "paper-simulation", "prism48")
-
-
-def test_their_names():
-    assert preset_names() == ALL
-    assert all(load(name).name == name for name in ALL)
 
 
 @pytest.mark.parametrize("name", ALL)
@@ -96,11 +91,3 @@ def test_prism48_keeps_total_reflection_for_its_dent():
     assert (scene.medium.reflectance(np.cos(seen.incidence[seen.visible])) == 1).all()
     rest = trace(scene, dent("flat", scene))
     assert np.degrees(rest.incidence) == pytest.approx(48, abs=1e-9)
-
-
-def test_monitor_mirror_is_an_open_air_rig():
-    scene = load("monitor-mirror")
-    assert isinstance(scene.camera, PinholeCamera)
-    assert scene.camera.distortion.any()
-    assert scene.medium is None
-    assert 500 < scene.pattern.cols * scene.pattern.pitch < 600

@@ -13,9 +13,7 @@ from optolever.scene import (
     RestForm,
     Scene,
     Surface,
-    adjusted,
     load,
-    parameter_values,
     resize,
     trace,
     without_rest_form,
@@ -47,12 +45,6 @@ def sagging(scene: Scene) -> Surface:
     return Surface(lambda x, y: height(x, y, scene), gradient)
 
 
-def test_height(scene: Scene) -> None:
-    x, y = np.random.default_rng(0).uniform(0, 45, (2, 50))
-    assert scene.rest_form is not None
-    assert scene.rest_form.height(x, y, scene.mirror) == pytest.approx(height(x, y, scene), abs=1e-15)
-
-
 def test_a_saved_form_loads_back_equal(scene: Scene, tmp_path: Path) -> None:
     scene.save(tmp_path / "rig.toml")
     assert load(tmp_path / "rig.toml") == scene
@@ -74,19 +66,6 @@ def test_the_day_of_a_calibration_is_kept_in_the_rig(scene: Scene, tmp_path: Pat
         load(tmp_path / "rig.toml")
     with pytest.raises(InputError, match="date is 'yesterday'"):
         replace(scene.covariance, date="yesterday")
-
-
-def test_coefficients_are_numbers_of_the_scene(scene: Scene) -> None:
-    assert parameter_values(scene)["rest.L11"] == FORM[1]
-    moved = adjusted(scene, {"rest.L11": 0.5}).rest_form
-    assert moved is not None
-    assert moved.values == RestForm(FORM).values | {"L11": 0.5}
-
-
-def test_without_the_form(scene: Scene) -> None:
-    plain = without_rest_form(scene)
-    assert plain.rest_form is None
-    assert plain.covariance == Covariance(("pattern.z",), [[4e-8]], sources=("all",), parts=[[[4e-8]]])  # type: ignore[arg-type]
 
 
 def test_the_default_anchor_lies_on_it(scene: Scene) -> None:

@@ -118,22 +118,6 @@ def test_facets_by_name(tmp_path: Path) -> None:
         load_sofast_rig(path)
 
 
-def test_a_facet_of_another_layout(tmp_path: Path) -> None:
-    """The group has the name that was asked for, and none of its fields: the name is not what is missing."""
-    for fields, found in (({"v_screen": np.ones(3), "mask": np.ones(3)}, "mask, v_screen"), ({}, "no field")):
-        path = h5_file(
-            tmp_path / "old.h5",
-            {f"DataSofastCalculation/facet/facet_000/{key}": v for key, v in fields.items()},
-        )
-        if not fields:
-            with h5py.File(path, "a") as file:
-                file.create_group("DataSofastCalculation/facet/facet_000")
-        with pytest.raises(InputError, match=r"r_cam_optic: a result of another version") as refused:
-            load_sofast_rig(path)
-        assert f"facet 'facet_000' has {found}, must have CalculationDataGeometryFacet" in str(refused.value)
-        assert "no facet" not in str(refused.value)
-
-
 def test_an_undefined_mirror_is_what_its_lit_pixels_see(tmp_path: Path) -> None:
     """10 m away, f = 500 pixels, 20 x 10 of them around the optical axis: 20 mm each, columns along x, rows
     against y."""
