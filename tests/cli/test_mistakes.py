@@ -67,6 +67,22 @@ LINES = [
     ("calibrate {scene} --out {out}.toml", ("TARGET=CAPTURE", "--weight NEWTON=H.npz")),
     ("calibrate {scene} --weight 1={h} --out {out}.toml", ("has no [layer]",)),
     ("replay {capture}", ("no recording", "log.jsonl")),
+    ("captur", ("captur",)),
+    ("decode x --outt y", ("--outt",)),
+    ("decode {out}/nowhere --out {out}.npz", ("nowhere", "no such")),
+    ("decode {capture} --out {folder}", ("is a folder",)),
+    ("capture --scene prism48 --size 20000x20000 {many} --out {out}", ("GiB",)),
+    ("capture --scene prism48 --size 65536x65536 {many} --out {out}", ("GiB",)),
+    ("capture {scene} --noise -1 --out {out}", ("--noise", "-1")),
+    ("capture {scene} --out {out}/deeper/still", ("deeper", "does not exist")),
+    ("capture {scene} --out {out} --json {out}/none/n.json", ("n.json",)),
+    ("capture {scene} --out {capture}", ("no empty folder",)),
+    ("{solve} --method magic --out {out}.npz", ("magic",)),
+    ("{solve} --anchor corner --out {out}.npz", ("corner",)),
+    ("{solve} --anchor none --out {out}.npz", ("anchor",)),
+    ("{solve} --mask {small} --out {out}.npz", ("8x8",)),
+    ("{solve} --rest none.npz --out {out}.npz", ("none.npz",)),
+    ("{solve} --rest {h} --out {out}.npz", ("field",)),
 ]
 
 
@@ -74,9 +90,15 @@ LINES = [
 def test_a_line_that_is_not_meant_so(
     line: str, words: tuple[str, ...], refused: Refused, chain: Chain, tmp_path: Path
 ) -> None:
+    """An older result is kept."""
     solve = f"reconstruct {chain.correspondence} --scene {chain.capture / 'scene.toml'}"
+    (tmp_path / "out.npz").write_bytes(b"an older result")
+    cv2.imwrite(str(tmp_path / "small.png"), np.full((8, 8), 255, np.uint8))
     known = {
         "out": tmp_path / "out",
+        "folder": tmp_path,
+        "small": tmp_path / "small.png",
+        "many": "--sequence phase:steps=64,periods=9/10/11",
         "capture": chain.capture,
         "c": chain.correspondence,
         "h": chain.height,
@@ -125,3 +147,17 @@ def test_frames_in_another_order_are_named(
         shutil.copy(chain.capture / "frames" / old, tmp_path / "frames" / new)
     shutil.copy(chain.capture / "capture.toml", tmp_path)
     assert words in optolever("decode", tmp_path, "--out", tmp_path / "c.npz").err
+
+
+@pytest.mark.parametrize("level", [0, 255, 128])
+def test_flat_grey_frames_are_a_result_with_flags(
+    level: int, optolever: Program, chain: Chain, tmp_path: Path
+) -> None:
+    """A lens cap or a lamp in the camera is no crash: every pixel is flagged."""
+    folder = tmp_path / "capture"
+    shutil.copytree(chain.capture, folder)
+    for path in (folder / "frames").iterdir():
+        cv2.imwrite(str(path), np.full((96, 96), level, np.uint8))
+    optolever("decode", folder, "--out", tmp_path / "c.npz")
+    with np.load(tmp_path / "c.npz") as found:
+        assert (found["flags"] != 0).all()
