@@ -27,14 +27,3 @@ def test_behind_an_unsharp_mask(name: str, seed: int, smooth: Map, shoot: Shoot)
     assert rms(score) < 2.5
     assert (np.abs(score) > 5).mean() < 0.03
     assert np.median(found.sigma_u[5:-5, 5:-5]) < 0.055
-
-
-@pytest.mark.parametrize("name", ["phase", "gray+phase", "micro-phase"])
-def test_without_a_filter(name: str, smooth: Map, shoot: Shoot, monkeypatch: pytest.MonkeyPatch) -> None:
-    shown = sequence_from_text(name, 150, 170)
-    frames = shoot(shown, *smooth, noise=1.0)
-    found = decode(frames, shown)
-    monkeypatch.setattr("optolever.decode.apply.widen_edge_lines", lambda *_: None)
-    plain = decode(frames, shown)
-    for sigma, without in ((found.sigma_u, plain.sigma_u), (found.sigma_v, plain.sigma_v)):
-        np.testing.assert_array_equal(sigma, without)

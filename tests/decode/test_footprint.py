@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from optolever.decode import Decoder, Settings, decode
+from optolever.decode import Decoder, decode
 from optolever.errors import InputError
 from optolever.experiments.metrics import rms
 from optolever.patterns import Sequence, sequence
@@ -55,17 +55,6 @@ def test_where_nothing_tells_it_sigma_holds_it(fill: float) -> None:
         assert rms(scores(found, centres(u), centres(v))) < most
     if fill == 0.5:
         assert silent(decode(frames, alone(), footprint=1.0), centres(u), centres(v)) > 5e-3
-
-
-def test_a_footprint_is_of_the_profile() -> None:
-    u, v = waves(2)
-    frames = footprints(alone(), u, v, noise=0.3, fill=0.5)
-    decoder = Decoder(alone(), settings=Settings(footprint=0.5))
-    first, second = decoder.decode(frames), decoder.decode(frames)
-    np.testing.assert_array_equal(first.u, second.u)
-    assert decoder.profile is not None
-    again = Decoder(alone(), decoder.profile).decode(frames)
-    np.testing.assert_array_equal(first.u, again.u)
 
 
 @pytest.mark.parametrize("footprint", [0.0, 1.5, np.nan])

@@ -86,15 +86,6 @@ def test_discrete_codes(shoot: Shoot, name: str) -> None:
     assert outside.mean() <= stated + 3 * np.sqrt(max(stated, 1 / outside.size) / outside.size)
 
 
-def test_given_noise_is_taken(shoot: Shoot, smooth: Map) -> None:
-    shown = sequence("gray+phase", 150, 170)
-    frames = shoot(shown, *smooth, noise=2.0)
-    small, large = (decode(frames, shown, noise=noise, on_cells=False) for noise in (2.0, 4.0))
-    assert np.median(large.sigma_u / small.sigma_u) == pytest.approx(
-        np.sqrt((16 + 1 / 12) / (4 + 1 / 12)), rel=1e-3
-    )
-
-
 @pytest.mark.parametrize("ratio", [4.5, pytest.param(8.0, marks=pytest.mark.slow), 20.0])
 @pytest.mark.parametrize("blur", [pytest.param(1e-3, marks=pytest.mark.slow), 0.5, 1.0])
 @pytest.mark.parametrize("inverses", [True, False])

@@ -9,13 +9,6 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from optolever.experiments.paper.equations import (
-    angle_increment,
-    capture_position,
-    height_increment,
-    mirror_position,
-    pattern_position,
-)
 from optolever.experiments.paper.recursion import PaperGeometry, recursion, series
 
 Array = NDArray[np.float64]
@@ -99,44 +92,6 @@ class TestPublishedTable:
     def test_every_pixel(self) -> None:
         rms, _ = errors(*every_pixel(1), 1, True)
         assert np.all(np.abs(rms - (1.3e-3, 3.7e-2, 1.9e-2)) <= (0.5e-4, 0.5e-3, 0.5e-3)), rms
-
-
-class TestEquations:
-    def test_capture_position_and_its_inverse(self) -> None:
-        l, beta0 = np.linspace(100, 1500, 29), 0.7
-        d = smooth_depth(l)
-        w = capture_position(l, d, beta0, beta0, LENGTH)
-        assert_allclose(w, (LENGTH - l) * np.cos(beta0) + d * np.sin(beta0), rtol=1e-13)
-        assert_allclose(mirror_position(w, d, beta0, LENGTH), l, rtol=1e-12)
-
-    @pytest.mark.parametrize("dtheta", [0.0, 1e-9, -9.9e-5, 1.01e-4, 0.02, -0.5])
-    def test_height_increment_is_the_integral_of_the_tangent(self, dtheta: float) -> None:
-        theta, dl = 0.2, 3.0
-        nodes, weights = np.polynomial.legendre.leggauss(20)
-        integral = dl * np.sum(weights * np.tan(theta + dtheta * (nodes + 1) / 2)) / 2
-        assert height_increment(dl, theta, dtheta) == pytest.approx(integral, rel=1e-12)
-
-    @pytest.mark.parametrize("alpha0", [0.6, ANGLE, 0.9])
-    def test_angle_increment_is_of_second_order(self, alpha0: float) -> None:
-        """With gamma kept the error falls with the cube of the angle; the flat mirror is exact."""
-        l, d = 800.0, 40.0
-        truth = np.array([0.0, 0.01, 0.02, 0.04])
-        m = pattern_position(l, d, alpha0 + truth, alpha0)
-        # the expansion is about alpha = alpha0, so it is m there that must come back exactly
-        error = np.abs(angle_increment(l, d, m, alpha0) - truth)
-        assert error[0] < 1e-14
-        assert error[2] / error[1] == pytest.approx(8, rel=0.25)
-        assert error[3] / error[2] == pytest.approx(8, rel=0.25)
-
-    def test_the_root_is_always_real_and_solves_the_quadratic(self) -> None:
-        rng = np.random.default_rng(1)
-        l, m, a = rng.uniform(1, 1000, 500), rng.uniform(0.1, 3000, 500), rng.uniform(0.1, 1.4, 500)
-        x = np.array([angle_increment(l[i], 0.0, m[i], a[i], gamma=False) for i in range(500)])
-        square = l**2
-        value = (
-            (square * np.cos(2 * a) - m**2) * x**2 + square * np.sin(2 * a) * x + m**2 - (l * np.cos(a)) ** 2
-        )
-        assert_allclose(value / (square + m**2), 0, atol=1e-12)
 
 
 class TestRecursion:

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from optolever import InputError
-from optolever.experiments.paper.rows import capture_positions, prism_geometry, reconstruct_paper
+from optolever.experiments.paper.rows import prism_geometry, reconstruct_paper
 from optolever.notices import Notice
 from optolever.reconstruct import exact_correspondence
 from optolever.scene import Scene, Trace, dent, load, resize, trace
@@ -25,11 +25,6 @@ def test_geometry_is_read_off_the_scene() -> None:
     geometry = prism_geometry(SCENE)
     assert_allclose([geometry.alpha0, geometry.beta0, geometry.length], [np.pi / 4, np.pi / 4, 163.7])
     assert_allclose(np.rad2deg(prism_geometry(load("prism48", exact=True)).beta0), 48)
-
-
-def test_capture_positions_run_from_the_far_edge() -> None:
-    first, last = capture_positions(SCENE, 0.0, np.array([-0.5, SCENE.camera.cols - 0.5]))
-    assert_allclose([first, last], [0.0, 163.7 / np.sqrt(2)], atol=1e-9)
 
 
 def test_drops_recover_the_dent_with_its_places(seen: Trace) -> None:
@@ -54,14 +49,6 @@ def test_printed_sign_turns_the_dent_round(seen: Trace) -> None:
     height = reconstruct_paper(exact_correspondence(seen, 0.02), SCENE, sign=-1, series="drops")
     middle = (SCENE.camera.rows // 2, SCENE.camera.cols // 4)
     assert height.z[middle] < 0 < seen.z[middle]
-
-
-def test_mean_is_the_mean(seen: Trace) -> None:
-    drops, rises, mean = (
-        reconstruct_paper(exact_correspondence(seen, 0.02), SCENE, series=name).z
-        for name in ("drops", "rises", "mean")
-    )
-    assert_allclose(mean, (drops + rises) / 2, atol=1e-12)
 
 
 def test_a_rest_capture_is_taken_off_and_notices_stay(seen: Trace) -> None:
@@ -97,8 +84,3 @@ def moved_off_the_edge(scene: Scene) -> Scene:
 def test_only_prisms(scene: Scene) -> None:
     with pytest.raises(InputError, match=scene.name):
         prism_geometry(scene)
-
-
-def test_other_shapes_are_refused(seen: Trace) -> None:
-    with pytest.raises(InputError, match="shape"):
-        reconstruct_paper(exact_correspondence(seen, 0.02), load("paper-simulation", exact=True))

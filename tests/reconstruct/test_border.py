@@ -1,42 +1,14 @@
 """Holes, ragged masks and noisy border lines: bridged, left out, reached again, sigma by repeated noise."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from optolever.experiments.metrics import relative_error
 from optolever.reconstruct import HeightFlag, reconstruct
-from optolever.reconstruct.judgement.circulation import lone
-from optolever.reconstruct.judgement.holes import bridged
-from optolever.reconstruct.problem import prepare
 
 from .conftest import rms_score, scores
-
-
-@pytest.mark.parametrize("slit", [False, True])
-def test_bridges_are_exact_for_cubics(exact, slit: bool) -> None:
-    """Inside, four neighbours in a row, or two from either side; u and v of any size, sigma only linearly."""
-    scene, _, correspondence = exact("paper-simulation", "flat", 40, 48)
-    data = prepare(correspondence, scene).data
-    y, x = np.mgrid[:40, :48] / 10.0
-    straight, holes = 2 + x - 0.3 * y, np.zeros((40, 48), dtype=bool)
-    if slit:
-        field = straight + 0.2 * (x - 1.2) ** 3
-        holes[:, 20:22] = True
-    else:
-        field = straight + 0.2 * x**3 - 0.1 * y**3 + 0.05 * x * y
-        holes[10, 12] = holes[20, 30] = holes[20, 31] = True
-    cubic, linear = (
-        bridged(replace(data, u=np.where(holes, np.nan, u), v=np.where(holes, np.nan, u), mask=~holes), holes)
-        for u in (field, straight)
-    )
-    assert cubic.mask.all()
-    np.testing.assert_allclose(cubic.u[holes], field[holes], rtol=1e-12)
-    assert np.isfinite(cubic.v).all()
-    if slit:
-        np.testing.assert_allclose(linear.sigma_u[holes], data.sigma_u[holes], rtol=1e-9)
 
 
 @pytest.mark.parametrize("peak", [0.21, pytest.param(0.44, marks=pytest.mark.slow)])
@@ -158,18 +130,6 @@ def test_dropouts_on_the_anchors_line_cost_no_extrapolation(clamped, noisy, cut,
     assert relative_error(one, truth) < 1.1 * relative_error(other, truth)
 
 
-def test_remains_of_a_line_spoil_no_bridge_beside_them(clamped, noisy, cut) -> None:
-    """A gap of three pixels in the line beside a lost one of which some pixels are left."""
-    scene, truth = clamped
-    seen = noisy(truth, 0.005, 0.005)
-    lost = np.ones(truth.u.shape, np.bool_)
-    lost[:, 0] = np.random.default_rng(0).random(len(lost)) < 0.05
-    gap = lost.copy()
-    gap[60:63, 1] = False
-    one, other = (reconstruct(cut(seen, each), scene) for each in (gap, lost))
-    assert relative_error(one, truth) < 1.1 * relative_error(other, truth)
-
-
 def test_no_line_is_left_out_that_the_anchor_needs(exact, noisy, cut) -> None:
     """Without the fourth line no anchor is near: heights were then off by 30 sigma, and had no flag."""
     scene, truth, _ = exact("paper-simulation", "gaussian:peak=1.3,sigma=20", 96, 96)
@@ -229,11 +189,3 @@ def test_a_missing_pixel_flags_none_but_itself(exact, noisy, cut) -> None:
         share.append(reconstruct(cut(noisy(truth, 7e-4), keep), scene).good.mean())
     assert share[0] > 0.9
     np.testing.assert_allclose(share[1:], share[0], atol=1e-3)
-
-
-def test_a_suspect_without_surroundings_is_not_blamed() -> None:
-    nothing = np.full((12, 12), np.nan)
-    seen = SimpleNamespace(u=nothing, v=nothing, sigma_u=np.ones((12, 12)), sigma_v=np.ones((12, 12)))
-    suspects = np.zeros((12, 12), dtype=np.bool_)
-    suspects[6, 6] = True
-    assert not lone(suspects, seen).any()

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from optolever import InputError
-from optolever.decode import Correspondence
 from optolever.experiments.metrics import relative_error, rms
 from optolever.reconstruct import (
     DistanceAnchor,
@@ -15,7 +14,6 @@ from optolever.reconstruct import (
     PixelAnchor,
     PointAnchor,
     exact_correspondence,
-    null_space,
     reconstruct,
 )
 from optolever.scene import Surface, load, resize, trace
@@ -77,36 +75,6 @@ def test_every_kind_of_anchor_finds_the_same_mirror(bump) -> None:
         assert relative_error(reconstruct(correspondence, scene, anchor=anchor), truth) < 1e-6
 
 
-def test_points_between_pixels_serve_as_anchors(bump) -> None:
-    scene, _, correspondence = bump
-    surface = dent("raised-cosine", scene)
-    truth = trace(scene, surface)
-    x, y = 61.23, 70.77
-    anchor = PointAnchor(x, y, float(surface.height(np.array([x]), np.array([y]))[0]))
-    assert relative_error(reconstruct(correspondence, scene, anchor=anchor), truth) < 1e-6
-
-
-def test_a_wrong_anchor_excites_the_free_mode_alone(bump) -> None:
-    """At 45 degrees and small slopes the free mode is h = C x."""
-    scene, _, _ = bump
-    truth = trace(scene, dent("flat", scene))
-    row, col = 48, 56
-    height = reconstruct(exact_correspondence(truth), scene, anchor=PixelAnchor(row, col, 1e-3))
-    expected = 1e-3 * height.x / height.x[row, col]
-    np.testing.assert_allclose(height.z, expected, atol=2e-6)
-
-
-def test_the_prisms_null_space_turns_it_about_the_pattern_edge(exact) -> None:
-    """45 degrees: in proportion to x; the trapezoid's integrating factor is exact for that."""
-    scene, truth, _ = exact("paper-simulation", "flat", 64, 96)
-    mode = null_space(scene)
-    known = np.isfinite(mode)
-    assert known.mean() > 0.9
-    ratio = (mode / truth.x)[known]
-    np.testing.assert_allclose(ratio, ratio.mean(), rtol=1e-6)
-    assert np.nanmax(mode) == 1.0
-
-
 def test_fixed_point_agrees(bump) -> None:
     scene, truth, correspondence = bump
     slow = reconstruct(correspondence, scene, method="fixed-point")
@@ -166,31 +134,12 @@ def test_a_wild_pixel_is_flagged(exact) -> None:
     assert np.count_nonzero(height.flags & HeightFlag.CURL) <= 5
 
 
-def test_float32_input(exact) -> None:
-    scene, truth, c = exact("paper-simulation", "raised-cosine", 96, 96)
-    single = Correspondence(
-        *(part.astype(np.float32) for part in (c.u, c.v, c.sigma_u, c.sigma_v)), flags=c.flags
-    )
-    height = reconstruct(single, scene)
-    assert height.z.dtype == np.float64
-    assert relative_error(height, truth) < 2e-5
-
-
 def test_a_cusp_on_many_pixels_takes_few_steps(exact, noisy) -> None:
     scene, truth, _ = exact("paper-simulation", "needle", 300, 320)
     height = reconstruct(noisy(truth), scene)
     assert height.diagnostics.converged
     assert len(height.diagnostics.steps) <= 3
     assert relative_error(height, truth) < 5e-5
-
-
-def test_exact_data_may_say_so(bump) -> None:
-    """Sigma of zero keeps the weights of the scene."""
-    scene, truth, correspondence = bump
-    zero = np.zeros_like(correspondence.sigma_u)
-    height = reconstruct(replace(correspondence, sigma_u=zero, sigma_v=zero), scene)
-    assert height.good.mean() > 0.99
-    assert relative_error(height, truth) < 1e-5
 
 
 def test_rest_capture_takes_off_the_calibration_and_adds_its_noise_and_its_gaps(exact) -> None:

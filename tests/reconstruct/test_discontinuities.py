@@ -6,33 +6,9 @@ import numpy as np
 import pytest
 
 from optolever.reconstruct import HeightFlag, reconstruct
-from optolever.reconstruct.judgement.discontinuities import edge_doubt, widened
-from optolever.reconstruct.solver.edges import Doubt
 from optolever.scene import Surface, load, resize, trace
 
 from .conftest import correspondence_of, rms_score, scores
-
-
-def test_smooth_slopes_and_their_noise_are_not_doubted() -> None:
-    rng = np.random.default_rng(0)
-    y, x = np.mgrid[:400, :400]
-    p = np.sin(2 * np.pi * x / 40) * np.cos(2 * np.pi * y / 60)
-    whole = np.ones(p.shape, dtype=bool)
-    for sigma in (1e-4, 1e-3, 1.0):
-        variance = np.full(p.shape, sigma**2)
-        noisy = p + sigma * rng.standard_normal(p.shape)
-        assert edge_doubt(noisy, noisy.T.copy(), variance, variance, whole) is None
-
-
-def test_interpolated_pixels_share_the_doubt_around_them() -> None:
-    dx, dy = np.zeros((2, 20, 30))
-    dx[5, 5] = 1.0
-    bridged = np.zeros((20, 30), dtype=bool)
-    bridged[5, 7] = bridged[15, 20] = True
-    wide_x, wide_y = widened(Doubt(dx, dy), bridged)
-    assert wide_x[5, 6] == wide_x[5, 7] == wide_y[5, 7] == wide_y[4, 7] == 1.0
-    assert not wide_x[15].any()
-
 
 BALL = "ball:peak=2.452,radius=186.5,"
 

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 import tifffile
-from numpy.typing import NDArray
 
 from optolever import InputError
 from optolever.cli import run
@@ -25,7 +24,6 @@ from optolever.reconstruct import (
 )
 from optolever.scene import dent, load, resize, trace
 
-Floats = NDArray[np.float64]
 ROWS, COLS = 20, 30
 #: Opens a file by a program named on its command line; prints what it read, in that program's own units.
 READER = """
@@ -203,14 +201,6 @@ def test_modes_lie_on_a_coarse_grid_in_the_file_and_on_all_pixels_when_read(
     np.testing.assert_allclose(again.z, height.z, rtol=1e-7, atol=1e-7)
 
 
-def test_modes_that_are_not_smooth_stay_on_all_pixels(tmp_path: Path) -> None:
-    rough = np.random.default_rng(1).standard_normal((2, 200, 210)).astype(np.float32)
-    row, col = np.mgrid[:200, :210].astype(float)
-    flat = np.zeros((200, 210))
-    HeightMap(col, row, flat, flat, flat.astype(np.uint16), calibration=rough).save(tmp_path / "h.npz")
-    np.testing.assert_array_equal(HeightMap.load(tmp_path / "h.npz").calibration, rough)
-
-
 @pytest.mark.slow
 def test_a_map_of_a_million_pixels_takes_less_than_40_megabytes(tmp_path: Path) -> None:
     """1.3 Mpx with a rest capture, a leaning pinhole and noise: what compresses worst."""
@@ -237,10 +227,3 @@ def test_to_xarray(plane: HeightMap, grid: Grid, monkeypatch: pytest.MonkeyPatch
     monkeypatch.setitem(sys.modules, "xarray", None)
     with pytest.raises(InputError, match=r"needs xarray; pip install 'optolever\[xarray\]'"):
         plane.to_xarray()
-
-
-def test_records_in_a_notebook(plane: HeightMap) -> None:
-    page = plane._repr_html_()
-    assert "20 x 30 pixels" in page
-    assert "&" not in page.partition("<img")[0] or "&lt;" in page
-    assert page.count("data:image/png;base64,") == 1

@@ -33,17 +33,6 @@ def test_edge_anchor(method: str, exact) -> None:
     assert relative_error(reconstruct(seen, scene, method=method), truth) < 1e-5
 
 
-@pytest.mark.parametrize("method", ["direct", "robust"])
-def test_masks(method: str, exact, cut) -> None:
-    scene, truth, seen = exact("paper-simulation", "gaussian", SIDE, SIDE)
-    row, col = np.mgrid[:SIDE, :SIDE]
-    keep = np.hypot(row - 30, col - 40) > 12
-    plain = reconstruct(cut(seen, keep), scene)
-    height = reconstruct(cut(seen, keep), scene, method=method)
-    np.testing.assert_array_equal(height.good, plain.good)
-    assert relative_error(height, truth) < 1e-4
-
-
 def test_direct_agrees_with_coupled_under_noise(exact, noisy) -> None:
     scene, truth, _ = exact("monitor-mirror", "gaussian", SIDE, SIDE)
     seen = noisy(truth, 0.1, 0.1)

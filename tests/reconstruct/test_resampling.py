@@ -1,12 +1,10 @@
 """The regular grid: exact for quadratics, and a sigma that knows that points move along slanted rays."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from optolever import InputError
-from optolever.reconstruct import Grid, HeightMap, reconstruct
+from optolever.reconstruct import Grid, HeightMap
 from optolever.scene import dent_from_text, load, resize, trace
 
 SIDE = 48
@@ -123,20 +121,3 @@ def _common_std(grids: list[Grid], like: Grid) -> np.ndarray:
         cols = slice(max(j, 0), min(j + grid.z.shape[1], like.z.shape[1]))
         layer[rows, cols] = grid.z[rows.start - i : rows.stop - i, cols.start - j : cols.stop - j]
     return np.std(stack, axis=0)
-
-
-def test_a_grid_of_two_shapes(curved: HeightMap, tmp_path: Path) -> None:
-    grid = curved.resample(0.3)
-    np.savez(tmp_path / "bad.npz", z=grid.z, sigma=grid.sigma[:2], x0=0.0, y0=0.0, pitch=1.0)
-    with pytest.raises(InputError, match="sigma"):
-        Grid.load(tmp_path / "bad.npz")
-
-
-def test_lean_is_that_of_the_rays(exact) -> None:
-    scene, _, correspondence = exact("monitor-mirror", "flat", 24, 32)
-    height = reconstruct(correspondence, scene)
-    assert height.lean is not None
-    _, directions = scene.camera.rays()
-    np.testing.assert_allclose(height.lean[0], directions[..., 0] / directions[..., 2], rtol=1e-6)
-    with pytest.raises(InputError, match="lean"):
-        HeightMap(height.x, height.y, height.z, height.sigma, height.flags, lean=np.zeros((2, 3, 3)))

@@ -57,15 +57,3 @@ def test_all_places_off_by_the_same(anchor: str) -> None:
     # 12 and more without; 48 numbers tell it to 10 %
     noise = SharedNoise(0.0, 0.0, 0.0, 0.0, 0.125, 0.125, SIGMA, SIGMA)
     assert 0.75 < score(anchor, noise, seen) < 1.35
-
-
-@pytest.mark.parametrize("cols", [1, 3])
-def test_beside_the_edge_alone(cols: int) -> None:
-    """No pixel is an anchor of its own where all lie next to the edge at rest."""
-    scene = resize(load("prism48", exact=True), SIZE, SIZE)
-    noise = SharedNoise(0.1, 0.1, 0.3, 0.3, 0.125, 0.125, SIGMA, SIGMA)
-    seen = exact_correspondence(trace(scene, dent("raised-cosine", scene, peak=0.2)), SIGMA)
-    mask = np.tile(np.arange(SIZE) < cols, (SIZE, 1))
-    alone, found = (reconstruct(replace(seen, shared_noise=one), scene, mask=mask) for one in (None, noise))
-    assert found.good[mask].all()
-    assert (found.sigma >= alone.sigma)[mask].all()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from optolever import InputError
-from optolever.reconstruct import HeightStream, PointAnchor, reconstruct
+from optolever.reconstruct import HeightStream, reconstruct
 from optolever.scene import dent_from_text as dent
 from optolever.scene import trace
 
@@ -92,16 +92,3 @@ def test_bad_input(frames, exact) -> None:
     _, _, other = exact("paper-simulation", "flat", 40, 48)
     with pytest.raises(InputError):
         stream.update(other)
-
-
-def test_anchors_that_contradict_each_other_are_told_in_every_frame(frames) -> None:
-    scene, correspondences = frames
-    surface = dent(f"raised-cosine:peak={PEAKS[0]}", scene)
-    places = np.array([50.0, 45.0]), np.array([20.0, 25.0])
-    for off, told in ((0.0, False), (0.1, True)):
-        heights = surface.height(*places) + np.array([0.0, off])
-        points = [PointAnchor(*map(float, point), sigma=1e-3) for point in zip(*places, heights, strict=True)]
-        stream = HeightStream(scene, anchor=points)
-        for _ in range(2):
-            names = [notice.name for notice in stream.update(correspondences[0]).notices]
-            assert ("anchors contradict each other, sigma rms" in names) == told
