@@ -4,6 +4,7 @@ import importlib.util
 import re
 import sys
 import tomllib
+from collections import defaultdict
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
@@ -75,11 +76,27 @@ def refused(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> Callable[..., 
     return told
 
 
+def _mark_rare_cases(items: list[pytest.Item]) -> None:
+    """`daily(n)`: n cases of a family, spread evenly from its first to its last, run every day; the others
+    are slow.
+    """
+    families: defaultdict[str, list[pytest.Item]] = defaultdict(list)
+    for item in items:
+        if item.get_closest_marker("daily"):
+            families[item.nodeid.partition("[")[0]].append(item)
+    for cases in families.values():
+        (count,) = cases[0].get_closest_marker("daily").args
+        kept = {round(k * (len(cases) - 1) / max(count - 1, 1)) for k in range(count)}
+        for item in (case for i, case in enumerate(cases) if i not in kept):
+            item.add_marker(pytest.mark.slow)
+
+
 @pytest.hookimpl(tryfirst=True)  # before slow ones are left out
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark listed tests as expected to fail, and slow, as they protect nothing. One that passes is told
-    (XPASS) and goes from the list.
+    (XPASS) and goes from the list. Rare cases of families are slow, too.
     """
+    _mark_rare_cases(items)
     missed = tomllib.loads(_MISSED.read_text(encoding="utf-8"))
     for item in items:
         for group in missed["missed"]:

@@ -161,6 +161,7 @@ def test_rest_alone_ends_in_the_least_minimum() -> None:
     assert found.cost < at_truth @ at_truth
 
 
+@pytest.mark.slow
 def test_prism_with_balls_behind_a_face() -> None:
     rig = prisms(2, 3, pinhole=True)
     found = calibrate(rig.given, rig.observations)
@@ -168,6 +169,7 @@ def test_prism_with_balls_behind_a_face() -> None:
     assert 0.05 < deviations(found, rig) < 3
 
 
+@pytest.mark.slow
 def test_a_held_lens_has_a_notice_and_a_free_one_is_found() -> None:
     """The same rig with the lens held at its typed values, and with the default priors."""
     rng = np.random.default_rng(4)

@@ -39,6 +39,7 @@ def sigmas_without(found: Calibration, names: set[str]) -> tuple[float, float]:
     return float(np.median(height.calibration_sigma[both])), float(change.calibration_sigma[both][deepest])
 
 
+@pytest.mark.slow
 def test_a_capture_is_worth_what_an_adjustment_without_it_loses(found: Calibration) -> None:
     first, second, third, last = judged(found)
     assert [each.name for each in (first, second, third, last)] == ["flat0", "flat1", "flat2", "flat3"]

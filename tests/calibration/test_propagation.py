@@ -142,6 +142,7 @@ def test_heights_of_a_calibrated_rig_in_open_air() -> None:
     assert height.calibration_sigma[height.good].max() > 3 * height.sigma[height.good].max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["gaussian", pytest.param("ball", marks=pytest.mark.slow)])
 def test_figures_and_slopes_hold_the_rig(kind: str) -> None:
     """Standard deviations of a dent's figures and slopes against rigs that are wrong by each row of the

@@ -63,6 +63,7 @@ def _small_dent(rig: Rig, scene: Scene) -> Correspondence:
     return replace(now, u=np.where(inside, touched.u, now.u), v=np.where(inside, touched.v, now.v))
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("number", ["pattern.x", "camera.ry"])
 def test_a_rig_that_has_moved_has_a_notice(rig: Rig, rest: RestMap, number: str) -> None:
     moved = adjusted(replace(rig.truth, covariance=None), {number: 2e-3})  # mm: 0.004 px; rad
@@ -71,6 +72,7 @@ def test_a_rig_that_has_moved_has_a_notice(rig: Rig, rest: RestMap, number: str)
     assert "optolever rest" in str(notice)
 
 
+@pytest.mark.slow
 def test_another_pose_has_a_notice_and_a_dent_all_over_has_none(rig: Rig, rest: RestMap) -> None:
     assert not rest.notices(captured(rig, True, 6), rig.truth)
     turned = adjusted(replace(rig.truth, covariance=None), {"camera.ry": 0.05})

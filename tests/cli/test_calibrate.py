@@ -90,6 +90,7 @@ def test_from_captures_to_heights_with_modes(
     assert {"x", "y", "z", "sigma"} == set(np.load(tmp_path / "d.npz"))
 
 
+@pytest.mark.slow
 def test_a_number_far_from_its_typed_value_is_not_written(
     rig: tuple[Rig, Path], tmp_path: Path, optolever: Program
 ) -> None:
@@ -123,6 +124,7 @@ def test_captures_are_judged_as_they_come(rig: tuple[Rig, Path], tmp_path: Path,
     np.testing.assert_allclose(followed.matrix, once.matrix, rtol=1e-5, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_captures_are_awaited_and_judged_at_once(
     rig: tuple[Rig, Path], tmp_path: Path, optolever: Program, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -71,8 +71,8 @@ LINES = [
     ("decode x --outt y", ("--outt",)),
     ("decode {out}/nowhere --out {out}.npz", ("nowhere", "no such")),
     ("decode {capture} --out {folder}", ("is a folder",)),
-    ("capture --scene prism48 --size 20000x20000 {many} --out {out}", ("GiB",)),
-    ("capture --scene prism48 --size 65536x65536 {many} --out {out}", ("GiB",)),
+    ("capture --scene paper-simulation --size 20000x20000 {many} --out {out}", ("GiB",)),
+    ("capture --scene paper-simulation --size 65536x65536 {many} --out {out}", ("GiB",)),
     ("capture {scene} --noise -1 --out {out}", ("--noise", "-1")),
     ("capture {scene} --out {out}/deeper/still", ("deeper", "does not exist")),
     ("capture {scene} --out {out} --json {out}/none/n.json", ("n.json",)),
@@ -149,6 +149,7 @@ def test_frames_in_another_order_are_named(
     assert words in optolever("decode", tmp_path, "--out", tmp_path / "c.npz").err
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("level", [0, 255, 128])
 def test_flat_grey_frames_are_a_result_with_flags(
     level: int, optolever: Program, chain: Chain, tmp_path: Path

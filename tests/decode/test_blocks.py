@@ -42,6 +42,7 @@ def assert_same(one: Correspondence, other: Correspondence) -> None:
         assert np.array_equal(getattr(one, field), getattr(other, field), equal_nan=True), field
 
 
+@pytest.mark.daily(3)
 @pytest.mark.parametrize("name", ["phase", "close", "gray", "gray+phase", "stripe", "micro-phase"])
 def test_blocks_change_nothing(
     name: str, shoot: Shoot, smooth: Map, cut: Callable[..., Correspondence]
@@ -58,6 +59,7 @@ def test_blocks_change_nothing(
         assert_same(one, cut(frames, shown, rows, 3))
 
 
+@pytest.mark.daily(6)
 @pytest.mark.parametrize("size", [(1, 64), (64, 1), (1, 9), (6, 6), (8, 40), (40, 8)])
 @pytest.mark.parametrize("name", ["phase", "gray", "gray+phase"])
 @pytest.mark.parametrize("lit", [True, False])

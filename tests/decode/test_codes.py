@@ -26,6 +26,7 @@ CODES: list[tuple[str, dict[str, Any], float]] = [
 ]
 
 
+@pytest.mark.daily(8)
 @pytest.mark.parametrize(("name", "params", "limit"), CODES)
 @pytest.mark.parametrize(("dtype", "scale"), [(np.uint8, 1), (np.uint16, 16)])
 def test_ideal_frames(
@@ -69,6 +70,7 @@ def test_bytes_are_decoded_as_wider_numbers_are(
     np.testing.assert_allclose(one.order_error, two.order_error, rtol=1e-6)
 
 
+@pytest.mark.daily(3)
 @pytest.mark.parametrize("axes", ["u", "v"])
 @pytest.mark.parametrize("name", ["gray", "phase", "gray+phase"])
 def test_axis_that_is_not_encoded_is_no_fault(shoot: Shoot, smooth: Map, name: str, axes: str) -> None:

@@ -27,6 +27,7 @@ def read(shown: Sequence, width: float, blur: float, noise: float) -> tuple[Corr
     return decode(photographed(shown, u, width, blur, noise), shown, check=False), u
 
 
+@pytest.mark.daily(3)
 @pytest.mark.parametrize("kind", ["gray", "binary"])
 @pytest.mark.parametrize("inverses", [True, False])
 @pytest.mark.parametrize(
@@ -56,6 +57,7 @@ def test_bits_that_are_not_resolved_are_named() -> None:
     assert not any("resolve" in notice.name for notice in sharp.notices)
 
 
+@pytest.mark.daily(3)
 @pytest.mark.parametrize(
     ("level", "most"), [(0.0, 0.05), (0.35, 1e-3), (0.65, 1e-3), (0.97, 5e-3), (1.0, 5e-3)]
 )
@@ -90,6 +92,7 @@ def curved(frames: NDArray[Any], curve: Any) -> NDArray[np.uint8]:
     return camera(10 + 200 * curve(light), 1.0)
 
 
+@pytest.mark.daily(3)
 @pytest.mark.parametrize("steps", [3, 4, 5])
 @pytest.mark.parametrize(
     "curve", [lambda x: 1.3 * x / (x + 0.3), lambda x: x**0.45, lambda x: x**2.2], ids=["tone", "0.45", "2.2"]

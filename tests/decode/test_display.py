@@ -22,6 +22,7 @@ def _capture(
     return shown, u, np.clip(np.rint(noisy * 16), 0, 4095).astype(np.uint16)
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("blur", [0.4, 0.5, 0.8])
 def test_levels_of_four_steps_are_rounded_alike_and_low_stairs_taken_off(blur: float) -> None:
     shown, u, frames = _capture(200, 0.7, blur, period=8.0)
@@ -32,6 +33,7 @@ def test_levels_of_four_steps_are_rounded_alike_and_low_stairs_taken_off(blur: f
     assert abs(left.mean()) < 3 * noise / np.sqrt(inside.sum()) + 1e-4
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize(("lit", "blur"), [(0.8, 0.2), (0.6, 0.2), (0.6, 0.4)])
 @pytest.mark.parametrize("code", ["gray+phase:axes=u", "phase:axes=u,steps=3,periods=8.73782/8.05745/8"])
 def test_dark_rims_of_cells_are_told(code: str, lit: float, blur: float) -> None:
@@ -45,6 +47,7 @@ def test_dark_rims_of_cells_are_told(code: str, lit: float, blur: float) -> None
     assert rms(scores(found, u)) < 1.35
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize(("period", "blur"), [(4.0, 0.4), (5.0, 0.4), (6.0, 0.38)])
 def test_low_stairs_leave_little(period: float, blur: float) -> None:
     """Of stairs of up to 0.04 cells less than a twelfth is left: tables follow them between their entries."""
@@ -69,6 +72,7 @@ def test_tables_follow_the_stairs_of_fine_fringes(period: float, most: float) ->
     assert left.std() < most
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("first", [9.4, 9.8])
 def test_a_gain_that_all_pixels_have_is_no_blur(first: float) -> None:
     """Behind a blur that leaves nothing of the cells, in step with them: to correct it takes noise off."""
@@ -106,6 +110,7 @@ def test_dark_border_is_taken_off_or_flagged() -> None:
     assert good[:, 2:-2].all()
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize("width", [0.7, 0.95, 1.05])
 def test_stairs_of_a_sharp_display_are_undone(width: float) -> None:
     """Pixels of 0.7 cells keep their place unknown on treads of 0.3 cells; wider ones have no treads."""
@@ -118,6 +123,7 @@ def test_stairs_of_a_sharp_display_are_undone(width: float) -> None:
     assert error.mean(axis=0).std() < (0.7 if width < 0.9 else 0.25) * raw.mean(axis=0).std()
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize(
     ("period", "blur", "width", "most"),
     [
@@ -139,6 +145,7 @@ def test_sigma_on_steep_stairs(period: float, blur: float, width: float, most: f
     assert np.mean(np.abs(score) > 5) < 1e-3
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("pixel", [0.3, 0.9, 1.7])
 def test_ideal_cosines_are_left_alone(pixel: float) -> None:
     """Frames computed as cosines have the contrast of a sharp display, but none of its stairs."""
@@ -166,6 +173,7 @@ def test_noise_is_not_taken_for_a_contrast_that_varies() -> None:
     assert found.good[:, (u > 3.5) & (u < 185.5)].mean() > 0.9
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize(
     ("period", "blur", "width"), [(8.0, 0.2, 0.35), (8.0, 0.25, 0.35), (16.0, 0.2, 0.35)]
 )
@@ -187,6 +195,7 @@ CODES = {
 }
 
 
+@pytest.mark.daily(3)
 @pytest.mark.parametrize("blur", [0.02, 0.2])
 @pytest.mark.parametrize("name", CODES)
 def test_stairs_of_the_cells_are_known(name: str, blur: float) -> None:
@@ -202,6 +211,7 @@ def test_stairs_of_the_cells_are_known(name: str, blur: float) -> None:
     assert rms((found.u - U)[found.good]) < (1.1 if blur < 0.1 else 0.6) * stairs
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("noise", [4.0, 10.0, 25.0])
 def test_noise_that_reaches_over_cells_is_no_less_for_their_stairs(noise: float) -> None:
     """Coarse fringes, whose error is 0.15 to 1 cells."""
@@ -210,6 +220,7 @@ def test_noise_that_reaches_over_cells_is_no_less_for_their_stairs(noise: float)
     assert rms(scores(found, U)) == pytest.approx(1.0, abs=0.1)
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize("name", CODES)
 def test_what_few_pixels_cannot_tell_is_in_sigma(name: str) -> None:
     """Too small an image for runs of pixels that would tell how high the stairs are."""

@@ -11,6 +11,7 @@ from optolever.patterns import sequence_from_text
 from .conftest import Map, Shoot
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("name", ["phase", "gray+phase"])
 def test_behind_an_unsharp_mask(name: str, seed: int, smooth: Map, shoot: Shoot) -> None:

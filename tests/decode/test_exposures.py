@@ -34,6 +34,7 @@ def shot(
     return np.array(frames)
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize(
     ("name", "limit"), [("gray", 0.501), ("gray:inverses=off", 0.501), ("binary", 0.501), ("gray+phase", 0.2)]
 )
@@ -89,6 +90,7 @@ def test_what_moved_between_exposures_is_flagged(shoot: Shoot, smooth: Map) -> N
     assert (decode(still, both).flags & Flag.MOVED > 0).mean() < 1e-3
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("name", ["phase", "micro-phase"])
 def test_fringes_of_a_camera_whose_black_is_a_level(shoot: Shoot, smooth: Map, name: str) -> None:
     """It does not grow with the exposure, so that no fringe fits the samples of both."""

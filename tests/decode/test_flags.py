@@ -23,6 +23,7 @@ def share(found: Correspondence, flag: Flag, where: Any = ...) -> float:
     return float(((found.flags & flag) > 0)[where].mean())
 
 
+@pytest.mark.daily(6)
 @pytest.mark.parametrize("name", ["gray", "binary", "phase", "gray+phase", "stripe", "spot"])
 @pytest.mark.parametrize("grey", [0, 3, 128, 255])
 def test_flat_captures_are_results_with_flags(name: str, grey: int) -> None:
@@ -63,6 +64,7 @@ def test_clipped_samples_are_left_out(shoot: Shoot, smooth: Map) -> None:
     assert silent(clipped, *smooth, least=0.05) <= 1e-4
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize("bits", [8, 10, 12, 14])
 def test_clipping_of_cameras_that_use_the_upper_of_sixteen_bits(bits: int, shoot: Shoot, smooth: Map) -> None:
     """Their largest level ends in zeros, as 65520 of 12 bits; but for scale nothing changes."""
@@ -275,6 +277,7 @@ def _decoded(name: str, inverses: bool, brighter: float) -> Correspondence:
     return decode(photographed(shown, U, WIDTH, 0.4, brighter=brighter), shown)
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize("brighter", [1.2, 2.0])
 @pytest.mark.parametrize("name", ["gray", "binary", "long-run-gray"])
 def test_bits_and_inverses_compare_as_ever(name: str, brighter: float) -> None:
@@ -284,6 +287,7 @@ def test_bits_and_inverses_compare_as_ever(name: str, brighter: float) -> None:
     assert rms(scores(found, U)) < 1.1
 
 
+@pytest.mark.daily(3)
 @pytest.mark.parametrize("brighter", [1.2, 1.5, 1.9])
 @pytest.mark.parametrize("name", ["gray", "binary", "long-run-gray"])
 def test_a_threshold_is_known_within_bounds(name: str, brighter: float) -> None:

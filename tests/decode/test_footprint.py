@@ -27,6 +27,7 @@ def alone() -> Sequence:
     return replace(shown, frames=tuple(one for one in shown.frames if one.kind not in ("white", "black")))
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("fill", [0.5, 0.75, 1.0])
 @pytest.mark.parametrize("size", [2, 4])
 def test_contrast_tells_how_far_pixels_fill_their_pitch(size: float, fill: float) -> None:
@@ -43,6 +44,7 @@ def test_contrast_tells_how_far_pixels_fill_their_pitch(size: float, fill: float
     assert abs(missed) < max(3 * lens.sigma, 4e-3)
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("fill", [0.5, 0.75, 1.0])
 def test_where_nothing_tells_it_sigma_holds_it(fill: float) -> None:
     """Told it is taken off; taken for a full pixel it is silently wrong."""

@@ -41,6 +41,7 @@ def _named(frames: NDArray[Any], shown: Sequence) -> Finding:
     return finding
 
 
+@pytest.mark.daily(3)
 @pytest.mark.parametrize(("name", "params"), CASES)
 def test_neighbours_in_each_others_place_are_named_and_nothing_in_whole_captures(
     name: str, params: dict[str, Any], shoot: Shoot, smooth: Map
@@ -57,6 +58,7 @@ def test_neighbours_in_each_others_place_are_named_and_nothing_in_whole_captures
         assert {first, first + 1} <= set(found[0].frames)
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize(("lit", "around"), [(0.3, "room"), (0.03, "dark")])
 def test_surroundings_hide_no_fault(lit: float, around: str, shoot: Shoot) -> None:
     row, col = np.mgrid[:240, :320].astype(np.float64)
@@ -84,6 +86,7 @@ def test_a_lost_and_a_repeated_frame_are_named(shoot: Shoot, smooth: Map) -> Non
         assert {11, 12} & set(finding.frames)
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize("name", EDGES)
 def test_a_torn_frame_is_named_with_its_rows(name: str, shoot: Shoot, smooth: Map) -> None:
     shown = _shown(name)
@@ -96,6 +99,7 @@ def test_a_torn_frame_is_named_with_its_rows(name: str, shoot: Shoot, smooth: Ma
         assert abs(finding.rows[0] - 50) < 25
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize(
     ("kind", "inverses", "blur", "width", "good"),
     [
@@ -118,6 +122,7 @@ def test_bits_that_a_blur_hides_are_no_fault(
     assert decode(frames, shown).good.mean() > good
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize(
     "map_of",
     [
@@ -178,6 +183,7 @@ def _moves_places(frames: NDArray[Any], whole: NDArray[Any], shown: Sequence) ->
     return not both.any() or bool(np.mean(off[both] > 1) > 0.01)
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize("name", EDGES)
 def test_scenes_with_edges_are_no_fault_and_hide_none(name: str) -> None:
     shown = _shown(name, 128, 256)
@@ -240,6 +246,7 @@ def test_only_pixels_that_a_wrong_step_could_spoil_are_blamed(shoot: Shoot, smoo
     assert silent(found, *smooth) == 0
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("swap", [(0, 1), (0, 2), (1, 3)])
 def test_two_swapped_steps_that_nothing_decodes_without_are_put_back(
     swap: tuple[int, int], shoot: Shoot, smooth: Map

@@ -15,9 +15,9 @@ from .conftest import silent
 from .footprints import centres, footprints, places
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize(
-    ("lens", "told"),
-    [(0.0, False), pytest.param(0.5, False, marks=pytest.mark.slow), (1.0, False), (0.5, True), (1.0, True)],
+    ("lens", "told"), [(1.0, False), (0.0, False), (0.5, False), (0.5, True), (1.0, True)]
 )
 def test_a_round_mirror_behind_a_lens_that_blurs(lens: float, told: bool) -> None:
     """Pixels on its end, and up to some deviations inside, see more of the one side: sigma says so."""
@@ -35,6 +35,7 @@ def test_a_round_mirror_behind_a_lens_that_blurs(lens: float, told: bool) -> Non
     assert np.median(found.sigma_u[deep]) < 0.025
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize(
     ("steep", "lens", "told"), [(1, 0.4, True), (1, 0.7, True), (1, 0.7, False), (2, 0.7, True)]
 )
@@ -57,6 +58,7 @@ def test_what_a_lens_flattens_of_a_bend_is_taken_off(name: str, steep: int, lens
         assert rms((error / sigma)[inner]) < 1.15
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("name", ["phase", "gray+phase"])
 def test_what_a_camera_sharpens_of_a_bend_is_taken_off(name: str) -> None:
     """An unsharp mask of 1 px rms and 0.6: half of 0.6 px^2 of the Laplacian, the other way round; next to

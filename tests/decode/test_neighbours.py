@@ -29,6 +29,7 @@ def test_the_mixed_second_derivative_is_taken_off() -> None:
     assert abs((found.u - centres(u))[inner].mean()) < 0.15 * slope**2 / 4
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize("name", ["phase", "gray+phase", "stripe:step=4", "gray"])
 def test_beside_a_hole(name: str) -> None:
     """Pixels whose footprint is half in a hole see the mean of what is left; steep maps make that matter."""
@@ -45,6 +46,7 @@ def test_beside_a_hole(name: str) -> None:
     assert found.good[(np.abs(centres(distance) - 7.3) > 3.5) & (centres(distance) > 7.3)].mean() > 0.9
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("name", ["phase:steps=8", "gray+phase", "micro-phase"])
 @pytest.mark.parametrize("first", [0, 30])
 def test_a_bend_that_no_two_neighbours_of_a_side_tell_is_in_sigma(name: str, first: int) -> None:
@@ -59,6 +61,7 @@ def test_a_bend_that_no_two_neighbours_of_a_side_tell_is_in_sigma(name: str, fir
     assert np.median(found.sigma_u[found.good]) < 0.4
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("name", ["phase:steps=4", "stripe"])
 def test_a_ridge_beside_pixels_that_are_refused(name: str) -> None:
     """A slanted rim, steeper towards its crest, moves the mean of a pixel off its centre; dust above or below
@@ -76,8 +79,9 @@ def test_a_ridge_beside_pixels_that_are_refused(name: str) -> None:
     assert found.good.mean() > 0.9
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("name", ["gray+phase", "stripe"])
-@pytest.mark.parametrize("turns", [0, 1, *(pytest.param(turns, marks=pytest.mark.slow) for turns in (2, 3))])
+@pytest.mark.parametrize("turns", [0, 1, 2, 3])
 def test_a_mirror_that_ends_in_the_images_outermost_pixels(turns: int, name: str) -> None:
     """Its slanted edge leaves a part of each; nothing beyond the image tells that, their lost light does."""
     row, col = places(60, 60)
@@ -91,6 +95,7 @@ def test_a_mirror_that_ends_in_the_images_outermost_pixels(turns: int, name: str
     assert np.median(lit) < 0.03
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize("blur", [0.5, 3.0])
 @pytest.mark.parametrize("name", ["phase", "phase:steps=4,periods=20/22/25", "stripe:step=8", "gray"])
 def test_the_shadow_of_the_border(name: str, blur: float) -> None:
@@ -104,6 +109,7 @@ def test_the_shadow_of_the_border(name: str, blur: float) -> None:
         assert found.good[inner].mean() > 0.97
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("turned", [False, True])
 def test_what_only_looks_like_the_borders_shadow(turned: bool, shoot: Shoot) -> None:
     """A dim band near the border, brighter again on the border's side (a slope that reflects less)."""
@@ -174,6 +180,7 @@ def test_bends_are_taken_off_up_to_the_images_border() -> None:
         assert abs((found.u - centres(u))[border].mean()) < shift / 3
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("name", ["gray+phase", "micro-phase"])
 def test_light_that_steps_inside_of_a_pixel_is_in_sigma(name: str) -> None:
     """Behind a slanted edge a quarter of the light is left: pixels on it see one side more than the other."""
@@ -202,6 +209,7 @@ def test_what_falling_light_shifts_is_taken_off_above_a_dark_level() -> None:
     assert abs(error @ shift[inner]) < 0.2 * (shift[inner] ** 2).sum()
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("name", ["gray+phase", "phase:steps=3,periods=8.73782/8.05745/8"])
 def test_behind_a_mosaic_of_colours(name: str) -> None:
     """Next neighbours of a raw colour camera differ by their colour: that is no edge, neither in the mirror
@@ -256,9 +264,8 @@ def test_a_row_that_leaves_both_rows_beside_it_is_flagged(shoot, smooth: Map) ->
     assert torn.good.mean() > 0.97
 
 
-@pytest.mark.parametrize(
-    "steepest", [12.0, *(pytest.param(s, marks=pytest.mark.slow) for s in (16.0, 18.0, 24.0)), 20.0]
-)
+@pytest.mark.daily(1)
+@pytest.mark.parametrize("steepest", [12.0, 16.0, 18.0, 20.0, 24.0])
 def test_fringes_of_which_more_than_one_lies_on_a_pixel_are_flagged(steepest: float) -> None:
     """Their contrast is the other way round, half a period off, and a Gray code's cell agrees by chance."""
     shown = sequence_from_text("gray+phase:steps=4,period=14", 120, 240)

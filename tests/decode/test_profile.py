@@ -41,6 +41,7 @@ def good_share(found: Correspondence, truth: Trace) -> float:
     return float((found.good & truth.visible).sum() / truth.visible.sum())
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize("text", CODES)
 def test_a_profile_of_one_capture_serves_another(text: str, tmp_path: Path) -> None:
     """Another dent, other noise: as many good pixels, sigma as true, none silently wrong; it is kept."""
@@ -57,6 +58,7 @@ def test_a_profile_of_one_capture_serves_another(text: str, tmp_path: Path) -> N
     assert 0.9 < ratio < 1.1 or ratio == pytest.approx(usual, rel=0.03)
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("text", CODES)
 def test_a_profile_of_the_same_capture_changes_nothing(text: str) -> None:
     frames, shown, _ = shot(text, 1.0)
@@ -94,6 +96,7 @@ def _grain(frames: Frames) -> NDArray[np.float64]:
     return np.random.default_rng(5).standard_normal(frames.shape)
 
 
+@pytest.mark.daily(3)
 @pytest.mark.parametrize("change", [_noisy, _dimmed, _defocused, _bent, _swapped])
 @pytest.mark.parametrize("text", CODES)
 def test_a_profile_that_no_longer_holds_is_estimated_anew(text: str, change: Callable[..., Frames]) -> None:

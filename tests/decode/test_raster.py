@@ -29,6 +29,7 @@ def places() -> Map:
     return 3 + 0.97 * col + 3 * np.sin(row / 21), 4 + 0.93 * row + 3 * np.cos(col / 17)
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("params", [{"step": 8}, {"step": 6, "width": 9}, {"step": 5, "width": 15}])
 def test_spot_has_true_error_bars(places: Map, params: dict[str, float]) -> None:
     shown = sequence("spot", 66, 78, **params)

@@ -44,6 +44,7 @@ def test_measured_from_a_ramp(shoot: Shoot, smooth: Map) -> None:
     assert errors[1] <= errors[0]
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize(("name", "params"), [("stripe", {"step": 8}), ("micro-phase", {})])
 def test_grey_values_and_sweeps_are_inverted_too(
     shoot: Shoot, smooth: Map, name: str, params: dict[str, float]
@@ -59,6 +60,7 @@ def test_grey_values_and_sweeps_are_inverted_too(
     assert np.sqrt(np.mean(error**2)) < 1.2
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize(
     ("name", "params", "worst"),
     [("gray", {}, 0.6), ("gray", {"inverses": False}, 0.6), ("gray+phase", {}, 0.1)],
@@ -124,9 +126,8 @@ def predicted_and_true(
     return error.rms_px, float(np.sqrt(max(true, 0.0))), error.sigma_px
 
 
-@pytest.mark.parametrize(
-    "gamma", [None, 1.5, *(pytest.param(gamma, marks=pytest.mark.slow) for gamma in (1.8, 2.8))]
-)
+@pytest.mark.daily(2)
+@pytest.mark.parametrize("gamma", [None, 1.5, 1.8, 2.8])
 @pytest.mark.parametrize(
     ("steps", "noise", "uneven"),
     [(3, 0.0, False), (4, 0.0, False), (5, 0.0, True), (3, 0.1, True), (4, 0.1, True)],
@@ -138,6 +139,7 @@ def test_of_a_wrong_gamma(
     assert told == pytest.approx(true, rel=0.2, abs=3 * sigma)
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("steps", [3, 4, 5])
 def test_of_the_right_gamma_is_nought(shoot: Shoot, smooth: Map, steps: int) -> None:
     told, true, _ = predicted_and_true(shoot, smooth, steps, 2.2, 0.0, False)

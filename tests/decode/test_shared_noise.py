@@ -38,6 +38,7 @@ def decoded(
     return decode(np.rint(noisy).clip(0, 255).astype(np.uint8), shown)
 
 
+@pytest.mark.daily(3)
 @pytest.mark.parametrize(("rows", "cols"), [(0.4, 0.0), (0.0, 0.4), (0.3, 0.5)])
 def test_shares_are_told(clean: tuple[np.ndarray, Sequence], rows: float, cols: float) -> None:
     every = [decoded(clean, 1.0, rows, cols, seed).shared_noise for seed in (5, 6)]
@@ -49,6 +50,7 @@ def test_shares_are_told(clean: tuple[np.ndarray, Sequence], rows: float, cols: 
     assert tuple(found) == pytest.approx(true, rel=3 * np.sqrt(2 / 150), abs=0.015)
 
 
+@pytest.mark.daily(3)
 @pytest.mark.parametrize("noise", [0.1, 0.3, 1.0])
 def test_what_a_display_does_is_none(clean: tuple[np.ndarray, Sequence], noise: float) -> None:
     """Its cells leave residuals that all pixels of one place have, in whole lines of an aligned rig."""
@@ -61,6 +63,7 @@ def test_what_a_display_does_is_none(clean: tuple[np.ndarray, Sequence], noise: 
     assert found is None or max(found[:4]) < most
 
 
+@pytest.mark.daily(1)
 def test_a_lamp_that_flickers(clean: tuple[np.ndarray, Sequence]) -> None:
     frames, shown = clean
     rng = np.random.default_rng(5)
@@ -73,6 +76,7 @@ def test_a_lamp_that_flickers(clean: tuple[np.ndarray, Sequence]) -> None:
     assert max(found.shift_u, found.shift_v) < 1e-4  # what cells leave
 
 
+@pytest.mark.daily(1)
 def test_a_camera_that_shakes(clean: tuple[np.ndarray, Sequence]) -> None:
     """By 0.1 pixels: the mean over the frames that tell a place shifts all of them."""
     frames, shown = clean
@@ -89,6 +93,7 @@ def test_a_camera_that_shakes(clean: tuple[np.ndarray, Sequence]) -> None:
     assert 0.6 < np.sqrt(np.mean(np.square(ratios))) < 1.6
 
 
+@pytest.mark.daily(1)
 def test_a_steady_motion_leaves_the_moment_of_the_pose_open(clean: tuple[np.ndarray, Sequence]) -> None:
     """The scene's pose may hold at any frame's time: a twelfth of the squared motion, as much again at most
     as places are seen after the middle; and chance of three draws."""

@@ -15,7 +15,8 @@ from .conftest import Map, Shoot, scores
 from .light import photographed
 
 
-@pytest.mark.parametrize("ratio", [6, *(pytest.param(r, marks=pytest.mark.slow) for r in (10, 100)), 40])
+@pytest.mark.daily(3)
+@pytest.mark.parametrize("ratio", [6, 10, 40, 100])
 @pytest.mark.parametrize(
     ("name", "params"),
     [
@@ -39,6 +40,7 @@ def test_coverage(shoot: Shoot, smooth: Map, name: str, params: dict[str, Any], 
         assert np.mean(score > 5) <= 1e-4
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize("steps", [3, 4, 5, 8, 16])
 def test_phase_noise_is_at_the_cramer_rao_bound(steps: int) -> None:
     """sigma_phi = sqrt(2 / N) sigma / B; frames in float so that rounding is no part of it."""
@@ -72,6 +74,7 @@ def test_shot_noise_is_told_from_read_noise(shoot: Shoot, smooth: Map) -> None:
         assert np.sqrt(np.nanmean(np.square(part))) == pytest.approx(1, abs=0.06)
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize("name", ["gray", "binary", "xor-gray", "long-run-gray"])
 def test_discrete_codes(shoot: Shoot, name: str) -> None:
     """rms(error) / sigma within 5 % of 1, and the cell holds the truth but for the stated probability."""
@@ -86,8 +89,9 @@ def test_discrete_codes(shoot: Shoot, name: str) -> None:
     assert outside.mean() <= stated + 3 * np.sqrt(max(stated, 1 / outside.size) / outside.size)
 
 
-@pytest.mark.parametrize("ratio", [4.5, pytest.param(8.0, marks=pytest.mark.slow), 20.0])
-@pytest.mark.parametrize("blur", [pytest.param(1e-3, marks=pytest.mark.slow), 0.5, 1.0])
+@pytest.mark.daily(4)
+@pytest.mark.parametrize("ratio", [4.5, 8.0, 20.0])
+@pytest.mark.parametrize("blur", [1e-3, 0.5, 1.0])
 @pytest.mark.parametrize("inverses", [True, False])
 @pytest.mark.parametrize("kind", ["gray", "binary", "long-run-gray"])
 def test_bits_in_blur_and_noise(kind: str, inverses: bool, blur: float, ratio: float) -> None:
@@ -109,6 +113,7 @@ def test_bits_in_blur_and_noise(kind: str, inverses: bool, blur: float, ratio: f
         assert (0.75 if ratio > 10 else 0.5) < rms(scores(found, u)) < 1.25
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize(
     ("kind", "step", "width", "blur", "noise", "most"),
     [

@@ -11,6 +11,7 @@ from .conftest import F64, Map, Shoot, scores, silent
 from .light import COLS, WIDTH, U, camera, cell_frames, free_levels, photographed, seen_by_pixels, seen_cells
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("params", [{"step": 4}, {"step": 8, "width": 16}, {"step": 3, "width": 9}])
 def test_swept_stripe(shoot: Shoot, smooth: Map, params: dict[str, float]) -> None:
     shown = sequence("stripe", 150, 170, **params)
@@ -20,6 +21,7 @@ def test_swept_stripe(shoot: Shoot, smooth: Map, params: dict[str, float]) -> No
     assert rms(scores(found, *smooth)) == pytest.approx(1, abs=0.03)
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("step", [3, 4, 8])
 def test_a_clipped_stripe_is_known_by_its_flanks(smooth: Map, step: int) -> None:
     """What is not clipped tells the place, however many samples a stripe has."""
@@ -32,6 +34,7 @@ def test_a_clipped_stripe_is_known_by_its_flanks(smooth: Map, step: int) -> None
     assert 0.7 < rms(scores(found, *smooth)) < 1.1
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("camera", [{}, {"noise": 0.5, "gain": 0.3}])
 def test_swept_stripe_in_shot_noise(shoot: Shoot, smooth: Map, camera: dict[str, float]) -> None:
     """The place follows from the stripe's flanks, whose noise is far above the dark; told, or measured."""
@@ -41,6 +44,7 @@ def test_swept_stripe_in_shot_noise(shoot: Shoot, smooth: Map, camera: dict[str,
     assert rms(scores(found, *smooth)) == pytest.approx(1, abs=0.05 if camera else 0.16)
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("named", [False, True])
 def test_micro_phase_shifting(shoot: Shoot, smooth: Map, named: bool) -> None:
     """Periods near 16 px, three shifts for the first and one for each other (Gupta & Nayar, CVPR 2012)."""
@@ -55,6 +59,7 @@ def test_micro_phase_shifting(shoot: Shoot, smooth: Map, named: bool) -> None:
     assert 0.7 < rms(scores(found, *smooth)) < 1.1
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("width", [2.2, 3.0])
 @pytest.mark.parametrize("name", ["free", "micro-phase"])
 def test_pixels_of_more_than_two_cells_know_how_sure_they_are(name: str, width: float) -> None:
@@ -112,6 +117,7 @@ def test_pattern_that_was_just_invented(smooth: Map) -> None:
     assert 0.7 < rms(scores(found, *smooth)) < 1.3
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("blur", [0.5, 0.9])
 def test_gray_within_its_cells(smooth: Map, blur: float) -> None:
     shown = sequence("gray", 150, 170)
@@ -123,6 +129,7 @@ def test_gray_within_its_cells(smooth: Map, blur: float) -> None:
     assert rms(scores(parts, *smooth)) < 1.1
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("code", ["gray", "levels"])
 def test_scattered_light(code: str) -> None:
     """A fifth of the light comes from up to twenty cells away: a blur alone is fitted, and sigma says so."""
@@ -142,6 +149,7 @@ def rows_of_pixels(cols: int, width: float) -> F64:
     return 6 + 0.97 * width * np.arange(int((cols - 14) / width)) + 0.0273 * np.arange(40)[:, None]
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize(("width", "blur", "noise"), [(1.0, 0.5, 1.0), (0.6, 0.02, 2.0), (2.0, 0.3, 1.0)])
 def test_free_levels(width: float, blur: float, noise: float) -> None:
     shown, u = free_levels(200, 12), rows_of_pixels(200, width)

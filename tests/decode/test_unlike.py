@@ -44,6 +44,7 @@ def light(shown: Sequence, shoot: Shoot, smooth: Map) -> F64:
     return np.asarray(shoot(shown, *smooth, dtype=np.uint16, offset=10500.0, amplitude=9000.0) / 100.0)
 
 
+@pytest.mark.daily(3)
 @pytest.mark.parametrize("share", [0.0, 0.03, 0.1, 0.25, -0.1])
 def test_what_a_slow_crystal_keeps_is_taken_off(
     share: float, shown: Sequence, light: F64, smooth: Map
@@ -57,6 +58,7 @@ def test_what_a_slow_crystal_keeps_is_taken_off(
     assert least <= float(np.sqrt(np.mean(np.square(scores(found, *smooth))))) <= 1.15
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize(("share", "rows"), [(0.25, 75), (0.2, 100), (0.6, 0)])
 def test_shares_that_are_not_taken_off_are_flagged_or_in_sigma(
     share: float, rows: int, shown: Sequence, light: F64, smooth: Map
@@ -71,6 +73,7 @@ def test_shares_that_are_not_taken_off_are_flagged_or_in_sigma(
     assert found.good.mean() > 0.5 or rows == 0, "what does not lag stays good; where all does by 0.6 none is"
 
 
+@pytest.mark.daily(1)
 def test_one_frame_exposed_longer_is_in_sigma(shown: Sequence, light: F64, smooth: Map) -> None:
     """Every third frame in turn; sigma is at most 4 times as wide as the errors."""
     kept = []
@@ -87,6 +90,7 @@ def test_one_frame_exposed_longer_is_in_sigma(shown: Sequence, light: F64, smoot
     assert np.median(kept) > 0.5, kept
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("size", [0.01, 0.03])
 @pytest.mark.parametrize("shown", [sequence("phase", *EXTENT), SHOWN[2]], ids=["phase", "close"])
 def test_bands_of_a_lamp_are_no_share_of_earlier_frames(
@@ -102,6 +106,7 @@ def test_bands_of_a_lamp_are_no_share_of_earlier_frames(
     assert found.good.mean() > 0.95
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize("share", [0.0, 0.02, 0.05])
 @pytest.mark.parametrize(
     "shown",
@@ -133,6 +138,7 @@ def test_a_second_reflection_shifts_all_pixels_and_sigma_says_so(
     assert found.good.mean() > 0.95
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize("gamma", [1.0, 1.4])
 @pytest.mark.parametrize(
     "shown",
@@ -166,6 +172,7 @@ def test_a_map_that_moves_from_period_to_period_is_in_sigma(shoot: Shoot, smooth
     assert silent(found, u + mean_u, v + mean_v) <= 1e-4
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("shown", [*SHOWN, CLOSE], ids=["gray+phase", "phase", "close", "three steps"])
 def test_a_camera_that_moves_is_no_slope(shown: Sequence, shoot: Shoot, smooth: Map) -> None:
     """By 0.2 px in all: both axes see the map of the same moment, but for a third of a frame."""

@@ -63,6 +63,7 @@ def best_rate(counts: tuple[int, int], ratio: float) -> float:
     return float(simpson(density * wrong, x=e))
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize(("counts", "ratio"), [((9, 10), 4.3), ((14, 15), 6.0), ((9, 10), 8.0)])
 def test_two_periods_reach_the_best_decision(counts: tuple[int, int], ratio: float) -> None:
     """erfc(pi / (sqrt 2 sigma_phi sqrt(v1^2 + v2^2))) takes the phase for Gaussian, and lies below."""
@@ -75,6 +76,7 @@ def test_two_periods_reach_the_best_decision(counts: tuple[int, int], ratio: flo
     assert found.order_error.mean() == pytest.approx(wrong.mean(), rel=0.15)
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize("shifts", [(0.0, 2.1, 4.2), (0.0, 1.57, 3.14, 4.71), (0.3, 1.9, 4.0, 5.5, 2.2)])
 @pytest.mark.parametrize("top", [np.inf, 200.0])
 def test_a_period_is_fitted_by_least_squares(shifts: tuple[float, ...], top: float) -> None:

@@ -33,6 +33,7 @@ def errors(scene: Scene, surface: Surface) -> NDArray[np.float64]:
     return np.stack([(seen[..., 0] - truth.u)[both], (seen[..., 1] - truth.v)[both]])
 
 
+@pytest.mark.daily(4)
 @pytest.mark.parametrize("preset", preset_names())
 @pytest.mark.parametrize("name", ["flat", "raised-cosine", "gaussian", "ball"])
 def test_coordinates_are_not_biased(gl: moderngl.Context, preset: str, name: str) -> None:

@@ -63,6 +63,7 @@ def box_mean(levels: Float, at: Float, width: Float, blur: float) -> Float:
     return np.asarray(share @ levels / width)
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize(("blur", "tolerance"), [(0.0, 1 / 36), (0.3, 1.2e-3), (1.0, 4e-5)])
 def test_a_flat_mirror_averages_cells_over_a_box(blur: float, tolerance: float) -> None:
     """Telecentric, no dent: every pixel sees the same box, along u by columns and along v by rows."""
@@ -79,6 +80,7 @@ def test_a_flat_mirror_averages_cells_over_a_box(blur: float, tolerance: float) 
         assert np.abs(light[index] - down[:, None] * along).max() < tolerance
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("name", ["monitor-mirror", "prism48"])
 def test_a_dent_is_the_mean_of_many_rays(name: str) -> None:
     """Pinhole with distortion, total reflection lost: 12 x 12 rays of another program."""

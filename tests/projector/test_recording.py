@@ -105,6 +105,7 @@ def test_an_mcap_file_holds_what_a_recording_holds(tmp_path: Path, monkeypatch: 
     assert not (tmp_path / "other.mcap").exists()
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("after", [0.05, 0.2, 0.6])
 def test_killed_at_any_moment(tmp_path: Path, after: float) -> None:
     """kill -9: all images that have a line are right, and they are nearly all that were written."""

@@ -68,6 +68,7 @@ def surfaces(scene: Scene, name: str) -> Surface:
     return dent(name, scene)
 
 
+@pytest.mark.daily(6)
 @pytest.mark.parametrize("preset", ["paper-simulation", "monitor-mirror"])
 @pytest.mark.parametrize("name", [*DENTS, "array", "callable"])
 def test_glsl_correspondences_and_frames_are_numpys(gl: moderngl.Context, name: str, preset: str) -> None:
@@ -101,6 +102,7 @@ def detail(name: str, blur: float, turn: float, row: int) -> tuple[Scene, Surfac
     return replace(whole, pattern=pattern, camera=part(whole.camera, row, 900, 10, 12)), dent(name, whole)
 
 
+@pytest.mark.daily(4)
 @pytest.mark.parametrize(
     ("name", "blur", "turn", "row"),
     [
@@ -124,6 +126,7 @@ def test_frames_are_those_of_many_rays(renderer: str, name: str, blur: float, tu
     assert np.ptp(expected[3]) > 100
 
 
+@pytest.mark.daily(3)
 @pytest.mark.parametrize("degrees", [40.0, 44.0, 44.9, 46.0])
 def test_fresnel_dims_below_the_critical_angle(renderer: str, degrees: float) -> None:
     """White on a flat mirror at 45 degrees is as bright as Fresnel's formulas with complex cosines say."""

@@ -26,9 +26,10 @@ def known(truth) -> PixelAnchor:
     return PixelAnchor(row, col, float(truth.z[row, col]))
 
 
+@pytest.mark.daily(3)
 @pytest.mark.parametrize("preset", ["paper-simulation", "prism48", "monitor-mirror"])
 @pytest.mark.parametrize("dent", ["flat", "gaussian", "raised-cosine", "ridge:angle_deg=30"])
-@pytest.mark.parametrize("noise", [pytest.param(1e-3, marks=pytest.mark.slow), 0.05])
+@pytest.mark.parametrize("noise", [1e-3, 0.05])
 def test_chi2_is_one_where_the_scene_is_right(exact, noisy, preset: str, dent: str, noise: float) -> None:
     """Whatever the noise: curvature is no contradiction."""
     scene, truth, _ = exact(preset, dent, *SIZE)
@@ -39,6 +40,7 @@ def test_chi2_is_one_where_the_scene_is_right(exact, noisy, preset: str, dent: s
     assert height.notices == ()
 
 
+@pytest.mark.daily(3)
 @pytest.mark.parametrize(
     ("preset", "wrong"),
     [
@@ -62,6 +64,7 @@ def test_wrong_scenes_are_noticed(exact, noisy, preset: str, wrong: str) -> None
     assert len(str(notice).splitlines()) == 1
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize(
     ("wrong", "by"),
     [("camera.rx", 0.2), ("camera.ry", 0.2), ("camera.rz", 0.2), ("camera.ry", 1.0), ("pattern.rx", -1.0)],
@@ -122,6 +125,7 @@ def test_a_stream_tells_what_its_frames_and_its_scene_say(exact, noisy) -> None:
     assert heights[1].diagnostics.chi2 == heights[0].diagnostics.chi2
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize("preset", ["paper-simulation", "monitor-mirror"])
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_a_capture_at_rest_takes_off_a_camera_that_looks_elsewhere(

@@ -85,6 +85,7 @@ def test_fixed_point_agrees(bump) -> None:
     assert rms(difference) < 1e-6 * np.nanmax(truth.z)
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize("shape", ["disk", "holes", "slit", "dropouts"])
 def test_masks(exact, cut, shape: str) -> None:
     rows = cols = 128

@@ -13,6 +13,7 @@ from .conftest import correspondence_of, rms_score, scores
 BALL = "ball:peak=2.452,radius=186.5,"
 
 
+@pytest.mark.daily(3)
 @pytest.mark.parametrize(
     ("preset", "dent", "size", "sigma", "noise", "seed", "good"),
     [
@@ -70,6 +71,7 @@ def test_dense_outliers_are_gone_around(exact, noisy) -> None:
     assert (np.abs(scores(height, truth)) > 5).sum() < 1e-3 * height.good.sum()
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("sigma", [0.012, 0.003])
 def test_a_rim_that_one_side_explains_by_accident(exact, noisy, sigma: float) -> None:
     """Outside its contact a ball's slope leaves like a root: some edges agree with it from that side. What
@@ -106,6 +108,7 @@ def test_large_errors_are_found_in_pairs_too_and_little_else(exact, noisy) -> No
     assert np.abs(score).max() < 5
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("dent", ["ridge:angle_deg=30", "ball", "needle"])
 def test_a_crease_a_rim_and_a_tip_are_no_outliers(exact, noisy, dent: str) -> None:
     """But for pixels of their very edge."""

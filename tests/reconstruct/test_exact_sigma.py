@@ -47,6 +47,7 @@ def uneven(kind: str) -> Floats:
     return noise
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize(
     ("preset", "kind", "off"),
     [
@@ -84,6 +85,7 @@ def roof(scene: Scene, crease: float) -> Surface:
     return Surface(height, gradient)
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("slit", [False, True])
 def test_a_crease_between_pixels_is_in_sigma(cut, slit: bool) -> None:
     """Wherever it lies between two rows, or in a slit that nobody sees: all of the far side is off by the

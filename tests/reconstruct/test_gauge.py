@@ -9,6 +9,7 @@ from optolever.scene import adjusted, dent, trace
 APART = "anchors contradict each other, sigma rms"
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("preset", ["prism48", "paper-simulation", "monitor-mirror"])
 def test_an_edge_that_cannot_rest_tells_that_the_rig_is_wrong(preset: str, exact, noisy) -> None:
     """A camera that is turned by 0.2 degrees tilts the mirror along its edge, which no other notice tells."""

@@ -13,6 +13,7 @@ DENSE = ("coupled", "direct", "robust", "march", "fixed-point")
 SIDE = 64
 
 
+@pytest.mark.daily(4)
 @pytest.mark.parametrize("preset", ["paper-simulation", "monitor-mirror"])
 @pytest.mark.parametrize("method", DENSE)
 def test_smooth_dent_without_noise(method: str, preset: str, exact) -> None:
@@ -27,6 +28,7 @@ def test_smooth_dent_without_noise(method: str, preset: str, exact) -> None:
     assert relative_error(height, truth) < 5e-5  # quadrature on 64 pixels
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize("method", DENSE)
 def test_edge_anchor(method: str, exact) -> None:
     scene, truth, seen = exact("paper-simulation", "raised-cosine", SIDE, SIDE)

@@ -13,6 +13,7 @@ def edge_weights(weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return wx, wy
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize("case", ["disk", "slit", "dropouts", "crease", "prism"])
 def test_iterations_stay_few(case: str) -> None:
     """Solved to 1e-8 from an exact potential, by few iterations, where a DCT needs 40 to 200; and none from

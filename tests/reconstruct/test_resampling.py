@@ -69,6 +69,7 @@ def test_a_tilted_plane_under_slanted_rays() -> None:
     np.testing.assert_allclose(before.sigma, step * (1 - slope * lean), rtol=1e-9)
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize(
     ("preset", "dent"),
     [("paper-simulation", "raised-cosine:peak=13"), ("monitor-mirror", "raised-cosine:peak=8")],

@@ -66,6 +66,7 @@ def interior(height: HeightMap) -> NDArray[np.bool_]:
         return np.asarray(height.good & (height.x > 0.1 * np.nanmax(height.x)))
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize("kind", SCENES)
 @pytest.mark.parametrize("against_rest", [False, True], ids=["alone", "rest"])
 def test_modes_are_what_whole_solves_by_other_scenes_change(kind: str, against_rest: bool) -> None:
@@ -122,10 +123,8 @@ def test_displacement_is_how_points_move_with_the_rig() -> None:
     assert np.hypot(*gauge[:2, :, 0].T) == pytest.approx([0.5, 0.5])  # place along the mirror, mm
 
 
-SLOW = pytest.mark.slow  # every other description is tried on the coarse grid
-
-
-@pytest.mark.parametrize("kind", ["both poses", "glass", "motion, sag", pytest.param("all", marks=SLOW)])
+@pytest.mark.daily(1)
+@pytest.mark.parametrize("kind", ["both poses", "glass", "motion, sag", "all"])
 def test_no_height_of_a_rig_that_is_not_as_typed_is_silent(kind: str) -> None:
     runs = list(typed_runs((kind,), range(2)))
     assert not [run for run in runs if run.silent or run.refused]
@@ -191,8 +190,9 @@ def require_named(words: str, press: Correspondence, scene: Scene, rest: Corresp
     assert kept.good.any()
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("words", MISTAKES)
-@pytest.mark.parametrize("against_rest", [pytest.param(False, marks=SLOW), True], ids=["alone", "rest"])
+@pytest.mark.parametrize("against_rest", [True, False], ids=["rest", "alone"])
 def test_a_display_that_is_mounted_otherwise_is_named(words: str, against_rest: bool) -> None:
     press, rest = (
         MISTAKES[words](captured(PRISM, name, seed=seed)[1], PRISM.pattern)
@@ -201,8 +201,9 @@ def test_a_display_that_is_mounted_otherwise_is_named(words: str, against_rest: 
     require_named(words, press, PRISM, rest if against_rest else None)
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize(("ratio", "words"), [(10.0, "ten times smaller"), (0.1, "ten times larger")])
-@pytest.mark.parametrize("against_rest", [pytest.param(False, marks=SLOW), True], ids=["alone", "rest"])
+@pytest.mark.parametrize("against_rest", [True, False], ids=["rest", "alone"])
 def test_a_pitch_in_another_unit_is_named(ratio: float, words: str, against_rest: bool) -> None:
     """Or cells of the sequence that are as many times too large: no capture parts the two."""
     (_, press), (_, rest) = captured(PRISM), captured(PRISM, "flat", seed=1)

@@ -14,6 +14,7 @@ from .conftest import rms_score, scores
 Floats = NDArray[np.float64]
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize(
     ("preset", "dent", "rows", "cols", "between"),
     [

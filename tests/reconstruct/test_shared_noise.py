@@ -31,6 +31,7 @@ def score(anchor: str, noise: SharedNoise, seen: Seen) -> float:
     return rms_score(np.array(found))
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize("turns", [0.125, 0.03])
 @pytest.mark.parametrize("common", SHAPES)
 @pytest.mark.parametrize("anchor", ["edge", "pixel"])
@@ -47,6 +48,7 @@ def test_sigma_is_that_of_draws(common: str, turns: float, anchor: str) -> None:
     assert 0.75 < score(anchor, SharedNoise(*shares, turns, turns), seen) < 1.35
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("anchor", ["edge", "pixel"])
 def test_all_places_off_by_the_same(anchor: str) -> None:
     """As a camera that shakes leaves them."""

@@ -27,6 +27,7 @@ def test_slopes_are_those_of_the_surface(exact, preset: str, dent: str) -> None:
             assert np.abs(found - expected)[slopes.good].max() < limit
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize(("preset", "dent"), DENTS[:2])
 def test_sigma_against_scatter(exact, noisy, preset: str, dent: str) -> None:
     scene, truth, correspondence = exact(preset, dent, 64, 64)

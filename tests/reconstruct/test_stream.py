@@ -52,6 +52,7 @@ def test_a_jump_and_a_new_mask_are_solved_in_full(frames, exact, noisy, cut) -> 
         assert np.max(np.abs(height.z - full.z)[good] / full.sigma[good]) < 0.1
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize("what", ["wrong pixels", "noisier", "contradictory", "uncovered"])
 def test_what_the_last_frame_does_not_bear_out_is_solved_in_full(exact, noisy, what: str) -> None:
     """Beside a crease, whose doubts the first frame holds."""

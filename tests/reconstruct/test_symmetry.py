@@ -39,6 +39,7 @@ def changed(scene: Scene, seen: Correspondence, how: str) -> tuple[Scene, Corres
     return replace(scene, camera=other), found
 
 
+@pytest.mark.daily(3)
 @pytest.mark.parametrize(
     ("how", "noise"),
     [("half turn", 0.02), ("quarter turn", 0.02), ("mirror image", 0.0), ("mirror image", 0.05)],
@@ -76,6 +77,7 @@ def in_metres(scene: Scene, k: float = 1e-3) -> Scene:
     )
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize("method", ["coupled", "fixed-point"])
 @pytest.mark.parametrize("preset", ["monitor-mirror", "paper-simulation"])
 def test_metres_instead_of_millimetres(exact, preset: str, method: str) -> None:

@@ -39,6 +39,7 @@ def test_sigma_grows_with_the_noise_and_with_the_anchors_own(exact, noisy) -> No
     assert loose[48, 48] == pytest.approx(0.5, rel=0.01)
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("times", [2.0, 5.0])
 def test_noise_that_was_told_too_small_is_told_by_the_curl(exact, noisy, times: float) -> None:
     """The height, its flags and its sigma are nearly those of the true noise; the diagnostics say how far off
@@ -110,6 +111,7 @@ def test_error_at_the_bound(exact, noisy, cut: float) -> None:
     assert 0.95 < np.sqrt(np.mean(found / np.maximum(least, 0.05 * np.median(least)))) < 1.05
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize(("axis", "turned"), [("v", 0), ("v", 2), ("u", 3)])
 def test_errors_that_pixels_along_an_end_share(exact, cut, axis: str, turned: int) -> None:
     """Half covered pixels see one side too much: all along an end by as much as their sigma."""

@@ -152,10 +152,11 @@ def solve3(pattern, direction, hit):
     return det(right, pv, -direction) / whole, det(pu, right, -direction) / whole
 
 
+@pytest.mark.daily(6)
 @pytest.mark.parametrize("name", [n for n in dent_names() if n != "relief"])
 @pytest.mark.parametrize(
     "scene",
-    [pytest.param(prism(), marks=pytest.mark.slow), prism(48.0, 50.0), rig()],
+    [prism(), prism(48.0, 50.0), rig()],
     ids=["45", "48-50", "pinhole"],
 )
 def test_every_dent_against_brute_force(name, scene):
