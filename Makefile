@@ -21,8 +21,8 @@ docs: $(VENV)/.docs  ## the pages, as HTML in out/docs
 	$(BIN)/python docs/figures.py docs/_figures
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs $(OUT)/docs
 
-test: $(VENV)/.dev  ## the tests of every day
-	$(BIN)/python -m pytest -m "not slow"
+test: $(VENV)/.dev  ## the tests of every day, on all cores
+	$(BIN)/python -m pytest -n auto --dist loadfile -m "not slow"
 
 test-slow: $(VENV)/.dev  ## what those leave out: bounds, coverage over seeds, drawn rigs, Dask, the browser
 	$(BIN)/python -m pytest -m slow
