@@ -29,13 +29,14 @@ def fringe(period: float, steps: int) -> float:
 TOGETHER = sum(fringe(period, 3) ** -2 for period in (20, 22, 25)) ** -0.5
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize(
     ("name", "sigma"),
     [
-        pytest.param("gray", 1 / np.sqrt(12), marks=pytest.mark.slow),
-        pytest.param("long-run-gray", 1 / np.sqrt(12), marks=pytest.mark.slow),
         ("phase:steps=4", fringe(16, 4)),
-        pytest.param("phase:steps=3,periods=20/22/25", TOGETHER, marks=pytest.mark.slow),
+        ("gray", 1 / np.sqrt(12)),
+        ("long-run-gray", 1 / np.sqrt(12)),
+        ("phase:steps=3,periods=20/22/25", TOGETHER),
         ("gray+phase", fringe(8, 4)),
     ],
 )
@@ -133,13 +134,14 @@ def decoded(rig: Scene, text: str, reflectance: float, noise: float) -> Correspo
     return decode(taken.frames, shown)
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize(
     ("text", "reflectance", "noise"),
     [
         ("gray+phase", 0.07, 2.0),
-        pytest.param("gray+phase", 0.03, 1.0, marks=pytest.mark.slow),
-        pytest.param("phase", 0.05, 2.0, marks=pytest.mark.slow),
-        pytest.param("micro-phase", 0.07, 2.0, marks=pytest.mark.slow),
+        ("gray+phase", 0.03, 1.0),
+        ("phase", 0.05, 2.0),
+        ("micro-phase", 0.07, 2.0),
     ],
 )
 def test_a_refused_capture_names_what_would_decode(

@@ -37,6 +37,7 @@ def lever(prism: Scene) -> Lever:
     return Lever(prism, dent("gaussian", prism, peak=0.3, sigma=8))
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize(
     "text",
     [
@@ -81,14 +82,15 @@ def test_the_images_of_a_view_are_those_of_the_virtual_sensor(prism: Scene) -> N
     assert there.error[0, 0][found.good] == pytest.approx((found.u - truth.u)[found.good], abs=1e-6)
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize(
     ("scene", "size", "bump", "stride"),
     [
         pytest.param("prism48", (144, 192), (0.3, 6), 3, id="small"),
-        pytest.param("prism48", (144, 192), (0.3, 8), 3, id="middle", marks=pytest.mark.slow),
-        pytest.param("prism48", (144, 192), (0.3, 12), 3, id="wide", marks=pytest.mark.slow),
+        pytest.param("prism48", (144, 192), (0.3, 8), 3, id="middle"),
+        pytest.param("prism48", (144, 192), (0.3, 12), 3, id="wide"),
         # reaches the pattern's edge, where errors grow without limit
-        pytest.param("paper-simulation", (192, 192), (0.6, 25), 4, id="edge", marks=pytest.mark.slow),
+        pytest.param("paper-simulation", (192, 192), (0.6, 25), 4, id="edge"),
     ],
 )
 def test_a_thinned_camera_predicts_the_full_one(

@@ -274,16 +274,7 @@ def test_a_map_without_a_good_pixel_has_a_page(mirror: Page, tmp_path: Path, bro
 
 
 LOGGING = ("--enable-logging=stderr", "--v=0", "--host-resolver-rules=MAP * ~NOTFOUND")
-#: Before the scripts of the page: sizes and colours of every text that is drawn on a canvas.
-FONTS = """<script>
-window.drawn = [];
-const original = CanvasRenderingContext2D.prototype.fillText;
-CanvasRenderingContext2D.prototype.fillText = function (text, ...rest) {
-  window.drawn.push([parseFloat(this.font.match(/([\\d.]+)px/)[1]) / devicePixelRatio, this.fillStyle, text]);
-  return original.call(this, text, ...rest);
-};
-</script>"""
-#: Behind them: what a reader does, and what the page then says, into the document's title.
+#: Behind the scripts of the page: what a reader does, and what the page then says, into the document's title.
 READ = """<script>
 setTimeout(() => {
   const over = document.querySelector("#height-map .u-over"), box = over.getBoundingClientRect();
@@ -315,13 +306,6 @@ setTimeout(() => {
           return [x, y, [...image.slice(4 * (row * canvas.width + col)).slice(0, 3)]];
         });
         out.layer = document.querySelector("#height-map .map-head strong").textContent;
-        out.texts = window.drawn;
-        out.sizes = [...document.querySelectorAll("body *")]
-          .filter((e) => [...e.childNodes].some((n) => n.nodeType === 3 && n.textContent.trim()))
-          .filter((e) => e.getClientRects().length)
-          .map((e) => parseFloat(getComputedStyle(e).fontSize));
-        out.wide = document.documentElement.scrollWidth;
-        out.ground = getComputedStyle(document.body).backgroundColor;
         const block = document.createElement("script");
         block.type = "application/json"; block.id = "result"; block.textContent = JSON.stringify(out);
         document.body.append(block);
@@ -336,7 +320,7 @@ FRAMES = "<script>window.requestAnimationFrame = (draw) => setTimeout(draw, 1);<
 def read_by(browser: Browser, page: Page, folder: Path, width: int, *options: str) -> dict[str, Any]:
     """What a reader's browser of that width shows."""
     copy = folder / "read.html"
-    html = page.html.replace("<head>", "<head>" + FRAMES + FONTS).replace("</body>", READ + "</body>")
+    html = page.html.replace("<head>", "<head>" + FRAMES).replace("</body>", READ + "</body>")
     copy.write_text(html, encoding="utf-8")
     size = f"--window-size={width},1200"
     dom = browser(copy, "--dump-dom", "--virtual-time-budget=6000", size, *LOGGING, *options)

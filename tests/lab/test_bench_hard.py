@@ -92,14 +92,11 @@ def test_a_case_is_a_pure_function(wanted: str) -> None:
 
 #: Among gaps, beside steep anchors; most of a small display saturated, so that its dark border looked like
 #: cells.
-ONCE_WRONG = (7, 9, 37, 67, 69, 73, 79, 99, 103, 157, 77016)
-EVERY_DAY = (103,)
+ONCE_WRONG = (103, 7, 9, 37, 67, 69, 73, 79, 99, 157, 77016)
 
 
-@pytest.mark.parametrize(
-    "number",
-    [n if n in EVERY_DAY else pytest.param(n, marks=pytest.mark.slow) for n in ONCE_WRONG],
-)
+@pytest.mark.daily(1)
+@pytest.mark.parametrize("number", ONCE_WRONG)
 def test_random_cases_that_were_once_silently_wrong(number: int) -> None:
     (one,) = hard_cases(drawn=1, first=number)
     result = judged(one, one.make())
@@ -112,14 +109,13 @@ def test_random_cases_that_were_once_silently_wrong(number: int) -> None:
 #: pattern's end; a bend in the shadow of its border; light that falls off above a dark level; grey values
 #: rounded alike along a line; contrast of micro phase among steep parts.
 HEIGHTS_ONCE_WRONG = (
-    *(60038, 61028, 61030, 61094, 62051, 63013, 64052, 63032, 65048, 61135, 68106, 66012, 68116),
+    *(61030, 60038, 61028, 61094, 62051, 63013, 64052, 63032, 65048, 61135, 68106, 66012, 68116),
 )
 HARD_TO_DECODE = {64052: 0.15, 63032: 0.35, 66012: 0.4}  # the share that is flagged
 
 
-@pytest.mark.parametrize(
-    "number", [n if n == 61030 else pytest.param(n, marks=pytest.mark.slow) for n in HEIGHTS_ONCE_WRONG]
-)
+@pytest.mark.daily(1)
+@pytest.mark.parametrize("number", HEIGHTS_ONCE_WRONG)
 def test_heights_of_drawn_rigs_that_were_once_silently_wrong(number: int) -> None:
     (one,) = hard_cases(wanted="height", draws=1, first=number)
     result = judged(one, one.make())

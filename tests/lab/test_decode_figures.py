@@ -30,11 +30,8 @@ def test_every_code_has_its_row() -> None:
         assert "ns per frame and pixel" in figure.note
 
 
-@pytest.mark.parametrize(
-    "code",
-    [SPEED_CODES[0], *(pytest.param(code, marks=pytest.mark.slow) for code in SPEED_CODES[1:])],
-    ids=lambda code: code.name,
-)
+@pytest.mark.daily(1)
+@pytest.mark.parametrize("code", SPEED_CODES, ids=lambda code: code.name)
 def test_frames_show_the_smooth_map(code: SpeedCode) -> None:
     """Most pixels are decoded, to within a cell and a half of where they look."""
     shown = speed_sequence(code, LARGER)
