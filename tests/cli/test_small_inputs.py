@@ -228,3 +228,33 @@ def test_words_after_decoding_say_how_much_the_mirror_fills(
     assert abs(numbers["mirror_good_share"] - good[inside].mean()) < 0.01
     share, decoded_share = 100 * numbers["mirror_share"], 100 * numbers["mirror_good_share"]
     assert f"the mirror fills {share:.1f} % of the image; {decoded_share:.1f} % of it decoded" in out
+
+
+BENCH = ["--scene", "prism48", "--solver", "coupled", "--noise", "1"]
+
+
+def test_bench_takes_own_sequences_at_any_size(
+    optolever: Program, refused: Refused, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    pattern = load("prism48").pattern
+    sequence("gray+phase", pattern.rows, pattern.cols).save("own.toml")
+    Path("my_pattern.py").write_text(
+        "from optolever.patterns import sequence\n"
+        "def coarse(rows, cols): return sequence('gray+phase', rows, cols, period=16)\n"
+    )
+    args = ["--sequence", "own.toml", "--add", "my_pattern:coarse", "--size", "48x64", "--out", "bench"]
+    optolever("bench", *BENCH, *args, "--json", "b.json")
+    rows = json.loads(Path("b.json").read_text())["rows"]
+    assert [row["sequence"] for row in rows] == ["own.toml", "my_pattern:coarse"]
+    assert [row["status"] for row in rows] == ["done", "done"]
+    assert all(row["height_rms_rel"] < 1e-2 for row in rows)
+    sequence("gray+phase", 30, 30).save("small.toml")
+    refused(
+        ["bench", *BENCH, "--sequence", "small.toml", "--size", "48x64", "--out", "b2"], "small.toml", "30x30"
+    )
+    refused(
+        ["bench", *BENCH, "--sequence", "exact", "--add", "my_pattern:none", "--out", "b3"],
+        "my_pattern:none",
+        "cannot be imported",
+    )

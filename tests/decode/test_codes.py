@@ -26,7 +26,7 @@ CODES: list[tuple[str, dict[str, Any], float]] = [
 ]
 
 
-@pytest.mark.daily(8)
+@pytest.mark.daily(12)
 @pytest.mark.parametrize(("name", "params", "limit"), CODES)
 @pytest.mark.parametrize(("dtype", "scale"), [(np.uint8, 1), (np.uint16, 16)])
 def test_ideal_frames(

@@ -23,7 +23,7 @@ def share(found: Correspondence, flag: Flag, where: Any = ...) -> float:
     return float(((found.flags & flag) > 0)[where].mean())
 
 
-@pytest.mark.daily(6)
+@pytest.mark.daily(12)
 @pytest.mark.parametrize("name", ["gray", "binary", "phase", "gray+phase", "stripe", "spot"])
 @pytest.mark.parametrize("grey", [0, 3, 128, 255])
 def test_flat_captures_are_results_with_flags(name: str, grey: int) -> None:

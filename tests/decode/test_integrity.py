@@ -41,7 +41,7 @@ def _named(frames: NDArray[Any], shown: Sequence) -> Finding:
     return finding
 
 
-@pytest.mark.daily(3)
+@pytest.mark.daily(5)
 @pytest.mark.parametrize(("name", "params"), CASES)
 def test_neighbours_in_each_others_place_are_named_and_nothing_in_whole_captures(
     name: str, params: dict[str, Any], shoot: Shoot, smooth: Map
@@ -86,7 +86,7 @@ def test_a_lost_and_a_repeated_frame_are_named(shoot: Shoot, smooth: Map) -> Non
         assert {11, 12} & set(finding.frames)
 
 
-@pytest.mark.daily(2)
+@pytest.mark.daily(3)
 @pytest.mark.parametrize("name", EDGES)
 def test_a_torn_frame_is_named_with_its_rows(name: str, shoot: Shoot, smooth: Map) -> None:
     shown = _shown(name)

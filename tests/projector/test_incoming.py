@@ -45,7 +45,6 @@ def test_names_are_sorted_as_people_count(tmp_path: Path) -> None:
         np.testing.assert_array_equal(Capture.from_pictures(source, SHOWN).frames, images)
 
 
-@pytest.mark.daily(5)
 @pytest.mark.parametrize("suffix", ["png", "bmp", "pgm", "tif", "tiff"])
 @pytest.mark.parametrize(("dtype", "bits"), [(np.uint8, 8), (np.uint16, 12), (np.uint16, 16)])
 def test_lossless_formats_keep_every_level(suffix: str, dtype: Any, bits: int, tmp_path: Path) -> None:

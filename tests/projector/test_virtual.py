@@ -68,7 +68,7 @@ def surfaces(scene: Scene, name: str) -> Surface:
     return dent(name, scene)
 
 
-@pytest.mark.daily(6)
+@pytest.mark.daily(10)
 @pytest.mark.parametrize("preset", ["paper-simulation", "monitor-mirror"])
 @pytest.mark.parametrize("name", [*DENTS, "array", "callable"])
 def test_glsl_correspondences_and_frames_are_numpys(gl: moderngl.Context, name: str, preset: str) -> None:

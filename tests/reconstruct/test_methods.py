@@ -28,7 +28,6 @@ def test_smooth_dent_without_noise(method: str, preset: str, exact) -> None:
     assert relative_error(height, truth) < 5e-5  # quadrature on 64 pixels
 
 
-@pytest.mark.daily(2)
 @pytest.mark.parametrize("method", DENSE)
 def test_edge_anchor(method: str, exact) -> None:
     scene, truth, seen = exact("paper-simulation", "raised-cosine", SIDE, SIDE)

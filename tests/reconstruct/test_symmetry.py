@@ -39,7 +39,7 @@ def changed(scene: Scene, seen: Correspondence, how: str) -> tuple[Scene, Corres
     return replace(scene, camera=other), found
 
 
-@pytest.mark.daily(3)
+@pytest.mark.daily(4)
 @pytest.mark.parametrize(
     ("how", "noise"),
     [("half turn", 0.02), ("quarter turn", 0.02), ("mirror image", 0.0), ("mirror image", 0.05)],

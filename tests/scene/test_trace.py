@@ -152,7 +152,7 @@ def solve3(pattern, direction, hit):
     return det(right, pv, -direction) / whole, det(pu, right, -direction) / whole
 
 
-@pytest.mark.daily(6)
+@pytest.mark.daily(12)
 @pytest.mark.parametrize("name", [n for n in dent_names() if n != "relief"])
 @pytest.mark.parametrize(
     "scene",
