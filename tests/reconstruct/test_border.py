@@ -118,6 +118,7 @@ def clamped(exact):
     return exact("paper-prototype", "ball:peak=0.075,radius=910", 172, 108)[:2]
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("share", [0.1, 0.3])
 def test_dropouts_on_the_anchors_line_cost_no_extrapolation(clamped, noisy, cut, share: float) -> None:
     """A pixel more to extrapolate over would make four times the error."""
@@ -150,9 +151,10 @@ def passage(shape: tuple[int, int]) -> np.ndarray:
     return lost
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize(
     ("dropouts", "off"),
-    [(0.1, 0.15), pytest.param(0.3, 0.15, marks=pytest.mark.slow), (0.35, 0.2), (None, 0.2)],
+    [(0.1, 0.15), (0.3, 0.15), (0.35, 0.2), (None, 0.2)],
 )
 def test_sigma_of_a_mask_is_what_repeated_noise_gives(
     exact, noisy, cut, dropouts: float | None, off: float

@@ -44,6 +44,7 @@ def test_noise_of_a_common_rest_capture_counts_once(rest_noise: float) -> None:
     assert 0.85 < spread(apart) < 1.15  # of two rest captures nothing cancels
 
 
+@pytest.mark.slow
 def test_error_of_a_common_anchor_counts_once(tmp_path: Path) -> None:
     """An anchor known to 10 um moves both maps alike; another one does not, and files keep that."""
     rng, found, apart = np.random.default_rng(6), [], []

@@ -109,6 +109,7 @@ def test_a_grid_is_read_by_others(
     np.testing.assert_allclose(np.array(told["data"], float) / scale, grid.z, rtol=0, atol=atol_mm)
 
 
+@pytest.mark.slow
 def test_zygo_data_takes_the_finest_steps_that_hold_the_heights(tmp_path: Path) -> None:
     for top, step in ((1.0, 2.5e-9), (15.0, 1e-8), (100.0, 8e-8)):
         z = np.linspace(-0.5 * top, top, 35).reshape(5, 7)
