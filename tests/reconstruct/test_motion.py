@@ -127,7 +127,7 @@ LARGE = {
 TWO = "gaussian:peak=0.2,sigma=3,x=18,y=14+ball:peak=0.1,radius=20,x=42,y=30"
 
 
-@pytest.mark.daily(2)
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("name", SMALL)
 @pytest.mark.parametrize("scale", [1.0, 5.0])
 def test_the_motion_is_found_beside_a_small_dent(name: str, scale: float) -> None:
@@ -137,7 +137,7 @@ def test_the_motion_is_found_beside_a_small_dent(name: str, scale: float) -> Non
     assert 0.3 < error / sigma < 1.5
 
 
-@pytest.mark.daily(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "dent"), [*LARGE.items(), ("prism48", TWO)])
 def test_a_dent_all_over_the_mirror_is_not_taken_for_motion(name: str, dent: str) -> None:
     draws = [error_over_sigma(*fitted(name, dent, seed, 1.0)) for seed in range(8)]
@@ -146,7 +146,7 @@ def test_a_dent_all_over_the_mirror_is_not_taken_for_motion(name: str, dent: str
     assert 0.4 < error / sigma < 1.5
 
 
-@pytest.mark.daily(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LARGE)
 def test_without_motion_nothing_is_removed(name: str) -> None:
     for dent in ("flat", SMALL[name], LARGE[name]):

@@ -123,7 +123,7 @@ def test_displacement_is_how_points_move_with_the_rig() -> None:
     assert np.hypot(*gauge[:2, :, 0].T) == pytest.approx([0.5, 0.5])  # place along the mirror, mm
 
 
-@pytest.mark.daily(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["both poses", "glass", "motion, sag", "all"])
 def test_no_height_of_a_rig_that_is_not_as_typed_is_silent(kind: str) -> None:
     runs = list(typed_runs((kind,), range(2)))
@@ -201,7 +201,7 @@ def test_a_display_that_is_mounted_otherwise_is_named(words: str, against_rest: 
     require_named(words, press, PRISM, rest if against_rest else None)
 
 
-@pytest.mark.daily(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(("ratio", "words"), [(10.0, "ten times smaller"), (0.1, "ten times larger")])
 @pytest.mark.parametrize("against_rest", [True, False], ids=["rest", "alone"])
 def test_a_pitch_in_another_unit_is_named(ratio: float, words: str, against_rest: bool) -> None:
@@ -233,6 +233,7 @@ def test_a_perfect_capture_keeps_its_heights() -> None:
     assert np.nanmax(np.abs(height.z - truth.z)[height.good]) < 1e-3
 
 
+@pytest.mark.slow
 def test_presses_against_one_rest_subtract() -> None:
     """Errors of the rig cancel in a difference, motions of the rig since the rest capture do not."""
     _, rest = captured(PRISM, "flat", seed=1)
