@@ -82,7 +82,7 @@ def test_the_images_of_a_view_are_those_of_the_virtual_sensor(prism: Scene) -> N
     assert there.error[0, 0][found.good] == pytest.approx((found.u - truth.u)[found.good], abs=1e-6)
 
 
-@pytest.mark.daily(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scene", "size", "bump", "stride"),
     [

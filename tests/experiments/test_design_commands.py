@@ -26,6 +26,7 @@ def test_design_writes_what_capture_takes(tmp_path: Path) -> None:
     assert len(list((tmp_path / "capture/frames").glob("*.png"))) == found["rows"][0]["frames"]
 
 
+@pytest.mark.slow
 def test_a_users_pattern_is_always_printed(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
