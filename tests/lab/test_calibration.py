@@ -19,11 +19,12 @@ def test_mode_chi2_of_drawn_maps(factor: float, expected: float) -> None:
     assert np.mean(found) == pytest.approx(expected, rel=0.15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "linear"),
     [
         pytest.param(1087, 26.4, id="a minimum that few starts find"),
-        pytest.param(1066, 18.8, id="two minima of nearly one sum of squares", marks=pytest.mark.slow),
+        pytest.param(1066, 18.8, id="two minima of nearly one sum of squares"),
     ],
 )
 def test_covariance_of_a_rig_with_several_minima(seed: int, linear: float) -> None:

@@ -9,6 +9,7 @@ from optolever.scene import load, resize
 FINGERS = [Finger("gaussian", 25, 16, 0.3, 4.0), Finger("gaussian", 42, 30, 0.1, 3.0)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("at_rest", [True, False])
 def test_two_fingers_on_a_drawn_rig(at_rest: bool) -> None:
     """Against a rest capture; and alone, where errors of the rig are larger than the dents."""
