@@ -141,6 +141,7 @@ def plug(display: str) -> None:
     assert "480x800" in optolever(display, "show", "--list").stdout
 
 
+@pytest.mark.slow
 def test_bent_levels_are_told(dummy: str) -> None:
     assert "bends" not in optolever(dummy, "show", "--list").stderr
     xrandr(dummy, "--output", "DUMMY0", "--gamma", "1:0.8:0.55", "--brightness", "0.9")

@@ -129,6 +129,7 @@ def test_show_puts_every_frame_on_the_screen(x_server: tuple[str, Path], tmp_pat
     assert np.all(np.diff(times) >= 0.5)
 
 
+@pytest.mark.slow
 def test_show_lists_monitors_and_refuses_others(x_server: tuple[str, Path], tmp_path: Path) -> None:
     display, _ = x_server
     code = "import sys; from optolever.cli import run; sys.exit(run(sys.argv[1:]))"

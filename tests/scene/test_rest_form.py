@@ -81,6 +81,7 @@ def test_the_default_anchor_lies_on_it(scene: Scene) -> None:
     assert np.median(found.calibration_sigma[edge]) > np.median(plain.calibration_sigma[edge]) + 5e-5
 
 
+@pytest.mark.slow
 def test_heights_against_a_rest_capture_are_above_it(scene: Scene) -> None:
     given = exact_correspondence(trace(scene, sagging(scene)), 1e-3)
     found = reconstruct(given, scene, rest=given, accept=True)
