@@ -41,6 +41,7 @@ def test_the_modulus_is_that_of_hertz(edge: float) -> None:
     assert found.layer.poisson == GUESS.poisson
 
 
+@pytest.mark.slow
 def test_several_weights_and_their_errors() -> None:
     """Independent errors of the weights average, the scatter of 20 drawn sets is sigma; a contradiction
     widens it."""

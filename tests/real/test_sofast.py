@@ -26,6 +26,7 @@ from optolever.reconstruct import HeightMap, SlopeMap, on_rig, reconstruct
 from optolever.scene import SofastRig, load_sofast_rig
 
 h5py = pytest.importorskip("h5py", reason="h5py is absent: pip install 'optolever[sofast]'")
+pytestmark = pytest.mark.slow  # decoded by a response that its frames contradict: twice
 
 Floats = NDArray[np.float64]
 
