@@ -186,3 +186,16 @@ def test_total_reflection_margin(prism: Scene, angle: float, margin: float) -> N
     """Silicone of 1.41: lost by 0.17 degrees at 45, kept up to 4.8 at 50."""
     maps = sensor_maps(varied(prism, "angle", angle), side=16)
     assert maps.numbers()["reflection_margin_deg"] == pytest.approx(margin, abs=0.01)
+
+
+def test_varied_scenes(prism: Scene) -> None:
+    """Another resolution keeps the field; what cannot be is refused."""
+    for name in ("camera", "pattern"):
+        other = varied(prism, name, 2.0)
+        ends = [scene.pattern.point(scene.pattern.cols - 0.5, -0.5) for scene in (prism, other)]
+        assert ends[0] == pytest.approx(ends[1], abs=1e-9)
+    assert varied(prism, "index", 1.5).medium.index == 1.5  # type: ignore[union-attr]
+    with pytest.raises(InputError, match="angle asks for a prism"):
+        varied(load("monitor-mirror", exact=True), "angle", 45.0)
+    with pytest.raises(InputError, match="must be one of"):
+        varied(prism, "colour", 1.0)

@@ -20,6 +20,7 @@ from optolever.projector import (
     Timing,
     Wanted,
     acquire,
+    flip_fit,
     sync_notices,
     synchronise,
 )  # fmt: skip
@@ -150,3 +151,27 @@ def test_clocks_that_drift_and_lie() -> None:
     assert not clock.stamp(stuck).trusted
     assert clock.stamp(stuck).time_s == 300.0
     assert clock.distrusted == 2
+
+
+def test_the_page_shows_late_swaps_and_the_slope_of_the_rows() -> None:
+    """Of a camera and a display whose truth is known; every fifth swap comes a refresh late."""
+    setting, time, rng = (
+        Setting(late=0.2, shutter=-0.012, read_out=0.014),
+        SimulatedTime(),
+        np.random.default_rng(1),
+    )
+    display = SimulatedDisplay(setting, time, np.repeat([[0.0], [1.0]], 8, axis=1), rng)
+    camera = SimulatedCamera(setting, time, display, rng, rows=32)
+    accepted = camera.configure(Wanted(setting.exposure))
+    camera.start()
+    timing, taken = synchronise(display, camera, accepted, time=time, clock=ClockMap(), seed=0)
+    found = flip_fit(taken, timing)
+    assert len(found.lateness_s) == 60
+    late = np.abs(found.lateness_s - setting.refresh) < 2e-3
+    assert (late | (np.abs(found.lateness_s) < 2e-3)).all()
+    assert 5 <= late.sum() <= 20
+    slope = np.polyfit(taken.bands, found.begins_s, 1)[0]
+    assert slope == pytest.approx(setting.shutter * 32 / 31, rel=0.03)
+    assert np.abs(found.light - found.model).max() < 0.05
+    settled = (found.since_s > 0.05) & found.rising
+    assert np.abs(found.light[settled] - 1).max() < 0.02
