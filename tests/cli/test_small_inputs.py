@@ -173,6 +173,7 @@ def seen() -> tuple[NDArray[Any], Sequence]:
     return taken.frames, shown
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize("unit", [1e6, 1 / 255, 257.0, 1e-9])
 def test_answers_do_not_depend_on_the_unit(unit: float, seen: tuple[NDArray[Any], Sequence]) -> None:
     frames, shown = seen
