@@ -22,7 +22,6 @@
 | `codes/`         | frames of an axis -> `Estimate`: fringes, orders, bits, look-ups                       |
 | `profile/`       | what frames of one rig have in common: noise, lag, cells, lens, border                 |
 | `checks/`        | hypotheses about frames: swapped, lost, replaced                                       |
-| `single_shot/`   | `lattice`, `crossed`: one frame against one at rest                                    |
 
 u along the pattern's columns, v along its rows, integer = pixel centre; sigma in pattern pixels, at least
 0.01 where the frames have no noise. An axis without frames is NaN with sigma inf and raises no flag.
@@ -36,28 +35,23 @@ from .correspondence import Correspondence, Displacement, Flag, SharedNoise, dif
 from .decoder import Decoder, decode, estimate_profile
 from .response import Response
 from .rig_profile import Effect, RigProfile, Settings
-from .single_shot import Crossings, PatternMap, crossed, lattice
 
 __all__ = [
     "Correspondence",
-    "Crossings",
     "Decoder",
     "Displacement",
     "Effect",
     "Finding",
     "Flag",
     "Integrity",
-    "PatternMap",
     "Response",
     "RigProfile",
     "Settings",
     "SharedNoise",
     "check",
-    "crossed",
     "decode",
     "difference",
     "estimate_profile",
-    "lattice",
 ]
 
 check_face(__name__)

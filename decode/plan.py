@@ -144,7 +144,7 @@ def plan(sequence: Sequence) -> Plan:
         kinds = ", ".join(sorted({frame.kind for frame in frames}))
         raise InputError(
             f"sequence {sequence.name}: frames are {kinds}, none of them encodes u or v by itself "
-            "(lattice and crossed frames are followed from a rest frame: decode.lattice, decode.crossed)"
+            "(lattice and crossed frames are followed from a rest frame: live.lattice, live.crossed)"
         )
     for i, frame in enumerate(frames):
         if frame.exposure != 1.0 and frame.kind != "phase":

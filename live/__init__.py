@@ -15,6 +15,7 @@
 | `recorded.py` | readings beside their frames, and again from them |
 | `ring.py` | Ring: a code of several frames, one height per frame |
 | `server.py`, `page.html` | the page |
+| `single_shot/` | `crossed`, `lattice`: displacement of one frame from one at rest |
 | `arrays.py` | names of arrays |
 """
 
@@ -30,12 +31,14 @@ from .recorded import ReadingRecorder, Replayed, has_readings, replayed
 from .ring import Ring
 from .server import LiveServer
 from .shape import Shape
+from .single_shot import Crossings, PatternMap, crossed, lattice
 from .source import Newest, Source, VirtualFinger, virtual_rig
 from .stream import Live
 from .touches import Touches
 from .weights import Weighed, Weight, weighed
 
 __all__ = [
+    "Crossings",
     "Figures",
     "Followed",
     "Force",
@@ -44,6 +47,7 @@ __all__ = [
     "LiveServer",
     "Newest",
     "Noise",
+    "PatternMap",
     "Prepared",
     "Reading",
     "ReadingRecorder",
@@ -56,8 +60,10 @@ __all__ = [
     "VirtualFinger",
     "Weighed",
     "Weight",
+    "crossed",
     "follow",
     "has_readings",
+    "lattice",
     "prepare",
     "replayed",
     "tared",

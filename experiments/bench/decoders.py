@@ -15,8 +15,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.decode import Correspondence, Flag, crossed, decode
+from optolever.decode import Correspondence, Flag, decode
 from optolever.errors import InputError
+from optolever.live import crossed
 from optolever.patterns import Frame, Sequence, sequence, sequence_from_text
 from optolever.scene import Surface, dent
 

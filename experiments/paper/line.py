@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optolever import InputError
-from optolever.decode import lattice
+from optolever.live import lattice
 from optolever.notices import Notice
 from optolever.patterns import Sequence, sequence
 from optolever.projector import capture

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from optolever import InputError
-from optolever.decode import Correspondence, Displacement, crossed, difference, lattice
+from optolever.decode import Correspondence, Displacement, difference
+from optolever.live import crossed, lattice
 from optolever.patterns import sequence
 from optolever.reconstruct import HeightStream, exact_correspondence, reconstruct, slope_map
 from optolever.scene import dent, load, resize, trace

@@ -247,7 +247,7 @@ def test_bad_frames(change: Callable[[NDArray[Any]], NDArray[Any]], message: str
         ((*SPOTS, Frame("gray", "u", bit=0)), "spots stand alone"),
         ((*SPOTS, Frame("white", exposure=2.0)), "exposure is 2"),
         ((*SPOTS, Frame("stripe", "uv", width_px=2.0, at_u=0.0, at_v=0.0)), "must be alike"),
-        ((Frame("crossed", period_px=9.0),), "decode.crossed"),
+        ((Frame("crossed", period_px=9.0),), "live.crossed"),
         ((Frame("stripe", "uv", width_px=9.0, at_u=1.0, at_v=2.0),), "1 spots are at 1 x 1"),
         (
             (Frame("gray", "u", bit=1, exposure=2.0), Frame("gray", "u", bit=0)),

@@ -16,7 +16,8 @@ import pytest
 from numpy.typing import NDArray
 
 from optolever import reconstruct
-from optolever.decode import crossed, decode
+from optolever.decode import decode
+from optolever.live import crossed
 from optolever.patterns import Frame, Sequence, sequence
 from optolever.projector import capture
 from optolever.reconstruct import HeightMap

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from optolever.decode import Displacement, Flag, crossed
+from optolever.decode import Displacement, Flag
+from optolever.live import crossed
 from optolever.patterns import sequence
 
 F64 = NDArray[np.float64]

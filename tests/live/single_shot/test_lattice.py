@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.special import erf
 
 from optolever import InputError
-from optolever.decode import Crossings, lattice
+from optolever.live import Crossings, lattice
 from optolever.patterns import lattice_lines, sequence
 
 F64 = NDArray[np.float64]

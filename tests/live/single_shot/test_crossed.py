@@ -7,7 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 from optolever import InputError
-from optolever.decode import Flag, crossed
+from optolever.decode import Flag
+from optolever.live import crossed
 from optolever.patterns import sequence
 
 F64 = NDArray[np.float64]

@@ -10,10 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.patterns import Frame, Sequence
-
-from ..correspondence import Correspondence
 
 __all__ = ["PatternMap", "frame_pair", "noise_of", "overexposed", "prior_map", "seeing", "window_width"]
 

@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import distance_transform_edt
 
+from optolever.decode import Displacement, Flag
 from optolever.patterns import Sequence
 
-from ..correspondence import Displacement, Flag
 from .prior import PatternMap, frame_pair, noise_of, overexposed, prior_map, seeing, window_width
 from .window_fit import Fit, Window
 

@@ -1,1 +1,0 @@
-from decode.single_shot import *

@@ -1,0 +1,1 @@
+from live.single_shot import *
