@@ -1,5 +1,6 @@
 """Live: the frames of one prepared rig, one reading each."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +21,8 @@ __all__ = ["Live"]
 _SPARSE = 4  # stride of the pixels and cells of medians and shares
 _LEAST_NOISE = 0.05  # minimum variance of a dark image over that at rest
 _LEAST_STRENGTH = 0.05
+_BEYOND = 5.0  # standard deviations of a window's mean square residual by noise
+_REMAINS = 1 / 64  # of the residual variance, in z: measured on contacts and steep dents (lab live)
 _CURL = 10.0  # 1 by noise: above, a frame is also fitted from rest
 
 
@@ -133,7 +136,18 @@ def _sigma(prepared: Prepared, settled: Settled, figures: Figures) -> Cells:
     usual = max(settled.usual / prepared.rig.noise, _LEAST_NOISE)
     birge = max(1.0, *figures.curl)
     factor = np.float32(np.sqrt(usual * birge)) if np.isfinite(usual * birge) else np.float32(np.inf)
-    misfit = np.sqrt(np.maximum(settled.fit.residual / np.float32(max(settled.usual, 1e-6)), 1))
     strength = np.maximum(settled.strength, _LEAST_STRENGTH)
-    sigma = np.hypot(prepared.noise.sigma * factor * misfit / strength, settled.ahead)
+    spread = np.sqrt(_smoothed(prepared, settled)) / strength
+    sigma = np.hypot(prepared.noise.sigma * factor * spread, settled.ahead)
     return np.where(settled.good, sigma, np.inf).astype(np.float32)
+
+
+def _smoothed(prepared: Prepared, settled: Settled) -> Cells:
+    """Variance of z over that by noise (R, C), where the window smooths the mirror: the residual beyond noise
+    counts for the cell, and its mean for all cells, as slopes add up."""
+    carriers = prepared.rig.carriers
+    pixels = carriers.cell**2 / float(np.square(carriers.window).sum()) ** 2  # independent ones of a window
+    noise = 1 + _BEYOND * math.sqrt(2 / pixels)
+    excess = np.maximum(settled.fit.residual / np.float32(max(settled.usual, 1e-6)) - np.float32(noise), 0)
+    mean = excess[settled.good].mean() if settled.good.any() else 0.0
+    return np.asarray(1 + np.float32(_REMAINS * pixels) * (excess + np.float32(mean)))
