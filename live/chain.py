@@ -15,7 +15,7 @@ from .chord import Linearised, chord_step
 from .picture import Carriers, Fit, State, fit_step, window_mean
 from .unwrap import beside_tears, torn, unwrapped
 
-__all__ = ["LEAST_SHARE", "Rig", "Settled", "Track", "at_rest", "settle"]
+__all__ = ["LEAST_SHARE", "Rig", "Settled", "Track", "at_rest", "rest_state", "settle"]
 
 _f4 = np.float32
 LEAST_SHARE = 0.15  # illuminated share of a window on the pattern: a corner's window has a quarter
@@ -25,6 +25,7 @@ _MISFIT = 6.0  # mean square residual over the median one, at which a cell has h
 _COMPRESSED = 0.25  # Jacobian of the map over that at rest: below it the map is about to fold
 _NOT_MOVED = 0.2  # predicted change by further steps in sigma, at convergence
 _STEPS = 6
+_REST_STEPS = 120
 _KINKED, _KINK_STEPS = 0.3, 4  # rms change in sigma at kinks, which converge slowly; steps for them at most
 _SPARSE = 4  # stride of the pixels that measure the light
 _LIGHTER, _DARK = 0.01, 0.1  # relative change of light that needs rescaling; smallest valid factor
@@ -146,6 +147,14 @@ def _lighted(rig: Rig, state: State, frame: Frame) -> State:
     planes = state.planes.copy()
     planes[2:] *= _f4(gain)
     return State(planes)
+
+
+def rest_state(carriers: Carriers, mean: Frame, start: State) -> State:
+    """The fit of frames at rest, as far as that of moving ones comes in time; mean (H, W): of such frames."""
+    state = start
+    for _ in range(_REST_STEPS):
+        state, _ = fit_step(carriers, mean, state)
+    return state
 
 
 def _calmed(rig: Rig, state: State) -> State:

@@ -11,7 +11,7 @@ from optolever.errors import InputError
 from optolever.projector import Image
 
 from .arrays import Frame
-from .picture import fit_step
+from .chain import rest_state
 from .prepared import Prepared
 from .reading import Reading
 from .source import Source
@@ -19,7 +19,6 @@ from .stream import Live
 
 __all__ = ["Followed", "follow", "tared"]
 
-_REST_STEPS = 4
 _PATIENCE = 30.0  # s without a frame, after which the camera counts as lost
 
 
@@ -72,7 +71,5 @@ def tared(prepared: Prepared, frames: Frame) -> Prepared:
     carriers = prepared.rig.carriers
     rows, cols = carriers.lit.shape
     mean = np.asarray(frames, np.float64)[:, :rows, :cols].mean(axis=0).astype(np.float32)
-    state = prepared.rig.rest
-    for _ in range(_REST_STEPS):
-        state, _ = fit_step(carriers, mean, state)
+    state = rest_state(carriers, mean, prepared.rig.rest)
     return replace(prepared, rig=replace(prepared.rig, rest=state))

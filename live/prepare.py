@@ -17,11 +17,11 @@ from optolever.records import logged
 from optolever.scene import Scene
 
 from .arrays import Cells, Float, Frame, Mask
-from .chain import LEAST_SHARE, Rig, Track, at_rest, settle
+from .chain import LEAST_SHARE, Rig, Track, at_rest, rest_state, settle
 from .chord import linearised
 from .circulation import BLOCKS, circulation
 from .geometry import anchor_line, rest_rays, rim
-from .picture import Carriers, State, fit_step, model, to_cells, window_mean
+from .picture import Carriers, State, model, to_cells, window_mean
 from .prepared import Noise, Prepared
 
 __all__ = ["prepare"]
@@ -29,7 +29,6 @@ __all__ = ["prepare"]
 _WINDOW = 0.5  # periods, rms: less leaks between level and fringes, more smooths kinks
 _LEAST_WINDOW = 0.5  # cells, rms
 _BESIDE = 1.0  # pattern pixels: margin at the border, where a footprint may exceed the pattern
-_REST_STEPS = 8
 _DRAWS, _KEPT, _WARM = 48, 12, 4
 _QUANTISED = 1 / 12  # levels^2: variance by the rounding of a simulated frame
 _SMOOTH = 6.0  # cells: of the map of variances
@@ -173,10 +172,7 @@ def _rest_state(carriers: Carriers, mean: Frame) -> State:
     planes = np.zeros((5, *carriers.shape), np.float32)
     planes[2] = mean[carriers.lit > 0].mean()
     planes[3:] = 1.0
-    state = State(planes)
-    for _ in range(_REST_STEPS):
-        state, _ = fit_step(carriers, mean, state)
-    return state
+    return rest_state(carriers, mean, State(planes))
 
 
 def _measured_noise(rig: Rig, seed: int, kind: np.dtype[np.uint8] | np.dtype[np.uint16]) -> Noise:

@@ -23,24 +23,26 @@ _LEAST_NOISE = 0.05  # minimum variance of a dark image over that at rest
 _LEAST_STRENGTH = 0.05
 _BEYOND = 5.0  # standard deviations of a window's mean square residual by noise
 _REMAINS = 1 / 64  # of the residual variance, in z: measured on contacts and steep dents (lab live)
+_FOLLOWED = 25  # frames from one start at rest to the next
 _CURL = 10.0  # 1 by noise: above, a frame is also fitted from rest
 
 
 class Live:
     """Readings of frames in order of time; the fit of each frame starts from the preceding one.
 
-    An untrusted frame is fitted once more from rest, and so is the frame after it: an error does not persist.
+    An untrusted frame is fitted once more from rest, and so are the frame after it and one in 25: errors do
+    not persist, and components that no window resolves do not drift.
     After `reset` a frame gives the same height within its noise."""
 
     def __init__(self, prepared: Prepared) -> None:
         self.prepared = prepared
-        self._track = at_rest(prepared.rig)
+        self._track, self._followed = at_rest(prepared.rig), 0
         self._touches = Touches(prepared)
         self._forces = None if prepared.layer is None else Forces(prepared, prepared.layer)
 
     def reset(self) -> None:
         """Forget the frames before."""
-        self._track = at_rest(self.prepared.rig)
+        self._track, self._followed = at_rest(self.prepared.rig), 0
 
     def update(self, frame: Frame, time: float = 0.0) -> Reading:
         """The reading of a frame (H, W) of the camera, taken at `time` (s). InputError for a wrong size or
@@ -53,7 +55,9 @@ class Live:
             others = self._judged(used, again)
             if _merit(others[0]) < _merit(figures):
                 settled, (figures, verdict) = again, others
-        self._track = settled.track if verdict.trusted else at_rest(self.prepared.rig)
+        self._track, self._followed = settled.track, self._followed + 1
+        if not verdict.trusted or self._followed == _FOLLOWED:
+            self.reset()
         reading = _reading(self.prepared, settled, figures, verdict, time)
         touches = self._touches.update(reading)
         forces = () if self._forces is None else self._forces.update(reading, touches)
