@@ -13,12 +13,12 @@ __all__ = ["command"]
 
 SAMPLE = """
 $ python -m lab live
-Live: 480 x 640, two float32 cosine transforms 1.501 ms
+Live: 480 x 640, two float32 cosine transforms 1.61 ms
 case     cell  ms     x transforms  error/depth       error/sigma  beyond 5 sigma  trusted
-smooth   2     20.73  13.3 (14)     0.00022 (0.0002)  1.1          0.0012          1
-smooth   4     10.75  7.07 (8)      0.00028 (0.0002)  1.31         0.0053          1
-contact  2     56.95  34.6 (30)     0.0036 (0.001)    0.801        0.00023         1
-contact  4     24.39  16.4 (15)     0.0015 (0.001)    0.633        4.2e-05         0.933
+smooth   2     20.72  12.7 (14)     0.00022 (0.0002)  0.79         3.5e-05         1
+smooth   4     10.88  6.24 (8)      0.00029 (0.0002)  0.721        4.2e-05         1
+contact  2     51.04  32.8 (30)     0.0022 (0.001)    0.36         0               1
+contact  4     21.11  13.9 (15)     0.0012 (0.001)    0.353        0               1
 """
 
 
