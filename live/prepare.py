@@ -83,22 +83,13 @@ def prepare(
 
 
 def _notices(scene: Scene, edge: bool) -> tuple[Notice, ...]:
-    found = []
-    if not edge:
-        name = "The camera does not see the edge x = L0: the border of the visible part counts as at rest"
-        found.append(
-            Notice(
-                name, math.nan, math.nan, "heights are relative to that border; keep contacts away from it"
-            )
-        )
-    if scene.pattern.shape is not None:
-        name = "The pattern is not flat: displacements of the image are taken along its plane"
-        found.append(
-            Notice(
-                name, math.nan, math.nan, "heights of large slopes err; measure them with a dense sequence"
-            )
-        )
-    return tuple(found)
+    border = "The camera does not see the edge x = L0: the border of the visible part counts as at rest"
+    bent = "The pattern is not flat: displacements of the image are taken along its plane"
+    told = (
+        (not edge, border, "heights are relative to that border; keep contacts away from it"),
+        (scene.pattern.shape is not None, bent, "measure heights of large slopes with a dense sequence"),
+    )
+    return tuple(Notice(name, math.nan, math.nan, cure) for true, name, cure in told if true)
 
 
 def _period(scene: Scene, sequence: Sequence) -> float:

@@ -38,39 +38,16 @@ def judge(figures: Figures) -> Verdict:
         (-figures.moved, -_MOVED, "the image of the mirror's edge has moved: camera, display or mirror"),
     ]
     reasons = [text for value, least, text in stopped if not value >= least]
+    held, others = "sigma includes it", "heights of the other cells stand"
+    anew, mean = "prepare the rig anew in this light", "the height is the mean over the exposure; shorten it"
     told = [
         (figures.saturated, _SATURATED, "Saturated pixels, share", "shorten the exposure"),
-        (
-            figures.lost,
-            _LOST[0],
-            "Cells without a height (cover, fold or steep edge), share",
-            "heights of the other cells stand",
-        ),
-        (
-            figures.left,
-            _LEFT[0],
-            "The fit has not converged; predicted change of the height, sigma",
-            "sigma includes it",
-        ),
-        (
-            curl,
-            _CURL[0],
-            "The slopes contradict each other; mean square circulation over noise",
-            "sigma includes it; prepare the rig anew",
-        ),
-        (
-            1 - figures.contrast,
-            1 - _CONTRAST,
-            "The mirror moved during the exposure; loss of contrast",
-            "the height is the mean over the exposure; shorten it",
-        ),
-        (light, _LIGHT[1], "More light than at rest, ratio", "prepare the rig anew in this light"),
-        (
-            1 / max(light, 1e-3),
-            1 / _LIGHT[0],
-            "Less light than at rest, ratio at rest to now",
-            "prepare the rig anew in this light",
-        ),
+        (figures.lost, _LOST[0], "Cells without a height (cover, fold or steep edge), share", others),
+        (figures.left, _LEFT[0], "The fit has not converged; predicted change of the height, sigma", held),
+        (curl, _CURL[0], "The slopes contradict each other; mean square circulation over noise", held),
+        (1 - figures.contrast, 1 - _CONTRAST, "The mirror moved during the exposure; loss of contrast", mean),
+        (light, _LIGHT[1], "More light than at rest, ratio", anew),
+        (1 / max(light, 1e-3), 1 / _LIGHT[0], "Less light than at rest, ratio at rest to now", anew),
     ]
     notices = tuple(Notice(name, size, limit, cure) for size, limit, name, cure in told if not size <= limit)
     return Verdict(not reasons, "; ".join(reasons), notices)
