@@ -35,8 +35,8 @@ SAMPLE = """
 $ optolever live --size 120x160 --headless --frames 48
 Live: prism48, 60 x 80 cells
   readings  48, 48 trusted
-  deepest   0.17020 ± 0.00020 mm
-  rate      13.7 readings/s, median delay 72.2 ms
+  deepest   0.17029 ± 0.00019 mm
+  rate      9.61 readings/s, median delay 91.6 ms
 """
 
 
