@@ -39,14 +39,16 @@ def likely_mistake(
 ) -> str | None:
     """The mistake without which the capture fits its scene, in words; None where none does.
 
+    Only mistakes without which the places lie nearer to those of the flat mirror, the nearest first.
     judge: solves a measurement on a coarse grid and judges its slopes, None where their raw chi2 is not below
     a limit; described: the judgement of the capture as it was described.
     """
-    limit = _BETTER * described.raw
-    found: list[tuple[float, str]] = []
-    for words, change, other in _mistakes(scene):
+    limit, press = _BETTER * described.raw, measured.correspondence
+    away = [(rest_misfit(each.change(press), each.scene), each) for each in _mistakes(scene)]
+    near = [(off, each) for off, each in away if off < rest_misfit(press, scene)]
+    for _, (words, change, other) in sorted(near, key=lambda pair: pair[0]):
         rest = None if measured.rest is None else change(measured.rest)
-        changed = replace(measured, correspondence=change(measured.correspondence), rest=rest)
+        changed = replace(measured, correspondence=change(press), rest=rest)
         try:
             judged = judge(changed, other, limit)
         except InputError:  # no such mirror
@@ -55,8 +57,8 @@ def likely_mistake(
             continue
         better = judged.raw < limit and (judged.exact or judged.chi2 < 0.5 * described.chi2)
         if judged.likely and better:
-            found.append((judged.raw, words))
-    return min(found)[1] if found else None
+            return words
+    return None
 
 
 def likely_mistake_at_rest(rest: Correspondence, scene: Scene) -> str | None:
