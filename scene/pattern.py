@@ -84,7 +84,7 @@ class Pattern(Record):
         the surface's slope times the tangent of incidence. NaN where they do not settle.
         """
         offset = points - self.origin[:, None]
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             slant, height = self.normal @ directions, self.normal @ offset
             way = -height / slant
             u, v = self._along(offset + way * directions)
