@@ -26,7 +26,7 @@ from optolever.arguments import check_face
 from .calibrate import Calibration, calibrate, left_out
 from .contact import contact
 from .harmonics import HarmonicError, harmonic_errors
-from .judgement import Judgement, calibrate_so_far, judged
+from .judgement import Judgement, calibrate_so_far, judged, reason_to_repeat
 from .observation import Observation
 from .predicted import (
     PREDICTED_DEPTH,
@@ -71,6 +71,7 @@ __all__ = [
     "measure_response",
     "predicted_budget",
     "predicted_maps",
+    "reason_to_repeat",
     "sigma_at_rest",
     "store_profile",
     "store_response",

@@ -19,7 +19,7 @@ from optolever.scene import Covariance, RestForm, Scene, adjusted, parameter_cha
 
 from .adjust import Adjustment, Problem, adjust, among, step_of
 from .effects import Effects, effects
-from .observability import Direction, beyond_priors, directions, notices
+from .observability import MOST_CHI, Direction, beyond_priors, directions, notices
 from .observation import Observation, Sample, against_rest, checked, frame_of, sampled
 from .priors import GAUGE, is_pose, resolved
 from .sources import error_sources
@@ -36,7 +36,6 @@ _START_PIXELS = 200  # pixels of a capture in the search for starts
 _START_EVALUATIONS = 100  # of 144 starts of 18 rigs, converged ones took 56 at most; others wander
 _ALIKE = 0.1  # difference of two sums of squares below which two minima are one
 _ROUNDING = 1e-9  # rounding error of derivatives by differences
-_MISFIT = 1.2  # chi of the rest capture above which its misfit exceeds noise
 _BLOCKS = 6  # blocks of the image along rows and columns: a static field varies over such lengths
 _REWEIGHTED = 6  # iterations of the weighting at most
 _NO_BALL = 5.0  # chi of a ball's capture and sigmas of its radius, above which the target is no ball
@@ -250,7 +249,7 @@ def _rest_by_misfit(found: Adjustment) -> Adjustment:
         (sample,) = (each for each in problem.samples if each.name == problem.frame)
         rows = dict(zip((s.name for s in problem.samples), problem.data(found.values), strict=False))
         factor = _misfit(sample, sample.inflation * rows[sample.name])
-        if factor < _MISFIT * sample.inflation:
+        if factor < MOST_CHI * sample.inflation:
             break
         wider = [s.inflated(factor) if s is sample else s for s in problem.samples]
         problem = replace(problem, samples=wider)
@@ -260,7 +259,8 @@ def _rest_by_misfit(found: Adjustment) -> Adjustment:
 
 def _misfit(sample: Sample, rows: Floats) -> float:
     """Inflation factor of a sample's sigma by its residuals (2 n,) in sigma of the noise: their rms, or the
-    rms of block means times the root of the pixels per block, whichever is larger; 1 below a chi of 1.2."""
+    rms of block means times the root of the pixels per block, whichever is larger; 1 up to a chi of MOST_CHI.
+    """
     places = [np.floor(_BLOCKS * (p - p.min()) / (np.ptp(p) + 1)) for p in (sample.row, sample.col)]
     block = (_BLOCKS * places[0] + places[1]).astype(np.intp)
     counts = np.bincount(block)
@@ -268,7 +268,7 @@ def _misfit(sample: Sample, rows: Floats) -> float:
     used = counts > 0
     common = np.mean([(each[used] ** 2 / counts[used]).mean() for each in sums])
     square = float(np.mean(rows**2))
-    return math.sqrt(max(square, float(common))) if square > _MISFIT**2 else 1.0
+    return math.sqrt(max(square, float(common))) if square > MOST_CHI**2 else 1.0
 
 
 def _rest_minima(problem: Problem, mean: dict[str, float]) -> list[dict[str, float]]:
@@ -338,9 +338,8 @@ def _require_balls(result: Adjustment) -> None:
         off = abs(result.problem.named(result.values)[name]) / sample.target.sigma
         if max(chi, off) > _NO_BALL and chi > 2 * result.chis[result.problem.frame]:
             raise InputError(
-                f"capture {sample.name!r}: it is no ball of radius {sample.target.radius:g} mm, or its mask "
-                f"holds more than the contact (chi {chi:.3g}, radius off by {off:.3g} sigma, usual up to "
-                f"{_NO_BALL:g})"
+                f"capture {sample.name!r}: chi {chi:.3g}, radius off by {off:.3g} sigma, limit {_NO_BALL:g}: "
+                f"no ball of radius {sample.target.radius:g} mm, or a mask that holds more than the contact"
             )
 
 

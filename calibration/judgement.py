@@ -19,14 +19,16 @@ from optolever.scene import Scene
 
 from .adjust import Adjustment, covariance_of
 from .calibrate import Calibration, calibrate
-from .observability import lacking
+from .observability import MOST_CHI, lacking
 from .observation import Observation, checked
 from .targets import Flat, Rest
 
-__all__ = ["Judgement", "calibrate_so_far", "judged"]
+__all__ = ["Judgement", "calibrate_so_far", "judged", "reason_to_repeat"]
 
 Floats = NDArray[np.float64]
 
+_DECODED = 0.5  # of the pixels that see the pattern: below, a capture is to be repeated
+_GAIN = 0.95  # of the last sigma of a depth: above, a capture adds next to nothing
 _UNSEEN = int(Flag.DARK | Flag.LOW_CONTRAST | Flag.OFF_PATTERN | Flag.INVALID)
 
 
@@ -100,6 +102,22 @@ def calibrate_so_far(
         if Flat in kinds:
             checked(observations, (scene.camera.rows, scene.camera.cols))
     return found, "" if few is None else f"{few.name}: {few.cure}"
+
+
+def reason_to_repeat(decoded: float, last: Judgement | None, before: Judgement | None, complete: bool) -> str:
+    """Reason to repeat the last capture ("": none), from its judgement and the one before; decoded: share of
+    the pixels that see the pattern; complete: whether no capture is missing."""
+    if decoded < _DECODED:
+        return f"{100 * decoded:.0f} % of the pixels that see the pattern are decoded: expose, focus"
+    if last is None:
+        return ""
+    if last.chi > MOST_CHI:
+        return (
+            f"chi {last.chi:.3g} is above {MOST_CHI}: another target, a mirror that moved, or a wrong number"
+        )
+    if complete and before is not None and last.depth_so_far > _GAIN * before.depth_so_far:
+        return "it adds next to nothing: another pose, another place"
+    return ""
 
 
 def _covariance(solved: Adjustment, captures: Sequence[str]) -> Floats:

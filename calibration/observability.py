@@ -19,7 +19,7 @@ from .observation import Observation
 from .priors import GAUGE, MEANING, plausible
 from .targets import Ball, Flat, Plate, Rest
 
-__all__ = ["BEYOND", "Direction", "beyond_priors", "directions", "lacking", "notices"]
+__all__ = ["BEYOND", "MOST_CHI", "Direction", "beyond_priors", "directions", "lacking", "notices"]
 
 Floats = NDArray[np.float64]
 
@@ -27,7 +27,7 @@ BEYOND = 5.0  # prior sigma from the typed value: above, the adjustment is refus
 _WEAK = 3.0  # singular value in prior units: below, the prior contributes noticeably
 _SHARE = 0.25  # of the variance of a height or a depth: below, a weak direction needs no notice
 _TILT = math.radians(2.0)  # between mirrors: below, they are nearly one pose
-_CHI = 1.2
+MOST_CHI = 1.2  # of a capture: above, the model does not hold (docs/howto/calibrate.md)
 _CONTACT = 300  # pixels
 _MISFIT = (
     "the capture is mislabelled, the mirror moved, the mask is too large, or a held number must be free "
@@ -112,11 +112,11 @@ def notices(
         Notice(
             f"residuals of {name} over their noise",
             chi,
-            _CHI,
+            MOST_CHI,
             _STATIC if compared and name == found.problem.frame else _MISFIT,
         )
         for name, chi in chis.items()
-        if chi > _CHI
+        if chi > MOST_CHI
     ]
     counts = {o.name: int(np.count_nonzero(o.usable)) for o in observations if isinstance(o.target, Ball)}
     warned += [

@@ -21,9 +21,6 @@ if TYPE_CHECKING:
 
 __all__ = ["SoFar", "capture_targets", "so_far"]
 
-_CHI = 1.2  # above, the model does not hold (docs/howto/calibrate.md)
-_DECODED = 0.5  # of the pixels that see the pattern, at least
-_GAIN = 0.95  # of the last sigma of a depth: above, a pose adds next to nothing
 _HANDS = {
     "flat": "put the reference mirror in place, tilted by 3 to 8 degrees about another axis than before",
     "rest": "take everything off the mirror",
@@ -58,22 +55,6 @@ class SoFar:
             raise InputError(f"calibration: {self.few}")
         return self.found
 
-    def fault(self, before: "SoFar | None", decoded: float) -> str:
-        """Reason to repeat the last capture; "": none. decoded: share of the pixels that see the pattern."""
-        one = self.last
-        if decoded < _DECODED:
-            return f"{100 * decoded:.0f} % of the pixels that see the pattern are decoded: expose, focus"
-        if one is None:
-            return ""
-        if one.chi > _CHI:
-            return (
-                f"chi {one.chi:.3g} is above {_CHI}: another target, a mirror that moved, or a wrong number"
-            )
-        old = before.last if before is not None else None
-        if old is not None and one.depth_so_far > _GAIN * old.depth_so_far and not self.few:
-            return "it adds next to nothing: another pose, another place"
-        return ""
-
 
 def so_far(scene: "Scene", used: Sequence["Observation"], priors: Mapping[str, float], guess: bool) -> SoFar:
     """Calibrate by these captures; InputError of a wrong one."""
@@ -100,7 +81,7 @@ def capture_targets(
     ask: wait for the hands before every capture, and let them decide on a doubtful one; else doubtful ones
     are set aside. Captures stay in `folder` whatever ends the walk; a further walk takes them up.
     """
-    from optolever.calibration import Observation
+    from optolever.calibration import Observation, reason_to_repeat
     from optolever.experiments import mirror_coverage
     from optolever.patterns import sequence_from_text
 
@@ -128,7 +109,7 @@ def capture_targets(
             try:
                 then = so_far(scene, [*used, one], priors, guess)
                 mirror, decoded = mirror_coverage(one.correspondence.flags)
-                fault = then.fault(now, decoded)
+                fault = reason_to_repeat(decoded, then.last, now.last, not then.few)
                 click.echo(f"{path.name}: {coverage_text(mirror, decoded)}; {then.text()}")
             except InputError as error:
                 fault = str(error)

@@ -283,7 +283,7 @@ def test_a_rig_is_calibrated_by_its_camera_step_by_step(
     assert "of 2" not in outcome.out
     assert "2-ball-200-0.02: set aside" in outcome.out
     assert "1-rest" in outcome.out
-    monkeypatch.setattr("optolever.cli.rig_targets._CHI", 0.1)  # all are doubtful
+    monkeypatch.setattr("optolever.calibration.judgement.MOST_CHI", 0.1)  # all are doubtful
     outcome = walk(("flat", "k"), (ball, ""), (ball, "k"), words=("--json", str(tmp_path / "n.json")))
     assert outcome.out.count("is above 0.1") == 2
     values = {one["name"]: one for one in json.loads((tmp_path / "n.json").read_text())["parameters"]}
