@@ -6,10 +6,11 @@ Around a dent the surface rests, but for the tails of dents. So the heights d of
 
 t the tails. An elastic half-space outside a contact of radius a lies between 0 and T = (2/pi) asin(a/r) of
 the depth (the flat punch; K. L. Johnson, Contact Mechanics, 1985, eq. 3.38). The rms over that range,
-T/sqrt 3, is the standard deviation of t; neighbouring directions share it. Given d, c has a smaller
-covariance: errors that the dent and its surroundings have in common cancel. Where the modes are smaller than
-any tail (a calibrated rig, a map against a rest capture), heights hardly change; where they are much larger,
-the rim becomes the reference.
+T/sqrt 3, is the standard deviation of t. Directions share most of it: the k-th harmonic of a tail falls as
+r^-(k+1), and is (a/r)^k of its mean where the surroundings lie. Given d, c has a smaller covariance: errors
+that the dent and its surroundings have in common cancel. Where the modes are smaller than any tail (a
+calibrated rig, a map against a rest capture), heights hardly change; where they are much larger, the rim
+becomes the reference.
 """
 
 from dataclasses import dataclass
@@ -28,7 +29,7 @@ _REACH = 3.5  # half-depth radii: where surroundings end
 _WIDTH = 0.3  # of a sector's reach: their width
 _LEAST = 1.3  # half-depth radii: nearer pixels are of the dent
 _FEWEST = 5  # sectors that say what is around
-_SHARED = 0.5  # Poisson kernel: how smoothly tails change with the direction
+_SHARED = 0.25  # Poisson kernel, of the tails over the directions: a/r at the surroundings
 _ROUNDS = 4
 
 
