@@ -315,19 +315,14 @@ def _first(
     then those that cannot at the solution. If Newton's method does not converge, so are pixels close to the
     pattern with a large edge defect: in a scene that is slightly wrong they lie beyond the pattern.
     """
-    singular, last = np.zeros(correspondence.u.shape, dtype=np.bool_), None
+    singular = np.zeros(correspondence.u.shape, dtype=np.bool_)
     for _ in range(_ATTEMPTS):
         problem = prepare(correspondence, scene, anchor, mask, singular, not options.newton)
-        rest = problem.data.rest()
         first = _warm(problem, start) if start is not None else None
-        if last is not None:  # without the pixels that led it astray
-            found = problem.to_grid(last)
-            first = np.where(np.isfinite(found), found, rest)
-        state = _solve(problem, rest if first is None else first, options)
-        last = problem.to_image(state.w, np.nan)
+        state = _solve(problem, problem.data.rest() if first is None else first, options)
         hollow = problem.data.singular(state.w, not options.newton)
         if not state.converged:
-            limit = _SENSITIVE
+            limit = _UNSTABLE if hollow.any() else _SENSITIVE
             places = state.w, problem.data.rest()
             beside = np.logical_or(*(problem.data.sensitive(w, limit) for w in places))
             hollow = whole_lines(hollow | (beside & missed(problem.data, state, _MISSED)))

@@ -12,6 +12,7 @@ import scipy.ndimage
 from scipy.spatial.transform import Rotation
 
 from optolever.decode import Correspondence
+from optolever.errors import InputError
 from optolever.experiments.arrays import Floats, Mask
 from optolever.reconstruct import (
     Contact,
@@ -83,12 +84,18 @@ class Compared:
 def contact_figures(
     rigs: int, seed: int = 0, size: tuple[int, int] = (120, 160), differences: bool = False
 ) -> Iterator[list[Compared]]:
-    """Fingers of every drawn rig against what was found; differences: see `press`."""
+    """Fingers of every drawn rig against what was found, none where the rig gives no height; differences: see
+    `press`."""
     scene = resize(load("prism48"), *size)
     for number in range(rigs):
         rng = np.random.default_rng([60, seed, number])
         fingers = drawn_press(scene, rng)
-        yield compared(press(scene, fingers, rng, differences=differences), fingers, scene)
+        try:
+            pressed = press(scene, fingers, rng, differences=differences)
+        except InputError:  # the anchor is not in view
+            yield [Compared(finger, None, {}) for finger in fingers]
+        else:
+            yield compared(pressed, fingers, scene)
 
 
 def coverage(some: list[Compared]) -> dict[str, float]:

@@ -20,7 +20,7 @@ from ..arrays import Floats, Mask
 __all__ = ["LINES", "CoarseModes", "coarsened", "expanded", "interpolated"]
 
 Modes = NDArray[np.float32]
-LINES = 96  # rows or columns of a coarse grid, at least
+LINES = 75  # rows or columns of a coarse grid, at least
 _ALIKE = 1e-3  # of a mode's rms, by which the expanded grid may miss it
 _RIDGE = 1e-9  # of the largest weight, for nodes that no pixel depends on
 

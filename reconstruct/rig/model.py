@@ -437,6 +437,9 @@ def _nearest(reference: Samples, samples: Samples) -> Samples:
 
 
 def _sum(forms: Sequence[Form], factors: Floats) -> Form:
+    if not factors.any():
+        return no_form
+
     def form(x: Floats, y: Floats) -> Pair3:
         total = no_form(x, y)
         for each, factor in zip(forms, factors, strict=True):
