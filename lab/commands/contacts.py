@@ -11,14 +11,14 @@ from optolever.cli.show import grid, progress, write_json
 __all__ = ["command"]
 
 SAMPLE = """
-$ python -m lab contacts --differences
+$ python -m lab contacts --rigs 48
 Share of errors within one total sigma
 kind      fingers  found  cut  depth  area   position
-ball      31       29     0    0.862  0.621  0.655
-punch     17       11     0    0.727  0.545  0.773
-gaussian  57       57     0    0.719  0.754  0.728
-needle    51       51     0    0.667  0.922  0.696
-all       156      148    0    0.73   0.77   0.706
+ball      34       32     0    0.562  0.562  0.578
+punch     18       13     0    0.615  0.385  0.769
+gaussian  60       59     0    0.746  0.814  0.669
+needle    57       57     0    0.596  0.702  0.658
+all       169      161    0    0.646  0.689  0.655
 """
 
 
