@@ -163,8 +163,21 @@ def _calmed(rig: Rig, state: State) -> State:
     calm, cut = state.copy(), np.clip(4 * (1 - rig.carriers.share), 0, 1)
     for plane, rest in zip(calm.displacement, rig.rest.displacement, strict=True):
         offset = plane - rest
-        plane += cut * (window_mean(offset, rig.carriers.window, inside=True) - offset)
+        plane += cut * (_straight_mean(offset, rig.carriers.window) - offset)
     return calm
+
+
+def _straight_mean(plane: Cells, window: Cells) -> Cells:
+    """The window's mean of a plane (R, C), less what the plane's slope adds to it where the window is
+    truncated, and its centroid beside the cell."""
+    mean = window_mean(plane, window, inside=True)
+    straight = mean.copy()
+    for axis, size in enumerate(plane.shape):
+        place = np.arange(size, dtype=_f4)[:, None]
+        centroid = window_mean(place, window, inside=True)
+        along = (centroid - place) / np.gradient(centroid, axis=0)
+        straight -= np.gradient(mean, axis=axis) * (along if axis == 0 else along.T)
+    return straight
 
 
 def _good(rig: Rig, state: State, fit: Fit) -> tuple[Mask, Cells, Cells]:

@@ -1,8 +1,8 @@
 """Live: the frames of one prepared rig, one reading each."""
 
-import math
 from dataclasses import replace
 
+import cv2
 import numpy as np
 
 from optolever.errors import InputError
@@ -21,8 +21,7 @@ __all__ = ["Live"]
 _SPARSE = 4  # stride of the pixels and cells of medians and shares
 _LEAST_NOISE = 0.05  # minimum variance of a dark image over that at rest
 _LEAST_STRENGTH = 0.05
-_BEYOND = 5.0  # standard deviations of a window's mean square residual by noise
-_REMAINS = 1 / 64  # of the residual variance, in z: measured on contacts and steep dents (lab live)
+_REMAINS = 0.05  # of the window's smoothing after the steps: measured on drawn streams (lab live)
 _FOLLOWED = 25  # frames from one start at rest to the next
 _CURL = 10.0  # 1 by noise: above, a frame is also fitted from rest
 
@@ -30,8 +29,8 @@ _CURL = 10.0  # 1 by noise: above, a frame is also fitted from rest
 class Live:
     """Readings of frames in order of time; the fit of each frame starts from the preceding one.
 
-    An untrusted frame is fitted once more from rest, and so are the frame after it and one in 25: errors do
-    not persist, and components that no window resolves do not drift.
+    An untrusted frame is fitted once more from rest. The frame after it starts from rest, as does one after a
+    frame without a contact, and one in 25: components that no window resolves neither persist nor drift.
     After `reset` a frame gives the same height within its noise."""
 
     def __init__(self, prepared: Prepared) -> None:
@@ -55,11 +54,11 @@ class Live:
             others = self._judged(used, again)
             if _merit(others[0]) < _merit(figures):
                 settled, (figures, verdict) = again, others
-        self._track, self._followed = settled.track, self._followed + 1
-        if not verdict.trusted or self._followed == _FOLLOWED:
-            self.reset()
         reading = _reading(self.prepared, settled, figures, verdict, time)
         touches = self._touches.update(reading)
+        self._track, self._followed = settled.track, self._followed + 1
+        if not touches or not verdict.trusted or self._followed == _FOLLOWED:
+            self.reset()
         forces = () if self._forces is None else self._forces.update(reading, touches)
         return replace(reading, touches=touches, forces=forces)
 
@@ -135,23 +134,21 @@ def _reading(
 
 
 def _sigma(prepared: Prepared, settled: Settled, figures: Figures) -> Cells:
-    """Sigma by noise at rest, scaled to this frame's noise and amplitude, to the inconsistency of its slopes
-    (Birge's factor) and to the fit's residual; and the predicted change by further steps."""
+    """Sigma by noise at rest, scaled to this frame's noise and amplitude and to the inconsistency of its
+    slopes (Birge's factor); the predicted change by further steps; and what the window still smooths."""
     usual = max(settled.usual / prepared.rig.noise, _LEAST_NOISE)
     birge = max(1.0, *figures.curl)
     factor = np.float32(np.sqrt(usual * birge)) if np.isfinite(usual * birge) else np.float32(np.inf)
-    strength = np.maximum(settled.strength, _LEAST_STRENGTH)
-    spread = np.sqrt(_smoothed(prepared, settled)) / strength
-    sigma = np.hypot(prepared.noise.sigma * factor * spread, settled.ahead)
+    noise = prepared.noise.sigma * factor / np.maximum(settled.strength, _LEAST_STRENGTH)
+    sigma = np.hypot(np.hypot(noise, settled.ahead), _smoothed(prepared, settled))
     return np.where(settled.good, sigma, np.inf).astype(np.float32)
 
 
 def _smoothed(prepared: Prepared, settled: Settled) -> Cells:
-    """Variance of z over that by noise (R, C), where the window smooths the mirror: the residual beyond noise
-    counts for the cell, and its mean for all cells, as slopes add up."""
-    carriers = prepared.rig.carriers
-    pixels = carriers.cell**2 / float(np.square(carriers.window).sum()) ** 2  # independent ones of a window
-    noise = 1 + _BEYOND * math.sqrt(2 / pixels)
-    excess = np.maximum(settled.fit.residual / np.float32(max(settled.usual, 1e-6)) - np.float32(noise), 0)
-    mean = excess[settled.good].mean() if settled.good.any() else 0.0
-    return np.asarray(1 + np.float32(_REMAINS * pixels) * (excess + np.float32(mean)))
+    """What the window still smooths of z, mm (R, C): a window of variance s^2 cells^2 changes a surface by
+    s^2 / 2 times its second differences; steps undo most of that, less where the fit leaves a residual."""
+    window, z = prepared.rig.carriers.window, settled.track.tau * prepared.rig.normal
+    variance = float(np.square(np.arange(window.size) - window.size // 2) @ window / window.sum())
+    bends = (np.abs(cv2.Sobel(z, cv2.CV_32F, *order, ksize=1)) for order in ((2, 0), (0, 2)))
+    misfit = np.maximum(settled.fit.residual / np.float32(max(settled.usual, 1e-6)), 1)
+    return np.asarray(np.float32(_REMAINS * variance / 2) * misfit * sum(bends))

@@ -13,12 +13,12 @@ __all__ = ["command"]
 
 SAMPLE = """
 $ python -m lab live
-Live: 480 x 640, two float32 cosine transforms 1.61 ms
+Live: 480 x 640, two float32 cosine transforms 1.409 ms
 case     cell  ms     x transforms  error/depth       error/sigma  beyond 5 sigma  trusted
-smooth   2     20.72  12.7 (14)     0.00022 (0.0002)  0.79         3.5e-05         1
-smooth   4     10.88  6.24 (8)      0.00029 (0.0002)  0.721        4.2e-05         1
-contact  2     51.04  32.8 (30)     0.0022 (0.001)    0.36         0               1
-contact  4     21.11  13.9 (15)     0.0012 (0.001)    0.353        0               1
+smooth   2     20.03  13.9 (14)     0.00022 (0.0002)  0.731        0               1
+smooth   4     9.895  6.83 (8)      0.00029 (0.0002)  0.869        0               1
+contact  2     48.41  33.5 (30)     0.0023 (0.001)    0.48         8.8e-07         1
+contact  4     19.68  13.6 (15)     0.0019 (0.001)    0.51         0               1
 """
 
 
