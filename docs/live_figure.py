@@ -37,7 +37,7 @@ def main() -> None:
         while finger.next(60.0) is None:
             pass
     with LiveServer(prepared, Held(finger)) as server:
-        words = ["--headless", "--no-sandbox", "--hide-scrollbars", "--window-size=1300,890"]
+        words = ["--headless", "--no-sandbox", "--hide-scrollbars", "--window-size=1300,860"]
         words += [f"--virtual-time-budget={1000 * SECONDS}", f"--screenshot={OUT}", server.address]
         subprocess.run(["chromium", *words], check=True, capture_output=True, timeout=60)
 

@@ -3,6 +3,7 @@
 import http.client
 import io
 import json
+import re
 import shutil
 import struct
 import subprocess
@@ -175,4 +176,6 @@ def test_chromium_draws_it(virtual: Virtual, tmp_path: Path) -> None:
         command = [path, *flags, "--dump-dom", live.address]
         done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
     assert "readings/s" in done.stdout
+    sizes = re.findall(r'id="(?:camera|trust)"[^>]*width="(\d+)" height="(\d+)"', done.stdout)
+    assert [int(cols) / int(rows) for cols, rows in sizes] == [4 / 3, 4 / 3]  # of 96 x 128 pixels
     assert "CONSOLE" not in done.stderr, done.stderr
