@@ -85,11 +85,11 @@ def prepare(
 def _notices(scene: Scene, edge: bool) -> tuple[Notice, ...]:
     border = "The camera does not see the edge x = L0: the border of the visible part counts as at rest"
     bent = "The pattern is not flat: displacements of the image are taken along its plane"
-    told = (
+    possible = (
         (not edge, border, "heights are relative to that border; keep contacts away from it"),
         (scene.pattern.shape is not None, bent, "measure heights of large slopes with a dense sequence"),
     )
-    return tuple(Notice(name, math.nan, math.nan, cure) for true, name, cure in told if true)
+    return tuple(Notice(name, math.nan, math.nan, cure) for holds, name, cure in possible if holds)
 
 
 def _period(scene: Scene, sequence: Sequence) -> float:

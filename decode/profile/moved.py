@@ -103,11 +103,6 @@ class _Numbers(NamedTuple):
         return float(self.by_time @ self.moved) / max(float(self.by_time @ self.by_time), float(_FAINT))
 
     @property
-    def shaken(self) -> F64:
-        """The coefficients (R,) without steady motion."""
-        return self.moved - self.rate * self.by_time
-
-    @property
     def moment(self) -> float:
         """Mean time of a place, weighted by the frames."""
         return float(self.shares @ self.times)

@@ -102,10 +102,6 @@ def _is_any(parameter: ast.arg) -> bool:
     return isinstance(parameter.annotation, ast.Name) and parameter.annotation.id == "Any"
 
 
-def _is_wide(node: ast.FunctionDef) -> bool:
-    return len(_parameters(node)) > MOST_PARAMETERS and not _is_kernel(node)
-
-
 def _is_kernel(node: ast.FunctionDef) -> bool:
     return any(isinstance(one, ast.Name) and one.id in KERNELS for one in node.decorator_list)
 

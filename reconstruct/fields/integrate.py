@@ -214,11 +214,9 @@ def _rectangle(p: Floats, q: Floats, cubic: bool) -> tuple[Floats, Pair]:
     """Heights of mean zero (H, W) and the edges' defects, by two cosine transforms. cubic: increments of the
     cubic through four pixels, else of the trapezoid.
     """
-    (rows, cols), alike = p.shape, np.ones((1, p.shape[1]))
+    (rows, cols), ones = p.shape, np.ones((1, p.shape[1]))
     gx, gy = increments(p, q, np.ones(p.shape, np.bool_)) if cubic else _trapezoids(p, q)
-    modes = scipy.fft.dctn(
-        divergence(gx, gy, alike, alike), norm="ortho", workers=threads(), overwrite_x=True
-    )
+    modes = scipy.fft.dctn(divergence(gx, gy, ones, ones), norm="ortho", workers=threads(), overwrite_x=True)
     eigenvalues = np.add.outer(*(2.0 - 2.0 * np.cos(np.pi * np.arange(n) / n) for n in (rows, cols)))
     eigenvalues[0, 0] = np.inf
     modes /= eigenvalues
