@@ -67,7 +67,9 @@ def frames_moved(plan: Plan, lit: Sample, seen: dict[str, Seen]) -> dict[str, Mo
     told = [one for one in every if one is not None]
     if not told or not _surely_moved(told):
         return {}
-    whole, rest = (np.concatenate([getattr(one, name) for one in told]) for name in ("moved", "shaken"))
+    whole, rest = (
+        np.concatenate(each) for each in zip(*((one.moved, one.shaken) for one in told), strict=True)
+    )
     freedom, power, left = len(whole) - len(told), float(whole @ whole), float(rest @ rest)
     least = fdtri(len(told), freedom, 1 - _CHANCE) if freedom > 0 else np.inf
     steady = (power - left) / len(told) > least * left / max(freedom, 1)
@@ -101,6 +103,11 @@ class _Numbers(NamedTuple):
     def rate(self) -> float:
         """Rate of the best-fitting steady motion, px per frame."""
         return float(self.by_time @ self.moved) / max(float(self.by_time @ self.by_time), float(_FAINT))
+
+    @property
+    def shaken(self) -> F64:
+        """The coefficients (R,) without steady motion."""
+        return self.moved - self.rate * self.by_time
 
     @property
     def moment(self) -> float:
