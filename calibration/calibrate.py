@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import date
 from functools import cached_property
@@ -225,17 +225,31 @@ def _least(problem: Problem, mean: dict[str, float]) -> Adjustment:
     one start, the priors' mean: their poses are free."""
     (frame,) = (sample for sample in problem.samples if sample.name == problem.frame)
     starts = _rest_minima(_thinned(problem), mean) if isinstance(frame.target, Rest) else [mean]
-    joined = (_roughly(problem, _staged(_thinned(problem), first)) for first in starts)
-    found = _distinct(adjust(problem, first) for first in joined)
+
+    def joined(first: dict[str, float]) -> Adjustment:
+        return adjust(problem, _roughly(problem, _staged(_thinned(problem), first)))
+
+    found = _minima(joined, starts)
     return among(min(found, key=lambda each: each.cost), found)
 
 
-def _distinct(minima: Iterable[Adjustment]) -> list[Adjustment]:
-    """The minima without duplicates."""
+def _minima(
+    solve: Callable[[dict[str, float]], Adjustment], starts: Sequence[dict[str, float]]
+) -> list[Adjustment]:
+    """The minima from these starts without duplicates. A start that leads to no scene is dropped; InputError
+    of the first one if all do."""
     found: list[Adjustment] = []
-    for each in minima:
+    failed: list[InputError] = []
+    for first in starts:
+        try:
+            each = solve(first)
+        except InputError as error:
+            failed.append(error)
+            continue
         if all(abs(each.cost - other.cost) > _ALIKE for other in found):
             found.append(each)
+    if not found:
+        raise failed[0]
     return found
 
 
@@ -273,7 +287,8 @@ def _misfit(sample: Sample, rows: Floats) -> float:
 
 def _rest_minima(problem: Problem, mean: dict[str, float]) -> list[dict[str, float]]:
     """Minima of the rest capture alone, from the priors' mean and from random draws of the priors, without
-    duplicates; minima whose cost exceeds the lowest by more than five sigma of noise are dropped."""
+    duplicates; draws that do not converge, and minima whose cost exceeds the lowest by more than five sigma
+    of noise, are dropped."""
     (frame,) = (sample for sample in problem.samples if sample.name == problem.frame)
     drawn = sorted(set(parameter_values(problem.scene)) & set(problem.sigmas))
     own = {*drawn, *frame.target.unknowns(problem.frame, True)}
@@ -285,7 +300,8 @@ def _rest_minima(problem: Problem, mean: dict[str, float]) -> list[dict[str, flo
     for _ in range(_STARTS - 1 if drawn else 0):
         scatter = dict(zip(drawn, rng.standard_normal(len(drawn)), strict=True))
         starts.append(mean | {key: mean.get(key, 0.0) + problem.sigmas[key] * scatter[key] for key in drawn})
-    found = _distinct(adjust(alone, first, True, _START_EVALUATIONS) for first in starts)
+    found = _minima(lambda first: adjust(alone, first, True, _START_EVALUATIONS), starts)
+    found = [found[0], *(each for each in found[1:] if each.evaluations < _START_EVALUATIONS)]
     least = min(each.cost for each in found)
     return [mean | each.problem.named(each.values) for each in found if each.cost < least + _COSTLIER]
 

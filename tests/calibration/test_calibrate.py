@@ -23,7 +23,7 @@ from optolever.calibration import (
 from optolever.calibration.adjust import adjust
 from optolever.calibration.model import reflected
 from optolever.calibration.observation import against_rest, sampled
-from optolever.scene import Covariance, parameter_changes, parameter_values, trace
+from optolever.scene import Covariance, load, parameter_changes, parameter_values, resize, trace
 
 
 def air(seed: int, poses: int, tilts: tuple[float, float] = (3.0, 8.0), noise: float = 0.0016) -> Rig:
@@ -133,6 +133,21 @@ def test_open_air_without_a_guess(poses: int) -> None:
         value = parameter_values(found.scene)[name]
         assert abs(value - truth[name]) < 5 * sigma[name], name
     assert all(0.8 < left_out(found, f"flat{k}") < 1.5 for k in range(1, poses))
+
+
+def test_a_start_that_is_no_scene_is_dropped() -> None:
+    """Perfect captures of the preset in open air: some draws of its wide priors are lenses that fold."""
+    rig = resize(load("monitor-mirror", exact=True), 48, 64)
+    rest = correspondence_of(1e-3, np.random.default_rng(0))(rig, shape_surface(lambda x, y: 0 * x), 0)
+    free = {name: 0.0 for name in default_priors(rig) if name not in ("camera.k1", "camera.k2", "camera.f")}
+    found = calibrate(rig, [Observation("rest", Rest(), rest)], free)
+    covariance = found.scene.covariance
+    assert covariance is not None
+    assert found.adjustment.chi < 1.1
+    for name in ("camera.k1", "camera.k2", "camera.f"):
+        miss = parameter_values(found.scene)[name] - parameter_values(rig)[name]
+        k = covariance.names.index(name)
+        assert abs(miss) < 5 * np.sqrt(covariance.matrix[k, k])
 
 
 @pytest.mark.slow  # 14 adjustments; every day: one of a prism, the numbers of open air
