@@ -25,7 +25,7 @@ from .options import (
     size_option,
 )
 from .outputs import OutputFile, Program
-from .rig_targets import SoFar, capture_targets, so_far
+from .rig_targets import SoFar, capture_targets, finish, so_far
 from .show import grid, number, print_notices, progress, table, write_json
 
 if TYPE_CHECKING:
@@ -73,6 +73,9 @@ _POLL = 0.2  # s, between looks for a capture
 @click.option(
     "--sequence", metavar="NAME[:KEY=VALUE,...]", default="gray+phase", show_default=True, help="Of --rig."
 )
+@click.option(
+    "--resume", is_flag=True, help="Of --rig: go on with the captures of an unfinished calibration."
+)
 @click.option("--yes", is_flag=True, help="Of --rig: ask nothing; doubtful captures are set aside.")
 @click.option(
     "--prior",
@@ -112,6 +115,7 @@ def command(
     out: Path | None,
     folder: Path | None,
     sequence: str,
+    resume: bool,
     yes: bool,
     priors: tuple[str, ...],
     without: tuple[str, ...],
@@ -132,7 +136,7 @@ def command(
     heights. With --weight RIG.toml is the scene with the modulus of its layer, for forces (live).
 
     With --rig no CAPTURE is given: the command says for each TARGET (default in open air: five flats) what to
-    put in place, captures, judges, and repeats or goes on. Interrupted, it goes on with the captures in DIR.
+    put in place, captures, judges, and repeats or goes on. Earlier captures are set aside with their date.
     """
     from optolever.calibration import calibrate, judged, left_out
     from optolever.experiments import RigStudy, write_rig_report
@@ -142,7 +146,9 @@ def command(
         raise click.UsageError("Missing option '--scene' and '--out' (captures), or '--rig' (a camera).")
     of_captures = {"--scene": scene_name, "--without": without, "--follow": follow, "--size": size}
     of_captures["--weight"] = weights
-    for option, value in (of_captures if rig else {"--captures": folder, "--yes": yes}).items():
+    for option, value in (
+        of_captures if rig else {"--captures": folder, "--resume": resume, "--yes": yes}
+    ).items():
         if value:
             raise InputError(
                 f"{option}: {'is of captures that exist, --rig takes them' if rig else 'needs --rig'}"
@@ -156,9 +162,9 @@ def command(
     given = _given(captures, without) if rig is None else []
     found, start = None, time.perf_counter()
     if rig is not None:  # asks at the terminal: no progress bar over it
-        walk = partial(capture_targets, priors=chosen, guess=guess, ask=not yes)
-        plan = _plan(captures, scene)
-        found = walk(rig, scene, plan, folder or rig.with_suffix(".captures"), sequence).required()
+        walk = partial(capture_targets, priors=chosen, guess=guess, ask=not yes, resume=resume)
+        plan, folder = _plan(captures, scene), folder or rig.with_suffix(".captures")
+        found = walk(rig, scene, plan, folder, sequence).required()
     with progress() as step:
         if follow:
             found = _followed(scene, given, chosen, guess)
@@ -192,6 +198,8 @@ def command(
                 )
                 write_rig_report(study, page)
             write_json(json_path, numbers)
+        if rig is not None and folder is not None:
+            finish(folder)
     print_notices(found.notices)
     _show(found, numbers, out)
 

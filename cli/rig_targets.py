@@ -1,14 +1,17 @@
 """Captures of calibration targets by a rig's camera, one after the other, each judged at once."""
 
 import re
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from optolever import InputError
+from optolever.files import atomic_file
 
 from .options import correspondence_of
 from .rig_capture import capture_rig
@@ -19,8 +22,10 @@ if TYPE_CHECKING:
     from optolever.calibration import Calibration, Judgement, Observation, Target
     from optolever.scene import Scene
 
-__all__ = ["SoFar", "capture_targets", "so_far"]
+__all__ = ["SoFar", "capture_targets", "finish", "so_far"]
 
+_FINISHED = "finished"  # file: the captures beside it led to a calibration
+_MINUTE = "%Y-%m-%d %H:%M"
 _HANDS = {
     "flat": "put the reference mirror in place, tilted by 3 to 8 degrees about another axis than before",
     "rest": "take everything off the mirror",
@@ -75,11 +80,13 @@ def capture_targets(
     priors: Mapping[str, float],
     guess: bool,
     ask: bool,
+    resume: bool,
 ) -> SoFar:
-    """Take every target of a plan (text, target), or what `folder` already holds of it, and calibrate.
+    """Take every target of a plan (text, target), and calibrate.
 
     ask: wait for the hands before every capture, and let them decide on a doubtful one; else doubtful ones
-    are set aside. Captures stay in `folder` whatever ends the walk; a further walk takes them up.
+    are set aside. Captures stay in `folder` whatever ends the walk. resume: those of a walk that did not end
+    in a calibration are used again; a terminal is asked. All others are set aside first, with their date.
     """
     from optolever.calibration import Observation, reason_to_repeat
     from optolever.experiments import mirror_coverage
@@ -87,6 +94,7 @@ def capture_targets(
 
     devices, shown = devices_of(rig), sequence_from_text(sequence, scene.pattern.rows, scene.pattern.cols)
     folder.mkdir(parents=True, exist_ok=True)
+    _begin(folder, scene, resume, ask and sys.stdin.isatty())
     used, now = list[Observation](), SoFar(None, "no capture is left; at least one of Flat or Rest is needed")
     for number, (text, target) in enumerate(plan, 1):
         path = folder / f"{number}-{re.sub(r'[^a-z0-9.]+', '-', text)}"
@@ -105,6 +113,8 @@ def capture_targets(
                     break
                 _aside(path.with_name(f"{path.name}.recording"))
                 capture_rig(rig, devices, shown, path, keep=False)
+            elif doubtful is None:
+                click.echo(f"{path.name}: taken {_taken(path):{_MINUTE}}, used again")
             one, then = Observation(path.name, target, correspondence_of(path)), None
             try:
                 then = so_far(scene, [*used, one], priors, guess)
@@ -124,12 +134,48 @@ def capture_targets(
     return now
 
 
+def finish(folder: Path) -> None:
+    """Mark the captures of a folder as those of a calibration that ended."""
+    with atomic_file(folder / _FINISHED) as beside:
+        beside.write_text(datetime.now().isoformat(timespec="seconds") + "\n", encoding="utf-8")
+
+
+def _begin(folder: Path, scene: "Scene", resume: bool, terminal: bool) -> None:
+    """Set the captures of earlier walks aside, unless the last one did not end and is resumed."""
+    earlier = [path for path in folder.iterdir() if re.match(r"\d+-[a-z]", path.name)]
+    done = [path for path in earlier if (path / "capture.toml").is_file()]
+    if not done:
+        return
+    first = min(map(_taken, done))
+    calibrated = "" if scene.covariance is None else scene.covariance.date
+    finished = (folder / _FINISHED).exists() or f"{max(map(_taken, done)):%Y-%m-%d}" < calibrated
+    if not finished and terminal and not resume:
+        question = f"captures of {first:{_MINUTE}}, calibration not finished: r resumes it, Enter begins anew"
+        resume = _answer(question, folder) == "r"
+    if resume and not finished:
+        return
+    aside = folder / f"{first:%Y-%m-%dT%H-%M-%S}"
+    aside.mkdir()
+    for path in (*earlier, folder / _FINISHED):
+        if path.exists():
+            path.rename(aside / path.name)
+    ended = "finished" if finished else "unfinished"
+    click.echo(f"captures of {first:{_MINUTE}} ({ended} calibration) are set aside: {aside}")
+
+
+def _taken(path: Path) -> datetime:
+    """Time of a capture."""
+    return datetime.fromtimestamp((path / "capture.toml").stat().st_mtime)
+
+
 def _answer(question: str, folder: Path) -> str:
     """A letter from the terminal or a pipe; at its end the program ends, and says where the captures are."""
     try:
         return str(click.prompt(question, default="", show_default=False)).strip().lower()[:1]
     except click.Abort:
-        click.echo(f"captures so far are in {folder}; the same command goes on with them", err=True)
+        click.echo(
+            f"captures so far are in {folder}; the same command with --resume goes on with them", err=True
+        )
         raise
 
 

@@ -1,6 +1,8 @@
 """Commands for cameras and displays of a rig, on stand-ins and recordings: no hardware, no window."""
 
+import io
 import json
+import sys
 import tomllib
 from collections.abc import Callable
 from dataclasses import replace
@@ -32,7 +34,7 @@ from optolever.projector import (
     choose_exposure,
     synchronise,
 )  # fmt: skip
-from optolever.scene import adjusted, dent_from_text, load, resize
+from optolever.scene import Scene, adjusted, dent_from_text, load, resize
 
 from .conftest import Outcome, Program, Refused
 
@@ -278,13 +280,16 @@ def test_a_rig_is_calibrated_by_its_camera_step_by_step(
     assert "1 of 2, rest: take everything off" in outcome.out
     assert "2 of 2, ball:200,0.02: press the ball" in outcome.out
     assert "press a ball of known radius" in outcome.out  # judged at once
-    assert "captures so far are in" in outcome.err
-    outcome = walk(words=("--yes",))
+    assert "--resume goes on" in outcome.err
+    outcome = walk(words=("--yes", "--resume"))
     assert "of 2" not in outcome.out
     assert "2-ball-200-0.02: set aside" in outcome.out
-    assert "1-rest" in outcome.out
+    assert "1-rest: taken 20" in outcome.out
+    (tmp_path / "rig.captures/finished").unlink()  # as if that one had been stopped
     monkeypatch.setattr("optolever.calibration.judgement.MOST_CHI", 0.1)  # all are doubtful
-    outcome = walk(("flat", "k"), (ball, ""), (ball, "k"), words=("--json", str(tmp_path / "n.json")))
+    outcome = walk(
+        ("flat", "k"), (ball, ""), (ball, "k"), words=("--resume", "--json", str(tmp_path / "n.json"))
+    )
     assert outcome.out.count("is above 0.1") == 2
     values = {one["name"]: one for one in json.loads((tmp_path / "n.json").read_text())["parameters"]}
     for name, truth in (("pattern.z", 0.4), ("camera.rx", np.radians(0.5))):
@@ -296,7 +301,37 @@ def test_a_rig_is_calibrated_by_its_camera_step_by_step(
     assert kept["calibration"]["date"] == date.today()
     assert load(rig).covariance is not None
     names = {one.name for one in (tmp_path / "rig.captures").iterdir()}
-    assert names == {"1-rest", "1-rest.recording.aside1", "2-ball-200-0.02", "2-ball-200-0.02.aside1"}
+    of_walk = {"1-rest", "1-rest.recording.aside1", "2-ball-200-0.02", "2-ball-200-0.02.aside1"}
+    assert names == {*of_walk, "finished"}
+
+
+def test_captures_of_an_earlier_calibration_are_set_aside(
+    optolever: Program, rig: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The display is knocked after a calibration: the next one sees it, whatever yesterday's captures say."""
+    monkeypatch.setattr(sys.modules["optolever.calibration.calibrate"], "_STARTS", 1)
+    typed, folder = resize(load("prism48"), 48, 64), tmp_path / "rig.captures"
+    knocked = adjusted(typed, {"pattern.y": 0.3})
+
+    def walk(true: Scene, *words: str, pipe: str = "\n", code: int = 0) -> Outcome:
+        monkeypatch.setattr("sys.stdin", io.StringIO(pipe))
+        replace(true, dent="flat").save(rig)
+        return optolever("calibrate", "--rig", rig, "rest", *words, code=code)
+
+    walk(typed)
+    first = Capture.load(folder / "1-rest").frames
+    outcome = walk(knocked)
+    assert "(finished calibration) are set aside" in outcome.out
+    (aside,) = (path for path in folder.iterdir() if path.name.startswith("20"))
+    assert np.array_equal(Capture.load(aside / "1-rest").frames, first)
+    assert not np.array_equal(Capture.load(folder / "1-rest").frames, first)
+    walk(typed, "ball:200,0.02", code=130)  # the pipe ends
+    second = Capture.load(folder / "1-rest").frames
+    outcome = walk(knocked, "--resume", pipe="")
+    assert "1-rest: taken 20" in outcome.out
+    assert np.array_equal(Capture.load(folder / "1-rest").frames, second)
+    (folder / "finished").unlink()
+    assert "(unfinished calibration) are set aside" in walk(knocked, "--yes").out
 
 
 @pytest.mark.slow  # three calibrations without a guess
@@ -344,6 +379,7 @@ def test_a_walk_takes_its_own_captures(refused: Refused, rig: Path) -> None:
         (("--rig", rig, "ball"), "must be ball:RADIUS,SIGMA"),
         (("--rig", rig, "--scene", "prism48", "rest"), "--scene: is of captures that exist"),
         (("--scene", "prism48", "--out", "r.toml", "--yes", "rest=r.npz"), "--yes: needs --rig"),
+        (("--scene", "prism48", "--out", "r.toml", "--resume", "rest=r.npz"), "--resume: needs --rig"),
         (("rest=r.npz",), "Missing option '--scene'"),
     ):
         refused(["calibrate", *words], message)
