@@ -12,7 +12,7 @@ _SPAN_S = 60.0  # images that count
 _BLOCK_S = 1.0  # one of them a second: the one that arrived with the least delay
 _DRIFT = 1e-4  # of a crystal, at most
 _DRIFT_SPAN_S = 30.0  # below, a line through the least delays is worse than none
-_EARLY_S, _LATE_S = 1.0, 2.0  # a stamp after, and before, the arrival
+_EARLY_S, _LATE_S = 1.0, 2.0  # a stamp after, and before, the arrival, at most
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,26 +34,36 @@ class ClockMap:
     def __init__(self) -> None:
         self._blocks: deque[tuple[float, float]] = deque()  # device time, least arrival - device time
         self._last: float | None = None
+        self._odd: tuple[float, float] | None = None  # device time and delay of a stamp that does not fit
         self._line = 0.0, 0.0, 0.0  # device time, offset, drift
         self._mean_excess, self._count = 0.0, 0
         self.distrusted = 0
 
     def stamp(self, image: Image) -> Stamp:
         """Take an image into account, and its time. Stamps that do not rise, or that lie more than 1 s after
-        or 2 s before their arrival, are not trusted: arrival counts instead, `distrusted` counts them.
+        or 2 s before their arrival, are not trusted: arrival counts instead, `distrusted` counts them. Two
+        in a row that agree are a clock that was set: the map begins anew.
         """
         device, arrived = image.device_s, image.arrived_s
         if device is None:
             return Stamp(arrived, 0.0, trusted=False)
+        delay = arrived - device
         rises = self._last is None or device > self._last
-        self._last = device
-        if rises:
-            self._add(device, arrived - device)
-            time, sigma = self.host(device)
-            if -_LATE_S <= time - arrived <= _EARLY_S:
-                return Stamp(time, sigma, trusted=True)
-        self.distrusted += 1
-        return Stamp(arrived, 0.0, trusted=False)
+        ahead = 0.0 if self._last is None else self.host(device)[0] - arrived
+        if not rises or ahead > _EARLY_S:
+            odd, self._odd = self._odd, (device, delay)
+            if odd is None or device <= odd[0] or abs(delay - odd[1]) > _EARLY_S:
+                self.distrusted += 1
+                return Stamp(arrived, 0.0, trusted=False)
+            self._blocks.clear()
+            self._mean_excess, self._count = 0.0, 0
+            self._add(*odd)
+        elif ahead < -_LATE_S:  # late in a queue
+            self.distrusted += 1
+            return Stamp(arrived, 0.0, trusted=False)
+        self._last, self._odd = device, None
+        self._add(device, delay)
+        return Stamp(*self.host(device), trusted=True)
 
     @property
     def images(self) -> int:
@@ -69,18 +79,20 @@ class ClockMap:
         return device_s + offset + drift * (device_s - at), float((unknown**2 + excess**2) ** 0.5)
 
     def _add(self, device: float, delay: float) -> None:
-        blocks = self._blocks
+        blocks, before = self._blocks, self.host(device)[0]
         self._count += 1
-        self._mean_excess += (max(delay - self._line[1], 0.0) - self._mean_excess) / min(self._count, 1000)
-        if not blocks or device - blocks[-1][0] > _BLOCK_S or device < blocks[-1][0] - _BLOCK_S:
+        if not blocks or device - blocks[-1][0] > _BLOCK_S:
             blocks.append((device, delay))
         elif delay < blocks[-1][1]:
             blocks[-1] = device, delay
-        else:
-            return
-        while blocks[-1][0] - blocks[0][0] > _SPAN_S or blocks[-1][0] < blocks[0][0]:
+        while blocks[-1][0] - blocks[0][0] > _SPAN_S:
             blocks.popleft()
         self._line = _lower_line(list(blocks))
+        now = self.host(device)[0]
+        if self._count > 1:  # excesses count from the line of now
+            self._mean_excess += before - now
+        excess = max(device + delay - now, 0.0)
+        self._mean_excess += (excess - self._mean_excess) / min(self._count, 1000)
 
 
 def _lower_line(points: list[tuple[float, float]]) -> tuple[float, float, float]:

@@ -1,5 +1,7 @@
 """Synchronisation and capture in simulated time: no wrong frame, what is measured is what is, in time."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -151,6 +153,46 @@ def test_clocks_that_drift_and_lie() -> None:
     assert not clock.stamp(stuck).trusted
     assert clock.stamp(stuck).time_s == 300.0
     assert clock.distrusted == 2
+
+
+@pytest.mark.parametrize("offset", [-86400.0, -600.0, 0.0, 1234.5])
+def test_a_clock_may_start_at_power_up(offset: float) -> None:
+    """Whatever the camera's clock is behind or ahead of the computer's: GigE and USB3 start at 0."""
+    clock = ClockMap()
+    stamps = [clock.stamp(_arrived(k, offset)) for k in range(30)]
+    assert stamps[-1].sigma_s < 1e-3
+    assert all(abs(one.time_s - (100.0305 + k / 30)) < 1e-9 for k, one in enumerate(stamps))
+    figure = run_setting(Setting(offset=offset), 24, seed=1)
+    assert (figure.wrong, figure.mixed, figure.frames) == (0, 0, 24)
+
+
+@pytest.mark.parametrize("nonsense", [4154505010.2, 0.0, -3600.0])
+def test_one_nonsense_stamp_is_distrusted(nonsense: float) -> None:
+    """At the start or later: one stamp, not the clock."""
+    for odd in (0, 17):
+        clock = ClockMap()
+        for k in range(30):
+            true = _arrived(k, 50.0)
+            stamp = clock.stamp(replace(true, device_s=nonsense) if k == odd else true)
+        assert (clock.distrusted, stamp.trusted) == (1, True)
+        assert stamp.sigma_s < 1e-3
+        assert stamp.time_s == pytest.approx(true.arrived_s, abs=1e-9)
+
+
+def test_a_clock_that_is_set_is_followed() -> None:
+    """Set back by a minute, or ahead: one stamp counts by its arrival."""
+    for by in (-60.0, 60.0):
+        clock = ClockMap()
+        for k in range(60):
+            image = _arrived(k, 50.0 if k < 30 else 50.0 + by)
+            stamp = clock.stamp(image)
+            assert stamp.time_s == pytest.approx(image.arrived_s, abs=1e-9)
+        assert (clock.distrusted, stamp.trusted) == (1, True)
+
+
+def _arrived(k: int, offset: float) -> Image:
+    """Image k of 30 a second, 30.5 ms after its exposure, stamped by a clock that is `offset` ahead."""
+    return Image(np.zeros((1, 1), np.uint8), k, 100 + k / 30 + offset, 100.0305 + k / 30)
 
 
 def test_the_page_shows_late_swaps_and_the_slope_of_the_rows() -> None:
