@@ -17,7 +17,7 @@ import threading
 import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, suppress
-from dataclasses import asdict, dataclass, fields
+from dataclasses import MISSING, asdict, dataclass, fields
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -35,6 +35,13 @@ __all__ = ["BackgroundRecorder", "Logged", "Recorder", "Recording"]
 _VERSION = 1
 _WAITING = 256 << 20
 _PAGES, _LOG = "frames.tif", "log.jsonl"
+#: Fields of a line, by its event.
+_NEEDED: Mapping[Any, set[str]] = {
+    "recording": {"version"},
+    "configured": {field.name for field in fields(Accepted) if field.default is MISSING},
+    "shown": {field.name for field in fields(Shown) if field.default is MISSING},
+    "image": {"id", "device_s", "arrived_s", "stamp_s", "complete", "why"},
+}
 
 
 class Recorder:
@@ -157,7 +164,7 @@ class Logged:
 
 
 class Recording:
-    """Reads a recording, complete or truncated. InputError names the file and its fault.
+    """Reads a recording, complete or cut off. InputError names the file and its fault.
 
     about: the first line; accepted: the last settings, None without.
     """
@@ -218,13 +225,16 @@ class Recording:
 
 
 def _whole_lines(log: Path) -> Iterator[dict[str, Any]]:
-    """Lines up to the first that is broken off."""
-    for text in log.read_text(encoding="utf-8", errors="replace").splitlines():
+    """Lines; a broken last one is passed over. InputError of a broken one that others follow."""
+    texts = log.read_text(encoding="utf-8", errors="replace").rstrip("\n").split("\n")
+    for number, text in enumerate(texts, 1):
         try:
             line = json.loads(text)
         except json.JSONDecodeError:
-            return
-        if not isinstance(line, dict) or "event" not in line:
+            line = None
+        if not isinstance(line, dict) or not _NEEDED.get(line.get("event"), {"?"}) <= line.keys():
+            if number < len(texts):
+                raise InputError(f"{log}: line {number} is damaged, {len(texts) - number} lines follow")
             return
         yield line
 
