@@ -26,6 +26,7 @@ import numpy as np
 import tifffile
 
 from optolever.errors import InputError
+from optolever.files import read_lines
 
 from .clocks import Stamp
 from .devices import Accepted, Image, Shown, no_pixels
@@ -35,6 +36,12 @@ __all__ = ["BackgroundRecorder", "Logged", "Recorder", "Recording"]
 _VERSION = 1
 _WAITING = 256 << 20
 _PAGES, _LOG = "frames.tif", "log.jsonl"
+_NEEDED = {
+    "recording": {"version"},
+    "configured": {"exposure_s", "rows", "cols"},
+    "shown": {"index", "swapped_s"},
+    "image": {"id", "device_s", "arrived_s", "stamp_s", "complete", "why"},
+}
 
 
 class Recorder:
@@ -167,7 +174,7 @@ class Recording:
         log = self.folder / _LOG
         if not log.is_file():
             raise InputError(f"{self.folder}: no recording, {_LOG} is missing")
-        self._lines = list(_whole_lines(log))
+        self._lines = read_lines(log, _is_whole)
         if not self._lines or self._lines[0].get("version") != _VERSION:
             raise InputError(f"{log}: the first line must state version {_VERSION}")
         self.about = self._lines[0]
@@ -217,16 +224,10 @@ class Recording:
         return Image(pixels, **{name: line[name] for name in names})
 
 
-def _whole_lines(log: Path) -> Iterator[dict[str, Any]]:
-    """Lines up to the first that is broken off."""
-    for text in log.read_text(encoding="utf-8", errors="replace").splitlines():
-        try:
-            line = json.loads(text)
-        except json.JSONDecodeError:
-            return
-        if not isinstance(line, dict) or "event" not in line:
-            return
-        yield line
+def _is_whole(line: Any) -> bool:
+    """Whether a line has the names that its event needs; an image that is complete has a page."""
+    names = line.keys()
+    return _NEEDED[line["event"]] <= names and (not line.get("complete") or {"page", "crc32"} <= names)
 
 
 def _plain(line: Mapping[str, Any], record: type[Accepted | Shown]) -> dict[str, Any]:
