@@ -1,8 +1,8 @@
-"""Hard cases of the reconstructor: exact correspondences of difficult mirrors, noisy, holed, spoiled."""
+"""Exact correspondences of difficult mirrors, noisy, holed, spoiled: problems of the solver."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,17 +10,10 @@ import numpy as np
 from optolever.decode import Correspondence, Flag
 from optolever.experiments.arrays import Floats, Mask
 from optolever.experiments.place import EXACT_SIGMA, Dent, Place, surface_of
-from optolever.reconstruct import reconstruct
 from optolever.scene import Scene, Surface, Trace
-
-from .found import Found, found_height
-from .hard_case import Case
 
 #: (truth, random numbers) -> lost pixels; or (u, v) changed in place
 Hide = Callable[[Trace, Scene, np.random.Generator], Mask]
-
-NOISES = (0.0, 0.05)
-DTYPES = ("float64", "float32")
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,8 +95,6 @@ def _dark(truth: Trace, scene: Scene, rng: np.random.Generator) -> Mask:
         return np.asarray(~(scene.medium.reflectance(np.cos(truth.incidence)) >= 0.5))
 
 
-HIDDEN = (_disks, _slits, _cut, _dropouts, _half)
-
 PROBLEMS = (
     Problem("smooth", "raised-cosine"),
     Problem("cusp", "needle"),
@@ -131,30 +122,6 @@ PROBLEMS = (
 )
 
 
-def reconstruct_cases(sizes: tuple[tuple[int, int], ...], quick: bool = False) -> Iterator[Case]:
-    """Every problem at every size, without and with noise, in double and single precision."""
-    for size in sizes:
-        for problem in PROBLEMS:
-            for noise in NOISES:
-                for dtype in DTYPES[: 1 if quick else 2]:
-                    yield Case(
-                        "reconstruct",
-                        problem.name,
-                        "coupled",
-                        size,
-                        partial(reconstructed, problem, size, noise, dtype),
-                        noise,
-                        dtype,
-                    )
-
-
-def reconstructed(problem: Problem, size: tuple[int, int], noise: float, dtype: str) -> Found:
-    """Spoil the true correspondence, reconstruct, compare with the mirror."""
-    place = _mirror(problem.scene, problem.dent, size)
-    truth = place.truth
-    return found_height(reconstruct(spoiled(problem, place, noise, dtype), place.scene), truth, place.peak)
-
-
 def spoiled(problem: Problem, place: Place, noise: float, dtype: str) -> Correspondence:
     """The true correspondence with noise (px), lost pixels flagged, outliers not."""
     rng, truth = np.random.default_rng(11), place.truth
@@ -170,6 +137,3 @@ def spoiled(problem: Problem, place: Place, noise: float, dtype: str) -> Corresp
     flags = np.where(lost, int(Flag.INVALID), 0).astype(np.uint16)
     kind: Any = np.dtype(dtype)
     return Correspondence(u.astype(kind), v.astype(kind), sigma.astype(kind), sigma.astype(kind), flags)
-
-
-_mirror = lru_cache(maxsize=4)(Place.of)
