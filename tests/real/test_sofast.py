@@ -51,7 +51,7 @@ def screen(screen_file: Path) -> Correspondence:
 
 
 def test_screen_fractions(real: Path, rig: SofastRig, screen: Correspondence) -> None:
-    """SOFAST states the mean over a pixel; the centre differs by a share of the curvature, which sigma holds."""
+    """SOFAST states the mean over a pixel; the centre differs by a share of the curvature."""
     x, y = expected(real, "CalculationDataGeometryFacet/v_screen_points_fractional_screens")
     use = screen.good[rig.mask]
     assert use.mean() > 0.97

@@ -47,12 +47,15 @@ class World:
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """frames (N, H, W) described by `sequence`; truth: of the moment that the heights are of; lit (H, W)."""
+    """frames (N, H, W) described by `sequence`; truth: of the moment that the heights are of; lit (H, W); wrong:
+    numbers of the first two pictures that are not the frames described.
+    """
 
     frames: NDArray[np.uint8]
     sequence: Sequence
     truth: dict[str, F64]
     lit: Mask
+    wrong: tuple[int, ...] = ()
 
 
 def shoot(rig: Rig, code: str, world: World, seed: int = 0) -> Shot:
@@ -88,7 +91,8 @@ def shoot(rig: Rig, code: str, world: World, seed: int = 0) -> Shot:
     frames = np.clip(np.rint(levels), 0, 255).astype(np.uint8)
     if world.jpeg:
         frames = np.stack([_jpeg(one, world.jpeg) for one in frames])
-    return Shot(frames, described, _truth(rig, described, world), lit)
+    wrong = tuple(np.flatnonzero(order != np.arange(len(order)))[:2].tolist())
+    return Shot(frames, described, _truth(rig, described, world), lit, wrong)
 
 
 def _truth(rig: Rig, shown: Sequence, world: World) -> dict[str, F64]:
