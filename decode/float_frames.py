@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from optolever.errors import InputError
 
-from .correspondence import Correspondence
+from .records import Correspondence
 
 __all__ = ["Levels", "in_levels"]
 
