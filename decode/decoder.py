@@ -1,22 +1,202 @@
 """decode(): frames and their descriptions -> Correspondence; Decoder: many captures of one rig."""
 
-from typing import Any
+from __future__ import annotations
 
-from .profile import RigProfile, Settings
+from dataclasses import replace
+from functools import reduce
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from optolever.errors import InputError
+from optolever.notices import Notice
+from optolever.patterns import Sequence
+from optolever.records import LOG, Progress, logged, silent
+
+from .capture import Prepared, applied, estimated, holds, prepared
+from .exposures import better_of, by_exposure
+from .frames import Levels, Light, in_levels, light_of
+from .plan import raster_axes
+from .profile import ExposureProfile, RigProfile, Settings, digest
 from .records import Correspondence
+from .response import Response
 
 __all__ = ["Decoder", "decode", "estimate_profile"]
 
+_STEPS = 2
+#: Largest blur of a lens, px of the camera.
+_LENS = 4.0
+_OTHER = Notice(
+    "the rig's profile is of another sequence, size or kind of frames",
+    float("nan"),
+    float("nan"),
+    "estimated anew from this capture; estimate one from such frames",
+)
 
-def decode(frames: Any, sequence: Any, **options: Any) -> Correspondence:
-    """Skeleton."""
-    raise NotImplementedError
+
+def decode(
+    frames: ArrayLike,
+    sequence: Sequence,
+    *,
+    noise: float | None = None,
+    gain: float = 0.0,
+    white_level: float | None = None,
+    response: Response | None = None,
+    blur_px: float | None = None,
+    lens_px: float | None = None,
+    on_cells: bool = True,
+    mask: ArrayLike | None = None,
+    progress: Progress = silent,
+) -> Correspondence:
+    """Where on the pattern every camera pixel looks.
+
+    frames       (N, H, W) uint8 or uint16 (floats of any unit are taken, too; pixels that are not finite are
+                 INVALID), frame i as sequence.frames[i] describes it
+    noise, gain  of the camera: variance = noise^2 + gain * level, levels of the frames before rounding;
+                 without `noise` both are estimated from the frames
+    white_level  level at which the camera clips; default 255, for uint16 the 10, 12, 14 or 16 bits in use
+    response     camera level against displayed level, inverted first
+    blur_px      rms blur between display and camera, cells; default: bounded by the fringes' contrast
+    lens_px      rms blur of the camera's lens, its pixels (4 at most), which smooths the map; its effect is
+                 corrected; default: 0.35, with a sigma that allows 0 to 0.6 (a slanted edge, ISO 12233)
+    on_cells     the display shows frames on the cells of a surface of the sequence's size, see Frame.tables,
+                 dark around it. False: ideal cosines without a border
+    mask         (H, W) bool: pixels to decode, the others are INVALID
+    progress     called with step name, steps done, number of steps
+
+    A code under several exposures is decoded from each complete exposure, and every pixel takes its best
+    result: amplitude and offset are levels of that exposure. InputError if frames and sequence do not fit.
+    """
+    settings = Settings(noise, gain, white_level, response, blur_px, lens_px, on_cells)
+    return Decoder(sequence, settings=settings).decode(frames, mask=mask, progress=progress)
 
 
-def estimate_profile(frames: Any, sequence: Any, settings: Settings | None = None, *, mask: Any = None) -> RigProfile:
-    """Skeleton."""
-    raise NotImplementedError
+def estimate_profile(
+    frames: ArrayLike,
+    sequence: Sequence,
+    settings: Settings | None = None,
+    *,
+    mask: ArrayLike | None = None,
+) -> RigProfile:
+    """Profile of the rig, for further captures; see `decode` for the parameters."""
+    decoder = Decoder(sequence, settings=settings)
+    found = decoder.decode(frames, mask=mask)
+    if decoder.profile is None:
+        raise InputError(
+            f"profile: {found.notices[-1]}; estimate it from a capture whose frames are those described"
+        )
+    return decoder.profile
 
 
 class Decoder:
-    """Skeleton."""
+    """Decodes captures of one sequence on one rig: plan, tables and the rig's profile are made once.
+
+    Each capture runs the kernels, and some pixels test the profile (residuals, contrast, share of good pixels). If
+    the test fails, or no profile fits the frames, the capture gives a new profile, as in `decode`; a notice names
+    the change.
+    """
+
+    def __init__(
+        self, sequence: Sequence, profile: RigProfile | None = None, settings: Settings | None = None
+    ) -> None:
+        """settings: default: those under which the profile was estimated."""
+        raster_axes(sequence)  # checks all frames: one exposure's raster may be complete
+        self._settings = settings or (Settings() if profile is None else profile.settings)
+        _validated(self._settings)
+        self._sequence, self._parts = sequence, by_exposure(sequence)
+        self._profile = profile
+        self._prepared: tuple[Prepared, ...] = ()
+
+    @property
+    def profile(self) -> RigProfile | None:
+        """The last profile, estimated or given; None before the first capture."""
+        return self._profile
+
+    def decode(
+        self, frames: ArrayLike, *, mask: ArrayLike | None = None, progress: Progress = silent
+    ) -> Correspondence:
+        """See `decode`."""
+        given = in_levels(frames)
+        light = self._light(given, self._profile)
+        inside = _mask(given.inside(mask), light)
+        with logged(f"decode {light.raw.shape} by {self._sequence.name}"):
+            progress("decode", 0, _STEPS)
+            found, doubts = self._by_profile(light, inside, given.unit)
+            if found is None:
+                light = light if self._profile is None else self._light(given, None)
+                found = self._anew(light, inside, given.unit)
+                found = replace(found, notices=doubts + found.notices)
+            progress("decoded", _STEPS, _STEPS)
+        for notice in found.notices:
+            LOG.warning("%s", notice)
+        return given.restored(found)
+
+    def _light(self, given: Levels, known: RigProfile | None) -> Light:
+        """Frames with the clip level of a known camera, else with one estimated from all samples."""
+        white, rounding = self._settings.white_level, None
+        white = white and white * given.unit
+        if known is not None and known.dtype == getattr(given.frames, "dtype", None):
+            white, rounding = known.clip, known.rounding
+        return light_of(given.frames, self._sequence, white, self._settings.response, rounding)
+
+    def _by_profile(
+        self, light: Light, mask: NDArray[np.bool_] | None, unit: float
+    ) -> tuple[Correspondence | None, tuple[Notice, ...]]:
+        """None where no profile fits these frames or the profile no longer holds; notices give the reason."""
+        if self._profile is None:
+            return None, ()
+        if not self._fits(self._profile, light):
+            self._prepared = ()
+            return None, (_OTHER,)
+        if not self._prepared:
+            every = zip(self._parts, self._profile.exposures, strict=True)
+            self._prepared = tuple(prepared(part, self._settings, one) for part, one in every)
+        found = []
+        for one in self._prepared:
+            own = light.only(one.part.index)
+            doubts = holds(own, one, mask)
+            if doubts:
+                return None, doubts
+            found.append(applied(own, one, mask))
+        return reduce(better_of, found), ()
+
+    def _fits(self, profile: RigProfile, light: Light) -> bool:
+        """Whether a profile fits the frames: sequence, size and type."""
+        kind = profile.sequence, profile.shape, profile.dtype, len(profile.exposures)
+        return kind == (digest(self._sequence), light.raw.shape[1:], light.raw.dtype.name, len(self._parts))
+
+    def _anew(self, light: Light, mask: NDArray[np.bool_] | None, unit: float) -> Correspondence:
+        """Estimate the profile, and decode by it."""
+        settings = self._settings
+        if settings.noise is not None:
+            settings = replace(settings, noise=settings.noise * unit, gain=settings.gain * unit)
+        done = [estimated(light.only(part.index), part, settings, mask) for part in self._parts]
+        found = reduce(better_of, (one.found for one in done))
+        if any(one.wrong for one in done):  # a fault of this capture, not of the rig
+            return found
+        self._prepared = tuple(one.prepared for one in done)
+        exposures: tuple[ExposureProfile, ...] = tuple(one.profile for one in self._prepared)
+        shape, dtype = light.raw.shape[1:], light.raw.dtype.name
+        self._profile = RigProfile(
+            digest(self._sequence), shape, dtype, light.clip, light.rounding, self._settings, exposures
+        )
+        return found
+
+
+def _mask(mask: ArrayLike | None, light: Light) -> NDArray[np.bool_] | None:
+    if mask is None:
+        return None
+    inside, shape = np.asarray(mask), light.raw.shape[1:]
+    if inside.shape != shape or inside.dtype != np.bool_:
+        raise InputError(f"decode: mask is {inside.dtype} {inside.shape}, must be bool {shape}")
+    return inside
+
+
+def _validated(settings: Settings) -> None:
+    """InputError where a number exceeds its limits."""
+    for name in ("noise", "gain"):
+        value = getattr(settings, name)
+        if value is not None and not 0 <= value < np.inf:
+            raise InputError(f"decode: {name} is {value}, must be finite and at least 0")
+    if settings.lens_px is not None and not 0 <= settings.lens_px <= _LENS:
+        raise InputError(f"decode: lens_px is {settings.lens_px}, must be 0 to {_LENS}")
