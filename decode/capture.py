@@ -124,35 +124,32 @@ def _with_between(
     light: Light, part: Part, settings: Settings, profile: ExposureProfile, sample: Sample
 ) -> ExposureProfile:
     """Add the variance of the phases by which periods of one axis contradict each other beyond noise."""
-    axes = []
-    for axis, own in zip(axes_of(part), profile.axes, strict=True):
-        variances = [misfit.variance for misfit in own.misfits]
-        if len(axis.fringes) > 1 and own.deviation == 0:
-            for i in range(1, len(axis.fringes)):
-                more = _between(axis, i, sample, profile.noise, own.misfits)
-                variances[i - 1 : i + 1] = [max(v, more) for v in variances[i - 1 : i + 1]]
-        misfits = tuple(m._replace(variance=v) for m, v in zip(own.misfits, variances, strict=True))
+    if all(len(axis.fringes) < 2 for axis in axes_of(part)) or not len(sample.places):
+        return profile
+    maps, axes = _sampled(light, prepared(part, settings, profile), sample), []
+    for a, (axis, own) in enumerate(zip(axes_of(part), profile.axes, strict=True)):
+        place = np.where(maps.flags[0] == 0, maps.place[a, 0].astype(np.float64), np.nan)
+        more = _between(axis, place, sample, profile.noise, own.misfits)
+        misfits = tuple(m._replace(variance=max(m.variance, more)) for m in own.misfits)
         axes.append(own._replace(misfits=misfits))
     return profile._replace(axes=tuple(axes))
 
 
-def _between(axis: AxisPlan, i: int, sample: Sample, noise: Noise, misfits: tuple[Misfit, ...]) -> float:
-    """Variance (cycles^2) of a phase by the contradiction of periods i - 1 and i, beyond noise and misfit."""
-    distance, variance, periods = [], [], []
-    for j in (i - 1, i):
-        fringe = axis.fringes[j]
+def _between(axis: AxisPlan, place: F64, sample: Sample, noise: Noise, misfits: tuple[Misfit, ...]) -> float:
+    """Variance (cycles^2) of a phase by the contradictions of coarser periods to the place, beyond noise and
+    misfit."""
+    most, fine = 0.0, axis.fringes[-1].period if axis.fringes else 1.0
+    for fringe, misfit in zip(axis.fringes[:-1], misfits, strict=False):
         o, c, s = fringe.inverse @ sample.levels[list(fringe.index)].astype(np.float64)
-        own = misfits[j].scale * noise.variance(o) * np.square(fringe.inverse[1]).sum()
-        variance.append(own / np.maximum(c * c + s * s, 1e-6) / (2 * np.pi) ** 2 * fringe.period**2)
-        distance.append(np.arctan2(s, c) / (2 * np.pi) * fringe.period)
-        periods.append(fringe.period)
-    away = distance[1] - distance[0]
-    away -= periods[1] * np.rint(away / periods[1])
-    ok = np.isfinite(away) & (variance[0] < (periods[1] / 8) ** 2)
-    if np.count_nonzero(ok) < _FEWEST:
-        return 0.0
-    beyond = float(np.median(away[ok] ** 2) / _MEDIAN - np.median(variance[0][ok] + variance[1][ok]))
-    return max(beyond, 0.0) / (periods[0] ** 2 + periods[1] ** 2)
+        own = misfit.scale * noise.variance(o) * np.square(fringe.inverse[1]).sum()
+        variance = own / np.maximum(c * c + s * s, 1e-6) / (2 * np.pi) ** 2
+        away = np.arctan2(s, c) / (2 * np.pi) - place / fringe.period
+        away -= np.rint(away)
+        ok = np.isfinite(away)
+        if np.count_nonzero(ok) >= _FEWEST:
+            beyond = float(np.median(away[ok] ** 2) / _MEDIAN - np.median(variance[ok]) * (1 + (fine / fringe.period) ** 2))
+            most = max(most, beyond / (1 + (fine / fringe.period) ** 2))
+    return most
 
 
 def _deviation(axis: AxisPlan, sample: Sample, noise: Noise) -> float:
