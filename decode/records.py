@@ -16,7 +16,7 @@ from optolever.files import load_arrays, save_arrays
 from optolever.notices import Notice, notices_from_array, notices_to_array
 from optolever.records import Axes, Comparable, flag_line, plot_maps, span
 
-__all__ = ["Correspondence", "Displacement", "Flag", "PixelMaps", "SharedNoise", "difference"]
+__all__ = ["Correspondence", "Displacement", "Flag", "PixelMaps", "SharedNoise"]
 
 Map = NDArray[np.floating[Any]]
 
@@ -186,15 +186,6 @@ class Displacement(PixelMaps):
         return Correspondence(
             rest.u + self.du, rest.v + self.dv, **common, notices=rest.notices, shared_noise=rest.shared_noise
         )
-
-
-def difference(deformed: Correspondence, rest: Correspondence) -> Displacement:
-    """Deformed minus rest, in pattern pixels; variances add, flags are or-ed.
-
-    Amplitude and offset stay those of the deformed capture; order_error: probability of either error.
-    """
-    common = _common(deformed, rest)
-    return Displacement(deformed.u - rest.u, deformed.v - rest.v, **common)
 
 
 def _shared_noise(stored: NDArray[Any]) -> SharedNoise:

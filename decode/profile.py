@@ -1,5 +1,7 @@
 """RigProfile: common properties of the captures of one rig, estimated once, applied to further ones."""
 
+from __future__ import annotations
+
 import hashlib
 import json
 import types
@@ -16,20 +18,13 @@ from optolever.files import load_arrays, save_arrays
 from optolever.notices import Notice
 from optolever.patterns import Sequence
 
-from .axis import AxisNumbers
-from .correspondence import SharedNoise
-from .profile.border import BorderBlur
-from .profile.ends import Ends
-from .profile.lens import Lens
-from .profile.noise import Noise
-from .profile.pixelation import Pixelation
-from .profile.unlike import Before
+from .codes.fringe import Misfit
+from .effects import Estimate
+from .noise import Noise
+from .records import SharedNoise
 from .response import Response
 
 __all__ = ["AxisProfile", "Effect", "ExposureProfile", "RigProfile", "Sampled", "Settings", "digest"]
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,70 +37,37 @@ class Settings:
     response: Response | None = None
     blur_px: float | None = None
     lens_px: float | None = None
-    footprint: float | None = None
     on_cells: bool = True
-    subpixel: bool = False
-    check: bool = True
 
 
 class Sampled(NamedTuple):
-    """Statistics of sample pixels while a profile holds.
-
-    good       share of the pixels without a flag; pixels: number of good ones
-    residual2  variance of the constraints' residuals over that by noise and misfit (NaN: none)
-    amplitude, offset  medians, camera levels
-    contrast   (K,) rms of each fringe and bit, relative to white and black or the coarsest
-    """
+    """Statistics of sample pixels while a profile holds: share without a flag; median chi2 per degree of freedom;
+    median amplitude, levels."""
 
     good: float
-    pixels: int
-    residual2: float
+    chi2: float
     amplitude: float
-    offset: float
-    contrast: F64
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class AxisProfile:
-    """Of one axis: numbers of its codes and fringes; median footprint of a pixel, cells; pixelation; blur at
-    the border."""
+class AxisProfile(NamedTuple):
+    """Of one axis: misfit of each fringe; deviation of a sample over the amplitude (close periods, else 0); variance
+    of every place, px^2; optics of a look-up, None without one."""
 
-    axis: str
-    numbers: AxisNumbers
-    width: float
-    pixelation: Pixelation
-    border: BorderBlur
+    misfits: tuple[Misfit, ...]
+    deviation: float
+    variance: float
+    look_up: Any = None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ExposureProfile:
-    """Profile of one exposure.
-
-    camera     noise of the camera's levels; noise: of the linear levels that a response makes of them
-    silent     whether there is no noise beyond rounding
-    lag        share of earlier frames; white: linear level at which samples saturate
-    axes       of u and of v
-    ends       variance of the edge blur at the mirror's ends, px^2 of the camera
-    dark       level without light of the display
-    lens       variance of the lens blur, px^2
-    edges      (A, 4, 3) least sigma of the three outermost lines on every side of the image, pattern px
-    shared     noise that pixels have in common; notices: warnings about the rig
-    sampled    statistics of sample pixels
-    """
+class ExposureProfile(NamedTuple):
+    """Of one exposure: noise, axes, effects, noise that pixels have in common, statistics, notices."""
 
     noise: Noise
-    camera: Noise
-    silent: bool
-    lag: Before
-    white: float
     axes: tuple[AxisProfile, ...]
-    ends: Ends
-    dark: float
-    lens: Lens
-    edges: F32
+    effects: tuple[Estimate, ...]
     shared: SharedNoise | None
-    notices: tuple[Notice, ...]
     sampled: Sampled
+    notices: tuple[Notice, ...]
 
 
 class Effect(NamedTuple):
@@ -153,7 +115,7 @@ class RigProfile:
         try:
             found = _unpacked(cls, json.loads(str(arrays["profile"])), arrays)
         except (ValueError, TypeError, KeyError, AttributeError, StopIteration, InputError) as error:
-            raise InputError(f"{path}: no profile of this version ({error}); estimate it again") from error
+            raise InputError(f"{path}: no profile of this version; estimate it again") from error
         if not isinstance(found, cls):
             raise InputError(f"{path}: no profile of this version; estimate it again")
         return found
@@ -161,32 +123,23 @@ class RigProfile:
 
 def digest(sequence: Sequence) -> str:
     """Hash of a sequence's content; its name does not count."""
-    shown = repr((sequence.frames, sequence.rows, sequence.cols, sequence.nominal))
-    return hashlib.sha256(shown.encode()).hexdigest()[:16]
+    content = repr((sequence.frames, sequence.rows, sequence.cols, sequence.nominal))
+    return hashlib.sha256(content.encode()).hexdigest()[:16]
 
 
 def _rows(number: int, one: ExposureProfile) -> list[Effect]:
     def effect(name: str, value: float, sigma: float, unit: str) -> Effect:
         return Effect(name if number == 0 else f"{name}, exposure {number + 1}", value, sigma, unit)
 
-    nan, noise = float("nan"), one.camera
+    nan, noise = float("nan"), one.noise
     rows = [
         effect("read noise", noise.read2**0.5, noise.read2_sigma / (2 * noise.read2**0.5), "levels"),
         effect("noise gain", noise.gain, noise.gain_sigma, "levels^2 per level"),
-        effect("misfit", noise.misfit2**0.5, nan, "of the amplitude"),
-        effect("lag", one.lag.share, nan, "of the frame before"),
-        effect("dark level", one.dark, nan, "levels"),
-        effect("fading at the mirror's ends", one.ends.variance, one.ends.sigma, "px^2"),
-        effect("lens", one.lens.variance, one.lens.sigma, "px^2"),
     ]
-    for axis in one.axes:
-        blur = axis.border
-        rows += [
-            effect(f"blur beside the border, {axis.axis}", blur.blur, (blur.high - blur.low) / 2, "cells"),
-            effect(f"roughness, {axis.axis}", axis.pixelation.roughness**0.5, nan, "pattern px"),
-            effect(f"contradiction of periods, {axis.axis}", axis.numbers.between**0.5, nan, "turns"),
-        ]
-    return rows
+    scales = [misfit.scale for axis in one.axes for misfit in axis.misfits]
+    if scales:
+        rows.append(effect("misfit of the fringes", max(scales) ** 0.5, nan, "of the noise"))
+    return rows + [effect(*estimate) for estimate in one.effects]
 
 
 def _packed(value: object, name: str, arrays: dict[str, NDArray[Any]]) -> object:
@@ -199,11 +152,6 @@ def _packed(value: object, name: str, arrays: dict[str, NDArray[Any]]) -> object
     if is_dataclass(value):
         keys = [field.name for field in fields(value)]
         return {key: _packed(getattr(value, key), f"{name}.{key}", arrays) for key in keys}
-    if isinstance(value, Mapping):
-        return [
-            [_packed(key, name, arrays), _packed(one, f"{name}.{i}", arrays)]
-            for i, (key, one) in enumerate(value.items())
-        ]
     if isinstance(value, tuple):
         return [_packed(one, f"{name}.{i}", arrays) for i, one in enumerate(value)]
     return value
@@ -222,7 +170,5 @@ def _unpacked(kind: Any, value: Any, arrays: Mapping[str, NDArray[Any]]) -> Any:
     if isinstance(value, dict):
         hints = get_type_hints(kind)
         return kind(**{key: _unpacked(hints[key], one, arrays) for key, one in value.items()})
-    if origin is Mapping:
-        return {_unpacked(parts[0], key, arrays): _unpacked(parts[1], one, arrays) for key, one in value}
     inner = [parts[0]] * len(value) if len(parts) == 2 and parts[1] is ... else parts
     return tuple(_unpacked(part, one, arrays) for part, one in zip(inner, value, strict=True))
