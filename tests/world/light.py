@@ -47,7 +47,7 @@ class World:
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """frames (N, H, W) described by `sequence`; truth: of the moment that the heights are of; lit (H, W); wrong:
+    """frames (N, H, W) described by `sequence`; truth: at the moment of the heights; lit (H, W); wrong:
     numbers of the first two pictures that are not the frames described.
     """
 
