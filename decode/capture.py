@@ -11,7 +11,7 @@ from optolever.blocks import over_blocks, threads
 from optolever.notices import Notice
 
 from .codes.bits import bit_tables
-from .codes.fringe import Misfit, fringe_tables, measure_misfit
+from .codes.fringe import Misfit, fringe_tables, measure_misfit, three_step_aliasing
 from .codes.lookup import Lines, lookup_rows, prepare
 from .codes.orders import Orders, order_table
 from .effects import Estimate, View
@@ -20,7 +20,7 @@ from .frames import Light, sample_levels, sample_places
 from .neighbours import HALO, Block, Result, axis_limits, neighbours
 from .noise import Noise, Sample, fit_noise
 from .pixels import Maps, Tables, pixel_rows
-from .plan import AxisPlan, Plan, plan, raster_axes
+from .plan import AxisPlan, Fringe, Plan, plan, raster_axes
 from .profile import AxisProfile, ExposureProfile, Sampled, Settings
 from .records import Correspondence, Flag
 
@@ -102,12 +102,20 @@ def _estimate(light: Light, part: Part, settings: Settings, sample: Sample) -> E
             look_up = prepare(
                 part.sequence, p, axis, light, sample, known, settings.blur_px, settings.on_cells
             )
-        misfits = tuple(measure_misfit(fringe, sample, noise) for fringe in axis.fringes)
+        misfits = tuple(_misfit(fringe, p, axis, sample, noise) for fringe in axis.fringes)
         own.append(AxisProfile(misfits, _deviation(axis, sample, noise), 0.0, look_up))
     nothing = Sampled(0.0, 0.0, 0.0)
     profile = ExposureProfile(noise, tuple(own), (), None, nothing, ())
     profile = _with_between(light, part, settings, profile, sample)
     return profile._replace(notices=_notices(profile))
+
+
+def _misfit(fringe: Fringe, p: Plan, axis: AxisPlan, sample: Sample, noise: Noise) -> Misfit:
+    code = axis.code
+    pairs = [] if code is None else list(zip(code.plain.tolist(), code.inverse.tolist(), strict=True))
+    ends = [pair for pair in (*pairs, (p.white, p.black)) if min(pair) >= 0]
+    found = measure_misfit(fringe, sample, noise)
+    return found._replace(variance=found.variance + three_step_aliasing(fringe, ends, sample, noise))
 
 
 def _notices(profile: ExposureProfile) -> tuple[Notice, ...]:

@@ -19,7 +19,7 @@ from ..noise import Noise, Sample
 from ..plan import Fringe
 from ..records import Flag
 
-__all__ = ["Fit", "FringeTables", "Misfit", "fringe_row", "fringe_tables", "measure_misfit", "phase_of"]
+__all__ = ["Fit", "FringeTables", "Misfit", "fringe_row", "fringe_tables", "measure_misfit", "three_step_aliasing"]
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -33,6 +33,8 @@ _DEGENERATE = 1e-3
 #: Fewest pixels for a misfit; median of chi2 with one degree of freedom; ratio of chi2 without and with harmonics
 #: from which on they are regressed out.
 _FEWEST, _MEDIAN, _WORTH = 64, 0.4549, 1.1
+#: Deviations from which on a mean level is off the middle.
+_SURE = 4.0
 #: Terms of the harmonics: 1, offset, amplitude, cosine and sine of one to three times the phase.
 _TERMS = 9
 
@@ -128,17 +130,10 @@ def _samples(fringe: Fringe, matrix: F64 | None) -> tuple[I64, F64]:
     return used.astype(np.int64), whole
 
 
-def phase_of(fringe: Fringe, levels: F64) -> tuple[F64, F64, F64]:
-    """Phase (cycles), amplitude and offset (K,) of levels (N, K) of all frames."""
-    o, c, s = fringe.inverse @ levels[list(fringe.index)]
-    return np.arctan2(s, c) / (2 * np.pi), np.hypot(c, s), o
-
-
 def measure_misfit(fringe: Fringe, sample: Sample, noise: Noise) -> Misfit:
     """Misfit of the bulk of a sample's pixels."""
     rows, nothing = fringe.unlike, np.zeros((len(fringe.unlike), _TERMS))
     levels = sample.levels[list(fringe.index)].astype(np.float64)
-    phase, amplitude, offset = (np.zeros(0),) * 3
     keep = np.isfinite(levels).all(axis=0)
     levels = levels[:, keep]
     if len(rows) == 0 or levels.shape[1] < _FEWEST:
@@ -158,7 +153,40 @@ def measure_misfit(fringe: Fringe, sample: Sample, noise: Noise) -> Misfit:
     rest = float(np.median((residual - terms @ model) ** 2 / variance)) / _MEDIAN
     if plain < _WORTH * max(rest, 1.0):
         return Misfit(max(plain, 1.0), nothing)
-    return Misfit(max(rest, 1.0), terms)
+    return Misfit(max(rest, 1.0), terms, _aliased(fringe, terms))
+
+
+def _aliased(fringe: Fringe, terms: F64) -> float:
+    """Bound on the variance (cycles^2) of a phase of N >= 4 steps by harmonics of a smooth curve.
+
+    N equidistant steps alias those of N - 1 and N + 1 to the fundamental: a wave of N periods per cycle, up to
+    h_(N-1) / h_1. Smooth curves have harmonics that fall off about as powers of h_2 / h_1: the bound is taken as
+    (N - 2) (h_2 / h_1)^(N - 2), and a wave of that amplitude adds a third of its square."""
+    double = fringe.unlike @ np.stack([np.cos(2 * fringe.shifts), np.sin(2 * fringe.shifts)], axis=1)
+    power = float(np.square(double).sum())
+    if power < 1e-9 or (fringe.exposure != 1).any():
+        return 0.0
+    steps, second = len(fringe.index) - 2, float(np.sqrt(np.square(terms[:, 5:7]).sum() / power))
+    return float((steps * second**steps) ** 2 / 3 / (2 * np.pi) ** 2)
+
+
+def three_step_aliasing(fringe: Fringe, ends: list[tuple[int, int]], sample: Sample, noise: Noise) -> float:
+    """Bound on the variance (cycles^2) of a phase of three steps, whose residuals show no harmonic: their mean level
+    deviates from the middle of white and black, or of a bit and its inverse (ends), by h_2 for a quadratic curve, and
+    within 1 % for x^2.2."""
+    if len(fringe.index) != 3 or not ends or (fringe.exposure != 1).any():
+        return 0.0
+    levels = sample.levels.astype(np.float64)
+    levels = levels[:, np.isfinite(levels[[*fringe.index, *np.ravel(ends)]]).all(axis=0)]
+    if levels.shape[1] < _FEWEST:
+        return 0.0
+    o, c, s = fringe.inverse @ levels[list(fringe.index)]
+    half = np.mean([levels[list(pair)].mean(axis=0) for pair in ends], axis=0)
+    power = np.maximum(c * c + s * s, 1.0)
+    ratio = (o - half) / np.sqrt(power)
+    chance = np.sqrt(np.median(noise.variance(o) / power) / len(ratio))
+    bound = abs(float(np.median(ratio)))
+    return bound**2 / 3 / (2 * np.pi) ** 2 if bound > _SURE * chance else 0.0
 
 
 @inlined
