@@ -27,8 +27,9 @@ def line(name: str, code: str, found: list[Verdict]) -> str:
         f" | {of('heights'):.1e} {of('heights', 'nanmax'):.1e} {of('height_ratio', 'nanmedian'):.2f}"
         f" {sum(one.silent > LIMITS['faults']['silent'] for one in found):2d}"
     )
+    worst = max(found, key=lambda one: np.nan_to_num(one.heights)).rig
     words = "; ".join(f"{count} x {text[:60]}" for text, count in told.most_common(2))
-    return f"{name:22s} {code:30s} {figures}  {words}"
+    return f"{name:22s} {code:30s} {figures}  worst {worst}; {words}"
 
 
 def main() -> None:
