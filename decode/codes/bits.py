@@ -42,7 +42,7 @@ class BitTables(NamedTuple):
 
     kind, middle, bits (A,): how words become cells, source of the middle level, number of bits; plain, inverse
     (A, B): frames, -1: none; cells (A, 2^B): word -> cell; words (A, 2^B): cell -> word; run (A,): whether the finest
-    open bits are one interval; cell, origin (A,): pattern px; white, black: frames; all (C,): frames of all codes
+    open bits are one interval; single (A,): whether neighbouring cells differ in a single bit; cell, origin (A,): pattern px; white, black: frames; all (C,): frames of all codes
     """
 
     kind: I64
@@ -52,6 +52,7 @@ class BitTables(NamedTuple):
     inverse: I64
     cells: I32
     run: NDArray[np.bool_]
+    single: NDArray[np.bool_]
     cell: F32
     origin: F32
     white: int
@@ -79,7 +80,7 @@ def bit_tables(plan: Plan, axes: list[AxisPlan]) -> BitTables:
     size = max((len(code.cells) for code in codes if code), default=1)
     out = BitTables(
         np.zeros(a, np.int64), np.zeros(a, np.int64), np.zeros(a, np.int64), np.full((a, b), -1), np.full((a, b), -1),
-        np.zeros((a, size), np.int32), np.zeros(a, bool), np.ones(a, np.float32), np.zeros(a, np.float32),
+        np.zeros((a, size), np.int32), np.zeros(a, bool), np.zeros(a, bool), np.ones(a, np.float32), np.zeros(a, np.float32),
         plan.white, plan.black, np.array(_code_frames(axes), np.int64),
     )  # fmt: skip
     for i, (axis, code) in enumerate(zip(axes, codes, strict=True)):
@@ -88,7 +89,7 @@ def bit_tables(plan: Plan, axes: list[AxisPlan]) -> BitTables:
         n = len(code.plain)
         out.bits[i], out.plain[i, :n], out.inverse[i, :n] = n, code.plain, code.inverse
         out.kind[i] = _GRAY if code.kind == "gray" else _TABLE
-        out.run[i] = code.kind in ("gray", "binary")
+        out.run[i], out.single[i] = code.kind in ("gray", "binary"), not code.together
         out.cells[i, : len(code.cells)] = code.cells
         out.cell[i], out.origin[i] = code.cell, code.origin
         ends = plan.white >= 0 and plan.black >= 0
@@ -176,12 +177,12 @@ def read_row(
         _gray_cells(word, open_, work, read.reach, flags)
     else:
         _table_cells(tables.cells[a], tables.run[a], word, open_, work, read.reach, flags)
-    cell, origin, none = tables.cell[a], tables.origin[a], np.int32(0)
+    cell, origin, none, gray = tables.cell[a], tables.origin[a], np.int32(0), tables.single[a]
     for x in range(place.size):
         half = read.reach[x]
         place[x] = work[x] * cell + (_HALF * (cell - np.float32(1)) + origin)
         read.reach[x] = half * cell
-        narrow = _HALF if half <= np.float32(1) else half
+        narrow = _HALF if (half <= np.float32(1)) & gray else max(half, np.float32(1))
         variance[x] = narrow * narrow * cell * cell * np.float32(1 / 3)
         error[x] = np.float32(1) if flags[x] & _ORDER != none else _ZERO
 

@@ -33,8 +33,8 @@ _DEGENERATE = 1e-3
 #: Fewest pixels for a misfit; median of chi2 with one degree of freedom; ratio of chi2 without and with harmonics
 #: from which on they are regressed out.
 _FEWEST, _MEDIAN, _WORTH = 64, 0.4549, 1.1
-#: Deviations from which on a mean level is off the middle.
-_SURE = 4.0
+#: Deviations from which on a harmonic is significant; condition of the regression.
+_SURE, _RANK = 4.0, 1e-2
 #: Terms of the harmonics: 1, offset, amplitude, cosine and sine of one to three times the phase.
 _TERMS = 9
 
@@ -149,25 +149,30 @@ def measure_misfit(fringe: Fringe, sample: Sample, noise: Noise) -> Misfit:
     model = np.stack([np.ones(len(variance)), offset[lit], amplitude[lit], *(amplitude[lit] * w for w in waves)])
     plain = float(np.median(residual**2 / variance)) / _MEDIAN
     weight = 1 / np.sqrt(variance)
-    terms = np.linalg.lstsq((model * weight).T, (residual * weight).T, rcond=1e-9)[0].T
+    scaled = (model * weight).T
+    norms = np.maximum(np.linalg.norm(scaled, axis=0), 1e-9)
+    terms = (np.linalg.lstsq(scaled / norms, (residual * weight).T, rcond=_RANK)[0] / norms[:, None]).T
     rest = float(np.median((residual - terms @ model) ** 2 / variance)) / _MEDIAN
+    aliased = _aliased(fringe, residual, phase[lit], amplitude[lit], variance)
     if plain < _WORTH * max(rest, 1.0):
-        return Misfit(max(plain, 1.0), nothing)
-    return Misfit(max(rest, 1.0), terms, _aliased(fringe, terms))
+        return Misfit(max(plain, 1.0), nothing, aliased)
+    return Misfit(max(rest, 1.0), terms, aliased)
 
 
-def _aliased(fringe: Fringe, terms: F64) -> float:
+def _aliased(fringe: Fringe, residual: F64, phase: F64, amplitude: F64, variance: F64) -> float:
     """Bound on the variance (cycles^2) of a phase of N >= 4 steps by harmonics of a smooth curve.
 
     N equidistant steps alias those of N - 1 and N + 1 to the fundamental: a wave of N periods per cycle, up to
     h_(N-1) / h_1. Smooth curves have harmonics that fall off about as powers of h_2 / h_1: the bound is taken as
     (N - 2) (h_2 / h_1)^(N - 2), and a wave of that amplitude adds a third of its square."""
     double = fringe.unlike @ np.stack([np.cos(2 * fringe.shifts), np.sin(2 * fringe.shifts)], axis=1)
-    power = float(np.square(double).sum())
-    if power < 1e-9 or (fringe.exposure != 1).any():
+    expected = double @ np.stack([np.cos(2 * phase), np.sin(2 * phase)]) * amplitude
+    power = float(np.square(expected).sum())
+    if power < residual.shape[1] or (fringe.exposure != 1).any():
         return 0.0
-    steps, second = len(fringe.index) - 2, float(np.sqrt(np.square(terms[:, 5:7]).sum() / power))
-    return float((steps * second**steps) ** 2 / 3 / (2 * np.pi) ** 2)
+    second = abs(float((expected * residual).sum())) / power
+    steps, chance = len(fringe.index) - 2, float(np.sqrt(np.mean(variance) / power))
+    return float((steps * second**steps) ** 2 / 3 / (2 * np.pi) ** 2) if second > _SURE * chance else 0.0
 
 
 def three_step_aliasing(fringe: Fringe, ends: list[tuple[int, int]], sample: Sample, noise: Noise) -> float:
