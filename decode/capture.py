@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,13 +15,14 @@ from .codes.bits import bit_tables
 from .codes.fringe import Misfit, fringe_tables, measure_misfit, three_step_aliasing
 from .codes.lookup import Lines, lookup_rows, prepare
 from .codes.orders import Orders, order_table
-from .effects import Estimate, View
+from .effects import View, lag
 from .exposures import Part
 from .frames import Light, sample_levels, sample_places
 from .neighbours import HALO, Block, Result, axis_limits, neighbours
 from .noise import Noise, Sample, fit_noise
+from .order import find_order
 from .pixels import Maps, Tables, pixel_rows
-from .plan import AxisPlan, Fringe, Plan, plan, raster_axes
+from .plan import AxisPlan, Fringe, Plan, constraints, plan, raster_axes
 from .profile import AxisProfile, ExposureProfile, Sampled, Settings
 from .records import Correspondence, Flag
 
@@ -79,35 +81,72 @@ def lit_sample(light: Light, inside: Mask) -> Sample:
 
 
 def estimated(light: Light, part: Part, settings: Settings, mask: Mask) -> Estimated:
-    """Estimate the profile of a capture, and decode by it."""
-    sample = lit_sample(light, mask)
-    profile = _estimate(light, part, settings, sample)
-    ready = prepared(part, settings, profile)
-    statistics = _statistics(light, ready, sample)
-    ready = ready._replace(profile=profile._replace(sampled=statistics))
-    return Estimated(applied(light, ready, mask), ready, False)
+    """Put the frames of one exposure in order, estimate their profile, and decode by it."""
+    repair = find_order(light.raw[part.index], part.sequence, mask)
+    if repair is not None:
+        part = Part(part.index[repair.order], repair.sequence)
+    own = light.only(part.index)
+    sample = lit_sample(own, mask)
+    ready = prepared(part, settings, _estimate(own, part, settings, sample))
+    profile = ready.profile._replace(sampled=_statistics(own, ready, sample))
+    found = applied(own, ready._replace(profile=profile), mask)
+    if repair is not None:
+        notice = Notice(repair.name, float("nan"), float("nan"), repair.cure)
+        found = replace(found, notices=(notice, *found.notices))
+        if not repair.solved:
+            np.bitwise_or(found.flags, np.uint16(Flag.WRONG_FRAME), out=found.flags)
+    return Estimated(found, ready._replace(profile=profile), repair is not None)
 
 
 def _estimate(light: Light, part: Part, settings: Settings, sample: Sample) -> ExposureProfile:
+    """Noise, then misfit and effects from a sample."""
     p, axes = plan(part.sequence), axes_of(part)
     if settings.noise is not None:
         noise = Noise(settings.noise**2 + light.rounding, settings.gain)
     else:
         noise = fit_noise(p, sample, light.rounding)
-    own = []
-    for axis in axes:
-        look_up = None
-        if axis.looked_up:
-            known = noise if settings.noise is not None else None
-            look_up = prepare(
-                part.sequence, p, axis, light, sample, known, settings.blur_px, settings.on_cells
-            )
-        misfits = tuple(_misfit(fringe, p, axis, sample, noise) for fringe in axis.fringes)
-        own.append(AxisProfile(misfits, _deviation(axis, sample, noise), 0.0, look_up))
+    known = noise if settings.noise is not None or constraints(p, len(part.sequence)) else None
+    tables = [
+        prepare(part.sequence, p, axis, light, sample, known, settings.blur_px, settings.on_cells)
+        if axis.looked_up
+        else None
+        for axis in axes
+    ]
     nothing = Sampled(0.0, 0.0, 0.0)
-    profile = ExposureProfile(noise, tuple(own), (), None, nothing, ())
-    profile = _with_between(light, part, settings, profile, sample)
+    profile = _with_misfits(ExposureProfile(noise, (), (), None, nothing, ()), part, sample, tables)
+    place = _places(light, part, settings, profile, sample)
+    slow = lag.estimate(View(p, light, noise, sample, *place))
+    if slow is not None:
+        levels = lag.matrix(slow, len(sample.levels)) @ sample.levels
+        profile = _with_misfits(profile._replace(effects=(slow,)), part, replace(sample, levels=levels), tables)
+        place = _places(light, part, settings, profile, sample)
+    view = View(p, light, noise, sample, *place)
+    profile = _with_between(profile, axes, view)
+    more = np.zeros(len(axes))
+    if slow is not None:
+        more += lag.variance(view, slow)
+    own = (axis._replace(variance=float(v)) for axis, v in zip(profile.axes, more, strict=True))
+    profile = profile._replace(axes=tuple(own))
     return profile._replace(notices=_notices(profile))
+
+
+def _with_misfits(
+    profile: ExposureProfile, part: Part, sample: Sample, tables: list[Any]
+) -> ExposureProfile:
+    p, noise, own = plan(part.sequence), profile.noise, []
+    for axis, table in zip(axes_of(part), tables, strict=True):
+        misfits = tuple(_misfit(fringe, p, axis, sample, noise) for fringe in axis.fringes)
+        own.append(AxisProfile(misfits, _deviation(axis, sample, noise), 0.0, table))
+    return profile._replace(axes=tuple(own))
+
+
+def _places(light: Light, part: Part, settings: Settings, profile: ExposureProfile, sample: Sample) -> tuple[F64, F64]:
+    """Places and variances (A, K) of sample pixels; NaN where flagged."""
+    if not len(sample.places):
+        return (np.zeros((len(profile.axes), 0)),) * 2
+    maps = _sampled(light, prepared(part, settings, profile), sample)
+    good = maps.flags[0] == 0
+    return tuple(np.where(good, one[:, 0].astype(np.float64), np.nan) for one in (maps.place, maps.variance))  # type: ignore[return-value]
 
 
 def _misfit(fringe: Fringe, p: Plan, axis: AxisPlan, sample: Sample, noise: Noise) -> Misfit:
@@ -128,19 +167,14 @@ def _notices(profile: ExposureProfile) -> tuple[Notice, ...]:
     return (Notice(name, float("nan"), float("nan"), cure),)
 
 
-def _with_between(
-    light: Light, part: Part, settings: Settings, profile: ExposureProfile, sample: Sample
-) -> ExposureProfile:
+def _with_between(profile: ExposureProfile, axes: tuple[AxisPlan, ...], view: View) -> ExposureProfile:
     """Add the variance of the phases by which periods of one axis contradict each other beyond noise."""
-    if all(len(axis.fringes) < 2 for axis in axes_of(part)) or not len(sample.places):
-        return profile
-    maps, axes = _sampled(light, prepared(part, settings, profile), sample), []
-    for a, (axis, own) in enumerate(zip(axes_of(part), profile.axes, strict=True)):
-        place = np.where(maps.flags[0] == 0, maps.place[a, 0].astype(np.float64), np.nan)
-        more = _between(axis, place, sample, profile.noise, own.misfits)
+    found = []
+    for axis, own, place in zip(axes, profile.axes, view.place, strict=True):
+        more = _between(axis, place, view.sample, profile.noise, own.misfits)
         misfits = tuple(m._replace(variance=max(m.variance, more)) for m in own.misfits)
-        axes.append(own._replace(misfits=misfits))
-    return profile._replace(axes=tuple(axes))
+        found.append(own._replace(misfits=misfits))
+    return profile._replace(axes=tuple(found))
 
 
 def _between(axis: AxisPlan, place: F64, sample: Sample, noise: Noise, misfits: tuple[Misfit, ...]) -> float:
@@ -187,8 +221,10 @@ def prepared(part: Part, settings: Settings, profile: ExposureProfile) -> Prepar
     orders = [_orders(axis, own) for axis, own in zip(axes, profile.axes, strict=True)]
     covered = [1 - axis.fringes[0].period / axis.extent if axis.fringes and not axis.code else 0.0 for axis in axes]
     factor = [2 / len(axis.fringes[-1].index) if axis.fringes else 0.5 for axis in axes]
+    slow = next((effect for effect in profile.effects if effect.name == "lag"), None)
+    matrix = None if slow is None else lag.matrix(slow, len(part.sequence))
     tables = Tables(
-        fringe_tables([axis.fringes for axis in axes], [own.misfits for own in profile.axes]),
+        fringe_tables([axis.fringes for axis in axes], [own.misfits for own in profile.axes], matrix),
         bit_tables(p, list(axes)),
         (orders[0], orders[-1]),
         np.array([axis.looked_up for axis in axes]),

@@ -170,7 +170,7 @@ class Decoder:
         settings = self._settings
         if settings.noise is not None:
             settings = replace(settings, noise=settings.noise * unit, gain=settings.gain * unit)
-        done = [estimated(light.only(part.index), part, settings, mask) for part in self._parts]
+        done = [estimated(light, part, settings, mask) for part in self._parts]
         found = reduce(better_of, (one.found for one in done))
         if any(one.wrong for one in done):  # a fault of this capture, not of the rig
             return found

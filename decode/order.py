@@ -281,8 +281,6 @@ def _descriptions(sequence: Sequence) -> Iterator[_Trial]:
     yield _Trial("the frames are in reverse order", same[::-1].copy(), sequence)
     names = sorted(range(len(frames)), key=str)
     yield _Trial("the frames are in the alphabetical order of their numbers", np.argsort(names), sequence)
-    for key, name in _arrangements(frames):
-        yield _Trial(f"the frames are in another order: {name}", np.argsort(sorted(same, key=key)), sequence)
     count = {axis: max((f.bit or 0 for f in frames if f.axis == axis), default=0) for axis in ("u", "v")}
     kinds, axes = {"gray": "binary", "binary": "gray"}, {"u": "v", "v": "u"}
     changes: dict[str, Callable[[Frame], Frame]] = {
@@ -306,6 +304,8 @@ def _descriptions(sequence: Sequence) -> Iterator[_Trial]:
         if any(f.kind in of for f in frames):
             other = tuple(change(f) if f.kind in of else f for f in frames)
             yield _Trial(name, same, replace(sequence, frames=other))
+    for key, name in _arrangements(frames):
+        yield _Trial(f"the frames are in another order: {name}", np.argsort(sorted(same, key=key)), sequence)
 
 
 def _arrangements(frames: tuple[Frame, ...]) -> Iterator[tuple[Callable[[int], Any], str]]:

@@ -30,6 +30,8 @@ _ORDER = np.int32(Flag.ORDER_DOUBTFUL)
 _ZERO, _HALF = np.float32(0), np.float32(0.5)
 #: Squares: share of the half contrast, deviations, within which a bit is open.
 _SHARE2, _SURE2 = np.float32(0.25**2), np.float32(25)
+#: Cells, and share of the surface, up to which an interval is no doubt by itself.
+_CELLS, _EXTENT = 16, 1 / 8
 #: How words become cells.
 _NO_BITS, _GRAY, _TABLE = 0, 1, 2
 #: Sources of the middle level.
@@ -42,7 +44,8 @@ class BitTables(NamedTuple):
 
     kind, middle, bits (A,): how words become cells, source of the middle level, number of bits; plain, inverse
     (A, B): frames, -1: none; cells (A, 2^B): word -> cell; words (A, 2^B): cell -> word; run (A,): whether the finest
-    open bits are one interval; single (A,): whether neighbouring cells differ in a single bit; cell, origin (A,): pattern px; white, black: frames; all (C,): frames of all codes
+    open bits are one interval; least, most (A,): half
+    of an interval, cells: of one where several bits change at once, of one that is not doubtful; cell, origin (A,): pattern px; white, black: frames; all (C,): frames of all codes
     """
 
     kind: I64
@@ -52,7 +55,8 @@ class BitTables(NamedTuple):
     inverse: I64
     cells: I32
     run: NDArray[np.bool_]
-    single: NDArray[np.bool_]
+    least: F32
+    most: F32
     cell: F32
     origin: F32
     white: int
@@ -80,7 +84,8 @@ def bit_tables(plan: Plan, axes: list[AxisPlan]) -> BitTables:
     size = max((len(code.cells) for code in codes if code), default=1)
     out = BitTables(
         np.zeros(a, np.int64), np.zeros(a, np.int64), np.zeros(a, np.int64), np.full((a, b), -1), np.full((a, b), -1),
-        np.zeros((a, size), np.int32), np.zeros(a, bool), np.zeros(a, bool), np.ones(a, np.float32), np.zeros(a, np.float32),
+        np.zeros((a, size), np.int32), np.zeros(a, bool), np.full(a, 0.5, np.float32), np.full(a, 1e9, np.float32),
+        np.ones(a, np.float32), np.zeros(a, np.float32),
         plan.white, plan.black, np.array(_code_frames(axes), np.int64),
     )  # fmt: skip
     for i, (axis, code) in enumerate(zip(axes, codes, strict=True)):
@@ -89,7 +94,9 @@ def bit_tables(plan: Plan, axes: list[AxisPlan]) -> BitTables:
         n = len(code.plain)
         out.bits[i], out.plain[i, :n], out.inverse[i, :n] = n, code.plain, code.inverse
         out.kind[i] = _GRAY if code.kind == "gray" else _TABLE
-        out.run[i], out.single[i] = code.kind in ("gray", "binary"), not code.together
+        out.run[i], out.least[i] = code.kind in ("gray", "binary"), 1.0 if code.together else 0.5
+        if not axis.fringes:
+            out.most[i] = max(_CELLS, _EXTENT * axis.extent / code.cell) / 2
         out.cells[i, : len(code.cells)] = code.cells
         out.cell[i], out.origin[i] = code.cell, code.origin
         ends = plan.white >= 0 and plan.black >= 0
@@ -174,29 +181,28 @@ def read_row(
                 work[x] = sign * (level_of(f[x], table) - middle[x])
             _add_bit(work, read.single, bit, word, open_)
     if tables.kind[a] == _GRAY:
-        _gray_cells(word, open_, work, read.reach, flags)
-    else:
-        _table_cells(tables.cells[a], tables.run[a], word, open_, work, read.reach, flags)
-    cell, origin, none, gray = tables.cell[a], tables.origin[a], np.int32(0), tables.single[a]
+        _gray_cells(word, open_, work, read.reach)
+    _unsure_cells(raw, table, noise, tables, a, y, read, work, flags)
+    cell, origin, none, least, most = tables.cell[a], tables.origin[a], np.int32(0), tables.least[a], tables.most[a]
     for x in range(place.size):
         half = read.reach[x]
         place[x] = work[x] * cell + (_HALF * (cell - np.float32(1)) + origin)
+        half = max(_HALF if half <= np.float32(1) else half, least)
         read.reach[x] = half * cell
-        narrow = _HALF if (half <= np.float32(1)) & gray else max(half, np.float32(1))
-        variance[x] = narrow * narrow * cell * cell * np.float32(1 / 3)
-        error[x] = np.float32(1) if flags[x] & _ORDER != none else _ZERO
+        variance[x] = half * half * cell * cell * np.float32(1 / 3)
+        flags[x] |= _ORDER if half > most else none
+        error[x] = max(error[x], np.float32(1) if flags[x] & _ORDER != none else _ZERO)
 
 
 @kernel
-def _gray_cells(word: I32, open_: I32, cell: F32, half: F32, flags: I32) -> None:
-    """Middle and half length, in cells, of the interval of a Gray code."""
-    one, none = np.int32(1), np.int32(0)
+def _gray_cells(word: I32, open_: I32, cell: F32, half: F32) -> None:
+    """Middle and half length, in cells, of the interval of a Gray code with one open bit beside the finest ones."""
+    one = np.int32(1)
     for x in range(word.size):
         o = open_[x]
         low = np.int32(o ^ np.int32(o + one)) >> one  # the finest open bits
-        more = np.int32(o & ~low)
         w = np.int32(word[x] & ~low)
-        z = np.int32(w ^ more)
+        z = np.int32(w ^ np.int32(o & ~low))
         for shift in (1, 2, 4, 8):
             w ^= w >> np.int32(shift)
             z ^= z >> np.int32(shift)
@@ -204,25 +210,52 @@ def _gray_cells(word: I32, open_: I32, cell: F32, half: F32, flags: I32) -> None
         last = np.int32(max(np.int32(w & ~low), np.int32(z & ~low)) + low)
         cell[x] = _HALF * np.float32(first + last)
         half[x] = _HALF * np.float32(last - first + one)
-        flags[x] |= _ORDER if (more & np.int32(more - one)) != none else none
 
 
 @exact
-def _table_cells(cells: I32, run: bool, word: I32, open_: I32, cell: F32, half: F32, flags: I32) -> None:
-    """Of any code, by its table: all words of two open bits at most."""
-    for x in range(word.size):
-        o, w = int(open_[x]), int(word[x])
+def _unsure_cells(
+    raw: RawFrames,
+    table: F32 | None,
+    noise: tuple[np.float32, np.float32],
+    tables: BitTables,
+    a: int,
+    y: int,
+    read: Reading,
+    cell: F32,
+    flags: I32,
+) -> None:
+    """The same of any code by its table, and of a Gray code where the open bits are no edge between two cells.
+
+    A bit beyond noise is open only at an edge, where its other value leads to the next cell; elsewhere interreflections
+    dim it, and its sign counts. Two bits beside the finest ones may be open."""
+    cells, gray, run, half = tables.cells[a], tables.kind[a] == _GRAY, tables.run[a], read.reach
+    for x in range(cell.size):
+        o, w = int(read.open[x]), int(read.word[x])
         low = ((o ^ (o + 1)) >> 1) if run else 0
         more = o & ~low
-        one = more & -more
-        two = more & ~one
+        if gray & (half[x] <= low + 1.0):
+            continue
+        here, level = int(cells[w & ~low]) & ~low, max(read.middle[x], np.float32(0))
+        limit, kept = _SURE2 * (noise[0] + noise[1] * level), 0
+        for b in range(tables.bits[a]):
+            bit = 1 << b
+            if more & bit:
+                i, j = tables.plain[a, b], tables.inverse[a, b]
+                one = level_of(raw[max(i, j), y, x], table)
+                pair = (i >= 0) & (j >= 0)
+                d = 0.5 * (one - level_of(raw[min(i, j), y, x], table)) if pair else one - read.middle[x]
+                there = int(cells[(w ^ bit) & ~low]) & ~low
+                if (abs(here - there) == low + 1) | (d * d < (0.5 if pair else 1.5) * limit):
+                    kept |= bit
+        one_bit = kept & -kept
+        two = kept & ~one_bit
         if two & (two - 1):
             flags[x] |= _ORDER
             two = two & -two
         first, last = 1 << 30, -1
         for flip in range(4):
-            other = w ^ (one if flip & 1 else 0) ^ (two if flip & 2 else 0)
-            here, there = cells[other & ~low], cells[other | low]
-            first, last = min(first, min(here, there)), max(last, max(here, there))
+            other = w ^ (one_bit if flip & 1 else 0) ^ (two if flip & 2 else 0)
+            start = min(int(cells[other & ~low]), int(cells[other | low])) & ~low
+            first, last = min(first, start), max(last, start | low)
         cell[x] = np.float32(0.5 * (first + last))
         half[x] = np.float32(0.5 * (last - first + 1))

@@ -35,6 +35,8 @@ _DEGENERATE = 1e-3
 _FEWEST, _MEDIAN, _WORTH = 64, 0.4549, 1.1
 #: Deviations from which on a harmonic is significant; condition of the regression.
 _SURE, _RANK = 4.0, 1e-2
+#: Weight of a frame that is left out of a lag's correction.
+_NEGLIGIBLE = 3e-4
 #: Terms of the harmonics: 1, offset, amplitude, cosine and sine of one to three times the phase.
 _TERMS = 9
 
@@ -124,7 +126,7 @@ def _samples(fringe: Fringe, matrix: F64 | None) -> tuple[I64, F64]:
     if matrix is None:
         return index, weights
     whole = weights @ matrix[index]
-    used = np.flatnonzero(np.abs(whole).max(axis=0) > 1e-9)
+    used = np.flatnonzero(np.abs(whole).max(axis=0) > _NEGLIGIBLE)
     whole = whole[:, used]
     whole[3:] /= np.maximum(np.linalg.norm(whole[3:], axis=1, keepdims=True), 1e-9)
     return used.astype(np.int64), whole

@@ -32,6 +32,8 @@ _NOTHING = 18.0
 _SURE = 12.0
 #: Turns of the weighted fit; steps of the posterior to either side, over one cell.
 _TURNS, _SIDE = 3, 8
+#: Relative posterior at which its tail ends.
+_UNLIKELY = 1e-4
 
 
 class Book(NamedTuple):
@@ -218,10 +220,10 @@ def _searched(
 @kernel
 def _weighted(
     v: F32, used: F32, z: F32, b: int, fit: _Walk, noise: tuple[float, float, float], weight: F64
-) -> tuple[int, float, float, float]:
-    """Segment, place on it, scale, level of z = 0: least squares weighted by the noise of each level."""
+) -> tuple[int, float]:
+    """Segment and place on it by least squares weighted by the noise of each level; into weight: its inverse."""
     last = z.shape[1] - 2
-    q, f = fit[0], np.float64(fit[1])
+    q, f = fit[0], float(fit[1])
     read2, gain, misfit2 = noise
     a, c = 0.0, 0.0
     for turn in range(_TURNS):
@@ -251,13 +253,15 @@ def _weighted(
         f = min(max(f, 0.0), 1.0)
         a = (vz + f * vd) / (zz + f * (zd + zd + f * dd))
         c = ev - a * (ez + f * ed)
-    return q, f, a, c
+    return q, f
 
 
 @kernel
-def _unexplained(v: F32, weight: F64, z: F32, b: int, q: int, f: float) -> tuple[float, float]:
-    """Weighted squared residuals of the best offset and scale at a place, and squares that the place's change by
-    a codeword adds at scale 1."""
+def _fitted(
+    v: F32, weight: F64, z: F32, b: int, q: int, f: float
+) -> tuple[float, float, float, float]:
+    """Weighted squared residuals of the best scale and level of z = 0 at a place; squares that its change by a
+    codeword adds at scale 1; that scale and level."""
     total, ev, ez, ed = 1e-30, 0.0, 0.0, 0.0
     for i in range(v.size):
         step = z[b, q + 1, i] - z[b, q, i]
@@ -266,35 +270,50 @@ def _unexplained(v: F32, weight: F64, z: F32, b: int, q: int, f: float) -> tuple
     ev, ez, ed = ev / total, ez / total, ed / total
     vv, zz, zd, dd, vz = 0.0, 1e-12, 0.0, 0.0, 0.0
     for i in range(v.size):
-        step = z[b, q + 1, i] - z[b, q, i]
-        one, y = z[b, q, i] + f * step - ez, v[i] - ev
-        zz, zd, dd = zz + weight[i] * one * one, zd + weight[i] * one * (step - ed), dd + weight[i] * (step - ed) ** 2
+        step = z[b, q + 1, i] - z[b, q, i] - ed
+        one, y = z[b, q, i] + f * (step + ed) - ez, v[i] - ev
+        zz, zd, dd = zz + weight[i] * one * one, zd + weight[i] * one * step, dd + weight[i] * step * step
         vv, vz = vv + weight[i] * y * y, vz + weight[i] * one * y
-    return vv - max(vz, 0.0) ** 2 / zz, max(dd - zd * zd / zz, 0.0)
+    scale = max(vz, 0.0) / zz
+    return vv - scale * scale * zz, max(dd - zd * zd / zz, 0.0), scale, ev - scale * ez
 
 
 @exact
 def _placed(
-    v: F32, used: F32, count: int, book: Book, b: int, fit: _Walk, noise: tuple[float, float, float], weight: F64
+    v: F32,
+    used: F32,
+    count: int,
+    book: Book,
+    b: int,
+    fit: _Walk,
+    noise: tuple[float, float, float],
+    weight: F64,
 ) -> tuple[float, float, float, float, float]:
     """Place (codewords), its variance, scale, offset and chi2 over its freedom.
 
-    The variance is that of the posterior over one cell to either side, or the inverse Fisher information at the
-    place if that is larger: between the edges of a sharp cell no sample changes.
+    The variance is the larger one of that of the posterior over a cell to either side, which holds the treads
+    of sharp cells, and of the inverse Fisher information, which is none there: at most the posterior's width.
     """
     z, angles = book.words, book.angles
-    q, f, a, c = _weighted(v, used, z, b, fit, noise, weight)
-    least, rise = _unexplained(v, weight, z, b, q, f)
+    q, f = _weighted(v, used, z, b, fit, noise, weight)
+    least, rise, a, c = _fitted(v, weight, z, b, q, f)
+    start = _fitted(v, weight, z, b, fit[0], fit[1])
+    if start[0] < least:  # where codewords hardly differ, a step may lead anywhere
+        q, f = fit[0], float(fit[1])
+        least, rise, a, c = start
     own = max(count - 3.0, 1.0)
     excess = max(least / own - 2 * np.sqrt(2 / own), 1.0)
-    total, moment, step = 1.0, 0.0, max(book.cell // _SIDE, 1)
-    for k in range(-_SIDE, _SIDE + 1):
-        at = q + k * step
-        if k != 0 and 0 <= at <= z.shape[1] - 2:
-            more = _unexplained(v, weight, z, b, at, f)[0]
+    total, moment, width, step = 1.0, 0.0, 0.0, max(book.cell // _SIDE, 1)
+    for side in (-step, step):
+        likely, k = 1.0, 0
+        while likely >= _UNLIKELY and k < _SIDE and 0 <= q + (k + 1) * side <= z.shape[1] - 2:
+            k += 1
+            more = _fitted(v, weight, z, b, q + k * side, f)[0]
             likely = np.exp(-0.5 * max(more - least, 0.0) / excess)
             total, moment = total + likely, moment + likely * (k * step) ** 2
-    variance = max(excess / max(a * a * rise, 1e-12), moment / total)
+        width += k * step if likely < _UNLIKELY else np.inf
+    fisher = min(excess / max(a * a * rise, 1e-12), width * width / 12)
+    variance = max(fisher, moment / total)
     mean = angles[b, q, 3] + f * (angles[b, q + 1, 3] - angles[b, q, 3])
     return q + f, variance, a, c - a * mean, least / own
 
@@ -306,7 +325,14 @@ def _guess(place: float, slope: float) -> int:
 
 @exact
 def match(
-    samples: F32, block: I64, start: I64, cols: int, book: Book, noise: tuple[float, float, float], limit: float, out: F64
+    samples: F32,
+    block: I64,
+    start: I64,
+    cols: int,
+    book: Book,
+    noise: tuple[float, float, float],
+    limit: float,
+    out: F64,
 ) -> None:
     """Match pixels (K, n), NaN where saturated, of rows of `cols`; into out (K, 6): place in codewords (NaN: no
     pattern), its variance, scale, offset, chi2 over freedom, probability of another place.
@@ -315,7 +341,12 @@ def match(
     noise         read2, gain, and misfit over the squared scale; limit: squared residuals that noise reaches rarely
     """
     n, room = samples.shape[1], book.words.shape[2]
-    y, used, v, weight = (np.zeros(room, np.float32), np.zeros(room, np.float32), np.zeros(room, np.float32), np.zeros(room))
+    y, used, v, weight = (
+        np.zeros(room, np.float32),
+        np.zeros(room, np.float32),
+        np.zeros(room, np.float32),
+        np.zeros(room),
+    )
     for p in range(len(samples)):
         mean, count, power = 0.0, 0, 0.0
         for i in range(n):
@@ -328,7 +359,14 @@ def match(
             power += y[i] * y[i]
         usual = noise[0] + noise[1] * max(mean, 0.0)
         row = out[p]
-        row[0], row[1], row[2], row[3], row[4], row[5] = np.nan, np.inf, 2 * np.sqrt(power / max(count, 1)), mean, 0.0, 1.0
+        row[0], row[1], row[2], row[3], row[4], row[5] = (
+            np.nan,
+            np.inf,
+            2 * np.sqrt(power / max(count, 1)),
+            mean,
+            0.0,
+            1.0,
+        )
         if count <= 3 or power < (count - 1 + 5 * np.sqrt(2.0 * count)) * usual:
             continue
         usual += noise[2] * power / n
@@ -345,4 +383,11 @@ def match(
             fit, error = _searched(y, used, sums, book, guess, limit, usual)
         if power - fit[2] > _NOTHING * usual:
             found = _placed(v, used, count, book, block[p], fit, noise, weight)
-            row[0], row[1], row[2], row[3], row[4], row[5] = found[0], found[1], found[2], found[3], found[4], error
+            row[0], row[1], row[2], row[3], row[4], row[5] = (
+                found[0],
+                found[1],
+                found[2],
+                found[3],
+                found[4],
+                error,
+            )

@@ -35,7 +35,7 @@ _ONE, _HALF, _ZERO = np.float32(1), np.float32(0.5), np.float32(0)
 #: Probability of a wrong order above which a pixel is flagged.
 _DOUBT = np.float32(1e-4)
 #: Shares of a period by which a place may lie outside of its interval, and by which another must stay outside.
-_OUTSIDE, _APART = np.float32(0.25), np.float32(0.1)
+_OUTSIDE, _APART = np.float32(0.25), np.float32(0.04)
 _ORDER = np.int32(Flag.ORDER_DOUBTFUL)
 
 
