@@ -19,6 +19,7 @@ from optolever.notices import Notice
 from optolever.patterns import Sequence
 
 from .codes.fringe import Misfit
+from .codes.lookup import LookUp
 from .effects import Estimate
 from .noise import Noise
 from .records import SharedNoise
@@ -56,7 +57,7 @@ class AxisProfile(NamedTuple):
     misfits: tuple[Misfit, ...]
     deviation: float
     variance: float
-    look_up: Any = None
+    look_up: LookUp | None = None
 
 
 class ExposureProfile(NamedTuple):
