@@ -4,6 +4,8 @@ At a bit's edge the fringe's place less the edge's is proportional to the bit's 
 has noise and, of bits shown dt frames from the fringe, the motion of that time: its mean square grows by rate^2 dt^2.
 """
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fdtrc
@@ -16,36 +18,38 @@ __all__ = ["estimate", "variance"]
 F64 = NDArray[np.float64]
 #: Level, share of the half contrast, below which a pixel is at an edge; fewest of them in a part; chance.
 _EDGE, _FEWEST, _CHANCE = 0.5, 6, 1e-6
-#: Parts of the image along each side.
-_SIDE = 6
+#: Parts of the image along each side: a motion of either sign within a part hides it.
+_SIDES = (6, 7, 8, 9)
 
 
 def estimate(view: View) -> Estimate | None:
-    """Rate, rms over the parts of the image, pattern px per frame."""
-    parts = [one for a, axis in enumerate(view.plan.axes) for one in _parts(view, axis, view.place[a])]
-    if not parts:
-        return None
-    rates, explained, rest, freedom = np.array(parts).T
-    if rest.sum() <= 0 or freedom.sum() < 1:
-        return None
-    ratio = float(explained.mean() / (rest.sum() / freedom.sum()))
-    if fdtrc(len(parts), freedom.sum(), ratio) > _CHANCE:
-        return None
-    rate = float(np.sqrt(np.mean(rates**2) * (1 - 1 / ratio)))
-    return Estimate("motion", rate, rate / float(np.sqrt(2 * len(parts))), "px per frame")
+    """Rate where it moved, pattern px per frame; of the partition of the image that shows it best."""
+    edges = [_edges(view, axis, place) for axis, place in zip(view.plan.axes, view.place, strict=True)]
+    best, least = None, _CHANCE / len(_SIDES)
+    for side in _SIDES:
+        parts = [part for bits in edges for part in _parts(bits, view.sample.places, side)]
+        if not parts:
+            continue
+        rates, explained, rest, freedom = np.array(parts).T
+        ratio = float(explained.mean() / max(rest.sum() / freedom.sum(), 1e-12))
+        chance = float(fdtrc(len(parts), freedom.sum(), ratio))
+        if chance < least:
+            rate, least = float(np.sqrt((rates**4).sum() / (rates**2).sum())), chance
+            best = Estimate("motion", rate, rate / float(np.sqrt(2 * len(parts))), "px per frame")
+    return best
 
 
-def _parts(view: View, axis: AxisPlan, place: F64) -> list[tuple[float, float, float, int]]:
+def _parts(bits: list[Any], places: NDArray[np.int64], side: int) -> list[tuple[float, float, float, int]]:
     """Of each part of the image: rate by a line through the bits' means over time; sums of squares that it explains
     and leaves, degrees of freedom."""
-    bits, found = _edges(view, axis, place), []
     if not bits:
         return []
+    found = []
     slope = np.median([away @ level / (level @ level) for _, _, away, level in bits])
-    part = view.sample.places * _SIDE // (view.sample.places.max(axis=0) + 1) @ (_SIDE, 1)
-    count = np.array([np.bincount(part[at], minlength=_SIDE**2) for _, at, _, _ in bits], np.float64)
+    part = places * side // (places.max(axis=0) + 1) @ (side, 1)
+    count = np.array([np.bincount(part[at], minlength=side**2) for _, at, _, _ in bits], np.float64)
     total = np.array([
-        np.bincount(part[at], away - slope * level, minlength=_SIDE**2) for _, at, away, level in bits
+        np.bincount(part[at], away - slope * level, minlength=side**2) for _, at, away, level in bits
     ])  # fmt: skip
     times = np.array([time for time, *_ in bits])
     for n, sums in zip(count.T, total.T, strict=True):
@@ -60,9 +64,8 @@ def _parts(view: View, axis: AxisPlan, place: F64) -> list[tuple[float, float, f
 
 
 def variance(view: View, found: Estimate) -> F64:
-    """px^2 of each axis (A,): the rate over half of the time of its finest fringe."""
-    spans = [np.ptp(axis.fringes[-1].index) if axis.fringes else 0 for axis in view.plan.axes]
-    return np.square(found.value * 0.5 * np.array(spans, np.float64))
+    """px^2 of each axis (A,): by half of the motion, whole, as neighbours share it and a mean does not reduce it."""
+    return np.full(len(view.plan.axes), (0.5 * found.value * (len(view.plan.frames) - 1)) ** 2)
 
 
 def _edges(view: View, axis: AxisPlan, place: F64) -> list[tuple[float, NDArray[np.int64], F64, F64]]:
