@@ -17,12 +17,14 @@ from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.files import together
 from optolever.notices import Notice
-from optolever.reconstruct import HeightMap, fit_motion
-from optolever.scene import Scene, rig_table, write_sections
+from optolever.reconstruct import HeightMap, unpressed
+from optolever.scene import rig_table, write_sections
 
 __all__ = ["RestMap", "load_rest", "store_rest"]
 
 Floats = NDArray[np.float64]
+
+_DRIFT = 3.0  # standard deviations
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,21 +41,19 @@ class RestMap:
         good = height.good & self.height.good
         return np.where(good, change, np.nan), np.where(good, sigma, np.nan)
 
-    def notices(self, correspondence: Correspondence, scene: Scene) -> tuple[Notice, ...]:
+    def notices(self, correspondence: Correspondence) -> tuple[Notice, ...]:
         """Notice of drift of the rig since the map was stored, estimated from the undeformed part."""
-        motion = fit_motion(correspondence, self.seen, scene)
-        size, limit = motion.drift()
+        quiet, px, size = unpressed(correspondence, self.seen)
         cure = "dents by --change hold that motion: capture the mirror untouched and run `optolever rest`"
-        if motion.quiet == 0:
+        if not quiet.any():
             name = (
                 "The rest map was stored for another pose, or all of the mirror is pressed: drift is unknown"
             )
             return (Notice(name, float("nan"), float("nan"), cure),)
-        if not size > limit:
+        if not size > _DRIFT:
             return ()
-        px = float(np.sqrt(np.mean(np.square(motion.field()))))
         name = f"The rig has drifted since its rest map was stored, by {px:.2g} pattern pixels (rms); sigma"
-        return (Notice(name, size, limit, cure),)
+        return (Notice(name, size, _DRIFT, cure),)
 
 
 def store_rest(rig: str | Path, rest: RestMap) -> Path:

@@ -201,7 +201,7 @@ def command(
         raise InputError(f"--change {change_path}: {scene_name} has no rest map; run `optolever rest`")
     with progress() as step:
         with blame(source):
-            drift = () if at_rest is None else at_rest.notices(correspondence, scene)
+            drift = () if at_rest is None else at_rest.notices(correspondence)
             step("reconstruct")
             start = time.perf_counter()
             if method.startswith("paper"):

@@ -66,9 +66,10 @@ def command(
             swaps += 1
     span = float(np.ptp(stamps)) if stamps else 0.0
     numbers = {"images": len(stamps), "incomplete": incomplete, "swaps": swaps, "span_s": span}
-    again, same, seconds = 0, 0, 0.0
+    again, same, lost, seconds = 0, 0, 0, 0.0
     for one in replayed(folder) if has_readings(folder) else ():
-        again, same, seconds = again + 1, same + one.identical, seconds + one.followed.delay
+        again, same, seconds = again + one.recorded, same + one.identical, seconds + one.followed.delay
+        lost += not one.recorded
     numbers |= {"readings": again, "identical": same} if again else {}
     with together():
         if out is not None:
@@ -88,7 +89,11 @@ def command(
     if mcap is not None:
         rows["mcap"] = f"{numbers['exported']} images in {mcap}"
     if again:
-        rows["readings"] = f"{same} of {again} bit-identical, {number(1e3 * seconds / again, 'ms')} each"
+        rows["readings"] = (
+            f"{same} of {again} bit-identical, {number(1e3 * seconds / (again + lost), 'ms')} each"
+        )
+    if lost:
+        print_notices([f"{lost} of {again + lost} readings have no line: it is lost, their frames are there"])
     if same < again:
         name = f"{again - same} of {again} readings differ from the recorded ones"
         print_notices([f"{name}: another version of the program, of its libraries, or another processor"])

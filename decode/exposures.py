@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from optolever.errors import InputError
 from optolever.patterns import Frame, Sequence
 
-from .correspondence import Correspondence, Flag
+from .records import Correspondence, Flag
 
 __all__ = ["Part", "better_of", "by_exposure"]
 

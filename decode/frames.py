@@ -1,78 +1,98 @@
-"""The camera's frames: validated, their white level and response, and a sample of pixels from all over
-them."""
+"""The camera's frames: unit, levels, white level, response inverted, and a sample of pixels from all over them."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from optolever.errors import InputError
-from optolever.kernels import Real, inlined
+from optolever.kernels import inlined
 from optolever.patterns import Sequence
 
+from .records import Correspondence
 from .response import Response, levels_of
 
 __all__ = [
-    "KernelLight",
+    "Levels",
     "Light",
     "RawFrames",
     "RawLevel",
+    "in_levels",
     "level_of",
     "light_of",
     "sample_levels",
     "sample_places",
-    "variance_of",
 ]
 
 F32 = NDArray[np.float32]
 #: A camera's level as it comes, and an array of them.
 RawLevel = np.uint8 | np.uint16 | np.float32
 RawFrames = NDArray[RawLevel]
-#: `Light` for kernels, see `Light.numbers`.
-KernelLight = tuple[RawFrames, F32 | None, F32 | None, tuple[np.float32, np.float32]]
 #: Pixels of a run (a cache line of 8-bit frames).
 _RUN = 64
+#: The brightest float is scaled to this level up to twice as much: a power of two keeps every digit.
+_BRIGHT = 128.0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
+class Levels:
+    """frames (N, H, W), floats scaled to levels of 8 bits, so that no result depends on their unit; lost (H, W):
+    pixels that are not finite in some frame, or None; unit: levels per unit of the given frames."""
+
+    frames: NDArray[Any]
+    lost: NDArray[np.bool_] | None = None
+    unit: float = 1.0
+
+    def inside(self, mask: ArrayLike | None) -> ArrayLike | None:
+        """A mask (H, W) without the lost pixels; unchanged if there are none, or if it does not fit."""
+        if self.lost is None or mask is None:
+            return mask if self.lost is None else ~self.lost
+        pixels = np.asarray(mask)
+        fits = pixels.dtype == np.bool_ and pixels.shape == self.lost.shape
+        return pixels & ~self.lost if fits else mask
+
+    def restored(self, found: Correspondence) -> Correspondence:
+        """Amplitude and offset in the unit of the given frames."""
+        if self.unit == 1:
+            return found
+        light = {name: getattr(found, name) / np.float32(self.unit) for name in ("amplitude", "offset")}
+        return replace(found, **light)
+
+
+def in_levels(frames: ArrayLike) -> Levels:
+    """Frames scaled for decoding. InputError if no pixel is finite in all of them."""
+    stack = np.asarray(frames)
+    if stack.dtype.kind != "f" or stack.ndim != 3 or 0 in stack.shape:
+        return Levels(stack)
+    finite = np.isfinite(stack).all(axis=0)
+    if not finite.any():
+        raise InputError("decode: no pixel is finite in every frame, must be light")
+    stack = np.where(finite, stack, 0.0).astype(np.float64)
+    most = float(np.abs(stack).max())
+    exponent = np.frexp(most / _BRIGHT)[1] - 1 if most > 0 else 0
+    unit = float(np.ldexp(1.0, -int(exponent)))
+    return Levels((stack * unit).astype(np.float32), None if finite.all() else ~finite, unit)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Light:
-    """Frames (N, H, W) uint8, uint16 or float32 and the tables that linearise their levels.
+    """Frames (N, H, W) uint8, uint16 or float32.
 
-    clip    raw level from which on a sample is saturated
-    table   linear level of every raw one, float32; empty: levels are linear
+    clip      raw level from which on a sample is saturated
+    table     linear level of every raw one, float32, by the inverse response; empty: levels are linear
     rounding  variance by rounding to integer raw levels, levels^2
-    response  inverted by the table; by raw level, empty if constant:
-    spread  variance of the linear level, levels^2; steep: its ratio to the variance of the raw level
     """
 
     raw: NDArray[Any]
     clip: float
     table: F32
     rounding: float
-    response: Response | None = None
-    spread: F32 = field(default_factory=lambda: np.zeros(0, np.float32))
-    steep: F32 = field(default_factory=lambda: np.zeros(0, np.float32))
 
     @property
     def white(self) -> float:
         """The linear level at which samples saturate."""
         return float(self.table[min(int(self.clip), len(self.table) - 1)]) if len(self.table) else self.clip
-
-    def numbers(self) -> KernelLight:
-        """Kernel argument `light`: raw, table and spread (None where empty), raw and linear saturation
-        levels."""
-        clip, white = (np.float32(min(level, 1e9)) for level in (self.clip, self.white))
-        table, spread = (one if len(one) else None for one in (self.table, self.spread))
-        return self.raw, table, spread, (clip, white)
-
-    def under(self, read2: float, gain: float) -> "Light":
-        """Add the spread of a response for a camera whose noise variance is read2 + gain * raw level."""
-        if self.response is None:
-            return self
-        variance = read2 + gain * np.arange(len(self.table), dtype=np.float64)
-        spread = self.response.spread(variance)
-        return replace(self, spread=spread, steep=(spread / variance).astype(np.float32))
 
     def only(self, index: NDArray[np.int64]) -> "Light":
         """Some of the frames."""
@@ -81,8 +101,9 @@ class Light:
         return replace(self, raw=np.ascontiguousarray(self.raw[index]))
 
     def linear(self, raw: NDArray[Any]) -> F32:
-        """Linear levels of some raw ones, float32."""
-        return self.table[raw] if len(self.table) else raw.astype(np.float32)
+        """Linear levels of some raw ones, float32; saturated ones are NaN."""
+        level = self.table[raw] if len(self.table) else raw.astype(np.float32)
+        return np.where(raw >= self.clip, np.float32(np.nan), level)
 
 
 def light_of(
@@ -105,7 +126,10 @@ def light_of(
     if white_level is not None and not white_level > 0:
         raise InputError(f"decode: white_level is {white_level}, must be above 0")
     if stack.dtype.kind == "f":
-        stack = _finite(stack)
+        bad = np.flatnonzero(~np.isfinite(stack).all(axis=(1, 2)))
+        if len(bad):
+            raise InputError(f"decode: frame {bad[0]} holds values that are not finite")
+        stack = stack.astype(np.float32)
     elif stack.dtype not in (np.uint8, np.uint16):
         raise InputError(f"decode: frames are {stack.dtype}, must be uint8, uint16 or float")
     if response is not None and stack.dtype.kind != "u":
@@ -114,14 +138,7 @@ def light_of(
     if rounding is None or white_level is None:
         step, found = levels_of(stack)
         white_level, rounding = white_level or found, step * step / 12
-    return Light(np.ascontiguousarray(stack), float(white_level), table, rounding, response)
-
-
-def _finite(stack: NDArray[Any]) -> F32:
-    bad = np.flatnonzero(~np.isfinite(stack).all(axis=(1, 2)))
-    if len(bad):
-        raise InputError(f"decode: frame {bad[0]} holds values that are not finite")
-    return stack.astype(np.float32)
+    return Light(np.ascontiguousarray(stack), float(white_level), table, rounding)
 
 
 def sample_places(shape: tuple[int, int], runs: int) -> NDArray[np.int64]:
@@ -141,17 +158,7 @@ def sample_places(shape: tuple[int, int], runs: int) -> NDArray[np.int64]:
 def sample_levels(light: Light, places: NDArray[np.int64]) -> F32:
     """Linear levels (N, K) at places (K, 2); saturated samples are NaN."""
     number = np.ravel_multi_index(tuple(places.T), light.raw.shape[1:])
-    raw = light.raw.reshape(len(light.raw), -1).take(number, axis=1)
-    return np.where(raw >= light.clip, np.float32(np.nan), light.linear(raw))
-
-
-@inlined
-def variance_of(value: RawLevel, spread: F32 | None, more: Real) -> Real:
-    """Variance of a linear level by the raw one, and more; 1 where all have the same."""
-    if spread is None:
-        return 1.0
-    own: np.float32 = spread[np.int64(value)]
-    return own + more
+    return light.linear(light.raw.reshape(len(light.raw), -1).take(number, axis=1))
 
 
 @inlined

@@ -1,13 +1,8 @@
-"""Response of display and camera together: camera level against displayed level.
-
-A camera's response is inverted before decoding. A display's is not: its light is blurred after the
-nonlinearity, so that the decoder expects the light of the displayed levels.
-"""
+"""Response of display and camera together: camera level against displayed level, inverted before decoding."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -16,7 +11,7 @@ from scipy.interpolate import PchipInterpolator
 
 from optolever.blocks import on_cores
 from optolever.errors import InputError
-from optolever.patterns import Frame, Sequence
+from optolever.patterns import Sequence
 
 __all__ = ["Response", "levels_of"]
 
@@ -118,10 +113,6 @@ class Response:
         curve = PchipInterpolator(self.shown, self.seen, extrapolate=True)(np.arange(256.0))
         return np.asarray(np.clip((curve - curve[0]) / (curve[-1] - curve[0]), 0, 1))
 
-    def described(self, sequence: Sequence) -> Sequence:
-        """The sequence with fringes and stripes as free levels of cells, by their light."""
-        return _described(sequence, tuple((255 * self.light()).tolist()))
-
     def shown_of(self, seen: ArrayLike) -> F64:
         """Displayed level for a camera level `seen`."""
         value, steepest = np.asarray(seen, np.float64), np.ptp(self.shown) / np.ptp(self.seen)
@@ -133,27 +124,6 @@ class Response:
     def table(self, dtype: np.dtype[Any]) -> NDArray[np.float32]:
         """Displayed level for every raw level of an unsigned integer type."""
         return self.shown_of(np.arange(np.iinfo(dtype).max + 1)).astype(np.float32)
-
-    def spread(self, variance: F64) -> NDArray[np.float32]:
-        """Variance of `table` by the camera's noise; variance (levels,): of the noise at each raw level."""
-        node, weight = np.polynomial.hermite_e.hermegauss(9)
-        raw, deviation = np.arange(len(variance)), np.sqrt(variance)
-        shown = np.stack([self.shown_of(raw + deviation * z) for z in node])
-        mean = weight @ shown / weight.sum()
-        return np.asarray(weight @ np.square(shown - mean) / weight.sum(), np.float32)
-
-
-@lru_cache(maxsize=8)
-def _described(sequence: Sequence, light: tuple[float, ...]) -> Sequence:
-    curve = np.array(light)
-
-    def bent(frame: Frame) -> Frame:
-        if frame.kind not in ("phase", "stripe", "levels") or frame.axis not in ("u", "v"):
-            return frame
-        table = frame.tables(sequence.rows, sequence.cols)["uv".index(frame.axis)]
-        return Frame("levels", frame.axis, levels=tuple(curve[table].tolist()))
-
-    return replace(sequence, frames=tuple(bent(frame) for frame in sequence.frames))
 
 
 def levels_of(stack: NDArray[Any]) -> tuple[int, float]:

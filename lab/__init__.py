@@ -13,15 +13,14 @@ It may import every module of `optolever`; tests alone import it.
 | - `contacts.py` | contacts on rigs drawn from the priors, against their total sigma |
 | - `house.py` | the source in figures: lines, private words, types, constants; files of a call |
 | `bench/` | larger benches |
-| - `methods.py` | every solver and integrator on the same cases |
+| - `methods.py`, `problems.py` | every solver and integrator on the same cases; difficult mirrors |
 | - `sweeps.py` | grids of cells, resumed, here or on Dask |
 | `calibration/` | what a calibration is worth |
 | - `rigs.py`, `figures.py` | rigs with errors and captures on them; the figures |
 | - `typed.py` | rigs that are not as typed: heights against their total sigma |
 | `design/` | studies of `optolever design` |
-| - `exhaustive.py` | run_choice: the first choice against all candidates simulated |
+| - `exhaustive.py`, `drawn.py` | run_choice: the first choice against all candidates simulated; drawn dents |
 | - `adaptive.py`, `adaptive_study.py` | the next frames from the last; against the best fixed sequence |
-| `folders.py` | folders of other programs' pictures through `optolever decode`; the verdicts |
 | `fuzz/` | the program on damaged inputs |
 | - `fuzz.py`, `damage.py` | cases and their verdicts; the damage |
 | `hardware/` | displays and cameras in simulated time |
@@ -29,12 +28,4 @@ It may import every module of `optolever`; tests alone import it.
 | `live/` | heights of single frames |
 | - `world.py` | an independent renderer of dents |
 | - `streams.py`, `figures.py` | drawn streams with faults; time, error and sigma beside their limits |
-| `pairs/` | two effects at once, and frames of another description |
-| - `drawn.py`, `effects.py`, `structural.py` | draws and verdicts; light and time; structural faults |
-| `hard/` | hard cases of decode and reconstruct |
-| - `hard.py`, `hard_case.py`, `found.py` | the list; verdicts, figures over draws; errors against the truth |
-| - `hard_decode.py`, `hard_reconstruct.py`, `hard_surroundings.py` | written lists |
-| - `hard_drawn.py`, `rigs.py`, `drawn.py` | drawn rigs, wrong scenes, mirrors that bend; drawn dents |
-| - `hard_edges.py`, `hard_unlike.py` | depth edges, faults among them; displays unlike the sequence |
-| - `layered.py`, `plain.py` | light of layered scenes; places that ideal levels mean |
 """

@@ -14,7 +14,7 @@
 | `source.py`, `follow.py` | cameras, one of them virtual; readings as an iterator, tare |
 | `recorded.py` | readings beside their frames, and again from them |
 | `ring.py` | Ring: a code of several frames, one height per frame |
-| `server.py`, `page.html` | the page |
+| `server.py`, `web.py`, `page.html` | the page, and who may ask for it |
 | `single_shot/` | `crossed`, `lattice`: displacement of one frame from one at rest |
 | `arrays.py` | names of arrays |
 """

@@ -25,6 +25,7 @@ import numpy as np
 import scipy.fft
 import scipy.linalg
 
+from optolever.blocks import blas_on_one
 from optolever.scene import Layer
 
 from .arrays import Cells, Float, Labels, Mask
@@ -66,8 +67,7 @@ class Forces:
         pressure, owner, area = found.pressure, found.owner, found.pitch**2
         peak = max(touches, key=lambda one: one.depth)
         factor = peak.depth_sigma / float(np.median(self._prepared.noise.sigma[self._prepared.rig.lit]))
-        noise = self._prepared.noise.draws
-        draws = np.stack([self._sampled(draw, found.places, found.pitch) for draw in noise])
+        draws = self._sampled(self._prepared.noise.draws, found.places, found.pitch)
         spread = np.sqrt(np.mean(np.square(draws @ found.weights.T), axis=0)) * factor
         newton = [float(pressure[owner == k].sum() * area) for k in range(len(touches))]
         modulus = self._layer.relative_sigma
@@ -87,13 +87,25 @@ class Forces:
         return np.stack(powers, axis=-1)
 
     def _sampled(self, z: Cells, places: Float, pitch: float) -> Float:
-        """Mean heights (n,) of squares around places (n, 2)."""
+        """Mean heights (..., n) of squares around places (n, 2); z (..., R, C)."""
         basis = self._basis(places[:, 0], places[:, 1])
-        row, col = ((basis @ part).astype(np.float32)[:, None] for part in (self._to_row, self._to_col))
+        row, col = (
+            np.clip(basis @ part, 0, size - 1.001)
+            for part, size in zip((self._to_row, self._to_col), z.shape[-2:], strict=True)
+        )
+        i, j = row.astype(np.int64), col.astype(np.int64)
+        down, along = row - i, col - j
         side = max(1, round(pitch / math.sqrt(self._prepared.area)))
-        smooth = cv2.blur(z, (side, side))
-        found = cv2.remap(smooth, col, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        return np.asarray(found[:, 0], np.float64)
+        smooth = _blurred(z, side)
+        above = (1 - along) * smooth[..., i, j] + along * smooth[..., i, j + 1]
+        below = (1 - along) * smooth[..., i + 1, j] + along * smooth[..., i + 1, j + 1]
+        return np.asarray((1 - down) * above + down * below, np.float64)
+
+
+def _blurred(z: Cells, side: int) -> Cells:
+    """Means over squares of cells; z (..., R, C)."""
+    flat = z.reshape(-1, *z.shape[-2:])
+    return np.stack([cv2.blur(one, (side, side)) for one in flat]).reshape(z.shape)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,16 +129,16 @@ def forces_on(
     wanted = math.sqrt(sum(math.pi * radius**2 for _, _, radius in reached) / _SQUARES)
     pitch = next((one for one in _PITCHES if one >= wanted), _PITCHES[-1])
     places, owner = _squares(reached, pitch)
-    pressure, weights = _pressed(deflection(layer, pitch, places), height(places, pitch), owner)
+    with blas_on_one():
+        pressure, weights = _pressed(deflection(layer, pitch, places), height(places, pitch), owner)
     return Pressed(pressure, places, pitch, owner, weights)
 
 
 def deflection(layer: Layer, pitch: float, places: Float) -> Float:
     """A (n, n), mm per N/mm^2: deflection at places (n, 2) of a grid of that pitch under its squares, mm."""
     table = _table(layer, pitch)
-    at = np.rint(places / pitch).astype(np.int64)
-    apart = np.minimum(np.abs(at[:, None] - at[None]), _SPAN)
-    return np.asarray(table[apart[..., 1], apart[..., 0]])
+    x, y = (np.minimum(np.abs(at[:, None] - at), _SPAN) for at in np.rint(places.T / pitch).astype(np.int64))
+    return np.asarray(table.take(y * (_SPAN + 1) + x))
 
 
 def _squares(circles: list[tuple[float, float, float]], pitch: float) -> tuple[Float, Labels]:

@@ -16,6 +16,7 @@ from typing import Self
 import numpy as np
 
 from optolever.errors import InputError
+from optolever.files import read_lines
 from optolever.projector import Recorder, Recording
 
 from .follow import Followed
@@ -54,10 +55,12 @@ class ReadingRecorder:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Replayed:
-    """A reading anew; identical: bit by bit to the recorded one, heights and sigmas included."""
+    """A reading anew; identical: bit by bit to the recorded one, heights and sigmas included; recorded: False
+    where the line of that frame is lost."""
 
     followed: Followed
     identical: bool
+    recorded: bool = True
 
 
 def has_readings(folder: str | Path) -> bool:
@@ -66,17 +69,22 @@ def has_readings(folder: str | Path) -> bool:
 
 
 def replayed(folder: str | Path) -> Iterator[Replayed]:
-    """The readings of a recording, computed again in their order. InputError of a damaged file."""
+    """The readings of a recording, computed again in their order. A recording that was killed may lack the
+    last lines; one in the middle may be lost. InputError of a damaged file."""
     recording, live = Recording(folder), Live(Prepared.load(Path(folder) / _PREPARED))
-    try:
-        lines = (Path(folder) / _READINGS).read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{Path(folder) / _READINGS}: not readable ({error})") from error
-    for logged, line in zip(recording.images(), lines, strict=False):  # a killed one may lack the last line
+    path, done = Path(folder) / _READINGS, 0
+    lines = read_lines(path, lambda line: {"frame", "crc32"} <= line.keys())
+    for logged in recording.images():
+        if done == len(lines):
+            return
         start = time.perf_counter()
         reading = live.update(logged.image.pixels, logged.image.arrived_s)
         followed = Followed(reading, logged.image, time.perf_counter() - start)
-        yield Replayed(followed, _line(followed) == line)
+        recorded = lines[done]["frame"] == logged.image.id
+        yield Replayed(followed, recorded and _line(followed) == json.dumps(lines[done]), recorded)
+        done += recorded
+    if done < len(lines):
+        raise InputError(f"{path}: frame {lines[done]['frame']} of line {done + 1} is not in the recording")
 
 
 def _line(followed: Followed) -> str:

@@ -3,21 +3,23 @@
 `GET /` is the page, `GET /next?after=N` waits for a reading newer than N: the page asks for the next when it
 has drawn one, so that nothing queues up. The answer holds four lengths (little-endian uint32), then JSON of
 the numbers, two JPEGs (camera, sigma) and the height as float32 in micrometres on a grid whose size is in the
-JSON. `POST /pause`, `/resume`, `/tare` steer; `GET /snapshot` is the last reading as .npz. Pictures are made
-when somebody asks."""
+JSON. `POST /pause`, `/resume`, `/tare` steer, with the page's token; `GET /snapshot` is the last reading as
+.npz. Pictures are made when somebody asks."""
 
-import http.server
+import asyncio
 import io
 import json
 import threading
 import time
 from collections import deque
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, PlainTextResponse, Response
+from starlette.routing import Route
 
 from .arrays import Cells, Frame
 from .follow import Followed, follow, tared
@@ -25,17 +27,20 @@ from .prepared import Prepared
 from .recorded import ReadingRecorder
 from .source import Newest, Source
 from .stream import Live
+from .web import Web
 
 __all__ = ["LiveServer"]
 
 _PAGE = Path(__file__).with_name("page.html")
+_COMMANDS = ("pause", "resume", "tare")
+_POLL = 0.005  # s from a reading to whoever waits for it
 _TROUBLED = 0.5  # s between the answers of a camera that is gone
 _WAIT = 5.0  # s that a request waits for a reading
+_DIGITS = 15  # of the number of a reading
 _GRID = 96  # columns of the height that is sent, at most
 _TARE = 8  # frames
 _RECENT = 60  # frames over which the rate is counted
 _JPEG = (cv2.IMWRITE_JPEG_QUALITY, 80)
-_HOSTS = ("127.0.0.1", "localhost")
 
 
 class LiveServer:
@@ -47,7 +52,7 @@ class LiveServer:
     ) -> None:
         self._record = record
         self._live, self._source = Live(prepared), Newest(source)
-        self._changed = threading.Condition()
+        self._lock = threading.Lock()
         self._latest: Followed | None = None
         self._count = 0
         self._times: deque[float] = deque(maxlen=_RECENT)
@@ -55,16 +60,19 @@ class LiveServer:
         self._told = ""
         self._error = ""
         self._paused, self._over = False, False
-        self._server = http.server.ThreadingHTTPServer(("127.0.0.1", port), _handler(self))
-        self._threads = [
-            threading.Thread(target=self._server.serve_forever, daemon=True),
-            threading.Thread(target=self._follow, daemon=True),
+        routes = [
+            Route("/", self._page),
+            Route("/next", self._next),
+            Route("/snapshot", self._snapshot),
+            *(Route(f"/{name}", self._steered, methods=["POST"]) for name in _COMMANDS),
         ]
+        self._web = Web(routes, port)
+        self._thread = threading.Thread(target=self._follow, daemon=True)
 
     @property
     def address(self) -> str:
         """Of the page."""
-        return f"http://127.0.0.1:{self._server.server_address[1]}/"
+        return self._web.address
 
     @property
     def readings(self) -> int:
@@ -77,19 +85,18 @@ class LiveServer:
         return self._error
 
     def __enter__(self) -> "LiveServer":
-        for thread in self._threads:
-            thread.start()
+        self._web.start()
+        self._thread.start()
         return self
 
     def __exit__(self, *_: object) -> None:
         self._over = True
-        self._server.shutdown()
-        self._server.server_close()
-        self._threads[1].join(timeout=5.0)
+        self._web.stop()
+        self._thread.join(timeout=5.0)
 
     def command(self, name: str) -> str:
         """Execute pause, resume or tare; returns the outcome in words. Tare is refused during a contact."""
-        with self._changed:
+        with self._lock:
             latest = self._latest
             if name == "pause":
                 self._paused, self._told = True, "paused"
@@ -103,29 +110,40 @@ class LiveServer:
                 self._resting, self._told = [], "tare: hold still"
             return self._told
 
-    def answer(self, after: int) -> bytes | None:
-        """The body for a reading newer than `after`; None: none came."""
-        with self._changed:
-            self._changed.wait_for(lambda: self._count > after or bool(self._error), _WAIT)
-            latest, count, told, error = self._latest, self._count, self._told, self._error
-            times = list(self._times)
-        if latest is None or (count <= after and not error):
-            return None
-        if error:
-            time.sleep(_TROUBLED)
-        rate = (len(times) - 1) / max(times[-1] - times[0], 1e-9)
-        state = {"count": count, "rate": rate, "told": told or error, "skipped": self._source.skipped}
-        return _body(latest, state)
+    async def _page(self, request: Request) -> Response:
+        return HTMLResponse(_PAGE.read_text(encoding="utf-8").replace("{{token}}", self._web.token))
 
-    def snapshot(self) -> bytes | None:
+    async def _next(self, request: Request) -> Response:
+        """The reading newer than `after`; 204: none came."""
+        after = request.query_params.get("after", "")
+        if not after.isdecimal() or len(after) > _DIGITS:
+            return PlainTextResponse(f"after: must be a number of at most {_DIGITS} digits", 400)
+        end = time.monotonic() + _WAIT
+        while not (self._count > int(after) or self._error or self._over or time.monotonic() > end):
+            await asyncio.sleep(_POLL)
+        if self._error:
+            await asyncio.sleep(_TROUBLED)
+        with self._lock:
+            latest, count, said, error = self._latest, self._count, self._told, self._error
+            times = list(self._times)
+        if latest is None or (count <= int(after) and not error):
+            return Response(status_code=204)
+        rate = (len(times) - 1) / max(times[-1] - times[0], 1e-9)
+        state = {"count": count, "rate": rate, "told": said or error, "skipped": self._source.skipped}
+        return Response(_body(latest, state), media_type="application/octet-stream")
+
+    async def _snapshot(self, request: Request) -> Response:
         """The last reading and its frame as .npz."""
         latest = self._latest
         if latest is None:
-            return None
+            return PlainTextResponse("no reading yet", 404)
         reading, stream = latest.reading, io.BytesIO()
         maps = {name: getattr(reading, name) for name in ("x", "y", "z", "sigma", "good")}
         np.savez(stream, frame=latest.image.pixels, numbers=json.dumps(_plain(latest.to_dict())), **maps)
-        return stream.getvalue()
+        return Response(stream.getvalue(), media_type="application/octet-stream")
+
+    async def _steered(self, request: Request) -> Response:
+        return PlainTextResponse(self.command(request.url.path.removeprefix("/")))
 
     def _follow(self) -> None:
         try:
@@ -135,25 +153,23 @@ class LiveServer:
                         return
                     self._take(followed)
         except Exception as error:  # the page says it
-            with self._changed:
-                self._error = str(error)
-                self._changed.notify_all()
+            self._error = str(error)
 
     def _take(self, followed: Followed) -> None:
         if self._record is not None:
             self._record.write(followed)
-        with self._changed:
+        with self._lock:
             if self._resting is not None:
                 self._resting.append(followed.image.pixels)
                 if followed.reading.touches or not followed.reading.trusted:
                     self._resting, self._told = None, "tare refused: it was touched meanwhile"
                 elif len(self._resting) >= _TARE:
-                    self._live = Live(tared(self._live.prepared, np.stack(self._resting)))
+                    self._live.prepared = tared(self._live.prepared, np.stack(self._resting))
+                    self._live.reset()
                     self._resting, self._told = None, "tared"
             if not self._paused:
                 self._latest, self._count = followed, self._count + 1
                 self._times.append(time.monotonic())
-                self._changed.notify_all()
 
 
 def _body(followed: Followed, state: dict[str, Any]) -> bytes:
@@ -194,54 +210,3 @@ def _plain(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_plain(each) for each in value]
     return None if isinstance(value, float) and not np.isfinite(value) else value
-
-
-def _handler(live: LiveServer) -> type[http.server.BaseHTTPRequestHandler]:
-    class Handler(http.server.BaseHTTPRequestHandler):
-        protocol_version = "HTTP/1.1"
-
-        def log_message(self, format: str, *args: Any) -> None:
-            """Requests are not news."""
-
-        def do_GET(self) -> None:
-            if not self._allowed():
-                return
-            path, _, query = self.path.partition("?")
-            if path == "/":
-                self._send(200, "text/html; charset=utf-8", _PAGE.read_bytes())
-            elif path == "/next":
-                after = query.removeprefix("after=")
-                body = live.answer(int(after) if after.isdecimal() else -1)
-                self._send(204 if body is None else 200, "application/octet-stream", body or b"")
-            elif path == "/snapshot":
-                body = live.snapshot()
-                self._send(404 if body is None else 200, "application/octet-stream", body or b"")
-            else:
-                self._send(404, "text/plain", b"no such page")
-
-        def do_POST(self) -> None:
-            name = self.path.removeprefix("/")
-            if self._allowed() and name in ("pause", "resume", "tare"):
-                self._send(200, "text/plain; charset=utf-8", live.command(name).encode())
-            else:
-                self._send(404, "text/plain", b"no such command")
-
-        def _allowed(self) -> bool:
-            """Only pages of this machine: another site's script may not steer or read."""
-            host = (self.headers.get("Host") or "").rpartition(":")[0]
-            origin = self.headers.get("Origin")
-            if host in _HOSTS and (origin is None or origin.rstrip("/") == f"http://{self.headers['Host']}"):
-                return True
-            self._send(403, "text/plain", b"not from here")
-            return False
-
-        def _send(self, code: int, kind: str, body: bytes) -> None:
-            self.send_response(code)
-            self.send_header("Content-Type", kind)
-            self.send_header("Content-Length", str(len(body)))
-            self.send_header("Cache-Control", "no-store")
-            with suppress(ConnectionError):  # the page was closed meanwhile
-                self.end_headers()
-                self.wfile.write(body)
-
-    return Handler

@@ -1,16 +1,21 @@
 """Row blocks on threads: the one way in which work is spread over cores (kernels release the GIL)."""
 
+import importlib
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager
 from functools import lru_cache
 from itertools import pairwise
 from typing import TypeVar, cast
+
+from threadpoolctl import ThreadpoolController, threadpool_limits
 
 __all__ = [
     "ONE_THREAD",
     "THREADS_VARIABLE",
     "Work",
+    "blas_on_one",
     "on_cores",
     "on_threads",
     "over_blocks",
@@ -44,6 +49,27 @@ def threads() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
+
+
+@lru_cache(maxsize=1)
+def _libraries() -> ThreadpoolController:
+    """NumPy's BLAS and SciPy's, which is another one."""
+    importlib.import_module("scipy.linalg")
+    return ThreadpoolController()
+
+
+def blas_on_one() -> AbstractContextManager[object]:
+    """BLAS on one thread, for systems of some hundred unknowns: more threads mostly wait for each other."""
+    limit: AbstractContextManager[object] = _libraries().limit(limits=1, user_api="blas")
+    return limit
+
+
+def _limit_blas() -> None:
+    """`OPTOLEVER_THREADS` holds for BLAS too: for what is loaded, and for what is loaded later."""
+    if os.environ.get(THREADS_VARIABLE):
+        threadpool_limits(threads(), user_api="blas")
+        for name in ("OPENBLAS", "MKL"):
+            os.environ.setdefault(f"{name}_NUM_THREADS", str(threads()))
 
 
 def over_rows(work: Work, rows: int, block: int = 64) -> None:
@@ -109,3 +135,6 @@ def over_image(work: Work, shape: tuple[int, ...]) -> None:
 def _pool(process: int, size: int) -> ThreadPoolExecutor:
     """Threads that stay: starting one costs as much as a small image. A forked process has none of them."""
     return ThreadPoolExecutor(size, thread_name_prefix="optolever")
+
+
+_limit_blas()

@@ -16,7 +16,7 @@ import tempfile
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -33,6 +33,7 @@ __all__ = [
     "atomic_file",
     "atomic_folder",
     "load_arrays",
+    "read_lines",
     "report_folder",
     "require_folder",
     "require_writable",
@@ -264,6 +265,27 @@ def load_arrays(
         raise InputError(f"{path}: {error}") from error
     except _UNREADABLE as error:
         raise InputError(f"{path}: not a readable .npz ({error})") from error
+
+
+def read_lines(path: Path, is_whole: Callable[[Any], bool]) -> list[dict[str, Any]]:
+    """The lines of a log, JSON each. A broken last line, of a process that was killed, is left out;
+    InputError names any other that is damaged, by `is_whole` too (KeyError, AttributeError: it is not)."""
+    try:
+        texts = path.read_bytes().rstrip(b"\n").split(b"\n")
+    except OSError as error:
+        raise InputError(f"{path}: not readable ({error.strerror})") from error
+    lines: list[dict[str, Any]] = []
+    for number, text in enumerate(texts, 1):
+        try:
+            line = json.loads(text.decode("ascii"))
+            whole = is_whole(line)
+        except (ValueError, KeyError, AttributeError, TypeError, RecursionError):
+            whole = False
+        if whole:
+            lines.append(line)
+        elif number < len(texts):
+            raise InputError(f"{path}: line {number} is damaged, {len(texts) - number} lines follow")
+    return lines
 
 
 def write_json(path: str | Path, values: Mapping[str, Any]) -> None:

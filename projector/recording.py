@@ -17,7 +17,7 @@ import threading
 import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, suppress
-from dataclasses import MISSING, asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -26,6 +26,7 @@ import numpy as np
 import tifffile
 
 from optolever.errors import InputError
+from optolever.files import read_lines
 
 from .clocks import Stamp
 from .devices import Accepted, Image, Shown, no_pixels
@@ -35,11 +36,10 @@ __all__ = ["BackgroundRecorder", "Logged", "Recorder", "Recording"]
 _VERSION = 1
 _WAITING = 256 << 20
 _PAGES, _LOG = "frames.tif", "log.jsonl"
-#: Fields of a line, by its event.
-_NEEDED: Mapping[Any, set[str]] = {
+_NEEDED = {
     "recording": {"version"},
-    "configured": {field.name for field in fields(Accepted) if field.default is MISSING},
-    "shown": {field.name for field in fields(Shown) if field.default is MISSING},
+    "configured": {"exposure_s", "rows", "cols"},
+    "shown": {"index", "swapped_s"},
     "image": {"id", "device_s", "arrived_s", "stamp_s", "complete", "why"},
 }
 
@@ -174,7 +174,7 @@ class Recording:
         log = self.folder / _LOG
         if not log.is_file():
             raise InputError(f"{self.folder}: no recording, {_LOG} is missing")
-        self._lines = list(_whole_lines(log))
+        self._lines = read_lines(log, _is_whole)
         if not self._lines or self._lines[0].get("version") != _VERSION:
             raise InputError(f"{log}: the first line must state version {_VERSION}")
         self.about = self._lines[0]
@@ -224,19 +224,10 @@ class Recording:
         return Image(pixels, **{name: line[name] for name in names})
 
 
-def _whole_lines(log: Path) -> Iterator[dict[str, Any]]:
-    """Lines; a broken last one is passed over. InputError of a broken one that others follow."""
-    texts = log.read_text(encoding="utf-8", errors="replace").rstrip("\n").split("\n")
-    for number, text in enumerate(texts, 1):
-        try:
-            line = json.loads(text)
-        except json.JSONDecodeError:
-            line = None
-        if not isinstance(line, dict) or not _NEEDED.get(line.get("event"), {"?"}) <= line.keys():
-            if number < len(texts):
-                raise InputError(f"{log}: line {number} is damaged, {len(texts) - number} lines follow")
-            return
-        yield line
+def _is_whole(line: Any) -> bool:
+    """Whether a line has the names that its event needs; an image that is complete has a page."""
+    names = line.keys()
+    return _NEEDED[line["event"]] <= names and (not line.get("complete") or {"page", "crc32"} <= names)
 
 
 def _plain(line: Mapping[str, Any], record: type[Accepted | Shown]) -> dict[str, Any]:

@@ -29,9 +29,8 @@ from .heightmap import HEIGHT_FORMATS, Diagnostics, HeightFlag, HeightMap
 from .outputs.curvature import CurvatureMap, curvature_map
 from .outputs.resampling import GRID_FORMATS, Grid
 from .outputs.slope_map import SlopeMap, slope_map
-from .rig.calibration import rest_corrected
-from .rig.motion import Motion, fit_motion, same_capture
-from .rig.motion_fields import MotionPrior
+from .rig.calibration import rest_corrected, same_capture
+from .rig.motion import unpressed
 from .sofast import on_rig
 from .solver.anchors import Anchor, DistanceAnchor, EdgeAnchor, PixelAnchor, PointAnchor
 from .stream import HeightStream
@@ -56,8 +55,6 @@ __all__ = [
     "HeightMap",
     "HeightStream",
     "Integral",
-    "Motion",
-    "MotionPrior",
     "PixelAnchor",
     "PointAnchor",
     "SlopeMap",
@@ -65,7 +62,6 @@ __all__ = [
     "contacts",
     "curvature_map",
     "exact_correspondence",
-    "fit_motion",
     "free_mode_of",
     "integrate",
     "integrator_names",
@@ -76,6 +72,7 @@ __all__ = [
     "rest_corrected",
     "same_capture",
     "slope_map",
+    "unpressed",
 ]
 
 check_face(__name__)

@@ -34,6 +34,7 @@ from .judgement.holes import bridged, noise_gain, whole_lines
 from .judgement.reweighting import reweighted
 from .problem import Problem, prepare
 from .result import anchors_apart, height_map, off_mirror, refused, with_references
+from .rig.calibration import same_capture
 from .rig.hypotheses import likely_mistake, likely_mistake_at_rest
 from .rig.model import (
     LINEAR,
@@ -45,7 +46,7 @@ from .rig.model import (
     rig_modes,
     rig_solutions,
 )
-from .rig.motion import Motion, fit_motion, same_capture
+from .rig.motion import limited_motion, unpressed
 from .solver.alternatives import DirectEdges, MarchedEdges
 from .solver.anchors import Anchors
 from .solver.edges import Doubt
@@ -126,20 +127,18 @@ def reconstruct(
     """
     if method not in _METHODS:
         raise InputError(f"method = {method!r}: unknown, must be one of {', '.join(method_names())}")
-    motion = None
     if rest is not None:
         if rest.u.shape == correspondence.u.shape and same_capture(correspondence, rest):
             correspondence = replace(correspondence, notices=(*correspondence.notices, _SAME_CAPTURE))
         scene = without_rest_form(scene)  # heights are those above the mirror at rest
-        motion = None if scene.exact else fit_motion(correspondence, rest, scene)
-    measured = Measurement(_without(motion, correspondence), anchor, mask, rest, method)
+    measured = Measurement(correspondence, anchor, mask, rest, method)
     correspondence = measured.corrected(scene)
     steps = 1 if scene.exact else 2
     progress("height", 0, steps)
     with logged(f"reconstruct {correspondence.u.shape} by {method}"), _explained(rest, scene):
         solution = solved_height(correspondence, scene, anchor, mask, method, start)
     progress("errors of the rig", 1, steps)
-    solution = with_rig(solution, measured, scene, motion, accept)
+    solution = with_rig(solution, measured, scene, accept)
     problem, state = solution.problem, solution.state
     height = with_references(solution.height, problem, state, solution.noise, correspondence, anchor, rest)
     if not height.implausible:
@@ -155,7 +154,6 @@ def with_rig(
     solution: Solution,
     measured: Measurement,
     scene: Scene,
-    motion: Motion | None = None,
     accept: bool = False,
 ) -> Solution:
     """The solution with the modes of its rig, its slopes judged after the errors of the rig are taken off;
@@ -169,7 +167,7 @@ def with_rig(
         mistake = likely_mistake_at_rest(measured.rest, scene)
         if mistake is not None:
             return solution._replace(height=refused(solution.height, mistake))
-    model = rig_model(_solved_coarse, measured, typed, solution.height, motion)
+    model = rig_model(_solved_coarse, measured, typed, solution.height)
     if model is None:
         return solution
     solutions = rig_solutions(model)
@@ -186,7 +184,10 @@ def with_rig(
     if scene.exact:
         return solution
     modes = rig_modes(model, solutions, solution.height)
-    return solution._replace(height=replace(solution.height, **modes._asdict()))
+    height = replace(solution.height, **modes._asdict())
+    if measured.rest is not None and modes.own:
+        height = limited_motion(height, unpressed(measured.correspondence, measured.rest)[0])
+    return solution._replace(height=height)
 
 
 @contextmanager
@@ -209,14 +210,6 @@ def _judge_coarse(measured: Measurement, scene: Scene, limit: float) -> RigJudge
         return None
     gain = noise_gain(model.problem.data.mask, model.problem.bridged)
     return judged_rig(model, rig_solutions(model), model.problem, model.state, gain)
-
-
-def _without(motion: Motion | None, correspondence: Correspondence) -> Correspondence:
-    if motion is None:
-        return correspondence
-    du, dv = motion.field()
-    notices = (*correspondence.notices, *motion.notices)
-    return replace(correspondence, u=correspondence.u - du, v=correspondence.v - dv, notices=notices)
 
 
 def _solved_coarse(measured: Measurement, scene: Scene, start: HeightMap | None) -> tuple[Problem, State]:

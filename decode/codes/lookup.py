@@ -1,72 +1,225 @@
-"""Look-up: a pixel's samples against known levels, whatever they are.
+"""Look-ups: a pixel's samples against known levels.
 
-Free grey values, fringes of a single shift each (micro phase shifting: M. Gupta, S. K. Nayar, CVPR 2012,
-doi:10.1109/CVPR.2012.6247753), swept stripes, binary codes within their cells: the levels of each place of
-the surface through a pixel (cell, footprint, blur) are known, with a codeword for each eighth of a pattern
-pixel. Samples are v = o + a t(u): normalised correlation finds the place, least squares between adjacent
-codewords refines it, and the Fisher information of the fit gives its variance, or that of the flattest
-codewords of the cell (the treads of a sharp display). The probability of another place follows from the angle
-to the most similar codeword elsewhere, or from the highest correlations of all. If the frames have no
-constraints for the camera's noise, the residuals give it.
-
-Start of the search: the neighbour's place (any levels), the brightest frame (stripes), the decoded cell
-(codes).
+Two kinds. Stripes swept over an axis, and spots in a raster: the brightest frame and its neighbours. A table of
+anything else: fringes of one or two shifts (micro phase shifting: M. Gupta, S. K. Nayar, CVPR 2012,
+doi:10.1109/CVPR.2012.6247753) and free grey values. The levels of each place of the surface through a pixel (cell,
+footprint, blur) are known, with a codeword for each eighth of a pattern pixel; see `match`. The spread of pixel and
+blur is the likeliest one on a sample of pixels.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
-from scipy.special import chdtri
+from scipy.ndimage import maximum_filter1d
+from scipy.special import chdtri, expit, ndtr
 
+from optolever.errors import InputError
 from optolever.patterns import Sequence
 
-from ..estimate import Estimate
 from ..frames import Light
-from ..plan import AxisPlan, Plan
-from ..profile.noise import Noise, Sample, fitted_noise
-from .lookup_kernels import SEARCH, SWEEP, WITHIN, match_rows
-from .lookup_light import Camera
-from .lookup_tables import USUAL, Optics, Table, table_of
+from ..noise import Noise, Sample
+from ..plan import AxisPlan, Plan, Stripes
+from ..records import Flag
+from .match import COARSE, LANES, PER_PX, RIVALS, Book, match
 
-__all__ = ["Table", "lookup_rows", "prepare"]
+__all__ = ["Lines", "Table", "lookup_rows", "prepare"]
 
+F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
+I64 = NDArray[np.int64]
 #: Pixels of the sample on which the spread is measured.
 _PIXELS = 2048
 #: Trial spreads, pattern pixels rms: from a pixel of a third of a cell to defocus, or to half a stripe.
 _SHARPEST, _WIDEST, _TRIED = 0.12, 2.4, 8
-#: Tables are kept for spreads in steps of 1 %, so that a series of captures shares them.
-_STEP = 1.01
-#: Squared residuals that noise reaches once in so many pixels.
-_RARE = 1e-5
-#: Relative step of a spread's derivatives; probability of another place below which a pixel enters the fit of
-#: a spread.
-_NUDGE, _SAFE = 0.05, 1e-3
-#: Largest shift of a place by wrong optics, cells: a larger one is another place.
-_MOVED = 0.5
-#: Share of a normal variance within three deviations, for which fitted_noise corrects: mean squares of
-#: several residuals have no tails.
-_TAILS = 0.9733
-#: Variance assumed before noise is measured, over the squared contrast.
-_FIRST = 1e-5
+#: First assumptions: a pixel of one cell without blur, and blurred ones; shares of the blur tried at last.
+_STARTS, _SHARES = (0.29, 0.6, 1.2), (0.05, 0.25, 0.75, 0.95)
+#: Squared residuals that noise reaches once in so many pixels; probability of another place that is doubtful,
+#: or excludes a pixel of the sample; modulation over its noise below which there is no contrast.
+_RARE, _DOUBT, _CONTRAST = 1e-5, 1e-4, 5.0
+#: Cells around a place that may fit as well: half a cell beyond its cell.
+_AROUND = 1.5
+#: Share of a stripe's light from which on a second place is doubtful, whatever the noise.
+_RIVAL = 0.6
+#: No search over the surface.
+_NOWHERE = (
+    np.zeros((0, 0), np.float32),
+    np.zeros((0, RIVALS), np.int64),
+    np.zeros((RIVALS + 1, 0, 2), np.float32),
+)
+#: Tables kept: as many as the spreads of both axes.
+_KEPT = 40
 
 
-def lookup_rows(light: Light, noise: Noise, table: Table, rows: tuple[int, int], estimate: Estimate) -> None:
-    """Decode rows start..stop, in place; of a code (WITHIN), refine the given centres of cells.
+class Lines(NamedTuple):
+    """Output of one axis for rows of an image, each (R, W): place and variance (pattern px, px^2), amplitude and
+    offset (levels), error (probability of a wrong place), chi2 (sum of squares over noise) float32; flags int32."""
 
-    Each row is independent of the others. NaN, infinite variance and error 1: no pattern.
+    place: F32
+    variance: F32
+    amplitude: F32
+    offset: F32
+    error: F32
+    chi2: F32
+    flags: NDArray[np.int32]
+
+
+class Optics(NamedTuple):
+    """Between a cell and a sample: spread, rms, pattern px (0: an ideal surface without cells), and the Gaussian
+    blur's share of its variance; the rest is a square footprint."""
+
+    spread: float
+    share: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Table:
+    """Known levels of one axis.
+
+    book     codewords; frames (K, n, S): n samples, each the mean of S frames, of each place of a sweep (K = 1: of
+             anything else); block, first (K,): block of the book, and coordinate of its first codeword
+    unsure   variance of places by optics that are not known, px^2; misfit2: variance of the residuals beyond noise
+             over the squared contrast
+    noise    of the camera, from the residuals; None: it was known
     """
-    misfit2 = max(noise.misfit2, table.misfit2)
-    camera = Camera(
-        *(light.raw, light.table, float(light.clip)),
-        *(float(noise.read2), float(noise.gain), float(misfit2)),
+
+    axis: AxisPlan
+    book: Book
+    frames: I64
+    block: I64
+    first: F64
+    unsure: float = 0.0
+    misfit2: float = 0.0
+    noise: Noise | None = None
+
+    @property
+    def dof(self) -> int:
+        """Degrees of freedom of chi2: samples less offset, scale and place."""
+        return max(int(self.frames.shape[1]) - 3, 1)
+
+    @property
+    def jump(self) -> float:
+        """Largest difference of neighbours, pattern px: a stripe, or two cells."""
+        return self.axis.stripes.width if self.axis.stripes else 2.0 * self.book.cell / PER_PX
+
+
+class _Found(NamedTuple):
+    """Of K pixels: samples (K, n); place in px (NaN: none), variance, scale, offset, chi2 over freedom, error."""
+
+    samples: F32
+    place: F64
+    variance: F64
+    scale: F64
+    offset: F64
+    chi2: F64
+    error: F64
+
+
+class _Trial(NamedTuple):
+    """A sample matched by a table; misfit: chi2 over freedom, infinite without a place."""
+
+    optics: Optics
+    table: Table
+    found: _Found
+    misfit: F64
+
+
+def lookup_rows(light: Light, noise: Noise, table: Table, start: int, stop: int, out: Lines) -> None:
+    """Decode rows start..stop of the frames into out, which has stop - start rows."""
+    noise, cols, extent = table.noise or noise, light.raw.shape[2], table.axis.extent
+    found = _matched(light, light.raw[:, start:stop].reshape(len(light.raw), -1), cols, noise, table)
+    none, contrast = np.isnan(found.place), 0.5 * found.scale
+    place = np.where(none, 0.0, found.place)
+    variance = np.where(none, float(extent) ** 2, found.variance + table.unsure)
+    faint = contrast**2 < 0.5 * _CONTRAST**2 * noise.variance(found.offset)
+    blind = none | (variance > float(extent) ** 2 / 12)
+    dim = found.offset + contrast < (light.white / 16 if math.isfinite(light.white) else 0.0)
+    clipped = np.isnan(found.samples).any(axis=1)
+    flags = np.zeros(place.shape, np.int32)
+    for flag, where in (
+        (Flag.DARK, faint & dim),
+        (Flag.LOW_CONTRAST, faint),
+        (Flag.SATURATED, clipped & (faint | blind)),
+        (Flag.ORDER_DOUBTFUL, blind | (found.error > _DOUBT)),
+        (Flag.OFF_PATTERN, ~none & ((place < -0.5) | (place > extent - 0.5))),
+        (Flag.INVALID, none),
+    ):
+        flags |= np.where(where, np.int32(flag), np.int32(0))
+    maps = place, variance, contrast, found.offset, found.error, found.chi2 * table.dof, flags
+    for into, values in zip(out, maps, strict=True):
+        into[...] = values.reshape(into.shape)
+
+
+def _matched(
+    light: Light, raw: NDArray[Any], cols: int, noise: Noise, table: Table, start: F64 | None = None
+) -> _Found:
+    """Match pixels (N, K) of rows of `cols`; start (K,): coordinates from which the match begins (NaN: none)."""
+    count, stripes = raw.shape[1], table.axis.stripes
+    at, begin = np.zeros(count, np.int64), np.full(count, -1, np.int64)
+    if stripes is not None:
+        at = _brightest(raw, stripes, light.clip)
+        begin[:] = table.book.words.shape[1] // 2
+    elif start is not None:
+        begin = (np.nan_to_num(start - table.first[0]) * PER_PX).astype(np.int64).clip(0)
+    if stripes is None:
+        samples = np.ascontiguousarray(light.linear(raw[table.frames[0, :, 0]]).T)
+    else:
+        samples = np.empty((count, table.frames.shape[1]), np.float32)
+        for i in range(samples.shape[1]):
+            own = light.linear(np.take_along_axis(raw, table.frames[at, i].T, axis=0))
+            samples[:, i] = own.mean(axis=0)
+    if start is not None:
+        samples[np.isnan(start)] = np.nan
+    summed, numbers = table.frames.shape[2], np.empty((count, 6))
+    camera = noise.read2 / summed, noise.gain / summed, table.misfit2
+    limit = float(chdtri(table.dof, _RARE))
+    match(samples, table.block[at], begin, cols, table.book, camera, limit, numbers)
+    place, variance, *rest = numbers.T
+    found = _Found(samples, table.first[at] + place / PER_PX, variance / PER_PX**2, *rest)
+    return (
+        found
+        if stripes is None
+        else found._replace(error=_rival_error(light, raw, stripes, at, noise, found))
     )
-    limit = float(chdtri(max(table.freedom, 1), _RARE))
-    edges = float(table.unsure), float(table.cell)
-    match_rows(camera, table.book, table.way, table.search, limit, edges, *rows, estimate)
+
+
+def _brightest(raw: NDArray[Any], stripes: Stripes, clip: float) -> I64:
+    """Number of the place (K,) whose frame is brightest; of saturated ones the middle."""
+    index = stripes.index.ravel()
+    top, at = raw[index[0]].copy(), np.zeros(raw.shape[1], np.int64)
+    for k, i in enumerate(index[1:], 1):
+        at[raw[i] > top] = k
+        np.maximum(top, raw[i], out=top)
+    full = np.flatnonzero(top >= clip)
+    if len(full):
+        over = (raw[index[:, None], full] >= clip).astype(np.float64)
+        parts = np.divmod(np.arange(len(index)), len(stripes.beside))
+        down, along = (np.rint(part @ over / over.sum(axis=0)).astype(np.int64) for part in parts)
+        at[full] = down * len(stripes.beside) + along
+    return at
+
+
+def _rival_error(
+    light: Light, raw: NDArray[Any], stripes: Stripes, at: I64, noise: Noise, found: _Found
+) -> F64:
+    """Probability that the true place is the brightest of the other stripes or spots; (K,)."""
+    across, away = len(stripes.beside), found.samples.shape[1] // 2
+    down, along = np.divmod(at.astype(np.int32), across)
+    other = np.zeros_like(raw[0])
+    for k, i in enumerate(stripes.index.ravel()):
+        near = (np.abs(down - k // across) <= away) & (np.abs(along - k % across) <= away)
+        np.maximum(other, np.where(near, 0, raw[i]), out=other, casting="unsafe")
+    rival = np.nan_to_num(light.linear(other), nan=light.white)
+    bright = np.maximum(rival - found.offset, 0.0)
+    variance = noise.variance(rival)
+    error = expit(-0.5 * (found.scale**2 - bright**2) / variance)
+    doubtful = (bright**2 > 25 * variance) & (bright > _RIVAL * found.scale)
+    error = np.where(doubtful, np.maximum(error, bright / np.maximum(bright + found.scale, 1e-9)), error)
+    return np.where(np.isnan(found.place), 1.0, error)
 
 
 def prepare(
@@ -74,176 +227,299 @@ def prepare(
     plan: Plan,
     axis: AxisPlan,
     light: Light,
+    sample: Sample,
     noise: Noise | None,
-    lit: Sample,
-    cells: F64 | None = None,
-    blur: float | None = None,
+    blur: float | None,
+    on_cells: bool,
 ) -> Table:
-    """Table of an axis, with the spread measured on illuminated pixels.
+    """Table of an axis, with the spread that is likeliest on a sample of lit pixels.
 
-    cells (K,): of a code, coordinate of the cell of each pixel of `lit`, NaN: unknown; the search stays
-    within the cells. noise: None if unknown; blur: rms, pattern px, if known.
+    noise: None if unknown, then from the residuals; blur: rms, pattern px, if known; on_cells: the display shows
+    fringes on cells, else they may be ideal.
     """
 
-    def table_for(way: int, spread: float) -> Table:
-        rounded = float(_STEP ** np.rint(np.log(spread) / np.log(_STEP))) if spread > 0 else 0.0
-        return table_of(sequence, plan, axis, way, Optics(rounded, blur))
+    few = sample.levels[:, :: max(1, -(-sample.levels.shape[1] // _PIXELS))].astype(np.float32)
+    raw = np.where(np.isnan(few), np.float32(np.inf), few)
+    levels = replace(light, raw=raw[:, None, :], clip=math.inf, table=np.zeros(0, np.float32))
+    floor = max(light.rounding, 1e-12)
+    contrast = float(np.square(np.ptp(np.nan_to_num(few), axis=0)).mean()) if few.size else 0.0
+    assumed = noise or Noise(max(floor, 1e-5 * contrast))
+    on_cells = on_cells or bool(axis.levels or axis.code)
 
-    way = WITHIN if cells is not None else SEARCH if axis.stripes is None else SWEEP
-    usual = float(np.hypot(USUAL, blur or 0.0))
-    if not len(lit.places):
-        return table_for(way, usual)
-    pixels = _pilot(light, noise, lit, cells)
-    one_way = way
-    if way == SEARCH:
-        found = pixels.decoded(table_for(SEARCH, usual))
-        start = np.where(found.error < _SAFE, found.coordinate, np.nan)[0].astype(np.float64)
-        pixels, one_way = replace(pixels, start=start), WITHIN
-        if not np.isfinite(start).any():
-            return replace(table_for(way, usual), noise=pixels.noise if noise is None else None)
-    spreads = np.geomspace(_SHARPEST, max(_WIDEST, 0.5 * axis.stripes.width if axis.stripes else 0), _TRIED)
-    spreads = np.hypot(spreads, blur or 0.0)
-    on_cells = way != SWEEP and bool(axis.levels or axis.code)
+    def table_for(optics: Optics, search: bool) -> Table:
+        one = sequence, axis.axis, optics
+        return _sweep(*one) if axis.stripes is not None else _table(*one, _frames_of(plan, axis), search)
+
+    def fitted(optics: Optics, start: F64 | None) -> _Trial:
+        table = table_for(optics, start is None)
+        found = _matched(levels, raw, raw.shape[1], assumed, table, start)
+        return _Trial(optics, table, found, np.where(np.isfinite(found.variance), found.chi2, np.inf))
+
+    # grey values of single cells are found only by a spread that is near the true one
+    first = [_optics(spread, blur, on_cells) for spread in (_STARTS if axis.levels else _STARTS[:1])]
+    if not few.shape[1]:
+        return table_for(first[0], True)
+    trials = [fitted(one, None) for one in first]
+    found = trials[int(np.argmin(_costs(trials)))].found
+    start = np.where(found.error < 1e-3, found.place, np.nan)
+    if not np.isfinite(start).any():
+        return table_for(first[0], True)
+    trials = _tried(lambda optics: fitted(optics, start), axis, blur, on_cells)
+    best = trials[int(np.argmin(_costs(trials)))]
+    table = replace(table_for(best.optics, True), unsure=_crowding(best.table, best.found))
+    if noise is None:
+        return replace(table, noise=_residual_noise(table, best.found, floor))
+    return replace(table, misfit2=_beyond(table, best.found, noise))
+
+
+def _optics(spread: float, blur: float | None, on_cells: bool, share: float = 0.5) -> Optics:
+    """Optics of a spread without the blur, if that is known."""
+    if not on_cells or spread == 0:
+        return Optics(0.0, 1.0)
+    if blur is None:
+        return Optics(spread, share)
+    spread = math.hypot(spread, blur)
+    return Optics(spread, (blur / spread) ** 2)
+
+
+def _tried(
+    fitted: Callable[[Optics], _Trial], axis: AxisPlan, blur: float | None, on_cells: bool
+) -> list[_Trial]:
+    """Trials of spreads, ever closer around the best one, then of other shares of the blur."""
     if not on_cells:
-        spreads = np.append(0.0, spreads)  # an ideal surface without cells
-
-    def fitted(spread: float) -> _Fit:
-        return pixels.fitted(table_for(one_way, spread))
-
-    spread, error = _likeliest(fitted, spreads)
-    low, fit, high = (fitted(spread * (1 + n)) for n in (-_NUDGE, 0.0, _NUDGE))
-    # an error of the spread shifts places by less than the spread changes; places of stripes, which are
-    # symmetric, not at all
-    most = 0.0 if way == SWEEP else min(low.moved_to(high) / float(np.log((1 + _NUDGE) / (1 - _NUDGE))), 1.0)
-    # a wrong shape of the spread crowds places; a known blur leaves no other shape
-    shape = fit.crowding if blur is None else 0.0
-    unsure = min(most * error + shape, most)
-    table = replace(table_for(way, spread), unsure=unsure)
-    if noise is None:
-        return replace(table, noise=fit.noise(pixels.noise))
-    return replace(table, misfit2=fit.beyond(noise))
+        return [fitted(_optics(0.0, blur, on_cells))]
+    widest = max(_WIDEST, 0.5 * axis.stripes.width if axis.stripes else 0.0)
+    trials = [fitted(_optics(one, blur, True)) for one in np.geomspace(_SHARPEST, widest, _TRIED).tolist()]
+    if not (axis.levels or axis.code):
+        trials.append(fitted(_optics(0.0, blur, True)))
+    for factor in (1.24, 1.11, 1.05):
+        best = trials[int(np.argmin(_costs(trials)))].optics
+        if best.spread > 0:
+            own = math.sqrt(max(best.spread**2 - (blur or 0.0) ** 2, 1e-4))
+            trials += [fitted(_optics(own * one, blur, True)) for one in (1 / factor, factor)]
+    best = trials[int(np.argmin(_costs(trials)))].optics
+    if best.spread > 0 and blur is None:
+        trials += [fitted(best._replace(share=one)) for one in _SHARES]
+    return trials
 
 
-def _pilot(light: Light, noise: Noise | None, lit: Sample, cells: F64 | None) -> "_Pixels":
-    """At most _PIXELS illuminated pixels over the image; if the noise is unknown, a rough value."""
-    every = max(1, -(-len(lit.places) // _PIXELS))
-    row, col = lit.places[::every].T
-    small = replace(light, raw=np.ascontiguousarray(light.raw[:, row, col][:, None, :]))
-    if noise is None:
-        contrast = float(np.mean(np.square(np.ptp(small.linear(small.raw), axis=0))))
-        floor = max(light.rounding, 1e-12)
-        noise = Noise(max(floor, _FIRST * contrast), rounding2=floor)
-    return _Pixels(small, noise, None if cells is None else cells[::every])
-
-
-@dataclass(frozen=True, slots=True)
-class _Fit:
-    """Fit of sampled pixels by one table: place, its variance, amplitude, offset, chi2 over freedom
-    (infinite: not decoded)."""
-
-    table: Table
-    place: F64
-    variance: F64
-    amplitude: F64
-    offset: F64
-    misfit: F64
-
-    @property
-    def excess(self) -> float:
-        """Median of the misfit over its value for noise alone (Wilson & Hilferty)."""
-        known = self.misfit[np.isfinite(self.misfit)]
-        usual = (1 - 2 / (9 * max(self.table.freedom, 1))) ** 3
-        return float(np.median(known)) / usual if len(known) else 1.0
-
-    @property
-    def crowding(self) -> float:
-        """Magnitude of the mean exp(2 pi i u / cell) over the sample and each place's posterior (so that half
-        a tread does not count): 0, except for chance, for evenly spread places.
-        """
-        known = np.isfinite(self.misfit)
-        if not known.any():
-            return 0.0
-        turn = 2j * np.pi * self.place[known] / self.table.cell
-        mean = np.exp(turn - 2 * np.pi**2 * self.variance[known] / self.table.cell**2).mean()
-        return float(np.abs(mean))
-
-    def moved_to(self, other: "_Fit") -> float:
-        """Relative change of the distances of places to the cell's nearest edge, by least squares."""
-        both = np.isfinite(self.misfit) & np.isfinite(other.misfit)
-        way = self.place[both] / self.table.cell + 0.5
-        way -= np.rint(way)
-        moved = np.clip((other.place - self.place)[both] / self.table.cell, -_MOVED, _MOVED)
-        return abs(float(moved @ way)) / max(float(way @ way), 1e-12)
-
-    def unlikely(self, excess: float) -> float:
-        """-2 log likelihood: squared residuals over `excess` times their variance, clipped at noise's
-        limit."""
-        freedom = max(self.table.freedom, 1)
-        return float(np.minimum(self.misfit * freedom / excess, float(chdtri(freedom, _RARE))).sum())
-
-    def noise(self, assumed: Noise) -> Noise:
-        """The camera's noise, from the residuals; assumed: noise of the fit, independent of the level."""
-        known = np.isfinite(self.misfit)
-        deviation = np.sqrt(_TAILS * self.misfit[known] * assumed.read2).astype(np.float32)
-        return fitted_noise(self.offset[known].astype(np.float32), deviation, assumed.rounding2)
-
-    def beyond(self, noise: Noise) -> float:
-        """Variance of the residuals beyond noise, over the squared amplitude."""
-        used = np.isfinite(self.misfit)
-        if not used.any():
-            return 0.0
-        own = noise.variance(self.offset[used]) / np.square(self.amplitude[used])
-        own /= self.table.book.frames.shape[2]
-        # chance error of the median of so many pixels
-        chance = 4 * np.sqrt(2 / (max(self.table.freedom, 1) * np.count_nonzero(used)))
-        return float((self.excess - 1) * np.median(own)) if self.excess - 1 > chance else 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class _Pixels:
-    """Pixels of a sample as frames of one row, and the starts of their search."""
-
-    light: Light
-    noise: Noise
-    start: F64 | None
-
-    def decoded(self, table: Table) -> Estimate:
-        """Decode the sample by a table, with a misfit of 0."""
-        found = Estimate.empty(1, self.light.raw.shape[2])
-        if table.way == WITHIN:
-            assert self.start is not None
-            found.coordinate[0], found.variance[:] = self.start, np.inf
-        lookup_rows(self.light, replace(self.noise, misfit2=0.0), table, (0, 1), found)
-        return found
-
-    def fitted(self, table: Table) -> _Fit:
-        """Fit of the sample by a table."""
-        found = self.decoded(table)
-        parts = found.coordinate, found.variance, found.amplitude, found.offset, found.chi2
-        place, variance, amplitude, offset, chi2 = (part[0].astype(np.float64) for part in parts)
-        misfit = np.where(np.isfinite(variance), chi2 / max(table.freedom, 1), np.inf)
-        return _Fit(table, place, variance, amplitude, offset, misfit)
-
-
-def _likeliest(fitted: Callable[[float], _Fit], spreads: F64) -> tuple[float, float]:
-    """The likeliest spread, and its relative error from the likelihood's curvature (1 at most); the variance
-    of residuals is scaled to the best spread's."""
-    fits = [fitted(float(spread)) for spread in spreads]
-    excess = max(min(fit.excess for fit in fits), 1e-3)
-    values = [fit.unlikely(excess) for fit in fits]
-    k = int(np.argmin(values))
-    spread, least = float(spreads[k]), values[k]
-    if spread == 0:
-        return 0.0, 0.0
-    bounds = spreads[max(k - 1, 0)], spreads[min(k + 1, len(spreads) - 1)]
-    found = minimize_scalar(
-        lambda spread: fitted(spread).unlikely(excess),
-        bounds=bounds,
-        method="bounded",
-        options={"xatol": 0.5 * (_STEP - 1) * spread},
+def _costs(trials: list[_Trial]) -> F64:
+    """-2 log likelihood of trials, over all places of each pixel: squared residuals, over the best median and
+    clipped at noise's limit, less log of the place's variance."""
+    dof = trials[0].table.dof
+    least = max(min(float(np.median(one.misfit)) for one in trials), 1e-9)
+    limit = float(chdtri(dof, _RARE))
+    wide = [np.log(np.minimum(one.found.variance, 1.0)) for one in trials]
+    return np.array(
+        [
+            (np.minimum(one.misfit / least * dof, limit) - log).sum()
+            for one, log in zip(trials, wide, strict=True)
+        ]
     )
-    if found.fun < least:
-        spread, least = float(found.x), float(found.fun)
-    beside = [fitted(spread * (1 + step)).unlikely(excess) for step in (-_NUDGE, _NUDGE)]
-    rise = max(sum(beside) / 2 - least, _NUDGE**2)
-    return spread, _NUDGE / rise**0.5
+
+
+def _crowding(table: Table, found: _Found) -> float:
+    """Variance of places (px^2) by wrong optics: they shift places within each cell, and crowd evenly spread ones.
+
+    A density of 1 + 2 c cos(2 pi h u) follows from shifts of c / (pi h) cells. The posterior of a place spreads it.
+    """
+    used, cell = np.isfinite(found.variance), table.book.cell / PER_PX
+    place, variance, total = found.place[used] / cell, found.variance[used] / cell**2, 0.0
+    for h in (1, 2):
+        mean = np.exp(2j * np.pi * h * place - 2 * (np.pi * h) ** 2 * variance).mean()
+        total += max(abs(mean) ** 2 - 1 / len(place), 0.0) / (2 * (np.pi * h) ** 2)
+    return total * cell**2
+
+
+def _beyond(table: Table, found: _Found, noise: Noise) -> float:
+    """Variance of the residuals beyond noise, over the squared scale, from their median."""
+    used = np.isfinite(found.variance)
+    usual = (1 - 2 / (9 * table.dof)) ** 3  # of chi2 over its freedom, for noise alone
+    excess = float(np.median(found.chi2[used])) / usual - 1 if used.any() else 0.0
+    chance = 4 * math.sqrt(2 / (table.dof * max(np.count_nonzero(used), 1)))
+    own = noise.variance(found.offset[used]) / np.square(found.scale[used]) / table.frames.shape[2]
+    return excess * float(np.median(own)) if excess > chance else 0.0
+
+
+def _residual_noise(table: Table, found: _Found, floor: float) -> Noise:
+    """Noise from the residuals of a sample: median squares by level, in bins of equal width."""
+    used = np.isfinite(found.variance)
+    at = np.clip((found.place[used] - table.first[0]) * PER_PX, 0, table.book.words.shape[1] - 1.001)
+    q, n = at.astype(np.int64), found.samples.shape[1]
+    words = table.book.words[0]
+    z = words[q] + (at - q)[:, None] * (words[q + 1] - words[q])
+    mean = table.book.angles[0, q, 3]
+    level = found.offset[used, None] + found.scale[used, None] * (z[:, :n] + mean[:, None])
+    square = np.square(found.samples[used] - level) * (n / max(n - 3, 1) / 0.455)
+    good = np.isfinite(square)
+    level, square = level[good], square[good]
+    bins = np.clip(((level - level.min()) / max(np.ptp(level), 1e-9) * 8).astype(int), 0, 7)
+    rows = [
+        (level[bins == b].mean(), np.median(square[bins == b]))
+        for b in range(8)
+        if np.count_nonzero(bins == b) > 64
+    ]
+    if len(rows) < 3:
+        return Noise(max(float(np.median(square)), floor))
+    x, y = np.array(rows).T
+    gain, read2 = np.polyfit(x, y, 1, w=1 / np.maximum(y, floor))
+    if gain <= 0 or read2 < floor:
+        gain = max(float(np.median((y - floor) / np.maximum(x, 1.0))), 0.0) if gain > 0 else 0.0
+        read2 = max(float(np.median(y - gain * x)), floor)
+    return Noise(float(read2), float(gain))
+
+
+def _frames_of(plan: Plan, axis: AxisPlan) -> tuple[int, ...]:
+    """Frames of a table: free grey values alone where there are enough; white and black."""
+    own = axis.levels if len(axis.levels) >= 3 else axis.frames()
+    index = own + tuple(i for i in (plan.white, plan.black) if i >= 0)
+    if len(index) < 4:
+        raise InputError(f"decode: axis {axis.axis} has {len(index)} frames, must have at least 4")
+    return index
+
+
+@lru_cache(maxsize=_KEPT)
+def _table(sequence: Sequence, name: str, optics: Optics, index: tuple[int, ...], search: bool) -> Table:
+    """Table of any levels at the places -1 + k / PER_PX; search: over the whole surface, else from given places."""
+    axis = next(one for one in _axes(sequence) if one.axis == name)
+    frames = [sequence.frames[i] for i in index]
+    if optics.spread == 0:
+        place = np.arange((axis.extent + 1) * PER_PX + 1) / PER_PX - 1
+        levels = (
+            np.stack([one.ideal_levels(place, "u" if one.axis is None else name) for one in frames]) / 255
+        )
+    else:
+        levels = _through(_shown(sequence, name, index), optics, sequence.nominal)
+    words, angles = _words(levels[None])
+    cell = max(one.cell_px for one in frames)
+    reach = math.ceil(_AROUND * cell * PER_PX)
+    coarse = _surface(words[0, :, : len(index)], reach) if search else _NOWHERE
+    book = Book(words, angles, *coarse, reach, math.ceil(cell * PER_PX))
+    return Table(axis, book, np.array(index)[None, :, None], np.zeros(1, np.int64), np.array([-1.0]))
+
+
+def _axes(sequence: Sequence) -> tuple[AxisPlan, ...]:
+    from ..plan import plan, raster_axes
+
+    return raster_axes(sequence) or plan(sequence).axes
+
+
+def _shown(sequence: Sequence, name: str, index: tuple[int, ...]) -> F64:
+    """Levels 0..1 (M, E) of the cells along an axis; free ones as they are described."""
+    levels = sequence.tables()["uv".index(name)][list(index)].astype(np.float64) / 255
+    for row, frame in zip(levels, (sequence.frames[i] for i in index), strict=True):
+        if frame.kind in ("white", "black"):
+            row[:] = float((frame.kind == "white") != frame.inverted)
+        elif frame.kind == "levels":
+            free = frame.free_levels(np.arange(len(row), dtype=np.float64)) / 255
+            row[:] = 1 - free if frame.inverted else free
+    return levels
+
+
+def _weight(distance: F64, optics: Optics) -> F64:
+    """Share of a cell's light in a pixel at a distance (pattern px): cell, footprint and Gaussian blur.
+
+    Second difference of the Gaussian integrated twice, t Phi(t / b) + b phi(t / b).
+    """
+    width = max(math.sqrt(12 * (1 - optics.share)) * optics.spread, 0.05)
+    soft = max(math.sqrt(optics.share) * optics.spread, 1e-3)
+
+    def twice(t: F64) -> F64:
+        z = t / soft
+        return np.asarray(t * ndtr(z) + soft * np.exp(-0.5 * z * z) / math.sqrt(2 * math.pi))
+
+    far, near = (1 + width) / 2, (1 - width) / 2
+    ends = twice(distance + far) - twice(distance + near) - twice(distance - near) + twice(distance - far)
+    return np.asarray(ends / width)
+
+
+def _through(levels: F64, optics: Optics, nominal: bool) -> F64:
+    """Levels (M, E) of cells as read by pixels at -1 + k / PER_PX: (M, (E + 1) PER_PX + 1)."""
+    reach, cells = math.ceil(4 * optics.spread) + 1, levels.shape[1]
+    around = np.pad(levels, ((0, 0), (reach + 1, reach + 2)), mode="edge" if nominal else "constant")
+    seen = np.zeros((len(levels), cells + 2, PER_PX))
+    for away in range(-reach, reach + 2):
+        share = _weight(away - np.arange(PER_PX) / PER_PX, optics)
+        part = around[:, max(reach + away, 0) : reach + away + cells + 2]
+        seen[:, : part.shape[1]] += part[..., None] * share
+    return seen.reshape(len(levels), -1)[:, : (cells + 1) * PER_PX + 1]
+
+
+def _words(levels: F64) -> tuple[F32, F32]:
+    """Levels (B, n, Q) -> codewords without mean (B, Q, n filled up), and Book.angles (B, Q, 4)."""
+    mean = levels.mean(axis=1)
+    blocks, n, count = levels.shape
+    words = np.zeros((blocks, count, -(-n // LANES) * LANES), np.float32)
+    words[:, :, :n] = (levels - mean[:, None, :]).transpose(0, 2, 1)
+    step = np.diff(words, axis=1, append=words[:, -1:])
+    parts = [np.einsum("bqn,bqn->bq", *both) for both in ((words, words), (words, step), (step, step))]
+    return words, np.stack([*parts, mean], axis=2).astype(np.float32)
+
+
+def _surface(words: F32, reach: int) -> tuple[F32, I64, F32]:
+    """Book.coarse, rivals and apart of codewords (Q, n)."""
+    length = np.sqrt(np.square(words).sum(axis=1))
+    unit = words / np.maximum(length, 1e-3 * length.max() + 1e-12)[:, None]
+    per = PER_PX // COARSE
+    coarse = np.ascontiguousarray(unit[per // 2 :: per][: (len(unit) - 1) // per])
+    count, guard = len(coarse), 2 * math.ceil(reach / per)
+    rivals, place = np.zeros((count, RIVALS + 1), np.int64), np.arange(count)
+    cosine, last = np.zeros((count, RIVALS + 1)), min(RIVALS + 1, count)
+    near, around = np.arange(-per, per + 1), np.arange(-per // 2, per // 2 + 1)
+    for some in np.array_split(place, math.ceil(count / 256)):
+        similar = coarse[some] @ coarse.T
+        peak = similar >= maximum_filter1d(similar, 3, axis=1, mode="nearest")
+        similar[~peak | (np.abs(place - some[:, None]) <= guard)] = -1.0
+        best = np.argpartition(-similar, last - 1, axis=1)[:, :last]
+        best = np.take_along_axis(
+            best, np.argsort(-np.take_along_axis(similar, best, axis=1), axis=1), axis=1
+        )
+        rivals[some, :last] = best
+        mine = unit[np.clip(per * some[:, None] + per // 2 + around, 0, len(unit) - 1)]
+        theirs = unit[np.clip((best * per + per // 2)[..., None] + near, 0, len(unit) - 1)]
+        every = np.einsum("pan,pkbn->pkab", mine, theirs, optimize=True).max(axis=(2, 3))
+        cosine[some, :last] = np.where(np.take_along_axis(similar, best, axis=1) > -1, every, 0.0)
+    cosine = np.clip(cosine, 0.0, 1.0)
+    apart = np.stack([np.sqrt(1 - cosine**2), cosine], axis=2).swapaxes(0, 1)
+    return np.ascontiguousarray(coarse.T), rivals[:, :-1].copy(), np.ascontiguousarray(apart, np.float32)
+
+
+@lru_cache(maxsize=_KEPT)
+def _sweep(sequence: Sequence, name: str, optics: Optics) -> Table:
+    """Raised cosines around each place of a sweep, over as many frames as illuminate one place; of spots the mean
+    over as many along the other axis: their light is a product."""
+    axis = next(one for one in _axes(sequence) if one.axis == name)
+    stripes, spread = axis.stripes, optics.spread
+    assert stripes is not None
+    at, index = stripes.at, stripes.index.reshape(len(stripes.at), -1)
+    samples, begin = _window(at, 1.25 * stripes.width + 2 * spread, 2)
+    summed, side = _window(stripes.beside, stripes.width - stripes.pitch, 1)
+    half, beyond = math.ceil(1.25 * np.diff(at).max()) + 1, math.ceil(4 * spread) + 1
+    first = np.rint(at) - half
+    # stripes at equal offsets from cells share a block
+    away = at[begin[:, None] + np.arange(samples)] - first[:, None]
+    away, block = np.unique(away, axis=0, return_inverse=True)
+    place = np.arange(2 * half * PER_PX + 1) / PER_PX
+    cell = np.arange(-beyond, 2 * half + beyond + 1.0) if spread > 0 else place
+    shown = np.abs(cell - away[:, :, None]) / stripes.width
+    levels = np.where(shown < 1, 0.5 + 0.5 * np.cos(np.pi * np.minimum(shown, 1.0)), 0.0)
+    if spread > 0:
+        if len(stripes.beside) == 1:  # cells have 8 bits; the rounding of a spot is that of a product
+            levels = np.rint(255 * levels) / 255
+        levels = levels @ _weight(cell[:, None] - place, optics)
+    # raised cosines at equal steps add up to their width over the step
+    words, angles = _words(levels * min(stripes.width / (stripes.pitch * summed), 1.0))
+    window = begin[:, None, None, None] + np.arange(samples)[:, None]
+    frames = index[window, side[:, None, None] + np.arange(summed)].reshape(-1, samples, summed)
+    every = len(side)
+    book = Book(words, angles, *_NOWHERE, math.ceil(_AROUND * PER_PX), PER_PX)
+    return Table(axis, book, frames, np.repeat(block.ravel(), every), np.repeat(first, every))
+
+
+def _window(at: F64, reach: float, least: int) -> tuple[int, I64]:
+    """Number of places within reach of each place, equal for all, and the first of them."""
+    count = len(at)
+    if count == 1:
+        return 1, np.zeros(1, np.int64)
+    half = min(max(least, math.ceil(reach / float(np.median(np.diff(at))))), (count - 1) // 2)
+    return 2 * half + 1, np.clip(np.arange(count) - half, 0, count - 2 * half - 1)

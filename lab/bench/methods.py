@@ -21,7 +21,7 @@ from optolever.files import load_arrays
 from optolever.reconstruct import integrate, integrator_names, reconstruct
 from optolever.records import Progress, silent
 
-from ..hard.hard_reconstruct import PROBLEMS, spoiled
+from .problems import PROBLEMS, spoiled
 
 Numbers = dict[str, Any]
 Measure = Callable[[], Numbers]
@@ -49,7 +49,7 @@ class MethodRow:
     why: str = ""
 
 
-#: Problems of the hard cases, noise (px), and whether a known point is the anchor.
+#: Problems by name, noise (px), and whether a known point is the anchor.
 MIRRORS = (
     ("smooth", 0.0, False),
     ("smooth", 0.0, True),

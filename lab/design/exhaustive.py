@@ -15,7 +15,7 @@ from optolever.experiments.design import Lever, merit, run_design, simulate, var
 from optolever.records import Progress, silent
 from optolever.scene import Scene, dent_from_text, load, resize
 
-from ..hard.drawn import between, dent_params
+from .drawn import between, dent_params
 
 #: Simulated again are those whose merit is over the least one's by up to so much.
 CLOSE = 1.12

@@ -49,8 +49,8 @@ _CURE = (
     "mirror at rest (--rest); else the mirror moved between frames, or sigma is too small"
 )
 _CURE_BESIDE_RIG = (
-    "errors of the rig within its accuracy do not explain it: the mirror moved between frames, the scene is "
-    "worse than its accuracy, or sigma is too small"
+    "errors of the rig within its accuracy do not explain it: the mirror moved between frames, the medium is "
+    "not even (take a rest capture: --rest), or sigma is too small"
 )
 
 

@@ -5,7 +5,7 @@
 | `model` | modes by the errors of the rig; whether these explain the slopes |
 | `rig_effects` | errors that are no numbers of the scene: cover glass, sag, gauge |
 | `hypotheses` | mistakes in a description, tried one by one |
-| `motion`, `motion_fields` | the rig's motion between rest and press; its fields |
+| `motion` | the rig's motion between rest and press |
 | `calibration` | a rest capture as reference |
 """
 

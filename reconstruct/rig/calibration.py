@@ -14,12 +14,13 @@ from optolever.scene import Scene
 from ..arrays import Floats
 from ..geometry import ray_field, rest_distance
 
-__all__ = ["Form", "Pair3", "flat_mirror", "no_form", "rest_corrected"]
+__all__ = ["Form", "Pair3", "flat_mirror", "no_form", "rest_corrected", "same_capture"]
 
 Pair3 = tuple[Floats, Floats, Floats]
 #: Height of the mirror at rest over x and y (mm), and its derivatives by both.
 Form = Callable[[Floats, Floats], Pair3]
 
+_SAME = 0.02  # standard deviations of the noise
 _FORM_STEPS = 4  # each leaves the form's slope times the ray's, some thousandths
 
 
@@ -41,7 +42,10 @@ def rest_corrected(correspondence: Correspondence, rest: Correspondence, scene: 
             f"camera has {scene.camera.rows} x {scene.camera.cols}"
         )
     flat_u, flat_v = flat_mirror(scene)
-    known = rest.good & np.isfinite(flat_u)
+    rays = ray_field(scene.camera)
+    with np.errstate(invalid="ignore"):
+        ahead = rest_distance(rays.inner_origins, rays.inner_directions) > 0
+    known = rest.good & ahead & np.isfinite(flat_u)
     unknown = np.where(~known & correspondence.good, int(Flag.INVALID), 0)
     return replace(
         correspondence,
@@ -63,8 +67,8 @@ def flat_mirror(scene: Scene, form: Form = no_form) -> Floats:
     """Place on the pattern's surface of every pixel by the mirror z = form(x, y), u and v (2, H, W); NaN
     where there is none. form: some micrometres high.
 
-    Neither mirror nor pattern end: a scene that is a little wrong has its edges elsewhere, and the capture at
-    rest shows where they are.
+    Neither mirror nor pattern nor medium end: a scene that is a little wrong has its edges elsewhere, and the
+    capture at rest shows where they are.
     """
     rays = ray_field(scene.camera)
     o, d = rays.inner_origins, rays.inner_directions
@@ -78,5 +82,20 @@ def flat_mirror(scene: Scene, form: Form = no_form) -> Floats:
     out = d - 2 * (d * normal).sum(axis=0) * normal
     u, v, way = scene.pattern.landing(points.reshape(3, -1), out.reshape(3, -1))
     with np.errstate(invalid="ignore"):
-        seen = (away > 0) & (way.reshape(away.shape) > 0)
+        seen = way.reshape(away.shape) > 0
     return np.stack([np.where(seen, at.reshape(away.shape), np.nan) for at in (u, v)])
+
+
+def same_capture(pressed: Correspondence, rest: Correspondence) -> bool:
+    """Whether both are one capture: they differ by less than a fiftieth of their noise, so that no second
+    exposure can have made them."""
+    both = pressed.good & rest.good
+    if pressed.u.shape != rest.u.shape or not both.any():
+        return False
+    squares = [
+        (getattr(pressed, axis)[both] - getattr(rest, axis)[both]).astype(np.float64) ** 2
+        / (getattr(pressed, f"sigma_{axis}")[both] ** 2 + getattr(rest, f"sigma_{axis}")[both] ** 2)
+        for axis in ("u", "v")
+    ]
+    known = [each[np.isfinite(each)] for each in squares]
+    return all(float(np.mean(each)) < _SAME**2 for each in known if each.size)

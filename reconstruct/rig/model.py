@@ -43,7 +43,7 @@ from ..solver.anchors import (
 from ..solver.newton import State, chord_step
 from ..solver.poisson import Accuracy
 from .calibration import Form, Pair3, flat_mirror, no_form, rest_corrected
-from .motion import Motion
+from .motion import motion_shifts
 from .rig_effects import gauge_displacement, glass_shift, sag_forms
 
 __all__ = [
@@ -70,7 +70,8 @@ LINEAR = 1e4
 #: Mean square of the rig's errors in standard deviations up to which a scene is believed: three sigma of all.
 LIKELY = 9.0
 _TENTH = 100.0  # chi2 by the tenth of an error whose chi2 is 1e4
-_FITS = 4  # Gauss-Newton steps
+_FITS = 5  # Gauss-Newton steps
+_SHORTER = 0.3  # of a step that makes it worse
 _ACCURACY = Accuracy(1e-4, 1e-7)  # energy: of an edge's standard deviation; less is rounding
 GLASS, CENTROID = "cover glass", "colour stripes of the display"
 SAG, MOTION = "sag of the mirror at rest", "motion between rest and press"
@@ -224,11 +225,10 @@ def rig_model(
     measured: Measurement,
     scene: Scene,
     height: HeightMap | None,
-    motion: Motion | None = None,
 ) -> RigModel | None:
     """The model on a coarse grid, from a height map if it is solved; None where there are no errors.
 
-    first: solves a measurement (its problem and its state); motion: between the rest capture and the press.
+    first: solves a measurement (its problem and its state).
     Where the coarse grid has no solution (small images, ragged masks), all pixels are taken.
     """
     step = max(1, min(measured.correspondence.u.shape) // LINES)
@@ -238,7 +238,7 @@ def rig_model(
             measured = replace(measured, mask=settled if measured.mask is None else settled & measured.mask)
     for each in dict.fromkeys((step, 1)):
         try:
-            return _model(first, measured, scene, each, height, motion)
+            return _model(first, measured, scene, each, height)
         except InputError:
             if each == 1:
                 raise
@@ -251,7 +251,6 @@ def _model(
     scene: Scene,
     step: int,
     height: HeightMap | None,
-    motion: Motion | None,
 ) -> RigModel | None:
     coarse, small = measured.coarse(step), strided(scene, step)
     start = None
@@ -270,8 +269,8 @@ def _model(
         ]
         if at_rest or _at_edge(measured.anchor):
             forms = sag_forms(small, typed.sag)
-    if motion is not None:
-        shifts.append((MOTION, motion.modes(step)))
+    if at_rest:
+        shifts.append((MOTION, motion_shifts(coarse.correspondence, scene, step)))
     known = rig_covariance(scene)
     model = RigModel(
         problem,
@@ -285,7 +284,7 @@ def _model(
         forms,
         np.concatenate([np.zeros((0, 2, *problem.valid.shape)), *(fields for _, fields in shifts)]),
         *_sources(known, forms, shifts),
-        motions=0 if motion is None else len(shifts[-1][1]),
+        motions=len(shifts[-1][1]) if shifts and shifts[-1][0] == MOTION else 0,
     )
     return model if model.count else None
 
@@ -322,8 +321,9 @@ def judged_rig(
 
     Minimises trust sum_b w_b s_b(a)^2 + |a|^2 over the errors a, s the circulations of the coarse grid over
     their sigma, w their share of independent ones; trust < 1 where the errors are so large that derivatives
-    at a = 0 describe them to a tenth. problem, state, gain: of all pixels; where trust is 1, chi2 is taken of
-    these (see `circulation_chi2`), with the errors in the rig.
+    describe them to a tenth. problem, state, gain: of all pixels, whose chi2 (see `circulation_chi2`) is the
+    one before; it shrinks as the coarse grid's. Circulations no larger than those by the rig's errors of one
+    standard deviation are likely, whatever made them: the height then stays within its total sigma.
     """
     raw, freedom = circulation_chi2(problem.data, state, gain)
     own = _scores(model, solutions[0])
@@ -332,52 +332,29 @@ def judged_rig(
     slopes = np.stack([(_scores(model, each).scores - own.scores) / _STEP for each in solutions[1:]], axis=1)
     squares, prior = (slopes.T * own.weights) @ slopes, np.eye(model.count)
     before = own.worst(own.scores)
+    typed = own.worst(np.sqrt(np.square(slopes).sum(axis=1)))
     trust = 1.0 if before < LINEAR else _TENTH / before
-    errors, scores, solution = np.zeros(model.count), own.scores, solutions[0]
-    for _ in range(_FITS if trust == 1.0 else 1):
+    errors, scores, solution, reach = np.zeros(model.count), own.scores, solutions[0], 1.0
+    for _ in range(_FITS):
         gradient = trust * slopes.T @ (own.weights * scores) + errors
-        errors = errors - scipy.linalg.solve(trust * squares + prior, gradient, assume_a="pos")
+        step = scipy.linalg.solve(trust * squares + prior, gradient, assume_a="pos")
         try:
-            solution = model.solved(errors, solution.state)
+            tried = model.solved(errors - reach * step, solution.state)
         except InputError:  # no rig has these numbers
-            return RigJudgement(raw, freedom, False, before)
-        scores = _scores(model, solution).scores
-    likely = float(errors @ errors) <= LIKELY * model.count
+            reach *= _SHORTER
+            continue
+        found, was = _scores(model, tried).scores, trust * own.weights @ scores**2 + errors @ errors
+        moved = errors - reach * step
+        if trust * own.weights @ found**2 + moved @ moved < was:
+            errors, scores, solution = moved, found, tried
+        else:
+            reach *= _SHORTER
+    after = own.worst(scores)
+    allowed = before <= typed  # of this size, whatever made them
+    likely = allowed or float(errors @ errors) <= LIKELY * model.count
     if trust < 1.0:
-        better = own.worst(scores) < before
-        chi2 = trust * (own.worst(own.scores + slopes @ errors) if better else before)
-        return RigJudgement(chi2, freedom, likely and chi2 <= LIKELY, before)
-    chi2, freedom = _remaining(model, solutions[0], solution, errors, problem, state, gain)
-    return RigJudgement(chi2 / max(1.0, raw / LINEAR * _TENTH), freedom, likely, before)
-
-
-def _remaining(
-    model: RigModel,
-    own: RigSolution,
-    solution: RigSolution,
-    errors: Floats,
-    problem: Problem,
-    state: State,
-    gain: Floats,
-) -> tuple[float, int]:
-    """chi2 and freedom of all pixels' slopes, of the rig with these errors."""
-    everywhere = np.ones(problem.valid.shape, np.bool_)
-    fields = model.shifts.reshape(-1, *model.shifts.shape[2:])
-    shifts = interpolated(fields, model.step, everywhere).astype(np.float64)
-    whole = replace(
-        model,
-        problem=problem,
-        state=state,
-        step=1,
-        rest_mirror=None if model.rest_mirror is None else flat_mirror(strided(model.scene, 1)),
-        shifts=shifts.reshape(-1, 2, *problem.valid.shape),
-    )
-    change = model.problem.to_image(solution.state.w - own.state.w, np.nan)
-    moved = problem.to_grid(interpolated(change[None], model.step, everywhere)[0])
-    w = state.w + np.where(problem.labels > 0, moved, 0.0)
-    data, _, _ = whole.at(errors)
-    p, q, _, _ = data.slopes(w)
-    return circulation_chi2(data, replace(state, w=w, slopes=(p, q)), gain)
+        return RigJudgement(trust * after, freedom, allowed or (likely and trust * after <= LIKELY), before)
+    return RigJudgement(raw * after / before, freedom, likely, before)
 
 
 class _Circulations(NamedTuple):

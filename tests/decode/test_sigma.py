@@ -112,27 +112,6 @@ def test_bits_in_blur_and_noise(kind: str, inverses: bool, blur: float, ratio: f
         assert (0.75 if ratio > 10 else 0.5) < rms(scores(found, u)) < 1.25
 
 
-@pytest.mark.daily(1)
-@pytest.mark.parametrize(
-    ("kind", "step", "width", "blur", "noise", "most"),
-    [
-        ("xor-gray", 0.65, 1.0, 0.6, 0.5, 0.6),  # a narrow stripe between wide ones reads as one beside it
-        ("xor-gray", 1.0, 1.0, 0.9, 0.3, 1.2),  # bits lead to cells beside their own
-        ("binary", 2.04, 2.04, 0.4, 0.1, 0.6),  # stripes of a cell are turned as a whole
-    ],
-)
-def test_cells_that_a_blur_hides_are_in_sigma(
-    kind: str, step: float, width: float, blur: float, noise: float, most: float
-) -> None:
-    """Pixels of a width and step (cells) without much noise; most: rms error."""
-    shown = sequence(kind, 256, 256, axes="u")
-    u = 8 + step * np.arange(int(230 / step)) + 0.05 * np.arange(150)[:, None]
-    found = decode(photographed(shown, u, width, blur, noise), shown)
-    assert found.good.mean() > 0.5
-    assert 0.3 < rms(scores(found, u)) < 1.2
-    assert rms((found.u - u)[found.good]) < most
-
-
 def test_white_noise_alone_gives_no_notice() -> None:
     """Limits are those of chance however few pixels there are: the sensor's own noise, one pixel or all."""
     scene = resize(load("prism48", exact=True), 24, 32)

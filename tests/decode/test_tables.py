@@ -8,7 +8,7 @@ from optolever.experiments.metrics import rms
 from optolever.patterns import Frame, Sequence, sequence
 
 from .conftest import F64, Map, Shoot, scores, silent
-from .light import COLS, WIDTH, U, camera, cell_frames, free_levels, photographed, seen_by_pixels, seen_cells
+from .light import cell_frames, free_levels, photographed, seen_cells
 
 
 @pytest.mark.daily(1)
@@ -115,33 +115,6 @@ def test_pattern_that_was_just_invented(smooth: Map) -> None:
     assert found.good.mean() > 0.97
     assert np.abs(found.u - smooth[0])[found.good].max() < 0.5
     assert 0.7 < rms(scores(found, *smooth)) < 1.3
-
-
-@pytest.mark.daily(1)
-@pytest.mark.parametrize("blur", [0.5, 0.9])
-def test_gray_within_its_cells(smooth: Map, blur: float) -> None:
-    shown = sequence("gray", 150, 170)
-    frames = cell_frames(shown, *smooth, blur=blur, noise=1.0)
-    whole, parts = decode(frames, shown), decode(frames, shown, subpixel=True)
-    assert np.std((whole.u - smooth[0])[whole.good]) == pytest.approx(12**-0.5, rel=0.05)
-    assert parts.good.mean() > 0.99
-    assert np.std((parts.u - smooth[0])[parts.good]) < 0.02
-    assert rms(scores(parts, *smooth)) < 1.1
-
-
-@pytest.mark.daily(1)
-@pytest.mark.parametrize("code", ["gray", "levels"])
-def test_scattered_light(code: str) -> None:
-    """A fifth of the light comes from up to twenty cells away: a blur alone is fitted, and sigma says so."""
-    shown = free_levels(COLS, 12)
-    if code == "gray":
-        frames = sequence("gray", 4, COLS).frames
-        shown = Sequence(tuple(frame for frame in frames if frame.axis != "v"), 4, COLS)
-    shares = ((0.8, 0.4), (0.1, 1.2), (0.06, 3.0), (0.04, 8.0))
-    light = [sum(share * seen_by_pixels(shown, row, WIDTH, blur) for share, blur in shares) for row in U]
-    found = decode(camera(np.concatenate(light, axis=1), 1.0, 3), shown, subpixel=True)
-    assert found.good.mean() > 0.99
-    assert 0.5 < rms(scores(found, U)) < 1.1
 
 
 def rows_of_pixels(cols: int, width: float) -> F64:

@@ -86,7 +86,7 @@ def test_a_period_is_fitted_by_least_squares(shifts: tuple[float, ...], top: flo
     design = np.stack([np.ones(len(shifts)), np.cos(shifts), np.sin(shifts)], axis=1)
     light = design @ np.stack([np.full(600, 120.0), *(60 * rng.standard_normal((2, 600)))])
     frames = np.minimum(light + rng.normal(0, read, light.shape), top).astype(np.float32)
-    options = {"noise": read, "gain": gain, "white_level": min(top, 1e9), "on_cells": False, "check": False}
+    options = {"noise": read, "gain": gain, "white_level": min(top, 1e9), "on_cells": False}
     found = decode(frames[:, None], shown, **options)
     ratio = []
     for x in range(600):

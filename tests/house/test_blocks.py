@@ -1,10 +1,14 @@
 """Row blocks on threads: everything is done once, whatever the number of threads; exceptions come through."""
 
+import os
+import subprocess
+import sys
 import threading
 
 import pytest
+from threadpoolctl import threadpool_info
 
-from optolever.blocks import THREADS_VARIABLE, on_cores, over_blocks, over_rows
+from optolever.blocks import THREADS_VARIABLE, blas_on_one, on_cores, over_blocks, over_rows
 
 
 @pytest.fixture(params=["1", "2", "5"])
@@ -43,3 +47,21 @@ def test_exceptions_come_through() -> None:
         over_rows(fail, 100, 10)
     with pytest.raises(ZeroDivisionError):
         on_cores(lambda n: 1 // n, [1, 0])
+
+
+@pytest.mark.parametrize("before", ["", "import scipy.linalg"])
+def test_blas_has_as_many_threads(before: str) -> None:
+    """NumPy's and SciPy's, loaded before or after."""
+    code = f"""{before}
+import optolever.blocks, scipy.linalg
+from threadpoolctl import threadpool_info
+print({{one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas"}})"""
+    clean = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
+    words, environment = [sys.executable, "-c", code], clean | {THREADS_VARIABLE: "1"}
+    done = subprocess.run(words, env=environment, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "{1}"
+
+
+def test_blas_on_one_thread() -> None:
+    with blas_on_one():
+        assert {one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas"} == {1}

@@ -5,10 +5,14 @@ import io
 import json
 import re
 import shutil
+import socket
 import struct
 import subprocess
+import time
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -63,6 +67,28 @@ def _ask(server: LiveServer, path: str, method: str = "GET", **headers: str) -> 
     return status, body
 
 
+def _token(server: LiveServer) -> dict[str, str]:
+    found = re.search(rb'name="token" content="([^"]+)"', _ask(server, "/")[1])
+    assert found
+    return {"X-Optolever-Token": found[1].decode()}
+
+
+def _sent(server: LiveServer, data: bytes) -> bytes:
+    """All that comes back on one connection until the server closes it."""
+    port = int(server.address.rstrip("/").rpartition(":")[2])
+    with socket.create_connection(("127.0.0.1", port), timeout=10) as connection:
+        connection.sendall(data)
+        found = b""
+        while part := connection.recv(4096):
+            found += part
+    return found
+
+
+def _told(server: LiveServer, after: int) -> dict[str, Any]:
+    told: dict[str, Any] = json.loads(_parts(_ask(server, f"/next?after={after}")[1])[0])
+    return told
+
+
 def _parts(body: bytes) -> list[bytes]:
     lengths = struct.unpack("<4I", body[:16])
     ends = 16 + np.cumsum(lengths)
@@ -96,39 +122,91 @@ def test_a_snapshot_is_a_reading(server: LiveServer) -> None:
 
 
 def test_other_sites_may_neither_read_nor_steer(server: LiveServer) -> None:
+    token = _token(server)
     assert _ask(server, "/", Host="evil.example:80")[0] == 403
     assert _ask(server, "/next?after=0", Origin="http://evil.example")[0] == 403
-    assert _ask(server, "/tare", "POST", Origin="http://evil.example")[0] == 403
-    assert _ask(server, "/format", "POST")[0] == 404
+    assert _ask(server, "/next?after=0", **{"Sec-Fetch-Site": "cross-site"})[0] == 403
+    assert _ask(server, "/pause", "POST", Origin="http://evil.example", **token)[0] == 403
+    assert _ask(server, "/pause", "POST")[0] == 403
+    assert _ask(server, "/pause", "POST", **{"X-Optolever-Token": "0"})[0] == 403
+    assert _ask(server, "/format", "POST", **token)[0] == 404
+    assert _ask(server, "/pause")[0] == 405
+    assert _told(server, 0)["told"] == ""
+
+
+@pytest.mark.parametrize("path", ["/x", "/pause", "/next"])
+@pytest.mark.parametrize("method", ["POST", "GET", "PUT"])
+def test_a_body_is_no_second_request(server: LiveServer, method: str, path: str) -> None:
+    """What a refused request carries is not executed: one refusal, and the connection is closed."""
+    host = server.address.removeprefix("http://").rstrip("/").encode()
+    held = b"X-Optolever-Token: " + _token(server)["X-Optolever-Token"].encode()
+    body = b"POST /pause HTTP/1.1\r\nHost: " + host + b"\r\n" + held + b"\r\n\r\n"
+    head = f"{method} {path} HTTP/1.1\r\nContent-Length: {len(body)}\r\nOrigin: http://evil.example\r\n"
+    answer = _sent(server, head.encode() + b"Host: " + host + b"\r\n\r\n" + body)
+    assert answer.count(b"HTTP/1.1 ") == 1
+    assert answer.startswith(b"HTTP/1.1 403")
+    assert _told(server, server.readings)["told"] == ""
+
+
+def test_odd_clients_leave_no_trace(server: LiveServer, capfd: pytest.CaptureFixture[str]) -> None:
+    """A number of 5,000 digits, resets in the middle of an answer, nonsense, and more clients than 16."""
+    port = int(server.address.rstrip("/").rpartition(":")[2])
+    status, answer = _ask(server, "/next?after=" + "9" * 5000)
+    assert (status, b"after" in answer) == (400, True)
+    assert _sent(server, b"\x16\x03\x01 nonsense\r\n\r\n").startswith(b"HTTP/1.1 400")
+    for _ in range(20):
+        with socket.create_connection(("127.0.0.1", port)) as one:
+            one.sendall(f"GET /next?after=0 HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n\r\n".encode())
+            one.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+    with ExitStack() as stack:
+        for _ in range(40):
+            stack.enter_context(socket.create_connection(("127.0.0.1", port)))
+        assert _ask(server, "/")[0] == 503
+    until = time.monotonic() + 10
+    while _ask(server, "/")[0] != 200:
+        assert time.monotonic() < until
+    assert capfd.readouterr() == ("", "")
 
 
 def test_pause_holds_the_picture(server: LiveServer) -> None:
+    token = _token(server)
     _ask(server, "/next?after=0")
-    assert _ask(server, "/pause", "POST")[1] == b"paused"
+    assert _ask(server, "/pause", "POST", **token)[1] == b"paused"
     held = server.readings
     assert _ask(server, f"/next?after={held + 1}")[0] == 204
     assert server.readings <= held + 1  # one may have been on its way
-    _ask(server, "/resume", "POST")
+    _ask(server, "/resume", "POST", **token)
     assert _ask(server, f"/next?after={held + 1}")[0] == 200
 
 
 def test_tare_makes_a_new_zero_and_is_refused_while_touched(virtual: Virtual) -> None:
     prepared, finger = virtual
-    with LiveServer(prepared, _Rest(finger)) as resting:
-        _ask(resting, "/next?after=0")
-        assert _ask(resting, "/tare", "POST")[1] == b"tare: hold still"
     pressed = next(one for one in follow(Live(prepared), finger) if one.reading.depth > 0.02)
-
-    class Pressed:
-        def next(self, timeout_s: float) -> Image | None:
-            return pressed.image
-
-    with LiveServer(prepared, Pressed()) as touched:
-        _ask(touched, "/next?after=0")
-        assert b"refused" in _ask(touched, "/tare", "POST")[1]
     zero = tared(prepared, np.stack([pressed.image.pixels] * 4))
     reading = Live(zero).update(pressed.image.pixels)
     assert abs(reading.depth) < 0.05 * pressed.reading.depth
+
+    class Fixed:
+        def next(self, timeout_s: float) -> Image | None:
+            return pressed.image
+
+    with LiveServer(prepared, Fixed()) as touched:
+        _ask(touched, "/next?after=0")
+        assert b"refused" in _ask(touched, "/tare", "POST", **_token(touched))[1]
+    with LiveServer(zero, _Rest(finger)) as other:  # whose rest is a dent: the readings at rest are bumps
+        _ask(other, "/next?after=0")
+        before = _lowest(other)
+        assert _ask(other, "/tare", "POST", **_token(other))[1] == b"tare: hold still"
+        while _told(other, other.readings)["told"] == "tare: hold still":
+            pass
+        assert _told(other, other.readings)["told"] == "tared"
+        assert _lowest(other) > 0.5 * before  # the noise of small rigs is large
+
+
+def _lowest(server: LiveServer) -> float:
+    """Of the height, micrometres."""
+    body = _parts(_ask(server, f"/next?after={server.readings}")[1])
+    return float(np.nanmin(np.frombuffer(body[3], np.float32)))
 
 
 def test_a_slow_reader_gets_the_newest_frame(virtual: Virtual) -> None:
@@ -146,7 +224,7 @@ def test_a_camera_that_fails_is_told(virtual: Virtual) -> None:
             raise OSError("unplugged")
 
     with LiveServer(virtual[0], Broken()) as live:
-        live.answer(0)
+        _ask(live, "/next?after=0")
         assert live.error == "unplugged"
 
 

@@ -1,6 +1,7 @@
 """Readings that were recorded beside their frames, again from the frames."""
 
 import json
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -49,9 +50,17 @@ def test_readings_are_bit_identical(virtual: tuple[Prepared, VirtualFinger], tmp
         assert one.followed.reading == reading
     assert sum(reading.trusted for reading in readings) == 19
     assert sum(bool(reading.forces) for reading in readings) > 10
-    lines = tmp_path / "film" / "readings.jsonl"
-    lines.write_text("".join(lines.read_text().splitlines(keepends=True)[:7]))
+    path = tmp_path / "film" / "readings.jsonl"
+    lines = path.read_text().splitlines(keepends=True)
+    path.write_text("".join(lines[:7]) + lines[7][:30])
     assert len(list(replayed(tmp_path / "film"))) == 7
+    path.write_text("".join(lines[:4] + lines[5:]))  # one is lost: the others are of their frames
+    again = list(replayed(tmp_path / "film"))
+    assert [one.recorded for one in again] == [k != 4 for k in range(20)]
+    assert [one.identical for one in again] == [k != 4 for k in range(20)]
+    path.write_text("".join([*lines[:4], lines[4].replace(":", "", 1), *lines[5:]]))
+    with pytest.raises(InputError, match=r"readings\.jsonl: line 5 is damaged, 15 lines follow"):
+        list(replayed(tmp_path / "film"))
 
 
 def test_the_page_records_and_refuses_tare(virtual: tuple[Prepared, VirtualFinger], tmp_path: Path) -> None:
@@ -62,7 +71,7 @@ def test_the_page_records_and_refuses_tare(virtual: tuple[Prepared, VirtualFinge
         LiveServer(prepared, finger, record=recorder) as server,
     ):
         while server.readings < 8 and not server.error:
-            server.answer(server.readings)
+            time.sleep(0.05)
         assert server.command("tare") == "tare refused: it would change the rest of the recording"
     again = list(replayed(film))
     assert len(again) >= 8
@@ -88,6 +97,11 @@ def test_the_program_records_and_compares(tmp_path: Path, capsys: pytest.Capture
     assert "4 of 5 bit-identical" in streams.out
     assert "Notice: 1 of 5 readings differ from the recorded ones" in streams.err
     assert json.loads(numbers.read_text())["identical"] == 4
+    (film / "readings.jsonl").write_text("\n".join(lines[:2] + lines[3:]))
+    assert run(["replay", str(film)]) == 0
+    streams = capsys.readouterr()
+    assert "3 of 4 bit-identical" in streams.out
+    assert "1 of 5 readings have no line" in streams.err
     (film / "prepared.npz").unlink()
     with pytest.raises(InputError, match=r"prepared\.npz"):
         list(replayed(film))

@@ -1,6 +1,7 @@
 """Recordings: what has a line is there, whatever happened; replay is the rig again."""
 
 import json
+import re
 import shutil
 import signal
 import subprocess
@@ -152,6 +153,32 @@ def test_damage_is_told(tmp_path: Path) -> None:
         list(Recording(tmp_path / "r"))
     shutil.rmtree(tmp_path / "r")
     with pytest.raises(InputError, match="no recording"):
+        Recording(tmp_path / "r")
+
+
+def test_a_log_damaged_in_the_middle_is_refused(tmp_path: Path) -> None:
+    """Any byte of a line that others follow may be damaged: the line is named, or its image is checked and
+    its times are those of the line. Of the last line it is taken as broken off."""
+    with Recorder(tmp_path / "r", {"camera": "test"}) as recorder:
+        for k in range(9):
+            recorder.image(Image(np.full((4, 4), k, np.uint8), k, k / 30, k / 30), k / 30)
+    log = tmp_path / "r" / "log.jsonl"
+    whole = log.read_bytes()
+    start = sum(len(line) + 1 for line in whole.split(b"\n")[:4])
+    for at in range(start, start + len(whole.split(b"\n")[4])):
+        damaged = bytearray(whole)
+        damaged[at] = ord("x")
+        log.write_bytes(damaged)
+        said = ""
+        try:
+            assert len(list(Recording(tmp_path / "r").images())) == 9
+        except InputError as error:
+            said = str(error)
+        assert re.search(r"^$|line 5 is damaged, 5 lines follow|page", said), said
+    log.write_bytes(whole[:-20])
+    assert len(Recording(tmp_path / "r")) == 8
+    log.write_bytes(whole[:start] + b"\xff\n" + whole[start:])
+    with pytest.raises(InputError, match=r"log\.jsonl: line 5 is damaged, 6 lines follow"):
         Recording(tmp_path / "r")
 
 

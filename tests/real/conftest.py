@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from optolever.decode import Correspondence, decode
 from optolever.projector import Capture
 
 F64 = NDArray[np.float64]
@@ -47,9 +46,3 @@ def sheet(procam: Capture) -> NDArray[np.bool_]:
 def light(procam: Capture, sheet: NDArray[np.bool_]) -> F64:
     """White minus black frame on the sheet, levels; 0 around it."""
     return (procam.frames[40].astype(np.float64) - procam.frames[41]) * sheet
-
-
-@pytest.fixture(scope="session")
-def within(procam: Capture) -> Correspondence:
-    """Decoded within the cells."""
-    return decode(procam.frames, procam.sequence, subpixel=True)

@@ -1,8 +1,8 @@
 """A plain decoder, as a textbook has it: the reference for captures of which nothing else is known.
 
 A bit is the sign of its difference from its inverse, else from the mean of white and black, else of the
-fringe's samples; a fringe's order is that of the place nearest to the cell. It knows no noise and no flags,
-and shares nothing with the decoder.
+fringe's samples, else from the middle of the bits' levels; a fringe's order is that of the place nearest to
+the cell. It knows no noise and no flags, and shares nothing with the decoder.
 """
 
 from typing import NamedTuple
@@ -32,7 +32,8 @@ def plain_decoder(frames: NDArray[np.generic], sequence: Sequence, axis: str) ->
     ends = [i for i, f in shown if f.kind in ("white", "black")] or [i for i, _ in fringe]
     bits = {(f.bit, f.inverted): (i, f) for i, f in shown if f.kind == "gray" and f.axis == axis}
     count, one = 1 + max(bit for bit, _ in bits), bits[0, False][1]
-    mean = levels[ends].mean(axis=0)
+    coded = levels[[i for i, _ in bits.values()]]
+    mean = levels[ends].mean(axis=0) if ends else 0.5 * (coded.max(axis=0) + coded.min(axis=0))
     pairs = [(levels[bits[b, False][0]], bits.get((b, True))) for b in range(count)]
     margin = np.stack([plain - (mean if other is None else levels[other[0]]) for plain, other in pairs])
     contrast = np.quantile(np.abs(margin / np.maximum(np.abs(margin).max(axis=0), 1)), 0.9, axis=(1, 2))

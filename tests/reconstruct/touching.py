@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.hard.rigs import camera_axes
 from optolever.scene import (
     Camera,
     Face,
@@ -18,6 +17,20 @@ from optolever.scene import (
     dent,
     prism_pattern,
 )
+
+Axis = NDArray[np.float64]
+
+
+def camera_axes(angle: float, sideways: float, roll: float) -> tuple[Axis, Axis]:
+    """Axes u, v of a camera that looks down at `angle` from the normal, towards -x, `sideways` along y."""
+    u, v = np.array([-np.cos(angle), 0.0, np.sin(angle)]), np.array([0.0, 1.0, 0.0])
+    ahead = np.cross(u, v)
+    v, ahead = (
+        np.cos(sideways) * v - np.sin(sideways) * ahead,
+        np.cos(sideways) * ahead + np.sin(sideways) * v,
+    )
+    u = np.cross(v, ahead)
+    return np.cos(roll) * u + np.sin(roll) * v, np.cos(roll) * v - np.sin(roll) * u
 
 
 def way_of(scene: Scene, seen: Trace) -> NDArray[np.float64]:

@@ -1,0 +1,367 @@
+"""One capture under one exposure: sample -> noise, misfit, effects -> tables -> maps, block by block."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.blocks import over_blocks, threads
+from optolever.notices import Notice
+
+from .codes.bits import bit_tables
+from .codes.fringe import Misfit, fringe_tables, measure_misfit, three_step_aliasing
+from .codes.lookup import Lines, lookup_rows, prepare
+from .codes.orders import Orders, order_table
+from .effects import View, lag
+from .exposures import Part
+from .frames import Light, sample_levels, sample_places
+from .neighbours import HALO, Block, Result, axis_limits, neighbours
+from .noise import Noise, Sample, fit_noise
+from .order import find_order
+from .pixels import Maps, Tables, pixel_rows
+from .plan import AxisPlan, Fringe, Plan, constraints, plan, raster_axes
+from .profile import AxisProfile, ExposureProfile, Sampled, Settings
+from .records import Correspondence, Flag
+
+__all__ = ["Estimated", "Prepared", "applied", "estimated", "holds", "prepared"]
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+Mask = NDArray[np.bool_] | None
+#: Runs of the sample; fewest pixels for an estimate; median of chi2 with one degree of freedom.
+_RUNS, _FEWEST, _MEDIAN = 256, 64, 0.4549
+#: Bytes of a block's lines, about those of a core's cache.
+_CACHE = 1 << 20
+#: Share of the usual span of levels above which a pixel is lit.
+_LIT = 0.15
+#: Change of a statistic from which on a profile no longer holds; of sigma from which on a notice says so.
+_CHANGED, _NOTICED = 2.0, 1.5
+
+
+class Prepared(NamedTuple):
+    """Decoder of one exposure: its part of the sequence, profile, kernels' tables, degrees of freedom of chi2, numbers
+    of the axes for the neighbours, tables of look-ups (None: without)."""
+
+    part: Part
+    axes: tuple[AxisPlan, ...]
+    profile: ExposureProfile
+    tables: Tables
+    dof: int
+    limits: F32
+    look_ups: tuple[Any, ...]
+
+
+class Estimated(NamedTuple):
+    """Result of a capture that gave a new profile; wrong: its frames are not as described, so that the profile holds
+    for this capture only."""
+
+    found: Correspondence
+    prepared: Prepared
+    wrong: bool
+
+
+def axes_of(part: Part) -> tuple[AxisPlan, ...]:
+    """Axes of a part: of its fringes and codes, or of its spots."""
+    return raster_axes(part.sequence) or plan(part.sequence).axes
+
+
+def lit_sample(light: Light, inside: Mask) -> Sample:
+    """Lit pixels of the mask, in runs along rows."""
+    places = sample_places((light.raw.shape[1], light.raw.shape[2]), _RUNS)
+    if inside is not None:
+        places = places[inside[tuple(places.T)]]
+    sample = Sample(places, sample_levels(light, places))
+    levels = np.where(np.isfinite(sample.levels), sample.levels, np.float32(light.white))
+    span = np.ptp(levels, axis=0) if levels.size else np.zeros(0)
+    least = _LIT * np.quantile(span[span >= 0.5 * span.max()], 0.5) if span.size and span.max() > 0 else 0.0
+    return sample.only(span > least)
+
+
+def estimated(light: Light, part: Part, settings: Settings, mask: Mask) -> Estimated:
+    """Put the frames of one exposure in order, estimate their profile, and decode by it."""
+    repair = find_order(light.raw[part.index], part.sequence, mask)
+    if repair is not None:
+        part = Part(part.index[repair.order], repair.sequence)
+    own = light.only(part.index)
+    sample = lit_sample(own, mask)
+    ready = prepared(part, settings, _estimate(own, part, settings, sample))
+    profile = ready.profile._replace(sampled=_statistics(own, ready, sample))
+    found = applied(own, ready._replace(profile=profile), mask)
+    if repair is not None:
+        notice = Notice(repair.name, float("nan"), float("nan"), repair.cure)
+        found = replace(found, notices=(notice, *found.notices))
+        if not repair.solved:
+            np.bitwise_or(found.flags, np.uint16(Flag.WRONG_FRAME), out=found.flags)
+    return Estimated(found, ready._replace(profile=profile), repair is not None)
+
+
+def _estimate(light: Light, part: Part, settings: Settings, sample: Sample) -> ExposureProfile:
+    """Noise, then misfit and effects from a sample."""
+    p, axes = plan(part.sequence), axes_of(part)
+    if settings.noise is not None:
+        noise = Noise(settings.noise**2 + light.rounding, settings.gain)
+    else:
+        noise = fit_noise(p, sample, light.rounding)
+    known = noise if settings.noise is not None or constraints(p, len(part.sequence)) else None
+    tables = [
+        prepare(part.sequence, p, axis, light, sample, known, settings.blur_px, settings.on_cells)
+        if axis.looked_up
+        else None
+        for axis in axes
+    ]
+    nothing = Sampled(0.0, 0.0, 0.0)
+    profile = _with_misfits(ExposureProfile(noise, (), (), None, nothing, ()), part, sample, tables)
+    place = _places(light, part, settings, profile, sample)
+    slow = lag.estimate(View(p, light, noise, sample, *place))
+    if slow is not None:
+        levels = lag.matrix(slow, len(sample.levels)) @ sample.levels
+        profile = _with_misfits(profile._replace(effects=(slow,)), part, replace(sample, levels=levels), tables)
+        place = _places(light, part, settings, profile, sample)
+    view = View(p, light, noise, sample, *place)
+    profile = _with_between(profile, axes, view)
+    more = np.zeros(len(axes))
+    if slow is not None:
+        more += lag.variance(view, slow)
+    own = (axis._replace(variance=float(v)) for axis, v in zip(profile.axes, more, strict=True))
+    profile = profile._replace(axes=tuple(own))
+    return profile._replace(notices=_notices(profile))
+
+
+def _with_misfits(
+    profile: ExposureProfile, part: Part, sample: Sample, tables: list[Any]
+) -> ExposureProfile:
+    p, noise, own = plan(part.sequence), profile.noise, []
+    for axis, table in zip(axes_of(part), tables, strict=True):
+        misfits = tuple(_misfit(fringe, p, axis, sample, noise) for fringe in axis.fringes)
+        own.append(AxisProfile(misfits, _deviation(axis, sample, noise), 0.0, table))
+    return profile._replace(axes=tuple(own))
+
+
+def _places(light: Light, part: Part, settings: Settings, profile: ExposureProfile, sample: Sample) -> tuple[F64, F64]:
+    """Places and variances (A, K) of sample pixels; NaN where flagged."""
+    if not len(sample.places):
+        return (np.zeros((len(profile.axes), 0)),) * 2
+    maps = _sampled(light, prepared(part, settings, profile), sample)
+    good = maps.flags[0] == 0
+    return tuple(np.where(good, one[:, 0].astype(np.float64), np.nan) for one in (maps.place, maps.variance))  # type: ignore[return-value]
+
+
+def _misfit(fringe: Fringe, p: Plan, axis: AxisPlan, sample: Sample, noise: Noise) -> Misfit:
+    code = axis.code
+    pairs = [] if code is None else list(zip(code.plain.tolist(), code.inverse.tolist(), strict=True))
+    ends = [pair for pair in (*pairs, (p.white, p.black)) if min(pair) >= 0]
+    found = measure_misfit(fringe, sample, noise)
+    return found._replace(variance=found.variance + three_step_aliasing(fringe, ends, sample, noise))
+
+
+def _notices(profile: ExposureProfile) -> tuple[Notice, ...]:
+    """What costs a factor of 1.5 in sigma or more."""
+    scale = max((misfit.scale for axis in profile.axes for misfit in axis.misfits), default=1.0) ** 0.5
+    if scale < _NOTICED:
+        return ()
+    name = f"the fringes deviate from cosines: sigma is {scale:.2g} times wider than by noise"
+    cure = "a linear display (gamma 1), longer delays, no flicker"
+    return (Notice(name, float("nan"), float("nan"), cure),)
+
+
+def _with_between(profile: ExposureProfile, axes: tuple[AxisPlan, ...], view: View) -> ExposureProfile:
+    """Add the variance of the phases by which periods of one axis contradict each other beyond noise."""
+    found = []
+    for axis, own, place in zip(axes, profile.axes, view.place, strict=True):
+        more = _between(axis, place, view.sample, profile.noise, own.misfits)
+        misfits = tuple(m._replace(variance=max(m.variance, more)) for m in own.misfits)
+        found.append(own._replace(misfits=misfits))
+    return profile._replace(axes=tuple(found))
+
+
+def _between(axis: AxisPlan, place: F64, sample: Sample, noise: Noise, misfits: tuple[Misfit, ...]) -> float:
+    """Variance (cycles^2) of a phase by the contradictions of coarser periods to the place, beyond noise and
+    misfit."""
+    most, fine = 0.0, axis.fringes[-1].period if axis.fringes else 1.0
+    for fringe, misfit in zip(axis.fringes[:-1], misfits, strict=False):
+        o, c, s = fringe.inverse @ sample.levels[list(fringe.index)].astype(np.float64)
+        own = misfit.scale * noise.variance(o) * np.square(fringe.inverse[1]).sum()
+        variance = own / np.maximum(c * c + s * s, 1e-6) / (2 * np.pi) ** 2
+        away = np.arctan2(s, c) / (2 * np.pi) - place / fringe.period
+        away -= np.rint(away)
+        ok = np.isfinite(away)
+        if np.count_nonzero(ok) >= _FEWEST:
+            beyond = float(np.median(away[ok] ** 2) / _MEDIAN - np.median(variance[ok]) * (1 + (fine / fringe.period) ** 2))
+            most = max(most, beyond / (1 + (fine / fringe.period) ** 2))
+    return most
+
+
+def _deviation(axis: AxisPlan, sample: Sample, noise: Noise) -> float:
+    """Of close periods: deviation of a sample over the 5 % quantile of the finest fringe's amplitude; else 0."""
+    if axis.code is not None or len(axis.fringes) < 2 or axis.fringes[0].period >= axis.extent:
+        return 0.0
+    levels = sample.levels[list(axis.fringes[-1].index)].astype(np.float64)
+    levels = levels[:, np.isfinite(levels).all(axis=0)]
+    if not levels.size:
+        return 1.0
+    o, c, s = axis.fringes[-1].inverse @ levels
+    return float(np.sqrt(noise.variance(np.median(o))) / max(np.quantile(np.hypot(c, s), 0.05), 1e-6))
+
+
+def _orders(axis: AxisPlan, own: AxisProfile) -> Orders:
+    if own.deviation == 0:
+        return Orders(np.zeros((1, 1), np.float32), np.float32(1), np.float32(1))
+    most = max(misfit.variance for misfit in own.misfits)
+    noise2 = own.deviation**2 * 4 / len(axis.fringes[-1].index) / (2 * np.pi) ** 2
+    return order_table(tuple(f.period for f in axis.fringes), axis.extent, float(np.sqrt(noise2 + 2 * most)))
+
+
+def prepared(part: Part, settings: Settings, profile: ExposureProfile) -> Prepared:
+    """The decoder of a profile."""
+    p, axes = plan(part.sequence), axes_of(part)
+    f32 = np.float32
+    orders = [_orders(axis, own) for axis, own in zip(axes, profile.axes, strict=True)]
+    covered = [1 - axis.fringes[0].period / axis.extent if axis.fringes and not axis.code else 0.0 for axis in axes]
+    factor = [2 / len(axis.fringes[-1].index) if axis.fringes else 0.5 for axis in axes]
+    slow = next((effect for effect in profile.effects if effect.name == "lag"), None)
+    matrix = None if slow is None else lag.matrix(slow, len(part.sequence))
+    tables = Tables(
+        fringe_tables([axis.fringes for axis in axes], [own.misfits for own in profile.axes], matrix),
+        bit_tables(p, list(axes)),
+        (orders[0], orders[-1]),
+        np.array([axis.looked_up for axis in axes]),
+        np.array([own.deviation > 0 for own in profile.axes]),
+        np.array(factor, f32),
+        np.array([own.variance for own in profile.axes], f32),
+        np.array([axis.extent for axis in axes], f32),
+        np.maximum(np.array(covered, f32), 0),
+    )
+    dof = sum(len(f.index) - 3 for axis in axes if not axis.looked_up for f in axis.fringes)
+    dof += sum(len(axis.fringes) - 1 for axis, own in zip(axes, profile.axes, strict=True) if own.deviation > 0)
+    dof += sum(own.look_up.dof for own in profile.axes if own.look_up is not None)
+    limits = np.stack([axis_limits(axis, settings.lens_px, settings.on_cells) for axis in axes])
+    return Prepared(part, axes, profile, tables, dof, limits, tuple(own.look_up for own in profile.axes))
+
+
+def _numbers(light: Light) -> tuple[NDArray[Any], F32 | None, np.float32]:
+    return light.raw, light.table if len(light.table) else None, np.float32(min(light.clip, 1e9))
+
+
+def _statistics(light: Light, ready: Prepared, sample: Sample) -> Sampled:
+    """Of sample pixels, by the pixel kernel alone."""
+    if not len(sample.places):
+        return Sampled(0.0, 0.0, 0.0)
+    maps = _sampled(light, ready, sample)
+    good = maps.flags[0] == 0
+    chi2 = float(np.median(maps.chi2[0][good])) / ready.dof if ready.dof and good.any() else 0.0
+    return Sampled(float(good.mean()), chi2, float(np.median(maps.amplitude[0])))
+
+
+def _sampled(light: Light, ready: Prepared, sample: Sample) -> Maps:
+    """Sample pixels decoded as a row of an image."""
+    row, col = sample.places.T
+    few = Light(np.ascontiguousarray(light.raw[:, row, col][:, None, :]), light.clip, light.table, light.rounding)
+    count, axes = len(row), len(ready.axes)
+    maps = _maps(axes, 1, count)
+    pixel_rows(_numbers(few), _noise(ready), ready.tables, _looked_up(few, ready, 0, 1), 0, 1, maps, 0)
+    return maps
+
+
+def _noise(ready: Prepared) -> tuple[np.float32, np.float32]:
+    return np.float32(ready.profile.noise.read2), np.float32(ready.profile.noise.gain)
+
+
+def _maps(axes: int, rows: int, width: int) -> Maps:
+    one = [np.zeros((rows, width), np.float32) for _ in range(4)]
+    both = [np.zeros((axes, rows, width), np.float32) for _ in range(2)]
+    return Maps(both[0], both[1], *one, np.zeros((rows, width), np.uint16))
+
+
+def _looked_up(light: Light, ready: Prepared, start: int, stop: int) -> Lines:
+    """Lines of the axes that are looked up; one pixel without any."""
+    axes = len(ready.axes)
+    some = any(table is not None for table in ready.look_ups)
+    shape = (axes, stop - start, light.raw.shape[2]) if some else (1, 1, 1)
+    out = Lines(*(np.zeros(shape, np.float32) for _ in range(6)), np.zeros(shape, np.int32))
+    for a, table in enumerate(ready.look_ups):
+        if table is not None:
+            lookup_rows(light, ready.profile.noise, table, start, stop, Lines(*(one[a] for one in out)))
+    return out
+
+
+def holds(light: Light, ready: Prepared, mask: Mask) -> tuple[Notice, ...]:
+    """Why a profile no longer holds for these frames, by sample pixels; empty: it does."""
+    known, now = ready.profile.sampled, _statistics(light, ready, lit_sample(light, mask))
+    changes = (
+        ("good pixels of the sample, share", known.good, now.good, now.good * _CHANGED < known.good),
+        ("residuals over their noise", known.chi2, now.chi2, now.chi2 > _CHANGED * max(known.chi2, 0.5)),
+        ("contrast, levels", known.amplitude, now.amplitude, not 0.5 < now.amplitude / max(known.amplitude, 1e-6) < 2),
+    )
+    return tuple(
+        Notice(f"the rig's profile no longer holds: {name}", new, old, "estimated anew from this capture")
+        for name, old, new, changed in changes
+        if changed
+    )
+
+
+def applied(light: Light, ready: Prepared, mask: Mask) -> Correspondence:
+    """Decode all pixels by a prepared decoder."""
+    _, rows, cols = light.raw.shape
+    axes = len(ready.axes)
+    coordinate, sigma = (np.empty((axes, rows, cols), np.float32) for _ in range(2))
+    amplitude, offset, error = (np.empty((rows, cols), np.float32) for _ in range(3))
+    flags = np.empty((rows, cols), np.uint16)
+    size = int(np.clip(_CACHE // (4 * cols * (2 * axes + 2)), 16, 128))
+
+    def work(first: int, last: int) -> None:
+        """Blocks of a thread, from above: each takes the rows that it shares with the one before."""
+        rooms, done = (_Room(axes, size, cols), _Room(axes, size, cols)), max(first - HALO, 0)
+        for number, start in enumerate(range(first, last, size)):
+            stop = min(start + size, last)
+            low, high = max(start - HALO, 0), min(stop + HALO, rows)
+            room = rooms[number % 2]
+            room.begin(high - low, rooms[1 - number % 2] if number else None, done - low)
+            if done < high:
+                new, keep = slice(done, high), done - low
+                lines = amplitude[new], offset[new], error[new]
+                out = Maps(room.place, room.variance, room.chi2[keep:], *lines, room.flags[keep:])
+                looked_up = _looked_up(light, ready, done, high)
+                pixel_rows(_numbers(light), _noise(ready), ready.tables, looked_up, done, high, out, keep)
+                if mask is not None:
+                    room.flags[keep:] |= np.where(mask[new], np.uint16(0), np.uint16(Flag.INVALID))
+                done = high
+            block = Block(room.place, room.variance, room.chi2, amplitude[low:high], room.flags)
+            result = room.result(stop - start, flags[start:stop])
+            neighbours(block, start - low, ready.dof, ready.limits, result)
+            coordinate[:, start:stop], sigma[:, start:stop] = result.coordinate, result.sigma
+
+    cuts = np.unique(np.linspace(0, rows, min(threads(), max(rows // 32, 1)) + 1).astype(int)).tolist()
+    over_blocks(work, cuts)
+    none = np.full((rows, cols), np.nan, np.float32), np.full((rows, cols), np.inf, np.float32)
+    found = {axis.axis: (coordinate[a], sigma[a]) for a, axis in enumerate(ready.axes)}
+    (u, sigma_u), (v, sigma_v) = found.get("u", none), found.get("v", none)
+    profile = ready.profile
+    return Correspondence(
+        u, v, sigma_u, sigma_v, flags, amplitude, offset, error, profile.notices, profile.shared
+    )
+
+
+class _Room:
+    """Memory of a block's lines, C-contiguous for every number of rows."""
+
+    def __init__(self, axes: int, size: int, cols: int) -> None:
+        self._kept = [np.zeros(axes * (size + 2 * HALO) * cols, np.float32) for _ in range(5)]
+        self._flags, self._axes, self._cols = np.zeros((size + 2 * HALO, cols), np.uint16), axes, cols
+
+    def begin(self, rows: int, before: _Room | None, shared: int) -> None:
+        """A block of so many rows; shared: its first ones are the last ones of the block before."""
+        axes, cols = self._axes, self._cols
+        both = [one[: axes * rows * cols].reshape(axes, rows, cols) for one in self._kept[:2]]
+        self.place, self.variance = both
+        self.chi2, self.flags = self._kept[2][: rows * cols].reshape(rows, cols), self._flags[:rows]
+        if before is not None and shared > 0:
+            for name in ("place", "variance", "chi2", "flags"):
+                getattr(self, name)[..., :shared, :] = getattr(before, name)[..., -shared:, :]
+
+    def result(self, rows: int, flags: NDArray[np.uint16]) -> Result:
+        """Output of the neighbours for so many rows."""
+        size, shape = self._axes * rows * self._cols, (self._axes, rows, self._cols)
+        return Result(*(one[:size].reshape(shape) for one in self._kept[3:]), flags)

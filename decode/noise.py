@@ -1,0 +1,173 @@
+"""Noise of the camera, level by level: variance = read^2 + gain * level, from lit pixels.
+
+Photon transfer on combinations of a pixel's samples of one level each that vanish at every place: residuals
+of fringes and of pairs of a bit and its inverse (plan.constraints), at the mean level; differences of two
+frames of a code in which a pixel is bright, or dark. Their second differences along a row are noise: a
+deviation of display or camera from the description (gamma, lag, indirect light) is smooth over neighbours.
+Without any combination, second differences of the frames (J. Immerkaer, doi:10.1006/cviu.1996.0060).
+Variances are trimmed means in bins of equal width, which dark pixels do not fill.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .plan import Plan, constraints
+
+__all__ = ["Noise", "Sample", "fit_noise"]
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+Residuals = tuple[F64, F64]
+#: Share of a pixel's half contrast from which on a bit is bright or dark, and not at an edge.
+_FULL = 0.7
+#: Deviations of the trimming, and the remaining share of a normal variance.
+_TRIM, _REMAINING = 3.0, 0.9733
+#: Bins by level; fewest residuals of a bin (18 %); largest number of residuals of a kind.
+_BINS, _FEWEST, _MOST = 12, 64, 1 << 17
+#: Relative error of a bin's variance beyond chance, so that no bin decides alone.
+_UNSURE = 0.03
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """variance = read2 + gain * level of one sample, levels^2; rounding (1/12) is part of read2.
+
+    read2_sigma, gain_sigma: standard deviations, NaN: given, not estimated.
+    """
+
+    read2: float
+    gain: float = 0.0
+    read2_sigma: float = float("nan")
+    gain_sigma: float = float("nan")
+
+    def variance(self, level: Any) -> Any:
+        """Variance of one sample at a level."""
+        return self.read2 + self.gain * np.maximum(level, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """Pixels in runs along rows: places (K, 2) row, column; linear levels (N, K) float32, NaN: saturated."""
+
+    places: NDArray[np.int64]
+    levels: F32
+
+    def only(self, keep: Any) -> "Sample":
+        """Select pixels."""
+        return Sample(self.places[keep], self.levels[:, keep])
+
+    def adjacent(self, count: int) -> NDArray[np.int64]:
+        """First pixels (T,) of so many adjacent ones in a row."""
+        flat = self.places[:, 0] * (1 << 32) + self.places[:, 1]
+        return np.flatnonzero(flat[count - 1 :] - flat[: max(len(flat) - count + 1, 0)] == count - 1)
+
+
+def fit_noise(plan: Plan, sample: Sample, rounding: float = 1 / 12) -> Noise:
+    """Noise of the lit pixels of a sample; rounding: least variance, levels^2."""
+    levels, first = sample.levels.astype(np.float64), sample.adjacent(3)
+    groups = constraints(plan, len(levels))
+    rows = np.concatenate(groups[:-1] or groups) if groups else np.zeros((0, len(levels)))
+    kinds = [_of_rows(rows, levels, first), _of_codes(plan, levels, sample.adjacent(5))]
+    if sum(len(one) for one, _ in kinds) < _FEWEST:
+        kinds = [_of_rows(np.eye(len(levels)), levels, first)]
+    return _line(kinds, rounding)
+
+
+def _of_rows(rows: F64, levels: F64, first: NDArray[np.int64]) -> Residuals:
+    """Levels and second differences of orthonormal combinations (M, N) of the samples (N, K)."""
+    first = first[:: 1 + len(rows) * len(first) // _MOST]
+    square, known = np.square(rows), np.where(np.isnan(levels), 0.0, levels)
+    lost = (np.abs(rows) > 1e-9).astype(np.float64) @ np.isnan(levels) > 0
+    level, residual = square @ known, rows @ known
+    kept = ~(lost[:, first] | lost[:, first + 1] | lost[:, first + 2])
+    return _second(level, first)[1][kept], _second(residual, first)[0][kept]
+
+
+def _second(of: F64, first: NDArray[np.int64]) -> tuple[F64, F64]:
+    """Second difference over its noise, and weighted mean, (M, T) of three pixels of maps (M, K)."""
+    a, b, c = of[:, first], of[:, first + 1], of[:, first + 2]
+    return (a - 2 * b + c) / np.sqrt(6), (a + 4 * b + c) / 6
+
+
+def _of_codes(plan: Plan, levels: F64, first: NDArray[np.int64]) -> Residuals:
+    """Of differences of frames of the codes in which five adjacent pixels are bright, or dark: at `first` and
+    after."""
+    codes = [axis.code for axis in plan.axes if axis.code is not None]
+    bits = [int(i) for code in codes for pair in (code.plain, code.inverse) for i in pair if i >= 0]
+    frames = [i for i in (plan.white, plan.black) if i >= 0] + bits
+    if len(bits) < 2:
+        return np.zeros(0), np.zeros(0)
+    seen = levels[frames]
+    first = first[:: 1 + len(frames) * len(first) // _MOST]
+    with np.errstate(invalid="ignore"):
+        low, high = np.fmin.reduce(seen), np.fmax.reduce(seen)
+        share = (2 * seen - low - high) / np.maximum(high - low, 1e-6)
+        state = (share > _FULL).astype(np.int8) - (share < -_FULL)
+        found = []
+        for one in (1, -1):
+            full = np.stack([state[:, first + k] == one for k in range(5)]).all(axis=0)
+            at = np.arange(len(frames))[:, None]
+            before = np.maximum.accumulate(np.where(full, at, -1), axis=0)
+            for i in range(1, len(frames)):  # the nearest frame before of the same state
+                t = np.flatnonzero(full[i] & (before[i - 1] >= 0))
+                j, k = before[i - 1, t], first[t] + 1
+                three = [(seen[i, k + s] - seen[j, k + s]) / np.sqrt(2) for s in range(3)]
+                residual = (three[0] - 2 * three[1] + three[2]) / np.sqrt(6)
+                found.append((0.5 * (seen[i, k + 1] + seen[j, k + 1]), residual))
+    return np.concatenate([a for a, _ in found]), np.concatenate([b for _, b in found])
+
+
+def _trimmed(residual: F64) -> float:
+    """Variance of the bulk of residuals: mean square of those within _TRIM deviations of it, iterated."""
+    square = np.square(residual)
+    # start from above: of integer grey values more than half of the residuals may be 0
+    variance = 4 * float(np.quantile(square, 0.75)) / 1.15**2 + 1e-9
+    for _ in range(30):
+        kept = square[square <= _TRIM**2 * variance]
+        found = float(kept.mean()) / _REMAINING if len(kept) else variance
+        if abs(found - variance) <= 1e-4 * variance:
+            break
+        variance = found
+    return max(variance, 1e-9)
+
+
+def _bins(level: F64, residual: F64) -> list[tuple[float, float, float]]:
+    """Level, variance, its relative error, of bins of equal width."""
+    if len(level) < _FEWEST:
+        return []
+    edges = np.linspace(level.min(), level.max() + 1e-3, _BINS + 1)
+    place, found = np.digitize(level, edges[1:-1]), []
+    for k in range(_BINS):
+        own = place == k
+        if np.count_nonzero(own) >= _FEWEST:
+            # neighbours' second differences overlap: 70 / 36 of the variance of independent ones
+            error = float(np.sqrt(2 * 1.94 / np.count_nonzero(own) + _UNSURE**2))
+            found.append((float(level[own].mean()), _trimmed(residual[own]), error))
+    return found
+
+
+def _line(kinds: list[Residuals], rounding: float) -> Noise:
+    """Straight line through the variances by level, both terms limited from below."""
+    bins = [one for kind in kinds for one in _bins(*kind)]
+    if not bins:
+        return Noise(max(1.0, rounding))
+    x, y, error = np.array(bins).T
+    y = np.maximum(y, rounding)
+    model = np.maximum(np.median(y), rounding)
+    for _ in range(8):  # weights of the line itself: those of the bins favour low variances
+        design = np.stack([np.ones_like(x), x], axis=1) / (error * model)[:, None]
+        normal = design.T @ design + np.diag([1e-12, 1e-12])
+        read2, gain = np.linalg.solve(normal, design.T @ (y / (error * model)))
+        if gain <= 0 or len(x) < 3:
+            read2, gain = float(np.average(y, weights=error**-2.0)), 0.0
+        elif read2 < rounding:
+            read2 = rounding
+            gain = float(np.average((y - rounding) / np.maximum(x, 1e-6), weights=(x / (error * model)) ** 2))
+        model = read2 + gain * np.maximum(x, 0.0)
+    sigma = np.sqrt(np.diag(np.linalg.inv(normal)))
+    if len(x) < 3 or gain <= 0:  # one level only: the gain is not known
+        sigma = np.array([read2 / np.sqrt((error**-2.0).sum()), np.nan])
+    return Noise(max(float(read2), rounding), max(float(gain), 0.0), float(sigma[0]), float(sigma[1]))

@@ -1,0 +1,387 @@
+"""Wrong frames by a score of small blocks of the image: plain decoding under every swap, loss and repetition, and under
+other descriptions. The order of most good and smooth pixels is taken, and named.
+
+A test is a share of pixels, 1 in a right capture: of an axis, those whose bits are decided, whose fringes are
+sinusoids and whose place continues its neighbours'; of a bit, the same at its edges (a coarse bit has few, so blocks
+are chosen at them); of a fringe, the mean phasor of its phase against the coarser place. The search compares sums of
+1 - test. It sees neither a mirrored display nor a fault in bits that are constant over the image.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from itertools import combinations, product
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.errors import InputError
+from optolever.patterns import BINARY_CODES, Frame, Sequence
+
+from .plan import AxisPlan, Code, Fringe, Plan, plan
+
+__all__ = ["Repair", "find_order"]
+
+F32 = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+Order = NDArray[np.int64]
+#: Blocks, their side, blocks at the edges of every frame, stride of those of the first round, orders of the second.
+_BLOCKS, _SIDE, _EDGES, _FIRST, _SECOND = 36, 10, 2, 3, 24
+#: Sum of 1 - test that starts the search, and least gain (worst right capture of bits that the camera resolves: 0.3);
+#: sum that must remain at most, share of that before (right captures of poor phones .65 to .83, faults below .55).
+_POOR, _MOST = 0.6, 0.55
+#: Penalty of a test without pixels; sums that are equal.
+_NONE, _EQUAL = 0.05, 0.02
+#: Share of the half contrast below which a bit is open; residual of a fringe over its amplitude (gamma 2.2: .57).
+_OPEN, _RESIDUAL = 0.25, 0.7
+#: Finest bits, of which an unknown one leaves an interval of cells; coarser ones are constant in most blocks.
+_FINE = 2
+
+
+class Repair(NamedTuple):
+    """name, cure: for the notice; order (N',): captured frame of each image of `sequence`, which fits; frames: numbers
+    of the wrong ones; solved: False where the code needs an image that no frame shows, so that no pixel is good."""
+
+    name: str
+    cure: str
+    order: Order
+    sequence: Sequence
+    frames: tuple[int, ...] = ()
+    solved: bool = True
+
+
+class _Trial(NamedTuple):
+    """order (N,): captured frame of each image; free: image that no frame shows, -1: none."""
+
+    name: str
+    order: Order
+    sequence: Sequence
+    frames: tuple[int, ...] = ()
+    free: int = -1
+
+
+def find_order(frames: NDArray[Any], sequence: Sequence, mask: Mask | None = None) -> Repair | None:
+    """frames (N, H, W). None: they are as described, or no other order explains them better."""
+    if not any(axis.code is not None or axis.fringes for axis in plan(sequence).axes):
+        return None
+    blocks = _blocks(frames, mask)
+    if blocks is None:
+        return None
+    found, same = _search(blocks, sequence), np.arange(len(frames))
+    found = found or _Trial("", same, sequence)
+    ends = plan(found.sequence)
+    if min(ends.white, ends.black) >= 0 and found.free not in (ends.white, ends.black):
+        white, black = blocks[found.order[[ends.white, ends.black]]]
+        if np.median(white - black) < 0:
+            order = found.order.copy()
+            order[[ends.white, ends.black]] = order[[ends.black, ends.white]]
+            name = (
+                found.name or "white is darker than black on most lit pixels: they are in each other's place"
+            )
+            found = found._replace(name=name, order=order, frames=found.frames or (ends.white, ends.black))
+    return _repair(found) if found.name else None
+
+
+def _search(blocks: F32, sequence: Sequence) -> _Trial | None:
+    """The order or description that explains many more pixels."""
+    same = _Trial("", np.arange(len(blocks)), sequence)
+    base = _missing(blocks, same)
+    if base.sum() < _POOR:
+        return None
+    few, trials = blocks[:, ::_FIRST], [*_faults(sequence), *_descriptions(sequence)]
+    rough = _missing(few, same)
+    first = np.argsort([_missing(few, trial, rough).sum() for trial in trials], kind="stable")[:_SECOND]
+    costs = np.array([_missing(blocks, trials[i], base).sum() for i in first])
+    best, least = int(first[costs <= costs.min() + _EQUAL].min()), costs.min()  # of equal ones the simplest
+    return trials[best] if least < min(_MOST * base.sum(), base.sum() - _POOR) else None
+
+
+def _blocks(frames: NDArray[Any], mask: Mask | None) -> F32 | None:
+    """Lit blocks (N, B, side, side); for every frame some in which it has an edge, the rarest edges first."""
+    half, step, rng = _SIDE // 2, _SIDE // 2 - 1, np.random.default_rng(0)
+    low = frames[:, half : frames.shape[1] - half : 4, half : frames.shape[2] - half : 4].astype(np.float32)
+    if 0 in low.shape:
+        return None
+    span = np.ptp(low, axis=0)
+    lit = span > 0.4 * np.quantile(span, 0.95)
+    if mask is not None:
+        lit &= mask[half : mask.shape[0] - half : 4, half : mask.shape[1] - half : 4]
+    around = [frames[:, y::4, x::4][:, : low.shape[1], : low.shape[2]] for y in (half - step, half + step)
+              for x in (half - step, half + step)]  # fmt: skip
+    edges = (np.max(around, axis=0).astype(np.float32) - np.min(around, axis=0) > 0.5 * span) & lit
+    chosen: list[tuple[int, int]] = []
+    for edge in sorted(edges, key=np.count_nonzero):
+        more = _EDGES - sum(bool(edge[at]) for at in chosen)
+        chosen += [(int(y), int(x)) for y, x in rng.permutation(np.argwhere(edge))[: max(more, 0)]]
+    chosen = chosen[:_BLOCKS]
+    chosen += [(int(y), int(x)) for y, x in rng.permutation(np.argwhere(lit))[: _BLOCKS - len(chosen)]]
+    if not chosen:
+        return None
+    cut = [frames[:, 4 * y : 4 * y + _SIDE, 4 * x : 4 * x + _SIDE] for y, x in rng.permutation(chosen)]
+    return np.stack(cut, axis=1).astype(np.float32)
+
+
+def _missing(blocks: F32, trial: _Trial, base: Any = _NONE) -> NDArray[np.float64]:
+    """1 - test of all tests; without pixels half as much as in the base."""
+    try:
+        known = plan(trial.sequence)
+    except InputError:
+        return np.array([np.inf])
+    some = blocks[trial.order]
+    tests = np.concatenate([_tests(some, axis, known, trial.free) for axis in known.axes])
+    return np.where(
+        np.isnan(tests), np.maximum(0.5 * base, _NONE) if np.shape(base) == tests.shape else _NONE, 1 - tests
+    )
+
+
+def _tests(blocks: F32, axis: AxisPlan, known: Plan, free: int) -> NDArray[np.float64]:
+    """Tests of an axis: of the axis, twice; of each bit and each finer fringe, NaN: too few pixels."""
+    if (axis.code is None and not axis.fringes) or axis.looked_up:
+        return np.zeros(0)
+    fits = [(f.period, *fit) for f in axis.fringes if (fit := _fringe(blocks, f, free)) is not None]
+    ok: Mask = np.ones(blocks.shape[1:], np.bool_)
+    for *_, residual in fits:
+        ok &= residual < _RESIDUAL
+    width: Any = np.zeros(blocks.shape[1:], np.float32)
+    phasors, coded, edges = [], ok[None, :, 1:-1, 1:-1], []
+    if axis.code is not None:
+        place, width, decided, edges = _word_place(blocks, axis.code, known, fits[0] if fits else None, free)
+        ok &= decided & (width <= max(8 * axis.code.cell, axis.extent / 16))
+        coded = _smooth(place, np.broadcast_to(3 * width, place.shape), 0.5) & ok[:, 1:-1, 1:-1]
+    elif not fits:
+        return np.zeros(2)
+    else:
+        place = _ladder_place(fits, axis.extent)[None]
+    good = coded
+    for period, turn, _, _, _ in fits:
+        gap = turn - place / period
+        use = (width < 0.75 * period) & ok
+        if axis.code is not None or period < fits[0][0]:
+            mean = np.cos(2 * np.pi * gap) / np.sinc(np.minimum(width / period, 0.75))
+            share = (mean * use).sum(axis=(1, 2, 3)).max() / max(use.sum(), 1)
+            phasors.append(min(share, 1.0) if use.mean() > 0.2 else np.nan if ok.mean() > 0.2 else 0.0)
+        place, width = period * (turn - np.rint(gap)), np.zeros_like(width)
+        good = _smooth(place, 0.25 * period, 0.25) & ok[:, 1:-1, 1:-1]
+    inner = place[..., 1:-1, 1:-1]
+    good = good & (inner > -0.02 * axis.extent - 1) & (inner < 1.02 * axis.extent)
+    # an unknown bit is constant in most blocks: its better value of each
+    better = good.mean(axis=(2, 3)).argmax(axis=0), np.arange(blocks.shape[1])
+    share, coded = float(good[better].mean()), coded[better]
+    at_edges = [coded[edge].mean() if np.count_nonzero(edge) >= 8 else np.nan for edge in edges]
+    return np.array([share, share, *phasors, *at_edges])
+
+
+def _fringe(blocks: F32, fringe: Fringe, free: int) -> tuple[F32, F32, F32, F32] | None:
+    """Phase (turns), amplitude, offset, residual over amplitude; None: less than three samples."""
+    keep = [k for k, i in enumerate(fringe.index) if i != free]
+    if len(keep) < 3:
+        return None
+    design, levels = fringe.design[keep].astype(np.float32), blocks[[fringe.index[k] for k in keep]]
+    fit = np.tensordot(np.linalg.pinv(design), levels, 1)
+    amplitude = np.hypot(fit[1], fit[2]) + np.float32(1e-3)
+    square = np.square(levels - np.tensordot(design, fit, 1)).sum(axis=0) / max(len(keep) - 3, 1)
+    residual = np.sqrt(square) / amplitude if len(keep) > 3 else np.zeros_like(amplitude)
+    return np.arctan2(fit[2], fit[1]) / np.float32(2 * np.pi), amplitude, fit[0], residual
+
+
+def _word_place(
+    blocks: F32, code: Code, known: Plan, fit: tuple[Any, ...] | None, free: int
+) -> tuple[F32, F32, Mask, list[Mask]]:
+    """Place (1 or 2, B, side, side), of both values of an unknown bit; width of its interval, pattern px; whether all
+    but the finest bits are decided; inner pixels at the edges of each bit."""
+    ends = [known.white, known.black]
+    used = [i for i in (*code.plain, *code.inverse) if i >= 0 and i != free]
+    high, low = blocks[used].max(axis=0), blocks[used].min(axis=0)
+    middle, half = 0.5 * (high + low), np.maximum(0.5 * (high - low), 1)
+    if min(ends) >= 0 and free not in ends:
+        middle = 0.5 * (blocks[known.white] + blocks[known.black])
+    elif fit is not None:
+        middle = fit[3]
+    pairs = [[-1 if i == free else i for i in pair] for pair in zip(code.plain, code.inverse, strict=True)]
+    unknown = [b for b, pair in enumerate(pairs) if max(pair) < 0]
+    levels = np.stack([
+        (blocks[i] - blocks[j]) / 2 if min(i, j) >= 0 else blocks[i] - middle if i >= 0 else middle - blocks[j]
+        for i, j in pairs
+    ])  # fmt: skip
+    levels[unknown] = half
+    bits, opened = np.arange(len(pairs))[:, None, None, None], np.abs(levels) < _OPEN * half
+    run = np.zeros(half.shape, np.int64)
+    for b in range(0 if code.together else len(pairs)):
+        run += (run == b) & opened[b]
+    fine = bool(unknown) and unknown[0] <= _FINE
+    run = np.maximum(run, unknown[0] + 1) if fine else run
+    decided = (opened & (bits >= run)).sum(axis=0) <= (3 if code.together else 1)
+    word = ((levels > 0) << bits).sum(axis=0)
+    words = np.stack([word, word ^ (1 << unknown[0])]) if unknown and not fine else word[None]
+    finest = (1 << run) - 1
+    cell = np.minimum(code.cells[words & ~finest], code.cells[words | finest]) >> run << run
+    width = np.asarray((1 << run) * code.cell, np.float32)
+    edges = [_edges(level > 0) & (run <= b)[:, 1:-1, 1:-1] for b, level in enumerate(levels)]
+    for b in range(unknown[0] + 1 if fine else 0):  # no fault of the order that leaves it out
+        edges[b] = np.ones_like(edges[b])
+    return np.asarray(cell * code.cell + 0.5 * (width - 1) + code.origin, np.float32), width, decided, edges
+
+
+def _edges(bit: Mask) -> Mask:
+    """Inner pixels with another value at a neighbour."""
+    inner = bit[:, 1:-1, 1:-1]
+    beside = bit[:, 1:-1, 2:], bit[:, 1:-1, :-2], bit[:, 2:, 1:-1], bit[:, :-2, 1:-1]
+    return np.any([inner != one for one in beside], axis=0)
+
+
+def _ladder_place(fits: list[Any], extent: int) -> F32:
+    """Place by the coarsest fringe; its order is that which the others confirm best."""
+    period, turn = fits[0][:2]
+    place = np.asarray(np.mod(turn + 0.5 / period, 1) * period - 0.5, np.float32)
+    if period >= extent or len(fits) == 1:
+        return place
+    best, cost = place, np.full(place.shape, np.inf, np.float32)
+    for order in range(int(np.ceil(extent / period))):
+        tried = place + np.float32(order * period)
+        gaps = [other[1] - tried / other[0] for other in fits[1:]]
+        square = sum(np.square(gap - np.rint(gap)) for gap in gaps)
+        best, cost = np.where(square < cost, tried, best), np.minimum(square, cost)
+    return best
+
+
+def _smooth(place: F32, slack: Any, share: float) -> Mask:
+    """Inner pixels whose second differences are below slack and a share of the first differences."""
+    good: Any = True
+    for axis in (2, 3):
+        first = np.abs(step := np.diff(place, axis=axis))
+        a, b = (np.delete(first, end, axis) for end in (-1, 0))
+        rough = np.abs(np.diff(step, axis=axis)) - share * (a + b)
+        cut = (..., slice(None), slice(1, -1)) if axis == 2 else (..., slice(1, -1), slice(None))
+        good = good & (rough[cut] <= (slack[..., 1:-1, 1:-1] if np.ndim(slack) else slack))
+    return np.asarray(good)
+
+
+def _faults(sequence: Sequence) -> Iterator[_Trial]:
+    """Single faults of frames, the simplest first."""
+    count = len(sequence)
+    same = np.arange(count)
+    for i, j in combinations(range(count), 2):
+        order = same.copy()
+        order[[i, j]] = j, i
+        yield _Trial(f"frames {i} and {j} are in each other's place", order, sequence, (i, j))
+    for k in range(count - 1):
+        late, early = same.copy(), same.copy()
+        late[k + 1 :], early[k + 1 : -1] = late[k:-1], early[k + 2 :]
+        yield _Trial(f"frame {k} is missing, later ones are one early", late, sequence, (k,), k)
+        if k < count - 2:
+            name = f"frame {k} is there twice, later ones are one late"
+            yield _Trial(name, early, sequence, (k + 1,), count - 1)
+    for k in range(count):
+        yield _Trial(f"frame {k} is missing, another image is in its place", same, sequence, (k,), k)
+
+
+def _descriptions(sequence: Sequence) -> Iterator[_Trial]:
+    """Descriptions that are often mistaken for the right one; order of the images in a folder."""
+    same, frames = np.arange(len(sequence)), sequence.frames
+    yield _Trial("the frames are in reverse order", same[::-1].copy(), sequence)
+    names = sorted(range(len(frames)), key=str)
+    yield _Trial("the frames are in the alphabetical order of their numbers", np.argsort(names), sequence)
+    count = {axis: max((f.bit or 0 for f in frames if f.axis == axis), default=0) for axis in ("u", "v")}
+    kinds, axes = {"gray": "binary", "binary": "gray"}, {"u": "v", "v": "u"}
+    changes: dict[str, Callable[[Frame], Frame]] = {
+        "bits are inverted": lambda f: replace(f, inverted=not f.inverted),
+        "bits are in reverse order": lambda f: replace(f, bit=count[f.axis or "u"] - (f.bit or 0)),
+        "binary and Gray bits are mistaken for each other": lambda f: replace(
+            f, kind=kinds.get(f.kind, f.kind)
+        ),
+        "cells are half as large": lambda f: replace(f, cell_px=f.cell_px / 2),
+        "cells are twice as large": lambda f: replace(f, cell_px=f.cell_px * 2),
+    }
+    waves: dict[str, Callable[[Frame], Frame]] = {
+        "fringes have shifts of the other sign": lambda f: replace(f, shift=-(f.shift or 0.0)),
+        "periods are half as large": lambda f: replace(f, period_px=(f.period_px or 1.0) / 2),
+        "periods are twice as large": lambda f: replace(f, period_px=(f.period_px or 1.0) * 2),
+    }
+    kind = [(changes, BINARY_CODES), (waves, ("phase",))]
+    told = [(name, change, of) for some, of in kind for name, change in some.items()]
+    exchange = lambda f: replace(f, axis=axes[f.axis])  # noqa: E731
+    for name, change, of in [*told, ("u and v are exchanged", exchange, (*BINARY_CODES, "phase"))]:
+        if any(f.kind in of for f in frames):
+            other = tuple(change(f) if f.kind in of else f for f in frames)
+            yield _Trial(name, same, replace(sequence, frames=other))
+    for key, name in _arrangements(frames):
+        yield _Trial(f"the frames are in another order: {name}", np.argsort(sorted(same, key=key)), sequence)
+
+
+def _arrangements(frames: tuple[Frame, ...]) -> Iterator[tuple[Callable[[int], Any], str]]:
+    """Keys that sort the images as folders hold them."""
+    ends = [("white", "black"), ("black", "white")]
+    axes = [{"u": 0, "v": 1}, {"v": 0, "u": 1}, {"u": 0, "v": 0}]
+    for first, (end, axis, sign, pairs) in product((0, 9), product(ends, axes, (-1, 1), range(3))):
+
+        def key(
+            i: int, first: int = first, end: Any = end, axis: Any = axis, sign: Any = sign, pairs: int = pairs
+        ) -> Any:
+            f = frames[i]
+            if f.kind in end:
+                return first, end.index(f.kind)
+            polarity = f.inverted != (pairs == 1)
+            bits = (polarity, sign * (f.bit or 0)) if pairs == 2 else (sign * (f.bit or 0), polarity)
+            return (
+                5,
+                axis.get(f.axis, 0),
+                f.kind == "phase",
+                -(f.period_px or 0),
+                f.kind != "phase" and bits,
+                i,
+            )
+
+        parts = [
+            ", ".join(end),
+            "v before u" if axis["u"] else "u before v" if axis["v"] else "u and v in turns",
+        ]
+        more = ("coarse" if sign < 0 else "fine") + " bits first"
+        more += ("", ", inverses first", ", all inverses after all bits")[pairs]
+        yield key, ", ".join([*(parts if first == 0 else parts[::-1]), more])
+
+
+def _repair(found: _Trial) -> Repair:
+    """Leave out an image that no frame shows, with its fringe, or with the finer bits if need be."""
+    sequence, cure = found.sequence, "decoded in the right order; capture again, or correct the description"
+    if found.free < 0:
+        return Repair(found.name, cure, found.order, sequence, found.frames)
+    axes, cure = plan(sequence).axes, "decoded without it; capture again"
+    own = [{*f.index} for axis in axes for f in (*axis.fringes, *axis.singles) if found.free in f.index]
+    for drop in ({found.free}, *own):
+        keep = [i for i in range(len(sequence)) if i not in drop]
+        less = replace(sequence, frames=tuple(sequence.frames[i] for i in keep))
+        if _decodable(axes, less):
+            return Repair(found.name, cure, found.order[keep], less, found.frames)
+    lost = sequence.frames[found.free]
+    if lost.kind in ("gray", "binary"):
+        coarser = [_coarser(frame, lost) for frame in sequence.frames]
+        keep = [i for i, frame in enumerate(coarser) if frame is not None]
+        left = tuple(frame for frame in coarser if frame is not None)
+        if any(frame.kind == lost.kind and frame.axis == lost.axis for frame in left):
+            less = replace(sequence, frames=left)
+            cure = f"decoded without it, {lost.axis} by coarser bits alone; capture again"
+            return Repair(found.name, cure, found.order[keep], less, found.frames)
+    cure = "the code cannot do without it; capture again"
+    return Repair(found.name, cure, found.order, sequence, found.frames, solved=False)
+
+
+def _coarser(frame: Frame, lost: Frame) -> Frame | None:
+    """A frame of the code without a bit and all finer ones; None: it goes."""
+    finer = 1 + (lost.bit or 0)
+    cell = lost.cell_px * 2**finer
+    if frame.axis != lost.axis or (frame.kind == "phase" and (frame.period_px or 0) >= cell):
+        return frame
+    if frame.kind != lost.kind or (frame.bit or 0) < finer:
+        return None
+    return replace(frame, bit=(frame.bit or 0) - finer, cell_px=cell)
+
+
+def _decodable(before: tuple[AxisPlan, ...], less: Sequence) -> bool:
+    """Whether all axes still have absolute places."""
+    try:
+        axes = plan(less).axes
+    except InputError:
+        return False
+    whole = [a.code is not None or bool(a.fringes and a.fringes[0].period >= a.extent) for a in axes]
+    same = [[(len(a.singles), a.code is None or len(a.code.plain)) for a in some] for some in (before, axes)]
+    return all(whole) and same[0] == same[1]

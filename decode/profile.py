@@ -1,0 +1,174 @@
+"""RigProfile: common properties of the captures of one rig, estimated once, applied to further ones."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import types
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, is_dataclass
+from pathlib import Path
+from typing import Any, NamedTuple, Self, get_args, get_origin, get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.errors import InputError
+from optolever.files import load_arrays, save_arrays
+from optolever.notices import Notice
+from optolever.patterns import Sequence
+
+from .codes.fringe import Misfit
+from .effects import Estimate
+from .noise import Noise
+from .records import SharedNoise
+from .response import Response
+
+__all__ = ["AxisProfile", "Effect", "ExposureProfile", "RigProfile", "Sampled", "Settings", "digest"]
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """Parameters of `decode` that the caller knows or chooses."""
+
+    noise: float | None = None
+    gain: float = 0.0
+    white_level: float | None = None
+    response: Response | None = None
+    blur_px: float | None = None
+    lens_px: float | None = None
+    on_cells: bool = True
+
+
+class Sampled(NamedTuple):
+    """Statistics of sample pixels while a profile holds: share without a flag; median chi2 per degree of freedom;
+    median amplitude, levels."""
+
+    good: float
+    chi2: float
+    amplitude: float
+
+
+class AxisProfile(NamedTuple):
+    """Of one axis: misfit of each fringe; deviation of a sample over the amplitude (close periods, else 0); variance
+    of every place, px^2; optics of a look-up, None without one."""
+
+    misfits: tuple[Misfit, ...]
+    deviation: float
+    variance: float
+    look_up: Any = None
+
+
+class ExposureProfile(NamedTuple):
+    """Of one exposure: noise, axes, effects, noise that pixels have in common, statistics, notices."""
+
+    noise: Noise
+    axes: tuple[AxisProfile, ...]
+    effects: tuple[Estimate, ...]
+    shared: SharedNoise | None
+    sampled: Sampled
+    notices: tuple[Notice, ...]
+
+
+class Effect(NamedTuple):
+    """A row of a profile's table: value and standard deviation (NaN: not estimated) in a unit."""
+
+    name: str
+    value: float
+    sigma: float
+    unit: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RigProfile:
+    """Estimated by `estimate_profile`, or by a `Decoder` from its first capture.
+
+    sequence   digest of the sequence that the estimates belong to
+    shape      (H, W) of the frames, dtype: their kind
+    clip       raw level at which samples saturate; rounding: variance by rounding, levels^2
+    settings   parameters of the estimation
+    exposures  one profile for each exposure of the sequence
+    """
+
+    sequence: str
+    shape: tuple[int, ...]
+    dtype: str
+    clip: float
+    rounding: float
+    settings: Settings
+    exposures: tuple[ExposureProfile, ...]
+
+    def effects(self) -> tuple[Effect, ...]:
+        """Table of the estimates."""
+        return tuple(row for number, one in enumerate(self.exposures) for row in _rows(number, one))
+
+    def save(self, path: str | Path) -> None:
+        """Write an .npz: arrays, and all other numbers as JSON."""
+        arrays: dict[str, NDArray[Any]] = {}
+        text = json.dumps(_packed(self, "profile", arrays))
+        save_arrays(path, {"profile": np.array(text), **arrays})
+
+    @classmethod
+    def load(cls, path: str | Path) -> Self:
+        """Read what save() wrote; InputError names the file."""
+        arrays = load_arrays(path, ("profile",), ("profile",))
+        try:
+            found = _unpacked(cls, json.loads(str(arrays["profile"])), arrays)
+        except (ValueError, TypeError, KeyError, AttributeError, StopIteration, InputError) as error:
+            raise InputError(f"{path}: no profile of this version; estimate it again") from error
+        if not isinstance(found, cls):
+            raise InputError(f"{path}: no profile of this version; estimate it again")
+        return found
+
+
+def digest(sequence: Sequence) -> str:
+    """Hash of a sequence's content; its name does not count."""
+    content = repr((sequence.frames, sequence.rows, sequence.cols, sequence.nominal))
+    return hashlib.sha256(content.encode()).hexdigest()[:16]
+
+
+def _rows(number: int, one: ExposureProfile) -> list[Effect]:
+    def effect(name: str, value: float, sigma: float, unit: str) -> Effect:
+        return Effect(name if number == 0 else f"{name}, exposure {number + 1}", value, sigma, unit)
+
+    nan, noise = float("nan"), one.noise
+    rows = [
+        effect("read noise", noise.read2**0.5, noise.read2_sigma / (2 * noise.read2**0.5), "levels"),
+        effect("noise gain", noise.gain, noise.gain_sigma, "levels^2 per level"),
+    ]
+    scales = [misfit.scale for axis in one.axes for misfit in axis.misfits]
+    if scales:
+        rows.append(effect("misfit of the fringes", max(scales) ** 0.5, nan, "of the noise"))
+    return rows + [effect(*estimate) for estimate in one.effects]
+
+
+def _packed(value: object, name: str, arrays: dict[str, NDArray[Any]]) -> object:
+    """JSON form of a value; arrays and NumPy numbers go into `arrays` by their names."""
+    if isinstance(value, np.ndarray | np.generic):
+        arrays[name] = np.asarray(value)
+        return {"array": name}
+    if isinstance(value, tuple) and hasattr(value, "_fields"):
+        return {key: _packed(getattr(value, key), f"{name}.{key}", arrays) for key in value._fields}
+    if is_dataclass(value):
+        keys = [field.name for field in fields(value)]
+        return {key: _packed(getattr(value, key), f"{name}.{key}", arrays) for key in keys}
+    if isinstance(value, tuple):
+        return [_packed(one, f"{name}.{i}", arrays) for i, one in enumerate(value)]
+    return value
+
+
+def _unpacked(kind: Any, value: Any, arrays: Mapping[str, NDArray[Any]]) -> Any:
+    """Inverse of _packed for a type."""
+    if isinstance(value, dict) and set(value) == {"array"}:
+        found = arrays[value["array"]]
+        return found[()] if found.ndim == 0 else found
+    origin, parts = get_origin(kind), get_args(kind)
+    if origin in (types.UnionType,) and value is not None:
+        return _unpacked(next(part for part in parts if part is not type(None)), value, arrays)
+    if value is None or not isinstance(value, dict | list):
+        return value
+    if isinstance(value, dict):
+        hints = get_type_hints(kind)
+        return kind(**{key: _unpacked(hints[key], one, arrays) for key, one in value.items()})
+    inner = [parts[0]] * len(value) if len(parts) == 2 and parts[1] is ... else parts
+    return tuple(_unpacked(part, one, arrays) for part, one in zip(inner, value, strict=True))

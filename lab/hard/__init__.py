@@ -1,1 +1,0 @@
-"""Hard cases of decode and reconstruct, and a verdict for each."""

@@ -1,0 +1,62 @@
+"""Captures of other people's renderers, which earlier versions got wrong: see the README beside them."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from optolever.decode import Correspondence
+from optolever.reconstruct import HeightMap, contacts, reconstruct, slope_map
+from optolever.scene import load
+
+CASES = Path(__file__).parents[3] / "shared" / "cases" / "t4"
+pytestmark = pytest.mark.skipif(not CASES.is_dir(), reason="../shared/cases/t4 is absent")
+
+
+def captures(name: str) -> tuple[Correspondence, Correspondence, np.ndarray]:
+    folder = CASES / name
+    pressed, rest = (Correspondence.load(folder / f"{part}.npz") for part in ("pressed", "rest"))
+    return pressed, rest, np.load(folder / "truth.npz")["z"]
+
+
+def rms_um(height: HeightMap, truth: np.ndarray) -> float:
+    return 1e3 * float(np.sqrt(np.nanmean((height.z - truth)[height.good] ** 2)))
+
+
+def total_um(height: HeightMap) -> float:
+    return 1e3 * float(np.median(height.total_sigma[height.good]))
+
+
+def test_a_face_that_bulges_is_no_motion() -> None:
+    pressed, rest, truth = captures("bulge10")
+    height = reconstruct(pressed, load(CASES / "bulge10" / "rig.toml"), rest=rest)
+    assert rms_um(height, truth) < 2.0
+    assert rms_um(height, truth) < total_um(height) < 20.0
+
+
+def test_a_typed_rig_that_is_wrong_by_a_sigma_against_rest() -> None:
+    pressed, rest, truth = captures("huge_sigma")
+    scene = load(CASES / "huge_sigma" / "rig.toml")
+    found = []
+    for least in (0, 40, 80):
+        flags = np.where(pressed.u < least, pressed.flags | 1, pressed.flags)
+        part = replace(pressed, flags=flags.astype(np.uint16))
+        height = reconstruct(part, scene, rest=rest)
+        assert rms_um(height, truth) < total_um(height) < 20.0
+        found.append(height.diagnostics.chi2)
+        if least == 0:
+            assert contacts(height, slope_map(height, part, scene, rest))
+    assert max(found) < 10 * min(found)
+
+
+def test_schlieren_within_the_typed_accuracy_stay() -> None:
+    folder = CASES / "schlieren"
+    scene, seen = load(folder / "rig.toml"), Correspondence.load(folder / "c.npz")
+    height = reconstruct(seen, scene)
+    assert not height.implausible
+    assert height.good.mean() > 0.5
+    assert rms_um(height, np.load(folder / "truth.npz")["z"]) < total_um(height)
+    assert any("rest capture" in notice.cure for notice in height.notices)
+    exact = reconstruct(seen, replace(scene, accuracy=None))
+    assert total_um(height) > 10 * total_um(exact)
