@@ -235,8 +235,8 @@ def _video_frames(path: Path) -> Iterator[Picture]:
 
 
 def _require_whole_png(path: Path, data: bytes) -> None:
-    """Length and CRC of every chunk, one picture, and no more pixels than the file can hold: OpenCV hands out what it
-    could read of a damaged file."""
+    """Length and CRC of every chunk, one picture, and no more pixels than the file can hold: OpenCV hands
+    out what it could read of a damaged file."""
     at = len(_PNG_SIGNATURE)
     view = memoryview(data)
     while at + 12 <= len(data):
