@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import click
 
 from optolever import InputError, __version__
+from optolever.errors import reason_of
 
 from .commands import Program
 
@@ -48,7 +49,7 @@ def exit_code(program: click.Command, name: str, args: Sequence[str] | None = No
 
         return _complain(name, f"{error or 'too little memory'}; {free_memory() / 2**30:.3g} GiB are free")
     except OSError as error:
-        return _complain(name, f"{error.filename or 'input or output'}: {error.strerror or error}")
+        return _complain(name, f"{error.filename or 'input or output'}: {reason_of(error)}")
     except (click.Abort, KeyboardInterrupt):
         click.echo(f"{name}: interrupted", err=True)
         return 130

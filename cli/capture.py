@@ -4,15 +4,20 @@ import time
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
+
+from optolever import InputError
 
 from .options import FILE, dent_of, json_option, load_scene, sample, virtual_sensor
 from .outputs import Program
 from .rig_capture import capture_rig
 from .rig_devices import device_options, devices_of
 from .show import number, progress, table, write_json
+
+if TYPE_CHECKING:
+    from optolever.scene import Scene
 
 __all__ = ["command"]
 
@@ -78,12 +83,14 @@ def command(
     shown = sequence_from_text(sequence, scene.pattern.rows, scene.pattern.cols)
     with together(), progress() as step:
         with atomic_folder(out) as folder:
+            step("trace the truth")
+            truth = trace(scene, surface)
+            if not truth.visible.any():
+                raise InputError(f"--scene {scene_name}: {_missed(scene)}")
             step(f"capture {len(shown)} frames")
             start = time.perf_counter()
             record = capture(scene, surface, shown, renderer=renderer, noise=noise, seed=seed, progress=step)
             seconds = time.perf_counter() - start
-            step("trace the truth")
-            truth = trace(scene, surface)
             step("write")
             record.save(folder, truth)
         numbers = {
@@ -106,6 +113,18 @@ def command(
             "mean level": number(numbers["mean_level"]),
             "time": number(seconds, "s"),
         },
+    )
+
+
+def _missed(scene: "Scene") -> str:
+    """Why no pixel has a pattern in it, as far as the central ray says."""
+    camera, mirror = scene.camera, scene.mirror
+    origin, direction = camera.rays_at(0.5 * (camera.rows - 1), 0.5 * (camera.cols - 1))
+    x, y = (float(part) for part in (origin - origin[2] / direction[2] * direction)[:2])
+    return (
+        f"no pixel sees the pattern in the mirror: the image's centre is at x = {x:.4g}, y = {y:.4g} mm of a "
+        f"mirror of {mirror.length:.4g} x {mirror.width:.4g} mm; check the poses, and that all lengths are "
+        "in millimetres"
     )
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from optolever import InputError
+from optolever.errors import reason_of
 
 from .options import FILE, json_option, sample
 from .outputs import Program
@@ -76,7 +77,8 @@ def command(rig: Path, seconds: float, out: Path, json_path: Path | None, **give
             }
     failure = stream.failure or writer.failure
     if failure is not None:
-        raise InputError(f"{failure}; {recorder.images} images are in {out}") from failure
+        reason = reason_of(failure) if isinstance(failure, OSError) else failure
+        raise InputError(f"{reason}; {recorder.images} images are in {out}") from failure
     write_json(json_path, numbers)
     table(
         f"Recording in {out}",

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from optolever import InputError
+from optolever.errors import reason_of
 
 from .rig_devices import Devices, opened, timing_of, wait_of
 
@@ -79,8 +80,8 @@ def capture_rig(rig: Path, devices: Devices, shown: "Sequence", out: Path, *, ke
                     )
                 )  # fmt: skip
         except (InputError, OSError) as error:
-            reason = error.strerror if isinstance(error, OSError) else str(error)
-            raise InputError(f"{reason or error}; what was taken so far is in {record}") from error
+            reason = reason_of(error) if isinstance(error, OSError) else str(error)
+            raise InputError(f"{reason}; what was taken so far is in {record}") from error
         seconds, lost = now.time.now() - begin, now.camera.lost
     frames = np.stack([one.image.pixels for one in taken])
     stamps = np.array([one.stamp_s for one in taken])

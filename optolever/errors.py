@@ -1,8 +1,9 @@
 """The one error that a user's input can cause."""
 
+import errno
 from pathlib import Path
 
-__all__ = ["InputError", "require_file"]
+__all__ = ["InputError", "reason_of", "require_file"]
 
 
 class InputError(ValueError):
@@ -23,3 +24,10 @@ def require_file(path: str | Path) -> None:
         raise InputError(f"{path}: is a folder, must be a file{cure}")
     if not Path(path).is_file():
         raise InputError(f"{path}: no such file")
+
+
+def reason_of(error: OSError) -> str:
+    """Why the system refused, in one phrase. Libraries hide a full disk in their own text."""
+    text = error.strerror or str(error)
+    full = error.errno in (errno.ENOSPC, errno.EDQUOT) or "No space left on device" in text
+    return "The disk is full" if full else text

@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.errors import InputError, require_file
+from optolever.errors import InputError, reason_of, require_file
 from optolever.memory import require_room
 
 __all__ = [
@@ -95,7 +95,7 @@ class _Output:
         except InputError as error:
             raise InputError(str(error).replace(str(self.temporary), str(self.asked))) from error
         except OSError as error:
-            where, reason = str(error.filename or self.temporary), error.strerror or str(error)
+            where, reason = str(error.filename or self.temporary), reason_of(error)
             if str(self.temporary) not in where:
                 raise
             if not reason.startswith(_FAILED):

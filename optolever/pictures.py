@@ -44,6 +44,7 @@ _LUMINANCE = (0.299, 0.587, 0.114)
 CHANNELS = ("red", "green", "blue", "luminance")
 #: Channels that a picture may have, and the largest values of 8, 10, 12, 14 and 16 bits.
 _CHANNELS, _WHITE = 4, (255, 1023, 4095, 16383, 65535)
+_ANIMATED = 2  # of a WebP, flag of its VP8X chunk (RFC 9649, 2.7)
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 #: Samples of a pixel, by the colour type of a PNG's header.
 _SAMPLES = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
@@ -76,6 +77,8 @@ def read_pictures(path: Path) -> Picture:
         return _from_tiff(path, data)
     if data.startswith(_PNG_SIGNATURE):
         _require_whole_png(path, data)
+    if data[12:16] == b"VP8X" and data[20] & _ANIMATED:
+        raise InputError(f"{path}: holds several pictures (an animated WebP), must be one")
     return _decoded(path, data)[None]
 
 
@@ -232,8 +235,8 @@ def _video_frames(path: Path) -> Iterator[Picture]:
 
 
 def _require_whole_png(path: Path, data: bytes) -> None:
-    """Length and CRC of every chunk, and no more pixels than the file can hold: OpenCV hands out what it
-    could read of a damaged file."""
+    """Length and CRC of every chunk, one picture, and no more pixels than the file can hold: OpenCV hands
+    out what it could read of a damaged file."""
     at = len(_PNG_SIGNATURE)
     view = memoryview(data)
     while at + 12 <= len(data):
@@ -248,6 +251,8 @@ def _require_whole_png(path: Path, data: bytes) -> None:
             )
         if kind == b"IHDR" and length == 13:
             _require_held(path, data, at + 8)
+        if kind == b"acTL" and (count := int.from_bytes(view[at + 8 : at + 12], "big")) > 1:
+            raise InputError(f"{path}: holds {count} pictures (an animated PNG), must be one")
         if kind == b"IEND":
             return
         at = end

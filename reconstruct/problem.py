@@ -20,6 +20,7 @@ from .solver.anchors import EDGE_REACH, Anchors, Samples, anchor_rows, anchor_sa
 __all__ = ["Problem", "prepare"]
 
 #: Pattern pixels: the lower limit of sigma.
+_LEAST = 2  # rows and columns of pixels
 _LEAST_SIGMA = 1e-5
 #: Deviations that noise may lead beyond the pattern.
 _NOISE = 5.0
@@ -81,6 +82,11 @@ def prepare(
         raise InputError(
             f"correspondence: {size[0]} x {size[1]} pixels, the scene's camera has "
             f"{camera.rows} x {camera.cols}"
+        )
+    if min(size) < _LEAST:
+        raise InputError(
+            f"correspondence: {size[0]} x {size[1]} pixels, must be at least {_LEAST} x {_LEAST}: slopes are "
+            "integrated along rows and columns; take a larger part of the image"
         )
     rays = ray_field(camera)
     valid = _valid(correspondence, rays, scene.pattern, mask)

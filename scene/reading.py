@@ -51,6 +51,8 @@ _MEANT = {
     "target": "look_at_mm",
     "tilt_deg": "angle_deg",
 }
+#: mm between cells of a display: those of microdisplays are 0.0025 mm apart.
+_LEAST_PITCH = 1e-3
 _PRESETS = Path(__file__).parent / "presets"
 T = TypeVar("T")
 
@@ -269,6 +271,11 @@ def _pattern(table: _Table) -> Pattern:
     table.known(f"{surface}, angle_deg, offset_mm, {pose}")
     cols, rows = table.take("size", _size)
     pitch, tall = table.take("pitch_mm", _pair_or_one)
+    if min(pitch, tall) < _LEAST_PITCH:
+        raise InputError(
+            f"pattern.pitch_mm = {min(pitch, tall):g}: must be at least {_LEAST_PITCH:g} mm; lengths are in "
+            "millimetres, multiply metres by 1000"
+        )
     aspect, stagger = tall / pitch, table.get("stagger", number, 0.0)
     blur_px = table.get("blur_px", _non_negative, 0.0)
     shape = _shape(table, rows, cols)

@@ -1,14 +1,20 @@
 """Plausible mistakes: each is one line that names what is wrong, its value, what it must be, and the cure."""
 
 import shutil
+import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+import tomli_w
 
+from optolever import InputError
 from optolever.decode import Correspondence
 from optolever.projector import Capture
+from optolever.reconstruct import reconstruct
+from optolever.scene import load, resize
 
 from .conftest import Chain, Program, Refused
 
@@ -106,6 +112,37 @@ def test_a_line_that_is_not_meant_so(
         "scene": f"--scene {chain.capture / 'scene.toml'}",
     }
     refused(line.format(**known).split(), *words)
+
+
+@pytest.mark.parametrize(
+    ("section", "key", "words"),
+    [
+        ("pattern", "pitch_mm", ("pattern.pitch_mm", "at least 0.001 mm", "multiply metres by 1000")),
+        ("mirror", "size_mm", ("no pixel sees the pattern", "of a mirror of 0.06 x 0.045 mm", "millimetres")),
+    ],
+)
+def test_lengths_in_metres(
+    section: str, key: str, words: tuple[str, ...], refused: Refused, tmp_path: Path
+) -> None:
+    resize(load("prism48"), 48, 64).save(tmp_path / "mm.toml")
+    table = tomllib.loads((tmp_path / "mm.toml").read_text(encoding="utf-8"))
+    given = table[section][key]
+    table[section][key] = [each / 1000 for each in given] if isinstance(given, list) else given / 1000
+    (tmp_path / "m.toml").write_text(tomli_w.dumps(table), encoding="utf-8")
+    refused(["capture", "--scene", tmp_path / "m.toml", "--out", tmp_path / "c"], *words)
+    assert not (tmp_path / "c").exists()
+
+
+@pytest.mark.parametrize("size", [(1, 64), (48, 1), (1, 1)])
+def test_one_row_or_one_column_of_pixels(size: tuple[int, int]) -> None:
+    """Nothing is integrated along the other direction."""
+    scene = resize(load("prism48", exact=True), 48, 64)
+    fields = (np.full(size, value) for value in (5.0, 5.0, 0.01, 0.01))
+    part = Correspondence(*fields, np.zeros(size, np.uint16))
+    camera = replace(scene.camera, rows=size[0], cols=size[1])
+    rig = replace(scene, camera=camera)
+    with pytest.raises(InputError, match=rf"{size[0]} x {size[1]} pixels, must be at least 2 x 2"):
+        reconstruct(part, rig)
 
 
 @pytest.mark.parametrize("kind", ["png", "jpg"])

@@ -239,8 +239,8 @@ def test_all_outputs_or_none(
     """The last one does not fit: those before it, whole already, are not left either."""
     full = device("full")
     args = [*chain.solve, "--out", tmp_path / "h.npz", "--ply", tmp_path / "h.ply", "--json", full]
-    refused(args, full, "No space left")
+    refused(args, full, "The disk is full")
     assert stat.S_ISCHR(full.stat().st_mode)
     (tmp_path / "rig.toml").write_bytes((chain.capture / "scene.toml").read_bytes())
     args = ["rest", chain.correspondence, "--scene", tmp_path / "rig.toml", "--json", full]
-    refused(args, full, "No space left")
+    refused(args, full, "The disk is full")

@@ -198,6 +198,10 @@ BAD = [
         MINIMAL.replace("pitch_mm = 0.1", "pitch_mm = 1e-9"),
         r"pattern\.pitch_mm = 1e-09: must be at least 1e-06",
     ),
+    (
+        MINIMAL.replace("pitch_mm = 0.1", "pitch_mm = 1e-4"),
+        r"pattern\.pitch_mm = 0\.0001: must be at least 0\.001 mm; .* multiply metres by 1000",
+    ),
     (MINIMAL.replace("[60, 45]", "[true, 45]"), r"mirror\.size_mm = True: must be a number"),
     (MINIMAL.replace("[425, 450]", "[425.5, 450]"), r"pattern\.size = 425\.5: must be a whole number"),
     (MINIMAL.replace("[425, 450]", "[0, 450]"), r"pattern\.size = 0: must be 1 to 65536"),
