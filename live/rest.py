@@ -3,13 +3,8 @@
 A rig that creeps moves the image. The shift of the image near the anchor is measured; what a shift of the
 camera by a pixel does to height and slopes is solved once.
 
-On a half-space the surface sinks at distance r from a contact of radius a and depth d by
-
-    4 / (3 pi) d a / r
-
-(Hertz' far field; K. L. Johnson, Contact Mechanics, 1985, eq. 3.42; within 6 % from r = 1.5 a on), contacts
-add; on a bonded incompressible layer of thickness h by that times max(.25, 1 - 1.45 r / h). The anchor, which
-counts as at rest, moves that far: all heights with it."""
+Contacts make the surface around them sink (`reconstruct.sink_around`). The anchor, which counts as at rest,
+moves that far: all heights with it."""
 
 import math
 from collections.abc import Sequence
@@ -18,6 +13,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from optolever.reconstruct import sink_around
 from optolever.scene import Layer
 
 from .arrays import Cells, Float, Mask
@@ -109,13 +105,12 @@ def load_of(rig: Rig, points: Cells, creep: Creep, touches: Sequence[Touch], lay
     """The load of contacts on the anchor. layer: elastic; None: a half-space."""
     anchor = rig.mirror.anchor[0]
     used = anchor > 0
-    thickness = math.inf if layer is None or layer.thickness_mm is None else layer.thickness_mm
     sink, shift = np.zeros(np.count_nonzero(used)), 0.0
     for touch in touches:
         radius = math.sqrt(touch.area / math.pi)
-        away = np.maximum(np.hypot(points[0][used] - touch.x, points[1][used] - touch.y), radius)
-        far = 4 / (3 * math.pi) * touch.depth * radius / away
-        sink += far * np.maximum(0.25, 1 - 1.45 * away / thickness)
+        away = np.hypot(points[0][used] - touch.x, points[1][used] - touch.y).astype(np.float64)
+        sink += sink_around(touch.depth, radius, away, layer)
+        far, away = sink_around(touch.depth, radius, away, None), np.maximum(away, radius)
         shift += float((creep.per_tilt * far / away + creep.per_height * far).max())
     moved = float((anchor[used] * sink / rig.normal[used]).sum() / (anchor * rig.mirror.factor).sum())
     return Load(np.abs(rig.mirror.factor * rig.normal * np.float32(moved)), shift)
