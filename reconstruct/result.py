@@ -85,7 +85,7 @@ def height_map(
     points = t * d
     points += o
     x, y, z = points
-    notices = correspondence.notices + contradiction(chi2, freedom, rig)
+    notices = correspondence.notices + _unconverged(state) + contradiction(chi2, freedom, rig)
     return HeightMap(x, y, z, deviation, flags, diagnostics, problem.rays.lean, notices)
 
 
@@ -240,6 +240,18 @@ def _unsettled(problem: Problem, state: State) -> Mask:
     if state.unsettled is None or state.diverges:
         return np.ones(problem.valid.shape, dtype=np.bool_)
     return problem.to_image(state.unsettled, False)
+
+
+def _unconverged(state: State) -> tuple[Notice, ...]:
+    """The notice that no height is known since the solve failed."""
+    if state.converged or not (state.unsettled is None or state.diverges):
+        return ()
+    name = "The solve did not converge, no height is known; rms of the last step, of the first"
+    cure = (
+        "the scene is probably wrong: calibrate it, give a capture of the mirror at rest (--rest), or mask "
+        "the pixels next to the pattern's edge"
+    )
+    return (Notice(name, state.steps[-1] / state.steps[0], 0.0, cure),)
 
 
 def _variance(correspondence: Correspondence, known: Mask) -> float:
