@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from optolever.decode import Correspondence
-from optolever.reconstruct import HeightMap, contacts, reconstruct, slope_map
+from optolever.reconstruct import HeightMap, PixelAnchor, contacts, reconstruct, slope_map
 from optolever.scene import load
 
 CASES = Path(__file__).parents[3] / "shared" / "cases" / "t4"
