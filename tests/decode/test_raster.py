@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from optolever.decode import Flag, Response, check, decode
+from optolever.decode import Flag, Response, decode
 from optolever.experiments.ideal import camera_frames, ideal_level
 from optolever.experiments.metrics import rms
 from optolever.patterns import Sequence, sequence
