@@ -92,12 +92,12 @@ def _search(blocks: F32, sequence: Sequence) -> _Trial | None:
     costs = np.array([_missing(blocks, trials[i], base).sum() for i in first])
     if costs.min() > min(_MOST * base.sum(), base.sum() - _POOR):
         return None
-    found, *equal = [trials[i] for i in sorted(first[costs <= costs.min() + _EQUAL])]
+    found, *equal = [trials[int(i)] for i in sorted(first[costs <= costs.min() + _EQUAL])]
     places = _axes(blocks, found)
     unsure = any(
-        np.mean(np.abs(mine - other) > step) > _DIFFERENT
+        np.mean(np.abs(mine - other) > np.maximum(step, beside)) > _DIFFERENT
         for trial in equal
-        for (_, mine, step), (_, other, _) in zip(places, _axes(blocks, trial), strict=True)
+        for (_, mine, step), (_, other, beside) in zip(places, _axes(blocks, trial), strict=True)
     )
     return found._replace(unsure=unsure)
 
@@ -144,13 +144,13 @@ def _missing(blocks: F32, trial: _Trial, base: Any = _NONE) -> NDArray[np.float6
     return np.where(np.isnan(one), unknown, 1 - one)
 
 
-def _axes(blocks: F32, trial: _Trial) -> list[tuple[NDArray[np.float64], F32, float]]:
+def _axes(blocks: F32, trial: _Trial) -> list[tuple[NDArray[np.float64], F32, F32]]:
     known, some = plan(trial.sequence), blocks[trial.order]
     axes = [a for a in known.axes if (a.code is not None or a.fringes) and not a.looked_up]
     return [_tests(some, axis, known, trial.free) for axis in axes]
 
 
-def _tests(blocks: F32, axis: AxisPlan, known: Plan, free: int) -> tuple[NDArray[np.float64], F32, float]:
+def _tests(blocks: F32, axis: AxisPlan, known: Plan, free: int) -> tuple[NDArray[np.float64], F32, F32]:
     """Tests of an axis: of the axis, twice; of each bit and each finer fringe, NaN: too few pixels. Places (B, side,
     side), and the difference of unequal ones, pattern px."""
     fits = [(f.period, *fit) for f in axis.fringes if (fit := _fringe(blocks, f, free)) is not None]
@@ -165,10 +165,10 @@ def _tests(blocks: F32, axis: AxisPlan, known: Plan, free: int) -> tuple[NDArray
         ok &= decided & (width <= max(8 * axis.code.cell, axis.extent / 16))
         coded = _smooth(place, np.broadcast_to(3 * width, place.shape), 0.5) & ok[:, 1:-1, 1:-1]
     elif not fits:
-        return np.zeros(2), width, 0.0
+        return np.zeros(2), width, width
     else:
         place = _ladder_place(fits, axis.extent)[None]
-    good = coded
+    good, step = coded, 2 * width + (0.25 * fits[-1][0] if fits else 0.0)
     for period, turn, _, _, _ in fits:
         gap = turn - place / period
         use = (width < 0.75 * period) & ok
@@ -180,11 +180,9 @@ def _tests(blocks: F32, axis: AxisPlan, known: Plan, free: int) -> tuple[NDArray
         good = _smooth(place, 0.25 * period, 0.25) & ok[:, 1:-1, 1:-1]
     inner = place[..., 1:-1, 1:-1]
     good = good & (inner > -0.02 * axis.extent - 1) & (inner < 1.02 * axis.extent)
-    # an unknown bit is constant in most blocks: its better value of each
     better = good.mean(axis=(2, 3)).argmax(axis=0), np.arange(blocks.shape[1])
     share, coded = float(good[better].mean()), coded[better]
     at_edges = [coded[edge].mean() if np.count_nonzero(edge) >= 8 else np.nan for edge in edges]
-    step = 3 * axis.code.cell if axis.code is not None else 0.25 * fits[-1][0]
     return np.array([share, share, *phasors, *at_edges]), place[better], step
 
 
