@@ -41,6 +41,8 @@ _STARTS, _SHARES = (0.29, 0.6, 1.2), (0.05, 0.25, 0.75, 0.95)
 #: Squared residuals that noise reaches once in so many pixels; probability of another place that is doubtful,
 #: or excludes a pixel of the sample; modulation over its noise below which there is no contrast.
 _RARE, _DOUBT, _CONTRAST = 1e-5, 1e-4, 5.0
+#: Residuals over noise that are as good as none; the inverse is no fit.
+_EXACT = 1e-4
 #: Cells around a place that may fit as well: half a cell beyond its cell.
 _AROUND = 1.5
 #: Share of a stripe's light from which on a second place is doubtful, whatever the noise.
@@ -324,18 +326,11 @@ def _tried(
 
 
 def _costs(trials: list[_Trial]) -> F64:
-    """-2 log likelihood of trials, over all places of each pixel: squared residuals, over the best median and
-    clipped at noise's limit, less log of the place's variance."""
+    """-2 log likelihood of trials, over all places of each pixel, whose noise may be of any size."""
     dof = trials[0].table.dof
-    least = max(min(float(np.median(one.misfit)) for one in trials), 1e-9)
-    limit = float(chdtri(dof, _RARE))
-    wide = [np.log(np.minimum(one.found.variance, 1.0)) for one in trials]
-    return np.array(
-        [
-            (np.minimum(one.misfit / least * dof, limit) - log).sum()
-            for one, log in zip(trials, wide, strict=True)
-        ]
-    )
+    misfit = np.clip([one.misfit for one in trials], _EXACT, 1 / _EXACT)
+    variance = np.minimum([one.found.variance for one in trials], 1.0)
+    return np.asarray((dof * np.log(misfit) - np.log(variance)).sum(axis=1))
 
 
 def _crowding(table: Table, found: _Found) -> float:
