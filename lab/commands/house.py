@@ -52,8 +52,8 @@ def command(parts: tuple[str, ...], trace: bool, json_path: Path | None) -> None
         )
         for row in rows
     ]
-    lines.append(("installed", "", str(installed["lines"]), str(installed["limit"]), *[""] * 5))
-    grid("Parts", HEADER, [list(line) for line in lines])
+    sums = ["installed", "", str(installed["lines"]), str(installed["limit"]), *[""] * 5]
+    grid("Parts", HEADER, [*map(list, lines), sums])
     touched = _touched() if trace else {}
     if trace:
         counts = [[name, number(len(files))] for name, files in touched.items()]
