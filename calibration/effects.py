@@ -25,7 +25,8 @@ class Effects:
 
     def sigmas(self, covariance: Floats) -> tuple[float, float]:
         """Sigma of a height (median over the mirror) and of the depth (mm), by the unknowns' covariance."""
-        heights = np.sqrt(np.einsum("pn,pq,qn->n", self.heights, covariance, self.heights))
+        variance = np.einsum("pn,pq,qn->n", self.heights, covariance, self.heights)
+        heights = np.sqrt(np.maximum(variance, 0.0))  # rounding may leave -1e-20
         return float(np.median(heights)), float(np.sqrt(self.depth @ covariance @ self.depth))
 
 

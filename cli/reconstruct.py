@@ -196,7 +196,9 @@ def command(
         if facet is not None:
             raise InputError(f"--facet {facet}: {scene_name} is no SOFAST result (.h5)")
         scene = load_scene(scene_name, size)
-    at_rest = None if sofast or size is not None else load_rest(scene_name)
+    at_rest = None if sofast or size is not None or rest is not None else load_rest(scene_name)
+    if change_path is not None and rest is not None:
+        raise InputError(f"--change {change_path}: heights are those above --rest {rest_path}; leave one out")
     if change_path is not None and at_rest is None:
         raise InputError(f"--change {change_path}: {scene_name} has no rest map; run `optolever rest`")
     with progress() as step:

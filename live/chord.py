@@ -21,7 +21,7 @@ from .arrays import Cells, Float, Mask
 from .columns import Columns, columns_of
 from .geometry import AnchorLine, RestRays
 
-__all__ = ["Linearised", "chord_step", "linearised"]
+__all__ = ["Linearised", "chord_step", "linearised", "slopes_at"]
 
 Real = TypeVar("Real", Cells, Float)
 
@@ -55,7 +55,7 @@ def linearised(rays: RestRays, line: AnchorLine, lit: Mask) -> Linearised:
     zero = np.zeros((rows, cols))
 
     def at(du: float = 0.0, dv: float = 0.0, tau: float = 0.0) -> Float:
-        return _slopes_at(rays.planes, steps, np.stack([zero + du, zero + dv]), zero + tau)
+        return slopes_at(rays.planes, steps, np.stack([zero + du, zero + dv]), zero + tau)
 
     by_tau = (at(tau=_STEP) - at(tau=-_STEP)) / (2 * _STEP)
     by_u = (at(du=_STEP) - at(du=-_STEP)) / (2 * _STEP)
@@ -70,7 +70,7 @@ def linearised(rays: RestRays, line: AnchorLine, lit: Mask) -> Linearised:
     most = max(along.max(), across.max())
     along, across = np.append(along / most, 0.0), across / most
     planes = rays.planes.astype(_f4)
-    at_rest = _slopes_at(
+    at_rest = slopes_at(
         planes, steps.astype(_f4), np.zeros((2, rows, cols), _f4), np.zeros((rows, cols), _f4)
     )
     return Linearised(
@@ -91,7 +91,7 @@ def chord_step(rig: Linearised, displacement: Cells, tau: Cells, trust: Cells) -
 
     displacement (2, R, C): turns less those at rest; trust (R, C): weight of a cell, 0 to 1.
     """
-    slopes = _slopes_at(rig.planes, rig.steps, displacement, tau)
+    slopes = slopes_at(rig.planes, rig.steps, displacement, tau)
     slopes -= rig.slopes
     increments = np.empty_like(slopes)
     over_rows(lambda start, stop: _increments(slopes, tau, rig.root, increments, start, stop), tau.shape[0])
@@ -128,7 +128,8 @@ def _weighted(rig: Linearised, divergence: Cells, trust: Cells) -> Cells:
     return x if seen.all() else np.where(seen, x, rig.columns.solve(divergence))
 
 
-def _slopes_at(planes: Real, steps: Real, displacement: Real, tau: Real) -> Real:
+def slopes_at(planes: Real, steps: Real, displacement: Real, tau: Real) -> Real:
+    """Slopes of t along columns and rows (2, R, C), mm a cell; planes, steps: see RestRays."""
     out = np.empty((2, *tau.shape), tau.dtype)
     over_rows(lambda start, stop: _slopes(planes, steps, displacement, tau, out, start, stop), tau.shape[0])
     return out

@@ -23,6 +23,7 @@ from .circulation import BLOCKS, circulation
 from .geometry import anchor_line, rest_rays, rim
 from .picture import Carriers, State, model, to_cells, window_mean
 from .prepared import Noise, Prepared
+from .rest import near_anchor, shift_of
 
 __all__ = ["prepare"]
 
@@ -173,7 +174,7 @@ def _measured_noise(rig: Rig, seed: int, kind: np.dtype[np.uint8] | np.dtype[np.
     spread = np.float32(math.sqrt(max(rig.noise - _QUANTISED, 0.0)))
     sigma = np.full(rig.carriers.shape, _FIRST_SIGMA, np.float32)
     track: Track = at_rest(rig)
-    squares, draws = np.zeros(rig.carriers.shape), []
+    squares, draws, shifts, near = np.zeros(rig.carriers.shape), [], [], near_anchor(rig)
     around = [np.zeros(1, np.float32)] * len(BLOCKS)
     for k in range(_WARM + _DRAWS):
         noisy = clean + spread * rng.standard_normal(clean.shape, dtype=np.float32)
@@ -185,6 +186,8 @@ def _measured_noise(rig: Rig, seed: int, kind: np.dtype[np.uint8] | np.dtype[np.
         z = track.tau * rig.normal
         squares += np.square(z, dtype=np.float64)
         draws.append(z)
+        offset = track.state.displacement - rig.rest.displacement
+        shifts.append([shift_of(rig, offset, where & settled.good) for where in near])
         for i, block in enumerate(BLOCKS):
             around[i] = around[i] + np.square(circulation(settled.slopes, settled.good, block))
     sigma = np.sqrt(scipy.ndimage.gaussian_filter(squares / _DRAWS, _SMOOTH, mode="nearest"))
@@ -192,7 +195,8 @@ def _measured_noise(rig: Rig, seed: int, kind: np.dtype[np.uint8] | np.dtype[np.
         np.sqrt(scipy.ndimage.gaussian_filter(_filled(part / np.float32(_DRAWS)), 2.0, mode="nearest"))
         for part in around
     )
-    return Noise(sigma.astype(np.float32), fine, coarse, np.asarray(draws[:_KEPT], np.float32))
+    shift = np.sqrt(np.mean(np.square(shifts), axis=0).max(axis=1)).astype(np.float32)
+    return Noise(sigma.astype(np.float32), fine, coarse, np.asarray(draws[:_KEPT], np.float32), shift)
 
 
 def _filled(variance: Cells) -> Cells:

@@ -24,12 +24,14 @@ class Noise:
     """Noise of frames at rest, propagated through the chain.
 
     sigma (R, C): of z, mm; curl_fine, curl_coarse: of the circulation around blocks of 8 and 32 cells, mm;
-    draws (K, R, C): heights of single frames, mm; their scatter in any figure is the figure's sigma."""
+    draws (K, R, C): heights of single frames, mm; their scatter in any figure is the figure's sigma; shift
+    (2,): of the image at the anchor and next to it, pixels, along either axis."""
 
     sigma: Cells
     curl_fine: Cells
     curl_coarse: Cells
     draws: Cells
+    shift: Cells
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

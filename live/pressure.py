@@ -58,17 +58,24 @@ class Forces:
             np.linalg.lstsq(basis, index.astype(np.float64), rcond=None)[0] for index in np.nonzero(lit)
         )
 
-    def update(self, reading: Reading, touches: tuple[Touch, ...]) -> tuple[Force, ...]:
-        """The force of every contact, in the contacts' order."""
+    def update(
+        self, reading: Reading, touches: tuple[Touch, ...], common: Cells | None = None
+    ) -> tuple[Force, ...]:
+        """The force of every contact, in the contacts' order. common (R, C): the part of the heights' sigma
+        that they have in common, in the contacts' sigmas too."""
         if not touches:
             return ()
         circles = [(one.x, one.y, math.sqrt(one.area / math.pi)) for one in touches]
         found = forces_on(self._layer, circles, lambda at, pitch: self._sampled(reading.z, at, pitch))
         pressure, owner, area = found.pressure, found.owner, found.pitch**2
         peak = max(touches, key=lambda one: one.depth)
-        factor = peak.depth_sigma / float(np.median(self._prepared.noise.sigma[self._prepared.rig.lit]))
+        shared = np.zeros_like(reading.z) if common is None else common
+        at_peak = float(self._sampled(shared, np.array([[peak.x, peak.y]]), found.pitch)[0])
+        noise = math.sqrt(max(peak.depth_sigma**2 - at_peak**2, 0.0))
+        factor = noise / float(np.median(self._prepared.noise.sigma[self._prepared.rig.lit]))
         draws = self._sampled(self._prepared.noise.draws, found.places, found.pitch)
         spread = np.sqrt(np.mean(np.square(draws @ found.weights.T), axis=0)) * factor
+        spread = np.hypot(spread, found.weights @ self._sampled(shared, found.places, found.pitch))
         newton = [float(pressure[owner == k].sum() * area) for k in range(len(touches))]
         modulus = self._layer.relative_sigma
         return tuple(

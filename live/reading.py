@@ -1,5 +1,6 @@
 """Reading: the height, contacts and validity of one frame."""
 
+import math
 from dataclasses import dataclass
 
 from optolever.notices import Notice
@@ -8,7 +9,9 @@ from optolever.records import Comparable, span
 from .arrays import Cells, Mask
 from .contact import Force, Touch
 
-__all__ = ["Figures", "Reading"]
+__all__ = ["CREPT", "Figures", "Reading"]
+
+CREPT = 5.0  # sigma of a shift of the image, beyond which the rig has moved
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,8 +21,9 @@ class Figures:
     light: level over that at rest; contrast: least of the good cells, over that at rest; saturated: share of
     lit pixels; lost: share of the lit cells without height; anchored: share of the anchor's cells that are
     good; curl: mean square circulation around blocks of 8 and 32 cells, in its sigma; left: predicted typical
-    change by further steps, in sigma; moved: median shift of the image at the anchor from rest, pixels;
-    noise: rms residual, levels; steps: of the fit."""
+    change by further steps, in sigma; shift: of the image near the anchor from rest, along columns and rows,
+    pixels, shift_sigma: by noise, pulled: by contacts at most; noise: rms residual, levels; steps: of the
+    fit."""
 
     light: float
     contrast: float
@@ -28,18 +32,32 @@ class Figures:
     anchored: float
     curl: tuple[float, float]
     left: float
-    moved: float
+    shift: tuple[float, float]
+    shift_sigma: float
+    pulled: float
     noise: float
     steps: int
+
+    @property
+    def moved(self) -> float:
+        """Size of the shift, pixels."""
+        return math.hypot(*self.shift)
+
+    @property
+    def crept(self) -> bool:
+        """Whether the rig has moved since it was at rest: by more than noise and contacts."""
+        return self.moved > CREPT * self.shift_sigma + self.pulled
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Reading(Comparable):
     """One frame. z (R, C): height less rest, mm, its mean over the exposure; sigma (R, C): its standard
-    deviation, infinite where it is not measured; good (R, C): where it is; x, y (R, C): of the mirror point,
-    mm. trusted: the heights may be used; reason: why not, else empty; notices: unusual properties of the
-    frame; time: of the frame, s; touches: contacts, the deepest first, none where it is not trusted;
-    forces: of these, where the scene names an elastic layer."""
+    deviation, infinite where it is not measured; noise (R, C): its part that is not common to the map, as
+    that of a rig that creeps or of a loaded anchor is; good (R, C): where it is measured; x, y (R, C): of the
+    mirror point, mm. trusted: the heights may be used; reason: why not, else empty; notices: unusual
+    properties of the frame; time: of the frame, s; tareable: it shows the mirror at rest, maybe of a rig that
+    has moved; touches: contacts, the deepest first, none where it is not trusted; forces: of these, where the
+    scene names an elastic layer."""
 
     z: Cells
     sigma: Cells
@@ -51,6 +69,8 @@ class Reading(Comparable):
     notices: tuple[Notice, ...]
     figures: Figures
     time: float
+    noise: Cells
+    tareable: bool = False
     touches: tuple[Touch, ...] = ()
     forces: tuple[Force, ...] = ()
 

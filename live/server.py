@@ -104,7 +104,7 @@ class LiveServer:
                 self._paused, self._told = False, ""
             elif self._record is not None:
                 self._told = "tare refused: it would change the rest of the recording"
-            elif latest is None or not latest.reading.trusted or latest.reading.touches:
+            elif latest is None or not latest.reading.tareable:
                 self._told = "tare refused: something touches, or the frame is not trusted"
             else:
                 self._resting, self._told = [], "tare: hold still"
@@ -161,7 +161,7 @@ class LiveServer:
         with self._lock:
             if self._resting is not None:
                 self._resting.append(followed.image.pixels)
-                if followed.reading.touches or not followed.reading.trusted:
+                if not followed.reading.tareable:
                     self._resting, self._told = None, "tare refused: it was touched meanwhile"
                 elif len(self._resting) >= _TARE:
                     self._live.prepared = tared(self._live.prepared, np.stack(self._resting))

@@ -1,6 +1,8 @@
 """Live: the frames of one prepared rig, one reading each."""
 
+import math
 from dataclasses import replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -8,13 +10,14 @@ import numpy as np
 from optolever.errors import InputError
 
 from .arrays import Cells, Frame, Mask
-from .chain import Rig, Settled, Track, at_rest, settle
+from .chain import Settled, Track, at_rest, settle
 from .circulation import BLOCKS, circulation, excess
 from .prepared import Prepared
 from .pressure import Forces
-from .reading import Figures, Reading
-from .touches import Touches
-from .verdict import Verdict, judge
+from .reading import CREPT, Figures, Reading
+from .rest import creep_of, load_of, near_anchor, shift_of
+from .touches import Touches, widened
+from .verdict import judge
 
 __all__ = ["Live"]
 
@@ -38,6 +41,8 @@ class Live:
         self._track, self._followed = at_rest(prepared.rig), 0
         self._touches = Touches(prepared)
         self._forces = None if prepared.layer is None else Forces(prepared, prepared.layer)
+        self._anchor, self._near = near_anchor(prepared.rig)
+        self._creep = creep_of(prepared.rig, prepared.points, self._near)
 
     def reset(self) -> None:
         """Forget the frames before."""
@@ -48,19 +53,75 @@ class Live:
         type."""
         used = self._used(frame)
         settled = self._settle(used, self._track)
-        figures, verdict = self._judged(used, settled)
-        if self._track.whole and (not verdict.trusted or max(figures.curl) > _CURL):
+        figures = self._figures(used, settled)
+        if self._track.whole and (judge(figures).broken or max(figures.curl) > _CURL):
             again = self._settle(used, at_rest(self.prepared.rig))
-            others = self._judged(used, again)
-            if _merit(others[0]) < _merit(figures):
-                settled, (figures, verdict) = again, others
-        reading = _reading(self.prepared, settled, figures, verdict, time)
-        touches = self._touches.update(reading)
+            others = self._figures(used, again)
+            if _merit(others) < _merit(figures):
+                settled, figures = again, others
+        reading = self._reading(settled, figures, time)
         self._track, self._followed = settled.track, self._followed + 1
-        if not touches or not verdict.trusted or self._followed == _FOLLOWED:
+        if not reading.touches or not reading.trusted or self._followed == _FOLLOWED:
             self.reset()
-        forces = () if self._forces is None else self._forces.update(reading, touches)
+        return reading
+
+    def _reading(self, settled: Settled, figures: Figures, time: float) -> Reading:
+        """Contacts are found beyond noise and creep; they load the anchor, which may explain a shift."""
+        prepared, rig = self.prepared, self.prepared.rig
+        tau = settled.track.tau
+        x, y = (prepared.points[i] + tau * rig.mirror.planes[3 + i] for i in (0, 1))
+        noise = _sigma(prepared, settled, figures)
+        reading = Reading(
+            z=tau * rig.normal,
+            sigma=noise,
+            noise=noise,
+            good=settled.good,
+            x=x,
+            y=y,
+            trusted=True,
+            reason="",
+            notices=(),
+            figures=figures,
+            time=time,
+        )
+        found = [] if judge(figures).broken else self._touches.found(reading, *self._crept(figures))
+        if found:  # whose slopes reach the anchor last
+            figures = replace(figures, **self._shift(settled, self._anchor, 0))
+        pressing = [one for one, _ in found]
+        load = load_of(rig, prepared.points, self._creep, pressing, prepared.layer)
+        figures = replace(figures, pulled=load.shift)
+        verdict, common = judge(figures), np.hypot(self._crept(figures)[1], load.heights)
+        reading = replace(
+            reading,
+            sigma=np.hypot(noise, common),
+            trusted=verdict.trusted,
+            reason=verdict.reason,
+            notices=verdict.notices,
+            figures=figures,
+            tareable=not found and not verdict.broken,
+        )
+        if not verdict.trusted:
+            return reading
+        touches = self._touches.named([widened(one, float(common[at])) for one, at in found])
+        forces = () if self._forces is None else self._forces.update(reading, touches, common)
         return replace(reading, touches=touches, forces=forces)
+
+    def _crept(self, figures: Figures) -> tuple[Cells, Cells]:
+        """What a shift of the image does to the heights (R, C), mm, and its size, along both axes. It may be
+        a load's: then sigma has both."""
+        if not figures.moved > CREPT * figures.shift_sigma:
+            nothing = np.zeros_like(self._creep.heights[0])
+            return nothing, nothing
+        parts = np.asarray(figures.shift, np.float32)[:, None, None] * self._creep.heights
+        return parts.sum(axis=0), np.hypot(parts[0], parts[1])
+
+    def _shift(self, settled: Settled, where: Mask, which: int) -> dict[str, Any]:
+        """Fields of the figures."""
+        rig, noise = self.prepared.rig, self.prepared.noise
+        offset = settled.track.state.displacement - rig.rest.displacement
+        along, down = shift_of(rig, offset, where & settled.good)
+        sigma = float(noise.shift[which]) * math.sqrt(max(settled.usual / rig.noise, _LEAST_NOISE))
+        return {"shift": (float(along), float(down)), "shift_sigma": sigma}
 
     def _used(self, frame: Frame) -> Frame:
         """The part of the frame in complete cells."""
@@ -75,62 +136,42 @@ class Live:
     def _settle(self, frame: Frame, track: Track) -> Settled:
         return settle(self.prepared.rig, frame, track, self.prepared.noise.sigma)
 
-    def _judged(self, frame: Frame, settled: Settled) -> tuple[Figures, Verdict]:
-        figures = _figures(self.prepared, frame, settled)
-        return figures, judge(figures)
+    def _figures(self, frame: Frame, settled: Settled) -> Figures:
+        prepared, rig, good = self.prepared, self.prepared.rig, settled.good
+        moved = self._shift(settled, self._near, 1)
+        curl = _curl(prepared, settled.slopes, good)
+        if math.hypot(*moved["shift"]) > CREPT * moved["shift_sigma"]:  # along the edge it has a circulation
+            turned = np.tensordot(np.asarray(moved["shift"], np.float32), self._creep.slopes, 1)
+            curl = min(curl, _curl(prepared, settled.slopes - turned, good), key=max)
+        few = slice(None, None, _SPARSE), slice(None, None, _SPARSE)
+        full = (frame[few] >= rig.carriers.full)[rig.carriers.lit[few] > 0]
+        level = settled.track.state.level
+        return Figures(
+            light=float(np.median((level[few] / np.maximum(rig.rest.level[few], 1))[rig.lit[few]])),
+            contrast=float(np.median(settled.contrast[few][good[few]])) if good[few].any() else 0.0,
+            saturated=float(np.mean(full)),
+            lost=1 - _share(good, rig.lit),
+            anchored=_share(good, rig.mirror.anchor[0] > 0),
+            curl=curl,
+            left=settled.left,
+            pulled=0.0,
+            noise=float(np.sqrt(settled.usual)),
+            steps=settled.steps,
+            **moved,
+        )
 
 
-def _figures(prepared: Prepared, frame: Frame, settled: Settled) -> Figures:
-    rig, good = prepared.rig, settled.good
-    sigmas = prepared.noise.curl_fine, prepared.noise.curl_coarse
-    around = [circulation(settled.slopes, good, block) for block in BLOCKS]
-    fine, coarse = (excess(part, sigma) for part, sigma in zip(around, sigmas, strict=True))
-    lit, anchor = rig.lit, rig.mirror.anchor[0] > 0
-    few = slice(None, None, _SPARSE), slice(None, None, _SPARSE)
-    full = (frame[few] >= rig.carriers.full)[rig.carriers.lit[few] > 0]
-    level = settled.track.state.level
-    return Figures(
-        light=float(np.median((level[few] / np.maximum(rig.rest.level[few], 1))[lit[few]])),
-        contrast=float(np.median(settled.contrast[few][good[few]])) if good[few].any() else 0.0,
-        saturated=float(np.mean(full)),
-        lost=1 - _share(good, lit),
-        anchored=_share(good, anchor),
-        curl=(fine, coarse),
-        left=settled.left,
-        moved=_moved(rig, settled, anchor & good),
-        noise=float(np.sqrt(settled.usual)),
-        steps=settled.steps,
-    )
+def _curl(prepared: Prepared, slopes: Cells, good: Mask) -> tuple[float, float]:
+    around = [circulation(slopes, good, block) for block in BLOCKS]
+    return excess(around[0], prepared.noise.curl_fine), excess(around[1], prepared.noise.curl_coarse)
 
 
 def _share(good: Mask, among: Mask) -> float:
     return float(np.count_nonzero(good & among) / np.count_nonzero(among))
 
 
-def _moved(rig: Rig, settled: Settled, where: Mask) -> float:
-    """Shift of the image at the anchor, pixels: its median displacement over the rest map's gradient."""
-    if not where.any():
-        return 0.0
-    offset = settled.track.state.displacement - rig.rest.displacement
-    turns = np.median(offset[:, where], axis=1)
-    per_cell = np.median(rig.gradient[:, where], axis=1).reshape(2, 2).T.astype(np.float64)
-    shift = np.linalg.lstsq(per_cell, turns, rcond=None)[0]
-    return float(np.hypot(*shift)) * rig.carriers.cell
-
-
 def _merit(figures: Figures) -> float:
     return figures.lost + 1e-3 * max(figures.curl) + 1e-3 * figures.left
-
-
-def _reading(
-    prepared: Prepared, settled: Settled, figures: Figures, verdict: Verdict, time: float
-) -> Reading:
-    rig, good = prepared.rig, settled.good
-    tau = settled.track.tau
-    sigma = _sigma(prepared, settled, figures)
-    x, y = (prepared.points[i] + tau * rig.mirror.planes[3 + i] for i in (0, 1))
-    z = tau * rig.normal
-    return Reading(z, sigma, good, x, y, verdict.trusted, verdict.reason, verdict.notices, figures, time)
 
 
 def _sigma(prepared: Prepared, settled: Settled, figures: Figures) -> Cells:

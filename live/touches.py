@@ -16,9 +16,10 @@ from .prepared import Prepared
 from .reading import Reading
 from .shape import shape_of
 
-__all__ = ["Touches"]
+__all__ = ["Touches", "widened"]
 
 _SIGNIFICANT = 6.0  # standard deviations of the height
+_RISEN = 0.25
 _PROMINENT = 0.2  # of a peak's height, over the saddle to a higher one
 _LEVELS, _LOW, _LOW_LEVELS = 0.8, 0.2, 0.5  # from one threshold to the next; below a share of the top
 _FEWEST = 3  # cells of the coarser grid in which peaks are looked for
@@ -47,32 +48,53 @@ class Touches:
         self._next = 1
 
     def update(self, reading: Reading) -> tuple[Touch, ...]:
-        """The contacts of a reading, the deepest first."""
+        """The contacts of a reading, the deepest first; all of its sigma is noise."""
         if not reading.trusted:
             return ()
-        found = []
+        nothing = np.zeros_like(reading.z)
+        return self.named([touch for touch, _ in self.found(reading, nothing, nothing)])
+
+    def found(self, reading: Reading, crept: Cells, size: Cells) -> list[tuple[Touch, tuple[int, int]]]:
+        """Contacts beyond noise, the deepest first, and their deepest cells. crept, size (R, C): heights by a
+        shift of the image, and their size: contacts rise above the former by a share of the latter."""
+        least = np.maximum(_SIGNIFICANT * reading.sigma, _RISEN * size)
+        regions = _regions(self._prepared, reading, crept + least)
+        return [(_measured(self._prepared, reading, one), (one.row, one.col)) for one in regions]
+
+    def named(self, touches: list[Touch]) -> tuple[Touch, ...]:
+        """The contacts of the next frame with their identities."""
+        named = []
         free = list(self._last)
-        for region in _regions(self._prepared, reading):
-            touch = _measured(self._prepared, reading, region)
+        for touch in touches:
             near = min(free, key=lambda one, at=touch: _apart(one, at), default=None)  # type: ignore[misc]
             if near is not None and _apart(near, touch) < _SAME + math.sqrt(touch.area / math.pi):
                 free.remove(near)
-                found.append(replace(touch, identity=near.identity))
+                named.append(replace(touch, identity=near.identity))
             else:
-                found.append(replace(touch, identity=self._next))
+                named.append(replace(touch, identity=self._next))
                 self._next += 1
-        self._last = tuple(found)
+        self._last = tuple(named)
         return self._last
+
+
+def widened(touch: Touch, common: float) -> Touch:
+    """With a sigma (mm) that all of its heights have in common; the area changes as that of a ball does."""
+    return replace(
+        touch,
+        depth_sigma=math.hypot(touch.depth_sigma, common),
+        area_sigma=math.hypot(touch.area_sigma, touch.area * common / touch.depth),
+        volume_sigma=math.hypot(touch.volume_sigma, touch.area * common),
+    )
 
 
 def _apart(one: Touch, other: Touch) -> float:
     return math.dist((one.x, one.y), (other.x, other.y))
 
 
-def _regions(prepared: Prepared, reading: Reading) -> list[_Region]:
+def _regions(prepared: Prepared, reading: Reading, least: Cells) -> list[_Region]:
     """Half-depth regions of the peaks, the deepest first."""
     z = reading.z  # where it is not measured: interpolated by the equations
-    sure = reading.good & ~prepared.rig.rim & (z > _SIGNIFICANT * reading.sigma)
+    sure = reading.good & ~prepared.rig.rim & (z > least)
     if not sure.any():
         return []
     regions: list[_Region] = []

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from optolever.notices import Notice
 
-from .reading import Figures
+from .reading import CREPT, Figures
 
 __all__ = ["Verdict", "judge"]
 
@@ -20,11 +20,13 @@ _MOVED = 0.25  # pixels
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """trusted, reason: see Reading; notices: of deviations from rest."""
+    """trusted, reason: see Reading; notices: of deviations from rest; broken: it is not trusted, and not only
+    since the rig has moved."""
 
     trusted: bool
     reason: str
     notices: tuple[Notice, ...]
+    broken: bool
 
 
 def judge(figures: Figures) -> Verdict:
@@ -35,12 +37,21 @@ def judge(figures: Figures) -> Verdict:
         (figures.anchored, _ANCHORED, "the edge of the mirror, which is taken as at rest, is not visible"),
         (-curl, -_CURL[1], "the slopes contradict each other, as in a torn or rolled frame"),
         (-figures.left, -_LEFT[1], "the fit does not converge"),
-        (-figures.moved, -_MOVED, "the image of the mirror's edge has moved: camera, display or mirror"),
     ]
     reasons = [text for value, least, text in stopped if not value >= least]
+    broken = bool(reasons)
+    if figures.crept and figures.moved > _MOVED + figures.pulled:
+        reasons.append("the image of the mirror's edge has moved (camera, display or mirror): tare")
     held, others = "sigma includes it", "heights of the other cells stand"
     anew, mean = "prepare the rig anew in this light", "the height is the mean over the exposure; shorten it"
+    crept = "sigma includes it; tare while nothing touches, and let the rig warm up"
     told = [
+        (
+            figures.moved,
+            CREPT * figures.shift_sigma + figures.pulled,
+            "The rig has moved since it was at rest, pixels",
+            crept,
+        ),
         (figures.saturated, _SATURATED, "Saturated pixels, share", "shorten the exposure"),
         (figures.lost, _LOST[0], "Cells without a height (cover, fold or steep edge), share", others),
         (figures.left, _LEFT[0], "The fit has not converged; predicted change of the height, sigma", held),
@@ -50,4 +61,4 @@ def judge(figures: Figures) -> Verdict:
         (1 / max(light, 1e-3), 1 / _LIGHT[0], "Less light than at rest, ratio at rest to now", anew),
     ]
     notices = tuple(Notice(name, size, limit, cure) for size, limit, name, cure in told if not size <= limit)
-    return Verdict(not reasons, "; ".join(reasons), notices)
+    return Verdict(not reasons, "; ".join(reasons), notices, broken)

@@ -20,7 +20,7 @@ The parts, floor by floor (imports run downward only):
 | 0     | `blocks`, `kernels` | row blocks on threads; how loops are compiled                      |
 | 0     | `processes`   | other Pythons that are started, none with the working folder on its path |
 | 0     | `records`     | equality, a few lines and a plot of what holds arrays; the logger          |
-| 0     | `memory`, `notices` | maps in memory used again; what a result wants its user to know    |
+| 0     | `memory`, `notices` | memory that is free; what a result wants its user to know           |
 
 `import optolever` is enough: a part is imported when it is asked for, as in `optolever.decode.decode(...)`,
 the part `decode` and its function. `logging.getLogger("optolever")` says what they do.

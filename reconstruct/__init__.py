@@ -21,7 +21,7 @@
 
 from optolever.arguments import check_face
 
-from .contact import Contact, contacts
+from .contact import Contact, contacts, sink_around
 from .coupled import method_names, reconstruct
 from .exact import exact_correspondence
 from .fields.integrate import Integral, integrate, integrator_names
@@ -71,6 +71,7 @@ __all__ = [
     "reconstruct",
     "rest_corrected",
     "same_capture",
+    "sink_around",
     "slope_map",
     "unpressed",
 ]

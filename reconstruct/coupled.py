@@ -33,7 +33,7 @@ from .judgement.discontinuities import across_gaps, edge_doubt, touched, widened
 from .judgement.holes import bridged, noise_gain, whole_lines
 from .judgement.reweighting import reweighted
 from .problem import Problem, prepare
-from .result import anchors_apart, height_map, off_mirror, refused, with_references
+from .result import anchors_apart, height_map, loaded, off_mirror, refused, with_references
 from .rig.calibration import same_capture
 from .rig.hypotheses import likely_mistake, likely_mistake_at_rest
 from .rig.model import (
@@ -141,6 +141,8 @@ def reconstruct(
     solution = with_rig(solution, measured, scene, accept)
     problem, state = solution.problem, solution.state
     height = with_references(solution.height, problem, state, solution.noise, correspondence, anchor, rest)
+    if rest is not None:
+        height = loaded(height, problem, state, scene, anchor)
     if not height.implausible:
         doubts = (*anchors_apart(problem, state, height), *off_mirror(height, scene.mirror))
         height = replace(height, notices=(*height.notices, *doubts))

@@ -10,22 +10,24 @@ from scipy.ndimage import minimum_filter
 
 from optolever.decode import Correspondence, Flag
 from optolever.notices import Notice
-from optolever.scene import Mirror
+from optolever.scene import Mirror, Scene
 
 from .arrays import Floats, Mask
+from .contact.load import sinks
 from .heightmap import Diagnostics, HeightFlag, HeightMap
 from .judgement.circulation import contradiction
 from .judgement.discontinuities import cut_off
 from .problem import Problem
-from .solver.anchors import Anchors
+from .solver.anchors import Anchors, EdgeAnchor
 from .solver.edges import Doubt
 from .solver.newton import State
-from .uncertainty.sources import ANCHORS
+from .uncertainty.sources import ANCHORS, LOAD, anchor_response
 
-__all__ = ["anchors_apart", "height_map", "off_mirror", "refused", "with_references"]
+__all__ = ["anchors_apart", "height_map", "loaded", "off_mirror", "refused", "with_references"]
 
 _APART = 5.0  # standard deviations, rms: rigs that are right stay below 1.2
 _SURE = 3.0  # standard deviations
+_BESIDE = 0.05  # of the mirror's length: so near the anchors are its edge's
 _STEEP = 3.0  # standard deviations, of slopes or of the heights around: where doubts exceed them
 
 
@@ -83,7 +85,7 @@ def height_map(
     points = t * d
     points += o
     x, y, z = points
-    notices = correspondence.notices + contradiction(chi2, freedom, rig)
+    notices = correspondence.notices + _unconverged(state) + contradiction(chi2, freedom, rig)
     return HeightMap(x, y, z, deviation, flags, diagnostics, problem.rays.lean, notices)
 
 
@@ -122,6 +124,49 @@ def with_references(
         return height
     names, sigmas = tuple(name for name, _ in parts), np.stack([part for _, part in parts])
     return replace(height, references=names, shared=sigmas)
+
+
+def loaded(height: HeightMap, problem: Problem, state: State, scene: Scene, anchor: Anchors) -> HeightMap:
+    """A map less rest with one more error, of this capture alone: contacts make the mirror's edge sink, which
+    counts as at rest. Its standard deviation is what a half-space, or the scene's layer, sinks by there."""
+    if not (anchor is None or anchor == "edge" or isinstance(anchor, EdgeAnchor)):
+        return height
+    x, y = (problem.to_grid(part).ravel()[state.rows.pixel] for part in (height.x, height.y))
+    at_edge = np.abs(x - scene.mirror.length) < _BESIDE * scene.mirror.length
+    sink = np.where(at_edge, sinks(height, scene.mirror.length + 0 * x, y, scene.layer), 0.0)
+    if not np.nanmax(sink, initial=0.0) > 0:
+        return height
+    down = np.abs(problem.to_grid(problem.rays.inner_directions[2]))
+    distance = problem.data.distance(state.w) if problem.data.rays.logarithmic else np.ones(down.shape)
+    known = np.nan_to_num(sink) / (down * distance).ravel()[state.rows.pixel]
+    mode = problem.to_image(anchor_response(problem.labels, state, known) * distance * down, np.nan)
+    return _with_own_mode(height, np.where(np.isfinite(height.z), mode, np.nan), LOAD)
+
+
+def _with_own_mode(height: HeightMap, mode: Floats, name: str) -> HeightMap:
+    """With one more independent error, the last mode, of this capture alone, which moves no point along the
+    mirror."""
+    before = np.empty((0, *mode.shape)) if height.calibration is None else height.calibration
+    count, shares, displacement = len(before), height.shares, height.displacement
+    sources = height.sources
+    if shares is None:
+        shares, sources = np.eye(count)[None], ("the numbers of the rig",)
+    more = np.zeros((len(sources) + 1, count + 1, count + 1))
+    more[:-1, :-1, :-1], more[-1, -1, -1] = shares, 1.0
+    names = (*sources, name)
+    if not count:
+        more, names = more[-1:], (name,)
+    if displacement is not None:
+        displacement = np.insert(displacement, count, 0.0, axis=0)
+    calibration = np.concatenate([before, mode[None]]).astype(np.float32)
+    return replace(
+        height,
+        calibration=calibration,
+        sources=names,
+        shares=more,
+        displacement=displacement,
+        own=height.own + 1,
+    )
 
 
 def refused(height: HeightMap, mistake: str | None) -> HeightMap:
@@ -195,6 +240,18 @@ def _unsettled(problem: Problem, state: State) -> Mask:
     if state.unsettled is None or state.diverges:
         return np.ones(problem.valid.shape, dtype=np.bool_)
     return problem.to_image(state.unsettled, False)
+
+
+def _unconverged(state: State) -> tuple[Notice, ...]:
+    """The notice that no height is known since the solve failed."""
+    if state.converged or not (state.unsettled is None or state.diverges):
+        return ()
+    name = "The solve did not converge, no height is known; rms of the last step, of the first"
+    cure = (
+        "the scene is probably wrong: calibrate it, give a capture of the mirror at rest (--rest), or mask "
+        "the pixels next to the pattern's edge"
+    )
+    return (Notice(name, state.steps[-1] / state.steps[0], 0.0, cure),)
 
 
 def _variance(correspondence: Correspondence, known: Mask) -> float:

@@ -82,7 +82,7 @@ def _edges(view: View, axis: AxisPlan, place: F64) -> list[tuple[float, NDArray[
         at = np.flatnonzero(np.diff(bright)) + 1
         edge = at * code.cell - 0.5 + code.origin
         signed = [levels[i] - middle if i == pair[0] else middle - levels[i] for i in shown]
-        level = np.mean(signed, axis=0) / half
+        level = np.divide(np.mean(signed, axis=0), half, out=np.full(half.shape, np.inf), where=half > 0)
         keep = np.isfinite(place) & (np.abs(level) < _EDGE)
         if not len(at) or np.count_nonzero(keep) < _FEWEST:
             continue

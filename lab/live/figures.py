@@ -35,7 +35,7 @@ _REPEATS = 3
 @dataclass(frozen=True)
 class LiveRow:
     """One case: time of one core over that of two float32 transforms (median), largest rms error over the
-    depth, error over sigma (rms over the frames), share beyond five sigma, frames that were trusted."""
+    depth, error over noise (rms over the frames), share beyond five, frames that were trusted."""
 
     case: str
     cell: int
@@ -93,7 +93,7 @@ def _row(
             error = reading.z - rig.truth(dents)
             inner = reading.good & (reading.x > 6)
             errors.append(float(error[inner].std()) / dents[0][4])
-            ratio = (error / reading.sigma)[reading.good]
+            ratio = (error / reading.noise)[reading.good]  # these dents end before the anchor
             ratios.append(float(np.mean(np.square(ratio))))
             beyond.append(float(np.mean(np.abs(ratio) > 5)))
             trusted.append(reading.trusted)

@@ -4,9 +4,9 @@ area.
 Its intersection, reflection and look-up are its own; only the numbers of a rig (camera grid, pattern pose,
 index) are read from a scene of a telecentric camera. A dent is a row (kind, x, y, size, peak): kind 0 a
 Gaussian of that sigma, 1 a ball's contact of that radius (Hertz); all fade to zero over the outer tenth
-before x = L0."""
+before x = L0, except in a world that is a half-space (`fading`)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,8 @@ _FINE = 8  # parts of a cell in which the blurred pattern is tabled
 @dataclass(frozen=True)
 class World:
     """camera (4, 3): origin, steps along columns and rows, direction; plane (3, 3): origin, steps of u and v;
-    size: length and width of the mirror; index: of the medium, 0: an ideal mirror; blur: cells."""
+    size: length and width of the mirror; index: of the medium, 0: an ideal mirror; blur: cells; fading: dents
+    end at the camera's edge."""
 
     shape: tuple[int, int]
     camera: Float
@@ -34,6 +35,13 @@ class World:
     size: Float
     index: float
     blur: float
+    fading: bool = True
+
+    def moved(self, along: float, down: float) -> "World":
+        """With the camera moved by so many pixels along columns and rows of its image."""
+        camera = self.camera.copy()
+        camera[0] += along * camera[1] + down * camera[2]
+        return replace(self, camera=camera)
 
     def lights(self, dents: ArrayLike, sequence: Sequence, side: int = 4) -> NDArray[np.float32]:
         """Light (N, H, W) of every frame of a sequence, 1: all of a lit cell's."""
@@ -53,7 +61,8 @@ class World:
     def _run(self, dents: ArrayLike, side: int, tables: NDArray[np.float32]) -> Any:
         light, truth = np.zeros((len(tables), *self.shape), np.float32), np.zeros((5, *self.shape))
         rows = np.asarray(dents, np.float64).reshape(-1, 5)
-        args = self.camera, self.plane, self.size, rows, self.index, side, tables, light, truth
+        end = self.size[0] if self.fading else 1e9
+        args = self.camera, self.plane, self.size, rows, end, self.index, side, tables, light, truth
         over_rows(lambda start, stop: _trace(start, stop, *args), self.shape[0], 16)
         return light, truth
 
@@ -107,7 +116,7 @@ def _height(x, y, dents, length):  # type: ignore[no-untyped-def]
 
 
 @exact
-def _trace(start, stop, cam, plane, size, dents, index, side, tables, out, truth):  # type: ignore[no-untyped-def]
+def _trace(start, stop, cam, plane, size, dents, end, index, side, tables, out, truth):  # type: ignore[no-untyped-def]
     o0, cu, cv, d = cam[0], cam[1], cam[2], cam[3]
     nx = plane[1, 1] * plane[2, 2] - plane[1, 2] * plane[2, 1]
     ny = plane[1, 2] * plane[2, 0] - plane[1, 0] * plane[2, 2]
@@ -125,7 +134,7 @@ def _trace(start, stop, cam, plane, size, dents, index, side, tables, out, truth
                 oz = o0[2] + col * cu[2] + row * cv[2]
                 t, hx, hy = -oz / d[2], 0.0, 0.0
                 for _ in range(30):
-                    h, hx, hy = _height(ox + t * d[0], oy + t * d[1], dents, size[0])
+                    h, hx, hy = _height(ox + t * d[0], oy + t * d[1], dents, end)
                     step = (oz + t * d[2] - h) / (d[2] - hx * d[0] - hy * d[1])
                     t -= step
                     if abs(step) < 1e-11:

@@ -10,9 +10,11 @@
 | `dent.py` | one dent's pixels |
 | `deepest.py` | its deepest point |
 | `edge.py` | the edge of a contact, by what elastic contact does to the slopes |
+| `load.py` | how far contacts make the surface around them sink |
 """
 
+from .load import sink_around
 from .record import Contact
 from .regions import contacts
 
-__all__ = ["Contact", "contacts"]
+__all__ = ["Contact", "contacts", "sink_around"]

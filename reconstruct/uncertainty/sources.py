@@ -26,10 +26,14 @@ from ..solver.newton import State
 from .closed_form import unknown_variance
 from .response import ErrorField, smoothed, variance_by
 
-__all__ = ["ANCHORS", "BEND", "CELLS", "CONTRADICTION", "NOISE", "SHARED", "noise_sources"]
+__all__ = [
+    *("ANCHORS", "BEND", "CELLS", "CONTRADICTION", "LOAD", "NOISE", "SHARED"),
+    *("anchor_response", "noise_sources"),
+]
 
 NOISE, SHARED = "noise of the frames, independent", "noise that pixels have in common"
 CELLS, CONTRADICTION = "cells of a discrete code", "slopes that contradict each other"
+LOAD = "anchor_load"  # a mode of the map, see `result.loaded`
 ANCHORS, BEND = "known heights of the anchors", "curvature between mirror and anchors"
 _DRAWS, _FEWEST = 32, 8
 _PIXELS = 1 << 22  # solved in all: fewer draws for large images
@@ -51,12 +55,20 @@ def noise_sources(
     return found | {name: each for name, each in _anchors(problem.labels, state).items() if each.any()}
 
 
+def anchor_response(labels: Labels, state: State, known: Floats) -> Floats:
+    """Change of the unknown (rows, cols) when all known values change by `known` (M,) at once."""
+    rows, factor = state.rows, np.broadcast_to(state.root**2, labels.shape)
+    moved = state.share / factor.ravel()[rows.pixel] * known
+    changed: Floats = factor * np.bincount(rows.component, moved, int(labels.max()) + 1)[labels]
+    return changed
+
+
 def _anchors(labels: Labels, state: State) -> dict[str, Floats]:
     rows, factor = state.rows, np.broadcast_to(state.root**2, labels.shape)
     moved, count = state.share / factor.ravel()[rows.pixel], int(labels.max()) + 1
     alone = np.bincount(rows.component, np.square(moved * rows.sigma), count)
-    together = np.square(np.bincount(rows.component, moved * state.bend, count))
-    return {ANCHORS: factor**2 * alone[labels], BEND: factor**2 * together[labels]}
+    together = np.square(anchor_response(labels, state, state.bend))
+    return {ANCHORS: factor**2 * alone[labels], BEND: together}
 
 
 def _shared(problem: Problem, noise: SharedNoise) -> Iterator[ErrorField]:

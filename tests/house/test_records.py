@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from optolever import InputError
-from optolever.decode import Correspondence, decode, difference
+from optolever.decode import Correspondence, Displacement, decode
 from optolever.patterns import Sequence, sequence
 from optolever.projector import Capture, capture
 from optolever.reconstruct import Grid, HeightMap, SlopeMap, curvature_map, reconstruct, slope_map
@@ -71,7 +71,14 @@ def test_records_come_back_from_their_files(
 ) -> None:
     """Equal to what was saved; a file that lacks a field is named with it, as is one that is not there."""
     _, _, truth, _, where, height = chain
-    for record in (truth, where, difference(where, where), height, *derived, curvature_map(derived[1])):
+    for record in (
+        truth,
+        where,
+        Displacement(where.u, where.v, where.sigma_u, where.sigma_v, where.flags),
+        height,
+        *derived,
+        curvature_map(derived[1]),
+    ):
         path = tmp_path / f"{type(record).__name__}.npz"
         record.save(path)
         again = type(record).load(path)

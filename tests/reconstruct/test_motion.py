@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import lru_cache
+from itertools import product
 
 import numpy as np
 import pytest
@@ -56,12 +57,12 @@ def moved(scene: Scene, rng: np.random.Generator, scale: float = 1.0, image: flo
     )
 
 
-def capture(scene: Scene, surface: Surface, rng: np.random.Generator) -> Correspondence:
-    seen = exact_correspondence(trace(scene, surface), NOISE)
+def capture(scene: Scene, surface: Surface, rng: np.random.Generator, noise: float = NOISE) -> Correspondence:
+    seen = exact_correspondence(trace(scene, surface), noise)
     return replace(
         seen,
-        u=seen.u + NOISE * rng.standard_normal(seen.u.shape),
-        v=seen.v + NOISE * rng.standard_normal(seen.u.shape),
+        u=seen.u + noise * rng.standard_normal(seen.u.shape),
+        v=seen.v + noise * rng.standard_normal(seen.u.shape),
     )
 
 
@@ -132,6 +133,22 @@ def test_a_motion_beyond_its_prior_has_a_notice(name: str) -> None:
     height, error = solved(name, SMALL[name], 0, 1.0, image=0.5)
     assert moves(height)
     assert np.sqrt(np.nanmean((error / height.total_sigma) ** 2)) < 1.5
+
+
+@pytest.mark.parametrize("seeds", [range(2), pytest.param(range(2, 10), marks=pytest.mark.slow)])
+def test_sigma_of_noise_against_rest(seeds: range) -> None:
+    """Noise of 0.03 px, the rest capture's a tenth of it or the same, of a rig that stands still."""
+    scene, ratios = resize(load("prism48"), 240, 320), []
+    surface = dent_from_text("gaussian:peak=0.3,sigma=5", scene)
+    true = trace(scene, surface).z
+    for seed, share in product(seeds, (0.1, 1.0)):
+        rng = np.random.default_rng(seed)
+        now = capture(scene, surface, rng, 0.03)
+        rest = capture(scene, dent_from_text("flat", scene), rng, share * 0.03)
+        height = reconstruct(now, scene, rest=rest)
+        ratios.append(np.sqrt(np.mean(((height.z - true) / height.sigma)[height.good] ** 2)))
+    assert 0.85 < np.median(ratios) < 1.15
+    assert 0.7 < min(ratios) <= max(ratios) < 1.5
 
 
 def test_what_nothing_presses() -> None:
