@@ -178,7 +178,7 @@ def sample(text: str) -> str:
 
 def noise_option(default: float) -> Callable[[Command], Command]:
     """--noise LEVELS."""
-    text = "Standard deviation of added Gaussian noise, in 8-bit levels."
+    text = "Standard deviation of Gaussian noise added to that of the scene's sensor, in 8-bit levels."
     levels = click.FloatRange(min=0)
     return click.option(
         "--noise", type=levels, default=default, show_default=True, metavar="LEVELS", help=text

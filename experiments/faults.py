@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from optolever.errors import InputError
 from optolever.patterns import Sequence
 from optolever.projector import NOMINAL_SENSOR, capture
-from optolever.scene import Display, Scene, Surface
+from optolever.scene import Display, Scene, Sensor, Surface
 
-__all__ = ["Faults", "frames_of", "with_noise"]
+__all__ = ["Faults", "frames_of", "with_noise", "without_noise"]
 
 _FINE = 16  # bits of frames that are mixed before the camera rounds them
 
@@ -50,14 +50,24 @@ def frames_of(
     """Frames (N, H, W) with noise (8-bit levels) of a display with lag."""
     if not lag:
         return capture(scene, surface, shown, renderer=renderer, noise=noise, seed=seed).frames
-    own = capture(scene, surface, shown, renderer=renderer, seed=seed, bits=_FINE).frames
+    sensor = scene.sensor or NOMINAL_SENSOR
+    own = capture(without_noise(scene), surface, shown, renderer=renderer, seed=seed, bits=_FINE).frames
     levels = own.astype(np.float32) * (255.0 / (2**_FINE - 1))
     for before, after in zip(levels[:-1].copy(), levels[1:], strict=True):
         after += np.float32(lag) * (before - after)
-    return with_noise(levels, noise, seed)
+    return with_noise(levels, sensor, noise, seed)
 
 
-def with_noise(levels: NDArray[np.float32], noise: float, seed: int) -> NDArray[np.uint8]:
-    """8-bit frames of levels 0 to 255 with white noise (rms, levels)."""
-    drawn = np.random.default_rng([seed, 7]).standard_normal(levels.shape, np.float32)
-    return np.asarray(np.clip(np.round(levels + np.float32(noise) * drawn), 0, 255), np.uint8)
+def without_noise(scene: Scene) -> Scene:
+    """The scene with a sensor that has no noise."""
+    return replace(scene, sensor=replace(scene.sensor or NOMINAL_SENSOR, gain_e=0.0, noise=0.0))
+
+
+def with_noise(levels: NDArray[np.float32], sensor: Sensor, noise: float, seed: int) -> NDArray[np.uint8]:
+    """8-bit frames of levels 0 to 255 with the sensor's noise and white noise (rms, levels)."""
+    rng, gain = np.random.default_rng([seed, 7]), sensor.gain_e
+    if gain > 0:
+        light = np.maximum(levels - np.float32(sensor.offset), 0)
+        levels = np.float32(sensor.offset) + (rng.poisson(gain * light) / gain).astype(np.float32)
+    drawn = np.float32(np.hypot(noise, sensor.noise)) * rng.standard_normal(levels.shape, np.float32)
+    return np.asarray(np.clip(np.round(levels + drawn), 0, 255), np.uint8)

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.patterns import Frame, Sequence
-from optolever.projector import capture
+from optolever.projector import NOMINAL_SENSOR, capture
 from optolever.scene import Display, Scene, Surface, Trace
 
-from .faults import with_noise
+from .faults import with_noise, without_noise
 from .own_function import imported
 
 __all__ = ["OwnDecoder", "OwnImages", "image_frames", "own_decoder"]
@@ -52,7 +52,8 @@ def image_frames(
     """Frames (N, H, W) of a mirror that reflects the images, with noise in 8-bit levels."""
     rows, cols = shown.levels.shape[1:]
     ends = Sequence((Frame("white"), Frame("black")), rows, cols)
-    white, black = capture(scene, surface, ends, renderer=renderer, bits=16).frames.astype(np.float32) / 257
+    quiet = without_noise(scene)
+    white, black = capture(quiet, surface, ends, renderer=renderer, bits=16).frames.astype(np.float32) / 257
     display = scene.display or Display()
     light = display.light(shown.levels.astype(np.float64))
     light = (light - display.black) / (1 - display.black)
@@ -65,7 +66,7 @@ def image_frames(
         )
     for before, after in zip(frames[:-1].copy(), frames[1:], strict=True):
         after += np.float32(lag) * (before - after)
-    return with_noise(frames, noise, seed)
+    return with_noise(frames, scene.sensor or NOMINAL_SENSOR, noise, seed)
 
 
 def own_decoder(text: str) -> OwnDecoder:

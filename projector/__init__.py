@@ -43,7 +43,7 @@ from .devices import (
 )
 from .display import PatternWindow, monitors
 from .edid import Edid, parse_edid
-from .electronics import NOMINAL_SENSOR
+from .electronics import NOMINAL_SENSOR, WHITE_NOISE_SENSOR
 from .exposure import Contrast, ExposureChoice, choose_exposure, contrast
 from .folder import write_description
 from .mcap_file import write_mcap
@@ -62,6 +62,7 @@ __all__ = [
     "NOMINAL_SENSOR",
     "RENDERERS",
     "SAFE_WAIT_S",
+    "WHITE_NOISE_SENSOR",
     "Accepted",
     "AreaTrace",
     "BackgroundRecorder",

@@ -4,18 +4,19 @@ One function for both renderers. Noise is drawn row by row from generators seede
 so a capture is the same on every machine, however its rows are cut into strips and spread over threads.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from optolever.scene import Sensor
 
-__all__ = ["NOMINAL_SENSOR", "FrameElectronics", "flicker_factor"]
+__all__ = ["NOMINAL_SENSOR", "WHITE_NOISE_SENSOR", "FrameElectronics", "flicker_factor"]
 
-#: Of a scene that names none: level = 16 + 216.75 light, 8 bits, without noise.
-NOMINAL_SENSOR = Sensor(offset=16.0, exposure=0.85)
-"""The sensor of a scene that names none: linear, dark at 16, white at 232.75: noise is not clipped."""
+#: White noise alone (`noise` of `capture`): linear, dark at 16, white at 232.75: noise is not clipped.
+WHITE_NOISE_SENSOR = Sensor(offset=16.0, exposure=0.85)
+#: Of a scene that names none: 30 electrons a level and 6 of read noise, as of small machine vision cameras.
+NOMINAL_SENSOR = replace(WHITE_NOISE_SENSOR, gain_e=30.0, noise=0.2)
 
 _SHOT, _READ = 0, 1
 _FULL_SCALE = 255.0

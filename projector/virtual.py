@@ -131,7 +131,8 @@ class VirtualSensor:
     bends inside of one), or 'auto', OpenGL where there is a context.
     noise: rms of Gaussian noise in 8-bit levels, added to the sensor's; seed: of all noise, same on
     every machine. bits: of the camera (default: the scene's sensor). exposure: of each frame, relative to
-    the sensor's. A scene without a sensor has NOMINAL_SENSOR: level = 16 + 216.75 light.
+    the sensor's. A scene without a sensor has NOMINAL_SENSOR: level = 16 + 216.75 light, with
+    photon noise of 30 electrons a level; WHITE_NOISE_SENSOR has the added noise alone.
     """
 
     def __init__(

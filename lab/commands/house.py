@@ -14,10 +14,11 @@ __all__ = ["command"]
 SAMPLE = """
 $ python -m lab house --part patterns
 Parts
-part      files  lines  private words  Any  wide  constants
-patterns  6      965    0.8 in 100     4    0     3
+part       files  lines  at most  JS, GLSL  private words  Any  wide  constants
+patterns   6      1016   1000     0         0.0 in 100     5    0     3
+installed         1016   37000
 """
-HEADER = ("part", "files", "lines", "private words", "Any", "wide", "constants")
+HEADER = ("part", "files", "lines", "at most", "JS, GLSL", "private words", "Any", "wide", "constants")
 
 
 @click.command("house", cls=Program, epilog=sample(SAMPLE))
@@ -27,20 +28,23 @@ HEADER = ("part", "files", "lines", "private words", "Any", "wide", "constants")
 )
 @json_option
 def command(parts: tuple[str, ...], trace: bool, json_path: Path | None) -> None:
-    """Count lines, private words, types and constants of every part.
+    """Count lines of the installed parts, lab and tests beside their limits, private words, types, constants.
 
     private words: of the project's own dialect (STYLE.md), per 100 words of docstrings and comments; Any:
     parameters typed so; wide: functions of more than 8 parameters, kernels apart; constants: numbers named
     at a module's top.
     """
-    from ..figures.house import PARTS, house
+    from ..figures.house import BESIDE, PARTS, ROOT, house, total
 
-    rows = [house(part) for part in parts or PARTS]
+    rows = [house(part) for part in parts or (*PARTS, *BESIDE) if (ROOT / part).is_dir()]
+    installed = total(rows)
     lines = [
         (
             row.part,
             str(row.files),
             str(row.lines),
+            str(row.limit or ""),
+            str(row.scripts),
             f"{row.private_words:.1f} in 100",
             str(row.any_parameters),
             str(row.wide_functions),
@@ -48,12 +52,15 @@ def command(parts: tuple[str, ...], trace: bool, json_path: Path | None) -> None
         )
         for row in rows
     ]
-    grid("Parts", HEADER, [list(line) for line in lines])
+    sums = ["installed", "", str(installed["lines"]), str(installed["limit"]), *[""] * 5]
+    grid("Parts", HEADER, [*map(list, lines), sums])
     touched = _touched() if trace else {}
     if trace:
         counts = [[name, number(len(files))] for name, files in touched.items()]
         grid("Files of a plain capture", ("call", "files"), counts)
-    write_json(json_path, {"parts": [asdict(row) for row in rows], "touched": touched})
+    write_json(
+        json_path, {"parts": [asdict(row) for row in rows], "installed": installed, "touched": touched}
+    )
 
 
 def _touched() -> dict[str, list[str]]:

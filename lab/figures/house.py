@@ -5,18 +5,32 @@ import re
 import sys
 import threading
 import tokenize
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 
-__all__ = ["PARTS", "House", "house", "traced"]
+__all__ = ["BESIDE", "PARTS", "ROOT", "House", "house", "total", "traced"]
 
 ROOT = Path(__file__).resolve().parents[2]
-PARTS = (
-    *("scene", "patterns", "projector", "decode", "reconstruct"),
-    *("calibration", "metrology", "experiments", "cli"),
-)
+#: Installed folders, and the lines of each at most; None: no limit of its own.
+PARTS: dict[str, int | None] = {
+    "optolever": 1150,
+    "scene": 3000,
+    "patterns": 1000,
+    "projector": 5600,
+    "decode": 5000,
+    "reconstruct": 6500,
+    "calibration": 2700,
+    "metrology": 1000,
+    "live": 3400,
+    "cli": 3900,
+    "formats": 350,
+    "experiments": 3400,
+}
+INSTALLED = 37_000  # lines of all parts, at most
+BESIDE = {"lab": 4500, "tests": 14_500}
+_SCRIPTS = (".js", ".glsl")
 #: Words of the project's own dialect where the field has a noun (STYLE.md).
 PRIVATE = re.compile(
     r"\b(told|tells?|seen|shown|left|own|usual|wanted|whole|beside|unlike|alike|few|held|spoilt)\b", re.I
@@ -28,7 +42,7 @@ KERNELS = {"kernel", "exact", "inlined"}
 
 @dataclass(frozen=True, slots=True)
 class House:
-    """Figures of one part.
+    """Figures of one part; lines of Python, limit on them, scripts: lines of JavaScript and GLSL.
 
     private_words per 100 of docstrings and comments; any_parameters annotated `Any`, wide_functions of more
     than 8 parameters and outside kernels; constants: numbers with a name of their own at a module's top.
@@ -37,6 +51,8 @@ class House:
     part: str
     files: int
     lines: int
+    limit: int | None
+    scripts: int
     private_words: float
     any_parameters: int
     wide_functions: int
@@ -54,7 +70,9 @@ def house(part: str, root: Path = ROOT) -> House:
     return House(
         part=part,
         files=len(paths),
-        lines=sum(len(path.read_text().splitlines()) for path in paths),
+        lines=_lines(paths),
+        limit=(PARTS | BESIDE).get(part),
+        scripts=_lines(path for path in (root / part).rglob("*") if path.suffix in _SCRIPTS),
         private_words=100 * private / max(words, 1),
         any_parameters=sum(_is_any(one) for node in functions for one in _parameters(node)),
         wide_functions=sum(
@@ -62,6 +80,15 @@ def house(part: str, root: Path = ROOT) -> House:
         ),
         constants=sum(_is_constant(node) for tree in trees for node in tree.body),
     )
+
+
+def total(rows: Iterable[House]) -> dict[str, int]:
+    """Lines of the installed parts among these: all, and the limit on them."""
+    return {"lines": sum(row.lines for row in rows if row.part in PARTS), "limit": INSTALLED}
+
+
+def _lines(paths: Iterable[Path]) -> int:
+    return sum(len(path.read_text(encoding="utf-8").splitlines()) for path in paths)
 
 
 def traced(call: Callable[[], object]) -> list[str]:
@@ -82,7 +109,7 @@ def traced(call: Callable[[], object]) -> list[str]:
         threading.setprofile(None)
     inside = (Path(name) for name in found if name.startswith(str(ROOT)))
     relative = (path.relative_to(ROOT) for path in inside)
-    return sorted(str(path) for path in relative if path.parts[0] in PARTS)
+    return sorted(str(path) for path in relative if path.parts[0] in PARTS and path.parts[0] != "optolever")
 
 
 def _prose(path: Path, tree: ast.Module) -> Iterator[str]:

@@ -11,10 +11,10 @@ from scipy.ndimage import shift
 from optolever.decode import Correspondence, SharedNoise, decode
 from optolever.errors import InputError
 from optolever.patterns import Sequence, sequence_from_text
-from optolever.projector import capture
+from optolever.projector import WHITE_NOISE_SENSOR, capture
 from optolever.scene import dent, load, resize, trace
 
-RIG = resize(load("prism48", exact=True), 150, 200)
+RIG = replace(resize(load("prism48", exact=True), 150, 200), sensor=WHITE_NOISE_SENSOR)
 SURFACE = dent("gaussian", RIG, peak=0.2, sigma=6.0)
 CODES = ("gray+phase", "phase", "phase:steps=3,periods=8.74/8.06/8", "micro-phase")
 

@@ -14,7 +14,7 @@ from optolever import InputError
 from optolever.decode import Flag, decode
 from optolever.live import Live, Prepared, Reading, prepare
 from optolever.patterns import sequence
-from optolever.projector import capture
+from optolever.projector import WHITE_NOISE_SENSOR, capture
 from optolever.scene import dent, load, resize, trace
 
 from .conftest import Dents, Rest
@@ -90,7 +90,8 @@ def test_rest_is_flat(prepared: Prepared, shot: Shot) -> None:
 
 def test_a_rig_without_noise_does_not_walk() -> None:
     """Frames of one image: what no window resolves would grow from frame to frame."""
-    scene = replace(resize(load("monitor-mirror"), 96, 128), dent="flat")
+    rig = resize(load("monitor-mirror"), 96, 128)
+    scene = replace(rig, dent="flat", sensor=WHITE_NOISE_SENSOR)
     rows, cols = scene.pattern.rows, scene.pattern.cols
     full, fringe = sequence("gray+phase", rows, cols), sequence("crossed", rows, cols, period=10.0)
     frames = [capture(scene, dent("flat", scene), one, renderer="numpy").frames for one in (full, fringe)]

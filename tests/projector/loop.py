@@ -11,6 +11,7 @@ import json
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -82,7 +83,7 @@ def run(
     host: "subprocess.Popen[str]", size: str, note: Path, count: int, faults: dict[str, float]
 ) -> dict[str, object]:
     rows, cols = map(int, size.split("x"))
-    rig = scene.resize(scene.load("prism48"), rows, cols)
+    rig = replace(scene.resize(scene.load("prism48"), rows, cols), sensor=projector.WHITE_NOISE_SENSOR)
     dent = scene.dent_from_text(DENT, rig)
     shown = patterns.sequence("gray+phase", rig.pattern.rows, rig.pattern.cols)
     flat = (patterns.Frame("black"), patterns.Frame("white"))

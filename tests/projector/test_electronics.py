@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from optolever.patterns import Frame, Sequence
-from optolever.projector import NOMINAL_SENSOR, capture
+from optolever.projector import NOMINAL_SENSOR, WHITE_NOISE_SENSOR, capture
 from optolever.projector import virtual as module
 from optolever.projector.electronics import FrameElectronics, flicker_factor
 from optolever.scene import Scene, Sensor, dent, load, resize
@@ -66,8 +66,8 @@ def test_flicker_is_the_mean_over_the_shutter() -> None:
 
 
 def small() -> tuple[Scene, Sequence]:
-    """A scene whose mirror is flat, and three uniform frames."""
-    scene = resize(load("paper-simulation"), 40, 40)
+    """A scene whose mirror is flat and whose sensor has no noise, and three uniform frames."""
+    scene = replace(resize(load("paper-simulation"), 40, 40), sensor=WHITE_NOISE_SENSOR)
     frames = (
         Frame("uniform", level=200),
         Frame("uniform", level=100),
@@ -81,10 +81,16 @@ def inner(frames: NDArray[np.uint8] | NDArray[np.uint16]) -> NDArray[np.float64]
     return frames[:, 10:30, 10:30].astype(np.float64)
 
 
-def test_a_scene_without_a_sensor_leaves_room_for_noise() -> None:
+def test_a_scene_without_a_sensor_has_photon_noise_and_room_for_more() -> None:
+    """30 electrons a level, 0.2 levels of read noise, rounding (1/12); 400 pixels: 7 % of a variance."""
     scene, shown = small()
+    light = 216.75 * np.array([200, 100, 100]) / 255
     seen = inner(capture(scene, dent("flat", scene), shown, renderer="numpy").frames)
-    assert (seen == np.round(16 + 216.75 * np.array([200, 100, 100]) / 255)[:, None, None]).all()
+    assert (seen == np.round(16 + light)[:, None, None]).all()
+    plain = replace(scene, sensor=None)
+    seen = inner(capture(plain, dent("flat", scene), shown, renderer="numpy", noise=1.0).frames)
+    np.testing.assert_allclose(seen.mean(axis=(1, 2)), 16 + light, atol=0.6)
+    np.testing.assert_allclose(seen.var(axis=(1, 2)), light / 30 + 0.04 + 1.0 + 1 / 12, rtol=0.25)
     assert NOMINAL_SENSOR.levels(np.array(1.0)) == 232.75
 
 

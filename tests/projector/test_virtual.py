@@ -10,18 +10,20 @@ from numpy.typing import NDArray
 from optolever import InputError
 from optolever.experiments.metrics import rms
 from optolever.patterns import Frame, Sequence
-from optolever.projector import NOMINAL_SENSOR, capture, measure_renderer
+from optolever.projector import WHITE_NOISE_SENSOR, capture, measure_renderer
 from optolever.scene import (
     Medium,
     Scene,
     Surface,
     dent,
     dent_names,
-    load,
     moving_dent,
     resize,
     surface_from_array,
     trace,
+)
+from optolever.scene import (
+    load as load_preset,
 )
 
 from .oracle import part, shader_traced, supersampled
@@ -56,6 +58,11 @@ def height_array(scene: Scene) -> Surface:
     x, y = np.meshgrid(np.arange(70) / 69, np.arange(60) / 59)
     z = np.exp(-40 * ((x - 0.4) ** 2 + (y - 0.5) ** 2)) + 0.5 * np.sin(3 * x) * np.cos(5 * y)
     return surface_from_array(0.004 * scene.mirror.length * z, 0.0, 0.0, pitch)
+
+
+def load(name: str) -> Scene:
+    """A preset without photon noise: light is compared."""
+    return replace(load_preset(name), sensor=WHITE_NOISE_SENSOR)
 
 
 def surfaces(scene: Scene, name: str) -> Surface:
@@ -167,7 +174,7 @@ def test_a_wall_hides_what_is_behind_it(renderer: str) -> None:
 
 def test_motion_during_the_exposure_averages(renderer: str) -> None:
     small = resize(load("paper-simulation"), 32, 32)
-    scene = replace(small, sensor=replace(NOMINAL_SENSOR, frame_s=0.1, shutter_s=0.08, bits=16))
+    scene = replace(small, sensor=replace(WHITE_NOISE_SENSOR, frame_s=0.1, shutter_s=0.08, bits=16))
     moving = moving_dent("gaussian", scene, {"x": 80.0}, x=60.0)
     brief = shown(scene)
     brief = replace(brief, frames=brief.frames[3:5])
