@@ -13,7 +13,6 @@
 | `circulation.py` | circulation of the slopes: their inconsistency |
 | `source.py`, `follow.py` | cameras, one of them virtual; readings as an iterator, tare |
 | `recorded.py` | readings beside their frames, and again from them |
-| `ring.py` | Ring: a code of several frames, one height per frame |
 | `server.py`, `web.py`, `page.html` | the page, and who may ask for it |
 | `single_shot/` | `crossed`, `lattice`: displacement of one frame from one at rest |
 | `arrays.py` | names of arrays |
@@ -28,7 +27,6 @@ from .prepared import Noise, Prepared
 from .pressure import Forces
 from .reading import Figures, Reading
 from .recorded import ReadingRecorder, Replayed, has_readings, replayed
-from .ring import Ring
 from .server import LiveServer
 from .shape import Shape
 from .single_shot import Crossings, PatternMap, crossed, lattice
@@ -52,7 +50,6 @@ __all__ = [
     "Reading",
     "ReadingRecorder",
     "Replayed",
-    "Ring",
     "Shape",
     "Source",
     "Touch",

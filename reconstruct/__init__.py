@@ -8,7 +8,6 @@
 | `measured.py` | a measured grid, and its slopes in closed form |
 | `heightmap.py` | HeightMap |
 | `exact.py` | the correspondence that a perfect decoder would give |
-| `stream.py` | HeightStream: one chord step a frame |
 | `sofast.py` | a SOFAST measurement on its rig's flat pattern |
 | `solver/` | the height that has these slopes |
 | `judgement/` | which slopes and edges are in doubt |
@@ -33,7 +32,6 @@ from .rig.calibration import rest_corrected, same_capture
 from .rig.motion import unpressed
 from .sofast import on_rig
 from .solver.anchors import Anchor, DistanceAnchor, EdgeAnchor, PixelAnchor, PointAnchor
-from .stream import HeightStream
 from .uncertainty.budget import ANCHOR, TOTAL, budget, free_mode_of
 from .uncertainty.null_space import null_space
 from .uncertainty.sources import NOISE
@@ -53,7 +51,6 @@ __all__ = [
     "Grid",
     "HeightFlag",
     "HeightMap",
-    "HeightStream",
     "Integral",
     "PixelAnchor",
     "PointAnchor",

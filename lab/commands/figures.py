@@ -45,7 +45,7 @@ GLSL against float64, paper-simulation, decoded rms   1.539e-05 px  at most 0.00
     "--reconstruct",
     "only_reconstruct",
     is_flag=True,
-    help="Measure the reconstructor instead: exactness, time, memory, the Cramer-Rao bound, a stream.",
+    help="Measure the reconstructor instead: exactness, time, memory, the Cramer-Rao bound.",
 )
 @size_option
 @json_option

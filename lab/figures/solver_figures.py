@@ -1,10 +1,9 @@
-"""The reconstructor's figures: exactness and time, growth and memory, plain integration, cliffs, a stream.
+"""The reconstructor's figures: exactness and time, growth and memory, plain integration, cliffs.
 
 Heights from exact correspondences, relative to the peak depth. Times are those of a second call, wall clock;
 processor time beside them, for machines that are shared.
 """
 
-import time
 import tracemalloc
 from collections.abc import Iterator
 from functools import lru_cache, partial
@@ -12,16 +11,12 @@ from functools import lru_cache, partial
 import numpy as np
 import scipy.fft
 
-from optolever.decode import decode
 from optolever.experiments.arrays import Floats, Mask
 from optolever.experiments.metrics import relative_error, rms
 from optolever.experiments.place import Place, exact, middle_anchor
 from optolever.experiments.timing import in_turn, timed
-from optolever.patterns import sequence_from_text
-from optolever.projector import capture
-from optolever.reconstruct import HeightMap, HeightStream, integrate, reconstruct
+from optolever.reconstruct import HeightMap, integrate, reconstruct
 from optolever.records import Progress, silent
-from optolever.scene import dent_from_text, load, resize
 
 from .cliffs import cauchy_loop, cliff
 from .figures import Figure, Parts, measured_parts
@@ -32,9 +27,6 @@ LARGE = 2048
 PRISM, RIG = "paper-simulation", "monitor-mirror"
 INTEGRATED = 512
 CLIFFS, ROUGH = (512, 612), (1e-2, 1e-4)  # pixels; noise of the slopes, per pixel
-STREAM, FRAMES = (480, 640), "phase"
-PEAKS = (1.0, 1.01, 1.02, 1.03)
-STREAMED = 24  # frames
 
 
 def run_solver_figures(*, seeds: int = 30, progress: Progress = silent) -> list[Figure]:
@@ -45,7 +37,6 @@ def run_solver_figures(*, seeds: int = 30, progress: Progress = silent) -> list[
         "integration": _integration,
         "cliffs": _cliffs,
         "noise": lambda: bound_figures(seeds),
-        "stream": _stream,
     }
     return measured_parts(parts, progress)
 
@@ -136,35 +127,6 @@ def _transforms(values: Floats) -> Floats:
     modes = scipy.fft.dctn(values, norm="ortho", workers=-1)
     there: Floats = scipy.fft.idctn(modes, norm="ortho", workers=-1)
     return there
-
-
-def _stream() -> Iterator[Figure]:
-    """A dent that grows frame by frame: decoding and heights from the last frame's, timed together."""
-    scene = resize(load(PRISM, exact=True), *STREAM)
-    shown = sequence_from_text(FRAMES, scene.pattern.rows, scene.pattern.cols)
-    stacks = [
-        capture(scene, dent_from_text(f"raised-cosine:peak={peak}", scene), shown, noise=1.0, seed=k).frames
-        for k, peak in enumerate(PEAKS)
-    ]
-    stream = HeightStream(scene)
-    for frames in stacks:  # what is compiled or loaded once is not counted
-        stream.update(decode(frames, shown))
-    turn = [stacks[k % len(stacks)] for k in [*range(4), 2, 1] * (STREAMED // 6)]
-    start, processor = time.perf_counter(), time.process_time()
-    heights: list[HeightMap] = []
-    for frames in turn:
-        height = stream.update(decode(frames, shown))
-        if len(heights) < len(stacks):  # to hold them all is to fetch new memory for each
-            heights.append(height)
-    wall, processor = time.perf_counter() - start, time.process_time() - processor
-    worst = 0.0
-    for frames, height in zip(turn, heights, strict=False):
-        full = reconstruct(decode(frames, shown), scene)
-        both = full.good & height.good
-        worst = max(worst, rms((height.z - full.z)[both] / full.sigma[both]))
-    note = f"{1000 * processor / len(turn):.0f} ms of processor time each"
-    yield Figure("stream, 640 x 480, decode and height", len(turn) / wall, "heights/s", low=30, note=note)
-    yield Figure("stream, off the converged height, rms", worst, "sigma", high=0.1)
 
 
 def _height(place: Place, mask: Mask | None = None) -> HeightMap:

@@ -14,7 +14,6 @@ from optolever.decode import Correspondence
 from optolever.reconstruct import (
     Contact,
     HeightMap,
-    HeightStream,
     PointAnchor,
     SlopeMap,
     contacts,
@@ -88,22 +87,6 @@ def test_without_a_covariance_nothing_changes(rig: Rig) -> None:
     assert np.array_equal(plain.z, with_modes.z, equal_nan=True)
     assert np.array_equal(plain.total_sigma, plain.sigma, equal_nan=True)
     assert (with_modes.total_sigma >= with_modes.sigma)[with_modes.good].all()
-
-
-def test_a_stream_holds_the_rig_too(rig: Rig) -> None:
-    """In full, by a chord step, and where pixels have gone: as `reconstruct` has it."""
-    scene = uncalibrated(rig.truth)
-    given, anchor = exact(rig.truth, rig)
-    fewer = replace(given, flags=np.where(np.arange(160) > 140, 1, given.flags).astype(np.uint16))
-    stream = HeightStream(scene, anchor)
-    for each in (given, given, fewer):
-        height, alone = stream.update(each), reconstruct(each, scene, anchor=anchor)
-        assert height.sources == alone.sources
-        ratio = (height.total_sigma / alone.total_sigma)[height.good]
-        assert np.median(np.abs(ratio - 1)) < 0.02
-        assert np.median(height.difference(alone)[1][height.good]) < 0.2 * np.median(
-            alone.total_sigma[alone.good]
-        )
 
 
 def test_saved_and_loaded(rig: Rig, tmp_path: Path) -> None:

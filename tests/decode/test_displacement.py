@@ -10,7 +10,7 @@ from optolever import InputError
 from optolever.decode import Correspondence, Displacement
 from optolever.live import crossed, lattice
 from optolever.patterns import sequence
-from optolever.reconstruct import HeightStream, exact_correspondence, reconstruct, slope_map
+from optolever.reconstruct import exact_correspondence, reconstruct, slope_map
 from optolever.scene import dent, load, resize, trace
 
 ONE = np.ones((16, 20))
@@ -66,21 +66,19 @@ def test_shapes_must_agree() -> None:
 
 
 def test_no_solver_and_no_prior_takes_a_displacement() -> None:
-    """A flat mirror's displacements, 0 everywhere, gave HeightStream a mirror of 21 mm."""
+    """A flat mirror's displacements are 0 everywhere: as a correspondence they are a mirror of 21 mm."""
     scene = resize(load("paper-simulation", exact=True), 40, 48)
     flat = trace(scene, dent("flat", scene))
     rest = exact_correspondence(flat)
     moved = moved_by(0.0, 0.0, flat.u.shape)
-    stream = HeightStream(scene)
     for call in (
-        lambda: stream.update(moved),  # type: ignore[arg-type]
         lambda: reconstruct(moved, scene),  # type: ignore[arg-type]
         lambda: reconstruct(rest, scene, rest=moved),  # type: ignore[arg-type]
         lambda: slope_map(reconstruct(rest, scene), moved, scene),  # type: ignore[arg-type]
     ):
         with pytest.raises(InputError, match=r"Displacement, must be .* displacement\.added_to"):
             call()
-    height = stream.update(moved.added_to(rest))
+    height = reconstruct(moved.added_to(rest), scene)
     assert np.abs(height.z[height.good]).max() < 1e-2
     for name, follow in (("crossed", crossed), ("lattice", lattice)):
         image = np.zeros(flat.u.shape, np.uint8)

@@ -54,7 +54,7 @@ FORMULA = re.compile(
 )
 #: Pages that state formulas.
 ANCHOR, GEOMETRY = "docs/explanation/anchor.md", "docs/explanation/geometry.md"
-CODE, FACET, STREAM = "docs/howto/code.md", "docs/howto/facet.md", "docs/howto/stream.md"
+CODE, FACET, LIVE = "docs/howto/code.md", "docs/howto/facet.md", "docs/howto/live.md"
 BALL, EXPORT, FILES = "docs/howto/calibrate.md", "docs/howto/export.md", "docs/reference/files.md"
 MONITOR, PRISM = "docs/rig/monitor.md", "docs/rig/prism.md"
 CAPTURE, SCENE, LIMITS = "docs/reference/capture.md", "docs/reference/scene.md", "docs/limits.md"
@@ -637,7 +637,7 @@ def test_shared_errors_add_up() -> None:
 # Loops
 
 
-@holds(STREAM, "the median of the displacement must stay within half a period")
+@holds(LIVE, "the median of the displacement must stay within half a period")
 @pytest.mark.parametrize(("periods", "right"), [(0.4, True), (0.6, False)])
 def test_one_frame_tells_half_a_period(periods: float, right: bool) -> None:
     rig = replace(resize(load("prism48"), 120, 160), sensor=WHITE_NOISE_SENSOR)
@@ -651,6 +651,15 @@ def test_one_frame_tells_half_a_period(periods: float, right: bool) -> None:
     moved = crossed(frames[1], frames[0], fringe, prior=reconstruct.exact_correspondence(rest))
     error = np.nanmedian((moved.du - (trace(rig, tilted).u - rest.u))[moved.flags == 0])
     assert abs(error) == pytest.approx(0.0 if right else 10.0, abs=0.3)
+
+
+@holds(LIVE, "4/(3 pi) d a / r")
+def test_what_an_edge_sinks_by() -> None:
+    """Of Hertz' surface beside a ball's contact (K. L. Johnson, Contact Mechanics, 1985, eq. 3.42)."""
+    q = np.array([1.5, 3.0, 10.0])
+    surface = ((2 - q**2) * np.arcsin(1 / q) + np.sqrt(q**2 - 1)) / np.pi
+    assert np.allclose(reconstruct.sink_around(1.0, 1.0, q, None), surface, rtol=0.06)
+    assert np.allclose(reconstruct.sink_around(1.0, 1.0, q, None), 4 / (3 * np.pi) / q)
 
 
 # Height maps and grids

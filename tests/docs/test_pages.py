@@ -23,7 +23,6 @@ SLOW = {
     "docs/howto/facet.md",
     "docs/howto/live.md",
     "docs/howto/rest.md",
-    "docs/howto/stream.md",
     "docs/rig/monitor.md",
     "docs/rig/prism.md",
 }

@@ -9,7 +9,7 @@ import pytest
 from optolever import InputError
 from optolever.experiments.metrics import relative_error
 from optolever.notices import Notice
-from optolever.reconstruct import HeightMap, HeightStream, PixelAnchor, reconstruct
+from optolever.reconstruct import HeightMap, PixelAnchor, reconstruct
 from optolever.reconstruct.judgement.circulation import contradiction
 from optolever.scene import Scene, adjusted
 
@@ -111,18 +111,6 @@ def test_notices_are_carried_and_saved(exact, tmp_path: Path) -> None:
     np.savez(tmp_path / "bad.npz", **arrays)
     with pytest.raises(InputError, match=r"bad\.npz.*notices"):
         HeightMap.load(tmp_path / "bad.npz")
-
-
-def test_a_stream_tells_what_its_frames_and_its_scene_say(exact, noisy) -> None:
-    scene, truth, _ = exact("monitor-mirror", "gaussian", *SIZE)
-    told = Notice("frames contradict each other", 2.0, 1.0, "take them again")
-    stream = HeightStream(turned(scene, 2), known(truth))
-    heights = [
-        stream.update(replace(noisy(truth, 0.02, 0.02, seed), notices=notices))
-        for seed, notices in enumerate(((), (told,)))
-    ]
-    assert [len(height.notices) for height in heights] == [1, 2]
-    assert heights[1].diagnostics.chi2 == heights[0].diagnostics.chi2
 
 
 @pytest.mark.daily(2)

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from optolever.decode import Correspondence
-from optolever.reconstruct import HeightMap, HeightStream, PixelAnchor, reconstruct
+from optolever.reconstruct import HeightMap, PixelAnchor, reconstruct
 from optolever.scene import Scene, Surface, load, resize, trace
 
 from .conftest import correspondence_of, rms_score, scores
@@ -19,17 +19,17 @@ SIZE, NOISE = 24, 0.003
 def scatter(seen: Correspondence, scene: Scene, anchor: PixelAnchor) -> tuple[HeightMap, Floats]:
     """The height, and the standard deviation (H, W) that noise gives it: each place alone moved by its sigma.
 
-    A stream's step is linear: this is the solver's own answer, without any formula for sigma.
+    This is the solver's own answer, without any formula for sigma.
     """
-    stream = HeightStream(scene, anchor)
-    still = stream.update(seen)
+    still = reconstruct(seen, scene, anchor=anchor)
     variance = np.zeros(still.z.shape)
     for name in ("u", "v"):
         place, sigma = getattr(seen, name), getattr(seen, f"sigma_{name}")
         for pixel in map(tuple, np.argwhere(still.good)):
             moved = place.copy()
             moved[pixel] += sigma[pixel]
-            variance += np.nan_to_num(stream.update(replace(seen, **{name: moved})).z - still.z) ** 2
+            height = reconstruct(replace(seen, **{name: moved}), scene, anchor=anchor, start=still)
+            variance += np.nan_to_num(height.z - still.z) ** 2
     return still, np.sqrt(variance)
 
 
