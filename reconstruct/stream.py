@@ -70,7 +70,7 @@ class HeightStream:
             start = self._last.height if self._last is not None else None
             solved = solved_height(correspondence, self._scene, self._anchor, start=start)
             if not self._scene.exact:
-                measured = Measurement(correspondence, self._anchor, None, None, "coupled")
+                measured = Measurement(correspondence, self._anchor, None, None)
                 solved = with_rig(solved, measured, self._scene)
             height = solved.height
             self._last, self._age, self._seen = solved, 0, correspondence
@@ -104,7 +104,7 @@ class HeightStream:
                     return None
                 chi2, freedom = last.diagnostics.chi2, last.diagnostics.freedom
                 height = replace(
-                    height_map(renewed, state, correspondence, noise, "coupled", math.nan, chi2, freedom),
+                    height_map(renewed, state, correspondence, noise, math.nan, chi2, freedom),
                     calibration=last.calibration,
                     sources=last.sources,
                     shares=last.shares,
