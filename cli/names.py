@@ -16,8 +16,7 @@ SAMPLE = """
 $ optolever names
 Scenes and methods
   scenes   monitor-mirror, paper-prototype, paper-simulation, prism48
-  methods  coupled, direct, robust, march, fixed-point, paper, paper-rises,
-           paper-drops
+  methods  coupled, paper, paper-rises, paper-drops
 Sequences
   gray           axes=uv, inverses=true, cell=1
   ...

@@ -31,7 +31,6 @@ from .judgement.circulation import (
 )
 from .judgement.discontinuities import across_gaps, edge_doubt, touched, widened
 from .judgement.holes import bridged, noise_gain, whole_lines
-from .judgement.reweighting import reweighted
 from .problem import Problem, prepare
 from .result import anchors_apart, height_map, loaded, off_mirror, refused, with_references
 from .rig.calibration import same_capture
@@ -47,21 +46,14 @@ from .rig.model import (
     rig_solutions,
 )
 from .rig.motion import limited_motion, unpressed
-from .solver.alternatives import DirectEdges, MarchedEdges
 from .solver.anchors import Anchors
 from .solver.edges import Doubt
-from .solver.newton import Options, State, missed, solve
+from .solver.newton import State, missed, solve
 from .uncertainty.sources import CELLS, CONTRADICTION, NOISE, noise_sources
 
 __all__ = ["Solution", "doubted", "method_names", "reconstruct", "solved_height", "with_rig"]
 
-_METHODS = {
-    "coupled": Options(),
-    "direct": Options(build=DirectEdges),
-    "robust": Options(),
-    "march": Options(build=MarchedEdges),
-    "fixed-point": Options(newton=False, max_steps=120),
-}
+_METHODS = ("coupled",)
 _REWEIGHTED = 2  # solves with doubtful edges: the slopes depend a little on the height
 _ATTEMPTS = 3  # each without the pixels that have no normal at the last solution
 #: Of w's change over a pixel: slopes that a wrong scene, any error, amplifies.
@@ -95,7 +87,7 @@ class Solution(NamedTuple):
 
 def method_names() -> tuple[str, ...]:
     """Names that `reconstruct` takes as method."""
-    return tuple(_METHODS)
+    return _METHODS
 
 
 def reconstruct(
@@ -112,9 +104,7 @@ def reconstruct(
 ) -> HeightMap:
     """The mirror behind a correspondence.
 
-    method: 'coupled' (Newton with an integrating factor; DCT or conjugate gradients, as the weights ask),
-    'direct' (by sparse factorisation, for extreme weights), 'robust' (defects reweighted, see `reweighting`),
-    'march' (along rows from one column, full rectangles only) and 'fixed-point' as cross-checks.
+    method: 'coupled', Newton with an integrating factor; DCT or conjugate gradients, as the weights ask.
     anchor: what settles the free mode: 'edge' (default: the camera-side edge x = L0 rests), 'middle' (default
     in open air without that edge in view), a point (x, y, z) in mm, or anchors of `anchors`. mask (H, W):
     pixels to use, among those without a flag. rest: what was decoded from the mirror at rest; its deviation
@@ -131,12 +121,12 @@ def reconstruct(
         if rest.u.shape == correspondence.u.shape and same_capture(correspondence, rest):
             correspondence = replace(correspondence, notices=(*correspondence.notices, _SAME_CAPTURE))
         scene = without_rest_form(scene)  # heights are those above the mirror at rest
-    measured = Measurement(correspondence, anchor, mask, rest, method)
+    measured = Measurement(correspondence, anchor, mask, rest)
     correspondence = measured.corrected(scene)
     steps = 1 if scene.exact else 2
     progress("height", 0, steps)
-    with logged(f"reconstruct {correspondence.u.shape} by {method}"), _explained(rest, scene):
-        solution = solved_height(correspondence, scene, anchor, mask, method, start)
+    with logged(f"reconstruct {correspondence.u.shape}"), _explained(rest, scene):
+        solution = solved_height(correspondence, scene, anchor, mask, start)
     progress("errors of the rig", 1, steps)
     solution = with_rig(solution, measured, scene, accept)
     problem, state = solution.problem, solution.state
@@ -177,7 +167,7 @@ def with_rig(
         gain = noise_gain(solution.problem.data.mask, solution.problem.bridged)
         left = judged_rig(model, solutions, solution.problem, solution.state, gain)
         if not scene.exact:
-            solution = _judged(*solution[:-1], known.method, left.chi2, left.freedom, rig=True)
+            solution = _judged(*solution[:-1], left.chi2, left.freedom, rig=True)
         doubted = not left.exact and not (left.likely and left.chi2 < _DOUBTED)
         if doubted and measured.rest is None and not accept:
             mistake = likely_mistake(_judge_coarse, measured, typed, left)
@@ -215,9 +205,8 @@ def _judge_coarse(measured: Measurement, scene: Scene, limit: float) -> RigJudge
 
 
 def _solved_coarse(measured: Measurement, scene: Scene, start: HeightMap | None) -> tuple[Problem, State]:
-    """Problem and state by a dense method, without a look at outliers and discontinuities."""
-    options = _METHODS[measured.method]
-    return _first(measured.corrected(scene), scene, measured.anchor, measured.mask, options, start)
+    """Problem and state, without a look at outliers and discontinuities."""
+    return _first(measured.corrected(scene), scene, measured.anchor, measured.mask, start)
 
 
 def solved_height(
@@ -225,26 +214,19 @@ def solved_height(
     scene: Scene,
     anchor: Anchors = None,
     mask: Mask | None = None,
-    method: str = "coupled",
     start: HeightMap | None = None,
 ) -> Solution:
-    """`reconstruct` by one of the dense methods."""
-    options = _METHODS[method]
-    problem, state = _first(correspondence, scene, anchor, mask, options, start)
-    problem, state, scale = _without_outliers(problem, state, options)
-    problem, state, curl = _at_its_noise(problem, state, scale, options)
-    if method == "robust":
-        state = reweighted(problem, state, options)
-    elif method == "march":
-        state = replace(state, doubt=doubted(problem, state, curl))
-    else:
-        state = _around_discontinuities(problem, state, options, curl)
+    """`reconstruct` of a scene without errors."""
+    problem, state = _first(correspondence, scene, anchor, mask, start)
+    problem, state, scale = _without_outliers(problem, state)
+    problem, state, curl = _at_its_noise(problem, state, scale)
+    state = _around_discontinuities(problem, state, curl)
     gain = noise_gain(problem.data.mask, problem.bridged)
     noise = noise_sources(problem, state, gain, correspondence.shared_noise)
     chi2, freedom = circulation_chi2(problem.data, state, gain)
     if CELLS in noise:  # neighbours share their errors
         chi2 /= 1 + float(np.median((noise[CELLS] / noise[NOISE])[problem.data.mask]))
-    return _judged(correspondence, problem, state, noise, scale, method, chi2, freedom)
+    return _judged(correspondence, problem, state, noise, scale, chi2, freedom)
 
 
 def _judged(
@@ -253,7 +235,6 @@ def _judged(
     state: State,
     noise: dict[str, Floats],
     scale: float,
-    method: str,
     chi2: float,
     freedom: int,
     rig: bool = False,
@@ -263,11 +244,11 @@ def _judged(
     if CELLS not in noise and chi2 > chi2_limit(freedom):
         noise[CONTRADICTION] = (chi2 - 1) * noise[NOISE]
     known = None if math.isnan(chi2) else chi2
-    height = height_map(problem, state, correspondence, noise, method, scale, known, freedom, rig)
+    height = height_map(problem, state, correspondence, noise, scale, known, freedom, rig)
     return Solution(correspondence, problem, state, noise, scale, height)
 
 
-def _without_outliers(problem: Problem, state: State, options: Options) -> tuple[Problem, State, float]:
+def _without_outliers(problem: Problem, state: State) -> tuple[Problem, State, float]:
     """The solution without lone pixels that the slopes' curl points to (interpolated instead, as small holes
     are), and the scale of the others' curl, see `curl_scale`.
     """
@@ -282,20 +263,18 @@ def _without_outliers(problem: Problem, state: State, options: Options) -> tuple
             break
         wrong = problem.bridged | removable
         problem = replace(problem, data=bridged(problem.data, wrong), bridged=wrong)
-        state = _solve(problem, state.w, options)
+        state = _solve(problem, state.w)
     return problem, state, scale
 
 
-def _at_its_noise(
-    problem: Problem, state: State, scale: float, options: Options
-) -> tuple[Problem, State, float]:
+def _at_its_noise(problem: Problem, state: State, scale: float) -> tuple[Problem, State, float]:
     """The same with sigma scaled by the curl's scale, and the remaining scale; unchanged where rounding makes
     the curl.
     """
     if not scale > _NOISIER or problem.data.whole_cells(problem.bridged):
         return problem, state, scale
     problem = replace(problem, data=problem.data.noisier(scale))
-    return problem, _solve(problem, state.w, options), 1.0
+    return problem, _solve(problem, state.w), 1.0
 
 
 def _first(
@@ -303,7 +282,6 @@ def _first(
     scene: Scene,
     anchor: Anchors,
     mask: Mask | None,
-    options: Options,
     start: HeightMap | None,
 ) -> tuple[Problem, State]:
     """The problem and its solution. Pixels that cannot be solved with the mirror at rest are excluded first,
@@ -312,10 +290,10 @@ def _first(
     """
     singular = np.zeros(correspondence.u.shape, dtype=np.bool_)
     for _ in range(_ATTEMPTS):
-        problem = prepare(correspondence, scene, anchor, mask, singular, not options.newton)
+        problem = prepare(correspondence, scene, anchor, mask, singular)
         first = _warm(problem, start) if start is not None else None
-        state = _solve(problem, problem.data.rest() if first is None else first, options)
-        hollow = problem.data.singular(state.w, not options.newton)
+        state = _solve(problem, problem.data.rest() if first is None else first)
+        hollow = problem.data.singular(state.w)
         if not state.converged:
             limit = _UNSTABLE if hollow.any() else _SENSITIVE
             places = state.w, problem.data.rest()
@@ -328,17 +306,17 @@ def _first(
     return problem, state
 
 
-def _solve(problem: Problem, first: Floats, options: Options) -> State:
-    return solve(problem.data, problem.samples, problem.labels, first, options)
+def _solve(problem: Problem, first: Floats) -> State:
+    return solve(problem.data, problem.samples, problem.labels, first)
 
 
-def _around_discontinuities(problem: Problem, state: State, options: Options, noise: float) -> State:
+def _around_discontinuities(problem: Problem, state: State, noise: float) -> State:
     """The solution with the doubts in the edges' variances, if there are any. noise: the curl's scale."""
     for _ in range(_REWEIGHTED):
         doubt = doubted(problem, state, noise)
         if doubt is None:
             break
-        state = solve(problem.data, problem.samples, problem.labels, state.w, options, doubt)
+        state = solve(problem.data, problem.samples, problem.labels, state.w, doubt)
     return state
 
 

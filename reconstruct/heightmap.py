@@ -39,7 +39,7 @@ class HeightFlag(IntFlag):
     same line: a step of any height may hide there, and the piece behind it is flagged); NOT_CONVERGED: the
     last steps still moved it, or so many others that nothing can be said of any; SINGULAR: the pattern lies
     within its noise of the mirror or of the ray there, so that there is no normal, or so near that the
-    solution does not converge there (a scene that is slightly wrong, method 'fixed-point'); IMPLAUSIBLE: no
+    solution does not converge there (a scene that is slightly wrong); IMPLAUSIBLE: no
     rig of the scene's accuracy can have taken the capture (on all pixels).
     """
 

@@ -94,9 +94,8 @@ class Measured:
         over_image(lambda start, stop: _variances(*arrays, *out, start, stop), w.shape)
         return out
 
-    def singular(self, w: Floats, picard: bool = False) -> Mask:
-        """Pixels of the mask to which noise leaves no normal n ~ e - d if the mirror is at w; picard: and
-        those where a fixed point is none, since slopes change with w by as much as w over a pixel.
+    def singular(self, w: Floats) -> Mask:
+        """Pixels of the mask to which noise leaves no normal n ~ e - d if the mirror is at w.
 
         e has no direction where X is at P, and is d where X is on the ray's way on from P: X must be farther
         from that half-line than its noise may move it, and farther from P than a pixel's noisy slopes move P.
@@ -104,8 +103,6 @@ class Measured:
         found = np.empty(w.shape, dtype=np.bool_)
         arrays = *self._at(w), *self.variances(w), found
         over_image(lambda start, stop: _no_normal(*arrays, start, stop), w.shape)
-        if picard:
-            found |= self.sensitive(w, 1.0)
         return found & self.mask
 
     def sensitive(self, w: Floats, limit: float) -> Mask:

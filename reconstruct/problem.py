@@ -71,10 +71,9 @@ def prepare(
     anchor: Anchors = None,
     mask: Mask | None = None,
     singular: Mask | None = None,
-    picard: bool = False,
 ) -> Problem:
     """Everything up to the solve. singular (H, W): pixels that cannot be solved, in addition to those that
-    cannot at rest; picard: by a fixed point (see `Measured.singular`). Raises InputError where the input
+    cannot at rest. Raises InputError where the input
     makes no sense or no anchor can be used.
     """
     size, camera = correspondence.u.shape, scene.camera
@@ -105,7 +104,7 @@ def prepare(
 
     holes = small_holes(data.mask)
     seen, data = data.mask, bridged(data, holes)
-    hollow = data.singular(data.rest(), picard) | (data.mask & on_grid(left_out))
+    hollow = data.singular(data.rest()) | (data.mask & on_grid(left_out))
     # after holes are bridged: across these none is
     data = replace(data, mask=data.mask & ~hollow)
     labels = _anchored_labels(data, samples)

@@ -36,7 +36,6 @@ def height_map(
     state: State,
     correspondence: Correspondence,
     noise: dict[str, Floats],
-    method: str,
     curl: float,
     chi2: float | None,
     freedom: int,
@@ -69,7 +68,7 @@ def height_map(
     if not state.converged:
         flags[solved & _unsettled(problem, state)] |= np.uint16(HeightFlag.NOT_CONVERGED)
     diagnostics = Diagnostics(
-        method=method,
+        method="coupled",
         converged=state.converged,
         steps=state.steps,
         iterations=state.iterations,

@@ -14,11 +14,10 @@ __all__ = ["command"]
 
 SAMPLE = """
 $ python -m lab methods --size 128x128 --case "reconstruct, cusp" \\
-      --method coupled --method march --method paper-drops
+      --method coupled --method paper-drops
 reconstruct, cusp
 method       time       processor  error      error/sigma  flagged    silent
 coupled      0.6842 s   0.4443 s   4.069e-06  0.01376      0.1526 %   0 %
-march        0.0578 s   0.03093 s  2.947e-05  0.008705     0.09766 %  0 %
 paper-drops  0.02219 s  0.02 s     0.006875   -            0 %        -
 """
 HEADER = ("method", "time", "processor", "error", "error/sigma", "flagged", "silent", "")

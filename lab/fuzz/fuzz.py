@@ -58,7 +58,7 @@ _TEXTS = {
     "--dent": (*_DENTS, "rounded-needle", "relief:path=@/mask.png", "gaussian:peak=-9", "ball:depth=40"),
     "--size": ("1x1", "2x2", "12x16", "24x32", "3x200", "64x64"),
     "--roi": ("0,0,24,32", "3,3,1,1", "0,0,1,32", "20,30,4,2", "24,0,1,1", "-1,0,2,2"),
-    "--method": ("coupled", "direct", "robust", "march", "fixed-point", "paper", "paper-rises"),
+    "--method": ("coupled", "paper", "paper-rises"),
     "--anchor": ("edge", "none", "30,20,0", "30,20,1", "0,0,0", "1e9,0,0", "nan,0,0"),
     "": ("0", "1", "7", "20", "0.3", "1e-9", "1e4", "1e9", "99999999999"),
 }
@@ -269,7 +269,7 @@ def _base(folder: Path) -> Path:
     decode(taken.frames, shown).save(folder / "c.npz")
     shutil.copy(folder / "c.npz", folder / "rest.npz")
     grid = 'scenes = ["prism48"]\nsequences = ["gray"]\nsizes = ["12x16"]\nnoises = [1.0]\nseeds = [0]\n'
-    grid += 'renderer = "numpy"\nsolvers = ["fixed-point"]\nrefresh = 60.0\n'
+    grid += 'renderer = "numpy"\nsolvers = ["coupled"]\nrefresh = 60.0\n'
     (folder / "grid.toml").write_text(grid, encoding="utf-8")
     if find_spec("h5py"):
         save_sofast(folder / "m.h5", taken.frames)

@@ -8,7 +8,6 @@
 | cg | as dct4 | conjugate gradients: any mask, any weights |
 | direct | as dct4 | sparse factorisation: extreme weights |
 | robust | as dct4 | Cauchy reweighting of the edge defects |
-| march | as dct4 | sums down one column, then along every row: no least squares, a cross-check |
 
 dct2 and dct4: the least-squares heights of edge increments g solve the Neumann Laplacian L z = D^T g, which
 the DCT-II diagonalises with eigenvalues (2 - 2 cos(pi k / rows)) + (2 - 2 cos(pi l / cols)); no boundary
@@ -32,7 +31,7 @@ from optolever.errors import InputError
 
 from ..arrays import Floats, Labels, Mask, Pair
 from ..judgement.reweighting import cauchy, scaled_median
-from ..solver.alternatives import DirectEdges, MarchedEdges
+from ..solver.alternatives import DirectEdges
 from ..solver.edges import divergence, edge_weights, increments
 from ..solver.poisson import SEPARABLE_SPREAD, Accuracy, EdgeProblem, MaskedEdges, SeparableEdges, spread
 from .quadrilateral import quadrilateral_increments, quadrilateral_weights
@@ -44,7 +43,6 @@ _SOLVERS: dict[str, Callable[[Floats, Floats, Mask], EdgeProblem]] = {
     "weighted": lambda wx, wy, _: SeparableEdges(wx, wy),
     "cg": MaskedEdges,
     "direct": DirectEdges,
-    "march": MarchedEdges,
 }
 _ONE = np.ones((1, 1))
 _ACCURACY = Accuracy(relative=1e-12)
@@ -115,7 +113,7 @@ def integrate(
         raise InputError(f"method = {name!r}: needs an even grid; 'cg', 'direct' and 'robust' do not")
     if steps != (1.0, 1.0):
         p, q = p * steps[0], q * steps[1]
-    if name in (*_RECTANGLES, "weighted", "march"):
+    if name in (*_RECTANGLES, "weighted"):
         _require_plain(name, inside, name != "weighted" and wp is not None)
     if name in _RECTANGLES:
         z, rest = _rectangle(p, q, name == "dct4")

@@ -6,22 +6,16 @@ median of |r| sqrt(w), one for noise as announced.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
 from ..arrays import Pair
-from ..problem import Problem
-from ..solver.edges import Doubt, defects, edge_weights
-from ..solver.newton import Options, State, solve
 
-__all__ = ["cauchy", "reweighted", "scaled_median"]
+__all__ = ["cauchy", "scaled_median"]
 
-_ONE = np.ones((1, 1))
 _CAUCHY = 2.385  # deviations at which the weight is one half: 95 % efficiency under Gaussian noise
 _STEPS = 30
 _SETTLED = 1e-3  # change of the defects' scale, relative
-_LEAST = 0.1  # of an edge's standard deviation: data better than announced need no steeper weights
 
 
 def cauchy(solve: Callable[[Pair | None], Pair], weights: Pair, least: float) -> Pair | None:
@@ -38,23 +32,6 @@ def cauchy(solve: Callable[[Pair | None], Pair], weights: Pair, least: float) ->
             break
         doubts = np.abs(residuals[0]) / (_CAUCHY * scale), np.abs(residuals[1]) / (_CAUCHY * scale)
     return doubts
-
-
-def reweighted(problem: Problem, state: State, options: Options) -> State:
-    """The solution with defects down-weighted; its weights stay with it, its doubt is not kept."""
-    data, once = problem.data, replace(options, max_steps=1)
-
-    def step(doubts: Pair | None) -> Pair:
-        nonlocal state
-        if doubts is not None:
-            state = solve(data, problem.samples, problem.labels, state.w, once, Doubt(*doubts))
-        p, q = data.slopes(state.w)[:2]
-        return defects(p, q, state.w, _ONE, data.mask)
-
-    doubts = cauchy(step, edge_weights(*state.variances, _ONE, data.mask), _LEAST)
-    if doubts is not None:
-        state = solve(data, problem.samples, problem.labels, state.w, options, Doubt(*doubts))
-    return replace(state, doubt=None)
 
 
 def scaled_median(residuals: Pair, weights: Pair) -> float:

@@ -85,7 +85,6 @@ class Measurement:
     anchor: Anchors
     mask: Mask | None
     rest: Correspondence | None
-    method: str
 
     def corrected(self, scene: Scene) -> Correspondence:
         """The correspondence less the rest capture's deviation from the scene."""
@@ -100,7 +99,6 @@ class Measurement:
             _anchors(self.anchor, step),
             None if self.mask is None else np.asarray(self.mask)[::step, ::step],
             None if self.rest is None else _coarse(self.rest, step),
-            self.method,
         )
 
 

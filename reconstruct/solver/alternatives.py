@@ -1,17 +1,15 @@
-"""Solvers of the edge problem other than DCT and conjugate gradients: a sparse factorisation, a march."""
+"""The edge problem by a sparse factorisation, for extreme weights of `integrate`."""
 
 import numpy as np
 import scipy.ndimage
 import scipy.sparse
 import scipy.sparse.linalg
 
-from optolever.errors import InputError
-
 from ..arrays import Floats, Mask
 from .edges import divergence
-from .poisson import Accuracy, MaskedEdges, PoissonResult, SeparableEdges
+from .poisson import Accuracy, MaskedEdges, PoissonResult
 
-__all__ = ["DirectEdges", "MarchedEdges"]
+__all__ = ["DirectEdges"]
 
 
 class DirectEdges(MaskedEdges):
@@ -58,25 +56,4 @@ class DirectEdges(MaskedEdges):
         if self._factor is not None:
             rhs = divergence(gx, gy, *self.weights)
             x.reshape(-1)[self._free] = self._factor.solve(rhs.ravel()[self._free])
-        return PoissonResult(x, 1, 0.0)
-
-
-class MarchedEdges(SeparableEdges):
-    """Full rectangle: sums down the column whose edges weigh most, and from there along every row."""
-
-    closed = False
-
-    def __init__(self, wx: Floats, wy: Floats, mask: Mask, separable: bool = True) -> None:
-        if not mask.all():
-            hidden = int(np.count_nonzero(~mask))
-            raise InputError(f"method = 'march': needs a full rectangle, {hidden} pixels of it are missing")
-        super().__init__(wx, wy)
-        self.spine = int(np.argmax(wy[:-1].sum(axis=0)))
-
-    def solve(self, gx: Floats, gy: Floats, accuracy: Accuracy, start: Floats | None = None) -> PoissonResult:
-        """Sums along one path; the other columns' edges do not count."""
-        x = np.zeros(gx.shape)
-        x[:, 1:] = np.cumsum(gx[:, :-1], axis=1)
-        x -= x[:, self.spine : self.spine + 1]
-        x[1:] += np.cumsum(gy[:-1, self.spine])[:, None]
         return PoissonResult(x, 1, 0.0)

@@ -2,12 +2,10 @@
 
 The linearised system grad(dw) = r + (p_w, q_w) dw becomes a plain gradient by dw = E g with grad log E =
 (p_w, q_w) (Poisson problem one): grad g = r / E (Poisson problem two, weighted by E^2 / var). E is also the
-free mode, settled by the anchors. The fixed point dw = integral of r alone converges linearly; it is kept as
-a cross-check.
+free mode, settled by the anchors.
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,9 +16,11 @@ from .anchors import AnchorRows, Samples, anchor_rows, free_constants
 from .edges import Doubt, defects, edge_weights, factor_increments
 from .poisson import Accuracy, EdgeProblem, edge_problem
 
-__all__ = ["Options", "State", "chord_step", "edge_errors", "response", "solve"]
+__all__ = ["State", "chord_step", "edge_errors", "response", "solve"]
 
 _ONE, _ZERO = np.ones((1, 1)), np.zeros((1, 1))
+_TOLERANCE = 1e-11  # rms change of w, relative to its range, at which to stop
+_MAX_STEPS = 15
 _FACTOR_ACCURACY = Accuracy(peak=0.02)  # of log E, in every pixel: E only has to be near
 _LINEAR_SHARE = 0.02  # of an edge's standard deviation: the energy of what a linear solve may leave
 _FIRST_RELATIVE, _RELATIVE = 1e-2, 1e-10  # of the first error: there is a second step; rounding
@@ -36,18 +36,6 @@ _MOVING = 0.05  # of the pixels: more are not single noisy ones
 _SLOWEST = 0.99  # ratio of successive steps: the upper limit in extrapolation
 _LARGEST = 1e12  # of the median variance: a slope without information
 _CHORD_RATE = 1e-3  # refit the integrating factor while a step leaves more than this of the last one
-
-
-@dataclass(frozen=True, slots=True)
-class Options:
-    """tolerance: rms change of w, relative to its range, at which to stop; newton False: plain fixed point;
-    build: makes the linear problems of edge weights, mask and whether columns may share theirs.
-    """
-
-    tolerance: float = 1e-11
-    max_steps: int = 15
-    newton: bool = True
-    build: Callable[[Floats, Floats, Mask, bool], EdgeProblem] = edge_problem
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +79,6 @@ def solve(
     samples: Samples,
     labels: Labels,
     w: Floats,
-    options: Options,
     doubt: Doubt | None = None,
 ) -> State:
     """Iterate from w. labels: connected components of the mask from 1 on,
@@ -99,9 +86,9 @@ def solve(
     """
     rows = anchor_rows(samples, data, labels)
     variances = _guarded(data.variances(w), data.mask)
-    tolerance, noise = options.tolerance * _span(w, data.mask), _noise(variances[0], data.mask)
+    tolerance, noise = _TOLERANCE * _span(w, data.mask), _noise(variances[0], data.mask)
     weights = edge_weights(*variances, _ONE, data.mask, doubt)
-    plain = options.build(*weights, data.mask, doubt is None)
+    plain = edge_problem(*weights, data.mask, doubt is None)
     problem, root, phi = plain, _ONE, None
     iterations = 0
     energies: list[float] = []
@@ -110,16 +97,16 @@ def solve(
     change, share = np.zeros(w.shape), np.zeros(rows.pixel.shape)
     while True:
         p, q, p_w, q_w = data.slopes(w)
-        if options.newton and _rate(steps) > _CHORD_RATE:
+        if _rate(steps) > _CHORD_RATE:
             fit = plain.solve(*factor_increments(p_w, q_w, data.mask), _FACTOR_ACCURACY, phi)
             phi, iterations = fit.x, iterations + fit.iterations
             root = _root(phi, labels)
             weights = edge_weights(*variances, root, data.mask, doubt)
-            problem = options.build(*weights, data.mask, doubt is None)
+            problem = edge_problem(*weights, data.mask, doubt is None)
         gx, gy = defects(p, q, w, root, data.mask)
         energies.append(problem.energy(gx, gy))
         merits.append(energies[-1] + _anchor_energy(root, rows, w, (p, q), variances))
-        if _worse(merits) and len(steps) < options.max_steps:  # half of the last step was too much
+        if _worse(merits) and len(steps) < _MAX_STEPS:  # half of the last step was too much
             change *= 0.5
             w = w - change
             steps[-1] *= 0.5
@@ -138,7 +125,7 @@ def solve(
         w = w + change
         steps.append(float(np.sqrt(np.mean(change**2))))
         converged = _left(steps) <= max(tolerance, _NOISE_SHARE * quiet * noise)
-        if converged or len(steps) >= options.max_steps or (options.newton and _stalled(steps)):
+        if converged or len(steps) >= _MAX_STEPS or _stalled(steps):
             left, unsettled = energies[-1], None
             if not converged:
                 rest = change / (1 - min(_rate(steps), _SLOWEST))

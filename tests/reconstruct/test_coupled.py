@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from optolever import InputError
-from optolever.experiments.metrics import relative_error, rms
+from optolever.experiments.metrics import relative_error
 from optolever.reconstruct import (
     DistanceAnchor,
     EdgeAnchor,
@@ -73,16 +73,6 @@ def test_every_kind_of_anchor_finds_the_same_mirror(bump) -> None:
     ]
     for anchor in anchors:
         assert relative_error(reconstruct(correspondence, scene, anchor=anchor), truth) < 1e-6
-
-
-def test_fixed_point_agrees(bump) -> None:
-    scene, truth, correspondence = bump
-    slow = reconstruct(correspondence, scene, method="fixed-point")
-    fast = reconstruct(correspondence, scene)
-    assert slow.diagnostics.converged
-    assert len(slow.diagnostics.steps) > len(fast.diagnostics.steps)
-    difference = (slow.z - fast.z)[slow.good & fast.good]
-    assert rms(difference) < 1e-6 * np.nanmax(truth.z)
 
 
 @pytest.mark.daily(2)

@@ -153,7 +153,7 @@ def test_fifth_degree_is_exact_wherever_the_pixels_lie() -> None:
         z = sum(a * x**m * y**n for a, (m, n) in zip(share, powers, strict=True))
         gx = sum(a * m * x ** max(m - 1, 0) * y**n for a, (m, n) in zip(share, powers, strict=True))
         gy = sum(a * n * x**m * y ** max(n - 1, 0) for a, (m, n) in zip(share, powers, strict=True))
-        for method in ("cg", "direct", "march"):
+        for method in ("cg", "direct"):
             found = integrate(gx, gy, method, spacing=(x, y)).z
             np.testing.assert_allclose(found - found[0, 0], z - z[0, 0], atol=1e-6)
 
@@ -213,7 +213,6 @@ def test_robust_at_cliffs_is_a_plain_cauchy_loop(noise: float) -> None:
         ({"spacing": (np.full((8, 8), np.nan), np.ones((8, 8)))}, "mask"),
         ({"method": "dct4", "mask": np.eye(8, dtype=bool)}, "rectangle"),
         ({"method": "dct4", "weights": np.ones((8, 8))}, "weights"),
-        ({"method": "march", "mask": np.eye(8, dtype=bool)}, "rectangle"),
     ],
 )
 def test_bad_input(options: dict, word: str) -> None:
