@@ -37,7 +37,7 @@ from .predicted import (
     sigma_at_rest,
 )
 from .priors import default_priors
-from .profile import load_profile, store_profile, with_lag
+from .profile import load_profile, store_profile
 from .response import RigResponse, load_response, measure_response, store_response, with_better_fit
 from .rest import RestMap, load_rest, store_rest
 from .targets import Ball, Flat, Plate, Points, Rest, Target
@@ -77,7 +77,6 @@ __all__ = [
     "store_response",
     "store_rest",
     "with_better_fit",
-    "with_lag",
 ]
 
 check_face(__name__)

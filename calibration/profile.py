@@ -1,7 +1,6 @@
 """A decoder's profile of the rig, stored with it: `[profile]` in the rig's TOML names an .npz beside it."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 
 from optolever.decode import RigProfile
@@ -9,7 +8,7 @@ from optolever.errors import InputError
 from optolever.files import together
 from optolever.scene import rig_table, write_sections
 
-__all__ = ["load_profile", "store_profile", "with_lag"]
+__all__ = ["load_profile", "store_profile"]
 
 
 def store_profile(path: str | Path, profile: RigProfile) -> Path:
@@ -37,15 +36,3 @@ def load_profile(path: str | Path) -> RigProfile:
     if not isinstance(name, str):
         raise InputError(f"{file}: [profile] must name a file; run `optolever decode --save-profile`")
     return RigProfile.load(file.parent / name)
-
-
-def with_lag(profile: RigProfile, share: float) -> RigProfile:
-    """The profile with a measured share of the frame before (`projector.Timing.lag`), for exposures of which
-    the frames themselves gave no estimate."""
-    return replace(
-        profile,
-        exposures=tuple(
-            one if one.lag.share else replace(one, lag=one.lag._replace(first=share, ratio=0.0))
-            for one in profile.exposures
-        ),
-    )

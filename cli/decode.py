@@ -90,13 +90,7 @@ Correspondence in c.npz
     type=click.FloatRange(min=0),
     metavar="PX",
     help="Rms blur of the camera's lens, camera pixels (4 at most): its bias in curved parts is removed. "
-    "Default: estimated from the fringes where the map is curved, else 0.",
-)
-@click.option(
-    "--footprint",
-    type=click.FloatRange(min=0, max=1, min_open=True),
-    metavar="SHARE",
-    help="Side of a camera pixel's active area over its pitch. Default: 1; sigma allows for 0.5.",
+    "Default: 0.35, with a sigma that allows 0 to 0.6.",
 )
 @click.option(
     "--profile",
@@ -115,10 +109,9 @@ Correspondence in c.npz
     type=click.FloatRange(min=0),
     metavar="CELLS",
     help="Rms blur of the display's cells, if known: sigma then includes no uncertainty of it. Default: "
-    "estimated from the frames.",
+    "bounded by the fringes' contrast.",
 )
 @click.option("--no-cells", is_flag=True, help="Frames were ideal cosines, not shown on a display's cells.")
-@click.option("--no-check", is_flag=True, help="Skip the check of the frames against their description.")
 @json_option
 def command(
     sources: tuple[Path, ...],
@@ -132,12 +125,10 @@ def command(
     mask_path: Path | None,
     roi: str | None,
     lens: float | None,
-    footprint: float | None,
     profile: Path | None,
     save_profile: Path | None,
     blur: float | None,
     no_cells: bool,
-    no_check: bool,
     json_path: Path | None,
 ) -> None:
     """Find the pattern coordinates of every pixel, with sigma.
@@ -148,7 +139,7 @@ def command(
     v, sigma_u, sigma_v (pattern pixels), flags (0 = good), amplitude, offset.
     """
     from optolever import InputError
-    from optolever.calibration import harmonic_errors, load_profile, store_profile, with_better_fit, with_lag
+    from optolever.calibration import harmonic_errors, load_profile, store_profile, with_better_fit
     from optolever.decode import Decoder, Settings
     from optolever.experiments import code_that_decodes
     from optolever.files import together
@@ -166,19 +157,17 @@ def command(
                 response=inverse,
                 lens_px=lens,
                 blur_px=blur,
-                footprint=footprint,
                 on_cells=not no_cells,
-                check=not no_check,
             )
             known = None
             if profile is not None:
-                if settings != Settings(check=settings.check):
+                if settings != Settings():
                     raise InputError(
-                        f"--profile {profile}: includes response, lens, blur, footprint and cells; leave out "
-                        "--response, --lens, --blur, --footprint and --no-cells"
+                        f"--profile {profile}: includes response, lens, blur and cells; leave out "
+                        "--response, --lens, --blur and --no-cells"
                     )
-                known = with_lag(load_profile(profile), measured_lag(profile, source))
-                settings = replace(known.settings, check=settings.check)
+                known = load_profile(profile).with_lag(measured_lag(profile, source))
+                settings = known.settings
             decoder = Decoder(capture.sequence, known, settings)
             result = decoder.decode(capture.frames, mask=inside, progress=step)
             if inverse is not None and result.notices:

@@ -40,7 +40,6 @@ def command(rig: Path, sequence: str, out: Path, json_path: Path | None, **given
     """
     import numpy as np
 
-    from optolever.calibration import with_lag
     from optolever.decode import Decoder
     from optolever.experiments import Measurement, frames_of_another, write_measurement_report
     from optolever.patterns import sequence_from_text
@@ -59,7 +58,7 @@ def command(rig: Path, sequence: str, out: Path, json_path: Path | None, **given
         decoder = Decoder(shown)
         seen, lag = decoder.decode(done.capture.frames), measured_lag(rig, out / "capture")
         if lag and decoder.profile is not None:
-            seen = Decoder(shown, with_lag(decoder.profile, lag)).decode(done.capture.frames)
+            seen = Decoder(shown, decoder.profile.with_lag(lag)).decode(done.capture.frames)
         seen.save(out / "c.npz")
         wrong = frames_of_another(done.capture, seen)
         step("reconstruct")

@@ -13,9 +13,9 @@ from optolever.notices import Notice
 
 from .codes.bits import bit_tables
 from .codes.fringe import Misfit, fringe_tables, measure_misfit, three_step_aliasing
-from .codes.lookup import Lines, lookup_rows, prepare
+from .codes.lookup import Lines, LookUp, Table, lookup_rows, prepare, table_of
 from .codes.orders import Orders, order_table
-from .effects import View, lag
+from .effects import View, lag, motion
 from .exposures import Part
 from .frames import Light, sample_levels, sample_places
 from .neighbours import HALO, Block, Result, axis_limits, neighbours
@@ -39,6 +39,8 @@ _CACHE = 1 << 20
 _LIT = 0.15
 #: Change of a statistic from which on a profile no longer holds; of sigma from which on a notice says so.
 _CHANGED, _NOTICED = 2.0, 1.5
+#: Share of the good pixels below which a profile no longer holds.
+_FEWER = 0.9
 
 
 class Prepared(NamedTuple):
@@ -51,7 +53,7 @@ class Prepared(NamedTuple):
     tables: Tables
     dof: int
     limits: F32
-    look_ups: tuple[Any, ...]
+    look_ups: tuple[Table | None, ...]
 
 
 class Estimated(NamedTuple):
@@ -106,37 +108,40 @@ def _estimate(light: Light, part: Part, settings: Settings, sample: Sample) -> E
     else:
         noise = fit_noise(p, sample, light.rounding)
     known = noise if settings.noise is not None or constraints(p, len(part.sequence)) else None
-    tables = [
+    look_ups = [
         prepare(part.sequence, p, axis, light, sample, known, settings.blur_px, settings.on_cells)
         if axis.looked_up
         else None
         for axis in axes
     ]
     nothing = Sampled(0.0, 0.0, 0.0)
-    profile = _with_misfits(ExposureProfile(noise, (), (), None, nothing, ()), part, sample, tables)
+    profile = _with_misfits(ExposureProfile(noise, (), (), None, nothing, ()), part, sample, look_ups)
     place = _places(light, part, settings, profile, sample)
     slow = lag.estimate(View(p, light, noise, sample, *place))
     if slow is not None:
         levels = lag.matrix(slow, len(sample.levels)) @ sample.levels
-        profile = _with_misfits(profile._replace(effects=(slow,)), part, replace(sample, levels=levels), tables)
+        profile = _with_misfits(profile._replace(effects=(slow,)), part, replace(sample, levels=levels), look_ups)
         place = _places(light, part, settings, profile, sample)
     view = View(p, light, noise, sample, *place)
     profile = _with_between(profile, axes, view)
-    more = np.zeros(len(axes))
+    more, moved = np.zeros(len(axes)), motion.estimate(view)
     if slow is not None:
         more += lag.variance(view, slow)
+    if moved is not None:
+        more += motion.variance(view, moved)
+        profile = profile._replace(effects=(*profile.effects, moved))
     own = (axis._replace(variance=float(v)) for axis, v in zip(profile.axes, more, strict=True))
     profile = profile._replace(axes=tuple(own))
-    return profile._replace(notices=_notices(profile))
+    return profile._replace(notices=_notices(profile, axes, view))
 
 
 def _with_misfits(
-    profile: ExposureProfile, part: Part, sample: Sample, tables: list[Any]
+    profile: ExposureProfile, part: Part, sample: Sample, look_ups: list[LookUp | None]
 ) -> ExposureProfile:
     p, noise, own = plan(part.sequence), profile.noise, []
-    for axis, table in zip(axes_of(part), tables, strict=True):
+    for axis, look_up in zip(axes_of(part), look_ups, strict=True):
         misfits = tuple(_misfit(fringe, p, axis, sample, noise) for fringe in axis.fringes)
-        own.append(AxisProfile(misfits, _deviation(axis, sample, noise), 0.0, table))
+        own.append(AxisProfile(misfits, _deviation(axis, sample, noise), 0.0, look_up))
     return profile._replace(axes=tuple(own))
 
 
@@ -157,14 +162,38 @@ def _misfit(fringe: Fringe, p: Plan, axis: AxisPlan, sample: Sample, noise: Nois
     return found._replace(variance=found.variance + three_step_aliasing(fringe, ends, sample, noise))
 
 
-def _notices(profile: ExposureProfile) -> tuple[Notice, ...]:
-    """What costs a factor of 1.5 in sigma or more."""
-    scale = max((misfit.scale for axis in profile.axes for misfit in axis.misfits), default=1.0) ** 0.5
-    if scale < _NOTICED:
-        return ()
-    name = f"the fringes deviate from cosines: sigma is {scale:.2g} times wider than by noise"
-    cure = "a linear display (gamma 1), longer delays, no flicker"
-    return (Notice(name, float("nan"), float("nan"), cure),)
+def _notices(profile: ExposureProfile, axes: tuple[AxisPlan, ...], view: View) -> tuple[Notice, ...]:
+    """What costs a factor of 1.5 in sigma or more, its largest part by name; motion in any case."""
+    found, nan = [], float("nan")
+    for effect in profile.effects:
+        if effect.name == "motion":
+            name = f"the mirror moved while the frames were taken, by {effect.value:.2g} pattern px per frame"
+            found.append(Notice(name, nan, nan, "hold it still, or show fewer frames; sigma includes it"))
+    worst, cause = 1.0, ""
+    for axis, own in zip(axes, profile.axes, strict=True):
+        if not axis.fringes or not own.misfits:
+            continue
+        fringe, misfit = axis.fringes[-1], own.misfits[-1]
+        noise = float(np.nanmedian(_phase_variance(fringe, view.sample, profile.noise, 1.0)))
+        parts = {
+            "fringes are no sinusoids (motion, flicker, a nonlinear display)": (misfit.scale - 1) * noise,
+            "a nonlinear response, or periods that contradict each other (gamma)": misfit.variance,
+            "display lag, sharp cells or motion": own.variance / fringe.period**2,
+        }
+        factor = (1 + sum(parts.values()) / max(noise, 1e-30)) ** 0.5
+        if factor > worst:
+            worst, cause = factor, max(parts, key=lambda name: parts[name])
+    if worst >= _NOTICED:
+        cure = "a linear display (gamma 1, or response=), longer delays, a still mirror"
+        found.append(Notice(f"sigma is {worst:.2g} times wider than by noise: {cause}", nan, nan, cure))
+    return tuple(found)
+
+
+def _phase_variance(fringe: Fringe, sample: Sample, noise: Noise, scale: float) -> F64:
+    """Variance (cycles^2) of the sample's phases by noise."""
+    o, c, s = fringe.inverse @ sample.levels[list(fringe.index)].astype(np.float64)
+    own = scale * noise.variance(o) * np.square(fringe.inverse[1]).sum()
+    return np.asarray(own / np.maximum(c * c + s * s, 1e-6) / (2 * np.pi) ** 2)
 
 
 def _with_between(profile: ExposureProfile, axes: tuple[AxisPlan, ...], view: View) -> ExposureProfile:
@@ -182,9 +211,8 @@ def _between(axis: AxisPlan, place: F64, sample: Sample, noise: Noise, misfits: 
     misfit."""
     most, fine = 0.0, axis.fringes[-1].period if axis.fringes else 1.0
     for fringe, misfit in zip(axis.fringes[:-1], misfits, strict=False):
-        o, c, s = fringe.inverse @ sample.levels[list(fringe.index)].astype(np.float64)
-        own = misfit.scale * noise.variance(o) * np.square(fringe.inverse[1]).sum()
-        variance = own / np.maximum(c * c + s * s, 1e-6) / (2 * np.pi) ** 2
+        _, c, s = fringe.inverse @ sample.levels[list(fringe.index)].astype(np.float64)
+        variance = _phase_variance(fringe, sample, noise, misfit.scale)
         away = np.arctan2(s, c) / (2 * np.pi) - place / fringe.period
         away -= np.rint(away)
         ok = np.isfinite(away)
@@ -236,9 +264,15 @@ def prepared(part: Part, settings: Settings, profile: ExposureProfile) -> Prepar
     )
     dof = sum(len(f.index) - 3 for axis in axes if not axis.looked_up for f in axis.fringes)
     dof += sum(len(axis.fringes) - 1 for axis, own in zip(axes, profile.axes, strict=True) if own.deviation > 0)
-    dof += sum(own.look_up.dof for own in profile.axes if own.look_up is not None)
+    look_ups = tuple(
+        None if own.look_up is None else table_of(part.sequence, p, axis, own.look_up)
+        for axis, own in zip(axes, profile.axes, strict=True)
+    )
+    dof += sum(table.dof for table in look_ups if table is not None)
     limits = np.stack([axis_limits(axis, settings.lens_px, settings.on_cells) for axis in axes])
-    return Prepared(part, axes, profile, tables, dof, limits, tuple(own.look_up for own in profile.axes))
+    for table, line in zip(look_ups, limits, strict=True):
+        line[0] = line[0] if table is None else table.jump
+    return Prepared(part, axes, profile, tables, dof, limits, look_ups)
 
 
 def _numbers(light: Light) -> tuple[NDArray[Any], F32 | None, np.float32]:
@@ -291,7 +325,7 @@ def holds(light: Light, ready: Prepared, mask: Mask) -> tuple[Notice, ...]:
     """Why a profile no longer holds for these frames, by sample pixels; empty: it does."""
     known, now = ready.profile.sampled, _statistics(light, ready, lit_sample(light, mask))
     changes = (
-        ("good pixels of the sample, share", known.good, now.good, now.good * _CHANGED < known.good),
+        ("good pixels of the sample, share", known.good, now.good, now.good < _FEWER * known.good),
         ("residuals over their noise", known.chi2, now.chi2, now.chi2 > _CHANGED * max(known.chi2, 0.5)),
         ("contrast, levels", known.amplitude, now.amplitude, not 0.5 < now.amplitude / max(known.amplitude, 1e-6) < 2),
     )

@@ -1,12 +1,11 @@
-"""Pixels against their neighbours, on a block of rows: sigma inflated, then flags; no pixel is refused that its
-neighbours confirm.
+"""Pixels against their neighbours, on a block of rows: sigma inflated, then flags; no pixel is refused that
+its neighbours confirm.
 
 A place is the mean over a pixel's area and the blur of the lens: half of their second moment times the
 Laplacian of the map is subtracted, and the uncertainty of the moment joins the variance. Three excesses over
 noise join it, too: of the residuals around a pixel (chi2), of third differences over 7 x 7 pixels, and of the
-residual to the quadratic of 5 x 5 (a crease has no third differences beyond its own pixels). At flagged pixels
-and at the image's border the place is that of the lit part of the aperture, at the display's border that of
-its lit cells.
+residual to the quadratic of 5 x 5 (a crease has third differences at few pixels). Beside flagged pixels the
+place is that of the lit part of the aperture, at the display's border that of its lit cells.
 
     neighbours(block, above, dof, limits, result)
 
@@ -100,28 +99,17 @@ def axis_limits(axis: AxisPlan, lens_px: float | None = None, on_cells: bool = T
 def neighbours(block: Block, above: int, dof: int, limits: F32, result: Result) -> None:
     """See the head of the file."""
     shape = block.flags.shape
-    clean, full, scale, along, down, near = np.empty((6, *shape), np.float32)
-    flags = np.empty(shape, np.uint16)
+    clean, scale = np.empty((2, *shape), np.float32)
+    flags, windows = np.empty(shape, np.uint16), np.empty((7, *shape), np.float32)
+    row_of = np.empty(shape[0], np.int64)
     _cleaned(block.place, block.variance, block.amplitude, block.flags, limits, clean, flags)
-    _shared(clean, block.chi2, np.float32(dof), full, scale, along, down, near)
+    _shared(clean, block.chi2, np.float32(dof), scale, windows, row_of)
     own = slice(above, above + len(result.flags))
     result.flags[:] = flags[own]
     for k, numbers in enumerate(limits):
         if numbers[_FINE] > 0:
-            maps = block.place[k], block.variance[k], clean, block.amplitude
-            _axis(
-                *maps,
-                full,
-                scale,
-                along,
-                down,
-                near,
-                above,
-                numbers,
-                result.coordinate[k],
-                result.sigma[k],
-                result.flags,
-            )
+            maps = block.place[k], block.variance[k], clean, block.amplitude, scale, windows, row_of
+            _axis(*maps, above, numbers, result.coordinate[k], result.sigma[k], result.flags)
         else:
             result.coordinate[k] = block.place[k, own]
             np.sqrt(np.maximum(block.variance[k, own] * scale[own], _LEAST), out=result.sigma[k])
@@ -131,14 +119,14 @@ def neighbours(block: Block, above: int, dof: int, limits: F32, result: Result) 
 def _agrees(off: np.float32, variance: np.float32, jump: np.float32) -> bool:
     """Whether a difference of places is within the jump and noise."""
     beyond = abs(off) - jump
-    return beyond * beyond < _SURE2 * variance or beyond < _ZERO
+    return bool(beyond < _ZERO or beyond * beyond < _SURE2 * variance)
 
 
 @kernel
 def _cleaned(
     place: F32, variance: F32, amplitude: F32, flags: U16, limits: F32, clean: F32, found: U16
 ) -> None:
-    """Good pixels (n, W) that neighbours confirm on every axis and that are lit on more than half of their area."""
+    """Good pixels (n, W) that neighbours confirm on every axis and of which more than half is lit."""
     n, width = flags.shape
     sure = np.empty(width, np.float32)
     quarter, two, half = np.float32(0.25), np.float32(2), np.float32(0.5)
@@ -152,7 +140,7 @@ def _cleaned(
         for y in range(n):
             p, v, mine, out = place[a, y], variance[a, y], flags[y], found[y]
             sure[0] = sure[width - 1] = _ZERO
-            some, inner = np.uint16(0), sure[1:]
+            inner = sure[1:]
             for x in range(width - 2):  # both neighbours of the row confirm nearly all
                 off = abs(p[x] + p[x + 2] - two * p[x + 1])
                 inner[x] = _ONE if (off < two * jump) & ((mine[x] | mine[x + 2]) == 0) else _ZERO
@@ -185,9 +173,8 @@ def _cleaned(
             low, high = max(x - 1, 0), min(x + 1, width - 1)
             if mine[x] == 0 and (above[x] | below[x] | mine[low] | mine[high]) != 0:
                 top = max(up[x] if above[x] == 0 else _ZERO, down[x] if below[x] == 0 else _ZERO)
-                top = max(
-                    top, light[low] if mine[low] == 0 else _ZERO, light[high] if mine[high] == 0 else _ZERO
-                )
+                top = max(top, light[low] if mine[low] == 0 else _ZERO)
+                top = max(top, light[high] if mine[high] == 0 else _ZERO)
                 if light[x] < half * top:
                     out[x] |= _OUTLIER
         good = clean[y]
@@ -197,64 +184,106 @@ def _cleaned(
 
 @kernel
 def _shared(
-    clean: F32, chi2: F32, dof: np.float32, full: F32, scale: F32, along: F32, down: F32, near: F32
+    clean: F32, chi2: F32, dof: np.float32, scale: F32, windows: F32, row_of: NDArray[np.int64]
 ) -> None:
-    """Of the pixels (n, W) for all axes: whether 5 x 5 are clean; scale of the variance by chi2; one over the
-    number of third differences along the row and down the column in 7 x 7, and of full pixels in 3 x 3."""
+    """What axes share: scale of the variance by chi2 (n, W); and, in row row_of[y] of `windows` (7, n, W) for
+    row y (rows amid clean ones are alike): whether 5 x 5 are clean; whether third differences from here along
+    the row, down the column are; one over their numbers in 7 x 7, and over those of full pixels in 3 x 3 and of
+    clean ones in 5 x 5."""
     n, width = clean.shape
+    full, row_ok, col_ok, along, down, near, number5 = windows
     count, z, four, rows = np.zeros((4, width + 6), np.float32)
-    some = max(dof, _ONE)
-    most, share = np.float32(25), _ONE / some
+    some, three, most = max(dof, _ONE), np.float32(3.5), np.float32(25)
     mean = _ONE + np.float32(1.1314) / np.sqrt(some)  # four deviations of the mean of 25 pixels
     alone = _ONE + np.float32(7.0711) / np.sqrt(some) + np.float32(8) / some
-    for y in range(n):
-        first, last = max(y - 2, 0), min(y + 3, n)
-        for x in range(width + 6):
-            count[x], z[x], four[x], rows[x] = _ZERO, _ZERO, _ZERO, _ZERO
-        shifted, total = count[2:], z[2:]
-        for k in range(first, last):
-            c, r = clean[k], chi2[k]
+    share, enough = _ONE / some, np.float32(24.5)
+    whole_rows = 0  # clean ones in succession, up to row y + 3
+    for y in range(-3, n):
+        if y + 3 < n:
+            c, total = clean[y + 3], _ZERO
             for x in range(width):
-                shifted[x] += c[x]
-                total[x] += c[x] * min(share * r[x], most)
-        whole, by, own = full[y], scale[y], chi2[y]
+                total += c[x]
+            whole_rows = whole_rows + 1 if total == np.float32(width) else 0
+        else:
+            whole_rows = 0
+        if y < 0:
+            continue
+        row_of[y] = y
+        if whole_rows >= 8 and y > 3:
+            row_of[y] = row_of[y - 1]
+            continue
+        for x in range(width + 6):
+            count[x], four[x], rows[x] = _ZERO, _ZERO, _ZERO
+        inner = count[2:]
+        for k in range(max(y - 2, 0), min(y + 3, n)):
+            c = clean[k]
+            for x in range(width):
+                inner[x] += c[x]
+        out, out5 = full[y], number5[y]
         for x in range(width):
             number = count[x] + count[x + 1] + count[x + 2] + count[x + 3] + count[x + 4]
-            whole[x] = _ONE if number > np.float32(24.5) else _ZERO
-            level = (z[x] + z[x + 1] + z[x + 2] + z[x + 3] + z[x + 4]) / max(number, _ONE)
-            level = level if level > mean else _ONE
-            alone2 = share * own[x]
-            by[x] = max(level, alone2 if alone2 > alone else _ONE) if dof > _ZERO else _ONE
-        shifted, total = four[3:], rows[3:]
+            out[x] = _ONE if number > enough else _ZERO
+            out5[x] = _ONE / max(number, _ONE)
+        c, out, inner = clean[y], row_ok[y], four[3:]
+        for x in range(width):
+            out[x] = _ZERO
+        for x in range(width - 3):
+            out[x] = c[x] * c[x + 1] * c[x + 2] * c[x + 3]
         for k in range(max(y - 3, 0), min(y + 4, n)):
             c = clean[k]
             for x in range(width - 3):
-                shifted[x] += c[x] * c[x + 1] * c[x + 2] * c[x + 3]
+                inner[x] += c[x] * c[x + 1] * c[x + 2] * c[x + 3]
+        out, inner = col_ok[y], rows[3:]
+        for x in range(width):
+            out[x] = _ZERO
         for k in range(max(y - 3, 0), min(y + 1, n - 3)):
             c, c1, c2, c3 = clean[k], clean[k + 1], clean[k + 2], clean[k + 3]
             for x in range(width):
-                total[x] += c[x] * c1[x] * c2[x] * c3[x]
-        row, column, three = along[y], down[y], np.float32(3.5)
+                out[x] = c[x] * c1[x] * c2[x] * c3[x]
+                inner[x] += out[x]
+        if y >= n - 3:
+            for x in range(width):
+                out[x] = _ZERO
+        out = along[y]
         for x in range(width):
             number = four[x] + four[x + 1] + four[x + 2] + four[x + 3]
-            row[x] = _ONE / number if number > three else _ZERO
+            out[x] = _ONE / number if number > three else _ZERO
+        out = down[y]
         for x in range(width):
-            number = (
-                rows[x] + rows[x + 1] + rows[x + 2] + rows[x + 3] + rows[x + 4] + rows[x + 5] + rows[x + 6]
-            )
-            column[x] = _ONE / number if number > three else _ZERO
+            number = rows[x] + rows[x + 1] + rows[x + 2] + rows[x + 3] + rows[x + 4]
+            number += rows[x + 5] + rows[x + 6]
+            out[x] = _ONE / number if number > three else _ZERO
     for y in range(n):
-        for x in range(width + 2):
+        for x in range(width + 6):
             count[x] = _ZERO
-        shifted = count[1:]
-        for k in range(max(y - 1, 0), min(y + 2, n)):
-            c = full[k]
+        if row_of[y] == y:
+            inner = count[1:]
+            for k in range(max(y - 1, 0), min(y + 2, n)):
+                c = full[row_of[k]]
+                for x in range(width):
+                    inner[x] += c[x]
+            out = near[y]
             for x in range(width):
-                shifted[x] += c[x]
-        out = near[y]
+                number = count[x] + count[x + 1] + count[x + 2]
+                out[x] = _ONE / number if number > _ZERO else _ZERO
+    total = np.zeros((n + 1, width), np.float32)  # the last row: beyond the block
+    for y in range(n):
+        c, r, inner, out = clean[y], chi2[y], z[2:], total[y]
         for x in range(width):
-            number = count[x] + count[x + 1] + count[x + 2]
-            out[x] = _ONE / number if number > _ZERO else _ZERO
+            one = share * r[x]
+            inner[x] = c[x] * (one if one < most else most)
+        for x in range(width):
+            out[x] = z[x] + z[x + 1] + z[x + 2] + z[x + 3] + z[x + 4]
+    for y in range(n):
+        a, b = total[y - 2 if y > 1 else n], total[y - 1 if y > 0 else n]
+        c, d, e = total[y], total[min(y + 1, n)], total[min(y + 2, n)]
+        r, by, out = chi2[y], number5[row_of[y]], scale[y]
+        for x in range(width):
+            level = (a[x] + b[x] + c[x] + d[x] + e[x]) * by[x]
+            one = share * r[x]
+            level = level if level > mean else _ONE
+            one = one if one > alone else _ONE
+            out[x] = level if level > one else one
 
 
 @kernel
@@ -264,8 +293,7 @@ def _edge(
     """Variance of a clean pixel by the border of the image, of flagged pixels and of the display; distance to
     the display's border over its reach."""
     n, width = p.shape
-    step2, loss, number, top, all_clean = _ZERO, _ZERO, 0, _ZERO, True
-    flagged = False
+    step2, loss, top, all_clean, flagged = _ZERO, _ZERO, _ZERO, True, False
     for axis in range(2):
         slope, sides = _ZERO, 0
         for sign in (-1, 1):
@@ -311,114 +339,127 @@ def _axis(
     v: F32,
     clean: F32,
     amplitude: F32,
-    full: F32,
     scale: F32,
-    along: F32,
-    down: F32,
-    near: F32,
+    windows: F32,
+    row_of: NDArray[np.int64],
     above: int,
     limits: F32,
     coordinate: F32,
     sigma: F32,
     flags: U16,
 ) -> None:
-    """One axis with places within a cell: aperture, excesses over noise, rims and borders."""
+    """One axis with places within a cell: aperture, excesses over noise, rims and borders. Sums of rows
+    lie in rings of 8."""
     n, width = p.shape
-    rows = len(flags)
+    full, row_ok, col_ok, along, down, near, _ = windows
     _, extent, border, aperture, unsure, _ = limits
-    third_row, third_col = np.zeros((n, width + 3), np.float32), np.zeros((n, width + 6), np.float32)
-    rest, bend = np.zeros((n, width + 2), np.float32), np.zeros((n, width), np.float32)
-    s0, s2, best, slow = np.zeros((4, width + 6), np.float32)
-    three, four, five, most, share = (
-        np.float32(3),
-        np.float32(4),
-        np.float32(5),
-        np.float32(25),
-        np.float32(0.05),
-    )
-    half, sixteen, quarter = np.float32(0.5), np.float32(16), np.float32(0.25)
-    for y in range(max(above - 3, 0), min(above + rows + 3, n)):
-        q, c, w, e = p[y], clean[y], v[y, 1:], third_row[y, 3:]
-        for x in range(width - 3):
-            h = q[x + 3] - q[x] + three * (q[x + 1] - q[x + 2])
-            ok = c[x] * c[x + 1] * c[x + 2] * c[x + 3]
-            e[x] = min(share * h * h, most * w[x]) if ok > _ZERO else _ZERO
-    for y in range(max(above - 3, 0), min(above + rows, n - 3)):
-        q, q1, q2, q3 = p[y], p[y + 1], p[y + 2], p[y + 3]
-        c, c1, c2, c3 = clean[y], clean[y + 1], clean[y + 2], clean[y + 3]
-        w, e = v[y + 1], third_col[y, 3:]
+    rings = np.zeros((4, 8, width), np.float32)
+    third_row, third_col, rest, bend = rings
+    by_row, by_col, square, s0, s2, best, slow = np.zeros((7, width + 6), np.float32)  # zero at their ends
+    three, four, five, ten = np.float32(3), np.float32(4), np.float32(5), np.float32(10)
+    half, sixteen, most, share = np.float32(0.5), np.float32(16), np.float32(500), np.float32(0.05)
+    for k in range(above - 3, above + len(flags) + 3):
+        out, inner = third_row[k & 7], by_row[3:]
         for x in range(width):
-            best[x] = c[x] * c1[x] * c2[x] * c3[x]
+            out[x] = _ZERO
+        if 0 <= k < n:
+            q, ok, w = p[k], row_ok[row_of[k]], v[k, 1:]
+            for x in range(width - 3):
+                h = q[x + 3] - q[x] + three * (q[x + 1] - q[x + 2])
+                h, cap = h * h, most * w[x]
+                inner[x] = (h if h < cap else cap) * ok[x]
+            for x in range(width):
+                out[x] = by_row[x] + by_row[x + 1] + by_row[x + 2] + by_row[x + 3]
+        j = k - 3
+        out, inner = third_col[j & 7], by_col[3:]
         for x in range(width):
-            h = q3[x] - q[x] + three * (q1[x] - q2[x])
-            e[x] = min(share * h * h, most * w[x]) if best[x] > _ZERO else _ZERO
-    for y in range(max(above - 1, 2), min(above + rows + 1, n - 2)):
-        q, q1, q2, q3, q4 = p[y], p[y - 2], p[y - 1], p[y + 1], p[y + 2]
+            out[x] = _ZERO
+        if 0 <= j < n - 3:
+            q, q1, q2, q3, ok, w = p[j], p[j + 1], p[j + 2], p[j + 3], col_ok[row_of[j]], v[j + 1]
+            for x in range(width):
+                h = q3[x] - q[x] + three * (q1[x] - q2[x])
+                h, cap = h * h, most * w[x]
+                inner[x] = (h if h < cap else cap) * ok[x]
+            for x in range(width):
+                total = by_col[x] + by_col[x + 1] + by_col[x + 2] + by_col[x + 3]
+                out[x] = total + by_col[x + 4] + by_col[x + 5] + by_col[x + 6]
+        j = k - 2
+        lap, left = bend[j & 7], rest[j & 7]
         for x in range(width):
-            outer, inner = q1[x] + q4[x] - q[x] - q[x], q2[x] + q3[x] - q[x] - q[x]
-            s0[x], s2[x] = outer + inner, four * outer + inner
-        whole, out, left = full[y, 2:], bend[y, 2:], rest[y, 3:]
-        for x in range(width - 4):
-            mid = q[x + 2]
-            e1, e2, e3, e4 = q[x] - mid, q[x + 1] - mid, q[x + 3] - mid, q[x + 4] - mid
-            ends, inner = five * (e1 + e4) + s0[x] + s0[x + 4], five * (e2 + e3) + s0[x + 1] + s0[x + 3]
-            total = ends + inner + s0[x + 2]
-            curve = (
-                s2[x] + s2[x + 1] + s2[x + 2] + s2[x + 3] + s2[x + 4] + np.float32(10) * (e1 + e2 + e3 + e4)
-            )
-            curve = (curve + four * ends + inner - four * total) * np.float32(1 / 35)
-            off = total * np.float32(0.04) - curve
-            out[x] = curve if whole[x] > _ZERO else _ZERO
-            left[x] = off * off * _OFF2 if whole[x] > _ZERO else _ZERO
-    for r in range(rows):
-        y = r + above
-        for x in range(width + 6):
-            s0[x], s2[x], best[x] = _ZERO, _ZERO, _ZERO
-        for k in range(max(y - 3, 0), min(y + 4, n)):
-            e = third_row[k]
-            for x in range(width + 3):
-                s0[x] += e[x]
-        for k in range(max(y - 3, 0), min(y + 1, n - 3)):
-            e = third_col[k]
-            for x in range(width + 6):
-                s2[x] += e[x]
-        one, other = along[y], down[y]
+            lap[x], left[x] = _ZERO, _ZERO
+        if 2 <= j < n - 2:
+            q, q1, q2, q3, q4 = p[j], p[j - 2], p[j - 1], p[j + 1], p[j + 2]
+            for x in range(width):
+                s0[x] = q1[x] - q[x] + (q4[x] - q[x]) + (q2[x] - q[x]) + (q3[x] - q[x])
+            for x in range(width):
+                s2[x] = four * (q1[x] - q[x] + (q4[x] - q[x])) + (q2[x] - q[x]) + (q3[x] - q[x])
+            whole, out, inner = full[row_of[j], 2:], lap[2:], square[3:]
+            for x in range(width - 4):
+                mid = q[x + 2]
+                e1, e2, e3, e4 = q[x] - mid, q[x + 1] - mid, q[x + 3] - mid, q[x + 4] - mid
+                ends, inside = five * (e1 + e4) + s0[x] + s0[x + 4], five * (e2 + e3) + s0[x + 1] + s0[x + 3]
+                total = ends + inside + s0[x + 2]
+                curve = s2[x] + s2[x + 1] + s2[x + 2] + s2[x + 3] + s2[x + 4] + ten * (e1 + e2 + e3 + e4)
+                curve = (curve + four * ends + inside - four * total) * np.float32(1 / 35)
+                off = total * np.float32(0.04) - curve
+                out[x] = curve * whole[x]
+                inner[x] = off * off * _OFF2 * whole[x]
+            for x in range(width):
+                left[x] = square[x] + square[x + 1] + square[x + 2]
+        y, r = k - 3, k - 3 - above
+        if r < 0:
+            continue
+        at = row_of[y]
+        r0, r1, r2, r3 = (
+            third_row[(y - 3) & 7],
+            third_row[(y - 2) & 7],
+            third_row[(y - 1) & 7],
+            third_row[y & 7],
+        )
+        r4, r5, r6, by = third_row[(y + 1) & 7], third_row[(y + 2) & 7], third_row[(y + 3) & 7], along[at]
         for x in range(width):
-            best[x] = (s0[x] + s0[x + 1] + s0[x + 2] + s0[x + 3]) * one[x]
+            best[x] = (r0[x] + r1[x] + r2[x] + r3[x] + r4[x] + r5[x] + r6[x]) * by[x]
+        r0, r1, r2, r3 = (
+            third_col[(y - 3) & 7],
+            third_col[(y - 2) & 7],
+            third_col[(y - 1) & 7],
+            third_col[y & 7],
+        )
+        by = down[at]
         for x in range(width):
-            total = s2[x] + s2[x + 1] + s2[x + 2] + s2[x + 3] + s2[x + 4] + s2[x + 5] + s2[x + 6]
-            best[x] = max(best[x], total * other[x])
-        for x in range(width + 2):
-            s0[x] = _ZERO
-        for k in range(max(y - 1, 0), min(y + 2, n)):
-            e = rest[k]
-            for x in range(width + 2):
-                s0[x] += e[x]
-        out, w, by, share3, lap = sigma[r], v[y], scale[y], near[y], bend[y]
+            one, other = best[x], (r0[x] + r1[x] + r2[x] + r3[x]) * by[x]
+            best[x] = share * (one if one > other else other)
+        r0, r1, r2, by = rest[(y - 1) & 7], rest[y & 7], rest[(y + 1) & 7], near[at]
         for x in range(width):
-            noise = w[x] * by[x]
-            third = max(best[x] - _THIRD * noise, _ZERO)
-            fourth = max((s0[x] + s0[x + 1] + s0[x + 2]) * share3[x] - _REST * noise, _ZERO)
-            moved = unsure * lap[x]
+            s0[x] = (r0[x] + r1[x] + r2[x]) * by[x]
+        out, w, by, lap = sigma[r], v[y], scale[y], bend[y & 7]
+        for x in range(width):
+            noise, moved = w[x] * by[x], unsure * lap[x]
+            third, fourth = best[x] - _THIRD * noise, s0[x] - _REST * noise
+            third, fourth = third if third > _ZERO else _ZERO, fourth if fourth > _ZERO else _ZERO
             out[x] = noise + third + fourth + moved * moved
-        q, to, whole = p[y], coordinate[r], full[y]
+        q, to, whole, c = p[y], coordinate[r], full[at], clean[y]
         for x in range(width):
             to[x] = q[x] - aperture * lap[x]
-        upper, lower = p[max(y - 1, 0)], p[min(y + 1, n - 1)]
         for x in range(width):
-            slow[x] = _ONE - whole[x]
-        inner, outside = slow[1:], whole[1:]
-        for x in range(width - 2):
-            dx, dy = q[x + 2] - q[x], lower[x + 1] - upper[x + 1]
-            reach2 = (half * aperture * (dx * dx + dy * dy) + border) * sixteen
-            away = min(q[x + 1] + half, extent - half - q[x + 1])
-            inner[x] = _ONE if (away * abs(away) < reach2) & (border > _ZERO) else _ONE - outside[x]
-        c, mark = clean[y], flags[r]
+            slow[x] = (_ONE - whole[x]) * c[x]
+        upper, lower, inner, outside = p[max(y - 1, 0)], p[min(y + 1, n - 1)], slow[1:], c[1:]
+        if border > _ZERO:
+            for x in range(width - 2):
+                dx, dy = q[x + 2] - q[x], lower[x + 1] - upper[x + 1]
+                reach2 = (half * aperture * (dx * dx + dy * dy) + border) * sixteen
+                away, other = q[x + 1] + half, extent - half - q[x + 1]
+                away = away if away < other else other
+                inner[x] = outside[x] if away * abs(away) < reach2 else inner[x]
+        some, mark = _ZERO, flags[r]
         for x in range(width):
-            if slow[x] > _ZERO and c[x] > _ZERO:
-                extra, t = _edge(p, clean, amplitude, y, x, whole[x], limits)
-                out[x] += extra
-                if t < _REACH:
-                    mark[x] |= _OFF
+            some += slow[x]
+        if some > _ZERO:
+            for x in range(width):
+                if slow[x] > _ZERO:
+                    extra, t = _edge(p, clean, amplitude, y, x, whole[x], limits)
+                    out[x] += extra
+                    if t < _REACH:
+                        mark[x] |= _OFF
         for x in range(width):
-            out[x] = np.sqrt(max(out[x], _LEAST))
+            out[x] = np.sqrt(out[x] if out[x] > _LEAST else _LEAST)

@@ -6,7 +6,7 @@ import hashlib
 import json
 import types
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple, Self, get_args, get_origin, get_type_hints
 
@@ -19,6 +19,7 @@ from optolever.notices import Notice
 from optolever.patterns import Sequence
 
 from .codes.fringe import Misfit
+from .codes.lookup import LookUp
 from .effects import Estimate
 from .noise import Noise
 from .records import SharedNoise
@@ -56,7 +57,7 @@ class AxisProfile(NamedTuple):
     misfits: tuple[Misfit, ...]
     deviation: float
     variance: float
-    look_up: Any = None
+    look_up: LookUp | None = None
 
 
 class ExposureProfile(NamedTuple):
@@ -101,6 +102,18 @@ class RigProfile:
     def effects(self) -> tuple[Effect, ...]:
         """Table of the estimates."""
         return tuple(row for number, one in enumerate(self.exposures) for row in _rows(number, one))
+
+    def with_lag(self, share: float) -> Self:
+        """The profile with a measured share of the frame before (`projector.Timing.lag`), for exposures of which the
+        frames gave no estimate; its sigma is unknown and counts as 0."""
+        measured = Estimate("lag", share, 0.0, "of the frame before")
+        exposures = tuple(
+            one
+            if not share or any(effect.name == "lag" for effect in one.effects)
+            else one._replace(effects=(*one.effects, measured))
+            for one in self.exposures
+        )
+        return replace(self, exposures=exposures)
 
     def save(self, path: str | Path) -> None:
         """Write an .npz: arrays, and all other numbers as JSON."""

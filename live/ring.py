@@ -79,5 +79,5 @@ class Ring:
         if self._profile is None:
             return True
         two = np.stack([last, new]).astype(np.float32)
-        variance = 2 * self._profile.exposures[0].camera.variance(two.mean(axis=0))
+        variance = 2 * self._profile.exposures[0].noise.variance(two.mean(axis=0))
         return bool(np.mean(np.square(two[1] - two[0]) > _SIGMAS**2 * variance) > _SHARE)

@@ -27,7 +27,7 @@ from ..plan import AxisPlan, Plan, Stripes
 from ..records import Flag
 from .match import COARSE, LANES, PER_PX, RIVALS, Book, match
 
-__all__ = ["Lines", "Table", "lookup_rows", "prepare"]
+__all__ = ["Lines", "LookUp", "Table", "lookup_rows", "prepare", "table_of"]
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -41,6 +41,8 @@ _STARTS, _SHARES = (0.29, 0.6, 1.2), (0.05, 0.25, 0.75, 0.95)
 #: Squared residuals that noise reaches once in so many pixels; probability of another place that is doubtful,
 #: or excludes a pixel of the sample; modulation over its noise below which there is no contrast.
 _RARE, _DOUBT, _CONTRAST = 1e-5, 1e-4, 5.0
+#: Residuals over noise that are as good as none; the inverse is no fit.
+_EXACT = 1e-4
 #: Cells around a place that may fit as well: half a cell beyond its cell.
 _AROUND = 1.5
 #: Share of a stripe's light from which on a second place is doubtful, whatever the noise.
@@ -76,6 +78,15 @@ class Optics(NamedTuple):
     share: float
 
 
+class LookUp(NamedTuple):
+    """Estimates of a table, see there; optics: between cells and samples."""
+
+    optics: Optics
+    unsure: float
+    misfit2: float
+    noise: Noise | None
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Table:
     """Known levels of one axis.
@@ -108,9 +119,12 @@ class Table:
 
 
 class _Found(NamedTuple):
-    """Of K pixels: samples (K, n); place in px (NaN: none), variance, scale, offset, chi2 over freedom, error."""
+    """Of K pixels: samples (K, n), block of the book, codeword; place in px (NaN: none), variance, scale, offset,
+    chi2 over freedom, error."""
 
     samples: F32
+    block: I64
+    codeword: F64
     place: F64
     variance: F64
     scale: F64
@@ -179,7 +193,8 @@ def _matched(
     limit = float(chdtri(table.dof, _RARE))
     match(samples, table.block[at], begin, cols, table.book, camera, limit, numbers)
     place, variance, *rest = numbers.T
-    found = _Found(samples, table.first[at] + place / PER_PX, variance / PER_PX**2, *rest)
+    px = table.first[at] + place / PER_PX
+    found = _Found(samples, table.block[at], place, px, variance / PER_PX**2, *rest)
     return (
         found
         if stripes is None
@@ -231,8 +246,8 @@ def prepare(
     noise: Noise | None,
     blur: float | None,
     on_cells: bool,
-) -> Table:
-    """Table of an axis, with the spread that is likeliest on a sample of lit pixels.
+) -> LookUp:
+    """Estimates of an axis, with the spread that is likeliest on a sample of lit pixels.
 
     noise: None if unknown, then from the residuals; blur: rms, pattern px, if known; on_cells: the display shows
     fringes on cells, else they may be ideal.
@@ -258,18 +273,25 @@ def prepare(
     # grey values of single cells are found only by a spread that is near the true one
     first = [_optics(spread, blur, on_cells) for spread in (_STARTS if axis.levels else _STARTS[:1])]
     if not few.shape[1]:
-        return table_for(first[0], True)
+        return LookUp(first[0], 0.0, 0.0, noise)
     trials = [fitted(one, None) for one in first]
     found = trials[int(np.argmin(_costs(trials)))].found
     start = np.where(found.error < 1e-3, found.place, np.nan)
     if not np.isfinite(start).any():
-        return table_for(first[0], True)
+        return LookUp(first[0], 0.0, 0.0, noise)
     trials = _tried(lambda optics: fitted(optics, start), axis, blur, on_cells)
     best = trials[int(np.argmin(_costs(trials)))]
-    table = replace(table_for(best.optics, True), unsure=_crowding(best.table, best.found))
+    unsure = _crowding(best.table, best.found)
     if noise is None:
-        return replace(table, noise=_residual_noise(table, best.found, floor))
-    return replace(table, misfit2=_beyond(table, best.found, noise))
+        return LookUp(best.optics, unsure, 0.0, _residual_noise(best.table, best.found, floor))
+    return LookUp(best.optics, unsure, _beyond(best.table, best.found, noise), None)
+
+
+def table_of(sequence: Sequence, plan: Plan, axis: AxisPlan, estimates: LookUp) -> Table:
+    """Table of an axis by the estimates of an earlier capture."""
+    one = sequence, axis.axis, estimates.optics
+    table = _sweep(*one) if axis.stripes is not None else _table(*one, _frames_of(plan, axis), True)
+    return replace(table, unsure=estimates.unsure, misfit2=estimates.misfit2, noise=estimates.noise)
 
 
 def _optics(spread: float, blur: float | None, on_cells: bool, share: float = 0.5) -> Optics:
@@ -304,18 +326,11 @@ def _tried(
 
 
 def _costs(trials: list[_Trial]) -> F64:
-    """-2 log likelihood of trials, over all places of each pixel: squared residuals, over the best median and
-    clipped at noise's limit, less log of the place's variance."""
+    """-2 log likelihood of trials, over all places of each pixel, whose noise may be of any size."""
     dof = trials[0].table.dof
-    least = max(min(float(np.median(one.misfit)) for one in trials), 1e-9)
-    limit = float(chdtri(dof, _RARE))
-    wide = [np.log(np.minimum(one.found.variance, 1.0)) for one in trials]
-    return np.array(
-        [
-            (np.minimum(one.misfit / least * dof, limit) - log).sum()
-            for one, log in zip(trials, wide, strict=True)
-        ]
-    )
+    misfit = np.clip([one.misfit for one in trials], _EXACT, 1 / _EXACT)
+    variance = np.minimum([one.found.variance for one in trials], 1.0)
+    return np.asarray((dof * np.log(misfit) - np.log(variance)).sum(axis=1))
 
 
 def _crowding(table: Table, found: _Found) -> float:
@@ -344,13 +359,12 @@ def _beyond(table: Table, found: _Found, noise: Noise) -> float:
 def _residual_noise(table: Table, found: _Found, floor: float) -> Noise:
     """Noise from the residuals of a sample: median squares by level, in bins of equal width."""
     used = np.isfinite(found.variance)
-    at = np.clip((found.place[used] - table.first[0]) * PER_PX, 0, table.book.words.shape[1] - 1.001)
-    q, n = at.astype(np.int64), found.samples.shape[1]
-    words = table.book.words[0]
-    z = words[q] + (at - q)[:, None] * (words[q + 1] - words[q])
-    mean = table.book.angles[0, q, 3]
-    level = found.offset[used, None] + found.scale[used, None] * (z[:, :n] + mean[:, None])
-    square = np.square(found.samples[used] - level) * (n / max(n - 3, 1) / 0.455)
+    (words, angles), n, at = table.book[:2], found.samples.shape[1], found.codeword[used]
+    block, q = found.block[used], np.minimum(at.astype(np.int64), table.book.words.shape[1] - 2)
+    z = words[block, q] + (at - q)[:, None] * (words[block, q + 1] - words[block, q])
+    level = found.offset[used, None] + found.scale[used, None] * (z[:, :n] + angles[block, q, 3, None])
+    summed = table.frames.shape[2]
+    square = np.square(found.samples[used] - level) * (summed * n / max(n - 3, 1) / 0.455)
     good = np.isfinite(square)
     level, square = level[good], square[good]
     bins = np.clip(((level - level.min()) / max(np.ptp(level), 1e-9) * 8).astype(int), 0, 7)

@@ -27,7 +27,6 @@ def compile_apart(cells: list[Cell]) -> None:
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
             env=os.environ | ONE_THREAD,
-            check=False,
         )
 
 

@@ -191,4 +191,4 @@ def _decoded(view: View, sequence: Sequence, noise: float, pairs: int) -> Iterat
         drawn = scatter * np.random.default_rng([seed, 11]).standard_normal(mean.shape, np.float32)
         for sign in (1, -1):
             raw = np.rint(mean + sign * drawn).clip(0, white).astype(kind)
-            yield decode(raw.reshape(-1, *view.shape), sequence, white_level=white, check=False)
+            yield decode(raw.reshape(-1, *view.shape), sequence, white_level=white)

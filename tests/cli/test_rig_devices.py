@@ -15,7 +15,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from lab.hardware.simulated import Setting, SimulatedCamera, SimulatedDisplay, SimulatedTime
-from optolever.calibration import with_lag
 from optolever.decode import Correspondence, Decoder, decode, estimate_profile
 from optolever.experiments import frames_of_another
 from optolever.patterns import sequence
@@ -91,7 +90,7 @@ def test_measure_goes_to_the_report(
     optolever("measure", "--rig", rig, "--out", tmp_path / "slow")
     capture = Capture.load(tmp_path / "slow/capture")
     plain, found = (Correspondence.load(tmp_path / name / "c.npz") for name in ("m", "slow"))
-    known = with_lag(estimate_profile(capture.frames, capture.sequence), 1 / 512)
+    known = estimate_profile(capture.frames, capture.sequence).with_lag(1 / 512)
     expected = Decoder(capture.sequence, known).decode(capture.frames)
     np.testing.assert_array_equal(found.u, expected.u)
     assert np.nanmax(np.abs(found.u - plain.u)) > 1e-4

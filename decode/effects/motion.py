@@ -1,0 +1,93 @@
+"""Motion of the mirror while bits and fringes are shown: edges of bits against the fringe's place there.
+
+At a bit's edge the fringe's place less the edge's is proportional to the bit's level, whatever the blur. What remains
+has noise and, of bits shown dt frames from the fringe, the motion of that time: its mean square grows by rate^2 dt^2.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import fdtrc
+
+from ..plan import AxisPlan
+from . import Estimate, View
+
+__all__ = ["estimate", "variance"]
+
+F64 = NDArray[np.float64]
+#: Level, share of the half contrast, below which a pixel is at an edge; fewest of them in a part; chance.
+_EDGE, _FEWEST, _CHANCE = 0.5, 6, 1e-6
+#: Parts of the image along each side: a motion of either sign within a part hides it.
+_SIDES = (6, 7, 8, 9)
+
+
+def estimate(view: View) -> Estimate | None:
+    """Rate where it moved, pattern px per frame; of the partition of the image that shows it best."""
+    edges = [_edges(view, axis, place) for axis, place in zip(view.plan.axes, view.place, strict=True)]
+    best, least = None, _CHANCE / len(_SIDES)
+    for side in _SIDES:
+        parts = [part for bits in edges for part in _parts(bits, view.sample.places, side)]
+        if not parts:
+            continue
+        rates, explained, rest, freedom = np.array(parts).T
+        ratio = float(explained.mean() / max(rest.sum() / freedom.sum(), 1e-12))
+        chance = float(fdtrc(len(parts), freedom.sum(), ratio))
+        if chance < least:
+            rate, least = float(np.sqrt((rates**4).sum() / (rates**2).sum())), chance
+            best = Estimate("motion", rate, rate / float(np.sqrt(2 * len(parts))), "px per frame")
+    return best
+
+
+def _parts(bits: list[Any], places: NDArray[np.int64], side: int) -> list[tuple[float, float, float, int]]:
+    """Of each part of the image: rate by a line through the bits' means over time; sums of squares that it explains
+    and leaves, degrees of freedom."""
+    if not bits:
+        return []
+    found = []
+    slope = np.median([away @ level / (level @ level) for _, _, away, level in bits])
+    part = places * side // (places.max(axis=0) + 1) @ (side, 1)
+    count = np.array([np.bincount(part[at], minlength=side**2) for _, at, _, _ in bits], np.float64)
+    total = np.array([
+        np.bincount(part[at], away - slope * level, minlength=side**2) for _, at, away, level in bits
+    ])  # fmt: skip
+    times = np.array([time for time, *_ in bits])
+    for n, sums in zip(count.T, total.T, strict=True):
+        several = n >= _FEWEST
+        if np.count_nonzero(several) > 2:
+            weight, mean, time = n[several], sums[several] / n[several], times[several]
+            time, mean = time - np.average(time, weights=weight), mean - np.average(mean, weights=weight)
+            rate = float(weight * time @ mean / (weight * time @ time))
+            left = float(weight @ (mean - rate * time) ** 2)
+            found.append((rate, float(weight @ mean**2) - left, left, len(time) - 2))
+    return found
+
+
+def variance(view: View, found: Estimate) -> F64:
+    """px^2 of each axis (A,): by half of the motion, whole, as neighbours share it and a mean does not reduce it."""
+    return np.full(len(view.plan.axes), (0.5 * found.value * (len(view.plan.frames) - 1)) ** 2)
+
+
+def _edges(view: View, axis: AxisPlan, place: F64) -> list[tuple[float, NDArray[np.int64], F64, F64]]:
+    """Of each bit: time to the fringe, frames; pixels at its edges, there the place less the edge's, px, and the level."""
+    code, levels, p = axis.code, view.sample.levels.astype(np.float64), view.plan
+    if code is None or not axis.fringes or min(p.white, p.black) < 0:
+        return []
+    middle, half = 0.5 * (levels[p.white] + levels[p.black]), 0.5 * (levels[p.white] - levels[p.black])
+    word = np.empty(len(code.cells), np.int64)
+    word[code.cells] = np.arange(len(code.cells))
+    then, found = float(np.mean(axis.fringes[-1].index)), []
+    for b, pair in enumerate(zip(code.plain.tolist(), code.inverse.tolist(), strict=True)):
+        bright, shown = (word >> b) & 1, [i for i in pair if i >= 0]
+        at = np.flatnonzero(np.diff(bright)) + 1
+        edge = at * code.cell - 0.5 + code.origin
+        signed = [levels[i] - middle if i == pair[0] else middle - levels[i] for i in shown]
+        level = np.divide(np.mean(signed, axis=0), half, out=np.full(half.shape, np.inf), where=half > 0)
+        keep = np.isfinite(place) & (np.abs(level) < _EDGE)
+        if not len(at) or np.count_nonzero(keep) < _FEWEST:
+            continue
+        nearest = np.abs(place[keep, None] - edge).argmin(axis=1)
+        rising = np.where(bright[at[nearest]] > 0, 1.0, -1.0)
+        away, level = place[keep] - edge[nearest], level[keep] * rising
+        found.append((float(np.mean(shown)) - then, np.flatnonzero(keep), away, level))
+    return found
