@@ -96,11 +96,12 @@ def shoot(rig: Rig, code: str, world: World, seed: int = 0) -> Shot:
 
 
 def _truth(rig: Rig, shown: Sequence, world: World) -> dict[str, F64]:
-    """Of the mean time of the frames with the finest information: fringes, else all."""
+    """Of the mean time of the finest fringes, else of all frames."""
     seen = rig.truth
     if world.growth:
-        fringes = [i for i, one in enumerate(shown.frames) if one.kind == "phase"] or range(len(shown))
-        moment = float(np.mean(fringes)) / (len(shown) - 1)
+        periods = [one.period_px or np.inf for one in shown.frames]
+        finest = [i for i, period in enumerate(periods) if period == min(periods)]
+        moment = float(np.mean(finest)) / (len(shown) - 1)
         seen = trace(rig.scene, grown(rig.surface, moment * world.growth))
     return {name: np.asarray(getattr(seen, name), np.float64) for name in "uvxyz"}
 
