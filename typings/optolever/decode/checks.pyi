@@ -1,1 +1,0 @@
-from decode.checks import *
