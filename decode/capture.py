@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import minimum_filter
 
 from optolever.blocks import over_blocks, threads
 from optolever.notices import Notice
@@ -15,7 +16,7 @@ from .codes.bits import bit_tables
 from .codes.fringe import Misfit, fringe_tables, measure_misfit, three_step_aliasing
 from .codes.lookup import Lines, LookUp, Table, lookup_rows, prepare, table_of
 from .codes.orders import Orders, order_table
-from .effects import View, lag, motion, shared
+from .effects import View, cells, lag, motion, shared
 from .exposures import Part
 from .frames import Light, sample_levels, sample_places
 from .neighbours import HALO, Block, Result, axis_limits, neighbours
@@ -33,6 +34,8 @@ F64 = NDArray[np.float64]
 Mask = NDArray[np.bool_] | None
 #: Runs of the sample; fewest pixels for an estimate; median of chi2 with one degree of freedom.
 _RUNS, _FEWEST, _MEDIAN = 256, 64, 0.4549
+#: Side of the neighbourhood that lies in a mask where the order of frames is tested.
+_BLOCK = 11
 #: Bytes of a block's lines, about those of a core's cache.
 _CACHE = 1 << 20
 #: Share of the usual span of levels above which a pixel is lit.
@@ -84,7 +87,8 @@ def lit_sample(light: Light, inside: Mask) -> Sample:
 
 def estimated(light: Light, part: Part, settings: Settings, mask: Mask) -> Estimated:
     """Put the frames of one exposure in order, estimate their profile, and decode by it."""
-    repair = find_order(light.raw[part.index], part.sequence, mask)
+    around = None if mask is None else minimum_filter(mask, _BLOCK)  # whole blocks of the mask
+    repair = find_order(light.raw[part.index], part.sequence, around)
     if repair is not None:
         part = Part(part.index[repair.order], repair.sequence)
     own = light.only(part.index)
@@ -132,8 +136,13 @@ def _estimate(light: Light, part: Part, settings: Settings, sample: Sample) -> E
     if moved is not None:
         more += motion.variance(view, moved)
         profile = profile._replace(effects=(*profile.effects, moved))
+    sharp = cells.estimate(view, settings.blur_px) if settings.on_cells else None
+    if sharp is not None:
+        more += cells.variance(view, sharp)
+        profile = profile._replace(effects=(*profile.effects, sharp))
+    common = None if sharp is None else cells.variance(view, sharp)
     own = (axis._replace(variance=float(v)) for axis, v in zip(profile.axes, more, strict=True))
-    profile = profile._replace(axes=tuple(own), shared=shared.shared(view))
+    profile = profile._replace(axes=tuple(own), shared=shared.shared(view, common))
     return profile._replace(notices=_notices(profile, axes, view))
 
 
@@ -176,7 +185,10 @@ def _notices(profile: ExposureProfile, axes: tuple[AxisPlan, ...], view: View) -
         if not axis.fringes or not own.misfits:
             continue
         fringe, misfit = axis.fringes[-1], own.misfits[-1]
-        noise = float(np.nanmedian(_phase_variance(fringe, view.sample, profile.noise, 1.0)))
+        variances = _phase_variance(fringe, view.sample, profile.noise)
+        if not np.isfinite(variances).any():
+            continue
+        noise = float(np.nanmedian(variances))
         parts = {
             "fringes are no sinusoids (motion, flicker, a nonlinear display)": (misfit.scale - 1) * noise,
             "a nonlinear response, or periods that contradict each other (gamma)": misfit.variance,
@@ -191,10 +203,10 @@ def _notices(profile: ExposureProfile, axes: tuple[AxisPlan, ...], view: View) -
     return tuple(found)
 
 
-def _phase_variance(fringe: Fringe, sample: Sample, noise: Noise, scale: float) -> F64:
+def _phase_variance(fringe: Fringe, sample: Sample, noise: Noise) -> F64:
     """Variance (cycles^2) of the sample's phases by noise."""
     o, c, s = fringe.inverse @ sample.levels[list(fringe.index)].astype(np.float64)
-    own = scale * noise.variance(o) * np.square(fringe.inverse[1]).sum()
+    own = noise.variance(o) * np.square(fringe.inverse[1]).sum()
     return np.asarray(own / np.maximum(c * c + s * s, 1e-6) / (2 * np.pi) ** 2)
 
 
@@ -214,7 +226,7 @@ def _between(axis: AxisPlan, place: F64, sample: Sample, noise: Noise, misfits: 
     most, fine = 0.0, axis.fringes[-1].period if axis.fringes else 1.0
     for fringe, misfit in zip(axis.fringes[:-1], misfits, strict=False):
         _, c, s = fringe.inverse @ sample.levels[list(fringe.index)].astype(np.float64)
-        variance = _phase_variance(fringe, sample, noise, misfit.scale)
+        variance = misfit.scale * _phase_variance(fringe, sample, noise)
         away = np.arctan2(s, c) / (2 * np.pi) - place / fringe.period
         away -= np.rint(away)
         ok = np.isfinite(away)
@@ -328,7 +340,7 @@ def holds(light: Light, ready: Prepared, mask: Mask) -> tuple[Notice, ...]:
     known, now = ready.profile.sampled, _statistics(light, ready, lit_sample(light, mask))
     changes = (
         ("good pixels of the sample, share", known.good, now.good, now.good < _FEWER * known.good),
-        ("residuals over their noise", known.chi2, now.chi2, now.chi2 > _CHANGED * max(known.chi2, 0.5)),
+        ("noise of the residuals", known.chi2, now.chi2, now.chi2 > _CHANGED * max(known.chi2, 0.5)),
         ("contrast, levels", known.amplitude, now.amplitude, not 0.5 < now.amplitude / max(known.amplitude, 1e-6) < 2),
     )
     return tuple(
