@@ -33,7 +33,7 @@ F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 Mask = NDArray[np.bool_] | None
 #: Runs of the sample; fewest pixels for an estimate; median of chi2 with one degree of freedom.
-_RUNS, _FEWEST, _MEDIAN = 256, 64, 0.4549
+_RUNS, _FEWEST, _MEDIAN = 128, 64, 0.4549
 #: Side of the neighbourhood that lies in a mask where the order of frames is tested.
 _BLOCK = 11
 #: Bytes of a block's lines, about those of a core's cache.
@@ -48,7 +48,7 @@ _FEWER = 0.9
 
 class Prepared(NamedTuple):
     """Decoder of one exposure: its part of the sequence, profile, kernels' tables, degrees of freedom of chi2, numbers
-    of the axes for the neighbours, tables of look-ups (None: without)."""
+    of the axes for the neighbours, tables of look-ups (None: without), correction of the levels by a lag (None: without)."""
 
     part: Part
     axes: tuple[AxisPlan, ...]
@@ -57,6 +57,7 @@ class Prepared(NamedTuple):
     dof: int
     limits: F32
     look_ups: tuple[Table | None, ...]
+    matrix: F64 | None
 
 
 class Estimated(NamedTuple):
@@ -107,6 +108,7 @@ def estimated(light: Light, part: Part, settings: Settings, mask: Mask) -> Estim
 def _estimate(light: Light, part: Part, settings: Settings, sample: Sample) -> ExposureProfile:
     """Noise, then misfit and effects from a sample."""
     p, axes = plan(part.sequence), axes_of(part)
+    p = p if p.axes else replace(p, axes=axes)  # spots
     if settings.noise is not None:
         noise = Noise(settings.noise**2 + light.rounding, settings.gain)
     else:
@@ -125,8 +127,8 @@ def _estimate(light: Light, part: Part, settings: Settings, sample: Sample) -> E
     place = _places(light, part, settings, profile, sample)
     slow = lag.estimate(View(p, light, noise, sample, *place))
     if slow is not None:
-        levels = lag.matrix(slow, len(sample.levels)) @ sample.levels
-        profile = _with_misfits(profile._replace(effects=(slow,)), part, replace(sample, levels=levels), look_ups)
+        sample = replace(sample, levels=(lag.matrix(slow, len(sample.levels)) @ sample.levels).astype(np.float32))
+        profile = _with_misfits(profile._replace(effects=(slow,)), part, sample, look_ups)
         place = _places(light, part, settings, profile, sample)
     view = View(p, light, noise, sample, *place)
     profile = _with_between(profile, axes, view)
@@ -286,7 +288,7 @@ def prepared(part: Part, settings: Settings, profile: ExposureProfile) -> Prepar
     limits = np.stack([axis_limits(axis, settings.lens_px, settings.on_cells) for axis in axes])
     for table, line in zip(look_ups, limits, strict=True):
         line[0] = line[0] if table is None else table.jump
-    return Prepared(part, axes, profile, tables, dof, limits, look_ups)
+    return Prepared(part, axes, profile, tables, dof, limits, look_ups, matrix)
 
 
 def _numbers(light: Light) -> tuple[NDArray[Any], F32 | None, np.float32]:
@@ -329,6 +331,10 @@ def _looked_up(light: Light, ready: Prepared, start: int, stop: int) -> Lines:
     some = any(table is not None for table in ready.look_ups)
     shape = (axes, stop - start, light.raw.shape[2]) if some else (1, 1, 1)
     out = Lines(*(np.zeros(shape, np.float32) for _ in range(6)), np.zeros(shape, np.int32))
+    if some and ready.matrix is not None:
+        levels = np.tensordot(ready.matrix, light.linear(light.raw[:, start:stop]), 1).astype(np.float32)
+        levels = np.where(np.isnan(levels), np.float32(np.inf), levels)
+        light, start, stop = Light(levels, np.inf, np.zeros(0, np.float32), light.rounding), 0, stop - start
     for a, table in enumerate(ready.look_ups):
         if table is not None:
             lookup_rows(light, ready.profile.noise, table, start, stop, Lines(*(one[a] for one in out)))
