@@ -24,7 +24,7 @@ _SIDES = (6, 7, 8, 9)
 
 def estimate(view: View) -> Estimate | None:
     """Rate where it moved, pattern px per frame; of the partition of the image that shows it best."""
-    edges = [_edges(view, axis, place) for axis, place in zip(view.plan.axes, view.place, strict=True)]
+    edges = [_edges(view, axis, place) for axis, place in zip(view.plan.axes, view.place, strict=False)]
     best, least = None, _CHANCE / len(_SIDES)
     for side in _SIDES:
         parts = [part for bits in edges for part in _parts(bits, view.sample.places, side)]
