@@ -33,7 +33,15 @@ from ..arrays import Floats, Labels, Mask, Pair
 from ..judgement.reweighting import cauchy, scaled_median
 from ..solver.alternatives import DirectEdges
 from ..solver.edges import divergence, edge_weights, increments
-from ..solver.poisson import SEPARABLE_SPREAD, Accuracy, EdgeProblem, MaskedEdges, SeparableEdges, spread
+from ..solver.poisson import (
+    SEPARABLE_SPREAD,
+    Accuracy,
+    EdgeProblem,
+    MaskedEdges,
+    SeparableEdges,
+    edge_problem,
+    spread,
+)
 from .quadrilateral import quadrilateral_increments, quadrilateral_weights
 
 __all__ = ["Integral", "integrate", "integrator_names"]
@@ -243,11 +251,14 @@ def _robust(edges: Pair, weights: Pair, mask: Mask) -> tuple[Floats, int, Pair]:
             wx, wy = (w / (1.0 + w * doubt**2) for w, doubt in zip(weights, doubts, strict=True))
             left = wx, wy
         accuracy = Accuracy(energy=_NEGLIGIBLE * scale, relative=1e-10)
-        if not factorise:
+        if doubts is None:
+            result = edge_problem(*left, mask, True).solve(*edges, Accuracy(relative=1e-10))
+            z, iterations = result.x, result.iterations
+        elif not factorise:
             result = MaskedEdges(*left, mask).solve(*edges, accuracy, z, _PATIENCE)
             factorise = result.iterations == _PATIENCE and int(mask.sum()) <= _FACTORISED
             z, iterations = result.x, iterations + result.iterations
-        if factorise:
+        if factorise:  # in this step, too
             z, iterations = DirectEdges(*left, mask).solve(*edges, accuracy).x, iterations + 1
         residuals = _residuals(edges, weights, z)
         scale = scaled_median(residuals, weights)

@@ -186,6 +186,16 @@ def test_robust_leaves_outliers_behind() -> None:
     assert np.median(robust.edge_weights[0][wrong]) < 0.1
 
 
+def test_robust_without_outliers_is_least_squares() -> None:
+    """One solve: noise alone needs no reweighting."""
+    rng = np.random.default_rng(3)
+    _, gx, gy = gaussian(SIZE, SIZE)
+    noisy = [g + 1e-4 * rng.standard_normal(g.shape) for g in (gx, gy)]
+    plain, robust = integrate(*noisy), integrate(*noisy, "robust")
+    assert robust.iterations == 1
+    np.testing.assert_allclose(robust.z, plain.z, atol=1e-5)
+
+
 @pytest.mark.parametrize("noise", [1e-2, 1e-4])
 def test_robust_at_cliffs_is_a_plain_cauchy_loop(noise: float) -> None:
     """The same heights within a fraction of what noise does to them, without thousands of iterations."""
