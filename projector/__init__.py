@@ -19,13 +19,11 @@
 | `synchronise.py`, `acquire.py`, `exposure.py` | measured by flips; an image for every pattern; exposure |
 | `recording.py`, `mcap_file.py`, `stream.py` | recordings; as MCAP; a thread that pulls images |
 | `cameras/` | back-ends of cameras |
-| `benchmark.py` | frames per second on the context at hand |
 """
 
 from optolever.arguments import check_face
 
 from .acquire import Taken, acquire
-from .benchmark import RendererSpeed, measure_renderer
 from .capture import Capture
 from .clocks import ClockMap, Stamp
 from .context import ContextInfo, NoContextError, context_info, release_context
@@ -90,7 +88,6 @@ __all__ = [
     "RealTime",
     "Recorder",
     "Recording",
-    "RendererSpeed",
     "Shown",
     "Stamp",
     "Taken",
@@ -114,7 +111,6 @@ __all__ = [
     "light_of",
     "load_sofast",
     "load_sofast_response",
-    "measure_renderer",
     "monitors",
     "parse_edid",
     "release_context",

@@ -14,9 +14,11 @@ from optolever.experiments import run_demo
 from optolever.experiments.arrays import Floats
 from optolever.experiments.metrics import rms
 from optolever.patterns import Sequence, sequence
-from optolever.projector import NoContextError, capture, context_info, measure_renderer
+from optolever.projector import NoContextError, capture, context_info
 from optolever.records import Progress, silent
 from optolever.scene import Scene, Surface, dent_from_text, load, resize, trace
+
+from .renderer_speed import measure_renderer
 
 STEPS = 4096  # samples along a ray, between which a crossing is looked for
 HALVINGS = 80  # more than float64 has bits

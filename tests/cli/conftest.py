@@ -57,7 +57,7 @@ class Chain:
 
 @pytest.fixture(scope="session")
 def chain(tmp_path_factory: pytest.TempPathFactory) -> Chain:
-    """capture -> decode -> reconstruct at 96 x 96, one level of noise."""
+    """capture -> decode -> reconstruct at 96 x 96, photon noise and one level of white noise."""
     folder = tmp_path_factory.mktemp("chain")
     files = Chain(folder / "capture", folder / "c.npz", folder / "h.npz", {})
     steps = {

@@ -23,7 +23,8 @@ def test_height_matches_the_truth(chain: Chain) -> None:
         assert good.sum() > 0.9 * truth["visible"].sum()
         error = found["z"] - truth["z"]
         far = good & (truth["x"] > LEVER)
-    assert np.sqrt(np.mean(error[far] ** 2)) < 1e-3 * 1.3
+    # by photon noise and one level of white noise; by white noise alone the error is 1.4 times smaller
+    assert np.sqrt(np.mean(error[far] ** 2)) < 1.4e-3 * 1.3
     assert chain.numbers["reconstruct"]["height_rms_rel"] == pytest.approx(
         np.sqrt(np.mean(error[good] ** 2)) / 1.3, rel=0.01
     )

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from lab.figures.figures import Figure, brute_force
+from lab.figures.renderer_speed import measure_renderer
 from lab.figures.solver_bound import least_variance
-from optolever.scene import dent_from_text, load, resize, trace
+from optolever.projector import chosen_renderer
+from optolever.scene import dent, dent_from_text, load, resize, trace
 
 
 def test_brute_force_on_a_flat_mirror_at_45_degrees() -> None:
@@ -33,3 +35,13 @@ def test_the_bound_of_a_flat_mirror_is_the_same_from_top_to_bottom() -> None:
     assert least.shape == (5, 4)
     assert (least > 0).all()
     np.testing.assert_allclose(least, least[::-1], rtol=1e-3)
+
+
+@pytest.mark.parametrize("renderer", ["numpy", "auto"])
+def test_speeds_of_the_renderers(renderer: str) -> None:
+    """Without OpenGL nothing is drawn or read back."""
+    scene, chosen = load("paper-simulation"), chosen_renderer(renderer)
+    speed = measure_renderer(scene, dent("flat", scene), 60, 80, seconds=0.05, renderer=renderer)
+    assert (speed.rows, speed.cols, speed.renderer) == (60, 80, chosen)
+    assert (speed.drawn > 0) == (speed.read_back > 0) == (chosen == "gl")
+    assert speed.captured > 0

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from optolever import InputError
 from optolever.experiments.metrics import rms
 from optolever.patterns import Frame, Sequence
-from optolever.projector import WHITE_NOISE_SENSOR, capture, measure_renderer
+from optolever.projector import WHITE_NOISE_SENSOR, capture
 from optolever.scene import (
     Medium,
     Scene,
@@ -230,11 +230,3 @@ def test_a_pixel_sees_where_its_light_comes_from(renderer: str) -> None:
     waves = [np.tensordot(inverse[1] + 1j * inverse[2], each[1:], 1) for each in (seen, truth)]
     off = np.angle(waves[0] / waves[1])[inner] * period / (2 * np.pi)
     assert np.sqrt(np.mean(off**2)) < 0.004
-
-
-def test_speeds(renderer: str) -> None:
-    scene = load("paper-simulation")
-    speed = measure_renderer(scene, dent("flat", scene), 60, 80, seconds=0.05, renderer=renderer)
-    assert (speed.rows, speed.cols, speed.renderer) == (60, 80, renderer)
-    assert (speed.drawn > 0) == (speed.read_back > 0) == (renderer == "gl")
-    assert speed.captured > 0

@@ -5,11 +5,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from optolever.patterns import sequence
+from optolever.projector import PatternRenderer, capture, chosen_renderer, context_info
 from optolever.scene import Scene, Surface, resize
-
-from .context import context_info
-from .renderer import PatternRenderer
-from .virtual import capture, chosen_renderer
 
 __all__ = ["RendererSpeed", "measure_renderer"]
 
