@@ -35,7 +35,7 @@ SAMPLE = """
 $ optolever live --size 120x160 --headless --frames 48
 Live: prism48, 60 x 80 cells
   readings  48, 48 trusted
-  deepest   0.17029 ± 0.00019 mm
+  deepest   0.1703 ± 0.0061 mm
   rate      9.61 readings/s, median delay 91.6 ms
 """
 

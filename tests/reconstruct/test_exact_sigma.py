@@ -47,7 +47,7 @@ def uneven(kind: str) -> Floats:
     return noise
 
 
-@pytest.mark.daily(2)
+@pytest.mark.daily(1)
 @pytest.mark.parametrize(
     ("preset", "kind", "off"),
     [
