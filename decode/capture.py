@@ -15,7 +15,7 @@ from .codes.bits import bit_tables
 from .codes.fringe import Misfit, fringe_tables, measure_misfit, three_step_aliasing
 from .codes.lookup import Lines, LookUp, Table, lookup_rows, prepare, table_of
 from .codes.orders import Orders, order_table
-from .effects import View, lag, motion
+from .effects import View, lag, motion, shared
 from .exposures import Part
 from .frames import Light, sample_levels, sample_places
 from .neighbours import HALO, Block, Result, axis_limits, neighbours
@@ -114,6 +114,8 @@ def _estimate(light: Light, part: Part, settings: Settings, sample: Sample) -> E
         else None
         for axis in axes
     ]
+    # residuals of a table are noise; differences of neighbours between grey values of cells are not
+    noise = next((one.noise for one in look_ups if one is not None and one.noise is not None), noise)
     nothing = Sampled(0.0, 0.0, 0.0)
     profile = _with_misfits(ExposureProfile(noise, (), (), None, nothing, ()), part, sample, look_ups)
     place = _places(light, part, settings, profile, sample)
@@ -131,7 +133,7 @@ def _estimate(light: Light, part: Part, settings: Settings, sample: Sample) -> E
         more += motion.variance(view, moved)
         profile = profile._replace(effects=(*profile.effects, moved))
     own = (axis._replace(variance=float(v)) for axis, v in zip(profile.axes, more, strict=True))
-    profile = profile._replace(axes=tuple(own))
+    profile = profile._replace(axes=tuple(own), shared=shared.shared(view))
     return profile._replace(notices=_notices(profile, axes, view))
 
 

@@ -188,8 +188,8 @@ def _shared(
 ) -> None:
     """What axes share: scale of the variance by chi2 (n, W); and, in row row_of[y] of `windows` (7, n, W) for
     row y (rows amid clean ones are alike): whether 5 x 5 are clean; whether third differences from here along
-    the row, down the column are; one over their numbers in 7 x 7, and over those of full pixels in 3 x 3 and of
-    clean ones in 5 x 5."""
+    the row, down the column are; one over their numbers in 7 x 7, over those of full pixels in 3 x 3, and
+    over those of clean ones in 5 x 5."""
     n, width = clean.shape
     full, row_ok, col_ok, along, down, near, number5 = windows
     count, z, four, rows = np.zeros((4, width + 6), np.float32)

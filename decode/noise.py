@@ -108,7 +108,7 @@ def _of_codes(plan: Plan, levels: F64, first: NDArray[np.int64]) -> Residuals:
         state = (share > _FULL).astype(np.int8) - (share < -_FULL)
         found = []
         for one in (1, -1):
-            full = np.stack([state[:, first + k] == one for k in range(5)]).all(axis=0)
+            full = np.logical_and.reduce([state[:, first + k] == one for k in range(5)])
             at = np.arange(len(frames))[:, None]
             before = np.maximum.accumulate(np.where(full, at, -1), axis=0)
             for i in range(1, len(frames)):  # the nearest frame before of the same state

@@ -32,6 +32,8 @@ _BLOCKS, _SIDE, _EDGES, _FIRST, _SECOND = 36, 10, 2, 3, 24
 _POOR, _MOST = 0.6, 0.55
 #: Penalty of a test without pixels; sums that are equal.
 _NONE, _EQUAL = 0.05, 0.02
+#: Least share of pixels at other places for which equal sums leave the order open; white over black, share of the span.
+_DIFFERENT, _BRIGHTER = 0.01, 0.25
 #: Share of the half contrast below which a bit is open; residual of a fringe over its amplitude (gamma 2.2: .57).
 _OPEN, _RESIDUAL = 0.25, 0.7
 #: Finest bits, of which an unknown one leaves an interval of cells; coarser ones are constant in most blocks.
@@ -51,13 +53,15 @@ class Repair(NamedTuple):
 
 
 class _Trial(NamedTuple):
-    """order (N,): captured frame of each image; free: image that no frame shows, -1: none."""
+    """order (N,): captured frame of each image; free: image that no frame shows, -1: none; unsure: others of equal
+    sums mean other places."""
 
     name: str
     order: Order
     sequence: Sequence
     frames: tuple[int, ...] = ()
     free: int = -1
+    unsure: bool = False
 
 
 def find_order(frames: NDArray[Any], sequence: Sequence, mask: Mask | None = None) -> Repair | None:
@@ -67,19 +71,8 @@ def find_order(frames: NDArray[Any], sequence: Sequence, mask: Mask | None = Non
     blocks = _blocks(frames, mask)
     if blocks is None:
         return None
-    found, same = _search(blocks, sequence), np.arange(len(frames))
-    found = found or _Trial("", same, sequence)
-    ends = plan(found.sequence)
-    if min(ends.white, ends.black) >= 0 and found.free not in (ends.white, ends.black):
-        white, black = blocks[found.order[[ends.white, ends.black]]]
-        if np.median(white - black) < 0:
-            order = found.order.copy()
-            order[[ends.white, ends.black]] = order[[ends.black, ends.white]]
-            name = (
-                found.name or "white is darker than black on most lit pixels: they are in each other's place"
-            )
-            found = found._replace(name=name, order=order, frames=found.frames or (ends.white, ends.black))
-    return _repair(found) if found.name else None
+    found = _search(blocks, sequence)
+    return None if found is None else _repair(found)
 
 
 def _search(blocks: F32, sequence: Sequence) -> _Trial | None:
@@ -88,12 +81,25 @@ def _search(blocks: F32, sequence: Sequence) -> _Trial | None:
     base = _missing(blocks, same)
     if base.sum() < _POOR:
         return None
+    ends = sorted((plan(sequence).white, plan(sequence).black))
+    if ends[0] >= 0 and base[:-1].sum() < _POOR:
+        darker = next(trial for trial in _faults(sequence) if trial.frames == tuple(ends))
+        if _missing(blocks, darker).sum() < _POOR:
+            return darker._replace(name="white is darker than black on most lit pixels: exchanged")
     few, trials = blocks[:, ::_FIRST], [*_faults(sequence), *_descriptions(sequence)]
     rough = _missing(few, same)
     first = np.argsort([_missing(few, trial, rough).sum() for trial in trials], kind="stable")[:_SECOND]
     costs = np.array([_missing(blocks, trials[i], base).sum() for i in first])
-    best, least = int(first[costs <= costs.min() + _EQUAL].min()), costs.min()  # of equal ones the simplest
-    return trials[best] if least < min(_MOST * base.sum(), base.sum() - _POOR) else None
+    if costs.min() > min(_MOST * base.sum(), base.sum() - _POOR):
+        return None
+    found, *equal = [trials[int(i)] for i in sorted(first[costs <= costs.min() + _EQUAL])]
+    places = _axes(blocks, found)
+    unsure = any(
+        np.mean(np.abs(mine - other) > np.maximum(step, beside)) > _DIFFERENT
+        for trial in equal
+        for (_, mine, step), (_, other, beside) in zip(places, _axes(blocks, trial), strict=True)
+    )
+    return found._replace(unsure=unsure)
 
 
 def _blocks(frames: NDArray[Any], mask: Mask | None) -> F32 | None:
@@ -127,32 +133,42 @@ def _missing(blocks: F32, trial: _Trial, base: Any = _NONE) -> NDArray[np.float6
         known = plan(trial.sequence)
     except InputError:
         return np.array([np.inf])
-    some = blocks[trial.order]
-    tests = np.concatenate([_tests(some, axis, known, trial.free) for axis in known.axes])
-    return np.where(
-        np.isnan(tests), np.maximum(0.5 * base, _NONE) if np.shape(base) == tests.shape else _NONE, 1 - tests
-    )
+    tests = [axis[0] for axis in _axes(blocks, trial)]
+    ends = [known.white, known.black]
+    if min(ends) >= 0:
+        white, black = blocks[trial.order[ends]]
+        bright = np.mean(white - black > _BRIGHTER * np.ptp(blocks, axis=0))
+        tests.append(np.array([np.nan if trial.free in ends else bright]))
+    one = np.concatenate(tests)
+    unknown = np.maximum(0.5 * base, _NONE) if np.shape(base) == one.shape else _NONE
+    return np.where(np.isnan(one), unknown, 1 - one)
 
 
-def _tests(blocks: F32, axis: AxisPlan, known: Plan, free: int) -> NDArray[np.float64]:
-    """Tests of an axis: of the axis, twice; of each bit and each finer fringe, NaN: too few pixels."""
-    if (axis.code is None and not axis.fringes) or axis.looked_up:
-        return np.zeros(0)
+def _axes(blocks: F32, trial: _Trial) -> list[tuple[NDArray[np.float64], F32, F32]]:
+    known, some = plan(trial.sequence), blocks[trial.order]
+    axes = [a for a in known.axes if (a.code is not None or a.fringes) and not a.looked_up]
+    return [_tests(some, axis, known, trial.free) for axis in axes]
+
+
+def _tests(blocks: F32, axis: AxisPlan, known: Plan, free: int) -> tuple[NDArray[np.float64], F32, F32]:
+    """Tests of an axis: of the axis, twice; of each bit and each finer fringe, NaN: too few pixels. Places (B, side,
+    side), and the difference of unequal ones, pattern px."""
     fits = [(f.period, *fit) for f in axis.fringes if (fit := _fringe(blocks, f, free)) is not None]
     ok: Mask = np.ones(blocks.shape[1:], np.bool_)
     for *_, residual in fits:
         ok &= residual < _RESIDUAL
     width: Any = np.zeros(blocks.shape[1:], np.float32)
-    phasors, coded, edges = [], ok[None, :, 1:-1, 1:-1], []
+    phasors, coded = [], ok[None, :, 1:-1, 1:-1]
+    edges: list[Mask] = []
     if axis.code is not None:
         place, width, decided, edges = _word_place(blocks, axis.code, known, fits[0] if fits else None, free)
         ok &= decided & (width <= max(8 * axis.code.cell, axis.extent / 16))
         coded = _smooth(place, np.broadcast_to(3 * width, place.shape), 0.5) & ok[:, 1:-1, 1:-1]
     elif not fits:
-        return np.zeros(2)
+        return np.zeros(2), width, width
     else:
         place = _ladder_place(fits, axis.extent)[None]
-    good = coded
+    good, step = coded, 2 * width + (0.25 * fits[-1][0] if fits else 0.0)
     for period, turn, _, _, _ in fits:
         gap = turn - place / period
         use = (width < 0.75 * period) & ok
@@ -164,11 +180,10 @@ def _tests(blocks: F32, axis: AxisPlan, known: Plan, free: int) -> NDArray[np.fl
         good = _smooth(place, 0.25 * period, 0.25) & ok[:, 1:-1, 1:-1]
     inner = place[..., 1:-1, 1:-1]
     good = good & (inner > -0.02 * axis.extent - 1) & (inner < 1.02 * axis.extent)
-    # an unknown bit is constant in most blocks: its better value of each
     better = good.mean(axis=(2, 3)).argmax(axis=0), np.arange(blocks.shape[1])
     share, coded = float(good[better].mean()), coded[better]
     at_edges = [coded[edge].mean() if np.count_nonzero(edge) >= 8 else np.nan for edge in edges]
-    return np.array([share, share, *phasors, *at_edges])
+    return np.array([share, share, *phasors, *at_edges]), place[better], step
 
 
 def _fringe(blocks: F32, fringe: Fringe, free: int) -> tuple[F32, F32, F32, F32] | None:
@@ -253,17 +268,13 @@ def _smooth(place: F32, slack: Any, share: float) -> Mask:
         rough = np.abs(np.diff(step, axis=axis)) - share * (a + b)
         cut = (..., slice(None), slice(1, -1)) if axis == 2 else (..., slice(1, -1), slice(None))
         good = good & (rough[cut] <= (slack[..., 1:-1, 1:-1] if np.ndim(slack) else slack))
-    return np.asarray(good)
+    return np.asarray(good, np.bool_)
 
 
 def _faults(sequence: Sequence) -> Iterator[_Trial]:
     """Single faults of frames, the simplest first."""
     count = len(sequence)
     same = np.arange(count)
-    for i, j in combinations(range(count), 2):
-        order = same.copy()
-        order[[i, j]] = j, i
-        yield _Trial(f"frames {i} and {j} are in each other's place", order, sequence, (i, j))
     for k in range(count - 1):
         late, early = same.copy(), same.copy()
         late[k + 1 :], early[k + 1 : -1] = late[k:-1], early[k + 2 :]
@@ -273,6 +284,10 @@ def _faults(sequence: Sequence) -> Iterator[_Trial]:
             yield _Trial(name, early, sequence, (k + 1,), count - 1)
     for k in range(count):
         yield _Trial(f"frame {k} is missing, another image is in its place", same, sequence, (k,), k)
+    for i, j in combinations(range(count), 2):
+        order = same.copy()
+        order[[i, j]] = j, i
+        yield _Trial(f"frames {i} and {j} are in each other's place", order, sequence, (i, j))
 
 
 def _descriptions(sequence: Sequence) -> Iterator[_Trial]:
@@ -305,7 +320,11 @@ def _descriptions(sequence: Sequence) -> Iterator[_Trial]:
             other = tuple(change(f) if f.kind in of else f for f in frames)
             yield _Trial(name, same, replace(sequence, frames=other))
     for key, name in _arrangements(frames):
-        yield _Trial(f"the frames are in another order: {name}", np.argsort(sorted(same, key=key)), sequence)
+        yield _Trial(
+            f"the frames are in another order: {name}",
+            np.argsort(sorted(range(len(frames)), key=key)),
+            sequence,
+        )
 
 
 def _arrangements(frames: tuple[Frame, ...]) -> Iterator[tuple[Callable[[int], Any], str]]:
@@ -343,6 +362,9 @@ def _arrangements(frames: tuple[Frame, ...]) -> Iterator[tuple[Callable[[int], A
 def _repair(found: _Trial) -> Repair:
     """Leave out an image that no frame shows, with its fringe, or with the finer bits if need be."""
     sequence, cure = found.sequence, "decoded in the right order; capture again, or correct the description"
+    if found.unsure:
+        cure = "others explain the frames as well, at other places; capture again"
+        return Repair(found.name, cure, found.order, sequence, found.frames, solved=False)
     if found.free < 0:
         return Repair(found.name, cure, found.order, sequence, found.frames)
     axes, cure = plan(sequence).axes, "decoded without it; capture again"

@@ -1,0 +1,103 @@
+"""Noise that pixels have in common: within a row, a column, a frame.
+
+Cameras read by rows and amplify by columns (EMVA 1288 release 4.0); a lamp's flicker gives bands with a
+rolling shutter, and frames of unequal light with a global one. A height accumulates common errors along a
+line, or over half a fringe, while independent noise averages out. Constraints of a plan do not depend on the
+scene: the part of their residuals that follows level and phase belongs to a frame; of the rest, the mean
+product of two pixels is their common variance. Lines of equal place share deviations of the display, too: the
+smaller estimate of both axes counts.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..noise import Sample
+from ..plan import AxisPlan, Fringe, Plan, constraints
+from ..records import SharedNoise
+from . import View
+
+__all__ = ["shared"]
+
+F64 = NDArray[np.float64]
+#: Most and fewest pixels; deviations of a chance of 1e-6; squared ones of an outlier, over the median square.
+_MOST, _FEWEST, _SURE, _FAR = 4096, 64, 4.9, 16 / 0.455
+
+
+def shared(view: View) -> SharedNoise | None:
+    """None if no share is significant, or without fringes along both axes."""
+    plan, sample = view.plan, view.sample
+    fringes = {axis.axis: (*axis.fringes, *axis.singles) for axis in plan.axes}
+    if len(fringes) != 2 or not all(fringes.values()):
+        return None
+    sample = sample.only(slice(None, None, 1 + len(sample.places) // _MOST))
+    turns = {name: max(1 / fringe.period for fringe in every) for name, every in fringes.items()}
+    shares = {axis.axis: _shares(plan, axis, sample) for axis in plan.axes}
+    rows, cols, _ = np.minimum(shares["u"], shares["v"]).tolist()
+    found = SharedNoise(rows, cols, shares["u"][2], shares["v"][2], turns["u"], turns["v"])
+    return found if max(found[:4]) > 0 else None
+
+
+def _shares(plan: Plan, axis: AxisPlan, sample: Sample) -> tuple[float, float, float]:
+    """Shares of rows, columns and frames, by one axis' constraints, if necessary with white and black."""
+    alone, count = replace(plan, axes=(axis,)), len(sample.levels)
+    groups = constraints(replace(alone, white=-1, black=-1), count) or constraints(alone, count)
+    if not groups or not axis.fringes:
+        return 0.0, 0.0, 0.0
+    rows = groups[-1]
+    used = (np.abs(rows) > 1e-9).any(axis=0)
+    sample = sample.only(np.isfinite(sample.levels[used]).all(axis=0))
+    residual = rows[:, used] @ sample.levels[used].astype(np.float64)
+    usual = (
+        np.flatnonzero(_bulk(residual).all(axis=0)) if residual.shape[1] >= _FEWEST else np.zeros(0, np.int64)
+    )
+    if len(usual) < _FEWEST:
+        return 0.0, 0.0, 0.0
+    waves = np.stack([_waves(fringe, sample.levels) for fringe in axis.fringes])  # (F, 7, K)
+    # mean levels of several fringes count as one, as their differences are residuals
+    level = waves[:, 0].mean(axis=0, keepdims=True)
+    light, every = (np.concatenate([level, *(one[1:count] for one in waves)]) for count in (3, 7))
+    of_frames, of_lines = _without(residual, light, usual), _without(residual, every, usual)
+    kept = _bulk(of_lines)
+    square = float(np.square(residual)[kept].sum())
+    if square == 0:
+        return 0.0, 0.0, 0.0
+    # pixels of one level and phase are rounded alike: no more than 1 / 12
+    alike = 1 - min(float(np.count_nonzero(kept)) / 12 / square, 1.0)
+    frames = alike - float(np.square(of_frames)[kept].sum()) / square
+    chance = (len(light) + _SURE * np.sqrt(2 * len(light))) / residual.shape[1]
+    by_row, by_col = (_common(of_lines * kept, line, square) for line in sample.places.T)
+    return by_row, by_col, frames if frames > chance else 0.0
+
+
+def _bulk(residual: F64) -> NDArray[np.bool_]:
+    """Residuals (M, K) but for outliers of their row."""
+    square = np.square(residual)
+    return np.asarray(square <= _FAR * np.median(square, axis=1, keepdims=True))
+
+
+def _waves(fringe: Fringe, levels: NDArray[np.floating]) -> F64:
+    """Offset; cosine and sine of one, two and three times the phase, times the amplitude, (7, K)."""
+    offset, c, s = fringe.inverse @ levels[list(fringe.index)].astype(np.float64)
+    wave = c + 1j * s
+    unit = wave / np.maximum(np.abs(wave), 1e-6)
+    return np.stack(
+        [offset, *(part for k in range(3) for part in ((wave * unit**k).real, (wave * unit**k).imag))]
+    )
+
+
+def _without(residual: F64, waves: F64, usual: NDArray[np.int64]) -> F64:
+    """Residuals (M, K) less their regression on waves (W, K) over usual pixels."""
+    parts = np.linalg.lstsq(waves[:, usual].T, residual[:, usual].T, rcond=1e-6)[0]
+    return np.asarray(residual - parts.T @ waves)
+
+
+def _common(residual: F64, line: NDArray[np.int64], square: float) -> float:
+    """Mean product of residuals (M, K) of two pixels of a line (K,) over the mean square, whose sum is given;
+    0 if not significant."""
+    count = np.bincount(line).astype(np.float64)
+    pairs = max(float((count * (count - 1)).sum()), 1.0)
+    sums = np.stack([np.bincount(line, one) for one in residual])
+    share = float(np.square(sums).sum() - np.square(residual).sum()) / pairs / (square / line.size)
+    return min(share, 1.0) if share > _SURE * np.sqrt(2 / (pairs * len(residual))) else 0.0
