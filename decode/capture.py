@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import minimum_filter
 
 from optolever.blocks import over_blocks, threads
 from optolever.notices import Notice
@@ -15,7 +16,7 @@ from .codes.bits import bit_tables
 from .codes.fringe import Misfit, fringe_tables, measure_misfit, three_step_aliasing
 from .codes.lookup import Lines, LookUp, Table, lookup_rows, prepare, table_of
 from .codes.orders import Orders, order_table
-from .effects import View, lag, motion, shared
+from .effects import View, cells, lag, motion, shared
 from .exposures import Part
 from .frames import Light, sample_levels, sample_places
 from .neighbours import HALO, Block, Result, axis_limits, neighbours
@@ -32,7 +33,9 @@ F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 Mask = NDArray[np.bool_] | None
 #: Runs of the sample; fewest pixels for an estimate; median of chi2 with one degree of freedom.
-_RUNS, _FEWEST, _MEDIAN = 256, 64, 0.4549
+_RUNS, _FEWEST, _MEDIAN = 128, 64, 0.4549
+#: Side of the neighbourhood that lies in a mask where the order of frames is tested.
+_BLOCK = 11
 #: Bytes of a block's lines, about those of a core's cache.
 _CACHE = 1 << 20
 #: Share of the usual span of levels above which a pixel is lit.
@@ -45,7 +48,7 @@ _FEWER = 0.9
 
 class Prepared(NamedTuple):
     """Decoder of one exposure: its part of the sequence, profile, kernels' tables, degrees of freedom of chi2, numbers
-    of the axes for the neighbours, tables of look-ups (None: without)."""
+    of the axes for the neighbours, tables of look-ups (None: without), correction of the levels by a lag (None: without)."""
 
     part: Part
     axes: tuple[AxisPlan, ...]
@@ -54,6 +57,7 @@ class Prepared(NamedTuple):
     dof: int
     limits: F32
     look_ups: tuple[Table | None, ...]
+    matrix: F64 | None
 
 
 class Estimated(NamedTuple):
@@ -84,7 +88,8 @@ def lit_sample(light: Light, inside: Mask) -> Sample:
 
 def estimated(light: Light, part: Part, settings: Settings, mask: Mask) -> Estimated:
     """Put the frames of one exposure in order, estimate their profile, and decode by it."""
-    repair = find_order(light.raw[part.index], part.sequence, mask)
+    around = None if mask is None else minimum_filter(mask, _BLOCK)  # whole blocks of the mask
+    repair = find_order(light.raw[part.index], part.sequence, around)
     if repair is not None:
         part = Part(part.index[repair.order], repair.sequence)
     own = light.only(part.index)
@@ -103,6 +108,7 @@ def estimated(light: Light, part: Part, settings: Settings, mask: Mask) -> Estim
 def _estimate(light: Light, part: Part, settings: Settings, sample: Sample) -> ExposureProfile:
     """Noise, then misfit and effects from a sample."""
     p, axes = plan(part.sequence), axes_of(part)
+    p = p if p.axes else replace(p, axes=axes)  # spots
     if settings.noise is not None:
         noise = Noise(settings.noise**2 + light.rounding, settings.gain)
     else:
@@ -121,8 +127,8 @@ def _estimate(light: Light, part: Part, settings: Settings, sample: Sample) -> E
     place = _places(light, part, settings, profile, sample)
     slow = lag.estimate(View(p, light, noise, sample, *place))
     if slow is not None:
-        levels = lag.matrix(slow, len(sample.levels)) @ sample.levels
-        profile = _with_misfits(profile._replace(effects=(slow,)), part, replace(sample, levels=levels), look_ups)
+        sample = replace(sample, levels=(lag.matrix(slow, len(sample.levels)) @ sample.levels).astype(np.float32))
+        profile = _with_misfits(profile._replace(effects=(slow,)), part, sample, look_ups)
         place = _places(light, part, settings, profile, sample)
     view = View(p, light, noise, sample, *place)
     profile = _with_between(profile, axes, view)
@@ -132,8 +138,13 @@ def _estimate(light: Light, part: Part, settings: Settings, sample: Sample) -> E
     if moved is not None:
         more += motion.variance(view, moved)
         profile = profile._replace(effects=(*profile.effects, moved))
+    sharp = cells.estimate(view, settings.blur_px) if settings.on_cells else None
+    if sharp is not None:
+        more += cells.variance(view, sharp)
+        profile = profile._replace(effects=(*profile.effects, sharp))
+    common = None if sharp is None else cells.variance(view, sharp)
     own = (axis._replace(variance=float(v)) for axis, v in zip(profile.axes, more, strict=True))
-    profile = profile._replace(axes=tuple(own), shared=shared.shared(view))
+    profile = profile._replace(axes=tuple(own), shared=shared.shared(view, common))
     return profile._replace(notices=_notices(profile, axes, view))
 
 
@@ -176,7 +187,10 @@ def _notices(profile: ExposureProfile, axes: tuple[AxisPlan, ...], view: View) -
         if not axis.fringes or not own.misfits:
             continue
         fringe, misfit = axis.fringes[-1], own.misfits[-1]
-        noise = float(np.nanmedian(_phase_variance(fringe, view.sample, profile.noise, 1.0)))
+        variances = _phase_variance(fringe, view.sample, profile.noise)
+        if not np.isfinite(variances).any():
+            continue
+        noise = float(np.nanmedian(variances))
         parts = {
             "fringes are no sinusoids (motion, flicker, a nonlinear display)": (misfit.scale - 1) * noise,
             "a nonlinear response, or periods that contradict each other (gamma)": misfit.variance,
@@ -191,10 +205,10 @@ def _notices(profile: ExposureProfile, axes: tuple[AxisPlan, ...], view: View) -
     return tuple(found)
 
 
-def _phase_variance(fringe: Fringe, sample: Sample, noise: Noise, scale: float) -> F64:
+def _phase_variance(fringe: Fringe, sample: Sample, noise: Noise) -> F64:
     """Variance (cycles^2) of the sample's phases by noise."""
     o, c, s = fringe.inverse @ sample.levels[list(fringe.index)].astype(np.float64)
-    own = scale * noise.variance(o) * np.square(fringe.inverse[1]).sum()
+    own = noise.variance(o) * np.square(fringe.inverse[1]).sum()
     return np.asarray(own / np.maximum(c * c + s * s, 1e-6) / (2 * np.pi) ** 2)
 
 
@@ -214,7 +228,7 @@ def _between(axis: AxisPlan, place: F64, sample: Sample, noise: Noise, misfits: 
     most, fine = 0.0, axis.fringes[-1].period if axis.fringes else 1.0
     for fringe, misfit in zip(axis.fringes[:-1], misfits, strict=False):
         _, c, s = fringe.inverse @ sample.levels[list(fringe.index)].astype(np.float64)
-        variance = _phase_variance(fringe, sample, noise, misfit.scale)
+        variance = misfit.scale * _phase_variance(fringe, sample, noise)
         away = np.arctan2(s, c) / (2 * np.pi) - place / fringe.period
         away -= np.rint(away)
         ok = np.isfinite(away)
@@ -274,7 +288,7 @@ def prepared(part: Part, settings: Settings, profile: ExposureProfile) -> Prepar
     limits = np.stack([axis_limits(axis, settings.lens_px, settings.on_cells) for axis in axes])
     for table, line in zip(look_ups, limits, strict=True):
         line[0] = line[0] if table is None else table.jump
-    return Prepared(part, axes, profile, tables, dof, limits, look_ups)
+    return Prepared(part, axes, profile, tables, dof, limits, look_ups, matrix)
 
 
 def _numbers(light: Light) -> tuple[NDArray[Any], F32 | None, np.float32]:
@@ -317,6 +331,10 @@ def _looked_up(light: Light, ready: Prepared, start: int, stop: int) -> Lines:
     some = any(table is not None for table in ready.look_ups)
     shape = (axes, stop - start, light.raw.shape[2]) if some else (1, 1, 1)
     out = Lines(*(np.zeros(shape, np.float32) for _ in range(6)), np.zeros(shape, np.int32))
+    if some and ready.matrix is not None:
+        levels = np.tensordot(ready.matrix, light.linear(light.raw[:, start:stop]), 1).astype(np.float32)
+        levels = np.where(np.isnan(levels), np.float32(np.inf), levels)
+        light, start, stop = Light(levels, np.inf, np.zeros(0, np.float32), light.rounding), 0, stop - start
     for a, table in enumerate(ready.look_ups):
         if table is not None:
             lookup_rows(light, ready.profile.noise, table, start, stop, Lines(*(one[a] for one in out)))
@@ -328,7 +346,7 @@ def holds(light: Light, ready: Prepared, mask: Mask) -> tuple[Notice, ...]:
     known, now = ready.profile.sampled, _statistics(light, ready, lit_sample(light, mask))
     changes = (
         ("good pixels of the sample, share", known.good, now.good, now.good < _FEWER * known.good),
-        ("residuals over their noise", known.chi2, now.chi2, now.chi2 > _CHANGED * max(known.chi2, 0.5)),
+        ("noise of the residuals", known.chi2, now.chi2, now.chi2 > _CHANGED * max(known.chi2, 0.5)),
         ("contrast, levels", known.amplitude, now.amplitude, not 0.5 < now.amplitude / max(known.amplitude, 1e-6) < 2),
     )
     return tuple(

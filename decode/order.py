@@ -1,10 +1,11 @@
-"""Wrong frames by a score of small blocks of the image: plain decoding under every swap, loss and repetition, and under
-other descriptions. The order of most good and smooth pixels is taken, and named.
+"""Wrong frames by a score of small blocks of the image: plain decoding under every swap, loss and repetition,
+and under other descriptions. The order of most good and smooth pixels is taken, and named.
 
 A test is a share of pixels, 1 in a right capture: of an axis, those whose bits are decided, whose fringes are
-sinusoids and whose place continues its neighbours'; of a bit, the same at its edges (a coarse bit has few, so blocks
-are chosen at them); of a fringe, the mean phasor of its phase against the coarser place. The search compares sums of
-1 - test. It sees neither a mirrored display nor a fault in bits that are constant over the image.
+sinusoids and whose place continues its neighbours'; of a bit, the same at its edges (a coarse bit has few, so
+blocks are chosen at them); of a fringe, the mean phasor of its phase against the coarser place; of white and
+black, those in which white is brighter. The search compares sums of 1 - test. It sees neither a mirrored
+display nor a fault in bits that are constant over the image.
 """
 
 from collections.abc import Callable, Iterator
@@ -25,24 +26,29 @@ __all__ = ["Repair", "find_order"]
 F32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Order = NDArray[np.int64]
-#: Blocks, their side, blocks at the edges of every frame, stride of those of the first round, orders of the second.
+#: Places of blocks that are compared, at most.
+_PLACES = 20000
+#: Blocks, their side, blocks at edges of every frame, stride of the first round's, orders of the second.
 _BLOCKS, _SIDE, _EDGES, _FIRST, _SECOND = 36, 10, 2, 3, 24
-#: Sum of 1 - test that starts the search, and least gain (worst right capture of bits that the camera resolves: 0.3);
-#: sum that must remain at most, share of that before (right captures of poor phones .65 to .83, faults below .55).
+#: Sum of 1 - test that starts the search, and least gain (right captures: 0.35 where bits are resolved);
+#: share of it that must remain at most (right captures of poor phones .65 to .83, faults below .55).
 _POOR, _MOST = 0.6, 0.55
 #: Penalty of a test without pixels; sums that are equal.
 _NONE, _EQUAL = 0.05, 0.02
-#: Least share of pixels at other places for which equal sums leave the order open; white over black, share of the span.
+#: Share of pixels at other places for which equal sums leave the order open; white over black, share of the
+#: span.
 _DIFFERENT, _BRIGHTER = 0.01, 0.25
-#: Share of the half contrast below which a bit is open; residual of a fringe over its amplitude (gamma 2.2: .57).
+#: Share of the half contrast below which a bit is open; residual of a fringe over its amplitude (gamma 2.2:
+#: .57).
 _OPEN, _RESIDUAL = 0.25, 0.7
 #: Finest bits, of which an unknown one leaves an interval of cells; coarser ones are constant in most blocks.
 _FINE = 2
 
 
 class Repair(NamedTuple):
-    """name, cure: for the notice; order (N',): captured frame of each image of `sequence`, which fits; frames: numbers
-    of the wrong ones; solved: False where the code needs an image that no frame shows, so that no pixel is good."""
+    """name, cure: for the notice; order (N',): captured frame of each image of `sequence`, which fits;
+    frames: numbers of the wrong ones; solved: False where the code needs an image that no frame shows, or
+    the order is open: no pixel is good."""
 
     name: str
     cure: str
@@ -53,8 +59,8 @@ class Repair(NamedTuple):
 
 
 class _Trial(NamedTuple):
-    """order (N,): captured frame of each image; free: image that no frame shows, -1: none; unsure: others of equal
-    sums mean other places."""
+    """order (N,): captured frame of each image; free: image that no frame shows, -1: none; unsure: others of
+    equal sums mean other places."""
 
     name: str
     order: Order
@@ -97,6 +103,7 @@ def _search(blocks: F32, sequence: Sequence) -> _Trial | None:
     unsure = any(
         np.mean(np.abs(mine - other) > np.maximum(step, beside)) > _DIFFERENT
         for trial in equal
+        if trial.frames and found.frames  # u before v and v before u look the same: the usual one
         for (_, mine, step), (_, other, beside) in zip(places, _axes(blocks, trial), strict=True)
     )
     return found._replace(unsure=unsure)
@@ -105,15 +112,18 @@ def _search(blocks: F32, sequence: Sequence) -> _Trial | None:
 def _blocks(frames: NDArray[Any], mask: Mask | None) -> F32 | None:
     """Lit blocks (N, B, side, side); for every frame some in which it has an edge, the rarest edges first."""
     half, step, rng = _SIDE // 2, _SIDE // 2 - 1, np.random.default_rng(0)
-    low = frames[:, half : frames.shape[1] - half : 4, half : frames.shape[2] - half : 4].astype(np.float32)
+    stride = max(4, int((frames[0].size / _PLACES) ** 0.5))
+    low = frames[:, half : frames.shape[1] - half : stride, half : frames.shape[2] - half : stride].astype(
+        np.float32
+    )
     if 0 in low.shape:
         return None
     span = np.ptp(low, axis=0)
     lit = span > 0.4 * np.quantile(span, 0.95)
     if mask is not None:
-        lit &= mask[half : mask.shape[0] - half : 4, half : mask.shape[1] - half : 4]
-    around = [frames[:, y::4, x::4][:, : low.shape[1], : low.shape[2]] for y in (half - step, half + step)
-              for x in (half - step, half + step)]  # fmt: skip
+        lit &= mask[half : mask.shape[0] - half : stride, half : mask.shape[1] - half : stride]
+    around = [frames[:, y::stride, x::stride][:, : low.shape[1], : low.shape[2]] for y in (half - step, half
+    + step)           for x in (half - step, half + step)]  # fmt: skip
     edges = (np.max(around, axis=0).astype(np.float32) - np.min(around, axis=0) > 0.5 * span) & lit
     chosen: list[tuple[int, int]] = []
     for edge in sorted(edges, key=np.count_nonzero):
@@ -123,7 +133,10 @@ def _blocks(frames: NDArray[Any], mask: Mask | None) -> F32 | None:
     chosen += [(int(y), int(x)) for y, x in rng.permutation(np.argwhere(lit))[: _BLOCKS - len(chosen)]]
     if not chosen:
         return None
-    cut = [frames[:, 4 * y : 4 * y + _SIDE, 4 * x : 4 * x + _SIDE] for y, x in rng.permutation(chosen)]
+    cut = [
+        frames[:, stride * y : stride * y + _SIDE, stride * x : stride * x + _SIDE]
+        for y, x in rng.permutation(chosen)
+    ]
     return np.stack(cut, axis=1).astype(np.float32)
 
 
@@ -151,8 +164,8 @@ def _axes(blocks: F32, trial: _Trial) -> list[tuple[NDArray[np.float64], F32, F3
 
 
 def _tests(blocks: F32, axis: AxisPlan, known: Plan, free: int) -> tuple[NDArray[np.float64], F32, F32]:
-    """Tests of an axis: of the axis, twice; of each bit and each finer fringe, NaN: too few pixels. Places (B, side,
-    side), and the difference of unequal ones, pattern px."""
+    """Tests of an axis: of the axis, twice; of each bit and each finer fringe, NaN: too few pixels. Places
+    (B, side, side), and the difference of unequal ones, pattern px."""
     fits = [(f.period, *fit) for f in axis.fringes if (fit := _fringe(blocks, f, free)) is not None]
     ok: Mask = np.ones(blocks.shape[1:], np.bool_)
     for *_, residual in fits:
@@ -174,7 +187,7 @@ def _tests(blocks: F32, axis: AxisPlan, known: Plan, free: int) -> tuple[NDArray
         use = (width < 0.75 * period) & ok
         if axis.code is not None or period < fits[0][0]:
             mean = np.cos(2 * np.pi * gap) / np.sinc(np.minimum(width / period, 0.75))
-            share = (mean * use).sum(axis=(1, 2, 3)).max() / max(use.sum(), 1)
+            share = (mean * use).sum(axis=(2, 3)).max(axis=0).sum() / max(use.sum(), 1)
             phasors.append(min(share, 1.0) if use.mean() > 0.2 else np.nan if ok.mean() > 0.2 else 0.0)
         place, width = period * (turn - np.rint(gap)), np.zeros_like(width)
         good = _smooth(place, 0.25 * period, 0.25) & ok[:, 1:-1, 1:-1]
@@ -202,8 +215,8 @@ def _fringe(blocks: F32, fringe: Fringe, free: int) -> tuple[F32, F32, F32, F32]
 def _word_place(
     blocks: F32, code: Code, known: Plan, fit: tuple[Any, ...] | None, free: int
 ) -> tuple[F32, F32, Mask, list[Mask]]:
-    """Place (1 or 2, B, side, side), of both values of an unknown bit; width of its interval, pattern px; whether all
-    but the finest bits are decided; inner pixels at the edges of each bit."""
+    """Place (1 or 2, B, side, side), of both values of an unknown bit; width of its interval, pattern px;
+    whether all but the finest bits are decided; inner pixels at the edges of each bit."""
     ends = [known.white, known.black]
     used = [i for i in (*code.plain, *code.inverse) if i >= 0 and i != free]
     high, low = blocks[used].max(axis=0), blocks[used].min(axis=0)
@@ -215,8 +228,8 @@ def _word_place(
     pairs = [[-1 if i == free else i for i in pair] for pair in zip(code.plain, code.inverse, strict=True)]
     unknown = [b for b, pair in enumerate(pairs) if max(pair) < 0]
     levels = np.stack([
-        (blocks[i] - blocks[j]) / 2 if min(i, j) >= 0 else blocks[i] - middle if i >= 0 else middle - blocks[j]
-        for i, j in pairs
+        (blocks[i] - blocks[j]) / 2 if min(i, j) >= 0 else blocks[i] - middle if i >= 0 else middle -
+        blocks[j] for i, j in pairs
     ])  # fmt: skip
     levels[unknown] = half
     bits, opened = np.arange(len(pairs))[:, None, None, None], np.abs(levels) < _OPEN * half

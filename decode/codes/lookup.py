@@ -147,11 +147,12 @@ def lookup_rows(light: Light, noise: Noise, table: Table, start: int, stop: int,
     noise, cols, extent = table.noise or noise, light.raw.shape[2], table.axis.extent
     found = _matched(light, light.raw[:, start:stop].reshape(len(light.raw), -1), cols, noise, table)
     none, contrast = np.isnan(found.place), 0.5 * found.scale
+    middle = found.offset + contrast
     place = np.where(none, 0.0, found.place)
     variance = np.where(none, float(extent) ** 2, found.variance + table.unsure)
-    faint = contrast**2 < 0.5 * _CONTRAST**2 * noise.variance(found.offset)
+    faint = contrast**2 < 0.5 * _CONTRAST**2 * noise.variance(middle)
     blind = none | (variance > float(extent) ** 2 / 12)
-    dim = found.offset + contrast < (light.white / 16 if math.isfinite(light.white) else 0.0)
+    dim = middle + contrast < (light.white / 16 if math.isfinite(light.white) else 0.0)
     clipped = np.isnan(found.samples).any(axis=1)
     flags = np.zeros(place.shape, np.int32)
     for flag, where in (
@@ -163,7 +164,7 @@ def lookup_rows(light: Light, noise: Noise, table: Table, start: int, stop: int,
         (Flag.INVALID, none),
     ):
         flags |= np.where(where, np.int32(flag), np.int32(0))
-    maps = place, variance, contrast, found.offset, found.error, found.chi2 * table.dof, flags
+    maps = place, variance, contrast, middle, found.error, found.chi2 * table.dof, flags
     for into, values in zip(out, maps, strict=True):
         into[...] = values.reshape(into.shape)
 

@@ -257,9 +257,7 @@ def _weighted(
 
 
 @kernel
-def _fitted(
-    v: F32, weight: F64, z: F32, b: int, q: int, f: float
-) -> tuple[float, float, float, float]:
+def _fitted(v: F32, weight: F64, z: F32, b: int, q: int, f: float) -> tuple[float, float, float, float]:
     """Weighted squared residuals of the best scale and level of z = 0 at a place; squares that its change by a
     codeword adds at scale 1; that scale and level."""
     total, ev, ez, ed = 1e-30, 0.0, 0.0, 0.0
@@ -359,14 +357,9 @@ def match(
             power += y[i] * y[i]
         usual = noise[0] + noise[1] * max(mean, 0.0)
         row = out[p]
-        row[0], row[1], row[2], row[3], row[4], row[5] = (
-            np.nan,
-            np.inf,
-            2 * np.sqrt(power / max(count, 1)),
-            mean,
-            0.0,
-            1.0,
-        )
+        row[0], row[1], row[4], row[5] = np.nan, np.inf, 0.0, 1.0
+        row[2] = 2 * np.sqrt(power / max(count, 1))
+        row[3] = mean - 0.5 * row[2]
         if count <= 3 or power < (count - 1 + 5 * np.sqrt(2.0 * count)) * usual:
             continue
         usual += noise[2] * power / n

@@ -1,10 +1,10 @@
 """Lag: a frame contains a share of the one before, by a slow display or an early exposure.
 
-x_i = (1 - m) I_i + m I_(i-1), x = A(m) I. Combinations C of a fringe's frames that vanish at every place (of three
-steps: of the mean levels of several fringes) are C A(m)^-1 x = 0 for the right share m, found by Gauss-Newton. The
-fringes' mean level, amplitude and harmonics up to the third are regressed out: a gamma or a flicker is no lag. The
-regressor's samples are their fit, whose noise is not that of C x; the rest, by unequal noise of the levels, is
-subtracted. Codes without fringes need no correction: a threshold bears it.
+x_i = (1 - m) I_i + m I_(i-1), x = A(m) I. Combinations C of a fringe's frames that vanish at every place (of
+three steps: of the mean levels of several fringes) are C A(m)^-1 x = 0 for the right share m, found by
+Gauss-Newton. The fringes' mean level, amplitude and harmonics up to the third are regressed out: a gamma or
+a flicker is no lag. The regressor's samples are their fit, whose noise is not that of C x; the rest, by
+unequal noise of the levels, is subtracted. Codes without fringes need no correction: a threshold bears it.
 """
 
 from dataclasses import replace
@@ -19,7 +19,7 @@ __all__ = ["estimate", "matrix", "variance"]
 
 F64 = NDArray[np.float64]
 #: Most pixels of the sample, and fewest; parts of them for the scatter of the share; steps.
-_MOST, _FEWEST, _PARTS, _STEPS = 4096, 256, 16, 3
+_MOST, _FEWEST, _PARTS, _STEPS = 2048, 256, 16, 3
 #: Deviations of a chance of 1e-6; largest share that is a lag.
 _SURE, _LARGEST = 4.9, 0.5
 #: Share of the regressor that the fringes must leave.
@@ -51,6 +51,8 @@ def estimate(view: View) -> Estimate | None:
     for _ in range(_STEPS):
         step, sigma = _step(plan, rows, levels, view.noise.variance(levels), share)
         share += step
+        if abs(share) < 0.5 * _SURE * sigma:
+            return None
     if not (abs(share) > _SURE * sigma and abs(share) < _LARGEST):
         return None
     return Estimate("lag", share, sigma, "of the frame before")

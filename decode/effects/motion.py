@@ -1,7 +1,8 @@
 """Motion of the mirror while bits and fringes are shown: edges of bits against the fringe's place there.
 
-At a bit's edge the fringe's place less the edge's is proportional to the bit's level, whatever the blur. What remains
-has noise and, of bits shown dt frames from the fringe, the motion of that time: its mean square grows by rate^2 dt^2.
+At a bit's edge the fringe's place less the edge's is proportional to the bit's level, whatever the blur.
+What remains has noise and, of bits shown dt frames from the fringe, the motion of that time: its mean square
+grows by rate^2 dt^2.
 """
 
 from typing import Any
@@ -24,7 +25,7 @@ _SIDES = (6, 7, 8, 9)
 
 def estimate(view: View) -> Estimate | None:
     """Rate where it moved, pattern px per frame; of the partition of the image that shows it best."""
-    edges = [_edges(view, axis, place) for axis, place in zip(view.plan.axes, view.place, strict=True)]
+    edges = [_edges(view, axis, place) for axis, place in zip(view.plan.axes, view.place, strict=False)]
     best, least = None, _CHANCE / len(_SIDES)
     for side in _SIDES:
         parts = [part for bits in edges for part in _parts(bits, view.sample.places, side)]
@@ -40,8 +41,8 @@ def estimate(view: View) -> Estimate | None:
 
 
 def _parts(bits: list[Any], places: NDArray[np.int64], side: int) -> list[tuple[float, float, float, int]]:
-    """Of each part of the image: rate by a line through the bits' means over time; sums of squares that it explains
-    and leaves, degrees of freedom."""
+    """Of each part of the image: rate by a line through the bits' means over time; sums of squares that it
+    explains and leaves, degrees of freedom."""
     if not bits:
         return []
     found = []
@@ -64,12 +65,14 @@ def _parts(bits: list[Any], places: NDArray[np.int64], side: int) -> list[tuple[
 
 
 def variance(view: View, found: Estimate) -> F64:
-    """px^2 of each axis (A,): by half of the motion, whole, as neighbours share it and a mean does not reduce it."""
+    """px^2 of each axis (A,): by half of the motion, whole, as neighbours share it and a mean does not
+    reduce it."""
     return np.full(len(view.plan.axes), (0.5 * found.value * (len(view.plan.frames) - 1)) ** 2)
 
 
 def _edges(view: View, axis: AxisPlan, place: F64) -> list[tuple[float, NDArray[np.int64], F64, F64]]:
-    """Of each bit: time to the fringe, frames; pixels at its edges, there the place less the edge's, px, and the level."""
+    """Of each bit: time to the fringe, frames; pixels at its edges, there the place less the edge's, px, and
+    the level."""
     code, levels, p = axis.code, view.sample.levels.astype(np.float64), view.plan
     if code is None or not axis.fringes or min(p.white, p.black) < 0:
         return []

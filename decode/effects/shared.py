@@ -25,8 +25,8 @@ F64 = NDArray[np.float64]
 _MOST, _FEWEST, _SURE, _FAR = 4096, 64, 4.9, 16 / 0.455
 
 
-def shared(view: View) -> SharedNoise | None:
-    """None if no share is significant, or without fringes along both axes."""
+def shared(view: View, common: NDArray[np.float64] | None = None) -> SharedNoise | None:
+    """None if nothing is significant, or without fringes along both axes; common: see cells.variance."""
     plan, sample = view.plan, view.sample
     fringes = {axis.axis: (*axis.fringes, *axis.singles) for axis in plan.axes}
     if len(fringes) != 2 or not all(fringes.values()):
@@ -35,8 +35,9 @@ def shared(view: View) -> SharedNoise | None:
     turns = {name: max(1 / fringe.period for fringe in every) for name, every in fringes.items()}
     shares = {axis.axis: _shares(plan, axis, sample) for axis in plan.axes}
     rows, cols, _ = np.minimum(shares["u"], shares["v"]).tolist()
-    found = SharedNoise(rows, cols, shares["u"][2], shares["v"][2], turns["u"], turns["v"])
-    return found if max(found[:4]) > 0 else None
+    shift = np.zeros(2) if common is None else np.sqrt(common)
+    found = SharedNoise(rows, cols, shares["u"][2], shares["v"][2], turns["u"], turns["v"], *shift.tolist())
+    return found if max(*found[:4], *shift) > 0 else None
 
 
 def _shares(plan: Plan, axis: AxisPlan, sample: Sample) -> tuple[float, float, float]:

@@ -1,0 +1,102 @@
+"""Sharp display cells: a place's error by the cells that is common to neighbours.
+
+A pixel of footprint w and blur b (cells) reads a fringe of P cells through the sidebands m = +1, -1,
+W(f) = sinc(f) sinc(w f) exp(-2 pi^2 b^2 f^2) at f = m - 1 / P; their sum over W(1 / P), times P / 2 pi, is the
+amplitude of the error, whose period is a cell. Neighbours that sample different places of their cells show it
+as third differences (see neighbours). Where the sampling is commensurate they do not: that share counts here,
+as a variance and as a shift in common. The blur is known, or bounded by the contrast of the finest fringe
+against a coarser one, or white less black.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..plan import AxisPlan
+from . import Estimate, View
+
+__all__ = ["estimate", "variance"]
+
+F64 = NDArray[np.float64]
+#: Relative error of a contrast, by a display's response; side of a neighbourhood, and fewest pixels.
+_CONTRAST, _SQUARE, _FEWEST = 0.02, 32, 64
+#: Negligible share of sigma.
+_SLIGHT = 0.1
+
+
+def estimate(view: View, blur: float | None) -> Estimate | None:
+    """The blur, cells rms, known or at least; None where it costs nothing."""
+    if blur is None:
+        bounds = [_bound(view, axis, place) for axis, place in zip(view.plan.axes, view.place, strict=True)]
+        blur = max((one for one in bounds if one is not None), default=0.0)
+    found = Estimate("cells", blur, float("nan"), "cells rms, least blur")
+    for more, own in zip(variance(view, found), view.variance, strict=True):
+        usual = float(np.nanmedian(own)) if np.isfinite(own).any() else np.inf
+        if more > _SLIGHT**2 * usual / _SQUARE:  # a sum along a line keeps what is in common
+            return found
+    return None
+
+
+def variance(view: View, found: Estimate) -> F64:
+    """Variance (A,), px^2, that neighbours have in common."""
+    every = zip(view.plan.axes, view.place, strict=True)
+    return np.array([_common(view, axis, place, found.value) for axis, place in every])
+
+
+def _gradient(view: View, place: F64) -> F64 | None:
+    """Steps (2, K) of a map along columns and rows, from its cubic fit; None: too few pixels."""
+    known = np.isfinite(place)
+    if np.count_nonzero(known) < _FEWEST:
+        return None
+    row, col = view.sample.places[known].T.astype(np.float64)
+    size = max(float(np.ptp(row)), float(np.ptp(col)), 1.0)
+    y, x = (row - row.mean()) / size, (col - col.mean()) / size
+    powers = [(i, j) for i in range(4) for j in range(4 - i)]
+    fit = np.linalg.lstsq(np.stack([x**i * y**j for i, j in powers], axis=1), place[known], rcond=1e-9)[0]
+    along = sum(c * i * x ** max(i - 1, 0) * y**j for c, (i, j) in zip(fit, powers, strict=True))
+    down = sum(c * j * x**i * y ** max(j - 1, 0) for c, (i, j) in zip(fit, powers, strict=True))
+    return np.asarray(np.abs(np.stack([along, down])) / size)
+
+
+def _bound(view: View, axis: AxisPlan, place: F64) -> float | None:
+    """Least blur (cells) by the contrast of the finest fringe; None: unknown."""
+    step = _gradient(view, place)
+    levels, plan = view.sample.levels.astype(np.float64), view.plan
+    if not axis.fringes or step is None:
+        return None
+    fine = axis.fringes[-1]
+    own = float(np.nanmedian(_amplitude(fine.inverse @ levels[list(fine.index)])))
+    if len(axis.fringes) > 1:
+        coarse = axis.fringes[0]
+        whole, per2 = (
+            float(np.nanmedian(_amplitude(coarse.inverse @ levels[list(coarse.index)]))),
+            coarse.period**-2,
+        )
+    elif min(plan.white, plan.black) >= 0:
+        whole, per2 = float(np.nanmedian(levels[plan.white] - levels[plan.black])) / 2, 0.0
+    else:
+        return None
+    total = (np.log(max(whole, 1e-6) / max(own, 1e-6)) - _CONTRAST) / (
+        2 * np.pi**2 * (fine.period**-2 - per2)
+    )
+    return float(np.sqrt(max(total - (1 + float(np.median(np.square(step).sum(axis=0)))) / 12, 0.0)))
+
+
+def _amplitude(fit: F64) -> F64:
+    return np.asarray(np.hypot(fit[1], fit[2]))
+
+
+def _common(view: View, axis: AxisPlan, place: F64, blur: float) -> float:
+    """Variance (px^2) of one axis."""
+    step = _gradient(view, place)
+    if not axis.fringes or step is None:
+        return 0.0
+    period = axis.fringes[-1].period
+
+    def through(f: float) -> F64:
+        box = np.sinc(f) * np.sinc(step[0] * f) * np.sinc(step[1] * f)
+        return np.asarray(box * np.exp(-2 * (np.pi * blur * f) ** 2))
+
+    sides = np.abs(through(1 - 1 / period)) + np.abs(through(1 + 1 / period))
+    amplitude = period / (2 * np.pi) * sides / np.maximum(np.abs(through(1 / period)), 1e-3)
+    together = np.square(np.sinc(_SQUARE * (step - np.rint(step)))).prod(axis=0)
+    return float(np.mean(np.minimum(amplitude, 0.5) ** 2 / 2 * together))

@@ -1,0 +1,121 @@
+"""Frames in another order than described, and other descriptions: named, repaired, no false alarms."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from optolever.decode import Correspondence, decode
+from optolever.patterns import Frame, Sequence, sequence
+
+from .conftest import Map, Shoot, silent
+
+Frames = NDArray[np.uint8]
+SURFACE = (150, 170)
+CODES = {
+    "gray": sequence("gray", *SURFACE),
+    "plain gray": sequence("gray", *SURFACE, inverses=False),
+    "gray+phase": sequence("gray+phase", *SURFACE),
+    "phase": sequence("phase", *SURFACE),
+}
+
+
+def named(found: Correspondence) -> str:
+    """Name of the first notice that costs more than sigma."""
+    return next((one.name for one in found.notices if not one.name.startswith("sigma")), "")
+
+
+def repaired(found: Correspondence, truth: Map) -> bool:
+    return bool(named(found)) and found.good.mean() > 0.9 and silent(found, *truth, least=2.0) < 0.01
+
+
+@pytest.mark.parametrize("name", CODES)
+@pytest.mark.parametrize("light", [{}, {"amplitude": 15.0, "offset": 30.0}, {"gamma": 2.2, "offset": 120.0}])
+def test_frames_as_described_raise_no_alarm(
+    name: str, light: dict[str, float], shoot: Shoot, smooth: Map
+) -> None:
+    frames = shoot(CODES[name], *smooth, noise=0.8, gain=1 / 30, **light)
+    assert not named(decode(frames, CODES[name]))
+
+
+@pytest.mark.parametrize("name", CODES)
+def test_nine_of_ten_swaps_are_named_and_repaired(name: str, shoot: Shoot, smooth: Map) -> None:
+    shown, rng, done = CODES[name], np.random.default_rng(3), 0
+    frames = shoot(shown, *smooth, noise=1.0, gain=1 / 30)
+    for _ in range(10):
+        i, j = rng.choice(len(shown), 2, replace=False)
+        while shown[int(i)].bit is not None and shown[int(i)].bit == shown[int(j)].bit:
+            j = (j + 1) % len(shown)  # a bit and its inverse are the frames of another scene
+        wrong = frames.copy()
+        wrong[[i, j]] = frames[[j, i]]
+        done += repaired(decode(wrong, shown), smooth)
+    assert done >= 9
+
+
+@pytest.mark.parametrize(("name", "lost"), [("gray", 9), ("gray", 20), ("phase", 7), ("gray+phase", 17)])
+def test_a_lost_frame_is_named_and_left_out(name: str, lost: int, shoot: Shoot, smooth: Map) -> None:
+    frames = shoot(CODES[name], *smooth, noise=1.0, gain=1 / 30)
+    early, other = frames.copy(), frames.copy()
+    early[lost:-1], other[lost] = frames[lost + 1 :], frames[lost - 1]
+    for wrong in (early, other):
+        found = decode(wrong, CODES[name])
+        assert f"frame {lost} is missing" in named(found)
+        assert repaired(found, smooth)
+
+
+def test_no_pixel_is_good_without_a_bit_that_the_code_needs(shoot: Shoot, smooth: Map) -> None:
+    shown = CODES["gray+phase"]
+    lost = max(i for i, frame in enumerate(shown) if frame.bit == 3)
+    frames = shoot(shown, *smooth, noise=1.0)
+    frames[lost] = frames[lost - 1]
+    found = decode(frames, shown)
+    assert named(found)
+    assert silent(found, *smooth, least=2.0) * found.good.mean() < 0.01
+
+
+def folder(frame: Frame) -> tuple[bool, str, int, bool, bool]:
+    """Order of u, v, black, white."""
+    ends = frame.kind in ("white", "black")
+    return ends, frame.axis or "", -(frame.bit or 0), frame.inverted, frame.kind == "white"
+
+
+@pytest.mark.parametrize("name", ["gray", "plain gray", "gray+phase"])
+@pytest.mark.parametrize(
+    "order",
+    [
+        lambda shown: range(len(shown))[::-1],
+        lambda shown: sorted(range(len(shown)), key=str),
+        lambda shown: sorted(range(len(shown)), key=lambda i: folder(shown[i])),
+        lambda shown: [1, 0, *range(2, len(shown))],
+    ],
+    ids=["reverse", "alphabetical", "u v black white", "white for black"],
+)
+def test_a_folder_in_another_order_is_read(
+    name: str, order: Callable[[Sequence], list[int]], shoot: Shoot, smooth: Map
+) -> None:
+    frames = shoot(CODES[name], *smooth, noise=1.0, gain=1 / 30)
+    found = decode(frames[list(order(CODES[name]))], CODES[name])
+    assert repaired(found, smooth)
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("gray", {"inverted": lambda f: not f.inverted}),
+        ("gray", {"kind": lambda f: "binary"}),
+        ("plain gray", {"kind": lambda f: "binary"}),
+        ("gray+phase", {"cell_px": lambda f: f.cell_px / 2}),
+    ],
+)
+def test_another_description_is_found(
+    name: str, change: dict[str, Callable[[Frame], object]], shoot: Shoot, smooth: Map
+) -> None:
+    shown = CODES[name]
+    frames = shoot(shown, *smooth, noise=1.0, gain=1 / 30)
+    other = [
+        frame if frame.bit is None else replace(frame, **{key: of(frame) for key, of in change.items()})  # type: ignore[arg-type]
+        for frame in shown
+    ]
+    assert repaired(decode(frames, replace(shown, frames=tuple(other))), smooth)
