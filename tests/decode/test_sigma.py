@@ -12,7 +12,6 @@ from optolever.projector import capture
 from optolever.scene import dent, load, resize
 
 from .conftest import Map, Shoot, scores
-from .light import photographed
 
 
 @pytest.mark.daily(3)
@@ -86,30 +85,6 @@ def test_discrete_codes(shoot: Shoot, name: str) -> None:
     outside = np.abs(found.u - u)[found.good] > 1.5
     stated = found.order_error[found.good].mean()
     assert outside.mean() <= stated + 3 * np.sqrt(max(stated, 1 / outside.size) / outside.size)
-
-
-@pytest.mark.daily(4)
-@pytest.mark.parametrize("ratio", [4.5, 8.0, 20.0])
-@pytest.mark.parametrize("blur", [1e-3, 0.5, 1.0])
-@pytest.mark.parametrize("inverses", [True, False])
-@pytest.mark.parametrize("kind", ["gray", "binary", "long-run-gray"])
-def test_bits_in_blur_and_noise(kind: str, inverses: bool, blur: float, ratio: float) -> None:
-    """Places beyond sigma, or a cell beside their own, are no more frequent than stated; sigma holds what
-    bits do within a cell and its neighbours, or the wider cell that is left; none of it is silent."""
-    shown = sequence(kind, 256, 256, axes="u", inverses=inverses)
-    row, col = np.mgrid[:150, :180]
-    u = 8 + 0.25 * col + 0.05 * row + 1.3 * np.sin(row / 17)
-    frames = photographed(shown, u, 0.3, blur, 60 / ratio, brighter=60 / (0.85 * 127.5), dark=50.0)
-    found = decode(frames, shown)
-    beyond = np.abs(found.u - u) > np.maximum(1.5, 5 * found.sigma_u)
-    misread = np.count_nonzero(beyond)
-    stated = float(np.sum(np.minimum(found.order_error, 1), dtype=np.float64))
-    assert misread < 1.35 * stated + 3 * np.sqrt(stated) + 1
-    good = np.count_nonzero(found.good)
-    assert np.count_nonzero(beyond & found.good) <= 1e-4 * good
-    if good > 1000:
-        # in faint light a tail of far cells decides sigma, as it holds these within five
-        assert (0.75 if ratio > 10 else 0.5) < rms(scores(found, u)) < 1.25
 
 
 def test_white_noise_alone_gives_no_notice() -> None:

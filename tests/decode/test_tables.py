@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from optolever.decode import Correspondence, decode
+from optolever.decode import decode
 from optolever.experiments.metrics import rms
 from optolever.patterns import Frame, Sequence, sequence
 
 from .conftest import F64, Map, Shoot, scores, silent
-from .light import cell_frames, free_levels, photographed, seen_cells
+from .light import cell_frames, free_levels, photographed
 
 
 @pytest.mark.daily(1)
@@ -70,33 +70,6 @@ def test_pixels_of_more_than_two_cells_know_how_sure_they_are(name: str, width: 
     assert found.good.mean() > 0.99
     assert silent(found, u) == 0
     assert 0.35 < rms(scores(found, u)) < 1.05
-
-
-def dim_micro_phase(seed: int, flashes: float = 0.0) -> tuple[Correspondence, F64, F64]:
-    """What is decoded of faint light, noisier where it is bright, on 700 cells, and where it looked; flashes:
-    share of the samples that are white."""
-    shown, rng = sequence("micro-phase", 700, 700), np.random.default_rng(seed)
-    row, col = np.mgrid[:90, :120]
-    u, v = 20 + 5.4 * col + 0.6 * np.sin(row / 9), 15 + 7.3 * row + 0.8 * np.cos(col / 11)
-    tables = zip(*(table / 255.0 for table in shown.tables()), strict=True)
-    light = [30 * seen_cells(along, u, 1.4) * seen_cells(across, v, 1.4) for along, across in tables]
-    frames = np.array([level + np.sqrt(level / 25) * rng.standard_normal(u.shape) for level in light])
-    frames = np.clip(np.rint(57 + frames), 0, 255)
-    frames[rng.random(frames.shape) < flashes] = 255
-    return decode(frames.astype(np.uint8), shown), u, v
-
-
-def test_micro_phase_knows_when_it_may_be_elsewhere() -> None:
-    """Hundreds of places look alike: sigma and probability of a wrong order hold where white is noisier than
-    black."""
-    found, u, v = dim_micro_phase(3)
-    far = (np.abs(found.u - u) > 3) | (np.abs(found.v - v) > 3)
-    assert not (far & found.good).any()
-    assert 0.2 < found.good.mean() < 0.98
-    assert found.order_error is not None
-    assert far.sum() > 50
-    assert found.order_error.sum() == pytest.approx(far.sum(), rel=0.2)
-    assert rms(scores(found, u, v)) == pytest.approx(1, abs=0.06)
 
 
 def test_pattern_that_was_just_invented(smooth: Map) -> None:

@@ -1,4 +1,4 @@
-"""procam_capture_0 as others would hand it in: without inverses, as JPEG, binned, cropped.
+"""procam_capture_0 as others would hand it in: without inverses, as JPEG, cropped.
 
 The truth is made here, from the whole capture: bits by comparing with their inverses, a cubic map fitted to
 the white squares without those far from it. It knows nothing of the decoder.
@@ -23,7 +23,7 @@ Mask = NDArray[np.bool_]
 GROSS_JPEG = 3.0  # projector px
 GOOD = 0.95
 EVERY_DAY = ("whole", "no inverses", "cropped")
-RARER = ("jpeg", "no inverses jpeg", "binned")
+RARER = ("jpeg", "no inverses jpeg")
 VARIANTS = [*EVERY_DAY, *(pytest.param(name, marks=pytest.mark.slow) for name in RARER)]
 CROP = (slice(300, 700), slice(350, 850))  # inside the sheet and around no edge of the board
 
@@ -79,17 +79,6 @@ def as_jpeg(of: Variant, quality: int = 90) -> Variant:
     return Variant(frames, of.sequence, of.u, of.v, of.light)
 
 
-def binned(of: Variant) -> Variant:
-    """2 x 2 pixels in one."""
-
-    def half(image: NDArray[np.generic]) -> F64:
-        rows, cols = image.shape
-        return image.reshape(rows // 2, 2, cols // 2, 2).astype(np.float64).mean((1, 3))
-
-    frames = np.stack([np.rint(half(frame)).astype(np.uint8) for frame in of.frames])
-    return Variant(frames, of.sequence, half(of.u), half(of.v), half(of.light))
-
-
 def cropped(of: Variant) -> Variant:
     frames = np.ascontiguousarray(of.frames[:, *CROP])
     return Variant(frames, of.sequence, of.u[CROP], of.v[CROP], of.light[CROP])
@@ -101,7 +90,7 @@ def variant(name: str, whole: Variant) -> Variant:
         made = without_inverses(made)
     if "jpeg" in name:
         made = as_jpeg(made)
-    return {"binned": binned, "cropped": cropped}.get(name, lambda same: same)(made)
+    return {"cropped": cropped}.get(name, lambda same: same)(made)
 
 
 @pytest.fixture(scope="module", params=VARIANTS)
