@@ -122,7 +122,7 @@ def test_a_single_shot_counts_one_frame_and_follows_the_rest() -> None:
     (row,) = run_cells([cell], timed=False)
     assert row.done, row.why
     assert row.frames == 1
-    assert row.metrics["u_rms_px"] < 0.02
+    assert row.metrics["u_rms_px"] < 0.03  # photons: noise of 2.2 levels
     assert row.metrics["sigma_ratio_height"] < 1.3
     assert row.error < 0.015  # 0.009 to 0.012 over seeds
 

@@ -23,7 +23,7 @@ from optolever.experiments.design import (
     view_of,
 )
 from optolever.patterns import Frame, Sequence, sequence, sequence_from_text
-from optolever.projector import capture
+from optolever.projector import WHITE_NOISE_SENSOR, capture
 from optolever.scene import Scene, dent, load, resize, trace
 
 
@@ -73,6 +73,7 @@ def test_predicted_where_cells_are_coarse_and_the_map_bends() -> None:
 
 def test_the_images_of_a_view_are_those_of_the_virtual_sensor(prism: Scene) -> None:
     """Whole, and cut into windows: the same decoded errors without noise."""
+    prism = replace(prism, sensor=WHITE_NOISE_SENSOR)
     surface = dent("gaussian", prism, peak=0.3, sigma=8)
     shown = sequence("gray+phase", prism.pattern.rows, prism.pattern.cols)
     there = predict(view_of(prism, surface), shown, 0.0)

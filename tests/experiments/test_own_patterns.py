@@ -88,7 +88,7 @@ def test_random_dots_with_a_decoder_of_ones_own(folder: Path) -> None:
     assert dots["frames"] == 48
     assert dots["flagged_share"] < 0.3
     assert 0.29 < dots["u_rms_px"] < 0.9
-    assert 0.7 < dots["sigma_ratio_u"] < 1.5
+    assert 0.45 < dots["sigma_ratio_u"] < 1.5  # sigma is stated as 0.6; a cell, evenly: 0.29
     assert rows["gray@my_dots:ours"]["u_rms_px"] == rows["gray"]["u_rms_px"]
     with Path("b/results.csv").open() as stream:
         assert {row["sequence"] for row in csv.DictReader(stream)} == set(rows)
