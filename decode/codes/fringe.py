@@ -30,9 +30,9 @@ _TINY = np.float32(1e-6)
 _CYCLES2 = np.float32(1 / (4 * np.pi**2))
 #: Determinant of a fit's normal matrix, relative to all samples, below which samples are too few.
 _DEGENERATE = 1e-3
-#: Fewest pixels for a misfit; median of chi2 with one degree of freedom; ratio of chi2 without and with harmonics
+#: Fewest and most pixels for a misfit; median of chi2 with one degree of freedom; ratio of chi2 without and with harmonics
 #: from which on they are regressed out.
-_FEWEST, _MEDIAN, _WORTH = 64, 0.4549, 1.1
+_FEWEST, _MOST, _MEDIAN, _WORTH = 64, 4096, 0.4549, 1.1
 #: Deviations from which on a harmonic is significant; condition of the regression.
 _SURE, _RANK = 4.0, 1e-2
 #: Weight of a frame that is left out of a lag's correction.
@@ -136,8 +136,8 @@ def measure_misfit(fringe: Fringe, sample: Sample, noise: Noise) -> Misfit:
     """Misfit of the bulk of a sample's pixels."""
     rows, nothing = fringe.unlike, np.zeros((len(fringe.unlike), _TERMS))
     levels = sample.levels[list(fringe.index)].astype(np.float64)
-    keep = np.isfinite(levels).all(axis=0)
-    levels = levels[:, keep]
+    levels = levels[:, np.isfinite(levels).all(axis=0)]
+    levels = levels[:, :: 1 + levels.shape[1] // _MOST]
     if len(rows) == 0 or levels.shape[1] < _FEWEST:
         return Misfit(1.0, nothing)
     o, c, s = fringe.inverse @ levels
@@ -296,14 +296,15 @@ def fringe_row(
     index, weights, scale = tables.index[a, k, :n], tables.weights[a, k], tables.scale[a, k]
     _sums(raw, table, y, index, weights, fit)
     _phases(noise, tables.covariance[a, k], scale, tables.more[a, k], fit)
-    offset, residual = fit.offset, fit.residual
+    offset, residual, top = fit.offset, fit.residual, fit.top
     for j in range(tables.residuals[a, k]):
         _residuals(raw, table, y, index, weights[3 + j], residual)
         if tables.harmonic[a, k]:
             _regress(tables.terms[a, k, j], fit)
         for x in range(offset.size):
-            chi2[x] += residual[x] * residual[x] / (scale * (read2 + gain * max(offset[x], _ZERO)))
-    some, top = False, fit.top
+            square = residual[x] * residual[x] / (scale * (read2 + gain * max(offset[x], _ZERO)))
+            chi2[x] += square if top[x] < clip else _ZERO
+    some = False
     for x in range(top.size):
         some |= top[x] >= clip
     if some:
