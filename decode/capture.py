@@ -47,8 +47,10 @@ _FEWER = 0.9
 
 
 class Prepared(NamedTuple):
-    """Decoder of one exposure: its part of the sequence, profile, kernels' tables, degrees of freedom of chi2, numbers
-    of the axes for the neighbours, tables of look-ups (None: without), correction of the levels by a lag (None: without)."""
+    """Decoder of one exposure: its part of the sequence, profile, kernels' tables, degrees of freedom of
+    chi2, numbers
+    of the axes for the neighbours, tables of look-ups (None: without), correction of the levels by a lag
+    (None: without)."""
 
     part: Part
     axes: tuple[AxisPlan, ...]
@@ -61,7 +63,8 @@ class Prepared(NamedTuple):
 
 
 class Estimated(NamedTuple):
-    """Result of a capture that gave a new profile; wrong: its frames are not as described, so that the profile holds
+    """Result of a capture that gave a new profile; wrong: its frames are not as described, so that the
+    profile holds
     for this capture only."""
 
     found: Correspondence
@@ -127,7 +130,9 @@ def _estimate(light: Light, part: Part, settings: Settings, sample: Sample) -> E
     place = _places(light, part, settings, profile, sample)
     slow = lag.estimate(View(p, light, noise, sample, *place))
     if slow is not None:
-        sample = replace(sample, levels=(lag.matrix(slow, len(sample.levels)) @ sample.levels).astype(np.float32))
+        sample = replace(
+            sample, levels=(lag.matrix(slow, len(sample.levels)) @ sample.levels).astype(np.float32)
+        )
         profile = _with_misfits(profile._replace(effects=(slow,)), part, sample, look_ups)
         place = _places(light, part, settings, profile, sample)
     view = View(p, light, noise, sample, *place)
@@ -158,7 +163,9 @@ def _with_misfits(
     return profile._replace(axes=tuple(own))
 
 
-def _places(light: Light, part: Part, settings: Settings, profile: ExposureProfile, sample: Sample) -> tuple[F64, F64]:
+def _places(
+    light: Light, part: Part, settings: Settings, profile: ExposureProfile, sample: Sample
+) -> tuple[F64, F64]:
     """Places and variances (A, K) of sample pixels; NaN where flagged."""
     if not len(sample.places):
         return (np.zeros((len(profile.axes), 0)),) * 2
@@ -233,13 +240,17 @@ def _between(axis: AxisPlan, place: F64, sample: Sample, noise: Noise, misfits: 
         away -= np.rint(away)
         ok = np.isfinite(away)
         if np.count_nonzero(ok) >= _FEWEST:
-            beyond = float(np.median(away[ok] ** 2) / _MEDIAN - np.median(variance[ok]) * (1 + (fine / fringe.period) ** 2))
+            beyond = float(
+                np.median(away[ok] ** 2) / _MEDIAN
+                - np.median(variance[ok]) * (1 + (fine / fringe.period) ** 2)
+            )
             most = max(most, beyond / (1 + (fine / fringe.period) ** 2))
     return most
 
 
 def _deviation(axis: AxisPlan, sample: Sample, noise: Noise) -> float:
-    """Of close periods: deviation of a sample over the 5 % quantile of the finest fringe's amplitude; else 0."""
+    """Of close periods: deviation of a sample over the 5 % quantile of the finest fringe's amplitude; else
+    0."""
     if axis.code is not None or len(axis.fringes) < 2 or axis.fringes[0].period >= axis.extent:
         return 0.0
     levels = sample.levels[list(axis.fringes[-1].index)].astype(np.float64)
@@ -263,7 +274,9 @@ def prepared(part: Part, settings: Settings, profile: ExposureProfile) -> Prepar
     p, axes = plan(part.sequence), axes_of(part)
     f32 = np.float32
     orders = [_orders(axis, own) for axis, own in zip(axes, profile.axes, strict=True)]
-    covered = [1 - axis.fringes[0].period / axis.extent if axis.fringes and not axis.code else 0.0 for axis in axes]
+    covered = [
+        1 - axis.fringes[0].period / axis.extent if axis.fringes and not axis.code else 0.0 for axis in axes
+    ]
     factor = [2 / len(axis.fringes[-1].index) if axis.fringes else 0.5 for axis in axes]
     slow = next((effect for effect in profile.effects if effect.name == "lag"), None)
     matrix = None if slow is None else lag.matrix(slow, len(part.sequence))
@@ -279,7 +292,9 @@ def prepared(part: Part, settings: Settings, profile: ExposureProfile) -> Prepar
         np.maximum(np.array(covered, f32), 0),
     )
     dof = sum(len(f.index) - 3 for axis in axes if not axis.looked_up for f in axis.fringes)
-    dof += sum(len(axis.fringes) - 1 for axis, own in zip(axes, profile.axes, strict=True) if own.deviation > 0)
+    dof += sum(
+        len(axis.fringes) - 1 for axis, own in zip(axes, profile.axes, strict=True) if own.deviation > 0
+    )
     look_ups = tuple(
         None if own.look_up is None else table_of(part.sequence, p, axis, own.look_up)
         for axis, own in zip(axes, profile.axes, strict=True)
@@ -308,7 +323,9 @@ def _statistics(light: Light, ready: Prepared, sample: Sample) -> Sampled:
 def _sampled(light: Light, ready: Prepared, sample: Sample) -> Maps:
     """Sample pixels decoded as a row of an image."""
     row, col = sample.places.T
-    few = Light(np.ascontiguousarray(light.raw[:, row, col][:, None, :]), light.clip, light.table, light.rounding)
+    few = Light(
+        np.ascontiguousarray(light.raw[:, row, col][:, None, :]), light.clip, light.table, light.rounding
+    )
     count, axes = len(row), len(ready.axes)
     maps = _maps(axes, 1, count)
     pixel_rows(_numbers(few), _noise(ready), ready.tables, _looked_up(few, ready, 0, 1), 0, 1, maps, 0)
@@ -320,9 +337,10 @@ def _noise(ready: Prepared) -> tuple[np.float32, np.float32]:
 
 
 def _maps(axes: int, rows: int, width: int) -> Maps:
-    one = [np.zeros((rows, width), np.float32) for _ in range(4)]
-    both = [np.zeros((axes, rows, width), np.float32) for _ in range(2)]
-    return Maps(both[0], both[1], *one, np.zeros((rows, width), np.uint16))
+    chi2, amplitude, offset, error = (np.zeros((rows, width), np.float32) for _ in range(4))
+    place, variance = (np.zeros((axes, rows, width), np.float32) for _ in range(2))
+    flags = np.zeros((rows, width), np.uint16)
+    return Maps(place, variance, chi2, amplitude, offset, error, flags)
 
 
 def _looked_up(light: Light, ready: Prepared, start: int, stop: int) -> Lines:
@@ -330,7 +348,8 @@ def _looked_up(light: Light, ready: Prepared, start: int, stop: int) -> Lines:
     axes = len(ready.axes)
     some = any(table is not None for table in ready.look_ups)
     shape = (axes, stop - start, light.raw.shape[2]) if some else (1, 1, 1)
-    out = Lines(*(np.zeros(shape, np.float32) for _ in range(6)), np.zeros(shape, np.int32))
+    place, variance, amplitude, offset, error, chi2 = (np.zeros(shape, np.float32) for _ in range(6))
+    out = Lines(place, variance, amplitude, offset, error, chi2, np.zeros(shape, np.int32))
     if some and ready.matrix is not None:
         levels = np.tensordot(ready.matrix, light.linear(light.raw[:, start:stop]), 1).astype(np.float32)
         levels = np.where(np.isnan(levels), np.float32(np.inf), levels)
@@ -347,7 +366,12 @@ def holds(light: Light, ready: Prepared, mask: Mask) -> tuple[Notice, ...]:
     changes = (
         ("good pixels of the sample, share", known.good, now.good, now.good < _FEWER * known.good),
         ("noise of the residuals", known.chi2, now.chi2, now.chi2 > _CHANGED * max(known.chi2, 0.5)),
-        ("contrast, levels", known.amplitude, now.amplitude, not 0.5 < now.amplitude / max(known.amplitude, 1e-6) < 2),
+        (
+            "contrast, levels",
+            known.amplitude,
+            now.amplitude,
+            not 0.5 < now.amplitude / max(known.amplitude, 1e-6) < 2,
+        ),
     )
     return tuple(
         Notice(f"the rig's profile no longer holds: {name}", new, old, "estimated anew from this capture")
@@ -418,4 +442,5 @@ class _Room:
     def result(self, rows: int, flags: NDArray[np.uint16]) -> Result:
         """Output of the neighbours for so many rows."""
         size, shape = self._axes * rows * self._cols, (self._axes, rows, self._cols)
-        return Result(*(one[:size].reshape(shape) for one in self._kept[3:]), flags)
+        coordinate, sigma = (one[:size].reshape(shape) for one in self._kept[3:])
+        return Result(coordinate, sigma, flags)

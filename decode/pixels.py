@@ -1,4 +1,5 @@
-"""Levels of one pixel -> place, variance, amplitude, residual, flags; row by row, so that the lines of a row stay in
+"""Levels of one pixel -> place, variance, amplitude, residual, flags; row by row, so that the lines of a row
+stay in
 the cache."""
 
 from typing import NamedTuple
@@ -32,7 +33,8 @@ _ORDER = np.int32(Flag.ORDER_DOUBTFUL)
 
 
 class Tables(NamedTuple):
-    """A: axes. given (A,): place comes from a look-up; close (A,): periods are close; factor (A,): variance of the
+    """A: axes. given (A,): place comes from a look-up; close (A,): periods are close; factor (A,): variance
+    of the
     amplitude over a sample's; more (A,): variance of every place, px^2; extent (A,): of the surface, px;
     beyond (A,): share of the surface that the coarsest period does not cover."""
 
@@ -48,7 +50,8 @@ class Tables(NamedTuple):
 
 
 class Maps(NamedTuple):
-    """Outputs for rows, each row's lines written: place, variance (A, n, W), chi2, amplitude, offset, error (n, W)
+    """Outputs for rows, each row's lines written: place, variance (A, n, W), chi2, amplitude, offset, error
+    (n, W)
     float32, flags (n, W) uint16."""
 
     place: F32
@@ -71,12 +74,16 @@ def pixel_rows(
     out: Maps,
     at: int,
 ) -> None:
-    """Decode rows start..stop of the frames into rows 0..stop - start of out, of place and variance from row `at` on;
+    """Decode rows start..stop of the frames into rows 0..stop - start of out, of place and variance from row
+    `at` on;
     looked_up: (A, n, W) of look-ups."""
     raw, table, clip = light
     width, many = raw.shape[2], tables.fringes.period.shape[1]
     f = np.zeros((20, width), np.float32)
-    phases, variances = np.zeros((max(many, 1), width), np.float32), np.zeros((max(many, 1), width), np.float32)
+    phases, variances = (
+        np.zeros((max(many, 1), width), np.float32),
+        np.zeros((max(many, 1), width), np.float32),
+    )
     flags, words = np.zeros(width, np.int32), np.zeros((2, width), np.int32)
     top = np.zeros(width, raw.dtype)
     read = Reading(words[0], words[1], f[0], f[1], f[2], f[3], f[4])
@@ -98,7 +105,21 @@ def pixel_rows(
                 if k == 0:
                     if tables.bits.kind[a] > 0:
                         ends = _ends(raw, table, y, tables.bits, a, fit, low, high)
-                        read_row(raw, table, noise, tables.bits, a, y, ends, work, read, place, variance, error, flags)
+                        read_row(
+                            raw,
+                            table,
+                            noise,
+                            tables.bits,
+                            a,
+                            y,
+                            ends,
+                            work,
+                            read,
+                            place,
+                            variance,
+                            error,
+                            flags,
+                        )
                         join_row(phases[0], v, period, read.reach, place, variance, error, flags)
                     elif not tables.close[a]:
                         start_row(phases[0], v, period, tables.extent[a], place, variance)
@@ -116,10 +137,23 @@ def pixel_rows(
             elif not tables.given[a]:
                 fit = Fit(f[11], f[12], f[13], f[14], phases[0], variances[0], f[15], top)
                 ends = _ends(raw, table, y, tables.bits, a, fit, low, high)
-                read_row(raw, table, noise, tables.bits, a, y, ends, work, read, place, variance, error, flags)
+                read_row(
+                    raw, table, noise, tables.bits, a, y, ends, work, read, place, variance, error, flags
+                )
                 amplitude, offset = read.half, read.middle
             limits = tables.factor[a] * _CONTRAST2, tables.extent[a], tables.more[a], _DIM * clip
-            _merge(a == 0, noise, limits, place, variance, amplitude, offset, flags, out.amplitude[r], out.offset[r])
+            _merge(
+                a == 0,
+                noise,
+                limits,
+                place,
+                variance,
+                amplitude,
+                offset,
+                flags,
+                out.amplitude[r],
+                out.offset[r],
+            )
         _store(error, flags, out.error[r], out.flags[r])
 
 

@@ -42,7 +42,8 @@ class Settings:
 
 
 class Sampled(NamedTuple):
-    """Statistics of sample pixels while a profile holds: share without a flag; median chi2 per degree of freedom;
+    """Statistics of sample pixels while a profile holds: share without a flag; median chi2 per degree of
+    freedom;
     median amplitude, levels."""
 
     good: float
@@ -51,7 +52,8 @@ class Sampled(NamedTuple):
 
 
 class AxisProfile(NamedTuple):
-    """Of one axis: misfit of each fringe; deviation of a sample over the amplitude (close periods, else 0); variance
+    """Of one axis: misfit of each fringe; deviation of a sample over the amplitude (close periods, else 0);
+    variance
     of every place, px^2; optics of a look-up, None without one."""
 
     misfits: tuple[Misfit, ...]
@@ -104,7 +106,8 @@ class RigProfile:
         return tuple(row for number, one in enumerate(self.exposures) for row in _rows(number, one))
 
     def with_lag(self, share: float) -> Self:
-        """The profile with a measured share of the frame before (`projector.Timing.lag`), for exposures of which the
+        """The profile with a measured share of the frame before (`projector.Timing.lag`), for exposures of
+        which the
         frames gave no estimate; its sigma is unknown and counts as 0."""
         measured = Estimate("lag", share, 0.0, "of the frame before")
         exposures = tuple(

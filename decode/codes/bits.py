@@ -1,12 +1,15 @@
 """Bits of an axis -> interval of the cells that stay possible.
 
 A bit is open where its level is within a quarter of the pixel's half contrast of the middle, or within five
-deviations of noise. The words that stay possible give an interval of cells: its middle is the place, its length over
-sqrt 12 sigma; a single open bit is an edge between two cells and counts as one cell. In Gray and binary codes the
+deviations of noise. The words that stay possible give an interval of cells: its middle is the place, its
+length over
+sqrt 12 sigma; a single open bit is an edge between two cells and counts as one cell. In Gray and binary
+codes the
 finest open bits are one interval by themselves; of the other open bits (in other codes, of all of them) every
 combination of two is tried, more are an order in doubt.
 
-The middle is that of white and black; without them, of the fringe of the axis; else (max + min) / 2 of the code's
+The middle is that of white and black; without them, of the fringe of the axis; else (max + min) / 2 of the
+code's
 frames. A pair of bit and inverse is compared with itself.
 """
 
@@ -42,10 +45,13 @@ _ONE = np.int32(1)
 class BitTables(NamedTuple):
     """Codes of the axes for kernels, padded: A axes, B bits.
 
-    kind, middle, bits (A,): how words become cells, source of the middle level, number of bits; plain, inverse
-    (A, B): frames, -1: none; cells (A, 2^B): word -> cell; words (A, 2^B): cell -> word; run (A,): whether the finest
+    kind, middle, bits (A,): how words become cells, source of the middle level, number of bits; plain,
+    inverse
+    (A, B): frames, -1: none; cells (A, 2^B): word -> cell; words (A, 2^B): cell -> word; run (A,): whether
+    the finest
     open bits are one interval; least, most (A,): half
-    of an interval, cells: of one where several bits change at once, of one that is not doubtful; cell, origin (A,): pattern px; white, black: frames; all (C,): frames of all codes
+    of an interval, cells: of one where several bits change at once, of one that is not doubtful; cell,
+    origin (A,): pattern px; white, black: frames; all (C,): frames of all codes
     """
 
     kind: I64
@@ -65,7 +71,8 @@ class BitTables(NamedTuple):
 
 
 class Reading(NamedTuple):
-    """Lines (W,) of a code: word and open bits; half contrast, middle level; squared level below which a single
+    """Lines (W,) of a code: word and open bits; half contrast, middle level; squared level below which a
+    single
     bit and one of a pair is open; half of the interval, pattern px."""
 
     word: I32
@@ -183,7 +190,13 @@ def read_row(
     if tables.kind[a] == _GRAY:
         _gray_cells(word, open_, work, read.reach)
     _unsure_cells(raw, table, noise, tables, a, y, read, work, flags)
-    cell, origin, none, least, most = tables.cell[a], tables.origin[a], np.int32(0), tables.least[a], tables.most[a]
+    cell, origin, none, least, most = (
+        tables.cell[a],
+        tables.origin[a],
+        np.int32(0),
+        tables.least[a],
+        tables.most[a],
+    )
     for x in range(place.size):
         half = read.reach[x]
         place[x] = work[x] * cell + (_HALF * (cell - np.float32(1)) + origin)
@@ -196,7 +209,8 @@ def read_row(
 
 @kernel
 def _gray_cells(word: I32, open_: I32, cell: F32, half: F32) -> None:
-    """Middle and half length, in cells, of the interval of a Gray code with one open bit beside the finest ones."""
+    """Middle and half length, in cells, of the interval of a Gray code with one open bit beside the finest
+    ones."""
     one = np.int32(1)
     for x in range(word.size):
         o = open_[x]
@@ -224,9 +238,11 @@ def _unsure_cells(
     cell: F32,
     flags: I32,
 ) -> None:
-    """The same of any code by its table, and of a Gray code where the open bits are no edge between two cells.
+    """The same of any code by its table, and of a Gray code where the open bits are no edge between two
+    cells.
 
-    A bit beyond noise is open only at an edge, where its other value leads to the next cell; elsewhere interreflections
+    A bit beyond noise is open only at an edge, where its other value leads to the next cell; elsewhere
+    interreflections
     dim it, and its sign counts. Two bits beside the finest ones may be open."""
     cells, gray, run, half = tables.cells[a], tables.kind[a] == _GRAY, tables.run[a], read.reach
     for x in range(cell.size):

@@ -2,8 +2,10 @@
 
 Phase = atan2(s, c); its variance follows from the covariance of c and s (for N equidistant steps
 2 sigma^2 / (N B^2), the Cramer-Rao bound). Combinations of the samples that vanish for every fringe are
-residuals: over their noise they give chi2. A nonlinear display or camera has harmonics; N >= 4 steps see the second
-one in the residuals, but shift no phase by it. So what residuals of a sample share with mean, amplitude and the
+residuals: over their noise they give chi2. A nonlinear display or camera has harmonics; N >= 4 steps see the
+second
+one in the residuals, but shift no phase by it. So what residuals of a sample share with mean, amplitude and
+the
 first three harmonics of the phase is regressed out of them; the rest of the bulk scales the phase's variance.
 """
 
@@ -19,7 +21,15 @@ from ..noise import Noise, Sample
 from ..plan import Fringe
 from ..records import Flag
 
-__all__ = ["Fit", "FringeTables", "Misfit", "fringe_row", "fringe_tables", "measure_misfit", "three_step_aliasing"]
+__all__ = [
+    "Fit",
+    "FringeTables",
+    "Misfit",
+    "fringe_row",
+    "fringe_tables",
+    "measure_misfit",
+    "three_step_aliasing",
+]
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -30,9 +40,10 @@ _TINY = np.float32(1e-6)
 _CYCLES2 = np.float32(1 / (4 * np.pi**2))
 #: Determinant of a fit's normal matrix, relative to all samples, below which samples are too few.
 _DEGENERATE = 1e-3
-#: Fewest pixels for a misfit; median of chi2 with one degree of freedom; ratio of chi2 without and with harmonics
+#: Fewest and most pixels for a misfit; median of chi2 with one degree of freedom; ratio of chi2 without and
+#: with harmonics
 #: from which on they are regressed out.
-_FEWEST, _MEDIAN, _WORTH = 64, 0.4549, 1.1
+_FEWEST, _MOST, _MEDIAN, _WORTH = 64, 4096, 0.4549, 1.1
 #: Deviations from which on a harmonic is significant; condition of the regression.
 _SURE, _RANK = 4.0, 1e-2
 #: Weight of a frame that is left out of a lag's correction.
@@ -42,7 +53,8 @@ _TERMS = 9
 
 
 class Misfit(NamedTuple):
-    """Of one fringe's residuals: scale of its variance (chi2 of the bulk, 1 or more), terms (N - 3, 9) to regress
+    """Of one fringe's residuals: scale of its variance (chi2 of the bulk, 1 or more), terms (N - 3, 9) to
+    regress
     out, and variance (cycles^2) of the phase that no residual has (aliased harmonics, other periods)."""
 
     scale: float
@@ -53,16 +65,18 @@ class Misfit(NamedTuple):
 class FringeTables(NamedTuple):
     """Fringes of the axes for kernels, padded: A axes, K fringes, N samples, M residuals.
 
-    number (A,) of fringes; period (A, K); count, residuals (A, K) of samples and of their residuals; index (A, K, N)
-    of frames; weights (A, K, 3 + M, N) of offset, c, s, residuals; design (A, K, N, 3); covariance (A, K, 3) of c and
-    s; scale, more (A, K): of the variance, cycles^2; harmonic (A, K): whether terms (A, K, M, 9) are regressed out
+    number (A,) of fringes; period (A, K); samples, residuals (A, K): numbers of them;
+    frames (A, K, N); weights (A, K, 3 + M, N) of offset, c, s, residuals; design (A, K, N, 3); covariance
+    (A, K, 3) of c and
+    s; scale, more (A, K): of the variance, cycles^2; harmonic (A, K): whether terms (A, K, M, 9) are
+    regressed out
     """
 
     number: I64
     period: F32
-    count: I64
+    samples: I64
     residuals: I64
-    index: I64
+    frames: I64
     weights: F32
     design: F32
     covariance: F32
@@ -73,7 +87,8 @@ class FringeTables(NamedTuple):
 
 
 class Fit(NamedTuple):
-    """Lines (W,) of one fringe: offset, c, s (levels), residual, phase (cycles), its variance, amplitude; brightest
+    """Lines (W,) of one fringe: offset, c, s (levels), residual, phase (cycles), its variance, amplitude;
+    brightest
     raw level."""
 
     offset: F32
@@ -107,8 +122,12 @@ def fringe_tables(
         for j, (fringe, misfit) in enumerate(zip(axis, own, strict=True)):
             index, weights = next(flat)
             cov = weights[1:3] @ weights[1:3].T
-            out.period[i, j], out.count[i, j], out.residuals[i, j] = fringe.period, len(index), len(weights) - 3
-            out.index[i, j, : len(index)] = index
+            out.period[i, j], out.samples[i, j], out.residuals[i, j] = (
+                fringe.period,
+                len(index),
+                len(weights) - 3,
+            )
+            out.frames[i, j, : len(index)] = index
             out.weights[i, j, : len(weights), : len(index)] = weights
             if matrix is None:
                 out.design[i, j, : len(index)] = fringe.design
@@ -136,8 +155,8 @@ def measure_misfit(fringe: Fringe, sample: Sample, noise: Noise) -> Misfit:
     """Misfit of the bulk of a sample's pixels."""
     rows, nothing = fringe.unlike, np.zeros((len(fringe.unlike), _TERMS))
     levels = sample.levels[list(fringe.index)].astype(np.float64)
-    keep = np.isfinite(levels).all(axis=0)
-    levels = levels[:, keep]
+    levels = levels[:, np.isfinite(levels).all(axis=0)]
+    levels = levels[:, :: 1 + levels.shape[1] // _MOST]
     if len(rows) == 0 or levels.shape[1] < _FEWEST:
         return Misfit(1.0, nothing)
     o, c, s = fringe.inverse @ levels
@@ -148,7 +167,9 @@ def measure_misfit(fringe: Fringe, sample: Sample, noise: Noise) -> Misfit:
         return Misfit(1.0, nothing)
     residual, variance = (rows @ levels)[:, lit], variance[lit]
     waves = [part(h * phase[lit]) for h in (1, 2, 3) for part in (np.cos, np.sin)]
-    model = np.stack([np.ones(len(variance)), offset[lit], amplitude[lit], *(amplitude[lit] * w for w in waves)])
+    model = np.stack(
+        [np.ones(len(variance)), offset[lit], amplitude[lit], *(amplitude[lit] * w for w in waves)]
+    )
     plain = float(np.median(residual**2 / variance)) / _MEDIAN
     weight = 1 / np.sqrt(variance)
     scaled = (model * weight).T
@@ -164,8 +185,10 @@ def measure_misfit(fringe: Fringe, sample: Sample, noise: Noise) -> Misfit:
 def _aliased(fringe: Fringe, residual: F64, phase: F64, amplitude: F64, variance: F64) -> float:
     """Bound on the variance (cycles^2) of a phase of N >= 4 steps by harmonics of a smooth curve.
 
-    N equidistant steps alias those of N - 1 and N + 1 to the fundamental: a wave of N periods per cycle, up to
-    h_(N-1) / h_1. Smooth curves have harmonics that fall off about as powers of h_2 / h_1: the bound is taken as
+    N equidistant steps alias those of N - 1 and N + 1 to the fundamental: a wave of N periods per cycle, up
+    to
+    h_(N-1) / h_1. Smooth curves have harmonics that fall off about as powers of h_2 / h_1: the bound is
+    taken as
     (N - 2) (h_2 / h_1)^(N - 2), and a wave of that amplitude adds a third of its square."""
     double = fringe.unlike @ np.stack([np.cos(2 * fringe.shifts), np.sin(2 * fringe.shifts)], axis=1)
     expected = double @ np.stack([np.cos(2 * phase), np.sin(2 * phase)]) * amplitude
@@ -178,8 +201,10 @@ def _aliased(fringe: Fringe, residual: F64, phase: F64, amplitude: F64, variance
 
 
 def three_step_aliasing(fringe: Fringe, ends: list[tuple[int, int]], sample: Sample, noise: Noise) -> float:
-    """Bound on the variance (cycles^2) of a phase of three steps, whose residuals show no harmonic: their mean level
-    deviates from the middle of white and black, or of a bit and its inverse (ends), by h_2 for a quadratic curve, and
+    """Bound on the variance (cycles^2) of a phase of three steps, whose residuals show no harmonic: their
+    mean level
+    deviates from the middle of white and black, or of a bit and its inverse (ends), by h_2 for a quadratic
+    curve, and
     within 1 % for x^2.2."""
     if len(fringe.index) != 3 or not ends or (fringe.exposure != 1).any():
         return 0.0
@@ -263,10 +288,16 @@ def _regress(terms: F32, fit: Fit) -> None:
 
 
 @kernel
-def _phases(noise: tuple[np.float32, np.float32], covariance: F32, scale: np.float32, more: np.float32, fit: Fit) -> None:
+def _phases(
+    noise: tuple[np.float32, np.float32], covariance: F32, scale: np.float32, more: np.float32, fit: Fit
+) -> None:
     o, c, s, _, phase, variance, amplitude, _ = fit
     read2, gain = noise
-    cc, cs, ss = scale * covariance[0] * _CYCLES2, scale * covariance[1] * _CYCLES2, scale * covariance[2] * _CYCLES2
+    cc, cs, ss = (
+        scale * covariance[0] * _CYCLES2,
+        scale * covariance[1] * _CYCLES2,
+        scale * covariance[2] * _CYCLES2,
+    )
     for x in range(o.size):
         a, b = c[x], s[x]
         power = max(a * a + b * b, _TINY)
@@ -292,18 +323,19 @@ def fringe_row(
     """Fit fringe k of axis a in row y of the frames; add its residuals to chi2."""
     raw, table, clip = light
     read2, gain = noise
-    n = tables.count[a, k]
-    index, weights, scale = tables.index[a, k, :n], tables.weights[a, k], tables.scale[a, k]
+    n = tables.samples[a, k]
+    index, weights, scale = tables.frames[a, k, :n], tables.weights[a, k], tables.scale[a, k]
     _sums(raw, table, y, index, weights, fit)
     _phases(noise, tables.covariance[a, k], scale, tables.more[a, k], fit)
-    offset, residual = fit.offset, fit.residual
+    offset, residual, top = fit.offset, fit.residual, fit.top
     for j in range(tables.residuals[a, k]):
         _residuals(raw, table, y, index, weights[3 + j], residual)
         if tables.harmonic[a, k]:
             _regress(tables.terms[a, k, j], fit)
         for x in range(offset.size):
-            chi2[x] += residual[x] * residual[x] / (scale * (read2 + gain * max(offset[x], _ZERO)))
-    some, top = False, fit.top
+            square = residual[x] * residual[x] / (scale * (read2 + gain * max(offset[x], _ZERO)))
+            chi2[x] += square if top[x] < clip else _ZERO
+    some = False
     for x in range(top.size):
         some |= top[x] >= clip
     if some:
@@ -358,7 +390,8 @@ def _refit(
 
 @exact
 def _adjugate(m: F64, whole: F64) -> float:
-    """Replace a symmetric matrix by its adjugate; its determinant, 0 where degenerate beside the whole one."""
+    """Replace a symmetric matrix by its adjugate; its determinant, 0 where degenerate beside the whole
+    one."""
     a, b, c, d, e, f = m[0, 0], m[0, 1], m[0, 2], m[1, 1], m[1, 2], m[2, 2]
     det: float = a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d)
     most = whole[0, 0] * (whole[1, 1] * whole[2, 2] - whole[1, 2] ** 2)

@@ -1,14 +1,17 @@
 """Fringe orders: from coarse to fine, or of close periods by a table of candidates.
 
-A rough place x selects the order of a finer period p with phase t: of the places p (t + k) the nearest to x, at a
+A rough place x selects the order of a finer period p with phase t: of the places p (t + k) the nearest to x,
+at a
 distance d; the next one is p - |d| away. Where x has a variance s^2 (a coarser period),
 
     P(order is wrong) = 1 / (1 + exp(p (p / 2 - |d|) / (s^2 + p^2 v)));
 
 where x lies anywhere in an interval (a code), the place must lie in it and no other one.
 
-If no period covers the surface, each place p (t + k) of the finest period predicts every other phase, so that a
-quantised table over two of them lists the orders within the noise. All phases compare the orders that a pixel finds
+If no period covers the surface, each place p (t + k) of the finest period predicts every other phase, so
+that a
+quantised table over two of them lists the orders within the noise. All phases compare the orders that a
+pixel finds
 in it: their posterior gives the probability of a wrong one, with those beyond the table's tolerance.
 """
 
@@ -27,14 +30,16 @@ __all__ = ["Orders", "climb_row", "compare_row", "join_row", "order_table", "sta
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 I32 = NDArray[np.int32]
-#: Entries of a table along each of its axes; deviations within which an order is listed; steps of its tolerance.
+#: Entries of a table along each of its axes; deviations within which an order is listed; steps of its
+#: tolerance.
 _ENTRIES, _DEVIATIONS, _STEP = 64, 5.0, 2**0.5
 #: No order, and the misfit of no order.
 _NONE, _NEVER = np.float32(-20000), np.float32(1e30)
 _ONE, _HALF, _ZERO = np.float32(1), np.float32(0.5), np.float32(0)
 #: Probability of a wrong order above which a pixel is flagged.
 _DOUBT = np.float32(1e-4)
-#: Shares of a period by which a place may lie outside of its interval, and by which another must stay outside.
+#: Shares of a period by which a place may lie outside of its interval, and by which another must stay
+#: outside.
 _OUTSIDE, _APART = np.float32(0.25), np.float32(0.04)
 _ORDER = np.int32(Flag.ORDER_DOUBTFUL)
 
@@ -52,7 +57,9 @@ def exp_neg(x: np.float32) -> np.float32:
 
 
 @kernel
-def start_row(phase: F32, phase_variance: F32, period: np.float32, extent: np.float32, place: F32, variance: F32) -> None:
+def start_row(
+    phase: F32, phase_variance: F32, period: np.float32, extent: np.float32, place: F32, variance: F32
+) -> None:
     """Place by the coarsest period: the one nearest to the middle of the surface."""
     middle, square = _HALF * (extent - _ONE) / period, period * period
     for x in range(place.size):
@@ -80,7 +87,14 @@ def climb_row(
 
 @kernel
 def join_row(
-    phase: F32, phase_variance: F32, period: np.float32, reach: F32, place: F32, variance: F32, error: F32, flags: I32
+    phase: F32,
+    phase_variance: F32,
+    period: np.float32,
+    reach: F32,
+    place: F32,
+    variance: F32,
+    error: F32,
+    flags: I32,
 ) -> None:
     """Place by a period within the interval of a code, place +- reach."""
     per_period, square, none = _ONE / period, period * period, np.int32(0)
@@ -98,8 +112,10 @@ def join_row(
 class Orders(NamedTuple):
     """A table of the orders of close periods.
 
-    listed (most, cells): the nearest, the next, ... of a cell, then _NONE. tolerance: cycles within which they are
-    listed; extent: of the surface, px, which emits all light: a place beyond it is as unlikely as the noise that
+    listed (most, cells): the nearest, the next, ... of a cell, then _NONE. tolerance: cycles within which
+    they are
+    listed; extent: of the surface, px, which emits all light: a place beyond it is as unlikely as the noise
+    that
     would shift it there.
     """
 
@@ -160,8 +176,8 @@ def compare_row(
         a, c = t0[x] - t[x] * r0, t1[x] - t[x] * r1
         a, c = a - np.floor(a), c - np.floor(c)
         i = min(np.int32(a * entries), np.int32(_ENTRIES - 1))
-        j = min(np.int32(c * entries), np.int32(_ENTRIES - 1))
-        cell[x] = i * np.int32(_ENTRIES) + j
+        k = min(np.int32(c * entries), np.int32(_ENTRIES - 1))
+        cell[x] = i * np.int32(_ENTRIES) + k
     for rank in range(len(orders.listed)):
         listed, some = orders.listed[rank], False
         for x in range(place.size):
@@ -178,7 +194,12 @@ def compare_row(
             error[x] = (error[x] + _ONE) * likely if better else error[x] + likely
             place[x] = at[x] if better else place[x]
             least[x] = min(rival, before)
-    half, v0, v1, v = _HALF * orders.tolerance * orders.tolerance, phase_variance[0], phase_variance[b], phase_variance[last]
+    half, v0, v1, v = (
+        _HALF * orders.tolerance * orders.tolerance,
+        phase_variance[0],
+        phase_variance[b],
+        phase_variance[last],
+    )
     none = np.int32(0)
     for x in range(place.size):
         wrong = error[x] / (_ONE + error[x])
