@@ -33,7 +33,7 @@ F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 Mask = NDArray[np.bool_] | None
 #: Runs of the sample; fewest pixels for an estimate; median of chi2 with one degree of freedom.
-_RUNS, _FEWEST, _MEDIAN = 128, 64, 0.4549
+_RUNS, _FEWEST, _MEDIAN = 256, 64, 0.4549
 #: Side of the neighbourhood that lies in a mask where the order of frames is tested.
 _BLOCK = 11
 #: Bytes of a block's lines, about those of a core's cache.

@@ -254,7 +254,7 @@ def _edges(bit: Mask) -> Mask:
     """Inner pixels with another value at a neighbour."""
     inner = bit[:, 1:-1, 1:-1]
     beside = bit[:, 1:-1, 2:], bit[:, 1:-1, :-2], bit[:, 2:, 1:-1], bit[:, :-2, 1:-1]
-    return np.any([inner != one for one in beside], axis=0)
+    return np.asarray(np.any([inner != one for one in beside], axis=0))
 
 
 def _ladder_place(fits: list[Any], extent: int) -> F32:

@@ -41,8 +41,8 @@ _STARTS, _SHARES = (0.29, 0.6, 1.2), (0.05, 0.25, 0.75, 0.95)
 #: Squared residuals that noise reaches once in so many pixels; probability of another place that is doubtful,
 #: or excludes a pixel of the sample; modulation over its noise below which there is no contrast.
 _RARE, _DOUBT, _CONTRAST = 1e-5, 1e-4, 5.0
-#: Residuals over noise that are as good as none; the inverse is no fit.
-_EXACT = 1e-4
+#: chi2 over freedom from which on a cost grows by its logarithm; without a place.
+_TAIL, _NO_FIT = 3.0, 1e4
 #: Cells around a place that may fit as well: half a cell beyond its cell.
 _AROUND = 1.5
 #: Share of a stripe's light from which on a second place is doubtful, whatever the noise.
@@ -280,6 +280,9 @@ def prepare(
     start = np.where(found.error < 1e-3, found.place, np.nan)
     if not np.isfinite(start).any():
         return LookUp(first[0], 0.0, 0.0, noise)
+    if noise is None:
+        best = trials[int(np.argmin(_costs(trials)))]
+        assumed = _residual_noise(best.table, best.found, floor)
     trials = _tried(lambda optics: fitted(optics, start), axis, blur, on_cells)
     best = trials[int(np.argmin(_costs(trials)))]
     unsure = _crowding(best.table, best.found)
@@ -327,11 +330,11 @@ def _tried(
 
 
 def _costs(trials: list[_Trial]) -> F64:
-    """-2 log likelihood of trials, over all places of each pixel, whose noise may be of any size."""
+    """-2 log likelihood of trials, over all places of each pixel: squared residuals with long tails."""
     dof = trials[0].table.dof
-    misfit = np.clip([one.misfit for one in trials], _EXACT, 1 / _EXACT)
+    misfit = np.minimum([one.misfit for one in trials], _NO_FIT)
     variance = np.minimum([one.found.variance for one in trials], 1.0)
-    return np.asarray((dof * np.log(misfit) - np.log(variance)).sum(axis=1))
+    return np.asarray((_TAIL * dof * np.log1p(misfit / _TAIL) - np.log(variance)).sum(axis=1))
 
 
 def _crowding(table: Table, found: _Found) -> float:

@@ -1,11 +1,11 @@
 """Sharp display cells: a place's error by the cells that is common to neighbours.
 
 A pixel of footprint w and blur b (cells) reads a fringe of P cells through the sidebands m = +1, -1,
-W(f) = sinc(f) sinc(w f) exp(-2 pi^2 b^2 f^2) at f = m - 1 / P; their sum over W(1 / P), times P / 2 pi, is the
-amplitude of the error, whose period is a cell. Neighbours that sample different places of their cells show it
-as third differences (see neighbours). Where the sampling is commensurate they do not: that share counts here,
-as a variance and as a shift in common. The blur is known, or bounded by the contrast of the finest fringe
-against a coarser one, or white less black.
+W(f) = sinc(f) sinc(w f) exp(-2 pi^2 b^2 f^2) at f = m - 1 / P; their sum over W(1 / P), times P / 2 pi, is
+the amplitude of the error, whose period is a cell. Neighbours that sample different places of their cells
+show it as third differences (see neighbours). Where the sampling is commensurate they do not: that share
+counts here, as a variance and as a shift in common. The blur is known, or bounded by the contrast of the
+finest fringe against a coarser one, or white less black.
 """
 
 import numpy as np
