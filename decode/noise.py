@@ -27,6 +27,8 @@ _FULL = 0.7
 _TRIM, _REMAINING = 3.0, 0.9733
 #: Bins by level; fewest residuals of a bin (18 %); largest number of residuals of a kind.
 _BINS, _FEWEST, _MOST = 12, 64, 1 << 17
+#: Fewest differences of codes, dark and bright, that make residuals of fringes unnecessary (4 %).
+_ENOUGH = 2048
 #: Relative error of a bin's variance beyond chance, so that no bin decides alone.
 _UNSURE = 0.03
 
@@ -70,10 +72,20 @@ def fit_noise(plan: Plan, sample: Sample, rounding: float = 1 / 12) -> Noise:
     levels, first = sample.levels.astype(np.float64), sample.adjacent(3)
     groups = constraints(plan, len(levels))
     rows = np.concatenate(groups[:-1] or groups) if groups else np.zeros((0, len(levels)))
-    kinds = [_of_rows(rows, levels, first), _of_codes(plan, levels, sample.adjacent(5))]
+    kinds = [_of_codes(plan, levels, sample.adjacent(5))]
+    if not _two_levels(kinds[0][0]):  # a display's gamma makes residuals of fringes oscillate along a row
+        kinds.append(_of_rows(rows, levels, first))
     if sum(len(one) for one, _ in kinds) < _FEWEST:
         kinds = [_of_rows(np.eye(len(levels)), levels, first)]
     return _line(kinds, rounding)
+
+
+def _two_levels(level: F64) -> bool:
+    """Levels give both terms of a variance: as many as a bin needs are below and above a third and two thirds."""
+    if not len(level):
+        return False
+    low, high = level.max() / 3, level.max() * 2 / 3
+    return min(np.count_nonzero(level < low), np.count_nonzero(level > high)) >= _ENOUGH
 
 
 def _of_rows(rows: F64, levels: F64, first: NDArray[np.int64]) -> Residuals:
@@ -159,15 +171,14 @@ def _line(kinds: list[Residuals], rounding: float) -> Noise:
     model = np.maximum(np.median(y), rounding)
     for _ in range(8):  # weights of the line itself: those of the bins favour low variances
         design = np.stack([np.ones_like(x), x], axis=1) / (error * model)[:, None]
-        normal = design.T @ design + np.diag([1e-12, 1e-12])
-        read2, gain = np.linalg.solve(normal, design.T @ (y / (error * model)))
-        if gain <= 0 or len(x) < 3:
+        read2, gain = np.linalg.lstsq(design, y / (error * model), rcond=None)[0]
+        if gain <= 0 or len(x) < 2:
             read2, gain = float(np.average(y, weights=error**-2.0)), 0.0
         elif read2 < rounding:
             read2 = rounding
             gain = float(np.average((y - rounding) / np.maximum(x, 1e-6), weights=(x / (error * model)) ** 2))
         model = read2 + gain * np.maximum(x, 0.0)
-    sigma = np.sqrt(np.diag(np.linalg.inv(normal)))
-    if len(x) < 3 or gain <= 0:  # one level only: the gain is not known
+    sigma = np.sqrt(np.diag(np.linalg.pinv(design.T @ design)))
+    if len(x) < 2 or gain <= 0:  # one level only: the gain is not known
         sigma = np.array([read2 / np.sqrt((error**-2.0).sum()), np.nan])
     return Noise(max(float(read2), rounding), max(float(gain), 0.0), float(sigma[0]), float(sigma[1]))
