@@ -81,7 +81,7 @@ def fit_noise(plan: Plan, sample: Sample, rounding: float = 1 / 12) -> Noise:
 
 
 def _two_levels(level: F64) -> bool:
-    """Levels give both terms of a variance: as many as a bin needs are below and above a third and two thirds."""
+    """Both terms of a variance follow: enough levels in the lowest and in the highest third."""
     if not len(level):
         return False
     low, high = level.max() / 3, level.max() * 2 / 3
