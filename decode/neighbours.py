@@ -334,6 +334,54 @@ def _edge(
 
 
 @kernel
+def _thirds(
+    q: F32, q1: F32, q2: F32, q3: F32, noise: F32, ok: F32, padded: F32, down: bool, out: F32
+) -> None:
+    """Squares of third differences q .. q3, capped, summed along the row: over 7, down columns; over 4, along
+    rows, whose q1 .. q3 are q further on. `padded` is zero at its ends."""
+    width, length = len(out), len(q3)
+    inner, three, most = padded[3:], np.float32(3), np.float32(500)
+    for x in range(length):
+        h = q3[x] - q[x] + three * (q1[x] - q2[x])
+        h, cap = h * h, most * noise[x]
+        inner[x] = (h if h < cap else cap) * ok[x]
+    if down:
+        for x in range(width):
+            total = padded[x] + padded[x + 1] + padded[x + 2] + padded[x + 3]
+            out[x] = total + padded[x + 4] + padded[x + 5] + padded[x + 6]
+    else:
+        for x in range(width):
+            out[x] = padded[x] + padded[x + 1] + padded[x + 2] + padded[x + 3]
+
+
+@kernel
+def _bent(
+    q1: F32, q2: F32, q: F32, q3: F32, q4: F32, whole: F32, s0: F32, s2: F32, square: F32, lap: F32, rest: F32
+) -> None:
+    """Laplacian of the quadratic through 5 x 5 pixels of five rows, and squares of the residual to it, summed
+    over three."""
+    width, four, five, ten = len(q), np.float32(4), np.float32(5), np.float32(10)
+    for x in range(width):
+        s0[x] = q1[x] - q[x] + (q4[x] - q[x]) + (q2[x] - q[x]) + (q3[x] - q[x])
+    for x in range(width):
+        s2[x] = four * (q1[x] - q[x] + (q4[x] - q[x])) + (q2[x] - q[x]) + (q3[x] - q[x])
+    out, inner = lap[2:], square[3:]
+    for x in range(width - 4):
+        mid = q[x + 2]
+        e1, e2, e3, e4 = q[x] - mid, q[x + 1] - mid, q[x + 3] - mid, q[x + 4] - mid
+        ends, inside = five * (e1 + e4) + s0[x] + s0[x + 4], five * (e2 + e3) + s0[x + 1] + s0[x + 3]
+        total = ends + inside + s0[x + 2]
+        curve = s2[x] + s2[x + 1] + s2[x + 2] + s2[x + 3] + s2[x + 4] + ten * (e1 + e2 + e3 + e4)
+        curve = (curve + four * ends + inside - four * total) * np.float32(1 / 35)
+        off = total * np.float32(0.04) - curve
+        out[x] = curve * whole[x + 2]
+        inner[x] = off * off * _OFF2 * whole[x + 2]
+    lap[0] = lap[1] = lap[width - 2] = lap[width - 1] = _ZERO
+    for x in range(width):
+        rest[x] = square[x] + square[x + 1] + square[x + 2]
+
+
+@kernel
 def _axis(
     p: F32,
     v: F32,
@@ -356,56 +404,31 @@ def _axis(
     rings = np.zeros((4, 8, width), np.float32)
     third_row, third_col, rest, bend = rings
     by_row, by_col, square, s0, s2, best, slow = np.zeros((7, width + 6), np.float32)  # zero at their ends
-    three, four, five, ten = np.float32(3), np.float32(4), np.float32(5), np.float32(10)
-    half, sixteen, most, share = np.float32(0.5), np.float32(16), np.float32(500), np.float32(0.05)
+    half, sixteen, share = np.float32(0.5), np.float32(16), np.float32(0.05)
     for k in range(above - 3, above + len(flags) + 3):
-        out, inner = third_row[k & 7], by_row[3:]
-        for x in range(width):
-            out[x] = _ZERO
+        out = third_row[k & 7]
         if 0 <= k < n:
-            q, ok, w = p[k], row_ok[row_of[k]], v[k, 1:]
-            for x in range(width - 3):
-                h = q[x + 3] - q[x] + three * (q[x + 1] - q[x + 2])
-                h, cap = h * h, most * w[x]
-                inner[x] = (h if h < cap else cap) * ok[x]
+            q, ok = p[k], row_ok[row_of[k]]
+            _thirds(q, q[1:], q[2:], q[3:], v[k, 1:], ok, by_row, False, out)
+        else:
             for x in range(width):
-                out[x] = by_row[x] + by_row[x + 1] + by_row[x + 2] + by_row[x + 3]
+                out[x] = _ZERO
         j = k - 3
-        out, inner = third_col[j & 7], by_col[3:]
-        for x in range(width):
-            out[x] = _ZERO
+        out = third_col[j & 7]
         if 0 <= j < n - 3:
-            q, q1, q2, q3, ok, w = p[j], p[j + 1], p[j + 2], p[j + 3], col_ok[row_of[j]], v[j + 1]
+            ok = col_ok[row_of[j]]
+            _thirds(p[j], p[j + 1], p[j + 2], p[j + 3], v[j + 1], ok, by_col, True, out)
+        else:
             for x in range(width):
-                h = q3[x] - q[x] + three * (q1[x] - q2[x])
-                h, cap = h * h, most * w[x]
-                inner[x] = (h if h < cap else cap) * ok[x]
-            for x in range(width):
-                total = by_col[x] + by_col[x + 1] + by_col[x + 2] + by_col[x + 3]
-                out[x] = total + by_col[x + 4] + by_col[x + 5] + by_col[x + 6]
+                out[x] = _ZERO
         j = k - 2
         lap, left = bend[j & 7], rest[j & 7]
-        for x in range(width):
-            lap[x], left[x] = _ZERO, _ZERO
         if 2 <= j < n - 2:
-            q, q1, q2, q3, q4 = p[j], p[j - 2], p[j - 1], p[j + 1], p[j + 2]
+            whole = full[row_of[j]]
+            _bent(p[j - 2], p[j - 1], p[j], p[j + 1], p[j + 2], whole, s0, s2, square, lap, left)
+        else:
             for x in range(width):
-                s0[x] = q1[x] - q[x] + (q4[x] - q[x]) + (q2[x] - q[x]) + (q3[x] - q[x])
-            for x in range(width):
-                s2[x] = four * (q1[x] - q[x] + (q4[x] - q[x])) + (q2[x] - q[x]) + (q3[x] - q[x])
-            whole, out, inner = full[row_of[j], 2:], lap[2:], square[3:]
-            for x in range(width - 4):
-                mid = q[x + 2]
-                e1, e2, e3, e4 = q[x] - mid, q[x + 1] - mid, q[x + 3] - mid, q[x + 4] - mid
-                ends, inside = five * (e1 + e4) + s0[x] + s0[x + 4], five * (e2 + e3) + s0[x + 1] + s0[x + 3]
-                total = ends + inside + s0[x + 2]
-                curve = s2[x] + s2[x + 1] + s2[x + 2] + s2[x + 3] + s2[x + 4] + ten * (e1 + e2 + e3 + e4)
-                curve = (curve + four * ends + inside - four * total) * np.float32(1 / 35)
-                off = total * np.float32(0.04) - curve
-                out[x] = curve * whole[x]
-                inner[x] = off * off * _OFF2 * whole[x]
-            for x in range(width):
-                left[x] = square[x] + square[x + 1] + square[x + 2]
+                lap[x], left[x] = _ZERO, _ZERO
         y, r = k - 3, k - 3 - above
         if r < 0:
             continue
