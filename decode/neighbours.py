@@ -191,8 +191,10 @@ def _shared(
     the row, down the column are; one over their numbers in 7 x 7, over those of full pixels in 3 x 3, and
     over those of clean ones in 5 x 5."""
     n, width = clean.shape
-    full, row_ok, col_ok, along, down, near, number5 = windows
-    count, z, four, rows = np.zeros((4, width + 6), np.float32)
+    # by index: Numba takes what is unpacked for strided
+    full, row_ok, col_ok, along = windows[0], windows[1], windows[2], windows[3]
+    down, near, number5, pad = windows[4], windows[5], windows[6], np.zeros((4, width + 6), np.float32)
+    count, z, four, rows = pad[0], pad[1], pad[2], pad[3]
     some, three, most = max(dof, _ONE), np.float32(3.5), np.float32(25)
     mean = _ONE + np.float32(1.1314) / np.sqrt(some)  # four deviations of the mean of 25 pixels
     alone = _ONE + np.float32(7.0711) / np.sqrt(some) + np.float32(8) / some
@@ -266,17 +268,17 @@ def _shared(
             for x in range(width):
                 number = count[x] + count[x + 1] + count[x + 2]
                 out[x] = _ONE / number if number > _ZERO else _ZERO
-    total = np.zeros((n + 1, width), np.float32)  # the last row: beyond the block
+    sums = np.zeros((n + 1, width), np.float32)  # the last row: beyond the block
     for y in range(n):
-        c, r, inner, out = clean[y], chi2[y], z[2:], total[y]
+        c, r, inner, out = clean[y], chi2[y], z[2:], sums[y]
         for x in range(width):
             one = share * r[x]
             inner[x] = c[x] * (one if one < most else most)
         for x in range(width):
             out[x] = z[x] + z[x + 1] + z[x + 2] + z[x + 3] + z[x + 4]
     for y in range(n):
-        a, b = total[y - 2 if y > 1 else n], total[y - 1 if y > 0 else n]
-        c, d, e = total[y], total[min(y + 1, n)], total[min(y + 2, n)]
+        a, b = sums[y - 2 if y > 1 else n], sums[y - 1 if y > 0 else n]
+        c, d, e = sums[y], sums[min(y + 1, n)], sums[min(y + 2, n)]
         r, by, out = chi2[y], number5[row_of[y]], scale[y]
         for x in range(width):
             level = (a[x] + b[x] + c[x] + d[x] + e[x]) * by[x]
@@ -382,6 +384,73 @@ def _bent(
 
 
 @kernel
+def _joined(
+    rows: F32,
+    columns: F32,
+    rest: F32,
+    y: int,
+    by: tuple[F32, F32, F32],
+    noise: F32,
+    scale: F32,
+    lap: F32,
+    unsure: np.float32,
+    best: F32,
+    extra: F32,
+    out: F32,
+) -> None:
+    """Sigma of row y: noise and its excesses, of rings of rows `rows`, `columns`, `rest`; `extra`."""
+    width, share = len(out), np.float32(0.05)
+    along, down, near = by
+    r0, r1, r2, r3 = rows[(y - 3) & 7], rows[(y - 2) & 7], rows[(y - 1) & 7], rows[y & 7]
+    r4, r5, r6 = rows[(y + 1) & 7], rows[(y + 2) & 7], rows[(y + 3) & 7]
+    for x in range(width):
+        best[x] = r0[x] + r1[x] + r2[x] + r3[x]
+    for x in range(width):
+        best[x] = (best[x] + r4[x] + r5[x] + r6[x]) * along[x]
+    r0, r1, r2, r3 = columns[(y - 3) & 7], columns[(y - 2) & 7], columns[(y - 1) & 7], columns[y & 7]
+    for x in range(width):
+        other = (r0[x] + r1[x] + r2[x] + r3[x]) * down[x]
+        best[x] = best[x] if best[x] > other else other
+    for x in range(width):
+        level, third = noise[x] * scale[x], share * best[x]
+        moved, third = unsure * lap[x], third - _THIRD * level
+        out[x] = level + (third if third > _ZERO else _ZERO) + moved * moved
+    r0, r1, r2 = rest[(y - 1) & 7], rest[y & 7], rest[(y + 1) & 7]
+    for x in range(width):
+        fourth = (r0[x] + r1[x] + r2[x]) * near[x] - _REST * noise[x] * scale[x]
+        fourth = fourth if fourth > _ZERO else _ZERO
+        out[x] += fourth + extra[x]
+    for x in range(width):
+        out[x] = np.sqrt(out[x] if out[x] > _LEAST else _LEAST)
+
+
+@kernel
+def _placed(
+    upper: F32, q: F32, lower: F32, lap: F32, whole: F32, clean: F32, limits: F32, to: F32, slow: F32
+) -> np.float32:
+    """Places without their aperture; clean pixels that _edge judges: by windows that are not whole, a jump
+    in them, or the display's border; how many."""
+    jump, extent, border, aperture = limits[0], limits[1], limits[2], limits[3]
+    width, half, sixteen, some = len(q), np.float32(0.5), np.float32(16), _ZERO
+    steep = np.float32(0.2) * jump  # of the least Laplacian of a jump by 2 jumps, 2/7
+    for x in range(width):
+        to[x] = q[x] - aperture * lap[x]
+    for x in range(width):
+        slow[x] = clean[x] if abs(lap[x]) > steep else (_ONE - whole[x]) * clean[x]
+    if border > _ZERO:
+        inner, outside, up, down = slow[1:], clean[1:], upper[1:], lower[1:]
+        for x in range(width - 2):
+            dx, dy = q[x + 2] - q[x], down[x] - up[x]
+            reach2 = (half * aperture * (dx * dx + dy * dy) + border) * sixteen
+            away, other = q[x + 1] + half, extent - half - q[x + 1]
+            away = away if away < other else other
+            inner[x] = outside[x] if away * abs(away) < reach2 else inner[x]
+    for x in range(width):
+        some += slow[x]
+    return some
+
+
+@kernel
 def _axis(
     p: F32,
     v: F32,
@@ -399,12 +468,13 @@ def _axis(
     """One axis with places within a cell: aperture, excesses over noise, rims and borders. Sums of rows
     lie in rings of 8."""
     n, width = p.shape
-    full, row_ok, col_ok, along, down, near, _ = windows
-    _, extent, border, aperture, unsure, _ = limits
+    # by index: Numba takes what is unpacked for strided
+    full, row_ok, col_ok, along = windows[0], windows[1], windows[2], windows[3]
+    down, near, pad = windows[4], windows[5], np.zeros((8, width + 6), np.float32)
     rings = np.zeros((4, 8, width), np.float32)
-    third_row, third_col, rest, bend = rings
-    by_row, by_col, square, s0, s2, best, slow = np.zeros((7, width + 6), np.float32)  # zero at their ends
-    half, sixteen, share = np.float32(0.5), np.float32(16), np.float32(0.05)
+    third_row, third_col, rest, bend = rings[0], rings[1], rings[2], rings[3]
+    by_row, by_col, square, s0 = pad[0], pad[1], pad[2], pad[3]  # zero at their ends
+    s2, best, slow, extras = pad[4], pad[5], pad[6], pad[7]
     for k in range(above - 3, above + len(flags) + 3):
         out = third_row[k & 7]
         if 0 <= k < n:
@@ -432,57 +502,21 @@ def _axis(
         y, r = k - 3, k - 3 - above
         if r < 0:
             continue
-        at = row_of[y]
-        r0, r1, r2, r3 = (
-            third_row[(y - 3) & 7],
-            third_row[(y - 2) & 7],
-            third_row[(y - 1) & 7],
-            third_row[y & 7],
-        )
-        r4, r5, r6, by = third_row[(y + 1) & 7], third_row[(y + 2) & 7], third_row[(y + 3) & 7], along[at]
+        at, out, lap = row_of[y], sigma[r], bend[y & 7]
+        q, to, whole, mark = p[y], coordinate[r], full[at], flags[r]
         for x in range(width):
-            best[x] = (r0[x] + r1[x] + r2[x] + r3[x] + r4[x] + r5[x] + r6[x]) * by[x]
-        r0, r1, r2, r3 = (
-            third_col[(y - 3) & 7],
-            third_col[(y - 2) & 7],
-            third_col[(y - 1) & 7],
-            third_col[y & 7],
-        )
-        by = down[at]
-        for x in range(width):
-            one, other = best[x], (r0[x] + r1[x] + r2[x] + r3[x]) * by[x]
-            best[x] = share * (one if one > other else other)
-        r0, r1, r2, by = rest[(y - 1) & 7], rest[y & 7], rest[(y + 1) & 7], near[at]
-        for x in range(width):
-            s0[x] = (r0[x] + r1[x] + r2[x]) * by[x]
-        out, w, by, lap = sigma[r], v[y], scale[y], bend[y & 7]
-        for x in range(width):
-            noise, moved = w[x] * by[x], unsure * lap[x]
-            third, fourth = best[x] - _THIRD * noise, s0[x] - _REST * noise
-            third, fourth = third if third > _ZERO else _ZERO, fourth if fourth > _ZERO else _ZERO
-            out[x] = noise + third + fourth + moved * moved
-        q, to, whole, c = p[y], coordinate[r], full[at], clean[y]
-        for x in range(width):
-            to[x] = q[x] - aperture * lap[x]
-        for x in range(width):
-            slow[x] = (_ONE - whole[x]) * c[x]
-        upper, lower, inner, outside = p[max(y - 1, 0)], p[min(y + 1, n - 1)], slow[1:], c[1:]
-        if border > _ZERO:
-            for x in range(width - 2):
-                dx, dy = q[x + 2] - q[x], lower[x + 1] - upper[x + 1]
-                reach2 = (half * aperture * (dx * dx + dy * dy) + border) * sixteen
-                away, other = q[x + 1] + half, extent - half - q[x + 1]
-                away = away if away < other else other
-                inner[x] = outside[x] if away * abs(away) < reach2 else inner[x]
-        some, mark = _ZERO, flags[r]
-        for x in range(width):
-            some += slow[x]
+            extras[x] = _ZERO
+        some = _placed(p[max(y - 1, 0)], q, p[min(y + 1, n - 1)], lap, whole, clean[y], limits, to, slow)
         if some > _ZERO:
             for x in range(width):
                 if slow[x] > _ZERO:
-                    extra, t = _edge(p, clean, amplitude, y, x, whole[x], limits)
-                    out[x] += extra
+                    extras[x], t = _edge(p, clean, amplitude, y, x, whole[x], limits)
                     if t < _REACH:
                         mark[x] |= _OFF
-        for x in range(width):
-            out[x] = np.sqrt(out[x] if out[x] > _LEAST else _LEAST)
+                    if whole[x] > _ZERO:
+                        rise = p[y - 2, x] + p[y + 2, x] - q[x] - q[x]
+                        run = q[x - 2] + q[x + 2] - q[x] - q[x]
+                        if max(abs(rise), abs(run)) > limits[0] + limits[0]:
+                            to[x] = q[x]  # a jump has no Laplacian
+        by = along[at], down[at], near[at]
+        _joined(third_row, third_col, rest, y, by, v[y], scale[y], lap, limits[4], best, extras, out)
