@@ -22,7 +22,7 @@ F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 Residuals = tuple[F64, F64]
 #: Share of a pixel's half contrast from which on a bit is bright or dark, and not at an edge.
-_FULL = 0.7
+_FULL = 0.8
 #: Deviations of the trimming, and the remaining share of a normal variance.
 _TRIM, _REMAINING = 3.0, 0.9733
 #: Bins by level; fewest residuals of a bin (18 %); largest number of residuals of a kind.
@@ -115,12 +115,14 @@ def _of_codes(plan: Plan, levels: F64, first: NDArray[np.int64]) -> Residuals:
     seen = levels[frames]
     first = first[:: 1 + len(frames) * len(first) // _MOST]
     with np.errstate(invalid="ignore"):
-        low, high = np.fmin.reduce(seen), np.fmax.reduce(seen)
-        share = (2 * seen - low - high) / np.maximum(high - low, 1e-6)
+        # a mean of the five selects without regard to their second differences
+        mean = np.mean([seen[:, first + k] for k in range(5)], axis=0)
+        low, high = np.fmin.reduce(mean), np.fmax.reduce(mean)
+        share = (2 * mean - low - high) / np.maximum(high - low, 1e-6)
         state = (share > _FULL).astype(np.int8) - (share < -_FULL)
         found = []
         for one in (1, -1):
-            full = np.logical_and.reduce([state[:, first + k] == one for k in range(5)])
+            full = state == one
             at = np.arange(len(frames))[:, None]
             before = np.maximum.accumulate(np.where(full, at, -1), axis=0)
             for i in range(1, len(frames)):  # the nearest frame before of the same state
