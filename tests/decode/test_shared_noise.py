@@ -1,18 +1,16 @@
 """Noise that rows, columns or whole frames share is told, and nothing else is taken for it."""
 
-from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.ndimage import shift
 
 from optolever.decode import Correspondence, SharedNoise, decode
 from optolever.errors import InputError
 from optolever.patterns import Sequence, sequence_from_text
 from optolever.projector import capture
-from optolever.scene import dent, load, resize, trace
+from optolever.scene import dent, load, resize
 
 RIG = resize(load("prism48", exact=True), 150, 200)
 SURFACE = dent("gaussian", RIG, peak=0.2, sigma=6.0)
@@ -74,49 +72,6 @@ def test_a_lamp_that_flickers(clean: tuple[np.ndarray, Sequence]) -> None:
     assert min(found.frames_u, found.frames_v) > 0.15
     assert max(found.rows, found.cols) < 0.02
     assert max(found.shift_u, found.shift_v) < 1e-4  # what cells leave
-
-
-@pytest.mark.daily(1)
-def test_a_camera_that_shakes(clean: tuple[np.ndarray, Sequence]) -> None:
-    """By 0.1 pixels: the mean over the frames that tell a place shifts all of them."""
-    frames, shown = clean
-    rng, truth, ratios = np.random.default_rng(5), trace(RIG, SURFACE), []
-    periods = Counter((one.axis, one.period_px) for one in shown.frames if one.kind == "phase")
-    telling = max(periods.values()) if max(periods.values()) > 3 else sum(periods.values()) / 2
-    for _ in range(4):
-        moved = [shift(one, 0.1 * rng.standard_normal(2), order=3, mode="nearest") for one in frames]
-        found = told_of(np.stack(moved), shown, rng)
-        assert found is not None
-        for told, at in ((found.shift_u, truth.u), (found.shift_v, truth.v)):
-            ratios.append(told / (0.1 * px(at) / np.sqrt(telling)))
-    # 16 numbers tell it to 20 %
-    assert 0.6 < np.sqrt(np.mean(np.square(ratios))) < 1.6
-
-
-@pytest.mark.daily(1)
-def test_a_steady_motion_leaves_the_moment_of_the_pose_open(clean: tuple[np.ndarray, Sequence]) -> None:
-    """The scene's pose may hold at any frame's time: a twelfth of the squared motion, as much again at most
-    as places are seen after the middle; and chance of three draws."""
-    frames, shown = clean
-    whole = 0.1 * px(trace(RIG, SURFACE).u)
-    for seed in range(3):
-        moved = [
-            shift(one, (0, 0.1 * i / len(frames)), order=3, mode="nearest") for i, one in enumerate(frames)
-        ]
-        found = told_of(np.stack(moved), shown, np.random.default_rng(seed))
-        assert found is not None
-        assert 0.25 * whole < found.shift_u < 0.55 * whole
-
-
-def told_of(frames: np.ndarray, shown: Sequence, rng: np.random.Generator) -> SharedNoise | None:
-    """What is told of frames with noise of one level."""
-    seen = np.rint(frames + rng.standard_normal(frames.shape)).clip(0, 255).astype(np.uint8)
-    return decode(seen, shown).shared_noise
-
-
-def px(at: np.ndarray) -> float:
-    """Pattern pixels of a camera pixel, usually."""
-    return float(np.nanmedian(np.hypot(*np.gradient(at))))
 
 
 def test_saved_and_loaded(tmp_path: Path) -> None:
