@@ -74,17 +74,6 @@ def test_a_lamp_that_flickers(clean: tuple[np.ndarray, Sequence]) -> None:
     assert max(found.shift_u, found.shift_v) < 1e-4  # what cells leave
 
 
-def told_of(frames: np.ndarray, shown: Sequence, rng: np.random.Generator) -> SharedNoise | None:
-    """What is told of frames with noise of one level."""
-    seen = np.rint(frames + rng.standard_normal(frames.shape)).clip(0, 255).astype(np.uint8)
-    return decode(seen, shown).shared_noise
-
-
-def px(at: np.ndarray) -> float:
-    """Pattern pixels of a camera pixel, usually."""
-    return float(np.nanmedian(np.hypot(*np.gradient(at))))
-
-
 def test_saved_and_loaded(tmp_path: Path) -> None:
     ones = np.ones((4, 5))
     found = Correspondence(ones, ones, ones, ones, np.zeros((4, 5), np.uint16))
