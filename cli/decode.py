@@ -90,7 +90,7 @@ Correspondence in c.npz
     type=click.FloatRange(min=0),
     metavar="PX",
     help="Rms blur of the camera's lens, camera pixels (4 at most): its bias in curved parts is removed. "
-    "Default: 0.35, with a sigma that allows 0 to 0.6.",
+    "Default: 0.28, with a sigma that allows 0 to 0.6.",
 )
 @click.option(
     "--profile",

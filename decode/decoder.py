@@ -58,7 +58,7 @@ def decode(
     response     camera level against displayed level, inverted first
     blur_px      rms blur between display and camera, cells; default: bounded by the fringes' contrast
     lens_px      rms blur of the camera's lens, its pixels (4 at most), which smooths the map; its effect is
-                 corrected; default: 0.35, with a sigma that allows 0 to 0.6 (a slanted edge, ISO 12233)
+                 corrected; default: 0.28, with a sigma that allows 0 to 0.6 (a slanted edge, ISO 12233)
     on_cells     the display shows frames on the cells of a surface of the sequence's size, see Frame.tables,
                  dark around it. False: ideal cosines without a border
     mask         (H, W) bool: pixels to decode, the others are INVALID

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.kernels import inlined, kernel
+from optolever.kernels import exact, inlined
 
 from .plan import AxisPlan
 from .records import Flag
@@ -36,13 +36,13 @@ U16 = NDArray[np.uint16]
 #: Rows that a block needs on either side of its result.
 HALO = 4
 #: Usual blur of a camera's lens, and of a soft one, px of the camera; of a display, cells.
-_LENS, _SOFT, _BLUR = 0.35, 0.6, 0.6
+_LENS, _SOFT, _BLUR = 0.2, 0.6, 0.6
 #: Squared standard deviations beyond which neighbours contradict; thresholds of third differences and of the
 #: residual to the quadratic, over noise; one over the share of noise in it.
 _SURE2, _THIRD, _REST, _OFF2 = np.float32(25), np.float32(1.2), np.float32(1.6), np.float32(175 / 148)
 #: Squared shares of a step between neighbours: beside flagged pixels, one further; least variance, px^2; the
 #: display's border is flagged up to so many of its reaches.
-_RIM2, _SECOND2, _LEAST, _REACH = np.float32(0.09), np.float32(0.0036), np.float32(1e-4), np.float32(1.2)
+_RIM2, _SECOND2, _LEAST, _REACH = np.float32(0.09), np.float32(0.0036), np.float32(1e-4), np.float32(2.0)
 _ZERO, _ONE = np.float32(0), np.float32(1)
 _OUTLIER, _OFF, _FINE = np.uint16(Flag.OUTLIER), np.uint16(Flag.OFF_PATTERN), 5
 
@@ -122,7 +122,7 @@ def _agrees(off: np.float32, variance: np.float32, jump: np.float32) -> bool:
     return bool(beyond < _ZERO or beyond * beyond < _SURE2 * variance)
 
 
-@kernel
+@exact
 def _cleaned(
     place: F32, variance: F32, amplitude: F32, flags: U16, limits: F32, clean: F32, found: U16
 ) -> None:
@@ -182,7 +182,7 @@ def _cleaned(
             good[x] = _ONE if out[x] == 0 else _ZERO
 
 
-@kernel
+@exact
 def _shared(
     clean: F32, chi2: F32, dof: np.float32, scale: F32, windows: F32, row_of: NDArray[np.int64]
 ) -> None:
@@ -288,7 +288,7 @@ def _shared(
             out[x] = level if level > one else one
 
 
-@kernel
+@exact
 def _edge(
     p: F32, clean: F32, amplitude: F32, y: int, x: int, full: np.float32, limits: F32
 ) -> tuple[np.float32, np.float32]:
@@ -335,7 +335,7 @@ def _edge(
     return extra + np.float32(0.16) * reach2 * np.exp(-inside * inside), t
 
 
-@kernel
+@exact
 def _thirds(
     q: F32, q1: F32, q2: F32, q3: F32, noise: F32, ok: F32, padded: F32, down: bool, out: F32
 ) -> None:
@@ -356,7 +356,7 @@ def _thirds(
             out[x] = padded[x] + padded[x + 1] + padded[x + 2] + padded[x + 3]
 
 
-@kernel
+@exact
 def _bent(
     q1: F32, q2: F32, q: F32, q3: F32, q4: F32, whole: F32, s0: F32, s2: F32, square: F32, lap: F32, rest: F32
 ) -> None:
@@ -383,7 +383,7 @@ def _bent(
         rest[x] = square[x] + square[x + 1] + square[x + 2]
 
 
-@kernel
+@exact
 def _joined(
     rows: F32,
     columns: F32,
@@ -424,7 +424,7 @@ def _joined(
         out[x] = np.sqrt(out[x] if out[x] > _LEAST else _LEAST)
 
 
-@kernel
+@exact
 def _placed(
     upper: F32, q: F32, lower: F32, lap: F32, whole: F32, clean: F32, limits: F32, to: F32, slow: F32
 ) -> np.float32:
@@ -450,7 +450,7 @@ def _placed(
     return some
 
 
-@kernel
+@exact
 def _axis(
     p: F32,
     v: F32,

@@ -19,16 +19,18 @@ __all__ = ["estimate", "variance"]
 F64 = NDArray[np.float64]
 #: Relative error of a contrast, by a display's response; side of a neighbourhood, and fewest pixels.
 _CONTRAST, _SQUARE, _FEWEST = 0.02, 32, 64
-#: Negligible share of sigma.
-_SLIGHT = 0.1
+#: Negligible share of sigma; share of the variance of sharp cells that a blur of 0 to 0.9 cells leaves in the mean:
+#: the sidebands fall as exp(-2 (pi b)^2), their square to 0.141 / 0.9.
+_SLIGHT, _LIKELY = 0.1, 0.16
 
 
 def estimate(view: View, blur: float | None) -> Estimate | None:
     """The blur, cells rms, known or at least; None where it costs nothing."""
+    sigma = 0.0
     if blur is None:
         bounds = [_bound(view, axis, place) for axis, place in zip(view.plan.axes, view.place, strict=True)]
-        blur = max((one for one in bounds if one is not None), default=0.0)
-    found = Estimate("cells", blur, float("nan"), "cells rms, least blur")
+        blur, sigma = max((one for one in bounds if one is not None), default=0.0), np.nan
+    found = Estimate("cells", blur, sigma, "cells rms, least blur")
     for more, own in zip(variance(view, found), view.variance, strict=True):
         usual = float(np.nanmedian(own)) if np.isfinite(own).any() else np.inf
         if more > _SLIGHT**2 * usual / _SQUARE:  # a sum along a line keeps what is in common
@@ -37,9 +39,10 @@ def estimate(view: View, blur: float | None) -> Estimate | None:
 
 
 def variance(view: View, found: Estimate) -> F64:
-    """Variance (A,), px^2, that neighbours have in common."""
+    """Variance (A,), px^2, that neighbours have in common; of a blur that is only bounded, in the mean."""
     every = zip(view.plan.axes, view.place, strict=True)
-    return np.array([_common(view, axis, place, found.value) for axis, place in every])
+    share = _LIKELY if np.isnan(found.sigma) else 1.0
+    return share * np.array([_common(view, axis, place, found.value) for axis, place in every])
 
 
 def _gradient(view: View, place: F64) -> F64 | None:
