@@ -191,8 +191,10 @@ def _shared(
     the row, down the column are; one over their numbers in 7 x 7, over those of full pixels in 3 x 3, and
     over those of clean ones in 5 x 5."""
     n, width = clean.shape
-    full, row_ok, col_ok, along, down, near, number5 = windows
-    count, z, four, rows = np.zeros((4, width + 6), np.float32)
+    # by index: Numba takes what is unpacked for strided
+    full, row_ok, col_ok, along = windows[0], windows[1], windows[2], windows[3]
+    down, near, number5, pad = windows[4], windows[5], windows[6], np.zeros((4, width + 6), np.float32)
+    count, z, four, rows = pad[0], pad[1], pad[2], pad[3]
     some, three, most = max(dof, _ONE), np.float32(3.5), np.float32(25)
     mean = _ONE + np.float32(1.1314) / np.sqrt(some)  # four deviations of the mean of 25 pixels
     alone = _ONE + np.float32(7.0711) / np.sqrt(some) + np.float32(8) / some
@@ -266,17 +268,17 @@ def _shared(
             for x in range(width):
                 number = count[x] + count[x + 1] + count[x + 2]
                 out[x] = _ONE / number if number > _ZERO else _ZERO
-    total = np.zeros((n + 1, width), np.float32)  # the last row: beyond the block
+    sums = np.zeros((n + 1, width), np.float32)  # the last row: beyond the block
     for y in range(n):
-        c, r, inner, out = clean[y], chi2[y], z[2:], total[y]
+        c, r, inner, out = clean[y], chi2[y], z[2:], sums[y]
         for x in range(width):
             one = share * r[x]
             inner[x] = c[x] * (one if one < most else most)
         for x in range(width):
             out[x] = z[x] + z[x + 1] + z[x + 2] + z[x + 3] + z[x + 4]
     for y in range(n):
-        a, b = total[y - 2 if y > 1 else n], total[y - 1 if y > 0 else n]
-        c, d, e = total[y], total[min(y + 1, n)], total[min(y + 2, n)]
+        a, b = sums[y - 2 if y > 1 else n], sums[y - 1 if y > 0 else n]
+        c, d, e = sums[y], sums[min(y + 1, n)], sums[min(y + 2, n)]
         r, by, out = chi2[y], number5[row_of[y]], scale[y]
         for x in range(width):
             level = (a[x] + b[x] + c[x] + d[x] + e[x]) * by[x]
@@ -334,6 +336,121 @@ def _edge(
 
 
 @kernel
+def _thirds(
+    q: F32, q1: F32, q2: F32, q3: F32, noise: F32, ok: F32, padded: F32, down: bool, out: F32
+) -> None:
+    """Squares of third differences q .. q3, capped, summed along the row: over 7, down columns; over 4, along
+    rows, whose q1 .. q3 are q further on. `padded` is zero at its ends."""
+    width, length = len(out), len(q3)
+    inner, three, most = padded[3:], np.float32(3), np.float32(500)
+    for x in range(length):
+        h = q3[x] - q[x] + three * (q1[x] - q2[x])
+        h, cap = h * h, most * noise[x]
+        inner[x] = (h if h < cap else cap) * ok[x]
+    if down:
+        for x in range(width):
+            total = padded[x] + padded[x + 1] + padded[x + 2] + padded[x + 3]
+            out[x] = total + padded[x + 4] + padded[x + 5] + padded[x + 6]
+    else:
+        for x in range(width):
+            out[x] = padded[x] + padded[x + 1] + padded[x + 2] + padded[x + 3]
+
+
+@kernel
+def _bent(
+    q1: F32, q2: F32, q: F32, q3: F32, q4: F32, whole: F32, s0: F32, s2: F32, square: F32, lap: F32, rest: F32
+) -> None:
+    """Laplacian of the quadratic through 5 x 5 pixels of five rows, and squares of the residual to it, summed
+    over three."""
+    width, four, five, ten = len(q), np.float32(4), np.float32(5), np.float32(10)
+    for x in range(width):
+        s0[x] = q1[x] - q[x] + (q4[x] - q[x]) + (q2[x] - q[x]) + (q3[x] - q[x])
+    for x in range(width):
+        s2[x] = four * (q1[x] - q[x] + (q4[x] - q[x])) + (q2[x] - q[x]) + (q3[x] - q[x])
+    out, inner = lap[2:], square[3:]
+    for x in range(width - 4):
+        mid = q[x + 2]
+        e1, e2, e3, e4 = q[x] - mid, q[x + 1] - mid, q[x + 3] - mid, q[x + 4] - mid
+        ends, inside = five * (e1 + e4) + s0[x] + s0[x + 4], five * (e2 + e3) + s0[x + 1] + s0[x + 3]
+        total = ends + inside + s0[x + 2]
+        curve = s2[x] + s2[x + 1] + s2[x + 2] + s2[x + 3] + s2[x + 4] + ten * (e1 + e2 + e3 + e4)
+        curve = (curve + four * ends + inside - four * total) * np.float32(1 / 35)
+        off = total * np.float32(0.04) - curve
+        out[x] = curve * whole[x + 2]
+        inner[x] = off * off * _OFF2 * whole[x + 2]
+    lap[0] = lap[1] = lap[width - 2] = lap[width - 1] = _ZERO
+    for x in range(width):
+        rest[x] = square[x] + square[x + 1] + square[x + 2]
+
+
+@kernel
+def _joined(
+    rows: F32,
+    columns: F32,
+    rest: F32,
+    y: int,
+    by: tuple[F32, F32, F32],
+    noise: F32,
+    scale: F32,
+    lap: F32,
+    unsure: np.float32,
+    best: F32,
+    extra: F32,
+    out: F32,
+) -> None:
+    """Sigma of row y: noise and its excesses, of rings of rows `rows`, `columns`, `rest`; `extra`."""
+    width, share = len(out), np.float32(0.05)
+    along, down, near = by
+    r0, r1, r2, r3 = rows[(y - 3) & 7], rows[(y - 2) & 7], rows[(y - 1) & 7], rows[y & 7]
+    r4, r5, r6 = rows[(y + 1) & 7], rows[(y + 2) & 7], rows[(y + 3) & 7]
+    for x in range(width):
+        best[x] = r0[x] + r1[x] + r2[x] + r3[x]
+    for x in range(width):
+        best[x] = (best[x] + r4[x] + r5[x] + r6[x]) * along[x]
+    r0, r1, r2, r3 = columns[(y - 3) & 7], columns[(y - 2) & 7], columns[(y - 1) & 7], columns[y & 7]
+    for x in range(width):
+        other = (r0[x] + r1[x] + r2[x] + r3[x]) * down[x]
+        best[x] = best[x] if best[x] > other else other
+    for x in range(width):
+        level, third = noise[x] * scale[x], share * best[x]
+        moved, third = unsure * lap[x], third - _THIRD * level
+        out[x] = level + (third if third > _ZERO else _ZERO) + moved * moved
+    r0, r1, r2 = rest[(y - 1) & 7], rest[y & 7], rest[(y + 1) & 7]
+    for x in range(width):
+        fourth = (r0[x] + r1[x] + r2[x]) * near[x] - _REST * noise[x] * scale[x]
+        fourth = fourth if fourth > _ZERO else _ZERO
+        out[x] += fourth + extra[x]
+    for x in range(width):
+        out[x] = np.sqrt(out[x] if out[x] > _LEAST else _LEAST)
+
+
+@kernel
+def _placed(
+    upper: F32, q: F32, lower: F32, lap: F32, whole: F32, clean: F32, limits: F32, to: F32, slow: F32
+) -> np.float32:
+    """Places without their aperture; clean pixels that _edge judges: by windows that are not whole, a jump
+    in them, or the display's border; how many."""
+    jump, extent, border, aperture = limits[0], limits[1], limits[2], limits[3]
+    width, half, sixteen, some = len(q), np.float32(0.5), np.float32(16), _ZERO
+    steep = np.float32(0.2) * jump  # of the least Laplacian of a jump by 2 jumps, 2/7
+    for x in range(width):
+        to[x] = q[x] - aperture * lap[x]
+    for x in range(width):
+        slow[x] = clean[x] if abs(lap[x]) > steep else (_ONE - whole[x]) * clean[x]
+    if border > _ZERO:
+        inner, outside, up, down = slow[1:], clean[1:], upper[1:], lower[1:]
+        for x in range(width - 2):
+            dx, dy = q[x + 2] - q[x], down[x] - up[x]
+            reach2 = (half * aperture * (dx * dx + dy * dy) + border) * sixteen
+            away, other = q[x + 1] + half, extent - half - q[x + 1]
+            away = away if away < other else other
+            inner[x] = outside[x] if away * abs(away) < reach2 else inner[x]
+    for x in range(width):
+        some += slow[x]
+    return some
+
+
+@kernel
 def _axis(
     p: F32,
     v: F32,
@@ -351,115 +468,55 @@ def _axis(
     """One axis with places within a cell: aperture, excesses over noise, rims and borders. Sums of rows
     lie in rings of 8."""
     n, width = p.shape
-    full, row_ok, col_ok, along, down, near, _ = windows
-    _, extent, border, aperture, unsure, _ = limits
+    # by index: Numba takes what is unpacked for strided
+    full, row_ok, col_ok, along = windows[0], windows[1], windows[2], windows[3]
+    down, near, pad = windows[4], windows[5], np.zeros((8, width + 6), np.float32)
     rings = np.zeros((4, 8, width), np.float32)
-    third_row, third_col, rest, bend = rings
-    by_row, by_col, square, s0, s2, best, slow = np.zeros((7, width + 6), np.float32)  # zero at their ends
-    three, four, five, ten = np.float32(3), np.float32(4), np.float32(5), np.float32(10)
-    half, sixteen, most, share = np.float32(0.5), np.float32(16), np.float32(500), np.float32(0.05)
+    third_row, third_col, rest, bend = rings[0], rings[1], rings[2], rings[3]
+    by_row, by_col, square, s0 = pad[0], pad[1], pad[2], pad[3]  # zero at their ends
+    s2, best, slow, extras = pad[4], pad[5], pad[6], pad[7]
     for k in range(above - 3, above + len(flags) + 3):
-        out, inner = third_row[k & 7], by_row[3:]
-        for x in range(width):
-            out[x] = _ZERO
+        out = third_row[k & 7]
         if 0 <= k < n:
-            q, ok, w = p[k], row_ok[row_of[k]], v[k, 1:]
-            for x in range(width - 3):
-                h = q[x + 3] - q[x] + three * (q[x + 1] - q[x + 2])
-                h, cap = h * h, most * w[x]
-                inner[x] = (h if h < cap else cap) * ok[x]
+            q, ok = p[k], row_ok[row_of[k]]
+            _thirds(q, q[1:], q[2:], q[3:], v[k, 1:], ok, by_row, False, out)
+        else:
             for x in range(width):
-                out[x] = by_row[x] + by_row[x + 1] + by_row[x + 2] + by_row[x + 3]
+                out[x] = _ZERO
         j = k - 3
-        out, inner = third_col[j & 7], by_col[3:]
-        for x in range(width):
-            out[x] = _ZERO
+        out = third_col[j & 7]
         if 0 <= j < n - 3:
-            q, q1, q2, q3, ok, w = p[j], p[j + 1], p[j + 2], p[j + 3], col_ok[row_of[j]], v[j + 1]
+            ok = col_ok[row_of[j]]
+            _thirds(p[j], p[j + 1], p[j + 2], p[j + 3], v[j + 1], ok, by_col, True, out)
+        else:
             for x in range(width):
-                h = q3[x] - q[x] + three * (q1[x] - q2[x])
-                h, cap = h * h, most * w[x]
-                inner[x] = (h if h < cap else cap) * ok[x]
-            for x in range(width):
-                total = by_col[x] + by_col[x + 1] + by_col[x + 2] + by_col[x + 3]
-                out[x] = total + by_col[x + 4] + by_col[x + 5] + by_col[x + 6]
+                out[x] = _ZERO
         j = k - 2
         lap, left = bend[j & 7], rest[j & 7]
-        for x in range(width):
-            lap[x], left[x] = _ZERO, _ZERO
         if 2 <= j < n - 2:
-            q, q1, q2, q3, q4 = p[j], p[j - 2], p[j - 1], p[j + 1], p[j + 2]
+            whole = full[row_of[j]]
+            _bent(p[j - 2], p[j - 1], p[j], p[j + 1], p[j + 2], whole, s0, s2, square, lap, left)
+        else:
             for x in range(width):
-                s0[x] = q1[x] - q[x] + (q4[x] - q[x]) + (q2[x] - q[x]) + (q3[x] - q[x])
-            for x in range(width):
-                s2[x] = four * (q1[x] - q[x] + (q4[x] - q[x])) + (q2[x] - q[x]) + (q3[x] - q[x])
-            whole, out, inner = full[row_of[j], 2:], lap[2:], square[3:]
-            for x in range(width - 4):
-                mid = q[x + 2]
-                e1, e2, e3, e4 = q[x] - mid, q[x + 1] - mid, q[x + 3] - mid, q[x + 4] - mid
-                ends, inside = five * (e1 + e4) + s0[x] + s0[x + 4], five * (e2 + e3) + s0[x + 1] + s0[x + 3]
-                total = ends + inside + s0[x + 2]
-                curve = s2[x] + s2[x + 1] + s2[x + 2] + s2[x + 3] + s2[x + 4] + ten * (e1 + e2 + e3 + e4)
-                curve = (curve + four * ends + inside - four * total) * np.float32(1 / 35)
-                off = total * np.float32(0.04) - curve
-                out[x] = curve * whole[x]
-                inner[x] = off * off * _OFF2 * whole[x]
-            for x in range(width):
-                left[x] = square[x] + square[x + 1] + square[x + 2]
+                lap[x], left[x] = _ZERO, _ZERO
         y, r = k - 3, k - 3 - above
         if r < 0:
             continue
-        at = row_of[y]
-        r0, r1, r2, r3 = (
-            third_row[(y - 3) & 7],
-            third_row[(y - 2) & 7],
-            third_row[(y - 1) & 7],
-            third_row[y & 7],
-        )
-        r4, r5, r6, by = third_row[(y + 1) & 7], third_row[(y + 2) & 7], third_row[(y + 3) & 7], along[at]
+        at, out, lap = row_of[y], sigma[r], bend[y & 7]
+        q, to, whole, mark = p[y], coordinate[r], full[at], flags[r]
         for x in range(width):
-            best[x] = (r0[x] + r1[x] + r2[x] + r3[x] + r4[x] + r5[x] + r6[x]) * by[x]
-        r0, r1, r2, r3 = (
-            third_col[(y - 3) & 7],
-            third_col[(y - 2) & 7],
-            third_col[(y - 1) & 7],
-            third_col[y & 7],
-        )
-        by = down[at]
-        for x in range(width):
-            one, other = best[x], (r0[x] + r1[x] + r2[x] + r3[x]) * by[x]
-            best[x] = share * (one if one > other else other)
-        r0, r1, r2, by = rest[(y - 1) & 7], rest[y & 7], rest[(y + 1) & 7], near[at]
-        for x in range(width):
-            s0[x] = (r0[x] + r1[x] + r2[x]) * by[x]
-        out, w, by, lap = sigma[r], v[y], scale[y], bend[y & 7]
-        for x in range(width):
-            noise, moved = w[x] * by[x], unsure * lap[x]
-            third, fourth = best[x] - _THIRD * noise, s0[x] - _REST * noise
-            third, fourth = third if third > _ZERO else _ZERO, fourth if fourth > _ZERO else _ZERO
-            out[x] = noise + third + fourth + moved * moved
-        q, to, whole, c = p[y], coordinate[r], full[at], clean[y]
-        for x in range(width):
-            to[x] = q[x] - aperture * lap[x]
-        for x in range(width):
-            slow[x] = (_ONE - whole[x]) * c[x]
-        upper, lower, inner, outside = p[max(y - 1, 0)], p[min(y + 1, n - 1)], slow[1:], c[1:]
-        if border > _ZERO:
-            for x in range(width - 2):
-                dx, dy = q[x + 2] - q[x], lower[x + 1] - upper[x + 1]
-                reach2 = (half * aperture * (dx * dx + dy * dy) + border) * sixteen
-                away, other = q[x + 1] + half, extent - half - q[x + 1]
-                away = away if away < other else other
-                inner[x] = outside[x] if away * abs(away) < reach2 else inner[x]
-        some, mark = _ZERO, flags[r]
-        for x in range(width):
-            some += slow[x]
+            extras[x] = _ZERO
+        some = _placed(p[max(y - 1, 0)], q, p[min(y + 1, n - 1)], lap, whole, clean[y], limits, to, slow)
         if some > _ZERO:
             for x in range(width):
                 if slow[x] > _ZERO:
-                    extra, t = _edge(p, clean, amplitude, y, x, whole[x], limits)
-                    out[x] += extra
+                    extras[x], t = _edge(p, clean, amplitude, y, x, whole[x], limits)
                     if t < _REACH:
                         mark[x] |= _OFF
-        for x in range(width):
-            out[x] = np.sqrt(out[x] if out[x] > _LEAST else _LEAST)
+                    if whole[x] > _ZERO:
+                        rise = p[y - 2, x] + p[y + 2, x] - q[x] - q[x]
+                        run = q[x - 2] + q[x + 2] - q[x] - q[x]
+                        if max(abs(rise), abs(run)) > limits[0] + limits[0]:
+                            to[x] = q[x]  # a jump has no Laplacian
+        by = along[at], down[at], near[at]
+        _joined(third_row, third_col, rest, y, by, v[y], scale[y], lap, limits[4], best, extras, out)

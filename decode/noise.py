@@ -22,11 +22,13 @@ F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 Residuals = tuple[F64, F64]
 #: Share of a pixel's half contrast from which on a bit is bright or dark, and not at an edge.
-_FULL = 0.7
+_FULL = 0.8
 #: Deviations of the trimming, and the remaining share of a normal variance.
 _TRIM, _REMAINING = 3.0, 0.9733
 #: Bins by level; fewest residuals of a bin (18 %); largest number of residuals of a kind.
 _BINS, _FEWEST, _MOST = 12, 64, 1 << 17
+#: Fewest differences of codes, dark and bright, that make residuals of fringes unnecessary (4 %).
+_ENOUGH = 2048
 #: Relative error of a bin's variance beyond chance, so that no bin decides alone.
 _UNSURE = 0.03
 
@@ -70,10 +72,20 @@ def fit_noise(plan: Plan, sample: Sample, rounding: float = 1 / 12) -> Noise:
     levels, first = sample.levels.astype(np.float64), sample.adjacent(3)
     groups = constraints(plan, len(levels))
     rows = np.concatenate(groups[:-1] or groups) if groups else np.zeros((0, len(levels)))
-    kinds = [_of_rows(rows, levels, first), _of_codes(plan, levels, sample.adjacent(5))]
+    kinds = [_of_codes(plan, levels, sample.adjacent(5))]
+    if not _two_levels(kinds[0][0]):  # a display's gamma makes residuals of fringes oscillate along a row
+        kinds.append(_of_rows(rows, levels, first))
     if sum(len(one) for one, _ in kinds) < _FEWEST:
         kinds = [_of_rows(np.eye(len(levels)), levels, first)]
     return _line(kinds, rounding)
+
+
+def _two_levels(level: F64) -> bool:
+    """Both terms of a variance follow: enough levels in the lowest and in the highest third."""
+    if not len(level):
+        return False
+    low, high = level.max() / 3, level.max() * 2 / 3
+    return min(np.count_nonzero(level < low), np.count_nonzero(level > high)) >= _ENOUGH
 
 
 def _of_rows(rows: F64, levels: F64, first: NDArray[np.int64]) -> Residuals:
@@ -103,12 +115,14 @@ def _of_codes(plan: Plan, levels: F64, first: NDArray[np.int64]) -> Residuals:
     seen = levels[frames]
     first = first[:: 1 + len(frames) * len(first) // _MOST]
     with np.errstate(invalid="ignore"):
-        low, high = np.fmin.reduce(seen), np.fmax.reduce(seen)
-        share = (2 * seen - low - high) / np.maximum(high - low, 1e-6)
+        # a mean of the five selects without regard to their second differences
+        mean = np.mean([seen[:, first + k] for k in range(5)], axis=0)
+        low, high = np.fmin.reduce(mean), np.fmax.reduce(mean)
+        share = (2 * mean - low - high) / np.maximum(high - low, 1e-6)
         state = (share > _FULL).astype(np.int8) - (share < -_FULL)
         found = []
         for one in (1, -1):
-            full = np.logical_and.reduce([state[:, first + k] == one for k in range(5)])
+            full = state == one
             at = np.arange(len(frames))[:, None]
             before = np.maximum.accumulate(np.where(full, at, -1), axis=0)
             for i in range(1, len(frames)):  # the nearest frame before of the same state
@@ -159,15 +173,14 @@ def _line(kinds: list[Residuals], rounding: float) -> Noise:
     model = np.maximum(np.median(y), rounding)
     for _ in range(8):  # weights of the line itself: those of the bins favour low variances
         design = np.stack([np.ones_like(x), x], axis=1) / (error * model)[:, None]
-        normal = design.T @ design + np.diag([1e-12, 1e-12])
-        read2, gain = np.linalg.solve(normal, design.T @ (y / (error * model)))
-        if gain <= 0 or len(x) < 3:
+        read2, gain = np.linalg.lstsq(design, y / (error * model), rcond=None)[0]
+        if gain <= 0 or len(x) < 2:
             read2, gain = float(np.average(y, weights=error**-2.0)), 0.0
         elif read2 < rounding:
             read2 = rounding
             gain = float(np.average((y - rounding) / np.maximum(x, 1e-6), weights=(x / (error * model)) ** 2))
         model = read2 + gain * np.maximum(x, 0.0)
-    sigma = np.sqrt(np.diag(np.linalg.inv(normal)))
-    if len(x) < 3 or gain <= 0:  # one level only: the gain is not known
+    sigma = np.sqrt(np.diag(np.linalg.pinv(design.T @ design)))
+    if len(x) < 2 or gain <= 0:  # one level only: the gain is not known
         sigma = np.array([read2 / np.sqrt((error**-2.0).sum()), np.nan])
     return Noise(max(float(read2), rounding), max(float(gain), 0.0), float(sigma[0]), float(sigma[1]))

@@ -19,6 +19,8 @@ __all__ = ["estimate", "variance"]
 F64 = NDArray[np.float64]
 #: Level, share of the half contrast, below which a pixel is at an edge; fewest of them in a part; chance.
 _EDGE, _FEWEST, _CHANCE = 0.5, 6, 1e-6
+#: Limit of a residual, over the 0.9 quantile of its bit (four deviations).
+_FAR = 2.5
 #: Parts of the image along each side: a motion of either sign within a part hides it.
 _SIDES = (6, 7, 8, 9)
 
@@ -92,5 +94,8 @@ def _edges(view: View, axis: AxisPlan, place: F64) -> list[tuple[float, NDArray[
         nearest = np.abs(place[keep, None] - edge).argmin(axis=1)
         rising = np.where(bright[at[nearest]] > 0, 1.0, -1.0)
         away, level = place[keep] - edge[nearest], level[keep] * rising
+        proportional = np.median(away * level) / max(np.median(level * level), 1e-6) * level
+        far = _FAR * np.quantile(np.abs(away - proportional), 0.9)  # rims are no motion
+        away = proportional + np.clip(away - proportional, -far, far)
         found.append((float(np.mean(shown)) - then, np.flatnonzero(keep), away, level))
     return found

@@ -9,10 +9,10 @@ import pytest
 from optolever.decode import Correspondence, SharedNoise, decode
 from optolever.errors import InputError
 from optolever.patterns import Sequence, sequence_from_text
-from optolever.projector import WHITE_NOISE_SENSOR, capture
+from optolever.projector import capture
 from optolever.scene import dent, load, resize
 
-RIG = replace(resize(load("prism48", exact=True), 150, 200), sensor=WHITE_NOISE_SENSOR)
+RIG = resize(load("prism48", exact=True), 150, 200)
 SURFACE = dent("gaussian", RIG, peak=0.2, sigma=6.0)
 CODES = ("gray+phase", "phase", "phase:steps=3,periods=8.74/8.06/8", "micro-phase")
 
@@ -72,17 +72,6 @@ def test_a_lamp_that_flickers(clean: tuple[np.ndarray, Sequence]) -> None:
     assert min(found.frames_u, found.frames_v) > 0.15
     assert max(found.rows, found.cols) < 0.02
     assert max(found.shift_u, found.shift_v) < 1e-4  # what cells leave
-
-
-def told_of(frames: np.ndarray, shown: Sequence, rng: np.random.Generator) -> SharedNoise | None:
-    """What is told of frames with noise of one level."""
-    seen = np.rint(frames + rng.standard_normal(frames.shape)).clip(0, 255).astype(np.uint8)
-    return decode(seen, shown).shared_noise
-
-
-def px(at: np.ndarray) -> float:
-    """Pattern pixels of a camera pixel, usually."""
-    return float(np.nanmedian(np.hypot(*np.gradient(at))))
 
 
 def test_saved_and_loaded(tmp_path: Path) -> None:
