@@ -6,7 +6,10 @@
 | `decoder`    | `decode`; `Decoder`, `estimate_profile`: many captures of one rig                        |
 | `profile`    | `RigProfile`: noise and effects of one rig; `Settings`                                   |
 | `plan`       | a sequence as periods, bits, references, levels; the constraints that it obeys           |
+| `capture`    | one capture: sample, noise, effects, tables, maps                                        |
+| `exposures`  | captures under several exposures: every pixel takes its best                             |
 | `frames`     | frames validated: type, unit, white level, response; pixels from all over them           |
+| `response`   | the camera's response, from a table or measured                                          |
 | `noise`      | variance of a camera level, from lit pixels                                              |
 | `pixels`     | levels of one pixel -> place, variance, amplitude, residual, flags; row by row           |
 | `neighbours` | pixels against their neighbours: aperture, rims, jumps, roughness                        |

@@ -8,6 +8,7 @@ It may import every module of `optolever`; tests alone import it.
 | `figures/` | figures beside their limits |
 | - `figures.py` | run_figures; reflection by brute force, which checks scene.trace |
 | - `decode_speed.py`, `decode_errors.py` | the decoder: speed, and errors beside what noise allows |
+| - `renderer_speed.py` | frames per second drawn, read back, captured |
 | - `solver_figures.py`, `solver_bound.py` | the solver: exactness, time; its noise and the bound |
 | - `cliffs.py` | a cliff behind a mask, and the plain robust integration of it |
 | - `contacts.py` | contacts on rigs drawn from the priors, against their total sigma |

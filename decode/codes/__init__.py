@@ -5,6 +5,7 @@
 | `fringe` | phase, its variance, amplitude, residual; harmonics and aliasing                       |
 | `bits`   | interval of the cells that stay possible                                               |
 | `orders` | fringe orders: ladder, close periods; their posterior                                  |
+| `match`  | samples of a pixel against codewords, compiled                                         |
 | `lookup` | known levels: stripes, spots, micro phase, free grey values                            |
 """
 

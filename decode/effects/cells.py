@@ -67,21 +67,28 @@ def _bound(view: View, axis: AxisPlan, place: F64) -> float | None:
     if not axis.fringes or step is None:
         return None
     fine = axis.fringes[-1]
-    own = float(np.nanmedian(_amplitude(fine.inverse @ levels[list(fine.index)])))
+    own = _median(_amplitude(fine.inverse @ levels[list(fine.index)]))
     if len(axis.fringes) > 1:
         coarse = axis.fringes[0]
         whole, per2 = (
-            float(np.nanmedian(_amplitude(coarse.inverse @ levels[list(coarse.index)]))),
+            _median(_amplitude(coarse.inverse @ levels[list(coarse.index)])),
             coarse.period**-2,
         )
     elif min(plan.white, plan.black) >= 0:
-        whole, per2 = float(np.nanmedian(levels[plan.white] - levels[plan.black])) / 2, 0.0
+        whole, per2 = _median(levels[plan.white] - levels[plan.black]) / 2, 0.0
     else:
+        return None
+    if not np.isfinite([whole, own]).all():  # white that clips everywhere
         return None
     total = (np.log(max(whole, 1e-6) / max(own, 1e-6)) - _CONTRAST) / (
         2 * np.pi**2 * (fine.period**-2 - per2)
     )
     return float(np.sqrt(max(total - (1 + float(np.median(np.square(step).sum(axis=0)))) / 12, 0.0)))
+
+
+def _median(values: F64) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else np.nan
 
 
 def _amplitude(fit: F64) -> F64:

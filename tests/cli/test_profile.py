@@ -1,6 +1,7 @@
 """`optolever decode --save-profile`, `--profile`: a rig estimated once."""
 
 import json
+import math
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +27,9 @@ def test_a_profile_is_kept_and_decoded_by(
     refused([*decode, "--profile", profile], kept if kept == "rig.npz" else "--save-profile")
     optolever(*decode, "--save-profile", profile, "--json", numbers)
     rows = {row["name"]: row for row in json.loads(numbers.read_text())["profile"]}
-    assert rows["read noise"]["value"] == pytest.approx(1.04, abs=0.05)
+    read, gain = rows["read noise"]["value"], rows["noise gain"]["value"]
+    # in the middle of the levels, where read noise and photons meet: 1 + 1/12 + (L - dark) / 30 electrons
+    assert math.sqrt(read**2 + gain * 128) == pytest.approx(math.sqrt(1 + 1 / 12 + (128 - 15) / 30), rel=0.05)
     assert rows["read noise"]["sigma"] < 0.05
     alone = Correspondence.load(out)
     outcome = optolever(*decode, "--profile", profile)

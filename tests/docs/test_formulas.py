@@ -393,16 +393,18 @@ def test_the_image_of_a_ball(radius: float) -> None:
 
 @holds(
     BALL,
-    "Pixels of s mm on the mirror therefore need R > s D / (2 p)",
-    "Up to 4 cells from pixel to pixel decode.",
+    "Pixels of s mm on the mirror therefore need R > 2 s D / (5 p)",
+    "Up to 5 cells from pixel to pixel decode.",
 )
 def test_radius_of_a_ball_that_decodes() -> None:
     rig = load("prism48")
     near = scene_window(rig, 265, 365, 70, 70)
     _, way, width = step_at_apex(near, plane(0.0, 0.0))
-    least = width * way / (2 * rig.pattern.pitch)
-    assert number(BALL, r"R > s D / \(2 p\): (\d+) mm in the middle of") == said(least, 0)
+    least = 2 * width * way / (5 * rig.pattern.pitch)
+    assert number(BALL, r"R > 2 s D / \(5 p\): (\d+) mm in the middle of") == said(least, 0)
     small, usable = number(BALL, r"There R = (\d+) mm is"), number(BALL, r"too small, (\d+) mm works")
+    across = 2 * width * way / (usable * rig.pattern.pitch)
+    assert number(BALL, r"mm works \((\d+\.\d) cells\)") == said(across, 1)
     shown = sequence("gray+phase", rig.pattern.rows, rig.pattern.cols)
     for radius, enough in ((small, False), (1.1 * least, True), (usable, True)):
         surface = ball(radius, 0.05, *APEX)
