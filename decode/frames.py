@@ -1,4 +1,5 @@
-"""The camera's frames: unit, levels, white level, response inverted, and a sample of pixels from all over them."""
+"""The camera's frames: unit, levels, white level, response inverted, and a sample of pixels from all over
+them."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -37,8 +38,8 @@ _BRIGHT = 128.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Levels:
-    """frames (N, H, W), floats scaled to levels of 8 bits, so that no result depends on their unit; lost (H, W):
-    pixels that are not finite in some frame, or None; unit: levels per unit of the given frames."""
+    """frames (N, H, W), floats scaled to levels of 8 bits, so that no result depends on their unit; lost (H,
+    W): pixels that are not finite in some frame, or None; unit: levels per unit of the given frames."""
 
     frames: NDArray[Any]
     lost: NDArray[np.bool_] | None = None

@@ -85,7 +85,7 @@ def _two_levels(level: F64) -> bool:
     if not len(level):
         return False
     low, high = level.max() / 3, level.max() * 2 / 3
-    return min(np.count_nonzero(level < low), np.count_nonzero(level > high)) >= _ENOUGH
+    return bool(min(np.count_nonzero(level < low), np.count_nonzero(level > high)) >= _ENOUGH)
 
 
 def _of_rows(rows: F64, levels: F64, first: NDArray[np.int64]) -> Residuals:

@@ -130,9 +130,17 @@ def pixel_rows(
                 amplitude, offset = f[15], f[11]
                 if tables.close[a]:
                     compare_row(
-                        phases[:count], variances[:count], tables.fringes.period[a, :count], tables.orders[a],
-                        f[:6], place, variance, work, chi2, flags,
-                    )  # fmt: skip
+                        phases[:count],
+                        variances[:count],
+                        tables.fringes.period[a, :count],
+                        tables.orders[a],
+                        f[:6],
+                        place,
+                        variance,
+                        work,
+                        chi2,
+                        flags,
+                    )
                     _most(work, error)
             elif not tables.given[a]:
                 fit = Fit(f[11], f[12], f[13], f[14], phases[0], variances[0], f[15], top)
@@ -180,14 +188,27 @@ def _most(one: F32, error: F32) -> None:
 
 @kernel
 def _take(
-    found: Lines, a: int, r: int, place: F32, variance: F32, amplitude: F32, offset: F32, error: F32, chi2: F32,
+    found: Lines,
+    a: int,
+    r: int,
+    place: F32,
+    variance: F32,
+    amplitude: F32,
+    offset: F32,
+    error: F32,
+    chi2: F32,
     flags: I32,
-) -> None:  # fmt: skip
+) -> None:
     """Lines of a look-up."""
     p, v, m, o, e, c, g = (
-        found.place[a, r], found.variance[a, r], found.amplitude[a, r], found.offset[a, r], found.error[a, r],
-        found.chi2[a, r], found.flags[a, r],
-    )  # fmt: skip
+        found.place[a, r],
+        found.variance[a, r],
+        found.amplitude[a, r],
+        found.offset[a, r],
+        found.error[a, r],
+        found.chi2[a, r],
+        found.flags[a, r],
+    )
     for x in range(place.size):
         place[x], variance[x], amplitude[x], offset[x] = p[x], v[x], m[x], o[x]
         error[x] = max(error[x], e[x])
@@ -215,9 +236,17 @@ def _ends(
 
 @kernel
 def _merge(
-    first: bool, noise: tuple[np.float32, np.float32], limits: tuple[np.float32, np.float32, np.float32, np.float32],
-    place: F32, variance: F32, amplitude: F32, offset: F32, flags: I32, least: F32, mean: F32,
-) -> None:  # fmt: skip
+    first: bool,
+    noise: tuple[np.float32, np.float32],
+    limits: tuple[np.float32, np.float32, np.float32, np.float32],
+    place: F32,
+    variance: F32,
+    amplitude: F32,
+    offset: F32,
+    flags: I32,
+    least: F32,
+    mean: F32,
+) -> None:
     """Flags of one axis; amplitude and offset of both."""
     (read2, gain), (contrast2, extent, more, dim), none = noise, limits, np.int32(0)
     for x in range(place.size):

@@ -90,11 +90,21 @@ def bit_tables(plan: Plan, axes: list[AxisPlan]) -> BitTables:
     a, b = len(axes), max((len(code.plain) for code in codes if code), default=0)
     size = max((len(code.cells) for code in codes if code), default=1)
     out = BitTables(
-        np.zeros(a, np.int64), np.zeros(a, np.int64), np.zeros(a, np.int64), np.full((a, b), -1), np.full((a, b), -1),
-        np.zeros((a, size), np.int32), np.zeros(a, bool), np.full(a, 0.5, np.float32), np.full(a, 1e9, np.float32),
-        np.ones(a, np.float32), np.zeros(a, np.float32),
-        plan.white, plan.black, np.array(_code_frames(axes), np.int64),
-    )  # fmt: skip
+        np.zeros(a, np.int64),
+        np.zeros(a, np.int64),
+        np.zeros(a, np.int64),
+        np.full((a, b), -1),
+        np.full((a, b), -1),
+        np.zeros((a, size), np.int32),
+        np.zeros(a, bool),
+        np.full(a, 0.5, np.float32),
+        np.full(a, 1e9, np.float32),
+        np.ones(a, np.float32),
+        np.zeros(a, np.float32),
+        plan.white,
+        plan.black,
+        np.array(_code_frames(axes), np.int64),
+    )
     for i, (axis, code) in enumerate(zip(axes, codes, strict=True)):
         if code is None:
             continue

@@ -1,10 +1,11 @@
 """Look-ups: a pixel's samples against known levels.
 
-Two kinds. Stripes swept over an axis, and spots in a raster: the brightest frame and its neighbours. A table of
-anything else: fringes of one or two shifts (micro phase shifting: M. Gupta, S. K. Nayar, CVPR 2012,
-doi:10.1109/CVPR.2012.6247753) and free grey values. The levels of each place of the surface through a pixel (cell,
-footprint, blur) are known, with a codeword for each eighth of a pattern pixel; see `match`. The spread of pixel and
-blur is the likeliest one on a sample of pixels.
+Two kinds. Stripes swept over an axis, and spots in a raster: the brightest frame and its neighbours. A table
+of anything else: fringes of one or two shifts (micro phase shifting: M. Gupta, S. K. Nayar, CVPR 2012,
+doi:10.1109/CVPR.2012.6247753) and free grey values. The levels of each place of the surface through a pixel
+(cell,
+footprint, blur) are known, with a codeword for each eighth of a pattern pixel; see `match`. The spread of
+pixel and blur is the likeliest one on a sample of pixels.
 """
 
 import math
@@ -58,8 +59,9 @@ _KEPT = 40
 
 
 class Lines(NamedTuple):
-    """Output of one axis for rows of an image, each (R, W): place and variance (pattern px, px^2), amplitude and
-    offset (levels), error (probability of a wrong place), chi2 (sum of squares over noise) float32; flags int32."""
+    """Output of one axis for rows of an image, each (R, W): place and variance (pattern px, px^2), amplitude
+    and offset (levels), error (probability of a wrong place), chi2 (sum of squares over noise) float32; flags
+    int32."""
 
     place: F32
     variance: F32
@@ -71,8 +73,8 @@ class Lines(NamedTuple):
 
 
 class Optics(NamedTuple):
-    """Between a cell and a sample: spread, rms, pattern px (0: an ideal surface without cells), and the Gaussian
-    blur's share of its variance; the rest is a square footprint."""
+    """Between a cell and a sample: spread, rms, pattern px (0: an ideal surface without cells), and the
+    Gaussian blur's share of its variance; the rest is a square footprint."""
 
     spread: float
     share: float
@@ -91,10 +93,10 @@ class LookUp(NamedTuple):
 class Table:
     """Known levels of one axis.
 
-    book     codewords; frames (K, n, S): n samples, each the mean of S frames, of each place of a sweep (K = 1: of
-             anything else); block, first (K,): block of the book, and coordinate of its first codeword
-    unsure   variance of places by optics that are not known, px^2; misfit2: variance of the residuals beyond noise
-             over the squared contrast
+    book     codewords; frames (K, n, S): n samples, each the mean of S frames, of each place of a sweep (K =
+             1: of anything else); block, first (K,): block of the book, and coordinate of its first codeword
+    unsure   variance of places by optics that are not known, px^2; misfit2: variance of the residuals beyond
+             noise over the squared contrast
     noise    of the camera, from the residuals; None: it was known
     """
 
@@ -119,8 +121,8 @@ class Table:
 
 
 class _Found(NamedTuple):
-    """Of K pixels: samples (K, n), block of the book, codeword; place in px (NaN: none), variance, scale, offset,
-    chi2 over freedom, error."""
+    """Of K pixels: samples (K, n), block of the book, codeword; place in px (NaN: none), variance, scale,
+    offset, chi2 over freedom, error."""
 
     samples: F32
     block: I64
@@ -172,7 +174,8 @@ def lookup_rows(light: Light, noise: Noise, table: Table, start: int, stop: int,
 def _matched(
     light: Light, raw: NDArray[Any], cols: int, noise: Noise, table: Table, start: F64 | None = None
 ) -> _Found:
-    """Match pixels (N, K) of rows of `cols`; start (K,): coordinates from which the match begins (NaN: none)."""
+    """Match pixels (N, K) of rows of `cols`; start (K,): coordinates from which the match begins (NaN:
+    none)."""
     count, stripes = raw.shape[1], table.axis.stripes
     at, begin = np.zeros(count, np.int64), np.full(count, -1, np.int64)
     if stripes is not None:
@@ -250,8 +253,8 @@ def prepare(
 ) -> LookUp:
     """Estimates of an axis, with the spread that is likeliest on a sample of lit pixels.
 
-    noise: None if unknown, then from the residuals; blur: rms, pattern px, if known; on_cells: the display shows
-    fringes on cells, else they may be ideal.
+    noise: None if unknown, then from the residuals; blur: rms, pattern px, if known; on_cells: the display
+    shows fringes on cells, else they may be ideal.
     """
 
     few = sample.levels[:, :: max(1, -(-sample.levels.shape[1] // _PIXELS))].astype(np.float32)
@@ -338,10 +341,11 @@ def _costs(trials: list[_Trial]) -> F64:
 
 
 def _crowding(table: Table, found: _Found) -> float:
-    """Variance of places (px^2) by wrong optics: they shift places within each cell, and crowd evenly spread ones.
+    """Variance of places (px^2) by wrong optics: they shift places within each cell, and crowd evenly spread
+    ones.
 
-    A density of 1 + 2 c cos(2 pi h u) follows from shifts of c / (pi h) cells. The posterior of a place spreads it.
-    """
+    A density of 1 + 2 c cos(2 pi h u) follows from shifts of c / (pi h) cells. The posterior of a place
+    spreads it."""
     used, cell = np.isfinite(found.variance), table.book.cell / PER_PX
     place, variance, total = found.place[used] / cell, found.variance[used] / cell**2, 0.0
     for h in (1, 2):
@@ -355,7 +359,8 @@ def _beyond(table: Table, found: _Found, noise: Noise) -> float:
     used = np.isfinite(found.variance)
     usual = (1 - 2 / (9 * table.dof)) ** 3  # of chi2 over its freedom, for noise alone
     excess = float(np.median(found.chi2[used])) / usual - 1 if used.any() else 0.0
-    chance = 4 * math.sqrt(2 / (table.dof * max(np.count_nonzero(used), 1)))
+    count = int(np.count_nonzero(used))
+    chance = 4 * math.sqrt(2 / (table.dof * max(count, 1)))
     own = noise.variance(found.offset[used]) / np.square(found.scale[used]) / table.frames.shape[2]
     return excess * float(np.median(own)) if excess > chance else 0.0
 
@@ -398,7 +403,8 @@ def _frames_of(plan: Plan, axis: AxisPlan) -> tuple[int, ...]:
 
 @lru_cache(maxsize=_KEPT)
 def _table(sequence: Sequence, name: str, optics: Optics, index: tuple[int, ...], search: bool) -> Table:
-    """Table of any levels at the places -1 + k / PER_PX; search: over the whole surface, else from given places."""
+    """Table of any levels at the places -1 + k / PER_PX; search: over the whole surface, else from given
+    places."""
     axis = next(one for one in _axes(sequence) if one.axis == name)
     frames = [sequence.frames[i] for i in index]
     if optics.spread == 0:
@@ -504,8 +510,8 @@ def _surface(words: F32, reach: int) -> tuple[F32, I64, F32]:
 
 @lru_cache(maxsize=_KEPT)
 def _sweep(sequence: Sequence, name: str, optics: Optics) -> Table:
-    """Raised cosines around each place of a sweep, over as many frames as illuminate one place; of spots the mean
-    over as many along the other axis: their light is a product."""
+    """Raised cosines around each place of a sweep, over as many frames as illuminate one place; of spots the
+    mean over as many along the other axis: their light is a product."""
     axis = next(one for one in _axes(sequence) if one.axis == name)
     stripes, spread = axis.stripes, optics.spread
     assert stripes is not None

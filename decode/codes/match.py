@@ -1,6 +1,8 @@
-"""Compiled: samples of a pixel against codewords, v = o + a t(u), t a polyline through codewords at close places.
+"""Compiled: samples of a pixel against codewords, v = o + a t(u), t a polyline through codewords at close
+places.
 
-Codewords are stored without their mean, which removes the offset: y = v - mean(v) is compared with z(f) = z_q +
+Codewords are stored without their mean, which removes the offset: y = v - mean(v) is compared with z(f) =
+z_q +
 f d_q, d_q = z_(q+1) - z_q. A descent by unweighted squares finds the segment, from the place before or from a
 search over the surface; squares weighted by the noise of each level then give place, variance and chi2.
 """
@@ -41,8 +43,8 @@ class Book(NamedTuple):
 
     words    (B, Q, n filled up) z;  angles (B, Q, 4): |z|^2, z.d, |d|^2, mean
     coarse   (n, P) unit codewords of the search over the surface; P = 0: no search
-    rivals   (P, RIVALS) the most similar ones elsewhere, descending; apart (RIVALS + 1, P, 2): sine and cosine of
-             the angles to them and to the next one
+    rivals   (P, RIVALS) the most similar ones elsewhere, descending; apart (RIVALS + 1, P, 2): sine and
+             cosine of the angles to them and to the next one
     reach    codewords around a place that are the same place; cell: codewords of a cell
     """
 
@@ -153,7 +155,8 @@ def _highest(score: F32, place: I64, value: F64) -> int:
 def _compared(
     y: F32, used: F32, sums: _Sums, book: Book, places: I64, noise: Real, first: _Walk
 ) -> tuple[_Walk, float]:
-    """Best of a first result and of those from coarse codewords at other places; probability of another one."""
+    """Best of a first result and of those from coarse codewords at other places; probability of another
+    one."""
     left, found = np.empty(places.size + 1), np.empty(places.size + 1)
     per, fit = PER_PX // COARSE, first
     left[0], found[0] = first[2], first[0] + first[1]
@@ -221,7 +224,8 @@ def _searched(
 def _weighted(
     v: F32, used: F32, z: F32, b: int, fit: _Walk, noise: tuple[float, float, float], weight: F64
 ) -> tuple[int, float]:
-    """Segment and place on it by least squares weighted by the noise of each level; into weight: its inverse."""
+    """Segment and place on it by least squares weighted by the noise of each level; into weight: its
+    inverse."""
     last = z.shape[1] - 2
     q, f = fit[0], float(fit[1])
     read2, gain, misfit2 = noise
@@ -258,8 +262,8 @@ def _weighted(
 
 @kernel
 def _fitted(v: F32, weight: F64, z: F32, b: int, q: int, f: float) -> tuple[float, float, float, float]:
-    """Weighted squared residuals of the best scale and level of z = 0 at a place; squares that its change by a
-    codeword adds at scale 1; that scale and level."""
+    """Weighted squared residuals of the best scale and level of z = 0 at a place; squares that its change by
+    a codeword adds at scale 1; that scale and level."""
     total, ev, ez, ed = 1e-30, 0.0, 0.0, 0.0
     for i in range(v.size):
         step = z[b, q + 1, i] - z[b, q, i]
@@ -332,11 +336,13 @@ def match(
     limit: float,
     out: F64,
 ) -> None:
-    """Match pixels (K, n), NaN where saturated, of rows of `cols`; into out (K, 6): place in codewords (NaN: no
-    pattern), its variance, scale, offset, chi2 over freedom, probability of another place.
+    """Match pixels (K, n), NaN where saturated, of rows of `cols`; into out (K, 6): place in codewords (NaN:
+    no pattern), its variance, scale, offset, chi2 over freedom, probability of another place.
 
-    block, start  (K,) block of the codewords, and first codeword; -1: from the places of the neighbours before
-    noise         read2, gain, and misfit over the squared scale; limit: squared residuals that noise reaches rarely
+    block, start  (K,) block of the codewords, and first codeword; -1: from the places of the neighbours
+                  before
+    noise         read2, gain, and misfit over the squared scale; limit: squared residuals that noise reaches
+                  rarely
     """
     n, room = samples.shape[1], book.words.shape[2]
     y, used, v, weight = (

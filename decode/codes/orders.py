@@ -155,9 +155,17 @@ def _order_table(periods: tuple[float, ...], extent: int, tolerance: float) -> O
 
 @kernel
 def compare_row(
-    phase: F32, phase_variance: F32, period: F32, orders: Orders, work: F32, place: F32, variance: F32, error: F32,
-    chi2: F32, flags: I32,
-) -> None:  # fmt: skip
+    phase: F32,
+    phase_variance: F32,
+    period: F32,
+    orders: Orders,
+    work: F32,
+    place: F32,
+    variance: F32,
+    error: F32,
+    chi2: F32,
+    flags: I32,
+) -> None:
     """Place by all of K close periods; phase and its variance (K, W), work (6, W)."""
     count, cell = period.size, np.empty(place.size, np.int32)
     order, at, mean, score, least, weight = work[0], work[1], work[2], work[3], work[4], work[5]
@@ -213,9 +221,16 @@ def compare_row(
 
 @kernel
 def _scores(
-    phase: F32, phase_variance: F32, period: F32, extent: np.float32, weight: F32, order: F32, at: F32, mean: F32,
+    phase: F32,
+    phase_variance: F32,
+    period: F32,
+    extent: np.float32,
+    weight: F32,
+    order: F32,
+    at: F32,
+    mean: F32,
     score: F32,
-) -> None:  # fmt: skip
+) -> None:
     """Weighted mean of the places by all periods for an order, and misfit; weight: sum of weights."""
     last = period.size - 1
     fine, t = period[last], phase[last]

@@ -19,8 +19,8 @@ __all__ = ["estimate", "variance"]
 F64 = NDArray[np.float64]
 #: Relative error of a contrast, by a display's response; side of a neighbourhood, and fewest pixels.
 _CONTRAST, _SQUARE, _FEWEST = 0.02, 32, 64
-#: Negligible share of sigma; share of the variance of sharp cells that a blur of 0 to 0.9 cells leaves in the mean:
-#: the sidebands fall as exp(-2 (pi b)^2), their square to 0.141 / 0.9.
+#: Negligible share of sigma; share of the variance of sharp cells that a blur of 0 to 0.9 cells leaves in
+#: the mean: the sidebands fall as exp(-2 (pi b)^2), their square to 0.141 / 0.9.
 _SLIGHT, _LIKELY = 0.1, 0.16
 
 
