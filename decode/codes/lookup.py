@@ -166,7 +166,7 @@ def lookup_rows(light: Light, noise: Noise, table: Table, start: int, stop: int,
         (Flag.INVALID, none),
     ):
         flags |= np.where(where, np.int32(flag), np.int32(0))
-    maps = place, variance, contrast, middle, found.error, found.chi2 * table.dof, flags
+    maps: list[NDArray[Any]] = [place, variance, contrast, middle, found.error, found.chi2 * table.dof, flags]
     for into, values in zip(out, maps, strict=True):
         into[...] = values.reshape(into.shape)
 
