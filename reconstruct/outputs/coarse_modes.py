@@ -22,6 +22,7 @@ __all__ = ["LINES", "CoarseModes", "coarsened", "expanded", "interpolated"]
 Modes = NDArray[np.float32]
 LINES = 75  # rows or columns of a coarse grid, at least
 _ALIKE = 1e-3  # of a mode's rms, by which the expanded grid may miss it
+_NOTHING = 1e-9  # mm: rms of a mode that is rounding alone
 _RIDGE = 1e-9  # of the largest weight, for nodes that no pixel depends on
 
 
@@ -51,7 +52,7 @@ def coarsened(modes: Modes, known: Mask) -> CoarseModes:
     for mode, coarse in zip(modes, found, strict=True):
         values = mode[known]
         missed = np.abs((rows @ (cols @ coarse.T).T)[known] - values).max()
-        if missed > _ALIKE * np.sqrt(np.mean(values.astype(np.float64) ** 2)):
+        if missed > _ALIKE * max(float(np.sqrt(np.mean(values.astype(np.float64) ** 2))), _NOTHING):
             return CoarseModes(modes, 1)
     return CoarseModes(found, step)
 
