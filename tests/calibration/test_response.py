@@ -198,8 +198,8 @@ def test_bad_input() -> None:
 
 
 def test_a_response_that_the_frames_contradict_makes_no_sigma_wide() -> None:
-    """A camera of gamma 1 that is said to have one of 2.2: sigma of the fringes is 2.4 times that of the frames
-    as they are, and true. Were it wider, it would be that of the frames as they are and the difference."""
+    """A camera of gamma 1 that is said to have one of 2.2: sigma of the fringes is 2.4 times that of the
+    frames as they are, and true. Were it wider, it would be that of those and the difference."""
     scene = resize(load("prism48", exact=True), 90, 120)
     scene = replace(scene, pattern=replace(scene.pattern, blur_px=0.5))
     shown = sequence_from_text("phase", scene.pattern.rows, scene.pattern.cols)

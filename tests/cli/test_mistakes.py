@@ -172,7 +172,10 @@ def test_pictures_in_colour_are_taken_and_told(
     ("damage", "words"),
     [
         (lambda names: [*names[:3], names[4], names[3], *names[5:]], "each other's place"),
-        (lambda names: [*names[:3], names[2], *names[4:]], "frame 3 is missing, another image is in its place"),
+        (
+            lambda names: [*names[:3], names[2], *names[4:]],
+            "frame 3 is missing, another image is in its place",
+        ),
     ],
 )
 def test_frames_in_another_order_are_named(
