@@ -124,7 +124,7 @@ def test_a_single_shot_counts_one_frame_and_follows_the_rest() -> None:
     assert row.frames == 1
     assert row.metrics["u_rms_px"] < 0.03  # photons: noise of 2.2 levels
     assert row.metrics["sigma_ratio_height"] < 1.3
-    assert row.error < 0.015  # 0.009 to 0.012 over seeds
+    assert row.error < 0.03  # 0.020 to 0.024 over seeds; 0.009 to 0.012 by one level of noise
 
 
 def test_what_is_not_installed_says_so(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -120,7 +120,8 @@ def test_faults_are_axes(tmp_path: Path) -> None:
     rows = {row.cell.faults: row for row in run_cells(cells, timed=False)}
     error = {faults: row.metrics["u_rms_px"] for faults, row in rows.items()}
     plain = error[Faults(0.0, 1.0, None, 0.5)]
-    assert error[Faults(0.0, 2.2, None, 0.5)] > plain  # the decoder is not told
+    # four steps bear the harmonic of a gamma, and its darker frames have fewer photons' noise
+    assert 0.7 * plain < error[Faults(0.0, 2.2, None, 0.5)] < 1.5 * plain
     assert error[Faults(0.1, 1.0, None, 0.5)] > plain
     assert error[Faults(0.0, 1.0, None, 1.0)] > 1.2 * plain  # less contrast
     assert rows[Faults(0.1, 1.0, None, 0.5)].flat(60)["lag"] == 0.1
