@@ -104,23 +104,6 @@ def test_order_doubtful_where_bits_are_weak(shoot: Shoot, smooth: Map) -> None:
     assert silent(found, *smooth, least=0.05) <= 1e-4
 
 
-def test_moved_between_steps(shoot: Shoot, smooth: Map) -> None:
-    """A jump of 1.5 px in the middle of an 8-step fringe leaves residuals."""
-    u, v = smooth
-    shown = sequence("gray+phase", 150, 170, steps=8, axes="u")
-    late = np.zeros(len(shown), bool)
-    late[-3:] = True
-    place = np.arange(140) < 30
-    frames = np.where(
-        late[:, None, None] & place,
-        shoot(shown, u + 1.5, v, noise=1.0, seed=1),
-        shoot(shown, u, v, noise=1.0),
-    )
-    found = decode(frames, shown, on_cells=False)
-    assert share(found, Flag.MOVED, np.s_[:, :29]) > 0.95
-    assert share(found, Flag.MOVED, np.s_[:, 31:]) < 0.001
-
-
 def test_hot_pixels(shoot: Shoot, smooth: Map) -> None:
     """Stuck pixels hold one value in every frame; the decoder must not take them for a place."""
     frames = shoot(GRAY_PHASE, *smooth, noise=1.0)
