@@ -22,7 +22,7 @@ from optolever.live import (
     virtual_rig,
 )
 from optolever.patterns import sequence
-from optolever.projector import VirtualSensor
+from optolever.projector import WHITE_NOISE_SENSOR, VirtualSensor
 from optolever.scene import Layer, dent, load, resize
 
 
@@ -111,8 +111,8 @@ def test_a_rig_is_measured_at_rest_and_followed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The camera of a rig, pressed after its rest: the depth of the dent; options of the other camera."""
-    scene = replace(resize(load("prism48"), 96, 128), dent="flat")
-    scene.save(tmp_path / "rig.toml")
+    scene = replace(resize(load("prism48"), 96, 128), dent="flat", sensor=WHITE_NOISE_SENSOR)
+    scene.save(tmp_path / "rig.toml")  # white noise of 0: the virtual camera repeats an image's photons
     rows, cols = scene.pattern.rows, scene.pattern.cols
     dense = sequence("gray+phase", rows, cols)
     fringe = sequence("crossed", rows, cols, period=10.0)

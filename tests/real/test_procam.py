@@ -64,7 +64,7 @@ def test_a_swap_is_named_and_repaired(procam: Capture, light: Floats) -> None:
     frames, lit = procam.frames.copy(), light > LIT
     frames[[2, 6]] = frames[[6, 2]]
     whole, found = decode(procam.frames, procam.sequence), decode(frames, procam.sequence)
-    assert [one for one in found.notices if "swap" in one.name]
+    assert [one for one in found.notices if "2 and 6 are in each other's place" in one.name]
     assert found.good[lit].mean() > 0.95 * whole.good[lit].mean()
     both = found.good & whole.good
     assert np.mean(np.abs(found.u - whole.u)[both] > np.maximum(1, 5 * found.sigma_u[both])) < 1e-3
