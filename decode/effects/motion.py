@@ -67,9 +67,8 @@ def _parts(bits: list[Any], places: NDArray[np.int64], side: int) -> list[tuple[
 
 
 def variance(view: View, found: Estimate) -> F64:
-    """px^2 of each axis (A,): by half of the motion, whole, as neighbours share it and a mean does not
-    reduce it."""
-    return np.full(len(view.plan.axes), (0.5 * found.value * (len(view.plan.frames) - 1)) ** 2)
+    """px^2 of each axis (A,): a steady motion against an end of the capture, whole, as neighbours share it."""
+    return np.full(len(view.plan.axes), (found.value * (len(view.plan.frames) - 1)) ** 2 / 3)
 
 
 def _edges(view: View, axis: AxisPlan, place: F64) -> list[tuple[float, NDArray[np.int64], F64, F64]]:

@@ -1,0 +1,38 @@
+"""Captures that were silently wrong (`../shared/cases/t4`), with what is right."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from optolever.decode import decode
+from optolever.patterns import Sequence, sequence
+from optolever.reconstruct import PixelAnchor, reconstruct
+from optolever.scene import load, resize
+
+CASES = Path(__file__).parents[3] / "shared/cases/t4"
+pytestmark = pytest.mark.skipif(not CASES.is_dir(), reason="../shared/cases/t4 is absent")
+
+
+def test_a_mirror_that_moves_while_frames_are_taken() -> None:
+    """A dent that grows from 195 to 405 um: the depth at the mean time of the fringes, about 370 um."""
+    frames = np.load(CASES / "moving10/frames.npz")["frames"]
+    rig = load(CASES / "moving10/rig.toml")
+    found = decode(frames, sequence("gray+phase", rig.pattern.rows, rig.pattern.cols))
+    height = reconstruct(found, rig, anchor=PixelAnchor(frames.shape[1] // 2, 9, 0.0))
+    assert found.notices[0].name.startswith("the mirror moved while the frames were taken")
+    moved = height.good & (height.z > 0.05)
+    assert moved.any()
+    assert height.sigma[moved].min() >= 2e-3
+    assert height.z[height.good].max() == pytest.approx(0.37, abs=0.02)
+
+
+@pytest.mark.parametrize("seed", ["seed0", "seed1"])
+def test_lag_and_gamma_of_frames_axis_by_axis(seed: str) -> None:
+    folder, rig = CASES / "lag_axis_by_axis", resize(load("prism48", exact=True), 144, 192)
+    truth = np.load(folder / "truth.npz")
+    found = decode(np.load(folder / "frames.npz")[seed], Sequence.load(folder / "sequence.toml"))
+    height = reconstruct(found, rig)
+    good = height.good & truth["visible"]
+    assert good.sum() > 0.95 * truth["visible"].sum()
+    assert np.mean(np.abs(height.z - truth["z"])[good] > 5 * height.sigma[good]) <= 0.01
