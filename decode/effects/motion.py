@@ -67,7 +67,7 @@ def _parts(bits: list[Any], places: NDArray[np.int64], side: int) -> list[tuple[
 
 
 def variance(view: View, found: Estimate) -> F64:
-    """px^2 of each axis (A,): a steady motion against an end of the capture, whole, as neighbours share it."""
+    """px^2 of each axis (A,): a steady motion against an end of the capture; neighbours share it."""
     return np.full(len(view.plan.axes), (found.value * (len(view.plan.frames) - 1)) ** 2 / 3)
 
 
