@@ -36,6 +36,10 @@ class Case:
     show: int = -6  # frame of the picture
 
 
+#: Frame that `lost` replaces.
+LOST = 3
+
+
 def spot(row: float, col: float, radius: float) -> NDArray[np.bool_]:
     """A disk of camera pixels."""
     rows, cols = np.mgrid[:ROWS, :COLS]
@@ -57,18 +61,11 @@ def hazy(frames: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(110 + 0.05 * frames + noise)
 
 
-def torn(frames: NDArray[np.float64]) -> NDArray[np.float64]:
-    """One bit shows the bit before it in the lower rows."""
+def lost(frames: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A coarse bit is lost, and the frame before it is there twice."""
     changed = frames.copy()
-    changed[5, 70:] = frames[4, 70:]
+    changed[LOST] = frames[LOST - 1]
     return changed
-
-
-def pressed_late(frames: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The last frames show a deeper dent: the mirror moved meanwhile."""
-    later = frames.copy()
-    later[-5:, 30:90, 40:110] = np.roll(frames[-5:, 30:90, 40:110], 5, axis=2)
-    return later
 
 
 def dust(frames: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -87,8 +84,7 @@ CASES = (
     Case(Flag.ORDER_DOUBTFUL, change=in_spot(hazy)),
     Case(Flag.OFF_PATTERN, dent="tilt:slope=0.1"),
     Case(Flag.OUTLIER, change=dust),
-    Case(Flag.MOVED, change=pressed_late),
-    Case(Flag.WRONG_FRAME, code="gray:inverses=false", change=torn),
+    Case(Flag.WRONG_FRAME, code="gray:inverses=false", change=lost),
     Case(HeightFlag.CURL, dent="flat"),
     Case(HeightFlag.STEEP, dent="flat"),
     Case(HeightFlag.NO_ANCHOR),
