@@ -339,9 +339,9 @@ def _descriptions(sequence: Sequence) -> Iterator[_Trial]:
             "periods are twice as large": lambda f: replace(f, period_px=(f.period_px or 1.0) * 2),
         }
     kind = [(changes, BINARY_CODES), (waves, ("phase",))]
-    told = [(name, change, of) for some, of in kind for name, change in some.items()]
+    rules = [(name, change, of) for some, of in kind for name, change in some.items()]
     exchange = lambda f: replace(f, axis=axes[f.axis])  # noqa: E731
-    for name, change, of in [*told, ("u and v are exchanged", exchange, (*BINARY_CODES, "phase"))]:
+    for name, change, of in [*rules, ("u and v are exchanged", exchange, (*BINARY_CODES, "phase"))]:
         if any(f.kind in of for f in frames):
             other = tuple(change(f) if f.kind in of else f for f in frames)
             yield _Trial(name, same, replace(sequence, frames=other))

@@ -3,9 +3,8 @@
 Two kinds. Stripes swept over an axis, and spots in a raster: the brightest frame and its neighbours. A table
 of anything else: fringes of one or two shifts (micro phase shifting: M. Gupta, S. K. Nayar, CVPR 2012,
 doi:10.1109/CVPR.2012.6247753) and free grey values. The levels of each place of the surface through a pixel
-(cell,
-footprint, blur) are known, with a codeword for each eighth of a pattern pixel; see `match`. The spread of
-pixel and blur is the likeliest one on a sample of pixels.
+(cell, footprint, blur) are known, with a codeword for each eighth of a pattern pixel; see `match`. The spread
+of pixel and blur is the likeliest one on a sample of pixels.
 """
 
 import math

@@ -65,8 +65,8 @@ def _shares(plan: Plan, axis: AxisPlan, sample: Sample) -> tuple[float, float, f
     if square == 0:
         return 0.0, 0.0, 0.0
     # pixels of one level and phase are rounded alike: no more than 1 / 12
-    alike = 1 - min(float(np.count_nonzero(kept)) / 12 / square, 1.0)
-    frames = alike - float(np.square(of_frames)[kept].sum()) / square
+    beyond_rounding = 1 - min(float(np.count_nonzero(kept)) / 12 / square, 1.0)
+    frames = beyond_rounding - float(np.square(of_frames)[kept].sum()) / square
     chance = (len(light) + _SURE * np.sqrt(2 * len(light))) / residual.shape[1]
     by_row, by_col = (_common(of_lines * kept, line, square) for line in sample.places.T)
     return by_row, by_col, frames if frames > chance else 0.0
