@@ -67,11 +67,11 @@ def harmonic_errors(
 
 
 def _finest(sequence: Sequence) -> list[dict[int, Frame]]:
-    """Frames, by their numbers, of each axis' finest fringe under its shortest exposure."""
-    groups: dict[tuple[str, float, float], dict[int, Frame]] = {}
+    """Frames, by their numbers, of each axis' finest fringe."""
+    groups: dict[tuple[str, float], dict[int, Frame]] = {}
     for i, frame in enumerate(sequence.frames):
         if frame.kind == "phase":
-            groups.setdefault((frame.axis or "", frame.period_px or 1.0, frame.exposure), {})[i] = frame
+            groups.setdefault((frame.axis or "", frame.period_px or 1.0), {})[i] = frame
     return [
         groups[min(key for key in groups if key[0] == axis)] for axis in sorted({one[0] for one in groups})
     ]

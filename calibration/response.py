@@ -222,7 +222,7 @@ def _fringes(capture: Capture) -> list[tuple[str, float, list[int], Floats]]:
     """Fringes of three or more equal shifts: axis, period, frame indices and shifts."""
     groups: dict[tuple[str, float], list[int]] = {}
     for i, frame in enumerate(capture.sequence.frames):
-        if frame.kind == "phase" and frame.exposure == 1:
+        if frame.kind == "phase":
             groups.setdefault((frame.axis or "", frame.period_px or 1.0), []).append(i)
     found = []
     for (axis, period), index in groups.items():

@@ -70,11 +70,6 @@ Correspondence in c.npz
     help="Channel of colour pictures.",
 )
 @click.option(
-    "--exposures",
-    metavar="A,B,...",
-    help="Relative exposures, such as 1,4: the whole sequence under each, or each pattern under all.",
-)
-@click.option(
     "--response",
     type=FILE,
     metavar="RIG.toml|H5",
@@ -120,7 +115,6 @@ def command(
     display: tuple[int, int] | None,
     description: Path | None,
     channel: str,
-    exposures: str | None,
     response: Path | None,
     mask_path: Path | None,
     roi: str | None,
@@ -147,7 +141,7 @@ def command(
     with progress() as step:
         step("read frames")
         source = sources[0]
-        capture = _read(sources, text, display, description, channel, exposures)
+        capture = _read(sources, text, display, description, channel)
         step("decode")
         start = time.perf_counter()
         with blame(source):
@@ -246,7 +240,6 @@ def _read(
     display: tuple[int, int] | None,
     description: Path | None,
     channel: str,
-    exposures: str | None,
 ) -> "Capture":
     from optolever import InputError
     from optolever.projector import Capture, load_sofast
@@ -259,28 +252,15 @@ def _read(
                 )
         return load_sofast(sources[0])
     if text is None:
-        for name, given in (("--display", display is not None), ("--exposures", exposures is not None)):
-            if given:
-                raise InputError(f"{name}: needs --sequence, which is missing, such as --sequence gray+phase")
+        if display is not None:
+            raise InputError("--display: needs --sequence, which is missing, such as --sequence gray+phase")
         return Capture.load(sources, description, channel)
     if description is not None:
         raise InputError(
             f"--sequence {text} and --description {description}: exclude each other, leave one out"
         )
     shown = shown_sequence(text, display)
-    return Capture.from_pictures(sources, shown, channel=channel, exposures=_exposures(exposures))
-
-
-def _exposures(text: str | None) -> list[float]:
-    from optolever import InputError
-
-    try:
-        values = [float(part) for part in (text or "1").split(",")]
-    except ValueError:
-        values = []
-    if not values or not all(0 < value < float("inf") for value in values):
-        raise InputError(f"--exposures {text!r}: must be numbers above 0, such as 1,4,16")
-    return values
+    return Capture.from_pictures(sources, shown, channel=channel)
 
 
 def _inverse(response: Path | None) -> "Response | None":

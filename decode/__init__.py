@@ -7,7 +7,6 @@
 | `profile`    | `RigProfile`: noise and effects of one rig; `Settings`                                   |
 | `plan`       | a sequence as periods, bits, references, levels; the constraints that it obeys           |
 | `capture`    | one capture: sample, noise, effects, tables, maps                                        |
-| `exposures`  | captures under several exposures: every pixel takes its best                             |
 | `frames`     | frames validated: type, unit, white level, response; pixels from all over them           |
 | `response`   | the camera's response, from a table or measured                                          |
 | `noise`      | variance of a camera level, from lit pixels                                              |

@@ -1,4 +1,4 @@
-"""One capture under one exposure: sample -> noise, misfit, effects -> tables -> maps, block by block."""
+"""One capture: sample -> noise, misfit, effects -> tables -> maps, block by block."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from scipy.ndimage import minimum_filter
 
 from optolever.blocks import over_blocks, threads
 from optolever.notices import Notice
+from optolever.patterns import Sequence
 
 from .codes.bits import bit_tables
 from .codes.fringe import Misfit, fringe_tables, measure_misfit, three_step_aliasing
 from .codes.lookup import Lines, LookUp, Table, lookup_rows, prepare, table_of
 from .codes.orders import Orders, order_table
 from .effects import View, cells, lag, motion, shared
-from .exposures import Part
 from .frames import Light, sample_levels, sample_places
 from .neighbours import HALO, Block, Result, axis_limits, neighbours
 from .noise import Noise, Sample, fit_noise
 from .order import find_order
 from .pixels import Maps, Tables, pixel_rows
 from .plan import AxisPlan, Fringe, Plan, constraints, plan, raster_axes
-from .profile import AxisProfile, ExposureProfile, Sampled, Settings
+from .profile import AxisProfile, Estimates, Sampled, Settings
 from .records import Correspondence, Flag
 
-__all__ = ["Estimated", "Prepared", "applied", "estimated", "holds", "prepared"]
+__all__ = ["Prepared", "applied", "axes_of", "estimated", "holds", "prepared"]
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -47,14 +47,11 @@ _FEWER = 0.9
 
 
 class Prepared(NamedTuple):
-    """Decoder of one exposure: its part of the sequence, profile, kernels' tables, degrees of freedom of
-    chi2, numbers
-    of the axes for the neighbours, tables of look-ups (None: without), correction of the levels by a lag
-    (None: without)."""
+    """Decoder of a profile: kernels' tables, degrees of freedom of chi2, numbers of the axes for the
+    neighbours, tables of look-ups (None: without), correction of the levels by a lag (None: without)."""
 
-    part: Part
     axes: tuple[AxisPlan, ...]
-    profile: ExposureProfile
+    profile: Estimates
     tables: Tables
     dof: int
     limits: F32
@@ -62,19 +59,9 @@ class Prepared(NamedTuple):
     matrix: F64 | None
 
 
-class Estimated(NamedTuple):
-    """Result of a capture that gave a new profile; wrong: its frames are not as described, so that the
-    profile holds
-    for this capture only."""
-
-    found: Correspondence
-    prepared: Prepared
-    wrong: bool
-
-
-def axes_of(part: Part) -> tuple[AxisPlan, ...]:
-    """Axes of a part: of its fringes and codes, or of its spots."""
-    return raster_axes(part.sequence) or plan(part.sequence).axes
+def axes_of(sequence: Sequence) -> tuple[AxisPlan, ...]:
+    """Axes of fringes and codes, or of spots."""
+    return raster_axes(sequence) or plan(sequence).axes
 
 
 def lit_sample(light: Light, inside: Mask) -> Sample:
@@ -89,36 +76,38 @@ def lit_sample(light: Light, inside: Mask) -> Sample:
     return sample.only(span > least)
 
 
-def estimated(light: Light, part: Part, settings: Settings, mask: Mask) -> Estimated:
-    """Put the frames of one exposure in order, estimate their profile, and decode by it."""
+def estimated(
+    light: Light, sequence: Sequence, settings: Settings, mask: Mask
+) -> tuple[Correspondence, Prepared | None]:
+    """Put the frames in order, estimate their profile, and decode by it. None: they are not as described, so
+    that the profile is of this capture only."""
     around = None if mask is None else minimum_filter(mask, _BLOCK)  # whole blocks of the mask
-    repair = find_order(light.raw[part.index], part.sequence, around)
+    repair = find_order(light.raw, sequence, around)
     if repair is not None:
-        part = Part(part.index[repair.order], repair.sequence)
-    own = light.only(part.index)
-    sample = lit_sample(own, mask)
-    ready = prepared(part, settings, _estimate(own, part, settings, sample))
-    profile = ready.profile._replace(sampled=_statistics(own, ready, sample))
-    found = applied(own, ready._replace(profile=profile), mask)
-    if repair is not None:
-        notice = Notice(repair.name, float("nan"), float("nan"), repair.cure)
-        found = replace(found, notices=(notice, *found.notices))
-        if not repair.solved:
-            np.bitwise_or(found.flags, np.uint16(Flag.WRONG_FRAME), out=found.flags)
-    return Estimated(found, ready._replace(profile=profile), repair is not None)
+        sequence, light = repair.sequence, replace(light, raw=np.ascontiguousarray(light.raw[repair.order]))
+    sample = lit_sample(light, mask)
+    ready = prepared(sequence, settings, _estimate(light, sequence, settings, sample))
+    ready = ready._replace(profile=ready.profile._replace(sampled=_statistics(light, ready, sample)))
+    found = applied(light, ready, mask)
+    if repair is None:
+        return found, ready
+    notice = Notice(repair.name, float("nan"), float("nan"), repair.cure)
+    if not repair.solved:
+        np.bitwise_or(found.flags, np.uint16(Flag.WRONG_FRAME), out=found.flags)
+    return replace(found, notices=(notice, *found.notices)), None
 
 
-def _estimate(light: Light, part: Part, settings: Settings, sample: Sample) -> ExposureProfile:
+def _estimate(light: Light, sequence: Sequence, settings: Settings, sample: Sample) -> Estimates:
     """Noise, then misfit and effects from a sample."""
-    p, axes = plan(part.sequence), axes_of(part)
+    p, axes = plan(sequence), axes_of(sequence)
     p = p if p.axes else replace(p, axes=axes)  # spots
     if settings.noise is not None:
         noise = Noise(settings.noise**2 + light.rounding, settings.gain)
     else:
         noise = fit_noise(p, sample, light.rounding)
-    known = noise if settings.noise is not None or constraints(p, len(part.sequence)) else None
+    known = noise if settings.noise is not None or constraints(p, len(sequence)) else None
     look_ups = [
-        prepare(part.sequence, p, axis, light, sample, known, settings.blur_px, settings.on_cells)
+        prepare(sequence, p, axis, light, sample, known, settings.blur_px, settings.on_cells)
         if axis.looked_up
         else None
         for axis in axes
@@ -126,15 +115,15 @@ def _estimate(light: Light, part: Part, settings: Settings, sample: Sample) -> E
     # residuals of a table are noise; differences of neighbours between grey values of cells are not
     noise = next((one.noise for one in look_ups if one is not None and one.noise is not None), noise)
     nothing = Sampled(0.0, 0.0, 0.0)
-    profile = _with_misfits(ExposureProfile(noise, (), (), None, nothing, ()), part, sample, look_ups)
-    place = _places(light, part, settings, profile, sample)
+    profile = _with_misfits(Estimates(noise, (), (), None, nothing, ()), sequence, sample, look_ups)
+    place = _places(light, sequence, settings, profile, sample)
     slow = lag.estimate(View(p, light, noise, sample, *place))
     if slow is not None:
         sample = replace(
             sample, levels=(lag.matrix(slow, len(sample.levels)) @ sample.levels).astype(np.float32)
         )
-        profile = _with_misfits(profile._replace(effects=(slow,)), part, sample, look_ups)
-        place = _places(light, part, settings, profile, sample)
+        profile = _with_misfits(profile._replace(effects=(slow,)), sequence, sample, look_ups)
+        place = _places(light, sequence, settings, profile, sample)
     view = View(p, light, noise, sample, *place)
     profile = _with_between(profile, axes, view)
     more, moved = np.zeros(len(axes)), motion.estimate(view)
@@ -154,22 +143,22 @@ def _estimate(light: Light, part: Part, settings: Settings, sample: Sample) -> E
 
 
 def _with_misfits(
-    profile: ExposureProfile, part: Part, sample: Sample, look_ups: list[LookUp | None]
-) -> ExposureProfile:
-    p, noise, own = plan(part.sequence), profile.noise, []
-    for axis, look_up in zip(axes_of(part), look_ups, strict=True):
+    profile: Estimates, sequence: Sequence, sample: Sample, look_ups: list[LookUp | None]
+) -> Estimates:
+    p, noise, own = plan(sequence), profile.noise, []
+    for axis, look_up in zip(axes_of(sequence), look_ups, strict=True):
         misfits = tuple(_misfit(fringe, p, axis, sample, noise) for fringe in axis.fringes)
         own.append(AxisProfile(misfits, _deviation(axis, sample, noise), 0.0, look_up))
     return profile._replace(axes=tuple(own))
 
 
 def _places(
-    light: Light, part: Part, settings: Settings, profile: ExposureProfile, sample: Sample
+    light: Light, sequence: Sequence, settings: Settings, profile: Estimates, sample: Sample
 ) -> tuple[F64, F64]:
     """Places and variances (A, K) of sample pixels; NaN where flagged."""
     if not len(sample.places):
         return (np.zeros((len(profile.axes), 0)),) * 2
-    maps = _sampled(light, prepared(part, settings, profile), sample)
+    maps = _sampled(light, prepared(sequence, settings, profile), sample)
     good = maps.flags[0] == 0
     return tuple(np.where(good, one[:, 0].astype(np.float64), np.nan) for one in (maps.place, maps.variance))  # type: ignore[return-value]
 
@@ -182,7 +171,7 @@ def _misfit(fringe: Fringe, p: Plan, axis: AxisPlan, sample: Sample, noise: Nois
     return found._replace(variance=found.variance + three_step_aliasing(fringe, ends, sample, noise))
 
 
-def _notices(profile: ExposureProfile, axes: tuple[AxisPlan, ...], view: View) -> tuple[Notice, ...]:
+def _notices(profile: Estimates, axes: tuple[AxisPlan, ...], view: View) -> tuple[Notice, ...]:
     """What costs a factor of 1.5 in sigma or more, its largest part by name; motion in any case."""
     found, nan = [], float("nan")
     for effect in profile.effects:
@@ -219,7 +208,7 @@ def _phase_variance(fringe: Fringe, sample: Sample, noise: Noise) -> F64:
     return np.asarray(own / np.maximum(c * c + s * s, 1e-6) / (2 * np.pi) ** 2)
 
 
-def _with_between(profile: ExposureProfile, axes: tuple[AxisPlan, ...], view: View) -> ExposureProfile:
+def _with_between(profile: Estimates, axes: tuple[AxisPlan, ...], view: View) -> Estimates:
     """Add the variance of the phases by which periods of one axis contradict each other beyond noise."""
     found = []
     for axis, own, place in zip(axes, profile.axes, view.place, strict=True):
@@ -269,9 +258,9 @@ def _orders(axis: AxisPlan, own: AxisProfile) -> Orders:
     return order_table(tuple(f.period for f in axis.fringes), axis.extent, float(np.sqrt(noise2 + 2 * most)))
 
 
-def prepared(part: Part, settings: Settings, profile: ExposureProfile) -> Prepared:
+def prepared(sequence: Sequence, settings: Settings, profile: Estimates) -> Prepared:
     """The decoder of a profile."""
-    p, axes = plan(part.sequence), axes_of(part)
+    p, axes = plan(sequence), axes_of(sequence)
     f32 = np.float32
     orders = [_orders(axis, own) for axis, own in zip(axes, profile.axes, strict=True)]
     covered = [
@@ -279,7 +268,7 @@ def prepared(part: Part, settings: Settings, profile: ExposureProfile) -> Prepar
     ]
     factor = [2 / len(axis.fringes[-1].index) if axis.fringes else 0.5 for axis in axes]
     slow = next((effect for effect in profile.effects if effect.name == "lag"), None)
-    matrix = None if slow is None else lag.matrix(slow, len(part.sequence))
+    matrix = None if slow is None else lag.matrix(slow, len(sequence))
     tables = Tables(
         fringe_tables([axis.fringes for axis in axes], [own.misfits for own in profile.axes], matrix),
         bit_tables(p, list(axes)),
@@ -296,14 +285,14 @@ def prepared(part: Part, settings: Settings, profile: ExposureProfile) -> Prepar
         len(axis.fringes) - 1 for axis, own in zip(axes, profile.axes, strict=True) if own.deviation > 0
     )
     look_ups = tuple(
-        None if own.look_up is None else table_of(part.sequence, p, axis, own.look_up)
+        None if own.look_up is None else table_of(sequence, p, axis, own.look_up)
         for axis, own in zip(axes, profile.axes, strict=True)
     )
     dof += sum(table.dof for table in look_ups if table is not None)
     limits = np.stack([axis_limits(axis, settings.lens_px, settings.on_cells) for axis in axes])
     for table, line in zip(look_ups, limits, strict=True):
         line[0] = line[0] if table is None else table.jump
-    return Prepared(part, axes, profile, tables, dof, limits, look_ups, matrix)
+    return Prepared(axes, profile, tables, dof, limits, look_ups, matrix)
 
 
 def _numbers(light: Light) -> tuple[NDArray[Any], F32 | None, np.float32]:

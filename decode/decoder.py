@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import reduce
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,11 +12,9 @@ from optolever.notices import Notice
 from optolever.patterns import Sequence
 from optolever.records import LOG, Progress, logged, silent
 
-from .capture import Prepared, applied, estimated, holds, prepared
-from .exposures import better_of, by_exposure
+from .capture import Prepared, applied, axes_of, estimated, holds, prepared
 from .frames import Levels, Light, in_levels, light_of
-from .plan import raster_axes
-from .profile import ExposureProfile, RigProfile, Settings, digest
+from .profile import RigProfile, Settings, digest
 from .records import Correspondence
 from .response import Response
 
@@ -64,8 +61,7 @@ def decode(
     mask         (H, W) bool: pixels to decode, the others are INVALID
     progress     called with step name, steps done, number of steps
 
-    A code under several exposures is decoded from each complete exposure, and every pixel takes its best
-    result: amplitude and offset are levels of that exposure. InputError if frames and sequence do not fit.
+    InputError if frames and sequence do not fit.
     """
     settings = Settings(noise, gain, white_level, response, blur_px, lens_px, on_cells)
     return Decoder(sequence, settings=settings).decode(frames, mask=mask, progress=progress)
@@ -102,12 +98,11 @@ class Decoder:
         self, sequence: Sequence, profile: RigProfile | None = None, settings: Settings | None = None
     ) -> None:
         """settings: default: those under which the profile was estimated."""
-        raster_axes(sequence)  # checks all frames: one exposure's raster may be complete
         self._settings = settings or (Settings() if profile is None else profile.settings)
         _validated(self._settings)
-        self._sequence, self._parts = sequence, by_exposure(sequence)
-        self._profile = profile
-        self._prepared: tuple[Prepared, ...] = ()
+        axes_of(sequence)  # checks the frames
+        self._sequence, self._profile = sequence, profile
+        self._prepared: Prepared | None = None
 
     @property
     def profile(self) -> RigProfile | None:
@@ -148,40 +143,35 @@ class Decoder:
         if self._profile is None:
             return None, ()
         if not self._fits(self._profile, light):
-            self._prepared = ()
+            self._prepared = None
             return None, (_OTHER,)
-        if not self._prepared:
-            every = zip(self._parts, self._profile.exposures, strict=True)
-            self._prepared = tuple(prepared(part, self._settings, one) for part, one in every)
-        found = []
-        for one in self._prepared:
-            own = light.only(one.part.index)
-            doubts = holds(own, one, mask)
-            if doubts:
-                return None, doubts
-            found.append(applied(own, one, mask))
-        return reduce(better_of, found), ()
+        if self._prepared is None:
+            self._prepared = prepared(self._sequence, self._settings, self._profile.estimates)
+        doubts = holds(light, self._prepared, mask)
+        return (None, doubts) if doubts else (applied(light, self._prepared, mask), ())
 
     def _fits(self, profile: RigProfile, light: Light) -> bool:
         """Whether a profile fits the frames: sequence, size and type."""
-        kind = profile.sequence, profile.shape, profile.dtype, len(profile.exposures)
-        return kind == (digest(self._sequence), light.raw.shape[1:], light.raw.dtype.name, len(self._parts))
+        kind = profile.sequence, profile.shape, profile.dtype
+        return kind == (digest(self._sequence), light.raw.shape[1:], light.raw.dtype.name)
 
     def _anew(self, light: Light, mask: NDArray[np.bool_] | None, unit: float) -> Correspondence:
         """Estimate the profile, and decode by it."""
         settings = self._settings
         if settings.noise is not None:
             settings = replace(settings, noise=settings.noise * unit, gain=settings.gain * unit)
-        done = [estimated(light, part, settings, mask) for part in self._parts]
-        found = reduce(better_of, (one.found for one in done))
-        if any(one.wrong for one in done):  # a fault of this capture, not of the rig
-            return found
-        self._prepared = tuple(one.prepared for one in done)
-        exposures: tuple[ExposureProfile, ...] = tuple(one.profile for one in self._prepared)
-        shape, dtype = light.raw.shape[1:], light.raw.dtype.name
-        self._profile = RigProfile(
-            digest(self._sequence), shape, dtype, light.clip, light.rounding, self._settings, exposures
-        )
+        found, ready = estimated(light, self._sequence, settings, mask)
+        if ready is not None:  # else a fault of this capture, not of the rig
+            self._prepared, shape, dtype = ready, light.raw.shape[1:], light.raw.dtype.name
+            self._profile = RigProfile(
+                digest(self._sequence),
+                shape,
+                dtype,
+                light.clip,
+                light.rounding,
+                self._settings,
+                ready.profile,
+            )
         return found
 
 

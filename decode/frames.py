@@ -95,12 +95,6 @@ class Light:
         """The linear level at which samples saturate."""
         return float(self.table[min(int(self.clip), len(self.table) - 1)]) if len(self.table) else self.clip
 
-    def only(self, index: NDArray[np.int64]) -> "Light":
-        """Some of the frames."""
-        if np.array_equal(index, np.arange(len(self.raw))):
-            return self
-        return replace(self, raw=np.ascontiguousarray(self.raw[index]))
-
     def linear(self, raw: NDArray[Any]) -> F32:
         """Linear levels of some raw ones, float32; saturated ones are NaN."""
         level = self.table[raw] if len(self.table) else raw.astype(np.float32)

@@ -19,19 +19,17 @@ _PLACES = 5
 
 @dataclass(frozen=True, eq=False)
 class Fringe:
-    """Frames of one axis and period: I_i = e_i (A + c cos d_i + s sin d_i), phase = atan2(s, c). Its matrices
+    """Frames of one axis and period: I_i = A + c cos d_i + s sin d_i, phase = atan2(s, c). Its matrices
     are cached."""
 
     index: tuple[int, ...]
     period: float
     shifts: F64
-    exposure: F64
 
     @cached_property
     def design(self) -> F64:
         """Model matrix (N, 3) of offset, c and s."""
-        waves = np.stack([np.ones(len(self.shifts)), np.cos(self.shifts), np.sin(self.shifts)], axis=1)
-        return np.asarray(self.exposure[:, None] * waves)
+        return np.stack([np.ones(len(self.shifts)), np.cos(self.shifts), np.sin(self.shifts)], axis=1)
 
     @cached_property
     def inverse(self) -> F64:
@@ -146,12 +144,6 @@ def plan(sequence: Sequence) -> Plan:
             f"sequence {sequence.name}: frames are {kinds}, none of them encodes u or v by itself "
             "(lattice and crossed frames are followed from a rest frame: live.lattice, live.crossed)"
         )
-    for i, frame in enumerate(frames):
-        if frame.exposure != 1.0 and frame.kind != "phase":
-            raise InputError(
-                f"sequence {sequence.name}: frames[{i}]: exposure is {frame.exposure:g}, "
-                "must be 1 but for fringes"
-            )
     return Plan(axes, _reference(sequence, "white"), _reference(sequence, "black"), frames)
 
 
@@ -239,7 +231,7 @@ def _fringe(sequence: Sequence, index: list[int], period: float) -> Fringe:
     frames = sequence.frames
     by = sorted(((frames[i].shift or 0.0) + (math.pi if frames[i].inverted else 0.0), i) for i in index)
     shifts, order = np.array([shift for shift, _ in by]), tuple(i for _, i in by)
-    return Fringe(order, period, shifts, np.array([frames[i].exposure for i in order]))
+    return Fringe(order, period, shifts)
 
 
 @lru_cache(maxsize=16)
@@ -258,10 +250,6 @@ def raster_axes(sequence: Sequence) -> tuple[AxisPlan, ...]:
     for i, frame in enumerate(sequence.frames):
         if frame.axis in ("u", "v"):
             raise InputError(f"{name}: frames[{i}] is {frame.kind} on {frame.axis}, spots stand alone")
-        if frame.exposure != 1.0:
-            raise InputError(
-                f"{name}: frames[{i}]: exposure is {frame.exposure:g}, must be 1 but for fringes"
-            )
     widths = {sequence.frames[i].width_px or 1.0 for i in spots}
     if len(widths) > 1:
         raise InputError(f"{name}: spots are {sorted(widths)} px wide, must be alike")
@@ -313,7 +301,7 @@ def _null_space(fringes: list[Fringe], pairs: list[tuple[int, int]], count: int)
         for part in fringe.design.T[1:]:
             columns.append(np.zeros(count))
             columns[-1][list(fringe.index)] = part
-        columns[0][list(fringe.index)] = fringe.exposure
+        columns[0][list(fringe.index)] = 1.0
     for plain, inverse in pairs:
         columns[0][[plain, inverse]] = 1.0
         columns.append(np.zeros(count))

@@ -25,7 +25,7 @@ from .noise import Noise
 from .records import SharedNoise
 from .response import Response
 
-__all__ = ["AxisProfile", "Effect", "ExposureProfile", "RigProfile", "Sampled", "Settings", "digest"]
+__all__ = ["AxisProfile", "Effect", "Estimates", "RigProfile", "Sampled", "Settings", "digest"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,8 +62,8 @@ class AxisProfile(NamedTuple):
     look_up: LookUp | None = None
 
 
-class ExposureProfile(NamedTuple):
-    """Of one exposure: noise, axes, effects, noise that pixels have in common, statistics, notices."""
+class Estimates(NamedTuple):
+    """Of one capture: noise, axes, effects, noise that pixels have in common, statistics, notices."""
 
     noise: Noise
     axes: tuple[AxisProfile, ...]
@@ -90,7 +90,6 @@ class RigProfile:
     shape      (H, W) of the frames, dtype: their kind
     clip       raw level at which samples saturate; rounding: variance by rounding, levels^2
     settings   parameters of the estimation
-    exposures  one profile for each exposure of the sequence
     """
 
     sequence: str
@@ -99,24 +98,28 @@ class RigProfile:
     clip: float
     rounding: float
     settings: Settings
-    exposures: tuple[ExposureProfile, ...]
+    estimates: Estimates
 
     def effects(self) -> tuple[Effect, ...]:
         """Table of the estimates."""
-        return tuple(row for number, one in enumerate(self.exposures) for row in _rows(number, one))
+        noise, nan = self.estimates.noise, float("nan")
+        rows = [
+            Effect("read noise", noise.read2**0.5, noise.read2_sigma / (2 * noise.read2**0.5), "levels"),
+            Effect("noise gain", noise.gain, noise.gain_sigma, "levels^2 per level"),
+        ]
+        scales = [misfit.scale for axis in self.estimates.axes for misfit in axis.misfits]
+        if scales:
+            rows.append(Effect("misfit of the fringes", max(scales) ** 0.5, nan, "of the noise"))
+        return (*rows, *(Effect(*estimate) for estimate in self.estimates.effects))
 
     def with_lag(self, share: float) -> Self:
-        """The profile with a measured share of the frame before (`projector.Timing.lag`), for exposures of
-        which the
+        """The profile with a measured share of the frame before (`projector.Timing.lag`), where the
         frames gave no estimate; its sigma is unknown and counts as 0."""
-        measured = Estimate("lag", share, 0.0, "of the frame before")
-        exposures = tuple(
-            one
-            if not share or any(effect.name == "lag" for effect in one.effects)
-            else one._replace(effects=(*one.effects, measured))
-            for one in self.exposures
-        )
-        return replace(self, exposures=exposures)
+        known = self.estimates.effects
+        if not share or any(effect.name == "lag" for effect in known):
+            return self
+        effects = (*known, Estimate("lag", share, 0.0, "of the frame before"))
+        return replace(self, estimates=self.estimates._replace(effects=effects))
 
     def save(self, path: str | Path) -> None:
         """Write an .npz: arrays, and all other numbers as JSON."""
@@ -141,21 +144,6 @@ def digest(sequence: Sequence) -> str:
     """Hash of a sequence's content; its name does not count."""
     content = repr((sequence.frames, sequence.rows, sequence.cols, sequence.nominal))
     return hashlib.sha256(content.encode()).hexdigest()[:16]
-
-
-def _rows(number: int, one: ExposureProfile) -> list[Effect]:
-    def effect(name: str, value: float, sigma: float, unit: str) -> Effect:
-        return Effect(name if number == 0 else f"{name}, exposure {number + 1}", value, sigma, unit)
-
-    nan, noise = float("nan"), one.noise
-    rows = [
-        effect("read noise", noise.read2**0.5, noise.read2_sigma / (2 * noise.read2**0.5), "levels"),
-        effect("noise gain", noise.gain, noise.gain_sigma, "levels^2 per level"),
-    ]
-    scales = [misfit.scale for axis in one.axes for misfit in axis.misfits]
-    if scales:
-        rows.append(effect("misfit of the fringes", max(scales) ** 0.5, nan, "of the noise"))
-    return rows + [effect(*estimate) for estimate in one.effects]
 
 
 def _packed(value: object, name: str, arrays: dict[str, NDArray[Any]]) -> object:

@@ -30,7 +30,6 @@ class Flag(IntFlag):
     ORDER_DOUBTFUL = 8
     OFF_PATTERN = 16
     OUTLIER = 32
-    MOVED = 64
     INVALID = 128
     WRONG_FRAME = 256
 

@@ -25,7 +25,6 @@ MEANING = {
     "ORDER_DOUBTFUL": "the fringe order is ambiguous",
     "OFF_PATTERN": "the pixel looks past the pattern surface",
     "OUTLIER": "the coordinate does not fit its neighbours",
-    "MOVED": "the mirror moved while the frames were taken",
     "INVALID": "no data came in for this pixel, or a mask excludes it",
     "WRONG_FRAME": "frames were lost, repeated, torn or swapped",
     "NO_ANCHOR": "an island whose absolute height nothing fixes",

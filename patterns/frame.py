@@ -68,7 +68,6 @@ class Frame:
     offset_px   origin of cells and lattice lines (lattice: centre of line 0; default half a period - 0.5)
     level       grey value of a uniform frame
     levels      grey value of each cell: any user-defined code (displayed rounded to integers)
-    exposure    relative exposure under which this frame was captured
     """
 
     kind: str
@@ -84,7 +83,6 @@ class Frame:
     offset_px: float | None = None
     level: int | None = None
     levels: tuple[float, ...] | None = None
-    exposure: float = 1.0
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -101,11 +99,11 @@ class Frame:
         self._check_stripe()
 
     def _check_numbers(self) -> None:
-        for name in ("period_px", "shift", "width_px", "at_u", "at_v", "cell_px", "offset_px", "exposure"):
+        for name in ("period_px", "shift", "width_px", "at_u", "at_v", "cell_px", "offset_px"):
             value = getattr(self, name)
             if value is not None and not abs(value) <= _MOST:
                 raise InputError(f"frame: {name} is {value}, must be finite and at most {_MOST:g}")
-        for name in ("period_px", "width_px", "cell_px", "exposure"):
+        for name in ("period_px", "width_px", "cell_px"):
             value = getattr(self, name)
             if value is not None and value <= 0:
                 raise InputError(f"frame: {name} is {value}, must be above 0")
@@ -169,6 +167,10 @@ class Frame:
         known = {field.name: str(field.type) for field in fields(cls)}
         values: dict[str, Any] = {}
         for name, value in _in_radians(plain, where).items():
+            if name == "exposure":
+                raise InputError(
+                    f"{where}: exposure is {value}, one alone is decoded: keep its frames, leave this out"
+                )
             if name not in known:
                 names = ", ".join([*known, *_SHIFTS])
                 raise InputError(f"{where}: unknown field {name!r}, known are {names}")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Iterator
-from collections.abc import Sequence as Items
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self, SupportsIndex, overload
@@ -20,9 +19,9 @@ from optolever.records import Axes, plot_maps
 from optolever.scene import Scene, Trace
 
 from .folder import Image, bits_of, read_folder, write_folder
-from .incoming import Source, incoming, with_exposures
+from .incoming import Source, incoming
 
-__all__ = ["Capture", "Image", "with_exposure"]
+__all__ = ["Capture", "Image"]
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -30,11 +29,10 @@ class Capture:
     """Frames (N, H, W) of the N patterns of `sequence`, in its order.
 
     capture[3] is the image (H, W) of frame 3, as in an array; capture[2:5] a Capture of three frames, with
-    their sequence, exposure and timestamps. len() and iteration are those of the images.
+    their sequence and timestamps. len() and iteration are those of the images.
 
     frames: uint8 for 8 bits, else uint16 with values up to 2^bits - 1. bits: of the camera, 8 to 16.
-    exposure: (N,) exposure of each frame relative to the nominal one; the same numbers stand in the
-    sequence's frames. timestamps: (N,) seconds, middle of the exposure. scene: the known rig.
+    timestamps: (N,) seconds, middle of the exposure. scene: the known rig.
     notices: remarks on the files that it was read from.
     InputError names the field, its value and the limit.
     """
@@ -42,7 +40,6 @@ class Capture:
     frames: Image
     sequence: Sequence
     scene: Scene | None = None
-    exposure: NDArray[np.float64] | None = None
     timestamps: NDArray[np.float64] | None = None
     bits: int = 8
     notices: tuple[Notice, ...] = ()
@@ -61,9 +58,6 @@ class Capture:
             raise InputError(f"frames: {self.frames.dtype}, {self.bits} bits need {expected}")
         if self.timestamps is not None:
             _require_per_frame("timestamps", self.timestamps, count)
-        sequence = with_exposure(self.sequence, self.exposure)
-        object.__setattr__(self, "sequence", sequence)
-        object.__setattr__(self, "exposure", np.array([frame.exposure for frame in sequence.frames]))
 
     def __repr__(self) -> str:
         rows, cols = self.shape
@@ -93,14 +87,8 @@ class Capture:
         if not isinstance(index, slice):
             image: Image = self.frames[operator.index(index)]
             return image
-        exposure, times = (one if one is None else one[index] for one in (self.exposure, self.timestamps))
-        return replace(
-            self,
-            frames=self.frames[index],
-            sequence=self.sequence[index],
-            exposure=exposure,
-            timestamps=times,
-        )
+        times = None if self.timestamps is None else self.timestamps[index]
+        return replace(self, frames=self.frames[index], sequence=self.sequence[index], timestamps=times)
 
     def __iter__(self) -> Iterator[Image]:
         return iter(self.frames)
@@ -134,40 +122,15 @@ class Capture:
         return cls(**read_folder(folder, description, channel))
 
     @classmethod
-    def from_pictures(
-        cls,
-        source: Source,
-        sequence: Sequence,
-        *,
-        channel: str = "luminance",
-        exposures: Items[float] = (1.0,),
-    ) -> Self:
+    def from_pictures(cls, source: Source, sequence: Sequence, *, channel: str = "luminance") -> Self:
         """Pictures that another program took of the N patterns of `sequence`, one each, in that order.
 
         source: a folder, a glob pattern, a file of several pictures (TIFF, NPY, video), or files; names are
-        sorted as people count. channel: red, green, blue or luminance. exposures: of K relative exposures
-        there are N pictures each, one exposure after the other or each pattern under all of them in turn.
+        sorted as people count. channel: red, green, blue or luminance.
         InputError names the file, or the number of pictures and a remedy.
         """
-        found = incoming(source, with_exposures(sequence, exposures), channel)
-        shown = with_exposures(sequence, exposures, found.frames)
-        return cls(found.frames, shown, bits=bits_of(found.frames), notices=found.notices)
-
-
-def with_exposure(sequence: Sequence, exposure: NDArray[np.float64] | float | None) -> Sequence:
-    """The sequence whose frames are exposed so: one number for all, or (N,); None leaves it as it is."""
-    if exposure is None:
-        return sequence
-    values = np.asarray(exposure, np.float64)
-    if values.ndim == 0:
-        values = np.full(len(sequence), float(values))
-    _require_per_frame("exposure", values, len(sequence))
-    if values.min() <= 0:
-        raise InputError(f"exposure: {values.min():g} of frame {values.argmin()}, must be greater than 0")
-    frames = tuple(
-        replace(f, exposure=value) for f, value in zip(sequence.frames, values.tolist(), strict=True)
-    )
-    return replace(sequence, frames=frames)
+        found = incoming(source, sequence, channel)
+        return cls(found.frames, sequence, bits=bits_of(found.frames), notices=found.notices)
 
 
 def _require_per_frame(name: str, values: NDArray[np.float64], count: int) -> None:

@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 from collections.abc import Sequence as Items
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -21,10 +21,10 @@ from optolever.blocks import threads
 from optolever.errors import InputError
 from optolever.memory import require_room
 from optolever.notices import Notice
-from optolever.patterns import Frame, Sequence, sequence, sequence_names, sequence_parameters
+from optolever.patterns import Sequence, sequence, sequence_names, sequence_parameters
 from optolever.pictures import CHANNELS, PICTURES, STACKS, colours_of, grey_of, is_lossy, read_pictures
 
-__all__ = ["Incoming", "Source", "incoming", "natural_key", "passed_over", "with_exposures"]
+__all__ = ["Incoming", "Source", "incoming", "natural_key", "passed_over"]
 
 Item = TypeVar("Item")
 Levels = NDArray[np.uint8] | NDArray[np.uint16]
@@ -47,7 +47,7 @@ _PARAMETERS = {
 }
 #: Share of the strongest colour's contrast below which a colour carries nothing.
 _NOTHING = 0.05
-#: Pixels of a picture along a side that colours and exposures are compared at.
+#: Pixels of a picture along a side that colours are compared at.
 _SAMPLED = 64
 #: Level of the brightest sample of pictures in floating point, where their white is unknown: nothing clips.
 _BRIGHTEST = 60000
@@ -118,34 +118,6 @@ def natural_key(name: str) -> list[Any]:
     ['img_1.png', 'IMG_2.png', 'img_10.png']
     """
     return [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", name.casefold())]
-
-
-def with_exposures(shown: Sequence, exposures: Items[float], frames: Levels | None = None) -> Sequence:
-    """The sequence under each exposure: all patterns under the first, then under the next; or, where frames
-    (N K, H, W) resemble that more, each pattern under all K."""
-    frames_of = [[_exposed(frame, exposure) for frame in shown.frames] for exposure in exposures]
-    one_by_one = [frame for each in frames_of for frame in each]
-    in_turns = [frame for each in zip(*frames_of, strict=True) for frame in each]
-    chosen = one_by_one
-    if frames is not None and len(exposures) > 1:
-        few = _few(frames).reshape(len(frames), -1).astype(np.float64)
-        count, most = len(shown), len(exposures)
-        apart, beside = (few[:count], few[count : 2 * count]), (few[::most], few[1::most])
-        if _likeness(*beside) > _likeness(*apart):
-            chosen = in_turns
-    return Sequence(tuple(chosen), shown.rows, shown.cols, shown.name, shown.nominal)
-
-
-def _exposed(frame: Frame, exposure: float) -> Frame:
-    return replace(frame, exposure=frame.exposure * exposure)
-
-
-def _likeness(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
-    """Mean correlation of pictures (N, n), except those without contrast."""
-    one, other = (each - each.mean(axis=1, keepdims=True) for each in (one, other))
-    size = np.sqrt((one**2).sum(axis=1) * (other**2).sum(axis=1))
-    known = size > 0
-    return float(np.mean((one * other).sum(axis=1)[known] / size[known])) if known.any() else 0.0
 
 
 def _said(name: str, cure: str = "") -> Notice:
@@ -293,7 +265,7 @@ def _other_count(found: int, shown: Sequence) -> str:
     text = f"{found} pictures, {shown.name} on a display of {shown.cols}x{shown.rows} has {len(shown)} frames"
     if found % len(shown) == 0:
         times = found // len(shown)
-        return f"{text}: {times} times as many; several exposures are told by --exposures 1,4,..."
+        return f"{text}: {times} times as many; keep one picture of each pattern, of one exposure"
     what = f"{abs(found - len(shown))} {'lost' if found < len(shown) else 'too many'}"
     fitting = _fitting(found, shown)
     if fitting:

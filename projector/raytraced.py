@@ -188,10 +188,8 @@ def expose(
     """
     dark = 0.0 if lighting is None else lighting.dark / (255.0 * sensor.exposure)
     frames = np.empty(lights.shape, np.uint8 if sensor.bits == 8 else np.uint16)
-    for index, frame in enumerate(sequence.frames):
-        electronics = FrameElectronics.of_frame(
-            sensor, frame.exposure, sensor.noise, sensor.bits, seed, index
-        )
+    for index in range(len(sequence)):
+        electronics = FrameElectronics.of_frame(sensor, 1.0, sensor.noise, sensor.bits, seed, index)
         electronics.expose(lights[index] + np.float32(dark), frames[index])
     return frames
 

@@ -18,7 +18,7 @@ from optolever.patterns import Sequence
 from optolever.records import Progress, logged, silent
 from optolever.scene import Scene, Surface
 
-from .capture import Capture, Image, with_exposure
+from .capture import Capture, Image
 from .context import NoContextError, context, context_info
 from .electronics import NOMINAL_SENSOR, FrameElectronics, flicker_factor
 from .groups import frame_groups
@@ -63,7 +63,6 @@ def capture(
     noise: float = 0.0,
     seed: int = 0,
     bits: int | None = None,
-    exposure: NDArray[np.float64] | float | None = None,
     samples: int = 8,
     progress: Progress = silent,
 ) -> Capture:
@@ -80,7 +79,6 @@ def capture(
             noise=noise,
             seed=seed,
             bits=bits,
-            exposure=exposure,
             samples=samples,
         ) as sensor,
         logged(f"capture {len(sequence)} frames of {sensor.shape}"),
@@ -130,9 +128,9 @@ class VirtualSensor:
     renderer: 'gl', 'numpy' (float64, the reference), 'rays' (36 of them over every pixel, where the map
     bends inside of one), or 'auto', OpenGL where there is a context.
     noise: rms of Gaussian noise in 8-bit levels, added to the sensor's; seed: of all noise, same on
-    every machine. bits: of the camera (default: the scene's sensor). exposure: of each frame, relative to
-    the sensor's. A scene without a sensor has NOMINAL_SENSOR: level = 16 + 216.75 light, with
-    photon noise of 30 electrons a level; WHITE_NOISE_SENSOR has the added noise alone.
+    every machine. bits: of the camera (default: the scene's sensor). A scene without a
+    sensor has NOMINAL_SENSOR: level = 16 + 216.75 light, with photon noise of 30 electrons a level;
+    WHITE_NOISE_SENSOR has the added noise alone.
     """
 
     def __init__(
@@ -145,7 +143,6 @@ class VirtualSensor:
         noise: float = 0.0,
         seed: int = 0,
         bits: int | None = None,
-        exposure: NDArray[np.float64] | float | None = None,
         samples: int = 8,
     ) -> None:
         _require_fit(scene, sequence)
@@ -155,7 +152,7 @@ class VirtualSensor:
             raise InputError(f"samples: {samples}, must be at least 1")
         self._scene, self._surface, self._seed, self._samples = scene, surface, seed, samples
         self._sensor = NOMINAL_SENSOR if scene.sensor is None else scene.sensor
-        self._sequence = with_exposure(sequence, exposure)
+        self._sequence = sequence
         self._noise = float(np.hypot(noise, self._sensor.noise))
         self._bits = self._sensor.bits if bits is None else bits
         self._strip = min(scene.camera.rows, max(1, _STRIP // scene.camera.cols))
@@ -182,7 +179,7 @@ class VirtualSensor:
 
     @property
     def sequence(self) -> Sequence:
-        """The displayed sequence, with the exposure of each frame."""
+        """The displayed sequence."""
         return self._sequence
 
     def time(self, index: int) -> float:
@@ -237,7 +234,7 @@ class VirtualSensor:
         return [self.time(index) + self._sensor.shutter_s * float(shift) for shift in shifts]
 
     def _electronics(self, index: int) -> FrameElectronics:
-        gain = self._sequence.frames[index].exposure * flicker_factor(self._sensor, self.time(index))
+        gain = flicker_factor(self._sensor, self.time(index))
         return FrameElectronics.of_frame(self._sensor, gain, self._noise, self._bits, self._seed, index)
 
     def _expose(

@@ -1,4 +1,4 @@
-"""Phase shifting: least squares of N samples per period, I_i = e_i (A + c cos d_i + s sin d_i).
+"""Phase shifting: least squares of N samples per period, I_i = A + c cos d_i + s sin d_i.
 
 Phase = atan2(s, c); its variance follows from the covariance of c and s (for N equidistant steps
 2 sigma^2 / (N B^2), the Cramer-Rao bound). Combinations of the samples that vanish for every fringe are
@@ -193,7 +193,7 @@ def _aliased(fringe: Fringe, residual: F64, phase: F64, amplitude: F64, variance
     double = fringe.unlike @ np.stack([np.cos(2 * fringe.shifts), np.sin(2 * fringe.shifts)], axis=1)
     expected = double @ np.stack([np.cos(2 * phase), np.sin(2 * phase)]) * amplitude
     power = float(np.square(expected).sum())
-    if power < residual.shape[1] or (fringe.exposure != 1).any():
+    if power < residual.shape[1]:
         return 0.0
     second = abs(float((expected * residual).sum())) / power
     steps, chance = len(fringe.index) - 2, float(np.sqrt(np.mean(variance) / power))
@@ -206,7 +206,7 @@ def three_step_aliasing(fringe: Fringe, ends: list[tuple[int, int]], sample: Sam
     deviates from the middle of white and black, or of a bit and its inverse (ends), by h_2 for a quadratic
     curve, and
     within 1 % for x^2.2."""
-    if len(fringe.index) != 3 or not ends or (fringe.exposure != 1).any():
+    if len(fringe.index) != 3 or not ends:
         return 0.0
     levels = sample.levels.astype(np.float64)
     levels = levels[:, np.isfinite(levels[[*fringe.index, *np.ravel(ends)]]).all(axis=0)]

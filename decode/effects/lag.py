@@ -41,8 +41,6 @@ def estimate(view: View) -> Estimate | None:
     """Share of the frame before; its sigma by the scatter among parts of the image and among combinations."""
     plan, count = view.plan, len(view.sample.levels)
     rows = _vanishing(plan, count)
-    if any(frame.exposure != 1 for frame in plan.frames):
-        return None
     levels = view.sample.levels[:, np.isfinite(view.sample.levels).all(axis=0)].astype(np.float64)
     levels = levels[:, :: 1 + levels.shape[1] // _MOST]
     if not len(rows) or levels.shape[1] < _FEWEST:

@@ -182,8 +182,7 @@ def _decoded(view: View, sequence: Sequence, noise: float, pairs: int) -> Iterat
     light = light_of(
         view.image, sequence, view.scene.display, view.scene.pattern.blur_px, view.scene.pattern.stagger
     )
-    exposure = np.array([frame.exposure for frame in sequence.frames])
-    level = sensor.levels(np.maximum(light, 0.0) * exposure[:, None])
+    level = sensor.levels(np.maximum(light, 0.0))
     shot = np.maximum(level - sensor.offset, 0.0) / sensor.gain_e if sensor.gain_e > 0 else 0.0
     scatter = np.sqrt(noise**2 + sensor.noise**2 + shot)
     mean, scatter = (np.asarray(part * (white / 255), np.float32) for part in (level, scatter))

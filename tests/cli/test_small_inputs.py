@@ -114,7 +114,7 @@ def test_numbers_and_arrays_of_numpy(tmp_path: Path) -> None:
     shown.save_png(tmp_path / "png")
     made = (
         Frame("gray", "u", bit=np.int64(2), cell_px=np.float32(4)),
-        Frame("white", exposure=np.float32(2)),  # type: ignore[arg-type]
+        Frame("white"),
         Frame("levels", "u", levels=np.arange(120) * 2),  # type: ignore[arg-type]
     )
     plain = Sequence(made, 96, 120)

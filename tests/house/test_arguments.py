@@ -64,7 +64,9 @@ def _stand_in(hint: Any) -> object:
     kinds = _alternatives(hint)
     if type(None) in kinds:
         return None
-    return object.__new__(kinds[0]) if inspect.isclass(kinds[0]) else []
+    if not inspect.isclass(kinds[0]):
+        return []
+    return tuple.__new__(kinds[0]) if issubclass(kinds[0], tuple) else object.__new__(kinds[0])
 
 
 @pytest.mark.parametrize(("function", "parameter", "hint"), _cases())

@@ -204,6 +204,7 @@ def test_bad_text_is_one_line(text: str, message: str) -> None:
         ({"kind": "gray", "axis": "w", "bit": 1}, "axis is 'w'"),
         ({"kind": "gray", "axis": "u", "bit": 1.5}, "bit is 1.5, must be int"),
         ({"kind": "gray", "axis": "u", "bit": 1, "colour": 3}, "unknown field 'colour'"),
+        ({"kind": "white", "exposure": 4.0}, "exposure is 4.0, one alone is decoded"),
         ({"kind": "phase", "axis": "u", "period_px": float("nan"), "shift": 0.0}, "period_px is nan"),
         ({"kind": "stripe", "axis": "u", "width_px": 3.0}, "at_u is missing"),
         ({"kind": "levels", "axis": "u", "levels": [1, 300]}, "level is 300"),

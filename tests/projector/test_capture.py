@@ -22,7 +22,7 @@ SHOWN = Sequence(
         Frame("white"),
         Frame("gray", "u", bit=3, inverted=True),
         Frame("phase", "v", period_px=7.5, shift=1.25),
-        Frame("lattice", period_px=9.0, width_px=2.0, exposure=0.5),
+        Frame("lattice", period_px=9.0, width_px=2.0),
     ),
     30,
     40,
@@ -49,8 +49,6 @@ def test_round_trip(tmp_path: Path, bits: int) -> None:
     assert again.white == 2**bits - 1
     assert again.timestamps is not None
     assert again.timestamps.tolist() == [0.0, 0.1, 0.25, 0.3]
-    assert again.exposure is not None
-    assert again.exposure.tolist() == [1.0, 1.0, 1.0, 0.5]
     assert again.scene is None
     assert (len(again), again.shape) == (4, (12, 17))
 
@@ -112,15 +110,13 @@ def test_foreign_captures_are_described_elsewhere(tmp_path: Path) -> None:
     (tmp_path / "shots" / "dark.png").write_bytes(b"")
     frames = "".join(
         f'[[frames]]\nfile = "IMG_{9 - index}.png"\nkind = "{kind}"\n{more}\n'
-        for index, kind, more in ((2, "white", "exposure = 2.0"), (0, "black", ""), (1, "white", ""))
+        for index, kind, more in ((2, "white", ""), (0, "black", ""), (1, "white", ""))
     )
     description = tmp_path / "described.toml"
     description.write_text(f"version = 1\nrows = 5\ncols = 6\n{frames}")
     again = Capture.load(tmp_path / "shots", description)
     np.testing.assert_array_equal(again.frames, first.frames[[2, 0, 1]])
     assert [frame.kind for frame in again.sequence.frames] == ["white", "black", "white"]
-    assert again.exposure is not None
-    assert again.exposure.tolist() == [2.0, 1.0, 1.0]
     assert again.timestamps is None
 
 
@@ -142,7 +138,6 @@ def test_saving_writes_over_nothing(tmp_path: Path) -> None:
         ({"bits": 17}, ("bits", "17", "8 and 16")),
         ({"timestamps": np.zeros(3)}, ("timestamps", "(3,)")),
         ({"timestamps": np.array([0, 1, np.nan, 3])}, ("timestamps", "nan", "frame 2")),
-        ({"exposure": np.array([1.0, -2.0, 1.0, 1.0])}, ("exposure", "-2", "frame 1", "greater than 0")),
     ],
 )
 def test_records_that_do_not_fit_together_are_refused(

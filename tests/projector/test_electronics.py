@@ -68,11 +68,7 @@ def test_flicker_is_the_mean_over_the_shutter() -> None:
 def small() -> tuple[Scene, Sequence]:
     """A scene whose mirror is flat and whose sensor has no noise, and three uniform frames."""
     scene = replace(resize(load("paper-simulation"), 40, 40), sensor=WHITE_NOISE_SENSOR)
-    frames = (
-        Frame("uniform", level=200),
-        Frame("uniform", level=100),
-        Frame("uniform", level=200, exposure=0.5),
-    )
+    frames = tuple(Frame("uniform", level=level) for level in (200, 100, 100))
     return scene, Sequence(frames, scene.pattern.rows, scene.pattern.cols)
 
 
@@ -92,18 +88,6 @@ def test_a_scene_without_a_sensor_has_photon_noise_and_room_for_more() -> None:
     np.testing.assert_allclose(seen.mean(axis=(1, 2)), 16 + light, atol=0.6)
     np.testing.assert_allclose(seen.var(axis=(1, 2)), light / 30 + 0.04 + 1.0 + 1 / 12, rtol=0.25)
     assert NOMINAL_SENSOR.levels(np.array(1.0)) == 232.75
-
-
-def test_exposures_of_the_frames_and_of_the_call() -> None:
-    scene, shown = small()
-    flat = dent("flat", scene)
-    own = capture(scene, flat, shown, renderer="numpy")
-    assert own.exposure is not None
-    assert own.exposure.tolist() == [1.0, 1.0, 0.5]
-    given = capture(scene, flat, shown, renderer="numpy", exposure=np.array([0.25, 2.0, 0.25]))
-    levels = inner(given.frames)[:, 5, 5]
-    assert levels.tolist() == [59.0, 186.0, 59.0]  # 16 + 216.75 * (200, 200, 200) / 255 * (1/4, 1, 1/4)
-    assert [frame.exposure for frame in given.sequence.frames] == [0.25, 2.0, 0.25]
 
 
 def test_noise_is_seeded_per_frame_and_independent_of_strips(monkeypatch: pytest.MonkeyPatch) -> None:

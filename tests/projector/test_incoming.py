@@ -179,25 +179,11 @@ def test_a_counter_that_began_again(tmp_path: Path) -> None:
     assert "DSC_9990.png is taken for the first" in names(found)[0]
 
 
-@pytest.mark.parametrize("in_turns", [False, True])
-def test_several_exposures(in_turns: bool, tmp_path: Path) -> None:
-    """The whole sequence under each exposure, or each pattern under all: told by what resembles what."""
-    bright = np.repeat(np.repeat(frames(top=60), 2, 1), 2, 2)
-    rng = np.random.default_rng(1)
-    pairs = [np.clip(bright * factor + rng.normal(0, 1, bright.shape), 0, 255) for factor in (1, 4)]
-    stack = np.stack(pairs, 1 if in_turns else 0).reshape(-1, *bright.shape[1:]).astype(np.uint8)
-    found = Capture.from_pictures(write(tmp_path / "c", stack), SHOWN, exposures=(1, 4))
-    assert found.exposure is not None
-    expected = [1, 4] * COUNT if in_turns else [1] * COUNT + [4] * COUNT
-    assert found.exposure.tolist() == expected
-    assert [frame.kind for frame in found.sequence[:2]] == ["white", "white" if in_turns else "black"]
-
-
 REFUSED = {
     "one is lost": (lambda images: images[1:], (f"{COUNT - 1} pictures", f"has {COUNT} frames", "1 lost")),
     "twice as many": (
         lambda images: np.concatenate([images, images[::-1]]),
-        ("2 times as many", "--exposures"),
+        ("2 times as many", "of one exposure"),
     ),
     "three steps": (
         lambda _: np.random.default_rng(0).integers(
