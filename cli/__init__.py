@@ -4,6 +4,7 @@
 - `commands`: the list of commands; loaded when called
 - `options`: common arguments of several commands (--json, --size, scenes)
 - `outputs`: output files, checked before any work
+- `batch`: many captures by one command, in processes or on a cluster
 - `show`: tables, progress, JSON
 - `rig_devices`, `rig_capture`, `rig_targets`, `rig_live`: the devices of a rig opened; a capture by them;
   captures of targets for `calibrate`; rest and frames for `live`

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from .batch import Many
 from .options import DISPLAY, FILE, blame, json_option, mask_from, mask_option, sample, shown_sequence
-from .outputs import HDF5, OutputFile, Program
+from .outputs import HDF5, OutputFile
 from .rig_capture import measured_lag
 from .show import coverage_text, flag_shares, number, print_notices, progress, table, write_json
 
@@ -34,7 +35,7 @@ Correspondence in c.npz
 """
 
 
-@click.command("decode", cls=Program, epilog=sample(SAMPLE))
+@click.command("decode", cls=Many, captures="sources", folders=True, epilog=sample(SAMPLE))
 @click.argument("sources", type=FILE, nargs=-1, required=True, metavar="DIR|PATTERN|FILE")
 @click.option(
     "--out",
@@ -155,12 +156,12 @@ def command(
             )
             known = None
             if profile is not None:
-                if settings != Settings():
+                known = load_profile(profile).with_lag(measured_lag(profile, source))
+                if settings not in (Settings(), known.settings):
                     raise InputError(
-                        f"--profile {profile}: includes response, lens, blur and cells; leave out "
+                        f"--profile {profile}: is of another response, lens, blur or cells; leave out "
                         "--response, --lens, --blur and --no-cells"
                     )
-                known = load_profile(profile).with_lag(measured_lag(profile, source))
                 settings = known.settings
             decoder = Decoder(capture.sequence, known, settings)
             result = decoder.decode(capture.frames, mask=inside, progress=step)

@@ -7,8 +7,8 @@ import click
 
 from optolever import InputError
 
+from .batch import Many
 from .options import FILE, json_option, sample, sequence_option
-from .outputs import Program
 from .rig_capture import capture_rig, measured_lag
 from .rig_devices import device_options, devices_of
 from .show import length, noise_and_rig, number, print_notices, progress, table, write_json
@@ -27,51 +27,72 @@ Measured in press1
 """
 
 
-@click.command("measure", cls=Program, epilog=sample(SAMPLE))
+@click.command("measure", cls=Many, captures="captures", folders=True, epilog=sample(SAMPLE))
+@click.argument("captures", type=FILE, nargs=-1, metavar="[DIR...]")
 @device_options
 @sequence_option("Displayed sequence.")
 @click.option("--out", type=FILE, required=True, metavar="DIR", help="Folder to make: capture, maps, report.")
+@click.option("--profile", type=FILE, metavar="NPZ", help="Profile of the rig, instead of a new estimate.")
+@click.option("--save-profile", type=FILE, metavar="NPZ", help="Store this capture's profile of the rig.")
 @json_option
-def command(rig: Path, sequence: str, out: Path, json_path: Path | None, **given: Any) -> None:
-    """Take a capture with a rig and make heights and a report.
+def command(
+    captures: tuple[Path, ...],
+    rig: Path,
+    sequence: str,
+    out: Path,
+    profile: Path | None,
+    save_profile: Path | None,
+    json_path: Path | None,
+    **given: Any,
+) -> None:
+    """Take a capture with a rig, or read one; heights and a report.
 
-    DIR gets capture/, c.npz, h.npz, report.html and its data. Every frame is checked against its pattern and
-    the preceding one: a display's light changes later than its buffer is swapped.
+    The folder --out gets capture/, c.npz, h.npz, report.html and its data. Every frame is checked against its
+    pattern and the preceding one: a display's light changes later than its buffer is swapped.
     """
     import numpy as np
 
+    from optolever.calibration import load_profile, store_profile
     from optolever.decode import Decoder
     from optolever.experiments import Measurement, frames_of_another, write_measurement_report
     from optolever.patterns import sequence_from_text
+    from optolever.projector import Capture
     from optolever.reconstruct import reconstruct
     from optolever.scene import load
 
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise InputError(f"{out}: exists and is no empty folder; name another")
-    devices, scene = devices_of(rig, **given), load(rig)
-    shown = sequence_from_text(sequence, scene.pattern.rows, scene.pattern.cols)
+    scene = load(rig)
+    devices = None if captures else devices_of(rig, **given)
     with progress() as step:
         out.mkdir(parents=True, exist_ok=True)
         step("capture")
-        done = capture_rig(rig, devices, shown, out / "capture", keep=False)
+        folder, taken = captures[0] if captures else out / "capture", None
+        if devices is not None:
+            planned = sequence_from_text(sequence, scene.pattern.rows, scene.pattern.cols)
+            taken = capture_rig(rig, devices, planned, folder, keep=False)
+        capture = Capture.load(folder) if taken is None else taken.capture
         step("decode")
-        decoder = Decoder(shown)
-        seen, lag = decoder.decode(done.capture.frames), measured_lag(rig, out / "capture")
+        shown = capture.sequence
+        decoder = Decoder(shown, None if profile is None else load_profile(profile))
+        seen, lag = decoder.decode(capture.frames), measured_lag(rig, folder)
         if lag and decoder.profile is not None:
-            seen = Decoder(shown, decoder.profile.with_lag(lag)).decode(done.capture.frames)
+            seen = Decoder(shown, decoder.profile.with_lag(lag)).decode(capture.frames)
+        if save_profile is not None and decoder.profile is not None:
+            store_profile(save_profile, decoder.profile)
         seen.save(out / "c.npz")
-        wrong = frames_of_another(done.capture, seen)
+        wrong = frames_of_another(capture, seen)
         step("reconstruct")
         height = reconstruct(seen, scene)
         height.save(out / "h.npz")
         found = Measurement(
             height,
             seen,
-            done.capture,
+            capture,
             scene,
             source=str(out / "h.npz"),
             rig=str(rig),
-            simulated=devices.camera == "virtual",
+            simulated=devices is not None and devices.camera == "virtual",
             saved=("c.npz", "h.npz"),
         )
         write_measurement_report(out / "report.html", found)
@@ -81,7 +102,7 @@ def command(rig: Path, sequence: str, out: Path, json_path: Path | None, **given
         for sigma in (height.sigma, height.calibration_sigma)
     )
     numbers = {
-        **done.numbers(),
+        **({"frames": len(shown)} if taken is None else taken.numbers()),
         "wrong_frames": wrong,
         "good_share": float(good.mean()),
         "noise_mm": noise,
@@ -92,8 +113,8 @@ def command(rig: Path, sequence: str, out: Path, json_path: Path | None, **given
     table(
         f"Measured in {out}",
         {
-            "camera": devices.camera,
-            "frames": f"{len(shown)} in {number(done.seconds, 's')}",
+            "camera": str(folder) if devices is None else devices.camera,
+            "frames": f"{len(shown)}" + ("" if taken is None else f" in {number(taken.seconds, 's')}"),
             "good": number(100 * good.mean(), "% of the pixels"),
             "height": f"{length(height.z[good].min())} to {length(height.z[good].max())}"
             if good.any()

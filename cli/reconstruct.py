@@ -9,6 +9,7 @@ import click
 
 from optolever import InputError
 
+from .batch import Many
 from .options import (
     FILE,
     blame,
@@ -22,7 +23,7 @@ from .options import (
     scene_option,
     size_option,
 )
-from .outputs import GRID_SUFFIXES, HDF5, OutputFile, Program
+from .outputs import GRID_SUFFIXES, HDF5, OutputFile
 from .show import (
     budget_rows,
     dent_rows,
@@ -85,8 +86,8 @@ def _sofast_files(scene: str) -> list[str]:
     return files if any(Path(each).suffix.lower() in HDF5 for each in files) else []
 
 
-@click.command("reconstruct", cls=Program, epilog=sample(SAMPLE))
-@click.argument("source", type=FILE, metavar="C.npz")
+@click.command("reconstruct", cls=Many, captures="sources", epilog=sample(SAMPLE))
+@click.argument("sources", type=FILE, nargs=-1, required=True, metavar="C.npz")
 @scene_option
 @click.option(
     "--out", type=OutputFile(".npz"), required=True, metavar="H.npz", help="File to write the height map to."
@@ -140,7 +141,7 @@ def _sofast_files(scene: str) -> list[str]:
 @size_option
 @json_option
 def command(
-    source: Path,
+    sources: tuple[Path, ...],
     scene_name: str,
     out: Path,
     method: str,
@@ -180,6 +181,7 @@ def command(
     )
     from optolever.scene import load_sofast_rig
 
+    source = sources[0]
     correspondence = Correspondence.load(source)
     rest = None if rest_path is None else Correspondence.load(rest_path)
     mask = None if mask_path is None else mask_from(mask_path, correspondence.u.shape, f"{source} is")
