@@ -42,7 +42,7 @@ _LENS, _SOFT, _BLUR = 0.2, 0.6, 0.6
 _SURE2, _THIRD, _REST, _OFF2 = np.float32(25), np.float32(1.2), np.float32(1.6), np.float32(175 / 148)
 #: Squared shares of a step between neighbours: beside flagged pixels, one further; least variance, px^2; the
 #: display's border is flagged up to so many of its reaches.
-_RIM2, _SECOND2, _LEAST, _REACH = np.float32(0.09), np.float32(0.0036), np.float32(1e-4), np.float32(2.0)
+_RIM2, _SECOND2, _LEAST, _REACH = np.float32(0.09), np.float32(0.0036), np.float32(1e-6), np.float32(2.0)
 _ZERO, _ONE = np.float32(0), np.float32(1)
 _OUTLIER, _OFF, _FINE = np.uint16(Flag.OUTLIER), np.uint16(Flag.OFF_PATTERN), 5
 
@@ -295,34 +295,38 @@ def _edge(
     """Variance of a clean pixel by the border of the image, of flagged pixels and of the display; distance to
     the display's border over its reach."""
     n, width = p.shape
-    step2, loss, top, all_clean, flagged = _ZERO, _ZERO, _ZERO, True, False
+    step2, top, extra, flagged, lost = _ZERO, _ZERO, _ZERO, False, False
     for axis in range(2):
         slope, sides = _ZERO, 0
         for sign in (-1, 1):
             j, i = (y, x + sign) if axis == 0 else (y + sign, x)
             if j < 0 or j >= n or i < 0 or i >= width:
-                all_clean = False
-            elif clean[j, i] > _ZERO:
+                continue
+            if clean[j, i] > _ZERO:
                 slope += np.float32(sign) * (p[j, i] - p[y, x])
                 top = max(top, amplitude[j, i])
                 sides += 1
             else:
-                all_clean, flagged = False, True
+                flagged = True
         slope = slope / np.float32(max(sides, 1))
         step2 += slope * slope
-    extra = _ZERO
     if full == _ZERO:
-        extra = step2 * (_RIM2 if not all_clean else _SECOND2)
+        for j in range(max(y - 2, 0), min(y + 3, n)):
+            for i in range(max(x - 2, 0), min(x + 3, width)):
+                lost |= clean[j, i] == _ZERO
+    if lost:
+        extra = step2 * (_RIM2 if flagged else _SECOND2)
     if flagged:
         loss = np.float32(0.5) * max(_ONE - amplitude[y, x] / max(top, np.float32(1e-6)), _ZERO)
         extra += loss * loss * step2
-    if full == _ZERO and 0 < y < n - 1 and 0 < x < width - 1:
-        number, bend = 0, _ZERO
+    if full == _ZERO and n > 2 and width > 2:
+        number, bend = 0, _ZERO  # of the nearest pixel that has eight neighbours
+        k, m = min(max(y, 1), n - 2), min(max(x, 1), width - 2)
         for i in range(-1, 2):
             for j in range(-1, 2):
-                if clean[y + i, x + j] > _ZERO:
+                if clean[k + i, m + j] > _ZERO:
                     number += 1
-                    bend += (np.float32(i * i + j * j) - np.float32(4 / 3)) * (p[y + i, x + j] - p[y, x])
+                    bend += (np.float32(i * i + j * j) - np.float32(4 / 3)) * (p[k + i, m + j] - p[k, m])
         if number == 9:
             bend *= np.float32(0.5) * (limits[3] + limits[4])
             extra += bend * bend
