@@ -16,8 +16,8 @@ from sheet import new_figure
 from optolever.decode import Correspondence, Flag, decode
 from optolever.patterns import Sequence, sequence_from_text
 from optolever.projector import capture
-from optolever.reconstruct import HeightFlag, reconstruct
-from optolever.scene import Scene, dent_from_text, load, resize
+from optolever.reconstruct import HeightFlag, exact_correspondence, reconstruct
+from optolever.scene import Scene, dent_from_text, load, resize, trace
 
 Frames = NDArray[np.uint8]
 Change = Callable[[NDArray[np.float64]], NDArray[np.float64]]
@@ -86,7 +86,7 @@ CASES = (
     Case(Flag.OUTLIER, change=dust),
     Case(Flag.WRONG_FRAME, code="gray:inverses=false", change=lost),
     Case(HeightFlag.CURL, dent="flat"),
-    Case(HeightFlag.STEEP, dent="flat"),
+    Case(HeightFlag.STEEP, dent="gaussian:peak=2,sigma=1"),
     Case(HeightFlag.NO_ANCHOR),
 )
 
@@ -106,16 +106,16 @@ def frames_of(case: Case, rig: Scene) -> tuple[Frames, Sequence]:
 def flags_of(case: Case, rig: Scene, where: Correspondence) -> NDArray[np.integer[Any]]:
     """Flags (H, W) of the decoder, or of the solver where the case is its own.
 
-    CURL, STEEP: a patch of coordinates that is off, unflagged. NO_ANCHOR: a ring without a measurement.
+    CURL: single coordinates that are off, unflagged. STEEP: exact places of a dent of few pixels. NO_ANCHOR: a ring without a measurement.
     """
     if isinstance(case.flag, Flag):
         return where.flags
     mask = None
-    if case.flag in (
-        HeightFlag.CURL,
-        HeightFlag.STEEP,
-    ):
-        where = replace(where, u=np.where(spot(60, 60, 6), where.u + 1.5, where.u))
+    if case.flag is HeightFlag.CURL:
+        wrong = spot(60, 60, 6) & (np.indices((ROWS, COLS)) % 4 == 0).all(axis=0)
+        where = replace(where, u=np.where(wrong, where.u + 1.5, where.u))
+    if case.flag is HeightFlag.STEEP:
+        where = exact_correspondence(trace(rig, dent_from_text(case.dent, rig)), 0.02)
     if case.flag is HeightFlag.NO_ANCHOR:
         mask = ~(spot(60, 80, 34) & ~spot(60, 80, 26))
     return reconstruct(where, rig, mask=mask).flags

@@ -23,13 +23,11 @@ from .judgement.circulation import (
     chi2_limit,
     circulation_chi2,
     contradiction,
-    curl_limit,
     curl_scale,
     curl_score,
-    curl_suspects,
-    lone,
+    outliers,
 )
-from .judgement.discontinuities import across_gaps, edge_doubt, touched, widened
+from .judgement.discontinuities import edge_doubt, widened
 from .judgement.holes import bridged, noise_gain, whole_lines
 from .problem import Problem, prepare
 from .result import anchors_apart, height_map, loaded, off_mirror, refused, with_references
@@ -69,6 +67,7 @@ _SAME_CAPTURE = Notice(
     "give the capture of the mirror at rest as --rest",
 )
 _ROUNDS = 6  # of leaving out lone pixels with a curl
+_FEW = 2e-3  # doubtful edges a pixel, two of which each has: fewer leave the closed form
 
 
 class Solution(NamedTuple):
@@ -252,19 +251,18 @@ def _without_outliers(problem: Problem, state: State) -> tuple[Problem, State, f
     """The solution without lone pixels that the slopes' curl points to (interpolated instead, as small holes
     are), and the scale of the others' curl, see `curl_scale`.
     """
+    slopes = state.slopes
     for _ in range(_ROUNDS):
-        score = curl_score(*state.slopes, *state.variances, problem.data.mask)
+        score = curl_score(*slopes, *state.variances, problem.data.mask)
         scale = curl_scale(score)
-        limit = curl_limit(score) * (max(1.0, scale) if np.isfinite(scale) else 1.0)
-        found = curl_suspects(score, limit, problem.bridged) & problem.data.mask
-        removable = lone(found, problem.data) & ~problem.bridged
-        problem = replace(problem, suspects=problem.suspects | found)
-        if not removable.any():
+        found = outliers(score, scale, problem.data, problem.bridged)
+        if not found.any():
             break
-        wrong = problem.bridged | removable
-        problem = replace(problem, data=bridged(problem.data, wrong), bridged=wrong)
-        state = _solve(problem, state.w)
-    return problem, state, scale
+        bad = problem.bridged | found
+        data = bridged(problem.data, bad)
+        problem = replace(problem, suspects=problem.suspects | found, data=data, bridged=bad)
+        slopes = data.slopes(state.w)[:2]
+    return problem, state if slopes is state.slopes else _solve(problem, state.w), scale
 
 
 def _at_its_noise(problem: Problem, state: State, scale: float) -> tuple[Problem, State, float]:
@@ -311,11 +309,14 @@ def _solve(problem: Problem, first: Floats) -> State:
 
 
 def _around_discontinuities(problem: Problem, state: State, noise: float) -> State:
-    """The solution with the doubts in the edges' variances, if there are any. noise: the curl's scale."""
+    """The solution with the doubts in the edges' variances; where there are few, they are in sigma alone (see
+    `sources`). noise: the curl's scale."""
     for _ in range(_REWEIGHTED):
         doubt = doubted(problem, state, noise)
         if doubt is None:
             break
+        if state.problem.closed and np.count_nonzero(doubt) < _FEW * doubt.x.size:
+            return replace(state, doubt=doubt)
         state = solve(problem.data, problem.samples, problem.labels, state.w, doubt)
     return state
 
@@ -325,13 +326,8 @@ def doubted(problem: Problem, state: State, noise: float) -> Doubt | None:
     announced = not np.isfinite(noise) or problem.data.whole_cells(problem.bridged)
     # a residual that most edges have is no discontinuity
     scale = 1.0 if announced else max(min(1.0, _BETTER * noise), state.misfit)
-    mask, blamed = problem.data.mask, problem.suspects & ~problem.bridged
-    doubt = edge_doubt(*state.slopes, *state.variances, mask, scale, blamed)
-    if problem.bridged.any():
-        gaps = across_gaps(*state.slopes, state.variances, mask, problem.bridged)
-        doubt = gaps if doubt is None else Doubt(np.maximum(doubt.x, gaps.x), np.maximum(doubt.y, gaps.y))
-        doubt = widened(doubt, problem.bridged) if touched(doubt).any() else None
-    return doubt
+    doubt = edge_doubt(*state.slopes, *state.variances, problem.data.mask, scale)
+    return doubt if doubt is None or not problem.bridged.any() else widened(doubt, problem.bridged)
 
 
 def _warm(problem: Problem, start: HeightMap) -> Floats | None:

@@ -14,7 +14,6 @@ import math
 import numpy as np
 import scipy.ndimage
 import scipy.special
-from numpy.typing import NDArray
 
 from optolever.notices import Notice
 
@@ -28,15 +27,13 @@ __all__ = [
     "circulation_chi2",
     "circulations",
     "contradiction",
-    "curl_limit",
     "curl_scale",
     "curl_score",
-    "curl_suspects",
-    "lone",
+    "outliers",
 ]
 
 _SUSPECT = 0.01  # chance of a right image to hold a suspect
-_NEAR, _SHARE = 4, 0.7  # reach of what lies around, and the share of it that wrong pixels leave alone
+_ROUNDS = 8  # of a suspect beside another
 _CALM = 0.3  # quantile of the pixels around that other wrong pixels nearby leave alone
 _STANDS_OUT = 30.0  # times that quantile
 _SMALLEST = 4  # pixels: below it an edge's four slopes overlap
@@ -72,103 +69,35 @@ def curl_scale(score: Floats) -> float:
     return 1.4826 * float(np.median(sample)) if sample.size else float("nan")
 
 
-def curl_limit(score: Floats) -> float:
-    """What the root of the evidence against a pixel (see `curl_suspects`) exceeds by chance in one image of a
-    hundred.
+def outliers(score: Floats, scale: float, data: Measured, bridged: Mask) -> Mask:
+    """Wrong pixels, (H, W), by the scores of scale `scale`; bridged: pixels that cannot be to blame.
 
-    The scores of two squares that share a corner alone are correlated by -1/4, of two that share a side not
-    at all: the four around a pixel add up to 1.25 chi2(2) + 0.75 chi2(2), whose tail is 2.5 exp(-x / 2.5).
+    A wrong pixel spoils the four squares around it: their sum of squares is over what one image of a hundred
+    holds by chance. The scores of two squares that share a corner alone are correlated by -1/4, of two that
+    share a side not at all: the four add up to 1.25 chi2(2) + 0.75 chi2(2), whose tail is 2.5 exp(-x / 2.5).
+    Of neighbours it is the one that a cubic through the others misses most. Found ones clear their squares,
+    and what remains is looked at again.
     """
-    squares = int(np.count_nonzero(np.isfinite(score)))
-    return math.sqrt(2.5 * math.log(2.5 * max(squares, 1) / _SUSPECT))
-
-
-def curl_suspects(score: Floats, limit: float, cleared: Mask) -> Mask:
-    """Pixels to which the large curls point, (H, W).
-
-    An outlier spoils the four squares around it, its neighbours share two of them or one; so a pixel is
-    suspected if the sum of the squares' evidence is over limit^2 and largest among its neighbours, and far
-    above that of the squares around: along a rim all have a curl. Suspects clear their squares, and what
-    remains is looked at again. cleared (H, W): pixels that are interpolated and cannot be to blame.
-    """
-    evidence = np.square(np.nan_to_num(score, nan=0.0, posinf=1e150, neginf=-1e150))
-    evidence = np.minimum(evidence, 1e12)
-    # On a border a pixel has two squares: as much evidence in these as an inner pixel has in four.
-    share = 4.0 / np.maximum(_around(np.isfinite(score).astype(np.float64)), 1.0)
-    suspects: Mask = np.zeros(score.shape, dtype=np.bool_)
-    dismissed = suspects.copy()
-    for _ in range(8):
-        total = np.where(cleared | dismissed, 0.0, _around(evidence) * share)
-        over = total > limit**2
-        if not over.any():
+    seen = np.isfinite(score)
+    least = 2.5 * math.log(2.5 * max(int(np.count_nonzero(seen)), 1) / _SUSPECT)
+    least *= max(1.0, scale) ** 2 if math.isfinite(scale) else 1.0
+    evidence = np.minimum(np.square(np.nan_to_num(score, nan=0.0, posinf=1e6, neginf=-1e6)), 1e12)
+    # on a border a pixel has two squares: as much evidence in these as an inner pixel has in four
+    share = 4.0 / np.maximum(_around(seen.astype(np.float64)), 1.0)
+    found: Mask = np.zeros(score.shape, dtype=np.bool_)
+    rough = None
+    for _ in range(_ROUNDS):
+        total = np.where(bridged | found, 0.0, _around(evidence) * share)
+        more = total > least
+        if not more.any():
             break
-        at = np.argwhere(over & (total >= scipy.ndimage.maximum_filter(total, 3)))
-        alone = np.sqrt(total[tuple(at.T)]) > limit * np.maximum(1.0, _scale_around(score, at))
-        suspects[tuple(at[alone].T)] = True
-        dismissed[tuple(at[~alone].T)] = True
-        evidence[_touched(suspects)] = 0.0
-    return suspects
-
-
-def _scale_around(score: Floats, at: NDArray[np.intp]) -> Floats:
-    """Robust deviation of the scores around pixels (M, 2), but for the four that hold each."""
-    near = np.arange(-_NEAR, _NEAR)
-    rows, cols = at[:, 0, None, None] + near[:, None], at[:, 1, None, None] + near
-    inside = (rows >= 0) & (rows < score.shape[0]) & (cols >= 0) & (cols < score.shape[1])
-    inside[:, _NEAR - 1 : _NEAR + 1, _NEAR - 1 : _NEAR + 1] = False
-    sizes = np.abs(np.where(inside, score[rows % score.shape[0], cols % score.shape[1]], np.nan))
-    sizes = sizes.reshape(len(at), -1)
-    sizes[np.isnan(sizes).all(axis=1)] = 0.0
-    scale: Floats = np.nanquantile(sizes, _SHARE, axis=1) / scipy.special.ndtri(0.5 + 0.5 * _SHARE)
-    return scale
-
-
-def lone(suspects: Mask, data: Measured) -> Mask:
-    """Suspects that are out of line with smooth surroundings: wrong pixels, not a cusp, a crease or a fold,
-    (H, W).
-
-    Measured by what a cubic through the neighbours misses, over sigma: many times the calmer third of the 5 x
-    5 pixels around. A feature of the surface is missed by as much all along.
-    """
-    single = np.zeros_like(suspects)
-    at = np.argwhere(suspects)
-    if at.size:
-        rough = np.maximum(_missed(data.u, data.sigma_u, at), _missed(data.v, data.sigma_v, at))
-        around = rough.reshape(len(at), -1)
-        around[np.isnan(around).all(axis=1)] = 0.0
-        with np.errstate(invalid="ignore"):
-            stands_out = around[:, around.shape[1] // 2] > _STANDS_OUT * np.nanquantile(around, _CALM, axis=1)
-        single[tuple(at[stands_out].T)] = True
-    return single
-
-
-def _missed(field: Floats, sigma: Floats, at: NDArray[np.intp]) -> Floats:
-    """|value - cubic through its neighbours| / sigma in the 5 x 5 pixels around each place, (M, 5, 5).
-
-    The mean of the predictions along the row and along the column, or the one that the image's border leaves.
-    """
-    reach = np.arange(-4, 5)
-    rows, cols = at[:, 0, None, None] + reach[:, None], at[:, 1, None, None] + reach
-    inside = (rows >= 0) & (rows < field.shape[0]) & (cols >= 0) & (cols < field.shape[1])
-    rows, cols = np.clip(rows, 0, field.shape[0] - 1), np.clip(cols, 0, field.shape[1] - 1)
-    patch = np.where(inside, field[rows, cols], np.nan)
-    middle = slice(2, 7)
-    along, across = (_cubic(turned)[:, middle] for turned in (patch.transpose(0, 2, 1), patch))
-    along = along.transpose(0, 2, 1)[:, middle]
-    across = across[:, :, middle]
-    one = np.where(np.isnan(along), across, along)
-    other = np.where(np.isnan(across), along, across)
-    missed: Floats = np.abs(patch[:, middle, middle] - 0.5 * (one + other))
-    missed /= sigma[rows, cols][:, middle, middle]
-    return missed
-
-
-def _cubic(patch: Floats) -> Floats:
-    """Prediction of rows 2 .. -3 from the two rows on either side (M, n, n); NaN in the others."""
-    out = np.full(patch.shape, np.nan)
-    near, far = patch[:, 1:-3] + patch[:, 3:-1], patch[:, :-4] + patch[:, 4:]
-    out[:, 2:-2] = (4.0 * near - far) / 6.0
-    return out
+        if rough is None:
+            rough = np.maximum(_missed(data.u) / data.sigma_u, _missed(data.v) / data.sigma_v)
+        rank = np.where(more, np.nan_to_num(rough), 0.0)
+        found |= more & (rank >= scipy.ndimage.maximum_filter(rank, 3))
+        touched = scipy.ndimage.maximum_filter(found, 2, origin=-1)
+        evidence[touched] = 0.0
+    return found if rough is None else _lone(found & data.mask, rough)
 
 
 def _around(evidence: Floats) -> Floats:
@@ -180,13 +109,27 @@ def _around(evidence: Floats) -> Floats:
     return total
 
 
-def _touched(pixels: Mask) -> Mask:
-    """Squares that hold one of the pixels."""
-    squares = pixels.copy()
-    squares[:-1] |= pixels[1:]
-    squares[:, :-1] |= pixels[:, 1:]
-    squares[:-1, :-1] |= pixels[1:, 1:]
-    return squares
+def _lone(suspects: Mask, rough: Floats) -> Mask:
+    """Suspects that are out of line with smooth surroundings: wrong pixels, not a cusp, a crease or a fold,
+    (H, W).
+
+    rough (H, W): what a cubic through the neighbours misses, over sigma: many times the calmer third of the 5
+    x 5 pixels around. A feature of the surface is missed by as much all along.
+    """
+    windows = np.lib.stride_tricks.sliding_window_view(np.pad(rough, 2, constant_values=np.nan), (5, 5))
+    around = windows[suspects].reshape(-1, 25)
+    around[np.isnan(around).all(axis=1)] = 0.0
+    single = np.zeros_like(suspects)
+    single[suspects] = around[:, 12] > _STANDS_OUT * np.nanquantile(around, _CALM, axis=1)
+    return single
+
+
+def _missed(field: Floats) -> Floats:
+    """|value - cubic through its neighbours|, (H, W): the mean of both axes, or the one that is known."""
+    fourth = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 6.0
+    one, other = (scipy.ndimage.correlate1d(field, fourth, k, mode="constant", cval=np.nan) for k in (0, 1))
+    both = 0.5 * (np.where(np.isnan(one), other, one) + np.where(np.isnan(other), one, other))
+    return np.asarray(np.abs(both))
 
 
 def circulation_chi2(data: Measured, state: State, gain: Floats) -> tuple[float, int]:
@@ -213,34 +156,28 @@ def circulations(mask: Mask, slopes: tuple[Floats, Floats], variance: Floats) ->
         slice((size - min(size, _LARGEST)) // 2, (size + min(size, _LARGEST)) // 2) for size in mask.shape
     )
     inside = np.ascontiguousarray(mask[window])
-    p, q = (np.ascontiguousarray(part[window]) for part in slopes)
-    gx, gy = increments(p, q, inside)
-    # block sums are differences of cumulative sums: they must exceed the rounding of these
-    both = np.minimum(variance[window], _MOST * float(np.median(variance[mask])))
-    sums, spread, holes = (_sums(gx, 1), _sums(gy, 0)), _area(both), _area((~inside).astype(np.float64))
+    gx, gy = increments(*(np.ascontiguousarray(part[window]) for part in slopes), inside)
+    squares = gx[:-1, :-1] - gx[1:, :-1] + gy[:-1, 1:] - gy[:-1, :-1]
+    # sums are differences of cumulative sums: they must exceed the rounding of these
+    spread = np.minimum(variance[window], _MOST * float(np.median(variance[mask])))
     found, block = [], _SMALLEST
     while block <= min(inside.shape) // 4:
-        found.append((block, _scores(sums, spread, holes, block)))
-        block *= 2
+        wide = 2 * block
+        mean = _boxes(_boxes(squares, block), block) / block**2
+        here = slice(mean.shape[0]), slice(mean.shape[1])
+        limits, holes = (_boxes(part, wide)[here] for part in (spread, (~inside).astype(np.float64)))
+        mean = mean[: len(limits), : limits.shape[1]]
+        score = mean / np.sqrt(limits / wide**2 * 2.0 * (2.0 * block**2 + 1.0) / (3.0 * block**2))
+        found.append((block, score[holes < 0.5]))
+        block = wide
     return found
 
 
-def _scores(sums: tuple[Floats, Floats], variance: Floats, holes: Floats, block: int) -> Floats:
-    """Mean circulations over their standard deviation, where there is no hole."""
-    gx, gy = sums
-    rows, cols = variance.shape[0] - 1, variance.shape[1] - 1
-    along = gx[: rows - 1, block:] - gx[: rows - 1, :-block]
-    down = gy[block:, : cols - 1] - gy[:-block, : cols - 1]
-    across, below = along[:-block] - along[block:], down[:, block:] - down[:, :-block]
-    r, c = min(across.shape[0], below.shape[0]), min(across.shape[1], below.shape[1])
-    mean = _boxes(_area(across[:r, :c] + below[:r, :c]), block) / block**2
-    wide = 2 * block
-    here = slice(mean.shape[0]), slice(mean.shape[1])
-    spread = _boxes(variance, wide)[here] / wide**2
-    mean = mean[: spread.shape[0], : spread.shape[1]]
-    score = mean / np.sqrt(spread * 2.0 * (2.0 * block**2 + 1.0) / (3.0 * block**2))
-    whole: Floats = score[_boxes(holes, wide)[here] < 0.5]
-    return whole
+def _boxes(values: Floats, size: int) -> Floats:
+    """Sums over all squares of size x size."""
+    total = np.pad(values, ((1, 0), (1, 0))).cumsum(axis=0).cumsum(axis=1)
+    boxes: Floats = total[size:, size:] - total[:-size, size:] - total[size:, :-size] + total[:-size, :-size]
+    return boxes
 
 
 def chi2_limit(freedom: int) -> float:
@@ -257,21 +194,3 @@ def contradiction(chi2: float | None, freedom: int, rig: bool = False) -> tuple[
         return ()
     name = f"slopes contradict each other beyond noise, chi2 per degree of freedom ({freedom})"
     return (Notice(name, chi2, chi2_limit(freedom), _CURE_BESIDE_RIG if rig else _CURE),)
-
-
-def _area(values: Floats) -> Floats:
-    """Sums over the rectangles from the corner, one row and column larger."""
-    return _sums(_sums(values, 0), 1)
-
-
-def _boxes(area: Floats, size: int) -> Floats:
-    """Sums over all squares of size x size."""
-    boxes: Floats = area[size:, size:] - area[:-size, size:] - area[size:, :-size] + area[:-size, :-size]
-    return boxes
-
-
-def _sums(values: Floats, axis: int) -> Floats:
-    """Running sums along an axis, from zero."""
-    shape = list(values.shape)
-    shape[axis] = 1
-    return np.concatenate([np.zeros(shape), np.cumsum(values, axis=axis)], axis=axis)

@@ -7,10 +7,6 @@ contact) or one of its pixels is wrong, and the smaller of the two differences e
 error: the doubt. Neighbouring edges share it, as the jump may lie in any of them. Its square adds to the
 edge's variance, so that the solve goes around the crease, and the sigma of pixels behind it contains the
 doubt.
-
-Nobody saw how the slopes change across interpolated pixels. Carried straight on from either side of the gap,
-slopes rise by as much where the surface goes on as smoothly as it came, and by something else where a crease
-or a ridge hides in it: half of the difference is the doubt of the edges across, which share it.
 """
 
 import numpy as np
@@ -21,10 +17,10 @@ import scipy.sparse.csgraph
 from optolever.blocks import over_image
 from optolever.kernels import exact, inlined
 
-from ..arrays import Floats, Ints, Mask, Pair
-from ..solver.edges import Doubt, cubic_at_end, curl, stencil
+from ..arrays import Floats, Ints, Mask
+from ..solver.edges import Doubt, cubic_at_end, stencil
 
-__all__ = ["across_gaps", "cut_off", "edge_doubt", "touched", "widened"]
+__all__ = ["cut_off", "edge_doubt", "touched", "widened"]
 
 _SIGMAS = 5.0  # of the difference's noise: both sides exceed it by chance in no edge of a megapixel
 _FAINT = 2.0  # of the same, for edges that continue a crease
@@ -39,7 +35,6 @@ _CONVERGES = 0.5  # errors that fall so from one order to the next are those of 
 _QUIET = 8.0  # of a slope's sigma: third differences of noise (4.5) and little more
 _SHARE = 1.0 / 12.0  # a jump inside an edge moves that edge's increment by half of it, the next one's by 1/24
 _BESIDE = 5  # pixels: reach of a crease's surroundings, in which doubts below the noise count too
-_BLAME = 13.0 / 12.0  # a wrong slope is in its edges by 13/24, in the curl around it by half
 _CERTAIN, _ABRUPT = 8.0, 0.2  # of its noise, of the largest step: residual of one side at a kink
 _ONE_SIDED = 0.25  # of that, at most: the other side's residual
 _KINK = 0.5  # of one side's residual, at the edge of three where it is largest
@@ -58,14 +53,11 @@ def edge_doubt(
     var_q: Floats,
     mask: Mask,
     noise: float = 1.0,
-    suspects: Mask | None = None,
 ) -> Doubt | None:
     """The doubts of slopes p, q (H, W); None if no edge is doubtful.
 
-    noise: factor on the slopes' standard deviations; suspects (H, W): pixels that are blamed for a curl and
-    yet in use.
+    noise: factor on the slopes' standard deviations.
     """
-    blamed = suspects is not None and bool(suspects.any())
     dx, plain_x, sure_x = _axis(p, var_p, mask, (0, 1), noise)
     dy, plain_y, sure_y = _axis(q, var_q, mask, (1, 0), noise)
     sure, doubtful = sure_x | sure_y, (dx > 0) | (dy > 0)
@@ -74,7 +66,7 @@ def edge_doubt(
     sizes[0] = 0
     long = (sizes >= _CHAIN)[parts]
     sure |= long
-    if not (blamed or sure.any()):
+    if not sure.any():
         return None
     found = np.zeros(count + 1, dtype=np.bool_)
     found[parts[sure]] = True
@@ -86,20 +78,7 @@ def edge_doubt(
     )
     lines = scipy.ndimage.maximum_filter(long, _BESIDE)
     dx, dy = _beside(dx, var_p, lines), _beside(dy, var_q, lines)
-    if suspects is not None and blamed:
-        curls = np.where(suspects, _BLAME * _largest_curl(p, q, mask), 0.0)
-        dx, dy = np.maximum(dx, curls), np.maximum(dy, curls)
-        dx[:, :-1], dy[:-1] = np.maximum(dx[:, :-1], curls[:, 1:]), np.maximum(dy[:-1], curls[1:])
     return Doubt(_shared(dx, mask), _shared(dy.T, mask.T).T.copy())
-
-
-def _largest_curl(p: Floats, q: Floats, mask: Mask) -> Floats:
-    """Of the squares around every pixel, (H, W)."""
-    size = np.pad(np.abs(np.nan_to_num(curl(p, q, mask))), ((1, 0), (1, 0)))
-    largest: Floats = np.maximum(
-        np.maximum(size[:-1, :-1], size[:-1, 1:]), np.maximum(size[1:, :-1], size[1:, 1:])
-    )
-    return largest
 
 
 def _beside(doubt: Floats, variance: Floats, lines: Mask) -> Floats:
@@ -166,63 +145,6 @@ def widened(doubt: Doubt, guessed: Mask) -> Doubt:
     wide_x[:, :-1] = np.maximum(wide_x[:, :-1], np.maximum(near[:, :-1], near[:, 1:]))
     wide_y[:-1] = np.maximum(wide_y[:-1], np.maximum(near[:-1], near[1:]))
     return Doubt(wide_x, wide_y)
-
-
-def across_gaps(p: Floats, q: Floats, variances: Pair, mask: Mask, guessed: Mask) -> Doubt:
-    """Doubts of the edges across interpolated pixels (guessed), of slopes p, q and their variances; all
-    (H, W)."""
-    along = _across(p, variances[0], mask, guessed)
-    return Doubt(along, _across(q.T, variances[1].T, mask.T, guessed.T).T.copy())
-
-
-def _across(f: Floats, variance: Floats, mask: Mask, guessed: Mask) -> Floats:
-    """Doubts along the rows."""
-    seen = mask & ~guessed
-    row, before, after = _gaps(seen, guessed)
-    edges = after - before
-    ways = [
-        [
-            _straight_on(f, variance, seen, row, at, out, edges, curved)
-            for at, out in ((before, -1), (after, 1))
-        ]
-        for curved in (False, True)
-    ]
-    by_lines, by_parabolas = (0.5 * np.abs(left[0] - right[0]) for left, right in ways)
-    noise = 0.5 * np.sqrt(ways[0][0][1] + ways[0][1][1])
-    off = np.where(by_parabolas < _CONVERGES * by_lines, by_parabolas, by_lines)
-    doubt = np.minimum(off, np.maximum(_RISE * (off - _SIGMAS * noise), 0.0)) / edges
-    found = np.zeros(f.shape)
-    inside = np.arange(edges.sum()) - np.repeat(np.cumsum(edges) - edges, edges)
-    found[np.repeat(row, edges), np.repeat(before, edges) + inside] = np.repeat(doubt, edges)
-    return found
-
-
-def _gaps(seen: Mask, guessed: Mask) -> tuple[Ints, Ints, Ints]:
-    """Row, and the measured pixels before and after, of the interpolated runs that have both."""
-    ends = np.diff(np.pad(guessed, ((0, 0), (1, 1))).astype(np.int8), axis=1)
-    (row, first), after = np.nonzero(ends == 1), np.nonzero(ends == -1)[1]
-    inside = np.pad(seen, ((0, 0), (1, 1)))
-    both = inside[row, first] & inside[row, after + 1]
-    return row[both], first[both] - 1, after[both]
-
-
-def _straight_on(
-    f: Floats, variance: Floats, seen: Mask, row: Ints, at: Ints, outward: int, edges: Ints, curved: bool
-) -> tuple[Floats, Floats]:
-    """What slopes rise by over so many edges, by the line through a side's pixels (level where there is one)
-    or the parabola (NaN where there are not three); and the variance of that.
-    """
-    steps = [at + k * outward for k in range(3)]
-    places = [np.clip(step, 0, f.shape[1] - 1) for step in steps]
-    there = [seen[row, place] & (place == step) for place, step in zip(places, steps, strict=True)]
-    line = np.where(there[1], edges**2 / 2, 0.0)
-    bend = np.where(there[1] & there[2], edges**3 / 6 + edges**2 / 4, np.nan) if curved else 0.0 * line
-    weights = edges + line + bend, -line - 2 * bend, bend
-    rise, noise = np.zeros(at.shape), np.zeros(at.shape)
-    for weight, place in zip(weights, places, strict=True):
-        rise += np.where(weight == 0, 0.0, weight * f[row, place])
-        noise += weight**2 * variance[row, place]
-    return rise, noise
 
 
 def cut_off(doubt: Doubt, limit: tuple[Floats, Floats], mask: Mask, anchors: Ints, lost: Mask) -> Mask:

@@ -18,7 +18,7 @@ from ..solver.newton import State, edge_errors, response
 from ..solver.poisson import ColumnPoisson
 from .response import ErrorField, slope_errors
 
-__all__ = ["FLOOR", "monte_carlo_variance"]
+__all__ = ["FLOOR", "drawn_doubts", "monte_carlo_variance"]
 
 FLOOR = 0.02  # of a slope's variance: the least that a height next to an exact anchor is given
 _DRAWS = 64
@@ -98,7 +98,7 @@ def _drawn(
     )
     slopes, alone, together = slope_errors(data, state, (p, q), ErrorField(du, dv)), None, None
     if state.doubt is not None:
-        alone, alike = _drawn_doubts(state.doubt, p, q, rng)
+        alone, alike = drawn_doubts(state.doubt, p, q, rng)
         together = (alone[0] + alike[0], alone[1] + alike[1])
     own = response(data, labels, state, slopes, together)
     factor = np.broadcast_to(state.root**2, own.shape)
@@ -109,7 +109,7 @@ def _drawn(
     return own, factor * (control - pinned)
 
 
-def _drawn_doubts(doubt: Doubt, p: Floats, q: Floats, rng: np.random.Generator) -> tuple[Pair, Pair]:
+def drawn_doubts(doubt: Doubt, p: Floats, q: Floats, rng: np.random.Generator) -> tuple[Pair, Pair]:
     """Draws of the edges' doubts: independent, as the rectangle's edges are, and common to each rim with the
     sign of the slope along every edge, as a rim is misjudged in the same way all around.
     """

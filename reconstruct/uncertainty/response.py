@@ -22,10 +22,12 @@ _WIDE = 6.0  # pixels, rms: smoothing of the variance by a few drawn fields
 
 
 class ErrorField(NamedTuple):
-    """One error of unit variance: what it adds to u and v (rows, cols), pattern px."""
+    """One error of unit variance: what it adds to u and v (rows, cols), pattern px, and to the edges'
+    increments."""
 
     u: Floats
     v: Floats
+    edges: Pair | None = None
 
 
 def variance_by(problem: Problem, state: State, fields: Iterable[ErrorField]) -> Floats:
@@ -33,10 +35,10 @@ def variance_by(problem: Problem, state: State, fields: Iterable[ErrorField]) ->
     p, q, _, _ = problem.data.slopes(state.w)
     total = np.zeros(problem.labels.shape)
     for field in fields:
-        if not (field.u.any() or field.v.any()):
+        if field.edges is None and not (field.u.any() or field.v.any()):
             continue
         slopes = slope_errors(problem.data, state, (p, q), field)
-        total += np.square(response(problem.data, problem.labels, state, slopes))
+        total += np.square(response(problem.data, problem.labels, state, slopes, field.edges))
     return smoothed(total, problem.labels > 0, _WIDE)
 
 

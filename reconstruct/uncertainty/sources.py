@@ -7,6 +7,7 @@
 | CELLS | the sawtooth of a discrete code, over the places where its cells may begin |
 | ANCHORS | of every known value; the response is the integrating factor |
 | BEND | of the ways to the anchors in common (`AnchorRows.bend`), likewise |
+| DOUBTS | of edges in doubt that the solve does not go around, drawn |
 | CONTRADICTION | what the slopes' circulation shows beyond noise |
 
 A discrete code yields the middle of the cell at which a pixel looks. Where sampling is commensurate (one cell
@@ -24,15 +25,17 @@ from ..arrays import Floats, Labels, Mask
 from ..problem import Problem
 from ..solver.newton import State
 from .closed_form import unknown_variance
+from .monte_carlo import drawn_doubts
 from .response import ErrorField, smoothed, variance_by
 
 __all__ = [
-    *("ANCHORS", "BEND", "CELLS", "CONTRADICTION", "LOAD", "NOISE", "SHARED"),
+    *("ANCHORS", "BEND", "CELLS", "CONTRADICTION", "DOUBTS", "LOAD", "NOISE", "SHARED"),
     *("anchor_response", "noise_sources"),
 ]
 
 NOISE, SHARED = "noise of the frames, independent", "noise that pixels have in common"
 CELLS, CONTRADICTION = "cells of a discrete code", "slopes that contradict each other"
+DOUBTS = "slopes that change too fast between pixels"
 LOAD = "anchor_load"  # a mode of the map, see `result.loaded`
 ANCHORS, BEND = "known heights of the anchors", "curvature between mirror and anchors"
 _DRAWS, _FEWEST = 32, 8
@@ -52,6 +55,8 @@ def noise_sources(
         found[SHARED] = variance_by(problem, state, _shared(problem, shared))
     if problem.data.whole_cells(problem.bridged):
         found[CELLS] = variance_by(problem, state, _cells(problem))
+    if state.doubt is not None and state.problem.closed:
+        found[DOUBTS] = variance_by(problem, state, _doubts(state))
     return found | {name: each for name, each in _anchors(problem.labels, state).items() if each.any()}
 
 
@@ -108,6 +113,15 @@ def _cells(problem: Problem) -> Iterator[ErrorField]:
         yield ErrorField(
             *(width / np.sqrt(_PLACES) * (np.rint(at) - at) for width, at in zip(widths, places, strict=True))
         )
+
+
+def _doubts(state: State) -> Iterator[ErrorField]:
+    rng, nothing = np.random.default_rng(_SEED), np.zeros(state.w.shape)
+    assert state.doubt is not None
+    for _ in range(_FEWEST):
+        pairs = zip(*drawn_doubts(state.doubt, *state.slopes, rng), strict=True)
+        x, y = ((alone + alike) / np.sqrt(_FEWEST) for alone, alike in pairs)
+        yield ErrorField(nothing, nothing, (x, y))
 
 
 def _twiced(coord: Floats, mask: Mask) -> Floats:

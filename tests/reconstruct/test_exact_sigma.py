@@ -86,19 +86,18 @@ def roof(scene: Scene, crease: float) -> Surface:
 
 
 @pytest.mark.daily(1)
-@pytest.mark.parametrize("slit", [False, True])
-def test_a_crease_between_pixels_is_in_sigma(cut, slit: bool) -> None:
-    """Wherever it lies between two rows, or in a slit that nobody sees: all of the far side is off by the
-    slopes' jump times the way from the middle, which is evenly drawn. Without noise."""
+def test_a_crease_between_pixels_is_in_sigma() -> None:
+    """Wherever it lies between two rows: all of the far side is off by the slopes' jump times the way from
+    the middle, which is evenly drawn. Without noise."""
     scene = resize(load("paper-simulation", exact=True), 40, 48)
     pitch = scene.mirror.width / 40
     off = []
     for share in (0.1, 0.3, 0.5, 0.7, 0.9):
         crease = (20 + share) * pitch
         truth = trace(scene, roof(scene, crease))
-        seen = cut(correspondence_of(truth, 1e-3), ~(slit & (np.abs(truth.y - crease) < pitch)))
+        seen = correspondence_of(truth, 1e-3)
         height = reconstruct(seen, scene, anchor=PixelAnchor(32, 24, float(truth.z[32, 24])))
         off.append(scores(height, truth)[truth.y < crease - 2 * pitch])
     far = np.concatenate(off)
-    assert slit or np.isfinite(far).mean() > 0.9  # in a slit along it a step of any height may hide: flagged
+    assert np.isfinite(far).mean() > 0.9
     assert rms_score(np.nan_to_num(far)) < 1.0
