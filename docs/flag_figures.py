@@ -106,7 +106,8 @@ def frames_of(case: Case, rig: Scene) -> tuple[Frames, Sequence]:
 def flags_of(case: Case, rig: Scene, where: Correspondence) -> NDArray[np.integer[Any]]:
     """Flags (H, W) of the decoder, or of the solver where the case is its own.
 
-    CURL: single coordinates that are off, unflagged. STEEP: exact places of a dent of few pixels. NO_ANCHOR: a ring without a measurement.
+    CURL: single coordinates that are off, unflagged. STEEP: exact places of a dent of few pixels.
+    NO_ANCHOR: a ring without a measurement.
     """
     if isinstance(case.flag, Flag):
         return where.flags
