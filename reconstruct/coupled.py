@@ -261,7 +261,8 @@ def _without_outliers(problem: Problem, state: State) -> tuple[Problem, State, f
         bad = problem.bridged | found
         data = bridged(problem.data, bad)
         problem = replace(problem, suspects=problem.suspects | found, data=data, bridged=bad)
-        slopes = data.slopes(state.w)[:2]
+        p, q, _, _ = data.slopes(state.w)
+        slopes = p, q
     return problem, state if slopes is state.slopes else _solve(problem, state.w), scale
 
 

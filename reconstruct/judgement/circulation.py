@@ -156,7 +156,8 @@ def circulations(mask: Mask, slopes: tuple[Floats, Floats], variance: Floats) ->
         slice((size - min(size, _LARGEST)) // 2, (size + min(size, _LARGEST)) // 2) for size in mask.shape
     )
     inside = np.ascontiguousarray(mask[window])
-    gx, gy = increments(*(np.ascontiguousarray(part[window]) for part in slopes), inside)
+    p, q = (np.ascontiguousarray(part[window]) for part in slopes)
+    gx, gy = increments(p, q, inside)
     squares = gx[:-1, :-1] - gx[1:, :-1] + gy[:-1, 1:] - gy[:-1, :-1]
     # sums are differences of cumulative sums: they must exceed the rounding of these
     spread = np.minimum(variance[window], _MOST * float(np.median(variance[mask])))

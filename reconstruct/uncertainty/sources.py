@@ -97,7 +97,8 @@ def _shared(problem: Problem, noise: SharedNoise) -> Iterator[ErrorField]:
         return drawn
 
     for _ in range(count):
-        yield ErrorField(*(common(cosine) + common(sine) for cosine, sine in waves))
+        of_u, of_v = (common(cosine) + common(sine) for cosine, sine in waves)
+        yield ErrorField(of_u, of_v)
 
 
 def _cells(problem: Problem) -> Iterator[ErrorField]:
@@ -110,9 +111,10 @@ def _cells(problem: Problem) -> Iterator[ErrorField]:
         # 3 k mod 8 keeps u and v out of step
         begins = ((k + 0.5) / _PLACES, ((3 * k) % _PLACES + 0.5) / _PLACES)
         places = [coord / cell + begin for coord, cell, begin in zip(smooth, cells, begins, strict=True)]
-        yield ErrorField(
-            *(width / np.sqrt(_PLACES) * (np.rint(at) - at) for width, at in zip(widths, places, strict=True))
+        of_u, of_v = (
+            width / np.sqrt(_PLACES) * (np.rint(at) - at) for width, at in zip(widths, places, strict=True)
         )
+        yield ErrorField(of_u, of_v)
 
 
 def _doubts(state: State) -> Iterator[ErrorField]:
