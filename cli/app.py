@@ -25,7 +25,7 @@ __all__ = ["app", "exit_code", "main", "run"]
 def app() -> None:
     """Height of a deformable mirror from camera frames of patterns reflected in it.
 
-    The chain is capture -> decode -> reconstruct -> report; demo runs all of it.
+    The chain is simulate (or capture) -> decode -> reconstruct -> report; demo runs all of it.
     """
 
 

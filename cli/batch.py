@@ -101,7 +101,7 @@ class Many(Program):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Keeps the texts of the options."""
-        texts = self.make_parser(ctx).parse_args(list(args))[0]
+        texts = self.make_parser(ctx).parse_args(self.renamed(args))[0]
         given = {name: text for name, text in texts.items() if isinstance(text, (str, bool, list, tuple))}
         ctx.meta["given"] = given
         return super().parse_args(ctx, args)
@@ -180,7 +180,7 @@ def _all(command: Many, ctx: click.Context, captures: dict[str, Path]) -> int:
     common = list(_options(command, {k: v for k, v in given.items() if k not in _OWN | {command.captures}}))
     outcomes: list[Outcome] = []
     with progress() as step:
-        for outcome in _outcomes(command, given, common, captures, out):
+        for outcome in _outcomes(ctx, given, common, captures, out):
             outcomes.append(outcome)
             step(str(command.name), len(outcomes), len(captures))
             with step.aside():
@@ -193,25 +193,26 @@ def _all(command: Many, ctx: click.Context, captures: dict[str, Path]) -> int:
 
 
 def _outcomes(
-    command: Many, given: dict[str, Any], options: list[str], captures: dict[str, Path], out: Path
+    ctx: click.Context, given: dict[str, Any], options: list[str], captures: dict[str, Path], out: Path
 ) -> Iterator[Outcome]:
     """Those of all captures; where the command has a profile and none is given, one capture makes it."""
     jobs, scheduler = int(given.get("jobs") or 1), given.get("scheduler")
+    command, path = ctx.command, ctx.command_path.split()[1:]
     (kind,) = (parameter.type for parameter in command.params if parameter.name == "out")
     suffix = ".npz" if isinstance(kind, OutputFile) else ""
 
     def task(name: str, *more: str) -> Task:
         numbers = out / f"{name}.json"
-        words = (str(command.name), str(captures[name]), *options, "--out", str(out / f"{name}{suffix}"))
+        words = (*path, str(captures[name]), *options, "--out", str(out / f"{name}{suffix}"))
         return Task(name, (*words, "--json", str(numbers), *more), numbers)
 
     left = list(captures)
     profile: tuple[str, ...] = ()
     if any(parameter.name == "save_profile" for parameter in command.params) and not given.get("profile"):
-        path = given.get("save_profile") or str(out / ".profile.npz")
+        kept = given.get("save_profile") or str(out / ".profile.npz")
         while left and not profile:
-            (outcome,) = run_tasks([task(left.pop(0), "--save-profile", path)], 1, scheduler)
-            profile = () if outcome.code else ("--profile", path)
+            (outcome,) = run_tasks([task(left.pop(0), "--save-profile", kept)], 1, scheduler)
+            profile = () if outcome.code else ("--profile", kept)
             yield outcome
     yield from run_tasks([task(name, *profile) for name in left], jobs, scheduler)
 

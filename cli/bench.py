@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .options import FILE, SIZE, json_option, renderer_option, sample
-from .outputs import PEERS, Program, report_option
+from .arguments import FILE, sample
+from .options import SIZE, json_option, renderer_option, report_option
+from .outputs import PEERS, Program
 from .show import grid, number, progress, table, write_json
 
 if TYPE_CHECKING:

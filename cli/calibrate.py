@@ -7,24 +7,16 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import click
 
 from optolever import InputError
 from optolever.quantities import quantity
 
-from .options import (
-    FILE,
-    correspondence_of,
-    json_option,
-    load_scene,
-    mask_from,
-    sample,
-    scene_option,
-    size_option,
-)
-from .outputs import OutputFile, Program
+from .arguments import Arg, Opt, Rare, program
+from .options import Json, RigFile, Size, correspondence_of, load_scene, mask_from, preset
+from .outputs import OutputFile
 from .rig_targets import SoFar, capture_targets, finish, so_far
 from .show import grid, number, print_notices, progress, table, write_json
 
@@ -52,81 +44,45 @@ _TARGET = re.compile(r"(?P<target>[a-z]+(:[^=]*)?)=(?P<path>[^@]+)(@(?P<mask>.+)
 _POLL = 0.2  # s, between looks for a capture
 
 
-@click.command("calibrate", cls=Program, epilog=sample(SAMPLE))
-@click.argument("captures", nargs=-1, metavar="TARGET[=CAPTURE[@MASK.png]]...")
-@partial(scene_option, required=False)
-@click.option(
-    "--rig",
-    type=click.Path(exists=True, dir_okay=False, path_type=Path),
-    metavar="RIG.toml",
-    help="Take the captures now, by the camera and the display of this rig, which is then calibrated.",
+RIG = Opt("--rig RIG.toml", "Take the captures now, by the camera and the display of this rig.", RigFile())
+OUT = Opt("--out RIG.toml", "Scene with covariance, to write; default: that of --rig.", OutputFile(".toml"))
+FOLDER = Rare("--captures DIR", "Of --rig: their folder; default: RIG.captures.")
+SEQUENCE = Rare("--sequence NAME[:KEY=VALUE,...]", "Of --rig.")
+RESUME = Opt("--resume", "Of --rig: go on with the captures of an unfinished calibration.")
+YES = Rare("--yes", "Of --rig: ask nothing; doubtful captures are set aside.")
+PRIOR = Opt("--prior NUMBER=SIGMA", "Prior sigma of a parameter; 0: fixed, inf: free.")
+WITHOUT = Opt("--without NAME", "Leave a capture out, by its file's stem.")
+WEIGHT = Rare(
+    "--weight NEWTON[,SIGMA]=H.npz",
+    "In place of captures: heights less rest under a known weight, for the modulus of the scene's [layer].",
 )
-@click.option(
-    "--out",
-    type=OutputFile(".toml"),
-    metavar="RIG.toml",
-    help="Scene with covariance, to write; default: that of --rig.",
-)
-@click.option(
-    "--captures", "folder", type=FILE, metavar="DIR", help="Of --rig: their folder; default: RIG.captures."
-)
-@click.option(
-    "--sequence", metavar="NAME[:KEY=VALUE,...]", default="gray+phase", show_default=True, help="Of --rig."
-)
-@click.option(
-    "--resume", is_flag=True, help="Of --rig: go on with the captures of an unfinished calibration."
-)
-@click.option("--yes", is_flag=True, help="Of --rig: ask nothing; doubtful captures are set aside.")
-@click.option(
-    "--prior",
-    "priors",
-    multiple=True,
-    metavar="NUMBER=SIGMA",
-    help="Prior sigma of a parameter; 0: fixed, inf: free.",
-)
-@click.option("--without", multiple=True, metavar="NAME", help="Leave a capture out, by its file's stem.")
-@click.option(
-    "--weight",
-    "weights",
-    multiple=True,
-    metavar="NEWTON[,SIGMA]=H.npz",
-    help="In place of captures: heights less rest under a known weight, for the modulus of the scene's "
-    "[layer]; repeatable.",
-)
-@click.option("--guess", is_flag=True, help="Start from the parameters of the scene, in open air too.")
-@click.option("--leave-one-out", is_flag=True, help="Also print the leave-one-out chi of each capture.")
-@click.option("--accept", is_flag=True, help="Write the rig even if a parameter ends beyond 5 prior sigma.")
-@click.option(
-    "--follow", is_flag=True, help="Wait for each capture, and print its contribution as soon as it exists."
-)
-@click.option(
-    "--report",
-    "page",
-    type=OutputFile(".html"),
-    metavar="FILE.html",
-    help="Also write a page about the calibration.",
-)
-@size_option
-@json_option
+GUESS = Rare("--guess", "Start from the parameters of the scene, in open air too.")
+LEFT_OUT = Rare("--leave-one-out", "Also print the leave-one-out chi of each capture.")
+ACCEPT = Opt("--accept", "Write the rig even if a parameter ends beyond 5 prior sigma.")
+FOLLOW = Rare("--follow", "Wait for each capture, and print its contribution as soon as it exists.")
+PAGE = Opt("--report FILE.html", "Also write a page about the calibration.", OutputFile(".html"))
+
+
+@program("calibrate", SAMPLE)
 def command(
-    captures: tuple[str, ...],
-    scene_name: str | None,
-    rig: Path | None,
-    out: Path | None,
-    folder: Path | None,
-    sequence: str,
-    resume: bool,
-    yes: bool,
-    priors: tuple[str, ...],
-    without: tuple[str, ...],
-    weights: tuple[str, ...],
-    guess: bool,
-    leave_one_out: bool,
-    accept: bool,
-    follow: bool,
-    page: Path | None,
-    size: tuple[int, int] | None,
-    json_path: Path | None,
+    captures: Annotated[tuple[str, ...], Arg("TARGET[=CAPTURE[@MASK.png]]...", required=False)],
+    scene_name: Annotated[str | None, preset()] = None,
+    rig: Annotated[Path | None, RIG] = None,
+    out: Annotated[Path | None, OUT] = None,
+    priors: Annotated[tuple[str, ...], PRIOR] = (),
+    without: Annotated[tuple[str, ...], WITHOUT] = (),
+    accept: Annotated[bool, ACCEPT] = False,
+    resume: Annotated[bool, RESUME] = False,
+    page: Annotated[Path | None, PAGE] = None,
+    size: Size = None,
+    folder: Annotated[Path | None, FOLDER] = None,
+    sequence: Annotated[str, SEQUENCE] = "gray+phase",
+    yes: Annotated[bool, YES] = False,
+    weights: Annotated[tuple[str, ...], WEIGHT] = (),
+    guess: Annotated[bool, GUESS] = False,
+    leave_one_out: Annotated[bool, LEFT_OUT] = False,
+    follow: Annotated[bool, FOLLOW] = False,
+    json_path: Json = None,
 ) -> None:
     """Measure the rig: adjust a scene to captures of targets.
 
@@ -144,7 +100,7 @@ def command(
 
     if (name := rig or scene_name) is None or (out := out or rig) is None:
         raise click.UsageError("Missing option '--scene' and '--out' (captures), or '--rig' (a camera).")
-    of_captures = {"--scene": scene_name, "--without": without, "--follow": follow, "--size": size}
+    of_captures = {"--scene": scene_name, "--without": without, "--follow": follow, "--pixels": size}
     of_captures["--weight"] = weights
     for option, value in (
         of_captures if rig else {"--captures": folder, "--resume": resume, "--yes": yes}

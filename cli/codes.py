@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .options import SIZE, json_option, sample
+from .arguments import sample
+from .options import SIZE, json_option
 from .outputs import Program
 from .show import grid, number, progress, write_json
 

@@ -9,24 +9,35 @@ __all__ = ["SECTIONS", "Commands", "Program", "module_of"]
 
 #: Commands by section of --help.
 SECTIONS: Mapping[str, tuple[str, ...]] = {
-    "Start": ("demo", "live", "doctor", "names"),
-    "Measure with a camera": ("devices", "expose", "sync", "measure", "record", "replay"),
-    "Measure": (
+    "Commands": (
+        "demo",
+        "doctor",
         "rig",
-        "patterns",
         "show",
+        "simulate",
         "capture",
         "decode",
-        "calibrate",
-        "rest",
-        "response",
         "reconstruct",
+        "calibrate",
+        "report",
+        "live",
+        "design",
+    ),
+    "Further commands": (
+        "camera",
         "form",
         "export",
-        "report",
+        "rest",
+        "response",
+        "patterns",
+        "sensor",
+        "codes",
+        "bench",
+        "paper",
     ),
-    "Plan and compare": ("sensor", "codes", "design", "bench", "paper"),
 }
+#: Earlier names.
+OLD = {name: f"camera {name}" for name in ("devices", "expose", "sync", "record", "replay", "measure")}
 #: Files that are not named as their command.
 MODULES = {"show": "window"}
 
@@ -43,7 +54,7 @@ class Commands(click.Group):
     """
 
     sections: Mapping[str, Sequence[str]] = {}
-    package = ""
+    package = __package__
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return [name for names in self.sections.values() for name in names]
@@ -70,4 +81,15 @@ class Program(Commands):
     """optolever NAME."""
 
     sections = SECTIONS
-    package = __package__
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Earlier names are taken as what they are now, with a line about it."""
+        name, rest = (args[0], args[1:]) if args else ("", [])
+        new = OLD.get(name, name)
+        if name == "capture" and any(word.partition("=")[0] == "--scene" for word in rest):
+            new = "simulate"
+        if name == "names":
+            new, rest = "simulate", [*rest, "--list"]
+        if new != name:
+            click.echo(f"optolever {name} is now: optolever {new}{' --list' * (name == 'names')}", err=True)
+        return super().parse_args(ctx, [*new.split(), *rest])

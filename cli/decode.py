@@ -2,13 +2,13 @@
 
 import time
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import click
-
+from .arguments import AT_LEAST_0, Arg, Opt, Rare, program
 from .batch import Many
-from .options import DISPLAY, FILE, blame, json_option, mask_from, mask_option, sample, shown_sequence
+from .options import Display, Json, Pictured, blame, mask_file, mask_from, shown_sequence
 from .outputs import HDF5, OutputFile
 from .rig_capture import measured_lag
 from .show import coverage_text, flag_shares, number, print_notices, progress, table, write_json
@@ -35,101 +35,40 @@ Correspondence in c.npz
 """
 
 
-@click.command("decode", cls=Many, captures="sources", folders=True, epilog=sample(SAMPLE))
-@click.argument("sources", type=FILE, nargs=-1, required=True, metavar="DIR|PATTERN|FILE")
-@click.option(
-    "--out",
-    type=OutputFile(".npz"),
-    required=True,
-    metavar="C.npz",
-    help="File to write the correspondence to.",
-)
-@click.option(
-    "--sequence",
-    "text",
-    metavar="NAME[:KEY=VALUE,...]",
-    help="Sequence of the pictures, one frame each in the order of their names, or its .toml file.",
-)
-@click.option(
-    "--display",
-    type=DISPLAY,
-    metavar="COLSxROWS",
-    help="Size of the display of the sequence, such as 1920x1080.",
-)
-@click.option(
-    "--description",
-    type=FILE,
-    metavar="TOML",
-    help="capture.toml, as `optolever show` writes it, in place of --sequence and --display; files that it "
-    "names lie in DIR.",
-)
-@click.option(
-    "--channel",
-    type=click.Choice(["red", "green", "blue", "luminance"]),
-    default="luminance",
-    show_default=True,
-    help="Channel of colour pictures.",
-)
-@click.option(
-    "--response",
-    type=FILE,
-    metavar="RIG.toml|H5",
-    help="Response of display and camera to levels: of a rig (`optolever response`), or an image calibration "
-    "of SOFAST.",
-)
-@mask_option("Pixels to decode")
-@click.option(
-    "--roi", metavar="TOP,LEFT,ROWS,COLS", help="Decode this rectangle only; the rest of C.npz is INVALID."
-)
-@click.option(
-    "--lens",
-    type=click.FloatRange(min=0),
-    metavar="PX",
-    help="Rms blur of the camera's lens, camera pixels (4 at most): its bias in curved parts is removed. "
-    "Default: 0.28, with a sigma that allows 0 to 0.6.",
-)
-@click.option(
-    "--profile",
-    type=FILE,
-    metavar="RIG.toml|NPZ",
-    help="Profile of the rig from an earlier capture (--save-profile), instead of a new estimate.",
-)
-@click.option(
-    "--save-profile",
-    type=FILE,
-    metavar="RIG.toml|NPZ",
-    help="Store this capture's profile of the rig, with the rig or in a separate file.",
-)
-@click.option(
-    "--blur",
-    type=click.FloatRange(min=0),
-    metavar="CELLS",
-    help="Rms blur of the display's cells, if known: sigma then includes no uncertainty of it. Default: "
-    "bounded by the fringes' contrast.",
-)
-@click.option("--no-cells", is_flag=True, help="Frames were ideal cosines, not shown on a display's cells.")
-@json_option
+OUT = Opt("--out C.npz", "File to write the correspondence to.", OutputFile(".npz"))
+DESCRIPTION = Opt("--description TOML", "capture.toml by show, in place of --sequence and --pixels.")
+CHANNEL = Rare("--channel red|green|blue|luminance", "Channel of colour pictures.")
+RESPONSE = Opt("--response RIG.toml|H5", "Response to levels: of a rig (`response`), or by SOFAST.")
+ROI = Opt("--roi TOP,LEFT,ROWS,COLS", "Decode this rectangle only; the rest of C.npz is INVALID.")
+LENS = Rare("--lens PX", "Rms blur of the lens, at most 4; default: 0.28, sigma allows 0 to 0.6.", AT_LEAST_0)
+PROFILE = Opt("--profile RIG.toml|NPZ", "Profile of the rig by --save-profile, instead of a new estimate.")
+SAVE = Opt("--save-profile RIG.toml|NPZ", "Store this capture's profile, with the rig or in a file.")
+BLUR = Rare("--blur CELLS", "Rms blur of the display's cells; default: by the fringes' contrast.", AT_LEAST_0)
+IDEAL = Rare("--no-cells", "Frames were ideal cosines, not shown on a display's cells.")
+
+
+@program("decode", SAMPLE, partial(Many, captures="sources", folders=True))
 def command(
-    sources: tuple[Path, ...],
-    out: Path,
-    text: str | None,
-    display: tuple[int, int] | None,
-    description: Path | None,
-    channel: str,
-    response: Path | None,
-    mask_path: Path | None,
-    roi: str | None,
-    lens: float | None,
-    profile: Path | None,
-    save_profile: Path | None,
-    blur: float | None,
-    no_cells: bool,
-    json_path: Path | None,
+    sources: Annotated[tuple[Path, ...], Arg("DIR|PATTERN|FILE")],
+    out: Annotated[Path, OUT],
+    text: Pictured = None,
+    display: Display = None,
+    description: Annotated[Path | None, DESCRIPTION] = None,
+    mask_path: Annotated[Path | None, mask_file("Pixels to decode")] = None,
+    roi: Annotated[str | None, ROI] = None,
+    response: Annotated[Path | None, RESPONSE] = None,
+    profile: Annotated[Path | None, PROFILE] = None,
+    save_profile: Annotated[Path | None, SAVE] = None,
+    channel: Annotated[Literal["red", "green", "blue", "luminance"], CHANNEL] = "luminance",
+    lens: Annotated[float | None, LENS] = None,
+    blur: Annotated[float | None, BLUR] = None,
+    no_cells: Annotated[bool, IDEAL] = False,
+    json_path: Json = None,
 ) -> None:
     """Find the pattern coordinates of every pixel, with sigma.
 
     DIR is a folder with capture.toml and its frames, or a measurement of OpenCSP's SOFAST (HDF5, extra
-    `sofast`). With --sequence and --display, or --description: any camera's folder of pictures, a PATTERN
+    `sofast`). With --sequence and --pixels, or --description: any camera's folder of pictures, a PATTERN
     such as 'shots/*.png', or a FILE of several (TIFF, NPY, video), sorted as people count. C.npz receives u,
     v, sigma_u, sigma_v (pattern pixels), flags (0 = good), amplitude, offset.
     """
@@ -254,7 +193,7 @@ def _read(
         return load_sofast(sources[0])
     if text is None:
         if display is not None:
-            raise InputError("--display: needs --sequence, which is missing, such as --sequence gray+phase")
+            raise InputError("--pixels: needs --sequence, which is missing, such as --sequence gray+phase")
         return Capture.load(sources, description, channel)
     if description is not None:
         raise InputError(

@@ -1,17 +1,17 @@
 """`optolever demo`: the full chain on a virtual sensor, and a report."""
 
 from pathlib import Path
+from typing import Annotated
 
-import click
-
-from .options import dent_of, json_option, load_scene, sample, virtual_sensor
-from .outputs import Program, report_option
+from .arguments import AT_LEAST_0, Opt, Rare, program
+from .options import Dent, Json, Noise, Renderer, SceneName, Seed, Shown, Size, dent_of, load_scene
+from .outputs import ReportFolder
 from .show import number, print_notices, progress, table, write_json
 
 __all__ = ["command"]
 
 SAMPLE = """
-$ optolever demo --size 256x256 --out demo
+$ optolever demo --pixels 256x256 --out demo
 Demo: paper-simulation, raised-cosine:peak=1.3, gray+phase, 22 frames
   height error                0.0001273 of the peak depth, rms
   unflagged                   98.83 % of the visible pixels
@@ -25,27 +25,22 @@ Demo: paper-simulation, raised-cosine:peak=1.3, gray+phase, 22 frames
 """
 
 
-@click.command("demo", cls=Program, epilog=sample(SAMPLE))
-@virtual_sensor(scene="paper-simulation", noise=1.0)
-@click.option(
-    "--blur",
-    type=click.FloatRange(min=0),
-    metavar="CELLS",
-    help="Rms blur of the pattern in cells, in place of the scene's.",
-)
-@report_option("demo", "Gets report.html and the data behind it.", "report.html", "figures.csv")
-@json_option
+OUT = Opt("--out DIR", "Gets report.html and the data behind it.", ReportFolder("report.html", "figures.csv"))
+BLUR = Rare("--blur CELLS", "Rms blur of the pattern in cells, in place of the scene's.", AT_LEAST_0)
+
+
+@program("demo", SAMPLE)
 def command(
-    scene_name: str,
-    dent: str | None,
-    sequence: str,
-    noise: float,
-    seed: int,
-    blur: float | None,
-    renderer: str,
-    size: tuple[int, int] | None,
-    out: Path,
-    json_path: Path | None,
+    scene_name: SceneName = "paper-simulation",
+    dent: Dent = None,
+    sequence: Shown = "gray+phase",
+    noise: Noise = 1.0,
+    size: Size = None,
+    out: Annotated[Path, OUT] = Path("out/demo"),
+    seed: Seed = 0,
+    blur: Annotated[float | None, BLUR] = None,
+    renderer: Renderer = "auto",
+    json_path: Json = None,
 ) -> None:
     """Simulate a measurement, reconstruct it, compare; one page.
 

@@ -8,6 +8,7 @@ import click
 
 from optolever import InputError
 
+from .arguments import sample
 from .options import (
     dent_of,
     dent_option,
@@ -15,7 +16,6 @@ from .options import (
     load_scene,
     noise_option,
     renderer_option,
-    sample,
     scene_option,
     size_option,
 )

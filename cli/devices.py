@@ -1,37 +1,33 @@
-"""`optolever devices`: cameras and monitors, each with its address."""
+"""`optolever camera devices`: cameras and monitors, each with its address."""
 
 from dataclasses import asdict
-from pathlib import Path
-
-import click
 
 from optolever import InputError
 
-from .options import json_option, sample
-from .outputs import Program
+from .arguments import program
+from .options import Json
 from .show import grid, print_notices, write_json
 
 __all__ = ["command"]
 
 SAMPLE = """
-$ optolever devices
+$ optolever camera devices
 Cameras
---camera                                    model         serial  formats    note
+camera                                      model         serial  formats    note
 v4l2:/dev/v4l/by-id/usb-Maker_Cam_123-...   Cam: Cam      123     GREY YUYV
 gige:192.168.0.12                           acA1920-40gm  22781
 Monitors
---display               size         refresh  mm         bits
+display                 size         refresh  mm         bits
 DELL U2412M:YMYH1234    1200 x 1920  60 Hz    324 x 518  8
 """
 
 
-@click.command("devices", cls=Program, epilog=sample(SAMPLE))
-@json_option
-def command(json_path: Path | None) -> None:
+@program("devices", SAMPLE)
+def command(json_path: Json = None) -> None:
     """List cameras and monitors with the words that choose them.
 
     A camera is chosen by address or serial:NUMBER, a monitor by name, never by a number that changes when
-    something is plugged in. Besides: --camera folder:DIR, replay:DIR, virtual; --display window.
+    something is plugged in. Besides: camera=folder:DIR, replay:DIR, virtual; display=window.
     """
     from optolever.projector import monitors
     from optolever.projector.cameras import find_cameras
@@ -50,7 +46,7 @@ def command(json_path: Path | None) -> None:
         },
     )
     rows = [[one.address, one.model, one.serial, " ".join(one.formats[:4]), one.note] for one in cameras]
-    grid("Cameras", ("--camera", "model", "serial", "formats", "note"), rows or [["none", "", "", "", ""]])
+    grid("Cameras", ("camera", "model", "serial", "formats", "note"), rows or [["none", "", "", "", ""]])
     lines = [
         [
             one.address,
@@ -61,5 +57,5 @@ def command(json_path: Path | None) -> None:
         ]
         for one in shown
     ]
-    grid("Monitors", ("--display", "size", "refresh", "mm", "bits"), lines or [["none", "", "", "", ""]])
+    grid("Monitors", ("display", "size", "refresh", "mm", "bits"), lines or [["none", "", "", "", ""]])
     print_notices((*silent.values(), *(fault for one in shown for fault in one.faults())))

@@ -7,10 +7,8 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-import click
-
-from .options import json_option, sample
-from .outputs import Program
+from .arguments import program
+from .options import Json
 from .show import table, write_json
 
 __all__ = ["command"]
@@ -40,9 +38,8 @@ LIBRARIES = {"aravis-0.8": "apt-get install libaravis-0.8-0; without it no GigE 
 PROGRAMS = {"xvfb-run": "apt-get install xvfb", "chromium": "apt-get install chromium"}
 
 
-@click.command("doctor", cls=Program, epilog=sample(SAMPLE))
-@json_option
-def command(json_path: Path | None) -> None:
+@program("doctor", SAMPLE)
+def command(json_path: Json = None) -> None:
     """Say what OpenGL, cameras, monitors, extras there are."""
     found = {
         "optolever": _version("optolever") or "not installed",

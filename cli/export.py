@@ -1,11 +1,11 @@
 """`optolever export`: a height map in other programs' formats."""
 
 from pathlib import Path
+from typing import Annotated
 
-import click
-
-from .options import FILE, blame, json_option, pitch_option, sample
-from .outputs import HEIGHT_SUFFIXES, OutputFile, Program
+from .arguments import Arg, program
+from .options import Json, Pitch, blame
+from .outputs import HEIGHT_SUFFIXES, OutputFile
 from .show import number, table, write_json
 
 __all__ = ["command"]
@@ -20,14 +20,13 @@ Exported h.npz
 """
 
 
-@click.command("export", cls=Program, epilog=sample(SAMPLE))
-@click.argument("source", type=FILE, metavar="H.npz")
-@click.argument(
-    "files", type=OutputFile(*HEIGHT_SUFFIXES, bare=False), nargs=-1, required=True, metavar="FILE..."
-)
-@pitch_option
-@json_option
-def command(source: Path, files: tuple[Path, ...], pitch: float | None, json_path: Path | None) -> None:
+@program("export", SAMPLE)
+def command(
+    source: Annotated[Path, Arg("H.npz")],
+    files: Annotated[tuple[Path, ...], Arg("FILE...", OutputFile(*HEIGHT_SUFFIXES, bare=False))],
+    pitch: Pitch = None,
+    json_path: Json = None,
+) -> None:
     """Write a height map in other programs' formats.
 
     By the suffix: .npz, .tif (float32), .ply and .stl (mesh), .xyz (points) of the camera's pixels; .x3p,

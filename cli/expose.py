@@ -1,16 +1,15 @@
-"""`optolever expose`: exposure of a rig's camera by images of a white and a black display."""
+"""`optolever camera expose`: exposure of a rig's camera by images of a white and a black display."""
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import click
+from typing import TYPE_CHECKING, Annotated
 
 from optolever import InputError
 
-from .options import json_option, sample
-from .outputs import OutputFile, Program
-from .rig_devices import Opened, device_options, devices_of, opened
+from .arguments import Opt, program
+from .options import Json
+from .outputs import OutputFile
+from .rig_devices import Changes, Opened, OpenedRig, devices_of, opened
 from .show import number, table, write_json
 
 if TYPE_CHECKING:
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["command"]
 
 SAMPLE = """
-$ optolever expose --rig rig.toml --mask mask.png
+$ optolever camera expose --rig rig.toml --mask mask.png
 Exposure in rig.toml
   exposure   16.67 ms
   saturated  0 % of the pixels
@@ -32,17 +31,16 @@ Exposure in rig.toml
 """
 
 
-@click.command("expose", cls=Program, epilog=sample(SAMPLE))
-@device_options
-@click.option(
-    "--mask",
-    "mask_path",
-    type=OutputFile(".png"),
-    metavar="FILE",
-    help="Also write the mask of the pixels that see the display.",
-)
-@json_option
-def command(rig: Path, mask_path: Path | None, json_path: Path | None, **given: Any) -> None:
+PNG = Opt("--mask FILE", "Also write the mask of the pixels that see the display.", OutputFile(".png"))
+
+
+@program("expose", SAMPLE)
+def command(
+    rig: OpenedRig,
+    changes: Changes = (),
+    mask_path: Annotated[Path | None, PNG] = None,
+    json_path: Json = None,
+) -> None:
     """Choose the longest exposure that saturates no pixel.
 
     At most 0.01 % of the pixels reach the top level; an integer number of refreshes if the display's period
@@ -55,7 +53,7 @@ def command(rig: Path, mask_path: Path | None, json_path: Path | None, **given: 
     from optolever.projector import choose_exposure
     from optolever.scene import load, write_sections
 
-    devices = devices_of(rig, **given)
+    devices = devices_of(rig, changes)
     pattern = load(rig).pattern
     flat = Sequence((Frame("black"), Frame("white")), pattern.rows, pattern.cols)
     with opened(rig, devices, flat, running=False) as now:
@@ -107,6 +105,6 @@ def _take(now: Opened, wanted: "Wanted") -> "tuple[float, NDArray[np.uint8], NDA
     if accepted.exposure_s <= 0:
         raise InputError(
             f"camera: reports an exposure of {accepted.exposure_s:g} s, must be above 0; set it "
-            "with --exposure-ms"
+            "with --set exposure_ms=MS"
         )
     return accepted.exposure_s, white.image.pixels, black.image.pixels

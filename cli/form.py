@@ -1,15 +1,16 @@
 """`optolever form`: a height map without its form: radius, residual, slope error, Zernike coefficients."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import click
 
 from optolever import InputError
 from optolever.quantities import quantity
 
-from .options import FILE, blame, json_option, sample
-from .outputs import OutputFile, Program
+from .arguments import Arg, Opt, Rare, program
+from .options import Json, blame
+from .outputs import OutputFile
 from .show import grid, length, number, table, write_json
 
 if TYPE_CHECKING:
@@ -55,78 +56,32 @@ class Line(click.ParamType[Any]):
         return Ends((x0, y0), (x1, y1))
 
 
-@click.command("form", cls=Program, epilog=sample(SAMPLE))
-@click.argument("source", type=FILE, metavar="H.npz")
-@click.option(
-    "--remove",
-    "form",
-    default="sphere",
-    show_default=True,
-    metavar="FORM[:NUMBER=VALUE,...]",
-    help="piston, tilt, power, paraboloid, sphere, conic or cylinder; given parameters are fixed, such as "
-    "sphere:radius=4000.",
+CSV = OutputFile(".csv")
+REMOVE = Opt(
+    "--remove FORM[:NUMBER=VALUE,...]",
+    "piston, tilt, power, paraboloid, sphere, conic or cylinder; given ones are fixed (sphere:radius=4000).",
 )
-@click.option(
-    "--zernike",
-    "order",
-    type=click.IntRange(min=1, max=20),
-    metavar="ORDER",
-    help="Also Zernike coefficients up to this radial order, over the circle around the good pixels.",
-)
-@click.option(
-    "--slopes",
-    "slopes_path",
-    type=FILE,
-    metavar="S.npz",
-    help="Slopes by `reconstruct --slopes`, for slope error and noise, in place of differences.",
-)
-@click.option(
-    "--nominal",
-    type=FILE,
-    metavar="FILE",
-    help="Remove this surface after a rigid best fit, in place of --remove: .npz (height map or grid), .tif "
-    "with its scale, .stl or .ply (mm).",
-)
-@click.option(
-    "--profile",
-    "lines",
-    type=Line(),
-    multiple=True,
-    help="Also rms and PV of the residual along x or y (through the middle) or a line X0,Y0,X1,Y1 (mm); "
-    "repeatable.",
-)
-@click.option(
-    "--profiles",
-    "profiles_path",
-    type=OutputFile(".csv"),
-    metavar="FILE.csv",
-    help="Also write the points of the profiles (default: along x and y).",
-)
-@click.option(
-    "--psd",
-    "psd_path",
-    type=OutputFile(".csv"),
-    metavar="FILE.csv",
-    help="Also write the power spectral density of the residual along x and y.",
-)
-@click.option(
-    "--out",
-    type=OutputFile(".npz"),
-    metavar="R.npz",
-    help="Also write x, y, residual, slope_x, slope_y (mm, mm per mm).",
-)
-@json_option
+ZERNIKE = Opt("--zernike ORDER", "Also Zernike coefficients up to this radial order.", click.IntRange(1, 20))
+SLOPES = Opt("--slopes S.npz", "Slopes by `reconstruct --slopes`, for slope error and noise.")
+NOMINAL = Opt("--nominal FILE", "Remove this surface (.npz, .tif, .stl, .ply; mm) after a rigid best fit.")
+LINES = Opt("--profile x|y|X0,Y0,X1,Y1", "Also rms and PV of the residual along a line (mm).", Line())
+PROFILES = Opt("--profiles FILE.csv", "Also write the points of the profiles (default: along x and y).", CSV)
+PSD = Rare("--psd FILE.csv", "Also write the power spectral density of the residual along x and y.", CSV)
+OUT = Opt("--out R.npz", "Also write x, y, residual, slope_x, slope_y (mm, mm per mm).", OutputFile(".npz"))
+
+
+@program("form", SAMPLE)
 def command(
-    source: Path,
-    form: str,
-    order: int | None,
-    slopes_path: Path | None,
-    nominal: Path | None,
-    lines: tuple["Ends | str", ...],
-    profiles_path: Path | None,
-    psd_path: Path | None,
-    out: Path | None,
-    json_path: Path | None,
+    source: Annotated[Path, Arg("H.npz")],
+    form: Annotated[str, REMOVE] = "sphere",
+    nominal: Annotated[Path | None, NOMINAL] = None,
+    order: Annotated[int | None, ZERNIKE] = None,
+    slopes_path: Annotated[Path | None, SLOPES] = None,
+    lines: Annotated[tuple["Ends | str", ...], LINES] = (),
+    profiles_path: Annotated[Path | None, PROFILES] = None,
+    psd_path: Annotated[Path | None, PSD] = None,
+    out: Annotated[Path | None, OUT] = None,
+    json_path: Json = None,
 ) -> None:
     """Fit a form to a height map, and measure the residual.
 

@@ -2,27 +2,17 @@
 
 import time
 from contextlib import ExitStack
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import click
 
 from optolever import InputError
 from optolever.quantities import quantity
 
-from .options import (
-    FILE,
-    json_option,
-    load_scene,
-    noise_option,
-    preset_option,
-    sample,
-    seed_option,
-    size_option,
-)
-from .outputs import Program
-from .rig_devices import DEVICE_OPTIONS, device_options
+from .arguments import AT_LEAST_0, Opt, Rare, program
+from .options import Json, Noise, RigFile, Seed, Size, load_scene, preset
+from .rig_devices import Changes
 from .rig_live import rig_at_rest
 from .show import print_notices, table, write_json
 
@@ -32,7 +22,7 @@ if TYPE_CHECKING:
 __all__ = ["command"]
 
 SAMPLE = """
-$ optolever live --size 120x160 --headless --frames 48
+$ optolever live --pixels 160x120 --headless --frames 48
 Live: prism48, 60 x 80 cells
   readings  48, 48 trusted
   deepest   0.1703 ± 0.0061 mm
@@ -40,49 +30,29 @@ Live: prism48, 60 x 80 cells
 """
 
 
-@click.command("live", cls=Program, epilog=sample(SAMPLE))
-@preset_option("prism48", text="; its [layer] gives forces")
-@size_option
-@click.option(
-    "--cell", type=click.Choice(["2", "4"]), default="2", show_default=True,
-    help="Side of a cell, pixels: 4 takes less than half the time, and fails on contacts that fold.",
-)  # fmt: skip
-@noise_option(1.5)
-@seed_option
-@click.option(
-    "--rate", type=click.FloatRange(min=0), default=30.0, show_default=True, metavar="HZ",
-    help="Frames a second of the virtual camera; 0: as fast as they are read.",
-)  # fmt: skip
-@click.option(
-    "--frames", type=click.IntRange(min=1), metavar="N", help="Stop after so many readings; default: never."
-)
-@click.option("--headless", is_flag=True, help="Serve no page.")
-@click.option(
-    "--record", "record", type=FILE, metavar="DIR",
-    help="Folder to make with every frame that is read, and its reading, for replay.",
-)  # fmt: skip
-@click.option("--json-lines", is_flag=True, help="Print a line of JSON for every reading.")
-@click.option(
-    "--port", type=click.IntRange(min=0, max=65535), default=0, metavar="N",
-    help="Port of the page, on 127.0.0.1; default: a free one.",
-)  # fmt: skip
-@partial(device_options, required=False)
-@json_option
+CELL = Rare("--cell 2|4", "Side of a cell, pixels; 4: less than half the time, fails on contacts that fold.")
+RATE = Opt("--rate HZ", "Frames a second of the virtual camera; 0: as fast as they are read.", AT_LEAST_0)
+STOP = Opt("--frames N", "Stop after so many readings; default: never.", click.IntRange(min=1))
+RECORD = Opt("--record DIR", "Folder to make with every frame that is read, and its reading, for replay.")
+PORT = Rare("--port N", "Port of the page, on 127.0.0.1; default: a free one.", click.IntRange(0, 65535))
+
+
+@program("live", SAMPLE)
 def command(
-    scene_name: str,
-    size: tuple[int, int] | None,
-    cell: str,
-    noise: float,
-    seed: int,
-    rate: float,
-    frames: int | None,
-    headless: bool,
-    record: Path | None,
-    json_lines: bool,
-    port: int,
-    rig: Path | None,
-    json_path: Path | None,
-    **given: Any,
+    rig: Annotated[Path | None, Opt("--rig RIG.toml", "Camera and display of this rig.", RigFile())] = None,
+    changes: Changes = (),
+    scene_name: Annotated[str, preset("; its [layer] gives forces")] = "prism48",
+    size: Size = None,
+    noise: Noise = 1.5,
+    rate: Annotated[float, RATE] = 30.0,
+    frames: Annotated[int | None, STOP] = None,
+    headless: Annotated[bool, Opt("--headless", "Serve no page.")] = False,
+    json_lines: Annotated[bool, Opt("--json-lines", "Print a line of JSON for every reading.")] = False,
+    record: Annotated[Path | None, RECORD] = None,
+    cell: Annotated[Literal["2", "4"], CELL] = "2",
+    seed: Seed = 0,
+    port: Annotated[int, PORT] = 0,
+    json_path: Json = None,
 ) -> None:
     """Measure every frame of a camera: height, contacts, force.
 
@@ -95,11 +65,14 @@ def command(
 
     if json_lines and not headless:
         raise InputError("--json-lines: must come with --headless")
-    _require_one_camera(rig is not None)
+    if changes and rig is None:
+        raise InputError("--set: needs --rig RIG.toml")
+    if rig is not None:
+        _require_real()
     with ExitStack() as stack:
         if rig is not None:
             name = str(rig)
-            prepared, source = stack.enter_context(rig_at_rest(rig, int(cell), given))
+            prepared, source = stack.enter_context(rig_at_rest(rig, int(cell), changes))
         else:
             scene = load_scene(scene_name, size or (240, 320), exact=True)
             name = scene.name
@@ -107,7 +80,7 @@ def command(
         print_notices(prepared.notices)
         recorder = None
         if record is not None:
-            camera = "virtual" if rig is None else str(given["camera"] or rig)
+            camera = "virtual" if rig is None else str(rig)
             recorder = stack.enter_context(ReadingRecorder(record, prepared, camera))
         if headless:
             numbers = _headless(name, prepared, source, frames, json_lines, recorder)
@@ -116,16 +89,19 @@ def command(
     write_json(json_path, numbers)
 
 
-def _require_one_camera(real: bool) -> None:
-    """InputError if an option of the other kind of camera was given."""
+def _require_real() -> None:
+    """InputError if an option of the simulated camera was given."""
     context = click.get_current_context()
-    simulated = {name: f"--{name}" for name in ("size", "noise", "seed", "rate")}
-    simulated["scene_name"] = "--scene"
-    devices = {name: f"--{name.replace('_', '-')}" for name in DEVICE_OPTIONS}
-    for name, option in (simulated if real else devices).items():
+    options = {
+        "scene_name": "--scene",
+        "size": "--pixels",
+        "noise": "--noise",
+        "seed": "--seed",
+        "rate": "--rate",
+    }
+    for name, option in options.items():
         if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
-            said = "is of the simulated camera, leave it out with --rig" if real else "needs --rig RIG.toml"
-            raise InputError(f"{option}: {said}")
+            raise InputError(f"{option}: is of the simulated camera, leave it out with --rig")
 
 
 def _page(

@@ -1,22 +1,22 @@
-"""`optolever measure`: capture, decode, reconstruct and report with a rig, in one go."""
+"""`optolever camera measure`: capture, decode, reconstruct and report with a rig, in one go."""
 
+from functools import partial
 from pathlib import Path
-from typing import Any
-
-import click
+from typing import Annotated
 
 from optolever import InputError
 
+from .arguments import Arg, Opt, Rare, program
 from .batch import Many
-from .options import FILE, json_option, sample, sequence_option
+from .options import Json, Shown
 from .rig_capture import capture_rig, measured_lag
-from .rig_devices import device_options, devices_of
+from .rig_devices import Changes, OpenedRig, devices_of
 from .show import length, noise_and_rig, number, print_notices, progress, table, write_json
 
 __all__ = ["command"]
 
 SAMPLE = """
-$ optolever measure --rig rig.toml --out press1
+$ optolever camera measure --rig rig.toml --out press1
 Measured in press1
   camera  virtual
   frames  20 in 0.1069 s
@@ -27,23 +27,20 @@ Measured in press1
 """
 
 
-@click.command("measure", cls=Many, captures="captures", folders=True, epilog=sample(SAMPLE))
-@click.argument("captures", type=FILE, nargs=-1, metavar="[DIR...]")
-@device_options
-@sequence_option("Displayed sequence.")
-@click.option("--out", type=FILE, required=True, metavar="DIR", help="Folder to make: capture, maps, report.")
-@click.option("--profile", type=FILE, metavar="NPZ", help="Profile of the rig, instead of a new estimate.")
-@click.option("--save-profile", type=FILE, metavar="NPZ", help="Store this capture's profile of the rig.")
-@json_option
+PROFILE = Rare("--profile NPZ", "Profile of the rig, instead of a new estimate.")
+SAVE = Rare("--save-profile NPZ", "Store this capture's profile of the rig.")
+
+
+@program("measure", SAMPLE, partial(Many, captures="captures", folders=True))
 def command(
-    captures: tuple[Path, ...],
-    rig: Path,
-    sequence: str,
-    out: Path,
-    profile: Path | None,
-    save_profile: Path | None,
-    json_path: Path | None,
-    **given: Any,
+    captures: Annotated[tuple[Path, ...], Arg("[DIR...]", required=False)],
+    rig: OpenedRig,
+    out: Annotated[Path, Opt("--out DIR", "Folder to make: capture, maps, report.")],
+    sequence: Shown = "gray+phase",
+    changes: Changes = (),
+    profile: Annotated[Path | None, PROFILE] = None,
+    save_profile: Annotated[Path | None, SAVE] = None,
+    json_path: Json = None,
 ) -> None:
     """Take a capture with a rig, or read one; heights and a report.
 
@@ -63,7 +60,7 @@ def command(
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise InputError(f"{out}: exists and is no empty folder; name another")
     scene = load(rig)
-    devices = None if captures else devices_of(rig, **given)
+    devices = None if captures else devices_of(rig, changes)
     with progress() as step:
         out.mkdir(parents=True, exist_ok=True)
         step("capture")
@@ -128,5 +125,5 @@ def command(
         raise InputError(
             f"frames {numbered} fit the preceding pattern better than their own: the display had "
             "not settled; run "
-            "optolever sync"
+            "optolever camera sync"
         )

@@ -1,16 +1,17 @@
-"""Common arguments of several commands, and checks before any work."""
+"""Arguments that several commands share, and what they name, loaded."""
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import click
 
 from optolever import InputError
 
-from .outputs import OutputFile
+from .arguments import ABOVE_0, AT_LEAST_0, Opt, Rare, Shape, option
+from .outputs import OutputFile, ReportFolder
 
 if TYPE_CHECKING:
     import numpy as np
@@ -19,132 +20,6 @@ if TYPE_CHECKING:
     from optolever.decode import Correspondence
     from optolever.patterns import Sequence
     from optolever.scene import Scene
-
-__all__ = [
-    "DISPLAY",
-    "FILE",
-    "SIZE",
-    "RigFile",
-    "blame",
-    "correspondence_of",
-    "dent_option",
-    "json_option",
-    "load_scene",
-    "mask_from",
-    "mask_option",
-    "noise_option",
-    "pitch_option",
-    "preset_option",
-    "renderer_option",
-    "rest_option",
-    "rig_option",
-    "sample",
-    "scene_option",
-    "seed_option",
-    "sequence_option",
-    "shown_sequence",
-    "size_option",
-]
-
-Command = TypeVar("Command", bound=Callable[..., Any])
-FILE = click.Path(path_type=Path)
-
-
-class _Size(click.ParamType[tuple[int, int]]):
-    """ROWSxCOLS, both at least 8."""
-
-    name = "ROWSxCOLS"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[int, int]:
-        if isinstance(value, tuple):
-            return value
-        match = re.fullmatch(r"(\d+)x(\d+)", str(value))
-        if match is None or min(int(match[1]), int(match[2])) < 8:
-            self.fail(f"{value!r} is not ROWSxCOLS with at least 8 each, such as 480x640", param, ctx)
-        return int(match[1]), int(match[2])
-
-
-class _Display(click.ParamType[tuple[int, int]]):
-    """COLSxROWS of a display, as its maker says; the value is (rows, cols)."""
-
-    name = "COLSxROWS"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[int, int]:
-        if isinstance(value, tuple):
-            return value
-        match = re.fullmatch(r"(\d+)[x×](\d+)", str(value))
-        if match is None or not all(1 <= int(number) <= 1 << 16 for number in match.groups()):
-            self.fail(f"{value!r} is not COLSxROWS, such as 1920x1080", param, ctx)
-        return int(match[2]), int(match[1])
-
-
-SIZE = _Size()
-DISPLAY = _Display()
-
-
-def json_option(command: Command) -> Command:
-    """--json FILE: the numbers of the run for other programs; by the suffix as CSV."""
-    text = "Write the numbers too: JSON, or CSV (figure, value)."
-    return click.option("--json", "json_path", type=OutputFile(".json", ".csv"), metavar="FILE", help=text)(
-        command
-    )
-
-
-def size_option(command: Command) -> Command:
-    """--size ROWSxCOLS."""
-    text = "Resample camera and pattern together to this camera size; the field of view stays."
-    return click.option("--size", type=SIZE, metavar="ROWSxCOLS", help=text)(command)
-
-
-def preset_option(
-    default: str | None = None, *, required: bool = False, text: str = ""
-) -> Callable[[Command], Command]:
-    """--scene PRESET_OR_TOML; text: in addition to what it is."""
-    what = f"Name of a preset (optolever names) or a scene's TOML file{text}."
-    return click.option(
-        "--scene", "scene_name", metavar="PRESET_OR_TOML", default=default, show_default=default is not None,
-        required=required, help=what,
-    )  # fmt: skip
-
-
-def scene_option(command: Command, *, required: bool = True) -> Command:
-    """--scene PRESET_OR_TOML."""
-    return preset_option(required=required)(command)
-
-
-def sequence_option(text: str) -> Callable[[Command], Command]:
-    """--sequence NAME, with a default."""
-    name, default = "NAME[:KEY=VALUE,...]", "gray+phase"
-    return click.option("--sequence", metavar=name, default=default, show_default=True, help=text)
-
-
-def dent_option(command: Command) -> Command:
-    """--dent NAME."""
-    text = "Shape of the dent; default: the scene's, or none."
-    return click.option("--dent", metavar="NAME[:KEY=VALUE,...]", help=text)(command)
-
-
-def mask_option(text: str) -> Callable[[Command], Command]:
-    """--mask PNG; text: what happens to its pixels."""
-    what = f"{text}: white in an image of the camera's size."
-    return click.option("--mask", "mask_path", type=FILE, metavar="PNG", help=what)
-
-
-def rest_option(text: str) -> Callable[[Command], Command]:
-    """--rest REST.npz; text: what it changes."""
-    what = f"Correspondence of the mirror at rest: {text}."
-    return click.option("--rest", "rest_path", type=FILE, metavar="REST.npz", help=what)
-
-
-def pitch_option(command: Command) -> Command:
-    """--pitch MM."""
-    text = "Pitch of the regular grid; default: about that of the camera's pixels."
-    above_0 = click.FloatRange(min=0, min_open=True)
-    return click.option("--pitch", type=above_0, metavar="MM", help=text)(command)
 
 
 class RigFile(click.Path):
@@ -159,65 +34,83 @@ class RigFile(click.Path):
         return super().convert(value, param, ctx)
 
 
-def rig_option(command: Command) -> Command:
-    """--scene RIG.toml: the file of a rig, in which the result is stored."""
-    return click.option(
-        "--scene",
-        "rig",
-        type=RigFile(),
-        required=True,
-        metavar="RIG.toml",
-        help="Rig in which the result is stored.",
-    )(command)
+class Anchored(click.ParamType[Any]):
+    """edge, middle, or a known point of the mirror X,Y,Z in mm; none, for methods that take no anchor."""
+
+    name = "edge|middle|X,Y,Z"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if value in ("edge", "middle", "none"):
+            return value
+        try:
+            x, y, z = (float(part) for part in str(value).split(","))
+        except ValueError:
+            self.fail(f"{value!r} is neither edge nor middle nor X,Y,Z (mm)", param, ctx)
+        return x, y, z
 
 
-def sample(text: str) -> str:
-    """A sample session for the end of --help, kept line by line."""
-    return "\b\nSample:\n" + "\n".join("  " + line for line in text.strip("\n").splitlines())
+def _transposed(text: str) -> list[str]:
+    """--size ROWSxCOLS as --pixels."""
+    match = re.fullmatch(r"(\d+)x(\d+)", text)
+    if match is None or min(int(match[1]), int(match[2])) < 8:
+        raise InputError(f"--size: {text!r} is not ROWSxCOLS with at least 8 each, such as 480x640")
+    return ["--pixels", f"{match[2]}x{match[1]}"]
 
 
-def noise_option(default: float) -> Callable[[Command], Command]:
-    """--noise LEVELS."""
-    text = "Standard deviation of Gaussian noise added to that of the scene's sensor, in 8-bit levels."
-    levels = click.FloatRange(min=0)
-    return click.option(
-        "--noise", type=levels, default=default, show_default=True, metavar="LEVELS", help=text
-    )
+def pixels(text: str) -> Opt:
+    """--pixels WIDTHxHEIGHT."""
+    return Opt("--pixels WIDTHxHEIGHT", text, Shape(8), old={"--size": _transposed})
 
 
-def seed_option(command: Command) -> Command:
-    """--seed N."""
-    whole = click.IntRange(min=0)
-    return click.option(
-        "--seed", type=whole, default=0, show_default=True, metavar="N", help="Seed of the random numbers."
-    )(command)
+def preset(text: str = "") -> Opt:
+    """--scene PRESET_OR_TOML; text: in addition to what it is."""
+    return Opt("--scene PRESET_OR_TOML", f"A preset or a scene's TOML file{text}.", lists="scenes")
 
 
-def renderer_option(command: Command) -> Command:
-    """--renderer."""
-    kind = click.Choice(["auto", "gl", "numpy", "rays"])
-    text = "auto: OpenGL where there is a context, else NumPy; rays: 36 a pixel, where mirrors bend in it."
-    return click.option("--renderer", type=kind, default="auto", show_default=True, help=text)(command)
+_NAMED = "NAME[:KEY=VALUE,...]"
+_NUMBERS = "Write the numbers too: JSON, or CSV (figure, value)."
+_SENSOR = "Standard deviation of Gaussian noise added to that of the scene's sensor, in 8-bit levels."
+_ANCHOR = (
+    "What fixes the height: the camera-side edge at rest (default), the mirror's middle at rest (default in "
+    "open air where that edge is not seen), or a known point (mm; default of a SOFAST rig: its datum)."
+)
+_PITCH = "Pitch of the regular grid; default: about that of the camera's pixels."
+_SCREEN = "Size of the display of the sequence, such as 1920x1080."
+_SIZE = "Resample camera and pattern together to this camera size; the field of view stays."
+_RENDERER = "auto: OpenGL where there is a context, else NumPy; rays: 36 a pixel, where mirrors bend in it."
+
+Json = Annotated[Path | None, Opt("--json FILE", _NUMBERS, OutputFile(".json", ".csv"))]
+Size = Annotated[tuple[int, int] | None, pixels(_SIZE)]
+SceneName = Annotated[str, preset()]
+Shown = Annotated[str, Opt(f"--sequence {_NAMED}", "Sequence, or a .toml file of one.", lists="sequences")]
+Dent = Annotated[
+    str | None, Opt(f"--dent {_NAMED}", "Shape of the dent; default: the scene's, or none.", lists="dents")
+]
+Noise = Annotated[float, Opt("--noise LEVELS", _SENSOR, AT_LEAST_0)]
+Seed = Annotated[int, Rare("--seed N", "Seed of the random numbers.", click.IntRange(min=0))]
+Renderer = Annotated[Literal["auto", "gl", "numpy", "rays"], Rare("--renderer auto|gl|numpy|rays", _RENDERER)]
+Anchor = Annotated[Any, Opt("--anchor edge|middle|X,Y,Z", _ANCHOR, Anchored())]
+Pitch = Annotated[float | None, Rare("--pitch MM", _PITCH, ABOVE_0)]
+Pictured = Annotated[
+    str | None,
+    Opt(f"--sequence {_NAMED}", "Sequence of the pictures, in the order of their names.", lists="sequences"),
+]
+#: Size of the pictures of a display.
+Display = Annotated[
+    tuple[int, int] | None,
+    Opt("--pixels WIDTHxHEIGHT", _SCREEN, Shape(), old={"--display": lambda text: ["--pixels", text]}),
+]
+Rig = Annotated[Path, Opt("--scene RIG.toml", "Rig in which the result is stored.", RigFile())]
 
 
-def virtual_sensor(scene: str | None, noise: float, *, required: bool = True) -> Callable[[Command], Command]:
-    """Options of a virtual sensor: --scene (required without a default), --dent, --sequence, ..."""
-    options = (
-        preset_option(scene, required=required and scene is None),
-        dent_option,
-        sequence_option("Displayed sequence."),
-        noise_option(noise),
-        seed_option,
-        renderer_option,
-        size_option,
-    )
+def rest_file(text: str) -> Opt:
+    """--rest REST.npz; text: what it changes."""
+    return Opt("--rest REST.npz", f"Correspondence of the mirror at rest: {text}.")
 
-    def decorate(command: Command) -> Command:
-        for option in reversed(options):
-            command = option(command)
-        return command
 
-    return decorate
+def mask_file(text: str) -> Opt:
+    """--mask PNG; text: what happens to its pixels."""
+    return Opt("--mask PNG", f"{text}: white in an image of the camera's size.")
 
 
 def shown_sequence(text: str, display: tuple[int, int] | None) -> "Sequence":
@@ -229,7 +122,7 @@ def shown_sequence(text: str, display: tuple[int, int] | None) -> "Sequence":
         return sequence_from_text(text, *display)
     if text.endswith(".toml"):
         return Sequence.load(text)
-    raise InputError(f"--display is missing, must be COLSxROWS of what showed {text}, such as 1920x1080")
+    raise InputError(f"--pixels is missing, must be WIDTHxHEIGHT of what showed {text}, such as 1920x1080")
 
 
 def dent_of(scene: "Scene", dent: str | None) -> str:
@@ -277,3 +170,52 @@ def correspondence_of(path: Path) -> "Correspondence":
     capture = Capture.load(path)
     with blame(path):
         return decode(capture.frames, capture.sequence)
+
+
+# of commands that are not functions with typed signatures yet
+json_option = option(Json, "json_path", None)
+size_option = option(Size, "size", None)
+dent_option = option(Dent, "dent", None)
+scene_option = option(SceneName, "scene_name")
+seed_option = option(Seed, "seed", 0)
+renderer_option = option(Renderer, "renderer", "auto")
+
+
+class _Size(click.ParamType[tuple[int, int]]):
+    name = "ROWSxCOLS"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[int, int]:
+        if isinstance(value, tuple):
+            return value
+        cols, rows = Shape(8).convert(value, param, ctx)
+        return rows, cols
+
+
+SIZE = _Size()
+
+
+def preset_option(default: str | None = None, *, required: bool = False, text: str = "") -> Any:
+    """--scene PRESET_OR_TOML."""
+    return option(Annotated[str, preset(text)], "scene_name", default)
+
+
+def rest_option(text: str) -> Any:
+    """--rest REST.npz."""
+    return option(Annotated[Path | None, rest_file(text)], "rest_path", None)
+
+
+def sequence_option(_: str) -> Any:
+    """--sequence NAME."""
+    return option(Shown, "sequence", "gray+phase")
+
+
+def noise_option(default: float) -> Any:
+    """--noise LEVELS."""
+    return option(Noise, "noise", default)
+
+
+def report_option(command: str, text: str, *files: str) -> Any:
+    """--out DIR."""
+    return option(Annotated[Path, Opt("--out DIR", text, ReportFolder(*files))], "out", Path("out") / command)

@@ -1,28 +1,36 @@
 """Outputs of commands: checks of every output before any work.
 
-An output is an option of type `OutputFile`, or made by `report_option`; all other files are inputs.
+An output is an option of type `OutputFile` or `ReportFolder`; all other files are inputs.
 """
 
 import importlib.util
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import click
 
 from optolever.errors import InputError
 from optolever.toml import read_toml
 
-__all__ = ["GRID_SUFFIXES", "HDF5", "HEIGHT_SUFFIXES", "PEERS", "OutputFile", "Program", "report_option"]
+__all__ = [
+    "GRID_SUFFIXES",
+    "HDF5",
+    "HEIGHT_SUFFIXES",
+    "PEERS",
+    "Option",
+    "OutputFile",
+    "Program",
+    "ReportFolder",
+]
 
 HDF5 = (".h5", ".hdf5")
 #: Formats of a regular grid of heights, and of a height map (`reconstruct.HEIGHT_FORMATS`; a test compares).
 GRID_SUFFIXES = (".npz", ".tif", ".tiff", ".x3p", ".sdf", ".dat")
 HEIGHT_SUFFIXES = (*GRID_SUFFIXES, ".ply", ".stl", ".xyz")
 PEERS = "pip install 'optolever[bench]' && pip install --no-deps 'fringes>=2.1'"
-Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 class OutputFile(click.Path):
@@ -44,7 +52,7 @@ class OutputFile(click.Path):
         return path
 
 
-class _ReportFolder(click.Path):
+class ReportFolder(click.Path):
     """A folder to write into, created if absent, and its files."""
 
     def __init__(self, *files: str) -> None:
@@ -62,23 +70,42 @@ def _option(param: click.Parameter | None) -> str:
     return param.opts[0] if isinstance(param, click.Option) else ""
 
 
-def report_option(command: str, text: str, *files: str) -> Callable[[Function], Function]:
-    """--out DIR, by default out/COMMAND; files: its guaranteed files."""
-    default = Path("out") / command
-    return click.option(
-        "--out", type=_ReportFolder(*files), default=default, show_default=True, metavar="DIR", help=text
-    )
+class Option(click.Option):
+    """An option; old, lists, rare: as in `arguments.Opt`."""
+
+    old: Mapping[str, Callable[[str], list[str]]] = {}
+    lists = ""
+    rare = False
 
 
 class Program(click.Command):
     """A command that begins only if each of its outputs may be written and none of them is an input."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Earlier flags are taken as what they are now."""
+        return super().parse_args(ctx, self.renamed(args))
+
+    def renamed(self, args: list[str]) -> list[str]:
+        """Words with the flags of today."""
+        old = {
+            flag: words
+            for each in self.params
+            if isinstance(each, Option)
+            for flag, words in each.old.items()
+        }
+        now, rest = list[str](), iter(args)
+        for word in rest:
+            flag, equals, value = word.partition("=")
+            known = old.get(flag)
+            now += [word] if known is None else known(value if equals else next(rest, ""))
+        return now
 
     def invoke(self, ctx: click.Context) -> Any:
         """Check, then run. InputError names the output."""
         from optolever.files import require_folder, require_writable
 
         values = list(self._values(ctx))
-        folders = [(Path(value), kind.files) for kind, value in values if isinstance(kind, _ReportFolder)]
+        folders = [(Path(value), kind.files) for kind, value in values if isinstance(kind, ReportFolder)]
         outputs = [folder / name for folder, files in folders for name in files]
         for folder, files in folders:
             require_folder(folder, *files)
@@ -91,7 +118,7 @@ class Program(click.Command):
         inputs = [
             str(value)
             for kind, value in values
-            if isinstance(value, str | Path) and not isinstance(kind, OutputFile | _ReportFolder)
+            if isinstance(value, str | Path) and not isinstance(kind, OutputFile | ReportFolder)
         ]
         _require_apart(outputs, inputs)
         _require_readers(inputs)

@@ -5,15 +5,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .options import (
-    json_option,
-    noise_option,
-    renderer_option,
-    sample,
-    seed_option,
-    size_option,
-)
-from .outputs import Program, report_option
+from .arguments import sample
+from .options import json_option, noise_option, renderer_option, report_option, seed_option, size_option
+from .outputs import Program
 from .show import grid, number, print_notices, progress, table, write_json
 
 if TYPE_CHECKING:

@@ -1,17 +1,18 @@
 """`optolever patterns`: sequences as pictures, for displays that other programs drive."""
 
 from pathlib import Path
+from typing import Annotated
 
 import click
 
-from .options import DISPLAY, FILE, json_option, sample, sequence_option, shown_sequence
-from .outputs import Program
+from .arguments import Arg, program, sample
+from .options import Display, Json, Shown, shown_sequence
 from .show import table, write_json
 
 __all__ = ["command"]
 
 SAMPLE = """
-$ optolever patterns export to-show --sequence gray+phase --display 640x480 \\
+$ optolever patterns export to-show --sequence gray+phase --pixels 640x480 \\
       --json to-show.json
 Patterns in to-show
   sequence     gray+phase
@@ -25,12 +26,14 @@ def command() -> None:
     """Write patterns as pictures, for any display."""
 
 
-@command.command("export", cls=Program, epilog=sample(SAMPLE))
-@click.argument("out", type=FILE, metavar="DIR")
-@sequence_option("Sequence, or a .toml file by design or Sequence.save.")
-@click.option("--display", type=DISPLAY, metavar="COLSxROWS", help="Size of the pictures, such as 1920x1080.")
-@json_option
-def export(out: Path, sequence: str, display: tuple[int, int] | None, json_path: Path | None) -> None:
+@command.add_command
+@program("export", SAMPLE)
+def export(
+    out: Annotated[Path, Arg("DIR")],
+    sequence: Shown = "gray+phase",
+    display: Display = None,
+    json_path: Json = None,
+) -> None:
     """Write 000.png, 001.png, ... and the capture.toml that describes them.
 
     Show them in this order, one pattern pixel per screen pixel, and take a picture of each; then decode the

@@ -2,26 +2,25 @@
 
 import time
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import click
+from typing import TYPE_CHECKING, Annotated, Any
 
 from optolever import InputError
 
+from .arguments import Arg, Opt, Rare, program
 from .batch import Many
 from .options import (
-    FILE,
+    Anchor,
+    Json,
+    Pitch,
+    SceneName,
+    Size,
     blame,
-    json_option,
     load_scene,
+    mask_file,
     mask_from,
-    mask_option,
-    pitch_option,
-    rest_option,
-    sample,
-    scene_option,
-    size_option,
+    rest_file,
 )
 from .outputs import GRID_SUFFIXES, HDF5, OutputFile
 from .show import (
@@ -40,9 +39,8 @@ from .show import (
 if TYPE_CHECKING:
     from optolever.decode import Correspondence
     from optolever.reconstruct import HeightMap, SlopeMap
-    from optolever.scene import Scene
 
-__all__ = ["Anchor", "command"]
+__all__ = ["command"]
 
 SAMPLE = """
 $ optolever reconstruct c.npz --scene capture/scene.toml \\
@@ -65,100 +63,54 @@ Height map in h.npz
 """
 
 
-class Anchor(click.ParamType[Any]):
-    """edge, middle, or a known point of the mirror X,Y,Z in mm; none, for methods that take no anchor."""
-
-    name = "edge|middle|X,Y,Z"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        if value in ("edge", "middle", "none"):
-            return value
-        try:
-            x, y, z = (float(part) for part in str(value).split(","))
-        except ValueError:
-            self.fail(f"{value!r} is neither edge nor middle nor X,Y,Z (mm)", param, ctx)
-        return x, y, z
-
-
 def _sofast_files(scene: str) -> list[str]:
     """Files of SOFAST that make up the scene; none where it is another."""
     files = [scene] if Path(scene).exists() else scene.split(",")
     return files if any(Path(each).suffix.lower() in HDF5 for each in files) else []
 
 
-@click.command("reconstruct", cls=Many, captures="sources", epilog=sample(SAMPLE))
-@click.argument("sources", type=FILE, nargs=-1, required=True, metavar="C.npz")
-@scene_option
-@click.option(
-    "--out", type=OutputFile(".npz"), required=True, metavar="H.npz", help="File to write the height map to."
+OUT = Opt("--out H.npz", "File to write the height map to.", OutputFile(".npz"))
+METHOD = Rare("--method NAME", "Solver.", lists="methods")
+GRID = Opt(
+    "--grid FILE",
+    "Also write the surface on a regular grid of x and y: .npz (with sigma), .tif (with its scale), or .x3p, "
+    ".sdf (ISO 25178), .dat (Zygo), which are only written; again for more.",
+    OutputFile(*GRID_SUFFIXES, bare=False),
 )
-@click.option("--method", default="coupled", show_default=True, help="Solver, by name (optolever names).")
-@click.option(
-    "--anchor",
-    type=Anchor(),
-    help="What fixes the height: the camera-side edge at rest (default), the mirror's middle at rest "
-    "(default in open air where that edge is not seen), or a known point (mm; default of a SOFAST rig: "
-    "where it measured its distance).",
+TIFF = Rare("--tiff FILE", "Also write the height as float32 TIFF.", OutputFile(".tif", ".tiff"))
+PLY = Rare("--ply FILE", "Also write the surface as PLY.", OutputFile(".ply"))
+SLOPES = Opt(
+    "--slopes FILE.npz", "Also write slopes and curvatures, each with its sigma.", OutputFile(".npz")
 )
-@rest_option("its deviation from the scene's prediction is subtracted")
-@mask_option("Pixels to reconstruct")
-@click.option(
-    "--tiff", type=OutputFile(".tif", ".tiff"), metavar="FILE", help="Also write the height as float32 TIFF."
+CHANGE = Opt(
+    "--change FILE.npz", "Also write the height less that at rest (x, y, z, sigma).", OutputFile(".npz")
 )
-@click.option("--ply", type=OutputFile(".ply"), metavar="FILE", help="Also write the surface as PLY.")
-@click.option(
-    "--grid",
-    "grids",
-    type=OutputFile(*GRID_SUFFIXES, bare=False),
-    multiple=True,
-    metavar="FILE",
-    help="Also write the surface on a regular grid of x and y: .npz (with sigma), .tif (with its scale), "
-    ".x3p, .sdf (ISO 25178) or .dat (Zygo; these three are only written, never read); again for more.",
+FACET = Rare("--facet NAME", "Group of the facet in a SOFAST result; default: facet_000.")
+ACCEPT = Opt(
+    "--accept", "Keep heights of a capture that contradicts its scene; else all are flagged, exit code 2."
 )
-@pitch_option
-@click.option(
-    "--slopes",
-    "slopes_path",
-    type=OutputFile(".npz"),
-    metavar="FILE.npz",
-    help="Also write slope_x, slope_y and the curvature, each with its sigma.",
-)
-@click.option(
-    "--change",
-    "change_path",
-    type=OutputFile(".npz"),
-    metavar="FILE.npz",
-    help="Also write the height less that at rest (a rig with [rest]): x, y, z and its sigma.",
-)
-@click.option("--facet", metavar="NAME", help="Group of the facet in a SOFAST result; default: facet_000.")
-@click.option(
-    "--accept",
-    is_flag=True,
-    help="Keep the heights of a capture that contradicts its scene. Default: all its pixels are flagged, and "
-    "the exit code is 2.",
-)
-@click.option("--truth", type=FILE, metavar="TRUTH.npz", help="Compare with the truth of a virtual capture.")
-@size_option
-@json_option
+
+
+@program("reconstruct", SAMPLE, partial(Many, captures="sources"))
 def command(
-    sources: tuple[Path, ...],
-    scene_name: str,
-    out: Path,
-    method: str,
-    anchor: Any,
-    rest_path: Path | None,
-    mask_path: Path | None,
-    tiff: Path | None,
-    ply: Path | None,
-    grids: tuple[Path, ...],
-    pitch: float | None,
-    slopes_path: Path | None,
-    change_path: Path | None,
-    facet: str | None,
-    accept: bool,
-    truth: Path | None,
-    size: tuple[int, int] | None,
-    json_path: Path | None,
+    sources: Annotated[tuple[Path, ...], Arg("C.npz")],
+    scene_name: SceneName,
+    out: Annotated[Path, OUT],
+    anchor: Anchor = None,
+    rest_path: Annotated[Path | None, rest_file("its deviation from the prediction is subtracted")] = None,
+    mask_path: Annotated[Path | None, mask_file("Pixels to reconstruct")] = None,
+    slopes_path: Annotated[Path | None, SLOPES] = None,
+    change_path: Annotated[Path | None, CHANGE] = None,
+    grids: Annotated[tuple[Path, ...], GRID] = (),
+    accept: Annotated[bool, ACCEPT] = False,
+    truth: Annotated[Path | None, Opt("--truth TRUTH.npz", "Compare with the truth of a simulation.")] = None,
+    size: Size = None,
+    method: Annotated[str, METHOD] = "coupled",
+    pitch: Pitch = None,
+    tiff: Annotated[Path | None, TIFF] = None,
+    ply: Annotated[Path | None, PLY] = None,
+    facet: Annotated[str | None, FACET] = None,
+    json_path: Json = None,
 ) -> int:
     """Reconstruct the mirror's height, with an error bar per pixel.
 
@@ -208,12 +160,9 @@ def command(
             drift = () if at_rest is None else at_rest.notices(correspondence)
             step("reconstruct")
             start = time.perf_counter()
-            if method.startswith("paper"):
-                height = _by_paper(correspondence, scene, method, mask, rest)
-            else:
-                height = reconstruct(
-                    correspondence, scene, method, anchor, mask, rest=rest, accept=accept, progress=step
-                )
+            height = reconstruct(
+                correspondence, scene, method, anchor, mask, rest=rest, accept=accept, progress=step
+            )
             seconds = time.perf_counter() - start
             height = replace(height, notices=height.notices + drift)
             step("contacts")
@@ -253,23 +202,6 @@ def command(
     if "budget_mm" in numbers:
         grid("Uncertainty by source", *budget_rows(numbers["budget_mm"]))
     return 2 if height.implausible else 0
-
-
-def _by_paper(
-    correspondence: "Correspondence",
-    scene: "Scene",
-    method: str,
-    mask: object,
-    rest: "Correspondence | None",
-) -> "HeightMap":
-    """The height by the recursion of Saga, Kajimoto and Tachi."""
-    from optolever.experiments import PAPER_METHODS, reconstruct_paper
-
-    if method not in PAPER_METHODS:
-        raise InputError(f"--method {method}: unknown, must be one of {', '.join(PAPER_METHODS)}")
-    if mask is not None:
-        raise InputError(f"--mask: --method {method} takes none, it solves whole rows")
-    return reconstruct_paper(correspondence, scene, series=PAPER_METHODS[method], rest=rest)
 
 
 def _with_slope_noise(height: "HeightMap", slopes: "SlopeMap") -> "HeightMap":

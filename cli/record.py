@@ -1,24 +1,22 @@
-"""`optolever record`: every image of a rig's camera, into a folder in common formats."""
+"""`optolever camera record`: every image of a rig's camera, into a folder in common formats."""
 
 import shutil
 import time
 from pathlib import Path
-from typing import Any
-
-import click
+from typing import Annotated
 
 from optolever import InputError
 from optolever.errors import reason_of
 
-from .options import FILE, json_option, sample
-from .outputs import Program
-from .rig_devices import device_options, devices_of, opened
+from .arguments import ABOVE_0, Opt, program
+from .options import Json
+from .rig_devices import Changes, OpenedRig, devices_of, opened
 from .show import number, table, write_json
 
 __all__ = ["command"]
 
 SAMPLE = """
-$ optolever record --rig rig.toml --seconds 0.5 --out film
+$ optolever camera record --rig rig.toml --seconds 0.5 --out film
 Recording in film
   images      4, 8 a second
   lost        0 by the camera, 0 by the disk
@@ -28,14 +26,14 @@ Recording in film
 _SPARE = 1 << 28  # bytes: minimum free space on the disk
 
 
-@click.command("record", cls=Program, epilog=sample(SAMPLE))
-@device_options
-@click.option(
-    "--seconds", type=click.FloatRange(0, min_open=True), required=True, metavar="SECONDS", help="Duration."
-)
-@click.option("--out", type=FILE, required=True, metavar="DIR", help="Folder to make; new or empty.")
-@json_option
-def command(rig: Path, seconds: float, out: Path, json_path: Path | None, **given: Any) -> None:
+@program("record", SAMPLE)
+def command(
+    rig: OpenedRig,
+    seconds: Annotated[float, Opt("--seconds SECONDS", "Duration.", ABOVE_0)],
+    out: Annotated[Path, Opt("--out DIR", "Folder to make; new or empty.")],
+    changes: Changes = (),
+    json_path: Json = None,
+) -> None:
     """Record images of a camera, with a white display.
 
     DIR gets frames.tif (BigTIFF, a page per image) and log.jsonl, a line per image with its counter and
@@ -45,7 +43,7 @@ def command(rig: Path, seconds: float, out: Path, json_path: Path | None, **give
     from optolever.projector import BackgroundRecorder, CameraStream, Recorder
     from optolever.scene import load
 
-    devices = devices_of(rig, **given)
+    devices = devices_of(rig, changes)
     pattern = load(rig).pattern
     white = Sequence((Frame("white"),), pattern.rows, pattern.cols)
     with opened(rig, devices, white, running=False) as now:

@@ -1,14 +1,13 @@
-"""`optolever replay`: check of a recording; a capture's recording as a capture folder."""
+"""`optolever camera replay`: check of a recording; a capture's recording as a capture folder."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-import click
+from typing import TYPE_CHECKING, Annotated
 
 from optolever import InputError
 
-from .options import FILE, json_option, sample
-from .outputs import OutputFile, Program
+from .arguments import Arg, Opt, Rare, program
+from .options import Json
+from .outputs import OutputFile
 from .show import number, print_notices, table, write_json
 
 if TYPE_CHECKING:
@@ -17,7 +16,7 @@ if TYPE_CHECKING:
 __all__ = ["command"]
 
 SAMPLE = """
-$ optolever replay cap.recording
+$ optolever camera replay cap.recording
 Recording cap.recording
   camera    virtual
   images    20, incomplete 0
@@ -26,28 +25,23 @@ Recording cap.recording
 """
 
 
-@click.command("replay", cls=Program, epilog=sample(SAMPLE))
-@click.argument("folder", type=FILE, metavar="DIR")
-@click.option(
-    "--rig",
-    type=FILE,
-    metavar="RIG.toml",
-    help="Rig whose [sync] selects the images; default: the timing of the recording.",
-)
-@click.option(
-    "--out", type=FILE, metavar="DIR", help="Capture folder to make from the recording of a capture."
-)
-@click.option(
-    "--mcap", type=OutputFile(".mcap"), metavar="FILE.mcap", help="Also write it for ROS 2 (extra mcap)."
-)
-@json_option
+OUT = Opt("--out DIR", "Capture folder to make from the recording of a capture.")
+RIG = Rare("--rig RIG.toml", "Rig whose [sync] selects the images; default: the recording's timing.")
+MCAP = Rare("--mcap FILE.mcap", "Also write it for ROS 2 (extra mcap).", OutputFile(".mcap"))
+
+
+@program("replay", SAMPLE)
 def command(
-    folder: Path, rig: Path | None, out: Path | None, mcap: Path | None, json_path: Path | None
+    folder: Annotated[Path, Arg("DIR")],
+    out: Annotated[Path | None, OUT] = None,
+    rig: Annotated[Path | None, RIG] = None,
+    mcap: Annotated[Path | None, MCAP] = None,
+    json_path: Json = None,
 ) -> None:
     """Check that every image of a recording is intact.
 
     --out selects the frames of a capture's recording anew, by the recorded times; an aborted capture gives
-    the frames before it ended. Other commands replay with --camera replay:DIR. Readings that
+    the frames before it ended. Other commands replay with --set camera=replay:DIR. Readings that
     `live --record` wrote are computed again and compared bit by bit.
     """
     import numpy as np
@@ -114,7 +108,7 @@ def _capture(recording: "Recording", rig: Path | None, out: Path) -> int:
     if "sequence" not in about:
         raise InputError(
             f"--out {out}: {recording.folder} has no sequence, must be the recording of a capture "
-            "(capture --rig --keep)"
+            "(capture --keep)"
         )
     shown = Sequence.from_dict(about["sequence"], str(recording.folder))
     section = (

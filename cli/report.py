@@ -6,8 +6,9 @@ import click
 
 from optolever import InputError
 
-from .options import FILE, blame, json_option, load_scene, preset_option, rest_option, sample
-from .outputs import Program, report_option
+from .arguments import FILE, sample
+from .options import blame, json_option, load_scene, preset_option, report_option, rest_option
+from .outputs import Program
 from .show import budget_rows, grid, noise_and_rig, number, print_notices, table, write_json
 
 __all__ = ["command"]

@@ -1,14 +1,12 @@
 """`optolever response`: radiometric response of display and camera, measured and stored with the rig."""
 
 from pathlib import Path
-from typing import Any
-
-import click
+from typing import Annotated, Any
 
 from optolever.quantities import quantity
 
-from .options import FILE, json_option, rig_option, sample
-from .outputs import Program
+from .arguments import Arg, program
+from .options import Json, Rig
 from .show import number, progress, table, write_json
 
 __all__ = ["command"]
@@ -21,12 +19,13 @@ $ optolever decode capture --response rig.toml --out c.npz
 """
 
 
-@click.command("response", cls=Program, epilog=sample(SAMPLE))
-@click.argument("ramp", type=FILE, metavar="RAMP")
-@click.argument("captures", type=FILE, nargs=-1, metavar="[CAPTURE]...")
-@rig_option
-@json_option
-def command(ramp: Path, captures: tuple[Path, ...], rig: Path, json_path: Path | None) -> None:
+@program("response", SAMPLE)
+def command(
+    ramp: Annotated[Path, Arg("RAMP")],
+    captures: Annotated[tuple[Path, ...], Arg("[CAPTURE]...", required=False)],
+    rig: Rig,
+    json_path: Json = None,
+) -> None:
     """Measure the response of display and camera to levels.
 
     RAMP is a capture of the sequence `ramp`, by a linear camera. Captures of fringes (CAPTURE) determine the

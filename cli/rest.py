@@ -1,15 +1,12 @@
 """`optolever rest`: the mirror at rest, solved once and stored with the rig."""
 
 from pathlib import Path
-from typing import Any
-
-import click
+from typing import Annotated
 
 from optolever import InputError
 
-from .options import blame, correspondence_of, json_option, rig_option, sample
-from .outputs import Program
-from .reconstruct import Anchor
+from .arguments import Arg, program
+from .options import Anchor, Json, Rig, blame, correspondence_of
 from .show import length, number, print_notices, progress, table, write_json
 
 __all__ = ["command"]
@@ -22,12 +19,10 @@ $ optolever reconstruct pressed.npz --scene rig.toml --out h.npz --change dent.n
 """
 
 
-@click.command("rest", cls=Program, epilog=sample(SAMPLE))
-@click.argument("source", type=click.Path(exists=True, path_type=Path), metavar="CAPTURE")
-@rig_option
-@click.option("--anchor", type=Anchor(), help="Anchor of the height, as in reconstruct.")
-@json_option
-def command(source: Path, rig: Path, anchor: Any, json_path: Path | None) -> None:
+@program("rest", SAMPLE)
+def command(
+    source: Annotated[Path, Arg("CAPTURE")], rig: Rig, anchor: Anchor = None, json_path: Json = None
+) -> None:
     """Store the mirror at rest with the rig.
 
     Dents are the height less that at rest (reconstruct --change). CAPTURE, of the untouched mirror, is an

@@ -3,17 +3,17 @@
 import math
 import re
 import sys
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 import click
 
 from optolever import InputError
 
-from .options import DISPLAY, json_option, sample
-from .outputs import OutputFile, Program
+from .arguments import ABOVE_0, AT_LEAST_0, Opt, Shape, program, sample
+from .options import Json
+from .outputs import OutputFile
 from .show import number, table, write_json
 
 if TYPE_CHECKING:
@@ -32,8 +32,6 @@ Rig in rig.toml
   drawing  rig.png
 """
 
-TWO = re.compile(r"([\d.]+)\s*[x×]\s*([\d.]+)")
-
 
 class _Lengths(click.ParamType[tuple[float, float]]):
     """LENGTHxWIDTH in mm."""
@@ -43,71 +41,34 @@ class _Lengths(click.ParamType[tuple[float, float]]):
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> tuple[float, float]:
-        match = TWO.fullmatch(str(value)) if not isinstance(value, tuple) else None
+        match = re.fullmatch(r"([\d.]+)\s*[x×]\s*([\d.]+)", str(value))
         try:
-            length, width = value if match is None else match.groups()
+            length, width = match.groups() if match is not None else ("", "")
             return float(length), float(width)
         except ValueError:
             self.fail(f"{value!r} is not LENGTHxWIDTH in mm, such as 150x110", param, ctx)
 
 
-LENGTHS, ABOVE_0 = _Lengths(), click.FloatRange(min=0, min_open=True)
+#: Numbers that one kind of rig has.
+ONLY = {"display_distance": "monitor", "display_angle": "prism", "bezel": "prism", "index": "prism"}
 ACUTE = click.FloatRange(min=0, max=90, min_open=True, max_open=True)
-
-
-@dataclass(frozen=True, slots=True)
-class _Item:
-    """A number of a rig: what to ask, how it is read, which kind of rig has it, what it is by default."""
-
-    question: str
-    read: click.ParamType[Any]
-    metavar: str
-    kinds: tuple[str, ...] = ("monitor", "prism")
-    default: Any = None
-
-
-#: By option.
-ITEMS: Mapping[str, _Item] = {
-    "mirror": _Item("Mirror, length (along x) x width, mm", LENGTHS, "LENGTHxWIDTH"),
-    "display": _Item("Display, columns x rows", DISPLAY, "COLSxROWS"),
-    "diagonal": _Item("Diagonal of the display, inches", ABOVE_0, "INCHES"),
-    "image": _Item("Camera's image, columns x rows", DISPLAY, "COLSxROWS"),
-    "focal": _Item("Focal length, mm", ABOVE_0, "MM"),
-    "pixel": _Item("Pitch of the camera's pixels, mm", ABOVE_0, "MM"),
-    "angle": _Item(
-        "Monitor: angle of the line of sight with the mirror's normal; prism: of the camera's face with the "
-        "mirror; degrees",
-        ACUTE,
-        "DEG",
-    ),
-    "distance": _Item("Camera to the middle of the mirror, mm", ABOVE_0, "MM"),
-    "display_distance": _Item("Display's middle to the mirror's middle, mm", ABOVE_0, "MM", ("monitor",)),
-    "display_angle": _Item("Angle of the display's face with the mirror, degrees", ACUTE, "DEG", ("prism",)),
-    "bezel": _Item(
-        "From the mirror's edge to the display's first pixel, mm",
-        click.FloatRange(min=0),
-        "MM",
-        ("prism",),
-        0.0,
-    ),
-    "index": _Item("Index of refraction of the prism", click.FloatRange(min=1), "N", ("prism",)),
-}
-Command = Callable[..., Any]
-
-
-def _items(function: Command) -> Command:
-    for name, item in reversed(list(ITEMS.items())):
-        only = f" ({item.kinds[0]} only)" if len(item.kinds) == 1 else ""
-        also = f", default {item.default:g}" if item.default is not None else ""
-        option = click.option(
-            f"--{name.replace('_', '-')}",
-            name,
-            type=item.read,
-            metavar=item.metavar,
-            help=item.question + also + only + ".",
-        )
-        function = option(function)
-    return function
+MIRROR = Opt("--mirror LENGTHxWIDTH", "Mirror, length (along x) x width, mm", _Lengths())
+DISTANCE = Opt("--distance MM", "Camera to the middle of the mirror, mm", ABOVE_0)
+DIAGONAL = Opt("--diagonal INCHES", "Diagonal of the display, inches", ABOVE_0)
+ANGLE = Opt(
+    "--angle DEG",
+    "Monitor: angle of line of sight and the mirror's normal; prism: of camera's face and mirror; degrees",
+    ACUTE,
+)
+AWAY = Opt("--display-distance MM", "Monitor: display's middle to the mirror's middle, mm", ABOVE_0)
+FACE = Opt("--display-angle DEG", "Prism: angle of the display's face with the mirror, degrees", ACUTE)
+BEZEL = Opt("--bezel MM", "Prism: from the mirror's edge to the display's first pixel, mm; 0", AT_LEAST_0)
+INDEX = Opt("--index N", "Prism: index of refraction", click.FloatRange(min=1))
+PITCH = Opt("--pitch MM", "Pitch of the display's pixels, in place of --diagonal.", ABOVE_0)
+OUT = Opt("--out RIG.toml", "File to write.", OutputFile(".toml", bare=False))
+PICTURE = Opt("--picture FILE", "Default: RIG.png.", OutputFile(".png", ".svg", bare=False))
+Number: TypeAlias = float | None
+Pair: TypeAlias = tuple[int, int] | None
 
 
 @click.group("rig", epilog=sample(SAMPLE))
@@ -115,24 +76,26 @@ def command() -> None:
     """Describe a rig."""
 
 
-@command.command("new", cls=Program, epilog=sample(SAMPLE))
-@click.option("--kind", type=click.Choice(["monitor", "prism"]), help="Mirror in open air, or a prism.")
-@_items
-@click.option(
-    "--pitch", type=ABOVE_0, metavar="MM", help="Pitch of the display's pixels, in place of --diagonal."
-)
-@click.option("--out", type=OutputFile(".toml", bare=False), required=True, metavar="RIG.toml")
-@click.option(
-    "--picture", type=OutputFile(".png", ".svg", bare=False), metavar="FILE", help="Default: RIG.png."
-)
-@json_option
+@command.add_command
+@program("new", SAMPLE)
 def new(
-    kind: str | None,
-    pitch: float | None,
-    out: Path,
-    picture: Path | None,
-    json_path: Path | None,
-    **given: Any,
+    out: Annotated[Path, OUT],
+    kind: Annotated[Literal["monitor", "prism"] | None, Opt("--kind monitor|prism", "Kind of rig")] = None,
+    mirror: Annotated[Pair, MIRROR] = None,
+    display: Annotated[Pair, Opt("--display WIDTHxHEIGHT", "Display, columns x rows", Shape())] = None,
+    diagonal: Annotated[Number, DIAGONAL] = None,
+    image: Annotated[Pair, Opt("--image WIDTHxHEIGHT", "Camera's image, columns x rows", Shape())] = None,
+    focal: Annotated[Number, Opt("--focal MM", "Focal length, mm", ABOVE_0)] = None,
+    pixel: Annotated[Number, Opt("--pixel MM", "Pitch of the camera's pixels, mm", ABOVE_0)] = None,
+    angle: Annotated[Number, ANGLE] = None,
+    distance: Annotated[Number, DISTANCE] = None,
+    display_distance: Annotated[Number, AWAY] = None,
+    display_angle: Annotated[Number, FACE] = None,
+    bezel: Annotated[Number, BEZEL] = None,
+    index: Annotated[Number, INDEX] = None,
+    pitch: Annotated[Number, PITCH] = None,
+    picture: Annotated[Path | None, PICTURE] = None,
+    json_path: Json = None,
 ) -> None:
     """Write the TOML of a rig and draw it from the side.
 
@@ -144,27 +107,26 @@ def new(
     from optolever.files import atomic_file, together
     from optolever.scene import dent, load, resize, rig_toml, trace
 
-    kind = kind or _asked("kind", "monitor or prism", click.Choice(["monitor", "prism"]), None)
-    values = {**given, "pitch": pitch}
-    for name, item in ITEMS.items():
-        if kind not in item.kinds and given[name] is not None:
+    context = click.get_current_context()
+    options = {each.name or "": each for each in context.command.params if isinstance(each, click.Option)}
+    values = dict(context.params) | {"kind": kind or _asked(options["kind"])}
+    kind = values["kind"]
+    for name, only in ONLY.items():
+        if only != kind and values[name] is not None:
             raise InputError(
-                f"--{name.replace('_', '-')}: applies to --kind {item.kinds[0]}, --kind is {kind}; "
-                "leave it out"
+                f"{options[name].opts[0]}: applies to --kind {only}, --kind is {kind}; leave it out"
             )
-    for name, item in ITEMS.items():
-        if kind not in item.kinds:
-            continue
-        if values[name] is None and not (name == "diagonal" and pitch is not None):
-            values[name] = _asked(name, item.question, item.read, item.default)
-    if values["pitch"] is None:
-        rows, cols = values["display"]
-        values["pitch"] = 25.4 * values["diagonal"] / math.hypot(rows, cols)
+    asked = ["mirror", "display", "diagonal", "image", "focal", "pixel", "angle", "distance"]
+    for name in (*asked, *(name for name, only in ONLY.items() if only == kind)):
+        if values[name] is None and (name != "diagonal" or pitch is None):
+            values[name] = _asked(options[name], 0.0 if name == "bezel" else None)
+    if pitch is None:
+        values["pitch"] = 25.4 * values["diagonal"] / math.hypot(*values["display"])
     drawn = picture or out.with_suffix(".png")
     mpl.use("agg")
     with together():
         with atomic_file(out) as temporary:
-            temporary.write_text(rig_toml(out.stem, _typed(kind, values)), encoding="utf-8")
+            temporary.write_text(rig_toml(out.stem, _typed(values)), encoding="utf-8")
             rig = load(temporary)
         few = resize(rig, *(min(size, 120) for size in values["image"]))
         seen = float(trace(few, dent("flat", few)).visible.mean())
@@ -185,21 +147,20 @@ def new(
     )
 
 
-def _typed(kind: str, values: Mapping[str, Any]) -> "TypedRig":
+def _typed(values: Mapping[str, Any]) -> "TypedRig":
     from optolever.scene import TypedRig
 
-    names = ("mirror", "display", "pitch", "image", "focal", "pixel", "distance")
-    common = {name: values[name] for name in names} | {"angle": math.radians(values["angle"])}
-    if kind == "monitor":
-        return TypedRig(**common, display_distance=values["display_distance"])
-    face = math.radians(values["display_angle"])
-    return TypedRig(**common, display_angle=face, bezel=values["bezel"], index=values["index"])
+    names = ["mirror", "display", "pitch", "image", "focal", "pixel", "distance", "angle"]
+    names += [name for name, only in ONLY.items() if only == values["kind"]]
+    numbers: dict[str, Any] = {name: values[name] for name in names}
+    numbers |= {name: math.radians(numbers[name]) for name in ("angle", "display_angle") if name in names}
+    return TypedRig(**numbers)
 
 
-def _asked(name: str, question: str, read: click.ParamType[Any], default: Any) -> Any:
+def _asked(option: click.Option, default: Any = None) -> Any:
     """The answer of whoever sits at the terminal; without one the default. InputError if there is none."""
     if sys.stdin.isatty():
-        return click.prompt(question, type=read, default=default)
+        return click.prompt(option.help or "", type=option.type, default=default)
     if default is None:
-        raise InputError(f"--{name.replace('_', '-')} is missing, must be given: {question}")
+        raise InputError(f"{option.opts[0]} is missing, must be given: {option.help}")
     return default

@@ -1,15 +1,14 @@
-"""The devices of a rig: `[devices]` and `[sync]` of its TOML, options that change them, and both opened."""
+"""The devices of a rig: `[devices]` and `[sync]` of its TOML, changes of them by --set, and both opened."""
 
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass, fields, replace
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
-
-import click
+from typing import TYPE_CHECKING, Annotated, Any
 
 from optolever import InputError
 
+from .arguments import Opt
 from .options import RigFile
 from .show import print_notices
 
@@ -17,22 +16,9 @@ if TYPE_CHECKING:
     from optolever.patterns import Sequence
     from optolever.projector import Accepted, Camera, ClockMap, Display, Time, Timing, Wanted
 
-__all__ = [
-    "DEVICE_OPTIONS",
-    "Devices",
-    "Opened",
-    "device_options",
-    "devices_of",
-    "opened",
-    "timing_of",
-    "wait_of",
-]
+__all__ = ["Changes", "Devices", "Opened", "OpenedRig", "devices_of", "opened", "timing_of", "wait_of"]
 
-Command = TypeVar("Command", bound=Callable[..., Any])
-_POSITIVE = click.FloatRange(0, min_open=True)
 _TRIGGERS = ("free", "software", "hardware")
-#: Names of the options beside --rig.
-DEVICE_OPTIONS = ("camera", "display", "exposure_ms", "gain", "fps", "trigger")
 
 
 @dataclass(frozen=True)
@@ -80,46 +66,55 @@ class Opened:
         return self.accepted.trigger == "software"
 
 
-def device_options(command: Command, *, required: bool = True) -> Command:
-    """--rig, and options that replace its [devices] for this run."""
-    options = (
-        click.option(
-            "--rig", type=RigFile(), metavar="RIG.toml",
-            required=required, help="The rig: its scene, [devices] and [sync].",
-        ),
-        click.option("--camera", metavar="ADDRESS", help="Address (see optolever devices), or virtual."),
-        click.option("--display", metavar="NAME", help="Name of the monitor; a plain window: window."),
-        click.option("--exposure-ms", type=_POSITIVE, metavar="MS", help="Exposure of the camera."),
-        click.option("--gain", type=float, metavar="NUMBER", help="Gain of the camera, in its unit."),
-        click.option("--fps", type=_POSITIVE, metavar="HZ", help="Images a second."),
-        click.option("--trigger", type=click.Choice(_TRIGGERS), help="How exposures begin."),
-    )  # fmt: skip
-    for option in reversed(options):
-        command = option(command)
-    return command
+OpenedRig = Annotated[Path, Opt("--rig RIG.toml", "The rig: its scene, [devices] and [sync].", RigFile())]
+Changes = Annotated[
+    tuple[str, ...],
+    Opt(
+        "--set KEY=VALUE",
+        "Change [devices] for this run, such as camera=virtual or exposure_ms=10; repeatable.",
+        old={
+            f"--{each.name.replace('_', '-')}": lambda text, name=each.name: ["--set", f"{name}={text}"]
+            for each in fields(Devices)
+        },
+    ),
+]
 
 
-def devices_of(rig: Path, **given: Any) -> Devices:
-    """[devices] of a rig, replaced by the given options. InputError names the field."""
-    table = _table(rig).get("devices", {})
-    known = {field.name: field for field in fields(Devices)}
-    texts = ("camera", "display", "trigger")
+def devices_of(rig: Path, changes: Iterable[str] = ()) -> Devices:
+    """[devices] of a rig, changed by KEY=VALUE. InputError names the field."""
+    table = _table(rig).get("devices", {}) | dict(map(_change, changes))
+    known = {field.name: field.type for field in fields(Devices)}
     for name, value in table.items():
         if name not in known:
             raise InputError(f"{rig}: [devices]: unknown field {name!r}, known are {', '.join(known)}")
-        whole = name in ("bits", "rows", "cols", "row", "col")
-        kind: Any = str if name in texts else int if whole else int | float
+        text, whole = name in ("camera", "display", "trigger"), known[name] is int
+        kind: Any = str if text else int if whole else int | float
         if not isinstance(value, kind) or isinstance(value, bool):
-            kind_name = "text" if name in texts else "whole number" if whole else "number"
+            kind_name = "text" if text else "whole number" if whole else "number"
             raise InputError(f"{rig}: [devices]: {name} is {value!r}, must be a {kind_name}")
-    if table.get("trigger", "free") not in _TRIGGERS:
+        if name in ("exposure_ms", "fps") and not value > 0:
+            raise InputError(f"{rig}: [devices]: {name} is {value!r}, must be above 0")
+    devices = Devices(**table)
+    if devices.trigger not in _TRIGGERS:
         raise InputError(
-            f"{rig}: [devices]: trigger is {table['trigger']!r}, must be one of {', '.join(_TRIGGERS)}"
+            f"{rig}: [devices]: trigger is {devices.trigger!r}, must be one of {', '.join(_TRIGGERS)}"
         )
-    devices = replace(Devices(**table), **{name: value for name, value in given.items() if value is not None})
     if not devices.camera:
-        raise InputError(f"{rig}: [devices]: camera is missing; give --camera (optolever devices lists them)")
+        raise InputError(
+            f"{rig}: [devices]: camera is missing; give --set camera=ADDRESS (optolever camera devices)"
+        )
     return devices
+
+
+def _change(text: str) -> tuple[str, Any]:
+    """Name and value of KEY=VALUE: a number where the field has one."""
+    name, equals, value = text.partition("=")
+    if not equals:
+        raise InputError(f"--set {text}: must be KEY=VALUE, such as camera=virtual")
+    for kind in () if name in ("camera", "display", "trigger") else (int, float):
+        with suppress(ValueError):
+            return name, kind(value)
+    return name, value
 
 
 def timing_of(rig: Path) -> "Timing | None":
@@ -150,9 +145,8 @@ def wait_of(now: Opened, rig: Path) -> "Timing | None":
         return Timing(0, 0, 0, 0, 0, 0, 0.01, now.accepted.exposure_s)
     timing = timing_of(rig) or _recorded(now)
     if timing is None:
-        print_notices(
-            ["The rig has no [sync]: every pattern gets 0.5 s to settle; optolever sync measures the time"]
-        )
+        wait = "every pattern gets 0.5 s to settle; optolever camera sync measures the time"
+        print_notices([f"The rig has no [sync]: {wait}"])
         return None
     timing.require(now.accepted)
     return timing
@@ -205,7 +199,9 @@ def _window(devices: Devices, shown: "Sequence") -> Any:
     from optolever.projector import PatternWindow, choose_monitor, monitors
 
     if not devices.display:
-        raise InputError("display: must be given, --display NAME (optolever devices lists them), or window")
+        raise InputError(
+            "display: must be given, --set display=NAME (optolever camera devices lists them), or window"
+        )
     if devices.display == "window":
         return PatternWindow(shown)
     monitor = choose_monitor(monitors(), devices.display)

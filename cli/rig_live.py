@@ -1,9 +1,9 @@
 """A rig's camera for `optolever live`: the mirror at rest, then frames of one fringe without end."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -31,9 +31,9 @@ class _Triggered:
 
 
 @contextmanager
-def rig_at_rest(rig: Path, cell: int, given: dict[str, Any]) -> Iterator[tuple["Prepared", "Source"]]:
+def rig_at_rest(rig: Path, cell: int, changes: Iterable[str]) -> Iterator[tuple["Prepared", "Source"]]:
     """The rig with its mirror at rest, measured now by gray+phase and eight frames of the fringe, which then
-    stays on the display; and its running camera. given: options of the devices."""
+    stays on the display; and its running camera. changes: of [devices]."""
     import numpy as np
 
     from optolever.decode import decode
@@ -42,7 +42,7 @@ def rig_at_rest(rig: Path, cell: int, given: dict[str, Any]) -> Iterator[tuple["
     from optolever.projector import acquire
     from optolever.scene import load
 
-    scene, devices = load(rig), devices_of(rig, **given)
+    scene, devices = load(rig), devices_of(rig, changes)
     rows, cols = scene.pattern.rows, scene.pattern.cols
     dense, fringe = sequence("gray+phase", rows, cols), sequence("crossed", rows, cols, period=_PERIOD)
     count = len(dense)

@@ -7,16 +7,17 @@ import click
 
 from optolever import InputError
 
+from .arguments import sample
 from .options import (
     json_option,
     load_scene,
     noise_option,
-    sample,
+    report_option,
     scene_option,
     sequence_option,
     size_option,
 )
-from .outputs import Program, report_option
+from .outputs import Program
 from .show import grid, number, progress, table, write_json
 
 __all__ = ["command"]

@@ -1,23 +1,24 @@
-"""`optolever sync`: latency, settling and shutter of a rig's display and camera, into its [sync]."""
+"""`optolever camera sync`: latency, settling and shutter of a rig's display and camera, into its [sync]."""
 
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
 import click
 
 from optolever.quantities import quantity
 
-from .options import json_option, sample, seed_option
-from .outputs import OutputFile, Program
-from .rig_devices import device_options, devices_of, opened
+from .arguments import Opt, Rare, program
+from .options import Json, Seed
+from .outputs import OutputFile
+from .rig_devices import Changes, OpenedRig, devices_of, opened
 from .show import number, print_notices, table, write_json
 
 __all__ = ["command"]
 
 SAMPLE = """
-$ optolever sync --rig rig.toml
+$ optolever camera sync --rig rig.toml
 Synchronisation in rig.toml
   latency     38.20 ± 0.40 ms
   jitter      0.25 ms at most
@@ -30,23 +31,18 @@ Synchronisation in rig.toml
 """
 
 
-@click.command("sync", cls=Program, epilog=sample(SAMPLE))
-@device_options
-@click.option(
-    "--flips",
-    type=click.IntRange(20),
-    default=60,
-    show_default=True,
-    metavar="N",
-    help="Number of changes between black and white.",
-)
-@seed_option
-@click.option(
-    "--report", "page", type=OutputFile(".html"), metavar="FILE.html", help="Also write a page about it."
-)
-@json_option
+PAGE = Opt("--report FILE.html", "Also write a page about it.", OutputFile(".html"))
+FLIPS = Rare("--flips N", "Number of changes between black and white.", click.IntRange(20))
+
+
+@program("sync", SAMPLE)
 def command(
-    rig: Path, flips: int, seed: int, page: Path | None, json_path: Path | None, **given: Any
+    rig: OpenedRig,
+    changes: Changes = (),
+    page: Annotated[Path | None, PAGE] = None,
+    flips: Annotated[int, FLIPS] = 60,
+    seed: Seed = 0,
+    json_path: Json = None,
 ) -> None:
     """Measure the delay from a pattern to its settled image.
 
@@ -59,7 +55,7 @@ def command(
     from optolever.projector import sync_notices, synchronise
     from optolever.scene import load, write_sections
 
-    devices = devices_of(rig, **given)
+    devices = devices_of(rig, changes)
     pattern = load(rig).pattern
     flat = Sequence((Frame("black"), Frame("white")), pattern.rows, pattern.cols)
     start = time.perf_counter()

@@ -2,14 +2,15 @@
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import click
 
 from optolever import InputError
 
-from .options import SIZE, json_option, sample, sequence_option
-from .outputs import OutputFile, Program
+from .arguments import ABOVE_0, Opt, program
+from .options import Json, pixels
+from .outputs import OutputFile
 from .show import grid, number, print_notices, table, write_json
 
 if TYPE_CHECKING:
@@ -28,37 +29,35 @@ Shown on monitor 1
 """
 
 
-@click.command("show", cls=Program, epilog=sample(SAMPLE))
-@sequence_option("Sequence, or a .toml file by design or Sequence.save.")
-@click.option(
-    "--monitor", type=click.IntRange(min=0), metavar="N",
-    help="Full screen there, by its number in --list; default: the second one, or a plain window.",
-)  # fmt: skip
-@click.option(
-    "--display", metavar="NAME", help="Full screen there, by its name, name:serial or output in --list."
+SEQUENCE = Opt("--sequence NAME[:KEY=VALUE,...]", "Sequence, or a .toml file by design or Sequence.save.")
+MONITOR = Opt(
+    "--monitor N",
+    "Full screen there, by its number in --list; default: the second one, or a plain window.",
+    click.IntRange(min=0),
 )
-@click.option(
-    "--size", type=SIZE, metavar="ROWSxCOLS", help="Size of the pattern; default: the full monitor."
+DISPLAY = Opt("--display NAME", "Full screen there, by its name, name:serial or output in --list.")
+SECONDS = Opt(
+    "--seconds SECONDS",
+    "Duration of each frame; default: right and left arrow step, Escape closes.",
+    ABOVE_0,
 )
-@click.option(
-    "--seconds", type=click.FloatRange(min=0, min_open=True), metavar="SECONDS",
-    help="Duration of each frame; default: right and left arrow step, Escape closes.",
-)  # fmt: skip
-@click.option(
-    "--out", type=OutputFile(".toml", bare=False), metavar="TOML",
-    help="Gets the description of the sequence, for decode --description; default: capture.toml.",
-)  # fmt: skip
-@click.option("--list", "listing", is_flag=True, help="List the monitors and show nothing.")
-@json_option
+OUT = Opt(
+    "--out TOML",
+    "Gets the description of the sequence, for decode --description; default: capture.toml.",
+    OutputFile(".toml", bare=False),
+)
+
+
+@program("show", SAMPLE)
 def command(
-    sequence: str,
-    monitor: int | None,
-    display: str | None,
-    size: tuple[int, int] | None,
-    seconds: float | None,
-    out: Path | None,
-    listing: bool,
-    json_path: Path | None,
+    sequence: Annotated[str, SEQUENCE] = "gray+phase",
+    monitor: Annotated[int | None, MONITOR] = None,
+    display: Annotated[str | None, DISPLAY] = None,
+    size: Annotated[tuple[int, int] | None, pixels("Size of the pattern; default: the full monitor.")] = None,
+    seconds: Annotated[float | None, SECONDS] = None,
+    out: Annotated[Path | None, OUT] = None,
+    listing: Annotated[bool, Opt("--list", "List the monitors and show nothing.")] = False,
+    json_path: Json = None,
 ) -> None:
     """Show a sequence on a monitor, for any camera.
 
@@ -146,7 +145,7 @@ def _sequence(
         return Sequence.load(text)
     if size is None:
         if chosen is None:
-            raise InputError("--size: must be given for a plain window, such as 480x640")
+            raise InputError("--pixels: must be given for a plain window, such as 640x480")
         size = found[chosen].rows, found[chosen].cols
     return sequence_from_text(text, *size)
 

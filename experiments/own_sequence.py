@@ -65,7 +65,7 @@ def _part(path: str, rows: int, cols: int) -> Sequence:
     if found.rows < rows or found.cols < cols:
         raise InputError(
             f"{path}: is for {found.rows}x{found.cols} cells, the resampled surface has {rows}x{cols}; name "
-            "a smaller --size, or a sequence for more cells"
+            "a smaller --pixels, or a sequence for more cells"
         )
     return replace(found, rows=rows, cols=cols)
 

@@ -1,4 +1,4 @@
-"""The page of `optolever sync`: how the light follows the swaps; the prose is in report/sync.html."""
+"""The page of `optolever camera sync`: how the light follows the swaps; the prose is in report/sync.html."""
 
 from pathlib import Path
 

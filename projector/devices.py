@@ -29,8 +29,8 @@ class CameraLost(InputError):
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """address: argument of --camera; note: why it cannot be opened now ("busy", "no permission"); formats: of
-    its pixels, as the driver names them.
+    """address: value of camera in [devices]; note: why it cannot be opened now ("busy", "no permission");
+    formats: of its pixels, as the driver names them.
     """
 
     backend: str

@@ -96,8 +96,8 @@ def read_folder(
     toml = base / _DESCRIPTION if description is None else Path(description)
     if description is None and not toml.is_file():
         raise InputError(
-            f"{base}: no {_DESCRIPTION} says what was shown; say it: --sequence NAME --display COLSxROWS, or "
-            "--description FILE"
+            f"{base}: no {_DESCRIPTION} says what was shown; say it: --sequence NAME --pixels "
+            "WIDTHxHEIGHT, or --description FILE"
         )
     sequence, files, times, bits = read_description(toml)
     if not files:

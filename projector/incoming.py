@@ -291,9 +291,9 @@ def _fitting(found: int, shown: Sequence) -> list[str]:
         for value in (values if key in known else ())
         if fits(shown.rows, shown.cols, **{key: value})
     ]
-    displays = [f"--display {cols}x{rows}" for cols, rows in _DISPLAYS if fits(rows, cols)]
+    displays = [f"--pixels {cols}x{rows}" for cols, rows in _DISPLAYS if fits(rows, cols)]
     if not displays and any(fits(int(a * shown.rows), int(b * shown.cols)) for a in _SIDES for b in _SIDES):
-        displays = ["another --display"]
+        displays = ["another --pixels"]
     return parameters[:2] + displays[:2]
 
 

@@ -44,7 +44,7 @@ class Monitor:
 
     @property
     def address(self) -> str:
-        """Argument of --display."""
+        """Value of display in [devices], and of show --display."""
         return f"{self.name}:{self.serial}" if self.serial else self.name
 
     def __str__(self) -> str:

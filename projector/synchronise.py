@@ -183,7 +183,7 @@ class _Bands:
         if top < _SWING:
             raise InputError(
                 f"camera: white is {top:.1f} levels above black, must be {_SWING:g} or more; does the camera "
-                "see the display? is the exposure long enough (optolever expose)?"
+                "see the display? is the exposure long enough (optolever camera expose)?"
             )
         lit = swing > _LIT * top
         count = min(_BANDS, len(lit))

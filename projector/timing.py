@@ -80,7 +80,7 @@ class Timing:
             texts = isinstance(mine, str) or isinstance(theirs, str)
             if mine != theirs if texts else not math.isclose(float(mine), float(theirs), rel_tol=1e-3):
                 raise InputError(
-                    f"sync: measured with {name} {mine!r}, the camera has {theirs!r}; run optolever sync"
+                    f"sync: measured with {name} {mine!r}, the camera has {theirs!r}; optolever camera sync"
                 )
 
     def to_table(self) -> dict[str, Any]:
@@ -100,7 +100,7 @@ class Timing:
                 raise InputError(f"{where}: {name} is {value!r}, must be a {kind}")
         missing = [name for name in list(known)[:8] if name not in table]
         if missing:
-            raise InputError(f"{where}: {missing[0]} is missing; run optolever sync")
+            raise InputError(f"{where}: {missing[0]} is missing; run optolever camera sync")
         return cls(**table)
 
 

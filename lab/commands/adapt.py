@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING
 
 import click
 
+from optolever.cli.arguments import sample
 from optolever.cli.bench import interrupted
 from optolever.cli.options import (
     json_option,
     load_scene,
     noise_option,
     renderer_option,
-    sample,
     scene_option,
     size_option,
 )
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 __all__ = ["command"]
 
 SAMPLE = """
-$ python -m lab adapt --scene paper-prototype --size 200x125 --goal 2e-4 \\
+$ python -m lab adapt --scene paper-prototype --pixels 125x200 --goal 2e-4 \\
       --dent ridge:peak=0.09,sigma=3.5 --seeds 1 --no-compare
 Adaptive sensing: paper-prototype, 95 % within 0.0002 mm
 ridge:peak=0.09,sigma=3.5

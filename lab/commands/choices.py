@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING
 
 import click
 
+from optolever.cli.arguments import sample
 from optolever.cli.bench import interrupted
-from optolever.cli.options import json_option, renderer_option, sample
+from optolever.cli.options import json_option, renderer_option
 from optolever.cli.outputs import Program
 from optolever.cli.show import number, progress, table, write_json
 

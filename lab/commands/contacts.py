@@ -4,7 +4,8 @@ from pathlib import Path
 
 import click
 
-from optolever.cli.options import json_option, sample
+from optolever.cli.arguments import sample
+from optolever.cli.options import json_option
 from optolever.cli.outputs import Program
 from optolever.cli.show import grid, progress, write_json
 

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from optolever.cli.options import json_option, sample, size_option
+from optolever.cli.arguments import sample
+from optolever.cli.options import json_option, size_option
 from optolever.cli.outputs import Program
 from optolever.cli.show import grid, number, progress, write_json
 

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import click
 
-from optolever.cli.options import FILE, SIZE, json_option, sample
+from optolever.cli.arguments import FILE, sample
+from optolever.cli.options import SIZE, json_option
 from optolever.cli.outputs import PEERS, Program
 from optolever.cli.show import grid, number, progress, write_json
 

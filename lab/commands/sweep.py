@@ -10,9 +10,10 @@ import click
 
 from optolever import InputError
 from optolever.blocks import ONE_THREAD
+from optolever.cli.arguments import FILE, sample
 from optolever.cli.bench import finish, interrupted
-from optolever.cli.options import FILE, json_option, sample
-from optolever.cli.outputs import Program, report_option
+from optolever.cli.options import json_option, report_option
+from optolever.cli.outputs import Program
 from optolever.cli.show import progress
 
 if TYPE_CHECKING:

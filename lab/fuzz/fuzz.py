@@ -46,7 +46,7 @@ _WIDEST = 65536.0
 _GRIDS = 0.02
 #: What the commands read.
 _SOURCES = {
-    "capture": ["--scene", "@/scene.toml", "--renderer", "numpy"],
+    "simulate": ["--scene", "@/scene.toml", "--renderer", "numpy"],
     "decode": ["@/capture"],
     "reconstruct": ["@/c.npz", "--scene", "@/scene.toml"],
 }
@@ -56,7 +56,7 @@ _CODES = ("gray", "binary:cell=2", "xor-gray", "phase:steps=3", "gray+phase:step
 _TEXTS = {
     "--sequence": (*_CODES, "long-run-gray", "spot", "lattice", "crossed", "ramp", "@/sequence.toml"),
     "--dent": (*_DENTS, "rounded-needle", "relief:path=@/mask.png", "gaussian:peak=-9", "ball:depth=40"),
-    "--size": ("1x1", "2x2", "12x16", "24x32", "3x200", "64x64"),
+    "--pixels": ("1x1", "2x2", "16x12", "32x24", "200x3", "64x64"),
     "--roi": ("0,0,24,32", "3,3,1,1", "0,0,1,32", "20,30,4,2", "24,0,1,1", "-1,0,2,2"),
     "--method": ("coupled", "paper", "paper-rises"),
     "--anchor": ("edge", "none", "30,20,0", "30,20,1", "0,0,0", "1e9,0,0", "nan,0,0"),
@@ -67,7 +67,7 @@ _SUFFIXES = (".npz", ".tif", ".x3p", ".ply", ".json")
 _GIVEN = 0.25
 _RECONSTRUCT = "reconstruct @/c.npz --scene @/scene.toml --out @/out.npz"
 _DECODE = "decode @/capture --out @/out.npz"
-_CAPTURE = "capture --renderer numpy --out @/out"
+_CAPTURE = "simulate --renderer numpy --out @/out"
 #: A kind, a file of it (or a folder of them) that is damaged, and a command that reads that.
 _KINDS: tuple[tuple[str, str, str], ...] = (
     ("scene", "scene.toml", _RECONSTRUCT),
@@ -205,7 +205,7 @@ def _compile(run: Run, base: Path) -> None:
         for code in _TEXTS["--sequence"][:-1]:
             shutil.rmtree(base / "out", ignore_errors=True)
             given = ["--scene", str(base / "scene.toml"), "--renderer", "numpy", "--sequence", code]
-            if run(["capture", *given, "--out", str(base / "out")]) == 0:
+            if run(["simulate", *given, "--out", str(base / "out")]) == 0:
                 run(["decode", str(base / "out"), "--out", str(base / "out.npz")])
     shutil.rmtree(base / "out", ignore_errors=True)
     (base / "out.npz").unlink(missing_ok=True)
@@ -288,7 +288,7 @@ def _arguments(rng: np.random.Generator, program: click.Group, work: Path) -> li
     for option in command.params:
         if isinstance(option, click.Option) and not {*option.opts} & {*words, "--out"}:
             words += _option(rng, option, work) if rng.random() < _GIVEN else []
-    words += ["--out", "@/out" if name == "capture" else "@/out.npz"]
+    words += ["--out", "@/out" if name == "simulate" else "@/out.npz"]
     if rng.random() < 0.5:
         return words
     i, way = int(rng.integers(1, len(words) - 1)), rng.integers(4)

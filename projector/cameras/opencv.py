@@ -36,7 +36,7 @@ class OpenCVCamera:
 
     def __init__(self, name: str) -> None:
         if "://" not in name and not Path(name).exists():
-            raise InputError(f"camera: {name}: no such path; optolever devices lists cameras")
+            raise InputError(f"camera: {name}: no such path; optolever camera devices lists cameras")
         self._capture = cv2.VideoCapture(str(Path(name).resolve()) if "://" not in name else name)
         if not self._capture.isOpened():
             raise InputError(f"camera: {name}: cannot be opened; busy, no permission, or no video")

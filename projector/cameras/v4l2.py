@@ -31,7 +31,7 @@ _BY_ID = Path("/dev/v4l/by-id")
 _REASONS = {
     errno.EBUSY: "busy: another program has it",
     errno.EACCES: "no permission: add the user to the group video",
-    errno.ENOENT: "no such path; optolever devices lists cameras",
+    errno.ENOENT: "no such path; optolever camera devices lists cameras",
     errno.ENODEV: "unplugged",
 }
 

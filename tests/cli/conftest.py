@@ -61,7 +61,7 @@ def chain(tmp_path_factory: pytest.TempPathFactory) -> Chain:
     folder = tmp_path_factory.mktemp("chain")
     files = Chain(folder / "capture", folder / "c.npz", folder / "h.npz", {})
     steps = {
-        "capture": [*SCENE, "--dent", "gaussian:peak=1.3,sigma=20", "--sequence", "gray+phase",
+        "simulate": [*SCENE, "--dent", "gaussian:peak=1.3,sigma=20", "--sequence", "gray+phase",
                     "--noise", "1", "--seed", "3", "--renderer", "numpy", "--out", files.capture],
         "decode": [files.capture, "--out", files.correspondence],
         "reconstruct": [files.correspondence, "--scene", files.capture / "scene.toml", "--out", files.height,

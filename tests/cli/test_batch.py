@@ -23,7 +23,7 @@ def captures(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("captures")
     for k in range(COUNT):
         dent = f"gaussian:peak={0.01 * (k + 1)}"
-        args = ["capture", "--scene", "prism48", "--dent", dent, "--size", "60x80", "--seed", str(k)]
+        args = ["simulate", "--scene", "prism48", "--dent", dent, "--pixels", "80x60", "--seed", str(k)]
         assert run([*args, "--out", str(folder / f"c{k}")]) == 0
     return folder
 
@@ -72,7 +72,7 @@ def test_two_processes_give_the_same_bits_as_one(decoded: Path, captures: Path, 
 
 
 def test_captures_that_were_taken_are_measured(captures: Path, tmp_path: Path) -> None:
-    args = ["measure", *names(captures)[:2], "--rig", str(captures / "c0" / "scene.toml")]
+    args = ["camera", "measure", *names(captures)[:2], "--rig", str(captures / "c0" / "scene.toml")]
     assert run([*args, "--out", str(tmp_path / "m")]) == 0
     assert set(table(tmp_path / "m")) == {"c0", "c1"}
     assert (tmp_path / "m" / "c1" / "report.html").is_file()

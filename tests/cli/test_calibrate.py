@@ -181,7 +181,7 @@ def test_a_response_is_kept_and_decoded_by(tmp_path: Path, optolever: Program, r
     scene.save(rig)
     for name, text in (("ramp", "ramp"), ("fringes", "gray+phase"), ("three", "phase:steps=3")):
         capture = ("--scene", str(rig), "--sequence", text, "--noise", "1", "--out", str(tmp_path / name))
-        optolever("capture", *capture)
+        optolever("simulate", *capture)
     paths = [str(tmp_path / name) for name in ("ramp", "fringes")]
     numbers = tmp_path / "n.json"
     decode = ("decode", str(tmp_path / "three"), "--out", str(tmp_path / "c.npz"), "--json", str(numbers))

@@ -94,7 +94,7 @@ def test_a_wrong_scene_is_told_and_a_capture_at_rest_mends_it(
     """The pattern's pitch is 0.5 % other than the scene says."""
     where = ["--scene", scene, "--size", SIZE]
     for name, dent in (("dented", "gaussian"), ("rest", "flat")):
-        optolever("capture", *where, "--dent", dent, "--renderer", "numpy", "--out", tmp_path / name)
+        optolever("simulate", *where, "--dent", dent, "--renderer", "numpy", "--out", tmp_path / name)
         optolever("decode", tmp_path / name, "--out", tmp_path / f"{name}.npz")
     right = (tmp_path / "dented" / "scene.toml").read_text()
     pitch = str(tomllib.loads(right)["pattern"]["pitch_mm"])
@@ -130,10 +130,10 @@ def test_noise_and_rig_apart_for_a_typed_scene(optolever: Program, tmp_path: Pat
     """Two numbers and two maps; and what the rig's part of the depth would be against a rest capture, which
     that capture then gives to a third."""
     for name, shape, seed in (("press", "gaussian:peak=0.3,sigma=4", "1"), ("rest", "flat", "2")):
-        taken = ("--scene", "prism48", "--dent", shape, "--size", "90x120", "--noise", "1", "--seed", seed)
-        optolever("capture", *taken, "--out", tmp_path / name)
+        taken = ("--scene", "prism48", "--dent", shape, "--pixels", "120x90", "--noise", "1", "--seed", seed)
+        optolever("simulate", *taken, "--out", tmp_path / name)
         optolever("decode", tmp_path / name, "--out", tmp_path / f"{name}.npz")
-    solve = ("reconstruct", tmp_path / "press.npz", "--scene", "prism48", "--size", "90x120")
+    solve = ("reconstruct", tmp_path / "press.npz", "--scene", "prism48", "--pixels", "120x90")
     out, against = tmp_path / "h.npz", ("--rest", tmp_path / "rest.npz", "--out", tmp_path / "r.npz")
     printed = optolever(*solve, "--out", out, "--json", tmp_path / "h.json").out
     told = optolever(*solve, *against, "--json", tmp_path / "r.json").out
@@ -155,8 +155,8 @@ def test_noise_and_rig_apart_for_a_typed_scene(optolever: Program, tmp_path: Pat
 
 def test_a_rest_capture_counts_beside_the_stored_one(optolever: Program, tmp_path: Path) -> None:
     for name, shape in (("press", "gaussian:peak=0.2"), ("rest", "flat")):
-        taken = ("--scene", "prism48", "--dent", shape, "--size", "60x80", "--out", tmp_path / name)
-        optolever("capture", *taken)
+        taken = ("--scene", "prism48", "--dent", shape, "--pixels", "80x60", "--out", tmp_path / name)
+        optolever("simulate", *taken)
         optolever("decode", tmp_path / name, "--out", tmp_path / f"{name}.npz")
     rig, rest = tmp_path / "rig.toml", tmp_path / "rest.npz"
     rig.write_text((tmp_path / "rest" / "scene.toml").read_text().replace("exact = true", ""))

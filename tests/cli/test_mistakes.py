@@ -35,22 +35,25 @@ LINES = [
     ("decode {capture} --mask {capture} --out {out}.npz", ("is a folder, must be a file",)),
     ("decode {capture} --out {out}.csv", ("--out", ".csv", "must be .npz")),
     ("decode {capture} --description {capture} --out {out}.npz", ("is a folder, must be a file",)),
-    ("decode {capture}/frames --out {out}.npz", ("no capture.toml", "--sequence", "--display")),
-    ("decode {capture}/frames --sequence gray+phase --out {out}.npz", ("--display is missing", "COLSxROWS")),
-    ("decode {capture}/frames --display 96x96 --out {out}.npz", ("--display", "--sequence")),
+    ("decode {capture}/frames --out {out}.npz", ("no capture.toml", "--sequence", "--pixels")),
     (
-        "decode {capture}/frames --sequence gray+phase --display 1920x1080 --out {out}.npz",
+        "decode {capture}/frames --sequence gray+phase --out {out}.npz",
+        ("--pixels is missing",),
+    ),
+    ("decode {capture}/frames --pixels 96x96 --out {out}.npz", ("--pixels", "--sequence")),
+    (
+        "decode {capture}/frames --sequence gray+phase --pixels 1920x1080 --out {out}.npz",
         ("pictures, gray+phase on a display of 1920x1080 has 28 frames",),
     ),
-    ("capture --scene prism48 --sequence phase:periods=16,8 --out {out}", ("'8'", "name=value", "16/8")),
-    ("capture --scene prism48 --sequence phase:steps=2 --out {out}", ("steps is 2", "at least 3")),
-    ("capture --scene prism48 --sequence grey --out {out}", ("'grey'", "gray+phase")),
-    ("capture --scene prism48 --dent gaussian:depth=1 --out {out}", ("'depth'", "must be one of peak")),
-    ("capture --scene prism48 --dent hole --out {out}", ("'hole'", "must be one of flat")),
-    ("capture --scene prism --out {out}", ("'prism'", "prism48")),
-    ("capture --scene prism48 --size 600*800 --out {out}", ("'600*800'", "480x640")),
-    ("capture --scene prism48", ("--out",)),
-    ("capture --out {out}", ("--scene",)),
+    ("simulate --scene prism48 --sequence phase:periods=16,8 --out {out}", ("'8'", "name=value", "16/8")),
+    ("simulate --scene prism48 --sequence phase:steps=2 --out {out}", ("steps is 2", "at least 3")),
+    ("simulate --scene prism48 --sequence grey --out {out}", ("'grey'", "gray+phase")),
+    ("simulate --scene prism48 --dent gaussian:depth=1 --out {out}", ("'depth'", "must be one of peak")),
+    ("simulate --scene prism48 --dent hole --out {out}", ("'hole'", "must be one of flat")),
+    ("simulate --scene prism --out {out}", ("'prism'", "prism48")),
+    ("simulate --scene prism48 --pixels 800*600 --out {out}", ("'800*600'", "640x480")),
+    ("simulate --scene prism48", ("--out",)),
+    ("simulate --out {out}", ("--scene",)),
     ("calibrate {scene} flat --out {out}.toml", ("capture 'flat'", "flat=pose.npz")),
     ("calibrate {scene} ball:30={c} --out {out}.toml", ("target ball", "ball:RADIUS,SIGMA", "ball:30,0.003")),
     ("calibrate {scene} flat={c} --prior pattern.zz=1 --out {out}.toml", ("pattern.zz", "pattern.")),
@@ -60,29 +63,29 @@ LINES = [
         "rig new --kind prism --display-distance 3 --out {out}.toml",
         ("--display-distance", "--kind monitor", "--kind is prism", "leave it out"),
     ),
-    ("patterns export {out}", ("--display is missing", "1920x1080")),
-    ("patterns export {out} --display 0x5", ("'0x5'", "COLSxROWS")),
+    ("patterns export {out}", ("--pixels is missing", "1920x1080")),
+    ("patterns export {out} --pixels 0x5", ("'0x5'", "WIDTHxHEIGHT")),
     ("reconstruct {h} {scene} --out {out}.npz", ("field 'u' is missing", "it is a height map")),
     ("form {c}", ("field 'x' is missing", "it is a correspondence", "decode")),
     ("decode {c} --out {out}.npz", ("is no folder of frames", "--sequence")),
     ("form {h} --profile 900,0,900,9", ("meets no height", "must lie in x")),
     ("report {h} --rest {c} --out {out}", ("needs --correspondence and --scene",)),
     ("rest {c} --scene prism48", ("prism48: no such file", "rig new")),
-    ("measure --rig prism48 --out {out}", ("prism48: no such file", "rig new")),
-    ("live --size 8x8 --headless", ("8 x 8 pixels", "at least 32 x 32")),
+    ("camera measure --rig prism48 --out {out}", ("prism48: no such file", "rig new")),
+    ("live --pixels 8x8 --headless", ("8 x 8 pixels", "at least 32 x 32")),
     ("calibrate {scene} --out {out}.toml", ("TARGET=CAPTURE", "--weight NEWTON=H.npz")),
     ("calibrate {scene} --weight 1={h} --out {out}.toml", ("has no [layer]",)),
-    ("replay {capture}", ("no recording", "log.jsonl")),
+    ("camera replay {capture}", ("no recording", "log.jsonl")),
     ("captur", ("captur",)),
     ("decode x --outt y", ("--outt",)),
     ("decode {out}/nowhere --out {out}.npz", ("nowhere", "no such")),
     ("decode {capture} --out {folder}", ("is a folder",)),
-    ("capture --scene paper-simulation --size 20000x20000 {many} --out {out}", ("GiB",)),
-    ("capture --scene paper-simulation --size 65536x65536 {many} --out {out}", ("GiB",)),
-    ("capture {scene} --noise -1 --out {out}", ("--noise", "-1")),
-    ("capture {scene} --out {out}/deeper/still", ("deeper", "does not exist")),
-    ("capture {scene} --out {out} --json {out}/none/n.json", ("n.json",)),
-    ("capture {scene} --out {capture}", ("no empty folder",)),
+    ("simulate --scene paper-simulation --pixels 20000x20000 {many} --out {out}", ("GiB",)),
+    ("simulate --scene paper-simulation --pixels 65536x65536 {many} --out {out}", ("GiB",)),
+    ("simulate {scene} --noise -1 --out {out}", ("--noise", "-1")),
+    ("simulate {scene} --out {out}/deeper/still", ("deeper", "does not exist")),
+    ("simulate {scene} --out {out} --json {out}/none/n.json", ("n.json",)),
+    ("simulate {scene} --out {capture}", ("no empty folder",)),
     ("{solve} --method magic --out {out}.npz", ("magic",)),
     ("{solve} --anchor corner --out {out}.npz", ("corner",)),
     ("{solve} --anchor none --out {out}.npz", ("anchor",)),
@@ -129,7 +132,7 @@ def test_lengths_in_metres(
     given = table[section][key]
     table[section][key] = [each / 1000 for each in given] if isinstance(given, list) else given / 1000
     (tmp_path / "m.toml").write_text(tomli_w.dumps(table), encoding="utf-8")
-    refused(["capture", "--scene", tmp_path / "m.toml", "--out", tmp_path / "c"], *words)
+    refused(["simulate", "--scene", tmp_path / "m.toml", "--out", tmp_path / "c"], *words)
     assert not (tmp_path / "c").exists()
 
 
@@ -158,7 +161,7 @@ def test_pictures_in_colour_are_taken_and_told(
         options = [cv2.IMWRITE_JPEG_QUALITY, 95] if kind == "jpg" else []
         cv2.imwrite(str(folder / f"{path.stem}.{kind}"), coloured, options)
     rows, cols = Capture.load(chain.capture).sequence.shape[1:]
-    args = ["--sequence", "gray+phase", "--display", f"{cols}x{rows}", "--out", tmp_path / "c.npz"]
+    args = ["--sequence", "gray+phase", "--pixels", f"{cols}x{rows}", "--out", tmp_path / "c.npz"]
     told = optolever("decode", folder, *args).err
     assert "pictures in colour, luminance is taken" in told
     assert ("JPEG" in told) == (kind == "jpg")

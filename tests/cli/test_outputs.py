@@ -130,8 +130,8 @@ def test_a_links_target_is_written(optolever: Run, tmp_path: Path) -> None:
 def test_a_link_that_leads_nowhere_is_refused(refused: Refused, tmp_path: Path) -> None:
     (tmp_path / "loop").symlink_to(tmp_path / "loop")
     (tmp_path / "off").symlink_to(tmp_path / "none" / "off")
-    refused(["names", "--json", tmp_path / "loop"], "loop", "itself")
-    refused(["names", "--json", tmp_path / "off"], "off", "does not exist")
+    refused(["simulate", "--json", tmp_path / "loop", "--list"], "loop", "itself")
+    refused(["simulate", "--json", tmp_path / "off", "--list"], "off", "does not exist")
 
 
 def test_a_file_keeps_its_mode(optolever: Run, tmp_path: Path) -> None:
@@ -161,7 +161,7 @@ def test_read_only_files_and_folders_are_kept_by_root_too(refused: Refused, tmp_
     for args in (
         ["decode", "nowhere", "--out", locked / "c.npz"],
         ["reconstruct", "nowhere", "--scene", "none", "--out", tmp_path / "h.npz", "--ply", locked / "h.ply"],
-        ["capture", "--scene", "paper-simulation", "--out", locked / "capture"],
+        ["simulate", "--scene", "paper-simulation", "--out", locked / "capture"],
         *([*report, "--out", locked] for report in reports),
         *([*report, "--out", locked / "deeper" / "report"] for report in reports),
     ):
@@ -179,7 +179,7 @@ def test_no_output_is_an_input(refused: Refused, chain: Chain, tmp_path: Path) -
     described.write_text((capture / "capture.toml").read_text())
     solve = ["reconstruct", found, "--scene", capture / "scene.toml"]
     out = ["--out", tmp_path / "new"]
-    dented = ["capture", *SCENE, "--dent", f"relief:path={tmp_path / 'mask'},peak=1"]
+    dented = ["simulate", *SCENE, "--dent", f"relief:path={tmp_path / 'mask'},peak=1"]
     for args in (
         [*solve, "--out", found],
         [*solve, "--out", tmp_path / "link.npz"],
@@ -225,8 +225,8 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(refused: Refused, chain: Cha
 def test_a_full_disk_leaves_no_folder(refused: Refused, tmp_path: Path) -> None:
     """The page of a demo has 1 MB; compiled kernels, which are kept, too, have up to 0.6 MB each."""
     for room, args in (
-        (4096, ["capture", *SCENE, "--noise", "2", "--renderer", "numpy", "--out", tmp_path / "capture"]),
-        (800_000, ["demo", "--size", "96x96", "--renderer", "numpy", "--out", tmp_path / "deep/er/demo"]),
+        (4096, ["simulate", *SCENE, "--noise", "2", "--renderer", "numpy", "--out", tmp_path / "capture"]),
+        (800_000, ["demo", "--pixels", "96x96", "--renderer", "numpy", "--out", tmp_path / "deep/er/demo"]),
     ):
         with full_disk(room):
             refused(args, args[-1], "File too large")

@@ -19,8 +19,8 @@ def test_a_profile_is_kept_and_decoded_by(
     tmp_path: Path, optolever: Program, refused: Refused, kept: str
 ) -> None:
     """In a file of its own, or with the rig; the same frames decode to the same places by it."""
-    shown = ("--scene", "monitor-mirror", "--size", "64x80", "--sequence", "gray+phase", "--noise", "1")
-    optolever("capture", *shown, "--out", tmp_path / "c")
+    shown = ("--scene", "monitor-mirror", "--pixels", "80x64", "--sequence", "gray+phase", "--noise", "1")
+    optolever("simulate", *shown, "--out", tmp_path / "c")
     (tmp_path / "rig.toml").write_bytes((tmp_path / "c/scene.toml").read_bytes())
     profile, out, numbers = tmp_path / kept, tmp_path / "c.npz", tmp_path / "c.json"
     decode = ["decode", tmp_path / "c", "--out", out]
@@ -37,7 +37,7 @@ def test_a_profile_is_kept_and_decoded_by(
     np.testing.assert_array_equal(Correspondence.load(out).sigma_u, alone.sigma_u)
     refused([*decode, "--profile", profile, "--lens", "0.3"], "leave out --response, --lens")
     noisier = tmp_path / "noisier"
-    optolever("capture", *shown[:-1], "3", "--out", noisier)
+    optolever("simulate", *shown[:-1], "3", "--out", noisier)
     outcome = optolever("decode", noisier, "--out", out, "--profile", profile)
     assert "profile no longer holds: noise" in outcome.err
 
@@ -45,8 +45,8 @@ def test_a_profile_is_kept_and_decoded_by(
 def test_the_lag_that_sync_measured_is_taken_off(tmp_path: Path, optolever: Program) -> None:
     """Frames with half a level of the frame before, too little for the decoder's estimate, much for the mean
     of many pixels; by [sync] and the times of the capture it is taken off. Without those times it is not."""
-    shown = ("--scene", "prism48", "--size", "96x128", "--sequence", "micro-phase", "--renderer", "numpy")
-    optolever("capture", *shown, "--out", tmp_path / "clean")
+    shown = ("--scene", "prism48", "--pixels", "128x96", "--sequence", "micro-phase", "--renderer", "numpy")
+    optolever("simulate", *shown, "--out", tmp_path / "clean")
     clean, rig, out = Capture.load(tmp_path / "clean"), tmp_path / "rig.toml", tmp_path / "c.npz"
     rig.write_bytes((tmp_path / "clean/scene.toml").read_bytes())
     timing = Timing(0.01, 0, 0.1, 0.1, 0, 0, 0.1, 0.005)  # slow cells, a short exposure

@@ -13,16 +13,18 @@ from typing import NoReturn
 
 import pytest
 
-from optolever.cli.commands import SECTIONS
+from optolever.cli.commands import OLD, SECTIONS
+from optolever.scene import load
 
 from .conftest import Program, Refused
 
 COMMANDS = [name for names in SECTIONS.values() for name in names]
+CALLS = [name for name in COMMANDS if name not in ("camera", "rig", "patterns")] + list(OLD.values())
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("command", [*CALLS, "rig new", "patterns export"])
 def test_help_has_synopsis_options_and_a_sample_with_output(command: str, optolever: Program) -> None:
-    outcome = optolever(command, "--help")
+    outcome = optolever(*command.split(), "--help")
     assert f"Usage: optolever {command}" in outcome.out
     assert "--json" in outcome.out
     sample = outcome.out.partition("Sample:")[2].strip().splitlines()
@@ -31,12 +33,13 @@ def test_help_has_synopsis_options_and_a_sample_with_output(command: str, optole
 
 
 def test_help_shows_every_summary_whole() -> None:
-    """A line of 80 columns each, nothing cut, under headings."""
+    """A line of 80 columns each, nothing cut, under headings; 40 lines in all."""
     command = [sys.executable, "-c", "from optolever.cli import main; main()", "--help"]
     environment = {**os.environ, "COLUMNS": "80"}
     lines = subprocess.run(
         command, env=environment, capture_output=True, text=True, check=True
     ).stdout.splitlines()
+    assert len(lines) <= 40
     for name in COMMANDS:
         (line,) = [line for line in lines if re.match(rf"  {name}  +", line)]
         assert len(line) <= 80
@@ -60,7 +63,7 @@ def shape(text: str) -> str:
 def test_samples_are_real(optolever: Program, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The sample sessions of --help, run one after the other, print what they show."""
     monkeypatch.chdir(tmp_path)
-    for command in ("capture", "decode", "reconstruct", "demo"):
+    for command in ("simulate", "decode", "reconstruct", "demo"):
         sample = optolever(command, "--help").out.partition("Sample:")[2]
         lines = textwrap.dedent(sample.strip("\n")).splitlines()
         ends = next(i for i, line in enumerate(lines) if not line.endswith("\\"))
@@ -72,7 +75,7 @@ def test_samples_are_real(optolever: Program, tmp_path: Path, monkeypatch: pytes
 def test_help_is_fast() -> None:
     """Nothing heavy is imported before a command runs."""
     code = (
-        "import sys; from optolever.cli import run; run(['capture', '--help']); "
+        "import sys; from optolever.cli import run; run(['simulate', '--help']); "
         "heavy = {'numpy', 'numba', 'cv2', 'scipy', 'matplotlib', 'moderngl'} & set(sys.modules); "
         "sys.exit(str(heavy) if heavy else 0)"
     )
@@ -89,22 +92,40 @@ def test_interruption_is_130(optolever: Program, monkeypatch: pytest.MonkeyPatch
         raise KeyboardInterrupt
 
     monkeypatch.setattr(scene, "load", interrupt)
-    optolever("capture", "--scene", "paper-simulation", "--out", tmp_path / "capture", code=130)
+    optolever("simulate", "--scene", "paper-simulation", "--out", tmp_path / "capture", code=130)
     assert not list(tmp_path.iterdir())
 
 
-def test_names_are_those_that_work(optolever: Program, tmp_path: Path) -> None:
+def test_earlier_names_go_on_running(optolever: Program, tmp_path: Path) -> None:
+    """Each with a line about today's."""
     path = tmp_path / "names.json"
-    optolever("names", "--json", path)
+    outcome = optolever("names", "--json", path)
+    assert outcome.err == "optolever names is now: optolever simulate --list\n"
     names = json.loads(path.read_text())
-    assert {"paper-simulation", "paper-prototype", "prism48", "monitor-mirror"} <= set(names["scenes"])
-    assert {"flat", "tilt", "raised-cosine", "gaussian", "ball", "needle", "ridge"} <= set(names["dents"])
-    assert {"gray", "binary", "stripe", "spot", "phase", "gray+phase", "lattice"} <= set(names["sequences"])
-    assert "coupled" in names["methods"]
+    assert {"paper-simulation", "prism48"} <= set(names["scenes"])
     fringes = names["parameters"]["sequences"]["gray+phase"]
     assert fringes == {"axes": "uv", "steps": 4, "period": 8.0, "inverses": False}
     assert names["parameters"]["dents"]["gaussian"]["peak"] == pytest.approx(1.3)
-    assert names["parameters"]["dents"]["relief"]["path"] is None
+    assert "gray+phase" in optolever("simulate", "--list").out
+    assert "coupled" in optolever("reconstruct", "--list").out
+    given = (
+        "capture",
+        "--scene",
+        "prism48",
+        "--size",
+        "24x32",
+        "--renderer",
+        "numpy",
+        "--out",
+        tmp_path / "c",
+    )
+    assert optolever(*given).err == "optolever capture is now: optolever simulate\n"
+    scene = load(tmp_path / "c/scene.toml")
+    assert (scene.camera.rows, scene.camera.cols) == (24, 32)
+    assert "is now: optolever camera sync" in optolever("sync", "--help").err
+    shown, everything = (optolever("simulate", word).out for word in ("--help", "--help-all"))
+    assert "--renderer" not in shown
+    assert "--renderer" in everything
 
 
 def test_doctor_says_what_there_is_and_what_is_missing(optolever: Program, tmp_path: Path) -> None:

@@ -66,12 +66,12 @@ def test_a_rig_captures_what_its_camera_sees(optolever: Program, rig: Path, tmp_
     assert json.loads((tmp_path / "n.json").read_text())["repeats"] == 0
     assert not (tmp_path / "c.recording").exists()
     optolever(
-        "capture", "--rig", rig, "--camera", f"folder:{tmp_path / 'c'}", "--out", tmp_path / "d", "--keep"
+        "capture", "--rig", rig, "--set", f"camera=folder:{tmp_path / 'c'}", "--out", tmp_path / "d", "--keep"
     )
     np.testing.assert_array_equal(Capture.load(tmp_path / "d").frames, done.frames)
-    optolever("replay", tmp_path / "d.recording", "--out", tmp_path / "e")
+    optolever("camera", "replay", tmp_path / "d.recording", "--out", tmp_path / "e")
     np.testing.assert_array_equal(Capture.load(tmp_path / "e").frames, done.frames)
-    replayed = ("--camera", f"replay:{tmp_path / 'd.recording'}")
+    replayed = ("--set", f"camera=replay:{tmp_path / 'd.recording'}")
     optolever("capture", "--rig", rig, *replayed, "--out", tmp_path / "f")
     np.testing.assert_array_equal(Capture.load(tmp_path / "f").frames, done.frames)
 
@@ -80,7 +80,9 @@ def test_a_rig_captures_what_its_camera_sees(optolever: Program, rig: Path, tmp_
 def test_measure_goes_to_the_report(
     optolever: Program, rig: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    outcome = optolever("measure", "--rig", rig, "--out", tmp_path / "m", "--json", tmp_path / "m.json")
+    outcome = optolever(
+        "camera", "measure", "--rig", rig, "--out", tmp_path / "m", "--json", tmp_path / "m.json"
+    )
     files = {"c.npz", "h.npz", "report.html", "capture", "figures.csv", "slopes.npz"}
     assert files == {one.name for one in (tmp_path / "m").iterdir()}
     assert "simulated, rig " in (tmp_path / "m/report.html").read_text()
@@ -89,7 +91,7 @@ def test_measure_goes_to_the_report(
     assert numbers["good_share"] > 0.5
     assert "report.html" in "".join(outcome.out.split())
     monkeypatch.setattr("optolever.cli.measure.measured_lag", lambda *_: 1 / 512)  # of a slow display
-    optolever("measure", "--rig", rig, "--out", tmp_path / "slow")
+    optolever("camera", "measure", "--rig", rig, "--out", tmp_path / "slow")
     capture = Capture.load(tmp_path / "slow/capture")
     plain, found = (Correspondence.load(tmp_path / name / "c.npz") for name in ("m", "slow"))
     known = estimate_profile(capture.frames, capture.sequence).with_lag(1 / 512)
@@ -112,26 +114,26 @@ def test_a_frame_of_the_pattern_before_is_found(rig: Path) -> None:
 def test_record_and_replay(optolever: Program, refused: Refused, rig: Path, tmp_path: Path) -> None:
     shown = sequence("gray", 8, 8)
     Capture(np.repeat(shown.render()[:1], len(shown), axis=0), shown).save(tmp_path / "still")
-    camera = ("--camera", f"folder:{tmp_path / 'still'}", "--fps", "50")
-    words = ("record", "--rig", rig, *camera, "--seconds", "0.5")
+    camera = ("--set", f"camera=folder:{tmp_path / 'still'}", "--set", "fps=50")
+    words = ("camera", "record", "--rig", rig, *camera, "--seconds", "0.5")
     optolever(*words, "--out", tmp_path / "r", "--json", tmp_path / "n.json")
     numbers = json.loads((tmp_path / "n.json").read_text())
     assert 3 < numbers["images"] <= 26
     assert (numbers["lost"], numbers["dropped"], numbers["incomplete"]) == (0, 0, 0)
     assert len(Recording(tmp_path / "r")) == numbers["images"]
     export = ("--mcap", tmp_path / "r.mcap") if find_spec("mcap") else ()
-    assert f"{numbers['images']}, incomplete 0" in optolever("replay", tmp_path / "r", *export).out
+    assert f"{numbers['images']}, incomplete 0" in optolever("camera", "replay", tmp_path / "r", *export).out
     assert not export or (tmp_path / "r.mcap").read_bytes()[1:5] == b"MCAP"
     refused([*words, "--out", tmp_path / "r"], "no empty folder")
-    refused(["replay", tmp_path / "r", "--out", tmp_path / "c"], "has no sequence")
-    refused(["replay", tmp_path / "nothing"], "no recording")
+    refused(["camera", "replay", tmp_path / "r", "--out", tmp_path / "c"], "has no sequence")
+    refused(["camera", "replay", tmp_path / "nothing"], "no recording")
 
 
 def test_expose_takes_the_longest_that_does_not_saturate(
     optolever: Program, rig: Path, tmp_path: Path
 ) -> None:
     """The command on the virtual sensor, whose light stays; the rule on a camera whose light follows."""
-    optolever("expose", "--rig", rig, "--mask", tmp_path / "m.png", "--json", tmp_path / "n.json")
+    optolever("camera", "expose", "--rig", rig, "--mask", tmp_path / "m.png", "--json", tmp_path / "n.json")
     kept = tomllib.loads(rig.read_text())
     assert kept["rest"] == {"note": "kept"}
     assert kept["devices"]["camera"] == "virtual"
@@ -194,7 +196,9 @@ def test_sync_of_a_recording_is_the_same_every_time(optolever: Program, rig: Pat
     found = []
     for _ in range(2):
         page = tmp_path / "sync.html"
-        optolever("sync", "--rig", rig, "--camera", f"replay:{tmp_path / 'r'}", "--report", page)
+        optolever(
+            "camera", "sync", "--rig", rig, "--set", f"camera=replay:{tmp_path / 'r'}", "--report", page
+        )
         kept = tomllib.loads(rig.read_text())
         assert kept["rest"] == {"note": "kept"}
         found.append(kept["sync"])
@@ -211,14 +215,14 @@ def test_sync_of_a_recording_is_the_same_every_time(optolever: Program, rig: Pat
 def test_faults_are_one_line(refused: Refused, rig: Path, tmp_path: Path) -> None:
     capture = ("capture", "--rig", rig, "--out", tmp_path / "c")
     for words, message in (
-        (("--camera", "0"), "must be serial:"),
-        (("--camera", "serial:nobody"), "is not connected"),
-        (("--camera", "v4l2:/dev/nobody"), "no such path"),
-        (("--camera", f"folder:{tmp_path / 'none'}"), "no such folder"),
-        (("--camera", f"replay:{tmp_path / 'none'}"), "no recording"),
+        (("--set", "camera=0"), "must be serial:"),
+        (("--set", "camera=serial:nobody"), "is not connected"),
+        (("--set", "camera=v4l2:/dev/nobody"), "no such path"),
+        (("--set", f"camera=folder:{tmp_path / 'none'}"), "no such folder"),
+        (("--set", f"camera=replay:{tmp_path / 'none'}"), "no recording"),
     ):
         refused([*capture, *words], message)
-    refused(["capture", "--out", tmp_path / "c"], "--scene", "--rig")
+    refused(["capture", "--out", tmp_path / "c"], "--rig")
     text = rig.read_text()
     for wrong, message in (
         ("camera = 3\n", "camera is 3, must be a text"),
@@ -229,11 +233,11 @@ def test_faults_are_one_line(refused: Refused, rig: Path, tmp_path: Path) -> Non
         rig.write_text(text.replace('camera = "virtual"\n', wrong))
         refused(capture, message)
     rig.write_text(text.replace('camera = "virtual"\n', ""))
-    refused(capture, "camera is missing; give --camera")
+    refused(capture, "camera is missing; give --set camera")
 
 
 def test_devices_lists_and_never_fails(optolever: Program, tmp_path: Path) -> None:
-    outcome = optolever("devices", "--json", tmp_path / "d.json")
+    outcome = optolever("camera", "devices", "--json", tmp_path / "d.json")
     assert "Cameras" in outcome.out
     assert "Monitors" in outcome.out
     assert set(json.loads((tmp_path / "d.json").read_text())) == {"cameras", "not_looked_for", "monitors"}

@@ -10,7 +10,7 @@ import pytest
 from optolever.cli import run
 from optolever.experiments.design import ranking
 
-PRISM = ["--scene", "prism48", "--size", "72x96"]
+PRISM = ["--scene", "prism48", "--pixels", "96x72"]
 SMALL = [*PRISM[:-1], "36x48"]
 
 

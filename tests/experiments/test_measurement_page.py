@@ -25,7 +25,7 @@ Browser = Callable[..., str]
 Floats = NDArray[np.float64]
 UNITS = {"nm": 1e-6, "µm": 1e-3, "mm": 1.0}
 POWERS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
-SIZE = ("--size", "64x80")
+SIZE = ("--pixels", "80x64")
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def mirror(tmp_path_factory: pytest.TempPathFactory) -> Page:
     scene = ("--scene", "monitor-mirror", *SIZE)
     for name, peak in (("one", "0.003"), ("two", "0.002")):
         taken = ("--dent", f"gaussian:peak={peak},sigma=15", "--noise", "1", "--renderer", "numpy")
-        optolever("capture", *scene, *taken, "--out", folder / name)
+        optolever("simulate", *scene, *taken, "--out", folder / name)
         optolever("decode", folder / name, "--out", folder / f"c-{name}.npz")
         solve = ("--anchor", "75,55,0", "--out", folder / f"{name}.npz")
         optolever("reconstruct", folder / f"c-{name}.npz", *scene, *solve)

@@ -62,7 +62,7 @@ def test_adapt_stands_beside_the_best_fixed_sequence(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     numbers = tmp_path / "adapt.json"
-    call = ["--scene", "paper-prototype", "--size", "80x50", "--goal", "3e-3", "--seeds", "1"]
+    call = ["--scene", "paper-prototype", "--pixels", "50x80", "--goal", "3e-3", "--seeds", "1"]
     dents = ["--dent", "flat", "--dent", "gaussian:peak=0.1,sigma=6"]
     assert run(["adapt", *call, *dents, "--renderer", "numpy", "--json", str(numbers)]) == 0
     found = json.loads(numbers.read_text())

@@ -231,7 +231,7 @@ def test_a_camera_that_fails_is_told(virtual: Virtual) -> None:
 def test_lines_of_json_and_the_numbers_of_the_run(
     capfd: pytest.CaptureFixture[str], tmp_path: Path, refused: Callable[..., str]
 ) -> None:
-    args = ["live", "--size", "96x128", "--rate", "0", "--headless", "--frames", "12"]
+    args = ["live", "--pixels", "128x96", "--rate", "0", "--headless", "--frames", "12"]
     assert run([*args, "--json-lines", "--json", str(tmp_path / "run.json")]) == 0
     lines = [json.loads(line) for line in capfd.readouterr().out.splitlines()]
     assert [line["frame"] for line in lines] == list(range(12))

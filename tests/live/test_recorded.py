@@ -81,24 +81,24 @@ def test_the_page_records_and_refuses_tare(virtual: tuple[Prepared, VirtualFinge
 def test_the_program_records_and_compares(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """What is not the recorded reading is counted, and said."""
     film, numbers = tmp_path / "film", tmp_path / "n.json"
-    words = ["live", "--size", "96x128", "--rate", "0", "--frames", "5"]
+    words = ["live", "--pixels", "128x96", "--rate", "0", "--frames", "5"]
     assert run([*words, "--headless", "--record", str(film)]) == 0
     assert run([*words, "--headless", "--record", str(film)]) == 2
     assert "exists and is no empty folder" in capsys.readouterr().err
-    assert run(["replay", str(film), "--json", str(numbers)]) == 0
+    assert run(["camera", "replay", str(film), "--json", str(numbers)]) == 0
     assert "5 of 5 bit-identical" in capsys.readouterr().out
     lines = (film / "readings.jsonl").read_text().splitlines()
     other = json.loads(lines[3])
     other["crc32"][0] += 1
     lines[3] = json.dumps(other)
     (film / "readings.jsonl").write_text("\n".join(lines))
-    assert run(["replay", str(film), "--json", str(numbers)]) == 0
+    assert run(["camera", "replay", str(film), "--json", str(numbers)]) == 0
     streams = capsys.readouterr()
     assert "4 of 5 bit-identical" in streams.out
     assert "Notice: 1 of 5 readings differ from the recorded ones" in streams.err
     assert json.loads(numbers.read_text())["identical"] == 4
     (film / "readings.jsonl").write_text("\n".join(lines[:2] + lines[3:]))
-    assert run(["replay", str(film)]) == 0
+    assert run(["camera", "replay", str(film)]) == 0
     streams = capsys.readouterr()
     assert "3 of 4 bit-identical" in streams.out
     assert "1 of 5 readings have no line" in streams.err
@@ -125,15 +125,15 @@ def test_a_rig_is_measured_at_rest_and_followed(
 
     monkeypatch.setattr(VirtualSensor, "grab", press)
     words = ["live", "--rig", str(tmp_path / "rig.toml"), "--headless", "--frames", "4"]
-    assert run([*words, "--camera", "virtual", "--json", str(tmp_path / "n.json")]) == 0
+    assert run([*words, "--set", "camera=virtual", "--json", str(tmp_path / "n.json")]) == 0
     numbers = json.loads((tmp_path / "n.json").read_text())
     assert numbers["trusted"] == 4
     assert numbers["depth_mm"] == pytest.approx(0.06, rel=0.02)
     capsys.readouterr()
     for wrong, said in (
         ([*words, "--noise", "1"], "--noise: is of the simulated camera"),
-        ([*words], "camera is missing; give --camera"),
-        (["live", "--fps", "20"], "--fps: needs --rig"),
+        ([*words], "camera is missing; give --set camera="),
+        (["live", "--set", "fps=20"], "--set: needs --rig"),
     ):
         assert run(wrong) == 2
         assert said in capsys.readouterr().err

@@ -193,9 +193,9 @@ REFUSED = {
     ),
     "a larger display": (
         lambda _: np.random.default_rng(0).integers(0, 9, (len(sequence("gray+phase", 480, 640)), 9, 9)),
-        ("--display 640x480",),
+        ("--pixels 640x480",),
     ),
-    "one bit less": (lambda images: images[2:], (f"has {COUNT} frames: 2 lost, or", "another --display")),
+    "one bit less": (lambda images: images[2:], (f"has {COUNT} frames: 2 lost, or", "another --pixels")),
 }
 
 

@@ -99,7 +99,7 @@ def test_show_puts_every_frame_on_the_screen(x_server: tuple[str, Path], tmp_pat
     """The command: full screen, frame after frame, and the times at which they came on."""
     display, folder = x_server
     report = tmp_path / "shown.json"
-    words = ["show", "--sequence", "phase:steps=3,periods=8", "--size", "48x80", "--monitor", "0"]
+    words = ["show", "--sequence", "phase:steps=3,periods=8", "--pixels", "80x48", "--monitor", "0"]
     words += ["--seconds", "0.5", "--json", str(report)]
     code = "import sys; from optolever.cli import run; sys.exit(run(sys.argv[1:]))"
     expected = sequence("phase", 48, 80, steps=3, periods=8).render()
@@ -148,8 +148,8 @@ def test_show_lists_monitors_and_refuses_others(x_server: tuple[str, Path], tmp_
     assert f"{ROWS}x{COLS}" in show("--list").stdout
     for words, message in (
         (("--monitor", "3"), "does not exist, must be 0 to 0"),
-        (("--monitor", "0", "--size", "4000x4000"), "the sequence needs 4000x4000"),
-        (("--size", "4000x4000"), f"the largest monitor has {ROWS}x{COLS}"),
+        (("--monitor", "0", "--pixels", "4000x4000"), "the sequence needs 4000x4000"),
+        (("--pixels", "4000x4000"), f"the largest monitor has {ROWS}x{COLS}"),
         (("--display", "nobody"), "is not connected, there is screen"),
         ((), "--size: must be given"),
     ):

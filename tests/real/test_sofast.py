@@ -76,7 +76,7 @@ def test_heights_by_the_command_line(real: Path, rig: SofastRig, screen_file: Pa
     error -= expected(real, "SlopeSolverData/slopes_facet_xy")[:, use[rig.mask]]
     assert np.sqrt(np.mean(error**2)) < 5e-6
     assert np.quantile(np.abs(error), 0.999) < 30e-6
-    assert run([*args, "--size", "64x64"]) == 2
+    assert run([*args, "--pixels", "64x64"]) == 2
 
 
 @pytest.mark.parametrize("group", ["Camera", "DisplayShape", "SpatialOrientation", "DataSofastInput"])

@@ -1,0 +1,199 @@
+"""Commands from functions: typed parameters are the arguments, the docstring is the help.
+
+    @program("form", SAMPLE)
+    def command(h: Annotated[Path, Arg("H.npz")], pitch: Annotated[float, Opt("--pitch MM", "...")] = 1.0):
+
+Defaults are shown; an option without one is required. A tuple repeats, a bool is a flag, a Literal a choice.
+"""
+
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Any, Literal, TypeVar, Union, get_args, get_origin
+
+import click
+
+from .outputs import Option, Program
+
+__all__ = [
+    "ABOVE_0",
+    "AT_LEAST_0",
+    "FILE",
+    "SHARE",
+    "Arg",
+    "Opt",
+    "Rare",
+    "Shape",
+    "option",
+    "program",
+    "sample",
+]
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+FILE = click.Path(path_type=Path)
+ABOVE_0, AT_LEAST_0 = click.FloatRange(min=0, min_open=True), click.FloatRange(min=0)
+SHARE = click.FloatRange(0, 1, max_open=True)
+
+
+@dataclass(frozen=True)
+class Arg:
+    """A positional argument."""
+
+    metavar: str
+    kind: click.ParamType[Any] | None = None
+    required: bool = True
+
+    def parameter(self, name: str, annotation: Any, _: Any) -> click.Parameter:
+        """The argument of a function's parameter."""
+        kind, many = _kind(annotation)
+        return click.Argument(
+            [name],
+            type=self.kind or kind,
+            nargs=-1 if many else 1,
+            required=self.required,
+            metavar=self.metavar,
+        )
+
+
+@dataclass(frozen=True)
+class Opt:
+    """An option, "--flag METAVAR". rare: in --help-all only; old: earlier flags, and the words that their
+    values are now; lists: kind of names that --list prints (`names`)."""
+
+    flag: str
+    help: str = ""
+    kind: click.ParamType[Any] | None = None
+    rare: bool = False
+    old: Mapping[str, Callable[[str], list[str]]] = field(default_factory=dict)
+    lists: str = ""
+
+    def parameter(self, name: str, annotation: Any, default: Any) -> click.Parameter:
+        """The option of a function's parameter."""
+        flag, _, metavar = self.flag.partition(" ")
+        kind, many = _kind(annotation)
+        required = default is inspect.Parameter.empty
+        shown = not required and default is not None and default is not False and default != ()
+        made = Option(
+            [flag, name],
+            type=self.kind or (None if kind is bool else kind),
+            is_flag=kind is bool,
+            multiple=many,
+            metavar=metavar or None,
+            help=self.help,
+            hidden=self.rare,
+            **({"required": True} if required else {"default": default, "show_default": shown}),
+        )
+        made.old, made.lists, made.rare = self.old, self.lists, self.rare
+        return made
+
+
+@dataclass(frozen=True)
+class Rare(Opt):
+    """An option of --help-all."""
+
+    rare: bool = True
+
+
+def _kind(annotation: Any) -> tuple[Any, bool]:
+    """Type of a value for click, and whether there may be several."""
+    parts = [part for part in get_args(annotation) if part is not NoneType]
+    origin = get_origin(annotation)
+    if origin is Literal:
+        return click.Choice(parts), False
+    if origin is tuple and parts[-1] is Ellipsis:
+        return _kind(parts[0])[0], True
+    if origin in (Union, UnionType):
+        return _kind(parts[0])
+    return FILE if annotation is Path else annotation, False
+
+
+def program(
+    name: str, text: str, kind: Callable[..., Program] = Program
+) -> Callable[[Callable[..., Any]], Program]:
+    """A command of a kind from a function; text: a sample session."""
+
+    def made(function: Callable[..., Any]) -> Program:
+        params = []
+        for each in inspect.signature(function).parameters.values():
+            annotation, mark = get_args(each.annotation)
+            params.append(mark.parameter(each.name, annotation, each.default))
+        params += helping([each for each in params if isinstance(each, Option)])
+        helped = inspect.getdoc(function)
+        return kind(name, callback=function, params=params, help=helped, epilog=sample(text))
+
+    return made
+
+
+def option(
+    annotated: Any, name: str, default: Any = inspect.Parameter.empty
+) -> Callable[[Function], Function]:
+    """A shared option as a decorator below click.command."""
+    annotation, mark = get_args(annotated)
+
+    def decorate(function: Function) -> Function:
+        params = getattr(function, "__click_params__", [])
+        vars(function)["__click_params__"] = [*params, mark.parameter(name, annotation, default)]
+        return function
+
+    return decorate
+
+
+def helping(options: list[Option]) -> list[click.Parameter]:
+    """--list and --help-all of a command, where it has names or rare options."""
+    listed, made = {each.lists: each.opts[0] for each in options if each.lists}, list[click.Parameter]()
+
+    def names(ctx: click.Context, _: click.Parameter, value: bool) -> None:
+        if value:
+            from .names import print_names
+
+            scene_name = ctx.params.get("scene_name") or "paper-simulation"
+            print_names(listed, scene_name, ctx.params.get("json_path"))
+            ctx.exit()
+
+    def all_options(ctx: click.Context, _: click.Parameter, value: bool) -> None:
+        if value:
+            for each in options:
+                each.hidden = False
+            click.echo(ctx.get_help())
+            for each in options:
+                each.hidden = each.rare
+            ctx.exit()
+
+    if listed:
+        text = f"Print the names of {', '.join(listed.values())}."
+        made.append(click.Option(["--list"], is_flag=True, expose_value=False, callback=names, help=text))
+    if any(each.rare for each in options):
+        text = "Show this message with all options."
+        settings: dict[str, Any] = {"is_flag": True, "is_eager": True, "expose_value": False, "help": text}
+        made.append(click.Option(["--help-all"], callback=all_options, **settings))
+    return made
+
+
+def sample(text: str) -> str:
+    """A sample session for the end of --help, kept line by line."""
+    return "\b\nSample:\n" + "\n".join("  " + line for line in text.strip("\n").splitlines())
+
+
+class Shape(click.ParamType[tuple[int, int]]):
+    """WIDTHxHEIGHT in pixels, as makers of cameras and displays say it; the value is (rows, cols)."""
+
+    name = "WIDTHxHEIGHT"
+
+    def __init__(self, least: int = 1) -> None:
+        self.least = least
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[int, int]:
+        if isinstance(value, tuple):
+            return value
+        width, _, height = str(value).replace("×", "x").partition("x")
+        if not (width.isdecimal() and height.isdecimal()):
+            self.fail(f"{value!r} is not WIDTHxHEIGHT, such as 640x480", param, ctx)
+        shape = int(height), int(width)
+        if not all(self.least <= number <= 1 << 16 for number in shape):
+            self.fail(f"{value!r} is not WIDTHxHEIGHT with {self.least} to 65536 each", param, ctx)
+        return shape

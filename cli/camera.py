@@ -1,0 +1,20 @@
+"""`optolever camera`: the commands of a rig's camera and display."""
+
+from collections.abc import Mapping, Sequence
+
+import click
+
+from .commands import OLD, Commands
+
+__all__ = ["command"]
+
+
+class Camera(Commands):
+    """optolever camera NAME."""
+
+    sections: Mapping[str, Sequence[str]] = {"Commands": tuple(OLD)}
+
+
+@click.group("camera", cls=Camera)
+def command() -> None:
+    """Camera: devices, expose, sync, record, replay, measure."""

@@ -1,0 +1,104 @@
+"""`optolever simulate`: frames of a dented mirror by a virtual sensor."""
+
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from optolever import InputError
+
+from .arguments import Opt, program
+from .options import Dent, Json, Noise, Renderer, SceneName, Seed, Shown, Size, dent_of, load_scene
+from .show import number, progress, table, write_json
+
+if TYPE_CHECKING:
+    from optolever.scene import Scene
+
+__all__ = ["command"]
+
+SAMPLE = """
+$ optolever simulate --scene paper-simulation --pixels 256x256 \\
+      --dent gaussian:peak=1.3,sigma=20 --noise 1 --seed 1 --out capture
+Capture in capture
+  scene       paper-simulation
+  dent        gaussian:peak=1.3,sigma=20
+  sequence    gray+phase
+  frames      22 of 256 x 256
+  visible     100 % of the pixels
+  mean level  123.6
+  time        0.209 s
+"""
+
+
+@program("simulate", SAMPLE)
+def command(
+    scene_name: SceneName,
+    out: Annotated[Path, Opt("--out DIR", "Folder to make; it must be new or empty.")],
+    dent: Dent = None,
+    sequence: Shown = "gray+phase",
+    noise: Noise = 0.0,
+    size: Size = None,
+    seed: Seed = 0,
+    renderer: Renderer = "auto",
+    json_path: Json = None,
+) -> None:
+    """Simulate a capture: frames of a scene's mirror.
+
+    DIR receives capture.toml, frames/*.png, scene.toml and truth.npz: for every camera pixel the exact u, v,
+    x, y, z, normal, incidence, visible.
+    """
+    from optolever.files import atomic_folder, together
+    from optolever.patterns import sequence_from_text
+    from optolever.projector import capture
+    from optolever.scene import dent_from_text, trace
+
+    scene = load_scene(scene_name, size, exact=True)
+    pressed = dent_of(scene, dent)
+    scene = replace(scene, dent=pressed)
+    surface = dent_from_text(pressed, scene)
+    shown = sequence_from_text(sequence, scene.pattern.rows, scene.pattern.cols)
+    with together(), progress() as step:
+        with atomic_folder(out) as folder:
+            step("trace the truth")
+            truth = trace(scene, surface)
+            if not truth.visible.any():
+                raise InputError(f"--scene {scene_name}: {_missed(scene)}")
+            step(f"capture {len(shown)} frames")
+            start = time.perf_counter()
+            record = capture(scene, surface, shown, renderer=renderer, noise=noise, seed=seed, progress=step)
+            seconds = time.perf_counter() - start
+            step("write")
+            record.save(folder, truth)
+        numbers = {
+            "frames": len(shown),
+            "rows": scene.camera.rows,
+            "cols": scene.camera.cols,
+            "visible_share": float(truth.visible.mean()),
+            "mean_level": float(record.frames.mean()),
+            "seconds": seconds,
+        }
+        write_json(json_path, numbers)
+    table(
+        f"Capture in {out}",
+        {
+            "scene": scene.name,
+            "dent": pressed,
+            "sequence": sequence,
+            "frames": f"{len(shown)} of {scene.camera.rows} x {scene.camera.cols}",
+            "visible": number(100 * numbers["visible_share"], "% of the pixels"),
+            "mean level": number(numbers["mean_level"]),
+            "time": number(seconds, "s"),
+        },
+    )
+
+
+def _missed(scene: "Scene") -> str:
+    """Why no pixel has a pattern in it, as far as the central ray says."""
+    camera, mirror = scene.camera, scene.mirror
+    origin, direction = camera.rays_at(0.5 * (camera.rows - 1), 0.5 * (camera.cols - 1))
+    x, y = (float(part) for part in (origin - origin[2] / direction[2] * direction)[:2])
+    return (
+        f"no pixel sees the pattern in the mirror: the image's centre is at x = {x:.4g}, y = {y:.4g} mm of a "
+        f"mirror of {mirror.length:.4g} x {mirror.width:.4g} mm; check the poses, and that all lengths are "
+        "in millimetres"
+    )
