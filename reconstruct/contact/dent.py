@@ -1,6 +1,5 @@
 """One dent of a height map as flat arrays, in polar coordinates from its middle."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +12,7 @@ from ..outputs.slope_map import SlopeMap
 from .relief import Relief
 from .rim import Posterior, Rim
 
-__all__ = ["Dent", "sector_angles", "sectors"]
+__all__ = ["Dent"]
 
 INSIDE = 0.4  # of the depth: pixels of the dent
 CORE = 0.7  # of the depth: the dent's middle is that of the deeper pixels
@@ -157,21 +156,3 @@ def _beside(mask: Mask, beyond: bool = False) -> Mask:
     the mask."""
     within = scipy.ndimage.binary_erosion(mask, np.ones((3, 3)), border_value=int(beyond))
     return np.asarray(mask & ~within)
-
-
-def sector_angles(count: int) -> Floats:
-    """Middles of sectors of equal angle from -pi on."""
-    middles: Floats = np.linspace(-np.pi, np.pi, count, endpoint=False, dtype=np.float64) + np.pi / count
-    return middles
-
-
-def sectors(dent: Dent, count: int) -> Iterator[tuple[Floats, Floats, Floats, Mask]]:
-    """Radius, radial slope, its sigma and whether inside, of every sector's measured pixels, sorted by
-    radius."""
-    sector = ((dent.phi + np.pi) / (2 * np.pi) * count).astype(np.intp) % count
-    order = np.lexsort((dent.r, sector))
-    order = order[dent.measured[order]]
-    ends = np.searchsorted(sector[order], np.arange(1, count))
-    slope, sigma = dent.radial
-    fields = (np.split(part[order], ends) for part in (dent.r, slope, sigma, dent.inside))
-    return zip(*fields, strict=True)

@@ -5,12 +5,11 @@ from typing import Any
 
 import numpy as np
 import scipy.ndimage
-import scipy.sparse
-import scipy.sparse.linalg
 from numpy.typing import NDArray
 
-from ..arrays import Floats, Ints, Mask
+from ..arrays import Floats, Mask
 from ..heightmap import HeightFlag, HeightMap
+from ..judgement.holes import interpolation
 from ..outputs.resampling import natural_pitch
 from ..outputs.slope_map import SlopeMap
 
@@ -57,79 +56,19 @@ class Relief:
         holes = scipy.ndimage.binary_fill_holes(measured) & ~measured
         error = np.zeros(measured.shape)
         if 0 < np.count_nonzero(holes) <= _LARGEST:
-            modes = modes.copy()
-            rough = _interpolated(fields[2:3], measured, holes, 2)
-            fields[:, holes] = _interpolated(fields, measured, holes, 3)
-            modes[:, holes] = _interpolated(modes, measured, holes, 2)
-            error[holes] = np.abs(fields[2, holes] - rough[0])
-            fields[3, holes] = _largest_around(height.sigma, measured, holes)
+            fill = interpolation(measured, holes)
+            nearest = scipy.ndimage.distance_transform_edt(
+                ~measured, return_distances=False, return_indices=True
+            )
+            modes = modes[:, *nearest]  # smooth
+            rough, z = fill(height.z)
+            error[holes] = np.abs(z - rough)[holes]
+            fields = np.stack([fill(height.x)[1], fill(height.y)[1], z, height.sigma[*nearest]])
         else:
             holes = np.zeros_like(measured)
         x, y, z, sigma = fields
         pitch = natural_pitch(height.x, height.y, measured)
         return cls(x, y, z, sigma, modes, measured, measured | holes, error, _cells(x, y), pitch)
-
-
-def _interpolated(fields: NDArray[np.floating[Any]], measured: Mask, holes: Mask, order: int) -> Floats:
-    """Fields (k, H, W) in the holes, (k, N): with the smallest sum of squares of the Laplacian (order 2), or
-    of its gradient (order 3), over the holes and the pixels around them.
-    """
-    near = scipy.ndimage.binary_dilation(holes, np.ones((3, 3)), order) & (measured | holes)
-    number = np.full(near.shape, -1)
-    number[near] = np.arange(int(near.sum()))
-    row, col = np.nonzero(near[1:-1, 1:-1])
-    row, col = row + 1, col + 1
-    around = np.stack([number[row + i, col + j] for i, j in ((0, 0), (0, 1), (0, -1), (1, 0), (-1, 0))])
-    whole = (around >= 0).all(axis=0)
-    around, row, col = around[:, whole], row[whole], col[whole]
-    size = around.shape[1]
-    weights = np.repeat([-4.0, 1.0, 1.0, 1.0, 1.0], size)
-    operator = scipy.sparse.csr_array(
-        (weights, (np.tile(np.arange(size), 5), around.ravel())), shape=(size, int(near.sum()))
-    )
-    if order == 3:
-        place = np.full(near.shape, -1)
-        place[row, col] = np.arange(size)
-        operator = (
-            scipy.sparse.vstack(
-                [_difference(place[:, :-1], place[:, 1:], size), _difference(place[:-1], place[1:], size)]
-            )
-            @ operator
-        )
-    # where nothing is smoothed (a corner), a weak pull to the neighbours keeps the solution
-    weak = scipy.sparse.vstack(
-        [
-            _difference(number[:, :-1], number[:, 1:], int(near.sum())),
-            _difference(number[:-1], number[1:], int(near.sum())),
-        ]
-    )
-    operator = scipy.sparse.vstack([operator, 1e-6 * weak]).tocsc()
-    free = holes[near]
-    normal = (operator[:, free].T @ operator[:, free]).tocsc()
-    known = operator[:, ~free] @ fields[:, near][:, ~free].T
-    solve = scipy.sparse.linalg.factorized(normal)
-    rhs = -(operator[:, free].T @ known)
-    return np.array([solve(part) for part in rhs.T]).reshape(len(fields), np.count_nonzero(free))
-
-
-def _largest_around(sigma: Floats, measured: Mask, holes: Mask) -> Floats:
-    """For every pixel of the holes the largest sigma of the pixels around its hole."""
-    labels, count = scipy.ndimage.label(holes, np.ones((3, 3)))
-    near = scipy.ndimage.grey_dilation(labels, size=(3, 3))
-    largest = scipy.ndimage.maximum(sigma, np.where(measured, near, 0), np.arange(count + 1))
-    found: Floats = np.asarray(largest, dtype=np.float64)[labels[holes]]
-    return found
-
-
-def _difference(first: Ints, second: Ints, size: int) -> scipy.sparse.csr_array:
-    """Rows that take the value at one number from that at another, where both are numbers."""
-    both = (first >= 0) & (second >= 0)
-    one, two = first[both].astype(np.intp), second[both].astype(np.intp)
-    rows = np.arange(one.size)
-    values = np.repeat([-1.0, 1.0], one.size)
-    return scipy.sparse.csr_array(
-        (values, (np.tile(rows, 2), np.concatenate([one, two]))), shape=(one.size, size)
-    )
 
 
 def flat(field: NDArray[np.floating[Any]]) -> Floats:

@@ -7,6 +7,7 @@ either side, beyond a border they are parabolas. What this does not settle is ha
 neighbours' edges; a bridged pixel stays flagged and gets no height.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -14,10 +15,10 @@ import scipy.ndimage
 import scipy.sparse
 import scipy.sparse.linalg
 
-from ..arrays import Floats, Mask
+from ..arrays import Floats, Mask, Pair
 from ..measured import Measured
 
-__all__ = ["bridged", "noise_gain", "small_holes", "whole_lines"]
+__all__ = ["bridged", "interpolation", "noise_gain", "small_holes", "whole_lines"]
 
 LARGEST = 9  # pixels
 NARROW = 2  # pixels between measured ones in a row or a column
@@ -76,10 +77,21 @@ def bridged(data: Measured, holes: Mask) -> Measured:
     reached = np.zeros(count + 1, np.bool_)
     reached[parts[known]] = True
     holes = holes & reached[parts]
-    harmonic, parabolic = (_Differences(known, holes, coefficients) for coefficients in (_FIRST, _THIRD))
-    u, v, sigma_u, sigma_v = (harmonic.filled(part) for part in (data.u, data.v, data.sigma_u, data.sigma_v))
-    u, v = parabolic.filled(u), parabolic.filled(v)
+    fill = interpolation(known, holes)
+    u, v = fill(data.u)[1], fill(data.v)[1]
+    sigma_u, sigma_v = fill(data.sigma_u)[0], fill(data.sigma_v)[0]
     return replace(data, u=u, v=v, sigma_u=sigma_u, sigma_v=sigma_v, mask=known | holes)
+
+
+def interpolation(known: Mask, holes: Mask) -> Callable[[Floats], Pair]:
+    """What gives a field (rows, cols) of known pixels with its holes filled: harmonic, and by parabolas."""
+    harmonic, parabolic = (_Differences(known, holes, coefficients) for coefficients in (_FIRST, _THIRD))
+
+    def fill(field: Floats) -> Pair:
+        first = harmonic.filled(field)
+        return first, parabolic.filled(first)
+
+    return fill
 
 
 def noise_gain(mask: Mask, holes: Mask) -> Floats:
