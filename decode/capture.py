@@ -23,11 +23,11 @@ from .neighbours import HALO, Block, Result, axis_limits, neighbours
 from .noise import Noise, Sample, fit_noise
 from .order import find_order
 from .pixels import Maps, Tables, pixel_rows
-from .plan import AxisPlan, Fringe, Plan, constraints, plan, raster_axes
+from .plan import AxisPlan, Fringe, Plan, constraints, plan
 from .profile import AxisProfile, Estimates, Sampled, Settings
 from .records import Correspondence, Flag
 
-__all__ = ["Prepared", "applied", "axes_of", "estimated", "holds", "prepared"]
+__all__ = ["Prepared", "applied", "estimated", "holds", "prepared"]
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -57,11 +57,6 @@ class Prepared(NamedTuple):
     limits: F32
     look_ups: tuple[Table | None, ...]
     matrix: F64 | None
-
-
-def axes_of(sequence: Sequence) -> tuple[AxisPlan, ...]:
-    """Axes of fringes and codes, or of spots."""
-    return raster_axes(sequence) or plan(sequence).axes
 
 
 def lit_sample(light: Light, inside: Mask) -> Sample:
@@ -99,8 +94,8 @@ def estimated(
 
 def _estimate(light: Light, sequence: Sequence, settings: Settings, sample: Sample) -> Estimates:
     """Noise, then misfit and effects from a sample."""
-    p, axes = plan(sequence), axes_of(sequence)
-    p = p if p.axes else replace(p, axes=axes)  # spots
+    p = plan(sequence)
+    axes = p.axes
     if settings.noise is not None:
         noise = Noise(settings.noise**2 + light.rounding, settings.gain)
     else:
@@ -146,7 +141,7 @@ def _with_misfits(
     profile: Estimates, sequence: Sequence, sample: Sample, look_ups: list[LookUp | None]
 ) -> Estimates:
     p, noise, own = plan(sequence), profile.noise, []
-    for axis, look_up in zip(axes_of(sequence), look_ups, strict=True):
+    for axis, look_up in zip(p.axes, look_ups, strict=True):
         misfits = tuple(_misfit(fringe, p, axis, sample, noise) for fringe in axis.fringes)
         own.append(AxisProfile(misfits, _deviation(axis, sample, noise), 0.0, look_up))
     return profile._replace(axes=tuple(own))
@@ -260,7 +255,8 @@ def _orders(axis: AxisPlan, own: AxisProfile) -> Orders:
 
 def prepared(sequence: Sequence, settings: Settings, profile: Estimates) -> Prepared:
     """The decoder of a profile."""
-    p, axes = plan(sequence), axes_of(sequence)
+    p = plan(sequence)
+    axes = p.axes
     f32 = np.float32
     orders = [_orders(axis, own) for axis, own in zip(axes, profile.axes, strict=True)]
     covered = [

@@ -12,8 +12,9 @@ from optolever.notices import Notice
 from optolever.patterns import Sequence
 from optolever.records import LOG, Progress, logged, silent
 
-from .capture import Prepared, applied, axes_of, estimated, holds, prepared
+from .capture import Prepared, applied, estimated, holds, prepared
 from .frames import Levels, Light, in_levels, light_of
+from .plan import plan
 from .profile import RigProfile, Settings, digest
 from .records import Correspondence
 from .response import Response
@@ -100,7 +101,7 @@ class Decoder:
         """settings: default: those under which the profile was estimated."""
         self._settings = settings or (Settings() if profile is None else profile.settings)
         _validated(self._settings)
-        axes_of(sequence)  # checks the frames
+        plan(sequence)  # checks the frames
         self._sequence, self._profile = sequence, profile
         self._prepared: Prepared | None = None
 

@@ -1,7 +1,7 @@
 """From a sequence's descriptions to the structure for decoding: frames by axis, fringe and code."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from optolever.errors import InputError
 from optolever.patterns import BINARY_CODES, Frame, Sequence, code_words
 
-__all__ = ["AxisPlan", "Code", "Fringe", "Plan", "Stripes", "constraints", "plan", "raster_axes"]
+__all__ = ["AxisPlan", "Code", "Fringe", "Plan", "Stripes", "constraints", "plan"]
 
 F64 = NDArray[np.float64]
-#: Fewest places of a stripe or spot along an axis.
+#: Fewest places of a stripe along an axis.
 _PLACES = 5
 
 
@@ -69,20 +69,11 @@ class Code:
 
 @dataclass(frozen=True, slots=True)
 class Stripes:
-    """Frames of a line swept over one axis, in the order of its places; width at half maximum, pattern px.
-
-    Of spots: frames (n, m) at n places of this axis and m of the other one (`beside`).
-    """
+    """Frames of a line swept over one axis, in the order of its places; width at half maximum, pattern px."""
 
     index: NDArray[np.int64]
     at: F64
     width: float
-    beside: F64 = field(default_factory=lambda: np.zeros(1))
-
-    @property
-    def pitch(self) -> float:
-        """Step of the places along the other axis; the width if there is only one."""
-        return float(np.median(np.diff(self.beside))) if len(self.beside) > 1 else self.width
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,14 +102,13 @@ class AxisPlan:
         if self.code is not None:
             found |= {int(i) for i in (*self.code.plain, *self.code.inverse) if i >= 0}
         if self.stripes is not None:
-            found |= {int(i) for i in self.stripes.index.ravel()}
+            found |= {int(i) for i in self.stripes.index}
         return tuple(sorted(found))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """All axes, the frames that serve both (-1: none), and all frames. No axes: spots, which encode both axes
-    at once."""
+    """All axes, the frames that serve both (-1: none), and all frames."""
 
     axes: tuple[AxisPlan, ...]
     white: int
@@ -138,7 +128,7 @@ def plan(sequence: Sequence) -> Plan:
         for axis, extent in (("u", sequence.cols), ("v", sequence.rows))
         if (found := _axis_plan(sequence, axis, extent)) is not None
     )
-    if not axes and not any(frame.kind == "stripe" for frame in frames):
+    if not axes:
         kinds = ", ".join(sorted({frame.kind for frame in frames}))
         raise InputError(
             f"sequence {sequence.name}: frames are {kinds}, none of them encodes u or v by itself "
@@ -232,42 +222,6 @@ def _fringe(sequence: Sequence, index: list[int], period: float) -> Fringe:
     by = sorted(((frames[i].shift or 0.0) + (math.pi if frames[i].inverted else 0.0), i) for i in index)
     shifts, order = np.array([shift for shift, _ in by]), tuple(i for _, i in by)
     return Fringe(order, period, shifts)
-
-
-@lru_cache(maxsize=16)
-def raster_axes(sequence: Sequence) -> tuple[AxisPlan, ...]:
-    """Both sweeps of the raster of a sequence's spots, in any order; none: the sequence has no spots.
-
-    White and black are allowed, too. InputError if places are missing or repeated, or other codes are mixed
-    in. A spot is a product, so that a pixel's light is A f(v - row) g(u - column) + B: the mean over any rows
-    of the raster is a stripe's sweep. The mean uses the rows around the pixel's brightest frame; the others
-    contain only noise.
-    """
-    spots = [i for i, frame in enumerate(sequence.frames) if frame.kind == "stripe" and frame.axis == "uv"]
-    if not spots:
-        return ()
-    name = f"sequence {sequence.name}"
-    for i, frame in enumerate(sequence.frames):
-        if frame.axis in ("u", "v"):
-            raise InputError(f"{name}: frames[{i}] is {frame.kind} on {frame.axis}, spots stand alone")
-    widths = {sequence.frames[i].width_px or 1.0 for i in spots}
-    if len(widths) > 1:
-        raise InputError(f"{name}: spots are {sorted(widths)} px wide, must be alike")
-    at_u, column = np.unique([sequence.frames[i].at_u or 0.0 for i in spots], return_inverse=True)
-    at_v, row = np.unique([sequence.frames[i].at_v or 0.0 for i in spots], return_inverse=True)
-    index = np.full((len(at_v), len(at_u)), -1, np.int64)
-    index[row, column] = spots
-    if min(index.shape) < _PLACES or index.min() < 0 or index.size != len(spots):
-        raise InputError(
-            f"{name}: {len(spots)} spots are at {len(at_v)} x {len(at_u)} places along v and u, must be at "
-            f"every place once and at {_PLACES} or more along each"
-        )
-    width, nothing = widths.pop(), (None, (), ())
-    along, down = Stripes(index.T, at_u, width, at_v), Stripes(index, at_v, width, at_u)
-    return (
-        AxisPlan("u", sequence.cols, *nothing, along, ()),
-        AxisPlan("v", sequence.rows, *nothing, down, ()),
-    )
 
 
 @lru_cache(maxsize=16)

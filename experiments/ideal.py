@@ -25,11 +25,9 @@ def ideal_level(shown: Sequence, index: int, u: Floats, v: Floats) -> Floats:
     elif frame.kind == "phase":
         level = 0.5 + 0.5 * np.cos(2 * np.pi * coord / (frame.period_px or 1.0) - (frame.shift or 0.0))
     elif frame.kind == "stripe":
-        level = np.ones(u.shape)
-        for axis, along, at in (("u", u, frame.at_u), ("v", v, frame.at_v)):
-            if axis in (frame.axis or ""):
-                away = np.minimum(np.abs(along - (at or 0.0)) / (frame.width_px or 1.0), 1.0)
-                level = level * (0.5 + 0.5 * np.cos(np.pi * away))
+        at = frame.at_v if frame.axis == "v" else frame.at_u
+        away = np.minimum(np.abs(coord - (at or 0.0)) / (frame.width_px or 1.0), 1.0)
+        level = 0.5 + 0.5 * np.cos(np.pi * away)
     else:
         cell = np.floor((coord + 0.5) / frame.cell_px).astype(np.int64)
         level = _of_cells(shown, frame, cell)

@@ -42,7 +42,6 @@ _AXES: dict[str, tuple[str | None, ...]] = {
     "white": (None,),
     "black": (None,),
     "uniform": (None,),
-    "stripe": ("u", "v", "uv"),
     "crossed": (None, "uv"),
     "lattice": (None, "uv"),
 }
@@ -57,13 +56,13 @@ class Frame:
     """One image. Coordinates are pattern pixels, integer = pixel centre; u runs along columns, v along rows.
 
     kind        one of KINDS
-    axis        coordinate that the frame encodes ('uv': a spot, crossed fringe or lattice)
+    axis        coordinate that the frame encodes ('uv': crossed fringe or lattice)
     bit         of a binary code; 0 is the least significant
     inverted    255 - level
     period_px   of a fringe or of the lattice's lines
     shift       of a fringe, radians: level = 127.5 (1 + cos(2 pi coord / period_px - shift))
     width_px    lattice: width of a line; stripe: full width at half maximum of its raised-cosine profile
-    at_u, at_v  centre of a stripe (spot: both)
+    at_u, at_v  centre of a stripe along its axis
     cell_px     width of a code's cells; cell k is [k cell_px, (k + 1) cell_px) - 0.5 + offset_px
     offset_px   origin of cells and lattice lines (lattice: centre of line 0; default half a period - 0.5)
     level       grey value of a uniform frame
@@ -96,7 +95,8 @@ class Frame:
             allowed = ", ".join(str(axis) for axis in _AXES.get(self.kind, ("u", "v")))
             raise InputError(f"frame: axis is {self.axis!r}, kind {self.kind!r} takes {allowed}")
         self._check_numbers()
-        self._check_stripe()
+        if self.kind == "stripe" and getattr(self, f"at_{self.axis}") is None:
+            raise InputError(f"frame: at_{self.axis} is missing, a stripe on {self.axis!r} needs it")
 
     def _check_numbers(self) -> None:
         for name in ("period_px", "shift", "width_px", "at_u", "at_v", "cell_px", "offset_px"):
@@ -120,13 +120,6 @@ class Frame:
                 raise InputError(f"frame: level is {level}, must be in 0..255")
         if self.levels is not None and not self.levels:
             raise InputError("frame: levels is empty, must hold one grey value per cell")
-
-    def _check_stripe(self) -> None:
-        if self.kind != "stripe":
-            return
-        for letter in self.axis or "":
-            if getattr(self, f"at_{letter}") is None:
-                raise InputError(f"frame: at_{letter} is missing, a stripe on {self.axis!r} needs it")
 
     @property
     def combine(self) -> str:

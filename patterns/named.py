@@ -1,4 +1,4 @@
-"""Sequences by name: gray, binary, phase, gray+phase, stripe, spot, lattice, ..."""
+"""Sequences by name: gray, binary, phase, gray+phase, stripe, lattice, ..."""
 
 import inspect
 import math
@@ -21,9 +21,8 @@ Frames = tuple[Frame, ...]
 #: By how much the periods of micro phase shifting are longer than the first.
 _MICRO = (0.056, 0.113, 0.181, 0.256, 0.34)
 _REFERENCES = (Frame("white"), Frame("black"))
-#: Frames of a raster of spots at most (a minute at 60 frames per second, and a folder that still opens); of
-#: any sequence its steps, its periods, its places.
-_MOST_SPOTS, _MOST = 4096, 1 << 16
+#: Steps, periods, places of a sequence at most.
+_MOST = 1 << 16
 
 
 def sequence_names() -> tuple[str, ...]:
@@ -53,7 +52,6 @@ def sequence(name: str, rows: int, cols: int, **params: Any) -> Sequence:
     | gray+phase | axes='uv', steps=4, period=8.0, inverses=False |
     | micro-phase | axes='uv', period=16.0, periods (default: five more, to a third longer) |
     | stripe | axes='uv', step=4.0, width (default: two steps) |
-    | spot | step=8.0, width (default: two steps) |
     | lattice | period=25.0, width (default: a fifth of the period), references=False |
     | crossed | period=16.0 |
     | ramp | count=18 |
@@ -309,25 +307,6 @@ def _stripe(
     return _in_turns(shown, max(map(len, shown)))
 
 
-def _spot(rows: int, cols: int, *, step: float = 8.0, width: float | None = None) -> Frames:
-    """A spot (a row of LEDs, one after the other) at a raster of places, row by row, for small surfaces.
-
-    Its places along either axis are those of a stripe of that step and width (default two steps).
-    """
-    width = 2 * step if width is None else width
-    along, down = (1 + math.ceil((extent - 1) / step) + 2 for extent in (cols, rows))
-    if along * down > _MOST_SPOTS:
-        raise InputError(
-            f"step {step:g} on {rows}x{cols} cells makes {down} x {along} = {down * along} frames, "
-            f"must be {_MOST_SPOTS} at most (a larger step, or stripe)"
-        )
-    return tuple(
-        Frame("stripe", "uv", width_px=width, at_u=j * step, at_v=i * step)
-        for i in range(-1, down - 1)
-        for j in range(-1, along - 1)
-    )
-
-
 def _lattice(
     rows: int, cols: int, *, period: float = 25.0, width: float | None = None, references: bool = False
 ) -> Frames:
@@ -356,7 +335,6 @@ _BUILDERS: dict[str, Callable[..., Frames]] = {
     "gray+phase": _gray_phase,
     "micro-phase": _micro_phase,
     "stripe": _stripe,
-    "spot": _spot,
     "lattice": _lattice,
     "crossed": _crossed,
     "ramp": _ramp,

@@ -6,7 +6,7 @@
 | `bits`   | interval of the cells that stay possible                                               |
 | `orders` | fringe orders: ladder, close periods; their posterior                                  |
 | `match`  | samples of a pixel against codewords, compiled                                         |
-| `lookup` | known levels: stripes, spots, micro phase, free grey values                            |
+| `lookup` | known levels: stripes, micro phase, free grey values                                   |
 """
 
 #: Inside decode these files are imported one by one: none of their names is public.

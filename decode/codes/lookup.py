@@ -1,7 +1,7 @@
 """Look-ups: a pixel's samples against known levels.
 
-Two kinds. Stripes swept over an axis, and spots in a raster: the brightest frame and its neighbours. A table
-of anything else: fringes of one or two shifts (micro phase shifting: M. Gupta, S. K. Nayar, CVPR 2012,
+Two kinds. Stripes swept over an axis: the brightest frame and its neighbours. A table of anything else:
+fringes of one or two shifts (micro phase shifting: M. Gupta, S. K. Nayar, CVPR 2012,
 doi:10.1109/CVPR.2012.6247753) and free grey values. The levels of each place of the surface through a pixel
 (cell, footprint, blur) are known, with a codeword for each eighth of a pattern pixel; see `match`. The spread
 of pixel and blur is the likeliest one on a sample of pixels.
@@ -24,8 +24,9 @@ from optolever.patterns import Sequence
 from ..frames import Light
 from ..noise import Noise, Sample
 from ..plan import AxisPlan, Plan, Stripes
+from ..plan import plan as plan_of
 from ..records import Flag
-from .match import COARSE, LANES, PER_PX, RIVALS, Book, match
+from .match import COARSE, PER_PX, RIVALS, Book, match
 
 __all__ = ["Lines", "LookUp", "Table", "lookup_rows", "prepare", "table_of"]
 
@@ -92,8 +93,8 @@ class LookUp(NamedTuple):
 class Table:
     """Known levels of one axis.
 
-    book     codewords; frames (K, n, S): n samples, each the mean of S frames, of each place of a sweep (K =
-             1: of anything else); block, first (K,): block of the book, and coordinate of its first codeword
+    book     codewords; frames (K, n): samples of each place of a sweep (K = 1: of anything else); block,
+             first (K,): block of the book, and coordinate of its first codeword
     unsure   variance of places by optics that are not known, px^2; misfit2: variance of the residuals beyond
              noise over the squared contrast
     noise    of the camera, from the residuals; None: it was known
@@ -183,31 +184,25 @@ def _matched(
     elif start is not None:
         begin = (np.nan_to_num(start - table.first[0]) * PER_PX).astype(np.int64).clip(0)
     if stripes is None:
-        samples = np.ascontiguousarray(light.linear(raw[table.frames[0, :, 0]]).T)
+        samples = np.ascontiguousarray(light.linear(raw[table.frames[0]]).T)
     else:
-        samples = np.empty((count, table.frames.shape[1]), np.float32)
-        for i in range(samples.shape[1]):
-            own = light.linear(np.take_along_axis(raw, table.frames[at, i].T, axis=0))
-            samples[:, i] = own.mean(axis=0)
+        samples = np.ascontiguousarray(light.linear(np.take_along_axis(raw, table.frames[at].T, axis=0)).T)
     if start is not None:
         samples[np.isnan(start)] = np.nan
-    summed, numbers = table.frames.shape[2], np.empty((count, 6))
-    camera = noise.read2 / summed, noise.gain / summed, table.misfit2
+    numbers, camera = np.empty((count, 6)), (noise.read2, noise.gain, table.misfit2)
     limit = float(chdtri(table.dof, _RARE))
     match(samples, table.block[at], begin, cols, table.book, camera, limit, numbers)
     place, variance, *rest = numbers.T
     px = table.first[at] + place / PER_PX
     found = _Found(samples, table.block[at], place, px, variance / PER_PX**2, *rest)
-    return (
-        found
-        if stripes is None
-        else found._replace(error=_rival_error(light, raw, stripes, at, noise, found))
-    )
+    if stripes is None:
+        return found
+    return found._replace(error=_rival_error(light, raw, stripes.index, at, noise, found))
 
 
 def _brightest(raw: NDArray[Any], stripes: Stripes, clip: float) -> I64:
     """Number of the place (K,) whose frame is brightest; of saturated ones the middle."""
-    index = stripes.index.ravel()
+    index = stripes.index
     top, at = raw[index[0]].copy(), np.zeros(raw.shape[1], np.int64)
     for k, i in enumerate(index[1:], 1):
         at[raw[i] > top] = k
@@ -215,21 +210,15 @@ def _brightest(raw: NDArray[Any], stripes: Stripes, clip: float) -> I64:
     full = np.flatnonzero(top >= clip)
     if len(full):
         over = (raw[index[:, None], full] >= clip).astype(np.float64)
-        parts = np.divmod(np.arange(len(index)), len(stripes.beside))
-        down, along = (np.rint(part @ over / over.sum(axis=0)).astype(np.int64) for part in parts)
-        at[full] = down * len(stripes.beside) + along
+        at[full] = np.rint(np.arange(len(index)) @ over / over.sum(axis=0)).astype(np.int64)
     return at
 
 
-def _rival_error(
-    light: Light, raw: NDArray[Any], stripes: Stripes, at: I64, noise: Noise, found: _Found
-) -> F64:
-    """Probability that the true place is the brightest of the other stripes or spots; (K,)."""
-    across, away = len(stripes.beside), found.samples.shape[1] // 2
-    down, along = np.divmod(at.astype(np.int32), across)
+def _rival_error(light: Light, raw: NDArray[Any], index: I64, at: I64, noise: Noise, found: _Found) -> F64:
+    """Probability that the true place is the brightest of the other stripes; (K,)."""
     other = np.zeros_like(raw[0])
-    for k, i in enumerate(stripes.index.ravel()):
-        near = (np.abs(down - k // across) <= away) & (np.abs(along - k % across) <= away)
+    for k, i in enumerate(index):
+        near = np.abs(at - k) <= found.samples.shape[1] // 2
         np.maximum(other, np.where(near, 0, raw[i]), out=other, casting="unsafe")
     rival = np.nan_to_num(light.linear(other), nan=light.white)
     bright = np.maximum(rival - found.offset, 0.0)
@@ -360,19 +349,18 @@ def _beyond(table: Table, found: _Found, noise: Noise) -> float:
     excess = float(np.median(found.chi2[used])) / usual - 1 if used.any() else 0.0
     count = int(np.count_nonzero(used))
     chance = 4 * math.sqrt(2 / (table.dof * max(count, 1)))
-    own = noise.variance(found.offset[used]) / np.square(found.scale[used]) / table.frames.shape[2]
+    own = noise.variance(found.offset[used]) / np.square(found.scale[used])
     return excess * float(np.median(own)) if excess > chance else 0.0
 
 
 def _residual_noise(table: Table, found: _Found, floor: float) -> Noise:
     """Noise from the residuals of a sample: median squares by level, in bins of equal width."""
     used = np.isfinite(found.variance)
-    (words, angles), n, at = table.book[:2], found.samples.shape[1], found.codeword[used]
-    block, q = found.block[used], np.minimum(at.astype(np.int64), table.book.words.shape[1] - 2)
+    words, n, at = table.book.words, found.samples.shape[1], found.codeword[used]
+    block, q = found.block[used], np.minimum(at.astype(np.int64), words.shape[1] - 2)
     z = words[block, q] + (at - q)[:, None] * (words[block, q + 1] - words[block, q])
-    level = found.offset[used, None] + found.scale[used, None] * (z[:, :n] + angles[block, q, 3, None])
-    summed = table.frames.shape[2]
-    square = np.square(found.samples[used] - level) * (summed * n / max(n - 3, 1) / 0.455)
+    level = found.offset[used, None] + found.scale[used, None] * z
+    square = np.square(found.samples[used] - level) * (n / max(n - 3, 1) / 0.455)
     good = np.isfinite(square)
     level, square = level[good], square[good]
     bins = np.clip(((level - level.min()) / max(np.ptp(level), 1e-9) * 8).astype(int), 0, 7)
@@ -404,7 +392,7 @@ def _frames_of(plan: Plan, axis: AxisPlan) -> tuple[int, ...]:
 def _table(sequence: Sequence, name: str, optics: Optics, index: tuple[int, ...], search: bool) -> Table:
     """Table of any levels at the places -1 + k / PER_PX; search: over the whole surface, else from given
     places."""
-    axis = next(one for one in _axes(sequence) if one.axis == name)
+    axis = next(one for one in plan_of(sequence).axes if one.axis == name)
     frames = [sequence.frames[i] for i in index]
     if optics.spread == 0:
         place = np.arange((axis.extent + 1) * PER_PX + 1) / PER_PX - 1
@@ -413,18 +401,11 @@ def _table(sequence: Sequence, name: str, optics: Optics, index: tuple[int, ...]
         )
     else:
         levels = _through(_shown(sequence, name, index), optics, sequence.nominal)
-    words, angles = _words(levels[None])
+    words = np.ascontiguousarray(levels.T[None], np.float32)
     cell = max(one.cell_px for one in frames)
     reach = math.ceil(_AROUND * cell * PER_PX)
-    coarse = _surface(words[0, :, : len(index)], reach) if search else _NOWHERE
-    book = Book(words, angles, *coarse, reach, math.ceil(cell * PER_PX))
-    return Table(axis, book, np.array(index)[None, :, None], np.zeros(1, np.int64), np.array([-1.0]))
-
-
-def _axes(sequence: Sequence) -> tuple[AxisPlan, ...]:
-    from ..plan import plan, raster_axes
-
-    return raster_axes(sequence) or plan(sequence).axes
+    book = Book(words, *(_surface(words[0], reach) if search else _NOWHERE), reach, math.ceil(cell * PER_PX))
+    return Table(axis, book, np.array(index)[None], np.zeros(1, np.int64), np.array([-1.0]))
 
 
 def _shown(sequence: Sequence, name: str, index: tuple[int, ...]) -> F64:
@@ -468,19 +449,9 @@ def _through(levels: F64, optics: Optics, nominal: bool) -> F64:
     return seen.reshape(len(levels), -1)[:, : (cells + 1) * PER_PX + 1]
 
 
-def _words(levels: F64) -> tuple[F32, F32]:
-    """Levels (B, n, Q) -> codewords without mean (B, Q, n filled up), and Book.angles (B, Q, 4)."""
-    mean = levels.mean(axis=1)
-    blocks, n, count = levels.shape
-    words = np.zeros((blocks, count, -(-n // LANES) * LANES), np.float32)
-    words[:, :, :n] = (levels - mean[:, None, :]).transpose(0, 2, 1)
-    step = np.diff(words, axis=1, append=words[:, -1:])
-    parts = [np.einsum("bqn,bqn->bq", *both) for both in ((words, words), (words, step), (step, step))]
-    return words, np.stack([*parts, mean], axis=2).astype(np.float32)
-
-
 def _surface(words: F32, reach: int) -> tuple[F32, I64, F32]:
     """Book.coarse, rivals and apart of codewords (Q, n)."""
+    words = words - words.mean(axis=1, keepdims=True)
     length = np.sqrt(np.square(words).sum(axis=1))
     unit = words / np.maximum(length, 1e-3 * length.max() + 1e-12)[:, None]
     per = PER_PX // COARSE
@@ -509,40 +480,24 @@ def _surface(words: F32, reach: int) -> tuple[F32, I64, F32]:
 
 @lru_cache(maxsize=_KEPT)
 def _sweep(sequence: Sequence, name: str, optics: Optics) -> Table:
-    """Raised cosines around each place of a sweep, over as many frames as illuminate one place; of spots the
-    mean over as many along the other axis: their light is a product."""
-    axis = next(one for one in _axes(sequence) if one.axis == name)
+    """Raised cosines around each place of a sweep, over the frames that illuminate one place."""
+    axis = next(one for one in plan_of(sequence).axes if one.axis == name)
     stripes, spread = axis.stripes, optics.spread
     assert stripes is not None
-    at, index = stripes.at, stripes.index.reshape(len(stripes.at), -1)
-    samples, begin = _window(at, 1.25 * stripes.width + 2 * spread, 2)
-    summed, side = _window(stripes.beside, stripes.width - stripes.pitch, 1)
+    at, reach = stripes.at, 1.25 * stripes.width + 2 * spread
+    side = min(max(2, math.ceil(reach / float(np.median(np.diff(at))))), (len(at) - 1) // 2)
+    samples = np.arange(2 * side + 1)
+    samples = np.clip(np.arange(len(at)) - side, 0, len(at) - len(samples))[:, None] + samples
     half, beyond = math.ceil(1.25 * np.diff(at).max()) + 1, math.ceil(4 * spread) + 1
     first = np.rint(at) - half
     # stripes at equal offsets from cells share a block
-    away = at[begin[:, None] + np.arange(samples)] - first[:, None]
-    away, block = np.unique(away, axis=0, return_inverse=True)
+    away, block = np.unique(at[samples] - first[:, None], axis=0, return_inverse=True)
     place = np.arange(2 * half * PER_PX + 1) / PER_PX
     cell = np.arange(-beyond, 2 * half + beyond + 1.0) if spread > 0 else place
     shown = np.abs(cell - away[:, :, None]) / stripes.width
     levels = np.where(shown < 1, 0.5 + 0.5 * np.cos(np.pi * np.minimum(shown, 1.0)), 0.0)
-    if spread > 0:
-        if len(stripes.beside) == 1:  # cells have 8 bits; the rounding of a spot is that of a product
-            levels = np.rint(255 * levels) / 255
-        levels = levels @ _weight(cell[:, None] - place, optics)
-    # raised cosines at equal steps add up to their width over the step
-    words, angles = _words(levels * min(stripes.width / (stripes.pitch * summed), 1.0))
-    window = begin[:, None, None, None] + np.arange(samples)[:, None]
-    frames = index[window, side[:, None, None] + np.arange(summed)].reshape(-1, samples, summed)
-    every = len(side)
-    book = Book(words, angles, *_NOWHERE, math.ceil(_AROUND * PER_PX), PER_PX)
-    return Table(axis, book, frames, np.repeat(block.ravel(), every), np.repeat(first, every))
-
-
-def _window(at: F64, reach: float, least: int) -> tuple[int, I64]:
-    """Number of places within reach of each place, equal for all, and the first of them."""
-    count = len(at)
-    if count == 1:
-        return 1, np.zeros(1, np.int64)
-    half = min(max(least, math.ceil(reach / float(np.median(np.diff(at))))), (count - 1) // 2)
-    return 2 * half + 1, np.clip(np.arange(count) - half, 0, count - 2 * half - 1)
+    if spread > 0:  # cells have 8 bits
+        levels = np.rint(255 * levels) / 255 @ _weight(cell[:, None] - place, optics)
+    words = np.ascontiguousarray(levels.swapaxes(1, 2), np.float32)
+    book = Book(words, *_NOWHERE, math.ceil(_AROUND * PER_PX), PER_PX)
+    return Table(axis, book, stripes.index[samples], block.ravel(), first)

@@ -1,10 +1,8 @@
 """Compiled: samples of a pixel against codewords, v = o + a t(u), t a polyline through codewords at close
 places.
 
-Codewords are stored without their mean, which removes the offset: y = v - mean(v) is compared with z(f) =
-z_q +
-f d_q, d_q = z_(q+1) - z_q. A descent by unweighted squares finds the segment, from the place before or from a
-search over the surface; squares weighted by the noise of each level then give place, variance and chi2.
+t(f) = z_q + f (z_(q+1) - z_q). A descent by unweighted squares finds the segment, from the place before or
+from a search over the surface; squares weighted by the noise of each level give place, variance and chi2.
 """
 
 from typing import NamedTuple
@@ -12,36 +10,29 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.kernels import Real, exact, inlined, kernel
+from optolever.kernels import exact, inlined, kernel
 
-__all__ = ["COARSE", "LANES", "PER_PX", "RIVALS", "Book", "match"]
+__all__ = ["COARSE", "PER_PX", "RIVALS", "Book", "match"]
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
-#: Segment, place on it, squared residuals of a descent.
-_Walk = tuple[int, np.float32, np.float32]
+#: Segment, place on it, squared residuals, scale and level of a descent.
+_Walk = tuple[int, float, float, float, float]
 #: Squared sum, number of unsaturated samples and of all of a pixel.
-_Sums = tuple[np.float32, int, int]
-_ZERO, _ONE = np.float32(0), np.float32(1)
-#: Codewords per pattern pixel, those of the search over the surface, samples per vector instruction.
-PER_PX, COARSE, LANES = 8, 2, 8
-#: Steps of a descent, a pixel at most each; places per search, and similar codewords listed for each.
-_STEPS, RIVALS = 16, 12
-#: Explained power over the noise below which there is no pattern: noise exceeds it once in 1e4.
-_NOTHING = 18.0
-#: Probability of another place, -log, below which it is not searched for.
-_SURE = 12.0
-#: Turns of the weighted fit; steps of the posterior to either side, over one cell.
-_TURNS, _SIDE = 3, 8
-#: Relative posterior at which its tail ends.
-_UNLIKELY = 1e-4
+_Sums = tuple[float, int, int]
+#: Codewords per pattern pixel, those of the search over the surface.
+PER_PX, COARSE = 8, 2
+#: Places per search, and similar codewords listed for each.
+RIVALS = 12
+#: Steps of the posterior to either side, over one cell; its relative value at which the tail ends.
+_SIDE, _UNLIKELY = 8, 1e-4
 
 
 class Book(NamedTuple):
     """Codewords of B blocks.
 
-    words    (B, Q, n filled up) z;  angles (B, Q, 4): |z|^2, z.d, |d|^2, mean
+    words    (B, Q, n) z
     coarse   (n, P) unit codewords of the search over the surface; P = 0: no search
     rivals   (P, RIVALS) the most similar ones elsewhere, descending; apart (RIVALS + 1, P, 2): sine and
              cosine of the angles to them and to the next one
@@ -49,7 +40,6 @@ class Book(NamedTuple):
     """
 
     words: F32
-    angles: F32
     coarse: F32
     rivals: I64
     apart: F32
@@ -58,57 +48,48 @@ class Book(NamedTuple):
 
 
 @kernel
-def _used_products(used: F32, z: F32, b: int, q: int) -> tuple[np.float32, np.float32, np.float32]:
-    """|z|^2, z.d, |d|^2 over the samples in use, less their means."""
-    count, mean, step = np.float32(1e-6), _ZERO, _ZERO
-    zz, zd, dd = _ZERO, _ZERO, _ZERO
-    for i in range(z.shape[2]):
-        w, d = used[i], z[b, q + 1, i] - z[b, q, i]
-        count, mean, step = count + w, mean + w * z[b, q, i], step + w * d
-        zz, zd, dd = zz + w * z[b, q, i] * z[b, q, i], zd + w * z[b, q, i] * d, dd + w * d * d
-    mean, step = mean / count, step / count
-    return zz - count * mean * mean, zd - count * mean * step, dd - count * step * step
-
-
-@inlined
-def _target(q: int, f: Real, last: int) -> int:
-    """The segment of a fit, limited to a step of one pixel."""
-    return min(max(q + int(min(max(np.floor(f), -PER_PX), PER_PX)), 0), last)
-
-
-@kernel
-def _walk(y: F32, used: F32, sums: _Sums, z: F32, angles: F32, b: int, start: int) -> _Walk:
-    """Descend from codeword `start` to the best place of z; y is 0 at the samples that are not used."""
-    power, last = sums[0], z.shape[1] - 2
+def _walk(v: F32, weight: F64, z: F32, b: int, start: int, most: int = 16) -> _Walk:
+    """Descend from codeword `start` to the best place of z, at most a pixel a step; v is 0 where its weight
+    is."""
+    last = z.shape[1] - 2
     q, before, steps = min(max(start, 0), last), -1, 0
-    best_q, best_f, best = q, _ZERO, power
-    while steps < _STEPS:
-        near, rise = _ZERO, _ZERO
-        for i in range(y.size):
-            near += y[i] * z[b, q, i]
-            rise += y[i] * (z[b, q + 1, i] - z[b, q, i])
-        zz, zd, dd = angles[b, q, 0], angles[b, q, 1], angles[b, q, 2]
-        if sums[1] < sums[2]:
-            zz, zd, dd = _used_products(used, z, b, q)
-        a, af = near * dd - rise * zd, rise * zz - near * zd
-        f = af / a if a > _ZERO else (np.float32(99) if af > _ZERO else np.float32(-99))
-        f = f if zz * dd - zd * zd > np.float32(1e-9) * zz * zz else _ZERO
-        inside = min(max(f, _ZERO), _ONE)
-        along = near + inside * rise
-        left = power - along * along / max(zz + inside * (zd + zd + inside * dd), np.float32(1e-12))
-        if along > _ZERO and left < best:
-            best_q, best_f, best = q, inside, left
-        target = _target(q, f, last)
-        steps = _STEPS if f == inside or target in (q, before) else steps + 1
+    total, ev, power = 1e-30, 0.0, 0.0
+    for i in range(v.size):
+        total, ev = total + weight[i], ev + weight[i] * v[i]
+    ev /= total
+    for i in range(v.size):
+        power += weight[i] * (v[i] - ev) * (v[i] - ev)
+    best_q, best_f, best, best_a, best_c = q, 0.0, power, 0.0, ev
+    while steps < most:
+        ez, ed = 0.0, 0.0
+        for i in range(v.size):
+            ez, ed = ez + weight[i] * z[b, q, i], ed + weight[i] * (z[b, q + 1, i] - z[b, q, i])
+        ez, ed = ez / total, ed / total
+        zz, zd, dd, vz, vd = 1e-12, 0.0, 0.0, 0.0, 0.0
+        for i in range(v.size):
+            one, step, y = z[b, q, i] - ez, z[b, q + 1, i] - z[b, q, i] - ed, v[i] - ev
+            zz, zd, dd = zz + weight[i] * one * one, zd + weight[i] * one * step, dd + weight[i] * step * step
+            vz, vd = vz + weight[i] * one * y, vd + weight[i] * step * y
+        a, af = vz * dd - vd * zd, vd * zz - vz * zd
+        f = af / a if a > 0.0 else (99.0 if af > 0.0 else -99.0)
+        f = f if zz * dd - zd * zd > 1e-9 * zz * zz else 0.0
+        inside = min(max(f, 0.0), 1.0)
+        along, square = vz + inside * vd, zz + inside * (zd + zd + inside * dd)
+        left = power - along * along / square
+        if along > 0.0 and left < best:
+            best_q, best_f, best, best_a = q, inside, left, along / square
+            best_c = ev - best_a * (ez + inside * ed)
+        target = min(max(q + int(min(max(np.floor(f), -PER_PX), PER_PX)), 0), last)
+        steps = most if f == inside or target in (q, before) else steps + 1
         before, q = q, target
-    return best_q, best_f, max(best, _ZERO)
+    return best_q, best_f, max(best, 0.0), best_a, best_c
 
 
 @kernel
-def _scores(y: F32, used: F32, whole: bool, coarse: F32, score: F32) -> None:
+def _scores(y: F32, used: F64, whole: bool, coarse: F32, score: F32) -> None:
     """Correlation of samples with all codewords (n, P) of unit length, over the samples in use."""
     for p in range(score.size):
-        score[p] = _ZERO
+        score[p] = np.float32(0)
     for m in range(coarse.shape[0]):
         for p in range(score.size):
             score[p] += y[m] * coarse[m, p]
@@ -116,10 +97,11 @@ def _scores(y: F32, used: F32, whole: bool, coarse: F32, score: F32) -> None:
         total, square = np.zeros(score.size, np.float32), np.zeros(score.size, np.float32)
         count = np.float32(1e-6)
         for m in range(coarse.shape[0]):
-            count += used[m]
+            w = np.float32(used[m])
+            count += w
             for p in range(score.size):
-                total[p] += used[m] * coarse[m, p]
-                square[p] += used[m] * coarse[m, p] * coarse[m, p]
+                total[p] += w * coarse[m, p]
+                square[p] += w * coarse[m, p] * coarse[m, p]
         for p in range(score.size):
             score[p] /= np.sqrt(max(square[p] - total[p] * total[p] / count, np.float32(1e-2)))
 
@@ -153,7 +135,7 @@ def _highest(score: F32, place: I64, value: F64) -> int:
 
 @exact
 def _compared(
-    y: F32, used: F32, sums: _Sums, book: Book, places: I64, noise: Real, first: _Walk
+    v: F32, used: F64, count: int, book: Book, places: I64, noise: float, first: _Walk
 ) -> tuple[_Walk, float]:
     """Best of a first result and of those from coarse codewords at other places; probability of another
     one."""
@@ -161,10 +143,10 @@ def _compared(
     per, fit = PER_PX // COARSE, first
     left[0], found[0] = first[2], first[0] + first[1]
     for j in range(places.size):
-        one = _walk(y, used, sums, book.words, book.angles, 0, places[j] * per + per // 2)
+        one = _walk(v, used, book.words, 0, places[j] * per + per // 2)
         fit = one if one[2] < fit[2] else fit
         left[j + 1], found[j + 1] = one[2], one[0] + one[1]
-    own = max(sums[1] - 3.0, 1.0)
+    own = max(count - 3.0, 1.0)
     noise *= max(fit[2] / (own * noise) - 2 * np.sqrt(2.0 / own), 1.0)
     total = 0.0
     for i in range(left.size):
@@ -177,14 +159,14 @@ def _compared(
 
 
 @exact
-def _rivals(fit: _Walk, sums: _Sums, apart: F32, noise: Real) -> int:
+def _rivals(fit: _Walk, sums: _Sums, apart: F32, noise: float) -> int:
     """Number of codewords similar to a result that may fit as well; -1: more than the list holds.
 
     With t the angle between samples and the result, the angle to another codeword is at least apart - t, and
     its squared residuals are larger by power sin(apart) sin(apart - 2 t). It shrinks with omitted samples.
     """
     power, count, n = sums
-    lead = (_SURE + np.log(apart.shape[1] + 1.0)) * noise * n
+    lead = (12.0 + np.log(apart.shape[1] + 1.0)) * noise * n  # a probability of exp(-12) elsewhere
     q = min(fit[0] // (PER_PX // COARSE), apart.shape[1] - 1)
     rss = min(fit[2], power)
     half = 2 * np.sqrt(rss * (power - rss))
@@ -197,73 +179,33 @@ def _rivals(fit: _Walk, sums: _Sums, apart: F32, noise: Real) -> int:
 
 @exact
 def _searched(
-    y: F32, used: F32, sums: _Sums, book: Book, guess: int, limit: Real, noise: Real
+    v: F32, y: F32, used: F64, sums: _Sums, book: Book, guess: int, limit: float, noise: float
 ) -> tuple[_Walk, float]:
     """(descent's result, probability of another place): from a guess (-1: none) if it fits and is better than
     all similar ones, else by a search over the surface."""
-    fit, error, sure = (0, _ZERO, sums[0]), 0.0, book.coarse.shape[1] == 0
+    fit, error, sure = (0, 0.0, sums[0], 0.0, 0.0), 0.0, book.coarse.shape[1] == 0
     if guess >= 0:
-        fit = _walk(y, used, sums, book.words, book.angles, 0, guess)
+        fit = _walk(v, used, book.words, 0, guess)
         if fit[2] < limit * noise:
             some = _rivals(fit, sums, book.apart, noise)
             sure = some == 0
             if some > 0:
                 before = fit[0]
                 similar = book.rivals[min(before // (PER_PX // COARSE), book.rivals.shape[0] - 1), :some]
-                fit, error = _compared(y, used, sums, book, similar, noise, fit)
+                fit, error = _compared(v, used, sums[1], book, similar, noise, fit)
                 sure = abs(fit[0] - before) <= 2 * book.reach
     if not sure:
         score, place = np.empty(book.coarse.shape[1], np.float32), np.empty(RIVALS, np.int64)
         _scores(y, used, sums[1] == sums[2], book.coarse, score)
         some = _highest(score, place, np.empty(RIVALS))
-        fit, error = _compared(y, used, sums, book, place[:some], noise, fit)
+        fit, error = _compared(v, used, sums[1], book, place[:some], noise, fit)
     return fit, error
 
 
 @kernel
-def _weighted(
-    v: F32, used: F32, z: F32, b: int, fit: _Walk, noise: tuple[float, float, float], weight: F64
-) -> tuple[int, float]:
-    """Segment and place on it by least squares weighted by the noise of each level; into weight: its
-    inverse."""
-    last = z.shape[1] - 2
-    q, f = fit[0], float(fit[1])
-    read2, gain, misfit2 = noise
-    a, c = 0.0, 0.0
-    for turn in range(_TURNS):
-        total, ev, ez, ed = 1e-30, 0.0, 0.0, 0.0
-        for i in range(v.size):
-            step = z[b, q + 1, i] - z[b, q, i]
-            level = c + a * (z[b, q, i] + f * step) if turn > 0 else np.float64(v[i])
-            weight[i] = used[i] / (read2 + gain * max(level, 0.0) + misfit2 * a * a)
-            if turn == 0:
-                weight[i] = used[i]
-            total, ev = total + weight[i], ev + weight[i] * v[i]
-            ez, ed = ez + weight[i] * z[b, q, i], ed + weight[i] * step
-        ev, ez, ed = ev / total, ez / total, ed / total
-        zz, zd, dd, vz, vd = 1e-12, 0.0, 0.0, 0.0, 0.0
-        for i in range(v.size):
-            one, step = z[b, q, i] - ez, z[b, q + 1, i] - z[b, q, i] - ed
-            zz, zd, dd = zz + weight[i] * one * one, zd + weight[i] * one * step, dd + weight[i] * step * step
-            vz, vd = vz + weight[i] * one * (v[i] - ev), vd + weight[i] * step * (v[i] - ev)
-        if turn > 0 and zz * dd - zd * zd > 1e-9 * zz * zz and vz * dd - vd * zd > 0.0:
-            f = (vd * zz - vz * zd) / (vz * dd - vd * zd)
-        # the last turn stays on its segment
-        move = _target(q, f, last) if turn + 1 < _TURNS else q
-        if move != q:
-            f = min(max(f - (move - q), 0.0), 1.0)
-            q = move
-            continue
-        f = min(max(f, 0.0), 1.0)
-        a = (vz + f * vd) / (zz + f * (zd + zd + f * dd))
-        c = ev - a * (ez + f * ed)
-    return q, f
-
-
-@kernel
-def _fitted(v: F32, weight: F64, z: F32, b: int, q: int, f: float) -> tuple[float, float, float, float]:
-    """Weighted squared residuals of the best scale and level of z = 0 at a place; squares that its change by
-    a codeword adds at scale 1; that scale and level."""
+def _fitted(v: F32, weight: F64, z: F32, b: int, q: int, f: float) -> tuple[float, float]:
+    """Weighted squared residuals of the best scale and level at a place; squares that its change by a
+    codeword adds at scale 1."""
     total, ev, ez, ed = 1e-30, 0.0, 0.0, 0.0
     for i in range(v.size):
         step = z[b, q + 1, i] - z[b, q, i]
@@ -277,13 +219,13 @@ def _fitted(v: F32, weight: F64, z: F32, b: int, q: int, f: float) -> tuple[floa
         zz, zd, dd = zz + weight[i] * one * one, zd + weight[i] * one * step, dd + weight[i] * step * step
         vv, vz = vv + weight[i] * y * y, vz + weight[i] * one * y
     scale = max(vz, 0.0) / zz
-    return vv - scale * scale * zz, max(dd - zd * zd / zz, 0.0), scale, ev - scale * ez
+    return vv - scale * scale * zz, max(dd - zd * zd / zz, 0.0)
 
 
 @exact
 def _placed(
     v: F32,
-    used: F32,
+    used: F64,
     count: int,
     book: Book,
     b: int,
@@ -296,13 +238,14 @@ def _placed(
     The variance is the larger one of that of the posterior over a cell to either side, which holds the treads
     of sharp cells, and of the inverse Fisher information, which is none there: at most the posterior's width.
     """
-    z, angles = book.words, book.angles
-    q, f = _weighted(v, used, z, b, fit, noise, weight)
-    least, rise, a, c = _fitted(v, weight, z, b, q, f)
-    start = _fitted(v, weight, z, b, fit[0], fit[1])
-    if start[0] < least:  # where codewords hardly differ, a step may lead anywhere
-        q, f = fit[0], float(fit[1])
-        least, rise, a, c = start
+    z, (read2, gain, misfit2) = book.words, noise
+    q, f, _, a, c = fit
+    for _ in range(2):
+        for i in range(v.size):
+            level = c + a * (z[b, q, i] + f * (z[b, q + 1, i] - z[b, q, i]))
+            weight[i] = used[i] / (read2 + gain * max(level, 0.0) + misfit2 * a * a)
+        q, f, _, a, c = _walk(v, weight, z, b, q, 2)
+    least, rise = _fitted(v, weight, z, b, q, f)
     own = max(count - 3.0, 1.0)
     excess = max(least / own - 2 * np.sqrt(2 / own), 1.0)
     total, moment, width, step = 1.0, 0.0, 0.0, max(book.cell // _SIDE, 1)
@@ -316,8 +259,7 @@ def _placed(
         width += k * step if likely < _UNLIKELY else np.inf
     fisher = min(excess / max(a * a * rise, 1e-12), width * width / 12)
     variance = max(fisher, moment / total)
-    mean = angles[b, q, 3] + f * (angles[b, q + 1, 3] - angles[b, q, 3])
-    return q + f, variance, a, c - a * mean, least / own
+    return q + f, variance, a, c, least / own
 
 
 @inlined
@@ -344,22 +286,17 @@ def match(
     noise         read2, gain, and misfit over the squared scale; limit: squared residuals that noise reaches
                   rarely
     """
-    n, room = samples.shape[1], book.words.shape[2]
-    y, used, v, weight = (
-        np.zeros(room, np.float32),
-        np.zeros(room, np.float32),
-        np.zeros(room, np.float32),
-        np.zeros(room),
-    )
+    n = samples.shape[1]
+    y, v, used, weight = np.zeros(n, np.float32), np.zeros(n, np.float32), np.zeros(n), np.zeros(n)
     for p in range(len(samples)):
         mean, count, power = 0.0, 0, 0.0
         for i in range(n):
-            used[i] = _ONE if np.isfinite(samples[p, i]) else _ZERO
-            v[i] = samples[p, i] if used[i] > 0 else _ZERO
+            used[i] = 1.0 if np.isfinite(samples[p, i]) else 0.0
+            v[i] = samples[p, i] if used[i] > 0 else np.float32(0)
             mean, count = mean + v[i], count + int(used[i])
         mean /= max(count, 1)
         for i in range(n):
-            y[i] = used[i] * np.float32(v[i] - mean)
+            y[i] = np.float32(used[i] * (v[i] - mean))
             power += y[i] * y[i]
         usual = noise[0] + noise[1] * max(mean, 0.0)
         row = out[p]
@@ -369,9 +306,8 @@ def match(
         if count <= 3 or power < (count - 1 + 5 * np.sqrt(2.0 * count)) * usual:
             continue
         usual += noise[2] * power / n
-        sums = np.float32(power), count, n
         if start[p] >= 0:
-            fit, error = _walk(y, used, sums, book.words, book.angles, block[p], start[p]), 0.0
+            fit, error = _walk(v, used, book.words, block[p], start[p]), 0.0
         else:
             guess = -1
             if p % cols > 0 and out[p - 1, 0] == out[p - 1, 0]:
@@ -379,14 +315,8 @@ def match(
                 guess = _guess(out[p - 1, 0], slope if abs(slope) < 4 * PER_PX else 0.0)
             elif p >= cols:
                 guess = _guess(out[p - cols, 0], 0.0)
-            fit, error = _searched(y, used, sums, book, guess, limit, usual)
-        if power - fit[2] > _NOTHING * usual:
+            fit, error = _searched(v, y, used, (power, count, n), book, guess, limit, usual)
+        if power - fit[2] > 18.0 * usual:  # noise exceeds it once in 1e4
             found = _placed(v, used, count, book, block[p], fit, noise, weight)
-            row[0], row[1], row[2], row[3], row[4], row[5] = (
-                found[0],
-                found[1],
-                found[2],
-                found[3],
-                found[4],
-                error,
-            )
+            row[0], row[1], row[2], row[3], row[4] = found[0], found[1], found[2], found[3], found[4]
+            row[5] = error

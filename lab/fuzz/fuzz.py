@@ -54,7 +54,7 @@ _DENTS = ("flat", "tilt", "raised-cosine", "gaussian:peak=0.3", "ball:radius=5,d
 _CODES = ("gray", "binary:cell=2", "xor-gray", "phase:steps=3", "gray+phase:steps=4", "micro-phase", "stripe")
 #: What options hold, to which their type does not tell it; "" stands for all others: numbers and names.
 _TEXTS = {
-    "--sequence": (*_CODES, "long-run-gray", "spot", "lattice", "crossed", "ramp", "@/sequence.toml"),
+    "--sequence": (*_CODES, "long-run-gray", "lattice", "crossed", "ramp", "@/sequence.toml"),
     "--dent": (*_DENTS, "rounded-needle", "relief:path=@/mask.png", "gaussian:peak=-9", "ball:depth=40"),
     "--pixels": ("1x1", "2x2", "16x12", "32x24", "200x3", "64x64"),
     "--roi": ("0,0,24,32", "3,3,1,1", "0,0,1,32", "20,30,4,2", "24,0,1,1", "-1,0,2,2"),

@@ -51,8 +51,6 @@ def test_predicted_sigma_is_the_bound(name: str, sigma: float) -> None:
     ("name", "above"),
     [
         ("stripe:step=8", 1.06),
-        ("spot:step=8", 1.13),
-        ("spot:step=16", 1.13),
     ],
 )
 def test_predicted_sigma_of_sweeps_is_a_bound_that_is_nearly_reached(name: str, above: float) -> None:

@@ -128,30 +128,6 @@ def test_opposite_shifts_are_symmetrical_in_time(steps: int, axes: str) -> None:
             assert told == pytest.approx(phases.mean(), abs=1e-5)
 
 
-def test_spot_is_a_raster_row_by_row() -> None:
-    shown = sequence("spot", 20, 30, step=5)
-    images = shown.render().astype(float)
-    # from one step before the surface to one after it: 7 rows of 9 places
-    assert len(shown) == 7 * 9
-    assert [(f.at_u, f.at_v) for f in shown.frames[:2]] == [(-5.0, -5.0), (0.0, -5.0)]
-    for k, (row, col) in ((9 * 3 + 4, (10, 15)), (9 * 2 + 2, (5, 5))):
-        assert np.unravel_index(images[k].argmax(), images[k].shape) == (row, col)
-        assert images[k].max() == 255
-        # half as wide as the width of 10, which is that at half of the height
-        assert images[k][row, col + 5] == pytest.approx(127.5, abs=1)
-        assert images[k][row + 5, col + 5] == pytest.approx(255 / 4, abs=1)
-    # every place is lit alike: a raised cosine adds up to its width over the step, along either axis
-    np.testing.assert_allclose(images.sum(axis=0), 4 * 255, rtol=0.02)
-
-
-def test_spot_with_too_many_frames_is_refused() -> None:
-    with pytest.raises(InputError, match="138 x 243 = 33534 frames, must be 4096 at most"):
-        sequence("spot", 1080, 1920)
-    with pytest.raises(InputError, match="step is 0"):
-        sequence("spot", 20, 30, step=0)
-    assert len(sequence_from_text("spot:step=32,width=50", 1080, 1920)) == 37 * 63
-
-
 def test_png_export(tmp_path_factory: pytest.TempPathFactory) -> None:
     folder = tmp_path_factory.mktemp("png") / "shown"
     shown = sequence("phase", 30, 40, axes="v", periods=10)
