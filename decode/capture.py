@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter
 
 from optolever.blocks import over_blocks, threads
+from optolever.kernels import F32, F64
 from optolever.notices import Notice
 from optolever.patterns import Sequence
 
@@ -29,8 +30,6 @@ from .records import Correspondence, Flag
 
 __all__ = ["Prepared", "applied", "estimated", "holds", "prepared"]
 
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 Mask = NDArray[np.bool_] | None
 #: Runs of the sample; fewest pixels for an estimate; median of chi2 with one degree of freedom.
 _RUNS, _FEWEST, _MEDIAN = 256, 64, 0.4549

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from optolever.errors import InputError
-from optolever.kernels import inlined
+from optolever.kernels import F32, inlined
 from optolever.patterns import Sequence
 
 from .records import Correspondence
@@ -26,7 +26,6 @@ __all__ = [
     "sample_places",
 ]
 
-F32 = NDArray[np.float32]
 #: A camera's level as it comes, and an array of them.
 RawLevel = np.uint8 | np.uint16 | np.float32
 RawFrames = NDArray[RawLevel]

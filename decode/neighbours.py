@@ -24,14 +24,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.kernels import exact, inlined
+from optolever.kernels import F32, exact, inlined
+from optolever.kernels import ONE as _ONE
+from optolever.kernels import ZERO as _ZERO
 
 from .plan import AxisPlan
 from .records import Flag
 
 __all__ = ["HALO", "Block", "Result", "axis_limits", "neighbours"]
 
-F32 = NDArray[np.float32]
 U16 = NDArray[np.uint16]
 #: Rows that a block needs on either side of its result.
 HALO = 4
@@ -43,7 +44,6 @@ _SURE2, _THIRD, _REST, _OFF2 = np.float32(25), np.float32(1.2), np.float32(1.6),
 #: Squared shares of a step between neighbours: beside flagged pixels, one further; least variance, px^2; the
 #: display's border is flagged up to so many of its reaches.
 _RIM2, _SECOND2, _LEAST, _REACH = np.float32(0.09), np.float32(0.0036), np.float32(1e-6), np.float32(2.0)
-_ZERO, _ONE = np.float32(0), np.float32(1)
 _OUTLIER, _OFF, _FINE = np.uint16(Flag.OUTLIER), np.uint16(Flag.OFF_PATTERN), 5
 
 

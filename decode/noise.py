@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from optolever.kernels import F32, F64
+
 from .plan import Plan, constraints
 
 __all__ = ["Noise", "Sample", "fit_noise"]
 
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 Residuals = tuple[F64, F64]
 #: Share of a pixel's half contrast from which on a bit is bright or dark, and not at an edge.
 _FULL = 0.8

@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optolever.errors import InputError
+from optolever.kernels import F32
 from optolever.patterns import BINARY_CODES, Frame, Sequence
 
 from .plan import AxisPlan, Code, Fringe, Plan, plan
 
 __all__ = ["Repair", "find_order"]
 
-F32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Order = NDArray[np.int64]
 #: Places of blocks that are compared, at most.

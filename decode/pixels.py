@@ -7,7 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.kernels import exact, kernel
+from optolever.kernels import F32, I32, exact, kernel
+from optolever.kernels import HALF as _HALF
+from optolever.kernels import ZERO as _ZERO
 
 from .codes.bits import BitTables, Reading, extremes_row, read_row
 from .codes.fringe import Fit, FringeTables, fringe_row
@@ -18,9 +20,6 @@ from .records import Flag
 
 __all__ = ["Maps", "Tables", "pixel_rows"]
 
-F32 = NDArray[np.float32]
-I32 = NDArray[np.int32]
-_ZERO, _HALF = np.float32(0), np.float32(0.5)
 #: Modulation over its noise below which a pixel is flagged: noise alone reaches it once in 3.7e-6.
 _CONTRAST2 = np.float32(25)
 #: Deviations by which a place may lie beyond the surface.

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optolever.errors import InputError
+from optolever.kernels import F64
 from optolever.patterns import BINARY_CODES, Frame, Sequence, code_words
 
 __all__ = ["AxisPlan", "Code", "Fringe", "Plan", "Stripes", "constraints", "plan"]
 
-F64 = NDArray[np.float64]
 #: Fewest places of a stripe along an axis.
 _PLACES = 5
 

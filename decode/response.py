@@ -11,11 +11,11 @@ from scipy.interpolate import PchipInterpolator
 
 from optolever.blocks import on_cores
 from optolever.errors import InputError
+from optolever.kernels import F64
 from optolever.patterns import Sequence
 
 __all__ = ["Response", "levels_of"]
 
-F64 = NDArray[np.float64]
 #: Least span of a ramp, levels; least share of unclipped pixels among those that receive the ramp brightly.
 _HARDLY, _WHOLE = 5.0, 0.1
 

@@ -15,8 +15,18 @@ from typing import Any, TypeVar, cast
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
-__all__ = ["Real", "cache_folder", "exact", "inlined", "kernel"]
+__all__ = [
+    "F32", "F64", "HALF", "I32", "I64", "ONE", "ZERO", "Real", "cache_folder", "exact", "inlined", "kernel",
+]  # fmt: skip
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+I32 = NDArray[np.int32]
+I64 = NDArray[np.int64]
+#: Single precision: with Python's own numbers an expression becomes double.
+ZERO, HALF, ONE = np.float32(0), np.float32(0.5), np.float32(1)
 
 #: A number of a kernel that single and double precision pass alike: it is compiled for either.
 Real = float | np.floating

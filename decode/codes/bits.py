@@ -18,7 +18,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.kernels import exact, kernel
+from optolever.kernels import F32, I32, I64, exact, kernel
+from optolever.kernels import HALF as _HALF
+from optolever.kernels import ZERO as _ZERO
 
 from ..frames import RawFrames, level_of
 from ..plan import AxisPlan, Plan
@@ -26,11 +28,7 @@ from ..records import Flag
 
 __all__ = ["BitTables", "Reading", "bit_tables", "extremes_row", "read_row"]
 
-F32 = NDArray[np.float32]
-I32 = NDArray[np.int32]
-I64 = NDArray[np.int64]
 _ORDER = np.int32(Flag.ORDER_DOUBTFUL)
-_ZERO, _HALF = np.float32(0), np.float32(0.5)
 #: Squares: share of the half contrast, deviations, within which a bit is open.
 _SHARE2, _SURE2 = np.float32(0.25**2), np.float32(25)
 #: Cells, and share of the surface, up to which an interval is no doubt by itself.

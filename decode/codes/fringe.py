@@ -14,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.kernels import exact, inlined, kernel
+from optolever.kernels import F32, F64, I64, exact, inlined, kernel
+from optolever.kernels import ZERO as _ZERO
 
 from ..frames import RawFrames, level_of
 from ..noise import Noise, Sample
@@ -31,11 +32,8 @@ __all__ = [
     "three_step_aliasing",
 ]
 
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 _SATURATED = np.int32(Flag.SATURATED)
-_ZERO, _HALF, _TWO = np.float32(0), np.float32(0.5), np.float32(2)
+_TWO = np.float32(2)
 _TINY = np.float32(1e-6)
 _CYCLES2 = np.float32(1 / (4 * np.pi**2))
 #: Determinant of a fit's normal matrix, relative to all samples, below which samples are too few.

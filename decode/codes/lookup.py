@@ -19,6 +19,7 @@ from scipy.ndimage import maximum_filter1d
 from scipy.special import chdtri, expit, ndtr
 
 from optolever.errors import InputError
+from optolever.kernels import F32, F64, I64
 from optolever.patterns import Sequence
 
 from ..frames import Light
@@ -30,9 +31,6 @@ from .match import COARSE, PER_PX, RIVALS, Book, match
 
 __all__ = ["Lines", "LookUp", "Table", "lookup_rows", "prepare", "table_of"]
 
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 #: Pixels of the sample on which the spread is measured.
 _PIXELS = 2048
 #: Trial spreads, pattern pixels rms: from a pixel of a third of a cell to defocus, or to half a stripe.

@@ -8,15 +8,11 @@ from a search over the surface; squares weighted by the noise of each level give
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from optolever.kernels import exact, inlined, kernel
+from optolever.kernels import F32, F64, I64, exact, inlined, kernel
 
 __all__ = ["COARSE", "PER_PX", "RIVALS", "Book", "match"]
 
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 #: Segment, place on it, squared residuals, scale and level of a descent.
 _Walk = tuple[int, float, float, float, float]
 #: Squared sum, number of unsaturated samples and of all of a pixel.

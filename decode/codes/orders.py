@@ -19,23 +19,21 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from optolever.kernels import inlined, kernel
+from optolever.kernels import F32, I32, inlined, kernel
+from optolever.kernels import HALF as _HALF
+from optolever.kernels import ONE as _ONE
+from optolever.kernels import ZERO as _ZERO
 
 from ..records import Flag
 
 __all__ = ["Orders", "climb_row", "compare_row", "join_row", "order_table", "start_row"]
 
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
-I32 = NDArray[np.int32]
 #: Entries of a table along each of its axes; deviations within which an order is listed; steps of its
 #: tolerance.
 _ENTRIES, _DEVIATIONS, _STEP = 64, 5.0, 2**0.5
 #: No order, and the misfit of no order.
 _NONE, _NEVER = np.float32(-20000), np.float32(1e30)
-_ONE, _HALF, _ZERO = np.float32(1), np.float32(0.5), np.float32(0)
 #: Probability of a wrong order above which a pixel is flagged.
 _DOUBT = np.float32(1e-4)
 #: Shares of a period by which a place may lie outside of its interval, and by which another must stay

@@ -14,16 +14,13 @@ nothing. Beside it a module has one of
 
 from typing import NamedTuple, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
+from optolever.kernels import F64
 
 from ..frames import Light
 from ..noise import Noise, Sample
 from ..plan import Plan
 
 __all__ = ["Effect", "Estimate", "View"]
-
-F64 = NDArray[np.float64]
 
 
 class Estimate(NamedTuple):

@@ -9,14 +9,14 @@ finest fringe against a coarser one, or white less black.
 """
 
 import numpy as np
-from numpy.typing import NDArray
+
+from optolever.kernels import F64
 
 from ..plan import AxisPlan
 from . import Estimate, View
 
 __all__ = ["estimate", "variance"]
 
-F64 = NDArray[np.float64]
 #: Relative error of a contrast, by a display's response; side of a neighbourhood, and fewest pixels.
 _CONTRAST, _SQUARE, _FEWEST = 0.02, 32, 64
 #: Negligible share of sigma; share of the variance of sharp cells that a blur of 0 to 0.9 cells leaves in

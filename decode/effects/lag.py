@@ -10,14 +10,14 @@ unequal noise of the levels, is subtracted. Codes without fringes need no correc
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
+
+from optolever.kernels import F64
 
 from ..plan import Plan, constraints
 from . import Estimate, View
 
 __all__ = ["estimate", "matrix", "variance"]
 
-F64 = NDArray[np.float64]
 #: Most pixels of the sample, and fewest; parts of them for the scatter of the share; steps.
 _MOST, _FEWEST, _PARTS, _STEPS = 2048, 256, 16, 3
 #: Deviations of a chance of 1e-6; largest share that is a lag.

@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fdtrc
 
+from optolever.kernels import F64
+
 from ..plan import AxisPlan
 from . import Estimate, View
 
 __all__ = ["estimate", "variance"]
 
-F64 = NDArray[np.float64]
 #: Level, share of the half contrast, below which a pixel is at an edge; fewest of them in a part; chance.
 _EDGE, _FEWEST, _CHANCE = 0.5, 6, 1e-6
 #: Limit of a residual, over the 0.9 quantile of its bit (four deviations).

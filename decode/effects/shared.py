@@ -13,6 +13,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from optolever.kernels import F64
+
 from ..noise import Sample
 from ..plan import AxisPlan, Fringe, Plan, constraints
 from ..records import SharedNoise
@@ -20,7 +22,6 @@ from . import View
 
 __all__ = ["shared"]
 
-F64 = NDArray[np.float64]
 #: Most and fewest pixels; deviations of a chance of 1e-6; squared ones of an outlier, over the median square.
 _MOST, _FEWEST, _SURE, _FAR = 4096, 64, 4.9, 16 / 0.455
 
