@@ -48,7 +48,7 @@ class BitTables(NamedTuple):
     (A, B): frames, -1: none; cells (A, 2^B): word -> cell; words (A, 2^B): cell -> word; run (A,): whether
     the finest
     open bits are one interval; least, most (A,): half
-    of an interval, cells: of one where several bits change at once, of one that is not doubtful; cell,
+    of an interval, cells: the least (two cells of xor-gray), of one that is not doubtful; cell,
     origin (A,): pattern px; white, black: frames; all (C,): frames of all codes
     """
 
@@ -109,7 +109,7 @@ def bit_tables(plan: Plan, axes: list[AxisPlan]) -> BitTables:
         n = len(code.plain)
         out.bits[i], out.plain[i, :n], out.inverse[i, :n] = n, code.plain, code.inverse
         out.kind[i] = _GRAY if code.kind == "gray" else _TABLE
-        out.run[i], out.least[i] = code.kind in ("gray", "binary"), 1.0 if code.together else 0.5
+        out.run[i], out.least[i] = code.kind in ("gray", "binary"), 1.0 if code.kind == "xor-gray" else 0.5
         if not axis.fringes:
             out.most[i] = max(_CELLS, _EXTENT * axis.extent / code.cell) / 2
         out.cells[i, : len(code.cells)] = code.cells
