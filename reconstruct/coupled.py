@@ -30,7 +30,7 @@ from .judgement.circulation import (
 from .judgement.discontinuities import edge_doubt, widened
 from .judgement.holes import bridged, noise_gain, whole_lines
 from .problem import Problem, prepare
-from .result import anchors_apart, height_map, loaded, off_mirror, refused, with_references
+from .result import anchors_apart, height_map, loaded, off_mirror, refused, with_references, without_loose
 from .rig.calibration import same_capture
 from .rig.hypotheses import likely_mistake, likely_mistake_at_rest
 from .rig.model import (
@@ -132,6 +132,7 @@ def reconstruct(
     height = with_references(solution.height, problem, state, solution.noise, correspondence, anchor, rest)
     if rest is not None:
         height = loaded(height, problem, state, scene, anchor)
+    height = without_loose(height)
     if not height.implausible:
         doubts = (*anchors_apart(problem, state, height), *off_mirror(height, scene.mirror))
         height = replace(height, notices=(*height.notices, *doubts))

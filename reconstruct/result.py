@@ -23,11 +23,20 @@ from .solver.edges import Doubt
 from .solver.newton import State
 from .uncertainty.sources import ANCHORS, LOAD, anchor_response
 
-__all__ = ["anchors_apart", "height_map", "loaded", "off_mirror", "refused", "with_references"]
+__all__ = [
+    "anchors_apart",
+    "height_map",
+    "loaded",
+    "off_mirror",
+    "refused",
+    "with_references",
+    "without_loose",
+]
 
 _APART = 5.0  # standard deviations, rms: rigs that are right stay below 1.2
 _SURE = 3.0  # standard deviations
 _BESIDE = 0.05  # of the mirror's length: so near the anchors are its edge's
+_LOOSE = 100.0  # times the sigma of the pixels around
 _STEEP = 3.0  # standard deviations, of slopes or of the heights around: where doubts exceed them
 
 
@@ -179,6 +188,19 @@ def refused(height: HeightMap, mistake: str | None) -> HeightMap:
     )
     name = "The capture contradicts its scene beyond the scene's accuracy; no height is trusted"
     return replace(height, flags=flags, notices=(*height.notices, Notice(name, math.nan, math.nan, cure)))
+
+
+def without_loose(height: HeightMap) -> HeightMap:
+    """The height with pixels flagged SINGULAR whose total sigma is a hundred times the median of their
+    neighbours' or more."""
+    sigma = np.where(height.good, height.total_sigma, np.nan)
+    around = minimum_filter(np.where(np.isfinite(sigma), sigma, np.inf), 3)
+    loose = sigma > _LOOSE * around
+    if not loose.any():
+        return height
+    windows = np.lib.stride_tricks.sliding_window_view(np.pad(sigma, 1, constant_values=np.nan), (3, 3))
+    loose[loose] = sigma[loose] > _LOOSE * np.nanmedian(windows[loose].reshape(-1, 9), axis=1)
+    return replace(height, flags=height.flags | np.where(loose, np.uint16(HeightFlag.SINGULAR), np.uint16(0)))
 
 
 def anchors_apart(problem: Problem, state: State, height: HeightMap) -> tuple[Notice, ...]:

@@ -32,14 +32,12 @@ _NOISE_CUBIC, _NOISE_LINEAR = 2.01, 1.19  # of cubic minus one side's three or t
 _BEND = 0.375  # of a side's third difference: the error of its extrapolation
 _BEND4 = 0.349  # of its fourth difference: that of the next order
 _CONVERGES = 0.5  # errors that fall so from one order to the next are those of a curve, not of a jump
-_QUIET = 8.0  # of a slope's sigma: third differences of noise (4.5) and little more
 _SHARE = 1.0 / 12.0  # a jump inside an edge moves that edge's increment by half of it, the next one's by 1/24
 _BESIDE = 5  # pixels: reach of a crease's surroundings, in which doubts below the noise count too
 _CERTAIN, _ABRUPT = 8.0, 0.2  # of its noise, of the largest step: residual of one side at a kink
 _ONE_SIDED = 0.25  # of that, at most: the other side's residual
 _KINK = 0.5  # of one side's residual, at the edge of three where it is largest
 _FEEBLE = 0.5  # of a slope's sigma
-_BY_ACCIDENT = 0.1  # of the next doubt: after a jump within one edge, the next edge's error is a twelfth
 _AROUND = 7  # pixels: reach of a doubt over pixels that were interpolated
 _BY_LINE = 2  # pixels from a line of doubts to one that is missing along it
 _MISSING = 0.02  # of the line, at least
@@ -76,21 +74,7 @@ def edge_doubt(
         np.where(near, plain, np.where(found[parts], doubt, 0.0))
         for doubt, plain in ((dx, plain_x), (dy, plain_y))
     )
-    lines = scipy.ndimage.maximum_filter(long, _BESIDE)
-    dx, dy = _beside(dx, var_p, lines), _beside(dy, var_q, lines)
     return Doubt(_shared(dx, mask), _shared(dy.T, mask.T).T.copy())
-
-
-def _beside(doubt: Floats, variance: Floats, lines: Mask) -> Floats:
-    """Doubts, along lines of them (H, W) at least as large as those of the edges around, unless these say
-    nothing of an edge or noise hides what they do.
-
-    Where a crease curves through the pixels, one side explains the very edge it lies in by accident, time and
-    again, and always when that is off to the same side: the next edge is in doubt instead.
-    """
-    most = scipy.ndimage.maximum_filter(doubt, 3)
-    shared = lines & (doubt > _BY_ACCIDENT * most) & (most > _QUIET * np.sqrt(variance))
-    return np.where(shared, most, doubt)
 
 
 def _shared(doubt: Floats, mask: Mask) -> Floats:

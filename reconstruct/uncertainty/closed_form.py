@@ -22,7 +22,7 @@ import scipy.ndimage
 
 from optolever.blocks import threads
 
-from ..arrays import Floats, Labels, Mask, Pair
+from ..arrays import Floats, Labels, Pair
 from ..measured import Measured
 from ..solver.newton import State
 from ..solver.poisson import ColumnPoisson
@@ -62,32 +62,7 @@ def unknown_variance(data: Measured, state: State, labels: Labels) -> Floats:
     variance: Floats = factor**2 * np.maximum(potential - gain, FLOOR * along_cols)
     if not state.problem.closed:
         variance = monte_carlo_variance(data, state, labels, variance, load)
-    return variance + _shared_at_ends(data, state.variances)
-
-
-def _shared_at_ends(data: Measured, variances: Pair) -> Floats:
-    """Variance of w by noise of the slopes that neighbours along an end of the mirror may share, all
-    (rows, cols).
-
-    The solve averages along an end, as if errors were independent. The excess of the outermost pixel's noise
-    over that of the next one inwards (fading light, the pattern's border) counts as common to its neighbours
-    along the end; the edge between both takes half of it.
-    """
-    noise = data.sigma_u**2 + data.sigma_v**2
-    along = _shared_along_rows(data.mask, noise, variances[0])
-    return along + _shared_along_rows(data.mask.T, noise.T, variances[1].T).T
-
-
-def _shared_along_rows(mask: Mask, noise: Floats, variance: Floats) -> Floats:
-    """Of the first and the last pixels of runs along the rows."""
-    found = np.zeros(mask.shape)
-    for way in (1, -1):
-        seen, own, more = mask[:, ::way], noise[:, ::way], found[:, ::way]
-        last = seen[:, 1:] & seen[:, :-1] & ~np.pad(seen[:, 2:], ((0, 0), (0, 1)))
-        with np.errstate(divide="ignore", invalid="ignore"):  # where nothing is measured
-            excess = np.maximum(1 - own[:, :-1] / own[:, 1:], 0.0) * variance[:, ::way][:, 1:]
-        more[:, 1:] += np.where(last, excess / 4, 0.0)
-    return found
+    return variance
 
 
 def unlike_columns(variances: Pair, diagonal: Floats) -> Floats:

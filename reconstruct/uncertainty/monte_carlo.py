@@ -16,7 +16,7 @@ from ..measured import Measured
 from ..solver.edges import Doubt, apply_laplacian, divergence
 from ..solver.newton import State, edge_errors, response
 from ..solver.poisson import ColumnPoisson
-from .response import ErrorField, slope_errors
+from .response import ErrorField, slope_errors, smoothed
 
 __all__ = ["FLOOR", "drawn_doubts", "monte_carlo_variance"]
 
@@ -25,8 +25,8 @@ _DRAWS = 64
 _PIXELS = 1 << 22  # solved in all: fewer draws for large images
 _FEWEST = 4
 _MOSTLY = 0.9  # of the pixels: their quantile sets the number of draws
-_PRIOR = 6.0  # draws that the mean over a block counts as
-_BLOCK = 25  # pixels
+_PRIOR = 6.0  # draws that the mean around counts as
+_WIDE = 7.0  # pixels, rms
 _SEED = 20140318
 
 
@@ -48,9 +48,8 @@ def monte_carlo_variance(
         sums += np.stack([own * own, own * control, control * control])
         if count >= _FEWEST and _unexplained(sums[:, inside]) * _DRAWS <= count:
             break
-    share = np.maximum(_block_means(inside.astype(np.float64)), 1e-3)
     means = np.where(inside, sums / count, 0.0)
-    nearby = np.stack([_block_means(part) / share for part in means])
+    nearby = np.stack([smoothed(part, inside, _WIDE) for part in means])
     own, both, control = (count * means + _PRIOR * nearby) / (count + _PRIOR)
     slope = np.divide(both, control, out=np.zeros_like(both), where=control > 0)
     left = np.maximum(own - slope * both, 0.0) * count / (count - 1)
@@ -72,16 +71,6 @@ def _unexplained(sums: Floats) -> float:
     own, both, control = sums
     rho2 = np.divide(both**2, own * control, out=np.zeros_like(own), where=own * control > 0)
     return float(np.quantile(1.0 - rho2**2, _MOSTLY))
-
-
-def _block_means(values: Floats) -> Floats:
-    """Over blocks around every pixel. Summed one by one: running sums (`uniform_filter`) leave what rounding
-    makes of a pixel 1e16 times larger, squares below zero."""
-    weights = np.full(_BLOCK, 1.0 / _BLOCK)
-    means: Floats = values
-    for axis in (0, 1):
-        means = scipy.ndimage.correlate1d(means, weights, axis)
-    return means
 
 
 def _drawn(

@@ -59,7 +59,6 @@ def test_noisy_borders_keep_their_pixels(blurred) -> None:
     assert np.array_equal(height.good, correspondence.good)
     assert np.isnan(height.z[~correspondence.good]).all()
     assert 0.7 < rms_score(scores(height, truth)) < 1.4
-    # sigma holds that a row may share its errors (0.71 without); here it does not
     assert 0.4 < rms_score(scores(height, truth)[0]) < 1.6
 
 

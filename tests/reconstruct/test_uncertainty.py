@@ -109,22 +109,3 @@ def test_error_at_the_bound(exact, noisy, cut: float) -> None:
     assert 0.95 < np.sqrt(found.mean() / least.mean()) < 1.05
     # And in units of the bound, so that the pattern's edge does not rule the sum.
     assert 0.95 < np.sqrt(np.mean(found / np.maximum(least, 0.05 * np.median(least)))) < 1.05
-
-
-@pytest.mark.daily(1)
-@pytest.mark.parametrize(("axis", "turned"), [("v", 0), ("v", 2), ("u", 3)])
-def test_errors_that_pixels_along_an_end_share(exact, cut, axis: str, turned: int) -> None:
-    """Half covered pixels see one side too much: all along an end by as much as their sigma."""
-    scene, truth, seen = exact("paper-simulation", "gaussian:peak=0.2", 128, 128)
-    away = np.rot90(np.indices(truth.u.shape)[0], turned)  # from one side of the image
-    end = away == 14
-    off = {"u": 0.003, "v": 0.003, axis: np.where(end, 0.05, 0.003)}
-    noise = dict(zip("uv", 0.003 * np.random.default_rng(4).standard_normal((2, 128, 128)), strict=True))
-    noise[axis][end] = off[axis][end]
-    seen = replace(seen, u=seen.u + noise["u"], v=seen.v + noise["v"])
-    sigmas = {f"sigma_{name}": np.broadcast_to(one, end.shape) for name, one in off.items()}
-    seen = cut(replace(seen, **sigmas), truth.visible & (away >= 14))
-    height = reconstruct(seen, scene, anchor=PixelAnchor(64, 64, float(truth.z[64, 64])))
-    score = scores(height, truth)
-    assert rms_score(score[end]) < 1.3
-    assert 0.5 < rms_score(score[away > 14]) < 1.5
