@@ -31,8 +31,9 @@ from .records import Correspondence, Flag
 __all__ = ["Prepared", "applied", "estimated", "holds", "prepared"]
 
 Mask = NDArray[np.bool_] | None
-#: Runs of the sample; fewest pixels for an estimate; median of chi2 with one degree of freedom.
-_RUNS, _FEWEST, _MEDIAN = 256, 64, 0.4549
+#: Runs of the sample, times as many of one for look-ups, motion and noise in common; fewest pixels for an
+#: estimate; median of chi2 with one degree of freedom.
+_RUNS, _WIDER, _FEWEST, _MEDIAN = 64, 4, 64, 0.4549
 #: Side of the neighbourhood that lies in a mask where the order of frames is tested.
 _BLOCK = 11
 #: Bytes of a block's lines, about those of a core's cache.
@@ -58,9 +59,9 @@ class Prepared(NamedTuple):
     matrix: F64 | None
 
 
-def lit_sample(light: Light, inside: Mask) -> Sample:
+def lit_sample(light: Light, inside: Mask, wider: int = 1) -> Sample:
     """Lit pixels of the mask, in runs along rows."""
-    places = sample_places((light.raw.shape[1], light.raw.shape[2]), _RUNS)
+    places = sample_places((light.raw.shape[1], light.raw.shape[2]), wider * _RUNS)
     if inside is not None:
         places = places[inside[tuple(places.T)]]
     sample = Sample(places, sample_levels(light, places))
@@ -79,8 +80,9 @@ def estimated(
     repair = find_order(light.raw, sequence, around)
     if repair is not None:
         sequence, light = repair.sequence, replace(light, raw=np.ascontiguousarray(light.raw[repair.order]))
-    sample = lit_sample(light, mask)
-    ready = prepared(sequence, settings, _estimate(light, sequence, settings, sample))
+    looked_up = any(axis.looked_up for axis in plan(sequence).axes)
+    sample = lit_sample(light, mask, _WIDER if looked_up else 1)
+    ready = prepared(sequence, settings, _estimate(light, sequence, settings, mask, sample))
     ready = ready._replace(profile=ready.profile._replace(sampled=_statistics(light, ready, sample)))
     found = applied(light, ready, mask)
     if repair is None:
@@ -91,9 +93,9 @@ def estimated(
     return replace(found, notices=(notice, *found.notices)), None
 
 
-def _estimate(light: Light, sequence: Sequence, settings: Settings, sample: Sample) -> Estimates:
-    """Noise, then misfit and effects from a sample."""
-    p = plan(sequence)
+def _estimate(light: Light, sequence: Sequence, settings: Settings, mask: Mask, sample: Sample) -> Estimates:
+    """Noise, then misfit and effects from a sample, and from a wider one."""
+    wide, p = lit_sample(light, mask, _WIDER), plan(sequence)
     axes = p.axes
     if settings.noise is not None:
         noise = Noise(settings.noise**2 + light.rounding, settings.gain)
@@ -101,7 +103,7 @@ def _estimate(light: Light, sequence: Sequence, settings: Settings, sample: Samp
         noise = fit_noise(p, sample, light.rounding)
     known = noise if settings.noise is not None or constraints(p, len(sequence)) else None
     look_ups = [
-        prepare(sequence, p, axis, light, sample, known, settings.blur_px, settings.on_cells)
+        prepare(sequence, p, axis, light, wide, known, settings.blur_px, settings.on_cells)
         if axis.looked_up
         else None
         for axis in axes
@@ -113,26 +115,27 @@ def _estimate(light: Light, sequence: Sequence, settings: Settings, sample: Samp
     place = _places(light, sequence, settings, profile, sample)
     slow = lag.estimate(View(p, light, noise, sample, *place))
     if slow is not None:
-        sample = replace(
-            sample, levels=(lag.matrix(slow, len(sample.levels)) @ sample.levels).astype(np.float32)
-        )
+        matrix = lag.matrix(slow, len(sample.levels)).astype(np.float32)
+        sample, wide = (replace(one, levels=matrix @ one.levels) for one in (sample, wide))
         profile = _with_misfits(profile._replace(effects=(slow,)), sequence, sample, look_ups)
         place = _places(light, sequence, settings, profile, sample)
     view = View(p, light, noise, sample, *place)
-    profile = _with_between(profile, axes, view)
-    more, moved = np.zeros(len(axes)), motion.estimate(view)
-    if slow is not None:
-        more += lag.variance(view, slow)
+    profile, moved, common = _with_between(profile, axes, view), None, None
+    if any(axis.code is not None and axis.fringes for axis in axes):
+        moved = motion.estimate(
+            View(p, light, noise, wide, *_places(light, sequence, settings, profile, wide))
+        )
+    more = np.zeros(len(axes)) if slow is None else lag.variance(view, slow)
     if moved is not None:
-        more += motion.variance(view, moved)
+        more = more + motion.variance(view, moved)
         profile = profile._replace(effects=(*profile.effects, moved))
     sharp = cells.estimate(view, settings.blur_px) if settings.on_cells else None
     if sharp is not None:
-        more += cells.variance(view, sharp)
+        common = cells.variance(view, sharp)
+        more = more + common
         profile = profile._replace(effects=(*profile.effects, sharp))
-    common = None if sharp is None else cells.variance(view, sharp)
     own = (axis._replace(variance=float(v)) for axis, v in zip(profile.axes, more, strict=True))
-    profile = profile._replace(axes=tuple(own), shared=shared.shared(view, common))
+    profile = profile._replace(axes=tuple(own), shared=shared.shared(view._replace(sample=wide), common))
     return profile._replace(notices=_notices(profile, axes, view))
 
 

@@ -54,9 +54,11 @@ def _gradient(view: View, place: F64) -> F64 | None:
     size = max(float(np.ptp(row)), float(np.ptp(col)), 1.0)
     y, x = (row - row.mean()) / size, (col - col.mean()) / size
     powers = [(i, j) for i in range(4) for j in range(4 - i)]
-    fit = np.linalg.lstsq(np.stack([x**i * y**j for i, j in powers], axis=1), place[known], rcond=1e-9)[0]
-    along = sum(c * i * x ** max(i - 1, 0) * y**j for c, (i, j) in zip(fit, powers, strict=True))
-    down = sum(c * j * x**i * y ** max(j - 1, 0) for c, (i, j) in zip(fit, powers, strict=True))
+    xs, ys = (np.stack([np.zeros_like(x), x**0, x, x * x, x**3]) for x in (x, y))  # from the power -1 on
+    terms = np.stack([xs[i + 1] * ys[j + 1] for i, j in powers])
+    fit = np.linalg.lstsq(terms @ terms.T, terms @ place[known], rcond=1e-12)[0]
+    along = sum(c * i * xs[i] * ys[j + 1] for c, (i, j) in zip(fit, powers, strict=True))
+    down = sum(c * j * xs[i + 1] * ys[j] for c, (i, j) in zip(fit, powers, strict=True))
     return np.asarray(np.abs(np.stack([along, down])) / size)
 
 
