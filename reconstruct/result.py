@@ -17,6 +17,7 @@ from .contact.load import sinks
 from .heightmap import Diagnostics, HeightFlag, HeightMap
 from .judgement.circulation import contradiction
 from .judgement.discontinuities import cut_off
+from .outputs.coarse_modes import LINES, interpolated
 from .problem import Problem
 from .solver.anchors import Anchors, EdgeAnchor
 from .solver.edges import Doubt
@@ -148,7 +149,9 @@ def loaded(height: HeightMap, problem: Problem, state: State, scene: Scene, anch
     distance = problem.data.distance(state.w) if problem.data.rays.logarithmic else np.ones(down.shape)
     known = np.nan_to_num(sink) / (down * distance).ravel()[state.rows.pixel]
     mode = problem.to_image(anchor_response(problem.labels, state, known) * distance * down, np.nan)
-    return _with_own_mode(height, np.where(np.isfinite(height.z), mode, np.nan), LOAD)
+    step = max(1, min(mode.shape) // LINES)
+    smooth = interpolated(mode[None, ::step, ::step], step, np.isfinite(height.z))[0]
+    return _with_own_mode(height, smooth, LOAD)
 
 
 def _with_own_mode(height: HeightMap, mode: Floats, name: str) -> HeightMap:
