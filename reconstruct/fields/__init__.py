@@ -3,7 +3,6 @@
 | file | holds |
 |---|---|
 | `integrate` | integrate(), its solvers by name |
-| `quadrilateral` | edge increments of pixels that lie anywhere |
 """
 
 #: Inside of reconstruct its files are imported one by one: none of their names is public.

@@ -6,7 +6,6 @@
 | dct4 | cubic through four pixels | DCT, full rectangle |
 | weighted | as dct4 | DCT along rows, tridiagonal along columns: weights by columns, full rectangle |
 | cg | as dct4 | conjugate gradients: any mask, any weights |
-| direct | as dct4 | sparse factorisation: extreme weights |
 | robust | as dct4 | Cauchy reweighting of the edge defects |
 
 dct2 and dct4: the least-squares heights of edge increments g solve the Neumann Laplacian L z = D^T g, which
@@ -19,11 +18,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import scipy.fft
 import scipy.ndimage
+import scipy.sparse
+import scipy.sparse.linalg
 from numpy.typing import ArrayLike
 
 from optolever.blocks import threads
@@ -31,7 +31,6 @@ from optolever.errors import InputError
 
 from ..arrays import Floats, Labels, Mask, Pair
 from ..judgement.reweighting import cauchy, scaled_median
-from ..solver.alternatives import DirectEdges
 from ..solver.edges import divergence, edge_weights, increments
 from ..solver.poisson import (
     SEPARABLE_SPREAD,
@@ -42,7 +41,6 @@ from ..solver.poisson import (
     edge_problem,
     spread,
 )
-from .quadrilateral import quadrilateral_increments, quadrilateral_weights
 
 __all__ = ["Integral", "integrate", "integrator_names"]
 
@@ -50,7 +48,6 @@ _RECTANGLES = ("dct2", "dct4")
 _SOLVERS: dict[str, Callable[[Floats, Floats, Mask], EdgeProblem]] = {
     "weighted": lambda wx, wy, _: SeparableEdges(wx, wy),
     "cg": MaskedEdges,
-    "direct": DirectEdges,
 }
 _ONE = np.ones((1, 1))
 _ACCURACY = Accuracy(relative=1e-12)
@@ -88,16 +85,14 @@ def integrate(
     *,
     mask: ArrayLike | None = None,
     weights: ArrayLike | tuple[ArrayLike, ArrayLike] | None = None,
-    spacing: float | tuple[ArrayLike, ArrayLike] = 1.0,
+    spacing: float | tuple[float, float] = 1.0,
 ) -> Integral:
     """Heights whose slopes are gx = dz/dx (along columns) and gy = dz/dy (along rows), in the least-squares
     sense.
 
     gx, gy (H, W): sampled at pixels, NaN where unknown; mask (H, W): pixels to use; weights (H, W) or a pair
-    of them for gx and gy: inverse variances. spacing: of the pixels (dx, dy), or where they lie: x, y (H, W),
-    or x (W,) of the columns and y (H,) of the rows. An edge's weight is then the inverse variance of its
-    increment for slopes of equal variance, times the mean square of the edges' lengths. Raises InputError for
-    input that does not fit.
+    of them for gx and gy: inverse variances; spacing: of the pixels, or (dx, dy). Raises InputError for input
+    that does not fit.
 
     >>> import numpy as np
     >>> row, column = np.mgrid[:32, :48]
@@ -106,19 +101,15 @@ def integrate(
     True
     """
     p, q, inside = _checked(gx, gy, mask)
-    steps, places = _spaced(spacing, p.shape)
-    if places is not None:
-        inside &= np.isfinite(places[0]) & np.isfinite(places[1])
+    steps = _steps(spacing)
     if not inside.any():
         raise InputError("mask: no pixel with a gradient is left")
     wp, wq = _weights(weights, p.shape, inside)
-    name = _choose(inside, wp, wq, places is None) if method == "auto" else method
+    name = _choose(inside, wp, wq) if method == "auto" else method
     if name not in integrator_names():
         raise InputError(
             f"method = {method!r}: unknown, must be auto or one of {', '.join(integrator_names())}"
         )
-    if places is not None and name in (*_RECTANGLES, "weighted"):
-        raise InputError(f"method = {name!r}: needs an even grid; 'cg', 'direct' and 'robust' do not")
     if steps != (1.0, 1.0):
         p, q = p * steps[0], q * steps[1]
     if name in (*_RECTANGLES, "weighted"):
@@ -128,11 +119,7 @@ def integrate(
         return Integral(z, name, 1, _rms(rest, rest[0].size + rest[1].size), np.ones(p.shape, dtype=np.int32))
     one = np.ones(p.shape)
     wp, wq = (one, one) if wp is None or wq is None else (wp, wq)
-    if places is None:
-        edges, weights = increments(p, q, inside), edge_weights(1.0 / wp, 1.0 / wq, _ONE, inside)
-    else:
-        weights = quadrilateral_weights(wp, wq, *places, inside)
-        edges = quadrilateral_increments(p, q, *places, inside)
+    edges, weights = increments(p, q, inside), edge_weights(1.0 / wp, 1.0 / wq, _ONE, inside)
     reweighted = None
     if name == "robust":
         z, iterations, reweighted = _robust(edges, weights, inside)
@@ -150,7 +137,7 @@ def _require_plain(name: str, inside: Mask, weighted: bool) -> None:
             f"method = {name!r}: needs a full rectangle, {np.count_nonzero(~inside)} pixels are masked"
         )
     if weighted:
-        raise InputError(f"method = {name!r}: takes no weights; 'weighted', 'cg', 'direct' and 'robust' do")
+        raise InputError(f"method = {name!r}: takes no weights; 'weighted', 'cg' and 'robust' do")
 
 
 def _checked(gx: ArrayLike, gy: ArrayLike, mask: ArrayLike | None) -> tuple[Floats, Floats, Mask]:
@@ -166,26 +153,14 @@ def _checked(gx: ArrayLike, gy: ArrayLike, mask: ArrayLike | None) -> tuple[Floa
     return p, q, inside
 
 
-def _spaced(spacing: Any, shape: tuple[int, ...]) -> tuple[tuple[float, float], tuple[Floats, Floats] | None]:
-    """Steps between the pixels of an even grid, or 1 and their places x, y (H, W)."""
+def _steps(spacing: float | tuple[float, float]) -> tuple[float, float]:
     try:
-        pair = spacing if isinstance(spacing, tuple | list) or np.ndim(spacing) else (spacing, spacing)
-        x, y = (np.asarray(part, dtype=np.float64) for part in pair)
+        x, y = (float(step) for step in (spacing if isinstance(spacing, tuple) else (spacing, spacing)))
     except (TypeError, ValueError) as error:
-        raise InputError(f"spacing: must be a number, a pair of them, or places x, y ({error})") from error
-    if x.ndim == y.ndim == 0:
-        if not all(np.isfinite(step) and step != 0 for step in (x, y)):
-            raise InputError(f"spacing = {spacing}: must be finite and not zero")
-        return (float(x), float(y)), None
-    lines = (shape[1],), (shape[0],)
-    if (x.shape, y.shape) not in ((shape, shape), lines):
-        raise InputError(
-            f"spacing: x has shape {x.shape}, y {y.shape}; must be {shape} as the gradient, "
-            f"or {lines[0]} of the columns and {lines[1]} of the rows"
-        )
-    if x.ndim == 1:
-        x, y = np.meshgrid(x, y)
-    return (1.0, 1.0), (x, y)
+        raise InputError(f"spacing: must be a number or a pair of them ({error})") from error
+    if not all(math.isfinite(step) and step != 0 for step in (x, y)):
+        raise InputError(f"spacing = {spacing}: must be finite and not zero")
+    return x, y
 
 
 def _weights(
@@ -207,13 +182,12 @@ def _weights(
     return found[0], found[1]
 
 
-def _choose(inside: Mask, wp: Floats | None, wq: Floats | None, even: bool) -> str:
+def _choose(inside: Mask, wp: Floats | None, wq: Floats | None) -> str:
+    if not inside.all():
+        return "cg"
     if wp is None or wq is None:
-        return "dct4" if even and inside.all() else "cg"
-    if even and inside.all() and max(spread(wp), spread(wq)) < SEPARABLE_SPREAD:
-        return "weighted"
-    contrast = max(float(np.max(w[inside])) / float(np.min(w[inside])) for w in (wp, wq))
-    return "direct" if contrast > 1e4 and inside.sum() <= 1 << 18 else "cg"
+        return "dct4"
+    return "weighted" if max(spread(wp), spread(wq)) < SEPARABLE_SPREAD else "cg"
 
 
 def _rectangle(p: Floats, q: Floats, cubic: bool) -> tuple[Floats, Pair]:
@@ -242,30 +216,46 @@ def _trapezoids(p: Floats, q: Floats) -> Pair:
 def _robust(edges: Pair, weights: Pair, mask: Mask) -> tuple[Floats, int, Pair]:
     """Cauchy weights on the edge defects, see `reweighting`: heights, iterations, the weights at the end."""
     floor = _ROUNDING * scaled_median(edges, weights)
-    z, iterations, factorise = np.zeros(mask.shape), 0, False
-    left, scale = weights, 0.0
+    z, iterations, left, scale = np.zeros(mask.shape), 0, weights, 0.0
 
     def step(doubts: Pair | None) -> Pair:
-        nonlocal z, iterations, factorise, left, scale
-        if doubts is not None:
-            wx, wy = (w / (1.0 + w * doubt**2) for w, doubt in zip(weights, doubts, strict=True))
-            left = wx, wy
-        accuracy = Accuracy(energy=_NEGLIGIBLE * scale, relative=1e-10)
+        nonlocal z, iterations, left, scale
         if doubts is None:
             result = edge_problem(*left, mask, True).solve(*edges, Accuracy(relative=1e-10))
-            z, iterations = result.x, result.iterations
-        elif not factorise:
+        else:
+            wx, wy = (w / (1.0 + w * doubt**2) for w, doubt in zip(weights, doubts, strict=True))
+            left = wx, wy
+            accuracy = Accuracy(energy=_NEGLIGIBLE * scale, relative=1e-10)
             result = MaskedEdges(*left, mask).solve(*edges, accuracy, z, _PATIENCE)
-            factorise = result.iterations == _PATIENCE and int(mask.sum()) <= _FACTORISED
-            z, iterations = result.x, iterations + result.iterations
-        if factorise:  # in this step, too
-            z, iterations = DirectEdges(*left, mask).solve(*edges, accuracy).x, iterations + 1
+        z, iterations = result.x, iterations + result.iterations
+        if result.iterations == _PATIENCE and mask.sum() <= _FACTORISED:
+            z = _factorised(edges, left, mask)
         residuals = _residuals(edges, weights, z)
         scale = scaled_median(residuals, weights)
         return residuals
 
     cauchy(step, weights, floor)
     return z, iterations, left
+
+
+def _factorised(edges: Pair, weights: Pair, mask: Mask) -> Floats:
+    """Heights by a sparse factorisation of the normal equations, the first pixel of every component 0: what
+    extreme weights ask for."""
+    free = mask.ravel().copy()
+    free[np.unique(scipy.ndimage.label(mask)[0].ravel(), return_index=True)[1]] = False
+    number = np.arange(mask.size).reshape(mask.shape)
+    tail = np.concatenate([number[:, :-1].ravel(), number[:-1].ravel()])
+    head = np.concatenate([number[:, 1:].ravel(), number[1:].ravel()])
+    weight = np.concatenate([weights[0][:, :-1].ravel(), weights[1][:-1].ravel()])
+    coupled = scipy.sparse.coo_array((weight, (tail, head)), shape=(mask.size, mask.size)).tocsr()
+    coupled = coupled + coupled.T
+    normal = (scipy.sparse.diags_array(coupled.sum(axis=1)) - coupled)[free][:, free].tocsc()
+    z = np.zeros(mask.shape)
+    if free.any():
+        options = {"SymmetricMode": True}
+        factor = scipy.sparse.linalg.splu(normal, "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
+        z.reshape(-1)[free] = factor.solve(divergence(*edges, *weights).ravel()[free])
+    return z
 
 
 def _residuals(edges: Pair, weights: Pair, z: Floats) -> Pair:

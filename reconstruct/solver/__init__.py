@@ -6,7 +6,6 @@
 | `newton` | Newton's method with an integrating factor |
 | `poisson` | weighted Poisson: by columns (DCT and tridiagonal), or with any mask (conjugate gradients) |
 | `multigrid` | the preconditioner of these |
-| `alternatives` | sparse factorisation |
 | `anchors` | what is known of the mirror's height, and the free constant of every component from it |
 """
 

@@ -61,7 +61,7 @@ def test_figure_at_512() -> None:
     assert rms(integrate(gx, gy).z - z) < 3e-9 * np.sqrt(np.mean(z**2))
 
 
-@pytest.mark.parametrize("method", ["cg", "direct", "robust"])
+@pytest.mark.parametrize("method", ["cg", "robust"])
 def test_masks_components_and_nan(method: str) -> None:
     z, gx, gy = gaussian(SIZE, SIZE)
     mask = np.ones((SIZE, SIZE), dtype=bool)
@@ -80,8 +80,7 @@ def test_masks_components_and_nan(method: str) -> None:
 
 @pytest.mark.parametrize(
     ("method", "kind"),
-    [(method, kind) for method in ("weighted", "cg", "direct") for kind in ("falling", "rising")]
-    + [("cg", "uneven"), ("direct", "uneven")],
+    [(method, kind) for method in ("weighted", "cg") for kind in ("falling", "rising")] + [("cg", "uneven")],
 )
 def test_weights_against_dense_least_squares(method: str, kind: str) -> None:
     """Noisy slopes; weights by columns over six orders, or each pixel's own in two parts with holes."""
@@ -108,67 +107,6 @@ def test_spacing() -> None:
     _, gx, gy = gaussian(SIZE, SIZE)
     stretched = integrate(gx / 0.5, gy / 2.0, spacing=(0.5, 2.0))
     np.testing.assert_allclose(stretched.z, integrate(gx, gy).z, atol=1e-12)
-
-
-def bump(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A bump off the centre of the unit square, and its slopes by x and y."""
-    z = np.exp(-((x - 0.45) ** 2 + (y - 0.55) ** 2) / (2 * 0.15**2))
-    return z, -(x - 0.45) / 0.15**2 * z, -(y - 0.55) / 0.15**2 * z
-
-
-def places(name: str, rows: int, cols: int) -> tuple[np.ndarray, np.ndarray]:
-    """Grids of the unit square: x, y (H, W)."""
-    x, y = np.meshgrid((np.arange(cols) + 0.5) / cols, (np.arange(rows) + 0.5) / rows)
-    if name == "geometric":
-        return np.expm1(1.5 * x) / np.expm1(1.5), y**1.3
-    if name == "quadrilateral":
-        return x + 0.08 * x * np.sin(2 * y + 1) + 0.1 * y, y + 0.1 * x**2 - 0.05 * np.cos(3 * x)
-    if name == "turned":
-        return 0.5 + 0.6 * (x - y), 0.6 * (x + y) - 0.1
-    if name == "jittered":
-        rng = np.random.default_rng(0)
-        return x + rng.uniform(-0.3, 0.3, x.shape) / cols, y + rng.uniform(-0.3, 0.3, x.shape) / rows
-    return x, y
-
-
-@pytest.mark.parametrize("masked", [False, True])
-@pytest.mark.parametrize("name", ["even", "geometric", "quadrilateral", "turned", "jittered"])
-def test_pixels_that_lie_anywhere(name: str, masked: bool) -> None:
-    x, y = places(name, 100, 120)
-    z, gx, gy = bump(x, y)
-    mask = np.hypot(x - 0.55, y - 0.5) > 0.1 if masked else np.ones(x.shape, dtype=bool)
-    x[~mask] = np.nan
-    result = integrate(gx, gy, mask=mask, spacing=(x, y))
-    assert result.method == "cg"
-    assert rms((result.z - z)[mask]) < 1e-6 * rms(z)
-    assert np.isnan(result.z[~mask]).all()
-
-
-def test_fifth_degree_is_exact_wherever_the_pixels_lie() -> None:
-    """Down to grids of few rows, where fewer terms can be told apart: degrees that these bear."""
-    for shape, degree in (((9, 11), 5), ((6, 7), 5), ((3, 3), 3), ((2, 2), 2), ((1, 5), 1), ((1, 2), 1)):
-        x, y = places("jittered", *shape)
-        powers = [(m, n) for m in range(degree + 1) for n in range(degree + 1 - m)]
-        share = np.random.default_rng(1).standard_normal(len(powers))
-        z = sum(a * x**m * y**n for a, (m, n) in zip(share, powers, strict=True))
-        gx = sum(a * m * x ** max(m - 1, 0) * y**n for a, (m, n) in zip(share, powers, strict=True))
-        gy = sum(a * n * x**m * y ** max(n - 1, 0) for a, (m, n) in zip(share, powers, strict=True))
-        for method in ("cg", "direct"):
-            found = integrate(gx, gy, method, spacing=(x, y)).z
-            np.testing.assert_allclose(found - found[0, 0], z - z[0, 0], atol=1e-6)
-
-
-def test_edges_count_by_what_noise_does_to_their_increments() -> None:
-    """Noise of the slopes alone: where it is low, weights keep what is high elsewhere away."""
-    rng = np.random.default_rng(0)
-    x, y = places("geometric", 60, 60)
-    sigma = np.where(x > 0.5, 3.0, 0.3)
-    errors = []
-    for weights in (None, 1 / sigma**2):
-        trials = (sigma * rng.standard_normal((2, *x.shape)) for _ in range(8))
-        found = (integrate(*noise, weights=weights, spacing=(x, y)).z[x < 0.5] for noise in trials)
-        errors.append([rms(z) for z in found])
-    assert np.mean(errors[1]) < 0.8 * np.mean(errors[0])
 
 
 def test_robust_leaves_outliers_behind() -> None:
@@ -216,11 +154,7 @@ def test_robust_at_cliffs_is_a_plain_cauchy_loop(noise: float) -> None:
         ({"spacing": 0.0}, "spacing"),
         ({"spacing": "wide"}, "spacing"),
         ({"spacing": (1.0, 1.0, 1.0)}, "spacing"),
-        ({"spacing": (np.ones((8, 9)), np.ones((8, 8)))}, "spacing"),
-        ({"spacing": (np.ones((8, 8)), np.ones((8, 8)))}, "spacing"),
         ({"spacing": (np.arange(8.0), 1.0)}, "spacing"),
-        ({"spacing": (np.arange(8.0), np.arange(8.0)), "method": "dct4"}, "even grid"),
-        ({"spacing": (np.full((8, 8), np.nan), np.ones((8, 8)))}, "mask"),
         ({"method": "dct4", "mask": np.eye(8, dtype=bool)}, "rectangle"),
         ({"method": "dct4", "weights": np.ones((8, 8))}, "weights"),
     ],
