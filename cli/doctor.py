@@ -1,6 +1,7 @@
 """`optolever doctor`: available and missing components of this machine, and the cost of their absence."""
 
 import importlib.metadata
+import importlib.util
 import os
 import platform
 import sys
@@ -103,10 +104,11 @@ def _cameras() -> str:
 
 def _cache() -> str:
     """Folder of compiled kernels; the first decode of a capture compiles them."""
-    from optolever import decode
     from optolever.kernels import cache_folder
 
-    place = cache_folder(Path(decode.__file__).parent)
+    decode = importlib.util.find_spec("optolever.decode")  # loaded it costs half a second
+    assert decode is not None
+    place = cache_folder(Path(decode.origin or "").parent)
     if place is None:
         return "none: every process compiles for itself"
     return f"{place} ({len(list(place.rglob('*.nbi')))} kernels of decode)"
