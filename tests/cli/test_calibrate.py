@@ -124,56 +124,6 @@ def test_captures_are_judged_as_they_come(rig: tuple[Rig, Path], tmp_path: Path,
     np.testing.assert_allclose(followed.matrix, once.matrix, rtol=1e-5, atol=1e-9)
 
 
-@pytest.mark.slow
-def test_captures_are_awaited_and_judged_at_once(
-    rig: tuple[Rig, Path], tmp_path: Path, optolever: Program, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    given, folder = rig
-    late, looks = tmp_path / "late.npz", []
-
-    def look(seconds: float) -> None:
-        looks.append(seconds)
-        if len(looks) == 3:
-            given.observations[0].correspondence.save(late)
-
-    monkeypatch.setattr("optolever.cli.calibrate.time.sleep", look)
-    captures = [f"plate={folder}/flat1.npz", f"plate={folder}/flat2.npz", f"flat={late}"]
-    words = ("--scene", str(folder / "given.toml"), "--out", str(tmp_path / "rig.toml"), "--follow")
-    outcome = optolever("calibrate", *captures, *words)
-    first, _, last = outcome.out.splitlines()[:3]
-    assert first.startswith("flat1: no capture of a flat or of the mirror at rest")
-    assert last.startswith("late: ")
-    assert "height so far" in last
-    assert len(looks) == 3
-
-
-@pytest.mark.parametrize(
-    ("words", "told"),
-    [
-        (["flat"], "TARGET=CAPTURE"),
-        (["mirror=flat0.npz"], "flat, rest, ball, plate"),
-        (["ball:10=flat0.npz"], "must be ball:RADIUS,SIGMA"),
-        (["flat:0=flat0.npz"], "greater than 0"),
-        (["flat:x=flat0.npz"], "must be a number"),
-        (["rest:2.5=flat0.npz"], "whole number"),
-        (["flat=nothing.npz"], "no such file"),
-        (["plate=flat0.npz"], "Flat or Rest"),
-        (["flat=flat0.npz", "--without", "a"], "no such capture"),
-        (["flat=flat0.npz", "--prior", "a"], "NUMBER=SIGMA"),
-        (["flat=flat0.npz", "--prior", "a=1"], "no such number"),
-        (["flat=flat0.npz", "flat=flat0.npz"], "taken twice"),
-        # no rig fits these: rounding chooses whether the ball is named, or a rig is found that sees nothing
-        # (which capture is none: tests/calibration)
-        pytest.param(["flat=flat0.npz", "ball:30,0.003=flat1.npz"], "capture", marks=pytest.mark.slow),
-    ],
-)
-def test_bad_input_is_one_line(
-    rig: tuple[Rig, Path], words: list[str], told: str, refused: Refused, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(rig[1])
-    refused(["calibrate", *words, "--scene", "given.toml", "--out", "rig.toml"], told, folder=rig[1])
-
-
 def test_a_response_is_kept_and_decoded_by(tmp_path: Path, optolever: Program, refused: Refused) -> None:
     """Three steps under gamma 2.2: half a cell of sigma without the rig's response, a tenth of it with it."""
     scene, rig = resize(load("monitor-mirror"), 64, 80), tmp_path / "rig.toml"

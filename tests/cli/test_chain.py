@@ -153,20 +153,6 @@ def test_noise_and_rig_apart_for_a_typed_scene(optolever: Program, tmp_path: Pat
     assert numbers["rig_mm"] > 100 * numbers["noise_mm"]
 
 
-def test_a_rest_capture_counts_beside_the_stored_one(optolever: Program, tmp_path: Path) -> None:
-    for name, shape in (("press", "gaussian:peak=0.2"), ("rest", "flat")):
-        taken = ("--scene", "prism48", "--dent", shape, "--pixels", "80x60", "--out", tmp_path / name)
-        optolever("simulate", *taken)
-        optolever("decode", tmp_path / name, "--out", tmp_path / f"{name}.npz")
-    rig, rest = tmp_path / "rig.toml", tmp_path / "rest.npz"
-    rig.write_text((tmp_path / "rest" / "scene.toml").read_text().replace("exact = true", ""))
-    optolever("rest", rest, "--scene", rig)
-    solve = ("reconstruct", tmp_path / "press.npz", "--scene", rig, "--out", tmp_path / "h.npz")
-    optolever(*solve, "--rest", rest)
-    refused = optolever(*solve, "--rest", rest, "--change", tmp_path / "d.npz", code=2)
-    assert "leave one out" in refused.err
-
-
 def test_a_page_from_saved_records(optolever: Program, chain: Chain, tmp_path: Path) -> None:
     """Shows what is in the files, and only what is given; asks the network for nothing."""
     words = ["report", chain.height, "--json", tmp_path / "r.json"]

@@ -23,17 +23,6 @@ from .conftest import Chain, Refused
 Fields = dict[str, Any]
 
 
-def test_names_in_a_grid(tmp_path: Path, refused: Refused) -> None:
-    grid = tmp_path / "grid.toml"
-    for scenes, sequences, dents in (
-        ("nosuch", "gray", "flat"),
-        ("prism48", "nosuch", "flat"),
-        ("prism48", "gray", "nosuch"),
-    ):
-        grid.write_text(f'scenes = ["{scenes}"]\nsequences = ["{sequences}"]\ndents = ["{dents}"]\n')
-        refused(["bench", "--grid", grid, "--out", tmp_path / "o"], "nosuch")
-
-
 def fields() -> Fields:
     scene = resize(load("prism48", exact=True), 24, 32)
     seen = exact_correspondence(trace(scene, dent("flat", scene)))
@@ -65,22 +54,10 @@ def unknown_method(path: Path) -> Path:
     return path
 
 
-def encrypted(path: Path) -> Path:
-    data = bytearray(written(path, fields()).read_bytes())
-    for signature, offset in ((b"PK\x01\x02", 8), (b"PK\x03\x04", 6)):
-        at = 0
-        while (at := data.find(signature, at)) >= 0:
-            data[at + offset] |= 1
-            at += 4
-    path.write_bytes(data)
-    return path
-
-
 @pytest.mark.parametrize(
     "damage",
     [
         unknown_method,
-        encrypted,
         lambda path: written(path, fields(), lying),
         lambda path: written(path, fields() | {"u": np.full((24, 32), "1.0")}),
         lambda path: written(path, fields() | {"u": np.full((24, 32), 1j)}),
@@ -108,14 +85,10 @@ def test_fields_of_an_npz_count_together(tmp_path: Path, monkeypatch: pytest.Mon
     ("name", "value", "said"),
     [
         ("normal", np.zeros((96, 96)), "normal has shape (96, 96)"),
-        ("normal", np.zeros((96, 96, 4)), "normal has shape (96, 96, 4)"),
         ("z", np.zeros((96, 95)), "z has shape (96, 95)"),
-        ("z", np.float64(0), "z has shape ()"),
         ("u", np.zeros((0, 96)), "(0, 96)"),
-        ("u", np.zeros(96 * 96), "(9216,)"),
         ("visible", np.ones((1, 96, 96), np.bool_), "visible has shape (1, 96, 96)"),
         (None, np.s_[:48], "z has shape (48, 96), the height map (96, 96)"),
-        (None, np.s_[:, 1:], "z has shape (96, 95), the height map (96, 96)"),
         (None, np.s_[None], "(1, 96, 96)"),
     ],
 )
@@ -142,15 +115,12 @@ def sofast(path: Path, images: Any, masks: Any, x: Any, y: Any) -> Path:
     ("damage", "said"),
     [
         ({"x": np.ones((1000, 1000))}, "fringe_periods_x has shape (1000, 1000)"),
-        ({"y": np.float64(4)}, "fringe_periods_y has shape ()"),
         ({"x": np.ones(1_000_000)}, "fringe_images is uint8 (6, 8, 8), must be uint8 (H, W, 4000004)"),
         ({"x": np.nextafter(np.zeros(1, np.longdouble), 1)}, "fringe_periods_x"),
         ({"x": np.ones(0), "images": np.zeros((6, 8, 4), np.uint8)}, "fringe_periods_x"),
         ({"images": np.zeros((6, 8, 7), np.uint8)}, "(6, 8, 7)"),
         ({"images": np.zeros((6, 8, 8))}, "float64"),
-        ({"images": np.zeros((6, 9, 8), np.uint8)}, "(6, 9, 8)"),
         ({"masks": np.zeros((2, 6, 8), np.uint8)}, "(2, 6, 8)"),
-        ({"masks": np.zeros((0, 8, 2), np.uint8), "images": np.zeros((0, 8, 8), np.uint8)}, "(0, 8, 2)"),
     ],
 )
 def test_fields_of_sofast(damage: Fields, said: str, tmp_path: Path, refused: Refused) -> None:

@@ -19,7 +19,6 @@ from optolever.cli.commands import SECTIONS, module_of
 from optolever.cli.outputs import OutputFile
 
 from .conftest import SCENE, Chain, Refused
-from .conftest import Program as Run
 
 
 @contextmanager
@@ -89,12 +88,6 @@ def test_a_suffix_that_is_not_written_is_refused(
     assert not list(tmp_path.iterdir())
 
 
-def test_a_device_stays_a_device(optolever: Run, device: Callable[[str], Path]) -> None:
-    null = device("null")
-    optolever("names", "--json", null)
-    assert stat.S_ISCHR(null.stat().st_mode)
-
-
 def test_standard_output_goes_on_where_it_is(tmp_path: Path) -> None:
     """A pipe, and a file that the shell has opened: JSON first, then what the command prints."""
     command = [
@@ -114,38 +107,11 @@ def test_standard_output_goes_on_where_it_is(tmp_path: Path) -> None:
     assert "paper-simulation" in piped[end:]
 
 
-def test_a_links_target_is_written(optolever: Run, tmp_path: Path) -> None:
-    (tmp_path / "there").mkdir()
-    for name, old in (("old", "an older result"), ("absent", None)):
-        target, link = tmp_path / "there" / name, tmp_path / f"{name}.json"
-        if old is not None:
-            target.write_text(old)
-        link.symlink_to(target)
-        optolever("names", "--json", link)
-        assert link.is_symlink()
-        assert "scenes" in json.loads(target.read_text())
-    assert sorted(path.name for path in (tmp_path / "there").iterdir()) == ["absent", "old"]
-
-
 def test_a_link_that_leads_nowhere_is_refused(refused: Refused, tmp_path: Path) -> None:
     (tmp_path / "loop").symlink_to(tmp_path / "loop")
     (tmp_path / "off").symlink_to(tmp_path / "none" / "off")
     refused(["simulate", "--json", tmp_path / "loop", "--list"], "loop", "itself")
     refused(["simulate", "--json", tmp_path / "off", "--list"], "off", "does not exist")
-
-
-def test_a_file_keeps_its_mode(optolever: Run, tmp_path: Path) -> None:
-    path = tmp_path / "names.json"
-    path.write_text("")
-    path.chmod(0o640)
-    optolever("names", "--json", path)
-    assert stat.S_IMODE(path.stat().st_mode) == 0o640
-    before = os.umask(0o027)
-    try:
-        optolever("names", "--json", tmp_path / "new.json")
-    finally:
-        os.umask(before)
-    assert stat.S_IMODE((tmp_path / "new.json").stat().st_mode) == 0o640
 
 
 def test_read_only_files_and_folders_are_kept_by_root_too(refused: Refused, tmp_path: Path) -> None:

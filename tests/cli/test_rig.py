@@ -105,11 +105,3 @@ def test_on_a_terminal_it_asks(optolever: Program, tmp_path: Path, monkeypatch: 
     written = (tmp_path / "rig.toml").read_text()
     optolever("rig", "new", *options(PRISM | {"bezel": "0"}), "--out", tmp_path / "rig.toml")
     assert written == (tmp_path / "rig.toml").read_text()
-
-
-def test_a_bad_number_leaves_nothing(optolever: Program, tmp_path: Path) -> None:
-    told = optolever(
-        "rig", "new", *options(MONITOR | {"angle": "95"}), "--out", tmp_path / "r.toml", code=2
-    ).err
-    assert "--angle" in told
-    assert not list(tmp_path.iterdir())

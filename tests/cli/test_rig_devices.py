@@ -14,24 +14,15 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
-from lab.hardware.simulated import Setting, SimulatedCamera, SimulatedDisplay, SimulatedTime
 from optolever.decode import Correspondence, Decoder, decode, estimate_profile
 from optolever.experiments import frames_of_another
 from optolever.patterns import sequence
 from optolever.projector import (
     Capture,
-    ClockMap,
-    Image,
-    Recorder,
     Recording,
-    Shown,
-    Timing,
     VirtualSensor,
-    Wanted,
     choose_exposure,
-    synchronise,
 )  # fmt: skip
 from optolever.scene import Scene, adjusted, dent_from_text, load, resize
 
@@ -161,88 +152,6 @@ def test_expose_takes_the_longest_that_does_not_saturate(
     assert len(stepped.further_s) == 1
 
 
-class Logging:
-    """A simulated camera with its display that a Recorder listens to."""
-
-    def __init__(self, camera: SimulatedCamera, display: SimulatedDisplay, recorder: Recorder) -> None:
-        self._camera, self._display, self._recorder = camera, display, recorder
-        self.identity, self.refresh_s, self.lost = camera.identity, display.refresh_s, 0
-
-    def show(self, index: int) -> Shown:
-        shown = self._display.show(index)
-        self._recorder.shown(shown)
-        return shown
-
-    def next(self, timeout_s: float) -> Image | None:
-        image = self._camera.next(timeout_s)
-        if image is not None:
-            self._recorder.image(image, image.arrived_s)
-        return image
-
-    configure = start = trigger = stop = close = lambda self, *_: None
-
-
-@pytest.mark.slow
-def test_sync_of_a_recording_is_the_same_every_time(optolever: Program, rig: Path, tmp_path: Path) -> None:
-    setting, rng, time = Setting(), np.random.default_rng(0), SimulatedTime()
-    display = SimulatedDisplay(setting, time, np.repeat([[0.0], [1.0]], 8, axis=1), rng)
-    camera = SimulatedCamera(setting, time, display, rng, rows=32)
-    with Recorder(tmp_path / "r", {"refresh_s": setting.refresh}) as recorder:
-        accepted = camera.configure(Wanted(0.01))
-        recorder.configured(accepted)
-        camera.start()
-        both = Logging(camera, display, recorder)
-        live, _ = synchronise(both, both, accepted, time=time, clock=ClockMap(), seed=0)
-    found = []
-    for _ in range(2):
-        page = tmp_path / "sync.html"
-        optolever(
-            "camera", "sync", "--rig", rig, "--set", f"camera=replay:{tmp_path / 'r'}", "--report", page
-        )
-        kept = tomllib.loads(rig.read_text())
-        assert kept["rest"] == {"note": "kept"}
-        found.append(kept["sync"])
-    assert found[0] == found[1]
-    html = page.read_text()
-    assert html.count("data:image/png") == 3
-    wait = Timing.from_table(found[0], "rig").ready_s()
-    assert all(text in html for text in (f"{1e3 * wait:.1f} ms", "60 flips", "16.67 ms", "Flicker"))
-    assert found[0]["latency_s"] == live.latency_s
-    assert found[0]["rise_s"] == pytest.approx(setting.rise, abs=5e-4)
-    assert load(rig).pattern.rows > 0  # the rig is still a scene
-
-
-def test_faults_are_one_line(refused: Refused, rig: Path, tmp_path: Path) -> None:
-    capture = ("capture", "--rig", rig, "--out", tmp_path / "c")
-    for words, message in (
-        (("--set", "camera=0"), "must be serial:"),
-        (("--set", "camera=serial:nobody"), "is not connected"),
-        (("--set", "camera=v4l2:/dev/nobody"), "no such path"),
-        (("--set", f"camera=folder:{tmp_path / 'none'}"), "no such folder"),
-        (("--set", f"camera=replay:{tmp_path / 'none'}"), "no recording"),
-    ):
-        refused([*capture, *words], message)
-    refused(["capture", "--out", tmp_path / "c"], "--rig")
-    text = rig.read_text()
-    for wrong, message in (
-        ("camera = 3\n", "camera is 3, must be a text"),
-        ('camera = "virtual"\nbits = "8"\n', "bits is '8', must be a whole number"),
-        ('camera = "virtual"\nspeed = 3\n', "unknown field 'speed'"),
-        ('camera = "virtual"\ntrigger = "soon"\n', "trigger is 'soon'"),
-    ):
-        rig.write_text(text.replace('camera = "virtual"\n', wrong))
-        refused(capture, message)
-    rig.write_text(text.replace('camera = "virtual"\n', ""))
-    refused(capture, "camera is missing; give --set camera")
-
-
-def test_devices_lists_and_never_fails(optolever: Program, tmp_path: Path) -> None:
-    outcome = optolever("camera", "devices", "--json", tmp_path / "d.json")
-    assert "Cameras" in outcome.out
-    assert "Monitors" in outcome.out
-    assert set(json.loads((tmp_path / "d.json").read_text())) == {"cameras", "not_looked_for", "monitors"}
-
-
 class Hands:
     """A user at the prompts, who puts something else on the virtual mirror before each answer."""
 
@@ -335,54 +244,3 @@ def test_captures_of_an_earlier_calibration_are_set_aside(
     assert np.array_equal(Capture.load(folder / "1-rest").frames, second)
     (folder / "finished").unlink()
     assert "(unfinished calibration) are set aside" in walk(knocked, "--yes").out
-
-
-@pytest.mark.slow  # three calibrations without a guess
-def test_five_flats_are_asked_for_in_open_air(
-    optolever: Program, rig: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Poses of the mirror are those of camera and display, the other way round. One pose is given twice."""
-    typed = resize(load("monitor-mirror"), 96, 120)
-    focal = typed.camera.focal[0]
-    true = adjusted(typed, {"camera.f": 1.02 * focal, "pattern.z": 4.0, "pattern.rx": np.radians(1.0)})
-    middle = np.array([0.5 * typed.mirror.length, 0.5 * typed.mirror.width, 0.0])
-
-    def put(pose: str) -> None:
-        about_x, about_y, height = map(float, pose.split())
-        turn = Rotation.from_rotvec([about_x, about_y, 0]).as_matrix()
-
-        def moved(part: Any) -> Any:
-            origin = turn @ (part.origin - middle) + middle + [0, 0, height]
-            return replace(part, origin=origin, u_axis=turn @ part.u_axis, v_axis=turn @ part.v_axis)
-
-        replace(true, camera=moved(true.camera), pattern=moved(true.pattern), dent="flat").save(rig)
-
-    poses = ("0 0 0", "0 0 0", "0.07 0.02 2", "-0.05 0.06 -2", "0.03 -0.07 1", "-0.06 -0.04 0")
-    typed.save(rig)
-    monkeypatch.setattr("sys.stdin", Hands(put, *((pose, "") for pose in poses)))
-    outcome = optolever("calibrate", "--rig", rig, "--json", tmp_path / "n.json")
-    assert "2-flat: set aside: captures '1-flat' and '2-flat': the same pose twice" in outcome.out
-    assert "1-flat: the mirror fills 100.0 % of the image" in outcome.out
-    assert "5 of 5, flat: put the reference mirror in place" in outcome.out
-    assert list(json.loads((tmp_path / "n.json").read_text())["judged"]) == [f"{k}-flat" for k in range(1, 6)]
-    found, corners = load(rig), np.array([[0, 0], [typed.pattern.cols, 0], [0, typed.pattern.rows]]).T
-    off = {
-        name: np.abs(scene.pattern.point(*corners) - true.pattern.point(*corners)).max()
-        for name, scene in (("typed", typed), ("found", found))
-    }
-    assert off["typed"] > 3  # mm
-    assert off["found"] < 1.0  # the gauge holds x, y and the turn of the camera
-    assert found.camera.focal[0] == pytest.approx(1.02 * focal, rel=2e-3)
-
-
-def test_a_walk_takes_its_own_captures(refused: Refused, rig: Path) -> None:
-    for words, message in (
-        (("--rig", rig, "flat=p.npz"), "takes the captures itself"),
-        (("--rig", rig), "targets of a prism are missing"),
-        (("--rig", rig, "ball"), "must be ball:RADIUS,SIGMA"),
-        (("--rig", rig, "--scene", "prism48", "rest"), "--scene: is of captures that exist"),
-        (("--scene", "prism48", "--out", "r.toml", "--yes", "rest=r.npz"), "--yes: needs --rig"),
-        (("--scene", "prism48", "--out", "r.toml", "--resume", "rest=r.npz"), "--resume: needs --rig"),
-        (("rest=r.npz",), "Missing option '--scene'"),
-    ):
-        refused(["calibrate", *words], message)

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from optolever import InputError
 from optolever.decode import Correspondence, Flag, decode
-from optolever.patterns import Frame, Sequence, sequence
+from optolever.patterns import Sequence, sequence
 from optolever.projector import Capture, capture
-from optolever.reconstruct import exact_correspondence, integrate, reconstruct
-from optolever.scene import dent, load, resize, trace
+from optolever.reconstruct import reconstruct
+from optolever.scene import dent, load, resize
 
 from .conftest import Chain, Program, Refused
 
@@ -104,32 +104,6 @@ def test_a_mask_that_says_nothing_is_refused(
     refused(["decode", own, "--mask", path, "--out", own.parent / "c.npz"], "mask.png", words)
 
 
-def test_numbers_and_arrays_of_numpy(tmp_path: Path) -> None:
-    """As from array.shape or a table: what is written is read back, and equals what plain numbers make."""
-    rows, cols = np.array([96, 120])
-    shown = sequence("gray+phase", rows, cols)
-    assert shown == sequence("gray+phase", 96, 120) == sequence("gray+phase", 96.0, 120.0)  # type: ignore[arg-type]
-    Capture(np.zeros((len(shown), 8, 8), np.uint8), shown, bits=np.int64(8)).save(tmp_path / "c")
-    assert Capture.load(tmp_path / "c").sequence == shown
-    shown.save_png(tmp_path / "png")
-    made = (
-        Frame("gray", "u", bit=np.int64(2), cell_px=np.float32(4)),
-        Frame("white"),
-        Frame("levels", "u", levels=np.arange(120) * 2),  # type: ignore[arg-type]
-    )
-    plain = Sequence(made, 96, 120)
-    plain.save(tmp_path / "y.toml")
-    assert Sequence.load(tmp_path / "y.toml") == plain
-    with pytest.raises(InputError, match=r"rows is 96\.5, must be a whole number"):
-        sequence("gray", 96.5, 120)  # type: ignore[arg-type]
-    flat = np.zeros((5, 6))
-    assert not integrate(flat, flat, spacing=np.float32(1)).z.any()  # type: ignore[arg-type]
-    rig = resize(load("prism48"), 20, 24)
-    seen = exact_correspondence(trace(rig, dent("flat", rig)))
-    named = reconstruct(seen, rig, anchor=np.array([30.0, 22.0, 0.0]))  # type: ignore[arg-type]
-    assert named == reconstruct(seen, rig, anchor=(30.0, 22.0, 0.0))
-
-
 @pytest.fixture
 def strict() -> Iterator[None]:
     with np.errstate(all="raise"):
@@ -143,26 +117,6 @@ def test_the_callers_seterr_does_not_reach_inside() -> None:
     taken = capture(rig, dent("gaussian", rig, peak=0.2, sigma=6.0), shown, noise=1.0, renderer="numpy")
     assert reconstruct(decode(taken.frames, shown), rig).good.mean() > 0.9
     assert np.geterr()["under"] == "raise"
-
-
-def test_masked_arrays_are_refused_and_plain_ones_taken() -> None:
-    y, x = np.mgrid[0:40, 0:50].astype(float)
-    z = np.exp(-((x - 25) ** 2 + (y - 20) ** 2) / 60)
-    gx, gy = -(x - 25) / 30 * z, -(y - 20) / 30 * z
-    hole = (x > 5) & (x < 12) & (y > 5) & (y < 12)
-    masked = np.ma.masked_array(gx, hole)
-    with pytest.raises(
-        InputError, match=r"gx: a masked array that masks 36 of 2000 values.*gx\.filled\(nan\)"
-    ):
-        integrate(masked, gy)
-    with pytest.raises(InputError, match="gy: a masked array"):
-        integrate(gx, gy=masked)
-    filled = integrate(masked.filled(np.nan), gy).z
-    np.testing.assert_allclose((filled - z + z[~hole].mean())[~hole], 0, atol=1e-4)
-    np.testing.assert_array_equal(integrate(np.ma.masked_array(gx), gy).z, integrate(gx, gy).z)
-    frames = np.ma.masked_array(np.zeros((1, 8, 8), np.uint8), mask=True)
-    with pytest.raises(InputError, match="frames: a masked array"):
-        decode(frames, Sequence((Frame("white"),), 8, 8))
 
 
 @pytest.fixture(scope="module")
@@ -229,33 +183,3 @@ def test_words_after_decoding_say_how_much_the_mirror_fills(
     assert abs(numbers["mirror_good_share"] - good[inside].mean()) < 0.01
     share, decoded_share = 100 * numbers["mirror_share"], 100 * numbers["mirror_good_share"]
     assert f"the mirror fills {share:.1f} % of the image; {decoded_share:.1f} % of it decoded" in out
-
-
-BENCH = ["--scene", "prism48", "--solver", "coupled", "--noise", "1"]
-
-
-def test_bench_takes_own_sequences_at_any_size(
-    optolever: Program, refused: Refused, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    pattern = load("prism48").pattern
-    sequence("gray+phase", pattern.rows, pattern.cols).save("own.toml")
-    Path("my_pattern.py").write_text(
-        "from optolever.patterns import sequence\n"
-        "def coarse(rows, cols): return sequence('gray+phase', rows, cols, period=16)\n"
-    )
-    args = ["--sequence", "own.toml", "--add", "my_pattern:coarse", "--size", "48x64", "--out", "bench"]
-    optolever("bench", *BENCH, *args, "--json", "b.json")
-    rows = json.loads(Path("b.json").read_text())["rows"]
-    assert [row["sequence"] for row in rows] == ["own.toml", "my_pattern:coarse"]
-    assert [row["status"] for row in rows] == ["done", "done"]
-    assert all(row["height_rms_rel"] < 1e-2 for row in rows)
-    sequence("gray+phase", 30, 30).save("small.toml")
-    refused(
-        ["bench", *BENCH, "--sequence", "small.toml", "--size", "48x64", "--out", "b2"], "small.toml", "30x30"
-    )
-    refused(
-        ["bench", *BENCH, "--sequence", "exact", "--add", "my_pattern:none", "--out", "b3"],
-        "my_pattern:none",
-        "cannot be imported",
-    )
