@@ -32,7 +32,6 @@ SECTIONS: Mapping[str, tuple[str, ...]] = {
         "patterns",
         "sensor",
         "codes",
-        "bench",
         "paper",
     ),
 }
