@@ -32,6 +32,7 @@ SECTIONS: Mapping[str, tuple[str, ...]] = {
         "patterns",
         "sensor",
         "codes",
+        "bench",
         "paper",
     ),
 }

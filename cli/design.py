@@ -2,20 +2,28 @@
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from optolever import InputError
 
-from .arguments import ABOVE_0, AT_LEAST_0, SHARE, Opt, Rare, program
-from .options import Dent, Json, Renderer, SceneName, Size, dent_of, load_scene
-from .outputs import OutputFile
+from .arguments import sample
+from .options import (
+    dent_of,
+    dent_option,
+    json_option,
+    load_scene,
+    noise_option,
+    renderer_option,
+    scene_option,
+    size_option,
+)
+from .outputs import OutputFile, Program
 from .show import grid, number, progress, table, write_json
 
 if TYPE_CHECKING:
-    from optolever.experiments.design import Candidate, Design, DesignRow, OwnCandidate
-    from optolever.scene import Scene
+    from optolever.experiments.design import Design, DesignRow
 
 __all__ = ["command"]
 
@@ -33,161 +41,91 @@ Choice
   written to  best.toml
 """
 
-HEADER = ("sequence", "frames", "time", "cpu", "predicted", "+-", "simulated", "wrong order", "measured", "")
-_OWN = (
-    "a folder of images with a coordinates.toml ([[frames]] file, axis) or MODULE:FUNCTION, where "
-    "FUNCTION(rows, cols) returns a patterns.Sequence or images; @MODULE:FUNCTION after it: a decoder of "
-    "yours (simulated only)."
+HEADER = ("sequence", "frames", "time", "predicted", "+-", "simulated", "wrong order", "measured", "")
+
+
+SHARE = click.FloatRange(0, 1, max_open=True)
+
+
+@click.command("design", cls=Program, epilog=sample(SAMPLE))
+@scene_option
+@dent_option
+@click.option(
+    "--frames", type=click.IntRange(min=2), metavar="N", help="Maximum number of frames; default 24."
 )
-_SEVERAL = "; with --code several times: the axis."
-
-
-@program("design", SAMPLE)
+@click.option("--time", "seconds", type=click.FloatRange(min=0, min_open=True), metavar="SECONDS",
+              help="Maximum display time, in place of --frames.")  # fmt: skip
+@click.option("--refresh", type=click.FloatRange(min=0, min_open=True), default=60.0, show_default=True,
+              metavar="HZ", help="Frames that the display shows per second.")  # fmt: skip
+@noise_option(1.0)
+@click.option("--lag", type=SHARE, default=0.0, metavar="SHARE",
+              help="Share of the preceding frame in each simulated frame; not predicted.")  # fmt: skip
+@click.option("--gamma", type=click.FloatRange(min=0, min_open=True), metavar="G",
+              help="Gamma of the display in place of the scene's; unknown to the decoder.")  # fmt: skip
+@click.option("--flicker", type=SHARE, metavar="SHARE",
+              help="Amplitude of the light's oscillation at 100 Hz, in simulated frames.")  # fmt: skip
+@click.option("--exposure", type=click.FloatRange(min=0), default=0.0, metavar="MS",
+              help="Exposure of a frame, rounded up to full refreshes.")  # fmt: skip
+@click.option(
+    "--blur", type=click.FloatRange(min=0), metavar="CELLS", help="Rms blur in place of the scene's."
+)
+@click.option("--failure", type=click.FloatRange(0, 1), default=1e-3, show_default=True, metavar="RATE",
+              help="Largest probability of a wrong fringe order or code bit.")  # fmt: skip
+@click.option("--add", "added", multiple=True, metavar="PATTERN",
+              help="Also rank a sequence; a folder of images with a coordinates.toml ([[frames]] file, axis) "
+              "or MODULE:FUNCTION, where FUNCTION(rows, cols) returns a patterns.Sequence or images; "
+              "@MODULE:FUNCTION after it: a decoder of yours (simulated only).")  # fmt: skip
+@click.option("--verify", type=click.IntRange(min=0), default=3, show_default=True, metavar="N",
+              help="Number of the best candidates to simulate.")  # fmt: skip
+@click.option("--rows", "shown", type=click.IntRange(min=1), default=12, show_default=True, metavar="N",
+              help="Rows of the table to print; the JSON file has all.")  # fmt: skip
+@renderer_option
+@size_option
+@click.option(
+    "--out",
+    type=OutputFile(".toml", bare=False),
+    metavar="FILE.toml",
+    help="Gets the best sequence, for capture --sequence.",
+)
+@json_option
 def command(
-    scene_name: SceneName,
-    dent: Dent = None,
-    frames: Annotated[
-        int | None, Opt("--frames N", "Maximum number of frames; default 24.", click.IntRange(min=2))
-    ] = None,
-    seconds: Annotated[
-        float | None, Opt("--time SECONDS", "Maximum display time, in place of --frames.", ABOVE_0)
-    ] = None,
-    codes: Annotated[
-        tuple[str, ...], Opt("--code NAME", f"Compare only such codes: a sequence; {_OWN}")
-    ] = (),
-    added: Annotated[tuple[str, ...], Opt("--add PATTERN", f"Also rank a sequence; {_OWN}")] = (),
-    noise: Annotated[
-        tuple[float, ...], Opt("--noise LEVELS", f"Rms noise, 8-bit levels; default 1{_SEVERAL}", AT_LEAST_0)
-    ] = (),
-    lag: Annotated[
-        tuple[float, ...],
-        Opt("--lag SHARE", f"Share of the preceding frame in each simulated frame{_SEVERAL}", SHARE),
-    ] = (),
-    gamma: Annotated[
-        tuple[float, ...],
-        Opt("--gamma G", f"Gamma of the display, unknown to the decoder{_SEVERAL}", ABOVE_0),
-    ] = (),
-    flicker: Annotated[
-        tuple[float, ...],
-        Opt("--flicker SHARE", f"Amplitude of the light at 100 Hz, in simulated frames{_SEVERAL}", SHARE),
-    ] = (),
-    blur: Annotated[
-        tuple[float, ...], Opt("--blur CELLS", f"Rms blur in place of the scene's{_SEVERAL}", AT_LEAST_0)
-    ] = (),
-    refresh: Annotated[
-        float, Rare("--refresh HZ", "Frames that the display shows per second.", ABOVE_0)
-    ] = 60.0,
-    exposure: Annotated[
-        float, Rare("--exposure MS", "Exposure of a frame, rounded up to full refreshes.", AT_LEAST_0)
-    ] = 0.0,
-    failure: Annotated[
-        float,
-        Rare("--failure RATE", "Largest probability of a wrong order or code bit.", click.FloatRange(0, 1)),
-    ] = 1e-3,
-    verify: Annotated[
-        int, Rare("--verify N", "Number of the best candidates to simulate.", click.IntRange(min=0))
-    ] = 3,
-    shown: Annotated[
-        int, Rare("--rows N", "Rows of the table to print; the JSON file has all.", click.IntRange(min=1))
-    ] = 12,
-    renderer: Renderer = "auto",
-    size: Size = None,
-    out: Annotated[
-        Path | None,
-        Opt("--out FILE.toml", "Gets the best sequence, for --sequence.", OutputFile(".toml", bare=False)),
-    ] = None,
-    csv_path: Annotated[
-        Path | None, Opt("--csv FILE.csv", "Gets a row per code and value of --code.", OutputFile(".csv"))
-    ] = None,
-    chart: Annotated[
-        Path | None, Opt("--chart FILE.png", "Error against seconds, a line per --code.", OutputFile(".png"))
-    ] = None,
-    json_path: Json = None,
+    scene_name: str,
+    dent: str | None,
+    frames: int | None,
+    seconds: float | None,
+    refresh: float,
+    noise: float,
+    lag: float,
+    gamma: float | None,
+    flicker: float | None,
+    blur: float | None,
+    exposure: float,
+    failure: float,
+    added: tuple[str, ...],
+    verify: int,
+    shown: int,
+    renderer: str,
+    size: tuple[int, int] | None,
+    out: Path | None,
+    json_path: Path | None,
 ) -> None:
     """Rank codes for a scene by predicted error; simulate the best.
 
     The prediction runs the decoder on simulated images of the scene (of a large camera: on windows of its
     image), and then the solver. Codes that fail too often or lose pixels are listed last; codes of --add are
     always printed. +-: standard error of the prediction; measured: share of the pixels with a height.
-
-    With --code: all of them are predicted and simulated, at every value of the one fault that is given
-    several times. time: to display the frames, in their order; cpu: to decode and reconstruct.
     """
     from optolever.experiments import Faults
-    from optolever.experiments.design import frame_rate
-
-    rate, scene = frame_rate(refresh, exposure), load_scene(scene_name, size)
-    given = {"noise": noise, "lag": lag, "gamma": gamma, "flicker": flicker, "blur": blur}
-    axis, values = _axis(given, bool(codes))
-    one: dict[str, float] = {name: each[0] for name, each in given.items() if each}
-    level = one.pop("noise", 1.0)
-    faults = Faults(**one)
-    if codes:
-        _compare(scene, dent, codes + added, axis, values, faults, level, rate, renderer, size is not None,
-                 csv_path, chart, json_path)  # fmt: skip
-        return
-    for flag, path in (("--csv", csv_path), ("--chart", chart)):
-        if path is not None:
-            raise InputError(f"{flag} {path}: needs --code")
-    _rank(faults.on(scene), dent, added, _budget(frames, seconds, rate), rate, level, failure, verify, shown,
-          faults.lag, renderer, size is not None, out, json_path)  # fmt: skip
-
-
-def _axis(given: dict[str, tuple[float, ...]], compared: bool) -> tuple[str, tuple[float, ...]]:
-    """The fault that has several values; InputError for two of them, or without --code."""
-    several = [name for name, values in given.items() if len(values) > 1]
-    if len(several) > 1:
-        raise InputError(f"--{several[0]} and --{several[1]}: one of them may be given several times")
-    if several and not compared:
-        raise InputError(f"--{several[0]}: several values need --code")
-    name = several[0] if several else "noise"
-    return name, given[name] or (1.0,)
-
-
-def _codes(texts: tuple[str, ...], scene: "Scene", resized: bool) -> "list[Candidate | OwnCandidate]":
-    from optolever.experiments.design import own_candidate, user_candidate
-
-    cells = scene.pattern.rows, scene.pattern.cols
-    return [
-        (own_candidate if "@" in text else user_candidate)(text, *cells, resized=resized) for text in texts
-    ]
-
-
-def _compare(
-    scene: "Scene", dent: str | None, texts: tuple[str, ...], axis: str, values: tuple[float, ...],
-    faults: Any, noise: float, rate: float, renderer: str, resized: bool,
-    csv_path: Path | None, chart: Path | None, json_path: Path | None,
-) -> None:  # fmt: skip
-    from dataclasses import asdict
-
-    from optolever.experiments.design import compare_codes, draw_points, save_points
+    from optolever.experiments.bench import Grid
+    from optolever.experiments.design import own_candidate, run_design, user_candidate
     from optolever.files import together
 
-    codes = _codes(texts, scene, resized)
-    with progress() as step:
-        points = compare_codes(
-            scene, codes, axis, values, dent=dent, faults=faults, noise=noise, refresh=rate,
-            renderer=renderer, progress=step,
-        )  # fmt: skip
-    with together():
-        if csv_path is not None:
-            save_points(csv_path, axis, points)
-        if chart is not None:
-            draw_points(chart, axis, points)
-        write_json(json_path, {"axis": axis, "points": [asdict(point) for point in points]})
-    rows = [[number(point.value), *_cells(point.row)] for point in points]
-    grid(f"Height error, rms in mm: {scene.name}", (axis, *HEADER), rows)
-
-
-def _rank(
-    scene: "Scene", dent: str | None, added: tuple[str, ...], budget: int, rate: float, noise: float,
-    failure: float, verify: int, shown: int, lag: float, renderer: str, resized: bool,
-    out: Path | None, json_path: Path | None,
-) -> None:  # fmt: skip
-    from optolever.experiments.design import Candidate, OwnCandidate, run_design
-    from optolever.files import together
-
-    codes = _codes(added, scene, resized)
+    rate = Grid((), (), refresh=refresh, exposure_ms=exposure).rate
+    budget = _budget(frames, seconds, rate)
+    scene = Faults(lag, gamma, flicker, blur).on(load_scene(scene_name, size))
+    cells, resized = (scene.pattern.rows, scene.pattern.cols), size is not None
+    extra = [user_candidate(text, *cells, resized=resized) for text in added if "@" not in text]
+    own = [own_candidate(text, *cells, resized=resized) for text in added if "@" in text]
     with progress() as step:
         design = run_design(
             scene,
@@ -197,8 +135,8 @@ def _rank(
             noise=noise,
             failure=failure,
             verify=verify,
-            extra=[code for code in codes if isinstance(code, Candidate)],
-            own=[code for code in codes if isinstance(code, OwnCandidate)],
+            extra=extra,
+            own=own,
             lag=lag,
             renderer=renderer,
             progress=step,
@@ -246,7 +184,6 @@ def _cells(row: "DesignRow") -> list[Any]:
         row.text,
         str(row.frames),
         number(row.seconds, "s"),
-        number(row.cpu_seconds, "s") if math.isfinite(row.cpu_seconds) else "",
         number(row.predicted),
         f"{100 * row.spread:.0f} %" if math.isfinite(row.spread) else "",
         number(row.simulated) if math.isfinite(row.simulated) else "",

@@ -9,8 +9,9 @@ from optolever.cli.commands import Commands
 
 #: Commands by section of --help.
 SECTIONS: Mapping[str, tuple[str, ...]] = {
-    "Figures": ("figures", "calibration", "contacts", "rigs", "sync", "live", "house"),
+    "Figures": ("figures", "methods", "sweep", "calibration", "contacts", "rigs", "sync", "live", "house"),
     "Attacks": ("fuzz",),
+    "Design": ("choices", "adapt"),
 }
 NAME = "python -m lab"
 
@@ -26,7 +27,7 @@ class Laboratory(Commands):
     cls=Laboratory, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100}
 )
 def lab() -> None:
-    """The laboratory: figures beside their limits, damaged inputs.
+    """The laboratory: figures, damaged inputs, studies of designs.
 
     For those who work on the program, or want to know what a number of its pages rests on.
     """

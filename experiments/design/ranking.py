@@ -34,8 +34,7 @@ class DesignRow:
     order or bit; share: predicted share of measured pixels; why: reason of exclusion ('': none).
 
     predicted and share determine the rank (see merit). simulated, simulated_share: the same from rendered
-    frames, NaN if not simulated; cpu_seconds: processor time to decode and reconstruct one of them; note:
-    reason of a failed simulation.
+    frames, NaN if not simulated; note: reason of a failed simulation.
     """
 
     text: str
@@ -50,7 +49,6 @@ class DesignRow:
     why: str = ""
     simulated: float = math.nan
     simulated_share: float = math.nan
-    cpu_seconds: float = math.nan
     note: str = ""
 
 
@@ -74,11 +72,6 @@ class Design:
             "settings": self.settings,
             "seconds": self.seconds,
         }
-
-
-def frame_rate(refresh: float, exposure_ms: float) -> float:
-    """Frames per second: each lasts an integer number of refreshes, at least one and its exposure."""
-    return refresh / max(1, math.ceil(1e-3 * exposure_ms * refresh - 1e-9))
 
 
 def merit(error: float, share: float) -> float:
@@ -128,7 +121,7 @@ def run_design(
     with stages.stage("simulate"):
         simulated = partial(simulate, lever, noise=noise, seeds=range(seeds), renderer=renderer, lag=lag)
         rows = _verified(rows, lambda text: simulated(by_text[text]), verify, progress)
-        rows += [code_row(lever, one, noise, refresh, lag, seeds, renderer) for one in own]
+        rows += [_simulated_only(one, simulated, refresh) for one in own]
     best = next((row for row in rows if not row.why), None)
     return Design(
         rows,
@@ -163,32 +156,16 @@ def _predicted(lever: Lever, candidate: Candidate, noise: float, refresh: float,
     return replace(row, why=_ruled_out(row, failure))
 
 
-def code_row(
-    lever: Lever,
-    one: Candidate | OwnCandidate,
-    noise: float,
-    refresh: float = 60.0,
-    lag: float = 0.0,
-    seeds: int = 3,
-    renderer: str = "auto",
-    failure: float = 1.0,
+def _simulated_only(
+    one: OwnCandidate, simulated: Callable[[OwnCandidate], tuple[float, float]], refresh: float
 ) -> DesignRow:
-    """The row of a code, predicted (not with a user's decoder) and simulated; why and note: what is not."""
-    if isinstance(one, OwnCandidate):
-        count = len(one.shown)
-        row = DesignRow(one.text, count, count / refresh, why="own decoder: simulated only")
-    else:
-        row = _predicted(lever, one, noise, refresh, failure)
+    """The row of a candidate with a user's decoder."""
+    row = DesignRow(one.text, len(one.shown), len(one.shown) / refresh, why="own decoder: simulated only")
     try:
-        found = simulate(lever, one, noise, range(seeds), renderer, lag)
-    except InputError as error:
-        return replace(row, why=f"cannot be decoded: {error}")
-    share = found.share if isinstance(one, OwnCandidate) else row.share
-    return _with(replace(row, share=share), found)
-
-
-def _with(row: DesignRow, found: "Simulated") -> DesignRow:
-    return replace(row, simulated=found.error, simulated_share=found.share, cpu_seconds=found.cpu_seconds)
+        error, share = simulated(one)
+    except InputError as error_:
+        return replace(row, why=f"cannot be decoded: {error_}")
+    return replace(row, simulated=error, simulated_share=share, share=share)
 
 
 def _ruled_out(row: DesignRow, failure: float) -> str:
@@ -200,15 +177,6 @@ def _ruled_out(row: DesignRow, failure: float) -> str:
     return ""
 
 
-@dataclass(frozen=True, slots=True)
-class Simulated:
-    """rms height error, mm; share of the pixels measured; processor seconds to decode and reconstruct."""
-
-    error: float
-    share: float
-    cpu_seconds: float
-
-
 def simulate(
     lever: Lever,
     candidate: Candidate | OwnCandidate,
@@ -216,28 +184,29 @@ def simulate(
     seeds: Many[int],
     renderer: str = "auto",
     lag: float = 0.0,
-) -> Simulated:
-    """Rendered, decoded, reconstructed frames, pooled over seeds; the least of their processor times.
+) -> tuple[float, float]:
+    """(rms height error in mm, share measured) of rendered, decoded, reconstructed frames, pooled over seeds.
 
     Over the pixels whose footprint is clear of the pattern's border. InputError if the frames cannot be
     decoded.
     """
-    squares, shares, seconds = [], [], []
+    squares, shares = [], []
     for seed in seeds:
         if isinstance(candidate, OwnCandidate):
-            found = lever.measured(candidate.shown, noise, seed, renderer, lag, candidate.decode)
+            height = lever.measured(candidate.shown, noise, seed, renderer, lag, candidate.decode)
         else:
-            found = lever.measured(candidate.sequence, noise, seed, renderer, lag)
-        height = found.value
+            height = lever.measured(candidate.sequence, noise, seed, renderer, lag)
         good = height.good & lever.full.usable
         squares.append(rms((height.z - lever.full.truth.z)[good]) ** 2)
         shares.append(good.sum() / lever.full.usable.sum())
-        seconds.append(found.processor)
-    return Simulated(math.sqrt(float(np.mean(squares))), float(np.mean(shares)), min(seconds))
+    return math.sqrt(float(np.mean(squares))), float(np.mean(shares))
 
 
 def _verified(
-    rows: list[DesignRow], simulated: Callable[[str], Simulated], verify: int, progress: Progress
+    rows: list[DesignRow],
+    simulated: Callable[[str], tuple[float, float]],
+    verify: int,
+    progress: Progress,
 ) -> list[DesignRow]:
     """The best `verify` rows simulated, then the other rows; rows that cannot be decoded are last."""
     found: list[DesignRow] = []
@@ -246,7 +215,8 @@ def _verified(
         progress("simulate", len(found), verify)
         row = left.pop(0)
         try:
-            found.append(_with(row, simulated(row.text)))
+            error, share = simulated(row.text)
+            found.append(replace(row, simulated=error, simulated_share=share))
         except InputError as error:
             failed.append(replace(row, why="cannot be decoded", note=str(error)))
     return [*found, *left, *failed]

@@ -29,7 +29,6 @@ from ..arrays import Floats, Mask
 from ..faults import frames_of
 from ..metrics import rms
 from ..own_images import OwnDecoder, OwnImages, image_frames
-from ..timing import Measured, timed
 from .view import Prediction, View, stride_for, view_of
 
 REFERENCE = 0.01  # cells of noise, for the comparison of draws and of both cameras
@@ -66,18 +65,19 @@ class Lever:
         renderer: str,
         lag: float = 0.0,
         decoder: OwnDecoder | None = None,
-    ) -> Measured:
-        """Height (and its time) of simulated frames of the full camera, by this package's decoder or another.
+    ) -> HeightMap:
+        """Height from simulated frames of the full camera, by this package's decoder or a given one.
         InputError if the frames cannot be decoded or no anchor has valid pixels."""
         known = lag, noise, seed, renderer
         frames: NDArray[Any]
         if isinstance(shown, OwnImages):
             assert decoder is not None
             frames = image_frames(self.scene, self.surface, self.full.truth, shown, *known)
+            seen = decoder(frames, shown.levels)
         else:
             frames = frames_of(self.scene, self.surface, shown, *known)
-        what: Any = shown.levels if isinstance(shown, OwnImages) else shown
-        return timed(lambda: reconstruct((decoder or decode)(frames, what), self.scene))
+            seen = decode(frames, shown) if decoder is None else decoder(frames, shown)
+        return reconstruct(seen, self.scene)
 
     @cached_property
     def full(self) -> View:

@@ -25,6 +25,7 @@ import numpy as np
 
 from optolever.decode import Correspondence, decode
 from optolever.errors import InputError
+from optolever.experiments.bench.measures import SIGMAS
 from optolever.patterns import sequence
 from optolever.projector import Capture, capture
 from optolever.reconstruct import HeightMap
@@ -41,8 +42,8 @@ _HANGS = 300
 _SIZE = 24, 32
 #: Places that no pattern has, pattern px.
 _WIDEST = 65536.0
-#: Sigmas beyond which a height is silently wrong.
-_SIGMAS = 5.0
+#: The share of grids: each compiles, and times its cells.
+_GRIDS = 0.02
 #: What the commands read.
 _SOURCES = {
     "simulate": ["--scene", "@/scene.toml", "--renderer", "numpy"],
@@ -73,6 +74,7 @@ _KINDS: tuple[tuple[str, str, str], ...] = (
     ("scene", "scene.toml", f"{_CAPTURE} --scene @/scene.toml"),
     ("capture", "capture/capture.toml", _DECODE),
     ("sequence", "sequence.toml", f"{_CAPTURE} --scene @/scene.toml --sequence @/sequence.toml"),
+    ("grid", "grid.toml", "bench --grid @/grid.toml --out @/bench"),
     ("frames", "capture/frames", _DECODE),
     ("masks", "mask.png", f"{_DECODE} --mask @/mask.png"),
     ("masks", "mask.png", f"{_RECONSTRUCT} --mask @/mask.png"),
@@ -108,13 +110,13 @@ def fuzz(
     program: its commands; folder: empty, for their files."""
     base = _base(folder / "base")
     _compile(run, base)
-    kinds = [kind for kind in FUZZED if kind != "hdf5" or find_spec("h5py")]
+    kinds = [kind for kind in FUZZED if kind != "grid" and (kind != "hdf5" or find_spec("h5py"))]
     for number in range(first, first + cases):
         rng = np.random.default_rng([seed, number])
         work = folder / "case"
         shutil.rmtree(work, ignore_errors=True)
         shutil.copytree(base, work)
-        kind = str(rng.choice(kinds))
+        kind = "grid" if rng.random() < _GRIDS else str(rng.choice(kinds))
         words = _arguments(rng, program, work) if kind == "arguments" else _damaged(rng, kind, work)
         args = [word.replace("@", str(work)) for word in words]
         yield _outcome(run, number, kind, args, work)
@@ -142,7 +144,7 @@ def _outcome(run: Run, number: int, kind: str, args: list[str], work: Path) -> O
         seconds = time.process_time() - start
         said.seek(0)
         lines = said.read().strip().splitlines()
-    results = [work / name for name in ("out.npz", "out")]
+    results = [work / name for name in ("out.npz", "out", "bench/results.json")]
     if not fault:
         if code == 0:
             fault = next(filter(None, (_unsound(result) for result in results if result.exists())), "")
@@ -187,7 +189,7 @@ def _values(path: Path) -> tuple[list[Any], float]:
         most = float("inf") if height.notices or good.sum() < sum(good.shape) else length
         # the paper's method has no sigma, which is infinite there
         sigma = np.nan_to_num(height.sigma[good], nan=np.nan, posinf=0.0)
-        return [np.maximum(np.abs(height.z[good]) - _SIGMAS * sigma, 0.0), sigma], most
+        return [np.maximum(np.abs(height.z[good]) - SIGMAS * sigma, 0.0), sigma], most
     except InputError:
         found = Correspondence.load(path)
         maps = (found.u, found.v, found.sigma_u, found.sigma_v)
@@ -255,7 +257,7 @@ def _peak(anew: bool = False) -> int:
 
 
 def _base(folder: Path) -> Path:
-    """Files that are in order: a capture with its scene and truth, what it decodes to, a sequence."""
+    """Files that are in order: a capture with its scene and truth, what it decodes to, a sequence, a grid."""
     scene: Scene = resize(load("prism48", exact=True), *_SIZE)
     shown = sequence("gray+phase", scene.pattern.rows, scene.pattern.cols)
     surface = dent("gaussian", scene, peak=0.2)
@@ -266,6 +268,9 @@ def _base(folder: Path) -> Path:
     shown.save(folder / "sequence.toml")
     decode(taken.frames, shown).save(folder / "c.npz")
     shutil.copy(folder / "c.npz", folder / "rest.npz")
+    grid = 'scenes = ["prism48"]\nsequences = ["gray"]\nsizes = ["12x16"]\nnoises = [1.0]\nseeds = [0]\n'
+    grid += 'renderer = "numpy"\nsolvers = ["coupled"]\nrefresh = 60.0\n'
+    (folder / "grid.toml").write_text(grid, encoding="utf-8")
     if find_spec("h5py"):
         save_sofast(folder / "m.h5", taken.frames)
     trace(scene, surface).save(folder / "truth.npz")

@@ -1,4 +1,4 @@
-"""Patterns and decoders of a user, faults of display and light, seconds of a display, in design."""
+"""Patterns and decoders of a user, faults of display and light, seconds of a display, in bench and design."""
 
 import csv
 import json
@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from optolever.cli import run
-from optolever.experiments.design import frame_rate
+from optolever.experiments import Faults
+from optolever.experiments.bench import Cell, Grid, load_grid, run_cells
 from optolever.experiments.own_images import OwnImages, image_frames
 from optolever.patterns import sequence
 from optolever.projector import capture
@@ -76,44 +77,54 @@ def test_images_of_a_sequence_are_seen_as_the_sequence_is() -> None:
     assert np.sqrt(np.mean(off**2)) < 0.02 * np.ptp(true)
 
 
-def test_own_codes_and_decoders_beside_named_ones(folder: Path) -> None:
+def test_random_dots_with_a_decoder_of_ones_own(folder: Path) -> None:
     """Places to a cell, which the solver makes heights of: the error of whole cells, not more."""
-    dots = "my_dots:dots@my_dots:nearest"
-    args = ["--code", dots, "--code", "gray@my_dots:ours", "--code", "gray", "--code", "gray+phase"]
-    options = ["--lag", "0", "--lag", "0.1", "--exposure", "20", "--renderer", "numpy"]
-    outputs = ["--csv", "d.csv", "--chart", "d.png", "--json", "d.json"]
-    assert run(["design", *SMALL, *args, *options, *outputs]) == 0
-    points = json.loads(Path("d.json").read_text())["points"]
-    rows = {(point["row"]["text"], point["value"]): point["row"] for point in points}
-    assert len(rows) == 8
-    assert rows[dots, 0]["frames"] == 48
-    assert rows[dots, 0]["seconds"] == pytest.approx(48 / 30)
-    assert rows["gray@my_dots:ours", 0]["simulated"] == rows["gray", 0]["simulated"]
-    assert (
-        rows["gray+phase", 0]["simulated"] < 0.3 * rows["gray", 0]["simulated"] < rows[dots, 0]["simulated"]
+    args = ["--add", "my_dots:dots@my_dots:nearest", "--sequence", "gray@my_dots:ours", "--sequence", "gray"]
+    options = ["--solver", "coupled", "--noise", "1", "--out", "b", "--json", "b.json"]
+    assert run(["bench", *SMALL, *args, *options]) == 0
+    rows = {row["sequence"]: row for row in json.loads(Path("b.json").read_text())["rows"]}
+    dots = rows["my_dots:dots@my_dots:nearest"]
+    assert dots["status"] == "done", dots["why"]
+    assert dots["frames"] == 48
+    assert dots["flagged_share"] < 0.3
+    assert 0.29 < dots["u_rms_px"] < 0.9
+    assert 0.45 < dots["sigma_ratio_u"] < 1.5  # sigma is stated as 0.6; a cell, evenly: 0.29
+    assert rows["gray@my_dots:ours"]["u_rms_px"] == rows["gray"]["u_rms_px"]
+    with Path("b/results.csv").open() as stream:
+        assert {row["sequence"] for row in csv.DictReader(stream)} == set(rows)
+
+
+def test_own_decoders_that_do_not_serve(folder: Path, refused: Callable[..., str]) -> None:
+    out = ["--solver", "coupled", "--out", "b"]
+    refused(
+        ["bench", *SMALL, "--sequence", "gray@my_dots:absent", *out], "my_dots:absent", "cannot be imported"
     )
-    assert rows["gray+phase", 0.1]["simulated"] > rows["gray+phase", 0]["simulated"]
-    assert rows["gray", 0]["predicted"] == pytest.approx(rows["gray", 0]["simulated"], rel=0.3)
-    assert all(row["cpu_seconds"] > 0 for row in rows.values())
-    with Path("d.csv").open() as stream:
-        assert [(row["text"], float(row["lag"])) for row in csv.DictReader(stream)] == list(rows)
-    assert Path("d.png").read_bytes().startswith(b"\x89PNG")
+    refused(["design", *SMALL, "--add", "my_dots:dots"], "my_dots:dots", "is images, name a decoder")
+    grid = Grid(("prism48",), ("gray@my_dots:wrong", "my_dots:dots"), sizes=((36, 48),), renderer="numpy")
+    rows = list(run_cells(grid.cells(), timed=False))
+    assert [row.status for row in rows] == ["not applicable"] * 2
+    assert "returns ndarray, must be a Correspondence" in rows[0].why
+    assert "is images, name a decoder" in rows[1].why
 
 
-@pytest.mark.parametrize(
-    ("args", "words"),
-    [
-        (["--code", "gray@my_dots:absent"], "my_dots:absent"),
-        (["--add", "my_dots:dots"], "is images, name a decoder"),
-        (["--lag", "0", "--lag", "0.1"], "need --code"),
-        (["--code", "gray", "--lag", "0", "--lag", "0.1", "--blur", "1", "--blur", "2"], "one of them"),
-        (["--chart", "d.png"], "needs --code"),
-    ],
-)
-def test_what_cannot_be_compared(
-    args: list[str], words: str, folder: Path, refused: Callable[..., str]
-) -> None:
-    refused(["design", *SMALL, *args], words)
+def test_faults_are_axes(tmp_path: Path) -> None:
+    (tmp_path / "grid.toml").write_text(
+        'scenes = ["prism48"]\nsequences = ["gray+phase"]\nlags = [0, 0.1]\ngammas = [1.0, 2.2]\n'
+        'blurs = [0.5, 1]\nsizes = ["36x48"]\nrenderer = "numpy"\n'
+    )
+    grid = load_grid(tmp_path / "grid.toml")
+    cells = grid.cells()
+    assert len(cells) == len({cell.key for cell in cells}) == 8
+    assert len({cell.capture_seed for cell in cells}) == 1  # the same noise under every fault
+    assert all(cell == Cell.from_dict(json.loads(json.dumps(cell.to_dict()))) for cell in cells)
+    rows = {row.cell.faults: row for row in run_cells(cells, timed=False)}
+    error = {faults: row.metrics["u_rms_px"] for faults, row in rows.items()}
+    plain = error[Faults(0.0, 1.0, None, 0.5)]
+    # four steps bear the harmonic of a gamma, and its darker frames have fewer photons' noise
+    assert 0.7 * plain < error[Faults(0.0, 2.2, None, 0.5)] < 1.5 * plain
+    assert error[Faults(0.1, 1.0, None, 0.5)] > plain
+    assert error[Faults(0.0, 1.0, None, 1.0)] > 1.2 * plain  # less contrast
+    assert rows[Faults(0.1, 1.0, None, 0.5)].flat(60)["lag"] == 0.1
 
 
 @pytest.mark.parametrize(
@@ -123,7 +134,8 @@ def test_what_cannot_be_compared(
 def test_a_frame_stays_for_the_refreshes_that_hold_its_exposure(
     exposure: float, refresh: float, seconds: float
 ) -> None:
-    assert 1 / frame_rate(refresh, exposure) == pytest.approx(seconds)
+    grid = Grid(("prism48",), ("gray",), refresh=refresh, exposure_ms=exposure)
+    assert 1 / grid.rate == pytest.approx(seconds)
 
 
 @pytest.mark.slow

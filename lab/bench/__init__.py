@@ -1,0 +1,1 @@
+"""Benches of many methods, and on many machines."""

@@ -1,0 +1,1 @@
+"""Studies of `design`: against all candidates, and frames chosen one after the other."""
