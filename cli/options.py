@@ -77,7 +77,7 @@ _ANCHOR = (
 _PITCH = "Pitch of the regular grid; default: about that of the camera's pixels."
 _SCREEN = "Size of the display of the sequence, such as 1920x1080."
 _SIZE = "Resample camera and pattern together to this camera size; the field of view stays."
-_RENDERER = "auto: OpenGL where there is a context, else NumPy; rays: 36 a pixel, where mirrors bend in it."
+_RENDERER = "auto: OpenGL where there is a context, else NumPy."
 
 Json = Annotated[Path | None, Opt("--json FILE", _NUMBERS, OutputFile(".json", ".csv"))]
 Size = Annotated[tuple[int, int] | None, pixels(_SIZE)]
@@ -88,7 +88,7 @@ Dent = Annotated[
 ]
 Noise = Annotated[float, Opt("--noise LEVELS", _SENSOR, AT_LEAST_0)]
 Seed = Annotated[int, Rare("--seed N", "Seed of the random numbers.", click.IntRange(min=0))]
-Renderer = Annotated[Literal["auto", "gl", "numpy", "rays"], Rare("--renderer auto|gl|numpy|rays", _RENDERER)]
+Renderer = Annotated[Literal["auto", "gl", "numpy"], Rare("--renderer auto|gl|numpy", _RENDERER)]
 Anchor = Annotated[Any, Opt("--anchor edge|middle|X,Y,Z", _ANCHOR, Anchored())]
 Pitch = Annotated[float | None, Rare("--pitch MM", _PITCH, ABOVE_0)]
 Pictured = Annotated[

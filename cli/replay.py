@@ -7,7 +7,6 @@ from optolever import InputError
 
 from .arguments import Arg, Opt, Rare, program
 from .options import Json
-from .outputs import OutputFile
 from .show import number, print_notices, table, write_json
 
 if TYPE_CHECKING:
@@ -27,7 +26,6 @@ Recording cap.recording
 
 OUT = Opt("--out DIR", "Capture folder to make from the recording of a capture.")
 RIG = Rare("--rig RIG.toml", "Rig whose [sync] selects the images; default: the recording's timing.")
-MCAP = Rare("--mcap FILE.mcap", "Also write it for ROS 2 (extra mcap).", OutputFile(".mcap"))
 
 
 @program("replay", SAMPLE)
@@ -35,7 +33,6 @@ def command(
     folder: Annotated[Path, Arg("DIR")],
     out: Annotated[Path | None, OUT] = None,
     rig: Annotated[Path | None, RIG] = None,
-    mcap: Annotated[Path | None, MCAP] = None,
     json_path: Json = None,
 ) -> None:
     """Check that every image of a recording is intact.
@@ -48,7 +45,7 @@ def command(
 
     from optolever.files import together
     from optolever.live import has_readings, replayed
-    from optolever.projector import Logged, Recording, write_mcap
+    from optolever.projector import Logged, Recording
 
     recording = Recording(folder)
     swaps, stamps, incomplete = 0, [], 0
@@ -68,8 +65,6 @@ def command(
     with together():
         if out is not None:
             numbers["frames"] = _capture(recording, rig, out)
-        if mcap is not None:
-            numbers["exported"] = write_mcap(recording, mcap)
         write_json(json_path, numbers)
     rate = number((len(stamps) - 1) / span) if span > 0 else "-"
     rows = {
@@ -80,8 +75,6 @@ def command(
     }
     if out is not None:
         rows["capture"] = f"{numbers['frames']} frames in {out}"
-    if mcap is not None:
-        rows["mcap"] = f"{numbers['exported']} images in {mcap}"
     if again:
         rows["readings"] = (
             f"{same} of {again} bit-identical, {number(1e3 * seconds / (again + lost), 'ms')} each"

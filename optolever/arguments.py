@@ -24,7 +24,6 @@ _MAKERS = {
     "Surface": "scene.dent(name, scene)",
     "Trace": "scene.trace(scene, surface)",
     "Capture": "projector.capture(scene, surface, sequence)",
-    "AreaTrace": "projector.trace_area(scene, surface)",
     "Footprints": "projector.footprints(scene, surface)",
     "Correspondence": "decode.decode(frames, sequence)",
     "PatternMap": "decode.decode(frames, sequence)",

@@ -10,14 +10,13 @@
 | `virtual.py` | `capture`, `VirtualSensor`: images of a scene with a dent, strip by strip |
 | `groups.py`, `footprint.py` | frames looked up together; light of the cells under a pixel's footprint |
 | `optics_gl.py`, `surface_gl.py`, `optics_numpy.py`, `rays.py` | light on the sensor: GLSL; float64 |
-| `raytraced.py` | frames by rays through every pixel's area, for tests of models of a pixel |
 | `electronics.py` | exposure, flicker, response, noise, quantisation: one function for both |
 | `capture.py`, `folder.py` | `Capture` and its folder format |
 | `incoming.py` | pictures of other programs: which files, in which order, as which levels |
 | `sofast.py` | SOFAST's HDF5 measurements as captures |
 | `clocks.py`, `timing.py` | stamps of cameras as host times; latency, settling, shutter |
 | `synchronise.py`, `acquire.py`, `exposure.py` | measured by flips; an image for every pattern; exposure |
-| `recording.py`, `mcap_file.py`, `stream.py` | recordings; as MCAP; a thread that pulls images |
+| `recording.py`, `stream.py` | recordings; a thread that pulls images |
 | `cameras/` | back-ends of cameras |
 """
 
@@ -44,10 +43,8 @@ from .edid import Edid, parse_edid
 from .electronics import NOMINAL_SENSOR, WHITE_NOISE_SENSOR
 from .exposure import Contrast, ExposureChoice, choose_exposure, contrast
 from .folder import write_description
-from .mcap_file import write_mcap
 from .monitors import Monitor, choose_monitor
 from .optics_numpy import Footprints, footprints, light_of
-from .raytraced import AreaTrace, Lighting, area_frames, area_light, expose, trace_area
 from .recording import BackgroundRecorder, Logged, Recorder, Recording
 from .renderer import PatternRenderer, render
 from .sofast import load_sofast, load_sofast_response
@@ -62,7 +59,6 @@ __all__ = [
     "SAFE_WAIT_S",
     "WHITE_NOISE_SENSOR",
     "Accepted",
-    "AreaTrace",
     "BackgroundRecorder",
     "Camera",
     "CameraLost",
@@ -79,7 +75,6 @@ __all__ = [
     "Footprints",
     "Identity",
     "Image",
-    "Lighting",
     "Logged",
     "Monitor",
     "NoContextError",
@@ -96,15 +91,12 @@ __all__ = [
     "VirtualSensor",
     "Wanted",
     "acquire",
-    "area_frames",
-    "area_light",
     "capture",
     "choose_exposure",
     "choose_monitor",
     "chosen_renderer",
     "context_info",
     "contrast",
-    "expose",
     "fit_timing",
     "flip_fit",
     "footprints",
@@ -117,9 +109,7 @@ __all__ = [
     "render",
     "sync_notices",
     "synchronise",
-    "trace_area",
     "write_description",
-    "write_mcap",
 ]
 
 check_face(__name__)

@@ -13,7 +13,7 @@ from optolever.scene import Display, Scene, Surface, Trace, mean_beside, movemen
 from .footprint import look_up_one, look_up_two
 from .groups import FrameGroup, frame_groups
 
-__all__ = ["Footprints", "HeldNowhere", "NumpyOptics", "footprints", "light_of"]
+__all__ = ["Footprints", "NumpyOptics", "footprints", "light_of"]
 
 Float = NDArray[np.float64]
 _BLOCK = 4096  # pixels at a time per thread
@@ -65,8 +65,12 @@ def _passed(scene: Scene, seen: Trace) -> Float:
     return np.asarray(scene.medium.reflectance(np.abs(np.cos(seen.incidence))))
 
 
-class HeldNowhere:
-    """Optics of the virtual sensor that take a surface as it is, and hold nothing."""
+class NumpyOptics:
+    """Light on the camera's pixels, relative to a fully lit, fully reflecting one."""
+
+    def __init__(self, scene: Scene, groups: list[FrameGroup]) -> None:
+        self._scene = scene
+        self._groups = groups
 
     def load(self, surface: Surface) -> Surface:
         """The surface in the form that `render` takes."""
@@ -77,14 +81,6 @@ class HeldNowhere:
 
     def release(self) -> None:
         """No memory to free."""
-
-
-class NumpyOptics(HeldNowhere):
-    """Light on the camera's pixels, relative to a fully lit, fully reflecting one."""
-
-    def __init__(self, scene: Scene, groups: list[FrameGroup]) -> None:
-        self._scene = scene
-        self._groups = groups
 
     def render(
         self, surface: Surface, start: int, stop: int, frame: int | None = None

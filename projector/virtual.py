@@ -24,13 +24,12 @@ from .electronics import NOMINAL_SENSOR, FrameElectronics, flicker_factor
 from .groups import frame_groups
 from .optics_gl import GLOptics
 from .optics_numpy import NumpyOptics
-from .raytraced import RayOptics
 
 __all__ = ["RENDERERS", "VirtualSensor", "capture", "chosen_renderer"]
 
-#: Renderer of the light: OpenGL where there is a context, OpenGL, NumPy in float64 (all of these take a
-#: pixel's footprint for a parallelogram), or the mean of 36 rays, for maps that bend inside of a pixel.
-RENDERERS = ("auto", "gl", "numpy", "rays")
+#: Renderer of the light: OpenGL where there is a context, OpenGL, NumPy in float64; all take a pixel's
+#: footprint for a parallelogram.
+RENDERERS = ("auto", "gl", "numpy")
 
 _STRIP = 1 << 19  # pixels of a frame whose light is in memory at a time
 
@@ -87,10 +86,10 @@ def capture(
 
 
 def chosen_renderer(renderer: str) -> str:
-    """'gl', 'numpy' or 'rays'; 'auto' is 'gl' where there is a context. InputError for 'gl' without one."""
+    """'gl' or 'numpy'; 'auto' is 'gl' where there is a context. InputError for 'gl' without one."""
     if renderer not in RENDERERS:
         raise InputError(f"renderer: {renderer!r}, must be one of {', '.join(RENDERERS)}")
-    if renderer in ("numpy", "rays"):
+    if renderer == "numpy":
         return renderer
     try:
         context()
@@ -125,8 +124,7 @@ class VirtualSensor:
     surface: the mirror's shape, or a callable t (s) -> Surface of a moving one; frame i is taken at t = i
     frame_s,
         and with a shutter averaged over `samples` instants of it.
-    renderer: 'gl', 'numpy' (float64, the reference), 'rays' (36 of them over every pixel, where the map
-    bends inside of one), or 'auto', OpenGL where there is a context.
+    renderer: 'gl', 'numpy' (float64, the reference), or 'auto', OpenGL where there is a context.
     noise: rms of Gaussian noise in 8-bit levels, added to the sensor's; seed: of all noise, same on
     every machine. bits: of the camera (default: the scene's sensor). A scene without a
     sensor has NOMINAL_SENSOR: level = 16 + 216.75 light, with photon noise of 30 electrons a level;
@@ -213,8 +211,6 @@ class VirtualSensor:
         self._optics.release()
 
     def _make_optics(self, renderer: str) -> _Optics:
-        if renderer == "rays":
-            return RayOptics(self._scene, self._sequence)
         pattern = self._scene.pattern
         groups = frame_groups(self._sequence, self._scene.display, staggered=pattern.stagger != 0)
         if renderer == "gl":

@@ -18,11 +18,12 @@ from optolever.calibration import (
 )
 from optolever.decode import Response, decode
 from optolever.patterns import sequence_from_text
-from optolever.projector import AreaTrace, Capture, Lighting, area_frames, capture, trace_area
+from optolever.projector import Capture, capture
 from optolever.scene import Display, Scene, Sensor, Surface, dent_from_text, load, resize, trace
 
+from .area_rays import Area, area_frames, trace_area
+
 F64 = NDArray[np.float64]
-LIGHT = Lighting(backlight=0.3, brightest=(0.3, 0.6), vignetting=0.5)
 POSES = ((0.0, 0.0, 0.0), (2.0, 0.07, 0.02), (-2.0, -0.05, 0.07), (1.0, -0.02, -0.08))
 
 
@@ -42,7 +43,7 @@ def rig(display: str, blur: float) -> Scene:
     return replace(scene, pattern=replace(scene.pattern, blur_px=blur), display=DISPLAYS[display])
 
 
-def captured(scene: Scene, text: str, pose: int = 0, **sensor: Any) -> tuple[Capture, AreaTrace]:
+def captured(scene: Scene, text: str, pose: int = 0, **sensor: Any) -> tuple[Capture, Area]:
     lift, along, across = POSES[pose]
     x0, y0 = 0.5 * scene.mirror.length, 0.5 * scene.mirror.width
     plane = Surface(
@@ -52,7 +53,7 @@ def captured(scene: Scene, text: str, pose: int = 0, **sensor: Any) -> tuple[Cap
     shown = sequence_from_text(text, scene.pattern.rows, scene.pattern.cols)
     seen = trace_area(scene, plane)
     camera = Sensor(**({"offset": 12.0, "exposure": 0.9, "noise": 1.0} | sensor))
-    return Capture(area_frames(seen, shown, camera, LIGHT, seed=pose + 10 * len(shown)), shown), seen
+    return Capture(area_frames(seen, scene, shown, camera, pose + 10 * len(shown)), shown), seen
 
 
 def measured(display: str, blur: float, poses: int) -> RigResponse:
@@ -125,7 +126,7 @@ def test_decoded_by_it(display: str, text: str, blur: float) -> None:
     for name, given in (("none", None), ("rig", response), ("inverted", replace(response, blur=None))):
         found = decode(capture.frames, capture.sequence, response=given)
         good = found.good & seen.visible
-        off = (found.u - seen.mean()[0])[good]
+        off = (found.u - seen.u.mean(-1))[good]
         error[name] = np.sqrt(np.mean(off**2)) if good.mean() > 0.9 * seen.visible.mean() else np.inf
         if name == "rig":
             assert 0.8 < np.sqrt(np.mean((off / found.sigma_u[good]) ** 2)) < 1.2

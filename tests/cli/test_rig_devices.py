@@ -7,7 +7,6 @@ import tomllib
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import date
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -112,9 +111,7 @@ def test_record_and_replay(optolever: Program, refused: Refused, rig: Path, tmp_
     assert 3 < numbers["images"] <= 26
     assert (numbers["lost"], numbers["dropped"], numbers["incomplete"]) == (0, 0, 0)
     assert len(Recording(tmp_path / "r")) == numbers["images"]
-    export = ("--mcap", tmp_path / "r.mcap") if find_spec("mcap") else ()
-    assert f"{numbers['images']}, incomplete 0" in optolever("camera", "replay", tmp_path / "r", *export).out
-    assert not export or (tmp_path / "r.mcap").read_bytes()[1:5] == b"MCAP"
+    assert f"{numbers['images']}, incomplete 0" in optolever("camera", "replay", tmp_path / "r").out
     refused([*words, "--out", tmp_path / "r"], "no empty folder")
     refused(["camera", "replay", tmp_path / "r", "--out", tmp_path / "c"], "has no sequence")
     refused(["camera", "replay", tmp_path / "nothing"], "no recording")

@@ -1,4 +1,6 @@
-"""A recording as an MCAP file, for ROS 2 tools: images on /camera, swaps and refused images on /log.
+"""python examples/mcap.py RECORDING FILE.mcap: a recording for ROS 2 tools (needs the package mcap).
+
+Images on /camera, swaps and refused images on /log.
 
 Messages are `ros2msg`: sensor_msgs/msg/Image and std_msgs/msg/String (JSON) in CDR, little endian. Times are
 those of the recording, nanoseconds of CLOCK_MONOTONIC: the log's is the image's stamp, the other its arrival.
@@ -6,17 +8,16 @@ those of the recording, nanoseconds of CLOCK_MONOTONIC: the log's is the image's
 
 import json
 import struct
+import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mcap.writer import Writer
 
-from optolever.errors import InputError
 from optolever.files import atomic_file
-
-from .devices import Image, Shown
-from .recording import Recording
+from optolever.projector import Image, Recording, Shown
 
 __all__ = ["write_mcap"]
 
@@ -41,11 +42,7 @@ _CDR = b"\0\1\0\0"  # encapsulation: plain, little endian
 
 
 def write_mcap(recording: Recording, path: str | Path) -> int:
-    """Write all complete images and all events; the number of images. InputError without the package mcap."""
-    try:
-        from mcap.writer import Writer
-    except ImportError as error:
-        raise InputError(f"{path}: needs the package mcap; pip install 'optolever[mcap]'") from error
+    """Write all complete images and all events; the number of images."""
     count = 0
     with atomic_file(Path(path)) as temporary, temporary.open("wb") as file:
         writer: Any = Writer(file)  # in part without types
@@ -98,3 +95,7 @@ def _aligned(data: bytes) -> bytes:
 
 def _nanoseconds(seconds: float) -> int:
     return round(1e9 * seconds)
+
+
+if __name__ == "__main__":
+    print(write_mcap(Recording(sys.argv[1]), sys.argv[2]), "images")
