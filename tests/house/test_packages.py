@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-NOT_PARTS = {"docs", "lab", "tests", "typings", "out", "build", "dist"}
+NOT_PARTS = {"examples", "docs", "lab", "tests", "typings", "out", "build", "dist"}
 
 
 def pyproject(root: Path) -> dict[str, Any]:
