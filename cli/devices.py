@@ -42,14 +42,14 @@ def command(json_path: Json = None) -> None:
         {
             "cameras": [asdict(one) for one in cameras],
             "not_looked_for": silent,
-            "monitors": [asdict(one) | {"display": one.address, "faults": one.faults()} for one in shown],
+            "monitors": [asdict(one) | {"display": one.name, "faults": one.faults()} for one in shown],
         },
     )
     rows = [[one.address, one.model, one.serial, " ".join(one.formats[:4]), one.note] for one in cameras]
     grid("Cameras", ("camera", "model", "serial", "formats", "note"), rows or [["none", "", "", "", ""]])
     lines = [
         [
-            one.address,
+            one.name,
             f"{one.rows} x {one.cols}",
             f"{one.refresh_hz} Hz" if one.refresh_hz else "unknown",
             f"{one.rows_mm} x {one.cols_mm}" if one.rows_mm else "unknown",

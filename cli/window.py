@@ -35,7 +35,7 @@ MONITOR = Opt(
     "Full screen there, by its number in --list; default: the second one, or a plain window.",
     click.IntRange(min=0),
 )
-DISPLAY = Opt("--display NAME", "Full screen there, by its name, name:serial or output in --list.")
+DISPLAY = Opt("--display NAME", "Full screen there, by its name in --list.")
 SECONDS = Opt(
     "--seconds SECONDS",
     "Duration of each frame; default: right and left arrow step, Escape closes.",
@@ -113,10 +113,9 @@ def _list(found: "list[Monitor]", json_path: Path | None) -> None:
 
     write_json(json_path, {"monitors": [asdict(monitor) for monitor in found]})
     rows = [
-        [str(m.index), m.address, m.output, f"{m.rows}x{m.cols}", number(m.refresh_hz or math.nan, "Hz")]
-        for m in found
+        [str(m.index), m.name, f"{m.rows}x{m.cols}", number(m.refresh_hz or math.nan, "Hz")] for m in found
     ]
-    grid("Monitors", ("number", "name", "output", "size", "refresh"), rows)
+    grid("Monitors", ("number", "name", "size", "refresh"), rows)
     print_notices(fault for monitor in found for fault in monitor.faults())
 
 

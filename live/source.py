@@ -137,7 +137,7 @@ class Newest:
 def _light(scene: Scene, surface: Surface, fringe: Sequence) -> Pixels:
     rows, cols = scene.camera.rows, scene.camera.cols
     seen = footprints(scene, surface, 0, rows)
-    light = light_of(seen, fringe, scene.display, scene.pattern.blur_px, scene.pattern.stagger)[0]
+    light = light_of(seen, fringe, scene.display, scene.pattern.blur_px)[0]
     return np.asarray(light.reshape(rows, cols), np.float32)
 
 

@@ -1,12 +1,13 @@
-"""Arguments of public functions checked: a record of another type than the annotation's, and a masked array,
-are an InputError. What they compute does not depend on the caller's np.seterr: underflows are harmless.
+"""Arguments of public functions, checked where the package is entered: a record of another type than the
+annotation's, and a masked array, are an InputError. Underflows are harmless, whatever np.seterr says.
 """
 
 import inspect
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cache, wraps
 from pathlib import Path
+from threading import local
 from types import UnionType
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
@@ -33,6 +34,7 @@ _MAKERS = {
     "Calibration": "calibration.calibrate(scene, observations)",
     "RigResponse": "calibration.measure_response(ramp, captures)",
 }
+_entered = local()  # inside: whether this thread is in a checked call
 
 
 def check_face(face: str) -> None:
@@ -44,37 +46,47 @@ def check_face(face: str) -> None:
     for name in module.__all__:
         value = getattr(module, name)
         if inspect.isfunction(value):
-            checked = _guarded(_checked(value))
+            checked = _checked(value)
             checked.__module__ = face  # pickle finds it there
             setattr(module, name, checked)
         elif inspect.isclass(value) and value.__module__.startswith(f"{face}."):
             for key, member in list(vars(value).items()):
-                if key == "__init__" or not key.startswith("_"):
-                    _check_member(value, key, member)
+                if key != "__init__" and key.startswith("_"):
+                    continue
+                if isinstance(member, classmethod | staticmethod):
+                    setattr(value, key, type(member)(_checked(member.__func__)))
+                elif inspect.isfunction(member):
+                    setattr(value, key, _checked(member))
 
 
-def _check_member(owner: type, name: str, member: object) -> None:
-    if isinstance(member, classmethod | staticmethod):
-        setattr(owner, name, type(member)(_guarded(_checked(member.__func__))))
-    elif inspect.isfunction(member):
-        setattr(owner, name, _checked(member) if name == "__init__" else _guarded(_checked(member)))
-
-
-def _guarded(function: Function) -> Function:
-    """The function, for plain arrays only, with underflows ignored."""
+def _checked(function: Function) -> Function:
+    @cache
+    def records() -> list[tuple[int, str, tuple[list[Any], list[Any]]]]:
+        """Place, name and types of every record; known once all parts are loaded."""
+        hints = get_type_hints(function)
+        named = enumerate(inspect.signature(function).parameters)
+        return [(i, name, found) for i, name in named if (found := _types(hints.get(name)))]
 
     @wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
-        if any(isinstance(each, np.ma.MaskedArray) for each in (*args, *kwargs.values())):
-            named = dict(zip(inspect.signature(function).parameters, args, strict=False)) | kwargs
-            _require_plain(named)
-        with np.errstate(under="ignore"):
+        if getattr(_entered, "inside", False):
             return function(*args, **kwargs)
+        for place, name, (kinds, elements) in records():
+            if place < len(args) or name in kwargs:
+                _require(name, args[place] if place < len(args) else kwargs[name], kinds, elements)
+        if any(isinstance(each, np.ma.MaskedArray) for each in (*args, *kwargs.values())):
+            _require_plain(dict(zip(inspect.signature(function).parameters, args, strict=False)) | kwargs)
+        _entered.inside = True
+        try:
+            with np.errstate(under="ignore"):
+                return function(*args, **kwargs)
+        finally:
+            _entered.inside = False
 
     return call
 
 
-def _require_plain(values: Mapping[str, Any]) -> None:
+def _require_plain(values: dict[str, Any]) -> None:
     """InputError for a masked array that masks something: the mask would be lost."""
     for name, value in values.items():
         count = int(np.count_nonzero(value.mask)) if isinstance(value, np.ma.MaskedArray) else 0
@@ -85,86 +97,45 @@ def _require_plain(values: Mapping[str, Any]) -> None:
             )
 
 
-def _checked(function: Function) -> Function:
-    hints = [hint for name, hint in function.__annotations__.items() if name != "return"]
-    if not any(isinstance(hint, str) or "optolever." in str(hint) for hint in hints):
-        return function
-
-    @cache
-    def records() -> list[tuple[int, str, Any]]:
-        """Place, name and annotation of every record; known once all parts are loaded."""
-        hints = get_type_hints(function)
-        named = enumerate(inspect.signature(function).parameters)
-        return [(i, name, hints[name]) for i, name in named if _is_checked(hints.get(name))]
-
-    @wraps(function)
-    def call(*args: Any, **kwargs: Any) -> Any:
-        for place, name, hint in records():
-            if place < len(args):
-                _require(name, args[place], hint)
-            elif name in kwargs:
-                _require(name, kwargs[name], hint)
-        return function(*args, **kwargs)
-
-    return call
-
-
-def _members(hint: Any) -> Iterator[Any]:
+def _members(hint: Any) -> tuple[Any, ...]:
     """The alternatives of an annotation."""
-    if isinstance(hint, UnionType) or get_origin(hint) is Union:
-        for part in get_args(hint):
-            yield from _members(part)
-    else:
-        yield hint
-
-
-def _is_checked(hint: Any) -> bool:
-    """Whether an annotation names records or lists of records, and besides them only None and callables."""
-    kinds = list(_members(hint))
-    others = [one for one in kinds if not _is_record(one) and _element(one) is None]
-    return len(others) < len(kinds) and all(
-        one is type(None) or get_origin(one) is Callable for one in others
-    )
+    return get_args(hint) if isinstance(hint, UnionType) or get_origin(hint) is Union else (hint,)
 
 
 def _is_record(hint: Any) -> bool:
     return inspect.isclass(hint) and hint.__module__.startswith("optolever.")
 
 
-def _element(hint: Any) -> Any:
-    """Annotation of the elements of a list, tuple or iterable of records, else None."""
-    if get_origin(hint) not in (tuple, list, Sequence, Iterable):
-        return None
-    element = get_args(hint)[0]
-    return element if all(_is_record(one) for one in _members(element)) else None
+def _types(hint: Any) -> tuple[list[Any], list[Any]] | None:
+    """Types of an annotation's values and, of lists, of their elements; None unless it names records and
+    besides them only None and callables."""
+    kinds: list[Any] = []
+    elements: list[Any] = []
+    for one in _members(hint):
+        origin = get_origin(one)
+        if one is type(None) or _is_record(one):
+            kinds.append(one)
+        elif origin is Callable:
+            kinds.append(Callable)
+        elif origin in (tuple, list, Sequence, Iterable) and all(map(_is_record, _members(get_args(one)[0]))):
+            elements += _members(get_args(one)[0])
+            kinds += [Iterator] if origin is Iterable else []  # its elements come later
+        else:
+            return None
+    return (kinds, elements) if elements or any(map(_is_record, kinds)) else None
 
 
-def _require(name: str, value: Any, hint: Any) -> None:
-    """InputError unless the value is of one of the annotation's alternatives."""
-    kinds = list(_members(hint))
-    elements = [one for one in map(_element, kinds) if one is not None]
+def _require(name: str, value: Any, kinds: list[Any], elements: list[Any]) -> None:
+    """InputError unless the value, or each of a list's elements, is of one of these types."""
     if elements and isinstance(value, list | tuple):
         for i, each in enumerate(value):
-            _require(f"{name}[{i}]", each, elements[0])
-        return
-    if any(_fits(value, kind) for kind in kinds):
-        return
-    records = [one for kind in (*kinds, *elements) for one in _members(kind) if _is_record(one)]
-    wanted = " or ".join(f"{one.__module__.split('.')[1]}.{one.__name__}" for one in records)
-    cures = "; ".join(filter(None, (_cure(value, one) for one in records)))
-    raise InputError(
-        f"{name}: {_shown(value)}, must be {'a list of' if elements else 'a'} {wanted}{cures and ': '}{cures}"
-    )
-
-
-def _fits(value: Any, kind: Any) -> bool:
-    if kind is type(None):
-        return value is None
-    if get_origin(kind) is Callable:
-        return callable(value)
-    if get_origin(kind) is Iterable:
-        return isinstance(value, Iterator)  # its elements come later
-    return _is_record(kind) and isinstance(value, kind)
+            _require(f"{name}[{i}]", each, elements, [])
+    elif not isinstance(value, tuple(kinds)):
+        records = [one for one in (*kinds, *elements) if _is_record(one)]
+        wanted = " or ".join(f"{one.__module__.split('.')[1]}.{one.__name__}" for one in records)
+        cures = "; ".join(filter(None, (_cure(value, one) for one in records)))
+        told = f"{'a list of' if elements else 'a'} {wanted}{cures and ': '}{cures}"
+        raise InputError(f"{name}: {_shown(value)}, must be {told}")
 
 
 def _shown(value: Any) -> str:
@@ -179,6 +150,9 @@ def _cure(value: Any, record: type) -> str:
     if type(value).__name__ == "Displacement" and record.__name__ == "Correspondence":
         return "displacement.added_to(correspondence at rest) makes one"
     made = _MAKERS.get(record.__name__)
-    part = record.__module__.split(".")[1]
-    read = f"{part}.{record.__name__}.load(path) reads one" if hasattr(record, "load") else ""
+    read = (
+        f"{record.__module__.split('.')[1]}.{record.__name__}.load(path) reads one"
+        if hasattr(record, "load")
+        else ""
+    )
     return " or ".join(filter(None, (f"{made} makes one" if made else "", read)))

@@ -13,14 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from optolever.errors import InputError
-
 __all__ = [
     "LOG",
     "Axes",
     "Comparable",
     "Progress",
-    "dataset",
     "flag_line",
     "logged",
     "plot_maps",
@@ -74,15 +71,6 @@ class Comparable:
         plt.close(figure)
         picture = base64.b64encode(image.getvalue()).decode("ascii")
         return f'{lines}<img alt="maps" src="data:image/png;base64,{picture}">'
-
-
-def dataset(values: Mapping[str, Any], places: Mapping[str, Any]) -> Any:
-    """An xarray.Dataset of (dimensions, array, attributes) by name. InputError if xarray is not installed."""
-    try:
-        from xarray import Dataset
-    except ImportError as error:
-        raise InputError("to_xarray needs xarray; pip install 'optolever[xarray]'") from error
-    return Dataset(dict(values), dict(places))
 
 
 def _same(one: Any, other: Any) -> bool:

@@ -5,7 +5,7 @@
 | `context.py`, `shaders.py`, `shaders/` | the OpenGL context (EGL first); shader files and their flags |
 | `renderer.py` | frames drawn offscreen, bit-equal to NumPy's |
 | `display.py`, `display_process.py`, `window.py` | the same in a real window, in a separate process |
-| `monitors.py`, `edid.py` | monitors by name and serial; settings that distort levels |
+| `monitors.py` | monitors by name; settings that distort levels |
 | `devices.py` | records and protocols of cameras, displays, clocks |
 | `virtual.py` | `capture`, `VirtualSensor`: images of a scene with a dent, strip by strip |
 | `groups.py`, `footprint.py` | frames looked up together; light of the cells under a pixel's footprint |
@@ -39,7 +39,6 @@ from .devices import (
     Wanted,
 )
 from .display import PatternWindow, monitors
-from .edid import Edid, parse_edid
 from .electronics import NOMINAL_SENSOR, WHITE_NOISE_SENSOR
 from .exposure import Contrast, ExposureChoice, choose_exposure, contrast
 from .folder import write_description
@@ -68,7 +67,6 @@ __all__ = [
     "ContextInfo",
     "Contrast",
     "Display",
-    "Edid",
     "ExposureChoice",
     "FlipFit",
     "FlipRecord",
@@ -104,7 +102,6 @@ __all__ = [
     "load_sofast",
     "load_sofast_response",
     "monitors",
-    "parse_edid",
     "release_context",
     "render",
     "sync_notices",

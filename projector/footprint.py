@@ -153,13 +153,12 @@ def look_up_two(
     levels: tuple[NDArray[np.uint8], NDArray[np.uint8]],
     mean: bool,
     response: NDArray[np.float32],
-    stagger: float,
     out: NDArray[np.float32],
 ) -> None:
     """Irradiance of frames that vary along both axes: every cell under the footprint, shares multiplied.
 
     look, light, out as in look_up_one, u first. levels: (cols, N) and (rows, N), combined by their product
-    or mean. response: (256,) light of each level. stagger: of the pattern, see `scene.Pattern`.
+    or mean. response: (256,) light of each level.
     """
     sums = np.empty(out.shape[1])
     for i in range(light.size):
@@ -171,7 +170,7 @@ def look_up_two(
                 by_col, by_row = (j // parts + 0.5) / parts - 0.5, (j % parts + 0.5) / parts - 0.5
                 at = (u + by_col * u_col + by_row * u_row, v + by_col * v_col + by_row * v_row)
                 boxes = (u_col / parts, u_row / parts, v_col / parts, v_row / parts)
-                _add_cells(at, boxes, blur, levels, mean, response, stagger, sums)
+                _add_cells(at, boxes, blur, levels, mean, response, sums)
             sums *= light[i] / (parts * parts)
         out[i, :] = sums
 
@@ -184,19 +183,13 @@ def _add_cells(
     levels: tuple[NDArray[np.uint8], NDArray[np.uint8]],
     mean: bool,
     response: NDArray[np.float32],
-    stagger: float,
     sums: NDArray[np.float64],
 ) -> None:
     """Add the light (N,) of all cells under a footprint, shares of both axes multiplied."""
     levels_u, levels_v = levels
     first_v, weights_v = _shares(at[1], boxes[2], boxes[3], blur, levels_v.shape[0])
-    first_u, weights_u = _shares(at[0] - 0.5 * stagger, boxes[0], boxes[1], blur, levels_u.shape[0])
-    beside, odd = (first_u, weights_u), True  # beside: shares of even rows
-    if stagger != 0.0:
-        beside = _shares(at[0] + 0.5 * stagger, boxes[0], boxes[1], blur, levels_u.shape[0])
+    first_u, weights_u = _shares(at[0], boxes[0], boxes[1], blur, levels_u.shape[0])
     for j in range(weights_v.size):
-        if stagger != 0.0 and odd != ((first_v + j) % 2 == 1):
-            (first_u, weights_u), beside, odd = beside, (first_u, weights_u), not odd
         for k in range(weights_u.size):
             weight = weights_u[k] * weights_v[j]
             for n in range(sums.size):

@@ -44,15 +44,14 @@ class FrameGroup:
         return replace(self, indices=self.indices[part], light=self.light[:, part], levels=levels)
 
 
-def frame_groups(sequence: Sequence, display: Display | None, *, staggered: bool = False) -> list[FrameGroup]:
-    """The groups of a sequence on a display (None: light proportional to level); staggered: rows of cells
-    differ, so that all frames vary along both axes."""
+def frame_groups(sequence: Sequence, display: Display | None) -> list[FrameGroup]:
+    """The groups of a sequence on a display (None: light proportional to level)."""
     shown = Display() if display is None else display
     response = shown.light(np.arange(256, dtype=np.float64)).astype(np.float32)
     table_u, table_v = sequence.tables()
     kinds: dict[tuple[str, bool], list[int]] = {}
     for index, frame in enumerate(sequence.frames):
-        axis = "uv" if staggered else varying_axis(table_u[index], table_v[index])
+        axis = varying_axis(table_u[index], table_v[index])
         kinds.setdefault((axis, axis == "uv" and frame.combine == "mean"), []).append(index)
     groups = []
     for (axis, mean), indices in kinds.items():

@@ -92,34 +92,33 @@ class NumpyOptics:
             groups = [group.only(frame) for group in groups if frame in group.indices]
         found = []
         for group in groups:
-            pattern = self._scene.pattern
-            light = look_up(seen, group, pattern.blur_px, pattern.stagger)
+            light = look_up(seen, group, self._scene.pattern.blur_px)
             light = light.reshape(stop - start, -1, len(group.indices))
             found += [(index, light[..., at]) for at, index in enumerate(group.indices)]
         return found
 
 
 def light_of(
-    seen: Footprints, sequence: Sequence, display: Display | None, blur: float, stagger: float = 0.0
+    seen: Footprints, sequence: Sequence, display: Display | None, blur: float
 ) -> NDArray[np.float32]:
     """Light (N, P) of a sequence's frames on the pixels, relative to one fully lit, fully reflecting; blur:
-    rms, cells; stagger: of the pattern."""
+    rms, cells."""
     light = np.empty((len(sequence), seen.light.size), np.float32)
-    for group in frame_groups(sequence, display, staggered=stagger != 0):
-        light[list(group.indices)] = look_up(seen, group, blur, stagger).T
+    for group in frame_groups(sequence, display):
+        light[list(group.indices)] = look_up(seen, group, blur).T
     return light
 
 
-def look_up(seen: Footprints, group: FrameGroup, blur: float, stagger: float = 0.0) -> NDArray[np.float32]:
+def look_up(seen: Footprints, group: FrameGroup, blur: float) -> NDArray[np.float32]:
     """Light of the group's frames on the pixels: (P, n)."""
     look = seen.along(group.axis)
     out = np.empty((seen.light.size, len(group.indices)), np.float32)
-    over_rows(_kernel(look, seen.light, group, blur, stagger, out), seen.light.size, _BLOCK)
+    over_rows(_kernel(look, seen.light, group, blur, out), seen.light.size, _BLOCK)
     return out
 
 
 def _kernel(
-    look: Float, light: Float, group: FrameGroup, blur: float, stagger: float, out: NDArray[np.float32]
+    look: Float, light: Float, group: FrameGroup, blur: float, out: NDArray[np.float32]
 ) -> Callable[[int, int], None]:
     table = np.ascontiguousarray(group.light)
     levels = (np.ascontiguousarray(group.levels[0]), np.ascontiguousarray(group.levels[1]))
@@ -127,7 +126,7 @@ def _kernel(
     def work(start: int, stop: int) -> None:
         rows = slice(start, stop)
         if group.axis == "uv":
-            look_up_two(look[rows], light[rows], blur, levels, group.mean, group.response, stagger, out[rows])
+            look_up_two(look[rows], light[rows], blur, levels, group.mean, group.response, out[rows])
         else:
             look_up_one(look[rows], light[rows], blur, table, group.across, out[rows])
 

@@ -104,12 +104,9 @@ def _fitting(chosen: str, asked: str, scene: Scene) -> str:
     """'numpy' in place of a GL that was not asked for and has no textures so wide; else as chosen."""
     if chosen != "gl":
         return chosen
-    if scene.pattern.shape is not None or scene.pattern.stagger:
+    if scene.pattern.shape is not None:
         if asked == "gl":
-            has = "a shape" if scene.pattern.shape is not None else "staggered rows"
-            raise InputError(
-                f"renderer: 'gl' draws flat, square grids only, the scene's has {has}; take 'numpy'"
-            )
+            raise InputError("renderer: 'gl' draws flat grids only, the scene's has a shape; take 'numpy'")
         return "numpy"
     widest = max(scene.camera.cols, scene.pattern.rows, scene.pattern.cols)
     most = context_info().max_texture
@@ -211,8 +208,7 @@ class VirtualSensor:
         self._optics.release()
 
     def _make_optics(self, renderer: str) -> _Optics:
-        pattern = self._scene.pattern
-        groups = frame_groups(self._sequence, self._scene.display, staggered=pattern.stagger != 0)
+        groups = frame_groups(self._sequence, self._scene.display)
         if renderer == "gl":
             return GLOptics(self._scene, groups, self._strip)
         return NumpyOptics(self._scene, groups)

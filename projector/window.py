@@ -18,7 +18,7 @@ from optolever.patterns import Sequence
 from optolever.processes import safe_path
 
 from .devices import Shown
-from .monitors import Monitor, identified
+from .monitors import Monitor
 from .renderer import FramePainter
 
 __all__ = ["Window", "connected_monitors"]
@@ -57,22 +57,18 @@ def connected_monitors() -> list[Monitor]:
 
 def _described(index: int, handle: Any) -> Monitor:
     mode, name = glfw.get_video_mode(handle), glfw.get_monitor_name(handle)
-    output = name.decode() if isinstance(name, bytes) else str(name)
     width_mm, height_mm = glfw.get_monitor_physical_size(handle)
-    return identified(
-        {
-            "index": index,
-            "name": output,
-            "output": output,
-            "rows": mode.size.height,
-            "cols": mode.size.width,
-            "refresh_hz": mode.refresh_rate,
-            "rows_mm": height_mm,
-            "cols_mm": width_mm,
-            "scale": round(float(max(glfw.get_monitor_content_scale(handle))), 3),
-            "bits": min(mode.bits.red, mode.bits.green, mode.bits.blue),
-            "bend": _bend(handle),
-        }
+    return Monitor(
+        index=index,
+        name=name.decode() if isinstance(name, bytes) else str(name),
+        rows=mode.size.height,
+        cols=mode.size.width,
+        refresh_hz=mode.refresh_rate,
+        rows_mm=height_mm,
+        cols_mm=width_mm,
+        scale=round(float(max(glfw.get_monitor_content_scale(handle))), 3),
+        bits=min(mode.bits.red, mode.bits.green, mode.bits.blue),
+        bend=_bend(handle),
     )
 
 

@@ -15,7 +15,7 @@ from optolever.decode import Flag
 from optolever.errors import InputError
 from optolever.files import load_arrays, save_arrays
 from optolever.notices import Notice, notices_from_array, notices_to_array
-from optolever.records import Axes, Comparable, dataset, flag_line, plot_maps, span
+from optolever.records import Axes, Comparable, flag_line, plot_maps, span
 
 from .arrays import Floats, Mask
 from .outputs.coarse_modes import CoarseModes, coarsened, expanded
@@ -375,16 +375,6 @@ class HeightMap(Comparable):
             self.resample(pitch_mm).export(path)
         else:
             getattr(self, writer)(path)
-
-    def to_xarray(self) -> Any:
-        """z, sigma (noise), rig_sigma and flags over row and col, with coordinates x and y, as an
-        xarray.Dataset. InputError if xarray is not installed."""
-        maps = {"z": self.z, "sigma": self.sigma, "rig_sigma": self.calibration_sigma}
-        over = ("row", "col")
-        values = {name: (over, one, {"units": "mm"}) for name, one in maps.items()}
-        bits = {flag.name: flag.value for flag in (*Flag, *HeightFlag)}
-        places = {name: (over, getattr(self, name), {"units": "mm"}) for name in ("x", "y")}
-        return dataset(values | {"flags": (over, self.flags, bits)}, places)
 
 
 def _doubled(values: Any) -> Any:

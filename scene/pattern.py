@@ -6,11 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from optolever import InputError
-
 from .pattern_shape import PatternShape
 from .pose import cross
-from .record import Float, Record, finite, freeze, integer, orthonormal, positive, vector
+from .record import Float, Record, freeze, integer, orthonormal, positive, vector
 
 __all__ = ["Pattern", "prism_pattern"]
 
@@ -24,9 +22,7 @@ class Pattern(Record):
 
     In the mirror's frame: origin (3,) mm, u_axis and v_axis (3,) unit and perpendicular, pitch mm;
     blur_px: rms radius, in cells, of the Gaussian through which the camera reads the pattern (0: none);
-    shape: deviation from that plane, or None; aspect: height of a cell over its width; stagger: how far cells
-    of odd rows lie beside those of even rows along u, in cells (a diamond grid: 0.5). u then counts from
-    halfway between both.
+    shape: deviation from that plane, or None; aspect: height of a cell over its width.
     """
 
     origin: Float
@@ -38,16 +34,12 @@ class Pattern(Record):
     blur_px: float = 0.0
     shape: PatternShape | None = None
     aspect: float = 1.0
-    stagger: float = 0.0
 
     def __post_init__(self) -> None:
         u_axis, v_axis = orthonormal("pattern", self.u_axis, self.v_axis)
         freeze(self, origin=vector("pattern.origin", self.origin), u_axis=u_axis, v_axis=v_axis)
         freeze(self, pitch=positive("pattern.pitch", self.pitch))
         freeze(self, aspect=positive("pattern.aspect", self.aspect))
-        freeze(self, stagger=finite("pattern.stagger", self.stagger))
-        if abs(self.stagger) > 0.5:
-            raise InputError(f"pattern.stagger: {self.stagger:g}, must be -0.5 to 0.5 cells")
         freeze(self, rows=integer("pattern.rows", self.rows), cols=integer("pattern.cols", self.cols))
         freeze(self, blur_px=positive("pattern.blur_px", self.blur_px, zero=True))
 

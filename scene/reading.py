@@ -267,7 +267,7 @@ def _record(table: _Table, kind: type[T]) -> T:
 
 
 def _pattern(table: _Table) -> Pattern:
-    surface, pose = "size, pitch_mm, stagger, blur_px, bow, table", "origin_mm, u_axis, v_axis, rotation_deg"
+    surface, pose = "size, pitch_mm, blur_px, bow, table", "origin_mm, u_axis, v_axis, rotation_deg"
     table.known(f"{surface}, angle_deg, offset_mm, {pose}")
     cols, rows = table.take("size", _size)
     pitch, tall = table.take("pitch_mm", _pair_or_one)
@@ -276,7 +276,7 @@ def _pattern(table: _Table) -> Pattern:
             f"pattern.pitch_mm = {min(pitch, tall):g}: must be at least {_LEAST_PITCH:g} mm; lengths are in "
             "millimetres, multiply metres by 1000"
         )
-    aspect, stagger = tall / pitch, table.get("stagger", number, 0.0)
+    aspect = tall / pitch
     blur_px = table.get("blur_px", _non_negative, 0.0)
     shape = _shape(table, rows, cols)
     if "angle_deg" in table:
@@ -285,7 +285,7 @@ def _pattern(table: _Table) -> Pattern:
         table.done("angle_deg excludes an explicit pose")
         flat = prism_pattern(angle, rows, cols, pitch, blur_px, aspect)
         origin = flat.origin + along * flat.u_axis + across * flat.v_axis
-        return replace(flat, origin=origin, shape=shape, stagger=stagger)
+        return replace(flat, origin=origin, shape=shape)
     if "origin_mm" not in table:
         raise InputError(
             "pattern.origin_mm is missing, must be given with axes; on a prism: angle_deg in their place"
@@ -293,7 +293,7 @@ def _pattern(table: _Table) -> Pattern:
     origin = table.take("origin_mm", vector)
     u_axis, v_axis = _axes(table)
     table.done("belongs to angle_deg; an explicit pose excludes it")
-    return Pattern(origin, u_axis, v_axis, pitch, rows, cols, blur_px, shape, aspect, stagger)
+    return Pattern(origin, u_axis, v_axis, pitch, rows, cols, blur_px, shape, aspect)
 
 
 def _offset(name: str, value: Any) -> Float:

@@ -48,7 +48,6 @@ def scene_table(
         "pattern": {
             "size": [pattern.cols, pattern.rows],
             "pitch_mm": _pitch(pattern),
-            **({"stagger": pattern.stagger} if pattern.stagger else {}),
             "blur_px": pattern.blur_px,
             "origin_mm": pattern.origin.tolist(),
             **_axes(pattern),

@@ -67,7 +67,7 @@ class View:
         light of an infinite white pattern."""
         pattern = self.scene.pattern
         white = Sequence((Frame("white"),), pattern.rows, pattern.cols)
-        seen = light_of(self.image, white, None, pattern.blur_px, pattern.stagger)[0][self.pick]
+        seen = light_of(self.image, white, None, pattern.blur_px)[0][self.pick]
         return np.asarray(self.visible & (seen > (1 - BORDER) * self.image.light[self.pick]))
 
 
@@ -179,9 +179,7 @@ def _decoded(view: View, sequence: Sequence, noise: float, pairs: int) -> Iterat
     """Correspondences of noisy images of the view, two per pair."""
     sensor, white = view.sensor, 2**view.sensor.bits - 1
     kind = np.uint8 if sensor.bits == 8 else np.uint16
-    light = light_of(
-        view.image, sequence, view.scene.display, view.scene.pattern.blur_px, view.scene.pattern.stagger
-    )
+    light = light_of(view.image, sequence, view.scene.display, view.scene.pattern.blur_px)
     level = sensor.levels(np.maximum(light, 0.0))
     shot = np.maximum(level - sensor.offset, 0.0) / sensor.gain_e if sensor.gain_e > 0 else 0.0
     scatter = np.sqrt(noise**2 + sensor.noise**2 + shot)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from optolever.errors import InputError
 from optolever.files import load_arrays, save_arrays
 from optolever.kernels import exact
-from optolever.records import Axes, Comparable, dataset, plot_maps, span
+from optolever.records import Axes, Comparable, plot_maps, span
 
 from ..arrays import Floats, Mask
 from .export import chosen, write_dat, write_sdf, write_tiff, write_x3p
@@ -105,11 +105,6 @@ class Grid(Comparable):
     def export(self, path: str | Path) -> None:
         """Write in the format of the suffix, one of GRID_FORMATS; InputError names these."""
         getattr(self, chosen(path, GRID_FORMATS))(path)
-
-    def to_xarray(self) -> Any:
-        """z and sigma over y and x as an xarray.Dataset. InputError if xarray is not installed."""
-        values = {name: (("y", "x"), getattr(self, name), {"units": "mm"}) for name in ("z", "sigma")}
-        return dataset(values, {name: (name, getattr(self, name), {"units": "mm"}) for name in ("x", "y")})
 
 
 def natural_pitch(x: Floats, y: Floats, good: Mask) -> float:

@@ -216,15 +216,3 @@ def test_a_map_of_a_million_pixels_takes_less_than_40_megabytes(tmp_path: Path) 
     assert height.shared is not None
     height.save(tmp_path / "h.npz")
     assert (tmp_path / "h.npz").stat().st_size < 40e6
-
-
-def test_to_xarray(plane: HeightMap, grid: Grid, monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("xarray")
-    pixels, regular = plane.to_xarray(), grid.to_xarray()
-    assert dict(pixels.sizes) == {"row": ROWS, "col": COLS}
-    np.testing.assert_array_equal(pixels.z.values, plane.z)
-    assert pixels.flags.attrs["STEEP"] == 4096
-    assert float(regular.z.sel(x=-1.5 + 0.25, y=2.5, method="nearest")) == grid.z[2, 1]
-    monkeypatch.setitem(sys.modules, "xarray", None)
-    with pytest.raises(InputError, match=r"needs xarray; pip install 'optolever\[xarray\]'"):
-        plane.to_xarray()
