@@ -14,9 +14,10 @@ from optolever.errors import InputError
 from optolever.scene import Scene, strided
 
 from ..arrays import Floats, Mask
+from ..geometry import ray_field
 from ..heightmap import HeightMap
 from ..outputs.coarse_modes import interpolated
-from ..solver.anchors import Anchors, PixelAnchor, PointAnchor
+from ..solver.anchors import Anchors, anchor_samples
 from .null_space import null_space
 from .sources import NOISE
 
@@ -59,30 +60,21 @@ def budget(
 
 
 def free_mode_of(height: HeightMap, scene: Scene, anchor: Anchors = None) -> tuple[Floats, float] | None:
-    """For `budget`: the free mode on the height's pixels and its value at the edge or a known point; None for
-    other anchors, and where the scene's camera does not see the edge at rest."""
-    step = max(1, min(height.z.shape) // _LINES)
-    known = np.isfinite(height.z)
+    """For `budget`: the free mode on the height's pixels and its mean at the anchors; None where the scene's
+    camera does not see the edge at rest."""
+    step, known = max(1, min(height.z.shape) // _LINES), np.isfinite(height.z)
     try:
         coarse = null_space(strided(scene, step))
-        mode = interpolated(coarse[None], step, known)[0].astype(np.float64)
+        at = anchor_samples(anchor, scene, ray_field(scene.camera), known)
     except InputError:
         return None
-    if isinstance(anchor, tuple | PointAnchor):
-        x, y = (anchor[0], anchor[1]) if isinstance(anchor, tuple) else (anchor.x, anchor.y)
-        away = np.where(known, np.hypot(height.x - x, height.y - y), np.inf)
-    elif isinstance(anchor, PixelAnchor):
-        rows, cols = np.indices(height.z.shape)
-        away = np.where(known, np.hypot(rows - anchor.row, cols - anchor.col), np.inf)
-    elif anchor == "middle":
-        x, y = 0.5 * scene.mirror.length, 0.5 * scene.mirror.width
-        away = np.where(known, np.hypot(height.x - x, height.y - y), np.inf)
-    elif anchor in (None, "edge"):
-        away = np.where(known, -height.x, np.inf)
-    else:
-        return None
-    value = float(mode.ravel()[np.argmin(away)])
-    return (mode, value) if value > 0 else None
+    mode = interpolated(coarse[None], step, known)[0].astype(np.float64)
+    row, col = (
+        np.clip(np.rint(part), 0, size - 1).astype(np.intp)
+        for part, size in zip((at.row, at.col), mode.shape, strict=True)
+    )
+    values = mode[row, col][known[row, col]]
+    return (mode, float(values.mean())) if values.size and values.mean() > 0 else None
 
 
 def _deepest(height: HeightMap, good: Mask) -> tuple[int, int]:

@@ -5,11 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.ndimage import gaussian_filter, label, maximum_filter
 
 from optolever.decode import Correspondence
 from optolever.reconstruct import Contact, PixelAnchor, contacts, reconstruct, slope_map
-from optolever.reconstruct.contact.peaks import basins
 from optolever.scene import Scene, Surface, dent_from_text, load, resize, trace
 
 SIDE = 128
@@ -206,35 +204,6 @@ def sigmas_of(contact: Contact) -> list[float]:
         for name, value in values.items()
         if (name.endswith("_sigma") or name == "depth_noise") and value is not None
     ]
-
-
-def prominences(z: np.ndarray) -> list[float]:
-    """Height of every maximum over the level at which its component of the level set holds a higher one."""
-    peaks = np.argwhere(z == maximum_filter(z, 3))
-    found = []
-    for row, col in peaks:
-        joined = z.min()
-        for level in np.sort(z.ravel())[::-1]:
-            labels, _ = label(z >= level, np.ones((3, 3)))
-            if labels[row, col] and z[labels == labels[row, col]].max() > z[row, col]:
-                joined = level
-                break
-        found.append(float(z[row, col] - joined))
-    return found
-
-
-def test_dents_are_maxima_that_exceed_their_saddles() -> None:
-    """Against the components of level sets, by brute force."""
-    z = gaussian_filter(np.random.default_rng(3).standard_normal((24, 24)), 2.0)
-    sigma = np.full(z.shape, 0.02 * np.ptp(z))
-    limits = np.sort(prominences(z))
-    assert limits.size > 8
-    for factor in (1.0, 2.0, 4.0, 8.0):
-        numbers, peaks = basins(z, sigma, np.ones(z.shape, np.bool_), factor)
-        expected = max(1, int(np.count_nonzero(limits > 2 * factor * sigma[0, 0])))
-        assert peaks.size == expected
-        assert set(np.unique(numbers)) == set(range(expected))
-        assert [numbers.ravel()[peak] for peak in peaks] == list(range(expected))
 
 
 def test_every_dent_is_measured_by_its_own_depth(prism: Scene, noisy) -> None:
