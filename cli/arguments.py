@@ -135,7 +135,9 @@ def option(
 
     def decorate(function: Function) -> Function:
         params = getattr(function, "__click_params__", [])
-        vars(function)["__click_params__"] = [*params, mark.parameter(name, annotation, default)]
+        made = mark.parameter(name, annotation, default)
+        made.hidden = False  # there is no --help-all
+        vars(function)["__click_params__"] = [*params, made]
         return function
 
     return decorate

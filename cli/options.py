@@ -196,21 +196,6 @@ class _Size(click.ParamType[tuple[int, int]]):
 SIZE = _Size()
 
 
-def preset_option(default: str | None = None, *, required: bool = False, text: str = "") -> Any:
-    """--scene PRESET_OR_TOML."""
-    return option(Annotated[str, preset(text)], "scene_name", default)
-
-
-def rest_option(text: str) -> Any:
-    """--rest REST.npz."""
-    return option(Annotated[Path | None, rest_file(text)], "rest_path", None)
-
-
-def sequence_option(_: str) -> Any:
-    """--sequence NAME."""
-    return option(Shown, "sequence", "gray+phase")
-
-
 def noise_option(default: float) -> Any:
     """--noise LEVELS."""
     return option(Noise, "noise", default)

@@ -1,14 +1,13 @@
 """`optolever report`: a page from saved records."""
 
 from pathlib import Path
-
-import click
+from typing import Annotated
 
 from optolever import InputError
 
-from .arguments import FILE, sample
-from .options import blame, json_option, load_scene, preset_option, report_option, rest_option
-from .outputs import Program
+from .arguments import Arg, Opt, program
+from .options import Json, blame, load_scene, preset, rest_file
+from .outputs import ReportFolder
 from .show import budget_rows, grid, noise_and_rig, number, print_notices, table, write_json
 
 __all__ = ["command"]
@@ -23,44 +22,28 @@ Report of h.npz: simulated, geometry known
 """
 
 
-@click.command("report", cls=Program, epilog=sample(SAMPLE))
-@click.argument("source", type=FILE, metavar="H.npz")
-@click.option(
-    "--correspondence", type=FILE, metavar="C.npz", help="File of decode: adds maps of u and v, and slopes."
+CORRESPONDENCE = Opt("--correspondence C.npz", "File of decode: adds maps of u and v, and slopes.")
+CAPTURE = Opt("--capture DIR", "Capture folder: adds its frames.")
+REST = rest_file("slopes and dents are those less rest, as in reconstruct")
+REMOVE = Opt(
+    "--remove FORM[:NUMBER=VALUE,...]",
+    "Form to subtract, as in `form`, or none; default: a sphere for a mirror in open air, else none.",
 )
-@click.option("--capture", "folder", type=FILE, metavar="DIR", help="Capture folder: adds its frames.")
-@rest_option("slopes and dents are those less rest, as in reconstruct")
-@preset_option(text=": adds its drawing, areas, slopes and dents")
-@click.option(
-    "--remove",
-    "form",
-    metavar="FORM[:NUMBER=VALUE,...]",
-    help="Form to subtract from the heights, as in `form`, or none; default: a sphere for a mirror in open "
-    "air, else none.",
-)
-@click.option(
-    "--less",
-    type=FILE,
-    multiple=True,
-    metavar="H.npz",
-    help="Height map of the same rig: the difference and its uncertainty; again for more.",
-)
-@report_option(
-    "report",
-    "Gets report.html and the data behind it.",
-    *("report.html", "figures.csv", "height.npz"),
-)
-@json_option
+LESS = Opt("--less H.npz", "Height map of the same rig: the difference and its uncertainty; again for more.")
+FILES = ReportFolder("report.html", "figures.csv", "height.npz")
+
+
+@program("report", SAMPLE)
 def command(
-    source: Path,
-    correspondence: Path | None,
-    folder: Path | None,
-    rest_path: Path | None,
-    scene_name: str | None,
-    form: str | None,
-    less: tuple[Path, ...],
-    out: Path,
-    json_path: Path | None,
+    source: Annotated[Path, Arg("H.npz")],
+    correspondence: Annotated[Path | None, CORRESPONDENCE] = None,
+    folder: Annotated[Path | None, CAPTURE] = None,
+    rest_path: Annotated[Path | None, REST] = None,
+    scene_name: Annotated[str | None, preset(": adds its drawing, areas, slopes and dents")] = None,
+    form: Annotated[str | None, REMOVE] = None,
+    less: Annotated[tuple[Path, ...], LESS] = (),
+    out: Annotated[Path, Opt("--out DIR", "Gets report.html and its data.", FILES)] = Path("out/report"),
+    json_path: Json = None,
 ) -> None:
     """Write a page from saved records: heights, error bars, flags.
 

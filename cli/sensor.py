@@ -2,28 +2,19 @@
 
 import time
 from pathlib import Path
-
-import click
+from typing import Annotated
 
 from optolever import InputError
 
-from .arguments import sample
-from .options import (
-    json_option,
-    load_scene,
-    noise_option,
-    report_option,
-    scene_option,
-    sequence_option,
-    size_option,
-)
-from .outputs import Program
+from .arguments import Opt, program
+from .options import Json, Noise, SceneName, Shown, Size, load_scene
+from .outputs import ReportFolder
 from .show import grid, number, progress, table, write_json
 
 __all__ = ["command"]
 
 SAMPLE = """
-$ optolever sensor --scene prism48 --size 96x128 --sweep angle=45/48/50 --out sensor
+$ optolever sensor --scene prism48 --pixels 128x96 --sweep angle=45/48/50 --out sensor
 Sensor prism48
   visible_share          1
   slope_low_deg          -24.09
@@ -49,28 +40,22 @@ Report
 """
 
 
-@click.command("sensor", cls=Program, epilog=sample(SAMPLE))
-@scene_option
-@click.option(
-    "--sweep",
-    "sweeps",
-    multiple=True,
-    metavar="NAME=VALUE/...",
-    help="angle (deg), index, distance (mm), camera or pattern (factor on the pixels); again for more.",
+SWEEP = Opt(
+    "--sweep NAME=VALUE/...",
+    "angle (deg), index, distance (mm), camera or pattern (factor on the pixels); again for more.",
 )
-@sequence_option("Sequence of the error bars.")
-@noise_option(1.0)
-@size_option
-@report_option("sensor", "Gets report.html.", "report.html")
-@json_option
+FILES = ReportFolder("report.html")
+
+
+@program("sensor", SAMPLE)
 def command(
-    scene_name: str,
-    sweeps: tuple[str, ...],
-    sequence: str,
-    noise: float,
-    size: tuple[int, int] | None,
-    out: Path,
-    json_path: Path | None,
+    scene_name: SceneName,
+    sweeps: Annotated[tuple[str, ...], SWEEP] = (),
+    sequence: Shown = "gray+phase",
+    noise: Noise = 1.0,
+    size: Size = None,
+    out: Annotated[Path, Opt("--out DIR", "Gets report.html.", FILES)] = Path("out/sensor"),
+    json_path: Json = None,
 ) -> None:
     """Map the measuring range and sensitivity of a scene.
 
