@@ -40,7 +40,8 @@ class HeightFlag(IntFlag):
     last steps still moved it, or so many others that nothing can be said of any; SINGULAR: the pattern lies
     within its noise of the mirror or of the ray there, so that there is no normal, or so near that the
     solution does not converge there (a scene that is slightly wrong), or its total sigma is a hundred
-    times that of its neighbours; IMPLAUSIBLE: no rig of the scene's accuracy can have taken the capture (on all pixels).
+    times that of its neighbours; IMPLAUSIBLE: no rig of the scene's accuracy can have
+    taken the capture (on all pixels).
     """
 
     NO_ANCHOR = 1024
