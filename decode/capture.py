@@ -120,7 +120,9 @@ def _estimate(light: Light, sequence: Sequence, settings: Settings, mask: Mask, 
         profile = _with_misfits(profile._replace(effects=(slow,)), sequence, sample, look_ups)
         place = _places(light, sequence, settings, profile, sample)
     view = View(p, light, noise, sample, *place)
-    profile, moved, common = _with_between(profile, axes, view), None, None
+    moved, common = None, None
+    if settings.noise is None:
+        profile = _with_between(profile, axes, view)
     if any(axis.code is not None and axis.fringes for axis in axes):
         moved = motion.estimate(
             View(p, light, noise, wide, *_places(light, sequence, settings, profile, wide))
@@ -129,7 +131,8 @@ def _estimate(light: Light, sequence: Sequence, settings: Settings, mask: Mask, 
     if moved is not None:
         more = more + motion.variance(view, moved)
         profile = profile._replace(effects=(*profile.effects, moved))
-    sharp = cells.estimate(view, settings.blur_px) if settings.on_cells else None
+    known_cells = settings.on_cells and (settings.noise is None or settings.blur_px is not None)
+    sharp = cells.estimate(view, settings.blur_px) if known_cells else None
     if sharp is not None:
         common = cells.variance(view, sharp)
         more = more + common
@@ -165,6 +168,8 @@ def _misfit(fringe: Fringe, p: Plan, axis: AxisPlan, sample: Sample, noise: Nois
     pairs = [] if code is None else list(zip(code.plain.tolist(), code.inverse.tolist(), strict=True))
     ends = [pair for pair in (*pairs, (p.white, p.black)) if min(pair) >= 0]
     found = measure_misfit(fringe, sample, noise)
+    if np.isnan(noise.read2_sigma):  # given: each pixel is judged by its neighbourhood alone
+        found = found._replace(scale=1.0, terms=np.zeros_like(found.terms))
     return found._replace(variance=found.variance + three_step_aliasing(fringe, ends, sample, noise))
 
 

@@ -51,7 +51,7 @@ def decode(
     frames       (N, H, W) uint8 or uint16 (floats of any unit are taken, too; pixels that are not finite are
                  INVALID), frame i as sequence.frames[i] describes it
     noise, gain  of the camera: variance = noise^2 + gain * level, levels of the frames before rounding;
-                 without `noise` both are estimated from the frames
+                 without `noise` both are estimated from the frames, and so is what fringes are off beyond it
     white_level  level at which the camera clips; default 255, for uint16 the 10, 12, 14 or 16 bits in use
     response     camera level against displayed level, inverted first
     blur_px      rms blur between display and camera, cells; default: bounded by the fringes' contrast

@@ -44,7 +44,7 @@ _DEGENERATE = 1e-3
 _FEWEST, _MOST, _MEDIAN, _WORTH = 64, 4096, 0.4549, 1.1
 #: Deviations from which on a harmonic is significant; condition of the regression.
 _SURE, _RANK = 4.0, 1e-2
-#: Weight of a frame that is left out of a lag's correction.
+#: Weight of a frame that is left out of a lag's correction, share of the noise that costs nothing.
 _NEGLIGIBLE = 3e-4
 #: Terms of the harmonics: 1, offset, amplitude, cosine and sine of one to three times the phase.
 _TERMS = 9
@@ -174,13 +174,13 @@ def measure_misfit(fringe: Fringe, sample: Sample, noise: Noise) -> Misfit:
     norms = np.maximum(np.linalg.norm(scaled, axis=0), 1e-9)
     terms = (np.linalg.lstsq(scaled / norms, (residual * weight).T, rcond=_RANK)[0] / norms[:, None]).T
     rest = float(np.median((residual - terms @ model) ** 2 / variance)) / _MEDIAN
-    aliased = _aliased(fringe, residual, phase[lit], amplitude[lit], variance)
+    aliased = _aliased(fringe, residual, phase[lit], amplitude[lit])
     if plain < _WORTH * max(rest, 1.0):
         return Misfit(max(plain, 1.0), nothing, aliased)
     return Misfit(max(rest, 1.0), terms, aliased)
 
 
-def _aliased(fringe: Fringe, residual: F64, phase: F64, amplitude: F64, variance: F64) -> float:
+def _aliased(fringe: Fringe, residual: F64, phase: F64, amplitude: F64) -> float:
     """Bound on the variance (cycles^2) of a phase of N >= 4 steps by harmonics of a smooth curve.
 
     N equidistant steps alias those of N - 1 and N + 1 to the fundamental: a wave of N periods per cycle, up
@@ -194,8 +194,11 @@ def _aliased(fringe: Fringe, residual: F64, phase: F64, amplitude: F64, variance
     if power < residual.shape[1]:
         return 0.0
     second = abs(float((expected * residual).sum())) / power
-    steps, chance = len(fringe.index) - 2, float(np.sqrt(np.mean(variance) / power))
-    return float((steps * second**steps) ** 2 / 3 / (2 * np.pi) ** 2) if second > _SURE * chance else 0.0
+    square = float(np.mean(residual**2))
+    steps, chance = len(fringe.index) - 2, float(np.sqrt(square / power))
+    bound = (steps * second**steps) ** 2 / 3
+    real = second > _SURE * chance and bound > _NEGLIGIBLE * square / float(np.mean(amplitude**2))
+    return float(bound / (2 * np.pi) ** 2) if real else 0.0
 
 
 def three_step_aliasing(fringe: Fringe, ends: list[tuple[int, int]], sample: Sample, noise: Noise) -> float:
