@@ -12,7 +12,7 @@ from optolever.errors import InputError
 from optolever.scene import Scene
 
 from ..arrays import Floats
-from ..geometry import ray_field, rest_distance
+from ..geometry import RayField, ray_field, rest_distance
 
 __all__ = ["Form", "Pair3", "flat_mirror", "no_form", "rest_corrected", "same_capture"]
 
@@ -63,14 +63,14 @@ def no_form(x: Floats, y: Floats) -> Pair3:
     return 0.0 * x, 0.0 * x, 0.0 * y
 
 
-def flat_mirror(scene: Scene, form: Form = no_form) -> Floats:
+def flat_mirror(scene: Scene, form: Form = no_form, rays: RayField | None = None) -> Floats:
     """Place on the pattern's surface of every pixel by the mirror z = form(x, y), u and v (2, H, W); NaN
-    where there is none. form: some micrometres high.
+    where there is none. form: some micrometres high; rays: of the scene's camera, if they are known.
 
     Neither mirror nor pattern nor medium end: a scene that is a little wrong has its edges elsewhere, and the
     capture at rest shows where they are.
     """
-    rays = ray_field(scene.camera)
+    rays = ray_field(scene.camera) if rays is None else rays
     o, d = rays.inner_origins, rays.inner_directions
     away = rest_distance(o, d)
     for _ in range(_FORM_STEPS if form is not no_form else 0):

@@ -169,24 +169,32 @@ class RigModel:
     def at(self, errors: Floats) -> tuple[Measured, AnchorRows, Form]:
         """The measurement, the anchors and the form of the mirror at rest with these errors (m,)."""
         numbers, forms, shifts = np.split(errors, np.cumsum([len(self.root), len(self.forms)]))
-        scene = self._scene(numbers)
-        form = _sum(self.forms, forms)
-        moved = np.tensordot(shifts, self.shifts, 1)
-        if self.rest_mirror is not None:  # the rest capture is compared with what this rig predicts of it
-            moved = moved + np.nan_to_num(flat_mirror(scene, form) - self.rest_mirror)
-        problem, data = self.problem, self.problem.data
-        rays = traced_rays(scene.camera)
-        window = rays.cropped(problem.rows, problem.cols)
+        change = numbers @ self.root
+        scene, form, moved = (
+            self._scene(change),
+            _sum(self.forms, forms),
+            np.tensordot(shifts, self.shifts, 1),
+        )
+        problem, at_rest = self.problem, self.rest_mirror is not None
+        pattern = [name.startswith("pattern.") for name in self.names]
+        same = not np.any(change[np.logical_not(pattern)])  # the camera: anchors stay where they are
+        rays = problem.rays if same else traced_rays(scene.camera)
+        if self.rest_mirror is not None and (change.any() or forms.any()):
+            # the rest capture is compared with what this rig predicts of it
+            moved = moved + np.nan_to_num(flat_mirror(scene, form, rays) - self.rest_mirror)
         data = replace(
-            data,
-            rays=window.transposed() if problem.turned else window,
+            problem.data,
             plane=pattern_plane(scene),
             shape=scene.pattern.shape,
-            u=data.u + problem.to_grid(moved[0]),
-            v=data.v + problem.to_grid(moved[1]),
+            u=problem.data.u + problem.to_grid(moved[0]),
+            v=problem.data.v + problem.to_grid(moved[1]),
         )
+        if same and (at_rest or not forms.any()):
+            return data, self.state.rows, form
+        window = rays.cropped(problem.rows, problem.cols)
+        data = replace(data, rays=window.transposed() if problem.turned else window)
         samples = anchor_samples(self.anchor, scene, rays, problem.valid)
-        if self.rest_mirror is None and self.forms:  # the edge is where the mirror at rest is
+        if not at_rest and forms.any():  # the edge is where the mirror at rest is
             origins, directions = (part.T for part in scene.camera.rays_at(samples.row, samples.col))
             x, y, _ = origins + samples.distance * directions
             samples = replace(samples, distance=samples.distance + form(x, y)[0] / directions[2])
@@ -211,11 +219,10 @@ class RigModel:
             points[2] -= form(points[0], points[1])[0]
         return np.stack([self.problem.to_image(part, np.nan) for part in points])
 
-    def _scene(self, numbers: Floats) -> Scene:
+    def _scene(self, change: Floats) -> Scene:
         own = parameter_values(self.scene)
-        change = numbers @ self.root
         values = {name: own[name] + float(moved) for name, moved in zip(self.names, change, strict=True)}
-        return strided(adjusted(self.scene, values), self.step)
+        return strided(adjusted(self.scene, values) if change.any() else self.scene, self.step)
 
 
 def rig_model(
