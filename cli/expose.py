@@ -27,7 +27,6 @@ Exposure in rig.toml
   saturated  0 % of the pixels
   contrast   85.1 % of full scale (median)
   lit        100 % of the pixels
-  bracket    no further exposure is needed
 """
 
 
@@ -69,7 +68,6 @@ def command(
         "saturated_share": seen.saturated,
         "swing": seen.swing,
         "lit_share": float(seen.mask.mean()),
-        "further_ms": [1e3 * one for one in found.further_s],
     }
     with together():
         if mask_path is not None:
@@ -84,8 +82,6 @@ def command(
             "saturated": number(100 * seen.saturated, "% of the pixels"),
             "contrast": number(100 * seen.swing, "% of full scale (median)"),
             "lit": number(100 * seen.mask.mean(), "% of the pixels"),
-            "bracket": ", ".join(number(1e3 * one, "ms") for one in found.further_s)
-            or "no further exposure is needed",
         },
     )
 

@@ -18,30 +18,27 @@ _SATURATED = 1e-4  # share of the pixels that may be at the top level
 _TOP = 0.9  # of full scale, of the brightest that are to stay below
 _STEPS = 8
 _LIT = 0.03  # of the swing of the brightest pixels: threshold of the mask
-_RANGE = 10.0  # between bright and dim pixels of the mask, beyond which one exposure leaves dim ones noisy
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Contrast:
     """saturated: share of the pixels at the top level; bright: level below which all others stay, of full
     scale; swing: white less black (median of the mask), of full scale; mask (H, W): pixels that see the
-    pattern; range: swing of its bright over that of its dim pixels.
+    pattern.
     """
 
     saturated: float
     bright: float
     swing: float
     mask: NDArray[np.bool_]
-    range: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExposureChoice:
-    """The exposure (s), its contrast; further: longer exposures for the dim pixels."""
+    """The exposure (s), its contrast."""
 
     exposure_s: float
     contrast: Contrast
-    further_s: tuple[float, ...]
 
 
 def contrast(white: Pixels, black: Pixels, bits: int) -> Contrast:
@@ -55,13 +52,11 @@ def contrast(white: Pixels, black: Pixels, bits: int) -> Contrast:
             "is it in focus on the mirror, is the lens open?"
         )
     mask = swing > _LIT * most
-    dim, bright = np.percentile(swing[mask], (5, 95))
     return Contrast(
         saturated=float((white >= top).mean()),
         bright=float(np.quantile(white, 1 - _SATURATED)) / top,
         swing=float(np.median(swing[mask])) / top,
         mask=mask,
-        range=float(bright / dim),
     )
 
 
@@ -89,7 +84,7 @@ def choose_exposure(
         found = contrast(white, black, bits)
         if found.saturated <= _SATURATED:
             if good is None or accepted > good.exposure_s:
-                good = ExposureChoice(accepted, found, ())
+                good = ExposureChoice(accepted, found)
             factor = _TOP / max(found.bright, 0.01)
         else:
             factor = 0.5 if found.bright >= 1 else _TOP
@@ -101,8 +96,4 @@ def choose_exposure(
             f"expose: {100 * found.saturated:.2f} % of the pixels saturate at {1e3 * accepted:.2f} ms, "
             "at most 0.01 % may; close the lens, or dim the display"
         )
-    steps = (
-        int(np.ceil(np.log(good.contrast.range / _RANGE) / np.log(4))) if good.contrast.range > _RANGE else 0
-    )
-    further = tuple(whole(good.exposure_s * 4**k) for k in range(1, steps + 1))
-    return ExposureChoice(good.exposure_s, good.contrast, further)
+    return good

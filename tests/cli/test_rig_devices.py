@@ -145,8 +145,6 @@ def test_expose_takes_the_longest_that_does_not_saturate(
         assert 0.7 < found.contrast.bright < 1
     stepped = choose_exposure(camera(2000.0), 8, 0.01, 1 / 60)
     assert stepped.exposure_s == pytest.approx(6 / 60, abs=1e-3)
-    assert stepped.contrast.range > 10
-    assert len(stepped.further_s) == 1
 
 
 class Hands:
