@@ -38,7 +38,6 @@ SHAPES = (
     Frame("phase", "v", period_px=16.0, shift=2.0),
     Frame("lattice", period_px=11.0, width_px=2.5),
     Frame("crossed", period_px=9.0),
-    Frame("stripe", "uv", width_px=30.0, at_u=40.0, at_v=45.0),
 )
 
 
