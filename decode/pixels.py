@@ -1,21 +1,19 @@
-"""Levels of one pixel -> place, variance, amplitude, residual, flags; row by row, so that the lines of a row
-stay in
-the cache."""
+"""Levels of one pixel -> place, variance, amplitude, residual, flags; by blocks of rows."""
 
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.kernels import F32, I32, exact, kernel
+from optolever.kernels import F32, I32, kernel
 from optolever.kernels import HALF as _HALF
 from optolever.kernels import ZERO as _ZERO
 
-from .codes.bits import BitTables, Reading, extremes_row, read_row
-from .codes.fringe import Fit, FringeTables, fringe_row
+from .codes.bits import BitTable, ends_of, read_rows
+from .codes.fringe import Fit, FringeTable, fringe_rows
 from .codes.lookup import Lines
 from .codes.orders import Orders, climb_row, compare_row, join_row, start_row
-from .frames import RawFrames, level_of
+from .frames import RawFrames
 from .records import Flag
 
 __all__ = ["Maps", "Tables", "pixel_rows"]
@@ -37,8 +35,8 @@ class Tables(NamedTuple):
     amplitude over a sample's; more (A,): variance of every place, px^2; extent (A,): of the surface, px;
     beyond (A,): share of the surface that the coarsest period does not cover."""
 
-    fringes: FringeTables
-    bits: BitTables
+    fringes: tuple[tuple[FringeTable, ...], ...]
+    bits: tuple[BitTable | None, ...]
     orders: tuple[Orders, Orders]
     given: NDArray[np.bool_]
     close: NDArray[np.bool_]
@@ -62,7 +60,6 @@ class Maps(NamedTuple):
     flags: NDArray[np.uint16]
 
 
-@exact
 def pixel_rows(
     light: tuple[RawFrames, F32 | None, np.float32],
     noise: tuple[np.float32, np.float32],
@@ -74,163 +71,63 @@ def pixel_rows(
     at: int,
 ) -> None:
     """Decode rows start..stop of the frames into rows 0..stop - start of out, of place and variance from row
-    `at` on;
-    looked_up: (A, n, W) of look-ups."""
+    `at` on; looked_up: (A, n, W) of look-ups."""
     raw, table, clip = light
-    width, many = raw.shape[2], tables.fringes.period.shape[1]
-    f = np.zeros((20, width), np.float32)
-    phases, variances = (
-        np.zeros((max(many, 1), width), np.float32),
-        np.zeros((max(many, 1), width), np.float32),
-    )
-    flags, words = np.zeros(width, np.int32), np.zeros((2, width), np.int32)
-    top = np.zeros(width, raw.dtype)
-    read = Reading(words[0], words[1], f[0], f[1], f[2], f[3], f[4])
-    low, high, error, work, amplitude, offset = f[5], f[6], f[7], f[8], f[9], f[10]
-    for y in range(start, stop):
-        r = y - start
-        chi2 = out.chi2[r]
-        _clear(flags, chi2, error)
-        for a in range(tables.given.size):
-            place, variance = out.place[a, r + at], out.variance[a, r + at]
-            if tables.given[a]:
-                _take(looked_up, a, r, place, variance, amplitude, offset, error, chi2, flags)
-            count = tables.fringes.number[a] if not tables.given[a] else 0
-            for k in range(count):
+    shape = stop - start, raw.shape[2]
+    chi2, error, flags = out.chi2[: shape[0]], out.error[: shape[0]], np.zeros(shape, np.int32)
+    chi2[:], error[:] = 0, 0
+    for a, (fringes, code) in enumerate(zip(tables.fringes, tables.bits, strict=True)):
+        place, variance = out.place[a, at : at + shape[0]], out.variance[a, at : at + shape[0]]
+        if tables.given[a]:
+            place[:], variance[:] = looked_up.place[a], looked_up.variance[a]
+            amplitude, offset = looked_up.amplitude[a], looked_up.offset[a]
+            np.maximum(error, looked_up.error[a], out=error)
+            chi2 += looked_up.chi2[a]
+            flags |= looked_up.flags[a]
+        elif fringes:
+            offset, amplitude = np.empty((2, *shape), np.float32)
+            phases, own = np.empty((2, len(fringes) if tables.close[a] else 1, *shape), np.float32)
+            for k, fringe in enumerate(fringes):
                 j = k if tables.close[a] else 0
-                fit = Fit(f[11], f[12], f[13], f[14], phases[j], variances[j], f[15], top)
-                fringe_row(light, noise, tables.fringes, a, k, y, fit, chi2, flags)
-                period, v = tables.fringes.period[a, k], variances[j]
-                if k == 0:
-                    if tables.bits.kind[a] > 0:
-                        ends = _ends(raw, table, y, tables.bits, a, fit, low, high)
-                        read_row(
-                            raw,
-                            table,
-                            noise,
-                            tables.bits,
-                            a,
-                            y,
-                            ends,
-                            work,
-                            read,
-                            place,
-                            variance,
-                            error,
-                            flags,
-                        )
-                        join_row(phases[0], v, period, read.reach, place, variance, error, flags)
-                    elif not tables.close[a]:
-                        start_row(phases[0], v, period, tables.extent[a], place, variance)
-                        _doubt_beyond(tables.beyond[a], error, flags)
-                elif not tables.close[a]:
-                    climb_row(phases[0], v, period, place, variance, error, flags)
-            if count > 0:
-                amplitude, offset = f[15], f[11]
-                if tables.close[a]:
-                    compare_row(
-                        phases[:count],
-                        variances[:count],
-                        tables.fringes.period[a, :count],
-                        tables.orders[a],
-                        f[:6],
-                        place,
-                        variance,
-                        work,
-                        chi2,
-                        flags,
-                    )
-                    _most(work, error)
-            elif not tables.given[a]:
-                fit = Fit(f[11], f[12], f[13], f[14], phases[0], variances[0], f[15], top)
-                ends = _ends(raw, table, y, tables.bits, a, fit, low, high)
-                read_row(
-                    raw, table, noise, tables.bits, a, y, ends, work, read, place, variance, error, flags
+                fringe_rows(
+                    light, noise, fringe, start, Fit(offset, amplitude, phases[j], own[j]), chi2, flags
                 )
-                amplitude, offset = read.half, read.middle
-            limits = tables.factor[a] * _CONTRAST2, tables.extent[a], tables.more[a], _DIM * clip
-            _merge(
-                a == 0,
-                noise,
-                limits,
-                place,
-                variance,
-                amplitude,
-                offset,
-                flags,
-                out.amplitude[r],
-                out.offset[r],
-            )
-        _store(error, flags, out.error[r], out.flags[r])
-
-
-@kernel
-def _clear(flags: I32, chi2: F32, error: F32) -> None:
-    for x in range(flags.size):
-        flags[x] = np.int32(0)
-        chi2[x], error[x] = _ZERO, _ZERO
-
-
-@kernel
-def _doubt_beyond(beyond: np.float32, error: F32, flags: I32) -> None:
-    if beyond > _ZERO:
-        for x in range(error.size):
-            error[x] = max(error[x], beyond)
-            flags[x] |= _ORDER
-
-
-@kernel
-def _most(one: F32, error: F32) -> None:
-    for x in range(error.size):
-        error[x] = max(error[x], one[x])
-
-
-@kernel
-def _take(
-    found: Lines,
-    a: int,
-    r: int,
-    place: F32,
-    variance: F32,
-    amplitude: F32,
-    offset: F32,
-    error: F32,
-    chi2: F32,
-    flags: I32,
-) -> None:
-    """Lines of a look-up."""
-    p, v, m, o, e, c, g = (
-        found.place[a, r],
-        found.variance[a, r],
-        found.amplitude[a, r],
-        found.offset[a, r],
-        found.error[a, r],
-        found.chi2[a, r],
-        found.flags[a, r],
-    )
-    for x in range(place.size):
-        place[x], variance[x], amplitude[x], offset[x] = p[x], v[x], m[x], o[x]
-        error[x] = max(error[x], e[x])
-        chi2[x] += c[x]
-        flags[x] |= g[x]
-
-
-@kernel
-def _ends(
-    raw: RawFrames, table: F32 | None, y: int, bits: BitTables, a: int, fit: Fit, low: F32, high: F32
-) -> tuple[F32, F32]:
-    """Levels of black and white of a row."""
-    if bits.middle[a] == 0:
-        f, g = raw[bits.black, y], raw[bits.white, y]
-        for x in range(low.size):
-            low[x], high[x] = level_of(f[x], table), level_of(g[x], table)
-    elif bits.middle[a] == 1:
-        o, m = fit.offset, fit.amplitude
-        for x in range(low.size):
-            low[x], high[x] = o[x] - m[x], o[x] + m[x]
-    else:
-        extremes_row(raw, table, y, bits.all, low, high)
-    return low, high
+                lines = [one.reshape(-1) for one in (place, variance, error, flags)]
+                if tables.close[a]:
+                    continue
+                measured = phases[0].reshape(-1), own[0].reshape(-1), fringe.period
+                if k > 0:
+                    climb_row(*measured, *lines)
+                elif code is not None:
+                    known = offset - amplitude, offset + amplitude
+                    ends = known if code.fringe else ends_of(raw, table, code, start, stop)
+                    reach = read_rows(raw, table, noise, code, start, ends, place, error, flags)
+                    join_row(*measured, reach.reshape(-1), *lines)
+                else:
+                    start_row(*measured, tables.extent[a], *lines[:2])
+                    if tables.beyond[a] > 0:
+                        np.maximum(error, tables.beyond[a], out=error)
+                        flags |= _ORDER
+            if tables.close[a]:
+                pixels = shape[0] * shape[1]
+                work, wrong = np.empty((6, pixels), np.float32), np.empty(pixels, np.float32)
+                periods = np.array([fringe.period for fringe in fringes])
+                several = phases.reshape(-1, pixels), own.reshape(-1, pixels), periods, tables.orders[a]
+                compare_row(*several, work, *lines[:2], wrong, chi2.reshape(-1), lines[3])
+                np.maximum(error, wrong.reshape(shape), out=error)
+        elif code is not None:
+            low, high = ends_of(raw, table, code, start, stop)
+            reach = read_rows(raw, table, noise, code, start, (low, high), place, error, flags)
+            np.multiply(reach, reach, out=variance)
+            variance /= 3
+            amplitude = _HALF * (high - low)
+            offset = low + amplitude
+        limits = tables.factor[a] * _CONTRAST2, tables.extent[a], tables.more[a], _DIM * clip
+        maps = [
+            one.reshape(-1) for one in (place, variance, amplitude, offset, flags, out.amplitude, out.offset)
+        ]
+        _merge(a == 0, noise, limits, *maps)
+    out.flags[: shape[0]] = flags
 
 
 @kernel
@@ -268,10 +165,3 @@ def _merge(
         for x in range(place.size):
             least[x] = min(least[x], amplitude[x])
             mean[x] = _HALF * (mean[x] + offset[x])
-
-
-@kernel
-def _store(error: F32, flags: I32, errors: F32, out: NDArray[np.uint16]) -> None:
-    for x in range(flags.size):
-        errors[x] = error[x]
-        out[x] = np.uint16(flags[x])

@@ -14,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.kernels import F32, F64, I64, exact, inlined, kernel
+from optolever.kernels import F32, F64, I64, inlined, kernel
+from optolever.kernels import ONE as _ONE
 from optolever.kernels import ZERO as _ZERO
 
 from ..frames import RawFrames, level_of
@@ -24,9 +25,9 @@ from ..records import Flag
 
 __all__ = [
     "Fit",
-    "FringeTables",
+    "FringeTable",
     "Misfit",
-    "fringe_row",
+    "fringe_rows",
     "fringe_tables",
     "measure_misfit",
     "three_step_aliasing",
@@ -60,80 +61,56 @@ class Misfit(NamedTuple):
     variance: float = 0.0
 
 
-class FringeTables(NamedTuple):
-    """Fringes of the axes for kernels, padded: A axes, K fringes, N samples, M residuals.
+class FringeTable(NamedTuple):
+    """One fringe for kernels: N samples, rounded up to groups of four; M residuals, one at least.
 
-    number (A,) of fringes; period (A, K); samples, residuals (A, K): numbers of them;
-    frames (A, K, N); weights (A, K, 3 + M, N) of offset, c, s, residuals; design (A, K, N, 3); covariance
-    (A, K, 3) of c and
-    s; scale, more (A, K): of the variance, cycles^2; harmonic (A, K): whether terms (A, K, M, 9) are
-    regressed out
+    frames (N,); weights (3 + M, N) of offset, c, s, residuals; design (samples, 3);
+    covariance (3,) of c and s; scale, more: of the variance, cycles^2; terms (M, 9), regressed out
     """
 
-    number: I64
-    period: F32
-    samples: I64
-    residuals: I64
+    period: np.float32
     frames: I64
     weights: F32
-    design: F32
+    design: F64
     covariance: F32
-    scale: F32
-    more: F32
-    harmonic: NDArray[np.bool_]
+    scale: np.float32
+    more: np.float32
     terms: F32
 
 
 class Fit(NamedTuple):
-    """Lines (W,) of one fringe: offset, c, s (levels), residual, phase (cycles), its variance, amplitude;
-    brightest
-    raw level."""
+    """Maps (n, W) of one fringe: offset, amplitude, levels; phase, cycles, its variance."""
 
     offset: F32
-    cosine: F32
-    sine: F32
-    residual: F32
+    amplitude: F32
     phase: F32
     variance: F32
-    amplitude: F32
-    top: RawFrames
 
 
 def fringe_tables(
     axes: list[tuple[Fringe, ...]], misfits: list[tuple[Misfit, ...]], matrix: F64 | None = None
-) -> FringeTables:
+) -> tuple[tuple[FringeTable, ...], ...]:
     """matrix (F, F): levels of the frames are corrected by it (lag), None: not."""
-    fringes = [fringe for axis in axes for fringe in axis]
-    a, k = len(axes), max((len(axis) for axis in axes), default=0)
-    inputs = [_samples(fringe, matrix) for fringe in fringes]
-    n = max((len(index) for index, _ in inputs), default=1)
-    m = max((len(fringe.unlike) for fringe in fringes), default=0)
-    f32, i64 = np.float32, np.int64
-    out = FringeTables(
-        np.array([len(axis) for axis in axes], i64),
-        np.ones((a, k), f32), np.zeros((a, k), i64), np.zeros((a, k), i64), np.zeros((a, k, n), i64),
-        np.zeros((a, k, 3 + m, n), f32), np.zeros((a, k, n, 3), f32), np.zeros((a, k, 3), f32),
-        np.ones((a, k), f32), np.zeros((a, k), f32), np.zeros((a, k), bool), np.zeros((a, k, m, _TERMS), f32),
-    )  # fmt: skip
-    flat = iter(inputs)
-    for i, (axis, own) in enumerate(zip(axes, misfits, strict=True)):
-        for j, (fringe, misfit) in enumerate(zip(axis, own, strict=True)):
-            index, weights = next(flat)
-            cov = weights[1:3] @ weights[1:3].T
-            out.period[i, j], out.samples[i, j], out.residuals[i, j] = (
-                fringe.period,
-                len(index),
-                len(weights) - 3,
-            )
-            out.frames[i, j, : len(index)] = index
-            out.weights[i, j, : len(weights), : len(index)] = weights
-            if matrix is None:
-                out.design[i, j, : len(index)] = fringe.design
-            out.covariance[i, j] = cov[0, 0], cov[0, 1], cov[1, 1]
-            out.scale[i, j], out.more[i, j] = misfit.scale, misfit.variance
-            out.harmonic[i, j] = bool(misfit.terms.any())
-            out.terms[i, j, : len(misfit.terms)] = misfit.terms
-    return out
+    every = zip(axes, misfits, strict=True)
+    return tuple(tuple(_table(*one, matrix) for one in zip(axis, own, strict=True)) for axis, own in every)
+
+
+def _table(fringe: Fringe, misfit: Misfit, matrix: F64 | None) -> FringeTable:
+    index, weights = _samples(fringe, matrix)
+    cov, groups = weights[1:3] @ weights[1:3].T, -len(index) % 4
+    padded = np.pad(weights, ((0, max(4 - len(weights), 0)), (0, groups)))
+    terms = np.zeros((len(padded) - 3, _TERMS))
+    terms[: len(misfit.terms)] = misfit.terms
+    return FringeTable(
+        np.float32(fringe.period),
+        np.pad(index, (0, groups), mode="edge"),
+        padded.astype(np.float32),
+        fringe.design if matrix is None else np.zeros((len(index), 3)),
+        np.array([cov[0, 0], cov[0, 1], cov[1, 1]], np.float32) * _CYCLES2,
+        np.float32(misfit.scale),
+        np.float32(misfit.variance),
+        terms.astype(np.float32),
+    )
 
 
 def _samples(fringe: Fringe, matrix: F64 | None) -> tuple[I64, F64]:
@@ -222,6 +199,104 @@ def three_step_aliasing(fringe: Fringe, ends: list[tuple[int, int]], sample: Sam
     return bound**2 / 3 / (2 * np.pi) ** 2 if bound > _SURE * chance else 0.0
 
 
+def fringe_rows(
+    light: tuple[RawFrames, F32 | None, np.float32],
+    noise: tuple[np.float32, np.float32],
+    fringe: FringeTable,
+    start: int,
+    fit: Fit,
+    chi2: F32,
+    flags: NDArray[np.int32],
+) -> None:
+    """Fit a fringe in rows of the frames from `start` on; add its residuals to chi2. Where samples are
+    saturated the others count, flagged where too few stay."""
+    raw, table, clip = light
+    rows, width = chi2.shape
+    clipped, work = np.empty((rows, width), np.bool_), np.empty((5, width), np.float32)
+    top = np.empty(width, raw.dtype)
+    _fit_rows(*light, noise, fringe[1:3], fringe[4:], start, work, top, fit, chi2, clipped)
+    if not clipped.any():
+        return
+    r, x = np.nonzero(clipped)
+    some, design = (
+        raw[fringe.frames[: len(fringe.design)], start + r[:, None], x[:, None]],
+        fringe.design,
+    )  # (K, N)
+    keep = (some < clip).astype(np.float64)
+    level = some.astype(np.float64) if table is None else table[some].astype(np.float64)
+    normal, right = np.einsum("kn,ni,nj->kij", keep, design, design), (keep * level) @ design
+    enough = np.linalg.det(normal) > _DEGENERATE * max(float(np.linalg.det(design.T @ design)), 1e-9)
+    flags[r[~enough], x[~enough]] |= _SATURATED
+    r, x, inverse = r[enough], x[enough], np.linalg.inv(normal[enough])
+    o, c, s = np.einsum("kij,kj->ik", inverse, right[enough])
+    power = np.maximum(c * c + s * s, 1e-6)
+    across = inverse[:, 1, 1] * s * s - 2 * inverse[:, 1, 2] * c * s + inverse[:, 2, 2] * c * c
+    own = noise[0] + noise[1] * np.maximum(o, 0.0)
+    fit.offset[r, x], fit.amplitude[r, x], fit.phase[r, x] = o, np.sqrt(power), np.arctan2(s, c) / (2 * np.pi)
+    fit.variance[r, x] = fringe.scale * own * across / (2 * np.pi * power) ** 2
+
+
+@kernel
+def _fit_rows(
+    raw: RawFrames, table: F32 | None, clip: np.float32, noise: tuple[np.float32, np.float32],
+    samples: tuple[I64, F32], numbers: tuple[F32, np.float32, np.float32, F32], start: int, work: F32,
+    top: RawFrames, fit: Fit, chi2: F32, clipped: NDArray[np.bool_],
+) -> None:  # fmt: skip
+    """Offset, c, s and a residual lie in work (5, W), with one over a residual's variance, 0: saturated."""
+    (n, width), (read2, gain), (index, weights) = chi2.shape, noise, samples
+    covariance, scale, more, terms = numbers
+    offset, amplitude, phase, variance = fit
+    cc, cs, ss = scale * covariance[0], _TWO * scale * covariance[1], scale * covariance[2]
+    for r in range(n):
+        y = start + r
+        for x in range(width):
+            top[x] = raw[index[0], y, x]
+        for j in range(len(weights)):
+            line = min(j, 3)
+            for g in range(0, index.size, 4):
+                i0, i1, i2, i3 = index[g], index[g + 1], index[g + 2], index[g + 3]
+                w0, w1, w2, w3 = weights[j, g], weights[j, g + 1], weights[j, g + 2], weights[j, g + 3]
+                if g == 0:
+                    for x in range(width):
+                        work[line, x] = _ZERO
+                for x in range(width):
+                    work[line, x] += (
+                        w0 * level_of(raw[i0, y, x], table) + w1 * level_of(raw[i1, y, x], table)
+                        + w2 * level_of(raw[i2, y, x], table) + w3 * level_of(raw[i3, y, x], table)
+                    )  # fmt: skip
+                if j == 0:
+                    for x in range(width):
+                        brighter = max(max(raw[i0, y, x], raw[i1, y, x]), max(raw[i2, y, x], raw[i3, y, x]))
+                        top[x] = max(top[x], brighter)
+            if j == 2:
+                for x in range(width):
+                    a, b = work[1, x], work[2, x]
+                    power, own = max(a * a + b * b, _TINY), read2 + gain * max(work[0, x], _ZERO)
+                    variance[r, x] = more + own * (cc * b * b - cs * a * b + ss * a * a) / (power * power)
+                    amplitude[r, x] = np.sqrt(power)
+                for x in range(width):
+                    phase[r, x] = cycles_of(work[2, x], work[1, x])
+                for x in range(width):
+                    work[4, x] = _ONE / (scale * (read2 + gain * max(work[0, x], _ZERO)))
+                    offset[r, x] = work[0, x]
+                for x in range(width):
+                    clipped[r, x] = top[x] >= clip
+                    work[4, x] = _ZERO if top[x] >= clip else work[4, x]
+            elif j > 2:
+                t = terms[j - 3]
+                if t[2] != _ZERO:  # take the harmonics off
+                    for x in range(width):
+                        a = amplitude[r, x]
+                        inverse = _ONE / max(a, _TINY)
+                        c1, s1 = work[1, x] * inverse, work[2, x] * inverse
+                        c2, s2 = c1 * c1 - s1 * s1, _TWO * c1 * s1
+                        c3, s3 = c2 * c1 - s2 * s1, s2 * c1 + c2 * s1
+                        wave = t[2] + t[3] * c1 + t[4] * s1 + t[5] * c2 + t[6] * s2 + t[7] * c3 + t[8] * s3
+                        work[3, x] -= t[0] + t[1] * work[0, x] + a * wave
+                for x in range(width):
+                    chi2[r, x] += work[3, x] * work[3, x] * work[4, x]
+
+
 @inlined
 def cycles_of(s: np.float32, c: np.float32) -> np.float32:
     """atan2(s, c) / 2 pi in [-1/2, 1/2], float32, to 6e-9: an odd polynomial on [0, 1] and symmetries."""
@@ -240,163 +315,3 @@ def cycles_of(s: np.float32, c: np.float32) -> np.float32:
     turn = np.float32(0.25) - turn if abs(s) > abs(c) else turn
     turn = np.float32(0.5) - turn if c < np.float32(0) else turn
     return -turn if s < np.float32(0) else turn
-
-
-@kernel
-def _sums(raw: RawFrames, table: F32 | None, y: int, index: I64, weights: F32, fit: Fit) -> None:
-    """Offset, c, s and brightest raw level of a row."""
-    o, c, s, _, _, _, _, top = fit
-    g = raw[index[0], y]
-    for x in range(o.size):
-        o[x], c[x], s[x] = _ZERO, _ZERO, _ZERO
-        top[x] = g[x]
-    for i in range(index.size):
-        f = raw[index[i], y]
-        m0, m1, m2 = weights[0, i], weights[1, i], weights[2, i]
-        for x in range(o.size):
-            value = level_of(f[x], table)
-            o[x] += m0 * value
-            c[x] += m1 * value
-            s[x] += m2 * value
-        for x in range(o.size):
-            top[x] = max(top[x], f[x])
-
-
-@kernel
-def _residuals(raw: RawFrames, table: F32 | None, y: int, index: I64, weights: F32, residual: F32) -> None:
-    for x in range(residual.size):
-        residual[x] = _ZERO
-    for i in range(index.size):
-        f, w = raw[index[i], y], weights[i]
-        for x in range(residual.size):
-            residual[x] += w * level_of(f[x], table)
-
-
-@kernel
-def _regress(terms: F32, fit: Fit) -> None:
-    """Take the harmonics' terms off a residual."""
-    o, c, s, residual, _, _, amplitude, _ = fit
-    t0, t1, t2, t3, t4 = terms[0], terms[1], terms[2], terms[3], terms[4]
-    t5, t6, t7, t8 = terms[5], terms[6], terms[7], terms[8]
-    for x in range(o.size):
-        a = amplitude[x]
-        inverse = np.float32(1) / max(a, _TINY)
-        cc, ss = c[x] * inverse, s[x] * inverse
-        c2, s2 = cc * cc - ss * ss, _TWO * cc * ss
-        c3, s3 = c2 * cc - s2 * ss, s2 * cc + c2 * ss
-        wave = t2 + t3 * cc + t4 * ss + t5 * c2 + t6 * s2 + t7 * c3 + t8 * s3
-        residual[x] -= t0 + t1 * o[x] + a * wave
-
-
-@kernel
-def _phases(
-    noise: tuple[np.float32, np.float32], covariance: F32, scale: np.float32, more: np.float32, fit: Fit
-) -> None:
-    o, c, s, _, phase, variance, amplitude, _ = fit
-    read2, gain = noise
-    cc, cs, ss = (
-        scale * covariance[0] * _CYCLES2,
-        scale * covariance[1] * _CYCLES2,
-        scale * covariance[2] * _CYCLES2,
-    )
-    for x in range(o.size):
-        a, b = c[x], s[x]
-        power = max(a * a + b * b, _TINY)
-        across = cc * b * b - _TWO * cs * a * b + ss * a * a
-        variance[x] = more + (read2 + gain * max(o[x], _ZERO)) * across / (power * power)
-        amplitude[x] = np.sqrt(power)
-    for x in range(o.size):
-        phase[x] = cycles_of(s[x], c[x])
-
-
-@kernel
-def fringe_row(
-    light: tuple[RawFrames, F32 | None, np.float32],
-    noise: tuple[np.float32, np.float32],
-    tables: FringeTables,
-    a: int,
-    k: int,
-    y: int,
-    fit: Fit,
-    chi2: F32,
-    flags: NDArray[np.int32],
-) -> None:
-    """Fit fringe k of axis a in row y of the frames; add its residuals to chi2."""
-    raw, table, clip = light
-    read2, gain = noise
-    n = tables.samples[a, k]
-    index, weights, scale = tables.frames[a, k, :n], tables.weights[a, k], tables.scale[a, k]
-    _sums(raw, table, y, index, weights, fit)
-    _phases(noise, tables.covariance[a, k], scale, tables.more[a, k], fit)
-    offset, residual, top = fit.offset, fit.residual, fit.top
-    for j in range(tables.residuals[a, k]):
-        _residuals(raw, table, y, index, weights[3 + j], residual)
-        if tables.harmonic[a, k]:
-            _regress(tables.terms[a, k, j], fit)
-        for x in range(offset.size):
-            square = residual[x] * residual[x] / (scale * (read2 + gain * max(offset[x], _ZERO)))
-            chi2[x] += square if top[x] < clip else _ZERO
-    some = False
-    for x in range(top.size):
-        some |= top[x] >= clip
-    if some:
-        _refit(raw, table, clip, noise, index, tables.design[a, k], scale, y, fit, flags)
-
-
-@exact
-def _refit(
-    raw: RawFrames,
-    table: F32 | None,
-    clip: np.float32,
-    noise: tuple[np.float32, np.float32],
-    index: I64,
-    design: F32,
-    scale: np.float32,
-    y: int,
-    fit: Fit,
-    flags: NDArray[np.int32],
-) -> None:
-    """Fit of the unsaturated samples where some are saturated; flagged where too few stay."""
-    m, whole, right = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
-    for x in range(fit.top.size):
-        if fit.top[x] < clip:
-            continue
-        for i in range(3):
-            right[i] = 0.0
-            for j in range(3):
-                m[i, j], whole[i, j] = 0.0, 0.0
-        for n in range(index.size):
-            keep = raw[index[n], y, x] < clip
-            value = level_of(raw[index[n], y, x], table)
-            for i in range(3):
-                right[i] += design[n, i] * value if keep else 0.0
-                for j in range(3):
-                    product = np.float64(design[n, i]) * design[n, j]
-                    whole[i, j] += product
-                    m[i, j] += product if keep else 0.0
-        det = _adjugate(m, whole)
-        if not det > 0.0:
-            flags[x] |= _SATURATED
-            continue
-        o = (m[0, 0] * right[0] + m[0, 1] * right[1] + m[0, 2] * right[2]) / det
-        c = (m[1, 0] * right[0] + m[1, 1] * right[1] + m[1, 2] * right[2]) / det
-        s = (m[2, 0] * right[0] + m[2, 1] * right[1] + m[2, 2] * right[2]) / det
-        power = max(c * c + s * s, 1e-6)
-        across = (m[1, 1] * s * s - 2 * m[1, 2] * c * s + m[2, 2] * c * c) / det
-        own = noise[0] + noise[1] * max(o, 0.0)
-        fit.offset[x], fit.amplitude[x] = np.float32(o), np.float32(np.sqrt(power))
-        fit.phase[x] = np.float32(np.arctan2(s, c) / (2 * np.pi))
-        fit.variance[x] = np.float32(scale * own * across / (2 * np.pi * power) ** 2)
-
-
-@exact
-def _adjugate(m: F64, whole: F64) -> float:
-    """Replace a symmetric matrix by its adjugate; its determinant, 0 where degenerate beside the whole
-    one."""
-    a, b, c, d, e, f = m[0, 0], m[0, 1], m[0, 2], m[1, 1], m[1, 2], m[2, 2]
-    det: float = a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d)
-    most = whole[0, 0] * (whole[1, 1] * whole[2, 2] - whole[1, 2] ** 2)
-    m[0, 0], m[0, 1], m[0, 2] = d * f - e * e, c * e - b * f, b * e - c * d
-    m[1, 0], m[1, 1], m[1, 2] = m[0, 1], a * f - c * c, b * c - a * e
-    m[2, 0], m[2, 1], m[2, 2] = m[0, 2], m[1, 2], a * d - b * b
-    return det if det > _DEGENERATE * most else 0.0
