@@ -26,101 +26,80 @@ __all__ = ["Repair", "find_order"]
 
 Mask = NDArray[np.bool_]
 Order = NDArray[np.int64]
-#: Places of blocks that are compared, at most.
-_PLACES = 20000
-#: Blocks, their side, blocks at edges of every frame, stride of the first round's, orders of the second.
-_BLOCKS, _SIDE, _EDGES, _FIRST, _SECOND = 36, 10, 2, 3, 24
-#: Sum of 1 - test that starts the search, and least gain (right captures: 0.35 where bits are resolved);
-#: share of it that must remain at most (right captures of poor phones .65 to .83, faults below .55).
-_POOR, _MOST = 0.6, 0.55
-#: Penalty of a test without pixels; sums that are equal.
-_NONE, _EQUAL = 0.05, 0.02
-#: Allowance for the tests of an image that no frame shows.
-_UNTESTED = 0.1
-#: Share of pixels at other places for which equal sums leave the order open; white over black, share of the
-#: span.
-_DIFFERENT, _BRIGHTER = 0.01, 0.25
-#: Share of the half contrast below which a bit is open; residual of a fringe over its amplitude (gamma 2.2:
-#: .57).
-_OPEN, _RESIDUAL = 0.25, 0.7
-#: Finest bits, of which an unknown one leaves an interval of cells; coarser ones are constant in most blocks.
-_FINE = 2
+#: Blocks of the search, side of one, pixels.
+_BLOCKS, _SIDE = 36, 10
+#: Sum of 1 - test that starts the search, and least gain (right captures: 0.35 where bits are resolved).
+_POOR = 0.6
+#: Penalty of a test without pixels.
+_NONE = 0.05
 
 
 class Repair(NamedTuple):
-    """name, cure: for the notice; order (N',): captured frame of each image of `sequence`, which fits;
-    frames: numbers of the wrong ones; solved: False where the code needs an image that no frame shows, or
-    the order is open: no pixel is good."""
+    """name, cure: for the notice; order (N',): captured frame of each image of `sequence`, which fits.
+    solved: False where the code needs an image that no frame shows, or the order is open: no pixel is
+    good."""
 
     name: str
     cure: str
     order: Order
     sequence: Sequence
-    frames: tuple[int, ...] = ()
     solved: bool = True
 
 
 class _Trial(NamedTuple):
-    """order (N,): captured frame of each image; free: image that no frame shows, -1: none; unsure: others of
-    equal sums mean other places."""
+    """order (N,): captured frame of each image; frames: wrong ones; free: image that no frame shows, -1:
+    none."""
 
     name: str
     order: Order
     sequence: Sequence
     frames: tuple[int, ...] = ()
     free: int = -1
-    unsure: bool = False
 
 
 def find_order(frames: NDArray[Any], sequence: Sequence, mask: Mask | None = None) -> Repair | None:
     """frames (N, H, W). None: they are as described, or no other order explains them better."""
-    if not any(axis.code is not None or axis.fringes for axis in plan(sequence).axes):
-        return None
-    blocks = _blocks(frames, mask)
+    known = plan(sequence)
+    blocks = _blocks(frames, mask) if any(a.code is not None or a.fringes for a in known.axes) else None
     if blocks is None:
         return None
-    found = _search(blocks, sequence)
-    return None if found is None else _repair(found)
-
-
-def _search(blocks: F32, sequence: Sequence) -> _Trial | None:
-    """The order or description that explains many more pixels."""
     same = _Trial("", np.arange(len(blocks)), sequence)
     base = _missing(blocks, same)
     if base.sum() < _POOR:
         return None
-    ends = sorted((plan(sequence).white, plan(sequence).black))
+    faults, ends = list(_faults(sequence)), tuple(sorted((known.white, known.black)))
     if ends[0] >= 0 and base[:-1].sum() < _POOR:
-        darker = next(trial for trial in _faults(sequence) if trial.frames == tuple(ends))
+        darker = next(trial for trial in faults if trial.frames == ends)
         if _missing(blocks, darker).sum() < _POOR:
-            return darker._replace(name="white is darker than black on most lit pixels: exchanged")
-    few, trials = blocks[:, ::_FIRST], [*_faults(sequence), *_descriptions(sequence)]
+            name = "white is darker than black on most lit pixels: exchanged"
+            return _repair(darker._replace(name=name))
+    few, trials = blocks[:, ::3], [*faults, *_descriptions(sequence)]
     rough = _missing(few, same)
-    first = np.argsort([_missing(few, trial, rough).sum() for trial in trials], kind="stable")[:_SECOND]
-    costs = np.array([_missing(blocks, trials[i], base).sum() + _fewer(trials[i]) for i in first])
-    if costs.min() > min(_MOST * base.sum(), base.sum() - _POOR):
+    first = np.argsort([_missing(few, trial, rough).sum() for trial in trials], kind="stable")[:24]
+    # an image that no frame shows loses its tests: a swap is likelier
+    lost = np.array([trials[i].free >= 0 and np.array_equal(trials[i].order, same.order) for i in first])
+    costs = np.array([_missing(blocks, trials[i], base).sum() for i in first]) + 0.1 * lost
+    # share that remains: in right captures of poor phones .65 to .83, in faults below .55
+    if costs.min() > min(0.55 * base.sum(), base.sum() - _POOR):
         return None
-    found, *equal = [trials[int(i)] for i in sorted(first[costs <= costs.min() + _EQUAL])]
+    found, *equal = [trials[int(i)] for i in sorted(first[costs <= costs.min() + 0.02])]
     places = _axes(blocks, found)
     unsure = any(
-        np.mean(np.abs(mine - other) > np.maximum(step, beside)) > _DIFFERENT
+        np.mean(np.abs(mine - other) > np.maximum(step, beside)) > 0.01
         for trial in equal
         if trial.frames and found.frames  # u before v and v before u look the same: the usual one
         for (_, mine, step), (_, other, beside) in zip(places, _axes(blocks, trial), strict=True)
     )
-    return found._replace(unsure=unsure)
-
-
-def _fewer(trial: _Trial) -> float:
-    """Allowance for the tests that a trial loses with an image that no frame shows: a swap is likelier."""
-    lost = trial.free >= 0 and bool((trial.order == np.arange(len(trial.order))).all())
-    return _UNTESTED if lost else 0.0
+    if not unsure:
+        return _repair(found)
+    cure = "others explain the frames as well, at other places; capture again"
+    return Repair(found.name, cure, found.order, found.sequence, solved=False)
 
 
 def _blocks(frames: NDArray[Any], mask: Mask | None) -> F32 | None:
     """Lit blocks (N, B, side, side); for every frame some in which it has an edge, the rarest edges first."""
     half, step, rng = _SIDE // 2, _SIDE // 2 - 1, np.random.default_rng(0)
-    stride = max(4, int((frames[0].size / _PLACES) ** 0.5))
+    stride = max(4, int((frames[0].size / 20000) ** 0.5))
     low = frames[:, half : frames.shape[1] - half : stride, half : frames.shape[2] - half : stride].astype(
         np.float32
     )
@@ -135,7 +114,7 @@ def _blocks(frames: NDArray[Any], mask: Mask | None) -> F32 | None:
     edges = (np.max(around, axis=0).astype(np.float32) - np.min(around, axis=0) > 0.5 * span) & lit
     chosen: list[tuple[int, int]] = []
     for edge in sorted(edges, key=np.count_nonzero):
-        more = _EDGES - sum(bool(edge[at]) for at in chosen)
+        more = 2 - sum(bool(edge[at]) for at in chosen)
         chosen += [(int(y), int(x)) for y, x in rng.permutation(np.argwhere(edge))[: max(more, 0)]]
     chosen = chosen[:_BLOCKS]
     chosen += [(int(y), int(x)) for y, x in rng.permutation(np.argwhere(lit))[: _BLOCKS - len(chosen)]]
@@ -158,7 +137,7 @@ def _missing(blocks: F32, trial: _Trial, base: Any = _NONE) -> NDArray[np.float6
     ends = [known.white, known.black]
     if min(ends) >= 0:
         white, black = blocks[trial.order[ends]]
-        bright = np.mean(white - black > _BRIGHTER * np.ptp(blocks, axis=0))
+        bright = np.mean(white - black > 0.25 * np.ptp(blocks, axis=0))
         tests.append(np.array([np.nan if trial.free in ends else bright]))
     one = np.concatenate(tests)
     unknown = np.maximum(0.5 * base, _NONE) if np.shape(base) == one.shape else _NONE
@@ -177,7 +156,7 @@ def _tests(blocks: F32, axis: AxisPlan, known: Plan, free: int) -> tuple[NDArray
     fits = [(f.period, *fit) for f in axis.fringes if (fit := _fringe(blocks, f, free)) is not None]
     ok: Mask = np.ones(blocks.shape[1:], np.bool_)
     for *_, residual in fits:
-        ok &= residual < _RESIDUAL
+        ok &= residual < 0.7  # gamma 2.2: .57
     width: Any = np.zeros(blocks.shape[1:], np.float32)
     phasors, coded = [], ok[None, :, 1:-1, 1:-1]
     edges: list[Mask] = []
@@ -240,11 +219,11 @@ def _word_place(
         blocks[j] for i, j in pairs
     ])  # fmt: skip
     levels[unknown] = half
-    bits, opened = np.arange(len(pairs))[:, None, None, None], np.abs(levels) < _OPEN * half
+    bits, opened = np.arange(len(pairs))[:, None, None, None], np.abs(levels) < 0.25 * half
     run = np.zeros(half.shape, np.int64)
     for b in range(0 if code.together else len(pairs)):
         run += (run == b) & opened[b]
-    fine = bool(unknown) and unknown[0] <= _FINE
+    fine = bool(unknown) and unknown[0] <= 2  # coarser ones are constant in most blocks
     run = np.maximum(run, unknown[0] + 1) if fine else run
     decided = (opened & (bits >= run)).sum(axis=0) <= (3 if code.together else 1)
     word = ((levels > 0) << bits).sum(axis=0)
@@ -252,17 +231,13 @@ def _word_place(
     finest = (1 << run) - 1
     cell = np.minimum(code.cells[words & ~finest], code.cells[words | finest]) >> run << run
     width = np.asarray((1 << run) * code.cell, np.float32)
-    edges = [_edges(level > 0) & (run <= b)[:, 1:-1, 1:-1] for b, level in enumerate(levels)]
-    for b in range(unknown[0] + 1 if fine else 0):  # no fault of the order that leaves it out
-        edges[b] = np.ones_like(edges[b])
+    edges = []
+    for b, bit in enumerate(levels > 0):
+        beside = bit[:, 1:-1, 2:], bit[:, 1:-1, :-2], bit[:, 2:, 1:-1], bit[:, :-2, 1:-1]
+        edge = np.any([bit[:, 1:-1, 1:-1] != one for one in beside], axis=0) & (run <= b)[:, 1:-1, 1:-1]
+        # an unknown one is no fault of the order that leaves it out
+        edges.append(edge | (fine and b <= unknown[0]))
     return np.asarray(cell * code.cell + 0.5 * (width - 1) + code.origin, np.float32), width, decided, edges
-
-
-def _edges(bit: Mask) -> Mask:
-    """Inner pixels with another value at a neighbour."""
-    inner = bit[:, 1:-1, 1:-1]
-    beside = bit[:, 1:-1, 2:], bit[:, 1:-1, :-2], bit[:, 2:, 1:-1], bit[:, :-2, 1:-1]
-    return np.asarray(np.any([inner != one for one in beside], axis=0))
 
 
 def _ladder_place(fits: list[Any], extent: int) -> F32:
@@ -312,105 +287,80 @@ def _faults(sequence: Sequence) -> Iterator[_Trial]:
 
 
 def _descriptions(sequence: Sequence) -> Iterator[_Trial]:
-    """Descriptions that are often mistaken for the right one; order of the images in a folder."""
+    """Descriptions that are often mistaken for the right one; orders of the images in a folder."""
     same, frames = np.arange(len(sequence)), sequence.frames
     yield _Trial("the frames are in reverse order", same[::-1].copy(), sequence)
     names = sorted(range(len(frames)), key=str)
     yield _Trial("the frames are in the alphabetical order of their numbers", np.argsort(names), sequence)
-    count = {axis: max((f.bit or 0 for f in frames if f.axis == axis), default=0) for axis in ("u", "v")}
-    kinds, axes = {"gray": "binary", "binary": "gray"}, {"u": "v", "v": "u"}
-    changes: dict[str, Callable[[Frame], Frame]] = {
-        "bits are inverted": lambda f: replace(f, inverted=not f.inverted),
-        "bits are in reverse order": lambda f: replace(f, bit=count[f.axis or "u"] - (f.bit or 0)),
-        "binary and Gray bits are mistaken for each other": lambda f: replace(
-            f, kind=kinds.get(f.kind, f.kind)
+    last = {axis: max((f.bit or 0 for f in frames if f.axis == axis), default=0) for axis in ("u", "v")}
+    other = {"gray": "binary", "binary": "gray"}
+    changes: list[tuple[str, tuple[str, ...], Callable[[Frame], dict[str, Any]]]] = [
+        ("bits are inverted", BINARY_CODES, lambda f: {"inverted": not f.inverted}),
+        ("bits are in reverse order", BINARY_CODES, lambda f: {"bit": last[f.axis or "u"] - (f.bit or 0)}),
+        ("binary and Gray bits are exchanged", tuple(other), lambda f: {"kind": other[f.kind]}),
+        ("fringes have shifts of the other sign", ("phase",), lambda f: {"shift": -(f.shift or 0.0)}),
+        (
+            "u and v are exchanged",
+            (*BINARY_CODES, "phase"),
+            lambda f: {"axis": "uv".replace(f.axis or "", "")},
         ),
-    }
-    waves: dict[str, Callable[[Frame], Frame]] = {
-        "fringes have shifts of the other sign": lambda f: replace(f, shift=-(f.shift or 0.0)),
-    }
-    if {f.kind for f in frames} & set(BINARY_CODES) and any(f.kind == "phase" for f in frames):  # else unseen
-        changes |= {
-            "cells are half as large": lambda f: replace(f, cell_px=f.cell_px / 2),
-            "cells are twice as large": lambda f: replace(f, cell_px=f.cell_px * 2),
-        }
-        waves |= {
-            "periods are half as large": lambda f: replace(f, period_px=(f.period_px or 1.0) / 2),
-            "periods are twice as large": lambda f: replace(f, period_px=(f.period_px or 1.0) * 2),
-        }
-    kind = [(changes, BINARY_CODES), (waves, ("phase",))]
-    rules = [(name, change, of) for some, of in kind for name, change in some.items()]
-    exchange = lambda f: replace(f, axis=axes[f.axis])  # noqa: E731
-    for name, change, of in [*rules, ("u and v are exchanged", exchange, (*BINARY_CODES, "phase"))]:
-        if any(f.kind in of for f in frames):
-            other = tuple(change(f) if f.kind in of else f for f in frames)
-            yield _Trial(name, same, replace(sequence, frames=other))
-    for key, name in _arrangements(frames):
-        yield _Trial(
-            f"the frames are in another order: {name}",
-            np.argsort(sorted(range(len(frames)), key=key)),
-            sequence,
-        )
-
-
-def _arrangements(frames: tuple[Frame, ...]) -> Iterator[tuple[Callable[[int], Any], str]]:
-    """Keys that sort the images as folders hold them."""
+    ]
+    kinds = {f.kind for f in frames}
+    if kinds & set(BINARY_CODES) and "phase" in kinds:  # else unseen
+        for by, how in ((0.5, "half"), (2.0, "twice")):
+            by_cell = lambda f, by=by: {"cell_px": f.cell_px * by}  # noqa: E731
+            by_period = lambda f, by=by: {"period_px": (f.period_px or 1.0) * by}  # noqa: E731
+            changes += [(f"cells are {how} as large", BINARY_CODES, by_cell)]
+            changes += [(f"periods are {how} as large", ("phase",), by_period)]
+    for name, of, change in changes:
+        if kinds & set(of):
+            changed = tuple(replace(f, **change(f)) if f.kind in of else f for f in frames)
+            yield _Trial(name, same, replace(sequence, frames=changed))
     ends = [("white", "black"), ("black", "white")]
-    axes = [{"u": 0, "v": 1}, {"v": 0, "u": 1}, {"u": 0, "v": 0}]
-    for first, (end, axis, sign, pairs) in product((0, 9), product(ends, axes, (-1, 1), range(3))):
+    axes = {"u before v": "uv", "v before u": "vu", "u and v in turns": ""}
+    pairs = ["", ", inverses first", ", all inverses after all bits"]
+    for end, axis, sign, pair, first in product(ends, axes, (-1, 1), range(3), (0, 9)):
 
         def key(
-            i: int, first: int = first, end: Any = end, axis: Any = axis, sign: Any = sign, pairs: int = pairs
+            i: int, end: Any = end, axis: str = axis, sign: int = sign, pair: int = pair, at: int = first
         ) -> Any:
             f = frames[i]
             if f.kind in end:
-                return first, end.index(f.kind)
-            polarity = f.inverted != (pairs == 1)
-            bits = (polarity, sign * (f.bit or 0)) if pairs == 2 else (sign * (f.bit or 0), polarity)
-            return (
-                5,
-                axis.get(f.axis, 0),
-                f.kind == "phase",
-                -(f.period_px or 0),
-                f.kind != "phase" and bits,
-                i,
-            )
+                return at, end.index(f.kind)
+            bit, polarity = sign * (f.bit or 0), f.inverted != (pair == 1)
+            fringe = f.kind == "phase"
+            place = (polarity, bit) if pair == 2 else (bit, polarity)
+            return 5, axes[axis].find(f.axis or ""), fringe, -(f.period_px or 0), not fringe and place, i
 
-        parts = [
-            ", ".join(end),
-            "v before u" if axis["u"] else "u before v" if axis["v"] else "u and v in turns",
-        ]
-        more = ("coarse" if sign < 0 else "fine") + " bits first"
-        more += ("", ", inverses first", ", all inverses after all bits")[pairs]
-        yield key, ", ".join([*(parts if first == 0 else parts[::-1]), more])
+        order = np.argsort(sorted(range(len(frames)), key=key))
+        parts = [" and ".join(end) + (" last" if first else " first"), axis]
+        parts.append(("coarse" if sign < 0 else "fine") + " bits first" + pairs[pair])
+        yield _Trial("the frames are in another order: " + ", ".join(parts), order, sequence)
 
 
 def _repair(found: _Trial) -> Repair:
     """Leave out an image that no frame shows, with its fringe, or with the finer bits if need be."""
     sequence, cure = found.sequence, "decoded in the right order; capture again, or correct the description"
-    if found.unsure:
-        cure = "others explain the frames as well, at other places; capture again"
-        return Repair(found.name, cure, found.order, sequence, found.frames, solved=False)
     if found.free < 0:
-        return Repair(found.name, cure, found.order, sequence, found.frames)
-    axes, cure = plan(sequence).axes, "decoded without it; capture again"
+        return Repair(found.name, cure, found.order, sequence)
+    axes, lost, every = plan(sequence).axes, sequence.frames[found.free], range(len(sequence))
     own = [{*f.index} for axis in axes for f in (*axis.fringes, *axis.singles) if found.free in f.index]
     for drop in ({found.free}, *own):
-        keep = [i for i in range(len(sequence)) if i not in drop]
+        keep = [i for i in every if i not in drop]
         less = replace(sequence, frames=tuple(sequence.frames[i] for i in keep))
         if _decodable(axes, less):
-            return Repair(found.name, cure, found.order[keep], less, found.frames)
-    lost = sequence.frames[found.free]
-    if lost.kind in ("gray", "binary"):
-        coarser = [_coarser(frame, lost) for frame in sequence.frames]
-        keep = [i for i, frame in enumerate(coarser) if frame is not None]
-        left = tuple(frame for frame in coarser if frame is not None)
-        if any(frame.kind == lost.kind and frame.axis == lost.axis for frame in left):
-            less = replace(sequence, frames=left)
-            cure = f"decoded without it, {lost.axis} by coarser bits alone; capture again"
-            return Repair(found.name, cure, found.order[keep], less, found.frames)
-    cure = "the code cannot do without it; capture again"
-    return Repair(found.name, cure, found.order, sequence, found.frames, solved=False)
+            return Repair(found.name, "decoded without it; capture again", found.order[keep], less)
+    coarser = [
+        _coarser(frame, lost) if lost.kind in ("gray", "binary") else None for frame in sequence.frames
+    ]
+    left = tuple(frame for frame in coarser if frame is not None)
+    if any(frame.kind == lost.kind and frame.axis == lost.axis for frame in left):
+        keep = [i for i in every if coarser[i] is not None]
+        cure = f"decoded without it, {lost.axis} by coarser bits alone; capture again"
+        return Repair(found.name, cure, found.order[keep], replace(sequence, frames=left))
+    return Repair(
+        found.name, "the code cannot do without it; capture again", found.order, sequence, solved=False
+    )
 
 
 def _coarser(frame: Frame, lost: Frame) -> Frame | None:
