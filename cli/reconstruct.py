@@ -56,7 +56,7 @@ Height map in h.npz
   dent 1              depth 1.300000 ± 0.000037 mm; half depth: area 1742.35 ±
                       0.16 mm², volume 1634.02 ± 0.12 mm³, centroid x 81.8496 ±
                       0.0011 mm, y 81.8502 ± 0.0011 mm
-  evidence 1          no contact evidence: the edge's kink shows in 0 % of 65
+  evidence 1          no contact evidence: the edge's kink shows in 0 % of the
                       directions, a smooth surface explains the slopes as well
                       or better
   time                0.5242 s

@@ -13,7 +13,6 @@ KINDS = Sequence(
         Frame("black"),
         Frame("uniform", level=77),
         Frame("stripe", "u", width_px=9.5, at_u=20.25),
-        Frame("stripe", "uv", width_px=30.0, at_u=20.0, at_v=11.0),
         Frame("gray", "v", bit=3, inverted=True),
         Frame("binary", "u", bit=0),
         Frame("xor-gray", "v", bit=2, cell_px=1.5),
