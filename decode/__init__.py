@@ -7,8 +7,7 @@
 | `profile`    | `RigProfile`: noise and effects of one rig; `Settings`                                   |
 | `plan`       | a sequence as periods, bits, references, levels; the constraints that it obeys           |
 | `capture`    | one capture: sample, noise, effects, tables, maps                                        |
-| `frames`     | frames validated: type, unit, white level, response; pixels from all over them           |
-| `response`   | the camera's response, from a table or measured                                          |
+| `frames`     | frames validated: type, unit, white level; `Response`; pixels from all over them          |
 | `noise`      | variance of a camera level, from lit pixels                                              |
 | `pixels`     | levels of one pixel -> place, variance, amplitude, residual, flags; row by row           |
 | `neighbours` | pixels against their neighbours: aperture, rims, jumps, roughness                        |
@@ -17,16 +16,16 @@
 | `effects/`   | lag, cells, shared noise, motion: one interface                                          |
 
 u along the pattern's columns, v along its rows, integer = pixel centre; sigma in pattern pixels, at least
-0.01 where the frames have no noise. An axis without frames is NaN with sigma inf and raises no flag.
+0.001 where the frames have no noise. An axis without frames is NaN with sigma inf and raises no flag.
 A pixel's answer depends on its samples, its neighbourhood of 7 x 7 and the camera's noise.
 """
 
 from optolever.arguments import check_face
 
 from .decoder import Decoder, decode, estimate_profile
+from .frames import Response
 from .profile import Effect, RigProfile, Settings
 from .records import Correspondence, Displacement, Flag, SharedNoise
-from .response import Response
 
 __all__ = [
     "Correspondence",

@@ -13,11 +13,10 @@ from optolever.patterns import Sequence
 from optolever.records import LOG, Progress, logged, silent
 
 from .capture import Prepared, applied, estimated, holds, prepared
-from .frames import Levels, Light, in_levels, light_of
+from .frames import Levels, Light, Response, in_levels, light_of
 from .plan import plan
 from .profile import RigProfile, Settings, digest
 from .records import Correspondence
-from .response import Response
 
 __all__ = ["Decoder", "decode", "estimate_profile"]
 

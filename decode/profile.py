@@ -21,9 +21,9 @@ from optolever.patterns import Sequence
 from .codes.fringe import Misfit
 from .codes.lookup import LookUp
 from .effects import Estimate
+from .frames import Response
 from .noise import Noise
 from .records import SharedNoise
-from .response import Response
 
 __all__ = ["AxisProfile", "Effect", "Estimates", "RigProfile", "Sampled", "Settings", "digest"]
 

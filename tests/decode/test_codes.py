@@ -46,7 +46,7 @@ def test_ideal_frames(
     assert found.good.mean() > 0.995
     for coord, truth, sigma in zip((found.u, found.v), smooth, (found.sigma_u, found.sigma_v), strict=True):
         assert np.abs(coord - truth)[found.good].max() <= limit + 1e-3
-        assert sigma[found.good].min() >= 0.01 - 1e-6
+        assert sigma[found.good].min() >= 0.001 - 1e-6
 
 
 @pytest.mark.parametrize(
