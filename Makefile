@@ -6,16 +6,13 @@ BIN := $(VENV)/bin
 OUT := out
 
 .DEFAULT_GOAL := help
-.PHONY: help demo paper docs test test-slow test-all lint format typecheck ci clean
+.PHONY: help demo docs test test-slow test-all lint format typecheck ci clean
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):[^#]*## /  make \1\t/' | expand -t 20
 
 demo: $(VENV)/.run  ## the main job: paper-simulation, 1637 x 1637, Gray + phase; report in out/demo
 	$(BIN)/optolever demo --out $(OUT)/demo --json $(OUT)/demo/demo.json
-
-paper: $(VENV)/.run  ## the paper's tables against the dense solver; report in out/paper
-	$(BIN)/optolever paper --out $(OUT)/paper --json $(OUT)/paper/paper.json
 
 docs: $(VENV)/.docs  ## the pages, as HTML in out/docs
 	$(BIN)/python docs/figures.py docs/_figures

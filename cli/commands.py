@@ -32,8 +32,6 @@ SECTIONS: Mapping[str, tuple[str, ...]] = {
         "patterns",
         "sensor",
         "codes",
-        "bench",
-        "paper",
     ),
 }
 #: Earlier names.

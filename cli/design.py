@@ -1,6 +1,7 @@
 """`optolever design`: sequences for a scene, ranked by predicted height error."""
 
 import math
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +15,6 @@ from .options import (
     dent_option,
     json_option,
     load_scene,
-    noise_option,
     renderer_option,
     scene_option,
     size_option,
@@ -24,6 +24,7 @@ from .show import grid, number, progress, table, write_json
 
 if TYPE_CHECKING:
     from optolever.experiments.design import Design, DesignRow
+    from optolever.scene import Scene
 
 __all__ = ["command"]
 
@@ -57,18 +58,21 @@ SHARE = click.FloatRange(0, 1, max_open=True)
               help="Maximum display time, in place of --frames.")  # fmt: skip
 @click.option("--refresh", type=click.FloatRange(min=0, min_open=True), default=60.0, show_default=True,
               metavar="HZ", help="Frames that the display shows per second.")  # fmt: skip
-@noise_option(1.0)
-@click.option("--lag", type=SHARE, default=0.0, metavar="SHARE",
+@click.option("--code", "codes", multiple=True, metavar="PATTERN[@DECODER]",
+              help="Compare these codes, each as in --add, in place of a ranking; the next five options are "
+              "then axes: each may be given several times.")  # fmt: skip
+@click.option("--noise", "noises", multiple=True, type=click.FloatRange(min=0), default=(1.0,),
+              metavar="LEVELS", help="Noise of a frame, 8-bit levels.")  # fmt: skip
+@click.option("--lag", "lags", multiple=True, type=SHARE, default=(0.0,), metavar="SHARE",
               help="Share of the preceding frame in each simulated frame; not predicted.")  # fmt: skip
-@click.option("--gamma", type=click.FloatRange(min=0, min_open=True), metavar="G",
+@click.option("--gamma", "gammas", multiple=True, type=click.FloatRange(min=0, min_open=True), metavar="G",
               help="Gamma of the display in place of the scene's; unknown to the decoder.")  # fmt: skip
-@click.option("--flicker", type=SHARE, metavar="SHARE",
+@click.option("--flicker", "flickers", multiple=True, type=SHARE, metavar="SHARE",
               help="Amplitude of the light's oscillation at 100 Hz, in simulated frames.")  # fmt: skip
 @click.option("--exposure", type=click.FloatRange(min=0), default=0.0, metavar="MS",
               help="Exposure of a frame, rounded up to full refreshes.")  # fmt: skip
-@click.option(
-    "--blur", type=click.FloatRange(min=0), metavar="CELLS", help="Rms blur in place of the scene's."
-)
+@click.option("--blur", "blurs", multiple=True, type=click.FloatRange(min=0), metavar="CELLS",
+              help="Rms blur in place of the scene's.")  # fmt: skip
 @click.option("--failure", type=click.FloatRange(0, 1), default=1e-3, show_default=True, metavar="RATE",
               help="Largest probability of a wrong fringe order or code bit.")  # fmt: skip
 @click.option("--add", "added", multiple=True, metavar="PATTERN",
@@ -87,6 +91,10 @@ SHARE = click.FloatRange(0, 1, max_open=True)
     metavar="FILE.toml",
     help="Gets the best sequence, for capture --sequence.",
 )
+@click.option("--chart", type=OutputFile(".png", bare=False), metavar="FILE.png",
+              help="With --code: error over CPU seconds and seconds of acquisition.")  # fmt: skip
+@click.option("--csv", "csv_path", type=OutputFile(".csv", bare=False), metavar="FILE.csv",
+              help="With --code: all numbers.")  # fmt: skip
 @json_option
 def command(
     scene_name: str,
@@ -94,11 +102,12 @@ def command(
     frames: int | None,
     seconds: float | None,
     refresh: float,
-    noise: float,
-    lag: float,
-    gamma: float | None,
-    flicker: float | None,
-    blur: float | None,
+    codes: tuple[str, ...],
+    noises: tuple[float, ...],
+    lags: tuple[float, ...],
+    gammas: tuple[float, ...],
+    flickers: tuple[float, ...],
+    blurs: tuple[float, ...],
     exposure: float,
     failure: float,
     added: tuple[str, ...],
@@ -107,6 +116,8 @@ def command(
     renderer: str,
     size: tuple[int, int] | None,
     out: Path | None,
+    chart: Path | None,
+    csv_path: Path | None,
     json_path: Path | None,
 ) -> None:
     """Rank codes for a scene by predicted error; simulate the best.
@@ -114,15 +125,28 @@ def command(
     The prediction runs the decoder on simulated images of the scene (of a large camera: on windows of its
     image), and then the solver. Codes that fail too often or lose pixels are listed last; codes of --add are
     always printed. +-: standard error of the prediction; measured: share of the pixels with a height.
+
+    With --code: predicted and simulated error of the named codes beside CPU seconds and seconds of
+    acquisition, for every combination of noise and faults.
     """
     from optolever.experiments import Faults
-    from optolever.experiments.bench import Grid
-    from optolever.experiments.design import own_candidate, run_design, user_candidate
+    from optolever.experiments.design import frame_rate, own_candidate, run_design, user_candidate
     from optolever.files import together
 
-    rate = Grid((), (), refresh=refresh, exposure_ms=exposure).rate
+    rate = frame_rate(refresh, exposure)
+    faults = [
+        Faults(*each) for each in product(lags, gammas or (None,), flickers or (None,), blurs or (None,))
+    ]
+    if codes:
+        scene = load_scene(scene_name, size)
+        settings = {"faults": faults, "noises": noises, "rate": rate, "renderer": renderer}
+        _compare(scene, dent_of(scene, dent), codes, settings, size is not None, chart, csv_path, json_path)
+        return
+    if len(faults) * len(noises) > 1 or chart or csv_path:
+        raise InputError("--code: missing; several noises or faults, --chart and --csv compare named codes")
+    (fault,), (noise,) = faults, noises
     budget = _budget(frames, seconds, rate)
-    scene = Faults(lag, gamma, flicker, blur).on(load_scene(scene_name, size))
+    scene = fault.on(load_scene(scene_name, size))
     cells, resized = (scene.pattern.rows, scene.pattern.cols), size is not None
     extra = [user_candidate(text, *cells, resized=resized) for text in added if "@" not in text]
     own = [own_candidate(text, *cells, resized=resized) for text in added if "@" in text]
@@ -137,7 +161,7 @@ def command(
             verify=verify,
             extra=extra,
             own=own,
-            lag=lag,
+            lag=fault.lag,
             renderer=renderer,
             progress=step,
         )
@@ -160,6 +184,41 @@ def command(
             **({"written to": str(out)} if out is not None and chosen is not None else {}),
         },
     )
+
+
+def _compare(
+    scene: "Scene",
+    dent: str | None,
+    codes: tuple[str, ...],
+    settings: dict[str, Any],
+    resized: bool,
+    chart: Path | None,
+    csv_path: Path | None,
+    json_path: Path | None,
+) -> None:
+    """Print, draw and write the comparison of named codes."""
+    from dataclasses import asdict
+
+    from optolever.experiments.design import compare_codes, write_tradeoff_chart, write_tradeoff_csv
+    from optolever.files import together
+
+    with progress() as step:
+        rows = list(compare_codes(scene, dent, codes, resized=resized, progress=step, **settings))
+    with together():
+        if csv_path is not None:
+            write_tradeoff_csv(csv_path, rows)
+        if chart is not None:
+            write_tradeoff_chart(chart, rows)
+        write_json(json_path, {"rows": [asdict(row) for row in rows]})
+    lines = []
+    for row in rows:
+        axes = [row.noise, row.lag, row.gamma, row.flicker, row.blur]
+        values = [row.acquisition_seconds, row.cpu_seconds, row.predicted, row.simulated, 100 * row.share]
+        cells = [number(value, unit) if math.isfinite(value) else ""
+                 for value, unit in zip(values, ("s", "s", "", "", "%"), strict=True)]  # fmt: skip
+        lines.append([row.code, *("" if value is None else f"{value:g}" for value in axes), *cells, row.why])
+    names = ("noise", "lag", "gamma", "flicker", "blur", "acquire", "CPU", "predicted", "simulated")
+    grid(f"Height error, rms in mm: {scene.name}", ("code", *names, "measured", ""), lines)
 
 
 def _printed(design: "Design", shown: int, added: tuple[str, ...]) -> "list[DesignRow]":

@@ -19,7 +19,6 @@ __all__ = [
     "GRID_SUFFIXES",
     "HDF5",
     "HEIGHT_SUFFIXES",
-    "PEERS",
     "Option",
     "OutputFile",
     "Program",
@@ -30,7 +29,6 @@ HDF5 = (".h5", ".hdf5")
 #: Formats of a regular grid of heights, and of a height map (`reconstruct.HEIGHT_FORMATS`; a test compares).
 GRID_SUFFIXES = (".npz", ".tif", ".tiff", ".x3p", ".sdf", ".dat")
 HEIGHT_SUFFIXES = (*GRID_SUFFIXES, ".ply", ".stl", ".xyz")
-PEERS = "pip install 'optolever[bench]' && pip install --no-deps 'fringes>=2.1'"
 
 
 class OutputFile(click.Path):

@@ -132,7 +132,7 @@ def plan(sequence: Sequence) -> Plan:
         kinds = ", ".join(sorted({frame.kind for frame in frames}))
         raise InputError(
             f"sequence {sequence.name}: frames are {kinds}, none of them encodes u or v by itself "
-            "(lattice and crossed frames are followed from a rest frame: live.lattice, live.crossed)"
+            "(crossed frames are followed from a rest frame: live.crossed)"
         )
     return Plan(axes, _reference(sequence, "white"), _reference(sequence, "black"), frames)
 

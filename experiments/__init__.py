@@ -1,4 +1,4 @@
-"""experiments: demo, the paper's tables, benchmarks, design, and their reports; all compared with the truth.
+"""experiments: demo, design, and their reports; all compared with the truth.
 
 | file | holds |
 |---|---|
@@ -6,7 +6,6 @@
 | `measurement.py`, `height_report.py` | a measurement and its page |
 | `height_tables.py`, `maps.py` | the tables, maps and charts of that page |
 | `figures.py`, `flag_table.py` | numbers on a page and in its file; flags by area |
-| `paper/` | the paper's method; run_paper: its simulation and experiment; page |
 | `rig_report.py`, `rig_drawing.py` | the page of a calibration; a rig to scale |
 | `sync_report.py` | the page of a synchronisation |
 | `code_guide.py` | code_rows: comparison of codes: predicted sigma and gross rate, detection of faults |
@@ -17,7 +16,7 @@
 | `own_images.py` | patterns along both axes that a user brings, and the user's decoder |
 | `faults.py` | lag, gamma, flicker and blur of display and light |
 | `timing.py`, `arrays.py` | seconds of calls and stages, memory, the floor; names of types |
-| `bench/`, `design/` | speed against error; choice of sequence and sensor |
+| `design/` | choice of sequence and sensor |
 | `page.py`, `images.py`, `report/` | HTML page; figures and maps as PNG; templates, style, viewer |
 """
 
@@ -28,27 +27,16 @@ from .faults import Faults
 from .height_report import write_demo_report, write_measurement_report
 from .measurement import Measurement
 from .metrics import height_metrics, mirror_coverage
-from .paper import (
-    PAPER_METHODS,
-    PaperRow,
-    PaperStudy,
-    reconstruct_paper,
-    run_paper,
-    write_paper_report,
-)
 from .rig_report import RigStudy, judged_table, write_rig_report
 from .sync_report import write_sync_report
 from .timing import peak_bytes
 
 __all__ = [
     "CODES",
-    "PAPER_METHODS",
     "CodeRow",
     "DemoResult",
     "Faults",
     "Measurement",
-    "PaperRow",
-    "PaperStudy",
     "RigStudy",
     "code_rows",
     "code_that_decodes",
@@ -58,13 +46,10 @@ __all__ = [
     "mirror_coverage",
     "peak_bytes",
     "predict_code",
-    "reconstruct_paper",
     "run_demo",
-    "run_paper",
     "seen",
     "write_demo_report",
     "write_measurement_report",
-    "write_paper_report",
     "write_rig_report",
     "write_sync_report",
 ]

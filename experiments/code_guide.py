@@ -1,7 +1,7 @@
 """Comparison of codes: number of frames, errors and detection of faults, by the decoder on simulated patches.
 
 White Gaussian noise only, pixels without a footprint: the limits of the codes. The effects of a display's
-cells, blur, a dented mirror or a camera's footprint are computed by `optolever design` and `optolever bench`.
+cells, blur, a dented mirror or a camera's footprint are computed by `optolever design`.
 """
 
 import math

@@ -1,7 +1,5 @@
 """A user's sequences: a Python function, images with a description, a file, a name."""
 
-import hashlib
-import importlib.util
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +15,7 @@ from optolever.toml import read_toml
 from .own_function import imported, working_folder
 from .own_images import OwnImages
 
-__all__ = ["own_sequence", "source_digest"]
+__all__ = ["own_sequence"]
 
 SLACK = 1  # grey levels by which an image may differ from its description
 
@@ -44,20 +42,6 @@ def own_sequence(text: str, rows: int, cols: int, *, resized: bool = False) -> S
     if Path(text).is_dir():
         return _from_folder(Path(text), rows, cols)
     return _from_callable(text, rows, cols)
-
-
-def source_digest(text: str) -> str:
-    """Digest of the file of a .toml or a module:function; '' for other names."""
-    path = Path(text)
-    module = text.partition(":")[0]
-    if path.suffix != ".toml" and ":" in text and module not in sequence_names():
-        with working_folder():
-            try:
-                found = importlib.util.find_spec(module)
-            except (ImportError, ValueError):
-                found = None
-        path = Path(found.origin) if found is not None and found.origin else Path()
-    return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
 
 
 def _part(path: str, rows: int, cols: int) -> Sequence:

@@ -8,20 +8,15 @@ It may import every module of `optolever`; tests alone import it.
 | `figures/` | figures beside their limits |
 | - `figures.py` | run_figures; reflection by brute force, which checks scene.trace |
 | - `decode_speed.py`, `decode_errors.py` | the decoder: speed, and errors beside what noise allows |
+| - `peers.py` | other decoders on the same frames: fringes, OpenCV |
 | - `renderer_speed.py` | frames per second drawn, read back, captured |
 | - `solver_figures.py`, `solver_bound.py` | the solver: exactness, time; its noise and the bound |
 | - `cliffs.py` | a cliff behind a mask, and the plain robust integration of it |
 | - `contacts.py` | contacts on rigs drawn from the priors, against their total sigma |
 | - `house.py` | the source in figures: lines, private words, types, constants; files of a call |
-| `bench/` | larger benches |
-| - `methods.py`, `problems.py` | every solver and integrator on the same cases; difficult mirrors |
-| - `sweeps.py` | grids of cells, resumed, here or on Dask |
 | `calibration/` | what a calibration is worth |
 | - `rigs.py`, `figures.py` | rigs with errors and captures on them; the figures |
 | - `typed.py` | rigs that are not as typed: heights against their total sigma |
-| `design/` | studies of `optolever design` |
-| - `exhaustive.py`, `drawn.py` | run_choice: the first choice against all candidates simulated; drawn dents |
-| - `adaptive.py`, `adaptive_study.py` | the next frames from the last; against the best fixed sequence |
 | `fuzz/` | the program on damaged inputs |
 | - `fuzz.py`, `damage.py` | cases and their verdicts; the damage |
 | `hardware/` | displays and cameras in simulated time |

@@ -9,9 +9,8 @@ from optolever.cli.commands import Commands
 
 #: Commands by section of --help.
 SECTIONS: Mapping[str, tuple[str, ...]] = {
-    "Figures": ("figures", "methods", "sweep", "calibration", "contacts", "rigs", "sync", "live", "house"),
+    "Figures": ("figures", "calibration", "contacts", "rigs", "sync", "live", "house"),
     "Attacks": ("fuzz",),
-    "Design": ("choices", "adapt"),
 }
 NAME = "python -m lab"
 
@@ -27,7 +26,7 @@ class Laboratory(Commands):
     cls=Laboratory, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100}
 )
 def lab() -> None:
-    """The laboratory: figures, damaged inputs, studies of designs.
+    """The laboratory: figures, damaged inputs.
 
     For those who work on the program, or want to know what a number of its pages rests on.
     """

@@ -14,7 +14,7 @@
 | `source.py`, `follow.py` | cameras, one of them virtual; readings as an iterator, tare |
 | `recorded.py` | readings beside their frames, and again from them |
 | `server.py`, `web.py`, `page.html` | the page, and who may ask for it |
-| `single_shot/` | `crossed`, `lattice`: displacement of one frame from one at rest |
+| `single_shot/` | `crossed`: displacement of one frame from one at rest |
 | `arrays.py` | names of arrays |
 """
 
@@ -29,14 +29,13 @@ from .reading import Figures, Reading
 from .recorded import ReadingRecorder, Replayed, has_readings, replayed
 from .server import LiveServer
 from .shape import Shape
-from .single_shot import Crossings, PatternMap, crossed, lattice
+from .single_shot import PatternMap, crossed
 from .source import Newest, Source, VirtualFinger, virtual_rig
 from .stream import Live
 from .touches import Touches
 from .weights import Weighed, Weight, weighed
 
 __all__ = [
-    "Crossings",
     "Figures",
     "Followed",
     "Force",
@@ -60,7 +59,6 @@ __all__ = [
     "crossed",
     "follow",
     "has_readings",
-    "lattice",
     "prepare",
     "replayed",
     "tared",

@@ -3,6 +3,7 @@
 | file | holds |
 |---|---|
 | `ranking.py`, `candidates.py` | run_design; candidate sequences; sequences of users |
+| `tradeoff.py` | compare_codes: error against CPU seconds and seconds of acquisition |
 | `view.py` | images of a scene, complete or in windows; the decoder run on them |
 | `sensitivity.py` | error propagation from pattern coordinates to height, by the solver |
 | `sensor_maps.py`, `sensor_report.py` | measuring range and sensitivity of a scene |
@@ -13,6 +14,7 @@ from .ranking import Design, DesignRow, merit, run_design, simulate
 from .sensitivity import Lever
 from .sensor_maps import SWEEPS, SensorMaps, sensor_maps, sweep_sensor, varied
 from .sensor_report import COLUMNS, SensorStudy, sensor_rows, write_sensor_report
+from .tradeoff import Tradeoff, compare_codes, frame_rate, write_tradeoff_chart, write_tradeoff_csv
 from .view import predict, view_of
 
 __all__ = [
@@ -25,7 +27,10 @@ __all__ = [
     "OwnCandidate",
     "SensorMaps",
     "SensorStudy",
+    "Tradeoff",
     "candidates",
+    "compare_codes",
+    "frame_rate",
     "ladder",
     "merit",
     "own_candidate",
@@ -39,4 +44,6 @@ __all__ = [
     "varied",
     "view_of",
     "write_sensor_report",
+    "write_tradeoff_chart",
+    "write_tradeoff_csv",
 ]

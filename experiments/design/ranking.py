@@ -192,10 +192,12 @@ def simulate(
     """
     squares, shares = [], []
     for seed in seeds:
-        if isinstance(candidate, OwnCandidate):
-            height = lever.measured(candidate.shown, noise, seed, renderer, lag, candidate.decode)
-        else:
-            height = lever.measured(candidate.sequence, noise, seed, renderer, lag)
+        shown, decoder = (
+            (candidate.shown, candidate.decode)
+            if isinstance(candidate, OwnCandidate)
+            else (candidate.sequence, None)
+        )
+        height = lever.solved(lever.frames(shown, noise, seed, renderer, lag), shown, decoder)
         good = height.good & lever.full.usable
         squares.append(rms((height.z - lever.full.truth.z)[good]) ** 2)
         shares.append(good.sum() / lever.full.usable.sum())

@@ -57,26 +57,26 @@ class Lever:
         if not self.view.visible.any():
             raise InputError(f"scene {scene.name!r}: no pixel sees the pattern")
 
-    def measured(
-        self,
-        shown: Sequence | OwnImages,
-        noise: float,
-        seed: int,
-        renderer: str,
-        lag: float = 0.0,
-        decoder: OwnDecoder | None = None,
-    ) -> HeightMap:
-        """Height from simulated frames of the full camera, by this package's decoder or a given one.
-        InputError if the frames cannot be decoded or no anchor has valid pixels."""
+    def frames(
+        self, shown: Sequence | OwnImages, noise: float, seed: int, renderer: str, lag: float = 0.0
+    ) -> NDArray[Any]:
+        """Simulated frames (N, H, W) of the full camera."""
         known = lag, noise, seed, renderer
-        frames: NDArray[Any]
         if isinstance(shown, OwnImages):
-            assert decoder is not None
-            frames = image_frames(self.scene, self.surface, self.full.truth, shown, *known)
-            seen = decoder(frames, shown.levels)
+            return image_frames(self.scene, self.surface, self.full.truth, shown, *known)
+        return frames_of(self.scene, self.surface, shown, *known)
+
+    def solved(
+        self, frames: NDArray[Any], shown: Sequence | OwnImages, decoder: OwnDecoder | None = None
+    ) -> HeightMap:
+        """Height from frames, by this package's decoder or a given one.
+        InputError if the frames cannot be decoded or no anchor has valid pixels."""
+        if decoder is not None:
+            seen = decoder(frames, shown.levels if isinstance(shown, OwnImages) else shown)
+        elif isinstance(shown, OwnImages):
+            raise InputError(f"pattern {shown.name!r}: is images, name a decoder: ...@MODULE:FUNCTION")
         else:
-            frames = frames_of(self.scene, self.surface, shown, *known)
-            seen = decode(frames, shown) if decoder is None else decoder(frames, shown)
+            seen = decode(frames, shown)
         return reconstruct(seen, self.scene)
 
     @cached_property

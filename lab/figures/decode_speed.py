@@ -23,13 +23,6 @@ from numpy.typing import NDArray
 from optolever.blocks import on_cores
 from optolever.decode import Decoder, decode, estimate_profile
 from optolever.experiments.arrays import Floats
-from optolever.experiments.bench.decoders import (
-    axis_by_axis,
-    cv2_coder,
-    cv2_decode,
-    cv2_places,
-    fringes_coder,
-)
 from optolever.experiments.ideal import camera_frames
 from optolever.experiments.metrics import rms
 from optolever.experiments.timing import timed, toucher
@@ -40,6 +33,7 @@ from optolever.records import Progress, silent
 
 from .decode_errors import decode_errors
 from .figures import Figure, Parts, measured_parts
+from .peers import axis_by_axis, cv2_coder, cv2_decode, cv2_places, fringes_coder
 
 SIZE = (1080, 1920)
 #: Turns of two that are compared, fewer where they take longer together than so many seconds.

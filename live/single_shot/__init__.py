@@ -4,12 +4,10 @@
 |------------------|----------------------------------------------------------------------------------------|
 | `crossed`        | `crossed`: Displacement of every pixel from a crossed fringe                           |
 | `window_fit`     | both fringes fitted at once within a Gaussian window                                   |
-| `lattice`        | `lattice`: corners of the paper's lattice, at rest and deformed                        |
 | `prior`          | map of the mirror at rest, pixels with a fringe, and the noise there                   |
 """
 
 from .crossed import crossed
-from .lattice import Crossings, lattice
 from .prior import PatternMap
 
-__all__ = ["Crossings", "PatternMap", "crossed", "lattice"]
+__all__ = ["PatternMap", "crossed"]

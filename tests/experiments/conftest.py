@@ -1,4 +1,4 @@
-"""One small run of the demo and one of the paper's study, and a browser to open their reports in."""
+"""One small run of the demo , and a browser to open their reports in."""
 
 import shutil
 import subprocess
@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from optolever.experiments import DemoResult, PaperStudy, run_demo, run_paper
+from optolever.experiments import DemoResult, run_demo
 
 FLAGS = [
     "--headless",
@@ -27,12 +27,6 @@ Browser = Callable[..., str]
 def demo() -> DemoResult:
     """A Gaussian dent, 96 x 96, drawn by NumPy so that no OpenGL is needed."""
     return run_demo("paper-simulation", "gaussian", size=(96, 96), renderer="numpy", seed=3)
-
-
-@pytest.fixture(scope="session")
-def study() -> PaperStudy:
-    """The paper's study on small cameras."""
-    return run_paper(size=(200, 200), renderer="numpy", seed=3)
 
 
 @pytest.fixture

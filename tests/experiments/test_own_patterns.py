@@ -1,4 +1,4 @@
-"""Patterns and decoders of a user, faults of display and light, seconds of a display, in bench and design."""
+"""Patterns and decoders of a user, faults of display and light, seconds of a display, in design."""
 
 import csv
 import json
@@ -11,7 +11,7 @@ import pytest
 
 from optolever.cli import run
 from optolever.experiments import Faults
-from optolever.experiments.bench import Cell, Grid, load_grid, run_cells
+from optolever.experiments.design import compare_codes, frame_rate
 from optolever.experiments.own_images import OwnImages, image_frames
 from optolever.patterns import sequence
 from optolever.projector import capture
@@ -77,54 +77,56 @@ def test_images_of_a_sequence_are_seen_as_the_sequence_is() -> None:
     assert np.sqrt(np.mean(off**2)) < 0.02 * np.ptp(true)
 
 
+COMPARE = ["design", *SMALL, "--renderer", "numpy", "--dent", "gaussian:peak=0.2"]
+
+
 def test_random_dots_with_a_decoder_of_ones_own(folder: Path) -> None:
-    """Places to a cell, which the solver makes heights of: the error of whole cells, not more."""
-    args = ["--add", "my_dots:dots@my_dots:nearest", "--sequence", "gray@my_dots:ours", "--sequence", "gray"]
-    options = ["--solver", "coupled", "--noise", "1", "--out", "b", "--json", "b.json"]
-    assert run(["bench", *SMALL, *args, *options]) == 0
-    rows = {row["sequence"]: row for row in json.loads(Path("b.json").read_text())["rows"]}
-    dots = rows["my_dots:dots@my_dots:nearest"]
-    assert dots["status"] == "done", dots["why"]
-    assert dots["frames"] == 48
-    assert dots["flagged_share"] < 0.3
-    assert 0.29 < dots["u_rms_px"] < 0.9
-    assert 0.45 < dots["sigma_ratio_u"] < 1.5  # sigma is stated as 0.6; a cell, evenly: 0.29
-    assert rows["gray@my_dots:ours"]["u_rms_px"] == rows["gray"]["u_rms_px"]
-    with Path("b/results.csv").open() as stream:
-        assert {row["sequence"] for row in csv.DictReader(stream)} == set(rows)
+    """Places to a cell: a larger error than fringes; `gray` by a user's call of decode is `gray`."""
+    codes = ["my_dots:dots@my_dots:nearest", "gray@my_dots:ours", "gray", "gray+phase"]
+    options = [part for code in codes for part in ("--code", code)]
+    files = ["--exposure", "20", "--json", "b.json", "--csv", "b.csv", "--chart", "b.png"]
+    assert run([*COMPARE, *options, *files]) == 0
+    rows = {row["code"]: row for row in json.loads(Path("b.json").read_text())["rows"]}
+    assert rows["gray@my_dots:ours"]["simulated"] == rows["gray"]["simulated"]
+    assert rows["my_dots:dots@my_dots:nearest"]["simulated"] > 3 * rows["gray+phase"]["simulated"]
+    assert rows["gray+phase"]["predicted"] == pytest.approx(rows["gray+phase"]["simulated"], rel=0.3)
+    assert rows["my_dots:dots@my_dots:nearest"]["acquisition_seconds"] == pytest.approx(48 / 30)
+    assert all(row["cpu_seconds"] > 0 for row in rows.values())
+    with Path("b.csv").open() as stream:
+        assert [row["code"] for row in csv.DictReader(stream)] == codes
+    assert Path("b.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_own_decoders_that_do_not_serve(folder: Path, refused: Callable[..., str]) -> None:
-    out = ["--solver", "coupled", "--out", "b"]
-    refused(
-        ["bench", *SMALL, "--sequence", "gray@my_dots:absent", *out], "my_dots:absent", "cannot be imported"
-    )
+    refused([*COMPARE, "--code", "gray@my_dots:absent"], "my_dots:absent", "cannot be imported")
     refused(["design", *SMALL, "--add", "my_dots:dots"], "my_dots:dots", "is images, name a decoder")
-    grid = Grid(("prism48",), ("gray@my_dots:wrong", "my_dots:dots"), sizes=((36, 48),), renderer="numpy")
-    rows = list(run_cells(grid.cells(), timed=False))
-    assert [row.status for row in rows] == ["not applicable"] * 2
-    assert "returns ndarray, must be a Correspondence" in rows[0].why
-    assert "is images, name a decoder" in rows[1].why
+    refused(["design", *SMALL, "--lag", "0", "--lag", "0.1"], "--code: missing")
+    scene = resize(load("prism48"), 36, 48)
+    codes = ("gray@my_dots:wrong", "my_dots:dots")
+    settings = {"faults": [Faults()], "noises": (1.0,), "resized": True, "renderer": "numpy"}
+    wrong, images = compare_codes(scene, None, codes, **settings)
+    assert "returns ndarray, must be a Correspondence" in wrong.why
+    assert "is images, name a decoder" in images.why
 
 
-def test_faults_are_axes(tmp_path: Path) -> None:
-    (tmp_path / "grid.toml").write_text(
-        'scenes = ["prism48"]\nsequences = ["gray+phase"]\nlags = [0, 0.1]\ngammas = [1.0, 2.2]\n'
-        'blurs = [0.5, 1]\nsizes = ["36x48"]\nrenderer = "numpy"\n'
+def test_faults_are_axes() -> None:
+    scene = resize(load("prism48"), 36, 48)
+    faults = [Faults(), Faults(0.1), Faults(blur=1.0), Faults(gamma=1.5)]
+    rows = list(
+        compare_codes(
+            scene, None, ("gray+phase",), faults=faults, noises=(1.0, 4.0), resized=True, renderer="numpy"
+        )
     )
-    grid = load_grid(tmp_path / "grid.toml")
-    cells = grid.cells()
-    assert len(cells) == len({cell.key for cell in cells}) == 8
-    assert len({cell.capture_seed for cell in cells}) == 1  # the same noise under every fault
-    assert all(cell == Cell.from_dict(json.loads(json.dumps(cell.to_dict()))) for cell in cells)
-    rows = {row.cell.faults: row for row in run_cells(cells, timed=False)}
-    error = {faults: row.metrics["u_rms_px"] for faults, row in rows.items()}
-    plain = error[Faults(0.0, 1.0, None, 0.5)]
-    # four steps bear the harmonic of a gamma, and its darker frames have fewer photons' noise
-    assert 0.7 * plain < error[Faults(0.0, 2.2, None, 0.5)] < 1.5 * plain
-    assert error[Faults(0.1, 1.0, None, 0.5)] > plain
-    assert error[Faults(0.0, 1.0, None, 1.0)] > 1.2 * plain  # less contrast
-    assert rows[Faults(0.1, 1.0, None, 0.5)].flat(60)["lag"] == 0.1
+    assert [(row.lag, row.gamma, row.blur) for row in rows[::2]] == [
+        (0.0, None, None),
+        (0.1, None, None),
+        (0.0, None, 1.0),
+        (0.0, 1.5, None),
+    ]
+    plain, noisy = rows[:2]
+    assert 2.5 < noisy.simulated / plain.simulated < 5
+    assert rows[2].predicted != rows[2].predicted  # lag is not predicted
+    assert rows[4].simulated > 1.2 * plain.simulated  # less contrast
 
 
 @pytest.mark.parametrize(
@@ -134,8 +136,7 @@ def test_faults_are_axes(tmp_path: Path) -> None:
 def test_a_frame_stays_for_the_refreshes_that_hold_its_exposure(
     exposure: float, refresh: float, seconds: float
 ) -> None:
-    grid = Grid(("prism48",), ("gray",), refresh=refresh, exposure_ms=exposure)
-    assert 1 / grid.rate == pytest.approx(seconds)
+    assert 1 / frame_rate(refresh, exposure) == pytest.approx(seconds)
 
 
 @pytest.mark.slow

@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -28,16 +27,6 @@ def test_it_runs_from_the_root(root: Path) -> None:
     )
     for name in COMMANDS:
         assert f"\n  {name} " in done.stdout
-
-
-def test_a_sweep_without_dask_is_refused_before_the_work(
-    refused: Callable[..., str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    grid = tmp_path / "grid.toml"
-    grid.write_text("scenes = ['paper-simulation']\nsequences = ['gray']\n")
-    refused(["sweep", grid, "--workers", "2", "--out", tmp_path / "o"], "pip install distributed", run=run)
-    assert not list(tmp_path.glob("o*"))
 
 
 @pytest.mark.parametrize("cases", [20, pytest.param(1000, marks=pytest.mark.slow)])

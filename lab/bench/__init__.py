@@ -1,1 +1,0 @@
-"""Benches of many methods, and on many machines."""

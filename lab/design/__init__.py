@@ -1,1 +1,0 @@
-"""Studies of `design`: against all candidates, and frames chosen one after the other."""

@@ -1,1 +1,0 @@
-from experiments.bench.decoders import *
