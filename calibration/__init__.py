@@ -14,7 +14,6 @@
 | `rest.py` | the height map of the mirror at rest, stored with the rig; drift |
 | `response.py` | response, blur, vignetting and backlight of display and camera, stored with the rig |
 | `profile.py` | a decoder's profile of the rig, stored with it |
-| `harmonics.py` | coordinate error by residual harmonics of the fringes |
 | `sources.py` | the independent errors behind the covariance |
 | `observability.py` | singular values in prior units, notices |
 | `effects.py` | errors of heights and depths by errors of the parameters |
@@ -25,7 +24,6 @@ from optolever.arguments import check_face
 
 from .calibrate import Calibration, calibrate, left_out
 from .contact import contact
-from .harmonics import HarmonicError, harmonic_errors
 from .judgement import Judgement, calibrate_so_far, judged, reason_to_repeat
 from .observation import Observation
 from .predicted import (
@@ -48,7 +46,6 @@ __all__ = [
     "Ball",
     "Calibration",
     "Flat",
-    "HarmonicError",
     "Judgement",
     "Observation",
     "Plate",
@@ -62,7 +59,6 @@ __all__ = [
     "contact",
     "default_priors",
     "depth_sigma_against_rest",
-    "harmonic_errors",
     "judged",
     "left_out",
     "load_profile",

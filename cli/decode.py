@@ -73,7 +73,7 @@ def command(
     v, sigma_u, sigma_v (pattern pixels), flags (0 = good), amplitude, offset.
     """
     from optolever import InputError
-    from optolever.calibration import harmonic_errors, load_profile, store_profile, with_better_fit
+    from optolever.calibration import load_profile, store_profile, with_better_fit
     from optolever.decode import Decoder, Settings
     from optolever.experiments import code_that_decodes
     from optolever.files import together
@@ -111,14 +111,11 @@ def command(
         weak = code_that_decodes(result, capture.sequence)
         if weak is not None:
             result = replace(result, notices=(*result.notices, weak))
-        inverted = inverse is not None and inverse.blur is None
-        left = [] if not inverted else harmonic_errors(capture.frames, capture.sequence, inverse)
         step("write")
         numbers = _numbers(result) | {"frames": len(capture), "seconds": seconds}
         numbers["faults"] = [notice.name for notice in result.notices]
         result = replace(result, notices=capture.notices + result.notices)
         numbers["notices"] = [asdict(notice) for notice in result.notices]
-        numbers["harmonic_error_px"] = {one.axis: {"rms": one.rms_px, "sigma": one.sigma_px} for one in left}
         told = decoder.profile
         if told is None and save_profile is not None:
             raise InputError(
@@ -142,9 +139,6 @@ def command(
             **{
                 f"sigma {axis}": f"{numbers[f'sigma_{axis}_px']:.2g} px (median of the good pixels)"
                 for axis in "uv"
-            },
-            **{
-                f"harmonics {one.axis}": f"{number(one.rms_px)} ± {one.sigma_px:.2g} px (rms)" for one in left
             },
             **{name: number(100 * share, "%") for name, share in numbers["flags"].items()},
             "time": number(seconds, "s"),

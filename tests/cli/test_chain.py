@@ -67,26 +67,6 @@ def test_every_output_of_one_solve(optolever: Program, chain: Chain, tmp_path: P
         assert np.isfinite(grid["sigma"]).mean() > 0.8
 
 
-def test_what_a_response_leaves_is_told(optolever: Program, chain: Chain, tmp_path: Path) -> None:
-    """Harmonics of fringes whose camera is linear: none by its own response, many by that of gamma 3."""
-    h5py = pytest.importorskip("h5py", reason="h5py is absent: pip install 'optolever[sofast]'")
-    rms = []
-    for gamma in (1.0, 3.0):
-        table, report = tmp_path / f"{gamma}.h5", tmp_path / f"{gamma}.json"
-        with h5py.File(table, "w") as file:
-            shown = np.arange(256.0)
-            file["ImageCalibration/display_values"] = shown
-            file["ImageCalibration/camera_values"] = 255 * (shown / 255) ** gamma
-        done = optolever(
-            "decode", chain.capture, "--response", table, "--out", tmp_path / "c.npz", "--json", report
-        )
-        assert "harmonics u" in done.out
-        rms.append(json.loads(report.read_text())["harmonic_error_px"]["u"])
-    assert rms[0]["rms"] < 5 * rms[0]["sigma"]
-    assert rms[1]["rms"] > max(5 * rms[1]["sigma"], 5 * rms[0]["rms"])
-    assert chain.numbers["decode"]["harmonic_error_px"] == {}
-
-
 @pytest.mark.parametrize("scene", ["paper-simulation", "monitor-mirror"])
 def test_a_wrong_scene_is_told_and_a_capture_at_rest_mends_it(
     optolever: Program, tmp_path: Path, scene: str
