@@ -221,7 +221,7 @@ def tables(pixels: int = 400, seed: int = 0, noise: float = 1.0, renderer: str =
         )
         shown = sequence("gray+phase", scene.pattern.rows, scene.pattern.cols)
         taken = capture(scene, surface, shown, noise=noise, seed=seed, renderer=renderer)
-        yield from measured(case, "frames", scene, surface, decode(taken.frames, shown), peak)
+        yield from measured(case, scene, surface, decode(taken.frames, shown), "frames", peak)
 
 
 def main() -> None:
