@@ -84,13 +84,20 @@ def find_order(frames: NDArray[Any], sequence: Sequence, mask: Mask | None = Non
         return None
     found, *equal = [trials[int(i)] for i in sorted(first[costs <= costs.min() + 0.02])]
     places = _axes(blocks, found)
-    unsure = any(
-        np.mean(np.abs(mine - other) > np.maximum(step, beside)) > 0.01
+    elsewhere = [
+        trial
         for trial in equal
-        if trial.frames and found.frames  # u before v and v before u look the same: the usual one
-        for (_, mine, step), (_, other, beside) in zip(places, _axes(blocks, trial), strict=True)
-    )
-    if not unsure:
+        if any(
+            np.mean(np.abs(mine - other) > np.maximum(step, beside)) > 0.01
+            for (_, mine, step), (_, other, beside) in zip(places, _axes(blocks, trial), strict=True)
+        )
+    ]
+    if not elsewhere:
+        return _repair(found)
+    if not found.frames:  # u before v and v before u look the same: the usual one
+        cure = "decoded so; the other axis first would fit as well: check it, or describe the frames"
+        return _repair(found)._replace(cure=cure)
+    if not any(trial.frames for trial in elsewhere):
         return _repair(found)
     cure = "others explain the frames as well, at other places; capture again"
     return Repair(found.name, cure, found.order, found.sequence, solved=False)
