@@ -79,7 +79,7 @@ class Opt:
         made = Option(
             [flag, name],
             type=self.kind or (None if kind is bool else kind),
-            is_flag=kind is bool,
+            is_flag=True if kind is bool else None,  # False would let its value be left out
             multiple=many,
             metavar=metavar or None,
             help=self.help,

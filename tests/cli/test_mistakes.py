@@ -42,6 +42,7 @@ simulate --scene prism --out {out} | 'prism' | prism48
 simulate --scene prism48 --pixels 800*600 --out {out} | '800*600' | 640x480
 simulate --scene prism48 | --out
 simulate --out {out} | --scene
+simulate --scene --renderer numpy --out {out} | unexpected extra argument
 calibrate {scene} flat --out {out}.toml | capture 'flat' | flat=pose.npz
 calibrate {scene} ball:30={c} --out {out}.toml | target ball | ball:RADIUS,SIGMA | ball:30,0.003
 calibrate {scene} flat={c} --prior pattern.zz=1 --out {out}.toml | pattern.zz | pattern.
