@@ -391,14 +391,20 @@ def applied(light: Light, ready: Prepared, mask: Mask) -> Correspondence:
             room.begin(high - low, rooms[1 - number % 2] if number else None, done - low)
             if done < high:
                 new, keep = slice(done, high), done - low
-                lines = amplitude[new], offset[new], error[new]
+                # rows beyond first..last are another thread's, too
+                level, wrong = np.empty((2, high - done, cols), np.float32)
+                lines = room.amplitude[keep:], level, wrong
                 out = Maps(room.place, room.variance, room.chi2[keep:], *lines, room.flags[keep:])
                 looked_up = _looked_up(light, ready, done, high)
                 pixel_rows(_numbers(light), _noise(ready), ready.tables, looked_up, done, high, out, keep)
                 if mask is not None:
                     room.flags[keep:] |= np.where(mask[new], np.uint16(0), np.uint16(Flag.INVALID))
+                begin = max(done, first)
+                end = max(begin, min(high, last))
+                for whole, line in zip((amplitude, offset, error), lines, strict=True):
+                    whole[begin:end] = line[begin - done : end - done]
                 done = high
-            block = Block(room.place, room.variance, room.chi2, amplitude[low:high], room.flags)
+            block = Block(room.place, room.variance, room.chi2, room.amplitude, room.flags)
             result = room.result(stop - start, flags[start:stop])
             neighbours(block, start - low, ready.dof, ready.limits, result)
             coordinate[:, start:stop], sigma[:, start:stop] = result.coordinate, result.sigma
@@ -418,7 +424,7 @@ class _Room:
     """Memory of a block's lines, C-contiguous for every number of rows."""
 
     def __init__(self, axes: int, size: int, cols: int) -> None:
-        self._kept = [np.zeros(axes * (size + 2 * HALO) * cols, np.float32) for _ in range(5)]
+        self._kept = [np.zeros(axes * (size + 2 * HALO) * cols, np.float32) for _ in range(6)]
         self._flags, self._axes, self._cols = np.zeros((size + 2 * HALO, cols), np.uint16), axes, cols
 
     def begin(self, rows: int, before: _Room | None, shared: int) -> None:
@@ -426,13 +432,14 @@ class _Room:
         axes, cols = self._axes, self._cols
         both = [one[: axes * rows * cols].reshape(axes, rows, cols) for one in self._kept[:2]]
         self.place, self.variance = both
-        self.chi2, self.flags = self._kept[2][: rows * cols].reshape(rows, cols), self._flags[:rows]
+        self.chi2, self.amplitude = (one[: rows * cols].reshape(rows, cols) for one in self._kept[2:4])
+        self.flags = self._flags[:rows]
         if before is not None and shared > 0:
-            for name in ("place", "variance", "chi2", "flags"):
+            for name in ("place", "variance", "chi2", "amplitude", "flags"):
                 getattr(self, name)[..., :shared, :] = getattr(before, name)[..., -shared:, :]
 
     def result(self, rows: int, flags: NDArray[np.uint16]) -> Result:
         """Output of the neighbours for so many rows."""
         size, shape = self._axes * rows * self._cols, (self._axes, rows, self._cols)
-        coordinate, sigma = (one[:size].reshape(shape) for one in self._kept[3:])
+        coordinate, sigma = (one[:size].reshape(shape) for one in self._kept[4:])
         return Result(coordinate, sigma, flags)
