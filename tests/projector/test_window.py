@@ -151,7 +151,7 @@ def test_show_lists_monitors_and_refuses_others(x_server: tuple[str, Path], tmp_
         (("--monitor", "0", "--pixels", "4000x4000"), "the sequence needs 4000x4000"),
         (("--pixels", "4000x4000"), f"the largest monitor has {ROWS}x{COLS}"),
         (("--display", "nobody"), "is not connected, there is screen"),
-        ((), "--size: must be given"),
+        ((), "--pixels: must be given"),
     ):
         done = show(*words)
         assert done.returncode == 2
