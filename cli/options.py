@@ -11,7 +11,7 @@ import click
 from optolever import InputError
 
 from .arguments import ABOVE_0, AT_LEAST_0, Opt, Rare, Shape, option
-from .outputs import OutputFile, ReportFolder
+from .outputs import OutputFile
 
 if TYPE_CHECKING:
     import numpy as np
@@ -63,7 +63,7 @@ def pixels(text: str) -> Opt:
 
 
 def preset(text: str = "") -> Opt:
-    """--scene PRESET_OR_TOML; text: in addition to what it is."""
+    """--scene PRESET_OR_TOML; text: more of its help."""
     return Opt("--scene PRESET_OR_TOML", f"A preset or a scene's TOML file{text}.", lists="scenes")
 
 
@@ -104,7 +104,7 @@ Rig = Annotated[Path, Opt("--scene RIG.toml", "Rig in which the result is stored
 
 
 def rest_file(text: str) -> Opt:
-    """--rest REST.npz; text: what it changes."""
+    """--rest REST.npz; text: its effect."""
     return Opt("--rest REST.npz", f"Correspondence of the mirror at rest: {text}.")
 
 
@@ -194,13 +194,3 @@ class _Size(click.ParamType[tuple[int, int]]):
 
 
 SIZE = _Size()
-
-
-def noise_option(default: float) -> Any:
-    """--noise LEVELS."""
-    return option(Noise, "noise", default)
-
-
-def report_option(command: str, text: str, *files: str) -> Any:
-    """--out DIR."""
-    return option(Annotated[Path, Opt("--out DIR", text, ReportFolder(*files))], "out", Path("out") / command)

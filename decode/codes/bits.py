@@ -173,9 +173,8 @@ def _read(
             open_[r, x] = none
         for x in range(width):
             noisy[r, x] = none
-        for x in range(
-            width
-        ):  # twice the middle; squares of twice a share of the half contrast, of twice noise
+        # twice the middle; squares of twice a share of the half contrast, of twice noise
+        for x in range(width):
             work[0, x] = low[r, x] + high[r, x]
             contrast = high[r, x] - low[r, x]
             work[1, x] = _SHARE2 * contrast * contrast

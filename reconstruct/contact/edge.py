@@ -127,7 +127,7 @@ def _steepest(dent: Dent) -> Floats:
 
 
 def _looked_for(dent: Dent, guesses: Floats, terms: int) -> Outline | None:
-    """The edge around guesses at evenly spaced directions; None where half of the sectors tell none. sigma is
+    """The edge around guesses at evenly spaced directions; None where half of the sectors have none. sigma is
     at least the scatter of the radii about a smooth outline."""
     size = np.median(guesses) / dent.pitch
     count = int(np.clip(min(2 * np.pi * size / _SECTOR, size**2 / _POPULATED), *_SECTORS))

@@ -175,7 +175,7 @@ def _half_depth(dent: Dent, top: Deepest) -> _Region:
 
 
 def _measured(dent: Dent, top: Deepest, region: _Region, evidence: str, found: bool = False) -> Contact:
-    """All of a contact that its region tells. Errors of the rig move heights, the level by half as much as
+    """The figures of a contact by its region. Errors of the rig move heights, the level by half as much as
     the depth, and positions."""
     weight, (x, y) = region.weight, region.about
     area, volume = float(weight.sum()), float(weight @ dent.z)

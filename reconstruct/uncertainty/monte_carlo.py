@@ -87,8 +87,8 @@ def _drawn(
     )
     slopes, alone, together = slope_errors(data, state, (p, q), ErrorField(du, dv)), None, None
     if state.doubt is not None:
-        alone, alike = drawn_doubts(state.doubt, p, q, rng)
-        together = (alone[0] + alike[0], alone[1] + alike[1])
+        alone, common = drawn_doubts(state.doubt, p, q, rng)
+        together = (alone[0] + common[0], alone[1] + common[1])
     own = response(data, labels, state, slopes, together)
     factor = np.broadcast_to(state.root**2, own.shape)
     edges = edge_errors(data, state, slopes, alone)

@@ -122,7 +122,7 @@ def _doubts(state: State) -> Iterator[ErrorField]:
     assert state.doubt is not None
     for _ in range(_FEWEST):
         pairs = zip(*drawn_doubts(state.doubt, *state.slopes, rng), strict=True)
-        x, y = ((alone + alike) / np.sqrt(_FEWEST) for alone, alike in pairs)
+        x, y = ((alone + common) / np.sqrt(_FEWEST) for alone, common in pairs)
         yield ErrorField(nothing, nothing, (x, y))
 
 
