@@ -176,7 +176,8 @@ def _read(
     channel: str,
 ) -> "Capture":
     from optolever import InputError
-    from optolever.projector import Capture, load_sofast
+    from optolever.formats import load_sofast
+    from optolever.projector import Capture
 
     if sources[0].suffix.lower() in HDF5:
         for name, value in (("--description", description), ("--sequence", text)):
@@ -200,7 +201,7 @@ def _read(
 def _inverse(response: Path | None) -> "Response | None":
     from optolever.calibration import load_response
     from optolever.decode import Response
-    from optolever.projector import load_sofast_response
+    from optolever.formats import load_sofast_response
 
     if response is None:
         return None

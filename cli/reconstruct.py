@@ -127,11 +127,9 @@ def command(
         contacts,
         curvature_map,
         free_mode_of,
-        on_rig,
         reconstruct,
         slope_map,
     )
-    from optolever.scene import load_sofast_rig
 
     source = sources[0]
     correspondence = Correspondence.load(source)
@@ -139,6 +137,8 @@ def command(
     mask = None if mask_path is None else mask_from(mask_path, correspondence.u.shape, f"{source} is")
     sofast = _sofast_files(scene_name)
     if sofast:
+        from optolever.formats import load_sofast_rig, on_rig
+
         if size is not None:
             raise InputError(f"--size: {scene_name} is a SOFAST rig, its size is that of its camera")
         rig = load_sofast_rig(sofast, *(() if facet is None else (facet,)))

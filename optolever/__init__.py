@@ -37,7 +37,7 @@ __version__ = _version("optolever")
 __all__ = ["InputError", "__version__"]
 
 _PARTS = (
-    *("calibration", "cli", "decode", "experiments", "live", "metrology"),
+    *("calibration", "cli", "decode", "experiments", "formats", "live", "metrology"),
     *("patterns", "projector", "reconstruct", "scene"),
 )
 

@@ -30,7 +30,7 @@ _MAKERS = {
     "PatternMap": "decode.decode(frames, sequence)",
     "HeightMap": "reconstruct.reconstruct(correspondence, scene)",
     "SlopeMap": "reconstruct.slope_map(height, correspondence, scene)",
-    "SofastRig": "scene.load_sofast_rig(path)",
+    "SofastRig": "formats.load_sofast_rig(path)",
     "Calibration": "calibration.calibrate(scene, observations)",
     "RigResponse": "calibration.measure_response(ramp, captures)",
 }

@@ -13,7 +13,6 @@
 | `electronics.py` | exposure, flicker, response, noise, quantisation: one function for both |
 | `capture.py`, `folder.py` | `Capture` and its folder format |
 | `incoming.py` | pictures of other programs: which files, in which order, as which levels |
-| `sofast.py` | SOFAST's HDF5 measurements as captures |
 | `clocks.py`, `timing.py` | stamps of cameras as host times; latency, settling, shutter |
 | `synchronise.py`, `acquire.py`, `exposure.py` | measured by flips; an image for every pattern; exposure |
 | `recording.py`, `stream.py` | recordings; a thread that pulls images |
@@ -46,7 +45,6 @@ from .monitors import Monitor, choose_monitor
 from .optics_numpy import Footprints, footprints, light_of
 from .recording import BackgroundRecorder, Logged, Recorder, Recording
 from .renderer import PatternRenderer, render
-from .sofast import load_sofast, load_sofast_response
 from .stream import CameraStream
 from .synchronise import FlipFit, FlipRecord, fit_timing, flip_fit, sync_notices, synchronise
 from .timing import SAFE_WAIT_S, Timing
@@ -99,8 +97,6 @@ __all__ = [
     "flip_fit",
     "footprints",
     "light_of",
-    "load_sofast",
-    "load_sofast_response",
     "monitors",
     "release_context",
     "render",

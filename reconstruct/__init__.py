@@ -8,7 +8,6 @@
 | `measured.py` | a measured grid, and its slopes in closed form |
 | `heightmap.py` | HeightMap |
 | `exact.py` | the correspondence that a perfect decoder would give |
-| `sofast.py` | a SOFAST measurement on its rig's flat pattern |
 | `solver/` | the height that has these slopes |
 | `judgement/` | which slopes and edges are in doubt |
 | `uncertainty/` | variance of the height by noise, and its budget |
@@ -30,7 +29,6 @@ from .outputs.resampling import GRID_FORMATS, Grid
 from .outputs.slope_map import SlopeMap, slope_map
 from .rig.calibration import rest_corrected, same_capture
 from .rig.motion import unpressed
-from .sofast import on_rig
 from .solver.anchors import Anchor, DistanceAnchor, EdgeAnchor, PixelAnchor, PointAnchor
 from .uncertainty.budget import ANCHOR, TOTAL, budget, free_mode_of
 from .uncertainty.null_space import null_space
@@ -64,7 +62,6 @@ __all__ = [
     "integrator_names",
     "method_names",
     "null_space",
-    "on_rig",
     "reconstruct",
     "rest_corrected",
     "same_capture",

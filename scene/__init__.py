@@ -21,8 +21,6 @@ TOML only.
 | `meeting.py`, `tracing.py` | first meeting of ray and surface; Trace, trace |
 | `drawing.py` | the rig from the side |
 | `window.py` | a part of the image as a camera; how far the view moves across a pixel |
-| `sofast.py` | the rig of an OpenCSP SOFAST result, or of its inputs, as a scene |
-| `sofast_files.py` | fields of SOFAST's files |
 | `record.py`, `pose.py` | equality and checks of records; x_A = T_AB x_B |
 """
 
@@ -46,7 +44,6 @@ from .rest_form import RestForm
 from .rig_file import rig_table, write_sections
 from .scene import Camera, Scene, resize
 from .sensor import Display, Sensor
-from .sofast import SOFAST_SCREEN, SofastRig, load_sofast_rig
 from .surface import Formula, Surface, surface_from_array
 from .telecentric import TelecentricCamera, prism_camera
 from .tracing import Trace, trace
@@ -55,7 +52,6 @@ from .window import mean_beside, movement, scene_window, strided
 
 __all__ = [
     "GAUGE_HELD",
-    "SOFAST_SCREEN",
     "TYPED",
     "Accuracy",
     "Bow",
@@ -75,7 +71,6 @@ __all__ = [
     "RestForm",
     "Scene",
     "Sensor",
-    "SofastRig",
     "Surface",
     "TelecentricCamera",
     "Trace",
@@ -86,7 +81,6 @@ __all__ = [
     "dent_names",
     "dent_parameters",
     "load",
-    "load_sofast_rig",
     "mean_beside",
     "movement",
     "moving_dent",

@@ -14,7 +14,17 @@ from optolever import InputError, arguments, decode, projector
 from optolever.patterns import Frame, sequence
 from optolever.scene import dent, load, resize
 
-PARTS = ("patterns", "scene", "projector", "decode", "reconstruct", "calibration", "live", "metrology")
+PARTS = (
+    "patterns",
+    "scene",
+    "projector",
+    "decode",
+    "reconstruct",
+    "calibration",
+    "live",
+    "metrology",
+    "formats",
+)
 #: Values of no record: what users pass by mistake.
 WRONG = ["gray+phase", 7, np.zeros((3, 4)), object(), ["gray"]]
 #: Records mistaken for others.

@@ -19,6 +19,7 @@ FLOOR = {
     "projector": 2,
     "reconstruct": 3,
     "calibration": 4,
+    "formats": 4,
     "metrology": 4,
     "live": 4,
     "experiments": 5,

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from optolever.cli import run
 from optolever.decode import Correspondence
-from optolever.reconstruct import HeightMap, SlopeMap, on_rig, reconstruct
-from optolever.scene import SofastRig, load_sofast_rig
+from optolever.formats import SofastRig, load_sofast_rig, on_rig
+from optolever.reconstruct import HeightMap, SlopeMap, reconstruct
 
 h5py = pytest.importorskip("h5py", reason="h5py is absent: pip install 'optolever[sofast]'")
 pytestmark = pytest.mark.slow  # decoded by a response that its frames contradict: twice
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.slow  # decoded by a response that its frames contradic
 Floats = NDArray[np.float64]
 
 FACET = "DataSofastCalculation/facet/facet_000/"
-COLS, ROWS = 2000, 1000  # nominal pixels of projector.load_sofast
+COLS, ROWS = 2000, 1000  # nominal pixels of formats.load_sofast
 
 
 def expected(real: Path, name: str) -> Floats:

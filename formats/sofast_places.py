@@ -6,7 +6,8 @@ import numpy as np
 
 from optolever.decode import Correspondence, Flag
 from optolever.errors import InputError
-from optolever.scene import SOFAST_SCREEN, SofastRig
+
+from .sofast_rig import SOFAST_SCREEN, SofastRig
 
 __all__ = ["on_rig"]
 

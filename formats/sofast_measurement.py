@@ -1,7 +1,7 @@
 """Measurements of OpenCSP's SOFAST (HDF5) as captures: fringes on a screen, and the response to invert.
 
 The file gives its fringes in periods per screen and places as fractions of the screen, not in pixels; here
-a screen has nominal pixels, `scene.SOFAST_SCREEN`: u = 2000 x, v = 1000 (1 - y) for fractions (x, y).
+a screen has nominal pixels, `SOFAST_SCREEN`: u = 2000 x, v = 1000 (1 - y) for fractions (x, y).
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optolever.errors import InputError
-from optolever.hdf5 import load_fields
 from optolever.patterns import Frame, Sequence
-from optolever.scene import SOFAST_SCREEN
+from optolever.projector import Capture
 
-from .capture import Capture
+from .hdf5 import load_fields
+from .sofast_rig import SOFAST_SCREEN
 
 __all__ = ["load_sofast", "load_sofast_response"]
 

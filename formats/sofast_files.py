@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optolever.errors import InputError
-from optolever.hdf5 import load_fields, names_in
+
+from .hdf5 import load_fields, names_in
 
 __all__ = [
     "ALIGNMENT",

@@ -17,13 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optolever.errors import InputError
+from optolever.scene import Mirror, Pattern, PinholeCamera, PointTable, Scene
 
-from .mirror import Mirror
-from .pattern import Pattern
-from .pattern_shape import PointTable
-from .pinhole import PinholeCamera
-from .record import Float
-from .scene import Scene
 from .sofast_files import (
     ALIGNMENT,
     CAMERA,
@@ -40,6 +35,8 @@ from .sofast_files import (
     Fields,
     sofast_fields,
 )
+
+Float = NDArray[np.float64]
 
 __all__ = ["SOFAST_SCREEN", "SofastRig", "load_sofast_rig"]
 

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
 from optolever import InputError
-from optolever.scene import SofastRig, load_sofast_rig, parameter_values
+from optolever.formats import SofastRig, load_sofast_rig
+from optolever.scene import parameter_values
 
 h5py = pytest.importorskip("h5py")
 
