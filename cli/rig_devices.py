@@ -167,7 +167,7 @@ def opened(rig: Path, devices: Devices, shown: "Sequence", *, running: bool = Tr
     from optolever.projector import ClockMap, Display, RealTime, Time
 
     with ExitStack() as stack:
-        camera = _camera(rig, devices, shown, "auto" if running else "numpy")
+        camera = _camera(rig, devices, shown)
         stack.callback(camera.close)
         accepted = camera.configure(devices.wanted())
         print_notices(accepted.unlocked)
@@ -180,18 +180,17 @@ def opened(rig: Path, devices: Devices, shown: "Sequence", *, running: bool = Tr
         yield Opened(camera, display, accepted, time, ClockMap(), still and isinstance(time, RealTime))
 
 
-def _camera(rig: Path, devices: Devices, shown: "Sequence", renderer: str) -> "Camera":
-    """renderer: of the virtual sensor, which draws by OpenGL in one thread only."""
-    from optolever.projector.cameras import VirtualCamera, open_camera
+def _camera(rig: Path, devices: Devices, shown: "Sequence") -> "Camera":
+    from optolever.projector.cameras import StillCamera, open_camera
 
     if devices.camera != "virtual":
         return open_camera(devices.camera)
-    from optolever.projector import VirtualSensor
+    from optolever.projector import Identity, capture
     from optolever.scene import dent_from_text, load
 
     scene = load(rig)
-    surface = dent_from_text(scene.dent or "flat", scene)
-    return VirtualCamera(VirtualSensor(scene, surface, shown, renderer=renderer))
+    seen = capture(scene, dent_from_text(scene.dent or "flat", scene), shown)
+    return StillCamera(seen, Identity("virtual", "virtual sensor", "", "virtual"))
 
 
 def _window(devices: Devices, shown: "Sequence") -> Any:

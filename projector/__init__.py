@@ -7,7 +7,7 @@
 | `display.py`, `display_process.py`, `window.py` | the same in a real window, in a separate process |
 | `monitors.py` | monitors by name; settings that distort levels |
 | `devices.py` | records and protocols of cameras, displays, clocks |
-| `virtual.py` | `capture`, `VirtualSensor`: images of a scene with a dent, strip by strip |
+| `virtual.py` | `capture`: images of a scene with a dent, strip by strip |
 | `groups.py`, `footprint.py` | frames looked up together; light of the cells under a pixel's footprint |
 | `optics_gl.py`, `surface_gl.py`, `optics_numpy.py`, `rays.py` | light on the sensor: GLSL; float64 |
 | `electronics.py` | exposure, flicker, response, noise, quantisation: one function for both |
@@ -48,7 +48,7 @@ from .renderer import PatternRenderer, render
 from .stream import CameraStream
 from .synchronise import FlipFit, FlipRecord, fit_timing, flip_fit, sync_notices, synchronise
 from .timing import SAFE_WAIT_S, Timing
-from .virtual import RENDERERS, VirtualSensor, capture, chosen_renderer
+from .virtual import RENDERERS, capture, chosen_renderer
 
 __all__ = [
     "NOMINAL_SENSOR",
@@ -84,7 +84,6 @@ __all__ = [
     "Taken",
     "Time",
     "Timing",
-    "VirtualSensor",
     "Wanted",
     "acquire",
     "capture",

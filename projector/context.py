@@ -10,7 +10,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, ClassVar, TypeVar
+from typing import Any, TypeVar
 
 import moderngl
 
@@ -48,16 +48,10 @@ class ContextInfo:
     """Renderer and limits of a context: for `doctor` and for the reports."""
 
     backend: str
-    vendor: str
     renderer: str
     version: str
     max_attachments: int
     max_texture: int
-
-    @property
-    def software(self) -> bool:
-        """True for a rasteriser on the CPU."""
-        return any(name in self.renderer.lower() for name in ("llvmpipe", "softpipe", "swrast"))
 
     def __str__(self) -> str:
         return f"{self.renderer}, OpenGL {self.version}, {self.backend}"
@@ -70,30 +64,15 @@ class _Local(threading.local):
 
 
 _local = _Local()
+_drawn: set[int] = set()  # processes, this one or those it was forked from, that have had a context
 
 
-class _Process:
-    """Whether this process has had a context, and the objects that a fork copied from its parent's."""
-
-    drawn = False
-    forked = False
-    abandoned: ClassVar[list[Any]] = []
-
-
-def _forget() -> None:
-    """In a forked process: keep the parent's objects of the driver, never to touch nor free them."""
-    _Process.forked = _Process.drawn
-    if _local.context is not None:
-        _Process.abandoned += [_local.context, _local.kept]
-    _local.context = None
-
-
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_forget)
+def _forked() -> bool:
+    return bool(_drawn - {os.getpid()})
 
 
 def _require_own_driver() -> None:
-    if _Process.forked:
+    if _forked():
         raise NoContextError(
             "no OpenGL context in a process that was forked from one that has drawn (the driver's threads "
             "stay behind); start it by multiprocessing's 'spawn', or draw with renderer 'numpy'"
@@ -106,7 +85,7 @@ def context() -> moderngl.Context:
     if _local.context is None:
         _local.context, _local.backend = _create()
         _local.kept = {}
-        _Process.drawn = True
+        _drawn.add(os.getpid())
         # Objects that nobody released are collected there, for `collect` to free and for tests to count.
         _local.context.gc_mode = "context_gc"
     return _local.context
@@ -114,7 +93,7 @@ def context() -> moderngl.Context:
 
 def release_context() -> None:
     """Free this thread's context, if it has one."""
-    if _local.context is not None:
+    if _local.context is not None and not _forked():
         for item in _local.kept.values():
             item.release()
         collect(_local.context)
@@ -131,13 +110,11 @@ def keep(name: str, make: Callable[[moderngl.Context], T]) -> T:
     return found
 
 
-def context_info(ctx: moderngl.Context | None = None) -> ContextInfo:
-    """Describe a context (this thread's by default). NoContextError where none can be made."""
-    chosen = context() if ctx is None else ctx
-    info = chosen.info
+def context_info() -> ContextInfo:
+    """Describe this thread's context. NoContextError where none can be made."""
+    info = context().info
     return ContextInfo(
-        backend=_local.backend if ctx is None or ctx is _local.context else "window",
-        vendor=info["GL_VENDOR"],
+        backend=_local.backend,
         renderer=info["GL_RENDERER"],
         version=info["GL_VERSION"],
         max_attachments=min(info["GL_MAX_COLOR_ATTACHMENTS"], info["GL_MAX_DRAW_BUFFERS"]),
@@ -147,7 +124,7 @@ def context_info(ctx: moderngl.Context | None = None) -> ContextInfo:
 
 def free(ctx: moderngl.Context, *items: Any) -> None:
     """Release GL objects; none of the framebuffers stays bound (moderngl would bind a deleted one again)."""
-    if _Process.forked:
+    if _forked():
         return
     ctx.detect_framebuffer(0).use()
     for item in items:

@@ -33,15 +33,9 @@ class FrameGroup:
     def split(self, most: int) -> Iterator["FrameGroup"]:
         """The same frames in groups of at most `most`."""
         for start in range(0, len(self.indices), most):
-            yield self._part(slice(start, start + most))
-
-    def only(self, frame: int) -> "FrameGroup":
-        """The group of one of its frames."""
-        return self._part(slice(self.indices.index(frame), self.indices.index(frame) + 1))
-
-    def _part(self, part: slice) -> "FrameGroup":
-        levels = (self.levels[0][:, part], self.levels[1][:, part])
-        return replace(self, indices=self.indices[part], light=self.light[:, part], levels=levels)
+            part = slice(start, start + most)
+            levels = (self.levels[0][:, part], self.levels[1][:, part])
+            yield replace(self, indices=self.indices[part], light=self.light[:, part], levels=levels)
 
 
 def frame_groups(sequence: Sequence, display: Display | None) -> list[FrameGroup]:
@@ -56,26 +50,14 @@ def frame_groups(sequence: Sequence, display: Display | None) -> list[FrameGroup
     groups = []
     for (axis, mean), indices in kinds.items():
         levels = (np.ascontiguousarray(table_u[indices].T), np.ascontiguousarray(table_v[indices].T))
-        groups.append(_group(sequence, tuple(indices), axis, levels, mean, response))
+        light = np.zeros((0, len(indices)), np.float32)
+        if axis != "uv":
+            along, across = levels if axis == "u" else levels[::-1]
+            means = np.array([sequence.frames[index].combine == "mean" for index in indices])
+            light = response[combined(along, across[:1], means)]
+        cells = sequence.rows if axis == "u" else sequence.cols
+        groups.append(FrameGroup(tuple(indices), axis, light, cells, levels, mean, response))
     return groups
-
-
-def _group(
-    sequence: Sequence,
-    indices: tuple[int, ...],
-    axis: str,
-    levels: tuple[NDArray[np.uint8], NDArray[np.uint8]],
-    mean: bool,
-    response: NDArray[np.float32],
-) -> FrameGroup:
-    light = np.zeros((0, len(indices)), np.float32)
-    if axis != "uv":
-        along, across = levels if axis == "u" else levels[::-1]
-        means = np.array([sequence.frames[index].combine == "mean" for index in indices])
-        light = response[combined(along, across[:1], means)]
-    return FrameGroup(
-        indices, axis, light, sequence.rows if axis == "u" else sequence.cols, levels, mean, response
-    )
 
 
 def combined(a: NDArray[np.uint8], b: NDArray[np.uint8], mean: NDArray[np.bool_]) -> NDArray[np.uint8]:

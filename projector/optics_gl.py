@@ -14,10 +14,10 @@ from .context import checked, context, context_info, free, keep
 from .footprint import ASKEW, BLUR_FLOOR, PARTS, REACH, SHARP_FLOOR
 from .groups import FrameGroup
 from .rays import parallel_rays, resting_rays
-from .shaders import ShaderSource, build_source, compile_program
-from .surface_gl import LoadedSurface, load_surface
+from .shaders import compile_program, source
+from .surface_gl import load_surface
 
-__all__ = ["GLOptics", "look_source", "trace_source"]
+__all__ = ["GLOptics"]
 
 _NEAR = 2e-6  # of the mirror's length: see `near` in trace.glsl
 _MARCH = 4096  # shortest marching steps that cross the mirror
@@ -27,53 +27,26 @@ _BEYOND = 0.01  # of the mirror's size: how far outside of it rays of the outerm
 _Target = tuple[moderngl.Framebuffer, tuple[moderngl.Texture, ...]]
 
 
-def trace_source(scene: Scene, surface: LoadedSurface, *, edges: bool) -> ShaderSource:
-    """The source that traces a scene: only what scene and surface have. edges: only where they see."""
-    flags = {
-        "PARALLEL": parallel_rays(scene) is not None,
-        "MEDIUM": scene.medium is not None,
-        "SEEN": not edges,
-        "MARCH": surface.steepest > 0.0,
-    }
-    return build_source("trace.glsl", flags | surface.flags)
-
-
-def look_source(scene: Scene, group: FrameGroup, quads: int) -> ShaderSource:
-    """The source that looks up 4 * quads frames of a group."""
-    blurred = scene.pattern.blur_px > 0.0
-    flags = {
-        "BLUR": blurred,
-        "BOTH": group.axis == "uv",
-        "MEAN": group.mean,
-        "ALONG_U": group.axis == "u",
-    }
-    floor = {"BLUR_FLOOR": BLUR_FLOOR, "REACH": REACH} if blurred else {"SHARP_FLOOR": SHARP_FLOOR}
-    askew = {"ASKEW": ASKEW, "PARTS": PARTS} if group.axis == "uv" else {}
-    return build_source("look.glsl", flags, {"QUADS": quads, **floor, **askew})
-
-
 @dataclass(frozen=True, slots=True)
 class _Program:
-    """A compiled fragment shader, ready to cover a target. Sensors share it: uniforms are set per drawing."""
+    """A compiled fragment shader, ready to cover a target; captures share it."""
 
     program: moderngl.Program
     vertices: moderngl.VertexArray
-
-    def set(self, **values: Any) -> None:
-        """Set those of the uniforms that the driver kept."""
-        for name, value in values.items():
-            if name in self.program:
-                self.program[name] = value
 
     def draw(
         self,
         framebuffer: moderngl.Framebuffer,
         shape: tuple[int, int],
         textures: Mapping[str, moderngl.Texture],
+        uniforms: Mapping[str, Any],
     ) -> None:
-        """Cover the first shape (rows, cols) pixels of the target."""
+        """Cover `shape` (rows, cols) of the target; of uniforms those that the driver kept."""
         framebuffer.use()
         framebuffer.viewport = (0, 0, shape[1], shape[0])
+        for name, value in uniforms.items():
+            if name in self.program:
+                self.program[name] = value
         for unit, (name, texture) in enumerate(textures.items()):
             texture.use(unit)
             self.program[name] = unit
@@ -84,14 +57,14 @@ class _Program:
         self.program.release()
 
 
-def _program(source: ShaderSource) -> _Program:
+def _program(text: str) -> _Program:
     """A source's program, compiled once in a context: drivers take longer for that than for the drawing."""
 
     def make(ctx: moderngl.Context) -> _Program:
-        program = compile_program(ctx, source)
+        program = compile_program(ctx, text)
         return _Program(program, ctx.vertex_array(program, []))
 
-    return keep(source.text, make)
+    return keep(text, make)
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,53 +80,44 @@ class _Look:
 class GLOptics:
     """Light on the camera's pixels, 1 where fully lit and reflected, at most `strip` rows at a time.
 
-    Use it in the thread that made it, and release it.
+    Use it in the thread that made it, and release it. seen: target of `trace`: u, v, light that is
+    passed on (0 without a view), cosine of incidence.
     """
 
-    def __init__(self, scene: Scene, groups: list[FrameGroup], strip: int) -> None:
-        self._scene = scene
-        self._ctx = context()
-        self._parallel = parallel_rays(scene)
-        self._most = 4 * context_info().max_attachments
-        self._groups = [part for group in groups for part in group.split(self._most)]
-        self._looks: dict[int | None, list[_Look]] = {}
+    def __init__(self, scene: Scene, groups: list[FrameGroup], strip: int, surface: Surface) -> None:
+        self._scene, self._parallel, self._ctx = scene, parallel_rays(scene), context()
+        most = 4 * context_info().max_attachments
         rows, cols = strip, scene.camera.cols
-        quads = max(_quads(group) for group in self._groups)
         with checked(self._ctx):
-            self._seen = self._target((cols, rows), 1)
+            self._surface = load_surface(self._ctx, scene, surface)
+            self._looks = [self._look(part) for group in groups for part in group.split(most)]
+            self.seen = self._target((cols, rows), 1)
             self._edges_col = self._target((cols + 1, rows), 1)
             self._edges_row = self._target((cols, rows + 1), 1)
-            self._light = [self._target((cols, rows), count + 1) for count in range(quads)]
-
-    def load(self, surface: Surface) -> LoadedSurface:
-        """Bring a surface to the GPU."""
-        with checked(self._ctx):
-            return load_surface(self._ctx, self._scene, surface)
-
-    def unload(self, surface: LoadedSurface) -> None:
-        """Free a surface."""
-        free(self._ctx, surface)
+            self._light = {
+                quads: self._target((cols, rows), quads) for quads in {one.quads for one in self._looks}
+            }
 
     def release(self) -> None:
         """Free its GPU memory; the context stays, and its programs with it."""
-        tables = [
-            texture for looks in self._looks.values() for look in looks for texture in look.textures.values()
-        ]
-        targets = (self._seen, self._edges_col, self._edges_row, *self._light)
+        tables = [texture for look in self._looks for texture in look.textures.values()]
+        targets = (self.seen, self._edges_col, self._edges_row, *self._light.values())
         attached = [item for framebuffer, textures in targets for item in (framebuffer, *textures)]
-        free(self._ctx, *tables, *attached)
+        grid = [] if self._surface.texture is None else [self._surface.texture]
+        free(self._ctx, *tables, *attached, *grid)
 
-    def render(
-        self, surface: LoadedSurface, start: int, stop: int, frame: int | None = None
-    ) -> list[tuple[int, NDArray[np.float32]]]:
-        """(frame index, light (stop - start, W) float32) of all frames, or of one."""
-        rows, cols = stop - start, self._scene.camera.cols
+    def render(self, start: int, stop: int) -> list[tuple[int, NDArray[np.float32]]]:
+        """(frame index, light (stop - start, W) float32) of all frames."""
+        rows, (cols, cells) = stop - start, (self._scene.camera.cols, self._scene.pattern)
         found = []
+        self.trace(start, rows)
+        seen = {"seen": self.seen, "edges_col": self._edges_col, "edges_row": self._edges_row}
+        places = {name: target[1][0] for name, target in seen.items()}
+        uniforms = {"cells": (cells.cols, cells.rows), "blur": cells.blur_px}
         with checked(self._ctx):
-            self._trace(surface, start, rows)
-            for look in self._looks_of(frame):
-                framebuffer = self._light[look.quads - 1][0]
-                self._look_up(look, framebuffer, rows)
+            for look in self._looks:
+                framebuffer = self._light[look.quads][0]
+                look.program.draw(framebuffer, (rows, cols), places | look.textures, uniforms)
                 for n in range(look.quads):
                     four = np.empty((rows, cols, 4), np.float32)
                     framebuffer.read_into(four, (0, 0, cols, rows), 4, attachment=n, dtype="f4")
@@ -161,35 +125,30 @@ class GLOptics:
                     found += [(index, four[..., c]) for c, index in enumerate(frames)]
         return found
 
-    def seen(self, surface: LoadedSurface, start: int, stop: int) -> NDArray[np.float32]:
-        """(stop - start, W, 4): u, v, light that is passed on (0 without a view), cosine of incidence."""
-        rows, cols = stop - start, self._scene.camera.cols
-        out = np.empty((rows, cols, 4), np.float32)
-        with checked(self._ctx):
-            self._trace(surface, start, rows)
-            self._seen[0].read_into(out, (0, 0, cols, rows), 4, dtype="f4")
-        return out
-
-    def _trace(self, surface: LoadedSurface, start: int, rows: int) -> None:
+    def trace(self, start: int, rows: int) -> None:
         """Trace the pixels' centres, and the middles of their edges, into the targets."""
         cols = self._scene.camera.cols
-        self._draw_trace(self._seen, surface, False, (start, 0.0), (rows, cols))
-        self._draw_trace(self._edges_col, surface, True, (start, -0.5), (rows, cols + 1))
-        self._draw_trace(self._edges_row, surface, True, (start - 0.5, 0.0), (rows + 1, cols))
+        with checked(self._ctx):
+            self._draw_trace(self.seen, False, (start, 0.0), (rows, cols))
+            self._draw_trace(self._edges_col, True, (start, -0.5), (rows, cols + 1))
+            self._draw_trace(self._edges_row, True, (start - 0.5, 0.0), (rows + 1, cols))
 
     def _draw_trace(
-        self,
-        target: _Target,
-        surface: LoadedSurface,
-        edges: bool,
-        first: tuple[float, float],
-        shape: tuple[int, int],
+        self, target: _Target, edges: bool, first: tuple[float, float], shape: tuple[int, int]
     ) -> None:
-        program = _program(trace_source(self._scene, surface, edges=edges))
-        program.set(first=first[::-1], **self._uniforms(surface, _BEYOND if edges else 0.0))
+        """edges: only where they see."""
+        surface = self._surface
+        flags = {
+            "PARALLEL": self._parallel is not None,
+            "MEDIUM": self._scene.medium is not None,
+            "SEEN": not edges,
+            "MARCH": surface.steepest > 0.0,
+        }
+        program = _program(source("trace.glsl", flags | surface.flags))
         rays = {} if self._parallel is not None else self._ray_textures(first, shape)
         grid = {} if surface.texture is None else {"coefficients": surface.texture}
-        program.draw(target[0], shape, grid | rays)
+        uniforms = {"first": first[::-1], **self._uniforms(_BEYOND if edges else 0.0)}
+        program.draw(target[0], shape, grid | rays, uniforms)
         for texture in rays.values():
             texture.release()
 
@@ -209,38 +168,29 @@ class GLOptics:
             for name, parts in vectors.items()
         }
 
-    def _look_up(self, look: _Look, framebuffer: moderngl.Framebuffer, rows: int) -> None:
-        seen = {"seen": self._seen, "edges_col": self._edges_col, "edges_row": self._edges_row}
-        textures = {name: target[1][0] for name, target in seen.items()} | look.textures
-        pattern = self._scene.pattern
-        look.program.set(cells=(pattern.cols, pattern.rows), blur=pattern.blur_px)
-        look.program.draw(framebuffer, (rows, self._scene.camera.cols), textures)
-
-    def _looks_of(self, frame: int | None) -> list[_Look]:
-        """Programs and tables of all frames (None) or of one, made at the first call."""
-        if frame not in self._looks:
-            groups = self._groups
-            if frame is not None:
-                groups = [group.only(frame) for group in groups if frame in group.indices]
-            self._looks[frame] = [self._make_look(group) for group in groups]
-        return self._looks[frame]
-
-    def _make_look(self, group: FrameGroup) -> _Look:
-        quads = _quads(group)
-        program = _program(look_source(self._scene, group, quads))
-        textures = {}
-        if group.axis == "uv":
-            textures["table_u"], textures["table_v"] = (
-                _texture(self._ctx, _in_quads(levels), "u1") for levels in group.levels
-            )
-            textures["response"] = _texture(self._ctx, group.response[None, :, None], "f4")
-        else:
-            textures["table"] = _texture(self._ctx, _in_quads(group.light), "f4")
+    def _look(self, group: FrameGroup) -> _Look:
+        """Program and tables of a group."""
+        quads, blurred = -(-len(group.indices) // 4), self._scene.pattern.blur_px > 0.0
+        flags = {
+            "BLUR": blurred,
+            "BOTH": group.axis == "uv",
+            "MEAN": group.mean,
+            "ALONG_U": group.axis == "u",
+        }
+        floors = {"BLUR_FLOOR": BLUR_FLOOR, "SHARP_FLOOR": SHARP_FLOOR, "REACH": REACH, "ASKEW": ASKEW}
+        program = _program(source("look.glsl", flags, QUADS=quads, PARTS=PARTS, **floors))
+        if group.axis != "uv":
+            return _Look(group, quads, program, {"table": _texture(self._ctx, _in_quads(group.light), "f4")})
+        textures = {
+            name: _texture(self._ctx, _in_quads(levels), "u1")
+            for name, levels in zip(("table_u", "table_v"), group.levels, strict=True)
+        }
+        textures["response"] = _texture(self._ctx, group.response[None, :, None], "f4")
         return _Look(group, quads, program, textures)
 
-    def _uniforms(self, surface: LoadedSurface, beyond: float) -> dict[str, Any]:
+    def _uniforms(self, beyond: float) -> dict[str, Any]:
         """Uniforms of trace.glsl; `beyond`: margin around the mirror that it traces, relative to its size."""
-        scene, pattern = self._scene, self._scene.pattern
+        scene, pattern, surface = self._scene, self._scene.pattern, self._surface
         length, width = scene.mirror.length, scene.mirror.width
         values: dict[str, Any] = {
             "lowest": (-beyond * length, -beyond * width, surface.lowest),
@@ -268,10 +218,6 @@ class GLOptics:
         for texture in textures:
             texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
         return self._ctx.framebuffer(list(textures)), textures
-
-
-def _quads(group: FrameGroup) -> int:
-    return -(-len(group.indices) // 4)
 
 
 def _in_quads(table: NDArray[Any]) -> NDArray[Any]:

@@ -68,30 +68,17 @@ def _passed(scene: Scene, seen: Trace) -> Float:
 class NumpyOptics:
     """Light on the camera's pixels, relative to a fully lit, fully reflecting one."""
 
-    def __init__(self, scene: Scene, groups: list[FrameGroup]) -> None:
-        self._scene = scene
-        self._groups = groups
-
-    def load(self, surface: Surface) -> Surface:
-        """The surface in the form that `render` takes."""
-        return surface
-
-    def unload(self, surface: Surface) -> None:
-        """No memory to free for a surface."""
+    def __init__(self, scene: Scene, groups: list[FrameGroup], surface: Surface) -> None:
+        self._scene, self._groups, self._surface = scene, groups, surface
 
     def release(self) -> None:
         """No memory to free."""
 
-    def render(
-        self, surface: Surface, start: int, stop: int, frame: int | None = None
-    ) -> list[tuple[int, NDArray[np.float32]]]:
-        """(frame index, light (stop - start, W) float32) of all frames, or of one."""
-        seen = footprints(self._scene, surface, start, stop)
-        groups = self._groups
-        if frame is not None:
-            groups = [group.only(frame) for group in groups if frame in group.indices]
+    def render(self, start: int, stop: int) -> list[tuple[int, NDArray[np.float32]]]:
+        """(frame index, light (stop - start, W) float32) of all frames."""
+        seen = footprints(self._scene, self._surface, start, stop)
         found = []
-        for group in groups:
+        for group in self._groups:
             light = look_up(seen, group, self._scene.pattern.blur_px)
             light = light.reshape(stop - start, -1, len(group.indices))
             found += [(index, light[..., at]) for at, index in enumerate(group.indices)]

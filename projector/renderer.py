@@ -11,7 +11,7 @@ from optolever.patterns import Sequence
 
 from .context import checked, context, free
 from .groups import combined, varying_axis
-from .shaders import build_source, compile_program
+from .shaders import compile_program, source
 
 __all__ = ["FramePainter", "PatternRenderer", "render"]
 
@@ -65,7 +65,7 @@ class FramePainter:
 
     def _program(self, axis: str, sequence: Sequence) -> moderngl.Program:
         flags = {"BOTH": axis == "uv", "ALONG_U": axis == "u"}
-        program = compile_program(self._ctx, build_source("pattern.glsl", flags))
+        program = compile_program(self._ctx, source("pattern.glsl", flags))
         for unit, name in enumerate(("table_u", "table_v") if axis == "uv" else ("table",)):
             program[name] = unit
         return program

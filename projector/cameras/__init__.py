@@ -7,13 +7,12 @@
 | `aravis.py`, `aravis_library.py` | GigE Vision and USB3 Vision by Aravis 0.8 (ctypes); its prototypes |
 | `pylon.py` | Basler's cameras by pypylon |
 | `opencv.py` | whatever cv2.VideoCapture opens by a path or URL |
-| `still.py`, `folder.py`, `virtual.py` | cameras that are not there, with the display that they look at |
+| `still.py` | the images of a capture as a camera, with the display that it looks at |
 | `replay.py` | a recording as a camera, its display and its clock |
 """
 
 from .addresses import find_cameras, open_camera
-from .folder import FolderCamera
 from .replay import Replay
-from .virtual import VirtualCamera
+from .still import StillCamera
 
-__all__ = ["FolderCamera", "Replay", "VirtualCamera", "find_cameras", "open_camera"]
+__all__ = ["Replay", "StillCamera", "find_cameras", "open_camera"]

@@ -36,9 +36,10 @@ def open_camera(address: str) -> Camera:
     if kind == "serial" and name:
         return open_camera(_by_serial(name))
     if kind == "folder" and name:
-        from .folder import FolderCamera
+        from ..capture import Capture
+        from .still import StillCamera
 
-        return FolderCamera(Path(name))
+        return StillCamera(Capture.load(name), Identity("folder", name, "", address))
     if kind == "replay" and name:
         from .replay import Replay
 

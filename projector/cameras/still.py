@@ -1,8 +1,8 @@
-"""A camera that is not there and the display that it looks at: an image of whatever pattern is on show."""
+"""A camera that is not there and the display that it looks at: the images of a capture."""
 
 import time
 
-from ..capture import Image as Pixels
+from ..capture import Capture
 from ..devices import Accepted, Identity, Image, Shown, Wanted
 
 __all__ = ["StillCamera"]
@@ -15,24 +15,15 @@ class StillCamera:
 
     lost = 0
 
-    def __init__(self, identity: Identity, shape: tuple[int, int], bits: int) -> None:
-        self._identity, self._shape, self._bits = identity, shape, bits
+    def __init__(self, capture: Capture, identity: Identity) -> None:
+        self._capture, self.identity = capture, identity
         self._index = self._count = 0
         self._period = self._last = 0.0
-
-    @property
-    def identity(self) -> Identity:
-        """Who it is."""
-        return self._identity
 
     @property
     def refresh_s(self) -> float | None:
         """Unknown."""
         return None
-
-    def pixels(self, index: int) -> Pixels:
-        """The image (H, W) of pattern `index`."""
-        raise NotImplementedError
 
     def show(self, index: int) -> Shown:
         """Look at pattern `index` from now on."""
@@ -41,11 +32,9 @@ class StillCamera:
 
     def configure(self, wanted: Wanted) -> Accepted:
         """The exposure is taken as it comes; size and bits are those of the images."""
-        rows, cols = self._shape
         self._period = 0.0 if wanted.fps is None else 1 / wanted.fps
-        return Accepted(
-            wanted.exposure_s, rows, cols, bits=self._bits, fps=wanted.fps, trigger=wanted.trigger
-        )
+        bits, size = self._capture.bits, self._capture.shape
+        return Accepted(wanted.exposure_s, *size, bits=bits, fps=wanted.fps, trigger=wanted.trigger)
 
     def start(self) -> None:
         """Always runs."""
@@ -62,7 +51,7 @@ class StillCamera:
                 return None
         now = self._last = time.monotonic()
         self._count += 1
-        return Image(self.pixels(self._index), self._count, None, now)
+        return Image(self._capture[self._index], self._count, None, now)
 
     def stop(self) -> None:
         """Nothing runs."""

@@ -26,9 +26,9 @@ Footprint footprint(vec2 boxes) {
     boxes = abs(boxes);
     float a = max(boxes.x, boxes.y), b = min(boxes.x, boxes.y), s = 0.0;
 #ifdef BLUR
-    float narrowest = $BLUR_FLOOR * blur;
+    float narrowest = BLUR_FLOOR * blur;
 #else
-    const float narrowest = $SHARP_FLOOR;
+    const float narrowest = SHARP_FLOOR;
 #endif
     float wide = max(a, narrowest), narrow = max(b, narrowest);
 #ifdef BLUR
@@ -39,7 +39,7 @@ Footprint footprint(vec2 boxes) {
 
 float reach(Footprint f) {
 #ifdef BLUR
-    return f.p + $REACH * f.blur;
+    return f.p + REACH * f.blur;
 #else
     return f.p;
 #endif

@@ -13,7 +13,7 @@ uniform sampler2D response;    // (256, 1): light of a level, 0..1
 uniform sampler2D table;       // (cells, frames / 4): light of the cells, 0..1
 #endif
 
-layout(location = 0) out vec4 irradiance[$QUADS];
+layout(location = 0) out vec4 irradiance[QUADS];
 
 // Movement over the pattern (cells) from edge to edge of the pixel; twice the half of it where one edge sees nothing.
 vec2 moved(vec2 centre, vec4 before, vec4 behind) {
@@ -47,13 +47,13 @@ vec4 light_of(uvec4 u, uvec4 v) {
 }
 
 // All cells under a footprint, shares multiplied.
-void add_cells(vec2 at, Footprint fu, Footprint fv, float scale, inout vec4 sums[$QUADS]) {
+void add_cells(vec2 at, Footprint fu, Footprint fv, float scale, inout vec4 sums[QUADS]) {
     ivec2 along_u = under(at.x, fu, cells.x), along_v = under(at.y, fv, cells.y);
     for (int j = along_v.x; j <= along_v.y; ++j) {
         float weight_v = scale * (share(float(j) + 0.5 - at.y, fv) - share(float(j) - 0.5 - at.y, fv));
         for (int k = along_u.x; k <= along_u.y; ++k) {
             float weight_u = share(float(k) + 0.5 - at.x, fu) - share(float(k) - 0.5 - at.x, fu);
-            for (int n = 0; n < $QUADS; ++n) {
+            for (int n = 0; n < QUADS; ++n) {
                 uvec4 u = texelFetch(table_u, ivec2(k, n), 0), v = texelFetch(table_v, ivec2(j, n), 0);
                 sums[n] += weight_u * weight_v * light_of(u, v);
             }
@@ -61,12 +61,12 @@ void add_cells(vec2 at, Footprint fu, Footprint fv, float scale, inout vec4 sums
     }
 }
 #else
-void add_cells(float at, Footprint f, int count, float scale, inout vec4 sums[$QUADS]) {
+void add_cells(float at, Footprint f, int count, float scale, inout vec4 sums[QUADS]) {
     ivec2 span = under(at, f, count);
     float left = share(float(span.x) - 0.5 - at, f);
     for (int k = span.x; k <= span.y; ++k) {
         float right = share(float(k) + 0.5 - at, f);
-        for (int n = 0; n < $QUADS; ++n) sums[n] += scale * (right - left) * texelFetch(table, ivec2(k, n), 0);
+        for (int n = 0; n < QUADS; ++n) sums[n] += scale * (right - left) * texelFetch(table, ivec2(k, n), 0);
         left = right;
     }
 }
@@ -75,8 +75,8 @@ void add_cells(float at, Footprint f, int count, float scale, inout vec4 sums[$Q
 void main() {
     ivec2 at = ivec2(gl_FragCoord.xy);
     vec4 look = texelFetch(seen, at, 0);
-    vec4 sums[$QUADS];
-    for (int n = 0; n < $QUADS; ++n) sums[n] = vec4(0.0);
+    vec4 sums[QUADS];
+    for (int n = 0; n < QUADS; ++n) sums[n] = vec4(0.0);
     if (look.z > 0.0) {
         vec4 left = texelFetch(edges_col, at, 0), right = texelFetch(edges_col, at + ivec2(1, 0), 0);
         vec4 above = texelFetch(edges_row, at, 0), below = texelFetch(edges_row, at + ivec2(0, 1), 0);
@@ -84,7 +84,7 @@ void main() {
         look.xy += mean_beside(look, left, right) + mean_beside(look, above, below);
 #ifdef BOTH
         // The shares' product leaves out that u and v vary together over a footprint that lies askew: cut it up.
-        int parts = abs(by_col.x * by_col.y + by_row.x * by_row.y) > $ASKEW ? $PARTS : 1;
+        int parts = abs(by_col.x * by_col.y + by_row.x * by_row.y) > ASKEW ? PARTS : 1;
         float cut = 1.0 / float(parts);
         Footprint fu = footprint(cut * vec2(by_col.x, by_row.x)), fv = footprint(cut * vec2(by_col.y, by_row.y));
         for (int i = 0; i < parts; ++i) {
@@ -102,5 +102,5 @@ void main() {
 #endif
 #endif
     }
-    for (int n = 0; n < $QUADS; ++n) irradiance[n] = sums[n];
+    for (int n = 0; n < QUADS; ++n) irradiance[n] = sums[n];
 }

@@ -20,7 +20,7 @@ from optolever.patterns import sequence
 from optolever.projector import (
     Capture,
     Recording,
-    VirtualSensor,
+    capture,
     choose_exposure,
 )  # fmt: skip
 from optolever.scene import Scene, adjusted, dent_from_text, load, resize
@@ -42,8 +42,7 @@ def sensor_frames(rig: Path, **words: Any) -> np.ndarray:
     scene = load(rig)
     shown = sequence("gray+phase", scene.pattern.rows, scene.pattern.cols)
     assert scene.dent is not None
-    with VirtualSensor(scene, dent_from_text(scene.dent, scene), shown, **words) as sensor:
-        return sensor.capture().frames
+    return capture(scene, dent_from_text(scene.dent, scene), shown, **words).frames
 
 
 def test_a_rig_captures_what_its_camera_sees(optolever: Program, rig: Path, tmp_path: Path) -> None:

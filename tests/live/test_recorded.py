@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from optolever import InputError
 from optolever.cli import run
@@ -22,7 +21,8 @@ from optolever.live import (
     virtual_rig,
 )
 from optolever.patterns import sequence
-from optolever.projector import WHITE_NOISE_SENSOR, VirtualSensor
+from optolever.projector import WHITE_NOISE_SENSOR, Image, capture
+from optolever.projector.cameras import StillCamera
 from optolever.scene import Layer, dent, load, resize
 
 
@@ -116,14 +116,17 @@ def test_a_rig_is_measured_at_rest_and_followed(
     rows, cols = scene.pattern.rows, scene.pattern.cols
     dense = sequence("gray+phase", rows, cols)
     fringe = sequence("crossed", rows, cols, period=10.0)
-    pressed = VirtualSensor(scene, dent("gaussian", scene, peak=0.06, sigma=6), fringe, renderer="numpy")
-    grab, count = VirtualSensor.grab, iter(range(1000))
+    pressed = capture(scene, dent("gaussian", scene, peak=0.06, sigma=6), fringe, renderer="numpy")
+    following, count = StillCamera.next, iter(range(1000))
 
-    def press(sensor: VirtualSensor, index: int) -> NDArray[np.uint8 | np.uint16]:
-        rest = sensor is pressed or next(count) < len(dense) + 10  # two readings at rest, or one
-        return grab(sensor, index) if rest else pressed.grab(0)
+    def press(camera: StillCamera, timeout_s: float) -> Image | None:
+        image, rest = (
+            following(camera, timeout_s),
+            next(count) < len(dense) + 10,
+        )  # two readings at rest, or one
+        return image if rest or image is None else replace(image, pixels=pressed[0])
 
-    monkeypatch.setattr(VirtualSensor, "grab", press)
+    monkeypatch.setattr(StillCamera, "next", press)
     words = ["live", "--rig", str(tmp_path / "rig.toml"), "--headless", "--frames", "4"]
     assert run([*words, "--set", "camera=virtual", "--json", str(tmp_path / "n.json")]) == 0
     numbers = json.loads((tmp_path / "n.json").read_text())

@@ -41,13 +41,13 @@ def finer(camera: Camera, times: int) -> Camera:
 
 def shader_traced(scene: Scene, surface: Surface, sequence: Sequence) -> Float:
     """What the shader traces of a sequence's places: u, v, and whether they are seen, (H, W, 3)."""
-    rows = scene.camera.rows
-    optics = GLOptics(scene, frame_groups(sequence, None), rows)
-    loaded = optics.load(surface)
-    seen = optics.seen(loaded, 0, rows).astype(np.float64)
-    optics.unload(loaded)
+    rows, cols = scene.camera.rows, scene.camera.cols
+    seen = np.empty((rows, cols, 4), np.float32)
+    optics = GLOptics(scene, frame_groups(sequence, None), rows, surface)
+    optics.trace(0, rows)
+    optics.seen[0].read_into(seen, (0, 0, cols, rows), 4, dtype="f4")
     optics.release()
-    return seen
+    return seen.astype(np.float64)
 
 
 def light_of_rays(images: Float, u: Float, v: Float, blur: float) -> Float:

@@ -26,12 +26,11 @@ from optolever.projector import (
     Identity,
     RealTime,
     Timing,
-    VirtualSensor,
     Wanted,
     acquire,
     capture,
 )
-from optolever.projector.cameras import FolderCamera, VirtualCamera, find_cameras, ioctl, open_camera
+from optolever.projector.cameras import StillCamera, find_cameras, ioctl, open_camera
 from optolever.projector.cameras.v4l2 import V4L2Camera
 from optolever.scene import dent, load, resize
 
@@ -319,8 +318,7 @@ def test_cameras_that_are_not_there_are_cameras(tmp_path: Path) -> None:
     shown = sequence("gray", rig.pattern.rows, rig.pattern.cols)
     expected = capture(rig, dent("gaussian", rig), shown, noise=1.0, seed=3, renderer="numpy")
     expected.save(tmp_path / "c")
-    sensor = VirtualSensor(rig, dent("gaussian", rig), shown, noise=1.0, seed=3, renderer="numpy")
-    for camera in (FolderCamera(tmp_path / "c"), VirtualCamera(sensor)):
+    for camera in (open_camera(f"folder:{tmp_path / 'c'}"), StillCamera(expected, Identity("", "", "", ""))):
         assert isinstance(camera, Camera)
         assert isinstance(camera, Display)
         camera.configure(Wanted(0.01))
