@@ -9,10 +9,9 @@ TOML only.
 | `mirror.py`, `pattern.py`, `medium.py`, `sensor.py` | records; Fresnel; display and sensor response |
 | `layer.py` | the elastic layer whose boundary is the mirror |
 | `pattern_shape.py` | displays that are not flat: bow, table of points |
-| `telecentric.py`, `pinhole.py`, `face.py` | cameras: pixel -> ray, lens distortion, refraction at a face |
-| `scene.py`, `reading.py`, `writing.py`, `presets/` | Scene, resize; strict TOML; the scenes on board |
+| `cameras.py`, `face.py` | pixel -> ray, lens distortion, refraction at a face |
+| `scene.py`, `reading.py`, `presets/` | Scene, resize; strict TOML of a rig; the scenes on board |
 | `typed_rig.py` | a rig's TOML from sizes, angles and distances |
-| `rig_file.py` | sections of other parts in a rig's TOML |
 | `parameters.py`, `covariance.py` | the numbers that a calibration adjusts; how sure they are |
 | `rest_form.py` | form of the mirror at rest, measured by a calibration |
 | `accuracy.py`, `priors.py` | how sure typed numbers are; the covariance that every scene has |
@@ -21,14 +20,15 @@ TOML only.
 | `meeting.py`, `tracing.py` | first meeting of ray and surface; Trace, trace |
 | `drawing.py` | the rig from the side |
 | `window.py` | a part of the image as a camera; how far the view moves across a pixel |
-| `record.py`, `pose.py` | equality and checks of records; x_A = T_AB x_B |
+| `record.py`, `pose.py` | fields declared with limit and key; x_A = T_AB x_B |
 """
 
 from optolever.arguments import check_face
 
 from .accuracy import TYPED, Accuracy
+from .cameras import Camera, PinholeCamera, TelecentricCamera, prism_camera
 from .covariance import Covariance
-from .dents import dent, dent_from_text, dent_names, dent_parameters, moving_dent
+from .dents import dent, dent_from_text, dent_names, dent_parameters
 from .face import Face
 from .grid import Grid
 from .layer import Layer
@@ -37,15 +37,12 @@ from .mirror import Mirror
 from .parameters import adjusted, parameter_changes, parameter_values, without_rest_form
 from .pattern import Pattern, prism_pattern
 from .pattern_shape import Bow, PatternShape, PointTable
-from .pinhole import PinholeCamera
 from .priors import GAUGE_HELD, rig_covariance, typed_covariance, typed_sigmas
-from .reading import load, preset_names
+from .reading import load, preset_names, rig_table, write_sections
 from .rest_form import RestForm
-from .rig_file import rig_table, write_sections
-from .scene import Camera, Scene, resize
+from .scene import Scene, resize
 from .sensor import Display, Sensor
 from .surface import Formula, Surface, surface_from_array
-from .telecentric import TelecentricCamera, prism_camera
 from .tracing import Trace, trace
 from .typed_rig import TypedRig, rig_toml
 from .window import mean_beside, movement, scene_window, strided
@@ -83,7 +80,6 @@ __all__ = [
     "load",
     "mean_beside",
     "movement",
-    "moving_dent",
     "parameter_changes",
     "parameter_values",
     "preset_names",

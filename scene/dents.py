@@ -1,7 +1,6 @@
 """Dents by name: their parameters, the defaults that suit a scene, and the surfaces they make."""
 
 import math
-from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -13,7 +12,7 @@ from .relief import relief
 from .scene import Scene
 from .surface import Formula, Surface
 
-__all__ = ["dent", "dent_from_text", "dent_names", "dent_parameters", "moving_dent"]
+__all__ = ["dent", "dent_from_text", "dent_names", "dent_parameters"]
 
 _TAPER = 0.1  # share of the mirror's length, at x = L0, over which dents fade to zero
 _PEAK = 1.3 / 163.7  # default peak over the mirror's shorter side: paper-simulation's 1.3 mm
@@ -23,77 +22,40 @@ _SIGMA = 20 / 163.7  # and the Gaussian's 20 mm: the image does not fold (peak/s
 Params = dict[str, float]
 
 
-def _sizes(scene: Scene) -> tuple[float, float, float]:
-    return scene.mirror.length, scene.mirror.width, min(scene.mirror.length, scene.mirror.width)
+def _defaults(scene: Scene) -> dict[str, Params]:
+    """Parameters by dent, as they suit a mirror."""
+    length, width = scene.mirror.length, scene.mirror.width
+    size = min(length, width)
+    cosine = {"peak": _PEAK * size}
+    centred = {**cosine, "x": 0.5 * length, "y": 0.5 * width}
+    gaussian, needle = centred | {"sigma": _SIGMA * size}, centred | {"decay": _DECAY * size}
+    return {
+        "flat": {},
+        "tilt": {"slope": 0.001},
+        "raised-cosine": cosine,
+        "gaussian": gaussian,
+        "ball": centred | {"radius": (_SIGMA * size) ** 2 / cosine["peak"]},
+        "needle": needle,
+        "rounded-needle": needle | {"rounding": 0.1 * needle["decay"]},
+        "ridge": gaussian | {"angle_deg": 0.0},
+        "relief": cosine | {"smooth": 0.01 * size},
+    }
 
 
-def _flat(scene: Scene) -> Params:
-    return {}
-
-
-def _tilt(scene: Scene) -> Params:
-    return {"slope": 0.001}
-
-
-def _cosine(scene: Scene) -> Params:
-    return {"peak": _PEAK * _sizes(scene)[2]}
-
-
-def _centred(scene: Scene) -> Params:
-    length, width, _ = _sizes(scene)
-    return {**_cosine(scene), "x": 0.5 * length, "y": 0.5 * width}
-
-
-def _gaussian(scene: Scene) -> Params:
-    return {**_centred(scene), "sigma": _SIGMA * _sizes(scene)[2]}
-
-
-def _ball(scene: Scene) -> Params:
-    contact = _SIGMA * _sizes(scene)[2]
-    return {**_centred(scene), "radius": contact**2 / _cosine(scene)["peak"]}
-
-
-def _needle(scene: Scene) -> Params:
-    return {**_centred(scene), "decay": _DECAY * _sizes(scene)[2]}
-
-
-def _rounded(scene: Scene) -> Params:
-    return {**_needle(scene), "rounding": 0.1 * _needle(scene)["decay"]}
-
-
-def _ridge(scene: Scene) -> Params:
-    return {**_gaussian(scene), "angle_deg": 0.0}
-
-
-def _relief(scene: Scene) -> Params:
-    return {**_cosine(scene), "smooth": 0.01 * _sizes(scene)[2]}
-
-
-_DEFAULTS: dict[str, Callable[[Scene], Params]] = {
-    "flat": _flat,
-    "tilt": _tilt,
-    "raised-cosine": _cosine,
-    "gaussian": _gaussian,
-    "ball": _ball,
-    "needle": _needle,
-    "rounded-needle": _rounded,
-    "ridge": _ridge,
-    "relief": _relief,
-}
 _POSITIVE = {"sigma", "radius", "decay", "rounding", "peak"}
 _TEXTS = {"relief": ("path",)}
 
 
 def dent_names() -> tuple[str, ...]:
     """The names that `dent` knows."""
-    return tuple(_DEFAULTS)
+    return (*FORMS, "relief")
 
 
 def dent_parameters(name: str, scene: Scene) -> dict[str, Any]:
     """Parameters of a named dent and their defaults on a scene's mirror (mm); None: it must be given."""
-    if name not in _DEFAULTS:
-        raise InputError(f"dent {name!r}: unknown, must be one of {', '.join(_DEFAULTS)}")
-    return {**dict.fromkeys(_TEXTS.get(name, ())), **_DEFAULTS[name](scene)}
+    if name not in dent_names():
+        raise InputError(f"dent {name!r}: unknown, must be one of {', '.join(dent_names())}")
+    return {**dict.fromkeys(_TEXTS.get(name, ())), **_defaults(scene)[name]}
 
 
 def dent(name: str, scene: Scene, **params: Any) -> Surface:
@@ -148,23 +110,6 @@ def _from_text(text: str) -> tuple[str, dict[str, Any]]:
     return name.strip(), params
 
 
-def moving_dent(
-    name: str, scene: Scene, rates: dict[str, float], **params: Any
-) -> Callable[[float], Surface]:
-    """A dent whose parameters change evenly: value + rate t, t in seconds; e.g. rates={'x': 20.0}."""
-    start = _checked(name, scene, params)
-    for key in rates:
-        if key not in start or isinstance(start[key], str):
-            raise InputError(f"dent {name!r}: unknown rate {key!r}: must be one of {', '.join(start)}")
-
-    def at(seconds: float) -> Surface:
-        return dent(
-            name, scene, **{**start, **{key: start[key] + rate * seconds for key, rate in rates.items()}}
-        )
-
-    return at
-
-
 def _parsed(text: str, key: str, value: str) -> float:
     try:
         return float(value)
@@ -174,18 +119,15 @@ def _parsed(text: str, key: str, value: str) -> float:
 
 def _checked(name: str, scene: Scene, params: dict[str, Any]) -> dict[str, Any]:
     """Defaults overridden by params, all checked."""
-    if name not in _DEFAULTS:
-        raise InputError(f"dent {name!r}: unknown, must be one of {', '.join(_DEFAULTS)}")
-    values: dict[str, Any] = dict(_DEFAULTS[name](scene))
-    known = (*_TEXTS.get(name, ()), *values)
+    values = dent_parameters(name, scene)
     for key, value in params.items():
-        if key not in known:
+        if key not in values:
             raise InputError(
-                f"dent {name!r}: unknown parameter {key!r}: must be one of {', '.join(known) or '(none)'}"
+                f"dent {name!r}: unknown parameter {key!r}: must be one of {', '.join(values) or '(none)'}"
             )
         values[key] = value if key in _TEXTS.get(name, ()) else number(f"dent {name!r}: {key}", value)
     for key in _TEXTS.get(name, ()):
-        if not isinstance(values.get(key), str) or not values[key]:
+        if not isinstance(values[key], str) or not values[key]:
             raise InputError(f"dent {name!r}: parameter {key!r} is missing, must name a file")
     for key in _POSITIVE & values.keys():
         if key != "peak":
@@ -197,7 +139,7 @@ def _checked(name: str, scene: Scene, params: dict[str, Any]) -> dict[str, Any]:
 
 def _complete(name: str, scene: Scene, values: Params) -> Params:
     """The formula's params from the user's: derived ones added, in the form that GLSL takes."""
-    length, width, _ = _sizes(scene)
+    length, width = scene.mirror.length, scene.mirror.width
     params = dict(values)
     if name == "raised-cosine":
         return {**params, "kx": 2 * math.pi / length, "ky": 2 * math.pi / width}

@@ -3,35 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from optolever import InputError
-
-from .record import Float, Record, freeze, positive, vector
+from .record import Float, Record, positive, unit, vector
 
 __all__ = ["Face", "refract"]
 
 
 @dataclass(frozen=True, eq=False)
-class Face(Record):
+class Face(Record, section="camera.face"):
     """Plane through `point` (mm) with `normal` (3,); `index` behind it, `outside` on the camera's side."""
 
-    point: Float
-    normal: Float
-    index: float
-    outside: float = 1.0
-
-    def __post_init__(self) -> None:
-        normal = vector("camera.face.normal", self.normal)
-        length = float(np.linalg.norm(normal))
-        if length == 0:
-            raise InputError(f"camera.face.normal = {normal.tolist()}: must not be zero")
-        if abs(length - 1) > 1e-12:
-            normal = vector("camera.face.normal", normal / length)
-        freeze(self, point=vector("camera.face.point", self.point), normal=normal)
-        freeze(self, index=positive("camera.face.index", self.index))
-        freeze(self, outside=positive("camera.face.outside", self.outside))
+    point: Annotated[Float, vector, "point_mm"]
+    normal: Annotated[Float, unit]
+    index: Annotated[float, positive]
+    outside: Annotated[float, positive] = 1.0
 
     def cross(self, origins: Float, directions: Float) -> tuple[Float, Float]:
         """Rays (..., 3) behind the face: they start on it, bent by Snell's law; NaN where none passes."""

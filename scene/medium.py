@@ -1,25 +1,27 @@
 """The transparent medium in front of the mirror, and the reflectance of its boundary (Fresnel)."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
+from functools import partial
+from typing import Annotated
 
 import numpy as np
 
-from .record import Float, Record, freeze, positive
+from .record import Float, Record, positive
 
 __all__ = ["Medium"]
 
+_index = partial(positive, below=10)
+
 
 @dataclass(frozen=True, eq=False)
-class Medium(Record):
+class Medium(Record, section="medium"):
     """Index of refraction inside, and `outside` behind the boundary; the boundary is the mirror."""
 
-    index: float
-    outside: float = 1.0
-
-    def __post_init__(self) -> None:
-        freeze(self, index=positive("medium.index", self.index, below=10))
-        freeze(self, outside=positive("medium.outside", self.outside, below=10))
+    index: Annotated[float, _index]
+    outside: Annotated[float, _index] = 1.0
 
     @property
     def critical_angle(self) -> float:

@@ -1,20 +1,18 @@
 """The mirror at rest: the rectangle z = 0, 0 <= x <= length, 0 <= y <= width."""
 
-from dataclasses import dataclass
+from __future__ import annotations
 
-from .record import Record, freeze, positive
+from dataclasses import dataclass
+from typing import Annotated
+
+from .record import Record, positive
 
 __all__ = ["Mirror"]
 
 
 @dataclass(frozen=True, eq=False)
-class Mirror(Record):
+class Mirror(Record, section="mirror"):
     """Extent of the mirror in mm: `length` along x (L0), `width` along y."""
 
-    length: float
-    width: float
-
-    def __post_init__(self) -> None:
-        freeze(
-            self, length=positive("mirror.length", self.length), width=positive("mirror.width", self.width)
-        )
+    length: Annotated[float, positive, "size_mm", 0]
+    width: Annotated[float, positive, "size_mm", 1]

@@ -14,14 +14,14 @@ from scipy.spatial.transform import Rotation
 
 from optolever import InputError
 
+from .cameras import Camera, PinholeCamera
 from .face import Face
 from .pattern import Pattern
 from .pattern_shape import Bow
-from .pinhole import PinholeCamera
 from .pose import rotate, rotation_from_axes, rotation_from_vector
 from .record import Float
 from .rest_form import RestForm
-from .scene import Camera, Scene
+from .scene import Scene
 
 __all__ = ["adjusted", "parameter_changes", "parameter_values", "without_rest_form"]
 

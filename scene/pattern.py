@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 
 from .pattern_shape import PatternShape
-from .pose import cross
-from .record import Float, Record, freeze, integer, orthonormal, positive, vector
+from .pose import Posed, cross
+from .record import Float, freeze, integer, non_negative, positive, unit, vector  # noqa: F401  of Posed
 
 __all__ = ["Pattern", "prism_pattern"]
 
@@ -17,31 +18,23 @@ _SETTLED = 1e-12  # cells, of the last step
 
 
 @dataclass(frozen=True, eq=False)
-class Pattern(Record):
+class Pattern(Posed, section="pattern"):
     """Cell (u, v) (column, row) has its centre at origin + u pitch u_axis + v pitch aspect v_axis.
 
-    In the mirror's frame: origin (3,) mm, u_axis and v_axis (3,) unit and perpendicular, pitch mm;
-    blur_px: rms radius, in cells, of the Gaussian through which the camera reads the pattern (0: none);
-    shape: deviation from that plane, or None; aspect: height of a cell over its width.
+    pitch mm; blur_px: rms radius, in cells, of the Gaussian through which the camera reads the pattern (0:
+    none); shape: deviation from that plane, or None; aspect: height of a cell over its width.
     """
 
-    origin: Float
-    u_axis: Float
-    v_axis: Float
-    pitch: float
-    rows: int
-    cols: int
-    blur_px: float = 0.0
+    pitch: Annotated[float, positive, "pitch_mm"]
+    rows: Annotated[int, integer, "size", 1]
+    cols: Annotated[int, integer, "size", 0]
+    blur_px: Annotated[float, non_negative] = 0.0
     shape: PatternShape | None = None
     aspect: float = 1.0
 
     def __post_init__(self) -> None:
-        u_axis, v_axis = orthonormal("pattern", self.u_axis, self.v_axis)
-        freeze(self, origin=vector("pattern.origin", self.origin), u_axis=u_axis, v_axis=v_axis)
-        freeze(self, pitch=positive("pattern.pitch", self.pitch))
+        super().__post_init__()
         freeze(self, aspect=positive("pattern.aspect", self.aspect))
-        freeze(self, rows=integer("pattern.rows", self.rows), cols=integer("pattern.cols", self.cols))
-        freeze(self, blur_px=positive("pattern.blur_px", self.blur_px, zero=True))
 
     @property
     def normal(self) -> Float:

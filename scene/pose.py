@@ -4,13 +4,20 @@ A pose is an origin and two axes (u: columns, v: rows); the third axis is u x v,
 it looks (OpenCV's convention: x right, y down, z forward).
 """
 
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated
+
 import numpy as np
 
 from optolever import InputError
 
-from .record import Float
+from .record import Float, Record, unit, vector
 
 __all__ = [
+    "Posed",
     "cross",
     "look_at",
     "rotate",
@@ -18,6 +25,30 @@ __all__ = [
     "rotation_from_vector",
     "transform",
 ]
+
+_RIGHT_ANGLE = 1e-9  # largest cosine between two axes that are called perpendicular
+
+
+@dataclass(frozen=True, eq=False)
+class Posed(Record):
+    """In the mirror's frame: origin (3,) mm; u_axis (columns), v_axis (rows) (3,), unit, perpendicular."""
+
+    origin: Annotated[Float, vector, "origin_mm"]
+    u_axis: Annotated[Float, unit]
+    v_axis: Annotated[Float, unit]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        cosine = float(self.u_axis @ self.v_axis)
+        if abs(cosine) > _RIGHT_ANGLE:
+            angle = math.degrees(math.acos(max(-1.0, min(1.0, cosine))))
+            name = f"{self.section}.v_axis = {self.v_axis.tolist()}"
+            raise InputError(f"{name}: must be perpendicular to u_axis (is at {angle:.9g} deg)")
+
+    @property
+    def rotation(self) -> Float:
+        """R (3, 3): coordinates along u, v, u x v to the mirror's."""
+        return rotation_from_axes(self.u_axis, self.v_axis)
 
 
 def transform(rotation: Float, origin: Float, points: Float) -> Float:

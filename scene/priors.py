@@ -3,9 +3,9 @@
 import numpy as np
 
 from .accuracy import TYPED, Accuracy
+from .cameras import TelecentricCamera
 from .covariance import Covariance
 from .parameters import parameter_values
-from .pinhole import PinholeCamera
 from .scene import Scene
 
 __all__ = ["GAUGE_HELD", "rig_covariance", "typed_covariance", "typed_sigmas"]
@@ -13,14 +13,25 @@ __all__ = ["GAUGE_HELD", "rig_covariance", "typed_covariance", "typed_sigmas"]
 #: Fixed: the mirror's frame follows the camera in x, y and its turn about z; no height depends on them.
 GAUGE_HELD = ("camera.x", "camera.y", "camera.rz")
 
-_SOURCES = {
-    "camera pose": ("camera.x", "camera.y", "camera.z", "camera.rx", "camera.ry", "camera.rz"),
-    "camera scale": ("camera.f", "camera.pitch_u", "camera.pitch_v"),
-    "lens": ("camera.cx", "camera.cy", "camera.k1"),
-    "face and index": ("face.rx", "face.ry", "face.distance", "face.index"),
-    "pattern pose": ("pattern.x", "pattern.y", "pattern.z", "pattern.rx", "pattern.ry", "pattern.rz"),
-    "pattern pitch": ("pattern.pitch",),
-    "display bow": ("pattern.b20", "pattern.b11", "pattern.b02"),
+#: Sources of error: field of Accuracy -> the numbers that it holds for.
+_SOURCES: dict[str, tuple[tuple[str, str], ...]] = {
+    "camera pose": (("distance", "camera.x camera.y camera.z"), ("angle", "camera.rx camera.ry camera.rz")),
+    "camera scale": (("scale", "camera.f camera.pitch_u camera.pitch_v"),),
+    "lens": (("centre", "camera.cx camera.cy"), ("distortion", "camera.k1")),
+    "face and index": (("angle", "face.rx face.ry"), ("distance", "face.distance"), ("index", "face.index")),
+    "pattern pose": (
+        ("distance", "pattern.x pattern.y pattern.z"),
+        ("angle", "pattern.rx pattern.ry pattern.rz"),
+    ),
+    "pattern pitch": (("scale", "pattern.pitch"),),
+    "display bow": (("bow", "pattern.b20 pattern.b11 pattern.b02"),),
+}
+#: Number -> source, field of Accuracy.
+_TYPED = {
+    name: (source, field)
+    for source, parts in _SOURCES.items()
+    for field, names in parts
+    for name in names.split()
 }
 
 
@@ -41,15 +52,11 @@ def typed_covariance(scene: Scene, accuracy: Accuracy | None = None) -> Covarian
     sigmas = {name: sigma for name, sigma in typed_sigmas(scene, accuracy).items() if sigma > 0}
     if not sigmas:
         return None
-    names = tuple(sigmas)
-    sources = tuple(source for source, members in _SOURCES.items() if set(members) & set(names))
-    parts = np.stack(
-        [
-            np.diag([sigmas[name] ** 2 if name in _SOURCES[source] else 0.0 for name in names])
-            for source in sources
-        ]
-    )
-    return Covariance(names, parts.sum(axis=0), sources=sources, parts=parts, gauge="typed")
+    own = np.array([_TYPED[name][0] for name in sigmas])
+    variances = np.diag(np.square([*sigmas.values()]))
+    sources = tuple(source for source in _SOURCES if source in own)
+    parts = np.stack([np.where(own == source, variances, 0.0) for source in sources])
+    return Covariance(tuple(sigmas), variances, sources=sources, parts=parts, gauge="typed")
 
 
 def typed_sigmas(scene: Scene, accuracy: Accuracy | None = None) -> dict[str, float]:
@@ -59,19 +66,12 @@ def typed_sigmas(scene: Scene, accuracy: Accuracy | None = None) -> dict[str, fl
     higher terms of a lens's distortion).
     """
     known = TYPED if accuracy is None else accuracy
-    values = parameter_values(scene)
-    by_key = {"rx": known.angle, "ry": known.angle, "rz": known.angle}
-    by_key |= dict.fromkeys(("x", "y", "z", "distance"), known.distance)
-    by_key |= {"index": known.index, "k1": known.distortion}
-    by_key |= dict.fromkeys(("cx", "cy"), known.centre * scene.camera.cols)
-    by_key |= dict.fromkeys(("b20", "b11", "b02"), known.bow)
-    relative = ("f", "pitch_u", "pitch_v", "pitch")
-    held = set(GAUGE_HELD)
-    if not isinstance(scene.camera, PinholeCamera):
-        held.add("camera.z")
+    telecentric = isinstance(scene.camera, TelecentricCamera)
+    held = {*GAUGE_HELD, "camera.z"} if telecentric else set(GAUGE_HELD)
     sigmas = {}
-    for name, value in values.items():
-        key = name.partition(".")[2]
-        if name not in held and (key in by_key or key in relative):
-            sigmas[name] = known.scale * abs(value) if key in relative else by_key[key]
+    for name, value in parameter_values(scene).items():
+        if name in _TYPED and name not in held:
+            field = _TYPED[name][1]
+            unit = {"scale": abs(value), "centre": float(scene.camera.cols)}.get(field, 1.0)
+            sigmas[name] = getattr(known, field) * unit
     return sigmas

@@ -1,19 +1,25 @@
-"""Scenes from TOML: strict, every error names the file, the field, the value and the limit."""
+"""A rig's TOML: strict, every error names the file, the field, the value and the limit. Sections of other
+parts (`scene.FOREIGN`) are skipped on reading and kept on writing.
+"""
 
 import math
-from collections.abc import Callable
-from dataclasses import MISSING, fields, replace
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, replace
 from datetime import date
 from difflib import get_close_matches
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
+import tomli_w
 
 from optolever import InputError
+from optolever.files import atomic_file
 from optolever.toml import read_toml
 
 from .accuracy import TYPED, Accuracy
+from .cameras import Camera, PinholeCamera, TelecentricCamera, prism_camera
 from .covariance import Covariance
 from .dents import dent_from_text
 from .face import Face
@@ -22,39 +28,37 @@ from .medium import Medium
 from .mirror import Mirror
 from .parameters import parameter_values
 from .pattern import Pattern, prism_pattern
-from .pattern_shape import Bow, PatternShape, PointTable
-from .pinhole import PinholeCamera
+from .pattern_shape import Bow, PointTable
 from .pose import look_at, rotation_from_vector
-from .record import Float, finite, integer, number, positive, vector
+from .record import Float, Record, declared, number, pair, positive, text, vector
 from .rest_form import RestForm
-from .scene import Camera, Scene
+from .scene import FOREIGN, Scene
 from .sensor import Display, Sensor
-from .telecentric import TelecentricCamera, prism_camera
-from .writing import FOREIGN
 
-__all__ = ["load", "preset_names"]
+__all__ = ["load", "preset_names", "rig_table", "write_sections"]
 
-_TOP = "name, dent, exact, mirror, pattern, camera, medium, display, sensor, layer, accuracy, calibration, "
 #: Keys that others call so, and ours.
 _MEANT = {
-    "n": "index",
-    "ior": "index",
-    "refractive_index": "index",
-    "f": "focal_px",
-    "f_px": "focal_px",
-    "f_mm": "focal_mm",
-    "focal_length": "focal_mm",
-    "focal_length_mm": "focal_mm",
-    "pixel_size_mm": "pixel_pitch_mm",
-    "pitch_mm": "pixel_pitch_mm",
+    **dict.fromkeys(("n", "ior", "refractive_index"), "index"),
+    **dict.fromkeys(("f", "f_px"), "focal_px"),
+    **dict.fromkeys(("f_mm", "focal_length", "focal_length_mm"), "focal_mm"),
+    **dict.fromkeys(("pixel_size_mm", "pitch_mm"), "pixel_pitch_mm"),
     "resolution": "size",
     "target": "look_at_mm",
     "tilt_deg": "angle_deg",
 }
+#: Keys that may stand in place of one.
+_INSTEAD = {
+    "origin_mm": " with axes (or, on a prism's face, angle_deg)",
+    "u_axis": " (or rotation_deg, of a camera look_at_mm, on a prism's face angle_deg)",
+}
+_PINHOLE = ("focal_px", "focal_mm", "pixel_pitch_mm", "centre_px", "distortion")
 #: mm between cells of a display: those of microdisplays are 0.0025 mm apart.
 _LEAST_PITCH = 1e-3
 _PRESETS = Path(__file__).parent / "presets"
+_angle = partial(positive, below=90)
 T = TypeVar("T")
+R = TypeVar("R", bound=Record)
 
 
 def preset_names() -> tuple[str, ...]:
@@ -86,40 +90,78 @@ def load(preset_or_path: str | Path, *, exact: bool = False) -> Scene:
     return replace(scene, accuracy=None, covariance=None) if exact else scene
 
 
-class _Table:
-    """A TOML table that hands out its values once each, and rejects keys that remain."""
+def rig_table(file: str | Path) -> dict[str, Any]:
+    """All tables of a rig's TOML. InputError if the file is no scene."""
+    load(file)
+    return read_toml(file)
 
-    def __init__(self, name: str, content: dict[str, Any]) -> None:
-        self.name = name
-        self._left = dict(content)
+
+def write_sections(file: str | Path, sections: Mapping[str, Mapping[str, Any]]) -> None:
+    """Replace sections of a rig's TOML by name; all others stay. InputError if the file is no scene."""
+    table = rig_table(file) | {name: dict(section) for name, section in sections.items()}
+    with atomic_file(Path(file)) as temporary:
+        temporary.write_bytes(tomli_w.dumps(table).encode())
+
+
+class _Table:
+    """A TOML table that rejects keys which are unknown, or not asked for."""
+
+    def __init__(self, name: str, content: Any) -> None:
+        if not isinstance(content, dict):
+            raise InputError(f"{name} = {content!r}: must be a table")
+        self.name, self._content, self._used = name, content, set[str]()
 
     def __contains__(self, key: str) -> bool:
-        return key in self._left
+        return key in self._content
 
     def field(self, key: str) -> str:
         return f"{self.name}.{key}" if self.name else key
 
-    def take(self, key: str, check: Callable[[str, Any], T]) -> T:
-        if key not in self._left:
-            raise InputError(f"{self.field(key)} is missing, must be given")
-        return check(self.field(key), self._left.pop(key))
+    def take(self, key: str, check: Callable[[str, Any], T], default: Any = MISSING) -> T:
+        """The checked value; the default, or InputError, where there is none."""
+        if key in self._content:
+            self._used.add(key)
+            return check(self.field(key), self._content[key])
+        if default is MISSING:
+            raise InputError(f"{self.field(key)} is missing, must be given{_INSTEAD.get(key, '')}")
+        return default  # type: ignore[no-any-return]
 
-    def get(self, key: str, check: Callable[[str, Any], T], default: T) -> T:
-        return self.take(key, check) if key in self else default
+    def part(self, key: str) -> "_Table":
+        return self.take(key, _Table)
 
-    def known(self, names: str) -> None:
+    def known(self, *names: str, of: type[Record] | None = None) -> None:
         """InputError if there is a key of another name; it suggests a similar one, if any."""
-        known = names.split(", ")
-        for key in self._left:
-            if key not in known:
-                meant = _MEANT.get(key) if _MEANT.get(key) in known else _resembling(key, known)
-                must = self.field(meant) if meant else f"one of {names}"
+        every = [*dict.fromkeys((*(each.key for each in (declared(of) if of else ())), *names))]
+        for key in self._content:
+            if key not in every:
+                meant = _MEANT.get(key) if _MEANT.get(key) in every else _resembling(key, every)
+                must = self.field(meant) if meant else f"one of {', '.join(every)}"
                 raise InputError(f"{self.field(key)} is unknown, must be {must}")
 
-    def done(self, why: str = "") -> None:
-        """InputError if a key remains."""
-        for key in self._left:
-            raise InputError(f"{self.field(key)}: {why}; leave it out")
+    def record(self, kind: type[R], fixed: Mapping[str, Any] | None = None, **defaults: Any) -> R:
+        """A record by its fields' keys, but for those that are fixed; InputError if another key remains."""
+        values = dict(fixed or {})
+        for each in declared(kind):
+            if each.name not in values:
+                value = self._value(kind, each.key, each.place, defaults.get(each.name, each.default))
+                degrees = each.key.endswith("_deg") and each.key in self
+                values[each.name] = (
+                    math.radians(each.check(self.field(each.key), value)) if degrees else value
+                )
+        for key in self._content:
+            if key not in self._used:
+                raise InputError(f"{self.field(key)}: excluded by other keys of [{self.name}]; leave it out")
+        return kind(**values)
+
+    def _value(self, kind: type[Record], key: str, place: int | None, default: Any) -> Any:
+        value = self.take(key, lambda _, value: value, default)
+        if place is None or key not in self:
+            return value
+        names = {each.place: each.name for each in declared(kind) if each.key == key}
+        if not isinstance(value, list) or len(value) != len(names):
+            order = ", ".join(names[k] for k in range(len(names)))
+            raise InputError(f"{self.field(key)} = {value!r}: must be [{order}]")
+        return value[place]
 
 
 def _resembling(key: str, known: list[str]) -> str | None:
@@ -128,93 +170,46 @@ def _resembling(key: str, known: list[str]) -> str | None:
     return next(iter(longer or get_close_matches(key, known, 1)), None)
 
 
-def _text(name: str, value: Any) -> str:
-    if not isinstance(value, str) or not value:
-        raise InputError(f"{name} = {value!r}: must be a text that is not empty")
-    return value
-
-
-def _table(name: str, value: Any) -> _Table:
-    if not isinstance(value, dict):
-        raise InputError(f"{name} = {value!r}: must be a table")
-    return _Table(name, value)
-
-
-def _angle(name: str, value: Any) -> float:
-    """An angle in degrees between 0 and 90, in rad."""
-    return math.radians(positive(name, value, below=90))
-
-
-def _size(name: str, value: Any) -> tuple[int, int]:
-    """[cols, rows]."""
-    if not isinstance(value, list) or len(value) != 2:
-        raise InputError(f"{name} = {value!r}: must be [columns, rows]")
-    return integer(name, value[0]), integer(name, value[1])
-
-
-def _pair(name: str, value: Any) -> Float:
-    """Two numbers greater than 0."""
-    pair = vector(name, value, 2)
-    for component in pair:
-        positive(name, float(component))
-    return pair
-
-
-def _pair_or_one(name: str, value: Any) -> Float:
-    return _pair(name, value) if isinstance(value, list) else _pair(name, [value, value])
-
-
-def _distortion(name: str, value: Any) -> Float:
-    return vector(name, value, 5)
-
-
-def _non_negative(name: str, value: Any) -> float:
-    return positive(name, value, zero=True)
-
-
 def _scene(top: _Table, path: Path) -> Scene:
-    top.known(_TOP + ", ".join(FOREIGN))
-    name = top.get("name", _text, path.stem)
-    dent = top.take("dent", _text) if "dent" in top else None
-    mirror = _mirror(top.take("mirror", _table))
-    pattern = _pattern(top.take("pattern", _table))
-    medium = _record(top.take("medium", _table), Medium) if "medium" in top else None
-    camera = _camera(top.take("camera", _table), mirror, medium)
-    display = _record(top.take("display", _table), Display) if "display" in top else None
-    sensor = _record(top.take("sensor", _table), Sensor) if "sensor" in top else None
-    layer = _record(top.take("layer", _table), Layer) if "layer" in top else None
-    calibrated = _calibration(top.take("calibration", _table), path) if "calibration" in top else (None, None)
-    covariance, form = calibrated
-    accuracy = _accuracy(top)
-    for section in FOREIGN:
-        top.get(section, _table, top)
+    plain = {kind.section: kind for kind in (Display, Sensor, Layer)}
+    parts = ("exact", "mirror", "pattern", "camera", "medium", *plain, "accuracy", "calibration")
+    top.known(*parts, *FOREIGN, of=Scene)
+    mirror, medium = _plain(top, Mirror), _plain(top, Medium) if "medium" in top else None
+    covariance, form = _calibration(top.part("calibration"), path) if "calibration" in top else (None, None)
+    others: dict[str, Any] = {name: _plain(top, kind) for name, kind in plain.items() if name in top}
     scene = Scene(
-        name, mirror, pattern, camera, medium, display, sensor, dent, covariance, accuracy, form, layer
+        top.take("name", text, path.stem),
+        mirror,
+        _pattern(top.part("pattern")),
+        _camera(top.part("camera"), mirror, medium),
+        medium,
+        dent=top.take("dent", text, None),
+        covariance=covariance,
+        accuracy=_accuracy(top),
+        rest_form=form,
+        **others,
     )
-    if covariance is not None:
-        _require_known(scene, covariance)
-    if dent is not None:
-        dent_from_text(dent, scene)
+    for name in () if covariance is None else covariance.names:
+        if name not in parameter_values(scene):
+            raise InputError(f"calibration: the scene has no number {name!r}")
+    if scene.dent is not None:
+        dent_from_text(scene.dent, scene)
     return scene
+
+
+def _plain(top: _Table, kind: type[R]) -> R:
+    """The section of a record whose keys are its fields'."""
+    table = top.part(kind.section)
+    table.known(of=kind)
+    return table.record(kind)
 
 
 def _accuracy(top: _Table) -> Accuracy | None:
     """[accuracy], or None where `exact = true`."""
-    exact = top.get("exact", _boolean, False)
-    if "accuracy" not in top:
-        return None if exact else TYPED
-    if exact:
+    exact = top.take("exact", _boolean, False)
+    if exact and "accuracy" in top:
         raise InputError("exact = true: excludes [accuracy]; leave one of both out")
-    table = top.take("accuracy", _table)
-    table.known(", ".join(TYPED.table()))
-    values = {
-        field.name: table.take(Accuracy.key(field.name), _non_negative)
-        for field in fields(Accuracy)
-        if Accuracy.key(field.name) in table
-    }
-    if "angle" in values:
-        values["angle"] = math.radians(values["angle"])
-    return Accuracy(**values)
+    return _plain(top, Accuracy) if "accuracy" in top else None if exact else TYPED
 
 
 def _boolean(name: str, value: Any) -> bool:
@@ -225,11 +220,9 @@ def _boolean(name: str, value: Any) -> bool:
 
 def _calibration(table: _Table, path: Path) -> tuple[Covariance, RestForm | None]:
     """[calibration]: the covariance's file, next to the scene's, and the form of the mirror at rest."""
-    table.known("covariance, date, rest_form_mm")
-    name = table.take("covariance", _text)
-    form = table.take("rest_form_mm", _form) if "rest_form_mm" in table else None
-    day = table.get("date", _day, "")
-    return replace(Covariance.load(path.parent / name), date=day), form
+    table.known("covariance", "date", "rest_form_mm")
+    covariance = Covariance.load(path.parent / table.take("covariance", text))
+    return replace(covariance, date=table.take("date", _day, "")), table.take("rest_form_mm", _form, None)
 
 
 def _day(name: str, value: Any) -> str:
@@ -245,55 +238,29 @@ def _form(name: str, value: Any) -> RestForm:
     return RestForm(np.array([number(name, each) for each in value]))
 
 
-def _require_known(scene: Scene, covariance: Covariance) -> None:
-    known = parameter_values(scene)
-    for name in covariance.names:
-        if name not in known:
-            raise InputError(f"calibration: the scene has no number {name!r}")
-
-
-def _mirror(table: _Table) -> Mirror:
-    table.known("size_mm")
-    length, width = table.take("size_mm", _pair)
-    return Mirror(float(length), float(width))
-
-
-def _record(table: _Table, kind: type[T]) -> T:
-    """A table whose keys are a record's fields: the record checks their values."""
-    defaults = {field.name: field.default for field in fields(kind)}  # type: ignore[arg-type]
-    table.known(", ".join(defaults))
-    given = [name for name, default in defaults.items() if name in table or default is MISSING]
-    return kind(**{name: table.take(name, lambda _, value: value) for name in given})
-
-
 def _pattern(table: _Table) -> Pattern:
-    surface, pose = "size, pitch_mm, blur_px, bow, table", "origin_mm, u_axis, v_axis, rotation_deg"
-    table.known(f"{surface}, angle_deg, offset_mm, {pose}")
-    cols, rows = table.take("size", _size)
-    pitch, tall = table.take("pitch_mm", _pair_or_one)
+    table.known("bow", "table", "angle_deg", "offset_mm", "rotation_deg", of=Pattern)
+    pitch, tall = table.take("pitch_mm", pair).tolist()
     if min(pitch, tall) < _LEAST_PITCH:
         raise InputError(
             f"pattern.pitch_mm = {min(pitch, tall):g}: must be at least {_LEAST_PITCH:g} mm; lengths are in "
             "millimetres, multiply metres by 1000"
         )
-    aspect = tall / pitch
-    blur_px = table.get("blur_px", _non_negative, 0.0)
-    shape = _shape(table, rows, cols)
+    bow, points = (table.part(name) if name in table else None for name in ("bow", "table"))
+    fixed: dict[str, Any] = {"pitch": pitch, "aspect": tall / pitch}
     if "angle_deg" in table:
-        angle = table.take("angle_deg", _angle)
-        along, across = table.get("offset_mm", _offset, np.zeros(2))
-        table.done("angle_deg excludes an explicit pose")
-        flat = prism_pattern(angle, rows, cols, pitch, blur_px, aspect)
+        flat = prism_pattern(math.radians(table.take("angle_deg", _angle)), 1, 1, pitch, aspect=tall / pitch)
+        along, across = table.take("offset_mm", _offset, np.zeros(2))
         origin = flat.origin + along * flat.u_axis + across * flat.v_axis
-        return replace(flat, origin=origin, shape=shape)
-    if "origin_mm" not in table:
-        raise InputError(
-            "pattern.origin_mm is missing, must be given with axes; on a prism: angle_deg in their place"
-        )
-    origin = table.take("origin_mm", vector)
-    u_axis, v_axis = _axes(table)
-    table.done("belongs to angle_deg; an explicit pose excludes it")
-    return Pattern(origin, u_axis, v_axis, pitch, rows, cols, blur_px, shape, aspect)
+        fixed |= {"origin": origin, "u_axis": flat.u_axis, "v_axis": flat.v_axis}
+    pattern = table.record(Pattern, fixed | _rotation(table))
+    if bow is not None:
+        bow.known(of=Bow)
+        return replace(pattern, shape=bow.record(Bow, **vars(Bow.of_pattern(pattern.rows, pattern.cols))))
+    if points is not None:
+        points.known(of=PointTable)
+        return replace(pattern, shape=points.record(PointTable))
+    return pattern
 
 
 def _offset(name: str, value: Any) -> Float:
@@ -301,121 +268,53 @@ def _offset(name: str, value: Any) -> Float:
     return vector(name, value if isinstance(value, list) else [value, 0.0], 2)
 
 
-def _shape(table: _Table, rows: int, cols: int) -> PatternShape | None:
-    """[pattern.bow] or [pattern.table]; None: flat."""
-    if "bow" in table:
-        bow, flat = table.take("bow", _table), Bow.of_pattern(rows, cols)
-        bow.known("b20, b11, b02, centre_px, half_px")
-        b20, b11, b02 = (bow.get(name, number, 0.0) for name in ("b20", "b11", "b02"))
-        centre, half = bow.get("centre_px", _centre, flat.centre), bow.get("half_px", _pair, flat.half)
-        return Bow(b20, b11, b02, centre, half)
-    if "table" in table:
-        points = table.take("table", _table)
-        points.known("places_px, offsets_mm")
-        places, offsets = (points.take(name, _rows) for name in ("places_px", "offsets_mm"))
-        return PointTable(places, offsets)
-    return None
-
-
-def _rows(name: str, value: Any) -> Float:
-    """A list of lists of numbers, all of one length."""
-    try:
-        return np.array(value, dtype=np.float64)
-    except (ValueError, TypeError) as error:
-        raise InputError(f"{name}: must be a list of lists of numbers, all of one length") from error
-
-
-def _axes(table: _Table) -> tuple[Float, Float]:
-    """Axes u, v, given as such or by a rotation vector in degrees (it turns the mirror's axes into them)."""
-    if "rotation_deg" in table:
-        rotation = rotation_from_vector(np.radians(table.take("rotation_deg", vector)))
-        return rotation[:, 0], rotation[:, 1]
-    return table.take("u_axis", vector), table.take("v_axis", vector)
+def _rotation(table: _Table) -> dict[str, Float]:
+    """Axes u, v by a rotation vector in degrees that turns the mirror's axes into them, if given so."""
+    if "rotation_deg" not in table or "angle_deg" in table:
+        return {}
+    rotation = rotation_from_vector(np.radians(table.take("rotation_deg", vector)))
+    return {"u_axis": rotation[:, 0], "v_axis": rotation[:, 1]}
 
 
 def _camera(table: _Table, mirror: Mirror, medium: Medium | None) -> Camera:
-    kind = table.get("kind", _text, "telecentric")
-    if kind not in ("telecentric", "pinhole"):
-        raise InputError(f"camera.kind = {kind!r}: must be 'telecentric' or 'pinhole'")
-    for key in _PINHOLE.split(", "):
-        if kind == "telecentric" and key in table:
+    name = table.take("kind", text, "telecentric")
+    if name not in ("telecentric", "pinhole"):
+        raise InputError(f"camera.kind = {name!r}: must be 'telecentric' or 'pinhole'")
+    kind: type[Camera] = PinholeCamera if name == "pinhole" else TelecentricCamera
+    for key in _PINHOLE:
+        if kind is TelecentricCamera and key in table:
             raise InputError(f"camera.{key}: is of kind = 'pinhole', camera.kind is 'telecentric' (default)")
-    table.known(f"kind, size, face, {_TELECENTRIC if kind == 'telecentric' else _PINHOLE}, {_POSE}")
-    cols, rows = table.take("size", _size)
-    face = _face(table.take("face", _table), mirror, medium) if "face" in table else None
-    build = _telecentric if kind == "telecentric" else _pinhole
-    return build(table, rows, cols, face, mirror)
-
-
-_TELECENTRIC = "pitch_mm, angle_deg, origin_mm"
-_PINHOLE = "focal_px, focal_mm, pixel_pitch_mm, centre_px, distortion"
-_POSE = "position_mm, look_at_mm, row_axis, u_axis, v_axis, rotation_deg"
-
-
-def _telecentric(table: _Table, rows: int, cols: int, face: Face | None, mirror: Mirror) -> Camera:
-    pitch = table.take("pitch_mm", _pair_or_one)
+    others = _PINHOLE if kind is PinholeCamera else ("angle_deg",)
+    table.known("kind", "face", *others, "position_mm", "look_at_mm", "row_axis", "rotation_deg", of=kind)
+    fixed: dict[str, Any] = _rotation(table)
+    if "face" in table:
+        fixed["face"] = _face(table.part("face"), mirror, medium)
+    if "look_at_mm" in table and "angle_deg" not in table:
+        position, target = table.take("position_mm", vector), table.take("look_at_mm", vector)
+        row_axis = table.take("row_axis", vector, np.array([0.0, 1.0, 0.0]))
+        fixed["u_axis"], fixed["v_axis"] = look_at("camera", position, target, row_axis)
+    if kind is PinholeCamera:
+        if "focal_mm" in table or "pixel_pitch_mm" in table:
+            fixed["focal"] = table.take("focal_mm", positive) / table.take("pixel_pitch_mm", pair)
+        centre = 0.5 * (table.take("size", partial(vector, size=2)) - 1)
+        return table.record(PinholeCamera, fixed, centre=centre)
     if "angle_deg" in table:
-        angle = table.take("angle_deg", _angle)
-        table.done("angle_deg excludes an explicit pose")
-        return prism_camera(mirror.length, angle, rows, cols, pitch, face)
-    if "position_mm" in table or "look_at_mm" in table:
-        position = table.take("position_mm", vector)
-        u_axis, v_axis = _direction(table, position)
-        half = 0.5 * pitch * np.array([cols - 1, rows - 1])
-        origin = position - half[0] * u_axis - half[1] * v_axis
-    else:
-        origin = table.take("origin_mm", vector)
-        u_axis, v_axis = _axes(table)
-    table.done("position_mm with look_at_mm, or origin_mm with axes, say it all")
-    return TelecentricCamera(origin, u_axis, v_axis, pitch, rows, cols, face)
-
-
-def _pinhole(table: _Table, rows: int, cols: int, face: Face | None, mirror: Mirror) -> Camera:
-    focal = _focal(table)
-    centre = table.get("centre_px", _centre, np.array([0.5 * (cols - 1), 0.5 * (rows - 1)]))
-    distortion = table.get("distortion", _distortion, np.zeros(5))
-    position = table.take("position_mm", vector)
-    u_axis, v_axis = _direction(table, position)
-    table.done("look_at_mm with row_axis, or axes, say it all")
-    return PinholeCamera(position, u_axis, v_axis, focal, centre, rows, cols, distortion, face)
-
-
-def _focal(table: _Table) -> Float:
-    """Focal length in pixels (column, row): given so, or in mm with the pitch of the sensor's pixels."""
-    if "focal_mm" not in table and "pixel_pitch_mm" not in table:
-        return table.take("focal_px", _pair_or_one)
-    focal, pitch = table.take("focal_mm", positive), table.take("pixel_pitch_mm", _pair_or_one)
-    if "focal_px" in table:
-        raise InputError("camera.focal_px: excludes focal_mm with pixel_pitch_mm; leave one of both out")
-    return np.asarray(focal / pitch)
-
-
-def _direction(table: _Table, position: Float) -> tuple[Float, Float]:
-    """Axes u, v of a camera at a position: by its target, or given."""
-    if "look_at_mm" not in table:
-        if not any(key in table for key in ("u_axis", "v_axis", "rotation_deg")):
-            raise InputError(
-                "camera.look_at_mm is missing, must be given (or u_axis and v_axis, or rotation_deg)"
-            )
-        return _axes(table)
-    target = table.take("look_at_mm", vector)
-    row_axis = table.get("row_axis", vector, np.array([0.0, 1.0, 0.0]))
-    return look_at("camera", position, target, row_axis)
-
-
-def _centre(name: str, value: Any) -> Float:
-    return vector(name, value, 2)
+        angle, pitch = math.radians(table.take("angle_deg", _angle)), table.take("pitch_mm", pair)
+        prism = prism_camera(mirror.length, angle, 1, 1, pitch)
+        fixed |= {"origin": prism.origin, "u_axis": prism.u_axis, "v_axis": prism.v_axis}
+    if "position_mm" not in table or "angle_deg" in table:
+        return table.record(TelecentricCamera, fixed)
+    fixed["origin"] = table.take("position_mm", vector)  # of the image's middle
+    camera = table.record(TelecentricCamera, fixed)
+    half = 0.5 * camera.pitch * np.array([camera.cols - 1, camera.rows - 1])
+    return replace(camera, origin=camera.origin - half[0] * camera.u_axis - half[1] * camera.v_axis)
 
 
 def _face(table: _Table, mirror: Mirror, medium: Medium | None) -> Face:
     """[camera.face]: by a point and its normal, or by its angle with the mirror at the edge x = L0."""
-    table.known("angle_deg, point_mm, normal, index, outside")
+    table.known("angle_deg", of=Face)
+    fixed: dict[str, Any] = {}
     if "angle_deg" in table:
-        angle = table.take("angle_deg", _angle)
-        point, normal = np.array([mirror.length, 0, 0]), np.array([math.sin(angle), 0, math.cos(angle)])
-    else:
-        point, normal = table.take("point_mm", vector), table.take("normal", vector)
-    index = table.take("index", positive) if medium is None else table.get("index", positive, medium.index)
-    outside = table.get("outside", positive, 1.0)
-    table.done("angle_deg excludes it")
-    return Face(point, normal, finite("camera.face.index", index), outside)
+        angle = math.radians(table.take("angle_deg", _angle))
+        fixed = {"point": [mirror.length, 0, 0], "normal": [math.sin(angle), 0, math.cos(angle)]}
+    return table.record(Face, fixed, **({} if medium is None else {"index": medium.index}))

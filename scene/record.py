@@ -1,16 +1,22 @@
-"""Base of every record of a scene: equality over array fields, and checks that end in one line."""
+"""Base of every record of a scene: fields declared once, with their limit and their key in a TOML table;
+equality over array fields; checks that end in one line.
+"""
 
 import math
-from collections.abc import Sequence
-from dataclasses import fields
-from typing import Any
+from collections.abc import Callable, Sequence
+from dataclasses import MISSING, dataclass, fields
+from functools import cache, partial
+from typing import Any, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
 from optolever import InputError
 
-__all__ = ["Float", "Record", "finite", "freeze", "integer", "number", "orthonormal", "positive", "vector"]
+__all__ = [
+    "Declared", "Float", "Record", "declared", "freeze", "integer", "non_negative", "number", "pair",
+    "positive", "table_of", "text", "unit", "vector",
+]  # fmt: skip
 
 Float = NDArray[np.float64]
 
@@ -18,11 +24,50 @@ _UNIT = 1e-12  # an axis this close to unit length is not rescaled, so that a sa
 #: Numbers of a scene (mm, px): up to a thousand kilometres, positive ones from a nanometre on. Squares
 #: of larger numbers may overflow float64, and larger ratios leave no digits to a solver.
 _MOST, _LEAST = 1e9, 1e-6
-_RIGHT_ANGLE = 1e-9  # largest cosine between two axes that are called perpendicular
+
+
+@dataclass(frozen=True, slots=True)
+class Declared:
+    """A field annotated as Annotated[type, check, key, place]: check(name, value) gives its value or raises;
+    key: in the record's TOML table (the field's name if none is given), in degrees where it ends in _deg;
+    place: in the list at that key, None: no list."""
+
+    name: str
+    default: Any
+    check: Callable[[str, Any], Any]
+    key: str
+    place: int | None
+
+
+def _declared(kind: type) -> tuple[Declared, ...]:
+    hints = get_type_hints(kind, include_extras=True)
+    found: list[Declared] = []
+    for field in fields(kind):
+        meta: tuple[Any, ...] = getattr(hints[field.name], "__metadata__", ())
+        if meta:
+            default = field.default if field.default_factory is MISSING else field.default_factory()
+            check, key, place = (*meta, field.name, None)[:3] if len(meta) == 1 else (*meta, None)[:3]
+            found.append(Declared(field.name, default, check, key, place))
+    return tuple(found)
+
+
+#: The annotated fields of a record.
+declared: Callable[[type], tuple[Declared, ...]] = cache(_declared)
 
 
 class Record:
-    """Equality and hash over the fields of a frozen dataclass whose fields may be arrays."""
+    """A frozen dataclass whose declared fields are checked; section: its table in a scene's TOML."""
+
+    section = ""
+
+    def __init_subclass__(cls, section: str = "") -> None:
+        cls.section = section or cls.section
+
+    def __post_init__(self) -> None:
+        for each in declared(type(self)):
+            value = getattr(self, each.name)
+            if value is not None or each.default is not None:
+                freeze(self, **{each.name: each.check(f"{self.section}.{each.key}", value)})
 
     def __eq__(self, other: object) -> bool:
         return type(self) is type(other) and self._key() == other._key()
@@ -31,8 +76,24 @@ class Record:
         return hash(self._key())
 
     def _key(self) -> tuple[Any, ...]:
-        values = (getattr(self, field.name) for field in fields(self))  # type: ignore[arg-type]
+        values = (getattr(self, field.name) for field in fields(self) if field.compare)  # type: ignore[arg-type]
         return tuple(tuple(v.ravel().tolist()) if isinstance(v, np.ndarray) else v for v in values)
+
+
+def table_of(record: Record) -> dict[str, Any]:
+    """A record's declared fields, and the records in it, as plain TOML types; None is left out."""
+    table: dict[str, Any] = {}
+    for each in declared(type(record)):
+        value = getattr(record, each.name)
+        if each.place is not None:
+            table.setdefault(each.key, [None, None])[each.place] = value
+        elif value is not None:
+            value = math.degrees(value) if each.key.endswith("_deg") else value
+            table[each.key] = value.tolist() if isinstance(value, np.ndarray) else value
+    parts = (getattr(record, field.name) for field in fields(record))  # type: ignore[arg-type]
+    return table | {
+        p.section.rpartition(".")[2]: table_of(p) for p in parts if isinstance(p, Record) and p.section
+    }
 
 
 def freeze(record: Any, **values: Any) -> None:
@@ -42,19 +103,15 @@ def freeze(record: Any, **values: Any) -> None:
 
 
 def number(name: str, value: Any) -> float:
-    """A finite float; InputError otherwise."""
+    """A float, neither NaN nor infinite nor beyond all that a scene has; InputError otherwise."""
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
         raise InputError(f"{name} = {value!r}: must be a number")
-    return finite(name, float(value))
-
-
-def finite(name: str, value: float) -> float:
-    """`value`, if it is neither NaN nor infinite nor beyond all that a scene has."""
-    if not math.isfinite(value):
-        raise InputError(f"{name} = {value}: must be finite")
-    if abs(value) > _MOST:
-        raise InputError(f"{name} = {value}: must be at most {_MOST:g}")
-    return value
+    checked = float(value)
+    if not math.isfinite(checked):
+        raise InputError(f"{name} = {checked}: must be finite")
+    if abs(checked) > _MOST:
+        raise InputError(f"{name} = {checked}: must be at most {_MOST:g}")
+    return checked
 
 
 def positive(name: str, value: Any, zero: bool = False, below: float = math.inf) -> float:
@@ -67,6 +124,9 @@ def positive(name: str, value: Any, zero: bool = False, below: float = math.inf)
     if checked >= below:
         raise InputError(f"{name} = {value!r}: must be less than {below:g}")
     return checked
+
+
+non_negative = partial(positive, zero=True)
 
 
 def integer(name: str, value: Any, least: int = 1, most: int = 65536) -> int:
@@ -87,25 +147,25 @@ def vector(name: str, value: Any, size: int = 3) -> Float:
     return array
 
 
-def orthonormal(name: str, u_axis: Any, v_axis: Any) -> tuple[Float, Float]:
-    """Two unit vectors at right angles, normalised where they are not; InputError if zero or askew."""
-    u = _unit(f"{name}.u_axis", vector(f"{name}.u_axis", u_axis))
-    v = _unit(f"{name}.v_axis", vector(f"{name}.v_axis", v_axis))
-    cosine = float(u @ v)
-    if abs(cosine) > _RIGHT_ANGLE:
-        angle = math.degrees(math.acos(max(-1.0, min(1.0, cosine))))
-        raise InputError(
-            f"{name}.v_axis = {v.tolist()}: must be perpendicular to u_axis (is at {angle:.9g} deg)"
-        )
-    return u, v
+def pair(name: str, value: Any) -> Float:
+    """Two numbers greater than 0; one is both."""
+    both = vector(name, value if isinstance(value, Sequence | np.ndarray) else [value, value], 2)
+    for component in both.tolist():
+        positive(name, component)
+    return both
 
 
-def _unit(name: str, axis: Float) -> Float:
+def unit(name: str, value: Any) -> Float:
+    """A direction (3,) of length 1; InputError if it is zero."""
+    axis = vector(name, value)
     length = float(np.linalg.norm(axis))
     if length < _LEAST:
         raise InputError(f"{name} = {axis.tolist()}: must not be zero")
-    if abs(length - 1) <= _UNIT:
-        return axis
-    unit = axis / length
-    unit.flags.writeable = False
-    return unit
+    return axis if abs(length - 1) <= _UNIT else vector(name, axis / length)
+
+
+def text(name: str, value: Any) -> str:
+    """A text that is not empty; InputError otherwise."""
+    if not isinstance(value, str) or not value:
+        raise InputError(f"{name} = {value!r}: must be a text that is not empty")
+    return value

@@ -6,31 +6,31 @@ import math
 from dataclasses import dataclass, replace
 from datetime import date
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import tomli_w
 
+from optolever import InputError
 from optolever.files import atomic_file, together
+from optolever.toml import read_toml
 
 from .accuracy import TYPED, Accuracy
+from .cameras import Camera, PinholeCamera
 from .covariance import Covariance
 from .drawing import draw_side
 from .layer import Layer
 from .medium import Medium
 from .mirror import Mirror
 from .pattern import Pattern
-from .pinhole import PinholeCamera
-from .record import Record, integer
+from .record import Record, integer, table_of, text
 from .rest_form import RestForm
 from .sensor import Display, Sensor
-from .telecentric import TelecentricCamera
-from .writing import foreign_sections, scene_table
 
-__all__ = ["Camera", "Scene", "resize"]
+__all__ = ["FOREIGN", "Scene", "resize"]
 
-#: Types of a scene's `camera`.
-Camera = TelecentricCamera | PinholeCamera
+#: Sections of other parts in a rig's file.
+FOREIGN = ("rest", "response", "profile", "devices", "sync")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -45,14 +45,14 @@ class Scene(Record):
     layer: elastic, behind the mirror, for forces; None: unknown.
     """
 
-    name: str
+    name: Annotated[str, text]
     mirror: Mirror
     pattern: Pattern
     camera: Camera
     medium: Medium | None = None
     display: Display | None = None
     sensor: Sensor | None = None
-    dent: str | None = None
+    dent: Annotated[str | None, text] = None
     covariance: Covariance | None = None
     accuracy: Accuracy | None = TYPED
     rest_form: RestForm | None = None
@@ -96,28 +96,35 @@ class Scene(Record):
         """Write the scene as TOML, to be read by `load`, a covariance as .npz next to it; absent
         parts are omitted. An existing file keeps its sections of other parts.
         """
-        others = {"medium": self.medium, "display": self.display, "sensor": self.sensor, "layer": self.layer}
-        table = scene_table(self.name, self.mirror, self.pattern, self.camera, self.dent, others)
+        table = table_of(self)
+        table["camera"]["kind"] = "pinhole" if isinstance(self.camera, PinholeCamera) else "telecentric"
+        if self.pattern.aspect != 1:
+            table["pattern"]["pitch_mm"] = [self.pattern.pitch, self.pattern.pitch * self.pattern.aspect]
         if self.accuracy is None:
-            table = {"exact": True, **table}
-        elif self.accuracy != TYPED:
-            table["accuracy"] = self.accuracy.table()
+            table["exact"] = True
+        elif self.accuracy == TYPED:
+            del table["accuracy"]
         file = Path(path)
-        kept = foreign_sections(file) if file.is_file() else {}
-        if self.covariance is None:
-            with atomic_file(path) as temporary:
-                temporary.write_bytes(tomli_w.dumps(table | kept).encode())
-            return
-        beside = file.with_suffix(".calibration.npz")
-        table["calibration"] = {"covariance": beside.name}
-        if self.covariance.date:
-            table["calibration"]["date"] = date.fromisoformat(self.covariance.date)
-        if self.rest_form is not None:
-            table["calibration"]["rest_form_mm"] = self.rest_form.coefficients.tolist()
         with together():
-            self.covariance.save(beside)
+            if self.covariance is not None:
+                beside = file.with_suffix(".calibration.npz")
+                self.covariance.save(beside)
+                table["calibration"] = {"covariance": beside.name}
+                if self.covariance.date:
+                    table["calibration"]["date"] = date.fromisoformat(self.covariance.date)
+                if self.rest_form is not None:
+                    table["calibration"]["rest_form_mm"] = self.rest_form.coefficients.tolist()
             with atomic_file(path) as temporary:
-                temporary.write_bytes(tomli_w.dumps(table | kept).encode())
+                temporary.write_bytes(tomli_w.dumps(table | _foreign(file)).encode())
+
+
+def _foreign(file: Path) -> dict[str, Any]:
+    """Sections of other parts in a file; none if it is absent, or no TOML."""
+    try:
+        content = read_toml(file)
+    except (InputError, OSError):
+        return {}
+    return {name: content[name] for name in FOREIGN if name in content}
 
 
 def resize(scene: Scene, rows: int, cols: int) -> Scene:

@@ -1,26 +1,28 @@
 """How a display turns levels into light, and a sensor light into levels; without them: ideal and linear."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from functools import partial
+from typing import Annotated
 
 import numpy as np
 
 from optolever import InputError
 
-from .record import Float, Record, freeze, integer, number, positive
+from .record import Float, Record, integer, non_negative, number, positive
 
 __all__ = ["Display", "Sensor"]
 
+_share = partial(non_negative, below=1)
+
 
 @dataclass(frozen=True, eq=False)
-class Display(Record):
+class Display(Record, section="display"):
     """Light of level g (0..255), relative to that of 255: black + (1 - black) (g/255)^gamma."""
 
-    gamma: float = 1.0
-    black: float = 0.0
-
-    def __post_init__(self) -> None:
-        freeze(self, gamma=positive("display.gamma", self.gamma))
-        freeze(self, black=positive("display.black", self.black, zero=True, below=1))
+    gamma: Annotated[float, positive] = 1.0
+    black: Annotated[float, _share] = 0.0
 
     def light(self, levels: Float) -> Float:
         """Relative light of levels 0..255 (any shape)."""
@@ -29,7 +31,7 @@ class Display(Record):
 
 
 @dataclass(frozen=True, eq=False)
-class Sensor(Record):
+class Sensor(Record, section="sensor"):
     """How light becomes levels (8-bit levels throughout). Light 1: a pixel fully lit, fully reflected.
 
     level = offset + 255 (exposure light)^(1/gamma), clipped to 0..255, rounded to `bits` bits (255 becomes
@@ -38,25 +40,19 @@ class Sensor(Record):
     frame to frame; shutter_s: how long a frame is exposed (0: an instant).
     """
 
-    bits: int = 8
-    noise: float = 0.0
-    gain_e: float = 0.0
-    gamma: float = 1.0
-    exposure: float = 1.0
-    offset: float = 0.0
-    flicker: float = 0.0
-    flicker_hz: float = 100.0
-    frame_s: float = 1 / 60
-    shutter_s: float = 0.0
+    bits: Annotated[int, partial(integer, least=8, most=16)] = 8
+    noise: Annotated[float, non_negative] = 0.0
+    gain_e: Annotated[float, non_negative] = 0.0
+    gamma: Annotated[float, partial(positive, below=100)] = 1.0
+    exposure: Annotated[float, positive] = 1.0
+    offset: Annotated[float, number] = 0.0
+    flicker: Annotated[float, _share] = 0.0
+    flicker_hz: Annotated[float, positive] = 100.0
+    frame_s: Annotated[float, positive] = 1 / 60
+    shutter_s: Annotated[float, non_negative] = 0.0
 
     def __post_init__(self) -> None:
-        freeze(self, bits=integer("sensor.bits", self.bits, 8, 16))
-        for name, most in (("gamma", 100), ("exposure", 1e9), ("flicker_hz", 1e12), ("frame_s", 1e9)):
-            freeze(self, **{name: positive(f"sensor.{name}", getattr(self, name), below=most)})
-        for name in ("noise", "gain_e", "shutter_s"):
-            freeze(self, **{name: positive(f"sensor.{name}", getattr(self, name), zero=True, below=1e9)})
-        freeze(self, flicker=positive("sensor.flicker", self.flicker, zero=True, below=1))
-        freeze(self, offset=number("sensor.offset", self.offset))
+        super().__post_init__()
         if self.shutter_s > self.frame_s:
             raise InputError(
                 f"sensor.shutter_s = {self.shutter_s:g}: must be at most frame_s = {self.frame_s:g}"

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .pinhole import PinholeCamera
-from .scene import Camera, Scene
+from .cameras import Camera, PinholeCamera
+from .scene import Scene
 
 __all__ = ["mean_beside", "movement", "scene_window", "strided"]
 

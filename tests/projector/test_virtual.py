@@ -17,7 +17,6 @@ from optolever.scene import (
     Surface,
     dent,
     dent_names,
-    moving_dent,
     resize,
     surface_from_array,
     trace,
@@ -174,7 +173,10 @@ def test_a_wall_hides_what_is_behind_it(renderer: str) -> None:
 def test_motion_during_the_exposure_averages(renderer: str) -> None:
     small = resize(load("paper-simulation"), 32, 32)
     scene = replace(small, sensor=replace(WHITE_NOISE_SENSOR, frame_s=0.1, shutter_s=0.08, bits=16))
-    moving = moving_dent("gaussian", scene, {"x": 80.0}, x=60.0)
+
+    def moving(seconds: float) -> Surface:
+        return dent("gaussian", scene, x=60.0 + 80.0 * seconds)
+
     brief = shown(scene)
     brief = replace(brief, frames=brief.frames[3:5])
     seen = capture(scene, moving, brief, renderer=renderer, samples=4).frames.astype(float)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from optolever import InputError
-from optolever.scene import dent, dent_from_text, dent_names, load, moving_dent, resize, trace
+from optolever.scene import dent, dent_from_text, dent_names, load, resize, trace
 
 NAMES = tuple(name for name in dent_names() if name != "relief")
 PRESETS = ("paper-simulation", "prism48", "monitor-mirror")
@@ -81,14 +81,6 @@ def test_text_means_the_same_as_the_call(scene):
 def test_bad_dents_end_in_one_line(text, message):
     with pytest.raises(InputError, match=message):
         dent_from_text(text, load("prism48"))
-
-
-def test_a_dent_that_moves(scene):
-    at = moving_dent("gaussian", scene, {"x": 4.0, "peak": 0.1}, x=20.0, peak=0.5)
-    assert at(0.0).formula == dent("gaussian", scene, x=20.0, peak=0.5).formula
-    assert at(2.0).formula == dent("gaussian", scene, x=28.0, peak=0.7).formula
-    with pytest.raises(InputError, match="unknown rate 'z': must be one of peak, x, y, sigma"):
-        moving_dent("gaussian", scene, {"z": 1.0})
 
 
 def test_relief_has_the_images_shape(picture):
