@@ -31,11 +31,11 @@ SECTIONS: Mapping[str, tuple[str, ...]] = {
         "response",
         "patterns",
         "sensor",
-        "codes",
     ),
 }
 #: Earlier names.
 OLD = {name: f"camera {name}" for name in ("devices", "expose", "sync", "record", "replay", "measure")}
+OLD["codes"] = "design"
 #: Files that are not named as their command.
 MODULES = {"show": "window"}
 

@@ -1,20 +1,19 @@
 """`optolever sensor`: predicted measuring range and sensitivity of a scene."""
 
 import time
-from pathlib import Path
+from collections.abc import Mapping
 from typing import Annotated
 
 from optolever import InputError
 
 from .arguments import Opt, program
 from .options import Json, Noise, SceneName, Shown, Size, load_scene
-from .outputs import ReportFolder
 from .show import grid, number, progress, table, write_json
 
 __all__ = ["command"]
 
 SAMPLE = """
-$ optolever sensor --scene prism48 --pixels 128x96 --sweep angle=45/48/50 --out sensor
+$ optolever sensor --scene prism48 --pixels 128x96 --sweep angle=45/48/50
 Sensor prism48
   visible_share          1
   slope_low_deg          -24.09
@@ -25,18 +24,15 @@ Sensor prism48
   reflectance            1
   path_mm                22.29
   lever_cells_per_mrad   0.1189
-  fold_radius_mm         66.63
-  free_mode_median       0.5059
-  sigma_mm               4.13e-05
-  sigma_rms_mm           0.0001057
+  fold_radius_mm         66.64
+  free_mode_median       0.5137
+  sigma_mm               9.569e-05
+  sigma_rms_mm           0.0003058
 Sweep over angle
-angle  sees  slope from  to, °  total up to, °  cells / mrad  folds below, mm  sigma, mm   rms, mm
-45     1     -22.7       22.5   -0.171          0.113         60               6.8 × 10⁻⁵  2.0 × 10⁻⁴
-48     1     -24.1       21     2.83            0.119         66.6             4.1 × 10⁻⁵  1.1 × 10⁻⁴
-50     1     -25.1       20     4.83            0.123         71.5             4.1 × 10⁻⁵  1.0 × 10⁻⁴
-Report
-  page  sensor/report.html
-  time  9.7 s
+angle  sees  slope from  to, °  total up to, °  cells / mrad  folds below, mm  sigma, mm  rms, mm
+45     1     -22.72      22.5   -0.1715         0.1131        60               0.0001381  0.0004043
+48     1     -24.09      21     2.829           0.1189        66.64            9.569e-05  0.0003058
+50     1     -25.1       20     4.829           0.1226        71.51            9.493e-05  0.0003004
 """
 
 
@@ -44,7 +40,17 @@ SWEEP = Opt(
     "--sweep NAME=VALUE/...",
     "angle (deg), index, distance (mm), camera or pattern (factor on the pixels); again for more.",
 )
-FILES = ReportFolder("report.html")
+#: Numbers of a sweep's table, and their headings.
+COLUMNS = {
+    "visible_share": "sees",
+    "slope_low_deg": "slope from",
+    "slope_high_deg": "to, °",
+    "reflection_margin_deg": "total up to, °",
+    "lever_cells_per_mrad": "cells / mrad",
+    "fold_radius_mm": "folds below, mm",
+    "sigma_mm": "sigma, mm",
+    "sigma_rms_mm": "rms, mm",
+}
 
 
 @program("sensor", SAMPLE)
@@ -54,26 +60,16 @@ def command(
     sequence: Shown = "gray+phase",
     noise: Noise = 1.0,
     size: Size = None,
-    out: Annotated[Path, Opt("--out DIR", "Gets report.html.", FILES)] = Path("out/sensor"),
     json_path: Json = None,
 ) -> None:
-    """Map the measuring range and sensitivity of a scene.
+    """Measuring range and sensitivity of a scene.
 
-    Slopes, total reflection, lever, free mode, error bars of the height. Computed at rest, on a thinned
-    camera; error bars are those of the full one. A sweep computes the same numbers for other values of one
-    parameter.
+    Slopes, total reflection, lever, free mode, error bars of the height: medians over the mirror at rest,
+    on a thinned camera; error bars are those of the full one. A sweep computes the same numbers for other
+    values of one parameter.
     """
     asked = [_sweep(text) for text in sweeps]
-    from optolever.experiments.design import (
-        COLUMNS,
-        SWEEPS,
-        SensorStudy,
-        sensor_maps,
-        sensor_rows,
-        sweep_sensor,
-        write_sensor_report,
-    )
-    from optolever.files import report_folder, together
+    from optolever.experiments.design import SWEEPS, sensor_maps, sweep_sensor
     from optolever.patterns import sequence_from_text
 
     for name, _ in asked:
@@ -82,29 +78,27 @@ def command(
     scene = load_scene(scene_name, size)
     sequence_from_text(sequence, scene.pattern.rows, scene.pattern.cols)
     settings = {"scene": scene_name, "name": scene.name, "size": size, "sequence": sequence, "noise": noise}
+    start, rows = time.perf_counter(), list[dict[str, float | str]]()
     with progress(lines=True) as step:
         step("maps")
-        start = time.perf_counter()
-        maps = sensor_maps(scene, sequence, noise)
-        seconds = {"maps": time.perf_counter() - start}
-        rows: list[dict[str, float | str]] = []
+        numbers = sensor_maps(scene, sequence, noise).numbers()
         for name, values in asked:
-            begun = time.perf_counter()
             for row in sweep_sensor(scene, name, values, sequence, noise):
                 rows.append(row)
                 step(f"sweep {name}", len(rows), sum(len(values) for _, values in asked))
-            seconds[f"sweep {name}"] = time.perf_counter() - begun
-        step("report")
-        seconds["total"] = time.perf_counter() - start
-        study = SensorStudy(maps, rows, settings | {"sweeps": list(sweeps)}, seconds)
-        with report_folder(out), together():
-            write_sensor_report(study, out / "report.html")
-            write_json(json_path, study.to_dict())
-    table(f"Sensor {scene.name}", {key: number(value) for key, value in maps.numbers().items()})
+    found = {"numbers": numbers, "sweeps": rows, "settings": settings | {"sweeps": list(sweeps)}}
+    write_json(json_path, found | {"seconds": {"total": time.perf_counter() - start}})
+    table(f"Sensor {scene.name}", {key: number(value) for key, value in numbers.items()})
     for name, _ in asked:
         mine = [row for row in rows if row["sweep"] == name]
-        grid(f"Sweep over {name}", [heading or name for _, heading in COLUMNS], sensor_rows(mine))
-    table("Report", {"page": str(out / "report.html"), "time": number(seconds["total"], "s")})
+        grid(f"Sweep over {name}", [name, *COLUMNS.values()], [_cells(row) for row in mine])
+
+
+def _cells(row: Mapping[str, float | str]) -> list[str]:
+    """Cells of a sweep's row; one without numbers says why."""
+    if "why" in row:
+        return [f"{row['value']:g}", str(row["why"]), *[""] * (len(COLUMNS) - 1)]
+    return [number(float(row[key])) for key in ("value", *COLUMNS)]
 
 
 def _sweep(text: str) -> tuple[str, list[float]]:

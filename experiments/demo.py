@@ -1,6 +1,6 @@
 """The full chain on a virtual sensor: scene, dent -> frames -> correspondence -> height, against truth."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -9,17 +9,16 @@ from optolever.patterns import Sequence, sequence_from_text
 from optolever.projector import Capture, capture, chosen_renderer
 from optolever.reconstruct import Contact, HeightMap, reconstruct
 from optolever.records import Progress, silent
-from optolever.scene import Scene, Trace
+from optolever.scene import Scene, Trace, dent_from_text, load, resize, trace
 
 from .metrics import height_metrics
-from .place import Place, resolve
-from .timing import Run, Stages, peak_bytes
+from .timing import Stages, peak_bytes
 
 
 @dataclass(frozen=True)
-class DemoResult(Run):
-    """Results of a run: the records of the chain, metrics, and the time of each stage (trace, capture,
-    decode, reconstruct, total, and report, once it is written).
+class DemoResult:
+    """Results of a run: the records of the chain, metrics, settings (plain values), memory, and the seconds
+    of each stage (trace, capture, decode, reconstruct, total, and report, once it is written).
 
     metrics: see `metrics.height_metrics`. contacts: of the report.
     """
@@ -31,16 +30,27 @@ class DemoResult(Run):
     correspondence: Correspondence
     height: HeightMap
     metrics: dict[str, float]
+    seconds: dict[str, float]
+    peak_bytes: int
+    settings: dict[str, Any]
     contacts: tuple[Contact, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """The numbers as plain values: metrics, seconds, peak_bytes, settings."""
         return {
             **self.metrics,
-            **self.run_dict(),
+            "seconds": self.seconds,
+            "peak_bytes": self.peak_bytes,
+            "settings": self.settings,
             "contacts": [contact.to_dict() for contact in self.contacts],
             "notices": [asdict(notice) for notice in self.height.notices],
         }
+
+    def with_report(self, seconds: float) -> "DemoResult":
+        """The run with `seconds` as the time of its report."""
+        stages = {name: each for name, each in self.seconds.items() if name not in ("report", "total")}
+        stages["report"] = seconds
+        return replace(self, seconds=stages | {"total": sum(stages.values())}, peak_bytes=peak_bytes())
 
 
 def run_demo(
@@ -59,13 +69,16 @@ def run_demo(
     dent: None is the scene's dent, else a raised cosine. noise: standard deviation of added Gaussian noise,
     8-bit levels. renderer: auto, gl or numpy. InputError for unknown names.
     """
-    known, drawn_by = resolve(scene, size), chosen_renderer(renderer)
+    known = scene if isinstance(scene, Scene) else load(scene, exact=True)
+    known = known if size is None else resize(known, *size)
+    drawn_by, pressed = chosen_renderer(renderer), dent or known.dent or "raised-cosine"
     shown = sequence_from_text(sequence, known.pattern.rows, known.pattern.cols)
     stages = Stages(4, progress)
     with stages.stage("trace"):
-        place = Place.of(known, dent)
+        surface = dent_from_text(pressed, known)
+        truth = trace(known, surface)
     with stages.stage("capture"):
-        seen = capture(known, place.surface, shown, renderer=drawn_by, noise=noise, seed=seed)
+        seen = capture(known, surface, shown, renderer=drawn_by, noise=noise, seed=seed)
     with stages.stage("decode"):
         correspondence = decode(seen.frames, shown)
     with stages.stage("reconstruct"):
@@ -74,17 +87,17 @@ def run_demo(
         scene=known,
         sequence=shown,
         capture=seen,
-        truth=place.truth,
+        truth=truth,
         correspondence=correspondence,
         height=height,
-        metrics=height_metrics(place.truth, correspondence, height),
+        metrics=height_metrics(truth, correspondence, height),
         seconds=stages.seconds,
         peak_bytes=peak_bytes(),
         settings={
             "scene": known.name,
             "size": [known.camera.rows, known.camera.cols],
             "blur_px": known.pattern.blur_px,
-            "dent": place.dent,
+            "dent": pressed,
             "sequence": sequence,
             "frames": len(shown),
             "noise": noise,

@@ -11,7 +11,6 @@ import cv2
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
@@ -38,16 +37,11 @@ def label_axes(axes: Axes, x: str = "", y: str = "", title: str = "", frame: boo
     axes.spines[["top", "right"]].set_visible(frame)
 
 
-def figure_png(figure: Figure) -> bytes:
-    """A figure as a PNG."""
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png")
-    return stream.getvalue()
-
-
 def figure_uri(figure: Figure) -> str:
     """A figure as a PNG data URI."""
-    return _uri(figure_png(figure))
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png")
+    return _uri(stream.getvalue())
 
 
 def png_uri(image: NDArray[np.uint8]) -> str:
@@ -92,18 +86,6 @@ def _uri(data: bytes) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Panel:
-    """One map of a figure: values, title, label of the colour bar ('': none), colour map, limits (None:
-    robust ones)."""
-
-    values: Floats
-    title: str
-    label: str
-    colours: str | ListedColormap = "viridis"
-    limits: tuple[float, float] | None = None
-
-
-@dataclass(frozen=True, slots=True)
 class MirrorGrid:
     """A regular grid over the mirror (mm): which of the pixels, thinned to twice `side`, is nearest to the
     middle of each cell, -1 where none is near."""
@@ -128,38 +110,6 @@ class MirrorGrid:
         away, nearest = cKDTree(points[known]).query(low + pitch * (cells + 0.5))
         return cls(float(low[0]), float(low[1]), pitch, np.where(away <= pitch, known[nearest], -1), side)
 
-    @property
-    def extent(self) -> tuple[float, float, float, float]:
-        """x_min, x_max, y_min, y_max in mm."""
-        rows, cols = self.pixel.shape
-        return self.x0, self.x0 + cols * self.pitch, self.y0, self.y0 + rows * self.pitch
-
     def place(self, values: NDArray[np.floating[Any]]) -> Floats:
         """Values of camera pixels (H, W) on the grid: samples, never averages."""
         return np.where(self.pixel < 0, np.nan, thin(values, 2 * self.side).ravel()[self.pixel])
-
-
-def mirror_figure(panels: list[Panel], grid: MirrorGrid) -> str:
-    """Maps of the mirror side by side, axes in mm; values are already on the grid."""
-    left, right, bottom, top = grid.extent
-    ratio = (top - bottom) / max(right - left, 1e-9)
-    columns = min(len(panels), 2)
-    lines = -(-len(panels) // columns)
-    width = 5.6 * columns if columns > 1 else 6.4
-    beside = 2.0 if columns > 1 else 1.3  # inches for ticks, labels and colour bar
-    figure = new_figure(width, lines * min(7.0, 0.55 + (width / columns - beside) * ratio))
-    places = figure.subplots(lines, columns, squeeze=False).flatten().tolist()
-    for unused in places[len(panels) :]:
-        unused.remove()
-    for axes, panel in zip(places, panels, strict=False):
-        image = axes.imshow(
-            panel.values, panel.colours, extent=grid.extent, origin="lower", interpolation="nearest"
-        )
-        image.set_clim(*(panel.limits or robust_limits(panel.values)))
-        axes.set_facecolor("#d9dde2")
-        label_axes(axes, "x [mm]", "y [mm]", panel.title, frame=True)
-        if panel.label:
-            bar = figure.colorbar(image, ax=axes, fraction=0.046, pad=0.02)
-            bar.set_label(panel.label, fontsize=9)
-            bar.ax.tick_params(labelsize=8)
-    return figure_uri(figure)

@@ -93,9 +93,8 @@ def mirror_map(x: Floats, y: Floats, layers: Sequence[Layer], samples: int = SAM
     pixel = np.where(
         grid.pixel < 0, -1, thin(np.arange(x.size).reshape(x.shape), 2 * grid.side).ravel()[grid.pixel]
     )
-    left, _, bottom, _ = grid.extent
     return {
-        "x0": left, "y0": bottom, "dx": grid.pitch, "dy": grid.pitch, "nx": cols, "ny": rows,
+        "x0": grid.x0, "y0": grid.y0, "dx": grid.pitch, "dy": grid.pitch, "nx": cols, "ny": rows,
         "x": "x [mm]", "y": "y [mm]", "down": False, "cols": x.shape[1],
         "pixel": base64.b64encode(pixel.astype("<i4").tobytes()).decode("ascii"),
         "layers": [layer.data(grid.place(layer.values)) for layer in layers],

@@ -11,6 +11,7 @@ It may import every module of `optolever`; tests alone import it.
 | - `peers.py` | other decoders on the same frames: fringes, OpenCV |
 | - `renderer_speed.py` | frames per second drawn, read back, captured |
 | - `solver_figures.py`, `solver_bound.py` | the solver: exactness, time; its noise and the bound |
+| - `ideal.py`, `place.py` | codes by their definitions; a dented mirror, its exact correspondence |
 | - `cliffs.py` | a cliff behind a mask, and the plain robust integration of it |
 | - `contacts.py` | contacts on rigs drawn from the priors, against their total sigma |
 | - `house.py` | the source in figures: lines, private words, types, constants; files of a call |

@@ -6,19 +6,17 @@
 | `tradeoff.py` | compare_codes: error against CPU seconds and seconds of acquisition |
 | `view.py` | images of a scene, complete or in windows; the decoder run on them |
 | `sensitivity.py` | error propagation from pattern coordinates to height, by the solver |
-| `sensor_maps.py`, `sensor_report.py` | measuring range and sensitivity of a scene |
+| `sensor.py` | measuring range and sensitivity of a scene |
 """
 
 from .candidates import Candidate, OwnCandidate, candidates, ladder, own_candidate, user_candidate
 from .ranking import Design, DesignRow, merit, run_design, simulate
 from .sensitivity import Lever
-from .sensor_maps import SWEEPS, SensorMaps, sensor_maps, sweep_sensor, varied
-from .sensor_report import COLUMNS, SensorStudy, sensor_rows, write_sensor_report
+from .sensor import SWEEPS, SensorMaps, sensor_maps, sweep_sensor, varied
 from .tradeoff import Tradeoff, compare_codes, frame_rate, write_tradeoff_chart, write_tradeoff_csv
 from .view import predict, view_of
 
 __all__ = [
-    "COLUMNS",
     "SWEEPS",
     "Candidate",
     "Design",
@@ -26,7 +24,6 @@ __all__ = [
     "Lever",
     "OwnCandidate",
     "SensorMaps",
-    "SensorStudy",
     "Tradeoff",
     "candidates",
     "compare_codes",
@@ -37,13 +34,11 @@ __all__ = [
     "predict",
     "run_design",
     "sensor_maps",
-    "sensor_rows",
     "simulate",
     "sweep_sensor",
     "user_candidate",
     "varied",
     "view_of",
-    "write_sensor_report",
     "write_tradeoff_chart",
     "write_tradeoff_csv",
 ]

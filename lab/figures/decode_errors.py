@@ -15,11 +15,11 @@ from scipy.stats import mannwhitneyu
 
 from optolever.decode import Correspondence, Response, decode
 from optolever.experiments.arrays import Floats
-from optolever.experiments.ideal import camera_frames, ideal_level
 from optolever.experiments.metrics import rms
 from optolever.patterns import Sequence, sequence
 
 from .figures import Figure
+from .ideal import camera_frames, ideal_level
 
 #: Frames of what Monte Carlo tells: rows, columns; surface of these, cells; seeds of means over seeds.
 PIXELS, EXTENT, SEEDS = (600, 1000), 1260, 4

@@ -20,12 +20,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.blocks import on_cores
+from optolever.blocks import on_cores, over_rows
 from optolever.decode import Decoder, decode, estimate_profile
 from optolever.experiments.arrays import Floats
-from optolever.experiments.ideal import camera_frames
 from optolever.experiments.metrics import rms
-from optolever.experiments.timing import timed, toucher
+from optolever.experiments.timing import timed
+from optolever.kernels import kernel
 from optolever.patterns import Frame, Sequence, sequence, sequence_from_text
 from optolever.processes import safe_path
 from optolever.projector import Footprints, light_of
@@ -33,6 +33,7 @@ from optolever.records import Progress, silent
 
 from .decode_errors import decode_errors
 from .figures import Figure, Parts, measured_parts
+from .ideal import camera_frames
 from .peers import axis_by_axis, cv2_coder, cv2_decode, cv2_places, fringes_coder
 
 SIZE = (1080, 1920)
@@ -198,6 +199,37 @@ def _profiles(size: tuple[int, int]) -> Iterator[Figure]:
         note = f"floor {1e3 * floor:.1f} ms, decode {1e3 * ours:.1f} ms; good {100 * found.good.mean():.4g} %"
         high = code.profiled[0 if size[0] * size[1] >= 1 << 20 else 1]
         yield Figure(f"{code.name}, with a profile, decode over floor", ratio, "times", high=high, note=note)
+
+
+@kernel
+def _touch(start: int, stop: int, frames: Any, maps: Any, flags: Any) -> None:
+    """Read every frame, write outputs of the same size."""
+    cols = frames.shape[2]
+    total = np.empty(cols, np.float32)
+    for row in range(start, stop):
+        total[:] = 0
+        for i in range(frames.shape[0]):
+            for x in range(cols):
+                total[x] += np.float32(frames[i, row, x])
+        for chart in maps:
+            for x in range(cols):
+                chart[row, x] = total[x]
+        for x in range(cols):
+            flags[row, x] = np.uint16(total[x])
+
+
+def toucher(frames: NDArray[Any]) -> Callable[[], None]:
+    """The floor of a decoder's time: read all frames; write u, v, two sigmas, amplitude, offset, order error
+    in float32, and flags. The outputs are reused: clearing new memory takes longer than writing to it.
+    """
+    size = frames.shape[1:]
+    maps = tuple(np.empty(size, np.float32) for _ in range(7))
+    flags = np.empty(size, np.uint16)
+
+    def touch() -> None:
+        over_rows(lambda start, stop: _touch(start, stop, frames, maps, flags), size[0], 32)
+
+    return touch
 
 
 def _pairs(one: Callable[[], Any], other: Callable[[], Any]) -> tuple[float, float, float]:

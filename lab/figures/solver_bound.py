@@ -15,11 +15,11 @@ import scipy.sparse
 import scipy.sparse.linalg
 
 from optolever.experiments.arrays import Floats
-from optolever.experiments.place import Place, exact
 from optolever.reconstruct import reconstruct
 from optolever.scene import Scene, Trace
 
 from .figures import Figure
+from .place import Place, exact
 
 PRISM, DENT = "paper-simulation", "raised-cosine"
 SIDE = 64

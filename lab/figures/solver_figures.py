@@ -5,21 +5,22 @@ processor time beside them, for machines that are shared.
 """
 
 import tracemalloc
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import lru_cache, partial
+from typing import Any
 
 import numpy as np
 import scipy.fft
 
 from optolever.experiments.arrays import Floats, Mask
 from optolever.experiments.metrics import relative_error, rms
-from optolever.experiments.place import Place, exact, middle_anchor
-from optolever.experiments.timing import in_turn, timed
+from optolever.experiments.timing import Measured, timed
 from optolever.reconstruct import HeightMap, integrate, reconstruct
 from optolever.records import Progress, silent
 
 from .cliffs import cauchy_loop, cliff
 from .figures import Figure, Parts, measured_parts
+from .place import Place, exact, middle_anchor
 from .solver_bound import bound_figures
 
 SIDE = 1024
@@ -96,7 +97,7 @@ def _integration() -> Iterator[Figure]:
     truth = truth - truth.mean()
     name = f"plain integration, Gaussian, {INTEGRATED} x {INTEGRATED}"
     yield Figure(name, rms(found - truth) / rms(truth), "of the field", high=3e-9)
-    turns = in_turn(partial(integrate, gx, gy, spacing=step), partial(_transforms, gx), count=15)
+    turns = _in_turn(partial(integrate, gx, gy, spacing=step), partial(_transforms, gx), count=15)
     whole, alone = (np.median([turn[k].processor for turn in turns]) for k in (0, 1))
     ratio = float(whole / alone)
     yield Figure(f"{name}, time over its two transforms", ratio, high=2.0)
@@ -108,7 +109,7 @@ def _cliffs() -> Iterator[Figure]:
         z, gx, gy, mask = cliff(*CLIFFS, noise)
         robust, plain = partial(integrate, gx, gy, "robust", mask=mask), partial(cauchy_loop, gx, gy, mask)
         robust()  # what is compiled once is not counted
-        turns = in_turn(robust, plain, count=2)
+        turns = _in_turn(robust, plain, count=2)
         own, loop = (min(turn[k].processor for turn in turns) for k in (0, 1))
         errors = [(found - z)[mask] for found in (turns[0][0].value.z, turns[0][1].value)]
         errors = [error - np.median(error) for error in errors]
@@ -121,6 +122,11 @@ def _cliffs() -> Iterator[Figure]:
         yield Figure(f"{name}, time over a plain loop's", own / loop, high=1.0, note=note)
         note = f"rms {whole[0]:.3g}, loop {whole[1]:.3g}; median {middle[0]:.3g}, loop {middle[1]:.3g}"
         yield Figure(f"{name}, rms error over a plain loop's", whole[0] / whole[1], high=1.02, note=note)
+
+
+def _in_turn(*calls: Callable[[], Any], count: int) -> list[tuple[Measured, ...]]:
+    """Time each of the calls `count` times, interleaved, so that all meet the same load."""
+    return [tuple(timed(call) for call in calls) for _ in range(count)]
 
 
 def _transforms(values: Floats) -> Floats:

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from lab.figures.ideal import ideal_level
 from optolever.decode import Correspondence
-from optolever.experiments.ideal import ideal_level
 from optolever.patterns import Sequence
 
 F64 = NDArray[np.float64]

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from lab.figures.ideal import ideal_level
 from optolever.decode import Correspondence, decode
-from optolever.experiments.ideal import ideal_level
 from optolever.patterns import Sequence, sequence
 
 from .conftest import Map, Shoot, scores

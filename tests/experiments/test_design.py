@@ -1,4 +1,4 @@
-"""Design, sensor maps and adaptive sensing on small scenes: against Monte Carlo, formulas and the truth."""
+"""Design and sensor maps on small scenes: against Monte Carlo, formulas and the truth."""
 
 import math
 import sys

@@ -1,17 +1,12 @@
-"""Codes by their definitions: levels of an ideal surface at (u, v), and frames with faults of displays,
-cameras and drivers. Only bits and free levels have cells; no blur, no pixel area. Independent of the
-package's tables, except for long-run words.
+"""Codes by their definitions: levels of an ideal surface at (u, v). Only bits and free levels have cells; no
+blur, no pixel area. Independent of the package's tables, except for long-run words.
 """
-
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from optolever.experiments.arrays import Floats
 from optolever.patterns import Frame, Sequence, code_words
-
-from .arrays import Floats
 
 
 def ideal_level(shown: Sequence, index: int, u: Floats, v: Floats) -> Floats:
@@ -63,39 +58,3 @@ def camera_frames(
         light += noise * rng.standard_normal(light.shape)
         frames[i] = np.clip(np.rint(step * light), 0, np.iinfo(kind).max)
     return frames
-
-
-@dataclass(frozen=True, slots=True)
-class Fault:
-    """kind: swapped (frame, other), twice (`frame` is replaced by `other`), torn (the same below the share
-    `at` of the rows) or lost (all later frames arrive one position early; the last one is repeated).
-
-    shown: a fault of the display, so that repeated pictures have independent noise; else of the camera, which
-    delivers the same numbers twice.
-    """
-
-    kind: str
-    frame: int
-    other: int
-    at: float = 0.0
-    shown: bool = False
-
-    def __str__(self) -> str:
-        return f"{self.kind} {self.frame}" + ("" if self.kind == "lost" else f" {self.other}")
-
-    def spoil(self, frames: NDArray[Any]) -> NDArray[Any]:
-        """Frames (N, ...) with the fault."""
-        spoilt, i, j = frames.copy(), self.frame, self.other
-        if self.kind == "swapped":
-            spoilt[[i, j]] = frames[[j, i]]
-        elif self.kind == "lost":
-            spoilt[i:-1] = frames[i + 1 :]
-        else:
-            start = round(self.at * frames.shape[1]) if self.kind == "torn" else 0
-            spoilt[i, start:] = frames[j, start:]
-        return spoilt
-
-    def inverts(self, sequence: Sequence) -> bool:
-        """Whether a bit and its inverse are swapped, an undetectable fault: valid frames of another scene."""
-        one, two = (sequence.frames[index] for index in (self.frame, self.other))
-        return self.kind == "swapped" and one.bit is not None and (one.bit, one.axis) == (two.bit, two.axis)

@@ -7,30 +7,19 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optolever.errors import InputError
 from optolever.patterns import sequence_from_text
 from optolever.reconstruct import null_space
-from optolever.scene import (
-    Medium,
-    Scene,
-    TelecentricCamera,
-    dent,
-    prism_camera,
-    prism_pattern,
-    resize,
-)
+from optolever.scene import Medium, Scene, TelecentricCamera, dent, prism_camera, prism_pattern, resize
 
-from ..arrays import Floats
-from ..place import on_rest
+from ..arrays import Floats, Mask
 from .sensitivity import Lever
 from .view import predict, stride_for
 
 WIDEST = np.radians(45.0)  # largest slope angle
 SCAN, BISECTIONS = 181, 40
 SIDE = 96  # pixels along the shorter side of the camera on which maps are made
-SWEEPS = ("angle", "index", "distance", "camera", "pattern")
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,125 +27,114 @@ class Rest:
     """The mirror at rest per camera pixel: points (H, W, 3) mm on z = 0, directions of the rays (unit),
     inside: whether the point is on the mirror."""
 
+    scene: Scene
     points: Floats
     directions: Floats
-    inside: NDArray[np.bool_]
+    inside: Mask
 
+    @classmethod
+    def of(cls, scene: Scene) -> "Rest":
+        origins, directions = scene.camera.rays()
+        with np.errstate(divide="ignore", invalid="ignore"):
+            points = origins - (origins[..., 2:] / directions[..., 2:]) * directions
+        x, y, mirror = points[..., 0], points[..., 1], scene.mirror
+        inside = (x >= 0) & (x <= mirror.length) & (y >= 0) & (y <= mirror.width) & (directions[..., 2] < 0)
+        return cls(scene, points, directions, inside)
 
-def rest_of(scene: Scene) -> Rest:
-    """Intersections of the pixels' rays with the plane of the mirror."""
-    points, directions = on_rest(scene)
-    x, y = points[..., 0], points[..., 1]
-    inside = (x >= 0) & (x <= scene.mirror.length) & (y >= 0) & (y <= scene.mirror.width)
-    return Rest(points, directions, inside & (directions[..., 2] < 0))
+    def reflected(self, angle: Floats | float, along: str) -> tuple[Floats, Floats, Floats, Floats]:
+        """(u, v, path in mm, cosine of incidence), (H, W), where the slope along x or y is tan(angle).
 
+        u, v: NaN where the ray does not reach the pattern's plane ahead of it.
+        """
+        turn = np.broadcast_to(np.asarray(angle, np.float64), self.inside.shape)
+        normal = np.zeros(self.points.shape)
+        normal[..., "xy".index(along)] = -np.sin(turn)
+        normal[..., 2] = np.cos(turn)
+        cosine = -(self.directions * normal).sum(axis=-1)
+        out = self.directions + 2 * cosine[..., None] * normal
+        pattern = self.scene.pattern
+        with np.errstate(divide="ignore", invalid="ignore"):
+            path = ((pattern.origin - self.points) @ pattern.normal) / (out @ pattern.normal)
+            u, v = pattern.coordinates(self.points + path[..., None] * out)
+        ahead = (path > 0) & (cosine > 0)
+        return np.where(ahead, u, np.nan), np.where(ahead, v, np.nan), path, cosine
 
-def reflected(
-    scene: Scene, rest: Rest, angle: Floats | float, along: str
-) -> tuple[Floats, Floats, Floats, Floats]:
-    """(u, v, path in mm, cosine of incidence), (H, W), where the slope along x or y is tan(angle).
+    def lands(self, angle: Floats | float, along: str) -> Mask:
+        """Whether that ray hits the pattern (H, W)."""
+        u, v, _, _ = self.reflected(angle, along)
+        pattern = self.scene.pattern
+        with np.errstate(invalid="ignore"):
+            on = (u >= -0.5) & (u <= pattern.cols - 0.5) & (v >= -0.5) & (v <= pattern.rows - 0.5)
+        return np.asarray(on & self.inside)
 
-    u, v: NaN where the ray does not reach the pattern's plane ahead of it.
-    """
-    turn = np.broadcast_to(np.asarray(angle, np.float64), rest.inside.shape)
-    normal = np.zeros(rest.points.shape)
-    normal[..., "xy".index(along)] = -np.sin(turn)
-    normal[..., 2] = np.cos(turn)
-    cosine = -(rest.directions * normal).sum(axis=-1)
-    out = rest.directions + 2 * cosine[..., None] * normal
-    pattern = scene.pattern
-    with np.errstate(divide="ignore", invalid="ignore"):
-        path = ((pattern.origin - rest.points) @ pattern.normal) / (out @ pattern.normal)
-        landed = rest.points + path[..., None] * out
-        u, v = pattern.coordinates(landed)
-    ahead = (path > 0) & (cosine > 0)
-    return np.where(ahead, u, np.nan), np.where(ahead, v, np.nan), path, cosine
+    def slope_limits(self, along: str) -> tuple[Floats, Floats]:
+        """Smallest and largest slope angle along x or y (rad, (H, W)) at which the ray hits the pattern.
 
+        From rest outwards until it first misses; NaN where it misses at rest. In a telecentric 45-degree
+        prism along x: from -atan((L0 - x) / x) / 2 (the apex) to 22.5 degrees (along the mirror to the
+        pattern's edge).
+        """
+        visible, limits = self.lands(0.0, along), []
+        angles = np.linspace(0, WIDEST, SCAN)
+        for sign in (-1.0, 1.0):
+            on = np.stack([self.lands(sign * angle, along) for angle in angles])
+            last = np.where(on.all(axis=0), SCAN, np.argmin(on, axis=0)) - 1
+            good, bad = angles[last], angles[np.minimum(last + 1, SCAN - 1)]
+            for _ in range(BISECTIONS):
+                middle = 0.5 * (good + bad)
+                lands = self.lands(sign * middle, along)
+                good, bad = np.where(lands, middle, good), np.where(lands, bad, middle)
+            limits.append(np.where(visible, sign * good, np.nan))
+        return limits[0], limits[1]
 
-def slope_limits(scene: Scene, rest: Rest, along: str) -> tuple[Floats, Floats]:
-    """Smallest and largest slope angle along x or y (rad, (H, W)) at which the ray hits the pattern.
-
-    From rest outwards until it first misses; NaN where it misses at rest. In a telecentric 45-degree prism
-    along x: from -atan((L0 - x) / x) / 2 (the apex) to 22.5 degrees (along the mirror to the pattern's edge).
-    """
-    seen, limits = _lands(scene, rest, 0.0, along), []
-    angles = np.linspace(0, WIDEST, SCAN)
-    for sign in (-1.0, 1.0):
-        on = np.stack([_lands(scene, rest, sign * angle, along) for angle in angles])
-        last = np.where(on.all(axis=0), SCAN, np.argmin(on, axis=0)) - 1
-        good, bad = angles[last], angles[np.minimum(last + 1, SCAN - 1)]
-        for _ in range(BISECTIONS):
-            middle = 0.5 * (good + bad)
-            lands = _lands(scene, rest, sign * middle, along)
-            good, bad = np.where(lands, middle, good), np.where(lands, bad, middle)
-        limits.append(np.where(seen, sign * good, np.nan))
-    return limits[0], limits[1]
-
-
-def lever_arm(scene: Scene, rest: Rest) -> tuple[Floats, Floats]:
-    """(path from mirror to pattern in mm, displacement on the pattern in cells per mrad of slope along x),
-    (H, W) each.
-    """
-    step = 1e-5
-    _, _, path, _ = reflected(scene, rest, 0.0, "x")
-    before, behind = (reflected(scene, rest, sign * step, "x")[:2] for sign in (-1.0, 1.0))
-    moved = np.hypot(behind[0] - before[0], behind[1] - before[1]) / (2 * step) * 1e-3
-    return np.where(_lands(scene, rest, 0.0, "x"), path, np.nan), np.asarray(moved)
-
-
-def _lands(scene: Scene, rest: Rest, angle: Floats | float, along: str) -> NDArray[np.bool_]:
-    u, v, _, _ = reflected(scene, rest, angle, along)
-    pattern = scene.pattern
-    with np.errstate(invalid="ignore"):
-        on = (u >= -0.5) & (u <= pattern.cols - 0.5) & (v >= -0.5) & (v <= pattern.rows - 0.5)
-    return np.asarray(on & rest.inside)
+    def lever(self) -> Floats:
+        """Displacement on the pattern, cells per mrad of slope along x (H, W)."""
+        step = 1e-5
+        (u0, v0), (u1, v1) = (self.reflected(sign * step, "x")[:2] for sign in (-1.0, 1.0))
+        return np.asarray(np.hypot(u1 - u0, v1 - v0) / (2 * step) * 1e-3)
 
 
 @dataclass(frozen=True, slots=True)
 class SensorMaps:
     """Maps (H, W) of a scene at rest, NaN where a pixel views no pattern.
 
-    x, y: point on the mirror, mm; low, high: limits of the slope along x (rad) with the ray on the pattern,
-    low_y, high_y: along y; reflection_margin: slope (rad) up to which reflection stays total, below 0
-    where it is not total at rest, NaN without a medium; reflectance; path: mirror to pattern, mm; lever:
-    cells per mrad; fold: curvature (1/mm) along x above which the image folds; free_mode: the undetermined
-    height mode, maximum 1; sigma: of the height, mm, for the given sequence and noise.
+    x: point on the mirror, mm; low, high: limits of the slope along x (rad) with the ray on the pattern,
+    low_y, high_y: along y; margin: slope (rad) up to which reflection stays total, below 0 where it is not
+    total at rest, NaN without a medium; reflectance; path: mirror to pattern, mm; lever: cells per mrad;
+    fold_radius: of curvature (mm) along x below which the image folds; free_mode: the undetermined height
+    mode, maximum 1; sigma: of the height, mm, for the given sequence and noise.
     """
 
-    scene: Scene
     x: Floats
-    y: Floats
     low: Floats
     high: Floats
     low_y: Floats
     high_y: Floats
-    reflection_margin: Floats
+    margin: Floats
     reflectance: Floats
     path: Floats
     lever: Floats
-    fold: Floats
+    fold_radius: Floats
     free_mode: Floats
     sigma: Floats
 
     def numbers(self) -> dict[str, float]:
         """Medians over the pixels (worst: the minimum), share with the pattern in view; slopes in degrees."""
-        on = np.isfinite(self.x)
-        seen = np.isfinite(self.low)
-        degrees = np.degrees
+        on, visible, degrees = np.isfinite(self.x), np.isfinite(self.low), np.degrees
         return {
-            "visible_share": float((seen & on).sum() / max(1, on.sum())),
+            "visible_share": float((visible & on).sum() / max(1, on.sum())),
             "slope_low_deg": float(degrees(_median(self.low))),
             "slope_high_deg": float(degrees(_median(self.high))),
             "slope_worst_deg": float(degrees(_median(np.minimum(self.high, -self.low), 0.0))),
             "slope_y_deg": float(degrees(_median(np.minimum(self.high_y, -self.low_y)))),
-            "reflection_margin_deg": float(degrees(_median(self.reflection_margin))),
+            "reflection_margin_deg": float(degrees(_median(self.margin))),
             "reflectance": _median(self.reflectance),
             "path_mm": _median(self.path),
             "lever_cells_per_mrad": _median(self.lever),
-            "fold_radius_mm": 1 / _median(self.fold),
+            "fold_radius_mm": _median(self.fold_radius),
             "free_mode_median": _median(self.free_mode),
             "sigma_mm": _median(self.sigma),
-            "sigma_rms_mm": math.sqrt(float(np.nanmean(self.sigma**2))) if seen.any() else math.nan,
+            "sigma_rms_mm": math.sqrt(float(np.nanmean(self.sigma**2))) if visible.any() else math.nan,
         }
 
 
@@ -169,28 +147,19 @@ def sensor_maps(
     """
     lever = Lever(scene, dent("flat", scene), stride=stride_for(scene, side))
     thin = lever.view.scene
-    rest = rest_of(thin)
-    low, high = slope_limits(thin, rest, "x")
-    low_y, high_y = slope_limits(thin, rest, "y")
-    path, moved = lever_arm(thin, rest)
-    cosine = reflected(thin, rest, 0.0, "x")[3]
-    seen = np.isfinite(low)
-    margin, reflectance = _reflection(thin, cosine, seen)
-    sigma, mode = _sigma(lever, sequence, noise), null_space(thin)
-    points = [np.where(rest.inside, rest.points[..., k], np.nan) for k in (0, 1)]
+    rest = Rest.of(thin)
+    (low, high), (low_y, high_y) = (rest.slope_limits(along) for along in "xy")
+    visible = np.isfinite(low)
+    _, _, path, cosine = (np.where(visible, part, np.nan) for part in rest.reflected(0.0, "x"))
+    margin, reflectance = np.full(low.shape, np.nan), np.where(visible, 1.0, np.nan)
+    if thin.medium is not None:
+        margin = np.arccos(np.clip(cosine, -1, 1)) - thin.medium.critical_angle
+        reflectance = thin.medium.reflectance(cosine)
+    x = np.where(rest.inside, rest.points[..., 0], np.nan)
     return SensorMaps(
-        scene, points[0], points[1], low, high, low_y, high_y, margin, reflectance, path, moved,
-        np.where(seen, cosine / (2 * path), np.nan), mode, sigma,
+        x, low, high, low_y, high_y, margin, reflectance, path, rest.lever(),
+        2 * path / cosine, null_space(thin), _sigma(lever, sequence, noise),
     )  # fmt: skip
-
-
-def _reflection(scene: Scene, cosine: Floats, seen: NDArray[np.bool_]) -> tuple[Floats, Floats]:
-    """(slope up to which reflection is total, reflectance at rest)."""
-    if scene.medium is None:
-        return np.full(seen.shape, np.nan), np.where(seen, 1.0, np.nan)
-    incidence = np.arccos(np.clip(cosine, -1, 1))
-    margin = np.where(seen, incidence - scene.medium.critical_angle, np.nan)
-    return margin, np.where(seen, scene.medium.reflectance(cosine), np.nan)
 
 
 def _sigma(lever: Lever, text: str, noise: float) -> Floats:
@@ -215,12 +184,11 @@ def sweep_sensor(
     """A row of numbers (see SensorMaps.numbers) per value; 'why' for a value without a valid sensor."""
     for value in values:
         row: dict[str, float | str] = {"sweep": name, "value": value}
-        numbers: dict[str, float | str]
         try:
-            numbers = {**sensor_maps(varied(scene, name, value), sequence, noise).numbers()}
+            row |= sensor_maps(varied(scene, name, value), sequence, noise).numbers()
         except InputError as error:
-            numbers = {"why": str(error)}
-        yield row | numbers
+            row["why"] = str(error)
+        yield row
 
 
 def varied(scene: Scene, name: str, value: float) -> Scene:
@@ -231,13 +199,13 @@ def varied(scene: Scene, name: str, value: float) -> Scene:
     mirror, mm. camera, pattern: factor on the number of pixels (cells) along each side, the field stays.
     InputError names an invalid change.
     """
-    if name not in _CHANGES:
+    if name not in SWEEPS:
         raise InputError(f"sweep: {name!r}, must be one of {', '.join(SWEEPS)}")
     if not math.isfinite(value):
         raise InputError(f"sweep: {name} is {value}, must be finite")
     if name in ("camera", "pattern") and value <= 0:
         raise InputError(f"sweep: {name} is {value:g}, must be above 0")
-    return _CHANGES[name](scene, value)
+    return SWEEPS[name](scene, value)
 
 
 def _angle(scene: Scene, value: float) -> Scene:
@@ -287,7 +255,7 @@ def _pattern(scene: Scene, value: float) -> Scene:
     return replace(scene, pattern=finer)
 
 
-_CHANGES: dict[str, Callable[[Scene, float], Scene]] = {
+SWEEPS: dict[str, Callable[[Scene, float], Scene]] = {
     "angle": _angle,
     "index": _index,
     "distance": _distance,

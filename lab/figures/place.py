@@ -7,10 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from optolever.decode import Correspondence
+from optolever.experiments.arrays import Mask
 from optolever.reconstruct import PixelAnchor, exact_correspondence
 from optolever.scene import Scene, Surface, Trace, dent_from_text, load, resize, trace
-
-from .arrays import Floats, Mask
 
 Dent = str | Callable[[Scene], Surface] | None
 EXACT_SIGMA = 0.01  # px, of exact correspondences: solvers weigh by ratios of sigmas only
@@ -51,18 +50,6 @@ def resolve(scene: Scene | str | Path, size: tuple[int, int] | None = None) -> S
     """A scene, or the one of a preset or TOML file, resampled to size (rows, cols) if one is given."""
     known = scene if isinstance(scene, Scene) else load(scene, exact=True)
     return known if size is None else resize(known, *size)
-
-
-def surface_of(form: Callable[[Floats, Floats], tuple[Floats, Floats, Floats]]) -> Surface:
-    """The surface of a function that returns height and slopes along x and y."""
-    return Surface(lambda x, y: form(x, y)[0], lambda x, y: form(x, y)[1:], both=form)
-
-
-def on_rest(scene: Scene) -> tuple[Floats, Floats]:
-    """Intersection of each pixel's ray with z = 0, mm, and the ray's direction, (H, W, 3) each."""
-    origins, directions = scene.camera.rays()
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return origins - (origins[..., 2:] / directions[..., 2:]) * directions, np.asarray(directions)
 
 
 def exact(
