@@ -4,7 +4,8 @@
 """
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import click
 
@@ -31,13 +32,13 @@ def app() -> None:
 
 def run(args: Sequence[str] | None = None) -> int:
     """Run the program on `args` (default: the process's); its exit code. Bad input never raises."""
-    return exit_code(app, "optolever", args)
+    return exit_code(lambda: app.main(args, "optolever", standalone_mode=False), "optolever")
 
 
-def exit_code(program: click.Command, name: str, args: Sequence[str] | None = None) -> int:
-    """Run a program, called `name`, on `args` (default: the process's); its exit code."""
+def exit_code(call: Callable[[], Any], name: str) -> int:
+    """The exit code of a call of a program, called `name`."""
     try:
-        code = program.main(args=args, prog_name=name, standalone_mode=False)
+        code = call()
     except InputError as error:
         return _complain(name, str(error))
     except click.ClickException as error:

@@ -5,40 +5,42 @@ import json
 import multiprocessing
 import os
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import redirect_stderr, redirect_stdout, suppress
-from dataclasses import dataclass, field
+from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
+from dataclasses import dataclass
 from io import StringIO
+from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import click
 
+import optolever as ol
+from optolever import InputError
 from optolever.blocks import ONE_THREAD
-from optolever.errors import InputError
-from optolever.files import require_folder, write_rows
 from optolever.processes import environment, safe_path
 
 from .outputs import OutputFile, Program
 from .show import number, progress
 
-__all__ = ["Outcome", "Task", "captures_by_name", "run_tasks", "save_table"]
+__all__ = ["Many"]
 
-_OWN = {"out", "json_path", "jobs", "scheduler", "save_profile"}
-_TRIES = 3  # of a task whose worker of a cluster was killed
+#: Imported once, by the process from which all others are forked.
+_PARTS = ["optolever.calibration", "optolever.decode", "optolever.experiments", "optolever.projector"]
+_TRIES = 3  # of a task whose worker was killed
 _ONE_AT_A_TIME = threading.Lock()  # streams and the working folder belong to a whole process
 
 
 @dataclass(frozen=True)
 class Task:
-    """One command for one capture. args: its whole command line; folder: where its relative paths begin."""
+    """A command for one capture: its module and parameters, and the folder where relative paths begin."""
 
     name: str
-    args: tuple[str, ...]
-    numbers: Path
-    folder: str = field(default_factory=os.getcwd)
+    module: str
+    parameters: dict[str, Any]
+    folder: str
 
 
 @dataclass(frozen=True)
@@ -50,35 +52,12 @@ class Outcome:
     error: str
     numbers: dict[str, float]
 
-
-def captures_by_name(captures: Sequence[Path]) -> dict[str, Path]:
-    """Captures by the part of their paths in which they differ; InputError if one is given twice."""
-    whole = [Path(os.path.abspath(capture)).with_suffix("") for capture in captures]
-    common = Path(os.path.commonpath([path.parent for path in whole]))
-    names = ["-".join(path.relative_to(common).parts) for path in whole]
-    for place, name in enumerate(names):
-        if name in names[:place]:
-            raise InputError(f"{captures[place]}: another capture is called {name}, too; leave one out")
-    return dict(zip(names, captures, strict=True))
+    def __str__(self) -> str:
+        figures = (f"{name} {number(value)}" for name, value in self.numbers.items())
+        return f"{self.name}: {self.error if self.code else ', '.join(figures)}"
 
 
-def run_tasks(tasks: Sequence[Task], jobs: int, scheduler: str | None) -> Iterator[Outcome]:
-    """Outcomes as they come: from `jobs` processes, or from the Dask cluster at the address `scheduler`.
-
-    The numbers are the same to the last bit wherever they are made, if the cluster's workers have one thread
-    each. A task whose worker was killed runs again elsewhere, three times at most. InputError: no cluster.
-    """
-    return _in_processes(tasks, jobs) if scheduler is None else _on_cluster(tasks, scheduler)
-
-
-def save_table(path: Path, outcomes: Sequence[Outcome]) -> None:
-    """One row a capture: name, exit code, every number of its command, error (CSV)."""
-    columns = list(dict.fromkeys(name for outcome in outcomes for name in outcome.numbers))
-    header = ["capture", "code", *columns, "error"]
-    rows = (
-        [one.name, one.code, *(one.numbers.get(name, "") for name in columns), one.error] for one in outcomes
-    )
-    write_rows(path, header, rows)
+Run: TypeAlias = Callable[[Sequence[Task]], Iterator[Outcome]]
 
 
 class Many(Program):
@@ -95,65 +74,139 @@ class Many(Program):
         jobs = "Processes of one thread for several captures, whose results lie in the folder --out."
         address = "Dask cluster that takes several captures, in place of processes (extra cluster)."
         self.params += [
-            click.Option(["--jobs"], type=click.IntRange(1), metavar="N", help=jobs, expose_value=False),
-            click.Option(["--scheduler"], metavar="ADDRESS", help=address, expose_value=False),
+            click.Option(["--jobs"], type=click.IntRange(1), default=1, metavar="N", help=jobs),
+            click.Option(["--scheduler"], metavar="ADDRESS", help=address),
         ]
-
-    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Keeps the texts of the options."""
-        texts = self.make_parser(ctx).parse_args(self.renamed(args))[0]
-        given = {name: text for name, text in texts.items() if isinstance(text, (str, bool, list, tuple))}
-        ctx.meta["given"] = given
-        return super().parse_args(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
         """The command itself for one capture, else every capture's; 2 if one of them ended with an error."""
-        captures = [Path(name) for name in ctx.params[self.captures]]
+        jobs, scheduler = ctx.params.pop("jobs"), ctx.params.pop("scheduler")
+        captures = ctx.params[self.captures]
         if len(captures) < 2 or (self.folders and not all(capture.is_dir() for capture in captures)):
             return super().invoke(ctx)
-        return _all(self, ctx, captures_by_name(captures))
+        for parameter in self.params:
+            output = isinstance(parameter.type, OutputFile) and parameter.name != "out"
+            if output and ctx.params[parameter.name or ""]:
+                text = f"{parameter.opts[0]}: is of one capture, not of {len(captures)}; leave it out"
+                raise InputError(text)
+        named, out = _by_name(captures), Path(ctx.params["out"])
+        ol.files.require_folder(out, "table.csv")
+        out.mkdir(exist_ok=True)
+        outcomes: list[Outcome] = []
+        workers = _processes(jobs) if scheduler is None else _cluster(scheduler)
+        with progress() as step, workers as run:
+            for outcome in self._outcomes(ctx, named, run):
+                outcomes.append(outcome)
+                step(str(self.name), len(outcomes), len(named))
+                with step.aside():
+                    click.echo(str(outcome))
+        outcomes.sort(key=lambda one: list(named).index(one.name))
+        _save_table(out / "table.csv", outcomes)
+        failed = sum(one.code != 0 for one in outcomes)
+        click.echo(f"{len(outcomes) - failed} of {len(outcomes)} captures done; {out / 'table.csv'}")
+        return 2 if failed else 0
+
+    def _outcomes(self, ctx: click.Context, captures: dict[str, Path], run: Run) -> Iterator[Outcome]:
+        """Those of all captures; where the command has a profile and none is given, one capture makes it."""
+        given, out = ctx.params, Path(ctx.params["out"])
+        (kind,) = (parameter.type for parameter in self.params if parameter.name == "out")
+        suffix = ".npz" if isinstance(kind, OutputFile) else ""
+
+        def task(name: str, **others: Any) -> Task:
+            own = {self.captures: (captures[name],), "json_path": out / f"{name}.json"}
+            own |= {"out": out / f"{name}{suffix}"}
+            return Task(name, self.callback.__module__, given | own | others, os.getcwd())
+
+        left, profile = list(captures), dict[str, Any]()
+        if "save_profile" in given and given["profile"] is None:
+            kept = given["save_profile"] or out / ".profile.npz"
+            while left and not profile:
+                (outcome,) = run([task(left.pop(0), save_profile=kept)])
+                profile = {} if outcome.code else {"profile": kept, "save_profile": None}
+                yield outcome
+        yield from run([task(name, **profile) for name in left])
+
+
+def _by_name(captures: Sequence[Path]) -> dict[str, Path]:
+    """Captures by the part of their paths in which they differ; InputError if one is given twice."""
+    paths = [Path(os.path.abspath(capture)).with_suffix("") for capture in captures]
+    common = Path(os.path.commonpath([path.parent for path in paths]))
+    named = dict[str, Path]()
+    for path, capture in zip(paths, captures, strict=True):
+        name = "-".join(path.relative_to(common).parts)
+        if name in named:
+            raise InputError(f"{capture}: another capture is called {name}, too; leave one out")
+        named[name] = capture
+    return named
+
+
+def _save_table(path: Path, outcomes: Sequence[Outcome]) -> None:
+    """One row a capture: name, exit code, every number of its command, error (CSV)."""
+    columns = list(dict.fromkeys(name for outcome in outcomes for name in outcome.numbers))
+    rows = (
+        [one.name, one.code, *(one.numbers.get(name, "") for name in columns), one.error] for one in outcomes
+    )
+    ol.files.write_rows(path, ["capture", "code", *columns, "error"], rows)
 
 
 def _run(task: Task) -> Outcome:
-    from .app import run
+    from .app import exit_code
 
-    out, err = StringIO(), StringIO()
+    command: Program = importlib.import_module(task.module).command
+    out, err, numbers = StringIO(), StringIO(), Path(task.parameters["json_path"])
     with _ONE_AT_A_TIME, redirect_stdout(out), redirect_stderr(err):
         os.chdir(task.folder)
-        task.numbers.unlink(missing_ok=True)
-        code = run(task.args)
+        numbers.unlink(missing_ok=True)
+        code = exit_code(lambda: command.run(task.parameters), "optolever")
     lines = err.getvalue().splitlines()
-    numbers: dict[str, Any] = json.loads(task.numbers.read_text("utf-8")) if task.numbers.exists() else {}
-    scalars = {name: value for name, value in numbers.items() if isinstance(value, int | float)}
+    written: dict[str, Any] = json.loads(numbers.read_text("utf-8")) if numbers.exists() else {}
+    scalars = {name: value for name, value in written.items() if isinstance(value, int | float)}
     return Outcome(task.name, code, lines[-1] if code and lines else "", scalars)
 
 
-def _in_processes(tasks: Sequence[Task], jobs: int) -> Iterator[Outcome]:
-    """Tasks of a pool that broke run once more, then each by itself: which of them kills it shows."""
-    left = {task.name: task for task in tasks}
-
-    def run(some: Sequence[Task], workers: int) -> Iterator[Outcome]:
-        with (
-            safe_path(),
-            environment(ONE_THREAD),
-            ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool,
-        ):
-            for future in as_completed([pool.submit(_run, task) for task in some]):
-                with suppress(BrokenProcessPool):
-                    outcome = future.result()
-                    del left[outcome.name]
-                    yield outcome
-
-    for _ in range(2):
-        if left:
-            yield from run(list(left.values()), jobs)
-    for name, task in list(left.items()):
-        yield from run([task], 1)
-        if name in left:
-            yield Outcome(name, 2, "its process was killed three times: too little memory?", {})
+def _pool(jobs: int) -> ProcessPoolExecutor:
+    """Processes forked from one that has imported the parts, where the system has a fork."""
+    forks = "forkserver" in multiprocessing.get_all_start_methods()
+    context = multiprocessing.get_context("forkserver" if forks else "spawn")
+    if forks:
+        context.set_forkserver_preload(_PARTS)
+    return ProcessPoolExecutor(jobs, context)
 
 
-def _on_cluster(tasks: Sequence[Task], scheduler: str) -> Iterator[Outcome]:
+def _results(pool: ProcessPoolExecutor, tasks: Sequence[Task]) -> Iterator[Outcome]:
+    """Those of tasks whose process was not killed."""
+    with suppress(BrokenProcessPool):
+        for future in as_completed([pool.submit(_run, task) for task in tasks]):
+            with suppress(BrokenProcessPool):
+                yield future.result()
+
+
+@contextmanager
+def _processes(jobs: int) -> Iterator[Run]:
+    """One pool. After a process was killed the tasks that are left run alone: which kills it shows."""
+    with safe_path(), environment(ONE_THREAD), _pool(jobs) as pool:
+
+        def run(tasks: Sequence[Task]) -> Iterator[Outcome]:
+            left = {task.name: task for task in tasks}
+            for outcome in _results(pool, tasks):
+                del left[outcome.name]
+                yield outcome
+            killed = "its process was killed three times: too little memory?"
+            for name, task in left.items():
+                alone = chain.from_iterable(_alone(task) for _ in range(_TRIES - 1))
+                yield next(alone, Outcome(name, 2, killed, {}))
+
+        yield run
+
+
+def _alone(task: Task) -> list[Outcome]:
+    with _pool(1) as pool:
+        return list(_results(pool, [task]))
+
+
+@contextmanager
+def _cluster(scheduler: str) -> Iterator[Run]:
+    """Workers of a Dask cluster; a task whose worker was killed runs again elsewhere. InputError: none."""
     try:
         dask: Any = importlib.import_module("distributed")
     except ImportError as error:
@@ -163,70 +216,11 @@ def _on_cluster(tasks: Sequence[Task], scheduler: str) -> Iterator[Outcome]:
     except (OSError, ValueError) as error:
         raise InputError(f"--scheduler {scheduler}: no answer ({error})") from error
     with client:
-        futures = {client.submit(_run, task, pure=False, retries=_TRIES): task.name for task in tasks}
-        for future in dask.as_completed(futures):
-            lost = future.status == "error"
-            yield Outcome(futures[future], 2, str(future.exception()), {}) if lost else future.result()
 
+        def run(tasks: Sequence[Task]) -> Iterator[Outcome]:
+            futures = {client.submit(_run, task, pure=False, retries=_TRIES): task.name for task in tasks}
+            for future in dask.as_completed(futures):
+                lost = future.status == "error"
+                yield Outcome(futures[future], 2, str(future.exception()), {}) if lost else future.result()
 
-def _all(command: Many, ctx: click.Context, captures: dict[str, Path]) -> int:
-    given: dict[str, Any] = ctx.meta["given"]
-    out = Path(given["out"])
-    for parameter in command.params:
-        if isinstance(parameter.type, OutputFile) and given.get(parameter.name) and parameter.name != "out":
-            raise InputError(f"{parameter.opts[0]}: is of one capture, not of {len(captures)}; leave it out")
-    require_folder(out, "table.csv")
-    out.mkdir(exist_ok=True)
-    common = list(_options(command, {k: v for k, v in given.items() if k not in _OWN | {command.captures}}))
-    outcomes: list[Outcome] = []
-    with progress() as step:
-        for outcome in _outcomes(ctx, given, common, captures, out):
-            outcomes.append(outcome)
-            step(str(command.name), len(outcomes), len(captures))
-            with step.aside():
-                click.echo(_line(outcome))
-    outcomes.sort(key=lambda one: list(captures).index(one.name))
-    save_table(out / "table.csv", outcomes)
-    failed = sum(one.code != 0 for one in outcomes)
-    click.echo(f"{len(outcomes) - failed} of {len(outcomes)} captures done; {out / 'table.csv'}")
-    return 2 if failed else 0
-
-
-def _outcomes(
-    ctx: click.Context, given: dict[str, Any], options: list[str], captures: dict[str, Path], out: Path
-) -> Iterator[Outcome]:
-    """Those of all captures; where the command has a profile and none is given, one capture makes it."""
-    jobs, scheduler = int(given.get("jobs") or 1), given.get("scheduler")
-    command, path = ctx.command, ctx.command_path.split()[1:]
-    (kind,) = (parameter.type for parameter in command.params if parameter.name == "out")
-    suffix = ".npz" if isinstance(kind, OutputFile) else ""
-
-    def task(name: str, *more: str) -> Task:
-        numbers = out / f"{name}.json"
-        words = (*path, str(captures[name]), *options, "--out", str(out / f"{name}{suffix}"))
-        return Task(name, (*words, "--json", str(numbers), *more), numbers)
-
-    left = list(captures)
-    profile: tuple[str, ...] = ()
-    if any(parameter.name == "save_profile" for parameter in command.params) and not given.get("profile"):
-        kept = given.get("save_profile") or str(out / ".profile.npz")
-        while left and not profile:
-            (outcome,) = run_tasks([task(left.pop(0), "--save-profile", kept)], 1, scheduler)
-            profile = () if outcome.code else ("--profile", kept)
-            yield outcome
-    yield from run_tasks([task(name, *profile) for name in left], jobs, scheduler)
-
-
-def _options(command: click.Command, given: dict[str, Any]) -> Iterator[str]:
-    """The words of options that were given."""
-    for parameter in command.params:
-        value = given.get(parameter.name or "")
-        for each in value if isinstance(value, list | tuple) else [] if value is None else [value]:
-            yield from [parameter.opts[0]] if each is True else [parameter.opts[0], str(each)]
-
-
-def _line(outcome: Outcome) -> str:
-    if outcome.code:
-        return f"{outcome.name}: {outcome.error}"
-    figures = (f"{name} {number(value)}" for name, value in outcome.numbers.items())
-    return f"{outcome.name}: {', '.join(figures)}"
+        yield run

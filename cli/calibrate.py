@@ -7,10 +7,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 import click
 
+import optolever as ol
 from optolever import InputError
 from optolever.quantities import quantity
 
@@ -20,13 +21,9 @@ from .outputs import OutputFile
 from .rig_targets import SoFar, capture_targets, finish, so_far
 from .show import grid, number, print_notices, progress, table, write_json
 
-if TYPE_CHECKING:
-    from optolever.calibration import Calibration, Observation, Target
-    from optolever.scene import Scene
-
 __all__ = ["command"]
 
-Given: TypeAlias = "tuple[Target, Path, Path | None]"
+Given: TypeAlias = "tuple[ol.calibration.Target, Path, Path | None]"
 
 SAMPLE = """
 $ optolever calibrate --scene monitor-mirror --out rig.toml \\
@@ -94,10 +91,6 @@ def command(
     With --rig no CAPTURE is given: the command says for each TARGET (default in open air: five flats) what to
     put in place, captures, judges, and repeats or goes on. Earlier captures are set aside with their date.
     """
-    from optolever.calibration import calibrate, judged, left_out
-    from optolever.experiments import RigStudy, write_rig_report
-    from optolever.files import together
-
     if (name := rig or scene_name) is None or (out := out or rig) is None:
         raise click.UsageError("Missing option '--scene' and '--out' (captures), or '--rig' (a camera).")
     of_captures = {"--scene": scene_name, "--without": without, "--follow": follow, "--pixels": size}
@@ -129,20 +122,22 @@ def command(
             used = [_observation(*each) for each in given]
             step("adjust")
             start = time.perf_counter()
-            found = calibrate(scene, used, chosen, guess=guess)
+            found = ol.calibration.calibrate(scene, used, chosen, guess=guess)
         if found.implausible and not accept:
             raise InputError(f"{out}: not written; {found.implausible[0]}; --accept writes it all the same")
         numbers = found.to_dict() | {"seconds": time.perf_counter() - start}
         step("judge captures")
-        numbers["judged"] = {each.name: each.to_dict() for each in judged(found)}
+        numbers["judged"] = {each.name: each.to_dict() for each in ol.calibration.judged(found)}
         if leave_one_out:
             step("leave one out")
-            numbers["left_out"] = {each.name: left_out(found, each.name) for each in found.observations}
+            numbers["left_out"] = {
+                each.name: ol.calibration.left_out(found, each.name) for each in found.observations
+            }
         step("write")
-        with together():
+        with ol.files.together():
             found.scene.save(out)
             if page is not None:
-                study = RigStudy(
+                study = ol.experiments.RigStudy(
                     scene,
                     found.scene,
                     found.adjustment.chi,
@@ -152,7 +147,7 @@ def command(
                     found.notices,
                     {"adjust": numbers["seconds"]},
                 )
-                write_rig_report(study, page)
+                ol.experiments.write_rig_report(study, page)
             write_json(json_path, numbers)
         if rig is not None and folder is not None:
             finish(folder)
@@ -160,12 +155,10 @@ def command(
     _show(found, numbers, out)
 
 
-def _weigh(scene: "Scene", name: str, weights: tuple[str, ...], out: Path, json_path: Path | None) -> None:
+def _weigh(
+    scene: "ol.scene.Scene", name: str, weights: tuple[str, ...], out: Path, json_path: Path | None
+) -> None:
     """The modulus of the layer by --weight, into a scene."""
-    from optolever.files import together
-    from optolever.live import Weight, weighed
-    from optolever.reconstruct import HeightMap
-
     if scene.layer is None:
         raise InputError(f"--weight: {name} has no [layer], must have one; any youngs_modulus_mpa will do")
     given = []
@@ -175,12 +168,12 @@ def _weigh(scene: "Scene", name: str, weights: tuple[str, ...], out: Path, json_
         if not equals or not path:
             raise InputError(f"--weight {text}: must be NEWTON[,SIGMA]=H.npz, such as 0.5,0.005=h.npz")
         values = [_number(f"--weight {text}: weight", part) for part in (newton, *([sigma] if comma else []))]
-        given.append(Weight(HeightMap.load(path), *values))
-    found = weighed(scene.layer, given)
+        given.append(ol.live.Weight(ol.reconstruct.HeightMap.load(path), *values))
+    found = ol.live.weighed(scene.layer, given)
     layer, each = found.layer, list(zip(weights, found.moduli, found.sigmas, strict=True))
     modulus = layer.youngs_modulus_mpa, layer.youngs_modulus_mpa * layer.relative_sigma
     names = "youngs_modulus_mpa", "youngs_modulus_sigma_mpa"
-    with together():
+    with ol.files.together():
         replace(scene, layer=layer).save(out)
         write_json(json_path, dict(zip(names, modulus, strict=True)) | {"chi": found.chi, "weights": each})
     rows = {text: quantity(value, "N/mm²", sigma) for text, value, sigma in each}
@@ -188,8 +181,7 @@ def _weigh(scene: "Scene", name: str, weights: tuple[str, ...], out: Path, json_
     table(f"Layer in {out}", rows | ({"chi": number(found.chi)} if len(each) > 1 else {}))
 
 
-def _show(found: "Calibration", numbers: dict[str, Any], out: Path) -> None:
-    from optolever.experiments import judged_table
+def _show(found: "ol.calibration.Calibration", numbers: dict[str, Any], out: Path) -> None:
 
     rows = [
         (each["name"], quantity(each["value"], "", each["sigma"]), f"{each['prior_sigma']:.2g}")
@@ -202,16 +194,18 @@ def _show(found: "Calibration", numbers: dict[str, Any], out: Path) -> None:
     }
     grid(
         "Captures: sigma of a height and of a dent's depth, cumulative and leave-one-out",
-        *judged_table(judged),
+        *ol.experiments.judged_table(judged),
     )
     rest = {"chi": number(numbers["chi"]), "start": numbers["start"], "time": number(numbers["seconds"], "s")}
     table(f"Rig in {out}", rest)
 
 
-def _followed(scene: "Scene", given: Sequence[Given], priors: dict[str, float], guess: bool) -> "Calibration":
+def _followed(
+    scene: "ol.scene.Scene", given: Sequence[Given], priors: dict[str, float], guess: bool
+) -> "ol.calibration.Calibration":
     """Calibration by every capture as it arrives, with a line about it."""
     used, now = (
-        list["Observation"](),
+        list["ol.calibration.Observation"](),
         SoFar(None, "no capture is left; at least one of Flat or Rest is needed"),
     )
     for target, path, mask in given:
@@ -223,7 +217,7 @@ def _followed(scene: "Scene", given: Sequence[Given], priors: dict[str, float], 
     return now.required()
 
 
-def _plan(texts: Sequence[str], scene: "Scene") -> list[tuple[str, "Target"]]:
+def _plan(texts: Sequence[str], scene: "ol.scene.Scene") -> list[tuple[str, "ol.calibration.Target"]]:
     """Targets to capture, by their texts; five flats in open air if none are given."""
     if not texts and scene.medium is not None:
         raise InputError("targets of a prism are missing, must be given, such as rest ball:30,0.003")
@@ -235,7 +229,7 @@ def _plan(texts: Sequence[str], scene: "Scene") -> list[tuple[str, "Target"]]:
     return [(text, _target_of(text)) for text in texts or ("flat",) * 5]
 
 
-def _target_of(text: str) -> "Target":
+def _target_of(text: str) -> "ol.calibration.Target":
     """KIND[:NUMBERS]."""
     kind, _, numbers = text.partition(":")
     parts = numbers.split(",") if numbers else []
@@ -278,18 +272,18 @@ def _target_and_files(text: str) -> Given:
     return _target_of(match["target"]), Path(match["path"]), Path(match["mask"]) if match["mask"] else None
 
 
-def _observation(target: "Target", path: Path, mask_path: Path | None) -> "Observation":
-    from optolever.calibration import Observation
+def _observation(
+    target: "ol.calibration.Target", path: Path, mask_path: Path | None
+) -> "ol.calibration.Observation":
 
     correspondence = correspondence_of(path)
     mask = None
     if mask_path is not None:
         mask = mask_from(mask_path, correspondence.u.shape, f"{path} is")
-    return Observation(path.stem, target, correspondence, mask)
+    return ol.calibration.Observation(path.stem, target, correspondence, mask)
 
 
-def _target(kind: str, numbers: list[float]) -> "Target":
-    from optolever.calibration import Ball, Flat, Plate, Rest
+def _target(kind: str, numbers: list[float]) -> "ol.calibration.Target":
 
     counts = {"flat": (0, 1), "rest": (0, 2), "ball": (2, 2), "plate": (0, 0)}
     forms = {
@@ -307,6 +301,10 @@ def _target(kind: str, numbers: list[float]) -> "Target":
         order = numbers[0] if numbers else 3
         if not (math.isfinite(order) and order == int(order)):
             raise InputError(f"target rest: order {order:g}, must be a whole number")
-        return Rest(int(order), *numbers[1:])
-    made: Target = {"flat": Flat, "ball": Ball, "plate": Plate}[kind](*numbers)
+        return ol.calibration.Rest(int(order), *numbers[1:])
+    made: ol.calibration.Target = {
+        "flat": ol.calibration.Flat,
+        "ball": ol.calibration.Ball,
+        "plate": ol.calibration.Plate,
+    }[kind](*numbers)
     return made

@@ -3,6 +3,8 @@
 from pathlib import Path
 from typing import Annotated
 
+import optolever as ol
+
 from .arguments import Opt, Rare, program
 from .options import Json, Shown
 from .rig_capture import capture_rig
@@ -39,14 +41,10 @@ def command(
     acquisition.jsonl: times and repeated frames. The recording of an aborted capture stays in DIR.recording
     (optolever camera replay).
     """
-    from optolever.files import together
-    from optolever.patterns import sequence_from_text
-    from optolever.scene import load
-
-    pattern = load(rig).pattern
-    shown = sequence_from_text(sequence, pattern.rows, pattern.cols)
+    pattern = ol.scene.load(rig).pattern
+    shown = ol.patterns.sequence_from_text(sequence, pattern.rows, pattern.cols)
     devices = devices_of(rig, changes)
-    with together():
+    with ol.files.together():
         done = capture_rig(rig, devices, shown, out, keep=keep)
         write_json(json_path, done.numbers())
     rows, cols = done.capture.shape

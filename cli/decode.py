@@ -6,6 +6,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+import optolever as ol
+from optolever import InputError
+
 from .arguments import AT_LEAST_0, Arg, Opt, Rare, program
 from .batch import Many
 from .options import Display, Json, Pictured, blame, mask_file, mask_from, shown_sequence
@@ -17,8 +20,6 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from optolever.decode import Correspondence, Response
-    from optolever.projector import Capture
 
 __all__ = ["command"]
 
@@ -72,12 +73,6 @@ def command(
     such as 'shots/*.png', or a FILE of several (TIFF, NPY, video), sorted as people count. C.npz receives u,
     v, sigma_u, sigma_v (pattern pixels), flags (0 = good), amplitude, offset.
     """
-    from optolever import InputError
-    from optolever.calibration import load_profile, store_profile, with_better_fit
-    from optolever.decode import Decoder, Settings
-    from optolever.experiments import code_that_decodes
-    from optolever.files import together
-
     with progress() as step:
         step("read frames")
         source = sources[0]
@@ -87,7 +82,7 @@ def command(
         with blame(source):
             inverse = _inverse(response)
             inside = _inside(mask_path, roi, capture.frames.shape[1:])
-            settings = Settings(
+            settings = ol.decode.Settings(
                 response=inverse,
                 lens_px=lens,
                 blur_px=blur,
@@ -95,20 +90,20 @@ def command(
             )
             known = None
             if profile is not None:
-                known = load_profile(profile).with_lag(measured_lag(profile, source))
-                if settings not in (Settings(), known.settings):
+                known = ol.calibration.load_profile(profile).with_lag(measured_lag(profile, source))
+                if settings not in (ol.decode.Settings(), known.settings):
                     raise InputError(
                         f"--profile {profile}: is of another response, lens, blur or cells; leave out "
                         "--response, --lens, --blur and --no-cells"
                     )
                 settings = known.settings
-            decoder = Decoder(capture.sequence, known, settings)
+            decoder = ol.decode.Decoder(capture.sequence, known, settings)
             result = decoder.decode(capture.frames, mask=inside, progress=step)
             if inverse is not None and result.notices:
-                plain = Decoder(capture.sequence, settings=replace(settings, response=None))
-                result = with_better_fit(result, plain.decode(capture.frames, mask=inside))
+                plain = ol.decode.Decoder(capture.sequence, settings=replace(settings, response=None))
+                result = ol.calibration.with_better_fit(result, plain.decode(capture.frames, mask=inside))
         seconds = time.perf_counter() - start
-        weak = code_that_decodes(result, capture.sequence)
+        weak = ol.experiments.code_that_decodes(result, capture.sequence)
         if weak is not None:
             result = replace(result, notices=(*result.notices, weak))
         step("write")
@@ -123,10 +118,10 @@ def command(
                 "description (see the notices)"
             )
         numbers["profile"] = [] if told is None else [effect._asdict() for effect in told.effects()]
-        with together():
+        with ol.files.together():
             result.save(out)
             if told is not None and save_profile is not None:
-                store_profile(save_profile, told)
+                ol.calibration.store_profile(save_profile, told)
             write_json(json_path, numbers)
     print_notices(result.notices)
     rows, cols = result.u.shape
@@ -150,8 +145,6 @@ def _inside(mask: Path | None, roi: str | None, shape: tuple[int, ...]) -> "NDAr
     """Pixels (H, W) inside --mask and --roi; None: all."""
     import numpy as np
 
-    from optolever import InputError
-
     if mask is None and roi is None:
         return None
     inside = np.ones(shape, np.bool_) if mask is None else mask_from(mask, shape, "frames are")
@@ -174,10 +167,7 @@ def _read(
     display: tuple[int, int] | None,
     description: Path | None,
     channel: str,
-) -> "Capture":
-    from optolever import InputError
-    from optolever.formats import load_sofast
-    from optolever.projector import Capture
+) -> "ol.projector.Capture":
 
     if sources[0].suffix.lower() in HDF5:
         for name, value in (("--description", description), ("--sequence", text)):
@@ -185,42 +175,36 @@ def _read(
                 raise InputError(
                     f"{name} {value}: is for pictures; {sources[0]} describes itself, leave the option out"
                 )
-        return load_sofast(sources[0])
+        return ol.formats.load_sofast(sources[0])
     if text is None:
         if display is not None:
             raise InputError("--pixels: needs --sequence, which is missing, such as --sequence gray+phase")
-        return Capture.load(sources, description, channel)
+        return ol.projector.Capture.load(sources, description, channel)
     if description is not None:
         raise InputError(
             f"--sequence {text} and --description {description}: exclude each other, leave one out"
         )
     shown = shown_sequence(text, display)
-    return Capture.from_pictures(sources, shown, channel=channel)
+    return ol.projector.Capture.from_pictures(sources, shown, channel=channel)
 
 
-def _inverse(response: Path | None) -> "Response | None":
-    from optolever.calibration import load_response
-    from optolever.decode import Response
-    from optolever.formats import load_sofast_response
+def _inverse(response: Path | None) -> "ol.decode.Response | None":
 
     if response is None:
         return None
     if response.suffix.lower() in HDF5:
-        return Response.from_table(*load_sofast_response(response))
-    return load_response(response).response
+        return ol.decode.Response.from_table(*ol.formats.load_sofast_response(response))
+    return ol.calibration.load_response(response).response
 
 
-def _numbers(result: "Correspondence") -> dict[str, Any]:
+def _numbers(result: "ol.decode.Correspondence") -> dict[str, Any]:
     import numpy as np
-
-    from optolever.decode import Flag
-    from optolever.experiments import mirror_coverage
 
     good = result.good
     median = {
         f"sigma_{axis}_px": float(np.median(sigma[good])) if good.any() else float("nan")
         for axis, sigma in (("u", result.sigma_u), ("v", result.sigma_v))
     }
-    mirror, decoded = mirror_coverage(result.flags)
+    mirror, decoded = ol.experiments.mirror_coverage(result.flags)
     shares = {"good_share": float(good.mean()), "mirror_share": mirror, "mirror_good_share": decoded}
-    return {**shares, **median, "flags": flag_shares(result.flags, Flag)}
+    return {**shares, **median, "flags": flag_shares(result.flags, ol.decode.Flag)}

@@ -3,6 +3,8 @@
 from pathlib import Path
 from typing import Annotated
 
+import optolever as ol
+
 from .arguments import AT_LEAST_0, Opt, Rare, program
 from .options import Dent, Json, Noise, Renderer, SceneName, Seed, Shown, Size, dent_of, load_scene
 from .outputs import ReportFolder
@@ -53,18 +55,17 @@ def command(
     """
     from dataclasses import replace
 
-    from optolever.experiments import run_demo, write_demo_report
-    from optolever.files import report_folder, together
-
     scene = load_scene(scene_name, size, exact=True)
     if blur is not None:
         scene = replace(scene, pattern=replace(scene.pattern, blur_px=blur))
     pressed = dent_of(scene, dent)
     with progress() as step:
-        result = run_demo(scene, dent, sequence, noise=noise, seed=seed, renderer=renderer, progress=step)
+        result = ol.experiments.run_demo(
+            scene, dent, sequence, noise=noise, seed=seed, renderer=renderer, progress=step
+        )
         step("report")
-        with report_folder(out), together():
-            result = write_demo_report(result, out / "report.html")
+        with ol.files.report_folder(out), ol.files.together():
+            result = ol.experiments.write_demo_report(result, out / "report.html")
             numbers = result.to_dict()
             write_json(json_path, numbers)
     print_notices(result.height.notices)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+import optolever as ol
 from optolever import InputError
 
 from .arguments import sample
@@ -24,7 +25,6 @@ from .show import grid, number, progress, table, write_json
 
 if TYPE_CHECKING:
     from optolever.experiments.design import Design, DesignRow
-    from optolever.scene import Scene
 
 __all__ = ["command"]
 
@@ -129,13 +129,12 @@ def command(
     With --code: predicted and simulated error of the named codes beside CPU seconds and seconds of
     acquisition, for every combination of noise and faults.
     """
-    from optolever.experiments import Faults
     from optolever.experiments.design import frame_rate, own_candidate, run_design, user_candidate
-    from optolever.files import together
 
     rate = frame_rate(refresh, exposure)
     faults = [
-        Faults(*each) for each in product(lags, gammas or (None,), flickers or (None,), blurs or (None,))
+        ol.experiments.Faults(*each)
+        for each in product(lags, gammas or (None,), flickers or (None,), blurs or (None,))
     ]
     if codes:
         scene = load_scene(scene_name, size)
@@ -165,7 +164,7 @@ def command(
             renderer=renderer,
             progress=step,
         )
-    with together():
+    with ol.files.together():
         if out is not None and design.chosen is not None:
             design.chosen.sequence.save(out)
         write_json(json_path, design.to_dict())
@@ -187,7 +186,7 @@ def command(
 
 
 def _compare(
-    scene: "Scene",
+    scene: "ol.scene.Scene",
     dent: str | None,
     codes: tuple[str, ...],
     settings: dict[str, Any],
@@ -200,11 +199,10 @@ def _compare(
     from dataclasses import asdict
 
     from optolever.experiments.design import compare_codes, write_tradeoff_chart, write_tradeoff_csv
-    from optolever.files import together
 
     with progress() as step:
         rows = list(compare_codes(scene, dent, codes, resized=resized, progress=step, **settings))
-    with together():
+    with ol.files.together():
         if csv_path is not None:
             write_tradeoff_csv(csv_path, rows)
         if chart is not None:

@@ -2,6 +2,7 @@
 
 from dataclasses import asdict
 
+import optolever as ol
 from optolever import InputError
 
 from .arguments import program
@@ -29,12 +30,11 @@ def command(json_path: Json = None) -> None:
     A camera is chosen by address or serial:NUMBER, a monitor by name, never by a number that changes when
     something is plugged in. Besides: camera=folder:DIR, replay:DIR, virtual; display=window.
     """
-    from optolever.projector import monitors
     from optolever.projector.cameras import find_cameras
 
     cameras, silent = find_cameras()
     try:
-        shown = monitors()
+        shown = ol.projector.monitors()
     except InputError as error:
         shown, silent = [], silent | {"monitors": str(error)}
     write_json(

@@ -8,6 +8,8 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import optolever as ol
+
 from .arguments import program
 from .options import Json
 from .show import table, write_json
@@ -80,17 +82,15 @@ def _threads() -> int:
 
 
 def _context() -> str:
-    from optolever.projector import context_info
 
-    return str(context_info())
+    return str(ol.projector.context_info())
 
 
 def _monitors() -> str:
     if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         return "none: no display (DISPLAY and WAYLAND_DISPLAY are unset)"
-    from optolever.projector import monitors
 
-    told = [("; ".join((str(monitor), *monitor.faults()))) for monitor in monitors()]
+    told = [("; ".join((str(monitor), *monitor.faults()))) for monitor in ol.projector.monitors()]
     return "; ".join(told) or "none"
 
 

@@ -3,6 +3,8 @@
 from pathlib import Path
 from typing import Annotated
 
+import optolever as ol
+
 from .arguments import Arg, program
 from .options import Json, Pitch, blame
 from .outputs import HEIGHT_SUFFIXES, OutputFile
@@ -33,11 +35,8 @@ def command(
     .sdf (ISO 25178) and .dat (Zygo MetroPro) of a regular grid. Good pixels only. With --pitch .npz and
     .tif are on the grid, too.
     """
-    from optolever.files import together
-    from optolever.reconstruct import HeightMap
-
-    height = HeightMap.load(source)
-    with together(), blame(source):
+    height = ol.reconstruct.HeightMap.load(source)
+    with ol.files.together(), blame(source):
         for path in files:
             height.export(path, pitch)
         write_json(json_path, {"files": [str(path) for path in files]})

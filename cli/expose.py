@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import optolever as ol
 from optolever import InputError
 
 from .arguments import Opt, program
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from optolever.projector import Wanted
 
 __all__ = ["command"]
 
@@ -47,16 +47,13 @@ def command(
     """
     import cv2
 
-    from optolever.files import atomic_file, together
-    from optolever.patterns import Frame, Sequence
-    from optolever.projector import choose_exposure
-    from optolever.scene import load, write_sections
-
     devices = devices_of(rig, changes)
-    pattern = load(rig).pattern
-    flat = Sequence((Frame("black"), Frame("white")), pattern.rows, pattern.cols)
+    pattern = ol.scene.load(rig).pattern
+    flat = ol.patterns.Sequence(
+        (ol.patterns.Frame("black"), ol.patterns.Frame("white")), pattern.rows, pattern.cols
+    )
     with opened(rig, devices, flat, running=False) as now:
-        found = choose_exposure(
+        found = ol.projector.choose_exposure(
             lambda exposure: _take(now, replace(devices.wanted(), exposure_s=exposure)),
             now.accepted.bits,
             1e-3 * devices.exposure_ms,
@@ -69,11 +66,11 @@ def command(
         "swing": seen.swing,
         "lit_share": float(seen.mask.mean()),
     }
-    with together():
+    with ol.files.together():
         if mask_path is not None:
-            with atomic_file(mask_path) as temporary:
+            with ol.files.atomic_file(mask_path) as temporary:
                 cv2.imwrite(str(temporary), 255 * seen.mask.astype("uint8"))
-        write_sections(rig, {"devices": chosen.table()})
+        ol.scene.write_sections(rig, {"devices": chosen.table()})
         write_json(json_path, numbers)
     table(
         f"Exposure in {rig}",
@@ -86,15 +83,19 @@ def command(
     )
 
 
-def _take(now: Opened, wanted: "Wanted") -> "tuple[float, NDArray[np.uint8], NDArray[np.uint8]]":
+def _take(now: Opened, wanted: "ol.projector.Wanted") -> "tuple[float, NDArray[np.uint8], NDArray[np.uint8]]":
     """Exposure as accepted, an image of white, one of black, each half a second after its swap."""
-    from optolever.projector import ClockMap, acquire
-
     accepted = now.camera.configure(wanted)
     now.camera.start()
     try:
-        black, white = acquire(
-            now.display, now.camera, None, (0, 1), time=now.time, clock=ClockMap(), triggered=now.triggered
+        black, white = ol.projector.acquire(
+            now.display,
+            now.camera,
+            None,
+            (0, 1),
+            time=now.time,
+            clock=ol.projector.ClockMap(),
+            triggered=now.triggered,
         )
     finally:
         now.camera.stop()

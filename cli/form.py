@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import click
 
+import optolever as ol
 from optolever import InputError
 from optolever.quantities import quantity
 
@@ -16,7 +17,6 @@ from .show import grid, length, number, table, write_json
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from optolever.metrology import FormFit, Profile, Spectrum, ZernikeFit
 
 __all__ = ["command"]
 
@@ -88,42 +88,38 @@ def command(
     All good pixels have equal weight. A concave mirror has a radius above 0. Sigmas include the noise of the
     frames and the errors of the rig.
     """
-    from optolever.files import save_arrays, together, write_rows
-    from optolever.metrology import fit_form, fit_nominal, fit_zernike, load_nominal
-    from optolever.reconstruct import HeightMap, SlopeMap
-
-    height = HeightMap.load(source)
-    slopes = None if slopes_path is None else SlopeMap.load(slopes_path)
+    height = ol.reconstruct.HeightMap.load(source)
+    slopes = None if slopes_path is None else ol.reconstruct.SlopeMap.load(slopes_path)
     with blame(source):
         if nominal is None:
-            fit = fit_form(height, form, slopes)
+            fit = ol.metrology.fit_form(height, form, slopes)
         else:
-            fit = fit_nominal(height, load_nominal(nominal), str(nominal))
-        terms = None if order is None else fit_zernike(height, order, slopes)
+            fit = ol.metrology.fit_nominal(height, ol.metrology.load_nominal(nominal), str(nominal))
+        terms = None if order is None else ol.metrology.fit_zernike(height, order, slopes)
         asked = lines or (("x", "y") if profiles_path is not None else ())
         profiles = _profiles(fit, asked)
         spectra = {} if psd_path is None else _spectra(fit)
-    with together():
+    with ol.files.together():
         if profiles_path is not None:
             points = [(name, *row) for name, one in profiles.items() for row in _columns(one)]
-            write_rows(profiles_path, ("line", "s_mm", "x_mm", "y_mm", "z_mm"), points)
+            ol.files.write_rows(profiles_path, ("line", "s_mm", "x_mm", "y_mm", "z_mm"), points)
         if psd_path is not None:
             points = [(name, *row) for name, one in spectra.items() for row in _columns(one)]
-            write_rows(psd_path, ("axis", "frequency_per_mm", "density_mm3"), points)
+            ol.files.write_rows(psd_path, ("axis", "frequency_per_mm", "density_mm3"), points)
         if out is not None:
             names = ("x", "y", "residual", "slope_x", "slope_y")
-            save_arrays(out, {name: getattr(fit, name) for name in names})
+            ol.files.save_arrays(out, {name: getattr(fit, name) for name in names})
         write_json(json_path, _numbers(fit, terms, profiles))
     _show(source, fit, terms)
     if profiles:
         table("Profiles of the residual", {name: _both(one) for name, one in profiles.items()})
 
 
-def _profiles(fit: "FormFit", lines: "tuple[Ends | str, ...]") -> "dict[str, Profile]":
+def _profiles(
+    fit: "ol.metrology.FormFit", lines: "tuple[Ends | str, ...]"
+) -> "dict[str, ol.metrology.Profile]":
     """Profiles by the line's name; x and y pass through the middle of the known part."""
     import numpy as np
-
-    from optolever.metrology import profile
 
     if not lines:
         return {}
@@ -143,21 +139,20 @@ def _profiles(fit: "FormFit", lines: "tuple[Ends | str, ...]") -> "dict[str, Pro
         else:
             ends = Ends((middle[0], y0), (middle[0], y1))
         name = line if isinstance(line, str) else ",".join(f"{value:g}" for end in line for value in end)
-        found[name] = profile(grid, ends.start, ends.end)
+        found[name] = ol.metrology.profile(grid, ends.start, ends.end)
         if not np.isfinite(found[name].rms):
             part = f"x {x0:.4g} to {x1:.4g}, y {y0:.4g} to {y1:.4g} mm"
             raise InputError(f"--profile {name}: meets no height, must lie in {part}")
     return found
 
 
-def _spectra(fit: "FormFit") -> "dict[str, Spectrum]":
-    from optolever.metrology import spectrum
+def _spectra(fit: "ol.metrology.FormFit") -> "dict[str, ol.metrology.Spectrum]":
 
     grid = fit.grid()
-    return {axis: spectrum(grid, axis) for axis in ("x", "y")}
+    return {axis: ol.metrology.spectrum(grid, axis) for axis in ("x", "y")}
 
 
-def _columns(record: "Profile | Spectrum") -> "Iterator[tuple[float, ...]]":
+def _columns(record: "ol.metrology.Profile | ol.metrology.Spectrum") -> "Iterator[tuple[float, ...]]":
     """The record's arrays point by point."""
     from dataclasses import fields
 
@@ -165,11 +160,15 @@ def _columns(record: "Profile | Spectrum") -> "Iterator[tuple[float, ...]]":
     return zip(*arrays, strict=True)
 
 
-def _both(one: "Profile") -> str:
+def _both(one: "ol.metrology.Profile") -> str:
     return f"{length(one.rms)} rms, {length(one.pv)} from valley to peak, {one.s[-1]:.4g} mm long"
 
 
-def _numbers(fit: "FormFit", terms: "ZernikeFit | None", profiles: "dict[str, Profile]") -> dict[str, Any]:
+def _numbers(
+    fit: "ol.metrology.FormFit",
+    terms: "ol.metrology.ZernikeFit | None",
+    profiles: "dict[str, ol.metrology.Profile]",
+) -> dict[str, Any]:
     numbers: dict[str, Any] = {
         "form": fit.form,
         "numbers": fit.numbers.to_dict(),
@@ -186,7 +185,7 @@ def _numbers(fit: "FormFit", terms: "ZernikeFit | None", profiles: "dict[str, Pr
     return numbers
 
 
-def _show(source: Path, fit: "FormFit", terms: "ZernikeFit | None") -> None:
+def _show(source: Path, fit: "ol.metrology.FormFit", terms: "ol.metrology.ZernikeFit | None") -> None:
     header = ("number", "value ± sigma", "noise", "rig")
 
     def rows(numbers: dict[str, dict[str, float]], factor: float = 1.0) -> list[list[str]]:

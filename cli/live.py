@@ -3,10 +3,11 @@
 import time
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import click
 
+import optolever as ol
 from optolever import InputError
 from optolever.quantities import quantity
 
@@ -15,9 +16,6 @@ from .options import Json, Noise, RigFile, Seed, Size, load_scene, preset
 from .rig_devices import Changes
 from .rig_live import rig_at_rest
 from .show import print_notices, table, write_json
-
-if TYPE_CHECKING:
-    from optolever.live import Prepared, ReadingRecorder, Source
 
 __all__ = ["command"]
 
@@ -61,8 +59,6 @@ def command(
     height, sigma, contacts and their figures, with pause, tare and snapshot. An untrusted frame comes with
     the reason. --headless reads every frame, the page the newest one.
     """
-    from optolever.live import ReadingRecorder, virtual_rig
-
     if json_lines and not headless:
         raise InputError("--json-lines: must come with --headless")
     if changes and rig is None:
@@ -76,12 +72,12 @@ def command(
         else:
             scene = load_scene(scene_name, size or (240, 320), exact=True)
             name = scene.name
-            prepared, source = virtual_rig(scene, cell=int(cell), noise=noise, seed=seed, rate=rate)
+            prepared, source = ol.live.virtual_rig(scene, cell=int(cell), noise=noise, seed=seed, rate=rate)
         print_notices(prepared.notices)
         recorder = None
         if record is not None:
             camera = "virtual" if rig is None else str(rig)
-            recorder = stack.enter_context(ReadingRecorder(record, prepared, camera))
+            recorder = stack.enter_context(ol.live.ReadingRecorder(record, prepared, camera))
         if headless:
             numbers = _headless(name, prepared, source, frames, json_lines, recorder)
         else:
@@ -105,16 +101,15 @@ def _require_real() -> None:
 
 
 def _page(
-    prepared: "Prepared",
-    source: "Source",
+    prepared: "ol.live.Prepared",
+    source: "ol.live.Source",
     frames: int | None,
     port: int,
-    recorder: "ReadingRecorder | None",
+    recorder: "ol.live.ReadingRecorder | None",
 ) -> int:
-    from optolever.live import LiveServer
 
     try:
-        server = LiveServer(prepared, source, port, recorder)
+        server = ol.live.LiveServer(prepared, source, port, recorder)
     except OSError as error:
         raise InputError(f"--port {port}: {error.strerror or error}; name another") from error
     with server:
@@ -128,20 +123,18 @@ def _page(
 
 def _headless(
     name: str,
-    prepared: "Prepared",
-    source: "Source",
+    prepared: "ol.live.Prepared",
+    source: "ol.live.Source",
     frames: int | None,
     lines: bool,
-    recorder: "ReadingRecorder | None",
+    recorder: "ol.live.ReadingRecorder | None",
 ) -> dict[str, float]:
     import json
 
     import numpy as np
 
-    from optolever.live import Live, follow
-
     delays, trusted, deepest, start = [], 0, (0.0, 0.0), time.perf_counter()
-    for followed in follow(Live(prepared), source, frames):
+    for followed in ol.live.follow(ol.live.Live(prepared), source, frames):
         numbers = followed.to_dict()
         delays.append(followed.delay)
         trusted += followed.reading.trusted

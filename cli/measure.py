@@ -4,6 +4,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated
 
+import optolever as ol
 from optolever import InputError
 
 from .arguments import Arg, Opt, Rare, program
@@ -49,40 +50,32 @@ def command(
     """
     import numpy as np
 
-    from optolever.calibration import load_profile, store_profile
-    from optolever.decode import Decoder
-    from optolever.experiments import Measurement, frames_of_another, write_measurement_report
-    from optolever.patterns import sequence_from_text
-    from optolever.projector import Capture
-    from optolever.reconstruct import reconstruct
-    from optolever.scene import load
-
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise InputError(f"{out}: exists and is no empty folder; name another")
-    scene = load(rig)
+    scene = ol.scene.load(rig)
     devices = None if captures else devices_of(rig, changes)
     with progress() as step:
         out.mkdir(parents=True, exist_ok=True)
         step("capture")
         folder, taken = captures[0] if captures else out / "capture", None
         if devices is not None:
-            planned = sequence_from_text(sequence, scene.pattern.rows, scene.pattern.cols)
+            planned = ol.patterns.sequence_from_text(sequence, scene.pattern.rows, scene.pattern.cols)
             taken = capture_rig(rig, devices, planned, folder, keep=False)
-        capture = Capture.load(folder) if taken is None else taken.capture
+        capture = ol.projector.Capture.load(folder) if taken is None else taken.capture
         step("decode")
         shown = capture.sequence
-        decoder = Decoder(shown, None if profile is None else load_profile(profile))
+        decoder = ol.decode.Decoder(shown, None if profile is None else ol.calibration.load_profile(profile))
         seen, lag = decoder.decode(capture.frames), measured_lag(rig, folder)
         if lag and decoder.profile is not None:
-            seen = Decoder(shown, decoder.profile.with_lag(lag)).decode(capture.frames)
+            seen = ol.decode.Decoder(shown, decoder.profile.with_lag(lag)).decode(capture.frames)
         if save_profile is not None and decoder.profile is not None:
-            store_profile(save_profile, decoder.profile)
+            ol.calibration.store_profile(save_profile, decoder.profile)
         seen.save(out / "c.npz")
-        wrong = frames_of_another(capture, seen)
+        wrong = ol.experiments.frames_of_another(capture, seen)
         step("reconstruct")
-        height = reconstruct(seen, scene)
+        height = ol.reconstruct.reconstruct(seen, scene)
         height.save(out / "h.npz")
-        found = Measurement(
+        found = ol.experiments.Measurement(
             height,
             seen,
             capture,
@@ -92,7 +85,7 @@ def command(
             simulated=devices is not None and devices.camera == "virtual",
             saved=("c.npz", "h.npz"),
         )
-        write_measurement_report(out / "report.html", found)
+        ol.experiments.write_measurement_report(out / "report.html", found)
     good = height.good
     noise, rig_error = (
         float(np.median(sigma[good])) if good.any() else float("nan")

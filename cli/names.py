@@ -4,6 +4,8 @@ from collections.abc import Container, Mapping
 from pathlib import Path
 from typing import Any
 
+import optolever as ol
+
 from .show import table, write_json
 
 __all__ = ["print_names"]
@@ -14,16 +16,12 @@ def print_names(kinds: Container[str], scene_name: str, json_path: Path | None) 
 
     A parameter without a value must be given (path) or follows from the others.
     """
-    from optolever.patterns import sequence_names, sequence_parameters
-    from optolever.reconstruct import method_names
-    from optolever.scene import dent_names, dent_parameters, load, preset_names
-
-    scene = load(scene_name)
+    scene = ol.scene.load(scene_name)
     names: dict[str, dict[str, Mapping[str, Any]]] = {
-        "scenes": {name: {} for name in preset_names()},
-        "methods": {name: {} for name in method_names()},
-        "sequences": {name: sequence_parameters(name) for name in sequence_names()},
-        "dents": {name: dent_parameters(name, scene) for name in dent_names()},
+        "scenes": {name: {} for name in ol.scene.preset_names()},
+        "methods": {name: {} for name in ol.reconstruct.method_names()},
+        "sequences": {name: ol.patterns.sequence_parameters(name) for name in ol.patterns.sequence_names()},
+        "dents": {name: ol.scene.dent_parameters(name, scene) for name in ol.scene.dent_names()},
     }
     write_json(json_path, {kind: list(each) for kind, each in names.items()} | {"parameters": names})
     for kind, each in names.items():

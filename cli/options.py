@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import click
 
+import optolever as ol
 from optolever import InputError
 
 from .arguments import ABOVE_0, AT_LEAST_0, Opt, Rare, Shape, option
@@ -16,10 +17,6 @@ from .outputs import OutputFile
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
-
-    from optolever.decode import Correspondence
-    from optolever.patterns import Sequence
-    from optolever.scene import Scene
 
 
 class RigFile(click.Path):
@@ -113,30 +110,26 @@ def mask_file(text: str) -> Opt:
     return Opt("--mask PNG", f"{text}: white in an image of the camera's size.")
 
 
-def shown_sequence(text: str, display: tuple[int, int] | None) -> "Sequence":
+def shown_sequence(text: str, display: tuple[int, int] | None) -> "ol.patterns.Sequence":
     """The sequence of that name on a display (rows, cols), or of a file, whose size the display must have.
     InputError without a size, or if both differ."""
-    from optolever.patterns import Sequence, sequence_from_text
-
     if display is not None:
-        return sequence_from_text(text, *display)
+        return ol.patterns.sequence_from_text(text, *display)
     if text.endswith(".toml"):
-        return Sequence.load(text)
+        return ol.patterns.Sequence.load(text)
     raise InputError(f"--pixels is missing, must be WIDTHxHEIGHT of what showed {text}, such as 1920x1080")
 
 
-def dent_of(scene: "Scene", dent: str | None) -> str:
+def dent_of(scene: "ol.scene.Scene", dent: str | None) -> str:
     """The given dent, else the scene's, else 'flat'."""
     return dent or scene.dent or "flat"
 
 
-def load_scene(name: str, size: tuple[int, int] | None = None, *, exact: bool = False) -> "Scene":
+def load_scene(name: str, size: tuple[int, int] | None = None, *, exact: bool = False) -> "ol.scene.Scene":
     """The scene of a preset or file, resampled if a size is given; exact: for simulations. InputError if
     there is none."""
-    from optolever.scene import load, resize
-
-    scene = load(name, exact=exact)
-    return scene if size is None else resize(scene, *size)
+    scene = ol.scene.load(name, exact=exact)
+    return scene if size is None else ol.scene.resize(scene, *size)
 
 
 def mask_from(path: Path, shape: tuple[int, ...], others: str) -> "NDArray[np.bool_]":
@@ -160,16 +153,13 @@ def blame(path: Path) -> Iterator[None]:
         raise InputError(text if str(path) in text else f"{path}: {text}") from error
 
 
-def correspondence_of(path: Path) -> "Correspondence":
+def correspondence_of(path: Path) -> "ol.decode.Correspondence":
     """The correspondence in an .npz, or of a folder of frames, decoded now."""
-    from optolever.decode import Correspondence, decode
-    from optolever.projector import Capture
-
     if not path.is_dir():
-        return Correspondence.load(path)
-    capture = Capture.load(path)
+        return ol.decode.Correspondence.load(path)
+    capture = ol.projector.Capture.load(path)
     with blame(path):
-        return decode(capture.frames, capture.sequence)
+        return ol.decode.decode(capture.frames, capture.sequence)
 
 
 # of commands that are not functions with typed signatures yet

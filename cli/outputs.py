@@ -6,14 +6,14 @@ An output is an option of type `OutputFile` or `ReportFolder`; all other files a
 import importlib.util
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import click
 
+import optolever as ol
 from optolever.errors import InputError
-from optolever.toml import read_toml
 
 __all__ = [
     "GRID_SUFFIXES",
@@ -99,39 +99,40 @@ class Program(click.Command):
         return now
 
     def invoke(self, ctx: click.Context) -> Any:
+        return self.run(ctx.params)
+
+    def run(self, parameters: Mapping[str, Any]) -> Any:
         """Check, then run. InputError names the output."""
-        from optolever.files import require_folder, require_writable
-
-        values = list(self._values(ctx))
-        folders = [(Path(value), kind.files) for kind, value in values if isinstance(kind, ReportFolder)]
-        outputs = [folder / name for folder, files in folders for name in files]
-        for folder, files in folders:
-            require_folder(folder, *files)
-        made = {folder.absolute() for folder, _ in folders}
-        for kind, value in values:
+        outputs, inputs, made = list[Path](), list[str](), set[Path]()
+        for kind, value in self._values(parameters):
+            if isinstance(kind, ReportFolder):
+                ol.files.require_folder(value, *kind.files)
+                outputs += [value / name for name in kind.files]
+                made.add(value.absolute())
+            elif isinstance(value, str | Path) and not isinstance(kind, OutputFile):
+                inputs.append(str(value))
+        for kind, value in self._values(parameters):
             if isinstance(kind, OutputFile):
-                outputs.append(Path(value))
-                if Path(value).absolute().parent not in made or Path(value).parent.exists():
-                    require_writable(value)
-        inputs = [
-            str(value)
-            for kind, value in values
-            if isinstance(value, str | Path) and not isinstance(kind, OutputFile | ReportFolder)
-        ]
+                outputs.append(value)
+                if value.absolute().parent not in made or value.parent.exists():
+                    ol.files.require_writable(value)
         _require_apart(outputs, inputs)
-        _require_readers(inputs)
-        return super().invoke(ctx)
+        for text in inputs:
+            if Path(text).suffix.lower() in HDF5 and importlib.util.find_spec("h5py") is None:
+                raise InputError(f"{text}: HDF5 needs h5py; pip install 'optolever[sofast]'")
+        assert self.callback is not None
+        return self.callback(**parameters)
 
-    def _values(self, ctx: click.Context) -> Iterator[tuple[Any, Any]]:
+    def _values(self, parameters: Mapping[str, Any]) -> Iterator[tuple[Any, Any]]:
         """Type and value of every argument, those given several times one by one."""
         for parameter in self.params:
-            value = ctx.params.get(parameter.name or "")
+            value = parameters.get(parameter.name or "")
             for each in value if isinstance(value, tuple) else (value,):
                 if each is not None:
                     yield parameter.type, each
 
 
-def _require_apart(outputs: list[Path], inputs: Iterable[str]) -> None:
+def _require_apart(outputs: list[Path], inputs: list[str]) -> None:
     """InputError if two outputs are one file, or an output is an input."""
     for place, path in enumerate(outputs):
         if path.exists() and not path.is_file():
@@ -144,48 +145,22 @@ def _require_apart(outputs: list[Path], inputs: Iterable[str]) -> None:
             raise InputError(f"{path}: is named for two outputs, each needs a file of its own")
 
 
-def _require_readers(inputs: Iterable[str]) -> None:
-    """InputError if an input is HDF5 and its reader is not installed: before any work."""
-    for text in inputs:
-        if Path(text).suffix.lower() in HDF5 and importlib.util.find_spec("h5py") is None:
-            raise InputError(f"{text}: HDF5 needs h5py; pip install 'optolever[sofast]'")
-
-
 def _reads(source: Path, path: Path) -> bool:
     """Whether a command that is given `source` reads the file `path`: itself; what it names, if it is TOML;
-    TOML in it, if it is a folder.
-    """
+    TOML in it, if it is a folder."""
     if source.is_dir():
         inside = path.resolve().is_relative_to(source.resolve())
         return inside and path.suffix == ".toml" and path.exists()
     if not source.is_file():
         return False
-    return _same(source, path) or any(
-        _same(source.parent / name, path) for name in _named(source) if (source.parent / name).is_file()
-    )
-
-
-def _named(source: Path) -> set[str]:
-    """Every string in a TOML file; none for other or unreadable files, whose reader reports the error."""
-    if source.suffix != ".toml":
-        return set()
-    try:
-        values: list[Any] = [read_toml(source)]
-    except (OSError, InputError):
-        return set()
-    texts = set()
-    while values:
-        value = values.pop()
-        if isinstance(value, str):
-            texts |= _texts(value)
-        elif isinstance(value, dict | list):
-            values += value.values() if isinstance(value, dict) else value
-    return texts
+    named = _texts(source.read_text("utf-8", "replace")) if source.suffix == ".toml" else set[str]()
+    files = (source.parent / name for name in named if (source.parent / name).is_file())
+    return _same(source, path) or any(_same(each, path) for each in files)
 
 
 def _texts(text: str) -> set[str]:
-    """A text and its parts, as in relief:path=picture.png."""
-    return {text, *re.split("[:=,]", text)} - {""}
+    """A text and its parts, as in relief:path=picture.png, or the strings of TOML."""
+    return {text, *re.split("[:=,\"'\n]", text)} - {""}
 
 
 def _same(one: Path, other: Path) -> bool:

@@ -5,6 +5,8 @@ from typing import Annotated
 
 import click
 
+import optolever as ol
+
 from .arguments import Arg, program, sample
 from .options import Display, Json, Shown, shown_sequence
 from .show import table, write_json
@@ -39,14 +41,11 @@ def export(
     Show them in this order, one pattern pixel per screen pixel, and take a picture of each; then decode the
     pictures with --description DIR/capture.toml.
     """
-    from optolever.files import atomic_folder, together
-    from optolever.projector import write_description
-
     shown = shown_sequence(sequence, display)
-    with together():
-        with atomic_folder(out) as folder:
+    with ol.files.together():
+        with ol.files.atomic_folder(out) as folder:
             shown.save_png(folder)
-            write_description(folder / "capture.toml", shown)
+            ol.projector.write_description(folder / "capture.toml", shown)
         write_json(json_path, {"sequence": sequence, "frames": len(shown), "size": shown.shape[1:]})
     table(
         f"Patterns in {out}",

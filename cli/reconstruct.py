@@ -4,8 +4,9 @@ import time
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
+import optolever as ol
 from optolever import InputError
 
 from .arguments import Arg, Opt, Rare, program
@@ -35,10 +36,6 @@ from .show import (
     table,
     write_json,
 )
-
-if TYPE_CHECKING:
-    from optolever.decode import Correspondence
-    from optolever.reconstruct import HeightMap, SlopeMap
 
 __all__ = ["command"]
 
@@ -119,38 +116,24 @@ def command(
     or SOFAST's inputs, with commas: camera.h5,display.h5,orientation.h5,measurement.h5[,facet.json]; for a
     correspondence decoded from that measurement.
     """
-    from optolever.calibration import depth_sigma_against_rest, load_rest
-    from optolever.decode import Correspondence
-    from optolever.files import save_arrays, together
-    from optolever.reconstruct import (
-        budget,
-        contacts,
-        curvature_map,
-        free_mode_of,
-        reconstruct,
-        slope_map,
-    )
-
     source = sources[0]
-    correspondence = Correspondence.load(source)
-    rest = None if rest_path is None else Correspondence.load(rest_path)
+    correspondence = ol.decode.Correspondence.load(source)
+    rest = None if rest_path is None else ol.decode.Correspondence.load(rest_path)
     mask = None if mask_path is None else mask_from(mask_path, correspondence.u.shape, f"{source} is")
     sofast = _sofast_files(scene_name)
     if sofast:
-        from optolever.formats import load_sofast_rig, on_rig
-
         if size is not None:
             raise InputError(f"--size: {scene_name} is a SOFAST rig, its size is that of its camera")
-        rig = load_sofast_rig(sofast, *(() if facet is None else (facet,)))
+        rig = ol.formats.load_sofast_rig(sofast, *(() if facet is None else (facet,)))
         with blame(source):
-            correspondence = on_rig(correspondence, rig)
-            rest = None if rest is None else on_rig(rest, rig)
+            correspondence = ol.formats.on_rig(correspondence, rig)
+            rest = None if rest is None else ol.formats.on_rig(rest, rig)
         scene, anchor = rig.scene, anchor or rig.datum
     else:
         if facet is not None:
             raise InputError(f"--facet {facet}: {scene_name} is no SOFAST result (.h5)")
         scene = load_scene(scene_name, size)
-    at_rest = None if sofast or size is not None or rest is not None else load_rest(scene_name)
+    at_rest = None if sofast or size is not None or rest is not None else ol.calibration.load_rest(scene_name)
     if change_path is not None and rest is not None:
         raise InputError(f"--change {change_path}: heights are those above --rest {rest_path}; leave one out")
     if change_path is not None and at_rest is None:
@@ -160,29 +143,33 @@ def command(
             drift = () if at_rest is None else at_rest.notices(correspondence)
             step("reconstruct")
             start = time.perf_counter()
-            height = reconstruct(
+            height = ol.reconstruct.reconstruct(
                 correspondence, scene, method, anchor, mask, rest=rest, accept=accept, progress=step
             )
             seconds = time.perf_counter() - start
             height = replace(height, notices=height.notices + drift)
             step("contacts")
-            slopes = slope_map(height, correspondence, scene, rest)
+            slopes = ol.reconstruct.slope_map(height, correspondence, scene, rest)
             height = _with_slope_noise(height, slopes)
-            found = contacts(height, slopes)
+            found = ol.reconstruct.contacts(height, slopes)
             dents = [contact.to_dict() for contact in found]
             if found and rest is None and at_rest is None and not scene.exact and scene.covariance is None:
                 deepest = max(range(len(found)), key=lambda k: found[k].depth)
-                dents[deepest]["depth_rig_against_rest"] = depth_sigma_against_rest(scene, found[deepest])
+                dents[deepest]["depth_rig_against_rest"] = ol.calibration.depth_sigma_against_rest(
+                    scene, found[deepest]
+                )
             step("compare")
             numbers = _numbers(height) | {"seconds": seconds, "contacts": dents}
             if height.calibration is not None:
                 less = None if at_rest is None else at_rest.height
-                numbers["budget_mm"] = budget(height, less, free_mode_of(height, scene, anchor))
+                numbers["budget_mm"] = ol.reconstruct.budget(
+                    height, less, ol.reconstruct.free_mode_of(height, scene, anchor)
+                )
             if truth is not None:
                 numbers |= _against_truth(truth, correspondence, height)
             regular = height.resample(pitch) if grids else None
         step("write")
-        with together():
+        with ol.files.together():
             height.save(out)
             if tiff is not None:
                 height.save_tiff(tiff)
@@ -190,9 +177,11 @@ def command(
                 height.save_ply(ply)
             if change_path is not None and at_rest is not None:
                 change, sigma = at_rest.dent(height)
-                save_arrays(change_path, {"x": height.x, "y": height.y, "z": change, "sigma": sigma})
+                ol.files.save_arrays(change_path, {"x": height.x, "y": height.y, "z": change, "sigma": sigma})
             if slopes_path is not None:
-                save_arrays(slopes_path, asdict(slopes) | asdict(curvature_map(slopes)))
+                ol.files.save_arrays(
+                    slopes_path, asdict(slopes) | asdict(ol.reconstruct.curvature_map(slopes))
+                )
             if regular is not None:
                 for path in grids:
                     regular.export(path)
@@ -204,7 +193,9 @@ def command(
     return 2 if height.implausible else 0
 
 
-def _with_slope_noise(height: "HeightMap", slopes: "SlopeMap") -> "HeightMap":
+def _with_slope_noise(
+    height: "ol.reconstruct.HeightMap", slopes: "ol.reconstruct.SlopeMap"
+) -> "ol.reconstruct.HeightMap":
     """The map with the typical slope noise of its good pixels, for programs that read it without slopes."""
     import numpy as np
 
@@ -214,11 +205,8 @@ def _with_slope_noise(height: "HeightMap", slopes: "SlopeMap") -> "HeightMap":
     return replace(height, diagnostics=replace(height.diagnostics, slope_sigma=(usual[0], usual[1])))
 
 
-def _numbers(height: "HeightMap") -> dict[str, Any]:
+def _numbers(height: "ol.reconstruct.HeightMap") -> dict[str, Any]:
     import numpy as np
-
-    from optolever.decode import Flag
-    from optolever.reconstruct import HeightFlag
 
     good = height.good
     some = bool(good.any())
@@ -232,7 +220,7 @@ def _numbers(height: "HeightMap") -> dict[str, Any]:
             if some and height.calibration is not None
             else None
         ),
-        "flags": flag_shares(height.flags, Flag, HeightFlag),
+        "flags": flag_shares(height.flags, ol.decode.Flag, ol.reconstruct.HeightFlag),
         "defect": height.diagnostics.defect,
         "chi2": height.diagnostics.chi2,
         "freedom": height.diagnostics.freedom,
@@ -240,14 +228,14 @@ def _numbers(height: "HeightMap") -> dict[str, Any]:
     }
 
 
-def _against_truth(path: Path, correspondence: "Correspondence", height: "HeightMap") -> dict[str, float]:
-    from optolever.experiments import height_metrics
-    from optolever.scene import Trace
+def _against_truth(
+    path: Path, correspondence: "ol.decode.Correspondence", height: "ol.reconstruct.HeightMap"
+) -> dict[str, float]:
 
-    truth = Trace.load(path)
+    truth = ol.scene.Trace.load(path)
     if truth.z.shape != height.z.shape:
         raise InputError(f"{path}: z has shape {truth.z.shape}, the height map {height.z.shape}")
-    return height_metrics(truth, correspondence, height)
+    return ol.experiments.height_metrics(truth, correspondence, height)
 
 
 def _rows(numbers: dict[str, Any]) -> dict[str, str]:

@@ -5,6 +5,7 @@ import time
 from pathlib import Path
 from typing import Annotated
 
+import optolever as ol
 from optolever import InputError
 from optolever.errors import reason_of
 
@@ -39,13 +40,9 @@ def command(
     DIR gets frames.tif (BigTIFF, a page per image) and log.jsonl, a line per image with its counter and
     times. A page without a line is invalid: after a kill or a full disk, all images with a line are intact.
     """
-    from optolever.patterns import Frame, Sequence
-    from optolever.projector import BackgroundRecorder, CameraStream, Recorder
-    from optolever.scene import load
-
     devices = devices_of(rig, changes)
-    pattern = load(rig).pattern
-    white = Sequence((Frame("white"),), pattern.rows, pattern.cols)
+    pattern = ol.scene.load(rig).pattern
+    white = ol.patterns.Sequence((ol.patterns.Frame("white"),), pattern.rows, pattern.cols)
     with opened(rig, devices, white, running=False) as now:
         shown = now.display.show(0)
         size = now.accepted.rows * now.accepted.cols * (1 if now.accepted.bits == 8 else 2)
@@ -56,12 +53,12 @@ def command(
                 f"{out}: needs {need / 1e9:.1f} GB, {free / 1e9:.1f} GB are free; record fewer --seconds"
             )
         about = {"camera": now.camera.identity.address, "refresh_s": now.display.refresh_s}
-        with Recorder(out, about | {"rig": rig.read_text(encoding="utf-8")}) as recorder:
+        with ol.projector.Recorder(out, about | {"rig": rig.read_text(encoding="utf-8")}) as recorder:
             recorder.configured(now.accepted)
             recorder.shown(shown)
-            writer = BackgroundRecorder(recorder)
+            writer = ol.projector.BackgroundRecorder(recorder)
             try:
-                with CameraStream(now.camera, now.clock, writer.image) as stream:
+                with ol.projector.CameraStream(now.camera, now.clock, writer.image) as stream:
                     end = time.monotonic() + seconds
                     while stream.running and (left := end - time.monotonic()) > 0:
                         time.sleep(min(left, 0.05))

@@ -1,16 +1,14 @@
 """`optolever camera replay`: check of a recording; a capture's recording as a capture folder."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
+import optolever as ol
 from optolever import InputError
 
 from .arguments import Arg, Opt, Rare, program
 from .options import Json
 from .show import number, print_notices, table, write_json
-
-if TYPE_CHECKING:
-    from optolever.projector import Recording
 
 __all__ = ["command"]
 
@@ -43,14 +41,10 @@ def command(
     """
     import numpy as np
 
-    from optolever.files import together
-    from optolever.live import has_readings, replayed
-    from optolever.projector import Logged, Recording
-
-    recording = Recording(folder)
+    recording = ol.projector.Recording(folder)
     swaps, stamps, incomplete = 0, [], 0
     for event in recording:
-        if isinstance(event, Logged):
+        if isinstance(event, ol.projector.Logged):
             stamps.append(event.stamp_s)
             incomplete += not event.image.complete
         else:
@@ -58,11 +52,11 @@ def command(
     span = float(np.ptp(stamps)) if stamps else 0.0
     numbers = {"images": len(stamps), "incomplete": incomplete, "swaps": swaps, "span_s": span}
     again, same, lost, seconds = 0, 0, 0, 0.0
-    for one in replayed(folder) if has_readings(folder) else ():
+    for one in ol.live.replayed(folder) if ol.live.has_readings(folder) else ():
         again, same, seconds = again + one.recorded, same + one.identical, seconds + one.followed.delay
         lost += not one.recorded
     numbers |= {"readings": again, "identical": same} if again else {}
-    with together():
+    with ol.files.together():
         if out is not None:
             numbers["frames"] = _capture(recording, rig, out)
         write_json(json_path, numbers)
@@ -87,14 +81,12 @@ def command(
     table(f"Recording {folder}", rows)
 
 
-def _capture(recording: "Recording", rig: Path | None, out: Path) -> int:
+def _capture(recording: "ol.projector.Recording", rig: Path | None, out: Path) -> int:
     """Write the capture folder of a capture's recording; returns the number of frames."""
     import tomllib
 
     import numpy as np
 
-    from optolever.patterns import Sequence
-    from optolever.projector import CameraLost, Capture, ClockMap, Timing, acquire
     from optolever.projector.cameras import Replay
 
     about = recording.about
@@ -103,21 +95,25 @@ def _capture(recording: "Recording", rig: Path | None, out: Path) -> int:
             f"--out {out}: {recording.folder} has no sequence, must be the recording of a capture "
             "(capture --keep)"
         )
-    shown = Sequence.from_dict(about["sequence"], str(recording.folder))
+    shown = ol.patterns.Sequence.from_dict(about["sequence"], str(recording.folder))
     section = (
         about.get("timing") if rig is None else tomllib.loads(rig.read_text(encoding="utf-8")).get("sync")
     )
-    timing = None if section is None else Timing.from_table(section, f"{recording.folder}: [sync]")
+    timing = (
+        None if section is None else ol.projector.Timing.from_table(section, f"{recording.folder}: [sync]")
+    )
     replay = Replay(recording.folder)
     taken = []
     try:
-        for one in acquire(replay, replay, timing, range(len(shown)), time=replay, clock=ClockMap()):
+        for one in ol.projector.acquire(
+            replay, replay, timing, range(len(shown)), time=replay, clock=ol.projector.ClockMap()
+        ):
             taken.append(one)
-    except CameraLost:
+    except ol.projector.CameraLost:
         if not taken:
             raise
     frames = np.stack([one.image.pixels for one in taken])
     stamps = np.array([one.stamp_s for one in taken])
     bits = recording.accepted.bits if recording.accepted is not None else 8 * frames.dtype.itemsize
-    Capture(frames, shown[: len(taken)], timestamps=stamps - stamps[0], bits=bits).save(out)
+    ol.projector.Capture(frames, shown[: len(taken)], timestamps=stamps - stamps[0], bits=bits).save(out)
     return len(taken)

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Annotated
 
+import optolever as ol
 from optolever import InputError
 
 from .arguments import Arg, Opt, program
@@ -52,23 +53,17 @@ def command(
     """
     import numpy as np
 
-    from optolever.decode import Correspondence
-    from optolever.experiments import Measurement, write_measurement_report
-    from optolever.files import report_folder, together
-    from optolever.projector import Capture
-    from optolever.reconstruct import HeightMap, budget
-
     if rest_path is not None and (correspondence is None or scene_name is None):
         raise InputError(f"--rest {rest_path}: needs --correspondence and --scene")
-    height = HeightMap.load(source)
+    height = ol.reconstruct.HeightMap.load(source)
     paths = (source, *less)
     stems = [path.stem for path in paths]
     name, *names = stems if len(set(stems)) == len(paths) else [str(path) for path in paths]
-    others = {each: HeightMap.load(path) for each, path in zip(names, less, strict=True)}
-    given = Measurement(
+    others = {each: ol.reconstruct.HeightMap.load(path) for each, path in zip(names, less, strict=True)}
+    given = ol.experiments.Measurement(
         height,
-        None if correspondence is None else Correspondence.load(correspondence),
-        None if folder is None else Capture.load(folder),
+        None if correspondence is None else ol.decode.Correspondence.load(correspondence),
+        None if folder is None else ol.projector.Capture.load(folder),
         None if scene_name is None else load_scene(scene_name, height.z.shape),
         source=str(source),
         name=name,
@@ -76,7 +71,7 @@ def command(
         simulated=folder is not None and (folder / "truth.npz").is_file(),
         form="" if form == "none" else form,
         less=others,
-        rest=None if rest_path is None else Correspondence.load(rest_path),
+        rest=None if rest_path is None else ol.decode.Correspondence.load(rest_path),
     )
     good = height.good
     total, noise, rig = (
@@ -84,9 +79,9 @@ def command(
         for sigma in (height.total_sigma, height.sigma, height.calibration_sigma)
     )
     with blame(source):
-        readings = budget(height, next(iter(others.values()), None))
-        with report_folder(out), together():
-            write_measurement_report(out / "report.html", given)
+        readings = ol.reconstruct.budget(height, next(iter(others.values()), None))
+        with ol.files.report_folder(out), ol.files.together():
+            ol.experiments.write_measurement_report(out / "report.html", given)
             uncertainty = given.readings
             numbers = {"good_share": float(good.mean()), "sigma_mm": total, "noise_mm": noise, "rig_mm": rig}
             write_json(json_path, numbers | {"budget_mm": readings})

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Annotated, Any
 
+import optolever as ol
 from optolever.quantities import quantity
 
 from .arguments import Arg, program
@@ -34,15 +35,11 @@ def command(
     """
     import numpy as np
 
-    from optolever.calibration import measure_response, store_response
-    from optolever.files import together
-    from optolever.projector import Capture
-
     with progress() as step:
         step("read")
-        first, *others = [Capture.load(path) for path in (ramp, *captures)]
+        first, *others = [ol.projector.Capture.load(path) for path in (ramp, *captures)]
         step("measure")
-        found = measure_response(first, others, [str(path) for path in (ramp, *captures)])
+        found = ol.calibration.measure_response(first, others, [str(path) for path in (ramp, *captures)])
         gamma, misfit = found.gamma
         numbers: dict[str, Any] = {
             "gamma": gamma,
@@ -56,8 +53,8 @@ def command(
         for name, shown in maps.items():
             numbers[f"{name}_least"] = None if shown is None else float(np.nanmin(shown) / np.nanmax(shown))
         step("write")
-        with together():
-            path = store_response(rig, found)
+        with ol.files.together():
+            path = ol.calibration.store_response(rig, found)
             write_json(json_path, numbers)
     separated = found.vignetting is not None
     missing = "unknown: give captures of fringes" if not captures else None

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Annotated
 
+import optolever as ol
 from optolever import InputError
 
 from .arguments import Arg, program
@@ -31,23 +32,18 @@ def command(
     """
     import numpy as np
 
-    from optolever.calibration import RestMap, store_rest
-    from optolever.files import together
-    from optolever.reconstruct import contacts, reconstruct, slope_map
-    from optolever.scene import load
-
-    scene = load(rig)
+    scene = ol.scene.load(rig)
     with progress() as step:
         step("read")
         seen = correspondence_of(source)
         step("reconstruct")
         with blame(source):
-            height = reconstruct(seen, scene, anchor=anchor)
+            height = ol.reconstruct.reconstruct(seen, scene, anchor=anchor)
             if not height.good.any():
                 raise InputError(
                     "no pixel has a height; check that the mirror at rest is in view, and the scene"
                 )
-            dents = contacts(height, slope_map(height, seen, scene))
+            dents = ol.reconstruct.contacts(height, ol.reconstruct.slope_map(height, seen, scene))
         pressed = [
             f"The mirror at rest has a dent of {length(one.depth)} at ({one.x:.3g}, {one.y:.3g}) mm: "
             "every change lacks it; capture the mirror untouched"
@@ -60,8 +56,8 @@ def command(
             "sigma_mm": float(np.median(height.total_sigma[good])),
         }
         step("write")
-        with together():
-            path = store_rest(rig, RestMap(height, seen))
+        with ol.files.together():
+            path = ol.calibration.store_rest(rig, ol.calibration.RestMap(height, seen))
             write_json(json_path, numbers)
     print_notices((*height.notices, *pressed))
     rows = {

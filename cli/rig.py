@@ -5,19 +5,17 @@ import re
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias
 
 import click
 
+import optolever as ol
 from optolever import InputError
 
 from .arguments import ABOVE_0, AT_LEAST_0, Opt, Shape, program, sample
 from .options import Json
 from .outputs import OutputFile
 from .show import number, table, write_json
-
-if TYPE_CHECKING:
-    from optolever.scene import TypedRig
 
 __all__ = ["command"]
 
@@ -104,9 +102,6 @@ def new(
     """
     import matplotlib as mpl
 
-    from optolever.files import atomic_file, together
-    from optolever.scene import dent, load, resize, rig_toml, trace
-
     context = click.get_current_context()
     options = {each.name or "": each for each in context.command.params if isinstance(each, click.Option)}
     values = dict(context.params) | {"kind": kind or _asked(options["kind"])}
@@ -124,13 +119,13 @@ def new(
         values["pitch"] = 25.4 * values["diagonal"] / math.hypot(*values["display"])
     drawn = picture or out.with_suffix(".png")
     mpl.use("agg")
-    with together():
-        with atomic_file(out) as temporary:
-            temporary.write_text(rig_toml(out.stem, _typed(values)), encoding="utf-8")
-            rig = load(temporary)
-        few = resize(rig, *(min(size, 120) for size in values["image"]))
-        seen = float(trace(few, dent("flat", few)).visible.mean())
-        with atomic_file(drawn) as temporary:
+    with ol.files.together():
+        with ol.files.atomic_file(out) as temporary:
+            temporary.write_text(ol.scene.rig_toml(out.stem, _typed(values)), encoding="utf-8")
+            rig = ol.scene.load(temporary)
+        few = ol.scene.resize(rig, *(min(size, 120) for size in values["image"]))
+        seen = float(ol.scene.trace(few, ol.scene.dent("flat", few)).visible.mean())
+        with ol.files.atomic_file(drawn) as temporary:
             rig.plot().figure.savefig(temporary)
         rows, cols = values["display"]
         sides = [size * values["pitch"] for size in (cols, rows)]
@@ -147,14 +142,13 @@ def new(
     )
 
 
-def _typed(values: Mapping[str, Any]) -> "TypedRig":
-    from optolever.scene import TypedRig
+def _typed(values: Mapping[str, Any]) -> "ol.scene.TypedRig":
 
     names = ["mirror", "display", "pitch", "image", "focal", "pixel", "distance", "angle"]
     names += [name for name, only in ONLY.items() if only == values["kind"]]
     numbers: dict[str, Any] = {name: values[name] for name in names}
     numbers |= {name: math.radians(numbers[name]) for name in ("angle", "display_angle") if name in names}
-    return TypedRig(**numbers)
+    return ol.scene.TypedRig(**numbers)
 
 
 def _asked(option: click.Option, default: Any = None) -> Any:

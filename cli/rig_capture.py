@@ -4,16 +4,13 @@ import json
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import optolever as ol
 from optolever import InputError
 from optolever.errors import reason_of
 
 from .rig_devices import Devices, opened, timing_of, wait_of
-
-if TYPE_CHECKING:
-    from optolever.patterns import Sequence
-    from optolever.projector import Capture, Taken
 
 __all__ = ["RigCapture", "capture_rig", "measured_lag"]
 
@@ -23,8 +20,8 @@ class RigCapture:
     """A capture, its images with their times, its duration, images lost by the camera; late: swaps over 1.5
     refreshes after their call."""
 
-    capture: "Capture"
-    taken: tuple["Taken", ...]
+    capture: "ol.projector.Capture"
+    taken: tuple["ol.projector.Taken", ...]
     seconds: float
     lost: int
     late: int = 0
@@ -42,20 +39,18 @@ class RigCapture:
         }
 
 
-def capture_rig(rig: Path, devices: Devices, shown: "Sequence", out: Path, *, keep: bool) -> RigCapture:
+def capture_rig(
+    rig: Path, devices: Devices, shown: "ol.patterns.Sequence", out: Path, *, keep: bool
+) -> RigCapture:
     """Show and take every frame; write `out` with acquisition.jsonl. keep: do not delete OUT.recording.
 
     InputError and CameraLost name the recording of the images so far.
     """
     import numpy as np
 
-    from optolever.files import atomic_folder
-    from optolever.projector import Capture, Recorder, Shown, acquire
-    from optolever.scene import load
-
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise InputError(f"{out}: exists and is no empty folder; name another")
-    scene = load(rig)
+    scene = ol.scene.load(rig)
     record = out.with_name(f"{out.name}.recording")
     with opened(rig, devices, shown) as now:
         timing = wait_of(now, rig)
@@ -63,17 +58,17 @@ def capture_rig(rig: Path, devices: Devices, shown: "Sequence", out: Path, *, ke
         about |= {"rig": rig.read_text(encoding="utf-8"), "sequence": shown.to_dict()}
         if timing is not None:
             about["timing"] = timing.to_table()
-        begin, shows = now.time.now(), list[Shown]()
+        begin, shows = now.time.now(), list[ol.projector.Shown]()
         try:
-            with Recorder(record, about) as recorder:
+            with ol.projector.Recorder(record, about) as recorder:
                 recorder.configured(now.accepted)
 
-                def note(one: Shown) -> None:
+                def note(one: ol.projector.Shown) -> None:
                     shows.append(one)
                     recorder.shown(one)
 
                 taken = tuple(
-                    acquire(
+                    ol.projector.acquire(
                         now.display, now.camera, timing, range(len(shown)),
                         time=now.time, clock=now.clock, triggered=now.triggered,
                         on_image=recorder.image, on_shown=note,
@@ -87,8 +82,8 @@ def capture_rig(rig: Path, devices: Devices, shown: "Sequence", out: Path, *, ke
     stamps = np.array([one.stamp_s for one in taken])
     size = frames.shape[1:]
     known = scene if size == (scene.camera.rows, scene.camera.cols) else None
-    done = Capture(frames, shown, known, timestamps=stamps - stamps[0], bits=now.accepted.bits)
-    with atomic_folder(out) as folder:
+    done = ol.projector.Capture(frames, shown, known, timestamps=stamps - stamps[0], bits=now.accepted.bits)
+    with ol.files.atomic_folder(out) as folder:
         done.save(folder)
         lines = (json.dumps(_line(one)) for one in taken)
         (folder / "acquisition.jsonl").write_text("\n".join(lines) + "\n", encoding="utf-8")
@@ -97,7 +92,7 @@ def capture_rig(rig: Path, devices: Devices, shown: "Sequence", out: Path, *, ke
     return RigCapture(done, taken, seconds, lost, sum(one.late for one in shows))
 
 
-def _line(one: "Taken") -> dict[str, Any]:
+def _line(one: "ol.projector.Taken") -> dict[str, Any]:
     """An image of acquisition.jsonl."""
     return {
         "index": one.index,

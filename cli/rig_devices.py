@@ -4,17 +4,14 @@ from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
+import optolever as ol
 from optolever import InputError
 
 from .arguments import Opt
 from .options import RigFile
 from .show import print_notices
-
-if TYPE_CHECKING:
-    from optolever.patterns import Sequence
-    from optolever.projector import Accepted, Camera, ClockMap, Display, Time, Timing, Wanted
 
 __all__ = ["Changes", "Devices", "Opened", "OpenedRig", "devices_of", "opened", "timing_of", "wait_of"]
 
@@ -37,12 +34,10 @@ class Devices:
     fps: float | None = None
     trigger: str = "free"
 
-    def wanted(self) -> "Wanted":
+    def wanted(self) -> "ol.projector.Wanted":
         """Settings for a camera."""
-        from optolever.projector import Wanted
-
         settings = {k: v for k, v in asdict(self).items() if k not in ("camera", "display", "exposure_ms")}
-        return Wanted(1e-3 * self.exposure_ms, **settings)
+        return ol.projector.Wanted(1e-3 * self.exposure_ms, **settings)
 
     def table(self) -> dict[str, Any]:
         """The known fields, for TOML."""
@@ -53,11 +48,11 @@ class Devices:
 class Opened:
     """An opened rig. still: a simulated or replayed one, without delays."""
 
-    camera: "Camera"
-    display: "Display"
-    accepted: "Accepted"
-    time: "Time"
-    clock: "ClockMap"
+    camera: "ol.projector.Camera"
+    display: "ol.projector.Display"
+    accepted: "ol.projector.Accepted"
+    time: "ol.projector.Time"
+    clock: "ol.projector.ClockMap"
     still: bool
 
     @property
@@ -117,32 +112,29 @@ def _change(text: str) -> tuple[str, Any]:
     return name, value
 
 
-def timing_of(rig: Path) -> "Timing | None":
+def timing_of(rig: Path) -> "ol.projector.Timing | None":
     """[sync] of a rig; None without."""
-    from optolever.projector import Timing
-
     section = _table(rig).get("sync")
-    return None if section is None else Timing.from_table(section, f"{rig}: [sync]")
+    return None if section is None else ol.projector.Timing.from_table(section, f"{rig}: [sync]")
 
 
-def _recorded(now: Opened) -> "Timing | None":
+def _recorded(now: Opened) -> "ol.projector.Timing | None":
     """The timing in a recording that is replayed."""
-    from optolever.projector import Timing
     from optolever.projector.cameras import Replay
 
     if not isinstance(now.camera, Replay) or "timing" not in now.camera.recording.about:
         return None
-    return Timing.from_table(now.camera.recording.about["timing"], str(now.camera.recording.folder))
+    return ol.projector.Timing.from_table(
+        now.camera.recording.about["timing"], str(now.camera.recording.folder)
+    )
 
 
-def wait_of(now: Opened, rig: Path) -> "Timing | None":
+def wait_of(now: Opened, rig: Path) -> "ol.projector.Timing | None":
     """Timing of a capture: [sync] of the rig or of the recording, no delays for a simulated or replayed
     camera. None: unknown, with a notice. InputError if it was measured with other settings.
     """
-    from optolever.projector import Timing
-
     if now.still:
-        return Timing(0, 0, 0, 0, 0, 0, 0.01, now.accepted.exposure_s)
+        return ol.projector.Timing(0, 0, 0, 0, 0, 0, 0.01, now.accepted.exposure_s)
     timing = timing_of(rig) or _recorded(now)
     if timing is None:
         wait = "every pattern gets 0.5 s to settle; optolever camera sync measures the time"
@@ -153,56 +145,64 @@ def wait_of(now: Opened, rig: Path) -> "Timing | None":
 
 
 def _table(rig: Path) -> dict[str, Any]:
-    from optolever.scene import rig_table
 
-    table = rig_table(rig)
+    table = ol.scene.rig_table(rig)
     if not isinstance(table.get("devices", {}), dict) or not isinstance(table.get("sync", {}), dict):
         raise InputError(f"{rig}: devices and sync must be tables")
     return table
 
 
 @contextmanager
-def opened(rig: Path, devices: Devices, shown: "Sequence", *, running: bool = True) -> Iterator[Opened]:
+def opened(
+    rig: Path, devices: Devices, shown: "ol.patterns.Sequence", *, running: bool = True
+) -> Iterator[Opened]:
     """Camera and display of a rig, set (and running); the display holds the frames of `shown`."""
-    from optolever.projector import ClockMap, Display, RealTime, Time
-
     with ExitStack() as stack:
         camera = _camera(rig, devices, shown)
         stack.callback(camera.close)
         accepted = camera.configure(devices.wanted())
         print_notices(accepted.unlocked)
-        still = isinstance(camera, Display)
-        display = camera if isinstance(camera, Display) else stack.enter_context(_window(devices, shown))
-        time = camera if isinstance(camera, Time) else RealTime()  # a recording has its own
+        still = isinstance(camera, ol.projector.Display)
+        display = (
+            camera
+            if isinstance(camera, ol.projector.Display)
+            else stack.enter_context(_window(devices, shown))
+        )
+        time = (
+            camera if isinstance(camera, ol.projector.Time) else ol.projector.RealTime()
+        )  # a recording has its own
         if running:
             camera.start()
             stack.callback(camera.stop)
-        yield Opened(camera, display, accepted, time, ClockMap(), still and isinstance(time, RealTime))
+        yield Opened(
+            camera,
+            display,
+            accepted,
+            time,
+            ol.projector.ClockMap(),
+            still and isinstance(time, ol.projector.RealTime),
+        )
 
 
-def _camera(rig: Path, devices: Devices, shown: "Sequence") -> "Camera":
+def _camera(rig: Path, devices: Devices, shown: "ol.patterns.Sequence") -> "ol.projector.Camera":
     from optolever.projector.cameras import StillCamera, open_camera
 
     if devices.camera != "virtual":
         return open_camera(devices.camera)
-    from optolever.projector import Identity, capture
-    from optolever.scene import dent_from_text, load
-
-    scene = load(rig)
-    seen = capture(scene, dent_from_text(scene.dent or "flat", scene), shown)
-    return StillCamera(seen, Identity("virtual", "virtual sensor", "", "virtual"))
+    scene = ol.scene.load(rig)
+    seen = ol.projector.capture(scene, ol.scene.dent_from_text(scene.dent or "flat", scene), shown)
+    return StillCamera(seen, ol.projector.Identity("virtual", "virtual sensor", "", "virtual"))
 
 
-def _window(devices: Devices, shown: "Sequence") -> Any:
+
+def _window(devices: Devices, shown: "ol.patterns.Sequence") -> Any:
     """A PatternWindow on the monitor of that name, or a plain one; notices name faults of the monitor."""
-    from optolever.projector import PatternWindow, choose_monitor, monitors
-
     if not devices.display:
         raise InputError(
             "display: must be given, --set display=NAME (optolever camera devices lists them), or window"
         )
     if devices.display == "window":
-        return PatternWindow(shown)
-    monitor = choose_monitor(monitors(), devices.display)
+        return ol.projector.PatternWindow(shown)
+    monitor = ol.projector.choose_monitor(ol.projector.monitors(), devices.display)
     print_notices(monitor.faults())
-    return PatternWindow(shown, monitor=monitor.index)
+    return ol.projector.PatternWindow(shown, monitor=monitor.index)

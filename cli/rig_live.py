@@ -3,15 +3,12 @@
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
-from .rig_devices import Opened, devices_of, opened, wait_of
+import optolever as ol
 
-if TYPE_CHECKING:
-    from optolever.live import Prepared, Source
-    from optolever.projector import Image
+from .rig_devices import Opened, devices_of, opened, wait_of
 
 __all__ = ["rig_at_rest"]
 
@@ -25,40 +22,41 @@ class _Triggered:
     def __init__(self, now: Opened) -> None:
         self._camera = now.camera
 
-    def next(self, timeout_s: float) -> "Image | None":
+    def next(self, timeout_s: float) -> "ol.projector.Image | None":
         self._camera.trigger()
         return self._camera.next(timeout_s)
 
 
 @contextmanager
-def rig_at_rest(rig: Path, cell: int, changes: Iterable[str]) -> Iterator[tuple["Prepared", "Source"]]:
+def rig_at_rest(
+    rig: Path, cell: int, changes: Iterable[str]
+) -> Iterator[tuple["ol.live.Prepared", "ol.live.Source"]]:
     """The rig with its mirror at rest, measured now by gray+phase and eight frames of the fringe, which then
     stays on the display; and its running camera. changes: of [devices]."""
     import numpy as np
 
-    from optolever.decode import decode
-    from optolever.live import prepare
-    from optolever.patterns import Sequence, sequence
-    from optolever.projector import acquire
-    from optolever.scene import load
-
-    scene, devices = load(rig), devices_of(rig, changes)
+    scene, devices = ol.scene.load(rig), devices_of(rig, changes)
     rows, cols = scene.pattern.rows, scene.pattern.cols
-    dense, fringe = sequence("gray+phase", rows, cols), sequence("crossed", rows, cols, period=_PERIOD)
+    dense, fringe = (
+        ol.patterns.sequence("gray+phase", rows, cols),
+        ol.patterns.sequence("crossed", rows, cols, period=_PERIOD),
+    )
     count = len(dense)
-    shown = Sequence((*dense.frames, *fringe.frames), rows, cols)
+    shown = ol.patterns.Sequence((*dense.frames, *fringe.frames), rows, cols)
     with opened(rig, devices, shown, running=False) as now:
         timing = wait_of(now, rig)
         now.camera.start()
         try:
             click.echo("The mirror at rest is measured: keep everything still.", err=True)
-            taken = acquire(
+            taken = ol.projector.acquire(
                 now.display, now.camera, timing, (*range(count), *[count] * _RESTS),
                 time=now.time, clock=now.clock, triggered=now.triggered,
             )  # fmt: skip
             frames = np.stack([one.image.pixels for one in taken])
-            at_rest = decode(frames[:count], dense)
-            prepared = prepare(scene, frames[count:], at_rest, fringe, cell=cell, bits=now.accepted.bits)
+            at_rest = ol.decode.decode(frames[:count], dense)
+            prepared = ol.live.prepare(
+                scene, frames[count:], at_rest, fringe, cell=cell, bits=now.accepted.bits
+            )
             yield prepared, _Triggered(now) if now.triggered else now.camera
         finally:
             now.camera.stop()

@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
+import optolever as ol
 from optolever import InputError
 from optolever.files import atomic_file
 
@@ -17,10 +17,6 @@ from .options import correspondence_of
 from .rig_capture import capture_rig
 from .rig_devices import devices_of
 from .show import coverage_text
-
-if TYPE_CHECKING:
-    from optolever.calibration import Calibration, Judgement, Observation, Target
-    from optolever.scene import Scene
 
 __all__ = ["SoFar", "capture_targets", "finish", "so_far"]
 
@@ -39,41 +35,46 @@ class SoFar:
     """A calibration by the captures so far (None: none says where z = 0 is), missing captures, and the
     judgement of the last capture."""
 
-    found: "Calibration | None"
+    found: "ol.calibration.Calibration | None"
     few: str
-    last: "Judgement | None" = None
+    last: "ol.calibration.Judgement | None" = None
 
     def text(self) -> str:
         """The last capture's figures, and missing captures."""
-        from optolever.experiments import judged_table
-
         if self.last is None:
             return self.few
-        heads, (row,) = judged_table({self.last.name: self.last.to_dict()})
+        heads, (row,) = ol.experiments.judged_table({self.last.name: self.last.to_dict()})
         parts = zip((head.partition(", ") for head in heads[1:]), row[1:], strict=True)
         judgement = ", ".join(f"{what} {cell} {unit}".rstrip() for (what, _, unit), cell in parts if cell)
         return f"{judgement}; {self.few}" if self.few else judgement
 
-    def required(self) -> "Calibration":
+    def required(self) -> "ol.calibration.Calibration":
         """InputError without a calibration."""
         if self.found is None:
             raise InputError(f"calibration: {self.few}")
         return self.found
 
 
-def so_far(scene: "Scene", used: Sequence["Observation"], priors: Mapping[str, float], guess: bool) -> SoFar:
+def so_far(
+    scene: "ol.scene.Scene",
+    used: Sequence["ol.calibration.Observation"],
+    priors: Mapping[str, float],
+    guess: bool,
+) -> SoFar:
     """Calibrate by these captures; InputError of a wrong one."""
-    from optolever.calibration import calibrate_so_far, judged
-
-    found, few = calibrate_so_far(scene, used, priors, guess=guess)
-    last = None if found is None else next(one for one in judged(found) if one.name == used[-1].name)
+    found, few = ol.calibration.calibrate_so_far(scene, used, priors, guess=guess)
+    last = (
+        None
+        if found is None
+        else next(one for one in ol.calibration.judged(found) if one.name == used[-1].name)
+    )
     return SoFar(found, few, last)
 
 
 def capture_targets(
     rig: Path,
-    scene: "Scene",
-    plan: Sequence[tuple[str, "Target"]],
+    scene: "ol.scene.Scene",
+    plan: Sequence[tuple[str, "ol.calibration.Target"]],
     folder: Path,
     sequence: str,
     *,
@@ -88,18 +89,20 @@ def capture_targets(
     are set aside. Captures stay in `folder` whatever ends the walk. resume: those of a walk that did not end
     in a calibration are used again; a terminal is asked. All others are set aside first, with their date.
     """
-    from optolever.calibration import Observation, reason_to_repeat
-    from optolever.experiments import mirror_coverage
-    from optolever.patterns import sequence_from_text
-
-    devices, shown = devices_of(rig), sequence_from_text(sequence, scene.pattern.rows, scene.pattern.cols)
+    devices, shown = (
+        devices_of(rig),
+        ol.patterns.sequence_from_text(sequence, scene.pattern.rows, scene.pattern.cols),
+    )
     folder.mkdir(parents=True, exist_ok=True)
     _begin(folder, scene, resume, ask and sys.stdin.isatty())
-    used, now = list[Observation](), SoFar(None, "no capture is left; at least one of Flat or Rest is needed")
+    used, now = (
+        list[ol.calibration.Observation](),
+        SoFar(None, "no capture is left; at least one of Flat or Rest is needed"),
+    )
     for number, (text, target) in enumerate(plan, 1):
         path = folder / f"{number}-{re.sub(r'[^a-z0-9.]+', '-', text)}"
         hands = f"{number} of {len(plan)}, {text}: {_HANDS[text.partition(':')[0]]}. Enter captures"
-        doubtful: tuple[Path, Observation, SoFar] | None = None
+        doubtful: tuple[Path, ol.calibration.Observation, SoFar] | None = None
         while True:
             if not (path / "capture.toml").is_file():
                 keeps = ", k keeps the last" if doubtful is not None else ""
@@ -115,11 +118,11 @@ def capture_targets(
                 capture_rig(rig, devices, shown, path, keep=False)
             elif doubtful is None:
                 click.echo(f"{path.name}: taken {_taken(path):{_MINUTE}}, used again")
-            one, then = Observation(path.name, target, correspondence_of(path)), None
+            one, then = ol.calibration.Observation(path.name, target, correspondence_of(path)), None
             try:
                 then = so_far(scene, [*used, one], priors, guess)
-                mirror, decoded = mirror_coverage(one.correspondence.flags)
-                fault = reason_to_repeat(decoded, then.last, now.last, not then.few)
+                mirror, decoded = ol.experiments.mirror_coverage(one.correspondence.flags)
+                fault = ol.calibration.reason_to_repeat(decoded, then.last, now.last, not then.few)
                 click.echo(f"{path.name}: {coverage_text(mirror, decoded)}; {then.text()}")
             except InputError as error:
                 fault = str(error)
@@ -140,7 +143,7 @@ def finish(folder: Path) -> None:
         beside.write_text(datetime.now().isoformat(timespec="seconds") + "\n", encoding="utf-8")
 
 
-def _begin(folder: Path, scene: "Scene", resume: bool, terminal: bool) -> None:
+def _begin(folder: Path, scene: "ol.scene.Scene", resume: bool, terminal: bool) -> None:
     """Set the captures of earlier walks aside, unless the last one did not end and is resumed."""
     earlier = [path for path in folder.iterdir() if re.match(r"\d+-[a-z]", path.name)]
     done = [path for path in earlier if (path / "capture.toml").is_file()]

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import optolever as ol
 from optolever.quantities import quantity
 
 if TYPE_CHECKING:
@@ -160,9 +161,7 @@ def _print(title: str, lines: "Table", width: int | None = None) -> None:
 def write_json(path: Path | None, values: Mapping[str, Any]) -> None:
     """`optolever.files.write_json`, or as CSV where the suffix says so; no path, no file."""
     if path is not None:
-        from optolever import files
-
-        write = files.write_csv if path.suffix.lower() == ".csv" else files.write_json
+        write = ol.files.write_csv if path.suffix.lower() == ".csv" else ol.files.write_json
         write(path, values)
 
 

@@ -3,16 +3,14 @@
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
+import optolever as ol
 from optolever import InputError
 
 from .arguments import Opt, program
 from .options import Dent, Json, Noise, Renderer, SceneName, Seed, Shown, Size, dent_of, load_scene
 from .show import number, progress, table, write_json
-
-if TYPE_CHECKING:
-    from optolever.scene import Scene
 
 __all__ = ["command"]
 
@@ -47,25 +45,22 @@ def command(
     DIR receives capture.toml, frames/*.png, scene.toml and truth.npz: for every camera pixel the exact u, v,
     x, y, z, normal, incidence, visible.
     """
-    from optolever.files import atomic_folder, together
-    from optolever.patterns import sequence_from_text
-    from optolever.projector import capture
-    from optolever.scene import dent_from_text, trace
-
     scene = load_scene(scene_name, size, exact=True)
     pressed = dent_of(scene, dent)
     scene = replace(scene, dent=pressed)
-    surface = dent_from_text(pressed, scene)
-    shown = sequence_from_text(sequence, scene.pattern.rows, scene.pattern.cols)
-    with together(), progress() as step:
-        with atomic_folder(out) as folder:
+    surface = ol.scene.dent_from_text(pressed, scene)
+    shown = ol.patterns.sequence_from_text(sequence, scene.pattern.rows, scene.pattern.cols)
+    with ol.files.together(), progress() as step:
+        with ol.files.atomic_folder(out) as folder:
             step("trace the truth")
-            truth = trace(scene, surface)
+            truth = ol.scene.trace(scene, surface)
             if not truth.visible.any():
                 raise InputError(f"--scene {scene_name}: {_missed(scene)}")
             step(f"capture {len(shown)} frames")
             start = time.perf_counter()
-            record = capture(scene, surface, shown, renderer=renderer, noise=noise, seed=seed, progress=step)
+            record = ol.projector.capture(
+                scene, surface, shown, renderer=renderer, noise=noise, seed=seed, progress=step
+            )
             seconds = time.perf_counter() - start
             step("write")
             record.save(folder, truth)
@@ -92,7 +87,7 @@ def command(
     )
 
 
-def _missed(scene: "Scene") -> str:
+def _missed(scene: "ol.scene.Scene") -> str:
     """Why no pixel has a pattern in it, as far as the central ray says."""
     camera, mirror = scene.camera, scene.mirror
     origin, direction = camera.rays_at(0.5 * (camera.rows - 1), 0.5 * (camera.cols - 1))

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import click
 
+import optolever as ol
 from optolever.quantities import quantity
 
 from .arguments import Opt, Rare, program
@@ -49,28 +50,24 @@ def command(
     Switches the full display between black and white for some seconds and records it with the camera.
     RIG.toml gets [devices] as used and [sync]; capture then waits for the measured time only.
     """
-    from optolever.experiments import write_sync_report
-    from optolever.files import together
-    from optolever.patterns import Frame, Sequence
-    from optolever.projector import sync_notices, synchronise
-    from optolever.scene import load, write_sections
-
     devices = devices_of(rig, changes)
-    pattern = load(rig).pattern
-    flat = Sequence((Frame("black"), Frame("white")), pattern.rows, pattern.cols)
+    pattern = ol.scene.load(rig).pattern
+    flat = ol.patterns.Sequence(
+        (ol.patterns.Frame("black"), ol.patterns.Frame("white")), pattern.rows, pattern.cols
+    )
     start = time.perf_counter()
     with opened(rig, devices, flat) as now:
-        found, taken = synchronise(
+        found, taken = ol.projector.synchronise(
             now.display, now.camera, now.accepted,
             time=now.time, clock=now.clock, seed=seed, flips=flips, triggered=now.triggered,
         )  # fmt: skip
     timing = replace(found, camera=devices.camera, display=devices.display)
-    with together():
-        write_sections(rig, {"devices": devices.table(), "sync": timing.to_table()})
+    with ol.files.together():
+        ol.scene.write_sections(rig, {"devices": devices.table(), "sync": timing.to_table()})
         if page is not None:
-            write_sync_report(timing, taken, time.perf_counter() - start, page)
+            ol.experiments.write_sync_report(timing, taken, time.perf_counter() - start, page)
         write_json(json_path, timing.to_table() | {"ready_s": timing.ready_s()})
-    print_notices(sync_notices(timing))
+    print_notices(ol.projector.sync_notices(timing))
     sigma = timing.sigma_s or {}
     refreshes = "" if timing.refresh_s is None else f", {timing.exposure_s / timing.refresh_s:.3g} refreshes"
     table(

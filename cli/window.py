@@ -2,20 +2,17 @@
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import click
 
+import optolever as ol
 from optolever import InputError
 
 from .arguments import ABOVE_0, Opt, program
 from .options import Json, pixels
 from .outputs import OutputFile
 from .show import grid, number, print_notices, table, write_json
-
-if TYPE_CHECKING:
-    from optolever.patterns import Sequence
-    from optolever.projector import Monitor
 
 __all__ = ["command"]
 
@@ -65,9 +62,7 @@ def command(
     black. Take one picture of each frame, in this order. With --seconds, --json gets the start of every
     frame, seconds after the first.
     """
-    from optolever.projector import PatternWindow, monitors, write_description
-
-    found = monitors()
+    found = ol.projector.monitors()
     if listing:
         _list(found, json_path)
         return
@@ -75,8 +70,8 @@ def command(
     print_notices(() if chosen is None else found[chosen].faults())
     shown = _sequence(sequence, size, found, chosen)
     described = out or Path("capture.toml")
-    with PatternWindow(shown, monitor=chosen) as window:
-        write_description(described, shown)
+    with ol.projector.PatternWindow(shown, monitor=chosen) as window:
+        ol.projector.write_description(described, shown)
         if seconds is None:
             window.run()
             times: list[float] = []
@@ -108,7 +103,7 @@ def command(
         )
 
 
-def _list(found: "list[Monitor]", json_path: Path | None) -> None:
+def _list(found: "list[ol.projector.Monitor]", json_path: Path | None) -> None:
     from dataclasses import asdict
 
     write_json(json_path, {"monitors": [asdict(monitor) for monitor in found]})
@@ -119,12 +114,10 @@ def _list(found: "list[Monitor]", json_path: Path | None) -> None:
     print_notices(fault for monitor in found for fault in monitor.faults())
 
 
-def _chosen(found: "list[Monitor]", monitor: int | None, display: str | None) -> int | None:
+def _chosen(found: "list[ol.projector.Monitor]", monitor: int | None, display: str | None) -> int | None:
     """The given monitor, else the second one, else none: a plain window."""
-    from optolever.projector import choose_monitor
-
     if display is not None:
-        return choose_monitor(found, display).index
+        return ol.projector.choose_monitor(found, display).index
     if monitor is None:
         return 1 if len(found) > 1 else None
     if monitor >= len(found):
@@ -135,18 +128,16 @@ def _chosen(found: "list[Monitor]", monitor: int | None, display: str | None) ->
 
 
 def _sequence(
-    text: str, size: tuple[int, int] | None, found: "list[Monitor]", chosen: int | None
-) -> "Sequence":
+    text: str, size: tuple[int, int] | None, found: "list[ol.projector.Monitor]", chosen: int | None
+) -> "ol.patterns.Sequence":
     """The sequence in the given size, that of its file, or that of the monitor."""
-    from optolever.patterns import Sequence, sequence_from_text
-
     if size is None and text.endswith(".toml"):
-        return Sequence.load(text)
+        return ol.patterns.Sequence.load(text)
     if size is None:
         if chosen is None:
             raise InputError("--pixels: must be given for a plain window, such as 640x480")
         size = found[chosen].rows, found[chosen].cols
-    return sequence_from_text(text, *size)
+    return ol.patterns.sequence_from_text(text, *size)
 
 
 def _mean_step(times: list[float]) -> float:

@@ -34,4 +34,4 @@ def lab() -> None:
 
 def run(args: Sequence[str] | None = None) -> int:
     """Run the laboratory on `args` (default: the process's); its exit code. Bad input never raises."""
-    return exit_code(lab, NAME, args)
+    return exit_code(lambda: lab.main(args, NAME, standalone_mode=False), NAME)

@@ -29,15 +29,31 @@ the part `decode` and its function. `logging.getLogger("optolever")` says what t
 import importlib as _importlib
 from importlib.metadata import version as _version
 from types import ModuleType as _ModuleType
+from typing import TYPE_CHECKING
 
 from optolever.errors import InputError
+
+if TYPE_CHECKING:
+    from optolever import (  # noqa: F401  # fmt: skip
+        calibration,
+        decode,
+        experiments,
+        files,
+        formats,
+        live,
+        metrology,
+        patterns,
+        projector,
+        reconstruct,
+        scene,
+    )
 
 __version__ = _version("optolever")
 
 __all__ = ["InputError", "__version__"]
 
 _PARTS = (
-    *("calibration", "cli", "decode", "experiments", "formats", "live", "metrology"),
+    *("calibration", "cli", "decode", "experiments", "files", "formats", "live", "metrology"),
     *("patterns", "projector", "reconstruct", "scene"),
 )
 

@@ -1,12 +1,11 @@
 """`python -m lab calibration`: what a calibration is worth, by simulated rigs."""
 
-from pathlib import Path
+from typing import Annotated
 
 import click
 
-from optolever.cli.arguments import sample
-from optolever.cli.options import json_option
-from optolever.cli.outputs import Program
+from optolever.cli.arguments import Opt, program
+from optolever.cli.options import Json, Seed
 from optolever.cli.show import grid, progress, write_json
 
 __all__ = ["command"]
@@ -19,13 +18,14 @@ prism, rest + 3 balls  ...
 """
 
 
-@click.command("calibration", cls=Program, epilog=sample(SAMPLE))
-@click.option("--draws", type=click.IntRange(1), default=12, show_default=True, metavar="N")
-@click.option("--setup", "setups", multiple=True, metavar="NAME", help="One of the set-ups; default: all.")
-@click.option("--rendered", is_flag=True, help="Rendered frames with a noise of one level, decoded.")
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="The first one's number.")
-@json_option
-def command(draws: int, setups: tuple[str, ...], rendered: bool, seed: int, json_path: Path | None) -> None:
+@program("calibration", SAMPLE)
+def command(
+    draws: Annotated[int, Opt("--draws N", "Rigs of each set-up.", click.IntRange(1))] = 12,
+    setups: Annotated[tuple[str, ...], Opt("--setup NAME", "One of the set-ups; default: all.")] = (),
+    rendered: Annotated[bool, Opt("--rendered", "Rendered frames, noise of one level.")] = False,
+    seed: Seed = 0,
+    json_path: Json = None,
+) -> None:
     """Simulate rigs and tell what calibrating them is worth.
 
     Rigs with errors of their own are calibrated, a dent is measured with each. chi2 of the coefficients of

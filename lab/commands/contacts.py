@@ -1,12 +1,11 @@
 """`python -m lab contacts`: contacts on rigs that are not as typed."""
 
-from pathlib import Path
+from typing import Annotated
 
 import click
 
-from optolever.cli.arguments import sample
-from optolever.cli.options import json_option
-from optolever.cli.outputs import Program
+from optolever.cli.arguments import Opt, program
+from optolever.cli.options import Json, Seed
 from optolever.cli.show import grid, progress, write_json
 
 __all__ = ["command"]
@@ -23,12 +22,13 @@ all       169      161    0    0.646  0.689  0.655
 """
 
 
-@click.command("contacts", cls=Program, epilog=sample(SAMPLE))
-@click.option("--rigs", type=click.IntRange(1), default=45, show_default=True, metavar="N")
-@click.option("--seed", type=click.IntRange(0), default=2, show_default=True)
-@click.option("--differences", is_flag=True, help="Modes by whole solves instead of those of `reconstruct`.")
-@json_option
-def command(rigs: int, seed: int, differences: bool, json_path: Path | None) -> None:
+@program("contacts", SAMPLE)
+def command(
+    rigs: Annotated[int, Opt("--rigs N", "Number of them.", click.IntRange(1))] = 45,
+    seed: Seed = 2,
+    differences: Annotated[bool, Opt("--differences", "Modes by whole solves, not `reconstruct`'s.")] = False,
+    json_path: Json = None,
+) -> None:
     """Press two to five fingers on rigs drawn from the priors, and compare contacts with the truth.
 
     Depth, area and position against a rest capture, in units of their total sigma.

@@ -1,14 +1,12 @@
 """`python -m lab figures`: figures beside their limits, measured here and now."""
 
 from dataclasses import asdict
-from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import click
 
-from optolever.cli.arguments import sample
-from optolever.cli.options import json_option, size_option
-from optolever.cli.outputs import Program
+from optolever.cli.arguments import Opt, program
+from optolever.cli.options import Json, Size
 from optolever.cli.show import grid, number, progress, write_json
 
 if TYPE_CHECKING:
@@ -26,42 +24,29 @@ GLSL against float64, paper-simulation, decoded rms   1.539e-05 px  at most 0.00
 """
 
 
-@click.command("figures", cls=Program, epilog=sample(SAMPLE))
-@click.option(
-    "--seeds",
-    type=click.IntRange(min=1),
-    default=30,
-    show_default=True,
-    metavar="N",
-    help="Runs of the mean over seeds.",
-)
-@click.option(
+DECODE = Opt(
     "--decode",
-    "only_decode",
-    is_flag=True,
-    help="Measure the decoder instead: speed beside memory, `fringes` and OpenCV, on the same frames; errors "
+    "Measure the decoder instead: speed beside memory, `fringes` and OpenCV, on the same frames; errors "
     "beside what noise allows.",
 )
-@click.option(
-    "--reconstruct",
-    "only_reconstruct",
-    is_flag=True,
-    help="Measure the reconstructor instead: exactness, time, memory, the Cramer-Rao bound.",
+RECONSTRUCT = Opt(
+    "--reconstruct", "Measure the reconstructor instead: exactness, time, memory, the Cramer-Rao bound."
 )
-@size_option
-@json_option
+
+
+@program("figures", SAMPLE)
 def command(
-    seeds: int,
-    only_decode: bool,
-    only_reconstruct: bool,
-    size: tuple[int, int] | None,
-    json_path: Path | None,
+    seeds: Annotated[int, Opt("--seeds N", "Runs of the mean over seeds.", click.IntRange(1))] = 30,
+    only_decode: Annotated[bool, DECODE] = False,
+    only_reconstruct: Annotated[bool, RECONSTRUCT] = False,
+    size: Size = None,
+    json_path: Json = None,
 ) -> None:
     """Measure exactness, speed and noise, each beside its limit.
 
     Trace against brute force, GLSL against float64, frames per second, the demo with and without blur, and
-    error bars over many seeds. --size resamples the demo alone (with --decode: it is the size of the frames,
-    1080x1920 if not given).
+    error bars over many seeds. --pixels resamples the demo alone (with --decode: it is the frames' size,
+    1920x1080 if not given).
     """
     from ..figures.decode_speed import run_decode_figures
     from ..figures.figures import run_figures
@@ -70,7 +55,7 @@ def command(
     if only_decode and only_reconstruct:
         raise click.UsageError("--decode and --reconstruct: one at a time")
     if only_reconstruct and size is not None:
-        raise click.UsageError("--size: the reconstructor's figures have their own sizes")
+        raise click.UsageError("--pixels: the reconstructor's figures have their own sizes")
     with progress() as step:
         if only_reconstruct:
             figures = run_solver_figures(seeds=seeds, progress=step)

@@ -3,12 +3,12 @@
 import tempfile
 from collections import Counter
 from pathlib import Path
+from typing import Annotated
 
 import click
 
-from optolever.cli.arguments import sample
-from optolever.cli.options import json_option
-from optolever.cli.outputs import Program
+from optolever.cli.arguments import Opt, program
+from optolever.cli.options import Json, Seed
 from optolever.cli.show import grid, number, progress, table, write_json
 
 __all__ = ["command"]
@@ -22,14 +22,13 @@ scene      5        6        0
 """
 
 
-@click.command("fuzz", cls=Program, epilog=sample(SAMPLE))
-@click.option("--cases", type=click.IntRange(1), default=1000, show_default=True, metavar="N")
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the draws.")
-@click.option(
-    "--first", type=click.IntRange(0), default=0, show_default=True, help="The first case's number."
-)
-@json_option
-def command(cases: int, seed: int, first: int, json_path: Path | None) -> int:
+@program("fuzz", SAMPLE)
+def command(
+    cases: Annotated[int, Opt("--cases N", "Number of them.", click.IntRange(1))] = 1000,
+    seed: Seed = 0,
+    first: Annotated[int, Opt("--first N", "The first case's number.", click.IntRange(0))] = 0,
+    json_path: Json = None,
+) -> int:
     """Run the program on damaged inputs of every kind.
 
     Each must end with 0 and a result that holds, or with 2, one line and no result, within 30 s and 4 GiB.

@@ -1,13 +1,10 @@
 """`python -m lab house`: the source in figures, and the files that a decode and a solve touch."""
 
 from dataclasses import asdict
-from pathlib import Path
+from typing import Annotated
 
-import click
-
-from optolever.cli.arguments import sample
-from optolever.cli.options import json_option
-from optolever.cli.outputs import Program
+from optolever.cli.arguments import Opt, program
+from optolever.cli.options import Json
 from optolever.cli.show import grid, number, write_json
 
 __all__ = ["command"]
@@ -22,13 +19,12 @@ installed         1016   37000
 HEADER = ("part", "files", "lines", "at most", "JS, GLSL", "private words", "Any", "wide", "constants")
 
 
-@click.command("house", cls=Program, epilog=sample(SAMPLE))
-@click.option("--part", "parts", multiple=True, metavar="NAME", help="Only this one; again for more.")
-@click.option(
-    "--trace", is_flag=True, help="Also the files that a decode and a solve of a plain capture touch."
-)
-@json_option
-def command(parts: tuple[str, ...], trace: bool, json_path: Path | None) -> None:
+@program("house", SAMPLE)
+def command(
+    parts: Annotated[tuple[str, ...], Opt("--part NAME", "Only this one; again for more.")] = (),
+    trace: Annotated[bool, Opt("--trace", "Also the files that a decode and a solve touch.")] = False,
+    json_path: Json = None,
+) -> None:
     """Count lines of the installed parts, lab and tests beside their limits, private words, types, constants.
 
     private words: of the project's own dialect (STYLE.md), per 100 words of docstrings and comments; Any:

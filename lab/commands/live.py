@@ -1,13 +1,12 @@
 """`python -m lab live`: heights of single frames, their time and error beside their limits."""
 
 from dataclasses import asdict
-from pathlib import Path
+from typing import Annotated
 
 import click
 
-from optolever.cli.arguments import sample
-from optolever.cli.options import SIZE, json_option
-from optolever.cli.outputs import Program
+from optolever.cli.arguments import Opt, program
+from optolever.cli.options import Json, Seed, pixels
 from optolever.cli.show import grid, number, progress, table, write_json
 
 __all__ = ["command"]
@@ -23,13 +22,14 @@ contact  4     19.68  13.6 (15)     0.0019 (0.001)    0.51         0            
 """
 
 
-@click.command("live", cls=Program, epilog=sample(SAMPLE))
-@click.option("--size", type=SIZE, default="480x640", show_default=True, metavar="ROWSxCOLS")
-@click.option("--streams", type=click.IntRange(0), default=0, metavar="N", help="Drawn streams too.")
-@click.option("--frames", type=click.IntRange(12), default=60, metavar="N", help="Of each stream.")
-@click.option("--seed", type=click.IntRange(0), default=1, show_default=True)
-@json_option
-def command(size: tuple[int, int], streams: int, frames: int, seed: int, json_path: Path | None) -> None:
+@program("live", SAMPLE)
+def command(
+    size: Annotated[tuple[int, int], pixels("Size of the camera.")] = (480, 640),
+    streams: Annotated[int, Opt("--streams N", "Drawn streams too.", click.IntRange(0))] = 0,
+    frames: Annotated[int, Opt("--frames N", "Of each stream.", click.IntRange(12))] = 60,
+    seed: Seed = 1,
+    json_path: Json = None,
+) -> None:
     """Follow dents and contacts of an independent renderer on prism48, noise of 1.5 levels.
 
     Time is that of one core beside two float32 cosine transforms of the same size in the same process; set

@@ -1,12 +1,11 @@
 """`python -m lab rigs`: heights of rigs that are not as typed, against their total sigma."""
 
-from pathlib import Path
+from typing import Annotated
 
 import click
 
-from optolever.cli.arguments import sample
-from optolever.cli.options import json_option
-from optolever.cli.outputs import Program
+from optolever.cli.arguments import AT_LEAST_0, Opt, program
+from optolever.cli.options import Json, Seed
 from optolever.cli.show import grid, length, progress, write_json
 
 __all__ = ["command"]
@@ -19,15 +18,14 @@ camera pose  alone    5     ...
 """
 
 
-@click.command("rigs", cls=Program, epilog=sample(SAMPLE))
-@click.option(
-    "--draws", type=click.IntRange(1), default=5, show_default=True, metavar="N", help="Of every kind."
-)
-@click.option("--kind", "chosen", multiple=True, metavar="NAME", help="Kinds of errors; default: all.")
-@click.option("--times", type=click.FloatRange(0), default=1.0, show_default=True, help="Of the priors.")
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="The first one's number.")
-@json_option
-def command(draws: int, chosen: tuple[str, ...], times: float, seed: int, json_path: Path | None) -> None:
+@program("rigs", SAMPLE)
+def command(
+    draws: Annotated[int, Opt("--draws N", "Of every kind.", click.IntRange(1))] = 5,
+    chosen: Annotated[tuple[str, ...], Opt("--kind NAME", "Kinds of errors; default: all.")] = (),
+    times: Annotated[float, Opt("--times FACTOR", "Of the priors.", AT_LEAST_0)] = 1.0,
+    seed: Seed = 0,
+    json_path: Json = None,
+) -> None:
     """Draw rigs from the priors of typed numbers and compare heights with their total sigma.
 
     Medians of the heights' error and of total sigma; error/sigma: rms, median over runs and worst run;

@@ -1,12 +1,11 @@
 """`python -m lab sync`: synchronisation and capture of drawn displays and cameras in simulated time."""
 
-from pathlib import Path
+from typing import Annotated
 
 import click
 
-from optolever.cli.arguments import sample
-from optolever.cli.options import json_option
-from optolever.cli.outputs import Program
+from optolever.cli.arguments import Opt, program
+from optolever.cli.options import Json, Seed
 from optolever.cli.show import grid, write_json
 
 __all__ = ["command"]
@@ -20,14 +19,13 @@ setting  latency  rise   fall   shutter  within  frames  wrong  mixed  incomplet
 """
 
 
-@click.command("sync", cls=Program, epilog=sample(SAMPLE))
-@click.option(
-    "--frames", type=click.IntRange(20), default=100_000, show_default=True, metavar="N", help="In all."
-)
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the settings.")
-@click.option("--defaults", is_flag=True, help="Capture without [sync].")
-@json_option
-def command(frames: int, seed: int, defaults: bool, json_path: Path | None) -> None:
+@program("sync", SAMPLE)
+def command(
+    frames: Annotated[int, Opt("--frames N", "In all.", click.IntRange(20))] = 100_000,
+    seed: Seed = 0,
+    defaults: Annotated[bool, Opt("--defaults", "Capture without [sync].")] = False,
+    json_path: Json = None,
+) -> None:
     """Draw 20 displays, shutters, queues and losses; measure them; take images.
 
     latency, rise, fall, shutter: error in ms; within: 0.5 ms and 3 %; wrong: images of another pattern;
