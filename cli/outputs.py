@@ -154,7 +154,7 @@ def _reads(source: Path, path: Path) -> bool:
     if not source.is_file():
         return False
     named = _texts(source.read_text("utf-8", "replace")) if source.suffix == ".toml" else set[str]()
-    files = (source.parent / name for name in named if (source.parent / name).is_file())
+    files = (source.parent / name for name in named if os.path.isfile(source.parent / name))
     return _same(source, path) or any(_same(each, path) for each in files)
 
 
