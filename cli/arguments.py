@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Any, Literal, TypeVar, Union, get_args, get_origin
+from typing import Any, Literal, Union, get_args, get_origin
 
 import click
 
@@ -26,12 +26,9 @@ __all__ = [
     "Opt",
     "Rare",
     "Shape",
-    "option",
     "program",
     "sample",
 ]
-
-Function = TypeVar("Function", bound=Callable[..., Any])
 
 FILE = click.Path(path_type=Path)
 ABOVE_0, AT_LEAST_0 = click.FloatRange(min=0, min_open=True), click.FloatRange(min=0)
@@ -125,22 +122,6 @@ def program(
         return kind(name, callback=function, params=params, help=helped, epilog=sample(text))
 
     return made
-
-
-def option(
-    annotated: Any, name: str, default: Any = inspect.Parameter.empty
-) -> Callable[[Function], Function]:
-    """A shared option as a decorator below click.command."""
-    annotation, mark = get_args(annotated)
-
-    def decorate(function: Function) -> Function:
-        params = getattr(function, "__click_params__", [])
-        made = mark.parameter(name, annotation, default)
-        made.hidden = False  # there is no --help-all
-        vars(function)["__click_params__"] = [*params, made]
-        return function
-
-    return decorate
 
 
 def helping(options: list[Option]) -> list[click.Parameter]:

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import click
 
-from .commands import OLD, Commands
+from .commands import CAMERA, Commands
 
 __all__ = ["command"]
 
@@ -12,7 +12,7 @@ __all__ = ["command"]
 class Camera(Commands):
     """optolever camera NAME."""
 
-    sections: Mapping[str, Sequence[str]] = {"Commands": tuple(OLD)}
+    sections: Mapping[str, Sequence[str]] = {"Commands": CAMERA}
 
 
 @click.group("camera", cls=Camera)

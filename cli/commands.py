@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import click
 
-__all__ = ["SECTIONS", "Commands", "Program", "module_of"]
+__all__ = ["CAMERA", "SECTIONS", "Commands", "Program", "module_of"]
 
 #: Commands by section of --help.
 SECTIONS: Mapping[str, tuple[str, ...]] = {
@@ -33,9 +33,9 @@ SECTIONS: Mapping[str, tuple[str, ...]] = {
         "sensor",
     ),
 }
+CAMERA = ("devices", "expose", "sync", "record", "replay", "measure")
 #: Earlier names.
-OLD = {name: f"camera {name}" for name in ("devices", "expose", "sync", "record", "replay", "measure")}
-OLD["codes"] = "design"
+OLD = {name: f"camera {name}" for name in CAMERA} | {"codes": "design"}
 #: Files that are not named as their command.
 MODULES = {"show": "window"}
 

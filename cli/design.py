@@ -1,35 +1,26 @@
 """`optolever design`: sequences for a scene, ranked by predicted height error."""
 
 import math
+from collections.abc import Iterable
+from dataclasses import asdict
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Annotated
 
 import click
 
 import optolever as ol
 from optolever import InputError
 
-from .arguments import sample
-from .options import (
-    dent_of,
-    dent_option,
-    json_option,
-    load_scene,
-    renderer_option,
-    scene_option,
-    size_option,
-)
-from .outputs import OutputFile, Program
+from .arguments import ABOVE_0, AT_LEAST_0, SHARE, Opt, program
+from .options import Dent, Json, Renderer, SceneName, Size, dent_of, load_scene
+from .outputs import OutputFile
 from .show import grid, number, progress, table, write_json
-
-if TYPE_CHECKING:
-    from optolever.experiments.design import Design, DesignRow
 
 __all__ = ["command"]
 
 SAMPLE = """
-$ optolever design --scene prism48 --size 96x128 --frames 14 --rows 3 --out best.toml
+$ optolever design --scene prism48 --pixels 128x96 --frames 14 --rows 3 --out best.toml
 Height error, rms in mm: prism48, at most 14 frames
 sequence                               frames  time   predicted  +-   simulated  wrong order  measured
 phase:steps=3,periods=4.53333/4.37143  12      0.2 s  6.8e-05    1 %  6.61e-05   0e+00        100 %
@@ -42,83 +33,68 @@ Choice
   written to  best.toml
 """
 
-HEADER = ("sequence", "frames", "time", "predicted", "+-", "simulated", "wrong order", "measured", "")
-
-
-SHARE = click.FloatRange(0, 1, max_open=True)
-
-
-@click.command("design", cls=Program, epilog=sample(SAMPLE))
-@scene_option
-@dent_option
-@click.option(
-    "--frames", type=click.IntRange(min=2), metavar="N", help="Maximum number of frames; default 24."
+FRAMES = Opt("--frames N", "Maximum number of frames; default 24.", click.IntRange(min=2))
+TIME = Opt("--time SECONDS", "Maximum display time, in place of --frames.", ABOVE_0)
+REFRESH = Opt("--refresh HZ", "Frames that the display shows per second.", ABOVE_0)
+CODES = Opt(
+    "--code PATTERN[@DECODER]",
+    "Compare these codes, each as in --add, in place of a ranking; the next five options are then axes: each "
+    "may be given several times.",
 )
-@click.option("--time", "seconds", type=click.FloatRange(min=0, min_open=True), metavar="SECONDS",
-              help="Maximum display time, in place of --frames.")  # fmt: skip
-@click.option("--refresh", type=click.FloatRange(min=0, min_open=True), default=60.0, show_default=True,
-              metavar="HZ", help="Frames that the display shows per second.")  # fmt: skip
-@click.option("--code", "codes", multiple=True, metavar="PATTERN[@DECODER]",
-              help="Compare these codes, each as in --add, in place of a ranking; the next five options are "
-              "then axes: each may be given several times.")  # fmt: skip
-@click.option("--noise", "noises", multiple=True, type=click.FloatRange(min=0), default=(1.0,),
-              metavar="LEVELS", help="Noise of a frame, 8-bit levels.")  # fmt: skip
-@click.option("--lag", "lags", multiple=True, type=SHARE, default=(0.0,), metavar="SHARE",
-              help="Share of the preceding frame in each simulated frame; not predicted.")  # fmt: skip
-@click.option("--gamma", "gammas", multiple=True, type=click.FloatRange(min=0, min_open=True), metavar="G",
-              help="Gamma of the display in place of the scene's; unknown to the decoder.")  # fmt: skip
-@click.option("--flicker", "flickers", multiple=True, type=SHARE, metavar="SHARE",
-              help="Amplitude of the light's oscillation at 100 Hz, in simulated frames.")  # fmt: skip
-@click.option("--exposure", type=click.FloatRange(min=0), default=0.0, metavar="MS",
-              help="Exposure of a frame, rounded up to full refreshes.")  # fmt: skip
-@click.option("--blur", "blurs", multiple=True, type=click.FloatRange(min=0), metavar="CELLS",
-              help="Rms blur in place of the scene's.")  # fmt: skip
-@click.option("--failure", type=click.FloatRange(0, 1), default=1e-3, show_default=True, metavar="RATE",
-              help="Largest probability of a wrong fringe order or code bit.")  # fmt: skip
-@click.option("--add", "added", multiple=True, metavar="PATTERN",
-              help="Also rank a sequence; a folder of images with a coordinates.toml ([[frames]] file, axis) "
-              "or MODULE:FUNCTION, where FUNCTION(rows, cols) returns a patterns.Sequence or images; "
-              "@MODULE:FUNCTION after it: a decoder of yours (simulated only).")  # fmt: skip
-@click.option("--verify", type=click.IntRange(min=0), default=3, show_default=True, metavar="N",
-              help="Number of the best candidates to simulate.")  # fmt: skip
-@click.option("--rows", "shown", type=click.IntRange(min=1), default=12, show_default=True, metavar="N",
-              help="Rows of the table to print; the JSON file has all.")  # fmt: skip
-@renderer_option
-@size_option
-@click.option(
-    "--out",
-    type=OutputFile(".toml", bare=False),
-    metavar="FILE.toml",
-    help="Gets the best sequence, for capture --sequence.",
+NOISE = Opt("--noise LEVELS", "Noise of a frame, 8-bit levels.", AT_LEAST_0)
+LAG = Opt("--lag SHARE", "Share of the preceding frame in each simulated frame; not predicted.", SHARE)
+GAMMA = Opt("--gamma G", "Gamma of the display in place of the scene's; unknown to the decoder.", ABOVE_0)
+FLICKER = Opt(
+    "--flicker SHARE", "Amplitude of the light's oscillation at 100 Hz, in simulated frames.", SHARE
 )
-@click.option("--chart", type=OutputFile(".png", bare=False), metavar="FILE.png",
-              help="With --code: error over CPU seconds and seconds of acquisition.")  # fmt: skip
-@click.option("--csv", "csv_path", type=OutputFile(".csv", bare=False), metavar="FILE.csv",
-              help="With --code: all numbers.")  # fmt: skip
-@json_option
+BLUR = Opt("--blur CELLS", "Rms blur in place of the scene's.", AT_LEAST_0)
+EXPOSURE = Opt("--exposure MS", "Exposure of a frame, rounded up to full refreshes.", AT_LEAST_0)
+FAILURE = Opt(
+    "--failure RATE", "Largest probability of a wrong fringe order or code bit.", click.FloatRange(0, 1)
+)
+ADD = Opt(
+    "--add PATTERN",
+    "Also rank a sequence; a folder of images with a coordinates.toml ([[frames]] file, axis) or "
+    "MODULE:FUNCTION, where FUNCTION(rows, cols) returns a patterns.Sequence or images; @MODULE:FUNCTION "
+    "after it: a decoder of yours (simulated only).",
+)
+VERIFY = Opt("--verify N", "Number of the best candidates to simulate.", click.IntRange(min=0))
+ROWS = Opt("--rows N", "Rows of the table to print; the JSON file has all.", click.IntRange(min=1))
+OUT = Opt(
+    "--out FILE.toml", "Gets the best sequence, for capture --sequence.", OutputFile(".toml", bare=False)
+)
+CHART = Opt(
+    "--chart FILE.png",
+    "With --code: error over CPU seconds and seconds of acquisition.",
+    OutputFile(".png", bare=False),
+)
+CSV = Opt("--csv FILE.csv", "With --code: all numbers.", OutputFile(".csv", bare=False))
+
+
+@program("design", SAMPLE)
 def command(
-    scene_name: str,
-    dent: str | None,
-    frames: int | None,
-    seconds: float | None,
-    refresh: float,
-    codes: tuple[str, ...],
-    noises: tuple[float, ...],
-    lags: tuple[float, ...],
-    gammas: tuple[float, ...],
-    flickers: tuple[float, ...],
-    blurs: tuple[float, ...],
-    exposure: float,
-    failure: float,
-    added: tuple[str, ...],
-    verify: int,
-    shown: int,
-    renderer: str,
-    size: tuple[int, int] | None,
-    out: Path | None,
-    chart: Path | None,
-    csv_path: Path | None,
-    json_path: Path | None,
+    scene_name: SceneName,
+    dent: Dent = None,
+    frames: Annotated[int | None, FRAMES] = None,
+    seconds: Annotated[float | None, TIME] = None,
+    refresh: Annotated[float, REFRESH] = 60.0,
+    codes: Annotated[tuple[str, ...], CODES] = (),
+    noises: Annotated[tuple[float, ...], NOISE] = (1.0,),
+    lags: Annotated[tuple[float, ...], LAG] = (0.0,),
+    gammas: Annotated[tuple[float, ...], GAMMA] = (),
+    flickers: Annotated[tuple[float, ...], FLICKER] = (),
+    blurs: Annotated[tuple[float, ...], BLUR] = (),
+    exposure: Annotated[float, EXPOSURE] = 0.0,
+    failure: Annotated[float, FAILURE] = 1e-3,
+    added: Annotated[tuple[str, ...], ADD] = (),
+    verify: Annotated[int, VERIFY] = 3,
+    shown: Annotated[int, ROWS] = 12,
+    renderer: Renderer = "auto",
+    size: Size = None,
+    out: Annotated[Path | None, OUT] = None,
+    chart: Annotated[Path | None, CHART] = None,
+    csv_path: Annotated[Path | None, CSV] = None,
+    json_path: Json = None,
 ) -> None:
     """Rank codes for a scene by predicted error; simulate the best.
 
@@ -129,85 +105,73 @@ def command(
     With --code: predicted and simulated error of the named codes beside CPU seconds and seconds of
     acquisition, for every combination of noise and faults.
     """
-    from optolever.experiments.design import frame_rate, own_candidate, run_design, user_candidate
+    from optolever.experiments import design
 
-    rate = frame_rate(refresh, exposure)
-    faults = [
-        ol.experiments.Faults(*each)
-        for each in product(lags, gammas or (None,), flickers or (None,), blurs or (None,))
-    ]
+    rate = design.frame_rate(refresh, exposure)
+    axes = product(lags, gammas or (None,), flickers or (None,), blurs or (None,))
+    faults = [ol.experiments.Faults(*each) for each in axes]
+    scene, resized = load_scene(scene_name, size), size is not None
     if codes:
-        scene = load_scene(scene_name, size)
-        settings = {"faults": faults, "noises": noises, "rate": rate, "renderer": renderer}
-        _compare(scene, dent_of(scene, dent), codes, settings, size is not None, chart, csv_path, json_path)
+        with progress() as step:
+            rows = list(
+                design.compare_codes(
+                    scene, dent_of(scene, dent), codes,
+                    faults=faults, noises=noises, rate=rate,
+                    resized=resized, renderer=renderer, progress=step,
+                )
+            )  # fmt: skip
+        with ol.files.together():
+            if csv_path is not None:
+                design.write_tradeoff_csv(csv_path, rows)
+            if chart is not None:
+                design.write_tradeoff_chart(chart, rows)
+            write_json(json_path, {"rows": [asdict(row) for row in rows]})
+        _compared(scene.name, rows)
         return
     if len(faults) * len(noises) > 1 or chart or csv_path:
         raise InputError("--code: missing; several noises or faults, --chart and --csv compare named codes")
     (fault,), (noise,) = faults, noises
     budget = _budget(frames, seconds, rate)
-    scene = fault.on(load_scene(scene_name, size))
-    cells, resized = (scene.pattern.rows, scene.pattern.cols), size is not None
-    extra = [user_candidate(text, *cells, resized=resized) for text in added if "@" not in text]
-    own = [own_candidate(text, *cells, resized=resized) for text in added if "@" in text]
+    cells = scene.pattern.rows, scene.pattern.cols
+    extra = [design.user_candidate(text, *cells, resized=resized) for text in added if "@" not in text]
+    own = [design.own_candidate(text, *cells, resized=resized) for text in added if "@" in text]
     with progress() as step:
-        design = run_design(
-            scene,
-            dent_of(scene, dent),
-            frames=budget,
-            refresh=rate,
-            noise=noise,
-            failure=failure,
-            verify=verify,
-            extra=extra,
-            own=own,
-            lag=fault.lag,
-            renderer=renderer,
-            progress=step,
+        found = design.run_design(
+            fault.on(scene), dent_of(scene, dent),
+            frames=budget, refresh=rate, noise=noise, failure=failure, verify=verify,
+            extra=extra, own=own, lag=fault.lag, renderer=renderer, progress=step,
+        )  # fmt: skip
+    chosen = found.chosen
+    with ol.files.together():
+        if out is not None and chosen is not None:
+            chosen.sequence.save(out)
+        write_json(json_path, found.to_dict())
+    best = found.rows[:shown] + [row for row in found.rows[shown:] if row.text in added]
+    heads = ("sequence", "frames", "time", "predicted", "+-", "simulated", "wrong order", "measured", "")
+    lines = [
+        (
+            row.text,
+            str(row.frames),
+            number(row.seconds, "s"),
+            number(row.predicted),
+            f"{100 * row.spread:.0f} %" if math.isfinite(row.spread) else "",
+            number(row.simulated) if math.isfinite(row.simulated) else "",
+            f"{row.failure:.0e}" if math.isfinite(row.failure) else "",
+            number(100 * row.share, "%"),
+            row.why,
         )
-    with ol.files.together():
-        if out is not None and design.chosen is not None:
-            design.chosen.sequence.save(out)
-        write_json(json_path, design.to_dict())
-    grid(
-        f"Height error, rms in mm: {scene.name}, at most {budget} frames",
-        HEADER,
-        map(_cells, _printed(design, shown, added)),
-    )
-    chosen = design.chosen
-    table(
-        "Choice",
-        {
-            "sequence": "none: no candidate meets the limits" if chosen is None else chosen.text,
-            "candidates": str(len(design.rows)),
-            "time": ", ".join(f"{name} {number(value)}" for name, value in design.seconds.items()) + " s",
-            **({"written to": str(out)} if out is not None and chosen is not None else {}),
-        },
-    )
+        for row in best
+    ]
+    grid(f"Height error, rms in mm: {scene.name}, at most {budget} frames", heads, lines)
+    choice = {
+        "sequence": "none: no candidate meets the limits" if chosen is None else chosen.text,
+        "candidates": str(len(found.rows)),
+        "time": ", ".join(f"{name} {number(value)}" for name, value in found.seconds.items()) + " s",
+    }
+    table("Choice", choice | ({"written to": str(out)} if out is not None and chosen is not None else {}))
 
 
-def _compare(
-    scene: "ol.scene.Scene",
-    dent: str | None,
-    codes: tuple[str, ...],
-    settings: dict[str, Any],
-    resized: bool,
-    chart: Path | None,
-    csv_path: Path | None,
-    json_path: Path | None,
-) -> None:
-    """Print, draw and write the comparison of named codes."""
-    from dataclasses import asdict
-
-    from optolever.experiments.design import compare_codes, write_tradeoff_chart, write_tradeoff_csv
-
-    with progress() as step:
-        rows = list(compare_codes(scene, dent, codes, resized=resized, progress=step, **settings))
-    with ol.files.together():
-        if csv_path is not None:
-            write_tradeoff_csv(csv_path, rows)
-        if chart is not None:
-            write_tradeoff_chart(chart, rows)
-        write_json(json_path, {"rows": [asdict(row) for row in rows]})
+def _compared(name: str, rows: "Iterable[ol.experiments.design.Tradeoff]") -> None:
     lines = []
     for row in rows:
         axes = [row.noise, row.lag, row.gamma, row.flicker, row.blur]
@@ -216,35 +180,16 @@ def _compare(
                  for value, unit in zip(values, ("s", "s", "", "", "%"), strict=True)]  # fmt: skip
         lines.append([row.code, *("" if value is None else f"{value:g}" for value in axes), *cells, row.why])
     names = ("noise", "lag", "gamma", "flicker", "blur", "acquire", "CPU", "predicted", "simulated")
-    grid(f"Height error, rms in mm: {scene.name}", ("code", *names, "measured", ""), lines)
-
-
-def _printed(design: "Design", shown: int, added: tuple[str, ...]) -> "list[DesignRow]":
-    """The best rows, and the rows of --add."""
-    return design.rows[:shown] + [row for row in design.rows[shown:] if row.text in added]
+    grid(f"Height error, rms in mm: {name}", ("code", *names, "measured", ""), lines)
 
 
 def _budget(frames: int | None, seconds: float | None, refresh: float) -> int:
+    """Largest number of frames."""
     if frames is not None and seconds is not None:
         raise InputError("--frames and --time: exclude each other, leave one out")
     if seconds is None:
         return frames or 24
     if seconds * refresh < 2:
-        raise InputError(
-            f"--time {seconds:g}: shows less than two frames, must be at least {2 / refresh:.3g}"
-        )
+        text = f"--time {seconds:g}: shows less than two frames, must be at least {2 / refresh:.3g}"
+        raise InputError(text)
     return int(seconds * refresh + 1e-9)
-
-
-def _cells(row: "DesignRow") -> list[Any]:
-    return [
-        row.text,
-        str(row.frames),
-        number(row.seconds, "s"),
-        number(row.predicted),
-        f"{100 * row.spread:.0f} %" if math.isfinite(row.spread) else "",
-        number(row.simulated) if math.isfinite(row.simulated) else "",
-        f"{row.failure:.0e}" if math.isfinite(row.failure) else "",
-        number(100 * row.share, "%"),
-        row.why,
-    ]

@@ -11,7 +11,7 @@ import click
 import optolever as ol
 from optolever import InputError
 
-from .arguments import ABOVE_0, AT_LEAST_0, Opt, Rare, Shape, option
+from .arguments import ABOVE_0, AT_LEAST_0, Opt, Rare, Shape
 from .outputs import OutputFile
 
 if TYPE_CHECKING:
@@ -160,27 +160,3 @@ def correspondence_of(path: Path) -> "ol.decode.Correspondence":
     capture = ol.projector.Capture.load(path)
     with blame(path):
         return ol.decode.decode(capture.frames, capture.sequence)
-
-
-# of commands that are not functions with typed signatures yet
-json_option = option(Json, "json_path", None)
-size_option = option(Size, "size", None)
-dent_option = option(Dent, "dent", None)
-scene_option = option(SceneName, "scene_name")
-seed_option = option(Seed, "seed", 0)
-renderer_option = option(Renderer, "renderer", "auto")
-
-
-class _Size(click.ParamType[tuple[int, int]]):
-    name = "ROWSxCOLS"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[int, int]:
-        if isinstance(value, tuple):
-            return value
-        cols, rows = Shape(8).convert(value, param, ctx)
-        return rows, cols
-
-
-SIZE = _Size()

@@ -194,7 +194,6 @@ def _camera(rig: Path, devices: Devices, shown: "ol.patterns.Sequence") -> "ol.p
     return StillCamera(seen, ol.projector.Identity("virtual", "virtual sensor", "", "virtual"))
 
 
-
 def _window(devices: Devices, shown: "ol.patterns.Sequence") -> Any:
     """A PatternWindow on the monitor of that name, or a plain one; notices name faults of the monitor."""
     if not devices.display:
