@@ -160,7 +160,7 @@ def command(
                 )
             step("compare")
             numbers = _numbers(height) | {"seconds": seconds, "contacts": dents}
-            if height.calibration is not None:
+            if height.modes is not None:
                 less = None if at_rest is None else at_rest.height
                 numbers["budget_mm"] = ol.reconstruct.budget(
                     height, less, ol.reconstruct.free_mode_of(height, scene, anchor)
@@ -216,9 +216,7 @@ def _numbers(height: "ol.reconstruct.HeightMap") -> dict[str, Any]:
         "z_max_mm": float(height.z[good].max()) if some else float("nan"),
         "sigma_mm": float(np.median(height.sigma[good])) if some else float("nan"),
         "calibration_sigma_mm": (
-            float(np.median(height.calibration_sigma[good]))
-            if some and height.calibration is not None
-            else None
+            float(np.median(height.calibration_sigma[good])) if some and height.modes is not None else None
         ),
         "flags": flag_shares(height.flags, ol.decode.Flag, ol.reconstruct.HeightFlag),
         "defect": height.diagnostics.defect,

@@ -191,7 +191,7 @@ def _layers(study: Study) -> list[Layer]:
     true = "true height" if given.truth is not None else ""
     layers.append(length_layer("height", known(height.z), sigma="sigma", true=true, digits=7))
     layers.append(length_layer("sigma", sigma, "cividis", digits=3))
-    if height.calibration is not None:
+    if height.modes is not None:
         layers.append(length_layer("sigma by noise", known(height.sigma), "cividis", digits=3))
         layers.append(length_layer("sigma by the rig", known(height.calibration_sigma), "cividis", digits=3))
     if given.truth is not None:

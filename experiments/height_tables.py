@@ -82,7 +82,7 @@ def cards(study: Study, figures: Figures) -> list[_Card]:
         cards.append(_Card("deviation_sigma", "Standard deviation of the deviation", value, says))
     value = show("sigma by noise", np.median(noise), "mm")
     cards.append(_Card("noise_mm", "Standard deviation by noise", value, "median of the good pixels"))
-    if height.calibration is not None:
+    if height.modes is not None:
         value = show("sigma by the rig", np.median(rig), "mm")
         says = "median of the good pixels; moves the whole map at once"
         cards.append(_Card("rig_mm", "Standard deviation by the rig", value, says))

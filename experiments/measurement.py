@@ -127,7 +127,7 @@ class Measurement:
         if scene is None:
             return f"{word}, rig not given"
         if scene.exact:
-            known = self.height.calibration is None
+            known = self.height.modes is None
             return f"{word}, {'geometry known' if known else 'heights by another rig than this scene'}"
         rig = f"{word}, rig {self.rig or scene.name}"
         if scene.covariance is None:
@@ -154,7 +154,7 @@ class Study:
         slopes = None
         if seen is not None and scene is not None and some:
             # dents alone need the slopes of the modes
-            plain = replace(height, calibration=None) if given.open_air else height
+            plain = replace(height, modes=None) if given.open_air else height
             slopes = slope_map(plain, seen, scene, given.rest)
         fit = _form_fit(given, slopes)
         deviation = None if fit is None else _deviation(height, fit)
@@ -180,7 +180,8 @@ def _deviation(height: HeightMap, fit: FormFit) -> HeightMap:
     """The map less the form; its error modes less the fit's response to them. To first order the fit's
     parameters change the surface by a plane and a quadric, for a conic also by r^4. Its noise is that of the
     map, an upper bound."""
-    if height.calibration is None:
+    modes = height.calibration
+    if modes is None:
         return replace(height, z=fit.residual)
     good = height.good & np.isfinite(fit.residual)
     scale = max(float(np.ptp(part[good])) for part in (height.x, height.y))
@@ -192,11 +193,11 @@ def _deviation(height: HeightMap, fit: FormFit) -> HeightMap:
     terms += [x * x, x * y, y * y] if fit.form == "cylinder" else []
     terms += [r2 * r2] if "conic" in free else []
     basis, _ = np.linalg.qr(np.stack(terms, axis=1))
-    modes = np.full(height.calibration.shape, np.nan, np.float32)
-    for mode, bent in zip(height.calibration, modes, strict=True):
+    bent = np.full(modes.shape, np.nan, np.float32)
+    for mode, less in zip(modes, bent, strict=True):
         values = mode[good].astype(np.float64)
-        bent[good] = values - basis @ (basis.T @ values)
-    return replace(height, z=fit.residual, calibration=modes)
+        less[good] = values - basis @ (basis.T @ values)
+    return replace(height, z=fit.residual, modes=bent, modes_step=1)
 
 
 def _terms(deviation: HeightMap, slopes: SlopeMap | None) -> ZernikeFit | None:

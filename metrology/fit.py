@@ -149,8 +149,8 @@ def covariances_of(
         anchored = np.abs(inverse @ unit.sum(axis=0)) > _ANCHORED * np.abs(inverse) @ np.abs(unit).sum(axis=0)
         by_noise[anchored] = by_noise[:, anchored] = np.nan
     by_rig = np.zeros((count, count))
-    if height.calibration is not None:
-        modes = np.nan_to_num(height.calibration[:, good].astype(np.float64))
+    if (modes := height.calibration) is not None:
+        modes = np.nan_to_num(modes[:, good].astype(np.float64))
         answers = modes @ unit @ inverse / size
         by_rig = answers.T @ answers
     return by_noise, by_rig

@@ -175,7 +175,7 @@ def with_rig(
                 return solution._replace(height=refused(solution.height, mistake))
     if scene.exact:
         return solution
-    modes = rig_modes(model, solutions, solution.height)
+    modes = rig_modes(model, solutions)
     height = replace(solution.height, **modes._asdict())
     if measured.rest is not None and modes.own:
         height = limited_motion(height, unpressed(measured.correspondence, measured.rest)[0])

@@ -18,16 +18,18 @@ from optolever.notices import Notice, notices_from_array, notices_to_array
 from optolever.records import Axes, Comparable, flag_line, plot_maps, span
 
 from .arrays import Floats, Mask
-from .outputs.coarse_modes import CoarseModes, coarsened, expanded
-from .outputs.export import chosen, write_ply, write_stl, write_tiff, write_xyz
+from .outputs.coarse_modes import Modes, expanded, sum_of_squares
+from .outputs.export import MESHES, chosen, write_ply, write_tiff
 from .outputs.resampling import GRID_FORMATS, Grid, Lean, natural_pitch, resample
 
 __all__ = ["HEIGHT_FORMATS", "Diagnostics", "HeightFlag", "HeightMap"]
 
-#: How a height map is written, by the file's suffix.
-HEIGHT_FORMATS = GRID_FORMATS | {".ply": "save_ply", ".stl": "save_stl", ".xyz": "save_xyz"}
+#: Suffixes of the files that a height map is written to.
+HEIGHT_FORMATS = (*GRID_FORMATS, *MESHES)
 
 _ARRAYS = ("x", "y", "z", "sigma", "flags")
+_SINGLE = ("x", "y", "z", "sigma", "lean", "shared")  # float32 in files
+_TEXTS = ("notices", "diagnostics", "sources", "references")
 
 
 class HeightFlag(IntFlag):
@@ -90,12 +92,12 @@ class Diagnostics:
     def from_json(cls, text: str) -> Diagnostics:
         """The inverse of to_json; unknown entries are skipped."""
         known = {entry.name for entry in fields(cls)}
-        values = {name: value for name, value in json.loads(text).items() if name in known}
-        for name in ("steps", "notes"):
-            values[name] = tuple(values.get(name, ()))
-        if values.get("slope_sigma") is not None:
-            values["slope_sigma"] = tuple(values["slope_sigma"])
-        return cls(**values)
+        try:
+            values = {name: value for name, value in json.loads(text).items() if name in known}
+            listed = {name: tuple(value) for name, value in values.items() if isinstance(value, list)}
+            return cls(**values | listed)
+        except (ValueError, TypeError, AttributeError) as error:
+            raise InputError(f"field 'diagnostics' is not readable ({error})") from error
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -106,14 +108,15 @@ class HeightMap(Comparable):
     along the pixel's ray; flags: uint16, 0 = good: the decoder's bits and those of HeightFlag;
     lean: dx/dz and dy/dz along the rays, (2, H, W), or (2, 1, 1) if all are parallel, None if unknown (taken
     as upright); notices: warnings about the map, the correspondence's included;
-    calibration: (r, H, W) mm, change of z by one standard deviation of every independent error of the rig,
-    apart from `sigma`; an error is common to all heights. None: the scene is exact.
+    modes: (r, rows, cols) mm on every `modes_step`-th pixel, linear between: change of z by one standard
+    deviation of every independent error of the rig, apart from `sigma`; an error is common to all heights.
+    None: the scene is exact.
     sources, shares (s, r, r): origins of these errors, in words, and each one's part of their covariance
     (see `budget`); none: not known.
     displacement: (m, 2, 3), m >= r: the change of x and y by one standard deviation of every independent
     error of the rig, an affine field displacement[k] @ (1, x, y) in mm. The first r errors are those of
-    `calibration`; the others move the map along the mirror and change no height (the gauge). None: x and y
-    are exact.
+    `modes`; the others move the map along the mirror and change no height (the gauge). None: x and y are
+    exact.
     own: number of the last modes, errors of this capture alone (motion of the rig since the rest
     capture): they do not cancel in a difference of two maps.
     references: names (k,) of the rest capture and the anchors that the map rests on; shared (k, H, W) mm: the
@@ -128,7 +131,8 @@ class HeightMap(Comparable):
     diagnostics: Diagnostics = field(default_factory=lambda: Diagnostics("unknown"))
     lean: Lean | None = None
     notices: tuple[Notice, ...] = ()
-    calibration: NDArray[np.float32] | None = None
+    modes: Modes | None = None
+    modes_step: int = 1
     sources: tuple[str, ...] = ()
     shares: Floats | None = None
     displacement: Floats | None = None
@@ -137,38 +141,24 @@ class HeightMap(Comparable):
     shared: Floats | None = None
 
     def __post_init__(self) -> None:
-        shape = np.shape(self.z)
-        for name in _ARRAYS:
-            if np.shape(getattr(self, name)) != shape or len(shape) != 2:
-                found = np.shape(getattr(self, name))
-                raise InputError(f"height map: {name} has shape {found}, must be 2-D like z {shape}")
-        if self.lean is not None and self.lean.shape not in ((2, *shape), (2, 1, 1)):
-            raise InputError(
-                f"height map: lean has shape {self.lean.shape}, must be {(2, *shape)} or (2, 1, 1)"
-            )
-
-        if self.calibration is not None and (
-            self.calibration.ndim != 3 or self.calibration.shape[1:] != shape
-        ):
-            raise InputError(
-                f"height map: calibration has shape {self.calibration.shape}, must be (r, *{shape})"
-            )
-        modes = 0 if self.calibration is None else len(self.calibration)
-        if modes and self.shares is not None and self.shares.shape != (len(self.sources), modes, modes):
-            found = f"{len(self.sources)} sources, {modes} modes"
-            raise InputError(f"height map: shares has shape {self.shares.shape}, of {found}")
-        parts = None if self.shared is None else self.shared.shape
-        if self.references and parts != (len(self.references), *shape):
-            raise InputError(
-                f"height map: shared has shape {parts}, must be {(len(self.references), *shape)}"
-            )
-        if self.displacement is not None and (
-            self.displacement.shape[1:] != (2, 3) or len(self.displacement) < modes
-        ):
-            raise InputError(
-                f"height map: displacement has shape {self.displacement.shape}, must be (m, 2, 3), "
-                f"m at least {modes}"
-            )
+        shape, count, step = np.shape(self.z), self.count, self.modes_step
+        if len(shape) != 2 or step < 1:
+            raise InputError(f"height map: z has shape {shape}, must be 2-D; modes_step = {step}, at least 1")
+        moves = count if self.displacement is None else max(count, len(self.displacement))
+        shapes: dict[str, tuple[tuple[int, ...], ...]] = {
+            **dict.fromkeys(_ARRAYS, (shape,)),
+            "lean": ((2, *shape), (2, 1, 1)),
+            "modes": ((count, *((size - 1) // step + 1 for size in shape)),),
+            "displacement": ((moves, 2, 3),),
+            "shared": ((len(self.references), *shape),),
+        }
+        if count:
+            shapes["shares"] = ((len(self.sources), count, count),)
+        for name, known in shapes.items():
+            value = getattr(self, name)
+            if value is not None and np.shape(value) not in known:
+                must = " or ".join(map(str, known))
+                raise InputError(f"height map: {name} has shape {np.shape(value)}, must be {must}")
 
     def __repr__(self) -> str:
         good = self.good
@@ -178,10 +168,8 @@ class HeightMap(Comparable):
         lines.append(f"  z {span(self.z, good)} mm, sigma {span(self.sigma, good)} mm")
         lines.append(f"  x {span(self.x, good)}, y {span(self.y, good)} mm")
         lines.append("  " + flag_line(self.flags, names))
-        modes = 0 if self.calibration is None else len(self.calibration)
-        return "\n".join(
-            [*lines, f"  method {self.diagnostics.method}, {modes} modes, {len(self.notices)} notices"]
-        )
+        method, notices = self.diagnostics.method, len(self.notices)
+        return "\n".join([*lines, f"  method {method}, {self.count} modes, {notices} notices"])
 
     def plot(self, axes: Any = None) -> Axes:
         """Draw z and its standard deviation (noise and rig) of the good pixels with matplotlib; the axes."""
@@ -189,16 +177,27 @@ class HeightMap(Comparable):
         return plot_maps({title: np.where(self.good, one, np.nan) for title, one in maps.items()}, axes)
 
     def __sub__(self, other: HeightMap) -> HeightMap:
-        """This map less another one of the same rig, pixel by pixel: sigma is of the difference, modes
-        cancel as far as they are common, flags of both are joined. x, y and lean are this map's.
+        """This map less another one of the same rig, pixel by pixel: sigma is of the difference; modes, and
+        errors of a rest capture or an anchor in common, cancel as far as they are equal in both; flags of
+        both are joined. x, y and lean are this map's. InputError where the maps' shapes or rigs differ.
         """
         if not isinstance(other, HeightMap):
             return NotImplemented
-        z, _ = self.difference(other)
+        counts = [each.count - each.own for each in (self, other)]
+        if self.z.shape != other.z.shape or counts[0] != counts[1]:
+            raise InputError(
+                f"difference: maps of {self.z.shape} and {other.z.shape} pixels with {counts[0]} and "
+                f"{counts[1]} modes; must be of one rig"
+            )
+        variance = np.square(self.sigma) + np.square(other.sigma)
+        if self.shared is not None and other.shared is not None:
+            for name in set(self.references) & set(other.references):
+                one, two = self.references.index(name), other.references.index(name)
+                variance = variance - 2 * np.nan_to_num(self.shared[one] * other.shared[two])
         return replace(
             self,
-            z=z,
-            sigma=self._noise_less(other),
+            z=self.z - other.z,
+            sigma=np.sqrt(np.maximum(variance, np.square(self.sigma - other.sigma))),
             flags=self.flags | other.flags,
             diagnostics=Diagnostics("difference"),
             notices=tuple(dict.fromkeys((*self.notices, *other.notices))),
@@ -207,25 +206,16 @@ class HeightMap(Comparable):
             **self._modes_less(other),
         )
 
-    def _noise_less(self, other: HeightMap) -> Floats:
-        """Standard deviation of the difference by noise and anchors; errors of common references cancel as
-        far as they are equal in both maps."""
-        variance = np.square(self.sigma) + np.square(other.sigma)
-        if self.shared is not None and other.shared is not None:
-            for name in set(self.references) & set(other.references):
-                one, two = self.references.index(name), other.references.index(name)
-                variance = variance - 2 * np.nan_to_num(self.shared[one] * other.shared[two])
-        noise: Floats = np.sqrt(np.maximum(variance, np.square(self.sigma - other.sigma)))
-        return noise
-
     def _modes_less(self, other: HeightMap) -> dict[str, Any]:
         """The modes of the difference: common ones less the other's, then those of either capture alone."""
-        if self.calibration is None or other.calibration is None:
-            return {"calibration": None, "sources": (), "shares": None, "displacement": None, "own": 0}
-        common, own = len(self.calibration) - self.own, self.own + other.own
-        modes = [self.calibration[:common] - other.calibration[:common]]
-        modes += [self.calibration[common:], other.calibration[common:]]
-        changed: dict[str, Any] = {"calibration": np.concatenate(modes), "own": own}
+        if self.modes is None or other.modes is None:
+            return {"modes": None, "sources": (), "shares": None, "displacement": None, "own": 0}
+        common, own, step = self.count - self.own, self.own + other.own, self.modes_step
+        mine, others = self.modes, other.modes
+        if step != other.modes_step:
+            mine, others, step = *(np.asarray(each.calibration) for each in (self, other)), 1
+        modes = np.concatenate([mine[:common] - others[:common], mine[common:], others[common:]])
+        changed: dict[str, Any] = {"modes": modes, "modes_step": step, "own": own}
         if self.shares is not None:
             wider = np.pad(self.shares[:, :common, :common], ((0, 0), (0, own), (0, own)))
             alone = np.diag(np.repeat([0.0, 1.0], (common, own)))
@@ -240,12 +230,21 @@ class HeightMap(Comparable):
         return changed
 
     @property
+    def count(self) -> int:
+        """Number of modes."""
+        return 0 if self.modes is None else len(self.modes)
+
+    @property
+    def calibration(self) -> Modes | None:
+        """The modes on all pixels, (r, H, W) mm; made anew at every call."""
+        return None if self.modes is None else expanded(self.modes, self.modes_step, np.isfinite(self.z))
+
+    @property
     def calibration_sigma(self) -> Floats:
         """Standard deviation of z (mm) by the rig alone: root sum square of the modes; 0 without any."""
-        if self.calibration is None:
+        if self.modes is None:
             return np.zeros(self.z.shape)
-        modes = self.calibration.astype(np.float64)
-        return np.asarray(np.sqrt((modes * modes).sum(axis=0)))
+        return np.sqrt(sum_of_squares(self.modes, self.modes_step, self.z.shape))
 
     @property
     def total_sigma(self) -> Floats:
@@ -253,23 +252,9 @@ class HeightMap(Comparable):
         return np.hypot(self.sigma, self.calibration_sigma)
 
     def difference(self, other: HeightMap) -> tuple[Floats, Floats]:
-        """z less another map's of the same rig, pixel by pixel, and its standard deviation (mm): modes, and
-        errors of a rest capture or an anchor in common, cancel as far as they are equal in both. InputError
-        where the maps' shapes or rigs differ.
-        """
-        counts = [
-            0 if each.calibration is None else len(each.calibration) - each.own for each in (self, other)
-        ]
-        if self.z.shape != other.z.shape or counts[0] != counts[1]:
-            raise InputError(
-                f"difference: maps of {self.z.shape} and {other.z.shape} pixels with {counts[0]} and "
-                f"{counts[1]} modes; must be of one rig"
-            )
-        noise = self._noise_less(other)
-        if self.calibration is None or other.calibration is None:
-            return self.z - other.z, noise
-        modes = self._modes_less(other)["calibration"]
-        return self.z - other.z, np.sqrt(noise**2 + np.einsum("rij,rij->ij", modes, modes))
+        """z of this map less another one, and its standard deviation (mm)."""
+        change = self - other
+        return change.z, change.total_sigma
 
     def displacement_at(self, x: float, y: float) -> Floats:
         """The change of the point (x, y) by one standard deviation of every independent error of the rig,
@@ -297,54 +282,28 @@ class HeightMap(Comparable):
         return resample(self.x, self.y, self.z, self.total_sigma, self.good, pitch, self.lean)
 
     def save(self, path: str | Path) -> None:
-        """Write a compressed .npz with the fields' names, maps as float32; `modes` holds `calibration` on
-        every `modes_step`-th pixel where such a grid expands to it.
-        """
-        maps = {name: getattr(self, name) for name in ("x", "y", "z", "sigma", "lean", "shared")}
-        arrays: dict[str, Any] = {
-            name: None if one is None else np.asarray(one, np.float32) for name, one in maps.items()
-        }
-        told = notices_to_array(self.notices) if self.notices else None
-        arrays |= {"flags": self.flags, "diagnostics": self.diagnostics.to_json(), "notices": told}
-        arrays |= {"shares": self.shares, "displacement": self.displacement}
-        if self.calibration is not None:
-            coarse = coarsened(self.calibration, np.isfinite(self.z))
-            arrays |= {"modes": coarse.modes, "modes_step": np.array(coarse.step)}
-        arrays |= {"own": np.array(self.own)} if self.own else {}
-        arrays |= {"references": np.array(self.references)} if self.references else {}
-        arrays |= {} if self.shares is None else {"sources": np.array(self.sources)}
-        save_arrays(path, arrays, compressed=True)
+        """Write a compressed .npz with the fields' names, maps as float32; what is empty is left out."""
+        values: dict[str, Any] = {entry.name: getattr(self, entry.name) for entry in fields(self)}
+        values["notices"] = notices_to_array(self.notices) if self.notices else None
+        values["diagnostics"] = self.diagnostics.to_json()
+        values |= {name: np.asarray(values[name], np.float32) for name in _SINGLE if values[name] is not None}
+        save_arrays(path, {name: one for name, one in values.items() if np.size(one)}, compressed=True)
 
     @classmethod
     def load(cls, path: str | Path) -> HeightMap:
         """Read what save() wrote, maps as float64; InputError names the file and the field."""
-        arrays = load_arrays(path, _ARRAYS, ("notices", "diagnostics", "sources", "references"))
-        diagnostics = Diagnostics("unknown")
-        if "diagnostics" in arrays:
-            try:
-                diagnostics = Diagnostics.from_json(str(arrays["diagnostics"]))
-            except (ValueError, TypeError) as error:
-                raise InputError(f"{path}: field 'diagnostics' is not readable ({error})") from error
+        arrays: dict[str, Any] = load_arrays(path, _ARRAYS, _TEXTS)
         try:
-            known = {name: _doubled(arrays[name]) for name in _ARRAYS}
-            notices = notices_from_array(arrays["notices"]) if "notices" in arrays else ()
-            modes = arrays.get("calibration")  # as files before 0.1.0 hold them
-            if "modes" in arrays:
-                step = int(arrays.get("modes_step", 1))
-                modes = expanded(CoarseModes(arrays["modes"], step), np.isfinite(known["z"]))
-            return cls(
-                **known,
-                diagnostics=diagnostics,
-                lean=_doubled(arrays.get("lean")),
-                notices=notices,
-                calibration=modes,
-                sources=tuple(str(name) for name in np.atleast_1d(arrays.get("sources", ()))),
-                shares=arrays.get("shares"),
-                displacement=arrays.get("displacement"),
-                own=int(arrays.get("own", 0)),
-                references=tuple(str(name) for name in np.atleast_1d(arrays.get("references", ()))),
-                shared=_doubled(arrays.get("shared")),
-            )
+            values = {entry.name: arrays[entry.name] for entry in fields(cls) if entry.name in arrays}
+            values |= {name: np.asarray(values[name], np.float64) for name in _SINGLE if name in values}
+            values |= {name: int(values[name]) for name in ("own", "modes_step") if name in values}
+            for name in ("sources", "references"):
+                values[name] = tuple(map(str, np.atleast_1d(values.get(name, ()))))
+            if "notices" in values:
+                values["notices"] = notices_from_array(values["notices"])
+            if "diagnostics" in values:
+                values["diagnostics"] = Diagnostics.from_json(str(values["diagnostics"]))
+            return cls(**values)
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
 
@@ -357,27 +316,16 @@ class HeightMap(Comparable):
         grid."""
         write_ply(path, self.x, self.y, self.z, self.total_sigma, self.good)
 
-    def save_stl(self, path: str | Path) -> None:
-        """Write the mesh between the good pixels as binary STL."""
-        write_stl(path, self.x, self.y, self.z, self.good)
-
-    def save_xyz(self, path: str | Path) -> None:
-        """Write a line x y z (mm) per good pixel."""
-        write_xyz(path, self.x, self.y, self.z, self.good)
-
     def export(self, path: str | Path, pitch_mm: float | None = None) -> None:
         """Write in the format of the suffix, one of HEIGHT_FORMATS; InputError names these.
 
         X3P, SDF and DAT hold a regular grid of the pitch (None: about as fine as the pixels). NPZ and TIFF do
         so where a pitch is given; else they hold the camera's pixels.
         """
-        writer = chosen(path, HEIGHT_FORMATS)
-        if not hasattr(self, writer) or (pitch_mm is not None and writer in ("save", "save_tiff")):
-            self.resample(pitch_mm).export(path)
+        suffix = chosen(path, HEIGHT_FORMATS)
+        if suffix in MESHES:
+            MESHES[suffix](path, self.x, self.y, self.z, self.total_sigma, self.good)
+        elif pitch_mm is None and suffix in (".npz", ".tif", ".tiff"):
+            (self.save if suffix == ".npz" else self.save_tiff)(path)
         else:
-            getattr(self, writer)(path)
-
-
-def _doubled(values: Any) -> Any:
-    """Float32 as float64, in which all sums are made; others unchanged."""
-    return values.astype(np.float64) if getattr(values, "dtype", None) == np.float32 else values
+            self.resample(pitch_mm).export(path)

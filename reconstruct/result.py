@@ -17,7 +17,7 @@ from .contact.load import sinks
 from .heightmap import Diagnostics, HeightFlag, HeightMap
 from .judgement.circulation import contradiction
 from .judgement.discontinuities import cut_off
-from .outputs.coarse_modes import LINES, interpolated
+from .outputs.coarse_modes import Modes, coarse_step, filled
 from .problem import Problem
 from .solver.anchors import Anchors, EdgeAnchor
 from .solver.edges import Doubt
@@ -149,33 +149,24 @@ def loaded(height: HeightMap, problem: Problem, state: State, scene: Scene, anch
     distance = problem.data.distance(state.w) if problem.data.rays.logarithmic else np.ones(down.shape)
     known = np.nan_to_num(sink) / (down * distance).ravel()[state.rows.pixel]
     mode = problem.to_image(anchor_response(problem.labels, state, known) * distance * down, np.nan)
-    step = max(1, min(mode.shape) // LINES)
-    smooth = interpolated(mode[None, ::step, ::step], step, np.isfinite(height.z))[0]
-    return _with_own_mode(height, smooth, LOAD)
+    step = coarse_step(mode.shape) if height.modes is None else height.modes_step
+    return _with_own_mode(height, filled(mode[None, ::step, ::step]), step, LOAD)
 
 
-def _with_own_mode(height: HeightMap, mode: Floats, name: str) -> HeightMap:
+def _with_own_mode(height: HeightMap, mode: Modes, step: int, name: str) -> HeightMap:
     """With one more independent error, the last mode, of this capture alone, which moves no point along the
     mirror."""
-    before = np.empty((0, *mode.shape)) if height.calibration is None else height.calibration
-    count, shares, displacement = len(before), height.shares, height.displacement
-    sources = height.sources
-    if shares is None:
-        shares, sources = np.eye(count)[None], ("the numbers of the rig",)
-    more = np.zeros((len(sources) + 1, count + 1, count + 1))
-    more[:-1, :-1, :-1], more[-1, -1, -1] = shares, 1.0
-    names = (*sources, name)
-    if not count:
-        more, names = more[-1:], (name,)
-    if displacement is not None:
-        displacement = np.insert(displacement, count, 0.0, axis=0)
-    calibration = np.concatenate([before, mode[None]]).astype(np.float32)
+    count, displacement = height.count, height.displacement
+    shares = np.zeros((0, count, count)) if height.shares is None else height.shares
+    shares = np.pad(shares, (0, 1))
+    shares[-1, -1, -1] = 1.0
     return replace(
         height,
-        calibration=calibration,
-        sources=names,
-        shares=more,
-        displacement=displacement,
+        modes=mode if height.modes is None else np.concatenate([height.modes, mode]),
+        modes_step=step,
+        sources=(*height.sources, name),
+        shares=shares,
+        displacement=None if displacement is None else np.insert(displacement, count, 0.0, axis=0),
         own=height.own + 1,
     )
 

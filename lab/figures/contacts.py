@@ -187,8 +187,8 @@ def _with_differences(seen: Correspondence, scene: Scene, rest: Correspondence |
     x, y = 0.5 * scene.mirror.length, 0.5 * scene.mirror.width
     moves += [np.array([[along, 0, 0], [0, 0, 0]]), np.array([[0, 0, 0], [across, 0, 0]])]
     moves += [turn * np.array([[y, 0, -1], [-x, 1, 0]])]
-    calibration = np.nan_to_num(np.stack(modes)).astype(np.float32)
-    return replace(height, calibration=calibration, displacement=np.stack(moves))
+    whole = np.nan_to_num(np.stack(modes)).astype(np.float32)
+    return replace(height, modes=whole, modes_step=1, displacement=np.stack(moves))
 
 
 def compared(pressed: tuple[HeightMap, SlopeMap], fingers: list[Finger], scene: Scene) -> list[Compared]:

@@ -49,9 +49,9 @@ class Relief:
         measured &= np.isfinite(height.z) & np.isfinite(spread) & (slopes.sigma_x > 0) & (slopes.sigma_y > 0)
         if not (measured[:-1, :-1] & measured[1:, :-1] & measured[:-1, 1:]).any():
             return None
-        modes = np.zeros((0, *measured.shape), np.float32)
-        if height.calibration is not None:
-            modes = height.calibration
+        modes = height.calibration
+        if modes is None:
+            modes = np.zeros((0, *measured.shape), np.float32)
         fields = np.stack([height.x, height.y, height.z, height.sigma])
         holes = scipy.ndimage.binary_fill_holes(measured) & ~measured
         error = np.zeros(measured.shape)

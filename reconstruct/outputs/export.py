@@ -7,7 +7,7 @@ import hashlib
 import io
 import struct
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -22,16 +22,7 @@ from optolever.files import atomic_file
 
 from ..arrays import Floats, Mask
 
-__all__ = [
-    "chosen",
-    "write_dat",
-    "write_ply",
-    "write_sdf",
-    "write_stl",
-    "write_tiff",
-    "write_x3p",
-    "write_xyz",
-]
+__all__ = ["MESHES", "REGULAR", "chosen", "write_ply", "write_tiff"]
 
 _METRES = 1e-3  # per mm
 _DATA = "bindata/data.bin"
@@ -79,15 +70,15 @@ _WAVE = float(np.float32(632.8e-9))  # m, as the header holds it
 _OBLIQUITY, _FRINGE = 1.0, 0.5  # waves of height per fringe
 
 
-def chosen(path: str | Path, writers: Mapping[str, str]) -> str:
-    """The writer of the path's suffix. InputError names the suffixes that are known."""
+def chosen(path: str | Path, known: Sequence[str]) -> str:
+    """The path's suffix. InputError names the suffixes that are known."""
     suffix = Path(path).suffix.lower()
-    if suffix not in writers:
-        raise InputError(f"{path}: suffix {suffix!r}, must be {' or '.join(writers)}")
-    return writers[suffix]
+    if suffix not in known:
+        raise InputError(f"{path}: suffix {suffix!r}, must be {' or '.join(known)}")
+    return suffix
 
 
-def write_tiff(path: str | Path, z: Floats, pitch_mm: float | None = None) -> None:
+def write_tiff(path: str | Path, z: Floats, pitch_mm: float | None = None, *_: float) -> None:
     """z (rows, cols) in mm as float32; with a pitch also the resolution in pixels per centimetre."""
     scale: dict[str, Any] = {}
     if pitch_mm is not None:
@@ -125,7 +116,7 @@ def write_ply(path: str | Path, x: Floats, y: Floats, z: Floats, sigma: Floats, 
         stream.write(faces.tobytes())
 
 
-def write_stl(path: str | Path, x: Floats, y: Floats, z: Floats, good: Mask) -> None:
+def write_stl(path: str | Path, x: Floats, y: Floats, z: Floats, _: Floats, good: Mask) -> None:
     """The triangles between neighbouring good pixels as binary STL, mm; normals towards +z."""
     _require_any(path, good)
     points = np.stack([x[good], y[good], z[good]], axis=1)
@@ -146,7 +137,7 @@ def write_stl(path: str | Path, x: Floats, y: Floats, z: Floats, good: Mask) -> 
         stream.write(facets.tobytes())
 
 
-def write_xyz(path: str | Path, x: Floats, y: Floats, z: Floats, good: Mask) -> None:
+def write_xyz(path: str | Path, x: Floats, y: Floats, z: Floats, _: Floats, good: Mask) -> None:
     """A line `x y z` (mm) per good pixel."""
     _require_any(path, good)
     text = io.StringIO()
@@ -155,7 +146,7 @@ def write_xyz(path: str | Path, x: Floats, y: Floats, z: Floats, good: Mask) -> 
         temporary.write_text(text.getvalue(), encoding="ascii")
 
 
-def write_sdf(path: str | Path, z: Floats, pitch_mm: float) -> None:
+def write_sdf(path: str | Path, z: Floats, pitch_mm: float, *_: float) -> None:
     """z (rows, cols) mm, NaN where unknown, as ASCII SDF (ISO 25178-71), metres, without an origin."""
     known = np.isfinite(z)
     _require_any(path, known)
@@ -181,7 +172,7 @@ def write_sdf(path: str | Path, z: Floats, pitch_mm: float) -> None:
         temporary.write_text("\n".join([*lines, "*", "*", ""]), encoding="ascii")
 
 
-def write_dat(path: str | Path, z: Floats, pitch_mm: float) -> None:
+def write_dat(path: str | Path, z: Floats, pitch_mm: float, *_: float) -> None:
     """z (rows, cols) mm, NaN where unknown, as Zygo MetroPro binary data, in the finest steps that hold it.
 
     InputError where the heights exceed 165 mm, or a side 65535 points.
@@ -260,15 +251,7 @@ def _require_any(path: str | Path, good: Mask) -> None:
 def _triangles(good: Mask) -> NDArray[np.int32]:
     """Vertex numbers (N, 3) of the two triangles of every square of four good pixels' halves."""
     number = np.cumsum(good).reshape(good.shape).astype(np.int32) - 1
-    a, b, c, d = (
-        (slice(None, -1), slice(None, -1)),
-        (slice(None, -1), slice(1, None)),
-        (
-            slice(1, None),
-            slice(1, None),
-        ),
-        (slice(1, None), slice(None, -1)),
-    )
+    a, b, c, d = np.s_[:-1, :-1], np.s_[:-1, 1:], np.s_[1:, 1:], np.s_[1:, :-1]
     halves = []
     for corners in ((a, b, c), (a, c, d)):
         whole = good[corners[0]] & good[corners[1]] & good[corners[2]]
@@ -278,3 +261,14 @@ def _triangles(good: Mask) -> NDArray[np.int32]:
 
 def _md5(data: bytes) -> str:
     return hashlib.md5(data, usedforsecurity=False).hexdigest()
+
+
+#: Writers of points and meshes, and of regular grids, by suffix.
+MESHES: dict[str, Callable[[str | Path, Floats, Floats, Floats, Floats, Mask], None]]
+MESHES = {".ply": write_ply, ".stl": write_stl, ".xyz": write_xyz}
+REGULAR: dict[str, Callable[[str | Path, Floats, float, float, float], None]] = {
+    **dict.fromkeys((".tif", ".tiff"), write_tiff),
+    ".x3p": write_x3p,
+    ".sdf": write_sdf,
+    ".dat": write_dat,
+}

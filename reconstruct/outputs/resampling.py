@@ -21,21 +21,14 @@ from optolever.kernels import exact
 from optolever.records import Axes, Comparable, plot_maps, span
 
 from ..arrays import Floats, Mask
-from .export import chosen, write_dat, write_sdf, write_tiff, write_x3p
+from .export import REGULAR, chosen
 
 __all__ = ["GRID_FORMATS", "Grid", "Lean", "gradients", "natural_pitch", "resample"]
 
 Lean = NDArray[np.floating[Any]]
 
-#: How a grid is written, by the file's suffix.
-GRID_FORMATS = {
-    ".npz": "save",
-    ".tif": "save_tiff",
-    ".tiff": "save_tiff",
-    ".x3p": "save_x3p",
-    ".sdf": "save_sdf",
-    ".dat": "save_dat",
-}
+#: Suffixes of the files that a grid is written to.
+GRID_FORMATS = (".npz", *REGULAR)
 _LIMIT = 64_000_000  # grid points
 
 
@@ -86,34 +79,19 @@ class Grid(Comparable):
         scalars = {name: float(arrays[name]) for name in ("x0", "y0", "pitch")}
         return cls(arrays["z"], arrays["sigma"], **scalars)
 
-    def save_tiff(self, path: str | Path) -> None:
-        """Write z as float32 TIFF (mm, NaN where unknown) with its scale."""
-        write_tiff(path, self.z, self.pitch)
-
-    def save_x3p(self, path: str | Path) -> None:
-        """Write z as X3P (ISO 25178-72), which metrology programs read; it has no place for sigma."""
-        write_x3p(path, self.z, self.pitch, self.x0, self.y0)
-
-    def save_sdf(self, path: str | Path) -> None:
-        """Write z as SDF (ISO 25178-71); it has no place for sigma and the origin."""
-        write_sdf(path, self.z, self.pitch)
-
-    def save_dat(self, path: str | Path) -> None:
-        """Write z as Zygo MetroPro data, in steps of at most 0.1 nm, without sigma and origin."""
-        write_dat(path, self.z, self.pitch)
-
     def export(self, path: str | Path) -> None:
-        """Write in the format of the suffix, one of GRID_FORMATS; InputError names these."""
-        getattr(self, chosen(path, GRID_FORMATS))(path)
+        """Write in the format of the suffix, one of GRID_FORMATS; InputError names these. Formats other than
+        NPZ have no place for sigma, SDF and DAT none for the origin."""
+        suffix = chosen(path, GRID_FORMATS)
+        if suffix == ".npz":
+            self.save(path)
+        else:
+            REGULAR[suffix](path, self.z, self.pitch, self.x0, self.y0)
 
 
 def natural_pitch(x: Floats, y: Floats, good: Mask) -> float:
     """Side of a square as large as the median patch between four good pixels, mm. InputError without one."""
-    a, b, c = (
-        (slice(None, -1), slice(None, -1)),
-        (slice(None, -1), slice(1, None)),
-        (slice(1, None), slice(None, -1)),
-    )
+    a, b, c = np.s_[:-1, :-1], np.s_[:-1, 1:], np.s_[1:, :-1]
     whole = good[a] & good[b] & good[c]
     area = (x[b] - x[a]) * (y[c] - y[a]) - (y[b] - y[a]) * (x[c] - x[a])
     if not whole.any():

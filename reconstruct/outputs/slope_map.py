@@ -151,10 +151,11 @@ def slope_map(
 
 def _mode_slopes(height: HeightMap) -> NDArray[np.float32] | None:
     """Slopes (r, 2, H, W) of the modes over x and y."""
-    if height.calibration is None:
+    modes = height.calibration
+    if modes is None:
         return None
-    slopes = np.empty((len(height.calibration), 2, *height.z.shape), np.float32)
-    for mode, slope in zip(height.calibration, slopes, strict=True):
+    slopes = np.empty((len(modes), 2, *height.z.shape), np.float32)
+    for mode, slope in zip(modes, slopes, strict=True):
         known = np.isfinite(height.z) & np.isfinite(mode)
         slope[:] = gradients(height.x, height.y, mode.astype(np.float64), known)
     return slopes

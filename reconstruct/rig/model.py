@@ -28,7 +28,7 @@ from ..geometry import pattern_plane, traced_rays
 from ..heightmap import HeightFlag, HeightMap
 from ..judgement.circulation import circulation_chi2, circulations
 from ..measured import Measured
-from ..outputs.coarse_modes import LINES, interpolated
+from ..outputs.coarse_modes import Modes, coarse_step, filled
 from ..problem import Problem
 from ..solver.anchors import (
     AnchorRows,
@@ -118,10 +118,10 @@ class RigJudgement(NamedTuple):
 
 
 class RigModes(NamedTuple):
-    """Changes by independent errors of unit variance: calibration (r, H, W), mm of z; displacement (m, 2, 3),
-    m >= r, of x and y (see `HeightMap`); sources (s,) in words, shares (s, r, r); own: modes of motion."""
+    """Changes by independent errors of unit variance, see `HeightMap`."""
 
-    calibration: NDArray[np.float32]
+    modes: Modes
+    modes_step: int
     displacement: Floats
     sources: tuple[str, ...]
     shares: Floats
@@ -236,7 +236,7 @@ def rig_model(
     first: solves a measurement (its problem and its state).
     Where the coarse grid has no solution (small images, ragged masks), all pixels are taken.
     """
-    step = max(1, min(measured.correspondence.u.shape) // LINES)
+    step = coarse_step(measured.correspondence.u.shape)
     if height is not None:
         settled = np.isfinite(height.z) & ((height.flags & _UNSETTLED) == 0)
         if settled.any():
@@ -306,12 +306,13 @@ def raw_chi2(model: RigModel) -> float:
     return own.worst(own.scores) if own.scores.size else 0.0
 
 
-def rig_modes(model: RigModel, solutions: Sequence[RigSolution], height: HeightMap) -> RigModes:
-    """The modes on all pixels of a height map."""
+def rig_modes(model: RigModel, solutions: Sequence[RigSolution]) -> RigModes:
+    """The modes of its height map."""
     own, *others = (model.points(each) for each in solutions)
     moved = (np.stack(others) - own) / _STEP
     return RigModes(
-        interpolated(moved[:, 2], model.step, np.isfinite(height.z)),
+        filled(moved[:, 2]),
+        model.step,
         np.concatenate([_affine(own, moved[:, :2]), gauge_displacement(model.scene)]),
         model.sources,
         model.shares,

@@ -17,7 +17,7 @@ from optolever.scene import Scene, adjusted, strided
 
 from ..arrays import Floats, Mask
 from ..heightmap import HeightMap
-from ..outputs.coarse_modes import interpolated
+from ..outputs.coarse_modes import filled
 from .calibration import flat_mirror
 
 __all__ = ["limited_motion", "motion_shifts", "unpressed"]
@@ -39,7 +39,7 @@ def motion_shifts(press: Correspondence, scene: Scene, step: int) -> Floats:
     fields = [flat_mirror(adjusted(small, {name: size})) - flat for name, size in poses]
     places = np.stack([np.where(press.good, at, np.nan) for at in (press.u, press.v)])
     fields += [_IMAGE / step * np.gradient(places, axis=axis) for axis in (1, 2)]
-    whole = interpolated(np.reshape(fields, (-1, *flat.shape[1:])), 1, np.ones(flat.shape[1:], np.bool_))
+    whole = filled(np.reshape(fields, (-1, *flat.shape[1:])))
     _, values, modes = np.linalg.svd(whole.reshape(len(fields), -1).astype(np.float64), full_matrices=False)
     strong: Floats = (values[:, None] * modes)[values > _WEAK * values.max()]
     return strong.reshape(-1, *flat.shape)
@@ -48,12 +48,13 @@ def motion_shifts(press: Correspondence, scene: Scene, step: int) -> Floats:
 def limited_motion(height: HeightMap, still: Mask) -> HeightMap:
     """The height against rest with its last `own` modes, of the motion, limited by the height where nothing
     presses (H, W); with a notice of a motion beyond its prior."""
-    assert height.calibration is not None
-    common, modes = height.calibration[: -height.own], height.calibration[-height.own :]
-    quiet = still & height.good & np.isfinite(modes).all(axis=0)
-    if not quiet.any():
+    assert height.modes is not None
+    common, modes, step = height.modes[: -height.own], height.modes[-height.own :], height.modes_step
+    quiet = still & height.good
+    nodes = quiet[::step, ::step]
+    if not nodes.any():
         return height
-    at = modes[:, quiet].astype(np.float64)
+    at = modes[:, nodes].astype(np.float64)
     gram = at @ at.T / at.shape[1]
     rms = float(np.sqrt(np.mean(height.z[quiet] ** 2)))
     wider = max(1.0, rms / float(np.sqrt(np.trace(gram))))
@@ -62,7 +63,7 @@ def limited_motion(height: HeightMap, still: Mask) -> HeightMap:
     limited = np.tensordot(np.linalg.cholesky(covariance).T, modes, 1).astype(np.float32)
     name = f"Where nothing presses, heights change by {1e3 * rms:.2g} um (rms); standard deviations of motion"
     found = (Notice(name, wider, _LIMIT, _CURE),) if wider > _LIMIT else ()
-    return replace(height, calibration=np.concatenate([common, limited]), notices=height.notices + found)
+    return replace(height, modes=np.concatenate([common, limited]), notices=height.notices + found)
 
 
 def unpressed(pressed: Correspondence, rest: Correspondence) -> tuple[Mask, float, float]:

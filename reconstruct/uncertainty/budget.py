@@ -16,7 +16,7 @@ from optolever.scene import Scene, strided
 from ..arrays import Floats, Mask
 from ..geometry import ray_field
 from ..heightmap import HeightMap
-from ..outputs.coarse_modes import interpolated
+from ..outputs.coarse_modes import expanded, filled
 from ..solver.anchors import Anchors, anchor_samples
 from .null_space import null_space
 from .sources import NOISE
@@ -68,7 +68,7 @@ def free_mode_of(height: HeightMap, scene: Scene, anchor: Anchors = None) -> tup
         at = anchor_samples(anchor, scene, ray_field(scene.camera), known)
     except InputError:
         return None
-    mode = interpolated(coarse[None], step, known)[0].astype(np.float64)
+    mode = expanded(filled(coarse[None]), step, known)[0].astype(np.float64)
     row, col = (
         np.clip(np.rint(part), 0, size - 1).astype(np.intp)
         for part, size in zip((at.row, at.col), mode.shape, strict=True)
@@ -97,9 +97,11 @@ def _one(
         NOISE: 1.0
     }
     found = {name: noise * (share / sum(shares.values())) ** 0.5 for name, share in shares.items()}
-    if height.calibration is not None:
-        modes = height.calibration.astype(np.float64)
-        moved = modes[:, at[0], at[1]] - (0.0 if around is None else np.nanmean(modes[:, around], axis=1))
+    modes = height.calibration
+    if modes is not None:
+        moved = modes[:, at[0], at[1]] - (
+            0.0 if around is None else np.nanmean(modes[:, around], axis=1, dtype=np.float64)
+        )
         of_rig = np.eye(len(modes))[None] if height.shares is None else height.shares
         names = ("the numbers of the rig",) if height.shares is None else height.sources
         squares = np.einsum("i,sij,j->s", moved, of_rig, moved)

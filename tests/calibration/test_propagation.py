@@ -72,7 +72,7 @@ def test_common_modes_cancel_in_a_difference(rig: Rig) -> None:
     assert np.median(sigma[good]) < 0.2 * np.median(pressed.total_sigma[good])
     assert np.nanmax(change[good]) == pytest.approx(0.3, rel=0.01)
     with pytest.raises(InputError, match="one rig"):
-        pressed.difference(replace(rest, calibration=None))
+        pressed.difference(replace(rest, modes=None))
 
 
 def test_a_number_named_twice_is_refused() -> None:

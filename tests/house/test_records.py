@@ -124,8 +124,8 @@ def test_the_difference_of_two_maps(chain: Chain) -> None:
     modes = rng.normal(size=(2, *height.z.shape)).astype(np.float32)
     flags = height.flags.copy()
     flags[3, 4] |= 2
-    pressed = replace(height, calibration=modes)
-    rest = replace(height, z=height.z - 0.25, sigma=2 * height.sigma, flags=flags, calibration=0.5 * modes)
+    pressed = replace(height, modes=modes)
+    rest = replace(height, z=height.z - 0.25, sigma=2 * height.sigma, flags=flags, modes=0.5 * modes)
     apart = pressed - rest
     assert isinstance(apart, HeightMap)
     good = apart.good

@@ -119,7 +119,7 @@ def test_sigmas_are_what_slope_noise_does(form: str) -> None:
 def test_the_rigs_errors_are_in_sigma() -> None:
     """A mode that adds power moves the radius by d(1/R)."""
     z, mode = conic(4000, 0), 1e-9 * ((X - X0) ** 2 + (Y - Y0) ** 2)
-    fit = fit_form(height_map(z, calibration=mode[None].astype(np.float32)), "sphere")
+    fit = fit_form(height_map(z, modes=mode[None].astype(np.float32)), "sphere")
     rig = fit.numbers.rig[fit.numbers.names.index("radius")]
     assert rig == pytest.approx(4000**2 * 2e-9, rel=1e-3)
     assert np.isnan(fit.numbers.noise).all()  # a file that does not say how noisy its slopes are

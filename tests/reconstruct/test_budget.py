@@ -102,7 +102,7 @@ def test_parts_that_are_none() -> None:
         HeightMap(
             *(flat,) * 4,
             flags=np.zeros((4, 4), np.uint16),
-            calibration=modes,
+            modes=modes,
             sources=("one",),
             shares=np.zeros((1, 2, 2)),
         )

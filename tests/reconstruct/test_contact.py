@@ -295,7 +295,7 @@ def test_errors_that_a_dent_shares_with_its_surroundings_cancel(prism: Scene, no
     for seed in range(4):
         drawn = np.random.default_rng(seed).standard_normal(4)
         z = height.z + np.tensordot(drawn, modes, 1)
-        wrong = replace(height, z=z, calibration=modes)
+        wrong = replace(height, z=z, modes=modes)
         found = contacts(wrong, slope_map(wrong, seen, prism))
         assert len(found) == 2
         for contact, depth in zip(found, (0.3, 0.1), strict=True):
@@ -310,7 +310,7 @@ def test_a_bulge_that_the_rig_explains_is_no_dent(prism: Scene, noisy) -> None:
     height = reconstruct(seen, prism)
     bulge = gaussians(prism, (0.05, 40, 30)).height(height.x, height.y)
     modes = np.nan_to_num(bulge[None]).astype(np.float32)
-    known = replace(height, calibration=modes)
+    known = replace(height, modes=modes)
     assert len(contacts(height, slope_map(height, seen, prism))) == 2
     (contact,) = contacts(known, slope_map(known, seen, prism))
     assert contact.depth == pytest.approx(0.3, abs=4 * contact.depth_sigma + 3e-4)

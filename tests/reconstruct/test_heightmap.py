@@ -53,7 +53,7 @@ def grid() -> Grid:
 
 
 def test_container(grid: Grid, tmp_path: Path) -> None:
-    grid.save_x3p(tmp_path / "h.x3p")
+    grid.export(tmp_path / "h.x3p")
     with zipfile.ZipFile(tmp_path / "h.x3p") as archive:
         document, data = archive.read("main.xml"), archive.read("bindata/data.bin")
         assert archive.read("md5checksum.hex").split()[0].decode() == hashlib.md5(document).hexdigest()
@@ -79,5 +79,5 @@ def test_container(grid: Grid, tmp_path: Path) -> None:
 def test_nothing_to_write(tmp_path: Path) -> None:
     empty = np.full((3, 3), np.nan)
     with pytest.raises(InputError, match="no good point"):
-        Grid(empty, empty, 0.0, 0.0, 1.0).save_x3p(tmp_path / "h.x3p")
+        Grid(empty, empty, 0.0, 0.0, 1.0).export(tmp_path / "h.x3p")
     assert not list(tmp_path.iterdir())
