@@ -14,13 +14,14 @@
 | `source.py`, `follow.py` | cameras, one of them virtual; readings as an iterator, tare |
 | `recorded.py` | readings beside their frames, and again from them |
 | `server.py`, `web.py`, `page.html` | the page, and who may ask for it |
-| `single_shot/` | `crossed`: displacement of one frame from one at rest |
+| `crossed.py` | displacement of one frame from one at rest |
 | `arrays.py` | names of arrays |
 """
 
 from optolever.arguments import check_face
 
 from .contact import Force, Touch
+from .crossed import PatternMap, crossed
 from .follow import Followed, follow, tared
 from .prepare import prepare
 from .prepared import Noise, Prepared
@@ -29,7 +30,6 @@ from .reading import Figures, Reading
 from .recorded import ReadingRecorder, Replayed, has_readings, replayed
 from .server import LiveServer
 from .shape import Shape
-from .single_shot import PatternMap, crossed
 from .source import Newest, Source, VirtualFinger, virtual_rig
 from .stream import Live
 from .touches import Touches

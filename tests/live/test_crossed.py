@@ -2,6 +2,7 @@
 
 from types import SimpleNamespace
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -66,9 +67,9 @@ def test_at_the_edge_of_the_frame(middle: tuple[int, int]) -> None:
     found = crossed(image(REST.u - dome, REST.v + 0.5 * dome, 1.0, 1), rest, SHOWN, prior=REST)
     assert found.good[1:-1, 1:-1].mean() > 0.99
     for moved, sigma, true in ((found.du, found.sigma_u, -dome), (found.dv, found.sigma_v, 0.5 * dome)):
-        error = (moved - true)[found.good]
-        assert (np.abs(error) < 5 * sigma[found.good]).mean() > 1 - 1e-4
-        assert np.sqrt(np.mean(error**2)) < 0.03
+        ratio = ((moved - true) / sigma)[found.good]
+        assert (np.abs(ratio) < 5).mean() > 1 - 1e-4
+        assert np.sqrt(np.mean(ratio**2)) < 1.2
 
 
 def test_what_leaves_the_pattern_is_dark_and_does_not_pull() -> None:
@@ -122,3 +123,31 @@ def test_default_guide_is_the_whole_surface() -> None:
 def test_bad_input(now: F64, message: str) -> None:
     with pytest.raises(InputError, match=message):
         crossed(now, np.zeros((30, 30)), SHOWN)
+
+
+@pytest.mark.parametrize("around", ["dark", "room", "reflection", "lamp"])
+def test_a_mirror_that_fills_a_part_of_the_picture(around: str) -> None:
+    """Two islands, whose prior goes on beside them: displaced on their own, right to their borders; all else
+    is flagged."""
+    moved = 4.0 * np.exp(-((COL - 60) ** 2 + (ROW - 100) ** 2) / (2 * 30**2)) + np.where(COL > 130, 3.0, 0.0)
+    left, right = (np.hypot(COL - middle, ROW - 100) < 45 for middle in (60, 180))
+    beside = {"dark": 0 * COL, "room": 60 + 20 * np.sin(ROW / 37), "reflection": 0 * COL, "lamp": 0 * COL}[
+        around
+    ]
+    images = []
+    for seed, shift in enumerate((moved, 0 * moved)):
+        inside = image(REST.u + shift, REST.v - 0.5 * shift, 0.0, 0).astype(float)
+        ghost = 0.04 * image(REST.u + 3.7, REST.v - 2.9, 0.0, 0) if around == "reflection" else beside
+        light = cv2.GaussianBlur(np.where(left | right, 0.8 * inside + 20, ghost), (0, 0), 0.6)
+        if around == "lamp":
+            light[np.hypot(COL - 120, ROW - 20) < 18] = 900
+        noisy = light + np.random.default_rng(seed).standard_normal(light.shape)
+        images.append(np.clip(np.rint(noisy), 0, 255).astype(np.uint8))
+    found = crossed(images[0], images[1], SHOWN, prior=REST)
+    distance = cv2.distanceTransform((left | right).astype(np.uint8), cv2.DIST_L2, 5)
+    assert found.good[distance > 12].mean() > 0.99
+    assert not found.good[cv2.distanceTransform((distance == 0).astype(np.uint8), cv2.DIST_L2, 5) > 20].any()
+    for error, sigma in ((found.du - moved, found.sigma_u), (found.dv + 0.5 * moved, found.sigma_v)):
+        assert (np.abs(error) > 5 * sigma)[(distance > 0) & found.good].mean() <= 2e-3
+    if around == "lamp":
+        assert (found.flags[15:25, 115:125] & Flag.SATURATED).all()

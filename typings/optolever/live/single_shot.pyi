@@ -1,1 +1,0 @@
-from live.single_shot import *
