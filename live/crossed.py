@@ -4,6 +4,8 @@ Both frames are fitted by the model of picture.py, in cells of one pixel, with e
 reduces what is left of a spatial frequency by the window's gain g, k steps leave (1 - g)^k (van Cittert): the
 change in the last step counts as error."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
