@@ -51,10 +51,9 @@ def command(
             swaps += 1
     span = float(np.ptp(stamps)) if stamps else 0.0
     numbers = {"images": len(stamps), "incomplete": incomplete, "swaps": swaps, "span_s": span}
-    again, same, lost, seconds = 0, 0, 0, 0.0
+    again, same, seconds = 0, 0, 0.0
     for one in ol.live.replayed(folder) if ol.live.has_readings(folder) else ():
-        again, same, seconds = again + one.recorded, same + one.identical, seconds + one.followed.delay
-        lost += not one.recorded
+        again, same, seconds = again + 1, same + one.identical, seconds + one.followed.delay
     numbers |= {"readings": again, "identical": same} if again else {}
     with ol.files.together():
         if out is not None:
@@ -70,11 +69,7 @@ def command(
     if out is not None:
         rows["capture"] = f"{numbers['frames']} frames in {out}"
     if again:
-        rows["readings"] = (
-            f"{same} of {again} bit-identical, {number(1e3 * seconds / (again + lost), 'ms')} each"
-        )
-    if lost:
-        print_notices([f"{lost} of {again + lost} readings have no line: it is lost, their frames are there"])
+        rows["readings"] = f"{same} of {again} bit-identical, {number(1e3 * seconds / again, 'ms')} each"
     if same < again:
         name = f"{again - same} of {again} readings differ from the recorded ones"
         print_notices([f"{name}: another version of the program, of its libraries, or another processor"])

@@ -5,20 +5,20 @@ The unknown is tau = t - t0, the distance along a cell's ray less that at rest. 
 the ray and the way to the pattern point, n ~ e - d, and the mirror holds its tangents, which gives the slope
 of t along columns and rows in closed form from (du, dv, tau) (as in `reconstruct`); the slope at rest is
 subtracted, so that float32 is good to nanometres and rest is exactly flat. With E the integrating factor at
-rest, tau = E x turns the equations into increments of x, whose weighted least squares are a `Columns` solve.
+rest, tau = E x turns the equations into increments of x, whose weighted least squares are one direct solve.
 Cells that are trusted less weigh less: then conjugate gradients, with that solve as preconditioner."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
 
 from optolever.blocks import over_rows
 from optolever.kernels import kernel
-from optolever.reconstruct import integrate
+from optolever.reconstruct import ColumnPoisson, integrate
 
 from .arrays import Cells, Float, Mask
-from .columns import Columns, columns_of
 from .geometry import AnchorLine, RestRays
 
 __all__ = ["Linearised", "chord_step", "linearised", "slopes_at"]
@@ -31,11 +31,11 @@ _SETTLED = 1e-5  # of their energy
 _STEP = 1e-4  # turns and mm: of the differences that give derivatives at rest
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Linearised:
     """planes (18, R, C), steps (2, 3): see RestRays; slopes (2, R, C): at rest, mm a cell; factor (R, C): the
     integrating factor E; root: its square root; along (C,), across (C,): weights of the edges by column;
-    columns: the solver; anchor (3, R, C): weights of tau, p and q in the mean that is zero."""
+    anchor (3, R, C): weights of tau, p and q in the mean that is zero."""
 
     planes: Cells
     steps: Cells
@@ -44,8 +44,15 @@ class Linearised:
     root: Cells
     along: Cells
     across: Cells
-    columns: Columns
     anchor: Cells
+
+    @cached_property
+    def _columns(self) -> ColumnPoisson:
+        return ColumnPoisson(self.along.astype(np.float64), self.across.astype(np.float64), len(self.factor))
+
+    def solve(self, divergence: Cells) -> Cells:
+        """x (R, C), of mean mode 0, of which D^T w D x is the right-hand side (R, C)."""
+        return self._columns.solve(divergence, single=True).astype(_f4)
 
 
 def linearised(rays: RestRays, line: AnchorLine, lit: Mask) -> Linearised:
@@ -81,7 +88,6 @@ def linearised(rays: RestRays, line: AnchorLine, lit: Mask) -> Linearised:
         np.sqrt(factor).astype(_f4),
         along.astype(_f4),
         across.astype(_f4),
-        columns_of(along, across, rows),
         np.stack([line.distance, line.per_col, line.per_row]).astype(_f4),
     )
 
@@ -97,7 +103,7 @@ def chord_step(rig: Linearised, displacement: Cells, tau: Cells, trust: Cells) -
     over_rows(lambda start, stop: _increments(slopes, tau, rig.root, increments, start, stop), tau.shape[0])
     divergence = _divergence(rig, increments, np.zeros_like(tau), trust)
     evenly = bool(trust.min() == 1)
-    x = rig.columns.solve(divergence) if evenly else _weighted(rig, divergence, trust)
+    x = rig.solve(divergence) if evenly else _weighted(rig, divergence, trust)
     here = rig.anchor * trust
     weight = float((here[0] * rig.factor).sum())
     if weight > 0:
@@ -111,21 +117,21 @@ def _weighted(rig: Linearised, divergence: Cells, trust: Cells) -> Cells:
     seen = trust > 0
     nothing = np.zeros((2, *trust.shape), _f4)
     x, r = np.zeros_like(divergence), divergence.copy()
-    direction = rig.columns.solve(r) * seen
+    direction = rig.solve(r) * seen
     energy = first = float(np.vdot(r, direction))
     for _ in range(_ITERATIONS):
         image = _divergence(rig, nothing, -direction, trust)
         length = energy / max(float(np.vdot(direction, image)), 1e-30)
         x += _f4(length) * direction
         r -= _f4(length) * image
-        z = rig.columns.solve(r) * seen
+        z = rig.solve(r) * seen
         new = float(np.vdot(r, z))
         if not new > _SETTLED * first:
             break
         direction *= _f4(new / energy)
         direction += z
         energy = new
-    return x if seen.all() else np.where(seen, x, rig.columns.solve(divergence))
+    return x if seen.all() else np.where(seen, x, rig.solve(divergence))
 
 
 def slopes_at(planes: Real, steps: Real, displacement: Real, tau: Real) -> Real:

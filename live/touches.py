@@ -10,6 +10,8 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
+from optolever.reconstruct import basins
+
 from .arrays import Cells, Float, Mask
 from .contact import Touch
 from .prepared import Prepared
@@ -21,7 +23,6 @@ __all__ = ["Touches", "widened"]
 _SIGNIFICANT = 6.0  # standard deviations of the height
 _RISEN = 0.25
 _PROMINENT = 0.2  # of a peak's height, over the saddle to a higher one
-_LEVELS, _LOW, _LOW_LEVELS = 0.8, 0.2, 0.5  # from one threshold to the next; below a share of the top
 _FEWEST = 3  # cells of the coarser grid in which peaks are looked for
 _COLUMNS = 80  # of the coarser grid
 _SAME = 3.0  # mm from frame to frame, beyond the contact's radius: two that merge lie there
@@ -105,44 +106,17 @@ def _regions(prepared: Prepared, reading: Reading, least: Cells) -> list[_Region
 
 
 def _peaks(z: Cells, sure: Mask, sigma: Cells) -> list[tuple[int, int]]:
-    """Cells (row, col) of the peaks, the highest first: thresholds fall, and where two peaks' areas merge,
-    the lower one stays if it is prominent."""
+    """Cells (row, col) of the peaks that stand out from their saddles, the highest first."""
     coarse = max(1, z.shape[1] // _COLUMNS)
-    small = np.where(sure, z, 0)[::coarse, ::coarse]
-    top = float(small.max())
-    if top <= 0:
-        return []
-    least = float(small[small > 0].min())
-    peaks: list[tuple[int, int]] = []
-    dropped: set[tuple[int, int]] = set()
-    level = top
-    while level > least and len(peaks) < 4 * _LARGEST:
-        before = level
-        level = max(level * (_LEVELS if level > _LOW * top else _LOW_LEVELS), least)
-        count, labels, stats, _ = cv2.connectedComponentsWithStats(
-            (small >= level).astype(np.uint8), connectivity=4
-        )
-        owners: dict[int, list[tuple[int, int]]] = {}
-        for at in peaks:
-            owners.setdefault(int(labels[at]), []).append(at)
-        for label in range(1, count):
-            x0, y0, width, height, cells = stats[label]
-            mine = owners.get(label, [])
-            if not mine and cells >= _FEWEST:
-                part = np.where(
-                    labels[y0 : y0 + height, x0 : x0 + width] == label,
-                    small[y0 : y0 + height, x0 : x0 + width],
-                    0,
-                )
-                down, along = np.unravel_index(int(part.argmax()), part.shape)
-                peaks.append((int(y0 + down), int(x0 + along)))
-            for at in sorted(mine, key=lambda one: -small[one])[1:]:
-                noise = _SIGNIFICANT * float(sigma[at[0] * coarse, at[1] * coarse])
-                if small[at] - before < max(_PROMINENT * small[at], noise):
-                    dropped.add(at)
-        peaks = [at for at in peaks if at not in dropped]
-    peaks = sorted(peaks, key=lambda one: -small[one])[:_LARGEST]
-    return [_climbed(z, sure, at[0] * coarse, at[1] * coarse, coarse) for at in peaks]
+    small, noise = (part[::coarse, ::coarse].astype(np.float64) for part in (z, sigma))
+    known = sure[::coarse, ::coarse]
+    margin = np.maximum(_SIGNIFICANT * noise, _PROMINENT * small) / 2
+    numbers, peaks = basins(small, np.where(known, margin, 0), known, 1.0)
+    cells = np.bincount(numbers[known])
+    found = [
+        divmod(int(at), small.shape[1]) for at, count in zip(peaks, cells, strict=True) if count >= _FEWEST
+    ]
+    return [_climbed(z, sure, row * coarse, col * coarse, coarse) for row, col in found[:_LARGEST]]
 
 
 def _climbed(z: Cells, sure: Mask, row: int, col: int, reach: int) -> tuple[int, int]:

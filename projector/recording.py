@@ -6,7 +6,7 @@ killed, or a disk that is full, leaves all images that have a line. Lines, by "e
     recording: version, free text fields of who recorded; the first one
     configured: the settings that a camera accepted
     shown: index, swapped_s, late
-    image: page, id, device_s, arrived_s, stamp_s, complete, why, crc32
+    image: page, id, device_s, arrived_s, stamp_s, complete, why, crc32; reading, where somebody read it
 """
 
 import errno
@@ -74,8 +74,9 @@ class Recorder:
         """A frame came on."""
         self._line("shown", asdict(shown))
 
-    def image(self, image: Image, stamp_s: float) -> None:
-        """An image and its time; one that is not complete has no page. OSError of `folder` on a full disk."""
+    def image(self, image: Image, stamp_s: float, reading: Mapping[str, Any] | None = None) -> None:
+        """An image, its time, and plain values that were read from it; one that is not complete has no page.
+        OSError of `folder` on a full disk."""
         line = {
             "id": image.id,
             "device_s": image.device_s,
@@ -99,7 +100,7 @@ class Recorder:
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self.folder))
             line |= {"page": self.images, "crc32": zlib.crc32(pixels.tobytes())}
             self.images += 1
-        self._line("image", line)
+        self._line("image", line if reading is None else line | {"reading": reading})
 
     def _line(self, event: str, values: Mapping[str, Any]) -> None:
         self._log.write(json.dumps({"event": event, **values}) + "\n")
@@ -157,10 +158,11 @@ class BackgroundRecorder:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Logged:
-    """An image of a recording and the time that was found for it."""
+    """An image of a recording, the time that was found for it, and what was read from it."""
 
     image: Image
     stamp_s: float
+    reading: Mapping[str, Any] | None = None
 
 
 class Recording:
@@ -193,7 +195,7 @@ class Recording:
                 if line["event"] == "shown":
                     yield Shown(**_plain(line, Shown))
                 elif line["event"] == "image":
-                    yield Logged(self._image(line, pages), line["stamp_s"])
+                    yield Logged(self._image(line, pages), line["stamp_s"], line.get("reading"))
 
     def images(self) -> Iterator[Logged]:
         """Images in their order."""

@@ -20,6 +20,7 @@
 from optolever.arguments import check_face
 
 from .contact import Contact, contacts, sink_around
+from .contact.peaks import basins
 from .coupled import method_names, reconstruct
 from .exact import exact_correspondence
 from .fields.integrate import Integral, integrate, integrator_names
@@ -30,6 +31,7 @@ from .outputs.slope_map import SlopeMap, slope_map
 from .rig.calibration import rest_corrected, same_capture
 from .rig.motion import unpressed
 from .solver.anchors import Anchor, DistanceAnchor, EdgeAnchor, PixelAnchor, PointAnchor
+from .solver.poisson import ColumnPoisson
 from .uncertainty.budget import ANCHOR, TOTAL, budget, free_mode_of
 from .uncertainty.null_space import null_space
 from .uncertainty.sources import NOISE
@@ -41,6 +43,7 @@ __all__ = [
     "NOISE",
     "TOTAL",
     "Anchor",
+    "ColumnPoisson",
     "Contact",
     "CurvatureMap",
     "Diagnostics",
@@ -53,6 +56,7 @@ __all__ = [
     "PixelAnchor",
     "PointAnchor",
     "SlopeMap",
+    "basins",
     "budget",
     "contacts",
     "curvature_map",

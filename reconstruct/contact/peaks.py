@@ -7,7 +7,6 @@ more than noise can make; otherwise its basin joins its neighbour's. No dent's h
 """
 
 import numpy as np
-import scipy.ndimage
 from numpy.typing import NDArray
 
 from optolever.kernels import exact
@@ -28,12 +27,13 @@ def basins(z: Floats, sigma: Floats, known: Mask, significance: float) -> tuple[
     label = np.full(z.size, -1, np.int64)
     margin = significance * sigma.ravel()
     _flood(order, z.ravel(), margin, z.shape[1], label)
-    roots, number = np.unique(label[order], return_inverse=True)
+    roots = label[order]
+    present = np.bincount(roots, minlength=z.size) > 0
+    number = np.cumsum(present)[roots] - 1
     numbers = np.full(z.size, -1, np.int64)
-    numbers[order] = number
-    lower = np.where(known.ravel(), z.ravel() - margin, -np.inf)
-    found = scipy.ndimage.maximum_position(lower, numbers, np.arange(roots.size))
-    peaks = np.array(found, dtype=np.int64).reshape(-1)
+    rising = np.argsort(z.ravel()[order] - margin[order], kind="stable")
+    peaks = np.empty(np.count_nonzero(present), np.int64)
+    peaks[number[rising]] = order[rising]  # the last one counts: the highest
     ranked = np.argsort(-z.ravel()[peaks], kind="stable")
     numbers[order] = np.argsort(ranked)[number]
     return numbers.reshape(z.shape), peaks[ranked]

@@ -15,6 +15,7 @@ from typing import Protocol
 
 import numpy as np
 import scipy.fft
+from numpy.typing import NDArray
 
 from optolever.blocks import over_image, threads
 from optolever.kernels import exact
@@ -102,7 +103,7 @@ class ColumnPoisson:
             lambda start, stop: _factor(*self._elimination, self._inverse_pivot, start, stop), (rows, cols)
         )
 
-    def solve(self, rhs: Floats, single: bool = False) -> Floats:
+    def solve(self, rhs: Floats | NDArray[np.float32], single: bool = False) -> Floats:
         """x with D^T w D x = rhs (rows, cols); the mean over the rows is zero at the heavy end's column.
 
         single: in float32, half the time.
