@@ -11,7 +11,7 @@ Anything else - weights of both axes, masks - by conjugate gradients on multigri
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import scipy.fft
@@ -103,7 +103,7 @@ class ColumnPoisson:
             lambda start, stop: _factor(*self._elimination, self._inverse_pivot, start, stop), (rows, cols)
         )
 
-    def solve(self, rhs: Floats | NDArray[np.float32], single: bool = False) -> Floats:
+    def solve(self, rhs: NDArray[np.floating[Any]], single: bool = False) -> Floats:
         """x with D^T w D x = rhs (rows, cols); the mean over the rows is zero at the heavy end's column.
 
         single: in float32, half the time.
