@@ -24,7 +24,7 @@ from optolever.arguments import check_face
 
 from .calibrate import Calibration, calibrate, left_out
 from .contact import contact
-from .judgement import Judgement, calibrate_so_far, judged, reason_to_repeat
+from .judgement import Judgement, SoFar, calibrate_so_far, judged, reason_to_repeat
 from .observation import Observation
 from .predicted import (
     PREDICTED_DEPTH,
@@ -38,7 +38,7 @@ from .priors import default_priors
 from .profile import load_profile, store_profile
 from .response import RigResponse, load_response, measure_response, store_response, with_better_fit
 from .rest import RestMap, load_rest, store_rest
-from .targets import Ball, Flat, Plate, Points, Rest, Target
+from .targets import Ball, Flat, Plate, Points, Rest, Target, target_from_text
 
 __all__ = [
     "PREDICTED_DEPTH",
@@ -53,6 +53,7 @@ __all__ = [
     "Rest",
     "RestMap",
     "RigResponse",
+    "SoFar",
     "Target",
     "calibrate",
     "calibrate_so_far",
@@ -72,6 +73,7 @@ __all__ = [
     "store_profile",
     "store_response",
     "store_rest",
+    "target_from_text",
     "with_better_fit",
 ]
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optolever.decode import Flag
+from optolever.errors import InputError
 from optolever.scene import Scene
 
 from .adjust import Adjustment, covariance_of
@@ -23,7 +24,7 @@ from .observability import MOST_CHI, lacking
 from .observation import Observation, checked
 from .targets import Flat, Rest
 
-__all__ = ["Judgement", "calibrate_so_far", "judged", "reason_to_repeat"]
+__all__ = ["Judgement", "SoFar", "calibrate_so_far", "judged", "reason_to_repeat"]
 
 Floats = NDArray[np.float64]
 
@@ -84,24 +85,35 @@ def judged(found: Calibration) -> list[Judgement]:
     ]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class SoFar:
+    """A calibration by the captures so far (None: none says where z = 0 is), a sentence on missing captures
+    ("": none is), and the judgement of the last capture."""
+
+    found: Calibration | None = None
+    few: str = "no capture is left; at least one of Flat or Rest is needed"
+    last: Judgement | None = None
+
+    def required(self) -> Calibration:
+        """InputError without a calibration."""
+        if self.found is None:
+            raise InputError(f"calibration: {self.few}")
+        return self.found
+
+
 def calibrate_so_far(
-    scene: Scene,
-    observations: Sequence[Observation],
-    priors: Mapping[str, float] | None = None,
-    *,
-    guess: bool = False,
-) -> tuple[Calibration | None, str]:
-    """`calibrate` of captures while others are still to come, and a sentence on missing captures ("": none
-    missing). None without a Flat or a Rest, and for so few Flats that any rig would fit them. InputError
-    names a wrong capture."""
+    scene: Scene, observations: Sequence[Observation], priors: Mapping[str, float], *, guess: bool = False
+) -> SoFar:
+    """`calibrate` of captures while others are still to come. No calibration without a Flat or a Rest, nor of
+    so few Flats that any rig would fit them. InputError names a wrong capture."""
     few, kinds = lacking(observations), {type(one.target) for one in observations}
+    cure = "" if few is None else f"{few.name}: {few.cure}"
     if Rest in kinds or (Flat in kinds and few is None):
         found = calibrate(scene, observations, priors, guess=guess)
-    else:
-        found = None
-        if Flat in kinds:
-            checked(observations, (scene.camera.rows, scene.camera.cols))
-    return found, "" if few is None else f"{few.name}: {few.cure}"
+        return SoFar(found, cure, next(one for one in judged(found) if one.name == observations[-1].name))
+    if Flat in kinds:
+        checked(observations, (scene.camera.rows, scene.camera.cols))
+    return SoFar(None, cure)
 
 
 def reason_to_repeat(decoded: float, last: Judgement | None, before: Judgement | None, complete: bool) -> str:

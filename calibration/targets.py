@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from optolever.errors import InputError
 from optolever.scene import Mirror
 
-__all__ = ["Ball", "Flat", "Plate", "Points", "Rest", "Shape", "Target"]
+__all__ = ["Ball", "Flat", "Plate", "Points", "Rest", "Shape", "Target", "target_from_text"]
 
 Floats = NDArray[np.float64]
 Shape = Callable[[Floats, Floats], tuple[Floats, Floats, Floats]]
@@ -80,8 +80,8 @@ class Rest(_Form):
     _posed = False
 
     def __post_init__(self) -> None:
-        if not 1 <= self.order <= 8:
-            raise InputError(f"Rest.order = {self.order}: must be 1 (a plane) to 8")
+        if self.order not in range(1, 9):
+            raise InputError(f"Rest.order = {self.order}: must be a whole number, 1 (a plane) to 8")
         _require(self, "sigma")
 
     def _shapes(self) -> tuple[str, int, float]:
@@ -142,6 +142,29 @@ class Points:
 
 #: Any target of a calibration's capture.
 Target = Flat | Rest | Plate | Ball
+#: By the word for a target: its class, how many numbers it takes, and how they are written.
+_WRITTEN: dict[str, tuple[Callable[..., Target], range, str]] = {
+    "flat": (Flat, range(2), "flat or flat:FLATNESS"),
+    "rest": (Rest, range(3), "rest, rest:ORDER or rest:ORDER,SIGMA"),
+    "ball": (Ball, range(2, 3), "ball:RADIUS,SIGMA, such as ball:30,0.003"),
+    "plate": (Plate, range(1), "plate"),
+}
+
+
+def target_from_text(text: str) -> Target:
+    """KIND[:NUMBERS], such as rest, flat:0.001 or ball:30,0.003 (mm). InputError names what is wrong."""
+    kind, _, numbers = text.partition(":")
+    if kind not in _WRITTEN:
+        raise InputError(f"target {kind!r}: unknown, must be one of {', '.join(_WRITTEN)}")
+    made, counts, form = _WRITTEN[kind]
+    parts = numbers.split(",") if numbers else []
+    try:
+        values = [int(value) if value.is_integer() else value for value in map(float, parts)]
+    except ValueError:
+        raise InputError(f"target {text!r}: {numbers!r} must be a number each, as in {form}") from None
+    if len(values) not in counts:
+        raise InputError(f"target {kind}: given {len(values)} of its numbers, must be {form} (mm)")
+    return made(*values)
 
 
 def _require(record: object, *names: str) -> None:

@@ -1,13 +1,12 @@
 """`optolever calibrate`: captures of simple targets to a scene with covariance."""
 
-import math
 import re
 import time
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, TypeAlias
+from typing import Annotated
 
 import click
 
@@ -18,12 +17,10 @@ from optolever.quantities import quantity
 from .arguments import Arg, Opt, Rare, program
 from .options import Json, RigFile, Size, correspondence_of, load_scene, mask_from, preset
 from .outputs import OutputFile
-from .rig_targets import SoFar, capture_targets, finish, so_far
+from .rig_targets import Calibrate, capture_targets, so_far_text
 from .show import grid, number, print_notices, progress, table, write_json
 
 __all__ = ["command"]
-
-Given: TypeAlias = "tuple[ol.calibration.Target, Path, Path | None]"
 
 SAMPLE = """
 $ optolever calibrate --scene monitor-mirror --out rig.toml \\
@@ -35,11 +32,6 @@ $ optolever calibrate --scene prism48 --out rig.toml \\
 $ optolever calibrate --rig rig.toml rest ball:30,0.003
 1 of 2, rest: take everything off the mirror. Enter captures, s stops:
 """
-
-_TARGET = re.compile(r"(?P<target>[a-z]+(:[^=]*)?)=(?P<path>[^@]+)(@(?P<mask>.+))?")
-
-_POLL = 0.2  # s, between looks for a capture
-
 
 RIG = Opt("--rig RIG.toml", "Take the captures now, by the camera and the display of this rig.", RigFile())
 OUT = Opt("--out RIG.toml", "Scene with covariance, to write; default: that of --rig.", OutputFile(".toml"))
@@ -95,14 +87,13 @@ def command(
         raise click.UsageError("Missing option '--scene' and '--out' (captures), or '--rig' (a camera).")
     of_captures = {"--scene": scene_name, "--without": without, "--follow": follow, "--pixels": size}
     of_captures["--weight"] = weights
-    for option, value in (
-        of_captures if rig else {"--captures": folder, "--resume": resume, "--yes": yes}
-    ).items():
+    of_rig = {"--captures": folder, "--resume": resume, "--yes": yes}
+    cure = "is of captures that exist, --rig takes them" if rig else "needs --rig"
+    for option, value in (of_captures if rig else of_rig).items():
         if value:
-            raise InputError(
-                f"{option}: {'is of captures that exist, --rig takes them' if rig else 'needs --rig'}"
-            )
-    scene, chosen = load_scene(str(name), size), _priors(priors)
+            raise InputError(f"{option}: {cure}")
+    scene = load_scene(str(name), size)
+    chosen = {key: _number("--prior", text) for key, text in _pairs("--prior", priors, "pattern.z=0.5")}
     if rig is None and bool(captures) == bool(weights):
         raise InputError("TARGET=CAPTURE or --weight NEWTON=H.npz: one of both must be given")
     if weights:
@@ -110,16 +101,16 @@ def command(
         return
     given = _given(captures, without) if rig is None else []
     found, start = None, time.perf_counter()
+    calibrate = partial(ol.calibration.calibrate_so_far, scene, priors=chosen, guess=guess)
     if rig is not None:  # asks at the terminal: no progress bar over it
-        walk = partial(capture_targets, priors=chosen, guess=guess, ask=not yes, resume=resume)
         plan, folder = _plan(captures, scene), folder or rig.with_suffix(".captures")
-        found = walk(rig, scene, plan, folder, sequence).required()
+        found = capture_targets(rig, plan, folder, sequence, calibrate, ask=not yes, resume=resume).required()
     with progress() as step:
         if follow:
-            found = _followed(scene, given, chosen, guess)
+            found = _followed(given, calibrate).required()
         elif found is None:
             step("read captures")
-            used = [_observation(*each) for each in given]
+            used = [each.observed() for each in given]
             step("adjust")
             start = time.perf_counter()
             found = ol.calibration.calibrate(scene, used, chosen, guess=guess)
@@ -130,9 +121,8 @@ def command(
         numbers["judged"] = {each.name: each.to_dict() for each in ol.calibration.judged(found)}
         if leave_one_out:
             step("leave one out")
-            numbers["left_out"] = {
-                each.name: ol.calibration.left_out(found, each.name) for each in found.observations
-            }
+            names = [each.name for each in found.observations]
+            numbers["left_out"] = {name: ol.calibration.left_out(found, name) for name in names}
         step("write")
         with ol.files.together():
             found.scene.save(out)
@@ -149,10 +139,74 @@ def command(
                 )
                 ol.experiments.write_rig_report(study, page)
             write_json(json_path, numbers)
-        if rig is not None and folder is not None:
-            finish(folder)
     print_notices(found.notices)
-    _show(found, numbers, out)
+    rows = [
+        (each["name"], quantity(each["value"], "", each["sigma"]), f"{each['prior_sigma']:.2g}")
+        for each in found.parameters
+    ]
+    grid("Parameters (mm, rad, px)", ("name", "value ± sigma", "prior sigma"), rows)
+    chis = numbers.get("left_out", {})
+    judged = {
+        name: each | ({"left_out": chis[name]} if chis else {}) for name, each in numbers["judged"].items()
+    }
+    title = "Captures: sigma of a height and of a dent's depth, cumulative and leave-one-out"
+    grid(title, *ol.experiments.judged_table(judged))
+    rest = {"chi": number(numbers["chi"]), "start": numbers["start"], "time": number(numbers["seconds"], "s")}
+    table(f"Rig in {out}", rest)
+
+
+@dataclass(frozen=True)
+class _Given:
+    """TARGET=CAPTURE[@MASK.png]."""
+
+    target: "ol.calibration.Target"
+    path: Path
+    mask: Path | None
+
+    def observed(self) -> "ol.calibration.Observation":
+        seen = correspondence_of(self.path)
+        mask = None if self.mask is None else mask_from(self.mask, seen.u.shape, f"{self.path} is")
+        return ol.calibration.Observation(self.path.stem, self.target, seen, mask)
+
+
+def _given(captures: Sequence[str], without: Sequence[str]) -> list[_Given]:
+    """Captures without those named by --without."""
+    given = []
+    for text in captures:
+        match = re.fullmatch(r"(?P<target>[a-z]+(:[^=]*)?)=(?P<path>[^@]+)(@(?P<mask>.+))?", text)
+        if match is None:
+            form = "TARGET=CAPTURE, such as flat=pose.npz or ball:30,0.003=b.npz"
+            raise InputError(f"capture {text!r}: must be {form}")
+        target = ol.calibration.target_from_text(match["target"])
+        given.append(_Given(target, Path(match["path"]), Path(match["mask"]) if match["mask"] else None))
+    names = [each.path.stem for each in given]
+    for name in without:
+        if name not in names:
+            raise InputError(f"--without {name}: no such capture, must be one of {', '.join(names)}")
+    return [each for each in given if each.path.stem not in without]
+
+
+def _plan(texts: Sequence[str], scene: "ol.scene.Scene") -> list[tuple[str, "ol.calibration.Target"]]:
+    """Targets to capture, by their texts; five flats in open air if none are given."""
+    if not texts and scene.medium is not None:
+        raise InputError("targets of a prism are missing, must be given, such as rest ball:30,0.003")
+    for text in texts:
+        if "=" in text:
+            cure = "--rig takes the captures itself, must be a target such as rest"
+            raise InputError(f"capture {text!r}: {cure}")
+    return [(text, ol.calibration.target_from_text(text)) for text in texts or ("flat",) * 5]
+
+
+def _followed(given: Sequence[_Given], calibrate: Calibrate) -> "ol.calibration.SoFar":
+    """Calibration by every capture as it arrives, with a line about it."""
+    now, used = ol.calibration.SoFar(), list["ol.calibration.Observation"]()
+    for each in given:
+        while not (each.path.is_file() or (each.path / "capture.toml").is_file()):
+            time.sleep(0.2)
+        used.append(each.observed())
+        now = calibrate(used)
+        click.echo(f"{each.path.stem}: {so_far_text(now)}")
+    return now
 
 
 def _weigh(
@@ -162,12 +216,8 @@ def _weigh(
     if scene.layer is None:
         raise InputError(f"--weight: {name} has no [layer], must have one; any youngs_modulus_mpa will do")
     given = []
-    for text in weights:
-        numbers, equals, path = text.partition("=")
-        newton, comma, sigma = numbers.partition(",")
-        if not equals or not path:
-            raise InputError(f"--weight {text}: must be NEWTON[,SIGMA]=H.npz, such as 0.5,0.005=h.npz")
-        values = [_number(f"--weight {text}: weight", part) for part in (newton, *([sigma] if comma else []))]
+    for numbers, path in _pairs("--weight", weights, "0.5,0.005=h.npz"):
+        values = [_number("--weight", part) for part in numbers.split(",")[:2]]
         given.append(ol.live.Weight(ol.reconstruct.HeightMap.load(path), *values))
     found = ol.live.weighed(scene.layer, given)
     layer, each = found.layer, list(zip(weights, found.moduli, found.sigmas, strict=True))
@@ -181,130 +231,17 @@ def _weigh(
     table(f"Layer in {out}", rows | ({"chi": number(found.chi)} if len(each) > 1 else {}))
 
 
-def _show(found: "ol.calibration.Calibration", numbers: dict[str, Any], out: Path) -> None:
-
-    rows = [
-        (each["name"], quantity(each["value"], "", each["sigma"]), f"{each['prior_sigma']:.2g}")
-        for each in found.parameters
-    ]
-    grid("Parameters (mm, rad, px)", ("name", "value ± sigma", "prior sigma"), rows)
-    chis = numbers.get("left_out", {})
-    judged = {
-        name: each | {"left_out": chis[name]} if chis else each for name, each in numbers["judged"].items()
-    }
-    grid(
-        "Captures: sigma of a height and of a dent's depth, cumulative and leave-one-out",
-        *ol.experiments.judged_table(judged),
-    )
-    rest = {"chi": number(numbers["chi"]), "start": numbers["start"], "time": number(numbers["seconds"], "s")}
-    table(f"Rig in {out}", rest)
+def _pairs(option: str, texts: Sequence[str], example: str) -> list[tuple[str, str]]:
+    """Both sides of the = in the values of an option."""
+    pairs = [text.partition("=")[::2] for text in texts]
+    for text, (_, value) in zip(texts, pairs, strict=True):
+        if not value:
+            raise InputError(f"{option} {text}: must be as in {option} {example}")
+    return pairs
 
 
-def _followed(
-    scene: "ol.scene.Scene", given: Sequence[Given], priors: dict[str, float], guess: bool
-) -> "ol.calibration.Calibration":
-    """Calibration by every capture as it arrives, with a line about it."""
-    used, now = (
-        list["ol.calibration.Observation"](),
-        SoFar(None, "no capture is left; at least one of Flat or Rest is needed"),
-    )
-    for target, path, mask in given:
-        while not (path.is_file() or (path / "capture.toml").is_file()):
-            time.sleep(_POLL)
-        used.append(_observation(target, path, mask))
-        now = so_far(scene, used, priors, guess)
-        click.echo(f"{path.stem}: {now.text()}")
-    return now.required()
-
-
-def _plan(texts: Sequence[str], scene: "ol.scene.Scene") -> list[tuple[str, "ol.calibration.Target"]]:
-    """Targets to capture, by their texts; five flats in open air if none are given."""
-    if not texts and scene.medium is not None:
-        raise InputError("targets of a prism are missing, must be given, such as rest ball:30,0.003")
-    for text in texts:
-        if "=" in text:
-            raise InputError(
-                f"capture {text!r}: --rig takes the captures itself, must be a target such as rest"
-            )
-    return [(text, _target_of(text)) for text in texts or ("flat",) * 5]
-
-
-def _target_of(text: str) -> "ol.calibration.Target":
-    """KIND[:NUMBERS]."""
-    kind, _, numbers = text.partition(":")
-    parts = numbers.split(",") if numbers else []
-    return _target(kind, [_number(f"target {text!r}", part) for part in parts])
-
-
-def _given(captures: Sequence[str], without: Sequence[str]) -> list[Given]:
-    """Target, file and mask of these arguments; the names are the files' stems."""
-    given = [_target_and_files(text) for text in captures]
-    names = [path.stem for _, path, _ in given]
-    for name in without:
-        if name not in names:
-            raise InputError(f"--without {name}: no such capture, must be one of {', '.join(names)}")
-    return [each for each in given if each[1].stem not in without]
-
-
-def _priors(texts: Sequence[str]) -> dict[str, float]:
-    chosen = {}
-    for text in texts:
-        name, equals, value = text.partition("=")
-        if not equals:
-            raise InputError(f"--prior {text}: must be NUMBER=SIGMA, such as pattern.z=0.5")
-        chosen[name] = _number(f"--prior {name}", value)
-    return chosen
-
-
-def _number(what: str, text: str) -> float:
+def _number(option: str, text: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise InputError(f"{what} = {text!r}: must be a number") from None
-
-
-def _target_and_files(text: str) -> Given:
-    match = _TARGET.fullmatch(text)
-    if match is None:
-        raise InputError(
-            f"capture {text!r}: must be TARGET=CAPTURE, such as flat=pose.npz or ball:30,0.003=b.npz"
-        )
-    return _target_of(match["target"]), Path(match["path"]), Path(match["mask"]) if match["mask"] else None
-
-
-def _observation(
-    target: "ol.calibration.Target", path: Path, mask_path: Path | None
-) -> "ol.calibration.Observation":
-
-    correspondence = correspondence_of(path)
-    mask = None
-    if mask_path is not None:
-        mask = mask_from(mask_path, correspondence.u.shape, f"{path} is")
-    return ol.calibration.Observation(path.stem, target, correspondence, mask)
-
-
-def _target(kind: str, numbers: list[float]) -> "ol.calibration.Target":
-
-    counts = {"flat": (0, 1), "rest": (0, 2), "ball": (2, 2), "plate": (0, 0)}
-    forms = {
-        "flat": "flat or flat:FLATNESS",
-        "rest": "rest, rest:ORDER or rest:ORDER,SIGMA",
-        "ball": "ball:RADIUS,SIGMA, such as ball:30,0.003",
-        "plate": "plate",
-    }
-    if kind not in counts:
-        raise InputError(f"target {kind!r}: unknown, must be one of {', '.join(counts)}")
-    least, most = counts[kind]
-    if not least <= len(numbers) <= most:
-        raise InputError(f"target {kind}: given {len(numbers)} of its numbers, must be {forms[kind]} (mm)")
-    if kind == "rest":
-        order = numbers[0] if numbers else 3
-        if not (math.isfinite(order) and order == int(order)):
-            raise InputError(f"target rest: order {order:g}, must be a whole number")
-        return ol.calibration.Rest(int(order), *numbers[1:])
-    made: ol.calibration.Target = {
-        "flat": ol.calibration.Flat,
-        "ball": ol.calibration.Ball,
-        "plate": ol.calibration.Plate,
-    }[kind](*numbers)
-    return made
+        raise InputError(f"{option}: {text!r}, must be a number") from None

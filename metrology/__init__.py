@@ -14,9 +14,9 @@ Lengths in mm, slopes in mm per mm; z > 0 is towards the camera: a concave mirro
 
 from optolever.arguments import check_face
 
-from .fit import FormFit, fit_form
+from .fit import FormFit, Numbers, fit_form
 from .forms import form_names
-from .lines import Profile, Spectrum, profile, spectrum
+from .lines import Profile, Spectrum, profile, profile_of, spectrum
 from .nominal import NOMINAL_SUFFIXES, Nominal, fit_nominal, load_nominal
 from .zernike import ZernikeFit, fit_zernike, zernike
 
@@ -24,6 +24,7 @@ __all__ = [
     "NOMINAL_SUFFIXES",
     "FormFit",
     "Nominal",
+    "Numbers",
     "Profile",
     "Spectrum",
     "ZernikeFit",
@@ -33,6 +34,7 @@ __all__ = [
     "form_names",
     "load_nominal",
     "profile",
+    "profile_of",
     "spectrum",
     "zernike",
 ]

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,6 +77,12 @@ class FormFit:
         """Rms slope error along x and y, mm per mm."""
         along_x, along_y = (float(np.sqrt(np.nanmean(s**2))) for s in (self.slope_x, self.slope_y))
         return along_x, along_y
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, without the maps."""
+        numbers = {"numbers": self.numbers.to_dict(), "held": self.held, "middle_mm": self.middle}
+        figures = {"rms_mm": self.rms, "pv_mm": self.pv, "slope_rms": self.slope_rms}
+        return {"form": self.form} | numbers | figures
 
     def grid(self, pitch_mm: float | None = None) -> Grid:
         """The residual on a regular grid of x and y (None: about as fine as the pixels)."""

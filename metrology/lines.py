@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 from optolever.errors import InputError
 from optolever.reconstruct import Grid
 
-__all__ = ["Profile", "Spectrum", "profile", "spectrum"]
+from .fit import FormFit
+
+__all__ = ["Profile", "Spectrum", "profile", "profile_of", "spectrum"]
 
 Floats = NDArray[np.float64]
 _KNOWN = 0.999  # minimum share of known points in the rectangle of a spectrum
@@ -54,6 +56,26 @@ def profile(grid: Grid, start: tuple[float, float], end: tuple[float, float]) ->
     x, y = (a + (b - a) * s / length for a, b in zip(start, end, strict=True))
     at = np.stack([(y - grid.y0) / grid.pitch, (x - grid.x0) / grid.pitch])
     return Profile(s, x, y, scipy.ndimage.map_coordinates(grid.z, at, order=1, cval=np.nan))
+
+
+def profile_of(fit: FormFit, line: str) -> Profile:
+    """Residual of a fit along a line X0,Y0,X1,Y1 (mm), or x or y: all of the map, through its middle."""
+    grid = fit.grid()
+    known = np.isfinite(grid.z)
+    x, y = grid.x[known.any(axis=0)], grid.y[known.any(axis=1)]
+    ends = {
+        "x": (x[0], fit.middle[1], x[-1], fit.middle[1]),
+        "y": (fit.middle[0], y[0], fit.middle[0], y[-1]),
+    }
+    try:
+        x0, y0, x1, y1 = ends[line] if line in ends else map(float, line.split(","))
+    except ValueError:
+        raise InputError(f"profile {line!r}: must be x, y or X0,Y0,X1,Y1 (mm)") from None
+    found = profile(grid, (x0, y0), (x1, y1))
+    if not np.isfinite(found.rms):
+        part = f"x {x[0]:.4g} to {x[-1]:.4g}, y {y[0]:.4g} to {y[-1]:.4g} mm"
+        raise InputError(f"profile {line}: meets no height, must lie in {part}")
+    return found
 
 
 def spectrum(grid: Grid, axis: str) -> Spectrum:

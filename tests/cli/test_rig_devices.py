@@ -191,7 +191,6 @@ def test_a_rig_is_calibrated_by_its_camera_step_by_step(
     assert "of 2" not in outcome.out
     assert "2-ball-200-0.02: set aside" in outcome.out
     assert "1-rest: taken 20" in outcome.out
-    (tmp_path / "rig.captures/finished").unlink()  # as if that one had been stopped
     monkeypatch.setattr("optolever.calibration.judgement.MOST_CHI", 0.1)  # all are doubtful
     outcome = walk(
         ("flat", "k"), (ball, ""), (ball, "k"), words=("--resume", "--json", str(tmp_path / "n.json"))
@@ -207,8 +206,7 @@ def test_a_rig_is_calibrated_by_its_camera_step_by_step(
     assert kept["calibration"]["date"] == date.today()
     assert load(rig).covariance is not None
     names = {one.name for one in (tmp_path / "rig.captures").iterdir()}
-    of_walk = {"1-rest", "1-rest.recording.aside1", "2-ball-200-0.02", "2-ball-200-0.02.aside1"}
-    assert names == {*of_walk, "finished"}
+    assert names == {"1-rest", "1-rest.recording.aside1", "2-ball-200-0.02", "2-ball-200-0.02.aside1"}
 
 
 def test_captures_of_an_earlier_calibration_are_set_aside(
@@ -227,7 +225,7 @@ def test_captures_of_an_earlier_calibration_are_set_aside(
     walk(typed)
     first = Capture.load(folder / "1-rest").frames
     outcome = walk(knocked)
-    assert "(finished calibration) are set aside" in outcome.out
+    assert "are set aside" in outcome.out
     (aside,) = (path for path in folder.iterdir() if path.name.startswith("20"))
     assert np.array_equal(Capture.load(aside / "1-rest").frames, first)
     assert not np.array_equal(Capture.load(folder / "1-rest").frames, first)
@@ -236,5 +234,3 @@ def test_captures_of_an_earlier_calibration_are_set_aside(
     outcome = walk(knocked, "--resume", pipe="")
     assert "1-rest: taken 20" in outcome.out
     assert np.array_equal(Capture.load(folder / "1-rest").frames, second)
-    (folder / "finished").unlink()
-    assert "(unfinished calibration) are set aside" in walk(knocked, "--yes").out
