@@ -14,7 +14,17 @@ from .batch import Many
 from .options import Display, Json, Pictured, blame, mask_file, mask_from, shown_sequence
 from .outputs import HDF5, OutputFile
 from .rig_capture import measured_lag
-from .show import coverage_text, flag_shares, number, print_notices, progress, table, write_json
+from .show import (
+    coverage_text,
+    flag_rows,
+    flag_shares,
+    medians,
+    number,
+    print_notices,
+    progress,
+    table,
+    write_json,
+)
 
 if TYPE_CHECKING:
     import numpy as np
@@ -73,75 +83,71 @@ def command(
     such as 'shots/*.png', or a FILE of several (TIFF, NPY, video), sorted as people count. C.npz receives u,
     v, sigma_u, sigma_v (pattern pixels), flags (0 = good), amplitude, offset.
     """
+    source = sources[0]
     with progress() as step:
         step("read frames")
-        source = sources[0]
         capture = _read(sources, text, display, description, channel)
         step("decode")
-        start = time.perf_counter()
         with blame(source):
-            inverse = _inverse(response)
-            inside = _inside(mask_path, roi, capture.frames.shape[1:])
-            settings = ol.decode.Settings(
-                response=inverse,
-                lens_px=lens,
-                blur_px=blur,
-                on_cells=not no_cells,
-            )
+            start = time.perf_counter()
+            inside = _inside(mask_path, roi, capture.shape)
+            light = None if response is None else _response(response)
+            settings = ol.decode.Settings(response=light, lens_px=lens, blur_px=blur, on_cells=not no_cells)
             known = None
             if profile is not None:
                 known = ol.calibration.load_profile(profile).with_lag(measured_lag(profile, source))
                 if settings not in (ol.decode.Settings(), known.settings):
-                    raise InputError(
-                        f"--profile {profile}: is of another response, lens, blur or cells; leave out "
-                        "--response, --lens, --blur and --no-cells"
-                    )
+                    wrong = "is of another response, lens, blur or cells"
+                    cure = "leave out --response, --lens, --blur and --no-cells"
+                    raise InputError(f"--profile {profile}: {wrong}; {cure}")
                 settings = known.settings
             decoder = ol.decode.Decoder(capture.sequence, known, settings)
             result = decoder.decode(capture.frames, mask=inside, progress=step)
-            if inverse is not None and result.notices:
+            if response is not None and result.notices:
                 plain = ol.decode.Decoder(capture.sequence, settings=replace(settings, response=None))
                 result = ol.calibration.with_better_fit(result, plain.decode(capture.frames, mask=inside))
         seconds = time.perf_counter() - start
         weak = ol.experiments.code_that_decodes(result, capture.sequence)
-        if weak is not None:
-            result = replace(result, notices=(*result.notices, weak))
+        found = result.notices + (() if weak is None else (weak,))
+        result = replace(result, notices=capture.notices + found)
+        kept = decoder.profile
+        if kept is None and save_profile is not None:
+            why = f"the frames of {source} contradict their description (see the notices)"
+            raise InputError(f"--save-profile {save_profile}: not written, {why}")
+        mirror, decoded = ol.experiments.mirror_coverage(result.flags)
+        sigma_u, sigma_v = medians(result.good, result.sigma_u, result.sigma_v)
+        numbers: dict[str, Any] = {
+            "good_share": float(result.good.mean()),
+            "mirror_share": mirror,
+            "mirror_good_share": decoded,
+            "sigma_u_px": sigma_u,
+            "sigma_v_px": sigma_v,
+            "flags": flag_shares(result.flags, ol.decode.Flag),
+            "frames": len(capture),
+            "seconds": seconds,
+            "faults": [notice.name for notice in found],
+            "notices": [asdict(notice) for notice in result.notices],
+            "profile": [] if kept is None else [effect._asdict() for effect in kept.effects()],
+        }
         step("write")
-        numbers = _numbers(result) | {"frames": len(capture), "seconds": seconds}
-        numbers["faults"] = [notice.name for notice in result.notices]
-        result = replace(result, notices=capture.notices + result.notices)
-        numbers["notices"] = [asdict(notice) for notice in result.notices]
-        told = decoder.profile
-        if told is None and save_profile is not None:
-            raise InputError(
-                f"--save-profile {save_profile}: not written, the frames of {source} contradict their "
-                "description (see the notices)"
-            )
-        numbers["profile"] = [] if told is None else [effect._asdict() for effect in told.effects()]
         with ol.files.together():
             result.save(out)
-            if told is not None and save_profile is not None:
-                ol.calibration.store_profile(save_profile, told)
+            if kept is not None and save_profile is not None:
+                ol.calibration.store_profile(save_profile, kept)
             write_json(json_path, numbers)
     print_notices(result.notices)
-    rows, cols = result.u.shape
-    table(
-        f"Correspondence in {out}",
-        {
-            "frames": f"{len(capture)} of {rows} x {cols}",
-            "good": number(100 * numbers["good_share"], "% of the pixels"),
-            "mirror": coverage_text(numbers["mirror_share"], numbers["mirror_good_share"]),
-            **{
-                f"sigma {axis}": f"{numbers[f'sigma_{axis}_px']:.2g} px (median of the good pixels)"
-                for axis in "uv"
-            },
-            **{name: number(100 * share, "%") for name, share in numbers["flags"].items()},
-            "time": number(seconds, "s"),
-        },
-    )
+    rows, cols = capture.shape
+    figures = {
+        "frames": f"{len(capture)} of {rows} x {cols}",
+        "good": number(100 * numbers["good_share"], "% of the pixels"),
+        "mirror": coverage_text(mirror, decoded),
+        "sigma u": f"{sigma_u:.2g} px (median of the good pixels)",
+        "sigma v": f"{sigma_v:.2g} px (median of the good pixels)",
+    }
+    table(f"Correspondence in {out}", figures | flag_rows(numbers["flags"]) | {"time": number(seconds, "s")})
 
 
-def _inside(mask: Path | None, roi: str | None, shape: tuple[int, ...]) -> "NDArray[np.bool_] | None":
+def _inside(mask: Path | None, roi: str | None, shape: tuple[int, int]) -> "NDArray[np.bool_] | None":
     """Pixels (H, W) inside --mask and --roi; None: all."""
     import numpy as np
 
@@ -149,14 +155,14 @@ def _inside(mask: Path | None, roi: str | None, shape: tuple[int, ...]) -> "NDAr
         return None
     inside = np.ones(shape, np.bool_) if mask is None else mask_from(mask, shape, "frames are")
     if roi is not None:
-        parts = roi.split(",")
-        if len(parts) != 4 or not all(part.strip().isdecimal() for part in parts):
-            raise InputError(f"--roi {roi!r}: must be four whole numbers, TOP,LEFT,ROWS,COLS")
-        top, left, rows, cols = (int(part) for part in parts)
-        if rows < 1 or cols < 1 or top + rows > shape[0] or left + cols > shape[1]:
-            raise InputError(f"--roi {roi}: reaches beyond the frames, which are {shape[0]}x{shape[1]}")
+        try:
+            top, left, rows, cols = map(int, roi.split(","))
+        except ValueError:
+            raise InputError(f"--roi {roi!r}: must be four whole numbers, TOP,LEFT,ROWS,COLS") from None
         rectangle = np.zeros(shape, np.bool_)
         rectangle[top : top + rows, left : left + cols] = True
+        if min(top, left) < 0 or rows < 1 or cols < 1 or rectangle.sum() != rows * cols:
+            raise InputError(f"--roi {roi}: reaches beyond the frames, which are {shape[0]}x{shape[1]}")
         inside &= rectangle
     return inside
 
@@ -168,43 +174,21 @@ def _read(
     description: Path | None,
     channel: str,
 ) -> "ol.projector.Capture":
-
     if sources[0].suffix.lower() in HDF5:
         for name, value in (("--description", description), ("--sequence", text)):
             if value is not None:
-                raise InputError(
-                    f"{name} {value}: is for pictures; {sources[0]} describes itself, leave the option out"
-                )
+                raise InputError(f"{name} {value}: {sources[0]} describes itself, leave it out")
         return ol.formats.load_sofast(sources[0])
     if text is None:
         if display is not None:
             raise InputError("--pixels: needs --sequence, which is missing, such as --sequence gray+phase")
         return ol.projector.Capture.load(sources, description, channel)
     if description is not None:
-        raise InputError(
-            f"--sequence {text} and --description {description}: exclude each other, leave one out"
-        )
-    shown = shown_sequence(text, display)
-    return ol.projector.Capture.from_pictures(sources, shown, channel=channel)
+        raise InputError(f"--sequence {text} and --description {description}: leave one out")
+    return ol.projector.Capture.from_pictures(sources, shown_sequence(text, display), channel=channel)
 
 
-def _inverse(response: Path | None) -> "ol.decode.Response | None":
-
-    if response is None:
-        return None
-    if response.suffix.lower() in HDF5:
-        return ol.decode.Response.from_table(*ol.formats.load_sofast_response(response))
-    return ol.calibration.load_response(response).response
-
-
-def _numbers(result: "ol.decode.Correspondence") -> dict[str, Any]:
-    import numpy as np
-
-    good = result.good
-    median = {
-        f"sigma_{axis}_px": float(np.median(sigma[good])) if good.any() else float("nan")
-        for axis, sigma in (("u", result.sigma_u), ("v", result.sigma_v))
-    }
-    mirror, decoded = ol.experiments.mirror_coverage(result.flags)
-    shares = {"good_share": float(good.mean()), "mirror_share": mirror, "mirror_good_share": decoded}
-    return {**shares, **median, "flags": flag_shares(result.flags, ol.decode.Flag)}
+def _response(path: Path) -> "ol.decode.Response":
+    if path.suffix.lower() in HDF5:
+        return ol.decode.Response.from_table(*ol.formats.load_sofast_response(path))
+    return ol.calibration.load_response(path).response

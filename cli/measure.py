@@ -12,7 +12,17 @@ from .batch import Many
 from .options import Json, Shown
 from .rig_capture import capture_rig, measured_lag
 from .rig_devices import Changes, OpenedRig, devices_of
-from .show import length, noise_and_rig, number, print_notices, progress, table, write_json
+from .show import (
+    height_range,
+    length,
+    medians,
+    noise_and_rig,
+    number,
+    print_notices,
+    progress,
+    table,
+    write_json,
+)
 
 __all__ = ["command"]
 
@@ -48,7 +58,6 @@ def command(
     The folder --out gets capture/, c.npz, h.npz, report.html and its data. Every frame is checked against its
     pattern and the preceding one: a display's light changes later than its buffer is swapped.
     """
-    import numpy as np
 
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise InputError(f"{out}: exists and is no empty folder; name another")
@@ -63,11 +72,12 @@ def command(
             taken = capture_rig(rig, devices, planned, folder, keep=False)
         capture = ol.projector.Capture.load(folder) if taken is None else taken.capture
         step("decode")
-        shown = capture.sequence
-        decoder = ol.decode.Decoder(shown, None if profile is None else ol.calibration.load_profile(profile))
+        known = None if profile is None else ol.calibration.load_profile(profile)
+        decoder = ol.decode.Decoder(capture.sequence, known)
         seen, lag = decoder.decode(capture.frames), measured_lag(rig, folder)
         if lag and decoder.profile is not None:
-            seen = ol.decode.Decoder(shown, decoder.profile.with_lag(lag)).decode(capture.frames)
+            lagged = ol.decode.Decoder(capture.sequence, decoder.profile.with_lag(lag))
+            seen = lagged.decode(capture.frames)
         if save_profile is not None and decoder.profile is not None:
             ol.calibration.store_profile(save_profile, decoder.profile)
         seen.save(out / "c.npz")
@@ -86,37 +96,20 @@ def command(
             saved=("c.npz", "h.npz"),
         )
         ol.experiments.write_measurement_report(out / "report.html", found)
-    good = height.good
-    noise, rig_error = (
-        float(np.median(sigma[good])) if good.any() else float("nan")
-        for sigma in (height.sigma, height.calibration_sigma)
-    )
-    numbers = {
-        **({"frames": len(shown)} if taken is None else taken.numbers()),
-        "wrong_frames": wrong,
-        "good_share": float(good.mean()),
-        "noise_mm": noise,
-        "rig_mm": rig_error,
-    }
-    write_json(json_path, numbers)
+    noise, rig_error = medians(height.good, height.sigma, height.calibration_sigma)
+    frames = {"frames": len(capture)} if taken is None else taken.numbers()
+    numbers = {"good_share": float(height.good.mean()), "noise_mm": noise, "rig_mm": rig_error}
+    write_json(json_path, frames | {"wrong_frames": wrong} | numbers)
     print_notices(height.notices)  # the correspondence's among them
-    table(
-        f"Measured in {out}",
-        {
-            "camera": str(folder) if devices is None else devices.camera,
-            "frames": f"{len(shown)}" + ("" if taken is None else f" in {number(taken.seconds, 's')}"),
-            "good": number(100 * good.mean(), "% of the pixels"),
-            "height": f"{length(height.z[good].min())} to {length(height.z[good].max())}"
-            if good.any()
-            else "-",
-            "sigma": f"{noise_and_rig(noise, rig_error)} (medians)",
-            "report": str(out / "report.html"),
-        },
-    )
+    rows = {
+        "camera": str(folder) if devices is None else devices.camera,
+        "frames": f"{len(capture)}" + ("" if taken is None else f" in {number(taken.seconds, 's')}"),
+        "good": number(100 * numbers["good_share"], "% of the pixels"),
+        "height": " to ".join(map(length, height_range(height))),
+        "sigma": f"{noise_and_rig(noise, rig_error)} (medians)",
+        "report": str(out / "report.html"),
+    }
+    table(f"Measured in {out}", rows)
     if wrong:
-        numbered = ", ".join(map(str, wrong))
-        raise InputError(
-            f"frames {numbered} fit the preceding pattern better than their own: the display had "
-            "not settled; run "
-            "optolever camera sync"
-        )
+        what = f"frames {', '.join(map(str, wrong))} fit the preceding pattern better than their own"
+        raise InputError(f"{what}: the display had not settled; run optolever camera sync")

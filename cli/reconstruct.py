@@ -11,24 +11,16 @@ from optolever import InputError
 
 from .arguments import Arg, Opt, Rare, program
 from .batch import Many
-from .options import (
-    Anchor,
-    Json,
-    Pitch,
-    SceneName,
-    Size,
-    blame,
-    load_scene,
-    mask_file,
-    mask_from,
-    rest_file,
-)
+from .options import Anchor, Json, Pitch, SceneName, Size, blame, load_scene, mask_file, mask_from, rest_file
 from .outputs import GRID_SUFFIXES, HDF5, OutputFile
 from .show import (
     budget_rows,
     dent_rows,
+    flag_rows,
     flag_shares,
     grid,
+    height_range,
+    medians,
     noise_and_rig,
     number,
     print_notices,
@@ -116,7 +108,7 @@ def command(
     or SOFAST's inputs, with commas: camera.h5,display.h5,orientation.h5,measurement.h5[,facet.json]; for a
     correspondence decoded from that measurement.
     """
-    source = sources[0]
+    source, reconstruct = sources[0], ol.reconstruct
     correspondence = ol.decode.Correspondence.load(source)
     rest = None if rest_path is None else ol.decode.Correspondence.load(rest_path)
     mask = None if mask_path is None else mask_from(mask_path, correspondence.u.shape, f"{source} is")
@@ -134,54 +126,49 @@ def command(
             raise InputError(f"--facet {facet}: {scene_name} is no SOFAST result (.h5)")
         scene = load_scene(scene_name, size)
     at_rest = None if sofast or size is not None or rest is not None else ol.calibration.load_rest(scene_name)
-    if change_path is not None and rest is not None:
-        raise InputError(f"--change {change_path}: heights are those above --rest {rest_path}; leave one out")
     if change_path is not None and at_rest is None:
-        raise InputError(f"--change {change_path}: {scene_name} has no rest map; run `optolever rest`")
+        cure = f"{scene_name} has no rest map; run `optolever rest`"
+        why = cure if rest is None else f"heights are those above --rest {rest_path}; leave one out"
+        raise InputError(f"--change {change_path}: {why}")
     with progress() as step:
         with blame(source):
             drift = () if at_rest is None else at_rest.notices(correspondence)
             step("reconstruct")
             start = time.perf_counter()
-            height = ol.reconstruct.reconstruct(
+            height = reconstruct.reconstruct(
                 correspondence, scene, method, anchor, mask, rest=rest, accept=accept, progress=step
             )
             seconds = time.perf_counter() - start
-            height = replace(height, notices=height.notices + drift)
             step("contacts")
-            slopes = ol.reconstruct.slope_map(height, correspondence, scene, rest)
-            height = _with_slope_noise(height, slopes)
-            found = ol.reconstruct.contacts(height, slopes)
+            slopes = reconstruct.slope_map(height, correspondence, scene, rest)
+            height = replace(_with_slope_noise(height, slopes), notices=height.notices + drift)
+            found = reconstruct.contacts(height, slopes)
             dents = [contact.to_dict() for contact in found]
             if found and rest is None and at_rest is None and not scene.exact and scene.covariance is None:
                 deepest = max(range(len(found)), key=lambda k: found[k].depth)
-                dents[deepest]["depth_rig_against_rest"] = ol.calibration.depth_sigma_against_rest(
-                    scene, found[deepest]
-                )
+                sigma = ol.calibration.depth_sigma_against_rest(scene, found[deepest])
+                dents[deepest]["depth_rig_against_rest"] = sigma
             step("compare")
             numbers = _numbers(height) | {"seconds": seconds, "contacts": dents}
             if height.modes is not None:
+                free = reconstruct.free_mode_of(height, scene, anchor)
                 less = None if at_rest is None else at_rest.height
-                numbers["budget_mm"] = ol.reconstruct.budget(
-                    height, less, ol.reconstruct.free_mode_of(height, scene, anchor)
-                )
+                numbers["budget_mm"] = reconstruct.budget(height, less, free)
             if truth is not None:
                 numbers |= _against_truth(truth, correspondence, height)
             regular = height.resample(pitch) if grids else None
         step("write")
         with ol.files.together():
             height.save(out)
-            if tiff is not None:
-                height.save_tiff(tiff)
-            if ply is not None:
-                height.save_ply(ply)
+            for path in (tiff, ply):
+                if path is not None:
+                    height.export(path)
             if change_path is not None and at_rest is not None:
-                change, sigma = at_rest.dent(height)
-                ol.files.save_arrays(change_path, {"x": height.x, "y": height.y, "z": change, "sigma": sigma})
+                change, change_sigma = at_rest.dent(height)
+                maps = {"x": height.x, "y": height.y, "z": change, "sigma": change_sigma}
+                ol.files.save_arrays(change_path, maps)
             if slopes_path is not None:
-                ol.files.save_arrays(
-                    slopes_path, asdict(slopes) | asdict(ol.reconstruct.curvature_map(slopes))
-                )
+                ol.files.save_arrays(slopes_path, asdict(slopes) | asdict(reconstruct.curvature_map(slopes)))
             if regular is not None:
                 for path in grids:
                     regular.export(path)
@@ -196,28 +183,22 @@ def command(
 def _with_slope_noise(
     height: "ol.reconstruct.HeightMap", slopes: "ol.reconstruct.SlopeMap"
 ) -> "ol.reconstruct.HeightMap":
-    """The map with the typical slope noise of its good pixels, for programs that read it without slopes."""
-    import numpy as np
-
+    """The map with the median slope noise of its good pixels, for programs that read it without slopes."""
     if not height.good.any():
         return height
-    usual = [float(np.median(part[height.good])) for part in (slopes.sigma_x, slopes.sigma_y)]
-    return replace(height, diagnostics=replace(height.diagnostics, slope_sigma=(usual[0], usual[1])))
+    along_x, along_y = medians(height.good, slopes.sigma_x, slopes.sigma_y)
+    return replace(height, diagnostics=replace(height.diagnostics, slope_sigma=(along_x, along_y)))
 
 
 def _numbers(height: "ol.reconstruct.HeightMap") -> dict[str, Any]:
-    import numpy as np
-
-    good = height.good
-    some = bool(good.any())
+    low, high = height_range(height)
+    noise, rig = medians(height.good, height.sigma, height.calibration_sigma)
     return {
-        "good_share": float(good.mean()),
-        "z_min_mm": float(height.z[good].min()) if some else float("nan"),
-        "z_max_mm": float(height.z[good].max()) if some else float("nan"),
-        "sigma_mm": float(np.median(height.sigma[good])) if some else float("nan"),
-        "calibration_sigma_mm": (
-            float(np.median(height.calibration_sigma[good])) if some and height.modes is not None else None
-        ),
+        "good_share": float(height.good.mean()),
+        "z_min_mm": low,
+        "z_max_mm": high,
+        "sigma_mm": noise,
+        "calibration_sigma_mm": None if height.modes is None else rig,
         "flags": flag_shares(height.flags, ol.decode.Flag, ol.reconstruct.HeightFlag),
         "defect": height.diagnostics.defect,
         "chi2": height.diagnostics.chi2,
@@ -229,7 +210,6 @@ def _numbers(height: "ol.reconstruct.HeightMap") -> dict[str, Any]:
 def _against_truth(
     path: Path, correspondence: "ol.decode.Correspondence", height: "ol.reconstruct.HeightMap"
 ) -> dict[str, float]:
-
     truth = ol.scene.Trace.load(path)
     if truth.z.shape != height.z.shape:
         raise InputError(f"{path}: z has shape {truth.z.shape}, the height map {height.z.shape}")
@@ -237,17 +217,16 @@ def _against_truth(
 
 
 def _rows(numbers: dict[str, Any]) -> dict[str, str]:
+    rig = numbers["calibration_sigma_mm"]
     rows = {
         "good": number(100 * numbers["good_share"], "% of the pixels"),
         "height": f"{number(numbers['z_min_mm'])} to {number(numbers['z_max_mm'], 'mm')}",
-        "sigma": f"{noise_and_rig(numbers['sigma_mm'], numbers['calibration_sigma_mm'] or 0.0)} (medians)",
-        **{name: number(100 * share, "%") for name, share in numbers["flags"].items()},
+        "sigma": f"{noise_and_rig(numbers['sigma_mm'], rig or 0.0)} (medians)",
+        **flag_rows(numbers["flags"]),
     }
     if numbers["chi2"] is not None:
-        rows["chi2"] = (
-            f"{number(numbers['chi2'])} per degree of freedom ({numbers['freedom']}), 1 by noise"
-            + ("" if numbers["calibration_sigma_mm"] is None else " and the errors of the rig")
-        )
+        freedom, by = numbers["freedom"], "" if rig is None else " and the errors of the rig"
+        rows["chi2"] = f"{number(numbers['chi2'])} per degree of freedom ({freedom}), 1 by noise{by}"
     if "height_rms_rel" in numbers:
         rows["error"] = f"{number(numbers['height_rms_rel'])} of the peak depth, rms"
         rows["rms(error / sigma)"] = number(numbers["sigma_ratio_height"])

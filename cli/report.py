@@ -9,7 +9,7 @@ from optolever import InputError
 from .arguments import Arg, Opt, program
 from .options import Json, blame, load_scene, preset, rest_file
 from .outputs import ReportFolder
-from .show import budget_rows, grid, noise_and_rig, number, print_notices, table, write_json
+from .show import budget_rows, grid, medians, noise_and_rig, number, print_notices, table, write_json
 
 __all__ = ["command"]
 
@@ -51,8 +51,6 @@ def command(
     H.npz is a file of reconstruct. DIR/report.html is the page of demo, without the comparison with the
     truth. The full data (.npz) and every number of the page (figures.csv) are in the same folder.
     """
-    import numpy as np
-
     if rest_path is not None and (correspondence is None or scene_name is None):
         raise InputError(f"--rest {rest_path}: needs --correspondence and --scene")
     height = ol.reconstruct.HeightMap.load(source)
@@ -73,26 +71,19 @@ def command(
         less=others,
         rest=None if rest_path is None else ol.decode.Correspondence.load(rest_path),
     )
-    good = height.good
-    total, noise, rig = (
-        float(np.median(sigma[good])) if good.any() else float("nan")
-        for sigma in (height.total_sigma, height.sigma, height.calibration_sigma)
-    )
+    total, noise, rig = medians(height.good, height.total_sigma, height.sigma, height.calibration_sigma)
+    shares = {"good_share": float(height.good.mean()), "sigma_mm": total, "noise_mm": noise, "rig_mm": rig}
     with blame(source):
         readings = ol.reconstruct.budget(height, next(iter(others.values()), None))
         with ol.files.report_folder(out), ol.files.together():
             ol.experiments.write_measurement_report(out / "report.html", given)
-            uncertainty = given.readings
-            numbers = {"good_share": float(good.mean()), "sigma_mm": total, "noise_mm": noise, "rig_mm": rig}
-            write_json(json_path, numbers | {"budget_mm": readings})
+            write_json(json_path, shares | {"budget_mm": readings})
     print_notices(given.notices)
-    table(
-        f"Report of {source}: {given.provenance}",
-        {
-            "good": number(100 * good.mean(), "% of the pixels"),
-            "sigma": f"{noise_and_rig(noise, rig)} (medians)",
-            "page": str(out / "report.html"),
-        },
-    )
-    if uncertainty:
-        grid("Uncertainty by source", *budget_rows(uncertainty))
+    rows = {
+        "good": number(100 * shares["good_share"], "% of the pixels"),
+        "sigma": f"{noise_and_rig(noise, rig)} (medians)",
+        "page": str(out / "report.html"),
+    }
+    table(f"Report of {source}: {given.provenance}", rows)
+    if given.readings:
+        grid("Uncertainty by source", *budget_rows(given.readings))

@@ -8,7 +8,7 @@ from optolever import InputError
 
 from .arguments import Arg, program
 from .options import Anchor, Json, Rig, blame, correspondence_of
-from .show import length, number, print_notices, progress, table, write_json
+from .show import length, medians, number, print_notices, progress, table, write_json
 
 __all__ = ["command"]
 
@@ -30,8 +30,6 @@ def command(
     .npz of decode or a folder of frames. Run it again whenever reconstruct reports drift: the rig's
     calibration stays.
     """
-    import numpy as np
-
     scene = ol.scene.load(rig)
     with progress() as step:
         step("read")
@@ -40,29 +38,25 @@ def command(
         with blame(source):
             height = ol.reconstruct.reconstruct(seen, scene, anchor=anchor)
             if not height.good.any():
-                raise InputError(
-                    "no pixel has a height; check that the mirror at rest is in view, and the scene"
-                )
+                cure = "check that the mirror at rest is in view, and the scene"
+                raise InputError(f"no pixel has a height; {cure}")
             dents = ol.reconstruct.contacts(height, ol.reconstruct.slope_map(height, seen, scene))
-        pressed = [
-            f"The mirror at rest has a dent of {length(one.depth)} at ({one.x:.3g}, {one.y:.3g}) mm: "
-            "every change lacks it; capture the mirror untouched"
-            for one in dents[:1]
-        ]
-        good = height.good
-        numbers = {
-            "good_share": float(good.mean()),
-            "z_rms_mm": float(np.sqrt(np.mean(height.z[good] ** 2))),
-            "sigma_mm": float(np.median(height.total_sigma[good])),
-        }
+        (sigma,) = medians(height.good, height.total_sigma)
+        z = height.z[height.good]
+        numbers = {"good_share": float(height.good.mean()), "z_rms_mm": float((z**2).mean() ** 0.5)}
         step("write")
         with ol.files.together():
             path = ol.calibration.store_rest(rig, ol.calibration.RestMap(height, seen))
-            write_json(json_path, numbers)
-    print_notices((*height.notices, *pressed))
+            write_json(json_path, numbers | {"sigma_mm": sigma})
+    print_notices(height.notices)
+    for one in dents[:1]:
+        place = f"a dent of {length(one.depth)} at ({one.x:.3g}, {one.y:.3g}) mm"
+        print_notices(
+            [f"The mirror at rest has {place}: every change lacks it; capture the mirror untouched"]
+        )
     rows = {
         "good": number(100 * numbers["good_share"], "% of the pixels"),
         "height": number(numbers["z_rms_mm"], "mm rms"),
-        "sigma": f"{length(numbers['sigma_mm'])} (median, noise and rig)",
+        "sigma": f"{length(sigma)} (median, noise and rig)",
     }
     table(f"Rest map in {path}", rows)

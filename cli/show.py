@@ -25,9 +25,12 @@ __all__ = [
     "budget_rows",
     "coverage_text",
     "dent_rows",
+    "flag_rows",
     "flag_shares",
     "grid",
+    "height_range",
     "length",
+    "medians",
     "noise_and_rig",
     "number",
     "print_notices",
@@ -50,6 +53,24 @@ def flag_shares(flags: "NDArray[np.unsignedinteger]", *kinds: "type[IntFlag]") -
         flag.name: float((flags & flag.value != 0).mean()) for kind in kinds for flag in kind if flag.name
     }
     return {name.lower(): share for name, share in shares.items() if share > 0}
+
+
+def flag_rows(shares: Mapping[str, float]) -> dict[str, str]:
+    """`flag_shares` for `table`."""
+    return {name: number(100 * share, "%") for name, share in shares.items()}
+
+
+def medians(good: "NDArray[np.bool_]", *maps: "NDArray[np.floating]") -> list[float]:
+    """Median of every map (H, W) over the good pixels, NaN without any."""
+    import numpy as np
+
+    return [float(np.median(each[good])) if good.any() else math.nan for each in maps]
+
+
+def height_range(height: "ol.reconstruct.HeightMap") -> tuple[float, float]:
+    """Least and largest good height, mm; NaN without any."""
+    z = height.z[height.good]
+    return (float(z.min()), float(z.max())) if z.size else (math.nan, math.nan)
 
 
 def coverage_text(mirror: float, good: float) -> str:
