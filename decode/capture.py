@@ -15,7 +15,7 @@ from optolever.notices import Notice
 from optolever.patterns import Sequence
 
 from .codes.bits import bit_tables
-from .codes.fringe import Misfit, fringe_tables, measure_misfit, three_step_aliasing
+from .codes.fringe import Misfit, fringe_tables, measure_misfit, three_step_aliasing, variance_of
 from .codes.lookup import Lines, LookUp, Table, lookup_rows, prepare, table_of
 from .codes.orders import Orders, order_table
 from .effects import View, cells, lag, motion, shared
@@ -98,9 +98,9 @@ def _estimate(light: Light, sequence: Sequence, settings: Settings, mask: Mask, 
     wide, p = lit_sample(light, mask, _WIDER), plan(sequence)
     axes = p.axes
     if settings.noise is not None:
-        noise = Noise(settings.noise**2 + light.rounding, settings.gain)
+        noise = Noise(settings.noise**2 + light.rounding, settings.gain, response=settings.response)
     else:
-        noise = fit_noise(p, sample, light.rounding)
+        noise = fit_noise(p, sample, light.rounding, settings.response)
     known = noise if settings.noise is not None or constraints(p, len(sequence)) else None
     look_ups = [
         prepare(sequence, p, axis, light, wide, known, settings.blur_px, settings.on_cells)
@@ -205,8 +205,11 @@ def _notices(profile: Estimates, axes: tuple[AxisPlan, ...], view: View) -> tupl
 
 def _phase_variance(fringe: Fringe, sample: Sample, noise: Noise) -> F64:
     """Variance (cycles^2) of the sample's phases by noise."""
-    o, c, s = fringe.inverse @ sample.levels[list(fringe.index)].astype(np.float64)
+    levels = sample.levels[list(fringe.index)].astype(np.float64)
+    o, c, s = fringe.inverse @ levels
     own = noise.variance(o) * np.square(fringe.inverse[1]).sum()
+    if noise.response is not None:
+        own = variance_of(fringe, fringe.inverse[1:], levels, noise).mean(axis=0)
     return np.asarray(own / np.maximum(c * c + s * s, 1e-6) / (2 * np.pi) ** 2)
 
 
@@ -273,7 +276,9 @@ def prepared(sequence: Sequence, settings: Settings, profile: Estimates) -> Prep
     slow = next((effect for effect in profile.effects if effect.name == "lag"), None)
     matrix = None if slow is None else lag.matrix(slow, len(sequence))
     tables = Tables(
-        fringe_tables([axis.fringes for axis in axes], [own.misfits for own in profile.axes], matrix),
+        fringe_tables(
+            [axis.fringes for axis in axes], [own.misfits for own in profile.axes], profile.noise, matrix
+        ),
         bit_tables(p, list(axes)),
         (orders[0], orders[-1]),
         np.array([axis.looked_up for axis in axes]),
@@ -325,7 +330,8 @@ def _sampled(light: Light, ready: Prepared, sample: Sample) -> Maps:
 
 
 def _noise(ready: Prepared) -> tuple[np.float32, np.float32]:
-    return np.float32(ready.profile.noise.read2), np.float32(ready.profile.noise.gain)
+    read2, gain = ready.profile.noise.line()
+    return np.float32(read2), np.float32(gain)
 
 
 def _maps(axes: int, rows: int, width: int) -> Maps:

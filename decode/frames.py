@@ -134,15 +134,34 @@ class Response:
 
     def shown_of(self, seen: ArrayLike) -> F64:
         """Displayed level for a camera level `seen`."""
-        value, steepest = np.asarray(seen, np.float64), np.ptp(self.shown) / np.ptp(self.seen)
-        slope = np.minimum(np.diff(self.shown)[[0, -1]] / np.diff(self.seen)[[0, -1]], steepest)
-        below, above = np.minimum(value - self.seen[0], 0), np.maximum(value - self.seen[-1], 0)
-        inside = np.interp(value, self.seen, self.shown)
-        return np.asarray(inside + slope[0] * below + slope[1] * above)
+        first, last = self._slopes()
+        return _piecewise(np.asarray(seen, np.float64), self.seen, self.shown, first, last)
+
+    def seen_of(self, shown: ArrayLike) -> F64:
+        """Camera level for a displayed one."""
+        first, last = self._slopes()
+        return _piecewise(np.asarray(shown, np.float64), self.shown, self.seen, 1 / first, 1 / last)
+
+    def _slopes(self) -> tuple[float, float]:
+        """Displayed levels per camera level below and above the entries."""
+        steepest = float(np.ptp(self.shown) / np.ptp(self.seen))
+        first, last = (np.diff(self.shown)[[0, -1]] / np.diff(self.seen)[[0, -1]]).tolist()
+        return min(first, steepest), min(last, steepest)
+
+    def slope_at(self, seen: ArrayLike) -> F64:
+        """Displayed levels per camera level, over two camera levels."""
+        level = np.asarray(seen, np.float64)
+        return 0.5 * (self.shown_of(level + 1) - self.shown_of(level - 1))
 
     def table(self, dtype: np.dtype[Any]) -> NDArray[np.float32]:
         """Displayed level for every raw level of an unsigned integer type."""
         return self.shown_of(np.arange(np.iinfo(dtype).max + 1)).astype(np.float32)
+
+
+def _piecewise(value: F64, given: F64, wanted: F64, first: float, last: float) -> F64:
+    """Linear between the entries; beyond them with the slopes first and last."""
+    below, above = np.minimum(value - given[0], 0), np.maximum(value - given[-1], 0)
+    return np.asarray(np.interp(value, given, wanted) + first * below + last * above)
 
 
 def levels_of(stack: NDArray[Any]) -> tuple[int, float]:

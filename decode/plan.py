@@ -41,6 +41,14 @@ class Fringe:
         """Orthonormal combinations (N - 3, N) of samples that vanish for every fringe."""
         return np.ascontiguousarray(np.linalg.qr(self.design, mode="complete")[0][:, 3:].T)
 
+    def harmonics(self, levels: F64) -> F64:
+        """What a smooth response makes of samples (N, K) depends on (9, K): 1, offset, amplitude, and the
+        amplitude times cosine and sine of one to three times the phase."""
+        offset, c, s = self.inverse @ levels
+        amplitude, phase = np.hypot(c, s), np.arctan2(s, c)
+        waves = [amplitude * wave(h * phase) for h in (1, 2, 3) for wave in (np.cos, np.sin)]
+        return np.stack([np.ones_like(offset), offset, amplitude, *waves])
+
     def few(self) -> bool:
         """Whether there are fewer than three different shifts, too few for a phase."""
         return len(np.unique(np.round(np.mod(self.shifts, 2 * np.pi), 6))) < 3

@@ -187,7 +187,7 @@ def _matched(
         samples = np.ascontiguousarray(light.linear(np.take_along_axis(raw, table.frames[at].T, axis=0)).T)
     if start is not None:
         samples[np.isnan(start)] = np.nan
-    numbers, camera = np.empty((count, 6)), (noise.read2, noise.gain, table.misfit2)
+    numbers, camera = np.empty((count, 6)), (*noise.line(), table.misfit2)
     limit = float(chdtri(table.dof, _RARE))
     match(samples, table.block[at], begin, cols, table.book, camera, limit, numbers)
     place, variance, *rest = numbers.T

@@ -1,7 +1,8 @@
-"""README's four steps, as they stand, with a camera that takes the pictures between them."""
+"""README's four steps, as they stand, on a display of gamma 2.2, with a camera that takes the pictures."""
 
 import re
 import shlex
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from optolever.cli import run
 from optolever.patterns import sequence
 from optolever.projector import Monitor
 from optolever.reconstruct import HeightMap
-from optolever.scene import dent, load, resize
+from optolever.scene import Display, dent, load, resize
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -52,16 +53,18 @@ def test_the_four_steps_run_as_they_stand(tmp_path: Path, monkeypatch: pytest.Mo
     screens = [Monitor(0, "one", 480, 640, 60), Monitor(1, "two", *shape, 60)]
     monkeypatch.setattr(projector, "monitors", lambda: screens)
     monkeypatch.setattr(projector, "PatternWindow", Window)
-    show, *others = lines()
-    assert run(show) == 0
     pressed: Any = dent("gaussian", rig, peak=0.1, sigma=20.0)
-    for name, surface in (("rest", dent("flat", rig)), ("pressed", pressed)):
-        shown = sequence("gray+phase", *shape)
-        taken = projector.capture(rig, surface, shown, noise=1.0, renderer="numpy")
+    bent = replace(rig, display=Display(gamma=2.2))
+    for name, code, surface in (
+        ("ramp", "ramp", dent("flat", rig)),
+        ("rest", "gray+phase", dent("flat", rig)),
+        ("pressed", "gray+phase", pressed),
+    ):
+        taken = projector.capture(bent, surface, sequence(code, *shape), noise=1.0, renderer="numpy")
         (tmp_path / name).mkdir()
         for i, image in enumerate(taken.frames):
             cv2.imwrite(str(tmp_path / name / f"IMG_{i + 1}.png"), image)
-    for line in others:
+    for line in lines():
         assert run(line) == 0, line
     height = HeightMap.load("h.npz")
     error = (height.z - pressed.height(height.x, height.y))[height.good]
