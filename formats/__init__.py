@@ -2,17 +2,14 @@
 
 | file | holds |
 |---|---|
-| `hdf5.py` | datasets out of an HDF5 file, with errors of one line |
-| `sofast_files.py` | fields of SOFAST's results and inputs, with their shapes checked |
+| `sofast_files.py` | fields of SOFAST's files, with their shapes checked |
 | `sofast_rig.py` | the rig of a result, or of its inputs, as a scene |
-| `sofast_measurement.py` | a measurement as a capture, and its response to levels |
-| `sofast_places.py` | a decoded measurement on the pattern of its rig |
+| `sofast_measurement.py` | a measurement as a capture, its response, and what was decoded on its rig |
 """
 
 from optolever.arguments import check_face
 
-from .sofast_measurement import load_sofast, load_sofast_response
-from .sofast_places import on_rig
+from .sofast_measurement import load_sofast, load_sofast_response, on_rig
 from .sofast_rig import SOFAST_SCREEN, SofastRig, load_sofast_rig
 
 __all__ = ["SOFAST_SCREEN", "SofastRig", "load_sofast", "load_sofast_response", "load_sofast_rig", "on_rig"]

@@ -1,4 +1,5 @@
-"""Measurements of OpenCSP's SOFAST (HDF5) as captures: fringes on a screen, and the response to invert.
+"""Measurements of OpenCSP's SOFAST (HDF5) as captures: fringes on a screen, the response to invert, and what
+was decoded on the pattern of the rig that SOFAST calibrated.
 
 The file gives its fringes in periods per screen and places as fractions of the screen, not in pixels; here
 a screen has nominal pixels, `SOFAST_SCREEN`: u = 2000 x, v = 1000 (1 - y) for fractions (x, y).
@@ -7,30 +8,25 @@ a screen has nominal pixels, `SOFAST_SCREEN`: u = 2000 x, v = 1000 (1 - y) for f
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from optolever.decode import Correspondence, Flag
 from optolever.errors import InputError
 from optolever.patterns import Frame, Sequence
 from optolever.projector import Capture
 
-from .hdf5 import load_fields
-from .sofast_rig import SOFAST_SCREEN
+from .sofast_files import sofast_fields
+from .sofast_rig import SOFAST_SCREEN, SofastRig
 
-__all__ = ["load_sofast", "load_sofast_response"]
+__all__ = ["load_sofast", "load_sofast_response", "on_rig"]
 
 ROWS, COLS = SOFAST_SCREEN
 _STEPS = 4  # SOFAST shows every fringe at 0, 90, 180 and 270 degrees
-
-_IMAGES = "MeasurementSofastFringe/fringe_images"
-_MASKS = "MeasurementSofastFringe/mask_images"
-_PERIODS_X = "MeasurementSofastFringe/fringe_periods_x"
-_PERIODS_Y = "MeasurementSofastFringe/fringe_periods_y"
-_DISPLAY = "ImageCalibration/display_values"
-_CAMERA = "ImageCalibration/camera_values"
 
 
 def load_sofast(path: str | Path) -> Capture:
@@ -38,54 +34,63 @@ def load_sofast(path: str | Path) -> Capture:
 
     InputError names the file, the field and the limit where the fields do not belong together.
     """
-    fields = load_fields(path, [_IMAGES, _MASKS, _PERIODS_X, _PERIODS_Y])
-    images, masks, x, y = (fields[name] for name in (_IMAGES, _MASKS, _PERIODS_X, _PERIODS_Y))
-    for name, periods in ((_PERIODS_X, x), (_PERIODS_Y, y)):
-        if periods.ndim != 1:
-            raise InputError(f"{path}: {name} has shape {periods.shape}, must be (n,)")
-    _require_images(path, _MASKS, masks, 2)
-    _require_images(path, _IMAGES, images, _STEPS * (len(x) + len(y)))
-    if images.shape[:2] != masks.shape[:2]:
-        raise InputError(f"{path}: {_MASKS} has shape {masks.shape}, {_IMAGES} has {images.shape}")
-    frames = (
-        Frame("black"),
-        Frame("white"),
-        *_fringes(path, "v", ROWS, y, _PERIODS_Y),
-        *_fringes(path, "u", COLS, x, _PERIODS_X),
+    fields = sofast_fields(path, "fringe_images", "mask_images", "fringe_periods_x", "fringe_periods_y")
+    x, y, shots = fields["fringe_periods_x"], fields["fringe_periods_y"], fields["mask_images"]
+    for name, count in (("mask_images", 2), ("fringe_images", _STEPS * (len(x) + len(y)))):
+        stack = fields[name]
+        if stack.dtype != np.uint8 or stack.shape != (*shots.shape[:2], count):
+            must = f"uint8 (H, W, {count}), mask_images is {shots.shape}"
+            raise InputError(f"{path}: {name} is {stack.dtype} {stack.shape}, must be {must}")
+    try:
+        fringes = (*_fringes("v", ROWS, y), *_fringes("u", COLS, x))
+    except (InputError, ZeroDivisionError) as error:
+        raise InputError(f"{path}: fringe_periods_x or fringe_periods_y: {error}") from error
+    frames = (Frame("black"), Frame("white"), *fringes)
+    shown = np.concatenate([shots, fields["fringe_images"]], axis=2)
+    return Capture(
+        np.ascontiguousarray(np.moveaxis(shown, 2, 0)), Sequence(frames, ROWS, COLS, "sofast", nominal=True)
     )
-    stack = np.concatenate([np.moveaxis(masks, 2, 0), np.moveaxis(images, 2, 0)])
-    return Capture(np.ascontiguousarray(stack), Sequence(frames, ROWS, COLS, "sofast", nominal=True))
+
+
+def _fringes(axis: str, extent: int, periods: NDArray[Any]) -> list[Frame]:
+    shifts = [2 * math.pi * step / _STEPS for step in range(_STEPS)]
+    return [
+        Frame("phase", axis, period_px=extent / count, shift=shift)
+        for count in periods.astype(np.float64).tolist()
+        for shift in shifts
+    ]
 
 
 def load_sofast_response(path: str | Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Display levels (n,) and the camera's levels for them (n,), both rising: the response to invert."""
-    fields = load_fields(path, [_DISPLAY, _CAMERA])
-    display, camera = (fields[name].astype(np.float64) for name in (_DISPLAY, _CAMERA))
-    if display.ndim != 1 or display.shape != camera.shape or len(display) < 2:
-        raise InputError(f"{path}: {_CAMERA} has shape {camera.shape}, {_DISPLAY} {display.shape}")
-    for name, values in ((_DISPLAY, display), (_CAMERA, camera)):
-        if (np.diff(values) <= 0).any():
-            raise InputError(
-                f"{path}: {name} must rise, entry {np.argmax(np.diff(values) <= 0) + 1} does not"
-            )
+    fields = sofast_fields(path, "display_values", "camera_values")
+    display, camera = (fields[name].astype(np.float64) for name in ("display_values", "camera_values"))
+    if display.shape != camera.shape or len(display) < 2:
+        raise InputError(f"{path}: camera_values has shape {camera.shape}, display_values {display.shape}")
+    if (np.diff(display) <= 0).any() or (np.diff(camera) <= 0).any():
+        raise InputError(f"{path}: display_values and camera_values must rise from entry to entry")
     return display, camera
 
 
-def _fringes(path: str | Path, axis: str, extent: int, periods: NDArray[Any], name: str) -> list[Frame]:
-    counts = periods.astype(np.float64)
-    if not counts.size or (counts <= 0).any():
-        raise InputError(f"{path}: {name} = {periods.tolist()}, must be periods per screen above 0")
-    shifts = [2 * math.pi * step / _STEPS for step in range(_STEPS)]
-    try:
-        return [
-            Frame("phase", axis, period_px=extent / count, shift=shift)
-            for count in counts.tolist()
-            for shift in shifts
-        ]
-    except InputError as error:
-        raise InputError(f"{path}: {name} = {periods.tolist()}: {error}") from error
+def on_rig(correspondence: Correspondence, rig: SofastRig) -> Correspondence:
+    """The correspondence in cells of the rig's pattern (1 mm) instead of the screen's nominal pixels.
 
-
-def _require_images(path: str | Path, name: str, images: NDArray[Any], count: int) -> None:
-    if images.dtype != np.uint8 or images.ndim != 3 or images.shape[2] != count or not images.size:
-        raise InputError(f"{path}: {name} is {images.dtype} {images.shape}, must be uint8 (H, W, {count})")
+    What does not see the facet, or the screen where nobody measured it, is flagged INVALID. InputError if the
+    shapes do not agree.
+    """
+    if correspondence.u.shape != rig.mask.shape:
+        raise InputError(
+            f"correspondence: shape {correspondence.u.shape}, the SOFAST rig's camera has {rig.mask.shape}"
+        )
+    width, height = np.ptp(rig.cells, axis=0).tolist()
+    u, v = rig.pattern_coordinates(correspondence.u / COLS, 1.0 - correspondence.v / ROWS)
+    seen = rig.mask & np.isfinite(u) & np.isfinite(v)
+    unseen = np.where(seen, 0, int(Flag.INVALID))
+    return replace(
+        correspondence,
+        u=np.where(seen, u, np.nan),
+        v=np.where(seen, v, np.nan),
+        sigma_u=correspondence.sigma_u * (width / COLS),
+        sigma_v=correspondence.sigma_v * (height / ROWS),
+        flags=(correspondence.flags | unseen).astype(np.uint16),
+    )

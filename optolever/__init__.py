@@ -1,26 +1,10 @@
 """optolever: patterns on a surface, a mirror that deforms, a camera: from the frames the mirror's height.
 
-The parts, floor by floor (imports run downward only):
-
-| floor | part          | what it does                                                             |
-|-------|---------------|--------------------------------------------------------------------------|
-| 6     | `cli`         | commands and progress                                                    |
-| 5     | `experiments` | demo, paper tables, benchmarks, report                                   |
-| 4     | `calibration` | captures of simple targets -> Scene with covariance                        |
-| 4     | `metrology`   | form, residual, slope error, Zernike terms, with sigma                   |
-| 4     | `live`        | prepared rig + one frame -> height, contacts, force                        |
-| 3     | `reconstruct` | Correspondence + Scene -> HeightMap                                      |
-| 2     | `projector`   | shows a Sequence, brings frames back: virtual sensor, folder             |
-| 2     | `decode`      | frames + Sequence -> Correspondence                                      |
-| 1     | `patterns`    | codes: Frame, Sequence                                                   |
-| 1     | `scene`       | what is physically there, and its exact ray tracing                      |
-| 0     | `errors`, `files` | one-line input errors, atomic files                                  |
-| 0     | `arguments`   | records of a wrong type, named at every face                             |
-| 0     | `hdf5`, `pictures`, `toml` | other programs' arrays, pictures and text, damaged or not   |
-| 0     | `blocks`, `kernels` | row blocks on threads; how loops are compiled                      |
-| 0     | `processes`   | other Pythons that are started, none with the working folder on its path |
-| 0     | `records`     | equality, a few lines and a plot of what holds arrays; the logger          |
-| 0     | `memory`, `notices` | memory that is free; what a result wants its user to know           |
+Parts by floor, imports run downward only: 6 `cli`; 5 `experiments`; 4 `calibration`, `formats`, `live`,
+`metrology`; 3 `reconstruct`; 2 `decode`, `projector`; 1 `patterns`, `scene`; 0 this folder: `arguments`
+(records of a wrong type, named at every face), `blocks` and `kernels` (threads, compiled loops), `errors`,
+`files` (whole or absent), `memory`, `notices`, `numbers`, `pictures`, `processes`, `quantities`, `records`,
+`toml`.
 
 `import optolever` is enough: a part is imported when it is asked for, as in `optolever.decode.decode(...)`,
 the part `decode` and its function. `logging.getLogger("optolever")` says what they do.

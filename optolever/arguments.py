@@ -132,27 +132,10 @@ def _require(name: str, value: Any, kinds: list[Any], elements: list[Any]) -> No
             _require(f"{name}[{i}]", each, elements, [])
     elif not isinstance(value, tuple(kinds)):
         records = [one for one in (*kinds, *elements) if _is_record(one)]
-        wanted = " or ".join(f"{one.__module__.split('.')[1]}.{one.__name__}" for one in records)
-        cures = "; ".join(filter(None, (_cure(value, one) for one in records)))
-        told = f"{'a list of' if elements else 'a'} {wanted}{cures and ': '}{cures}"
-        raise InputError(f"{name}: {_shown(value)}, must be {told}")
-
-
-def _shown(value: Any) -> str:
-    """A text or a number; of anything else the type."""
-    if isinstance(value, str | Path):
-        return repr(str(value)[:60])
-    return str(value) if isinstance(value, int | float | None) else type(value).__name__
-
-
-def _cure(value: Any, record: type) -> str:
-    """The functions that make and read a record."""
-    if type(value).__name__ == "Displacement" and record.__name__ == "Correspondence":
-        return "displacement.added_to(correspondence at rest) makes one"
-    made = _MAKERS.get(record.__name__)
-    read = (
-        f"{record.__module__.split('.')[1]}.{record.__name__}.load(path) reads one"
-        if hasattr(record, "load")
-        else ""
-    )
-    return " or ".join(filter(None, (f"{made} makes one" if made else "", read)))
+        named = " or ".join(f"{one.__module__.split('.')[1]}.{one.__name__}" for one in records)
+        cures = "; ".join(f"{_MAKERS[one.__name__]} makes one" for one in records if one.__name__ in _MAKERS)
+        plain = isinstance(value, str | Path | int | float | None)
+        found = repr(value)[:60] if plain else type(value).__name__
+        raise InputError(
+            f"{name}: {found}, must be {'a list of' if elements else 'a'} {named}{cures and ': '}{cures}"
+        )

@@ -3,11 +3,11 @@
 import importlib
 import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import AbstractContextManager
 from functools import lru_cache
 from itertools import pairwise
-from typing import TypeVar, cast
+from typing import TypeVar
 
 from threadpoolctl import ThreadpoolController, threadpool_limits
 
@@ -17,7 +17,6 @@ __all__ = [
     "Work",
     "blas_on_one",
     "on_cores",
-    "on_threads",
     "over_blocks",
     "over_image",
     "over_rows",
@@ -77,10 +76,10 @@ def over_rows(work: Work, rows: int, block: int = 64) -> None:
     over_blocks(work, [*range(0, rows, block), rows])
 
 
-def over_blocks(work: Work, cuts: Sequence[int], meanwhile: Callable[[], None] | None = None) -> None:
-    """Call work(start, stop) for what lies between cuts, on all cores; meanwhile, exceptions: see on_threads.
+def over_blocks(work: Work, cuts: Sequence[int]) -> None:
+    """Call work(start, stop) for what lies between cuts, on all cores; exceptions come through.
 
-    Blocks that no other thread has begun are not waited for: work may call over_rows itself.
+    Threads that have not begun when the calling one is done are not waited for: work may call over_rows.
     """
     blocks = list(pairwise(cuts))
     left = iter(blocks)
@@ -89,40 +88,21 @@ def over_blocks(work: Work, cuts: Sequence[int], meanwhile: Callable[[], None] |
         for start, stop in left:  # next() of a list's iterator is one step under the GIL
             work(start, stop)
 
-    on_threads(share, len(blocks), meanwhile)
-
-
-def on_threads(share: Callable[[], None], most: int, meanwhile: Callable[[], None] | None = None) -> None:
-    """Call share() on every core, `most` at most: each call does what no other has begun, until nothing is
-    left. Exceptions come through.
-
-    The calling thread does what there is to do `meanwhile` first; threads that have not begun when it is done
-    are not waited for.
-    """
-    count = min(threads(), most) if most > 1 else 1
-    helpers = [_pool(os.getpid(), threads()).submit(share) for _ in range(count - 1)]
+    helpers = [_pool(os.getpid(), threads()).submit(share) for _ in range(min(threads(), len(blocks)) - 1)]
     try:
-        if meanwhile is not None:
-            meanwhile()
         share()
     finally:
         begun = [helper for helper in helpers if not helper.cancel()]
-        for helper in begun:
-            helper.exception()  # waits
+        wait(begun)
     for helper in begun:
         helper.result()
 
 
 def on_cores(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
     """[work(item) for item in items], on all cores."""
-    done: list[Result | None] = [None] * len(items)
-
-    def some(start: int, stop: int) -> None:
-        for i in range(start, stop):
-            done[i] = work(items[i])
-
-    over_rows(some, len(items), 1)
-    return cast(list[Result], done)
+    done: dict[int, Result] = {}
+    over_rows(lambda start, _: done.update({start: work(items[start])}), len(items), 1)
+    return [done[i] for i in range(len(items))]
 
 
 def over_image(work: Work, shape: tuple[int, ...]) -> None:

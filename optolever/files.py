@@ -17,7 +17,7 @@ import tokenize
 import zipfile
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
@@ -61,17 +61,11 @@ class _Output:
     target: Path
     temporary: Path
 
-    @property
-    def through(self) -> bool:
-        """Whether the target is a device or a pipe, which is written through and never replaced."""
-        return _is_stream(self.target)
-
     def take_place(self) -> None:
-        """Become what was asked for. An existing file keeps its mode."""
+        """Become what was asked for. A device or a pipe is written through; a file keeps its mode."""
         with self.blamed():
-            if self.through:
-                with self.temporary.open("rb") as source, _stream(self.target) as stream:
-                    shutil.copyfileobj(source, stream)
+            if _is_stream(self.target):
+                self.target.write_bytes(self.temporary.read_bytes())
                 return
             if self.target.is_file():
                 self.temporary.chmod(stat.S_IMODE(self.target.stat().st_mode))
@@ -81,27 +75,24 @@ class _Output:
 
     def discard(self) -> None:
         """Leave nothing behind."""
-        if self.temporary.is_dir():
-            shutil.rmtree(self.temporary, ignore_errors=True)
-        else:
-            with suppress(OSError):
-                self.temporary.unlink(missing_ok=True)
+        shutil.rmtree(self.temporary, ignore_errors=True)
+        with suppress(OSError):
+            self.temporary.unlink(missing_ok=True)
 
     @contextmanager
     def blamed(self) -> Iterator[None]:
         """Failures to write are one line about the file that was asked for, not about where it is written."""
+        here, asked = str(self.temporary), str(self.asked)
         try:
             yield
         except InputError as error:
-            raise InputError(str(error).replace(str(self.temporary), str(self.asked))) from error
+            raise InputError(str(error).replace(here, asked)) from error
         except OSError as error:
-            where, reason = str(error.filename or self.temporary), reason_of(error)
-            if str(self.temporary) not in where:
+            where, reason = str(error.filename or here), reason_of(error)
+            if here not in where:
                 raise
-            if not reason.startswith(_FAILED):
-                reason = f"{_FAILED} ({reason})"
-            where = where.replace(str(self.temporary), str(self.asked))
-            raise OSError(error.errno or errno.EIO, reason, where) from error
+            reason = reason if reason.startswith(_FAILED) else f"{_FAILED} ({reason})"
+            raise OSError(error.errno or errno.EIO, reason, where.replace(here, asked)) from error
 
 
 _waiting: ContextVar[list[_Output] | None] = ContextVar("outputs that wait for others", default=None)
@@ -119,7 +110,7 @@ def together() -> Iterator[None]:
             outer += outputs
             outputs = []
         # renaming does not fail for want of room, writing to a device may: so devices come first
-        for output in sorted(outputs, key=lambda output: not output.through):
+        for output in sorted(outputs, key=lambda output: not _is_stream(output.target)):
             output.take_place()
     finally:
         _waiting.reset(before)
@@ -128,25 +119,25 @@ def together() -> Iterator[None]:
 
 
 @contextmanager
-def _placed(output: _Output) -> Iterator[Path]:
+def _placed(output: _Output, make: Callable[[Path], None]) -> Iterator[Path]:
     """Yield where to write; at the end the output takes its place, or waits for the others of `together`."""
     waiting = _waiting.get()
     before = _waiting.set(None)  # what is written into a folder is in its place at once
     try:
         with output.blamed():
+            make(output.temporary)
             yield output.temporary
-        if waiting is not None:
-            waiting.append(output)
-        else:
+        if waiting is None:
             output.take_place()
+        else:
+            waiting.append(output)
     finally:
         _waiting.reset(before)
         if waiting is None or output not in waiting:
             output.discard()
 
 
-@contextmanager
-def atomic_file(path: str | Path) -> Iterator[Path]:
+def atomic_file(path: str | Path) -> AbstractContextManager[Path]:
     """Yield a path (same suffix) to write to; `path` becomes what it holds only if the block succeeds.
 
     Of a link the target is replaced; a device or a pipe is written through; a file keeps its mode.
@@ -157,14 +148,11 @@ def atomic_file(path: str | Path) -> Iterator[Path]:
     target = _target(asked)
     folder = Path(tempfile.gettempdir()) if _is_stream(target) else target.parent
     output = _Output(asked, target, folder / f".{secrets.token_hex(8)}{target.suffix}")
-    with _placed(output):
-        private = target.is_file() or output.through
-        os.close(os.open(output.temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600 if private else 0o666))
-        yield output.temporary
+    mode = 0o600 if target.exists() else 0o666
+    return _placed(output, lambda temporary: temporary.touch(mode, exist_ok=False))
 
 
-@contextmanager
-def atomic_folder(path: str | Path) -> Iterator[Path]:
+def atomic_folder(path: str | Path) -> AbstractContextManager[Path]:
     """Yield a folder beside `path` that becomes `path` if the block succeeds; `path` must hold no files.
     Errors as of atomic_file.
     """
@@ -173,9 +161,7 @@ def atomic_folder(path: str | Path) -> Iterator[Path]:
         raise InputError(f"{target}: exists and is no empty folder; nothing is written over, name another")
     _require_parent(target, target)
     output = _Output(target, target, target.parent / f".{target.name}.{secrets.token_hex(8)}")
-    with _placed(output):
-        output.temporary.mkdir()
-        yield output.temporary
+    return _placed(output, Path.mkdir)
 
 
 @contextmanager
@@ -188,8 +174,8 @@ def report_folder(path: str | Path) -> Iterator[Path]:
         folder.mkdir(parents=True, exist_ok=True)
         yield folder
     except BaseException:
-        for each in made:
-            with suppress(OSError):
+        with suppress(OSError):
+            for each in made:
                 each.rmdir()
         raise
 
@@ -202,25 +188,21 @@ def require_writable(path: str | Path) -> None:
     if asked.exists():
         _require_permission(asked, asked)
     target = _target(asked)
-    if _is_stream(target):
-        return
     if target.is_symlink():
         raise InputError(f"{asked}: a link that leads to itself")
-    _require_parent(asked, target)
+    if not _is_stream(target):
+        _require_parent(asked, target)
 
 
 def require_folder(path: str | Path, *files: str) -> None:
     """InputError unless such files can be written into a folder, which may be absent."""
     folder = Path(path)
-    if folder.is_dir():
-        _require_permission(folder, folder)
-        for name in files:
-            require_writable(folder / name)
-        return
     there = next(each for each in (folder, *folder.absolute().parents) if each.exists() or each.is_symlink())
     if not there.is_dir():
         raise InputError(f"{there}: is a file, a folder is to be made here")
     _require_permission(there, folder)
+    for name in files if there == folder else ():
+        require_writable(folder / name)
 
 
 def save_arrays(path: str | Path, arrays: Mapping[str, Any], compressed: bool = False) -> None:
@@ -372,25 +354,10 @@ def _require_permission(path: Path, asked: Path) -> None:
 
 
 def _target(asked: Path) -> Path:
-    """What a link leads to; a stream stays as it was asked for (those in /proc lead to no name)."""
+    """What a link leads to; a device stays as it was asked for (those in /proc lead to no name)."""
     return asked if _is_stream(asked) else Path(os.path.realpath(asked))
 
 
 def _is_stream(path: Path) -> bool:
-    """Whether it exists and is no file and no folder, or is where this process's own output goes."""
-    return path.exists() and not path.is_dir() and (not path.is_file() or _descriptor(path) is not None)
-
-
-def _descriptor(path: Path) -> int | None:
-    """Which of stdout and stderr goes to this file: `/dev/stdout` of a program whose output is redirected."""
-    for descriptor in (1, 2):
-        with suppress(OSError):
-            if os.path.samestat(os.fstat(descriptor), path.stat()):
-                return descriptor
-    return None
-
-
-def _stream(path: Path) -> Any:
-    """Open for writing; stdout and stderr go on where they are."""
-    descriptor = _descriptor(path)
-    return path.open("wb") if descriptor is None else os.fdopen(os.dup(descriptor), "wb")
+    """Whether it is a device or a pipe, which is written through and never replaced."""
+    return path.exists() and not path.is_dir() and not path.is_file()

@@ -9,6 +9,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Callable
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -85,29 +86,14 @@ def cache_folder(folder: Path) -> Path | None:
     user = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"))
     if user.is_absolute():  # a user without a name, as in containers, has no home folder: "~" stays
         places.append(user / "optolever")
-    chosen = (place / f"kernels-{state.hexdigest()[:16]}" for place in places)
-    found = next((place for place in chosen if _can_be_written(place)), None)
-    if found is not None:
-        _remove_old(found)
-    return found
-
-
-def _remove_old(folder: Path) -> None:
-    """Remove the caches of older sources beside `folder`, but for the latest: each takes some 25 MB."""
-    try:
-        os.utime(folder)
-        others = [one for one in folder.parent.glob("kernels-*") if one != folder]
-        for old in sorted(others, key=lambda one: one.stat().st_mtime)[:-_KEPT]:
-            shutil.rmtree(old, ignore_errors=True)
-    except OSError:  # another process removes them, too
-        pass
-
-
-def _can_be_written(folder: Path) -> bool:
-    """Whether a file can be made there; the folder is made, as Numba would."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        tempfile.TemporaryFile(dir=folder).close()
-    except OSError:
-        return False
-    return True
+    for place in places:
+        found = place / f"kernels-{state.hexdigest()[:16]}"
+        with suppress(OSError):
+            found.mkdir(parents=True, exist_ok=True)
+            tempfile.TemporaryFile(dir=found).close()
+            os.utime(found)
+            others = sorted(place.glob("kernels-*"), key=lambda one: one.stat().st_mtime)
+            for old in others[: -_KEPT - 1]:  # each takes some 25 MB
+                shutil.rmtree(old, ignore_errors=True)
+            return found
+    return None

@@ -1,18 +1,15 @@
 """The one place where pictures are read: PNG, TIFF (of several pages, too), NPY, video and what else OpenCV
 reads, as they are stored (no turning by what a camera notes beside them); errors of one line."""
 
-import logging
 import math
 import struct
 import zlib
-from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
-import tifffile
 from numpy.typing import NDArray
 
 from optolever.errors import InputError, require_file
@@ -44,7 +41,6 @@ _LUMINANCE = (0.299, 0.587, 0.114)
 CHANNELS = ("red", "green", "blue", "luminance")
 #: Channels that a picture may have, and the largest values of 8, 10, 12, 14 and 16 bits.
 _CHANNELS, _WHITE = 4, (255, 1023, 4095, 16383, 65535)
-_ANIMATED = 2  # of a WebP, flag of its VP8X chunk (RFC 9649, 2.7)
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 #: Samples of a pixel, by the colour type of a PNG's header.
 _SAMPLES = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
@@ -52,7 +48,6 @@ _SAMPLES = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
 _DEFLATE = 1032
 # what is wrong is said in one line, by whoever asks for the picture
 cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-tifffile.logger().addHandler(logging.NullHandler())
 
 
 def read_picture(path: Path) -> Picture:
@@ -73,13 +68,9 @@ def read_pictures(path: Path) -> Picture:
     if suffix in _VIDEOS:
         return _from_video(path)
     data = path.read_bytes()
-    if suffix in _TIFF:
-        return _from_tiff(path, data)
     if data.startswith(_PNG_SIGNATURE):
         _require_whole_png(path, data)
-    if data[12:16] == b"VP8X" and data[20] & _ANIMATED:
-        raise InputError(f"{path}: holds several pictures (an animated WebP), must be one")
-    return _decoded(path, data)[None]
+    return _decoded(path, data)
 
 
 def read_grey(path: Path) -> Picture:
@@ -88,25 +79,18 @@ def read_grey(path: Path) -> Picture:
 
 
 def read_mask(path: Path) -> NDArray[np.bool_]:
-    """Pixels (H, W) that a picture marks: the larger of its two values; of more values the upper half of what
-    its type holds; of pixels of one colour those that are opaque. InputError if it marks none."""
+    """Pixels (H, W) that a picture marks: above the middle of its values; of pixels of one colour those that
+    are opaque. InputError if it marks none."""
     picture = read_picture(path)
-    alpha = picture[..., -1] if picture.ndim == 3 and picture.shape[2] in (2, 4) else None
     values = grey_of(picture)
-    if alpha is not None and np.ptp(values) == 0:
-        values = alpha
-    least, most = values.min(), values.max()
+    if picture.ndim == 3 and picture.shape[2] in (2, 4) and np.ptp(values) == 0:
+        values = picture[..., -1]
+    least, most = float(values.min()), float(values.max())
     if most == 0:
         raise InputError(
             f"{path}: every value is 0, so the mask leaves no pixel; paint white what is to be kept"
         )
-    between = (values != least) & (values != most)
-    if not between.any():
-        return np.asarray(values == most)
-    half = 0.5 * (np.iinfo(values.dtype).max if values.dtype.kind == "u" else 1.0)
-    if most <= half:
-        raise InputError(f"{path}: has values between {least} and {most}, a mask must have two")
-    return np.asarray(values > half)
+    return np.asarray(values >= most if least == most else values > 0.5 * (least + most))
 
 
 def grey_of(picture: Picture, channel: str = "luminance") -> Picture:
@@ -145,59 +129,25 @@ def is_lossy(path: Path) -> bool:
 
 
 def _decoded(path: Path, data: bytes) -> Picture:
-    """A picture by OpenCV, which has blue first."""
-    try:
-        image: Any = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
-    except cv2.error:  # a header that claims more than OpenCV takes
-        image = None
-    if image is None:
+    """All pictures of a file by OpenCV, which has blue first."""
+    coded, found = np.frombuffer(data, np.uint8), list[Any]()
+    with suppress(cv2.error):  # a header that claims more than OpenCV takes
+        if data and path.suffix.lower() in _TIFF:
+            done, pages = cv2.imdecodemulti(coded, cv2.IMREAD_UNCHANGED)
+            found = [*pages] if done else []
+        elif data:
+            found = [cv2.imdecode(coded, cv2.IMREAD_UNCHANGED)]
+    if not found or found[0] is None:
         raise InputError(f"{path}: not an image ({len(data)} bytes)")
-    return _red_first(np.asarray(image))
+    if any(page.shape != found[0].shape for page in found):
+        raise InputError(f"{path}: its pictures differ in size, must be alike")
+    return np.stack([_red_first(np.asarray(page)) for page in found])
 
 
 def _red_first(image: Picture) -> Picture:
     return (
         image if image.ndim == 2 or image.shape[2] < 3 else image[..., [2, 1, 0, *range(3, image.shape[2])]]
     )
-
-
-def _from_tiff(path: Path, data: bytes) -> Picture:
-    """Pages by tifffile; by OpenCV where that lacks a compression; grey levels of 0 are black."""
-    try:
-        with tifffile.TiffFile(path) as tiff:
-            require_room(str(path), sum(series.nbytes for series in tiff.series))
-            pages = [_pages(series) for series in tiff.series]
-    except InputError:
-        raise
-    except Exception:  # a damaged file, or a compression that tifffile lacks: anything may be raised
-        pages = _pages_by_opencv(data)
-    if not pages:
-        raise InputError(f"{path}: not an image ({len(data)} bytes)")
-    if any(page.shape[1:] != pages[0].shape[1:] for page in pages):
-        raise InputError(f"{path}: its pictures differ in size, must be alike")
-    return np.concatenate(pages)
-
-
-def _pages_by_opencv(data: bytes) -> list[Picture]:
-    found: Any = ()
-    if data:
-        with suppress(cv2.error):
-            _, found = cv2.imdecodemulti(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    return [_red_first(np.asarray(page))[None] for page in found or ()]
-
-
-def _pages(series: Any) -> Picture:
-    """(N, H, W) or (N, H, W, samples) of a series of pages."""
-    if series.keyframe.photometric == tifffile.PHOTOMETRIC.PALETTE:
-        raise ValueError("colours by a table")
-    pages = np.asarray(series.asarray())
-    if pages.dtype == np.bool_:
-        pages = pages.view(np.uint8) * np.uint8(255)
-    if series.keyframe.photometric == tifffile.PHOTOMETRIC.MINISWHITE and pages.dtype.kind == "u":
-        pages = np.iinfo(pages.dtype).max - pages
-    axes, kept = series.axes, "YXS" if "S" in series.axes else "YX"
-    pages = np.moveaxis(pages, [axes.index(axis) for axis in kept], range(-len(kept), 0))
-    return pages.reshape(-1, *pages.shape[pages.ndim - len(kept) :])
 
 
 def _from_npy(path: Path) -> Picture:
@@ -216,26 +166,17 @@ def _from_npy(path: Path) -> Picture:
 
 
 def _from_video(path: Path) -> Picture:
-    frames = list(_video_frames(path))
+    video, frames = cv2.VideoCapture(str(path)), []
+    while (read := video.read())[0]:
+        frames.append(_red_first(np.asarray(read[1])))
+    video.release()
     if not frames:
         raise InputError(f"{path}: not a video that OpenCV decodes here; save its frames as PNG")
     return np.stack(frames)
 
 
-def _video_frames(path: Path) -> Iterator[Picture]:
-    video = cv2.VideoCapture(str(path))
-    try:
-        while True:
-            done, frame = video.read()
-            if not done:
-                return
-            yield _red_first(np.asarray(frame))
-    finally:
-        video.release()
-
-
 def _require_whole_png(path: Path, data: bytes) -> None:
-    """Length and CRC of every chunk, one picture, and no more pixels than the file can hold: OpenCV hands
+    """Length and CRC of every chunk, and no more pixels than the file can hold: OpenCV hands
     out what it could read of a damaged file."""
     at = len(_PNG_SIGNATURE)
     view = memoryview(data)
@@ -251,8 +192,6 @@ def _require_whole_png(path: Path, data: bytes) -> None:
             )
         if kind == b"IHDR" and length == 13:
             _require_held(path, data, at + 8)
-        if kind == b"acTL" and (count := int.from_bytes(view[at + 8 : at + 12], "big")) > 1:
-            raise InputError(f"{path}: holds {count} pictures (an animated PNG), must be one")
         if kind == b"IEND":
             return
         at = end

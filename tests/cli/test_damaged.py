@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from optolever import memory
 from optolever.decode import Correspondence
@@ -160,14 +159,3 @@ def test_a_picture_that_claims_more_than_it_holds(size: tuple[int, int], tmp_pat
     path.write_bytes(_png(*size, bytes(1000)))
     with pytest.raises(InputError, match=rf"a\.png: claims {size[0]}x{size[1]} pixels"):
         read_picture(path)
-
-
-@pytest.mark.parametrize(("kind", "words"), [("png", "holds 3 pictures"), ("webp", "holds several pictures")])
-def test_an_animated_picture_is_not_one(kind: str, words: str, tmp_path: Path) -> None:
-    """As a TIFF of several pages; one picture of the same writer is read."""
-    pictures = [Image.fromarray(np.full((8, 8), 80 * k, np.uint8)) for k in range(3)]
-    pictures[0].save(tmp_path / f"a.{kind}", save_all=True, append_images=pictures[1:])
-    pictures[1].save(tmp_path / f"b.{kind}", lossless=True)
-    with pytest.raises(InputError, match=rf"a\.{kind}: {words}"):
-        read_picture(tmp_path / f"a.{kind}")
-    assert (read_picture(tmp_path / f"b.{kind}") == 80).all()

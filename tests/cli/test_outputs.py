@@ -1,13 +1,10 @@
 """Outputs: devices and links written through, inputs and read-only files kept, full disks leave nothing."""
 
 import importlib
-import json
 import os
 import resource
 import shutil
 import stat
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -86,25 +83,6 @@ def test_a_suffix_that_is_not_written_is_refused(
         path, words = tmp_path / f"a{Path(files[0]).suffix}", ["must be a folder", *files]
     refused([*name.split(), option.opts[0], path], f"{option.opts[0]} {path}: ", *words)
     assert not list(tmp_path.iterdir())
-
-
-def test_standard_output_goes_on_where_it_is(tmp_path: Path) -> None:
-    """A pipe, and a file that the shell has opened: JSON first, then what the command prints."""
-    command = [
-        sys.executable,
-        "-c",
-        "from optolever.cli import main; main()",
-        "names",
-        "--json",
-        "/dev/stdout",
-    ]
-    piped = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
-    with (tmp_path / "log").open("w") as log:
-        subprocess.run(command, check=True, stdout=log)
-    assert (tmp_path / "log").read_text() == piped
-    record, end = json.JSONDecoder().raw_decode(piped)
-    assert "scenes" in record
-    assert "paper-simulation" in piped[end:]
 
 
 def test_a_link_that_leads_nowhere_is_refused(refused: Refused, tmp_path: Path) -> None:

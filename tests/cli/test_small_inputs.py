@@ -95,13 +95,10 @@ def test_two_values_are_a_mask_whatever_they_are(
     assert found.good[_half()].mean() > 0.9 * whole.good[_half()].mean()
 
 
-@pytest.mark.parametrize(("values", "words"), [([0], "leaves no pixel"), ([0, 1, 2], "must have two")])
-def test_a_mask_that_says_nothing_is_refused(
-    values: list[int], words: str, own: Path, refused: Refused
-) -> None:
+def test_a_mask_that_says_nothing_is_refused(own: Path, refused: Refused) -> None:
     path = own.parent / "mask.png"
-    cv2.imwrite(str(path), np.resize(np.array(values, np.uint8), (96, 96)))
-    refused(["decode", own, "--mask", path, "--out", own.parent / "c.npz"], "mask.png", words)
+    cv2.imwrite(str(path), np.zeros((96, 96), np.uint8))
+    refused(["decode", own, "--mask", path, "--out", own.parent / "c.npz"], "mask.png", "leaves no pixel")
 
 
 @pytest.fixture

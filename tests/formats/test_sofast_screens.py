@@ -1,6 +1,8 @@
 """OpenCSP's three screen models against their published formulas (DisplayShape: rectangular2D
 (fraction - 0.5) * size, distorted2D and 3D linear on the Delaunay triangles of the fractions)."""
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -115,7 +117,7 @@ def test_distorted(measured: tuple[Floats, Floats], flat: bool, tmp_path: Path) 
 def test_facets_by_name(tmp_path: Path) -> None:
     path = rig_file(tmp_path / "r.h5", {"screen_x": 0.7, "screen_y": 0.4}, "facet_003")
     assert load_sofast_rig(path, "facet_003").scene.mirror.length == 1000
-    with pytest.raises(InputError, match=r"r\.h5: .*; no facet 'facet_000', there are facet_003$"):
+    with pytest.raises(InputError, match=r"r\.h5: no facet 'facet_000', there are facet_003$"):
         load_sofast_rig(path)
 
 
@@ -209,72 +211,60 @@ def test_inputs_are_a_rig(defined: bool, name: str, tmp_path: Path) -> None:
         assert 500 < scene.mirror.length < 700
 
 
-@pytest.mark.parametrize(
-    ("without", "told"),
-    [
-        (0, r"no camera \(Camera/intrinsic_mat\)$"),
-        (1, r"DisplayShape has none of the screen models"),
-        (2, r"no orientation \(SpatialOrientation/r_cam_screen\)$"),
-        (3, r"no measurement \(MeasurementSofastFringe/mask_images\)$"),
-    ],
-)
-def test_what_inputs_lack_is_told(without: int, told: str, tmp_path: Path) -> None:
-    paths = inputs(tmp_path)
-    del paths[without]
-    with pytest.raises(InputError, match=told):
-        load_sofast_rig(paths)
-
-
-@pytest.mark.parametrize(
-    ("text", "told"),
-    [
-        ('{"v_facet_corners": {"x": [0]}}', "no definition of a facet"),
-        ("[1", "no definition of a facet"),
-        ('{"v_facet_locations": {}}', "defines an ensemble"),
-        (FACET_JSON.replace("0.3, 0.3", "0.3, NaN"), "v_facet_corners must be lists"),
-    ],
-)
-def test_bad_definitions_of_facets(text: str, told: str, tmp_path: Path) -> None:
+def definition(text: str, tmp_path: Path) -> list[Path]:
     (tmp_path / "facet.json").write_text(text)
-    with pytest.raises(InputError, match=rf"facet\.json: .*{told}"):
-        load_sofast_rig([*inputs(tmp_path), tmp_path / "facet.json"])
+    return [*inputs(tmp_path), tmp_path / "facet.json"]
 
 
-def test_inputs_that_contradict_each_other(tmp_path: Path) -> None:
+def without(part: int, tmp_path: Path) -> list[Path]:
     paths = inputs(tmp_path)
-    with pytest.raises(InputError, match=r"is in .*give one of them"):
-        load_sofast_rig([*paths, paths[0]])
-    with pytest.raises(InputError, match=r"dist_optic_screen = 0\.1: no point in view"):
-        load_sofast_rig(inputs(tmp_path, 0.1))
+    del paths[part]
+    return paths
+
+
+def dark(tmp_path: Path) -> list[Path]:
+    paths = inputs(tmp_path)
     with h5py.File(paths[3], "a") as file:
         file["MeasurementSofastFringe/mask_images"][...] = 7
-    with pytest.raises(InputError, match="white is nowhere brighter"):
-        load_sofast_rig(paths)
+    return paths
+
+
+def screen(tmp_path: Path, **display: NDArray[np.generic] | float) -> list[Path]:
+    return [rig_file(tmp_path / "r.h5", {**display})]
+
+
+#: Files, and what the message says of them.
+REFUSED: list[tuple[Callable[[Path], list[Path]], str]] = [
+    (partial(without, 0), r"no camera \(Camera/intrinsic_mat\)$"),
+    (partial(without, 1), "DisplayShape has none of the screen models"),
+    (partial(without, 2), r"no orientation \(SpatialOrientation/r_cam_screen\)$"),
+    (partial(without, 3), r"no measurement \(MeasurementSofastFringe/mask_images\)$"),
+    (partial(definition, '{"v_facet_corners": {"x": [0]}}'), r"facet\.json: no definition of one facet"),
+    (partial(definition, "[1"), r"facet\.json: no definition of one facet"),
+    (partial(definition, '{"v_facet_locations": {}}'), r"facet\.json: no definition of one facet"),
+    (partial(definition, FACET_JSON.replace("0.3, 0.3", "0.3, NaN")), "v_facet_corners has values"),
+    (lambda folder: [*inputs(folder), inputs(folder)[0]], "is in .*give one of them"),
+    (lambda folder: inputs(folder, 0.1), r"dist_optic_screen = 0\.1: no point in view"),
+    (dark, "white is nowhere brighter"),
+    (screen, "none of the screen models .*screen_x"),
+    (partial(screen, screen_x=0.7), "none of the screen models"),
+    (partial(screen, screen_x=-0.7, screen_y=0.4), "screen_x = -0.7, screen_y = 0.4: must be above 0 m"),
+    (partial(screen, xy_screen_fraction=np.ones((2, 4)), xy_screen_coords=np.ones((2, 5))), "n >= 3 places"),
+]
+
+
+@pytest.mark.parametrize(("files", "message"), REFUSED)
+def test_refused(files: Callable[[Path], list[Path]], message: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=message):
+        load_sofast_rig(files(tmp_path))
 
 
 WHOLE = rig_fields({"xy_screen_fraction": np.eye(2, 4), "xy_screen_coords": np.eye(2, 4)})
 
 
-ALIGNMENT = "DataSofastCalculation/facet/facet_000/SlopeSolverData/trans_alignment"
-
-
-@pytest.mark.parametrize("name", [*WHOLE, ALIGNMENT])
 @pytest.mark.parametrize("value", [1.0, np.ones((2, 3, 4)), np.ones((2, 0)), np.full((3, 1), 1e300)])
-def test_fields_of_another_shape(name: str, value: NDArray[np.generic] | float, tmp_path: Path) -> None:
-    path = h5_file(tmp_path / "r.h5", WHOLE | {name: value})
-    with pytest.raises(InputError, match=rf"r\.h5: .*{name}"):
-        load_sofast_rig(path)
-
-
-@pytest.mark.parametrize(
-    ("display", "told"),
-    [
-        ({}, "none of the screen models .*rectangular2D: .*screen_x"),
-        ({"screen_x": 0.7}, "none of the screen models"),
-        ({"screen_x": -0.7, "screen_y": 0.4}, "screen_x = -0.7, must be above 0 m"),
-        ({"xy_screen_fraction": np.ones((2, 4)), "xy_screen_coords": np.ones((2, 5))}, "n >= 3 places"),
-    ],
-)
-def test_other_screens_are_refused(display: Fields, told: str, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=told):
-        load_sofast_rig(rig_file(tmp_path / "r.h5", display))
+def test_fields_of_another_shape(value: NDArray[np.generic] | float, tmp_path: Path) -> None:
+    for name in (*WHOLE, "DataSofastCalculation/facet/facet_000/SlopeSolverData/trans_alignment"):
+        path = h5_file(tmp_path / "r.h5", WHOLE | {name: value})
+        with pytest.raises(InputError, match=rf"r\.h5: .*{name.rpartition('/')[2]}"):
+            load_sofast_rig(path)
