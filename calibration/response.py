@@ -104,6 +104,14 @@ class RigResponse:
         found = least_squares(lambda gamma: level**gamma - light, 1.0)
         return float(found.x[0]), float(np.sqrt(np.mean(found.fun**2)))
 
+    def least(self) -> dict[str, float | None]:
+        """Least over largest value of gain, vignetting and backlight; None: not separated."""
+        maps = {"gain": self.gain, "vignetting": self.vignetting, "backlight": self.backlight}
+        return {
+            name: None if each is None else float(np.nanmin(each) / np.nanmax(each))
+            for name, each in maps.items()
+        }
+
 
 def measure_response(
     ramp: Capture, captures: Sequence[Capture] = (), names: Sequence[str] = ()

@@ -14,8 +14,6 @@ from optolever.errors import reason_of
 
 from .commands import Program
 
-__all__ = ["app", "exit_code", "main", "run"]
-
 
 @click.group(
     cls=Program,

@@ -17,19 +17,6 @@ import click
 
 from .outputs import Option, Program
 
-__all__ = [
-    "ABOVE_0",
-    "AT_LEAST_0",
-    "FILE",
-    "SHARE",
-    "Arg",
-    "Opt",
-    "Rare",
-    "Shape",
-    "program",
-    "sample",
-]
-
 FILE = click.Path(path_type=Path)
 ABOVE_0, AT_LEAST_0 = click.FloatRange(min=0, min_open=True), click.FloatRange(min=0)
 SHARE = click.FloatRange(0, 1, max_open=True)

@@ -25,8 +25,6 @@ from optolever.processes import environment, safe_path
 from .outputs import OutputFile, Program
 from .show import number, progress
 
-__all__ = ["Many"]
-
 #: Imported once, by the process from which all others are forked.
 _PARTS = ["optolever.calibration", "optolever.decode", "optolever.experiments", "optolever.projector"]
 _TRIES = 3  # of a task whose worker was killed

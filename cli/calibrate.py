@@ -20,8 +20,6 @@ from .outputs import OutputFile
 from .rig_targets import Calibrate, capture_targets, so_far_text
 from .show import grid, number, print_notices, progress, table, write_json
 
-__all__ = ["command"]
-
 SAMPLE = """
 $ optolever calibrate --scene monitor-mirror --out rig.toml \\
       flat=p0.npz flat=p1.npz flat=p2.npz

@@ -6,8 +6,6 @@ import click
 
 from .commands import CAMERA, Commands
 
-__all__ = ["command"]
-
 
 class Camera(Commands):
     """optolever camera NAME."""

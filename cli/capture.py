@@ -8,10 +8,8 @@ import optolever as ol
 from .arguments import Opt, Rare, program
 from .options import Json, Shown
 from .rig_capture import capture_rig
-from .rig_devices import Changes, OpenedRig, devices_of
+from .rig_devices import Changes, OpenedRig, devices_of, sequence_of
 from .show import number, table, write_json
-
-__all__ = ["command"]
 
 SAMPLE = """
 $ optolever capture --rig rig.toml --out press
@@ -41,22 +39,17 @@ def command(
     acquisition.jsonl: times and repeated frames. The recording of an aborted capture stays in DIR.recording
     (optolever camera replay).
     """
-    pattern = ol.scene.load(rig).pattern
-    shown = ol.patterns.sequence_from_text(sequence, pattern.rows, pattern.cols)
-    devices = devices_of(rig, changes)
+    shown, devices = sequence_of(rig, sequence), devices_of(rig, changes)
     with ol.files.together():
         done = capture_rig(rig, devices, shown, out, keep=keep)
         write_json(json_path, done.numbers())
-    rows, cols = done.capture.shape
-    numbers = done.numbers()
-    table(
-        f"Capture in {out}",
-        {
-            "camera": devices.camera,
-            "sequence": sequence,
-            "frames": f"{len(shown)} of {rows} x {cols}",
-            "images": f"{done.lost} lost, {numbers['incomplete']} incomplete",
-            "patterns": f"{numbers['repeats']} shown again, {numbers['late']} late",
-            "time": number(done.seconds, "s"),
-        },
-    )
+    numbers, (rows, cols) = done.numbers(), done.capture.shape
+    figures = {
+        "camera": devices.camera,
+        "sequence": sequence,
+        "frames": f"{len(shown)} of {rows} x {cols}",
+        "images": f"{done.lost} lost, {numbers['incomplete']} incomplete",
+        "patterns": f"{numbers['repeats']} shown again, {numbers['late']} late",
+        "time": number(done.seconds, "s"),
+    }
+    table(f"Capture in {out}", figures)

@@ -5,8 +5,6 @@ from collections.abc import Mapping, Sequence
 
 import click
 
-__all__ = ["CAMERA", "SECTIONS", "Commands", "Program", "module_of"]
-
 #: Commands by section of --help.
 SECTIONS: Mapping[str, tuple[str, ...]] = {
     "Commands": (

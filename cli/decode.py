@@ -31,8 +31,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-__all__ = ["command"]
-
 SAMPLE = """
 $ optolever decode capture --out c.npz
 Correspondence in c.npz

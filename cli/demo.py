@@ -10,8 +10,6 @@ from .options import Dent, Json, Noise, Renderer, SceneName, Seed, Shown, Size, 
 from .outputs import ReportFolder
 from .show import number, print_notices, progress, table, write_json
 
-__all__ = ["command"]
-
 SAMPLE = """
 $ optolever demo --pixels 256x256 --out demo
 Demo: paper-simulation, raised-cosine:peak=1.3, gray+phase, 22 frames

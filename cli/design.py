@@ -17,8 +17,6 @@ from .options import Dent, Json, Renderer, SceneName, Size, dent_of, load_scene
 from .outputs import OutputFile
 from .show import grid, number, progress, table, write_json
 
-__all__ = ["command"]
-
 SAMPLE = """
 $ optolever design --scene prism48 --pixels 128x96 --frames 14 --rows 3 --out best.toml
 Height error, rms in mm: prism48, at most 14 frames

@@ -9,8 +9,6 @@ from .arguments import program
 from .options import Json
 from .show import grid, print_notices, write_json
 
-__all__ = ["command"]
-
 SAMPLE = """
 $ optolever camera devices
 Cameras

@@ -9,12 +9,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 import optolever as ol
+from optolever.blocks import threads
 
 from .arguments import program
 from .options import Json
 from .show import table, write_json
-
-__all__ = ["command"]
 
 SAMPLE = """
 $ optolever doctor
@@ -38,6 +37,12 @@ EXTRAS = {"h5py": "pip install 'optolever[sofast]'; without it SOFAST's HDF5 fil
 #: Wheels that all install the module cv2, into the same folder.
 OPENCV = tuple(f"opencv-{kind}python{end}" for kind in ("", "contrib-") for end in ("", "-headless"))
 LIBRARIES = {"aravis-0.8": "apt-get install libaravis-0.8-0; without it no GigE or USB3 Vision camera"}
+NONE = {
+    "OpenGL": "on Debian: apt-get install libegl1 libgl1 libgl1-mesa-dri; "
+    "without it the NumPy renderer draws, correct and slower",
+    "numba cache": "set NUMBA_CACHE_DIR to a folder that can be written; "
+    "without it the first decode of every process takes seconds longer",
+}
 PROGRAMS = {"xvfb-run": "apt-get install xvfb", "chromium": "apt-get install chromium"}
 
 
@@ -47,9 +52,9 @@ def command(json_path: Json = None) -> None:
     found = {
         "optolever": _version("optolever") or "not installed",
         "python": f"{platform.python_version()}, {platform.platform(terse=True)}",
-        "cores": str(_threads()),
+        "cores": str(threads()),
         **{name: _version(name) or "missing" for name in CORE},
-        "OpenGL": _guarded(_context),
+        "OpenGL": _guarded(lambda: str(ol.projector.context_info())),
         "monitors": _guarded(_monitors),
         "cameras": _guarded(_cameras),
         "numba cache": _guarded(_cache),
@@ -75,23 +80,12 @@ def _guarded(probe: Callable[[], str]) -> str:
         return f"none: {' '.join(str(error).split()) or type(error).__name__}"
 
 
-def _threads() -> int:
-    from optolever.blocks import threads
-
-    return threads()
-
-
-def _context() -> str:
-
-    return str(ol.projector.context_info())
-
-
 def _monitors() -> str:
     if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         return "none: no display (DISPLAY and WAYLAND_DISPLAY are unset)"
 
-    told = [("; ".join((str(monitor), *monitor.faults()))) for monitor in ol.projector.monitors()]
-    return "; ".join(told) or "none"
+    found = [f"{text}" for one in ol.projector.monitors() for text in (one, *one.faults())]
+    return "; ".join(found) or "none"
 
 
 def _cameras() -> str:
@@ -119,26 +113,13 @@ def _missing(found: dict[str, str]) -> dict[str, str]:
     from shutil import which
 
     missing = {name: f"pip install {name}" for name in CORE if found[name] == "missing"}
-    if found["OpenGL"].startswith("none"):
-        missing["OpenGL"] = (
-            "on Debian: apt-get install libegl1 libgl1 libgl1-mesa-dri; "
-            "without it the NumPy renderer draws, correct and slower"
-        )
-    if found["numba cache"].startswith("none"):
-        missing["numba cache"] = (
-            "set NUMBA_CACHE_DIR to a folder that can be written; "
-            "without it the first decode of every process takes seconds longer"
-        )
-    wheels = [f"{name} {_version(name)}" for name in OPENCV if _version(name) is not None]
+    missing |= {name: cure for name, cure in NONE.items() if found[name].startswith("none")}
+    wheels = [name for name in OPENCV if _version(name) is not None]
     if len(wheels) > 1:
-        names = " ".join(wheel.partition(" ")[0] for wheel in wheels)
-        missing["one OpenCV"] = (
-            f"{' and '.join(wheels)} lie in one folder, cv2 is the last one installed: pip uninstall "
-            f"{names}, then pip install opencv-contrib-python-headless"
-        )
+        named = " and ".join(f"{name} {_version(name)}" for name in wheels)
+        cure = f"pip uninstall {' '.join(wheels)}, then pip install opencv-contrib-python-headless"
+        missing["one OpenCV"] = f"{named} lie in one folder, cv2 is the last one installed: {cure}"
     missing |= {name: cost for name, cost in EXTRAS.items() if _version(name) is None}
     missing |= {name: cost for name, cost in LIBRARIES.items() if find_library(name) is None}
-    missing |= {
-        name: f"{install}; only tests need it" for name, install in PROGRAMS.items() if which(name) is None
-    }
-    return missing
+    absent = (name for name in PROGRAMS if which(name) is None)
+    return missing | {name: f"{PROGRAMS[name]}; only tests need it" for name in absent}

@@ -10,8 +10,6 @@ from .options import Json, Pitch, blame
 from .outputs import HEIGHT_SUFFIXES, OutputFile
 from .show import number, table, write_json
 
-__all__ = ["command"]
-
 SAMPLE = """
 $ optolever export h.npz h.stl h.sdf h.dat h.xyz --pitch 0.5
 Exported h.npz

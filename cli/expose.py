@@ -10,15 +10,13 @@ from optolever import InputError
 from .arguments import Opt, program
 from .options import Json
 from .outputs import OutputFile
-from .rig_devices import Changes, Opened, OpenedRig, devices_of, opened
+from .rig_devices import Changes, Opened, OpenedRig, devices_of, levels_of, opened
 from .show import number, table, write_json
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-
-__all__ = ["command"]
 
 SAMPLE = """
 $ optolever camera expose --rig rig.toml --mask mask.png
@@ -48,11 +46,7 @@ def command(
     import cv2
 
     devices = devices_of(rig, changes)
-    pattern = ol.scene.load(rig).pattern
-    flat = ol.patterns.Sequence(
-        (ol.patterns.Frame("black"), ol.patterns.Frame("white")), pattern.rows, pattern.cols
-    )
-    with opened(rig, devices, flat, running=False) as now:
+    with opened(rig, devices, levels_of(rig, "black", "white"), running=False) as now:
         found = ol.projector.choose_exposure(
             lambda exposure: _take(now, replace(devices.wanted(), exposure_s=exposure)),
             now.accepted.bits,
@@ -88,20 +82,10 @@ def _take(now: Opened, wanted: "ol.projector.Wanted") -> "tuple[float, NDArray[n
     accepted = now.camera.configure(wanted)
     now.camera.start()
     try:
-        black, white = ol.projector.acquire(
-            now.display,
-            now.camera,
-            None,
-            (0, 1),
-            time=now.time,
-            clock=ol.projector.ClockMap(),
-            triggered=now.triggered,
-        )
+        black, white = replace(now, clock=ol.projector.ClockMap()).acquire(None, (0, 1))
     finally:
         now.camera.stop()
     if accepted.exposure_s <= 0:
-        raise InputError(
-            f"camera: reports an exposure of {accepted.exposure_s:g} s, must be above 0; set it "
-            "with --set exposure_ms=MS"
-        )
+        wrong = f"reports an exposure of {accepted.exposure_s:g} s, must be above 0"
+        raise InputError(f"camera: {wrong}; set it with --set exposure_ms=MS")
     return accepted.exposure_s, white.image.pixels, black.image.pixels

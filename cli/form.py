@@ -15,8 +15,6 @@ from .options import Json, blame
 from .outputs import OutputFile
 from .show import grid, length, number, table, write_json
 
-__all__ = ["command"]
-
 SAMPLE = """
 $ optolever form h.npz --remove sphere
 Form of h.npz: sphere; x, y from the middle (150.021, 150) mm

@@ -17,8 +17,6 @@ from .rig_devices import Changes
 from .rig_live import rig_at_rest
 from .show import print_notices, table, write_json
 
-__all__ = ["command"]
-
 SAMPLE = """
 $ optolever live --pixels 160x120 --headless --frames 48
 Live: prism48, 60 x 80 cells
@@ -88,13 +86,8 @@ def command(
 def _require_real() -> None:
     """InputError if an option of the simulated camera was given."""
     context = click.get_current_context()
-    options = {
-        "scene_name": "--scene",
-        "size": "--pixels",
-        "noise": "--noise",
-        "seed": "--seed",
-        "rate": "--rate",
-    }
+    options = {"scene_name": "--scene", "size": "--pixels"}
+    options |= {name: f"--{name}" for name in ("noise", "seed", "rate")}
     for name, option in options.items():
         if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
             raise InputError(f"{option}: is of the simulated camera, leave it out with --rig")
@@ -107,7 +100,6 @@ def _page(
     port: int,
     recorder: "ol.live.ReadingRecorder | None",
 ) -> int:
-
     try:
         server = ol.live.LiveServer(prepared, source, port, recorder)
     except OSError as error:
@@ -130,8 +122,7 @@ def _headless(
     recorder: "ol.live.ReadingRecorder | None",
 ) -> dict[str, float]:
     import json
-
-    import numpy as np
+    from statistics import median
 
     delays, trusted, deepest, start = [], 0, (0.0, 0.0), time.perf_counter()
     for followed in ol.live.follow(ol.live.Live(prepared), source, frames):
@@ -151,17 +142,15 @@ def _headless(
         "depth_mm": deepest[0],
         "depth_sigma_mm": deepest[1],
         "readings_per_s": len(delays) / spent,
-        "delay_s": float(np.median(delays)),
+        "delay_s": median(delays),
     }
     if lines:
         return record
     rows, cols = prepared.rig.carriers.shape
-    table(
-        f"Live: {name}, {rows} x {cols} cells",
-        {
-            "readings": f"{len(delays)}, {trusted} trusted",
-            "deepest": quantity(deepest[0], "mm", deepest[1]),
-            "rate": f"{len(delays) / spent:.3g} readings/s, median delay {1e3 * np.median(delays):.3g} ms",
-        },
-    )
+    figures = {
+        "readings": f"{len(delays)}, {trusted} trusted",
+        "deepest": quantity(deepest[0], "mm", deepest[1]),
+        "rate": f"{len(delays) / spent:.3g} readings/s, median delay {1e3 * record['delay_s']:.3g} ms",
+    }
+    table(f"Live: {name}, {rows} x {cols} cells", figures)
     return record

@@ -10,8 +10,8 @@ from optolever import InputError
 from .arguments import Arg, Opt, Rare, program
 from .batch import Many
 from .options import Json, Shown
-from .rig_capture import capture_rig, measured_lag
-from .rig_devices import Changes, OpenedRig, devices_of
+from .rig_capture import capture_rig, measured_lag, require_new
+from .rig_devices import Changes, OpenedRig, devices_of, sequence_of
 from .show import (
     height_range,
     length,
@@ -23,8 +23,6 @@ from .show import (
     table,
     write_json,
 )
-
-__all__ = ["command"]
 
 SAMPLE = """
 $ optolever camera measure --rig rig.toml --out press1
@@ -59,8 +57,7 @@ def command(
     pattern and the preceding one: a display's light changes later than its buffer is swapped.
     """
 
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise InputError(f"{out}: exists and is no empty folder; name another")
+    require_new(out)
     scene = ol.scene.load(rig)
     devices = None if captures else devices_of(rig, changes)
     with progress() as step:
@@ -68,8 +65,7 @@ def command(
         step("capture")
         folder, taken = captures[0] if captures else out / "capture", None
         if devices is not None:
-            planned = ol.patterns.sequence_from_text(sequence, scene.pattern.rows, scene.pattern.cols)
-            taken = capture_rig(rig, devices, planned, folder, keep=False)
+            taken = capture_rig(rig, devices, sequence_of(rig, sequence), folder, keep=False)
         capture = ol.projector.Capture.load(folder) if taken is None else taken.capture
         step("decode")
         known = None if profile is None else ol.calibration.load_profile(profile)

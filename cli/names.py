@@ -8,8 +8,6 @@ import optolever as ol
 
 from .show import table, write_json
 
-__all__ = ["print_names"]
-
 
 def print_names(kinds: Container[str], scene_name: str, json_path: Path | None) -> None:
     """Print names of some kinds with parameters and defaults, dents as of a scene; write those of all.
@@ -36,8 +34,8 @@ def _text(values: Mapping[str, Any]) -> str:
 
 
 def _value(value: Any) -> str:
-    if isinstance(value, bool):
-        return str(value).lower()
     if isinstance(value, tuple):
         return "/".join(map(_value, value))
+    if isinstance(value, bool):
+        return str(value).lower()
     return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -15,16 +15,6 @@ import click
 import optolever as ol
 from optolever.errors import InputError
 
-__all__ = [
-    "GRID_SUFFIXES",
-    "HDF5",
-    "HEIGHT_SUFFIXES",
-    "Option",
-    "OutputFile",
-    "Program",
-    "ReportFolder",
-]
-
 HDF5 = (".h5", ".hdf5")
 #: Formats of a regular grid of heights, and of a height map (`reconstruct.HEIGHT_FORMATS`; a test compares).
 GRID_SUFFIXES = (".npz", ".tif", ".tiff", ".x3p", ".sdf", ".dat")

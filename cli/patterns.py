@@ -11,8 +11,6 @@ from .arguments import Arg, program, sample
 from .options import Display, Json, Shown, shown_sequence
 from .show import table, write_json
 
-__all__ = ["command"]
-
 SAMPLE = """
 $ optolever patterns export to-show --sequence gray+phase --pixels 640x480 \\
       --json to-show.json

@@ -29,8 +29,6 @@ from .show import (
     write_json,
 )
 
-__all__ = ["command"]
-
 SAMPLE = """
 $ optolever reconstruct c.npz --scene capture/scene.toml \\
       --truth capture/truth.npz --out h.npz

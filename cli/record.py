@@ -11,10 +11,8 @@ from optolever.errors import reason_of
 
 from .arguments import ABOVE_0, Opt, program
 from .options import Json
-from .rig_devices import Changes, OpenedRig, devices_of, opened
+from .rig_devices import Changes, OpenedRig, devices_of, levels_of, opened
 from .show import number, table, write_json
-
-__all__ = ["command"]
 
 SAMPLE = """
 $ optolever camera record --rig rig.toml --seconds 0.5 --out film
@@ -41,9 +39,7 @@ def command(
     times. A page without a line is invalid: after a kill or a full disk, all images with a line are intact.
     """
     devices = devices_of(rig, changes)
-    pattern = ol.scene.load(rig).pattern
-    white = ol.patterns.Sequence((ol.patterns.Frame("white"),), pattern.rows, pattern.cols)
-    with opened(rig, devices, white, running=False) as now:
+    with opened(rig, devices, levels_of(rig, "white"), running=False) as now:
         shown = now.display.show(0)
         size = now.accepted.rows * now.accepted.cols * (1 if now.accepted.bits == 8 else 2)
         need = int(size * seconds * (now.accepted.fps or 60)) + _SPARE

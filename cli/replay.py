@@ -8,9 +8,9 @@ from optolever import InputError
 
 from .arguments import Arg, Opt, Rare, program
 from .options import Json
+from .rig_capture import captured
+from .rig_devices import timing_of
 from .show import number, print_notices, table, write_json
-
-__all__ = ["command"]
 
 SAMPLE = """
 $ optolever camera replay cap.recording
@@ -39,8 +39,6 @@ def command(
     the frames before it ended. Other commands replay with --set camera=replay:DIR. Readings that
     `live --record` wrote are computed again and compared bit by bit.
     """
-    import numpy as np
-
     recording = ol.projector.Recording(folder)
     swaps, stamps, incomplete = 0, [], 0
     for event in recording:
@@ -49,7 +47,7 @@ def command(
             incomplete += not event.image.complete
         else:
             swaps += 1
-    span = float(np.ptp(stamps)) if stamps else 0.0
+    span = max(stamps) - min(stamps) if stamps else 0.0
     numbers = {"images": len(stamps), "incomplete": incomplete, "swaps": swaps, "span_s": span}
     again, same, seconds = 0, 0, 0.0
     for one in ol.live.replayed(folder) if ol.live.has_readings(folder) else ():
@@ -78,37 +76,25 @@ def command(
 
 def _capture(recording: "ol.projector.Recording", rig: Path | None, out: Path) -> int:
     """Write the capture folder of a capture's recording; returns the number of frames."""
-    import tomllib
-
-    import numpy as np
-
     from optolever.projector.cameras import Replay
 
-    about = recording.about
+    about, folder = recording.about, recording.folder
     if "sequence" not in about:
-        raise InputError(
-            f"--out {out}: {recording.folder} has no sequence, must be the recording of a capture "
-            "(capture --keep)"
-        )
-    shown = ol.patterns.Sequence.from_dict(about["sequence"], str(recording.folder))
-    section = (
-        about.get("timing") if rig is None else tomllib.loads(rig.read_text(encoding="utf-8")).get("sync")
-    )
-    timing = (
-        None if section is None else ol.projector.Timing.from_table(section, f"{recording.folder}: [sync]")
-    )
-    replay = Replay(recording.folder)
-    taken = []
+        cure = "must be the recording of a capture (capture --keep)"
+        raise InputError(f"--out {out}: {folder} has no sequence, {cure}")
+    shown = ol.patterns.Sequence.from_dict(about["sequence"], str(folder))
+    timing = about.get("timing")
+    if rig is not None:
+        timing = timing_of(rig)
+    elif timing is not None:
+        timing = ol.projector.Timing.from_table(timing, f"{folder}: [sync]")
+    replay, taken = Replay(folder), list["ol.projector.Taken"]()
+    clock, order = ol.projector.ClockMap(), range(len(shown))
     try:
-        for one in ol.projector.acquire(
-            replay, replay, timing, range(len(shown)), time=replay, clock=ol.projector.ClockMap()
-        ):
+        for one in ol.projector.acquire(replay, replay, timing, order, time=replay, clock=clock):
             taken.append(one)
     except ol.projector.CameraLost:
         if not taken:
             raise
-    frames = np.stack([one.image.pixels for one in taken])
-    stamps = np.array([one.stamp_s for one in taken])
-    bits = recording.accepted.bits if recording.accepted is not None else 8 * frames.dtype.itemsize
-    ol.projector.Capture(frames, shown[: len(taken)], timestamps=stamps - stamps[0], bits=bits).save(out)
+    captured(taken, shown, None if recording.accepted is None else recording.accepted.bits).save(out)
     return len(taken)

@@ -11,8 +11,6 @@ from .options import Json, blame, load_scene, preset, rest_file
 from .outputs import ReportFolder
 from .show import budget_rows, grid, medians, noise_and_rig, number, print_notices, table, write_json
 
-__all__ = ["command"]
-
 SAMPLE = """
 $ optolever report h.npz --correspondence c.npz --capture capture \\
       --scene capture/scene.toml --out report

@@ -10,8 +10,6 @@ from .arguments import Arg, program
 from .options import Json, Rig
 from .show import number, progress, table, write_json
 
-__all__ = ["command"]
-
 SAMPLE = """
 $ optolever response ramp pose0 pose1 pose2 --scene rig.toml
 Response in rig.response.npz
@@ -33,8 +31,6 @@ def command(
     blur; about three of them, with the mirror in different poses as for calibrate, separate vignetting and
     backlight. decode --response RIG.toml then uses the light of every level.
     """
-    import numpy as np
-
     with progress() as step:
         step("read")
         first, *others = [ol.projector.Capture.load(path) for path in (ramp, *captures)]
@@ -49,25 +45,20 @@ def command(
             "blur_sigma_px": found.blur_sigma,
             "parted_sigma": found.parted_sigma,
         }
-        maps = {name: getattr(found, name) for name in ("gain", "vignetting", "backlight")}
-        for name, shown in maps.items():
-            numbers[f"{name}_least"] = None if shown is None else float(np.nanmin(shown) / np.nanmax(shown))
+        numbers |= {f"{name}_least": value for name, value in found.least().items()}
         step("write")
         with ol.files.together():
             path = ol.calibration.store_response(rig, found)
             write_json(json_path, numbers)
-    separated = found.vignetting is not None
-    missing = "unknown: give captures of fringes" if not captures else None
     apart = f"not separated ({len(captures)} captures"
     apart += ")" if len(captures) < 2 else f", standard deviation {100 * found.parted_sigma:.2g} %)"
     rows = {
         "gamma": f"{number(gamma)}; residual {100 * misfit:.2g} % of white (rms)",
         "black": number(100 * found.black, "% of white"),
-        "blur": missing or quantity(found.response.blur or 0.0, "cells", found.blur_sigma),
-        "gain": number(100 * numbers["gain_least"], "% (darkest pixel over brightest)"),
-        **{
-            name: number(100 * numbers[f"{name}_least"], "% (darkest over brightest)") if separated else apart
-            for name in ("vignetting", "backlight")
-        },
+        "blur": quantity(found.response.blur or 0.0, "cells", found.blur_sigma)
+        if captures
+        else "unknown: give captures of fringes",
     }
+    for name, least in found.least().items():
+        rows[name] = apart if least is None else number(100 * least, "% (darkest pixel over brightest)")
     table(f"Response in {path}", rows)

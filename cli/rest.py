@@ -10,8 +10,6 @@ from .arguments import Arg, program
 from .options import Anchor, Json, Rig, blame, correspondence_of
 from .show import length, medians, number, print_notices, progress, table, write_json
 
-__all__ = ["command"]
-
 SAMPLE = """
 $ optolever rest rest.npz --scene rig.toml
 Rest map in rig.rest.npz

@@ -17,8 +17,6 @@ from .options import Json
 from .outputs import OutputFile
 from .show import number, table, write_json
 
-__all__ = ["command"]
-
 SAMPLE = """
 $ optolever rig new --kind monitor --mirror 150x110 --display 1920x1080 --diagonal 24 \\
       --image 1280x1024 --focal 25.5 --pixel 0.0048 --angle 36.87 --distance 500 \\
@@ -39,12 +37,10 @@ class _Lengths(click.ParamType[tuple[float, float]]):
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> tuple[float, float]:
-        match = re.fullmatch(r"([\d.]+)\s*[x×]\s*([\d.]+)", str(value))
-        try:
-            length, width = match.groups() if match is not None else ("", "")
-            return float(length), float(width)
-        except ValueError:
+        match = re.fullmatch(r"(\d+\.?\d*)\s*[x×]\s*(\d+\.?\d*)", str(value))
+        if match is None:
             self.fail(f"{value!r} is not LENGTHxWIDTH in mm, such as 150x110", param, ctx)
+        return float(match[1]), float(match[2])
 
 
 #: Numbers that one kind of rig has.
@@ -108,9 +104,8 @@ def new(
     kind = values["kind"]
     for name, only in ONLY.items():
         if only != kind and values[name] is not None:
-            raise InputError(
-                f"{options[name].opts[0]}: applies to --kind {only}, --kind is {kind}; leave it out"
-            )
+            wrong = f"applies to --kind {only}, --kind is {kind}; leave it out"
+            raise InputError(f"{options[name].opts[0]}: {wrong}")
     asked = ["mirror", "display", "diagonal", "image", "focal", "pixel", "angle", "distance"]
     for name in (*asked, *(name for name, only in ONLY.items() if only == kind)):
         if values[name] is None and (name != "diagonal" or pitch is None):
@@ -127,23 +122,19 @@ def new(
         seen = float(ol.scene.trace(few, ol.scene.dent("flat", few)).visible.mean())
         with ol.files.atomic_file(drawn) as temporary:
             rig.plot().figure.savefig(temporary)
-        rows, cols = values["display"]
-        sides = [size * values["pitch"] for size in (cols, rows)]
+        sides = [size * values["pitch"] for size in values["display"][::-1]]
         numbers = {"kind": kind, "visible_share": seen, "display_mm": sides, "pitch_mm": values["pitch"]}
         write_json(json_path, numbers)
-    table(
-        f"Rig in {out}",
-        {
-            "kind": kind,
-            "display": f"{number(sides[0])} x {number(sides[1])} mm, pixels of {number(values['pitch'])} mm",
-            "visible": f"{number(100 * seen)} % of the pixels see the display in the mirror at rest",
-            "drawing": str(drawn),
-        },
-    )
+    rows = {
+        "kind": kind,
+        "display": f"{number(sides[0])} x {number(sides[1])} mm, pixels of {number(values['pitch'])} mm",
+        "visible": f"{number(100 * seen)} % of the pixels see the display in the mirror at rest",
+        "drawing": str(drawn),
+    }
+    table(f"Rig in {out}", rows)
 
 
 def _typed(values: Mapping[str, Any]) -> "ol.scene.TypedRig":
-
     names = ["mirror", "display", "pitch", "image", "focal", "pixel", "distance", "angle"]
     names += [name for name, only in ONLY.items() if only == values["kind"]]
     numbers: dict[str, Any] = {name: values[name] for name in names}

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,8 +12,6 @@ from optolever import InputError
 from optolever.errors import reason_of
 
 from .rig_devices import Devices, opened, timing_of, wait_of
-
-__all__ = ["RigCapture", "capture_rig", "measured_lag"]
 
 
 @dataclass(frozen=True)
@@ -46,10 +45,7 @@ def capture_rig(
 
     InputError and CameraLost name the recording of the images so far.
     """
-    import numpy as np
-
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise InputError(f"{out}: exists and is no empty folder; name another")
+    require_new(out)
     scene = ol.scene.load(rig)
     record = out.with_name(f"{out.name}.recording")
     with opened(rig, devices, shown) as now:
@@ -67,22 +63,14 @@ def capture_rig(
                     shows.append(one)
                     recorder.shown(one)
 
-                taken = tuple(
-                    ol.projector.acquire(
-                        now.display, now.camera, timing, range(len(shown)),
-                        time=now.time, clock=now.clock, triggered=now.triggered,
-                        on_image=recorder.image, on_shown=note,
-                    )
-                )  # fmt: skip
+                calls = {"on_image": recorder.image, "on_shown": note}
+                taken = tuple(now.acquire(timing, range(len(shown)), **calls))
         except (InputError, OSError) as error:
             reason = reason_of(error) if isinstance(error, OSError) else str(error)
             raise InputError(f"{reason}; what was taken so far is in {record}") from error
         seconds, lost = now.time.now() - begin, now.camera.lost
-    frames = np.stack([one.image.pixels for one in taken])
-    stamps = np.array([one.stamp_s for one in taken])
-    size = frames.shape[1:]
-    known = scene if size == (scene.camera.rows, scene.camera.cols) else None
-    done = ol.projector.Capture(frames, shown, known, timestamps=stamps - stamps[0], bits=now.accepted.bits)
+    known = scene if taken[0].image.pixels.shape == (scene.camera.rows, scene.camera.cols) else None
+    done = captured(taken, shown, now.accepted.bits, known)
     with ol.files.atomic_folder(out) as folder:
         done.save(folder)
         lines = (json.dumps(_line(one)) for one in taken)
@@ -90,6 +78,27 @@ def capture_rig(
     if not keep:
         shutil.rmtree(record)
     return RigCapture(done, taken, seconds, lost, sum(one.late for one in shows))
+
+
+def captured(
+    taken: "Sequence[ol.projector.Taken]",
+    shown: "ol.patterns.Sequence",
+    bits: int | None,
+    scene: "ol.scene.Scene | None" = None,
+) -> "ol.projector.Capture":
+    """A capture of the images of the first frames of a sequence; bits: None, all of the pixels'."""
+    import numpy as np
+
+    frames = np.stack([one.image.pixels for one in taken])
+    stamps = np.array([one.stamp_s for one in taken])
+    times = {"timestamps": stamps - stamps[0], "bits": bits or 8 * frames.dtype.itemsize}
+    return ol.projector.Capture(frames, shown[: len(taken)], scene, **times)
+
+
+def require_new(out: Path) -> None:
+    """InputError unless a folder can be made there."""
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise InputError(f"{out}: exists and is no empty folder; name another")
 
 
 def _line(one: "ol.projector.Taken") -> dict[str, Any]:

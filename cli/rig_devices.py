@@ -1,6 +1,6 @@
 """The devices of a rig: `[devices]` and `[sync]` of its TOML, changes of them by --set, and both opened."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -13,8 +13,8 @@ from .arguments import Opt
 from .options import RigFile
 from .show import print_notices
 
-__all__ = ["Changes", "Devices", "Opened", "OpenedRig", "devices_of", "opened", "timing_of", "wait_of"]
-
+_KINDS: Mapping[Any, tuple[Any, str]] = {str: (str, "text"), int: (int, "whole number")}
+_NUMBER: tuple[Any, str] = (int | float, "number")
 _TRIGGERS = ("free", "software", "hardware")
 
 
@@ -60,6 +60,15 @@ class Opened:
         """Whether the camera waits for the program."""
         return self.accepted.trigger == "software"
 
+    def acquire(
+        self, timing: "ol.projector.Timing | None", order: Iterable[int], **calls: Any
+    ) -> "Iterator[ol.projector.Taken]":
+        """`projector.acquire` of the frames of `order`."""
+        return ol.projector.acquire(
+            self.display, self.camera, timing, order,
+            time=self.time, clock=self.clock, triggered=self.triggered, **calls,
+        )  # fmt: skip
+
 
 OpenedRig = Annotated[Path, Opt("--rig RIG.toml", "The rig: its scene, [devices] and [sync].", RigFile())]
 Changes = Annotated[
@@ -77,27 +86,23 @@ Changes = Annotated[
 
 def devices_of(rig: Path, changes: Iterable[str] = ()) -> Devices:
     """[devices] of a rig, changed by KEY=VALUE. InputError names the field."""
+    where = f"{rig}: [devices]:"
     table = _table(rig).get("devices", {}) | dict(map(_change, changes))
     known = {field.name: field.type for field in fields(Devices)}
     for name, value in table.items():
         if name not in known:
-            raise InputError(f"{rig}: [devices]: unknown field {name!r}, known are {', '.join(known)}")
-        text, whole = name in ("camera", "display", "trigger"), known[name] is int
-        kind: Any = str if text else int if whole else int | float
+            raise InputError(f"{where} unknown field {name!r}, known are {', '.join(known)}")
+        kind, word = _KINDS.get(known[name], _NUMBER)
         if not isinstance(value, kind) or isinstance(value, bool):
-            kind_name = "text" if text else "whole number" if whole else "number"
-            raise InputError(f"{rig}: [devices]: {name} is {value!r}, must be a {kind_name}")
+            raise InputError(f"{where} {name} is {value!r}, must be a {word}")
         if name in ("exposure_ms", "fps") and not value > 0:
-            raise InputError(f"{rig}: [devices]: {name} is {value!r}, must be above 0")
+            raise InputError(f"{where} {name} is {value!r}, must be above 0")
     devices = Devices(**table)
     if devices.trigger not in _TRIGGERS:
-        raise InputError(
-            f"{rig}: [devices]: trigger is {devices.trigger!r}, must be one of {', '.join(_TRIGGERS)}"
-        )
+        raise InputError(f"{where} trigger is {devices.trigger!r}, must be one of {', '.join(_TRIGGERS)}")
     if not devices.camera:
-        raise InputError(
-            f"{rig}: [devices]: camera is missing; give --set camera=ADDRESS (optolever camera devices)"
-        )
+        cure = "give --set camera=ADDRESS (optolever camera devices)"
+        raise InputError(f"{where} camera is missing; {cure}")
     return devices
 
 
@@ -112,30 +117,36 @@ def _change(text: str) -> tuple[str, Any]:
     return name, value
 
 
+def sequence_of(rig: Path, text: str) -> "ol.patterns.Sequence":
+    """The sequence of that name on a rig's display."""
+    pattern = ol.scene.load(rig).pattern
+    return ol.patterns.sequence_from_text(text, pattern.rows, pattern.cols)
+
+
+def levels_of(rig: Path, *kinds: str) -> "ol.patterns.Sequence":
+    """A full display per kind (black, white)."""
+    pattern = ol.scene.load(rig).pattern
+    return ol.patterns.Sequence(tuple(map(ol.patterns.Frame, kinds)), pattern.rows, pattern.cols)
+
+
 def timing_of(rig: Path) -> "ol.projector.Timing | None":
     """[sync] of a rig; None without."""
     section = _table(rig).get("sync")
     return None if section is None else ol.projector.Timing.from_table(section, f"{rig}: [sync]")
 
 
-def _recorded(now: Opened) -> "ol.projector.Timing | None":
-    """The timing in a recording that is replayed."""
-    from optolever.projector.cameras import Replay
-
-    if not isinstance(now.camera, Replay) or "timing" not in now.camera.recording.about:
-        return None
-    return ol.projector.Timing.from_table(
-        now.camera.recording.about["timing"], str(now.camera.recording.folder)
-    )
-
-
 def wait_of(now: Opened, rig: Path) -> "ol.projector.Timing | None":
     """Timing of a capture: [sync] of the rig or of the recording, no delays for a simulated or replayed
     camera. None: unknown, with a notice. InputError if it was measured with other settings.
     """
+    from optolever.projector.cameras import Replay
+
     if now.still:
         return ol.projector.Timing(0, 0, 0, 0, 0, 0, 0.01, now.accepted.exposure_s)
-    timing = timing_of(rig) or _recorded(now)
+    timing = timing_of(rig)
+    if timing is None and isinstance(now.camera, Replay) and "timing" in now.camera.recording.about:
+        recording = now.camera.recording
+        timing = ol.projector.Timing.from_table(recording.about["timing"], str(recording.folder))
     if timing is None:
         wait = "every pattern gets 0.5 s to settle; optolever camera sync measures the time"
         print_notices([f"The rig has no [sync]: {wait}"])
@@ -145,7 +156,6 @@ def wait_of(now: Opened, rig: Path) -> "ol.projector.Timing | None":
 
 
 def _table(rig: Path) -> dict[str, Any]:
-
     table = ol.scene.rig_table(rig)
     if not isinstance(table.get("devices", {}), dict) or not isinstance(table.get("sync", {}), dict):
         raise InputError(f"{rig}: devices and sync must be tables")
@@ -162,26 +172,14 @@ def opened(
         stack.callback(camera.close)
         accepted = camera.configure(devices.wanted())
         print_notices(accepted.unlocked)
-        still = isinstance(camera, ol.projector.Display)
-        display = (
-            camera
-            if isinstance(camera, ol.projector.Display)
-            else stack.enter_context(_window(devices, shown))
-        )
-        time = (
-            camera if isinstance(camera, ol.projector.Time) else ol.projector.RealTime()
-        )  # a recording has its own
+        still = isinstance(camera, ol.projector.Display)  # a recording is one, and has its own time
+        display: Any = camera if still else stack.enter_context(_window(devices, shown))
+        time = camera if isinstance(camera, ol.projector.Time) else ol.projector.RealTime()
         if running:
             camera.start()
             stack.callback(camera.stop)
-        yield Opened(
-            camera,
-            display,
-            accepted,
-            time,
-            ol.projector.ClockMap(),
-            still and isinstance(time, ol.projector.RealTime),
-        )
+        still = still and isinstance(time, ol.projector.RealTime)
+        yield Opened(camera, display, accepted, time, ol.projector.ClockMap(), still)
 
 
 def _camera(rig: Path, devices: Devices, shown: "ol.patterns.Sequence") -> "ol.projector.Camera":
@@ -197,9 +195,8 @@ def _camera(rig: Path, devices: Devices, shown: "ol.patterns.Sequence") -> "ol.p
 def _window(devices: Devices, shown: "ol.patterns.Sequence") -> Any:
     """A PatternWindow on the monitor of that name, or a plain one; notices name faults of the monitor."""
     if not devices.display:
-        raise InputError(
-            "display: must be given, --set display=NAME (optolever camera devices lists them), or window"
-        )
+        cure = "--set display=NAME (optolever camera devices lists them), or window"
+        raise InputError(f"display: must be given, {cure}")
     if devices.display == "window":
         return ol.projector.PatternWindow(shown)
     monitor = ol.projector.choose_monitor(ol.projector.monitors(), devices.display)

@@ -10,8 +10,6 @@ import optolever as ol
 
 from .rig_devices import Opened, devices_of, opened, wait_of
 
-__all__ = ["rig_at_rest"]
-
 _RESTS = 8  # frames of the fringe
 _PERIOD = 10.0  # of the fringe, pattern pixels
 
@@ -48,10 +46,7 @@ def rig_at_rest(
         now.camera.start()
         try:
             click.echo("The mirror at rest is measured: keep everything still.", err=True)
-            taken = ol.projector.acquire(
-                now.display, now.camera, timing, (*range(count), *[count] * _RESTS),
-                time=now.time, clock=now.clock, triggered=now.triggered,
-            )  # fmt: skip
+            taken = now.acquire(timing, (*range(count), *[count] * _RESTS))
             frames = np.stack([one.image.pixels for one in taken])
             at_rest = ol.decode.decode(frames[:count], dense)
             prepared = ol.live.prepare(

@@ -13,10 +13,8 @@ from optolever import InputError
 
 from .options import correspondence_of
 from .rig_capture import capture_rig
-from .rig_devices import devices_of
+from .rig_devices import devices_of, sequence_of
 from .show import coverage_text
-
-__all__ = ["Calibrate", "capture_targets", "so_far_text"]
 
 #: A calibration by the captures so far.
 Calibrate: TypeAlias = "Callable[[Sequence[ol.calibration.Observation]], ol.calibration.SoFar]"
@@ -56,8 +54,7 @@ def capture_targets(
     are set aside. Captures stay in `folder` whatever ends the walk. resume: those of an earlier walk are used
     again; else they are set aside first, with their date.
     """
-    pattern = ol.scene.load(rig).pattern
-    devices, shown = devices_of(rig), ol.patterns.sequence_from_text(sequence, pattern.rows, pattern.cols)
+    devices, shown = devices_of(rig), sequence_of(rig, sequence)
     folder.mkdir(parents=True, exist_ok=True)
     if not resume:
         _begin_anew(folder)

@@ -4,13 +4,12 @@ import time
 from collections.abc import Mapping
 from typing import Annotated
 
+import optolever as ol
 from optolever import InputError
 
 from .arguments import Opt, program
 from .options import Json, Noise, SceneName, Shown, Size, load_scene
 from .show import grid, number, progress, table, write_json
-
-__all__ = ["command"]
 
 SAMPLE = """
 $ optolever sensor --scene prism48 --pixels 128x96 --sweep angle=45/48/50
@@ -68,18 +67,17 @@ def command(
     on a thinned camera; error bars are those of the full one. A sweep computes the same numbers for other
     values of one parameter.
     """
-    asked = [_sweep(text) for text in sweeps]
     from optolever.experiments.design import SWEEPS, sensor_maps, sweep_sensor
-    from optolever.patterns import sequence_from_text
 
+    asked = [_sweep(text) for text in sweeps]
     for name, _ in asked:
         if name not in SWEEPS:
             raise InputError(f"--sweep: {name!r} must be one of {', '.join(SWEEPS)}")
     scene = load_scene(scene_name, size)
-    sequence_from_text(sequence, scene.pattern.rows, scene.pattern.cols)
+    ol.patterns.sequence_from_text(sequence, scene.pattern.rows, scene.pattern.cols)
     settings = {"scene": scene_name, "name": scene.name, "size": size, "sequence": sequence, "noise": noise}
     start, rows = time.perf_counter(), list[dict[str, float | str]]()
-    with progress(lines=True) as step:
+    with progress() as step:
         step("maps")
         numbers = sensor_maps(scene, sequence, noise).numbers()
         for name, values in asked:
@@ -102,11 +100,9 @@ def _cells(row: Mapping[str, float | str]) -> list[str]:
 
 
 def _sweep(text: str) -> tuple[str, list[float]]:
-    name, equals, rest = text.partition("=")
+    name, _, rest = text.partition("=")
     try:
-        values = [float(part) for part in rest.split("/")]
+        return name.strip(), [float(part) for part in rest.split("/")]
     except ValueError:
-        values = []
-    if not equals or not values:
-        raise InputError(f"--sweep: {text!r} must read name=value/value, such as angle=45/48")
-    return name.strip(), values
+        must = "must read name=value/value, such as angle=45/48"
+        raise InputError(f"--sweep: {text!r} {must}") from None

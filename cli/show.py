@@ -1,8 +1,6 @@
 """Output: tables on stdout, progress on stderr, JSON for programs."""
 
 import math
-import sys
-import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,25 +17,6 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from optolever.notices import Notice
-
-__all__ = [
-    "Step",
-    "budget_rows",
-    "coverage_text",
-    "dent_rows",
-    "flag_rows",
-    "flag_shares",
-    "grid",
-    "height_range",
-    "length",
-    "medians",
-    "noise_and_rig",
-    "number",
-    "print_notices",
-    "progress",
-    "table",
-    "write_json",
-]
 
 
 def number(value: float, unit: str = "") -> str:
@@ -212,51 +191,14 @@ class Step:
             self._bar.start()
 
 
-class _Lines(Step):
-    """Progress as plain lines on stderr: every stage, and its count at most every `SECONDS`."""
-
-    SECONDS = 5.0
-
-    def __init__(self) -> None:
-        self._text, self._time = "", -math.inf
-
-    def __call__(self, text: str, done: int | None = None, total: int | None = None) -> None:
-        now = time.monotonic()
-        if text and (text != self._text or now - self._time >= self.SECONDS):
-            count = "" if total is None else f" {done or 0}/{total}"
-            print(f"{text}{count}", file=sys.stderr, flush=True)
-            self._text, self._time = text, now
-
-    @contextmanager
-    def aside(self) -> Iterator[None]:
-        yield
-
-
 @contextmanager
-def progress(lines: bool = False) -> Iterator[Step]:
-    """A progress bar on stderr, gone when the work is done; on a pipe plain lines on request, else
-    nothing."""
+def progress() -> Iterator[Step]:
+    """A progress bar on stderr, gone when the work is done; on a pipe nothing."""
+    from rich import progress as rich
     from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
 
     console = Console(stderr=True)
-    if lines and not console.is_terminal:
-        yield _Lines()
-        return
-    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
-    with Progress(
-        *columns,
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-        console=console,
-        transient=True,
-        disable=not console.is_terminal,
-    ) as bar:
+    columns = rich.TextColumn("{task.description}"), rich.BarColumn(), rich.MofNCompleteColumn()
+    times, hidden = (rich.TimeElapsedColumn(), rich.TimeRemainingColumn()), not console.is_terminal
+    with rich.Progress(*columns, *times, console=console, transient=True, disable=hidden) as bar:
         yield Step(bar)

@@ -12,8 +12,6 @@ from .arguments import Opt, program
 from .options import Dent, Json, Noise, Renderer, SceneName, Seed, Shown, Size, dent_of, load_scene
 from .show import number, progress, table, write_json
 
-__all__ = ["command"]
-
 SAMPLE = """
 $ optolever simulate --scene paper-simulation --pixels 256x256 \\
       --dent gaussian:peak=1.3,sigma=20 --noise 1 --seed 1 --out capture
@@ -73,18 +71,16 @@ def command(
             "seconds": seconds,
         }
         write_json(json_path, numbers)
-    table(
-        f"Capture in {out}",
-        {
-            "scene": scene.name,
-            "dent": pressed,
-            "sequence": sequence,
-            "frames": f"{len(shown)} of {scene.camera.rows} x {scene.camera.cols}",
-            "visible": number(100 * numbers["visible_share"], "% of the pixels"),
-            "mean level": number(numbers["mean_level"]),
-            "time": number(seconds, "s"),
-        },
-    )
+    rows = {
+        "scene": scene.name,
+        "dent": pressed,
+        "sequence": sequence,
+        "frames": f"{len(shown)} of {scene.camera.rows} x {scene.camera.cols}",
+        "visible": number(100 * numbers["visible_share"], "% of the pixels"),
+        "mean level": number(numbers["mean_level"]),
+        "time": number(seconds, "s"),
+    }
+    table(f"Capture in {out}", rows)
 
 
 def _missed(scene: "ol.scene.Scene") -> str:

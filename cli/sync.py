@@ -13,10 +13,8 @@ from optolever.quantities import quantity
 from .arguments import Opt, Rare, program
 from .options import Json, Seed
 from .outputs import OutputFile
-from .rig_devices import Changes, OpenedRig, devices_of, opened
+from .rig_devices import Changes, OpenedRig, devices_of, levels_of, opened
 from .show import number, print_notices, table, write_json
-
-__all__ = ["command"]
 
 SAMPLE = """
 $ optolever camera sync --rig rig.toml
@@ -51,12 +49,8 @@ def command(
     RIG.toml gets [devices] as used and [sync]; capture then waits for the measured time only.
     """
     devices = devices_of(rig, changes)
-    pattern = ol.scene.load(rig).pattern
-    flat = ol.patterns.Sequence(
-        (ol.patterns.Frame("black"), ol.patterns.Frame("white")), pattern.rows, pattern.cols
-    )
     start = time.perf_counter()
-    with opened(rig, devices, flat) as now:
+    with opened(rig, devices, levels_of(rig, "black", "white")) as now:
         found, taken = ol.projector.synchronise(
             now.display, now.camera, now.accepted,
             time=now.time, clock=now.clock, seed=seed, flips=flips, triggered=now.triggered,

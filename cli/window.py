@@ -1,6 +1,7 @@
 """`optolever show`: a sequence on a real display, frame by frame."""
 
 import math
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -13,8 +14,6 @@ from .arguments import ABOVE_0, Opt, program
 from .options import Json, pixels
 from .outputs import OutputFile
 from .show import grid, number, print_notices, table, write_json
-
-__all__ = ["command"]
 
 SAMPLE = """
 $ optolever show --sequence gray+phase --monitor 1 --seconds 0.5
@@ -64,81 +63,57 @@ def command(
     """
     found = ol.projector.monitors()
     if listing:
-        _list(found, json_path)
+        write_json(json_path, {"monitors": [asdict(monitor) for monitor in found]})
+        lines = [
+            [str(m.index), m.name, f"{m.rows}x{m.cols}", number(m.refresh_hz or math.nan, "Hz")]
+            for m in found
+        ]
+        grid("Monitors", ("number", "name", "size", "refresh"), lines)
+        print_notices(fault for monitor in found for fault in monitor.faults())
         return
     chosen = _chosen(found, monitor, display)
-    print_notices(() if chosen is None else found[chosen].faults())
-    shown = _sequence(sequence, size, found, chosen)
-    described = out or Path("capture.toml")
-    with ol.projector.PatternWindow(shown, monitor=chosen) as window:
+    print_notices(() if chosen is None else chosen.faults())
+    if size is None and sequence.endswith(".toml"):
+        shown = ol.patterns.Sequence.load(sequence)
+    else:
+        shape = size if size is not None or chosen is None else (chosen.rows, chosen.cols)
+        if shape is None:
+            raise InputError("--pixels: must be given for a plain window, such as 640x480")
+        shown = ol.patterns.sequence_from_text(sequence, *shape)
+    described, index = out or Path("capture.toml"), None if chosen is None else chosen.index
+    times = list[float]()
+    with ol.projector.PatternWindow(shown, monitor=index) as window:
         ol.projector.write_description(described, shown)
         if seconds is None:
             window.run()
-            times: list[float] = []
         else:
             times = window.play(seconds)
     if window.gone:
         count = f" after {len(times)} of {len(shown)} frames" if seconds is not None else ""
-        raise InputError(
-            f"display: monitor {chosen} was disconnected{count}; connect it and show the sequence again"
-        )
-    where = "in a window" if chosen is None else f"on monitor {chosen}"
-    record = {
-        "sequence": sequence,
-        "frames": len(shown),
-        "size": shown.shape,
-        "monitor": chosen,
-        "shown_s": times,
-    }
-    write_json(json_path, record)
+        cure = "connect it and show the sequence again"
+        raise InputError(f"display: monitor {index} was disconnected{count}; {cure}")
+    numbers = {"sequence": sequence, "frames": len(shown), "size": shown.shape, "monitor": index}
+    write_json(json_path, numbers | {"shown_s": times})
     if seconds is not None:
-        table(
-            f"Shown {where}",
-            {
-                "sequence": sequence,
-                "frames": f"{len(times)} of {len(shown)}, of {shown.rows} x {shown.cols}",
-                "each": f"{number(_mean_step(times), 's')} on average",
-                "described": str(described),
-            },
-        )
+        mean = (times[-1] - times[0]) / (len(times) - 1) if len(times) > 1 else math.nan
+        rows = {
+            "sequence": sequence,
+            "frames": f"{len(times)} of {len(shown)}, of {shown.rows} x {shown.cols}",
+            "each": f"{number(mean, 's')} on average",
+            "described": str(described),
+        }
+        table("Shown in a window" if index is None else f"Shown on monitor {index}", rows)
 
 
-def _list(found: "list[ol.projector.Monitor]", json_path: Path | None) -> None:
-    from dataclasses import asdict
-
-    write_json(json_path, {"monitors": [asdict(monitor) for monitor in found]})
-    rows = [
-        [str(m.index), m.name, f"{m.rows}x{m.cols}", number(m.refresh_hz or math.nan, "Hz")] for m in found
-    ]
-    grid("Monitors", ("number", "name", "size", "refresh"), rows)
-    print_notices(fault for monitor in found for fault in monitor.faults())
-
-
-def _chosen(found: "list[ol.projector.Monitor]", monitor: int | None, display: str | None) -> int | None:
+def _chosen(
+    found: "list[ol.projector.Monitor]", number: int | None, name: str | None
+) -> "ol.projector.Monitor | None":
     """The given monitor, else the second one, else none: a plain window."""
-    if display is not None:
-        return ol.projector.choose_monitor(found, display).index
-    if monitor is None:
-        return 1 if len(found) > 1 else None
-    if monitor >= len(found):
-        raise InputError(
-            f"--monitor {monitor}: does not exist, must be 0 to {len(found) - 1} (--list shows them)"
-        )
-    return monitor
-
-
-def _sequence(
-    text: str, size: tuple[int, int] | None, found: "list[ol.projector.Monitor]", chosen: int | None
-) -> "ol.patterns.Sequence":
-    """The sequence in the given size, that of its file, or that of the monitor."""
-    if size is None and text.endswith(".toml"):
-        return ol.patterns.Sequence.load(text)
-    if size is None:
-        if chosen is None:
-            raise InputError("--pixels: must be given for a plain window, such as 640x480")
-        size = found[chosen].rows, found[chosen].cols
-    return ol.patterns.sequence_from_text(text, *size)
-
-
-def _mean_step(times: list[float]) -> float:
-    return (times[-1] - times[0]) / (len(times) - 1) if len(times) > 1 else float("nan")
+    if name is not None:
+        return ol.projector.choose_monitor(found, name)
+    if number is None:
+        return found[1] if len(found) > 1 else None
+    if number >= len(found):
+        wrong = f"does not exist, must be 0 to {len(found) - 1} (--list shows them)"
+        raise InputError(f"--monitor {number}: {wrong}")
+    return found[number]

@@ -42,7 +42,7 @@ def command(
         if name not in KINDS:
             raise InputError(f"--kind {name}: unknown, must be one of {', '.join(KINDS)}")
     kinds = chosen or tuple(KINDS)
-    with progress(lines=True) as step:
+    with progress() as step:
         runs = []
         for run in typed_runs(kinds, range(seed, seed + draws), times):
             runs.append(run)
