@@ -43,6 +43,7 @@ SETUPS = {
     "prism, rest + 3 balls": ("prism", 3, False),
     "pinhole, rest + 3 balls": ("prism", 3, True),
     "pinhole, k1 0.08, rest + 3 balls": ("lens", 3, True),
+    "prism, rest + 2 balls": ("prism", 2, False),
     "prism, rest": ("prism", 0, False),
     "prism, priors alone": ("typed", 0, False),
 }
@@ -57,6 +58,7 @@ _STREAMS = (
     "prism, rest",
     "prism, rest + 3 balls",
     "pinhole, k1 0.08, rest + 3 balls",
+    "prism, rest + 2 balls",
 )
 
 
@@ -64,8 +66,8 @@ _STREAMS = (
 class Figure:
     """One draw. error: rms of dent less rest over the dent's depth; scale, sigma_scale: relative error of its
     depth, and what the modes predict; chi: of the adjustment; chi2: of the r = modes coefficients, per mode;
-    sigma: predicted rms of the modes, mm; evaluations, and seconds of processor time, that the calibration
-    took."""
+    sigma: predicted rms of the modes, mm; absolute, change: rms of error over total sigma, of heights and of
+    dent less rest; evaluations, and seconds of processor time, that the calibration took."""
 
     setup: str
     seed: int
@@ -76,6 +78,8 @@ class Figure:
     modes: int
     sigma: float
     sigma_scale: float
+    absolute: float
+    change: float
     evaluations: int
     seconds: float
 
@@ -141,21 +145,28 @@ def _figure(setup: str, seed: int, rendered: bool) -> Figure | None:
     assert rest.calibration is not None
     change, true = (height.z - rest.z)[good], (z - z0)[good]
     error, weight = change - true, true / (true @ true)
+    spread = height.difference(rest)[1][good]
     far = good & (height.x >= _EDGE * start.mirror.length)
     chi2, modes = mode_chi2((height.z - z)[far], height.calibration[:, far])
     return Figure(
         setup,
         seed,
-        error=float(np.sqrt(np.mean(error**2)) / true.max()),
+        error=_rms(error) / true.max(),
         scale=float(error @ weight),
         chi=chi,
         chi2=chi2,
         modes=modes,
-        sigma=float(np.sqrt(np.mean(height.calibration_sigma[good] ** 2))),
+        sigma=_rms(height.calibration_sigma[good]),
         sigma_scale=float(np.linalg.norm((height.calibration - rest.calibration)[:, good] @ weight)),
+        absolute=_rms((height.z - z)[good] / height.total_sigma[good]),
+        change=_rms(error / spread),
         evaluations=evaluations,
         seconds=seconds,
     )
+
+
+def _rms(values: NDArray[np.floating[Any]]) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def _rendering(seed: int) -> Capturer:

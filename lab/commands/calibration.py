@@ -10,10 +10,15 @@ from optolever.cli.show import grid, progress, write_json
 
 __all__ = ["command"]
 
+NUMBERS = ("error", "scale", "sigma_scale", "chi2", "chi", "modes", "seconds", "absolute", "change")
+HEADS = (
+    *("set-up", "draws", "error", "worst", "scale", "scale/sigma", "chi2/r", "r", "chi", "seconds"),
+    *("absolute", "change"),
+)
 SAMPLE = """
 $ python -m lab calibration --draws 3 --setup "prism, rest + 3 balls"
 Dent less rest, relative to its depth
-set-up                 draws  error  worst  scale  scale/sigma  chi2/r  r  chi  seconds
+set-up                 draws  error  worst  scale  scale/sigma  chi2/r  r  chi  seconds  absolute  change
 prism, rest + 3 balls  ...
 """
 
@@ -29,7 +34,8 @@ def command(
     """Simulate rigs and tell what calibrating them is worth.
 
     Rigs with errors of their own are calibrated, a dent is measured with each. chi2 of the coefficients of
-    the modes is 1 where the covariance is true (a map is one sample).
+    the modes is 1 where the covariance is true (a map is one sample); so is the rms of error over total
+    sigma, of absolute heights and of their change.
     """
     import numpy as np
 
@@ -50,18 +56,15 @@ def command(
                 drawn.append(each)
             found += drawn
             if not drawn:
-                rows.append((name, "0", *["-"] * 8))
+                rows.append((name, "0", *["-"] * 10))
                 continue
-            column = {
-                key: np.array([getattr(each, key) for each in drawn])
-                for key in ("error", "scale", "sigma_scale", "chi2", "chi", "modes", "seconds")
-            }
+            column = {key: np.array([each.to_dict()[key] for each in drawn]) for key in NUMBERS}
             share = column["scale"] / column["sigma_scale"]
             cells = [np.median(column["error"]), column["error"].max(), np.abs(column["scale"]).max()]
             cells += [np.sqrt(np.mean(share**2)), column["chi2"].mean(), np.median(column["modes"])]
             cells += [column["chi"].max(), column["seconds"].max()]
+            cells += [np.sqrt(np.mean(column[key] ** 2)) for key in ("absolute", "change")]
             rows.append((name, str(len(drawn)), *(f"{cell:.3g}" for cell in cells)))
-    heads = ("set-up", "draws", "error", "worst", "scale", "scale/sigma", "chi2/r", "r", "chi", "seconds")
-    grid("Dent less rest, relative to its depth", heads, rows)
+    grid("Dent less rest, relative to its depth", HEADS, rows)
     if json_path is not None:
         write_json(json_path, {"figures": [each.to_dict() for each in found]})
