@@ -8,28 +8,10 @@ import click
 #: Commands by section of --help.
 SECTIONS: Mapping[str, tuple[str, ...]] = {
     "Commands": (
-        "demo",
-        "doctor",
-        "rig",
-        "show",
-        "simulate",
-        "capture",
-        "decode",
-        "reconstruct",
-        "calibrate",
-        "report",
-        "live",
-        "design",
+        *("demo", "doctor", "rig", "show", "simulate", "capture"),
+        *("decode", "reconstruct", "calibrate", "report", "live", "design"),
     ),
-    "Further commands": (
-        "camera",
-        "form",
-        "export",
-        "rest",
-        "response",
-        "patterns",
-        "sensor",
-    ),
+    "Further commands": ("camera", "form", "export", "rest", "response", "patterns", "sensor"),
 }
 CAMERA = ("devices", "expose", "sync", "record", "replay", "measure")
 #: Earlier names.

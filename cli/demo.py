@@ -6,7 +6,7 @@ from typing import Annotated
 import optolever as ol
 
 from .arguments import AT_LEAST_0, Opt, Rare, program
-from .options import Dent, Json, Noise, Renderer, SceneName, Seed, Shown, Size, dent_of, load_scene
+from .options import Dent, Json, Noise, Renderer, SceneName, Seed, Shown, Size, load_scene
 from .outputs import ReportFolder
 from .show import number, print_notices, progress, table, write_json
 
@@ -56,7 +56,7 @@ def command(
     scene = load_scene(scene_name, size, exact=True)
     if blur is not None:
         scene = replace(scene, pattern=replace(scene.pattern, blur_px=blur))
-    pressed = dent_of(scene, dent)
+    pressed = dent or scene.dent or "flat"
     with progress() as step:
         result = ol.experiments.run_demo(
             scene, dent, sequence, noise=noise, seed=seed, renderer=renderer, progress=step

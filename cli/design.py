@@ -13,7 +13,7 @@ import optolever as ol
 from optolever import InputError
 
 from .arguments import ABOVE_0, AT_LEAST_0, SHARE, Opt, program
-from .options import Dent, Json, Renderer, SceneName, Size, dent_of, load_scene
+from .options import Dent, Json, Renderer, SceneName, Size, load_scene
 from .outputs import OutputFile
 from .show import grid, number, progress, table, write_json
 
@@ -42,14 +42,10 @@ CODES = Opt(
 NOISE = Opt("--noise LEVELS", "Noise of a frame, 8-bit levels.", AT_LEAST_0)
 LAG = Opt("--lag SHARE", "Share of the preceding frame in each simulated frame; not predicted.", SHARE)
 GAMMA = Opt("--gamma G", "Gamma of the display in place of the scene's; unknown to the decoder.", ABOVE_0)
-FLICKER = Opt(
-    "--flicker SHARE", "Amplitude of the light's oscillation at 100 Hz, in simulated frames.", SHARE
-)
+FLICKER = Opt("--flicker SHARE", "Amplitude of the light at 100 Hz, in simulated frames.", SHARE)
 BLUR = Opt("--blur CELLS", "Rms blur in place of the scene's.", AT_LEAST_0)
 EXPOSURE = Opt("--exposure MS", "Exposure of a frame, rounded up to full refreshes.", AT_LEAST_0)
-FAILURE = Opt(
-    "--failure RATE", "Largest probability of a wrong fringe order or code bit.", click.FloatRange(0, 1)
-)
+FAILURE = Opt("--failure RATE", "Largest probability of a wrong order or bit.", click.FloatRange(0, 1))
 ADD = Opt(
     "--add PATTERN",
     "Also rank a sequence; a folder of images with a coordinates.toml ([[frames]] file, axis) or "
@@ -58,14 +54,8 @@ ADD = Opt(
 )
 VERIFY = Opt("--verify N", "Number of the best candidates to simulate.", click.IntRange(min=0))
 ROWS = Opt("--rows N", "Rows of the table to print; the JSON file has all.", click.IntRange(min=1))
-OUT = Opt(
-    "--out FILE.toml", "Gets the best sequence, for capture --sequence.", OutputFile(".toml", bare=False)
-)
-CHART = Opt(
-    "--chart FILE.png",
-    "With --code: error over CPU seconds and seconds of acquisition.",
-    OutputFile(".png", bare=False),
-)
+OUT = Opt("--out FILE.toml", "Gets the best sequence, for --sequence.", OutputFile(".toml", bare=False))
+CHART = Opt("--chart FILE.png", "With --code: error over both times.", OutputFile(".png", bare=False))
 CSV = Opt("--csv FILE.csv", "With --code: all numbers.", OutputFile(".csv", bare=False))
 
 
@@ -113,7 +103,7 @@ def command(
         with progress() as step:
             rows = list(
                 design.compare_codes(
-                    scene, dent_of(scene, dent), codes,
+                    scene, dent or scene.dent or "flat", codes,
                     faults=faults, noises=noises, rate=rate,
                     resized=resized, renderer=renderer, progress=step,
                 )
@@ -135,7 +125,7 @@ def command(
     own = [design.own_candidate(text, *cells, resized=resized) for text in added if "@" in text]
     with progress() as step:
         found = design.run_design(
-            fault.on(scene), dent_of(scene, dent),
+            fault.on(scene), dent or scene.dent or "flat",
             frames=budget, refresh=rate, noise=noise, failure=failure, verify=verify,
             extra=extra, own=own, lag=fault.lag, renderer=renderer, progress=step,
         )  # fmt: skip

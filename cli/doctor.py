@@ -21,13 +21,7 @@ Found
   optolever                       0.1.0
   python                          3.11.7, Linux-6.18.44-x86_64-with-glibc2.36
   cores                           2
-  moderngl                        5.13.0
   ...
-  OpenGL                          llvmpipe (LLVM 15.0.6, 256 bits), OpenGL 4.5
-                                  (Core Profile) Mesa 22.3.6, egl
-  monitors                        none: no display (DISPLAY and
-                                  WAYLAND_DISPLAY are unset)
-  cameras                         none
 Missing
   nothing
 """

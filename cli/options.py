@@ -120,11 +120,6 @@ def shown_sequence(text: str, display: tuple[int, int] | None) -> "ol.patterns.S
     raise InputError(f"--pixels is missing, must be WIDTHxHEIGHT of what showed {text}, such as 1920x1080")
 
 
-def dent_of(scene: "ol.scene.Scene", dent: str | None) -> str:
-    """The given dent, else the scene's, else 'flat'."""
-    return dent or scene.dent or "flat"
-
-
 def load_scene(name: str, size: tuple[int, int] | None = None, *, exact: bool = False) -> "ol.scene.Scene":
     """The scene of a preset or file, resampled if a size is given; exact: for simulations. InputError if
     there is none."""

@@ -66,16 +66,10 @@ GRID = Opt(
 )
 TIFF = Rare("--tiff FILE", "Also write the height as float32 TIFF.", OutputFile(".tif", ".tiff"))
 PLY = Rare("--ply FILE", "Also write the surface as PLY.", OutputFile(".ply"))
-SLOPES = Opt(
-    "--slopes FILE.npz", "Also write slopes and curvatures, each with its sigma.", OutputFile(".npz")
-)
-CHANGE = Opt(
-    "--change FILE.npz", "Also write the height less that at rest (x, y, z, sigma).", OutputFile(".npz")
-)
+SLOPES = Opt("--slopes FILE.npz", "Also write slopes and curvatures, with sigma.", OutputFile(".npz"))
+CHANGE = Opt("--change FILE.npz", "Also write the height less that at rest, with sigma.", OutputFile(".npz"))
 FACET = Rare("--facet NAME", "Group of the facet in a SOFAST result; default: facet_000.")
-ACCEPT = Opt(
-    "--accept", "Keep heights of a capture that contradicts its scene; else all are flagged, exit code 2."
-)
+ACCEPT = Opt("--accept", "Keep heights that contradict the scene; else all are flagged, exit code 2.")
 
 
 @program("reconstruct", SAMPLE, partial(Many, captures="sources"))

@@ -49,11 +49,7 @@ ACUTE = click.FloatRange(min=0, max=90, min_open=True, max_open=True)
 MIRROR = Opt("--mirror LENGTHxWIDTH", "Mirror, length (along x) x width, mm", _Lengths())
 DISTANCE = Opt("--distance MM", "Camera to the middle of the mirror, mm", ABOVE_0)
 DIAGONAL = Opt("--diagonal INCHES", "Diagonal of the display, inches", ABOVE_0)
-ANGLE = Opt(
-    "--angle DEG",
-    "Monitor: angle of line of sight and the mirror's normal; prism: of camera's face and mirror; degrees",
-    ACUTE,
-)
+ANGLE = Opt("--angle DEG", "Line of sight to the mirror's normal; prism: camera's face to mirror", ACUTE)
 AWAY = Opt("--display-distance MM", "Monitor: display's middle to the mirror's middle, mm", ABOVE_0)
 FACE = Opt("--display-angle DEG", "Prism: angle of the display's face with the mirror, degrees", ACUTE)
 BEZEL = Opt("--bezel MM", "Prism: from the mirror's edge to the display's first pixel, mm; 0", AT_LEAST_0)

@@ -16,22 +16,12 @@ $ optolever sensor --scene prism48 --pixels 128x96 --sweep angle=45/48/50
 Sensor prism48
   visible_share          1
   slope_low_deg          -24.09
-  slope_high_deg         21
-  slope_worst_deg        3.217
-  slope_y_deg            20.95
-  reflection_margin_deg  2.829
-  reflectance            1
-  path_mm                22.29
-  lever_cells_per_mrad   0.1189
-  fold_radius_mm         66.64
-  free_mode_median       0.5137
-  sigma_mm               9.569e-05
+  ...
   sigma_rms_mm           0.0003058
 Sweep over angle
 angle  sees  slope from  to, °  total up to, °  cells / mrad  folds below, mm  sigma, mm  rms, mm
 45     1     -22.72      22.5   -0.1715         0.1131        60               0.0001381  0.0004043
-48     1     -24.09      21     2.829           0.1189        66.64            9.569e-05  0.0003058
-50     1     -25.1       20     4.829           0.1226        71.51            9.493e-05  0.0003004
+...
 """
 
 

@@ -1,8 +1,11 @@
 """Output: tables on stdout, progress on stderr, JSON for programs."""
 
 import math
+import shutil
+import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +17,6 @@ if TYPE_CHECKING:
 
     import numpy as np
     from numpy.typing import NDArray
-    from rich.table import Table
 
     from optolever.notices import Notice
 
@@ -122,40 +124,29 @@ def print_notices(notices: "Iterable[Notice | str]") -> None:
 
 
 def table(title: str, rows: Mapping[str, str]) -> None:
-    """Print a title and name-value rows."""
-    from rich.table import Table
-    from rich.text import Text
-
-    lines = Table.grid(padding=(0, 2))
-    lines.add_column(no_wrap=True)
-    lines.add_column(overflow="fold")
+    """Print a title and name-value rows, values folded at the terminal's width."""
+    indent = max(map(len, rows), default=0) + 4
+    width = max(shutil.get_terminal_size().columns - indent, 20)
+    lines = []
     for name, value in rows.items():
-        lines.add_row(Text(f"  {name}"), Text(value))
+        parts = textwrap.wrap(value, width, break_on_hyphens=False) or [""]
+        lines += [f"  {key:<{indent - 2}}{part}" for key, part in zip_longest([name], parts, fillvalue="")]
     _print(title, lines)
 
 
 def grid(title: str, header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    """Print a title and rows under a header; nothing is wrapped."""
-    from rich.table import Column, Table
-    from rich.text import Text
-
-    lines = Table.grid(*(Column(no_wrap=True) for _ in header), padding=(0, 2))
-    for row in (header, *rows):
-        lines.add_row(*(Text(cell) for cell in row))
-    _print(title, lines, width=WIDE)
+    """Print a title and rows under a header; nothing is folded."""
+    cells = [header, *rows]
+    widths = [max(map(len, column)) for column in zip_longest(*cells, fillvalue="")]
+    padded = (map(str.ljust, row, widths) for row in cells)
+    _print(title, ["  ".join(row) for row in padded])
 
 
-def _print(title: str, lines: "Table", width: int | None = None) -> None:
-    """Print to stdout, without rich's padding at line ends."""
+def _print(title: str, lines: Iterable[str]) -> None:
     import click
-    from rich.console import Console
-    from rich.text import Text
 
-    console = Console(width=width)
-    with console.capture() as text:
-        console.print(Text(title, style="bold"))
-        console.print(lines)
-    click.echo("\n".join(line.rstrip() for line in text.get().splitlines()))
+    click.secho(title, bold=True)
+    click.echo("\n".join(line.rstrip() for line in lines))
 
 
 def write_json(path: Path | None, values: Mapping[str, Any]) -> None:
@@ -163,9 +154,6 @@ def write_json(path: Path | None, values: Mapping[str, Any]) -> None:
     if path is not None:
         write = ol.files.write_csv if path.suffix.lower() == ".csv" else ol.files.write_json
         write(path, values)
-
-
-WIDE = 240  # columns of a grid; a terminal folds what it cannot show
 
 
 class Step:

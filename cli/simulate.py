@@ -9,7 +9,7 @@ import optolever as ol
 from optolever import InputError
 
 from .arguments import Opt, program
-from .options import Dent, Json, Noise, Renderer, SceneName, Seed, Shown, Size, dent_of, load_scene
+from .options import Dent, Json, Noise, Renderer, SceneName, Seed, Shown, Size, load_scene
 from .show import number, progress, table, write_json
 
 SAMPLE = """
@@ -44,7 +44,7 @@ def command(
     x, y, z, normal, incidence, visible.
     """
     scene = load_scene(scene_name, size, exact=True)
-    pressed = dent_of(scene, dent)
+    pressed = dent or scene.dent or "flat"
     scene = replace(scene, dent=pressed)
     surface = ol.scene.dent_from_text(pressed, scene)
     shown = ol.patterns.sequence_from_text(sequence, scene.pattern.rows, scene.pattern.cols)

@@ -26,22 +26,11 @@ Shown on monitor 1
 
 
 SEQUENCE = Opt("--sequence NAME[:KEY=VALUE,...]", "Sequence, or a .toml file by design or Sequence.save.")
-MONITOR = Opt(
-    "--monitor N",
-    "Full screen there, by its number in --list; default: the second one, or a plain window.",
-    click.IntRange(min=0),
-)
+MONITOR = Opt("--monitor N", "Its number in --list; default: the second, or a window.", click.IntRange(min=0))
 DISPLAY = Opt("--display NAME", "Full screen there, by its name in --list.")
-SECONDS = Opt(
-    "--seconds SECONDS",
-    "Duration of each frame; default: right and left arrow step, Escape closes.",
-    ABOVE_0,
-)
-OUT = Opt(
-    "--out TOML",
-    "Gets the description of the sequence, for decode --description; default: capture.toml.",
-    OutputFile(".toml", bare=False),
-)
+SECONDS = Opt("--seconds SECONDS", "Of each frame; default: arrows step, Escape closes.", ABOVE_0)
+DESCRIBED = "Gets the description, for decode --description; default: capture.toml."
+OUT = Opt("--out TOML", DESCRIBED, OutputFile(".toml", bare=False))
 
 
 @program("show", SAMPLE)

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from optolever import memory
 from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.pictures import read_picture
@@ -59,8 +58,6 @@ def unknown_method(path: Path) -> Path:
         unknown_method,
         lambda path: written(path, fields(), lying),
         lambda path: written(path, fields() | {"u": np.full((24, 32), "1.0")}),
-        lambda path: written(path, fields() | {"u": np.full((24, 32), 1j)}),
-        lambda path: written(path, fields() | {"u": np.full((24, 32), np.datetime64("2020-01-01"))}),
         lambda path: written(path, fields() | {"u": np.zeros((24, 31))}),
         lambda path: written(path, fields(), lambda name, data: data[: len(data) // 2]),
     ],
@@ -70,92 +67,64 @@ def test_npz(damage: Any, tmp_path: Path, refused: Refused) -> None:
     refused(["reconstruct", path, "--scene", "prism48", "--out", tmp_path / "h.npz"], "c.npz")
 
 
-def test_fields_of_an_npz_count_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = written(tmp_path / "c.npz", fields())
-    held = sum(value.nbytes for value in fields().values())
-    monkeypatch.setattr(memory, "free_memory", lambda: held)
-    Correspondence.load(path)
-    monkeypatch.setattr(memory, "free_memory", lambda: held - 1)
-    with pytest.raises(InputError, match=r"c\.npz: 5 fields, .*GiB"):
-        Correspondence.load(path)
-
-
 @pytest.mark.parametrize(
-    ("name", "value", "said"),
+    ("name", "value", "words"),
     [
         ("normal", np.zeros((96, 96)), "normal has shape (96, 96)"),
-        ("z", np.zeros((96, 95)), "z has shape (96, 95)"),
         ("u", np.zeros((0, 96)), "(0, 96)"),
-        ("visible", np.ones((1, 96, 96), np.bool_), "visible has shape (1, 96, 96)"),
         (None, np.s_[:48], "z has shape (48, 96), the height map (96, 96)"),
-        (None, np.s_[None], "(1, 96, 96)"),
     ],
 )
 def test_truth_of_another_shape(
-    name: str | None, value: Any, said: str, chain: Chain, tmp_path: Path, refused: Refused
+    name: str | None, value: Any, words: str, chain: Chain, tmp_path: Path, refused: Refused
 ) -> None:
     with np.load(chain.capture / "truth.npz") as archive:
         arrays = dict(archive)
     changed = {key: array[value] for key, array in arrays.items()} if name is None else {name: value}
     truth = written(tmp_path / "truth.npz", arrays | changed)
-    refused([*chain.solve, "--truth", truth, "--out", tmp_path / "h.npz"], "truth.npz", said)
-
-
-def sofast(path: Path, images: Any, masks: Any, x: Any, y: Any) -> Path:
-    h5py = pytest.importorskip("h5py")
-    names = ("fringe_images", "mask_images", "fringe_periods_x", "fringe_periods_y")
-    with h5py.File(path, "w") as file:
-        for name, value in zip(names, (images, masks, x, y), strict=True):
-            file[f"MeasurementSofastFringe/{name}"] = value
-    return path
+    refused([*chain.solve, "--truth", truth, "--out", tmp_path / "h.npz"], "truth.npz", words)
 
 
 @pytest.mark.parametrize(
-    ("damage", "said"),
+    ("damage", "words"),
     [
-        ({"x": np.ones((1000, 1000))}, "fringe_periods_x has shape (1000, 1000)"),
         ({"x": np.ones(1_000_000)}, "fringe_images is uint8 (6, 8, 8), must be uint8 (H, W, 4000004)"),
-        ({"x": np.nextafter(np.zeros(1, np.longdouble), 1)}, "fringe_periods_x"),
         ({"x": np.ones(0), "images": np.zeros((6, 8, 4), np.uint8)}, "fringe_periods_x"),
-        ({"images": np.zeros((6, 8, 7), np.uint8)}, "(6, 8, 7)"),
         ({"images": np.zeros((6, 8, 8))}, "float64"),
         ({"masks": np.zeros((2, 6, 8), np.uint8)}, "(2, 6, 8)"),
     ],
 )
-def test_fields_of_sofast(damage: Fields, said: str, tmp_path: Path, refused: Refused) -> None:
-    whole = {
-        "images": np.zeros((6, 8, 8), np.uint8),
-        "masks": np.zeros((6, 8, 2), np.uint8),
-        "x": np.ones(1),
-        "y": np.ones(1),
-    }
-    path = sofast(tmp_path / "m.h5", **(whole | damage))
-    assert len(refused(["decode", path, "--out", tmp_path / "c.npz"], said)) < 400
+def test_fields_of_sofast(damage: Fields, words: str, tmp_path: Path, refused: Refused) -> None:
+    h5py = pytest.importorskip("h5py")
+    given = {"images": np.zeros((6, 8, 8), np.uint8), "masks": np.zeros((6, 8, 2), np.uint8)}
+    given |= {"x": np.ones(1), "y": np.ones(1)} | damage
+    names = dict(
+        zip(given, ("fringe_images", "mask_images", "fringe_periods_x", "fringe_periods_y"), strict=True)
+    )
+    with h5py.File(tmp_path / "m.h5", "w") as file:
+        for name, value in given.items():
+            file[f"MeasurementSofastFringe/{names[name]}"] = value
+    assert len(refused(["decode", tmp_path / "m.h5", "--out", tmp_path / "c.npz"], words)) < 400
 
 
-@pytest.mark.parametrize("far", [1e38, -1e6, 500.0])
-def test_places_far_off_the_pattern_are_not_solved(far: float) -> None:
+def test_places_far_off_the_pattern_are_not_solved() -> None:
     scene, arrays = resize(load("prism48", exact=True), 24, 32), fields()
-    row, col = np.argwhere(arrays["flags"] == 0)[200]
-    arrays["u"][row, col] = far
+    places = np.argwhere(arrays["flags"] == 0)[[200, 300, 400]]
+    for (row, col), far in zip(places, (1e38, -1e6, 500.0), strict=True):
+        arrays["u"][row, col] = far
     found = reconstruct(Correspondence(**arrays), scene)
-    assert found.flags[row, col] != 0
+    assert all(found.flags[row, col] != 0 for row, col in places)
     assert np.abs(found.z[found.good]).max() < 1e-4
 
 
-def _png(rows: int, cols: int, data: bytes) -> bytes:
-    """A PNG whose header claims so many grey pixels; checksums are right."""
+def test_a_picture_that_claims_more_than_it_holds(tmp_path: Path) -> None:
+    """A PNG with right checksums."""
 
     def chunk(kind: bytes, of: bytes) -> bytes:
         return struct.pack(">I", len(of)) + kind + of + struct.pack(">I", zlib.crc32(kind + of))
 
-    head = chunk(b"IHDR", struct.pack(">IIBBBBB", cols, rows, 8, 0, 0, 0, 0))
-    return b"\x89PNG\r\n\x1a\n" + head + chunk(b"IDAT", zlib.compress(data)) + chunk(b"IEND", b"")
-
-
-@pytest.mark.parametrize("size", [(60000, 60000), (20000, 20000)])
-def test_a_picture_that_claims_more_than_it_holds(size: tuple[int, int], tmp_path: Path) -> None:
-    path = tmp_path / "a.png"
-    path.write_bytes(_png(*size, bytes(1000)))
-    with pytest.raises(InputError, match=rf"a\.png: claims {size[0]}x{size[1]} pixels"):
-        read_picture(path)
+    head = chunk(b"IHDR", struct.pack(">IIBBBBB", 60000, 60000, 8, 0, 0, 0, 0))
+    data = chunk(b"IDAT", zlib.compress(bytes(1000))) + chunk(b"IEND", b"")
+    (tmp_path / "a.png").write_bytes(b"\x89PNG\r\n\x1a\n" + head + data)
+    with pytest.raises(InputError, match=r"a\.png: claims 60000x60000 pixels"):
+        read_picture(tmp_path / "a.png")

@@ -7,7 +7,6 @@ import shlex
 import subprocess
 import sys
 import textwrap
-import time
 from pathlib import Path
 from typing import NoReturn
 
@@ -24,21 +23,27 @@ CALLS = [name for name in COMMANDS if name not in ("camera", "rig", "patterns")]
 
 @pytest.mark.parametrize("command", [*CALLS, "rig new", "patterns export"])
 def test_help_has_synopsis_options_and_a_sample_with_output(command: str, optolever: Program) -> None:
-    outcome = optolever(*command.split(), "--help")
-    assert f"Usage: optolever {command}" in outcome.out
-    assert "--json" in outcome.out
-    sample = outcome.out.partition("Sample:")[2].strip().splitlines()
+    shown = optolever(*command.split(), "--help").out
+    assert f"Usage: optolever {command}" in shown
+    assert "--json" in shown
+    sample = shown.partition("Sample:")[2].strip().splitlines()
     assert sample[0].startswith(f"$ optolever {command}")
     assert len(sample) > 3, "the sample shows no output"
+    if "--help-all" in shown:
+        assert len(optolever(*command.split(), "--help-all").out) > len(shown)
 
 
 def test_help_shows_every_summary_whole() -> None:
-    """A line of 80 columns each, nothing cut, under headings; 40 lines in all."""
-    command = [sys.executable, "-c", "from optolever.cli import main; main()", "--help"]
+    """40 lines of 80 columns at most, nothing cut; and nothing heavy is imported before a command runs."""
+    code = (
+        "import sys; from optolever.cli import run; run(['--help']); run(['simulate', '--help']); "
+        "heavy = {'numpy', 'numba', 'cv2', 'scipy', 'matplotlib', 'moderngl'} & set(sys.modules); "
+        "sys.exit(str(heavy) if heavy else 0)"
+    )
     environment = {**os.environ, "COLUMNS": "80"}
-    lines = subprocess.run(
-        command, env=environment, capture_output=True, text=True, check=True
-    ).stdout.splitlines()
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.partition("Usage: optolever simulate")[0].splitlines()
     assert len(lines) <= 40
     for name in COMMANDS:
         (line,) = [line for line in lines if re.match(rf"  {name}  +", line)]
@@ -46,13 +51,6 @@ def test_help_shows_every_summary_whole() -> None:
         assert line.endswith(".")
         assert "..." not in line
     assert {f"{heading}:" for heading in SECTIONS} <= set(lines)
-
-
-def test_what_is_missing_is_said_before_the_work(
-    refused: Refused, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    refused(["decode", tmp_path / "none.h5", "--out", tmp_path / "c.npz"], "pip install 'optolever[sofast]'")
 
 
 def shape(text: str) -> str:
@@ -70,19 +68,6 @@ def test_samples_are_real(optolever: Program, tmp_path: Path, monkeypatch: pytes
         call = " ".join(line.removesuffix("\\") for line in lines[: ends + 1])
         outcome = optolever(*shlex.split(call.removeprefix("$ "))[1:])
         assert shape(outcome.out) == shape("\n".join(lines[ends + 1 :]))
-
-
-def test_help_is_fast() -> None:
-    """Nothing heavy is imported before a command runs."""
-    code = (
-        "import sys; from optolever.cli import run; run(['simulate', '--help']); "
-        "heavy = {'numpy', 'numba', 'cv2', 'scipy', 'matplotlib', 'moderngl'} & set(sys.modules); "
-        "sys.exit(str(heavy) if heavy else 0)"
-    )
-    start = time.perf_counter()
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert time.perf_counter() - start < 5
 
 
 def test_interruption_is_130(optolever: Program, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -108,24 +93,11 @@ def test_earlier_names_go_on_running(optolever: Program, tmp_path: Path) -> None
     assert names["parameters"]["dents"]["gaussian"]["peak"] == pytest.approx(1.3)
     assert "gray+phase" in optolever("simulate", "--list").out
     assert "coupled" in optolever("reconstruct", "--list").out
-    given = (
-        "capture",
-        "--scene",
-        "prism48",
-        "--size",
-        "24x32",
-        "--renderer",
-        "numpy",
-        "--out",
-        tmp_path / "c",
-    )
-    assert optolever(*given).err == "optolever capture is now: optolever simulate\n"
+    given = ["--scene", "prism48", "--size", "24x32", "--renderer", "numpy", "--out", tmp_path / "c"]
+    assert optolever("capture", *given).err == "optolever capture is now: optolever simulate\n"
     scene = load(tmp_path / "c/scene.toml")
     assert (scene.camera.rows, scene.camera.cols) == (24, 32)
     assert "is now: optolever camera sync" in optolever("sync", "--help").err
-    shown, everything = (optolever("simulate", word).out for word in ("--help", "--help-all"))
-    assert "--renderer" not in shown
-    assert "--renderer" in everything
 
 
 def test_doctor_says_what_there_is_and_what_is_missing(optolever: Program, tmp_path: Path) -> None:
