@@ -12,7 +12,6 @@ from lab.calibration.figures import _rendering
 from lab.calibration.rigs import Rig, ball_cap, correspondence_of, prism, shape_surface
 from optolever import InputError
 from optolever.calibration import Observation, calibrate, contact
-from optolever.calibration.observation import checked
 from optolever.decode import Correspondence
 from optolever.scene import trace
 
@@ -31,18 +30,6 @@ def hertz(under: Height, x0: float, y0: float, depth: float, radius: float) -> H
         beside = ((2 * a * a - r * r) * np.arcsin(a / r) + a * np.sqrt(r * r - a * a)) / (np.pi * radius)
         total: Floats = under(x, y) + np.where(inside, depth - square / (2 * radius), beside)
         return total
-
-    return height
-
-
-def lying(under: Height, x0: float, y0: float, depth: float, radius: float) -> Height:
-    """A ball in the mirror's place, that itself reflects."""
-
-    def height(x: Floats, y: Floats) -> Floats:
-        square = (x - x0) ** 2 + (y - y0) ** 2
-        on = np.where(np.real(square) < 0.9 * radius**2, square, 0.9 * radius**2)
-        cap: Floats = depth - radius + np.sqrt(radius**2 - on)
-        return cap
 
     return height
 
@@ -109,17 +96,6 @@ def test_gaps_and_outliers() -> None:
     assert not (found & holes).any()
 
 
-def test_a_ball_in_the_mirrors_place_is_all_contact() -> None:
-    rig, ball, take = drawn(0)
-    c, _ = pressed(rig, lying, ball, take)
-    seen = trace(rig.truth, shape_surface(lying(rig.rest.height, *ball[2:], ball[1], ball[0])))
-    with np.errstate(invalid="ignore"):
-        on_ball = c.good & (np.hypot(seen.x - ball[2], seen.y - ball[3]) < np.sqrt(0.9) * ball[0])
-    found = contact(c, rig.observations[0].correspondence)
-    assert np.count_nonzero(found & on_ball) > 0.9 * np.count_nonzero(on_ball)
-    assert not (found & ~on_ball).any()
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_rendered_frames(seed: int) -> None:
@@ -131,16 +107,6 @@ def test_rendered_frames(seed: int) -> None:
 
 def without_masks(rig: Rig) -> list[Observation]:
     return [replace(each, mask=None) for each in rig.observations]
-
-
-def test_balls_without_a_mask_are_used_where_they_touch() -> None:
-    rng = np.random.default_rng(8)
-    rig = prism(rng, 1, correspondence_of(0.005, rng), size=160)
-    rest, ball = checked(without_masks(rig), (120, 160))
-    assert rest.mask is None
-    np.testing.assert_array_equal(ball.mask, contact(ball.correspondence, rest.correspondence))
-    given = checked(rig.observations, (120, 160))
-    assert all(one is other for one, other in zip(given, rig.observations, strict=True))
 
 
 @pytest.mark.slow  # four adjustments
@@ -171,19 +137,3 @@ def test_no_contact_is_one_line_that_asks_for_a_mask(shape: str) -> None:
     rest, ball = without_masks(rig)
     with pytest.raises(InputError, match=r"'ball0': beside 'rest' \d+ pixels .*@MASK\.png"):
         calibrate(rig.given, [rest, replace(ball, correspondence=c)])
-
-
-@pytest.mark.slow  # the adjustment does not converge
-def test_a_dent_that_is_no_ball_is_refused() -> None:
-    rng = np.random.default_rng(8)
-    take = correspondence_of(0.005, rng)
-    rig = prism(rng, 1, take, size=160)
-    under = rig.rest.height
-
-    def dent(x: Floats, y: Floats) -> Floats:
-        total: Floats = under(x, y) + 0.3 * np.exp(-((x - 30) ** 2 + (y - 22) ** 2) / 20.0)
-        return total
-
-    rest, ball = without_masks(rig)
-    with pytest.raises(InputError, match="no ball of radius"):
-        calibrate(rig.given, [rest, replace(ball, correspondence=take(rig.truth, shape_surface(dent), 1))])

