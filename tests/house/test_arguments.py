@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from optolever import InputError, arguments, decode, projector
+from optolever import InputError
 from optolever.patterns import Frame, sequence
-from optolever.scene import dent, load, resize
+from optolever.scene import load
 
 PARTS = (
     "patterns",
@@ -96,46 +96,3 @@ def test_a_wrong_record_is_one_line(function: Callable[..., Any], parameter: str
         assert line.startswith((f"{parameter}: ", f"{parameter}[0]: ")), line
         assert "must be a" in line
         assert "\n" not in line
-
-
-def test_every_maker_is_public() -> None:
-    """A message names functions, and their parameters, that exist."""
-    for record, text in arguments._MAKERS.items():
-        name, _, rest = text.partition("(")
-        part, _, function = name.partition(".")
-        face = importlib.import_module(f"optolever.{part}")
-        assert function in face.__all__, record
-        if (part, function) != ("scene", "load"):
-            given = [one.strip() for one in rest.removesuffix(")").split(",")]
-            assert given == list(inspect.signature(getattr(face, function)).parameters)[: len(given)], record
-
-
-def test_frames_are_indexed_like_arrays() -> None:
-    rig = resize(load("paper-simulation"), 24, 32)
-    shown = sequence("gray+phase", rig.pattern.rows, rig.pattern.cols)
-    seen = projector.capture(rig, dent("gaussian", rig), shown, renderer="numpy")
-    assert seen[3].shape == (24, 32)
-    assert np.array_equal(seen[-1], seen.frames[-1])
-    assert len(list(seen)) == len(shown)
-    part = seen[1:4]
-    assert part.sequence == shown[1:4]
-    assert np.array_equal(part.frames, seen.frames[1:4])
-    assert part.timestamps is not None
-    assert seen.timestamps is not None
-    assert np.array_equal(part.timestamps, seen.timestamps[1:4])
-    assert part.scene is seen.scene
-    found = decode.decode(seen, shown)  # type: ignore[arg-type]
-    assert found == decode.decode(seen.frames, shown)
-    with pytest.raises(IndexError):
-        seen[len(shown)]
-    with pytest.raises(InputError, match="frames is empty"):
-        seen[5:5]
-
-
-@pytest.mark.parametrize("part", PARTS)
-def test_signatures_are_readable(part: str) -> None:
-    """help() shows the names of types, not the unions behind them: the first sentence is in view."""
-    for name, function in _callables(part):
-        for parameter in inspect.signature(function).parameters.values():
-            shown = inspect.formatannotation(parameter.annotation)
-            assert len(shown) <= 110, f"{part}.{name}({parameter.name}): {shown}"

@@ -96,11 +96,6 @@ def test_records_come_back_from_their_files(
             type(record).load(tmp_path / "none.npz")
 
 
-def test_what_is_refused_is_one_line() -> None:
-    """Whatever the message of another library that is a part of it."""
-    assert str(InputError("scene.toml: not readable\n  (line 3,\n column 4)")).count("\n") == 0
-
-
 def test_records_are_drawn(chain: Chain, derived: tuple[Grid, SlopeMap]) -> None:
     matplotlib = pytest.importorskip("matplotlib")
     matplotlib.use("Agg")
@@ -118,24 +113,15 @@ def test_records_are_drawn(chain: Chain, derived: tuple[Grid, SlopeMap]) -> None
     pyplot.close("all")
 
 
-def test_the_difference_of_two_maps(chain: Chain) -> None:
-    height = chain[-1]
-    rng = np.random.default_rng(4)
-    modes = rng.normal(size=(2, *height.z.shape)).astype(np.float32)
-    flags = height.flags.copy()
-    flags[3, 4] |= 2
-    pressed = replace(height, modes=modes)
-    rest = replace(height, z=height.z - 0.25, sigma=2 * height.sigma, flags=flags, modes=0.5 * modes)
-    apart = pressed - rest
-    assert isinstance(apart, HeightMap)
-    good = apart.good
-    assert not good[3, 4]
-    assert apart.z[good] == pytest.approx(0.25)
-    expected = np.sqrt(5 * height.sigma**2 + 0.25 * (modes.astype(float) ** 2).sum(axis=0))
-    assert apart.total_sigma[good] == pytest.approx(expected[good], rel=1e-6)
-    assert apart.total_sigma[good] == pytest.approx(pressed.difference(rest)[1][good], rel=1e-6)
-    with pytest.raises(InputError, match="must be of one rig"):
-        _ = pressed - height
+def test_captures_are_indexed_like_arrays(chain: Chain) -> None:
+    _, shown, _, seen, where, _ = chain
+    assert np.array_equal(seen[-1], seen.frames[-1])
+    part = seen[1:4]
+    assert part.sequence == shown[1:4]
+    assert np.array_equal(part.frames, seen.frames[1:4])
+    with pytest.raises(IndexError):
+        seen[len(shown)]
+    assert decode(seen, shown) == where  # type: ignore[arg-type]
 
 
 def test_one_import_is_enough() -> None:

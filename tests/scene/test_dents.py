@@ -42,14 +42,6 @@ def test_rest_at_the_cameras_edge(name, scene, picture):
         assert np.abs(surface.gradient(x, y)).max() < limit
 
 
-@pytest.mark.parametrize("name", [n for n in NAMES if n not in ("flat", "tilt")])
-def test_default_peak_is_the_papers_scaled_to_the_mirror(name, scene):
-    surface = dent(name, scene)
-    top = surface.height(np.array(scene.mirror.length / 2), np.array(scene.mirror.width / 2))
-    side = min(scene.mirror.length, scene.mirror.width)
-    assert top == pytest.approx(1.3 * side / 163.7, rel=1e-12)
-
-
 def test_text_means_the_same_as_the_call(scene):
     text, called = "gaussian:peak=0.4, sigma=7,x=30", dent("gaussian", scene, peak=0.4, sigma=7.0, x=30.0)
     x, y = points(scene, 20)

@@ -23,34 +23,12 @@ def test_textbook_values():
     assert at(glass, 90) == pytest.approx(1.0, abs=1e-12)
 
 
-@pytest.mark.parametrize("degrees", [5.0, 20.0, 33.0, 41.0])
-def test_against_the_sine_and_tangent_form(degrees):
-    i = math.radians(degrees)
-    t = math.asin(1.41 * math.sin(i))
-    expected = 0.5 * ((math.sin(i - t) / math.sin(i + t)) ** 2 + (math.tan(i - t) / math.tan(i + t)) ** 2)
-    assert at(Medium(1.41), degrees) == pytest.approx(expected, abs=1e-14)
-
-
-def test_shapes_nan_and_no_boundary():
-    medium = Medium(1.41)
-    cosines = np.array([[0.2, np.nan], [0.9, 1.0]])
-    reflected = medium.reflectance(cosines)
-    assert reflected.shape == (2, 2)
-    assert np.isnan(reflected[0, 1])
-    assert np.isfinite(reflected).sum() == 3
-    assert Medium(1.0).critical_angle == pytest.approx(math.pi / 2)
-    assert at(Medium(1.0), 30) == 0.0
-
-
 @pytest.mark.parametrize(
     ("make", "message"),
     [
         (lambda: Medium(0.0), r"medium\.index = 0\.0: must be greater than 0"),
-        (lambda: Medium(float("nan")), r"medium\.index = nan: must be finite"),
-        (lambda: Display(gamma=-1), r"display\.gamma = -1: must be greater than 0"),
         (lambda: Display(black=1.0), r"display\.black = 1\.0: must be less than 1"),
         (lambda: Sensor(bits=4), r"sensor\.bits = 4: must be 8 to 16"),
-        (lambda: Sensor(noise=-0.1), r"sensor\.noise = -0\.1: must be at least 0"),
         (lambda: Sensor(shutter_s=1.0), r"sensor\.shutter_s = 1: must be at most frame_s"),
     ],
 )

@@ -76,18 +76,6 @@ def test_height_behind_a_shaped_pattern(shape: PatternShape) -> None:
     assert np.nanmax(np.abs(slopes.slope_x - truth)[z[0].good]) < 1e-6 + (errors[0] > 1e-6) * 1e-6
 
 
-def test_rest_capture_takes_a_shape_into_account(shape: PatternShape) -> None:
-    scene = with_shape(SCENE, shape)
-    pressed, rest = (trace(scene, dent("gaussian", scene, peak=peak, sigma=20)) for peak in (0.2, 0.0))
-    made = [exact_correspondence(one, 1e-3) for one in (pressed, rest)]
-    anchor = PointAnchor(pressed.x[32, 70], pressed.y[32, 70], pressed.z[32, 70])
-    by, without = (
-        reconstruct(made[0], scene, rest=made[1], anchor=anchor),
-        reconstruct(made[0], scene, anchor=anchor),
-    )
-    assert np.nanmax(np.abs(by.z - without.z)) < 1e-9
-
-
 def test_toml_and_size(tmp_path: Path, shape: PatternShape) -> None:
     scene = with_shape(SCENE, shape)
     scene.save(tmp_path / "s.toml")

@@ -71,18 +71,6 @@ def test_paper_simulation_is_as_fixed():
     assert np.allclose(rest.x[0], 163.7 - 0.1 * (np.arange(1637) + 0.5), atol=1e-10, rtol=0)
 
 
-def test_paper_prototype_shows_sixteen_lattice_lines():
-    scene = load("paper-prototype")
-    assert (scene.camera.rows, scene.camera.cols) == (625, 392)
-    assert np.array_equal(scene.camera.pitch, [0.1, 0.1])
-    small = replace(scene, camera=replace(scene.camera, rows=1))
-    rest = trace(small, dent("flat", small))
-    lines = 25 + 50 * np.arange(40) - 0.5  # 2.5 mm apart, the first at half of that
-    assert np.count_nonzero((lines > rest.u.min()) & (lines < rest.u.max())) == 16
-    assert scene.medium is not None
-    assert scene.dent == "gaussian:peak=0.2,sigma=5"
-
-
 def test_prism48_keeps_total_reflection_for_its_dent():
     scene = resize(load("prism48"), 90, 120)
     assert scene.dent is not None

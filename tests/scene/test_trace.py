@@ -313,13 +313,3 @@ def test_arbitrary_callables_that_return_scalars_or_nan():
     )
     holed = trace(scene, hole)
     assert np.array_equal(holed.visible, np.hypot(plain.x - 80, plain.y - 75) >= 20)
-
-
-def test_grid_traces_like_its_formula():
-    """A densely sampled dent: the same pattern coordinates, to what the spline leaves (4th order)."""
-    scene = prism()
-    smooth = dent("raised-cosine", scene, peak=1.3)
-    exact, sampled = trace(scene, smooth), trace(scene, smooth.sampled(scene, 0.5))
-    assert np.array_equal(exact.visible, sampled.visible)
-    assert np.nanmax(np.abs(exact.u - sampled.u)) < 2e-5
-    assert np.nanmax(np.abs(exact.v - sampled.v)) < 2e-5
