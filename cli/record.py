@@ -1,7 +1,6 @@
 """`optolever camera record`: every image of a rig's camera, into a folder in common formats."""
 
 import shutil
-import time
 from pathlib import Path
 from typing import Annotated
 
@@ -39,7 +38,8 @@ def command(
     times. A page without a line is invalid: after a kill or a full disk, all images with a line are intact.
     """
     devices = devices_of(rig, changes)
-    with opened(rig, devices, levels_of(rig, "white"), running=False) as now:
+    numbers, failure = dict.fromkeys(("images", "incomplete", "lost", "dropped"), 0), None
+    with opened(rig, devices, levels_of(rig, "white")) as now:
         shown = now.display.show(0)
         size = now.accepted.rows * now.accepted.cols * (1 if now.accepted.bits == 8 else 2)
         need = int(size * seconds * (now.accepted.fps or 60)) + _SPARE
@@ -52,24 +52,20 @@ def command(
         with ol.projector.Recorder(out, about | {"rig": rig.read_text(encoding="utf-8")}) as recorder:
             recorder.configured(now.accepted)
             recorder.shown(shown)
-            writer = ol.projector.BackgroundRecorder(recorder)
+            writer = ol.projector.BackgroundRecorder(recorder, size)
+            arrivals = ol.projector.Arrivals(now.camera, now.time, now.clock, now.triggered, writer.image)
             try:
-                with ol.projector.CameraStream(now.camera, now.clock, writer.image) as stream:
-                    end = time.monotonic() + seconds
-                    while stream.running and (left := end - time.monotonic()) > 0:
-                        time.sleep(min(left, 0.05))
+                for image, _ in arrivals.until(now.time.now() + seconds):
+                    numbers["incomplete"] += not image.complete
+            except (InputError, OSError) as error:
+                failure = error
             finally:
                 writer.close()
-            numbers = {
-                "images": recorder.images,
-                "incomplete": stream.incomplete,
-                "lost": now.camera.lost,
-                "dropped": writer.dropped,
-            }
-    failure = stream.failure or writer.failure
+            numbers |= {"images": recorder.images, "lost": now.camera.lost, "dropped": writer.dropped}
+    failure = failure or writer.failure
     if failure is not None:
         reason = reason_of(failure) if isinstance(failure, OSError) else failure
-        raise InputError(f"{reason}; {recorder.images} images are in {out}") from failure
+        raise InputError(f"{reason}; {numbers['images']} images are in {out}") from failure
     write_json(json_path, numbers)
     table(
         f"Recording in {out}",

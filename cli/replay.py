@@ -16,7 +16,7 @@ SAMPLE = """
 $ optolever camera replay cap.recording
 Recording cap.recording
   camera    virtual
-  images    20, incomplete 0
+  images    21, incomplete 0
   patterns  20 swaps
   span      0.1406 s, 135.2 images a second
 """

@@ -13,17 +13,33 @@
 | `electronics.py` | exposure, flicker, response, noise, quantisation: one function for both |
 | `capture.py`, `folder.py` | `Capture` and its folder format |
 | `incoming.py` | pictures of other programs: which files, in which order, as which levels |
-| `clocks.py`, `timing.py` | stamps of cameras as host times; latency, settling, shutter |
-| `synchronise.py`, `acquire.py`, `exposure.py` | measured by flips; an image for every pattern; exposure |
-| `recording.py`, `stream.py` | recordings; a thread that pulls images |
+| `acquisition/` | an image for every pattern: clocks, synchronisation, exposure |
+| `recording.py` | recordings |
 | `cameras/` | back-ends of cameras |
 """
 
 from optolever.arguments import check_face
 
-from .acquire import Taken, acquire
+from .acquisition import (
+    SAFE_WAIT_S,
+    Arrivals,
+    ClockMap,
+    Contrast,
+    ExposureChoice,
+    FlipFit,
+    FlipRecord,
+    Stamp,
+    Taken,
+    Timing,
+    acquire,
+    choose_exposure,
+    contrast,
+    fit_timing,
+    flip_fit,
+    sync_notices,
+    synchronise,
+)
 from .capture import Capture
-from .clocks import ClockMap, Stamp
 from .context import ContextInfo, NoContextError, context_info, release_context
 from .devices import (
     Accepted,
@@ -39,15 +55,11 @@ from .devices import (
 )
 from .display import PatternWindow, monitors
 from .electronics import NOMINAL_SENSOR, WHITE_NOISE_SENSOR
-from .exposure import Contrast, ExposureChoice, choose_exposure, contrast
 from .folder import write_description
 from .monitors import Monitor, choose_monitor
 from .optics_numpy import Footprints, footprints, light_of
 from .recording import BackgroundRecorder, Logged, Recorder, Recording
 from .renderer import PatternRenderer, render
-from .stream import CameraStream
-from .synchronise import FlipFit, FlipRecord, fit_timing, flip_fit, sync_notices, synchronise
-from .timing import SAFE_WAIT_S, Timing
 from .virtual import RENDERERS, capture, chosen_renderer
 
 __all__ = [
@@ -56,10 +68,10 @@ __all__ = [
     "SAFE_WAIT_S",
     "WHITE_NOISE_SENSOR",
     "Accepted",
+    "Arrivals",
     "BackgroundRecorder",
     "Camera",
     "CameraLost",
-    "CameraStream",
     "Capture",
     "ClockMap",
     "ContextInfo",

@@ -28,7 +28,6 @@ import tifffile
 from optolever.errors import InputError
 from optolever.files import read_lines
 
-from .clocks import Stamp
 from .devices import Accepted, Image, Shown, no_pixels
 
 __all__ = ["BackgroundRecorder", "Logged", "Recorder", "Recording"]
@@ -117,28 +116,25 @@ class Recorder:
 class BackgroundRecorder:
     """Writes in a separate thread, so that a slow disk does not delay the camera.
 
-    At most 256 MB wait; images beyond are dropped, and counted. failure: the OSError that ended it.
+    At most 256 MB of images wait; those beyond are dropped, and counted. failure: the OSError that ended it.
     """
 
-    def __init__(self, recorder: Recorder) -> None:
+    def __init__(self, recorder: Recorder, image_bytes: int) -> None:
         self._recorder = recorder
-        self._queue: queue.Queue[tuple[Image, float] | None] = queue.Queue()
-        self._waiting, self._lock = 0, threading.Lock()
+        self._queue: queue.Queue[tuple[Image, float] | None] = queue.Queue(max(1, _WAITING // image_bytes))
         self.dropped = 0
         self.failure: OSError | None = None
         self._thread = threading.Thread(target=self._write, name="recorder", daemon=True)
         self._thread.start()
 
-    def image(self, image: Image, stamp: Stamp) -> None:
-        """Hand over an image; a listener of CameraStream. OSError once the disk is full."""
+    def image(self, image: Image, stamp_s: float) -> None:
+        """Hand over an image. OSError once the disk is full."""
         if self.failure is not None:
             raise self.failure
-        with self._lock:
-            full = self._waiting + image.pixels.nbytes > _WAITING
-            self._waiting += 0 if full else image.pixels.nbytes
-            self.dropped += full
-        if not full:
-            self._queue.put((image, stamp.time_s))
+        try:
+            self._queue.put_nowait((image, stamp_s))
+        except queue.Full:
+            self.dropped += 1
 
     def close(self) -> None:
         """Write the queue."""
@@ -152,8 +148,6 @@ class BackgroundRecorder:
                     self._recorder.image(*one)
             except OSError as error:
                 self.failure = error
-            with self._lock:
-                self._waiting -= one[0].pixels.nbytes
 
 
 @dataclass(frozen=True, slots=True, eq=False)

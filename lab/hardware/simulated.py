@@ -22,6 +22,7 @@ Float = NDArray[np.float64]
 BLACK, SWING = 20.0, 200.0  # levels
 SETTINGS = 20
 _COLUMNS = 8
+_HICCUPS_S = 0.731
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,8 @@ class Setting:
     """Seconds. rise and fall: time constants; shutter: first to last row; late: share of swaps whose light
     comes a refresh later; lost, incomplete: shares of the images; drift, offset: of the camera's clock;
     buffers: images that the driver holds for who does not pull; rate: images/s;
-    behind: images that come that much later; transfer: mean random delay; noise: levels rms of a pixel.
+    behind: images that come that much later; transfer: mean random delay; noise: levels rms of a pixel;
+    hiccup: as long nothing arrives, every 0.731 s.
     """
 
     refresh: float = 1 / 60
@@ -50,6 +52,8 @@ class Setting:
     behind: int = 0
     noise: float = 0.0
     trigger: str = "free"
+    stamped: bool = True
+    hiccup: float = 0.0
 
     @property
     def period(self) -> float:
@@ -210,7 +214,8 @@ class SimulatedCamera:
 
     def _arrival(self, begin: float) -> float:
         one = self.setting
-        return begin + one.exposure + one.read_out + one.behind * one.period
+        arrival = begin + one.exposure + one.read_out + one.behind * one.period
+        return arrival + max(one.hiccup - arrival % _HICCUPS_S, 0.0)
 
     def _fill(self, now: float) -> None:
         """Take what has arrived by now."""
@@ -223,7 +228,7 @@ class SimulatedCamera:
                 continue
             complete = bool(self.rng.random() >= one.incomplete)
             pixels = self._pixels(begin) if complete else np.empty((0, 0), np.uint8)
-            device = begin * (1 + one.drift) + one.offset
+            device = begin * (1 + one.drift) + one.offset if one.stamped else None
             self._pending.append(Image(pixels, number + 1, device, arrived, complete))
 
     def _pixels(self, begin: float) -> NDArray[np.uint8]:

@@ -51,7 +51,7 @@ class StillCamera:
                 return None
         now = self._last = time.monotonic()
         self._count += 1
-        return Image(self._capture[self._index], self._count, None, now)
+        return Image(self._capture[self._index], self._count, now, now)
 
     def stop(self) -> None:
         """Nothing runs."""

@@ -108,7 +108,7 @@ def test_a_rig_is_measured_at_rest_and_followed(
     def press(camera: StillCamera, timeout_s: float) -> Image | None:
         image, rest = (
             following(camera, timeout_s),
-            next(count) < len(dense) + 10,
+            next(count) < len(dense) + 11,
         )  # two readings at rest, or one
         return image if rest or image is None else replace(image, pixels=pressed[0])
 

@@ -60,6 +60,23 @@ def test_stale_and_lost_images_cost_time_not_truth(setting: Setting) -> None:
     assert (figure.wrong, figure.mixed, figure.incomplete, figure.frames) == (0, 0, 0, 100)
 
 
+@pytest.mark.parametrize("setting", [Setting(noise=2.0), Setting(hiccup=0.1), Setting(hiccup=0.3, rate=30)])
+def test_images_without_stamps_are_of_their_patterns(setting: Setting) -> None:
+    """By [sync] of the same camera with stamps, with noise and with hiccups that hand out old images."""
+    found = measured(setting, seed=5)
+    time, rng, clock = found.time, np.random.default_rng(5), ClockMap()
+    patterns, mute = codes(16, rng), replace(setting, stamped=False)
+    display = SimulatedDisplay(mute, time, patterns, rng)
+    camera = SimulatedCamera(mute, time, display, rng)
+    camera.start()
+    timing = replace(found.timing, latency_s=setting.delay + setting.exposure + setting.read_out)
+    order = rng.integers(0, 16, 300)
+    seen = list(acquire(display, camera, timing, order, time=time, clock=clock))
+    off = [np.abs(one.image.pixels - (20 + 200 * patterns[one.index])).max() for one in seen]
+    assert len(off) == 300
+    assert max(off) < 2 + 5 * setting.noise
+
+
 def test_triggered_cameras_go_the_same_way() -> None:
     figure = run_setting(Setting(trigger="software", lost=0.02, incomplete=0.02), 200, seed=2)
     assert figure.recovered

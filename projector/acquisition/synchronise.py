@@ -8,9 +8,7 @@ offset per band; least squares.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -20,19 +18,12 @@ from scipy.optimize import least_squares, minimize_scalar
 from optolever.errors import InputError
 from optolever.notices import Notice
 
-from .clocks import ClockMap, Stamp
-from .devices import Accepted, Camera, Display, Image, Time
+from ..devices import Accepted, Camera, Display, Time
+from .arrivals import Arrivals
+from .clocks import ClockMap
 from .timing import Timing
 
-__all__ = [
-    "FlipFit",
-    "FlipRecord",
-    "fit_timing",
-    "flip_fit",
-    "record_flips",
-    "sync_notices",
-    "synchronise",
-]
+__all__ = ["FlipFit", "FlipRecord", "fit_timing", "flip_fit", "sync_notices", "synchronise"]
 
 Float = NDArray[np.float64]
 
@@ -45,8 +36,8 @@ _LIT = 0.3  # of the largest swing: pixels that see the display
 _SWING = 8.0  # levels, at least
 _LATENCIES = np.arange(-0.02, 0.3, 0.004)
 _CELLS_S = 0.005  # time constant of cells that a fit starts from
-_LATENESS = np.arange(-0.01, 0.0605, 0.0005)
-_STRIDE = 4
+_LATENESS_STEP_S = 0.001
+_LATENESS = np.arange(-0.01, 0.0605, _LATENESS_STEP_S)
 _CERTAIN = 16.0  # squared residuals, in their variance, that a late swap explains
 _LATE_S = 0.004  # a swap whose light is later than the others' by more does not count in the fit
 _MISFIT = 0.03
@@ -84,94 +75,59 @@ def synchronise(
 
     accepted: the camera's settings. InputError where the camera does not see the display.
     """
-    taken = record_flips(display, camera, time=time, clock=clock, seed=seed, flips=flips, triggered=triggered)
+    taken = _record_flips(display, Arrivals(camera, time, clock, triggered), seed, flips)
     return fit_timing(taken, accepted, display.refresh_s), taken
 
 
-def record_flips(
-    display: Display,
-    camera: Camera,
-    *,
-    time: Time,
-    clock: ClockMap,
-    seed: int = 0,
-    flips: int = _FLIPS,
-    triggered: bool = False,
-) -> FlipRecord:
+def _record_flips(display: Display, arrivals: Arrivals, seed: int, flips: int) -> FlipRecord:
     """Flip black and white every 2 to 6 refreshes, at random, and keep the brightness of every image."""
-    refresh = display.refresh_s or _REFRESH_S
+    refresh, now = display.refresh_s or _REFRESH_S, arrivals.time.now
     rng = np.random.default_rng(seed)
-    eye = _Eye(camera, time, clock, triggered)
-    bands = _Bands(_still(display, 0, eye), _still(display, 1, eye))
-    flicker = _flicker(eye, bands)
+    bands = _Bands(_still(display, 0, arrivals), _still(display, 1, arrivals))
+    white: list[float] = []
+    for image, _ in arrivals.until(now() + _PATIENCE_S):
+        white += [float(np.nanmean(bands(image.pixels)))] if image.complete else []
+        if len(white) == _WHITE_IMAGES:
+            break
     rows: list[Float] = []
     times: list[tuple[float, float, float]] = []
 
     def watch(until: float) -> None:
-        for image, stamp in eye.images(until):
-            rows.append(bands(image.pixels))
-            times.append((stamp.time_s, stamp.sigma_s, image.arrived_s - stamp.time_s))
+        for image, stamp in arrivals.until(until):
+            if image.complete:
+                rows.append(bands(image.pixels))
+                times.append((stamp.time_s, stamp.sigma_s, image.arrived_s - stamp.time_s))
 
     level, swaps = 1, [display.show(1)]
     for _ in range(flips):
         watch(swaps[-1].swapped_s + (int(rng.integers(2, 7)) - 0.5) * refresh)
         level = 1 - level
         swaps.append(display.show(level))
-    watch(time.now() + _STILL_S)
-    stamps, sigmas, delays = (np.array(column) for column in zip(*times, strict=True))
+    watch(now() + _STILL_S)
+    stamps, sigmas, delays = np.array(times).reshape(-1, 3).T
     return FlipRecord(
         stamps,
-        float(np.median(sigmas)),
+        float(np.median(sigmas)) if len(sigmas) else 0.0,
         np.array(rows),
         bands.middles,
         np.array([shown.swapped_s for shown in swaps]),
         np.array([float(shown.index) for shown in swaps]),
         delays,
-        flicker,
+        flicker=float(np.std(white) / np.mean(white)) if white else 0.0,
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Eye:
-    """A camera that runs, or waits for triggers, and the clocks."""
-
-    camera: Camera
-    time: Time
-    clock: ClockMap
-    triggered: bool
-
-    def images(self, until: float) -> Iterator[tuple[Image, Stamp]]:
-        """Complete images and their times, up to a time."""
-        while (left := until - self.time.now()) > 0:
-            if self.triggered:
-                self.camera.trigger()
-            image = self.camera.next(left)
-            if image is not None:
-                stamp = self.clock.stamp(image)
-                if image.complete:
-                    yield image, stamp
-
-
-def _still(display: Display, level: int, eye: _Eye) -> Float:
+def _still(display: Display, level: int, arrivals: Arrivals) -> Float:
     """The display at one level, half a second after its swap or later. InputError if no images come."""
+    now = arrivals.time.now
     display.show(level)
-    limit, count, last = eye.time.now() + _PATIENCE_S, 0, None
-    while count < 2 and eye.time.now() < limit:
-        for image, _ in eye.images(eye.time.now() + _STILL_S):
-            count, last = count + 1, image
-    if last is None or count < 2:
+    limit, seen = now() + _PATIENCE_S, list[Float]()
+    while len(seen) < 2 and now() < limit:
+        images = (image for image, _ in arrivals.until(now() + _STILL_S))
+        seen += [np.asarray(image.pixels, np.float64) for image in images if image.complete]
+    if len(seen) < 2:
         raise InputError("camera: fewer than 2 complete images in 5 s; is it running, is it triggered?")
-    return np.asarray(last.pixels, np.float64)
-
-
-def _flicker(eye: _Eye, bands: _Bands) -> float:
-    """Standard deviation of white images over their mean; 0 if none comes."""
-    white: list[float] = []
-    for image, _ in eye.images(eye.time.now() + _PATIENCE_S):
-        white.append(float(np.nanmean(bands(image.pixels))))
-        if len(white) == _WHITE_IMAGES:
-            break
-    return float(np.std(white) / np.mean(white)) if white else 0.0
+    return seen[-1]
 
 
 class _Bands:
@@ -206,11 +162,11 @@ def fit_timing(taken: FlipRecord, accepted: Accepted, refresh_s: float | None) -
         raise InputError(f"sync: {len(taken.stamps_s)} images while the screen flipped, must be at least 20")
     exposure = accepted.exposure_s
     fit = _fit(taken, exposure, taken.swaps_s, None)
-    lateness = np.zeros(len(taken.swaps_s))
+    late = np.zeros(len(taken.swaps_s))
     for _ in range(_ROUNDS):  # late swaps bend the fit, and the fit the lateness
-        lateness = _lateness(taken, exposure, fit.x, lateness)
-        late = np.where(np.abs(lateness) > _LATE_S, lateness, 0.0)
-        fit = _fit(taken, exposure, taken.swaps_s + late, fit.x)
+        late = _lateness(taken, exposure, fit.x, late)
+        swaps = taken.swaps_s + np.where(np.abs(late) > _LATE_S, late, 0.0)
+        fit = _fit(taken, exposure, swaps, fit.x)
     latency, rise, fall, shutter = (float(value) for value in fit.x)
     freedom = max(fit.fun.size - 4 - 2 * len(taken.bands), 1)
     covariance = np.linalg.pinv(fit.jac.T @ fit.jac) * float(fit.fun @ fit.fun) / freedom
@@ -221,7 +177,7 @@ def fit_timing(taken: FlipRecord, accepted: Accepted, refresh_s: float | None) -
     read_out = float(np.median(taken.delays_s)) - exposure - abs(shutter)
     return Timing(
         latency_s=latency,
-        jitter_s=max(0.0, float(lateness[1:].max()) + 0.5 * float(_LATENESS[1] - _LATENESS[0])),
+        jitter_s=max(0.0, float(late[1:].max()) + 0.5 * _LATENESS_STEP_S),
         rise_s=rise,
         fall_s=fall,
         shutter_s=shutter,
@@ -255,24 +211,23 @@ class FlipFit:
 
 def flip_fit(taken: FlipRecord, timing: Timing) -> FlipFit:
     """How well a Timing explains its record, for a page: nothing of it enters a capture."""
-    exposure, pair = timing.exposure_s, np.array([timing.rise_s, timing.fall_s])
-    numbers = np.array([timing.latency_s, *pair, timing.shutter_s])
+    exposure = timing.exposure_s
+    numbers = np.array([timing.latency_s, timing.rise_s, timing.fall_s, timing.shutter_s])
     late = np.zeros(len(taken.swaps_s))
     for _ in range(_ROUNDS):
         late = _lateness(taken, exposure, numbers, late)
     swaps = taken.swaps_s + late
-    starts = taken.stamps_s[:, None] + timing.shutter_s * taken.bands - timing.latency_s
-    model = _light(pair, starts, exposure, swaps, taken.levels)
+    model = _light(numbers, taken, exposure, swaps)
+    starts = _starts(numbers, taken)
     k = np.maximum(np.searchsorted(swaps, starts + exposure, side="right") - 1, 0)
 
     def cost(begin: float, band: int) -> float:
-        one = taken.stamps_s + begin - timing.latency_s
-        light = _light(pair, one, exposure, swaps, taken.levels)
-        return float(np.sum((_scaled(taken.brightness[:, band], light) - light) ** 2))
+        one = replace(taken, bands=np.ones(1), brightness=taken.brightness[:, [band]])
+        return float(np.sum(_residual(np.array([*numbers[:3], begin]), one, exposure, swaps) ** 2))
 
-    limits = (-abs(timing.shutter_s) - _LATE_S, abs(timing.shutter_s) + _LATE_S)
+    reach = abs(timing.shutter_s) + _LATE_S
     begins = [
-        minimize_scalar(cost, bounds=limits, args=(band,), method="bounded").x
+        minimize_scalar(cost, bounds=(-reach, reach), args=(band,), method="bounded").x
         for band in range(len(taken.bands))
     ]
     light = _scaled(taken.brightness, model)
@@ -312,42 +267,40 @@ def sync_notices(timing: Timing) -> tuple[Notice, ...]:
     return tuple(found)
 
 
-def _light(numbers: Float, starts: Float, exposure: float, swaps: Float, levels: Float) -> Float:
-    """Mean light over [starts, starts + exposure] of cells after swaps at `swaps`; numbers: rise, fall."""
-    rise, fall = numbers
-    state, total = float(levels[0]), 0.0
-    states, totals = np.empty(len(swaps)), np.empty(len(swaps))
-    taus = np.where(levels > 0.5, rise, fall)
-    for k, (level, tau) in enumerate(zip(levels, taus, strict=True)):
-        states[k], totals[k] = state, total
-        if k + 1 < len(swaps):
-            step = max(swaps[k + 1] - swaps[k], 0.0)
-            gone = -np.expm1(-step / tau)
-            total += level * step + (state - level) * tau * gone
-            state = level + (state - level) * (1 - gone)
+def _starts(numbers: Float, taken: FlipRecord) -> Float:
+    """Starts of the exposures (N, B), on the time of swaps."""
+    return np.asarray(taken.stamps_s[:, None] + numbers[3] * taken.bands - numbers[0])
+
+
+def _light(numbers: Float, taken: FlipRecord, exposure: float, swaps: Float) -> Float:
+    """Mean light (N, B) over the exposures; numbers: latency, rise, fall, shutter."""
+    levels, starts = taken.levels, _starts(numbers, taken)
+    taus = np.where(levels > 0.5, numbers[1], numbers[2])
+    steps = np.maximum(np.diff(swaps), 0.0)
+    gone = -np.expm1(-steps / taus[:-1])
+    states = np.empty(len(swaps))  # at every swap
+    states[0] = levels[0]
+    for k in range(len(steps)):
+        states[k + 1] = levels[k] + (states[k] - levels[k]) * (1 - gone[k])
+    parts = levels[:-1] * steps + (states - levels)[:-1] * taus[:-1] * gone
+    totals = np.concatenate([[0.0], np.cumsum(parts)])
 
     def integral(times: Float) -> Float:
         k = np.maximum(np.searchsorted(swaps, times, side="right") - 1, 0)
         since = times - swaps[k]
         gone = -np.expm1(-np.maximum(since, 0.0) / taus[k])
-        found: Float = totals[k] + levels[k] * since + (states[k] - levels[k]) * taus[k] * gone
-        return found
+        return np.asarray(totals[k] + levels[k] * since + (states[k] - levels[k]) * taus[k] * gone)
 
-    mean: Float = (integral(starts + exposure) - integral(starts)) / exposure
-    return mean
+    return (integral(starts + exposure) - integral(starts)) / exposure
 
 
 def _residual(numbers: Float, taken: FlipRecord, exposure: float, swaps: Float) -> Float:
-    """Brightness less the model's best gain and offset of each band, over the gain; (N B,)."""
-    latency, rise, fall, shutter = numbers
-    starts = taken.stamps_s[:, None] + shutter * taken.bands
-    model = _light(np.array([rise, fall]), starts - latency, exposure, swaps, taken.levels)
+    """Brightness less the model's best gain and offset of each band, over the swing; (N B,)."""
+    model = _light(numbers, taken, exposure, swaps)
     model = model - model.mean(axis=0)
     seen = taken.brightness - taken.brightness.mean(axis=0)
     gain = (model * seen).sum(axis=0) / np.maximum((model**2).sum(axis=0), 1e-12)
-    swing = np.ptp(taken.brightness, axis=0)
-    residual: Float = ((seen - gain * model) / swing).ravel()
-    return residual
+    return np.asarray(((seen - gain * model) / np.ptp(taken.brightness, axis=0)).ravel())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -388,55 +341,24 @@ def _fit(taken: FlipRecord, exposure: float, swaps: Float, start: Float | None) 
 
 
 def _lateness(taken: FlipRecord, exposure: float, numbers: Float, lateness: Float) -> Float:
-    """(F,) s, delay of each swap's light relative to the fit; sequentially, given the others' estimates."""
-    latency, rise, fall, shutter = numbers
-    starts = taken.stamps_s[:, None] + shutter * taken.bands - latency
-    swaps = taken.swaps_s + lateness
-    pair = np.array([rise, fall])
-    model = _light(pair, starts, exposure, swaps, taken.levels)
+    """(F,) s, delay of each swap's light relative to the fit, one after the other, given the others'
+    estimates; 0 where that explains no more than chance does."""
+    swaps, found, starts = taken.swaps_s + lateness, lateness.copy(), _starts(numbers, taken)
+    model = _light(numbers, taken, exposure, swaps)
     seen = _scaled(taken.brightness, model)
-    found = lateness.copy()
-    noise = float(np.mean((_light(pair, starts, exposure, swaps, taken.levels) - seen) ** 2))
-    reach = exposure + 5 * max(rise, fall) + _LATENESS[-1]
+    noise = float(np.mean((model - seen) ** 2))
+    reach = exposure + 5 * float(max(numbers[1], numbers[2])) + float(_LATENESS[-1])
     for k in range(1, len(swaps)):
-        planned = taken.swaps_s[k]
+        planned, last = taken.swaps_s[k], swaps[k + 1] if k + 1 < len(swaps) else np.inf
         near = ((starts > planned - exposure + _LATENESS[0]) & (starts < planned + reach)).any(axis=1)
         if not near.any():
             continue
-        cost = partial(_moved_cost, k, swaps, taken.levels, pair, starts[near], seen[near], exposure)
-        found[k] = _shift(cost, planned, noise)
-        swaps[k] = _between(k, swaps, planned + found[k])
+        some = replace(taken, stamps_s=taken.stamps_s[near])
+        tried = np.clip(planned + np.append(_LATENESS, 0.0), swaps[k - 1], last)
+        costs = []
+        for swaps[k] in tried:
+            costs.append(np.sum((_light(numbers, some, exposure, swaps) - seen[near]) ** 2))
+        best = int(np.argmin(costs[:-1]))
+        found[k] = _LATENESS[best] if costs[-1] - costs[best] >= _CERTAIN * noise else 0.0
+        swaps[k] = min(max(planned + found[k], swaps[k - 1]), last)
     return found
-
-
-def _between(k: int, swaps: Float, moved: float) -> float:
-    """A time of swap k, clipped to the swaps before and after it."""
-    return float(min(max(moved, swaps[k - 1]), swaps[k + 1] if k + 1 < len(swaps) else np.inf))
-
-
-def _moved_cost(
-    k: int,
-    swaps: Float,
-    levels: Float,
-    pair: Float,
-    starts: Float,
-    seen: Float,
-    exposure: float,
-    moved: float,
-) -> float:
-    """Squared misfit of images if swap k were at `moved`."""
-    tried = swaps.copy()
-    tried[k] = _between(k, swaps, moved)
-    return float(np.sum((_light(pair, starts, exposure, tried, levels) - seen) ** 2))
-
-
-def _shift(cost: Callable[[float], float], planned: float, noise: float) -> float:
-    """The lateness of least cost; 0 where it explains no more than chance does."""
-
-    def at(late: float) -> float:
-        return cost(planned + late)
-
-    coarse = min(_LATENESS[::_STRIDE].tolist(), key=at)
-    reach = _STRIDE * float(_LATENESS[1] - _LATENESS[0]) + 1e-9
-    best = min(_LATENESS[np.abs(_LATENESS - coarse) < reach].tolist(), key=at)
-    return float(best) if at(0.0) - at(best) >= _CERTAIN * noise else 0.0

@@ -7,7 +7,7 @@ from typing import Any
 
 from optolever.errors import InputError
 
-from .devices import Accepted
+from ..devices import Accepted
 
 __all__ = ["SAFE_WAIT_S", "Timing"]
 

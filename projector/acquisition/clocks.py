@@ -3,8 +3,9 @@
 from collections import deque
 from dataclasses import dataclass
 from itertools import pairwise
+from statistics import median
 
-from .devices import Image
+from ..devices import Image
 
 __all__ = ["ClockMap", "Stamp"]
 
@@ -12,16 +13,20 @@ _SPAN_S = 60.0  # images that count
 _BLOCK_S = 1.0  # one of them a second: the one that arrived with the least delay
 _DRIFT = 1e-4  # of a crystal, at most
 _DRIFT_SPAN_S = 30.0  # below, a line through the least delays is worse than none
+_WAITS = 1000
 _EARLY_S, _LATE_S = 1.0, 2.0  # a stamp after, and before, the arrival, at most
 
 
 @dataclass(frozen=True, slots=True)
 class Stamp:
-    """Time of an image and its standard deviation, s; trusted: by the camera's clock, else by its arrival."""
+    """Time of an image and its standard deviation, s; trusted: by the camera's clock, else by its arrival;
+    late_s: how much earlier its exposure may have been.
+    """
 
     time_s: float
     sigma_s: float
     trusted: bool
+    late_s: float = 0.0
 
 
 class ClockMap:
@@ -37,7 +42,18 @@ class ClockMap:
         self._odd: tuple[float, float] | None = None  # device time and delay of a stamp that does not fit
         self._line = 0.0, 0.0, 0.0  # device time, offset, drift
         self._mean_excess, self._count = 0.0, 0
+        self._waits: deque[float] = deque(maxlen=_WAITS)  # for images, s
+        self._asked: float | None = None
         self.distrusted = 0
+
+    @property
+    def hiccup_s(self) -> float:
+        """By how much the longest wait for an image without a stamp exceeds the usual one."""
+        return max(self._waits) - median(self._waits) if self._waits and not self._count else 0.0
+
+    def ask(self, time_s: float) -> None:
+        """That an image is waited for from now on, if none was waited for."""
+        self._asked = time_s if self._asked is None else self._asked
 
     def stamp(self, image: Image) -> Stamp:
         """Take an image into account, and its time. Stamps that do not rise, or that lie more than 1 s after
@@ -45,25 +61,31 @@ class ClockMap:
         in a row that agree are a clock that was set: the map begins anew.
         """
         device, arrived = image.device_s, image.arrived_s
+        if self._asked is not None:
+            self._waits.append(arrived - self._asked)
+            self._asked = None
         if device is None:
-            return Stamp(arrived, 0.0, trusted=False)
+            return Stamp(arrived, 0.0, trusted=False, late_s=self.hiccup_s)
         delay = arrived - device
         rises = self._last is None or device > self._last
         ahead = 0.0 if self._last is None else self.host(device)[0] - arrived
         if not rises or ahead > _EARLY_S:
             odd, self._odd = self._odd, (device, delay)
             if odd is None or device <= odd[0] or abs(delay - odd[1]) > _EARLY_S:
-                self.distrusted += 1
-                return Stamp(arrived, 0.0, trusted=False)
+                return self._by_arrival(arrived)
             self._blocks.clear()
             self._mean_excess, self._count = 0.0, 0
             self._add(*odd)
         elif ahead < -_LATE_S:  # late in a queue
-            self.distrusted += 1
-            return Stamp(arrived, 0.0, trusted=False)
+            return self._by_arrival(arrived)
         self._last, self._odd = device, None
         self._add(device, delay)
-        return Stamp(*self.host(device), trusted=True)
+        time, sigma = self.host(device)
+        return Stamp(time, sigma, trusted=True, late_s=3 * sigma)
+
+    def _by_arrival(self, arrived: float) -> Stamp:
+        self.distrusted += 1
+        return Stamp(arrived, 0.0, trusted=False, late_s=self.hiccup_s)
 
     @property
     def images(self) -> int:

@@ -1,0 +1,37 @@
+"""acquisition: an image for every pattern, of the right pattern.
+
+| file | holds |
+|---|---|
+| `clocks.py` | stamps of cameras as host times |
+| `arrivals.py` | the images of a running camera as they come, with their times |
+| `acquire.py` | the first complete image of every pattern after it has settled |
+| `timing.py`, `synchronise.py` | latency, settling, shutter; measured by flips |
+| `exposure.py` | exposure by white and black |
+"""
+
+from .acquire import Taken, acquire
+from .arrivals import Arrivals
+from .clocks import ClockMap, Stamp
+from .exposure import Contrast, ExposureChoice, choose_exposure, contrast
+from .synchronise import FlipFit, FlipRecord, fit_timing, flip_fit, sync_notices, synchronise
+from .timing import SAFE_WAIT_S, Timing
+
+__all__ = [
+    "SAFE_WAIT_S",
+    "Arrivals",
+    "ClockMap",
+    "Contrast",
+    "ExposureChoice",
+    "FlipFit",
+    "FlipRecord",
+    "Stamp",
+    "Taken",
+    "Timing",
+    "acquire",
+    "choose_exposure",
+    "contrast",
+    "fit_timing",
+    "flip_fit",
+    "sync_notices",
+    "synchronise",
+]

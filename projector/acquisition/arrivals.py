@@ -1,0 +1,43 @@
+"""The images of a running camera as they come, with their times: the one loop that waits for images."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+from ..devices import Camera, Image, Time
+from .clocks import ClockMap, Stamp
+
+__all__ = ["Arrivals", "OnImage"]
+
+OnImage = Callable[[Image, float], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Arrivals:
+    """triggered: the camera waits for `trigger`; on_image: called with every image and its time."""
+
+    camera: Camera
+    time: Time
+    clock: ClockMap
+    triggered: bool = False
+    on_image: OnImage | None = None
+
+    def next(self, until: float) -> tuple[Image, Stamp] | None:
+        """The next image, complete or not; None if none came in time. CameraLost."""
+        now = self.time.now()
+        self.clock.ask(now)
+        image = self.camera.next(max(until - now, 0.0))
+        if image is None:
+            return None
+        stamp = self.clock.stamp(image)
+        if self.on_image is not None:
+            self.on_image(image, stamp.time_s)
+        return image, stamp
+
+    def until(self, end: float) -> Iterator[tuple[Image, Stamp]]:
+        """All images up to a time, triggered one after the other where the camera waits for it."""
+        while self.time.now() < end:
+            if self.triggered:
+                self.camera.trigger()
+            found = self.next(end)
+            if found is not None:
+                yield found
