@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -19,16 +19,10 @@ from optolever.scene import TYPED, Scene, without_rest_form
 
 from .arrays import Floats, Mask
 from .heightmap import HeightMap
-from .judgement.circulation import (
-    chi2_limit,
-    circulation_chi2,
-    contradiction,
-    curl_scale,
-    curl_score,
-    outliers,
-)
-from .judgement.discontinuities import edge_doubt, widened
-from .judgement.holes import bridged, noise_gain, whole_lines
+from .judgement.circulation import circulation_chi2, contradiction
+from .judgement.discontinuities import edge_doubt, touched, widened
+from .judgement.holes import noise_gain, whole_lines
+from .judgement.reweighting import CAUCHY, patches, wrong_pixels
 from .problem import Problem, prepare
 from .result import anchors_apart, height_map, loaded, off_mirror, refused, with_references, without_loose
 from .rig.calibration import same_capture
@@ -45,20 +39,17 @@ from .rig.model import (
 )
 from .rig.motion import limited_motion, unpressed
 from .solver.anchors import Anchors
-from .solver.edges import Doubt
+from .solver.edges import Doubt, defects, edge_weights
 from .solver.newton import State, missed, solve
-from .uncertainty.sources import CELLS, CONTRADICTION, NOISE, noise_sources
+from .uncertainty.sources import CELLS, NOISE, noise_sources
 
-__all__ = ["Solution", "doubted", "method_names", "reconstruct", "solved_height", "with_rig"]
+__all__ = ["Solution", "method_names", "reconstruct", "solved_height", "with_rig"]
 
 _METHODS = ("coupled",)
-_REWEIGHTED = 2  # solves with doubtful edges: the slopes depend a little on the height
 _ATTEMPTS = 3  # each without the pixels that have no normal at the last solution
 #: Of w's change over a pixel: slopes that a wrong scene, any error, amplifies.
 _SENSITIVE, _UNSTABLE = 0.25, 1.0
 _MISSED = 5.0  # standard deviations of an edge
-_BETTER = 3.0  # times: data less better than that by its curl may hide what neighbours share
-_NOISIER = 1.2  # times the announced noise, by the curl: from there on sigma grows to it
 _DOUBTED = 0.2  # chi2 that the errors of such a rig leave, from which on other descriptions are tried
 _SAME_CAPTURE = Notice(
     "The press and the rest capture are one and the same capture, so that every height is 0",
@@ -66,21 +57,24 @@ _SAME_CAPTURE = Notice(
     math.nan,
     "give the capture of the mirror at rest as --rest",
 )
-_ROUNDS = 6  # of leaving out lone pixels with a curl
+_ROBUST = 6  # solves without what misses the heights
+_MOST_WRONG = 0.1  # of the pixels: more is a wrong scene
 _FEW = 2e-3  # doubtful edges a pixel, two of which each has: fewer leave the closed form
+
+
+_ONE = np.ones((1, 1))
 
 
 class Solution(NamedTuple):
     """What was solved, how it ended, the variance of the unknown by source (see `sources`), and the map.
 
-    correspondence: less the rest capture's deviation, if there is one; scale: of the curl.
+    correspondence: less the rest capture's deviation, if there is one.
     """
 
     correspondence: Correspondence
     problem: Problem
     state: State
     noise: dict[str, Floats]
-    scale: float
     height: HeightMap
 
 
@@ -218,15 +212,21 @@ def solved_height(
 ) -> Solution:
     """`reconstruct` of a scene without errors."""
     problem, state = _first(correspondence, scene, anchor, mask, start)
-    problem, state, scale = _without_outliers(problem, state)
-    problem, state, curl = _at_its_noise(problem, state, scale)
-    state = _around_discontinuities(problem, state, curl)
+    doubt = _doubted(problem, state)
+    wrong = np.zeros(1, np.bool_) if doubt is None else _wrong_pixels(problem, state, doubt)
+    if wrong.any():
+        used = ~wrong if mask is None else np.asarray(mask) & ~wrong
+        with suppress(InputError):  # an anchor among them
+            problem, state = _first(correspondence, scene, anchor, used, start)
+            problem, doubt = replace(problem, suspects=wrong), _doubted(problem, state)
+    if doubt is not None:
+        state = _around_discontinuities(problem, state, doubt)
     gain = noise_gain(problem.data.mask, problem.bridged)
     noise = noise_sources(problem, state, gain, correspondence.shared_noise)
     chi2, freedom = circulation_chi2(problem.data, state, gain)
     if CELLS in noise:  # neighbours share their errors
         chi2 /= 1 + float(np.median((noise[CELLS] / noise[NOISE])[problem.data.mask]))
-    return _judged(correspondence, problem, state, noise, scale, chi2, freedom)
+    return _judged(correspondence, problem, state, noise, chi2, freedom)
 
 
 def _judged(
@@ -234,47 +234,14 @@ def _judged(
     problem: Problem,
     state: State,
     noise: dict[str, Floats],
-    scale: float,
     chi2: float,
     freedom: int,
     rig: bool = False,
 ) -> Solution:
     """The solution under the chi2 of its slopes; rig: that errors of the rig leave."""
-    noise = {name: variance for name, variance in noise.items() if name != CONTRADICTION}
-    if CELLS not in noise and chi2 > chi2_limit(freedom):
-        noise[CONTRADICTION] = (chi2 - 1) * noise[NOISE]
     known = None if math.isnan(chi2) else chi2
-    height = height_map(problem, state, correspondence, noise, scale, known, freedom, rig)
-    return Solution(correspondence, problem, state, noise, scale, height)
-
-
-def _without_outliers(problem: Problem, state: State) -> tuple[Problem, State, float]:
-    """The solution without lone pixels that the slopes' curl points to (interpolated instead, as small holes
-    are), and the scale of the others' curl, see `curl_scale`.
-    """
-    slopes = state.slopes
-    for _ in range(_ROUNDS):
-        score = curl_score(*slopes, *state.variances, problem.data.mask)
-        scale = curl_scale(score)
-        found = outliers(score, scale, problem.data, problem.bridged)
-        if not found.any():
-            break
-        bad = problem.bridged | found
-        data = bridged(problem.data, bad)
-        problem = replace(problem, suspects=problem.suspects | found, data=data, bridged=bad)
-        p, q, _, _ = data.slopes(state.w)
-        slopes = p, q
-    return problem, state if slopes is state.slopes else _solve(problem, state.w), scale
-
-
-def _at_its_noise(problem: Problem, state: State, scale: float) -> tuple[Problem, State, float]:
-    """The same with sigma scaled by the curl's scale, and the remaining scale; unchanged where rounding makes
-    the curl.
-    """
-    if not scale > _NOISIER or problem.data.whole_cells(problem.bridged):
-        return problem, state, scale
-    problem = replace(problem, data=problem.data.noisier(scale))
-    return problem, _solve(problem, state.w), 1.0
+    height = height_map(problem, state, correspondence, noise, known, freedom, rig)
+    return Solution(correspondence, problem, state, noise, height)
 
 
 def _first(
@@ -310,25 +277,37 @@ def _solve(problem: Problem, first: Floats) -> State:
     return solve(problem.data, problem.samples, problem.labels, first)
 
 
-def _around_discontinuities(problem: Problem, state: State, noise: float) -> State:
-    """The solution with the doubts in the edges' variances; where there are few, they are in sigma alone (see
-    `sources`). noise: the curl's scale."""
-    for _ in range(_REWEIGHTED):
-        doubt = doubted(problem, state, noise)
-        if doubt is None:
+def _wrong_pixels(problem: Problem, state: State, jumps: Doubt) -> Mask:
+    """Pixels of the image that a robust solve misses, where slopes jump."""
+    robust, wrong, mask = state, np.zeros_like(problem.data.mask), problem.data.mask
+    weights = edge_weights(*state.variances, _ONE, mask)
+    for _ in range(_ROBUST):
+        defect, scale = defects(*robust.slopes, robust.w, _ONE, mask), max(1.0, robust.misfit)
+        before, wrong = wrong, wrong_pixels(defect, weights, scale) & ~problem.bridged
+        if not wrong.any() or np.array_equal(wrong, before):
             break
-        if state.problem.closed and np.count_nonzero(doubt) < _FEW * doubt.x.size:
-            return replace(state, doubt=doubt)
-        state = solve(problem.data, problem.samples, problem.labels, state.w, doubt)
-    return state
+        doubt = Doubt(*(np.abs(part) / (CAUCHY * scale) for part in defect))
+        robust = solve(problem.data, problem.samples, problem.labels, robust.w, doubt)
+    surely = wrong & wrong_pixels(defect, edge_weights(*state.variances, _ONE, mask, jumps), scale)
+    wrong = patches(wrong, surely, touched(jumps)) & mask & ~problem.bridged
+    few = np.count_nonzero(wrong) <= _MOST_WRONG * wrong.size
+    return problem.to_image(wrong & few, False)
 
 
-def doubted(problem: Problem, state: State, noise: float) -> Doubt | None:
-    """What is in doubt of a solution's edges, those of interpolated pixels included."""
-    announced = not np.isfinite(noise) or problem.data.whole_cells(problem.bridged)
-    # a residual that most edges have is no discontinuity
-    scale = 1.0 if announced else max(min(1.0, _BETTER * noise), state.misfit)
-    doubt = edge_doubt(*state.slopes, *state.variances, problem.data.mask, scale)
+def _around_discontinuities(problem: Problem, state: State, doubt: Doubt) -> State:
+    """The solution with the doubts in the edges' variances; where there are few, they are in sigma alone (see
+    `sources`). The slopes depend a little on the height: once more."""
+    if state.problem.closed and np.count_nonzero(doubt) < _FEW * doubt.x.size:
+        return replace(state, doubt=doubt)
+    state = solve(problem.data, problem.samples, problem.labels, state.w, doubt)
+    again = _doubted(problem, state)
+    return state if again is None else solve(problem.data, problem.samples, problem.labels, state.w, again)
+
+
+def _doubted(problem: Problem, state: State) -> Doubt | None:
+    """The doubts of a solution's edges, those of interpolated pixels included; a residual that most edges
+    have is no discontinuity."""
+    doubt = edge_doubt(*state.slopes, *state.variances, problem.data.mask, max(1.0, state.misfit))
     return doubt if doubt is None or not problem.bridged.any() else widened(doubt, problem.bridged)
 
 

@@ -60,8 +60,7 @@ class Diagnostics:
 
     steps: rms change of the unknown in every step (mm, or relative where the rays diverge); iterations:
     linear solves or conjugate-gradient iterations; defect: rms edge defect over its standard deviation (below
-    1: noise alone); curl: robust scale of the slopes' curl over its standard deviation (well above 1: the
-    calibration rules, not noise); both None if unknown; components: connected components solved; lost: pixels
+    1: noise alone), None if unknown; components: connected components solved; lost: pixels
     in components without an anchor; chi2: of the slopes' circulation around blocks of pixels, per degree of
     freedom, `freedom` in number (see `circulation`; about 1 if the scene is right, None without a complete
     block); noise: share of the variance by every source (see `uncertainty.sources`), median; solver: of the
@@ -74,7 +73,6 @@ class Diagnostics:
     steps: tuple[float, ...] = ()
     iterations: int = 0
     defect: float | None = None
-    curl: float | None = None
     components: int = 0
     lost: int = 0
     noise: dict[str, float] = field(default_factory=dict)

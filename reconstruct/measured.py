@@ -64,10 +64,6 @@ class Measured:
         values = (part[rows][seen] for part in (self.u, self.v))
         return all(bool(np.mean(2 * x == np.rint(2 * x)) > _MIDDLES) for x in values)
 
-    def noisier(self, times: float) -> "Measured":
-        """With sigma so many times larger."""
-        return replace(self, sigma_u=times * self.sigma_u, sigma_v=times * self.sigma_v)
-
     def shifted(self, du: Floats, dv: Floats) -> "Measured":
         """With u and v moved, pattern pixels."""
         return replace(self, u=self.u + du, v=self.v + dv)

@@ -35,9 +35,8 @@ class Problem:
     rays, valid: of the full image (H, W); rows, cols: the window that holds valid pixels; turned: the
     window's rows and columns are exchanged, so that the slopes' variances go by columns; data: that grid, to
     which the samples belong; labels: its anchored components from 1 on; bridged: interpolated pixels, of
-    small holes and wrong ones; lost: valid pixels without an anchor; singular (H, W): valid pixels of the
-    image that cannot be solved (see `Measured.singular`); suspects: pixels to which a curl of the slopes
-    points.
+    small holes; lost: valid pixels without an anchor; singular (H, W): valid pixels of the
+    image that cannot be solved (see `Measured.singular`); suspects (H, W): wrong pixels.
     """
 
     rays: RayField
@@ -128,7 +127,7 @@ def prepare(
         bridges,
         lost,
         left_out,
-        np.zeros_like(bridges),
+        np.zeros_like(valid),
     )
 
 

@@ -16,11 +16,10 @@ from .arrays import Floats, Mask
 from .contact.load import sinks
 from .heightmap import Diagnostics, HeightFlag, HeightMap
 from .judgement.circulation import contradiction
-from .judgement.discontinuities import cut_off
+from .judgement.discontinuities import cut_off, surest
 from .outputs.coarse_modes import Modes, coarse_step, filled
 from .problem import Problem
 from .solver.anchors import Anchors, EdgeAnchor
-from .solver.edges import Doubt
 from .solver.newton import State
 from .uncertainty.sources import ANCHORS, LOAD, anchor_response
 
@@ -46,34 +45,33 @@ def height_map(
     state: State,
     correspondence: Correspondence,
     noise: dict[str, Floats],
-    curl: float,
     chi2: float | None,
     freedom: int,
     rig: bool = False,
 ) -> HeightMap:
-    """noise: variance of the unknown by source; curl: robust scale of the slopes' curl; chi2, freedom: of
-    their circulation, see `Diagnostics`; rig: after errors of the rig are taken off.
+    """noise: variance of the unknown by source; chi2, freedom: of the slopes' circulation, see `Diagnostics`;
+    rig: after errors of the rig are taken off.
     """
     data, doubt, variance = problem.data, state.doubt, np.sum(list(noise.values()), axis=0)
     steep = np.zeros(data.mask.shape, dtype=np.bool_)
     if doubt is not None:
         limits = _STEEP * np.sqrt(state.variances[0]), _STEEP * np.sqrt(state.variances[1])
-        lost = ~data.mask | (problem.bridged & ~problem.suspects)
+        lost = (~data.mask | problem.bridged) & ~problem.to_grid(problem.suspects)
         away = cut_off(doubt, limits, data.mask, state.rows.pixel[state.share > 0], lost)
         # a doubt common to all of a pixel's edges is in the pixel's variance
         around = minimum_filter(np.where(data.mask, variance, np.inf), 3)
-        steep = away | (_surest(doubt, data.mask) > _STEEP * np.sqrt(around))
+        steep = away | (surest(doubt, data.mask) > _STEEP * np.sqrt(around))
     distance = data.distance(state.w)
     solved = problem.to_image(data.mask, False) & problem.valid
     t = np.where(solved, problem.to_image(distance, np.nan), np.nan)
     o, d = problem.rays.inner_origins, problem.rays.inner_directions
     deviation = np.where(solved, _height_sigma(problem, state, variance), np.nan)
     flags = np.asarray(correspondence.flags, dtype=np.uint16).copy()
+    flags[problem.suspects] |= np.uint16(HeightFlag.CURL)
     flags[~problem.valid & (flags == 0)] |= np.uint16(Flag.INVALID)
     singular = problem.singular
     flags[singular] |= np.uint16(HeightFlag.SINGULAR)
     flags[problem.valid & ~solved & ~singular] |= np.uint16(HeightFlag.NO_ANCHOR)
-    flags[problem.to_image(problem.suspects, False) & solved] |= np.uint16(HeightFlag.CURL)
     flags[problem.to_image(steep, False) & solved] |= np.uint16(HeightFlag.STEEP)
     if not state.converged:
         flags[solved & _unsettled(problem, state)] |= np.uint16(HeightFlag.NOT_CONVERGED)
@@ -83,7 +81,6 @@ def height_map(
         steps=state.steps,
         iterations=state.iterations,
         defect=float(np.sqrt(state.energy / (2 * np.count_nonzero(data.mask)))),
-        curl=curl if np.isfinite(curl) else None,
         components=int(problem.labels.max()),
         lost=problem.lost,
         chi2=chi2,
@@ -236,17 +233,6 @@ def off_mirror(height: HeightMap, mirror: Mirror) -> tuple[Notice, ...]:
         "x and y stay where they are)"
     )
     return (Notice("points lie off the mirror, mm", farthest, limit, cure),)
-
-
-def _surest(doubt: Doubt, mask: Mask) -> Floats:
-    """The doubt of every pixel's surest edge, (H, W)."""
-    x, y = np.full(mask.shape, np.inf), np.full(mask.shape, np.inf)
-    x[:, :-1] = np.where(mask[:, :-1] & mask[:, 1:], doubt.x[:, :-1], np.inf)
-    y[:-1] = np.where(mask[:-1] & mask[1:], doubt.y[:-1], np.inf)
-    least = np.minimum(x, y)
-    least[:, 1:] = np.minimum(least[:, 1:], x[:, :-1])
-    least[1:] = np.minimum(least[1:], y[:-1])
-    return np.where(np.isfinite(least), least, 0.0)
 
 
 def _unsettled(problem: Problem, state: State) -> Mask:

@@ -2,10 +2,10 @@
 
 | file | holds |
 |---|---|
-| `circulation` | wrong pixels by the slopes' curl; chi2 of slopes that contradict each other |
+| `circulation` | chi2 of slopes that contradict each other |
 | `discontinuities` | edges in doubt: cusps, ridges, rims, gaps; what they part from the anchors |
 | `holes` | small holes bridged |
-| `reweighting` | robust reweighting |
+| `reweighting` | robust reweighting; wrong pixels |
 """
 
 #: Inside of reconstruct its files are imported one by one: none of their names is public.

@@ -20,7 +20,7 @@ from optolever.kernels import exact, inlined
 from ..arrays import Floats, Ints, Mask
 from ..solver.edges import Doubt, cubic_at_end, stencil
 
-__all__ = ["cut_off", "edge_doubt", "touched", "widened"]
+__all__ = ["cut_off", "edge_doubt", "surest", "touched", "widened"]
 
 _SIGMAS = 5.0  # of the difference's noise: both sides exceed it by chance in no edge of a megapixel
 _FAINT = 2.0  # of the same, for edges that continue a crease
@@ -129,6 +129,17 @@ def widened(doubt: Doubt, guessed: Mask) -> Doubt:
     wide_x[:, :-1] = np.maximum(wide_x[:, :-1], np.maximum(near[:, :-1], near[:, 1:]))
     wide_y[:-1] = np.maximum(wide_y[:-1], np.maximum(near[:-1], near[1:]))
     return Doubt(wide_x, wide_y)
+
+
+def surest(doubt: Doubt, mask: Mask) -> Floats:
+    """The doubt of every pixel's surest edge, (H, W)."""
+    x, y = np.full(mask.shape, np.inf), np.full(mask.shape, np.inf)
+    x[:, :-1] = np.where(mask[:, :-1] & mask[:, 1:], doubt.x[:, :-1], np.inf)
+    y[:-1] = np.where(mask[:-1] & mask[1:], doubt.y[:-1], np.inf)
+    least = np.minimum(x, y)
+    least[:, 1:] = np.minimum(least[:, 1:], x[:, :-1])
+    least[1:] = np.minimum(least[1:], y[:-1])
+    return np.where(np.isfinite(least), least, 0.0)
 
 
 def cut_off(doubt: Doubt, limit: tuple[Floats, Floats], mask: Mask, anchors: Ints, lost: Mask) -> Mask:

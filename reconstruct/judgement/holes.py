@@ -28,6 +28,7 @@ _FIRST, _THIRD = (-1.0, 1.0), (-1.0, 3.0, -3.0, 1.0)
 _ROUNDING = 1e-14  # what iterations leave
 _MOST = 200  # of their steps
 _REACH = 4.0  # pixels, rms: over which the gain is averaged
+_UNEVEN = 1.6  # of that ratio: some neighbours count several times, others not at all
 
 
 def small_holes(mask: Mask) -> Mask:
@@ -95,20 +96,15 @@ def interpolation(known: Mask, holes: Mask) -> Callable[[Floats], Pair]:
 
 
 def noise_gain(mask: Mask, holes: Mask) -> Floats:
-    """By what factor bridging the holes, which are part of the mask, raises the noise of long waves,
-    (rows, cols).
-
-    A bridged pixel repeats its neighbours' noise. With W one plus a measured pixel's weights in bridged ones,
-    the power at long waves is the mean of W^2 over all pixels, 1 without any bridge.
-    """
+    """By what factor bridging the holes, which are part of the mask, raises the variance of long waves,
+    (rows, cols): all pixels over the measured ones around."""
     if not holes.any():
         return np.ones(mask.shape)
-    weights = mask.astype(np.float64)
-    for coefficients in (_THIRD, _FIRST):
-        weights = _Differences(mask & ~holes, holes, coefficients).gathered(weights)
-    area = scipy.ndimage.gaussian_filter(mask.astype(np.float64), _REACH)
-    gain: Floats = scipy.ndimage.gaussian_filter(weights**2, _REACH) / np.maximum(area, 1e-12)
-    return np.maximum(gain, 1.0, out=gain)
+    every, known = (
+        scipy.ndimage.gaussian_filter(part.astype(float), _REACH) for part in (mask, mask & ~holes)
+    )
+    gain: Floats = (np.maximum(every, 1e-12) / np.maximum(known, 1e-12)) ** _UNEVEN
+    return gain
 
 
 class _Differences:
@@ -136,19 +132,7 @@ class _Differences:
         out = field.astype(np.float64)
         values = out.ravel()
         values[self._at] = np.nan_to_num(values[self._at])
-        values[self._at] -= _least_squares(self._of_holes, values[self._pixels] @ self._coefficients)
+        off = values[self._pixels] @ self._coefficients
+        options = {"atol": _ROUNDING, "btol": _ROUNDING, "conlim": 0, "iter_lim": _MOST}
+        values[self._at] -= scipy.sparse.linalg.lsqr(self._of_holes, off, **options)[0]
         return out
-
-    def gathered(self, weights: Floats) -> Floats:
-        """The transpose: weights (rows, cols) with those of the holes handed to what they are made of."""
-        share = _least_squares(self._of_holes.T, weights.ravel()[self._at])
-        moved = np.outer(share, self._coefficients).ravel()
-        return weights - np.bincount(self._pixels.ravel(), moved, weights.size).reshape(weights.shape)
-
-
-def _least_squares(matrix: scipy.sparse.csr_array, values: Floats) -> Floats:
-    """The smallest solution."""
-    found: Floats = scipy.sparse.linalg.lsqr(
-        matrix, values, 0.0, _ROUNDING, _ROUNDING, conlim=0, iter_lim=_MOST
-    )[0]
-    return found

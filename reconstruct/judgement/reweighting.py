@@ -9,15 +9,19 @@ import math
 from collections.abc import Callable
 
 import numpy as np
+import scipy.ndimage
 
-from ..arrays import Pair
+from ..arrays import Floats, Mask, Pair
+from .holes import LARGEST
 
-__all__ = ["cauchy", "scaled_median"]
+__all__ = ["CAUCHY", "cauchy", "patches", "scaled_median", "wrong_pixels"]
 
-_CAUCHY = 2.385  # deviations at which the weight is one half: 95 % efficiency under Gaussian noise
+CAUCHY = 2.385  # deviations at which the weight is one half: 95 % efficiency under Gaussian noise
 _STEPS = 30
 _ROWS = 256
 _CHANCE = 0.01  # of an image without outliers to be reweighted
+_WRONG = 4.0  # standard deviations of an edge: defects of both edges of a wrong pixel
+_ALIKE = 0.25  # of the larger of both: beside a crease the other is 1/12
 _SETTLED = 1e-3  # change of the defects' scale, relative
 
 
@@ -33,7 +37,7 @@ def cauchy(solve: Callable[[Pair | None], Pair], weights: Pair, least: float) ->
         before, scale = scale, max(scaled_median(residuals, weights), least)
         if abs(before - scale) <= _SETTLED * scale or (doubts is None and _clean(residuals, weights, scale)):
             break
-        doubts = np.abs(residuals[0]) / (_CAUCHY * scale), np.abs(residuals[1]) / (_CAUCHY * scale)
+        doubts = np.abs(residuals[0]) / (CAUCHY * scale), np.abs(residuals[1]) / (CAUCHY * scale)
     return doubts
 
 
@@ -51,3 +55,36 @@ def scaled_median(residuals: Pair, weights: Pair) -> float:
     ]
     sizes = np.concatenate([np.abs(r[w > 0]) * np.sqrt(w[w > 0]) for r, w in pairs])
     return 1.4826 * float(np.median(sizes)) if sizes.size else 0.0
+
+
+def wrong_pixels(defects: Pair, weights: Pair, scale: float) -> Mask:
+    """Pixels (H, W) whose two edges along an axis miss the heights by much and likewise, as a wrong slope
+    enters both; a crease enters one.
+    """
+    x, y = (defect * np.sqrt(weight) / scale for defect, weight in zip(defects, weights, strict=True))
+    wrong: Mask = _likewise(x) | _likewise(y.T).T
+    return wrong
+
+
+def patches(wrong: Mask, surely: Mask, jumps: Mask) -> Mask:
+    """Wrong pixels that are few, or a patch beyond the doubts of its edges (surely), unlike a crease; where
+    slopes jump, unlike errors of the scene. A patch with the pixels around, wrong on one side."""
+    square = np.ones((3, 3))
+    parts, count = scipy.ndimage.label(scipy.ndimage.binary_dilation(wrong, square), square)
+    every, sure, sharp = (
+        np.bincount(parts[wrong & part], minlength=count + 1) for part in (True, surely, jumps)
+    )
+    few, patch = ((sharp > 0) & part for part in (every <= LARGEST, sure > LARGEST))
+    large = scipy.ndimage.binary_dilation(wrong & patch[parts], square)
+    found: Mask = (wrong & few[parts]) | large
+    return found
+
+
+def _likewise(score: Floats) -> Mask:
+    """Of the edges along rows; where one is missing the other decides."""
+    before = np.roll(score, 1, axis=1)
+    before[:, 0] = 0.0
+    one, other = np.where(before == 0, score, before), np.where(score == 0, before, score)
+    less, more = np.sort(np.abs([one, other]), axis=0)
+    found: Mask = (one * other > 0) & (less > _WRONG) & (less > _ALIKE * more)
+    return found

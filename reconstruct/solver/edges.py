@@ -22,7 +22,6 @@ __all__ = [
     "apply_laplacian",
     "cubic_at_end",
     "cubic_inside",
-    "curl",
     "defects",
     "divergence",
     "edge_weights",
@@ -107,15 +106,6 @@ def apply_laplacian(x: Floats, wx: Floats, wy: Floats, out: Floats | None = None
     image, sums = np.empty(x.shape) if out is None else out, np.empty(x.shape[0])
     over_image(lambda start, stop: _laplacian(x, wx, wy, image, sums, start, stop), x.shape)
     return image, float(sums.sum())
-
-
-def curl(p: Floats, q: Floats, mask: Mask) -> Floats:
-    """Trapezoid sum of the slopes around the pixels (i, j) .. (i + 1, j + 1), (H, W);
-    NaN where one is masked.
-    """
-    out = np.full(p.shape, np.nan)
-    over_image(lambda start, stop: _curl(p, q, mask, out, start, stop), p.shape)
-    return out
 
 
 @inlined
@@ -260,17 +250,3 @@ def _laplacian(x, wx, wy, out, sums, start, stop):  # type: ignore[no-untyped-de
                 total += wy[i, j] * rise * rise
             out[i, j] = value
         sums[i] = total
-
-
-@exact
-def _curl(p, q, mask, out, start, stop):  # type: ignore[no-untyped-def]
-    rows, cols = p.shape
-    for i in range(start, min(stop, rows - 1)):
-        for j in range(cols - 1):
-            if mask[i, j] and mask[i, j + 1] and mask[i + 1, j] and mask[i + 1, j + 1]:
-                out[i, j] = 0.5 * (
-                    (p[i, j] + p[i, j + 1])
-                    - (p[i + 1, j] + p[i + 1, j + 1])
-                    + (q[i, j + 1] + q[i + 1, j + 1])
-                    - (q[i, j] + q[i + 1, j])
-                )

@@ -8,7 +8,6 @@
 | ANCHORS | of every known value; the response is the integrating factor |
 | BEND | of the ways to the anchors in common (`AnchorRows.bend`), likewise |
 | DOUBTS | of edges in doubt that the solve does not go around, drawn |
-| CONTRADICTION | what the slopes' circulation shows beyond noise |
 
 A discrete code yields the middle of the cell at which a pixel looks. Where sampling is commensurate (one cell
 a pixel, two, one and a half) regions share one error. The measured coordinates, smoothed, are rounded again
@@ -29,12 +28,12 @@ from .monte_carlo import drawn_doubts
 from .response import ErrorField, smoothed, variance_by
 
 __all__ = [
-    *("ANCHORS", "BEND", "CELLS", "CONTRADICTION", "DOUBTS", "LOAD", "NOISE", "SHARED"),
+    *("ANCHORS", "BEND", "CELLS", "DOUBTS", "LOAD", "NOISE", "SHARED"),
     *("anchor_response", "noise_sources"),
 ]
 
 NOISE, SHARED = "noise of the frames, independent", "noise that pixels have in common"
-CELLS, CONTRADICTION = "cells of a discrete code", "slopes that contradict each other"
+CELLS = "cells of a discrete code"
 DOUBTS = "slopes that change too fast between pixels"
 LOAD = "anchor_load"  # a mode of the map, see `result.loaded`
 ANCHORS, BEND = "known heights of the anchors", "curvature between mirror and anchors"

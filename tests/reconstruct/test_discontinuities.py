@@ -108,6 +108,18 @@ def test_large_errors_are_found_in_pairs_too_and_little_else(exact, noisy) -> No
     assert np.abs(score).max() < 5
 
 
+@pytest.mark.parametrize("off", [0.5, 30.0])
+def test_a_patch_of_wrong_places_is_flagged(exact, noisy, off: float) -> None:
+    """And nothing around it is off."""
+    scene, truth, _ = exact("prism48", "gaussian", 60, 80)
+    seen, wrong = noisy(truth, 0.02, 0.02), np.zeros(truth.u.shape, np.bool_)
+    wrong[20:32, 30:42] = True
+    height = reconstruct(replace(seen, u=np.where(wrong, seen.u + off, seen.u)), scene)
+    assert curled(height)[wrong].mean() > 0.95
+    assert height.good[~wrong].mean() > 0.97
+    assert np.nanmax(np.abs(scores(height, truth)[~wrong])) < 5
+
+
 @pytest.mark.daily(1)
 @pytest.mark.parametrize("dent", ["ridge:angle_deg=30", "ball", "needle"])
 def test_a_crease_a_rim_and_a_tip_are_no_outliers(exact, noisy, dent: str) -> None:

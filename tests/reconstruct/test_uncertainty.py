@@ -1,7 +1,5 @@
 """Error bars against repeated noise; errors at the Cramer-Rao bound."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -37,38 +35,6 @@ def test_sigma_grows_with_the_noise_and_with_the_anchors_own(exact, noisy) -> No
     np.testing.assert_allclose(large / small, 3.0, rtol=1e-3)
     loose = reconstruct(noisy(truth, sigma=0.01), scene, anchor=PixelAnchor(48, 48, value, sigma=0.5)).sigma
     assert loose[48, 48] == pytest.approx(0.5, rel=0.01)
-
-
-@pytest.mark.daily(1)
-@pytest.mark.parametrize("times", [2.0, 5.0])
-def test_noise_that_was_told_too_small_is_told_by_the_curl(exact, noisy, times: float) -> None:
-    """The height, its flags and its sigma are nearly those of the true noise; the diagnostics say how far off
-    the announced one was.
-    """
-    scene, truth, _ = exact("paper-simulation", "raised-cosine", 128, 128)
-    heights = [reconstruct(noisy(truth, sigma=s, noise=0.05), scene) for s in (0.05, 0.05 / times)]
-    right, told = heights
-    assert told.diagnostics.curl == pytest.approx(times, rel=0.05)
-    assert told.good.mean() > right.good.mean() - 0.01
-    both = right.good & told.good
-    far = both & (
-        np.arange(128) < 120
-    )  # where the mirror meets the pattern noise moves each pixel's variance
-    np.testing.assert_allclose(told.sigma[far], right.sigma[far], rtol=0.08)
-    assert rms_score(scores(told, truth)[both]) == pytest.approx(1.0, abs=0.2)
-
-
-def test_sigma_holds_errors_that_neighbours_share(exact) -> None:
-    """Noise that blocks of 8 x 8 pixels share: the scatter over draws."""
-    scene, truth, correspondence = exact("paper-simulation", "raised-cosine", 128, 128)
-    rng, block, sigma = np.random.default_rng(3), np.ones((8, 8)), np.full(truth.u.shape, 0.02)
-    found = []
-    for _ in range(8):
-        u, v = (part + 0.02 * np.kron(rng.standard_normal((16, 16)), block) for part in (truth.u, truth.v))
-        height = reconstruct(replace(correspondence, u=u, v=v, sigma_u=sigma, sigma_v=sigma), scene)
-        assert height.diagnostics.noise["slopes that contradict each other"] > 0.9
-        found.append(scores(height, truth))
-    assert 0.5 < rms_score(*found) < 1.5
 
 
 def test_coverage_where_the_weights_do_not_go_by_columns(noisy) -> None:
