@@ -5,17 +5,17 @@
 | `demo.py`, `metrics.py` | run_demo: the full chain on a virtual sensor; error metrics |
 | `measurement.py`, `height_report.py` | a measurement and its page |
 | `height_tables.py`, `maps.py` | the tables, maps and charts of that page |
-| `figures.py`, `flag_table.py` | numbers on a page and in its file; flags by area |
+| `flag_table.py` | flags by area |
 | `rig_report.py`, `rig_drawing.py` | the page of a calibration; a rig to scale |
 | `sync_report.py` | the page of a synchronisation |
 | `modulation.py` | code_that_decodes: what a capture that is too weak would need |
 | `acquisition_check.py` | images that show the preceding pattern instead of their nominal one |
-| `own_sequence.py`, `own_function.py` | sequences that a user brings: function, folder, file |
-| `own_images.py` | patterns along both axes that a user brings, and the user's decoder |
-| `faults.py` | lag, gamma, flicker and blur of display and light |
+| `own.py` | sequences, images and decoders that a user brings: function, folder, file |
+| `faults.py` | simulated frames under lag, gamma, flicker and blur of display and light |
 | `timing.py`, `arrays.py` | seconds of calls and stages, memory; names of types |
 | `design/` | choice of sequence and sensor |
-| `page.py`, `images.py`, `report/` | HTML page; figures and maps as PNG; templates, style, viewer |
+| `page.py`, `report/` | HTML page, its tables and numbers; templates, style, viewer |
+| `images.py` | figures and images as PNG |
 """
 
 from .acquisition_check import frames_of_another

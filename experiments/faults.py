@@ -1,18 +1,23 @@
-"""Faults of display and light: lag (a share of the preceding frame), gamma, flicker, blur."""
+"""Simulated frames under faults of display and light: lag (a share of the preceding frame), gamma, flicker,
+blur.
+"""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.ndimage
 from numpy.typing import NDArray
 
 from optolever.errors import InputError
-from optolever.patterns import Sequence
+from optolever.patterns import Frame, Sequence
 from optolever.projector import NOMINAL_SENSOR, capture
-from optolever.scene import Display, Scene, Sensor, Surface
+from optolever.scene import Display, Scene, Sensor, Surface, Trace
 
-__all__ = ["Faults", "frames_of", "with_noise", "without_noise"]
+from .own import OwnImages
 
-_FINE = 16  # bits of frames that are mixed before the camera rounds them
+__all__ = ["Faults", "frames_of"]
+
+Levels = NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,25 +50,52 @@ class Faults:
 
 
 def frames_of(
-    scene: Scene, surface: Surface, shown: Sequence, lag: float, noise: float, seed: int, renderer: str
+    scene: Scene,
+    surface: Surface,
+    truth: Trace,
+    shown: Sequence | OwnImages,
+    lag: float,
+    noise: float,
+    seed: int,
+    renderer: str,
 ) -> NDArray[np.uint8] | NDArray[np.uint16]:
-    """Frames (N, H, W) with noise (8-bit levels) of a display with lag."""
-    if not lag:
-        return capture(scene, surface, shown, renderer=renderer, noise=noise, seed=seed).frames
+    """Frames (N, H, W) of a mirror with noise (8-bit levels), of a display with lag."""
     sensor = scene.sensor or NOMINAL_SENSOR
-    own = capture(without_noise(scene), surface, shown, renderer=renderer, seed=seed, bits=_FINE).frames
-    levels = own.astype(np.float32) * (255.0 / (2**_FINE - 1))
+    quiet = replace(scene, sensor=replace(sensor, gain_e=0.0, noise=0.0))
+    if isinstance(shown, OwnImages):
+        levels = _image_levels(quiet, surface, truth, shown, renderer)
+    elif not lag:
+        return capture(scene, surface, shown, renderer=renderer, noise=noise, seed=seed).frames
+    else:
+        levels = _captured_levels(quiet, surface, shown, renderer)
     for before, after in zip(levels[:-1].copy(), levels[1:], strict=True):
         after += np.float32(lag) * (before - after)
-    return with_noise(levels, sensor, noise, seed)
+    return _with_noise(levels, sensor, noise, seed)
 
 
-def without_noise(scene: Scene) -> Scene:
-    """The scene with a sensor that has no noise."""
-    return replace(scene, sensor=replace(scene.sensor or NOMINAL_SENSOR, gain_e=0.0, noise=0.0))
+def _captured_levels(scene: Scene, surface: Surface, shown: Sequence, renderer: str) -> Levels:
+    frames = capture(scene, surface, shown, renderer=renderer, bits=16).frames
+    return frames.astype(np.float32) * np.float32(255 / (2**16 - 1))
 
 
-def with_noise(levels: NDArray[np.float32], sensor: Sensor, noise: float, seed: int) -> NDArray[np.uint8]:
+def _image_levels(scene: Scene, surface: Surface, truth: Trace, shown: OwnImages, renderer: str) -> Levels:
+    """Levels of a mirror that reflects images, from its white and its black frame: each pixel has the level
+    of the blurred image at its coordinates, a point without a footprint."""
+    rows, cols = shown.levels.shape[1:]
+    ends = Sequence((Frame("white"), Frame("black")), rows, cols)
+    white, black = _captured_levels(scene, surface, ends, renderer)
+    display = scene.display or Display()
+    light = (display.light(shown.levels.astype(np.float64)) - display.black) / (1 - display.black)
+    at = np.where(truth.visible, [truth.v, truth.u], -10.0)
+    levels = np.empty((len(shown), *white.shape), np.float32)
+    for level, image in zip(levels, light, strict=True):
+        soft = scipy.ndimage.gaussian_filter(image, scene.pattern.blur_px)
+        share = scipy.ndimage.map_coordinates(soft, at, order=1, mode="constant")
+        level[:] = black + (white - black) * share
+    return levels
+
+
+def _with_noise(levels: Levels, sensor: Sensor, noise: float, seed: int) -> NDArray[np.uint8]:
     """8-bit frames of levels 0 to 255 with the sensor's noise and white noise (rms, levels)."""
     rng, gain = np.random.default_rng([seed, 7]), sensor.gain_e
     if gain > 0:

@@ -17,6 +17,7 @@ from .arrays import Floats
 
 __all__ = ["MEANING", "FlagRow", "flag_index", "flag_rows", "mirror_area"]
 
+BLOCKS = 512  # of pixels, along either side, whose areas are computed
 GOOD_COLOUR = "#dfe5ea"
 MEANING = {
     "DARK": "too little light came back, for instance where total reflection is lost",
@@ -70,9 +71,10 @@ def flag_rows(flags: NDArray[np.integer], area: Floats | None = None, mirror: fl
     part = np.bincount(index.ravel(), weights, len(members) + 1).astype(np.float64)
     total = max(mirror, float(part.sum())) or 1.0
     words = [("good", 0, "height and error bar stand", GOOD_COLOUR)]
-    for member, colour in zip(members, itertools.cycle(COLOURS), strict=False):
-        name = str(member.name)
-        words.append((name.lower().replace("_", " "), int(member), MEANING[name], colour))
+    words += [
+        (str(each.name).lower().replace("_", " "), int(each), MEANING[str(each.name)], colour)
+        for each, colour in zip(members, itertools.cycle(COLOURS), strict=False)
+    ]
     rows = [
         FlagRow(name, bit, int(n), float(size), float(size) / total, meaning, colour)
         for (name, bit, meaning, colour), n, size in zip(words, count, part, strict=True)
@@ -87,15 +89,19 @@ def flag_rows(flags: NDArray[np.integer], area: Floats | None = None, mirror: fl
 
 
 def mirror_area(scene: Scene) -> Floats:
-    """Area of the mirror at rest in each camera pixel (H, W), mm^2: the quadrangle of its corner rays on the
-    plane z = 0, clipped at the mirror's edges."""
+    """Area of the mirror at rest in each camera pixel (H, W), mm^2: of blocks of pixels, the quadrangle of
+    their corner rays on the plane z = 0, clipped at the mirror's edges, in equal parts to their pixels."""
     camera = scene.camera
-    rows = np.arange(camera.rows + 1, dtype=np.float64)[:, None] - 0.5
-    origins, ways = camera.rays_at(rows, np.arange(camera.cols + 1, dtype=np.float64) - 0.5)
+    rows, cols = (
+        np.unique(np.linspace(0, n, min(n, BLOCKS) + 1).round().astype(int))
+        for n in (camera.rows, camera.cols)
+    )
+    origins, ways = camera.rays_at(rows[:, None] - 0.5, cols - 0.5)
     with np.errstate(divide="ignore", invalid="ignore"):
         along = -origins[..., 2] / ways[..., 2]
     x = np.clip(origins[..., 0] + along * ways[..., 0], 0.0, scene.mirror.length)
     y = np.clip(origins[..., 1] + along * ways[..., 1], 0.0, scene.mirror.width)
-    diagonals = [(part[1:, 1:] - part[:-1, :-1], part[1:, :-1] - part[:-1, 1:]) for part in (x, y)]
-    (ax, bx), (ay, by) = diagonals
-    return np.asarray(np.nan_to_num(0.5 * np.abs(ax * by - bx * ay)))
+    (ax, bx), (ay, by) = ((part[1:, 1:] - part[:-1, :-1], part[1:, :-1] - part[:-1, 1:]) for part in (x, y))
+    high, wide = np.diff(rows), np.diff(cols)
+    share = np.nan_to_num(0.5 * np.abs(ax * by - bx * ay)) / (high[:, None] * wide)
+    return np.repeat(np.repeat(share, high, axis=0), wide, axis=1)

@@ -1,10 +1,7 @@
-"""Images as PNG data URIs, downsampled before drawing: arrays, Matplotlib figures, maps on the mirror in mm
-(x to the right, y up) and on the camera's pixels.
-"""
+"""Images as PNG data URIs: arrays and Matplotlib figures; samples of maps, limits of their colours."""
 
 import base64
 import io
-from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -13,12 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
-
-from .arrays import Floats
 
 RESOLUTION = 110  # dots per inch of every figure
-SIDE = 520  # samples on the longer side of a drawn map
 
 
 def new_figure(width: float, height: float) -> Figure:
@@ -83,33 +76,3 @@ def robust_limits(values: NDArray[Any], share: float = 0.995, symmetric: bool = 
 
 def _uri(data: bytes) -> str:
     return "data:image/png;base64," + base64.b64encode(data).decode("ascii")
-
-
-@dataclass(frozen=True, slots=True)
-class MirrorGrid:
-    """A regular grid over the mirror (mm): which of the pixels, thinned to twice `side`, is nearest to the
-    middle of each cell, -1 where none is near."""
-
-    x0: float
-    y0: float
-    pitch: float
-    pixel: NDArray[np.intp]
-    side: int
-
-    @classmethod
-    def around(cls, x: Floats, y: Floats, side: int = SIDE) -> "MirrorGrid":
-        """A grid of at most `side` cells over the finite points x, y (H, W), never finer than they are."""
-        points = np.column_stack([thin(x, 2 * side).ravel(), thin(y, 2 * side).ravel()])
-        known = np.flatnonzero(np.isfinite(points).all(axis=1))
-        if not known.size:
-            return cls(0.0, 0.0, 1.0, np.full((1, 1), -1), side)
-        low, size = points[known].min(axis=0), np.ptp(points[known], axis=0)
-        pitch = float(max(size.max() / side, 1.15 * np.sqrt(max(size.prod(), 1e-12) / known.size)))
-        cols, rows = (size / pitch).astype(int) + 1
-        cells = np.stack(np.meshgrid(np.arange(cols), np.arange(rows)), axis=-1)
-        away, nearest = cKDTree(points[known]).query(low + pitch * (cells + 0.5))
-        return cls(float(low[0]), float(low[1]), pitch, np.where(away <= pitch, known[nearest], -1), side)
-
-    def place(self, values: NDArray[np.floating[Any]]) -> Floats:
-        """Values of camera pixels (H, W) on the grid: samples, never averages."""
-        return np.where(self.pixel < 0, np.nan, thin(values, 2 * self.side).ravel()[self.pixel])

@@ -1,12 +1,16 @@
-"""One self-contained HTML page from the templates in report/: style, script and pictures are inside."""
+"""One self-contained HTML page from the templates in report/, its tables, and its numbers as text and in a
+file.
+"""
 
+import csv
 import importlib.metadata
 import json
 import math
 import platform
 import shlex
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -15,13 +19,59 @@ from markupsafe import Markup
 
 from optolever import __version__
 from optolever.files import atomic_file, report_folder
-from optolever.quantities import length_unit
+from optolever.quantities import quantity
 
 from .timing import peak_bytes
+
+__all__ = ["Figures", "Table", "budget_table", "embedded_json", "write_page"]
 
 FOLDER = Path(__file__).parent / "report"
 SCRIPTS = ("uplot.min.js", "viewer.js", "charts.js")
 LIBRARIES = ("numpy", "scipy", "numba", "moderngl", "opencv-contrib-python-headless", "matplotlib")
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A table of a page: its id, heads, rows of cells, number of leading columns of text, CSS class of each
+    row."""
+
+    id: str
+    heads: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    texts: int = 1
+    kinds: Sequence[str] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Figures:
+    """Numbers by name: value, standard deviation (NaN: none) and unit, in the order in which a page shows
+    them."""
+
+    rows: dict[str, tuple[float, float, str]] = field(default_factory=dict)
+
+    def show(self, name: str, value: float, unit: str = "", sigma: float = math.nan) -> Markup:
+        """The number as an element of the page; the file gets it by this name."""
+        self.rows[name] = float(value), float(sigma), unit
+        text = quantity(value, unit, sigma)
+        return Markup('<span class="figure" data-figure="{}">{}</span>').format(name, text)
+
+    def save(self, path: str | Path) -> None:
+        """Write a CSV: name, value, sigma, unit; sigma empty where there is none."""
+        with atomic_file(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
+            rows = csv.writer(stream)
+            rows.writerow(("name", "value", "sigma", "unit"))
+            for name, (value, sigma, unit) in self.rows.items():
+                rows.writerow((name, repr(value), "" if math.isnan(sigma) else repr(sigma), unit))
+
+
+def budget_table(readings: Mapping[str, Mapping[str, float]], figures: Figures) -> Table:
+    """An uncertainty budget (mm, see `reconstruct.budget`), a row per source."""
+    rows = [
+        [name, *(figures.show(f"{reading}: {name}", each[name], "mm") if name in each else ""
+                 for reading, each in readings.items())]
+        for name in dict.fromkeys(name for sources in readings.values() for name in sources)
+    ]  # fmt: skip
+    return Table("budget-table", ("standard deviation", *readings), rows)
 
 
 def write_page(path: str | Path, template: str, seconds: dict[str, float], context: dict[str, Any]) -> None:
@@ -33,22 +83,15 @@ def write_page(path: str | Path, template: str, seconds: dict[str, float], conte
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
     )
-    filters: dict[str, Callable[[float], str]] = {
-        "scientific": scientific,
-        "mm": length_text,
-        "percent": percent,
-        "fixed": lambda value: f"{value:.3f}" if math.isfinite(value) else "–",
-        "duration": seconds_text,
-        "share": share_text,
-    }
-    environment.filters.update(filters)
+    environment.filters["quantity"] = quantity
+    longest = max((each for name, each in seconds.items() if name != "total"), default=0.0) or 1.0
     common = {
         "notices": (),
         "version": __version__,
-        "versions": versions(),
-        "style": Markup("".join((FOLDER / name).read_text() for name in ("uplot.min.css", "style.css"))),
-        "scripts": Markup("".join((FOLDER / name).read_text() for name in SCRIPTS)),
-        "stages": stage_bars(seconds),
+        "versions": _versions(),
+        "style": _text("uplot.min.css", "style.css"),
+        "scripts": _text(*SCRIPTS),
+        "seconds": {name: (each, 100 * each / longest) for name, each in seconds.items()},
         "memory_gib": peak_bytes() / 2**30,
         "command": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
     }
@@ -62,90 +105,17 @@ def embedded_json(value: Any) -> Markup:
     return Markup(json.dumps(value, allow_nan=False).replace("<", "\\u003c"))
 
 
-def budget_table(readings: Mapping[str, Mapping[str, float]]) -> dict[str, Any]:
-    """An uncertainty budget (mm, see `reconstruct.budget`) as a table in micrometres, a row per source."""
-    names = dict.fromkeys(name for sources in readings.values() for name in sources)
-    known = readings.values()
-    rows = [
-        ("", [name, *(scientific(1e3 * each[name]) if name in each else "" for each in known)])
-        for name in names
-    ]
-    return table("budget-table", ("standard deviation, um", *readings), rows)
+def _text(*names: str) -> Markup:
+    return Markup("".join((FOLDER / name).read_text() for name in names))
 
 
-def versions() -> list[tuple[str, str]]:
-    """Versions for the page: this package, Python, the machine, and the main libraries."""
-    rows = [
-        ("optolever", __version__),
-        ("Python", platform.python_version()),
-        ("machine", f"{platform.machine()}, {platform.system()} {platform.release()}"),
-    ]
+def _versions() -> Iterable[tuple[str, str]]:
+    """Versions of this package, Python, the machine, and the main libraries."""
+    yield "optolever", __version__
+    yield "Python", platform.python_version()
+    yield "machine", f"{platform.machine()}, {platform.system()} {platform.release()}"
     for library in LIBRARIES:
         try:
-            rows.append((library, importlib.metadata.version(library)))
+            yield library, importlib.metadata.version(library)
         except importlib.metadata.PackageNotFoundError:
-            rows.append((library, "not installed"))
-    return rows
-
-
-def scientific(value: float) -> str:
-    """A small number for reading: 3.2 × 10⁻⁵."""
-    if not math.isfinite(value):
-        return "–"
-    if value == 0 or 1e-2 <= abs(value) < 999.5:
-        return f"{value:.3g}"
-    digits, _, power = f"{value:.1e}".partition("e")
-    digits = digits.replace("-", "−")
-    return f"{digits} × 10" + str(int(power)).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
-
-
-def length_text(millimetres: float) -> str:
-    """A length in the unit in which it reads well."""
-    if not math.isfinite(millimetres):
-        return "–"
-    factor, unit = length_unit(millimetres)
-    return f"{millimetres * factor:.3g} {unit}"
-
-
-def percent(share: float) -> str:
-    """A share in per cent."""
-    if not math.isfinite(share):
-        return "–"
-    return f"{100 * share:.2f} %" if share >= 0.01 or share == 0 else f"{100 * share:.2g} %"
-
-
-def share_text(share: float | None) -> str:
-    """An error over the peak in per cent, three digits; nothing for None."""
-    if share is None:
-        return ""
-    if share != 0 and abs(share) < 1e-5:
-        return f"{scientific(100 * share)} %"
-    return f"{100 * share:.3g} %".replace("-", "−") if math.isfinite(share) else "–"
-
-
-def seconds_text(seconds: float) -> str:
-    """A duration with as many digits as it deserves."""
-    if seconds < 0.01:
-        return f"{1e3 * seconds:.1f} ms"
-    return f"{seconds:.2f} s" if seconds < 10 else f"{seconds:.1f} s"
-
-
-def table(
-    name: str, heads: Iterable[str], rows: Iterable[tuple[str, list[str]]], texts: int = 1
-) -> dict[str, Any]:
-    """Context of parts.html for a table of rows (kind, cells); texts: number of leading text columns."""
-    columns = [{"name": head, "numeric": k >= texts} for k, head in enumerate(heads)]
-    return {"id": name, "columns": columns, "rows": [{"kind": kind, "cells": cells} for kind, cells in rows]}
-
-
-def stage_bars(seconds: dict[str, float]) -> list[dict[str, Any]]:
-    """Rows of the timing chart, bars scaled to the longest stage; the total has none."""
-    longest = max((value for name, value in seconds.items() if name != "total"), default=0.0) or 1.0
-    return [
-        {
-            "name": name,
-            "percent": 0 if name == "total" else round(100 * value / longest, 1),
-            "text": seconds_text(value),
-        }
-        for name, value in seconds.items()
-    ]
+            yield library, "not installed"

@@ -20,7 +20,7 @@ from optolever.scene import Scene
 from .arrays import Floats
 from .images import figure_uri, label_axes, new_figure, robust_limits
 from .metrics import rms
-from .page import budget_table, table, write_page
+from .page import Figures, Table, budget_table, write_page
 from .rig_drawing import rig_drawing
 
 #: Red on the page: chi above the first; a parameter farther from its prior, in prior sigma, than the second.
@@ -59,38 +59,31 @@ class RigStudy:
 
 def write_rig_report(study: RigStudy, path: str | Path) -> None:
     """Write the page."""
-    rest = sigma_at_rest(study.scene)
+    scene, rest = study.scene, sigma_at_rest(study.scene)
     heads, rows = judged_table(study.judged)
-    drawing, bar = rig_drawing({"before": study.given, "after": study.scene})
-    kinds = [_beyond(each.get("chi")) for each in study.judged.values()]
-    write_page(
-        path,
-        "rig.html",
-        study.seconds,
-        {
-            "name": study.scene.name,
-            "day": "" if study.scene.covariance is None else study.scene.covariance.date,
-            "chi": study.chi,
-            "sigma": float(np.nanmedian(rest.calibration_sigma)),
-            "warnings": [str(each) for each in study.notices if each.cure or each.limit == each.limit],
-            "remarks": [str(each) for each in study.notices if not (each.cure or each.limit == each.limit)],
-            "captures": [
-                {"name": name, "chi": chi, "kind": _beyond(chi), "figure": _residual_figure(found)}
-                for name, found in study.residuals.items()
-                for chi in [rms(np.concatenate(found[2:]))]
-            ],
-            "judged": table("judged-table", heads, list(zip(kinds, rows, strict=True))),
-            "limits": {"chi": MOST_CHI, "off": MOST_OFF, "gain": LEAST_GAIN},
-            "numbers": _numbers(study.parameters),
-            "correlations": _correlation_figure(study.scene),
-            "drawing": drawing,
-            "bar": bar,
-            "heights": _sigma_figure(rest),
-            "budget": budget_table(predicted_budget(study.scene)),
-            "depth": study.scene.mirror.length * PREDICTED_DEPTH,
-            "noise": PREDICTED_NOISE,
-        },
-    )
+    drawing, bar = rig_drawing({"before": study.given, "after": scene})
+    remarks = [(bool(each.cure or each.limit == each.limit), str(each)) for each in study.notices]
+    context = {
+        "name": scene.name,
+        "day": "" if scene.covariance is None else scene.covariance.date,
+        "chi": study.chi,
+        "sigma": float(np.nanmedian(rest.calibration_sigma)),
+        "remarks": sorted(remarks, key=lambda each: not each[0]),
+        "captures": [(name, rms(np.concatenate(found[2:])), _residual_figure(found))
+                     for name, found in study.residuals.items()],
+        "judged": Table("judged-table", heads, rows, kinds=[
+            "beyond" if (each.get("chi") or 0.0) > MOST_CHI else "" for each in study.judged.values()]),
+        "limits": {"chi": MOST_CHI, "off": MOST_OFF, "gain": LEAST_GAIN},
+        "numbers": _parameter_table(study.parameters),
+        "correlations": _correlation_figure(scene),
+        "drawing": drawing,
+        "bar": bar,
+        "heights": _sigma_figure(rest),
+        "budget": budget_table(predicted_budget(scene), Figures()),
+        "depth": scene.mirror.length * PREDICTED_DEPTH,
+        "noise": PREDICTED_NOISE,
+    }  # fmt: skip
+    write_page(path, "rig.html", study.seconds, context)
 
 
 def judged_table(judged: Mapping[str, Mapping[str, float | None]]) -> tuple[list[str], list[list[str]]]:
@@ -103,22 +96,17 @@ def judged_table(judged: Mapping[str, Mapping[str, float | None]]) -> tuple[list
     return ["capture", *(_JUDGED[key][0] for key in some)], rows
 
 
-def _beyond(chi: float | None) -> str:
-    """CSS class of a capture by its chi."""
-    return "" if chi is None or chi <= MOST_CHI else "beyond"
-
-
-def _numbers(parameters: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def _parameter_table(parameters: Sequence[Mapping[str, Any]]) -> Table:
     heads = ("parameter", "value ± sigma", "prior ± sigma", "off by", "prior sigma over sigma")
-    rows = []
+    rows, kinds = [], []
     for each in parameters:
         gain = each["prior_sigma"] / each["sigma"]
         off = abs(each["value"] - each["prior"]) / each["prior_sigma"]
         pairs = ("value", "sigma"), ("prior", "prior_sigma")
         cells = [quantity(each[value], "", each[sigma]) for value, sigma in pairs]
-        kind = "beyond" if off > MOST_OFF else "soft" if gain < LEAST_GAIN else ""
-        rows.append((kind, [each["name"], *cells, f"{off:.2f}", f"{gain:.2g}"]))
-    return table("numbers-table", heads, rows)
+        rows.append([each["name"], *cells, f"{off:.2f}", f"{gain:.2g}"])
+        kinds.append("beyond" if off > MOST_OFF else "soft" if gain < LEAST_GAIN else "")
+    return Table("numbers-table", heads, rows, kinds=kinds)
 
 
 def _residual_figure(found: tuple[Floats, Floats, Floats, Floats]) -> str:

@@ -1,57 +1,52 @@
 """The page of `optolever camera sync`: how the light follows the swaps; the prose is in report/sync.html."""
 
+import math
 from pathlib import Path
 
 import numpy as np
 
 from optolever.projector import FlipFit, FlipRecord, Timing, flip_fit, sync_notices
+from optolever.quantities import quantity
 
 from .images import figure_uri, label_axes, new_figure
-from .page import scientific, table, write_page
+from .page import Table, write_page
 
 __all__ = ["write_sync_report"]
 
-_MOST, _SHOWN_S = 4000, 0.1  # points of a picture; time after a swap
+_MOST, _AFTER_S = 4000, 0.1  # points of a picture; time after a swap
 
 
 def write_sync_report(timing: Timing, taken: FlipRecord, seconds: float, path: str | Path) -> None:
     """Write the page of a synchronisation and the record that it was fitted to."""
-    found, refresh = flip_fit(taken, timing), timing.refresh_s
+    found, refresh, sigma = flip_fit(taken, timing), timing.refresh_s, timing.sigma_s or {}
+    numbers = {
+        "latency": timing.latency_s,
+        "rise": timing.rise_s,
+        "fall": timing.fall_s,
+        "shutter": timing.shutter_s,
+        "read-out": timing.read_out_s,
+        "camera period": timing.period_s,
+    }
     rows = [
-        (name, value, (timing.sigma_s or {}).get(name))
-        for name, value in (
-            ("latency", timing.latency_s),
-            ("rise", timing.rise_s),
-            ("fall", timing.fall_s),
-            ("shutter", timing.shutter_s),
-            ("read-out", timing.read_out_s),
-            ("camera period", timing.period_s),
-        )
+        [name, quantity(1e3 * value, "ms", 1e3 * sigma.get(name, math.nan))]
+        for name, value in numbers.items()
     ]
-    cells = [
-        ("", [name, f"{1e3 * value:.2f}", "" if sigma is None else scientific(1e3 * sigma)])
-        for name, value, sigma in rows
-    ]
-    whole = timing.whole_refreshes(timing.exposure_s)
-    write_page(
-        path,
-        "sync.html",
-        {"synchronise": seconds},
-        {
-            "timing": timing,
-            "notices": sync_notices(timing),
-            "wait_ms": 1e3 * timing.ready_s(),
-            "exposure_ms": 1e3 * (timing.exposure_s if whole is None else whole),
-            "refreshes": None if refresh is None else timing.exposure_s / refresh,
-            "beat": None if refresh is None else _beat(timing.period_s, refresh),
-            "numbers": table("numbers", ("number", "ms", "sigma, ms"), cells),
-            "latencies": _latency_figure(found, timing),
-            "step": _step_figure(found),
-            "rows": _row_figure(found, taken, timing),
-            "images": len(taken.stamps_s),
-            "swaps": len(taken.swaps_s) - 1,
-        },
-    )
+    recommended = timing.whole_refreshes(timing.exposure_s)
+    context = {
+        "timing": timing,
+        "notices": sync_notices(timing),
+        "wait_ms": 1e3 * timing.ready_s(),
+        "exposure_ms": 1e3 * (timing.exposure_s if recommended is None else recommended),
+        "refreshes": None if refresh is None else timing.exposure_s / refresh,
+        "beat": None if refresh is None else _beat(timing.period_s, refresh),
+        "numbers": Table("numbers", ("number", "value ± sigma"), rows),
+        "latencies": _latency_figure(found, timing),
+        "step": _step_figure(found),
+        "rows": _row_figure(found, taken, timing),
+        "images": len(taken.stamps_s),
+        "swaps": len(taken.swaps_s) - 1,
+    }
+    write_page(path, "sync.html", {"synchronise": seconds}, context)
 
 
 def _beat(period_s: float, refresh_s: float) -> float:
@@ -73,7 +68,7 @@ def _step_figure(found: FlipFit) -> str:
     for axes, rising, name in zip(
         figure.subplots(1, 2), (True, False), ("to white", "to black"), strict=True
     ):
-        some = np.flatnonzero((found.rising == rising).ravel() & (found.since_s.ravel() < _SHOWN_S))
+        some = np.flatnonzero((found.rising == rising).ravel() & (found.since_s.ravel() < _AFTER_S))
         some = some[:: max(1, len(some) // _MOST)]
         since = 1e3 * found.since_s.ravel()[some]
         axes.plot(since, found.light.ravel()[some], ".", color="#4878a8", markersize=3, label="measured")

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from optolever.errors import InputError
 from optolever.patterns import Frame, Sequence, bits_for, sequence_from_text, sequence_names
 
-from ..own_images import OwnDecoder, OwnImages, own_decoder
-from ..own_sequence import own_sequence
+from ..own import OwnDecoder, OwnImages, own_decoder, own_sequence
 
 #: Periods whose half is an integer number of cells: a Gray code cannot represent others exactly.
 EVEN_PERIODS = (4.0, 6.0, 8.0, 10.0, 12.0, 16.0, 24.0)

@@ -28,7 +28,7 @@ from optolever.scene import Scene, Surface
 from ..arrays import Floats, Mask
 from ..faults import frames_of
 from ..metrics import rms
-from ..own_images import OwnDecoder, OwnImages, image_frames
+from ..own import OwnDecoder, OwnImages
 from .view import Prediction, View, stride_for, view_of
 
 REFERENCE = 0.01  # cells of noise, for the comparison of draws and of both cameras
@@ -61,10 +61,8 @@ class Lever:
         self, shown: Sequence | OwnImages, noise: float, seed: int, renderer: str, lag: float = 0.0
     ) -> NDArray[Any]:
         """Simulated frames (N, H, W) of the full camera."""
-        known = lag, noise, seed, renderer
-        if isinstance(shown, OwnImages):
-            return image_frames(self.scene, self.surface, self.full.truth, shown, *known)
-        return frames_of(self.scene, self.surface, shown, *known)
+        truth = self.full.truth
+        return frames_of(self.scene, self.surface, truth, shown, lag, noise, seed, renderer)
 
     def solved(
         self, frames: NDArray[Any], shown: Sequence | OwnImages, decoder: OwnDecoder | None = None

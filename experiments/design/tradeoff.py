@@ -16,8 +16,7 @@ from optolever.scene import Scene, dent_from_text
 from ..faults import Faults
 from ..images import label_axes, new_figure
 from ..metrics import rms
-from ..own_images import OwnDecoder, OwnImages, own_decoder
-from ..own_sequence import own_sequence
+from ..own import OwnDecoder, OwnImages, own_decoder, own_sequence
 from ..timing import timed
 from .sensitivity import Lever
 from .view import predict

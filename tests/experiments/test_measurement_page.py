@@ -1,4 +1,4 @@
-"""The page of a measurement: its words, its numbers and maps against the files beside it, its read-out."""
+"""The pages of a measurement and of a demo: numbers and maps against the files of their folder."""
 
 import base64
 import csv
@@ -16,16 +16,21 @@ from scipy.spatial import ConvexHull
 
 from optolever.cli import run
 from optolever.decode import Correspondence
-from optolever.experiments import Measurement, write_measurement_report
+from optolever.experiments import DemoResult, Measurement, write_demo_report, write_measurement_report
 from optolever.metrology import fit_form
+from optolever.notices import Notice
 from optolever.reconstruct import HeightMap
-from optolever.scene import Accuracy, Covariance, Scene, dent, load, resize, trace
+from optolever.scene import Accuracy, dent, load, resize, trace
 
 Browser = Callable[..., str]
 Floats = NDArray[np.float64]
 UNITS = {"nm": 1e-6, "µm": 1e-3, "mm": 1.0}
 POWERS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 SIZE = ("--pixels", "80x64")
+LOGGING = ("--enable-logging=stderr", "--v=0", "--host-resolver-rules=MAP * ~NOTFOUND")
+#: On the page, as are words of the command that no page may run.
+NOTICE = Notice("slopes <contradict> each other", 9.0, 1.5, "calibrate")
+BAD_WORDS = "</title><script>alert(1)</script>"
 
 
 @dataclass(frozen=True)
@@ -125,17 +130,6 @@ def test_maps_are_samples_of_the_files(mirror: Page) -> None:
         assert np.isnan(samples[~known]).all()
 
 
-def test_a_mirror_has_a_deviation_and_no_dent(mirror: Page) -> None:
-    html = mirror.html
-    words = re.sub(r"<(script|style|pre).*?</\1>", "", html, flags=re.S)
-    assert "simulated, rig monitor-mirror, typed numbers, not calibrated" in words
-    for word in ("into the medium", "Dents and contacts", "depth of the dent", "deepest"):
-        assert word not in words
-    assert 'id="form-table"' in words
-    fit = fit_form(HeightMap.load(mirror.files / "one.npz"), "sphere")
-    assert mirror.figures()["deviation rms"][0] == pytest.approx(fit.rms)
-
-
 def test_sigma_of_the_deviation_is_that_of_the_fit_to_moved_maps(mirror: Page) -> None:
     """Brute force: the map moved by a thousandth of each mode of the rig, fitted again."""
     height = HeightMap.load(mirror.files / "one.npz")
@@ -170,27 +164,6 @@ def test_flags_add_up_to_the_mirror(mirror: Page) -> None:
 
 
 @pytest.mark.parametrize(
-    ("day", "words"),
-    [
-        ("2026-11-28", "measured, rig rig.toml, calibrated on 2026-11-28"),
-        ("", "measured, rig rig.toml, calibrated on a day that its file does not name"),
-        (None, "measured, rig rig.toml, typed numbers, not calibrated"),
-    ],
-)
-def test_the_header_names_the_rig_and_the_day(
-    day: str | None, words: str, mirror: Page, tmp_path: Path
-) -> None:
-    scene: Scene = resize(load("monitor-mirror"), 64, 80)
-    if day is not None:
-        scene = replace(scene, covariance=Covariance(("pattern.z",), np.array([[1e-4]]), date=day))
-    scene.save(tmp_path / "rig.toml")
-    height = HeightMap.load(mirror.files / "one.npz")
-    given = Measurement(height, scene=load(tmp_path / "rig.toml"), rig="rig.toml")
-    write_measurement_report(tmp_path / "report.html", given)
-    assert f'<strong id="provenance">{words}</strong>' in (tmp_path / "report.html").read_text("utf-8")
-
-
-@pytest.mark.parametrize(
     ("words", "message"),
     [
         (("--remove", "egg"), "form 'egg': unknown, must be one of"),
@@ -206,24 +179,6 @@ def test_a_mistake_is_one_line_and_leaves_no_page(
     (line,) = capfd.readouterr().err.strip().splitlines()
     assert message in line
     assert not (tmp_path / "page").exists()
-
-
-def test_forms_and_several_maps_by_name(mirror: Page, tmp_path: Path) -> None:
-    """Maps whose files share a name are told apart by their folders."""
-    twin = tmp_path / "one.npz"
-    twin.write_bytes((mirror.files / "two.npz").read_bytes())
-    less = ("--less", mirror.files / "two.npz", "--less", twin)
-    words = ("--remove", "tilt", "--out", tmp_path / "page")
-    optolever("report", mirror.files / "one.npz", *less, *words)
-    page = Page(tmp_path / "page", tmp_path)
-    figures = page.figures()
-    assert "tilt piston" in figures
-    rows = [name for name in figures if name.endswith(", rms") and " − " in name]
-    assert len(rows) == 2
-    assert figures[rows[0]][0] == figures[rows[1]][0]
-    assert not any(name.startswith("depth of the dent") for name in figures)
-    optolever("report", mirror.files / "one.npz", "--remove", "none", "--out", tmp_path / "page")
-    assert "deviation rms" not in page.figures()
 
 
 def test_slopes_and_dents_are_less_rest(tmp_path: Path) -> None:
@@ -266,109 +221,36 @@ def test_slopes_and_dents_are_less_rest(tmp_path: Path) -> None:
     assert depth[:2] == pytest.approx((contact["depth"], contact["depth_sigma"]))
 
 
-def test_a_map_without_a_good_pixel_has_a_page(mirror: Page, tmp_path: Path, browser: Browser) -> None:
+@pytest.fixture(scope="module")
+def demo_page(demo: DemoResult, tmp_path_factory: pytest.TempPathFactory) -> Page:
+    """Of a run with a notice and a setting that hold markup."""
+    folder = tmp_path_factory.mktemp("demo")
+    height, settings = replace(demo.height, notices=(NOTICE,)), demo.settings | {"sequence": BAD_WORDS}
+    run_ = write_demo_report(replace(demo, height=height, settings=settings), folder / "report.html")
+    assert run_.seconds["report"] > 0
+    return Page(folder, folder)
+
+
+def test_pages_run_and_ask_the_network_for_nothing(
+    mirror: Page, demo_page: Page, tmp_path: Path, browser: Browser
+) -> None:
+    """Also one of a map without a good pixel; words of a run cannot break a page."""
     height = HeightMap.load(mirror.files / "one.npz")
     nothing = replace(height, z=np.full(height.z.shape, np.nan), flags=np.ones_like(height.flags))
     write_measurement_report(tmp_path / "report.html", Measurement(nothing))
-    assert 'data-charts="ready"' in browser(tmp_path / "report.html", "--dump-dom", *LOGGING)
-
-
-LOGGING = ("--enable-logging=stderr", "--v=0", "--host-resolver-rules=MAP * ~NOTFOUND")
-#: Behind the scripts of the page: what a reader does, and what the page then says, into the document's title.
-READ = """<script>
-setTimeout(() => {
-  const over = document.querySelector("#height-map .u-over"), box = over.getBoundingClientRect();
-  const send = (kind, x, y, to = over) => to.dispatchEvent(new MouseEvent(kind, {
-    clientX: box.left + x * box.width, clientY: box.top + y * box.height, bubbles: true, view: window,
-    buttons: kind === "mouseup" ? 0 : 1 }));
-  const chart = (name) => document.querySelector(`#profile-${name} canvas`).toDataURL();
-  const before = { x: chart("x"), line: chart("line") };
-  const out = {};
-  send("mousemove", 0.5, 0.5);
-  setTimeout(() => {
-    out.readout = document.querySelector("#height-map .readout").textContent;
-    send("mousedown", 0.3, 0.7); send("mouseup", 0.3, 0.7);
-    document.getElementById("draw-line").checked = true;
-    send("mousedown", 0.2, 0.2); send("mouseup", 0.6, 0.4);
-    setTimeout(() => {
-      out.through = document.querySelector("#profile-x .u-title").textContent;
-      out.moved = chart("x") !== before.x;
-      out.drawn = chart("line") !== before.line;
-      const select = document.getElementById("layer");
-      select.value = "slope y"; select.dispatchEvent(new Event("change"));
-      setTimeout(() => {
-        const canvas = document.querySelector("#height-map canvas"), ground = canvas.getBoundingClientRect();
-        const scale = canvas.width / ground.width;
-        const image = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
-        out.colours = [[0.5533, 0.2533], [0.5533, 0.6033], [0.4033, 0.6033]].map(([x, y]) => {
-          const col = Math.floor(scale * (box.left - ground.left + x * box.width));
-          const row = Math.floor(scale * (box.top - ground.top + y * box.height));
-          return [x, y, [...image.slice(4 * (row * canvas.width + col)).slice(0, 3)]];
-        });
-        out.layer = document.querySelector("#height-map .map-head strong").textContent;
-        const block = document.createElement("script");
-        block.type = "application/json"; block.id = "result"; block.textContent = JSON.stringify(out);
-        document.body.append(block);
-      }, 200);
-    }, 200);
-  }, 200);
-}, 500);
-</script>"""
-FRAMES = "<script>window.requestAnimationFrame = (draw) => setTimeout(draw, 1);</script>"
-
-
-def read_by(browser: Browser, page: Page, folder: Path, width: int, *options: str) -> dict[str, Any]:
-    """What a reader's browser of that width shows."""
-    copy = folder / "read.html"
-    html = page.html.replace("<head>", "<head>" + FRAMES).replace("</body>", READ + "</body>")
-    copy.write_text(html, encoding="utf-8")
-    size = f"--window-size={width},1200"
-    dom = browser(copy, "--dump-dom", "--virtual-time-budget=6000", size, *LOGGING, *options)
-    (text,) = re.findall(r'<script type="application/json" id="result">(.*?)</script>', dom, re.S)
-    found: dict[str, Any] = json.loads(text.replace("&lt;", "<").replace("&gt;", ">").replace("&amp;", "&"))
-    return found
-
-
-@pytest.mark.slow
-def test_a_reader_gets_numbers_profiles_and_a_line(mirror: Page, tmp_path: Path, browser: Browser) -> None:
-    """The read-out in the middle is that of the camera pixel which it names."""
-    found = read_by(browser, mirror, tmp_path, 1400)
-    match = re.search(
-        r"camera pixel row (\d+), column (\d+): deviation (\S+) µm; .*; height (\S+) µm", found["readout"]
+    for page in (mirror, demo_page, Page(tmp_path, tmp_path)):
+        text = re.sub(r"(data:[a-z/]+;base64,)?[A-Za-z0-9+/=]{200,}", "", page.html)
+        assert not re.search(r"https?://|@import|url\(|fetch\(|XMLHttpRequest|WebSocket", text)
+        links = re.findall(r"""(?:src|href|action|poster)\s*=\s*["']?([^"'\s>]+)""", text)
+        assert all((page.folder / link).is_file() for link in links if not link.startswith(("#", "data:")))
+        dom = browser(page.folder / "report.html", "--dump-dom", *LOGGING)
+        assert 'data-charts="ready"' in dom
+        assert 'data-viewer="ready"' in dom
+    assert (
+        demo_page.html.count("slopes &lt;contradict&gt; each other (9, at most 1.5 is normal): calibrate")
+        == 1
     )
-    assert match, found["readout"]
-    row, col = int(match[1]), int(match[2])
-    with np.load(mirror.folder / "height.npz") as height, np.load(mirror.folder / "deviation.npz") as form:
-        for text, values in ((match[3], form["residual"]), (match[4], height["z"])):
-            shown = float(text.replace("−", "-"))
-            assert shown == pytest.approx(1e3 * float(values[row, col]), rel=1e-6)
-        assert height["x"][row, col] == pytest.approx(75, abs=3)
-    y = re.fullmatch(r"y = (\S+) mm", found["through"])
-    assert y
-    assert float(y[1]) == pytest.approx(55 - 0.2 * 105, abs=3)
-    assert found["moved"]
-    assert found["drawn"]
-    assert found["layer"] == "slope y [mrad]"
-    model = mirror.block("map-data")["mirror"]
-    (layer,) = (each for each in model["layers"] if each["name"] == "slope y")
-    samples = mirror.layer("slope y")[0].reshape(model["ny"], model["nx"])
-    lut = np.frombuffer(base64.b64decode(model["luts"]["RdBu_r"]), np.uint8).reshape(256, 3).astype(int)
-    for x, y, drawn in found["colours"]:
-        row, col = int((1 - y) * model["ny"]), int(x * model["nx"])
-        share = (samples[row, col] - layer["low"]) / (layer["high"] - layer["low"])
-        wanted = lut[round(255 * min(max(share, 0.0), 1.0))]
-        assert np.abs(wanted - drawn).max() <= 2, (x, y)
-
-
-@pytest.mark.slow
-def test_the_largest_page_is_small_and_logs_nothing(tmp_path: Path, browser: Browser) -> None:
-    """A full demo: at most 8 MB, maps of at most 0.5 Mpx, no error on the console, no network."""
-    optolever("demo", "--out", tmp_path, "--renderer", "numpy")
-    page = Page(tmp_path, tmp_path)
-    assert (tmp_path / "report.html").stat().st_size <= 8e6
-    for model in page.block("map-data").values():
-        assert model["nx"] * model["ny"] <= 500_000
-    assert "simulated, geometry known" in page.html
-    dom = browser(tmp_path / "report.html", "--dump-dom", *LOGGING)
-    assert 'data-charts="ready"' in dom
-    assert 'data-viewer="ready"' in dom
+    assert "<script>alert" not in demo_page.html
+    assert "simulated, rig monitor-mirror, typed numbers, not calibrated" in mirror.html
+    assert "Dents and contacts" not in mirror.html
+    assert "Dents and contacts" in demo_page.html
