@@ -8,10 +8,9 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
+from contextlib import contextmanager, nullcontext, redirect_stderr, redirect_stdout, suppress
 from dataclasses import dataclass
 from io import StringIO
-from itertools import chain
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -181,25 +180,22 @@ def _results(pool: ProcessPoolExecutor, tasks: Sequence[Task]) -> Iterator[Outco
 
 @contextmanager
 def _processes(jobs: int) -> Iterator[Run]:
-    """One pool. After a process was killed the tasks that are left run alone: which kills it shows."""
+    """One pool; what a killed process leaves runs once more together, then alone: which kills it shows."""
     with safe_path(), environment(ONE_THREAD), _pool(jobs) as pool:
 
         def run(tasks: Sequence[Task]) -> Iterator[Outcome]:
             left = {task.name: task for task in tasks}
-            for outcome in _results(pool, tasks):
-                del left[outcome.name]
-                yield outcome
+            for each in (nullcontext(pool), _pool(jobs)):
+                with each as some:
+                    for outcome in _results(some, list(left.values())):
+                        del left[outcome.name]
+                        yield outcome
             killed = "its process was killed three times: too little memory?"
             for name, task in left.items():
-                alone = chain.from_iterable(_alone(task) for _ in range(_TRIES - 1))
-                yield next(alone, Outcome(name, 2, killed, {}))
+                with _pool(1) as alone:
+                    yield next(_results(alone, [task]), Outcome(name, 2, killed, {}))
 
         yield run
-
-
-def _alone(task: Task) -> list[Outcome]:
-    with _pool(1) as pool:
-        return list(_results(pool, [task]))
 
 
 @contextmanager

@@ -1,5 +1,6 @@
 """`optolever demo`: the full chain on a virtual sensor, and a report."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -51,8 +52,6 @@ def command(
     surface, error over sigma, flags, frames, the rig to scale, the time of every stage. The full data (.npz)
     and every number of the page (figures.csv) are in the same folder.
     """
-    from dataclasses import replace
-
     scene = load_scene(scene_name, size, exact=True)
     if blur is not None:
         scene = replace(scene, pattern=replace(scene.pattern, blur_px=blur))
@@ -68,16 +67,14 @@ def command(
             write_json(json_path, numbers)
     print_notices(result.height.notices)
     metrics, seconds = result.metrics, result.seconds
-    table(
-        f"Demo: {scene.name}, {pressed}, {sequence}, {len(result.sequence)} frames",
-        {
-            "height error": f"{number(metrics['height_rms_rel'])} of the peak depth, rms",
-            "unflagged": number(100 * metrics["unflagged_share"], "% of the visible pixels"),
-            "rms(error / sigma), u": number(metrics["sigma_ratio_u"]),
-            "rms(error / sigma), v": number(metrics["sigma_ratio_v"]),
-            "rms(error / sigma), height": number(metrics["sigma_ratio_height"]),
-            "time": ", ".join(f"{name} {number(value)}" for name, value in seconds.items()) + " s",
-            "peak memory": number(result.peak_bytes / 2**30, "GiB"),
-            "report": str(out / "report.html"),
-        },
-    )
+    rows = {
+        "height error": f"{number(metrics['height_rms_rel'])} of the peak depth, rms",
+        "unflagged": number(100 * metrics["unflagged_share"], "% of the visible pixels"),
+        "rms(error / sigma), u": number(metrics["sigma_ratio_u"]),
+        "rms(error / sigma), v": number(metrics["sigma_ratio_v"]),
+        "rms(error / sigma), height": number(metrics["sigma_ratio_height"]),
+        "time": ", ".join(f"{name} {number(value)}" for name, value in seconds.items()) + " s",
+        "peak memory": number(result.peak_bytes / 2**30, "GiB"),
+        "report": str(out / "report.html"),
+    }
+    table(f"Demo: {scene.name}, {pressed}, {sequence}, {len(result.sequence)} frames", rows)

@@ -66,15 +66,13 @@ def command(
                 cv2.imwrite(str(temporary), 255 * seen.mask.astype("uint8"))
         ol.scene.write_sections(rig, {"devices": chosen.table()})
         write_json(json_path, numbers)
-    table(
-        f"Exposure in {rig}",
-        {
-            "exposure": number(chosen.exposure_ms, "ms"),
-            "saturated": number(100 * seen.saturated, "% of the pixels"),
-            "contrast": number(100 * seen.swing, "% of full scale (median)"),
-            "lit": number(100 * seen.mask.mean(), "% of the pixels"),
-        },
-    )
+    rows = {
+        "exposure": number(chosen.exposure_ms, "ms"),
+        "saturated": number(100 * seen.saturated, "% of the pixels"),
+        "contrast": number(100 * seen.swing, "% of full scale (median)"),
+        "lit": number(100 * seen.mask.mean(), "% of the pixels"),
+    }
+    table(f"Exposure in {rig}", rows)
 
 
 def _take(now: Opened, wanted: "ol.projector.Wanted") -> "tuple[float, NDArray[np.uint8], NDArray[np.uint8]]":

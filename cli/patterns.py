@@ -45,11 +45,9 @@ def export(
             shown.save_png(folder)
             ol.projector.write_description(folder / "capture.toml", shown)
         write_json(json_path, {"sequence": sequence, "frames": len(shown), "size": shown.shape[1:]})
-    table(
-        f"Patterns in {out}",
-        {
-            "sequence": sequence,
-            "pictures": f"{len(shown)} of {shown.rows} x {shown.cols}",
-            "description": str(out / "capture.toml"),
-        },
-    )
+    rows = {
+        "sequence": sequence,
+        "pictures": f"{len(shown)} of {shown.rows} x {shown.cols}",
+        "description": str(out / "capture.toml"),
+    }
+    table(f"Patterns in {out}", rows)

@@ -45,9 +45,8 @@ def command(
         need = int(size * seconds * (now.accepted.fps or 60)) + _SPARE
         free = shutil.disk_usage(out.absolute().parent).free
         if free < need:
-            raise InputError(
-                f"{out}: needs {need / 1e9:.1f} GB, {free / 1e9:.1f} GB are free; record fewer --seconds"
-            )
+            room = f"{need / 1e9:.1f} GB, {free / 1e9:.1f} GB are free"
+            raise InputError(f"{out}: needs {room}; record fewer --seconds")
         about = {"camera": now.camera.identity.address, "refresh_s": now.display.refresh_s}
         with ol.projector.Recorder(out, about | {"rig": rig.read_text(encoding="utf-8")}) as recorder:
             recorder.configured(now.accepted)
@@ -67,11 +66,9 @@ def command(
         reason = reason_of(failure) if isinstance(failure, OSError) else failure
         raise InputError(f"{reason}; {numbers['images']} images are in {out}") from failure
     write_json(json_path, numbers)
-    table(
-        f"Recording in {out}",
-        {
-            "images": f"{numbers['images']}, {number(numbers['images'] / seconds)} a second",
-            "lost": f"{numbers['lost']} by the camera, {numbers['dropped']} by the disk",
-            "incomplete": str(numbers["incomplete"]),
-        },
-    )
+    rows = {
+        "images": f"{numbers['images']}, {number(numbers['images'] / seconds)} a second",
+        "lost": f"{numbers['lost']} by the camera, {numbers['dropped']} by the disk",
+        "incomplete": str(numbers["incomplete"]),
+    }
+    table(f"Recording in {out}", rows)

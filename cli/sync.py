@@ -64,16 +64,14 @@ def command(
     print_notices(ol.projector.sync_notices(timing))
     sigma = timing.sigma_s or {}
     refreshes = "" if timing.refresh_s is None else f", {timing.exposure_s / timing.refresh_s:.3g} refreshes"
-    table(
-        f"Synchronisation in {rig}",
-        {
-            "latency": quantity(1e3 * timing.latency_s, "ms", 1e3 * sigma.get("latency", 0.0)),
-            "jitter": number(1e3 * timing.jitter_s, "ms at most"),
-            "rise, fall": f"{1e3 * timing.rise_s:.2f} ms, {1e3 * timing.fall_s:.2f} ms",
-            "shutter": number(1e3 * timing.shutter_s, "ms"),
-            "wait": number(1e3 * timing.ready_s(), "ms after a swap"),
-            "exposure": number(1e3 * timing.exposure_s, "ms") + refreshes,
-            "flicker": number(100 * timing.flicker, "% of white"),
-            "residual": number(100 * timing.misfit, "% of white less black"),
-        },
-    )
+    rows = {
+        "latency": quantity(1e3 * timing.latency_s, "ms", 1e3 * sigma.get("latency", 0.0)),
+        "jitter": number(1e3 * timing.jitter_s, "ms at most"),
+        "rise, fall": f"{1e3 * timing.rise_s:.2f} ms, {1e3 * timing.fall_s:.2f} ms",
+        "shutter": number(1e3 * timing.shutter_s, "ms"),
+        "wait": number(1e3 * timing.ready_s(), "ms after a swap"),
+        "exposure": number(1e3 * timing.exposure_s, "ms") + refreshes,
+        "flicker": number(100 * timing.flicker, "% of white"),
+        "residual": number(100 * timing.misfit, "% of white less black"),
+    }
+    table(f"Synchronisation in {rig}", rows)
