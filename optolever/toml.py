@@ -2,12 +2,15 @@
 
 import codecs
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import tomli_w
+
 from optolever.errors import InputError, require_file
 
-__all__ = ["read_toml"]
+__all__ = ["read_toml", "toml_text"]
 
 _UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
@@ -24,3 +27,8 @@ def read_toml(path: str | Path) -> dict[str, Any]:
         return tomllib.loads(data.decode("utf-8-sig"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: not readable as TOML: {error}") from error
+
+
+def toml_text(table: Mapping[str, Any]) -> str:
+    """Tables as TOML, a list of numbers on one line."""
+    return tomli_w.dumps(table).replace("[\n    ", "[").replace(",\n    ", ", ").replace(",\n]", "]")

@@ -12,11 +12,10 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-import tomli_w
 
 from optolever import InputError
 from optolever.files import atomic_file
-from optolever.toml import read_toml
+from optolever.toml import read_toml, toml_text
 
 from .accuracy import TYPED, Accuracy
 from .cameras import Camera, PinholeCamera, TelecentricCamera, prism_camera
@@ -100,7 +99,7 @@ def write_sections(file: str | Path, sections: Mapping[str, Mapping[str, Any]]) 
     """Replace sections of a rig's TOML by name; all others stay. InputError if the file is no scene."""
     table = rig_table(file) | {name: dict(section) for name, section in sections.items()}
     with atomic_file(Path(file)) as temporary:
-        temporary.write_bytes(tomli_w.dumps(table).encode())
+        temporary.write_text(toml_text(table), encoding="utf-8")
 
 
 class _Table:

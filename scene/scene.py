@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import tomli_w
 
 from optolever import InputError
 from optolever.files import atomic_file, together
-from optolever.toml import read_toml
+from optolever.toml import read_toml, toml_text
 
 from .accuracy import TYPED, Accuracy
 from .cameras import Camera, PinholeCamera
@@ -115,7 +114,7 @@ class Scene(Record):
                 if self.rest_form is not None:
                     table["calibration"]["rest_form_mm"] = self.rest_form.coefficients.tolist()
             with atomic_file(path) as temporary:
-                temporary.write_bytes(tomli_w.dumps(table | _foreign(file)).encode())
+                temporary.write_text(toml_text(table | _foreign(file)), encoding="utf-8")
 
 
 def _foreign(file: Path) -> dict[str, Any]:

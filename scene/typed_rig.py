@@ -1,8 +1,10 @@
 """The TOML of a rig from numbers that people have: sizes, angles, distances, lens."""
 
-import json
 import math
 from dataclasses import dataclass
+from typing import Any
+
+from optolever.toml import toml_text
 
 __all__ = ["TypedRig", "rig_toml"]
 
@@ -40,50 +42,33 @@ def rig_toml(name: str, rig: TypedRig) -> str:
     """The scene as TOML. The camera looks at the mirror's middle; a monitor stands square to the reflected
     line of sight (display_distance given), or the display and the camera look through a prism's faces."""
     sine, cosine = math.sin(rig.angle), math.cos(rig.angle)
-    camera = rig.middle[0] + rig.distance * sine, rig.middle[1], rig.distance * cosine
-    (rows, cols), (image_rows, image_cols) = rig.display, rig.image
-    lines = [
-        "# Written by `optolever rig new`; lengths in mm, sizes as [columns, rows].",
-        f"name = {json.dumps(name)}",
-        "[mirror]",
-        f"size_mm = {_listed(rig.mirror)}",
-        "[pattern]",
-        f"size = [{cols}, {rows}]",
-        f"pitch_mm = {rig.pitch:.7g}",
-        *(_monitor(rig, rig.display_distance) if rig.display_distance is not None else _panel(rig)),
-        "[camera]",
-        'kind = "pinhole"',
-        f"size = [{image_cols}, {image_rows}]",
-        f"focal_mm = {rig.focal:g}",
-        f"pixel_pitch_mm = {rig.pixel:g}",
-        f"position_mm = {_listed(camera)}",
-        f"look_at_mm = {_listed((*rig.middle, 0.0))}",
-    ]
+    (x, y), (rows, cols) = rig.middle, rig.display
+    pattern: dict[str, Any] = {"size": [cols, rows], "pitch_mm": _digits(rig.pitch)}
+    if rig.display_distance is None:
+        pattern |= {"angle_deg": _degrees(rig.display_angle or 0.0), "offset_mm": rig.bezel}
+    else:  # square to the reflected line of sight, columns along y, rows downwards
+        across, down, away = 0.5 * (cols - 1) * rig.pitch, 0.5 * (rows - 1) * rig.pitch, rig.display_distance
+        first = x - away * sine + down * cosine, y - across, away * cosine + down * sine
+        pattern |= {"origin_mm": _digits(*first), "u_axis": [0, 1, 0], "v_axis": [-cosine, 0, -sine]}
+    camera: dict[str, Any] = {
+        "kind": "pinhole",
+        "size": [rig.image[1], rig.image[0]],
+        "focal_mm": rig.focal,
+        "pixel_pitch_mm": rig.pixel,
+        "position_mm": _digits(x + rig.distance * sine, y, rig.distance * cosine),
+        "look_at_mm": _digits(x, y, 0.0),
+    }
+    table = {"name": name, "mirror": {"size_mm": [*rig.mirror]}, "pattern": pattern, "camera": camera}
     if rig.index is not None:
-        lines += ["[camera.face]", f"angle_deg = {_degrees(rig.angle)}", "[medium]", f"index = {rig.index:g}"]
-    return "\n".join(lines) + "\n"
+        camera["face"], table["medium"] = {"angle_deg": _degrees(rig.angle)}, {"index": rig.index}
+    return f"# Written by `optolever rig new`; lengths in mm, sizes as [columns, rows].\n{toml_text(table)}"
 
 
-def _monitor(rig: TypedRig, away: float) -> list[str]:
-    """Square to the reflected line of sight, its columns along y, its rows downwards."""
-    rows, cols = rig.display
-    sine, cosine = math.sin(rig.angle), math.cos(rig.angle)
-    across, down = 0.5 * (cols - 1) * rig.pitch, 0.5 * (rows - 1) * rig.pitch
-    x, y = rig.middle
-    first = x - away * sine + down * cosine, y - across, away * cosine + down * sine
-    axes = [f"u_axis = {_listed((0, 1, 0))}", f"v_axis = {_listed((-cosine, 0.0, -sine), 12)}"]
-    return [f"origin_mm = {_listed(first)}", *axes]
+def _degrees(angle: float) -> float:
+    return float(f"{math.degrees(angle):.12g}")
 
 
-def _panel(rig: TypedRig) -> list[str]:
-    """On a prism's face."""
-    bezel = [f"offset_mm = {rig.bezel:g}"] if rig.bezel else []
-    return [f"angle_deg = {_degrees(rig.display_angle or 0.0)}", *bezel]
-
-
-def _degrees(angle: float) -> str:
-    return f"{math.degrees(angle):.12g}"
-
-
-def _listed(values: tuple[float, ...], digits: int = 7) -> str:
-    return "[" + ", ".join(f"{value:.{digits}g}" for value in values) + "]"
+def _digits(*values: float) -> float | list[float]:
+    """Seven digits of a length, or of several."""
+    digits = [float(f"{value:.7g}") for value in values]
+    return digits[0] if len(digits) == 1 else digits

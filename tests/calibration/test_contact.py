@@ -82,20 +82,6 @@ def test_balls_at_the_border(x: float, y: float) -> None:
     require_inside(contact(c, rig.observations[0].correspondence), true, c.good)
 
 
-def test_gaps_and_outliers() -> None:
-    rig, _, take = drawn(0)
-    c, true = pressed(rig, ball_cap, (38.0, 0.3, 30.0, 20.0), take)
-    rng = np.random.default_rng(0)
-    holes = rng.random(true.shape) < 0.05
-    for row, col in rng.choice(np.argwhere(true), 4):
-        holes[row - 1 : row + 2, col - 1 : col + 2] = True
-    u = np.where(rng.random(true.shape) < 0.003, c.u + 5, c.u)
-    c = replace(c, u=u, flags=np.where(holes, 1, c.flags).astype(np.uint16))
-    found = contact(c, rig.observations[0].correspondence)
-    require_inside(found, true, c.good)
-    assert not (found & holes).any()
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_rendered_frames(seed: int) -> None:

@@ -50,9 +50,3 @@ def test_a_capture_is_worth_what_an_adjustment_without_it_loses(found: Calibrati
     assert (third.height_so_far, third.depth_so_far) == pytest.approx(by_three, rel=0.1)
     assert (last.height_so_far, last.depth_so_far) == pytest.approx(sigmas_without(found, set()), rel=0.02)
     assert first.depth_so_far > second.depth_so_far > third.depth_so_far > last.depth_so_far
-
-
-def test_share_and_tilt(found: Calibration) -> None:
-    for each, observation in zip(judged(found), found.observations, strict=True):
-        assert each.seen == each.decoded == pytest.approx(observation.correspondence.good.mean())
-        assert each.tilt == pytest.approx(found.tilts[each.name])

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.spatial import Delaunay
+from scipy.interpolate import LinearNDInterpolator
 
 from optolever import InputError
 from optolever.formats import SofastRig, load_sofast_rig
@@ -66,52 +66,29 @@ def on_screen(rig: SofastRig, x: Floats, y: Floats) -> Floats:
     return placed
 
 
-def linear_on_triangles(fractions: Floats, values: Floats, at: Floats) -> Floats:
-    """Barycentric, from the triangles alone."""
-    triangles = Delaunay(fractions)
-    which = triangles.find_simplex(at)
-    transform = triangles.transform[which]
-    first = np.einsum("nij,nj->ni", transform[:, :2], at - transform[:, 2])
-    weights = np.column_stack([first, 1 - first.sum(axis=1)])
-    found: Floats = np.einsum("ni,nij->nj", weights, values[triangles.simplices[which]])
-    return found
-
-
-@pytest.fixture
-def measured() -> tuple[Floats, Floats]:
-    """Fractions (40, 2) and places (40, 3) m of a curved screen of 2.4 m x 1 m."""
+@pytest.mark.parametrize("model", ["rectangle", "flat", "curved"])
+def test_screens(model: str, tmp_path: Path) -> None:
+    """Of 2.4 m x 1 m; places are linear on the triangles of the measured fractions."""
     rng = np.random.default_rng(3)
     x, y = np.meshgrid(np.linspace(0, 1, 8), np.linspace(0, 1, 5))
     fractions = np.column_stack([x.ravel(), y.ravel()])
     inner = ((fractions > 0) & (fractions < 1)).all(axis=1)
     fractions[inner] += 0.03 * rng.uniform(-1, 1, (inner.sum(), 2))
-    places = (fractions - 0.5) * [2.4, 1.0] + 0.002 * rng.standard_normal((40, 2))
-    return fractions, np.column_stack([places, 0.1 * places[:, 0] ** 2 - 0.05 * places[:, 1]])
-
-
-def inside() -> Floats:
-    return np.random.default_rng(0).uniform(0.1, 0.9, (200, 2))
-
-
-def test_rectangular(tmp_path: Path) -> None:
-    rig = load_sofast_rig(rig_file(tmp_path / "r.h5", {"screen_x": 0.7, "screen_y": 0.4}))
-    at = inside()
-    expected = np.column_stack([(at - 0.5) * [0.7, 0.4], np.zeros(len(at))])
-    assert np.abs(on_screen(rig, *at.T) - expected).max() < 1e-9
-
-
-@pytest.mark.parametrize("flat", [True, False])
-def test_distorted(measured: tuple[Floats, Floats], flat: bool, tmp_path: Path) -> None:
-    fractions, places = measured
-    places = places * [1, 1, 0] if flat else places
-    name = "xy_screen_coords" if flat else "xyz_screen_coords"
-    display: Fields = {"xy_screen_fraction": fractions.T, name: places[:, : 2 if flat else 3].T}
-    rig = load_sofast_rig(rig_file(tmp_path / "r.h5", display))
-    at = inside()
-    assert np.abs(on_screen(rig, *at.T) - linear_on_triangles(fractions, places, at)).max() < 1e-9
-    outside = rig.pattern_coordinates(np.array([1.4]), np.array([0.5]))
-    assert not np.isfinite(outside).any()
-    assert flat or "pattern.b20" not in parameter_values(rig.scene)
+    places = np.pad((fractions - 0.5) * [2.4, 1.0], ((0, 0), (0, 1)))
+    if model != "rectangle":
+        places[:, :2] += 0.002 * rng.standard_normal((40, 2))
+    if model == "curved":
+        places[:, 2] = 0.1 * places[:, 0] ** 2 - 0.05 * places[:, 1]
+    displays: dict[str, Fields] = {
+        "rectangle": {"screen_x": 2.4, "screen_y": 1.0},
+        "flat": {"xy_screen_fraction": fractions.T, "xy_screen_coords": places[:, :2].T},
+        "curved": {"xy_screen_fraction": fractions.T, "xyz_screen_coords": places.T},
+    }
+    rig = load_sofast_rig(rig_file(tmp_path / "r.h5", displays[model]))
+    at = rng.uniform(0.1, 0.9, (200, 2))
+    assert np.abs(on_screen(rig, *at.T) - LinearNDInterpolator(fractions, places)(at)).max() < 1e-9
+    assert not np.isfinite(rig.pattern_coordinates(np.array([1.4]), np.array([0.5]))).any()
+    assert ("pattern.b20" in parameter_values(rig.scene)) == (model != "curved")
 
 
 def test_facets_by_name(tmp_path: Path) -> None:
@@ -119,23 +96,6 @@ def test_facets_by_name(tmp_path: Path) -> None:
     assert load_sofast_rig(path, "facet_003").scene.mirror.length == 1000
     with pytest.raises(InputError, match=r"r\.h5: no facet 'facet_000', there are facet_003$"):
         load_sofast_rig(path)
-
-
-def test_an_undefined_mirror_is_what_its_lit_pixels_see(tmp_path: Path) -> None:
-    """10 m away, f = 500 pixels, 20 x 10 of them around the optical axis: 20 mm each, columns along x, rows
-    against y."""
-    path = rig_file(tmp_path / "r.h5", {"screen_x": 0.7, "screen_y": 0.4})
-    with h5py.File(path, "a") as file:
-        del file["DataSofastInput"]
-        del file["Camera/intrinsic_mat"]
-        file["Camera/intrinsic_mat"] = np.array([[500.0, 0, 9.5], [0, 500.0, 4.5], [0, 0, 1]])
-        mask = file["DataSofastCalculation/facet/facet_000/CalculationImageProcessingFacet/mask_processed"]
-        mask[0] = False
-    rig = load_sofast_rig(path)
-    assert rig.scene.mirror.length == pytest.approx(19 * 20)
-    assert rig.scene.mirror.width == pytest.approx(8 * 20)
-    assert rig.datum == pytest.approx((9.5 * 20, 4.5 * 20, 0.0))
-    np.testing.assert_allclose(rig.scene.camera.rays_at(9, 0)[0], [9.5 * 20, 4.5 * 20, 10000])
 
 
 def inputs(folder: Path, distance: float = 9.0, name: str = "optic_screen_dist") -> list[Path]:

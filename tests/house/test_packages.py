@@ -109,25 +109,6 @@ def test_every_stub_leads_to_its_module(root: Path) -> None:
         assert (root / module).is_dir() or (root / module).with_suffix(".py").is_file(), stub
 
 
-def test_the_installed_wheel_works_without_the_checkout(wheel: Path, tmp_path: Path) -> None:
-    """Unpacked elsewhere, every part imports from there and the presets load."""
-    target = tmp_path / "site"
-    zipfile.ZipFile(wheel).extractall(target)
-    script = (
-        "import sys, pathlib, importlib; sys.path.insert(0, sys.argv[1]); import optolever; "
-        "names = 'calibration cli decode experiments live metrology patterns projector reconstruct scene'; "
-        "names = names.split(); "
-        "parts = [importlib.import_module('optolever.' + name) for name in names]; "
-        "assert all(pathlib.Path(p.__file__).is_relative_to(sys.argv[1]) for p in [optolever, *parts]); "
-        "from optolever.scene import load, preset_names; print(*[load(n).name for n in preset_names()])"
-    )
-    run = subprocess.run(
-        [sys.executable, "-c", script, str(target)], cwd=tmp_path, capture_output=True, text=True, check=False
-    )
-    assert run.returncode == 0, run.stderr
-    assert "paper-simulation" in run.stdout
-
-
 CONTAINER = """
 import os, sys
 sys.path.insert(0, sys.argv[1])
@@ -136,24 +117,19 @@ import optolever.decode
 import numpy as np
 from optolever.cli import run
 from optolever.kernels import cache_folder
-from optolever.patterns import sequence
 from optolever.scene import surface_from_array
-assert Path(optolever.decode.__file__).is_relative_to(sys.argv[1])
+names = [name for name in dir(optolever) if name not in optolever.__all__]
+for part in map(optolever.__getattr__, names):
+    assert Path(part.__file__).is_relative_to(sys.argv[1])
+assert "paper-simulation" in optolever.scene.preset_names()
 assert cache_folder(Path(optolever.decode.__file__).parent) is None
-if sys.argv[2] == "decoder":
-    shown = sequence("phase", 16, 16, periods=16.0)
-    good = optolever.decode.decode(shown.render(), shown, on_cells=False).good.any()
-else:
-    good = abs(surface_from_array(np.ones((4, 4)), 0.0, 0.0, 1.0).height(1.5, 1.5) - 1.0) < 1e-12
+good = abs(surface_from_array(np.ones((4, 4)), 0.0, 0.0, 1.0).height(1.5, 1.5) - 1.0) < 1e-12
 print("works", good)
 sys.exit(run(["doctor"]))
 """
 
 
-@pytest.mark.parametrize("kernels", ["surface", pytest.param("decoder", marks=pytest.mark.slow)])
-def test_an_image_without_a_home_and_with_packages_that_are_read_only(
-    wheel: Path, tmp_path: Path, kernels: str
-) -> None:
+def test_an_image_without_a_home_and_with_packages_that_are_read_only(wheel: Path, tmp_path: Path) -> None:
     """As a container has it: no kernel can be kept, all of them run, `doctor` says what that costs.
 
     Root may write everywhere: for him too a folder cannot be made where there is a file.
@@ -163,7 +139,7 @@ def test_an_image_without_a_home_and_with_packages_that_are_read_only(
     for package in {path.parent for path in target.rglob("__init__.py")}:
         (package / "__pycache__").write_text("")
     environment = {"HOME": "/dev/null", "PATH": os.environ["PATH"]}
-    command = [sys.executable, "-c", CONTAINER, str(target), kernels]
+    command = [sys.executable, "-c", CONTAINER, str(target)]
     run = subprocess.run(command, env=environment, cwd="/", capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stderr
     assert "works True" in run.stdout
