@@ -12,7 +12,7 @@ from optolever.scene import Scene
 
 from .arrays import Floats
 
-__all__ = ["PAD", "RayField", "pattern_plane", "ray_field", "rest_distance", "traced_rays"]
+__all__ = ["PAD", "RayField", "pattern_plane", "ray_field", "rest_distance", "rest_height", "traced_rays"]
 
 PAD = 2  # pixels beyond the image on every side: the reach of a 4th-order central difference
 
@@ -91,6 +91,11 @@ def rest_distance(origins: Floats, directions: Floats) -> Floats:
     with np.errstate(divide="ignore", invalid="ignore"):
         distance: Floats = -origins[2] / directions[2]
     return distance
+
+
+def rest_height(x: Floats, y: Floats, scene: Scene) -> Floats:
+    """z of the mirror at rest at x, y, mm."""
+    return np.zeros(x.shape) if scene.rest_form is None else scene.rest_form.height(x, y, scene.mirror)
 
 
 @lru_cache(maxsize=2)

@@ -111,10 +111,15 @@ class Measured:
 
     def clearance(self, w: Floats) -> Floats:
         """Distance from the mirror point at w to the pattern point, mm; NaN where u or v is."""
+        away: Floats = np.linalg.norm(self.to_pattern(w), axis=0)
+        return away
+
+    def to_pattern(self, w: Floats) -> Floats:
+        """From the mirror points at w to the pattern points, (3, rows, cols) mm."""
         u, v = self._on_plane(w)
         seen = self.plane[0] + u[..., None] * self.plane[1] + v[..., None] * self.plane[2]
-        away: Floats = np.linalg.norm(np.moveaxis(seen, -1, 0) - self._points(w), axis=0)
-        return away
+        ahead: Floats = np.moveaxis(seen, -1, 0) - self._points(w)
+        return ahead
 
     def _at(self, w: Floats) -> tuple[Floats | bool, ...]:
         """What kernels of the variances take first."""

@@ -93,10 +93,9 @@ def prepare(
     rows, cols = (_extent(valid & ~left_out, axis) for axis in (1, 0))
     data = _window(correspondence, rays, pattern_plane(scene), valid, rows, cols)
     data = replace(data, shape=scene.pattern.shape)
-    samples = samples.window(rows.start, cols.start)
     turned = _rows_rule(data)
-    if turned:
-        data, samples = _transposed(data), samples.transposed()
+    samples = samples.on_grid(rows, cols, turned)
+    data = _transposed(data) if turned else data
 
     def on_grid(image: Mask) -> Mask:
         return image[rows, cols].T if turned else image[rows, cols]

@@ -25,6 +25,7 @@ from .uncertainty.sources import ANCHORS, LOAD, anchor_response
 
 __all__ = [
     "anchors_apart",
+    "anchors_near_wedge",
     "height_map",
     "loaded",
     "off_mirror",
@@ -36,6 +37,7 @@ __all__ = [
 _APART = 5.0  # standard deviations, rms: rigs that are right stay below 1.2
 _SURE = 3.0  # standard deviations
 _BESIDE = 0.05  # of the mirror's length: so near the anchors are its edge's
+_WEDGE = 10.0  # times: of a prism within a tenth of its length
 _LOOSE = 100.0  # times the sigma of the pixels around
 _STEEP = 3.0  # standard deviations, of slopes or of the heights around: where doubts exceed them
 
@@ -212,6 +214,22 @@ def anchors_apart(problem: Problem, state: State, height: HeightMap) -> tuple[No
         "is wrong (pose of camera or pattern): calibrate it, or give a capture of the mirror at rest (--rest)"
     )
     return (Notice("anchors contradict each other, sigma rms", apart, _APART, cure),)
+
+
+def anchors_near_wedge(state: State, height: HeightMap) -> tuple[Notice, ...]:
+    """The notice that all anchors lie where the free mode is small, as where the mirror meets the pattern."""
+    used = np.broadcast_to(state.root**2, state.w.shape).ravel()[state.rows.pixel[state.share > 0]]
+    times = 1 / float(used.max(initial=0.0)) if used.any() else math.inf
+    if not times > _WEDGE:
+        return ()
+    sigma = float(np.median(height.total_sigma[height.good])) if height.good.any() else math.nan
+    cure = (
+        f"total sigma is {sigma:.2g} mm (median) therefore; anchor the mirror farther from where it meets "
+        "the pattern, or give a capture of the mirror at rest (--rest)"
+    )
+    return (
+        Notice("The error of the anchors grows towards the mirror's other end, times", times, _WEDGE, cure),
+    )
 
 
 def off_mirror(height: HeightMap, mirror: Mirror) -> tuple[Notice, ...]:

@@ -50,10 +50,26 @@ class RestForm(Record):
 
     def height(self, x: Float, y: Float, mirror: Mirror) -> Float:
         """z in mm at x, y."""
+        return self._sum(self._table, x, y, mirror)
+
+    def slopes(self, x: Float, y: Float, mirror: Mirror) -> tuple[Float, Float]:
+        """dz/dx and dz/dy at x, y."""
+        along, across = (np.asarray(legendre.legder(self._table, axis=axis), np.float64) for axis in (0, 1))
+        return (
+            2 / mirror.length * self._sum(along, x, y, mirror),
+            2 / mirror.width * self._sum(across, x, y, mirror),
+        )
+
+    @property
+    def _table(self) -> Float:
         orders = legendre_orders(self.coefficients.size)
         size = 1 + max((max(each) for each in orders), default=0)
         table = np.zeros((size, size))
         for order, c in zip(orders, self.coefficients, strict=True):
             table[order] = c
+        return table
+
+    @staticmethod
+    def _sum(table: Float, x: Float, y: Float, mirror: Mirror) -> Float:
         z = legendre.legval2d(2 * x / mirror.length - 1, 2 * y / mirror.width - 1, table)
         return np.asarray(z, dtype=np.float64)

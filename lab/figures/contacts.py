@@ -173,12 +173,12 @@ def _with_differences(seen: Correspondence, scene: Scene, rest: Correspondence |
     covariance = rig_covariance(scene)
     assert covariance is not None
     height = reconstruct(seen, _changed(scene, 0 * covariance.root[0]), rest=rest)
-    base = reconstruct(seen, _changed(scene, 0 * covariance.root[0]), rest=rest, start=height)
+    base = reconstruct(seen, _changed(scene, 0 * covariance.root[0]), rest=rest)
     known = np.isfinite(base.z)
     terms = np.stack([np.ones(known.sum()), base.x[known], base.y[known]], axis=1)
     modes, moves = [], []
     for row in covariance.root:
-        other = reconstruct(seen, _changed(scene, _STEP * row), rest=rest, start=height)
+        other = reconstruct(seen, _changed(scene, _STEP * row), rest=rest)
         modes.append((other.z - base.z) / _STEP)
         moved = np.stack([other.x - base.x, other.y - base.y], axis=-1)[known] / _STEP
         settled = np.isfinite(moved).all(axis=1)

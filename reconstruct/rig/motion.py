@@ -5,8 +5,6 @@ the height there limits its modes of height B, of the width w = max(1, s / rms B
 (1/w^2 + <B B^T> / s^2)^-1.
 """
 
-from dataclasses import replace
-
 import numpy as np
 from scipy import ndimage
 
@@ -16,7 +14,6 @@ from optolever.notices import Notice
 from optolever.scene import Scene, adjusted, strided
 
 from ..arrays import Floats, Mask
-from ..heightmap import HeightMap
 from ..outputs.coarse_modes import filled
 from .calibration import flat_mirror
 
@@ -45,25 +42,25 @@ def motion_shifts(press: Correspondence, scene: Scene, step: int) -> Floats:
     return strong.reshape(-1, *flat.shape)
 
 
-def limited_motion(height: HeightMap, still: Mask) -> HeightMap:
-    """The height against rest with its last `own` modes, of the motion, limited by the height where nothing
-    presses (H, W); with a notice of a motion beyond its prior."""
-    assert height.modes is not None
-    common, modes, step = height.modes[: -height.own], height.modes[-height.own :], height.modes_step
-    quiet = still & height.good
-    nodes = quiet[::step, ::step]
-    if not nodes.any():
-        return height
-    at = modes[:, nodes].astype(np.float64)
+def limited_motion(
+    modes: Floats, motions: int, z: Floats, sigma: Floats, still: Mask
+) -> tuple[Floats, tuple[Notice, ...]]:
+    """The modes (r, rows, cols) of a map against rest, the last ones, of the motion, limited by the height z,
+    of noise sigma, where nothing presses (rows, cols); and the notice of a motion beyond its prior."""
+    common, own = modes[:-motions], modes[-motions:]
+    quiet = still & np.isfinite(own).all(axis=0) & np.isfinite(z)
+    if not quiet.any():
+        return modes, ()
+    at = own[:, quiet]
     gram = at @ at.T / at.shape[1]
-    rms = float(np.sqrt(np.mean(height.z[quiet] ** 2)))
+    rms = float(np.sqrt(np.mean(z[quiet] ** 2)))
     wider = max(1.0, rms / float(np.sqrt(np.trace(gram))))
-    size = np.hypot(rms, float(np.median(height.sigma[quiet])))
+    size = np.hypot(rms, float(np.median(sigma[quiet])))
     covariance = np.linalg.inv(np.eye(len(gram)) / wider**2 + gram / size**2)
-    limited = np.tensordot(np.linalg.cholesky(covariance).T, modes, 1).astype(np.float32)
+    limited = np.tensordot(np.linalg.cholesky(covariance).T, own, 1)
     name = f"Where nothing presses, heights change by {1e3 * rms:.2g} um (rms); standard deviations of motion"
     found = (Notice(name, wider, _LIMIT, _CURE),) if wider > _LIMIT else ()
-    return replace(height, modes=np.concatenate([common, limited]), notices=height.notices + found)
+    return np.concatenate([common, limited]), found
 
 
 def unpressed(pressed: Correspondence, rest: Correspondence) -> tuple[Mask, float, float]:

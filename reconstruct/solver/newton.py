@@ -143,7 +143,7 @@ def solve(
                 iterations,
                 converged,
                 left,
-                rows.bend(p),
+                rows.bend(p, q),
                 doubt,
                 unsettled,
                 misfit,
@@ -191,7 +191,7 @@ def response(
     increments, first order.
     """
     step = state.problem.solve(*edge_errors(data, state, slopes, edges), Accuracy(relative=_RESPONSE))
-    rows = replace(state.rows, known=np.zeros(state.rows.known.shape))
+    rows = state.rows._replace(known=np.zeros(state.rows.known.shape))
     still = np.zeros(state.w.shape)
     return _anchored(step.x, state.root, labels, rows, still, slopes, state.variances, state.share)[0]
 

@@ -148,18 +148,15 @@ def test_rest_capture_takes_off_the_calibration_and_adds_its_noise_and_its_gaps(
     np.testing.assert_allclose(ratio, np.sqrt(2), rtol=0.01)
 
 
-def test_warm_start(exact, cut) -> None:
-    """From a neighbouring dent with a hole: the same height as from rest."""
-    scene, _, correspondence = exact("paper-simulation", "raised-cosine:peak=1.2", 96, 96)
-    _, _, before = exact("paper-simulation", "raised-cosine:peak=1.3", 96, 96)
-    keep = np.ones((96, 96), dtype=bool)
-    keep[30:40, 30:40] = False
-    start = reconstruct(cut(before, keep), scene)
-    warm, cold = reconstruct(correspondence, scene, start=start), reconstruct(correspondence, scene)
-    assert np.nanmax(np.abs(warm.z - cold.z)) < 1e-6
-    assert warm.diagnostics.steps[0] < 0.3 * cold.diagnostics.steps[0]
-    same = reconstruct(correspondence, scene, start=cold)
-    assert len(same.diagnostics.steps) <= 2
+@pytest.mark.parametrize("x", [3.0, 30.0])
+def test_an_anchor_where_mirror_and_pattern_meet_has_a_notice(x: float) -> None:
+    scene = resize(load("prism48"), 60, 80)
+    height = reconstruct(
+        exact_correspondence(trace(scene, dent("flat", scene))), scene, anchor=(x, 22.0, 0.0)
+    )
+    notices = [notice for notice in height.notices if "error of the anchors grows" in notice.name]
+    assert len(notices) == (x < 0.1 * scene.mirror.length)
+    assert all("total sigma is" in notice.cure for notice in notices)
 
 
 def test_in_open_air_the_middle_stands_in_for_an_edge_that_is_not_seen() -> None:

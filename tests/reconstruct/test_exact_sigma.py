@@ -28,7 +28,7 @@ def scatter(seen: Correspondence, scene: Scene, anchor: PixelAnchor) -> tuple[He
         for pixel in map(tuple, np.argwhere(still.good)):
             moved = place.copy()
             moved[pixel] += sigma[pixel]
-            height = reconstruct(replace(seen, **{name: moved}), scene, anchor=anchor, start=still)
+            height = reconstruct(replace(seen, **{name: moved}), scene, anchor=anchor)
             variance += np.nan_to_num(height.z - still.z) ** 2
     return still, np.sqrt(variance)
 
