@@ -121,13 +121,12 @@ def command(
     (fault,), (noise,) = faults, noises
     budget = _budget(frames, seconds, rate)
     cells = scene.pattern.rows, scene.pattern.cols
-    extra = [design.user_candidate(text, *cells, resized=resized) for text in added if "@" not in text]
-    own = [design.own_candidate(text, *cells, resized=resized) for text in added if "@" in text]
+    extra = [design.user_candidate(text, *cells, resized=resized) for text in added]
     with progress() as step:
         found = design.run_design(
             fault.on(scene), dent or scene.dent or "flat",
             frames=budget, refresh=rate, noise=noise, failure=failure, verify=verify,
-            extra=extra, own=own, lag=fault.lag, renderer=renderer, progress=step,
+            extra=extra, lag=fault.lag, renderer=renderer, progress=step,
         )  # fmt: skip
     chosen = found.chosen
     with ol.files.together():

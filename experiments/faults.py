@@ -34,10 +34,6 @@ class Faults:
         if not 0 <= self.lag < 1:
             raise InputError(f"lag: {self.lag:g}, must be at least 0 and below 1")
 
-    def __str__(self) -> str:
-        known = {name: getattr(self, name) for name in ("lag", "gamma", "flicker", "blur")}
-        return ", ".join(f"{name} {value:g}" for name, value in known.items() if value)
-
     def on(self, scene: Scene) -> Scene:
         """The scene with these faults of display, blur and light."""
         if self.gamma is not None:

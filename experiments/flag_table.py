@@ -81,7 +81,7 @@ def flag_rows(flags: NDArray[np.integer], area: Floats | None = None, mirror: fl
         if n or bit == 0
     ]
     beyond = total - float(part.sum())
-    if area is not None:
+    if beyond > 1e-6 * total:
         rows.append(
             FlagRow("outside the image", -1, 0, beyond, beyond / total, "no camera pixel sees it", "#fff")
         )

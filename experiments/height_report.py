@@ -255,16 +255,14 @@ def _frame_pairs(capture: Capture) -> list[dict[str, str]]:
 
 def _frame_words(frame: Frame) -> str:
     """Caption of a frame."""
-    words = [frame.kind if frame.axis is None else f"{frame.kind} on {frame.axis}"]
-    if frame.bit is not None:
-        words.append(f"bit {frame.bit}")
-    if frame.inverted:
-        words.append("inverted")
-    if frame.period_px is not None:
-        words.append(f"period {frame.period_px:.4g} px")
-    if frame.shift is not None:
-        words.append(f"shift {np.degrees(frame.shift):.0f}°")
-    return ", ".join(words)
+    words = [
+        frame.kind if frame.axis is None else f"{frame.kind} on {frame.axis}",
+        "" if frame.bit is None else f"bit {frame.bit}",
+        "inverted" if frame.inverted else "",
+        "" if frame.period_px is None else f"period {frame.period_px:.4g} px",
+        "" if frame.shift is None else f"shift {np.degrees(frame.shift):.0f}°",
+    ]
+    return ", ".join(filter(None, words))
 
 
 def _best_plane(values: Floats) -> Floats:

@@ -150,12 +150,14 @@ def _sigma_figure(rest: HeightMap) -> str:
     assert rest.calibration is not None
     _, sizes, right = np.linalg.svd(np.nan_to_num(rest.calibration.reshape(len(rest.calibration), -1)), False)
     known = np.isfinite(rest.z)
-    modes = [np.where(known, (s * r).reshape(known.shape), np.nan) for s, r in zip(sizes, right, strict=True)]
     factor, unit = length_unit(float(np.nanmax(rest.calibration_sigma)))
-    shown = [("sigma of the height", rest.calibration_sigma)]
-    shown += [(f"mode {k + 1}", mode) for k, mode in enumerate(modes[:2])]
+    maps = {"sigma of the height": rest.calibration_sigma}
+    for k, (size, mode) in enumerate(zip(sizes[:2], right[:2], strict=True)):
+        if size > 1e-6 * sizes[0]:
+            maps[f"mode {k + 1}"] = (size * mode).reshape(known.shape)
     figure = new_figure(10.0, 2.8)
-    for axes, (name, values) in zip(figure.subplots(1, 3)[: len(shown)], shown, strict=False):
-        known_values = np.where(known, factor * values, np.nan)
-        _draw_points(axes, (rest.x, rest.y), known_values, name, unit, "x [mm]")
+    for axes, (name, values) in zip(
+        figure.subplots(1, len(maps), squeeze=False)[0], maps.items(), strict=True
+    ):
+        _draw_points(axes, (rest.x, rest.y), np.where(known, factor * values, np.nan), name, unit, "x [mm]")
     return figure_uri(figure)

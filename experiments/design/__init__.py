@@ -9,7 +9,7 @@
 | `sensor.py` | measuring range and sensitivity of a scene |
 """
 
-from .candidates import Candidate, OwnCandidate, candidates, ladder, own_candidate, user_candidate
+from .candidates import Candidate, candidates, ladder, user_candidate
 from .ranking import Design, DesignRow, merit, run_design, simulate
 from .sensitivity import Lever
 from .sensor import SWEEPS, SensorMaps, sensor_maps, sweep_sensor, varied
@@ -22,7 +22,6 @@ __all__ = [
     "Design",
     "DesignRow",
     "Lever",
-    "OwnCandidate",
     "SensorMaps",
     "Tradeoff",
     "candidates",
@@ -30,7 +29,6 @@ __all__ = [
     "frame_rate",
     "ladder",
     "merit",
-    "own_candidate",
     "predict",
     "run_design",
     "sensor_maps",

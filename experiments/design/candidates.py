@@ -24,19 +24,19 @@ NOT_DENSE = ("lattice", "crossed", "ramp")
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A sequence and its name; text: for a named sequence, the argument on the command line."""
-
-    text: str
-    sequence: Sequence
-
-
-@dataclass(frozen=True, slots=True)
-class OwnCandidate:
-    """A pattern with a user's decoder: simulated only, without a prediction."""
+    """A sequence, or a user's images, and its name; text: of a named one, the argument on the command line.
+    decoder: the user's; such a candidate is simulated only, without a prediction."""
 
     text: str
     shown: Sequence | OwnImages
-    decode: OwnDecoder
+    decoder: OwnDecoder | None = None
+
+    @property
+    def sequence(self) -> Sequence:
+        """InputError for images."""
+        if isinstance(self.shown, OwnImages):
+            raise InputError(f"pattern {self.text!r}: is images, name a decoder: {self.text}@MODULE:FUNCTION")
+        return self.shown
 
 
 def candidates(rows: int, cols: int, frames: int) -> list[Candidate]:
@@ -132,14 +132,10 @@ def ladder(
 
 
 def user_candidate(text: str, rows: int, cols: int, *, resized: bool = False) -> Candidate:
-    """The candidate of a user's sequence: see `own_sequence`. InputError for images: they need a decoder."""
-    shown = own_sequence(text, rows, cols, resized=resized)
-    if isinstance(shown, OwnImages):
-        raise InputError(f"pattern {text!r}: is images, name a decoder: {text}@MODULE:FUNCTION")
-    return Candidate(text, shown)
-
-
-def own_candidate(text: str, rows: int, cols: int, *, resized: bool = False) -> OwnCandidate:
-    """The candidate of 'PATTERN@module:function': see `own_sequence` and `own_decoder`."""
+    """The candidate of 'PATTERN[@MODULE:FUNCTION]': see `own_sequence` and `own_decoder`. InputError for
+    images without a decoder."""
     pattern, _, decoder = text.partition("@")
-    return OwnCandidate(text, own_sequence(pattern, rows, cols, resized=resized), own_decoder(decoder))
+    shown = own_sequence(pattern, rows, cols, resized=resized)
+    if decoder:
+        return Candidate(text, shown, own_decoder(decoder))
+    return Candidate(text, Candidate(text, shown).sequence)

@@ -17,7 +17,7 @@ from optolever.scene import Scene, dent_from_text
 
 from ..metrics import rms
 from ..timing import Stages
-from .candidates import Candidate, OwnCandidate, candidates
+from .candidates import Candidate, candidates
 from .sensitivity import Lever
 from .view import predict
 
@@ -34,7 +34,7 @@ class DesignRow:
     order or bit; share: predicted share of measured pixels; why: reason of exclusion ('': none).
 
     predicted and share determine the rank (see merit). simulated, simulated_share: the same from rendered
-    frames, NaN if not simulated; note: reason of a failed simulation.
+    frames, NaN if not simulated.
     """
 
     text: str
@@ -49,7 +49,6 @@ class DesignRow:
     why: str = ""
     simulated: float = math.nan
     simulated_share: float = math.nan
-    note: str = ""
 
 
 @dataclass(frozen=True)
@@ -91,7 +90,6 @@ def run_design(
     verify: int = 3,
     seeds: int = 3,
     extra: Many[Candidate] = (),
-    own: Many[OwnCandidate] = (),
     lag: float = 0.0,
     renderer: str = "auto",
     progress: Progress = silent,
@@ -100,14 +98,15 @@ def run_design(
 
     dent: as on the command line, default: the scene's dent or the mirror at rest. noise: rms, 8-bit levels,
     in addition to the sensor's noise. failure: maximum share of pixels with an unflagged wrong fringe order
-    or bit. verify: number of the best candidates that are simulated, each with `seeds` draws of noise. own:
-    candidates with a user's decoder, simulated only, listed last. lag: share of the preceding frame in each
+    or bit. verify: number of the best candidates that are simulated, each with `seeds` draws of noise; those
+    with a user's decoder are simulated only, listed last. lag: share of the preceding frame in each
     simulated frame. InputError if nothing fits the budget.
     """
     pressed = dent or scene.dent or "flat"
     surface = dent_from_text(pressed, scene)
     pattern = scene.pattern
-    by_text = {one.text: one for one in [*candidates(pattern.rows, pattern.cols, frames), *extra]}
+    offered = [*candidates(pattern.rows, pattern.cols, frames), *extra]
+    by_text = {one.text: one for one in offered if one.decoder is None}
     if not by_text:
         raise InputError(f"frames: {frames}, no candidate fits; a fringe ladder on both axes needs 12")
     stages = Stages(2, silent)
@@ -121,7 +120,7 @@ def run_design(
     with stages.stage("simulate"):
         simulated = partial(simulate, lever, noise=noise, seeds=range(seeds), renderer=renderer, lag=lag)
         rows = _verified(rows, lambda text: simulated(by_text[text]), verify, progress)
-        rows += [_simulated_only(one, simulated, refresh) for one in own]
+        rows += [_simulated_only(one, simulated, refresh) for one in extra if one.decoder is not None]
     best = next((row for row in rows if not row.why), None)
     return Design(
         rows,
@@ -157,7 +156,7 @@ def _predicted(lever: Lever, candidate: Candidate, noise: float, refresh: float,
 
 
 def _simulated_only(
-    one: OwnCandidate, simulated: Callable[[OwnCandidate], tuple[float, float]], refresh: float
+    one: Candidate, simulated: Callable[[Candidate], tuple[float, float]], refresh: float
 ) -> DesignRow:
     """The row of a candidate with a user's decoder."""
     row = DesignRow(one.text, len(one.shown), len(one.shown) / refresh, why="own decoder: simulated only")
@@ -179,7 +178,7 @@ def _ruled_out(row: DesignRow, failure: float) -> str:
 
 def simulate(
     lever: Lever,
-    candidate: Candidate | OwnCandidate,
+    candidate: Candidate,
     noise: float,
     seeds: Many[int],
     renderer: str = "auto",
@@ -192,12 +191,8 @@ def simulate(
     """
     squares, shares = [], []
     for seed in seeds:
-        shown, decoder = (
-            (candidate.shown, candidate.decode)
-            if isinstance(candidate, OwnCandidate)
-            else (candidate.sequence, None)
-        )
-        height = lever.solved(lever.frames(shown, noise, seed, renderer, lag), shown, decoder)
+        frames = lever.frames(candidate.shown, noise, seed, renderer, lag)
+        height = lever.solved(frames, candidate)
         good = height.good & lever.full.usable
         squares.append(rms((height.z - lever.full.truth.z)[good]) ** 2)
         shares.append(good.sum() / lever.full.usable.sum())
@@ -220,5 +215,5 @@ def _verified(
             error, share = simulated(row.text)
             found.append(replace(row, simulated=error, simulated_share=share))
         except InputError as error:
-            failed.append(replace(row, why="cannot be decoded", note=str(error)))
+            failed.append(replace(row, why=f"cannot be decoded: {error}"))
     return [*found, *left, *failed]

@@ -28,7 +28,8 @@ from optolever.scene import Scene, Surface
 from ..arrays import Floats, Mask
 from ..faults import frames_of
 from ..metrics import rms
-from ..own import OwnDecoder, OwnImages
+from ..own import OwnImages
+from .candidates import Candidate
 from .view import Prediction, View, stride_for, view_of
 
 REFERENCE = 0.01  # cells of noise, for the comparison of draws and of both cameras
@@ -64,18 +65,14 @@ class Lever:
         truth = self.full.truth
         return frames_of(self.scene, self.surface, truth, shown, lag, noise, seed, renderer)
 
-    def solved(
-        self, frames: NDArray[Any], shown: Sequence | OwnImages, decoder: OwnDecoder | None = None
-    ) -> HeightMap:
-        """Height from frames, by this package's decoder or a given one.
+    def solved(self, frames: NDArray[Any], candidate: Candidate) -> HeightMap:
+        """Height from frames, by this package's decoder or the candidate's.
         InputError if the frames cannot be decoded or no anchor has valid pixels."""
-        if decoder is not None:
-            seen = decoder(frames, shown.levels if isinstance(shown, OwnImages) else shown)
-        elif isinstance(shown, OwnImages):
-            raise InputError(f"pattern {shown.name!r}: is images, name a decoder: ...@MODULE:FUNCTION")
-        else:
-            seen = decode(frames, shown)
-        return reconstruct(seen, self.scene)
+        shown = candidate.shown
+        if candidate.decoder is None:
+            return reconstruct(decode(frames, candidate.sequence), self.scene)
+        levels = shown.levels if isinstance(shown, OwnImages) else shown
+        return reconstruct(candidate.decoder(frames, levels), self.scene)
 
     @cached_property
     def full(self) -> View:

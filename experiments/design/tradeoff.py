@@ -9,15 +9,14 @@ from pathlib import Path
 
 from optolever.errors import InputError
 from optolever.files import atomic_file, write_rows
-from optolever.patterns import Sequence
 from optolever.records import Progress, silent
 from optolever.scene import Scene, dent_from_text
 
 from ..faults import Faults
 from ..images import label_axes, new_figure
 from ..metrics import rms
-from ..own import OwnDecoder, OwnImages, own_decoder, own_sequence
 from ..timing import timed
+from .candidates import Candidate, user_candidate
 from .sensitivity import Lever
 from .view import predict
 
@@ -67,40 +66,34 @@ def compare_codes(
 ) -> Iterator[Tradeoff]:
     """Every code ('PATTERN' or 'PATTERN@MODULE:FUNCTION') under every fault and noise, by one seed of it."""
     pattern = scene.pattern
-    texts = [code.partition("@")[::2] for code in codes]
-    shown = [own_sequence(text, pattern.rows, pattern.cols, resized=resized) for text, _ in texts]
-    decoders = [own_decoder(name) if name else None for _, name in texts]
+    named = [user_candidate(code, pattern.rows, pattern.cols, resized=resized) for code in codes]
     total, done = len(codes) * len(faults) * len(noises), 0
     for fault in faults:
         faulty = fault.on(scene)
         lever = Lever(faulty, dent_from_text(dent or scene.dent or "flat", faulty))
-        for noise, (code, sequence, decoder) in product(noises, zip(codes, shown, decoders, strict=True)):
+        for noise, code in product(noises, named):
             progress("simulate", done, total)
             done += 1
-            row = Tradeoff(code, noise, *_values(fault), len(sequence), len(sequence) / rate)
+            count = len(code.shown)
+            values = fault.lag, fault.gamma, fault.flicker, fault.blur
+            row = Tradeoff(code.text, noise, *values, count, count / rate)
             try:
-                yield _simulated(lever, row, sequence, decoder, renderer)
+                yield _simulated(lever, row, code, renderer)
             except InputError as error:
                 yield replace(row, why=str(error))
 
 
-def _simulated(
-    lever: Lever, row: Tradeoff, shown: Sequence | OwnImages, decoder: OwnDecoder | None, renderer: str
-) -> Tradeoff:
+def _simulated(lever: Lever, row: Tradeoff, code: Candidate, renderer: str) -> Tradeoff:
     """The row with its numbers."""
-    if decoder is None and isinstance(shown, Sequence) and not row.lag:
-        row = replace(row, predicted=lever.height(predict(lever.view, shown, row.noise)).total)
-    frames = lever.frames(shown, row.noise, 0, renderer, row.lag)
-    lever.solved(frames, shown, decoder)  # compiles
-    taken = timed(lambda: lever.solved(frames, shown, decoder))
+    if code.decoder is None and not row.lag:
+        row = replace(row, predicted=lever.height(predict(lever.view, code.sequence, row.noise)).total)
+    frames = lever.frames(code.shown, row.noise, 0, renderer, row.lag)
+    lever.solved(frames, code)  # compiles
+    taken = timed(lambda: lever.solved(frames, code))
     height, full = taken.value, lever.full
     good = height.good & full.usable
     error, share = rms((height.z - full.truth.z)[good]), float(good.sum() / full.usable.sum())
     return replace(row, cpu_seconds=taken.processor, simulated=error, share=share)
-
-
-def _values(fault: Faults) -> tuple[float, float | None, float | None, float | None]:
-    return fault.lag, fault.gamma, fault.flicker, fault.blur
 
 
 def write_tradeoff_csv(path: Path, rows: Many[Tradeoff]) -> None:

@@ -1,7 +1,9 @@
 """Design and sensor maps on small scenes: against Monte Carlo, formulas and the truth."""
 
+import json
 import math
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,12 +11,12 @@ import cv2
 import numpy as np
 import pytest
 
+from optolever.cli import run
 from optolever.decode import decode
 from optolever.errors import InputError
 from optolever.experiments.design import (
     Candidate,
     Lever,
-    ladder,
     predict,
     sensor_maps,
     simulate,
@@ -22,7 +24,7 @@ from optolever.experiments.design import (
     varied,
     view_of,
 )
-from optolever.patterns import Frame, Sequence, sequence, sequence_from_text
+from optolever.patterns import sequence, sequence_from_text
 from optolever.projector import WHITE_NOISE_SENSOR, capture
 from optolever.scene import Scene, dent, load, resize, trace
 
@@ -56,19 +58,6 @@ def test_predicted_height_error_is_that_of_a_simulation(lever: Lever, text: str)
     assert told.total == pytest.approx(found, rel=0.2)
     assert told.spread < 0.06
     assert share == pytest.approx(told.share, abs=0.01)
-
-
-@pytest.mark.slow
-def test_predicted_where_cells_are_coarse_and_the_map_bends() -> None:
-    """A ball's rim seen in cells of 1.4 pixels at a blur of 0.4: stairs count as noise, creases as loss."""
-    scene = resize(varied(load("paper-simulation", exact=True), "pattern", 0.7), 96, 96)
-    scene = replace(scene, pattern=replace(scene.pattern, blur_px=0.4))
-    coarse = Lever(scene, dent("ball", scene, peak=0.4))
-    shown = ladder(scene.pattern.rows, scene.pattern.cols, 5.0, 2, 5)
-    there = coarse.height(predict(coarse.view, shown, 1.0))
-    found, share = simulate(coarse, Candidate("", shown), 1.0, range(4), "numpy")
-    assert there.total == pytest.approx(found, rel=0.15)
-    assert there.share == pytest.approx(share, abs=0.006)
 
 
 def test_the_images_of_a_view_are_those_of_the_virtual_sensor(prism: Scene) -> None:
@@ -147,22 +136,6 @@ def test_user_patterns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         user_candidate(str(bare), 40, 60)
 
 
-def test_free_levels_are_predicted_as_they_are_measured(lever: Lever) -> None:
-    """The images of fringes, as a user brings them: levels and nothing else; blur half a cell."""
-    pattern = lever.scene.pattern
-    shown = sequence("phase", pattern.rows, pattern.cols, steps=6, periods=(10.2, 9.7))
-    frames = tuple(
-        Frame("levels", axis, levels=tuple(int(v) for v in frame.tables(*shown.shape[1:])["uv".index(axis)]))
-        for frame in shown.frames
-        for axis in (frame.axis or "u",)
-    )
-    free = Sequence(frames, pattern.rows, pattern.cols)
-    told = lever.height(predict(lever.view, free, 1.0))
-    found, share = simulate(lever, Candidate("", free), 1.0, range(3), "numpy")
-    assert told.total == pytest.approx(found, rel=0.2)
-    assert told.share == pytest.approx(share, abs=0.01)
-
-
 def test_slope_limits_of_the_45_degree_prism() -> None:
     """From -atan((L0 - x) / x) / 2, the apex, to 22.5 degrees, along the mirror; free mode h = C x."""
     scene = resize(load("paper-simulation", exact=True), 64, 64)
@@ -200,3 +173,48 @@ def test_varied_scenes(prism: Scene) -> None:
         varied(load("monitor-mirror", exact=True), "angle", 45.0)
     with pytest.raises(InputError, match="must be one of"):
         varied(prism, "colour", 1.0)
+
+
+PRISM = ["--scene", "prism48", "--pixels", "96x72"]
+SMALL = [*PRISM[:-1], "36x48"]
+
+
+@pytest.mark.slow
+def test_design_writes_what_capture_takes(tmp_path: Path) -> None:
+    best, numbers = tmp_path / "best.toml", tmp_path / "design.json"
+    budget = ["--time", "0.2", "--refresh", "60", "--verify", "1", "--renderer", "numpy"]
+    assert run(["design", *PRISM, *budget, "--out", str(best), "--json", str(numbers)]) == 0
+    found = json.loads(numbers.read_text())
+    assert found["settings"]["frames"] == 12
+    assert all(row["frames"] <= 12 for row in found["rows"])
+    assert run(["capture", *PRISM, "--sequence", str(best), "--out", str(tmp_path / "capture")]) == 0
+    assert len(list((tmp_path / "capture/frames").glob("*.png"))) == found["rows"][0]["frames"]
+
+
+def test_sensor_writes_its_numbers(tmp_path: Path) -> None:
+    numbers = tmp_path / "sensor.json"
+    assert run(["sensor", *SMALL, "--sweep", "angle=45/48/5", "--json", str(numbers)]) == 0
+    found = json.loads(numbers.read_text())
+    assert [row["value"] for row in found["sweeps"]] == [45, 48, 5]
+    assert {name: found["sweeps"][1][name] for name in found["numbers"]} == pytest.approx(found["numbers"])
+    assert "no valid pixel" in found["sweeps"][2]["why"]
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        (["design", *PRISM, "--frames", "20", "--time", "1"], "--frames and --time"),
+        (["design", *PRISM, "--frames", "3"], "no candidate fits"),
+        (["design", *PRISM, "--time", "0.01"], "less than two frames"),
+        (["design", *PRISM, "--out", "best.json"], "suffix '.json', must be .toml"),
+        (["design", *PRISM, "--add", "nowhere:nothing"], "cannot be imported"),
+        (["sensor", *PRISM, "--sweep", "angle"], "must read name=value/value"),
+        (["sensor", *PRISM, "--sequence", "grey"], "name is 'grey'"),
+        (["sensor", *PRISM, "--sweep", "colour=1"], "must be one of"),
+    ],
+)
+def test_bad_input_is_one_line(
+    args: list[str], words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refused: Callable[..., str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    refused(args, words)
