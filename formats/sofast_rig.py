@@ -29,12 +29,6 @@ __all__ = ["SOFAST_SCREEN", "SofastRig", "load_sofast_rig"]
 #: v = 1000 (1 - y).
 SOFAST_SCREEN = (1000, 2000)
 
-#: Fields of OpenCSP's screen models.
-_MODELS = (
-    ("screen_x", "screen_y"),
-    ("xy_screen_fraction", "xy_screen_coords"),
-    ("xy_screen_fraction", "xyz_screen_coords"),
-)
 _MM = 1000.0
 _TURNS = 10  # the pose settles: the normal turns by the offset over the distance, squared at every turn
 
@@ -87,10 +81,8 @@ def _rig(fields: Fields) -> SofastRig:
     to_optic = transform[:3, :3] @ _rotation(fields["r_cam_optic"])  # R_MC: camera to mirror frame
     camera = _vector(fields, "v_cam_optic_cam")
     centre = _MM * transform[:3, 3] - to_optic @ camera  # of the camera, in the optic frame
-    if "v_facet_corners" in fields:
-        corners = _MM * fields["v_facet_corners"][:2]
-    else:
-        corners = _lit_box(fields, centre, to_optic)
+    defined = "v_facet_corners" in fields
+    corners = _MM * fields["v_facet_corners"][:2] if defined else _lit_box(fields, centre, to_optic)
     offset = np.array([*(-corners.min(axis=1)), 0.0])
     screen = to_optic @ _rotation(fields["r_cam_screen"]).T
     origin = offset + centre
@@ -149,23 +141,23 @@ def _lit(images: NDArray[Any]) -> NDArray[np.bool_]:
 
 def _screen(fields: Fields) -> tuple[Float, Float]:
     """Fractions (n, 2) and their places on the screen (n, 3), mm, of the file's display model."""
-    models = [names for names in _MODELS if all(name in fields for name in names)]
-    if len(models) != 1:
-        needs = "; ".join(", ".join(names) for names in _MODELS)
-        raise InputError(f"DisplayShape has {'several' if models else 'none'} of the screen models ({needs})")
-    first, second = models[0]
-    if models[0] == _MODELS[0]:
-        size = np.array([fields[first].item(), fields[second].item()])
+    if {"screen_x", "screen_y"} <= fields.keys():
+        fractions = np.array([[0.0, 1.0, 0.0, 1.0], [0.0, 0.0, 1.0, 1.0]])
+        size = np.array([[fields["screen_x"].item()], [fields["screen_y"].item()]])
         if not (size > 0).all():
-            raise InputError(f"{first} = {size[0]:g}, {second} = {size[1]:g}: must be above 0 m")
-        fractions = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
-        return fractions, _MM * np.column_stack([(fractions - 0.5) * size, np.zeros(4)])
-    fractions, points = (fields[name].T.astype(np.float64) for name in models[0])
-    if len(fractions) != len(points) or len(points) < 3:
+            raise InputError(f"screen_x, screen_y = {size.ravel().tolist()}: must be above 0 m")
+        points = (fractions - 0.5) * size
+    elif "xy_screen_fraction" in fields and ("xy_screen_coords" in fields or "xyz_screen_coords" in fields):
+        fractions = fields["xy_screen_fraction"].astype(np.float64)
+        points = next(fields[name] for name in ("xyz_screen_coords", "xy_screen_coords") if name in fields)
+    else:
+        models = "screen_x, screen_y, or xy_screen_fraction with xy_screen_coords or xyz_screen_coords"
+        raise InputError(f"DisplayShape has none of the screen models: {models}")
+    if fractions.shape[1] != points.shape[1] or points.shape[1] < 3:
         raise InputError(
-            f"{second} has shape {fields[second].shape}, {first} {fields[first].shape}; must be n >= 3 places"
+            f"DisplayShape has {fractions.shape} fractions of {points.shape}: must be n >= 3 places"
         )
-    return fractions, _MM * np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
+    return fractions.T, _MM * np.pad(points.T.astype(np.float64), ((0, 0), (0, 3 - len(points))))
 
 
 def _pattern(origin: Float, axes: Float, fractions: Float, points: Float) -> tuple[Pattern, Float]:

@@ -18,7 +18,7 @@ from .cameras import Camera, PinholeCamera
 from .face import Face
 from .pattern import Pattern
 from .pattern_shape import Bow
-from .pose import rotate, rotation_from_axes, rotation_from_vector
+from .pose import rotate, rotation_from_vector
 from .record import Float
 from .rest_form import RestForm
 from .scene import Scene
@@ -89,10 +89,10 @@ def parameter_changes(scene: Scene, other: Scene) -> dict[str, float]:
     """Changes with which `adjusted` turns this scene into the other; both have the same parts."""
     values = parameter_values(other)
     one, two = scene.camera, other.camera
-    turn = rotation_from_axes(two.u_axis, two.v_axis) @ rotation_from_axes(one.u_axis, one.v_axis).T
+    turn = two.rotation @ one.rotation.T
     poses = {"camera": (two.origin - one.origin, Rotation.from_matrix(turn).as_rotvec())}
-    axes, (middle, moved) = _axes(scene.pattern), (_middle(each.pattern) for each in (scene, other))
-    turn = axes @ _axes(other.pattern).T
+    axes, (middle, moved) = scene.pattern.rotation.T, (_middle(each.pattern) for each in (scene, other))
+    turn = axes @ other.pattern.rotation
     poses["pattern"] = axes @ (moved - middle), Rotation.from_matrix(turn).as_rotvec()
     for part, pose in poses.items():
         values |= {f"{part}.{n}": float(v) for n, v in zip(_POSE, np.concatenate(pose), strict=True)}
@@ -149,11 +149,6 @@ def _tilt_axes(face: Face) -> tuple[Float, Float]:
     return first, np.cross(face.normal, first)
 
 
-def _axes(pattern: Pattern) -> Float:
-    """Rows: u, v and normal."""
-    return np.stack([pattern.u_axis, pattern.v_axis, pattern.normal])
-
-
 def _half(pattern: Pattern) -> Float:
     return 0.5 * np.array([pattern.cols - 1, pattern.rows - 1])
 
@@ -165,7 +160,7 @@ def _middle(pattern: Pattern) -> Float:
 
 def _pattern(pattern: Pattern, values: Mapping[str, float]) -> Pattern:
     shift, turn = _turn(values, "pattern")
-    axes, half = _axes(pattern), _half(pattern)
+    axes, half = pattern.rotation.T, _half(pattern)
     rotation = rotation_from_vector(turn @ axes)
     middle = _middle(pattern) + shift @ axes
     u_axis, v_axis = rotate(rotation, pattern.u_axis), rotate(rotation, pattern.v_axis)

@@ -446,24 +446,3 @@ def test_what_an_edge_sinks_by() -> None:
     surface = ((2 - q**2) * np.arcsin(1 / q) + np.sqrt(q**2 - 1)) / np.pi
     assert np.allclose(reconstruct.sink_around(1.0, 1.0, q, None), surface, rtol=0.06)
     assert np.allclose(reconstruct.sink_around(1.0, 1.0, q, None), 4 / (3 * np.pi) / q)
-
-
-# Height maps and grids
-
-
-@holds(FILES, "dx/dz and dy/dz along the camera's rays")
-@holds(FILES, "in mm at x = `x0` + j `pitch`, y = `y0` + i `pitch`")
-@holds(EXPORT, "x = x0 + j pitch, y = y0 + i pitch")
-def test_places_of_heights() -> None:
-    """Of a tilted mirror, along each ray, and on the grid."""
-    rig = resize(load("monitor-mirror"), 48, 60)
-    surface = plane(2e-3, -1e-3, 70.0, 50.0)
-    seen = trace(rig, surface)
-    height = reconstruct.reconstruct(reconstruct.exact_correspondence(seen), rig, anchor=(70.0, 50.0, 0.0))
-    _, ray = rig.camera.rays()
-    assert height.lean is not None
-    assert np.allclose(height.lean, (ray[..., 0] / ray[..., 2], ray[..., 1] / ray[..., 2]))
-    grid = height.resample(1.5)
-    rows, cols = grid.z.shape
-    x, y = np.meshgrid(grid.x0 + 1.5 * np.arange(cols), grid.y0 + 1.5 * np.arange(rows))
-    assert np.nanmax(np.abs(grid.z - surface.height(x, y))) < 1e-6
