@@ -53,7 +53,8 @@ def command(
             1e-3 * devices.exposure_ms,
             now.display.refresh_s,
         )
-    chosen, seen = replace(devices, exposure_ms=1e3 * found.exposure_s), found.contrast
+    chosen = replace(devices, exposure_ms=1e3 * found.exposure_s, focus=now.accepted.focus)
+    seen = found.contrast
     numbers = {
         "exposure_ms": chosen.exposure_ms,
         "saturated_share": seen.saturated,

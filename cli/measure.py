@@ -65,7 +65,8 @@ def command(
         step("capture")
         folder, taken = captures[0] if captures else out / "capture", None
         if devices is not None:
-            taken = capture_rig(rig, devices, sequence_of(rig, sequence), folder, keep=False)
+            record = out.with_name(f"{out.name}.recording")  # beside: a folder that failed can be used again
+            taken = capture_rig(rig, devices, sequence_of(rig, sequence), folder, keep=False, record=record)
         capture = ol.projector.Capture.load(folder) if taken is None else taken.capture
         step("decode")
         known = None if profile is None else ol.calibration.load_profile(profile)

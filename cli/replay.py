@@ -93,7 +93,7 @@ def _capture(recording: "ol.projector.Recording", rig: Path | None, out: Path) -
     try:
         for one in ol.projector.acquire(replay, replay, timing, order, time=replay, clock=clock):
             taken.append(one)
-    except ol.projector.CameraLost:
+    except InputError:
         if not taken:
             raise
     captured(taken, shown, None if recording.accepted is None else recording.accepted.bits).save(out)

@@ -39,16 +39,24 @@ class RigCapture:
 
 
 def capture_rig(
-    rig: Path, devices: Devices, shown: "ol.patterns.Sequence", out: Path, *, keep: bool
+    rig: Path,
+    devices: Devices,
+    shown: "ol.patterns.Sequence",
+    out: Path,
+    *,
+    keep: bool,
+    record: Path | None = None,
 ) -> RigCapture:
-    """Show and take every frame; write `out` with acquisition.jsonl. keep: do not delete OUT.recording.
+    """Show and take every frame; write `out` with acquisition.jsonl. record: the recording, OUT.recording;
+    keep: do not delete it.
 
-    InputError and CameraLost name the recording of the images so far.
+    InputError and CameraLost name the recording of the images so far, and the command that hands them out.
     """
     require_new(out)
     scene = ol.scene.load(rig)
-    record = out.with_name(f"{out.name}.recording")
+    record = _new_name(out.with_name(f"{out.name}.recording") if record is None else record)
     with opened(rig, devices, shown) as now:
+        now.require_size(scene)
         timing = wait_of(now, rig)
         about: dict[str, Any] = {"camera": now.camera.identity.address, "refresh_s": now.display.refresh_s}
         about |= {"rig": rig.read_text(encoding="utf-8"), "sequence": shown.to_dict()}
@@ -67,10 +75,10 @@ def capture_rig(
                 taken = tuple(now.acquire(timing, range(len(shown)), **calls))
         except (InputError, OSError) as error:
             reason = reason_of(error) if isinstance(error, OSError) else str(error)
-            raise InputError(f"{reason}; what was taken so far is in {record}") from error
+            again = f"optolever camera replay {record} --out DIR"
+            raise InputError(f"{reason}; what was taken so far is in {record} ({again})") from error
         seconds, lost = now.time.now() - begin, now.camera.lost
-    known = scene if taken[0].image.pixels.shape == (scene.camera.rows, scene.camera.cols) else None
-    done = captured(taken, shown, now.accepted.bits, known)
+    done = captured(taken, shown, now.accepted.bits, scene)
     with ol.files.atomic_folder(out) as folder:
         done.save(folder)
         lines = (json.dumps(_line(one)) for one in taken)
@@ -99,6 +107,12 @@ def require_new(out: Path) -> None:
     """InputError unless a folder can be made there."""
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise InputError(f"{out}: exists and is no empty folder; name another")
+
+
+def _new_name(path: Path) -> Path:
+    """The path, numbered where an earlier attempt left it."""
+    names = (path, *(path.with_name(f"{path.stem}-{k}{path.suffix}") for k in range(2, 1000)))
+    return next((one for one in names if not one.exists()), path)
 
 
 def _line(one: "ol.projector.Taken") -> dict[str, Any]:

@@ -33,6 +33,7 @@ class Devices:
     col: int = 0
     fps: float | None = None
     trigger: str = "free"
+    focus: int | None = None
 
     def wanted(self) -> "ol.projector.Wanted":
         """Settings for a camera."""
@@ -59,6 +60,15 @@ class Opened:
     def triggered(self) -> bool:
         """Whether the camera waits for the program."""
         return self.accepted.trigger == "software"
+
+    def require_size(self, scene: "ol.scene.Scene") -> None:
+        """InputError unless the images are as large as those of the scene's camera."""
+        size, known = (self.accepted.rows, self.accepted.cols), (scene.camera.rows, scene.camera.cols)
+        if size != known:
+            raise InputError(
+                f"camera: images of {size[1]}x{size[0]} pixels, the rig's [camera] has "
+                f"{known[1]}x{known[0]}; correct it, or --set rows=ROWS --set cols=COLS"
+            )
 
     def acquire(
         self, timing: "ol.projector.Timing | None", order: Iterable[int], **calls: Any

@@ -42,6 +42,7 @@ def rig_at_rest(
     count = len(dense)
     shown = ol.patterns.Sequence((*dense.frames, *fringe.frames), rows, cols)
     with opened(rig, devices, shown, running=False) as now:
+        now.require_size(scene)
         timing = wait_of(now, rig)
         now.camera.start()
         try:

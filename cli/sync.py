@@ -57,7 +57,8 @@ def command(
         )  # fmt: skip
     timing = replace(found, camera=devices.camera, display=devices.display)
     with ol.files.together():
-        ol.scene.write_sections(rig, {"devices": devices.table(), "sync": timing.to_table()})
+        kept = replace(devices, focus=now.accepted.focus)
+        ol.scene.write_sections(rig, {"devices": kept.table(), "sync": timing.to_table()})
         if page is not None:
             ol.experiments.write_sync_report(timing, taken, time.perf_counter() - start, page)
         write_json(json_path, timing.to_table() | {"ready_s": timing.ready_s()})

@@ -4,7 +4,7 @@
 |---|---|
 | `context.py`, `shaders.py`, `shaders/` | the OpenGL context (EGL first); shader files and their flags |
 | `renderer.py` | frames drawn offscreen, bit-equal to NumPy's |
-| `display.py`, `display_process.py`, `window.py` | the same in a real window, in a separate process |
+| `display.py`, `window.py` | the same in a real window, in a separate process |
 | `monitors.py` | monitors by name; settings that distort levels |
 | `devices.py` | records and protocols of cameras, displays, clocks |
 | `virtual.py` | `capture`: images of a scene with a dent, strip by strip |

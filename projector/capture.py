@@ -129,8 +129,8 @@ class Capture:
         sorted as people count. channel: red, green, blue or luminance.
         InputError names the file, or the number of pictures and a remedy.
         """
-        found = incoming(source, sequence, channel)
-        return cls(found.frames, sequence, bits=bits_of(found.frames), notices=found.notices)
+        frames, notices = incoming(source, sequence, channel)
+        return cls(frames, sequence, bits=bits_of(frames), notices=notices)
 
 
 def _require_per_frame(name: str, values: NDArray[np.float64], count: int) -> None:

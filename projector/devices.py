@@ -44,7 +44,7 @@ class Identity:
 @dataclass(frozen=True, slots=True)
 class Wanted:
     """Settings of a camera. gain: None keeps it; fps: None is the highest; rows, cols: 0 is the full
-    sensor; trigger: free, software or hardware.
+    sensor; trigger: free, software or hardware; focus: in the driver's units, None keeps it.
     """
 
     exposure_s: float
@@ -56,6 +56,7 @@ class Wanted:
     gain: float | None = None
     fps: float | None = None
     trigger: str = "free"
+    focus: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +75,7 @@ class Accepted:
     fps: float | None = None
     trigger: str = "free"
     unlocked: tuple[str, ...] = ()
+    focus: int | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

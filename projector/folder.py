@@ -28,11 +28,11 @@ from optolever.errors import InputError
 from optolever.files import atomic_file, atomic_folder
 from optolever.notices import Notice
 from optolever.patterns import Sequence
-from optolever.pictures import CHANNELS, PICTURES, colours_of, grey_of, is_lossy, read_picture
+from optolever.pictures import CHANNELS, PICTURES, is_lossy
 from optolever.scene import Scene, Trace, load
 from optolever.toml import read_toml
 
-from .incoming import COLOURED, LOSSY, Source, incoming, passed_over
+from .incoming import COLOURED, LOSSY, Source, incoming, passed_over, read_files
 
 __all__ = ["bits_of", "read_description", "read_folder", "write_description", "write_folder"]
 
@@ -82,8 +82,8 @@ def read_folder(
     if description is not None:
         sequence, files, times, bits = read_description(Path(description))
         if not files:
-            found = incoming(folder, sequence, channel)
-            own = {"frames": found.frames, "bits": bits or bits_of(found.frames), "notices": found.notices}
+            frames, notices = incoming(folder, sequence, channel)
+            own = {"frames": frames, "bits": bits or bits_of(frames), "notices": notices}
             return {**own, "sequence": sequence, "timestamps": times}
     base = Path(folder) if isinstance(folder, str | Path) else Path(folder[0])
     if not base.is_dir():
@@ -104,18 +104,21 @@ def read_folder(
         return read_folder(base, toml, channel)
     bits = bits or 8
     notices = _passed_over(base, files)
-    with ThreadPoolExecutor(threads()) as pool:
-        read = list(pool.map(lambda file: _read_image(base / file, bits, channel), files))
-    images = [image for image, _ in read]
-    if channel == CHANNELS[-1] and any(coloured for _, coloured in read):
-        notices += (COLOURED,)
-    if any(is_lossy(base / file) for file in files):
-        notices += (LOSSY,)
+    pictures = read_files([base / file for file in files], channel)
+    if len(pictures) != len(files):
+        several = next(picture.file for picture in pictures if picture.file.endswith("]"))
+        raise InputError(f"{base}: {several.partition('[')[0]} holds several pictures, must be one")
+    images = [picture.levels for picture in pictures]
     for file, image in zip(files, images, strict=True):
+        _require_image(base / file, image, bits)
         if image.shape != images[0].shape:
             raise InputError(
                 f"{base / file}: {_size(image)} pixels, must be {_size(images[0])} as {files[0]}"
             )
+    if channel == CHANNELS[-1] and any(picture.colours is not None for picture in pictures):
+        notices += (COLOURED,)
+    if any(is_lossy(base / file) for file in files):
+        notices += (LOSSY,)
     return {
         "frames": np.stack(images),
         "sequence": sequence,
@@ -160,17 +163,13 @@ def read_description(path: Path) -> tuple[Sequence, list[str], NDArray[np.float6
     return Sequence.from_dict({**outer, "frames": shown}, str(path)), files, times, bits
 
 
-def _read_image(path: Path, bits: int, channel: str) -> tuple[Image, bool]:
-    """One image (H, W), values below 2^bits, and whether it is the luminance of colours. InputError if it is
-    missing, damaged or something else."""
-    picture = read_picture(path)
-    image = grey_of(picture, channel)
+def _require_image(path: Path, image: NDArray[Any], bits: int) -> None:
+    """InputError unless it holds values below 2^bits in the type of so many."""
     expected = np.dtype(np.uint8 if bits == 8 else np.uint16)
     if image.dtype != expected:
         raise InputError(f"{path}: {image.dtype} pixels, {bits} bits need {expected}")
     if image.max() > 2**bits - 1:
         raise InputError(f"{path}: value {image.max()}, the limit of {bits} bits is {2**bits - 1}")
-    return image, colours_of(picture) is not None
 
 
 def _read_scene(path: Path, sequence: Sequence, image: Image) -> Scene | None:

@@ -24,7 +24,7 @@ from optolever.notices import Notice
 from optolever.patterns import Sequence, sequence, sequence_names, sequence_parameters
 from optolever.pictures import CHANNELS, PICTURES, STACKS, colours_of, grey_of, is_lossy, read_pictures
 
-__all__ = ["Incoming", "Source", "incoming", "natural_key", "passed_over"]
+__all__ = ["COLOURED", "LOSSY", "Picture", "Source", "incoming", "natural_key", "passed_over", "read_files"]
 
 Item = TypeVar("Item")
 Levels = NDArray[np.uint8] | NDArray[np.uint16]
@@ -59,17 +59,7 @@ LOSSY = Notice(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Incoming:
-    """frames (N, H, W) uint8 or uint16 in the order of showing; files: their names; notices: remarks
-    on the files."""
-
-    frames: Levels
-    files: tuple[str, ...]
-    notices: tuple[Notice, ...]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Picture:
+class Picture:
     """One picture: its file, levels (H, W); if it has colours, red, green, blue (n, 3) of some pixels."""
 
     file: str
@@ -77,8 +67,27 @@ class _Picture:
     colours: NDArray[Any] | None
 
 
-def incoming(source: Source, shown: Sequence, channel: str = "luminance") -> Incoming:
-    """The pictures of a folder, a glob pattern, a file that holds several (TIFF, NPY, video), or a list.
+def read_files(files: Iterable[Path], channel: str) -> list[Picture]:
+    """All pictures of files. InputError as of `read_pictures`."""
+
+    def read(file: Path) -> list[Picture]:
+        stack, found = read_pictures(file), []
+        for i, picture in enumerate(stack):
+            name, colours = file.name if len(stack) == 1 else f"{file.name}[{i}]", colours_of(picture)
+            rows, cols = (max(1, size // _SAMPLED) for size in picture.shape[:2])
+            some = None if colours is None else colours[::rows, ::cols].reshape(-1, 3)
+            found.append(Picture(name, grey_of(picture, channel), some))
+        return found
+
+    with ThreadPoolExecutor(threads()) as pool:
+        return [picture for part in pool.map(read, files) for picture in part]
+
+
+def incoming(
+    source: Source, shown: Sequence, channel: str = "luminance"
+) -> tuple[Levels, tuple[Notice, ...]]:
+    """The pictures (N, H, W) of a folder, a glob pattern, a file of several (TIFF, NPY, video), or a list, in
+    the order of showing, and remarks on the files.
 
     source: names are sorted as people count (img_2 before img_10); files that are no pictures are passed over
     with a notice, hidden ones as well. shown: the sequence of the N pictures. channel: one of CHANNELS.
@@ -94,10 +103,7 @@ def incoming(source: Source, shown: Sequence, channel: str = "luminance") -> Inc
         notices += more
         files, more = _from_where_numbers_start(files)
         notices += more
-    with ThreadPoolExecutor(threads()) as pool:
-        parts = list(pool.map(lambda file: _pictures(file, channel), files))
-    pictures = [picture for part in parts for picture in part]
-    pictures, more = _of_one_size(pictures, len(shown))
+    pictures, more = _of_one_size(read_files(files, channel), len(shown))
     notices += more
     pictures, more = _without_copies(pictures, len(shown))
     notices += more
@@ -108,7 +114,7 @@ def incoming(source: Source, shown: Sequence, channel: str = "luminance") -> Inc
     if any(map(is_lossy, files)):
         notices.append(LOSSY)
     levels, more = _as_levels(pictures)
-    return Incoming(levels, tuple(picture.file for picture in pictures), tuple(notices + more))
+    return levels, tuple(notices + more)
 
 
 def natural_key(name: str) -> list[Any]:
@@ -192,10 +198,10 @@ def _named_alike(files: list[Path], count: int) -> tuple[list[Path], list[Notice
     return _only(files, count, _template, lambda path: path.name, "not named as the other pictures")
 
 
-def _of_one_size(pictures: list[_Picture], count: int) -> tuple[list[_Picture], list[Notice]]:
+def _of_one_size(pictures: list[Picture], count: int) -> tuple[list[Picture], list[Notice]]:
     """Pictures of one size and type. InputError names one that differs from most."""
 
-    def kind(picture: _Picture) -> tuple[Any, ...]:
+    def kind(picture: Picture) -> tuple[Any, ...]:
         return *picture.levels.shape, picture.levels.dtype.name
 
     chosen, notices = _only(pictures, count, kind, lambda picture: picture.file, "of another size or type")
@@ -210,7 +216,7 @@ def _of_one_size(pictures: list[_Picture], count: int) -> tuple[list[_Picture], 
     return chosen, notices
 
 
-def _without_copies(pictures: list[_Picture], count: int) -> tuple[list[_Picture], list[Notice]]:
+def _without_copies(pictures: list[Picture], count: int) -> tuple[list[Picture], list[Notice]]:
     """Of too many pictures all that do not repeat the one before to the last bit, if they alone are
     `count`: no camera takes one twice."""
     if len(pictures) <= count:
@@ -297,25 +303,7 @@ def _fitting(found: int, shown: Sequence) -> list[str]:
     return parameters[:2] + displays[:2]
 
 
-def _pictures(file: Path, channel: str) -> list[_Picture]:
-    """All pictures of a file."""
-    stack = read_pictures(file)
-    found = []
-    for i, picture in enumerate(stack):
-        name = file.name if len(stack) == 1 else f"{file.name}[{i}]"
-        colours = colours_of(picture)
-        some = None if colours is None else _few(colours[None])[0].reshape(-1, 3)
-        found.append(_Picture(name, grey_of(picture, channel), some))
-    return found
-
-
-def _few(frames: NDArray[Any]) -> NDArray[Any]:
-    """Some pixels of frames (N, H, W, ...), evenly spread."""
-    rows, cols = (max(1, size // _SAMPLED) for size in frames.shape[1:3])
-    return frames[:, ::rows, ::cols]
-
-
-def _colour_notices(pictures: list[_Picture], channel: str) -> list[Notice]:
+def _colour_notices(pictures: list[Picture], channel: str) -> list[Notice]:
     """How much red, green and blue vary from picture to picture, if they differ. InputError if the channel
     that is asked for carries nothing."""
     coloured = [picture.colours for picture in pictures if picture.colours is not None]
@@ -340,7 +328,7 @@ def _colour_notices(pictures: list[_Picture], channel: str) -> list[Notice]:
     return [_said(f"{COLOURED.name} (contrast in levels: {told})", cure)]
 
 
-def _as_levels(pictures: list[_Picture]) -> tuple[Levels, list[Notice]]:
+def _as_levels(pictures: list[Picture]) -> tuple[Levels, list[Notice]]:
     """Pictures as uint8 or uint16 (N, H, W)."""
     stack = np.stack([picture.levels for picture in pictures])
     if stack.dtype in (np.uint8, np.uint16):

@@ -1,17 +1,27 @@
-"""GLFW in this process: the window and the monitors. Only `display_process` calls it (its GLX and the virtual
-sensor's EGL end a process that has both).
+"""The process that owns GLFW, its window and the monitors: JSON lines, commands on stdin, answers on stdout.
+
+    {"do": "monitors"} | {"do": "open", "sequence": ..., "monitor": ...}
+    {"do": "show", "index": ...} | {"do": "wait", "until": ...} | {"do": "run"}
+
+It ends when stdin does. Run by `display`, as `python -m optolever.projector.window`: GLX of a window and EGL
+of the virtual sensor end a process that has both.
 """
 
 import ctypes
 import importlib
+import json
 import os
+import queue
+import signal
+import sys
+import threading
 import time
-from functools import lru_cache
+from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Any
 
 import moderngl
 import numpy as np
-from numpy.typing import NDArray
 
 from optolever.errors import InputError
 from optolever.patterns import Sequence
@@ -21,32 +31,16 @@ from .devices import Shown
 from .monitors import Monitor
 from .renderer import FramePainter
 
-__all__ = ["Window", "connected_monitors"]
+__all__ = ["Window", "connected_monitors", "main"]
 
-_WAIT_S = 0.1  # between looks at whether the window was closed
+_POLL_S = 0.05  # between answers to the window system
 _OPENING_S = 3.0  # until a full-screen window has the monitor's size
 _DITHER = 0x0BD0  # GL_DITHER
 
-
-@lru_cache(maxsize=1)
-def _library() -> Any:
-    """GLFW's binding, imported for who has a window: it starts a Python for every libglfw that it finds.
-
-    X11's library: that for Wayland crashes in some compositors, and can choose neither monitor nor pixels.
-    """
-    os.environ["PYGLFW_LIBRARY_VARIANT"] = "x11"
-    with safe_path():
-        return importlib.import_module("glfw")
-
-
-class _Glfw:
-    """The module glfw, from its first use on."""
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(_library(), name)
-
-
-glfw: Any = _Glfw()
+# X11's library: that for Wayland crashes in some compositors, and can choose neither monitor nor pixels.
+os.environ["PYGLFW_LIBRARY_VARIANT"] = "x11"
+with safe_path():
+    glfw: Any = importlib.import_module("glfw")
 
 
 def connected_monitors() -> list[Monitor]:
@@ -87,22 +81,24 @@ def _bend(handle: Any) -> float:
 class Window:
     """Shows frames of `sequence`, row 0 on top, column 0 on the left, one pattern pixel per screen pixel.
 
-    monitor: index into `monitors()` for full screen, None for a plain window of the pattern's size.
-    vsync: `show` returns once the previous frame is off the screen, so that it can pace a camera.
+    monitor: index into `monitors()` for full screen, None for a plain window of the pattern's size. `show`
+    returns once the frame before is off the screen, so that it can pace a camera.
     Use it in the main thread of a process that ends with it: nothing closes it.
+    gone: the monitor was unplugged or switched off; index: the frame on show, -1 before the first.
     """
 
-    def __init__(self, sequence: Sequence, *, monitor: int | None = None, vsync: bool = True) -> None:
+    def __init__(self, sequence: Sequence, monitor: int | None = None) -> None:
         self._sequence = sequence
         self._window, self._handle = _open(sequence, monitor)
-        self._gone = False
-        self._refresh_s = _refresh(self._handle)
-        glfw.set_monitor_callback(self._on_monitor)
-        self._index = -1
+        chosen = self._handle or glfw.get_primary_monitor()
+        rate = glfw.get_video_mode(chosen).refresh_rate if chosen else 0
+        self.refresh_s = 1 / rate if rate > 0 else None
+        self.gone, self.index = False, -1
         self._steps = 0  # asked for by keys
+        glfw.set_monitor_callback(self._on_monitor)
         try:
             glfw.make_context_current(self._window)
-            glfw.swap_interval(1 if vsync else 0)
+            glfw.swap_interval(1)
             glfw.set_key_callback(self._window, self._on_key)
             self._ctx = moderngl.create_context(require=330)
             self._ctx.disable_direct(_DITHER)
@@ -112,102 +108,44 @@ class Window:
             raise
 
     @property
-    def index(self) -> int:
-        """The frame on show; -1 before the first."""
-        return self._index
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """(rows, cols) of the window's framebuffer in screen pixels."""
-        width, height = glfw.get_framebuffer_size(self._window)
-        return height, width
-
-    @property
     def closed(self) -> bool:
         """True once the user asked to close the window (its button, or the Escape key)."""
         return bool(glfw.window_should_close(self._window))
 
-    @property
-    def gone(self) -> bool:
-        """True once the monitor was unplugged or switched off."""
-        return self._gone
-
-    @property
-    def refresh_s(self) -> float | None:
-        """Period of the monitor, None where the window system does not know it."""
-        return self._refresh_s
-
     def show(self, index: int) -> Shown:
         """Put frame `index` on the screen; when that was. InputError once the monitor is gone."""
         asked = time.monotonic()
-        if not 0 <= index < len(self._sequence):
-            raise IndexError(f"frame {index} of a sequence of {len(self._sequence)}")
         glfw.make_context_current(self._window)
-        target = self._ctx.screen
-        self._painter.draw(index, target, top=self.shape[0])
+        self._painter.draw(index, self._ctx.screen, top=glfw.get_framebuffer_size(self._window)[1])
         glfw.swap_buffers(self._window)
         self._ctx.finish()
         swapped = time.monotonic()
-        self.poll()
-        if self._gone:
-            raise InputError(f"display: the monitor went away before frame {index} was shown")
-        self._index = index
-        return Shown(index, swapped, self._refresh_s is not None and swapped - asked > 1.5 * self._refresh_s)
-
-    def poll(self) -> None:
-        """Answer the window system."""
         glfw.poll_events()
+        if self.gone:
+            raise InputError(f"display: the monitor went away before frame {index} was shown")
+        self.index = index
+        return Shown(index, swapped, self.refresh_s is not None and swapped - asked > 1.5 * self.refresh_s)
 
-    def step(self, by: int = 1) -> int:
-        """Show the frame `by` further on, the first after the last; returns its index."""
-        self.show((self._index + by) % len(self._sequence))
-        return self._index
+    def wait(self, until: float) -> None:
+        """Leave the frame on until a time, the end of the window or of the monitor."""
+        while not self.closed and not self.gone and (left := until - time.monotonic()) > 0:
+            glfw.wait_events_timeout(min(left, _POLL_S))
 
     def run(self) -> None:
         """Show frames until the window is closed: right and left arrow step, Escape closes."""
-        if self._index < 0:
-            self.show(0)
-        while not self.closed and not self._gone:
+        self._steps += self.index < 0
+        while not self.closed and not self.gone:
             if self._steps:
                 steps, self._steps = self._steps, 0
-                self.step(steps)
-            glfw.wait_events_timeout(_WAIT_S)
-
-    def play(self, seconds: float) -> list[Shown]:
-        """Show every frame once for so long, from the first; returns the frames that stayed on for all of it.
-
-        Ends early if the window is closed or the monitor goes away.
-        """
-        shown: list[Shown] = []
-        for index in range(len(self._sequence)):
-            try:
-                one = self.show(index)
-            except InputError:
-                break
-            while not self.closed and not self._gone:
-                left = one.swapped_s + seconds - time.monotonic()
-                if left <= 0:
-                    break
-                glfw.wait_events_timeout(min(left, _WAIT_S))
-            if self._gone:
-                break
-            shown.append(one)
-            if self.closed:
-                break
-        return shown
-
-    def read(self) -> NDArray[np.uint8]:
-        """The window's content, (rows, cols) uint8, row 0 on top: drawn once more and read back."""
-        height, width = self.shape
-        self._painter.draw(self._index, self._ctx.screen, top=height)
-        raw = self._ctx.screen.read(viewport=(0, 0, width, height), components=3, alignment=1)
-        pixels = np.frombuffer(raw, np.uint8).reshape(height, width, 3)
-        return np.ascontiguousarray(pixels[::-1, :, 0])
+                self.show((self.index + steps) % len(self._sequence))
+            glfw.wait_events_timeout(_POLL_S)
 
     def _on_monitor(self, handle: Any, event: int) -> None:
         """Note that the monitor of the window was disconnected."""
-        if event == glfw.DISCONNECTED and self._handle is not None and _same(handle, self._handle):
-            self._gone = True
+        pointers = [
+            ctypes.cast(one, ctypes.c_void_p).value for one in (handle, self._handle) if one is not None
+        ]
+        self.gone |= event == glfw.DISCONNECTED and len(pointers) == 2 and pointers[0] == pointers[1]
 
     def _on_key(self, window: Any, key: int, scancode: int, action: int, mods: int) -> None:
         """Note the key's command; GLFW forbids to draw and poll from here."""
@@ -220,7 +158,7 @@ class Window:
 
 
 def _initialise() -> None:
-    _library().ERROR_REPORTING = "exception"
+    glfw.ERROR_REPORTING = "exception"
     try:
         if not glfw.init():
             raise InputError("display: GLFW cannot start (is DISPLAY set?)")
@@ -228,17 +166,6 @@ def _initialise() -> None:
         raise InputError(
             f"display: GLFW cannot start ({error}); set DISPLAY, or use the offscreen renderer"
         ) from error
-
-
-def _same(one: Any, other: Any) -> bool:
-    return bool(ctypes.cast(one, ctypes.c_void_p).value == ctypes.cast(other, ctypes.c_void_p).value)
-
-
-def _refresh(handle: Any) -> float | None:
-    """Period of a monitor, of the primary one for a plain window; None where it is unknown."""
-    chosen = handle or glfw.get_primary_monitor()
-    rate = glfw.get_video_mode(chosen).refresh_rate if chosen else 0
-    return 1 / rate if rate > 0 else None
 
 
 def _open(sequence: Sequence, monitor: int | None) -> tuple[Any, Any]:
@@ -301,5 +228,69 @@ def _open_full_screen(sequence: Sequence, monitor: int) -> tuple[Any, Any]:
             width, height = glfw.get_framebuffer_size(window)
             glfw.destroy_window(window)
             raise InputError(f"monitor: {monitor} has {rows}x{cols} pixels, the window got {height}x{width}")
-        glfw.wait_events_timeout(_WAIT_S / 10)
+        glfw.wait_events_timeout(_POLL_S / 5)
     return window, handle
+
+
+class _Server:
+    """Answers commands; holds the window."""
+
+    def __init__(self) -> None:
+        self.window: Window | None = None
+
+    def reply(self, line: str) -> dict[str, Any]:
+        """The answer, or the error, and how the window is."""
+        try:
+            answer = self._answer(json.loads(line))
+        except InputError as error:
+            answer = {"error": str(error)}
+        window = self.window
+        state = (
+            {} if window is None else {name: getattr(window, name) for name in ("index", "closed", "gone")}
+        )
+        return state | answer
+
+    def _answer(self, command: Mapping[str, Any]) -> dict[str, Any]:
+        if command["do"] == "monitors":
+            return {"monitors": [asdict(one) for one in connected_monitors()]}
+        if command["do"] == "open":
+            self.window = Window(Sequence.from_dict(command["sequence"]), command["monitor"])
+            return {"refresh_s": self.window.refresh_s}
+        assert self.window is not None
+        match command["do"]:
+            case "show":
+                return asdict(self.window.show(command["index"]))
+            case "wait":
+                self.window.wait(command["until"])
+            case "run":
+                self.window.run()
+        return {}
+
+
+def main() -> None:
+    """Serve until stdin ends. Nothing but answers is written to stdout, whatever a driver prints."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the caller's, who ends this process
+    answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)
+    commands: queue.Queue[str] = queue.Queue()
+    threading.Thread(target=_read, args=(commands,), daemon=True).start()
+    server = _Server()
+    while True:
+        try:
+            line = commands.get(timeout=_POLL_S)
+        except queue.Empty:
+            if server.window is not None:
+                glfw.poll_events()
+            continue
+        answers.write(json.dumps(server.reply(line)) + "\n")
+        answers.flush()
+
+
+def _read(commands: "queue.Queue[str]") -> None:
+    for line in sys.stdin:
+        commands.put(line)
+    os._exit(0)  # whatever the main thread does: nobody listens any more
+
+
+if __name__ == "__main__":
+    main()

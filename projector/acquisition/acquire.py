@@ -14,7 +14,7 @@ import numpy as np
 
 from optolever.errors import InputError
 
-from ..devices import Camera, Display, Image, Shown, Time
+from ..devices import Camera, CameraLost, Display, Image, Shown, Time
 from .arrivals import Arrivals, OnImage
 from .clocks import ClockMap, Stamp
 from .timing import SAFE_WAIT_S, Timing
@@ -79,10 +79,11 @@ def acquire(
                 yield Taken(index, image, shown.swapped_s, stamp.time_s, repeats, refused)
                 break
         else:
-            raise InputError(
-                f"camera: no image of frame {index}, shown {_REPEATS + 1} times (refused: {refused['early']} "
-                f"too old, {refused['incomplete']} incomplete); is the camera running, is its rate right?"
-            )
+            missing = f"camera: no image of frame {index}, shown {_REPEATS + 1} times"
+            if not any(refused.values()):
+                raise CameraLost(f"{missing}: unplugged, or without power")
+            counts = f"{refused['early']} too old, {refused['incomplete']} incomplete"
+            raise InputError(f"{missing} (refused: {counts}); is the camera running, is its rate right?")
 
 
 @dataclass(slots=True)

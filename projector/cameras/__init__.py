@@ -5,6 +5,7 @@
 | `addresses.py` | `find_cameras`, `open_camera`: names become cameras, never numbers |
 | `v4l2.py`, `ioctl.py` | Linux cameras by ioctl and mmap; its structures |
 | `aravis.py`, `aravis_library.py` | GigE Vision and USB3 Vision by Aravis 0.8 (ctypes); its prototypes |
+| `webcam.py`, `pixels.py` | what webcams have in common; packed pixels |
 | `pylon.py` | Basler's cameras by pypylon |
 | `opencv.py` | whatever cv2.VideoCapture opens by a path or URL |
 | `still.py` | the images of a capture as a camera, with the display that it looks at |

@@ -2,6 +2,7 @@
 
 import ctypes as C
 import time
+from contextlib import suppress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,8 +11,9 @@ from optolever.errors import InputError
 
 from ..devices import Accepted, CameraLost, Identity, Image, Wanted, no_pixels
 from .aravis_library import LOST, GlibError, aravis
+from .pixels import unpacked
 
-__all__ = ["AUTOMATIC", "AravisCamera", "find", "open_named"]
+__all__ = ["AUTOMATIC", "FORMATS", "AravisCamera", "find", "open_named"]
 
 _STATUS = (
     "success", "cleared", "timeout", "missing packets", "wrong packet id", "size mismatch", "filling",
@@ -19,7 +21,12 @@ _STATUS = (
 )  # fmt: skip
 _BUFFERS = 8
 _IDS = 65535  # of GVSP: 16 bits, 0 is skipped
-_FORMATS = {8: ("Mono8",), 10: ("Mono10",), 12: ("Mono12",), 16: ("Mono16",)}
+#: Formats by bits, best first; of a colour camera the raw mosaic.
+FORMATS = {
+    8: ("Mono8", "BayerRG8", "BayerGB8", "BayerGR8", "BayerBG8"),
+    **{bits: tuple(f"Mono{bits}{packing}" for packing in ("", "p", "Packed")) for bits in (10, 12)},
+    16: ("Mono16",),
+}
 #: GenICam's features to switch off, in words.
 AUTOMATIC = (("ExposureAuto", "exposure"), ("GainAuto", "gain"), ("BalanceWhiteAuto", "white balance"))
 
@@ -51,7 +58,7 @@ class AravisCamera:
         self._library, self._name, self.lost = aravis(), name, 0
         self._stream: int | None = None
         self._last: int | None = None
-        self._gone = False
+        self._gone, self._format = False, ""
         try:
             self._camera: int | None = self._library.call("camera_new", name.encode())
         except GlibError as error:
@@ -88,8 +95,8 @@ class AravisCamera:
 
     def _configure(self, wanted: Wanted) -> Accepted:
         call, camera = self._library.call, self._camera
-        if wanted.bits not in _FORMATS:
-            raise InputError(f"camera: bits {wanted.bits}, must be one of {', '.join(map(str, _FORMATS))}")
+        if wanted.bits not in FORMATS:
+            raise InputError(f"camera: bits {wanted.bits}, must be one of {', '.join(map(str, FORMATS))}")
         unlocked = []
         for feature, what in AUTOMATIC:
             if call("camera_is_feature_available", camera, feature.encode()):
@@ -97,7 +104,12 @@ class AravisCamera:
                     call("camera_set_string", camera, feature.encode(), b"Off")
                 except GlibError as error:
                     unlocked.append(f"{what}: automatic ({error})")
-        call("camera_set_pixel_format_from_string", camera, _FORMATS[wanted.bits][0].encode())
+        for self._format in FORMATS[wanted.bits]:
+            with suppress(GlibError):
+                call("camera_set_pixel_format_from_string", camera, self._format.encode())
+                break
+        else:
+            raise InputError(f"camera: {self._name} has no format of {wanted.bits} bits without colours")
         width, height = C.c_int(), C.c_int()
         call("camera_get_sensor_size", camera, C.byref(width), C.byref(height))
         rows, cols = wanted.rows or height.value, wanted.cols or width.value
@@ -179,6 +191,9 @@ class AravisCamera:
         shape = call("buffer_get_image_height", buffer), call("buffer_get_image_width", buffer)
         size = C.c_size_t()
         data = call("buffer_get_data", buffer, C.byref(size))
+        if self._format.endswith(("p", "Packed")):
+            raw = np.ctypeslib.as_array(C.cast(data, C.POINTER(C.c_uint8)), (size.value,))
+            return unpacked(raw, shape, self._format)
         wide = size.value >= 2 * shape[0] * shape[1]
         pixels = np.empty(shape, np.uint16 if wide else np.uint8)
         C.memmove(pixels.ctypes.data, data, min(pixels.nbytes, size.value))

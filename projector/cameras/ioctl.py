@@ -30,11 +30,13 @@ S_PARM = _number(_READ | _WRITE, 22, 204)
 G_CTRL = _number(_READ | _WRITE, 27, 8)
 S_CTRL = _number(_READ | _WRITE, 28, 8)
 QUERYCTRL = _number(_READ | _WRITE, 36, 68)
+ENUM_FRAMESIZES = _number(_READ | _WRITE, 74, 44)
 
 _CAPTURE, _MMAP = 1, 1
 _VIDEO_CAPTURE = 1  # of device_caps: the metadata node of a camera lacks it
 BROKEN, MONOTONIC = 0x40, 0x2000  # flags of a buffer
 _DISABLED = 1
+_DISCRETE = 1  # sizes one by one
 
 
 class VideoDevice(Protocol):
@@ -88,11 +90,11 @@ class Format:
 
 @dataclass(frozen=True, slots=True)
 class Control:
-    """A control's limits, in the driver's units."""
+    """A control's limits and default, in the driver's units."""
 
-    name: str
     low: int
     high: int
+    default: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,6 +129,22 @@ def formats(device: VideoDevice) -> list[bytes]:
         found.append(bytes(data[44:48]))
 
 
+def sizes(device: VideoDevice, fourcc: bytes) -> list[tuple[int, int]]:
+    """(rows, cols) of a format, the largest first; none where the driver lists none."""
+    found: list[tuple[int, int]] = []
+    while True:
+        data = bytearray(44)
+        struct.pack_into("<I4s", data, 0, len(found), fourcc)
+        try:
+            device.ioctl(ENUM_FRAMESIZES, data)
+        except OSError:
+            return sorted(found, key=lambda size: -size[0] * size[1])
+        kind, cols, rows = struct.unpack_from("<III", data, 8)
+        if kind != _DISCRETE:
+            return []
+        found.append((rows, cols))
+
+
 def set_format(device: VideoDevice, rows: int, cols: int, fourcc: bytes) -> Format:
     """The format nearest to that one that the driver has."""
     data = bytearray(208)
@@ -155,15 +173,18 @@ def control(device: VideoDevice, number: int) -> Control | None:
         device.ioctl(QUERYCTRL, data)
     except OSError:
         return None
-    low, high, _, _, flags = struct.unpack_from("<iiiiI", data, 40)
-    if flags & _DISABLED:
-        return None
-    return Control(data[8:40].split(b"\0")[0].decode(errors="replace"), low, high)
+    low, high, _, default, flags = struct.unpack_from("<iiiiI", data, 40)
+    return None if flags & _DISABLED else Control(low, high, default)
 
 
 def set_control(device: VideoDevice, number: int, value: int) -> int:
     """Set, and return the value read back; OSError."""
     device.ioctl(S_CTRL, bytearray(struct.pack("<Ii", number, value)))
+    return get_control(device, number)
+
+
+def get_control(device: VideoDevice, number: int) -> int:
+    """Its value; OSError."""
     data = bytearray(struct.pack("<Ii", number, 0))
     device.ioctl(G_CTRL, data)
     read: int = struct.unpack("<Ii", data)[1]

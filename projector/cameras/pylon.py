@@ -7,11 +7,13 @@ from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from optolever.errors import InputError
 
 from ..devices import Accepted, CameraLost, Identity, Image, Wanted, no_pixels
-from .aravis import AUTOMATIC
+from .aravis import AUTOMATIC, FORMATS
+from .pixels import unpacked
 
 __all__ = ["PylonCamera", "find", "open_named"]
 
@@ -48,7 +50,7 @@ class PylonCamera:
 
     def __init__(self, serial: str) -> None:
         self._pylon, self._genicam = _pypylon()
-        self._serial, self.lost = serial, 0
+        self._serial, self.lost, self._format = serial, 0, ""
         self._last: int | None = None
         wanted, factory = self._pylon.DeviceInfo(), self._pylon.TlFactory.GetInstance()
         wanted.SetSerialNumber(serial)
@@ -73,7 +75,10 @@ class PylonCamera:
             unlocked = [
                 f"{what}: automatic" for name, what in AUTOMATIC if self._set((name,), "Off") is False
             ]
-            self._camera.PixelFormat.Value = f"Mono{wanted.bits}"
+            offered = self._camera.PixelFormat.Symbolics
+            names = FORMATS.get(wanted.bits, ())
+            self._format = next((one for one in names if one in offered), f"Mono{wanted.bits}")
+            self._camera.PixelFormat.Value = self._format
             for size, offset, pixels, first in (
                 (self._camera.Width, ("OffsetX",), wanted.cols, wanted.col),
                 (self._camera.Height, ("OffsetY",), wanted.rows, wanted.row),
@@ -142,10 +147,17 @@ class PylonCamera:
         complete, number = bool(found.GrabSucceeded()), int(found.BlockID)
         self.lost += 0 if self._last is None else max(number - self._last - 1, 0)
         self._last = number
-        pixels, why = (np.array(found.Array), "") if complete else (no_pixels(), found.ErrorDescription)
+        pixels, why = (self._pixels(found), "") if complete else (no_pixels(), found.ErrorDescription)
         device = found.TimeStamp * self._tick_s or None
         found.Release()
         return Image(pixels, number, device, arrived, complete, why)
+
+    def _pixels(self, found: Any) -> NDArray[Any]:
+        """A copy: the buffer goes back."""
+        if not self._format.endswith(("p", "Packed")):
+            return np.array(found.Array)
+        raw = np.frombuffer(found.GetBuffer(), np.uint8)
+        return unpacked(raw, (found.Height, found.Width), self._format)
 
     def stop(self) -> None:
         """Take no more images."""

@@ -3,6 +3,7 @@
 import errno
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,18 +14,38 @@ from optolever.errors import InputError
 from ..devices import Accepted, CameraLost, Identity, Image, Wanted, no_pixels
 from . import ioctl
 from .ioctl import OpenDevice, VideoDevice
+from .pixels import from_jpeg
+from .webcam import locked, require_free
 
 __all__ = ["V4L2Camera", "find", "open_named"]
 
-_AUTO_EXPOSURE, _EXPOSURE, _EXPOSURE_PRIORITY = 0x9A0901, 0x9A0902, 0x9A0903
-_GAIN, _AUTO_GAIN, _AUTO_WHITE = 0x980913, 0x980912, 0x98090C
-_MANUAL = 1  # of V4L2_CID_EXPOSURE_AUTO
+_EXPOSURE, _GAIN, _FOCUS, _GAMMA = 0x9A0902, 0x980913, 0x9A090A, 0x980910
+_LINEAR = 100  # of V4L2_CID_GAMMA
+#: Controls that move or distort: number, name, value; None: the least.
+_LOCKS = (
+    (0x9A0901, "exposure", 1),  # V4L2_EXPOSURE_MANUAL
+    (0x9A0903, "frame rate", 0),
+    (0x980912, "gain", 0),
+    (0x98090C, "white balance", 0),
+    (0x9A090C, "focus", 0),
+    (0x98091B, "sharpness", None),
+    (0x98091C, "backlight compensation", None),
+    (0x980918, "power line filter", 0),
+    (0x9A0915, "wide dynamic range", 0),
+)
 _UNIT_S = 1e-4  # of V4L2_CID_EXPOSURE_ABSOLUTE
 _BUFFERS = 6
-#: Formats whose grey values are read, best first, by bits: (fourcc, bytes a pixel, place of the grey byte).
-_GREY = {
-    8: ((b"GREY", 1, 0), (b"YUYV", 2, 0), (b"UYVY", 2, 1)),
-    16: ((b"Y16 ", 2, 0), (b"Y12 ", 2, 0), (b"Y10 ", 2, 0)),
+_SLOW_FPS = 10.0  # below, the next smaller size is taken
+_JPEG = b"MJPG"
+#: Formats whose grey values (or mosaic) are read, best first, by bits: fourcc -> (bytes a pixel, grey byte).
+_GREY: dict[int, dict[bytes, tuple[int, int]]] = {
+    8: {
+        **dict.fromkeys((b"GREY", b"NV12"), (1, 0)),
+        b"YUYV": (2, 0),
+        b"UYVY": (2, 1),
+        **dict.fromkeys((b"BA81", b"GBRG", b"GRBG", b"RGGB", _JPEG), (1, 0)),
+    },
+    16: dict.fromkeys((b"Y16 ", b"Y12 ", b"Y10 "), (2, 0)),
 }
 _BITS = {b"Y16 ": 16, b"Y12 ": 12, b"Y10 ": 10}
 _BY_ID = Path("/dev/v4l/by-id")
@@ -32,7 +53,8 @@ _REASONS = {
     errno.EBUSY: "busy: another program has it",
     errno.EACCES: "no permission: add the user to the group video",
     errno.ENOENT: "no such path; optolever camera devices lists cameras",
-    errno.ENODEV: "unplugged",
+    errno.ENODEV: "gone: unplugged, or without power",
+    errno.EIO: "input/output error",
 }
 
 
@@ -83,7 +105,7 @@ class V4L2Camera:
             raise
         self._maps: list[memoryview] = []
         self._running, self._last = False, -1
-        self._layout, self._format = _GREY[8][0], ioctl.Format(0, 0, b"", 0)
+        self._format, self._wanted = ioctl.Format(0, 0, b"", 0), Wanted(0.0)
 
     @property
     def identity(self) -> Identity:
@@ -91,59 +113,78 @@ class V4L2Camera:
         return Identity("v4l2", self._card, _serial(Path(self._name)), f"v4l2:{self._name}")
 
     def configure(self, wanted: Wanted) -> Accepted:
-        """InputError where no grey format fits, or a trigger is asked for."""
-        if wanted.trigger != "free":
-            raise InputError(f"camera: trigger {wanted.trigger!r}, of V4L2 it must be free")
-        offered = ioctl.formats(self._device)
-        fitting = [one for one in _GREY[8 if wanted.bits == 8 else 16] if one[0] in offered]
-        if not fitting:
+        """InputError where no format fits, or a trigger is asked for."""
+        require_free(wanted)
+        offered, known = ioctl.formats(self._device), _GREY[8 if wanted.bits == 8 else 16]
+        fourcc = next((one for one in known if one in offered), None)
+        if fourcc is None:
             names = " ".join(one.decode("latin1").strip() for one in offered)
             raise InputError(f"camera: {self._name} has no grey format of {wanted.bits} bits, it has {names}")
-        self._layout = fitting[0]
-        rows, cols = wanted.rows or 1 << 14, wanted.cols or 1 << 14  # the driver takes its largest
         try:
-            self._format = ioctl.set_format(self._device, rows, cols, self._layout[0])
+            fps = self._choose_size(wanted, fourcc)
         except OSError as error:
             raise InputError(f"camera: {self._name}: {_reason(error)}") from error
-        if self._format.fourcc != self._layout[0]:
-            raise InputError(f"camera: {self._name} answers {self._format.fourcc!r} to {self._layout[0]!r}")
-        unlocked: list[str] = []
-        self._lock(_AUTO_EXPOSURE, _MANUAL, "exposure", unlocked)
-        self._lock(_EXPOSURE_PRIORITY, 0, "frame rate", unlocked)
-        self._lock(_AUTO_GAIN, 0, "gain", unlocked)
-        self._lock(_AUTO_WHITE, 0, "white balance", unlocked)
-        units = self._set(_EXPOSURE, round(wanted.exposure_s / _UNIT_S))
-        if units is None:
-            unlocked.append("exposure: the driver has no control")
-        gain = None if wanted.gain is None else self._set(_GAIN, round(wanted.gain))
-        try:
-            fps = ioctl.set_rate(self._device, wanted.fps or 1000.0)
-        except OSError:
-            fps = None
+        if self._format.fourcc != fourcc:
+            raise InputError(f"camera: {self._name} answers {self._format.fourcc!r} to {fourcc!r}")
+        self._wanted = replace(wanted, focus=self._get(_FOCUS) if wanted.focus is None else wanted.focus)
+        moves = any(ioctl.control(self._device, number) is not None for number, _, _ in _LOCKS)
+        unlocked = locked(self, self._lock) if moves else tuple(self._lock())
+        units = self._get(_EXPOSURE)
         return Accepted(
             exposure_s=wanted.exposure_s if units is None else units * _UNIT_S,
             rows=self._format.rows,
             cols=self._format.cols,
-            bits=_BITS.get(self._layout[0], 8),
-            gain=gain,
+            bits=_BITS.get(fourcc, 8),
+            gain=None if wanted.gain is None else self._get(_GAIN),
             fps=fps,
-            unlocked=tuple(unlocked),
+            unlocked=unlocked,
+            focus=self._get(_FOCUS),
         )
 
-    def _set(self, number: int, value: int) -> int | None:
-        """The control as it reads back; None where there is none, or it refuses."""
-        limits = ioctl.control(self._device, number)
-        if limits is None:
-            return None
-        try:
-            return ioctl.set_control(self._device, number, min(max(value, limits.low), limits.high))
-        except OSError:
-            return None
+    def _choose_size(self, wanted: Wanted, fourcc: bytes) -> float | None:
+        """Set the size that is asked for, else the largest that is not slow; its rate."""
+        largest = 1 << 14  # the driver takes its own
+        sizes = ioctl.sizes(self._device, fourcc) or [(largest, largest)]
+        if wanted.rows or wanted.cols:
+            sizes = [(wanted.rows or largest, wanted.cols or largest)]
+        for size in (*sizes, sizes[0]):
+            self._format = ioctl.set_format(self._device, *size, fourcc)
+            try:
+                fps = ioctl.set_rate(self._device, wanted.fps or 1000.0)
+            except OSError:
+                fps = None
+            if fps is None or fps >= min(_SLOW_FPS, wanted.fps or _SLOW_FPS):
+                break
+        return fps
 
-    def _lock(self, number: int, value: int, what: str, unlocked: list[str]) -> None:
-        """Switch an automatic control off; one that stays on is listed as unlocked."""
-        if ioctl.control(self._device, number) is not None and self._set(number, value) != value:
-            unlocked.append(f"{what}: automatic, the driver does not switch it off")
+    def _get(self, number: int) -> int | None:
+        """A control's value; None where there is none."""
+        if ioctl.control(self._device, number) is None:
+            return None
+        return ioctl.get_control(self._device, number)
+
+    def _lock(self) -> list[str]:
+        wanted, unlocked = self._wanted, []
+        values = [*_LOCKS, (_EXPOSURE, "exposure", round(wanted.exposure_s / _UNIT_S))]
+        values += [] if wanted.gain is None else [(_GAIN, "gain", round(wanted.gain))]
+        values += [] if wanted.focus is None else [(_FOCUS, "focus", wanted.focus)]
+        values += [(_GAMMA, "gamma", _LINEAR)]
+        for number, what, value in values:
+            limits = ioctl.control(self._device, number)
+            if limits is None:
+                unlocked += [f"{what}: the driver has no control"] if number == _EXPOSURE else []
+                continue
+            asked = min(max(limits.low if value is None else value, limits.low), limits.high)
+            if number == _GAMMA and asked != value:
+                asked = limits.default
+            try:
+                held = ioctl.set_control(self._device, number, asked)
+            except OSError:
+                held = None
+            rounded = held is not None and number in (_EXPOSURE, _GAIN)
+            if held != asked and not rounded and not any(one.startswith(what) for one in unlocked):
+                unlocked.append(f"{what}: the driver does not hold {asked}")
+        return unlocked
 
     def start(self) -> None:
         """InputError where another program has the camera."""
@@ -153,13 +194,14 @@ class V4L2Camera:
             for index in range(count):
                 ioctl.enqueue(self._device, index)
             ioctl.stream(self._device, True)
+            self._lock()
         except OSError as error:
             raise InputError(f"camera: {self._name}: {_reason(error)}") from error
         self._running, self._last = True, -1
 
     def trigger(self) -> float:
-        """InputError: V4L2 has none."""
-        raise InputError("camera: V4L2 has no software trigger, trigger must be free")
+        """InputError: webcams have none."""
+        raise InputError("camera: a webcam has no software trigger, trigger must be free")
 
     def next(self, timeout_s: float) -> Image | None:
         """The oldest image that waits; CameraLost where it was unplugged."""
@@ -168,30 +210,33 @@ class V4L2Camera:
                 return None
             one = ioctl.dequeue(self._device)
             arrived = time.monotonic()
-            broken = bool(one.flags & ioctl.BROKEN) or one.used < self._format.stride * self._format.rows
-            pixels = no_pixels() if broken else self._pixels(self._maps[one.index])
+            pixels = None if one.flags & ioctl.BROKEN else self._pixels(self._maps[one.index], one.used)
             ioctl.enqueue(self._device, one.index)
         except OSError as error:
             if error.errno == errno.EAGAIN:
                 return None
-            raise CameraLost(f"camera: {self._name}: {_reason(error)}") from error
-        if self._last >= 0:
-            self.lost += (
-                max((one.sequence - self._last - 1) % (1 << 32), 0) if one.sequence > self._last else 0
-            )
+            if error.errno == errno.EIO:  # of a signal that was disturbed
+                return Image(no_pixels(), None, None, time.monotonic(), False, _reason(error))
+            raise CameraLost(f"camera: {self._name} is {_reason(error)}") from error
+        self.lost += max(one.sequence - self._last - 1, 0) if self._last >= 0 else 0
         self._last = one.sequence
         stamp = one.stamp_s if one.flags & ioctl.MONOTONIC else None
-        why = (
-            f"{one.used} bytes, the driver's error flag is {bool(one.flags & ioctl.BROKEN)}" if broken else ""
-        )
-        return Image(pixels, one.sequence, stamp, arrived, not broken, why)
+        if pixels is not None:
+            return Image(pixels, one.sequence, stamp, arrived)
+        why = f"{one.used} bytes, the driver's error flag is {bool(one.flags & ioctl.BROKEN)}"
+        return Image(no_pixels(), one.sequence, stamp, arrived, False, why)
 
-    def _pixels(self, memory: memoryview) -> NDArray[np.uint8] | NDArray[np.uint16]:
-        """Grey values, copied: the buffer goes back."""
-        one, (fourcc, width, place) = self._format, self._layout
+    def _pixels(self, memory: memoryview, used: int) -> NDArray[np.uint8] | NDArray[np.uint16] | None:
+        """Grey values, copied: the buffer goes back. None where some are missing."""
+        one, fourcc = self._format, self._format.fourcc
+        if fourcc == _JPEG:
+            return from_jpeg(np.frombuffer(memory, np.uint8, used), (one.rows, one.cols))
+        if used < one.stride * one.rows:
+            return None
         rows = np.frombuffer(memory, np.uint8, one.stride * one.rows).reshape(one.rows, one.stride)
         if fourcc in _BITS:
             return rows[:, : 2 * one.cols].copy().view("<u2").astype(np.uint16)
+        width, place = _GREY[8][fourcc]
         return rows[:, place : width * one.cols : width].copy()
 
     def stop(self) -> None:

@@ -1,6 +1,9 @@
 """One GL context for the part's tests; errors and forgotten objects fail the test that made them."""
 
 import gc
+import os
+import subprocess
+import sys
 from collections.abc import Iterator
 
 import moderngl
@@ -8,6 +11,20 @@ import pytest
 
 from optolever.projector import ContextInfo, NoContextError, context_info
 from optolever.projector.context import collect, context
+
+RUN = (sys.executable, "-c", "import sys; from optolever.cli import run; sys.exit(run(sys.argv[1:]))")
+
+
+def optolever(display: str, *words: str) -> "subprocess.CompletedProcess[str]":
+    """The program on a display."""
+    return subprocess.run(
+        [*RUN, *words],
+        env={**os.environ, "DISPLAY": display},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
 
 
 @pytest.fixture(scope="session")

@@ -1,4 +1,4 @@
-"""Shows frames in a window and writes what the window and the X server's screen hold; run by test_window.py.
+"""Shows frames in a window and writes what the X server's screen holds; run by test_window.py.
 
 Arguments: folder of the server's frame buffer file, output .npz, 'window' or 'full-screen'; or 'keys'.
 """
@@ -46,22 +46,19 @@ def look() -> None:
 
 
 def main(folder: Path, out: Path, mode: str) -> None:
-    """Show three frames, keep the window's and the screen's pixels of each."""
+    """Show three frames, keep the screen's pixels of each."""
     found = monitors()
     shown = sequence("gray+phase", 48, 80)
-    windows, screens, indices = [], [], []
+    screens = []
     monitor = 0 if mode == "full-screen" else None
     look()
     with PatternWindow(shown, monitor=monitor) as window:
-        for _ in range(3):
-            indices.append(window.step())
-            windows.append(window.read())
+        for index in range(3):
+            window.show(index)
             screens.append(screen(folder))
             look()
     sizes = [(monitor.rows, monitor.cols) for monitor in found]
-    np.savez(
-        out, windows=windows, screens=screens, indices=indices, monitors=sizes, expected=shown.render()[:3]
-    )
+    np.savez(out, screens=screens, monitors=sizes, expected=shown.render()[:3])
 
 
 if __name__ == "__main__":

@@ -30,7 +30,8 @@ from optolever.projector import (
     acquire,
     capture,
 )
-from optolever.projector.cameras import StillCamera, find_cameras, ioctl, open_camera
+from optolever.projector.cameras import StillCamera, find_cameras, ioctl, open_camera, webcam
+from optolever.projector.cameras.pixels import unpacked
 from optolever.projector.cameras.v4l2 import V4L2Camera
 from optolever.scene import dent, load, resize
 
@@ -48,6 +49,8 @@ class RecordedDevice:
     controls: dict[int, tuple[str, int, int, int]] = field(default_factory=dict)  # name, low, high, value
     stuck: tuple[int, ...] = ()
     busy: bool = False
+    fault: int = 0
+    sizes: tuple[tuple[int, int, int], ...] = ()  # rows, cols, images a second
     unplugged: bool = False
     streaming: bool = False
     sequences: tuple[int, ...] = (0, 1, 4)
@@ -73,8 +76,10 @@ class RecordedDevice:
         elif request == ioctl.S_FMT:
             if self.streaming:
                 raise OSError(errno.EBUSY, "Device or resource busy")
-            self.fourcc = bytes(data[16:20])
-            width = 1 if self.fourcc == b"GREY" else 2
+            cols, rows, self.fourcc = *struct.unpack_from("<II", data, 8), bytes(data[16:20])
+            if self.sizes:
+                self.rows, self.cols = rows, cols
+            width = 2 if self.fourcc in (b"YUYV", b"UYVY", b"Y16 ") else 1
             stride = width * self.cols + 4  # drivers pad rows
             struct.pack_into(
                 "<II4sIII", data, 8, self.cols, self.rows, self.fourcc, 1, stride, stride * self.rows
@@ -95,8 +100,14 @@ class RecordedDevice:
                 self.controls[number] = name, low, high, value
             elif request == ioctl.G_CTRL:
                 struct.pack_into("<i", data, 4, self.controls[number][3])
+        elif request == ioctl.ENUM_FRAMESIZES:
+            (index,) = struct.unpack_from("<I", data)
+            if index >= len(self.sizes):
+                raise OSError(errno.EINVAL, "Invalid argument")
+            struct.pack_into("<III", data, 8, 1, *self.sizes[index][1::-1])
         elif request == ioctl.S_PARM:
-            struct.pack_into("<II", data, 12, 1, 25)
+            rates = {size: fps for *size_, fps in self.sizes for size in [tuple(size_)]}
+            struct.pack_into("<II", data, 12, 1, rates.get((self.rows, self.cols), 25))
         elif request == ioctl.REQBUFS:
             if self.busy:
                 raise OSError(errno.EBUSY, "Device or resource busy")
@@ -104,6 +115,8 @@ class RecordedDevice:
         elif request == ioctl.QUERYBUF:
             struct.pack_into("<I", data, 72, len(self.memory))
         elif request == ioctl.DQBUF:
+            if self.fault:
+                raise OSError(self.fault, "fault")
             number = self.sequences[self.taken]
             self.taken += 1
             used = len(self.memory) if self.used is None else self.used
@@ -139,7 +152,9 @@ def test_numbers_are_those_of_the_kernel() -> None:
     assert {name: getattr(ioctl, name) for name in expected} == expected
 
 
-@pytest.mark.parametrize(("fourcc", "bits"), [(b"GREY", 8), (b"YUYV", 8), (b"UYVY", 8), (b"Y16 ", 16)])
+@pytest.mark.parametrize(
+    ("fourcc", "bits"), [(b"GREY", 8), (b"NV12", 8), (b"RGGB", 8), (b"YUYV", 8), (b"UYVY", 8), (b"Y16 ", 16)]
+)
 def test_v4l2_images_are_the_bytes_of_the_driver(fourcc: bytes, bits: int) -> None:
     device = RecordedDevice(fourccs=(fourcc,))
     camera = V4L2Camera(device, "/dev/video0")
@@ -151,7 +166,7 @@ def test_v4l2_images_are_the_bytes_of_the_driver(fourcc: bytes, bits: int) -> No
     assert image is not None
     rows = np.frombuffer(device.memory, np.uint8).reshape(6, -1)
     expected = {
-        b"GREY": rows[:, :8],
+        **dict.fromkeys((b"GREY", b"NV12", b"RGGB"), rows[:, :8]),
         b"YUYV": rows[:, 0:16:2],
         b"UYVY": rows[:, 1:16:2],
         b"Y16 ": rows[:, :16].copy().view("<u2"),
@@ -175,7 +190,78 @@ def test_v4l2_locks_what_is_automatic_and_reads_back() -> None:
     assert accepted.unlocked == ()
     stubborn = RecordedDevice(controls=dict(WEBCAM), stuck=(0x9A0901,))
     accepted = V4L2Camera(stubborn, "/dev/video0").configure(Wanted(0.01))
-    assert accepted.unlocked == ("exposure: automatic, the driver does not switch it off",)
+    assert accepted.unlocked == ("exposure: the driver does not hold 1",)
+
+
+def test_webcams_are_locked_while_they_stream_and_judged_by_the_picture(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Everything that moves or distorts; a focus that is kept; one that moves although it reads back."""
+    more = {
+        0x9A090C: ("Focus, Automatic Continuous", 0, 1, 1),
+        0x9A090A: ("Focus, Absolute", 0, 250, 35),
+        0x98091B: ("Sharpness", 2, 7, 4),
+        0x98091C: ("Backlight Compensation", 0, 2, 1),
+        0x980918: ("Power Line Frequency", 0, 2, 2),
+        0x9A0915: ("Wide Dynamic Range", 0, 1, 1),
+        0x980910: ("Gamma", 90, 150, 120),
+    }
+    device = RecordedDevice(controls=WEBCAM | more, sequences=tuple(range(9)))
+    accepted = V4L2Camera(device, "/dev/video0").configure(Wanted(0.01))
+    assert {number: device.controls[number][3] for number in more} == {
+        0x9A090C: 0, 0x9A090A: 35, 0x98091B: 2, 0x98091C: 0, 0x980918: 0, 0x9A0915: 0, 0x980910: 100,
+    }  # fmt: skip
+    assert (accepted.focus, accepted.unlocked) == (35, ())
+    chosen = V4L2Camera(device, "/dev/video0").configure(Wanted(0.01, focus=90))
+    assert (chosen.focus, device.controls[0x9A090A][3]) == (90, 90)
+
+    pictures = iter(np.arange(64).reshape(8, 8) % divisor for divisor in (3, 4))
+    monkeypatch.setattr(webcam, "latest", lambda _: next(pictures))
+    (moves, *_) = V4L2Camera(device, "/dev/video0").configure(Wanted(0.01)).unlocked
+    assert moves.startswith("focus: the picture still changes")
+
+
+def test_v4l2_takes_compressed_images_smaller_sizes_and_survives_disturbed_ones() -> None:
+    slow = RecordedDevice(fourccs=(b"MJPG",), sizes=((48, 64, 25), (480, 640, 5)))
+    camera = V4L2Camera(slow, "/dev/video0")
+    assert (camera.configure(Wanted(0.01)).rows, camera.configure(Wanted(0.01, rows=480, cols=640)).rows) == (
+        48,
+        480,
+    )
+    camera.configure(Wanted(0.01))
+    picture = np.add.outer(np.arange(48), 2 * np.arange(64)).astype(np.uint8)
+    data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 100])[1].tobytes()
+    slow.memory, slow.sequences = bytearray(data), tuple(range(3))
+    camera.start()
+    image = camera.next(1.0)
+    assert image is not None
+    assert np.abs(image.pixels.astype(int) - picture).max() <= 2
+    slow.used = len(data) // 2
+    broken = camera.next(1.0)
+    slow.fault = errno.EIO
+    disturbed = camera.next(1.0)
+    assert broken is not None
+    assert disturbed is not None
+    assert (broken.complete, disturbed.complete) == (False, False)
+
+
+@pytest.mark.parametrize("name", ["Mono10p", "Mono12p", "Mono10Packed", "Mono12Packed"])
+def test_packed_pixels_are_those_of_the_standard(name: str) -> None:
+    """PFNC: p is a stream of bits, least first; Packed keeps the low bits of two pixels in a byte between."""
+    bits = int(name[4:6])
+    pixels = np.random.default_rng(0).integers(0, 2**bits, (6, 8), np.uint16)
+    if name.endswith("p"):
+        stream = (pixels.reshape(-1, 1) >> np.arange(bits)) & 1
+        data = np.packbits(stream.astype(np.uint8), bitorder="little")
+    else:
+        one, other = pixels.reshape(-1, 2).T
+        low = 2 ** (bits - 8) - 1
+        data = (
+            np.stack([one >> bits - 8, one & low | (other & low) << 4, other >> bits - 8], 1)
+            .astype(np.uint8)
+            .ravel()
+        )
+    np.testing.assert_array_equal(unpacked(data, (6, 8), name), pixels)
 
 
 def test_v4l2_faults_are_one_line() -> None:
@@ -255,7 +341,7 @@ def test_opencv_reads_what_it_can_open(tmp_path: Path) -> None:
     for level in (40, 120, 200):
         image = camera.next(1.0)
         assert image is not None
-        assert (image.pixels.shape, image.device_s) == ((48, 64), None)
+        assert image.pixels.shape == (48, 64)
         assert abs(float(image.pixels.mean()) - level) < 2
     assert camera.next(1.0) is None
     with pytest.raises(InputError, match="no software trigger"):

@@ -203,17 +203,9 @@ BAD: dict[str, tuple[Callable[[Path], object], tuple[str, ...]]] = {
         ("capture.toml", "TOML"),
     ),
     "missing frame": (lambda folder: (folder / "frames" / "001.png").unlink(), ("001.png", "no such file")),
-    "frame is a folder": (
-        lambda folder: ((folder / "frames/001.png").unlink(), (folder / "frames/001.png").mkdir()),
-        ("001.png", "is a folder, must be a file"),
-    ),
     "extra frame": (
         lambda folder: shutil.copy(folder / "frames/001.png", folder / "frames/004.png"),
         ("004.png", "not in the description", "4 frames"),
-    ),
-    "empty frame": (
-        lambda folder: (folder / "frames/002.png").write_bytes(b""),
-        ("002.png", "not an image", "0 bytes"),
     ),
     "no image": (
         lambda folder: (folder / "frames/002.png").write_text("hello"),
@@ -229,28 +221,15 @@ BAD: dict[str, tuple[Callable[[Path], object], tuple[str, ...]]] = {
     ),
     "unknown key": (edit("bits = 8", "bits = 8\nlens = 3"), ("capture.toml", "'lens'", "known are")),
     "wrong version": (edit("version = 1", "version = 7"), ("capture.toml", "version", "7")),
-    "no version": (edit("version = 1", ""), ("capture.toml", "version", "missing", "must be 1")),
     "bits too many": (edit("bits = 8", "bits = 24"), ("capture.toml", "bits", "24", "8 to 16")),
-    "bits in words": (edit("bits = 8", 'bits = "8"'), ("capture.toml", "bits", "'8'")),
-    "bits true": (edit("bits = 8", "bits = true"), ("capture.toml", "bits", "True")),
     "no file": (edit('file = "frames/001.png"', ""), ("capture.toml", "frames[1]", "file", "missing")),
     "file outside": (
         edit("frames/001.png", "../001.png"),
         ("capture.toml", "frames[1]", "../001.png", "inside"),
     ),
     "file twice": (edit("frames/001.png", "frames/000.png"), ("capture.toml", "frames/000.png", "2 times")),
-    "NaN period": (
-        edit("period_px = 7.5", "period_px = nan"),
-        ("capture.toml", "frames[2]", "period_px", "nan"),
-    ),
     "NaN time": (edit("time = 0.25", "time = nan"), ("capture.toml", "frames[2]", "time", "nan")),
     "time missing": (edit("time = 0.25", ""), ("capture.toml", "frames[2]", "time", "missing")),
-    "fewer described than taken": (
-        lambda folder: (folder / "capture.toml").write_text(
-            (folder / "capture.toml").read_text().rpartition("[[frames]]")[0]
-        ),
-        ("003.png", "not in the description", "3 frames"),
-    ),
     "scene of another pattern": (other_scene, ("scene.toml", "16x12", "30x40")),
     "broken scene": (
         lambda folder: (folder / "scene.toml").write_text("mirror = 3"),

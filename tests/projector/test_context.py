@@ -93,7 +93,7 @@ FORK = """
 import multiprocessing, os
 from optolever import InputError
 from optolever.patterns import sequence
-from optolever.projector import PatternRenderer, capture, chosen_renderer, release_context
+from optolever.projector import capture, chosen_renderer, release_context
 from optolever.scene import dent, load, resize
 scene = resize(load("paper-simulation"), 16, 16)
 shown = sequence("ramp", scene.pattern.rows, scene.pattern.cols)
@@ -118,9 +118,6 @@ def fork():
     process.join()
     assert process.exitcode == 0
 
-with PatternRenderer(shown) as inherited:
-    fork()
-release_context()
 fork()
 assert (capture(scene, flat, shown, renderer="gl").frames == drawn).all()
 """
@@ -132,8 +129,6 @@ def test_a_forked_process_draws_with_numpy_and_does_not_wait_for_ever() -> None:
     done = subprocess.run(
         [sys.executable, "-W", "ignore", "-c", FORK], check=True, capture_output=True, text=True, timeout=120
     )
-    for line in done.stdout.splitlines():
-        refused, found = line.split("|")
-        assert "spawn" in refused
-        assert found in ("('numpy', 0)", "('numpy', 1)")
-    assert len(done.stdout.splitlines()) == 2
+    refused, found = done.stdout.strip().split("|")
+    assert "spawn" in refused
+    assert found in ("('numpy', 0)", "('numpy', 1)")

@@ -3,7 +3,6 @@
 import os
 import shutil
 import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,6 +11,8 @@ import pytest
 
 from optolever import InputError
 from optolever.projector import Monitor, choose_monitor
+
+from .conftest import RUN, optolever
 
 CONFIGURATION = """
 Section "Device"
@@ -77,16 +78,6 @@ def dummy(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
             server.terminate()
 
 
-def optolever(display: str, *words: str) -> "subprocess.CompletedProcess[str]":
-    return subprocess.run(
-        [sys.executable, "-c", RUN, *words],
-        env={**os.environ, "DISPLAY": display}, capture_output=True, text=True, check=False, timeout=60,
-    )  # fmt: skip
-
-
-RUN = "import sys; from optolever.cli import run; sys.exit(run(sys.argv[1:]))"
-
-
 def xrandr(display: str, *words: str) -> None:
     subprocess.run(
         ["xrandr", *words], env={**os.environ, "DISPLAY": display}, check=True, capture_output=True
@@ -117,7 +108,7 @@ def test_a_monitor_that_goes_away_ends_the_show(dummy: str, tmp_path: Path) -> N
     plug(dummy)
     words = ["show", "--sequence", "phase", "--display", "DUMMY1", "--seconds", "1.5"]
     with subprocess.Popen(
-        [sys.executable, "-c", RUN, *words], env={**os.environ, "DISPLAY": dummy},
+        [*RUN, *words], env={**os.environ, "DISPLAY": dummy},
         cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     ) as process:  # fmt: skip
         time.sleep(18)

@@ -128,17 +128,6 @@ def test_damage_is_told(tmp_path: Path) -> None:
     whole = log.read_text()
     log.write_text(whole[:-20])  # broken off in the last line: that image does not exist
     assert len(list(Recording(tmp_path / "r"))) == 2
-    for right, wrong in (
-        ("{", "x"),
-        ("stamp_s", "stamp_z"),
-        ('"image"', '"imaxe"'),
-        ("complete", "complexe"),
-    ):
-        second = whole.splitlines()[2]
-        spoilt = second.replace(right, wrong, 1)
-        log.write_text(whole.replace(second, spoilt))
-        with pytest.raises(InputError, match=r"log.jsonl: line 3 is damaged, 1 lines follow"):
-            list(Recording(tmp_path / "r"))
     lines = [json.loads(line) for line in whole.splitlines()]
     lines[2]["crc32"] += 1
     log.write_text("".join(json.dumps(line) + "\n" for line in lines))
