@@ -4,7 +4,7 @@
 |--------------|------------------------------------------------------------------------------------------|
 | `records`    | `Correspondence`, `Flag`, `SharedNoise`; `Displacement` of two captures                  |
 | `decoder`    | `decode`; `Decoder`, `estimate_profile`: many captures of one rig                        |
-| `profile`    | `RigProfile`: noise and effects of one rig; `Settings`                                   |
+| `profile`    | `RigProfile`: noise and effects of one rig                                               |
 | `plan`       | a sequence as periods, bits, references, levels; the constraints that it obeys           |
 | `capture`    | one capture: sample, noise, effects, tables, maps                                        |
 | `frames`     | frames validated: type, unit, white level; `Response`; pixels from all over them          |
@@ -23,8 +23,8 @@ A pixel's answer depends on its samples, its neighbourhood of 7 x 7 and the came
 from optolever.arguments import check_face
 
 from .decoder import Decoder, decode, estimate_profile
-from .frames import Response
-from .profile import Effect, RigProfile, Settings
+from .frames import Response, Settings
+from .profile import Effect, RigProfile
 from .records import Correspondence, Displacement, Flag, SharedNoise
 
 __all__ = [

@@ -15,17 +15,24 @@ from optolever.notices import Notice
 from optolever.patterns import Sequence
 
 from .codes.bits import bit_tables
-from .codes.fringe import Misfit, fringe_tables, measure_misfit, three_step_aliasing, variance_of
+from .codes.fringe import (
+    Misfit,
+    bent,
+    fringe_tables,
+    measure_misfit,
+    straightened,
+    three_step_aliasing,
+)
 from .codes.lookup import Lines, LookUp, Table, lookup_rows, prepare, table_of
 from .codes.orders import Orders, order_table
 from .effects import View, cells, lag, motion, shared
-from .frames import Light, sample_levels, sample_places
+from .frames import Light, Settings, sample_levels, sample_places
 from .neighbours import HALO, Block, Result, axis_limits, neighbours
 from .noise import Noise, Sample, fit_noise
 from .order import find_order
 from .pixels import Maps, Tables, pixel_rows
 from .plan import AxisPlan, Fringe, Plan, constraints, plan
-from .profile import AxisProfile, Estimates, Sampled, Settings
+from .profile import AxisProfile, Estimates, Sampled
 from .records import Correspondence, Flag
 
 __all__ = ["Prepared", "applied", "estimated", "holds", "prepared"]
@@ -98,26 +105,23 @@ def _estimate(light: Light, sequence: Sequence, settings: Settings, mask: Mask, 
     wide, p = lit_sample(light, mask, _WIDER), plan(sequence)
     axes = p.axes
     if settings.noise is not None:
-        noise = Noise(settings.noise**2 + light.rounding, settings.gain, response=settings.response)
+        noise = Noise(settings.noise**2 + light.rounding, settings.gain)
     else:
-        noise = fit_noise(p, sample, light.rounding, settings.response)
+        noise = fit_noise(p, sample, light.rounding)
     known = noise if settings.noise is not None or constraints(p, len(sequence)) else None
     look_ups = [
-        prepare(sequence, p, axis, light, wide, known, settings.blur_px, settings.on_cells)
-        if axis.looked_up
-        else None
-        for axis in axes
+        prepare(sequence, p, axis, light, wide, known, settings) if axis.looked_up else None for axis in axes
     ]
     # residuals of a table are noise; differences of neighbours between grey values of cells are not
     noise = next((one.noise for one in look_ups if one is not None and one.noise is not None), noise)
     nothing = Sampled(0.0, 0.0, 0.0)
-    profile = _with_misfits(Estimates(noise, (), (), None, nothing, ()), sequence, sample, look_ups)
+    profile = _with_misfits(Estimates(noise, (), (), None, nothing, ()), sequence, settings, sample, look_ups)
     place = _places(light, sequence, settings, profile, sample)
     slow = lag.estimate(View(p, light, noise, sample, *place))
     if slow is not None:
         matrix = lag.matrix(slow, len(sample.levels)).astype(np.float32)
         sample, wide = (replace(one, levels=matrix @ one.levels) for one in (sample, wide))
-        profile = _with_misfits(profile._replace(effects=(slow,)), sequence, sample, look_ups)
+        profile = _with_misfits(profile._replace(effects=(slow,)), sequence, settings, sample, look_ups)
         place = _places(light, sequence, settings, profile, sample)
     view = View(p, light, noise, sample, *place)
     moved, common = None, None
@@ -143,11 +147,11 @@ def _estimate(light: Light, sequence: Sequence, settings: Settings, mask: Mask, 
 
 
 def _with_misfits(
-    profile: Estimates, sequence: Sequence, sample: Sample, look_ups: list[LookUp | None]
+    profile: Estimates, sequence: Sequence, settings: Settings, sample: Sample, look_ups: list[LookUp | None]
 ) -> Estimates:
     p, noise, own = plan(sequence), profile.noise, []
     for axis, look_up in zip(p.axes, look_ups, strict=True):
-        misfits = tuple(_misfit(fringe, p, axis, sample, noise) for fringe in axis.fringes)
+        misfits = tuple(_misfit(fringe, p, axis, sample, noise, settings) for fringe in axis.fringes)
         own.append(AxisProfile(misfits, _deviation(axis, sample, noise), 0.0, look_up))
     return profile._replace(axes=tuple(own))
 
@@ -163,13 +167,18 @@ def _places(
     return tuple(np.where(good, one[:, 0].astype(np.float64), np.nan) for one in (maps.place, maps.variance))  # type: ignore[return-value]
 
 
-def _misfit(fringe: Fringe, p: Plan, axis: AxisPlan, sample: Sample, noise: Noise) -> Misfit:
+def _misfit(
+    fringe: Fringe, p: Plan, axis: AxisPlan, sample: Sample, noise: Noise, settings: Settings
+) -> Misfit:
     code = axis.code
     pairs = [] if code is None else list(zip(code.plain.tolist(), code.inverse.tolist(), strict=True))
     ends = [pair for pair in (*pairs, (p.white, p.black)) if min(pair) >= 0]
     found = measure_misfit(fringe, sample, noise)
     if np.isnan(noise.read2_sigma):  # given: each pixel is judged by its neighbourhood alone
         found = found._replace(scale=1.0, terms=np.zeros_like(found.terms))
+    display = settings.display
+    if display is not None:
+        return bent(fringe, display, settings.blur, found)
     return found._replace(variance=found.variance + three_step_aliasing(fringe, ends, sample, noise))
 
 
@@ -205,11 +214,8 @@ def _notices(profile: Estimates, axes: tuple[AxisPlan, ...], view: View) -> tupl
 
 def _phase_variance(fringe: Fringe, sample: Sample, noise: Noise) -> F64:
     """Variance (cycles^2) of the sample's phases by noise."""
-    levels = sample.levels[list(fringe.index)].astype(np.float64)
-    o, c, s = fringe.inverse @ levels
+    o, c, s = fringe.inverse @ sample.levels[list(fringe.index)].astype(np.float64)
     own = noise.variance(o) * np.square(fringe.inverse[1]).sum()
-    if noise.response is not None:
-        own = variance_of(fringe, fringe.inverse[1:], levels, noise).mean(axis=0)
     return np.asarray(own / np.maximum(c * c + s * s, 1e-6) / (2 * np.pi) ** 2)
 
 
@@ -230,7 +236,7 @@ def _between(axis: AxisPlan, place: F64, sample: Sample, noise: Noise, misfits: 
     for fringe, misfit in zip(axis.fringes[:-1], misfits, strict=False):
         _, c, s = fringe.inverse @ sample.levels[list(fringe.index)].astype(np.float64)
         variance = misfit.scale * _phase_variance(fringe, sample, noise)
-        away = np.arctan2(s, c) / (2 * np.pi) - place / fringe.period
+        away = straightened(np.arctan2(s, c) / (2 * np.pi), misfit) - place / fringe.period
         away -= np.rint(away)
         ok = np.isfinite(away)
         if np.count_nonzero(ok) >= _FEWEST:
@@ -276,9 +282,7 @@ def prepared(sequence: Sequence, settings: Settings, profile: Estimates) -> Prep
     slow = next((effect for effect in profile.effects if effect.name == "lag"), None)
     matrix = None if slow is None else lag.matrix(slow, len(sequence))
     tables = Tables(
-        fringe_tables(
-            [axis.fringes for axis in axes], [own.misfits for own in profile.axes], profile.noise, matrix
-        ),
+        fringe_tables([axis.fringes for axis in axes], [own.misfits for own in profile.axes], matrix),
         bit_tables(p, list(axes)),
         (orders[0], orders[-1]),
         np.array([axis.looked_up for axis in axes]),
@@ -330,8 +334,7 @@ def _sampled(light: Light, ready: Prepared, sample: Sample) -> Maps:
 
 
 def _noise(ready: Prepared) -> tuple[np.float32, np.float32]:
-    read2, gain = ready.profile.noise.line()
-    return np.float32(read2), np.float32(gain)
+    return np.float32(ready.profile.noise.read2), np.float32(ready.profile.noise.gain)
 
 
 def _maps(axes: int, rows: int, width: int) -> Maps:

@@ -13,9 +13,9 @@ from optolever.patterns import Sequence
 from optolever.records import LOG, Progress, logged, silent
 
 from .capture import Prepared, applied, estimated, holds, prepared
-from .frames import Levels, Light, Response, in_levels, light_of
+from .frames import Levels, Light, Response, Settings, in_levels, light_of
 from .plan import plan
-from .profile import RigProfile, Settings, digest
+from .profile import RigProfile, digest
 from .records import Correspondence
 
 __all__ = ["Decoder", "decode", "estimate_profile"]
@@ -52,7 +52,7 @@ def decode(
     noise, gain  of the camera: variance = noise^2 + gain * level, levels of the frames before rounding;
                  without `noise` both are estimated from the frames, and so is what fringes are off beyond it
     white_level  level at which the camera clips; default 255, for uint16 the 10, 12, 14 or 16 bits in use
-    response     camera level against displayed level, inverted first
+    response     of a display (with a blur): phases and look-ups follow its light; of a camera: inverted first
     blur_px      rms blur between display and camera, cells; default: bounded by the fringes' contrast
     lens_px      rms blur of the camera's lens, its pixels (4 at most), which smooths the map; its effect is
                  corrected; default: 0.28, with a sigma that allows 0 to 0.6 (a slanted edge, ISO 12233)

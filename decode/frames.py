@@ -22,6 +22,7 @@ __all__ = [
     "RawFrames",
     "RawLevel",
     "Response",
+    "Settings",
     "in_levels",
     "level_of",
     "levels_of",
@@ -76,12 +77,12 @@ class Response:
         return cls(pairs[0, rising], pairs[1, rising])
 
     @classmethod
-    def from_gamma(cls, gamma: float, white_level: float = 255.0) -> Response:
-        """`seen` = white_level (shown / 255)^gamma."""
+    def from_gamma(cls, gamma: float, white_level: float = 255.0, blur: float | None = None) -> Response:
+        """`seen` = white_level (shown / 255)^gamma; blur: of a display's, see above; None: a camera's."""
         if not 0.1 <= gamma <= 10:
             raise InputError(f"response: gamma is {gamma}, must be in 0.1..10")
         shown = np.linspace(0.0, 1.0, 1025)
-        return cls(255.0 * shown, white_level * shown**gamma)
+        return cls(255.0 * shown, white_level * shown**gamma, blur)
 
     @classmethod
     def from_ramp(cls, frames: ArrayLike, sequence: Sequence) -> Response:
@@ -134,28 +135,39 @@ class Response:
 
     def shown_of(self, seen: ArrayLike) -> F64:
         """Displayed level for a camera level `seen`."""
-        first, last = self._slopes()
-        return _piecewise(np.asarray(seen, np.float64), self.seen, self.shown, first, last)
-
-    def seen_of(self, shown: ArrayLike) -> F64:
-        """Camera level for a displayed one."""
-        first, last = self._slopes()
-        return _piecewise(np.asarray(shown, np.float64), self.shown, self.seen, 1 / first, 1 / last)
-
-    def _slopes(self) -> tuple[float, float]:
-        """Displayed levels per camera level below and above the entries."""
-        steepest = float(np.ptp(self.shown) / np.ptp(self.seen))
-        first, last = (np.diff(self.shown)[[0, -1]] / np.diff(self.seen)[[0, -1]]).tolist()
-        return min(first, steepest), min(last, steepest)
-
-    def slope_at(self, seen: ArrayLike) -> F64:
-        """Displayed levels per camera level, over two camera levels."""
-        level = np.asarray(seen, np.float64)
-        return 0.5 * (self.shown_of(level + 1) - self.shown_of(level - 1))
+        value, steepest = np.asarray(seen, np.float64), np.ptp(self.shown) / np.ptp(self.seen)
+        slope = np.minimum(np.diff(self.shown)[[0, -1]] / np.diff(self.seen)[[0, -1]], steepest)
+        below, above = np.minimum(value - self.seen[0], 0), np.maximum(value - self.seen[-1], 0)
+        inside = np.interp(value, self.seen, self.shown)
+        return np.asarray(inside + slope[0] * below + slope[1] * above)
 
     def table(self, dtype: np.dtype[Any]) -> NDArray[np.float32]:
         """Displayed level for every raw level of an unsigned integer type."""
         return self.shown_of(np.arange(np.iinfo(dtype).max + 1)).astype(np.float32)
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """Parameters of `decode` that the caller knows or chooses."""
+
+    noise: float | None = None
+    gain: float = 0.0
+    white_level: float | None = None
+    response: Response | None = None
+    blur_px: float | None = None
+    lens_px: float | None = None
+    on_cells: bool = True
+
+    @property
+    def display(self) -> Response | None:
+        """The response of a display, which the frames keep; a camera's is taken off them."""
+        return None if self.response is None or self.response.blur is None else self.response
+
+    @property
+    def blur(self) -> float:
+        """Known blur, pattern px; NaN: unknown."""
+        known = self.blur_px if self.display is None or self.blur_px is not None else self.display.blur
+        return float("nan") if known is None else known
 
 
 def _piecewise(value: F64, given: F64, wanted: F64, first: float, last: float) -> F64:
@@ -271,6 +283,7 @@ def light_of(
         stack = stack.astype(np.float32)
     elif stack.dtype not in (np.uint8, np.uint16):
         raise InputError(f"decode: frames are {stack.dtype}, must be uint8, uint16 or float")
+    response = None if response is None or response.blur is not None else response  # a display's stays
     if response is not None and stack.dtype.kind != "u":
         raise InputError(f"decode: response is given and frames are {stack.dtype}, must be uint8 or uint16")
     table = np.zeros(0, np.float32) if response is None else response.table(stack.dtype)

@@ -8,7 +8,8 @@ Without any combination, second differences of the frames (J. Immerkaer, doi:10.
 Variances are trimmed means in bins of equal width, which dark pixels do not fill.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,6 @@ from numpy.typing import NDArray
 
 from optolever.kernels import F32, F64
 
-from .frames import Response
 from .plan import Fringe, Plan, constraints
 
 __all__ = ["Noise", "Sample", "fit_noise"]
@@ -38,30 +38,17 @@ _UNSURE = 0.03
 class Noise:
     """variance = read2 + gain * level of one sample, levels^2; rounding (1/12) is part of read2.
 
-    read2_sigma, gain_sigma: standard deviations, NaN: given, not estimated. response: read2 and gain are of
-    the camera's levels, from which it makes the linear ones.
+    read2_sigma, gain_sigma: standard deviations, NaN: given, not estimated.
     """
 
     read2: float
     gain: float = 0.0
     read2_sigma: float = float("nan")
     gain_sigma: float = float("nan")
-    response: Response | None = None
 
     def variance(self, level: Any) -> Any:
-        """Variance of one sample at a linear level: half of what one deviation up and down makes of it."""
-        if self.response is None:
-            return self.read2 + self.gain * np.maximum(level, 0.0)
-        seen = self.response.seen_of(level)
-        sigma = np.sqrt(self.read2 + self.gain * np.maximum(seen, 0.0))
-        up, down = (self.response.shown_of(seen + sign * sigma) for sign in (1, -1))
-        return np.square(0.5 * (up - down))
-
-    def line(self) -> tuple[float, float]:
-        """(variance at level 0, its slope) of linear levels; by a response that of the middle level."""
-        if self.response is None:
-            return self.read2, self.gain
-        return float(self.variance(0.5 * self.response.shown[-1])), 0.0
+        """Variance of one sample at a level."""
+        return self.read2 + self.gain * np.maximum(level, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,26 +68,17 @@ class Sample:
         return np.flatnonzero(flat[count - 1 :] - flat[: max(len(flat) - count + 1, 0)] == count - 1)
 
 
-def fit_noise(
-    plan: Plan, sample: Sample, rounding: float = 1 / 12, response: Response | None = None
-) -> Noise:
-    """Noise of the lit pixels of a sample; rounding: least variance, levels^2; response: that by which the
-    sample's levels were made linear."""
+def fit_noise(plan: Plan, sample: Sample, rounding: float = 1 / 12) -> Noise:
+    """Noise of the lit pixels of a sample; rounding: least variance, levels^2."""
     levels, first = sample.levels.astype(np.float64), sample.adjacent(3)
     groups = constraints(plan, len(levels))
     rows = np.concatenate(groups[:-1] or groups) if groups else np.zeros((0, len(levels)))
-    camera = levels if response is None else response.seen_of(levels)
-    kinds = [_of_codes(plan, camera, sample.adjacent(5))]
-    if not _two_levels(kinds[0][0]):  # a display's gamma makes residuals of fringes oscillate along a row
-        fringes = [fringe for axis in plan.axes for fringe in axis.fringes]
-        kinds.append(
-            _of_rows(rows, levels, first)
-            if response is None
-            else _of_bent(rows, levels, first, response, fringes)
-        )
+    kinds = [_of_codes(plan, levels, sample.adjacent(5))]
+    if not _two_levels(kinds[0][0]):
+        kinds.append(_of_rows(rows, levels, first, [f for axis in plan.axes for f in axis.fringes]))
     if sum(len(one) for one, _ in kinds) < _FEWEST:
-        kinds = [_of_rows(np.eye(len(levels)), camera, first)]
-    return replace(_line(kinds, rounding), response=response)
+        kinds = [_of_rows(np.eye(len(levels)), levels, first)]
+    return _line(kinds, rounding)
 
 
 def _two_levels(level: F64) -> bool:
@@ -111,35 +89,17 @@ def _two_levels(level: F64) -> bool:
     return bool(min(np.count_nonzero(level < low), np.count_nonzero(level > high)) >= _ENOUGH)
 
 
-def _of_rows(rows: F64, levels: F64, first: NDArray[np.int64]) -> Residuals:
-    """Levels and second differences of orthonormal combinations (M, N) of the samples (N, K)."""
-    known = np.where(np.isnan(levels), 0.0, levels)
-    return _differences(rows, np.isnan(levels), np.square(rows) @ known, rows @ known, first)
-
-
-def _of_bent(
-    rows: F64, levels: F64, first: NDArray[np.int64], response: Response, fringes: list[Fringe]
-) -> Residuals:
-    """Likewise, of levels that a response made linear: the camera's levels, and residuals without the
-    fringes' harmonics, over the root of their variance by a unit of that of the camera's levels."""
+def _of_rows(rows: F64, levels: F64, first: NDArray[np.int64], fringes: Sequence[Fringe] = ()) -> Residuals:
+    """Levels and second differences of orthonormal combinations (M, N) of the samples (N, K), less
+    the fringes' harmonics, which a gamma makes oscillate along a row."""
+    first = first[:: 1 + len(rows) * len(first) // _MOST]
     nan = np.isnan(levels)
-    levels = np.where(nan, 0.0, levels)
-    camera = response.seen_of(levels - rows.T @ (rows @ levels))
-    slope2 = np.square(response.slope_at(camera))
-    scale, residual = np.maximum(np.square(rows) @ slope2, 1e-12), rows @ levels
-    if fringes and len(rows):
+    levels = np.where(nan, np.fmax.reduce(levels, axis=None, initial=0.0), levels)  # saturated: about white
+    lost = (np.abs(rows) > 1e-9).astype(np.float64) @ nan > 0
+    level, residual = np.square(rows) @ levels, rows @ levels
+    if fringes and residual.size:
         waves = np.concatenate([fringe.harmonics(levels[list(fringe.index)]) for fringe in fringes])
         residual -= np.linalg.lstsq(waves.T, residual.T, rcond=1e-3)[0].T @ waves
-    level = np.square(rows) @ (slope2 * camera) / scale
-    return _differences(rows, nan, level, residual / np.sqrt(scale), first)
-
-
-def _differences(
-    rows: F64, nan: NDArray[np.bool_], level: F64, residual: F64, first: NDArray[np.int64]
-) -> Residuals:
-    """Levels and second differences (M, K) where no sample of three pixels is NaN."""
-    first = first[:: 1 + len(rows) * len(first) // _MOST]
-    lost = (np.abs(rows) > 1e-9).astype(np.float64) @ nan > 0
     kept = ~(lost[:, first] | lost[:, first + 1] | lost[:, first + 2])
     return _second(level, first)[1][kept], _second(residual, first)[0][kept]
 

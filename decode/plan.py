@@ -44,14 +44,18 @@ class Fringe:
     def harmonics(self, levels: F64) -> F64:
         """What a smooth response makes of samples (N, K) depends on (9, K): 1, offset, amplitude, and the
         amplitude times cosine and sine of one to three times the phase."""
-        offset, c, s = self.inverse @ levels
-        amplitude, phase = np.hypot(c, s), np.arctan2(s, c)
-        waves = [amplitude * wave(h * phase) for h in (1, 2, 3) for wave in (np.cos, np.sin)]
-        return np.stack([np.ones_like(offset), offset, amplitude, *waves])
+        return harmonic_terms(*(self.inverse @ levels))
 
     def few(self) -> bool:
         """Whether there are fewer than three different shifts, too few for a phase."""
         return len(np.unique(np.round(np.mod(self.shifts, 2 * np.pi), 6))) < 3
+
+
+def harmonic_terms(offset: F64, c: F64, s: F64) -> F64:
+    """Terms (9, K) of `Fringe.harmonics`."""
+    amplitude, phase = np.hypot(c, s), np.arctan2(s, c)
+    waves = [amplitude * wave(h * phase) for h in (1, 2, 3) for wave in (np.cos, np.sin)]
+    return np.stack([np.ones_like(offset), offset, amplitude, *waves])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -21,24 +21,11 @@ from optolever.patterns import Sequence
 from .codes.fringe import Misfit
 from .codes.lookup import LookUp
 from .effects import Estimate
-from .frames import Response
+from .frames import Settings
 from .noise import Noise
 from .records import SharedNoise
 
-__all__ = ["AxisProfile", "Effect", "Estimates", "RigProfile", "Sampled", "Settings", "digest"]
-
-
-@dataclass(frozen=True, slots=True)
-class Settings:
-    """Parameters of `decode` that the caller knows or chooses."""
-
-    noise: float | None = None
-    gain: float = 0.0
-    white_level: float | None = None
-    response: Response | None = None
-    blur_px: float | None = None
-    lens_px: float | None = None
-    on_cells: bool = True
+__all__ = ["AxisProfile", "Effect", "Estimates", "RigProfile", "Sampled", "digest"]
 
 
 class Sampled(NamedTuple):

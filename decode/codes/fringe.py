@@ -18,20 +18,21 @@ from optolever.kernels import F32, F64, I64, inlined, kernel
 from optolever.kernels import ONE as _ONE
 from optolever.kernels import ZERO as _ZERO
 
-from ..frames import RawFrames, level_of
+from ..frames import RawFrames, Response, level_of
 from ..noise import Noise, Sample
-from ..plan import Fringe
+from ..plan import Fringe, harmonic_terms
 from ..records import Flag
 
 __all__ = [
     "Fit",
     "FringeTable",
     "Misfit",
+    "bent",
     "fringe_rows",
     "fringe_tables",
     "measure_misfit",
+    "straightened",
     "three_step_aliasing",
-    "variance_of",
 ]
 
 _SATURATED = np.int32(Flag.SATURATED)
@@ -48,28 +49,32 @@ _FEWEST, _MOST, _MEDIAN, _WORTH = 64, 4096, 0.4549, 1.1
 _SURE, _RANK = 4.0, 1e-2
 #: Weight of a frame that is left out of a lag's correction, share of the noise that costs nothing.
 _NEGLIGIBLE = 3e-4
-#: Entries of a table of variances by level.
-_LEVELS = 256
+#: Fits of a clipped pixel.
+_REFITS = 3
+#: Phases of a bend; harmonics of a display's light; relative error of its blur.
+_BEND, _HARMONICS, _BLUR = 4096, 16, 0.1
 #: Terms of the harmonics: 1, offset, amplitude, cosine and sine of one to three times the phase.
 _TERMS = 9
 
 
 class Misfit(NamedTuple):
     """Of one fringe's residuals: scale of its variance (chi2 of the bulk, 1 or more), terms (N - 3, 9) to
-    regress
-    out, and variance (cycles^2) of the phase that no residual has (aliased harmonics, other periods)."""
+    regress out, and variance (cycles^2) of the phase that no residual has (aliased harmonics, other periods).
+    bend (2, B): correction of the phase by the display's response, cycles, and slope of the corrected phase
+    at measured phases from -1/2 on; empty: without."""
 
     scale: float
     terms: F64
     variance: float = 0.0
+    bend: F64 = np.zeros((2, 0))
 
 
 class FringeTable(NamedTuple):
     """One fringe for kernels: N samples, rounded up to groups of four; M residuals, one at least.
 
     frames (N,); weights (3 + M, N) of offset, c, s, residuals; design (samples, 3);
-    covariance (3,) of c and s; scale, more: of the variance, cycles^2; terms (M, 9), regressed out
-    spread (256,): variance of a sample by its linear level times step; empty: not by the level
+    covariance (3,) of c and s; scale, more: of the variance, cycles^2; terms (M, 9), regressed out; bend (2,
+    B): see Misfit
     """
 
     period: np.float32
@@ -80,8 +85,7 @@ class FringeTable(NamedTuple):
     scale: np.float32
     more: np.float32
     terms: F32
-    spread: F32
-    step: np.float32
+    bend: F32
 
 
 class Fit(NamedTuple):
@@ -94,19 +98,14 @@ class Fit(NamedTuple):
 
 
 def fringe_tables(
-    axes: list[tuple[Fringe, ...]], misfits: list[tuple[Misfit, ...]], noise: Noise, matrix: F64 | None = None
+    axes: list[tuple[Fringe, ...]], misfits: list[tuple[Misfit, ...]], matrix: F64 | None = None
 ) -> tuple[tuple[FringeTable, ...], ...]:
     """matrix (F, F): levels of the frames are corrected by it (lag), None: not."""
-    spread, step = np.zeros(0, np.float32), 0.0
-    if noise.response is not None and matrix is None:
-        level = np.linspace(0.0, noise.response.shown[-1], _LEVELS)
-        spread, step = noise.variance(level).astype(np.float32), (_LEVELS - 1) / float(level[-1])
-    by = matrix, spread, np.float32(step)
     every = zip(axes, misfits, strict=True)
-    return tuple(tuple(_table(f, m, *by) for f, m in zip(axis, own, strict=True)) for axis, own in every)
+    return tuple(tuple(_table(*one, matrix) for one in zip(axis, own, strict=True)) for axis, own in every)
 
 
-def _table(fringe: Fringe, misfit: Misfit, matrix: F64 | None, spread: F32, step: np.float32) -> FringeTable:
+def _table(fringe: Fringe, misfit: Misfit, matrix: F64 | None) -> FringeTable:
     index, weights = _samples(fringe, matrix)
     cov, groups = weights[1:3] @ weights[1:3].T, -len(index) % 4
     padded = np.pad(weights, ((0, max(4 - len(weights), 0)), (0, groups)))
@@ -121,8 +120,7 @@ def _table(fringe: Fringe, misfit: Misfit, matrix: F64 | None, spread: F32, step
         np.float32(misfit.scale),
         np.float32(misfit.variance),
         terms.astype(np.float32),
-        spread,
-        step,
+        misfit.bend.astype(np.float32),
     )
 
 
@@ -153,14 +151,13 @@ def measure_misfit(fringe: Fringe, sample: Sample, noise: Noise) -> Misfit:
     lit = amplitude**2 > 50 / len(levels) * variance
     if np.count_nonzero(lit) < _FEWEST:
         return Misfit(1.0, nothing)
-    levels, variance = levels[:, lit], np.tile(variance[lit], (len(rows), 1))
-    residual, model, expected = rows @ levels, fringe.harmonics(levels), levels - rows.T @ (rows @ levels)
-    for _ in range(1 if noise.response is None else 2):
-        if noise.response is not None:
-            variance = np.square(rows) @ noise.variance(expected)
-        terms = np.array([_coefficients(model, *one) for one in zip(residual, variance, strict=True)])
-        expected = expected + rows.T @ terms @ model
+    residual, variance = (rows @ levels)[:, lit], variance[lit]
+    model = fringe.harmonics(levels[:, lit])
     plain = float(np.median(residual**2 / variance)) / _MEDIAN
+    weight = 1 / np.sqrt(variance)
+    scaled = (model * weight).T
+    norms = np.maximum(np.linalg.norm(scaled, axis=0), 1e-9)
+    terms = (np.linalg.lstsq(scaled / norms, (residual * weight).T, rcond=_RANK)[0] / norms[:, None]).T
     rest = float(np.median((residual - terms @ model) ** 2 / variance)) / _MEDIAN
     aliased = _aliased(fringe, residual, phase[lit], amplitude[lit])
     if plain < _WORTH * max(rest, 1.0):
@@ -168,17 +165,34 @@ def measure_misfit(fringe: Fringe, sample: Sample, noise: Noise) -> Misfit:
     return Misfit(max(rest, 1.0), terms, aliased)
 
 
-def _coefficients(model: F64, residual: F64, variance: F64) -> F64:
-    """Coefficients (9,) of the terms (9, K) in a residual (K,)."""
-    scaled = (model / np.sqrt(variance)).T
-    norms = np.maximum(np.linalg.norm(scaled, axis=0), 1e-9)
-    return np.asarray(np.linalg.lstsq(scaled / norms, residual / np.sqrt(variance), rcond=_RANK)[0] / norms)
+def bent(fringe: Fringe, response: Response, blur: float, misfit: Misfit) -> Misfit:
+    """The misfit with the correction of the phase by a display's response, and its variance by the blur's
+    error; blur: rms, pattern px, of the light; NaN: unknown, then that of half a cell or so."""
+    low, blur, high = (0.25, 0.5, 0.75) if np.isnan(blur) else (blur * k for k in (1 - _BLUR, 1, 1 + _BLUR))
+    bend, less, more = (_bend(fringe, response.light(), one) for one in (blur, low, high))
+    return misfit._replace(bend=bend, variance=float(np.mean(np.square(0.5 * (more[0] - less[0])))))
 
 
-def variance_of(fringe: Fringe, rows: F64, levels: F64, noise: Noise) -> F64:
-    """Variance (M, K) of combinations (M, N) of a fringe's samples (N, K), by their fitted levels."""
-    fitted = levels - fringe.unlike.T @ (fringe.unlike @ levels)
-    return np.asarray(np.square(rows) @ noise.variance(fitted))
+def _bend(fringe: Fringe, light: F64, blur: float) -> F64:
+    """Misfit.bend: the fringe's light goes harmonic by harmonic through the blur into the samples."""
+    true = np.arange(_BEND) / _BEND
+    curve = np.interp(127.5 + 127.5 * np.cos(2 * np.pi * true), np.arange(256.0), light)
+    k = np.arange(_HARMONICS)
+    wave = np.fft.rfft(curve)[:_HARMONICS].real * np.exp(-2 * np.square(np.pi * k * blur / fringe.period))
+    wave[0] /= 2
+    angles = 2 * np.pi * true - fringe.shifts[:, None]
+    _, c, s = fringe.inverse @ np.tensordot(wave, np.cos(k[:, None, None] * angles), 1)
+    measured = np.unwrap(np.arctan2(s, c), period=2 * np.pi) / (2 * np.pi)
+    at = np.arange(_BEND) / _BEND - 0.5
+    away = np.interp(at, measured, true - measured, period=1)
+    return np.stack([away, 1 + np.gradient(away, 1 / _BEND)])
+
+
+def straightened(turn: F64, misfit: Misfit) -> F64:
+    """Measured phases, cycles, corrected by the bend."""
+    if not misfit.bend.size:
+        return turn
+    return np.asarray(turn + misfit.bend[0, ((turn + 0.5) * _BEND).astype(np.int64) % _BEND])
 
 
 def _aliased(fringe: Fringe, residual: F64, phase: F64, amplitude: F64) -> float:
@@ -236,102 +250,47 @@ def fringe_rows(
     saturated the others count, flagged where too few stay."""
     rows, width = chi2.shape
     clipped, work = np.empty((rows, width), np.bool_), np.empty((5, width), np.float32)
-    top, weights = np.empty(width, light[0].dtype), fringe.weights
-    uneven = len(fringe.spread) > 0
-    samples = fringe.frames, weights[:3] if uneven else weights
-    _fit_rows(*light, noise, samples, fringe[4:8], start, work, top, fit, chi2, clipped)
-    if uneven or clipped.any():
-        index = fringe.frames[: len(fringe.design)]
-        least = _DEGENERATE * max(float(np.linalg.det(fringe.design.T @ fringe.design)), 1e-9)
-        numbers = *noise, fringe.scale, fringe.more, fringe.step, least
-        parts = index, fringe.design, weights, fringe.terms, fringe.spread
-        _refit(*light, numbers, parts, start, fit, chi2, clipped, flags)
+    top = np.empty(width, light[0].dtype)
+    _fit_rows(*light, noise, fringe[1:3], fringe[4:8], start, work, top, fit, chi2, clipped)
+    if clipped.any():
+        _refit(light, noise, fringe, start, fit, clipped, flags)
+    if fringe.bend.size:
+        phase, variance = fit.phase, fit.variance
+        at = ((phase + np.float32(0.5)) * np.float32(_BEND)).astype(np.int32) % _BEND
+        phase += fringe.bend[0, at]
+        phase -= np.rint(phase)
+        variance *= np.square(fringe.bend[1, at])
 
 
-@kernel
 def _refit(
-    raw: RawFrames, table: F32 | None, clip: np.float32,
-    numbers: tuple[np.float32, np.float32, np.float32, np.float32, np.float32, float],
-    parts: tuple[I64, F64, F32, F32, F32], start: int, fit: Fit, chi2: F32,
-    clipped: NDArray[np.bool_], flags: NDArray[np.int32],
-) -> None:  # fmt: skip
-    """Least squares of the samples that are not saturated. Where their variance depends on the level (spread)
-    all pixels are fitted, weighted by that of the first fit's levels; the variance of the phase is that of
-    the expected levels, the fit and its harmonics, under those weights."""
-    (rows, width), (read2, gain, scale, more, step, least) = chi2.shape, numbers
-    offset, amplitude, phase, variance = fit
-    index, design, weights, terms, spread = parts
-    uneven, last = spread.size > 0, np.int64(spread.size - 1)
-    harmonic, weight = np.zeros((2, index.size))
-    for r in range(rows):
-        for x in range(width):
-            lost = clipped[r, x]
-            if not (uneven or lost):
-                continue
-            turn, a = 2 * np.pi * phase[r, x], float(amplitude[r, x])
-            o, c, s = float(offset[r, x]), a * np.cos(turn), a * np.sin(turn)
-            for i in range(index.size):
-                harmonic[i] = 0.0
-            if uneven and not lost:
-                c1, s1 = np.cos(turn), np.sin(turn)
-                c2, s2 = c1 * c1 - s1 * s1, 2 * c1 * s1
-                c3, s3 = c2 * c1 - s2 * s1, s2 * c1 + c2 * s1
-                for j in range(3, len(weights)):
-                    t = terms[j - 3]
-                    wave = t[2] + t[3] * c1 + t[4] * s1 + t[5] * c2 + t[6] * s2 + t[7] * c3 + t[8] * s3
-                    wave = t[0] + t[1] * o + a * wave
-                    for i in range(index.size):
-                        harmonic[i] += weights[j, i] * wave
-            i00 = i01 = i02 = i11 = i12 = i22 = b0 = bc = bs = h0 = hc = hs = det = 0.0
-            for again in range(2 if lost and uneven else 1):
-                even = not uneven or (lost and again == 0)
-                n0 = nc = ns = ncc = ncs = nss = b0 = bc = bs = h0 = hc = hs = 0.0
-                for i in range(index.size):
-                    value = raw[index[i], start + r, x]
-                    dc, ds, w = design[i, 1], design[i, 2], 1.0
-                    if value >= clip:
-                        w = 0.0
-                    elif not even:
-                        level = o + c * dc + s * ds
-                        w = 1 / spread[min(max(np.int64(level * step), np.int64(0)), last)]
-                    level, weight[i] = float(level_of(value, table)), w
-                    n0, nc, ns = n0 + w, nc + w * dc, ns + w * ds
-                    ncc, ncs, nss = ncc + w * dc * dc, ncs + w * dc * ds, nss + w * ds * ds
-                    b0, bc, bs = b0 + w * level, bc + w * level * dc, bs + w * level * ds
-                    level = w * harmonic[i]
-                    h0, hc, hs = h0 + level, hc + level * dc, hs + level * ds
-                i00, i01, i02 = ncc * nss - ncs * ncs, ns * ncs - nc * nss, nc * ncs - ns * ncc
-                i11, i12, i22 = n0 * nss - ns * ns, nc * ns - n0 * ncs, n0 * ncc - nc * nc
-                det = n0 * i00 + nc * i01 + ns * i02
-                if even and det <= least:
-                    flags[r, x] |= _SATURATED
-                    break
-                o = (i00 * b0 + i01 * bc + i02 * bs) / det
-                c = (i01 * b0 + i11 * bc + i12 * bs) / det
-                s = (i02 * b0 + i12 * bc + i22 * bs) / det
-            if lost and det <= least:
-                continue
-            power, own = max(c * c + s * s, 1e-6), float(read2 + gain * max(o, 0.0))
-            g0, gc, gs = (c * i02 - s * i01) / det, (c * i12 - s * i11) / det, (c * i22 - s * i12) / det
-            # the harmonics' part that the weighted fit contains
-            h0, hc, hs = (
-                (i00 * h0 + i01 * hc + i02 * hs) / det,
-                (i01 * h0 + i11 * hc + i12 * hs) / det,
-                (i02 * h0 + i12 * hc + i22 * hs) / det,
-            )
-            across = square = 0.0
-            for i in range(index.size):
-                dc, ds = design[i, 1], design[i, 2]
-                level = o - h0 + (c - hc) * dc + (s - hs) * ds + harmonic[i]
-                if uneven:
-                    own = float(spread[min(max(np.int64(level * step), np.int64(0)), last)])
-                across += own * (weight[i] * (g0 + gc * dc + gs * ds)) ** 2
-                square += (float(level_of(raw[index[i], start + r, x], table)) - level) ** 2 / own
-            offset[r, x], amplitude[r, x] = o, np.sqrt(power)
-            phase[r, x] = cycles_of(np.float32(s), np.float32(c))
-            variance[r, x] = more + scale * across / (2 * np.pi * power) ** 2
-            if uneven and not lost:
-                chi2[r, x] += square / scale
+    light: tuple[RawFrames, F32 | None, np.float32],
+    noise: tuple[np.float32, np.float32],
+    fringe: FringeTable,
+    start: int,
+    fit: Fit,
+    clipped: NDArray[np.bool_],
+    flags: NDArray[np.int32],
+) -> None:
+    """Fit clipped pixels (K,) to the samples that are not saturated, less the harmonics of that fit."""
+    (raw, table, clip), design, n = light, fringe.design, len(fringe.design)
+    r, x = np.nonzero(clipped)
+    some = raw[fringe.frames[:n], start + r[:, None], x[:, None]]  # (K, N)
+    keep = (some < clip).astype(np.float64)
+    level = some.astype(np.float64) if table is None else table[some].astype(np.float64)
+    normal = np.einsum("kn,ni,nj->kij", keep, design, design)
+    enough = np.linalg.det(normal) > _DEGENERATE * max(float(np.linalg.det(design.T @ design)), 1e-9)
+    flags[r[~enough], x[~enough]] |= _SATURATED
+    r, x, keep, level, normal = (one[enough] for one in (r, x, keep, level, normal))
+    inverse, rows, harmonics = np.linalg.inv(normal), fringe.weights[3:, :n], np.zeros_like(level)
+    o = c = s = np.zeros(len(r))
+    for _ in range(_REFITS):
+        o, c, s = np.einsum("kij,kj->ik", inverse, (keep * (level - harmonics)) @ design)
+        harmonics = (fringe.terms @ harmonic_terms(o, c, s)).T @ rows
+    power = np.maximum(c * c + s * s, 1e-6)
+    across = inverse[:, 1, 1] * s * s - 2 * inverse[:, 1, 2] * c * s + inverse[:, 2, 2] * c * c
+    own = noise[0] + noise[1] * np.maximum(o, 0.0)
+    fit.offset[r, x], fit.amplitude[r, x], fit.phase[r, x] = o, np.sqrt(power), np.arctan2(s, c) / (2 * np.pi)
+    fit.variance[r, x] = fringe.more + fringe.scale * own * across / (2 * np.pi * power) ** 2
 
 
 @kernel

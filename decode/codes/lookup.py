@@ -22,7 +22,7 @@ from optolever.errors import InputError
 from optolever.kernels import F32, F64, I64
 from optolever.patterns import Sequence
 
-from ..frames import Light
+from ..frames import Light, Settings
 from ..noise import Noise, Sample
 from ..plan import AxisPlan, Plan, Stripes
 from ..plan import plan as plan_of
@@ -72,10 +72,18 @@ class Lines(NamedTuple):
 
 class Optics(NamedTuple):
     """Between a cell and a sample: spread, rms, pattern px (0: an ideal surface without cells), and the
-    Gaussian blur's share of its variance; the rest is a square footprint."""
+    Gaussian blur's share of its variance; the rest is a square footprint. light (256,): relative light of the
+    levels 0 to 255; empty: proportional to them."""
 
     spread: float
     share: float
+    light: tuple[float, ...] = ()
+
+    def emitted(self, levels: F64) -> F64:
+        """Light 0..1 of levels 0..1."""
+        if not self.light:
+            return levels
+        return np.asarray(np.interp(255 * levels, np.arange(len(self.light)), self.light))
 
 
 class LookUp(NamedTuple):
@@ -187,7 +195,7 @@ def _matched(
         samples = np.ascontiguousarray(light.linear(np.take_along_axis(raw, table.frames[at].T, axis=0)).T)
     if start is not None:
         samples[np.isnan(start)] = np.nan
-    numbers, camera = np.empty((count, 6)), (*noise.line(), table.misfit2)
+    numbers, camera = np.empty((count, 6)), (noise.read2, noise.gain, table.misfit2)
     limit = float(chdtri(table.dof, _RARE))
     match(samples, table.block[at], begin, cols, table.book, camera, limit, numbers)
     place, variance, *rest = numbers.T
@@ -234,14 +242,14 @@ def prepare(
     light: Light,
     sample: Sample,
     noise: Noise | None,
-    blur: float | None,
-    on_cells: bool,
+    settings: Settings,
 ) -> LookUp:
     """Estimates of an axis, with the spread that is likeliest on a sample of lit pixels.
 
-    noise: None if unknown, then from the residuals; blur: rms, pattern px, if known; on_cells: the display
-    shows fringes on cells, else they may be ideal.
+    noise: None if unknown, then from the residuals.
     """
+    blur = None if math.isnan(settings.blur) else settings.blur
+    display: tuple[float, ...] = () if settings.display is None else tuple(settings.display.light().tolist())
 
     few = sample.levels[:, :: max(1, -(-sample.levels.shape[1] // _PIXELS))].astype(np.float32)
     raw = np.where(np.isnan(few), np.float32(np.inf), few)
@@ -249,13 +257,14 @@ def prepare(
     floor = max(light.rounding, 1e-12)
     contrast = float(np.square(np.ptp(np.nan_to_num(few), axis=0)).mean()) if few.size else 0.0
     assumed = noise or Noise(max(floor, 1e-5 * contrast))
-    on_cells = on_cells or bool(axis.levels or axis.code)
+    on_cells = settings.on_cells or bool(axis.levels or axis.code)
 
     def table_for(optics: Optics, search: bool) -> Table:
         one = sequence, axis.axis, optics
         return _sweep(*one) if axis.stripes is not None else _table(*one, _frames_of(plan, axis), search)
 
     def fitted(optics: Optics, start: F64 | None) -> _Trial:
+        optics = optics._replace(light=display)
         table = table_for(optics, start is None)
         found = _matched(levels, raw, raw.shape[1], assumed, table, start)
         return _Trial(optics, table, found, np.where(np.isfinite(found.variance), found.chi2, np.inf))
@@ -263,12 +272,12 @@ def prepare(
     # grey values of single cells are found only by a spread that is near the true one
     first = [_optics(spread, blur, on_cells) for spread in (_STARTS if axis.levels else _STARTS[:1])]
     if not few.shape[1]:
-        return LookUp(first[0], 0.0, 0.0, noise)
+        return LookUp(first[0]._replace(light=display), 0.0, 0.0, noise)
     trials = [fitted(one, None) for one in first]
     found = trials[int(np.argmin(_costs(trials)))].found
     start = np.where(found.error < 1e-3, found.place, np.nan)
     if not np.isfinite(start).any():
-        return LookUp(first[0], 0.0, 0.0, noise)
+        return LookUp(first[0]._replace(light=display), 0.0, 0.0, noise)
     if noise is None:
         best = trials[int(np.argmin(_costs(trials)))]
         assumed = _residual_noise(best.table, best.found, floor)
@@ -397,8 +406,9 @@ def _table(sequence: Sequence, name: str, optics: Optics, index: tuple[int, ...]
         levels = (
             np.stack([one.ideal_levels(place, "u" if one.axis is None else name) for one in frames]) / 255
         )
+        levels = optics.emitted(levels)
     else:
-        levels = _through(_shown(sequence, name, index), optics, sequence.nominal)
+        levels = _through(optics.emitted(_shown(sequence, name, index)), optics, sequence.nominal)
     words = np.ascontiguousarray(levels.T[None], np.float32)
     cell = max(one.cell_px for one in frames)
     reach = math.ceil(_AROUND * cell * PER_PX)
@@ -495,7 +505,7 @@ def _sweep(sequence: Sequence, name: str, optics: Optics) -> Table:
     shown = np.abs(cell - away[:, :, None]) / stripes.width
     levels = np.where(shown < 1, 0.5 + 0.5 * np.cos(np.pi * np.minimum(shown, 1.0)), 0.0)
     if spread > 0:  # cells have 8 bits
-        levels = np.rint(255 * levels) / 255 @ _weight(cell[:, None] - place, optics)
+        levels = optics.emitted(np.rint(255 * levels) / 255) @ _weight(cell[:, None] - place, optics)
     words = np.ascontiguousarray(levels.swapaxes(1, 2), np.float32)
     book = Book(words, *_NOWHERE, math.ceil(_AROUND * PER_PX), PER_PX)
     return Table(axis, book, stripes.index[samples], block.ravel(), first)

@@ -137,7 +137,7 @@ def test_gamma_is_no_silent_error_and_the_response_mends_it(shoot: Shoot, smooth
     every = [shoot(GRAY_PHASE, *smooth, seed=seed, **light) for seed in range(8)]
     raw = [silent(decode(one, GRAY_PHASE, on_cells=False), *smooth, least=0.05) for one in every]
     frames = every[0]
-    mended = decode(frames, GRAY_PHASE, response=Response.from_gamma(2.2), on_cells=False)
+    mended = decode(frames, GRAY_PHASE, response=Response.from_gamma(2.2, blur=0.0), on_cells=False)
     plain = decode(
         shoot(GRAY_PHASE, *smooth, noise=0.7, offset=127.5, amplitude=127.5), GRAY_PHASE, on_cells=False
     )
