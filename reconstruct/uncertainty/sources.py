@@ -76,28 +76,23 @@ def _anchors(labels: Labels, state: State) -> dict[str, Floats]:
 
 
 def _shared(problem: Problem, noise: SharedNoise) -> Iterator[ErrorField]:
-    data, shape, nothing = problem.data, problem.labels.shape, np.zeros(problem.labels.shape)
-    waves = []
-    for turns, at, sigma in ((noise.turns_u, data.u, data.sigma_u), (noise.turns_v, data.v, data.sigma_v)):
+    data, shape, nothing, waves = problem.data, problem.labels.shape, np.zeros(problem.labels.shape), []
+    of_u = noise.turns_u, noise.shift_u, noise.frames_u, data.u, data.sigma_u
+    of_v = noise.turns_v, noise.shift_v, noise.frames_v, data.v, data.sigma_v
+    for turns, shift, frames, at, sigma in (of_u, of_v):
         phase = 2 * np.pi * turns * np.where(data.mask, at, 0.0)
-        waves.append([np.where(data.mask, sigma, 0.0) * part for part in (np.cos(phase), np.sin(phase))])
-    for of_u in (nothing + noise.shift_u, *(np.sqrt(noise.frames_u) * wave for wave in waves[0])):
-        yield ErrorField(of_u, nothing)
-    for of_v in (nothing + noise.shift_v, *(np.sqrt(noise.frames_v) * wave for wave in waves[1])):
-        yield ErrorField(nothing, of_v)
-    if not (noise.rows > 0 or noise.cols > 0):
-        return
-    rng, count = np.random.default_rng(_SEED), int(np.clip(_PIXELS // nothing.size, _FEWEST, _DRAWS))
-    by_rows, by_cols = np.sqrt(np.array((noise.rows, noise.cols)[:: -1 if problem.turned else 1]) / count)
-
-    def common(wave: Floats) -> Floats:
-        rows, cols = rng.standard_normal((shape[0], 1)), rng.standard_normal(shape[1])
-        drawn: Floats = (by_rows * rows + by_cols * cols) * wave
-        return drawn
-
+        waves.append(np.where(data.mask, sigma, 0.0) * np.stack([np.cos(phase), np.sin(phase)]))
+        for field in (nothing + shift, *(np.sqrt(frames) * waves[-1])):
+            yield ErrorField(field, nothing) if len(waves) == 1 else ErrorField(nothing, field)
+    count = int(np.clip(_PIXELS // nothing.size, _FEWEST, _DRAWS)) if noise.rows > 0 or noise.cols > 0 else 0
+    rng, (by_rows, by_cols) = (
+        np.random.default_rng(_SEED),
+        (noise.rows, noise.cols)[:: -1 if problem.turned else 1],
+    )
     for _ in range(count):
-        of_u, of_v = (common(cosine) + common(sine) for cosine, sine in waves)
-        yield ErrorField(of_u, of_v)
+        rows, cols = rng.standard_normal((2, 2, shape[0], 1)), rng.standard_normal((2, 2, 1, shape[1]))
+        drawn = np.sqrt(by_rows / count) * rows + np.sqrt(by_cols / count) * cols
+        yield ErrorField(*((part * wave).sum(axis=0) for part, wave in zip(drawn, waves, strict=True)))
 
 
 def _cells(problem: Problem) -> Iterator[ErrorField]:
@@ -117,12 +112,13 @@ def _cells(problem: Problem) -> Iterator[ErrorField]:
 
 
 def _doubts(state: State) -> Iterator[ErrorField]:
+    """A jump lies evenly in its edge: a doubt bounds it, its variance is a third of the square."""
     rng, nothing = np.random.default_rng(_SEED), np.zeros(state.w.shape)
     assert state.doubt is not None
     for _ in range(_FEWEST):
-        pairs = zip(*drawn_doubts(state.doubt, *state.slopes, rng), strict=True)
-        x, y = ((alone + common) / np.sqrt(_FEWEST) for alone, common in pairs)
-        yield ErrorField(nothing, nothing, (x, y))
+        (alone_x, alone_y), (x, y) = drawn_doubts(state.doubt, *state.slopes, rng)
+        size = np.sqrt(3.0 * _FEWEST)
+        yield ErrorField(nothing, nothing, ((alone_x + x) / size, (alone_y + y) / size))
 
 
 def _twiced(coord: Floats, mask: Mask) -> Floats:

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optolever import InputError
 from optolever.reconstruct import (
     ANCHOR,
     NOISE,
@@ -90,19 +89,3 @@ def test_sources_are_kept(rig: Scene, tmp_path: Path) -> None:
     rig.save(tmp_path / "rig.toml")
     assert load(tmp_path / "rig.toml") == rig
     assert budget(replace(height, flags=np.ones_like(height.flags))) == {}
-
-
-def test_parts_that_are_none() -> None:
-    with pytest.raises(InputError, match="add up"):
-        Covariance(("a",), np.eye(1), sources=("one",), parts=2 * np.ones((1, 1, 1)))
-    with pytest.raises(InputError, match="sources"):
-        Covariance(("a",), np.eye(1), sources=("one",))
-    flat, modes = np.zeros((4, 4)), np.zeros((1, 4, 4), np.float32)
-    with pytest.raises(InputError, match="shares"):
-        HeightMap(
-            *(flat,) * 4,
-            flags=np.zeros((4, 4), np.uint16),
-            modes=modes,
-            sources=("one",),
-            shares=np.zeros((1, 2, 2)),
-        )

@@ -116,23 +116,6 @@ def test_islands_without_an_anchor_are_flagged_and_not_guessed(exact, cut) -> No
     assert relative_error(both, truth) < 1e-6
 
 
-def test_a_wild_pixel_is_flagged(exact) -> None:
-    scene, _, correspondence = exact("paper-simulation", "raised-cosine", 96, 96)
-    u = correspondence.u.copy()
-    u[40, 30] -= 20
-    height = reconstruct(replace(correspondence, u=u), scene)
-    assert height.flags[40, 30] & HeightFlag.CURL
-    assert np.count_nonzero(height.flags & HeightFlag.CURL) <= 5
-
-
-def test_a_cusp_on_many_pixels_takes_few_steps(exact, noisy) -> None:
-    scene, truth, _ = exact("paper-simulation", "needle", 300, 320)
-    height = reconstruct(noisy(truth), scene)
-    assert height.diagnostics.converged
-    assert len(height.diagnostics.steps) <= 3
-    assert relative_error(height, truth) < 5e-5
-
-
 def test_rest_capture_takes_off_the_calibration_and_adds_its_noise_and_its_gaps(exact) -> None:
     """The pattern is 0.3 cells off in both captures."""
     scene, truth, correspondence = exact("paper-simulation", "raised-cosine", 96, 96)
