@@ -163,14 +163,6 @@ def test_rest_alone_ends_in_the_least_minimum() -> None:
 
 
 @pytest.mark.slow
-def test_prism_with_balls_behind_a_face() -> None:
-    rig = prisms(2, 3, pinhole=True)
-    found = calibrate(rig.given, rig.observations)
-    assert 0.9 < found.adjustment.chi < 1.1
-    assert 0.05 < deviations(found, rig) < 3
-
-
-@pytest.mark.slow
 def test_a_held_lens_has_a_notice_and_a_free_one_is_found() -> None:
     """The same rig with the lens held at its typed values, and with the default priors."""
     rng = np.random.default_rng(4)

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import binary_erosion
 
-from lab.calibration.rigs import Rig, correspondence_of, open_air, prism
+from lab.calibration.rigs import Rig, correspondence_of, prism
 from optolever import InputError
-from optolever.calibration import calibrate
 from optolever.decode import Correspondence
 from optolever.reconstruct import (
     Contact,
@@ -95,20 +94,6 @@ def test_saved_and_loaded(rig: Rig, tmp_path: Path) -> None:
     beside.unlink()
     with pytest.raises(InputError, match=r"rig\.calibration\.npz"):
         load(tmp_path / "rig.toml")
-
-
-def test_heights_of_a_calibrated_rig_in_open_air() -> None:
-    """Total sigma against the error of a dent."""
-    rng = np.random.default_rng(5)
-    rig = open_air(rng, 3, correspondence_of(0.0016, rng), size=100)
-    found = calibrate(rig.truth, rig.observations, guess=True)
-    given, anchor = exact(rig.truth, rig)
-    height = reconstruct(given, found.scene, anchor=anchor)
-    truth = trace(rig.truth, rig.dent)
-    error = (height.z - truth.z)[height.good]
-    ratio = np.sqrt(np.mean(error**2) / np.mean(height.total_sigma[height.good] ** 2))
-    assert 0.05 < ratio < 3
-    assert height.calibration_sigma[height.good].max() > 3 * height.sigma[height.good].max()
 
 
 @pytest.mark.slow

