@@ -10,7 +10,7 @@
 | `sync_report.py` | the page of a synchronisation |
 | `modulation.py` | code_that_decodes: what a capture that is too weak would need |
 | `acquisition_check.py` | images that show the preceding pattern instead of their nominal one |
-| `own.py` | sequences, images and decoders that a user brings: function, folder, file |
+| `user_patterns.py` | sequences, images and decoders that a user brings: function, folder, file |
 | `faults.py` | simulated frames under lag, gamma, flicker and blur of display and light |
 | `timing.py`, `arrays.py` | seconds of calls and stages, memory; names of types |
 | `design/` | choice of sequence and sensor |

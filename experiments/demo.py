@@ -72,21 +72,21 @@ def run_demo(
     known = scene if isinstance(scene, Scene) else load(scene, exact=True)
     known = known if size is None else resize(known, *size)
     drawn_by, pressed = chosen_renderer(renderer), dent or known.dent or "raised-cosine"
-    shown = sequence_from_text(sequence, known.pattern.rows, known.pattern.cols)
+    pattern = sequence_from_text(sequence, known.pattern.rows, known.pattern.cols)
     stages = Stages(4, progress)
     with stages.stage("trace"):
         surface = dent_from_text(pressed, known)
         truth = trace(known, surface)
     with stages.stage("capture"):
-        seen = capture(known, surface, shown, renderer=drawn_by, noise=noise, seed=seed)
+        taken = capture(known, surface, pattern, renderer=drawn_by, noise=noise, seed=seed)
     with stages.stage("decode"):
-        correspondence = decode(seen.frames, shown)
+        correspondence = decode(taken.frames, pattern)
     with stages.stage("reconstruct"):
         height = reconstruct(correspondence, known)
     return DemoResult(
         scene=known,
-        sequence=shown,
-        capture=seen,
+        sequence=pattern,
+        capture=taken,
         truth=truth,
         correspondence=correspondence,
         height=height,
@@ -99,7 +99,7 @@ def run_demo(
             "blur_px": known.pattern.blur_px,
             "dent": pressed,
             "sequence": sequence,
-            "frames": len(shown),
+            "frames": len(pattern),
             "noise": noise,
             "seed": seed,
             "renderer": drawn_by,

@@ -13,7 +13,7 @@ from optolever.patterns import Frame, Sequence
 from optolever.projector import NOMINAL_SENSOR, capture
 from optolever.scene import Display, Scene, Sensor, Surface, Trace
 
-from .own import OwnImages
+from .user_patterns import UserImages
 
 __all__ = ["Faults", "frames_of"]
 
@@ -49,7 +49,7 @@ def frames_of(
     scene: Scene,
     surface: Surface,
     truth: Trace,
-    shown: Sequence | OwnImages,
+    pattern: Sequence | UserImages,
     lag: float,
     noise: float,
     seed: int,
@@ -58,32 +58,32 @@ def frames_of(
     """Frames (N, H, W) of a mirror with noise (8-bit levels), of a display with lag."""
     sensor = scene.sensor or NOMINAL_SENSOR
     quiet = replace(scene, sensor=replace(sensor, gain_e=0.0, noise=0.0))
-    if isinstance(shown, OwnImages):
-        levels = _image_levels(quiet, surface, truth, shown, renderer)
+    if isinstance(pattern, UserImages):
+        levels = _image_levels(quiet, surface, truth, pattern, renderer)
     elif not lag:
-        return capture(scene, surface, shown, renderer=renderer, noise=noise, seed=seed).frames
+        return capture(scene, surface, pattern, renderer=renderer, noise=noise, seed=seed).frames
     else:
-        levels = _captured_levels(quiet, surface, shown, renderer)
+        levels = _captured_levels(quiet, surface, pattern, renderer)
     for before, after in zip(levels[:-1].copy(), levels[1:], strict=True):
         after += np.float32(lag) * (before - after)
     return _with_noise(levels, sensor, noise, seed)
 
 
-def _captured_levels(scene: Scene, surface: Surface, shown: Sequence, renderer: str) -> Levels:
-    frames = capture(scene, surface, shown, renderer=renderer, bits=16).frames
+def _captured_levels(scene: Scene, surface: Surface, pattern: Sequence, renderer: str) -> Levels:
+    frames = capture(scene, surface, pattern, renderer=renderer, bits=16).frames
     return frames.astype(np.float32) * np.float32(255 / (2**16 - 1))
 
 
-def _image_levels(scene: Scene, surface: Surface, truth: Trace, shown: OwnImages, renderer: str) -> Levels:
+def _image_levels(scene: Scene, surface: Surface, truth: Trace, pattern: UserImages, renderer: str) -> Levels:
     """Levels of a mirror that reflects images, from its white and its black frame: each pixel has the level
     of the blurred image at its coordinates, a point without a footprint."""
-    rows, cols = shown.levels.shape[1:]
+    rows, cols = pattern.levels.shape[1:]
     ends = Sequence((Frame("white"), Frame("black")), rows, cols)
     white, black = _captured_levels(scene, surface, ends, renderer)
     display = scene.display or Display()
-    light = (display.light(shown.levels.astype(np.float64)) - display.black) / (1 - display.black)
+    light = (display.light(pattern.levels.astype(np.float64)) - display.black) / (1 - display.black)
     at = np.where(truth.visible, [truth.v, truth.u], -10.0)
-    levels = np.empty((len(shown), *white.shape), np.float32)
+    levels = np.empty((len(pattern), *white.shape), np.float32)
     for level, image in zip(levels, light, strict=True):
         soft = scipy.ndimage.gaussian_filter(image, scene.pattern.blur_px)
         share = scipy.ndimage.map_coordinates(soft, at, order=1, mode="constant")

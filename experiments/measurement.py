@@ -149,13 +149,13 @@ class Study:
 
     @classmethod
     def of(cls, given: Measurement) -> Study:
-        height, seen, scene = given.height, given.correspondence, given.scene
+        height, found, scene = given.height, given.correspondence, given.scene
         some = bool(height.good.any())
         slopes = None
-        if seen is not None and scene is not None and some:
+        if found is not None and scene is not None and some:
             # dents alone need the slopes of the modes
             plain = replace(height, modes=None) if given.open_air else height
-            slopes = slope_map(plain, seen, scene, given.rest)
+            slopes = slope_map(plain, found, scene, given.rest)
         fit = _form_fit(given, slopes)
         deviation = None if fit is None else _deviation(height, fit)
         terms = None if deviation is None else _terms(deviation, slopes)

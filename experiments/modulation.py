@@ -25,9 +25,9 @@ _MARGIN = 0.9  # safety factor on the modulation, for cures
 _LEVELS = 2000.0, 1000.0
 
 
-def code_that_decodes(found: Correspondence, shown: Sequence) -> Notice | None:
-    """The notice of a capture whose modulation is too weak for its sequence `shown`: the exposure or the code
-    that would decode. None where enough pixels are good, or where noise is not the cause.
+def code_that_decodes(found: Correspondence, sequence: Sequence) -> Notice | None:
+    """The notice of a capture whose modulation is too weak for its sequence: the exposure or the code that
+    would decode. None where enough pixels are good, or where noise is not the cause.
 
     Modulation over noise is that of a simulated capture of the same sequence with the same median sigma of
     the illuminated pixels, provided that the amplitudes of adjacent pixels differ as much. Codes are then
@@ -39,29 +39,29 @@ def code_that_decodes(found: Correspondence, shown: Sequence) -> Notice | None:
     share = float(found.good[lit].mean())
     if share > _REFUSED:
         return None
-    ratio = _modulation(_median_sigma(found, lit), shown)
+    ratio = _modulation(_median_sigma(found, lit), sequence)
     if ratio is None:
         return None
-    similar = _trial(shown, ratio)
+    similar = _trial(sequence, ratio)
     if similar.good.mean() > _REFUSED or _roughness(found, lit) < _AS_ROUGH * _roughness(similar):
         return None
-    longer = next((by for by in _EXPOSURES if _decodes(shown, by * _MARGIN * ratio)), None)
+    longer = next((by for by in _EXPOSURES if _decodes(sequence, by * _MARGIN * ratio)), None)
     cure = f"expose {'more than ' if longer is None else ''}{longer or _EXPOSURES[-1]:g} times as long"
     for text in _PATIENT:
-        code = sequence_from_text(text, shown.rows, shown.cols)
+        code = sequence_from_text(text, sequence.rows, sequence.cols)
         if _decodes(code, _MARGIN * ratio):
             cure += f", or show --sequence {text} ({len(code)} frames)"
             break
     name = (
-        f"The pattern is too weak for {shown.name}: its modulation is {ratio:.2g} times the noise of a "
+        f"The pattern is too weak for {sequence.name}: its modulation is {ratio:.2g} times the noise of a "
         "frame; share of good pixels"
     )
     return Notice(name, share, _DECODED, cure)
 
 
-def _modulation(stated: float, shown: Sequence) -> float | None:
+def _modulation(stated: float, sequence: Sequence) -> float | None:
     """Amplitude over a frame's noise at which the decoder states this median sigma (px); None: unknown."""
-    trials = [(_median_sigma(_trial(shown, ratio)), ratio) for ratio in _RATIOS]
+    trials = [(_median_sigma(_trial(sequence, ratio)), ratio) for ratio in _RATIOS]
     known = [(sigma, ratio) for sigma, ratio in trials if np.isfinite(sigma)]
     if not np.isfinite(stated) or len(known) < 2:
         return None
@@ -84,38 +84,40 @@ def _roughness(found: Correspondence, lit: Mask | None = None) -> float:
     return float(np.median(bend[inside]) / np.median(found.amplitude[known])) if inside.any() else 0.0
 
 
-def _decodes(shown: Sequence, ratio: float) -> bool:
-    return bool(_trial(shown, ratio).good.mean() > _DECODED)
+def _decodes(sequence: Sequence, ratio: float) -> bool:
+    return bool(_trial(sequence, ratio).good.mean() > _DECODED)
 
 
-def _trial(shown: Sequence, ratio: float) -> Correspondence:
+def _trial(sequence: Sequence, ratio: float) -> Correspondence:
     """Simulated patches with this amplitude over noise, decoded."""
-    places, rng = _places(shown), np.random.default_rng(0)
+    places, rng = _places(sequence), np.random.default_rng(0)
     offset, amplitude = _LEVELS
-    frames = np.empty((len(shown), *places[0].shape), np.uint16)
-    for frame, levels in zip(frames, (_levels(shown, k, places) for k in range(len(shown))), strict=True):
+    frames = np.empty((len(sequence), *places[0].shape), np.uint16)
+    for frame, levels in zip(
+        frames, (_levels(sequence, k, places) for k in range(len(sequence))), strict=True
+    ):
         noise = amplitude / ratio * rng.standard_normal(levels.shape)
         frame[:] = np.rint(offset + amplitude * (levels / 127.5 - 1) + noise).clip(0)
-    return decode(frames, shown, on_cells=False)
+    return decode(frames, sequence, on_cells=False)
 
 
-def _levels(shown: Sequence, index: int, places: tuple[Floats, Floats]) -> Floats:
+def _levels(sequence: Sequence, index: int, places: tuple[Floats, Floats]) -> Floats:
     """Grey levels of a frame at places (u, v): of the cell for bits, else between the cells."""
-    frame, axis = shown.frames[index], int(shown.frames[index].axis == "v")
-    table = frame.tables(shown.rows, shown.cols)[axis].astype(np.float64)
+    frame, axis = sequence.frames[index], int(sequence.frames[index].axis == "v")
+    table = frame.tables(sequence.rows, sequence.cols)[axis].astype(np.float64)
     at = np.rint(places[axis]) if frame.kind in BINARY_CODES else places[axis]
     return np.interp(at, np.arange(len(table)), table)
 
 
-def _places(shown: Sequence) -> tuple[Floats, Floats]:
+def _places(sequence: Sequence) -> tuple[Floats, Floats]:
     """Coordinates (u, v) of the trials' pixels: patches one below the other, about one cell per pixel."""
-    rows, cols = (min(n, size - 4) for n, size in zip(_PATCH, (shown.rows, shown.cols), strict=True))
+    rows, cols = (min(n, size - 4) for n, size in zip(_PATCH, (sequence.rows, sequence.cols), strict=True))
     row, col = np.mgrid[:rows, :cols].astype(np.float64)
     u = 0.93 * (col - cols / 2) + 2 * np.sin(row / 19)
     v = 0.95 * (row - rows / 2) + 2 * np.cos(col / 23)
     share = np.linspace(-0.5, 0.5, _PATCHES)
-    room = max(shown.cols - cols - 4, 0), max(shown.rows - rows - 4, 0)
+    room = max(sequence.cols - cols - 4, 0), max(sequence.rows - rows - 4, 0)
     return (
-        np.concatenate([u + shown.cols / 2 + part * room[0] for part in share]),
-        np.concatenate([v + shown.rows / 2 + part * room[1] for part in share]),
+        np.concatenate([u + sequence.cols / 2 + part * room[0] for part in share]),
+        np.concatenate([v + sequence.rows / 2 + part * room[1] for part in share]),
     )

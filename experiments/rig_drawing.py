@@ -9,12 +9,13 @@ from optolever.scene import PinholeCamera, Scene
 
 from .arrays import Floats
 
-__all__ = ["camera_view", "rig_drawing"]
+__all__ = ["rig_drawing"]
 
-Lines = dict[str, list[Floats]]
+#: Points (n, 3), mm, of a line by its CSS class.
+Lines = dict[str, Floats]
 
 
-def camera_view(scene: Scene) -> tuple[Floats, Floats]:
+def _camera_view(scene: Scene) -> tuple[Floats, Floats]:
     """The camera's middle ray (n, 3), from the camera to the mirror at rest, and the face that it crosses, a
     line in its plane of x and z (2, 3), or none (0, 3); mm.
 
@@ -40,7 +41,7 @@ def camera_view(scene: Scene) -> tuple[Floats, Floats]:
 def rig_drawing(rigs: Mapping[str, Scene]) -> tuple[Markup, float]:
     """Both views of rigs by CSS class, and the length of the scale bar in mm."""
     parts = {name: _lines(scene) for name, scene in rigs.items()}
-    points = np.vstack([line for lines in parts.values() for each in lines.values() for line in each])
+    points = np.vstack([line for lines in parts.values() for line in lines.values()])
     size = float(np.ptp(points, axis=0).max())
     power = 10.0 ** np.floor(np.log10(0.4 * size))
     bar = float(max(step for step in (1, 2, 5) if step * power <= 0.4 * size) * power)
@@ -54,18 +55,13 @@ def _lines(scene: Scene) -> Lines:
     corners = np.array([[-0.5, pattern.cols - 0.5], [-0.5, pattern.rows - 0.5]])
     screen = pattern.point(corners[0][[0, 1, 1, 0, 0]], corners[1][[0, 0, 1, 1, 0]])
     mirror = np.array([[0, 0, 0], [length, 0, 0], [length, width, 0], [0, width, 0], [0, 0, 0]], float)
-    ray, face = camera_view(scene)
+    ray, face = _camera_view(scene)
     way = (ray[-1] - ray[-2]) * [1, 1, -1]
     u, v, ahead = pattern.landing(ray[-1][:, None], (way / np.linalg.norm(way))[:, None])
     if ahead[0] > 0:
         ray = np.vstack([ray, pattern.point(u, v)])
-    return {
-        "mirror": [mirror],
-        "pattern": [screen],
-        "ray": [ray],
-        "face": [face] if len(face) else [],
-        "camera": [ray[:1]],
-    }
+    lines = {"mirror": mirror, "pattern": screen, "ray": ray, "camera": ray[:1]}
+    return lines | {"face": face} if len(face) else lines
 
 
 def _view(
@@ -76,15 +72,12 @@ def _view(
     title = "rig from the side, x to the right, z up" if axes[1] == 2 else "rig from above, y up"
     shapes = []
     for rig, lines in parts.items():
-        for kind, each in lines.items():
-            for line in each:
-                at = [(float(p[axes[0]] - low[0]), float(high[1] - p[axes[1]])) for p in line]
-                if kind == "camera":
-                    shapes.append(
-                        f'<circle class="{kind} {rig}" cx="{at[0][0]:.5g}" cy="{at[0][1]:.5g}" '
-                        f'r="{0.2 * margin:.3g}"/>'
-                    )
-                    continue
+        for kind, line in lines.items():
+            at = [(float(p[axes[0]] - low[0]), float(high[1] - p[axes[1]])) for p in line]
+            if kind == "camera":
+                dot = 'cx="{:.5g}" cy="{:.5g}" r="{:.3g}"'.format(*at[0], 0.2 * margin)
+                shapes.append(f'<circle class="{kind} {rig}" {dot}/>')
+            else:
                 text = " ".join(f"{x:.5g},{y:.5g}" for x, y in at)
                 shapes.append(f'<polyline class="{kind} {rig}" points="{text}"/>')
     foot = float(height) - 0.5 * margin

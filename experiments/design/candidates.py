@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from optolever.errors import InputError
 from optolever.patterns import Frame, Sequence, bits_for, sequence_from_text, sequence_names
 
-from ..own import OwnDecoder, OwnImages, own_decoder, own_sequence
+from ..user_patterns import UserDecoder, UserImages, user_decoder, user_sequence
 
 #: Periods whose half is an integer number of cells: a Gray code cannot represent others exactly.
 EVEN_PERIODS = (4.0, 6.0, 8.0, 10.0, 12.0, 16.0, 24.0)
@@ -28,15 +28,15 @@ class Candidate:
     decoder: the user's; such a candidate is simulated only, without a prediction."""
 
     text: str
-    shown: Sequence | OwnImages
-    decoder: OwnDecoder | None = None
+    pattern: Sequence | UserImages
+    decoder: UserDecoder | None = None
 
     @property
     def sequence(self) -> Sequence:
         """InputError for images."""
-        if isinstance(self.shown, OwnImages):
+        if isinstance(self.pattern, UserImages):
             raise InputError(f"pattern {self.text!r}: is images, name a decoder: {self.text}@MODULE:FUNCTION")
-        return self.shown
+        return self.pattern
 
 
 def candidates(rows: int, cols: int, frames: int) -> list[Candidate]:
@@ -132,10 +132,10 @@ def ladder(
 
 
 def user_candidate(text: str, rows: int, cols: int, *, resized: bool = False) -> Candidate:
-    """The candidate of 'PATTERN[@MODULE:FUNCTION]': see `own_sequence` and `own_decoder`. InputError for
+    """The candidate of 'PATTERN[@MODULE:FUNCTION]': see `user_sequence` and `user_decoder`. InputError for
     images without a decoder."""
-    pattern, _, decoder = text.partition("@")
-    shown = own_sequence(pattern, rows, cols, resized=resized)
+    name, _, decoder = text.partition("@")
+    pattern = user_sequence(name, rows, cols, resized=resized)
     if decoder:
-        return Candidate(text, shown, own_decoder(decoder))
-    return Candidate(text, Candidate(text, shown).sequence)
+        return Candidate(text, pattern, user_decoder(decoder))
+    return Candidate(text, Candidate(text, pattern).sequence)

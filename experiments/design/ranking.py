@@ -159,7 +159,7 @@ def _simulated_only(
     one: Candidate, simulated: Callable[[Candidate], tuple[float, float]], refresh: float
 ) -> DesignRow:
     """The row of a candidate with a user's decoder."""
-    row = DesignRow(one.text, len(one.shown), len(one.shown) / refresh, why="own decoder: simulated only")
+    row = DesignRow(one.text, len(one.pattern), len(one.pattern) / refresh, why="own decoder: simulated only")
     try:
         error, share = simulated(one)
     except InputError as error_:
@@ -191,7 +191,7 @@ def simulate(
     """
     squares, shares = [], []
     for seed in seeds:
-        frames = lever.frames(candidate.shown, noise, seed, renderer, lag)
+        frames = lever.frames(candidate.pattern, noise, seed, renderer, lag)
         height = lever.solved(frames, candidate)
         good = height.good & lever.full.usable
         squares.append(rms((height.z - lever.full.truth.z)[good]) ** 2)
@@ -207,13 +207,13 @@ def _verified(
 ) -> list[DesignRow]:
     """The best `verify` rows simulated, then the other rows; rows that cannot be decoded are last."""
     found: list[DesignRow] = []
-    left, failed = list(rows), []
-    while left and len(found) < verify and not left[0].why:
+    remaining, failed = list(rows), []
+    while remaining and len(found) < verify and not remaining[0].why:
         progress("simulate", len(found), verify)
-        row = left.pop(0)
+        row = remaining.pop(0)
         try:
             error, share = simulated(row.text)
             found.append(replace(row, simulated=error, simulated_share=share))
         except InputError as error:
             failed.append(replace(row, why=f"cannot be decoded: {error}"))
-    return [*found, *left, *failed]
+    return [*found, *remaining, *failed]

@@ -28,7 +28,7 @@ from optolever.scene import Scene, Surface
 from ..arrays import Floats, Mask
 from ..faults import frames_of
 from ..metrics import rms
-from ..own import OwnImages
+from ..user_patterns import UserImages
 from .candidates import Candidate
 from .view import Prediction, View, stride_for, view_of
 
@@ -59,19 +59,19 @@ class Lever:
             raise InputError(f"scene {scene.name!r}: no pixel sees the pattern")
 
     def frames(
-        self, shown: Sequence | OwnImages, noise: float, seed: int, renderer: str, lag: float = 0.0
+        self, pattern: Sequence | UserImages, noise: float, seed: int, renderer: str, lag: float = 0.0
     ) -> NDArray[Any]:
         """Simulated frames (N, H, W) of the full camera."""
         truth = self.full.truth
-        return frames_of(self.scene, self.surface, truth, shown, lag, noise, seed, renderer)
+        return frames_of(self.scene, self.surface, truth, pattern, lag, noise, seed, renderer)
 
     def solved(self, frames: NDArray[Any], candidate: Candidate) -> HeightMap:
         """Height from frames, by this package's decoder or the candidate's.
         InputError if the frames cannot be decoded or no anchor has valid pixels."""
-        shown = candidate.shown
+        pattern = candidate.pattern
         if candidate.decoder is None:
             return reconstruct(decode(frames, candidate.sequence), self.scene)
-        levels = shown.levels if isinstance(shown, OwnImages) else shown
+        levels = pattern.levels if isinstance(pattern, UserImages) else pattern
         return reconstruct(candidate.decoder(frames, levels), self.scene)
 
     @cached_property
@@ -85,8 +85,8 @@ class Lever:
         flags = np.where(where, 0, int(Flag.OFF_PATTERN)).astype(np.uint16)
         stated = np.where(where, np.maximum(sigma, 1e-6), np.inf)
         truth = view.truth
-        seen = Correspondence(truth.u + shift[0], truth.v + shift[1], stated[0], stated[1], flags)
-        return reconstruct(seen, view.scene)
+        found = Correspondence(truth.u + shift[0], truth.v + shift[1], stated[0], stated[1], flags)
+        return reconstruct(found, view.scene)
 
     def height(self, prediction: Prediction) -> HeightPrediction:
         """Rms height error by a prediction on `view` of one pair of draws; NaN without an anchor."""
@@ -100,12 +100,12 @@ class Lever:
                 self.solve(view, bias + sign * one, stated, where)
                 for sign, one, stated, where in zip((1, -1), noise, sigma, good, strict=True)
             )
-            scale, scatter = self._usual
+            scale, scatter = self._typical
         except InputError:  # no anchor left
             return HeightPrediction(math.nan, math.nan, math.nan, math.nan, 0.0)
         reached = plus.good & minus.good & prediction.usable
-        noise_mm = scale * rms((self._weighed * 0.5 * (plus.z - minus.z))[reached])
-        bias_mm = rms((self._weighed * (0.5 * (plus.z + minus.z) - view.truth.z))[reached])
+        noise_mm = scale * rms((self._weighted * 0.5 * (plus.z - minus.z))[reached])
+        bias_mm = rms((self._weighted * (0.5 * (plus.z + minus.z) - view.truth.z))[reached])
         total = math.hypot(noise_mm, bias_mm)
         share = float(np.mean([one.good[prediction.usable].mean() for one in (plus, minus)]))
         return HeightPrediction(noise_mm, bias_mm, total, scatter * (noise_mm / total) ** 2, share)
@@ -115,30 +115,30 @@ class Lever:
         return np.random.default_rng([number, 3]).standard_normal((2, *self.view.truth.u.shape))
 
     @cached_property
-    def _usual(self) -> tuple[float, float]:
+    def _typical(self) -> tuple[float, float]:
         """Rms height error over all draws of white noise, on the full camera, relative to that of the first
         draw on the view; relative standard error."""
         sizes = np.array([self._size(self._unit_noise(number)) for number in range(DRAWS)])
-        usual = rms(sizes)
-        scatter = float(np.std(sizes)) / usual / math.sqrt(DRAWS)
-        return self._whole_over_weighed * usual / float(sizes[0]), scatter
+        typical = rms(sizes)
+        scatter = float(np.std(sizes)) / typical / math.sqrt(DRAWS)
+        return self._full_over_weighted * typical / float(sizes[0]), scatter
 
     @cached_property
-    def _whole_over_weighed(self) -> float:
+    def _full_over_weighted(self) -> float:
         """Rms height error of the full camera over the view's, weighted, by the same white noise."""
         if self.view.stride == 1:
             return 1.0
-        whole, size = self.full, self.view.truth.u.shape[::-1]
+        full, size = self.full, self.view.truth.u.shape[::-1]
         rng, squares = np.random.default_rng(5), np.zeros(2)
         for _ in range(PAIRED):
-            noise = rng.standard_normal((2, *whole.truth.u.shape))
+            noise = rng.standard_normal((2, *full.truth.u.shape))
             thin = np.stack([cv2.resize(one, size, interpolation=cv2.INTER_AREA) for one in noise])
-            squares += _known_rms(_errors(whole, noise)) ** 2, self._size(self.view.stride * thin) ** 2
+            squares += _known_rms(_errors(full, noise)) ** 2, self._size(self.view.stride * thin) ** 2
         return float(np.sqrt(squares[0] / squares[1]))
 
     def _size(self, noise: Floats) -> float:
         """Weighted rms height error (mm) by noise in units of REFERENCE."""
-        return _known_rms(self._weighed * _errors(self.view, noise))
+        return _known_rms(self._weighted * _errors(self.view, noise))
 
     @cached_property
     def unit_sigma(self) -> Floats:
@@ -156,7 +156,7 @@ class Lever:
         return np.asarray(np.where(np.isfinite(factor), factor, np.nanmedian(factor)))
 
     @cached_property
-    def _weighed(self) -> Floats:
+    def _weighted(self) -> Floats:
         """`to_full`, weighted by the share of usable full-camera pixels inside each pixel of the view."""
         share = self._blocks[1]
         return np.asarray(self.to_full * np.sqrt(share / share[self.view.usable].mean()))

@@ -74,7 +74,7 @@ def compare_codes(
         for noise, code in product(noises, named):
             progress("simulate", done, total)
             done += 1
-            count = len(code.shown)
+            count = len(code.pattern)
             values = fault.lag, fault.gamma, fault.flicker, fault.blur
             row = Tradeoff(code.text, noise, *values, count, count / rate)
             try:
@@ -87,7 +87,7 @@ def _simulated(lever: Lever, row: Tradeoff, code: Candidate, renderer: str) -> T
     """The row with its numbers."""
     if code.decoder is None and not row.lag:
         row = replace(row, predicted=lever.height(predict(lever.view, code.sequence, row.noise)).total)
-    frames = lever.frames(code.shown, row.noise, 0, renderer, row.lag)
+    frames = lever.frames(code.pattern, row.noise, 0, renderer, row.lag)
     lever.solved(frames, code)  # compiles
     taken = timed(lambda: lever.solved(frames, code))
     height, full = taken.value, lever.full

@@ -67,8 +67,8 @@ class View:
         light of an infinite white pattern."""
         pattern = self.scene.pattern
         white = Sequence((Frame("white"),), pattern.rows, pattern.cols)
-        seen = light_of(self.image, white, None, pattern.blur_px)[0][self.pick]
-        return np.asarray(self.visible & (seen > (1 - BORDER) * self.image.light[self.pick]))
+        light = light_of(self.image, white, None, pattern.blur_px)[0][self.pick]
+        return np.asarray(self.visible & (light > (1 - BORDER) * self.image.light[self.pick]))
 
 
 def stride_for(scene: Scene, finest: int = FINEST) -> int:
@@ -82,33 +82,33 @@ def view_of(scene: Scene, surface: Surface, stride: int = 1) -> View:
     image, shape = footprints(scene, surface, 0, rows), (rows, cols)
     pick = np.arange(rows * cols).reshape(shape)
     truth = trace(scene, surface)
-    whole = View(scene, truth, image, np.stack([truth.u.ravel(), truth.v.ravel()]), shape, pick, 1.0)
+    view = View(scene, truth, image, np.stack([truth.u.ravel(), truth.v.ravel()]), shape, pick, 1.0)
     if stride == 1:
-        return whole
+        return view
     thin_rows, thin_cols = (max(8, round(n / stride)) for n in shape)
     thin = replace(resize(scene, thin_rows, thin_cols), pattern=scene.pattern)
-    return thinned(whole, thin, trace(thin, surface))
+    return thinned(view, thin, trace(thin, surface))
 
 
-def thinned(whole: View, scene: Scene, truth: Trace) -> View:
+def thinned(view: View, scene: Scene, truth: Trace) -> View:
     """The view of a thinned camera from the full one; scene, truth: of the thinned camera."""
-    size, full = truth.u.shape, whole.shape
-    (down, rows), (across, cols) = (_windows(n, few) for n, few in zip(full, size, strict=True))
+    size, full = truth.u.shape, view.shape
+    (down, rows), (across, cols) = (_windows(n, count) for n, count in zip(full, size, strict=True))
     index = (down[:, None] * full[1] + across).ravel()
     image = Footprints(
-        *(getattr(whole.image, name)[index] for name in ("u", "v", "light", "boxes_u", "boxes_v"))
+        *(getattr(view.image, name)[index] for name in ("u", "v", "light", "boxes_u", "boxes_v"))
     )
     stride = float(np.sqrt(full[0] / size[0] * full[1] / size[1]))
     pick = rows[:, None] * len(across) + cols
-    return View(scene, truth, image, whole.centre[:, index], (len(down), len(across)), pick, stride)
+    return View(scene, truth, image, view.centre[:, index], (len(down), len(across)), pick, stride)
 
 
-def _windows(full: int, few: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Indices of the decoded rows among `full`, and (few,) the position of each solved row among them."""
+def _windows(full: int, count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Indices of the decoded rows among `full`, and (count,) the position of each solved row among them."""
     taken, pick, used = [], [], 0
-    for part in np.array_split(np.arange(few), -(-few // BLOCK)):
+    for part in np.array_split(np.arange(count), -(-count // BLOCK)):
         size = min(full, len(part) + 2 * MARGIN)
-        middle = (part[0] + part[-1] + 1) / 2 * full / few
+        middle = (part[0] + part[-1] + 1) / 2 * full / count
         first = int(np.clip(round(middle - size / 2), 0, full - size))
         taken.append(np.arange(first, first + size))
         pick.append(used + (size - len(part)) // 2 + np.arange(len(part)))

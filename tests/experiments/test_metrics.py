@@ -14,48 +14,38 @@ from optolever.scene import Trace
 SHAPE = (4, 5)
 
 
-def truth(visible: np.ndarray) -> Trace:
-    """A mirror 2 mm deep everywhere it is seen."""
-    field = np.where(visible, 2.0, np.nan)
-    x, y = (np.where(visible, grid, np.nan) for grid in np.meshgrid(np.arange(5.0), np.arange(4.0)))
-    nothing = np.full((*SHAPE, 3), np.nan)
-    return Trace(u=10 * x, v=10 * y, x=x, y=y, z=field, normal=nothing, incidence=field, visible=visible)
-
-
-@pytest.fixture
-def visible() -> np.ndarray:
-    seen = np.ones(SHAPE, dtype=bool)
-    seen[0, 0] = False
-    return seen
-
-
-def records(exact: Trace, error: float, flags: np.ndarray) -> tuple[Correspondence, HeightMap]:
-    """Every coordinate and height off by `error`, every sigma 0.5; numbers even where nothing is seen."""
-    u, v, x, y, z = (np.nan_to_num(a) + error for a in (exact.u, exact.v, exact.x, exact.y, exact.z))
-    sigma = np.full(SHAPE, 0.5)
-    return Correspondence(u, v, sigma, 2 * sigma, flags), HeightMap(x, y, z, sigma, flags)
-
-
-def test_headline_numbers(visible: np.ndarray) -> None:
-    exact, flags = truth(visible), np.zeros(SHAPE, dtype=np.uint16)
-    flags[0, 0] = 1
-    flags[1, 1] = 8
-    numbers = height_metrics(exact, *records(exact, 0.1, flags))
-    assert numbers["height_rms_rel"] == pytest.approx(0.05)
-    assert numbers["height_max_rel"] == pytest.approx(0.05)
-    assert numbers["peak_depth_mm"] == 2.0
-    assert numbers["unflagged_share"] == pytest.approx(18 / 19)
-    assert numbers["unflagged_invisible"] == 0
-    assert numbers["sigma_ratio_u"] == pytest.approx(0.2)
-    assert numbers["sigma_ratio_v"] == pytest.approx(0.1)
-    assert numbers["sigma_ratio_height"] == pytest.approx(0.2)
-
-
-def test_nothing_unflagged_is_no_number_and_no_warning(visible: np.ndarray) -> None:
-    exact = truth(visible)
-    numbers = height_metrics(exact, *records(exact, 0.1, np.ones(SHAPE, dtype=np.uint16)))
-    assert math.isnan(numbers["height_rms_rel"])
-    assert numbers["unflagged_share"] == 0
+def test_headline_numbers() -> None:
+    """A mirror 2 mm deep, a corner out of view; coordinates and heights off by 0.1, sigmas 0.5 and 1."""
+    visible = np.ones(SHAPE, dtype=bool)
+    visible[0, 0] = False
+    x, y, z = (
+        np.where(visible, part, np.nan) for part in (*np.meshgrid(range(5), range(4)), np.full(SHAPE, 2.0))
+    )
+    exact = Trace(10 * x, 10 * y, x, y, z, np.full((*SHAPE, 3), np.nan), z, visible)
+    u, v, at_x, at_y, height = (np.nan_to_num(a) + 0.1 for a in (exact.u, exact.v, x, y, z))
+    flags, sigma = np.zeros(SHAPE, dtype=np.uint16), np.full(SHAPE, 0.5)
+    flags[0, 0], flags[1, 1] = 1, 8
+    numbers, none = (
+        height_metrics(
+            exact, Correspondence(u, v, sigma, 2 * sigma, each), HeightMap(at_x, at_y, height, sigma, each)
+        )
+        for each in (flags, np.ones_like(flags))
+    )
+    expected = {
+        "height_rms_rel": 0.05,
+        "height_max_rel": 0.05,
+        "peak_depth_mm": 2.0,
+        "unflagged_share": 18 / 19,
+    }
+    expected |= {
+        "unflagged_invisible": 0,
+        "sigma_ratio_u": 0.2,
+        "sigma_ratio_v": 0.1,
+        "sigma_ratio_height": 0.2,
+    }
+    assert {name: numbers[name] for name in expected} == pytest.approx(expected)
+    assert math.isnan(none["height_rms_rel"])
+    assert none["unflagged_share"] == 0
 
 
 def test_reliability_finds_true_and_false_error_bars() -> None:

@@ -13,7 +13,7 @@ from optolever.cli import run
 from optolever.experiments import Faults
 from optolever.experiments.design import compare_codes, frame_rate
 from optolever.experiments.faults import frames_of
-from optolever.experiments.own import OwnImages
+from optolever.experiments.user_patterns import UserImages
 from optolever.patterns import sequence
 from optolever.projector import NOMINAL_SENSOR, capture
 from optolever.scene import dent, load, resize, trace
@@ -71,7 +71,7 @@ def test_images_of_a_sequence_are_seen_as_the_sequence_is() -> None:
     surface = dent("gaussian", scene)
     true = capture(scene, surface, phase, renderer="numpy").frames.astype(float)
     truth = trace(scene, surface)
-    found = frames_of(scene, surface, truth, OwnImages(phase.render(), "own"), 0.0, 0.0, 0, "numpy")
+    found = frames_of(scene, surface, truth, UserImages(phase.render(), "own"), 0.0, 0.0, 0, "numpy")
     inside = truth.visible & (truth.u > 2) & (truth.v > 2)
     inside &= (truth.u < scene.pattern.cols - 3) & (truth.v < scene.pattern.rows - 3)
     off = np.abs(found - true)[:, inside]

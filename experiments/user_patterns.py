@@ -17,16 +17,16 @@ from optolever.patterns import Frame, Sequence, sequence_from_text, sequence_nam
 from optolever.pictures import read_grey
 from optolever.toml import read_toml
 
-__all__ = ["OwnDecoder", "OwnImages", "own_decoder", "own_sequence"]
+__all__ = ["UserDecoder", "UserImages", "user_decoder", "user_sequence"]
 
 SLACK = 1  # grey levels by which an image may differ from its description
 Levels = NDArray[np.uint8]
 #: From frames (N, H, W) and their Sequence or images (N, rows, cols) to a correspondence.
-OwnDecoder = Callable[[NDArray[Any], Sequence | Levels], Correspondence]
+UserDecoder = Callable[[NDArray[Any], Sequence | Levels], Correspondence]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class OwnImages:
+class UserImages:
     """Images (N, rows, cols) uint8 for a surface of rows x cols cells, and their name."""
 
     levels: Levels
@@ -36,7 +36,7 @@ class OwnImages:
         return len(self.levels)
 
 
-def own_sequence(text: str, rows: int, cols: int, *, resized: bool = False) -> Sequence | OwnImages:
+def user_sequence(text: str, rows: int, cols: int, *, resized: bool = False) -> Sequence | UserImages:
     """The sequence behind 'module:function', a folder, a .toml file or a name.
 
     The module is in the working folder or installed. The function is called with rows and cols and returns a
@@ -60,13 +60,13 @@ def own_sequence(text: str, rows: int, cols: int, *, resized: bool = False) -> S
     return _from_function(text, rows, cols)
 
 
-def own_decoder(text: str) -> OwnDecoder:
+def user_decoder(text: str) -> UserDecoder:
     """The function behind 'module:function'. InputError where there is none, where it raises, and where it
     returns anything but a Correspondence of the frames' size."""
     function = _imported(f"decoder {text!r}", text)
 
-    def decode(frames: NDArray[Any], shown: Sequence | Levels) -> Correspondence:
-        found = function(frames, shown)
+    def decode(frames: NDArray[Any], pattern: Sequence | Levels) -> Correspondence:
+        found = function(frames, pattern)
         if not isinstance(found, Correspondence):
             raise InputError(f"decoder {text!r}: returns {type(found).__name__}, must be a Correspondence")
         if found.u.shape != frames.shape[1:]:
@@ -109,22 +109,22 @@ def _imported(what: str, text: str) -> Callable[..., Any]:
     return called
 
 
-def _from_function(text: str, rows: int, cols: int) -> Sequence | OwnImages:
+def _from_function(text: str, rows: int, cols: int) -> Sequence | UserImages:
     what = f"pattern {text!r}"
     if ":" not in text:
         raise InputError(f"{what}: is no folder, no .toml, no module:function and no known sequence")
     found = _imported(what, text)(rows, cols)
-    shown: Sequence | OwnImages
+    pattern: Sequence | UserImages
     if isinstance(found, np.ndarray) and found.dtype == np.uint8 and found.ndim == 3 and len(found):
-        size, shown = found.shape[1:], OwnImages(found, text)
+        size, pattern = found.shape[1:], UserImages(found, text)
     elif isinstance(found, Sequence):
-        size, shown = (found.rows, found.cols), found
+        size, pattern = (found.rows, found.cols), found
     else:
         kind = type(found).__name__
         raise InputError(f"{what}: returns {kind}, must be a Sequence or uint8 images (N, rows, cols)")
     if size != (rows, cols):
         raise InputError(f"{what}: is {size[0]}x{size[1]} cells, must be {rows}x{cols}")
-    return shown
+    return pattern
 
 
 def _cropped(path: str, rows: int, cols: int) -> Sequence:
