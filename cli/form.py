@@ -26,6 +26,7 @@ radius    4000.5960 ± 0.0023       0.0023   0
 Residual
   heights      4.6e+02 nm rms, 3.6 um from valley to peak
   slope error  29.1 urad rms along x, 29.11 urad along y
+  left out     the outermost ring of good pixels, whose centres may see no mirror
 """
 
 
@@ -58,8 +59,8 @@ def command(
 ) -> None:
     """Fit a form to a height map, and measure the residual.
 
-    All good pixels have equal weight. A concave mirror has a radius above 0. Sigmas include the noise of the
-    frames and the errors of the rig.
+    All good pixels have equal weight, but for their outermost ring, which is left out. A concave mirror has
+    a radius above 0. Sigmas include the noise of the frames and the errors of the rig.
     """
     height = ol.reconstruct.HeightMap.load(source)
     slopes = None if slopes_path is None else ol.reconstruct.SlopeMap.load(slopes_path)
@@ -99,6 +100,7 @@ def command(
     residual = {
         "heights": f"{length(fit.rms)} rms, {length(fit.pv)} from valley to peak",
         "slope error": f"{along_x} urad rms along x, {along_y} urad along y",
+        "left out": "the outermost ring of good pixels, whose centres may see no mirror",
     }
     table("Residual", residual)
     if profiles:

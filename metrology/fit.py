@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy.ndimage
 from numpy.typing import NDArray
 
 from optolever.errors import InputError
@@ -93,7 +94,7 @@ class FormFit:
 
 
 def fit_form(height: HeightMap, form: str = "sphere", slopes: SlopeMap | None = None) -> FormFit:
-    """Unweighted least-squares fit of a form to the good pixels.
+    """Unweighted least-squares fit of a form to the good pixels without their outermost ring.
 
     form: one of form_names(), followed by fixed parameters: 'sphere:radius=4000', 'conic:conic=-1'. slopes:
     slope map of the same correspondence, for the parameters' sigmas by noise and for the slope error (None:
@@ -116,10 +117,17 @@ def fit_form(height: HeightMap, form: str = "sphere", slopes: SlopeMap | None = 
 
 def placed(height: HeightMap, count: int) -> tuple[Floats, Floats, NDArray[np.bool_], tuple[float, float]]:
     """x, y relative to the middle of the good pixels, good (H, W), and the middle. InputError without
-    enough good pixels."""
-    good = height.good & np.isfinite(height.z)
+    enough good pixels.
+
+    The outermost ring of good pixels is left out: their centres may see no mirror. Where the map ends at the
+    image's border, there is none.
+    """
+    mirror = scipy.ndimage.binary_fill_holes(height.good)
+    inside = scipy.ndimage.binary_erosion(mirror, np.ones((3, 3)), border_value=1)
+    good = height.good & inside & np.isfinite(height.z)
     if np.count_nonzero(good) < 2 * count:
-        raise InputError(f"height map: {np.count_nonzero(good)} good pixels, must be at least {2 * count}")
+        few = f"{np.count_nonzero(good)} good pixels within the outermost ring"
+        raise InputError(f"height map: {few}, must be at least {2 * count}")
     middle = tuple(0.5 * float(part[good].min() + part[good].max()) for part in (height.x, height.y))
     x, y = (np.asarray(part, np.float64) - at for part, at in zip((height.x, height.y), middle, strict=True))
     return x, y, good, (middle[0], middle[1])

@@ -46,9 +46,10 @@ def zernike(n: int, m: int, rho: Floats, theta: Floats) -> Floats:
 def fit_zernike(
     height: HeightMap, order: int = 4, slopes: SlopeMap | None = None, radius: float | None = None
 ) -> ZernikeFit:
-    """Coefficients up to a radial order by unweighted least squares over the good pixels.
+    """Coefficients up to a radial order by unweighted least squares over the good pixels without their
+    outermost ring.
 
-    The circle is centred at the middle of the good pixels; radius (mm), default: encloses all of them.
+    The circle is centred at the middle of these; radius (mm), default: encloses all of them.
     slopes: see `fit_form`.
     """
     if not 1 <= order <= _MOST:

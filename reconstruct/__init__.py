@@ -23,7 +23,7 @@ from .contact import Contact, contacts, sink_around
 from .contact.peaks import basins
 from .coupled import method_names, reconstruct
 from .exact import exact_correspondence
-from .fields.integrate import Integral, integrate, integrator_names
+from .fields.integrate import Integral, integrate
 from .heightmap import HEIGHT_FORMATS, Diagnostics, HeightFlag, HeightMap
 from .outputs.curvature import CurvatureMap, curvature_map
 from .outputs.resampling import GRID_FORMATS, Grid
@@ -63,7 +63,6 @@ __all__ = [
     "exact_correspondence",
     "free_mode_of",
     "integrate",
-    "integrator_names",
     "method_names",
     "null_space",
     "reconstruct",

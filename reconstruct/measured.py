@@ -13,7 +13,7 @@ With the unknown w = log t, the slopes are p/t, their derivative with respect to
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from optolever.blocks import over_image
 from optolever.kernels import exact, inlined, kernel
 from optolever.scene import PatternShape
 
-from .arrays import Floats, Mask
+from .arrays import Floats, Mask, Pair
 from .geometry import PAD, RayField, rest_distance
 
 __all__ = ["Measured"]
@@ -64,10 +64,6 @@ class Measured:
         values = (part[rows][seen] for part in (self.u, self.v))
         return all(bool(np.mean(2 * x == np.rint(2 * x)) > _MIDDLES) for x in values)
 
-    def shifted(self, du: Floats, dv: Floats) -> "Measured":
-        """With u and v moved, pattern pixels."""
-        return replace(self, u=self.u + du, v=self.v + dv)
-
     def slopes(self, w: Floats) -> tuple[Floats, ...]:
         """Slopes p, q (along columns, along rows) of the unknown at w, and their derivatives dp/dw, dq/dw;
         (rows, cols) each, NaN where u or v is."""
@@ -83,12 +79,28 @@ class Measured:
                     change -= slope
         return p, q, p_w, q_w
 
-    def variances(self, w: Floats) -> tuple[Floats, Floats]:
-        """Variances of p and q at w that the standard deviations of u and v cause, (rows, cols) each."""
-        out = np.empty(w.shape), np.empty(w.shape)
-        arrays = self._at(w)
-        over_image(lambda start, stop: _variances(*arrays, *out, start, stop), w.shape)
-        return out
+    def variances(self, w: Floats, every: int = 1) -> Pair:
+        """Variances of p and q at w that the standard deviations of u and v cause, (rows, cols) each; NaN but
+        in every such row.
+
+        Where the noise is large as against the way to the pattern, that way is the one without noise: to the
+        mean of neighbours.
+        """
+        found, (u, v) = (np.full(w.shape, np.nan), np.full(w.shape, np.nan)), self._on_plane(w)
+        rays, sigmas, last = self.rays, (self.sigma_u, self.sigma_v), (w, self.rays.logarithmic)
+
+        def take(u: Floats, v: Floats, swing: float) -> None:
+            arrays = rays.origins, rays.directions, self.plane, u, v, *sigmas, *last, swing, *found
+            if every == 1:
+                over_image(lambda start, stop: _variances(*arrays, start, stop), w.shape)
+            for row in range(0, len(w), every) if every > 1 else ():
+                _variances(*arrays, row, row + 1)
+
+        take(u, v, _SWING)
+        noisy = found[0] < 0
+        if noisy.any():
+            take(_amid(u, noisy), _amid(v, noisy), math.inf)
+        return found
 
     def singular(self, w: Floats) -> Mask:
         """Pixels of the mask to which noise leaves no normal n ~ e - d if the mirror is at w.
@@ -96,9 +108,15 @@ class Measured:
         e has no direction where X is at P, and is d where X is on the ray's way on from P: X must be farther
         from that half-line than its noise may move it, and farther from P than a pixel's noisy slopes move P.
         """
-        found = np.empty(w.shape, dtype=np.bool_)
-        arrays = *self._at(w), *self.variances(w), found
-        over_image(lambda start, stop: _no_normal(*arrays, start, stop), w.shape)
+        moved, way = np.maximum(*self.variances(w)), self.to_pattern(w)
+        if self.rays.logarithmic:
+            moved *= np.square(self.distance(w))
+        away = np.einsum("kij,kij->ij", way, way)
+        ahead = np.maximum(np.einsum("kij,kij->ij", way, self.rays.inner_directions), 0.0)
+        pitch = np.linalg.norm(self.plane[1:], axis=1)
+        noise = _SURE * np.maximum(pitch[0] * self.sigma_u, pitch[1] * self.sigma_v)
+        with np.errstate(invalid="ignore"):
+            found: Mask = ~((away - np.square(ahead) > np.square(noise)) & (away > moved))
         return found & self.mask
 
     def sensitive(self, w: Floats, limit: float) -> Mask:
@@ -111,28 +129,23 @@ class Measured:
 
     def clearance(self, w: Floats) -> Floats:
         """Distance from the mirror point at w to the pattern point, mm; NaN where u or v is."""
-        away: Floats = np.linalg.norm(self.to_pattern(w), axis=0)
-        return away
+        way = self.to_pattern(w)
+        return np.asarray(np.sqrt(np.einsum("kij,kij->ij", way, way)))
 
     def to_pattern(self, w: Floats) -> Floats:
-        """From the mirror points at w to the pattern points, (3, rows, cols) mm."""
-        u, v = self._on_plane(w)
-        seen = self.plane[0] + u[..., None] * self.plane[1] + v[..., None] * self.plane[2]
-        ahead: Floats = np.moveaxis(seen, -1, 0) - self._points(w)
-        return ahead
-
-    def _at(self, w: Floats) -> tuple[Floats | bool, ...]:
-        """What kernels of the variances take first."""
-        sigmas = self.sigma_u, self.sigma_v
-        rays = self.rays
-        return rays.origins, rays.directions, self.plane, *self._on_plane(w), *sigmas, w, rays.logarithmic
+        """X - P, from the mirror points at w to the pattern points, (3, rows, cols) mm."""
+        (u, v), way = self._on_plane(w), self._points(w)
+        for part, (start, by_u, by_v) in zip(way, self.plane.T, strict=True):
+            np.subtract(start + u * by_u + v * by_v, part, out=part)
+        return way
 
     def _points(self, w: Floats) -> Floats:
         """Mirror points (3, rows, cols) at w, mm."""
-        points: Floats = self.rays.inner_origins + self.distance(w) * self.rays.inner_directions
+        points = self.distance(w) * self.rays.inner_directions
+        points += self.rays.inner_origins
         return points
 
-    def _on_plane(self, w: Floats) -> tuple[Floats, Floats]:
+    def _on_plane(self, w: Floats) -> Pair:
         """u and v of the projections of the pattern's points from w onto its plane.
 
         e/h of the way from point to mirror, whose height over the plane is h, e that of the pattern point.
@@ -218,99 +231,63 @@ def _slopes(o, d, plane, u, v, t, p, q, p_t, q_t, start, stop):  # type: ignore[
             q_t[i, j] = change
 
 
+def _amid(values: Floats, where: Mask) -> Floats:
+    """The values, there replaced by the mean of the pixel and its known neighbours, opposite ones only, so
+    that what is linear stays."""
+    around = np.pad(values, ((_ALONG, _ALONG), (_ACROSS, _ACROSS)), constant_values=np.nan)
+    windows = np.lib.stride_tricks.sliding_window_view(around, (2 * _ALONG + 1, 2 * _ACROSS + 1))[where]
+    means = values.copy()
+    means[where] = np.nanmean(0.5 * (windows + windows[:, ::-1, ::-1]), axis=(1, 2))
+    return means
+
+
 @inlined
-def _amid(a, i, j):  # type: ignore[no-untyped-def]
-    """The mean of a pixel and its neighbours, opposite ones only, so that what is linear stays."""
-    total, count = a[i, j], 1
-    for di in range(_ALONG + 1):
-        for dj in range(-_ACROSS, _ACROSS + 1):
-            if di == 0 and dj <= 0:
-                continue
-            if i < di or i + di >= a.shape[0] or j < abs(dj) or j + abs(dj) >= a.shape[1]:
-                continue
-            pair = a[i + di, j + dj] + a[i - di, j - dj]
-            if math.isfinite(pair):
-                total += pair
-                count += 2
-    return total / count
+def _spread(t, g, o, d, e, n, scale, by_u, by_v):  # type: ignore[no-untyped-def]
+    """Squared change of the slope along an axis by by_u and by_v, moves of X less their part along e, over
+    the way to X. g, o: as in `_tilt`."""
+    ax, ay, az = o[0] + t * g[0], o[1] + t * g[1], o[2] + t * g[2]
+    s = -scale * (n[0] * ax + n[1] * ay + n[2] * az)
+    ax, ay, az = ax + s * d[0], ay + s * d[1], az + s * d[2]
+    along = e[0] * ax + e[1] * ay + e[2] * az
+    one = by_u[0] * ax + by_u[1] * ay + by_u[2] * az - by_u[3] * along
+    other = by_v[0] * ax + by_v[1] * ay + by_v[2] * az - by_v[3] * along
+    return one * one + other * other
 
 
 @exact
-def _variances(o, d, plane, u, v, sigma_u, sigma_v, w, log, var_p, var_q, start, stop):  # type: ignore[no-untyped-def]
-    size_u, size_v = (
-        plane[1, 0] ** 2 + plane[1, 1] ** 2 + plane[1, 2] ** 2,
-        (plane[2, 0] ** 2 + plane[2, 1] ** 2 + plane[2, 2] ** 2),
-    )
+def _variances(o, d, plane, u, v, sigma_u, sigma_v, w, log, swing, var_p, var_q, start, stop):  # type: ignore[no-untyped-def]
+    """What is not known yet; -1 where noise is more than `swing` of the way to the pattern."""
     for i in range(start, stop):
         r = PAD + i
         for j in range(u.shape[1]):
+            if var_p[i, j] >= 0.0:
+                continue
             c = PAD + j
             t = math.exp(w[i, j]) if log else w[i, j]
-            dx, dy, dz = d[0, r, c], d[1, r, c], d[2, r, c]
-            at_u, at_v = u[i, j], v[i, j]
-            noise = size_u * sigma_u[i, j] ** 2 + size_v * sigma_v[i, j] ** 2
-            for _ in range(2):
-                ex = plane[0, 0] + at_u * plane[1, 0] + at_v * plane[2, 0] - o[0, r, c] - t * dx
-                ey = plane[0, 1] + at_u * plane[1, 1] + at_v * plane[2, 1] - o[1, r, c] - t * dy
-                ez = plane[0, 2] + at_u * plane[1, 2] + at_v * plane[2, 2] - o[2, r, c] - t * dz
-                square = ex * ex + ey * ey + ez * ez
-                if not noise > _SWING**2 * square:
-                    break
-                at_u, at_v = _amid(u, i, j), _amid(v, i, j)
+            ray = d[0, r, c], d[1, r, c], d[2, r, c]
+            ex = plane[0, 0] + u[i, j] * plane[1, 0] + v[i, j] * plane[2, 0] - o[0, r, c] - t * ray[0]
+            ey = plane[0, 1] + u[i, j] * plane[1, 1] + v[i, j] * plane[2, 1] - o[1, r, c] - t * ray[1]
+            ez = plane[0, 2] + u[i, j] * plane[1, 2] + v[i, j] * plane[2, 2] - o[2, r, c] - t * ray[2]
+            square = ex * ex + ey * ey + ez * ez
+            s, k = sigma_u[i, j], sigma_v[i, j]
+            u_x, u_y, u_z = s * plane[1, 0], s * plane[1, 1], s * plane[1, 2]
+            v_x, v_y, v_z = k * plane[2, 0], k * plane[2, 1], k * plane[2, 2]
+            noise = u_x * u_x + u_y * u_y + u_z * u_z + v_x * v_x + v_y * v_y + v_z * v_z
+            if noise > swing * swing * square:
+                var_p[i, j] = -1.0
+                continue
             inverse = 1.0 / math.sqrt(square)
-            ex, ey, ez = ex * inverse, ey * inverse, ez * inverse
-            nx, ny, nz = ex - dx, ey - dy, ez - dz
-            scale = 1.0 / (nx * dx + ny * dy + nz * dz)
-            unit = 1.0 / t if log else 1.0
-            ue = plane[1, 0] * ex + plane[1, 1] * ey + plane[1, 2] * ez
-            ve = plane[2, 0] * ex + plane[2, 1] * ey + plane[2, 2] * ez
+            e = ex * inverse, ey * inverse, ez * inverse
+            n = e[0] - ray[0], e[1] - ray[1], e[2] - ray[2]
+            scale = 1.0 / (n[0] * ray[0] + n[1] * ray[1] + n[2] * ray[2])
+            by_u = u_x, u_y, u_z, u_x * e[0] + u_y * e[1] + u_z * e[2]
+            by_v = v_x, v_y, v_z, v_x * e[0] + v_y * e[1] + v_z * e[2]
             # to second order: noise along the way changes what noise across it does
-            more = 1.0 + 3.0 * ((ue * sigma_u[i, j]) ** 2 + (ve * sigma_v[i, j]) ** 2) / square
-            factor = scale * inverse * unit
-            for axis in range(2):
-                if axis == 0:
-                    ax = _along_cols(o, 0, r, c) + t * _along_cols(d, 0, r, c)
-                    ay = _along_cols(o, 1, r, c) + t * _along_cols(d, 1, r, c)
-                    az = _along_cols(o, 2, r, c) + t * _along_cols(d, 2, r, c)
-                else:
-                    ax = _along_rows(o, 0, r, c) + t * _along_rows(d, 0, r, c)
-                    ay = _along_rows(o, 1, r, c) + t * _along_rows(d, 1, r, c)
-                    az = _along_rows(o, 2, r, c) + t * _along_rows(d, 2, r, c)
-                s = -scale * (nx * ax + ny * ay + nz * az)
-                ax, ay, az = ax + s * dx, ay + s * dy, az + s * dz
-                eT = ex * ax + ey * ay + ez * az
-                by_u = (
-                    factor
-                    * sigma_u[i, j]
-                    * (plane[1, 0] * ax + plane[1, 1] * ay + plane[1, 2] * az - ue * eT)
-                )
-                by_v = (
-                    factor
-                    * sigma_v[i, j]
-                    * (plane[2, 0] * ax + plane[2, 1] * ay + plane[2, 2] * az - ve * eT)
-                )
-                if axis == 0:
-                    var_p[i, j] = more * (by_u * by_u + by_v * by_v)
-                else:
-                    var_q[i, j] = more * (by_u * by_u + by_v * by_v)
-
-
-@exact
-def _no_normal(o, d, plane, u, v, sigma_u, sigma_v, w, log, var_p, var_q, out, start, stop):  # type: ignore[no-untyped-def]
-    size_u = plane[1, 0] ** 2 + plane[1, 1] ** 2 + plane[1, 2] ** 2
-    size_v = plane[2, 0] ** 2 + plane[2, 1] ** 2 + plane[2, 2] ** 2
-    for i in range(start, stop):
-        r = PAD + i
-        for j in range(u.shape[1]):
-            c = PAD + j
-            t = math.exp(w[i, j]) if log else w[i, j]
-            unit = t if log else 1.0
-            away, ahead = 0.0, 0.0
-            for k in range(3):
-                x = plane[0, k] + u[i, j] * plane[1, k] + v[i, j] * plane[2, k] - o[k, r, c] - t * d[k, r, c]
-                away += x * x
-                ahead += x * d[k, r, c]
-            beside = away - max(ahead, 0.0) ** 2
-            noise = max(size_u * sigma_u[i, j] ** 2, size_v * sigma_v[i, j] ** 2)
-            moved = unit * unit * max(var_p[i, j], var_q[i, j])
-            out[i, j] = not (beside > _SURE**2 * noise and away > moved)
+            more = 1.0 + 3.0 * (by_u[3] * by_u[3] + by_v[3] * by_v[3]) / square
+            factor = scale * inverse / t if log else scale * inverse
+            g = _along_cols(d, 0, r, c), _along_cols(d, 1, r, c), _along_cols(d, 2, r, c)
+            moved = _along_cols(o, 0, r, c), _along_cols(o, 1, r, c), _along_cols(o, 2, r, c)
+            var_p[i, j] = more * factor * factor * _spread(t, g, moved, ray, e, n, scale, by_u, by_v)
+            g = _along_rows(d, 0, r, c), _along_rows(d, 1, r, c), _along_rows(d, 2, r, c)
+            moved = _along_rows(o, 0, r, c), _along_rows(o, 1, r, c), _along_rows(o, 2, r, c)
+            var_q[i, j] = more * factor * factor * _spread(t, g, moved, ray, e, n, scale, by_u, by_v)

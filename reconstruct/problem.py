@@ -22,6 +22,8 @@ __all__ = ["Problem", "prepare"]
 #: Pattern pixels: the lower limit of sigma.
 _LEAST = 2  # rows and columns of pixels
 _LEAST_SIGMA = 1e-5
+#: Rows on which it is looked how the slopes' variances go, about.
+_ROWS = 64
 #: Deviations that noise may lead beyond the pattern.
 _NOISE = 5.0
 #: Pixels of a component: with fewer, the way to an anchor has no estimate of the change of slope.
@@ -190,7 +192,8 @@ def _on(at: NDArray[Any], sigma: NDArray[Any], extent: int) -> Mask:
 def _rows_rule(data: Measured) -> bool:
     """True if the slopes' variance depends on the row rather than on the column."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        values = np.where(data.mask, np.log(data.variances(data.rest())[0]), np.nan)
+        every = max(1, len(data.mask) // _ROWS)
+        values = np.where(data.mask, np.log(data.variances(data.rest(), every)[0]), np.nan)
     spreads = []
     for axis in (0, 1):
         count = np.isfinite(values).sum(axis=axis)

@@ -1,5 +1,5 @@
 """A surface with a cliff behind a mask, and the plain way to integrate its slopes robustly: what
-`integrate(method="robust")` has to beat.
+`integrate(robust=True)` has to beat.
 """
 
 import numpy as np

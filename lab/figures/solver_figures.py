@@ -107,7 +107,7 @@ def _cliffs() -> Iterator[Figure]:
     """Robust integration over a cliff against a plain loop of reweighted sparse solves."""
     for noise in ROUGH:
         z, gx, gy, mask = cliff(*CLIFFS, noise)
-        robust, plain = partial(integrate, gx, gy, "robust", mask=mask), partial(cauchy_loop, gx, gy, mask)
+        robust, plain = partial(integrate, gx, gy, mask=mask, robust=True), partial(cauchy_loop, gx, gy, mask)
         robust()  # what is compiled once is not counted
         turns = _in_turn(robust, plain, count=2)
         own, loop = (min(turn[k].processor for turn in turns) for k in (0, 1))

@@ -1,54 +1,30 @@
-"""integrate(): a gradient field to heights, without a scene; the solver by name or from the data.
+"""integrate(): a gradient field to heights, without a scene.
 
-| method | edges | solver |
-|---|---|---|
-| dct2 | trapezoid | DCT, full rectangle |
-| dct4 | cubic through four pixels | DCT, full rectangle |
-| weighted | as dct4 | DCT along rows, tridiagonal along columns: weights by columns, full rectangle |
-| cg | as dct4 | conjugate gradients: any mask, any weights |
-| robust | as dct4 | Cauchy reweighting of the edge defects |
-
-dct2 and dct4: the least-squares heights of edge increments g solve the Neumann Laplacian L z = D^T g, which
-the DCT-II diagonalises with eigenvalues (2 - 2 cos(pi k / rows)) + (2 - 2 cos(pi l / cols)); no boundary
-terms.
+The least-squares heights of edge increments g solve D^T w D z = D^T w g: by a cosine transform along the rows
+and a tridiagonal system along the columns on a full rectangle whose weights go by columns, else by conjugate
+gradients on multigrid (see `poisson`).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.fft
 import scipy.ndimage
 import scipy.sparse
 import scipy.sparse.linalg
 from numpy.typing import ArrayLike
 
-from optolever.blocks import threads
 from optolever.errors import InputError
 
 from ..arrays import Floats, Labels, Mask, Pair
 from ..judgement.reweighting import cauchy, scaled_median
 from ..solver.edges import divergence, edge_weights, increments
-from ..solver.poisson import (
-    SEPARABLE_SPREAD,
-    Accuracy,
-    EdgeProblem,
-    MaskedEdges,
-    SeparableEdges,
-    edge_problem,
-    spread,
-)
+from ..solver.poisson import Accuracy, MaskedEdges, edge_problem
 
-__all__ = ["Integral", "integrate", "integrator_names"]
+__all__ = ["Integral", "integrate"]
 
-_RECTANGLES = ("dct2", "dct4")
-_SOLVERS: dict[str, Callable[[Floats, Floats, Mask], EdgeProblem]] = {
-    "weighted": lambda wx, wy, _: SeparableEdges(wx, wy),
-    "cg": MaskedEdges,
-}
 _ONE = np.ones((1, 1))
 _ACCURACY = Accuracy(relative=1e-12)
 _NEGLIGIBLE = 0.1  # energy of a solve's error: a bound of every height's error in standard deviations
@@ -61,34 +37,27 @@ _ROUNDING = 1e-4  # of the increments: defects below it are quadrature and round
 class Integral:
     """Heights z (H, W), NaN outside the mask, of mean zero in every connected component.
 
-    defect: rms difference between edge increments and heights, in units of z; components: labels (H, W), 0
-    outside; edge_weights: factors of robust reweighting on the edges (x, y), (H, W) each, or None.
+    iterations: of linear solves; defect: rms difference between edge increments and heights, in units of z;
+    components: labels (H, W), 0 outside.
     """
 
     z: Floats
-    method: str
     iterations: int
     defect: float
     components: Labels
-    edge_weights: tuple[Floats, Floats] | None = None
-
-
-def integrator_names() -> tuple[str, ...]:
-    """Names that `integrate` takes as method, apart from 'auto'."""
-    return (*_RECTANGLES, *_SOLVERS, "robust")
 
 
 def integrate(
     gx: ArrayLike,
     gy: ArrayLike,
-    method: str = "auto",
     *,
     mask: ArrayLike | None = None,
     weights: ArrayLike | tuple[ArrayLike, ArrayLike] | None = None,
     spacing: float | tuple[float, float] = 1.0,
+    robust: bool = False,
 ) -> Integral:
     """Heights whose slopes are gx = dz/dx (along columns) and gy = dz/dy (along rows), in the least-squares
-    sense.
+    sense; robust: edges that fit no heights count less (Cauchy's weights), so that outliers stay behind.
 
     gx, gy (H, W): sampled at pixels, NaN where unknown; mask (H, W): pixels to use; weights (H, W) or a pair
     of them for gx and gy: inverse variances; spacing: of the pixels, or (dx, dy). Raises InputError for input
@@ -101,43 +70,19 @@ def integrate(
     True
     """
     p, q, inside = _checked(gx, gy, mask)
-    steps = _steps(spacing)
+    dx, dy = _steps(spacing)
     if not inside.any():
         raise InputError("mask: no pixel with a gradient is left")
     wp, wq = _weights(weights, p.shape, inside)
-    name = _choose(inside, wp, wq) if method == "auto" else method
-    if name not in integrator_names():
-        raise InputError(
-            f"method = {method!r}: unknown, must be auto or one of {', '.join(integrator_names())}"
-        )
-    if steps != (1.0, 1.0):
-        p, q = p * steps[0], q * steps[1]
-    if name in (*_RECTANGLES, "weighted"):
-        _require_plain(name, inside, name != "weighted" and wp is not None)
-    if name in _RECTANGLES:
-        z, rest = _rectangle(p, q, name == "dct4")
-        return Integral(z, name, 1, _rms(rest, rest[0].size + rest[1].size), np.ones(p.shape, dtype=np.int32))
-    one = np.ones(p.shape)
-    wp, wq = (one, one) if wp is None or wq is None else (wp, wq)
-    edges, weights = increments(p, q, inside), edge_weights(1.0 / wp, 1.0 / wq, _ONE, inside)
-    reweighted = None
-    if name == "robust":
-        z, iterations, reweighted = _robust(edges, weights, inside)
+    edges, edge = increments(p * dx, q * dy, inside), edge_weights(1.0 / wp, 1.0 / wq, _ONE, inside)
+    if robust:
+        z, iterations = _robust(edges, edge, inside)
     else:
-        found = _SOLVERS[name](*weights, inside).solve(*edges, _ACCURACY)
+        found = edge_problem(*edge, inside).solve(*edges, _ACCURACY)
         z, iterations = found.x, found.iterations
     labels = scipy.ndimage.label(inside)[0].astype(np.int32)
-    rest, count = _residuals(edges, weights, z), sum(int(np.count_nonzero(w)) for w in weights)
-    return Integral(_centred(z, labels), name, iterations, _rms(rest, count), labels, reweighted)
-
-
-def _require_plain(name: str, inside: Mask, weighted: bool) -> None:
-    if not inside.all():
-        raise InputError(
-            f"method = {name!r}: needs a full rectangle, {np.count_nonzero(~inside)} pixels are masked"
-        )
-    if weighted:
-        raise InputError(f"method = {name!r}: takes no weights; 'weighted', 'cg' and 'robust' do")
+    left, count = _residuals(edges, edge, z), sum(int(np.count_nonzero(w)) for w in edge)
+    return Integral(_centred(z, labels), iterations, _rms(left, count), labels)
 
 
 def _checked(gx: ArrayLike, gy: ArrayLike, mask: ArrayLike | None) -> tuple[Floats, Floats, Mask]:
@@ -165,77 +110,38 @@ def _steps(spacing: float | tuple[float, float]) -> tuple[float, float]:
 
 def _weights(
     weights: ArrayLike | tuple[ArrayLike, ArrayLike] | None, shape: tuple[int, ...], inside: Mask
-) -> tuple[Floats, Floats] | tuple[None, None]:
-    if weights is None:
-        return None, None
+) -> Pair:
     pair = weights if isinstance(weights, tuple) else (weights, weights)
-    found = []
-    for weight in pair:
-        array = np.array(weight, dtype=np.float64)
-        if array.shape != shape or len(pair) != 2:
-            raise InputError(
-                f"weights: shape {array.shape}, must be {shape} as the gradient, or a pair of these"
-            )
-        if not np.all(np.isfinite(array[inside]) & (array[inside] > 0)):
-            raise InputError("weights: must be finite and greater than 0 in every pixel of the mask")
-        found.append(array)
+    found = [np.ones(shape) if weight is None else np.array(weight, dtype=np.float64) for weight in pair]
+    if len(found) != 2 or any(weight.shape != shape for weight in found):
+        raise InputError(f"weights: must be of shape {shape} as the gradient, or a pair of these")
+    if not all(np.all(np.isfinite(weight[inside]) & (weight[inside] > 0)) for weight in found):
+        raise InputError("weights: must be finite and greater than 0 in every pixel of the mask")
     return found[0], found[1]
 
 
-def _choose(inside: Mask, wp: Floats | None, wq: Floats | None) -> str:
-    if not inside.all():
-        return "cg"
-    if wp is None or wq is None:
-        return "dct4"
-    return "weighted" if max(spread(wp), spread(wq)) < SEPARABLE_SPREAD else "cg"
-
-
-def _rectangle(p: Floats, q: Floats, cubic: bool) -> tuple[Floats, Pair]:
-    """Heights of mean zero (H, W) and the edges' defects, by two cosine transforms. cubic: increments of the
-    cubic through four pixels, else of the trapezoid.
-    """
-    (rows, cols), ones = p.shape, np.ones((1, p.shape[1]))
-    gx, gy = increments(p, q, np.ones(p.shape, np.bool_)) if cubic else _trapezoids(p, q)
-    modes = scipy.fft.dctn(divergence(gx, gy, ones, ones), norm="ortho", workers=threads(), overwrite_x=True)
-    eigenvalues = np.add.outer(*(2.0 - 2.0 * np.cos(np.pi * np.arange(n) / n) for n in (rows, cols)))
-    eigenvalues[0, 0] = np.inf
-    modes /= eigenvalues
-    z: Floats = scipy.fft.idctn(modes, norm="ortho", workers=threads(), overwrite_x=True)
-    gx[:, :-1] -= np.diff(z, axis=1)
-    gy[:-1] -= np.diff(z, axis=0)
-    return z, (gx[:, :-1], gy[:-1])
-
-
-def _trapezoids(p: Floats, q: Floats) -> Pair:
-    gx, gy = np.zeros(p.shape), np.zeros(q.shape)
-    gx[:, :-1] = 0.5 * (p[:, :-1] + p[:, 1:])
-    gy[:-1] = 0.5 * (q[:-1] + q[1:])
-    return gx, gy
-
-
-def _robust(edges: Pair, weights: Pair, mask: Mask) -> tuple[Floats, int, Pair]:
-    """Cauchy weights on the edge defects, see `reweighting`: heights, iterations, the weights at the end."""
+def _robust(edges: Pair, weights: Pair, mask: Mask) -> tuple[Floats, int]:
+    """Cauchy weights on the edge defects, see `reweighting`: heights, iterations."""
     floor = _ROUNDING * scaled_median(edges, weights)
-    z, iterations, left, scale = np.zeros(mask.shape), 0, weights, 0.0
+    z, iterations, scale = np.zeros(mask.shape), 0, 0.0
 
     def step(doubts: Pair | None) -> Pair:
-        nonlocal z, iterations, left, scale
+        nonlocal z, iterations, scale
         if doubts is None:
-            result = edge_problem(*left, mask, True).solve(*edges, Accuracy(relative=1e-10))
+            result = edge_problem(*weights, mask).solve(*edges, Accuracy(relative=1e-10))
         else:
             wx, wy = (w / (1.0 + w * doubt**2) for w, doubt in zip(weights, doubts, strict=True))
-            left = wx, wy
             accuracy = Accuracy(energy=_NEGLIGIBLE * scale, relative=1e-10)
-            result = MaskedEdges(*left, mask).solve(*edges, accuracy, z, _PATIENCE)
+            result = MaskedEdges(wx, wy, mask).solve(*edges, accuracy, z, _PATIENCE)
         z, iterations = result.x, iterations + result.iterations
-        if result.iterations == _PATIENCE and mask.sum() <= _FACTORISED:
-            z = _factorised(edges, left, mask)
+        if doubts is not None and result.iterations == _PATIENCE and mask.sum() <= _FACTORISED:
+            z = _factorised(edges, (wx, wy), mask)
         residuals = _residuals(edges, weights, z)
         scale = scaled_median(residuals, weights)
         return residuals
 
     cauchy(step, weights, floor)
-    return z, iterations, left
+    return z, iterations
 
 
 def _factorised(edges: Pair, weights: Pair, mask: Mask) -> Floats:

@@ -7,7 +7,6 @@ neighbours: interior (-1, 13, 13, -1)/24; where the image or the mask ends, one-
 trapezoid where fewer than four neighbours stand.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -30,8 +29,7 @@ __all__ = [
     "stencil",
 ]
 
-_AT_END = (9.0 / 24.0, 19.0 / 24.0, -5.0 / 24.0, 1.0 / 24.0)  # the cubic's increment over its first edge
-
+_STEEP = 0.05  # of the integrating factor's ratio: where it falls so much, slopes do not say by how much
 _NONE = np.zeros((1, 1))
 
 
@@ -66,8 +64,18 @@ def factor_increments(p_w: Floats, q_w: Floats, mask: Mask) -> tuple[Floats, Flo
 
     This is the factor of the trapezoid rule from pixel to pixel (exact for a factor C x).
     """
-    gx, gy = np.empty(p_w.shape), np.empty(p_w.shape)
-    over_image(lambda start, stop: _factor_increments(p_w, q_w, mask, gx, gy, start, stop), p_w.shape)
+    gx, gy = np.zeros(p_w.shape), np.zeros(p_w.shape)
+    for out, f0, f1, both in (
+        (gx[:, :-1], p_w[:, :-1], p_w[:, 1:], mask[:, :-1] & mask[:, 1:]),
+        (gy[:-1], q_w[:-1], q_w[1:], mask[:-1] & mask[1:]),
+    ):
+        above, below = 1.0 + 0.5 * f0, 1.0 - 0.5 * f1
+        steep = ~(np.minimum(above, below) > _STEEP)
+        with np.errstate(all="ignore"):
+            np.divide(above, below, out=above)
+            np.log(above, out=above)
+        above[steep] = 0.5 * (f0[steep] + f1[steep])
+        np.copyto(out, above, where=both)
     return gx, gy
 
 
@@ -116,7 +124,7 @@ def cubic_inside(before, g0, g1, after):  # type: ignore[no-untyped-def]
 
 @inlined
 def cubic_at_end(g0, g1, g2, g3):  # type: ignore[no-untyped-def]
-    """Increment from g0 to g1 likewise, see _AT_END."""
+    """Increment from g0 to g1 likewise, at the end of these."""
     return (9.0 * g0 + 19.0 * g1 - 5.0 * g2 + g3) / 24.0
 
 
@@ -168,28 +176,6 @@ def _defects(p, q, w, root, mask, whole, gx, gy, start, stop):  # type: ignore[n
             if i + 1 < rows and mask[i, j] and mask[i + 1, j]:
                 rise = stencil(q, mask, i, j, 1, 0, i, rows - 1 - i)
                 out_y[j] = (rise - (w1[j] - w0[j])) / (r0[j] * r1[j])
-
-
-@inlined
-def _log_ratio(f0, f1):  # type: ignore[no-untyped-def]
-    above, below = 1.0 + 0.5 * f0, 1.0 - 0.5 * f1
-    if above > 0.05 and below > 0.05:
-        return math.log(above / below)
-    return 0.5 * (f0 + f1)
-
-
-@exact
-def _factor_increments(p_w, q_w, mask, gx, gy, start, stop):  # type: ignore[no-untyped-def]
-    rows, cols = p_w.shape
-    for i in range(start, stop):
-        for j in range(cols):
-            here = mask[i, j]
-            gx[i, j] = (
-                _log_ratio(p_w[i, j], p_w[i, j + 1]) if here and j + 1 < cols and mask[i, j + 1] else 0.0
-            )
-            gy[i, j] = (
-                _log_ratio(q_w[i, j], q_w[i + 1, j]) if here and i + 1 < rows and mask[i + 1, j] else 0.0
-            )
 
 
 @exact

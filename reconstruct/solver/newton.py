@@ -9,6 +9,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.ndimage
 
 from ..arrays import Floats, Labels, Mask
 from ..measured import Measured
@@ -87,9 +88,9 @@ def solve(
     rows = anchor_rows(samples, data, labels)
     variances = _guarded(data.variances(w), data.mask)
     tolerance, noise = _TOLERANCE * _span(w, data.mask), _noise(variances[0], data.mask)
-    weights = edge_weights(*variances, _ONE, data.mask, doubt)
-    plain = edge_problem(*weights, data.mask, doubt is None)
+    plain = edge_problem(*edge_weights(*variances, _ONE, data.mask, doubt), data.mask, doubt is None)
     problem, root, phi = plain, _ONE, None
+    sample: tuple[Floats, ...] = ()
     iterations = 0
     energies: list[float] = []
     merits: list[float] = []
@@ -100,9 +101,13 @@ def solve(
         if _rate(steps) > _CHORD_RATE:
             fit = plain.solve(*factor_increments(p_w, q_w, data.mask), _FACTOR_ACCURACY, phi)
             phi, iterations = fit.x, iterations + fit.iterations
+            del fit
             root = _root(phi, labels)
             weights = edge_weights(*variances, root, data.mask, doubt)
             problem = edge_problem(*weights, data.mask, doubt is None)
+            sample = tuple(part[_some(part)].copy() for part in weights)
+            del weights
+        del p_w, q_w
         gx, gy = defects(p, q, w, root, data.mask)
         energies.append(problem.energy(gx, gy))
         merits.append(energies[-1] + _anchor_energy(root, rows, w, (p, q), variances))
@@ -114,13 +119,15 @@ def solve(
             merits.pop()
             steps.append(steps[-1])
             continue
-        misfit = _misfit(weights, gx, gy)
+        misfit = _misfit(sample, gx, gy)
         # data may be better than announced; a wrong scene may miss most of them
         quiet = max(min(1.0, math.sqrt(energies[-1] / data.mask.sum())), misfit)
         relative = _RELATIVE if steps else _FIRST_RELATIVE
         step = problem.solve(gx, gy, Accuracy(_LINEAR_SHARE * quiet, relative))
         iterations += step.iterations
+        del gx, gy
         change, share = _anchored(step.x, root, labels, rows, w, (p, q), variances)
+        del step
         change = _limited(change, data, w)
         w = w + change
         steps.append(float(np.sqrt(np.mean(change**2))))
@@ -292,16 +299,20 @@ def _left(steps: list[float]) -> float:
     return steps[-1] * rate / (1 - rate) if rate < 0.9 else float("inf")
 
 
-def _misfit(weights: tuple[Floats, Floats], gx: Floats, gy: Floats) -> float:
-    """Robust root mean square of the edge defects over their standard deviations, from about 64 rows: below 1
-    for noise as announced, independent of single wrong pixels.
+def _misfit(weights: tuple[Floats, ...], gx: Floats, gy: Floats) -> float:
+    """Robust root mean square of the edge defects over their standard deviations, below 1 for noise as
+    announced, independent of single wrong pixels. weights: of the rows that `_some` takes.
     """
-    rows = slice(None, None, max(1, len(gx) // _ROWS))
-    wx, wy = weights[0][rows], weights[1][rows]
+    (wx, wy), rows = weights, _some(gx)
     both = (wx > 0) & (wy > 0)
     if not both.any():
         return 0.0
     return math.sqrt(float(np.median((wx * gx[rows] ** 2 + wy * gy[rows] ** 2)[both])) / _MEDIAN)
+
+
+def _some(image: Floats) -> slice:
+    """About 64 rows."""
+    return slice(None, None, max(1, len(image) // _ROWS))
 
 
 def _stalled(steps: list[float]) -> bool:
@@ -315,10 +326,11 @@ def _worse(energies: list[float]) -> bool:
 
 def _root(phi: Floats, labels: Labels) -> Floats:
     """sqrt(E), E at most one in every component."""
-    tops = np.full(int(labels.max()) + 1, -np.inf)
-    np.maximum.at(tops, labels, phi)
-    root: Floats = np.exp(0.5 * (phi - tops[labels]))
-    return root
+    count = int(labels.max())
+    tops = np.append(phi.max(), scipy.ndimage.maximum(phi, labels, range(1, count + 1)) if count > 1 else [])
+    root = phi - (tops[0] if count < 2 else tops[labels])
+    root *= 0.5
+    return np.asarray(np.exp(root, out=root))
 
 
 def _guarded(variances: tuple[Floats, Floats], mask: Mask) -> tuple[Floats, Floats]:

@@ -108,8 +108,8 @@ class ColumnPoisson:
 
         single: in float32, half the time.
         """
-        given = rhs[:, self._order].astype(np.float32 if single else np.float64)
-        modes = scipy.fft.dct(given, axis=0, norm="ortho", overwrite_x=True, workers=threads())
+        rhs = rhs[:, self._order].astype(np.float32 if single else np.float64)  # which frees the one given
+        modes = scipy.fft.dct(rhs, axis=0, norm="ortho", overwrite_x=True, workers=threads())
         over_image(
             lambda start, stop: _substitute(self._elimination[0], self._inverse_pivot, modes, start, stop),
             modes.shape,
@@ -121,9 +121,22 @@ class ColumnPoisson:
         """Diagonal of every mode's inverse, (modes, cols);
         mode 0 is pinned to zero at the heavy end's column.
         """
-        out = np.empty((self.rows, self.wx.size))
-        over_image(lambda start, stop: _inverse_diagonal(*self._elimination, out, start, stop), out.shape)
-        return out[:, self._order]
+        (along, across, eigenvalues), out = self._elimination, np.empty((self.wx.size, self.rows))
+        flow = np.outer(across, eigenvalues)
+        with np.errstate(invalid="ignore"):  # mode 0: no excess beyond the last column
+            excess = np.zeros(self.rows)
+            for j in range(len(out)):  # of the columns before
+                out[j] = excess
+                excess += flow[j]
+                excess *= along[j] / (along[j] + excess)
+            excess[:] = 0.0
+            for j in reversed(range(len(out))):  # of those behind
+                out[j] += flow[j] + excess
+                excess += flow[j]
+                excess *= along[j - 1] / (along[j - 1] + excess)
+        out[:, 1:] = 1.0 / out[:, 1:]
+        out[:, 0] = np.append(0.0, np.cumsum(1.0 / along[:-1]))
+        return out.T[:, self._order]
 
 
 def column_profile(weights: Floats) -> Floats:
@@ -176,8 +189,8 @@ class SeparableEdges:
 
     def solve(self, gx: Floats, gy: Floats, accuracy: Accuracy, start: Floats | None = None) -> PoissonResult:
         """One direct solve."""
-        rhs = divergence(gx, gy, self._wx, self._wy)
-        return PoissonResult(self.columns.solve(rhs, accuracy.single), 1, 0.0)
+        x = self.columns.solve(divergence(gx, gy, self._wx, self._wy), accuracy.single)
+        return PoissonResult(x, 1, 0.0)
 
     def energy(self, gx: Floats, gy: Floats) -> float:
         """sum w_e g_e^2."""
@@ -275,7 +288,7 @@ def spread(weights: Floats) -> float:
 def _mean_profile(weights: Floats) -> Floats:
     """Inverse of the columns' mean variance: the weights under which the error bar stays true on average."""
     present = weights > 0
-    inverse = np.where(present, 1.0 / np.where(present, weights, 1.0), 0.0).sum(axis=0)
+    inverse = np.divide(1.0, weights, out=np.zeros(weights.shape), where=present).sum(axis=0)
     count = np.count_nonzero(present, axis=0)
     profile: Floats = np.divide(count, inverse, out=np.ones(count.shape), where=count > 0)
     return profile
@@ -315,27 +328,3 @@ def _substitute(wx, inverse_pivot, b, start, stop):  # type: ignore[no-untyped-d
         for j in range(1, cols):
             for k in range(first, last):
                 b[k, j] = (b[k, j] + wx[j - 1] * b[k, j - 1]) * inverse_pivot[k, j]
-
-
-@exact
-def _inverse_diagonal(wx, wy, eigenvalues, out, start, stop):  # type: ignore[no-untyped-def]
-    cols = wx.size
-    for k in range(start, stop):
-        if eigenvalues[k] == 0.0:
-            variance = 0.0
-            for j in range(cols):
-                if j > 0:
-                    variance += 1.0 / wx[j - 1]
-                out[k, j] = variance
-            continue
-        excess = 0.0
-        for j in range(cols):
-            out[k, j] = excess
-            excess += eigenvalues[k] * wy[j]
-            excess = wx[j] * excess / (wx[j] + excess)
-        excess = 0.0
-        for j in range(cols - 1, -1, -1):
-            out[k, j] = 1.0 / (out[k, j] + eigenvalues[k] * wy[j] + excess)
-            if j > 0:
-                excess += eigenvalues[k] * wy[j]
-                excess = wx[j - 1] * excess / (wx[j - 1] + excess)

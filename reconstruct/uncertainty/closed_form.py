@@ -49,33 +49,38 @@ def unknown_variance(data: Measured, state: State, labels: Labels) -> Floats:
     gain = scipy.ndimage.minimum_filter1d(averaging_gain(along_cols, along_rows), 3)
     share = state.share / state.share.sum()
     own = share**2 * (rows.spread(*state.variances) / at**2 - gain[rows.pixel % gain.size])
-    load = np.zeros(labels.shape)
-    np.add.at(load.reshape(-1), rows.pixel, share)
-    green = columns.solve(load)
+    load: Floats = np.bincount(rows.pixel, share, labels.size).astype(np.float64).reshape(labels.shape)
+    potential = columns.solve(load)
+    constant = float(share @ potential.ravel()[rows.pixel]) + own.sum()
+    potential *= -2.0
+    potential += constant
     diagonal = edge_diagonal(columns)
-    potential = diagonal + float(np.vdot(load, green)) + own.sum() - 2.0 * green
+    potential += diagonal
     if state.problem.closed:
-        scaled = state.variances[0] / factor**2, state.variances[1] / factor**2
-        more = unlike_columns(scaled, diagonal)
+        del load
+        more = unlike_columns(state.variances, factor**2, diagonal)
+        potential += more
         # errors of the anchors as fully correlated
-        potential = potential + more + max(float(share @ more.ravel()[rows.pixel]), 0.0)
-    variance: Floats = factor**2 * np.maximum(potential - gain, FLOOR * along_cols)
+        potential += max(float(share @ more.ravel()[rows.pixel]), 0.0)
+    potential -= gain
+    variance: Floats = np.maximum(potential, FLOOR * along_cols, out=potential)
+    variance *= factor**2
     if not state.problem.closed:
         variance = monte_carlo_variance(data, state, labels, variance, load)
     return variance
 
 
-def unlike_columns(variances: Pair, diagonal: Floats) -> Floats:
-    """What slopes' variances (rows, cols; of p and q over the squared integrating factor) other than their
-    columns' means, for which the solve is weighted, add to the potential's variance `diagonal`, same units
-    (rows, cols).
+def unlike_columns(variances: Pair, square: Floats, diagonal: Floats) -> Floats:
+    """What slopes' variances (rows, cols; of p and q, over the square of the integrating factor) other than
+    their columns' means, for which the solve is weighted, add to the potential's variance `diagonal`, same
+    units (rows, cols).
 
     Near a pixel the solve is a convolution: a slope along x is answered by h, of the transform
     -2i sin(k_x / 2) |A| / (l_x + r l_y), r = var_p / var_q, one along y likewise; the variance is the sum
     of h^2 times that of the slopes. Beyond the border all is mirrored. Where noise grows from column to
     column the response is rather its quiet side's: a decrease is at most `diagonal`.
     """
-    usual = [variance.mean(axis=0) for variance in variances]
+    usual = [(variance / square).mean(axis=0) for variance in variances]
     r = float(np.median(usual[0] / usual[1]))
     k = 2 * np.pi * np.fft.fftfreq(4 * _NEAR)
     l = 2 - 2 * np.cos(k)
@@ -86,7 +91,7 @@ def unlike_columns(variances: Pair, diagonal: Floats) -> Floats:
     total, parts, shape = 0.0, 0.0, [n + 2 * _NEAR for n in variances[0].shape]
     size = [scipy.fft.next_fast_len(n, real=True) for n in shape]
     for variance, own, kernel in zip(variances, usual, kernels, strict=True):
-        more = np.pad((variance / own - 1).astype(np.float32), _NEAR, mode="symmetric")
+        more = np.pad((variance / square / own - 1).astype(np.float32), _NEAR, mode="symmetric")
         near = np.roll(kernel, (_NEAR, _NEAR), (0, 1))[: 2 * _NEAR + 1, : 2 * _NEAR + 1].astype(np.float32)
         spectra = (scipy.fft.rfft2(part, size, workers=threads()) for part in (more, near))
         total, parts = total + np.prod(list(spectra), axis=0), parts + float(near.sum())

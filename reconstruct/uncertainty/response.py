@@ -6,6 +6,7 @@ squared responses of its fields.
 """
 
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -44,7 +45,7 @@ def variance_by(problem: Problem, state: State, fields: Iterable[ErrorField]) ->
 
 def slope_errors(data: Measured, state: State, still: Pair, field: ErrorField) -> Pair:
     """Errors of both slopes (rows, cols); still: the slopes without."""
-    moved = data.shifted(field.u, field.v).slopes(state.w)[:2]
+    moved = replace(data, u=data.u + field.u, v=data.v + field.v).slopes(state.w)[:2]
     p, q = (np.where(data.mask, one - other, 0.0) for one, other in zip(moved, still, strict=True))
     return p, q
 

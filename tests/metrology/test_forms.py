@@ -163,6 +163,20 @@ def test_zernike_coefficients_of_a_sum_of_terms() -> None:
     assert np.nanmax(np.abs(fit.residual)) < 1e-12
 
 
+def test_the_outermost_ring_is_left_out() -> None:
+    """Pixels that the mirror covers in part are wrong and enlarge the circle; a hole has no ring."""
+    distance = np.hypot(X - MIDDLE[0], Y - MIDDLE[1])
+    inside = distance < 60
+    rim = inside & (distance > 60 - PITCH)
+    z = np.where(rim, 1.0, 1e-3 * zernike(2, 2, distance / 60, np.arctan2(Y - MIDDLE[1], X - MIDDLE[0])))
+    inside[ROWS // 2, COLS // 2] = False
+    map_ = height_map(z, inside)
+    for residual in (fit_form(map_, "tilt").residual, fit_zernike(map_, 2).residual):
+        assert not np.isfinite(residual[rim]).any()
+        assert np.count_nonzero(np.isnan(residual[distance < 60 - 3 * PITCH])) == 1
+    assert fit_zernike(map_, 2).radius < 60 - 0.5 * PITCH
+
+
 def test_zernike_sigmas_on_a_round_aperture_of_uneven_noise() -> None:
     """Noise that grows along x, told by a slope map."""
     inside = (X - MIDDLE[0]) ** 2 + (Y - MIDDLE[1]) ** 2 < 80**2
@@ -201,7 +215,7 @@ def test_what_is_no_form(form: str, words: str) -> None:
 def test_too_few_pixels_are_refused() -> None:
     good = np.zeros((ROWS, COLS), np.bool_)
     good[3, 4:8] = True
-    with pytest.raises(InputError, match="4 good pixels, must be at least 8"):
+    with pytest.raises(InputError, match="0 good pixels within the outermost ring, must be at least 8"):
         fit_form(height_map(conic(500, 0), good), "sphere")
     with pytest.raises(InputError, match="heights are flat"):
         fit_form(replace(height_map(np.zeros((ROWS, COLS)))), "sphere")
