@@ -63,9 +63,8 @@ class Diagnostics:
     1: noise alone), None if unknown; components: connected components solved; lost: pixels
     in components without an anchor; chi2: of the slopes' circulation around blocks of pixels, per degree of
     freedom, `freedom` in number (see `circulation`; about 1 if the scene is right, None without a complete
-    block); noise: share of the variance by every source (see `uncertainty.sources`), median; solver: of the
-    linear problems; notes: what else a reader should know; slope_sigma: median standard deviations of dz/dx
-    and dz/dy by noise, where they were computed.
+    block); noise: share of the variance by every source (see `uncertainty.sources`), median; slope_sigma:
+    median standard deviations of dz/dx and dz/dy by noise, where they were computed.
     """
 
     method: str
@@ -78,8 +77,6 @@ class Diagnostics:
     noise: dict[str, float] = field(default_factory=dict)
     chi2: float | None = None
     freedom: int = 0
-    solver: str = ""
-    notes: tuple[str, ...] = ()
     slope_sigma: tuple[float, float] | None = None
 
     def to_json(self) -> str:

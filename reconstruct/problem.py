@@ -159,10 +159,9 @@ def _valid(c: Correspondence, rays: RayField, pattern: Pattern, mask: Mask | Non
         valid = valid & np.asarray(mask, dtype=np.bool_)
     if not valid.any():
         raise InputError("mask: no pixel is left to reconstruct (all are flagged or masked)")
-    for name in ("u", "v"):
-        if not np.isfinite(getattr(c, name)[valid]).any():
-            raise InputError(f"correspondence: {name} is NaN in every valid pixel; both axes must be encoded")
     valid = valid & np.isfinite(c.u) & np.isfinite(c.v)
+    if not valid.any():
+        raise InputError("correspondence: u or v is NaN in every valid pixel; both axes must be encoded")
     for name in ("sigma_u", "sigma_v"):
         sigma = getattr(c, name)
         wrong = valid & ~(np.isfinite(sigma) & (sigma >= 0))
@@ -172,8 +171,6 @@ def _valid(c: Correspondence, rays: RayField, pattern: Pattern, mask: Mask | Non
                 f"correspondence: {name} = {sigma[row, col]} at pixel ({row}, {col}), which has no flag; "
                 "must be finite and at least 0"
             )
-    if not valid.any():
-        raise InputError("correspondence: no pixel has both u and v")
     valid &= _on(c.u, c.sigma_u, pattern.cols) & _on(c.v, c.sigma_v, pattern.rows)
     if not valid.any():
         raise InputError(
@@ -192,13 +189,11 @@ def _on(at: NDArray[Any], sigma: NDArray[Any], extent: int) -> Mask:
 def _rows_rule(data: Measured) -> bool:
     """True if the slopes' variance depends on the row rather than on the column."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        every = max(1, len(data.mask) // _ROWS)
-        values = np.where(data.mask, np.log(data.variances(data.rest(), every)[0]), np.nan)
-    spreads = []
+        values = np.log(data.variances(data.rest(), max(1, len(data.mask) // _ROWS))[0])
+    known, spreads = data.mask & np.isfinite(values), []
     for axis in (0, 1):
-        count = np.isfinite(values).sum(axis=axis)
-        total = np.nansum(np.where(np.isfinite(values), values, np.nan), axis=axis)
-        means = (total / np.maximum(count, 1))[count > 0]
+        count = known.sum(axis=axis)
+        means = np.where(known, values, 0.0).sum(axis=axis)[count > 0] / count[count > 0]
         spreads.append(float(np.var(means)) if means.size else 0.0)
     return spreads[1] > 4.0 * spreads[0] + 1e-3
 
@@ -211,13 +206,6 @@ def _transposed(data: Measured) -> Measured:
 
 def _anchored_labels(data: Measured, samples: Samples) -> Labels:
     """The components of the grid that an anchor reaches, numbered from 1 on, 0 elsewhere."""
-    if data.mask.all():  # as a rule: no need to look for pixels
-        beyond = (
-            np.maximum(np.maximum(-at, at - (size - 1)), 0.0)
-            for at, size in zip((samples.row, samples.col), data.mask.shape, strict=True)
-        )
-        near = bool((np.hypot(*beyond) <= EDGE_REACH + 0.25).any())
-        return np.full(data.mask.shape, int(near), dtype=np.int32)
     labels = scipy.ndimage.label(data.mask)[0].astype(np.int32)
     reached = np.unique(anchor_rows(samples, data, labels).component)
     reached = reached[np.bincount(labels.ravel())[reached] >= _FEWEST]

@@ -5,14 +5,13 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter
 
 from optolever.decode import Correspondence, Flag
 from optolever.notices import Notice
 from optolever.scene import Mirror, Scene
 
-from .arrays import Floats, Mask
+from .arrays import Floats
 from .contact.load import sinks
 from .heightmap import Diagnostics, HeightFlag, HeightMap
 from .judgement.circulation import contradiction
@@ -76,7 +75,9 @@ def height_map(
     flags[problem.valid & ~solved & ~singular] |= np.uint16(HeightFlag.NO_ANCHOR)
     flags[problem.to_image(steep, False) & solved] |= np.uint16(HeightFlag.STEEP)
     if not state.converged:
-        flags[solved & _unsettled(problem, state)] |= np.uint16(HeightFlag.NOT_CONVERGED)
+        # where noise moves single pixels, right before the pattern or at its edge, these alone
+        moving = state.diverges | problem.to_image(np.asarray(state.unsettled), False)
+        flags[solved & moving] |= np.uint16(HeightFlag.NOT_CONVERGED)
     diagnostics = Diagnostics(
         method="coupled",
         converged=state.converged,
@@ -88,7 +89,6 @@ def height_map(
         chi2=chi2,
         freedom=freedom,
         noise={name: float(np.median((each / variance)[data.mask])) for name, each in noise.items()},
-        solver=type(state.problem).__name__,
     )
     points = t * d
     points += o
@@ -125,9 +125,17 @@ def with_references(
         parts.append((f"anchor {anchor!r}", np.fmin(settled, height.sigma)))
     if rest is not None:
         both = corrected.good & rest.good
-        share = _variance(rest, both) / _variance(corrected, both) if both.any() else 0.0
+        own, whole = (
+            (
+                sum(float(np.median(sigma[both])) ** 2 for sigma in (one.sigma_u, one.sigma_v))
+                for one in (rest, corrected)
+            )
+            if both.any()
+            else (0.0, 1.0)
+        )
         others = np.sqrt(np.maximum(height.sigma**2 - np.nan_to_num(settled) ** 2, 0.0))
-        parts.append((f"rest {_digest(rest)}", np.sqrt(share) * others))
+        digest = hashlib.blake2b(np.stack([rest.u, rest.v]).tobytes(), digest_size=8).hexdigest()
+        parts.append((f"rest {digest}", np.sqrt(own / whole) * others))
     if not parts:
         return height
     names, sigmas = tuple(name for name, _ in parts), np.stack([part for _, part in parts])
@@ -253,17 +261,9 @@ def off_mirror(height: HeightMap, mirror: Mirror) -> tuple[Notice, ...]:
     return (Notice("points lie off the mirror, mm", farthest, limit, cure),)
 
 
-def _unsettled(problem: Problem, state: State) -> Mask:
-    """Pixels of the image that did not converge: where noise moves single ones, right before the pattern or
-    at its edge, these alone; else all."""
-    if state.unsettled is None or state.diverges:
-        return np.ones(problem.valid.shape, dtype=np.bool_)
-    return problem.to_image(state.unsettled, False)
-
-
 def _unconverged(state: State) -> tuple[Notice, ...]:
     """The notice that no height is known since the solve failed."""
-    if state.converged or not (state.unsettled is None or state.diverges):
+    if not state.diverges:
         return ()
     name = "The solve did not converge, no height is known; rms of the last step, of the first"
     cure = (
@@ -271,16 +271,3 @@ def _unconverged(state: State) -> tuple[Notice, ...]:
         "the pixels next to the pattern's edge"
     )
     return (Notice(name, state.steps[-1] / state.steps[0], 0.0, cure),)
-
-
-def _variance(correspondence: Correspondence, known: Mask) -> float:
-    """Of u and v together, median of the known pixels, pattern px^2."""
-    sigmas = (correspondence.sigma_u, correspondence.sigma_v)
-    return sum(float(np.median(sigma[known])) ** 2 for sigma in sigmas)
-
-
-def _digest(correspondence: Correspondence) -> str:
-    parts: tuple[NDArray[np.floating], ...] = (correspondence.u, correspondence.v)
-    return hashlib.blake2b(
-        b"".join(np.ascontiguousarray(part).tobytes() for part in parts), digest_size=8
-    ).hexdigest()

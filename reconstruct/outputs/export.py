@@ -83,11 +83,9 @@ def write_tiff(path: str | Path, z: Floats, pitch_mm: float | None = None, *_: f
     scale: dict[str, Any] = {}
     if pitch_mm is not None:
         scale = {"resolution": (10.0 / pitch_mm, 10.0 / pitch_mm), "resolutionunit": "CENTIMETER"}
-    # in memory first: NumPy's writing into a file does not say why it failed
     image = io.BytesIO()
     tifffile.imwrite(image, z.astype(np.float32), metadata={"unit": "mm", "axes": "YX"}, **scale)
-    with atomic_file(path) as temporary:
-        temporary.write_bytes(image.getbuffer())
+    _store(path, image.getvalue())
 
 
 def write_ply(path: str | Path, x: Floats, y: Floats, z: Floats, sigma: Floats, good: Mask) -> None:
@@ -110,10 +108,7 @@ def write_ply(path: str | Path, x: Floats, y: Floats, z: Floats, sigma: Floats, 
         "property list uchar int vertex_indices",
         "end_header",
     ]
-    with atomic_file(path) as temporary, temporary.open("wb") as stream:
-        stream.write(("\n".join(header) + "\n").encode("ascii"))
-        stream.write(vertices.tobytes())
-        stream.write(faces.tobytes())
+    _store(path, ("\n".join(header) + "\n").encode("ascii"), vertices.tobytes(), faces.tobytes())
 
 
 def write_stl(path: str | Path, x: Floats, y: Floats, z: Floats, _: Floats, good: Mask) -> None:
@@ -131,10 +126,8 @@ def write_stl(path: str | Path, x: Floats, y: Floats, z: Floats, _: Floats, good
         len(corners), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]
     )
     facets["normal"], facets["corners"] = normals, corners
-    with atomic_file(path) as temporary, temporary.open("wb") as stream:
-        stream.write(b"optolever height map, mm, mirror frame".ljust(80))
-        stream.write(struct.pack("<I", len(facets)))
-        stream.write(facets.tobytes())
+    title = b"optolever height map, mm, mirror frame".ljust(80)
+    _store(path, title, struct.pack("<I", len(facets)), facets.tobytes())
 
 
 def write_xyz(path: str | Path, x: Floats, y: Floats, z: Floats, _: Floats, good: Mask) -> None:
@@ -142,8 +135,7 @@ def write_xyz(path: str | Path, x: Floats, y: Floats, z: Floats, _: Floats, good
     _require_any(path, good)
     text = io.StringIO()
     np.savetxt(text, np.stack([x[good], y[good], z[good]], axis=1), fmt="%.9g")
-    with atomic_file(path) as temporary:
-        temporary.write_text(text.getvalue(), encoding="ascii")
+    _store(path, text.getvalue().encode("ascii"))
 
 
 def write_sdf(path: str | Path, z: Floats, pitch_mm: float, *_: float) -> None:
@@ -168,8 +160,7 @@ def write_sdf(path: str | Path, z: Floats, pitch_mm: float, *_: float) -> None:
     lines = ["aISO-1.0", *(f"{name} = {value}" for name, value in fields.items()), "*"]
     for row, there in zip(z, known, strict=True):
         lines.append(" ".join(f"{value:.9g}" if ok else "BAD" for value, ok in zip(row, there, strict=True)))
-    with atomic_file(path) as temporary:
-        temporary.write_text("\n".join([*lines, "*", "*", ""]), encoding="ascii")
+    _store(path, "\n".join([*lines, "*", "*", ""]).encode("ascii"))
 
 
 def write_dat(path: str | Path, z: Floats, pitch_mm: float, *_: float) -> None:
@@ -211,9 +202,7 @@ def write_dat(path: str | Path, z: Floats, pitch_mm: float, *_: float) -> None:
     ):
         struct.pack_into(kind, header, place, value)
     header[80:161] = b"optolever".ljust(81)
-    with atomic_file(path) as temporary, temporary.open("wb") as stream:
-        stream.write(header)
-        stream.write(values.tobytes())
+    _store(path, bytes(header), values.tobytes())
 
 
 def write_x3p(path: str | Path, z: Floats, pitch_mm: float, x0_mm: float, y0_mm: float) -> None:
@@ -234,13 +223,17 @@ def write_x3p(path: str | Path, z: Floats, pitch_mm: float, x0_mm: float, y0_mm:
         checksum=_md5(data),
         sums=_CHECKSUM,
     ).encode()
-    with (
-        atomic_file(path) as temporary,
-        zipfile.ZipFile(temporary, "w", compression=zipfile.ZIP_DEFLATED) as archive,
-    ):
+    container = io.BytesIO()
+    with zipfile.ZipFile(container, "w", compression=zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("main.xml", document)
         archive.writestr(_DATA, data)
         archive.writestr(_CHECKSUM, f"{_md5(document)} *main.xml\n")
+    _store(path, container.getvalue())
+
+
+def _store(path: str | Path, *parts: bytes) -> None:
+    with atomic_file(path) as temporary:
+        temporary.write_bytes(b"".join(parts))
 
 
 def _require_any(path: str | Path, good: Mask) -> None:
