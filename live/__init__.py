@@ -7,9 +7,10 @@
 | `reading.py`, `verdict.py` | results of a frame; whether they are valid |
 | `chain.py` | one frame, from the image to the height |
 | `picture.py`, `unwrap.py` | the model of the image and its fit; phase unwrapping |
-| `geometry.py`, `chord.py`, `columns.py` | rays and anchor; a step of the coupled equations; its solver |
+| `geometry.py`, `chord.py` | rays and anchor; a step of the coupled equations |
 | `contact.py`, `touches.py`, `shape.py` | figures of a contact; contacts over time; tilt and radii |
 | `pressure.py`, `weights.py` | pressure and force; the modulus by known weights |
+| `probes.py` | heights of single cells over time, their spectra, the noise floor |
 | `circulation.py` | circulation of the slopes: their inconsistency |
 | `source.py`, `follow.py` | cameras, one of them virtual; readings as an iterator, tare |
 | `recorded.py` | readings beside their frames, and again from them |
@@ -26,6 +27,7 @@ from .follow import Followed, follow, tared
 from .prepare import prepare
 from .prepared import Noise, Prepared
 from .pressure import Forces
+from .probes import Probe, Probed, Probes, Spectrum, noise_floor, spectrum_of
 from .reading import Figures, Reading
 from .recorded import ReadingRecorder, Replayed, has_readings, replayed
 from .server import LiveServer
@@ -46,11 +48,15 @@ __all__ = [
     "Noise",
     "PatternMap",
     "Prepared",
+    "Probe",
+    "Probed",
+    "Probes",
     "Reading",
     "ReadingRecorder",
     "Replayed",
     "Shape",
     "Source",
+    "Spectrum",
     "Touch",
     "Touches",
     "VirtualFinger",
@@ -59,8 +65,10 @@ __all__ = [
     "crossed",
     "follow",
     "has_readings",
+    "noise_floor",
     "prepare",
     "replayed",
+    "spectrum_of",
     "tared",
     "virtual_rig",
     "weighed",

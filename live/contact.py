@@ -11,9 +11,9 @@ __all__ = ["Force", "Touch"]
 class Touch:
     """One contact; lengths in mm. identity: the same from frame to frame; x, y: centroid of the cells deeper
     than half the depth, position_sigma: of either; area (mm^2), volume (mm^3): of these cells; cut: the
-    border or cells without height end them, so that area and volume are lower bounds; shape: tilt and radii,
-    None of few cells. Sigmas are those of noise and of the edge in whole cells; the shape's include its
-    misfit."""
+    border or cells without height end them, so that area and volume are lower bounds; hole: cells without
+    height are inside, so that depth and force are lower bounds, too; shape: tilt and radii, None of few
+    cells. Sigmas are those of noise and of the edge in whole cells; the shape's include its misfit."""
 
     identity: int
     x: float
@@ -26,6 +26,7 @@ class Touch:
     volume: float
     volume_sigma: float
     cut: bool
+    hole: bool
     shape: Shape | None = None
 
 

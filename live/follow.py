@@ -13,6 +13,7 @@ from optolever.projector import Image
 from .arrays import Frame
 from .chain import rest_state
 from .prepared import Prepared
+from .probes import Probed, Probes
 from .reading import Reading
 from .source import Source
 from .stream import Live
@@ -24,17 +25,17 @@ _PATIENCE = 30.0  # s without a frame, after which the camera counts as lost
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Followed:
-    """A reading, its image, and its latency after the image's arrival, s."""
+    """A reading, its image, its latency after the image's arrival, s, and the probes."""
 
     reading: Reading
     image: Image
     delay: float
+    probes: tuple[Probed, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, no maps."""
         reading = self.reading
-        good = reading.good.any()
-        deepest = int(np.where(reading.good, reading.z, -np.inf).argmax()) if good else 0
+        depth, sigma = reading.deepest or (None, None)
         return {
             "frame": self.image.id,
             "time_s": reading.time,
@@ -42,14 +43,17 @@ class Followed:
             "trusted": reading.trusted,
             "reason": reading.reason,
             "notices": [str(notice) for notice in reading.notices],
-            "depth_mm": reading.depth if good else None,
-            "depth_sigma_mm": float(reading.sigma.flat[deepest]) if good else None,
+            "depth_mm": depth,
+            "depth_sigma_mm": sigma,
             "touches": [asdict(touch) for touch in reading.touches],
             "forces": [asdict(force) for force in reading.forces],
+            "probes": [asdict(probe) for probe in self.probes],
         }
 
 
-def follow(live: Live, source: Source, frames: int | None = None) -> Iterator[Followed]:
+def follow(
+    live: Live, source: Source, frames: int | None = None, probes: Probes | None = None
+) -> Iterator[Followed]:
     """Readings of a camera's complete frames, `frames` of them, or without end. InputError if no frame
     arrives."""
     done, last = 0, time.monotonic()
@@ -62,7 +66,8 @@ def follow(live: Live, source: Source, frames: int | None = None) -> Iterator[Fo
         reading = live.update(image.pixels, image.arrived_s)
         last = time.monotonic()
         done += 1
-        yield Followed(reading, image, last - image.arrived_s)
+        probed = probes.read(reading, image.id) if probes else ()
+        yield Followed(reading, image, last - image.arrived_s, probed)
 
 
 def tared(prepared: Prepared, frames: Frame) -> Prepared:

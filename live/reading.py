@@ -3,6 +3,8 @@
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from optolever.notices import Notice
 from optolever.records import Comparable, span
 
@@ -11,6 +13,7 @@ from .contact import Force, Touch
 
 __all__ = ["CREPT", "Figures", "Reading"]
 
+DEEP = 5.0  # sigma of a height
 CREPT = 5.0  # sigma of a shift of the image, beyond which the rig has moved
 
 
@@ -75,9 +78,16 @@ class Reading(Comparable):
     forces: tuple[Force, ...] = ()
 
     @property
+    def deepest(self) -> tuple[float, float] | None:
+        """Height and sigma, mm, of the deepest good cell beyond five sigma; None: there is none."""
+        deep = np.where(self.good & (self.z > DEEP * self.sigma), self.z, np.float32(-np.inf))
+        at = int(deep.argmax())
+        return (float(self.z.flat[at]), float(self.sigma.flat[at])) if deep.flat[at] > 0 else None
+
+    @property
     def depth(self) -> float:
-        """Deepest good cell, mm; NaN where none is good."""
-        return float(self.z[self.good].max()) if self.good.any() else float("nan")
+        """Height of the deepest cell, mm; NaN where none is beyond five sigma."""
+        return self.deepest[0] if self.deepest else math.nan
 
     def __repr__(self) -> str:
         rows, cols = self.z.shape

@@ -62,6 +62,6 @@ def replayed(folder: str | Path) -> Iterator[Replayed]:
 
 def _numbers(followed: Followed) -> dict[str, Any]:
     numbers = followed.to_dict()
-    del numbers["delay_s"]
+    del numbers["delay_s"], numbers["probes"]
     maps = (followed.reading.z, followed.reading.sigma)
     return numbers | {"crc32": [zlib.crc32(np.ascontiguousarray(one).tobytes()) for one in maps]}

@@ -3,27 +3,34 @@
 `GET /` is the page, `GET /next?after=N` waits for a reading newer than N: the page asks for the next when it
 has drawn one, so that nothing queues up. The answer holds four lengths (little-endian uint32), then JSON of
 the numbers, two JPEGs (camera, sigma) and the height as float32 in micrometres on a grid whose size is in the
-JSON. `POST /pause`, `/resume`, `/tare` steer, with the page's token; `GET /snapshot` is the last reading as
-.npz. Pictures are made when somebody asks."""
+JSON. `POST /tare`, `/record`, `/probe?at=ROW,COL` (shares of the map) and `/clear` steer, with the page's
+token; `GET /snapshot` is the last reading as .npz. Pictures are made when somebody asks; a page that pauses
+asks no more."""
 
 import asyncio
 import io
 import json
+import re
 import threading
 import time
 from collections import deque
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, PlainTextResponse, Response
 from starlette.routing import Route
 
+from optolever.errors import InputError
+
 from .arrays import Cells, Frame
 from .follow import Followed, follow, tared
 from .prepared import Prepared
+from .probes import Probes
 from .recorded import ReadingRecorder
 from .source import Newest, Source
 from .stream import Live
@@ -32,34 +39,43 @@ from .web import Web
 __all__ = ["LiveServer"]
 
 _PAGE = Path(__file__).with_name("page.html")
-_COMMANDS = ("pause", "resume", "tare")
+_COMMANDS = ("tare", "record", "probe", "clear")
 _POLL = 0.005  # s from a reading to whoever waits for it
 _TROUBLED = 0.5  # s between the answers of a camera that is gone
-_WAIT = 5.0  # s that a request waits for a reading
+_WAIT = 1.0  # s that a request waits for a reading
 _DIGITS = 15  # of the number of a reading
 _GRID = 96  # columns of the height that is sent, at most
 _TARE = 8  # frames
+_PROBES = 6  # at most
+_SPECTRUM = 12.0  # s of a probe's spectrum, made anew every half second
 _RECENT = 60  # frames over which the rate is counted
 _JPEG = (cv2.IMWRITE_JPEG_QUALITY, 80)
 
 
 class LiveServer:
     """Reads a source on a thread and serves the page on another. A context manager; port 0: any free one;
-    record: gets every reading, which excludes tare."""
+    record: folder to record to from the first reading on; probes: of the same rig; heard: gets every
+    reading."""
 
     def __init__(
-        self, prepared: Prepared, source: Source, port: int = 0, record: ReadingRecorder | None = None
+        self,
+        prepared: Prepared,
+        source: Source,
+        port: int = 0,
+        *,
+        record: str | Path | None = None,
+        probes: Probes | None = None,
+        heard: Callable[[Followed], None] | None = None,
     ) -> None:
-        self._record = record
         self._live, self._source = Live(prepared), Newest(source)
+        self._probes, self._heard = probes or Probes(prepared), heard
         self._lock = threading.Lock()
         self._latest: Followed | None = None
         self._count = 0
         self._times: deque[float] = deque(maxlen=_RECENT)
         self._resting: list[Frame] | None = None
-        self._told = ""
-        self._error = ""
-        self._paused, self._over = False, False
+        self._spectra: tuple[float, list[dict[str, Any] | None]] = 0.0, []
+        self._told, self._error, self._over = "", "", False
         routes = [
             Route("/", self._page),
             Route("/next", self._next),
@@ -67,6 +83,8 @@ class LiveServer:
             *(Route(f"/{name}", self._steered, methods=["POST"]) for name in _COMMANDS),
         ]
         self._web = Web(routes, port)
+        self._begun: ReadingRecorder | None = None
+        self._record = None if record is None else ReadingRecorder(record, prepared, "live")
         self._thread = threading.Thread(target=self._follow, daemon=True)
 
     @property
@@ -93,22 +111,53 @@ class LiveServer:
         self._over = True
         self._web.stop()
         self._thread.join(timeout=5.0)
+        self._stop_recording()
 
-    def command(self, name: str) -> str:
-        """Execute pause, resume or tare; returns the outcome in words. Tare is refused during a contact."""
+    def command(self, name: str, at: tuple[float, float] = (0.5, 0.5)) -> str:
+        """Execute a command; returns the outcome in words. Tare is refused during a contact. at: row and
+        column of a new probe, shares of the map."""
         with self._lock:
-            latest = self._latest
-            if name == "pause":
-                self._paused, self._told = True, "paused"
-            elif name == "resume":
-                self._paused, self._told = False, ""
-            elif self._record is not None:
-                self._told = "tare refused: it would change the rest of the recording"
-            elif latest is None or not latest.reading.tareable:
-                self._told = "tare refused: something touches, or the frame is not trusted"
-            else:
-                self._resting, self._told = [], "tare: hold still"
+            try:
+                self._told = self._executed(name, at)
+            except (InputError, OSError) as error:
+                self._told = str(error)
             return self._told
+
+    def _executed(self, name: str, at: tuple[float, float]) -> str:
+        latest = self._latest
+        if name == "record":
+            return self._stop_recording() or self._start_recording()
+        if name == "clear":
+            self._probes.each.clear()
+            return ""
+        if name == "probe":
+            if len(self._probes.each) >= _PROBES:
+                return f"{_PROBES} probes are there: clear them first"
+            points = self._live.prepared.points
+            row, col = (
+                min(int(part * size), size - 1) for part, size in zip(at, points.shape[1:], strict=True)
+            )
+            self._probes.add(*(float(one) for one in points[:2, row, col]))
+            return ""
+        if self._record is not None:
+            return "tare refused: it would change the rest of the recording"
+        if latest is None or not latest.reading.tareable:
+            return "tare refused: something touches, or the frame is not trusted"
+        self._resting = []
+        return "tare: hold still"
+
+    def _start_recording(self) -> str:
+        """From the next reading on, which does not depend on those before, as a replay begins with it."""
+        self._begun = ReadingRecorder(time.strftime("live-%Y%m%d-%H%M%S"), self._live.prepared, "live")
+        return f"recording to {self._begun.folder}"
+
+    def _stop_recording(self) -> str:
+        """What was recorded; empty: nothing is."""
+        if self._record is None:
+            return ""
+        self._record.close()
+        said, self._record = f"{self._record.images} frames recorded in {self._record.folder}", None
+        return said
 
     async def _page(self, request: Request) -> Response:
         return HTMLResponse(_PAGE.read_text(encoding="utf-8").replace("{{token}}", self._web.token))
@@ -129,8 +178,19 @@ class LiveServer:
         if latest is None or (count <= int(after) and not error):
             return Response(status_code=204)
         rate = (len(times) - 1) / max(times[-1] - times[0], 1e-9)
-        state = {"count": count, "rate": rate, "told": said or error, "skipped": self._source.skipped}
-        return Response(_body(latest, state), media_type="application/octet-stream")
+        state = {"count": count, "rate": rate, "told": error or said, "skipped": self._source.skipped}
+        state |= {"age_s": time.monotonic() - times[-1], "spectra": self._spectra_now()}
+        state |= {"recording": str(self._record.folder) if self._record else "", "error": error}
+        body = await asyncio.to_thread(_body, latest, state, self._live.prepared)
+        return Response(body, media_type="application/octet-stream")
+
+    def _spectra_now(self) -> list[dict[str, Any] | None]:
+        """Plain values of the probes' spectra; bins of 1 / duration, nm."""
+        if time.monotonic() > self._spectra[0] + 0.5:
+            with self._lock:
+                spectra = self._probes.spectra(_SPECTRUM)
+            self._spectra = time.monotonic(), [None if one is None else one.to_dict() for one in spectra]
+        return self._spectra[1]
 
     async def _snapshot(self, request: Request) -> Response:
         """The last reading and its frame as .npz."""
@@ -143,12 +203,16 @@ class LiveServer:
         return Response(stream.getvalue(), media_type="application/octet-stream")
 
     async def _steered(self, request: Request) -> Response:
-        return PlainTextResponse(self.command(request.url.path.removeprefix("/")))
+        at = re.fullmatch(r"(0\.?\d{0,9}|1),(0\.?\d{0,9}|1)", request.query_params.get("at", "0.5,0.5"))
+        if at is None:
+            return PlainTextResponse("at: must be two numbers from 0 to 1", 400)
+        place = float(at[1]), float(at[2])
+        return PlainTextResponse(self.command(request.url.path.removeprefix("/"), place))
 
     def _follow(self) -> None:
         try:
             with self._source as source:
-                for followed in follow(self._live, source):
+                for followed in follow(self._live, source, probes=self._probes):
                     if self._over:
                         return
                     self._take(followed)
@@ -156,47 +220,55 @@ class LiveServer:
             self._error = str(error)
 
     def _take(self, followed: Followed) -> None:
-        if self._record is not None:
-            self._record.write(followed)
         with self._lock:
+            if self._record is not None:
+                self._record.write(followed)
             if self._resting is not None:
                 self._resting.append(followed.image.pixels)
                 if not followed.reading.tareable:
                     self._resting, self._told = None, "tare refused: it was touched meanwhile"
                 elif len(self._resting) >= _TARE:
-                    self._live.prepared = tared(self._live.prepared, np.stack(self._resting))
-                    self._live.reset()
+                    self._live.restart(tared(self._live.prepared, np.stack(self._resting)))
                     self._resting, self._told = None, "tared"
-            if not self._paused:
-                self._latest, self._count = followed, self._count + 1
-                self._times.append(time.monotonic())
+            if self._begun is not None:
+                self._live.restart(self._live.prepared)
+                self._record, self._begun = self._begun, None
+            self._latest, self._count = followed, self._count + 1
+            self._times.append(time.monotonic())
+        if self._heard is not None:
+            self._heard(followed)
 
 
-def _body(followed: Followed, state: dict[str, Any]) -> bytes:
-    reading = followed.reading
-    z, factor = _small(np.where(reading.good, 1e3 * reading.z, np.nan).astype(np.float32))
+def _body(followed: Followed, state: dict[str, Any], prepared: Prepared) -> bytes:
+    reading, points = followed.reading, prepared.points
+    thin = slice(None, None, max(1, -(-reading.z.shape[1] // _GRID)))
+    z = np.where(reading.good, 1e3 * reading.z, np.nan).astype(np.float32)[thin, thin]
     sigma = np.where(reading.good, reading.sigma, np.nan)
     typical = float(np.nanmedian(sigma)) if reading.good.any() else 1.0
-    x, y = reading.x[::factor, ::factor], reading.y[::factor, ::factor]
     numbers = followed.to_dict() | state | {"rows": z.shape[0], "cols": z.shape[1]}
-    numbers |= {"extent": [float(x.min()), float(x.max()), float(y.min()), float(y.max())]}
+    row, col = (size // 2 for size in points.shape[1:])
+    x, y = points[0, row, :: max(2 * col - 1, 1)], points[1, :: max(2 * row - 1, 1), col]
+    numbers |= {"x": [float(x[0]), float(x[-1])], "y": [float(y[0]), float(y[-1])]}
+    marks = [_place(points, one.x, one.y) for one in reading.touches]
+    numbers |= {"marks": marks, "places": [_place(points, one.x, one.y) for one in followed.probes]}
     numbers |= {"sigma_um": 1e3 * typical, "lost": reading.figures.lost, "noise": reading.figures.noise}
-    frame = followed.image.pixels
-    camera = frame if frame.dtype == np.uint8 else (frame >> 8).astype(np.uint8)
-    trust = _jpeg(_coloured((sigma / (4 * typical)).astype(np.float32)))
-    parts = [json.dumps(_plain(numbers)).encode(), _jpeg(camera), trust, z.tobytes()]
+    numbers |= {"layer": prepared.layer is not None}
+    frame = np.asarray(followed.image.pixels)
+    camera = frame if frame.dtype == np.uint8 else _scaled(frame / prepared.rig.carriers.full)
+    trust = cv2.applyColorMap(_scaled(np.nan_to_num(sigma / (4 * typical), nan=1.0)), cv2.COLORMAP_VIRIDIS)
+    parts = [json.dumps(_plain(numbers)).encode(), _jpeg(camera), _jpeg(trust), z.tobytes()]
     return np.array([len(part) for part in parts], "<u4").tobytes() + b"".join(parts)
 
 
-def _small(z: Cells) -> tuple[Cells, int]:
-    """The map thinned to at most _GRID columns, and the stride."""
-    factor = max(1, -(-z.shape[1] // _GRID))
-    return np.ascontiguousarray(z[::factor, ::factor]), factor
+def _place(points: Cells, x: float, y: float) -> tuple[float, float]:
+    """Row and column of a point of the mirror, as shares of the map."""
+    at = np.unravel_index(int(np.hypot(points[0] - x, points[1] - y).argmin()), points.shape[1:])
+    row, col = ((int(one) + 0.5) / size for one, size in zip(at, points.shape[1:], strict=True))
+    return row, col
 
 
-def _coloured(share: Cells) -> Frame:
-    grey = np.clip(255 * np.nan_to_num(share, nan=1.0), 0, 255).astype(np.uint8)
-    return np.asarray(cv2.applyColorMap(grey, cv2.COLORMAP_VIRIDIS))
+def _scaled(share: NDArray[np.floating[Any]]) -> Frame:
+    return np.clip(255 * share, 0, 255).astype(np.uint8)
 
 
 def _jpeg(picture: Frame) -> bytes:

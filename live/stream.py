@@ -17,7 +17,7 @@ from .pressure import Forces
 from .reading import CREPT, Figures, Reading
 from .rest import creep_of, load_of, near_anchor, shift_of
 from .touches import Touches, widened
-from .verdict import judge
+from .verdict import FADED, judge
 
 __all__ = ["Live"]
 
@@ -37,7 +37,11 @@ class Live:
     After `reset` a frame gives the same height within its noise."""
 
     def __init__(self, prepared: Prepared) -> None:
-        self.prepared = prepared
+        self.restart(prepared)
+
+    def restart(self, prepared: Prepared) -> None:
+        """Begin anew, with another rest."""
+        self.prepared, self._faded = prepared, 0
         self._track, self._followed = at_rest(prepared.rig), 0
         self._touches = Touches(prepared)
         self._forces = None if prepared.layer is None else Forces(prepared, prepared.layer)
@@ -59,6 +63,7 @@ class Live:
             others = self._figures(used, again)
             if _merit(others) < _merit(figures):
                 settled, figures = again, others
+        self._faded = self._faded + 1 if figures.contrast < FADED else 0
         reading = self._reading(settled, figures, time)
         self._track, self._followed = settled.track, self._followed + 1
         if not reading.touches or not reading.trusted or self._followed == _FOLLOWED:
@@ -84,13 +89,15 @@ class Live:
             figures=figures,
             time=time,
         )
-        found = [] if judge(figures).broken else self._touches.found(reading, *self._crept(figures))
+        found, steep = self._touches.found(reading, *self._crept(figures))
+        if judge(figures).broken:
+            found, steep = [], False
         if found:  # whose slopes reach the anchor last
             figures = replace(figures, **self._shift(settled, self._anchor, 0))
         pressing = [one for one, _ in found]
         load = load_of(rig, prepared.points, self._creep, pressing, prepared.layer)
         figures = replace(figures, pulled=load.shift)
-        verdict, common = judge(figures), np.hypot(self._crept(figures)[1], load.heights)
+        verdict, common = judge(figures, self._faded, steep), np.hypot(self._crept(figures)[1], load.heights)
         reading = replace(
             reading,
             sigma=np.hypot(noise, common),

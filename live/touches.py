@@ -24,6 +24,8 @@ _SIGNIFICANT = 6.0  # standard deviations of the height
 _RISEN = 0.25
 _PROMINENT = 0.2  # of a peak's height, over the saddle to a higher one
 _FEWEST = 3  # cells of the coarser grid in which peaks are looked for
+_CLOSED = 11  # cells between parts of one hole, at most
+_RISING = 30.0  # sigma at rest: median height beside a hole that is no speck of dust
 _COLUMNS = 80  # of the coarser grid
 _SAME = 3.0  # mm from frame to frame, beyond the contact's radius: two that merge lie there
 _HALF = 0.5
@@ -53,14 +55,22 @@ class Touches:
         if not reading.trusted:
             return ()
         nothing = np.zeros_like(reading.z)
-        return self.named([touch for touch, _ in self.found(reading, nothing, nothing)])
+        return self.named([touch for touch, _ in self.found(reading, nothing, nothing)[0]])
 
-    def found(self, reading: Reading, crept: Cells, size: Cells) -> list[tuple[Touch, tuple[int, int]]]:
-        """Contacts beyond noise, the deepest first, and their deepest cells. crept, size (R, C): heights by a
-        shift of the image, and their size: contacts rise above the former by a share of the latter."""
-        least = np.maximum(_SIGNIFICANT * reading.sigma, _RISEN * size)
-        regions = _regions(self._prepared, reading, crept + least)
-        return [(_measured(self._prepared, reading, one), (one.row, one.col)) for one in regions]
+    def found(
+        self, reading: Reading, crept: Cells, size: Cells
+    ) -> tuple[list[tuple[Touch, tuple[int, int]]], bool]:
+        """Contacts beyond noise, the deepest first, and their deepest cells; whether a dent is too steep to
+        be one of them. crept, size (R, C): heights by a shift of the image, and their size: contacts rise above
+        the former by a share of the latter."""
+        filled, steep = _holes_filled(self._prepared, reading)
+        least = np.maximum(_SIGNIFICANT * filled.sigma, _RISEN * size)
+        regions = _regions(self._prepared, filled, crept + least)
+        for region in regions:
+            steep &= ~region.inside
+        touches = [_measured(self._prepared, filled, one, reading.good) for one in regions]
+        places = [(one.row, one.col) for one in regions]
+        return list(zip(touches, places, strict=True)), bool(steep.any())
 
     def named(self, touches: list[Touch]) -> tuple[Touch, ...]:
         """The contacts of the next frame with their identities."""
@@ -105,6 +115,31 @@ def _regions(prepared: Prepared, reading: Reading, least: Cells) -> list[_Region
     return regions if len(regions) < 2 else _parted(regions)
 
 
+def _holes_filled(prepared: Prepared, reading: Reading) -> tuple[Reading, Mask]:
+    """The reading whose cells without a height, where measured ones enclose them, are as deep as the deepest
+    beside them: what presses so steeply that its middle has no fringe is one contact. And those of such cells
+    (R, C) whose surroundings are steep, too: no speck of dust."""
+    lost = (prepared.rig.lit & ~reading.good).astype(np.uint8)
+    steep = np.zeros(lost.shape, np.bool_)
+    if not lost.any():
+        return reading, steep
+    lost = cv2.morphologyEx(lost, cv2.MORPH_CLOSE, np.ones((_CLOSED, _CLOSED), np.uint8))
+    _, labels, boxes, _ = cv2.connectedComponentsWithStats(lost, connectivity=8)
+    z, sigma, good = reading.z.copy(), reading.sigma.copy(), reading.good.copy()
+    for label, (x0, y0, width, height, cells) in enumerate(boxes[1:].tolist(), start=1):
+        cut = slice(max(y0 - 3, 0), y0 + height + 3), slice(max(x0 - 3, 0), x0 + width + 3)
+        hole = labels[cut] == label
+        beside = reading.good[cut] & _grown(hole, 7) & ~hole
+        if cells < _FEWEST or not beside.any() or (hole & prepared.rig.rim[cut]).any():
+            continue
+        deepest = int(np.where(beside, reading.z[cut], -np.inf).argmax())
+        z[cut][hole], sigma[cut][hole] = reading.z[cut].flat[deepest], reading.sigma[cut].flat[deepest]
+        good[cut] |= hole
+        rise = np.median(np.abs(reading.z[cut][beside]) / prepared.noise.sigma[cut][beside])
+        steep[cut] |= hole & (rise > _RISING)
+    return replace(reading, z=z, sigma=sigma, good=good), steep
+
+
 def _peaks(z: Cells, sure: Mask, sigma: Cells) -> list[tuple[int, int]]:
     """Cells (row, col) of the peaks that stand out from their saddles, the highest first."""
     coarse = max(1, z.shape[1] // _COLUMNS)
@@ -142,8 +177,9 @@ def _parted(regions: list[_Region]) -> list[_Region]:
     return parted
 
 
-def _measured(prepared: Prepared, reading: Reading, region: _Region) -> Touch:
-    """Figures of a region; cell areas are those on the dented mirror, projected on x, y."""
+def _measured(prepared: Prepared, reading: Reading, region: _Region, good: Mask) -> Touch:
+    """Figures of a region; cell areas are those on the dented mirror, projected on x, y; good (R, C): cells
+    that are measured."""
     at = region.row, region.col
     rows, cols = np.flatnonzero(region.inside.any(axis=1)), np.flatnonzero(region.inside.any(axis=0))
     top, left = max(int(rows[0]) - _MARGIN, 0), max(int(cols[0]) - _MARGIN, 0)
@@ -166,7 +202,7 @@ def _measured(prepared: Prepared, reading: Reading, region: _Region) -> Touch:
     edge = np.count_nonzero(inside) - np.count_nonzero(_shrunk(inside))
     cells = math.hypot(_rms(changed - np.count_nonzero(inside)), math.sqrt(edge / 12))
     off = math.hypot(*moved, math.sqrt(edge / 12) * prepared.area / math.sqrt(math.pi * area)) / math.sqrt(2)
-    border = prepared.rig.rim[cut] | ~reading.good[cut]
+    border = prepared.rig.rim[cut] | ~good[cut]
     return Touch(
         identity=0,
         x=centre[0],
@@ -179,6 +215,7 @@ def _measured(prepared: Prepared, reading: Reading, region: _Region) -> Touch:
         volume=volume,
         volume_sigma=_rms(heights.sum(axis=1)),
         cut=bool((border & _grown(inside)).any()),
+        hole=bool((inside & ~good[cut]).any()),
         shape=shape_of((x - centre[0], y - centre[1], z), draws, inside & ~border, depth, off),
     )
 
@@ -187,8 +224,8 @@ def _rms(values: Float) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def _grown(mask: Mask) -> Mask:
-    return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)
+def _grown(mask: Mask, side: int = 3) -> Mask:
+    return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((side, side), np.uint8)) > 0)
 
 
 def _shrunk(mask: Mask) -> Mask:

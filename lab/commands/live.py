@@ -27,6 +27,7 @@ def command(
     size: Annotated[tuple[int, int], pixels("Size of the camera.")] = (480, 640),
     streams: Annotated[int, Opt("--streams N", "Drawn streams too.", click.IntRange(0))] = 0,
     frames: Annotated[int, Opt("--frames N", "Of each stream.", click.IntRange(12))] = 60,
+    vibration: Annotated[bool, Opt("--vibration", "Only a surface that vibrates: 12 s at 60 Hz.")] = False,
     seed: Seed = 1,
     json_path: Json = None,
 ) -> None:
@@ -37,6 +38,9 @@ def command(
     frames without a notice that have more than 0.1 % of the heights beyond five sigma."""
     from ..live.figures import live_rows, stream_tally, transforms_ms
 
+    if vibration:
+        write_json(json_path, _vibration(size, seed))
+        return
     rows = []
     with progress() as step:
         step("rest")
@@ -66,3 +70,19 @@ def command(
     if tally is not None:
         table("Drawn streams", {name: str(value) for name, value in asdict(tally).items()})
     write_json(json_path, {"rows": [asdict(row) for row in rows], "streams": tally and asdict(tally)})
+
+
+def _vibration(size: tuple[int, int], seed: int) -> dict[str, object]:
+    """30 electrons a level; limits in brackets."""
+    from optolever.scene import load, resize
+
+    from ..live.figures import vibration
+    from ..live.streams import stream_rig
+
+    true = {7.0: 100.0, 11.0: 10.0}
+    found = vibration(stream_rig(resize(load("prism48"), *size)), 12.0, true, seed=seed)
+    rows = {f"{hz:g} Hz": f"{found.read_nm[hz]:.4g} nm of {nm:g}" for hz, nm in true.items()}
+    rows["floor"] = f"{found.floor_nm:.3g} nm a bin (1)"
+    rows["frame"] = f"{found.frame_nm:.3g} nm, {found.ms:.3g} ms"
+    table("Vibration", rows)
+    return asdict(found)

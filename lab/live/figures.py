@@ -8,13 +8,13 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from optolever.live import Live
+from optolever.live import Live, Probes
 from optolever.scene import load, resize
 
 from .streams import NOISE, Dents, StreamRig, Tally, drawn_stream, play, stream_rig
-from .world import BALL, GAUSS, expose
+from .world import BALL, GAUSS, expose, photons
 
-__all__ = ["CASES", "LiveRow", "live_rows", "stream_tally", "transforms_ms"]
+__all__ = ["CASES", "LiveRow", "Vibration", "live_rows", "stream_tally", "transforms_ms", "vibration"]
 
 #: Frames of a case, and the limits: time over that of two transforms by cell, error over depth.
 CASES: dict[str, tuple[tuple[Dents, ...], dict[int, float], float]] = {
@@ -120,3 +120,40 @@ def stream_tally(streams: int, frames: int, size: tuple[int, int], cell: int, se
         for _ in play(rig, drawn_stream(rng, frames, k % 2 == 0), rng, tally):
             pass
     return tally
+
+
+@dataclass(frozen=True)
+class Vibration:
+    """Of a surface that vibrates: median of the spectrum's bins, nm; amplitudes read, nm, at each frequency,
+    Hz; sigma of the height of a frame, nm; processor time a frame, ms."""
+
+    floor_nm: float
+    read_nm: dict[float, float]
+    frame_nm: float
+    ms: float
+
+
+def vibration(
+    rig: StreamRig, seconds: float, true_nm: dict[float, float], rate: float = 60.0, seed: int = 1
+) -> Vibration:
+    """A smooth dent of 8 mm whose depth is the sum of sines (amplitude, nm, by frequency, Hz), in frames with
+    photon noise; the light is quadratic in so small a depth."""
+    place, size = (30.0, 22.5), 1e-6 * sum(true_nm.values())
+    below, rest, above = (rig.light(((GAUSS, *place, 8.0, k * size),), 4) for k in (-1, 0, 1))
+    rng, live, probes, times = np.random.default_rng(seed), Live(rig.prepared), Probes(rig.prepared), []
+    probes.add(*place)
+    for k in range(round(rate * seconds)):
+        phase = 2 * np.pi * k / rate
+        depth = 1e-6 * sum(nm * np.sin(hz * phase) for hz, nm in true_nm.items()) / size
+        light = rest + 0.5 * depth * (above - below) + 0.5 * depth**2 * (above + below - 2 * rest)
+        frame = photons(light.astype(np.float32), rng)
+        start = time.process_time()
+        probes.read(live.update(frame, k / rate), k)
+        times.append(1e3 * (time.process_time() - start))
+    (spectrum,) = probes.spectra()
+    assert spectrum is not None
+    read = {
+        hz: 1e6 * float(spectrum.amplitudes[np.abs(spectrum.frequencies - hz).argmin()]) for hz in true_nm
+    }
+    floor, frame = 1e6 * spectrum.floor, 1e6 * spectrum.density * np.sqrt(rate / 2)
+    return Vibration(floor, read, float(frame), float(np.median(times)))

@@ -90,6 +90,12 @@ def expose(
     return np.clip(np.rint(levels), 0, 255).astype(np.uint8)
 
 
+def photons(light: NDArray[np.float32], rng: np.random.Generator, electrons: float = 30.0) -> Any:
+    """uint8 frames of light through a camera with photon noise, so many electrons a level."""
+    levels = rng.poisson(electrons * (8.0 + 216.0 * light)) / electrons
+    return np.clip(np.rint(levels), 0, 255).astype(np.uint8)
+
+
 @inlined
 def _height(x, y, dents, length):  # type: ignore[no-untyped-def]
     h, hx, hy = 0.0, 0.0, 0.0

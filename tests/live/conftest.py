@@ -16,6 +16,7 @@ from optolever.live import Prepared, prepare
 from optolever.patterns import Sequence, sequence
 from optolever.scene import Layer, Scene, load, resize
 
+Shot = Callable[..., Any]
 Dents = tuple[tuple[float, float, float, float, float], ...]
 NOISE = 1.5
 LAYER = Layer(0.2, 0.5, youngs_modulus_sigma_mpa=0.0)
