@@ -1,9 +1,11 @@
 """`optolever live`: a camera's frames as heights, contacts and forces, on a page or as lines of JSON."""
 
+import json
 import time
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated, Literal
+from statistics import median
+from typing import Annotated, Any, Literal
 
 import click
 
@@ -30,6 +32,7 @@ CELL = Rare("--cell 2|4", "Side of a cell, pixels; 4: less than half the time, f
 RATE = Opt("--rate HZ", "Frames a second of the virtual camera; 0: as fast as they are read.", AT_LEAST_0)
 STOP = Opt("--frames N", "Stop after so many readings; default: never.", click.IntRange(min=1))
 RECORD = Opt("--record DIR", "Folder to make with every frame that is read, and its reading, for replay.")
+PROBE = Opt("--probe X,Y", "Follow the height there, mm, with its spectrum; repeatable.")
 PORT = Rare("--port N", "Port of the page, on 127.0.0.1; default: a free one.", click.IntRange(0, 65535))
 
 
@@ -45,6 +48,7 @@ def command(
     headless: Annotated[bool, Opt("--headless", "Serve no page.")] = False,
     json_lines: Annotated[bool, Opt("--json-lines", "Print a line of JSON for every reading.")] = False,
     record: Annotated[Path | None, RECORD] = None,
+    probe: Annotated[tuple[str, ...], PROBE] = (),
     cell: Annotated[Literal["2", "4"], CELL] = "2",
     seed: Seed = 0,
     port: Annotated[int, PORT] = 0,
@@ -54,11 +58,9 @@ def command(
 
     Of a rig (--rig) the mirror at rest is measured first, by gray+phase; its display then shows one crossed
     fringe. Without a rig a simulated finger presses on a scene's mirror. The page has the camera's image,
-    height, sigma, contacts and their figures, with pause, tare and snapshot. An untrusted frame comes with
-    the reason. --headless reads every frame, the page the newest one.
+    height, sigma, contacts, forces and probes (a click on the map) over time, with pause, tare, record and
+    snapshot. An untrusted frame comes with the reason. --headless reads every frame, the page the newest one.
     """
-    if json_lines and not headless:
-        raise InputError("--json-lines: must come with --headless")
     if changes and rig is None:
         raise InputError("--set: needs --rig RIG.toml")
     if rig is not None:
@@ -66,21 +68,32 @@ def command(
     with ExitStack() as stack:
         if rig is not None:
             name = str(rig)
-            prepared, source = stack.enter_context(rig_at_rest(rig, int(cell), changes))
+            prepared, source, exposure_s = stack.enter_context(rig_at_rest(rig, int(cell), changes))
         else:
             scene = load_scene(scene_name, size or (240, 320), exact=True)
-            name = scene.name
+            name, exposure_s = scene.name, 0.0
             prepared, source = ol.live.virtual_rig(scene, cell=int(cell), noise=noise, seed=seed, rate=rate)
         print_notices(prepared.notices)
-        recorder = None
-        if record is not None:
-            camera = "virtual" if rig is None else str(rig)
-            recorder = stack.enter_context(ol.live.ReadingRecorder(record, prepared, camera))
+        probes = ol.live.Probes(prepared, exposure_s)
+        for text in probe:
+            probes.add(*_place(text))
+        run = _Run(prepared, probes, json_lines)
         if headless:
-            numbers = _headless(name, prepared, source, frames, json_lines, recorder)
+            _headless(run, source, frames, stack, record)
         else:
-            numbers = {"readings": _page(prepared, source, frames, port, recorder)}
+            _page(run, source, frames, port, record)
+        numbers = run.numbers()
+        if headless and not json_lines:
+            run.print(name, numbers)
     write_json(json_path, numbers)
+
+
+def _place(text: str) -> tuple[float, float]:
+    try:
+        x, y = (float(part) for part in text.split(","))
+    except ValueError as error:
+        raise InputError(f"--probe {text}: must be X,Y in mm, such as 30,22.5") from error
+    return x, y
 
 
 def _require_real() -> None:
@@ -93,64 +106,84 @@ def _require_real() -> None:
             raise InputError(f"{option}: is of the simulated camera, leave it out with --rig")
 
 
-def _page(
-    prepared: "ol.live.Prepared",
-    source: "ol.live.Source",
-    frames: int | None,
-    port: int,
-    recorder: "ol.live.ReadingRecorder | None",
-) -> int:
+class _Run:
+    """Counts the readings of a run, and prints each as a line of JSON."""
+
+    def __init__(self, prepared: "ol.live.Prepared", probes: "ol.live.Probes", lines: bool) -> None:
+        self.prepared, self.probes, self.lines = prepared, probes, lines
+        self._delays: list[float] = []
+        self._trusted, self._deepest = 0, (0.0, 0.0)
+        self._start = time.perf_counter()
+
+    def __call__(self, followed: "ol.live.Followed") -> None:
+        reading = followed.reading
+        self._delays.append(followed.delay)
+        self._trusted += reading.trusted
+        if reading.trusted and reading.deepest:
+            self._deepest = max(self._deepest, reading.deepest)
+        if self.lines:
+            click.echo(json.dumps(followed.to_dict()))
+
+    def numbers(self) -> dict[str, Any]:
+        count = len(self._delays)
+        rate = count / max(time.perf_counter() - self._start, 1e-9)
+        frame, density = ol.live.noise_floor(self.prepared, rate)
+        probes = [
+            {"x_mm": each.x, "y_mm": each.y, "spectrum": spectrum and spectrum.to_dict()}
+            for each, spectrum in zip(self.probes.each, self.probes.spectra(), strict=True)
+        ]
+        return {
+            "readings": count,
+            "trusted": self._trusted,
+            "depth_mm": self._deepest[0] or None,
+            "depth_sigma_mm": self._deepest[1] or None,
+            "readings_per_s": rate,
+            "delay_s": median(self._delays) if count else None,
+            "noise_nm": 1e6 * frame,
+            "noise_nm_per_sqrt_hz": 1e6 * density,
+            "probes": probes,
+        }
+
+    def print(self, name: str, numbers: dict[str, Any]) -> None:
+        rows, cols = self.prepared.rig.carriers.shape
+        depth, noise, delay = numbers["depth_mm"], numbers["noise_nm"], 1e3 * numbers["delay_s"]
+        figures = {
+            "readings": f"{numbers['readings']}, {numbers['trusted']} trusted",
+            "deepest": quantity(depth, "mm", numbers["depth_sigma_mm"]) if depth else "none beyond 5 sigma",
+            "rate": f"{numbers['readings_per_s']:.3g} readings/s, median delay {delay:.3g} ms",
+            "noise": f"{noise:.3g} nm a frame, {numbers['noise_nm_per_sqrt_hz']:.3g} nm/sqrt(Hz)",
+        }
+        for probe in numbers["probes"]:
+            place, found = f"probe {probe['x_mm']:.3g},{probe['y_mm']:.3g}", probe["spectrum"]
+            figures[place] = "too few frames"
+            if found:
+                floor = f"floor {found['floor_nm']:.3g} nm"
+                figures[place] = f"{found['peak_nm']:.4g} nm at {found['peak_hz']:.4g} Hz, {floor}"
+        table(f"Live: {name}, {rows} x {cols} cells", figures)
+
+
+def _page(run: _Run, source: "ol.live.Source", frames: int | None, port: int, record: Path | None) -> None:
     try:
-        server = ol.live.LiveServer(prepared, source, port, recorder)
+        server = ol.live.LiveServer(run.prepared, source, port, record=record, probes=run.probes, heard=run)
     except OSError as error:
         raise InputError(f"--port {port}: {error.strerror or error}; name another") from error
+    noise = 1e6 * ol.live.noise_floor(run.prepared, 1.0)[0]
     with server:
-        click.echo(f"Live: {server.address}   (Ctrl-C ends it)")
+        click.echo(f"Live: {server.address}   (Ctrl-C ends it)", err=run.lines)
+        click.echo(f"Noise: {noise:.3g} nm a frame; the page has it in nm/sqrt(Hz)", err=run.lines)
         while not server.error and (frames is None or server.readings < frames):
             time.sleep(0.05)
         if server.error:
             raise InputError(server.error)
-        return server.readings
 
 
 def _headless(
-    name: str,
-    prepared: "ol.live.Prepared",
-    source: "ol.live.Source",
-    frames: int | None,
-    lines: bool,
-    recorder: "ol.live.ReadingRecorder | None",
-) -> dict[str, float]:
-    import json
-    from statistics import median
-
-    delays, trusted, deepest, start = [], 0, (0.0, 0.0), time.perf_counter()
-    for followed in ol.live.follow(ol.live.Live(prepared), source, frames):
-        numbers = followed.to_dict()
-        delays.append(followed.delay)
-        trusted += followed.reading.trusted
-        if followed.reading.trusted and numbers["depth_mm"] > deepest[0]:
-            deepest = numbers["depth_mm"], numbers["depth_sigma_mm"]
+    run: _Run, source: "ol.live.Source", frames: int | None, stack: ExitStack, record: Path | None
+) -> None:
+    recorder = None
+    if record is not None:
+        recorder = stack.enter_context(ol.live.ReadingRecorder(record, run.prepared, "live"))
+    for followed in ol.live.follow(ol.live.Live(run.prepared), source, frames, run.probes):
+        run(followed)
         if recorder is not None:
             recorder.write(followed)
-        if lines:
-            click.echo(json.dumps(numbers))
-    spent = time.perf_counter() - start
-    record = {
-        "readings": len(delays),
-        "trusted": trusted,
-        "depth_mm": deepest[0],
-        "depth_sigma_mm": deepest[1],
-        "readings_per_s": len(delays) / spent,
-        "delay_s": median(delays),
-    }
-    if lines:
-        return record
-    rows, cols = prepared.rig.carriers.shape
-    figures = {
-        "readings": f"{len(delays)}, {trusted} trusted",
-        "deepest": quantity(deepest[0], "mm", deepest[1]),
-        "rate": f"{len(delays) / spent:.3g} readings/s, median delay {1e3 * record['delay_s']:.3g} ms",
-    }
-    table(f"Live: {name}, {rows} x {cols} cells", figures)
-    return record

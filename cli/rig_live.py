@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 import optolever as ol
+from optolever import InputError
 
 from .rig_devices import Opened, devices_of, opened, wait_of
 
@@ -14,23 +15,34 @@ _RESTS = 8  # frames of the fringe
 _PERIOD = 10.0  # of the fringe, pattern pixels
 
 
-class _Triggered:
-    """A camera that takes an image when it is asked for."""
+class _Watched:
+    """A rig's camera, asked for every image where it is triggered. InputError once the display is gone."""
 
     def __init__(self, now: Opened) -> None:
-        self._camera = now.camera
+        self._now = now
 
     def next(self, timeout_s: float) -> "ol.projector.Image | None":
-        self._camera.trigger()
-        return self._camera.next(timeout_s)
+        display = self._now.display
+        if isinstance(display, ol.projector.PatternWindow) and not display.alive:
+            raise InputError("the display is gone: its window was closed, or its process ended")
+        if self._now.triggered:
+            self._now.camera.trigger()
+        return self._now.camera.next(timeout_s)
+
+    def flush(self) -> None:
+        """Pass over the images that were taken until now: they waited while the rest was prepared."""
+        now = self._now.time.now()
+        while not self._now.triggered and (image := self.next(1.0)) is not None:
+            if image.arrived_s >= now:
+                return
 
 
 @contextmanager
 def rig_at_rest(
     rig: Path, cell: int, changes: Iterable[str]
-) -> Iterator[tuple["ol.live.Prepared", "ol.live.Source"]]:
+) -> Iterator[tuple["ol.live.Prepared", "ol.live.Source", float]]:
     """The rig with its mirror at rest, measured now by gray+phase and eight frames of the fringe, which then
-    stays on the display; and its running camera. changes: of [devices]."""
+    stays on the display; its running camera; and its exposure, s. changes: of [devices]."""
     import numpy as np
 
     scene, devices = ol.scene.load(rig), devices_of(rig, changes)
@@ -53,6 +65,8 @@ def rig_at_rest(
             prepared = ol.live.prepare(
                 scene, frames[count:], at_rest, fringe, cell=cell, bits=now.accepted.bits
             )
-            yield prepared, _Triggered(now) if now.triggered else now.camera
+            source = _Watched(now)
+            source.flush()
+            yield prepared, source, now.accepted.exposure_s
         finally:
             now.camera.stop()

@@ -31,7 +31,8 @@ _KEPT = 1 << 14  # frames
 
 @dataclass(frozen=True, slots=True)
 class Probed:
-    """One cell in one frame: x, y, z, sigma, mm; z is None where the height is not measured or trusted."""
+    """One cell in one frame: x, y, z, mm; sigma: of the noise from frame to frame; z is None where the height
+    is not measured or trusted."""
 
     x: float
     y: float
@@ -114,7 +115,7 @@ class Probe:
         """Take the height of a frame. number: the camera's, None without."""
         at = self.row, self.col
         measured = reading.trusted and bool(reading.good[at])
-        z, sigma = float(reading.z[at]), float(reading.sigma[at])
+        z, sigma = float(reading.z[at]), float(reading.noise[at])
         last = self._frames[-1][2] if self._frames else -1.0
         self._frames.append(
             (reading.time, z if measured else math.nan, last + 1 if number is None else number)

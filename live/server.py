@@ -268,7 +268,7 @@ def _place(points: Cells, x: float, y: float) -> tuple[float, float]:
 
 
 def _scaled(share: NDArray[np.floating[Any]]) -> Frame:
-    return np.clip(255 * share, 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(255 * share, 0, 255), np.uint8)
 
 
 def _jpeg(picture: Frame) -> bytes:

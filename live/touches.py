@@ -61,11 +61,12 @@ class Touches:
         self, reading: Reading, crept: Cells, size: Cells
     ) -> tuple[list[tuple[Touch, tuple[int, int]]], bool]:
         """Contacts beyond noise, the deepest first, and their deepest cells; whether a dent is too steep to
-        be one of them. crept, size (R, C): heights by a shift of the image, and their size: contacts rise above
-        the former by a share of the latter."""
+        be one of them. crept, size (R, C): heights by a shift of the image, and their size: contacts rise
+        above the former by a share of the latter."""
         filled, steep = _holes_filled(self._prepared, reading)
-        least = np.maximum(_SIGNIFICANT * filled.sigma, _RISEN * size)
-        regions = _regions(self._prepared, filled, crept + least)
+        regions = _regions(
+            self._prepared, filled, crept, np.maximum(_SIGNIFICANT * filled.sigma, _RISEN * size)
+        )
         for region in regions:
             steep &= ~region.inside
         touches = [_measured(self._prepared, filled, one, reading.good) for one in regions]
@@ -102,14 +103,15 @@ def _apart(one: Touch, other: Touch) -> float:
     return math.dist((one.x, one.y), (other.x, other.y))
 
 
-def _regions(prepared: Prepared, reading: Reading, least: Cells) -> list[_Region]:
-    """Half-depth regions of the peaks, the deepest first."""
+def _regions(prepared: Prepared, reading: Reading, crept: Cells, rise: Cells) -> list[_Region]:
+    """Half-depth regions of the peaks that rise above crept, the deepest first."""
     z = reading.z  # where it is not measured: interpolated by the equations
-    sure = reading.good & ~prepared.rig.rim & (z > least)
+    known = reading.good & ~prepared.rig.rim & (z > 0)
+    sure = known & (z > crept + rise)
     if not sure.any():
         return []
     regions: list[_Region] = []
-    for row, col in _peaks(z, sure, reading.sigma):
+    for row, col in _peaks(z, sure, known & (z > crept + rise / 2), reading.sigma):
         labels = cv2.connectedComponents((z > _HALF * z[row, col]).astype(np.uint8), connectivity=4)[1]
         regions.append(_Region(row, col, labels == labels[row, col]))
     return regions if len(regions) < 2 else _parted(regions)
@@ -123,8 +125,8 @@ def _holes_filled(prepared: Prepared, reading: Reading) -> tuple[Reading, Mask]:
     steep = np.zeros(lost.shape, np.bool_)
     if not lost.any():
         return reading, steep
-    lost = cv2.morphologyEx(lost, cv2.MORPH_CLOSE, np.ones((_CLOSED, _CLOSED), np.uint8))
-    _, labels, boxes, _ = cv2.connectedComponentsWithStats(lost, connectivity=8)
+    closed = cv2.morphologyEx(lost, cv2.MORPH_CLOSE, np.ones((_CLOSED, _CLOSED), np.uint8))
+    _, labels, boxes, _ = cv2.connectedComponentsWithStats(closed, connectivity=8)
     z, sigma, good = reading.z.copy(), reading.sigma.copy(), reading.good.copy()
     for label, (x0, y0, width, height, cells) in enumerate(boxes[1:].tolist(), start=1):
         cut = slice(max(y0 - 3, 0), y0 + height + 3), slice(max(x0 - 3, 0), x0 + width + 3)
@@ -140,14 +142,15 @@ def _holes_filled(prepared: Prepared, reading: Reading) -> tuple[Reading, Mask]:
     return replace(reading, z=z, sigma=sigma, good=good), steep
 
 
-def _peaks(z: Cells, sure: Mask, sigma: Cells) -> list[tuple[int, int]]:
-    """Cells (row, col) of the peaks that stand out from their saddles, the highest first."""
+def _peaks(z: Cells, sure: Mask, known: Mask, sigma: Cells) -> list[tuple[int, int]]:
+    """Cells (row, col) of the peaks that stand out from their saddles, the highest first. known: cells that
+    may be saddles."""
     coarse = max(1, z.shape[1] // _COLUMNS)
     small, noise = (part[::coarse, ::coarse].astype(np.float64) for part in (z, sigma))
-    known = sure[::coarse, ::coarse]
+    peak, part = sure[::coarse, ::coarse], known[::coarse, ::coarse]
     margin = np.maximum(_SIGNIFICANT * noise, _PROMINENT * small) / 2
-    numbers, peaks = basins(small, np.where(known, margin, 0), known, 1.0)
-    cells = np.bincount(numbers[known])
+    numbers, peaks = basins(small, np.where(part, margin, 0), part, 1.0)
+    cells = np.bincount(numbers[peak], minlength=len(peaks))
     found = [
         divmod(int(at), small.shape[1]) for at, count in zip(peaks, cells, strict=True) if count >= _FEWEST
     ]

@@ -52,6 +52,11 @@ class _Child:
         answer: dict[str, Any] = json.loads(line)
         return answer
 
+    @property
+    def alive(self) -> bool:
+        """Whether the process runs."""
+        return self._process.poll() is None
+
     def close(self) -> None:
         """End the process."""
         for stream in (self._process.stdin, self._process.stdout):
@@ -125,6 +130,11 @@ class PatternWindow:
         if "error" in answer:
             raise InputError(answer["error"])
         return answer
+
+    @property
+    def alive(self) -> bool:
+        """Whether the window's process runs."""
+        return self._child.alive
 
     def show(self, index: int) -> Shown:
         """Put frame `index` on the screen. InputError once the monitor is gone."""

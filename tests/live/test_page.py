@@ -14,10 +14,12 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
 from optolever.cli import run
+from optolever.decode import decode
 from optolever.live import (
     Live,
     LiveServer,
@@ -25,11 +27,14 @@ from optolever.live import (
     Prepared,
     VirtualFinger,
     follow,
+    prepare,
+    replayed,
     tared,
     virtual_rig,
 )
-from optolever.projector import Image
-from optolever.scene import load, resize
+from optolever.patterns import sequence
+from optolever.projector import Image, capture
+from optolever.scene import dent, load, resize
 
 Virtual = tuple[Prepared, VirtualFinger]
 
@@ -126,21 +131,21 @@ def test_other_sites_may_neither_read_nor_steer(server: LiveServer) -> None:
     assert _ask(server, "/", Host="evil.example:80")[0] == 403
     assert _ask(server, "/next?after=0", Origin="http://evil.example")[0] == 403
     assert _ask(server, "/next?after=0", **{"Sec-Fetch-Site": "cross-site"})[0] == 403
-    assert _ask(server, "/pause", "POST", Origin="http://evil.example", **token)[0] == 403
-    assert _ask(server, "/pause", "POST")[0] == 403
-    assert _ask(server, "/pause", "POST", **{"X-Optolever-Token": "0"})[0] == 403
+    assert _ask(server, "/tare", "POST", Origin="http://evil.example", **token)[0] == 403
+    assert _ask(server, "/tare", "POST")[0] == 403
+    assert _ask(server, "/tare", "POST", **{"X-Optolever-Token": "0"})[0] == 403
     assert _ask(server, "/format", "POST", **token)[0] == 404
-    assert _ask(server, "/pause")[0] == 405
+    assert _ask(server, "/tare")[0] == 405
     assert _told(server, 0)["told"] == ""
 
 
-@pytest.mark.parametrize("path", ["/x", "/pause", "/next"])
+@pytest.mark.parametrize("path", ["/x", "/tare", "/next"])
 @pytest.mark.parametrize("method", ["POST", "GET", "PUT"])
 def test_a_body_is_no_second_request(server: LiveServer, method: str, path: str) -> None:
     """What a refused request carries is not executed: one refusal, and the connection is closed."""
     host = server.address.removeprefix("http://").rstrip("/").encode()
     held = b"X-Optolever-Token: " + _token(server)["X-Optolever-Token"].encode()
-    body = b"POST /pause HTTP/1.1\r\nHost: " + host + b"\r\n" + held + b"\r\n\r\n"
+    body = b"POST /tare HTTP/1.1\r\nHost: " + host + b"\r\n" + held + b"\r\n\r\n"
     head = f"{method} {path} HTTP/1.1\r\nContent-Length: {len(body)}\r\nOrigin: http://evil.example\r\n"
     answer = _sent(server, head.encode() + b"Host: " + host + b"\r\n\r\n" + body)
     assert answer.count(b"HTTP/1.1 ") == 1
@@ -168,15 +173,59 @@ def test_odd_clients_leave_no_trace(server: LiveServer, capfd: pytest.CaptureFix
     assert capfd.readouterr() == ("", "")
 
 
-def test_pause_holds_the_picture(server: LiveServer) -> None:
+def test_a_click_sets_a_probe_and_a_button_records(
+    server: LiveServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two probes with their places and spectra; a recording that replays bit by bit; what is no place."""
+    monkeypatch.chdir(tmp_path)
     token = _token(server)
-    _ask(server, "/next?after=0")
-    assert _ask(server, "/pause", "POST", **token)[1] == b"paused"
-    held = server.readings
-    assert _ask(server, f"/next?after={held + 1}")[0] == 204
-    assert server.readings <= held + 1  # one may have been on its way
-    _ask(server, "/resume", "POST", **token)
-    assert _ask(server, f"/next?after={held + 1}")[0] == 200
+    for at in ("0.5,0.5", "0.25,0.75"):
+        assert _ask(server, f"/probe?at={at}", "POST", **token) == (200, b"")
+    assert _ask(server, "/probe?at=2,x", "POST", **token)[0] == 400
+    assert b"must be on the part of the mirror" in _ask(server, "/probe?at=0,0", "POST", **token)[1]
+    _ask(server, "/record", "POST", **token)
+    until = server.readings + 20
+    while server.readings < until:
+        time.sleep(0.02)
+    told = _told(server, server.readings)
+    assert np.allclose(told["places"], [(0.5, 0.5), (0.25, 0.75)], atol=0.02)
+    assert all(probe["sigma"] > 0 for probe in told["probes"])
+    assert told["recording"].startswith("live-")
+    while not all(_told(server, server.readings)["spectra"]):
+        time.sleep(0.1)
+    assert all(one["floor_nm"] > 0 for one in _told(server, server.readings)["spectra"])
+    assert b"frames recorded in live-" in _ask(server, "/record", "POST", **token)[1]
+    again = list(replayed(tmp_path / told["recording"]))
+    assert len(again) > 5
+    assert all(one.identical for one in again)
+    _ask(server, "/clear", "POST", **token)
+    assert _told(server, server.readings)["probes"] == []
+
+
+def test_a_camera_that_stops_and_one_of_12_bits(virtual: Virtual) -> None:
+    """The age of the picture grows; 12 bits in 16 are shown as bright as 8."""
+    scene, (_, finger) = resize(load("prism48", exact=True), 96, 128), virtual
+    frames = finger.at_rest().astype(np.uint16) * 16
+    full, rows, cols = sequence("gray+phase", scene.pattern.rows, scene.pattern.cols), 96, 128
+    seen = capture(scene, dent("flat", scene), full, renderer="numpy", noise=1.0, seed=0)
+    fringe = sequence("crossed", scene.pattern.rows, scene.pattern.cols, period=10.0)
+    prepared = prepare(scene, frames, decode(seen.frames, full), fringe, bits=12)
+
+    class Once:
+        images: Iterator[Image] = iter([Image(frames[0], 0, None, time.monotonic())])
+
+        def next(self, timeout_s: float) -> Image | None:
+            return next(self.images, None)
+
+    with LiveServer(prepared, Once()) as live:
+        _ask(live, "/next?after=0")
+        assert _ask(live, "/next?after=1")[0] == 204
+        body = _parts(_ask(live, "/next?after=0")[1])
+    picture = cv2.imdecode(np.frombuffer(body[1], np.uint8), cv2.IMREAD_GRAYSCALE)
+    assert picture is not None
+    assert picture.shape == (rows, cols)
+    assert picture.mean() == pytest.approx(frames.mean() / 16, rel=0.05)
+    assert json.loads(body[0])["age_s"] > 1
 
 
 def test_tare_makes_a_new_zero_and_is_refused_while_touched(virtual: Virtual) -> None:
@@ -184,7 +233,8 @@ def test_tare_makes_a_new_zero_and_is_refused_while_touched(virtual: Virtual) ->
     pressed = next(one for one in follow(Live(prepared), finger) if one.reading.depth > 0.02)
     zero = tared(prepared, np.stack([pressed.image.pixels] * 4))
     reading = Live(zero).update(pressed.image.pixels)
-    assert abs(reading.depth) < 0.05 * pressed.reading.depth
+    assert np.abs(reading.z[reading.good]).max() < pressed.reading.depth
+    assert reading.deepest is None
 
     class Fixed:
         def next(self, timeout_s: float) -> Image | None:
@@ -231,14 +281,18 @@ def test_a_camera_that_fails_is_told(virtual: Virtual) -> None:
 def test_lines_of_json_and_the_numbers_of_the_run(
     capfd: pytest.CaptureFixture[str], tmp_path: Path, refused: Callable[..., str]
 ) -> None:
-    args = ["live", "--pixels", "128x96", "--rate", "0", "--headless", "--frames", "12"]
+    args = ["live", "--pixels", "128x96", "--rate", "0", "--headless", "--frames", "20", "--probe", "24,22"]
     assert run([*args, "--json-lines", "--json", str(tmp_path / "run.json")]) == 0
     lines = [json.loads(line) for line in capfd.readouterr().out.splitlines()]
-    assert [line["frame"] for line in lines] == list(range(12))
+    assert [line["frame"] for line in lines] == list(range(20))
     assert all(line["trusted"] for line in lines)
-    assert max(line["depth_mm"] for line in lines) > 0.02
-    assert json.loads((tmp_path / "run.json").read_text())["readings"] == 12
-    refused(["live", "--json-lines"], "--json-lines", "--headless")
+    assert max(line["depth_mm"] or 0 for line in lines) > 0.02
+    assert lines[0]["depth_mm"] is None
+    assert all(line["probes"][0]["sigma"] > 0 for line in lines)
+    numbers = json.loads((tmp_path / "run.json").read_text())
+    assert numbers["readings"] == 20
+    assert numbers["probes"][0]["spectrum"]["peak_nm"] > 1000
+    refused(["live", "--headless", "--probe", "30"], "--probe 30", "X,Y")
     refused(["live", "--scene", "none.toml", "--headless"], "none.toml")
 
 

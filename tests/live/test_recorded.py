@@ -59,10 +59,7 @@ def test_readings_are_bit_identical(virtual: tuple[Prepared, VirtualFinger], tmp
 def test_the_page_records_and_refuses_tare(virtual: tuple[Prepared, VirtualFinger], tmp_path: Path) -> None:
     prepared, finger = virtual
     film = tmp_path / "film"
-    with (
-        ReadingRecorder(film, prepared, "virtual") as recorder,
-        LiveServer(prepared, finger, record=recorder) as server,
-    ):
+    with LiveServer(prepared, finger, record=film) as server:
         while server.readings < 8 and not server.error:
             time.sleep(0.05)
         assert server.command("tare") == "tare refused: it would change the rest of the recording"
