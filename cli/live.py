@@ -20,11 +20,13 @@ from .rig_live import rig_at_rest
 from .show import print_notices, table, write_json
 
 SAMPLE = """
-$ optolever live --pixels 160x120 --headless --frames 48
+$ optolever live --pixels 160x120 --headless --frames 48 --probe 30,22
 Live: prism48, 60 x 80 cells
-  readings  48, 48 trusted
-  deepest   0.1703 ± 0.0061 mm
-  rate      9.61 readings/s, median delay 91.6 ms
+  readings         48, 48 trusted
+  deepest          0.1701 ± 0.0060 mm
+  rate             1.86 readings/s, median delay 503 ms
+  noise            166 nm a frame, 172 nm/sqrt(Hz)
+  probe 30.4,22.1  3.25e+04 nm at 0.07671 Hz, floor 131 nm
 """
 
 
