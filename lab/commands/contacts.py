@@ -11,14 +11,14 @@ from optolever.cli.show import grid, progress, write_json
 __all__ = ["command"]
 
 SAMPLE = """
-$ python -m lab contacts --rigs 48
+$ python -m lab contacts --rigs 10
 Share of errors within one total sigma
 kind      fingers  found  cut  depth  area   position
-ball      34       32     0    0.562  0.562  0.578
-punch     18       13     0    0.615  0.385  0.769
-gaussian  60       59     0    0.746  0.814  0.669
-needle    57       57     0    0.596  0.702  0.658
-all       169      161    0    0.646  0.689  0.655
+ball      6        6      0    0.833  0.5    0.667
+punch     5        5      0    0.4    1      0.9
+gaussian  15       15     0    0.933  0.933  0.733
+needle    14       14     0    0.5    0.714  0.714
+all       40       40     0    0.7    0.8    0.738
 """
 
 

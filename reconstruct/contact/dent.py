@@ -1,34 +1,29 @@
-"""One dent of a height map as flat arrays, in polar coordinates from its middle."""
+"""One dent of a height map as flat arrays, in polar coordinates from its middle, and its deepest point."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import scipy.ndimage
 
 from ..arrays import Floats, Mask
-from ..heightmap import HeightMap
-from ..outputs.resampling import gradients
-from ..outputs.slope_map import SlopeMap
 from .relief import Relief
-from .rim import Posterior, Rim
 
-__all__ = ["Dent"]
+__all__ = ["Deepest", "Dent", "deepest"]
 
 INSIDE = 0.4  # of the depth: pixels of the dent
 CORE = 0.7  # of the depth: the dent's middle is that of the deeper pixels
+_RADII = (3.2, 2.3)  # pixels of the paraboloid; the smaller one bounds its shape error
+_FEWEST = 12  # pixels
 
 
 @dataclass(frozen=True, slots=True)
 class Dent:
-    """Known pixels around one dent as flat arrays (N,), heights and positions corrected for the
-    errors of the rig by the surroundings.
+    """Known pixels around one dent as flat arrays (N,), fields as those of `Relief`.
 
-    modes (r, N), slope_modes (r, 2, N): of the rig's remaining errors; displacement (m, 2, 3): see
-    `HeightMap`; cell: area of a pixel, mm^2; inside: pixels of the dent; measured: not interpolated; error:
-    of the interpolation, mm; border: neighbours of pixels where nothing is known (the image's edge, flags);
-    saddle: neighbours of another dent's basin; peak: the number of the deepest within its sigma; pitch: size
-    of a pixel, mm; middle: where r, phi start; radius: where the depth is halved; rim_depth and its sigma: of
-    the peak over the surroundings.
+    inside: pixels of the dent; border: neighbours of pixels where nothing is known (the image's edge, flags);
+    saddle: neighbours of another dent's basin; peak: the number of the deepest within its sigma; middle:
+    where r, phi start; radius: where the depth is halved, mm.
     """
 
     x: Floats
@@ -50,68 +45,30 @@ class Dent:
     pitch: float
     middle: tuple[float, float]
     radius: float
-    rim_depth: float
-    rim_depth_sigma: float
 
     @classmethod
-    def of(
-        cls, height: HeightMap, slopes: SlopeMap, relief: Relief, basin: Mask, rim: Rim, known: Posterior
-    ) -> "Dent | None":
-        """The pixels of a basin up to twice as far from the middle as the dent reaches; None where no height
-        is above the surface at rest."""
-        z = relief.z - np.tensordot(known.mean, relief.modes, 1)
-        close = np.hypot(relief.x - relief.x.ravel()[rim.peak], relief.y - relief.y.ravel()[rim.peak])
-        top = np.where(basin & (close <= rim.radius), z - relief.sigma, -np.inf)
-        peak = int(np.argmax(top))
-        depth = float(z.ravel()[peak])
-        if not depth > 0:
-            return None
-        labels, _ = scipy.ndimage.label(basin & (z > INSIDE * depth))
+    def of(cls, relief: Relief, basin: Mask, peak: int) -> "Dent":
+        """The pixels of a basin up to twice as far from the middle as the dent reaches."""
+        depth = float(relief.z.ravel()[peak])
+        labels, _ = scipy.ndimage.label(basin & (relief.z > INSIDE * depth))
         inside = labels == labels.ravel()[peak]
-        core = scipy.ndimage.binary_fill_holes(inside & (z > CORE * depth)) & relief.known
+        core = scipy.ndimage.binary_fill_holes(inside & (relief.z > CORE * depth)) & relief.known
         middle = float(relief.x[core].mean()), float(relief.y[core].mean())
         r = np.hypot(relief.x - middle[0], relief.y - middle[1])
         near = basin & (r < 2.0 * r[inside].max())
-        slope_modes = slopes.calibration
-        if slope_modes is None or not len(relief.modes):
-            slope_modes = np.zeros((len(relief.modes), 2, *near.shape), np.float32)
-        count = len(relief.modes)
-        displacement = np.zeros((count, 2, 3)) if height.displacement is None else height.displacement
-        moved = known.mean @ displacement[:count].reshape(count, 6)
-        shift = moved.reshape(2, 3) @ np.stack(
-            [np.ones(np.count_nonzero(near)), relief.x[near], relief.y[near]]
-        )
-        rest = np.einsum("rs,rij->sij", known.root, displacement[:count])
-        noise = np.hypot(relief.sigma.ravel()[peak], np.linalg.norm(rim.means(relief.sigma) * rim.weights))
-        modes = relief.modes[:, near].astype(np.float64)
-        slope_modes = np.nan_to_num(slope_modes[:, :, near].astype(np.float64))
-        slope = np.stack([slopes.slope_x, slopes.slope_y])
-        if not relief.measured[near].all():
-            slope = np.where(relief.measured, slope, gradients(relief.x, relief.y, relief.z, relief.known))
-        slope = np.nan_to_num(slope[:, near])
-        spread = np.stack([slopes.sigma_x[near], slopes.sigma_y[near]])
+        fields = ("x", "y", "z", "sigma", "slopes", "slope_sigmas", "cell", "measured", "error")
         return cls(
-            x=relief.x[near] - shift[0],
-            y=relief.y[near] - shift[1],
-            z=z[near],
-            sigma=relief.sigma[near],
-            slopes=slope - np.tensordot(known.mean, slope_modes, 1),
-            slope_sigmas=np.where(relief.measured[near], spread, np.inf),
-            modes=known.root.T @ modes,
-            slope_modes=np.einsum("rs,rkn->skn", known.root, slope_modes),
-            displacement=np.concatenate([rest, displacement[count:]]),
-            cell=relief.cell[near],
+            **{name: getattr(relief, name)[..., near] for name in fields},
+            modes=relief.modes[:, near].astype(np.float64),
+            slope_modes=relief.slope_modes[..., near].astype(np.float64),
+            displacement=relief.displacement,
             inside=inside[near],
-            measured=relief.measured[near],
-            error=relief.error[near],
             border=_beside(relief.known)[near],
             saddle=_beside(basin | ~relief.known, beyond=True)[near],
             peak=int(np.count_nonzero(near.ravel()[:peak])),
             pitch=relief.pitch,
-            middle=(middle[0] - float(shift[0].mean()), middle[1] - float(shift[1].mean())),
-            radius=rim.radius,
-            rim_depth=float(rim.rise(z)),
-            rim_depth_sigma=float(np.hypot(noise, np.linalg.norm(rim.rise(relief.modes) @ known.root))),
+            middle=middle,
+            radius=float(np.sqrt(relief.cell[inside & (relief.z > 0.5 * depth)].sum() / np.pi)),
         )
 
     @property
@@ -144,11 +101,60 @@ class Dent:
         changes: Floats = self.displacement @ np.array([1.0, x, y])
         return changes
 
-    @property
-    def stretch(self) -> Floats:
-        """Relative change of areas by every error of the rig, (m,)."""
-        stretches: Floats = self.displacement[:, 0, 1] + self.displacement[:, 1, 2]
-        return stretches
+
+class Deepest(NamedTuple):
+    """x, y, depth in mm with standard deviations; depth_noise: the part that is noise."""
+
+    x: float
+    y: float
+    x_sigma: float
+    y_sigma: float
+    depth: float
+    depth_sigma: float
+    depth_noise: float
+
+
+def deepest(dent: Dent) -> Deepest:
+    """The top of a paraboloid; the deepest pixel of a plateau, or of a tip, in which it may be anywhere."""
+    at, here = dent.peak, np.array([dent.x[dent.peak], dent.y[dent.peak]])
+    away = np.hypot(dent.x - here[0], dent.y - here[1])
+    near = away < _RADII[0] * dent.pitch
+    first, other = (_top(dent, away < radius * dent.pitch) for radius in _RADII)
+    z, sigma = float(dent.z[at]), float(dent.sigma[at])
+    moves = dent.moved(*here)
+    if first is None:
+        steep = float(np.median(np.hypot(*dent.slopes[:, near])))
+        top, noise = (here, z), float(np.hypot(sigma, 0.25 * steep * dent.pitch))
+        spread = np.full(2, dent.pitch if steep * dent.radius > 0.3 * z else 0.5 * dent.radius)
+    else:
+        depth, place, shift = first
+        lower, beside = (z, np.zeros(2)) if other is None else other[:2]
+        tilt = np.median(dent.slope_sigmas[:, near], axis=1) / np.sqrt(np.count_nonzero(near))
+        spread = np.minimum(np.hypot(np.linalg.norm(shift * tilt, axis=1), place - beside), dent.radius)
+        moves[: len(dent.slope_modes)] += dent.slope_modes[:, :, near].mean(axis=2) @ shift
+        top, noise = (here + place, depth), float(np.hypot(sigma, depth - lower))
+    x_sigma, y_sigma = np.hypot(spread, np.linalg.norm(moves, axis=0)).tolist()
+    (x, y), depth = top
+    whole = float(np.linalg.norm([noise, *dent.modes[:, at]]))
+    return Deepest(float(x), float(y), x_sigma, y_sigma, depth, whole, noise)
+
+
+def _top(dent: Dent, near: Floats) -> tuple[float, Floats, Floats] | None:
+    """Height of the top of a paraboloid through the pixels `near`, its place from the deepest pixel (mm) and
+    its shift (2, 2) by slopes that are added; None where none fits."""
+    dx, dy, heights = (part[near] - part[dent.peak] for part in (dent.x, dent.y, dent.z))
+    if dx.size < _FEWEST:
+        return None
+    terms = np.stack([np.ones_like(dx), dx, dy, dx * dx, dx * dy, dy * dy], axis=1)
+    c = np.linalg.lstsq(terms, heights, rcond=None)[0]
+    bent = np.array([[2 * c[3], c[4]], [c[4], 2 * c[5]]])
+    z = float(dent.z[dent.peak])
+    if abs(c[0]) > max(float(dent.sigma[dent.peak]), 1e-3 * z) or not np.all(np.linalg.eigvalsh(bent) < 0):
+        return None
+    top = -np.linalg.solve(bent, c[1:3])
+    if np.hypot(*top) > float(np.hypot(dx, dy).max()):
+        return None
+    return z + float(c[0] + 0.5 * c[1:3] @ top), top, -np.linalg.inv(bent)
 
 
 def _beside(mask: Mask, beyond: bool = False) -> Mask:

@@ -6,210 +6,183 @@ and its slope along r, q = r / r_e, is a sum of free solutions (K. L. Johnson, C
     q asin(1/q),   sqrt(1 - 1/q^2)   (pressure that vanishes at the edge: Hertz),
     1/(q sqrt(q^2 - 1))              (infinite pressure there: an indenter with a sharp rim, a punch)
 
-so that the curvature across the edge jumps to infinity: the slope there is steepest and has a kink that no
-smooth surface has. In every sector around the dent that law, with its edge r_e free, and a polynomial of as
-many parameters are fitted to the radial slope; the sum of the differences of their chi^2 is twice the
-logarithm of a likelihood ratio: where it is large, there is a contact edge, at r_e.
+so that the curvature across the edge jumps to infinity. One least-squares fit to the radial slopes of all
+pixels around: the outline r_e(phi) and the amplitudes of the solutions are Fourier series. A polynomial in r
+of as many amplitudes is the alternative; the difference of both chi^2 is twice the logarithm of a likelihood
+ratio.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
-import scipy.ndimage
 
-from ..arrays import Floats, Mask
+from ..arrays import Floats
 from .dent import Dent
 
-__all__ = ["Outline", "outline"]
+__all__ = ["ANGLES", "Outline", "outline"]
 
-_GUESSES = 24  # directions in which the steepest slope is looked for
+ANGLES = np.linspace(-np.pi, np.pi, 72, endpoint=False)
 _TIP = 3.0  # pixels: steepest so near to the middle is a tip
-_SECTOR = 3.0  # pixels along the edge
-_POPULATED = 3.6  # size^2 per sector that leaves about 30 pixels to each
-_SECTORS = (6, 90)
-_WAVES = 4  # around: how smooth a contact's outline is
-_SHARE = 0.6  # of the sectors
-_GAIN = (25.0, 6.0)  # of chi^2: five sigma, and what n sectors scatter by, per sqrt(n)
-_REACH = (0.45, 1.7)  # of the first guess: where the slopes are compared
-_SCAN = (0.6, 1.4)  # likewise: where the edge is looked for
-_COARSE, _FINE = 61, 41  # places tried
+_RING = 1.5  # pixels: width of the rings in which the steepest slope is looked for
+_REACH = (0.45, 1.7)  # of that radius: where the slopes are compared
+_SCAN = np.linspace(-1, 1, 31)
+_SEARCH = (0.4, 0.2, 0.1, 0.05)  # around it, relative: where the edge is looked for
+_WAVES = 4  # around, of the outline; of the amplitudes: 2
+_MOST = 10_000  # pixels
+_STEPS = 8  # of Gauss and Newton
+_SECTORS, _SHARE = 24, 0.6  # directions; of them
+_GAIN = 50.0  # of chi^2
 _TERMS = (4, 5)  # of the law, in addition to the edge: of Hertz, of a punch
-_RINGS = 160
 _NEAREST = 1e-3  # of q^2 - 1 where the slope of a punch is infinite
 _RIDGE = 1e-10  # of the normal matrix' diagonal
 
 
 @dataclass(frozen=True, slots=True)
 class Outline:
-    """Edge of a contact in sectors about the dent's middle: radius and its sigma (n,), mm; share: of the
-    sectors that show it; gain: chi^2 of a smooth surface above that of the law, in units of the noise or of
-    what neither explains."""
+    """Edge of a contact about the dent's middle: radius (n,) at ANGLES, mm; root (n, p) of its covariance;
+    share: of the directions that show it; gain: chi^2 of a smooth surface above that of the law, in units of
+    the noise or of what neither explains."""
 
     radius: Floats
-    sigma: Floats
+    root: Floats
     share: float
     gain: float
 
     @property
-    def angles(self) -> Floats:
-        """Middles of the sectors, rad."""
-        return _angles(self.radius.size)
+    def area(self) -> float:
+        """Inside, mm^2."""
+        return float(np.pi * np.mean(self.radius**2))
 
     @property
-    def centroid(self) -> tuple[float, float]:
+    def centroid(self) -> Floats:
         """Of the area inside, from the middle, mm."""
-        third = self.radius**3 / (1.5 * np.sum(self.radius**2))
-        return float(np.sum(third * np.cos(self.angles))), float(np.sum(third * np.sin(self.angles)))
+        ways = np.stack([np.cos(ANGLES), np.sin(ANGLES)])
+        centroid: Floats = 2 / 3 * (ways * self.radius**3).mean(axis=1) / np.mean(self.radius**2)
+        return centroid
+
+    def at(self, phi: Floats) -> Floats:
+        """Radius in other directions."""
+        radius: Floats = np.interp(phi, ANGLES, self.radius, period=2 * np.pi)
+        return radius
 
 
 def outline(dent: Dent) -> tuple[Dent, Outline | str]:
     """The dent about its contact's middle and the edge, or why there is none, in words."""
-    guesses = _steepest(dent)
-    if np.median(guesses) < _TIP * dent.pitch:
+    guess = _steepest(dent)
+    if guess < _TIP * dent.pitch:
         return dent, "the slope is steepest at the deepest point, a tip"
-    (dent, found), (other, sharp) = (_centred(dent, guesses, terms) for terms in _TERMS)
-    if sharp is not None and (found is None or sharp.gain > found.gain + _limit(sharp)):
-        dent, found = other, sharp
-    if found is not None and found.gain > _limit(found) and found.share >= _SHARE:
-        return dent, found
-    shown = 0.0 if found is None else found.share
-    why = f"the edge's kink shows in {100 * shown:.0f} % of the directions"
+    fits = [
+        (about, edge) for about, edge in (_fitted(dent, guess, terms) for terms in _TERMS) if edge is not None
+    ]
+    if not fits:
+        return dent, "too few slopes, or the image cuts it"
+    about, edge = fits[0]
+    if fits[-1][1].gain > edge.gain + _GAIN:
+        about, edge = fits[-1]
+    if edge.gain > _GAIN and edge.share >= _SHARE:
+        return about, edge
+    why = f"the edge's kink shows in {100 * edge.share:.0f} % of the directions"
     return dent, f"{why}, a smooth surface explains the slopes as well or better"
 
 
-def _centred(dent: Dent, guesses: Floats, terms: int) -> tuple[Dent, Outline | None]:
-    """The edge around guesses, then around the first result, in sectors about its centroid."""
-    found = _looked_for(dent, guesses, terms)
-    if found is None:
-        return dent, None
-    x, y = found.centroid
-    dent = replace(dent, middle=(dent.middle[0] + x, dent.middle[1] + y))
-    return dent, _looked_for(dent, scipy.ndimage.median_filter(found.radius, size=5, mode="wrap"), terms)
+def _steepest(dent: Dent) -> float:
+    """Radius of the steepest descent, mm."""
+    near = dent.measured & (dent.r < 1.2 * dent.r[dent.inside].max())
+    if not near.any():
+        return 0.0
+    (slope, sigma), width = dent.radial, _RING * dent.pitch
+    ring = (dent.r[near] / width).astype(np.intp)
+    count = np.maximum(np.bincount(ring), 1)
+    mean = np.bincount(ring, slope[near]) / count
+    noise = np.sqrt(np.bincount(ring, sigma[near] ** 2)) / count
+    return float(np.argmin(mean + 2.0 * noise) + 0.5) * width
 
 
-def _limit(found: Outline) -> float:
-    return _GAIN[0] + _GAIN[1] * float(np.sqrt(found.radius.size))
+def _fitted(dent: Dent, guess: float, terms: int) -> tuple[Dent, Outline | None]:
+    """The edge of a law of so many terms, about its middle: a circle, moved and searched ever more finely,
+    then its waves. None without enough slopes or with an edge out of reach."""
+    radius, low, high = guess, _REACH[0] * guess, _REACH[1] * guess
+    for search, waves in zip(_SEARCH, (1, 1, 1, min(_WAVES, int(guess / dent.pitch / _TIP))), strict=True):
+        r, (slope, sigma) = dent.r, dent.radial
+        use = np.flatnonzero(dent.measured & (r > low) & (r < high))
+        use = use[:: use.size // _MOST + 1]
+        freedom = use.size - 5 * terms - 2 * waves - 1
+        if freedom < use.size / 4:
+            return dent, None
+        r, phi, values = r[use], dent.phi[use], slope[use] / sigma[use]
+        turns = _waves(phi, 2) / sigma[use, None]
+        left = partial(_misfit, r, values, _waves(phi, waves), turns, terms)
+        circles = [radius * (1 + search * share) * np.eye(2 * waves + 1)[0] for share in _SCAN]
+        start = min(circles, key=lambda edge: float(np.square(left(edge)).sum()))
+        edge, law, normal = _least(left, start, dent.pitch)
+        radius, around = float(edge[0]), _waves(ANGLES, waves) @ edge
+        if not 0.5 * guess < around.min() <= around.max() < 1.6 * guess:
+            return dent, None
+        if waves == 1 and search != _SEARCH[-1]:
+            dent = replace(dent, middle=(dent.middle[0] + edge[1], dent.middle[1] + edge[2]))
+    smooth = np.polynomial.chebyshev.chebvander((2.0 * r - low - high) / (high - low), terms)
+    plain = _residual(np.asarray(smooth.T, np.float64), turns, values)
+    chi, chi_plain = float(law @ law), float(plain @ plain)
+    unit = max(1.0, min(chi, chi_plain) / freedom)
+    sector = ((phi + np.pi) / (2 * np.pi) * _SECTORS).astype(np.intp) % _SECTORS
+    better = np.bincount(sector, plain**2 - law**2, _SECTORS) > 0
+    root = _waves(ANGLES, waves) @ np.linalg.cholesky(np.linalg.inv(normal) * unit)
+    return dent, Outline(around, root, float(np.mean(better)), (chi_plain - chi) / unit)
 
 
-def _angles(count: int) -> Floats:
-    """Middles of sectors of equal angle from -pi on."""
-    middles: Floats = np.linspace(-np.pi, np.pi, count, endpoint=False, dtype=np.float64) + np.pi / count
-    return middles
+def _misfit(r: Floats, values: Floats, around: Floats, turns: Floats, terms: int, edge: Floats) -> Floats:
+    """Residual of the law with its edge at the Fourier series."""
+    return _residual(_law(r / np.maximum(around @ edge, 1e-9), terms), turns, values)
 
 
-def _sectors(dent: Dent, count: int) -> Iterator[tuple[Floats, Floats, Floats, Mask]]:
-    """Radius, radial slope, its sigma and whether inside, of every sector's measured pixels, sorted by
-    radius."""
-    sector = ((dent.phi + np.pi) / (2 * np.pi) * count).astype(np.intp) % count
-    order = np.lexsort((dent.r, sector))
-    order = order[dent.measured[order]]
-    ends = np.searchsorted(sector[order], np.arange(1, count))
-    fields = (np.split(part[order], ends) for part in (dent.r, *dent.radial, dent.inside))
-    return zip(*fields, strict=True)
+def _waves(phi: Floats, count: int) -> Floats:
+    """1, cos, sin of so many waves around, (N, 2 count + 1)."""
+    pairs = [part(k * phi) for k in range(1, count + 1) for part in (np.cos, np.sin)]
+    return np.stack([np.ones_like(phi), *pairs], axis=1)
 
 
-def _steepest(dent: Dent) -> Floats:
-    """Radius of the steepest descent in every of _GUESSES directions, mm."""
-    found = np.full(_GUESSES, np.nan)
-    for k, (r, slope, sigma, inside) in enumerate(_sectors(dent, _GUESSES)):
-        if not inside.any():
-            continue
-        near = r < 1.2 * r[inside].max()
-        ring = (r[near] / (1.5 * dent.pitch)).astype(np.intp)
-        count = np.bincount(ring)
-        mean = np.bincount(ring, slope[near]) / np.maximum(count, 1)
-        noise = np.sqrt(np.bincount(ring, sigma[near] ** 2)) / np.maximum(count, 1)
-        found[k] = (np.argmin(np.where(count > 0, mean + 2.0 * noise, np.inf)) + 0.5) * 1.5 * dent.pitch
-    found = np.where(np.isfinite(found), found, np.nanmedian(found))
-    smooth: Floats = scipy.ndimage.median_filter(found, size=5, mode="wrap")
-    return smooth
-
-
-def _looked_for(dent: Dent, guesses: Floats, terms: int) -> Outline | None:
-    """The edge around guesses at evenly spaced directions; None where half of the sectors have none. sigma is
-    at least the scatter of the radii about a smooth outline."""
-    size = np.median(guesses) / dent.pitch
-    count = int(np.clip(min(2 * np.pi * size / _SECTOR, size**2 / _POPULATED), *_SECTORS))
-    angles = _angles(count)
-    around = np.interp(angles, _angles(guesses.size), guesses, period=2 * np.pi)
-    fits = [
-        _fit(*_gathered(r, slope, sigma, guess), guess, dent.pitch, terms)
-        for (r, slope, sigma, _), guess in zip(_sectors(dent, count), around, strict=True)
-    ]
-    radius, sigma, gain = np.array(fits).T
-    known = np.isfinite(radius)
-    if np.count_nonzero(known) < 0.5 * count:
-        return None
-    radius, sigma = (
-        np.interp(angles, angles[known], part[known], period=2 * np.pi) for part in (radius, sigma)
-    )
-    waves = np.arange(1, min(_WAVES, (count - 4) // 2) + 1)
-    phases = np.outer(angles, waves)
-    smooth = np.column_stack([np.ones(count), np.cos(phases), np.sin(phases)])
-    left = radius - smooth @ np.linalg.lstsq(smooth, radius, rcond=None)[0]
-    scatter = float(np.linalg.norm(left)) / np.sqrt(count - smooth.shape[1])
-    return Outline(radius, np.maximum(sigma, scatter), np.count_nonzero(gain > 0) / count, np.nansum(gain))
-
-
-def _fit(
-    r: Floats, s: Floats, w: Floats, guess: float, pitch: float, terms: int
-) -> tuple[float, float, float]:
-    """Radius of the edge near a guess and its sigma (mm), and its gain; NaN without enough slopes."""
-    inside, none = int(np.count_nonzero(r < guess)), (np.nan, np.nan, np.nan)
-    if inside < 3 or r.size - inside < 3 or r.size < 2 * (_TERMS[-1] + 1):
-        return none
-    radii = np.linspace(_SCAN[0] * guess, _SCAN[1] * guess, _COARSE)
-    chi = _misfit(r, s, w, radii, terms)
-    best = int(np.argmin(chi))
-    step = radii[1] - radii[0]
-    fine = np.linspace(radii[best] - step, radii[best] + step, _FINE)
-    chi_fine = _misfit(r, s, w, fine, terms)
-    at = int(np.argmin(chi_fine))
-    low, high = _REACH[0] * guess, _REACH[1] * guess
-    smooth = np.polynomial.chebyshev.chebvander((2.0 * r - low - high) / (high - low), terms)[None]
-    least, plain = float(chi_fine[at]), float(_least_squares(smooth * w[:, None], s * w)[0])
-    unit = max(1.0, min(least, plain) / (r.size - terms - 1))
-    if best in (0, _COARSE - 1):
-        return none
-    places, values = np.concatenate([radii, fine]), np.concatenate([chi, chi_fine])
-    spread = 0.5 * float(np.ptp(places[values < least + unit]))
-    return float(fine[at]), max(spread, float(fine[1] - fine[0]), 1e-3 * pitch), (plain - least) / unit
-
-
-def _gathered(r: Floats, slope: Floats, sigma: Floats, guess: float) -> tuple[Floats, Floats, Floats]:
-    """r, slope and 1/sigma around a guess, in at most _RINGS rings of as many pixels each."""
-    near = (r > _REACH[0] * guess) & (r < _REACH[1] * guess)
-    r, s, weight = r[near], slope[near], 1.0 / sigma[near] ** 2
-    if r.size <= _RINGS:
-        return r, s, np.sqrt(weight)
-    starts = (np.arange(_RINGS) * r.size) // _RINGS
-    total = np.add.reduceat(weight, starts)
-    r, s = (np.add.reduceat(weight * part, starts) / total for part in (r, s))
-    return r, s, np.sqrt(total)
-
-
-def _misfit(r: Floats, s: Floats, w: Floats, radii: Floats, count: int) -> Floats:
-    """chi^2 of the contact law of so many terms with its edge at every one of radii, (M,)."""
-    q = r / radii[:, None]
+def _law(q: Floats, count: int) -> Floats:
+    """Slopes of the contact law (count, N)."""
     out = q >= 1.0
-    q_out = np.where(out, q, 2.0)
-    terms = [
-        np.where(out, 2.0 / np.pi * q_out * np.arcsin(1.0 / q_out), 1.0),
+    far = np.where(out, q, 2.0)
+    terms = (
+        np.where(out, 2.0 / np.pi * far * np.arcsin(1.0 / far), 1.0),
         np.where(out, 0.0, q - 1.0),
         np.where(out, 0.0, (q - 1.0) ** 2),
-        np.where(out, np.sqrt(1.0 - 1.0 / q_out**2), 0.0),
-        np.where(out, 1.0 / (q_out * np.sqrt(np.maximum(q_out**2 - 1.0, _NEAREST))), 0.0),
-    ]
-    return _least_squares(np.stack(terms[:count], axis=2) * w[:, None], s * w)
+        np.where(out, np.sqrt(1.0 - 1.0 / far**2), 0.0),
+        np.where(out, 1.0 / (far * np.sqrt(np.maximum(far**2 - 1.0, _NEAREST))), 0.0),
+    )
+    return np.stack(terms[:count])
 
 
-def _least_squares(terms: Floats, values: Floats) -> Floats:
-    """Smallest squared residual, (M,), of values (N,) by terms (M, N, K)."""
-    normal = terms.transpose(0, 2, 1) @ terms
-    diagonal = np.einsum("mkk->mk", normal)
-    normal[:, range(terms.shape[2]), range(terms.shape[2])] += _RIDGE * diagonal + 1e-300
-    found = np.linalg.solve(normal, terms.transpose(0, 2, 1) @ values[:, None])
-    left = values - (terms @ found)[..., 0]
-    squares: Floats = np.einsum("mn,mn->m", left, left)
-    return squares
+def _residual(terms: Floats, turns: Floats, values: Floats) -> Floats:
+    """Of values (N,) by terms (K, N) whose amplitudes go by turns (N, 5), weighted."""
+    matrix = (terms[:, :, None] * turns).transpose(1, 0, 2).reshape(values.size, -1)
+    normal = matrix.T @ matrix
+    normal.flat[:: len(normal) + 1] *= 1 + _RIDGE
+    normal.flat[:: len(normal) + 1] += 1e-300
+    residual: Floats = values - matrix @ np.linalg.solve(normal, matrix.T @ values)
+    return residual
+
+
+def _least(left: Callable[[Floats], Floats], edge: Floats, step: float) -> tuple[Floats, Floats, Floats]:
+    """Parameters of the smallest residual, that, and their normal matrix: steps of Gauss and Newton by
+    differences that shrink, as pixels cross the edge one by one."""
+    residual, every = left(edge), np.eye(edge.size)
+    for _ in range(_STEPS):
+        jacobian = np.stack(
+            [(left(edge + row) - left(edge - row)) / (2 * step) for row in step * every], axis=1
+        )
+        normal = jacobian.T @ jacobian
+        normal += _RIDGE * np.trace(normal) * every
+        change = np.linalg.solve(normal, jacobian.T @ residual)
+        for reach in (1.0, 0.3, 0.1):
+            other = left(edge - reach * change)
+            if other @ other < residual @ residual:
+                edge, residual = edge - reach * change, other
+                break
+        else:
+            step *= 0.5
+    return edge, residual, normal

@@ -14,10 +14,8 @@ class Contact:
 
     found: whether the slopes show the edge of a contact; evidence: in words.
     x, y, depth: of the deepest point. depth: its height over the surface at rest, z = 0, from which errors of
-    the rig are taken off as far as the surroundings of the dent share them (see `rim`). Tails of other dents
-    are part of it. depth_noise: the part of depth_sigma that is no error of the rig.
-    rim_depth: height of the deepest point over the plane through its surroundings, about three half-depth
-    radii away; tails there are no part of it.
+    the rig are taken off as far as the map shows them (see `relief`). Tails of other dents are part of it.
+    depth_noise: the part of depth_sigma that is no error of the rig.
     area, volume, centroid (x, y): of the contact if one is found, else of the pixels deeper than half the
     depth; volume_sigma is an upper bound: the height's error is taken as common to the area;
     centroid_sigma: along either axis, the root mean square of both.
@@ -26,8 +24,7 @@ class Contact:
     interpolated: share of the area whose pixels were flagged.
     With an edge: edge (N, 2): points around the contact; edge_share: height there over the depth (Hertz: 0.5,
     flat punch: 1); indenter_radius: of the surface inside, inf where it is flat, None where unknown;
-    directions: in how many the edge was looked for; share: of them, that show it; gain: chi^2 of a smooth
-    surface above that of the law.
+    share: of the directions, that show it; gain: chi^2 of a smooth surface above that of the law.
     """
 
     found: bool
@@ -46,13 +43,10 @@ class Contact:
     edge_share: float | None = None
     indenter_radius: float | None = None
     indenter_radius_sigma: float | None = None
-    directions: int = 0
     share: float = 0.0
     gain: float = 0.0
     x_sigma: float | None = None
     y_sigma: float | None = None
-    rim_depth: float | None = None
-    rim_depth_sigma: float | None = None
     depth_noise: float | None = None
     cut: bool = False
     interpolated: float = 0.0

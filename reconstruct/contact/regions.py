@@ -14,20 +14,17 @@ import numpy as np
 from ..arrays import Floats, Mask
 from ..heightmap import HeightMap
 from ..outputs.slope_map import SlopeMap
-from .deepest import Deepest, deepest
-from .dent import Dent
-from .edge import Outline, outline
+from .dent import Deepest, Dent, deepest
+from .edge import ANGLES, Outline, outline
 from .peaks import basins
 from .record import Contact
-from .relief import Relief, levelled
-from .rim import Rim, posterior
+from .relief import Relief
 
 __all__ = ["contacts"]
 
-_SIGNIFICANT = 3.0  # standard deviations: a dent exceeds its saddle and its surroundings by more
+_SIGNIFICANT = 3.0  # standard deviations: a dent exceeds its saddle and the surface at rest by more
 _FEWEST = 24  # pixels of a dent
 _ROUNDING = 1 / np.sqrt(180)  # of a pixel: the share of an area that an outline cuts off at random
-_WORTH_SAYING = 0.01  # of the area
 _UNDER = 0.85  # of the edge: where the surface follows the indenter
 
 
@@ -38,38 +35,23 @@ def contacts(
     `most`.
 
     A dent exceeds the saddle to a deeper one by three standard deviations of the height on either side, and
-    its surroundings by three of noise and rig; errors of the rig that both share do not count.
+    the surface at rest by three of noise and rig; errors of the rig that the map shows do not count.
     slopes: of the same height map.
     Only pixels without a flag, or with STEEP alone, are used; holes of other pixels are interpolated.
     """
     relief = Relief.of(height, slopes)
     if relief is None:
         return ()
-    z = levelled(relief)
-    labels, peaks = basins(z, relief.sigma, relief.known, _SIGNIFICANT)
-    rims = {}
-    for number, peak in enumerate(peaks):
-        rim = Rim.of(relief, z, labels == number, int(peak))
-        if rim is not None and _stands_out(relief, rim):
-            rims[number] = rim
-    deep = max((rim.depth for rim in rims.values()), default=0.0)
-    rims = {number: rim for number, rim in rims.items() if rim.depth >= shallowest * deep}
-    others = list(rims.values())
-    dents = [
-        Dent.of(height, slopes, relief, labels == number, rim, posterior(relief, rim, others))
-        for number, rim in rims.items()
-    ]
-    found = [
-        _contact(dent) for dent in dents if dent is not None and np.count_nonzero(dent.inside) >= _FEWEST
-    ]
+    labels, peaks = basins(relief.z, relief.sigma, relief.known, _SIGNIFICANT)
+    row, col = np.unravel_index(peaks, relief.z.shape)
+    modes = relief.modes[:, row, col]
+    depths = relief.z.ravel()[peaks]
+    sigma = np.hypot(relief.sigma.ravel()[peaks], np.linalg.norm(modes, axis=0))
+    depths = np.where(depths > _SIGNIFICANT * sigma, depths, 0.0)
+    deep = np.flatnonzero((depths > 0) & (depths >= shallowest * depths.max()))
+    dents = [Dent.of(relief, labels == number, int(peaks[number])) for number in deep]
+    found = [_contact(dent) for dent in dents if np.count_nonzero(dent.inside) >= _FEWEST]
     return tuple(sorted(found, key=lambda contact: -contact.depth)[:most])
-
-
-def _stands_out(relief: Relief, rim: Rim) -> bool:
-    """Whether the peak exceeds its surroundings by _SIGNIFICANT standard deviations of noise and rig."""
-    noise = np.hypot(relief.sigma.ravel()[rim.peak], np.linalg.norm(rim.means(relief.sigma) * rim.weights))
-    sigma = float(np.hypot(noise, np.linalg.norm(rim.rise(relief.modes))))
-    return float(rim.rise(relief.z)) > _SIGNIFICANT * sigma
 
 
 class _Region(NamedTuple):
@@ -92,28 +74,29 @@ def _contact(dent: Dent) -> Contact:
     if isinstance(edge, str):
         return _measured(dent, top, _half_depth(dent, top), f"no contact evidence: {edge}")
     region = _within_edge(dent, edge, top)
-    at = np.interp(dent.phi, edge.angles, edge.radius, period=2 * np.pi)
-    indenter, indenter_sigma = _indenter(dent, (dent.r < _UNDER * at) & dent.measured)
+    indenter, indenter_sigma = _indenter(dent, (dent.r < _UNDER * edge.at(dent.phi)) & dent.measured)
     if indenter == float("inf"):  # half of what a punch's law falls by within half a pixel of its rim
         radius = float(np.mean(edge.radius))
         doubt = float(np.arccos(radius / (radius + 0.5 * dent.pitch)) / np.pi) * top.depth
-        sigmas = (float(np.hypot(sigma, doubt)) for sigma in (top.depth_sigma, top.depth_noise))
-        top = top._replace(**dict(zip(("depth_sigma", "depth_noise"), sigmas, strict=True)))
-    share, count = region.level / top.depth, edge.radius.size
+        top = top._replace(
+            depth_sigma=float(np.hypot(top.depth_sigma, doubt)),
+            depth_noise=float(np.hypot(top.depth_noise, doubt)),
+        )
+    share = region.level / top.depth
     follows = "of unknown radius" if indenter is None else f"of radius {indenter:.3g} mm"
     evidence = (
-        f"contact: the slope has the kink of a contact's edge in {100 * edge.share:.0f} % of {count} "
-        f"directions (chi^2 below a smooth surface's by {edge.gain:.2g}); the edge stands at {share:.2f} of "
-        f"the depth, inside it the surface is {'flat' if indenter == float('inf') else follows}"
+        f"contact: the slope has the kink of a contact's edge in {100 * edge.share:.0f} % of the directions "
+        f"(chi^2 below a smooth surface's by {edge.gain:.2g}); the edge stands at {share:.2f} of the depth, "
+        f"inside it the surface is {'flat' if indenter == float('inf') else follows}"
     )
-    around = np.stack([np.cos(edge.angles), np.sin(edge.angles)], axis=1)
+    around = np.stack([np.cos(ANGLES), np.sin(ANGLES)], axis=1)
     return replace(
-        _measured(dent, top, region, evidence, found=True),
+        _measured(dent, top, region, evidence),
+        found=True,
         edge=dent.middle + edge.radius[:, None] * around,
         edge_share=share,
         indenter_radius=indenter,
         indenter_radius_sigma=indenter_sigma,
-        directions=count,
         share=edge.share,
         gain=edge.gain,
     )
@@ -121,14 +104,13 @@ def _contact(dent: Dent) -> Contact:
 
 def _within_edge(dent: Dent, edge: Outline, top: Deepest) -> _Region:
     """The area inside the edge."""
-    radius, sigma, angles = edge.radius, edge.sigma, edge.angles
-    at = np.interp(dent.phi, angles, radius, period=2 * np.pi)
+    at, (x, y) = edge.at(dent.phi), edge.centroid
     member = np.clip(0.5 + (at - dent.r) / dent.pitch, 0.0, 1.0)
-    step, (x, y) = 2 * np.pi / radius.size, edge.centroid
-    area, hidden = 0.5 * step * float(np.sum(radius**2)), _hidden(dent, member)
+    area, hidden = edge.area, _hidden(dent, member)
+    step, radius = 2 * np.pi / ANGLES.size, edge.radius
     turned = [
-        step / area * sigma * (radius**2 * way - by * radius)
-        for way, by in ((np.cos(angles), x), (np.sin(angles), y))
+        step / area * (radius**2 * way - by * radius) @ edge.root
+        for way, by in ((np.cos(ANGLES), x), (np.sin(ANGLES), y))
     ]
     if hidden > 0:
         member = np.where(dent.r <= at, 1.0, member)
@@ -139,7 +121,7 @@ def _within_edge(dent: Dent, edge: Outline, top: Deepest) -> _Region:
         weight=area / max(float(weight.sum()), 1e-300) * weight,
         crossing=np.zeros(dent.z.size),
         level=float(np.mean(dent.z[rim])) if rim.any() else 0.5 * top.depth,
-        area_noise=step * float(np.linalg.norm(radius * sigma)),
+        area_noise=step * float(np.linalg.norm(radius @ edge.root)),
         centroid_noise=float(np.linalg.norm(turned)) / np.sqrt(2),
         about=(dent.middle[0] + x, dent.middle[1] + y),
         hidden=hidden,
@@ -174,45 +156,52 @@ def _half_depth(dent: Dent, top: Deepest) -> _Region:
     )
 
 
-def _measured(dent: Dent, top: Deepest, region: _Region, evidence: str, found: bool = False) -> Contact:
-    """The figures of a contact by its region. Errors of the rig move heights, the level by half as much as
-    the depth, and positions."""
-    weight, (x, y) = region.weight, region.about
-    area, volume = float(weight.sum()), float(weight @ dent.z)
+def _measured(dent: Dent, top: Deepest, region: _Region, evidence: str) -> Contact:
+    """The figures of a dent by its region. Errors of the rig move heights, the level by half as much as the
+    depth, and positions; a region that the image cuts lacks what is hidden of it."""
+    weight, (x, y), hidden = region.weight, region.about, region.hidden
+    area, volume = max(float(weight.sum()), 1e-300), float(weight @ dent.z)
     modes = np.zeros((len(dent.displacement), dent.z.size))
     modes[: len(dent.modes)] = dent.modes
     grown = (modes - 0.5 * modes[:, dent.peak : dent.peak + 1]) * region.crossing
-    areas = dent.stretch * area + grown.sum(axis=1)
-    volumes = dent.stretch * volume + modes @ weight + region.level * grown.sum(axis=1)
+    stretch = dent.displacement[:, 0, 1] + dent.displacement[:, 1, 2]
+    areas = stretch * area + grown.sum(axis=1)
+    volumes = stretch * volume + modes @ weight + region.level * grown.sum(axis=1)
     centres = dent.moved(x, y) + grown @ np.stack([dent.x - x, dent.y - y], axis=1) / area
     common = float(weight @ (dent.sigma + dent.error))
-    contact = Contact(
-        found=found,
-        evidence=evidence,
-        x=top.x,
-        y=top.y,
-        depth=top.depth,
-        depth_sigma=top.depth_sigma,
-        area=area,
-        area_sigma=float(np.linalg.norm([region.area_noise, *areas])),
-        volume=volume,
-        volume_sigma=float(np.linalg.norm([common, region.level * region.area_noise, *volumes])),
-        centroid=region.about,
-        centroid_sigma=float(np.hypot(region.centroid_noise, np.linalg.norm(centres) / np.sqrt(2))),
-        edge=np.empty((0, 2)),
-        rim_depth=dent.rim_depth,
-        rim_depth_sigma=dent.rim_depth_sigma,
-        x_sigma=top.x_sigma,
-        y_sigma=top.y_sigma,
-        depth_noise=top.depth_noise,
-        interpolated=float(weight[~dent.measured].sum() / max(area, 1e-300)),
-    )
-    if contact.interpolated > _WORTH_SAYING:
-        evidence += f"; {100 * contact.interpolated:.0f} % of its area is interpolated across flagged pixels"
-    if not found and (dent.saddle & (weight > 0.5 * dent.cell)).any():
+    interpolated = float(weight[~dent.measured].sum() / area)
+    depth_sigma, reach = top.depth_sigma, float(np.sqrt((area + hidden) / np.pi))
+    if interpolated > 0.01:
+        evidence += f"; {100 * interpolated:.0f} % of its area is interpolated across flagged pixels"
+    if region.crossing.any() and (dent.saddle & (weight > 0.5 * dent.cell)).any():
         evidence += "; at half the depth it merges with another dent: the area ends at the saddle"
-    contact = replace(contact, evidence=evidence)
-    return contact if region.hidden == 0 else _cut(dent, contact, region.hidden)
+    if hidden > 0:
+        evidence += (
+            "; the image's edge or flagged pixels cut it: area and volume are those of the visible part, "
+        )
+        evidence += "lower bounds"
+    if hidden > 0 and dent.border[dent.peak]:
+        evidence += ", and so is the depth"
+        depth_sigma = float(np.hypot(depth_sigma, np.hypot(*dent.slopes[:, dent.peak]) * reach))
+    lacking = hidden / (area + hidden) * reach
+    return Contact(
+        found=False,
+        evidence=evidence,
+        **(top._asdict() | {"depth_sigma": depth_sigma}),
+        area=area,
+        area_sigma=float(np.linalg.norm([hidden, region.area_noise, *areas])),
+        volume=volume,
+        volume_sigma=float(
+            np.linalg.norm([hidden * volume / area, common, region.level * region.area_noise, *volumes])
+        ),
+        centroid=region.about,
+        centroid_sigma=float(
+            np.linalg.norm([lacking, region.centroid_noise, np.linalg.norm(centres) / np.sqrt(2)])
+        ),
+        edge=np.empty((0, 2)),
+        cut=hidden > 0,
+        interpolated=interpolated,
+    )
 
 
 def _level_error(outline: float, peak: float, depth: float) -> float:
@@ -233,26 +222,6 @@ def _hidden(dent: Dent, member: Floats) -> float:
         return 0.0
     farthest = (dent.x - dent.x[dent.peak]) ** 2 + (dent.y - dent.y[dent.peak]) ** 2
     return max(edge, float(np.pi * farthest[weight > 0].max() - weight.sum()))
-
-
-def _cut(dent: Dent, contact: Contact, hidden: float) -> Contact:
-    """The contact with the uncertainty of an unknown area `hidden`, mm^2."""
-    text = f"{contact.evidence}; the image's edge or flagged pixels cut it: area and volume are those of the "
-    text += "visible part, lower bounds"
-    sigma, reach = contact.depth_sigma, float(np.sqrt((contact.area + hidden) / np.pi))
-    if dent.border[dent.peak]:
-        text += ", and so is the depth"
-        sigma = float(np.hypot(sigma, np.hypot(*dent.slopes[:, dent.peak]) * reach))
-    lacking = hidden / (contact.area + hidden) * reach
-    return replace(
-        contact,
-        evidence=text,
-        cut=True,
-        depth_sigma=sigma,
-        area_sigma=float(np.hypot(contact.area_sigma, hidden)),
-        volume_sigma=float(np.hypot(contact.volume_sigma, hidden * contact.volume / contact.area)),
-        centroid_sigma=float(np.hypot(contact.centroid_sigma, lacking)),
-    )
 
 
 def _indenter(dent: Dent, inside: Mask) -> tuple[float | None, float | None]:

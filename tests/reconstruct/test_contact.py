@@ -78,7 +78,6 @@ def test_a_ball_has_the_contact_that_hertz_gives_it(balls: list[Contact]) -> Non
     assert ball.edge_share == pytest.approx(0.5, abs=0.01)
     assert ball.area == pytest.approx(np.pi * 400, rel=5e-3)
     np.testing.assert_allclose(np.hypot(ball.edge[:, 0] - 85, ball.edge[:, 1] - 78), 20, atol=0.5)
-    assert len(ball.edge) == ball.directions
 
 
 @pytest.mark.parametrize(
@@ -100,17 +99,6 @@ def test_error_bars_hold(balls: list[Contact], name: str, expected: float) -> No
 def test_the_centroid_is_where_the_ball_is(balls: list[Contact]) -> None:
     off = np.array([np.subtract(c.centroid, (85, 78)) / c.centroid_sigma for c in balls])
     assert 0.4 < np.sqrt(np.mean(off**2)) < 1.4
-
-
-def test_a_height_threshold_would_overstate_the_area(scene: Scene, noisy) -> None:
-    """The ball of the issue: where a tenth of the depth is left, the area is 18 times the contact's."""
-    ball = dent_from_text("ball:peak=0.3,radius=120", scene)  # contact radius 6 mm
-    (contact,) = found_in(scene, ball, noisy)
-    assert contact.found
-    assert contact.area == pytest.approx(np.pi * 36, rel=0.03)
-    row, col = np.mgrid[:1637:4, :1637:4] * 0.1
-    threshold = 0.16 * np.count_nonzero(ball.height(col, row) > 0.03)
-    assert threshold / contact.area == pytest.approx(18, rel=0.05)
 
 
 def test_a_flat_punch(scene: Scene, noisy) -> None:
@@ -197,15 +185,6 @@ def measured(scene: Scene, seen: Correspondence, anchor: PixelAnchor | None = No
     return contacts(height, slope_map(height, seen, scene))
 
 
-def sigmas_of(contact: Contact) -> list[float]:
-    values = contact.to_dict()
-    return [
-        value
-        for name, value in values.items()
-        if (name.endswith("_sigma") or name == "depth_noise") and value is not None
-    ]
-
-
 def test_every_dent_is_measured_by_its_own_depth(prism: Scene, noisy) -> None:
     """Depths of 1, 0.67, 0.53, 0.33 and 0.1 of the deepest one, all of the same half-depth area."""
     places = ((0.3, 14, 12), (0.2, 40, 10), (0.16, 15, 33), (0.1, 46, 34), (0.03, 31, 24))
@@ -219,7 +198,6 @@ def test_every_dent_is_measured_by_its_own_depth(prism: Scene, noisy) -> None:
         np.testing.assert_allclose((contact.x, contact.y), (x, y), atol=0.2)
         assert not contact.cut
         assert contact.interpolated == 0
-        assert np.all(np.array(sigmas_of(contact)) > 0)
 
 
 def test_holes_in_a_dent_are_interpolated(prism: Scene, noisy) -> None:
@@ -287,7 +265,7 @@ def test_positions_and_areas_hold_the_errors_of_the_rig(prism: Scene, noisy) -> 
 
 def test_errors_that_a_dent_shares_with_its_surroundings_cancel(prism: Scene, noisy) -> None:
     """A draw of modes of 0.4 mm, constant, tilted and twisted, is on the map: every dent is found, its depth
-    over the surroundings is right, its depth over the surface at rest within its sigma."""
+    over the surface at rest within its sigma."""
     seen = noisy(trace(prism, gaussians(prism, (0.3, 20, 14), (0.1, 40, 30))), 0.01, 0.01)
     height = reconstruct(seen, prism)
     s, t = height.x / 30 - 1, height.y / 22.5 - 1
@@ -301,7 +279,6 @@ def test_errors_that_a_dent_shares_with_its_surroundings_cancel(prism: Scene, no
         for contact, depth in zip(found, (0.3, 0.1), strict=True):
             assert abs(contact.depth - depth) < 2.5 * contact.depth_sigma
             assert contact.depth_sigma < 0.2 * depth
-            assert abs(contact.rim_depth - depth) < 0.04 * depth
 
 
 def test_a_bulge_that_the_rig_explains_is_no_dent(prism: Scene, noisy) -> None:
