@@ -221,10 +221,9 @@ def surface_data(surface: HeightMap, name: str, signed: bool) -> Data:
     mesh = surface.resample(pitch) if good.any() else Grid(nothing, nothing, 0.0, 0.0, pitch)
     known = np.isfinite(mesh.z)
     span = float(np.ptp(mesh.z[known])) if known.any() else 0.0
-    factor, unit = length_unit(float(np.median(mesh.sigma[known])) if known.any() else np.nan)
     colourings = (
-        Layer(name, mesh.z, "mm", "RdBu_r" if signed else "viridis", signed),
-        Layer("sigma", factor * mesh.sigma, unit, "cividis"),
+        length_layer(name, mesh.z, "RdBu_r" if signed else "viridis", signed),
+        length_layer("sigma", mesh.sigma, "cividis"),
     )
     return {
         "nx": mesh.z.shape[1],
