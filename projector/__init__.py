@@ -59,7 +59,7 @@ from .folder import write_description
 from .monitors import Monitor, choose_monitor
 from .optics_numpy import Footprints, footprints, light_of
 from .recording import BackgroundRecorder, Logged, Recorder, Recording
-from .renderer import PatternRenderer, render
+from .renderer import PatternRenderer
 from .virtual import RENDERERS, capture, chosen_renderer
 
 __all__ = [
@@ -110,7 +110,6 @@ __all__ = [
     "light_of",
     "monitors",
     "release_context",
-    "render",
     "sync_notices",
     "synchronise",
     "write_description",

@@ -60,22 +60,12 @@ class Wanted:
 
 
 @dataclass(frozen=True, slots=True)
-class Accepted:
-    """Settings as read back from the camera, units as in Wanted. unlocked: settings that may change, with
-    the reason ("exposure: the driver has no control").
+class Accepted(Wanted):
+    """Settings as read back from the camera. unlocked: settings that may change, with the reason
+    ("exposure: the driver has no control").
     """
 
-    exposure_s: float
-    rows: int
-    cols: int
-    row: int = 0
-    col: int = 0
-    bits: int = 8
-    gain: float | None = None
-    fps: float | None = None
-    trigger: str = "free"
     unlocked: tuple[str, ...] = ()
-    focus: int | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

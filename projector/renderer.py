@@ -13,7 +13,7 @@ from .context import checked, context, free
 from .groups import combined, varying_axis
 from .shaders import compile_program, source
 
-__all__ = ["FramePainter", "PatternRenderer", "render"]
+__all__ = ["FramePainter", "PatternRenderer"]
 
 
 class FramePainter:
@@ -116,15 +116,6 @@ class PatternRenderer:
     def release(self) -> None:
         """Free its GPU memory; the context stays."""
         free(self._ctx, self._framebuffer, self._target, self._painter)
-
-
-def render(sequence: Sequence) -> NDArray[np.uint8]:
-    """All frames of a sequence drawn by OpenGL, (N, rows, cols) uint8; equal to sequence.render()."""
-    frames = np.empty((len(sequence), sequence.rows, sequence.cols), np.uint8)
-    with PatternRenderer(sequence) as renderer:
-        for index in range(len(sequence)):
-            renderer.frame(index, frames[index])
-    return frames
 
 
 def _table(ctx: moderngl.Context, table: NDArray[np.uint8]) -> moderngl.Texture:

@@ -161,15 +161,15 @@ def fit_timing(taken: FlipRecord, accepted: Accepted, refresh_s: float | None) -
     if len(taken.stamps_s) < 20:
         raise InputError(f"sync: {len(taken.stamps_s)} images while the screen flipped, must be at least 20")
     exposure = accepted.exposure_s
-    fit = _fit(taken, exposure, taken.swaps_s, None)
+    found, misfit, slopes = _fit(taken, exposure, taken.swaps_s, None)
     late = np.zeros(len(taken.swaps_s))
     for _ in range(_ROUNDS):  # late swaps bend the fit, and the fit the lateness
-        late = _lateness(taken, exposure, fit.x, late)
+        late = _lateness(taken, exposure, found, late)
         swaps = taken.swaps_s + np.where(np.abs(late) > _LATE_S, late, 0.0)
-        fit = _fit(taken, exposure, swaps, fit.x)
-    latency, rise, fall, shutter = (float(value) for value in fit.x)
-    freedom = max(fit.fun.size - 4 - 2 * len(taken.bands), 1)
-    covariance = np.linalg.pinv(fit.jac.T @ fit.jac) * float(fit.fun @ fit.fun) / freedom
+        found, misfit, slopes = _fit(taken, exposure, swaps, found)
+    latency, rise, fall, shutter = (float(value) for value in found)
+    freedom = max(misfit.size - 4 - 2 * len(taken.bands), 1)
+    covariance = np.linalg.pinv(slopes.T @ slopes) * float(misfit @ misfit) / freedom
     formal = np.sqrt(np.diag(covariance))
     sigma = dict(zip(("latency", "rise", "fall", "shutter"), map(float, formal), strict=True))
     sigma["latency"] = float(np.hypot(sigma["latency"], taken.sigma_s))
@@ -185,7 +185,7 @@ def fit_timing(taken: FlipRecord, accepted: Accepted, refresh_s: float | None) -
         period_s=period,
         exposure_s=exposure,
         refresh_s=refresh_s,
-        misfit=float(np.sqrt(np.mean(fit.fun**2))),
+        misfit=float(np.sqrt(np.mean(misfit**2))),
         flicker=taken.flicker,
         bits=accepted.bits,
         trigger=accepted.trigger,
@@ -303,17 +303,9 @@ def _residual(numbers: Float, taken: FlipRecord, exposure: float, swaps: Float) 
     return np.asarray(((seen - gain * model) / np.ptp(taken.brightness, axis=0)).ravel())
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Fit:
-    """Latency, rise, fall, shutter; residuals and their derivatives there."""
-
-    x: Float
-    fun: Float
-    jac: Float
-
-
-def _fit(taken: FlipRecord, exposure: float, swaps: Float, start: Float | None) -> _Fit:
-    """Least squares from `start`, else from the best of a grid of latencies, cells and shutters."""
+def _fit(taken: FlipRecord, exposure: float, swaps: Float, start: Float | None) -> tuple[Float, Float, Float]:
+    """Numbers, residuals, derivatives: least squares from `start`, else from the best of a grid of latencies,
+    cells and shutters."""
 
     def cost(numbers: Float) -> float:
         return float(np.sum(_residual(numbers, taken, exposure, swaps) ** 2))
@@ -337,7 +329,7 @@ def _fit(taken: FlipRecord, exposure: float, swaps: Float, start: Float | None) 
         for one in starts
     ]
     best = min(fits, key=lambda fit: float(fit.cost))
-    return _Fit(best.x, best.fun, best.jac)
+    return best.x, best.fun, best.jac
 
 
 def _lateness(taken: FlipRecord, exposure: float, numbers: Float, lateness: Float) -> Float:

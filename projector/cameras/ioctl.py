@@ -6,9 +6,8 @@ import os
 import select
 import struct
 from dataclasses import dataclass
-from typing import Protocol
 
-__all__ = ["CaptureBuffer", "Control", "Format", "OpenDevice", "VideoDevice"]
+__all__ = ["CaptureBuffer", "Control", "Format", "OpenDevice"]
 
 _READ, _WRITE = 2, 1
 
@@ -39,24 +38,8 @@ _DISABLED = 1
 _DISCRETE = 1  # sizes one by one
 
 
-class VideoDevice(Protocol):
-    """A device file; tests replace it by recorded structures."""
-
-    def ioctl(self, request: int, data: bytearray) -> None:
-        """Fill `data`; OSError."""
-
-    def map(self, length: int, offset: int) -> memoryview:
-        """Memory of a buffer."""
-
-    def readable(self, timeout_s: float) -> bool:
-        """Whether a buffer is done in time."""
-
-    def close(self) -> None:
-        """Give it back."""
-
-
 class OpenDevice:
-    """A real one."""
+    """A device file; tests replace it by recorded structures."""
 
     def __init__(self, path: str) -> None:
         self._fd = os.open(path, os.O_RDWR | os.O_NONBLOCK)
@@ -108,7 +91,7 @@ class CaptureBuffer:
     sequence: int
 
 
-def capabilities(device: VideoDevice) -> tuple[str, bool]:
+def capabilities(device: OpenDevice) -> tuple[str, bool]:
     """Name of the card, and whether this node takes pictures."""
     data = bytearray(104)
     device.ioctl(QUERYCAP, data)
@@ -116,7 +99,7 @@ def capabilities(device: VideoDevice) -> tuple[str, bool]:
     return data[16:48].split(b"\0")[0].decode(errors="replace"), bool(caps & _VIDEO_CAPTURE)
 
 
-def formats(device: VideoDevice) -> list[bytes]:
+def formats(device: OpenDevice) -> list[bytes]:
     """Fourccs."""
     found: list[bytes] = []
     while True:
@@ -129,7 +112,7 @@ def formats(device: VideoDevice) -> list[bytes]:
         found.append(bytes(data[44:48]))
 
 
-def sizes(device: VideoDevice, fourcc: bytes) -> list[tuple[int, int]]:
+def sizes(device: OpenDevice, fourcc: bytes) -> list[tuple[int, int]]:
     """(rows, cols) of a format, the largest first; none where the driver lists none."""
     found: list[tuple[int, int]] = []
     while True:
@@ -145,7 +128,7 @@ def sizes(device: VideoDevice, fourcc: bytes) -> list[tuple[int, int]]:
         found.append((rows, cols))
 
 
-def set_format(device: VideoDevice, rows: int, cols: int, fourcc: bytes) -> Format:
+def set_format(device: OpenDevice, rows: int, cols: int, fourcc: bytes) -> Format:
     """The format nearest to that one that the driver has."""
     data = bytearray(208)
     struct.pack_into("<I", data, 0, _CAPTURE)
@@ -155,7 +138,7 @@ def set_format(device: VideoDevice, rows: int, cols: int, fourcc: bytes) -> Form
     return Format(height, width, kind, stride)
 
 
-def set_rate(device: VideoDevice, fps: float) -> float | None:
+def set_rate(device: OpenDevice, fps: float) -> float | None:
     """The rate that the driver sets; None where it reports none."""
     data = bytearray(204)
     struct.pack_into("<I", data, 0, _CAPTURE)
@@ -165,7 +148,7 @@ def set_rate(device: VideoDevice, fps: float) -> float | None:
     return denominator / numerator if numerator else None
 
 
-def control(device: VideoDevice, number: int) -> Control | None:
+def control(device: OpenDevice, number: int) -> Control | None:
     """A control's limits; None where the driver has it not."""
     data = bytearray(68)
     struct.pack_into("<I", data, 0, number)
@@ -177,13 +160,13 @@ def control(device: VideoDevice, number: int) -> Control | None:
     return None if flags & _DISABLED else Control(low, high, default)
 
 
-def set_control(device: VideoDevice, number: int, value: int) -> int:
+def set_control(device: OpenDevice, number: int, value: int) -> int:
     """Set, and return the value read back; OSError."""
     device.ioctl(S_CTRL, bytearray(struct.pack("<Ii", number, value)))
     return get_control(device, number)
 
 
-def get_control(device: VideoDevice, number: int) -> int:
+def get_control(device: OpenDevice, number: int) -> int:
     """Its value; OSError."""
     data = bytearray(struct.pack("<Ii", number, 0))
     device.ioctl(G_CTRL, data)
@@ -191,7 +174,7 @@ def get_control(device: VideoDevice, number: int) -> int:
     return read
 
 
-def request_buffers(device: VideoDevice, count: int) -> int:
+def request_buffers(device: OpenDevice, count: int) -> int:
     """Ask for buffers (0: give them back); how many there are. OSError EBUSY: another program has them."""
     data = bytearray(20)
     struct.pack_into("<III", data, 0, count, _CAPTURE, _MMAP)
@@ -200,7 +183,7 @@ def request_buffers(device: VideoDevice, count: int) -> int:
     return given
 
 
-def map_buffer(device: VideoDevice, index: int) -> memoryview:
+def map_buffer(device: OpenDevice, index: int) -> memoryview:
     """Its memory."""
     data = _buffer(index)
     device.ioctl(QUERYBUF, data)
@@ -208,12 +191,12 @@ def map_buffer(device: VideoDevice, index: int) -> memoryview:
     return device.map(length, offset)
 
 
-def enqueue(device: VideoDevice, index: int) -> None:
+def enqueue(device: OpenDevice, index: int) -> None:
     """Hand a buffer to the driver."""
     device.ioctl(QBUF, _buffer(index))
 
 
-def dequeue(device: VideoDevice) -> CaptureBuffer:
+def dequeue(device: OpenDevice) -> CaptureBuffer:
     """The oldest filled buffer; OSError."""
     data = _buffer(0)
     device.ioctl(DQBUF, data)
@@ -223,7 +206,7 @@ def dequeue(device: VideoDevice) -> CaptureBuffer:
     return CaptureBuffer(index, used, flags, seconds + 1e-6 * micros, sequence)
 
 
-def stream(device: VideoDevice, on: bool) -> None:
+def stream(device: OpenDevice, on: bool) -> None:
     """Begin or end; OSError."""
     device.ioctl(STREAMON if on else STREAMOFF, bytearray(struct.pack("<I", _CAPTURE)))
 

@@ -101,7 +101,16 @@ class PylonCamera:
             gain = None if wanted.gain is None else float(self._get(_GAIN) or 0.0)
             exposure, rate = 1e-6 * float(self._get(_EXPOSURE) or 0.0), self._get(_RESULTING)
             return Accepted(
-                exposure, rows, cols, row, col, wanted.bits, gain, rate, wanted.trigger, tuple(unlocked)
+                exposure,
+                rows,
+                cols,
+                row,
+                col,
+                wanted.bits,
+                gain,
+                rate,
+                wanted.trigger,
+                unlocked=tuple(unlocked),
             )
 
     def _node(self, names: tuple[str, ...]) -> Any:

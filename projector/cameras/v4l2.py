@@ -13,7 +13,7 @@ from optolever.errors import InputError
 
 from ..devices import Accepted, CameraLost, Identity, Image, Wanted, no_pixels
 from . import ioctl
-from .ioctl import OpenDevice, VideoDevice
+from .ioctl import OpenDevice
 from .pixels import from_jpeg
 from .webcam import locked, require_free
 
@@ -94,7 +94,7 @@ def open_named(name: str) -> "V4L2Camera":
 class V4L2Camera:
     """`lost` by gaps of the driver's counter; stamps where the driver says that they are monotonic."""
 
-    def __init__(self, device: VideoDevice, name: str) -> None:
+    def __init__(self, device: OpenDevice, name: str) -> None:
         self._device, self._name, self.lost = device, name, 0
         try:
             self._card, takes = ioctl.capabilities(device)
