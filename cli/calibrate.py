@@ -91,7 +91,10 @@ def command(
         if value:
             raise InputError(f"{option}: {cure}")
     scene = load_scene(str(name), size)
-    chosen = {key: _number("--prior", text) for key, text in _pairs("--prior", priors, "pattern.z=0.5")}
+    chosen = {
+        key: _number("--prior", text)
+        for key, text in _pairs("--prior", priors, "NUMBER=SIGMA, such as pattern.z=0.5")
+    }
     if rig is None and bool(captures) == bool(weights):
         raise InputError("TARGET=CAPTURE or --weight NEWTON=H.npz: one of both must be given")
     if weights:
@@ -214,7 +217,7 @@ def _weigh(
     if scene.layer is None:
         raise InputError(f"--weight: {name} has no [layer], must have one; any youngs_modulus_mpa will do")
     given = []
-    for numbers, path in _pairs("--weight", weights, "0.5,0.005=h.npz"):
+    for numbers, path in _pairs("--weight", weights, "NEWTON[,SIGMA]=H.npz, such as 0.5,0.005=h.npz"):
         values = [_number("--weight", part) for part in numbers.split(",")[:2]]
         given.append(ol.live.Weight(ol.reconstruct.HeightMap.load(path), *values))
     found = ol.live.weighed(scene.layer, given)
@@ -229,12 +232,12 @@ def _weigh(
     table(f"Layer in {out}", rows | ({"chi": number(found.chi)} if len(each) > 1 else {}))
 
 
-def _pairs(option: str, texts: Sequence[str], example: str) -> list[tuple[str, str]]:
+def _pairs(option: str, texts: Sequence[str], form: str) -> list[tuple[str, str]]:
     """Both sides of the = in the values of an option."""
     pairs = [text.partition("=")[::2] for text in texts]
     for text, (_, value) in zip(texts, pairs, strict=True):
         if not value:
-            raise InputError(f"{option} {text}: must be as in {option} {example}")
+            raise InputError(f"{option} {text}: must be {form}")
     return pairs
 
 

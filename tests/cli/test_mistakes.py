@@ -73,7 +73,7 @@ calibrate {scene} flat:x={c} --out {out}.toml | must be a number
 calibrate {scene} rest:2.5={c} --out {out}.toml | whole number
 calibrate {scene} plate={c} --out {out}.toml | Flat or Rest
 calibrate {scene} flat={c} --without a --out {out}.toml | no such capture
-calibrate {scene} flat={c} --prior a --out {out}.toml | --prior a: must be as in
+calibrate {scene} flat={c} --prior a --out {out}.toml | NUMBER=SIGMA
 calibrate {scene} flat={c} flat={c} --out {out}.toml | taken twice
 calibrate --rig {rig} flat=p.npz | takes the captures itself
 calibrate --rig {rig} | targets of a prism are missing
