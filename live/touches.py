@@ -70,8 +70,11 @@ class Touches:
         for region in regions:
             steep &= ~region.inside
         touches = [_measured(self._prepared, filled, one, reading.good) for one in regions]
-        places = [(one.row, one.col) for one in regions]
-        return list(zip(touches, places, strict=True)), bool(steep.any())
+        found: list[tuple[Touch, tuple[int, int]]] = []
+        for touch, region in zip(touches, regions, strict=True):  # parts of one hole's flank are one contact
+            if not (touch.cut and any(one.hole and _near(one, touch) for one, _ in found)):
+                found.append((touch, (region.row, region.col)))
+        return found, bool(steep.any())
 
     def named(self, touches: list[Touch]) -> tuple[Touch, ...]:
         """The contacts of the next frame with their identities."""
@@ -79,7 +82,7 @@ class Touches:
         free = list(self._last)
         for touch in touches:
             near = min(free, key=lambda one, at=touch: _apart(one, at), default=None)  # type: ignore[misc]
-            if near is not None and _apart(near, touch) < _SAME + math.sqrt(touch.area / math.pi):
+            if near is not None and _near(near, touch):
                 free.remove(near)
                 named.append(replace(touch, identity=near.identity))
             else:
@@ -101,6 +104,10 @@ def widened(touch: Touch, common: float) -> Touch:
 
 def _apart(one: Touch, other: Touch) -> float:
     return math.dist((one.x, one.y), (other.x, other.y))
+
+
+def _near(one: Touch, other: Touch) -> bool:
+    return _apart(one, other) < _SAME + math.sqrt(other.area / math.pi)
 
 
 def _regions(prepared: Prepared, reading: Reading, crept: Cells, rise: Cells) -> list[_Region]:

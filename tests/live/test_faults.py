@@ -42,6 +42,31 @@ def test_a_fault_is_told_at_once_and_forgotten_at_once(
     assert after.good.mean() > 0.99
 
 
+@pytest.mark.parametrize(("size", "peak"), [(2.0, 0.1), (2.0, 0.15), (2.5, 0.25), (3.0, 0.2)])
+def test_a_hole_with_a_rising_flank_is_one_contact_or_no_trust(
+    prepared: Prepared, shot: Shot, size: float, peak: float
+) -> None:
+    """A dent so steep that its middle has no fringe: its depth is a lower bound."""
+    reading = Live(prepared).update(shot(((GAUSS, 30.0, 22.0, size, peak),)))
+    assert reading.figures.lost > 0
+    if reading.trusted:
+        (touch,) = reading.touches
+        assert touch.hole
+        assert touch.depth < peak + 5 * touch.depth_sigma
+
+
+def test_less_contrast_for_long_is_focus_not_motion(prepared: Prepared, shot: Shot) -> None:
+    live = Live(prepared)
+    names = []
+    for seed in range(24):
+        frame = shot((), seed).astype(float)
+        soft = np.clip(0.75 * frame + 0.25 * frame.mean(), 0, 255).astype(np.uint8)
+        names.append(" ".join(str(notice) for notice in live.update(soft).notices))
+    assert "moved during the exposure" in names[0]
+    assert "focus or dust" in names[-1]
+    assert "moved during the exposure" not in names[-1]
+
+
 def test_a_picture_of_noise_has_no_height(prepared: Prepared) -> None:
     noise = np.random.default_rng(3).integers(0, 256, (240, 320)).astype(np.uint8)
     assert not Live(prepared).update(noise).trusted
