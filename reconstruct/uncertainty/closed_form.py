@@ -113,7 +113,7 @@ def averaging_gain(var_p: Floats, var_q: Floats) -> Floats:
 @lru_cache(maxsize=1)
 def _gain_table() -> tuple[Floats, Floats]:
     """c / var_p as a function of log(var_p / var_q), by the midpoint rule over the Brillouin zone."""
-    count = 512
+    count = 128
     k = np.pi * (np.arange(count) + 0.5) / count
     transfer = (13 * np.cos(k / 2) - np.cos(3 * k / 2)) / 12
     l = 2 - 2 * np.cos(k)
