@@ -103,7 +103,7 @@ def crossed(
     lost = (fringe < np.maximum(_AMPLITUDE * noise, _GLASS * before.state.amplitudes)).any(axis=0)
     faded = after.state.amplitudes < _RESOLVED * before.state.amplitudes * light - 3 * noise
     width = _rms_width(carriers.window)
-    slope = np.hypot(*np.gradient(np.where(sees, turn, np.nan), axis=(1, 2)))
+    slope = np.nan_to_num(np.hypot(*np.gradient(np.where(sees, turn, np.nan), axis=(1, 2))))
     steep = _grown(((slope * width > _STEEPEST) | faded).any(axis=0), width / 2)
     doubtful = (steep | (change > _SETTLED).any(axis=0)) & ~lost
 
