@@ -19,7 +19,7 @@ import click
 import optolever as ol
 from optolever import InputError
 from optolever.blocks import ONE_THREAD
-from optolever.processes import environment, safe_path
+from optolever.processes import SAFE_PATH, environment
 
 from .outputs import OutputFile, Program
 from .show import number, progress
@@ -181,7 +181,7 @@ def _results(pool: ProcessPoolExecutor, tasks: Sequence[Task]) -> Iterator[Outco
 @contextmanager
 def _processes(jobs: int) -> Iterator[Run]:
     """One pool; what a killed process leaves runs once more together, then alone: which kills it shows."""
-    with safe_path(), environment(ONE_THREAD), _pool(jobs) as pool:
+    with environment(SAFE_PATH | ONE_THREAD), _pool(jobs) as pool:
 
         def run(tasks: Sequence[Task]) -> Iterator[Outcome]:
             left = {task.name: task for task in tasks}

@@ -61,7 +61,7 @@ def command(
             scene, dent, sequence, noise=noise, seed=seed, renderer=renderer, progress=step
         )
         step("report")
-        with ol.files.report_folder(out), ol.files.together():
+        with ol.files.together():
             result = ol.experiments.write_demo_report(result, out / "report.html")
             numbers = result.to_dict()
             write_json(json_path, numbers)

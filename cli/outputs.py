@@ -3,7 +3,6 @@
 An output is an option of type `OutputFile` or `ReportFolder`; all other files are inputs.
 """
 
-import importlib.util
 import os
 import re
 from collections.abc import Callable, Iterator, Mapping
@@ -107,9 +106,6 @@ class Program(click.Command):
                 if value.absolute().parent not in made or value.parent.exists():
                     ol.files.require_writable(value)
         _require_apart(outputs, inputs)
-        for text in inputs:
-            if Path(text).suffix.lower() in HDF5 and importlib.util.find_spec("h5py") is None:
-                raise InputError(f"{text}: HDF5 needs h5py; pip install 'optolever[sofast]'")
         assert self.callback is not None
         return self.callback(**parameters)
 

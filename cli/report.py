@@ -73,7 +73,7 @@ def command(
     shares = {"good_share": float(height.good.mean()), "sigma_mm": total, "noise_mm": noise, "rig_mm": rig}
     with blame(source):
         readings = ol.reconstruct.budget(height, next(iter(others.values()), None))
-        with ol.files.report_folder(out), ol.files.together():
+        with ol.files.together():
             ol.experiments.write_measurement_report(out / "report.html", given)
             write_json(json_path, shares | {"budget_mm": readings})
     print_notices(given.notices)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from optolever.files import report_folder, save_arrays, together
+from optolever.files import save_arrays, together
 from optolever.metrology import ZernikeFit
 from optolever.patterns import Frame
 from optolever.projector import Capture
@@ -70,7 +70,8 @@ def _write(study: Study, path: str | Path, seconds: Callable[[], dict[str, float
     """seconds: function of the stages' seconds, called when the page's data are computed."""
     figures, folder = Figures(), Path(path).parent
     context = _context(study, figures)
-    with report_folder(folder), together():
+    folder.mkdir(parents=True, exist_ok=True)
+    with together():
         names = [*study.given.saved, *_save_data(study, folder), "figures.csv"]
         files = {name: text for name, text in FILES.items() if name in names}
         write_page(path, "measurement.html", seconds(), context | {"files": files})

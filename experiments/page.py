@@ -18,7 +18,7 @@ import jinja2
 from markupsafe import Markup
 
 from optolever import __version__
-from optolever.files import atomic_file, report_folder
+from optolever.files import atomic_file
 from optolever.quantities import quantity
 
 from .timing import peak_bytes
@@ -96,7 +96,8 @@ def write_page(path: str | Path, template: str, seconds: dict[str, float], conte
         "command": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
     }
     html = environment.get_template(template).render(common | context)
-    with report_folder(Path(path).parent), atomic_file(path) as temporary:
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    with atomic_file(path) as temporary:
         temporary.write_text(html, encoding="utf-8")
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.patterns import Frame, Sequence, sequence_from_text, sequence_names
-from optolever.pictures import read_grey
+from optolever.pictures import grey_of, read_picture
 from optolever.toml import read_toml
 
 __all__ = ["UserDecoder", "UserImages", "user_decoder", "user_sequence"]
@@ -176,7 +176,7 @@ def _frame(path: Path, index: int, table: Any, rows: int, cols: int) -> Frame:
 
 
 def _image(path: Path, rows: int, cols: int) -> Levels:
-    image = read_grey(path)
+    image = grey_of(read_picture(path))
     if image.shape != (rows, cols):
         raise InputError(
             f"{path}: is {image.shape[0]}x{image.shape[1]} pixels, the pattern has {rows}x{cols}"

@@ -8,26 +8,24 @@ and the camera at +z; the mirror frame here is the same, moved so that the facet
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import LinearNDInterpolator
 
+from optolever.decode import Correspondence, Flag
 from optolever.errors import InputError
 from optolever.scene import Mirror, Pattern, PinholeCamera, PointTable, Scene
 
-from .sofast_files import Fields, rig_fields
+from .sofast_files import COLS, ROWS, Fields, rig_fields
 
 Float = NDArray[np.float64]
 
-__all__ = ["SOFAST_SCREEN", "SofastRig", "load_sofast_rig"]
-
-#: Rows and columns of nominal pixels: SOFAST gives places as fractions of the screen, u = 2000 x,
-#: v = 1000 (1 - y).
-SOFAST_SCREEN = (1000, 2000)
+__all__ = ["SofastRig", "load_sofast_rig", "on_rig"]
 
 _MM = 1000.0
 _TURNS = 10  # the pose settles: the normal turns by the offset over the distance, squared at every turn
@@ -50,17 +48,14 @@ class SofastRig:
 
     def pattern_coordinates(self, x: Float, y: Float) -> tuple[Float, Float]:
         """(u, v) on the scene's pattern of fractions (x, y) of the image; NaN outside `fractions`."""
-        from scipy.interpolate import LinearNDInterpolator
-
         place = LinearNDInterpolator(self.fractions, self.cells)(np.stack([x, y], axis=-1))
         return place[..., 0], place[..., 1]
 
 
 def load_sofast_rig(path: str | Path | Sequence[str | Path], facet: str = "facet_000") -> SofastRig:
-    """Read camera, display shape, pose and mask of a SOFAST result (facet: of an ensemble, by its group's
-    name) or, where several files are given, of SOFAST's inputs: camera, display shape, orientation and
-    measurement (HDF5), and the facet's definition (JSON) if there is one. InputError names missing fields
-    or parts, and fields of another shape.
+    """The rig of a SOFAST result (facet: of an ensemble, by its group's name) or, of several files, of its
+    inputs: camera, display shape, orientation, measurement (HDF5), and the facet's definition (JSON) if there
+    is one. InputError names missing fields, and fields of another shape.
 
     Inputs do not contain the mirror's pose. It is taken as SOFAST starts: the middle of the lit pixels is
     at the measured distance from the screen and reflects the screen's centre; columns run along x. Heights
@@ -73,6 +68,27 @@ def load_sofast_rig(path: str | Path | Sequence[str | Path], facet: str = "facet
     except InputError as error:
         named = str(error).startswith(tuple(map(str, paths)))
         raise error if named else InputError(f"{', '.join(map(str, paths))}: {error}") from error
+
+
+def on_rig(correspondence: Correspondence, rig: SofastRig) -> Correspondence:
+    """The correspondence in cells of the rig's pattern (1 mm) instead of the screen's nominal pixels.
+
+    What does not see the facet, or the screen where nobody measured it, is flagged INVALID.
+    """
+    shape = correspondence.u.shape
+    if shape != rig.mask.shape:
+        raise InputError(f"correspondence: shape {shape}, the SOFAST rig's camera has {rig.mask.shape}")
+    width, height = np.ptp(rig.cells, axis=0).tolist()
+    u, v = rig.pattern_coordinates(correspondence.u / COLS, 1.0 - correspondence.v / ROWS)
+    seen = rig.mask & np.isfinite(u) & np.isfinite(v)
+    return replace(
+        correspondence,
+        u=np.where(seen, u, np.nan),
+        v=np.where(seen, v, np.nan),
+        sigma_u=correspondence.sigma_u * (width / COLS),
+        sigma_v=correspondence.sigma_v * (height / ROWS),
+        flags=(correspondence.flags | np.where(seen, 0, int(Flag.INVALID))).astype(np.uint16),
+    )
 
 
 def _rig(fields: Fields) -> SofastRig:
@@ -116,9 +132,7 @@ def _expected(fields: Fields) -> Fields:
         to_screen = screen - aside
         root = (ray @ to_screen) ** 2 - to_screen @ to_screen + distance**2
         if not (root >= 0 and ray @ to_screen + np.sqrt(root) > 0):
-            raise InputError(
-                f"dist_optic_screen = {distance / _MM:g}: no point in view is so far from the screen"
-            )
+            raise InputError(f"dist_optic_screen = {distance / _MM:g}: no point in view is so far off")
         middle = (ray @ to_screen + np.sqrt(root)) * ray
         normal = _unit(_unit(-middle) + _unit(screen - middle))
         x_axis = _unit(np.array([1.0, 0.0, 0.0]) - normal[0] * normal)
@@ -144,19 +158,14 @@ def _screen(fields: Fields) -> tuple[Float, Float]:
     if {"screen_x", "screen_y"} <= fields.keys():
         fractions = np.array([[0.0, 1.0, 0.0, 1.0], [0.0, 0.0, 1.0, 1.0]])
         size = np.array([[fields["screen_x"].item()], [fields["screen_y"].item()]])
-        if not (size > 0).all():
-            raise InputError(f"screen_x, screen_y = {size.ravel().tolist()}: must be above 0 m")
         points = (fractions - 0.5) * size
     elif "xy_screen_fraction" in fields and ("xy_screen_coords" in fields or "xyz_screen_coords" in fields):
         fractions = fields["xy_screen_fraction"].astype(np.float64)
         points = next(fields[name] for name in ("xyz_screen_coords", "xy_screen_coords") if name in fields)
     else:
-        models = "screen_x, screen_y, or xy_screen_fraction with xy_screen_coords or xyz_screen_coords"
-        raise InputError(f"DisplayShape has none of the screen models: {models}")
+        raise InputError("DisplayShape has none of the screen models: screen_x, screen_y, or fractions")
     if fractions.shape[1] != points.shape[1] or points.shape[1] < 3:
-        raise InputError(
-            f"DisplayShape has {fractions.shape} fractions of {points.shape}: must be n >= 3 places"
-        )
+        raise InputError(f"DisplayShape: {fractions.shape} fractions, {points.shape}: must be n >= 3 places")
     return fractions.T, _MM * np.pad(points.T.astype(np.float64), ((0, 0), (0, 3 - len(points))))
 
 
@@ -183,8 +192,7 @@ def _camera(fields: Fields, origin: Float, rotation: Float) -> PinholeCamera:
 
 
 def _unit(vector: Float) -> Float:
-    length: Float = vector / np.linalg.norm(vector)
-    return length
+    return np.asarray(vector / np.linalg.norm(vector))
 
 
 def _rotation(vector: NDArray[Any]) -> Float:

@@ -26,7 +26,7 @@ _MAKERS = {
     "Trace": "scene.trace(scene, surface)",
     "Capture": "projector.capture(scene, surface, sequence)",
     "Footprints": "projector.footprints(scene, surface)",
-    "Correspondence": "decode.decode(frames, sequence)",
+    "Correspondence": "decode.decode(frames, sequence), or displacement.added_to(rest),",
     "PatternMap": "decode.decode(frames, sequence)",
     "HeightMap": "reconstruct.reconstruct(correspondence, scene)",
     "SlopeMap": "reconstruct.slope_map(height, correspondence, scene)",
@@ -61,21 +61,20 @@ def check_face(face: str) -> None:
 
 def _checked(function: Function) -> Function:
     @cache
-    def records() -> list[tuple[int, str, tuple[list[Any], list[Any]]]]:
-        """Place, name and types of every record; known once all parts are loaded."""
+    def types() -> dict[str, tuple[list[Any], list[Any]] | None]:
+        """Types of every parameter that is a record; known once all parts are loaded."""
         hints = get_type_hints(function)
-        named = enumerate(inspect.signature(function).parameters)
-        return [(i, name, found) for i, name in named if (found := _types(hints.get(name)))]
+        return {name: _types(hints.get(name)) for name in inspect.signature(function).parameters}
 
     @wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
         if getattr(_entered, "inside", False):
             return function(*args, **kwargs)
-        for place, name, (kinds, elements) in records():
-            if place < len(args) or name in kwargs:
-                _require(name, args[place] if place < len(args) else kwargs[name], kinds, elements)
-        if any(isinstance(each, np.ma.MaskedArray) for each in (*args, *kwargs.values())):
-            _require_plain(dict(zip(inspect.signature(function).parameters, args, strict=False)) | kwargs)
+        for name, value in (*zip(types(), args, strict=False), *kwargs.items()):
+            if np.ma.is_masked(value):  # the mask would be lost
+                raise InputError(f"{name}: a masked array, must be plain: pass {name}.filled(nan)")
+            if found := types().get(name):
+                _require(name, value, *found)
         _entered.inside = True
         try:
             with np.errstate(under="ignore"):
@@ -84,17 +83,6 @@ def _checked(function: Function) -> Function:
             _entered.inside = False
 
     return call
-
-
-def _require_plain(values: dict[str, Any]) -> None:
-    """InputError for a masked array that masks something: the mask would be lost."""
-    for name, value in values.items():
-        count = int(np.count_nonzero(value.mask)) if isinstance(value, np.ma.MaskedArray) else 0
-        if count:
-            raise InputError(
-                f"{name}: a masked array that masks {count} of {value.size} values, must be plain: pass "
-                f"{name}.filled(nan), or the valid pixels as mask= where there is one"
-            )
 
 
 def _members(hint: Any) -> tuple[Any, ...]:

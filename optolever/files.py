@@ -31,7 +31,6 @@ __all__ = [
     "atomic_folder",
     "load_arrays",
     "read_lines",
-    "report_folder",
     "require_folder",
     "require_writable",
     "save_arrays",
@@ -42,7 +41,6 @@ __all__ = [
 ]
 
 _FAILED = "cannot be written"
-_READ_ONLY = 0o222  # without any of these bits a file is read-only, for root too
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,22 +154,6 @@ def atomic_folder(path: str | Path) -> AbstractContextManager[Path]:
     return _placed(output, Path.mkdir)
 
 
-@contextmanager
-def report_folder(path: str | Path) -> Iterator[Path]:
-    """The folder, made if it is absent; what was made goes again if the block fails with nothing in it."""
-    folder = Path(path)
-    require_folder(folder)
-    made = [each for each in (folder, *folder.parents) if not each.exists()]
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        yield folder
-    except BaseException:
-        with suppress(OSError):
-            for each in made:
-                each.rmdir()
-        raise
-
-
 def require_writable(path: str | Path) -> None:
     """InputError unless a file can be written there: for before the work, not after."""
     asked = Path(path)
@@ -180,8 +162,6 @@ def require_writable(path: str | Path) -> None:
     if asked.exists():
         _require_permission(asked, asked)
     target = _target(asked)
-    if target.is_symlink():
-        raise InputError(f"{asked}: a link that leads to itself")
     if not _is_stream(target):
         _require_parent(asked, target)
 
@@ -220,7 +200,7 @@ def load_arrays(
     path: str | Path, required: Sequence[str], texts: Sequence[str] = ("notices", "diagnostics")
 ) -> dict[str, NDArray[Any]]:
     """Read an .npz. InputError if the file is missing or unreadable, lacks a required field, holds other than
-    real numbers in a field that is not one of `texts`, or more than fits in memory: all before any is read.
+    real numbers in a field that is not one of `texts`, or more than fits in memory.
     """
     require_file(path)
     try:
@@ -230,12 +210,14 @@ def load_arrays(
             if missing:
                 kind = next((f"; it is {text}" for name, text in _KINDS.items() if name in members), "")
                 raise InputError(f"field {missing[0]!r} is missing (has {', '.join(sorted(members))}){kind}")
-            sizes = {name: _claimed_size(archive, info, name, texts) for name, info in members.items()}
-            if sizes:
-                largest = max(sizes, key=sizes.__getitem__)
-                require_room(f"{len(sizes)} fields, the largest {largest!r}", sum(sizes.values()))
-        with np.load(path, allow_pickle=False) as arrays:
-            return {name: np.asarray(arrays[name]) for name in members}
+            require_room(f"{len(members)} fields", sum(info.file_size for info in members.values()))
+        with np.load(path, allow_pickle=False) as archived:
+            arrays = {name: np.asarray(archived[name]) for name in members}
+        for name, values in arrays.items():
+            if values.dtype.kind not in ("U" if name in texts else "biuf"):
+                must = "text" if name in texts else "real numbers"
+                raise InputError(f"field {name!r} is {values.dtype}, must be {must}")
+        return arrays
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     except Exception as error:  # a damaged file: unknown methods, encryption, lies
@@ -307,24 +289,6 @@ def _plain(value: Any) -> Any:
     return str(value) if isinstance(value, Path) else value
 
 
-def _claimed_size(archive: zipfile.ZipFile, info: zipfile.ZipInfo, name: str, texts: Sequence[str]) -> int:
-    """Bytes of a member's array. InputError if that is not what the file holds, or of the wrong kind."""
-    with archive.open(info) as stream:
-        version = np.lib.format.read_magic(stream)
-        read = (
-            np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-        )
-        shape, _, dtype = read(stream)
-        size, held = math.prod(shape) * dtype.itemsize, info.file_size - stream.tell()
-    if dtype.kind not in ("U" if name in texts else "biuf"):
-        raise InputError(f"field {name!r} is {dtype}, must be {'text' if name in texts else 'real numbers'}")
-    if size != held:
-        raise InputError(
-            f"field {name!r} is {shape} of {dtype}, {size} bytes, but the file holds {held} of it"
-        )
-    return size
-
-
 def _require_parent(asked: Path, target: Path) -> None:
     parent = target.parent
     if not parent.is_dir():
@@ -333,12 +297,11 @@ def _require_parent(asked: Path, target: Path) -> None:
 
 
 def _require_permission(path: Path, asked: Path) -> None:
-    """InputError unless this process may write there, and unless nobody may: a mode without any w."""
+    """InputError unless this process may write there, and unless nobody may, root neither."""
     mode = path.stat().st_mode
-    if mode & _READ_ONLY and os.access(path, os.W_OK):
-        return
-    what = "" if path == asked else f"folder {path}: "
-    raise InputError(f"{asked}: {what}no permission to write (mode {stat.S_IMODE(mode):04o})")
+    if not (mode & 0o222 and os.access(path, os.W_OK)):
+        what = "" if path == asked else f"folder {path}: "
+        raise InputError(f"{asked}: {what}no permission to write (mode {stat.S_IMODE(mode):04o})")
 
 
 def _target(asked: Path) -> Path:

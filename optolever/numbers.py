@@ -1,6 +1,5 @@
 """Numbers of Python and of NumPy, as they come in, as Python's own."""
 
-import operator
 from typing import Any
 
 from optolever.errors import InputError
@@ -15,16 +14,9 @@ def whole(name: str, value: Any) -> int:
     >>> whole("rows", np.int64(96)), whole("rows", 96.0)
     (96, 96)
     """
-    try:
-        if isinstance(value, bool):
-            raise TypeError
-        return operator.index(value)
-    except TypeError:
-        pass
-    number = real(name, value)
-    if not number.is_integer():
+    if not real(name, value).is_integer():
         raise InputError(f"{name} is {value!r}, must be a whole number")
-    return int(number)
+    return int(value)
 
 
 def real(name: str, value: Any) -> float:
@@ -33,5 +25,5 @@ def real(name: str, value: Any) -> float:
         if isinstance(value, str | bool):
             raise TypeError
         return float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError(f"{name} is {value!r}, must be a number") from None

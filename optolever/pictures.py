@@ -1,8 +1,6 @@
 """The one place where pictures are read: PNG, TIFF (of several pages, too), NPY, video and what else OpenCV
 reads, as they are stored (no turning by what a camera notes beside them); errors of one line."""
 
-import math
-import struct
 import zlib
 from contextlib import suppress
 from pathlib import Path
@@ -22,7 +20,6 @@ __all__ = [
     "colours_of",
     "grey_of",
     "is_lossy",
-    "read_grey",
     "read_mask",
     "read_picture",
     "read_pictures",
@@ -42,10 +39,6 @@ CHANNELS = ("red", "green", "blue", "luminance")
 #: Channels that a picture may have, and the largest values of 8, 10, 12, 14 and 16 bits.
 _CHANNELS, _WHITE = 4, (255, 1023, 4095, 16383, 65535)
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-#: Samples of a pixel, by the colour type of a PNG's header.
-_SAMPLES = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
-#: What deflate makes of zeros at most: https://zlib.net/zlib_tech.html
-_DEFLATE = 1032
 # what is wrong is said in one line, by whoever asks for the picture
 cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
 
@@ -71,11 +64,6 @@ def read_pictures(path: Path) -> Picture:
     if data.startswith(_PNG_SIGNATURE):
         _require_whole_png(path, data)
     return _decoded(path, data)
-
-
-def read_grey(path: Path) -> Picture:
-    """A picture (H, W), colours as their luminance."""
-    return grey_of(read_picture(path))
 
 
 def read_mask(path: Path) -> NDArray[np.bool_]:
@@ -176,8 +164,7 @@ def _from_video(path: Path) -> Picture:
 
 
 def _require_whole_png(path: Path, data: bytes) -> None:
-    """Length and CRC of every chunk, and no more pixels than the file can hold: OpenCV hands
-    out what it could read of a damaged file."""
+    """Length and CRC of every chunk: OpenCV hands out what it could read of a damaged file."""
     at = len(_PNG_SIGNATURE)
     view = memoryview(data)
     while at + 12 <= len(data):
@@ -190,17 +177,7 @@ def _require_whole_png(path: Path, data: bytes) -> None:
             raise InputError(
                 f"{path}: damaged PNG (checksum of chunk {kind.decode('latin-1')!r} at byte {at})"
             )
-        if kind == b"IHDR" and length == 13:
-            _require_held(path, data, at + 8)
         if kind == b"IEND":
             return
         at = end
     raise InputError(f"{path}: truncated PNG ({len(data)} bytes, no end)")
-
-
-def _require_held(path: Path, data: bytes, at: int) -> None:
-    """InputError if the header at this byte claims more than deflate can have made of the file."""
-    width, height, bits, colour = struct.unpack(">IIBB", data[at : at + 10])
-    claimed = math.prod((width, height, bits, _SAMPLES.get(colour, 1))) // 8
-    if claimed > _DEFLATE * len(data):
-        raise InputError(f"{path}: claims {height}x{width} pixels, {claimed} bytes, in {len(data)} bytes")

@@ -2,9 +2,12 @@
 
 import os
 from collections.abc import Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 
-__all__ = ["environment", "safe_path"]
+__all__ = ["SAFE_PATH", "environment"]
+
+#: Python does not look for modules in the working folder, as `python -c` does: a struct.py there would run.
+SAFE_PATH = {"PYTHONSAFEPATH": "1"}
 
 
 @contextmanager
@@ -20,11 +23,3 @@ def environment(values: Mapping[str, str]) -> Iterator[None]:
                 del os.environ[name]
             else:
                 os.environ[name] = value
-
-
-def safe_path() -> AbstractContextManager[None]:
-    """Python that is started inside does not look for modules in the working folder.
-
-    `python -c` does: a struct.py that lies there would be run.
-    """
-    return environment({"PYTHONSAFEPATH": "1"})

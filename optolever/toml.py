@@ -1,6 +1,5 @@
 """The one place where TOML is read: with or without a byte order mark; what is no TOML is one line."""
 
-import codecs
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -12,21 +11,15 @@ from optolever.errors import InputError, require_file
 
 __all__ = ["read_toml", "toml_text"]
 
-_UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
-
 
 def read_toml(path: str | Path) -> dict[str, Any]:
     """The tables of a TOML file in UTF-8. InputError, which names the file, if there is none or it is no
     TOML."""
-    file = Path(path)
-    require_file(file)
-    data = file.read_bytes()
-    if data.startswith(_UTF16) or b"\0" in data[:4]:
-        raise InputError(f"{path}: not readable as TOML: the text is UTF-16, must be UTF-8; save it as UTF-8")
+    require_file(path)
     try:
-        return tomllib.loads(data.decode("utf-8-sig"))
+        return tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not readable as TOML: {error}") from error
+        raise InputError(f"{path}: not readable as TOML in UTF-8: {error}") from error
 
 
 def toml_text(table: Mapping[str, Any]) -> str:

@@ -25,7 +25,7 @@ import numpy as np
 
 from optolever.errors import InputError
 from optolever.patterns import Sequence
-from optolever.processes import safe_path
+from optolever.processes import SAFE_PATH, environment
 
 from .devices import Shown
 from .monitors import Monitor
@@ -39,7 +39,7 @@ _DITHER = 0x0BD0  # GL_DITHER
 
 # X11's library: that for Wayland crashes in some compositors, and can choose neither monitor nor pixels.
 os.environ["PYGLFW_LIBRARY_VARIANT"] = "x11"
-with safe_path():
+with environment(SAFE_PATH):
     glfw: Any = importlib.import_module("glfw")
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from optolever.pictures import read_grey
+from optolever.pictures import grey_of, read_picture
 
 from .forms import taper_of
 from .grid import Grid
@@ -44,7 +44,7 @@ def relief(scene: Scene, *, path: str, peak: float, smooth: float, taper: float)
 
 def _grey(path: Path) -> Float:
     """The image as 0..1 (rows, cols); InputError if it is none."""
-    grey = read_grey(path)
+    grey = grey_of(read_picture(path))
     return grey.astype(np.float64) / {"uint8": 255.0, "uint16": 65535.0}.get(grey.dtype.name, 1.0)
 
 

@@ -27,7 +27,7 @@ from optolever.experiments.metrics import rms
 from optolever.experiments.timing import timed
 from optolever.kernels import kernel
 from optolever.patterns import Frame, Sequence, sequence, sequence_from_text
-from optolever.processes import safe_path
+from optolever.processes import SAFE_PATH, environment
 from optolever.projector import Footprints, light_of
 from optolever.records import Progress, silent
 
@@ -316,7 +316,7 @@ def _starts(size: tuple[int, int]) -> Iterator[Figure]:
 
 def _first_call(path: Path, text: str, cache: Path) -> float:
     """Seconds of the first decode in a process whose compiled kernels are in `cache`."""
-    with safe_path():
+    with environment(SAFE_PATH):
         run = subprocess.run(
             [sys.executable, "-c", _START, str(path), text],
             env=os.environ | {"NUMBA_CACHE_DIR": str(cache)},

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from optolever.blocks import ONE_THREAD
-from optolever.processes import safe_path
+from optolever.processes import SAFE_PATH, environment
 
 from .conftest import Program, Refused
 
@@ -82,7 +82,7 @@ def test_a_killed_worker_of_a_cluster_loses_nothing(
 ) -> None:
     dask: Any = pytest.importorskip("distributed", reason="distributed is not installed")
     options = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None, "env": ONE_THREAD}
-    with safe_path(), dask.LocalCluster(**options) as cluster:
+    with environment(SAFE_PATH), dask.LocalCluster(**options) as cluster:
         worker = next(iter(cluster.workers.values())).pid
         threading.Timer(4, os.kill, (worker, signal.SIGKILL)).start()
         optolever("decode", *captures, "--scheduler", cluster.scheduler_address, "--out", tmp_path / "c")

@@ -195,20 +195,18 @@ def screen(tmp_path: Path, **display: NDArray[np.generic] | float) -> list[Path]
 
 #: Files, and what the message says of them.
 REFUSED: list[tuple[Callable[[Path], list[Path]], str]] = [
-    (partial(without, 0), r"no camera \(Camera/intrinsic_mat\)$"),
+    (partial(without, 0), "no Camera/intrinsic_mat"),
     (partial(without, 1), "DisplayShape has none of the screen models"),
-    (partial(without, 2), r"no orientation \(SpatialOrientation/r_cam_screen\)$"),
-    (partial(without, 3), r"no measurement \(MeasurementSofastFringe/mask_images\)$"),
+    (partial(without, 2), "no SpatialOrientation/r_cam_screen"),
+    (partial(without, 3), "no MeasurementSofastFringe/mask_images"),
     (partial(definition, '{"v_facet_corners": {"x": [0]}}'), r"facet\.json: no definition of one facet"),
     (partial(definition, "[1"), r"facet\.json: no definition of one facet"),
     (partial(definition, '{"v_facet_locations": {}}'), r"facet\.json: no definition of one facet"),
     (partial(definition, FACET_JSON.replace("0.3, 0.3", "0.3, NaN")), "v_facet_corners has values"),
-    (lambda folder: [*inputs(folder), inputs(folder)[0]], "is in .*give one of them"),
     (lambda folder: inputs(folder, 0.1), r"dist_optic_screen = 0\.1: no point in view"),
     (dark, "white is nowhere brighter"),
     (screen, "none of the screen models: screen_x"),
     (partial(screen, screen_x=0.7), "none of the screen models"),
-    (partial(screen, screen_x=-0.7, screen_y=0.4), r"screen_x, screen_y = \[-0.7, 0.4\]: must be above 0 m"),
     (partial(screen, xy_screen_fraction=np.ones((2, 4)), xy_screen_coords=np.ones((2, 5))), "n >= 3 places"),
 ]
 

@@ -89,7 +89,7 @@ def test_an_input_of_sofast_alone_is_refused_by_what_it_lacks(
         file.copy(group, part)
     given = tmp_path / "c.npz"
     Correspondence(*np.ones((4, 8, 8)), flags=np.zeros((8, 8), np.uint16)).save(given)
-    wanted = "no measurement (MeasurementSofastFringe/mask_images)"
+    wanted = "no MeasurementSofastFringe/mask_images"
     refused(["reconstruct", given, "--scene", alone, "--out", tmp_path / "h.npz"], f"{alone}: no ", wanted)
 
 
