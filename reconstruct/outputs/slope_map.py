@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
 
 from optolever.decode import Correspondence
 from optolever.errors import InputError
@@ -150,14 +151,18 @@ def slope_map(
 
 
 def _mode_slopes(height: HeightMap) -> NDArray[np.float32] | None:
-    """Slopes (r, 2, H, W) of the modes over x and y."""
+    """Slopes (r, 2, H, W) of the modes over x and y; without neighbours along an axis the nearest pixel's."""
     modes = height.calibration
     if modes is None:
         return None
-    slopes = np.empty((len(modes), 2, *height.z.shape), np.float32)
+    known = np.isfinite(height.z)
+    slopes = np.empty((len(modes), 2, *known.shape), np.float32)
     for mode, slope in zip(modes, slopes, strict=True):
-        known = np.isfinite(height.z) & np.isfinite(mode)
         slope[:] = gradients(height.x, height.y, mode.astype(np.float64), known)
+    gaps = ~np.isfinite(slopes).all(axis=(0, 1))
+    if (gaps & known).any():
+        nearest = distance_transform_edt(gaps, return_distances=False, return_indices=True)
+        slopes[:, :, gaps & known] = slopes[:, :, *nearest[:, gaps & known]]
     return slopes
 
 
