@@ -75,7 +75,8 @@ def fit_noise(plan: Plan, sample: Sample, rounding: float = 1 / 12) -> Noise:
     rows = np.concatenate(groups[:-1] or groups) if groups else np.zeros((0, len(levels)))
     kinds = [_of_codes(plan, levels, sample.adjacent(5))]
     if not _two_levels(kinds[0][0]):
-        kinds.append(_of_rows(rows, levels, first, [f for axis in plan.axes for f in axis.fringes]))
+        fringes = [f for axis in plan.axes for f in axis.fringes if len(groups) > 1]  # rows within a fringe
+        kinds.append(_of_rows(rows, levels, first, fringes))
     if sum(len(one) for one, _ in kinds) < _FEWEST:
         kinds = [_of_rows(np.eye(len(levels)), levels, first)]
     return _line(kinds, rounding)
@@ -99,7 +100,9 @@ def _of_rows(rows: F64, levels: F64, first: NDArray[np.int64], fringes: Sequence
     level, residual = np.square(rows) @ levels, rows @ levels
     if fringes and residual.size:
         waves = np.concatenate([fringe.harmonics(levels[list(fringe.index)]) for fringe in fringes])
-        residual -= np.linalg.lstsq(waves.T, residual.T, rcond=1e-3)[0].T @ waves
+        known = ~nan.any(axis=0)
+        known |= np.count_nonzero(known) < _ENOUGH
+        residual -= np.linalg.lstsq(waves[:, known].T, residual[:, known].T, rcond=1e-3)[0].T @ waves
     kept = ~(lost[:, first] | lost[:, first + 1] | lost[:, first + 2])
     return _second(level, first)[1][kept], _second(residual, first)[0][kept]
 
