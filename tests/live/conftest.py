@@ -1,5 +1,4 @@
-"""A rig of 240 x 320 pixels at rest, prepared by a decoded capture of the independent renderer; frames of
-dents."""
+"""A rig of 240 x 320 pixels at rest, prepared by a decoded capture of the independent renderer; dents."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -10,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from lab.live.streams import StreamRig
 from lab.live.world import World, expose, world_of
 from optolever.decode import Correspondence, decode
 from optolever.live import Prepared, prepare
@@ -67,11 +67,4 @@ def shot(rest: Rest) -> Callable[..., NDArray[Any]]:
 @pytest.fixture(scope="session")
 def truth(rest: Rest, prepared: Prepared) -> Callable[[Dents], NDArray[np.float64]]:
     """Function of dents: the true height in the middle of the cells, mm."""
-    cell, (rows, cols) = prepared.rig.carriers.cell, prepared.rig.carriers.shape
-
-    @cache
-    def of(dents: Dents) -> NDArray[np.float64]:
-        z = rest.world.truth(dents)[2][: rows * cell, : cols * cell]
-        return np.asarray(z.reshape(rows, cell, cols, cell).mean((1, 3)))
-
-    return of
+    return cache(StreamRig(rest.scene, rest.world, rest.fringe, prepared).truth)

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from lab.live.world import BALL
-from optolever import InputError
 from optolever.live import Forces, Live, Prepared, Reading, Shape, Touches
-from optolever.scene import Layer, load
+from optolever.scene import Layer
 
 from .conftest import LAYER
 
@@ -26,19 +25,11 @@ def quiet(prepared: Prepared, shot: Shot) -> Reading:
 
 
 def _hertz(reading: Reading, at: Place, radius: float, depth: float) -> Any:
-    """Height around a ball's contact of that radius (K. L. Johnson, Contact Mechanics, 1985, eq. 3.41,
-    3.42)."""
+    """Height around a ball's contact (K. L. Johnson, Contact Mechanics, 1985, eq. 3.41, 3.42)."""
     q = np.hypot(reading.x - at[0], reading.y - at[1]) / radius
     out = np.maximum(q, 1.0)
     beyond = ((2 - out**2) * np.arcsin(1 / out) + np.sqrt(out**2 - 1)) / math.pi
     return (depth * np.where(q <= 1, 1 - 0.5 * q**2, beyond)).astype(np.float32)
-
-
-def _punch(reading: Reading, at: Place, radius: float, depth: float) -> Any:
-    """Height around a flat punch (Johnson, eq. 3.36 ff.)."""
-    q = np.maximum(np.hypot(reading.x - at[0], reading.y - at[1]) / radius, 1e-9)
-    outside = 2 / math.pi * np.arcsin(np.minimum(1 / q, 1))
-    return (depth * np.where(q <= 1, 1.0, outside)).astype(np.float32)
 
 
 def test_a_sphere_a_cylinder_and_an_oblique_punch(prepared: Prepared, quiet: Reading) -> None:
@@ -62,28 +53,12 @@ def test_a_sphere_a_cylinder_and_an_oblique_punch(prepared: Prepared, quiet: Rea
     assert math.remainder(cylinder.axis - 0.5, math.pi) == pytest.approx(0, abs=0.01)
     flat = shape(punch)
     assert flat.tilt == pytest.approx((0.002, -0.001), abs=1e-5)
-    assert flat.tilt_sigma < 1e-4
     assert flat.radii == (None, None)
 
 
-@pytest.mark.parametrize(("edge", "depth"), [(4.0, 0.05), (5.0, 0.08)])
-def test_radii_of_a_rendered_ball(prepared: Prepared, shot: Shot, edge: float, depth: float) -> None:
-    """R = a^2 / d (Hertz), within 3 % and 1.5 of a sigma of less than 10 %; no tilt beyond five sigma."""
-    live = Live(prepared)
-    for k in range(4):
-        live.reset()
-        (touch,) = live.update(shot(((BALL, 30.0 + k, 22.0, edge, depth),), k)).touches
-        assert touch.shape is not None
-        for radius, sigma in zip(touch.shape.radii, touch.shape.radii_sigma, strict=True):
-            assert radius == pytest.approx(edge**2 / depth, rel=0.03)
-            assert abs(radius - edge**2 / depth) < 1.5 * sigma < 0.15 * radius
-        assert np.hypot(*touch.shape.tilt) < 5 * touch.shape.tilt_sigma
-
-
-@pytest.mark.parametrize("radius", [3.0, 5.0])
-def test_the_force_of_a_ball_is_that_of_hertz(prepared: Prepared, quiet: Reading, radius: float) -> None:
+def test_the_force_of_a_ball_is_that_of_hertz(prepared: Prepared, quiet: Reading) -> None:
     """F = 4/3 E* a d, p0 = 3 F / (2 pi a^2); the area is that of the contact."""
-    depth, at = 0.08, (30.0, 22.0)
+    radius, depth, at = 4.0, 0.08, (30.0, 22.0)
     reading = replace(quiet, z=_hertz(quiet, at, radius, depth))
     (touch,) = Touches(prepared).update(reading)
     (force,) = Forces(prepared, LAYER).update(reading, (touch,))
@@ -96,67 +71,40 @@ def test_the_force_of_a_ball_is_that_of_hertz(prepared: Prepared, quiet: Reading
     assert math.dist((touch.x, touch.y), at) < 0.05
     assert touch.depth == pytest.approx(depth, rel=0.01)
     assert touch.area == pytest.approx(math.pi * radius**2, rel=0.03)
-    assert not touch.cut
 
 
-def test_the_force_of_a_flat_punch(prepared: Prepared, quiet: Reading) -> None:
-    """F = 2 E* a d."""
-    reading = replace(quiet, z=_punch(quiet, (30.0, 22.0), 4.0, 0.05))
-    touches = Touches(prepared).update(reading)
-    (force,) = Forces(prepared, LAYER).update(reading, touches)
-    # the half-depth contour of a punch lies outside it, at 1 / sin(pi / 4) of its radius
-    assert touches[0].area == pytest.approx(math.pi * 16 * 2, rel=0.05)
-    assert force.newton == pytest.approx(2 * LAYER.plane_modulus * 4.0 * 0.05, rel=0.05)
-
-
-def test_the_force_on_a_thin_layer_is_that_of_springs(prepared: Prepared, quiet: Reading) -> None:
-    """A thin compressible bonded layer is a Winkler foundation (Johnson, ch. 5.8): F = pi K R d^2,
-    K = E (1 - nu) / ((1 + nu) (1 - 2 nu) h)."""
-    layer = Layer(0.2, 0.3, thickness_mm=0.1)
+def test_the_force_on_a_thin_and_on_a_thick_layer(prepared: Prepared, quiet: Reading) -> None:
+    """Thin, compressible and bonded it is a Winkler foundation (Johnson, ch. 5.8): F = pi K R d^2,
+    K = E (1 - nu) / ((1 + nu) (1 - 2 nu) h); thick it is a half-space."""
     radius, depth = 400.0, 0.02
     r = np.hypot(quiet.x - 30, quiet.y - 22)
     reading = replace(quiet, z=np.maximum(depth - r**2 / (2 * radius), 0).astype(np.float32))
-    (force,) = Forces(prepared, layer).update(reading, Touches(prepared).update(reading))
+    touches = Touches(prepared).update(reading)
+    (thin,) = Forces(prepared, Layer(0.2, 0.3, thickness_mm=0.1)).update(reading, touches)
     stiffness = 0.2 * 0.7 / (1.3 * 0.4 * 0.1)
-    assert force.newton == pytest.approx(math.pi * stiffness * radius * depth**2, rel=0.05)
-
-
-def test_a_thick_layer_is_a_half_space(prepared: Prepared, quiet: Reading) -> None:
+    assert thin.newton == pytest.approx(math.pi * stiffness * radius * depth**2, rel=0.05)
     reading = replace(quiet, z=_hertz(quiet, (30.0, 22.0), 3.0, 0.05))
     touches = Touches(prepared).update(reading)
     (half,) = Forces(prepared, LAYER).update(reading, touches)
     (thick,) = Forces(prepared, replace(LAYER, thickness_mm=200.0)).update(reading, touches)
-    (thin,) = Forces(prepared, replace(LAYER, thickness_mm=4.0)).update(reading, touches)
     assert thick.newton == pytest.approx(half.newton, rel=0.03)
-    assert thin.newton > 1.5 * half.newton  # the base carries
-
-
-def test_the_layer_is_read_and_written(prepared: Prepared, tmp_path: Any) -> None:
-    scene = replace(load("prism48"), layer=Layer(0.3, 0.45, 8.0))
-    scene.save(tmp_path / "rig.toml")
-    assert load(tmp_path / "rig.toml") == scene
-    text = (tmp_path / "rig.toml").read_text().replace("poisson = 0.45", "poisson = 0.6")
-    (tmp_path / "rig.toml").write_text(text)
-    with pytest.raises(InputError, match=r"layer\.poisson = 0\.6: must be 0 to 0\.5"):
-        load(tmp_path / "rig.toml")
 
 
 def test_identities_are_kept_merged_split_and_end(prepared: Prepared, quiet: Reading) -> None:
+    """A frame that is not trusted tells no contact and ends none."""
     touches = Touches(prepared)
 
-    def seen(*places: Place) -> Any:
-        z = sum(
-            (0.05 * np.exp(-((quiet.x - x) ** 2 + (quiet.y - y) ** 2) / 8) for x, y in places), 0 * quiet.z
-        )
-        return touches.update(replace(quiet, z=z.astype(np.float32)))
+    def seen(*places: Place, trusted: bool = True) -> Any:
+        bumps = (np.exp(-((quiet.x - x) ** 2 + (quiet.y - y) ** 2) / 8) for x, y in places)
+        z = 0.05 * sum(bumps, 0 * quiet.z)
+        return touches.update(replace(quiet, z=z.astype(np.float32), trusted=trusted))
 
     first = seen((20, 22), (36, 22))
     names = {round(touch.x): touch.identity for touch in first}
+    assert seen((20, 22), (36, 22), trusted=False) == ()
     for step in range(1, 5):
         for touch in seen((20 + step, 22), (36 - step, 22)):
             assert touch.identity == names[20 if touch.x < 28 else 36]
-    (close,) = seen((25.5, 22), (30.5, 22))
-    assert close.identity in names.values()
     (merged,) = seen((27.5, 22), (28.5, 22))
     assert merged.identity in names.values()
     assert len(seen((24.8, 22), (31.4, 22))) == 2
@@ -165,24 +113,21 @@ def test_identities_are_kept_merged_split_and_end(prepared: Prepared, quiet: Rea
     assert new.identity not in names.values()
 
 
-def test_a_frame_that_is_not_trusted_tells_no_contact(prepared: Prepared, quiet: Reading) -> None:
-    touches = Touches(prepared)
-    pressed = replace(quiet, z=_hertz(quiet, (30.0, 22.0), 4.0, 0.05))
-    (before,) = touches.update(pressed)
-    assert touches.update(replace(pressed, trusted=False)) == ()
-    (after,) = touches.update(pressed)
-    assert after.identity == before.identity
-
-
-def test_a_rolling_ball_is_followed(prepared: Prepared, shot: Shot) -> None:
-    """Rendered frames: one identity, position within 0.05 mm, the force of Hertz within 5 %."""
+@pytest.mark.parametrize(("edge", "depth"), [(4.0, 0.05), (5.0, 0.08)])
+def test_a_rolling_ball_is_followed(prepared: Prepared, shot: Shot, edge: float, depth: float) -> None:
+    """Rendered frames: one identity, the force of Hertz; R = a^2 / d within 1.5 sigma; no tilt."""
     live, names = Live(prepared), set()
     for k in range(5):
         x, y = 26 + 0.9 * k, 20 + 0.5 * k
-        reading = live.update(shot(((BALL, x, y, 4.0, 0.05),), k))
+        reading = live.update(shot(((BALL, x, y, edge, depth),), k))
         (touch,), (force,) = reading.touches, reading.forces
         names.add(touch.identity)
         assert math.dist((touch.x, touch.y), (x, y)) < 0.05
-        assert abs(touch.depth - 0.05) < 0.02 * 0.05
-        assert force.newton == pytest.approx(4 / 3 * LAYER.plane_modulus * 4.0 * 0.05, rel=0.05)
+        assert abs(touch.depth - depth) < 0.02 * depth
+        assert force.newton == pytest.approx(4 / 3 * LAYER.plane_modulus * edge * depth, rel=0.05)
+        assert touch.shape is not None
+        for radius, sigma in zip(touch.shape.radii, touch.shape.radii_sigma, strict=True):
+            assert radius == pytest.approx(edge**2 / depth, rel=0.03)
+            assert abs(radius - edge**2 / depth) < 1.5 * sigma < 0.15 * radius
+        assert np.hypot(*touch.shape.tilt) < 5 * touch.shape.tilt_sigma
     assert len(names) == 1

@@ -18,9 +18,8 @@ ROW, COL = np.mgrid[:200, :240].astype(np.float64)
 REST = SimpleNamespace(u=260 - 0.9 * COL + 0.02 * ROW, v=30 + 1.05 * ROW)
 
 
-def image(u: F64, v: F64, noise: float, seed: int, contrast: float | F64 = 1.0) -> NDArray[np.uint8]:
-    light = 0.5 * (127.5 * (1 + contrast * np.cos(2 * np.pi * u / 12)))
-    light = light + 0.5 * (127.5 * (1 + contrast * np.cos(2 * np.pi * v / 12)))
+def image(u: F64, v: F64, noise: float, seed: int) -> NDArray[np.uint8]:
+    light = 63.75 * (2 + np.cos(2 * np.pi * u / 12) + np.cos(2 * np.pi * v / 12))
     noisy = light + noise * np.random.default_rng(seed).standard_normal(u.shape)
     return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
 
@@ -36,16 +35,6 @@ def test_displacement(size: float) -> None:
     smoothing = 0.06 * size
     assert np.abs(found.du - bell)[inner].max() < 0.1 + smoothing
     assert np.abs(found.dv + 0.5 * bell)[inner].max() < 0.1 + smoothing
-
-
-def test_smoothing_is_undone_and_its_rest_is_in_sigma() -> None:
-    """A bell of 1.5 periods: one Gaussian of 0.6 periods would leave 5 % of its height."""
-    bell = 8.0 * np.exp(-((COL - 120) ** 2 + (ROW - 100) ** 2) / (2 * 22**2))
-    found = crossed(image(REST.u + bell, REST.v, 1.0, 1), image(REST.u, REST.v, 1.0, 2), SHOWN, prior=REST)
-    inner = np.s_[20:-20, 20:-20]
-    assert found.good[inner].all()
-    assert np.sqrt(np.mean((found.du - bell)[inner] ** 2)) < 0.02
-    assert (np.abs(found.du - bell) < 5 * found.sigma_u)[found.good].all()
 
 
 def test_what_is_too_steep_is_flagged_not_guessed() -> None:
@@ -69,7 +58,7 @@ def test_at_the_edge_of_the_frame(middle: tuple[int, int]) -> None:
     for moved, sigma, true in ((found.du, found.sigma_u, -dome), (found.dv, found.sigma_v, 0.5 * dome)):
         ratio = ((moved - true) / sigma)[found.good]
         assert (np.abs(ratio) < 5).mean() > 1 - 1e-4
-        assert np.sqrt(np.mean(ratio**2)) < 1.2
+        assert 0.8 < np.sqrt(np.mean(ratio**2)) < 1.2
 
 
 def test_what_leaves_the_pattern_is_dark_and_does_not_pull() -> None:
@@ -78,62 +67,24 @@ def test_what_leaves_the_pattern_is_dark_and_does_not_pull() -> None:
     dark = np.where(moved.v < 299.5, image(moved.u, moved.v, 1.0, 1), 0).astype(np.uint8)
     prior = SimpleNamespace(u=REST.u, v=REST.v + 75.0)
     found = crossed(dark, image(prior.u, prior.v, 1.0, 2), SHOWN, prior=prior)
-    beside = moved.v > 301
-    assert beside.any()
-    assert not found.good[beside].any()
+    assert not found.good[moved.v > 301].any()
     error = np.abs(found.dv - 5.0) / found.sigma_v
     assert (error[found.good] < 5).all()
     assert found.good[moved.v < 296].mean() > 0.98
 
 
-def test_sigma_of_the_noise() -> None:
-    found = [
-        crossed(image(REST.u, REST.v, 6.0, k), image(REST.u, REST.v, 6.0, 50 + k), SHOWN, prior=REST)
-        for k in range(3)
-    ]
-    inner = np.s_[25:-25, 25:-25]
-    score = np.array([each.du[inner] / each.sigma_u[inner] for each in found])
-    assert np.sqrt(np.mean(score**2)) == pytest.approx(1, abs=0.15)
-
-
-def test_lost_fringe_and_unknown_map_are_flagged() -> None:
-    contrast = np.where(COL < 80, 0.0, 1.0)
-    prior = SimpleNamespace(u=np.where(COL > 200, np.nan, REST.u), v=REST.v)
-    rest = image(REST.u, REST.v, 1.0, 2)
-    found = crossed(image(REST.u, REST.v, 1.0, 1, contrast), rest, SHOWN, prior=prior)
-    assert (found.flags[:, :50] & Flag.LOW_CONTRAST).all()
-    assert (found.flags[:, 202:] & Flag.INVALID).all()
-    assert found.good[20:-20, 110:180].all()
-
-
-def test_default_guide_is_the_whole_surface() -> None:
-    v, u = np.mgrid[:300, :300].astype(np.float64)
-    found = crossed(image(u + 2.0, v, 1.0, 1), image(u, v, 1.0, 2), SHOWN)
-    assert np.median(found.du) == pytest.approx(2.0, abs=0.02)
-
-
-@pytest.mark.parametrize(
-    ("now", "message"),
-    [
-        (np.zeros((30, 31)), "must be equal"),
-        (np.zeros((2, 30, 30)), "2 images"),
-        (np.full((30, 30), np.inf), "finite"),
-    ],
-)
-def test_bad_input(now: F64, message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        crossed(now, np.zeros((30, 30)), SHOWN)
+def test_bad_input() -> None:
+    for now, words in ((np.zeros((30, 31)), "must be equal"), (np.full((30, 30), np.inf), "finite")):
+        with pytest.raises(InputError, match=words):
+            crossed(now, np.zeros((30, 30)), SHOWN)
 
 
 @pytest.mark.parametrize("around", ["dark", "room", "reflection", "lamp"])
 def test_a_mirror_that_fills_a_part_of_the_picture(around: str) -> None:
-    """Two islands, whose prior goes on beside them: displaced on their own, right to their borders; all else
-    is flagged."""
+    """Two islands: displaced on their own, right to their borders; all else is flagged."""
     moved = 4.0 * np.exp(-((COL - 60) ** 2 + (ROW - 100) ** 2) / (2 * 30**2)) + np.where(COL > 130, 3.0, 0.0)
     left, right = (np.hypot(COL - middle, ROW - 100) < 45 for middle in (60, 180))
-    beside = {"dark": 0 * COL, "room": 60 + 20 * np.sin(ROW / 37), "reflection": 0 * COL, "lamp": 0 * COL}[
-        around
-    ]
+    beside = 60 + 20 * np.sin(ROW / 37) if around == "room" else 0 * COL
     images = []
     for seed, shift in enumerate((moved, 0 * moved)):
         inside = image(REST.u + shift, REST.v - 0.5 * shift, 0.0, 0).astype(float)

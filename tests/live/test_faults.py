@@ -26,26 +26,22 @@ def test_a_fault_is_told_at_once_and_forgotten_at_once(
     prepared: Prepared, shot: Shot, fault: str, dents: Any
 ) -> None:
     live = Live(prepared)
-    for seed in range(2):
-        assert live.update(shot(dents, seed)).trusted
+    assert live.update(shot(dents)).trusted
     for seed in range(2, 4):
         bad = FAULTS[fault](shot(dents, seed), shot(ELSEWHERE, seed))
         reading = live.update(bad)
         if fault in MILD:
             assert reading.notices
             continue
-        assert not reading.trusted
+        assert (reading.trusted, reading.touches) == (False, ())
         assert reading.reason
-        assert not reading.touches
     after = live.update(shot(dents, 9))
     assert after.trusted, after.reason
     assert after.good.mean() > 0.99
 
 
 @pytest.mark.parametrize(("size", "peak"), [(2.0, 0.1), (2.0, 0.15), (2.5, 0.25), (3.0, 0.2)])
-def test_a_hole_with_a_rising_flank_is_one_contact_or_no_trust(
-    prepared: Prepared, shot: Shot, size: float, peak: float
-) -> None:
+def test_a_hole_is_one_contact_or_no_trust(prepared: Prepared, shot: Shot, size: float, peak: float) -> None:
     """A dent so steep that its middle has no fringe: its depth is a lower bound."""
     reading = Live(prepared).update(shot(((GAUSS, 30.0, 22.0, size, peak),)))
     assert reading.figures.lost > 0
@@ -55,31 +51,14 @@ def test_a_hole_with_a_rising_flank_is_one_contact_or_no_trust(
         assert touch.depth < peak + 5 * touch.depth_sigma
 
 
-def test_less_contrast_for_long_is_focus_not_motion(prepared: Prepared, shot: Shot) -> None:
-    live = Live(prepared)
-    names = []
-    for seed in range(24):
-        frame = shot((), seed).astype(float)
-        soft = np.clip(0.75 * frame + 0.25 * frame.mean(), 0, 255).astype(np.uint8)
-        names.append(" ".join(str(notice) for notice in live.update(soft).notices))
-    assert "moved during the exposure" in names[0]
-    assert "focus or dust" in names[-1]
-    assert "moved during the exposure" not in names[-1]
-
-
-def test_a_picture_of_noise_has_no_height(prepared: Prepared) -> None:
-    noise = np.random.default_rng(3).integers(0, 256, (240, 320)).astype(np.uint8)
-    assert not Live(prepared).update(noise).trusted
-
-
-def test_motion_in_the_exposure_is_the_mean_of_the_heights(rest: Rest, prepared: Prepared) -> None:
+def test_motion_in_the_exposure_is_the_mean(
+    rest: Rest, prepared: Prepared, truth: Callable[..., Any]
+) -> None:
     """The mean of heights is a height: a finger that slides by 1 mm is read as that mean."""
     places = [((GAUSS, 29.5 + k / 8, 22.5, 7.0, 0.1),) for k in range(9)]
     light = np.mean([rest.world.lights(one, rest.fringe, 3)[0] for one in places], axis=0)
     reading = Live(prepared).update(expose(light.astype(np.float32), np.random.default_rng(5)))
-    mean = np.mean([rest.world.truth(one)[2] for one in places], axis=0)
-    mean = mean.reshape(120, 2, 160, 2).mean((1, 3))
-    ratio = ((reading.z - mean) / reading.sigma)[reading.good]
+    ratio = ((reading.z - np.mean([truth(one) for one in places], axis=0)) / reading.sigma)[reading.good]
     assert reading.trusted
     assert np.sqrt(np.mean(np.square(ratio))) < 2
 
@@ -96,8 +75,7 @@ def test_falling_light_touches_nothing(prepared: Prepared, shot: Shot) -> None:
 
 @pytest.mark.slow
 def test_drawn_streams_have_no_height_that_is_silently_wrong() -> None:
-    """By more than a hundredth of the depth; what is beyond five sigma at all: `python -m lab live
-    --streams`."""
+    """By more than a hundredth of the depth; beyond five sigma at all: `python -m lab live --streams`."""
     rig = stream_rig(resize(load("prism48"), 240, 320))
     rng, tally = np.random.default_rng(64), Tally()
     for k in range(6):

@@ -1,5 +1,4 @@
-"""Heights of single frames against an independent renderer's truth: error, sigma, independence of the
-past."""
+"""Heights of single frames against an independent renderer's truth: error, sigma, the past."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -11,11 +10,10 @@ import pytest
 
 from lab.live.world import BALL, GAUSS
 from optolever import InputError
-from optolever.decode import Flag, decode
+from optolever.decode import Flag
 from optolever.live import Live, Prepared, Reading, prepare
 from optolever.patterns import sequence
-from optolever.projector import WHITE_NOISE_SENSOR, capture
-from optolever.scene import dent, load, resize, trace
+from optolever.scene import dent, trace
 
 from .conftest import Dents, Rest
 
@@ -45,10 +43,9 @@ def test_the_independent_renderer_agrees_with_the_trace(rest: Rest) -> None:
         assert np.abs(ours - theirs)[inner].max() < 1e-9
 
 
-@pytest.mark.parametrize("dents", SMOOTH)
-def test_smooth_dents_are_right_within_sigma(
-    prepared: Prepared, shot: Shot, truth: Truth, dents: Dents
-) -> None:
+@pytest.mark.parametrize("dents", [*SMOOTH, *CONTACTS])
+def test_heights_are_right_within_sigma(prepared: Prepared, shot: Shot, truth: Truth, dents: Dents) -> None:
+    """Of contacts the window spans twice the millimetres that it spans at 480 x 640."""
     live, ratios = Live(prepared), []
     for seed in range(6):
         live.reset()
@@ -56,52 +53,16 @@ def test_smooth_dents_are_right_within_sigma(
         error, ratio = _errors(reading, truth(dents))
         assert reading.trusted, reading.reason
         assert reading.good.mean() > 0.97
-        assert np.median(np.abs(error)) < FLOOR
-        assert np.mean(np.abs(ratio) > 5) < 0.01
         ratios.append(np.mean(np.square(ratio)))
-    assert (
-        0.7 < np.sqrt(np.mean(ratios)) < 1.5
-    )  # a frame's error is a few modes: six frames hold them to 30 %
-
-
-@pytest.mark.parametrize("dents", CONTACTS)
-def test_contacts_are_right(prepared: Prepared, shot: Shot, truth: Truth, dents: Dents) -> None:
-    """The window spans twice the millimetres that it spans at 480 x 640 (`python -m lab live`)."""
-    live, ratios = Live(prepared), []
-    for seed in range(4):
-        reading = live.update(shot(dents, seed))
-        error, ratio = _errors(reading, truth(dents))
-        assert reading.trusted, reading.reason
-        assert reading.good.mean() > 0.97
-        inner = reading.good & (reading.x > 6)  # towards x = 0 noise grows without bound
-        assert (reading.z - truth(dents))[inner].std() < 5e-3 * dents[0][4]
-        assert np.abs(error).max() < 0.1 * dents[0][4]
-        ratios.append(np.mean(np.square(ratio)))
-    assert np.sqrt(np.mean(ratios)) < 1.5
-
-
-def test_rest_is_flat(prepared: Prepared, shot: Shot) -> None:
-    reading = Live(prepared).update(shot(seed=77), time=2.5)
-    assert reading.trusted
-    assert not reading.touches
-    assert np.sqrt(np.mean(np.square((reading.z / reading.sigma)[reading.good]))) < 2.5
-    assert reading.time == 2.5
-
-
-def test_a_rig_without_noise_does_not_walk() -> None:
-    """Frames of one image: what no window resolves would grow from frame to frame."""
-    rig = resize(load("monitor-mirror"), 96, 128)
-    scene = replace(rig, dent="flat", sensor=WHITE_NOISE_SENSOR)
-    rows, cols = scene.pattern.rows, scene.pattern.cols
-    full, fringe = sequence("gray+phase", rows, cols), sequence("crossed", rows, cols, period=10.0)
-    frames = [capture(scene, dent("flat", scene), one, renderer="numpy").frames for one in (full, fringe)]
-    prepared = prepare(scene, np.repeat(frames[1], 2, axis=0), decode(frames[0], full), fringe)
-    live = Live(prepared)
-    for _ in range(120):
-        reading = live.update(frames[1][0])
-        assert reading.trusted
-        assert not reading.notices
-        assert np.sqrt(np.mean(np.square((reading.z / reading.sigma)[reading.good]))) < 2.5
+        if dents in SMOOTH:
+            assert np.median(np.abs(error)) < FLOOR
+            assert np.mean(np.abs(ratio) > 5) < 0.01
+        else:
+            inner = reading.good & (reading.x > 6)  # towards x = 0 noise grows without bound
+            assert (reading.z - truth(dents))[inner].std() < 5e-3 * dents[0][4]
+            assert np.abs(error).max() < 0.1 * dents[0][4]
+    # an error is a few modes: six frames hold them to 30 %
+    assert (0.7 if dents in SMOOTH else 0) < np.sqrt(np.mean(ratios)) < 1.5
 
 
 def test_the_past_does_not_matter(prepared: Prepared, shot: Shot) -> None:
@@ -115,38 +76,12 @@ def test_the_past_does_not_matter(prepared: Prepared, shot: Shot) -> None:
     assert np.sqrt(np.mean(np.square(((one.z - other.z) / one.sigma)[both]))) < 0.5
 
 
-def test_a_repeated_stream_is_bit_identical(prepared: Prepared, shot: Shot) -> None:
-    frames = [shot(SMOOTH[k % 4], k) for k in range(4)]
-    first, second = ([live.update(frame) for frame in frames] for live in (Live(prepared), Live(prepared)))
-    assert first == second
-
-
 def test_a_prepared_rig_comes_back_from_its_file(prepared: Prepared, shot: Shot, tmp_path: Path) -> None:
     prepared.save(tmp_path / "prepared.npz")
     loaded = Prepared.load(tmp_path / "prepared.npz")
     frame = shot(SMOOTH[0], 1)
     assert Live(loaded).update(frame) == Live(prepared).update(frame)
     assert loaded.layer == prepared.layer
-    with np.load(tmp_path / "prepared.npz") as archive:
-        kept = {name: archive[name] for name in archive.files if name != "noise.sigma"}
-    np.savez(tmp_path / "less.npz", **kept)
-    with pytest.raises(InputError, match=r"less\.npz.*noise\.sigma"):
-        Prepared.load(tmp_path / "less.npz")
-
-
-@pytest.mark.parametrize("cell", [2, 4])
-def test_sizes_that_are_no_multiples_of_a_cell_lose_their_last_pixels(
-    rest: Rest, shot: Shot, cell: int
-) -> None:
-    camera = replace(rest.scene.camera, rows=237, cols=318)
-    scene = replace(rest.scene, camera=camera)
-    maps = {
-        name: getattr(rest.rest_map, name)[:237, :318] for name in ("u", "v", "sigma_u", "sigma_v", "flags")
-    }
-    own = prepare(scene, rest.frames[:, :237, :318], type(rest.rest_map)(**maps), rest.fringe, cell=cell)
-    reading = Live(own).update(shot(SMOOTH[0], 1)[:237, :318])
-    assert reading.z.shape == (237 // cell, 318 // cell)
-    assert reading.depth == pytest.approx(0.05, abs=1e-3)
 
 
 def test_pixels_that_the_rest_map_lacks_are_left_out(rest: Rest, shot: Shot, truth: Truth) -> None:
@@ -162,13 +97,13 @@ def test_pixels_that_the_rest_map_lacks_are_left_out(rest: Rest, shot: Shot, tru
 
 def test_what_does_not_fit_is_one_line(rest: Rest, prepared: Prepared) -> None:
     wrong = sequence("gray+phase", rest.scene.pattern.rows, rest.scene.pattern.cols)
-    with pytest.raises(InputError, match="one crossed fringe"):
-        prepare(rest.scene, rest.frames, rest.rest_map, wrong)
-    with pytest.raises(InputError, match="two or more frames"):
-        prepare(rest.scene, rest.frames[:1], rest.rest_map, rest.fringe)
-    with pytest.raises(InputError, match=r"cell = 3: must be one of"):
-        prepare(rest.scene, rest.frames, rest.rest_map, rest.fringe, cell=3)
-    with pytest.raises(InputError, match=r"rest_frames: \(120, 320\) pixels"):
-        prepare(rest.scene, rest.frames[:, :120], rest.rest_map, rest.fringe)
+    for frames, shown, cell, words in (
+        (rest.frames, wrong, 2, "one crossed fringe"),
+        (rest.frames[:1], rest.fringe, 2, "two or more frames"),
+        (rest.frames, rest.fringe, 3, "cell = 3: must be one of"),
+        (rest.frames[:, :120], rest.fringe, 2, r"rest_frames: \(120, 320\) pixels"),
+    ):
+        with pytest.raises(InputError, match=words):
+            prepare(rest.scene, frames, rest.rest_map, shown, cell=cell)
     with pytest.raises(InputError, match="frame: uint8 of shape"):
         Live(prepared).update(np.zeros((4, 4), np.uint8))

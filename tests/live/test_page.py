@@ -1,5 +1,6 @@
 """The live page: its answers, its commands, who may ask; the program's lines of JSON; Chromium draws it."""
 
+import contextlib
 import http.client
 import io
 import json
@@ -10,16 +11,14 @@ import struct
 import subprocess
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 
 from optolever.cli import run
-from optolever.decode import decode
 from optolever.live import (
     Live,
     LiveServer,
@@ -27,14 +26,12 @@ from optolever.live import (
     Prepared,
     VirtualFinger,
     follow,
-    prepare,
     replayed,
     tared,
     virtual_rig,
 )
-from optolever.patterns import sequence
-from optolever.projector import Image, capture
-from optolever.scene import dent, load, resize
+from optolever.projector import Image
+from optolever.scene import load, resize
 
 Virtual = tuple[Prepared, VirtualFinger]
 
@@ -57,8 +54,7 @@ class _Rest:
 
 @pytest.fixture
 def server(virtual: Virtual) -> Iterator[LiveServer]:
-    prepared, finger = virtual
-    with LiveServer(prepared, _Rest(finger)) as live:
+    with LiveServer(virtual[0], _Rest(virtual[1])) as live:
         yield live
 
 
@@ -66,10 +62,8 @@ def _ask(server: LiveServer, path: str, method: str = "GET", **headers: str) -> 
     host = server.address.removeprefix("http://").rstrip("/")
     connection = http.client.HTTPConnection(host, timeout=30)
     connection.request(method, path, headers={"Host": host, **headers})
-    answer = connection.getresponse()
-    status, body = answer.status, answer.read()
-    connection.close()
-    return status, body
+    with contextlib.closing(connection), connection.getresponse() as answer:
+        return answer.status, answer.read()
 
 
 def _token(server: LiveServer) -> dict[str, str]:
@@ -83,25 +77,20 @@ def _sent(server: LiveServer, data: bytes) -> bytes:
     port = int(server.address.rstrip("/").rpartition(":")[2])
     with socket.create_connection(("127.0.0.1", port), timeout=10) as connection:
         connection.sendall(data)
-        found = b""
-        while part := connection.recv(4096):
-            found += part
-    return found
+        return b"".join(iter(lambda: connection.recv(4096), b""))
 
 
 def _told(server: LiveServer, after: int) -> dict[str, Any]:
-    told: dict[str, Any] = json.loads(_parts(_ask(server, f"/next?after={after}")[1])[0])
-    return told
+    return dict(json.loads(_parts(_ask(server, f"/next?after={after}")[1])[0]))
 
 
 def _parts(body: bytes) -> list[bytes]:
-    lengths = struct.unpack("<4I", body[:16])
-    ends = 16 + np.cumsum(lengths)
-    assert ends[-1] == len(body)
-    return [body[end - length : end] for end, length in zip(ends, lengths, strict=True)]
+    parts = io.BytesIO(body)
+    lengths = struct.unpack("<4I", parts.read(16))
+    return [parts.read(length) for length in lengths]
 
 
-def test_the_page_asks_for_one_reading_after_the_other(server: LiveServer, virtual: Virtual) -> None:
+def test_the_page_asks_for_one_reading_after_the_other(server: LiveServer) -> None:
     status, page = _ask(server, "/")
     assert status == 200
     assert b"<canvas" in page
@@ -109,52 +98,46 @@ def test_the_page_asks_for_one_reading_after_the_other(server: LiveServer, virtu
     status, body = _ask(server, "/next?after=0")
     numbers, camera, sigma, height = _parts(body)
     told = json.loads(numbers)
-    assert status == 200
     assert told["trusted"]
     assert np.frombuffer(height, np.float32).size == told["rows"] * told["cols"]
     assert camera[:2] == sigma[:2] == b"\xff\xd8"
-    status, body = _ask(server, f"/next?after={told['count']}")
-    assert json.loads(_parts(body)[0])["count"] > told["count"]
-
-
-def test_a_snapshot_is_a_reading(server: LiveServer) -> None:
-    _ask(server, "/next?after=0")
-    _, body = _ask(server, "/snapshot")
-    with np.load(io.BytesIO(body)) as kept:
+    assert _told(server, told["count"])["count"] > told["count"]
+    with np.load(io.BytesIO(_ask(server, "/snapshot")[1])) as kept:
         assert kept["z"].shape == kept["sigma"].shape == kept["good"].shape
         assert kept["frame"].shape == (96, 128)
         assert json.loads(str(kept["numbers"]))["trusted"]
 
 
 def test_other_sites_may_neither_read_nor_steer(server: LiveServer) -> None:
-    token = _token(server)
-    assert _ask(server, "/", Host="evil.example:80")[0] == 403
-    assert _ask(server, "/next?after=0", Origin="http://evil.example")[0] == 403
-    assert _ask(server, "/next?after=0", **{"Sec-Fetch-Site": "cross-site"})[0] == 403
-    assert _ask(server, "/tare", "POST", Origin="http://evil.example", **token)[0] == 403
-    assert _ask(server, "/tare", "POST")[0] == 403
-    assert _ask(server, "/tare", "POST", **{"X-Optolever-Token": "0"})[0] == 403
-    assert _ask(server, "/format", "POST", **token)[0] == 404
-    assert _ask(server, "/tare")[0] == 405
+    token, evil = _token(server), {"Origin": "http://evil.example"}
+    for status, path, method, headers in (
+        (403, "/", "GET", {"Host": "evil.example:80"}),
+        (403, "/next?after=0", "GET", evil),
+        (403, "/next?after=0", "GET", {"Sec-Fetch-Site": "cross-site"}),
+        (403, "/tare", "POST", evil | token),
+        (403, "/tare", "POST", {"X-Optolever-Token": "0"}),
+        (404, "/format", "POST", token),
+        (405, "/tare", "GET", {}),
+    ):
+        assert _ask(server, path, method, **headers)[0] == status
     assert _told(server, 0)["told"] == ""
 
 
-@pytest.mark.parametrize("path", ["/x", "/tare", "/next"])
-@pytest.mark.parametrize("method", ["POST", "GET", "PUT"])
-def test_a_body_is_no_second_request(server: LiveServer, method: str, path: str) -> None:
+@pytest.mark.parametrize("method", ["POST", "GET"])
+def test_a_body_is_no_second_request(server: LiveServer, method: str) -> None:
     """What a refused request carries is not executed: one refusal, and the connection is closed."""
-    host = server.address.removeprefix("http://").rstrip("/").encode()
-    held = b"X-Optolever-Token: " + _token(server)["X-Optolever-Token"].encode()
-    body = b"POST /tare HTTP/1.1\r\nHost: " + host + b"\r\n" + held + b"\r\n\r\n"
-    head = f"{method} {path} HTTP/1.1\r\nContent-Length: {len(body)}\r\nOrigin: http://evil.example\r\n"
-    answer = _sent(server, head.encode() + b"Host: " + host + b"\r\n\r\n" + body)
+    host = server.address.removeprefix("http://").rstrip("/")
+    held = f"Host: {host}\r\nX-Optolever-Token: {_token(server)['X-Optolever-Token']}\r\n\r\n"
+    body = f"POST /tare HTTP/1.1\r\n{held}"
+    head = f"{method} /tare HTTP/1.1\r\nContent-Length: {len(body)}\r\nOrigin: http://evil.example\r\n"
+    answer = _sent(server, f"{head}Host: {host}\r\n\r\n{body}".encode())
     assert answer.count(b"HTTP/1.1 ") == 1
     assert answer.startswith(b"HTTP/1.1 403")
     assert _told(server, server.readings)["told"] == ""
 
 
 def test_odd_clients_leave_no_trace(server: LiveServer, capfd: pytest.CaptureFixture[str]) -> None:
-    """A number of 5,000 digits, resets in the middle of an answer, nonsense, and more clients than 16."""
+    """A number of 5,000 digits, nonsense, resets in the middle of an answer, more clients than 16."""
     port = int(server.address.rstrip("/").rpartition(":")[2])
     status, answer = _ask(server, "/next?after=" + "9" * 5000)
     assert (status, b"after" in answer) == (400, True)
@@ -163,7 +146,7 @@ def test_odd_clients_leave_no_trace(server: LiveServer, capfd: pytest.CaptureFix
         with socket.create_connection(("127.0.0.1", port)) as one:
             one.sendall(f"GET /next?after=0 HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n\r\n".encode())
             one.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
-    with ExitStack() as stack:
+    with contextlib.ExitStack() as stack:
         for _ in range(40):
             stack.enter_context(socket.create_connection(("127.0.0.1", port)))
         assert _ask(server, "/")[0] == 503
@@ -176,7 +159,6 @@ def test_odd_clients_leave_no_trace(server: LiveServer, capfd: pytest.CaptureFix
 def test_a_click_sets_a_probe_and_a_button_records(
     server: LiveServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Two probes with their places and spectra; a recording that replays bit by bit; what is no place."""
     monkeypatch.chdir(tmp_path)
     token = _token(server)
     for at in ("0.5,0.5", "0.25,0.75"):
@@ -187,6 +169,7 @@ def test_a_click_sets_a_probe_and_a_button_records(
     until = server.readings + 20
     while server.readings < until:
         time.sleep(0.02)
+    assert server.command("tare") == "tare refused: it would change the rest of the recording"
     told = _told(server, server.readings)
     assert np.allclose(told["places"], [(0.5, 0.5), (0.25, 0.75)], atol=0.02)
     assert all(probe["sigma"] > 0 for probe in told["probes"])
@@ -203,61 +186,37 @@ def test_a_click_sets_a_probe_and_a_button_records(
     assert _told(server, server.readings)["probes"] == []
 
 
-def test_a_camera_that_stops_and_one_of_12_bits(virtual: Virtual) -> None:
-    """The age of the picture grows; 12 bits in 16 are shown as bright as 8."""
-    scene, (_, finger) = resize(load("prism48", exact=True), 96, 128), virtual
-    frames = finger.at_rest().astype(np.uint16) * 16
-    full, rows, cols = sequence("gray+phase", scene.pattern.rows, scene.pattern.cols), 96, 128
-    seen = capture(scene, dent("flat", scene), full, renderer="numpy", noise=1.0, seed=0)
-    fringe = sequence("crossed", scene.pattern.rows, scene.pattern.cols, period=10.0)
-    prepared = prepare(scene, frames, decode(seen.frames, full), fringe, bits=12)
-
-    class Once:
-        images: Iterator[Image] = iter([Image(frames[0], 0, None, time.monotonic())])
-
-        def next(self, timeout_s: float) -> Image | None:
-            return next(self.images, None)
-
-    with LiveServer(prepared, Once()) as live:
+def test_a_camera_that_stops_or_fails_is_told(virtual: Virtual) -> None:
+    """The age of the picture grows."""
+    prepared, finger = virtual
+    images = iter([Image(finger.at_rest()[0], 0, None, time.monotonic())])
+    with LiveServer(prepared, SimpleNamespace(next=lambda timeout_s: next(images, None))) as live:
         _ask(live, "/next?after=0")
         assert _ask(live, "/next?after=1")[0] == 204
-        body = _parts(_ask(live, "/next?after=0")[1])
-    picture = cv2.imdecode(np.frombuffer(body[1], np.uint8), cv2.IMREAD_GRAYSCALE)
-    assert picture is not None
-    assert picture.shape == (rows, cols)
-    assert picture.mean() == pytest.approx(frames.mean() / 16, rel=0.05)
-    assert json.loads(body[0])["age_s"] > 1
+        assert _told(live, 0)["age_s"] > 1
+
+    def broken(timeout_s: float) -> Image | None:
+        raise OSError("unplugged")
+
+    with LiveServer(prepared, SimpleNamespace(next=broken)) as live:
+        _ask(live, "/next?after=0")
+        assert live.error == "unplugged"
 
 
 def test_tare_makes_a_new_zero_and_is_refused_while_touched(virtual: Virtual) -> None:
     prepared, finger = virtual
     pressed = next(one for one in follow(Live(prepared), finger) if one.reading.depth > 0.02)
     zero = tared(prepared, np.stack([pressed.image.pixels] * 4))
-    reading = Live(zero).update(pressed.image.pixels)
-    assert np.abs(reading.z[reading.good]).max() < pressed.reading.depth
-    assert reading.deepest is None
-
-    class Fixed:
-        def next(self, timeout_s: float) -> Image | None:
-            return pressed.image
-
-    with LiveServer(prepared, Fixed()) as touched:
+    assert Live(zero).update(pressed.image.pixels).deepest is None
+    with LiveServer(prepared, SimpleNamespace(next=lambda timeout_s: pressed.image)) as touched:
         _ask(touched, "/next?after=0")
         assert b"refused" in _ask(touched, "/tare", "POST", **_token(touched))[1]
-    with LiveServer(zero, _Rest(finger)) as other:  # whose rest is a dent: the readings at rest are bumps
+    with LiveServer(zero, _Rest(finger)) as other:
         _ask(other, "/next?after=0")
-        before = _lowest(other)
         assert _ask(other, "/tare", "POST", **_token(other))[1] == b"tare: hold still"
         while _told(other, other.readings)["told"] == "tare: hold still":
             pass
         assert _told(other, other.readings)["told"] == "tared"
-        assert _lowest(other) > 0.5 * before  # the noise of small rigs is large
-
-
-def _lowest(server: LiveServer) -> float:
-    """Of the height, micrometres."""
-    body = _parts(_ask(server, f"/next?after={server.readings}")[1])
-    return float(np.nanmin(np.frombuffer(body[3], np.float32)))
 
 
 def test_a_slow_reader_gets_the_newest_frame(virtual: Virtual) -> None:
@@ -267,16 +226,6 @@ def test_a_slow_reader_gets_the_newest_frame(virtual: Virtual) -> None:
             later = source.next(5.0)
     assert first is not None
     assert (later.id or 0) > (first.id or 0)
-
-
-def test_a_camera_that_fails_is_told(virtual: Virtual) -> None:
-    class Broken:
-        def next(self, timeout_s: float) -> Image | None:
-            raise OSError("unplugged")
-
-    with LiveServer(virtual[0], Broken()) as live:
-        _ask(live, "/next?after=0")
-        assert live.error == "unplugged"
 
 
 def test_lines_of_json_and_the_numbers_of_the_run(
@@ -302,8 +251,7 @@ def test_chromium_draws_it(virtual: Virtual, tmp_path: Path) -> None:
     path = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
     if path is None:
         pytest.skip("no Chromium on this machine: the page is not opened")
-    prepared, finger = virtual
-    with LiveServer(prepared, finger) as live:
+    with LiveServer(*virtual) as live:
         flags = ["--headless=new", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr"]
         flags += ["--virtual-time-budget=4000", f"--user-data-dir={tmp_path / 'profile'}"]
         command = [path, *flags, "--dump-dom", live.address]

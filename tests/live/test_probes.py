@@ -35,8 +35,7 @@ def test_a_sine_in_noise_of_frames_that_are_lost(exposure_s: float) -> None:
 
 
 def test_a_surface_that_vibrates(rest: Rest, prepared: Prepared) -> None:
-    """A microscopic vibration of a rendered surface, in one cell: the known sine within four sigma of the
-    spectrum, 5 % at most."""
+    """Microscopic, of a rendered surface, in one cell: the sine within four sigma, 5 % at most."""
     rig = StreamRig(rest.scene, rest.world, rest.fringe, prepared)
     found = vibration(rig, 1.0, {7.0: 1000.0})
     assert found.read_nm[7.0] == pytest.approx(1000.0, abs=min(4 * found.floor_nm, 50.0))

@@ -43,10 +43,8 @@ def test_the_modulus_is_that_of_hertz(edge: float) -> None:
 
 @pytest.mark.slow
 def test_several_weights_and_their_errors() -> None:
-    """Independent errors of the weights average, the scatter of 20 drawn sets is sigma; a contradiction
-    widens it."""
+    """They average, the scatter of 20 drawn sets is sigma; a contradiction widens it."""
     maps = [pressed(edge, 1e-9) for edge in (2.0, 2.5, 3.0, 3.5)]
-    exact = weighed(GUESS, [Weight(height, newton) for height, newton in maps])
     rng, drawn = np.random.default_rng(1), []
     for _ in range(20):
         errors = 1 + 0.1 * rng.standard_normal(len(maps))
@@ -55,7 +53,7 @@ def test_several_weights_and_their_errors() -> None:
     moduli = np.array([one.layer.youngs_modulus_mpa for one in drawn])
     sigma = np.array([one.sigmas for one in drawn]).mean() / 2
     assert np.std(moduli) == pytest.approx(sigma, rel=0.4)
-    assert moduli.mean() == pytest.approx(exact.layer.youngs_modulus_mpa, rel=0.05)
+    assert moduli.mean() == pytest.approx(MODULUS, rel=0.05)
     wrong = weighed(GUESS, [Weight(h, f * (2 if k else 1), 0.01 * f) for k, (h, f) in enumerate(maps)])
     assert wrong.chi > 10
     assert wrong.layer.youngs_modulus_sigma_mpa > 0.05 * MODULUS
@@ -63,11 +61,10 @@ def test_several_weights_and_their_errors() -> None:
 
 def test_what_is_no_weight_is_refused() -> None:
     height, newton = pressed(2.0)
-    with pytest.raises(InputError, match=r"weight: -1 ± 0 N, must be above 0"):
-        weighed(GUESS, [Weight(height, -1.0)])
-    still = replace(height, z=np.zeros(height.z.shape))
-    with pytest.raises(InputError, match=r"less rest"):
-        weighed(GUESS, [Weight(still, newton)])
+    still = Weight(replace(height, z=np.zeros(height.z.shape)), newton)
+    for weight, words in ((Weight(height, -1.0), "weight: -1 ± 0 N, must be above 0"), (still, "less rest")):
+        with pytest.raises(InputError, match=words):
+            weighed(GUESS, [weight])
 
 
 def test_calibrate_by_weights(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,9 +1,7 @@
 """The capture record and its folder: round trips, foreign descriptions, and all kinds of bad input."""
 
 import shutil
-import struct
 import tomllib
-import zlib
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -39,23 +37,15 @@ def made(bits: int = 8) -> Capture:
 
 @pytest.mark.parametrize("bits", [8, 10, 12, 16])
 def test_round_trip(tmp_path: Path, bits: int) -> None:
-    first = made(bits)
+    first = replace(made(bits), sequence=replace(SHOWN, nominal=bits > 8))
     first.save(tmp_path / "c")
     again = Capture.load(tmp_path / "c")
     np.testing.assert_array_equal(again.frames, first.frames)
     assert again.frames.dtype == first.frames.dtype
-    assert again.sequence == SHOWN
-    assert again.bits == bits
-    assert again.white == 2**bits - 1
+    assert (again.sequence, again.bits, again.white) == (first.sequence, bits, 2**bits - 1)
     assert again.timestamps is not None
     assert again.timestamps.tolist() == [0.0, 0.1, 0.25, 0.3]
-    assert again.scene is None
-    assert (len(again), again.shape) == (4, (12, 17))
-
-
-def test_a_nominal_size_stays_nominal(tmp_path: Path) -> None:
-    replace(made(), sequence=replace(SHOWN, nominal=True)).save(tmp_path / "c")
-    assert Capture.load(tmp_path / "c").sequence.nominal
+    assert (again.scene, again.shape) == (None, (12, 17))
 
 
 def test_the_folder_can_be_read_without_this_project(tmp_path: Path) -> None:
@@ -68,14 +58,8 @@ def test_the_folder_can_be_read_without_this_project(tmp_path: Path) -> None:
         np.testing.assert_array_equal(
             cv2.imread(str(tmp_path / "c" / table["file"]), cv2.IMREAD_UNCHANGED), image
         )
-    assert described["frames"][1] == {
-        "file": "frames/001.png",
-        "kind": "gray",
-        "axis": "u",
-        "bit": 3,
-        "inverted": True,
-        "time": 0.1,
-    }
+    more = {"kind": "gray", "axis": "u", "bit": 3, "inverted": True, "time": 0.1}
+    assert described["frames"][1] == {"file": "frames/001.png", **more}
 
 
 def test_a_virtual_capture_keeps_its_scene_and_truth(tmp_path: Path) -> None:
@@ -86,14 +70,7 @@ def test_a_virtual_capture_keeps_its_scene_and_truth(tmp_path: Path) -> None:
     truth = trace(scene, surface)
     scene = replace(scene, accuracy=None)  # what is rendered has no errors
     first.save(tmp_path / "c", truth)
-    assert sorted(path.name for path in (tmp_path / "c").iterdir()) == [
-        "capture.toml",
-        "frames",
-        "scene.toml",
-        "truth.npz",
-    ]
-    again = Capture.load(tmp_path / "c")
-    assert again.scene == scene
+    assert Capture.load(tmp_path / "c").scene == scene
     with np.load(tmp_path / "c" / "truth.npz") as arrays:
         np.testing.assert_array_equal(arrays["u"], truth.u)
 
@@ -103,10 +80,7 @@ def test_foreign_captures_are_described_elsewhere(tmp_path: Path) -> None:
     first = made()
     (tmp_path / "shots").mkdir()
     for index, image in enumerate(first.frames):
-        cv2.imwrite(
-            str(tmp_path / "shots" / f"IMG_{9 - index}.png"), cv2.merge([image] * 3) if index == 1 else image
-        )
-    (tmp_path / "shots" / "notes.txt").write_text("handheld")
+        cv2.imwrite(str(tmp_path / "shots" / f"IMG_{9 - index}.png"), image)
     (tmp_path / "shots" / "dark.png").write_bytes(b"")
     frames = "".join(
         f'[[frames]]\nfile = "IMG_{9 - index}.png"\nkind = "{kind}"\n{more}\n'
@@ -132,11 +106,8 @@ def test_saving_writes_over_nothing(tmp_path: Path) -> None:
     ("changes", "words"),
     [
         ({"frames": np.zeros((3, 4, 5), np.uint8)}, ("frames", "(3, 4, 5)", "4")),
-        ({"frames": np.zeros((4, 5), np.uint8)}, ("frames", "(4, 5)")),
         ({"frames": np.zeros((4, 4, 5), np.float32)}, ("frames", "float32", "uint8")),
         ({"bits": 12}, ("frames", "uint8", "12 bits", "uint16")),
-        ({"bits": 17}, ("bits", "17", "8 and 16")),
-        ({"timestamps": np.zeros(3)}, ("timestamps", "(3,)")),
         ({"timestamps": np.array([0, 1, np.nan, 3])}, ("timestamps", "nan", "frame 2")),
     ],
 )
@@ -162,30 +133,11 @@ def edit(old: str, new: str) -> Callable[[Path], None]:
     return change
 
 
-def image(name: str, values: object) -> Callable[[Path], None]:
-    """Put another image in the place of a frame."""
-    return lambda folder: cv2.imwrite(str(folder / "frames" / name), values)  # type: ignore[call-overload]
-
-
-def truncate(folder: Path) -> None:
-    path = folder / "frames" / "002.png"
-    path.write_bytes(path.read_bytes()[:-30])
-
-
 def flip_a_bit(folder: Path) -> None:
     path = folder / "frames" / "002.png"
     data = bytearray(path.read_bytes())
     data[len(data) // 2] ^= 1
     path.write_bytes(bytes(data))
-
-
-def headless_png(folder: Path) -> None:
-    """A whole PNG, checksums and all, that holds no pixels."""
-    chunks = b"".join(
-        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-        for kind, data in ((b"IHDR", struct.pack(">IIBBBBB", 17, 12, 8, 0, 0, 0, 0)), (b"IEND", b""))
-    )
-    (folder / "frames" / "002.png").write_bytes(b"\x89PNG\r\n\x1a\n" + chunks)
 
 
 def other_scene(folder: Path) -> None:
@@ -198,10 +150,6 @@ BAD: dict[str, tuple[Callable[[Path], object], tuple[str, ...]]] = {
         lambda folder: (folder / "capture.toml").unlink(),
         ("no capture.toml", "--sequence", "--description"),
     ),
-    "description is a picture": (
-        lambda folder: (folder / "capture.toml").write_bytes(b"\xff\xd8\x00"),
-        ("capture.toml", "TOML"),
-    ),
     "missing frame": (lambda folder: (folder / "frames" / "001.png").unlink(), ("001.png", "no such file")),
     "extra frame": (
         lambda folder: shutil.copy(folder / "frames/001.png", folder / "frames/004.png"),
@@ -211,30 +159,16 @@ BAD: dict[str, tuple[Callable[[Path], object], tuple[str, ...]]] = {
         lambda folder: (folder / "frames/002.png").write_text("hello"),
         ("002.png", "not an image", "5 bytes"),
     ),
-    "truncated": (truncate, ("002.png", "truncated")),
     "damaged": (flip_a_bit, ("002.png", "damaged")),
-    "no pixels": (headless_png, ("002.png", "not an image")),
-    "other size": (image("002.png", np.zeros((12, 16), np.uint8)), ("002.png", "12x16", "12x17", "000.png")),
-    "16-bit frame": (
-        image("002.png", np.zeros((12, 17), np.uint16)),
-        ("002.png", "uint16", "8 bits", "uint8"),
+    "other size": (
+        lambda folder: cv2.imwrite(str(folder / "frames/002.png"), np.zeros((12, 16), np.uint8)),
+        ("002.png", "12x16", "12x17", "000.png"),
     ),
     "unknown key": (edit("bits = 8", "bits = 8\nlens = 3"), ("capture.toml", "'lens'", "known are")),
-    "wrong version": (edit("version = 1", "version = 7"), ("capture.toml", "version", "7")),
     "bits too many": (edit("bits = 8", "bits = 24"), ("capture.toml", "bits", "24", "8 to 16")),
-    "no file": (edit('file = "frames/001.png"', ""), ("capture.toml", "frames[1]", "file", "missing")),
-    "file outside": (
-        edit("frames/001.png", "../001.png"),
-        ("capture.toml", "frames[1]", "../001.png", "inside"),
-    ),
-    "file twice": (edit("frames/001.png", "frames/000.png"), ("capture.toml", "frames/000.png", "2 times")),
+    "file outside": (edit("frames/001.png", "../001.png"), ("frames[1]", "../001.png", "inside")),
     "NaN time": (edit("time = 0.25", "time = nan"), ("capture.toml", "frames[2]", "time", "nan")),
-    "time missing": (edit("time = 0.25", ""), ("capture.toml", "frames[2]", "time", "missing")),
     "scene of another pattern": (other_scene, ("scene.toml", "16x12", "30x40")),
-    "broken scene": (
-        lambda folder: (folder / "scene.toml").write_text("mirror = 3"),
-        ("scene.toml", "mirror"),
-    ),
 }
 
 

@@ -52,9 +52,17 @@ def test_noise_and_late_arrivals_do_not_mislead() -> None:
     assert found.timing.jitter_s == pytest.approx(1 / 60, abs=1e-3)
 
 
-@pytest.mark.parametrize("setting", [Setting(behind=3), Setting(lost=0.2, incomplete=0.2, buffers=2)])
+@pytest.mark.parametrize(
+    "setting",
+    [
+        Setting(behind=3),
+        Setting(lost=0.2, incomplete=0.2, buffers=2),
+        Setting(trigger="software", lost=0.02, incomplete=0.02),
+        Setting(offset=-86400.0),
+    ],
+)
 def test_stale_and_lost_images_cost_time_not_truth(setting: Setting) -> None:
-    """A camera that is three images behind; one that loses a fifth, and half of what waits."""
+    """Behind by three; a fifth lost, and half of what waits; triggered; a clock that began at power-up."""
     figure = run_setting(setting, 100, seed=1)
     assert figure.recovered
     assert (figure.wrong, figure.mixed, figure.incomplete, figure.frames) == (0, 0, 0, 100)
@@ -75,29 +83,6 @@ def test_images_without_stamps_are_of_their_patterns(setting: Setting) -> None:
     off = [np.abs(one.image.pixels - (20 + 200 * patterns[one.index])).max() for one in seen]
     assert len(off) == 300
     assert max(off) < 2 + 5 * setting.noise
-
-
-def test_triggered_cameras_go_the_same_way() -> None:
-    figure = run_setting(Setting(trigger="software", lost=0.02, incomplete=0.02), 200, seed=2)
-    assert figure.recovered
-    assert (figure.wrong, figure.mixed, figure.incomplete, figure.frames) == (0, 0, 0, 200)
-    assert figure.ratio <= 1.1
-
-
-def test_a_wait_that_is_too_short_would_be_seen() -> None:
-    """The oracle is one: without the settling, images hold light of two patterns."""
-    found = measured(Setting(), seed=4)
-    time, rng = found.time, np.random.default_rng(4)
-    patterns = codes(16, rng)
-    display = SimulatedDisplay(Setting(), time, patterns, rng)
-    camera = SimulatedCamera(Setting(), time, display, rng)
-    camera.start()
-    hasty = Timing(found.timing.latency_s, 0, 0, 0, 0, 0, 1 / 60, 1 / 60)
-    order = rng.integers(0, 16, 50)
-    seen = list(acquire(display, camera, hasty, order, time=time, clock=found.clock))
-    expected = np.rint(20 + 200 * patterns)
-    off = [np.abs(one.image.pixels.astype(float) - expected[one.index]).max() for one in seen]
-    assert max(off) > 5  # levels; one is what a frame may hold
 
 
 def test_a_camera_that_sees_nothing_or_gives_nothing() -> None:
@@ -127,12 +112,13 @@ def test_a_timing_holds_for_its_settings_and_survives_toml() -> None:
     timing.require(Accepted(1 / 60, 32, 8))
     with pytest.raises(InputError, match="exposure_s"):
         timing.require(Accepted(1 / 30, 32, 8))
-    with pytest.raises(InputError, match=r"rig.toml: \[sync\]: unknown field 'latency'"):
-        Timing.from_table({"latency": 3}, "rig.toml: [sync]")
-    with pytest.raises(InputError, match="rise_s is 'slow', must be a number"):
-        Timing.from_table({**timing.to_table(), "rise_s": "slow"}, "rig.toml")
-    with pytest.raises(InputError, match="latency_s is missing"):
-        Timing.from_table({}, "rig.toml")
+    for table, words in (
+        ({"latency": 3}, r"rig.toml: unknown field 'latency'"),
+        ({**timing.to_table(), "rise_s": "slow"}, "rise_s is 'slow', must be a number"),
+        ({}, "latency_s is missing"),
+    ):
+        with pytest.raises(InputError, match=words):
+            Timing.from_table(table, "rig.toml")
 
 
 @pytest.mark.parametrize(("rise", "fall"), [(0.005, 0.005), (0.012, 0.004)])
@@ -160,9 +146,8 @@ def test_clocks_that_drift_and_lie() -> None:
     clock, rng, late = ClockMap(), np.random.default_rng(6), []
     for k in range(7200):
         true = 100 + k / 60
-        image = Image(
-            np.zeros((1, 1), np.uint8), k, true * (1 + 8e-5) - 50, true + 0.01 + rng.exponential(0.005)
-        )
+        image = replace(_arrived(k, 0), device_s=true * (1 + 8e-5) - 50)
+        image = replace(image, arrived_s=true + 0.01 + rng.exponential(0.005))
         late.append(clock.stamp(image).time_s - true)
     assert np.ptp(late[3600:]) < 1e-3
     assert np.abs(np.array(late) - 0.01).max() < 3.5e-3
@@ -172,39 +157,29 @@ def test_clocks_that_drift_and_lie() -> None:
     assert clock.distrusted == 2
 
 
-@pytest.mark.parametrize("offset", [-86400.0, -600.0, 0.0, 1234.5])
-def test_a_clock_may_start_at_power_up(offset: float) -> None:
-    """Whatever the camera's clock is behind or ahead of the computer's: GigE and USB3 start at 0."""
-    clock = ClockMap()
-    stamps = [clock.stamp(_arrived(k, offset)) for k in range(30)]
-    assert stamps[-1].sigma_s < 1e-3
-    assert all(abs(one.time_s - (100.0305 + k / 30)) < 1e-9 for k, one in enumerate(stamps))
-    figure = run_setting(Setting(offset=offset), 24, seed=1)
-    assert (figure.wrong, figure.mixed, figure.frames) == (0, 0, 24)
-
-
+@pytest.mark.parametrize("offset", [-600.0, 1234.5])
 @pytest.mark.parametrize("nonsense", [4154505010.2, 0.0, -3600.0])
-def test_one_nonsense_stamp_is_distrusted(nonsense: float) -> None:
-    """At the start or later: one stamp, not the clock."""
+def test_one_nonsense_stamp_is_distrusted(nonsense: float, offset: float) -> None:
+    """At the start or later: one stamp, not the clock, whenever that began."""
     for odd in (0, 17):
         clock = ClockMap()
         for k in range(30):
-            true = _arrived(k, 50.0)
+            true = _arrived(k, offset)
             stamp = clock.stamp(replace(true, device_s=nonsense) if k == odd else true)
         assert (clock.distrusted, stamp.trusted) == (1, True)
         assert stamp.sigma_s < 1e-3
         assert stamp.time_s == pytest.approx(true.arrived_s, abs=1e-9)
 
 
-def test_a_clock_that_is_set_is_followed() -> None:
-    """Set back by a minute, or ahead: one stamp counts by its arrival."""
-    for by in (-60.0, 60.0):
-        clock = ClockMap()
-        for k in range(60):
-            image = _arrived(k, 50.0 if k < 30 else 50.0 + by)
-            stamp = clock.stamp(image)
-            assert stamp.time_s == pytest.approx(image.arrived_s, abs=1e-9)
-        assert (clock.distrusted, stamp.trusted) == (1, True)
+@pytest.mark.parametrize("by", [-60.0, 60.0])
+def test_a_clock_that_is_set_is_followed(by: float) -> None:
+    """One stamp counts by its arrival."""
+    clock = ClockMap()
+    for k in range(60):
+        image = _arrived(k, 50.0 if k < 30 else 50.0 + by)
+        stamp = clock.stamp(image)
+        assert stamp.time_s == pytest.approx(image.arrived_s, abs=1e-9)
+    assert (clock.distrusted, stamp.trusted) == (1, True)
 
 
 def _arrived(k: int, offset: float) -> Image:
@@ -214,11 +189,8 @@ def _arrived(k: int, offset: float) -> Image:
 
 def test_the_page_shows_late_swaps_and_the_slope_of_the_rows() -> None:
     """Of a camera and a display whose truth is known; every fifth swap comes a refresh late."""
-    setting, time, rng = (
-        Setting(late=0.2, shutter=-0.012, read_out=0.014),
-        SimulatedTime(),
-        np.random.default_rng(1),
-    )
+    setting = Setting(late=0.2, shutter=-0.012, read_out=0.014)
+    time, rng = SimulatedTime(), np.random.default_rng(1)
     display = SimulatedDisplay(setting, time, np.repeat([[0.0], [1.0]], 8, axis=1), rng)
     camera = SimulatedCamera(setting, time, display, rng, rows=32)
     accepted = camera.configure(Wanted(setting.exposure))
@@ -232,5 +204,3 @@ def test_the_page_shows_late_swaps_and_the_slope_of_the_rows() -> None:
     slope = np.polyfit(taken.bands, found.begins_s, 1)[0]
     assert slope == pytest.approx(setting.shutter * 32 / 31, rel=0.03)
     assert np.abs(found.light - found.model).max() < 0.05
-    settled = (found.since_s > 0.05) & found.rising
-    assert np.abs(found.light[settled] - 1).max() < 0.02

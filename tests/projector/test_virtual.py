@@ -17,13 +17,12 @@ from optolever.scene import (
     Surface,
     dent,
     dent_names,
+    preset_names,
     resize,
     surface_from_array,
     trace,
 )
-from optolever.scene import (
-    load as load_preset,
-)
+from optolever.scene import load as load_preset
 
 from .oracle import part, shader_traced, supersampled
 
@@ -51,7 +50,6 @@ def levels(frames: NDArray[np.uint16]) -> NDArray[np.float64]:
 
 
 def height_array(scene: Scene) -> Surface:
-    """Two bumps and a slope as an array of 60 x 70 heights."""
     pitch = scene.mirror.length / 69
     x, y = np.meshgrid(np.arange(70) / 69, np.arange(60) / 59)
     z = np.exp(-40 * ((x - 0.4) ** 2 + (y - 0.5) ** 2)) + 0.5 * np.sin(3 * x) * np.cos(5 * y)
@@ -93,6 +91,21 @@ def test_glsl_correspondences_and_frames_are_numpys(gl: moderngl.Context, name: 
     )
     for index in range(len(SHAPES)):
         assert rms((gl_frames - numpy_frames)[index][both]) < 0.5, SHAPES[index]
+
+
+@pytest.mark.daily(4)
+@pytest.mark.parametrize("preset", preset_names())
+@pytest.mark.parametrize("name", ["flat", "raised-cosine", "gaussian", "ball"])
+def test_coordinates_are_not_biased(gl: moderngl.Context, preset: str, name: str) -> None:
+    """Rows at full width, where coordinates are largest: float32 must not favour a direction."""
+    whole = load(preset)
+    scene = replace(whole, camera=part(whole.camera, whole.camera.rows // 3, 0, 24, whole.camera.cols))
+    seen, truth = shader_traced(scene, dent(name, whole), shown(scene)), trace(scene, dent(name, whole))
+    both = (seen[..., 2] > 0) & truth.visible
+    assert both.mean() > 0.2
+    found = np.stack([(seen[..., 0] - truth.u)[both], (seen[..., 1] - truth.v)[both]])
+    assert np.abs(found.mean(axis=1)).max() < 3e-6
+    assert np.sqrt(np.mean(found**2)) < 3e-5
 
 
 def detail(name: str, blur: float, turn: float, row: int) -> tuple[Scene, Surface]:
@@ -182,34 +195,22 @@ def test_motion_during_the_exposure_averages(renderer: str) -> None:
     seen = capture(scene, moving, brief, renderer=renderer, samples=4).frames.astype(float)
     for index in range(2):
         instants = 0.1 * index + 0.08 * np.array([-0.375, -0.125, 0.125, 0.375])
-        stills = [
-            capture(scene, moving(t), brief, renderer=renderer).frames[index].astype(float) for t in instants
-        ]
+        stills = [capture(scene, moving(t), brief, renderer=renderer).frames[index] for t in instants]
         np.testing.assert_allclose(seen[index], np.mean(stills, axis=0), atol=1.5)
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"noise": -1.0}, ("noise", "-1.0", "at least 0")),
-        ({"noise": float("nan")}, ("noise", "nan")),
-        ({"noise": 1e300}, ("noise", "1e+300", "below 1e+09")),
-        ({"bits": 7}, ("bits", "7", "8 and 16")),
-        ({"samples": 0}, ("samples", "0")),
-    ],
-)
-def test_bad_parameters_are_refused(changes: dict[str, object], words: tuple[str, ...]) -> None:
+def test_bad_parameters_are_refused() -> None:
     scene = resize(load("paper-simulation"), 16, 16)
-    with pytest.raises(InputError) as caught:
-        capture(scene, dent("flat", scene), shown(scene), renderer="numpy", **changes)  # type: ignore[arg-type]
-    for word in words:
-        assert word in str(caught.value)
-
-
-def test_a_sequence_for_another_pattern_is_refused() -> None:
-    scene = resize(load("paper-simulation"), 16, 16)
-    with pytest.raises(InputError, match=r"sequence: made for 10x12 pixels.*16x12"):
-        capture(scene, dent("flat", scene), Sequence(SHAPES, 10, 12))
+    for changes, words in (
+        ({"noise": -1.0}, r"noise.*-1\.0.*at least 0"),
+        ({"noise": float("nan")}, "noise.*nan"),
+        ({"bits": 7}, "bits.*7.*8 and 16"),
+        ({"samples": 0}, "samples.*0"),
+        ({"sequence": Sequence(SHAPES, 10, 12)}, r"sequence: made for 10x12 pixels.*16x12"),
+    ):
+        given = {"sequence": shown(scene), "renderer": "numpy", **changes}
+        with pytest.raises(InputError, match=words):
+            capture(scene, dent("flat", scene), **given)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("renderer", ["numpy", "auto"])
