@@ -17,14 +17,8 @@ RUN = (sys.executable, "-c", "import sys; from optolever.cli import run; sys.exi
 
 def optolever(display: str, *words: str) -> "subprocess.CompletedProcess[str]":
     """The program on a display."""
-    return subprocess.run(
-        [*RUN, *words],
-        env={**os.environ, "DISPLAY": display},
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=60,
-    )
+    command, environment = [*RUN, *words], {**os.environ, "DISPLAY": display}
+    return subprocess.run(command, env=environment, capture_output=True, text=True, check=False, timeout=60)
 
 
 @pytest.fixture(scope="session")

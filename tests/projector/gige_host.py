@@ -9,7 +9,6 @@ import ctypes as C
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
@@ -58,14 +57,12 @@ class GigEHost:
 
     sensor: Callable[[Request], Any]
     serial: str = "TEST-1"
-    address: str = "127.0.0.1"
     errors: list[BaseException] = field(default_factory=list)
 
     def __enter__(self) -> Self:
         self._aravis, self._objects = library(), C.CDLL("libgobject-2.0.so.0")
-        self._host = self._aravis.arv_gv_fake_camera_new(self.address.encode(), self.serial.encode())
-        assert self._host, f"{self.address}: no fake camera"
-        assert self._aravis.arv_gv_fake_camera_is_running(self._host), f"{self.address}: port 3956 is taken"
+        self._host = self._aravis.arv_gv_fake_camera_new(b"127.0.0.1", self.serial.encode())
+        assert self._aravis.arv_gv_fake_camera_is_running(self._host), "port 3956 is taken"
         camera = self._aravis.arv_gv_fake_camera_get_fake_camera(self._host)
         self._callback = FILL(self._fill)
         self._aravis.arv_fake_camera_set_fill_pattern(camera, self._callback, None, None)
@@ -94,9 +91,7 @@ class GigEHost:
         except BaseException as error:  # a callback of C cannot raise
             self.errors.append(error)
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         self._objects.g_object_unref.argtypes = [POINTER]
         self._objects.g_object_unref(self._host)
         if self.errors and error is None:

@@ -100,31 +100,22 @@ def run(
         if faults:
             told(host, **faults)
         order = [k % len(shown) for k in range(count)]
-        wrong, worst, begin = 0, 0.0, time.monotonic()
+        wrong, worst = 0, 0.0
         taken: dict[int, list[np.ndarray]] = {}
-        repeats = incomplete = 0
         images = acquire(display, camera, timing, [k + 2 for k in order], time=real, clock=clock)
         for count_of, one in enumerate(images):
             index = one.index - 2
             off = float(np.sqrt(np.mean((one.image.pixels - clean[index]) ** 2)))
             wrong, worst = wrong + (off > 2), max(worst, off)
             taken.setdefault(count_of // len(shown), []).append(one.image.pixels)
-            repeats, incomplete = repeats + one.repeats, incomplete + one.refused["incomplete"]
-        seconds = time.monotonic() - begin
         camera.close()
     rounds = [np.stack(one) for one in taken.values() if len(one) == len(shown)]
-    seeds = [
-        projector.capture(rig, dent, shown, noise=1.0, seed=k, renderer="numpy") for k in range(len(rounds))
+    own = [
+        projector.capture(rig, dent, shown, noise=1.0, seed=k, renderer="numpy").frames
+        for k in range(len(rounds))
     ]
-    found = {
-        "rounds": len(rounds),
-        "loop": errors(rig, dent, shown, rounds),
-        "own": errors(rig, dent, shown, [one.frames for one in seeds]),
-    }
-    return {
-        "frames": count, "wrong": wrong, "worst": worst, "repeats": repeats, "incomplete": incomplete,
-        "lost": camera.lost, "ms_a_frame": 1e3 * seconds / count, "timing": timing.to_table(), **found,
-    }  # fmt: skip
+    found = {"loop": errors(rig, dent, shown, rounds), "own": errors(rig, dent, shown, own)}
+    return {"frames": count, "wrong": wrong, "worst": worst, "timing": timing.to_table(), **found}
 
 
 if __name__ == "__main__":

@@ -26,13 +26,8 @@ def finer(camera: Camera, times: int) -> Camera:
     """The same field of view with times x times as many pixels."""
     rows, cols = camera.rows * times, camera.cols * times
     if isinstance(camera, PinholeCamera):
-        return replace(
-            camera,
-            rows=rows,
-            cols=cols,
-            focal=camera.focal * times,
-            centre=(camera.centre + 0.5) * times - 0.5,
-        )
+        centre = (camera.centre + 0.5) * times - 0.5
+        return replace(camera, rows=rows, cols=cols, focal=camera.focal * times, centre=centre)
     pitch = camera.pitch / times
     corner = camera.origin - 0.5 * (camera.pitch[0] * camera.u_axis + camera.pitch[1] * camera.v_axis)
     origin = corner + 0.5 * (pitch[0] * camera.u_axis + pitch[1] * camera.v_axis)

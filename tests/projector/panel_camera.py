@@ -14,16 +14,14 @@ import time
 from pathlib import Path
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 sys.path.insert(0, str(Path(__file__).parent))
 from gige_host import GigEHost, Request
 
 from optolever import projector, scene
 from optolever.projector.footprint import _shares
-
-WIDEST = 32  # cells of a footprint
 
 
 class FrameBuffer:
@@ -38,51 +36,26 @@ class FrameBuffer:
         self.pixels = screen[:rows, 1 : 4 * cols : 4]
 
 
-@njit
-def _tables(look, light, blur, cells_u, cells_v, first, count, weight):  # type: ignore[no-untyped-def]
-    for i in range(light.size):
-        if light[i] <= 0:
-            continue
-        for axis, cells in ((0, cells_u), (1, cells_v)):
-            at = 3 * axis
-            begin, shares = _shares(look[i, at], look[i, at + 1], look[i, at + 2], blur, cells)
-            first[axis, i], count[axis, i] = begin, min(shares.size, weight.shape[2])
-            for k in range(count[axis, i]):
-                weight[axis, i, k] = shares[k]
-
-
-@njit(nogil=True)
-def _look(image, light, first, count, weight, out):  # type: ignore[no-untyped-def]
-    for i in range(out.size):
-        total = 0.0
-        for j in range(count[1, i]):
-            row = 0.0
-            for k in range(count[0, i]):
-                row += weight[0, i, k] * image[first[1, i] + j, first[0, i] + k]
-            total += weight[1, i, j] * row
-        out[i] = total * light[i]
-
-
 class Optics:
-    """Light (rows, cols) of any image of the display on the camera's pixels."""
+    """Light (rows, cols) of any image of the display on the camera's pixels: a sum over their footprints."""
 
     def __init__(self, rig: scene.Scene, surface: scene.Surface) -> None:
-        seen = projector.footprints(rig, surface, 0, rig.camera.rows)
-        count, self._light = seen.light.size, seen.light
+        seen, pattern = projector.footprints(rig, surface, 0, rig.camera.rows), rig.pattern
+        cells, shares, starts = [], [], [0]
+        for look, light in zip(seen.along("u"), seen.light, strict=True):
+            if light > 0:
+                u, of_u = _shares(*look[:3], pattern.blur_px, pattern.cols)
+                v, of_v = _shares(*look[3:], pattern.blur_px, pattern.rows)
+                at = np.add.outer((v + np.arange(of_v.size)) * pattern.cols, u + np.arange(of_u.size))
+                cells.append(at.ravel())
+                shares.append(light * np.outer(of_v, of_u).ravel())
+            starts.append(starts[-1] + (shares[-1].size if light > 0 else 0))
+        table = np.concatenate(shares), np.concatenate(cells), starts
+        self._table = csr_array(table, shape=(seen.light.size, pattern.rows * pattern.cols))
         self._shape = rig.camera.rows, rig.camera.cols
-        self._tables = (
-            np.zeros((2, count), np.int64),
-            np.zeros((2, count), np.int64),
-            np.zeros((2, count, WIDEST)),
-        )
-        pattern = rig.pattern
-        _tables(seen.along("u"), seen.light, pattern.blur_px, pattern.cols, pattern.rows, *self._tables)
-        assert self._tables[1].max() < WIDEST
 
     def __call__(self, image: NDArray[np.float64]) -> NDArray[np.float64]:
-        out = np.empty(self._light.size)
-        _look(image, self._light, *self._tables, out)
-        return out.reshape(self._shape)
+        return np.asarray(self._table @ image.ravel()).reshape(self._shape)
 
 
 class Panel(threading.Thread):
@@ -157,11 +130,8 @@ class Sensor:
 def main() -> None:
     rows, cols = map(int, sys.argv[3].split("x"))
     rig = scene.resize(scene.load("prism48"), rows, cols)
-    panel = Panel(
-        FrameBuffer(Path(sys.argv[1]), rig.pattern.rows, rig.pattern.cols),
-        Optics(rig, scene.dent_from_text(sys.argv[4], rig)),
-        Path(sys.argv[2]),
-    )
+    buffer = FrameBuffer(Path(sys.argv[1]), rig.pattern.rows, rig.pattern.cols)
+    panel = Panel(buffer, Optics(rig, scene.dent_from_text(sys.argv[4], rig)), Path(sys.argv[2]))
     panel.start()
     sensor = Sensor(panel)
     with GigEHost(sensor, serial="BENCH-1") as host:

@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optolever.patterns import sequence
-from optolever.projector import PatternWindow, capture, monitors
+from optolever.projector import PatternWindow, monitors
 from optolever.projector.window import Window
-from optolever.scene import dent, load, resize
 
 
 def screen(folder: Path) -> NDArray[np.uint8]:
@@ -39,24 +38,16 @@ def press_keys() -> None:
     print(window.index)
 
 
-def look() -> None:
-    """The virtual sensor draws in this process: EGL beside the window's GLX."""
-    rig = resize(load("prism48"), 24, 32)
-    capture(rig, dent("flat", rig), sequence("gray", rig.pattern.rows, rig.pattern.cols), renderer="gl")
-
-
 def main(folder: Path, out: Path, mode: str) -> None:
     """Show three frames, keep the screen's pixels of each."""
     found = monitors()
     shown = sequence("gray+phase", 48, 80)
     screens = []
     monitor = 0 if mode == "full-screen" else None
-    look()
     with PatternWindow(shown, monitor=monitor) as window:
         for index in range(3):
             window.show(index)
             screens.append(screen(folder))
-            look()
     sizes = [(monitor.rows, monitor.cols) for monitor in found]
     np.savez(out, screens=screens, monitors=sizes, expected=shown.render()[:3])
 

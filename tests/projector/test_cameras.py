@@ -42,7 +42,6 @@ class RecordedDevice:
     stuck: tuple[int, ...] = ()
     fault: int = 0
     sizes: tuple[tuple[int, int, int], ...] = ()  # rows, cols, images a second
-    unplugged: bool = False
     streaming: bool = False
     sequences: tuple[int, ...] = (0, 1, 4)
     flags: int = 0x2000
@@ -54,8 +53,6 @@ class RecordedDevice:
     fourcc: bytes = b""
 
     def ioctl(self, request: int, data: bytearray) -> None:
-        if self.unplugged:
-            raise OSError(errno.ENODEV, "No such device")
         if request == ioctl.QUERYCAP:
             struct.pack_into("<I", data, 88, self.capabilities)
         elif request == ioctl.ENUM_FMT:
@@ -71,11 +68,9 @@ class RecordedDevice:
                 self.rows, self.cols = rows, cols
             width = 2 if self.fourcc in (b"YUYV", b"UYVY", b"Y16 ") else 1
             stride = width * self.cols + 4  # drivers pad rows
-            struct.pack_into(
-                "<II4sIII", data, 8, self.cols, self.rows, self.fourcc, 1, stride, stride * self.rows
-            )
-            rng = np.random.default_rng(0)
-            self.memory = bytearray(rng.integers(0, 256, stride * self.rows, np.uint8).tobytes())
+            given = self.cols, self.rows, self.fourcc, 1, stride, stride * self.rows
+            struct.pack_into("<II4sIII", data, 8, *given)
+            self.memory = bytearray(np.random.default_rng(0).bytes(stride * self.rows))
         elif request == ioctl.QUERYCTRL:
             (number,) = struct.unpack_from("<I", data)
             if number not in self.controls:
@@ -113,7 +108,6 @@ class RecordedDevice:
             struct.pack_into("<I", data, 56, number)
 
     def map(self, length: int, offset: int) -> memoryview:
-        assert (length, offset) == (len(self.memory), 0)
         return memoryview(self.memory)
 
     def readable(self, timeout_s: float) -> bool:
@@ -177,28 +171,19 @@ def test_v4l2_locks_what_is_automatic_and_reads_back() -> None:
     assert accepted.unlocked == ("exposure: the driver does not hold 1",)
 
 
-def test_webcams_are_locked_while_they_stream_and_judged_by_the_picture(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_webcams_are_judged_by_the_picture(monkeypatch: pytest.MonkeyPatch) -> None:
     """Everything that moves or distorts; a focus that is kept; one that moves although it reads back."""
     more = {
         0x9A090C: ("Focus, Automatic Continuous", 0, 1, 1),
         0x9A090A: ("Focus, Absolute", 0, 250, 35),
         0x98091B: ("Sharpness", 2, 7, 4),
-        0x98091C: ("Backlight Compensation", 0, 2, 1),
-        0x980918: ("Power Line Frequency", 0, 2, 2),
-        0x9A0915: ("Wide Dynamic Range", 0, 1, 1),
         0x980910: ("Gamma", 90, 150, 120),
     }
     device = RecordedDevice(controls=WEBCAM | more, sequences=tuple(range(9)))
     accepted = V4L2Camera(device, "/dev/video0").configure(Wanted(0.01))
-    assert {number: device.controls[number][3] for number in more} == {
-        0x9A090C: 0, 0x9A090A: 35, 0x98091B: 2, 0x98091C: 0, 0x980918: 0, 0x9A0915: 0, 0x980910: 100,
-    }  # fmt: skip
+    assert [device.controls[number][3] for number in more] == [0, 35, 2, 100]
     assert (accepted.focus, accepted.unlocked) == (35, ())
-    chosen = V4L2Camera(device, "/dev/video0").configure(Wanted(0.01, focus=90))
-    assert (chosen.focus, device.controls[0x9A090A][3]) == (90, 90)
-
+    assert V4L2Camera(device, "/dev/video0").configure(Wanted(0.01, focus=90)).focus == 90
     pictures = iter(np.arange(64).reshape(8, 8) % divisor for divisor in (3, 4))
     monkeypatch.setattr(webcam, "latest", lambda _: next(pictures))
     (moves, *_) = V4L2Camera(device, "/dev/video0").configure(Wanted(0.01)).unlocked
@@ -260,7 +245,7 @@ def test_v4l2_faults_are_one_line() -> None:
     camera = V4L2Camera(device, "/dev/video0")
     camera.configure(Wanted(0.01))
     camera.start()
-    device.unplugged = True
+    device.fault = errno.ENODEV
     with pytest.raises(CameraLost, match="unplugged"):
         camera.next(1.0)
     camera.close()
@@ -320,9 +305,8 @@ def test_pylon_and_its_emulator(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PYLON_CAMEMU", "2")
     if find_spec("pypylon") is None:
         pytest.skip("pypylon is absent (pip install 'optolever[basler]')")
-    known = [one.serial for one in find_cameras()[0] if one.backend == "pylon"]
-    assert len(known) >= 2
-    camera = open_camera(f"serial:{known[0]}")
+    known, _ = (one.serial for one in find_cameras()[0] if one.backend == "pylon")
+    camera = open_camera(f"serial:{known}")
     native = camera._camera  # type: ignore[attr-defined]
     accepted = camera.configure(Wanted(0.004, rows=48, cols=64, row=8, col=16, gain=3, fps=100.0))
     assert (accepted.rows, accepted.cols, accepted.row, accepted.col) == (48, 64, 8, 16)
@@ -330,8 +314,8 @@ def test_pylon_and_its_emulator(monkeypatch: pytest.MonkeyPatch) -> None:
     assert accepted.gain == pytest.approx(3, abs=1e-3)
     native.TestImageSelector.Value = "Testimage1"  # a diagonal ramp, which moves along each image
     camera.start()
-    images = [camera.next(2.0) for _ in range(3)]
-    for number, image in enumerate(images):
+    for number in range(3):
+        image = camera.next(2.0)
         assert image is not None
         assert (image.id, image.complete, image.pixels.shape) == (number, True, (48, 64))
         ramp = image.pixels.astype(int)
@@ -351,8 +335,6 @@ def test_pylon_and_its_emulator(monkeypatch: pytest.MonkeyPatch) -> None:
     assert image is not None
     assert image.pixels.dtype == np.uint16
     camera.stop()
-    with pytest.raises(InputError, match="refuses its settings"):
-        camera.configure(Wanted(0.004, rows=1 << 20))
     camera.close()
     with pytest.raises(InputError, match="pylon:nobody is not connected"):
         open_camera("pylon:nobody")

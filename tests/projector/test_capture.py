@@ -82,12 +82,10 @@ def test_foreign_captures_are_described_elsewhere(tmp_path: Path) -> None:
     for index, image in enumerate(first.frames):
         cv2.imwrite(str(tmp_path / "shots" / f"IMG_{9 - index}.png"), image)
     (tmp_path / "shots" / "dark.png").write_bytes(b"")
-    frames = "".join(
-        f'[[frames]]\nfile = "IMG_{9 - index}.png"\nkind = "{kind}"\n{more}\n'
-        for index, kind, more in ((2, "white", ""), (0, "black", ""), (1, "white", ""))
-    )
+    order = ((2, "white"), (0, "black"), (1, "white"))
+    tables = [f'[[frames]]\nfile = "IMG_{9 - index}.png"\nkind = "{kind}"\n' for index, kind in order]
     description = tmp_path / "described.toml"
-    description.write_text(f"version = 1\nrows = 5\ncols = 6\n{frames}")
+    description.write_text("version = 1\nrows = 5\ncols = 6\n" + "".join(tables))
     again = Capture.load(tmp_path / "shots", description)
     np.testing.assert_array_equal(again.frames, first.frames[[2, 0, 1]])
     assert [frame.kind for frame in again.sequence.frames] == ["white", "black", "white"]
@@ -96,10 +94,9 @@ def test_foreign_captures_are_described_elsewhere(tmp_path: Path) -> None:
 
 def test_saving_writes_over_nothing(tmp_path: Path) -> None:
     made().save(tmp_path / "c")
-    before = (tmp_path / "c" / "frames" / "000.png").read_bytes()
     with pytest.raises(InputError, match="nothing is written over"):
         made(12).save(tmp_path / "c")
-    assert (tmp_path / "c" / "frames" / "000.png").read_bytes() == before
+    assert Capture.load(tmp_path / "c").bits == 8
 
 
 @pytest.mark.parametrize(
@@ -155,17 +152,12 @@ BAD: dict[str, tuple[Callable[[Path], object], tuple[str, ...]]] = {
         lambda folder: shutil.copy(folder / "frames/001.png", folder / "frames/004.png"),
         ("004.png", "not in the description", "4 frames"),
     ),
-    "no image": (
-        lambda folder: (folder / "frames/002.png").write_text("hello"),
-        ("002.png", "not an image", "5 bytes"),
-    ),
     "damaged": (flip_a_bit, ("002.png", "damaged")),
     "other size": (
         lambda folder: cv2.imwrite(str(folder / "frames/002.png"), np.zeros((12, 16), np.uint8)),
         ("002.png", "12x16", "12x17", "000.png"),
     ),
     "unknown key": (edit("bits = 8", "bits = 8\nlens = 3"), ("capture.toml", "'lens'", "known are")),
-    "bits too many": (edit("bits = 8", "bits = 24"), ("capture.toml", "bits", "24", "8 to 16")),
     "file outside": (edit("frames/001.png", "../001.png"), ("frames[1]", "../001.png", "inside")),
     "NaN time": (edit("time = 0.25", "time = nan"), ("capture.toml", "frames[2]", "time", "nan")),
     "scene of another pattern": (other_scene, ("scene.toml", "16x12", "30x40")),

@@ -86,7 +86,6 @@ def test_a_scene_without_a_sensor_has_photon_noise_and_room_for_more() -> None:
     seen = inner(capture(plain, dent("flat", scene), shown, renderer="numpy", noise=1.0).frames)
     np.testing.assert_allclose(seen.mean(axis=(1, 2)), 16 + light, atol=0.6)
     np.testing.assert_allclose(seen.var(axis=(1, 2)), light / 30 + 0.04 + 1.0 + 1 / 12, rtol=0.25)
-    assert NOMINAL_SENSOR.levels(np.array(1.0)) == 232.75
 
 
 def test_noise_is_seeded() -> None:
@@ -98,14 +97,3 @@ def test_noise_is_seeded() -> None:
     assert (first.frames != other.frames).mean() > 0.5
     again = capture(noisy, flat, shown, renderer="numpy", noise=2.0, seed=5)
     np.testing.assert_array_equal(first.frames, again.frames)
-
-
-def test_both_renderers_have_the_same_noise(gl: object) -> None:
-    scene, shown = small()
-    flat = dent("raised-cosine", scene)
-    a, b = (
-        capture(scene, flat, shown, renderer=renderer, noise=5.0, seed=3).frames.astype(int)
-        for renderer in ("gl", "numpy")
-    )
-    assert np.abs(a - b).max() <= 1
-    assert (a != b).mean() < 0.01

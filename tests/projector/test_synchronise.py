@@ -121,26 +121,6 @@ def test_a_timing_holds_for_its_settings_and_survives_toml() -> None:
             Timing.from_table(table, "rig.toml")
 
 
-@pytest.mark.parametrize(("rise", "fall"), [(0.005, 0.005), (0.012, 0.004)])
-def test_the_share_of_the_frame_before_is_that_of_the_light(rise: float, fall: float) -> None:
-    """Against the simulated display's light: the mean of a rise and a fall, at most half a level."""
-    setting = Setting(rise=rise, fall=fall)
-    timing = Timing(setting.delay, 0, rise, fall, 0, 0.01, 1 / 60, setting.exposure, sigma_s={})
-    for waited in (timing.ready_s(), timing.ready_s() + 0.01):
-        left = []
-        for order in ((0, 1), (1, 0)):
-            time, patterns = SimulatedTime(), np.repeat([[0.0], [1.0]], 8, axis=1)
-            display = SimulatedDisplay(setting, time, patterns, np.random.default_rng(0))
-            for index in order:
-                time.wait(time.now() + 1.0)
-                swapped = display.show(index).swapped_s
-            light = display.light(swapped + waited, swapped + waited + setting.exposure)[0]
-            left.append(abs(order[1] - light))
-        assert timing.lag(waited) == pytest.approx(np.mean(left), rel=1e-6)
-    assert 0 < timing.lag(timing.ready_s()) < 1 / 512
-    assert timing.lag(timing.ready_s() - 1e-4) == 0  # not taken by this timing
-
-
 def test_clocks_that_drift_and_lie() -> None:
     """Two minutes, 80 ppm, arrivals up to 20 ms late: within 1 ms. A stamp that stands still: arrival."""
     clock, rng, late = ClockMap(), np.random.default_rng(6), []

@@ -90,12 +90,12 @@ def test_show_puts_every_frame_on_the_screen(x_server: tuple[str, Path], tmp_pat
     """The command: full screen, frame after frame, and the times at which they came on."""
     display, folder = x_server
     report = tmp_path / "shown.json"
-    words = ["show", "--sequence", "phase:steps=3,periods=8", "--pixels", "80x48", "--monitor", "0"]
+    words = [*RUN, "show", "--sequence", "phase:steps=3,periods=8", "--pixels", "80x48", "--monitor", "0"]
     words += ["--seconds", "0.5", "--json", str(report)]
     expected = sequence("phase", 48, 80, steps=3, periods=8).render()
     seen: list[np.ndarray] = []
-    environment, pipe = {**os.environ, "DISPLAY": display}, subprocess.PIPE
-    with subprocess.Popen([*RUN, *words], env=environment, stdout=pipe, stderr=pipe, text=True) as process:
+    env, pipe = {**os.environ, "DISPLAY": display}, subprocess.PIPE
+    with subprocess.Popen(words, env=env, cwd=tmp_path, stdout=pipe, stderr=pipe, text=True) as process:
         while process.poll() is None:
             image = screen(folder)[:48, :80]
             if image.any() and not (seen and np.array_equal(image, seen[-1])):
