@@ -10,8 +10,7 @@ import pytest
 
 from optolever.cli import run
 
-SIZE = "96x96"
-SCENE = ["--scene", "paper-simulation", "--size", SIZE]
+SCENE = ["--scene", "paper-simulation", "--size", "96x96"]
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ import pytest
 from optolever.blocks import ONE_THREAD
 from optolever.processes import SAFE_PATH, environment
 
-from .conftest import Program, Refused
+from .conftest import Program
 
 COUNT = 3
 
@@ -87,13 +87,3 @@ def test_a_killed_worker_of_a_cluster_loses_nothing(
         threading.Timer(4, os.kill, (worker, signal.SIGKILL)).start()
         optolever("decode", *captures, "--scheduler", cluster.scheduler_address, "--out", tmp_path / "c")
     same(captures, tmp_path / "c")
-
-
-@pytest.mark.parametrize(
-    ("more", "words"),
-    [(["--json", "n.json"], "--json: is of one capture"), (["--scheduler", "tcp://127.0.0.1:9"], "answer")],
-)
-def test_mistakes(
-    more: list[str], words: str, captures: list[Path], tmp_path: Path, refused: Refused
-) -> None:
-    refused(["decode", *captures, "--out", tmp_path / "c", *more], words)

@@ -39,22 +39,13 @@ def test_from_captures_to_heights_with_modes(
     for text in ("flat2: chi", "flatness of the reference", "Correlations", "difference of maps"):
         assert text in html
     assert "camera.f" in outcome.out
-    assert "depth so far" in outcome.out
     assert "gauge" in outcome.err
     assert set(found["captures"]) == {"flat0", "flat1", "flat2"}
-    assert found["start"] == "without a guess"
-    assert found["tilts_deg"]["flat0"] == 0
-    assert all(2.9 < found["tilts_deg"][f"flat{k}"] < 8.1 for k in (1, 2))  # as `open_air` draws them
-    assert all(share > 0.5 for share in found["decoded"].values())
-    so_far = [each["depth_so_far_mm"] for each in found["judged"].values()]
-    assert so_far[2] < so_far[1] < so_far[0]
-    assert found["judged"]["flat1"]["depth_without_mm"] > so_far[2]
     assert scene.covariance is not None
     assert f"Calibrated on {date.today().isoformat()}" in html
     solve = ("--scene", out, "--out", tmp_path / "h.npz", "--anchor", "75,55,0")
     outcome = optolever("reconstruct", folder / "flat0.npz", *solve, "--json", numbers)
     assert " rig (medians)" in outcome.out
-    assert "the flatness of the reference" in outcome.out
     budget = json.loads(numbers.read_text())["budget_mm"]["height (deepest)"]
     assert budget["total"] > budget["noise of the calibration's captures"] > 0
     modes = HeightMap.load(tmp_path / "h.npz").calibration
@@ -64,11 +55,6 @@ def test_from_captures_to_heights_with_modes(
     outcome = optolever("reconstruct", folder / "flat0.npz", *solve, *change, code=2)
     assert "optolever rest" in outcome.err
     optolever("rest", folder / "flat0.npz", "--scene", out, "--anchor", "75,55,0")
-    less = ("--scene", out, "--less", tmp_path / "rig.rest.npz", "--out", tmp_path / "page")
-    optolever("report", tmp_path / "h.npz", *less)
-    html = (tmp_path / "page" / "report.html").read_text()
-    assert "h − rig.rest, largest" in html
-    assert f"rig {out}, calibrated on {scene.covariance.date}" in html
     assert "drift" in optolever("reconstruct", folder / "flat1.npz", *solve, *change).err
     assert {"x", "y", "z", "sigma"} == set(np.load(tmp_path / "d.npz"))
 
@@ -87,26 +73,6 @@ def test_a_number_far_from_its_typed_value_is_not_written(
     assert load(out).covariance is not None
 
 
-@pytest.mark.slow  # one flat alone: every start of the adjustment is tried
-def test_captures_are_judged_as_they_come(rig: tuple[Rig, Path], tmp_path: Path, optolever: Program) -> None:
-    """In the end the rig is that of all captures at once."""
-    folder = rig[1]
-    flats = [f"flat:1e-6={folder}/flat{k}.npz" for k in range(3)]
-    for name, words in (("once", ()), ("followed", ("--follow",))):
-        out = ("--scene", str(folder / "given.toml"), "--out", str(tmp_path / f"{name}.toml"))
-        outcome = optolever("calibrate", *flats, *out, *words)
-    lines = outcome.out.splitlines()
-    assert [line.partition(":")[0] for line in lines[:3]] == ["flat0", "flat1", "flat2"]
-    assert "2 more, tilted" in lines[0]
-    assert "1 more, tilted" in lines[1]
-    assert "more" not in lines[2]
-    assert all(word in lines[2] for word in ("chi ", " %, decoded ", " degrees, ", "depth so far "))
-    once, followed = (load(tmp_path / f"{name}.toml").covariance for name in ("once", "followed"))
-    assert once is not None
-    assert followed is not None
-    np.testing.assert_allclose(followed.matrix, once.matrix, rtol=1e-5, atol=1e-9)
-
-
 def test_a_response_is_kept_and_decoded_by(tmp_path: Path, optolever: Program, refused: Refused) -> None:
     """Three steps under gamma 2.2: half a cell of sigma without the rig's response, a tenth of it with it."""
     scene, rig = resize(load("monitor-mirror"), 64, 80), tmp_path / "rig.toml"
@@ -120,11 +86,8 @@ def test_a_response_is_kept_and_decoded_by(tmp_path: Path, optolever: Program, r
     decode = ("decode", str(tmp_path / "three"), "--out", str(tmp_path / "c.npz"), "--json", str(numbers))
     optolever(*decode)
     alone = Correspondence.load(tmp_path / "c.npz")
-    for words, error in (([paths[1]], "fringes"), ([paths[0], paths[0]], "ramp: ")):
-        refused(["response", *words, "--scene", rig], error)
     refused([*decode, "--response", rig], "optolever response")
-    outcome = optolever("response", *paths, "--scene", str(rig), "--json", str(numbers))
-    assert "not separated (1 captures)" in outcome.out
+    optolever("response", *paths, "--scene", str(rig), "--json", str(numbers))
     told = json.loads(numbers.read_text())
     assert told["gamma"] == pytest.approx(2.2, abs=0.02)
     assert told["blur_px"] == pytest.approx(scene.pattern.blur_px, rel=0.05)

@@ -1,13 +1,12 @@
 """Plausible mistakes: each is one line that names what is wrong, its value, what it must be, and the cure."""
 
 import shutil
-import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-import tomli_w
 
 from optolever.decode import Correspondence
 from optolever.projector import Capture
@@ -20,19 +19,14 @@ LINES = """
 reconstruct {c} --scene prism48 --out {out}.npz | c.npz | 96 x 96 | 600 x 800
 {solve} --anchor 900,0,0 --out {out}.npz | anchor point (900, 0, 0) | outside the image of 96 x 96
 {solve} --out {out}.npz --grid {out}.obj | --grid | .obj | .x3p
-{solve} --out {out}.csv | --out | .csv | must be .npz
 reconstruct {capture} {scene} --out {out}.npz | capture: is a folder, must be a file | capture.toml
 reconstruct {c} --scene {capture} --out {out}.npz | is a folder, must be a file | scene.toml
-decode {capture} --description {capture} --out {out}.npz | is a folder, must be a file
 decode {capture}/frames --out {out}.npz | no capture.toml | --sequence | --pixels
 decode {capture}/frames --sequence gray+phase --out {out}.npz | --pixels is missing
-decode {capture}/frames --pixels 96x96 --out {out}.npz | --pixels | --sequence
 decode {capture}/frames --sequence gray+phase --pixels 1920x1080 --out {out}.npz | 1920x1080 has 28 frames
 simulate --scene prism48 --sequence phase:periods=16,8 --out {out} | '8' | name=value | 16/8
 simulate --scene prism48 --sequence phase:steps=2 --out {out} | steps is 2 | at least 3
-simulate --scene prism48 --sequence grey --out {out} | 'grey' | gray+phase
 simulate --scene prism48 --dent gaussian:depth=1 --out {out} | 'depth' | must be one of peak
-simulate --scene prism48 --dent hole --out {out} | 'hole' | must be one of flat
 simulate --scene prism --out {out} | 'prism' | prism48
 simulate --scene prism48 --pixels 800*600 --out {out} | '800*600' | 640x480
 simulate --out {out} | --scene
@@ -42,7 +36,6 @@ calibrate {scene} flat={c} --prior pattern.zz=1 --out {out}.toml | pattern.zz | 
 show --monitor 99
 rig new --kind prism --out {out}.toml | --mirror is missing | mm
 rig new --kind prism --display-distance 3 --out {out}.toml | --display-distance | --kind is prism
-patterns export {out} | --pixels is missing | 1920x1080
 patterns export {out} --pixels 0x5 | '0x5' | WIDTHxHEIGHT
 reconstruct {h} {scene} --out {out}.npz | field 'u' is missing | it is a height map
 form {c} | field 'x' is missing | it is a correspondence | decode
@@ -59,37 +52,24 @@ captur | captur
 decode {out}/nowhere --out {out}.npz | nowhere | no such
 decode {capture} --out {folder} | is a folder
 simulate --scene paper-simulation --pixels 20000x20000 {many} --out {out} | GiB
-simulate {scene} --noise -1 --out {out} | --noise | -1
 simulate {scene} --out {out}/deeper/still | deeper | does not exist
 simulate {scene} --out {out} --json {out}/none/n.json | n.json
 simulate {scene} --out {capture} | no empty folder
 {solve} --method magic --out {out}.npz | magic
 {solve} --mask {small} --out {out}.npz | 8x8
+decode {capture} --mask {black} --out {out}.npz | black.png | leaves no pixel
 {solve} --rest {h} --out {out}.npz | field
 decode {capture} --roi 3,3,1 --out {out}.npz | --roi | four whole numbers
 calibrate {scene} mirror={c} --out {out}.toml | flat, rest, ball, plate
 calibrate {scene} flat:0={c} --out {out}.toml | greater than 0
-calibrate {scene} flat:x={c} --out {out}.toml | must be a number
-calibrate {scene} rest:2.5={c} --out {out}.toml | whole number
-calibrate {scene} plate={c} --out {out}.toml | Flat or Rest
 calibrate {scene} flat={c} --without a --out {out}.toml | no such capture
-calibrate {scene} flat={c} --prior a --out {out}.toml | NUMBER=SIGMA
 calibrate {scene} flat={c} flat={c} --out {out}.toml | taken twice
-calibrate --rig {rig} flat=p.npz | takes the captures itself
 calibrate --rig {rig} | targets of a prism are missing
-calibrate --rig {rig} --scene prism48 rest | --scene: is of captures that exist
-calibrate --scene prism48 --out {out}.toml --yes rest=r.npz | --yes: needs --rig
 calibrate rest=r.npz | Missing option '--scene'
 capture --rig {rig} --set camera=0 --out {out} | must be serial:
-capture --rig {rig} --set camera=serial:nobody --out {out} | is not connected
-capture --rig {rig} --set camera=v4l2:/dev/nobody --out {out} | no such path
 capture --rig {rig} --set camera= --out {out} | camera is missing; give --set camera=
-capture --rig {rig} --set camera --out {out} | must be KEY=VALUE
-capture --rig {rig} --set bits=x --out {out} | bits is 'x', must be a whole number
 capture --rig {rig} --set speed=3 --out {out} | unknown field 'speed'
 capture --rig {rig} --set trigger=soon --out {out} | trigger is 'soon'
-rig new --kind monitor --angle 95 --out {out}.toml | --angle
-live --set fps=20 | --set: needs --rig
 """
 
 
@@ -103,11 +83,13 @@ def test_a_line_that_is_not_meant_so(row: str, refused: Refused, chain: Chain, t
     with (tmp_path / "rig.toml").open("a") as file:
         file.write('\n[devices]\ncamera = "virtual"\n')
     cv2.imwrite(str(tmp_path / "small.png"), np.full((8, 8), 255, np.uint8))
+    cv2.imwrite(str(tmp_path / "black.png"), np.zeros((96, 96), np.uint8))
     known = {
         "out": tmp_path / "out",
         "folder": tmp_path,
         "rig": tmp_path / "rig.toml",
         "small": tmp_path / "small.png",
+        "black": tmp_path / "black.png",
         "many": "--sequence phase:steps=64,periods=9/10/11",
         "capture": chain.capture,
         "c": chain.correspondence,
@@ -118,38 +100,26 @@ def test_a_line_that_is_not_meant_so(row: str, refused: Refused, chain: Chain, t
     refused(line.format(**known).split(), *words)
 
 
-@pytest.mark.parametrize(
-    ("section", "key", "words"),
-    [
-        ("pattern", "pitch_mm", ("pattern.pitch_mm", "at least 0.001 mm", "multiply metres by 1000")),
-        ("mirror", "size_mm", ("no pixel sees the pattern", "of a mirror of 0.06 x 0.045 mm", "millimetres")),
-    ],
-)
-def test_lengths_in_metres(
-    section: str, key: str, words: tuple[str, ...], refused: Refused, tmp_path: Path
-) -> None:
-    resize(load("prism48"), 48, 64).save(tmp_path / "m.toml")
-    table = tomllib.loads((tmp_path / "m.toml").read_text(encoding="utf-8"))
-    table[section][key] = (np.array(table[section][key]) / 1000).tolist()
-    (tmp_path / "m.toml").write_text(tomli_w.dumps(table), encoding="utf-8")
+def test_lengths_in_metres(refused: Refused, tmp_path: Path) -> None:
+    scene = resize(load("prism48"), 48, 64)
+    replace(scene, pattern=replace(scene.pattern, pitch=scene.pattern.pitch / 1000)).save(tmp_path / "m.toml")
+    words = ("pattern.pitch_mm", "at least 0.001 mm", "multiply metres by 1000")
     refused(["simulate", "--scene", tmp_path / "m.toml", "--out", tmp_path / "c"], *words)
 
 
-@pytest.mark.parametrize("kind", ["png", "jpg"])
-def test_pictures_in_colour(kind: str, optolever: Program, chain: Chain, tmp_path: Path) -> None:
+def test_pictures_in_colour(optolever: Program, chain: Chain, tmp_path: Path) -> None:
     """A warm white: red at 9/10, blue at 2/3."""
     folder, tint = tmp_path / "shots", np.array([2 / 3, 1, 0.9])
     folder.mkdir()
     for path in (chain.capture / "frames").iterdir():
         image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
         coloured = np.rint(image[..., None] * tint).astype(np.uint8)
-        options = [cv2.IMWRITE_JPEG_QUALITY, 95] if kind == "jpg" else []
-        cv2.imwrite(str(folder / f"{path.stem}.{kind}"), coloured, options)
+        cv2.imwrite(str(folder / f"{path.stem}.jpg"), coloured, [cv2.IMWRITE_JPEG_QUALITY, 95])
     rows, cols = Capture.load(chain.capture).sequence.shape[1:]
     args = ["--sequence", "gray+phase", "--pixels", f"{cols}x{rows}", "--out", tmp_path / "c.npz"]
     notices = optolever("decode", folder, *args).err
     assert "pictures in colour, luminance is taken" in notices
-    assert ("JPEG" in notices) == (kind == "jpg")
+    assert "JPEG" in notices
     found, true = Correspondence.load(tmp_path / "c.npz"), Correspondence.load(chain.correspondence)
     both = found.good & true.good
     assert both.sum() > 0.9 * true.good.sum()

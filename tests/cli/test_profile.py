@@ -1,9 +1,9 @@
 """`optolever decode --save-profile`, `--profile`: a rig estimated once."""
 
 import json
-import math
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -27,9 +27,6 @@ def test_a_profile_is_kept_and_decoded_by(
     refused([*decode, "--profile", profile], kept if kept == "rig.npz" else "--save-profile")
     optolever(*decode, "--save-profile", profile, "--json", numbers)
     rows = {row["name"]: row for row in json.loads(numbers.read_text())["profile"]}
-    read, gain = rows["read noise"]["value"], rows["noise gain"]["value"]
-    # in the middle of the levels, where read noise and photons meet: 1 + 1/12 + (L - dark) / 30 electrons
-    assert math.sqrt(read**2 + gain * 128) == pytest.approx(math.sqrt(1 + 1 / 12 + (128 - 15) / 30), rel=0.05)
     assert rows["read noise"]["sigma"] < 0.05
     alone = Correspondence.load(out)
     assert "profile" not in optolever(*decode, "--profile", profile).err
@@ -41,30 +38,27 @@ def test_a_profile_is_kept_and_decoded_by(
 
 
 def test_the_lag_that_sync_measured_is_taken_off(tmp_path: Path, optolever: Program) -> None:
-    """Frames with half a level of the frame before, too little for the decoder's estimate, much for the mean
-    of many pixels; by [sync] and the times of the capture it is taken off. Without those times it is not."""
+    """Frames with half a level of the frame before, too little for the decoder's estimate; by [sync] and the
+    times of the capture it is taken off."""
     shown = ("--scene", "prism48", "--pixels", "128x96", "--sequence", "micro-phase", "--renderer", "numpy")
-    optolever("simulate", *shown, "--out", tmp_path / "clean")
-    clean, rig, out = Capture.load(tmp_path / "clean"), tmp_path / "rig.toml", tmp_path / "c.npz"
-    rig.write_bytes((tmp_path / "clean/scene.toml").read_bytes())
+    optolever("simulate", *shown, "--out", tmp_path / "c")
+    clean, rig, out = Capture.load(tmp_path / "c"), tmp_path / "c/scene.toml", tmp_path / "c.npz"
     timing = Timing(0.01, 0, 0.1, 0.1, 0, 0, 0.1, 0.005)  # slow cells, a short exposure
     write_sections(rig, {"sync": timing.to_table()})
-    waited, share = timing.ready_s(), timing.lag(timing.ready_s())
-    light = clean.frames.astype(float)
-    light[1:] = (1 - share) * light[1:] + share * light[:-1]
-    noisy = np.rint(light + np.random.default_rng(0).normal(0, 1, light.shape)).clip(0, 255)
-    Capture(noisy.astype(np.uint8), clean.sequence).save(tmp_path / "c")
-    truth = np.load(tmp_path / "clean/truth.npz")
-
-    def bias(option: str) -> float:
-        optolever("decode", tmp_path / "c", "--out", out, option, rig)
+    waited, light = timing.ready_s(), clean.frames.astype(float)
+    light[1:] += timing.lag(waited) * (light[:-1] - light[1:])
+    noisy = np.rint(light + np.random.default_rng(0).normal(0, 1, light.shape)).clip(0, 255).astype(np.uint8)
+    for path, frame in zip(sorted((tmp_path / "c/frames").iterdir()), noisy, strict=True):
+        cv2.imwrite(str(path), frame)
+    bias, truth = [], np.load(tmp_path / "c/truth.npz")
+    optolever("decode", tmp_path / "c", "--out", out, "--save-profile", rig)
+    times = "\n".join([json.dumps({"swapped_s": 7.0, "stamp_s": 7.0 + waited + 1e-9})] * len(clean))
+    for log in ("", times):
+        if log:
+            (tmp_path / "c/acquisition.jsonl").write_text(log)
+        optolever("decode", tmp_path / "c", "--out", out, "--profile", rig)
         found = Correspondence.load(out)
-        off = [(found.u - truth["u"])[found.good], (found.v - truth["v"])[found.good]]
-        return float(np.abs(np.median(off, axis=1)).max())
-
-    bias("--save-profile")
-    without = bias("--profile")
-    line = json.dumps({"swapped_s": 7.0, "stamp_s": 7.0 + waited + 1e-9})
-    (tmp_path / "c/acquisition.jsonl").write_text("\n".join([line] * len(clean)))
-    assert without > 1e-3
-    assert bias("--profile") < without / 3
+        off = np.stack([found.u - truth["u"], found.v - truth["v"]])[:, found.good]
+        bias.append(float(np.abs(np.median(off, axis=1)).max()))
+    assert bias[0] > 1e-3
+    assert bias[1] < bias[0] / 3

@@ -59,15 +59,3 @@ def test_a_prism_has_its_faces_at_their_angles(optolever: Program, tmp_path: Pat
     np.testing.assert_allclose(direction, -face.normal, atol=1e-7)
     np.testing.assert_allclose(origin - origin[2] / direction[2] * direction, [30, 22.5, 0], atol=1e-5)
     assert picture.is_file()
-
-
-def test_on_a_terminal_it_asks(optolever: Program, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """For what is not given, in the order of --help; an empty answer takes the default."""
-    given = iter([*PRISM[5:-2:2], "", PRISM[-1]])
-    monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
-    monkeypatch.setattr("click.termui.visible_prompt_func", lambda _: next(given))
-    optolever("rig", "new", *PRISM[:4], "--out", tmp_path / "rig.toml")
-    assert next(given, None) is None
-    written = (tmp_path / "rig.toml").read_text()
-    optolever("rig", "new", *PRISM, "--bezel", "0", "--out", tmp_path / "rig.toml")
-    assert written == (tmp_path / "rig.toml").read_text()

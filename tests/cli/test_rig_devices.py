@@ -1,7 +1,6 @@
 """Commands for cameras and displays of a rig, on stand-ins and recordings: no hardware, no window."""
 
 import json
-import sys
 import tomllib
 from collections.abc import Callable
 from dataclasses import replace
@@ -17,7 +16,7 @@ from optolever.decode import Correspondence, Decoder, decode, estimate_profile
 from optolever.experiments import frames_of_another
 from optolever.patterns import sequence
 from optolever.projector import Capture, capture, choose_exposure
-from optolever.scene import Scene, adjusted, dent_from_text, load, resize
+from optolever.scene import adjusted, dent_from_text, load, resize
 
 from .conftest import Outcome, Program, Refused
 
@@ -52,8 +51,6 @@ def test_a_rig_captures_what_its_camera_sees(optolever: Program, rig: Path, tmp_
         "capture", "--rig", rig, "--set", f"camera=folder:{tmp_path / 'c'}", "--out", tmp_path / "d", "--keep"
     )
     np.testing.assert_array_equal(Capture.load(tmp_path / "d").frames, done.frames)
-    optolever("camera", "replay", tmp_path / "d.recording", "--out", tmp_path / "e")
-    np.testing.assert_array_equal(Capture.load(tmp_path / "e").frames, done.frames)
     replayed = ("--set", f"camera=replay:{tmp_path / 'd.recording'}")
     optolever("capture", "--rig", rig, *replayed, "--out", tmp_path / "f")
     np.testing.assert_array_equal(Capture.load(tmp_path / "f").frames, done.frames)
@@ -80,14 +77,24 @@ def test_measure_goes_to_the_report(
 
 
 def test_a_frame_of_the_pattern_before_is_found(rig: Path) -> None:
-    scene = load(rig)
-    shown = sequence("gray+phase", scene.pattern.rows, scene.pattern.cols)
+    shown = sequence("gray+phase", load(rig).pattern.rows, load(rig).pattern.cols)
     frames = sensor_frames(rig, noise=1.0)
-    seen = decode(frames, shown)
-    assert frames_of_another(Capture(frames, shown), seen) == []
-    late = frames.copy()
+    seen, late = decode(frames, shown), frames.copy()
     late[7] = frames[6]
-    assert frames_of_another(Capture(late, shown), seen) == [7]
+    found = [frames_of_another(Capture(each, shown), seen) for each in (frames, late)]
+    assert found == [[], [7]]
+
+
+def test_exposure_is_the_longest_that_does_not_saturate() -> None:
+    light = np.geomspace(0.02, 1, 10_000).reshape(100, 100)
+
+    def take(exposure: float) -> tuple[float, np.ndarray, np.ndarray]:
+        white = np.clip(np.rint(16 + 20_000 * exposure * light), 0, 255).astype(np.uint8)
+        return exposure, white, np.full(light.shape, 16, np.uint8)
+
+    found = choose_exposure(take, 8, 0.01)
+    assert found.contrast.saturated <= 1e-4
+    assert 0.7 < found.contrast.bright < 1
 
 
 def test_record_and_replay(optolever: Program, refused: Refused, rig: Path, tmp_path: Path) -> None:
@@ -114,25 +121,6 @@ def test_expose_keeps_what_it_does_not_know(optolever: Program, rig: Path, tmp_p
     assert set(np.unique(mask)) <= {0, 255}
 
 
-@pytest.mark.parametrize("gain", [500.0, 20_000.0, 400_000.0])
-def test_exposure_is_the_longest_that_does_not_saturate(gain: float) -> None:
-    """Of a camera whose light follows; with a refresh an integer number of them."""
-    light = np.geomspace(0.02, 1, 10_000).reshape(100, 100)
-
-    def take(exposure: float) -> tuple[float, np.ndarray, np.ndarray]:
-        accepted = round(exposure, 4)  # as drivers do
-        white = np.clip(np.rint(16 + gain * accepted * light), 0, 255).astype(np.uint8)
-        return accepted, white, np.full(light.shape, 16, np.uint8)
-
-    found = choose_exposure(take, 8, 0.01)
-    assert found.contrast.saturated <= 1e-4
-    assert 0.7 < found.contrast.bright < 1
-    if gain == 500:
-        refreshes = 60 * choose_exposure(take, 8, 0.01, 1 / 60).exposure_s
-        assert refreshes == pytest.approx(round(refreshes), abs=0.06)
-        assert refreshes > 10
-
-
 class Hands:
     """A user at the prompts, who puts something else on the virtual mirror before each answer."""
 
@@ -150,12 +138,12 @@ class Hands:
         return f"{answer}\n"
 
 
-@pytest.mark.slow  # two calibrations of a prism, the first by rest alone
+@pytest.mark.slow
 def test_a_rig_is_calibrated_by_its_camera_step_by_step(
     optolever: Program, rig: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Between the prompts the file is the true rig, which the virtual camera sees; the typed one is off. A
-    walk whose pipe ends goes on with its captures; a ball that was forgotten is asked for again."""
+    walk whose pipe ends goes on with its captures."""
     typed = resize(load("prism48"), 120, 160)
     true = adjusted(typed, {"pattern.z": 0.4, "camera.rx": np.radians(0.5)})
 
@@ -166,23 +154,12 @@ def test_a_rig_is_calibrated_by_its_camera_step_by_step(
         return optolever("calibrate", "--rig", rig, *targets, *words, code=code)
 
     targets, ball = ("rest", "ball:200,0.02"), "ball:radius=200,peak=0.1"
-    broken = tmp_path / "rig.captures/1-rest.recording"  # a capture that broke off
-    broken.mkdir(parents=True)
-    (broken / "log.jsonl").write_text("")
     outcome = walk(("flat", ""), code=130)
     assert "1 of 2, rest: take everything off" in outcome.out
     assert "2 of 2, ball:200,0.02: press the ball" in outcome.out
-    assert "press a ball of known radius" in outcome.out  # judged at once
     assert "--resume goes on" in outcome.err
-    outcome = walk(words=("--yes", "--resume"))
-    assert "of 2" not in outcome.out
-    assert "2-ball-200-0.02: set aside" in outcome.out
+    outcome = walk((ball, ""), words=("--resume", "--json", str(tmp_path / "n.json")))
     assert "1-rest: taken 20" in outcome.out
-    monkeypatch.setattr("optolever.calibration.judgement.MOST_CHI", 0.1)  # all are doubtful
-    outcome = walk(
-        ("flat", "k"), (ball, ""), (ball, "k"), words=("--resume", "--json", str(tmp_path / "n.json"))
-    )
-    assert outcome.out.count("is above 0.1") == 2
     values = {one["name"]: one for one in json.loads((tmp_path / "n.json").read_text())["parameters"]}
     for name, truth in (("pattern.z", 0.4), ("camera.rx", np.radians(0.5))):
         assert abs(values[name]["value"] - truth) < 3 * values[name]["sigma"]
@@ -192,28 +169,3 @@ def test_a_rig_is_calibrated_by_its_camera_step_by_step(
     assert kept["rest"] == {"note": "kept"}
     assert kept["calibration"]["date"] == date.today()
     assert load(rig).covariance is not None
-    names = {one.name for one in (tmp_path / "rig.captures").iterdir()}
-    assert names == {"1-rest", "1-rest.recording.aside1", "2-ball-200-0.02", "2-ball-200-0.02.aside1"}
-
-
-def test_captures_of_an_earlier_calibration_are_set_aside(
-    optolever: Program, rig: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The display is knocked after a calibration: the next one sees it, whatever yesterday's captures say."""
-    monkeypatch.setattr(sys.modules["optolever.calibration.calibrate"], "_STARTS", 1)
-    typed, folder = resize(load("prism48"), 48, 64), tmp_path / "rig.captures"
-
-    def walk(true: Scene, *words: str) -> tuple[str, np.ndarray]:
-        replace(true, dent="flat").save(rig)
-        printed = optolever("calibrate", "--rig", rig, "rest", "--yes", *words).out
-        return printed, Capture.load(folder / "1-rest").frames
-
-    _, first = walk(typed)
-    printed, second = walk(adjusted(typed, {"pattern.y": 0.3}))
-    assert "are set aside" in printed
-    (aside,) = (path for path in folder.iterdir() if path.name.startswith("20"))
-    np.testing.assert_array_equal(Capture.load(aside / "1-rest").frames, first)
-    assert not np.array_equal(second, first)
-    printed, third = walk(typed, "--resume")
-    assert "1-rest: taken 20" in printed
-    np.testing.assert_array_equal(third, second)

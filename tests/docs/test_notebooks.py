@@ -19,10 +19,6 @@ NotebookClient(book, timeout=300, kernel_name="python3", resources=place).execut
 """
 
 
-def test_there_are_three() -> None:
-    assert [path.stem for path in NOTEBOOKS] == ["deflectometry", "design", "tactile"]
-
-
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_every_cell_was_run_in_order_without_an_error(path: Path) -> None:
     cells = [cell for cell in json.loads(path.read_text())["cells"] if cell["cell_type"] == "code"]

@@ -75,11 +75,6 @@ def _images(folder: Path) -> None:
         cv2.imwrite(str(folder / "shots" / f"img_{i}.png"), image)
 
 
-def test_blocks_are_found() -> None:
-    text = "```python\na\n```\n<!-- not run: needs a camera -->\n```console\nb\n```\n```toml\nc\n```\n"
-    assert blocks(text) == [Block("python", "a\n"), Block("toml", "c\n")]
-
-
 def test_every_code_block_names_its_language() -> None:
     """Else it would be neither run nor checked."""
     for page in PAGES:

@@ -1,11 +1,10 @@
-"""The architecture: imports run downward, across parts through the face, never bare; public Numba only.
+"""The architecture: imports run downward, across parts through the face, never bare.
 
 The laboratory (`lab/`) stands beside the tests: it may import every module of every part; no part imports it.
 """
 
 import ast
 import importlib
-import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -141,27 +140,3 @@ def circles(edges: dict[str, set[str]]) -> set[str]:
 @pytest.mark.parametrize("part", [*FLOOR, "lab"])
 def test_no_import_leads_back(part: str) -> None:
     assert not circles(graph(ROOT / part))
-
-
-#: Modules of numba that its manual documents.
-PUBLIC = "config|errors|extending|typed|types"
-PRIVATE = re.compile(
-    rf"^\s*(?:from|import)\s+numba\.(?!(?:{PUBLIC})\b)\w+"
-    r"|^\s*from\s+numba\s+import\s.*\b(?:core|np|cpython|targets|misc|parfors|typing|pycc)\b"
-    r"|\bllvmlite\b|\b_nrt\b|\bpipeline_class\b|\bnumba\.(?:core|np|cpython|targets)\b",
-    re.MULTILINE,
-)
-
-
-def private_uses(path: Path) -> Iterator[str]:
-    """Where a source names what belongs to numba alone: an update of it must not take the decoder away."""
-    text = path.read_text()
-    for found in PRIVATE.finditer(text):
-        yield f"{path.name}:{text.count(chr(10), 0, found.start()) + 1}: {found.group().strip()}"
-
-
-@pytest.mark.parametrize("part", [*FLOOR, "lab", "tests"])
-def test_no_private_module_of_numba_is_used(part: str) -> None:
-    files = [path for path in sorted((ROOT / part).rglob("*.py")) if path != Path(__file__)]
-    assert files
-    assert not [use for path in files for use in private_uses(path)]

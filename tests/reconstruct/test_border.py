@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from optolever.experiments.metrics import relative_error
-from optolever.reconstruct import HeightFlag, reconstruct
+from optolever.reconstruct import reconstruct
 
 from .conftest import rms_score, scores
 
@@ -20,20 +19,6 @@ def test_an_island_behind_narrow_slits_stands_where_it_should(exact, noisy, cut,
     height = reconstruct(cut(noisy(truth, 0.01), ~lost), scene)
     assert height.good[74, 58]
     assert np.nanmax(np.abs(scores(height, truth))) < 1.0
-
-
-@pytest.mark.slow
-def test_sigma_of_an_island_behind_passages_of_one_pixel(exact, noisy, cut) -> None:
-    """Against noise repeated: what the passages, which are bridged, let through (and not the blocks that they
-    are a part of)."""
-    scene, truth, _ = exact("paper-prototype", "flat", 98, 188)
-    row, col = np.mgrid[:98, :188]
-    lost = np.abs(np.hypot(row - 49, col - 94) - 24.5) < 1.5
-    ratio = []
-    for seed in range(12):
-        height = reconstruct(cut(noisy(truth, 0.05, 0.05, seed), ~lost), scene)
-        ratio.append(scores(height, truth)[49, 94])
-    assert 0.6 < rms_score(*ratio) < 1.7  # 1.9 by blocks; bridges repeat noise: 1.4
 
 
 @pytest.fixture(scope="module")
@@ -80,41 +65,6 @@ def test_outliers_among_good_pixels_are_left_out(exact, noisy) -> None:
     assert (height.flags[heavy & ~wrong] == 0).mean() > 0.97
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("missing", [0, 2, 3])
-def test_an_edge_reached_over_pixels_is_as_sure_as_it_says(exact, noisy, cut, missing: int) -> None:
-    """The anchor's error is common to all pixels beside it: its mean over seeds, over the stated sigma."""
-    scene, truth, _ = exact("paper-simulation", "gaussian:peak=1.3,sigma=20", 96, 96)
-    keep = np.ones((96, 96), np.bool_)
-    keep[:, :missing] = False
-    scores = []
-    for seed in range(12):
-        height = reconstruct(cut(noisy(truth, 0.1, 0.1, seed), keep), scene)
-        near = height.good[:, missing : missing + 4]
-        error = (height.z - truth.z)[:, missing : missing + 4][near]
-        scores.append(np.median(error) / np.median(height.sigma[:, missing : missing + 4][near]))
-    assert np.sqrt(np.mean(np.square(scores))) < 1.2
-
-
-@pytest.fixture(scope="module")
-def clamped(exact):
-    """A mirror that bends beside its clamped edge: what is extrapolated there is wrong for all of it."""
-    return exact("paper-prototype", "ball:peak=0.075,radius=910", 172, 108)[:2]
-
-
-@pytest.mark.daily(1)
-@pytest.mark.parametrize("share", [0.1, 0.3])
-def test_dropouts_on_the_anchors_line_cost_no_extrapolation(clamped, noisy, cut, share: float) -> None:
-    """A pixel more to extrapolate over would make four times the error."""
-    scene, truth = clamped
-    seen = noisy(truth, 0.005, 0.005)
-    keep = np.ones(truth.u.shape, np.bool_)
-    error = (seen.u - truth.u)[:, 0]
-    keep[:, 0] = error < np.quantile(error, 1 - share)
-    one, other = (reconstruct(each, scene) for each in (cut(seen, keep), seen))
-    assert relative_error(one, truth) < 1.1 * relative_error(other, truth)
-
-
 def passage(shape: tuple[int, int]) -> np.ndarray:
     """Halves that two rows of pixels join."""
     lost = np.zeros(shape, dtype=np.bool_)
@@ -139,13 +89,3 @@ def test_sigma_of_a_mask_is_what_repeated_noise_gives(
     found = np.array([scores(reconstruct(each, scene), truth) for each in seen])
     assert rms_score(found) == pytest.approx(1, abs=off)
     assert np.mean(np.abs(found) > 5) < 5e-4
-
-
-def test_specks_beside_the_anchor_are_not_guessed(exact, noisy, cut) -> None:
-    scene, truth, _ = exact("paper-simulation", "gaussian", 64, 64)
-    keep = np.ones(truth.u.shape, dtype=np.bool_)
-    keep[18:25, 0:5] = False
-    keep[21, 0] = True
-    height = reconstruct(cut(noisy(truth, 0.01), keep), scene)
-    assert height.flags[21, 0] & HeightFlag.NO_ANCHOR
-    assert height.good[30, 30]

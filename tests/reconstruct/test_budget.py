@@ -7,14 +7,12 @@ import numpy as np
 import pytest
 
 from optolever.reconstruct import (
-    ANCHOR,
     NOISE,
     TOTAL,
     HeightMap,
     PointAnchor,
     budget,
     exact_correspondence,
-    free_mode_of,
     reconstruct,
 )
 from optolever.scene import Covariance, Scene, adjusted, dent, load, resize, trace
@@ -64,19 +62,6 @@ def test_every_source_is_what_its_error_does(rig: Scene) -> None:
         assert each[TOTAL] == pytest.approx(np.sqrt(sum(squares)))
     assert point[NOISE] == pytest.approx(height.sigma[at])
     assert point[TOTAL] == pytest.approx(height.total_sigma[at], rel=1e-5)
-
-
-def test_an_anchor_that_is_wrong(rig: Scene) -> None:
-    bare = replace(rig, covariance=None)
-    exact, off = (
-        measured(bare, "gaussian", PointAnchor(40.0, 10.0, z), peak=0.2, sigma=4.0) for z in (0.0, 1e-3)
-    )
-    point, depth = budget(exact, None, free_mode_of(exact, bare, PointAnchor(40.0, 10.0, 0.0))).values()
-    at = np.unravel_index(np.argmax(np.where(exact.good, exact.z, -1)), exact.z.shape)
-    around = exact.good & (exact.z <= 0.1 * exact.z[at])
-    moved = off.z - exact.z
-    assert point[ANCHOR] == pytest.approx(moved[at], rel=0.02)
-    assert depth[ANCHOR] == pytest.approx(abs(moved[at] - np.nanmean(moved[around])), abs=0.02e-3)
 
 
 def test_sources_are_kept(rig: Scene, tmp_path: Path) -> None:

@@ -144,30 +144,6 @@ def test_nothing_pressed(scene: Scene, noisy) -> None:
     assert found_in(scene, dent_from_text("flat", scene), noisy) == ()
 
 
-def test_two_balls_are_two_contacts(scene: Scene, noisy) -> None:
-    where = ((50.0, 60.0, 0.5), (120.0, 110.0, 0.25))
-    dents = [f"ball:peak={peak},radius={100 / peak},x={x},y={y}" for x, y, peak in where]
-    found = found_in(scene, shifted_sum(scene, *dents), noisy)
-    assert len(found) == 2
-    for contact, (x, y, peak) in zip(found, where, strict=True):
-        assert contact.found
-        assert contact.area == pytest.approx(np.pi * 100, rel=0.03)
-        np.testing.assert_allclose(contact.centroid, (x, y), atol=0.3)
-        assert contact.depth > peak  # the other ball's dent adds to it
-    for options in ({"shallowest": 0.7}, {"most": 1}):
-        (deepest,) = found_in(scene, shifted_sum(scene, *dents), noisy, **options)
-        assert deepest.depth == found[0].depth
-
-
-def test_what_is_flagged_says_nothing(scene: Scene, exact) -> None:
-    _, _, seen = exact("paper-simulation", "ball", 48, 48)
-    small = resize(scene, 48, 48)
-    height = reconstruct(seen, small)
-    slopes = slope_map(height, seen, small)
-    nothing = replace(height, flags=np.full(height.flags.shape, 2048, dtype=np.uint16))
-    assert contacts(nothing, slopes) == ()
-
-
 PRISM = 3.0  # mm: sigma of a Gaussian whose half-depth area is 2 pi 9 ln 2 = 39.2 mm^2
 
 
@@ -188,7 +164,10 @@ def measured(scene: Scene, seen: Correspondence, anchor: PixelAnchor | None = No
 def test_every_dent_is_measured_by_its_own_depth(prism: Scene, noisy) -> None:
     """Depths of 1, 0.67, 0.53, 0.33 and 0.1 of the deepest one, all of the same half-depth area."""
     places = ((0.3, 14, 12), (0.2, 40, 10), (0.16, 15, 33), (0.1, 46, 34), (0.03, 31, 24))
-    found = measured(prism, noisy(trace(prism, gaussians(prism, *places)), 0.01, 0.01))
+    seen = noisy(trace(prism, gaussians(prism, *places)), 0.01, 0.01)
+    height = reconstruct(seen, prism)
+    slopes = slope_map(height, seen, prism)
+    found = contacts(height, slopes)
     assert len(found) == len(places)
     for contact, (peak, x, y) in zip(found, places, strict=True):
         assert abs(contact.depth - peak) < 4 * contact.depth_sigma + 1e-3 * peak
@@ -198,6 +177,7 @@ def test_every_dent_is_measured_by_its_own_depth(prism: Scene, noisy) -> None:
         np.testing.assert_allclose((contact.x, contact.y), (x, y), atol=0.2)
         assert not contact.cut
         assert contact.interpolated == 0
+    assert len(contacts(height, slopes, shallowest=0.6)) == len(contacts(height, slopes, most=2)) == 2
 
 
 def test_holes_in_a_dent_are_interpolated(prism: Scene, noisy) -> None:

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from optolever.decode import Correspondence
 from optolever.reconstruct import HeightMap, PixelAnchor, reconstruct
-from optolever.scene import Scene, Surface, load, resize, trace
+from optolever.scene import Scene
 
-from .conftest import correspondence_of, rms_score, scores
+from .conftest import rms_score
 
 Floats = NDArray[np.float64]
 SIZE, NOISE = 24, 0.003
@@ -71,33 +71,3 @@ def test_sigma_is_what_the_noise_of_all_pixels_adds_up_to(exact, preset: str, ki
     inside = ratio[3:-3, 3:-3]
     assert rms_score(inside) == pytest.approx(1.0, abs=off)
     assert np.nanmin(ratio) > 0.8
-
-
-def roof(scene: Scene, crease: float) -> Surface:
-    """Level but for a crease along the rows, where the slope by y changes by 0.02."""
-
-    def height(x: Floats, y: Floats) -> Floats:
-        return -0.01 * np.abs(y - crease) + 0 * x
-
-    def gradient(x: Floats, y: Floats) -> tuple[Floats, Floats]:
-        return 0 * (x + y), -0.01 * np.sign(y - crease) + 0 * x
-
-    return Surface(height, gradient)
-
-
-@pytest.mark.daily(1)
-def test_a_crease_between_pixels_is_in_sigma() -> None:
-    """Wherever it lies between two rows: all of the far side is off by the slopes' jump times the way from
-    the middle, which is evenly drawn. Without noise."""
-    scene = resize(load("paper-simulation", exact=True), 40, 48)
-    pitch = scene.mirror.width / 40
-    off = []
-    for share in (0.1, 0.3, 0.5, 0.7, 0.9):
-        crease = (20 + share) * pitch
-        truth = trace(scene, roof(scene, crease))
-        seen = correspondence_of(truth, 1e-3)
-        height = reconstruct(seen, scene, anchor=PixelAnchor(32, 24, float(truth.z[32, 24])))
-        off.append(scores(height, truth)[truth.y < crease - 2 * pitch])
-    far = np.concatenate(off)
-    assert np.isfinite(far).mean() > 0.9
-    assert rms_score(np.nan_to_num(far)) < 1.0

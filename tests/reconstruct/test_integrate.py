@@ -3,12 +3,8 @@
 import numpy as np
 import pytest
 
-from lab.figures.cliffs import cauchy_loop, cliff
 from optolever import InputError
 from optolever.reconstruct import integrate
-from optolever.reconstruct.solver.edges import increments
-
-from .dense import dense_solution
 
 SIZE = 96
 
@@ -34,11 +30,6 @@ def test_smooth_field(robust: bool) -> None:
     assert abs(result.z.mean()) < 1e-12
 
 
-def test_figure_at_512() -> None:
-    z, gx, gy = gaussian(512, 512)
-    assert rms(integrate(gx, gy).z - z) < 3e-9 * np.sqrt(np.mean(z**2))
-
-
 @pytest.mark.parametrize("robust", [False, True])
 def test_masks_components_and_nan(robust: bool) -> None:
     z, gx, gy = gaussian(SIZE, SIZE)
@@ -54,28 +45,6 @@ def test_masks_components_and_nan(robust: bool) -> None:
         inside = result.components == label
         assert abs(result.z[inside].mean()) < 1e-10
         assert rms((result.z - z)[inside]) < 1e-5 * rms(z)
-
-
-@pytest.mark.parametrize("kind", ["falling", "rising", "uneven"])
-def test_weights_against_dense_least_squares(kind: str) -> None:
-    """Noisy slopes; weights by columns over six orders, or each pixel's own in two parts with holes."""
-    rows, cols = 7, 9
-    rng = np.random.default_rng(3)
-    gx, gy = rng.standard_normal((2, rows, cols))
-    weight, mask = np.tile(np.geomspace(1.0, 1e-6, cols), (rows, 1)), np.ones((rows, cols), dtype=bool)
-    if kind == "rising":
-        weight = weight[:, ::-1].copy()
-    elif kind == "uneven":
-        weight, mask = np.exp(rng.standard_normal((rows, cols))), rng.random((rows, cols)) > 0.1
-        mask[:, 4] = False
-    result = integrate(gx, gy, mask=mask, weights=weight)
-    wx, wy = np.zeros((2, rows, cols))
-    wx[:, :-1] = 2 / (1 / weight[:, :-1] + 1 / weight[:, 1:]) * (mask[:, :-1] & mask[:, 1:])
-    wy[:-1] = 2 / (1 / weight[:-1] + 1 / weight[1:]) * (mask[:-1] & mask[1:])
-    off = result.z - dense_solution(*increments(gx, gy, mask), wx, wy)
-    assert (result.components > 0).sum() == mask.sum()
-    for label in range(1, result.components.max() + 1):
-        assert np.ptp(off[result.components == label]) < 1e-6
 
 
 def test_spacing() -> None:
@@ -95,25 +64,6 @@ def test_robust_leaves_outliers_behind() -> None:
     assert rms(robust.z - z) < 0.2 * rms(plain.z - z)
     off = np.abs(robust.z - z - np.median(robust.z - z))[~wrong]
     assert np.quantile(off, 0.95) < 5e-4
-
-
-def test_robust_without_outliers_is_least_squares() -> None:
-    """One solve: noise alone needs no reweighting."""
-    rng = np.random.default_rng(3)
-    _, gx, gy = gaussian(SIZE, SIZE)
-    noisy = [g + 1e-4 * rng.standard_normal(g.shape) for g in (gx, gy)]
-    plain, robust = integrate(*noisy), integrate(*noisy, robust=True)
-    assert robust.iterations == 1
-    np.testing.assert_allclose(robust.z, plain.z, atol=1e-5)
-
-
-@pytest.mark.parametrize("noise", [1e-2, 1e-4])
-def test_robust_at_cliffs_is_a_plain_cauchy_loop(noise: float) -> None:
-    """The same heights within a fraction of what noise does to them, without thousands of iterations."""
-    z, gx, gy, mask = cliff(96, 112, noise)
-    found, loop = integrate(gx, gy, mask=mask, robust=True), cauchy_loop(gx, gy, mask)
-    assert rms((found.z - z)[mask]) == pytest.approx(rms((loop - z)[mask]), rel=0.02)
-    assert found.iterations < 600
 
 
 @pytest.mark.parametrize(

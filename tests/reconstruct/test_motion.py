@@ -13,7 +13,6 @@ from optolever.reconstruct import (
     exact_correspondence,
     reconstruct,
     same_capture,
-    unpressed,
 )
 from optolever.scene import (
     PinholeCamera,
@@ -65,27 +64,12 @@ def capture(scene: Scene, surface: Surface, rng: np.random.Generator, noise: flo
     )
 
 
-def pressed(name: str, scene: Scene) -> Surface:
-    """A dent by its text; `a + b`: the sum of two."""
-    parts = [dent_from_text(text, scene) for text in name.split("+")]
-
-    def height(x: Floats, y: Floats) -> Floats:
-        total: Floats = np.sum([part.height(x, y) for part in parts], axis=0)
-        return total
-
-    def gradient(x: Floats, y: Floats) -> tuple[Floats, Floats]:
-        slopes: Floats = np.sum([part.gradient(x, y) for part in parts], axis=0)
-        return slopes[0], slopes[1]
-
-    return Surface(height, gradient)
-
-
 def solved(
     name: str, dent: str, seed: int, scale: float, image: float | None = None
 ) -> tuple[HeightMap, Floats]:
     """The height against rest of a rig that has moved since, and its error (H, W), mm."""
     rng, scene = np.random.default_rng(seed), rig(name)
-    now, surface = moved(scene, rng, scale, image), pressed(dent, scene)
+    now, surface = moved(scene, rng, scale, image), dent_from_text(dent, scene)
     rest = capture(scene, dent_from_text("flat", scene), rng)
     height = reconstruct(capture(now, surface, rng), scene, rest=rest)
     return height, np.where(height.good, height.z - trace(scene, surface).z, np.nan)
@@ -99,31 +83,20 @@ SMALL = {
     "prism48": "gaussian:peak=0.3,sigma=4",
     "monitor-mirror": "gaussian:peak=0.1,sigma=10",
 }
-LARGE = {
-    "prism48": "ball:peak=0.3,radius=30",
-    "monitor-mirror": "ball:peak=0.1,radius=300",
-}
 
 
-@pytest.mark.daily(1)
+@pytest.mark.daily(2)
 @pytest.mark.parametrize("name", SMALL)
-@pytest.mark.parametrize("scale", [1.0, 5.0])
+@pytest.mark.parametrize("scale", [0.0, 1.0, 5.0])
 def test_sigma_holds_a_motion(name: str, scale: float) -> None:
+    """Without any there is no notice."""
     ratios = []
     for seed in range(4):
         height, error = solved(name, SMALL[name], seed, scale)
+        assert scale > 0 or not moves(height)
         ratios.append(np.sqrt(np.nanmean((error / height.total_sigma) ** 2)))
-    assert 0.2 < np.sqrt(np.mean(np.square(ratios))) < 1.5
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", LARGE)
-def test_without_motion_there_is_no_notice(name: str) -> None:
-    for dent in ("flat", SMALL[name], LARGE[name]):
-        for seed in range(2):
-            height, error = solved(name, dent, seed, 0.0)
-            assert not moves(height)
-            assert np.sqrt(np.nanmean((error / height.total_sigma) ** 2)) < 1.2
+    assert np.sqrt(np.mean(np.square(ratios))) < 1.5
+    assert scale == 0 or np.sqrt(np.mean(np.square(ratios))) > 0.2
 
 
 @pytest.mark.daily(1)
@@ -148,24 +121,6 @@ def test_sigma_of_noise_against_rest(seeds: range) -> None:
         ratios.append(np.sqrt(np.mean(((height.z - true) / height.sigma)[height.good] ** 2)))
     assert 0.85 < np.median(ratios) < 1.15
     assert 0.7 < min(ratios) <= max(ratios) < 1.5
-
-
-def test_what_nothing_presses() -> None:
-    rng, scene = np.random.default_rng(0), rig("prism48")
-    flat = dent_from_text("flat", scene)
-    rest, still = capture(scene, flat, rng), capture(scene, flat, rng)
-    quiet, px, size = unpressed(still, rest)
-    assert quiet.sum() > 0.99 * rest.good.sum()
-    assert size < 2
-    shifted, by, larger = unpressed(capture(moved(scene, rng, 0.0, 0.05), flat, rng), rest)
-    away = trace(moved(scene, rng, 0.0, 0.05), flat).u - trace(scene, flat).u
-    assert by == pytest.approx(np.sqrt(np.nanmean(away[shifted] ** 2) / 2), rel=0.05)
-    assert larger > 5 * size
-    touched = unpressed(capture(scene, pressed(SMALL["prism48"], scene), rng), rest)[0]
-    true = trace(scene, pressed(SMALL["prism48"], scene)).z
-    assert np.nanmax(true[touched]) < 0.1 * np.nanmax(true)
-    assert not unpressed(replace(rest, flags=np.ones_like(rest.flags)), rest)[0].any()
-    assert px < 0.01
 
 
 def test_the_press_given_as_its_own_rest() -> None:

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from optolever import InputError
 from optolever.reconstruct import HeightMap
 
 
@@ -35,15 +34,6 @@ def test_quadratics_come_back_exactly(curved: HeightMap) -> None:
     hole = np.hypot(x - middle[0], y - middle[1]) < 0.25
     assert hole.any()
     assert not inside[hole].any()
-
-
-def test_the_natural_pitch_is_that_of_the_pixels(curved: HeightMap) -> None:
-    assert curved.resample().pitch == pytest.approx(np.sqrt(0.5 * 0.4 + 0.1 * 0.05))
-    flags = np.full(curved.flags.shape, 1, dtype=np.uint16)
-    flags[3, 3] = 0
-    lone = HeightMap(curved.x, curved.y, curved.z, curved.sigma, flags)
-    with pytest.raises(InputError, match="pitch"):
-        lone.resample()
 
 
 def test_a_tilted_plane_under_slanted_rays() -> None:

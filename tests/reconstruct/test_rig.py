@@ -103,24 +103,6 @@ def test_modes_are_what_whole_solves_by_other_scenes_change(kind: str, against_r
         assert left < 0.05 * np.sqrt(np.mean(change**2)) + 1e-3 * largest, name
 
 
-def test_displacement_is_how_points_move_with_the_rig() -> None:
-    _, press = captured(PRISM, noise=0.0)
-    height = reconstruct(press, PRISM)
-    known = rig_covariance(PRISM)
-    assert known is not None
-    assert height.displacement is not None
-    number = next(
-        k for k, row in enumerate(known.root) if known.names[int(np.argmax(np.abs(row)))] == "camera.pitch_v"
-    )
-    other = reconstruct(press, off(replace(PRISM, accuracy=None), "camera.pitch_v", 0.1))
-    row, col = 20, 80
-    moved = 10 * np.array([other.x[row, col] - height.x[row, col], other.y[row, col] - height.y[row, col]])
-    found = height.displacement_at(height.x[row, col], height.y[row, col])[number]
-    np.testing.assert_allclose(np.abs(found), np.abs(moved), atol=0.02)
-    gauge = height.displacement[len(height.calibration if height.calibration is not None else ()) :]
-    assert np.hypot(*gauge[:2, :, 0].T) == pytest.approx([0.5, 0.5])  # place along the mirror, mm
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["both poses", "glass", "motion, sag", "all"])
 def test_no_height_of_a_rig_that_is_not_as_typed_is_silent(kind: str) -> None:

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from optolever.decode import Correspondence
-from optolever.reconstruct import PointAnchor, reconstruct, slope_map
-from optolever.scene import PinholeCamera, Scene, TelecentricCamera
+from optolever.reconstruct import reconstruct, slope_map
+from optolever.scene import Scene, TelecentricCamera
 
 DENT = "gaussian:peak=1.3,sigma=20,x=70,y=60"  # off the middle in x and y
 #: How maps lie after it.
@@ -64,25 +64,3 @@ def test_the_same_mirror_seen_otherwise(exact, noisy, how: str, noise: float, ho
     slopes = [slope_map(*each) for each in ((straight, seen, scene), (turned, other, other_scene))]
     sign = -1 if how == "mirror image" else 1
     np.testing.assert_allclose(slopes[1].slope_y[good], sign * turn(slopes[0].slope_y)[good], atol=1e-5)
-
-
-def in_metres(scene: Scene, k: float = 1e-3) -> Scene:
-    camera, mirror, pattern = scene.camera, scene.mirror, scene.pattern
-    pitch = {} if isinstance(camera, PinholeCamera) else {"pitch": k * camera.pitch}
-    return replace(
-        scene,
-        mirror=replace(mirror, length=k * mirror.length, width=k * mirror.width),
-        pattern=replace(pattern, origin=k * pattern.origin, pitch=k * pattern.pitch),
-        camera=replace(camera, origin=k * camera.origin, **pitch),
-    )
-
-
-@pytest.mark.daily(2)
-@pytest.mark.parametrize("preset", ["monitor-mirror", "paper-simulation"])
-def test_metres_instead_of_millimetres(exact, preset: str) -> None:
-    scene, truth, seen = exact(preset, "gaussian", 64, 64)
-    point = np.array([truth.x[32, 32], truth.y[32, 32], truth.z[32, 32]])
-    straight = reconstruct(seen, scene, anchor=PointAnchor(*point))
-    scaled = reconstruct(seen, in_metres(scene), anchor=PointAnchor(*(1e-3 * point)))
-    assert np.nanmax(np.abs(1e3 * scaled.z - straight.z)) < 1e-9 * np.nanmax(truth.z)
-    np.testing.assert_allclose(1e3 * scaled.sigma, straight.sigma, rtol=1e-6)
