@@ -103,8 +103,9 @@ def crossed(
     lost = (fringe < np.maximum(_AMPLITUDE * noise, _GLASS * before.state.amplitudes)).any(axis=0)
     faded = after.state.amplitudes < _RESOLVED * before.state.amplitudes * light - 3 * noise
     width = _rms_width(carriers.window)
-    slope = np.nan_to_num(np.hypot(*np.gradient(np.where(sees, turn, np.nan), axis=(1, 2))))
-    steep = _grown(((slope * width > _STEEPEST) | faded).any(axis=0), width / 2)
+    slope = np.hypot(*np.gradient(np.where(sees, turn, np.nan), axis=(1, 2)))
+    edge, slope = np.isnan(slope).any(axis=0), np.nan_to_num(slope)
+    steep = _grown(((slope * width > _STEEPEST) | faded).any(axis=0), width / 2) | (edge & sees)
     doubtful = (steep | (change > _SETTLED).any(axis=0)) & ~lost
 
     finite = np.isfinite(at_rest[0]) & np.isfinite(at_rest[1])
