@@ -14,11 +14,11 @@ SAMPLE = """
 $ python -m lab contacts --rigs 10
 Share of errors within one total sigma
 kind      fingers  found  cut  depth  area   position
-ball      6        6      0    0.833  0.5    0.667
-punch     5        5      0    0.4    1      0.9
+ball      6        6      0    0.667  0.667  0.667
+punch     5        5      0    0.4    0.8    0.9
 gaussian  15       15     0    0.933  0.933  0.733
-needle    14       14     0    0.5    0.714  0.714
-all       40       40     0    0.7    0.8    0.738
+needle    14       14     0    0.286  0.786  0.714
+all       40       40     0    0.6    0.825  0.738
 """
 
 
