@@ -17,7 +17,6 @@ def print_names(kinds: Container[str], scene_name: str, json_path: Path | None) 
     scene = ol.scene.load(scene_name)
     names: dict[str, dict[str, Mapping[str, Any]]] = {
         "scenes": {name: {} for name in ol.scene.preset_names()},
-        "methods": {name: {} for name in ol.reconstruct.method_names()},
         "sequences": {name: ol.patterns.sequence_parameters(name) for name in ol.patterns.sequence_names()},
         "dents": {name: ol.scene.dent_parameters(name, scene) for name in ol.scene.dent_names()},
     }

@@ -57,7 +57,6 @@ def _sofast_files(scene: str) -> list[str]:
 
 
 OUT = Opt("--out H.npz", "File to write the height map to.", OutputFile(".npz"))
-METHOD = Rare("--method NAME", "Solver.", lists="methods")
 GRID = Opt(
     "--grid FILE",
     "Also write the surface on a regular grid of x and y: .npz (with sigma), .tif (with its scale), or .x3p, "
@@ -86,7 +85,6 @@ def command(
     accept: Annotated[bool, ACCEPT] = False,
     truth: Annotated[Path | None, Opt("--truth TRUTH.npz", "Compare with the truth of a simulation.")] = None,
     size: Size = None,
-    method: Annotated[str, METHOD] = "coupled",
     pitch: Pitch = None,
     tiff: Annotated[Path | None, TIFF] = None,
     ply: Annotated[Path | None, PLY] = None,
@@ -128,7 +126,7 @@ def command(
             step("reconstruct")
             start = time.perf_counter()
             height = reconstruct.reconstruct(
-                correspondence, scene, method, anchor, mask, rest=rest, accept=accept, progress=step
+                correspondence, scene, anchor, mask, rest=rest, accept=accept, progress=step
             )
             seconds = time.perf_counter() - start
             step("contacts")

@@ -21,7 +21,7 @@ from optolever.arguments import check_face
 
 from .contact import Contact, contacts, sink_around
 from .contact.peaks import basins
-from .coupled import method_names, reconstruct
+from .coupled import reconstruct
 from .exact import exact_correspondence
 from .fields.integrate import Integral, integrate
 from .heightmap import HEIGHT_FORMATS, Diagnostics, HeightFlag, HeightMap
@@ -63,7 +63,6 @@ __all__ = [
     "exact_correspondence",
     "free_mode_of",
     "integrate",
-    "method_names",
     "null_space",
     "reconstruct",
     "rest_corrected",

@@ -42,9 +42,8 @@ from .solver.edges import Doubt, defects, edge_weights
 from .solver.newton import State, solve
 from .uncertainty.sources import CELLS, NOISE, noise_sources
 
-__all__ = ["Solution", "method_names", "reconstruct", "solved_height"]
+__all__ = ["Solution", "reconstruct", "solved_height"]
 
-_METHODS = ("coupled",)
 _DOUBTED = 0.2  # chi2 that the errors of such a rig leave, from which on other descriptions are tried
 _SAME_CAPTURE = Notice(
     "The press and the rest capture are one and the same capture, so that every height is 0",
@@ -73,15 +72,9 @@ class Solution(NamedTuple):
     freedom: int
 
 
-def method_names() -> tuple[str, ...]:
-    """Names that `reconstruct` takes as method."""
-    return _METHODS
-
-
 def reconstruct(
     correspondence: Correspondence,
     scene: Scene,
-    method: str = "coupled",
     anchor: Anchors = None,
     mask: Mask | None = None,
     *,
@@ -89,9 +82,8 @@ def reconstruct(
     accept: bool = False,
     progress: Progress = silent,
 ) -> HeightMap:
-    """The mirror behind a correspondence.
+    """The mirror behind a correspondence, by Newton's method with an integrating factor.
 
-    method: 'coupled', Newton with an integrating factor; DCT or conjugate gradients, as the weights ask.
     anchor: what settles the free mode: 'edge' (default: the camera-side edge x = L0 rests), 'middle' (default
     in open air without that edge in view), a point (x, y, z) in mm, or anchors of `anchors`. mask (H, W):
     pixels to use, among those without a flag. rest: what was decoded from the mirror at rest; its deviation
@@ -101,8 +93,6 @@ def reconstruct(
     progress: called with what is being done, how many steps are done, and of how many. Raises InputError if
     the arrays do not fit the scene, no pixel remains, or no anchor can be used.
     """
-    if method not in _METHODS:
-        raise InputError(f"method = {method!r}: unknown, must be one of {', '.join(method_names())}")
     if rest is not None:
         if same_capture(correspondence, rest):
             correspondence = replace(correspondence, notices=(*correspondence.notices, _SAME_CAPTURE))

@@ -19,7 +19,7 @@ from optolever.records import Axes, Comparable, flag_line, plot_maps, span
 
 from .arrays import Floats, Mask
 from .outputs.coarse_modes import Modes, expanded, sum_of_squares
-from .outputs.export import MESHES, chosen, write_ply, write_tiff
+from .outputs.export import MESHES, chosen, write_tiff
 from .outputs.resampling import GRID_FORMATS, Grid, Lean, natural_pitch, resample
 
 __all__ = ["HEIGHT_FORMATS", "Diagnostics", "HeightFlag", "HeightMap"]
@@ -302,15 +302,6 @@ class HeightMap(Comparable):
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
 
-    def save_tiff(self, path: str | Path) -> None:
-        """Write z as float32 TIFF (mm; NaN where it is not good), on the camera's pixels."""
-        write_tiff(path, np.where(self.good, self.z, np.nan))
-
-    def save_ply(self, path: str | Path) -> None:
-        """Write the good points with their sigma (noise and rig) as a binary PLY mesh of the camera's pixel
-        grid."""
-        write_ply(path, self.x, self.y, self.z, self.total_sigma, self.good)
-
     def export(self, path: str | Path, pitch_mm: float | None = None) -> None:
         """Write in the format of the suffix, one of HEIGHT_FORMATS; InputError names these.
 
@@ -321,6 +312,6 @@ class HeightMap(Comparable):
         if suffix in MESHES:
             MESHES[suffix](path, self.x, self.y, self.z, self.total_sigma, self.good)
         elif pitch_mm is None and suffix in (".npz", ".tif", ".tiff"):
-            (self.save if suffix == ".npz" else self.save_tiff)(path)
+            self.save(path) if suffix == ".npz" else write_tiff(path, np.where(self.good, self.z, np.nan))
         else:
             self.resample(pitch_mm).export(path)

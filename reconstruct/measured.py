@@ -127,11 +127,6 @@ class Measured:
         found: Mask = np.maximum(np.abs(p_w), np.abs(q_w)) >= limit
         return found & self.mask
 
-    def clearance(self, w: Floats) -> Floats:
-        """Distance from the mirror point at w to the pattern point, mm; NaN where u or v is."""
-        way = self.to_pattern(w)
-        return np.asarray(np.sqrt(np.einsum("kij,kij->ij", way, way)))
-
     def to_pattern(self, w: Floats) -> Floats:
         """X - P, from the mirror points at w to the pattern points, (3, rows, cols) mm."""
         (u, v), way = self._on_plane(w), self._points(w)

@@ -56,7 +56,6 @@ _TEXTS = {
     "--dent": (*_DENTS, "rounded-needle", "relief:path=@/mask.png", "gaussian:peak=-9", "ball:depth=40"),
     "--pixels": ("1x1", "2x2", "16x12", "32x24", "200x3", "64x64"),
     "--roi": ("0,0,24,32", "3,3,1,1", "0,0,1,32", "20,30,4,2", "24,0,1,1", "-1,0,2,2"),
-    "--method": ("coupled",),
     "--anchor": ("edge", "none", "30,20,0", "30,20,1", "0,0,0", "1e9,0,0", "nan,0,0"),
     "": ("0", "1", "7", "20", "0.3", "1e-9", "1e4", "1e9", "99999999999"),
 }
@@ -194,8 +193,7 @@ def _compile(run: Run, base: Path) -> None:
     """Run what is in order, before the clock counts: loops are compiled once on a machine."""
     with redirect_stderr(io.StringIO()), redirect_stdout(io.StringIO()):
         given = [str(base / "c.npz"), "--scene", str(base / "scene.toml"), "--rest", str(base / "c.npz")]
-        for method in _TEXTS["--method"]:
-            run(["reconstruct", *given, "--method", method, "--out", str(base / "out.npz")])
+        run(["reconstruct", *given, "--out", str(base / "out.npz")])
         for code in _TEXTS["--sequence"][:-1]:
             shutil.rmtree(base / "out", ignore_errors=True)
             given = ["--scene", str(base / "scene.toml"), "--renderer", "numpy", "--sequence", code]

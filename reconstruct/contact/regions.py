@@ -24,15 +24,13 @@ __all__ = ["contacts"]
 
 _SIGNIFICANT = 3.0  # standard deviations: a dent exceeds its saddle and the surface at rest by more
 _FEWEST = 24  # pixels of a dent
+_SHALLOWEST, _MOST = 0.02, 16
 _ROUNDING = 1 / np.sqrt(180)  # of a pixel: the share of an area that an outline cuts off at random
 _UNDER = 0.85  # of the edge: where the surface follows the indenter
 
 
-def contacts(
-    height: HeightMap, slopes: SlopeMap, shallowest: float = 0.02, most: int = 16
-) -> tuple[Contact, ...]:
-    """Dents of a height map, deepest first: at least `shallowest` times as deep as the deepest, at most
-    `most`.
+def contacts(height: HeightMap, slopes: SlopeMap) -> tuple[Contact, ...]:
+    """Dents of a height map, the 16 deepest, deepest first: at least 0.02 times as deep as the deepest.
 
     A dent exceeds the saddle to a deeper one by three standard deviations of the height on either side, and
     the surface at rest by three of noise and rig; errors of the rig that the map shows do not count.
@@ -48,10 +46,10 @@ def contacts(
     depths = relief.z.ravel()[peaks]
     sigma = np.hypot(relief.sigma.ravel()[peaks], np.linalg.norm(modes, axis=0))
     depths = np.where(depths > _SIGNIFICANT * sigma, depths, 0.0)
-    deep = np.flatnonzero((depths > 0) & (depths >= shallowest * depths.max()))
+    deep = np.flatnonzero((depths > 0) & (depths >= _SHALLOWEST * depths.max()))
     dents = [Dent.of(relief, labels == number, int(peaks[number])) for number in deep]
     found = [_contact(dent) for dent in dents if np.count_nonzero(dent.inside) >= _FEWEST]
-    return tuple(sorted(found, key=lambda contact: -contact.depth)[:most])
+    return tuple(sorted(found, key=lambda contact: -contact.depth)[:_MOST])
 
 
 class _Region(NamedTuple):

@@ -82,7 +82,8 @@ def integrate(
         z, iterations = found.x, found.iterations
     labels = scipy.ndimage.label(inside)[0].astype(np.int32)
     left, count = _residuals(edges, edge, z), sum(int(np.count_nonzero(w)) for w in edge)
-    return Integral(_centred(z, labels), iterations, _rms(left, count), labels)
+    rms = math.sqrt(sum(float(np.einsum("ij,ij->", r, r)) for r in left) / max(count, 1))
+    return Integral(_centred(z, labels), iterations, rms, labels)
 
 
 def _checked(gx: ArrayLike, gy: ArrayLike, mask: ArrayLike | None) -> tuple[Floats, Floats, Mask]:
@@ -170,11 +171,6 @@ def _residuals(edges: Pair, weights: Pair, z: Floats) -> Pair:
     np.subtract(edges[0][:, :-1], np.diff(z, axis=1), out=rx[:, :-1], where=weights[0][:, :-1] > 0)
     np.subtract(edges[1][:-1], np.diff(z, axis=0), out=ry[:-1], where=weights[1][:-1] > 0)
     return rx, ry
-
-
-def _rms(values: Pair, count: int) -> float:
-    """Root mean square over so many edges."""
-    return math.sqrt(sum(float(np.einsum("ij,ij->", r, r)) for r in values) / max(count, 1))
 
 
 def _centred(z: Floats, labels: Labels) -> Floats:

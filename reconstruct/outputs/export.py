@@ -22,7 +22,7 @@ from optolever.files import atomic_file
 
 from ..arrays import Floats, Mask
 
-__all__ = ["MESHES", "REGULAR", "chosen", "write_ply", "write_tiff"]
+__all__ = ["MESHES", "REGULAR", "chosen", "write_tiff"]
 
 _METRES = 1e-3  # per mm
 _DATA = "bindata/data.bin"

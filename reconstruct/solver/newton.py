@@ -25,7 +25,6 @@ _MAX_STEPS = 15
 _FACTOR_ACCURACY = Accuracy(peak=0.02)  # of log E, in every pixel: E only has to be near
 _LINEAR_SHARE = 0.02  # of an edge's standard deviation: the energy of what a linear solve may leave
 _FIRST_RELATIVE, _RELATIVE = 1e-2, 1e-10  # of the first error: there is a second step; rounding
-_CHORD = 1e-4  # of a chord step: the next one corrects the rest
 _SMALL_STEP = 1e-2  # of the range of w: steps below it cannot leave the medium
 _NOISE_SHARE = 0.02  # of a slope's standard deviation: a change below the noise
 _RESPONSE = 1e-3  # of the first error: drawn noise yields a variance to some per cent at best
@@ -87,7 +86,8 @@ def solve(
     """
     rows = anchor_rows(samples, data, labels)
     variances = _guarded(data.variances(w), data.mask)
-    tolerance, noise = _TOLERANCE * _span(w, data.mask), _noise(variances[0], data.mask)
+    tolerance = _TOLERANCE * float(np.ptp(w[data.mask]))
+    noise = math.sqrt(float(np.median(variances[0][data.mask])))
     plain = edge_problem(*edge_weights(*variances, _ONE, data.mask, doubt), data.mask, doubt is None)
     problem, root, phi = plain, _ONE, None
     sample: tuple[Floats, ...] = ()
@@ -157,19 +157,12 @@ def solve(
             )
 
 
-def chord_step(
-    data: Measured,
-    labels: Labels,
-    state: State,
-    accuracy: Accuracy | None = None,
-    share: Floats | None = None,
-) -> State:
+def chord_step(data: Measured, labels: Labels, state: State, accuracy: Accuracy, share: Floats) -> State:
     """One more step from a state, for a measurement that has changed little: same problem, factor and
-    variances. accuracy: of the linear solve; None: below the noise. share: of the anchors, None: chosen anew.
-    """
+    variances. accuracy: of the linear solve; share: of the anchors."""
     p, q, _, _ = data.slopes(state.w)
     gx, gy = defects(p, q, state.w, state.root, data.mask)
-    step = state.problem.solve(gx, gy, accuracy or Accuracy(_LINEAR_SHARE, _CHORD))
+    step = state.problem.solve(gx, gy, accuracy)
     change, _ = _anchored(step.x, state.root, labels, state.rows, state.w, (p, q), state.variances, share)
     size = float(np.sqrt(np.mean(change**2)))
     return replace(state, w=state.w + change, slopes=(p, q), steps=(size,), iterations=step.iterations)
@@ -230,7 +223,7 @@ def _anchored(
     at, count = rows.pixel, int(labels.max())
     factor = np.square(np.broadcast_to(root, w.shape).ravel()[at])
     error = rows.predict(w, *slopes) + factor * potential.ravel()[at] - rows.known
-    if share is None or share.shape != error.shape:
+    if share is None:
         constants, share = free_constants(rows, error, factor, _anchor_spread(rows, variances), count)
     else:
         constants = -np.bincount(rows.component, share * error / factor, count + 1).astype(np.float64)
@@ -272,18 +265,10 @@ def _limited(change: Floats, data: Measured, w: Floats) -> Floats:
     """The change, cut to half the way to the pattern where it would lead farther."""
     if float(np.abs(change).max()) < _SMALL_STEP * float(np.ptp(w)):
         return change
-    half = 0.5 * data.clearance(w)
-    limit = half / data.distance(w) if data.rays.logarithmic else half
+    limit = 0.5 * np.linalg.norm(data.to_pattern(w), axis=0)
+    limit = limit / data.distance(w) if data.rays.logarithmic else limit
     limited: Floats = np.clip(change, -limit, limit, where=np.isfinite(limit), out=change)
     return limited
-
-
-def _span(w: Floats, mask: Mask) -> float:
-    return float(np.ptp(w if mask.all() else w[mask]))
-
-
-def _noise(variance: Floats, mask: Mask) -> float:
-    return math.sqrt(float(np.median(variance[mask])))
 
 
 def _rate(steps: list[float]) -> float:

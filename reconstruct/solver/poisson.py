@@ -11,7 +11,7 @@ Anything else - weights of both axes, masks - by conjugate gradients on multigri
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import scipy.fft
@@ -47,15 +47,10 @@ _ABREAST = 8  # modes
 
 @dataclass(frozen=True, slots=True)
 class PoissonResult:
-    """A solution (free constant arbitrary), the iterations it took and its energy error estimate.
-
-    error: square root of the last preconditioned residual's energy, in units of the edges' standard
-    deviations.
-    """
+    """A solution (free constant arbitrary) and the iterations it took."""
 
     x: Floats
     iterations: int
-    error: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,30 +148,12 @@ def column_profile(weights: Floats) -> Floats:
     return profile
 
 
-class EdgeProblem(Protocol):
-    """min sum w_e (x_j - x_i - g_e)^2 for edge data g."""
-
-    @property
-    def columns(self) -> ColumnPoisson:
-        """The separable problem: itself, or its counterpart without mask and jumps."""
-
-    @property
-    def weights(self) -> tuple[Floats, Floats] | None:
-        """The edges' weights (rows, cols), None where the columns' say it all."""
-
-    @property
-    def closed(self) -> bool:
-        """Whether the solution's variance has a closed form: least squares, on the columns' weights alone."""
-
-    def solve(self, gx: Floats, gy: Floats, accuracy: Accuracy, start: Floats | None = None) -> PoissonResult:
-        """Potential up to a constant per component; iterations begin at start and stop at the accuracy."""
-
-    def energy(self, gx: Floats, gy: Floats) -> float:
-        """sum w_e g_e^2."""
-
-
 class SeparableEdges:
-    """Full rectangle, weights by columns: exact."""
+    """min sum w_e (x_j - x_i - g_e)^2 for edge data g on a full rectangle, weights by columns: exact.
+
+    columns: the separable problem; weights: None where the columns' say it all; closed: whether its variance
+    has a closed form: least squares, on the columns' weights alone.
+    """
 
     weights = None
     closed = True
@@ -190,7 +167,7 @@ class SeparableEdges:
     def solve(self, gx: Floats, gy: Floats, accuracy: Accuracy, start: Floats | None = None) -> PoissonResult:
         """One direct solve."""
         x = self.columns.solve(divergence(gx, gy, self._wx, self._wy), accuracy.single)
-        return PoissonResult(x, 1, 0.0)
+        return PoissonResult(x, 1)
 
     def energy(self, gx: Floats, gy: Floats) -> float:
         """sum w_e g_e^2."""
@@ -241,10 +218,10 @@ class MaskedEdges:
         direction = z.copy()
         for iteration in range(limit):
             if energy <= 0.0 or accuracy.met(energy, first, z):
-                return PoissonResult(x, iteration, float(np.sqrt(max(energy, 0.0))))
+                return PoissonResult(x, iteration)
             curvature = apply_laplacian(direction, *self.weights, image)[1]
             if not curvature > 0.0:  # the direction is all rounding
-                return PoissonResult(x, iteration, float(np.sqrt(energy)))
+                return PoissonResult(x, iteration)
             alpha = energy / curvature
             r -= np.multiply(alpha, image, out=image)
             x += np.multiply(alpha, direction, out=image)
@@ -252,7 +229,7 @@ class MaskedEdges:
             z, energy = self._preconditioned(r)
             direction *= energy / before
             direction += z
-        return PoissonResult(x, limit, float(np.sqrt(max(energy, 0.0))))
+        return PoissonResult(x, limit)
 
     def _preconditioned(self, r: Floats) -> tuple[Floats, float]:
         """About the error that the residual r stands for, zero outside the mask, and its energy."""
@@ -262,6 +239,9 @@ class MaskedEdges:
         z = self._cycle(r)
         z *= self._mask
         return z, float(np.einsum("ij,ij->", z, r))
+
+
+EdgeProblem = SeparableEdges | MaskedEdges
 
 
 def edge_problem(wx: Floats, wy: Floats, mask: Mask, separable: bool = True) -> EdgeProblem:

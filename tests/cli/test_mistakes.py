@@ -55,7 +55,6 @@ simulate --scene paper-simulation --pixels 20000x20000 {many} --out {out} | GiB
 simulate {scene} --out {out}/deeper/still | deeper | does not exist
 simulate {scene} --out {out} --json {out}/none/n.json | n.json
 simulate {scene} --out {capture} | no empty folder
-{solve} --method magic --out {out}.npz | magic
 {solve} --mask {small} --out {out}.npz | 8x8
 decode {capture} --mask {black} --out {out}.npz | black.png | leaves no pixel
 {solve} --rest {h} --out {out}.npz | field

@@ -85,7 +85,7 @@ def test_names_of_presets_and_an_earlier_command(optolever: Program, tmp_path: P
     names = json.loads(path.read_text())
     assert {"paper-simulation", "prism48"} <= set(names["scenes"])
     assert names["parameters"]["dents"]["gaussian"]["peak"] == pytest.approx(1.3)
-    assert "coupled" in optolever("reconstruct", "--list").out
+    assert "gray+phase" in optolever("simulate", "--list").out
 
 
 def test_doctor_says_what_there_is_and_what_is_missing(optolever: Program, tmp_path: Path) -> None:

@@ -109,7 +109,7 @@ def test_nominal_surfaces_that_do_not_serve(tmp_path: Path, refused: Any) -> Non
     height.save(tmp_path / "h.npz")
     small = nominal_grid()
     Grid(small.z[:40, :40], small.z[:40, :40], 0.0, 0.0, 0.5).save(tmp_path / "small.npz")
-    height.save_tiff(tmp_path / "pixels.tif")
+    height.export(tmp_path / "pixels.tif")
     (tmp_path / "n.stl").write_bytes(b"solid nothing")
     (tmp_path / "n.obj").write_text("v 0 0 0")
     for name, *words in (

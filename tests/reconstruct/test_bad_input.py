@@ -12,7 +12,6 @@ from optolever.reconstruct import (
     DistanceAnchor,
     PixelAnchor,
     PointAnchor,
-    method_names,
     reconstruct,
 )
 from optolever.scene import load
@@ -57,7 +56,6 @@ BAD: list[tuple[dict[str, Any], dict[str, Any], tuple[str, ...]]] = [
     ({"sigma_v": spoilt(-1.0)}, {}, ("sigma_v", "(3, 4)")),
     ({"sigma_v": spoilt(np.inf)}, {}, ("sigma_v", "(3, 4)")),
     ({"v": np.full(SHAPE, np.nan)}, {}, ("v", "both axes")),
-    ({}, {"method": "guess"}, method_names()),
     ({}, {"rest": SMALL}, ("rest", "24 x 32")),
     *(({}, {"anchor": anchor}, ("anchor",)) for anchor in
       ("none", "somewhere", [], [None], 7.0, (1.0, 2.0), (1.0, 2.0, "a"), PointAnchor(1.0, 2.0, np.nan))),

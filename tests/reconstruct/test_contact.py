@@ -21,7 +21,6 @@ def found_in(
     noisy: Callable[..., Correspondence],
     seed: int = 0,
     at=(0.5, 0.5),
-    **options,
 ):
     """Contacts of a surface that is known in one place, from correspondences with noise."""
     truth = trace(scene, surface)
@@ -29,7 +28,7 @@ def found_in(
     row, col = int(at[0] * scene.camera.rows), int(at[1] * scene.camera.cols)
     anchor = PixelAnchor(float(row), float(col), float(truth.z[row, col]))
     height = reconstruct(seen, scene, anchor=anchor)
-    return contacts(height, slope_map(height, seen, scene), **options)
+    return contacts(height, slope_map(height, seen, scene))
 
 
 @pytest.fixture(scope="module")
