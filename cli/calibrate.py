@@ -33,7 +33,6 @@ $ optolever calibrate --rig rig.toml rest ball:30,0.003
 
 RIG = Opt("--rig RIG.toml", "Take the captures now, by the camera and the display of this rig.", RigFile())
 OUT = Opt("--out RIG.toml", "Scene with covariance, to write; default: that of --rig.", OutputFile(".toml"))
-FOLDER = Rare("--captures DIR", "Of --rig: their folder; default: RIG.captures.")
 SEQUENCE = Rare("--sequence NAME[:KEY=VALUE,...]", "Of --rig.")
 RESUME = Opt("--resume", "Of --rig: go on with the captures of an unfinished calibration.")
 YES = Rare("--yes", "Of --rig: ask nothing; doubtful captures are set aside.")
@@ -43,7 +42,6 @@ WEIGHT = Rare(
     "--weight NEWTON[,SIGMA]=H.npz",
     "In place of captures: heights less rest under a known weight, for the modulus of the scene's [layer].",
 )
-GUESS = Rare("--guess", "Start from the parameters of the scene, in open air too.")
 LEFT_OUT = Rare("--leave-one-out", "Also print the leave-one-out chi of each capture.")
 ACCEPT = Opt("--accept", "Write the rig even if a parameter ends beyond 5 prior sigma.")
 FOLLOW = Rare("--follow", "Wait for each capture, and print its contribution as soon as it exists.")
@@ -62,11 +60,9 @@ def command(
     resume: Annotated[bool, RESUME] = False,
     page: Annotated[Path | None, PAGE] = None,
     size: Size = None,
-    folder: Annotated[Path | None, FOLDER] = None,
     sequence: Annotated[str, SEQUENCE] = "gray+phase",
     yes: Annotated[bool, YES] = False,
     weights: Annotated[tuple[str, ...], WEIGHT] = (),
-    guess: Annotated[bool, GUESS] = False,
     leave_one_out: Annotated[bool, LEFT_OUT] = False,
     follow: Annotated[bool, FOLLOW] = False,
     json_path: Json = None,
@@ -85,7 +81,7 @@ def command(
         raise click.UsageError("Missing option '--scene' and '--out' (captures), or '--rig' (a camera).")
     of_captures = {"--scene": scene_name, "--without": without, "--follow": follow, "--pixels": size}
     of_captures["--weight"] = weights
-    of_rig = {"--captures": folder, "--resume": resume, "--yes": yes}
+    of_rig = {"--resume": resume, "--yes": yes}
     cure = "is of captures that exist, --rig takes them" if rig else "needs --rig"
     for option, value in (of_captures if rig else of_rig).items():
         if value:
@@ -102,9 +98,9 @@ def command(
         return
     given = _given(captures, without) if rig is None else []
     found, start = None, time.perf_counter()
-    calibrate = partial(ol.calibration.calibrate_so_far, scene, priors=chosen, guess=guess)
+    calibrate = partial(ol.calibration.calibrate_so_far, scene, priors=chosen)
     if rig is not None:  # asks at the terminal: no progress bar over it
-        plan, folder = _plan(captures, scene), folder or rig.with_suffix(".captures")
+        plan, folder = _plan(captures, scene), rig.with_suffix(".captures")
         found = capture_targets(rig, plan, folder, sequence, calibrate, ask=not yes, resume=resume).required()
     with progress() as step:
         if follow:
@@ -114,7 +110,7 @@ def command(
             used = [each.observed() for each in given]
             step("adjust")
             start = time.perf_counter()
-            found = ol.calibration.calibrate(scene, used, chosen, guess=guess)
+            found = ol.calibration.calibrate(scene, used, chosen)
         if found.implausible and not accept:
             raise InputError(f"{out}: not written; {found.implausible[0]}; --accept writes it all the same")
         numbers = found.to_dict() | {"seconds": time.perf_counter() - start}

@@ -1,12 +1,11 @@
 """`optolever demo`: the full chain on a virtual sensor, and a report."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import optolever as ol
 
-from .arguments import AT_LEAST_0, Opt, Rare, program
+from .arguments import Opt, program
 from .options import Dent, Json, Noise, Renderer, SceneName, Seed, Shown, Size, load_scene
 from .outputs import ReportFolder
 from .show import number, print_notices, progress, table, write_json
@@ -27,7 +26,6 @@ Demo: paper-simulation, raised-cosine:peak=1.3, gray+phase, 22 frames
 
 
 OUT = Opt("--out DIR", "Gets report.html and the data behind it.", ReportFolder("report.html", "figures.csv"))
-BLUR = Rare("--blur CELLS", "Rms blur of the pattern in cells, in place of the scene's.", AT_LEAST_0)
 
 
 @program("demo", SAMPLE)
@@ -39,7 +37,6 @@ def command(
     size: Size = None,
     out: Annotated[Path, OUT] = Path("out/demo"),
     seed: Seed = 0,
-    blur: Annotated[float | None, BLUR] = None,
     renderer: Renderer = "auto",
     json_path: Json = None,
 ) -> None:
@@ -53,8 +50,6 @@ def command(
     and every number of the page (figures.csv) are in the same folder.
     """
     scene = load_scene(scene_name, size, exact=True)
-    if blur is not None:
-        scene = replace(scene, pattern=replace(scene.pattern, blur_px=blur))
     pressed = dent or scene.dent or "flat"
     with progress() as step:
         result = ol.experiments.run_demo(

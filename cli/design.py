@@ -32,7 +32,7 @@ Choice
 """
 
 FRAMES = Opt("--frames N", "Maximum number of frames; default 24.", click.IntRange(min=2))
-TIME = Opt("--time SECONDS", "Maximum display time, in place of --frames.", ABOVE_0)
+TIME = Opt("--time SECONDS", "Maximum display time, in place of --frames or beside it.", ABOVE_0)
 REFRESH = Opt("--refresh HZ", "Frames that the display shows per second.", ABOVE_0)
 CODES = Opt(
     "--code PATTERN[@DECODER]",
@@ -45,7 +45,6 @@ GAMMA = Opt("--gamma G", "Gamma of the display in place of the scene's; unknown 
 FLICKER = Opt("--flicker SHARE", "Amplitude of the light at 100 Hz, in simulated frames.", SHARE)
 BLUR = Opt("--blur CELLS", "Rms blur in place of the scene's.", AT_LEAST_0)
 EXPOSURE = Opt("--exposure MS", "Exposure of a frame, rounded up to full refreshes.", AT_LEAST_0)
-FAILURE = Opt("--failure RATE", "Largest probability of a wrong order or bit.", click.FloatRange(0, 1))
 ADD = Opt(
     "--add PATTERN",
     "Also rank a sequence; a folder of images with a coordinates.toml ([[frames]] file, axis) or "
@@ -73,7 +72,6 @@ def command(
     flickers: Annotated[tuple[float, ...], FLICKER] = (),
     blurs: Annotated[tuple[float, ...], BLUR] = (),
     exposure: Annotated[float, EXPOSURE] = 0.0,
-    failure: Annotated[float, FAILURE] = 1e-3,
     added: Annotated[tuple[str, ...], ADD] = (),
     verify: Annotated[int, VERIFY] = 3,
     shown: Annotated[int, ROWS] = 12,
@@ -119,13 +117,16 @@ def command(
     if len(faults) * len(noises) > 1 or chart or csv_path:
         raise InputError("--code: missing; several noises or faults, --chart and --csv compare named codes")
     (fault,), (noise,) = faults, noises
-    budget = _budget(frames, seconds, rate)
+    by_time = math.inf if seconds is None else seconds * rate + 1e-9
+    budget = int(min(frames or (24 if seconds is None else math.inf), by_time))
+    if budget < 2:
+        raise InputError(f"--time {seconds:g}: shows less than two frames, must be at least {2 / rate:.3g}")
     cells = scene.pattern.rows, scene.pattern.cols
     extra = [design.user_candidate(text, *cells, resized=resized) for text in added]
     with progress() as step:
         found = design.run_design(
             fault.on(scene), dent or scene.dent or "flat",
-            frames=budget, refresh=rate, noise=noise, failure=failure, verify=verify,
+            frames=budget, refresh=rate, noise=noise, verify=verify,
             extra=extra, lag=fault.lag, renderer=renderer, progress=step,
         )  # fmt: skip
     chosen = found.chosen
@@ -137,15 +138,9 @@ def command(
     heads = ("sequence", "frames", "time", "predicted", "+-", "simulated", "wrong order", "measured", "")
     lines = [
         (
-            row.text,
-            str(row.frames),
-            number(row.seconds, "s"),
-            number(row.predicted),
-            f"{100 * row.spread:.0f} %" if math.isfinite(row.spread) else "",
-            number(row.simulated) if math.isfinite(row.simulated) else "",
-            f"{row.failure:.0e}" if math.isfinite(row.failure) else "",
-            number(100 * row.share, "%"),
-            row.why,
+            *(row.text, str(row.frames), number(row.seconds, "s"), number(row.predicted)),
+            *(_known(100 * row.spread, ".0f", " %"), _known(row.simulated), _known(row.failure, ".0e")),
+            *(number(100 * row.share, "%"), row.why),
         )
         for row in best
     ]
@@ -158,25 +153,17 @@ def command(
     table("Choice", choice | ({"written to": str(out)} if out is not None and chosen is not None else {}))
 
 
+def _known(value: float, form: str = ".4g", unit: str = "") -> str:
+    """A cell of a table: blank where the number is unknown."""
+    return f"{value:{form}}{unit}" if math.isfinite(value) else ""
+
+
 def _compared(name: str, rows: "Iterable[ol.experiments.design.Tradeoff]") -> None:
     lines = []
     for row in rows:
         axes = [row.noise, row.lag, row.gamma, row.flicker, row.blur]
         values = [row.acquisition_seconds, row.cpu_seconds, row.predicted, row.simulated, 100 * row.share]
-        cells = [number(value, unit) if math.isfinite(value) else ""
-                 for value, unit in zip(values, ("s", "s", "", "", "%"), strict=True)]  # fmt: skip
+        cells = map(_known, values, [".4g"] * 5, (" s", " s", "", "", " %"))
         lines.append([row.code, *("" if value is None else f"{value:g}" for value in axes), *cells, row.why])
     names = ("noise", "lag", "gamma", "flicker", "blur", "acquire", "CPU", "predicted", "simulated")
     grid(f"Height error, rms in mm: {name}", ("code", *names, "measured", ""), lines)
-
-
-def _budget(frames: int | None, seconds: float | None, refresh: float) -> int:
-    """Largest number of frames."""
-    if frames is not None and seconds is not None:
-        raise InputError("--frames and --time: exclude each other, leave one out")
-    if seconds is None:
-        return frames or 24
-    if seconds * refresh < 2:
-        text = f"--time {seconds:g}: shows less than two frames, must be at least {2 / refresh:.3g}"
-        raise InputError(text)
-    return int(seconds * refresh + 1e-9)

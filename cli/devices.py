@@ -7,7 +7,7 @@ from optolever import InputError
 
 from .arguments import program
 from .options import Json
-from .show import grid, print_notices, write_json
+from .show import grid, print_notices, table, write_json
 
 SAMPLE = """
 $ optolever camera devices
@@ -16,8 +16,7 @@ camera                                      model         serial  formats    not
 v4l2:/dev/v4l/by-id/usb-Maker_Cam_123-...   Cam: Cam      123     GREY YUYV
 gige:192.168.0.12                           acA1920-40gm  22781
 Monitors
-display                 size         refresh  mm         bits
-DELL U2412M:YMYH1234    1200 x 1920  60 Hz    324 x 518  8
+  0  DELL U2412M:YMYH1234 (1200 x 1920, 60 Hz, 324 x 518 mm, 8 bits)
 """
 
 
@@ -44,16 +43,12 @@ def command(json_path: Json = None) -> None:
         },
     )
     rows = [[one.address, one.model, one.serial, " ".join(one.formats[:4]), one.note] for one in cameras]
-    grid("Cameras", ("camera", "model", "serial", "formats", "note"), rows or [["none", "", "", "", ""]])
-    lines = [
-        [
-            one.name,
-            f"{one.rows} x {one.cols}",
-            f"{one.refresh_hz} Hz" if one.refresh_hz else "unknown",
-            f"{one.rows_mm} x {one.cols_mm}" if one.rows_mm else "unknown",
-            str(one.bits),
-        ]
-        for one in shown
-    ]
-    grid("Monitors", ("display", "size", "refresh", "mm", "bits"), lines or [["none", "", "", "", ""]])
-    print_notices((*silent.values(), *(fault for one in shown for fault in one.faults())))
+    grid("Cameras", ("camera", "model", "serial", "formats", "note"), rows or [["none"]])
+    print_notices(silent.values())
+    print_monitors(shown)
+
+
+def print_monitors(found: "list[ol.projector.Monitor]") -> None:
+    """Number and name of each, and notices about settings that spoil patterns."""
+    table("Monitors", {str(one.index): str(one) for one in found} or {"none": ""})
+    print_notices(fault for one in found for fault in one.faults())

@@ -28,8 +28,6 @@ Missing
 
 CORE = ("moderngl", "numpy", "opencv-contrib-python-headless", "scipy", "numba", "glfw", "matplotlib")
 EXTRAS = {"h5py": "pip install 'optolever[sofast]'; without it SOFAST's HDF5 files cannot be read"}
-#: Wheels that all install the module cv2, into the same folder.
-OPENCV = tuple(f"opencv-{kind}python{end}" for kind in ("", "contrib-") for end in ("", "-headless"))
 LIBRARIES = {"aravis-0.8": "apt-get install libaravis-0.8-0; without it no GigE or USB3 Vision camera"}
 NONE = {
     "OpenGL": "on Debian: apt-get install libegl1 libgl1 libgl1-mesa-dri; "
@@ -37,7 +35,6 @@ NONE = {
     "numba cache": "set NUMBA_CACHE_DIR to a folder that can be written; "
     "without it the first decode of every process takes seconds longer",
 }
-PROGRAMS = {"xvfb-run": "apt-get install xvfb", "chromium": "apt-get install chromium"}
 
 
 @program("doctor", SAMPLE)
@@ -78,7 +75,7 @@ def _monitors() -> str:
     if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         return "none: no display (DISPLAY and WAYLAND_DISPLAY are unset)"
 
-    found = [f"{text}" for one in ol.projector.monitors() for text in (one, *one.faults())]
+    found = [str(text) for one in ol.projector.monitors() for text in (one, *one.faults())]
     return "; ".join(found) or "none"
 
 
@@ -104,16 +101,8 @@ def _cache() -> str:
 
 def _missing(found: dict[str, str]) -> dict[str, str]:
     from ctypes.util import find_library
-    from shutil import which
 
     missing = {name: f"pip install {name}" for name in CORE if found[name] == "missing"}
     missing |= {name: cure for name, cure in NONE.items() if found[name].startswith("none")}
-    wheels = [name for name in OPENCV if _version(name) is not None]
-    if len(wheels) > 1:
-        named = " and ".join(f"{name} {_version(name)}" for name in wheels)
-        cure = f"pip uninstall {' '.join(wheels)}, then pip install opencv-contrib-python-headless"
-        missing["one OpenCV"] = f"{named} lie in one folder, cv2 is the last one installed: {cure}"
     missing |= {name: cost for name, cost in EXTRAS.items() if _version(name) is None}
-    missing |= {name: cost for name, cost in LIBRARIES.items() if find_library(name) is None}
-    absent = (name for name in PROGRAMS if which(name) is None)
-    return missing | {name: f"{PROGRAMS[name]}; only tests need it" for name in absent}
+    return missing | {name: cost for name, cost in LIBRARIES.items() if find_library(name) is None}

@@ -5,7 +5,7 @@ import time
 from contextlib import ExitStack
 from pathlib import Path
 from statistics import median
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import click
 
@@ -30,7 +30,6 @@ Live: prism48, 60 x 80 cells
 """
 
 
-CELL = Rare("--cell 2|4", "Side of a cell, pixels; 4: less than half the time, fails on contacts that fold.")
 RATE = Opt("--rate HZ", "Frames a second of the virtual camera; 0: as fast as they are read.", AT_LEAST_0)
 STOP = Opt("--frames N", "Stop after so many readings; default: never.", click.IntRange(min=1))
 RECORD = Opt("--record DIR", "Folder to make with every frame that is read, and its reading, for replay.")
@@ -51,7 +50,6 @@ def command(
     json_lines: Annotated[bool, Opt("--json-lines", "Print a line of JSON for every reading.")] = False,
     record: Annotated[Path | None, RECORD] = None,
     probe: Annotated[tuple[str, ...], PROBE] = (),
-    cell: Annotated[Literal["2", "4"], CELL] = "2",
     seed: Seed = 0,
     port: Annotated[int, PORT] = 0,
     json_path: Json = None,
@@ -70,11 +68,11 @@ def command(
     with ExitStack() as stack:
         if rig is not None:
             name = str(rig)
-            prepared, source, exposure_s = stack.enter_context(rig_at_rest(rig, int(cell), changes))
+            prepared, source, exposure_s = stack.enter_context(rig_at_rest(rig, changes))
         else:
             scene = load_scene(scene_name, size or (240, 320), exact=True)
             name, exposure_s = scene.name, 0.0
-            prepared, source = ol.live.virtual_rig(scene, cell=int(cell), noise=noise, seed=seed, rate=rate)
+            prepared, source = ol.live.virtual_rig(scene, noise=noise, seed=seed, rate=rate)
         print_notices(prepared.notices)
         probes = ol.live.Probes(prepared, exposure_s)
         for text in probe:

@@ -1,6 +1,5 @@
 """Arguments that several commands share, and what they name, loaded."""
 
-import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -48,10 +47,8 @@ class Anchored(click.ParamType[Any]):
 
 def _transposed(text: str) -> list[str]:
     """--size ROWSxCOLS as --pixels."""
-    match = re.fullmatch(r"(\d+)x(\d+)", text)
-    if match is None or min(int(match[1]), int(match[2])) < 8:
-        raise InputError(f"--size: {text!r} is not ROWSxCOLS with at least 8 each, such as 480x640")
-    return ["--pixels", f"{match[2]}x{match[1]}"]
+    rows, _, cols = text.partition("x")
+    return ["--pixels", f"{cols}x{rows}"]
 
 
 def pixels(text: str) -> Opt:

@@ -6,10 +6,9 @@ from typing import Annotated
 import optolever as ol
 from optolever import InputError
 
-from .arguments import Arg, Opt, Rare, program
+from .arguments import Arg, Opt, program
 from .options import Json
 from .rig_capture import captured
-from .rig_devices import timing_of
 from .show import number, print_notices, table, write_json
 
 SAMPLE = """
@@ -23,14 +22,12 @@ Recording cap.recording
 
 
 OUT = Opt("--out DIR", "Capture folder to make from the recording of a capture.")
-RIG = Rare("--rig RIG.toml", "Rig whose [sync] selects the images; default: the recording's timing.")
 
 
 @program("replay", SAMPLE)
 def command(
     folder: Annotated[Path, Arg("DIR")],
     out: Annotated[Path | None, OUT] = None,
-    rig: Annotated[Path | None, RIG] = None,
     json_path: Json = None,
 ) -> None:
     """Check that every image of a recording is intact.
@@ -55,7 +52,7 @@ def command(
     numbers |= {"readings": again, "identical": same} if again else {}
     with ol.files.together():
         if out is not None:
-            numbers["frames"] = _capture(recording, rig, out)
+            numbers["frames"] = _capture(recording, out)
         write_json(json_path, numbers)
     rate = number((len(stamps) - 1) / span) if span > 0 else "-"
     rows = {
@@ -74,7 +71,7 @@ def command(
     table(f"Recording {folder}", rows)
 
 
-def _capture(recording: "ol.projector.Recording", rig: Path | None, out: Path) -> int:
+def _capture(recording: "ol.projector.Recording", out: Path) -> int:
     """Write the capture folder of a capture's recording; returns the number of frames."""
     from optolever.projector.cameras import Replay
 
@@ -84,9 +81,7 @@ def _capture(recording: "ol.projector.Recording", rig: Path | None, out: Path) -
         raise InputError(f"--out {out}: {folder} has no sequence, {cure}")
     shown = ol.patterns.Sequence.from_dict(about["sequence"], str(folder))
     timing = about.get("timing")
-    if rig is not None:
-        timing = timing_of(rig)
-    elif timing is not None:
+    if timing is not None:
         timing = ol.projector.Timing.from_table(timing, f"{folder}: [sync]")
     replay, taken = Replay(folder), list["ol.projector.Taken"]()
     clock, order = ol.projector.ClockMap(), range(len(shown))

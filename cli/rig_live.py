@@ -39,7 +39,7 @@ class _Watched:
 
 @contextmanager
 def rig_at_rest(
-    rig: Path, cell: int, changes: Iterable[str]
+    rig: Path, changes: Iterable[str]
 ) -> Iterator[tuple["ol.live.Prepared", "ol.live.Source", float]]:
     """The rig with its mirror at rest, measured now by gray+phase and eight frames of the fringe, which then
     stays on the display; its running camera; and its exposure, s. changes: of [devices]."""
@@ -47,11 +47,8 @@ def rig_at_rest(
 
     scene, devices = ol.scene.load(rig), devices_of(rig, changes)
     rows, cols = scene.pattern.rows, scene.pattern.cols
-    dense, fringe = (
-        ol.patterns.sequence("gray+phase", rows, cols),
-        ol.patterns.sequence("crossed", rows, cols, period=_PERIOD),
-    )
-    count = len(dense)
+    dense = ol.patterns.sequence("gray+phase", rows, cols)
+    fringe, count = ol.patterns.sequence("crossed", rows, cols, period=_PERIOD), len(dense)
     shown = ol.patterns.Sequence((*dense.frames, *fringe.frames), rows, cols)
     with opened(rig, devices, shown, running=False) as now:
         now.require_size(scene)
@@ -62,9 +59,7 @@ def rig_at_rest(
             taken = now.acquire(timing, (*range(count), *[count] * _RESTS))
             frames = np.stack([one.image.pixels for one in taken])
             at_rest = ol.decode.decode(frames[:count], dense)
-            prepared = ol.live.prepare(
-                scene, frames[count:], at_rest, fringe, cell=cell, bits=now.accepted.bits
-            )
+            prepared = ol.live.prepare(scene, frames[count:], at_rest, fringe, bits=now.accepted.bits)
             source = _Watched(now)
             source.flush()
             yield prepared, source, now.accepted.exposure_s

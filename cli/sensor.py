@@ -4,7 +4,6 @@ import time
 from collections.abc import Mapping
 from typing import Annotated
 
-import optolever as ol
 from optolever import InputError
 
 from .arguments import Opt, program
@@ -64,7 +63,6 @@ def command(
         if name not in SWEEPS:
             raise InputError(f"--sweep: {name!r} must be one of {', '.join(SWEEPS)}")
     scene = load_scene(scene_name, size)
-    ol.patterns.sequence_from_text(sequence, scene.pattern.rows, scene.pattern.cols)
     settings = {"scene": scene_name, "name": scene.name, "size": size, "sequence": sequence, "noise": noise}
     start, rows = time.perf_counter(), list[dict[str, float | str]]()
     with progress() as step:

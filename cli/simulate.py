@@ -53,7 +53,9 @@ def command(
             step("trace the truth")
             truth = ol.scene.trace(scene, surface)
             if not truth.visible.any():
-                raise InputError(f"--scene {scene_name}: {_missed(scene)}")
+                mirror = f"{scene.mirror.length:.4g} x {scene.mirror.width:.4g} mm"
+                cure = "check the poses, and that all lengths are in millimetres"
+                raise InputError(f"no pixel sees the pattern in {scene_name}'s mirror of {mirror}: {cure}")
             step(f"capture {len(shown)} frames")
             start = time.perf_counter()
             record = ol.projector.capture(
@@ -81,15 +83,3 @@ def command(
         "time": number(seconds, "s"),
     }
     table(f"Capture in {out}", rows)
-
-
-def _missed(scene: "ol.scene.Scene") -> str:
-    """Why no pixel has a pattern in it, as far as the central ray says."""
-    camera, mirror = scene.camera, scene.mirror
-    origin, direction = camera.rays_at(0.5 * (camera.rows - 1), 0.5 * (camera.cols - 1))
-    x, y = (float(part) for part in (origin - origin[2] / direction[2] * direction)[:2])
-    return (
-        f"no pixel sees the pattern in the mirror: the image's centre is at x = {x:.4g}, y = {y:.4g} mm of a "
-        f"mirror of {mirror.length:.4g} x {mirror.width:.4g} mm; check the poses, and that all lengths are "
-        "in millimetres"
-    )

@@ -5,12 +5,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
-import click
-
 import optolever as ol
 from optolever.quantities import quantity
 
-from .arguments import Opt, Rare, program
+from .arguments import Opt, program
 from .options import Json, Seed
 from .outputs import OutputFile
 from .rig_devices import Changes, OpenedRig, devices_of, levels_of, opened
@@ -31,7 +29,6 @@ Synchronisation in rig.toml
 
 
 PAGE = Opt("--report FILE.html", "Also write a page about it.", OutputFile(".html"))
-FLIPS = Rare("--flips N", "Number of changes between black and white.", click.IntRange(20))
 
 
 @program("sync", SAMPLE)
@@ -39,7 +36,6 @@ def command(
     rig: OpenedRig,
     changes: Changes = (),
     page: Annotated[Path | None, PAGE] = None,
-    flips: Annotated[int, FLIPS] = 60,
     seed: Seed = 0,
     json_path: Json = None,
 ) -> None:
@@ -53,7 +49,7 @@ def command(
     with opened(rig, devices, levels_of(rig, "black", "white")) as now:
         found, taken = ol.projector.synchronise(
             now.display, now.camera, now.accepted,
-            time=now.time, clock=now.clock, seed=seed, flips=flips, triggered=now.triggered,
+            time=now.time, clock=now.clock, seed=seed, triggered=now.triggered,
         )  # fmt: skip
     timing = replace(found, camera=devices.camera, display=devices.display)
     with ol.files.together():

@@ -11,9 +11,10 @@ import optolever as ol
 from optolever import InputError
 
 from .arguments import ABOVE_0, Opt, program
+from .devices import print_monitors
 from .options import Json, pixels
 from .outputs import OutputFile
-from .show import grid, number, print_notices, table, write_json
+from .show import number, print_notices, table, write_json
 
 SAMPLE = """
 $ optolever show --sequence gray+phase --monitor 1 --seconds 0.5
@@ -53,12 +54,7 @@ def command(
     found = ol.projector.monitors()
     if listing:
         write_json(json_path, {"monitors": [asdict(monitor) for monitor in found]})
-        lines = [
-            [str(m.index), m.name, f"{m.rows}x{m.cols}", number(m.refresh_hz or math.nan, "Hz")]
-            for m in found
-        ]
-        grid("Monitors", ("number", "name", "size", "refresh"), lines)
-        print_notices(fault for monitor in found for fault in monitor.faults())
+        print_monitors(found)
         return
     chosen = _chosen(found, monitor, display)
     print_notices(() if chosen is None else chosen.faults())
@@ -103,6 +99,5 @@ def _chosen(
     if number is None:
         return found[1] if len(found) > 1 else None
     if number >= len(found):
-        wrong = f"does not exist, must be 0 to {len(found) - 1} (--list shows them)"
-        raise InputError(f"--monitor {number}: {wrong}")
+        raise InputError(f"--monitor {number}: does not exist, must be 0 to {len(found) - 1} (see --list)")
     return found[number]

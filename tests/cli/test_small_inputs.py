@@ -33,7 +33,7 @@ def test_files_of_file_managers_are_passed_over(copy: Path, optolever: Program) 
 
 
 def test_encodings_of_toml(copy: Path, chain: Chain, optolever: Program, refused: Refused) -> None:
-    """A byte order mark is passed over, UTF-16 is named."""
+    """A byte order mark is passed over, UTF-16 is refused."""
     decode_it = ["decode", copy, "--out", copy.parent / "c.npz"]
     for name in ("capture.toml", "scene.toml"):
         text = (copy / name).read_text(encoding="utf-8")
@@ -41,7 +41,7 @@ def test_encodings_of_toml(copy: Path, chain: Chain, optolever: Program, refused
     optolever(*decode_it)
     assert Correspondence.load(copy.parent / "c.npz") == Correspondence.load(chain.correspondence)
     (copy / "capture.toml").write_text(text, encoding="utf-16")
-    refused(decode_it, "capture.toml", "UTF-16, must be UTF-8")
+    refused(decode_it, "capture.toml", "not readable as TOML in UTF-8")
 
 
 def test_damaged_archives(chain: Chain, tmp_path: Path, refused: Refused) -> None:

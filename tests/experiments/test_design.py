@@ -203,7 +203,6 @@ def test_sensor_writes_its_numbers(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("args", "words"),
     [
-        (["design", *PRISM, "--frames", "20", "--time", "1"], "--frames and --time"),
         (["design", *PRISM, "--frames", "3"], "no candidate fits"),
         (["design", *PRISM, "--time", "0.01"], "less than two frames"),
         (["design", *PRISM, "--out", "best.json"], "suffix '.json', must be .toml"),

@@ -89,7 +89,7 @@ def plug(display: str) -> None:
     xrandr(display, "--addmode", "DUMMY1", "800x480_60")
     xrandr(display, "--output", "DUMMY1", "--mode", "800x480_60", "--right-of", "DUMMY0")
     xrandr(display)
-    assert "480x800" in optolever(display, "show", "--list").stdout
+    assert "480 x 800" in optolever(display, "show", "--list").stdout
 
 
 @pytest.mark.slow

@@ -114,7 +114,7 @@ def test_show_puts_every_frame_on_the_screen(x_server: tuple[str, Path], tmp_pat
 @pytest.mark.slow
 def test_show_lists_monitors_and_refuses_others(x_server: tuple[str, Path]) -> None:
     display, _ = x_server
-    assert f"{ROWS}x{COLS}" in optolever(display, "show", "--list").stdout
+    assert f"{ROWS} x {COLS}" in optolever(display, "show", "--list").stdout
     for words, message in (
         (("--monitor", "3"), "does not exist, must be 0 to 0"),
         (("--monitor", "0", "--pixels", "4000x4000"), "the sequence needs 4000x4000"),
