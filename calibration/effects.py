@@ -36,7 +36,7 @@ def effects(scene: Scene, by: Floats) -> Effects:
     assert scene.covariance is not None
     own = np.diag(scene.covariance.matrix)
     alone = Covariance(scene.covariance.names, np.diag(own))
-    small, height, rest, _ = predicted_maps(replace(scene, covariance=alone))
+    small, height, rest = predicted_maps(replace(scene, covariance=alone))
     assert small.covariance is not None
     assert height.calibration is not None
     assert rest.calibration is not None

@@ -14,7 +14,6 @@ from optolever.reconstruct import (
     budget,
     contacts,
     exact_correspondence,
-    free_mode_of,
     reconstruct,
     slope_map,
 )
@@ -38,23 +37,21 @@ def sigma_at_rest(scene: Scene) -> HeightMap:
     """The mirror z = 0 as this rig would measure it, anchored in the middle of the image: its modes are what
     the rig's errors do to the height."""
     small = _coarse(scene)
-    return _measured(small, dent("flat", small), 0.5)[0]
+    return _measured(small, dent("flat", small), 0.5)
 
 
-def predicted_maps(scene: Scene) -> tuple[Scene, HeightMap, HeightMap, PixelAnchor]:
-    """The scene on fewer pixels, a dent in the middle of the mirror as it would measure it, the mirror at
-    rest, and the anchor next to the dent."""
+def predicted_maps(scene: Scene) -> tuple[Scene, HeightMap, HeightMap]:
+    """The scene on fewer pixels, a dent in the middle of the mirror as it would measure it, anchored next to
+    it, and the mirror at rest."""
     small = _coarse(scene)
     length = small.mirror.length
     pressed = dent("gaussian", small, peak=PREDICTED_DEPTH * length, sigma=_WIDTH * length)
-    height, anchor = _measured(small, pressed, 0.2)
-    return small, height, _measured(small, dent("flat", small), 0.2)[0], anchor
+    return small, _measured(small, pressed, 0.2), _measured(small, dent("flat", small), 0.2)
 
 
 def predicted_budget(scene: Scene) -> dict[str, dict[str, float]]:
     """Uncertainty of that dent by its sources, see `budget`."""
-    small, height, rest, anchor = predicted_maps(scene)
-    return budget(height, rest, free_mode_of(height, small, anchor))
+    return budget(*predicted_maps(scene)[1:])
 
 
 def depth_sigma_against_rest(scene: Scene, dent_found: Contact) -> float | None:
@@ -86,7 +83,7 @@ def _coarse(scene: Scene) -> Scene:
     return resize(scene, rows, max(8, round(rows * scene.camera.cols / scene.camera.rows)))
 
 
-def _measured(small: Scene, surface: Surface, place: float) -> tuple[HeightMap, PixelAnchor]:
+def _measured(small: Scene, surface: Surface, place: float) -> HeightMap:
     """A surface, anchored where it is, at a share of the image's rows and in the middle of its columns."""
     seen = trace(small, surface)
     visible = np.argwhere(seen.visible)
@@ -95,4 +92,4 @@ def _measured(small: Scene, surface: Surface, place: float) -> tuple[HeightMap, 
     middle = np.array([place, 0.5]) * seen.u.shape
     row, col = visible[np.argmin(np.linalg.norm(visible - middle, axis=1))].tolist()
     anchor = PixelAnchor(row, col, float(seen.z[row, col]))
-    return reconstruct(exact_correspondence(seen, PREDICTED_NOISE), small, anchor=anchor), anchor
+    return reconstruct(exact_correspondence(seen, PREDICTED_NOISE), small, anchor=anchor)

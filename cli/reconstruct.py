@@ -141,9 +141,8 @@ def command(
             step("compare")
             numbers = _numbers(height) | {"seconds": seconds, "contacts": dents}
             if height.modes is not None:
-                free = reconstruct.free_mode_of(height, scene, anchor)
                 less = None if at_rest is None else at_rest.height
-                numbers["budget_mm"] = reconstruct.budget(height, less, free)
+                numbers["budget_mm"] = reconstruct.budget(height, less)
             if truth is not None:
                 numbers |= _against_truth(truth, correspondence, height)
             regular = height.resample(pitch) if grids else None

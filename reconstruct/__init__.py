@@ -12,7 +12,7 @@
 | `judgement/` | which slopes and edges are in doubt |
 | `uncertainty/` | variance of the height by noise, and its budget |
 | `rig/` | errors of the rig in the height; a rest capture as reference |
-| `fields/` | plain gradient fields: integrate() |
+| `integrate.py` | integrate(): plain gradient fields |
 | `outputs/` | a regular grid, slopes, curvature, files |
 | `contact/` | contacts: depth, area, volume, centroid, and the edge of what presses on the mirror |
 """
@@ -23,8 +23,8 @@ from .contact import Contact, contacts, sink_around
 from .contact.peaks import basins
 from .coupled import reconstruct
 from .exact import exact_correspondence
-from .fields.integrate import Integral, integrate
 from .heightmap import HEIGHT_FORMATS, Diagnostics, HeightFlag, HeightMap
+from .integrate import Integral, integrate
 from .outputs.curvature import CurvatureMap, curvature_map
 from .outputs.resampling import GRID_FORMATS, Grid
 from .outputs.slope_map import SlopeMap, slope_map
@@ -32,12 +32,11 @@ from .rig.calibration import rest_corrected, same_capture
 from .rig.motion import unpressed
 from .solver.anchors import Anchor, DistanceAnchor, EdgeAnchor, PixelAnchor, PointAnchor
 from .solver.poisson import ColumnPoisson
-from .uncertainty.budget import ANCHOR, TOTAL, budget, free_mode_of
+from .uncertainty.budget import TOTAL, budget
 from .uncertainty.null_space import null_space
 from .uncertainty.sources import NOISE
 
 __all__ = [
-    "ANCHOR",
     "GRID_FORMATS",
     "HEIGHT_FORMATS",
     "NOISE",
@@ -61,7 +60,6 @@ __all__ = [
     "contacts",
     "curvature_map",
     "exact_correspondence",
-    "free_mode_of",
     "integrate",
     "null_space",
     "reconstruct",

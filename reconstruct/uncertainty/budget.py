@@ -10,71 +10,38 @@ from __future__ import annotations
 
 import numpy as np
 
-from optolever.errors import InputError
-from optolever.scene import Scene, strided
-
-from ..arrays import Floats, Mask
-from ..geometry import ray_field
+from ..arrays import Mask
 from ..heightmap import HeightMap
-from ..outputs.coarse_modes import expanded, filled
-from ..solver.anchors import Anchors, anchor_samples
-from .null_space import null_space
 from .sources import NOISE
 
-__all__ = ["ANCHOR", "NOISE", "TOTAL", "budget", "free_mode_of"]
+__all__ = ["NOISE", "TOTAL", "budget"]
 
 TOTAL = "total"
-#: Not part of the total: anchors are taken as exact.
-ANCHOR = "an anchor wrong by 1 um would add"
-_LINES = 96  # rows or columns, at least, on which the free mode is solved
 _SHALLOW = 0.1  # of the deepest: what surrounds a dent
 _PART = 0.01  # of the noise's variance: smaller sources count with the others
 
 
-def budget(
-    height: HeightMap,
-    less: HeightMap | None = None,
-    free: tuple[Floats, float] | None = None,
-) -> dict[str, dict[str, float]]:
+def budget(height: HeightMap, less: HeightMap | None = None) -> dict[str, dict[str, float]]:
     """Reading -> source -> standard deviation in mm, noise first and TOTAL, the root sum square, behind.
 
     Readings: the height at the deepest good point; the depth of the dent there against the mean of what is a
-    tenth as deep or less; with `less`, a map of the same rig, the deepest point of the difference. free: the
-    change of z that slopes do not see (H, W), and its value at the anchor (see `null_space`): adds ANCHOR.
+    tenth as deep or less; with `less`, a map of the same rig, the deepest point of the difference.
     """
     good = height.good & np.isfinite(height.z) & np.isfinite(height.sigma)
     if not good.any():
         return {}
     at = _deepest(height, good)
     around = good & (height.z <= _SHALLOW * height.z[at])
-    readings = {"height (deepest)": _one(height, at, None, free)}
+    readings = {"height (deepest)": _one(height, at, None)}
     if around.any():
-        readings["depth of the dent"] = _one(height, at, around, free)
+        readings["depth of the dent"] = _one(height, at, around)
     if less is not None:
         difference = height - less
         both = difference.good & np.isfinite(difference.z) & np.isfinite(difference.sigma)
         if both.any():
             place = _deepest(difference, both)
-            readings["difference of maps"] = _one(difference, place, None, None)
+            readings["difference of maps"] = _one(difference, place, None)
     return readings
-
-
-def free_mode_of(height: HeightMap, scene: Scene, anchor: Anchors = None) -> tuple[Floats, float] | None:
-    """For `budget`: the free mode on the height's pixels and its mean at the anchors; None where the scene's
-    camera does not see the edge at rest."""
-    step, known = max(1, min(height.z.shape) // _LINES), np.isfinite(height.z)
-    try:
-        coarse = null_space(strided(scene, step))
-        at = anchor_samples(anchor, scene, ray_field(scene.camera), known)
-    except InputError:
-        return None
-    mode = expanded(filled(coarse[None]), step, known)[0].astype(np.float64)
-    row, col = (
-        np.clip(np.rint(part), 0, size - 1).astype(np.intp)
-        for part, size in zip((at.row, at.col), mode.shape, strict=True)
-    )
-    values = mode[row, col][known[row, col]]
-    return (mode, float(values.mean())) if values.size and values.mean() > 0 else None
 
 
 def _deepest(height: HeightMap, good: Mask) -> tuple[int, int]:
@@ -83,12 +50,7 @@ def _deepest(height: HeightMap, good: Mask) -> tuple[int, int]:
     return row, col
 
 
-def _one(
-    height: HeightMap,
-    at: tuple[int, int],
-    around: Mask | None,
-    free: tuple[Floats, float] | None,
-) -> dict[str, float]:
+def _one(height: HeightMap, at: tuple[int, int], around: Mask | None) -> dict[str, float]:
     """Sources of the height at a pixel, less the mean around."""
     noise = float(height.sigma[at])
     if around is not None:
@@ -107,8 +69,4 @@ def _one(
         squares = np.einsum("i,sij,j->s", moved, of_rig, moved)
         found |= dict(zip(names, np.sqrt(np.maximum(squares, 0.0)).tolist(), strict=True))
     found[TOTAL] = float(np.linalg.norm(list(found.values())))
-    if free is not None:
-        mode, anchor = free
-        there = mode[at] - (0.0 if around is None else np.nanmean(mode[around]))
-        found[ANCHOR] = abs(float(1e-3 * there / anchor))
     return found

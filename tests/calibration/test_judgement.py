@@ -32,7 +32,7 @@ def sigmas_without(found: Calibration, names: set[str]) -> tuple[float, float]:
     assert known is not None
     by = found.by[:, [whole.names.index(name) for name in less.names]]
     scene, covariance = less.scene_at(again.values), Covariance(known.names, by @ again.covariance @ by.T)
-    _, height, rest, _ = predicted_maps(replace(scene, covariance=covariance))
+    _, height, rest = predicted_maps(replace(scene, covariance=covariance))
     change = height - rest
     both = change.good
     deepest = np.argmax(change.z[both])

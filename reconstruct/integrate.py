@@ -18,10 +18,10 @@ from numpy.typing import ArrayLike
 
 from optolever.errors import InputError
 
-from ..arrays import Floats, Labels, Mask, Pair
-from ..judgement.reweighting import cauchy, scaled_median
-from ..solver.edges import divergence, edge_weights, increments
-from ..solver.poisson import Accuracy, MaskedEdges, edge_problem
+from .arrays import Floats, Labels, Mask, Pair
+from .judgement.reweighting import cauchy, scaled_median
+from .solver.edges import divergence, edge_weights, increments
+from .solver.poisson import Accuracy, MaskedEdges, edge_problem
 
 __all__ = ["Integral", "integrate"]
 
