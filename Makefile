@@ -22,7 +22,7 @@ test: $(VENV)/.dev  ## the tests of every day, on all cores
 	$(BIN)/python -m pytest -n auto --dist loadfile -m "not slow"
 
 test-slow: $(VENV)/.dev  ## what those leave out: bounds, coverage over seeds, drawn rigs, Dask, the browser
-	$(BIN)/python -m pytest -m slow
+	$(BIN)/python -m pytest -n auto --dist loadfile -m slow
 
 test-all: $(VENV)/.dev  ## all tests, before a release
 	$(BIN)/python -m pytest
