@@ -88,15 +88,15 @@ class Many(Program):
                 raise InputError(text)
         named, out = _by_name(captures), Path(ctx.params["out"])
         ol.files.require_folder(out, "table.csv")
-        out.mkdir(exist_ok=True)
         outcomes: list[Outcome] = []
         workers = _processes(jobs) if scheduler is None else _cluster(scheduler)
         with progress() as step, workers as run:
+            out.mkdir(exist_ok=True)
             for outcome in self._outcomes(ctx, named, run):
                 outcomes.append(outcome)
                 step(str(self.name), len(outcomes), len(named))
                 with step.aside():
-                    click.echo(str(outcome))
+                    click.echo(str(outcome), err=outcome.code != 0)
         outcomes.sort(key=lambda one: list(named).index(one.name))
         _save_table(out / "table.csv", outcomes)
         failed = sum(one.code != 0 for one in outcomes)

@@ -170,12 +170,6 @@ class Settings:
         return float("nan") if known is None else known
 
 
-def _piecewise(value: F64, given: F64, wanted: F64, first: float, last: float) -> F64:
-    """Linear between the entries; beyond them with the slopes first and last."""
-    below, above = np.minimum(value - given[0], 0), np.maximum(value - given[-1], 0)
-    return np.asarray(np.interp(value, given, wanted) + first * below + last * above)
-
-
 def levels_of(stack: NDArray[Any]) -> tuple[int, float]:
     """Step of integer levels (0: not integer), and the largest level: 255, or that of the fewest bits that
     hold all samples of 16-bit frames; if a camera uses the upper bits of 16, the lower ones are 0."""

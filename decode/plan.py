@@ -42,7 +42,7 @@ class Fringe:
         return np.ascontiguousarray(np.linalg.qr(self.design, mode="complete")[0][:, 3:].T)
 
     def harmonics(self, levels: F64) -> F64:
-        """What a smooth response makes of samples (N, K) depends on (9, K): 1, offset, amplitude, and the
+        """Terms (9, K) of a smooth response's harmonics in samples (N, K): 1, offset, amplitude, and the
         amplitude times cosine and sine of one to three times the phase."""
         return harmonic_terms(*(self.inverse @ levels))
 

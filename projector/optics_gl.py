@@ -41,7 +41,7 @@ class _Program:
         textures: Mapping[str, moderngl.Texture],
         uniforms: Mapping[str, Any],
     ) -> None:
-        """Cover `shape` (rows, cols) of the target; of uniforms those that the driver kept."""
+        """Cover `shape` (rows, cols) of the target; set the uniforms that the driver kept."""
         framebuffer.use()
         framebuffer.viewport = (0, 0, shape[1], shape[0])
         for name, value in uniforms.items():

@@ -167,7 +167,7 @@ def measure_misfit(fringe: Fringe, sample: Sample, noise: Noise) -> Misfit:
 
 def bent(fringe: Fringe, response: Response, blur: float, misfit: Misfit) -> Misfit:
     """The misfit with the correction of the phase by a display's response, and its variance by the blur's
-    error; blur: rms, pattern px, of the light; NaN: unknown, then that of half a cell or so."""
+    error; blur: rms, pattern px, of the light; NaN: unknown, then half a cell with an error of a quarter."""
     low, blur, high = (0.25, 0.5, 0.75) if np.isnan(blur) else (blur * k for k in (1 - _BLUR, 1, 1 + _BLUR))
     bend, less, more = (_bend(fringe, response.light(), one) for one in (blur, low, high))
     return misfit._replace(bend=bend, variance=float(np.mean(np.square(0.5 * (more[0] - less[0])))))

@@ -25,7 +25,7 @@ def require_free(wanted: Wanted) -> None:
 def locked(camera: Camera, lock: Callable[[], list[str]]) -> tuple[str, ...]:
     """Lock everything while images come (many take a focus only then, and forget it when opened), and again
     half a second later; what moves nevertheless, by read-back and by the picture. lock: sets all controls,
-    and returns those that did not hold.
+    and returns the controls that did not hold.
     """
     camera.start()
     try:

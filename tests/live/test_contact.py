@@ -91,7 +91,7 @@ def test_the_force_on_a_thin_and_on_a_thick_layer(prepared: Prepared, quiet: Rea
 
 
 def test_identities_are_kept_merged_split_and_end(prepared: Prepared, quiet: Reading) -> None:
-    """A frame that is not trusted tells no contact and ends none."""
+    """A frame without trust begins no contact and ends none."""
     touches = Touches(prepared)
 
     def seen(*places: Place, trusted: bool = True) -> Any:
