@@ -52,9 +52,9 @@ def command(
 ) -> None:
     """Measuring range and sensitivity of a scene.
 
-    Slopes, total reflection, lever, free mode, error bars of the height: medians over the mirror at rest,
-    on a thinned camera; error bars are those of the full one. A sweep computes the same numbers for other
-    values of one parameter.
+    Slopes, total reflection, lever, free mode, error bars: medians over the mirror at rest, on a thinned
+    camera; error bars are those of the full one. Contacts of balls: until `live` loses cells. A sweep
+    computes the same numbers for other values of one parameter.
     """
     from optolever.experiments.design import SWEEPS, sensor_maps, sweep_sensor
 

@@ -15,14 +15,14 @@ from .chord import Linearised, chord_step
 from .picture import Carriers, Fit, State, fit_step, window_mean
 from .unwrap import beside_tears, torn, unwrapped
 
-__all__ = ["LEAST_SHARE", "Rig", "Settled", "Track", "at_rest", "rest_state", "settle"]
+__all__ = ["COMPRESSED", "LEAST_SHARE", "Rig", "Settled", "Track", "at_rest", "rest_state", "settle"]
 
 _f4 = np.float32
 LEAST_SHARE = 0.15  # illuminated share of a window on the pattern: a corner's window has a quarter
 _CONTRAST = 0.15  # of that at rest, in the same light: below it a window has no fringe
 _AMPLITUDE = 6.0  # minimum amplitude in standard deviations
 _MISFIT = 6.0  # mean square residual over the median one, at which a cell has half weight
-_COMPRESSED = 0.25  # Jacobian of the map over that at rest: below it the map is about to fold
+COMPRESSED = 0.25  # Jacobian of the map over that at rest: below it the map is about to fold
 _NOT_MOVED = 0.2  # predicted change by further steps in sigma, at convergence
 _STEPS = 6
 _REST_STEPS = 120
@@ -69,7 +69,8 @@ class Settled:
     """The fit of a frame. good: cells with a measured height; contrast (R, C): over that at rest, in the same
     light; strength (R, C): amplitude over that at rest; ahead (R, C): predicted change of z by further steps
     and by the weights at kinks, mm; left: predicted typical change by further steps, in sigma; usual: median
-    of the mean square residual; slopes (2, R, C): less those at rest."""
+    of the mean square residual; slopes (2, R, C): less those at rest; jacobian: of the map over that at rest,
+    the least."""
 
     track: Track
     good: Mask
@@ -81,6 +82,7 @@ class Settled:
     usual: float
     slopes: Cells
     steps: int
+    jacobian: float
 
 
 def at_rest(rig: Rig) -> Track:
@@ -120,7 +122,9 @@ def settle(rig: Rig, frame: Frame, track: Track, sigma: Cells) -> Settled:
     left = sizes[-1] * pace / (1 - pace) if np.isfinite(sizes[-1]) else np.inf
     # the residual is evaluated after convergence: before, it is large wherever something moved
     usual = float(np.median(fit.residual[some]))
-    good &= ~_folded(rig, offset)
+    ratio = _compressions(rig, offset)
+    least = float(ratio[good].min(initial=1.0))
+    good &= ~_folded(rig, ratio)
     if torn(offset, good):
         good &= ~beside_tears(offset)
     if not good.all():
@@ -132,7 +136,7 @@ def settle(rig: Rig, frame: Frame, track: Track, sigma: Cells) -> Settled:
         tau += more
         ahead = np.hypot(ahead, more * rig.normal)
     return Settled(
-        Track(state, tau, True), good, contrast, strength, fit, ahead, left, usual, slopes, len(sizes)
+        Track(state, tau, True), good, contrast, strength, fit, ahead, left, usual, slopes, len(sizes), least
     )
 
 
@@ -200,11 +204,10 @@ def _fill(rig: Rig, state: State, good: Mask) -> None:
         plane[bad] = (around + rest)[bad]
 
 
-def _folded(rig: Rig, offset: Cells) -> Mask:
-    """Cells where the map is nearly folded (Jacobian below a share of that at rest, or of the other sign),
-    and cells whose window reaches them."""
-    found = np.zeros(offset.shape[1:], np.uint8)
-    _compressed(rig.gradient, offset, _f4(_COMPRESSED), found)
+def _folded(rig: Rig, ratio: Cells) -> Mask:
+    """Cells where the map is nearly folded, and cells whose window reaches them; ratio (R, C): Jacobian over
+    that at rest."""
+    found = (ratio < COMPRESSED).astype(np.uint8)
     reach = rig.carriers.window.size // 3
     if not found.any():
         return found > 0
@@ -218,17 +221,22 @@ def _anchored(rig: Rig, good: Mask) -> Mask:
     return np.isin(labels, reached[reached > 0])
 
 
+def _compressions(rig: Rig, offset: Cells) -> Cells:
+    """Jacobian of the map (R, C) over that at rest; 1 at the ends."""
+    ratio = np.ones(offset.shape[1:], _f4)
+    _jacobians(rig.gradient, offset, ratio)
+    return ratio
+
+
 @kernel
-def _compressed(gradient, offset, least, found):  # type: ignore[no-untyped-def]
-    """found (R, C): 1 where the map's Jacobian is below `least` of that at rest."""
+def _jacobians(gradient, offset, ratio):  # type: ignore[no-untyped-def]
     half = _f4(0.5)
-    for i in range(1, found.shape[0] - 1):
-        for j in range(1, found.shape[1] - 1):
+    for i in range(1, ratio.shape[0] - 1):
+        for j in range(1, ratio.shape[1] - 1):
             a, b, c, d = gradient[0, i, j], gradient[1, i, j], gradient[2, i, j], gradient[3, i, j]
             at_rest = a * d - b * c
             a += half * (offset[0, i, j + 1] - offset[0, i, j - 1])
             b += half * (offset[1, i, j + 1] - offset[1, i, j - 1])
             c += half * (offset[0, i + 1, j] - offset[0, i - 1, j])
             d += half * (offset[1, i + 1, j] - offset[1, i - 1, j])
-            if (a * d - b * c) * at_rest < least * at_rest * at_rest:
-                found[i, j] = 1
+            ratio[i, j] = (a * d - b * c) / at_rest

@@ -45,6 +45,7 @@ class Followed:
             "notices": [str(notice) for notice in reading.notices],
             "depth_mm": depth,
             "depth_sigma_mm": sigma,
+            "range_used": reading.figures.used,
             "touches": [asdict(touch) for touch in reading.touches],
             "forces": [asdict(force) for force in reading.forces],
             "probes": [asdict(probe) for probe in self.probes],

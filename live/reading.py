@@ -26,7 +26,7 @@ class Figures:
     good; curl: mean square circulation around blocks of 8 and 32 cells, in its sigma; left: predicted typical
     change by further steps, in sigma; shift: of the image near the anchor from rest, along columns and rows,
     pixels, shift_sigma: by noise, pulled: by contacts at most; noise: rms residual, levels; steps: of the
-    fit."""
+    fit; used: share of the measurable curvature, at 1 the image folds and cells are lost."""
 
     light: float
     contrast: float
@@ -40,6 +40,7 @@ class Figures:
     pulled: float
     noise: float
     steps: int
+    used: float
 
     @property
     def moved(self) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 from optolever.errors import InputError
 
 from .arrays import Cells, Frame, Mask
-from .chain import Settled, Track, at_rest, settle
+from .chain import COMPRESSED, Settled, Track, at_rest, settle
 from .circulation import BLOCKS, circulation, excess
 from .prepared import Prepared
 from .pressure import Forces
@@ -164,6 +164,7 @@ class Live:
             pulled=0.0,
             noise=float(np.sqrt(settled.usual)),
             steps=settled.steps,
+            used=(1 - settled.jacobian) / (1 - COMPRESSED),
             **moved,
         )
 

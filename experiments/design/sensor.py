@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 
 from optolever.errors import InputError
 from optolever.patterns import sequence_from_text
@@ -19,6 +20,11 @@ from .view import predict, stride_for
 
 WIDEST = np.radians(45.0)  # largest slope angle
 SCAN, BISECTIONS = 181, 40
+BALLS = (2.0, 4.0, 5.0)  # mm: radii of example contacts
+FOLDED = 0.75  # by which a curvature may shrink a cell's image before `live` loses its height
+SMOOTHED = (
+    2.0  # pattern pixels, rms, over which `live` smooths curvature: 0.4 of its window, by pressed balls
+)
 SIDE = 96  # pixels along the shorter side of the camera on which maps are made
 
 
@@ -102,7 +108,8 @@ class SensorMaps:
     low_y, high_y: along y; margin: slope (rad) up to which reflection stays total, below 0 where it is not
     total at rest, NaN without a medium; reflectance; path: mirror to pattern, mm; lever: cells per mrad;
     fold_radius: of curvature (mm) along x below which the image folds; free_mode: the undetermined height
-    mode, maximum 1; sigma: of the height, mm, for the given sequence and noise.
+    mode, maximum 1; sigma: of the height, mm, for the given sequence and noise; balls: depth (mm) of a
+    ball's contact in the middle, by its radius (mm), up to which `live` has a height in every cell.
     """
 
     x: Floats
@@ -117,6 +124,7 @@ class SensorMaps:
     fold_radius: Floats
     free_mode: Floats
     sigma: Floats
+    balls: dict[float, float]
 
     def numbers(self) -> dict[str, float]:
         """Medians over the pixels (worst: the minimum), share with the pattern in view; slopes in degrees."""
@@ -135,6 +143,7 @@ class SensorMaps:
             "free_mode_median": _median(self.free_mode),
             "sigma_mm": _median(self.sigma),
             "sigma_rms_mm": math.sqrt(float(np.nanmean(self.sigma**2))) if visible.any() else math.nan,
+            **{f"ball_{radius:g}mm_depth_mm": depth for radius, depth in self.balls.items()},
         }
 
 
@@ -156,10 +165,31 @@ def sensor_maps(
         margin = np.arccos(np.clip(cosine, -1, 1)) - thin.medium.critical_angle
         reflectance = thin.medium.reflectance(cosine)
     x = np.where(rest.inside, rest.points[..., 0], np.nan)
+    fold_radius = 2 * path / cosine
+    balls = {radius: _ball_depth(rest, fold_radius, radius) for radius in BALLS}
     return SensorMaps(
         x, low, high, low_y, high_y, margin, reflectance, path, rest.lever(),
-        2 * path / cosine, null_space(thin), _sigma(lever, sequence, noise),
+        fold_radius, null_space(thin), _sigma(lever, sequence, noise), balls,
     )  # fmt: skip
+
+
+def _ball_depth(rest: Rest, fold_radius: Floats, radius: float) -> float:
+    """Depth at which the largest curvature along x, smoothed, is FOLDED of that which folds the image."""
+    u, v, _, _ = rest.reflected(0.0, "x")
+    x, y = rest.points[..., 0], rest.points[..., 1]
+    slopes = (_median(np.hypot(*np.gradient(part))) for part in (u, v))
+    (x_row, x_col), (y_row, y_col) = np.gradient(x), np.gradient(y)
+    smoothed = SMOOTHED / min(slopes) * math.sqrt(_median(np.abs(x_col * y_row - x_row * y_col)))
+    peak, mirror = 1e-3, rest.scene.mirror
+    line, step = np.linspace(0, mirror.length, 4001, retstep=True)
+    ball = dent("ball", rest.scene, peak=peak, radius=radius**2 / peak)
+    bent = gaussian_filter1d(
+        ball.height(line, np.full_like(line, mirror.width / 2)), smoothed / step, order=2
+    )
+    known = np.isfinite(fold_radius)
+    order = np.argsort(x[known])
+    shrunk = bent / step**2 * np.interp(line, x[known][order], fold_radius[known][order])
+    return FOLDED * peak / float(shrunk.max())
 
 
 def _sigma(lever: Lever, text: str, noise: float) -> Floats:

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lab.live.world import BALL, GAUSS
+from lab.live.world import BALL, GAUSS, expose
 from optolever import InputError
 from optolever.decode import Flag
+from optolever.experiments.design import sensor_maps
 from optolever.live import Live, Prepared, Reading, prepare
 from optolever.patterns import sequence
 from optolever.scene import dent, trace
@@ -63,6 +64,18 @@ def test_heights_are_right_within_sigma(prepared: Prepared, shot: Shot, truth: T
             assert np.abs(error).max() < 0.1 * dents[0][4]
     # an error is a few modes: six frames hold them to 30 %
     assert (0.7 if dents in SMOOTH else 0) < np.sqrt(np.mean(ratios)) < 1.5
+
+
+@pytest.mark.parametrize("radius", [4.0, 5.0])
+def test_the_range_said_beforehand_is_that_of_a_ball(rest: Rest, prepared: Prepared, radius: float) -> None:
+    """The deepest contact with a height in every cell, by rendered frames; a reading tells how near it is."""
+    said, rng = sensor_maps(rest.scene).numbers()[f"ball_{radius:g}mm_depth_mm"], np.random.default_rng(1)
+    live = Live(prepared)
+    assert live.update(expose(rest.world.lights((), rest.fringe)[0], rng)).figures.used < 0.02
+    for share in (0.4, 0.9, 1.15):
+        light = rest.world.lights(((BALL, 30.0, 22.5, radius, share * said),), rest.fringe)[0]
+        figures = live.update(expose(light, rng)).figures
+        assert (figures.lost > 0, figures.used > 1) == (share > 1, share > 1)
 
 
 def test_the_past_does_not_matter(prepared: Prepared, shot: Shot) -> None:
