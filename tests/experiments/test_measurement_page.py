@@ -1,13 +1,11 @@
 """The pages of a measurement and of a demo: numbers and maps against the files of their folder."""
 
-import base64
 import csv
 import json
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,8 +16,6 @@ from optolever.cli import run
 from optolever.decode import Correspondence, Flag
 from optolever.experiments import DemoResult, Measurement, write_demo_report, write_measurement_report
 from optolever.experiments.flag_table import MEANING
-from optolever.experiments.maps import VERTICES, MirrorGrid, surface_data
-from optolever.metrology import fit_form
 from optolever.notices import Notice
 from optolever.reconstruct import HeightFlag, HeightMap
 from optolever.scene import Accuracy, dent, load, resize, trace
@@ -46,24 +42,11 @@ class Page:
     def html(self) -> str:
         return (self.folder / "report.html").read_text(encoding="utf-8")
 
-    def block(self, name: str) -> Any:
-        """A JSON block of the page."""
-        (text,) = re.findall(rf'<script type="application/json" id="{name}">(.*?)</script>', self.html, re.S)
-        return json.loads(text)
-
     def figures(self) -> dict[str, tuple[float, float, str]]:
         """Value, sigma and unit by name, from the file."""
         with (self.folder / "figures.csv").open(encoding="utf-8") as stream:
             rows = list(csv.DictReader(stream))
         return {row["name"]: (float(row["value"]), float(row["sigma"] or "nan"), row["unit"]) for row in rows}
-
-    def layer(self, name: str, model: str = "mirror") -> tuple[Floats, NDArray[np.int32], float]:
-        """Samples of a layer, the camera pixel (flat index, -1: none) of each, and its unit in mm."""
-        data = self.block("map-data")[model]
-        (found,) = (each for each in data["layers"] if each["name"] == name)
-        pixel = np.frombuffer(base64.b64decode(data["pixel"]), "<i4")
-        samples = np.frombuffer(base64.b64decode(found["data"]), "<f4").astype(float)
-        return samples, pixel, UNITS.get(found["unit"], 1.0)
 
 
 def optolever(*args: str | Path) -> None:
@@ -114,37 +97,6 @@ def test_every_number_agrees_with_the_file_beside_the_page(mirror: Page) -> None
         assert number == pytest.approx(value, abs=1.001 * max(last, loose), rel=1e-12), name
         if np.isfinite(spread):
             assert spread == pytest.approx(sigma, rel=0.051), name
-
-
-def test_maps_are_samples_of_the_files(mirror: Page) -> None:
-    """Also for the difference; and the deviation's file is the height less the form."""
-    with np.load(mirror.folder / "height.npz") as height, np.load(mirror.folder / "deviation.npz") as form:
-        z, bent = height["z"], form["residual"]
-    one, two = (HeightMap.load(mirror.files / f"{name}.npz") for name in ("one", "two"))
-    change, sigma = one.difference(two)
-    layers = {"height": z, "deviation": bent, "one − two": change, "sigma of one − two": sigma}
-    for name, wanted in layers.items():
-        samples, pixel, unit = mirror.layer(name)
-        known = pixel >= 0
-        assert known.sum() > 0.7 * z.size
-        expected = np.asarray(wanted, np.float64).ravel()[pixel[known]]
-        np.testing.assert_allclose(samples[known] * unit, expected, rtol=3e-7)
-        assert np.isnan(samples[~known]).all()
-
-
-def test_sigma_of_the_deviation_is_that_of_the_fit_to_moved_maps(mirror: Page) -> None:
-    """Brute force: the map moved by a thousandth of each mode of the rig, fitted again."""
-    height = HeightMap.load(mirror.files / "one.npz")
-    assert height.calibration is not None
-    still, variance = fit_form(height, "sphere").residual, np.square(height.sigma)
-    for mode in height.calibration:
-        moved = fit_form(replace(height, z=height.z + 1e-3 * mode), "sphere").residual
-        variance = variance + np.square(1e3 * (moved - still))
-    samples, pixel, unit = mirror.layer("sigma of the deviation")
-    expected = np.sqrt(variance).ravel()[pixel[pixel >= 0]]
-    found = samples[pixel >= 0] * unit
-    assert np.median(found) < 0.1 * np.median(height.calibration_sigma[height.good])
-    assert np.abs(found - expected).max() < 0.01 * expected.max()
 
 
 def test_flags_add_up_to_the_mirror(mirror: Page) -> None:
@@ -250,50 +202,6 @@ def test_pages_run_and_ask_the_network_for_nothing(
     assert "Dents and contacts" in demo_page.html
 
 
-def test_mirror_grid_puts_values_where_they_are() -> None:
-    """A camera whose columns run against x, as on the prism."""
-    rows, cols = 40, 60
-    y, x = np.mgrid[0:rows, 0:cols].astype(float)
-    x = x[:, ::-1] * 0.5
-    grid = MirrorGrid.around(x, y, 520)
-    placed = grid.place(x + 100 * y)
-    centre_x = grid.x0 + (np.arange(placed.shape[1]) + 0.5) * grid.pitch
-    centre_y = grid.y0 + (np.arange(placed.shape[0]) + 0.5) * grid.pitch
-    assert np.isfinite(placed).all()
-    np.testing.assert_allclose(placed % 100, np.broadcast_to(centre_x, placed.shape), atol=1.5 * grid.pitch)
-    np.testing.assert_allclose(
-        placed // 100, np.broadcast_to(centre_y[:, None], placed.shape), atol=1.5 * grid.pitch
-    )
-
-
 def test_every_flag_has_words() -> None:
     for member in (*Flag, *HeightFlag):
         assert MEANING[str(member.name)]
-
-
-@pytest.mark.parametrize("radius", [np.inf, 400.0])
-def test_the_drawn_surface_has_the_heights_of_its_vertices(radius: float) -> None:
-    """A tilted plane and a sphere, pixels turned and uneven; a hole."""
-
-    def height(x: Floats, y: Floats) -> Floats:
-        bent = 0.0 if np.isinf(radius) else radius - np.sqrt(radius**2 - (x - 20) ** 2 - (y - 10) ** 2)
-        return np.asarray(0.1 * x - 0.05 * y + bent)
-
-    row, col = np.mgrid[0:400, 0:300].astype(float)
-    x = 0.15 * col + 0.02 * row + 0.3 * np.sin(0.03 * row)
-    y = 0.12 * row - 0.03 * col
-    flags = np.zeros(x.shape, np.uint16)
-    flags[100:130, 50:90] = 1
-    data = surface_data(HeightMap(x, y, height(x, y), np.full(x.shape, 2e-5), flags), "height", False)
-    shape = data["ny"], data["nx"]
-    at_x, at_y = np.meshgrid(*(data[f"{a}0"] + np.arange(data[f"n{a}"]) * data[f"d{a}"] for a in "xy"))
-    drawn, colour, sigma = (
-        np.frombuffer(base64.b64decode(text), "<f4").reshape(shape)
-        for text in (data["z"], *(layer["data"] for layer in data["layers"]))
-    )
-    known = np.isfinite(drawn)
-    assert max(shape) <= VERTICES + 1
-    assert 0.5 < known.mean() < 0.95
-    assert np.abs(drawn - height(at_x, at_y))[known].max() < 1e-5
-    assert np.array_equal(colour[known], drawn[known])
-    assert (data["layers"][1]["unit"], sigma[known].mean()) == ("nm", pytest.approx(20, rel=0.2))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lab.figures.contacts import Finger, compared, contact_figures, coverage, press
+from lab.figures.contacts import Finger, compared, press
 from optolever.scene import load, resize
 
 FINGERS = [Finger("gaussian", 25, 16, 0.3, 4.0), Finger("gaussian", 42, 30, 0.1, 3.0)]
@@ -24,14 +24,3 @@ def test_two_fingers_on_a_drawn_rig(at_rest: bool) -> None:
             assert max(np.abs(list(each.scores.values()))) < 3.5
             assert each.contact.depth_sigma < 0.25 * depth
             assert each.contact.centroid_sigma > 0.5  # mm: where the rig stands along the mirror
-
-
-@pytest.mark.slow
-def test_one_sigma_holds_two_thirds() -> None:
-    """Rigs drawn from the priors, modes by whole solves: area, depth and position, two binomial standard
-    deviations of 30 contacts about 68 %; `python -m lab contacts --differences` has 150."""
-    drawn = [each for part in contact_figures(8, 2, differences=True) for each in part]
-    found = coverage(drawn)
-    assert found["found"] > 0.9 * found["fingers"]
-    for name in ("area", "depth", "position"):
-        assert 0.5 <= found[name] <= 0.86

@@ -2,10 +2,12 @@
 
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
 
+from lab.figures.house import PARTS
 from lab.program import NAME, SECTIONS, run
 
 COMMANDS = [name for names in SECTIONS.values() for name in names]
@@ -27,6 +29,12 @@ def test_it_runs_from_the_root(root: Path) -> None:
     )
     for name in COMMANDS:
         assert f"\n  {name} " in done.stdout
+
+
+def test_every_installed_part_is_counted(root: Path) -> None:
+    """The folders of pyproject.toml, down to their names."""
+    tool = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]
+    assert {Path(folder).parts[0] for folder in tool["package-dir"].values()} <= set(PARTS)
 
 
 @pytest.mark.parametrize("cases", [20, pytest.param(1000, marks=pytest.mark.slow)])
