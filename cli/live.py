@@ -30,6 +30,7 @@ Live: prism48, 60 x 80 cells
 """
 
 
+_RATED = 30  # readings after which the rate is known
 RATE = Opt("--rate HZ", "Frames a second of the virtual camera; 0: as fast as they are read.", AT_LEAST_0)
 STOP = Opt("--frames N", "Stop after so many readings; default: never.", click.IntRange(min=1))
 RECORD = Opt("--record DIR", "Folder to make with every frame that is read, and its reading, for replay.")
@@ -83,7 +84,7 @@ def command(
         else:
             _page(run, source, frames, port, record)
         numbers = run.numbers()
-        if headless and not json_lines:
+        if not json_lines:
             run.print(name, numbers)
     write_json(json_path, numbers)
 
@@ -146,12 +147,12 @@ class _Run:
 
     def print(self, name: str, numbers: dict[str, Any]) -> None:
         rows, cols = self.prepared.rig.carriers.shape
-        depth, noise, delay = numbers["depth_mm"], numbers["noise_nm"], 1e3 * numbers["delay_s"]
+        depth, delay = numbers["depth_mm"], 1e3 * numbers["delay_s"]
         figures = {
             "readings": f"{numbers['readings']}, {numbers['trusted']} trusted",
             "deepest": quantity(depth, "mm", numbers["depth_sigma_mm"]) if depth else "none beyond 5 sigma",
             "rate": f"{numbers['readings_per_s']:.3g} readings/s, median delay {delay:.3g} ms",
-            "noise": f"{noise:.3g} nm a frame, {numbers['noise_nm_per_sqrt_hz']:.3g} nm/sqrt(Hz)",
+            "noise": _noise(self.prepared, numbers["readings_per_s"]),
         }
         for probe in numbers["probes"]:
             place, found = f"probe {probe['x_mm']:.3g},{probe['y_mm']:.3g}", probe["spectrum"]
@@ -162,17 +163,24 @@ class _Run:
         table(f"Live: {name}, {rows} x {cols} cells", figures)
 
 
+def _noise(prepared: "ol.live.Prepared", rate: float) -> str:
+    frame, density = (1e6 * one for one in ol.live.noise_floor(prepared, rate))
+    return f"{frame:.3g} nm a frame, {density:.3g} nm/sqrt(Hz)"
+
+
 def _page(run: _Run, source: "ol.live.Source", frames: int | None, port: int, record: Path | None) -> None:
     try:
         server = ol.live.LiveServer(run.prepared, source, port, record=record, probes=run.probes, heard=run)
     except OSError as error:
         raise InputError(f"--port {port}: {error.strerror or error}; name another") from error
-    noise = 1e6 * ol.live.noise_floor(run.prepared, 1.0)[0]
     with server:
         click.echo(f"Live: {server.address}   (Ctrl-C ends it)", err=run.lines)
-        click.echo(f"Noise: {noise:.3g} nm a frame; the page has it in nm/sqrt(Hz)", err=run.lines)
+        said = False
         while not server.error and (frames is None or server.readings < frames):
             time.sleep(0.05)
+            if not said and server.readings >= _RATED:
+                click.echo(f"Noise: {_noise(run.prepared, server.rate)}", err=run.lines)
+                said = True
         if server.error:
             raise InputError(server.error)
 

@@ -7,34 +7,11 @@ from pathlib import Path
 import click
 
 import optolever as ol
-from optolever import InputError
 
-from .rig_devices import Opened, devices_of, opened, wait_of
+from .rig_devices import devices_of, opened, wait_of
 
 _RESTS = 8  # frames of the fringe
 _PERIOD = 10.0  # of the fringe, pattern pixels
-
-
-class _Watched:
-    """A rig's camera, asked for every image where it is triggered. InputError once the display is gone."""
-
-    def __init__(self, now: Opened) -> None:
-        self._now = now
-
-    def next(self, timeout_s: float) -> "ol.projector.Image | None":
-        display = self._now.display
-        if isinstance(display, ol.projector.PatternWindow) and not display.alive:
-            raise InputError("the display is gone: its window was closed, or its process ended")
-        if self._now.triggered:
-            self._now.camera.trigger()
-        return self._now.camera.next(timeout_s)
-
-    def flush(self) -> None:
-        """Pass over the images that were taken until now: they waited while the rest was prepared."""
-        now = self._now.time.now()
-        while not self._now.triggered and (image := self.next(1.0)) is not None:
-            if image.arrived_s >= now:
-                return
 
 
 @contextmanager
@@ -50,18 +27,14 @@ def rig_at_rest(
     dense = ol.patterns.sequence("gray+phase", rows, cols)
     fringe, count = ol.patterns.sequence("crossed", rows, cols, period=_PERIOD), len(dense)
     shown = ol.patterns.Sequence((*dense.frames, *fringe.frames), rows, cols)
-    with opened(rig, devices, shown, running=False) as now:
+    with opened(rig, devices, shown) as now:
         now.require_size(scene)
-        timing = wait_of(now, rig)
+        click.echo("The mirror at rest is measured: keep everything still.", err=True)
+        taken = now.acquire(wait_of(now, rig), (*range(count), *[count] * _RESTS))
+        frames = np.stack([one.image.pixels for one in taken])
+        now.camera.stop()  # else the images of now wait until the rest is prepared
+        at_rest = ol.decode.decode(frames[:count], dense)
+        prepared = ol.live.prepare(scene, frames[count:], at_rest, fringe, bits=now.accepted.bits)
         now.camera.start()
-        try:
-            click.echo("The mirror at rest is measured: keep everything still.", err=True)
-            taken = now.acquire(timing, (*range(count), *[count] * _RESTS))
-            frames = np.stack([one.image.pixels for one in taken])
-            at_rest = ol.decode.decode(frames[:count], dense)
-            prepared = ol.live.prepare(scene, frames[count:], at_rest, fringe, bits=now.accepted.bits)
-            source = _Watched(now)
-            source.flush()
-            yield prepared, source, now.accepted.exposure_s
-        finally:
-            now.camera.stop()
+        source = ol.projector.Arrivals(now.camera, now.time, now.clock, now.triggered, None, now.display)
+        yield prepared, source, now.accepted.exposure_s

@@ -57,8 +57,9 @@ def prepare(
     frames = _frames(scene, rest_frames, rest_map)
     if cell not in _CELLS:
         raise InputError(f"cell = {cell}: must be one of {_CELLS}")
-    if min(frames.shape[1:]) < 16 * cell:
-        size, least = "{} x {}".format(*frames.shape[1:]), f"{16 * cell} x {16 * cell}"
+    side = (max(BLOCKS) + 1) * cell
+    if min(frames.shape[1:]) < side:
+        size, least = "{} x {}".format(*frames.shape[1:]), f"{side} x {side}"
         raise InputError(f"frames: {size} pixels, must be at least {least} in cells of {cell}")
     with logged(f"prepare {frames.shape[1]} x {frames.shape[2]} pixels in cells of {cell}"):
         full = 2 ** (bits or 8 * frames.dtype.itemsize) - 1

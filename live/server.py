@@ -98,6 +98,13 @@ class LiveServer:
         return self._count
 
     @property
+    def rate(self) -> float:
+        """Readings a second, of the last 60; 0 before the second."""
+        with self._lock:
+            times = [*self._times]
+        return (len(times) - 1) / max(times[-1] - times[0], 1e-9) if times else 0.0
+
+    @property
     def error(self) -> str:
         """Why it reads no more; empty while it does."""
         return self._error
@@ -174,12 +181,11 @@ class LiveServer:
             await asyncio.sleep(_TROUBLED)
         with self._lock:
             latest, count, said, error = self._latest, self._count, self._told, self._error
-            times = list(self._times)
+            newest = self._times[-1] if self._times else 0.0
         if latest is None or (count <= int(after) and not error):
             return Response(status_code=204)
-        rate = (len(times) - 1) / max(times[-1] - times[0], 1e-9)
-        state = {"count": count, "rate": rate, "told": error or said, "skipped": self._source.skipped}
-        state |= {"age_s": time.monotonic() - times[-1], "spectra": self._spectra_now()}
+        state = {"count": count, "rate": self.rate, "told": error or said, "skipped": self._source.skipped}
+        state |= {"age_s": time.monotonic() - newest, "spectra": self._spectra_now()}
         state |= {"recording": str(self._record.folder) if self._record else "", "error": error}
         body = await asyncio.to_thread(_body, latest, state, self._live.prepared)
         return Response(body, media_type="application/octet-stream")

@@ -46,16 +46,14 @@ class _Child:
         except BrokenPipeError:
             line = ""
         if not line:
-            raise InputError(
-                f"display: the window's process {self._end()}; optolever doctor tells what there is"
-            )
+            raise InputError(self._end())
         answer: dict[str, Any] = json.loads(line)
         return answer
 
-    @property
-    def alive(self) -> bool:
-        """Whether the process runs."""
-        return self._process.poll() is None
+    def require(self) -> None:
+        """InputError says how it ended."""
+        if self._process.poll() is not None:
+            raise InputError(self._end())
 
     def close(self) -> None:
         """End the process."""
@@ -76,10 +74,13 @@ class _Child:
     def _end(self) -> str:
         """How it ended, and the last line that it or its libraries wrote."""
         code = self._wait()
+        if code == 0:
+            return "display: it is gone; its window was closed, or its monitor went away"
         self._said.seek(0)
         said = self._said.read().decode(errors="replace").strip().splitlines()
         how = f"ended by {signal.Signals(-code).name}" if code < 0 else f"ended with {code}"
-        return f"{how} ({said[-1].strip()})" if said else how
+        last = f" ({said[-1].strip()})" if said else ""
+        return f"display: the window's process {how}{last}; optolever doctor tells what there is"
 
 
 def monitors() -> list[Monitor]:
@@ -131,10 +132,9 @@ class PatternWindow:
             raise InputError(answer["error"])
         return answer
 
-    @property
-    def alive(self) -> bool:
-        """Whether the window's process runs."""
-        return self._child.alive
+    def require_open(self) -> None:
+        """InputError says how the window ended."""
+        self._child.require()
 
     def show(self, index: int) -> Shown:
         """Put frame `index` on the screen. InputError once the monitor is gone."""

@@ -3,8 +3,8 @@
     {"do": "monitors"} | {"do": "open", "sequence": ..., "monitor": ...}
     {"do": "show", "index": ...} | {"do": "wait", "until": ...} | {"do": "run"}
 
-It ends when stdin does. Run by `display`, as `python -m optolever.projector.window`: GLX of a window and EGL
-of the virtual sensor end a process that has both.
+It ends when stdin does, or when the window is closed between two commands. Run by `display`, as `python -m
+optolever.projector.window`: GLX of a window and EGL of the virtual sensor end a process that has both.
 """
 
 import ctypes
@@ -281,6 +281,8 @@ def main() -> None:
         except queue.Empty:
             if server.window is not None:
                 glfw.poll_events()
+                if server.window.closed or server.window.gone:  # while nobody asks
+                    os._exit(0)
             continue
         answers.write(json.dumps(server.reply(line)) + "\n")
         answers.flush()

@@ -65,7 +65,7 @@ def acquire(
     ready_s, image_s = SAFE_WAIT_S, 3 * _PERIOD_S
     if timing is not None:
         ready_s, image_s = timing.ready_s(), 3 * timing.period_s + timing.exposure_s + timing.read_out_s
-    taking = _Taking(Arrivals(camera, time, clock, triggered, on_image), ready_s, image_s)
+    taking = _Taking(Arrivals(camera, time, clock, triggered, on_image, display), ready_s, image_s)
     taking.warm()
     for index in order:
         refused = {"early": 0, "incomplete": 0}
@@ -139,7 +139,7 @@ class _Taking:
             sent = arrivals.camera.trigger()
         limit = sent + self._patience()
         while True:
-            found = arrivals.next(limit)
+            found = arrivals.stamped(limit)
             if found is None:
                 if arrivals.triggered or time.now() >= limit:
                     return None

@@ -3,7 +3,8 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from ..devices import Camera, Image, Time
+from ..devices import Camera, Display, Image, Time
+from ..display import PatternWindow
 from .clocks import ClockMap, Stamp
 
 __all__ = ["Arrivals", "OnImage"]
@@ -13,16 +14,25 @@ OnImage = Callable[[Image, float], None]
 
 @dataclass(frozen=True, slots=True)
 class Arrivals:
-    """triggered: the camera waits for `trigger`; on_image: called with every image and its time."""
+    """triggered: the camera waits for `trigger`; on_image: called with every image and its time; display: one
+    that the camera needs."""
 
     camera: Camera
     time: Time
     clock: ClockMap
     triggered: bool = False
     on_image: OnImage | None = None
+    display: Display | None = None
 
-    def next(self, until: float) -> tuple[Image, Stamp] | None:
-        """The next image, complete or not; None if none came in time. CameraLost."""
+    def next(self, timeout_s: float) -> Image | None:
+        """The next image, as of a camera that waits for nothing."""
+        return next((image for image, _ in self.until(self.time.now() + timeout_s)), None)
+
+    def stamped(self, until: float) -> tuple[Image, Stamp] | None:
+        """The next image, complete or not; None if none came in time. CameraLost; InputError once the display
+        is gone."""
+        if isinstance(self.display, PatternWindow):
+            self.display.require_open()
         now = self.time.now()
         self.clock.ask(now)
         image = self.camera.next(max(until - now, 0.0))
@@ -38,6 +48,6 @@ class Arrivals:
         while self.time.now() < end:
             if self.triggered:
                 self.camera.trigger()
-            found = self.next(end)
+            found = self.stamped(end)
             if found is not None:
                 yield found

@@ -75,7 +75,7 @@ def synchronise(
 
     accepted: the camera's settings. InputError where the camera does not see the display.
     """
-    taken = _record_flips(display, Arrivals(camera, time, clock, triggered), seed, flips)
+    taken = _record_flips(display, Arrivals(camera, time, clock, triggered, None, display), seed, flips)
     return fit_timing(taken, accepted, display.refresh_s), taken
 
 

@@ -17,6 +17,7 @@ __all__ = ["OpenCVCamera", "find", "open_named"]
 
 _MANUAL = (1.0, 0.25)  # of CAP_PROP_AUTO_EXPOSURE: V4L2's number, and older OpenCV's
 _GONE_S = 5.0
+_BUFFERS = 4  # images that wait in a driver
 #: Properties that move or distort: number, name, value.
 _LOCKS = (
     (cv2.CAP_PROP_AUTOFOCUS, "focus", 0),
@@ -49,6 +50,7 @@ class OpenCVCamera:
         self._capture = cv2.VideoCapture(str(Path(name).resolve()) if "://" not in name else name)
         if not self._capture.isOpened():
             raise InputError(f"camera: {name}: cannot be opened; busy, no permission, or no video")
+        self._live = "://" not in name and Path(name).resolve().is_char_device()  # else a film or a stream
         self._name, self._last, self._stamp = name, time.monotonic(), 0.0
         self._wanted = Wanted(0.0)
 
@@ -68,8 +70,7 @@ class OpenCVCamera:
             self._set(cv2.CAP_PROP_FPS, wanted.fps)
         focus = wanted.focus if wanted.focus is not None else round(get(cv2.CAP_PROP_FOCUS))
         self._wanted = replace(wanted, focus=focus)
-        camera = "://" not in self._name and Path(self._name).resolve().is_char_device()
-        unlocked = locked(self, self._lock) if camera else tuple(self._lock())  # a film and a stream go on
+        unlocked = locked(self, self._lock) if self._live else tuple(self._lock())
         exposure = float(get(cv2.CAP_PROP_EXPOSURE))
         accepted = exposure * _EXPOSURE_UNIT_S if sys.platform == "linux" else 2.0**exposure
         rows, cols = (int(get(p)) for p in (cv2.CAP_PROP_FRAME_HEIGHT, cv2.CAP_PROP_FRAME_WIDTH))
@@ -108,7 +109,10 @@ class OpenCVCamera:
         return float(self._capture.get(what))
 
     def start(self) -> None:
-        """Runs from its opening on."""
+        """Runs from its opening on; what waits is passed over."""
+        if self._live:
+            for _ in range(_BUFFERS):
+                self._capture.grab()
         self._last = time.monotonic()
 
     def trigger(self) -> float:

@@ -44,7 +44,7 @@ form {h} --profile 900,0,900,9 | meets no height | must lie in x
 report {h} --rest {c} --out {out} | needs --correspondence and --scene
 rest {c} --scene prism48 | prism48: no such file | rig new
 camera measure --rig prism48 --out {out} | prism48: no such file | rig new
-live --pixels 8x8 --headless | 8 x 8 pixels | at least 32 x 32
+live --pixels 8x8 --headless | 8 x 8 pixels | at least 66 x 66
 calibrate {scene} --out {out}.toml | TARGET=CAPTURE | --weight NEWTON=H.npz
 calibrate {scene} --weight 1={h} --out {out}.toml | has no [layer]
 camera replay {capture} | no recording | log.jsonl

@@ -1,6 +1,7 @@
 """Commands for cameras and displays of a rig, on stand-ins and recordings: no hardware, no window."""
 
 import json
+import time
 import tomllib
 from collections.abc import Callable
 from dataclasses import replace
@@ -14,8 +15,10 @@ import pytest
 
 from optolever.decode import Correspondence, Decoder, decode, estimate_profile
 from optolever.experiments import frames_of_another
+from optolever.live import Prepared, prepare
 from optolever.patterns import sequence
-from optolever.projector import Capture, capture, choose_exposure
+from optolever.projector import Capture, Image, capture, choose_exposure
+from optolever.projector.cameras import StillCamera
 from optolever.scene import adjusted, dent_from_text, load, resize
 
 from .conftest import Outcome, Program, Refused
@@ -95,6 +98,41 @@ def test_exposure_is_the_longest_that_does_not_saturate() -> None:
     found = choose_exposure(take, 8, 0.01)
     assert found.contrast.saturated <= 1e-4
     assert 0.7 < found.contrast.bright < 1
+
+
+class Queued(StillCamera):
+    """50 exposures a second from its start on; the last eight wait until they are asked for."""
+
+    def start(self) -> None:
+        self._from, self._given = time.monotonic(), 0
+
+    def next(self, timeout_s: float) -> Image:
+        exposed = int(50 * (time.monotonic() - self._from))
+        self._given = max(self._given + 1, exposed - 7)
+        due = self._from + self._given / 50
+        time.sleep(max(due - time.monotonic(), 0.0))
+        return Image(self._capture[self._index], self._given, due, due)
+
+
+def test_no_reading_is_of_the_time_of_preparation(
+    optolever: Program, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ready, rig = [], tmp_path / "rig.toml"
+    resize(load("prism48"), 96, 128).save(rig)
+
+    def noted(*args: Any, **words: Any) -> Prepared:
+        prepared = prepare(*args, **words)
+        ready.append(time.monotonic())
+        return prepared
+
+    monkeypatch.setattr("optolever.live.prepare", noted)
+    monkeypatch.setattr("optolever.projector.cameras.StillCamera", Queued)
+    out = optolever(
+        "live", "--rig", rig, "--set", "camera=virtual", "--headless", "--json-lines", "--frames", "9"
+    ).out
+    times = [json.loads(line)["time_s"] for line in out.splitlines()]
+    assert len(times) == 9
+    assert min(times) >= ready[0]
 
 
 def test_record_and_replay(optolever: Program, refused: Refused, rig: Path, tmp_path: Path) -> None:

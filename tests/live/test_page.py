@@ -239,6 +239,11 @@ def test_lines_of_json_and_the_numbers_of_the_run(
     assert max(line["depth_mm"] or 0 for line in lines) > 0.02
     assert lines[0]["depth_mm"] is None
     assert all(line["probes"][0]["sigma"] > 0 for line in lines)
+    assert run([*args[:5], "--frames", "40"]) == 0  # with the page
+    out = capfd.readouterr().out
+    assert (
+        out.count(" nm a frame, ") == out.count(" nm/sqrt(Hz)") == 2
+    )  # once the rate is known, and at the end
     numbers = json.loads((tmp_path / "run.json").read_text())
     assert numbers["readings"] == 20
     assert numbers["probes"][0]["spectrum"]["peak_nm"] > 1000

@@ -1,5 +1,6 @@
 """The real window, under Xvfb: what the window holds and what the X server's screen holds."""
 
+import ctypes
 import json
 import os
 import shutil
@@ -7,7 +8,9 @@ import signal
 import subprocess
 import sys
 import time
+from collections import deque
 from collections.abc import Iterator
+from ctypes.util import find_library
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +18,17 @@ import pytest
 
 from optolever import InputError
 from optolever.patterns import sequence
-from optolever.projector import ContextInfo, PatternWindow, monitors
+from optolever.projector import (
+    Arrivals,
+    Capture,
+    ClockMap,
+    ContextInfo,
+    Identity,
+    PatternWindow,
+    RealTime,
+    monitors,
+)
+from optolever.projector.cameras import StillCamera
 
 from .conftest import RUN, optolever
 from .show_in_window import screen
@@ -70,6 +83,15 @@ def test_window_shows_the_frames(x_server: tuple[str, Path], tmp_path: Path, mod
             np.testing.assert_array_equal(screen[top : top + 48, left : left + 80], image)
 
 
+def press_escape(display: str) -> None:
+    x11, test = ctypes.CDLL("libX11.so.6"), ctypes.CDLL("libXtst.so.6")
+    x11.XOpenDisplay.restype = ctypes.c_void_p
+    server = ctypes.c_void_p(x11.XOpenDisplay(display.encode()))
+    for down in (1, 0):
+        test.XTestFakeKeyEvent(server, x11.XKeysymToKeycode(server, 0xFF1B), down, 0)
+    x11.XCloseDisplay(server)
+
+
 def test_keys_step_and_close(x_server: tuple[str, Path]) -> None:
     assert in_window(x_server[0], "keys") == "3\n"
 
@@ -84,6 +106,24 @@ def test_a_window_that_dies_is_one_line(x_server: tuple[str, Path], monkeypatch:
         os.kill(int(child), signal.SIGSEGV)
         with pytest.raises(InputError, match=r"^display: the window's process ended by SIGSEGV"):
             window.show(1)
+
+
+def test_escape_ends_who_waits_for_images(
+    x_server: tuple[str, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As `live --rig` does: one line tells it."""
+    if find_library("Xtst") is None:
+        pytest.skip("libXtst is absent: nobody presses Escape")
+    monkeypatch.setenv("DISPLAY", x_server[0])
+    shown = sequence("gray", 48, 80)
+    camera = StillCamera(Capture(shown.render(), shown), Identity("still", "still", "", "still"))
+    with PatternWindow(shown, monitor=0) as window:
+        window.show(0)
+        arrivals = Arrivals(camera, RealTime(), ClockMap(), display=window)
+        assert arrivals.next(1.0) is not None
+        press_escape(x_server[0])
+        with pytest.raises(InputError, match="its window was closed"):
+            deque(arrivals.until(time.monotonic() + 20), maxlen=0)
 
 
 def test_show_puts_every_frame_on_the_screen(x_server: tuple[str, Path], tmp_path: Path) -> None:
