@@ -32,8 +32,8 @@ _UNEVEN = 1.6  # of that ratio: some neighbours count several times, others not 
 
 
 def small_holes(mask: Mask) -> Mask:
-    """Pixels outside the mask in holes of at most LARGEST pixels (eight neighbours), and in slits of at most
-    NARROW.
+    """Pixels outside the mask in holes of at most LARGEST pixels (eight neighbours), in slits of at most
+    NARROW, and along a border so frayed, if a full rectangle results.
     """
     outside = ~mask
     if not outside.any():
@@ -44,6 +44,9 @@ def small_holes(mask: Mask) -> Mask:
     small: Mask = sizes[labels] <= LARGEST
     if not small[outside].all():
         small |= _slit(mask) | _slit(mask.T).T
+        framed = np.pad(mask, 1, constant_values=True)
+        frayed = small | (_slit(framed) | _slit(framed.T).T)[1:-1, 1:-1]
+        small = frayed if (mask | frayed).all() else small
     return small if np.count_nonzero(small) <= SHARE * mask.size else np.zeros_like(mask)
 
 
