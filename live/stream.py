@@ -92,8 +92,9 @@ class Live:
         found, steep = self._touches.found(reading, *self._crept(figures))
         if judge(figures).broken:
             found, steep = [], False
-        if found:  # whose slopes reach the anchor last
-            figures = replace(figures, **self._shift(settled, self._anchor, 0))
+        if found:  # their slopes reach the anchor last; a blur moves the anchor's own, truncated windows
+            edge = replace(figures, **self._shift(settled, self._anchor, 0))
+            figures = min(figures, edge, key=lambda one: one.moved)
         pressing = [one for one, _ in found]
         load = load_of(rig, prepared.points, self._creep, pressing, prepared.layer)
         figures = replace(figures, pulled=load.shift)
@@ -200,4 +201,4 @@ def _smoothed(prepared: Prepared, settled: Settled) -> Cells:
     variance = float(np.square(np.arange(window.size) - window.size // 2) @ window / window.sum())
     bends = (np.abs(cv2.Sobel(z, cv2.CV_32F, *order, ksize=1)) for order in ((2, 0), (0, 2)))
     misfit = np.maximum(settled.fit.residual / np.float32(max(settled.usual, 1e-6)), 1)
-    return np.asarray(np.float32(_REMAINS * variance / 2) * misfit * sum(bends))
+    return np.asarray(np.float32(variance / 2) * np.minimum(_REMAINS * misfit, 1) * sum(bends))

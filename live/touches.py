@@ -117,17 +117,28 @@ def _regions(prepared: Prepared, reading: Reading, crept: Cells, rise: Cells) ->
     sure = known & (z > crept + rise)
     if not sure.any():
         return []
-    regions: list[_Region] = []
-    for row, col in _peaks(z, sure, known & (z > crept + rise / 2), reading.sigma):
-        labels = cv2.connectedComponents((z > _HALF * z[row, col]).astype(np.uint8), connectivity=4)[1]
-        regions.append(_Region(row, col, labels == labels[row, col]))
-    return regions if len(regions) < 2 else _parted(regions)
+    peaks = _peaks(z, sure, known & (z > crept + rise / 2), reading.sigma)
+    regions = _parted([_half_depth(z, *at) for at in peaks])
+    tops = [_highest(z, known & region.inside) for region in regions]  # it may be less sure than its flank
+    if tops != peaks:
+        regions = _parted([_half_depth(z, *at) for at in tops])
+    return regions
+
+
+def _half_depth(z: Cells, row: int, col: int) -> _Region:
+    labels = cv2.connectedComponents((z > _HALF * z[row, col]).astype(np.uint8), connectivity=4)[1]
+    return _Region(row, col, labels == labels[row, col])
+
+
+def _highest(z: Cells, among: Mask) -> tuple[int, int]:
+    row, col = np.unravel_index(int(np.where(among, z, 0).argmax()), z.shape)
+    return int(row), int(col)
 
 
 def _holes_filled(prepared: Prepared, reading: Reading) -> tuple[Reading, Mask]:
-    """The reading whose cells without a height, where measured ones enclose them, are as deep as the deepest
-    beside them: what presses so steeply that its middle has no fringe is one contact. And those of such cells
-    (R, C) whose surroundings are steep, too: no speck of dust."""
+    """The reading whose cells without a height, where measured ones enclose them, are at least as deep as the
+    deepest beside them, their sigma as large as what they are deeper: what presses so steeply that its middle
+    has no fringe is one contact. And those of such cells (R, C) whose surroundings are steep: no dust."""
     lost = (prepared.rig.lit & ~reading.good).astype(np.uint8)
     steep = np.zeros(lost.shape, np.bool_)
     if not lost.any():
@@ -142,7 +153,9 @@ def _holes_filled(prepared: Prepared, reading: Reading) -> tuple[Reading, Mask]:
         if cells < _FEWEST or not beside.any() or (hole & prepared.rig.rim[cut]).any():
             continue
         deepest = int(np.where(beside, reading.z[cut], -np.inf).argmax())
-        z[cut][hole], sigma[cut][hole] = reading.z[cut].flat[deepest], reading.sigma[cut].flat[deepest]
+        edge, sure = reading.z[cut].flat[deepest], reading.sigma[cut].flat[deepest]
+        z[cut][hole] = np.maximum(z[cut][hole], edge)
+        sigma[cut][hole] = np.hypot(sure, z[cut][hole] - edge)
         good[cut] |= hole
         rise = np.median(np.abs(reading.z[cut][beside]) / prepared.noise.sigma[cut][beside])
         steep[cut] |= hole & (rise > _RISING)
@@ -168,12 +181,14 @@ def _climbed(z: Cells, sure: Mask, row: int, col: int, reach: int) -> tuple[int,
     """The highest cell near a peak of the coarser grid."""
     top, left = max(row - reach, 0), max(col - reach, 0)
     part = np.where(sure, z, 0)[top : row + reach + 1, left : col + reach + 1]
-    down, along = np.unravel_index(int(part.argmax()), part.shape)
-    return top + int(down), left + int(along)
+    down, along = _highest(part, part > 0)
+    return top + down, left + along
 
 
 def _parted(regions: list[_Region]) -> list[_Region]:
     """Disjoint regions: cells of a region that contains another one's peak go to the nearest peak."""
+    if len(regions) < 2:
+        return regions
     rows = np.arange(regions[0].inside.shape[0])[:, None]
     cols = np.arange(regions[0].inside.shape[1])
     parted = []
