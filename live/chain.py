@@ -28,7 +28,7 @@ _STEPS = 6
 _REST_STEPS = 120
 _KINKED, _KINK_STEPS = 0.3, 4  # rms change in sigma at kinks, which converge slowly; steps for them at most
 _SPARSE = 4  # stride of the pixels that measure the light
-_LIGHTER, _DARK = 0.01, 0.1  # relative change of light that needs rescaling; smallest valid factor
+_LIGHTER, _LAMP, _DARK = 0.01, 0.03, 0.1  # relative change of light to rescale by, to add; least factor
 _FILL = 4.0  # cells: radius of the interpolation of displacement into gaps
 
 
@@ -141,16 +141,30 @@ def settle(rig: Rig, frame: Frame, track: Track, sigma: Cells) -> Settled:
 
 
 def _lighted(rig: Rig, state: State, frame: Frame) -> State:
-    """The state rescaled to the frame's light: truncated windows would take many steps to converge to it."""
+    """The state in the frame's light: scaled by the display's, its level tilted by a lamp's. Truncated
+    windows would take many steps to converge to it."""
     few = slice(None, None, _SPARSE), slice(None, None, _SPARSE)
-    grey = float(frame[few][rig.carriers.lit[few] > 0].mean())
-    now = float(state.level[rig.lit].mean())
-    gain = grey / max(now, 1.0)
-    if not abs(gain - 1) > _LIGHTER or not _DARK < gain < 1 / _DARK:
+    lit, grey = rig.carriers.lit[few] > 0, frame[few]
+    gain = float(grey[lit].mean()) / max(float(state.level[rig.lit].mean()), 1.0)
+    if not _DARK < gain < 1 / _DARK:
         return state
     planes = state.planes.copy()
-    planes[2:] *= _f4(gain)
+    if abs(gain - 1) > _LIGHTER:
+        planes[2:] *= _f4(gain)
+    level: Cells = planes[2]
+    more = (grey - cv2.resize(level, grey.shape[::-1]))[lit]
+    basis = [np.broadcast_to(part, grey.shape)[lit] for part in _ramps(*grey.shape)]
+    tilt = np.linalg.solve(np.inner(basis, basis), np.inner(basis, more)).astype(_f4)
+    if np.abs(tilt).sum() > _LAMP * level.mean():
+        for size, ramp in zip(tilt, _ramps(*level.shape), strict=True):
+            level += size * ramp
     return State(planes)
+
+
+def _ramps(rows: int, cols: int) -> tuple[Cells, Cells, Cells]:
+    """A constant, a ramp along columns, one along rows."""
+    along, down = (np.linspace(-1, 1, count, dtype=_f4) for count in (cols, rows))
+    return np.ones((1, 1), _f4), along[None], down[:, None]
 
 
 def rest_state(carriers: Carriers, mean: Frame, start: State) -> State:
