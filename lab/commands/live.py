@@ -25,8 +25,9 @@ contact  4     19.68  13.6 (15)     0.0019 (0.001)    0.51         0            
 @program("live", SAMPLE)
 def command(
     size: Annotated[tuple[int, int], pixels("Size of the camera.")] = (480, 640),
-    streams: Annotated[int, Opt("--streams N", "Drawn streams too.", click.IntRange(0))] = 0,
-    frames: Annotated[int, Opt("--frames N", "Of each stream.", click.IntRange(12))] = 60,
+    streams: Annotated[
+        int, Opt("--streams FRAMES", "Only twelve kinds of streams of so many frames.", click.IntRange(0))
+    ] = 0,
     vibration: Annotated[bool, Opt("--vibration", "Only a surface that vibrates: 12 s at 60 Hz.")] = False,
     seed: Seed = 1,
     json_path: Json = None,
@@ -34,10 +35,14 @@ def command(
     """Follow dents and contacts of an independent renderer on prism48, noise of 1.5 levels.
 
     Time is that of one core beside two float32 cosine transforms of the same size in the same process; set
-    OPTOLEVER_THREADS=1. Streams are drawn at 240 x 320, every other one with a fault: silent are trusted
-    frames without a notice that have more than 0.1 % of the heights beyond five sigma."""
-    from ..live.figures import live_rows, stream_tally, transforms_ms
+    OPTOLEVER_THREADS=1. Streams have 30 electrons a level at 240 x 320 (--pixels): wrong are trusted frames
+    with more than 0.1 % of the heights beyond five sigma, silent the ones without a notice; off are contacts
+    whose depth is beyond five sigma."""
+    from ..live.figures import live_rows, transforms_ms
 
+    if streams:
+        write_json(json_path, _streams(size, streams, seed))
+        return
     if vibration:
         write_json(json_path, _vibration(size, seed))
         return
@@ -47,7 +52,6 @@ def command(
         for row in live_rows(size, (2, 4), seed):
             rows.append(row)
             step(f"{row.case}, cells of {row.cell}")
-        tally = stream_tally(streams, frames, (240, 320), 2, seed) if streams else None
     header = ("case", "cell", "ms", "x transforms", "error/depth", "error/sigma", "beyond 5 sigma", "trusted")
     lines = [
         [
@@ -67,9 +71,25 @@ def command(
         header,
         lines,
     )
-    if tally is not None:
-        table("Drawn streams", {name: str(value) for name, value in asdict(tally).items()})
-    write_json(json_path, {"rows": [asdict(row) for row in rows], "streams": tally and asdict(tally)})
+    write_json(json_path, {"rows": [asdict(row) for row in rows]})
+
+
+def _streams(size: tuple[int, int], frames: int, seed: int) -> dict[str, object]:
+    import numpy as np
+
+    from optolever.scene import load, resize
+
+    from ..live.streams import KINDS, Tally, played, stream_rig
+
+    rig, rng = stream_rig(resize(load("prism48"), *size)), np.random.default_rng(seed)
+    tallies: dict[str, Tally] = {}
+    with progress() as step:
+        for name, kind in KINDS.items():
+            tallies[name] = played(rig, kind, frames, rng)
+            step(name)
+    rows = [[name, *(number(value) for value in asdict(tally).values())] for name, tally in tallies.items()]
+    grid("Streams", ("kind", *asdict(tallies["lamp"])), rows)
+    return {name: asdict(tally) for name, tally in tallies.items()}
 
 
 def _vibration(size: tuple[int, int], seed: int) -> dict[str, object]:

@@ -1,4 +1,4 @@
-"""What `live` costs beside two cosine transforms, and how right it is: dents, contacts, drawn streams."""
+"""What `live` costs beside two cosine transforms, and how right it is: dents, contacts, a vibration."""
 
 import time
 from collections.abc import Iterator
@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from optolever.live import Live, Probes
 from optolever.scene import load, resize
 
-from .streams import NOISE, Dents, StreamRig, Tally, drawn_stream, play, stream_rig
+from .streams import NOISE, Dents, StreamRig, stream_rig
 from .world import BALL, GAUSS, expose, photons
 
-__all__ = ["CASES", "LiveRow", "Vibration", "live_rows", "stream_tally", "transforms_ms", "vibration"]
+__all__ = ["CASES", "LiveRow", "Vibration", "live_rows", "transforms_ms", "vibration"]
 
 #: Frames of a case, and the limits: time over that of two transforms by cell, error over depth.
 CASES: dict[str, tuple[tuple[Dents, ...], dict[int, float], float]] = {
@@ -111,15 +111,6 @@ def _row(
         float(np.mean(beyond)),
         float(np.mean(trusted)),
     )
-
-
-def stream_tally(streams: int, frames: int, size: tuple[int, int], cell: int, seed: int) -> Tally:
-    """Drawn streams, every other one with a fault."""
-    rig, rng, tally = stream_rig(resize(load("prism48"), *size), cell), np.random.default_rng(seed), Tally()
-    for k in range(streams):
-        for _ in play(rig, drawn_stream(rng, frames, k % 2 == 0), rng, tally):
-            pass
-    return tally
 
 
 @dataclass(frozen=True)

@@ -1,25 +1,26 @@
-"""Drawn streams of a tactile sensor: presses, slides, rolls, fast hits, two fingers, nothing; half with a
-fault."""
+"""Streams of twelve kinds of a tactile sensor's frames, counted; faults of frames."""
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
 
 from optolever.decode import decode
-from optolever.live import Live, Prepared, Reading, prepare
+from optolever.live import Live, Prepared, prepare
 from optolever.patterns import Sequence, sequence
 from optolever.scene import Scene
 
-from .world import BALL, GAUSS, World, expose, world_of
+from .world import BALL, GAUSS, World, expose, photons, world_of
 
-__all__ = ["FAULTS", "Stream", "StreamRig", "Tally", "drawn_stream", "play", "stream_rig"]
+__all__ = ["FAULTS", "KINDS", "Moment", "StreamRig", "Tally", "played", "stream_rig"]
 
 Frame = NDArray[np.uint8]
 Dents = tuple[tuple[float, float, float, float, float], ...]
 NOISE = 1.5
-_SHALLOW = 0.02  # mm: of a dent that is less the error counts as of this
+_PRESSES = 3  # of a stream, each at another place
 #: What may be wrong with a run of frames; the frame at fault from the good one and the one before.
 FAULTS: dict[str, Callable[[Frame, Frame], Frame]] = {
     "black": lambda now, before: np.zeros_like(now),
@@ -31,7 +32,49 @@ FAULTS: dict[str, Callable[[Frame, Frame], Frame]] = {
     "saturated": lambda now, before: np.clip(now.astype(np.float64) * 3, 0, 255).astype(np.uint8),
     "light": lambda now, before: (now * 0.5).astype(np.uint8),
 }
-_ACTS = ("press", "slide", "roll", "hit", "two", "nothing")
+
+
+@dataclass(frozen=True)
+class Moment:
+    """What a frame shows. fading: see World; creep: of the camera along columns and rows, pixels; lamp:
+    levels that it adds at the far end of the columns; blur: of the lens, rms pixels."""
+
+    dents: Dents = ()
+    fading: bool = True
+    creep: tuple[float, float] = (0.0, 0.0)
+    lamp: float = 0.0
+    blur: float = 0.0
+
+
+Kind = Callable[[float, float, float, float], Moment]
+
+
+def _pressed(kind: int, size: float, peak: float, fading: bool = True) -> Kind:
+    return lambda x, y, rise, at: Moment(((kind, x, y, size, peak * rise),), fading)
+
+
+def _beside(change: Callable[[float], Moment]) -> Kind:
+    """A smooth press, and what changes slowly."""
+    return lambda x, y, rise, at: replace(change(at), dents=((GAUSS, x, y, 6.0, 0.1 * rise),))
+
+
+#: From the place of a press (mm), its share of the depth and the share of the stream that is over.
+KINDS: dict[str, Kind] = {
+    "smooth press": _pressed(GAUSS, 6.0, 0.15),
+    "two slide": lambda x, y, rise, at: Moment(
+        ((GAUSS, x - 9, y + 3 * rise, 4.0, 0.06), (GAUSS, x + 7, y - 3 * rise, 5.0, 0.08))
+    ),
+    "ball 3 mm": _pressed(BALL, 3.0, 0.12),
+    "ball 4 mm rolls": lambda x, y, rise, at: Moment(((BALL, x - 4 + 8 * rise, y, 4.0, 0.08),), False),
+    "ball 5 mm": _pressed(BALL, 5.0, 0.25),
+    "ball 5 mm, half-space": _pressed(BALL, 5.0, 0.25, fading=False),
+    "deep 2 mm": _pressed(GAUSS, 2.0, 0.3),
+    "deep 3 mm": _pressed(GAUSS, 3.0, 0.35),
+    "creep along columns": _beside(lambda at: Moment(creep=(0.2 * at, 0.0))),
+    "creep along rows": _beside(lambda at: Moment(creep=(0.0, 0.2 * at))),
+    "lamp": _beside(lambda at: Moment(lamp=25 * at)),
+    "blur": _beside(lambda at: Moment(blur=1.5 * at)),
+}
 
 
 @dataclass(frozen=True)
@@ -54,35 +97,29 @@ class StreamRig:
         z = self.world.truth(dents)[2][: rows * cell, : cols * cell]
         return np.asarray(z.reshape(rows, cell, cols, cell).mean((1, 3)))
 
+    def shown(self, moment: Moment) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+        """Light (H, W) and true height (R, C) of a moment."""
+        here = replace(self, world=replace(self.world.moved(*moment.creep), fading=moment.fading))
+        light = gaussian_filter(here.light(moment.dents), moment.blur)
+        light += np.linspace(0, moment.lamp / 216, light.shape[1], dtype=np.float32)
+        return light, here.truth(moment.dents)
+
 
 @dataclass(frozen=True)
-class Stream:
-    """act: what happens; fault: its name, or empty; from frame `first` to before `last`; dents of every
-    frame."""
-
-    act: str
-    fault: str
-    first: int
-    last: int
-    dents: tuple[Dents, ...]
-
-
-@dataclass
 class Tally:
-    """Counted over streams. wrong: trusted frames with more than 0.1 % of the heights beyond five sigma;
-    silent: of these the ones without a notice; gross: those whose rms error is above 1 % of the depth; told:
-    faults that were told within two frames; recovered: within ten frames of their end; refused: good frames
-    that were not trusted."""
+    """Counts of a stream's frames. noticed: trusted, with a notice; wrong: trusted, with more than 0.1 % of
+    the heights beyond five sigma; silent: of these the ones without a notice; contacts: trusted, beyond 10 um
+    of depth, that show as many contacts as there are dents; off: of these the ones whose deepest is beyond
+    five sigma; ratio: error over sigma, rms over the trusted frames."""
 
-    frames: int = 0
-    good: int = 0
-    wrong: int = 0
-    silent: int = 0
-    gross: int = 0
-    refused: int = 0
-    faults: int = 0
-    told: int = 0
-    recovered: int = 0
+    frames: int
+    trusted: int
+    noticed: int
+    wrong: int
+    silent: int
+    contacts: int
+    off: int
+    ratio: float
 
 
 def stream_rig(scene: Scene, cell: int = 2, seed: int = 1) -> StreamRig:
@@ -97,66 +134,41 @@ def stream_rig(scene: Scene, cell: int = 2, seed: int = 1) -> StreamRig:
     )
 
 
-def drawn_stream(rng: np.random.Generator, frames: int, faulty: bool) -> Stream:
-    """On a mirror of 60 x 45 mm."""
-    act = str(rng.choice(_ACTS))
-    at = np.linspace(0, 1, frames)
-    x, y = rng.uniform(22, 38), rng.uniform(15, 30)
-    size, peak = rng.uniform(4, 8), rng.uniform(0.05, 0.15)
-    angle = rng.uniform(0, 2 * np.pi)
-    moved = (8 * at[:, None] - 4) * np.array([np.cos(angle), np.sin(angle)])
-    ball = rng.uniform(0.03, 0.06)
-    dents: list[Dents] = []
+def played(rig: StreamRig, kind: Kind, frames: int, rng: np.random.Generator) -> Tally:
+    """A stream of three presses at drawn places of a mirror of 60 x 45 mm, by frames with photon noise."""
+    live, ratios = Live(rig.prepared), []
+    counts: Counter[str] = Counter()
+    places = rng.uniform((26, 18), (34, 27), (_PRESSES, 2))
     for k in range(frames):
-        rise = min(1.0, 2 * at[k])
-        if act == "press":
-            dents.append(((GAUSS, x, y, size, peak * rise),))
-        elif act == "slide":
-            dents.append(((GAUSS, x + moved[k, 0], y + moved[k, 1], size, peak),))
-        elif act == "roll":
-            dents.append(((BALL, x + moved[k, 0], y + moved[k, 1], 4.0, ball),))
-        elif act == "hit":
-            dents.append(((GAUSS, x, y, size, peak),) if k % 6 in (3, 4) else ())
-        elif act == "two":
-            dents.append(((GAUSS, x - 8, y - 4, 4.0, 0.05), (GAUSS, x + 8, y + 4, 5.0, 0.08 * rise)))
-        else:
-            dents.append(())
-    fault = str(rng.choice(list(FAULTS))) if faulty else ""
-    first = int(rng.integers(frames // 4, frames // 2))
-    return Stream(act, fault, first, min(first + 4, frames - 3), tuple(dents))
-
-
-def play(rig: StreamRig, stream: Stream, rng: np.random.Generator, tally: Tally) -> Iterator[Reading]:
-    """Readings of a stream; counts them."""
-    live, before = Live(rig.prepared), None
-    told = recovered = False
-    for k, dents in enumerate(stream.dents):
-        good = expose(rig.light(dents), rng, NOISE)
-        bad = bool(stream.fault) and stream.first <= k < stream.last
-        frame = FAULTS[stream.fault](good, good if before is None else before) if bad else good
-        before = good
-        reading = live.update(frame, k / 60)
-        tally.frames += 1
-        true = rig.truth(dents)
-        beyond = (np.abs(reading.z - true) > 5 * reading.sigma)[reading.good]
-        wrong = reading.trusted and bool(beyond.mean() > 1e-3)
-        tally.wrong += wrong
-        silent = wrong and not reading.notices
-        tally.silent += silent
-        error = float((reading.z - true)[reading.good].std()) if reading.good.any() else 0.0
-        tally.gross += silent and error > 0.01 * max(float(true.max()), _SHALLOW)
-        if bad and k < stream.first + 2:
-            told |= not reading.trusted or bool(reading.notices)
-        if not bad:
-            tally.good += 1
-            tally.refused += not reading.trusted
-        if stream.fault and stream.last <= k < stream.last + 10:
-            recovered |= reading.trusted
-        yield reading
-    if stream.fault:
-        tally.faults += 1
-        tally.told += told
-        tally.recovered += recovered
+        press, within = divmod(_PRESSES * k / frames, 1)
+        x, y = places[int(press)]
+        moment = kind(x, y, 1 - abs(2 * within - 1), k / frames)
+        light, true = rig.shown(moment)
+        reading = live.update(photons(light, rng), k / 60)
+        if not reading.trusted:
+            continue
+        ratio = ((reading.z - true) / reading.sigma)[reading.good]
+        wrong = float(np.mean(np.abs(ratio) > 5)) > 1e-3
+        deep = [dent for dent in moment.dents if dent[4] > 0.01]
+        same = bool(deep) and len(reading.touches) == len(deep)
+        counts["noticed"] += bool(reading.notices)
+        counts["wrong"] += wrong
+        counts["silent"] += wrong and not reading.notices
+        counts["contacts"] += same
+        if same:
+            touch = reading.touches[0]
+            counts["off"] += abs(touch.depth - max(dent[4] for dent in deep)) > 5 * touch.depth_sigma
+        ratios.append(float(np.mean(np.square(ratio))))
+    return Tally(
+        frames=frames,
+        trusted=len(ratios),
+        noticed=counts["noticed"],
+        wrong=counts["wrong"],
+        silent=counts["silent"],
+        contacts=counts["contacts"],
+        off=counts["off"],
+        ratio=float(np.sqrt(np.mean(ratios))),
+    )
 
 
 def _halves(upper: Frame, lower: Frame) -> Frame:
