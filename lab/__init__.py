@@ -14,7 +14,7 @@ It may import every module of `optolever`; tests alone import it.
 | - `ideal.py`, `place.py` | codes by their definitions; a dented mirror, its exact correspondence |
 | - `cliffs.py` | a cliff behind a mask, and the plain robust integration of it |
 | - `contacts.py` | contacts on rigs drawn from the priors, against their total sigma |
-| - `house.py` | the source in figures: lines, private words, types, constants; files of a call |
+| - `house.py` | the source in figures: lines, private words, types, constants |
 | `calibration/` | what a calibration is worth |
 | - `rigs.py`, `figures.py` | rigs with errors and captures on them; the figures |
 | - `typed.py` | rigs that are not as typed: heights against their total sigma |
@@ -25,4 +25,5 @@ It may import every module of `optolever`; tests alone import it.
 | `live/` | heights of single frames |
 | - `world.py` | an independent renderer of dents |
 | - `streams.py`, `figures.py` | drawn streams with faults; time, error and sigma beside their limits |
+| - `soak.py` | growth of memory, threads and files over a long run |
 """

@@ -1,11 +1,11 @@
-"""`python -m lab house`: the source in figures, and the files that a decode and a solve touch."""
+"""`python -m lab house`: the source in figures."""
 
 from dataclasses import asdict
 from typing import Annotated
 
 from optolever.cli.arguments import Opt, program
 from optolever.cli.options import Json
-from optolever.cli.show import grid, number, write_json
+from optolever.cli.show import grid, write_json
 
 __all__ = ["command"]
 
@@ -22,7 +22,6 @@ HEADER = ("part", "files", "lines", "at most", "JS, GLSL", "private words", "Any
 @program("house", SAMPLE)
 def command(
     parts: Annotated[tuple[str, ...], Opt("--part NAME", "Only this one; again for more.")] = (),
-    trace: Annotated[bool, Opt("--trace", "Also the files that a decode and a solve touch.")] = False,
     json_path: Json = None,
 ) -> None:
     """Count lines of the installed parts, lab and tests beside their limits, private words, types, constants.
@@ -51,30 +50,4 @@ def command(
     ]
     sums = ["installed", "", str(installed["lines"]), str(installed["limit"]), *[""] * 5]
     grid("Parts", HEADER, [*map(list, lines), sums])
-    touched = _touched() if trace else {}
-    if trace:
-        counts = [[name, number(len(files))] for name, files in touched.items()]
-        grid("Files of a plain capture", ("call", "files"), counts)
-    write_json(
-        json_path, {"parts": [asdict(row) for row in rows], "installed": installed, "touched": touched}
-    )
-
-
-def _touched() -> dict[str, list[str]]:
-    """Files of a decode and of a solve of a plain capture: `prism48`, 150 x 200, gray+phase."""
-    from optolever.decode import decode
-    from optolever.patterns import sequence
-    from optolever.projector import capture
-    from optolever.reconstruct import reconstruct
-    from optolever.scene import dent, load, resize
-
-    from ..figures.house import traced
-
-    scene = resize(load("prism48", exact=True), 150, 200)
-    shown = sequence("gray+phase", scene.pattern.rows, scene.pattern.cols)
-    frames = capture(scene, dent("gaussian", scene), shown, noise=1.0, seed=0).frames
-    correspondence = decode(frames, shown)
-    return {
-        "decode": traced(lambda: decode(frames, shown)),
-        "reconstruct": traced(lambda: reconstruct(correspondence, scene)),
-    }
+    write_json(json_path, {"parts": [asdict(row) for row in rows], "installed": installed})

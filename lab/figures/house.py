@@ -1,16 +1,13 @@
-"""The source in figures: lines, private words, parameters without a type, constants; files of a call."""
+"""The source in figures: lines, private words, parameters without a type, constants."""
 
 import ast
 import re
-import sys
-import threading
 import tokenize
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from types import FrameType
 
-__all__ = ["BESIDE", "PARTS", "ROOT", "House", "house", "total", "traced"]
+__all__ = ["BESIDE", "PARTS", "ROOT", "House", "house", "total"]
 
 ROOT = Path(__file__).resolve().parents[2]
 #: Installed folders, and the lines of each at most; None: no limit of its own.
@@ -89,27 +86,6 @@ def total(rows: Iterable[House]) -> dict[str, int]:
 
 def _lines(paths: Iterable[Path]) -> int:
     return sum(len(path.read_text(encoding="utf-8").splitlines()) for path in paths)
-
-
-def traced(call: Callable[[], object]) -> list[str]:
-    """Source files of the parts whose Python functions run during `call`, on any thread, as paths from the
-    checkout's root. Kernels run compiled: only the functions that call them count."""
-    found: set[str] = set()
-
-    def enter(frame: FrameType, event: str, _: object) -> None:
-        if event == "call":
-            found.add(frame.f_code.co_filename)
-
-    threading.setprofile(enter)
-    sys.setprofile(enter)
-    try:
-        call()
-    finally:
-        sys.setprofile(None)
-        threading.setprofile(None)
-    inside = (Path(name) for name in found if name.startswith(str(ROOT)))
-    relative = (path.relative_to(ROOT) for path in inside)
-    return sorted(str(path) for path in relative if path.parts[0] in PARTS and path.parts[0] != "optolever")
 
 
 def _prose(path: Path, tree: ast.Module) -> Iterator[str]:
