@@ -30,7 +30,7 @@ Live: prism48, 60 x 80 cells
 """
 
 
-_RATED = 30  # readings after which the rate is known
+_RATED = 120  # readings: the rate is that of the last 60, the first ones are slow
 RATE = Opt("--rate HZ", "Frames a second of the virtual camera; 0: as fast as they are read.", AT_LEAST_0)
 STOP = Opt("--frames N", "Stop after so many readings; default: never.", click.IntRange(min=1))
 RECORD = Opt("--record DIR", "Folder to make with every frame that is read, and its reading, for replay.")

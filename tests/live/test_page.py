@@ -239,7 +239,7 @@ def test_lines_of_json_and_the_numbers_of_the_run(
     assert max(line["depth_mm"] or 0 for line in lines) > 0.02
     assert lines[0]["depth_mm"] is None
     assert all(line["probes"][0]["sigma"] > 0 for line in lines)
-    assert run([*args[:5], "--frames", "40"]) == 0  # with the page
+    assert run([*args[:3], "--frames", "130"]) == 0  # with the page
     out = capfd.readouterr().out
     assert (
         out.count(" nm a frame, ") == out.count(" nm/sqrt(Hz)") == 2
