@@ -9,8 +9,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from optolever.errors import InputError
 from optolever.scene import Scene, adjusted, parameter_values
@@ -198,7 +198,7 @@ def adjust(problem: Problem, start: Mapping[str, float], rough: bool = False, mo
             return np.full(problem.count, _LARGEST)
 
     try:
-        found = least_squares(
+        found = scipy.optimize.least_squares(
             residuals,
             first,
             problem.forward if rough else problem.jacobian,

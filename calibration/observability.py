@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from optolever.notices import Notice
 
@@ -206,7 +206,7 @@ def _priors(found: Adjustment) -> list[Notice]:
     typed = [k for k, name in enumerate(problem.names) if problem.sigmas[name] < wide.get(name, 0.0)]
     square = float((problem.residuals(found.values)[-len(problem.names) :][typed] ** 2).sum())
     freedom = float((1 - np.diag(found.linear) / problem.scale**2)[typed].sum())
-    limit = chi2.isf(_RARE, freedom) if freedom > 1 else math.inf
+    limit = float(chdtri(freedom, _RARE)) if freedom > 1 else math.inf
     if not square > limit:
         return []
     size, most = (math.sqrt(each / freedom) for each in (square, limit))

@@ -21,9 +21,9 @@ from typing import Any
 
 import cv2
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion
-from scipy.optimize import least_squares
 
 from optolever.decode import Correspondence, Response, decode
 from optolever.errors import InputError
@@ -101,7 +101,7 @@ class RigResponse:
     def gamma(self) -> tuple[float, float]:
         """Exponent of the power law fitted to g, and its rms residual as a share of white."""
         level, light = np.arange(1, 256) / 255, self.response.light()[1:]
-        found = least_squares(lambda gamma: level**gamma - light, 1.0)
+        found = scipy.optimize.least_squares(lambda gamma: level**gamma - light, 1.0)
         return float(found.x[0]), float(np.sqrt(np.mean(found.fun**2)))
 
     def least(self) -> dict[str, float | None]:

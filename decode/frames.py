@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import PchipInterpolator
 
 from optolever.blocks import on_cores
 from optolever.errors import InputError
@@ -130,7 +130,7 @@ class Response:
 
     def light(self) -> F64:
         """Relative light (256,) of the levels 0..255: 0 at level 0, 1 at 255 (monotone cubics)."""
-        curve = PchipInterpolator(self.shown, self.seen, extrapolate=True)(np.arange(256.0))
+        curve = scipy.interpolate.PchipInterpolator(self.shown, self.seen, extrapolate=True)(np.arange(256.0))
         return np.asarray(np.clip((curve - curve[0]) / (curve[-1] - curve[0]), 0, 1))
 
     def shown_of(self, seen: ArrayLike) -> F64:

@@ -5,8 +5,6 @@ from dataclasses import dataclass
 from enum import IntFlag
 
 import numpy as np
-from matplotlib import colormaps
-from matplotlib.colors import to_hex
 from numpy.typing import NDArray
 
 from optolever.decode import Flag
@@ -35,7 +33,10 @@ MEANING = {
     "SINGULAR": "the pattern lies within its noise of the mirror: no slope can be computed",
     "IMPLAUSIBLE": "the capture contradicts its scene: no rig of the scene's accuracy can have taken it",
 }
-COLOURS = [to_hex(colour) for colour in colormaps["tab20"].colors]  # type: ignore[attr-defined]
+_TAB20 = (
+    "1f77b4 aec7e8 ff7f0e ffbb78 2ca02c 98df8a d62728 ff9896 9467bd c5b0d5 8c564b c49c94 e377c2 f7b6d2 "
+    "7f7f7f c7c7c7 bcbd22 dbdb8d 17becf 9edae5"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,8 +73,8 @@ def flag_rows(flags: NDArray[np.integer], area: Floats | None = None, mirror: fl
     total = max(mirror, float(part.sum())) or 1.0
     words = [("good", 0, "height and error bar stand", GOOD_COLOUR)]
     words += [
-        (str(each.name).lower().replace("_", " "), int(each), MEANING[str(each.name)], colour)
-        for each, colour in zip(members, itertools.cycle(COLOURS), strict=False)
+        (str(each.name).lower().replace("_", " "), int(each), MEANING[str(each.name)], f"#{colour}")
+        for each, colour in zip(members, itertools.cycle(_TAB20.split()), strict=False)
     ]
     rows = [
         FlagRow(name, bit, int(n), float(size), float(size) / total, meaning, colour)

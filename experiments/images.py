@@ -1,24 +1,27 @@
 """Images as PNG data URIs: arrays and Matplotlib figures; samples of maps, limits of their colours."""
 
+from __future__ import annotations
+
 import base64
 import io
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 RESOLUTION = 110  # dots per inch of every figure
 
 
 def new_figure(width: float, height: float) -> Figure:
     """An empty figure (inches), laid out by constraints, drawn without any global state."""
-    figure = Figure(figsize=(width, height), dpi=RESOLUTION, layout="constrained", facecolor="white")
-    FigureCanvasAgg(figure)
-    return figure
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), dpi=RESOLUTION, layout="constrained", facecolor="white")
 
 
 def label_axes(axes: Axes, x: str = "", y: str = "", title: str = "", frame: bool = False) -> None:

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import scipy.interpolate
-import scipy.ndimage
+import scipy
 import tifffile
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import least_squares, minimize_scalar
 
 from optolever.errors import InputError
 from optolever.notices import Notice
@@ -227,7 +227,7 @@ def flip_fit(taken: FlipRecord, timing: Timing) -> FlipFit:
 
     reach = abs(timing.shutter_s) + _LATE_S
     begins = [
-        minimize_scalar(cost, bounds=(-reach, reach), args=(band,), method="bounded").x
+        scipy.optimize.minimize_scalar(cost, bounds=(-reach, reach), args=(band,), method="bounded").x
         for band in range(len(taken.bands))
     ]
     light = _scaled(taken.brightness, model)
@@ -319,7 +319,7 @@ def _fit(taken: FlipRecord, exposure: float, swaps: Float, start: Float | None) 
         ]
         starts = sorted(grid, key=cost)[:3]
     fits = [
-        least_squares(
+        scipy.optimize.least_squares(
             _residual,
             one,
             args=(taken, exposure, swaps),
