@@ -21,8 +21,8 @@ from .arrays import Floats
 from .demo import DemoResult
 from .flag_table import FlagRow, flag_index, flag_rows, mirror_area
 from .height_tables import cards, dents_table, differences_table, flags_table, form_table, terms_table
-from .images import png_uri, thumbnail
-from .maps import Data, Layer, camera_map, chart, error_charts, length_layer, mirror_map, surface_data
+from .images import png_uri, thin, thumbnail
+from .maps import CAMERA, Data, Layer, camera_map, chart, error_charts, length_layer, mirror_map, surface_data
 from .measurement import Measurement, Study
 from .metrics import unflagged
 from .page import Figures, budget_table, embedded_json, write_page
@@ -202,7 +202,7 @@ def _camera(given: Measurement, rows: list[FlagRow]) -> Data:
     found, layers = given.correspondence, []
     coordinates = () if found is None else (("u", "column", found.u), ("v", "row", found.v))
     for letter, what, values in coordinates:
-        known = np.where(found.good, values, np.nan)  # type: ignore[union-attr]
+        known = thin(np.where(found.good, values, np.nan), CAMERA)  # type: ignore[union-attr]
         layers.append(Layer(f"{letter}: pattern {what}", known, "px", digits=8))
         bent = known - _best_plane(known)
         layers.append(Layer(f"{letter} less its best plane", bent, "px", "RdBu_r", True))

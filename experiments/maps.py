@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from optolever.quantities import length_unit
-from optolever.reconstruct import Grid, HeightMap
+from optolever.reconstruct import HeightMap
 
 from .arrays import Floats
 from .images import robust_limits, thin
@@ -35,7 +35,7 @@ __all__ = [
 ]
 
 CELLS, SAMPLES = 500_000, 800_000  # of a map; of all its layers together
-VERTICES = 150  # of the surface, on the longer side
+VERTICES = 150  # of the surface, on the longer side of the image
 CAMERA = 220  # samples of a map of the camera's pixels, on the longer side
 BINS = 12
 MOST = 400_000  # samples that enter a chart; the numbers on the page use them all
@@ -212,28 +212,24 @@ def reliability(error: Values, sigma: Values) -> tuple[Floats, Floats]:
 
 
 def surface_data(surface: HeightMap, name: str, signed: bool) -> Data:
-    """Data of report/viewer.js: the good points of a map at the vertices of a grid of at most VERTICES a
-    side, with a colouring by height, called `name`, and one by sigma. signed: heights are about zero."""
-    good = surface.good & np.isfinite(surface.z)
-    size = np.array([np.ptp(axis[good]) if good.any() else 0.0 for axis in (surface.x, surface.y)])
-    pitch = float(max(size.max() / VERTICES, np.sqrt(size.prod() / max(good.sum(), 1)))) or 1.0
-    nothing = np.full((1, 1), np.nan)
-    mesh = surface.resample(pitch) if good.any() else Grid(nothing, nothing, 0.0, 0.0, pitch)
-    known = np.isfinite(mesh.z)
-    span = float(np.ptp(mesh.z[known])) if known.any() else 0.0
+    """Data of report/viewer.js: at most VERTICES good points of a map a side, samples of single pixels, in
+    colours of the height, called `name`, and of sigma. signed: heights are about zero."""
+    good = thin(surface.good & np.isfinite(surface.z), VERTICES)
+    fields = (surface.x, surface.y, surface.z, surface.total_sigma)
+    x, y, z, sigma = (np.where(good, thin(part, VERTICES), np.nan) for part in fields)
+    sizes = [float(np.ptp(part[good])) if good.any() else 0.0 for part in (x, y, z)]
+    side, span = max(sizes[:2]), sizes[2]
     colourings = (
-        length_layer(name, mesh.z, "RdBu_r" if signed else "viridis", signed),
-        length_layer("sigma", mesh.sigma, "cividis"),
+        length_layer(name, z, "RdBu_r" if signed else "viridis", signed),
+        length_layer("sigma", sigma, "cividis"),
     )
     return {
-        "nx": mesh.z.shape[1],
-        "ny": mesh.z.shape[0],
-        "x0": round(mesh.x0, 6),
-        "y0": round(mesh.y0, 6),
-        "dx": round(pitch, 9),
-        "dy": round(pitch, 9),
-        "z": _base64(mesh.z),
-        "exaggeration": round(0.25 * size.max() / span, 3) if span > 0 else 1.0,
+        "nx": z.shape[1],
+        "ny": z.shape[0],
+        "x": _base64(x),
+        "y": _base64(y),
+        "z": _base64(z),
+        "exaggeration": round(0.25 * side / span, 3) if span > 0 else 1.0,
         "label": "z",
         "layers": [
             layer.data(np.nan_to_num(layer.values)) | {"lut": _lut(layer.colours)} for layer in colourings

@@ -1,6 +1,6 @@
 // A surface that can be turned: software z-buffer on a 2-D canvas, so that it looks the same everywhere and needs
 // neither a GPU nor a network. Each <figure class="viewer"> names a JSON block:
-// {nx, ny, x0, y0, dx, dy, z: base64 float32 rows of mm, exaggeration, label,
+// {nx, ny, x, y, z: base64 float32 rows of mm, NaN where unknown, exaggeration, label,
 //  layers: [{name, unit, low, high, data: base64 float32, lut: base64 of 256 RGB triples}]}
 "use strict";
 
@@ -23,14 +23,17 @@ class SurfaceViewer {
     this.canvas = figure.querySelector("canvas");
     const model = JSON.parse(document.getElementById(figure.dataset.surface).textContent);
     Object.assign(this, model);
-    this.z = floats(model.z);
+    for (const name of ["x", "y", "z"]) this[name] = floats(model[name]);
     this.layers = model.layers.map((l) => ({ ...l, data: floats(l.data), lut: bytes(l.lut) }));
     this.layer = this.layers[0];
-    const finite = this.z.filter(Number.isFinite);
-    this.low = finite.reduce((a, b) => Math.min(a, b), Infinity);
-    this.high = finite.reduce((a, b) => Math.max(a, b), -Infinity);
-    this.width = (this.nx - 1) * this.dx;
-    this.depth = (this.ny - 1) * this.dy;
+    const ends = (values) => {
+      const finite = values.filter(Number.isFinite);
+      return [finite.reduce((a, b) => Math.min(a, b), Infinity), finite.reduce((a, b) => Math.max(a, b), -Infinity)];
+    };
+    const [x, y, z] = [this.x, this.y, this.z].map(ends);
+    [this.x0, this.width] = [x[0], x[1] - x[0]];
+    [this.y0, this.depth] = [y[0], y[1] - y[0]];
+    [this.low, this.high] = z;
     this.reset();
     this.listen();
     this.fillLegend();
@@ -190,14 +193,14 @@ class SurfaceViewer {
 
   // Screen coordinates, nearness and shade of every vertex, then two triangles per cell.
   rasterise(out, w, h) {
-    const { nx, ny, z } = this;
+    const { nx, ny, x, y, z } = this;
     const count = nx * ny;
     const sx = new Float32Array(count), sy = new Float32Array(count), near = new Float32Array(count);
     const shade = new Float32Array(count), value = new Float32Array(count);
     const { data, low, high } = this.layer;
     for (let j = 0, k = 0; j < ny; j++)
       for (let i = 0; i < nx; i++, k++) {
-        const p = this.project(this.x0 + i * this.dx, this.y0 + j * this.dy, z[k]);
+        const p = this.project(x[k], y[k], z[k]);
         sx[k] = p[0];
         sy[k] = p[1];
         near[k] = p[2];
@@ -215,10 +218,13 @@ class SurfaceViewer {
   }
 
   light(i, j, k) {
-    const { nx, ny, z, lift } = this;
-    const slope = (a, b, d) => (Number.isFinite(z[a]) && Number.isFinite(z[b]) ? ((z[b] - z[a]) * lift) / d : 0);
-    const gx = slope(i ? k - 1 : k, i + 1 < nx ? k + 1 : k, (i && i + 1 < nx ? 2 : 1) * this.dx);
-    const gy = slope(j ? k - nx : k, j + 1 < ny ? k + nx : k, (j && j + 1 < ny ? 2 : 1) * this.dy);
+    const { nx, ny, x, y, z, lift } = this;
+    const step = (a, b) => [x[b] - x[a], y[b] - y[a], (z[b] - z[a]) * lift];
+    const [ax, ay, az] = step(i ? k - 1 : k, i + 1 < nx ? k + 1 : k);
+    const [bx, by, bz] = step(j ? k - nx : k, j + 1 < ny ? k + nx : k);
+    const area = ax * by - ay * bx;
+    const slope = (v) => (Number.isFinite(v) ? v : 0);
+    const gx = slope((az * by - bz * ay) / area), gy = slope((ax * bz - bx * az) / area);
     const n = Math.sqrt(1 + gx * gx + gy * gy);
     // the light comes over the viewer's left shoulder and turns with the view
     const lx = -0.55 * this.cosYaw + 0.35 * this.sinYaw, ly = -0.55 * this.sinYaw - 0.35 * this.cosYaw;

@@ -1,6 +1,6 @@
 """One dent of a height map as flat arrays, in polar coordinates from its middle, and its deepest point."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -71,6 +71,12 @@ class Dent:
             radius=float(np.sqrt(relief.cell[inside & (relief.z > 0.5 * depth)].sum() / np.pi)),
         )
 
+    def thinned(self, most: int) -> "Dent":
+        """About so many of its pixels, without `peak`."""
+        every, fields = slice(None, None, self.x.size // most + 1), set(self.__slots__) - {"displacement"}
+        parts = {name: getattr(self, name) for name in fields}
+        return replace(self, **{k: v[..., every] for k, v in parts.items() if isinstance(v, np.ndarray)})
+
     @property
     def r(self) -> Floats:
         """Distance from the middle, mm."""
@@ -134,6 +140,10 @@ def deepest(dent: Dent) -> Deepest:
         moves[: len(dent.slope_modes)] += dent.slope_modes[:, :, near].mean(axis=2) @ shift
         top, noise = (here + place, depth), float(np.hypot(sigma, depth - lower))
     x_sigma, y_sigma = np.hypot(spread, np.linalg.norm(moves, axis=0)).tolist()
+    if not dent.measured[at]:  # at most a cone that continues the flank around the hole
+        reach = float(away[dent.measured].min())
+        rim = dent.measured & (away < reach + 1.5 * dent.pitch)
+        noise = float(np.hypot(noise, reach * np.median(np.hypot(*dent.slopes[:, rim]))))
     (x, y), depth = top
     whole = float(np.linalg.norm([noise, *dent.modes[:, at]]))
     return Deepest(float(x), float(y), x_sigma, y_sigma, depth, whole, noise)

@@ -31,8 +31,8 @@ _SCAN = np.linspace(-1, 1, 31)
 _SEARCH = (0.4, 0.2, 0.1, 0.05)  # around it, relative: where the edge is looked for
 _WAVES = 4  # around, of the outline; of the amplitudes: 2
 _MOST = 10_000  # pixels
+_ENOUGH = 40_000  # pixels of the dent
 _STEPS = 8  # of Gauss and Newton
-_SECTORS, _SHARE = 24, 0.6  # directions; of them
 _GAIN = 50.0  # of chi^2
 _TERMS = (4, 5)  # of the law, in addition to the edge: of Hertz, of a punch
 _NEAREST = 1e-3  # of q^2 - 1 where the slope of a punch is infinite
@@ -42,12 +42,11 @@ _RIDGE = 1e-10  # of the normal matrix' diagonal
 @dataclass(frozen=True, slots=True)
 class Outline:
     """Edge of a contact about the dent's middle: radius (n,) at ANGLES, mm; root (n, p) of its covariance;
-    share: of the directions that show it; gain: chi^2 of a smooth surface above that of the law, in units of
+    gain: chi^2 of a smooth surface above that of the law, in units of
     the noise or of what neither explains."""
 
     radius: Floats
     root: Floats
-    share: float
     gain: float
 
     @property
@@ -70,21 +69,17 @@ class Outline:
 
 def outline(dent: Dent) -> tuple[Dent, Outline | str]:
     """The dent about its contact's middle and the edge, or why there is none, in words."""
-    guess = _steepest(dent)
+    few = dent.thinned(_ENOUGH)
+    guess = _steepest(few)
     if guess < _TIP * dent.pitch:
         return dent, "the slope is steepest at the deepest point, a tip"
-    fits = [
-        (about, edge) for about, edge in (_fitted(dent, guess, terms) for terms in _TERMS) if edge is not None
-    ]
+    fits = [fit for fit in (_fitted(few, guess, terms) for terms in _TERMS) if fit is not None]
     if not fits:
         return dent, "too few slopes, or the image cuts it"
-    about, edge = fits[0]
-    if fits[-1][1].gain > edge.gain + _GAIN:
-        about, edge = fits[-1]
-    if edge.gain > _GAIN and edge.share >= _SHARE:
-        return about, edge
-    why = f"the edge's kink shows in {100 * edge.share:.0f} % of the directions"
-    return dent, f"{why}, a smooth surface explains the slopes as well or better"
+    middle, edge = fits[-1] if fits[-1][1].gain > fits[0][1].gain + _GAIN else fits[0]
+    if edge.gain > _GAIN:
+        return replace(dent, middle=middle), edge
+    return dent, "a smooth surface explains the slopes as well or better than a contact's edge"
 
 
 def _steepest(dent: Dent) -> float:
@@ -100,9 +95,9 @@ def _steepest(dent: Dent) -> float:
     return float(np.argmin(mean + 2.0 * noise) + 0.5) * width
 
 
-def _fitted(dent: Dent, guess: float, terms: int) -> tuple[Dent, Outline | None]:
-    """The edge of a law of so many terms, about its middle: a circle, moved and searched ever more finely,
-    then its waves. None without enough slopes or with an edge out of reach."""
+def _fitted(dent: Dent, guess: float, terms: int) -> tuple[tuple[float, float], Outline] | None:
+    """Middle and edge of a law of so many terms: a circle, moved and searched ever more finely, then its
+    waves. None without enough slopes or with an edge out of reach."""
     radius, low, high = guess, _REACH[0] * guess, _REACH[1] * guess
     for search, waves in zip(_SEARCH, (1, 1, 1, min(_WAVES, int(guess / dent.pitch / _TIP))), strict=True):
         r, (slope, sigma) = dent.r, dent.radial
@@ -110,7 +105,7 @@ def _fitted(dent: Dent, guess: float, terms: int) -> tuple[Dent, Outline | None]
         use = use[:: use.size // _MOST + 1]
         freedom = use.size - 5 * terms - 2 * waves - 1
         if freedom < use.size / 4:
-            return dent, None
+            return None
         r, phi, values = r[use], dent.phi[use], slope[use] / sigma[use]
         turns = _waves(phi, 2) / sigma[use, None]
         left = partial(_misfit, r, values, _waves(phi, waves), turns, terms)
@@ -119,17 +114,15 @@ def _fitted(dent: Dent, guess: float, terms: int) -> tuple[Dent, Outline | None]
         edge, law, normal = _least(left, start, dent.pitch)
         radius, around = float(edge[0]), _waves(ANGLES, waves) @ edge
         if not 0.5 * guess < around.min() <= around.max() < 1.6 * guess:
-            return dent, None
+            return None
         if waves == 1 and search != _SEARCH[-1]:
             dent = replace(dent, middle=(dent.middle[0] + edge[1], dent.middle[1] + edge[2]))
     smooth = np.polynomial.chebyshev.chebvander((2.0 * r - low - high) / (high - low), terms)
     plain = _residual(np.asarray(smooth.T, np.float64), turns, values)
     chi, chi_plain = float(law @ law), float(plain @ plain)
     unit = max(1.0, min(chi, chi_plain) / freedom)
-    sector = ((phi + np.pi) / (2 * np.pi) * _SECTORS).astype(np.intp) % _SECTORS
-    better = np.bincount(sector, plain**2 - law**2, _SECTORS) > 0
     root = _waves(ANGLES, waves) @ np.linalg.cholesky(np.linalg.inv(normal) * unit)
-    return dent, Outline(around, root, float(np.mean(better)), (chi_plain - chi) / unit)
+    return dent.middle, Outline(around, root, (chi_plain - chi) / unit)
 
 
 def _misfit(r: Floats, values: Floats, around: Floats, turns: Floats, terms: int, edge: Floats) -> Floats:

@@ -23,8 +23,7 @@ class Contact:
     bounds, and their sigmas include the rest of the circle about the deepest point.
     interpolated: share of the area whose pixels were flagged.
     With an edge: edge (N, 2): points around the contact; edge_share: height there over the depth (Hertz: 0.5,
-    flat punch: 1); indenter_radius: of the surface inside, inf where it is flat, None where unknown;
-    share: of the directions, that show it; gain: chi^2 of a smooth surface above that of the law.
+    flat punch: 1); indenter_radius: of the surface inside, inf where it is flat, None where unknown.
     """
 
     found: bool
@@ -43,8 +42,6 @@ class Contact:
     edge_share: float | None = None
     indenter_radius: float | None = None
     indenter_radius_sigma: float | None = None
-    share: float = 0.0
-    gain: float = 0.0
     x_sigma: float | None = None
     y_sigma: float | None = None
     depth_noise: float | None = None

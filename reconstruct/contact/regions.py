@@ -83,7 +83,7 @@ def _contact(dent: Dent) -> Contact:
     share = region.level / top.depth
     follows = "of unknown radius" if indenter is None else f"of radius {indenter:.3g} mm"
     evidence = (
-        f"contact: the slope has the kink of a contact's edge in {100 * edge.share:.0f} % of the directions "
+        f"contact: the slope has the kink of a contact's edge "
         f"(chi^2 below a smooth surface's by {edge.gain:.2g}); the edge stands at {share:.2f} of the depth, "
         f"inside it the surface is {'flat' if indenter == float('inf') else follows}"
     )
@@ -95,8 +95,6 @@ def _contact(dent: Dent) -> Contact:
         edge_share=share,
         indenter_radius=indenter,
         indenter_radius_sigma=indenter_sigma,
-        share=edge.share,
-        gain=edge.gain,
     )
 
 
@@ -171,6 +169,8 @@ def _measured(dent: Dent, top: Deepest, region: _Region, evidence: str) -> Conta
     depth_sigma, reach = top.depth_sigma, float(np.sqrt((area + hidden) / np.pi))
     if interpolated > 0.01:
         evidence += f"; {100 * interpolated:.0f} % of its area is interpolated across flagged pixels"
+    if not dent.measured[dent.peak]:
+        evidence += "; its deepest point lies in a hole: the depth is a lower bound"
     if region.crossing.any() and (dent.saddle & (weight > 0.5 * dent.cell)).any():
         evidence += "; at half the depth it merges with another dent: the area ends at the saddle"
     if hidden > 0:

@@ -73,7 +73,6 @@ def test_a_ball_has_the_contact_that_hertz_gives_it(balls: list[Contact]) -> Non
     ball = balls[0]
     assert ball.found
     assert "0.50 of the depth" in ball.evidence
-    assert ball.share == 1.0
     assert ball.edge_share == pytest.approx(0.5, abs=0.01)
     assert ball.area == pytest.approx(np.pi * 400, rel=5e-3)
     np.testing.assert_allclose(np.hypot(ball.edge[:, 0] - 85, ball.edge[:, 1] - 78), 20, atol=0.5)
@@ -192,6 +191,17 @@ def test_holes_in_a_dent_are_interpolated(prism: Scene, noisy) -> None:
     assert 0.1 < holed.interpolated < 0.2
     assert "interpolated" in holed.evidence
     assert holed.area_sigma < 0.1 * expected
+
+
+def test_a_hole_in_the_middle_makes_the_depth_a_lower_bound(prism: Scene, noisy) -> None:
+    """The cap of a steep dent is flagged: nothing shows how deep it is, and sigma holds the rest."""
+    truth = trace(prism, dent_from_text("gaussian:peak=0.3,sigma=1,x=30,y=22", prism))
+    seen = noisy(truth, 0.01, 0.01)
+    flags = np.where(np.hypot(truth.x - 30, truth.y - 22) < 1.6, seen.flags | 1, seen.flags)
+    (contact,) = measured(prism, replace(seen, flags=flags.astype(np.uint16)))
+    assert "lower bound" in contact.evidence
+    assert contact.depth < 0.29
+    assert abs(contact.depth - 0.3) < 2 * contact.depth_sigma < 0.4
 
 
 @pytest.mark.parametrize("shape", ["gaussian:peak=0.2,sigma=3", "ball:peak=0.2,radius=60"])
