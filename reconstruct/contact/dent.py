@@ -1,7 +1,7 @@
 """One dent of a height map as flat arrays, in polar coordinates from its middle, and its deepest point."""
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.ndimage
@@ -73,9 +73,9 @@ class Dent:
 
     def thinned(self, most: int) -> "Dent":
         """About so many of its pixels, without `peak`."""
-        every, fields = slice(None, None, self.x.size // most + 1), set(self.__slots__) - {"displacement"}
-        parts = {name: getattr(self, name) for name in fields}
-        return replace(self, **{k: v[..., every] for k, v in parts.items() if isinstance(v, np.ndarray)})
+        every, names = self.x.size // most + 1, set(self.__slots__) - {"displacement", "middle"}
+        fields: dict[str, Any] = {name: getattr(self, name) for name in names}
+        return replace(self, **{name: part[..., ::every] for name, part in fields.items() if np.ndim(part)})
 
     @property
     def r(self) -> Floats:
