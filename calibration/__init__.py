@@ -3,7 +3,7 @@
 | file | holds |
 |---|---|
 | `calibrate.py` | calibrate(): the stages, the result |
-| `targets.py` | Flat, Rest, Ball, Plate, Points: form, unknowns, priors |
+| `targets.py` | Flat, Rest, Ball, Plate: form, unknowns, priors |
 | `observation.py` | a capture of a target, checks, the pixels that the adjustment uses |
 | `contact.py` | the contact of a pressed ball with the mirror |
 | `priors.py` | priors of a scene's parameters: free, fixed, or known with a sigma; the gauge |
@@ -29,7 +29,6 @@ from .observation import Observation
 from .predicted import (
     PREDICTED_DEPTH,
     PREDICTED_NOISE,
-    depth_sigma_against_rest,
     predicted_budget,
     predicted_maps,
     sigma_at_rest,
@@ -38,7 +37,7 @@ from .priors import default_priors
 from .profile import load_profile, store_profile
 from .response import RigResponse, load_response, measure_response, store_response, with_better_fit
 from .rest import RestMap, load_rest, store_rest
-from .targets import Ball, Flat, Plate, Points, Rest, Target, target_from_text
+from .targets import Ball, Flat, Plate, Rest, Target, target_from_text
 
 __all__ = [
     "PREDICTED_DEPTH",
@@ -49,7 +48,6 @@ __all__ = [
     "Judgement",
     "Observation",
     "Plate",
-    "Points",
     "Rest",
     "RestMap",
     "RigResponse",
@@ -59,7 +57,6 @@ __all__ = [
     "calibrate_so_far",
     "contact",
     "default_priors",
-    "depth_sigma_against_rest",
     "judged",
     "left_out",
     "load_profile",

@@ -17,7 +17,6 @@ from optolever.scene import Scene, adjusted, parameter_values
 
 from .model import reflected
 from .observation import Sample
-from .targets import Points
 
 __all__ = ["Adjustment", "Problem", "adjust", "among", "covariance_of", "step_of"]
 
@@ -44,14 +43,12 @@ class Problem:
     sigmas: Mapping[str, float]
     means: Mapping[str, float]
     fixed: Mapping[str, float] = field(default_factory=dict)
-    points: Sequence[Points] = ()
     frame: str = ""
 
     @property
     def count(self) -> int:
         """Number of residuals."""
-        points = sum(len(np.asarray(p.x)) for p in self.points)
-        return sum(2 * len(sample.row) for sample in self.samples) + points + len(self.sigmas)
+        return sum(2 * len(sample.row) for sample in self.samples) + len(self.sigmas)
 
     @property
     def names(self) -> list[str]:
@@ -72,26 +69,18 @@ class Problem:
         """Values of the unknowns and the fixed values, by name."""
         return dict(self.fixed) | dict(zip(self.names, vector.tolist(), strict=True))
 
-    def rest_shape(self, values: Mapping[str, float]) -> Floats:
-        """Residuals of known points on the frame's surface."""
-        target = next(sample.target for sample in self.samples if sample.name == self.frame)
-        shape = target.shape(self.frame, values, self.scene.mirror)
-        rows = [(shape(np.asarray(p.x), np.asarray(p.y))[0] - np.asarray(p.z)) / p.sigma for p in self.points]
-        return np.concatenate(rows) if rows else np.zeros(0)
-
     def scene_at(self, vector: Floats) -> Scene:
         """The scene with these parameter values."""
         known = parameter_values(self.scene)
         return adjusted(self.scene, {n: value for n, value in self.named(vector).items() if n in known})
 
     def data(self, vector: Floats) -> list[Floats]:
-        """Residuals (2 n,) of every sample, and of the points, if there are any."""
+        """Residuals (2 n,) of every sample."""
         values, scene = self.named(vector), self.scene_at(vector)
-        found = [_rows(s, scene, self._reflected(s, values, scene)) for s in self.samples]
-        return [*found, self.rest_shape(values)] if self.points else found
+        return [_rows(s, scene, self._reflected(s, values, scene)) for s in self.samples]
 
     def residuals(self, vector: Floats) -> Floats:
-        """All rows: samples, points, priors."""
+        """All rows: samples, priors."""
         means = np.array([self.means.get(name, 0.0) for name in self.names])
         return np.concatenate([*self.data(vector), (vector - means) / self.scale])
 
@@ -131,8 +120,6 @@ class Problem:
                 if name in known or name in own[i]:
                     change = _rows(s, there, out[i] if same else self._reflected(s, values, there)) - here[i]
                     rows[starts[i] : starts[i + 1], k] = change / step
-            if self.points:
-                rows[starts[-1] : data, k] = (self.rest_shape(values) - here[-1]) / step
             rows[data + k, k] = 1 / self.sigmas[name]
         return rows
 

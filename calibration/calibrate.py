@@ -24,7 +24,7 @@ from .observation import Observation, Sample, against_rest, checked, frame_of, s
 from .priors import GAUGE, is_pose, resolved
 from .sources import error_sources
 from .start import open_air_start
-from .targets import Ball, Flat, Plate, Points, Rest
+from .targets import Ball, Flat, Plate, Rest
 
 __all__ = ["Calibration", "calibrate", "left_out"]
 
@@ -152,13 +152,12 @@ def calibrate(
     observations: Sequence[Observation],
     priors: Mapping[str, float] | None = None,
     *,
-    points: Sequence[Points] = (),
     guess: bool = False,
 ) -> Calibration:
     """The scene that explains the captures, with its covariance.
 
     priors: name -> standard deviation (inf: free, 0: fixed) in place of `default_priors`; their means are the
-    scene's values. points: known heights of the surface at rest. guess: start from the given scene even where
+    scene's values. guess: start from the given scene even where
     captures in open air yield a start. InputError names the wrong capture or prior.
     """
     scene = replace(scene, covariance=None, rest_form=None)
@@ -166,15 +165,13 @@ def calibrate(
     frame = frame_of(observations)
     samples = sorted(map(sampled, observations), key=lambda sample: sample.name != frame)
     samples = against_rest(samples, next(each for each in observations if each.name == frame))
-    if points and not any(isinstance(sample.target, Rest) for sample in samples):
-        raise InputError("Points: need a capture of the mirror at Rest, whose heights they are")
     sigmas = resolved(scene, priors)
     means = {name: value for name, value in parameter_values(scene).items() if name in sigmas}
     told = any(is_pose(name) and math.isfinite(sigma) and sigma > 0 for name, sigma in (priors or {}).items())
     found = None if guess or told else _without_guess(scene, samples, sigmas)
     for sample in samples:
         sigmas |= sample.target.unknowns(sample.name, sample.name == frame)
-    problem = Problem(scene, samples, sigmas, means, {}, points, frame)
+    problem = Problem(scene, samples, sigmas, means, {}, frame)
     if found is not None:
         base, first = found
         problem = replace(problem, scene=base)
@@ -323,7 +320,7 @@ def _staged(problem: Problem, first: dict[str, float]) -> dict[str, float]:
         if sample.name != problem.frame:
             values |= _first_pose(problem, sample, values)
             own = {key: sigma for key, sigma in problem.sigmas.items() if key.startswith(f"{sample.name}.")}
-            alone = replace(problem, samples=[sample], sigmas=own, fixed=dict(values), points=())
+            alone = replace(problem, samples=[sample], sigmas=own, fixed=dict(values))
             values = alone.named(adjust(alone, values, rough=True).values)
     return values
 

@@ -2,27 +2,15 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from optolever.errors import InputError
-from optolever.reconstruct import (
-    Contact,
-    HeightMap,
-    PixelAnchor,
-    budget,
-    contacts,
-    exact_correspondence,
-    reconstruct,
-    slope_map,
-)
+from optolever.reconstruct import HeightMap, PixelAnchor, budget, exact_correspondence, reconstruct
 from optolever.scene import Scene, Surface, dent, resize, trace
 
 __all__ = [
     "PREDICTED_DEPTH",
     "PREDICTED_NOISE",
-    "depth_sigma_against_rest",
     "predicted_budget",
     "predicted_maps",
     "sigma_at_rest",
@@ -52,30 +40,6 @@ def predicted_maps(scene: Scene) -> tuple[Scene, HeightMap, HeightMap]:
 def predicted_budget(scene: Scene) -> dict[str, dict[str, float]]:
     """Uncertainty of that dent by its sources, see `budget`."""
     return budget(*predicted_maps(scene)[1:])
-
-
-def depth_sigma_against_rest(scene: Scene, dent_found: Contact) -> float | None:
-    """Standard deviation of the depth of a dent (mm) by the rig alone, if a capture of the mirror at rest
-    were given, too: of a Gaussian dent of the same place, depth and area at half depth, solved with both
-    captures under the scene's errors, which they share. None where a coarse image does not show it.
-    """
-    small = _coarse(scene)
-    width = math.sqrt(dent_found.area / (2 * math.pi * math.log(2)))
-    place = {"x": dent_found.x, "y": dent_found.y}
-    try:
-        pressed = dent("gaussian", small, peak=dent_found.depth, sigma=width, **place)
-        press, rest = (
-            exact_correspondence(trace(small, each), PREDICTED_NOISE)
-            for each in (pressed, dent("flat", small))
-        )
-        height = reconstruct(press, small, rest=rest)
-    except InputError:
-        return None
-    found = contacts(height, slope_map(height, press, small))
-    if not found:
-        return None
-    nearest = min(found, key=lambda one: math.hypot(one.x - dent_found.x, one.y - dent_found.y))
-    return math.sqrt(max(0.0, nearest.depth_sigma**2 - (nearest.depth_noise or 0.0) ** 2))
 
 
 def _coarse(scene: Scene) -> Scene:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from optolever.errors import InputError
 from optolever.scene import Mirror
 
-__all__ = ["Ball", "Flat", "Plate", "Points", "Rest", "Shape", "Target", "target_from_text"]
+__all__ = ["Ball", "Flat", "Plate", "Rest", "Shape", "Target", "target_from_text"]
 
 Floats = NDArray[np.float64]
 Shape = Callable[[Floats, Floats], tuple[Floats, Floats, Floats]]
@@ -122,22 +122,6 @@ class Ball:
             return depth - radius + root, -dx / root, -dy / root
 
         return cap
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Points:
-    """Known heights z (n,) of the surface at rest at x, y (n,), each +- sigma; mm. Needs a `Rest` capture."""
-
-    x: Floats
-    y: Floats
-    z: Floats
-    sigma: float
-
-    def __post_init__(self) -> None:
-        _require(self, "sigma")
-        shapes = {np.shape(part) for part in (self.x, self.y, self.z)}
-        if len(shapes) != 1 or len(next(iter(shapes))) != 1:
-            raise InputError(f"Points: x, y, z have shapes {shapes}, must be (n,) each")
 
 
 #: Any target of a calibration's capture.

@@ -63,8 +63,6 @@ GRID = Opt(
     ".sdf (ISO 25178), .dat (Zygo), which are only written; again for more.",
     OutputFile(*GRID_SUFFIXES, bare=False),
 )
-TIFF = Rare("--tiff FILE", "Also write the height as float32 TIFF.", OutputFile(".tif", ".tiff"))
-PLY = Rare("--ply FILE", "Also write the surface as PLY.", OutputFile(".ply"))
 SLOPES = Opt("--slopes FILE.npz", "Also write slopes and curvatures, with sigma.", OutputFile(".npz"))
 CHANGE = Opt("--change FILE.npz", "Also write the height less that at rest, with sigma.", OutputFile(".npz"))
 FACET = Rare("--facet NAME", "Group of the facet in a SOFAST result; default: facet_000.")
@@ -86,8 +84,6 @@ def command(
     truth: Annotated[Path | None, Opt("--truth TRUTH.npz", "Compare with the truth of a simulation.")] = None,
     size: Size = None,
     pitch: Pitch = None,
-    tiff: Annotated[Path | None, TIFF] = None,
-    ply: Annotated[Path | None, PLY] = None,
     facet: Annotated[str | None, FACET] = None,
     json_path: Json = None,
 ) -> int:
@@ -132,12 +128,7 @@ def command(
             step("contacts")
             slopes = reconstruct.slope_map(height, correspondence, scene, rest)
             height = replace(_with_slope_noise(height, slopes), notices=height.notices + drift)
-            found = reconstruct.contacts(height, slopes)
-            dents = [contact.to_dict() for contact in found]
-            if found and rest is None and at_rest is None and not scene.exact and scene.covariance is None:
-                deepest = max(range(len(found)), key=lambda k: found[k].depth)
-                sigma = ol.calibration.depth_sigma_against_rest(scene, found[deepest])
-                dents[deepest]["depth_rig_against_rest"] = sigma
+            dents = [contact.to_dict() for contact in reconstruct.contacts(height, slopes)]
             step("compare")
             numbers = _numbers(height) | {"seconds": seconds, "contacts": dents}
             if height.modes is not None:
@@ -149,9 +140,6 @@ def command(
         step("write")
         with ol.files.together():
             height.save(out)
-            for path in (tiff, ply):
-                if path is not None:
-                    height.export(path)
             if change_path is not None and at_rest is not None:
                 change, change_sigma = at_rest.dent(height)
                 maps = {"x": height.x, "y": height.y, "z": change, "sigma": change_sigma}

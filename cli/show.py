@@ -88,9 +88,7 @@ def dent_rows(dent: Mapping[str, Any], count: int) -> dict[str, str]:
     x, y = dent["centroid"]
     noise = dent["depth_sigma"] if dent["depth_noise"] is None else dent["depth_noise"]
     rig = math.sqrt(max(0.0, dent["depth_sigma"] ** 2 - noise**2))
-    against = dent.get("depth_rig_against_rest")
-    predicted = "" if against is None else f", against a rest capture {length(against)}"
-    parts = f" (noise {length(noise)}, rig {length(rig)}{predicted})" if rig > 0 else ""
+    parts = f" (noise {length(noise)}, rig {length(rig)})" if rig > 0 else ""
     at_least = "at least " if dent["cut"] else ""
 
     def give(name: str, unit: str) -> str:

@@ -30,7 +30,7 @@ from .outputs.resampling import GRID_FORMATS, Grid
 from .outputs.slope_map import SlopeMap, slope_map
 from .rig.calibration import rest_corrected, same_capture
 from .rig.motion import unpressed
-from .solver.anchors import Anchor, DistanceAnchor, EdgeAnchor, PixelAnchor, PointAnchor
+from .solver.anchors import Anchor, EdgeAnchor, PixelAnchor, PointAnchor
 from .solver.poisson import ColumnPoisson
 from .uncertainty.budget import TOTAL, budget
 from .uncertainty.null_space import null_space
@@ -46,7 +46,6 @@ __all__ = [
     "Contact",
     "CurvatureMap",
     "Diagnostics",
-    "DistanceAnchor",
     "EdgeAnchor",
     "Grid",
     "HeightFlag",

@@ -251,14 +251,6 @@ class HeightMap(Comparable):
         change = self - other
         return change.z, change.total_sigma
 
-    def displacement_at(self, x: float, y: float) -> Floats:
-        """The change of the point (x, y) by one standard deviation of every independent error of the rig,
-        (m, 2) mm; (0, 2) where positions are exact."""
-        if self.displacement is None:
-            return np.zeros((0, 2))
-        moved: Floats = self.displacement @ np.array([1.0, x, y])
-        return moved
-
     @property
     def good(self) -> Mask:
         """True where no flag is set."""

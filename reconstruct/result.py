@@ -250,8 +250,9 @@ def off_mirror(height: HeightMap, mirror: Mirror) -> tuple[Notice, ...]:
     if farthest <= 0:
         return ()
     step = float(np.nanmax(np.hypot(np.diff(height.x, axis=1), np.diff(height.y, axis=1)), initial=0))
-    corners = [height.displacement_at(x, y) for x in (0.0, mirror.length) for y in (0.0, mirror.width)]
-    limit = step + _SURE * max(float(np.linalg.norm(corner)) for corner in corners)
+    moves = np.zeros((1, 2, 3)) if height.displacement is None else height.displacement
+    corners = [[1.0, x, y] for x in (0.0, mirror.length) for y in (0.0, mirror.width)]
+    limit = step + _SURE * max(float(np.linalg.norm(moves @ corner)) for corner in corners)
     if farthest <= limit:
         return ()
     cure = (

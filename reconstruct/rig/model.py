@@ -31,7 +31,7 @@ from ..judgement.circulation import circulations
 from ..measured import Measured
 from ..outputs.coarse_modes import Modes, coarse_step, filled
 from ..problem import Problem
-from ..solver.anchors import Anchors, DistanceAnchor, PixelAnchor
+from ..solver.anchors import Anchors, PixelAnchor
 from ..solver.newton import State, chord_step
 from ..solver.poisson import Accuracy
 from .calibration import flat_mirror, rest_corrected
@@ -125,12 +125,11 @@ class RigSolution(NamedTuple):
 
 
 class _Held(NamedTuple):
-    """Places of the anchors in the image and their distances (mm), (M,) each, the known points there and the
-    planes' normals (M, 3), and whether these are of the mirror at rest (M,)."""
+    """Places of the anchors in the image, (M,) each, the known points there (mm) and the planes' normals
+    (M, 3), and whether these are of the mirror at rest (M,)."""
 
     row: Floats
     col: Floats
-    distance: Floats
     points: Floats
     normals: Floats
     rest: Mask
@@ -195,15 +194,14 @@ class RigModel:
 
     def _distances(self, scene: Scene) -> Floats:
         """Of the anchors along the rays of a scene, (M,) mm."""
-        row, col, distance, points, normals, rest = self.held
+        row, col, points, normals, rest = self.held
         origins, directions = scene.camera.rays_at(row, col)
         x, y = points[:, 0], points[:, 1]
         if self.rest_mirror is None:
             rise = rest_height(x, y, scene) - rest_height(x, y, self.scene)
             points = points + np.multiply.outer(rest * rise, [0.0, 0.0, 1.0])
         away, along = ((part * normals).sum(axis=1) for part in (points - origins, directions))
-        found: Floats = np.divide(away, along, out=distance.copy(), where=along != 0)
-        return found
+        return np.asarray(away / along)
 
     def solutions(self) -> list[RigSolution]:
         """The solution without errors, and those with one error each."""
@@ -319,7 +317,7 @@ def _held(problem: Problem, state: State, scene: Scene) -> _Held:
     ahead = problem.data.to_pattern(state.w).reshape(3, -1)[:, state.rows.pixel].T
     bisector = ahead / np.linalg.norm(ahead, axis=1)[:, None] - directions
     normals = np.where(np.isnan(normal), bisector, normal)
-    return _Held(row, col, distance, origins + distance[:, None] * directions, normals, samples.rest[kept])
+    return _Held(row, col, origins + distance[:, None] * directions, normals, samples.rest[kept])
 
 
 def rig_modes(
@@ -412,7 +410,7 @@ def _coarse(c: Correspondence, step: int) -> Correspondence:
 
 
 def _anchors(anchor: Anchors, step: int) -> Anchors:
-    if isinstance(anchor, PixelAnchor | DistanceAnchor):
+    if isinstance(anchor, PixelAnchor):
         return replace(anchor, row=anchor.row / step, col=anchor.col / step)
     if isinstance(anchor, Sequence) and not isinstance(anchor, str):
         return [_anchors(part, step) for part in anchor]  # type: ignore[arg-type, misc]

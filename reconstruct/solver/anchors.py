@@ -25,7 +25,7 @@ from ..geometry import RayField, rest_distance, rest_height
 from ..measured import Measured
 
 __all__ = [
-    *("Anchor", "AnchorRows", "Anchors", "DistanceAnchor", "EdgeAnchor", "PixelAnchor", "PointAnchor"),
+    *("Anchor", "AnchorRows", "Anchors", "EdgeAnchor", "PixelAnchor", "PointAnchor"),
     *("Samples", "anchor_rows", "anchor_samples", "free_constants"),
 ]
 
@@ -64,26 +64,15 @@ class PixelAnchor:
     sigma: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class DistanceAnchor:
-    """The mirror point on the ray of the (fractional) pixel lies `distance`, give or take sigma, along it,
-    mm."""
-
-    row: float
-    col: float
-    distance: float
-    sigma: float = 0.0
-
-
 #: What settles the free mode of a component.
-Anchor = EdgeAnchor | PointAnchor | PixelAnchor | DistanceAnchor
+Anchor = EdgeAnchor | PointAnchor | PixelAnchor
 Anchors = Anchor | str | tuple[float, float, float] | Sequence[Anchor | tuple[float, float, float]] | None
 
 
 class Samples(NamedTuple):
     """Known distances: at pixel (row, col) the mirror is `distance` mm along the ray, give or take sigma mm;
     rest: whether that is the mirror at rest; (M,) each. normal (M, 3): of the plane that holds the known
-    point, whatever the rig is; NaN: of the mirror itself; 0: the distance is what is known.
+    point, whatever the rig is; NaN: of the mirror itself.
     """
 
     row: Floats
@@ -147,7 +136,7 @@ def _point(values: Any) -> PointAnchor:
 
 def _samples(anchor: Anchor, scene: Scene, rays: RayField, mask: Mask) -> Samples:
     for name in anchor.__slots__:
-        value, least = getattr(anchor, name), 0 if name in ("sigma", "distance") else -_MOST
+        value, least = getattr(anchor, name), 0 if name == "sigma" else -_MOST
         if not least <= value <= _MOST:
             raise InputError(f"anchor.{name} = {value}: must be finite, from {least:g} to {_MOST:g} mm")
     if isinstance(anchor, EdgeAnchor):
@@ -156,7 +145,7 @@ def _samples(anchor: Anchor, scene: Scene, rays: RayField, mask: Mask) -> Sample
     if isinstance(anchor, PointAnchor):
         row, col, distance = _located(np.array([anchor.x, anchor.y, anchor.z]), scene.camera, rays)
     else:
-        row, col, distance = anchor.row, anchor.col, getattr(anchor, "distance", 0.0)
+        row, col, distance = anchor.row, anchor.col, 0.0
     if not all(-0.5 <= at <= size - 0.5 for at, size in zip((row, col), rays.shape, strict=True)):
         point = isinstance(anchor, PointAnchor)
         name = f"anchor point ({anchor.x:g}, {anchor.y:g}, {anchor.z:g}) mm" if point else "anchor"  # type: ignore[union-attr]
@@ -166,8 +155,6 @@ def _samples(anchor: Anchor, scene: Scene, rays: RayField, mask: Mask) -> Sample
     sigma = anchor.sigma / abs(direction[2])
     if isinstance(anchor, PixelAnchor):
         distance, normal = (anchor.z - origin[2]) / direction[2], np.array([0.0, 0.0, 1.0])
-    elif isinstance(anchor, DistanceAnchor):
-        sigma, normal = anchor.sigma, np.zeros(3)
     known = np.array([[row], [col], [distance], [sigma]], dtype=np.float64)
     return Samples(known[0], known[1], known[2], known[3], np.zeros(1, np.bool_), normal[None])
 

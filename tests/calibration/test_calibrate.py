@@ -15,7 +15,6 @@ from optolever.calibration import (
     Flat,
     Observation,
     Plate,
-    Points,
     Rest,
     Target,
     calibrate,
@@ -222,21 +221,6 @@ def test_what_cannot_be_observed_is_warned_of() -> None:
     good = warned(calibrate(many.truth, many.observations, guess=True))
     assert "the captures do not determine" not in good
     assert "flatness of the reference" in good
-
-
-@pytest.mark.slow  # every start of the adjustment is tried
-def test_known_points_hold_the_rest() -> None:
-    rig = prisms(5, 0)
-    x, y = np.array([15.0, 30.0, 45.0]), np.array([10.0, 22.0, 30.0])
-    known = Points(x, y, rig.rest.height(x, y), 1e-4)
-    with_points, without = (
-        calibrate(rig.given, rig.observations, points=points) for points in ((known,), ())
-    )
-    shapes = [
-        np.mean([each["sigma"] for each in found.parameters if each["name"].startswith("rest.")])
-        for found in (with_points, without)
-    ]
-    assert shapes[0] < shapes[1]
 
 
 def test_a_calibration_is_told_and_drawn(ball_rig: Calibration) -> None:

@@ -100,7 +100,7 @@ def test_all_outputs_or_none(refused: Refused, chain: Chain, tmp_path: Path) -> 
             pytest.skip(f"no device can be made here: {error}")
     folder = tmp_path / "new"
     folder.mkdir()
-    args = [*chain.solve, "--out", folder / "h.npz", "--ply", folder / "h.ply", "--json", full]
+    args = [*chain.solve, "--out", folder / "h.npz", "--slopes", folder / "s.npz", "--json", full]
     refused(args, full, "The disk is full", folder=folder)
     assert stat.S_ISCHR(full.stat().st_mode)
     assert not list(folder.iterdir())

@@ -9,7 +9,6 @@ import pytest
 from optolever import InputError
 from optolever.decode import Correspondence
 from optolever.reconstruct import (
-    DistanceAnchor,
     PixelAnchor,
     PointAnchor,
     reconstruct,
@@ -62,7 +61,6 @@ BAD: list[tuple[dict[str, Any], dict[str, Any], tuple[str, ...]]] = [
     ({}, {"anchor": PixelAnchor(100, 3, 0.0)}, ("outside",)),
     ({}, {"anchor": PointAnchor(80.0, 900.0, 0.0)}, ("outside",)),
     ({}, {"anchor": (1e308, 0.0, 0.0)}, ("anchor.x = 1e+308: must be finite, from -1e+09 to 1e+09 mm",)),
-    ({}, {"anchor": DistanceAnchor(20, 24, -5.0)}, ("anchor.distance = -5.0: must be finite, from 0",)),
     ({}, {"mask": box(slice(None), slice(10, 20))}, ("edge", "163.7")),
     ({}, {"mask": ~box(slice(5, 20), slice(5, 25)), "anchor": PixelAnchor(12, 15, 0.5)}, ("anchor",)),
 ]  # fmt: skip

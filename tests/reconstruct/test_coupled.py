@@ -8,7 +8,6 @@ import pytest
 from optolever import InputError
 from optolever.experiments.metrics import relative_error
 from optolever.reconstruct import (
-    DistanceAnchor,
     EdgeAnchor,
     HeightFlag,
     PixelAnchor,
@@ -61,14 +60,11 @@ def bump(exact):
 def test_every_kind_of_anchor_finds_the_same_mirror(bump) -> None:
     scene, truth, correspondence = bump
     row, col = 40, 50
-    origins, directions = scene.camera.rays_at(row, col)
     point = np.array([truth.x[row, col], truth.y[row, col], truth.z[row, col]])
-    distance = float((point - origins) @ directions)
     anchors = [
         PixelAnchor(row, col, float(point[2])),
         PointAnchor(*map(float, point)),
         tuple(map(float, point)),
-        DistanceAnchor(row, col, distance),
         [EdgeAnchor(sigma=0.01), PointAnchor(*map(float, point))],
     ]
     for anchor in anchors:
