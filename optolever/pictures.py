@@ -3,11 +3,13 @@ reads, as they are stored (no turning by what a camera notes beside them); error
 
 import zlib
 from contextlib import suppress
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
+import tifffile
 from numpy.typing import NDArray
 
 from optolever.errors import InputError, require_file
@@ -127,9 +129,18 @@ def _decoded(path: Path, data: bytes) -> Picture:
             found = [cv2.imdecode(coded, cv2.IMREAD_UNCHANGED)]
     if not found or found[0] is None:
         raise InputError(f"{path}: not an image ({len(data)} bytes)")
+    if path.suffix.lower() in _TIFF and found[0].dtype != np.uint8 and _white_is_zero(data):
+        raise InputError(f"{path}: 0 is white (TIFF tag 262) in 16 bits; save it with 0 black")
     if any(page.shape != found[0].shape for page in found):
         raise InputError(f"{path}: its pictures differ in size, must be alike")
     return np.stack([_red_first(np.asarray(page)) for page in found])
+
+
+def _white_is_zero(data: bytes) -> bool:
+    """Whether a TIFF's first picture is said to be so; OpenCV turns it in 8 bits only."""
+    with suppress(tifffile.TiffFileError), tifffile.TiffFile(BytesIO(data)) as file:
+        return bool(file.pages.first.photometric == 0)
+    return False
 
 
 def _red_first(image: Picture) -> Picture:

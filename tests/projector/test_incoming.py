@@ -74,6 +74,15 @@ def test_one_file_of_all_frames(options: dict[str, Any] | None, tmp_path: Path) 
     assert found.bits == 12
 
 
+def test_a_tiff_whose_0_is_white_is_turned_or_refused(tmp_path: Path) -> None:
+    """OpenCV turns 8 bits and leaves 16 as they are."""
+    tifffile.imwrite(tmp_path / "s.tif", 255 - frames(), photometric="miniswhite")
+    np.testing.assert_array_equal(Capture.from_pictures(tmp_path / "s.tif", SHOWN).frames, frames())
+    tifffile.imwrite(tmp_path / "s.tif", frames(np.uint16, 4095), photometric="miniswhite")
+    with pytest.raises(InputError, match="0 is white"):
+        Capture.from_pictures(tmp_path / "s.tif", SHOWN)
+
+
 def test_a_video_of_one_picture_per_pattern(tmp_path: Path) -> None:
     """Without loss (FFV1): grey levels as they were, and the notice that video is not usually so."""
     path, images = tmp_path / "v.avi", frames()
