@@ -43,37 +43,6 @@ def exact(scene: Scene, rig: Rig, dented: bool = True) -> tuple[Correspondence, 
     return found, PointAnchor(x, y, z)
 
 
-def test_modes_are_what_a_wrong_rig_does(rig: Rig) -> None:
-    """Numbers that are off by a combination of the root's rows move the heights by that of the modes."""
-    scene = uncalibrated(rig.truth)
-    given, anchor = exact(rig.truth, rig)
-    height = reconstruct(given, scene, anchor=anchor)
-    assert height.calibration is not None
-    assert height.calibration.shape == (5, *height.z.shape)
-    share = np.random.default_rng(0).standard_normal(5)
-    change = share @ scene.covariance.root  # type: ignore[union-attr]
-    own = parameter_values(scene)
-    named = {n: own[n] + d for n, d in zip(scene.covariance.names, change, strict=True)}  # type: ignore[union-attr]
-    wrong = reconstruct(given, replace(adjusted(scene, named), covariance=None), anchor=anchor)
-    moved, predicted = wrong.z - height.z, np.tensordot(share, height.calibration, 1)
-    both = wrong.good & height.good
-    assert np.sqrt(np.mean((moved - predicted)[both] ** 2)) < 0.05 * np.sqrt(np.mean(moved[both] ** 2))
-
-
-def test_common_modes_cancel_in_a_difference(rig: Rig) -> None:
-    scene = uncalibrated(rig.truth)
-    pressed, rest = (
-        reconstruct(given, scene, anchor=at)
-        for given, at in (exact(rig.truth, rig, d) for d in (True, False))
-    )
-    change, sigma = pressed.difference(rest)
-    good = pressed.good & rest.good
-    assert np.median(sigma[good]) < 0.2 * np.median(pressed.total_sigma[good])
-    assert np.nanmax(change[good]) == pytest.approx(0.3, rel=0.01)
-    with pytest.raises(InputError, match="one rig"):
-        pressed.difference(replace(rest, modes=None))
-
-
 def test_saved_and_loaded(rig: Rig, tmp_path: Path) -> None:
     scene = uncalibrated(rig.truth)
     scene.save(tmp_path / "rig.toml")

@@ -1,16 +1,12 @@
 """The commands do what the library does: whole chain, files by their names, numbers within bounds."""
 
-import json
-import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
 import tifffile
 
-from optolever.reconstruct import HeightMap
-
-from .conftest import SCENE, Chain, Program
+from .conftest import Chain, Program
 
 LEVER = 16.37  # mm, a tenth of the mirror: nearer to the pattern the lever is too short for a tight bound
 
@@ -56,42 +52,3 @@ def test_every_output_of_one_solve(optolever: Program, chain: Chain, tmp_path: P
     with np.load(names[0]) as grid:
         np.testing.assert_allclose(tifffile.imread(names[1]), grid["z"], rtol=1e-6)
         assert np.isfinite(grid["sigma"]).mean() > 0.8
-
-
-def test_a_capture_at_rest_corrects_a_wrong_scene(optolever: Program, chain: Chain, tmp_path: Path) -> None:
-    """The pattern's pitch is 0.5 % other than the scene says: a notice, or a tenth of the error."""
-    optolever("simulate", *SCENE, "--dent", "flat", "--renderer", "numpy", "--out", tmp_path / "rest")
-    optolever("decode", tmp_path / "rest", "--out", tmp_path / "rest.npz")
-    right = (chain.capture / "scene.toml").read_text()
-    pitch = str(tomllib.loads(right)["pattern"]["pitch_mm"])
-    wrong = tmp_path / "wrong.toml"
-    wrong.write_text(right.replace(f"pitch_mm = {pitch}", f"pitch_mm = {1.005 * float(pitch)!r}", 1))
-    solve = ["reconstruct", chain.correspondence, "--scene", wrong, "--out", tmp_path / "h.npz"]
-    solve += ["--truth", chain.capture / "truth.npz", "--json", tmp_path / "n.json"]
-    told = optolever(*solve).err
-    raw = json.loads((tmp_path / "n.json").read_text())
-    assert any("contradict" in line and "--rest" in line for line in told.splitlines())
-    assert raw["chi2"] > raw["notices"][-1]["limit"]
-    optolever(*solve, "--rest", tmp_path / "rest.npz")
-    assert json.loads((tmp_path / "n.json").read_text())["height_rms_rel"] < 0.1 * raw["height_rms_rel"]
-
-
-def test_a_page_from_saved_records(optolever: Program, chain: Chain, tmp_path: Path) -> None:
-    """Shows what is in the files, and only what is given; asks the network for nothing."""
-    words = ["report", chain.height, "--json", tmp_path / "r.json"]
-    extra = ["--correspondence", chain.correspondence, "--capture", chain.capture]
-    optolever(*words, *extra, "--out", tmp_path / "full")
-    optolever(*words, "--out", tmp_path / "bare")
-    bare, full = ((tmp_path / name / "report.html").read_text() for name in ("bare", "full"))
-    good = HeightMap.load(chain.height).good
-    assert json.loads((tmp_path / "r.json").read_text())["good_share"] == pytest.approx(good.mean())
-    for name in ("height-map", "sigma-map", "flag-counts", "flags-map", "surface-data", "noise_mm"):
-        assert f'id="{name}"' in bare
-        assert f'id="{name}"' in full
-    for name in ("notices", "rig_mm", "correspondence-maps"):  # the scene is exact
-        assert f'id="{name}"' not in bare
-    assert 'id="correspondence-maps"' in full
-    assert "simulated, rig not given" in full
-    assert "measured, rig not given" in bare
-    assert full.count('alt="camera frame') == 20
-    assert "https://" not in full.replace("data:", "")

@@ -4,7 +4,6 @@ import json
 import math
 import sys
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -12,7 +11,6 @@ import numpy as np
 import pytest
 
 from optolever.cli import run
-from optolever.decode import decode
 from optolever.errors import InputError
 from optolever.experiments.design import (
     Candidate,
@@ -22,11 +20,9 @@ from optolever.experiments.design import (
     simulate,
     user_candidate,
     varied,
-    view_of,
 )
 from optolever.patterns import sequence, sequence_from_text
-from optolever.projector import WHITE_NOISE_SENSOR, capture
-from optolever.scene import Scene, dent, load, resize, trace
+from optolever.scene import Scene, dent, load, resize
 
 
 @pytest.fixture(scope="module")
@@ -58,18 +54,6 @@ def test_predicted_height_error_is_that_of_a_simulation(lever: Lever, text: str)
     assert told.total == pytest.approx(found, rel=0.2)
     assert told.spread < 0.06
     assert share == pytest.approx(told.share, abs=0.01)
-
-
-def test_the_images_of_a_view_are_those_of_the_virtual_sensor(prism: Scene) -> None:
-    """Whole, and cut into windows: the same decoded errors without noise."""
-    prism = replace(prism, sensor=WHITE_NOISE_SENSOR)
-    surface = dent("gaussian", prism, peak=0.3, sigma=8)
-    shown = sequence("gray+phase", prism.pattern.rows, prism.pattern.cols)
-    there = predict(view_of(prism, surface), shown, 0.0)
-    found = decode(capture(prism, surface, shown, renderer="numpy").frames, shown)
-    assert np.array_equal(there.good[0], found.good)
-    truth = trace(prism, surface)
-    assert there.error[0, 0][found.good] == pytest.approx((found.u - truth.u)[found.good], abs=1e-6)
 
 
 @pytest.mark.slow

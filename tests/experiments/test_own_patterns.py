@@ -139,15 +139,3 @@ def test_a_frame_stays_for_the_refreshes_that_hold_its_exposure(
     exposure: float, refresh: float, seconds: float
 ) -> None:
     assert 1 / frame_rate(refresh, exposure) == pytest.approx(seconds)
-
-
-@pytest.mark.slow
-def test_design_simulates_a_decoder_of_ones_own(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    own = "my_dots:dots@my_dots:nearest"
-    options = ["--verify", "1", "--frames", "12", "--rows", "1", "--renderer", "numpy", "--exposure", "20"]
-    assert run(["design", *SMALL, "--add", own, *options, "--lag", "0.02", "--json", "d.json"]) == 0
-    rows = json.loads(Path("d.json").read_text())["rows"]
-    row = next(row for row in rows if row["text"] == own)
-    assert row["simulated"] > 3 * rows[0]["simulated"] > 0
-    assert row["seconds"] == pytest.approx(48 / 30)
-    assert "own decoder: simulated only" in capsys.readouterr().out
