@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from optolever.errors import InputError
 from optolever.notices import Notice
-from optolever.records import Axes
 from optolever.scene import Covariance, RestForm, Scene, adjusted, parameter_changes, parameter_values
 
 from .adjust import Adjustment, Problem, adjust, among, step_of
@@ -79,20 +78,6 @@ class Calibration:
         ]
         lines.append(f"  chi {solved.chi:.4g}, from {start}, {solved.evaluations} evaluations")
         return "\n".join([*lines, f"  {len(self.implausible)} numbers beyond 5 prior sigma"])
-
-    def plot(self, axes: Any = None) -> Axes:
-        """Draw each capture's residuals, arrows in sigma at the pixels, with matplotlib; the axes."""
-        import matplotlib.pyplot as plt
-
-        residuals = self.residuals
-        if axes is None:
-            _, axes = plt.subplots(1, len(residuals), figsize=(4.8 * len(residuals), 4.2), squeeze=False)
-        drawn = np.atleast_1d(np.asarray(axes, dtype=object)).ravel()[: len(residuals)]
-        for (name, (row, col, u, v)), ax in zip(residuals.items(), drawn, strict=True):
-            ax.quiver(col, row, u, v, np.hypot(u, v), angles="xy")
-            ax.set_title(f"{name}: predicted less measured, sigma")
-            ax.invert_yaxis()
-        return drawn
 
     @property
     def parameters(self) -> list[dict[str, Any]]:

@@ -12,12 +12,11 @@
 from .candidates import Candidate, candidates, ladder, user_candidate
 from .ranking import Design, DesignRow, merit, run_design, simulate
 from .sensitivity import Lever
-from .sensor import SWEEPS, SensorMaps, sensor_maps, sweep_sensor, varied
+from .sensor import SensorMaps, sensor_maps
 from .tradeoff import Tradeoff, compare_codes, frame_rate, write_tradeoff_chart, write_tradeoff_csv
 from .view import predict, view_of
 
 __all__ = [
-    "SWEEPS",
     "Candidate",
     "Design",
     "DesignRow",
@@ -33,9 +32,7 @@ __all__ = [
     "run_design",
     "sensor_maps",
     "simulate",
-    "sweep_sensor",
     "user_candidate",
-    "varied",
     "view_of",
     "write_tradeoff_chart",
     "write_tradeoff_csv",

@@ -1,18 +1,16 @@
 """Measuring range and sensitivity of a scene: maps over the camera's pixels by reflection at the mirror at
-rest (no tracing of a dent), their medians, and sweeps of angle, index, distance, camera and pattern.
+rest (no tracing of a dent), and their medians.
 """
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from optolever.errors import InputError
 from optolever.patterns import sequence_from_text
 from optolever.reconstruct import null_space
-from optolever.scene import Medium, Scene, TelecentricCamera, dent, prism_camera, prism_pattern, resize
+from optolever.scene import Scene, dent
 
 from ..arrays import Floats, Mask
 from .sensitivity import Lever
@@ -206,89 +204,3 @@ def _median(values: Floats, share: float = 0.5) -> float:
     """Median, or another quantile, of the finite values."""
     finite = values[np.isfinite(values)]
     return float(np.quantile(finite, share)) if finite.size else math.nan
-
-
-def sweep_sensor(
-    scene: Scene, name: str, values: list[float], sequence: str = "gray+phase", noise: float = 1.0
-) -> Iterator[dict[str, float | str]]:
-    """A row of numbers (see SensorMaps.numbers) per value; 'why' for a value without a valid sensor."""
-    for value in values:
-        row: dict[str, float | str] = {"sweep": name, "value": value}
-        try:
-            row |= sensor_maps(varied(scene, name, value), sequence, noise).numbers()
-        except InputError as error:
-            row["why"] = str(error)
-        yield row
-
-
-def varied(scene: Scene, name: str, value: float) -> Scene:
-    """The scene with one parameter changed.
-
-    angle: of both faces of a prism, degrees; its faces keep meeting at the apex, camera and pattern keep
-    covering mirror and face. index: of the medium. distance: by which the pattern is moved away from the
-    mirror, mm. camera, pattern: factor on the number of pixels (cells) along each side, the field stays.
-    InputError names an invalid change.
-    """
-    if name not in SWEEPS:
-        raise InputError(f"sweep: {name!r}, must be one of {', '.join(SWEEPS)}")
-    if not math.isfinite(value):
-        raise InputError(f"sweep: {name} is {value}, must be finite")
-    if name in ("camera", "pattern") and value <= 0:
-        raise InputError(f"sweep: {name} is {value:g}, must be above 0")
-    return SWEEPS[name](scene, value)
-
-
-def _angle(scene: Scene, value: float) -> Scene:
-    camera, pattern = scene.camera, scene.pattern
-    if not isinstance(camera, TelecentricCamera) or abs(pattern.v_axis[1]) < 1 - 1e-9:
-        raise InputError(f"sweep: angle asks for a prism, scene {scene.name!r} is none")
-    if not 5 <= value <= 85:
-        raise InputError(f"sweep: angle is {value:g}, must be in 5..85 degrees")
-    angle, length = math.radians(value), scene.mirror.length
-    cols = max(1, math.ceil(0.5 * length / math.cos(angle) / pattern.pitch - 1e-6))
-    pitch = camera.pitch.copy()
-    pitch[0] = length * math.cos(angle) / camera.cols
-    return replace(
-        scene,
-        camera=prism_camera(length, angle, camera.rows, camera.cols, pitch, camera.face),
-        pattern=prism_pattern(angle, pattern.rows, cols, pattern.pitch, pattern.blur_px, pattern.aspect),
-    )
-
-
-def _index(scene: Scene, value: float) -> Scene:
-    return replace(scene, medium=Medium(value, 1.0 if scene.medium is None else scene.medium.outside))
-
-
-def _distance(scene: Scene, value: float) -> Scene:
-    pattern = scene.pattern
-    corners = pattern.point(0.5 * (pattern.cols - 1), 0.5 * (pattern.rows - 1))
-    middle = (0.5 * scene.mirror.length, 0.5 * scene.mirror.width, 0.0)
-    side = float((corners - middle) @ pattern.normal)
-    away = pattern.normal * math.copysign(1.0, side)
-    return replace(scene, pattern=replace(pattern, origin=pattern.origin + value * away))
-
-
-def _camera(scene: Scene, value: float) -> Scene:
-    rows, cols = (max(8, round(value * n)) for n in (scene.camera.rows, scene.camera.cols))
-    return replace(resize(scene, rows, cols), pattern=scene.pattern)
-
-
-def _pattern(scene: Scene, value: float) -> Scene:
-    old = scene.pattern
-    pitch = old.pitch / value
-    shift = 0.5 * (1 / value - 1) * old.steps.sum(axis=0)
-    rows, cols = (max(1, math.ceil(n * value - 1e-6)) for n in (old.rows, old.cols))
-    blur_px = old.blur_px * value
-    finer = replace(
-        old, origin=old.origin + shift, pitch=pitch, rows=rows, cols=cols, blur_px=blur_px, shape=None
-    )
-    return replace(scene, pattern=finer)
-
-
-SWEEPS: dict[str, Callable[[Scene, float], Scene]] = {
-    "angle": _angle,
-    "index": _index,
-    "distance": _distance,
-    "camera": _camera,
-    "pattern": _pattern,
-}

@@ -211,14 +211,10 @@ def test_what_cannot_be_observed_is_warned_of() -> None:
     assert "flatness of the reference" in good
 
 
-def test_a_calibration_is_told_and_drawn(ball_rig: Calibration) -> None:
+def test_a_calibration_is_told(ball_rig: Calibration) -> None:
     lines = repr(ball_rig).splitlines()
     assert len(lines) == 3
     assert f"{len(ball_rig.parameters)} parameters, 2 captures" in lines[0]
-    matplotlib = pytest.importorskip("matplotlib")
-    matplotlib.use("Agg")
-    for axes, residuals in zip(ball_rig.plot(), ball_rig.residuals.values(), strict=True):
-        np.testing.assert_array_equal(axes.collections[0].U, residuals[2])
 
 
 def bad(name: str) -> object:
