@@ -24,24 +24,18 @@ def basins(z: Floats, sigma: Floats, known: Mask, significance: float) -> tuple[
     """
     places = np.flatnonzero(known)
     order = places[np.argsort(-z.ravel()[places], kind="stable")]
-    label = np.full(z.size, -1, np.int64)
-    margin = significance * sigma.ravel()
-    _flood(order, z.ravel(), margin, z.shape[1], label)
-    roots = label[order]
-    present = np.bincount(roots, minlength=z.size) > 0
-    number = np.cumsum(present)[roots] - 1
-    numbers = np.full(z.size, -1, np.int64)
-    rising = np.argsort(z.ravel()[order] - margin[order], kind="stable")
-    peaks = np.empty(np.count_nonzero(present), np.int64)
-    peaks[number[rising]] = order[rising]  # the last one counts: the highest
-    ranked = np.argsort(-z.ravel()[peaks], kind="stable")
-    numbers[order] = np.argsort(ranked)[number]
-    return numbers.reshape(z.shape), peaks[ranked]
+    label, top = np.full((2, z.size), -1, np.int64)
+    _flood(order, z.ravel(), significance * sigma.ravel(), z.shape[1], label, top)
+    roots = np.flatnonzero(top >= 0)
+    roots = roots[np.argsort(-z.ravel()[top[roots]], kind="stable")]
+    number = np.full(z.size + 1, -1, np.int64)  # the last one where nothing is known
+    number[roots] = np.arange(roots.size)
+    return number[label].reshape(z.shape), top[roots]
 
 
 @exact
-def _flood(order, z, margin, cols, label):  # type: ignore[no-untyped-def]
-    """Writes the root of every pixel's basin (flat) to label.
+def _flood(order, z, margin, cols, label, top):  # type: ignore[no-untyped-def]
+    """Writes the root of every pixel's basin (flat) to label, a root's pixel of highest lower bound to top.
 
     tree: union-find of connected pixels; lower: the highest lower bound of a tree, at its root; basin:
     union-find of the maxima whose basins are one.
@@ -85,7 +79,10 @@ def _flood(order, z, margin, cols, label):  # type: ignore[no-untyped-def]
                     basin[_root(basin, two)] = kept
                 tree[two] = one
     for pixel in order:
-        label[pixel] = _root(basin, label[pixel])
+        root = _root(basin, label[pixel])
+        label[pixel] = root
+        if top[root] < 0 or z[pixel] - margin[pixel] > z[top[root]] - margin[top[root]]:
+            top[root] = pixel
 
 
 @exact
