@@ -8,7 +8,6 @@
 | `flag_table.py` | flags by area |
 | `rig_report.py`, `rig_drawing.py` | the page of a calibration; a rig to scale |
 | `sync_report.py` | the page of a synchronisation |
-| `modulation.py` | code_that_decodes: what a capture that is too weak would need |
 | `acquisition_check.py` | images that show the preceding pattern instead of their nominal one |
 | `user_patterns.py` | sequences, images and decoders that a user brings: function, folder, file |
 | `faults.py` | simulated frames under lag, gamma, flicker and blur of display and light |
@@ -24,7 +23,6 @@ from .faults import Faults
 from .height_report import write_demo_report, write_measurement_report
 from .measurement import Measurement
 from .metrics import height_metrics, mirror_coverage
-from .modulation import code_that_decodes
 from .rig_report import RigStudy, judged_table, write_rig_report
 from .sync_report import write_sync_report
 
@@ -33,7 +31,6 @@ __all__ = [
     "Faults",
     "Measurement",
     "RigStudy",
-    "code_that_decodes",
     "frames_of_another",
     "height_metrics",
     "judged_table",

@@ -90,3 +90,14 @@ def test_pixels_that_are_not_finite_are_invalid(chain: Chain) -> None:
     np.testing.assert_array_equal(found.good[~lost], Correspondence.load(chain.correspondence).good[~lost])
     with pytest.raises(InputError, match="no pixel is finite"):
         decode(np.full(frames.shape, np.nan), shown)
+
+
+def test_light_that_is_too_weak_is_named(copy: Path, chain: Chain, optolever: Program) -> None:
+    """A mirror of a few per cent; well lit, there is no such notice."""
+    assert chain.numbers["decode"]["faults"] == []
+    rng = np.random.default_rng(3)
+    for path in (copy / "frames").iterdir():
+        frame = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        light = 3 + 0.04 * frame + 1.5 * rng.standard_normal(frame.shape)
+        cv2.imwrite(str(path), np.clip(np.rint(light), 0, 255).astype(np.uint8))
+    assert "too weak" in optolever("decode", copy, "--out", copy.parent / "c.npz").err
