@@ -135,7 +135,8 @@ def _half_depth(dent: Dent, top: Deepest) -> _Region:
     rim = dent.inside & (np.abs(dent.z - level) < rise)
     peak = float(dent.sigma[dent.peak])
     at_outline = float(np.median(dent.sigma[rim])) if rim.any() else peak
-    error = _level_error(at_outline, peak, top.depth_noise)
+    # noise of heights is smooth: what the outline and the deepest pixel share is in half the depth
+    error = float(np.sqrt(0.25 * top.depth_noise**2 + max(at_outline**2 - peak**2, 0.0)))
     guessed = float(np.sum((dent.error / rise * dent.cell)[rim]))
     # the outline crosses each rim pixel somewhere: the rounding of its share, independent of the others'
     rounding = float(np.linalg.norm(dent.cell[rim])) * _ROUNDING
@@ -200,15 +201,6 @@ def _measured(dent: Dent, top: Deepest, region: _Region, evidence: str) -> Conta
         cut=hidden > 0,
         interpolated=interpolated,
     )
-
-
-def _level_error(outline: float, peak: float, depth: float) -> float:
-    """Standard deviation of the height at the outline less half the depth, from those of the height there, of
-    the height of the deepest pixel and of the depth: noise of heights is smooth, so that the smaller of the
-    first two is shared, and half of it remains."""
-    shared = min(outline, peak)
-    apart = outline**2 - shared**2 + 0.25 * max(depth**2 - shared**2, 0.0)
-    return float(np.sqrt(0.25 * shared**2 + apart))
 
 
 def _hidden(dent: Dent, member: Floats) -> float:
