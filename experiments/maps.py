@@ -9,7 +9,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
-import matplotlib
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
@@ -154,6 +153,8 @@ def _map(
 
 def _lut(name: str) -> str:
     """256 colours of a colour map."""
+    import matplotlib
+
     lut = np.round(matplotlib.colormaps[name](np.linspace(0, 1, 256))[:, :3] * 255).astype(np.uint8)
     return base64.b64encode(lut.tobytes()).decode("ascii")
 

@@ -14,7 +14,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import jinja2
 from markupsafe import Markup
 
 from optolever import __version__
@@ -77,6 +76,8 @@ def budget_table(readings: Mapping[str, Mapping[str, float]], figures: Figures) 
 def write_page(path: str | Path, template: str, seconds: dict[str, float], context: dict[str, Any]) -> None:
     """Write the page of a template in report/, atomically, into a folder that is created if absent. Its
     context gets the common entries of all pages: seconds of the stages, the program's command."""
+    import jinja2
+
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(FOLDER),
         autoescape=True,

@@ -30,8 +30,7 @@ _REACH = (0.45, 1.7)  # of that radius: where the slopes are compared
 _SCAN = np.linspace(-1, 1, 31)
 _SEARCH = (0.4, 0.2, 0.1, 0.05)  # around it, relative: where the edge is looked for
 _WAVES = 4  # around, of the outline; of the amplitudes: 2
-_MOST = 10_000  # pixels
-_ENOUGH = 40_000  # pixels of the dent
+_MOST = 16_000  # pixels of the dent
 _STEPS = 8  # of Gauss and Newton
 _GAIN = 50.0  # of chi^2
 _TERMS = (4, 5)  # of the law, in addition to the edge: of Hertz, of a punch
@@ -69,7 +68,7 @@ class Outline:
 
 def outline(dent: Dent) -> tuple[Dent, Outline | str]:
     """The dent about its contact's middle and the edge, or why there is none, in words."""
-    few = dent.thinned(_ENOUGH)
+    few = dent.thinned(_MOST)
     guess = _steepest(few)
     if guess < _TIP * dent.pitch:
         return dent, "the slope is steepest at the deepest point, a tip"
@@ -102,7 +101,6 @@ def _fitted(dent: Dent, guess: float, terms: int) -> tuple[tuple[float, float], 
     for search, waves in zip(_SEARCH, (1, 1, 1, min(_WAVES, int(guess / dent.pitch / _TIP))), strict=True):
         r, (slope, sigma) = dent.r, dent.radial
         use = np.flatnonzero(dent.measured & (r > low) & (r < high))
-        use = use[:: use.size // _MOST + 1]
         freedom = use.size - 5 * terms - 2 * waves - 1
         if freedom < use.size / 4:
             return None
