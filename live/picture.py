@@ -171,13 +171,13 @@ def _turn_of(s, c):  # type: ignore[no-untyped-def]
 def _residuals(frame, turn_u, turn_v, lit, du, dv, level, by_u, by_v, ends, full, cell, out, start, stop):  # type: ignore[no-untyped-def]
     """out (7, R, C): means over cells of r, r cos u, r sin u, r cos v, r sin v, r^2 and of the pixels that
     count; r = 0 in the others."""
-    cols, width = frame.shape[1], out.shape[2]
+    cols = frame.shape[1]
     row = np.empty((7, cols), np.float32)
     area = _f4(1) / _f4(cell * cell)
     for i in range(start, stop):
         for k in range(7):
-            for j in range(width):
-                out[k, i, j] = _f4(0)
+            for x in range(cols):
+                row[k, x] = _f4(0)
         for y in range(i * cell, (i + 1) * cell):
             for x in range(cols):
                 u, v = turn_u[y, x] + du[y, x], turn_v[y, x] + dv[y, x]
@@ -188,34 +188,38 @@ def _residuals(frame, turn_u, turn_v, lit, du, dv, level, by_u, by_v, ends, full
                 counted = lit[y, x] * area if on else _f4(0)
                 whole = grey - level[y, x] - by_u[y, x] * cos_u - by_v[y, x] * cos_v
                 r = counted * whole
-                row[0, x] = r
-                row[1, x] = r * cos_u
-                row[2, x] = r * sin_u
-                row[3, x] = r * cos_v
-                row[4, x] = r * sin_v
-                row[5, x] = r * whole
-                row[6, x] = counted
-            for k in range(7):
-                for j in range(width):
-                    total = _f4(0)
-                    for m in range(cell):
-                        total += row[k, j * cell + m]
-                    out[k, i, j] += total
+                row[0, x] += r
+                row[1, x] += r * cos_u
+                row[2, x] += r * sin_u
+                row[3, x] += r * cos_v
+                row[4, x] += r * sin_v
+                row[5, x] += r * whole
+                row[6, x] += counted
+        for k in range(7):
+            for j in range(out.shape[2]):
+                total = _f4(0)
+                for m in range(cell):
+                    total += row[k, j * cell + m]
+                out[k, i, j] = total
 
 
 @kernel
 def _updated(sums, before, after, found, start, stop):  # type: ignore[no-untyped-def]
     """after, before (5, R, C): State.planes; found (4, R, C): change of du, of dv, mean square, share."""
+    cols = sums.shape[2]
+    over = np.empty(cols, np.float32)
     for i in range(start, stop):
-        for j in range(sums.shape[2]):
-            over = _f4(1) / max(sums[6, i, j], _f4(_LEAST_SHARE))
-            after[2, i, j] = before[2, i, j] + sums[0, i, j] * over
-            for axis in range(2):
-                c = before[3 + axis, i, j] + _f4(2) * sums[1 + 2 * axis, i, j] * over
-                s = _f4(-2) * sums[2 + 2 * axis, i, j] * over
+        for j in range(cols):
+            over[j] = _f4(1) / max(sums[6, i, j], _f4(_LEAST_SHARE))
+        for j in range(cols):
+            after[2, i, j] = before[2, i, j] + sums[0, i, j] * over[j]
+            found[2, i, j] = sums[5, i, j] * over[j]
+            found[3, i, j] = sums[6, i, j]
+        for axis in range(2):  # a loop of its own each: with fewer arrays it becomes vector instructions
+            for j in range(cols):
+                c = before[3 + axis, i, j] + _f4(2) * sums[1 + 2 * axis, i, j] * over[j]
+                s = _f4(-2) * sums[2 + 2 * axis, i, j] * over[j]
                 turn = _turn_of(s, c)
                 after[3 + axis, i, j] = np.sqrt(c * c + s * s)
                 after[axis, i, j] = before[axis, i, j] + turn
                 found[axis, i, j] = turn
-            found[2, i, j] = sums[5, i, j] * over
-            found[3, i, j] = sums[6, i, j]
