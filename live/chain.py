@@ -96,6 +96,7 @@ def settle(rig: Rig, frame: Frame, track: Track, sigma: Cells) -> Settled:
     sizes: list[float] = []
     kinks: list[float] = []
     some = (slice(None, None, 3), slice(None, None, 3))
+    evenly = np.ones_like(tau)  # gaps are filled; the last step weighs
     for step in range(_STEPS):
         state, fit = fit_step(rig.carriers, frame, state)
         good, contrast, strength = _good(rig, state, fit)
@@ -106,7 +107,7 @@ def settle(rig: Rig, frame: Frame, track: Track, sigma: Cells) -> Settled:
         if not good.all():
             _fill(rig, state, good)
             offset = state.displacement - rig.rest.displacement
-        change, slopes = chord_step(rig.mirror, offset, tau, good.astype(_f4))
+        change, slopes = chord_step(rig.mirror, offset, tau, evenly)
         tau += change
         change *= rig.normal
         ratios = (np.abs(change[some]) / sigma[some])[good[some]]
@@ -134,7 +135,7 @@ def settle(rig: Rig, frame: Frame, track: Track, sigma: Cells) -> Settled:
     if trust.min() < 0.5:  # kinks have a small weight, but must not detach the area that they enclose
         more, slopes = chord_step(rig.mirror, offset, tau, trust.astype(_f4))
         tau += more
-        ahead = np.hypot(ahead, more * rig.normal)
+        ahead = np.asarray(cv2.magnitude(ahead, more * rig.normal), _f4)
     return Settled(
         Track(state, tau, True), good, contrast, strength, fit, ahead, left, usual, slopes, len(sizes), least
     )
@@ -211,10 +212,13 @@ def _good(rig: Rig, state: State, fit: Fit) -> tuple[Mask, Cells, Cells]:
 
 def _fill(rig: Rig, state: State, good: Mask) -> None:
     """Interpolate the state of cells without a fringe from surrounding ones, as a start for the next step."""
-    weight = cv2.GaussianBlur(good.astype(_f4), (0, 0), _FILL) + _f4(1e-6)
-    bad = ~good
-    for plane, rest in zip(state.planes, rig.rest.planes, strict=True):
-        around = cv2.GaussianBlur(np.where(good, plane - rest, _f4(0)), (0, 0), _FILL) / weight
+    x, y, width, height = cv2.boundingRect((~good).astype(np.uint8))
+    reach = int(4 * _FILL) + 1  # of the blur
+    box = slice(max(y - reach, 0), y + height + reach), slice(max(x - reach, 0), x + width + reach)
+    here, bad = good[box], ~good[box]
+    weight = cv2.GaussianBlur(here.astype(_f4), (0, 0), _FILL) + _f4(1e-6)
+    for plane, rest in zip(state.planes[:, *box], rig.rest.planes[:, *box], strict=True):
+        around = cv2.GaussianBlur(np.where(here, plane - rest, _f4(0)), (0, 0), _FILL) / weight
         plane[bad] = (around + rest)[bad]
 
 

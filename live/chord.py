@@ -104,12 +104,12 @@ def chord_step(rig: Linearised, displacement: Cells, tau: Cells, trust: Cells) -
     divergence = _divergence(rig, increments, np.zeros_like(tau), trust)
     evenly = bool(trust.min() == 1)
     x = rig.solve(divergence) if evenly else _weighted(rig, divergence, trust)
-    here = rig.anchor * trust
-    weight = float((here[0] * rig.factor).sum())
+    change, here = rig.factor * x, rig.anchor * trust
+    weight = float(np.vdot(here[0], rig.factor))
     if weight > 0:
-        off = float((here[0] * (tau + rig.factor * x)).sum() + (here[1:] * slopes).sum())
-        x -= _f4(off / weight)
-    return rig.factor * x, slopes
+        off = float(np.vdot(here[0], tau + change) + np.vdot(here[1:], slopes))
+        change -= _f4(off / weight) * rig.factor
+    return change, slopes
 
 
 def _weighted(rig: Linearised, divergence: Cells, trust: Cells) -> Cells:
