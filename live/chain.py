@@ -135,7 +135,7 @@ def settle(rig: Rig, frame: Frame, track: Track, sigma: Cells) -> Settled:
     if trust.min() < 0.5:  # kinks have a small weight, but must not detach the area that they enclose
         more, slopes = chord_step(rig.mirror, offset, tau, trust.astype(_f4))
         tau += more
-        ahead = np.asarray(cv2.magnitude(ahead, more * rig.normal), _f4)
+        ahead = np.hypot(ahead, more * rig.normal)
     return Settled(
         Track(state, tau, True), good, contrast, strength, fit, ahead, left, usual, slopes, len(sizes), least
     )

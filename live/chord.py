@@ -105,9 +105,9 @@ def chord_step(rig: Linearised, displacement: Cells, tau: Cells, trust: Cells) -
     evenly = bool(trust.min() == 1)
     x = rig.solve(divergence) if evenly else _weighted(rig, divergence, trust)
     change, here = rig.factor * x, rig.anchor * trust
-    weight = float(np.vdot(here[0], rig.factor))
+    weight = float((here[0] * rig.factor).sum())
     if weight > 0:
-        off = float(np.vdot(here[0], tau + change) + np.vdot(here[1:], slopes))
+        off = float((here[0] * (tau + change)).sum() + (here[1:] * slopes).sum())
         change -= _f4(off / weight) * rig.factor
     return change, slopes
 

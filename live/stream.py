@@ -9,7 +9,7 @@ import numpy as np
 
 from optolever.errors import InputError
 
-from .arrays import Cells, Frame, Mask
+from .arrays import Cells, Float, Frame, Mask
 from .chain import COMPRESSED, Settled, Track, at_rest, settle
 from .circulation import BLOCKS, circulation, excess
 from .prepared import Prepared
@@ -183,9 +183,9 @@ def _merit(figures: Figures) -> float:
     return figures.lost + 1e-3 * max(figures.curl) + 1e-3 * figures.left
 
 
-def _both(one: Cells, other: Cells) -> Cells:
-    """np.hypot is ten times slower."""
-    return np.asarray(cv2.magnitude(one, other), np.float32)
+def _both(one: Cells | Float, other: Cells) -> Cells:
+    """np.hypot takes some times longer."""
+    return np.asarray(np.sqrt(one * one + other * other), np.float32)
 
 
 def _sigma(prepared: Prepared, settled: Settled, figures: Figures) -> Cells:
@@ -194,7 +194,7 @@ def _sigma(prepared: Prepared, settled: Settled, figures: Figures) -> Cells:
     usual = max(settled.usual / prepared.rig.noise, _LEAST_NOISE)
     birge = max(1.0, *figures.curl)
     factor = np.float32(np.sqrt(usual * birge)) if np.isfinite(usual * birge) else np.float32(np.inf)
-    noise = prepared.noise.sigma * (factor / np.maximum(settled.strength, np.float32(_LEAST_STRENGTH)))
+    noise = prepared.noise.sigma * factor / np.maximum(settled.strength, _LEAST_STRENGTH)
     sigma = _both(_both(noise, settled.ahead), _smoothed(prepared, settled))
     return np.where(settled.good, sigma, np.float32(np.inf))
 
