@@ -15,7 +15,6 @@ from optolever.arguments import check_face
 
 from .codes import BINARY_CODES, bits_for, code_words
 from .frame import KINDS, Frame, frame_tables, lattice_lines
-from .long_run import shortest_run
 from .named import sequence, sequence_from_text, sequence_names, sequence_parameters
 from .sequence import Sequence
 
@@ -32,7 +31,6 @@ __all__ = [
     "sequence_from_text",
     "sequence_names",
     "sequence_parameters",
-    "shortest_run",
 ]
 
 check_face(__name__)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from optolever.errors import InputError
 
-__all__ = ["MOST_BITS", "long_run_words", "shortest_run"]
+__all__ = ["MOST_BITS", "long_run_words"]
 
 #: Bit that changes at each step of a cyclic code, found by search with no bit again within 2, 2, 4, 4 steps.
 _SMALL = {
@@ -49,14 +49,6 @@ def long_run_words(bits: int) -> NDArray[np.int64]:
     words = np.concatenate([[0], np.bitwise_xor.accumulate(1 << changes[:-1])])
     words.setflags(write=False)
     return words
-
-
-@cache
-def shortest_run(bits: int) -> int:
-    """Cells of the narrowest stripe of any bit, but for those at the border."""
-    changes = _changes(bits)[:-1]
-    gaps = [np.diff(np.flatnonzero(changes == bit)) for bit in range(bits)]
-    return int(min(gap.min() if len(gap) else len(changes) for gap in gaps))
 
 
 @cache

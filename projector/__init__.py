@@ -40,7 +40,7 @@ from .acquisition import (
     synchronise,
 )
 from .capture import Capture
-from .context import ContextInfo, NoContextError, context_info, release_context
+from .context import ContextInfo, NoContextError, context_info
 from .devices import (
     Accepted,
     Camera,
@@ -109,7 +109,6 @@ __all__ = [
     "footprints",
     "light_of",
     "monitors",
-    "release_context",
     "sync_notices",
     "synchronise",
     "write_description",

@@ -1,6 +1,6 @@
 """The OpenGL context: EGL (a GPU, or Mesa's llvmpipe) first, then the platform's; else one clear line.
 
-Contexts are current per thread, so each thread that asks gets a separate one; `release_context` ends it.
+Contexts are current per thread, so each thread that asks gets a separate one.
 A process that was forked from one that had one gets none: it would wait for ever for the driver's threads,
 which stay behind.
 """
@@ -23,7 +23,6 @@ __all__ = [
     "context_info",
     "free",
     "keep",
-    "release_context",
 ]
 
 T = TypeVar("T")
@@ -91,18 +90,8 @@ def context() -> moderngl.Context:
     return _local.context
 
 
-def release_context() -> None:
-    """Free this thread's context, if it has one."""
-    if _local.context is not None and not _forked():
-        for item in _local.kept.values():
-            item.release()
-        collect(_local.context)
-        _local.context.release()
-        _local.context = None
-
-
 def keep(name: str, make: Callable[[moderngl.Context], T]) -> T:
-    """An object of this thread's context, made at the first call, released with the context."""
+    """An object of this thread's context, made at the first call."""
     ctx = context()
     if name not in _local.kept:
         _local.kept[name] = make(ctx)

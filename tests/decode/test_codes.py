@@ -82,16 +82,6 @@ def test_axis_that_is_not_encoded_is_no_fault(shoot: Shoot, smooth: Map, name: s
     assert found.good.mean() > 0.99
 
 
-def test_description_counts_and_not_position(shoot: Shoot, smooth: Map) -> None:
-    shown = sequence("gray+phase", 150, 170)
-    frames = shoot(shown, *smooth, noise=1.0)
-    order = np.random.default_rng(1).permutation(len(shown))
-    mixed = Sequence(tuple(shown.frames[i] for i in order), 150, 170)
-    plain, shuffled = decode(frames, shown), decode(frames[order], mixed)
-    np.testing.assert_allclose(plain.u, shuffled.u, atol=2e-4)
-    np.testing.assert_array_equal(plain.flags, shuffled.flags)
-
-
 def test_foreign_polarities_and_missing_inverses(shoot: Shoot, smooth: Map) -> None:
     """Some bits only inverted, some only plain, an inverted black for white, fringes with odd shifts."""
     shown = sequence("gray+phase", 150, 170, inverses=True)

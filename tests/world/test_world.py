@@ -7,8 +7,6 @@ from functools import cache
 import numpy as np
 import pytest
 
-from optolever.decode import decode
-
 from .judge import Verdict, run
 from .light import World, shoot
 from .limits import LIMITS, cases
@@ -79,15 +77,3 @@ def test_wrong_frames_are_named_and_repaired(effect: str, rigs: int) -> None:
             named = any(abs(number - shot.wrong[0]) <= 1 for number in numbers)
             repaired.append(named and found.good >= ORDER["good"] * whole.good)
     assert np.mean(repaired or [1.0]) >= ORDER["repaired"]
-
-
-@pytest.mark.parametrize("order", ["v first", "reversed", "inverses first", "bits reversed", "binary"])
-def test_another_description_is_named(order: str) -> None:
-    """The count is right, the order is not: named, or no pixel is good."""
-    code = "gray" if order in ("bits reversed", "binary", "inverses first") else "gray+phase"
-    shot = shoot(draw_rig(3), code, World(order=order))
-    found = decode(shot.frames, shot.sequence)
-    assert found.notices or not found.good.any()
-    if found.good.any():
-        assert found.sigma_u[found.good].max() <= shot.sequence.cols
-        assert found.sigma_v[found.good].max() <= shot.sequence.rows
