@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from optolever.errors import InputError
 
 from .arrays import Floats, Labels, Mask, Pair
-from .judgement.reweighting import cauchy, scaled_median
+from .judgement.reweighting import CAUCHY, clean, scaled_median
 from .solver.edges import divergence, edge_weights, increments
 from .solver.poisson import Accuracy, MaskedEdges, edge_problem
 
@@ -30,6 +30,7 @@ _ACCURACY = Accuracy(relative=1e-12)
 _NEGLIGIBLE = 0.1  # energy of a solve's error: a bound of every height's error in standard deviations
 _PATIENCE = 50  # conjugate gradients that cost a factorisation; steeper weights still make it many more
 _FACTORISED = 1 << 20  # pixels: 1 GB of factors
+_STEPS, _SETTLED = 29, 1e-3  # of reweighting; change of the defects' scale, relative
 _ROUNDING = 1e-4  # of the increments: defects below it are quadrature and rounding, no outliers
 
 
@@ -124,24 +125,20 @@ def _weights(
 def _robust(edges: Pair, weights: Pair, mask: Mask) -> tuple[Floats, int]:
     """Cauchy weights on the edge defects, see `reweighting`: heights, iterations."""
     floor = _ROUNDING * scaled_median(edges, weights)
-    z, iterations, scale = np.zeros(mask.shape), 0, 0.0
-
-    def step(doubts: Pair | None) -> Pair:
-        nonlocal z, iterations, scale
-        if doubts is None:
-            result = edge_problem(*weights, mask).solve(*edges, Accuracy(relative=1e-10))
-        else:
-            wx, wy = (w / (1.0 + w * doubt**2) for w, doubt in zip(weights, doubts, strict=True))
-            accuracy = Accuracy(energy=_NEGLIGIBLE * scale, relative=1e-10)
-            result = MaskedEdges(wx, wy, mask).solve(*edges, accuracy, z, _PATIENCE)
-        z, iterations = result.x, iterations + result.iterations
-        if doubts is not None and result.iterations == _PATIENCE and mask.sum() <= _FACTORISED:
-            z = _factorised(edges, (wx, wy), mask)
+    result, scale = edge_problem(*weights, mask).solve(*edges, Accuracy(relative=1e-10)), 0.0
+    z, iterations = result.x, result.iterations
+    for step in range(_STEPS):
         residuals = _residuals(edges, weights, z)
-        scale = scaled_median(residuals, weights)
-        return residuals
-
-    cauchy(step, weights, floor)
+        before, scale = scale, max(scaled_median(residuals, weights), floor)
+        if abs(before - scale) <= _SETTLED * scale or (step == 0 and clean(residuals, weights, scale)):
+            break
+        doubts = (np.abs(part) / (CAUCHY * scale) for part in residuals)
+        wx, wy = (w / (1.0 + w * doubt**2) for w, doubt in zip(weights, doubts, strict=True))
+        accuracy = Accuracy(energy=_NEGLIGIBLE * scale, relative=1e-10)
+        result = MaskedEdges(wx, wy, mask).solve(*edges, accuracy, z, _PATIENCE)
+        z, iterations = result.x, iterations + result.iterations
+        if result.iterations == _PATIENCE and mask.sum() <= _FACTORISED:
+            z = _factorised(edges, (wx, wy), mask)
     return z, iterations
 
 

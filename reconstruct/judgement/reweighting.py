@@ -6,7 +6,6 @@ median of |r| sqrt(w), one for noise as announced.
 """
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 import scipy.ndimage
@@ -14,34 +13,16 @@ import scipy.ndimage
 from ..arrays import Floats, Mask, Pair
 from .holes import LARGEST
 
-__all__ = ["CAUCHY", "cauchy", "patches", "scaled_median", "wrong_pixels"]
+__all__ = ["CAUCHY", "clean", "patches", "scaled_median", "wrong_pixels"]
 
 CAUCHY = 2.385  # deviations at which the weight is one half: 95 % efficiency under Gaussian noise
-_STEPS = 30
 _ROWS = 256
 _CHANCE = 0.01  # of an image without outliers to be reweighted
 _WRONG = 4.0  # standard deviations of an edge: defects of both edges of a wrong pixel
 _ALIKE = 0.25  # of the larger of both: beside a crease the other is 1/12
-_SETTLED = 1e-3  # change of the defects' scale, relative
 
 
-def cauchy(solve: Callable[[Pair | None], Pair], weights: Pair, least: float) -> Pair | None:
-    """The doubts (H, W) of edges along columns and rows at which a robust solve ends; None if none is needed.
-
-    solve: edge defects of the solution with such doubts; weights: of the edges without any; least: scale
-    below which defects are rounding.
-    """
-    scale, doubts = 0.0, None
-    for _ in range(_STEPS):
-        residuals = solve(doubts)
-        before, scale = scale, max(scaled_median(residuals, weights), least)
-        if abs(before - scale) <= _SETTLED * scale or (doubts is None and _clean(residuals, weights, scale)):
-            break
-        doubts = np.abs(residuals[0]) / (CAUCHY * scale), np.abs(residuals[1]) / (CAUCHY * scale)
-    return doubts
-
-
-def _clean(residuals: Pair, weights: Pair, scale: float) -> bool:
+def clean(residuals: Pair, weights: Pair, scale: float) -> bool:
     """Whether no edge exceeds what normal noise reaches by chance: least squares is then the best."""
     largest = max(float((np.abs(r) * np.sqrt(w)).max()) for r, w in zip(residuals, weights, strict=True))
     return largest <= math.sqrt(2 * math.log(2 * residuals[0].size / _CHANCE)) * scale
