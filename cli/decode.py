@@ -56,7 +56,6 @@ PROFILE = Opt("--profile RIG.toml|NPZ", "Profile of the rig by --save-profile, i
 SAVE = Opt("--save-profile RIG.toml|NPZ", "Store this capture's profile, with the rig or in a file.")
 BLUR = Rare("--blur CELLS", "Rms blur of the display's cells; default: by the fringes' contrast.", AT_LEAST_0)
 _REFUSED = 0.1  # of the pixels that see the pattern: fewer are good
-IDEAL = Rare("--no-cells", "Frames were ideal cosines, not shown on a display's cells.")
 
 
 @program("decode", SAMPLE, partial(Many, captures="sources", folders=True))
@@ -74,7 +73,6 @@ def command(
     channel: Annotated[Literal["red", "green", "blue", "luminance"], CHANNEL] = "luminance",
     lens: Annotated[float | None, LENS] = None,
     blur: Annotated[float | None, BLUR] = None,
-    no_cells: Annotated[bool, IDEAL] = False,
     json_path: Json = None,
 ) -> None:
     """Find the pattern coordinates of every pixel, with sigma.
@@ -93,13 +91,13 @@ def command(
             start = time.perf_counter()
             inside = _inside(mask_path, roi, capture.shape)
             light = None if response is None else _response(response)
-            settings = ol.decode.Settings(response=light, lens_px=lens, blur_px=blur, on_cells=not no_cells)
+            settings = ol.decode.Settings(response=light, lens_px=lens, blur_px=blur)
             known = None
             if profile is not None:
                 known = ol.calibration.load_profile(profile).with_lag(measured_lag(profile, source))
                 if settings not in (ol.decode.Settings(), known.settings):
-                    wrong = "is of another response, lens, blur or cells"
-                    cure = "leave out --response, --lens, --blur and --no-cells"
+                    wrong = "is of another response, lens or blur"
+                    cure = "leave out --response, --lens and --blur"
                     raise InputError(f"--profile {profile}: {wrong}; {cure}")
                 settings = known.settings
             decoder = ol.decode.Decoder(capture.sequence, known, settings)

@@ -18,12 +18,13 @@ from .outputs import OutputFile
 from .show import grid, number, progress, table, write_json
 
 SAMPLE = """
-$ optolever design --scene prism48 --pixels 128x96 --frames 14 --rows 3 --out best.toml
+$ optolever design --scene prism48 --pixels 128x96 --frames 14 --out best.toml
 Height error, rms in mm: prism48, at most 14 frames
 sequence                               frames  time   predicted  +-   simulated  wrong order  measured
 phase:steps=3,periods=4.53333/4.37143  12      0.2 s  6.8e-05    1 %  6.61e-05   0e+00        100 %
 phase:steps=3,periods=3.70909/3.6      12      0.2 s  6.922e-05  1 %  6.587e-05  0e+00        99.78 %
 phase:steps=3,periods=5.56364/5.32174  12      0.2 s  7.183e-05  1 %  7.22e-05   0e+00        100 %
+...
 Choice
   sequence    phase:steps=3,periods=4.53333/4.37143
   candidates  18
@@ -52,7 +53,7 @@ ADD = Opt(
     "after it: a decoder of yours (simulated only).",
 )
 VERIFY = Opt("--verify N", "Number of the best candidates to simulate.", click.IntRange(min=0))
-ROWS = Opt("--rows N", "Rows of the table to print; the JSON file has all.", click.IntRange(min=1))
+_ROWS = 12  # of the table that is printed; the JSON file has all
 OUT = Opt("--out FILE.toml", "Gets the best sequence, for --sequence.", OutputFile(".toml", bare=False))
 CHART = Opt("--chart FILE.png", "With --code: error over both times.", OutputFile(".png", bare=False))
 CSV = Opt("--csv FILE.csv", "With --code: all numbers.", OutputFile(".csv", bare=False))
@@ -74,7 +75,6 @@ def command(
     exposure: Annotated[float, EXPOSURE] = 0.0,
     added: Annotated[tuple[str, ...], ADD] = (),
     verify: Annotated[int, VERIFY] = 3,
-    shown: Annotated[int, ROWS] = 12,
     renderer: Renderer = "auto",
     size: Size = None,
     out: Annotated[Path | None, OUT] = None,
@@ -134,7 +134,7 @@ def command(
         if out is not None and chosen is not None:
             chosen.sequence.save(out)
         write_json(json_path, found.to_dict())
-    best = found.rows[:shown] + [row for row in found.rows[shown:] if row.text in added]
+    best = found.rows[:_ROWS] + [row for row in found.rows[_ROWS:] if row.text in added]
     heads = ("sequence", "frames", "time", "predicted", "+-", "simulated", "wrong order", "measured", "")
     lines = [
         (

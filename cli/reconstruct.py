@@ -33,20 +33,19 @@ SAMPLE = """
 $ optolever reconstruct c.npz --scene capture/scene.toml \\
       --truth capture/truth.npz --out h.npz
 Height map in h.npz
-  good                98.83 % of the pixels
-  height              -0.00324 to 1.3 mm
-  sigma               ± 39 nm noise (medians)
-  off_pattern         1.169 %
-  chi2                0.9207 per degree of freedom (949), 1 by noise
-  error               0.000127 of the peak depth, rms
-  rms(error / sigma)  0.9616
-  dent 1              depth 1.300000 ± 0.000037 mm; half depth: area 1742.35 ±
-                      0.16 mm², volume 1634.02 ± 0.12 mm³, centroid x 81.8496 ±
-                      0.0011 mm, y 81.8502 ± 0.0011 mm
-  evidence 1          no contact evidence: the edge's kink shows in 0 % of the
-                      directions, a smooth surface explains the slopes as well
-                      or better
-  time                0.5242 s
+  good                98.03 % of the pixels
+  height              -0.006288 to 1.3 mm
+  sigma               ± 90 nm noise (medians)
+  off_pattern         1.973 %
+  chi2                0.8528 per degree of freedom (953), 1 by noise
+  error               0.0002123 of the peak depth, rms
+  rms(error / sigma)  0.9969
+  dent 1              depth 1.299979 ± 0.000086 mm; half depth: area 1742.13 ±
+                      0.68 mm², volume 1633.61 ± 0.46 mm³, centroid x 81.8501 ±
+                      0.0011 mm, y 81.8496 ± 0.0011 mm
+  evidence 1          no contact evidence: a smooth surface explains the slopes
+                      as well or better than a contact's edge
+  time                0.6361 s
 """
 
 

@@ -31,7 +31,6 @@ from optolever.scene import (
     prism_camera,
     prism_pattern,
     resize,
-    scene_window,
     trace,
 )
 
@@ -42,8 +41,7 @@ Test = TypeVar("Test", bound=Callable[..., None])
 HELD: list[tuple[str, str]] = []
 #: Pages that state formulas.
 ANCHOR, GEOMETRY = "docs/explanation/anchor.md", "docs/explanation/geometry.md"
-CODE, FACET, LIVE = "docs/howto/code.md", "docs/howto/facet.md", "docs/howto/live.md"
-BALL, EXPORT, FILES = "docs/howto/calibrate.md", "docs/howto/export.md", "docs/reference/files.md"
+LIVE = "docs/howto/live.md"
 MONITOR, PRISM = "docs/rig/monitor.md", "docs/rig/prism.md"
 CAPTURE, SCENE, LIMITS = "docs/reference/capture.md", "docs/reference/scene.md", "docs/limits.md"
 
@@ -275,50 +273,6 @@ def test_the_free_mode_of_45_degrees() -> None:
     lifted = trace(rig, Surface(lambda x, y: np.full_like(x, 50 * slope), plane(0.0, 0.0).gradient))
     assert shifts[0] < 0.01 * np.nanmax(np.abs(lifted.u - seen.u))
     assert shifts[0] / shifts[1] == pytest.approx(4.0, rel=0.1)  # of second order
-
-
-# Balls
-
-
-def ball(radius: float, depth: float, x0: float, y0: float) -> Surface:
-    """The cap that a ball of this radius presses into a mirror that stays flat around it."""
-
-    def root(x: Floats, y: Floats) -> Floats:
-        return np.sqrt(np.maximum(radius**2 - (x - x0) ** 2 - (y - y0) ** 2, (radius - depth) ** 2))
-
-    def gradient(x: Floats, y: Floats) -> tuple[Floats, Floats]:
-        inside, below = root(x, y) > radius - depth, root(x, y)
-        return np.where(inside, -(x - x0) / below, 0.0), np.where(inside, -(y - y0) / below, 0.0)
-
-    return Surface(lambda x, y: root(x, y) - (radius - depth), gradient)
-
-
-APEX = 30.0, 22.5
-
-
-def step_at_apex(rig: Scene, surface: Surface) -> tuple[float, float, float]:
-    """At the apex: cells per mm of mirror along x, path to the pattern (mm), mm of mirror per pixel."""
-    seen = trace(rig, surface)
-    mirror, pattern = places(rig, seen)
-    row, col = np.unravel_index(np.nanargmin(np.hypot(seen.x - APEX[0], seen.y - APEX[1])), seen.x.shape)
-    width = float(seen.x[row, col - 1] - seen.x[row, col + 1]) / 2
-    step = float(seen.u[row, col - 1] - seen.u[row, col + 1]) / 2
-    return step / width, float(np.linalg.norm(pattern[row, col] - mirror[row, col])), width
-
-
-@holds(
-    BALL,
-    "along x the image moves by about 2 D / (R p) cells per mm of mirror",
-    "Pixels of s mm on the mirror therefore need R > 2 s D / (5 p)",
-)
-@pytest.mark.parametrize("radius", [10.0, 25.0, 60.0])
-def test_the_image_of_a_ball(radius: float) -> None:
-    rig = scene_window(load("prism48"), 290, 390, 20, 20)
-    flat, across, width = step_at_apex(rig, plane(0.0, 0.0))
-    least = 2 * width * across / (5 * rig.pattern.pitch)
-    assert number(BALL, r"R > 2 s D / \(5 p\): (\d+) mm in the middle of") == said(least, 0)
-    pressed, way, _ = step_at_apex(rig, ball(radius, 0.05, *APEX))
-    assert pressed - flat == pytest.approx(2 * way / (radius * rig.pattern.pitch), rel=0.05)
 
 
 # Light
