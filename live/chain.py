@@ -92,7 +92,9 @@ def at_rest(rig: Rig) -> Track:
 
 def settle(rig: Rig, frame: Frame, track: Track, sigma: Cells) -> Settled:
     """Fit a frame. sigma (R, C): of z, mm, for the criterion of convergence."""
-    state, tau = _calmed(rig, _lighted(rig, track.state, frame)), track.tau.copy()
+    state, tau = _lighted(rig, track.state, frame), track.tau.copy()
+    if track.whole:
+        state = _calmed(rig, state)
     sizes: list[float] = []
     kinks: list[float] = []
     some = (slice(None, None, 3), slice(None, None, 3))

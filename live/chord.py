@@ -52,7 +52,7 @@ class Linearised:
 
     def solve(self, divergence: Cells) -> Cells:
         """x (R, C), of mean mode 0, of which D^T w D x is the right-hand side (R, C)."""
-        return self._columns.solve(divergence, single=True).astype(_f4)
+        return np.asarray(self._columns.solve(divergence, single=True), _f4)
 
 
 def linearised(rays: RestRays, line: AnchorLine, lit: Mask) -> Linearised:
@@ -102,8 +102,7 @@ def chord_step(rig: Linearised, displacement: Cells, tau: Cells, trust: Cells) -
     increments = np.empty_like(slopes)
     over_rows(lambda start, stop: _increments(slopes, tau, rig.root, increments, start, stop), tau.shape[0])
     divergence = _divergence(rig, increments, np.zeros_like(tau), trust)
-    evenly = bool(trust.min() == 1)
-    x = rig.solve(divergence) if evenly else _weighted(rig, divergence, trust)
+    x = rig.solve(divergence) if trust.min() == 1 else _weighted(rig, divergence, trust)
     change, here = rig.factor * x, rig.anchor * trust
     weight = float((here[0] * rig.factor).sum())
     if weight > 0:
@@ -113,7 +112,7 @@ def chord_step(rig: Linearised, displacement: Cells, tau: Cells, trust: Cells) -
 
 
 def _weighted(rig: Linearised, divergence: Cells, trust: Cells) -> Cells:
-    """Conjugate gradients. Cells of weight zero get the solution of equal weights."""
+    """Conjugate gradients; 0 in cells of weight zero."""
     seen = trust > 0
     nothing = np.zeros((2, *trust.shape), _f4)
     x, r = np.zeros_like(divergence), divergence.copy()
@@ -131,7 +130,7 @@ def _weighted(rig: Linearised, divergence: Cells, trust: Cells) -> Cells:
         direction *= _f4(new / energy)
         direction += z
         energy = new
-    return x if seen.all() else np.where(seen, x, rig.solve(divergence))
+    return x
 
 
 def slopes_at(planes: Real, steps: Real, displacement: Real, tau: Real) -> Real:

@@ -101,7 +101,7 @@ class ColumnPoisson:
     def solve(self, rhs: NDArray[np.floating[Any]], single: bool = False) -> Floats:
         """x with D^T w D x = rhs (rows, cols); the mean over the rows is zero at the heavy end's column.
 
-        single: in float32, half the time.
+        single: x too is float32, half the time.
         """
         rhs = rhs[:, self._order].astype(np.float32 if single else np.float64)  # which frees the one given
         modes = scipy.fft.dct(rhs, axis=0, norm="ortho", overwrite_x=True, workers=threads())
@@ -110,7 +110,7 @@ class ColumnPoisson:
             modes.shape,
         )
         x = scipy.fft.idct(modes, axis=0, norm="ortho", overwrite_x=True, workers=threads())
-        return np.ascontiguousarray(x[:, self._order], dtype=np.float64)
+        return np.ascontiguousarray(x[:, self._order])
 
     def inverse_diagonal(self) -> Floats:
         """Diagonal of every mode's inverse, (modes, cols);
