@@ -3,7 +3,6 @@
 import csv
 import json
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +11,8 @@ import pytest
 from optolever.cli import run
 from optolever.experiments import Faults
 from optolever.experiments.design import compare_codes, frame_rate
-from optolever.experiments.faults import frames_of
-from optolever.experiments.user_patterns import UserImages
-from optolever.patterns import sequence
-from optolever.projector import NOMINAL_SENSOR, capture
-from optolever.scene import dent, load, resize, trace
+from optolever.projector import NOMINAL_SENSOR
+from optolever.scene import load, resize
 
 #: Random dots: a cell is black or white by chance in every image; a pixel is the cell that is most alike.
 DOTS = """
@@ -61,21 +57,6 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "my_dots.py").write_text(DOTS)
     monkeypatch.chdir(tmp_path)
     return tmp_path
-
-
-def test_images_of_a_sequence_are_seen_as_the_sequence_is() -> None:
-    """The two renderers agree where the image is smooth: fringes, as images and as what they are."""
-    scene = resize(load("prism48"), 48, 64)
-    shown = sequence("gray+phase", scene.pattern.rows, scene.pattern.cols)
-    phase = replace(shown, frames=tuple(frame for frame in shown.frames if frame.kind == "phase"))
-    surface = dent("gaussian", scene)
-    true = capture(scene, surface, phase, renderer="numpy").frames.astype(float)
-    truth = trace(scene, surface)
-    found = frames_of(scene, surface, truth, UserImages(phase.render(), "own"), 0.0, 0.0, 0, "numpy")
-    inside = truth.visible & (truth.u > 2) & (truth.v > 2)
-    inside &= (truth.u < scene.pattern.cols - 3) & (truth.v < scene.pattern.rows - 3)
-    off = np.abs(found - true)[:, inside]
-    assert np.sqrt(np.mean(off**2)) < 0.02 * np.ptp(true)
 
 
 COMPARE = ["design", *SMALL, "--renderer", "numpy", "--dent", "gaussian:peak=0.2"]

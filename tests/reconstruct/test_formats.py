@@ -191,22 +191,6 @@ def test_modes_lie_on_a_coarse_grid_in_the_file_and_on_all_pixels_when_read(
     np.testing.assert_allclose(again.z, height.z, rtol=1e-7, atol=1e-7)
 
 
-@pytest.mark.slow
-def test_a_map_of_a_million_pixels_takes_less_than_40_megabytes(tmp_path: Path) -> None:
-    """1.3 Mpx with a rest capture, a leaning pinhole and noise: what compresses worst."""
-    rig = resize(load("monitor-mirror"), 1024, 1280)
-    seen = [exact_correspondence(trace(rig, dent("gaussian", rig, peak=peak))) for peak in (1e-9, 0.1)]
-    rng = np.random.default_rng(1)
-    for each in seen:
-        each.u[:] += 0.02 * rng.standard_normal(each.u.shape)
-        each.sigma_u[:] = each.sigma_v[:] = 0.02 * rng.uniform(0.9, 1.1, each.u.shape)
-    height = reconstruct(seen[1], rig, rest=seen[0])
-    assert height.calibration is not None
-    assert height.shared is not None
-    height.save(tmp_path / "h.npz")
-    assert (tmp_path / "h.npz").stat().st_size < 40e6
-
-
 @pytest.mark.parametrize("pitch", [0.0, -1.0, np.nan, 1e-6])
 def test_resample_refuses(plane: HeightMap, pitch: float) -> None:
     with pytest.raises(InputError, match="pitch"):
