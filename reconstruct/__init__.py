@@ -28,7 +28,6 @@ from .integrate import Integral, integrate
 from .outputs.curvature import CurvatureMap, curvature_map
 from .outputs.resampling import GRID_FORMATS, Grid
 from .outputs.slope_map import SlopeMap, slope_map
-from .rig.calibration import rest_corrected, same_capture
 from .rig.motion import unpressed
 from .solver.anchors import Anchor, EdgeAnchor, PixelAnchor, PointAnchor
 from .solver.poisson import ColumnPoisson
@@ -62,8 +61,6 @@ __all__ = [
     "integrate",
     "null_space",
     "reconstruct",
-    "rest_corrected",
-    "same_capture",
     "sink_around",
     "slope_map",
     "unpressed",
