@@ -60,21 +60,19 @@ class Touches:
     def found(
         self, reading: Reading, crept: Cells, size: Cells
     ) -> tuple[list[tuple[Touch, tuple[int, int]]], bool]:
-        """Contacts beyond noise, the deepest first, and their deepest cells; whether a dent is too steep to
-        be one of them. crept, size (R, C): heights by a shift of the image, and their size: contacts rise
+        """Contacts beyond noise, the deepest first, and their deepest cells; whether there is a steep dent,
+        but none of them. crept, size (R, C): heights by a shift of the image, and their size: contacts rise
         above the former by a share of the latter."""
         filled, steep = _holes_filled(self._prepared, reading)
         regions = _regions(
             self._prepared, filled, crept, np.maximum(_SIGNIFICANT * filled.sigma, _RISEN * size)
         )
-        for region in regions:
-            steep &= ~region.inside
         touches = [_measured(self._prepared, filled, one, reading.good) for one in regions]
         found: list[tuple[Touch, tuple[int, int]]] = []
         for touch, region in zip(touches, regions, strict=True):  # parts of one hole's flank are one contact
             if not (touch.cut and any(one.hole and _near(one, touch) for one, _ in found)):
                 found.append((touch, (region.row, region.col)))
-        return found, bool(steep.any())
+        return found, steep and not found
 
     def named(self, touches: list[Touch]) -> tuple[Touch, ...]:
         """The contacts of the next frame with their identities."""
@@ -135,17 +133,16 @@ def _highest(z: Cells, among: Mask) -> tuple[int, int]:
     return int(row), int(col)
 
 
-def _holes_filled(prepared: Prepared, reading: Reading) -> tuple[Reading, Mask]:
+def _holes_filled(prepared: Prepared, reading: Reading) -> tuple[Reading, bool]:
     """The reading whose cells without a height, where measured ones enclose them, are at least as deep as the
     deepest beside them, their sigma as large as what they are deeper: what presses so steeply that its middle
-    has no fringe is one contact. And those of such cells (R, C) whose surroundings are steep: no dust."""
+    has no fringe is one contact. And whether a flank rises to one of them: it is no speck of dust."""
     lost = (prepared.rig.lit & ~reading.good).astype(np.uint8)
-    steep = np.zeros(lost.shape, np.bool_)
     if not lost.any():
-        return reading, steep
+        return reading, False
     closed = cv2.morphologyEx(lost, cv2.MORPH_CLOSE, np.ones((_CLOSED, _CLOSED), np.uint8))
     _, labels, boxes, _ = cv2.connectedComponentsWithStats(closed, connectivity=8)
-    z, sigma, good = reading.z.copy(), reading.sigma.copy(), reading.good.copy()
+    z, sigma, good, steep = reading.z.copy(), reading.sigma.copy(), reading.good.copy(), False
     for label, (x0, y0, width, height, cells) in enumerate(boxes[1:].tolist(), start=1):
         cut = slice(max(y0 - 3, 0), y0 + height + 3), slice(max(x0 - 3, 0), x0 + width + 3)
         hole = labels[cut] == label
@@ -158,7 +155,7 @@ def _holes_filled(prepared: Prepared, reading: Reading) -> tuple[Reading, Mask]:
         sigma[cut][hole] = np.hypot(sure, z[cut][hole] - edge)
         good[cut] |= hole
         rise = np.median(np.abs(reading.z[cut][beside]) / prepared.noise.sigma[cut][beside])
-        steep[cut] |= hole & (rise > _RISING)
+        steep |= bool(rise > _RISING)
     return replace(reading, z=z, sigma=sigma, good=good), steep
 
 

@@ -31,8 +31,8 @@ class Verdict:
 
 
 def judge(figures: Figures, faded: int = 0, steep: bool = False) -> Verdict:
-    """The verdict, from the figures of a frame; faded: how many frames up to this one had less contrast;
-    steep: a part is lost whose surroundings rise to it."""
+    """The verdict, from the figures of a frame; faded: how many frames up to this one had less
+    contrast; steep: a flank rises to cells without a height, and is no contact."""
     curl, light = max(figures.curl), figures.light
     stopped = [
         (1 - figures.lost, 1 - _LOST[1], "too few cells see a fringe: cover, fold, or light lost"),
@@ -44,7 +44,7 @@ def judge(figures: Figures, faded: int = 0, steep: bool = False) -> Verdict:
     if steep:
         reasons.append("a dent is too steep: its middle has no height, and its flank none that is sure")
     broken = bool(reasons)
-    if figures.crept and figures.moved > _MOVED + figures.pulled:
+    if not broken and figures.crept and figures.moved > _MOVED + figures.pulled:  # else contacts may pull
         reasons.append("the image of the mirror's edge has moved (camera, display or mirror): tare")
     held, others = "sigma includes it", "heights of the other cells stand"
     anew, mean = "prepare the rig anew in this light", "the height is the mean over the exposure; shorten it"

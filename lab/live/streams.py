@@ -64,7 +64,7 @@ KINDS: dict[str, Kind] = {
     "two slide": lambda x, y, rise, at: Moment(
         ((GAUSS, x - 9, y + 3 * rise, 4.0, 0.06), (GAUSS, x + 7, y - 3 * rise, 5.0, 0.08))
     ),
-    "ball 3 mm": _pressed(BALL, 3.0, 0.12),
+    "ball 3 mm, half-space": _pressed(BALL, 3.0, 0.12, fading=False),
     "ball 4 mm rolls": lambda x, y, rise, at: Moment(((BALL, x - 4 + 8 * rise, y, 4.0, 0.08),), False),
     "ball 5 mm": _pressed(BALL, 5.0, 0.25),
     "ball 5 mm, half-space": _pressed(BALL, 5.0, 0.25, fading=False),

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lab.live.streams import FAULTS, KINDS, StreamRig, played
+from lab.live.streams import FAULTS, KINDS, Moment, StreamRig, played
 from lab.live.world import GAUSS, expose
 from optolever.live import Live, Prepared
 
@@ -39,15 +39,29 @@ def test_a_fault_is_told_at_once_and_forgotten_at_once(
     assert after.good.mean() > 0.99
 
 
-@pytest.mark.parametrize(("size", "peak"), [(2.0, 0.1), (2.0, 0.15), (2.5, 0.25), (3.0, 0.2)])
+@pytest.mark.parametrize(
+    ("size", "peak"), [(2.0, 0.075), (2.0, 0.1), (2.0, 0.15), (2.5, 0.1), (2.5, 0.25), (3.0, 0.2)]
+)
 def test_a_hole_is_one_contact_or_no_trust(prepared: Prepared, shot: Shot, size: float, peak: float) -> None:
-    """A dent so steep that its middle has no fringe: its depth is a lower bound."""
+    """A dent so steep that its middle has no fringe: its sigma holds what the hole hides."""
     reading = Live(prepared).update(shot(((GAUSS, 30.0, 22.0, size, peak),)))
     assert reading.figures.lost > 0
     if reading.trusted:
         (touch,) = reading.touches
         assert touch.hole
-        assert touch.depth < peak + 5 * touch.depth_sigma
+        assert abs(touch.depth - peak) < 5 * touch.depth_sigma
+        assert touch.depth_sigma < peak
+
+
+def test_a_lamp_moves_no_height(rest: Rest, prepared: Prepared, truth: Callable[..., Any]) -> None:
+    """25 levels across the picture: two sigma of error where the fit started in the display's light alone."""
+    rig = StreamRig(rest.scene, rest.world, rest.fringe, prepared)
+    for k, dents in enumerate(((), PRESSED)):
+        light, true = rig.shown(Moment(dents, lamp=25.0))
+        reading = Live(prepared).update(expose(light, np.random.default_rng(k)))
+        ratio = ((reading.z - true) / reading.noise)[reading.good]
+        assert reading.trusted
+        assert np.sqrt(np.mean(np.square(ratio))) < 1.2
 
 
 def test_motion_in_the_exposure_is_the_mean(
