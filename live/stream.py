@@ -24,7 +24,7 @@ __all__ = ["Live"]
 _SPARSE = 4  # stride of the pixels and cells of medians and shares
 _LEAST_NOISE = 0.05  # minimum variance of a dark image over that at rest
 _LEAST_STRENGTH = 0.05
-_REMAINS = 0.05  # of the window's smoothing after the steps: measured on drawn streams (lab live)
+_REMAINS, _MOST = 0.06, 0.6  # share of the window's smoothing that stays: measured on 33 dents of lab live
 _FOLLOWED = 25  # frames from one start at rest to the next
 _CURL = 10.0  # 1 by noise: above, a frame is also fitted from rest
 
@@ -201,9 +201,10 @@ def _sigma(prepared: Prepared, settled: Settled, figures: Figures) -> Cells:
 
 def _smoothed(prepared: Prepared, settled: Settled) -> Cells:
     """What the window still smooths of z, mm (R, C): a window of variance s^2 cells^2 changes a surface by
-    s^2 / 2 times its second differences; steps undo most of that, less where the fit leaves a residual."""
+    s^2 / 2 times its second differences; steps undo all but a share of that, as the rms residual grows."""
     window, z = prepared.rig.carriers.window, settled.track.tau * prepared.rig.normal
     variance = float(np.square(np.arange(window.size) - window.size // 2) @ window / window.sum())
-    bends = (np.abs(cv2.Sobel(z, cv2.CV_32F, *order, ksize=1)) for order in ((2, 0), (0, 2)))
+    bends = sum(np.abs(cv2.Sobel(z, cv2.CV_32F, *order, ksize=1)) for order in ((2, 0), (0, 2)))
     misfit = np.maximum(settled.fit.residual / np.float32(max(settled.usual, 1e-6)), 1)
-    return np.asarray(np.float32(variance / 2) * np.minimum(_REMAINS * misfit, 1) * sum(bends))
+    share = np.minimum(np.float32(_REMAINS) * np.sqrt(misfit), np.float32(_MOST))
+    return np.asarray(np.float32(variance / 2) * bends * share / (1 - share))  # of the bends as they are
