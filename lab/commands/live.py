@@ -13,12 +13,12 @@ __all__ = ["command"]
 
 SAMPLE = """
 $ python -m lab live
-Live: 480 x 640, two float32 cosine transforms 1.409 ms
+Live: 480 x 640, two float32 cosine transforms 1.838 ms
 case     cell  ms     x transforms  error/depth       error/sigma  beyond 5 sigma  trusted
-smooth   2     20.03  13.9 (14)     0.00022 (0.0002)  0.731        0               1
-smooth   4     9.895  6.83 (8)      0.00029 (0.0002)  0.869        0               1
-contact  2     48.41  33.5 (30)     0.0023 (0.001)    0.48         8.8e-07         1
-contact  4     19.68  13.6 (15)     0.0019 (0.001)    0.51         0               1
+smooth   2     23.22  12.5 (14)     0.00022 (0.0002)  0.73         0               1
+smooth   4     11.55  6.05 (8)      0.00029 (0.0002)  0.863        0               1
+contact  2     53.48  29.3 (30)     0.0029 (0.001)    0.427        5.3e-06         1
+contact  4     18.84  10.2 (15)     0.0011 (0.001)    0.559        0               0.933
 """
 
 
