@@ -45,18 +45,15 @@ class VirtualFinger:
     def __init__(self, scene: Scene, fringe: Sequence, noise: float, seed: int, rate: float = 0.0) -> None:
         self._scene, self._fringe, self._noise, self._seed, self._rate = scene, fringe, noise, seed, rate
         self._lights: dict[int, Pixels] = {}
-        self._number = 0
-        self._start = time.monotonic()
+        self._number, self._due = 0, 0.0
 
     def next(self, timeout_s: float) -> Image | None:
         """The next frame; None if it comes later than `timeout_s`."""
-        due = time.monotonic()
-        if self._rate > 0:
-            due = max(due, self._start + self._number / self._rate)
-            wait = due - time.monotonic()
-            time.sleep(min(max(wait, 0.0), timeout_s))
-            if wait > timeout_s:
-                return None
+        due = max(now := time.monotonic(), self._due)
+        time.sleep(min(due - now, timeout_s))
+        if due - now > timeout_s:
+            return None
+        self._due = due + 1 / self._rate if self._rate > 0 else 0.0
         number, self._number = self._number, self._number + 1
         phase = number % _CYCLE
         if phase not in self._lights:

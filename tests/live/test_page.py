@@ -52,6 +52,13 @@ class _Rest:
         return Image(self._frames[self._count % len(self._frames)], self._count, None, self._count / 1e5)
 
 
+def test_a_virtual_camera_that_waited_does_not_catch_up() -> None:
+    finger = virtual_rig(resize(load("prism48", exact=True), 96, 128), rate=25.0)[1]
+    arrived = [image.arrived_s for _ in range(4) if (image := finger.next(1.0))]
+    assert len(arrived) == 4
+    assert np.diff(arrived).min() > 0.0399
+
+
 @pytest.fixture
 def server(virtual: Virtual) -> Iterator[LiveServer]:
     with LiveServer(virtual[0], _Rest(virtual[1])) as live:
