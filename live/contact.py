@@ -12,7 +12,8 @@ class Touch:
     """One contact; lengths in mm. identity: the same from frame to frame; x, y: centroid of the cells deeper
     than half the depth, position_sigma: of either; area (mm^2), volume (mm^3): of these cells; cut: the
     border or cells without height end them, so that area and volume are lower bounds; hole: cells without
-    height are inside, so that depth and force are lower bounds, too; shape: tilt and radii, None of few
+    height are inside, where the depth is continued from the flank: its sigma holds by how much, the force's
+    does not; shape: tilt and radii, None of few
     cells. Sigmas are those of noise and of the edge in whole cells; the shape's include its misfit."""
 
     identity: int
