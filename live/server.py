@@ -170,7 +170,7 @@ class LiveServer:
         return HTMLResponse(_PAGE.read_text(encoding="utf-8").replace("{{token}}", self._web.token))
 
     async def _next(self, request: Request) -> Response:
-        """The reading newer than `after`; 204: none came."""
+        """The reading newer than `after`; 204: none came; 503: none will, and why."""
         after = request.query_params.get("after", "")
         if not after.isdecimal() or len(after) > _DIGITS:
             return PlainTextResponse(f"after: must be a number of at most {_DIGITS} digits", 400)
@@ -182,6 +182,8 @@ class LiveServer:
         with self._lock:
             latest, count, said, error = self._latest, self._count, self._told, self._error
             newest = self._times[-1] if self._times else 0.0
+        if latest is None and error:
+            return PlainTextResponse(error, 503)
         if latest is None or (count <= int(after) and not error):
             return Response(status_code=204)
         state = {"count": count, "rate": self.rate, "told": error or said, "skipped": self._source.skipped}

@@ -206,7 +206,7 @@ def test_a_camera_that_stops_or_fails_is_told(virtual: Virtual) -> None:
         raise OSError("unplugged")
 
     with LiveServer(prepared, SimpleNamespace(next=broken)) as live:
-        _ask(live, "/next?after=0")
+        assert _ask(live, "/next?after=0") == (503, b"unplugged")
         assert live.error == "unplugged"
 
 
