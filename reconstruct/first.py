@@ -11,12 +11,14 @@ from .arrays import Mask
 from .judgement.holes import whole_lines
 from .problem import Problem, prepare
 from .solver.anchors import Anchors
-from .solver.newton import State, solve
+from .solver.newton import State, missed, solve
 
 __all__ = ["first_solution"]
 
 _ATTEMPTS = 3  # each without the pixels that have no normal at the last solution
-_SENSITIVE = 0.25  # of w's change over a pixel: slopes that a wrong scene, any error, amplifies
+#: Of w's change over a pixel: slopes that a wrong scene, any error, amplifies.
+_SENSITIVE, _UNSTABLE = 0.25, 1.0
+_MISSED = 5.0  # standard deviations of an edge
 
 
 def first_solution(
@@ -34,8 +36,10 @@ def first_solution(
         data = problem.data
         state = solve(data, problem.samples, problem.labels, data.rest())
         hollow = data.singular(state.w)
-        if state.unsettled is not None and not state.converged:
-            hollow = whole_lines(hollow | (state.unsettled & data.mask & data.sensitive(state.w, _SENSITIVE)))
+        if not state.converged:
+            limit = _UNSTABLE if hollow.any() else _SENSITIVE
+            beside = data.sensitive(state.w, limit) | data.sensitive(data.rest(), limit)
+            hollow = whole_lines(hollow | (beside & missed(data, state, _MISSED)))
         singular |= problem.to_image(hollow, False)
         problem = replace(problem, singular=problem.singular | (singular & problem.valid))
         if not hollow.any():

@@ -26,7 +26,9 @@ from .geometry import PAD, RayField, rest_distance
 
 __all__ = ["Measured"]
 
+_SWING = 0.05  # noise over the way to the pattern: what noise does to a slope depends on where noise put it
 _SURE = 3.0  # standard deviations: beyond them lies noise of a normal distribution but for 0.3 %
+_ALONG, _ACROSS = 2, 1  # rows and columns on either side that predict where it lies without noise
 #: Share of pixels, at least, in the middles of a discrete code's cells: in noise its decoder returns means
 #: of several cells (of up to 88 % of the pixels). Coordinates of other codes are nowhere exactly at a middle.
 _MIDDLES = 0.05
@@ -80,14 +82,24 @@ class Measured:
     def variances(self, w: Floats, every: int = 1) -> Pair:
         """Variances of p and q at w that the standard deviations of u and v cause, (rows, cols) each; NaN but
         in every such row.
+
+        Where the noise is large as against the way to the pattern, that way is the one without noise: to the
+        mean of neighbours.
         """
         found, (u, v) = (np.full(w.shape, np.nan), np.full(w.shape, np.nan)), self._on_plane(w)
-        arrays = (self.rays.origins, self.rays.directions, self.plane, u, v, self.sigma_u, self.sigma_v)
-        last = (w, self.rays.logarithmic, *found)
-        if every == 1:
-            over_image(lambda start, stop: _variances(*arrays, *last, start, stop), w.shape)
-        for row in range(0, len(w), every) if every > 1 else ():
-            _variances(*arrays, *last, row, row + 1)
+        rays, sigmas, last = self.rays, (self.sigma_u, self.sigma_v), (w, self.rays.logarithmic)
+
+        def take(u: Floats, v: Floats, swing: float) -> None:
+            arrays = rays.origins, rays.directions, self.plane, u, v, *sigmas, *last, swing, *found
+            if every == 1:
+                over_image(lambda start, stop: _variances(*arrays, start, stop), w.shape)
+            for row in range(0, len(w), every) if every > 1 else ():
+                _variances(*arrays, row, row + 1)
+
+        take(u, v, _SWING)
+        noisy = found[0] < 0
+        if noisy.any():
+            take(_amid(u, noisy), _amid(v, noisy), math.inf)
         return found
 
     def singular(self, w: Floats) -> Mask:
@@ -214,6 +226,16 @@ def _slopes(o, d, plane, u, v, t, p, q, p_t, q_t, start, stop):  # type: ignore[
             q_t[i, j] = change
 
 
+def _amid(values: Floats, where: Mask) -> Floats:
+    """The values, there replaced by the mean of the pixel and its known neighbours, opposite ones only, so
+    that what is linear stays."""
+    around = np.pad(values, ((_ALONG, _ALONG), (_ACROSS, _ACROSS)), constant_values=np.nan)
+    windows = np.lib.stride_tricks.sliding_window_view(around, (2 * _ALONG + 1, 2 * _ACROSS + 1))[where]
+    means = values.copy()
+    means[where] = np.nanmean(0.5 * (windows + windows[:, ::-1, ::-1]), axis=(1, 2))
+    return means
+
+
 @inlined
 def _spread(t, g, o, d, e, n, scale, by_u, by_v):  # type: ignore[no-untyped-def]
     """Squared change of the slope along an axis by by_u and by_v, moves of X less their part along e, over
@@ -228,10 +250,13 @@ def _spread(t, g, o, d, e, n, scale, by_u, by_v):  # type: ignore[no-untyped-def
 
 
 @exact
-def _variances(o, d, plane, u, v, sigma_u, sigma_v, w, log, var_p, var_q, start, stop):  # type: ignore[no-untyped-def]
+def _variances(o, d, plane, u, v, sigma_u, sigma_v, w, log, swing, var_p, var_q, start, stop):  # type: ignore[no-untyped-def]
+    """What is not known yet; -1 where noise is more than `swing` of the way to the pattern."""
     for i in range(start, stop):
         r = PAD + i
         for j in range(u.shape[1]):
+            if var_p[i, j] >= 0.0:
+                continue
             c = PAD + j
             t = math.exp(w[i, j]) if log else w[i, j]
             ray = d[0, r, c], d[1, r, c], d[2, r, c]
@@ -242,6 +267,10 @@ def _variances(o, d, plane, u, v, sigma_u, sigma_v, w, log, var_p, var_q, start,
             s, k = sigma_u[i, j], sigma_v[i, j]
             u_x, u_y, u_z = s * plane[1, 0], s * plane[1, 1], s * plane[1, 2]
             v_x, v_y, v_z = k * plane[2, 0], k * plane[2, 1], k * plane[2, 2]
+            noise = u_x * u_x + u_y * u_y + u_z * u_z + v_x * v_x + v_y * v_y + v_z * v_z
+            if noise > swing * swing * square:
+                var_p[i, j] = -1.0
+                continue
             inverse = 1.0 / math.sqrt(square)
             e = ex * inverse, ey * inverse, ez * inverse
             n = e[0] - ray[0], e[1] - ray[1], e[2] - ray[2]

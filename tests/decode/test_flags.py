@@ -123,6 +123,15 @@ def test_outlier(shoot: Shoot, smooth: Map) -> None:
     assert share(found, Flag.OUTLIER) <= 2 / found.flags.size
 
 
+def test_dropped_frame_of_a_gray_code_is_no_silent_error(shoot: Shoot, smooth: Map) -> None:
+    shown = sequence("gray+phase", 150, 170, inverses=True)
+    frames = shoot(shown, *smooth, noise=1.0)
+    for lost in (2, 7, 20):
+        dropped = frames.copy()
+        dropped[lost] = dropped[lost - 1]
+        assert silent(decode(dropped, shown, on_cells=False), *smooth, least=0.05) <= 1e-4
+
+
 def test_gamma_is_no_silent_error_and_the_response_mends_it(shoot: Shoot, smooth: Map) -> None:
     light = {"noise": 0.7, "gamma": 2.2, "offset": 127.5, "amplitude": 127.5}
     every = [shoot(GRAY_PHASE, *smooth, seed=seed, **light) for seed in range(8)]
