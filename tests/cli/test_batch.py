@@ -84,6 +84,8 @@ def test_a_killed_worker_of_a_cluster_loses_nothing(
     options = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None, "env": ONE_THREAD}
     with environment(SAFE_PATH), dask.LocalCluster(**options) as cluster:
         worker = next(iter(cluster.workers.values())).pid
-        threading.Timer(4, os.kill, (worker, signal.SIGKILL)).start()
+        kill = threading.Timer(1.5, os.kill, (worker, signal.SIGKILL))
+        kill.start()
         optolever("decode", *captures, "--scheduler", cluster.scheduler_address, "--out", tmp_path / "c")
+        assert kill.finished.is_set(), "the batch was done before the worker was killed"
     same(captures, tmp_path / "c")
