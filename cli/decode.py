@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from optolever.notices import Notice
-
 
 SAMPLE = """
 $ optolever decode capture --out c.npz
@@ -55,7 +53,6 @@ LENS = Rare("--lens PX", "Rms blur of the lens, at most 4; default: 0.28, sigma 
 PROFILE = Opt("--profile RIG.toml|NPZ", "Profile of the rig by --save-profile, instead of a new estimate.")
 SAVE = Opt("--save-profile RIG.toml|NPZ", "Store this capture's profile, with the rig or in a file.")
 BLUR = Rare("--blur CELLS", "Rms blur of the display's cells; default: by the fringes' contrast.", AT_LEAST_0)
-_REFUSED = 0.1  # of the pixels that see the pattern: fewer are good
 
 
 @program("decode", SAMPLE, partial(Many, captures="sources", folders=True))
@@ -106,7 +103,7 @@ def command(
                 plain = ol.decode.Decoder(capture.sequence, settings=replace(settings, response=None))
                 result = ol.calibration.with_better_fit(result, plain.decode(capture.frames, mask=inside))
         seconds = time.perf_counter() - start
-        found = result.notices + _too_weak(result)
+        found = result.notices + ol.decode.too_weak(result)
         result = replace(result, notices=capture.notices + found)
         kept = decoder.profile
         if kept is None and save_profile is not None:
@@ -143,22 +140,6 @@ def command(
         "sigma v": f"{sigma_v:.2g} px (median of the good pixels)",
     }
     table(f"Correspondence in {out}", figures | flag_rows(numbers["flags"]) | {"time": number(seconds, "s")})
-
-
-def _too_weak(found: "ol.decode.Correspondence") -> "tuple[Notice, ...]":
-    """The notice that next to no pixel is decoded, and most of those that see the pattern lack contrast."""
-    import numpy as np
-
-    from optolever.notices import Notice
-
-    if found.amplitude is None or not (found.amplitude > 0).any():
-        return ()
-    lit = found.amplitude > 0.5 * np.nanpercentile(found.amplitude, 95)
-    share = float(found.good[lit].mean())
-    faint = float((found.flags[lit] & (ol.decode.Flag.DARK | ol.decode.Flag.LOW_CONTRAST) != 0).mean())
-    cure = "expose longer, or show --sequence phase:steps=16"
-    name = "The pattern is too weak for its sequence; share of good pixels where it is seen"
-    return (Notice(name, share, _REFUSED, cure),) if share < _REFUSED and faint > 0.5 else ()
 
 
 def _inside(mask: Path | None, roi: str | None, shape: tuple[int, int]) -> "NDArray[np.bool_] | None":

@@ -3,7 +3,7 @@
 | file         | holds                                                                                    |
 |--------------|------------------------------------------------------------------------------------------|
 | `records`    | `Correspondence`, `Flag`, `SharedNoise`; `Displacement` of two captures                  |
-| `decoder`    | `decode`; `Decoder`, `estimate_profile`: many captures of one rig                        |
+| `decoder`    | `decode`, `too_weak`; `Decoder`, `estimate_profile`: many captures of one rig            |
 | `profile`    | `RigProfile`: noise and effects of one rig                                               |
 | `plan`       | a sequence as periods, bits, references, levels; the constraints that it obeys           |
 | `capture`    | one capture: sample, noise, effects, tables, maps                                        |
@@ -22,7 +22,7 @@ A pixel's answer depends on its samples, its neighbourhood of 7 x 7 and the came
 
 from optolever.arguments import check_face
 
-from .decoder import Decoder, decode, estimate_profile
+from .decoder import Decoder, decode, estimate_profile, too_weak
 from .frames import Response, Settings
 from .profile import Effect, RigProfile
 from .records import Correspondence, Displacement, Flag, SharedNoise
@@ -39,6 +39,7 @@ __all__ = [
     "SharedNoise",
     "decode",
     "estimate_profile",
+    "too_weak",
 ]
 
 check_face(__name__)

@@ -21,6 +21,7 @@
 
 from optolever.arguments import check_face
 
+from .chain import COMPRESSED
 from .contact import Force, Touch
 from .crossed import PatternMap, crossed
 from .follow import Followed, follow, tared
@@ -38,6 +39,7 @@ from .touches import Touches
 from .weights import Weighed, Weight, weighed
 
 __all__ = [
+    "COMPRESSED",
     "Figures",
     "Followed",
     "Force",

@@ -92,7 +92,7 @@ class Reading(Comparable):
 
     def __repr__(self) -> str:
         rows, cols = self.z.shape
-        told = "trusted" if self.trusted else f"not trusted: {self.reason}"
-        lines = [f"Reading at {self.time:.4f} s: {rows} x {cols} cells, {told}"]
+        verdict = "trusted" if self.trusted else f"not trusted: {self.reason}"
+        lines = [f"Reading at {self.time:.4f} s: {rows} x {cols} cells, {verdict}"]
         lines.append(f"  z {span(self.z, self.good)}, sigma {span(self.sigma, self.good)} mm")
         return "\n".join(lines + [f"  notices: {len(self.notices)}"] * bool(self.notices))

@@ -75,7 +75,7 @@ class LiveServer:
         self._times: deque[float] = deque(maxlen=_RECENT)
         self._resting: list[Frame] | None = None
         self._spectra: tuple[float, list[dict[str, Any] | None]] = 0.0, []
-        self._told, self._error, self._over = "", "", False
+        self._answer, self._error, self._over = "", "", False
         routes = [
             Route("/", self._page),
             Route("/next", self._next),
@@ -125,10 +125,10 @@ class LiveServer:
         column of a new probe, shares of the map."""
         with self._lock:
             try:
-                self._told = self._executed(name, at)
+                self._answer = self._executed(name, at)
             except (InputError, OSError) as error:
-                self._told = str(error)
-            return self._told
+                self._answer = str(error)
+            return self._answer
 
     def _executed(self, name: str, at: tuple[float, float]) -> str:
         latest = self._latest
@@ -180,13 +180,13 @@ class LiveServer:
         if self._error:
             await asyncio.sleep(_TROUBLED)
         with self._lock:
-            latest, count, said, error = self._latest, self._count, self._told, self._error
+            latest, count, said, error = self._latest, self._count, self._answer, self._error
             newest = self._times[-1] if self._times else 0.0
         if latest is None and error:
             return PlainTextResponse(error, 503)
         if latest is None or (count <= int(after) and not error):
             return Response(status_code=204)
-        state = {"count": count, "rate": self.rate, "told": error or said, "skipped": self._source.skipped}
+        state = {"count": count, "rate": self.rate, "answer": error or said, "skipped": self._source.skipped}
         state |= {"age_s": time.monotonic() - newest, "spectra": self._spectra_now()}
         state |= {"recording": str(self._record.folder) if self._record else "", "error": error}
         body = await asyncio.to_thread(_body, latest, state, self._live.prepared)
@@ -234,10 +234,10 @@ class LiveServer:
             if self._resting is not None:
                 self._resting.append(followed.image.pixels)
                 if not followed.reading.tareable:
-                    self._resting, self._told = None, "tare refused: it was touched meanwhile"
+                    self._resting, self._answer = None, "tare refused: it was touched meanwhile"
                 elif len(self._resting) >= _TARE:
                     self._live.restart(tared(self._live.prepared, np.stack(self._resting)))
-                    self._resting, self._told = None, "tared"
+                    self._resting, self._answer = None, "tared"
             if self._begun is not None:
                 self._live.restart(self._live.prepared)
                 self._record, self._begun = self._begun, None

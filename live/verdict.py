@@ -55,7 +55,7 @@ def judge(figures: Figures, faded: int = 0, steep: bool = False) -> Verdict:
             "clean, focus, prepare anew",
         )
     crept = "sigma includes it; tare while nothing touches, and let the rig warm up"
-    told = [
+    bounds = [
         (
             figures.moved,
             CREPT * figures.shift_sigma + figures.pulled,
@@ -70,5 +70,7 @@ def judge(figures: Figures, faded: int = 0, steep: bool = False) -> Verdict:
         (light, _LIGHT[1], "More light than at rest, ratio", anew),
         (1 / max(light, 1e-3), 1 / _LIGHT[0], "Less light than at rest, ratio at rest to now", anew),
     ]
-    notices = tuple(Notice(name, size, limit, cure) for size, limit, name, cure in told if not size <= limit)
+    notices = tuple(
+        Notice(name, size, limit, cure) for size, limit, name, cure in bounds if not size <= limit
+    )
     return Verdict(not reasons, "; ".join(reasons), notices, broken)

@@ -80,7 +80,7 @@ class _Child:
         said = self._said.read().decode(errors="replace").strip().splitlines()
         how = f"ended by {signal.Signals(-code).name}" if code < 0 else f"ended with {code}"
         last = f" ({said[-1].strip()})" if said else ""
-        return f"display: the window's process {how}{last}; optolever doctor tells what there is"
+        return f"display: the window's process {how}{last}; optolever doctor lists the displays"
 
 
 def monitors() -> list[Monitor]:

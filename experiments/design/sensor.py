@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
+from optolever.live import COMPRESSED
 from optolever.patterns import sequence_from_text
 from optolever.reconstruct import null_space
 from optolever.scene import Scene, dent
@@ -19,10 +20,8 @@ from .view import predict, stride_for
 WIDEST = np.radians(45.0)  # largest slope angle
 SCAN, BISECTIONS = 181, 40
 BALLS = (2.0, 4.0, 5.0)  # mm: radii of example contacts
-FOLDED = 0.75  # by which a curvature may shrink a cell's image before `live` loses its height
-SMOOTHED = (
-    2.0  # pattern pixels, rms, over which `live` smooths curvature: 0.4 of its window, by pressed balls
-)
+FOLDED = 1 - COMPRESSED  # by which a curvature may shrink a cell's image before `live` loses its height
+SMOOTHED = 2.0  # pattern pixels, rms, over which `live` smooths curvature: fitted to pressed balls
 SIDE = 96  # pixels along the shorter side of the camera on which maps are made
 
 

@@ -36,7 +36,7 @@ def command(
     """Follow dents and contacts of an independent renderer on prism48, noise of 1.5 levels.
 
     Time is that of one core beside two float32 cosine transforms of the same size in the same process; set
-    OPTOLEVER_THREADS=1. Streams have 30 electrons a level at 240 x 320 (--pixels): wrong are trusted frames
+    OPTOLEVER_THREADS=1. Streams have 30 electrons a level: wrong are trusted frames
     with more than 0.1 % of the heights beyond five sigma, silent the ones without a notice; off are contacts
     whose depth is beyond five sigma."""
     from ..live.figures import live_rows, transforms_ms

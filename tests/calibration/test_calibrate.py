@@ -211,7 +211,7 @@ def test_what_cannot_be_observed_is_warned_of() -> None:
     assert "flatness of the reference" in good
 
 
-def test_a_calibration_is_told(ball_rig: Calibration) -> None:
+def test_a_calibration_prints_its_numbers(ball_rig: Calibration) -> None:
     lines = repr(ball_rig).splitlines()
     assert len(lines) == 3
     assert f"{len(ball_rig.parameters)} parameters, 2 captures" in lines[0]

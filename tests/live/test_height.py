@@ -68,7 +68,7 @@ def test_heights_are_right_within_sigma(prepared: Prepared, shot: Shot, truth: T
 
 @pytest.mark.parametrize("radius", [4.0, 5.0])
 def test_the_range_said_beforehand_is_that_of_a_ball(rest: Rest, prepared: Prepared, radius: float) -> None:
-    """The deepest contact with a height in every cell, by rendered frames; a reading tells how near it is."""
+    """The deepest contact with a height in every cell, by rendered frames; a reading has the share used."""
     said, rng = sensor_maps(rest.scene).numbers()[f"ball_{radius:g}mm_depth_mm"], np.random.default_rng(1)
     live = Live(prepared)
     assert live.update(expose(rest.world.lights((), rest.fringe)[0], rng)).figures.used < 0.02

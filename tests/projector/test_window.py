@@ -111,7 +111,7 @@ def test_a_window_that_dies_is_one_line(x_server: tuple[str, Path], monkeypatch:
 def test_escape_ends_who_waits_for_images(
     x_server: tuple[str, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As `live --rig` does: one line tells it."""
+    """As `live --rig` does: it ends in one line."""
     if find_library("Xtst") is None:
         pytest.skip("libXtst is absent: nobody presses Escape")
     monkeypatch.setenv("DISPLAY", x_server[0])
