@@ -72,7 +72,7 @@ class Code:
     @property
     def together(self) -> bool:
         """Whether several bits change between adjacent cells; in Gray codes one does."""
-        return self.kind in ("binary", "xor-gray")
+        return self.kind == "binary"
 
     def centre(self, cell: NDArray[np.int32]) -> F64:
         """Coordinate of a cell's centre, pattern pixels."""

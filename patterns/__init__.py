@@ -3,7 +3,7 @@
 | file        | holds                                                                 |
 |-------------|-----------------------------------------------------------------------|
 | `frame`     | `Frame`, one image described completely; its tables of grey values     |
-| `codes`     | binary code words: binary, Gray, XOR-Gray, ...                         |
+| `codes`     | binary code words: binary, Gray, long-run Gray                         |
 | `long_run`  | Gray codes without narrow stripes                                      |
 | `sequence`  | `Sequence`: frames and surface size; images, PNG export                |
 | `named`     | `sequence("gray+phase", rows, cols, ...)` and its command-line form    |

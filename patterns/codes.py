@@ -10,7 +10,7 @@ from .long_run import long_run_words
 __all__ = ["BINARY_CODES", "bits_for", "code_words"]
 
 #: Kinds whose frames show one bit of a code word.
-BINARY_CODES = ("binary", "gray", "xor-gray", "long-run-gray")
+BINARY_CODES = ("binary", "gray", "long-run-gray")
 
 Words = NDArray[np.int64]
 
@@ -30,20 +30,15 @@ def code_words(kind: str, cell: Words, bits: int | None = None) -> Words:
     gray      n ^ (n >> 1): neighbours differ in one bit (F. Gray, US patent 2632058)
     long-run-gray  no bit has a narrow stripe; of `bits` bits (default: as many as the largest cell needs), up
               to 16, which is another code for each number of them: see long_run
-    xor-gray  Gray bits, all but the last xored with the last: every frame is finely striped, against
-              indirect light (Gupta et al., CVPR 2011, doi:10.1109/CVPR.2011.5995321)
 
     >>> import numpy as np
     >>> [int(word) for word in code_words("gray", np.arange(4))]
     [0, 1, 3, 2]
     """
-    gray = cell ^ (cell >> 1)
     if kind == "binary":
         return cell
     if kind == "gray":
-        return gray
-    if kind == "xor-gray":
-        return gray ^ (-2 * (gray & 1))
+        return cell ^ (cell >> 1)
     if kind == "long-run-gray":
         return np.asarray(long_run_words(bits or bits_for(int(np.max(cell, initial=0)) + 1))[cell])
     raise InputError(f"code: kind is {kind!r}, known are {', '.join(BINARY_CODES)}")

@@ -31,7 +31,6 @@ KINDS: dict[str, tuple[str, ...]] = {
     "stripe": ("axis", "width_px"),
     "binary": ("axis", "bit"),
     "gray": ("axis", "bit"),
-    "xor-gray": ("axis", "bit"),
     "long-run-gray": ("axis", "bit"),
     "phase": ("axis", "period_px", "shift"),
     "crossed": ("period_px",),

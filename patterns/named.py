@@ -47,7 +47,7 @@ def sequence(name: str, rows: int, cols: int, **params: Any) -> Sequence:
 
     | name | parameters and defaults (lengths in cells) |
     |---|---|
-    | gray, binary, xor-gray, long-run-gray | axes='uv', inverses=True, cell=1.0, references=True |
+    | gray, binary, long-run-gray | axes='uv', inverses=True, cell=1.0, references=True |
     | phase | axes='uv', steps=4, periods or counts (default: three periods, from 9/8 of the surface to 16) |
     | gray+phase | axes='uv', steps=4, period=8.0, inverses=False |
     | micro-phase | axes='uv', period=16.0, periods (default: five more, to a third longer) |
@@ -329,7 +329,6 @@ def _ramp(rows: int, cols: int, *, count: int = 18) -> Frames:
 _BUILDERS: dict[str, Callable[..., Frames]] = {
     "gray": _coded("gray"),
     "binary": _coded("binary"),
-    "xor-gray": _coded("xor-gray"),
     "long-run-gray": _coded("long-run-gray"),
     "phase": _phase,
     "gray+phase": _gray_phase,

@@ -43,8 +43,8 @@ class BitTable(NamedTuple):
     plain, inverse (B,): frames, -1: none; ends: frames of black and white, or else all of the code, of which
     the extremes count; fringe: whether the fringe has the middle level; cells (2^B,): word -> cell; adjacent
     (B or 1, 2^B): bits of a word without so many of the finest ones whose other value leads to the next cell;
-    gray: cells are those of a Gray code; run: the finest open bits are one interval; least, most: half of an
-    interval, cells, of one where several bits change at once, of one that is not doubtful; cell, origin:
+    gray: cells are those of a Gray code; run: the finest open bits are one interval; most: half of an
+    interval, cells, that is not doubtful; cell, origin:
     pattern px
     """
 
@@ -56,7 +56,6 @@ class BitTable(NamedTuple):
     adjacent: I32
     gray: bool
     run: bool
-    least: float
     most: float
     cell: np.float32
     origin: np.float32
@@ -85,7 +84,6 @@ def bit_tables(plan: Plan, axes: list[AxisPlan]) -> tuple[BitTable | None, ...]:
                 _adjacent(cells.tobytes(), len(code.plain), run),
                 code.kind == "gray",
                 run,
-                1.0 if code.kind == "xor-gray" else 0.5,
                 1e9 if axis.fringes else max(_CELLS, _EXTENT * axis.extent / code.cell) / 2,
                 np.float32(code.cell),
                 np.float32(code.origin),
@@ -147,7 +145,7 @@ def read_rows(
         flags[at] |= np.where(doubtful, _ORDER, 0)
     np.multiply(place, code.cell, out=place)
     place += _HALF * (code.cell - 1) + code.origin
-    np.copyto(half, code.least, where=half <= 1)
+    np.copyto(half, _HALF, where=half <= 1)
     doubtful = half > code.most
     if at[0].size or doubtful.any():
         flags |= np.where(doubtful, _ORDER, np.int32(0))

@@ -90,7 +90,7 @@ def _together(rows: int, cols: int, frames: int) -> Iterator[str]:
 
 
 def _codes(frames: int) -> Iterator[str]:
-    for name in ("gray", "binary", "xor-gray"):
+    for name in ("gray", "binary"):
         yield f"{name}:inverses=true,references=false"
         yield f"{name}:inverses=false"
     for step in (2, 4, 8, 16, 32):

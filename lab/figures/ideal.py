@@ -32,8 +32,7 @@ def ideal_level(shown: Sequence, index: int, u: Floats, v: Floats) -> Floats:
 def _of_cells(shown: Sequence, frame: Frame, cell: NDArray[np.int64]) -> Floats:
     if frame.levels is not None:
         return np.asarray(frame.levels, np.float64)[np.clip(cell, 0, len(frame.levels) - 1)] / 255.0
-    gray = cell ^ (cell >> 1)
-    words = {"binary": cell, "gray": gray, "xor-gray": gray ^ (-2 * (gray & 1))}
+    words = {"binary": cell, "gray": cell ^ (cell >> 1)}
     if frame.kind == "long-run-gray":  # no closed form: tests/patterns tests the words
         bits = 1 + max(other.bit or 0 for other in shown.frames if other.axis == frame.axis)
         words[frame.kind] = code_words(frame.kind, np.maximum(cell, 0), bits)

@@ -52,7 +52,7 @@ _SOURCES = {
     "reconstruct": ["@/c.npz", "--scene", "@/scene.toml"],
 }
 _DENTS = ("flat", "tilt", "raised-cosine", "gaussian:peak=0.3", "ball:radius=5,depth=0.3", "needle", "ridge")
-_CODES = ("gray", "binary:cell=2", "xor-gray", "phase:steps=3", "gray+phase:steps=4", "micro-phase", "stripe")
+_CODES = ("gray", "binary:cell=2", "phase:steps=3", "gray+phase:steps=4", "micro-phase", "stripe")
 #: What options hold, to which their type does not tell it; "" stands for all others: numbers and names.
 _TEXTS = {
     "--sequence": (*_CODES, "long-run-gray", "lattice", "crossed", "ramp", "@/sequence.toml"),

@@ -50,7 +50,7 @@ def test_ideal_frames(
 
 
 @pytest.mark.parametrize(
-    ("name", "params"), [("xor-gray", {"references": False}), ("gray+phase", {"inverses": True})]
+    ("name", "params"), [("binary", {"references": False}), ("gray+phase", {"inverses": True})]
 )
 def test_bytes_are_decoded_as_wider_numbers_are(
     shoot: Shoot, smooth: Map, name: str, params: dict[str, Any]

@@ -72,7 +72,7 @@ def test_shot_noise_is_told_from_read_noise(shoot: Shoot, smooth: Map) -> None:
         assert np.sqrt(np.nanmean(np.square(part))) == pytest.approx(1, abs=0.06)
 
 
-@pytest.mark.parametrize("name", ["gray", "binary", "xor-gray", "long-run-gray"])
+@pytest.mark.parametrize("name", ["gray", "binary", "long-run-gray"])
 def test_discrete_codes(shoot: Shoot, name: str) -> None:
     """rms(error) / sigma within 5 % of 1, and the cell holds the truth but for the stated probability."""
     row, col = np.mgrid[:150, :150].astype(np.float64)

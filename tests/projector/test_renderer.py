@@ -15,7 +15,7 @@ KINDS = Sequence(
         Frame("stripe", "u", width_px=9.5, at_u=20.25),
         Frame("gray", "v", bit=3, inverted=True),
         Frame("binary", "u", bit=0),
-        Frame("xor-gray", "v", bit=2, cell_px=1.5),
+        Frame("long-run-gray", "v", bit=2, cell_px=1.5),
         Frame("phase", "u", period_px=7.3, shift=1.1),
         Frame("phase", "v", period_px=100.0, shift=0.2, inverted=True),
         Frame("crossed", period_px=9.7),
