@@ -2,7 +2,7 @@
 
 | file         | holds                                                                                    |
 |--------------|------------------------------------------------------------------------------------------|
-| `records`    | `Correspondence`, `Flag`, `SharedNoise`; `Displacement` of two captures                  |
+| `records`    | `Correspondence`, `Flag`, `SharedNoise`                                                  |
 | `decoder`    | `decode`, `too_weak`; `Decoder`, `estimate_profile`: many captures of one rig            |
 | `profile`    | `RigProfile`: noise and effects of one rig                                               |
 | `plan`       | a sequence as periods, bits, references, levels; the constraints that it obeys           |
@@ -25,12 +25,11 @@ from optolever.arguments import check_face
 from .decoder import Decoder, decode, estimate_profile, too_weak
 from .frames import Response, Settings
 from .profile import Effect, RigProfile
-from .records import Correspondence, Displacement, Flag, SharedNoise
+from .records import Correspondence, Flag, SharedNoise
 
 __all__ = [
     "Correspondence",
     "Decoder",
-    "Displacement",
     "Effect",
     "Flag",
     "Response",

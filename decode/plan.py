@@ -144,7 +144,7 @@ def plan(sequence: Sequence) -> Plan:
         kinds = ", ".join(sorted({frame.kind for frame in frames}))
         raise InputError(
             f"sequence {sequence.name}: frames are {kinds}, none of them encodes u or v by itself "
-            "(crossed frames are followed from a rest frame: live.crossed)"
+            "(crossed frames are read by live)"
         )
     return Plan(axes, _reference(sequence, "white"), _reference(sequence, "black"), frames)
 

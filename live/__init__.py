@@ -15,7 +15,6 @@
 | `source.py`, `follow.py` | cameras, one of them virtual; readings as an iterator, tare |
 | `recorded.py` | readings beside their frames, and again from them |
 | `server.py`, `web.py`, `page.html` | the page, and who may ask for it |
-| `crossed.py` | displacement of one frame from one at rest |
 | `arrays.py` | names of arrays |
 """
 
@@ -23,7 +22,6 @@ from optolever.arguments import check_face
 
 from .chain import COMPRESSED
 from .contact import Force, Touch
-from .crossed import PatternMap, crossed
 from .follow import Followed, follow, tared
 from .prepare import prepare
 from .prepared import Noise, Prepared
@@ -48,7 +46,6 @@ __all__ = [
     "LiveServer",
     "Newest",
     "Noise",
-    "PatternMap",
     "Prepared",
     "Probe",
     "Probed",
@@ -64,7 +61,6 @@ __all__ = [
     "VirtualFinger",
     "Weighed",
     "Weight",
-    "crossed",
     "follow",
     "has_readings",
     "noise_floor",

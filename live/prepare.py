@@ -25,7 +25,7 @@ from .picture import Carriers, State, model, to_cells, window_mean
 from .prepared import Noise, Prepared
 from .rest import near_anchor, shift_of
 
-__all__ = ["carriers_on", "prepare"]
+__all__ = ["prepare"]
 
 _WINDOW = 0.5  # periods, rms: less leaks between level and fringes, more smooths kinks
 _LEAST_WINDOW = 0.5  # cells, rms
@@ -130,15 +130,8 @@ def _carriers(scene: Scene, rest_map: Correspondence, period: float, cell: int, 
     lit = rest_map.good[inside] & np.isfinite(u) & np.isfinite(v)
     if np.count_nonzero(lit) < 0.1 * lit.size:
         raise InputError(f"rest_map: {100 * lit.mean():.2g} % of the pixels are good, must be 10 % at least")
-    return carriers_on((u, v), lit, (scene.pattern.rows, scene.pattern.cols), period, cell, full)
-
-
-def carriers_on(
-    at_rest: tuple[Float, Float], lit: Mask, size: tuple[int, int], period: float, cell: int, full: float
-) -> Carriers:
-    """at_rest: u and v (H, W), pattern pixels, used where lit; size: rows and columns of the pattern."""
-    u, v = (np.where(lit, part, 0.0) for part in at_rest)
-    slopes = [float(np.median(np.hypot(*np.gradient(part))[lit])) if lit.any() else 1.0 for part in (u, v)]
+    u, v = (np.where(lit, part, 0.0) for part in (u, v))
+    slopes = [float(np.median(np.hypot(*np.gradient(part))[lit])) for part in (u, v)]
     rms = _WINDOW * period / max(min(slopes), 1e-3)
     blur = math.sqrt(max(rms**2 - (cell**2 - 1) / 12, 0.0)) / cell
     if blur < _LEAST_WINDOW:
@@ -147,9 +140,8 @@ def carriers_on(
             f"{period / min(slopes):.3g} camera pixels, too few for it; take smaller cells or a longer period"
         )
     window = cv2.getGaussianKernel(2 * math.ceil(3.5 * blur) + 1, blur).astype(np.float32).ravel()
-    rows, cols = size
-    near = _BESIDE - 0.5
-    ends = np.array([near, cols - 1 - near, near, rows - 1 - near]) / period
+    pattern, near = scene.pattern, _BESIDE - 0.5
+    ends = np.array([near, pattern.cols - 1 - near, near, pattern.rows - 1 - near]) / period
     known = lit.astype(np.float32)
     share = window_mean(to_cells(known, cell), window)
     turn_u, turn_v = ((part / period).astype(np.float32) for part in (u, v))

@@ -187,7 +187,7 @@ def test_bad_frames(change: Callable[[NDArray[Any]], NDArray[Any]], message: str
             "bit 1 on u",
         ),
         ((Frame("gray", "u", bit=0), Frame("gray", "u", bit=0)), "described twice"),
-        ((Frame("crossed", period_px=9.0),), "live.crossed"),
+        ((Frame("crossed", period_px=9.0),), "read by live"),
         ((Frame("stripe", "u", width_px=9.0, at_u=1.0),), "1 stripes"),
         (
             tuple(Frame("stripe", "u", width_px=9.0, at_u=float(k)) for k in (1, 2, 2, 3, 4)),

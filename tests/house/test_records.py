@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from optolever import InputError
-from optolever.decode import Correspondence, Displacement, decode
+from optolever.decode import Correspondence, decode
 from optolever.patterns import Sequence, sequence
 from optolever.projector import Capture, capture
 from optolever.reconstruct import Grid, HeightMap, SlopeMap, curvature_map, reconstruct, slope_map
@@ -59,6 +59,16 @@ def test_equality_is_of_what_is_held_and_never_raises(chain: Chain, derived: tup
     assert where != "a correspondence"
 
 
+def test_maps_of_other_shapes_or_types_are_refused(chain: Chain) -> None:
+    where = chain[-2]
+    for other, words in (
+        ({"sigma_u": np.zeros((3, 3))}, r"sigma_u has shape \(3, 3\), must be 2-D like u"),
+        ({"flags": np.zeros(where.u.shape)}, "flags is float64, must be integer"),
+    ):
+        with pytest.raises(InputError, match=words):
+            replace(where, **other)
+
+
 def test_records_come_back_from_their_files(
     chain: Chain, derived: tuple[Grid, SlopeMap], tmp_path: Path
 ) -> None:
@@ -67,7 +77,6 @@ def test_records_come_back_from_their_files(
     for record in (
         truth,
         where,
-        Displacement(where.u, where.v, where.sigma_u, where.sigma_v, where.flags),
         height,
         *derived,
         curvature_map(derived[1]),
