@@ -33,7 +33,7 @@ from .predicted import (
     predicted_maps,
     sigma_at_rest,
 )
-from .priors import default_priors
+from .priors import default_priors, unused_accuracy
 from .profile import load_profile, store_profile
 from .response import RigResponse, load_response, measure_response, store_response, with_better_fit
 from .rest import RestMap, load_rest, store_rest
@@ -71,6 +71,7 @@ __all__ = [
     "store_response",
     "store_rest",
     "target_from_text",
+    "unused_accuracy",
     "with_better_fit",
 ]
 

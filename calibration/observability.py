@@ -24,6 +24,7 @@ __all__ = ["BEYOND", "MOST_CHI", "Direction", "beyond_priors", "directions", "la
 Floats = NDArray[np.float64]
 
 BEYOND = 5.0  # prior sigma from the typed value: above, the adjustment is refused
+_FAR = 3.0  # prior sigma from the typed value: above, the parameter is named
 _WEAK = 3.0  # singular value in prior units: below, the prior contributes noticeably
 _SHARE = 0.25  # of the variance of a height or a depth: below, a weak direction needs no notice
 _TILT = math.radians(2.0)  # between mirrors: below, they are nearly one pose
@@ -79,8 +80,8 @@ def directions(found: Adjustment, names: Sequence[str]) -> list[Direction]:
     return result
 
 
-def beyond_priors(found: Adjustment) -> list[Notice]:
-    """Parameters that ended more than 5 prior sigma from the prior's mean, farthest first."""
+def beyond_priors(found: Adjustment, limit: float = BEYOND) -> list[Notice]:
+    """Parameters that ended more than `limit` prior sigma from the prior's mean, farthest first."""
     problem = found.problem
     means = np.array([problem.means.get(name, 0.0) for name in problem.names])
     away = np.abs(found.values - means) / problem.scale
@@ -92,11 +93,11 @@ def beyond_priors(found: Adjustment) -> list[Notice]:
             f"{problem.names[k]} ended at {found.values[k]:.4g}, typed {means[k]:.4g} +- "
             f"{problem.scale[k]:.3g}: distance in prior sigma",
             float(away[k]),
-            BEYOND,
+            limit,
             cure,
         )
         for k in np.argsort(-away)
-        if away[k] > BEYOND
+        if away[k] > limit
     ]
 
 
@@ -104,7 +105,7 @@ def notices(
     found: Adjustment, weak: Sequence[Direction], effects: Effects, observations: Sequence[Observation]
 ) -> tuple[Notice, ...]:
     """Warnings, and a list of errors that enter the heights one to one."""
-    warned = [*beyond_priors(found), *_weak(found, weak, effects, observations)]
+    warned = [*beyond_priors(found, _FAR), *_weak(found, weak, effects, observations)]
     warned += [*_poses(found, observations), *_priors(found)]
     chis = {"all captures": found.chi} | found.chis
     compared = any(sample.reference for sample in found.problem.samples)
@@ -204,12 +205,17 @@ def _priors(found: Adjustment) -> list[Notice]:
     of freedom: sum of 1 - (sigma / prior sigma)^2, the parameters that the captures determine."""
     problem, wide = found.problem, plausible(found.problem.scene)
     typed = [k for k, name in enumerate(problem.names) if problem.sigmas[name] < wide.get(name, 0.0)]
-    square = float((problem.residuals(found.values)[-len(problem.names) :][typed] ** 2).sum())
+    away = np.abs(problem.residuals(found.values)[-len(problem.names) :])
+    square = float((away[typed] ** 2).sum())
     freedom = float((1 - np.diag(found.linear) / problem.scale**2)[typed].sum())
     limit = float(chdtri(freedom, _RARE)) if freedom > 1 else math.inf
     if not square > limit:
         return []
     size, most = (math.sqrt(each / freedom) for each in (square, limit))
-    name = "distance of the scene's numbers from the typed values, rms in prior sigma"
-    cure = "sigma is too small where the priors determine a number: widen them (--prior)"
+    worst = max(typed, key=lambda k: float(away[k]))
+    name = (
+        f"Typed numbers are further off than assumed; the worst is {problem.names[worst]} ({away[worst]:.2g} "
+        "sigma); rms of all in prior sigma"
+    )
+    cure = f"measure it again, or widen its prior: --prior {problem.names[worst]}=SIGMA"
     return [Notice(name, size, most, cure)]

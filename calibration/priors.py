@@ -2,11 +2,12 @@
 
 import math
 from collections.abc import Mapping
+from dataclasses import fields, replace
 
 from optolever.errors import InputError
-from optolever.scene import GAUGE_HELD, PinholeCamera, Scene, parameter_values, typed_sigmas
+from optolever.scene import GAUGE_HELD, TYPED, Accuracy, PinholeCamera, Scene, parameter_values, typed_sigmas
 
-__all__ = ["GAUGE", "MEANING", "default_priors", "is_pose", "plausible", "resolved"]
+__all__ = ["GAUGE", "MEANING", "default_priors", "is_pose", "plausible", "resolved", "unused_accuracy"]
 
 #: Parameters that are never free: another choice moves the frame, but no height.
 GAUGE = (
@@ -62,14 +63,56 @@ def plausible(scene: Scene) -> dict[str, float]:
 def default_priors(scene: Scene) -> dict[str, float]:
     """Name -> sigma, finite. In open air every parameter but pitch and k3 is free within `plausible`. Of a
     prism the sigmas are those of typed values (`scene.typed_sigmas`) and of `_lens` for the lens at its face;
-    display pitch and bow are fixed."""
-    wide = plausible(scene)
-    if isinstance(scene.camera, PinholeCamera) and scene.camera.face is None and scene.medium is None:
+    display pitch and bow are fixed. A lens whose accuracy the scene states has that one; so has the display's
+    bow."""
+    wide, stated = plausible(scene), _stated(scene)
+    typed = typed_sigmas(scene, scene.accuracy)
+    own = {
+        name: typed[name]
+        for field, names in _OF_FIELD.items()
+        for name in names
+        if field in stated and name in typed and typed[name] > 0
+    }
+    if _open_air(scene):
         held = ("pattern.pitch", "camera.k3", *GAUGE_HELD)
-        return {name: sigma for name, sigma in wide.items() if name not in held}
-    sigmas = typed_sigmas(scene) | _lens(scene)
-    display = ("pattern.pitch", "pattern.b20", "pattern.b11", "pattern.b02")
+        return {name: sigma for name, sigma in wide.items() if name not in held} | own
+    sigmas = typed | _lens(scene) | own
+    display = {"pattern.pitch", "pattern.b20", "pattern.b11", "pattern.b02"} - {*own}
     return {name: sigmas[name] for name in wide if name in sigmas and name not in display}
+
+
+#: Field of Accuracy -> numbers that it holds for where the scene states it; elsewhere their default is wider.
+_OF_FIELD = {
+    "scale": ("camera.f",),
+    "centre": ("camera.cx", "camera.cy"),
+    "distortion": ("camera.k1",),
+    "bow": ("pattern.b20", "pattern.b11", "pattern.b02"),
+}
+
+
+def _open_air(scene: Scene) -> bool:
+    """Whether captures alone may determine the rig."""
+    return isinstance(scene.camera, PinholeCamera) and scene.camera.face is None and scene.medium is None
+
+
+def _stated(scene: Scene) -> set[str]:
+    """Fields of the scene's accuracy that are not those of a rig set up by hand."""
+    known = scene.accuracy or TYPED
+    return {each.name for each in fields(Accuracy) if getattr(known, each.name) != getattr(TYPED, each.name)}
+
+
+def unused_accuracy(scene: Scene) -> list[str]:
+    """A line for each number of [accuracy] that is stated, and has no effect on a calibration."""
+    later = "reconstruct uses it"
+    why = dict.fromkeys(("glass", "centroid"), later) | {"sag": f"rest:ORDER,SIGMA states it; {later}"}
+    if _open_air(scene):
+        free = "the captures determine these numbers; to hold one: --prior camera.z=0.1"
+        why |= {"angle": free, "distance": free}
+    known, priors = scene.accuracy or TYPED, default_priors(scene)
+    default = {name: replace(known, **{name: getattr(TYPED, name)}) for name in _stated(scene)}
+    unused = [n for n, other in default.items() if default_priors(replace(scene, accuracy=other)) == priors]
+    none = "the scene has no number of that kind"
+    return [f"calibrate does not use {name} of [accuracy]: {why.get(name, none)}" for name in sorted(unused)]
 
 
 def _lens(scene: Scene) -> dict[str, float]:

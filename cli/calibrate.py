@@ -15,10 +15,16 @@ from optolever import InputError
 from optolever.quantities import quantity
 
 from .arguments import Arg, Opt, Rare, program
-from .options import Json, RigFile, Size, correspondence_of, load_scene, mask_from, preset
+from .options import Json, RigFile, Size, correspondence_of, load_scene, mask_from, name_unused, preset
 from .outputs import OutputFile
 from .rig_targets import Calibrate, capture_targets, so_far_text
 from .show import grid, number, print_notices, progress, table, write_json
+
+#: Sections of a rig's file that stay as they are, and the reason.
+_UNUSED = {
+    "profile": "each capture is decoded with an estimate of its own noise",
+    "rest": "the map was solved with the rig before; run optolever rest again",
+}
 
 SAMPLE = """
 $ optolever calibrate --scene monitor-mirror --out rig.toml \\
@@ -104,10 +110,10 @@ def command(
         found = capture_targets(rig, plan, folder, sequence, calibrate, ask=not yes, resume=resume).required()
     with progress() as step:
         if follow:
-            found = _followed(given, calibrate).required()
+            found = _followed(given, name, calibrate).required()
         elif found is None:
             step("read captures")
-            used = [each.observed() for each in given]
+            used = [each.observed(name) for each in given]
             step("adjust")
             start = time.perf_counter()
             found = ol.calibration.calibrate(scene, used, chosen)
@@ -122,7 +128,7 @@ def command(
             numbers["left_out"] = {name: ol.calibration.left_out(found, name) for name in names}
         step("write")
         with ol.files.together():
-            found.scene.save(out)
+            found.scene.save(out, keep=name)
             if page is not None:
                 study = ol.experiments.RigStudy(
                     scene,
@@ -137,6 +143,8 @@ def command(
                 ol.experiments.write_rig_report(study, page)
             write_json(json_path, numbers)
     print_notices(found.notices)
+    print_notices(ol.calibration.unused_accuracy(scene))
+    name_unused(name, "calibrate", **_UNUSED)
     rows = [
         (each["name"], quantity(each["value"], "", each["sigma"]), f"{each['prior_sigma']:.2g}")
         for each in found.parameters
@@ -160,8 +168,8 @@ class _Given:
     path: Path
     mask: Path | None
 
-    def observed(self) -> "ol.calibration.Observation":
-        seen = correspondence_of(self.path)
+    def observed(self, rig: Path | str) -> "ol.calibration.Observation":
+        seen = correspondence_of(self.path, rig)
         mask = None if self.mask is None else mask_from(self.mask, seen.u.shape, f"{self.path} is")
         return ol.calibration.Observation(self.path.stem, self.target, seen, mask)
 
@@ -194,13 +202,13 @@ def _plan(texts: Sequence[str], scene: "ol.scene.Scene") -> list[tuple[str, "ol.
     return [(text, ol.calibration.target_from_text(text)) for text in texts or ("flat",) * 5]
 
 
-def _followed(given: Sequence[_Given], calibrate: Calibrate) -> "ol.calibration.SoFar":
+def _followed(given: Sequence[_Given], rig: Path | str, calibrate: Calibrate) -> "ol.calibration.SoFar":
     """Calibration by every capture as it arrives, with a line about it."""
     now, used = ol.calibration.SoFar(), list["ol.calibration.Observation"]()
     for each in given:
         while not (each.path.is_file() or (each.path / "capture.toml").is_file()):
             time.sleep(0.2)
-        used.append(each.observed())
+        used.append(each.observed(rig))
         now = calibrate(used)
         click.echo(f"{each.path.stem}: {so_far_text(now)}")
     return now
@@ -221,7 +229,7 @@ def _weigh(
     modulus = layer.youngs_modulus_mpa, layer.youngs_modulus_mpa * layer.relative_sigma
     names = "youngs_modulus_mpa", "youngs_modulus_sigma_mpa"
     with ol.files.together():
-        replace(scene, layer=layer).save(out)
+        replace(scene, layer=layer).save(out, keep=name)
         write_json(json_path, dict(zip(names, modulus, strict=True)) | {"chi": found.chi, "weights": each})
     rows = {text: quantity(value, "N/mm²", sigma) for text, value, sigma in each}
     rows |= {"modulus": quantity(modulus[0], "N/mm²", modulus[1])}

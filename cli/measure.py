@@ -9,7 +9,7 @@ from optolever import InputError
 
 from .arguments import Arg, Opt, Rare, program
 from .batch import Many
-from .options import Json, Shown
+from .options import Json, Shown, name_unused, response_of
 from .rig_capture import capture_rig, measured_lag, require_new
 from .rig_devices import Changes, OpenedRig, devices_of, sequence_of
 from .show import (
@@ -70,7 +70,8 @@ def command(
         capture = ol.projector.Capture.load(folder) if taken is None else taken.capture
         step("decode")
         known = None if profile is None else ol.calibration.load_profile(profile)
-        decoder = ol.decode.Decoder(capture.sequence, known)
+        light = response_of(rig) if known is None else known.settings.response
+        decoder = ol.decode.Decoder(capture.sequence, known, ol.decode.Settings(response=light))
         seen, lag = decoder.decode(capture.frames), measured_lag(rig, folder)
         if lag and decoder.profile is not None:
             lagged = ol.decode.Decoder(capture.sequence, decoder.profile.with_lag(lag))
@@ -97,6 +98,8 @@ def command(
     frames = {"frames": len(capture)} if taken is None else taken.numbers()
     numbers = {"good_share": float(height.good.mean()), "noise_mm": noise, "rig_mm": rig_error}
     write_json(json_path, frames | {"wrong_frames": wrong} | numbers)
+    unused = {"profile": f"give --profile {rig}", "rest": "optolever reconstruct --change is of it"}
+    name_unused(rig, "measure", **({} if profile else unused))
     print_notices(height.notices)  # the correspondence's among them
     rows = {
         "camera": str(folder) if devices is None else devices.camera,

@@ -12,6 +12,7 @@ from optolever import InputError
 
 from .arguments import ABOVE_0, AT_LEAST_0, Opt, Rare, Shape
 from .outputs import OutputFile
+from .show import print_notices
 
 if TYPE_CHECKING:
     import numpy as np
@@ -145,10 +146,35 @@ def blame(path: Path) -> Iterator[None]:
         raise InputError(text if str(path) in text else f"{path}: {text}") from error
 
 
-def correspondence_of(path: Path) -> "ol.decode.Correspondence":
-    """The correspondence in an .npz, or of a folder of frames, decoded now."""
+def correspondence_of(path: Path, rig: Path | str) -> "ol.decode.Correspondence":
+    """The correspondence in an .npz, or of a folder of frames, decoded now by the [response] of a rig."""
     if not path.is_dir():
         return ol.decode.Correspondence.load(path)
     capture = ol.projector.Capture.load(path)
     with blame(path):
-        return ol.decode.decode(capture.frames, capture.sequence)
+        return decoded_by_response(capture, response_of(rig))
+
+
+def response_of(rig: Path | str) -> "ol.decode.Response | None":
+    """[response] of a rig's file; None of a preset, or without one."""
+    known = Path(rig).is_file() and "response" in ol.scene.rig_table(rig)
+    return ol.calibration.load_response(rig).response if known else None
+
+
+def decoded_by_response(
+    capture: "ol.projector.Capture", light: "ol.decode.Response | None"
+) -> "ol.decode.Correspondence":
+    """The correspondence by a response, checked by that without it where the frames contradict it."""
+    found = ol.decode.decode(capture.frames, capture.sequence, response=light)
+    if light is None or not found.notices:
+        return found
+    plain = ol.decode.decode(capture.frames, capture.sequence)
+    return ol.calibration.with_better_fit(found, plain)
+
+
+def name_unused(rig: Path | str, command: str, **sections: str) -> None:
+    """A line for each of these sections (name=why) that a rig's file has: the command does not use it."""
+    table = ol.scene.rig_table(rig) if Path(rig).is_file() else {}
+    for name, why in sections.items():
+        if name in table:
+            print_notices([f"{rig}: {command} does not use [{name}]: {why}"])

@@ -31,7 +31,7 @@ def command(
     scene = ol.scene.load(rig)
     with progress() as step:
         step("read")
-        seen = correspondence_of(source)
+        seen = correspondence_of(source, rig)
         step("reconstruct")
         with blame(source):
             height = ol.reconstruct.reconstruct(seen, scene, anchor=anchor)

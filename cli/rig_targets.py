@@ -78,7 +78,7 @@ def capture_targets(
                 capture_rig(rig, devices, shown, path, keep=False)
             elif doubtful is None:
                 click.echo(f"{path.name}: taken {_taken(path):{_MINUTE}}, used again")
-            one, then = ol.calibration.Observation(path.name, target, correspondence_of(path)), None
+            one, then = ol.calibration.Observation(path.name, target, correspondence_of(path, rig)), None
             try:
                 then = calibrate([*used, one])
                 mirror, decoded = ol.experiments.mirror_coverage(one.correspondence.flags)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from dataclasses import dataclass, replace
 from datetime import date
 from pathlib import Path
@@ -30,6 +31,7 @@ __all__ = ["FOREIGN", "Scene", "resize"]
 
 #: Sections of other parts in a rig's file.
 FOREIGN = ("rest", "response", "profile", "devices", "sync")
+_FILES = {"file", "height", "places"}  # keys there that name a file
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -91,9 +93,10 @@ class Scene(Record):
             axes,
         )
 
-    def save(self, path: str | Path) -> None:
+    def save(self, path: str | Path, keep: str | Path | None = None) -> None:
         """Write the scene as TOML, to be read by `load`, a covariance as .npz next to it; absent
-        parts are omitted. An existing file keeps its sections of other parts.
+        parts are omitted. An existing file keeps its sections of other parts; keep: a rig's file, whose
+        sections of other parts are written, too.
         """
         table = table_of(self)
         table["camera"]["kind"] = "pinhole" if isinstance(self.camera, PinholeCamera) else "telecentric"
@@ -114,16 +117,24 @@ class Scene(Record):
                 if self.rest_form is not None:
                     table["calibration"]["rest_form_mm"] = self.rest_form.coefficients.tolist()
             with atomic_file(path) as temporary:
-                temporary.write_text(toml_text(table | _foreign(file)), encoding="utf-8")
+                others = _foreign(file) | ({} if keep is None else _foreign(Path(keep), file.parent))
+                temporary.write_text(toml_text(table | others), encoding="utf-8")
 
 
-def _foreign(file: Path) -> dict[str, Any]:
-    """Sections of other parts in a file; none if it is absent, or no TOML."""
+def _foreign(file: Path, folder: Path | None = None) -> dict[str, Any]:
+    """Sections of other parts in a file; none if it is absent, or no TOML. folder: that of the file to write,
+    from where the files that they name are found, too."""
     try:
         content = read_toml(file)
     except (InputError, OSError):
         return {}
-    return {name: content[name] for name in FOREIGN if name in content}
+    kept = {name: content[name] for name in FOREIGN if name in content}
+    if folder is None or folder.resolve() == file.parent.resolve():
+        return kept
+    for name, section in kept.items():
+        for key in _FILES & {*section} if isinstance(section, dict) else ():
+            kept[name] = kept[name] | {key: os.path.relpath(file.parent / str(section[key]), folder)}
+    return kept
 
 
 def resize(scene: Scene, rows: int, cols: int) -> Scene:

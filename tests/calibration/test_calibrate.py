@@ -1,7 +1,7 @@
 """The adjustment against scene.trace: model, derivatives, convergence, truth of the covariance, warnings."""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import partial
 
 import numpy as np
@@ -20,10 +20,19 @@ from optolever.calibration import (
     calibrate,
     default_priors,
     left_out,
+    unused_accuracy,
 )
 from optolever.calibration.adjust import adjust
 from optolever.calibration.model import reflected
-from optolever.scene import Covariance, parameter_changes, parameter_values, trace
+from optolever.scene import (
+    TYPED,
+    Accuracy,
+    Covariance,
+    load,
+    parameter_changes,
+    parameter_values,
+    trace,
+)
 
 
 def air(seed: int, poses: int, tilts: tuple[float, float] = (3.0, 8.0), noise: float = 0.0016) -> Rig:
@@ -267,12 +276,29 @@ def test_a_ball_that_is_none() -> None:
     assert "a capture is mislabelled" in warned(found)
 
 
+@pytest.mark.parametrize("field", [each.name for each in fields(Accuracy)])
+@pytest.mark.parametrize("preset", ["monitor-mirror", "prism48"])
+def test_a_stated_accuracy_is_a_prior_or_named(preset: str, field: str) -> None:
+    scene = load(preset)
+    stated = replace(scene, accuracy=replace(TYPED, **{field: 0.5 * getattr(TYPED, field)}))
+    before, after, named = default_priors(scene), default_priors(stated), unused_accuracy(stated)
+    assert (before != after) != bool(named)
+    assert all(f"{field} of [accuracy]" in line for line in named)
+    assert not unused_accuracy(scene)
+
+
 @pytest.mark.parametrize(("narrow", "told"), [pytest.param(1.0, 0, marks=pytest.mark.slow), (4.0, 1)])
 def test_priors_that_the_captures_contradict_are_told(narrow: float, told: int) -> None:
     rig = prisms(7, 0)
     priors = {name: sigma / narrow for name, sigma in default_priors(rig.given).items()}
-    notices = calibrate(rig.given, rig.observations, priors).notices
-    assert sum("from the typed values, rms" in str(each) for each in notices) == told
+    found = calibrate(rig.given, rig.observations, priors)
+    notices = found.notices
+    assert sum("further off than assumed; the worst is " in str(each) for each in notices) == told
+    priors = {each["name"]: each for each in found.parameters}
+    far = {
+        name for name, each in priors.items() if abs(each["value"] - each["prior"]) > 3 * each["prior_sigma"]
+    }
+    assert far == {str(each).split()[0] for each in notices if "ended at" in str(each)}
 
 
 def test_sources_are_what_their_errors_do_to_the_numbers(ball_rig: Calibration) -> None:

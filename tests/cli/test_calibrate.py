@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from lab.calibration.rigs import Rig, correspondence_of, open_air
+from optolever.calibration import default_priors, load_response
 from optolever.decode import Correspondence
 from optolever.reconstruct import HeightMap
-from optolever.scene import Display, load, resize
+from optolever.scene import Display, load, resize, rig_table
 
 from .conftest import Program, Refused
 
@@ -95,3 +96,17 @@ def test_a_response_is_kept_and_decoded_by(tmp_path: Path, optolever: Program, r
     assert json.loads(numbers.read_text())["good_share"] > 0.9
     known = Correspondence.load(tmp_path / "c.npz")
     assert np.median(known.sigma_u[known.good]) < 0.1 * np.median(alone.sigma_u[alone.good])
+    rig.write_text(rig.read_text() + '\n[devices]\ncamera = "virtual"\n[profile]\nfile = "p.npz"\n')
+    sigmas, out = [], tmp_path / "elsewhere/out.toml"
+    out.parent.mkdir()
+    held = [f"--prior={name}={0.1 * (name == 'pattern.z')}" for name in default_priors(load(rig))]
+    for flat in (tmp_path / "three", tmp_path / "c.npz"):
+        said = optolever("calibrate", f"flat={flat}", "--scene", rig, "--out", out, *held, "--accept").err
+        assert "does not use [profile]" in " ".join(said.split())
+        covariance = load(out).covariance
+        assert covariance is not None
+        sigmas.append(np.sqrt(np.diag(covariance.matrix)))
+    np.testing.assert_allclose(*sigmas, rtol=1e-9)
+    kept = rig_table(out)
+    assert kept["devices"] == {"camera": "virtual"}
+    assert load_response(out).gamma[0] == pytest.approx(told["gamma"])
