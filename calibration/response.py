@@ -322,11 +322,12 @@ def load_response(rig: str | Path) -> RigResponse:
     if not isinstance(name, str):
         raise InputError(f"{file}: [response] must name a file; run `optolever response`")
     beside = file.parent / name
-    arrays = load_arrays(beside, ("shown", "seen", "blur", "black", "gain", "blur_sigma", "parted_sigma"))
+    numbers = ("blur", "black", "blur_sigma", "parted_sigma")
+    arrays = load_arrays(beside, ("shown", "seen", "gain", *numbers), scalars=numbers)
+    blur, black, sigma, parted = (float(arrays[name]) for name in numbers)
     try:
-        black, sigma, parted = (float(arrays[name]) for name in ("black", "blur_sigma", "parted_sigma"))
-        response = Response(arrays["shown"], arrays["seen"], float(arrays["blur"]))
-    except (InputError, TypeError) as error:
+        response = Response(arrays["shown"], arrays["seen"], blur)
+    except InputError as error:
         raise InputError(f"{beside}: {error}") from error
     maps = arrays.get("vignetting"), arrays.get("backlight")
     return RigResponse(response, black, arrays["gain"], sigma, *maps, parted)

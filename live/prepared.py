@@ -74,6 +74,8 @@ class Prepared:
             made: Self = _built(cls, arrays, "", {"notices": kept})
         except KeyError as error:
             raise InputError(f"{path}: field {error.args[0]!r} is missing") from error
+        except (TypeError, ValueError) as error:
+            raise InputError(f"{path}: not what `live` saved ({error})") from error
         shape = made.rig.carriers.shape
         for name in ("rig.rest.planes", "noise.sigma", "points", "rig.mirror.planes"):
             if arrays[name].shape[-2:] != shape:

@@ -18,7 +18,7 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -197,10 +197,14 @@ _KINDS = {
 
 
 def load_arrays(
-    path: str | Path, required: Sequence[str], texts: Sequence[str] = ("notices", "diagnostics")
+    path: str | Path,
+    required: Sequence[str],
+    texts: Sequence[str] = ("notices", "diagnostics"),
+    scalars: Sequence[str] = (),
 ) -> dict[str, NDArray[Any]]:
     """Read an .npz. InputError if the file is missing or unreadable, lacks a required field, holds other than
-    real numbers in a field that is not one of `texts`, or more than fits in memory.
+    real numbers in a field that is not one of `texts`, more than one in one of `scalars`, or more than fits
+    in memory: by the headers of the fields, before any is unpacked.
     """
     require_file(path)
     try:
@@ -210,18 +214,28 @@ def load_arrays(
             if missing:
                 kind = next((f"; it is {text}" for name, text in _KINDS.items() if name in members), "")
                 raise InputError(f"field {missing[0]!r} is missing (has {', '.join(sorted(members))}){kind}")
+            for name, info in members.items():
+                with archive.open(info) as stream:
+                    _require_field(name, stream, info.file_size, name in texts, name in scalars)
             require_room(f"{len(members)} fields", sum(info.file_size for info in members.values()))
         with np.load(path, allow_pickle=False) as archived:
-            arrays = {name: np.asarray(archived[name]) for name in members}
-        for name, values in arrays.items():
-            if values.dtype.kind not in ("U" if name in texts else "biuf"):
-                must = "text" if name in texts else "real numbers"
-                raise InputError(f"field {name!r} is {values.dtype}, must be {must}")
-        return arrays
+            return {name: np.asarray(archived[name]) for name in members}
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     except Exception as error:  # a damaged file: unknown methods, encryption, lies
         raise InputError(f"{path}: not a readable .npz ({error})") from error
+
+
+def _require_field(name: str, stream: IO[bytes], size: int, text: bool, scalar: bool) -> None:
+    """InputError unless the header of an array of `size` bytes says as many, of the right kind and shape."""
+    read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+    shape, _, dtype = read[np.lib.format.read_magic(stream)](stream)
+    if dtype.kind not in ("U" if text else "biuf"):
+        raise InputError(f"field {name!r} is {dtype}, must be {'text' if text else 'real numbers'}")
+    if scalar and shape != ():
+        raise InputError(f"field {name!r} has shape {shape}, must be ()")
+    if stream.tell() + dtype.itemsize * math.prod(shape) != size:
+        raise InputError(f"field {name!r} is {dtype} of shape {shape}, not the {size} bytes that are there")
 
 
 def read_lines(path: Path, is_whole: Callable[[Any], bool]) -> list[dict[str, Any]]:

@@ -1,6 +1,8 @@
 """The one place where pictures are read: PNG, TIFF (of several pages, too), NPY, video and what else OpenCV
-reads, as they are stored (no turning by what a camera notes beside them); errors of one line."""
+reads, as they are stored (tags of orientation are ignored); errors of one line."""
 
+import re
+import struct
 import zlib
 from contextlib import suppress
 from io import BytesIO
@@ -25,6 +27,7 @@ __all__ = [
     "read_mask",
     "read_picture",
     "read_pictures",
+    "whole_jpeg",
 ]
 
 Picture = NDArray[Any]
@@ -41,6 +44,8 @@ CHANNELS = ("red", "green", "blue", "luminance")
 #: Channels that a picture may have, and the largest values of 8, 10, 12, 14 and 16 bits.
 _CHANNELS, _WHITE = 4, (255, 1023, 4095, 16383, 65535)
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_JPEG_START, _JPEG_END = b"\xff\xd8", b"\xff\xd9"
+_ORIENTATION = 274  # a tag of TIFF
 # what is wrong is said in one line, by whoever asks for the picture
 cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
 
@@ -65,7 +70,12 @@ def read_pictures(path: Path) -> Picture:
     data = path.read_bytes()
     if data.startswith(_PNG_SIGNATURE):
         _require_whole_png(path, data)
-    return _decoded(path, data)
+    several = _animated(data)
+    if several > 1:
+        raise InputError(f"{path}: is an animation of {several} pictures; save each as a PNG of its own")
+    if data[:2] in _ASCII:
+        return _from_ascii(path, data)
+    return _from_tiff(path, data) if suffix in _TIFF else _decoded(path, data)
 
 
 def read_mask(path: Path) -> NDArray[np.bool_]:
@@ -118,29 +128,118 @@ def is_lossy(path: Path) -> bool:
     return path.suffix.lower() in (".jpg", ".jpeg", ".webp", *_VIDEOS)
 
 
+def whole_jpeg(data: bytes, flags: int = cv2.IMREAD_UNCHANGED) -> Picture | None:
+    """A JPEG as OpenCV reads it; None where a part of it is missing, even if its end was written.
+
+    libjpeg draws what is missing in grey (128) and ignores what follows a picture that is whole: only one
+    that ends in grey and that further bytes change is incomplete.
+    """
+    data = data.rstrip(b"\0")
+    if not data.startswith(_JPEG_START) or not data.endswith(_JPEG_END):
+        return None
+    found = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+    if found is None or (found[-1, -1] != 128).any():
+        return None if found is None else np.asarray(found)
+    more = bytes(range(1, 255))
+    restarts = b"".join(bytes([0xFF, 0xD0 + k]) + more for k in range(8))
+    longer = data[:-2] + more + restarts + _JPEG_END
+    again = cv2.imdecode(np.frombuffer(longer, np.uint8), flags)
+    return np.asarray(found) if again is not None and np.array_equal(found, again) else None
+
+
+def _animated(data: bytes) -> int:
+    """How many pictures a PNG or a WebP shows one after the other; 0: it is no animation."""
+    if data.startswith(_PNG_SIGNATURE):
+        at = data.find(b"acTL", 0, data.find(b"IDAT"))
+        return int.from_bytes(data[at + 4 : at + 8], "big") if at > 0 else 0
+    at, count = 12, 0
+    while data[:4] == b"RIFF" and data[8:12] == b"WEBP" and at + 8 <= len(data):
+        count += data[at : at + 4] == b"ANMF"
+        length = int.from_bytes(data[at + 4 : at + 8], "little")
+        at += 8 + length + length % 2
+    return count
+
+
 def _decoded(path: Path, data: bytes) -> Picture:
-    """All pictures of a file by OpenCV, which has blue first."""
-    coded, found = np.frombuffer(data, np.uint8), list[Any]()
+    """The picture of a file by OpenCV, which has blue first."""
+    found: Any = None
     with suppress(cv2.error):  # a header that claims more than OpenCV takes
-        if data and path.suffix.lower() in _TIFF:
-            done, pages = cv2.imdecodemulti(coded, cv2.IMREAD_UNCHANGED)
-            found = [*pages] if done else []
+        if data.startswith(_JPEG_START):
+            found = whole_jpeg(data)
         elif data:
-            found = [cv2.imdecode(coded, cv2.IMREAD_UNCHANGED)]
-    if not found or found[0] is None:
-        raise InputError(f"{path}: not an image ({len(data)} bytes)")
-    if path.suffix.lower() in _TIFF and found[0].dtype != np.uint8 and _white_is_zero(data):
-        raise InputError(f"{path}: 0 is white (TIFF tag 262) in 16 bits; save it with 0 black")
+            found = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    if found is None:
+        what = "a JPEG that is cut off" if data.startswith(_JPEG_START) else "not an image"
+        raise InputError(f"{path}: {what} ({len(data)} bytes)")
+    return _red_first(np.asarray(found))[None]
+
+
+#: Kinds of PNM whose numbers are text, and their values per pixel.
+_ASCII = {b"P2": 1, b"P3": 3}
+
+
+def _from_ascii(path: Path, data: bytes) -> Picture:
+    """A PGM or PPM whose numbers are text; OpenCV scales those of other than 8 bits."""
+    try:
+        words = re.sub(rb"#[^\n]*", b"", data).split()
+        cols, rows, most = map(int, words[1:4])
+        levels = np.array(words[4:], np.int64).reshape(rows, cols, _ASCII[words[0]])
+    except ValueError as error:
+        raise InputError(f"{path}: not a readable PNM ({error})") from error
+    if not levels.size or not 0 < most < 65536 or levels.min() < 0 or levels.max() > most:
+        raise InputError(f"{path}: its values are not all between 0 and its largest, {most}")
+    levels = levels.astype(np.uint8 if most < 256 else np.uint16)
+    return levels[..., 0][None] if levels.shape[2] == 1 else levels[None]
+
+
+def _from_tiff(path: Path, data: bytes) -> Picture:
+    """All pages of a TIFF by OpenCV, by tifffile where that fails (small tiles, half precision)."""
+    turned, inverse = _unturned(data)
+    found: Any = []
+    with suppress(cv2.error):
+        done, pages = cv2.imdecodemulti(np.frombuffer(turned, np.uint8), cv2.IMREAD_UNCHANGED)
+        found = [_red_first(np.asarray(page)) for page in pages] if done else []
+    by_opencv = bool(found)
+    if not by_opencv:
+        found = _by_tifffile(path, turned)
+    if inverse and not (by_opencv and found[0].dtype == np.uint8):  # those OpenCV turns
+        raise InputError(f"{path}: 0 is white (TIFF tag 262); save it with 0 black")
     if any(page.shape != found[0].shape for page in found):
         raise InputError(f"{path}: its pictures differ in size, must be alike")
-    return np.stack([_red_first(np.asarray(page)) for page in found])
+    return np.stack(found)
 
 
-def _white_is_zero(data: bytes) -> bool:
-    """Whether a TIFF's first picture is said to be so; OpenCV turns it in 8 bits only."""
-    with suppress(tifffile.TiffFileError), tifffile.TiffFile(BytesIO(data)) as file:
-        return bool(file.pages.first.photometric == 0)
-    return False
+def _unturned(data: bytes) -> tuple[bytes, bool]:
+    """A TIFF whose tags of orientation are those of a picture as stored (libtiff would turn it), and whether
+    0 is said to be white."""
+    copy, inverse = bytearray(data), False
+    with suppress(tifffile.TiffFileError, ValueError, struct.error), tifffile.TiffFile(BytesIO(data)) as file:
+        for page in file.pages:
+            tag = page.aspage().tags.get(_ORIENTATION)
+            if tag is not None and tag.valueoffset + 2 <= len(copy):
+                copy[tag.valueoffset : tag.valueoffset + 2] = struct.pack(f"{file.byteorder}H", 1)
+        inverse = bool(file.pages.first.photometric == 0)
+    return bytes(copy), inverse
+
+
+def _by_tifffile(path: Path, data: bytes) -> list[Picture]:
+    """Pages of grey values or of red, green and blue."""
+    try:
+        with tifffile.TiffFile(BytesIO(data)) as file:
+            pages = [each.aspage() for each in file.pages]
+            pages = [page for page in pages if page.photometric in (0, 1, 2)]
+            require_room(str(path), sum(page.nbytes for page in pages))
+            found = [
+                np.moveaxis(page.asarray(), 0, -1) if page.axes.startswith("S") else page.asarray()
+                for page in pages
+            ]
+    except InputError:
+        raise
+    except Exception as error:  # of a damaged file tifffile raises whatever its numbers lead to
+        raise InputError(f"{path}: not an image ({len(data)} bytes; {error})") from error
+    if not found or found[0].ndim > 3:
+        raise InputError(f"{path}: not an image ({len(data)} bytes)")
+    return [page.astype(np.float32) if page.dtype == np.float16 else page for page in found]
 
 
 def _red_first(image: Picture) -> Picture:
@@ -155,6 +254,9 @@ def _from_npy(path: Path) -> Picture:
     except (OSError, ValueError, EOFError, SyntaxError) as error:
         raise InputError(f"{path}: not a readable .npy ({error})") from error
     require_room(str(path), stack.nbytes)
+    end = stack.offset + stack.nbytes if isinstance(stack, np.memmap) else path.stat().st_size
+    if path.stat().st_size != end:
+        raise InputError(f"{path}: {path.stat().st_size} bytes, its header says {end}")
     if stack.dtype.kind not in "biuf" or stack.ndim not in (2, 3, 4) or 0 in stack.shape:
         raise InputError(f"{path}: {stack.dtype} of shape {stack.shape}, must be numbers (N, H, W)")
     values = np.array(stack, np.uint8) * np.uint8(255) if stack.dtype == np.bool_ else np.array(stack)
@@ -166,6 +268,7 @@ def _from_npy(path: Path) -> Picture:
 
 def _from_video(path: Path) -> Picture:
     video, frames = cv2.VideoCapture(str(path)), []
+    video.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
     while (read := video.read())[0]:
         frames.append(_red_first(np.asarray(read[1])))
     video.release()

@@ -279,7 +279,7 @@ class HeightMap(Comparable):
     @classmethod
     def load(cls, path: str | Path) -> HeightMap:
         """Read what save() wrote, maps as float64; InputError names the file and the field."""
-        arrays: dict[str, Any] = load_arrays(path, _ARRAYS, _TEXTS)
+        arrays: dict[str, Any] = load_arrays(path, _ARRAYS, _TEXTS, ("own", "modes_step"))
         try:
             values = {entry.name: arrays[entry.name] for entry in fields(cls) if entry.name in arrays}
             values |= {name: np.asarray(values[name], np.float64) for name in _SINGLE if name in values}

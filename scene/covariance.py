@@ -101,7 +101,9 @@ class Covariance(Record):
     @classmethod
     def load(cls, path: str | Path) -> Covariance:
         """Read a file of `save`; InputError names the file and its fault."""
-        arrays = load_arrays(path, ("names", "matrix", "chi", "gauge"), ("names", "gauge", "sources"))
+        arrays = load_arrays(
+            path, ("names", "matrix", "chi", "gauge"), ("names", "gauge", "sources"), ("chi",)
+        )
         names = tuple(str(name) for name in np.atleast_1d(arrays["names"]))
         sources = tuple(str(name) for name in np.atleast_1d(arrays.get("sources", ())))
         known = arrays["matrix"], float(arrays["chi"]), str(arrays["gauge"])

@@ -4,6 +4,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from optolever.pictures import whole_jpeg
+
 __all__ = ["from_jpeg", "unpacked"]
 
 
@@ -25,8 +27,6 @@ def unpacked(data: NDArray[np.uint8], shape: tuple[int, int], name: str) -> NDAr
 
 
 def from_jpeg(data: NDArray[np.uint8], shape: tuple[int, int]) -> NDArray[np.uint8] | None:
-    """Luminance (H, W) of a JPEG; None where it is broken off or of another size."""
-    if not data.tobytes().rstrip(b"\0").endswith(b"\xff\xd9"):
-        return None
-    found = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE)
+    """Luminance (H, W) of a JPEG; None where a part of it is missing or it is of another size."""
+    found = whole_jpeg(data.tobytes(), cv2.IMREAD_GRAYSCALE)
     return None if found is None or found.shape != shape else np.asarray(found, np.uint8)

@@ -73,7 +73,7 @@ class Grid(Comparable):
     @classmethod
     def load(cls, path: str | Path) -> "Grid":
         """Read what save() wrote; InputError names the file and the field."""
-        arrays = load_arrays(path, ("z", "sigma", "x0", "y0", "pitch"))
+        arrays = load_arrays(path, ("z", "sigma", "x0", "y0", "pitch"), scalars=("x0", "y0", "pitch"))
         if arrays["z"].ndim != 2 or arrays["z"].shape != arrays["sigma"].shape:
             raise InputError(f"{path}: sigma has shape {arrays['sigma'].shape}, must be 2-D like z")
         scalars = {name: float(arrays[name]) for name in ("x0", "y0", "pitch")}

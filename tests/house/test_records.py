@@ -3,6 +3,7 @@
 import logging
 import subprocess
 import sys
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -96,6 +97,26 @@ def test_records_come_back_from_their_files(
             type(record).load(tmp_path / "less.npz")
         with pytest.raises(InputError, match=r"none\.npz: no such file"):
             type(record).load(tmp_path / "none.npz")
+
+
+def test_a_field_that_is_not_what_its_record_holds_is_named(chain: Chain, tmp_path: Path) -> None:
+    """By its header: a header that lies is refused before the field is unpacked."""
+    chain[-1].save(tmp_path / "h.npz")
+    with np.load(tmp_path / "h.npz") as archive:
+        whole = dict(archive)
+    path = tmp_path / "bad.npz"
+    np.savez(path, **whole | {"own": np.zeros(2)})
+    with pytest.raises(InputError, match=r"bad\.npz: field 'own' has shape \(2,\), must be \(\)"):
+        HeightMap.load(path)
+    header = np.lib.format.header_data_from_array_1_0(whole["z"]) | {"shape": (10**6, 10**6)}
+    with zipfile.ZipFile(path, "w") as archive:
+        for name in whole:
+            with archive.open(f"{name}.npy", "w") as stream:
+                np.lib.format.write_array_header_1_0(stream, header)
+    with pytest.raises(
+        InputError, match=r"bad\.npz: field 'x' is float32 of shape \(1000000, 1000000\), not"
+    ):
+        HeightMap.load(path)
 
 
 def test_records_are_drawn(chain: Chain, derived: tuple[Grid, SlopeMap]) -> None:

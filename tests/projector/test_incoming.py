@@ -1,5 +1,6 @@
 """Pictures of other programs as captures: every format, order, colour and number that people bring."""
 
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from optolever import InputError
 from optolever.patterns import sequence
+from optolever.pictures import read_pictures
 from optolever.projector import Capture
 
 ROWS, COLS = 30, 44
@@ -198,3 +200,76 @@ def test_a_description_without_files_takes_pictures_in_their_order(tmp_path: Pat
     found = Capture.load(folder, tmp_path / "sequence.toml")
     np.testing.assert_array_equal(found.frames, frames(np.uint16, 1023))
     assert (found.sequence, found.bits) == (SHOWN, 10)
+
+
+@pytest.mark.parametrize("tag", [2, 3, 6, 8])
+@pytest.mark.parametrize("suffix", [".tif", ".png", ".jpg", ".webp"])
+def test_tags_of_orientation_are_ignored(suffix: str, tag: int, tmp_path: Path) -> None:
+    """Frames and masks are as stored; a tagged JPEG is as the same JPEG without its tag."""
+    image, path = frames()[0], tmp_path / f"a{suffix}"
+    if suffix == ".tif":
+        tifffile.imwrite(path, np.stack([image] * 2), extratags=[(274, "H", 1, tag, True)])
+    else:
+        coded, data = cv2.imencode(suffix, image, [cv2.IMWRITE_WEBP_QUALITY, 101])
+        assert coded
+        exif = b"II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0" + bytes([tag]) + bytes(7)
+        path.write_bytes(tagged(data.tobytes(), suffix, exif))
+        image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+    for found in read_pictures(path):
+        np.testing.assert_array_equal(found, image[..., ::-1] if image.ndim > 2 else image)
+
+
+def tagged(data: bytes, suffix: str, exif: bytes) -> bytes:
+    """A PNG, JPEG or WebP with an Exif block."""
+    if suffix == ".jpg":
+        block = b"Exif\0\0" + exif
+        return data[:2] + b"\xff\xe1" + (len(block) + 2).to_bytes(2, "big") + block + data[2:]
+    if suffix == ".png":
+        chunk = b"eXIf" + exif
+        block = len(exif).to_bytes(4, "big") + chunk + zlib.crc32(chunk).to_bytes(4, "big")
+        return data[:33] + block + data[33:]
+    head = b"VP8X" + (10).to_bytes(4, "little") + b"\x08\0\0\0" + (27).to_bytes(3, "little")
+    body = head + (19).to_bytes(3, "little") + data[12:] + b"EXIF" + len(exif).to_bytes(4, "little") + exif
+    return b"RIFF" + (len(body) + 4).to_bytes(4, "little") + b"WEBP" + body
+
+
+@pytest.mark.parametrize("suffix", [".png", ".webp"])
+def test_an_animation_is_refused(suffix: str, tmp_path: Path) -> None:
+    shown = cv2.Animation()
+    shown.frames = [cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) for image in frames()[:3]]
+    shown.durations = np.full(3, 100, np.int32)
+    assert cv2.imwriteanimation(str(tmp_path / f"a{suffix}"), shown)
+    with pytest.raises(InputError, match="an animation of 3 pictures"):
+        read_pictures(tmp_path / f"a{suffix}")
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float16])
+def test_small_tiles_and_half_precision_are_read(dtype: Any, tmp_path: Path) -> None:
+    images = frames(top=200).astype(dtype)
+    for more in ({"tile": (16, 16)}, {"tile": (16, 16), "compression": "zlib"}, {}):
+        tifffile.imwrite(tmp_path / "a.tif", images, photometric="minisblack", **more)
+        np.testing.assert_array_equal(read_pictures(tmp_path / "a.tif"), images)
+
+
+@pytest.mark.parametrize("most", [100, 255, 1023])
+def test_pnm_with_numbers_as_text_is_as_stored(most: int, tmp_path: Path) -> None:
+    grey, colours = frames(np.uint16, most)[0], frames(np.uint16, most)[:3].transpose(1, 2, 0)
+    for kind, image, name in (("P2", grey, "a.pgm"), ("P3", colours, "a.ppm")):
+        values = " ".join(map(str, image.ravel()))
+        (tmp_path / name).write_text(f"{kind}\n# by a camera\n28 20\n{most}\n{values}\n", encoding="ascii")
+        np.testing.assert_array_equal(read_pictures(tmp_path / name)[0], image)
+        (tmp_path / name).write_text(f"{kind}\n28 20\n{most}\n{values[:-9]}\n", encoding="ascii")
+        with pytest.raises(InputError, match=f"{name}: not a readable PNM"):
+            read_pictures(tmp_path / name)
+
+
+def test_a_file_of_another_length_than_its_header_says_is_refused(tmp_path: Path) -> None:
+    """A .npy that goes on; half a JPEG with an end; both read by their libraries without a word."""
+    np.save(tmp_path / "a.npy", frames())
+    (tmp_path / "b.npy").write_bytes((tmp_path / "a.npy").read_bytes() + b"more")
+    image = cv2.GaussianBlur(frames()[0], (0, 0), 1.0)
+    data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 100])[1].tobytes()
+    (tmp_path / "b.jpg").write_bytes(data[: len(data) // 2 + 150] + b"\xff\xd9")
+    for name, words in (("b.npy", "its header says"), ("b.jpg", "a JPEG that is cut off")):
+        with pytest.raises(InputError, match=words):
+            read_pictures(tmp_path / name)
