@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.ndimage
 
+from optolever.contact import forces_on
 from optolever.errors import InputError
 from optolever.reconstruct import HeightMap
 from optolever.scene import Layer
 
 from .arrays import Float
-from .pressure import forces_on
 
 __all__ = ["Weighed", "Weight", "weighed"]
 

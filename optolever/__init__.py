@@ -1,10 +1,10 @@
 """optolever: patterns on a surface, a mirror that deforms, a camera: from the frames the mirror's height.
 
 Parts by floor, imports run downward only: 6 `cli`; 5 `experiments`; 4 `calibration`, `formats`, `live`,
-`metrology`; 3 `reconstruct`; 2 `decode`, `projector`; 1 `patterns`, `scene`; 0 this folder: `arguments`
-(records of a wrong type, named at every face), `blocks` and `kernels` (threads, compiled loops), `errors`,
-`files` (whole or absent), `memory`, `notices`, `numbers`, `pictures`, `processes`, `quantities`, `records`,
-`toml`.
+`metrology`; 3 `reconstruct`; 2 `contact`, `decode`, `projector`; 1 `patterns`, `scene`; 0 this folder:
+`arguments` (records of a wrong type, named at every face), `blocks` and `kernels` (threads, compiled
+loops), `errors`, `files` (whole or absent), `memory`, `notices`, `numbers`, `pictures`, `processes`,
+`quantities`, `records`, `toml`.
 
 `import optolever` is enough: a part is imported when it is asked for, as in `optolever.decode.decode(...)`,
 the part `decode` and its function. `logging.getLogger("optolever")` says what they do.
@@ -20,6 +20,7 @@ from optolever.errors import InputError
 if TYPE_CHECKING:
     from optolever import (  # noqa: F401  # fmt: skip
         calibration,
+        contact,
         decode,
         experiments,
         files,
@@ -37,7 +38,7 @@ __version__ = _version("optolever")
 __all__ = ["InputError", "__version__"]
 
 _PARTS = (
-    *("calibration", "cli", "decode", "experiments", "files", "formats", "live", "metrology"),
+    *("calibration", "cli", "contact", "decode", "experiments", "files", "formats", "live", "metrology"),
     *("patterns", "projector", "reconstruct", "scene"),
 )
 

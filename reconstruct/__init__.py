@@ -18,9 +18,9 @@
 """
 
 from optolever.arguments import check_face
+from optolever.contact import basins
 
 from .contact import Contact, contacts, sink_around
-from .contact.peaks import basins
 from .coupled import reconstruct
 from .exact import exact_correspondence
 from .heightmap import HEIGHT_FORMATS, Diagnostics, HeightFlag, HeightMap

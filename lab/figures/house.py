@@ -17,6 +17,7 @@ PARTS: dict[str, int | None] = {
     "patterns": 1000,
     "projector": 5600,
     "decode": 5000,
+    "contact": 1100,
     "reconstruct": 6500,
     "calibration": 2700,
     "metrology": 1000,

@@ -5,7 +5,6 @@
 | `regions` | contacts(): depth, area, volume and position of every dent |
 | `record` | Contact |
 | `relief` | the map with holes interpolated, errors of the rig taken off |
-| `peaks` | which dents there are: persistence of the height's maxima |
 | `dent` | one dent's pixels and its deepest point |
 | `edge` | the edge of a contact, by what elastic contact does to the slopes |
 | `load` | how far contacts make the surface around them sink |

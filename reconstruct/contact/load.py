@@ -12,11 +12,11 @@ import math
 
 import numpy as np
 
+from optolever.contact import basins
 from optolever.scene import Layer
 
 from ..arrays import Floats
 from ..heightmap import HeightMap
-from .peaks import basins
 
 __all__ = ["sink_around", "sinks"]
 

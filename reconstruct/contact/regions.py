@@ -11,12 +11,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from optolever.contact import basins
+
 from ..arrays import Floats, Mask
 from ..heightmap import HeightMap
 from ..outputs.slope_map import SlopeMap
 from .dent import Deepest, Dent, deepest
 from .edge import ANGLES, Outline, outline
-from .peaks import basins
 from .record import Contact
 from .relief import Relief
 

@@ -14,6 +14,7 @@ FLOOR = {
     "optolever": 0,
     "patterns": 1,
     "scene": 1,
+    "contact": 2,
     "decode": 2,
     "projector": 2,
     "reconstruct": 3,

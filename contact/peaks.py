@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from optolever.kernels import exact
 
-from ..arrays import Floats, Ints, Mask
+from .arrays import Floats, Ints, Mask
 
 __all__ = ["basins"]
 

@@ -1,0 +1,38 @@
+"""contact: a map less rest, as arrays -> contacts: place, depth, area, volume, radius, force, with sigmas.
+
+| file | holds |
+|---|---|
+| `surface.py` | Surface: the map, whichever part measured it |
+| `regions.py`, `peaks.py` | regions(): which dents there are, and the cells of each |
+| `sag.py` | sag(): how far everything sank and the rig moved; the far field of contacts |
+| `contacts.py` | contacts(): their figures |
+| `pressure.py` | pressure and force by the elasticity of the layer |
+| `arrays.py` | names of arrays |
+"""
+
+from optolever.arguments import check_face
+
+from .contacts import Contact, contacts
+from .peaks import basins
+from .pressure import Pressed, deflection, forces_on
+from .regions import Region, regions
+from .sag import far_field, sag, sink_around
+from .surface import Sag, Surface
+
+__all__ = [
+    "Contact",
+    "Pressed",
+    "Region",
+    "Sag",
+    "Surface",
+    "basins",
+    "contacts",
+    "deflection",
+    "far_field",
+    "forces_on",
+    "regions",
+    "sag",
+    "sink_around",
+]
+
+check_face(__name__)

@@ -1,0 +1,379 @@
+"""Contacts: the figures of every region of a map less rest, with their standard deviations."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.ndimage
+
+from optolever.scene import Layer
+
+from .arrays import Floats, Map, Mask
+from .pressure import forces_on
+from .regions import Region, areas
+from .surface import Surface, filled
+
+__all__ = ["Contact", "contacts"]
+
+_HALF = 0.5  # of the depth: where a region ends
+_INNER = 0.7  # of the depth: cells of a second fit of the radius
+_FEWEST = 12  # cells of a fit of the radius
+_CURVED = 3.0  # sigma of a curvature, from which on its radius is finite
+_ROUNDING = 1 / math.sqrt(180)  # of a cell: the share of an area that an outline cuts off at random
+_DEGREE = 4  # of the polynomial that gives a cell's row and column from x and y
+_CELLS = 4000  # that it is fitted to
+
+
+@dataclass(frozen=True, slots=True)
+class Contact:
+    """One contact; lengths in mm, sigmas: standard deviations by noise and by the map's modes.
+
+    x, y: centroid of the cells deeper than half the depth, position_sigma: of either; depth: of the deepest
+    cell, depth_noise: its sigma by noise alone; area (mm^2), volume (mm^3): of these cells; without draws of
+    the noise their sigmas are upper bounds: noise is taken as common to them. cut: the map's end or unknown
+    cells end the region, area and volume are lower bounds; hole: cells that are not measured are inside: at
+    the deepest cell the depth is a lower bound. indenter_radius: of the surface inside, inf: flat within
+    three sigma, None: of too few cells. force (N), force_sigma, pressure (the largest, N/mm^2): where the
+    elastic layer is known. row, col: the deepest cell.
+    """
+
+    x: float
+    y: float
+    position_sigma: float
+    depth: float
+    depth_sigma: float
+    depth_noise: float
+    area: float
+    area_sigma: float
+    volume: float
+    volume_sigma: float
+    indenter_radius: float | None
+    indenter_radius_sigma: float | None
+    cut: bool
+    hole: bool
+    row: int
+    col: int
+    force: float | None = None
+    force_sigma: float | None = None
+    pressure: float | None = None
+
+    @property
+    def radius(self) -> float:
+        """Of a circle of its area, mm."""
+        return math.sqrt(self.area / math.pi)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values."""
+        return {entry.name: getattr(self, entry.name) for entry in fields(self)}
+
+
+class _Dent(NamedTuple):
+    """A region in its box, (r, c) each: x, y from the centroid, z, area of every cell, its share in the
+    region, growth of the area by a height that is added there, mm^2/mm; draws (K, r, c) of the noise or None,
+    modes (m, r, c); peak: the deepest cell in the box; pitch: side of a cell."""
+
+    x: Floats
+    y: Floats
+    z: Floats
+    sigma: Floats
+    cell: Floats
+    share: Floats
+    growth: Floats
+    slope: Floats
+    draws: Floats | None
+    modes: Floats
+    inside: Mask
+    peak: tuple[int, int]
+    pitch: float
+
+
+def contacts(surface: Surface, regions: Sequence[Region], layer: Layer | None) -> tuple[Contact, ...]:
+    """The figures of a surface's regions, in their order; layer: elastic; None: no force is known."""
+    if not regions:
+        return ()
+    z, _, holes = filled(surface.z, surface.good)
+    found = [_contact(surface, region, z, holes) for region in regions]
+    if layer is None:
+        return tuple(found)
+    return _pressed(surface, z, found, layer)
+
+
+def _contact(surface: Surface, region: Region, z: Map, holes: Mask) -> Contact:
+    dent = _dent(surface, region, z)
+    depth, top, noise = _depth(dent, holes[region.box][dent.peak])
+    weight = dent.share * dent.cell
+    area, volume = float(weight.sum()), float((weight * dent.z).sum())
+    x, y = (float((weight * part).sum() / area) for part in (dent.x, dent.y))
+    arms = np.stack([dent.x - x, dent.y - y]) / area
+    moved = np.zeros((0, 2, 3)) if surface.displacement is None else surface.displacement
+    count = max(len(moved), len(dent.modes))
+    modes, shift = np.zeros((count, *dent.z.shape)), np.zeros((count, 2, 3))
+    modes[: len(dent.modes)], shift[: len(moved)] = dent.modes, moved
+    stretch = shift[:, 0, 1] + shift[:, 1, 2]
+    grown = (modes - _HALF * modes[:, *dent.peak, None, None]) * dent.growth
+    by_area = stretch * area + grown.sum(axis=(1, 2))
+    by_volume = stretch * volume + (modes * weight).sum(axis=(1, 2)) + _HALF * depth * grown.sum(axis=(1, 2))
+    at = np.array([1.0, region.x + x, region.y + y])
+    by_place = shift @ at + np.einsum("krc,arc->ka", grown, arms)
+    area_noise, volume_noise, place_noise = _noises(dent, noise, area, depth, weight, arms)
+    lacking = _hidden(dent, weight) if region.cut else 0.0
+    reach = math.sqrt((area + lacking) / math.pi)
+    radius, radius_sigma = _indenter(surface, region, dent, depth)
+    own = float(np.linalg.norm(modes[:, *dent.peak]))
+    return Contact(
+        x=region.x + x,
+        y=region.y + y,
+        position_sigma=_norm(
+            place_noise, np.linalg.norm(by_place) / math.sqrt(2), lacking / (area + lacking) * reach
+        ),
+        depth=depth,
+        depth_sigma=_norm(top, own),
+        depth_noise=top,
+        area=area,
+        area_sigma=_norm(area_noise, *by_area, lacking),
+        volume=volume,
+        volume_sigma=_norm(volume_noise, *by_volume, lacking * volume / area),
+        indenter_radius=radius,
+        indenter_radius_sigma=radius_sigma,
+        cut=region.cut,
+        hole=region.hole,
+        row=region.row,
+        col=region.col,
+    )
+
+
+def _dent(surface: Surface, region: Region, z: Map) -> _Dent:
+    box = region.box
+    x, y, heights, sigma = (
+        np.asarray(part[box], np.float64) for part in (surface.x, surface.y, z, surface.sigma)
+    )
+    cell = areas(x, y)
+    pitch = math.sqrt(float(np.median(cell)))
+    peak = region.row - box[0].start, region.col - box[1].start
+    slope = _steepness(surface, region, heights, x, y)
+    rise = np.maximum(slope, 1e-12) * pitch
+    near = scipy.ndimage.binary_dilation(region.inside)
+    share = np.where(near, np.clip(0.5 + (heights - _HALF * heights[peak]) / rise, 0.0, 1.0), 0.0)
+    alone = near & ~scipy.ndimage.binary_dilation(
+        region.inside & (share > 0)
+    )  # cut off from it by another peak
+    share[alone] = 0.0
+    growth = np.where((share > 0) & (share < 1), cell / rise, 0.0)
+    draws = None
+    if surface.draws is not None:
+        draws = np.asarray(surface.draws[:, *box], np.float64)
+        size = math.sqrt(float(np.mean(draws[:, *peak] ** 2)))
+        draws *= sigma[peak] / max(size, 1e-300) if np.isfinite(sigma[peak]) else 1.0
+    modes = np.zeros((0, *heights.shape))
+    if surface.modes is not None and len(surface.modes):
+        modes = _modes(surface, box)
+    known = np.isfinite(sigma)
+    sigma = np.where(known, sigma, np.median(sigma[known]) if known.any() else 0.0)
+    x, y = np.nan_to_num(x - region.x), np.nan_to_num(y - region.y)
+    return _Dent(x, y, heights, sigma, cell, share, growth, slope, draws, modes, region.inside, peak, pitch)
+
+
+def _modes(surface: Surface, box: tuple[slice, slice]) -> Floats:
+    """The modes (m, r, c) in a box, linear between."""
+    assert surface.modes is not None
+    at = [
+        np.minimum(np.arange(part.start, part.stop) / surface.step, size - 1)
+        for part, size in zip(box, surface.modes.shape[1:], strict=True)
+    ]
+    places = np.meshgrid(*at, indexing="ij")
+    return np.stack(
+        [scipy.ndimage.map_coordinates(np.asarray(one, np.float64), places, order=1) for one in surface.modes]
+    )
+
+
+def _steepness(surface: Surface, region: Region, z: Floats, x: Floats, y: Floats) -> Floats:
+    """|dz/d(x, y)| in the region's box."""
+    if surface.slopes is not None:
+        slopes = surface.slopes[:, *region.box]
+        if np.isfinite(slopes[:, region.inside]).all():
+            return np.asarray(np.hypot(*np.nan_to_num(slopes)), np.float64)
+    (z_row, z_col), (x_row, x_col), (y_row, y_col) = (np.gradient(part) for part in (z, x, y))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        area = x_col * y_row - x_row * y_col
+        by_x, by_y = (z_col * y_row - z_row * y_col) / area, (x_col * z_row - x_row * z_col) / area
+    return np.asarray(np.nan_to_num(np.hypot(by_x, by_y), posinf=0.0))
+
+
+def _depth(dent: _Dent, hole: bool) -> tuple[float, float, float]:
+    """Depth; its sigma by noise and by what lies between cells; the noise of the deepest cell."""
+    row, col = dent.peak
+    depth, noise = float(dent.z[dent.peak]), float(dent.sigma[dent.peak])
+    rise = 0.0
+    for before, after in (((row - 1, col), (row + 1, col)), ((row, col - 1), (row, col + 1))):
+        if all(0 <= r < dent.z.shape[0] and 0 <= c < dent.z.shape[1] for r, c in (before, after)):
+            low, high = depth - float(dent.z[before]), depth - float(dent.z[after])
+            if low + high > 0:  # of the parabola through three cells
+                rise += min((high - low) ** 2 / (8 * (low + high)), 0.125 * (low + high))
+    beyond = 0.0
+    if hole:  # at most a cone that continues the flank around
+        beside = scipy.ndimage.binary_dilation(dent.inside, iterations=1)
+        beyond = float(np.median(dent.slope[beside])) * math.sqrt(
+            float((dent.cell * dent.inside).sum()) / math.pi
+        )
+    return depth, _norm(noise, rise, beyond), noise
+
+
+def _noises(
+    dent: _Dent, noise: float, area: float, depth: float, weight: Floats, arms: Floats
+) -> tuple[float, float, float]:
+    """Sigmas of area, volume and centroid by noise."""
+    rim = dent.growth > 0
+    # the outline crosses each rim cell somewhere: the rounding of its share, independent of the others'
+    rounding = float(np.linalg.norm(dent.cell[rim])) * _ROUNDING
+    if dent.draws is not None:
+        grown = (dent.draws - _HALF * dent.draws[:, *dent.peak, None, None]) * dent.growth
+        by_area = _rms(grown.sum(axis=(1, 2)))
+        by_volume = _rms((dent.draws * weight).sum(axis=(1, 2)) + _HALF * depth * grown.sum(axis=(1, 2)))
+        by_place = [_rms((grown * arm).sum(axis=(1, 2))) for arm in arms]
+        return (
+            _norm(by_area, rounding),
+            by_volume,
+            _norm(*by_place, rounding / area * math.sqrt(area / math.pi)) / math.sqrt(2),
+        )
+    at_rim = float(np.median(dent.sigma[rim])) if rim.any() else noise
+    # noise of heights is smooth: what the outline and the deepest cell share is in half the depth
+    error = math.sqrt(0.25 * noise**2 + max(at_rim**2 - noise**2, 0.0))
+    flank = float(np.median(dent.slope[rim])) if rim.any() else 0.0
+    reach = math.sqrt(area / math.pi)
+    drift = min(error / flank, reach) if flank > 0 else reach
+    by_area = _norm(error * float(dent.growth.sum()), rounding)
+    return (
+        by_area,
+        _norm(float((weight * dent.sigma).sum()), _HALF * depth * by_area),
+        _norm(drift, rounding / area * reach),
+    )
+
+
+def _hidden(dent: _Dent, weight: Floats) -> float:
+    """Area (mm^2) that a region which is cut lacks of the circle about the deepest cell that holds it."""
+    away = np.square(dent.x - dent.x[dent.peak]) + np.square(dent.y - dent.y[dent.peak])
+    circle = math.pi * float(away[dent.share > 0.5].max(initial=0.0))
+    return max(circle - float(weight.sum()), dent.pitch * math.sqrt(float(weight.sum())))
+
+
+def _indenter(
+    surface: Surface, region: Region, dent: _Dent, depth: float
+) -> tuple[float | None, float | None]:
+    """Radius of the surface inside, from z = a + b x + c y - k (x^2 + y^2) / 2, R = 1 / k, and its sigma: by
+    noise, by modes and by what cells nearer to the middle say."""
+    wide, narrow = (_curvature(dent, dent.inside & (dent.z > share * depth)) for share in (_HALF, _INNER))
+    if wide is None or narrow is None:
+        return None, None
+    k, weights, used = wide
+    modes = [float(mode[used] @ weights) for mode in dent.modes]
+    size = float(np.hypot(dent.x[used], dent.y[used]).max())
+    if dent.draws is not None:
+        noise = _rms(dent.draws[:, used] @ weights)
+    elif surface.slope_sigmas is not None:
+        slope = float(np.nanmedian(surface.slope_sigmas[:, *region.box][:, used]))
+        noise = slope / math.sqrt(float(np.square(dent.x[used]).sum() + np.square(dent.y[used]).sum()))
+    else:
+        noise = 4 * float(np.median(dent.sigma[used])) / size**2
+    sigma = _norm(noise, *modes, k - narrow[0])
+    return (1 / k, sigma / k**2) if k > _CURVED * sigma else (math.inf, None)
+
+
+def _curvature(dent: _Dent, used: Mask) -> tuple[float, Floats, Mask] | None:
+    """k and the weights of heights in it."""
+    if np.count_nonzero(used) < _FEWEST:
+        return None
+    x, y = dent.x[used], dent.y[used]
+    size = float(np.hypot(x, y).max())
+    basis = np.stack([np.ones(x.size), x / size, y / size, -np.square(np.hypot(x, y) / size) / 2])
+    weights = np.linalg.solve(basis @ basis.T, basis)[3] / size**2
+    return float(weights @ dent.z[used]), weights, used
+
+
+def _pressed(surface: Surface, z: Map, found: Sequence[Contact], layer: Layer) -> tuple[Contact, ...]:
+    """The contacts with their forces."""
+    sampled = _Places(surface)
+    circles = [(one.x, one.y, one.radius) for one in found]
+    behind = forces_on(layer, circles, lambda at, pitch: sampled(z, at, pitch))
+    area, places, pitch = behind.pitch**2, behind.places, behind.pitch
+    common = np.zeros((0, len(places)))
+    if surface.modes is not None and len(surface.modes):
+        grid = np.stack([sampled.coarse(np.asarray(one, np.float64), places) for one in surface.modes])
+        common = grid
+    by_modes = np.linalg.norm(common @ behind.weights.T, axis=0)
+    if surface.draws is not None:
+        peak = found[0].row, found[0].col
+        size = max(_rms(np.asarray(surface.draws[:, *peak], np.float64)), 1e-300)
+        drawn = np.stack([sampled(one, places, pitch) for one in surface.draws]) * (
+            found[0].depth_noise / size
+        )
+        by_noise = np.sqrt(np.mean(np.square(drawn @ behind.weights.T), axis=0))
+    else:
+        by_noise = np.abs(
+            behind.weights @ sampled(np.where(np.isfinite(surface.sigma), surface.sigma, 0), places, pitch)
+        )
+    result = []
+    for k, one in enumerate(found):
+        newton = float(behind.pressure[behind.owner == k].sum() * area)
+        sigma = _norm(area * by_modes[k], area * by_noise[k], newton * layer.relative_sigma)
+        result.append(
+            _replaced(one, newton, sigma, float(behind.pressure[behind.owner == k].max(initial=0.0)))
+        )
+    return tuple(result)
+
+
+def _replaced(one: Contact, force: float, sigma: float, pressure: float) -> Contact:
+    values = one.to_dict() | {"force": force, "force_sigma": sigma, "pressure": pressure}
+    return Contact(**values)
+
+
+class _Places:
+    """Rows and columns of places on the mirror."""
+
+    def __init__(self, surface: Surface) -> None:
+        self._surface = surface
+        every = max(1, round(math.sqrt(surface.z.size / _CELLS)))
+        few = slice(None, None, every), slice(None, None, every)
+        x, y = (np.asarray(part[few], np.float64) for part in (surface.x, surface.y))
+        known = np.isfinite(x + y)
+        self._middle = np.array([x[known].mean(), y[known].mean()])
+        self._extent = float(max(np.ptp(x[known]), np.ptp(y[known]), 1e-6))
+        basis = self._basis(x[known], y[known])
+        self._ways = [
+            np.linalg.lstsq(basis, every * index.astype(np.float64), rcond=None)[0]
+            for index in np.nonzero(known)
+        ]
+        self._pitch = math.sqrt(float(np.median(areas(x, y)))) / every
+
+    def __call__(self, z: Map, places: Floats, pitch: float) -> Floats:
+        """Mean heights (n,) of squares of a pitch around places (n, 2); z (R, C)."""
+        side = max(1, round(pitch / self._pitch))
+        smooth = (
+            scipy.ndimage.uniform_filter(np.asarray(z, np.float64), side)
+            if side > 1
+            else np.asarray(z, np.float64)
+        )
+        return np.asarray(scipy.ndimage.map_coordinates(smooth, self._at(places), order=1, mode="nearest"))
+
+    def coarse(self, mode: Floats, places: Floats) -> Floats:
+        """A mode (r, c) at places."""
+        at = self._at(places) / self._surface.step
+        return np.asarray(scipy.ndimage.map_coordinates(mode, at, order=1, mode="nearest"))
+
+    def _at(self, places: Floats) -> Floats:
+        basis = self._basis(places[:, 0], places[:, 1])
+        return np.stack([basis @ way for way in self._ways])
+
+    def _basis(self, x: Floats, y: Floats) -> Floats:
+        a, b = (x - self._middle[0]) / self._extent, (y - self._middle[1]) / self._extent
+        powers = [a**i * b**j for i in range(_DEGREE + 1) for j in range(_DEGREE + 1 - i)]
+        return np.stack(powers, axis=-1)
+
+
+def _norm(*parts: Any) -> float:
+    return float(np.linalg.norm(np.asarray(parts, np.float64)))
+
+
+def _rms(values: Floats) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))

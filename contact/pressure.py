@@ -1,0 +1,149 @@
+"""Pressure and force behind the contacts, by the elasticity of the layer whose boundary the mirror is.
+
+Pressure is even on squares of a grid around the contacts and presses only; where it presses, the boundary
+follows the measured height:  sum_j A_ij p_j = z_i,  p >= 0,  found by leaving out squares that would pull.
+A is
+
+- of a half-space, Love's deflection under an evenly loaded square (A. E. H. Love, Phil. Trans. R. Soc. A
+  228:377, 1929; K. L. Johnson, Contact Mechanics, 1985, eq. 3.25), times 1 / (pi E*), E* = E / (1 - nu^2);
+- of a layer bonded to a rigid base, in the Fourier domain  2 / (E* k) S(k h)  with
+
+      S(q) = ((3 - 4 nu) sinh 2q - 2q) / ((3 - 4 nu) cosh 2q + 2 q^2 + 5 - 12 nu + 8 nu^2)
+
+  (J. A. Greenwood and J. R. Barber, Int. J. Mech. Sci. 54:78, 2012; its limits: S = 1 is the half-space,
+  small q a Winkler foundation), times the transform of the square.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import scipy.fft
+import scipy.linalg
+
+from optolever.blocks import blas_on_one
+from optolever.scene import Layer
+
+from .arrays import Circle, Floats, Labels, Mask
+
+__all__ = ["Pressed", "deflection", "forces_on", "profile"]
+
+_SQUARES = 350  # of the grid around all contacts
+_PITCHES = tuple(0.0625 * 2 ** (k / 2) for k in range(16))  # mm: a table of deflections each
+_REACH = 1.6  # of the radius of a contact's area: where pressure is looked for
+_RIDGE = 1e-6  # of a square's own deflection: a thin incompressible layer's matrix is nearly singular
+_ROUNDS = 20  # of leaving out squares
+_SPAN = 96  # squares to each side that a table holds
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pressed:
+    """Pressures (n,), N/mm^2, on squares of a pitch, mm, at places (n, 2); owner (n,): number of the contact;
+    weights (contacts, n): of the heights in the sums of the pressures."""
+
+    pressure: Floats
+    places: Floats
+    pitch: float
+    owner: Labels
+    weights: Floats
+
+
+def forces_on(layer: Layer, circles: list[Circle], height: Callable[[Floats, float], Floats]) -> Pressed:
+    """Pressures behind contacts, circles (x, y, radius) of their areas; height: function of places (n, 2) and
+    a pitch: mean heights (n,) of squares there, mm."""
+    reached = [(x, y, _REACH * radius) for x, y, radius in circles]
+    wanted = math.sqrt(sum(math.pi * radius**2 for _, _, radius in reached) / _SQUARES)
+    pitch = next((one for one in _PITCHES if one >= wanted), _PITCHES[-1])
+    places, owner = _squares(reached, pitch)
+    with blas_on_one():
+        pressure, weights = _pressed(deflection(layer, pitch, places), height(places, pitch), owner)
+    return Pressed(pressure, places, pitch, owner, weights)
+
+
+def deflection(layer: Layer, pitch: float, places: Floats) -> Floats:
+    """A (n, n), mm per N/mm^2: deflection at places (n, 2) of a grid of that pitch under its squares, mm."""
+    table = _table(layer, pitch)
+    x, y = (np.minimum(np.abs(at[:, None] - at), _SPAN) for at in np.rint(places.T / pitch).astype(np.int64))
+    return np.asarray(table.take(y * (_SPAN + 1) + x))
+
+
+def profile(layer: Layer, r: Floats) -> Floats:
+    """Deflection per force, mm/N, at distances r from it, mm."""
+    reach = float(r.max(initial=0.0)) / (_SPAN - 1)
+    pitch = next((one for one in _PITCHES if one >= reach), _PITCHES[-1])
+    along = _table(layer, pitch)[0] / pitch**2
+    return np.asarray(np.interp(r / pitch, np.arange(_SPAN + 1), along))
+
+
+def _squares(circles: list[Circle], pitch: float) -> tuple[Floats, Labels]:
+    """Places (n, 2) on a grid in the circles (x, y, radius), and the circle that each belongs to (n,)."""
+    low = [min(one[k] - one[2] for one in circles) for k in (0, 1)]
+    high = [max(one[k] + one[2] for one in circles) for k in (0, 1)]
+    spans = [(math.floor(a / pitch), math.ceil(b / pitch) + 1) for a, b in zip(low, high, strict=True)]
+    x, y = (np.arange(*span) * pitch for span in spans)
+    at = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    relative = np.stack([np.hypot(at[:, 0] - a, at[:, 1] - b) / radius for a, b, radius in circles])
+    owner = relative.argmin(axis=0)
+    inside = relative.min(axis=0) <= 1
+    return at[inside], owner[inside]
+
+
+def _pressed(matrix: Floats, height: Floats, owner: Labels) -> tuple[Floats, Floats]:
+    """Pressures (n,) >= 0, and the weights (contacts, n) by which heights add up to the sums of the
+    pressures."""
+    pressing: Mask = height > 0
+    pressure = np.zeros(height.size)
+    factor = None
+    for _ in range(_ROUNDS):
+        if not pressing.any():
+            break
+        part = matrix[np.ix_(pressing, pressing)]
+        factor = scipy.linalg.cho_factor(part + _RIDGE * part[0, 0] * np.eye(len(part)))
+        pressure[:] = 0.0
+        pressure[pressing] = scipy.linalg.cho_solve(factor, height[pressing])
+        if not (pressure < 0).any():
+            break
+        pressing = pressing & (pressure > 0)
+    count = int(owner.max()) + 1 if owner.size else 0
+    weights = np.zeros((count, height.size))
+    if factor is not None and pressing.any():
+        sums = (owner[pressing][:, None] == np.arange(count)).astype(np.float64)
+        weights[:, pressing] = scipy.linalg.cho_solve(factor, sums).T
+    return np.maximum(pressure, 0.0), weights
+
+
+@lru_cache(maxsize=32)
+def _table(layer: Layer, pitch: float) -> Floats:
+    """Deflection (SPAN + 1, SPAN + 1) so many squares away along y, along x; mm per N/mm^2."""
+    if layer.thickness_mm is None:
+        at = np.arange(_SPAN + 1, dtype=np.float64) * pitch
+        return _love(at[None, :], at[:, None], pitch) / (math.pi * layer.plane_modulus)
+    count = scipy.fft.next_fast_len(2 * _SPAN + math.ceil(12 * layer.thickness_mm / pitch), real=True)
+    along, across = scipy.fft.rfftfreq(count, pitch), scipy.fft.fftfreq(count, pitch)
+    kernel = _layer_transform(layer, 2 * math.pi * np.hypot(across[:, None], along))
+    kernel *= np.sinc(across[:, None] * pitch) * np.sinc(along * pitch)
+    table = scipy.fft.irfft2(kernel, (count, count))
+    return np.asarray(table[: _SPAN + 1, : _SPAN + 1])
+
+
+def _layer_transform(layer: Layer, k: Floats) -> Floats:
+    """Deflection over pressure of waves of wave number k (rad/mm), mm per N/mm^2."""
+    h, nu = float(layer.thickness_mm or 0.0), layer.poisson
+    q = np.minimum(k * h, 50.0)
+    a, b = 3 - 4 * nu, 5 - 12 * nu + 8 * nu**2
+    ratio = (a * np.sinh(2 * q) - 2 * q) / (a * np.cosh(2 * q) + 2 * q**2 + b)
+    still = h * (1 - 2 * nu) / (1 - nu) ** 2 / layer.plane_modulus
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(q > 1e-6, 2 * ratio / (layer.plane_modulus * k), still)
+
+
+def _love(x: Floats, y: Floats, side: float) -> Floats:
+    """pi E* times the deflection at (x, y) of a half-space under unit pressure on a square at the origin."""
+    a, b, c, d = x + side / 2, x - side / 2, y + side / 2, y - side / 2
+
+    def term(u: Floats, v: Floats, w: Floats) -> Floats:
+        return u * np.log((v + np.hypot(u, v)) / (w + np.hypot(u, w)))
+
+    return term(a, c, d) - term(b, c, d) + term(c, a, b) - term(d, a, b)

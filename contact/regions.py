@@ -1,0 +1,150 @@
+"""Regions: the peaks of a map that rise above its noise, each with the cells deeper than half of it.
+
+Under a ball on an elastic half-space the contact ends at half the depth (K. L. Johnson, Contact Mechanics,
+1985, ch. 3).
+"""
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from .arrays import Circle, Floats, Map, Mask
+from .peaks import basins
+from .surface import Surface, filled
+
+__all__ = ["Region", "areas", "regions"]
+
+SIGNIFICANT = 6.0  # standard deviations of the height, its modes included
+_PROMINENT = 0.2  # of a peak's height, over the saddle to a higher one
+_SHALLOWEST = 0.02  # of the deepest one's depth
+_FEWEST = 12  # cells of a region
+_COLUMNS = 256  # of the grid in which peaks are looked for
+_LARGEST = 16  # regions of a map
+_HALF = 0.5
+_MARGIN = 2  # cells around a region
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Region:
+    """A contact's deepest cell (row, col), depth, and its cells: box of the map, inside (r, c) of the box; x,
+    y: centroid, radius: of a circle of its area, mm; cut: the map's end or unknown cells end it; hole: cells
+    that are not measured are inside."""
+
+    row: int
+    col: int
+    depth: float
+    x: float
+    y: float
+    radius: float
+    box: tuple[slice, slice]
+    inside: Mask
+    cut: bool
+    hole: bool
+
+    @property
+    def circle(self) -> Circle:
+        """Place and radius."""
+        return self.x, self.y, self.radius
+
+
+def regions(surface: Surface) -> tuple[Region, ...]:
+    """Of a map, the deepest first, 16 at most: six standard deviations above the surface at rest and over the
+    saddle to a deeper one, and .02 of the deepest."""
+    z, known, holes = filled(surface.z, surface.good)
+    sigma = np.where(known & np.isfinite(surface.sigma), surface.sigma, 0)
+    rise = SIGNIFICANT * np.hypot(sigma, surface.common)
+    sure = known & (z > rise) & (~holes | (z > 0))
+    if not sure.any():
+        return ()
+    tops = _peaks(z, sure, known & (z > rise / 2), sigma)
+    masks = _parted(tops, [_half_depth(z, *at) for at in tops])
+    every = (_region(surface, z, holes, known, at, mask) for at, mask in zip(tops, masks, strict=True))
+    found = sorted((one for one in every if one is not None), key=lambda one: -one.depth)
+    return tuple(one for one in found if one.depth > _SHALLOWEST * found[0].depth)[:_LARGEST]
+
+
+def areas(x: Map, y: Map) -> Floats:
+    """Of the cells on the mirror, (R, C), mm^2."""
+    (x_row, x_col), (y_row, y_col) = (np.gradient(np.asarray(part, np.float64)) for part in (x, y))
+    area = np.abs(x_col * y_row - x_row * y_col)
+    known = np.isfinite(area)
+    return np.where(known, area, np.median(area[known]) if known.any() else 0.0)
+
+
+def _peaks(z: Map, sure: Mask, known: Mask, sigma: Map) -> list[tuple[int, int]]:
+    """Cells (row, col) of the peaks that stand out from their saddles, the highest first; known: cells that
+    may be saddles."""
+    step = max(1, z.shape[1] // _COLUMNS)
+    small, noise = (part[::step, ::step].astype(np.float64) for part in (z, sigma))
+    peak, part = sure[::step, ::step], known[::step, ::step]
+    margin = np.maximum(SIGNIFICANT * noise, _PROMINENT * small) / 2
+    _, tops = basins(small, margin, part, 1.0)
+    found = [divmod(int(at), small.shape[1]) for at in tops if peak.flat[at]]
+    climbed = [_climbed(z, sure, row * step, col * step, step) for row, col in found[: 2 * _LARGEST]]
+    return sorted(dict.fromkeys(climbed), key=lambda at: -float(z[at]))
+
+
+def _climbed(z: Map, sure: Mask, row: int, col: int, reach: int) -> tuple[int, int]:
+    """The highest cell that uphill steps lead to."""
+    while True:
+        top, left = max(row - reach, 0), max(col - reach, 0)
+        box = slice(top, row + reach + 1), slice(left, col + reach + 1)
+        near = np.where(sure[box], z[box], 0)
+        down, along = np.unravel_index(int(near.argmax()), near.shape)
+        if not near[down, along] > z[row, col]:
+            return row, col
+        row, col = top + int(down), left + int(along)
+
+
+def _half_depth(z: Map, row: int, col: int) -> Mask:
+    labels = cv2.connectedComponents((z > _HALF * z[row, col]).astype(np.uint8), connectivity=4)[1]
+    return np.asarray(labels == labels[row, col])
+
+
+def _parted(tops: list[tuple[int, int]], masks: list[Mask]) -> list[Mask]:
+    """Disjoint: where two overlap, cells go to the nearer peak."""
+    if len(masks) < 2:
+        return masks
+    rows, cols = np.arange(masks[0].shape[0])[:, None], np.arange(masks[0].shape[1])
+    away = [np.hypot(rows - row, cols - col) for row, col in tops]
+    parted = []
+    for k, mask in enumerate(masks):
+        others = [n for n, other in enumerate(masks) if n != k and (mask & other).any()]
+        parted.append(np.asarray(mask & np.all([away[k] <= away[n] for n in others], axis=0)))
+    return parted
+
+
+def _region(
+    surface: Surface, z: Map, holes: Mask, known: Mask, at: tuple[int, int], mask: Mask
+) -> Region | None:
+    left, top, width, height = cv2.boundingRect(mask.astype(np.uint8))
+    rows, cols = mask.shape
+    box = (
+        slice(max(top - _MARGIN, 0), min(top + height + _MARGIN, rows)),
+        slice(max(left - _MARGIN, 0), min(left + width + _MARGIN, cols)),
+    )
+    inside = mask[box]
+    measured = inside & np.isfinite(surface.x[box])
+    if np.count_nonzero(measured) < _FEWEST:
+        return None
+    cell = areas(surface.x[box], surface.y[box])
+    area, (x, y) = (
+        float(cell[inside].sum()),
+        (part[box][measured].astype(np.float64) for part in (surface.x, surface.y)),
+    )
+    weight = cell[measured] / cell[measured].sum()
+    ended = top == 0 or left == 0 or top + height == rows or left + width == cols
+    grown = cv2.dilate(inside.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    return Region(
+        *at,
+        depth=float(z[at]),
+        x=float(weight @ x),
+        y=float(weight @ y),
+        radius=math.sqrt(area / math.pi),
+        box=box,
+        inside=inside,
+        cut=bool(ended or (grown & ~known[box]).any()),
+        hole=bool((inside & holes[box]).any()),
+    )

@@ -1,0 +1,171 @@
+"""How far everything sinks under a load, and how far the rig moved, measured in the map itself.
+
+Heights less rest are known but for one free mode m(x, y), which an anchor settles: it counts as at rest. An
+elastic half-space sinks there, too. Away from the contacts, in units of their radii q = r / a, the map is
+therefore
+
+    z' = c m + sum over motions of  a M  + sum over contacts of  A / q + (B dx + C dy + D) / q^3
+
+(K. L. Johnson, Contact Mechanics, 1985, eq. 3.42; of a layer its Green's function in place of 1 / q) by least
+squares over the good cells outside f radii of every contact, weighted by area, a = 0 +- 1. With weights that
+sum to one the covariance is (rho / 3)^2 (A^T W A)^-1, rho the rms residual; f of 2, 2.5, 3, 4 with the least
+sigma of c m.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from optolever.scene import Layer
+
+from .arrays import Circle, Floats
+from .pressure import profile
+from .regions import Region, areas
+from .regions import regions as regions_of
+from .surface import Sag, Surface
+
+__all__ = ["far_field", "sag", "sink_around"]
+
+_FAR = (2.0, 2.5, 3.0, 4.0)  # radii of a contact
+_ROUNDS = 3  # of regions in the map less its sag
+_FEWEST = 200  # cells outside the contacts
+_MOST = 6000  # cells of the fit
+_STEP = 0.05  # of a radius: differences of a layer's profile
+_PRIOR = 3.0  # noises: what a motion's prior is weighed against
+_TAILS = 1e-6  # of a column: amplitudes that the map does not show stay small
+_ROBUST = 12  # rounds of Cauchy's weights
+_INDEPENDENT = 36.0  # samples of a robust fit: tails of dents share their errors
+_DEVIATION = 1.4826  # standard deviation over median absolute deviation
+_LEAST = 0.25  # of a half-space's far field, of a layer
+
+
+class _Cells(NamedTuple):
+    """Cells (n,) of a fit."""
+
+    x: Floats
+    y: Floats
+    z: Floats
+    weight: Floats
+    free: Floats
+    motion: Floats
+
+
+def sag(surface: Surface, regions: Sequence[Region], layer: Layer | None) -> Sag | None:
+    """Of a surface and its regions, which are found again in the corrected map; layer: None is a half-space;
+    None: too few cells outside the contacts."""
+    cells, noise = _cells(surface)
+    start = _robust(cells, noise) if len(cells.motion) and cells.z.size else None
+    if start is not None:
+        regions = regions_of(surface.less(start))
+    best: Sag | None = None
+    for far in _FAR:
+        found: Sag | None = None
+        circles = [one.circle for one in regions]
+        for _ in range(_ROUNDS):
+            found = _fitted(cells, circles, layer, far, noise)
+            if found is None:
+                break
+            circles = [one.circle for one in regions_of(surface.less(found))]
+        if found is not None and (best is None or found.sigma < best.sigma):
+            best = found
+        if not circles:  # no radius to be far from
+            break
+    return best
+
+
+def far_field(layer: Layer | None, circles: Sequence[Circle], x: Floats, y: Floats) -> Floats:
+    """What contacts do to heights (4 n, ...) at places outside: for each the field of a force, of its two
+    first moments and of its second; in any unit."""
+    columns = []
+    for cx, cy, radius in circles:
+        dx, dy = (x - cx) / radius, (y - cy) / radius
+        q = np.maximum(np.hypot(dx, dy), 1.0)
+        if layer is None or layer.thickness_mm is None:
+            columns += [1 / q, dx / q**3, dy / q**3, q**-3]
+            continue
+        before, at, after = (profile(layer, (q + k * _STEP) * radius) for k in (-1, 0, 1))
+        slope = (after - before) / (2 * _STEP * q)
+        columns += [at, slope * dx, slope * dy, (after - 2 * at + before) / _STEP**2 + slope]
+    return np.stack(columns) if columns else np.zeros((0, *np.shape(x)))
+
+
+def sink_around(depth: float, radius: float, away: Floats, layer: Layer | None) -> Floats:
+    """How far the surface sinks at distances from a ball's contact, mm; layer: elastic; None: a half-space.
+
+    4 / (3 pi) d a / r (Hertz' far field; Johnson, eq. 3.42; within 6 % from r = 1.5 a on); on a bonded
+    incompressible layer of thickness h that times max(.25, 1 - 1.45 r / h).
+    """
+    thickness = math.inf if layer is None or layer.thickness_mm is None else layer.thickness_mm
+    far = 4 / (3 * math.pi) * depth * radius / np.maximum(away, radius)
+    return np.asarray(far * np.maximum(_LEAST, 1 - 1.45 * away / thickness))
+
+
+def _cells(surface: Surface) -> tuple[_Cells, float]:
+    """Cells of the modes' grid that everything is known of, and their median noise."""
+    step = surface.step * max(1, round(math.sqrt(surface.z.size / _MOST) / surface.step))
+    few, some = (slice(None, None, step),) * 2, (slice(None, None, step // surface.step),) * 2
+    area = areas(surface.x, surface.y)[few]
+    motion = np.zeros((0, *area.shape))
+    if surface.modes is not None and surface.motions:
+        motion = np.asarray(surface.modes[-surface.motions :, *some], np.float64)
+    free = np.zeros(area.shape) if surface.free is None else np.asarray(surface.free[few], np.float64)
+    known = surface.good[few] & np.isfinite(surface.z[few] + surface.x[few] + surface.y[few] + free)
+    known &= np.isfinite(motion).all(axis=0)
+    x, y, z = (part[few][known].astype(np.float64) for part in (surface.x, surface.y, surface.z))
+    noise = float(np.median(surface.sigma[few][known])) if known.any() else 0.0
+    return _Cells(x, y, z, area[known], free[known], motion[:, known]), noise
+
+
+def _robust(cells: _Cells, noise: float) -> Sag:
+    """The motion alone, whatever dents there are: Cauchy's weights, 0 +- 1 of each mode."""
+    count, spread = len(cells.motion), 0.0
+    mean = np.zeros(count)
+    for _ in range(_ROBUST):
+        left = cells.z - mean @ cells.motion
+        spread = max(noise, _DEVIATION * float(np.median(np.abs(left))))
+        weight = min(1.0, _INDEPENDENT / left.size) / (spread**2 + left**2)
+        normal = (cells.motion * weight) @ cells.motion.T + np.eye(count)
+        mean = np.asarray(np.linalg.solve(normal, (cells.motion * weight) @ cells.z), np.float64)
+    root = np.zeros((count + 1, count + 1))
+    values, vectors = np.linalg.eigh(normal)
+    root[:count, :count] = vectors / np.sqrt(values)
+    return Sag(0.0, 0.0, spread / max(noise, 1e-300), mean, root)
+
+
+def _fitted(
+    cells: _Cells, circles: Sequence[Circle], layer: Layer | None, far: float, noise: float
+) -> Sag | None:
+    """By cells outside so many radii of the contacts."""
+    out = np.ones(cells.z.size, np.bool_)
+    for cx, cy, radius in circles:
+        out &= np.hypot(cells.x - cx, cells.y - cy) > far * radius
+    if np.count_nonzero(out) < _FEWEST:
+        return None
+    x, y, z, weight = (part[out] for part in cells[:4])
+    tails, count = far_field(layer, circles, x, y), len(cells.motion)
+    terms = np.concatenate([tails, cells.motion[:, out], cells.free[None, out]])
+    root = np.sqrt(weight / weight.sum())
+    weighted, right = (terms * root).T, z * root
+    size = np.linalg.norm(weighted, axis=0)
+    prior = np.where(size > 0, _TAILS * size, 1.0)
+    motions = slice(len(tails), len(tails) + count)
+    unit = _PRIOR * noise
+    for _ in range(2):  # the residual weighs the motion's prior
+        prior[motions] = np.hypot(_TAILS * size[motions], unit)
+        whole = np.vstack([weighted, np.diag(prior)]), np.append(right, np.zeros(len(prior)))
+        found = np.linalg.lstsq(*whole, rcond=None)[0]
+        rho = float(np.linalg.norm(right - weighted @ found))
+        unit = max(rho, noise) / 3
+    scale = np.hypot(size, prior)
+    normal = (weighted.T @ weighted + np.diag(prior**2)) / np.multiply.outer(scale, scale)
+    covariance = (
+        unit**2 * (np.linalg.inv(normal) / np.multiply.outer(scale, scale))[len(tails) :, len(tails) :]
+    )
+    if not cells.free.any():
+        covariance[-1], covariance[:, -1] = 0.0, 0.0
+    values, vectors = np.linalg.eigh(covariance)
+    deviation = float(np.sqrt(covariance[-1, -1]))
+    half = vectors * np.sqrt(np.maximum(values, 0.0))
+    return Sag(float(found[-1]), deviation, rho / max(noise, 1e-300), found[motions], half)

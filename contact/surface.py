@@ -1,0 +1,105 @@
+"""Surface: a map less rest as arrays, whichever part measured it; Sag: what is taken off it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.ndimage
+
+from .arrays import Floats, Map, Mask
+
+__all__ = ["Sag", "Surface", "filled"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sag:
+    """c: amplitude of the free mode, sigma: its standard deviation; misfit: rms residual over the median
+    noise; motion (k,): of the motion's modes; root (1 + k, 1 + k): of the covariance of motion and c."""
+
+    c: float
+    sigma: float
+    misfit: float
+    motion: Floats
+    root: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surface:
+    """Heights less rest on the cells of a camera, (R, C); lengths in mm, z above 0 where it is pressed in.
+
+    sigma: noise of z; good: where z is measured; free: z's free mode, which the anchor settles; slopes,
+    slope_sigmas (2, R, C): dz/dx, dz/dy; modes (m, r, c) on every step-th cell: one standard deviation of
+    each error that all heights have in common, the last ones, `motions` in number, of the rig's motion since
+    rest; displacement (k, 2, 3), k at least m: see `reconstruct.HeightMap`; draws (K, R, C): heights of noise
+    alone, of any size.
+    """
+
+    x: Map
+    y: Map
+    z: Map
+    sigma: Map
+    good: Mask
+    free: Map | None = None
+    slopes: Map | None = None
+    slope_sigmas: Map | None = None
+    modes: Map | None = None
+    step: int = 1
+    motions: int = 0
+    displacement: Floats | None = None
+    draws: Map | None = None
+
+    @property
+    def common(self) -> Floats:
+        """Standard deviation of z by its modes, (R, C)."""
+        if self.modes is None or not len(self.modes):
+            return np.zeros(self.z.shape)
+        return np.sqrt(spread(np.square(self.modes, dtype=np.float64).sum(axis=0), self.step, self.z.shape))
+
+    def modes_at(self, row: int, col: int) -> Floats:
+        """The modes (m,) at a cell."""
+        if self.modes is None:
+            return np.zeros(0)
+        return np.asarray(self.modes[:, round(row / self.step), round(col / self.step)], np.float64)
+
+    def less(self, sag: Sag) -> Surface:
+        """Less its sag and motion, whose standard deviations take the place of the motion's modes."""
+        few = slice(None, None, self.step), slice(None, None, self.step)
+        own = np.zeros((0, *self.z[few].shape)) if self.modes is None else np.asarray(self.modes, np.float64)
+        rig, motion = own[: len(own) - self.motions], own[len(own) - self.motions :]
+        z = self.z - spread(np.tensordot(sag.motion, motion, 1), self.step, self.z.shape)
+        free = np.zeros(own.shape[1:])
+        if self.free is not None:
+            z, free = z - sag.c * self.free, np.nan_to_num(self.free[few])
+        left = np.tensordot(sag.root.T, np.concatenate([motion, free[None]]), 1)
+        modes = np.concatenate([rig, left]).astype(np.float32)
+        displacement = self.displacement
+        if displacement is not None:  # motion moves no point along the mirror
+            gauge = displacement[len(own) :]
+            displacement = np.concatenate([displacement[: len(rig)], np.zeros((len(left), 2, 3)), gauge])
+        return replace(self, z=z, modes=modes, motions=0, displacement=displacement)
+
+
+def spread(coarse: Floats, step: int, shape: tuple[int, ...]) -> Floats:
+    """A field on every step-th cell on all of them, linear between."""
+    if step == 1:
+        return coarse
+    at = [
+        np.minimum(np.arange(size) / step, last - 1) for size, last in zip(shape, coarse.shape, strict=True)
+    ]
+    rows = np.stack([np.interp(at[1], np.arange(coarse.shape[1]), row) for row in coarse])
+    low = np.minimum(at[0].astype(np.intp), max(coarse.shape[0] - 2, 0))
+    share = (at[0] - low)[:, None]
+    return np.asarray((1 - share) * rows[low] + share * rows[np.minimum(low + 1, len(rows) - 1)])
+
+
+def filled(z: Map, good: Mask) -> tuple[Map, Mask, Mask]:
+    """Heights with enclosed holes at the deepest of the cells beside each; which are known then, and the
+    holes."""
+    holes = scipy.ndimage.binary_fill_holes(good) & ~good
+    if not holes.any():
+        return np.where(good, z, 0), good, holes
+    labels, count = scipy.ndimage.label(holes)
+    beside = scipy.ndimage.maximum_filter(np.where(good, z, -np.inf), 3)
+    deepest = np.append(0.0, scipy.ndimage.maximum(beside, labels, np.arange(1, count + 1)))
+    return np.where(holes, deepest[labels], np.where(good, z, 0)), good | holes, holes

@@ -1,0 +1,109 @@
+"""Contacts of maps in closed form: Hertz' ball (K. L. Johnson, Contact Mechanics, 1985, eq. 3.42)."""
+
+import numpy as np
+import pytest
+
+from optolever.contact import Surface, contacts, regions, sag
+from optolever.scene import Layer
+
+X, Y = np.meshgrid(np.linspace(0, 60, 160), np.linspace(0, 45, 120))
+
+
+def ball(cx: float, cy: float, radius: float, depth: float) -> np.ndarray:
+    """Depth under and around a ball on a half-space; its own radius is radius^2 / depth."""
+    q = np.hypot(X - cx, Y - cy) / radius
+    far = np.maximum(q, 1.0)
+    out = depth / np.pi * ((2 - far**2) * np.arcsin(1 / far) + np.sqrt(far**2 - 1))
+    return np.where(q < 1, depth * (1 - q**2 / 2), out)
+
+
+def surface(z: np.ndarray, noise: float = 5e-5, **more: object) -> Surface:
+    rng = np.random.default_rng(0)
+    draws = noise * rng.standard_normal((24, *z.shape))
+    seen = z + noise * rng.standard_normal(z.shape)
+    return Surface(X, Y, seen, np.full(z.shape, noise), np.ones(z.shape, bool), draws=draws, **more)  # type: ignore[arg-type]
+
+
+def test_a_ball_has_its_figures() -> None:
+    made = surface(ball(30, 22, 5, 0.1))
+    (found,) = contacts(made, regions(made), None)
+    assert found.depth == pytest.approx(0.1, abs=4 * found.depth_sigma)
+    assert found.area == pytest.approx(np.pi * 25, abs=4 * found.area_sigma)
+    assert found.area_sigma < 0.02 * found.area
+    assert np.hypot(found.x - 30, found.y - 22) < 4 * found.position_sigma < 0.1
+    assert found.indenter_radius == pytest.approx(250, rel=0.02)
+    assert not found.cut
+    assert not found.hole
+    assert found.force is None
+
+
+def test_the_force_is_hertz_force() -> None:
+    made = surface(ball(30, 22, 5, 0.1))
+    layer = Layer(youngs_modulus_mpa=0.5, youngs_modulus_sigma_mpa=0.0)
+    (found,) = contacts(made, regions(made), layer)
+    force = 4 / 3 * layer.plane_modulus * 250**0.5 * 0.1**1.5
+    assert found.force == pytest.approx(force, rel=0.02)
+    assert found.force_sigma is not None
+    assert found.force_sigma < 0.02 * force
+
+
+@pytest.mark.parametrize(
+    "presses", [[(30, 22, 5, 0.1)], [(15, 12, 3, 0.06), (40, 30, 4, 0.08)], [(52, 22, 4, 0.1)]]
+)
+def test_sag_is_found_and_taken_off(presses: list[tuple[float, float, float, float]]) -> None:
+    """The edge x = 60 counts as at rest: the free mode brings it to zero there on average."""
+    z, free = sum(ball(*press) for press in presses), X / 60 + 0.2
+    sunk = float(z[:, -1].mean())
+    made = surface(z - sunk / 1.2 * free, free=free)
+    found = sag(made, regions(made), None)
+    assert found is not None
+    assert found.c == pytest.approx(-sunk / 1.2, abs=4 * found.sigma)
+    assert found.sigma < 0.06 * sunk
+    off = made.less(found).z - z
+    assert np.sqrt(np.mean(off**2)) < 0.05 * sunk
+
+
+def test_motion_comes_off_with_the_sag() -> None:
+    z, free = ball(30, 22, 5, 0.1), (X / 60 + 0.3) ** 2
+    modes = 1e-3 * np.stack([X / 60, (Y - 22) / 22, (X / 30 - 1) ** 2])
+    moved = np.array([1.0, -0.5, 0.7])
+    sunk = z - 0.005 * free + np.tensordot(moved, modes, 1)
+    made = surface(sunk, free=free, modes=modes, motions=3)
+    found = sag(made, regions(made), None)
+    assert found is not None
+    left = made.less(found)
+    total = np.hypot(left.sigma, left.common)
+    assert np.sqrt(np.mean(((left.z - z) / total) ** 2)) < 1.2
+    assert np.sqrt(np.mean(total**2)) < 1e-3  # of motions and a sag of several um
+
+
+def test_a_tilted_mirror_that_nothing_touches_has_no_contact() -> None:
+    modes = 2e-3 * np.stack([X / 60, (Y - 22) / 22])
+    made = surface(np.tensordot([1.0, 1.0], modes, 1), free=X / 60 + 0.2, modes=modes, motions=2)
+    found = sag(made, regions(made), None)
+    assert found is not None
+    assert regions(made.less(found)) == ()
+
+
+def test_one_object_is_one_contact_and_two_are_two() -> None:
+    q = np.maximum(np.hypot(X - 30, Y - 22) / 6, 1.0)
+    punch = surface(0.05 * 2 / np.pi * np.arcsin(1 / q), noise=5e-4)
+    assert len(regions(punch)) == 1
+    assert len(regions(surface(ball(20, 22, 4, 0.1) + ball(36, 22, 3, 0.03)))) == 2
+
+
+def test_a_hole_at_the_tip_makes_the_depth_a_lower_bound() -> None:
+    made = surface(ball(30, 22, 4, 0.1))
+    good = np.hypot(X - 30, Y - 22) > 1.5
+    holed = Surface(X, Y, np.where(good, made.z, np.nan), made.sigma, good)
+    (found,) = contacts(holed, regions(holed), None)
+    assert found.hole
+    assert 0.08 < found.depth < 0.1
+    assert abs(found.depth - 0.1) < 2 * found.depth_sigma
+
+
+def test_a_dent_that_the_picture_ends_is_cut() -> None:
+    made = surface(ball(0, 22, 4, 0.1))
+    (found,) = contacts(made, regions(made), None)
+    assert found.cut
+    assert abs(found.area - 16 * np.pi) < 2 * found.area_sigma
