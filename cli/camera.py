@@ -15,4 +15,4 @@ class Camera(Commands):
 
 @click.group("camera", cls=Camera)
 def command() -> None:
-    """Camera: devices, expose, sync, record, replay, measure."""
+    """Camera: devices, preview, expose, sync, record, replay, measure."""

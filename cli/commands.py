@@ -13,7 +13,7 @@ SECTIONS: Mapping[str, tuple[str, ...]] = {
     ),
     "Further commands": ("camera", "form", "export", "rest", "response", "patterns", "sensor"),
 }
-CAMERA = ("devices", "expose", "sync", "record", "replay", "measure")
+CAMERA = ("devices", "preview", "expose", "sync", "record", "replay", "measure")
 #: Earlier names.
 OLD = {name: f"camera {name}" for name in CAMERA} | {"codes": "design"}
 #: Files that are not named as their command.

@@ -34,6 +34,7 @@ from .shape import Shape
 from .source import Newest, Source, VirtualFinger, virtual_rig
 from .stream import Live
 from .touches import Touches
+from .web import Web
 from .weights import Weighed, Weight, weighed
 
 __all__ = [
@@ -59,6 +60,7 @@ __all__ = [
     "Touch",
     "Touches",
     "VirtualFinger",
+    "Web",
     "Weighed",
     "Weight",
     "follow",

@@ -22,6 +22,7 @@ from optolever.arguments import check_face
 
 from .acquisition import (
     SAFE_WAIT_S,
+    Aim,
     Arrivals,
     ClockMap,
     Contrast,
@@ -32,6 +33,7 @@ from .acquisition import (
     Taken,
     Timing,
     acquire,
+    aim,
     choose_exposure,
     contrast,
     fit_timing,
@@ -68,6 +70,7 @@ __all__ = [
     "SAFE_WAIT_S",
     "WHITE_NOISE_SENSOR",
     "Accepted",
+    "Aim",
     "Arrivals",
     "BackgroundRecorder",
     "Camera",
@@ -98,6 +101,7 @@ __all__ = [
     "Timing",
     "Wanted",
     "acquire",
+    "aim",
     "capture",
     "choose_exposure",
     "choose_monitor",

@@ -7,9 +7,11 @@
 | `acquire.py` | the first complete image of every pattern after it has settled |
 | `timing.py`, `synchronise.py` | latency, settling, shutter; measured by flips |
 | `exposure.py` | exposure by white and black |
+| `aim.py` | aim and focus by white and black |
 """
 
 from .acquire import Taken, acquire
+from .aim import Aim, aim
 from .arrivals import Arrivals
 from .clocks import ClockMap, Stamp
 from .exposure import Contrast, ExposureChoice, choose_exposure, contrast
@@ -18,6 +20,7 @@ from .timing import SAFE_WAIT_S, Timing
 
 __all__ = [
     "SAFE_WAIT_S",
+    "Aim",
     "Arrivals",
     "ClockMap",
     "Contrast",
@@ -28,6 +31,7 @@ __all__ = [
     "Taken",
     "Timing",
     "acquire",
+    "aim",
     "choose_exposure",
     "contrast",
     "fit_timing",

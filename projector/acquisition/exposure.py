@@ -17,6 +17,7 @@ Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 _SATURATED = 1e-4  # share of the pixels that may be at the top level
 _TOP = 0.9  # of full scale, of the brightest that are to stay below
 _STEPS = 8
+_SEEN = 0.01  # of full scale: white less black of the brightest pixels, at least
 _LIT = 0.03  # of the swing of the brightest pixels: threshold of the mask
 
 
@@ -45,19 +46,25 @@ def contrast(white: Pixels, black: Pixels, bits: int) -> Contrast:
     """Of an image of a white and one of a black display. InputError where none of the pixels sees it."""
     top = 2**bits - 1
     swing = white.astype(np.float64) - black
-    most = float(np.percentile(swing, 99))
-    if most < 0.01 * top:
+    mask = swing_mask(swing, top)
+    if not mask.any():
         raise InputError(
-            f"expose: white is {most:.1f} levels of {top} above black; does the camera see the display? "
-            "is it in focus on the mirror, is the lens open?"
+            f"expose: white is {np.percentile(swing, 99):.1f} levels of {top} above black; does the camera "
+            "see the display? is it in focus on the mirror, is the lens open? (optolever camera preview)"
         )
-    mask = swing > _LIT * most
     return Contrast(
         saturated=float((white >= top).mean()),
         bright=float(np.quantile(white, 1 - _SATURATED)) / top,
         swing=float(np.median(swing[mask])) / top,
         mask=mask,
     )
+
+
+def swing_mask(swing: NDArray[np.float64], top: int, lit: float = _LIT) -> NDArray[np.bool_]:
+    """Pixels (H, W) that see the display, by white less black: above a share `lit` of the brightest ones;
+    none where these are below 1 % of full scale."""
+    most = float(np.percentile(swing, 99))
+    return np.asarray(swing > max(lit * most, 0.0)) & (most >= _SEEN * top)
 
 
 def choose_exposure(
