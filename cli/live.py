@@ -156,10 +156,7 @@ class _Run:
         }
         for probe in numbers["probes"]:
             place, found = f"probe {probe['x_mm']:.3g},{probe['y_mm']:.3g}", probe["spectrum"]
-            figures[place] = "too few frames"
-            if found:
-                floor = f"floor {found['floor_nm']:.3g} nm"
-                figures[place] = f"{found['peak_nm']:.4g} nm at {found['peak_hz']:.4g} Hz, {floor}"
+            figures[place] = found["text"] if found else "too few frames"
         table(f"Live: {name}, {rows} x {cols} cells", figures)
 
 

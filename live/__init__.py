@@ -10,7 +10,7 @@
 | `geometry.py`, `chord.py` | rays and anchor; a step of the coupled equations |
 | `contact.py`, `touches.py`, `shape.py` | figures of a contact; contacts over time; tilt and radii |
 | `pressure.py`, `weights.py` | pressure and force; the modulus by known weights |
-| `probes.py` | heights of single cells over time, their spectra, the noise floor |
+| `probes.py`, `spectrum.py` | heights of single cells over time, the noise floor; their spectra |
 | `circulation.py` | circulation of the slopes: their inconsistency |
 | `source.py`, `follow.py` | cameras, one of them virtual; readings as an iterator, tare |
 | `recorded.py` | readings beside their frames, and again from them |
@@ -26,12 +26,13 @@ from .follow import Followed, follow, tared
 from .prepare import prepare
 from .prepared import Noise, Prepared
 from .pressure import Forces
-from .probes import Probe, Probed, Probes, Spectrum, noise_floor, spectrum_of
+from .probes import Probe, Probed, Probes, noise_floor
 from .reading import Figures, Reading
 from .recorded import ReadingRecorder, Replayed, has_readings, replayed
 from .server import LiveServer
 from .shape import Shape
 from .source import Newest, Source, VirtualFinger, virtual_rig
+from .spectrum import Line, Spectrum, spectrum_of
 from .stream import Live
 from .touches import Touches
 from .web import Web
@@ -43,6 +44,7 @@ __all__ = [
     "Followed",
     "Force",
     "Forces",
+    "Line",
     "Live",
     "LiveServer",
     "Newest",

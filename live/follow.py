@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from optolever.errors import InputError
-from optolever.projector import Image
+from optolever.projector import ClockMap, Image
 
 from .arrays import Frame
 from .chain import rest_state
@@ -55,16 +55,16 @@ class Followed:
 def follow(
     live: Live, source: Source, frames: int | None = None, probes: Probes | None = None
 ) -> Iterator[Followed]:
-    """Readings of a camera's complete frames, `frames` of them, or without end. InputError if no frame
-    arrives."""
-    done, last = 0, time.monotonic()
+    """Readings of a camera's complete frames, `frames` of them, or without end; their time is the exposure's
+    stamp, or where the camera has none, the arrival. InputError if no frame arrives."""
+    done, last, clock = 0, time.monotonic(), ClockMap()
     while frames is None or done < frames:
         image = source.next(1.0)
         if image is None or not image.complete:
             if time.monotonic() - last > _PATIENCE:
                 raise InputError(f"camera: no frame for {_PATIENCE:g} s; is it plugged in?")
             continue
-        reading = live.update(image.pixels, image.arrived_s)
+        reading = live.update(image.pixels, clock.stamp(image).time_s)
         last = time.monotonic()
         done += 1
         probed = probes.read(reading, image.id) if probes else ()

@@ -34,7 +34,7 @@ class ReadingRecorder(Recorder):
 
     def write(self, followed: Followed) -> None:
         """The frame and its reading."""
-        self.image(followed.image, followed.image.arrived_s, _numbers(followed))
+        self.image(followed.image, followed.reading.time, _numbers(followed))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,7 +55,7 @@ def replayed(folder: str | Path) -> Iterator[Replayed]:
     live = Live(Prepared.load(Path(folder) / _PREPARED))
     for logged in Recording(folder).images():
         start = time.perf_counter()
-        reading = live.update(logged.image.pixels, logged.image.arrived_s)
+        reading = live.update(logged.image.pixels, logged.stamp_s)
         followed = Followed(reading, logged.image, time.perf_counter() - start)
         yield Replayed(followed, json.dumps(_numbers(followed)) == json.dumps(logged.reading))
 

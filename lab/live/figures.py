@@ -144,7 +144,9 @@ def vibration(
     (spectrum,) = probes.spectra()
     assert spectrum is not None
     read = {
-        hz: 1e6 * float(spectrum.amplitudes[np.abs(spectrum.frequencies - hz).argmin()]) for hz in true_nm
+        hz: 1e6
+        * max((line.amplitude for line in spectrum.lines if abs(line.hz - hz) < 1 / seconds), default=0)
+        for hz in true_nm
     }
     floor, frame = 1e6 * spectrum.floor, 1e6 * spectrum.density * np.sqrt(rate / 2)
     return Vibration(floor, read, float(frame), float(np.median(times)))

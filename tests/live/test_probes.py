@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from lab.live.figures import vibration
 from lab.live.streams import StreamRig
@@ -12,26 +13,76 @@ from optolever.live import Live, Prepared, Probes, noise_floor, spectrum_of
 
 from .conftest import NOISE, Rest, Shot
 
-RATE, SECONDS = 60.0, 4.0
+RATE, SECONDS = 60.0, 12.0
+
+
+def _frames(skipped: float, seed: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Times of exposures of which a share is missing, and arrivals up to 5 ms later."""
+    rng = np.random.default_rng(seed)
+    times = np.flatnonzero(rng.random(round(RATE * SECONDS)) >= skipped) / RATE
+    return times, times + 0.005 * rng.random(times.size)
+
+
+@pytest.mark.parametrize("skipped", [0.0, 0.05, 0.2, 0.4])
+def test_a_line_by_arrivals_of_which_some_are_missing(skipped: float) -> None:
+    """Without a counter: amplitude and frequency within their sigmas, the floor that of so many frames."""
+    found, floors, errors = [], [], []
+    for seed in range(12):
+        times, arrivals = _frames(skipped, seed)
+        noise = 40e-6 * np.random.default_rng(seed).standard_normal(times.size)
+        spectrum = spectrum_of(arrivals, 0.5 + 1e-3 * times + 1e-4 * np.sin(14 * np.pi * times + 1) + noise)
+        assert spectrum is not None
+        (line,) = spectrum.lines
+        assert line.hz == pytest.approx(7.0, abs=5 * line.hz_sigma)
+        assert line.folds == pytest.approx((53.0, 67.0), abs=0.01)
+        found.append(line.amplitude)
+        errors.append((line.amplitude - 1e-4) / line.sigma)
+        floors.append(spectrum.floor)
+        assert spectrum.density == pytest.approx(40e-6 * np.sqrt(2 / RATE / (1 - skipped)), rel=0.2)
+    assert np.mean(found) == pytest.approx(1e-4, rel=0.02)
+    assert 0.5 < np.sqrt(np.mean(np.square(errors))) < 1.6
 
 
 @pytest.mark.parametrize("exposure_s", [0.0, 0.008, 1 / RATE])
-def test_a_sine_in_noise_of_frames_that_are_lost(exposure_s: float) -> None:
-    """Closed form: the exposure lowers a sine of f by sinc(f T); the floor is that of white noise."""
-    rng, count = np.random.default_rng(2), round(RATE * SECONDS)
-    number = np.flatnonzero(rng.random(count) > 0.05 * (exposure_s > 0))  # of 20 one is lost
-    times = number / RATE + 0.004 * rng.random(number.size)  # arrival
-    sine = 1e-4 * np.sinc(17.3 * exposure_s) * np.sin(2 * np.pi * 17.3 * number / RATE + 1)
-    noise = 1e-5 * rng.standard_normal(number.size)
-    found = spectrum_of(times, 0.5 + 1e-3 * times + sine + noise, exposure_s, number)
-    assert found is not None
-    hertz, amplitude = found.peak
-    assert found.rate == pytest.approx(RATE, rel=1e-3)
-    assert hertz == pytest.approx(17.3, abs=0.5 / SECONDS)
-    assert amplitude == pytest.approx(1e-4, rel=0.05)
-    if exposure_s == 0:
-        assert found.density == pytest.approx(1e-5 * np.sqrt(2 / RATE), rel=0.3)
-    assert spectrum_of(times[:8], sine[:8]) is None
+def test_a_sine_is_corrected_for_the_exposure_and_the_scatter_of_arrivals(exposure_s: float) -> None:
+    """Closed forms: sinc(f T); exp(-2 pi^2 f^2 s^2) of times, undone by what the rate itself lost."""
+    rng, k = np.random.default_rng(2), np.arange(720)
+    sine = 1e-4 * np.sinc(17.3 * exposure_s) * np.sin(2 * np.pi * 17.3 * k / RATE + 1)
+    heights = sine + 1e-6 * rng.standard_normal(k.size)
+    for times, numbers in (
+        (k / RATE + 0.003 * rng.standard_normal(k.size), None),
+        (k / RATE + 0.02 * rng.random(k.size), k),
+    ):
+        found = spectrum_of(times, heights, exposure_s, numbers)
+        assert found is not None
+        hertz, amplitude = found.peak
+        assert hertz == pytest.approx(17.3, abs=0.005)
+        assert amplitude == pytest.approx(1e-4, rel=0.03)
+    assert spectrum_of(k[:8] / RATE, heights[:8]) is None
+
+
+def test_two_lines_in_one_resolution_and_a_press_between_them() -> None:
+    """A press is no noise: its edges are left out, the level before and after is free."""
+    times = np.arange(720) / RATE
+    noise = 1e-6 * np.random.default_rng(0).standard_normal(times.size)
+    waves = 1e-4 * np.sin(14 * np.pi * times) + 5e-5 * np.sin(14.2 * np.pi * times)
+    still, pressed = (spectrum_of(times, noise + waves + 0.1 * on) for on in (0, (times > 4) & (times < 8)))
+    assert still is not None
+    assert pressed is not None
+    for spectrum in (still, pressed):
+        assert [line.hz for line in spectrum.lines] == pytest.approx([7.0, 7.1], abs=0.005)
+        assert [line.amplitude for line in spectrum.lines] == pytest.approx([1e-4, 5e-5], rel=0.01)
+    assert (still.moving, pressed.moving) == pytest.approx((0.0, 1.0), abs=0.1)
+    assert pressed.floor == pytest.approx(still.floor, rel=0.2)
+
+
+def test_noise_alone_has_no_line_and_its_floor() -> None:
+    for seed in range(20):
+        times, _ = _frames(0.3, seed)
+        found = spectrum_of(times, np.random.default_rng(seed).standard_normal(times.size))
+        assert found is not None
+        assert not found.lines
+        assert "no line" in str(found)
 
 
 def test_a_surface_that_vibrates(rest: Rest, prepared: Prepared) -> None:
