@@ -10,8 +10,8 @@
 - `rig_devices`, `rig_capture`, `rig_targets`, `rig_live`: the devices of a rig opened; a capture by them;
   captures of targets for `calibrate`; rest and frames for `live`
 - one file a command, named as it: `demo`, `doctor`, `rig`, `simulate`, `capture`, `decode`, `reconstruct`,
-  `calibrate`, `report`, `live`, `design`; `camera` with `devices`, `expose`, `sync`, `record`, `replay`,
-  `measure`; `form`, `export`, `rest`, `response`, `patterns`, `sensor`;
+  `calibrate`, `report`, `live`, `design`; `camera` with `devices`, `preview`, `expose`, `sync`,
+  `record`, `replay`, `measure`; `form`, `export`, `rest`, `response`, `patterns`, `sensor`;
   `window` is the command `show`
 """
 
