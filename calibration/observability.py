@@ -32,7 +32,7 @@ MOST_CHI = 1.2  # of a capture: above, the model does not hold (docs/howto/calib
 _CONTACT = 300  # pixels
 _MISFIT = (
     "the capture is mislabelled, the mirror moved, the mask is too large, or a held number must be free "
-    "(--prior)"
+    "(calibrate --prior)"
 )
 _STATIC = (
     "a static error (glass, schlieren, bow of the display); it cancels in the captures that are compared "
@@ -86,8 +86,8 @@ def beyond_priors(found: Adjustment, limit: float = BEYOND) -> list[Notice]:
     means = np.array([problem.means.get(name, 0.0) for name in problem.names])
     away = np.abs(found.values - means) / problem.scale
     lens = [f"camera.{key}" for key in ("k1", "cx", "cy") if f"camera.{key}" in problem.held]
-    free = f"the lens may be distorted (--prior {lens[0]}=...), " if lens else ""
-    cure = f"{free}a capture is mislabelled, or the typed value is wrong (--prior NUMBER=SIGMA widens it)"
+    free = f"the lens may be distorted (calibrate --prior {lens[0]}=...), " if lens else ""
+    cure = f"{free}a capture is mislabelled, or the typed value is wrong (calibrate --prior NUMBER=SIGMA)"
     return [
         Notice(
             f"{problem.names[k]} ended at {found.values[k]:.4g}, typed {means[k]:.4g} +- "
@@ -149,9 +149,9 @@ def _weak(
     whole = effects.sigmas(found.covariance)
     kinds = {type(each.target) for each in observations}
     if Ball in kinds:
-        cure = "add a ball at another place, or measure one of these numbers (--prior)"
+        cure = "add a ball at another place, or measure one of these numbers (calibrate --prior)"
     elif Rest in kinds:
-        cure = "press a ball of known radius, or measure one of these numbers (--prior)"
+        cure = "press a ball of known radius, or measure one of these numbers (calibrate --prior)"
     else:
         cure = "add a pose, tilted by 3 to 8 degrees about another axis"
     notices = []
@@ -217,5 +217,5 @@ def _priors(found: Adjustment) -> list[Notice]:
         f"Typed numbers are further off than assumed; the worst is {problem.names[worst]} ({away[worst]:.2g} "
         "sigma); rms of all in prior sigma"
     )
-    cure = f"measure it again, or widen its prior: --prior {problem.names[worst]}=SIGMA"
+    cure = f"measure it again, or widen its prior: calibrate --prior {problem.names[worst]}=SIGMA"
     return [Notice(name, size, most, cure)]

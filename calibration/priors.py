@@ -106,7 +106,7 @@ def unused_accuracy(scene: Scene) -> list[str]:
     later = "reconstruct uses it"
     why = dict.fromkeys(("glass", "centroid"), later) | {"sag": f"rest:ORDER,SIGMA states it; {later}"}
     if _open_air(scene):
-        free = "the captures determine these numbers; to hold one: --prior camera.z=0.1"
+        free = "the captures determine these numbers; to hold one: calibrate --prior camera.z=0.1"
         why |= {"angle": free, "distance": free}
     known, priors = scene.accuracy or TYPED, default_priors(scene)
     default = {name: replace(known, **{name: getattr(TYPED, name)}) for name in _stated(scene)}

@@ -44,7 +44,7 @@ class RestMap:
     def notices(self, correspondence: Correspondence) -> tuple[Notice, ...]:
         """Notice of drift of the rig since the map was stored, estimated from the undeformed part."""
         quiet, px, size = unpressed(correspondence, self.seen)
-        cure = "dents by --change hold that motion: capture the mirror untouched and run `optolever rest`"
+        cure = "dents by reconstruct --change hold that motion: capture it untouched, `optolever rest`"
         if not quiet.any():
             name = (
                 "The rest map was stored for another pose, or all of the mirror is pressed: drift is unknown"

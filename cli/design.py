@@ -54,7 +54,7 @@ ADD = Opt(
 )
 VERIFY = Opt("--verify N", "Number of the best candidates to simulate.", click.IntRange(min=0))
 _ROWS = 12  # of the table that is printed; the JSON file has all
-OUT = Opt("--out FILE.toml", "Gets the best sequence, for --sequence.", OutputFile(".toml", bare=False))
+OUT = Opt("--out FILE.toml", "Gets the best sequence, for show --sequence.", OutputFile(".toml", bare=False))
 CHART = Opt("--chart FILE.png", "With --code: error over both times.", OutputFile(".png", bare=False))
 CSV = Opt("--csv FILE.csv", "With --code: all numbers.", OutputFile(".csv", bare=False))
 

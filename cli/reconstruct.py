@@ -100,7 +100,7 @@ def command(
     sofast = _sofast_files(scene_name)
     if sofast:
         if size is not None:
-            raise InputError(f"--size: {scene_name} is a SOFAST rig, its size is that of its camera")
+            raise InputError(f"--pixels: {scene_name} is a SOFAST rig, its size is that of its camera")
         rig = ol.formats.load_sofast_rig(sofast, *(() if facet is None else (facet,)))
         with blame(source):
             correspondence = ol.formats.on_rig(correspondence, rig)

@@ -27,7 +27,9 @@ Shown on monitor 1
 
 
 SEQUENCE = Opt("--sequence NAME[:KEY=VALUE,...]", "Sequence, or a .toml file by design or Sequence.save.")
-MONITOR = Opt("--monitor N", "Its number in --list; default: the second, or a window.", click.IntRange(min=0))
+MONITOR = Opt(
+    "--monitor N", "Its number in --list; default: the second, or the only one.", click.IntRange(min=0)
+)
 DISPLAY = Opt("--display NAME", "Full screen there, by its name in --list.")
 SECONDS = Opt("--seconds SECONDS", "Of each frame; default: arrows step, Escape closes.", ABOVE_0)
 DESCRIBED = "Gets the description, for decode --description; default: capture.toml."
@@ -56,7 +58,7 @@ def command(
         write_json(json_path, {"monitors": [asdict(monitor) for monitor in found]})
         print_monitors(found)
         return
-    chosen = _chosen(found, monitor, display)
+    chosen = _chosen(found, monitor, display, size is None)
     print_notices(() if chosen is None else chosen.faults())
     if size is None and sequence.endswith(".toml"):
         shown = ol.patterns.Sequence.load(sequence)
@@ -91,13 +93,14 @@ def command(
 
 
 def _chosen(
-    found: "list[ol.projector.Monitor]", number: int | None, name: str | None
+    found: "list[ol.projector.Monitor]", number: int | None, name: str | None, full: bool
 ) -> "ol.projector.Monitor | None":
-    """The given monitor, else the second one, else none: a plain window."""
+    """The given monitor, else the second one, else (full) the only one, else none: a plain window."""
     if name is not None:
         return ol.projector.choose_monitor(found, name)
     if number is None:
-        return found[1] if len(found) > 1 else None
+        return found[1] if len(found) > 1 else found[0] if full and found else None
     if number >= len(found):
-        raise InputError(f"--monitor {number}: does not exist, must be 0 to {len(found) - 1} (see --list)")
+        most = f"0 to {len(found) - 1}" if len(found) > 1 else "0, the only one"
+        raise InputError(f"--monitor {number}: does not exist, must be {most} (see --list)")
     return found[number]

@@ -75,7 +75,7 @@ class Measurement:
             return []
         parts = "heights", "slopes and dents"
         name = "The {} are less a rest capture, the {} are not".format(*(parts if less else parts[::-1]))
-        cure = "give that capture by --rest" if less else "reconstruct with --rest"
+        cure = "give that capture by report --rest" if less else "reconstruct with --rest"
         return [Notice(name, np.nan, np.nan, cure)]
 
     def _other_rig(self) -> list[Notice]:

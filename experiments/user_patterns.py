@@ -132,7 +132,7 @@ def _cropped(path: str, rows: int, cols: int) -> Sequence:
     if found.rows < rows or found.cols < cols:
         raise InputError(
             f"{path}: is for {found.rows}x{found.cols} cells, the resampled surface has {rows}x{cols}; name "
-            "a smaller --pixels, or a sequence for more cells"
+            "a smaller size (design --pixels), or a sequence for more cells"
         )
     return replace(found, rows=rows, cols=cols)
 

@@ -88,7 +88,7 @@ def read_folder(
     base = Path(folder) if isinstance(folder, str | Path) else Path(folder[0])
     if not base.is_dir():
         what = (
-            "is no folder of frames; pictures in a file need --sequence"
+            "is no folder of frames; decode --sequence takes pictures in a file"
             if base.exists()
             else "no such folder"
         )
@@ -96,8 +96,8 @@ def read_folder(
     toml = base / _DESCRIPTION if description is None else Path(description)
     if description is None and not toml.is_file():
         raise InputError(
-            f"{base}: no {_DESCRIPTION} says what was shown; say it: --sequence NAME --pixels "
-            "WIDTHxHEIGHT, or --description FILE"
+            f"{base}: no {_DESCRIPTION} says what was shown; put the one there that optolever show wrote, or "
+            "say it to optolever decode: --sequence NAME --pixels WIDTHxHEIGHT, or --description FILE"
         )
     sequence, files, times, bits = read_description(toml)
     if not files:
@@ -194,7 +194,7 @@ def write_description(path: str | Path, sequence: Sequence) -> None:
     description is written over; InputError names the file."""
     target, text = Path(path), tomli_w.dumps({"version": _VERSION, **sequence.to_dict()})
     if target.is_file() and target.read_bytes() != text.encode():
-        raise InputError(f"{path}: exists and describes something else; --out names another file")
+        raise InputError(f"{path}: exists and describes something else; show --out names another file")
     with atomic_file(target) as temporary:
         temporary.write_bytes(text.encode())
 

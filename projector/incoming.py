@@ -52,7 +52,7 @@ _SAMPLED = 64
 #: Level of the brightest sample of pictures in floating point, where their white is unknown: nothing clips.
 _BRIGHTEST = 60000
 _NONE = float("nan")
-COLOURED = Notice("pictures in colour, luminance is taken", _NONE, _NONE, "--channel takes one colour")
+COLOURED = Notice("pictures in colour, luminance is taken", _NONE, _NONE, "decode --channel takes one colour")
 LOSSY = Notice(
     "pictures compressed with loss (JPEG, video)", _NONE, _NONE, "sigma is larger; keep PNG or TIFF"
 )
@@ -299,7 +299,7 @@ def _fitting(found: int, shown: Sequence) -> list[str]:
     ]
     displays = [f"--pixels {cols}x{rows}" for cols, rows in _DISPLAYS if fits(rows, cols)]
     if not displays and any(fits(int(a * shown.rows), int(b * shown.cols)) for a in _SIDES for b in _SIDES):
-        displays = ["another --pixels"]
+        displays = ["decode --pixels of another size"]
     return parameters[:2] + displays[:2]
 
 
@@ -316,14 +316,14 @@ def _colour_notices(pictures: list[Picture], channel: str) -> list[Notice]:
     told = ", ".join(f"{name} {size:.3g}" for name, size in contrast.items())
     if channel in empty:
         raise InputError(
-            f"--channel {channel}: carries nothing (contrast in levels: {told}); take --channel {best}"
+            f"decode --channel {channel}: carries nothing (contrast in levels: {told}); take --channel {best}"
         )
     if channel != CHANNELS[3]:
         return []
     cure = (
-        f"{' and '.join(empty)} carry nothing, take --channel {best}"
+        f"{' and '.join(empty)} carry nothing, take decode --channel {best}"
         if empty
-        else "--channel takes one of them"
+        else "decode --channel takes one of them"
     )
     return [_said(f"{COLOURED.name} (contrast in levels: {told})", cure)]
 

@@ -161,10 +161,13 @@ def _initialise() -> None:
     glfw.ERROR_REPORTING = "exception"
     try:
         if not glfw.init():
-            raise InputError("display: GLFW cannot start (is DISPLAY set?)")
+            raise InputError(
+                "display: GLFW cannot start (is DISPLAY set?); optolever patterns writes the pictures"
+            )
     except glfw.GLFWError as error:
         raise InputError(
-            f"display: GLFW cannot start ({error}); set DISPLAY, or use the offscreen renderer"
+            f"display: GLFW cannot start ({error}); set DISPLAY on a machine with a screen; optolever "
+            "patterns writes the pictures for another program"
         ) from error
 
 

@@ -49,7 +49,7 @@ _SAME_CAPTURE = Notice(
     "The press and the rest capture are one and the same capture, so that every height is 0",
     math.nan,
     math.nan,
-    "give the capture of the mirror at rest as --rest",
+    "reconstruct --rest takes the capture of the mirror at rest",
 )
 _ROBUST = 6  # solves without what misses the heights
 _MOST_WRONG = 0.1  # of the pixels: more is a wrong scene

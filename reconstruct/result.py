@@ -218,8 +218,9 @@ def anchors_apart(problem: Problem, state: State, height: HeightMap) -> tuple[No
     if not apart > _APART:
         return ()
     cure = (
-        "check the anchors; the mirror's edge may not rest (a curved mirror: --anchor middle), or the scene "
-        "is wrong (pose of camera or pattern): calibrate it, or give a capture of the mirror at rest (--rest)"
+        "check the anchors; the mirror's edge may not rest (a curved mirror: reconstruct --anchor middle), "
+        "or the scene is wrong (pose of camera or pattern): calibrate it, or give a capture of the mirror at "
+        "rest (reconstruct --rest)"
     )
     return (Notice("anchors contradict each other, sigma rms", apart, _APART, cure),)
 
@@ -233,7 +234,7 @@ def anchors_near_wedge(state: State, height: HeightMap) -> tuple[Notice, ...]:
     sigma = float(np.median(height.total_sigma[height.good])) if height.good.any() else math.nan
     cure = (
         f"total sigma is {sigma:.2g} mm (median) therefore; anchor the mirror farther from where it meets "
-        "the pattern, or give a capture of the mirror at rest (--rest)"
+        "the pattern, or give a capture of the mirror at rest (reconstruct --rest)"
     )
     return (
         Notice("The error of the anchors grows towards the mirror's other end, times", times, _WEDGE, cure),
@@ -268,7 +269,7 @@ def _unconverged(state: State) -> tuple[Notice, ...]:
         return ()
     name = "The solve did not converge, no height is known; rms of the last step, of the first"
     cure = (
-        "the scene is probably wrong: calibrate it, give a capture of the mirror at rest (--rest), or mask "
-        "the pixels next to the pattern's edge"
+        "the scene is probably wrong: calibrate it, give a capture of the mirror at rest (reconstruct "
+        "--rest), or mask the pixels next to the pattern's edge"
     )
     return (Notice(name, state.steps[-1] / state.steps[0], 0.0, cure),)

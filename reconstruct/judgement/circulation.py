@@ -27,11 +27,11 @@ _CHANCE = 1e-4  # of right geometry to be called wrong, by each size of blocks
 _TRUST = 1.15  # error over sigma that the decoder may have
 _CURE = (
     "likely the scene (pose of camera or pattern, pitch, lens): calibrate it, or give a capture of the "
-    "mirror at rest (--rest); else the mirror moved between frames, or sigma is too small"
+    "mirror at rest (reconstruct --rest); else the mirror moved between frames, or sigma is too small"
 )
 _CURE_BESIDE_RIG = (
     "errors of the rig within its accuracy do not explain it: the mirror moved between frames, the medium is "
-    "not even (take a rest capture: --rest), or sigma is too small"
+    "not even (take a rest capture: reconstruct --rest), or sigma is too small"
 )
 
 
