@@ -1,83 +1,97 @@
-"""Many captures by one command: each in a process of one thread, or on the workers of a Dask cluster."""
+"""Many captures by one command: each on a worker of one thread; their table; a second run goes on."""
 
-import importlib
+import csv
+import hashlib
 import json
-import multiprocessing
 import os
-import threading
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, nullcontext, redirect_stderr, redirect_stdout, suppress
+import shutil
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from io import StringIO
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import click
 
 import optolever as ol
 from optolever import InputError
-from optolever.blocks import ONE_THREAD
-from optolever.processes import SAFE_PATH, environment
 
 from .outputs import OutputFile, Program
 from .show import number, progress
+from .workers import Outcome, Run, Task, cluster, processes
 
-#: Imported once, by the process from which all others are forked.
-_PARTS = ["optolever.calibration", "optolever.decode", "optolever.experiments", "optolever.projector"]
-_TRIES = 3  # of a task whose worker was killed
-_ONE_AT_A_TIME = threading.Lock()  # streams and the working folder belong to a whole process
-
-
-@dataclass(frozen=True)
-class Task:
-    """A command for one capture: its module and parameters, and the folder where relative paths begin."""
-
-    name: str
-    module: str
-    parameters: dict[str, Any]
-    folder: str
+#: Parameters that change no result.
+_BESIDE = ("out", "json_path", "save_profile")
+#: Columns of every table, around the numbers of the command itself.
+_FIRST, _LAST = ("capture", "code", "notices", "good", "depth", "area", "force"), ("digest", "error")
+#: Share of good pixels of the mirror from which a capture makes the profile of others.
+_GOOD = 0.5
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """How a command ended. error: its last line on stderr, if the exit code is not 0; numbers: of --json."""
+class Row:
+    """A line of the table, by its columns; as text those that were read."""
 
-    name: str
-    code: int
-    error: str
-    numbers: dict[str, float]
+    values: Mapping[str, Any]
 
-    def __str__(self) -> str:
-        figures = (f"{name} {number(value)}" for name, value in self.numbers.items())
-        return f"{self.name}: {self.error if self.code else ', '.join(figures)}"
+    @classmethod
+    def of(cls, outcome: Outcome, digest: str) -> "Row":
+        """Of a command that ended: the deepest contact's depth, area and force (mm, mm^2, N) among its
+        numbers."""
+        given = outcome.numbers
+        contacts = [one for one in given.get("contacts", ()) if one.get("depth") is not None]
+        deepest: dict[str, Any] = max(contacts, key=lambda one: abs(one["depth"]), default={})
+        notices = [notice["name"] for notice in given.get("notices", ())]
+        own = {name: value for name, value in given.items() if isinstance(value, int | float)}
+        values = {"capture": outcome.name, "code": outcome.code, "notices": "; ".join(notices)}
+        values |= {"good": own.pop("good_share", "")}
+        values |= {name: deepest.get(name, "") for name in ("depth", "area", "force")}
+        return cls(values | own | {"digest": digest, "error": outcome.error})
 
+    @property
+    def failed(self) -> bool:
+        """Whether the command ended with an error."""
+        return str(self.values.get("code")) != "0"
 
-Run: TypeAlias = Callable[[Sequence[Task]], Iterator[Outcome]]
+    def lines(self) -> Iterator[str]:
+        """For the terminal: the numbers or the error, and the notices."""
+        name = self.values["capture"]
+        shown = {key: value for key, value in self.values.items() if isinstance(value, float)}
+        figures = ", ".join(f"{key} {number(value)}" for key, value in shown.items()) or "as before"
+        yield f"{name}: {self.values['error'] if self.failed else figures}"
+        for notice in filter(None, str(self.values["notices"]).split("; ")):
+            yield f"{name}: notice: {notice}"
 
 
 class Many(Program):
-    """A command that takes one capture or many; many run in processes of their own, and --out is a folder.
+    """A command that takes one capture or many; many run on workers, and --out is a folder.
 
     NAME.npz and NAME.json of every capture lie there, and table.csv of all. A command with --profile decodes
-    the first capture by itself and the others by its profile.
+    the first good capture of every kind (description, size of the pictures) by itself, the others by its
+    profile. What the table has of the same files, options and version is not done again.
     """
 
-    def __init__(self, *args: Any, captures: str, folders: bool = False, **given: Any) -> None:
-        """captures: the parameter that names them; folders: several files are the pictures of one capture."""
+    def __init__(
+        self, *args: Any, captures: str, imports: Sequence[str], folders: bool = False, **given: Any
+    ) -> None:
+        """captures: the parameter that names them; imports: parts that the command uses; folders: several
+        files are the pictures of one capture."""
         super().__init__(*args, **given)
         self.captures, self.folders = captures, folders
+        self.imports = [f"optolever.{part}" for part in imports]
         jobs = "Processes of one thread for several captures, whose results lie in the folder --out."
         address = "Dask cluster that takes several captures, in place of processes (extra cluster)."
+        again = "Of several captures also those that table.csv has of an earlier run."
         self.params += [
             click.Option(["--jobs"], type=click.IntRange(1), default=1, metavar="N", help=jobs),
             click.Option(["--scheduler"], metavar="ADDRESS", help=address),
+            click.Option(["--again"], is_flag=True, help=again),
         ]
 
     def invoke(self, ctx: click.Context) -> Any:
         """The command itself for one capture, else every capture's; 2 if one of them ended with an error."""
-        jobs, scheduler = ctx.params.pop("jobs"), ctx.params.pop("scheduler")
+        jobs, scheduler, again = (ctx.params.pop(name) for name in ("jobs", "scheduler", "again"))
         captures = ctx.params[self.captures]
         if len(captures) < 2 or (self.folders and not all(capture.is_dir() for capture in captures)):
             return super().invoke(ctx)
@@ -86,135 +100,180 @@ class Many(Program):
             if output and ctx.params[parameter.name or ""]:
                 text = f"{parameter.opts[0]}: is of one capture, not of {len(captures)}; leave it out"
                 raise InputError(text)
-        named, out = _by_name(captures), Path(ctx.params["out"])
+        out = Path(ctx.params["out"])
+        batch = Batch(self, ctx.params, _by_name(captures), out, again)
         ol.files.require_folder(out, "table.csv")
-        outcomes: list[Outcome] = []
-        workers = _processes(jobs) if scheduler is None else _cluster(scheduler)
+        workers = processes(jobs, self.imports) if scheduler is None else cluster(scheduler)
+        before = _read_table(out / "table.csv")
         with progress() as step, workers as run:
             out.mkdir(exist_ok=True)
-            for outcome in self._outcomes(ctx, named, run):
-                outcomes.append(outcome)
-                step(str(self.name), len(outcomes), len(named))
-                with step.aside():
-                    click.echo(str(outcome), err=outcome.code != 0)
-        outcomes.sort(key=lambda one: list(named).index(one.name))
-        _save_table(out / "table.csv", outcomes)
-        failed = sum(one.code != 0 for one in outcomes)
-        click.echo(f"{len(outcomes) - failed} of {len(outcomes)} captures done; {out / 'table.csv'}")
-        return 2 if failed else 0
+            rows = dict[str, Row]()
+            try:
+                for row in batch.rows(run, before):
+                    rows[row.values["capture"]] = row
+                    step(str(self.name), len(rows), len(batch.captures))
+                    with step.aside():
+                        for line in row.lines():
+                            click.echo(line, err=row.failed or ": notice: " in line)
+            finally:
+                _save_table(out / "table.csv", before | rows)
+                done = sum(not row.failed for row in rows.values())
+                click.echo(f"{done} of {len(batch.captures)} captures done; {out / 'table.csv'}")
+        return 0 if done == len(batch.captures) else 2
 
-    def _outcomes(self, ctx: click.Context, captures: dict[str, Path], run: Run) -> Iterator[Outcome]:
-        """Those of all captures; where the command has a profile and none is given, one capture makes it."""
-        given, out = ctx.params, Path(ctx.params["out"])
-        (kind,) = (parameter.type for parameter in self.params if parameter.name == "out")
-        suffix = ".npz" if isinstance(kind, OutputFile) else ""
 
-        def task(name: str, **others: Any) -> Task:
-            own = {self.captures: (captures[name],), "json_path": out / f"{name}.json"}
-            own |= {"out": out / f"{name}{suffix}"}
-            return Task(name, self.callback.__module__, given | own | others, os.getcwd())
+@dataclass(frozen=True)
+class Batch:
+    """A command's parameters for captures by their names, sorted; out: the folder of their results; again:
+    do also what is done. InputError where one profile is asked for of captures of several kinds."""
 
-        left, profile = list(captures), dict[str, Any]()
-        if "save_profile" in given and given["profile"] is None:
-            kept = given["save_profile"] or out / ".profile.npz"
-            while left and not profile:
-                (outcome,) = run([task(left.pop(0), save_profile=kept)])
-                profile = {} if outcome.code else {"profile": kept, "save_profile": None}
-                yield outcome
-        yield from run([task(name, **profile) for name in left])
+    command: Many
+    given: Mapping[str, Any]
+    captures: Mapping[str, Path]
+    out: Path
+    again: bool
+
+    def __post_init__(self) -> None:
+        kept = self.given.get("save_profile")
+        if kept is not None and len(self._kinds()) > 1:
+            what = f"captures of {len(self._kinds())} kinds (patterns, size of the pictures)"
+            raise InputError(f"--save-profile {kept}: {what} have no common profile; leave it out")
+
+    def rows(self, run: Run, before: Mapping[str, Row]) -> Iterator[Row]:
+        """Of every capture, as it ends; those of `before` that are of the same digest are not run."""
+        if "save_profile" not in self.given or self.given["profile"] is not None:
+            yield from self._of(run, list(self.captures), before, None, {})
+            return
+        for same in self._kinds():
+            yield from self._of_one_kind(run, same, before)
+
+    def _kinds(self) -> list[list[str]]:
+        """Names of captures by what one profile may hold for."""
+        kinds = dict[str, list[str]]()
+        for name, capture in self.captures.items():
+            kinds.setdefault(_kind(capture), []).append(name)
+        return list(kinds.values())
+
+    def _of_one_kind(self, run: Run, names: list[str], before: Mapping[str, Row]) -> Iterator[Row]:
+        """Those of one kind: the first good one makes the profile, which all others use."""
+        left = list(names)
+        for name in names:
+            kept = Path(self.given["save_profile"] or self.out / f".{name}.profile.npz")
+            known = before if kept.exists() else {}
+            (row,) = self._of(run, [name], known, None, {"save_profile": kept})
+            share = row.values.get("mirror_good_share", row.values["good"])
+            if not row.failed and float(share or 0) >= _GOOD:
+                left.remove(name)
+                yield row
+                own = {"profile": kept, "save_profile": None}
+                yield from self._of(run, left, before, str(row.values["digest"]), own)
+                return
+            if self.result(name).is_dir():  # is measured again, by another's profile
+                shutil.rmtree(self.result(name))
+        yield from self._of(run, left, {}, None, {"save_profile": None})
+
+    def _of(
+        self,
+        run: Run,
+        names: Sequence[str],
+        before: Mapping[str, Row],
+        profile: str | None,
+        own: dict[str, Any],
+    ) -> Iterator[Row]:
+        """Of some captures; profile: digest of the capture that made it; own: further parameters."""
+        options = {name: value for name, value in self.given.items() if name not in _BESIDE}
+        common: list[Any] = [ol.__version__, profile, {**options, self.command.captures: None}]
+        common += [_stamp(value) for value in options.values() if isinstance(value, Path)]
+        digests = {name: _digest([*common, _stamp(self.captures[name])]) for name in names}
+        tasks, stamps = [], {}
+        for name in names:
+            row, result = before.get(name), self.result(name)
+            same = row is not None and not row.failed and row.values.get("digest") == digests[name]
+            if row is not None and same and result.exists() and not self.again:
+                yield row
+                continue
+            if row is not None and result.is_dir():
+                shutil.rmtree(result)
+            tasks.append(self.task(name, own))
+            stamps[name] = _stamp(result)
+        for outcome in run(tasks):
+            result = self.result(outcome.name)
+            if outcome.code and result.is_file() and _stamp(result) == stamps[outcome.name]:
+                result.unlink()  # of an earlier run
+            yield Row.of(outcome, digests[outcome.name])
+
+    def result(self, name: str) -> Path:
+        """The file or the folder that a capture's command writes."""
+        (kind,) = (parameter.type for parameter in self.command.params if parameter.name == "out")
+        return self.out / (f"{name}.npz" if isinstance(kind, OutputFile) else name)
+
+    def task(self, name: str, own: Mapping[str, Any]) -> Task:
+        """A capture's command, with parameters of its own."""
+        assert self.command.callback is not None
+        parameters = {**self.given, self.command.captures: (self.captures[name],), "out": self.result(name)}
+        parameters = {**parameters, "json_path": self.out / f"{name}.json", **own}
+        return Task(name, self.command.callback.__module__, parameters, os.getcwd())
 
 
 def _by_name(captures: Sequence[Path]) -> dict[str, Path]:
-    """Captures by the part of their paths in which they differ; InputError if one is given twice."""
-    paths = [Path(os.path.abspath(capture)).with_suffix("") for capture in captures]
+    """Captures by the part of their paths in which they differ, without the suffix of a file, sorted.
+    InputError if one is given twice."""
+    paths = [Path(os.path.abspath(capture)) for capture in captures]
     common = Path(os.path.commonpath([path.parent for path in paths]))
     named = dict[str, Path]()
     for path, capture in zip(paths, captures, strict=True):
-        name = "-".join(path.relative_to(common).parts)
+        name = "-".join((path if path.is_dir() else path.with_suffix("")).relative_to(common).parts)
         if name in named:
             raise InputError(f"{capture}: another capture is called {name}, too; leave one out")
         named[name] = capture
-    return named
+    return dict(sorted(named.items()))
 
 
-def _save_table(path: Path, outcomes: Sequence[Outcome]) -> None:
-    """One row a capture: name, exit code, every number of its command, error (CSV)."""
-    columns = list(dict.fromkeys(name for outcome in outcomes for name in outcome.numbers))
-    rows = (
-        [one.name, one.code, *(one.numbers.get(name, "") for name in columns), one.error] for one in outcomes
-    )
-    ol.files.write_rows(path, ["capture", "code", *columns, "error"], rows)
+def _kind(capture: Path) -> str:
+    """What captures share that one profile may hold for: their description, the header of their pictures."""
+    described: Any = None
+    with suppress(OSError, ValueError):
+        described = tomllib.loads((capture / "capture.toml").read_text("utf-8"))
+        tables = described.get("frames", ())
+        pictures = [capture / table.get("file", "") for table in tables]
+        described["frames"] = [
+            {key: value for key, value in table.items() if key not in ("file", "time")} for table in tables
+        ]
+    if described is None or not (pictures and pictures[0].is_file()):
+        pictures = sorted(path for path in capture.iterdir() if path.is_file() and path.suffix != ".toml")
+    header = b""
+    with suppress(OSError, IndexError), pictures[0].open("rb") as file:
+        header = file.read(26)  # of a PNG: its size and its bits
+    return repr((described, header if header.startswith(b"\x89PNG") else b""))
 
 
-def _run(task: Task) -> Outcome:
-    from .app import exit_code
-
-    command: Program = importlib.import_module(task.module).command
-    out, err, numbers = StringIO(), StringIO(), Path(task.parameters["json_path"])
-    with _ONE_AT_A_TIME, redirect_stdout(out), redirect_stderr(err):
-        os.chdir(task.folder)
-        numbers.unlink(missing_ok=True)
-        code = exit_code(lambda: command.run(task.parameters), "optolever")
-    lines = err.getvalue().splitlines()
-    written: dict[str, Any] = json.loads(numbers.read_text("utf-8")) if numbers.exists() else {}
-    scalars = {name: value for name, value in written.items() if isinstance(value, int | float)}
-    return Outcome(task.name, code, lines[-1] if code and lines else "", scalars)
+def _stamp(path: Path) -> list[tuple[str, int, int]]:
+    """Names, sizes and times of a file, or of all files in a folder."""
+    files = sorted(path.rglob("*")) if path.is_dir() else [path]
+    found = []
+    for file in files:
+        with suppress(OSError):
+            about = file.stat()
+            found.append((str(file), about.st_size, about.st_mtime_ns))
+    return found
 
 
-def _pool(jobs: int) -> ProcessPoolExecutor:
-    """Processes forked from one that has imported the parts, where the system has a fork."""
-    forks = "forkserver" in multiprocessing.get_all_start_methods()
-    context = multiprocessing.get_context("forkserver" if forks else "spawn")
-    if forks:
-        context.set_forkserver_preload(_PARTS)
-    return ProcessPoolExecutor(jobs, context)
+def _digest(content: Any) -> str:
+    return hashlib.sha256(json.dumps(content, default=str, sort_keys=True).encode()).hexdigest()[:16]
 
 
-def _results(pool: ProcessPoolExecutor, tasks: Sequence[Task]) -> Iterator[Outcome]:
-    """Those of tasks whose process was not killed."""
-    with suppress(BrokenProcessPool):
-        for future in as_completed([pool.submit(_run, task) for task in tasks]):
-            with suppress(BrokenProcessPool):
-                yield future.result()
+def _read_table(path: Path) -> dict[str, Row]:
+    """Rows of an earlier run by their captures; none of a table of another program."""
+    if not path.is_file():
+        return {}
+    with suppress(OSError, UnicodeDecodeError, csv.Error, KeyError), path.open(encoding="utf-8") as file:
+        return {row["capture"]: Row(row) for row in csv.DictReader(file)}
+    return {}
 
 
-@contextmanager
-def _processes(jobs: int) -> Iterator[Run]:
-    """One pool; what a killed process leaves runs once more together, then alone: which kills it shows."""
-    with environment(SAFE_PATH | ONE_THREAD), _pool(jobs) as pool:
-
-        def run(tasks: Sequence[Task]) -> Iterator[Outcome]:
-            left = {task.name: task for task in tasks}
-            for each in (nullcontext(pool), _pool(jobs)):
-                with each as some:
-                    for outcome in _results(some, list(left.values())):
-                        del left[outcome.name]
-                        yield outcome
-            killed = "its process was killed three times: too little memory?"
-            for name, task in left.items():
-                with _pool(1) as alone:
-                    yield next(_results(alone, [task]), Outcome(name, 2, killed, {}))
-
-        yield run
-
-
-@contextmanager
-def _cluster(scheduler: str) -> Iterator[Run]:
-    """Workers of a Dask cluster; a task whose worker was killed runs again elsewhere. InputError: none."""
-    try:
-        dask: Any = importlib.import_module("distributed")
-    except ImportError as error:
-        raise InputError("--scheduler: needs Dask; pip install 'optolever[cluster]'") from error
-    try:
-        client = dask.Client(scheduler, timeout="10s")
-    except (OSError, ValueError) as error:
-        raise InputError(f"--scheduler {scheduler}: no answer ({error})") from error
-    with client:
-
-        def run(tasks: Sequence[Task]) -> Iterator[Outcome]:
-            futures = {client.submit(_run, task, pure=False, retries=_TRIES): task.name for task in tasks}
-            for future in dask.as_completed(futures):
-                lost = future.status == "error"
-                yield Outcome(futures[future], 2, str(future.exception()), {}) if lost else future.result()
-
-        yield run
+def _save_table(path: Path, rows: Mapping[str, Row]) -> None:
+    """One row a capture, sorted by name (CSV)."""
+    names = dict.fromkeys(name for row in rows.values() for name in row.values)
+    columns = [*_FIRST, *(name for name in names if name not in (*_FIRST, *_LAST)), *_LAST]
+    lines = ([rows[name].values.get(column, "") for column in columns] for name in sorted(rows))
+    ol.files.write_rows(path, columns, lines)

@@ -55,7 +55,7 @@ SAVE = Opt("--save-profile RIG.toml|NPZ", "Store this capture's profile, with th
 BLUR = Rare("--blur CELLS", "Rms blur of the display's cells; default: by the fringes' contrast.", AT_LEAST_0)
 
 
-@program("decode", SAMPLE, partial(Many, captures="sources", folders=True))
+@program("decode", SAMPLE, partial(Many, captures="sources", imports=("decode", "projector"), folders=True))
 def command(
     sources: Annotated[tuple[Path, ...], Arg("DIR|PATTERN|FILE")],
     out: Annotated[Path, OUT],
@@ -109,7 +109,7 @@ def command(
         if kept is None and save_profile is not None:
             why = f"the frames of {source} contradict their description (see the notices)"
             raise InputError(f"--save-profile {save_profile}: not written, {why}")
-        mirror, decoded = ol.experiments.mirror_coverage(result.flags)
+        mirror, decoded = ol.decode.mirror_coverage(result.flags)
         sigma_u, sigma_v = medians(result.good, result.sigma_u, result.sigma_v)
         numbers: dict[str, Any] = {
             "good_share": float(result.good.mean()),

@@ -40,7 +40,9 @@ PROFILE = Rare("--profile NPZ", "Profile of the rig, instead of a new estimate."
 SAVE = Rare("--save-profile NPZ", "Store this capture's profile of the rig.")
 
 
-@program("measure", SAMPLE, partial(Many, captures="captures", folders=True))
+@program(
+    "measure", SAMPLE, partial(Many, captures="captures", imports=("projector", "experiments"), folders=True)
+)
 def command(
     captures: Annotated[tuple[Path, ...], Arg("[DIR...]", required=False)],
     rig: OpenedRig,

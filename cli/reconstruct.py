@@ -68,7 +68,7 @@ FACET = Rare("--facet NAME", "Group of the facet in a SOFAST result; default: fa
 ACCEPT = Opt("--accept", "Keep heights that contradict the scene; else all are flagged, exit code 2.")
 
 
-@program("reconstruct", SAMPLE, partial(Many, captures="sources"))
+@program("reconstruct", SAMPLE, partial(Many, captures="sources", imports=("reconstruct",)))
 def command(
     sources: Annotated[tuple[Path, ...], Arg("C.npz")],
     scene_name: SceneName,

@@ -81,7 +81,7 @@ def capture_targets(
             one, then = ol.calibration.Observation(path.name, target, correspondence_of(path, rig)), None
             try:
                 then = calibrate([*used, one])
-                mirror, decoded = ol.experiments.mirror_coverage(one.correspondence.flags)
+                mirror, decoded = ol.decode.mirror_coverage(one.correspondence.flags)
                 fault = ol.calibration.reason_to_repeat(decoded, then.last, now.last, not then.few)
                 click.echo(f"{path.name}: {coverage_text(mirror, decoded)}; {so_far_text(then)}")
             except InputError as error:

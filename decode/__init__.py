@@ -14,6 +14,7 @@
 | `order`      | wrong frames, by the decoder's score                                                     |
 | `codes/`     | fringes, bits, orders, look-ups                                                          |
 | `effects/`   | lag, cells, shared noise, motion: one interface                                          |
+| `coverage`   | how much of the image the mirror fills                                                   |
 
 u along the pattern's columns, v along its rows, integer = pixel centre; sigma in pattern pixels, at least
 0.001 where the frames have no noise. An axis without frames is NaN with sigma inf and raises no flag.
@@ -22,6 +23,7 @@ A pixel's answer depends on its samples, its neighbourhood of 7 x 7 and the came
 
 from optolever.arguments import check_face
 
+from .coverage import mirror_coverage
 from .decoder import Decoder, decode, estimate_profile, too_weak
 from .frames import Response, Settings
 from .profile import Effect, RigProfile
@@ -38,6 +40,7 @@ __all__ = [
     "SharedNoise",
     "decode",
     "estimate_profile",
+    "mirror_coverage",
     "too_weak",
 ]
 

@@ -22,7 +22,7 @@ from .demo import DemoResult, run_demo
 from .faults import Faults
 from .height_report import write_demo_report, write_measurement_report
 from .measurement import Measurement
-from .metrics import height_metrics, mirror_coverage
+from .metrics import height_metrics
 from .rig_report import RigStudy, judged_table, write_rig_report
 from .sync_report import write_sync_report
 
@@ -34,7 +34,6 @@ __all__ = [
     "frames_of_another",
     "height_metrics",
     "judged_table",
-    "mirror_coverage",
     "run_demo",
     "write_demo_report",
     "write_measurement_report",

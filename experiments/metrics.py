@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_fill_holes
 
-from optolever.decode import Correspondence, Flag
+from optolever.decode import Correspondence
 from optolever.reconstruct import HeightMap
 from optolever.scene import Trace
 
@@ -27,18 +26,6 @@ def sigma_ratio(value: Array, truth: Array, sigma: Array, where: Mask) -> float:
     """Rms of error over sigma where `where` holds and sigma is finite: 1 if the error bars are right."""
     use = where & np.isfinite(sigma) & (sigma > 0)
     return rms((value[use] - truth[use]) / sigma[use])
-
-
-def mirror_coverage(flags: NDArray[np.unsignedinteger]) -> tuple[float, float]:
-    """Share of the image (H, W) that the mirror fills, and good share of the mirror (NaN without one).
-
-    The mirror: pixels whose level changes with the patterns, with holes filled, except masked pixels.
-    """
-    without = Flag.DARK | Flag.LOW_CONTRAST | Flag.INVALID
-    changing = (flags & without == 0) | (flags & Flag.SATURATED != 0)
-    mirror = np.asarray(binary_fill_holes(changing)) & (flags & Flag.INVALID == 0)
-    good = float((flags == 0)[mirror].mean()) if mirror.any() else math.nan
-    return float(mirror.mean()), good
 
 
 def unflagged(truth: Trace, height: HeightMap) -> Mask:

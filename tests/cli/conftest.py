@@ -10,7 +10,7 @@ import pytest
 
 from optolever.cli import run
 
-SCENE = ["--scene", "paper-simulation", "--size", "96x96"]
+SCENE = ["--scene", "paper-simulation", "--pixels", "96x96"]
 
 
 @dataclass(frozen=True)

@@ -2,11 +2,16 @@
 
 import csv
 import os
+import shutil
 import signal
+import subprocess
+import sys
 import threading
+import time
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -54,10 +59,11 @@ def test_heights_of_many_captures_one_of_which_fails(
     args += ["--scene", captures[0] / "scene.toml", "--out", tmp_path / "h"]
     assert "2 of 3 captures done" in optolever(*args, code=2).out
     found = table(tmp_path / "h")
-    assert [row["code"] for row in found.values()] == ["0", "2", "0"]
+    assert {name: row["code"] for name, row in found.items()} == {"c0": "0", "c1": "2", "c2": "0"}
     assert "c1.npz" in found["c1"]["error"]
     for k in (0, 2):
         assert float(found[f"c{k}"]["z_max_mm"]) == pytest.approx(0.01 * (k + 1), rel=0.1)
+        assert float(found[f"c{k}"]["depth"]) == pytest.approx(0.01 * (k + 1), rel=0.1)
 
 
 def test_two_processes_give_the_same_bits_as_one(
@@ -89,3 +95,94 @@ def test_a_killed_worker_of_a_cluster_loses_nothing(
         optolever("decode", *captures, "--scheduler", cluster.scheduler_address, "--out", tmp_path / "c")
         assert kill.finished.is_set(), "the batch was done before the worker was killed"
     same(captures, tmp_path / "c")
+
+
+def test_a_second_run_does_what_is_missing_or_changed(
+    captures: list[Path], tmp_path: Path, optolever: Program
+) -> None:
+    """A capture that changed, and what depends on its profile; --again all; another option all."""
+    own = [tmp_path / f"press_0.{k}" for k in range(COUNT)]  # the dots are no suffixes
+    for capture, copy in zip(captures, own, strict=True):
+        shutil.copytree(capture, copy)
+    out = tmp_path / "o"
+
+    def done(*more: str, code: int = 0) -> set[str]:
+        before = {path.name: path.stat().st_mtime_ns for path in out.glob("press*.npz")}
+        optolever("decode", *own[::-1], "--out", out, *more, code=code)
+        now = {path.name: path.stat().st_mtime_ns for path in out.glob("press*.npz")}
+        return {name for name in now | before if now.get(name) != before.get(name)}
+
+    everything = {f"press_0.{k}.npz" for k in range(COUNT)}
+    assert done() == everything
+    assert done() == set()
+    assert done("--again") == everything
+    (own[1] / "frames" / "003.png").touch()
+    assert done() == {"press_0.1.npz"}
+    assert done("--channel", "red") == everything
+    (own[1] / "frames" / "003.png").unlink()
+    assert done(code=2) == everything  # the result of the damaged one is gone
+    assert not (out / "press_0.1.npz").exists()
+    assert [row["code"] for row in table(out).values()] == ["0", "2", "0"]
+
+
+def test_the_profile_is_of_the_first_good_capture_of_its_kind(
+    captures: list[Path], tmp_path: Path, optolever: Program
+) -> None:
+    """Whatever the order of the arguments: a damaged first capture, another size of the pictures."""
+    shutil.copytree(captures[0], tmp_path / "a0")
+    (tmp_path / "a0" / "frames" / "003.png").unlink()
+    args = ["simulate", "--scene", "prism48", "--dent", "gaussian:peak=0.02", "--pixels", "60x48"]
+    optolever(*args, "--out", tmp_path / "b0")
+    for k, capture in enumerate(captures):
+        shutil.copytree(capture, tmp_path / f"c{k}")
+    folders = [tmp_path / name for name in ("a0", "b0", "c0", "c1", "c2")]
+    for out, order in ((tmp_path / "o", folders), (tmp_path / "p", folders[::-1])):
+        optolever("decode", *order, "--out", out, code=2)
+        same(captures, out)
+        assert {path.name for path in out.glob(".*")} == {".b0.profile.npz", ".c0.profile.npz"}
+        assert not table(out)["b0"]["notices"]
+
+
+def test_notices_are_in_the_table_and_on_the_terminal(
+    captures: list[Path], tmp_path: Path, optolever: Program
+) -> None:
+    shutil.copytree(captures[1], tmp_path / "jpg")
+    description = (tmp_path / "jpg" / "capture.toml").read_text("utf-8")
+    (tmp_path / "jpg" / "capture.toml").write_text(description.replace(".png", ".jpg"), "utf-8")
+    for path in (tmp_path / "jpg" / "frames").iterdir():
+        image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        cv2.imwrite(str(path.with_suffix(".jpg")), image, [cv2.IMWRITE_JPEG_QUALITY, 90])
+        path.unlink()
+    said = optolever("decode", captures[0], tmp_path / "jpg", "--out", tmp_path / "o").err
+    assert "jpg: notice: pictures compressed with loss" in said
+    (with_loss,) = (row for name, row in table(tmp_path / "o").items() if name == "jpg")
+    assert "pictures compressed with loss" in with_loss["notices"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("to_group", [False, True])
+def test_ctrl_c_ends_at_once_with_the_table_of_what_is_done(
+    to_group: bool, captures: list[Path], tmp_path: Path
+) -> None:
+    many = [tmp_path / f"c{k:03}" for k in range(400)]
+    for copy in many:
+        shutil.copytree(captures[0], copy)
+    command = [
+        sys.executable,
+        "-c",
+        "from optolever.cli import main; main()",
+        "decode",
+        *map(str, many),
+        "--out",
+        str(tmp_path / "o"),
+    ]
+    with subprocess.Popen([*command, "--jobs", "2"], stderr=subprocess.PIPE, start_new_session=True) as batch:
+        while len(list((tmp_path / "o").glob("*.json"))) < 3:
+            assert batch.poll() is None
+            time.sleep(0.05)
+        (os.killpg if to_group else os.kill)(batch.pid, signal.SIGINT)
+        batch.communicate(timeout=20)
+    assert batch.returncode == 130
+    found = table(tmp_path / "o")
+    assert 2 <= len(found) < len(many)
+    assert all((tmp_path / "o" / f"{name}.npz").exists() for name in found)
