@@ -7,8 +7,8 @@ Defaults are shown; an option without one is required. A tuple repeats, a bool i
 """
 
 import inspect
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin
@@ -44,14 +44,13 @@ class Arg:
 
 @dataclass(frozen=True)
 class Opt:
-    """An option, "--flag METAVAR". rare: in --help-all only; old: earlier flags, and the words that their
-    values are now; lists: kind of names that --list prints (`names`)."""
+    """An option, "--flag METAVAR". rare: in --help-all only; lists: kind of names that --list prints
+    (`names`)."""
 
     flag: str
     help: str = ""
     kind: click.ParamType[Any] | None = None
     rare: bool = False
-    old: Mapping[str, Callable[[str], list[str]]] = field(default_factory=dict)
     lists: str = ""
 
     def parameter(self, name: str, annotation: Any, default: Any) -> click.Parameter:
@@ -70,7 +69,7 @@ class Opt:
             hidden=self.rare,
             **({"required": True} if required else {"default": default, "show_default": shown}),
         )
-        made.old, made.lists, made.rare = self.old, self.lists, self.rare
+        made.lists, made.rare = self.lists, self.rare
         return made
 
 

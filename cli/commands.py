@@ -14,8 +14,6 @@ SECTIONS: Mapping[str, tuple[str, ...]] = {
     "Further commands": ("camera", "form", "export", "rest", "response", "patterns", "sensor"),
 }
 CAMERA = ("devices", "preview", "expose", "sync", "record", "replay", "measure")
-#: Earlier names.
-OLD = {name: f"camera {name}" for name in CAMERA} | {"codes": "design"}
 #: Files that are not named as their command.
 MODULES = {"show": "window"}
 
@@ -59,15 +57,3 @@ class Program(Commands):
     """optolever NAME."""
 
     sections = SECTIONS
-
-    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Earlier names are taken as what they are now, with a line about it."""
-        name, rest = (args[0], args[1:]) if args else ("", [])
-        new = OLD.get(name, name)
-        if name == "capture" and any(word.partition("=")[0] == "--scene" for word in rest):
-            new = "simulate"
-        if name == "names":
-            new, rest = "simulate", [*rest, "--list"]
-        if new != name:
-            click.echo(f"optolever {name} is now: optolever {new}{' --list' * (name == 'names')}", err=True)
-        return super().parse_args(ctx, [*new.split(), *rest])

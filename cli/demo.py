@@ -6,7 +6,7 @@ from typing import Annotated
 import optolever as ol
 
 from .arguments import Opt, program
-from .options import Dent, Json, Noise, Renderer, SceneName, Seed, Shown, Size, load_scene
+from .options import Dent, Full, Json, Noise, Renderer, SceneName, Seed, Shown, Size, load_scene
 from .outputs import ReportFolder
 from .show import number, print_notices, progress, table, write_json
 
@@ -38,6 +38,7 @@ def command(
     out: Annotated[Path, OUT] = Path("out/demo"),
     seed: Seed = 0,
     renderer: Renderer = "auto",
+    full: Full = False,
     json_path: Json = None,
 ) -> None:
     """Simulate a measurement, reconstruct it, compare; one page.
@@ -46,8 +47,8 @@ def command(
     truth.
 
     DIR/report.html needs no network: maps and profiles with the numbers under the pointer, a rotatable
-    surface, error over sigma, flags, frames, the rig to scale, the time of every stage. The full data (.npz)
-    and every number of the page (figures.csv) are in the same folder.
+    surface, error over sigma, flags, frames, the rig to scale, the time of every stage. The heights
+    (height.npz) and every number of the page (figures.csv) are in the same folder.
     """
     scene = load_scene(scene_name, size, exact=True)
     pressed = dent or scene.dent or "flat"
@@ -57,7 +58,7 @@ def command(
         )
         step("report")
         with ol.files.together():
-            result = ol.experiments.write_demo_report(result, out / "report.html")
+            result = ol.experiments.write_demo_report(result, out / "report.html", full=full)
             numbers = result.to_dict()
             write_json(json_path, numbers)
     print_notices(result.height.notices)

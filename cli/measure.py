@@ -95,7 +95,7 @@ def command(
             simulated=devices is not None and devices.camera == "virtual",
             saved=("c.npz", "h.npz"),
         )
-        ol.experiments.write_measurement_report(out / "report.html", found)
+        ol.experiments.write_measurement_report(out / "report.html", found, full=True)
     noise, rig_error = medians(height.good, height.sigma, height.calibration_sigma)
     frames = {"frames": len(capture)} if taken is None else taken.numbers()
     numbers = {"good_share": float(height.good.mean()), "noise_mm": noise, "rig_mm": rig_error}

@@ -46,15 +46,9 @@ class Anchored(click.ParamType[Any]):
         return x, y, z
 
 
-def _transposed(text: str) -> list[str]:
-    """--size ROWSxCOLS as --pixels."""
-    rows, _, cols = text.partition("x")
-    return ["--pixels", f"{cols}x{rows}"]
-
-
 def pixels(text: str) -> Opt:
     """--pixels WIDTHxHEIGHT."""
-    return Opt("--pixels WIDTHxHEIGHT", text, Shape(8), old={"--size": _transposed})
+    return Opt("--pixels WIDTHxHEIGHT", text, Shape(8))
 
 
 def preset(text: str = "") -> Opt:
@@ -74,6 +68,9 @@ _SCREEN = "Size of the display of the sequence, such as 1920x1080."
 _SIZE = "Resample camera and pattern together to this camera size; the field of view stays."
 _RENDERER = "auto: OpenGL where there is a context, else NumPy."
 
+_FULL = "Also write correspondence.npz and slopes.npz, several times the size of all else."
+
+Full = Annotated[bool, Opt("--full", _FULL)]
 Json = Annotated[Path | None, Opt("--json FILE", _NUMBERS, OutputFile(".json", ".csv"))]
 Size = Annotated[tuple[int, int] | None, pixels(_SIZE)]
 SceneName = Annotated[str, preset()]
@@ -93,7 +90,7 @@ Pictured = Annotated[
 #: Size of the pictures of a display.
 Display = Annotated[
     tuple[int, int] | None,
-    Opt("--pixels WIDTHxHEIGHT", _SCREEN, Shape(), old={"--display": lambda text: ["--pixels", text]}),
+    Opt("--pixels WIDTHxHEIGHT", _SCREEN, Shape()),
 ]
 Rig = Annotated[Path, Opt("--scene RIG.toml", "Rig in which the result is stored.", RigFile())]
 

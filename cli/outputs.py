@@ -5,7 +5,7 @@ An output is an option of type `OutputFile` or `ReportFolder`; all other files a
 
 import os
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -58,34 +58,14 @@ def _option(param: click.Parameter | None) -> str:
 
 
 class Option(click.Option):
-    """An option; old, lists, rare: as in `arguments.Opt`."""
+    """An option; lists, rare: as in `arguments.Opt`."""
 
-    old: Mapping[str, Callable[[str], list[str]]] = {}
     lists = ""
     rare = False
 
 
 class Program(click.Command):
     """A command that begins only if each of its outputs may be written and none of them is an input."""
-
-    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Earlier flags are taken as what they are now."""
-        return super().parse_args(ctx, self.renamed(args))
-
-    def renamed(self, args: list[str]) -> list[str]:
-        """Words with the flags of today."""
-        old = {
-            flag: words
-            for each in self.params
-            if isinstance(each, Option)
-            for flag, words in each.old.items()
-        }
-        now, rest = list[str](), iter(args)
-        for word in rest:
-            flag, equals, value = word.partition("=")
-            known = old.get(flag)
-            now += [word] if known is None else known(value if equals else next(rest, ""))
-        return now
 
     def invoke(self, ctx: click.Context) -> Any:
         return self.run(ctx.params)

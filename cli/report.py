@@ -7,7 +7,7 @@ import optolever as ol
 from optolever import InputError
 
 from .arguments import Arg, Opt, program
-from .options import Json, blame, load_scene, preset, rest_file
+from .options import Full, Json, blame, load_scene, preset, rest_file
 from .outputs import ReportFolder
 from .show import budget_rows, grid, medians, noise_and_rig, number, print_notices, table, write_json
 
@@ -42,12 +42,13 @@ def command(
     form: Annotated[str | None, REMOVE] = None,
     less: Annotated[tuple[Path, ...], LESS] = (),
     out: Annotated[Path, Opt("--out DIR", "Gets report.html and its data.", FILES)] = Path("out/report"),
+    full: Full = False,
     json_path: Json = None,
 ) -> None:
     """Write a page from saved records: heights, error bars, flags.
 
     H.npz is a file of reconstruct. DIR/report.html is the page of demo, without the comparison with the
-    truth. The full data (.npz) and every number of the page (figures.csv) are in the same folder.
+    truth. The heights (height.npz) and every number of the page (figures.csv) are in the same folder.
     """
     if rest_path is not None and (correspondence is None or scene_name is None):
         raise InputError(f"--rest {rest_path}: needs --correspondence and --scene")
@@ -74,7 +75,7 @@ def command(
     with blame(source):
         readings = ol.reconstruct.budget(height, next(iter(others.values()), None))
         with ol.files.together():
-            ol.experiments.write_measurement_report(out / "report.html", given)
+            ol.experiments.write_measurement_report(out / "report.html", given, full=full)
             write_json(json_path, shares | {"budget_mm": readings})
     print_notices(given.notices)
     rows = {

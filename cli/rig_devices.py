@@ -86,10 +86,6 @@ Changes = Annotated[
     Opt(
         "--set KEY=VALUE",
         "Change [devices] for this run, such as camera=virtual or exposure_ms=10; repeatable.",
-        old={
-            f"--{each.name.replace('_', '-')}": lambda text, name=each.name: ["--set", f"{name}={text}"]
-            for each in fields(Devices)
-        },
     ),
 ]
 

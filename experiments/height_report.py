@@ -43,8 +43,8 @@ FILES = {
 }
 
 
-def write_demo_report(result: DemoResult, path: str | Path) -> DemoResult:
-    """Write the page of a run; returns the run with the dents and the time of the report.
+def write_demo_report(result: DemoResult, path: str | Path, *, full: bool = False) -> DemoResult:
+    """Write the page of a run; returns the run with the dents and the time of the report. full: as below.
 
     The timing on the page ends when its data are computed.
     """
@@ -56,39 +56,40 @@ def write_demo_report(result: DemoResult, path: str | Path) -> DemoResult:
     records = result.height, result.correspondence, result.capture, result.scene, result.truth
     study = Study.of(Measurement(*records, source, simulated=True))
     result = replace(result, contacts=study.dents or ())
-    _write(study, path, lambda: result.with_report(time.perf_counter() - start).seconds)
+    _write(study, path, lambda: result.with_report(time.perf_counter() - start).seconds, full)
     return result.with_report(time.perf_counter() - start)
 
 
-def write_measurement_report(path: str | Path, given: Measurement) -> None:
-    """Write the page, and the missing data files (FILES) of its folder, atomically."""
+def write_measurement_report(path: str | Path, given: Measurement, *, full: bool = False) -> None:
+    """Write the page, and the missing data files (FILES) of its folder, atomically. full: correspondence and
+    slopes, too, several times the size of all others."""
     start = time.perf_counter()
-    _write(Study.of(given), path, lambda: {"report": time.perf_counter() - start})
+    _write(Study.of(given), path, lambda: {"report": time.perf_counter() - start}, full)
 
 
-def _write(study: Study, path: str | Path, seconds: Callable[[], dict[str, float]]) -> None:
+def _write(study: Study, path: str | Path, seconds: Callable[[], dict[str, float]], full: bool) -> None:
     """seconds: function of the stages' seconds, called when the page's data are computed."""
     figures, folder = Figures(), Path(path).parent
     context = _context(study, figures)
     folder.mkdir(parents=True, exist_ok=True)
     with together():
-        names = [*study.given.saved, *_save_data(study, folder), "figures.csv"]
+        names = [*study.given.saved, *_save_data(study, folder, full), "figures.csv"]
         files = {name: text for name, text in FILES.items() if name in names}
         write_page(path, "measurement.html", seconds(), context | {"files": files})
         figures.save(folder / "figures.csv")
 
 
-def _save_data(study: Study, folder: Path) -> list[str]:
+def _save_data(study: Study, folder: Path, full: bool) -> list[str]:
     """Write the files that are not yet in the folder; their names."""
     given, made = study.given, []
     if "h.npz" not in given.saved:
         given.height.save(folder / "height.npz")
         made.append("height.npz")
-    if given.correspondence is not None and "c.npz" not in given.saved:
+    if full and given.correspondence is not None and "c.npz" not in given.saved:
         given.correspondence.save(folder / "correspondence.npz")
         made.append("correspondence.npz")
     singles: dict[str, dict[str, Any]] = {}
-    if study.slopes is not None and study.curvature is not None:
+    if full and study.slopes is not None and study.curvature is not None:
         names = ("x", "y", "slope_x", "slope_y", "sigma_x", "sigma_y", "flags")
         singles["slopes.npz"] = {name: getattr(study.slopes, name) for name in names} | {
             f"curvature_{name}": getattr(study.curvature, name) for name in ("mean", "sigma_mean")

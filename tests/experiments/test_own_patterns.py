@@ -48,7 +48,7 @@ def ours(frames, shown):
 def wrong(frames, shown):
     return frames
 """
-SMALL = ["--scene", "prism48", "--size", "48x64"]
+SMALL = ["--scene", "prism48", "--pixels", "64x48"]
 
 
 @pytest.fixture
