@@ -83,7 +83,7 @@ def test_interruption_is_130(optolever: Program, monkeypatch: pytest.MonkeyPatch
 
 def test_names_of_presets(optolever: Program, tmp_path: Path) -> None:
     path = tmp_path / "names.json"
-    optolever("simulate", "--list", "--json", path)
+    optolever("simulate", "--json", path, "--list")
     names = json.loads(path.read_text())
     assert {"paper-simulation", "prism48"} <= set(names["scenes"])
     assert names["parameters"]["dents"]["gaussian"]["peak"] == pytest.approx(1.3)
