@@ -9,7 +9,7 @@ from optolever.scene import Scene
 
 from .arrays import Mask
 from .judgement.holes import whole_lines
-from .problem import Problem, prepare
+from .problem import Problem, on_pixels, prepare
 from .solver.anchors import Anchors
 from .solver.newton import State, missed, solve
 
@@ -31,11 +31,12 @@ def first_solution(
     defect: in a scene that is slightly wrong they lie beyond the pattern.
     """
     singular = np.zeros(correspondence.u.shape, dtype=np.bool_)
+    grid = prepare(correspondence, scene, anchor, mask)
     for _ in range(_ATTEMPTS):
-        problem = prepare(correspondence, scene, anchor, mask, singular)
+        problem = on_pixels(grid, singular)
         data = problem.data
-        state = solve(data, problem.samples, problem.labels, data.rest())
-        hollow = data.singular(state.w)
+        state = solve(data, problem.samples, problem.labels, data.rest(), variances=problem.variances)
+        hollow = data.singular(state.w, usual=problem.usual)[0]
         if not state.converged:
             limit = _UNSTABLE if hollow.any() else _SENSITIVE
             beside = data.sensitive(state.w, limit) | data.sensitive(data.rest(), limit)

@@ -24,13 +24,15 @@ class RayField:
     origins, directions: (3, rows + 2 PAD, cols + 2 PAD) mm and unit vectors, mirror frame.
     logarithmic: solve for log t instead of t. True where the rays diverge from one centre: there the
     distance scales with the field, and its slope over the distance is free of that scale.
-    lean: of a full image, dx/dz and dy/dz along the rays, (2, rows, cols), or (2, 1, 1) if all are parallel.
+    lean: of a full image, dx/dz and dy/dz along the rays, (2, rows, cols), or (2, 1, 1) if all are parallel;
+    parallel: whether they are.
     """
 
     origins: Floats
     directions: Floats
     logarithmic: bool
     lean: NDArray[np.float32] | None = None
+    parallel: bool = False
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -56,6 +58,7 @@ class RayField:
             np.ascontiguousarray(self.origins[window]),
             np.ascontiguousarray(self.directions[window]),
             self.logarithmic,
+            parallel=self.parallel,
         )
 
     def transposed(self) -> "RayField":
@@ -65,6 +68,7 @@ class RayField:
             np.ascontiguousarray(self.origins.transpose(swap)),
             np.ascontiguousarray(self.directions.transpose(swap)),
             self.logarithmic,
+            parallel=self.parallel,
         )
 
 
@@ -117,7 +121,7 @@ def traced_rays(camera: Any) -> RayField:
         raise InputError("scene: the camera has pixels without a finite ray")
     spread = float(np.abs(directions - directions[:, PAD : PAD + 1, PAD : PAD + 1]).max())
     shift = float(np.abs(origins - origins[:, PAD : PAD + 1, PAD : PAD + 1]).max())
-    return RayField(origins, directions, spread > 0 and shift == 0, _lean(directions[inner]))
+    return RayField(origins, directions, spread > 0 and shift == 0, _lean(directions[inner]), spread == 0)
 
 
 def _lean(directions: Floats) -> NDArray[np.float32]:

@@ -13,12 +13,14 @@ With the unknown w = log t, the slopes are p/t, their derivative with respect to
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from optolever.blocks import over_image
-from optolever.kernels import exact, inlined, kernel
+from optolever.blocks import over_image, over_rows
+from optolever.kernels import inlined, kernel
 from optolever.scene import PatternShape
 
 from .arrays import Floats, Mask, Pair
@@ -34,6 +36,8 @@ _ALONG, _ACROSS = 2, 1  # rows and columns on either side that predict where it 
 _MIDDLES = 0.05
 #: Rows sampled for that, about.
 _ROWS = 64
+_BLOCK = 8  # rows at once: what they need stays in the cache
+_MARGIN = 1e4  # between the noise at two places of the mirror, at most
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,38 +90,103 @@ class Measured:
         Where the noise is large as against the way to the pattern, that way is the one without noise: to the
         mean of neighbours.
         """
-        found, (u, v) = (np.full(w.shape, np.nan), np.full(w.shape, np.nan)), self._on_plane(w)
-        rays, sigmas, last = self.rays, (self.sigma_u, self.sigma_v), (w, self.rays.logarithmic)
-
-        def take(u: Floats, v: Floats, swing: float) -> None:
-            arrays = rays.origins, rays.directions, self.plane, u, v, *sigmas, *last, swing, *found
-            if every == 1:
-                over_image(lambda start, stop: _variances(*arrays, start, stop), w.shape)
-            for row in range(0, len(w), every) if every > 1 else ():
-                _variances(*arrays, row, row + 1)
-
-        take(u, v, _SWING)
-        noisy = found[0] < 0
+        found = np.full(w.shape, np.nan), np.full(w.shape, np.nan)
+        noisy, (u, v) = np.zeros(w.shape, np.bool_), self._on_plane(w)
+        rows = _BLOCK * every
+        over_rows(
+            lambda start, stop: self._spread(slice(start, stop, every), w, u, v, found, noisy), len(w), rows
+        )
         if noisy.any():
-            take(_amid(u, noisy), _amid(v, noisy), math.inf)
+            u, v = (_amid(at, noisy) for at in (u, v))
+            for row in np.flatnonzero(noisy.any(axis=1)).tolist():
+                self._spread(slice(row, row + 1), w, u, v, found, noisy, True)
         return found
 
-    def singular(self, w: Floats) -> Mask:
-        """Pixels of the mask to which noise leaves no normal n ~ e - d if the mirror is at w.
+    def _spread(
+        self, rows: slice, w: Floats, u: Floats, v: Floats, found: Pair, noisy: Mask, again: bool = False
+    ) -> None:
+        """Fill in the variances of some rows, u and v on the plane, and mark pixels whose noise is large;
+        again: of these alone."""
+        o, d = self.rays.origins, self.rays.directions
+        cols = slice(PAD, PAD + w.shape[1])
+
+        def at(a: Floats, k: int, down: int = 0, right: int = 0) -> Floats:
+            start = PAD + rows.start + down
+            return a[k, start : PAD + rows.stop + down : rows.step, PAD + right : cols.stop + right]
+
+        def change(a: Floats, k: int, down: int, right: int) -> Floats | float:
+            if self.rays.logarithmic if a is o else self.rays.parallel:
+                return 0.0
+            near = at(a, k, down, right) - at(a, k, -down, -right)
+            near *= 8.0 / 12.0
+            near -= (at(a, k, 2 * down, 2 * right) - at(a, k, -2 * down, -2 * right)) / 12.0
+            return near
+
+        t = np.exp(w[rows]) if self.rays.logarithmic else w[rows]
+        start, *axes = self.plane
+        ray = [at(d, k) for k in range(3)]
+        with np.errstate(all="ignore"):
+            e = [
+                start[k] + u[rows] * axes[0][k] + v[rows] * axes[1][k] - at(o, k) - t * ray[k]
+                for k in range(3)
+            ]
+            square = e[0] * e[0] + e[1] * e[1] + e[2] * e[2]
+            inverse = 1.0 / np.sqrt(square)
+            e = [part * inverse for part in e]
+            n = [part - along for part, along in zip(e, ray, strict=True)]
+            scale = 1.0 / _dot(n, ray)
+            sigmas = self.sigma_u[rows], self.sigma_v[rows]
+            forward = [_dot(axis, e) for axis in axes]
+            noise, ahead = (
+                sum(np.square(sigma) * part for sigma, part in zip(sigmas, parts, strict=True))
+                for parts in ((axis @ axis for axis in axes), map(np.square, forward))
+            )
+            large = noise > _SWING**2 * square
+            # to second order: noise along the way changes what noise across it does
+            factor = (1.0 + 3.0 * ahead / square) * np.square(
+                scale * inverse / (t if self.rays.logarithmic else 1)
+            )
+            for out, step in zip(found, ((0, 1), (1, 0)), strict=True):
+                # the tangent, and its changes by moves of X less their part along e
+                a = [change(o, k, *step) + t * change(d, k, *step) for k in range(3)]
+                slope = scale * _dot(n, a)
+                a = [part - slope * along for part, along in zip(a, ray, strict=True)]
+                along = _dot(e, a)
+                total = sum(
+                    np.square(sigma * (_dot(axis, a) - part * along))
+                    for sigma, axis, part in zip(sigmas, axes, forward, strict=True)
+                )
+                if again:
+                    np.copyto(out[rows], factor * total, where=noisy[rows])
+                else:
+                    np.multiply(factor, total, out=out[rows])
+        if not again:
+            noisy[rows] = large
+
+    def singular(
+        self, w: Floats, variances: Pair | None = None, usual: Floats | None = None
+    ) -> tuple[Mask, Floats]:
+        """Pixels of the mask to which noise leaves no normal n ~ e - d if the mirror is at w; and, per pixel,
+        the square of the way to the pattern times that of the noise of its slopes.
 
         e has no direction where X is at P, and is d where X is on the ray's way on from P: X must be farther
         from that half-line than its noise may move it, and farther from P than a pixel's noisy slopes move P.
+        usual: that product at another w, much as here: variances are computed where a pixel comes near.
         """
-        moved, way = np.maximum(*self.variances(w)), self.to_pattern(w)
-        if self.rays.logarithmic:
-            moved *= np.square(self.distance(w))
+        way = self.to_pattern(w)
         away = np.einsum("kij,kij->ij", way, way)
         ahead = np.maximum(np.einsum("kij,kij->ij", way, self.rays.inner_directions), 0.0)
         pitch = np.linalg.norm(self.plane[1:], axis=1)
         noise = _SURE * np.maximum(pitch[0] * self.sigma_u, pitch[1] * self.sigma_v)
-        with np.errstate(invalid="ignore"):
-            found: Mask = ~((away - np.square(ahead) > np.square(noise)) & (away > moved))
-        return found & self.mask
+        with np.errstate(invalid="ignore", over="ignore"):
+            found: Mask = ~(away - np.square(ahead) > np.square(noise))
+            if usual is None or not (away * away > _MARGIN * usual)[self.mask].all():
+                moved = np.maximum(*(self.variances(w) if variances is None else variances))
+                if self.rays.logarithmic:
+                    moved *= np.square(self.distance(w))
+                found |= ~(away > moved)
+                usual = away * moved
+        return found & self.mask, usual
 
     def sensitive(self, w: Floats, limit: float) -> Mask:
         """Pixels of the mask where a change of w changes a slope, over one pixel, by at least `limit` times
@@ -236,53 +305,6 @@ def _amid(values: Floats, where: Mask) -> Floats:
     return means
 
 
-@inlined
-def _spread(t, g, o, d, e, n, scale, by_u, by_v):  # type: ignore[no-untyped-def]
-    """Squared change of the slope along an axis by by_u and by_v, moves of X less their part along e, over
-    the way to X. g, o: as in `_tilt`."""
-    ax, ay, az = o[0] + t * g[0], o[1] + t * g[1], o[2] + t * g[2]
-    s = -scale * (n[0] * ax + n[1] * ay + n[2] * az)
-    ax, ay, az = ax + s * d[0], ay + s * d[1], az + s * d[2]
-    along = e[0] * ax + e[1] * ay + e[2] * az
-    one = by_u[0] * ax + by_u[1] * ay + by_u[2] * az - by_u[3] * along
-    other = by_v[0] * ax + by_v[1] * ay + by_v[2] * az - by_v[3] * along
-    return one * one + other * other
-
-
-@exact
-def _variances(o, d, plane, u, v, sigma_u, sigma_v, w, log, swing, var_p, var_q, start, stop):  # type: ignore[no-untyped-def]
-    """What is not known yet; -1 where noise is more than `swing` of the way to the pattern."""
-    for i in range(start, stop):
-        r = PAD + i
-        for j in range(u.shape[1]):
-            if var_p[i, j] >= 0.0:
-                continue
-            c = PAD + j
-            t = math.exp(w[i, j]) if log else w[i, j]
-            ray = d[0, r, c], d[1, r, c], d[2, r, c]
-            ex = plane[0, 0] + u[i, j] * plane[1, 0] + v[i, j] * plane[2, 0] - o[0, r, c] - t * ray[0]
-            ey = plane[0, 1] + u[i, j] * plane[1, 1] + v[i, j] * plane[2, 1] - o[1, r, c] - t * ray[1]
-            ez = plane[0, 2] + u[i, j] * plane[1, 2] + v[i, j] * plane[2, 2] - o[2, r, c] - t * ray[2]
-            square = ex * ex + ey * ey + ez * ez
-            s, k = sigma_u[i, j], sigma_v[i, j]
-            u_x, u_y, u_z = s * plane[1, 0], s * plane[1, 1], s * plane[1, 2]
-            v_x, v_y, v_z = k * plane[2, 0], k * plane[2, 1], k * plane[2, 2]
-            noise = u_x * u_x + u_y * u_y + u_z * u_z + v_x * v_x + v_y * v_y + v_z * v_z
-            if noise > swing * swing * square:
-                var_p[i, j] = -1.0
-                continue
-            inverse = 1.0 / math.sqrt(square)
-            e = ex * inverse, ey * inverse, ez * inverse
-            n = e[0] - ray[0], e[1] - ray[1], e[2] - ray[2]
-            scale = 1.0 / (n[0] * ray[0] + n[1] * ray[1] + n[2] * ray[2])
-            by_u = u_x, u_y, u_z, u_x * e[0] + u_y * e[1] + u_z * e[2]
-            by_v = v_x, v_y, v_z, v_x * e[0] + v_y * e[1] + v_z * e[2]
-            # to second order: noise along the way changes what noise across it does
-            more = 1.0 + 3.0 * (by_u[3] * by_u[3] + by_v[3] * by_v[3]) / square
-            factor = scale * inverse / t if log else scale * inverse
-            g = _along_cols(d, 0, r, c), _along_cols(d, 1, r, c), _along_cols(d, 2, r, c)
-            moved = _along_cols(o, 0, r, c), _along_cols(o, 1, r, c), _along_cols(o, 2, r, c)
-            var_p[i, j] = more * factor * factor * _spread(t, g, moved, ray, e, n, scale, by_u, by_v)
-            g = _along_rows(d, 0, r, c), _along_rows(d, 1, r, c), _along_rows(d, 2, r, c)
-            moved = _along_rows(o, 0, r, c), _along_rows(o, 1, r, c), _along_rows(o, 2, r, c)
-            var_q[i, j] = more * factor * factor * _spread(t, g, moved, ray, e, n, scale, by_u, by_v)
+def _dot(one: Sequence[Any], other: Sequence[Any]) -> Any:
+    """The sum of the products of two vectors' components."""
+    return one[0] * other[0] + one[1] * other[1] + one[2] * other[2]

@@ -11,13 +11,13 @@ from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.scene import Pattern, Scene
 
-from .arrays import Floats, Labels, Mask
+from .arrays import Floats, Labels, Mask, Pair
 from .geometry import RayField, pattern_plane, ray_field
 from .judgement.holes import bridged, small_holes
 from .measured import Measured
 from .solver.anchors import EDGE_REACH, Anchors, Samples, anchor_rows, anchor_samples
 
-__all__ = ["Problem", "prepare"]
+__all__ = ["Problem", "on_pixels", "prepare"]
 
 #: Pattern pixels: the lower limit of sigma.
 _LEAST = 2  # rows and columns of pixels
@@ -38,7 +38,8 @@ class Problem:
     window's rows and columns are exchanged, so that the slopes' variances go by columns; data: that grid, to
     which the samples belong; labels: its anchored components from 1 on; bridged: interpolated pixels, of
     small holes; lost: valid pixels without an anchor; singular (H, W): valid pixels of the
-    image that cannot be solved (see `Measured.singular`); suspects (H, W): wrong pixels.
+    image that cannot be solved (see `Measured.singular`); suspects (H, W): wrong pixels; variances,
+    usual: see `Grid`.
     """
 
     rays: RayField
@@ -53,6 +54,8 @@ class Problem:
     lost: int
     singular: Mask
     suspects: Mask
+    variances: Pair
+    usual: Floats
 
     def to_grid(self, image: NDArray[Any]) -> NDArray[Any]:
         """The grid's part of an array of the image (H, W)."""
@@ -66,16 +69,34 @@ class Problem:
         return image
 
 
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """The window of the image that holds valid pixels, before any is left out; names as in `Problem`.
+
+    data: holes bridged; seen, holes (rows, cols): measured pixels, and those between; variances: of the
+    slopes with the mirror at rest; hollow: pixels that cannot be solved there; usual: see
+    `Measured.singular`.
+    """
+
+    rays: RayField
+    valid: Mask
+    rows: slice
+    cols: slice
+    turned: bool
+    data: Measured
+    samples: Samples
+    seen: Mask
+    holes: Mask
+    variances: Pair
+    hollow: Mask
+    usual: Floats
+
+
 def prepare(
-    correspondence: Correspondence,
-    scene: Scene,
-    anchor: Anchors = None,
-    mask: Mask | None = None,
-    singular: Mask | None = None,
-) -> Problem:
-    """Everything up to the solve. singular (H, W): pixels that cannot be solved, in addition to those that
-    cannot at rest. Raises InputError where the input
-    makes no sense or no anchor can be used.
+    correspondence: Correspondence, scene: Scene, anchor: Anchors = None, mask: Mask | None = None
+) -> Grid:
+    """Everything up to the choice of pixels. Raises InputError where the input makes no sense or no anchor
+    can be used.
     """
     size, camera = correspondence.u.shape, scene.camera
     if size != (camera.rows, camera.cols):
@@ -91,20 +112,24 @@ def prepare(
     rays = ray_field(camera)
     valid = _valid(correspondence, rays, scene.pattern, mask)
     samples = anchor_samples(anchor, scene, rays, valid)
-    left_out = np.zeros_like(valid) if singular is None else valid & singular
-    rows, cols = (_extent(valid & ~left_out, axis) for axis in (1, 0))
+    rows, cols = (_extent(valid, axis) for axis in (1, 0))
     data = _window(correspondence, rays, pattern_plane(scene), valid, rows, cols)
     data = replace(data, shape=scene.pattern.shape)
     turned = _rows_rule(data)
     samples = samples.on_grid(rows, cols, turned)
     data = _transposed(data) if turned else data
-
-    def on_grid(image: Mask) -> Mask:
-        return image[rows, cols].T if turned else image[rows, cols]
-
     holes = small_holes(data.mask)
     seen, data = data.mask, bridged(data, holes)
-    hollow = data.singular(data.rest()) | (data.mask & on_grid(left_out))
+    variances = data.variances(data.rest())
+    hollow, usual = data.singular(data.rest(), variances)
+    return Grid(rays, valid, rows, cols, turned, data, samples, seen, holes, variances, hollow, usual)
+
+
+def on_pixels(grid: Grid, singular: Mask) -> Problem:
+    """The problem on a grid without pixels that cannot be solved at rest, nor `singular` ones (H, W). Raises
+    InputError where no anchor reaches any other."""
+    data, samples, cut = grid.data, grid.samples, grid.data.mask & _part(grid, grid.valid & singular)
+    hollow = grid.hollow | cut
     # after holes are bridged: across these none is
     data = replace(data, mask=data.mask & ~hollow)
     labels = _anchored_labels(data, samples)
@@ -112,24 +137,48 @@ def prepare(
         raise InputError(
             f"anchor: none has valid pixels (four in a row, unless it is on one) within {EDGE_REACH:g} pixels"
         )
-    lost = int(np.count_nonzero(seen & ~hollow & (labels == 0)))
-    data = data if labels.all() else replace(data, mask=labels > 0)
-    left_out[rows, cols] |= (hollow.T if turned else hollow) & valid[rows, cols]
-    bridges = holes & ~hollow
+    left_out = grid.valid & singular
+    left_out[grid.rows, grid.cols] |= (hollow.T if grid.turned else hollow) & grid.valid[grid.rows, grid.cols]
+    lost = int(np.count_nonzero(grid.seen & ~hollow & (labels == 0)))
+    down, along = (_extent(labels > 0, axis) for axis in (1, 0))
+    if min(down.stop - down.start, along.stop - along.start) < _LEAST:
+        down, along = (slice(0, size) for size in labels.shape)
+    inner = down, along
+    labels = np.ascontiguousarray(labels[inner])
     return Problem(
-        rays,
-        valid,
-        rows,
-        cols,
-        turned,
-        data,
-        samples,
+        grid.rays,
+        grid.valid,
+        _within(grid.rows, along if grid.turned else down),
+        _within(grid.cols, down if grid.turned else along),
+        grid.turned,
+        _cropped(data, inner, labels > 0),
+        samples.on_grid(down, along, False),
         labels,
-        bridges,
+        (grid.holes & ~hollow)[inner],
         lost,
         left_out,
-        np.zeros_like(valid),
+        np.zeros_like(grid.valid),
+        (grid.variances[0][inner], grid.variances[1][inner]),
+        grid.usual[inner],
     )
+
+
+def _part(grid: Grid, image: Mask) -> Mask:
+    part = image[grid.rows, grid.cols]
+    return part.T if grid.turned else part
+
+
+def _within(outer: slice, inner: slice) -> slice:
+    return slice(outer.start + inner.start, outer.start + inner.stop)
+
+
+def _cropped(data: Measured, window: tuple[slice, slice], mask: Mask) -> Measured:
+    """A window of it, with this mask."""
+    if mask.shape == data.mask.shape:
+        return replace(data, mask=mask)
+    names = ("u", "v", "sigma_u", "sigma_v")
+    parts: dict[str, Any] = {name: np.ascontiguousarray(getattr(data, name)[window]) for name in names}
+    return replace(data, rays=data.rays.cropped(*window), mask=mask, **parts)
 
 
 def _extent(valid: Mask, axis: int) -> slice:

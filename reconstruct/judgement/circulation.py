@@ -7,6 +7,7 @@ leave more, the larger the block, until it holds them all: blocks of 4, 8, 16, .
 """
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import scipy.special
@@ -65,22 +66,33 @@ def circulations(mask: Mask, slopes: tuple[Floats, Floats], variance: Floats) ->
     # sums are differences of cumulative sums: they must exceed the rounding of these
     spread = np.minimum(variance[window], _MOST * float(np.median(variance[mask])))
     found, block = [], _SMALLEST
+    single, variances = _table(squares), _table(spread)
+    holes = None if inside.all() else _table((~inside).astype(np.float64))
     while block <= min(inside.shape) // 4:
         wide = 2 * block
-        mean = _boxes(_boxes(squares, block), block) / block**2
-        here = slice(mean.shape[0]), slice(mean.shape[1])
-        limits, holes = (_boxes(part, wide)[here] for part in (spread, (~inside).astype(np.float64)))
-        mean = mean[: len(limits), : limits.shape[1]]
-        score = mean / np.sqrt(limits / wide**2 * 2.0 * (2.0 * block**2 + 1.0) / (3.0 * block**2))
-        found.append((block, score[holes < 0.5]))
+        mean, limits = _boxes(_table(_boxes(single, block)), block), _boxes(variances, wide)
+        here = slice(min(len(mean), len(limits))), slice(min(mean.shape[1], limits.shape[1]))
+        limits *= 2.0 * (2.0 * block**2 + 1.0) / (3.0 * block**2) * block**4 / wide**2
+        score = mean[here] / np.sqrt(limits, out=limits)[here]
+        found.append((block, score.ravel() if holes is None else score[_boxes(holes, wide)[here] < 0.5]))
         block = wide
     return found
 
 
-def _boxes(values: Floats, size: int) -> Floats:
+def _table(values: Floats) -> Floats:
+    """Sums of all that is above and to the left, with a line of zeros."""
+    table = np.zeros((values.shape[0] + 1, values.shape[1] + 1))
+    inner = table[1:, 1:]
+    np.cumsum(values, axis=1, out=inner)
+    for before, line in pairwise(inner):
+        line += before
+    return table
+
+
+def _boxes(table: Floats, size: int) -> Floats:
     """Sums over all squares of size x size."""
-    total = np.pad(values, ((1, 0), (1, 0))).cumsum(axis=0).cumsum(axis=1)
-    boxes: Floats = total[size:, size:] - total[:-size, size:] - total[size:, :-size] + total[:-size, :-size]
+    high = table[size:] - table[:-size]
+    boxes: Floats = high[:, size:] - high[:, :-size]
     return boxes
 
 

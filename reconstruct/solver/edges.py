@@ -26,11 +26,11 @@ __all__ = [
     "edge_weights",
     "factor_increments",
     "increments",
+    "scaled_weights",
     "stencil",
 ]
 
 _STEEP = 0.05  # of the integrating factor's ratio: where it falls so much, slopes do not say by how much
-_NONE = np.zeros((1, 1))
 
 
 class Doubt(NamedTuple):
@@ -89,13 +89,31 @@ def edge_weights(
     """Weights (E_i E_j) / var_edge of the edges, var_edge the mean of its two pixels' slope variances
     and the square of the edge's doubt.
     """
-    wx, wy = np.empty(var_p.shape), np.empty(var_p.shape)
-    dx, dy = (_NONE, _NONE) if doubt is None else doubt
-    over_image(
-        lambda start, stop: _edge_weights(var_p, var_q, root, mask, dx, dy, wx, wy, start, stop),
-        var_p.shape,
-    )
-    return wx, wy
+    wx, wy = np.zeros(var_p.shape), np.zeros(var_p.shape)
+    for out, variance, more, (one, other) in (
+        (wx, var_p, doubt and doubt.x, (np.s_[:, :-1], np.s_[:, 1:])),
+        (wy, var_q, doubt and doubt.y, (np.s_[:-1], np.s_[1:])),
+    ):
+        total = variance[one] + variance[other]
+        if more is not None:
+            total += 2.0 * np.square(more[one])
+        np.divide(2.0, total, out=out[one], where=mask[one] & mask[other])
+    return (wx, wy) if root.size == 1 and root[0, 0] == 1.0 else scaled_weights((wx, wy), root)
+
+
+def scaled_weights(weights: tuple[Floats, Floats], root: Floats) -> tuple[Floats, Floats]:
+    """The weights (rows, cols) of edges times E_i E_j; root: (rows, cols), or (1, 1) if constant."""
+    wx, wy = weights
+    root = np.broadcast_to(root, wx.shape)
+    scaled = np.zeros(wx.shape), np.zeros(wy.shape)
+    for out, weight, (one, other) in (
+        (scaled[0], wx, (np.s_[:, :-1], np.s_[:, 1:])),
+        (scaled[1], wy, (np.s_[:-1], np.s_[1:])),
+    ):
+        both = root[one] * root[other]
+        both *= both
+        np.multiply(weight[one], both, out=out[one])
+    return scaled
 
 
 def divergence(gx: Floats, gy: Floats, wx: Floats, wy: Floats) -> Floats:
@@ -176,28 +194,6 @@ def _defects(p, q, w, root, mask, whole, gx, gy, start, stop):  # type: ignore[n
             if i + 1 < rows and mask[i, j] and mask[i + 1, j]:
                 rise = stencil(q, mask, i, j, 1, 0, i, rows - 1 - i)
                 out_y[j] = (rise - (w1[j] - w0[j])) / (r0[j] * r1[j])
-
-
-@exact
-def _edge_weights(var_p, var_q, root, mask, dx, dy, wx, wy, start, stop):  # type: ignore[no-untyped-def]
-    rows, cols = var_p.shape
-    scaled = 1 if root.shape[0] > 1 else 0
-    doubtful = 1 if dx.shape[0] > 1 else 0
-    for i in range(start, stop):
-        for j in range(cols):
-            wx[i, j] = 0.0
-            wy[i, j] = 0.0
-            if not mask[i, j]:
-                continue
-            ri = root[scaled * i, scaled * j]
-            if j + 1 < cols and mask[i, j + 1]:
-                both = ri * root[scaled * i, scaled * (j + 1)]
-                more = 2.0 * dx[doubtful * i, doubtful * j] ** 2
-                wx[i, j] = 2.0 * both * both / (var_p[i, j] + var_p[i, j + 1] + more)
-            if i + 1 < rows and mask[i + 1, j]:
-                both = ri * root[scaled * (i + 1), scaled * j]
-                more = 2.0 * dy[doubtful * i, doubtful * j] ** 2
-                wy[i, j] = 2.0 * both * both / (var_q[i, j] + var_q[i + 1, j] + more)
 
 
 @exact

@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.ndimage
 
-from ..arrays import Floats, Labels, Mask
+from ..arrays import Floats, Labels, Mask, Pair
 from ..measured import Measured
 from .anchors import AnchorRows, Samples, anchor_rows, free_constants
-from .edges import Doubt, defects, edge_weights, factor_increments
+from .edges import Doubt, defects, edge_weights, factor_increments, scaled_weights
 from .poisson import Accuracy, EdgeProblem, edge_problem
 
 __all__ = ["State", "chord_step", "edge_errors", "response", "solve"]
@@ -80,15 +80,18 @@ def solve(
     labels: Labels,
     w: Floats,
     doubt: Doubt | None = None,
+    variances: Pair | None = None,
 ) -> State:
     """Iterate from w. labels: connected components of the mask from 1 on,
-    each with an anchor sample at least; doubt: of the edges' increments, see `discontinuities`.
+    each with an anchor sample at least; doubt: of the edges' increments, see `discontinuities`; variances: of
+    the slopes at w, if they are known.
     """
     rows = anchor_rows(samples, data, labels)
-    variances = _guarded(data.variances(w), data.mask)
+    variances = _guarded(data.variances(w) if variances is None else variances, data.mask)
     tolerance = _TOLERANCE * float(np.ptp(w[data.mask]))
     noise = math.sqrt(float(np.median(variances[0][data.mask])))
-    plain = edge_problem(*edge_weights(*variances, _ONE, data.mask, doubt), data.mask, doubt is None)
+    own = edge_weights(*variances, _ONE, data.mask, doubt)
+    plain = edge_problem(*own, data.mask, doubt is None)
     problem, root, phi = plain, _ONE, None
     sample: tuple[Floats, ...] = ()
     iterations = 0
@@ -103,8 +106,9 @@ def solve(
             phi, iterations = fit.x, iterations + fit.iterations
             del fit
             root = _root(phi, labels)
-            weights = edge_weights(*variances, root, data.mask, doubt)
-            problem = edge_problem(*weights, data.mask, doubt is None)
+            weights = scaled_weights(own, root)
+            # the first factor changes the weights by orders of magnitude, others hardly
+            problem = edge_problem(*weights, data.mask, doubt is None, problem if steps else None)
             sample = tuple(part[_some(part)].copy() for part in weights)
             del weights
         del p_w, q_w

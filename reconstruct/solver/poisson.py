@@ -18,7 +18,7 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from optolever.blocks import over_image, threads
-from optolever.kernels import exact
+from optolever.kernels import F32, exact
 
 from ..arrays import Floats, Mask
 from .edges import apply_laplacian, divergence
@@ -42,6 +42,7 @@ SEPARABLE_SPREAD = (
 _LEAK = 1e-4  # of its column's mean weight: what a missing edge conducts in the preconditioner
 #: What a solve in float32 leaves of its peak, at most (4 Mpx: 5e-7, of pure noise 2e-5).
 _SINGLE = 1e-4
+_PEAK = 1e-3  # of a logarithm, whose range is some 10
 _ABREAST = 8  # modes
 
 
@@ -66,9 +67,9 @@ class Accuracy:
     @property
     def single(self) -> bool:
         """Whether float32 is enough for a direct solve."""
-        return self.relative >= _SINGLE
+        return self.relative >= _SINGLE or (self.peak or 0.0) >= _PEAK
 
-    def met(self, energy: float, first: float, error: Floats) -> bool:
+    def met(self, energy: float, first: float, error: F32) -> bool:
         """energy and first: squared energy norms of the error, now and at the start; error: (rows, cols)."""
         if self.peak is not None:
             return max(float(error.max()), -float(error.min())) <= self.peak
@@ -180,15 +181,16 @@ class MaskedEdges:
     """min sum w_e (x_j - x_i - g_e)^2 on the edges whose weight is not zero.
 
     wx, wy: (rows, cols). The preconditioner solves the full rectangle, in which missing edges conduct next to
-    nothing: its solution, restricted to the mask, is that of the mask but for this.
+    nothing: its solution, restricted to the mask, is that of the mask but for this. near: a problem whose
+    weights are nearly these, and whose preconditioner serves.
     """
 
     closed = False
 
-    def __init__(self, wx: Floats, wy: Floats, mask: Mask) -> None:
+    def __init__(self, wx: Floats, wy: Floats, mask: Mask, near: "EdgeProblem | None" = None) -> None:
         self.weights = wx, wy
         self._mask = mask
-        self._cycle: Callable[[Floats], Floats] | None = None
+        self._cycle: Callable[[Floats], F32] | None = near._cycle if isinstance(near, MaskedEdges) else None
 
     @cached_property
     def columns(self) -> ColumnPoisson:
@@ -215,7 +217,7 @@ class MaskedEdges:
             r -= apply_laplacian(x, *self.weights, image)[0]
         z, energy = self._preconditioned(r)
         first = energy
-        direction = z.copy()
+        direction = z.astype(np.float64)
         for iteration in range(limit):
             if energy <= 0.0 or accuracy.met(energy, first, z):
                 return PoissonResult(x, iteration)
@@ -231,26 +233,27 @@ class MaskedEdges:
             direction += z
         return PoissonResult(x, limit)
 
-    def _preconditioned(self, r: Floats) -> tuple[Floats, float]:
+    def _preconditioned(self, r: Floats) -> tuple[F32, float]:
         """About the error that the residual r stands for, zero outside the mask, and its energy."""
         if self._cycle is None:
             wx, wy = self.weights
             self._cycle = Multigrid(_filled(wx, 1), _filled(wy, 0)).cycle
-        z = self._cycle(r)
-        z *= self._mask
+        z = self._cycle(r) * self._mask
         return z, float(np.einsum("ij,ij->", z, r))
 
 
 EdgeProblem = SeparableEdges | MaskedEdges
 
 
-def edge_problem(wx: Floats, wy: Floats, mask: Mask, separable: bool = True) -> EdgeProblem:
+def edge_problem(
+    wx: Floats, wy: Floats, mask: Mask, separable: bool = True, near: EdgeProblem | None = None
+) -> EdgeProblem:
     """Separable where the mask is the full rectangle and the weights go by columns closely enough
-    (not if single edges are to count less).
+    (not if single edges are to count less). near: see `MaskedEdges`.
     """
     if separable and mask.all() and max(spread(wx), spread(wy)) < SEPARABLE_SPREAD:
         return SeparableEdges(wx, wy)
-    return MaskedEdges(wx, wy, mask)
+    return MaskedEdges(wx, wy, mask, near)
 
 
 def spread(weights: Floats) -> float:

@@ -25,6 +25,7 @@ _DRAWS = 64
 _PIXELS = 1 << 22  # solved in all: fewer draws for large images
 _FEWEST = 4
 _MOSTLY = 0.9  # of the pixels: their quantile sets the number of draws
+_SOME = 1 << 15  # pixels
 _PRIOR = 6.0  # draws that the mean around counts as
 _WIDE = 7.0  # pixels, rms
 _SEED = 20140318
@@ -68,7 +69,7 @@ def _beside_known(state: State) -> Floats:
 
 def _unexplained(sums: Floats) -> float:
     """1 - rho^4 of the sums (3, N) of squares and products, at most, in nearly all pixels."""
-    own, both, control = sums
+    own, both, control = sums[:, :: max(1, sums.shape[1] // _SOME)]
     rho2 = np.divide(both**2, own * control, out=np.zeros_like(own), where=own * control > 0)
     return float(np.quantile(1.0 - rho2**2, _MOSTLY))
 
@@ -122,8 +123,9 @@ def _divergence(edges: Pair, state: State, rng: np.random.Generator) -> Floats:
         if weights is None:
             scaled.append(g)
             continue
-        noise = np.divide(rng.standard_normal(g.shape), root, out=np.zeros(g.shape), where=root > 0)
-        known = np.divide(np.sqrt(weights[axis]) * g, root, out=np.zeros(g.shape), where=root > 0)
-        scaled.append(np.where(weights[axis] > 0, known, noise))
+        own = np.divide(np.sqrt(weights[axis]) * g, root, out=np.zeros(g.shape), where=root > 0)
+        lost = (weights[axis] == 0) & (root > 0)
+        own[lost] = rng.standard_normal(np.count_nonzero(lost)) / np.broadcast_to(root, g.shape)[lost]
+        scaled.append(own)
     scaled[1][-1] = 0.0
     return divergence(scaled[0], scaled[1], wx[None], columns.wy[None])
