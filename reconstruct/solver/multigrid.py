@@ -32,8 +32,8 @@ _STEPS = (0, 1), (1, 0), (1, 1), (1, -1)  # rows and columns to the pixel at the
 class _Level:
     """weights (4, rows + 2, cols + 2) of the edges to the right, down, down right and down left; nine:
     whether there are any of the last two; inverse of the diagonal (rows, cols); interpolation from the next
-    level: share of the left or upper neighbour in the pixels between two (across, along), and of the four corners
-    between four.
+    level: share of the left or upper neighbour in the pixels between two (across, along), and of the four
+    corners between four.
     """
 
     weights: F32
