@@ -5,7 +5,7 @@
 - `arguments`: commands from functions with typed parameters; --help-all
 - `options`, `names`: arguments of several commands (--json, --pixels, scenes); --list
 - `outputs`: output files, checked before any work; earlier names of options
-- `batch`: many captures by one command, in processes or on a cluster
+- `batch`, `workers`: many captures by one command, in processes or on a cluster
 - `show`: tables, progress, JSON
 - `rig_devices`, `rig_capture`, `rig_targets`, `rig_live`: the devices of a rig opened; a capture by them;
   captures of targets for `calibrate`; rest and frames for `live`
