@@ -1,11 +1,11 @@
 """Commands: parse, call, print. No mathematics, and no heavy import before a command runs.
 
 - `app`: the program `optolever`, the one place where errors become a line and an exit code
-- `commands`: the list of commands, and their earlier names; loaded when called
+- `commands`: the list of commands; loaded when called
 - `arguments`: commands from functions with typed parameters; --help-all
 - `options`, `names`: arguments of several commands (--json, --pixels, scenes); --list
-- `outputs`: output files, checked before any work; earlier names of options
-- `batch`, `workers`: many captures by one command, in processes or on a cluster
+- `outputs`: output files, checked before any work
+- `batch`, `workers`: many captures by one command; processes and clusters that run them
 - `show`: tables, progress, JSON
 - `rig_devices`, `rig_capture`, `rig_targets`, `rig_live`: the devices of a rig opened; a capture by them;
   captures of targets for `calibrate`; rest and frames for `live`

@@ -1,7 +1,6 @@
 """`optolever design`: sequences for a scene, ranked by predicted height error."""
 
 import math
-from collections.abc import Iterable
 from dataclasses import asdict
 from itertools import product
 from pathlib import Path
@@ -54,6 +53,7 @@ ADD = Opt(
 )
 VERIFY = Opt("--verify N", "Number of the best candidates to simulate.", click.IntRange(min=0))
 _ROWS = 12  # of the table that is printed; the JSON file has all
+SEEDS = Opt("--seeds N", "With --code: draws of noise of each simulation.", click.IntRange(min=1))
 OUT = Opt("--out FILE.toml", "Gets the best sequence, for show --sequence.", OutputFile(".toml", bare=False))
 CHART = Opt("--chart FILE.png", "With --code: error over both times.", OutputFile(".png", bare=False))
 CSV = Opt("--csv FILE.csv", "With --code: all numbers.", OutputFile(".csv", bare=False))
@@ -75,6 +75,7 @@ def command(
     exposure: Annotated[float, EXPOSURE] = 0.0,
     added: Annotated[tuple[str, ...], ADD] = (),
     verify: Annotated[int, VERIFY] = 3,
+    seeds: Annotated[int, SEEDS] = 3,
     renderer: Renderer = "auto",
     size: Size = None,
     out: Annotated[Path | None, OUT] = None,
@@ -98,21 +99,25 @@ def command(
     faults = [ol.experiments.Faults(*each) for each in axes]
     scene, resized = load_scene(scene_name, size), size is not None
     if codes:
-        with progress() as step:
-            rows = list(
-                design.compare_codes(
+        rows = list[design.Tradeoff]()
+        title = f"{scene.name}, {scene.camera.cols} x {scene.camera.rows}, {seeds} draws"
+        try:
+            with progress() as step:
+                for row in design.compare_codes(
                     scene, dent or scene.dent or "flat", codes,
-                    faults=faults, noises=noises, rate=rate,
+                    faults=faults, noises=noises, rate=rate, seeds=range(seeds),
                     resized=resized, renderer=renderer, progress=step,
-                )
-            )  # fmt: skip
-        with ol.files.together():
-            if csv_path is not None:
-                design.write_tradeoff_csv(csv_path, rows)
-            if chart is not None:
-                design.write_tradeoff_chart(chart, rows)
-            write_json(json_path, {"rows": [asdict(row) for row in rows]})
-        _compared(scene.name, rows)
+                ):  # fmt: skip
+                    rows.append(row)
+                    with step.aside():
+                        _print_row(row, len(rows) == 1, max(map(len, codes)), title)
+        finally:  # Ctrl-C keeps what there is
+            with ol.files.together():
+                if csv_path is not None:
+                    design.write_tradeoff_csv(csv_path, rows)
+                if chart is not None:
+                    design.write_tradeoff_chart(chart, rows, title)
+                write_json(json_path, {"rows": [asdict(row) for row in rows]})
         return
     if len(faults) * len(noises) > 1 or chart or csv_path:
         raise InputError("--code: missing; several noises or faults, --chart and --csv compare named codes")
@@ -158,12 +163,14 @@ def _known(value: float, form: str = ".4g", unit: str = "") -> str:
     return f"{value:{form}}{unit}" if math.isfinite(value) else ""
 
 
-def _compared(name: str, rows: "Iterable[ol.experiments.design.Tradeoff]") -> None:
-    lines = []
-    for row in rows:
-        axes = [row.noise, row.lag, row.gamma, row.flicker, row.blur]
-        values = [row.acquisition_seconds, row.cpu_seconds, row.predicted, row.simulated, 100 * row.share]
-        cells = map(_known, values, [".4g"] * 5, (" s", " s", "", "", " %"))
-        lines.append([row.code, *("" if value is None else f"{value:g}" for value in axes), *cells, row.why])
-    names = ("noise", "lag", "gamma", "flicker", "blur", "acquire", "CPU", "predicted", "simulated")
-    grid(f"Height error, rms in mm: {name}", ("code", *names, "measured", ""), lines)
+def _print_row(row: "ol.experiments.design.Tradeoff", first: bool, width: int, title: str) -> None:
+    """A line of the table of named codes, under its header."""
+    names = ("frames", "acquire", "CPU", "predicted", "simulated", "+-", "err/sigma", "measured")
+    if first:
+        click.secho(f"Height error, rms in mm: {title}", bold=True)
+        click.echo(f"{'code':<{width}}  " + "".join(f"{name:<11}" for name in names) + "condition")
+    values = [row.acquisition_seconds, row.cpu_seconds, row.predicted, row.simulated, row.spread, row.ratio]
+    forms, units = [".3g", ".3g", ".4g", ".4g", ".2g", ".2f", ".4g"], [" s", " s", "", "", "", "", " %"]
+    cells = [str(row.frames), *map(_known, [*values, 100 * row.share], forms, units)]
+    line = f"{row.code:<{width}}  " + "".join(f"{cell:<11}" for cell in cells) + row.condition
+    click.echo(f"{line}  {row.why}".rstrip())

@@ -4,16 +4,18 @@
 |---|---|
 | `ranking.py`, `candidates.py` | run_design; candidate sequences; sequences of users |
 | `tradeoff.py` | compare_codes: error against CPU seconds and seconds of acquisition |
+| `chart.py` | its chart |
 | `view.py` | images of a scene, complete or in windows; the decoder run on them |
 | `sensitivity.py` | error propagation from pattern coordinates to height, by the solver |
 | `sensor.py` | measuring range and sensitivity of a scene |
 """
 
 from .candidates import Candidate, candidates, ladder, user_candidate
+from .chart import write_tradeoff_chart
 from .ranking import Design, DesignRow, merit, run_design, simulate
 from .sensitivity import Lever
 from .sensor import SensorMaps, sensor_maps
-from .tradeoff import Tradeoff, compare_codes, frame_rate, write_tradeoff_chart, write_tradeoff_csv
+from .tradeoff import Tradeoff, compare_codes, frame_rate, write_tradeoff_csv
 from .view import predict, view_of
 
 __all__ = [

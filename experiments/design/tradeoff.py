@@ -7,20 +7,21 @@ from dataclasses import asdict, dataclass, fields, replace
 from itertools import product
 from pathlib import Path
 
+import numpy as np
+
 from optolever.errors import InputError
-from optolever.files import atomic_file, write_rows
+from optolever.files import write_rows
 from optolever.records import Progress, silent
 from optolever.scene import Scene, dent_from_text
 
 from ..faults import Faults
-from ..images import label_axes, new_figure
-from ..metrics import rms
+from ..metrics import rms, sigma_ratio
 from ..timing import timed
 from .candidates import Candidate, user_candidate
 from .sensitivity import Lever
 from .view import predict
 
-__all__ = ["Tradeoff", "compare_codes", "frame_rate", "write_tradeoff_chart", "write_tradeoff_csv"]
+__all__ = ["Tradeoff", "compare_codes", "frame_rate", "write_tradeoff_csv"]
 
 
 def frame_rate(refresh: float, exposure_ms: float) -> float:
@@ -32,9 +33,10 @@ def frame_rate(refresh: float, exposure_ms: float) -> float:
 class Tradeoff:
     """A code under noise (levels) and faults (see Faults; None: the scene's value).
 
-    acquisition_seconds: of its frames; cpu_seconds: of decoding and solving one capture; predicted,
-    simulated: rms height error, mm (predicted: NaN with lag and for a user's decoder); share: of pixels with
-    a height.
+    acquisition_seconds: of its frames; cpu_seconds: of decoding and solving one capture, a minimum;
+    predicted, simulated: rms height error, mm (predicted: NaN with lag and for a user's decoder); spread:
+    standard deviation of the simulated one over the seeds, mm; ratio: rms(error / sigma); share: of pixels
+    with a height.
     """
 
     code: str
@@ -48,8 +50,17 @@ class Tradeoff:
     cpu_seconds: float = math.nan
     predicted: float = math.nan
     simulated: float = math.nan
+    spread: float = math.nan
+    ratio: float = math.nan
     share: float = math.nan
     why: str = ""
+
+    @property
+    def condition(self) -> str:
+        """Noise and faults in words."""
+        known = {"lag": self.lag or None, "gamma": self.gamma, "flicker": self.flicker, "blur": self.blur}
+        faults = (f"{name} {value:g}" for name, value in known.items() if value is not None)
+        return ", ".join([f"noise {self.noise:g}", *faults])
 
 
 def compare_codes(
@@ -60,11 +71,12 @@ def compare_codes(
     faults: Many[Faults],
     noises: Many[float],
     rate: float = 60.0,
+    seeds: Many[int] = (0,),
     resized: bool = False,
     renderer: str = "auto",
     progress: Progress = silent,
 ) -> Iterator[Tradeoff]:
-    """Every code ('PATTERN' or 'PATTERN@MODULE:FUNCTION') under every fault and noise, by one seed of it."""
+    """Every code ('PATTERN' or 'PATTERN@MODULE:FUNCTION') under every fault and noise, over seeds."""
     pattern = scene.pattern
     named = [user_candidate(code, pattern.rows, pattern.cols, resized=resized) for code in codes]
     total, done = len(codes) * len(faults) * len(noises), 0
@@ -78,44 +90,38 @@ def compare_codes(
             values = fault.lag, fault.gamma, fault.flicker, fault.blur
             row = Tradeoff(code.text, noise, *values, count, count / rate)
             try:
-                yield _simulated(lever, row, code, renderer)
+                yield _simulated(lever, row, code, seeds, renderer)
             except InputError as error:
                 yield replace(row, why=str(error))
 
 
-def _simulated(lever: Lever, row: Tradeoff, code: Candidate, renderer: str) -> Tradeoff:
+def _simulated(lever: Lever, row: Tradeoff, code: Candidate, seeds: Many[int], renderer: str) -> Tradeoff:
     """The row with its numbers."""
     if code.decoder is None and not row.lag:
         row = replace(row, predicted=lever.height(predict(lever.view, code.sequence, row.noise)).total)
-    frames = lever.frames(code.pattern, row.noise, 0, renderer, row.lag)
-    lever.solved(frames, code)  # compiles
-    taken = timed(lambda: lever.solved(frames, code))
-    height, full = taken.value, lever.full
-    good = height.good & full.usable
-    error, share = rms((height.z - full.truth.z)[good]), float(good.sum() / full.usable.sum())
-    return replace(row, cpu_seconds=taken.processor, simulated=error, share=share)
+    full, errors, ratios, shares, seconds = lever.full, [], [], [], []
+    for seed in seeds:
+        frames = lever.frames(code.pattern, row.noise, seed, renderer, row.lag)
+        taken = timed(lambda frames=frames: lever.solved(frames, code))  # type: ignore[misc]
+        height = taken.value
+        good = height.good & full.usable
+        errors.append(rms((height.z - full.truth.z)[good]))
+        ratios.append(sigma_ratio(height.z, full.truth.z, height.sigma, good))
+        shares.append(float(good.sum() / full.usable.sum()))
+        seconds.append(taken.processor)
+    if len(seconds) == 1:  # the first call compiles
+        seconds.append(timed(lambda: lever.solved(frames, code)).processor)
+    return replace(
+        row,
+        cpu_seconds=min(seconds),
+        simulated=rms(np.array(errors)),
+        spread=float(np.std(errors)),
+        ratio=rms(np.array(ratios)),
+        share=float(np.mean(shares)),
+    )
 
 
 def write_tradeoff_csv(path: Path, rows: Many[Tradeoff]) -> None:
     """All rows under a header; unknown values are empty."""
     values = [[None if value != value else value for value in asdict(row).values()] for row in rows]
     write_rows(path, [field.name for field in fields(Tradeoff)], values)
-
-
-def write_tradeoff_chart(path: Path, rows: Many[Tradeoff]) -> None:
-    """Error over CPU seconds and seconds of acquisition; a line per code (o simulated, x predicted)."""
-    figure = new_figure(10.0, 4.0)
-    axes = figure.subplots(1, 2, sharey=True)
-    for number, code in enumerate(dict.fromkeys(row.code for row in rows)):
-        mine = [row for row in rows if row.code == code and row.simulated > 0]
-        for panel, name in zip(axes, ("cpu_seconds", "acquisition_seconds"), strict=True):
-            seconds = [getattr(row, name) for row in mine]
-            panel.loglog(
-                seconds, [row.simulated for row in mine], "o-", ms=4, lw=1, color=f"C{number}", label=code
-            )
-            panel.loglog(seconds, [row.predicted for row in mine], "x", color=f"C{number}")
-    label_axes(axes[0], "CPU seconds to decode and solve", "rms height error [mm]", "")
-    label_axes(axes[1], "seconds to acquire", "", "")
-    axes[1].legend(fontsize=8, frameon=False)
-    with atomic_file(path) as temporary:
-        figure.savefig(temporary, format="png", dpi=120)

@@ -1,0 +1,134 @@
+"""The chart of error against CPU time and acquisition time: a mark per code, panels per condition."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from collections.abc import Sequence as Many
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.files import atomic_file
+from optolever.quantities import length_unit
+
+from ..arrays import Floats
+from ..images import new_figure
+from .tradeoff import Tradeoff
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+__all__ = ["write_tradeoff_chart"]
+
+_COSTS = {
+    "cpu_seconds": "CPU time to decode and solve [s]",
+    "acquisition_seconds": "time to show and take the frames [s]",
+}
+_WIDTH, _HEIGHT = 5.0, 3.9  # of a panel, inches
+_RATIOS = (0.25, 0.5, 1.0, 2.0, 4.0)  # of error over sigma, on the colour scale
+#: Offsets of a label from its mark (points), with its alignment: the first that crosses no other is taken.
+_PLACES = ((8, 3, "left"), (-8, 3, "right"), (0, 9, "center"), (0, -15, "center"))
+_LETTER, _LINE = 4.6, 11.0  # size of a label's letters, points
+
+
+def write_tradeoff_chart(path: Path, rows: Many[Tradeoff], title: str = "") -> None:
+    """Write a PNG: height error over both times, its standard deviation over the seeds as a bar, error over
+    sigma as the colour, the codes that no other beats in both as a grey line."""
+    shown = [row for row in rows if row.simulated > 0 and row.cpu_seconds > 0]
+    conditions = list(dict.fromkeys(row.condition for row in shown)) or [""]
+    figure = new_figure(2 * _WIDTH, _HEIGHT * len(conditions))
+    panels = figure.subplots(len(conditions), 2, sharey=True, squeeze=False)
+    factor, unit = length_unit(float(np.median([row.simulated for row in shown])) if shown else 1.0)
+    marks = None
+    for pair, condition in zip(panels, conditions, strict=True):
+        mine = [row for row in shown if row.condition == condition]
+        for panel, cost in zip(pair, _COSTS, strict=True):
+            marks = _draw(panel, mine, cost, factor) or marks
+            panel.set_xlabel(_COSTS[cost], fontsize=9)
+        pair[0].set_ylabel(f"height error, rms [{unit}]", fontsize=9)
+        pair[0].set_title(condition, fontsize=9, loc="left")
+    if marks is not None:
+        bar = figure.colorbar(marks, ax=panels, ticks=np.log2(_RATIOS), shrink=0.8)
+        bar.ax.set_yticklabels([f"{ratio:g}" for ratio in _RATIOS])
+        bar.set_label("error / sigma: 1 where error bars are true", fontsize=9)
+    figure.suptitle(f"{title}; grey: nothing is both faster and better".lstrip("; "), fontsize=9)
+    with atomic_file(path) as temporary:
+        figure.savefig(temporary, format="png")
+
+
+def front(cost: Floats, error: Floats) -> NDArray[np.intp]:
+    """Indices (n,) of codes that are not beaten in both, in order of their cost."""
+    order = np.lexsort((error, cost))
+    least = np.minimum.accumulate(np.concatenate([[np.inf], error[order]]))[:-1]
+    return np.asarray(order[error[order] < least])
+
+
+def _draw(panel: Axes, rows: Many[Tradeoff], name: str, factor: float) -> Any:
+    """One panel; its marks."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    panel.set(xscale="log", yscale="log")
+    for axis in (panel.xaxis, panel.yaxis):
+        axis.set_major_locator(LogLocator(10, (1, 2, 5)))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_formatter(NullFormatter())
+    panel.tick_params(labelsize=8)
+    panel.grid(color="0.93")
+    panel.spines[["top", "right"]].set_visible(False)
+    if not rows:
+        return None
+    cost = np.array([getattr(row, name) for row in rows])
+    error, spread = (factor * np.array([getattr(row, of) for row in rows]) for of in ("simulated", "spread"))
+    best = front(cost, error)
+    ends = [*cost[best], 1.4 * cost.max()], [*error[best], error[best][-1]]
+    panel.step(*ends, where="post", color="0.75", lw=1.2, zorder=1)
+    bars = np.stack([np.minimum(spread, 0.9 * error), spread])
+    panel.errorbar(
+        cost, error, np.nan_to_num(bars), fmt="none", ecolor="0.3", elinewidth=1, capsize=2, zorder=2
+    )
+    panel.set_xlim(cost.min() / 3, cost.max() * 4)
+    panel.set_ylim(error.min() / 1.7, error.max() * 1.7)
+    for row, at, (right, up, side) in zip(
+        rows, zip(cost, error, strict=True), _labels(panel, rows, cost, error), strict=True
+    ):
+        panel.annotate(
+            row.code, at, xytext=(right, up), textcoords="offset points", ha=side, fontsize=8, color="0.15"
+        )
+    ratio = np.log2([row.ratio if row.ratio > 0 else math.nan for row in rows])
+    return panel.scatter(
+        cost, error, c=ratio, cmap="coolwarm", vmin=-2, vmax=2, s=45, edgecolor="0.2", lw=0.8, zorder=3
+    )
+
+
+def _labels(panel: Axes, rows: Many[Tradeoff], cost: Floats, error: Floats) -> Iterator[tuple[int, int, str]]:
+    """Where each code's name stands: beside its mark, away from other marks and names."""
+
+    def points(values: Floats, limits: tuple[float, float], size: float) -> Floats:
+        low, high = np.log(limits)
+        return np.asarray(72 * size * (np.log(values) - low) / (high - low))
+
+    x, y = points(cost, panel.get_xlim(), 0.82 * _WIDTH), points(error, panel.get_ylim(), 0.8 * _HEIGHT)
+    taken = [(a - 5, a + 5, b - 5, b + 5) for a, b in zip(x, y, strict=True)]
+    for row, a, b in zip(rows, x, y, strict=True):
+        best = None
+        for right, up, side in _PLACES:
+            width = _LETTER * len(row.code)
+            left = a + right - {"left": 0.0, "right": width, "center": width / 2}[side]
+            box = left, left + width, b + up, b + up + _LINE
+            out = max(0.0, -box[0]) + max(0.0, box[1] - 72 * 0.82 * _WIDTH)
+            crossed = sum(_overlap(box, other) for other in taken) + 100 * out
+            if best is None or crossed < best[0]:
+                best = crossed, (right, up, side), box
+        assert best is not None
+        taken.append(best[2])
+        yield best[1]
+
+
+def _overlap(one: tuple[float, ...], other: tuple[float, ...]) -> float:
+    """Area that two boxes (left, right, low, high) share."""
+    wide = min(one[1], other[1]) - max(one[0], other[0])
+    tall = min(one[3], other[3]) - max(one[2], other[2])
+    return max(wide, 0.0) * max(tall, 0.0)
