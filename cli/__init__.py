@@ -7,7 +7,7 @@
 - `outputs`: output files, checked before any work
 - `batch`, `workers`: many captures by one command; processes and clusters that run them
 - `show`: tables, progress, JSON
-- `rig_devices`, `rig_capture`, `rig_targets`, `rig_live`: the devices of a rig opened; a capture by them;
+- `rig_devices`, `rig_capture`, `rig_targets`: the devices of a rig opened; a capture by them;
   captures of targets for `calibrate`; rest and frames for `live`
 - one file a command, named as it: `demo`, `doctor`, `rig`, `simulate`, `capture`, `decode`, `reconstruct`,
   `calibrate`, `report`, `live`, `design`; `camera` with `devices`, `preview`, `expose`, `sync`,

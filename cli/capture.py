@@ -8,7 +8,7 @@ import optolever as ol
 from .arguments import Opt, Rare, program
 from .options import Json, Shown
 from .rig_capture import capture_rig
-from .rig_devices import Changes, OpenedRig, devices_of, sequence_of
+from .rig_devices import Changes, OpenedRig, sequence_of
 from .show import number, table, write_json
 
 SAMPLE = """
@@ -39,7 +39,7 @@ def command(
     acquisition.jsonl: times and repeated frames. The recording of an aborted capture stays in DIR.recording
     (optolever camera replay).
     """
-    shown, devices = sequence_of(rig, sequence), devices_of(rig, changes)
+    shown, devices = sequence_of(rig, sequence), ol.projector.devices_of(rig, changes)
     with ol.files.together():
         done = capture_rig(rig, devices, shown, out, keep=keep)
         write_json(json_path, done.numbers())

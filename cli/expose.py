@@ -10,7 +10,7 @@ from optolever import InputError
 from .arguments import Opt, program
 from .options import Json
 from .outputs import OutputFile
-from .rig_devices import Changes, Opened, OpenedRig, devices_of, levels_of, opened
+from .rig_devices import Changes, OpenedRig, levels_of, opened
 from .show import number, table, write_json
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def command(
     """
     import cv2
 
-    devices = devices_of(rig, changes)
+    devices = ol.projector.devices_of(rig, changes)
     with opened(rig, devices, levels_of(rig, "black", "white"), running=False) as now:
         found = ol.projector.choose_exposure(
             lambda exposure: _take(now, replace(devices.wanted(), exposure_s=exposure)),
@@ -76,7 +76,9 @@ def command(
     table(f"Exposure in {rig}", rows)
 
 
-def _take(now: Opened, wanted: "ol.projector.Wanted") -> "tuple[float, NDArray[np.uint8], NDArray[np.uint8]]":
+def _take(
+    now: "ol.projector.Opened", wanted: "ol.projector.Wanted"
+) -> "tuple[float, NDArray[np.uint8], NDArray[np.uint8]]":
     """Exposure as accepted, an image of white, one of black, each half a second after its swap."""
     accepted = now.camera.configure(wanted)
     now.camera.start()

@@ -11,12 +11,13 @@ import click
 
 import optolever as ol
 from optolever import InputError
+from optolever.errors import require_file
 from optolever.quantities import quantity
 
 from .arguments import AT_LEAST_0, Opt, Rare, program
 from .options import Json, Noise, RigFile, Seed, Size, load_scene, preset
+from .outputs import OutputFile
 from .rig_devices import Changes
-from .rig_live import rig_at_rest
 from .show import print_notices, table, write_json
 
 SAMPLE = """
@@ -35,6 +36,15 @@ RATE = Opt("--rate HZ", "Frames a second of the virtual camera; 0: as fast as th
 STOP = Opt("--frames N", "Stop after so many readings; default: never.", click.IntRange(min=1))
 RECORD = Opt("--record DIR", "Folder to make with every frame that is read, and its reading, for replay.")
 PROBE = Opt("--probe X,Y", "Follow the height there, mm, with its spectrum; repeatable.")
+REST = Opt(
+    "--rest FILE", "Rest of the mirror to use; default: the newest, kept beside the rig. new: measure it."
+)
+TABLE = Opt("--csv FILE", "Contacts and forces over time, a row each.", OutputFile(".csv"))
+SOCKET = Rare(
+    "--socket PATH",
+    "Unix socket that sends every reading: a line of JSON, then the heights.",
+    click.Path(path_type=Path),
+)
 PORT = Rare("--port N", "Port of the page, on 127.0.0.1; default: a free one.", click.IntRange(0, 65535))
 
 
@@ -42,6 +52,7 @@ PORT = Rare("--port N", "Port of the page, on 127.0.0.1; default: a free one.", 
 def command(
     rig: Annotated[Path | None, Opt("--rig RIG.toml", "Camera and display of this rig.", RigFile())] = None,
     changes: Changes = (),
+    rest: Annotated[str | None, REST] = None,
     scene_name: Annotated[str, preset("; its [layer] gives forces")] = "prism48",
     size: Size = None,
     noise: Noise = 1.5,
@@ -50,6 +61,8 @@ def command(
     headless: Annotated[bool, Opt("--headless", "Serve no page.")] = False,
     json_lines: Annotated[bool, Opt("--json-lines", "Print a line of JSON for every reading.")] = False,
     record: Annotated[Path | None, RECORD] = None,
+    csv: Annotated[Path | None, TABLE] = None,
+    socket: Annotated[Path | None, SOCKET] = None,
     probe: Annotated[tuple[str, ...], PROBE] = (),
     seed: Seed = 0,
     port: Annotated[int, PORT] = 0,
@@ -62,14 +75,15 @@ def command(
     height, sigma, contacts, forces and probes (a click on the map) over time, with pause, tare, record and
     snapshot. An untrusted frame comes with the reason. --headless reads every frame, the page the newest one.
     """
-    if changes and rig is None:
-        raise InputError("--set: needs --rig RIG.toml")
+    for name, given in (("--set", changes), ("--rest", rest)):
+        if given and rig is None:
+            raise InputError(f"{name}: needs --rig RIG.toml")
     if rig is not None:
         _require_real()
     with ExitStack() as stack:
         if rig is not None:
             name = str(rig)
-            prepared, source, exposure_s = stack.enter_context(rig_at_rest(rig, changes))
+            prepared, source, exposure_s = _rig(rig, changes, rest, stack)
         else:
             scene = load_scene(scene_name, size or (240, 320), exact=True)
             name, exposure_s = scene.name, 0.0
@@ -78,7 +92,9 @@ def command(
         probes = ol.live.Probes(prepared, exposure_s)
         for text in probe:
             probes.add(*_place(text))
-        run = _Run(prepared, probes, json_lines)
+        sinks: list[Any] = [] if csv is None else [stack.enter_context(ol.live.ContactTable(csv))]
+        sinks += [] if socket is None else [stack.enter_context(ol.live.ReadingSocket(socket))]
+        run = _Run(prepared, probes, json_lines, sinks)
         if headless:
             _headless(run, source, frames, stack, record)
         else:
@@ -87,6 +103,20 @@ def command(
         if not json_lines:
             run.print(name, numbers)
     write_json(json_path, numbers)
+
+
+def _rig(
+    rig: Path, changes: Changes, rest: str | None, stack: ExitStack
+) -> "tuple[ol.live.Prepared, ol.live.Source, float]":
+    """The rig at rest, its running camera, its exposure."""
+    named = None if rest in (None, "new") else rest
+    if named is not None:
+        require_file(named)
+    elif rest == "new" or not ol.live.kept_rest(rig).is_file():
+        click.echo("The mirror at rest is measured: keep everything still.", err=True)
+    readings = stack.enter_context(ol.live.open(rig, named, changes=changes, anew=rest == "new"))
+    print_notices(readings.notices)
+    return readings.prepared, readings.source, readings.exposure_s
 
 
 def _place(text: str) -> tuple[float, float]:
@@ -110,8 +140,10 @@ def _require_real() -> None:
 class _Run:
     """Counts the readings of a run, and prints each as a line of JSON."""
 
-    def __init__(self, prepared: "ol.live.Prepared", probes: "ol.live.Probes", lines: bool) -> None:
-        self.prepared, self.probes, self.lines = prepared, probes, lines
+    def __init__(
+        self, prepared: "ol.live.Prepared", probes: "ol.live.Probes", lines: bool, sinks: list[Any]
+    ) -> None:
+        self.prepared, self.probes, self.lines, self._sinks = prepared, probes, lines, sinks
         self._delays: list[float] = []
         self._trusted, self._deepest = 0, (0.0, 0.0)
         self._start = time.perf_counter()
@@ -122,6 +154,8 @@ class _Run:
         self._trusted += reading.trusted
         if reading.trusted and reading.deepest:
             self._deepest = max(self._deepest, reading.deepest)
+        for sink in self._sinks:
+            sink.write(followed)
         if self.lines:
             click.echo(json.dumps(followed.to_dict()))
 

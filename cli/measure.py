@@ -11,7 +11,7 @@ from .arguments import Arg, Opt, Rare, program
 from .batch import Many
 from .options import Json, Shown, name_unused, response_of
 from .rig_capture import capture_rig, measured_lag, require_new
-from .rig_devices import Changes, OpenedRig, devices_of, sequence_of
+from .rig_devices import Changes, OpenedRig, sequence_of
 from .show import (
     height_range,
     length,
@@ -61,7 +61,7 @@ def command(
 
     require_new(out)
     scene = ol.scene.load(rig)
-    devices = None if captures else devices_of(rig, changes)
+    devices = None if captures else ol.projector.devices_of(rig, changes)
     with progress() as step:
         out.mkdir(parents=True, exist_ok=True)
         step("capture")

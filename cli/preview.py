@@ -14,7 +14,7 @@ from optolever import InputError
 
 from .arguments import ABOVE_0, Opt, Rare, program
 from .options import Json
-from .rig_devices import Changes, Opened, OpenedRig, devices_of, levels_of, opened
+from .rig_devices import Changes, OpenedRig, levels_of, opened
 from .show import write_json
 
 SAMPLE = """
@@ -80,7 +80,7 @@ def command(
     in the mirror. A sentence says what to turn next. Sharpness has no unit: turn the focus through its best.
     Focus on the mirror, not on the reflection of the display.
     """
-    devices = devices_of(rig, changes)
+    devices = ol.projector.devices_of(rig, changes)
     end = None if seconds is None else time.monotonic() + seconds
     with opened(rig, devices, levels_of(rig, "black", "white")) as now:
         views = _until(_views(now), end)
@@ -90,7 +90,7 @@ def command(
     write_json(json_path, last.numbers())
 
 
-def _views(now: Opened) -> Iterator[View]:
+def _views(now: "ol.projector.Opened") -> Iterator[View]:
     """Pictures of the white display without end."""
     arrivals = ol.projector.Arrivals(now.camera, now.time, now.clock, now.triggered, None, now.display)
     timing = ol.projector.Timing(0, 0, 0, 0, 0, 0, 0.01, now.accepted.exposure_s) if now.still else None

@@ -9,7 +9,7 @@ from optolever.errors import reason_of
 
 from .arguments import ABOVE_0, Opt, program
 from .options import Json
-from .rig_devices import Changes, OpenedRig, devices_of, levels_of, opened
+from .rig_devices import Changes, OpenedRig, levels_of, opened
 from .show import number, table, write_json
 
 SAMPLE = """
@@ -34,7 +34,7 @@ def command(
     DIR gets frames.tif (BigTIFF, a page per image) and log.jsonl, a line per image with its counter and
     times. A page without a line is invalid: after a kill or a full disk, all images with a line are intact.
     """
-    devices = devices_of(rig, changes)
+    devices = ol.projector.devices_of(rig, changes)
     numbers, failure = dict.fromkeys(("images", "incomplete", "lost", "dropped"), 0), None
     with opened(rig, devices, levels_of(rig, "white")) as now:
         shown = now.display.show(0)

@@ -11,7 +11,7 @@ import optolever as ol
 from optolever import InputError
 from optolever.errors import reason_of
 
-from .rig_devices import Devices, opened, timing_of, wait_of
+from .rig_devices import opened, wait_of
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class RigCapture:
 
 def capture_rig(
     rig: Path,
-    devices: Devices,
+    devices: "ol.projector.Devices",
     shown: "ol.patterns.Sequence",
     out: Path,
     *,
@@ -133,7 +133,7 @@ def measured_lag(rig: Path, capture: Path) -> float:
     """Mean share of the frame before in a capture's images, by the rig's [sync] and the times in its
     acquisition.jsonl; 0 without either."""
     times = capture / "acquisition.jsonl"
-    timing = timing_of(rig) if rig.suffix.lower() == ".toml" and times.is_file() else None
+    timing = ol.projector.timing_of(rig) if rig.suffix.lower() == ".toml" and times.is_file() else None
     if timing is None:
         return 0.0
     lines = [json.loads(line) for line in times.read_text(encoding="utf-8").splitlines()]

@@ -13,7 +13,7 @@ from optolever import InputError
 
 from .options import correspondence_of
 from .rig_capture import capture_rig
-from .rig_devices import devices_of, sequence_of
+from .rig_devices import sequence_of
 from .show import coverage_text
 
 #: A calibration by the captures so far.
@@ -54,7 +54,7 @@ def capture_targets(
     are set aside. Captures stay in `folder` whatever ends the walk. resume: those of an earlier walk are used
     again; else they are set aside first, with their date.
     """
-    devices, shown = devices_of(rig), sequence_of(rig, sequence)
+    devices, shown = ol.projector.devices_of(rig), sequence_of(rig, sequence)
     folder.mkdir(parents=True, exist_ok=True)
     if not resume:
         _begin_anew(folder)

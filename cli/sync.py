@@ -11,7 +11,7 @@ from optolever.quantities import quantity
 from .arguments import Opt, program
 from .options import Json, Seed
 from .outputs import OutputFile
-from .rig_devices import Changes, OpenedRig, devices_of, levels_of, opened
+from .rig_devices import Changes, OpenedRig, levels_of, opened
 from .show import number, print_notices, table, write_json
 
 SAMPLE = """
@@ -44,7 +44,7 @@ def command(
     Switches the full display between black and white for some seconds and records it with the camera.
     RIG.toml gets [devices] as used and [sync]; capture then waits for the measured time only.
     """
-    devices = devices_of(rig, changes)
+    devices = ol.projector.devices_of(rig, changes)
     start = time.perf_counter()
     with opened(rig, devices, levels_of(rig, "black", "white")) as now:
         found, taken = ol.projector.synchronise(

@@ -13,6 +13,8 @@
 | `probes.py`, `spectrum.py` | heights of single cells over time, the noise floor; their spectra |
 | `circulation.py` | circulation of the slopes: their inconsistency |
 | `source.py`, `follow.py` | cameras, one of them virtual; readings as an iterator, tare |
+| `rig.py` | open(): a rig's camera as readings, its rest measured or kept |
+| `outlet.py` | contacts as CSV, whole readings by a socket |
 | `recorded.py` | readings beside their frames, and again from them |
 | `server.py`, `web.py`, `page.html` | the page, and who may ask for it |
 | `arrays.py` | names of arrays |
@@ -23,12 +25,15 @@ from optolever.arguments import check_face
 from .chain import COMPRESSED
 from .contact import Force, Touch
 from .follow import Followed, follow, tared
+from .outlet import ContactTable, ReadingSocket
 from .prepare import prepare
 from .prepared import Noise, Prepared
 from .pressure import Forces
 from .probes import Probe, Probed, Probes, noise_floor
 from .reading import Figures, Reading
 from .recorded import ReadingRecorder, Replayed, has_readings, replayed
+from .rig import Readings, kept_rest
+from .rig import open_rig as open
 from .server import LiveServer
 from .shape import Shape
 from .source import Newest, Source, VirtualFinger, virtual_rig
@@ -40,6 +45,7 @@ from .weights import Weighed, Weight, weighed
 
 __all__ = [
     "COMPRESSED",
+    "ContactTable",
     "Figures",
     "Followed",
     "Force",
@@ -55,6 +61,8 @@ __all__ = [
     "Probes",
     "Reading",
     "ReadingRecorder",
+    "ReadingSocket",
+    "Readings",
     "Replayed",
     "Shape",
     "Source",
@@ -67,7 +75,9 @@ __all__ = [
     "Weight",
     "follow",
     "has_readings",
+    "kept_rest",
     "noise_floor",
+    "open",
     "prepare",
     "replayed",
     "spectrum_of",

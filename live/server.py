@@ -28,7 +28,7 @@ from starlette.routing import Route
 from optolever.errors import InputError
 
 from .arrays import Cells, Frame
-from .follow import Followed, follow, tared
+from .follow import Followed, follow, plain, tared
 from .prepared import Prepared
 from .probes import Probes
 from .recorded import ReadingRecorder
@@ -207,7 +207,7 @@ class LiveServer:
             return PlainTextResponse("no reading yet", 404)
         reading, stream = latest.reading, io.BytesIO()
         maps = {name: getattr(reading, name) for name in ("x", "y", "z", "sigma", "good")}
-        np.savez(stream, frame=latest.image.pixels, numbers=json.dumps(_plain(latest.to_dict())), **maps)
+        np.savez(stream, frame=latest.image.pixels, numbers=json.dumps(plain(latest.to_dict())), **maps)
         return Response(stream.getvalue(), media_type="application/octet-stream")
 
     async def _steered(self, request: Request) -> Response:
@@ -264,7 +264,7 @@ def _body(followed: Followed, state: dict[str, Any], prepared: Prepared) -> byte
     frame = np.asarray(followed.image.pixels)
     camera = frame if frame.dtype == np.uint8 else _scaled(frame / prepared.rig.carriers.full)
     trust = cv2.applyColorMap(_scaled(np.nan_to_num(sigma / (4 * typical), nan=1.0)), cv2.COLORMAP_VIRIDIS)
-    parts = [json.dumps(_plain(numbers)).encode(), _jpeg(camera), _jpeg(trust), z.tobytes()]
+    parts = [json.dumps(plain(numbers)).encode(), _jpeg(camera), _jpeg(trust), z.tobytes()]
     return np.array([len(part) for part in parts], "<u4").tobytes() + b"".join(parts)
 
 
@@ -281,12 +281,3 @@ def _scaled(share: NDArray[np.floating[Any]]) -> Frame:
 
 def _jpeg(picture: Frame) -> bytes:
     return cv2.imencode(".jpg", picture, _JPEG)[1].tobytes()
-
-
-def _plain(value: Any) -> Any:
-    """The value without NaN and infinities, which JSON lacks."""
-    if isinstance(value, dict):
-        return {key: _plain(each) for key, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(each) for each in value]
-    return None if isinstance(value, float) and not np.isfinite(value) else value

@@ -15,6 +15,7 @@
 | `incoming.py` | pictures of other programs: which files, in which order, as which levels |
 | `acquisition/` | an image for every pattern: clocks, synchronisation, exposure |
 | `recording.py` | recordings |
+| `rig.py` | `[devices]` of a rig, opened |
 | `cameras/` | back-ends of cameras |
 """
 
@@ -62,6 +63,7 @@ from .monitors import Monitor, choose_monitor
 from .optics_numpy import Footprints, footprints, light_of
 from .recording import BackgroundRecorder, Logged, Recorder, Recording
 from .renderer import PatternRenderer
+from .rig import Devices, Opened, devices_of, opened, timing_of
 from .virtual import RENDERERS, capture, chosen_renderer
 
 __all__ = [
@@ -79,6 +81,7 @@ __all__ = [
     "ClockMap",
     "ContextInfo",
     "Contrast",
+    "Devices",
     "Display",
     "ExposureChoice",
     "FlipFit",
@@ -89,6 +92,7 @@ __all__ = [
     "Logged",
     "Monitor",
     "NoContextError",
+    "Opened",
     "PatternRenderer",
     "PatternWindow",
     "RealTime",
@@ -108,13 +112,16 @@ __all__ = [
     "chosen_renderer",
     "context_info",
     "contrast",
+    "devices_of",
     "fit_timing",
     "flip_fit",
     "footprints",
     "light_of",
     "monitors",
+    "opened",
     "sync_notices",
     "synchronise",
+    "timing_of",
     "write_description",
 ]
 

@@ -3,7 +3,7 @@
 The line of an image is written after its page: a page without a line does not exist. A process that is
 killed, or a disk that is full, leaves all images that have a line. Lines, by "event":
 
-    recording: version, free text fields of who recorded; the first one
+    recording: version, wall_less_monotonic_s, free text fields of who recorded; the first one
     configured: the settings that a camera accepted
     shown: index, swapped_s, late
     image: page, id, device_s, arrived_s, stamp_s, complete, why, crc32; reading, where somebody read it
@@ -14,6 +14,7 @@ import json
 import os
 import queue
 import threading
+import time
 import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, suppress
@@ -55,7 +56,8 @@ class Recorder:
         self._file = (self.folder / _PAGES).open("w+b")
         self._pages = tifffile.TiffWriter(self._file, bigtiff=True)
         self.images = 0
-        self._line("recording", {"version": _VERSION, **about})
+        wall = time.time() - time.monotonic()
+        self._line("recording", {"version": _VERSION, "wall_less_monotonic_s": wall, **about})
 
     def __enter__(self) -> Self:
         return self

@@ -39,6 +39,16 @@ class Replay:
         value = self.recording.about.get("refresh_s")
         return None if value is None else float(value)
 
+    @property
+    def swaps(self) -> bool:
+        """Whether it holds swaps; else one frame was on show all the time."""
+        return any(isinstance(event, Shown) for event in self._events)
+
+    @property
+    def over(self) -> bool:
+        """Whether no event follows."""
+        return self._next >= len(self._events)
+
     def now(self) -> float:
         """Time of the last event."""
         return self._now
@@ -48,7 +58,13 @@ class Replay:
         self._now = max(self._now, until)
 
     def show(self, index: int) -> Shown:
-        """The next swap of the recording to that frame. CameraLost where there is none."""
+        """The next swap of the recording to that frame; of a recording without swaps, now. CameraLost where
+        there is none."""
+        if not self.swaps:
+            event = None if self.over else self._events[self._next]
+            if isinstance(event, Logged):
+                self._now = max(self._now, event.stamp_s)
+            return Shown(index, self._now)
         for place in range(self._next, len(self._events)):
             event = self._events[place]
             if isinstance(event, Shown) and event.index == index:

@@ -1,19 +1,21 @@
 """Recordings: what has a line is there, whatever happened; replay is the rig again."""
 
 import json
-import runpy
 import shutil
 import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from lab.hardware.simulated import Setting, SimulatedCamera, SimulatedDisplay, SimulatedTime, codes
 from optolever import InputError
+from optolever.live import Live, ReadingRecorder, follow, virtual_rig
 from optolever.projector import (
     Accepted,
     ClockMap,
@@ -26,6 +28,7 @@ from optolever.projector import (
     acquire,
 )
 from optolever.projector.cameras import Replay, open_camera
+from optolever.scene import Layer, load, resize
 
 WRITER = """
 import sys, numpy as np
@@ -69,16 +72,55 @@ def test_events_come_back_as_they_were(tmp_path: Path) -> None:
         Recorder(tmp_path / "r", {})
 
 
-def test_an_mcap_file_holds_what_a_recording_holds(tmp_path: Path, root: Path) -> None:
-    """Read back by the format's own packages, which decode the ROS 2 messages by the schemas in the file."""
+def _in_mcap(root: Path, folder: Path) -> list[Any]:
+    """Messages of the file that the example writes, run as the manual says."""
     reader = pytest.importorskip("mcap.reader")
     ros2 = pytest.importorskip("mcap_ros2.decoder")
-    images = recorded(tmp_path / "r")
-    write_mcap = runpy.run_path(str(root / "examples" / "mcap.py"))["write_mcap"]
-    assert write_mcap(Recording(tmp_path / "r"), tmp_path / "r.mcap") == 2
-    with (tmp_path / "r.mcap").open("rb") as file:
+    path = folder.with_suffix(".mcap")
+    words = [sys.executable, str(root / "examples" / "ros2_mcap.py"), str(folder), str(path)]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    with path.open("rb") as file:
         messages = reader.make_reader(file, decoder_factories=[ros2.DecoderFactory()])
-        found = list(messages.iter_decoded_messages())
+        return list(messages.iter_decoded_messages())
+
+
+def test_an_mcap_file_holds_readings(tmp_path: Path, root: Path) -> None:
+    """Heights, contacts and wrench in SI units, as `live` read them."""
+    scene = replace(resize(load("prism48", exact=True), 96, 128), layer=Layer(0.2, 0.45, 8.0))
+    prepared, finger = virtual_rig(scene)
+    with ReadingRecorder(tmp_path / "r", prepared, "virtual") as recorder:
+        kept = [one for one in follow(Live(prepared), finger, 12) if recorder.write(one) is None]
+    found = _in_mcap(root, tmp_path / "r")
+    clouds, contacts, wrenches = (
+        [one.decoded_message for one in found if one.channel.topic == topic]
+        for topic in ("/heights", "/contacts", "/wrench")
+    )
+    trusted = [one.reading for one in kept if one.reading.trusted]
+    assert len(clouds) == len(contacts) == len(wrenches) == len(trusted) > 6
+    for cloud, reading in zip(clouds, trusted, strict=True):
+        points = np.frombuffer(cloud.data, "<f4").reshape(cloud.height, cloud.width, 4)
+        np.testing.assert_allclose(1e3 * points[..., 2], np.where(reading.good, reading.z, np.nan), atol=1e-7)
+        assert [field.name for field in cloud.fields] == ["x", "y", "z", "sigma"]
+        assert cloud.header.frame_id == "mirror"
+    reading, wrench, contact = trusted[-1], wrenches[-1].wrench, contacts[-1]
+    (force,), (touch,) = reading.forces, reading.touches
+    moment = np.cross([1e-3 * touch.x, 1e-3 * touch.y, 0], [0, 0, force.newton])
+    assert wrench.force.z == pytest.approx(force.newton)
+    assert [wrench.torque.x, wrench.torque.y, wrench.torque.z] == pytest.approx(list(moment))
+    values = dict(
+        zip([field.name for field in contact.fields], np.frombuffer(contact.data, "<f4"), strict=True)
+    )
+    assert values["z"] == pytest.approx(1e-3 * touch.depth)
+    assert values["force"] == pytest.approx(force.newton)
+
+
+def test_an_mcap_file_holds_what_a_recording_holds(tmp_path: Path, root: Path) -> None:
+    """Read back by the format's own packages, which decode the ROS 2 messages by the schemas in the file."""
+    images = recorded(tmp_path / "r")
+    found = _in_mcap(root, tmp_path / "r")
+    offset = Recording(tmp_path / "r").about["wall_less_monotonic_s"]
+    assert offset + time.monotonic() == pytest.approx(time.time(), abs=60)
     events = [json.loads(one.decoded_message.data) for one in found if one.channel.topic == "/log"]
     assert events[0]["camera"] == "virtual"
     assert {"event": "shown", "index": 4, "swapped_s": 12.25, "late": True} in events
@@ -90,8 +132,10 @@ def test_an_mcap_file_holds_what_a_recording_holds(tmp_path: Path, root: Path) -
         pixels = np.frombuffer(ros.data, kind).reshape(ros.height, ros.width)
         np.testing.assert_array_equal(pixels, image.pixels)
         assert (ros.step, ros.is_bigendian) == (image.pixels[0].nbytes, 0)
-        assert ros.header.stamp.sec + 1e-9 * ros.header.stamp.nanosec == pytest.approx(image.arrived_s - 1)
-        assert one.message.log_time == round(1e9 * (image.arrived_s - 1))
+        assert ros.header.stamp.sec + 1e-9 * ros.header.stamp.nanosec == pytest.approx(
+            offset + image.arrived_s - 1
+        )
+        assert one.message.log_time == pytest.approx(1e9 * (image.arrived_s - 1 + offset), abs=1e3)
         assert one.message.sequence == image.id
 
 

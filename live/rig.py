@@ -1,0 +1,169 @@
+"""A rig's camera as an iterator of readings; its rest as it was measured before, or measured now."""
+
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from pathlib import Path
+from statistics import median
+
+import numpy as np
+
+from optolever.decode import decode
+from optolever.errors import InputError
+from optolever.notices import Notice
+from optolever.patterns import Sequence, sequence
+from optolever.projector import Image, Opened, Timing, devices_of, opened
+from optolever.projector.cameras import Replay
+from optolever.scene import Scene, load
+
+from .follow import Followed, follow
+from .geometry import rest_rays
+from .prepare import prepare
+from .prepared import Prepared
+from .probes import Probes
+from .reading import Reading
+from .source import Newest, Source
+from .stream import Live
+
+__all__ = ["Readings", "kept_rest", "open_rig"]
+
+_RESTS = 8  # frames of the fringe
+_LOOKS = 3  # frames by which a rest that was measured before is judged
+_PERIOD = 10.0  # of the fringe, pattern pixels
+_PATIENCE_S = 5.0
+_RECENT = 60  # readings of the latency
+
+
+def kept_rest(rig: str | Path) -> Path:
+    """Where a rig's newest rest is kept, beside its TOML."""
+    return Path(rig).with_suffix(".live.npz")
+
+
+class Readings:
+    """Readings of a running camera, of its newest frame each, without end (a recording has one). prepared: of
+    the rig; exposure_s: of a frame; notices: of the devices, and of a rest that no longer holds; probes."""
+
+    def __init__(self, prepared: Prepared, now: Opened, notices: tuple[Notice, ...]) -> None:
+        self.prepared, self.exposure_s, self.notices = prepared, now.accepted.exposure_s, notices
+        self.source: Source = now.arrivals()
+        self.probes = Probes(prepared, now.accepted.exposure_s)
+        self._live, self._camera = Live(prepared), now.camera
+        self._delays: list[float] = []
+        self._newest = None if isinstance(now.camera, Replay) else Newest(self.source)
+
+    def __iter__(self) -> Iterator[Reading]:
+        return (followed.reading for followed in self.followed())
+
+    def followed(self) -> Iterator[Followed]:
+        """The readings with image, latency and probes."""
+        with ExitStack() as stack:
+            source = self.source if self._newest is None else stack.enter_context(self._newest)
+            for followed in follow(self._live, source, None, self.probes):
+                self._delays = [*self._delays[1 - _RECENT :], followed.delay]
+                yield followed
+                if isinstance(self._camera, Replay) and self._camera.over:
+                    return
+
+    @property
+    def delay(self) -> float:
+        """From the arrival of an image to its reading, s: the median of the last 60; NaN before the first."""
+        return median(self._delays) if self._delays else float("nan")
+
+    def __repr__(self) -> str:
+        return f"Readings of {self.prepared!r}\n  latency {1e3 * self.delay:.3g} ms"
+
+
+@contextmanager
+def open_rig(
+    rig: str | Path,
+    rest: Prepared | str | Path | None = None,
+    *,
+    changes: Iterable[str] = (),
+    anew: bool = False,
+) -> Iterator[Readings]:
+    """Camera and display of a rig, and its readings.
+
+    rest: of the mirror, as an .npz of `Prepared`; None: the newest that was measured, kept beside the TOML.
+    It is used after a look at three frames. Where there is none, or it no longer holds (a notice says why),
+    the mirror must be at rest: it is measured by gray+phase and eight frames of the fringe, and kept.
+    changes: of [devices], KEY=VALUE; anew: measure it in any case. InputError of a rig that cannot be read,
+    and of a rest that was named and cannot be read or does not hold."""
+    rig = Path(rig)
+    scene, devices = load(rig), devices_of(rig, changes)
+    rows, cols = scene.pattern.rows, scene.pattern.cols
+    given, why = rest is not None, ""
+    name = "rest" if isinstance(rest, Prepared) else str(rest or kept_rest(rig))
+    known = rest if isinstance(rest, Prepared) else None
+    if known is None and (given or Path(name).is_file()):
+        try:
+            known = Prepared.load(name)
+        except InputError as error:
+            if given:
+                raise
+            why = str(error)
+    if known is not None and not anew:
+        known = replace(known, layer=scene.layer)
+        fringe = sequence("crossed", rows, cols, period=known.rig.carriers.period)
+        with opened(rig, devices, fringe) as now:
+            now.require_size(scene)
+            why = _other(known, scene) or _look(known, now, now.wait(rig))
+            if not why:
+                yield Readings(known, now, tuple(map(_said, now.notices)))
+                return
+        if given:
+            raise InputError(f"{name}: no longer holds ({why}); measure the mirror at rest anew")
+    dense, fringe = sequence("gray+phase", rows, cols), sequence("crossed", rows, cols, period=_PERIOD)
+    shown = Sequence((*dense.frames, *fringe.frames), rows, cols)
+    with opened(rig, devices, shown) as now:
+        now.require_size(scene)
+        prepared = _measured(now, scene, dense, fringe, now.wait(rig))
+        prepared.save(kept_rest(rig))
+        notices = [*map(_said, now.notices)]
+        if why:
+            cure = "it was measured anew, with everything still"
+            notices.append(replace(_said(f"{name} no longer holds: {why}"), cure=cure))
+        yield Readings(prepared, now, tuple(notices))
+
+
+def _said(text: str) -> Notice:
+    return Notice(text, float("nan"), float("nan"), "")
+
+
+def _other(known: Prepared, scene: Scene) -> str:
+    """Why it is of another scene; empty: it is of this one."""
+    size = scene.camera.rows, scene.camera.cols
+    if (known.rows, known.cols) != size:
+        return f"it is of {known.rows} x {known.cols} pixels, the rig's camera has {size[0]} x {size[1]}"
+    carriers = known.rig.carriers
+    planes = rest_rays(scene, *carriers.shape, carriers.cell, carriers.period).planes
+    same = np.allclose(planes, known.rig.mirror.planes, rtol=1e-5, atol=1e-5)
+    return "" if same else "the rig's geometry has changed since"
+
+
+def _look(known: Prepared, now: Opened, timing: Timing | None) -> str:
+    """Why no frame of three is trusted; empty: one is."""
+    live, arrivals = Live(known), now.arrivals()
+    image: Image | None = next(iter(now.acquire(timing, [0]))).image
+    why = ""
+    for _ in range(_LOOKS):
+        if image is not None and image.complete:
+            reading = live.update(image.pixels)
+            if reading.trusted:
+                return ""
+            why = reading.reason
+        image = arrivals.next(_PATIENCE_S)
+    return why or "no image came"
+
+
+def _measured(
+    now: Opened, scene: Scene, dense: Sequence, fringe: Sequence, timing: Timing | None
+) -> Prepared:
+    """By all frames of dense, then some of the fringe, which stays on the display. The camera rests while
+    they are prepared: else its images wait until then."""
+    count = len(dense)
+    taken = now.acquire(timing, (*range(count), *[count] * _RESTS))
+    frames = np.stack([one.image.pixels for one in taken])
+    now.camera.stop()
+    prepared = prepare(scene, frames[count:], decode(frames[:count], dense), fringe, bits=now.accepted.bits)
+    now.camera.start()
+    return prepared

@@ -1,0 +1,136 @@
+"""A rig's camera as readings: its rest measured once, used again, named where it no longer holds; outlets."""
+
+import csv
+import json
+import socket
+from dataclasses import replace
+from pathlib import Path
+from threading import Thread
+
+import numpy as np
+import pytest
+
+from optolever import InputError, live
+from optolever.cli import run
+from optolever.live import ReadingRecorder, ReadingSocket, kept_rest, virtual_rig
+from optolever.projector import WHITE_NOISE_SENSOR, Image
+from optolever.projector.cameras import StillCamera
+from optolever.scene import Layer, Scene, load, resize
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Path:
+    scene = replace(resize(load("prism48"), 96, 128), dent="flat", sensor=WHITE_NOISE_SENSOR)
+    return _saved(scene, tmp_path / "rig.toml")
+
+
+def _saved(scene: Scene, path: Path) -> Path:
+    scene.save(path)
+    with path.open("a") as file:
+        file.write('\n[devices]\ncamera = "virtual"\nfps = 200\n')
+    return path
+
+
+def test_a_rest_is_measured_once(rig: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Then it is used without another; of a picture that has moved it is named, and measured anew."""
+    with live.open(rig) as readings:
+        first = next(iter(readings))
+        assert first.trusted
+        assert readings.delay > 0
+    assert kept_rest(rig).is_file()
+    with monkeypatch.context() as patch:
+        patch.setattr("live.rig.decode", None)  # else it would be called
+        with live.open(rig) as readings:
+            assert not readings.notices
+            assert next(iter(readings)).trusted
+    following = StillCamera.next
+
+    def bumped(camera: StillCamera, timeout_s: float) -> Image | None:
+        image = following(camera, timeout_s)
+        return image and replace(image, pixels=np.roll(image.pixels, 2, 1))
+
+    monkeypatch.setattr(StillCamera, "next", bumped)
+    with pytest.raises(InputError, match=r"rig\.live\.npz: no longer holds"), live.open(rig, kept_rest(rig)):
+        pass
+    with live.open(rig) as readings:
+        assert "no longer holds" in str(readings.notices[-1])
+        assert next(iter(readings)).trusted
+
+
+def test_a_rest_of_another_geometry_is_not_used(rig: Path) -> None:
+    with live.open(rig) as readings:
+        prepared = readings.prepared
+    scene = load(rig)
+    x, y, z = scene.pattern.origin
+    replace(scene, pattern=replace(scene.pattern, origin=(x, y, z + 0.2))).save(rig)
+    with pytest.raises(InputError, match="geometry has changed"), live.open(rig, prepared):
+        pass
+
+
+def test_a_recording_is_a_rig_s_camera(tmp_path: Path) -> None:
+    """With the rest that it holds: the readings of the recording, to its end; contacts as lines of CSV."""
+    scene = replace(resize(load("prism48", exact=True), 96, 128), layer=Layer(0.2, 0.45, 8.0))
+    prepared, finger = virtual_rig(scene)
+    with ReadingRecorder(tmp_path / "film", prepared, "virtual") as recorder:
+        kept = [one for one in live.follow(live.Live(prepared), finger, 20) if recorder.write(one) is None]
+    path = _saved(scene, tmp_path / "rig.toml")
+    changes = ["camera=replay:" + str(tmp_path / "film")]
+    table = tmp_path / "contacts.csv"
+    with (
+        live.open(path, tmp_path / "film" / "prepared.npz", changes=changes) as readings,
+        live.ContactTable(table) as contacts,
+    ):
+        for followed in readings.followed():
+            contacts.write(followed)
+    rows = list(csv.DictReader(table.read_text().splitlines()))
+    pressed = [one for one in kept[1:] if one.reading.touches]
+    found = [row for row in rows if row["contact"]]
+    assert len(found) == sum(len(one.reading.touches) for one in pressed) > 5
+    for row, one in zip(found, pressed, strict=True):
+        assert float(row["depth_mm"]) == pytest.approx(one.reading.touches[0].depth, rel=0.01)
+        assert float(row["force_n"]) == pytest.approx(one.reading.forces[0].newton, rel=0.05)
+        assert float(row["time_s"]) == pytest.approx(one.reading.time, abs=1e-5)
+    assert any(not row["contact"] for row in rows)
+
+
+def test_a_socket_sends_whole_heights(tmp_path: Path) -> None:
+    """As the manual reads it; the program ends without a reader, or with one that reads no more."""
+    prepared, finger = virtual_rig(resize(load("prism48", exact=True), 96, 128))
+    seen = []
+
+    def read() -> None:
+        with socket.socket(socket.AF_UNIX) as reader:
+            reader.connect(str(tmp_path / "s"))
+            stream = reader.makefile("rb")
+            while line := stream.readline():
+                numbers = json.loads(line)
+                z = np.frombuffer(stream.read(numbers["bytes"]), "<f4")
+                seen.append((numbers, z.reshape(numbers["rows"], numbers["cols"])))
+
+    with ReadingSocket(tmp_path / "s") as sender:
+        thread = Thread(target=read)
+        thread.start()
+        followed = None
+        for followed in live.follow(live.Live(prepared), finger, 12):
+            sender.write(followed)
+        with pytest.raises(InputError, match="no socket can be made"):
+            ReadingSocket(tmp_path / "s")
+    thread.join(timeout=10)
+    assert followed is not None
+    numbers, z = seen[-1]
+    assert numbers["frame"] == followed.image.id
+    np.testing.assert_array_equal(z, np.where(followed.reading.good, followed.reading.z, np.nan))
+    assert numbers["x_mm"] == pytest.approx([followed.reading.x[24, 0], followed.reading.x[24, -1]])
+    assert not (tmp_path / "s").exists()
+
+
+def test_the_program_writes_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["live", "--pixels", "128x96", "--rate", "0", "--headless", "--frames", "12"]
+    outlets = ["--csv", str(tmp_path / "c.csv"), "--socket", str(tmp_path / "s")]
+    assert run([*words, *outlets]) == 0
+    rows = list(csv.DictReader((tmp_path / "c.csv").read_text().splitlines()))
+    assert len(rows) == 12
+    assert max(float(row["depth_mm"] or 0) for row in rows) > 0.01
+    assert run([*words, "--csv", str(tmp_path / "none" / "c.csv")]) == 2
+    assert run([*words, "--rest", "new"]) == 2
+    assert "--rest: needs --rig" in capsys.readouterr().err
