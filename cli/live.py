@@ -11,7 +11,6 @@ import click
 
 import optolever as ol
 from optolever import InputError
-from optolever.errors import require_file
 from optolever.quantities import quantity
 
 from .arguments import AT_LEAST_0, Opt, Rare, program
@@ -109,9 +108,9 @@ def _rig(
     rig: Path, changes: Changes, rest: str | None, stack: ExitStack
 ) -> "tuple[ol.live.Prepared, ol.live.Source, float]":
     """The rig at rest, its running camera, its exposure."""
-    named = None if rest in (None, "new") else rest
-    if named is not None:
-        require_file(named)
+    named = None
+    if rest not in (None, "new"):
+        named = ol.live.Prepared.load(str(rest))
     elif rest == "new" or not ol.live.kept_rest(rig).is_file():
         click.echo("The mirror at rest is measured: keep everything still.", err=True)
     readings = stack.enter_context(ol.live.open(rig, named, changes=changes, anew=rest == "new"))

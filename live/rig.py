@@ -1,7 +1,7 @@
 """A rig's camera as an iterator of readings; its rest as it was measured before, or measured now."""
 
 from collections.abc import Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from statistics import median
@@ -12,7 +12,7 @@ from optolever.decode import decode
 from optolever.errors import InputError
 from optolever.notices import Notice
 from optolever.patterns import Sequence, sequence
-from optolever.projector import Image, Opened, Timing, devices_of, opened
+from optolever.projector import Devices, Image, Opened, Timing, devices_of, opened
 from optolever.projector.cameras import Replay
 from optolever.scene import Scene, load
 
@@ -73,35 +73,37 @@ class Readings:
         return f"Readings of {self.prepared!r}\n  latency {1e3 * self.delay:.3g} ms"
 
 
-@contextmanager
 def open_rig(
     rig: str | Path,
-    rest: Prepared | str | Path | None = None,
+    rest: Prepared | None = None,
     *,
     changes: Iterable[str] = (),
     anew: bool = False,
-) -> Iterator[Readings]:
-    """Camera and display of a rig, and its readings.
+) -> AbstractContextManager[Readings]:
+    """Camera and display of a rig, and its readings: a context manager.
 
-    rest: of the mirror, as an .npz of `Prepared`; None: the newest that was measured, kept beside the TOML.
+    rest: of the mirror; None: the newest that was measured, kept beside the TOML.
     It is used after a look at three frames. Where there is none, or it no longer holds (a notice says why),
     the mirror must be at rest: it is measured by gray+phase and eight frames of the fringe, and kept.
     changes: of [devices], KEY=VALUE; anew: measure it in any case. InputError of a rig that cannot be read,
-    and of a rest that was named and cannot be read or does not hold."""
-    rig = Path(rig)
-    scene, devices = load(rig), devices_of(rig, changes)
-    rows, cols = scene.pattern.rows, scene.pattern.cols
-    given, why = rest is not None, ""
-    name = "rest" if isinstance(rest, Prepared) else str(rest or kept_rest(rig))
-    known = rest if isinstance(rest, Prepared) else None
-    if known is None and (given or Path(name).is_file()):
+    and of a rest that was given and does not hold."""
+    rig, known, why = Path(rig), rest, ""
+    scene, devices, name = load(rig), devices_of(rig, changes), "rest" if rest else str(kept_rest(rig))
+    if known is None and Path(name).is_file():
         try:
             known = Prepared.load(name)
         except InputError as error:
-            if given:
-                raise
             why = str(error)
-    if known is not None and not anew:
+    return _at_rest(rig, scene, devices, None if anew else known, name, why, rest is not None)
+
+
+@contextmanager
+def _at_rest(
+    rig: Path, scene: Scene, devices: Devices, known: Prepared | None, name: str, why: str, given: bool
+) -> Iterator[Readings]:
+    """name, why: of a rest, and what is wrong with it; given: it must hold."""
+    rows, cols = scene.pattern.rows, scene.pattern.cols
+    if known is not None:
         known = replace(known, layer=scene.layer)
         fringe = sequence("crossed", rows, cols, period=known.rig.carriers.period)
         with opened(rig, devices, fringe) as now:

@@ -50,10 +50,11 @@ def test_a_rest_is_measured_once(rig: Path, monkeypatch: pytest.MonkeyPatch) -> 
         return image and replace(image, pixels=np.roll(image.pixels, 2, 1))
 
     monkeypatch.setattr(StillCamera, "next", bumped)
-    with pytest.raises(InputError, match=r"rig\.live\.npz: no longer holds"), live.open(rig, kept_rest(rig)):
+    kept = live.Prepared.load(kept_rest(rig))
+    with pytest.raises(InputError, match="rest: no longer holds"), live.open(rig, kept):
         pass
     with live.open(rig) as readings:
-        assert "no longer holds" in str(readings.notices[-1])
+        assert "rig.live.npz no longer holds" in str(readings.notices[-1])
         assert next(iter(readings)).trusted
 
 
@@ -77,7 +78,7 @@ def test_a_recording_is_a_rig_s_camera(tmp_path: Path) -> None:
     changes = ["camera=replay:" + str(tmp_path / "film")]
     table = tmp_path / "contacts.csv"
     with (
-        live.open(path, tmp_path / "film" / "prepared.npz", changes=changes) as readings,
+        live.open(path, live.Prepared.load(tmp_path / "film" / "prepared.npz"), changes=changes) as readings,
         live.ContactTable(table) as contacts,
     ):
         for followed in readings.followed():
