@@ -11,19 +11,6 @@ from .arguments import Opt
 from .options import RigFile
 from .show import print_notices
 
-    "camera",
-    "display",
-    "exposure_ms",
-    "gain",
-    "bits",
-    "rows",
-    "cols",
-    "row",
-    "col",
-    "fps",
-    "trigger",
-    "focus",
-)
 OpenedRig = Annotated[Path, Opt("--rig RIG.toml", "The rig: its scene, [devices] and [sync].", RigFile())]
 Changes = Annotated[
     tuple[str, ...],
