@@ -44,7 +44,13 @@ class _Lengths(click.ParamType[tuple[float, float]]):
 
 
 #: Numbers that one kind of rig has.
-ONLY = {"display_distance": "monitor", "display_angle": "prism", "bezel": "prism", "index": "prism"}
+ONLY = {
+    "display_distance": "monitor",
+    "display_angle": "prism",
+    "bezel": "prism",
+    "across": "prism",
+    "index": "prism",
+}
 ACUTE = click.FloatRange(min=0, max=90, min_open=True, max_open=True)
 MIRROR = Opt("--mirror LENGTHxWIDTH", "Mirror, length (along x) x width, mm", _Lengths())
 DISTANCE = Opt("--distance MM", "Camera to the middle of the mirror, mm", ABOVE_0)
@@ -53,6 +59,13 @@ ANGLE = Opt("--angle DEG", "Line of sight to the mirror's normal; prism: camera'
 AWAY = Opt("--display-distance MM", "Monitor: display's middle to the mirror's middle, mm", ABOVE_0)
 FACE = Opt("--display-angle DEG", "Prism: angle of the display's face with the mirror, degrees", ACUTE)
 BEZEL = Opt("--bezel MM", "Prism: from the mirror's edge to the display's first pixel, mm; 0", AT_LEAST_0)
+ACROSS = Opt(
+    "--across MM",
+    "Prism: from the mirror's side y = 0 to the display's first pixel, mm; centred",
+    click.FLOAT,
+)
+CAMERA = Opt("--camera ADDRESS", "[devices]: camera, as `optolever camera devices` lists it; empty: none")
+SCREEN = Opt("--monitor NAME", "[devices]: display, as `optolever camera devices` lists it; empty: none")
 INDEX = Opt("--index N", "Prism: index of refraction", click.FloatRange(min=1))
 PITCH = Opt("--pitch MM", "Pitch of the display's pixels, in place of --diagonal.", ABOVE_0)
 OUT = Opt("--out RIG.toml", "File to write.", OutputFile(".toml", bare=False))
@@ -82,15 +95,19 @@ def new(
     display_distance: Annotated[Number, AWAY] = None,
     display_angle: Annotated[Number, FACE] = None,
     bezel: Annotated[Number, BEZEL] = None,
+    across: Annotated[Number, ACROSS] = None,
     index: Annotated[Number, INDEX] = None,
     pitch: Annotated[Number, PITCH] = None,
+    camera: Annotated[str | None, CAMERA] = None,
+    monitor: Annotated[str | None, SCREEN] = None,
     picture: Annotated[Path | None, PICTURE] = None,
     json_path: Json = None,
 ) -> None:
     """Write the TOML of a rig and draw it from the side.
 
-    On a terminal, missing values are asked for. The camera points at the mirror's middle; a monitor is
-    perpendicular to the reflected line of sight; a prism's face is perpendicular to the camera's.
+    On a terminal, missing values are asked for, among them the devices to capture with ([devices]). The
+    camera points at the mirror's middle; a monitor is perpendicular to the reflected line of sight; a prism's
+    face is perpendicular to the camera's.
     """
     import matplotlib as mpl
 
@@ -104,15 +121,23 @@ def new(
             raise InputError(f"{options[name].opts[0]}: {wrong}")
     asked = ["mirror", "display", "diagonal", "image", "focal", "pixel", "angle", "distance"]
     for name in (*asked, *(name for name, only in ONLY.items() if only == kind)):
-        if values[name] is None and (name != "diagonal" or pitch is None):
+        if values[name] is None and name != "across" and (name != "diagonal" or pitch is None):
             values[name] = _asked(options[name], 0.0 if name == "bezel" else None)
     if pitch is None:
         values["pitch"] = 25.4 * values["diagonal"] / math.hypot(*values["display"])
+    if kind == "prism" and across is None:
+        values["across"] = _asked(options["across"], round(_typed(values).offset_across, 4))
+    chosen = {"camera": camera, "display": monitor}
+    for name, option in (("camera", "camera"), ("display", "monitor")):
+        chosen[name] = _asked(options[option], "") if chosen[name] is None else chosen[name]
+    devices = {name: address for name, address in chosen.items() if address}
     drawn = picture or out.with_suffix(".png")
     mpl.use("agg")
     with ol.files.together():
         with ol.files.atomic_file(out) as temporary:
             temporary.write_text(ol.scene.rig_toml(out.stem, _typed(values)), encoding="utf-8")
+            if devices:
+                ol.scene.write_sections(temporary, {"devices": devices})
             rig = ol.scene.load(temporary)
         few = ol.scene.resize(rig, *(min(size, 120) for size in values["image"]))
         seen = float(ol.scene.trace(few, ol.scene.dent("flat", few)).visible.mean())

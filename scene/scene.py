@@ -76,7 +76,7 @@ class Scene(Record):
         )
 
     def plot(self, axes: Any = None) -> Any:
-        """Draw mirror, pattern and rays at rest from the side (x, z in mm) with matplotlib; the axes."""
+        """Draw camera, mirror, pattern and rays at rest from the side (x, z in mm); the matplotlib axes."""
         camera, pattern = self.camera, self.pattern
         cols = np.linspace(0, camera.cols - 1, 9)
         starts, d = camera.rays_at(np.full(9, (camera.rows - 1) / 2), cols)
@@ -86,10 +86,15 @@ class Scene(Record):
         right, bottom = pattern.cols - 0.5, pattern.rows - 0.5
         u_corner, v_corner = np.array([[-0.5, right, right, -0.5, -0.5], [-0.5, -0.5, bottom, bottom, -0.5]])
         landed = pattern.point(u, v)
+        inside = (np.abs(2 * u + 1 - pattern.cols) <= pattern.cols) & (
+            np.abs(2 * v + 1 - pattern.rows) <= pattern.rows
+        )
+        at = np.broadcast_to(camera.origin, starts.shape) if isinstance(camera, PinholeCamera) else starts
         return draw_side(
             self.mirror.length,
             pattern.point(u_corner, v_corner),
-            np.stack([starts, met, landed], axis=1),
+            np.stack([at, starts, met, landed], axis=1),
+            inside & (met[:, 0] >= 0) & (met[:, 0] <= self.mirror.length),
             axes,
         )
 

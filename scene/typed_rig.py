@@ -16,7 +16,8 @@ class TypedRig:
     angle: of a monitor rig's line of sight with the mirror's normal; of a prism's camera face with the
     mirror. distance: from the camera to the mirror's middle. Of a monitor rig: display_distance, from the
     display's middle to the mirror's. Of a prism: display_angle, of the display's face with the mirror; bezel,
-    from the mirror's edge to the display's first pixel; index of refraction.
+    from the mirror's edge to the display's first pixel; across, from the mirror's side y = 0 to that pixel
+    (None: the display is centred); index of refraction.
     """
 
     mirror: tuple[float, float]
@@ -30,12 +31,19 @@ class TypedRig:
     display_distance: float | None = None
     display_angle: float | None = None
     bezel: float = 0.0
+    across: float | None = None
     index: float | None = None
 
     @property
     def middle(self) -> tuple[float, float]:
         """Of the mirror, x and y."""
         return 0.5 * self.mirror[0], 0.5 * self.mirror[1]
+
+    @property
+    def offset_across(self) -> float:
+        """From the mirror's side y = 0 to a prism display's first pixel."""
+        centred = 0.5 * (self.mirror[1] - self.display[0] * self.pitch)
+        return centred if self.across is None else self.across
 
 
 def rig_toml(name: str, rig: TypedRig) -> str:
@@ -45,7 +53,10 @@ def rig_toml(name: str, rig: TypedRig) -> str:
     (x, y), (rows, cols) = rig.middle, rig.display
     pattern: dict[str, Any] = {"size": [cols, rows], "pitch_mm": _digits(rig.pitch)}
     if rig.display_distance is None:
-        pattern |= {"angle_deg": _degrees(rig.display_angle or 0.0), "offset_mm": rig.bezel}
+        pattern |= {
+            "angle_deg": _degrees(rig.display_angle or 0.0),
+            "offset_mm": [rig.bezel, _digits(rig.offset_across)],
+        }
     else:  # square to the reflected line of sight, columns along y, rows downwards
         across, down, away = 0.5 * (cols - 1) * rig.pitch, 0.5 * (rows - 1) * rig.pitch, rig.display_distance
         first = x - away * sine + down * cosine, y - across, away * cosine + down * sine

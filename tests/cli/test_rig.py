@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from optolever.scene import PinholeCamera, load, trace
+from optolever.scene import PinholeCamera, load, rig_table, trace
 from optolever.scene import dent as dent_of
 
 from .conftest import Program
@@ -45,10 +45,11 @@ def test_a_monitor_stands_square_to_the_reflected_line_of_sight(optolever: Progr
 
 def test_a_prism_has_its_faces_at_their_angles(optolever: Program, tmp_path: Path) -> None:
     out, picture = tmp_path / "rig.toml", tmp_path / "p.svg"
-    optolever("rig", "new", *PRISM, "--bezel", "2", "--out", out, "--picture", picture)
+    optolever("rig", "new", *PRISM, "--bezel", "2", "--camera", "virtual", "--out", out, "--picture", picture)
     rig = load(out)
     a, b = math.radians(48), math.radians(50)
-    corner = [2 * math.cos(a), 0, 2 * math.sin(a)]
+    across = 0.5 * (45 - 1920 * 0.0234)  # centred
+    corner = [2 * math.cos(a), across, 2 * math.sin(a)]
     np.testing.assert_allclose(rig.pattern.point(-0.5, -0.5), corner, atol=1e-9)
     np.testing.assert_allclose(rig.pattern.u_axis, [math.cos(a), 0, math.sin(a)], atol=1e-9)
     face = rig.camera.face
@@ -58,4 +59,9 @@ def test_a_prism_has_its_faces_at_their_angles(optolever: Program, tmp_path: Pat
     origin, direction = rig.camera.rays_at(23.5, 31.5)  # square to the face it is not refracted
     np.testing.assert_allclose(direction, -face.normal, atol=1e-7)
     np.testing.assert_allclose(origin - origin[2] / direction[2] * direction, [30, 22.5, 0], atol=1e-5)
+    assert rig_table(out)["devices"] == {"camera": "virtual"}
+    drawn = {line.get_label(): line.get_xydata() for line in rig.plot().lines}
+    np.testing.assert_allclose(drawn["camera"], np.broadcast_to(rig.camera.origin[::2], (9, 2)))
     assert picture.is_file()
+    optolever("rig", "new", *PRISM, "--bezel", "2", "--across", "-1.5", "--out", out)
+    np.testing.assert_allclose(load(out).pattern.point(-0.5, -0.5)[1], -1.5, atol=1e-9)
