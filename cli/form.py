@@ -1,19 +1,25 @@
 """`optolever form`: a height map without its form: radius, residual, slope error, Zernike coefficients."""
 
 from collections.abc import Iterator
-from dataclasses import fields
+from dataclasses import asdict, dataclass, fields, replace
+from math import isfinite, radians
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import click
 
 import optolever as ol
+from optolever import InputError
 from optolever.quantities import quantity
 
-from .arguments import Arg, Opt, Rare, program
+from .arguments import ABOVE_0, Arg, Opt, Rare, program
 from .options import Json, blame
 from .outputs import OutputFile
 from .show import grid, length, number, table, write_json
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 SAMPLE = """
 $ optolever form h.npz --remove sphere
@@ -24,7 +30,8 @@ vertex_y  0.001375 ± 0.000065      6.5e-05  0
 vertex_z  4.065 × 10⁻⁴             -        0
 radius    4000.5960 ± 0.0023       0.0023   0
 Residual
-  heights      4.6e+02 nm rms, 3.6 um from valley to peak
+  heights      0.46 um rms; without its noise 0.46 um
+  PV           3.6 um; PVr 3.1 um
   slope error  29.1 urad rms along x, 29.11 urad along y
   left out     the outermost ring of good pixels, whose centres may see no mirror
 """
@@ -44,41 +51,86 @@ PSD = Rare("--psd FILE.csv", "Also write the power spectral density of the resid
 OUT = Opt("--out R.npz", "Also write x, y, residual, slope_x, slope_y (mm, mm per mm).", OutputFile(".npz"))
 
 
+APERTURE = Opt(
+    "--aperture SHAPE|MASK.png",
+    "Inside circle (inscribed), circle:radius=R,x=X,y=Y, ellipse:a=A,b=B, rectangle:width=W,height=H "
+    "or a mask's white; again for what all contain.",
+)
+HIGH = Opt("--highpass MM", "Keep wavelengths below this cutoff (Gaussian, ISO 16610-61).", ABOVE_0)
+LOW = Opt("--lowpass MM", "Keep wavelengths above this cutoff (Gaussian, ISO 16610-61).", ABOVE_0)
+LIMIT = Opt(
+    "--limit NAME=LIMIT",
+    "rms, pv or pvr (rms=50nm), slope_x or slope_y (20urad): pass or fail by 2 sigma; fail: exit code 1.",
+)
+TURNS = Opt(
+    "--rotations DEG,DEG,...",
+    "Of several maps: the mirror's turns, from x to y; separates the mirror's part from the rig's.",
+)
+INDEX = Rare("--index ansi|fringe", "Order of the Zernike terms.")
+NORM = Rare("--norm rms|amplitude", "Of Zernike terms: rms over the circle, or amplitude at its edge.")
+
+
 @program("form", SAMPLE)
 def command(
-    source: Annotated[Path, Arg("H.npz")],
+    sources: Annotated[tuple[Path, ...], Arg("H.npz...")],
     form: Annotated[str, REMOVE] = "sphere",
     nominal: Annotated[Path | None, NOMINAL] = None,
+    apertures: Annotated[tuple[str, ...], APERTURE] = (),
+    highpass: Annotated[float | None, HIGH] = None,
+    lowpass: Annotated[float | None, LOW] = None,
     order: Annotated[int | None, ZERNIKE] = None,
+    index: Annotated[Literal["ansi", "fringe"], INDEX] = "ansi",
+    norm: Annotated[Literal["rms", "amplitude"], NORM] = "rms",
+    limits: Annotated[tuple[str, ...], LIMIT] = (),
+    turns: Annotated[str | None, TURNS] = None,
     slopes_path: Annotated[Path | None, SLOPES] = None,
     lines: Annotated[tuple[str, ...], LINES] = (),
     profiles_path: Annotated[Path | None, PROFILES] = None,
     psd_path: Annotated[Path | None, PSD] = None,
     out: Annotated[Path | None, OUT] = None,
     json_path: Json = None,
-) -> None:
+) -> int:
     """Fit a form to a height map, and measure the residual.
 
     All good pixels have equal weight, but for their outermost ring, which is left out. A concave mirror has
-    a radius above 0. Sigmas include the noise of the frames and the errors of the rig.
+    a radius above 0. Sigmas include the noise of the frames and the errors of the rig. Zernike terms are
+    those of the residual, over the inscribed circle. Several maps of one mirror: their mean and differences.
     """
+    shape = _Shape(form, nominal, apertures, highpass, lowpass)
+    if len(sources) > 1:
+        alone = {"--slopes": slopes_path, "--zernike": order, "--profile": lines, "--limit": limits}
+        alone |= {"--profiles": profiles_path, "--psd": psd_path}
+        for option, value in alone.items():
+            if value:
+                raise InputError(f"{option}: is of one map, not of {len(sources)}; leave it out")
+        return _runs(sources, shape, turns, out, json_path)
+    if turns is not None:
+        raise InputError(f"--rotations {turns}: is of several maps; name each, with its turn")
+    source = sources[0]
     height = ol.reconstruct.HeightMap.load(source)
     slopes = None if slopes_path is None else ol.reconstruct.SlopeMap.load(slopes_path)
     with blame(source):
-        if nominal is None:
-            fit = ol.metrology.fit_form(height, form, slopes)
-        else:
-            fit = ol.metrology.fit_nominal(height, ol.metrology.load_nominal(nominal), str(nominal))
-        terms = None if order is None else ol.metrology.fit_zernike(height, order, slopes)
+        fit, inside = shape.fitted(height, slopes)
+        terms = None
+        if order is not None:
+            deviation = replace(height, z=fit.residual, modes=fit.modes, modes_step=1)
+            terms = ol.metrology.fit_zernike(deviation, order, slopes, aperture=inside)
         asked = lines or (("x", "y") if profiles_path is not None else ())
         profiles = {line: ol.metrology.profile_of(fit, line) for line in asked}
         axes = () if psd_path is None else ("x", "y")
         spectra = {axis: ol.metrology.spectrum(fit.grid(), axis) for axis in axes}
+    along_x, along_y = fit.slope_rms
+    known = {"rms": (fit.rms, fit.rms_sigma), "pv": (fit.pv, fit.pv_sigma), "pvr": (fit.pvr, float("nan"))}
+    known |= {"slope_x": (along_x, float("nan")), "slope_y": (along_y, float("nan"))}
+    verdicts = [ol.metrology.judge(limit, known) for limit in limits]
     numbers = fit.to_dict()
     if profiles:
         numbers["profiles"] = {name: {"rms_mm": one.rms, "pv_mm": one.pv} for name, one in profiles.items()}
-    if terms is not None:
-        numbers["zernike"] = {"radius_mm": terms.radius, "coefficients_mm": terms.numbers.to_dict()}
+    if verdicts:
+        numbers["limits"] = {one.name: asdict(one) for one in verdicts}
+    listed = None if terms is None else terms.listed(index, norm == "amplitude")
+    if terms is not None and listed is not None:
+        numbers["zernike"] = {"radius_mm": terms.radius, "coefficients_mm": listed.to_dict(), "norm": norm}
     with ol.files.together():
         if profiles_path is not None:
             points = [(name, *row) for name, one in profiles.items() for row in _points(one)]
@@ -93,22 +145,101 @@ def command(
     held = "".join(f", {name} = {value:g} given" for name, value in fit.held.items())
     middle = f"x, y from the middle ({fit.middle[0]:.6g}, {fit.middle[1]:.6g}) mm"
     _fitted(f"Form of {source}: {fit.form}{held}; {middle}", fit.numbers)
-    if terms is not None:
-        title = f"Zernike coefficients, um rms over a circle of radius {terms.radius:.6g} mm"
-        _fitted(title, terms.numbers, 1e3)
-    along_x, along_y = (number(1e6 * slope) for slope in fit.slope_rms)
+    if terms is not None and listed is not None:
+        what = "amplitude" if norm == "amplitude" else "rms (ISO 14999-2)"
+        circle = f"circle of radius {terms.radius:.6g} mm"
+        _fitted(f"Zernike terms of the residual, um, {what}, {circle}", listed, 1e3)
+    less = "" if not isfinite(fit.rms_less_noise) else f"; without its noise {length(fit.rms_less_noise)}"
     residual = {
-        "heights": f"{length(fit.rms)} rms, {length(fit.pv)} from valley to peak",
-        "slope error": f"{along_x} urad rms along x, {along_y} urad along y",
+        "heights": f"{quantity(fit.rms, 'mm', fit.rms_sigma)} rms{less}",
+        "PV": f"{quantity(fit.pv, 'mm', fit.pv_sigma)}; PVr {length(fit.pvr)}",
+        "slope error": f"{number(1e6 * along_x)} urad rms along x, {number(1e6 * along_y)} urad along y",
         "left out": "the outermost ring of good pixels, whose centres may see no mirror",
     }
-    table("Residual", residual)
+    table("Residual" + "".join(f", {text}" for text in shape.texts()), residual)
     if profiles:
         rows = {
             name: f"{length(one.rms)} rms, {length(one.pv)} from valley to peak, {one.s[-1]:.4g} mm long"
             for name, one in profiles.items()
         }
         table("Profiles of the residual", rows)
+    if verdicts:
+        table("Limits", {one.name: f"{one.verdict}: {_against(one)}" for one in verdicts})
+    return 1 if any(one.verdict == "fail" for one in verdicts) else 0
+
+
+@dataclass(frozen=True)
+class _Shape:
+    """What is measured: less which form or surface, where, and which wavelengths."""
+
+    form: str
+    nominal: Path | None
+    apertures: tuple[str, ...]
+    highpass: float | None
+    lowpass: float | None
+
+    def fitted(
+        self, height: "ol.reconstruct.HeightMap", slopes: "ol.reconstruct.SlopeMap | None" = None
+    ) -> "tuple[ol.metrology.FormFit, NDArray[np.bool_] | None]":
+        """The fit to a map, and its aperture (H, W)."""
+        inside = None
+        if self.apertures:
+            inside = ol.metrology.aperture_mask(self.apertures, height.x, height.y, height.good)
+        if self.nominal is None:
+            fit = ol.metrology.fit_form(height, self.form, slopes, inside)
+        else:
+            surface = ol.metrology.load_nominal(self.nominal)
+            fit = ol.metrology.fit_nominal(height, surface, str(self.nominal), inside)
+        if self.lowpass is not None:
+            fit = ol.metrology.gaussian_filter(fit, self.lowpass, "low")
+        return fit if self.highpass is None else ol.metrology.gaussian_filter(
+            fit, self.highpass, "high"
+        ), inside
+
+    def texts(self) -> list[str]:
+        """Aperture and filters, for a heading."""
+        passes = (("above", self.lowpass), ("below", self.highpass))
+        waves = [f"wavelengths {which} {mm:g} mm" for which, mm in passes if mm is not None]
+        return [*self.apertures, *waves]
+
+
+def _runs(
+    sources: tuple[Path, ...], shape: _Shape, turns: str | None, out: Path | None, json_path: Path | None
+) -> int:
+    """Mean and differences of several maps."""
+    fits = []
+    for source in sources:
+        with blame(source):
+            fits.append(shape.fitted(ol.reconstruct.HeightMap.load(source))[0])
+    try:
+        angles = None if turns is None else [radians(float(text)) for text in turns.split(",")]
+    except ValueError:
+        raise InputError(f"--rotations {turns}: must be degrees with commas, such as 0,90,180,270") from None
+    found = ol.metrology.compare_runs(fits, angles)
+    parts = {"mirror" if turns else "mean": found.mirror} | ({"rig": found.rig} if turns else {})
+    numbers = {f"{name}_rms_mm": found.rms(z) for name, z in parts.items()}
+    paths = [f"{k}: {source}" for k, source in enumerate(sources, 1)]
+    left = {path: found.rms(z) for path, z in zip(paths, found.left, strict=True)}
+    with ol.files.together():
+        if out is not None:
+            maps = {"x": found.x, "y": found.y, "mirror": found.mirror, "rig": found.rig, "left": found.left}
+            ol.files.save_arrays(out, maps)
+        write_json(json_path, numbers | {"noise_mm": found.noise, "left_rms_mm": left})
+    rows = {name: f"{length(found.rms(z))} rms" for name, z in parts.items()}
+    rows["noise"] = f"{length(found.noise)} rms in the first" if isfinite(found.noise) else "unknown"
+    rows |= {f"left in {path}": f"{length(rms)} rms" for path, rms in left.items()}
+    table(f"{len(sources)} maps less {shape.nominal or shape.form}", rows)
+    return 0
+
+
+def _against(one: "ol.metrology.Verdict") -> str:
+    """A figure and its limit."""
+    slope = one.name.startswith("slope")
+    value, limit = (
+        quantity(1e6 * each if slope else each, "urad" if slope else "mm", sigma)
+        for each, sigma in ((one.value, 1e6 * one.sigma if slope else one.sigma), (one.limit, float("nan")))
+    )
+    return f"{value}, at most {limit}"
 
 
 def _points(record: "ol.metrology.Profile | ol.metrology.Spectrum") -> Iterator[tuple[float, ...]]:

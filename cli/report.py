@@ -29,6 +29,7 @@ REMOVE = Opt(
     "Form to subtract, as in `form`, or none; default: a sphere for a mirror in open air, else none.",
 )
 LESS = Opt("--less H.npz", "Height map of the same rig: the difference and its uncertainty; again for more.")
+APERTURE = Opt("--aperture SHAPE|MASK.png", "Of the form and its deviation, as in `form`; again for more.")
 FILES = ReportFolder("report.html", "figures.csv", "height.npz")
 
 
@@ -40,6 +41,7 @@ def command(
     rest_path: Annotated[Path | None, REST] = None,
     scene_name: Annotated[str | None, preset(": adds its drawing, areas, slopes and dents")] = None,
     form: Annotated[str | None, REMOVE] = None,
+    apertures: Annotated[tuple[str, ...], APERTURE] = (),
     less: Annotated[tuple[Path, ...], LESS] = (),
     out: Annotated[Path, Opt("--out DIR", "Gets report.html and its data.", FILES)] = Path("out/report"),
     full: Full = False,
@@ -68,6 +70,7 @@ def command(
         simulated=folder is not None and (folder / "truth.npz").is_file(),
         form="" if form == "none" else form,
         less=others,
+        apertures=apertures,
         rest=None if rest_path is None else ol.decode.Correspondence.load(rest_path),
     )
     total, noise, rig = medians(height.good, height.total_sigma, height.sigma, height.calibration_sigma)

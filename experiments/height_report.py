@@ -231,14 +231,14 @@ def _charts(study: Study) -> dict[str, Data]:
 
 def _terms_chart(terms: ZernikeFit) -> Data:
     """Zernike coefficients, piston and tilt aside, and their sigmas."""
-    numbers = terms.numbers
-    use = [k for k, name in enumerate(numbers.names) if name not in ("Z(0,0)", "Z(1,-1)", "Z(1,1)")]
+    numbers = terms.listed()
+    use = list(range(3, len(numbers.names)))
     factor, unit = length_unit(float(np.abs(numbers.values[use]).max()))
     values, sigma = factor * numbers.values[use], factor * numbers.sigma[use]
     lines = {"coefficient": ("bars", values)}
     if np.isfinite(sigma).any():
         lines |= {"+ 2 sigma": ("points", values + 2 * sigma), "− 2 sigma": ("points", values - 2 * sigma)}
-    names = [numbers.names[k] for k in use]
+    names = [numbers.names[k].partition(" ")[0] for k in use]
     return chart(np.arange(len(use)), lines, ("", f"coefficient [{unit} rms]"), names=names)
 
 

@@ -46,7 +46,8 @@ def cards(study: Study, figures: Figures) -> list[Card]:
     else:
         found += _form_cards(study.fit, figures)
     if study.deviation is not None:
-        value = show("sigma of the deviation", median(study.deviation.total_sigma), "mm")
+        known = good & np.isfinite(study.deviation.z)
+        value = show("sigma of the deviation", float(np.median(study.deviation.total_sigma[known])), "mm")
         says = "median of the good pixels; errors of the rig less their part in the form"
         found.append(("deviation_sigma", "Standard deviation of the deviation", value, says))
     value = show("sigma by noise", median(height.sigma), "mm")
@@ -65,9 +66,14 @@ def _form_cards(fit: FormFit, figures: Figures) -> list[Card]:
             value = show(f"{fit.form} {name}", number, "mm", float(sigma))
             found.append((name, f"{name} of the {fit.form}".capitalize(), value, "above 0 where concave"))
     says = f"of the height less the {fit.form}, about its mean"
-    found.append(("deviation_rms", "Deviation, rms", show("deviation rms", fit.rms, "mm"), says))
-    value = show("deviation pv", fit.pv, "mm")
-    found.append(("deviation_pv", "Deviation, peak to valley", value, "of good pixels"))
+    value = show("deviation rms", fit.rms, "mm", fit.rms_sigma)
+    if math.isfinite(fit.rms_less_noise):
+        less = show("deviation rms less noise", fit.rms_less_noise, "mm")
+        says = Markup("{}; without its noise {}").format(says, less)
+    found.append(("deviation_rms", "Deviation, rms", value, says))
+    value, robust = show("deviation pv", fit.pv, "mm", fit.pv_sigma), show("deviation pvr", fit.pvr, "mm")
+    says = Markup("of good pixels; PVr {}").format(robust)
+    found.append(("deviation_pv", "Deviation, peak to valley", value, says))
     for axis, slope in zip("xy", fit.slope_rms, strict=True):
         value = show(f"slope error {axis}", 1e6 * slope, "µrad")
         found.append((f"slope_{axis}", f"Slope error along {axis}, rms", value, "less the form's"))
@@ -116,7 +122,8 @@ def form_table(fit: FormFit, figures: Figures) -> Table:
 
 def terms_table(terms: ZernikeFit, figures: Figures) -> Table:
     """Coefficients of Zernike terms."""
-    numbers = zip(terms.numbers.names, terms.numbers.values, terms.numbers.sigma, strict=True)
+    listed = terms.listed()
+    numbers = zip(listed.names, listed.values, listed.sigma, strict=True)
     rows = [[name, figures.show(name, value, "mm", sigma)] for name, value, sigma in numbers]
     return Table("zernike-table", ("term", "coefficient ± sigma"), rows)
 

@@ -7,10 +7,11 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from optolever.decode import Correspondence
 from optolever.errors import InputError
-from optolever.metrology import FormFit, ZernikeFit, fit_form, fit_zernike
+from optolever.metrology import FormFit, ZernikeFit, aperture_mask, fit_form, fit_zernike
 from optolever.notices import Notice
 from optolever.projector import Capture
 from optolever.reconstruct import (
@@ -38,7 +39,8 @@ class Measurement:
     source: origin of the map; name: of the map in differences; rig: file of the scene; simulated: the frames
     are simulated. form: to be subtracted (`metrology.fit_form`); '': none; None: a sphere for a mirror in
     open air. less: maps of the same rig by name, for differences. saved: existing files of the page's folder.
-    rest: the correspondence of the mirror at rest, of a map reconstructed against it.
+    rest: the correspondence of the mirror at rest, of a map reconstructed against it. apertures: of the form
+    and its deviation (`metrology.aperture_mask`).
     """
 
     height: HeightMap
@@ -54,6 +56,7 @@ class Measurement:
     less: Mapping[str, HeightMap] = field(default_factory=dict)
     saved: tuple[str, ...] = ()
     rest: Correspondence | None = None
+    apertures: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         size = self.height.z.shape
@@ -158,10 +161,17 @@ class Study:
             slopes = slope_map(plain, found, scene, given.rest)
         fit = _form_fit(given, slopes)
         deviation = None if fit is None else _deviation(height, fit)
-        terms = None if deviation is None else _terms(deviation, slopes)
+        terms = None if deviation is None else _terms(deviation, slopes, _aperture(given))
         dents = contacts(height, slopes) if slopes is not None and not given.open_air else None
         curvature = None if slopes is None else curvature_map(slopes)
         return cls(given, slopes, curvature, fit, deviation, terms, dents)
+
+
+def _aperture(given: Measurement) -> NDArray[np.bool_] | None:
+    height = given.height
+    if not given.apertures:
+        return None
+    return aperture_mask(given.apertures, height.x, height.y, height.good)
 
 
 def _form_fit(given: Measurement, slopes: SlopeMap | None) -> FormFit | None:
@@ -169,18 +179,21 @@ def _form_fit(given: Measurement, slopes: SlopeMap | None) -> FormFit | None:
     if not form or not given.height.good.any():
         return None
     try:
-        return fit_form(given.height, form, slopes)
+        return fit_form(given.height, form, slopes, _aperture(given))
     except InputError:  # flat, or too few pixels for the default
         if given.form is not None:
             raise
-        return fit_form(given.height, "tilt", slopes) if given.height.good.sum() > 6 else None
+        return (
+            fit_form(given.height, "tilt", slopes, _aperture(given)) if given.height.good.sum() > 6 else None
+        )
 
 
 def _deviation(height: HeightMap, fit: FormFit) -> HeightMap:
     """The map less the form; its error modes less the fit's response to them. To first order the fit's
-    parameters change the surface by a plane and a quadric, for a conic also by r^4. Its noise is that of the
-    map, an upper bound."""
+    parameters change the surface by a plane and a quadric, for a conic also by r^4. Its noise: what the fit
+    leaves of it, that of the map where the slopes' noise is unknown."""
     modes = height.calibration
+    height = replace(height, sigma=np.where(np.isfinite(fit.noise), fit.noise, height.sigma))
     if modes is None:
         return replace(height, z=fit.residual)
     good = height.good & np.isfinite(fit.residual)
@@ -200,9 +213,11 @@ def _deviation(height: HeightMap, fit: FormFit) -> HeightMap:
     return replace(height, z=fit.residual, modes=bent, modes_step=1)
 
 
-def _terms(deviation: HeightMap, slopes: SlopeMap | None) -> ZernikeFit | None:
+def _terms(
+    deviation: HeightMap, slopes: SlopeMap | None, aperture: NDArray[np.bool_] | None
+) -> ZernikeFit | None:
     """None where too few pixels are good."""
     try:
-        return fit_zernike(deviation, ZERNIKE, slopes)
+        return fit_zernike(deviation, ZERNIKE, slopes, aperture=aperture)
     except InputError:
         return None

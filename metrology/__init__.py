@@ -6,19 +6,28 @@
 | `fit.py` | `fit_form`: least squares over the good pixels; `FormFit`: parameters with sigma, residual |
 | `nominal.py` | a nominal height map or mesh after its rigid best fit |
 | `lines.py` | profiles along lines, power spectral density |
-| `zernike.py` | Zernike polynomials over the aperture, and their coefficients with sigma |
-| `covariance.py` | covariance of fitted parameters by slope noise |
+| `zernike.py`, `zernike_terms.py` | Zernike coefficients with sigma; polynomials, indices, names |
+| `apertures.py` | circle, ellipse, rectangle, image: the pixels that figures are of |
+| `filters.py` | high and low pass |
+| `runs.py` | mean and difference of runs, rotated ones too |
+| `figures.py` | PVr, rms less its noise, limits |
+| `covariance.py` | covariance of fitted parameters, and of what they leave, by slope noise |
 
 Lengths in mm, slopes in mm per mm; z > 0 is towards the camera: a concave mirror has a radius above 0.
 """
 
 from optolever.arguments import check_face
 
+from .apertures import aperture_mask
+from .figures import Verdict, judge, pvr
+from .filters import gaussian_filter
 from .fit import FormFit, Numbers, fit_form
 from .forms import form_names
 from .lines import Profile, Spectrum, profile, profile_of, spectrum
 from .nominal import NOMINAL_SUFFIXES, Nominal, fit_nominal, load_nominal
-from .zernike import ZernikeFit, fit_zernike, zernike
+from .runs import RunComparison, compare_runs
+from .zernike import ZernikeFit, fit_zernike
+from .zernike_terms import ansi_index, fringe_index, zernike, zernike_name
 
 __all__ = [
     "NOMINAL_SUFFIXES",
@@ -26,17 +35,27 @@ __all__ = [
     "Nominal",
     "Numbers",
     "Profile",
+    "RunComparison",
     "Spectrum",
+    "Verdict",
     "ZernikeFit",
+    "ansi_index",
+    "aperture_mask",
+    "compare_runs",
     "fit_form",
     "fit_nominal",
     "fit_zernike",
     "form_names",
+    "fringe_index",
+    "gaussian_filter",
+    "judge",
     "load_nominal",
     "profile",
     "profile_of",
+    "pvr",
     "spectrum",
     "zernike",
+    "zernike_name",
 ]
 
 check_face(__name__)

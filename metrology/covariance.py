@@ -16,10 +16,12 @@ import scipy.sparse.csgraph
 import scipy.sparse.linalg
 from numpy.typing import NDArray
 
-__all__ = ["SlopeNoise", "noise_covariance"]
+__all__ = ["ResidualNoise", "SlopeNoise", "noise_covariance", "residual_noise"]
 
 Floats = NDArray[np.float64]
 _BLOCKS = 64  # along the longer side of the image
+_DENSE = 32  # of the covariance of all blocks
+_RANK = 1e-9  # of the largest column: below, a column of the basis is a combination of others
 _LEAST = 1e-30  # mm^2, minimum variance of an increment, for slopes without noise
 
 
@@ -31,14 +33,27 @@ class SlopeNoise:
     y: Floats | float
 
 
-def noise_covariance(
-    weights: Floats, x: Floats, y: Floats, good: NDArray[np.bool_], noise: SlopeNoise
-) -> Floats:
-    """Covariance (m, m) of sum_i weights[i, k] z_i over the good pixels, weights (n, m), by slope noise.
-
-    x, y (H, W): positions of the pixels, mm; good (H, W).
+@dataclass(frozen=True, slots=True, eq=False)
+class _Blocks:
+    """Heights on blocks of pixels: number (n,) of each good pixel's block; count (size,): pixels in each;
+    laplacian; label (size,) of connected components; variance (size,) of an increment; step: pixels a side.
     """
-    step = max(1, -(-max(good.shape) // _BLOCKS))
+
+    number: NDArray[np.intp]
+    count: Floats
+    laplacian: scipy.sparse.csc_matrix
+    label: NDArray[np.intp]
+    variance: Floats
+    step: int
+
+    def sums(self, values: Floats) -> Floats:
+        """Sums over blocks (k, size) of values (n, k) of the good pixels."""
+        return np.stack([np.bincount(self.number, each, len(self.count)) for each in values.T])
+
+
+def _blocks(x: Floats, y: Floats, good: NDArray[np.bool_], noise: SlopeNoise, along: int) -> _Blocks:
+    """along: blocks along the longer side of the image, at most."""
+    step = max(1, -(-max(good.shape) // along))
     rows, cols = (-(-size // step) for size in good.shape)
     row, col = np.nonzero(good)
     block = row // step * cols + col // step
@@ -53,7 +68,8 @@ def noise_covariance(
     places, variances = (mean(x), mean(y)), (mean(np.square(noise.x)), mean(np.square(noise.y)))
     number = np.where(held, np.cumsum(held) - 1, -1).reshape(rows, cols)
     fill = (count / step**2).reshape(rows, cols)
-    pairs, edges = [], []
+    pairs, edges, size = [], [], int(np.count_nonzero(held))
+    ends = np.zeros((2, 2, size))  # per axis: sum and number of the variances of a block's increments
     for axis in (0, 1):
         first = (slice(None, -1), slice(None)) if axis == 0 else (slice(None), slice(None, -1))
         second = (slice(1, None), slice(None)) if axis == 0 else (slice(None), slice(1, None))
@@ -65,17 +81,75 @@ def noise_covariance(
         share = np.minimum(fill[first], fill[second])[both]
         pairs.append((number[first][both], number[second][both]))
         edges.append(share / np.maximum(variance, _LEAST))
+        for side in pairs[-1]:
+            ends[axis, 0] += np.bincount(side, variance, size)
+            ends[axis, 1] += np.bincount(side, minlength=size)
     one, other = (np.concatenate(part) for part in zip(*pairs, strict=True))
-    weight, size = np.concatenate(edges), int(np.count_nonzero(held))
+    weight = np.concatenate(edges)
     graph = scipy.sparse.coo_matrix((weight, (one, other)), (size, size))
     graph = (graph + graph.T).tocsr()
     _, label = scipy.sparse.csgraph.connected_components(graph, directed=False)
     degree = np.asarray(graph.sum(axis=1)).ravel()
     ground = np.zeros(size)
     ground[np.unique(label, return_index=True)[1]] = degree.max(initial=1.0) or 1.0
-    laplacian = scipy.sparse.diags(degree + ground) - graph
-    load: Floats = np.stack([np.bincount(block, each, rows * cols)[held] for each in weights.T])
+    laplacian = (scipy.sparse.diags(degree + ground) - graph).tocsc()
+    own = ends[:, 0] / np.maximum(ends[:, 1], 1)
+    mean_variance = np.sqrt(own[0] * own[1]) if own.all() else own.max(axis=0)
+    return _Blocks(number.ravel()[block], count[held], laplacian, label, mean_variance, step)
+
+
+def noise_covariance(
+    weights: Floats, x: Floats, y: Floats, good: NDArray[np.bool_], noise: SlopeNoise
+) -> Floats:
+    """Covariance (m, m) of sum_i weights[i, k] z_i over the good pixels, weights (n, m), by slope noise.
+
+    x, y (H, W): positions of the pixels, mm; good (H, W).
+    """
+    blocks = _blocks(x, y, good, noise, _BLOCKS)
+    label, load = blocks.label, blocks.sums(weights)
     sums = np.stack([np.bincount(label, each, label.max() + 1) for each in load])
     load = np.asarray(load - (sums / np.bincount(label))[:, label])  # one piston per connected component
-    solved = scipy.sparse.linalg.splu(laplacian.tocsc()).solve(load.T)
-    return np.asarray(load @ solved)
+    return np.asarray(load @ scipy.sparse.linalg.splu(blocks.laplacian).solve(load.T))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ResidualNoise:
+    """Noise of heights less a fit: sigma (n,) of each good pixel, mm; number (n,) of its block; count (size,)
+    of the blocks' pixels, covariance (size, size) of their means, mm^2; step_variance: that of increments.
+    """
+
+    sigma: Floats
+    number: NDArray[np.intp]
+    count: Floats
+    covariance: Floats
+    step_variance: float
+
+    def rms_variance(self, residual: Floats) -> float:
+        """Variance of the mean square of residual (n,) + noise, mm^4 (Gaussian noise)."""
+        each = np.bincount(self.number, residual, len(self.count))
+        weighted = self.covariance * self.count
+        square = 4 * each @ self.covariance @ each + 2 * float(np.sum(weighted * weighted.T))
+        return float(square) / len(residual) ** 2
+
+
+def residual_noise(
+    basis: Floats, x: Floats, y: Floats, good: NDArray[np.bool_], noise: SlopeNoise
+) -> ResidualNoise:
+    """Noise that a least-squares fit of `basis` (n, k; one column or more, a piston among their combinations)
+    leaves in the heights.
+
+    The covariance is that of blocks. Within a block the variance of a lattice's potential grows by v / 2 pi
+    for each e-fold of the distance, v the variance of an increment.
+    """
+    blocks = _blocks(x, y, good, noise, _DENSE)
+    covariance = np.linalg.inv(blocks.laplacian.toarray())
+    means = (blocks.sums(basis) / blocks.count).T
+    root = np.sqrt(blocks.count)
+    pistons = np.stack([blocks.label == k for k in range(blocks.label.max() + 1)], axis=1)
+    q, r = np.linalg.qr(root[:, None] * np.hstack([means, pistons]))
+    q = q[:, np.abs(np.diag(r)) > _RANK * np.abs(np.diag(r)).max()]
+    left = np.eye(len(root)) - (q / root[:, None]) @ (q.T * root)
+    covariance = left @ covariance @ left.T
+    variance = np.diag(covariance) + np.log(blocks.step) / (2 * np.pi) * blocks.variance
+    sigma = np.sqrt(np.maximum(variance, 0.0))[blocks.number]
+    return ResidualNoise(sigma, blocks.number, blocks.count, covariance, float(blocks.variance.mean()))

@@ -11,10 +11,21 @@ from numpy.typing import NDArray
 from optolever.errors import InputError
 from optolever.reconstruct import Grid, HeightFlag, HeightMap, SlopeMap
 
-from .covariance import SlopeNoise, noise_covariance
+from .apertures import middle_of
+from .covariance import SlopeNoise, noise_covariance, residual_noise
+from .figures import pvr, rms_less_noise
 from .forms import Form, form_from_text
 
-__all__ = ["FormFit", "Numbers", "covariances_of", "differences", "fit_form", "placed", "slope_noise"]
+__all__ = [
+    "FormFit",
+    "Numbers",
+    "covariances_of",
+    "differences",
+    "fit_form",
+    "leftovers",
+    "placed",
+    "slope_noise",
+]
 
 Floats = NDArray[np.float64]
 _STEPS = 30
@@ -51,7 +62,10 @@ class Numbers:
 class FormFit:
     """form: its name; numbers: fitted parameters; held: fixed parameters; x, y (H, W): mm; residual (H, W):
     heights less the form, mm, NaN where not good; slope_x, slope_y (H, W): slopes of the residual, mm per mm;
-    middle: origin x = y = 0 of the form, mm in the mirror's frame."""
+    middle: origin x = y = 0 of the form, mm in the mirror's frame; noise, rig (H, W): standard deviations of
+    the residual by the slopes' noise (NaN: unknown) and by the errors of the rig, each less its part in the
+    form; rms_sigma: of rms, by both; step_variance: mean variance, mm^2, of an increment from pixel to pixel
+    by noise; modes (r, H, W): those of the rig less their part in the form, mm."""
 
     form: str
     numbers: Numbers
@@ -62,6 +76,34 @@ class FormFit:
     slope_x: Floats
     slope_y: Floats
     middle: tuple[float, float]
+    noise: Floats
+    rig: Floats
+    rms_sigma: float
+    step_variance: float
+    modes: NDArray[np.float32] | None
+
+    @property
+    def sigma(self) -> Floats:
+        """Standard deviation of the residual (H, W), mm."""
+        return np.hypot(self.noise, self.rig)
+
+    @property
+    def rms_less_noise(self) -> float:
+        """Rms of the surface alone, mm; NaN if the noise is unknown."""
+        known = self.noise[np.isfinite(self.residual)]
+        return rms_less_noise(self.rms, float(np.sqrt(np.mean(known**2))))
+
+    @property
+    def pvr(self) -> float:
+        """Robust peak to valley, mm (`figures.pvr`)."""
+        known = np.isfinite(self.residual)
+        return pvr(self.x[known], self.y[known], self.residual[known])
+
+    @property
+    def pv_sigma(self) -> float:
+        """Of the highest and the lowest pixel."""
+        ends = [part.ravel() for part in (self.residual, self.sigma)]
+        return float(np.hypot(ends[1][np.nanargmax(ends[0])], ends[1][np.nanargmin(ends[0])]))
 
     @property
     def rms(self) -> float:
@@ -82,7 +124,8 @@ class FormFit:
     def to_dict(self) -> dict[str, Any]:
         """Plain values, without the maps."""
         numbers = {"numbers": self.numbers.to_dict(), "held": self.held, "middle_mm": self.middle}
-        figures = {"rms_mm": self.rms, "pv_mm": self.pv, "slope_rms": self.slope_rms}
+        figures: dict[str, Any] = {"rms_mm": self.rms, "rms_sigma_mm": self.rms_sigma, "pv_mm": self.pv}
+        figures |= {"rms_less_noise_mm": self.rms_less_noise, "pvr_mm": self.pvr, "slope_rms": self.slope_rms}
         return {"form": self.form} | numbers | figures
 
     def grid(self, pitch_mm: float | None = None) -> Grid:
@@ -93,31 +136,74 @@ class FormFit:
         return HeightMap(self.x, self.y, self.residual, nothing, flags).resample(pitch_mm)
 
 
-def fit_form(height: HeightMap, form: str = "sphere", slopes: SlopeMap | None = None) -> FormFit:
+def fit_form(
+    height: HeightMap,
+    form: str = "sphere",
+    slopes: SlopeMap | None = None,
+    aperture: NDArray[np.bool_] | None = None,
+) -> FormFit:
     """Unweighted least-squares fit of a form to the good pixels without their outermost ring.
 
     form: one of form_names(), followed by fixed parameters: 'sphere:radius=4000', 'conic:conic=-1'. slopes:
     slope map of the same correspondence, for the parameters' sigmas by noise and for the slope error (None:
-    differences of the residual). InputError without enough good pixels.
+    differences of the residual). aperture (H, W): pixels to use. InputError without enough good pixels.
     """
     name, known, held = form_from_text(form)
-    x, y, good, middle = placed(height, len(known.names))
+    if len(held) == len(known.names):
+        raise InputError(f"form {form!r}: every number is given, one must be left out to be fitted")
+    x, y, good, middle = placed(height, len(known.names), aperture)
     z = height.z[good]
     p, free = _fitted(known, held, x[good], y[good], z)
     model = _freed(known, p, free)
-    covariances = covariances_of(_jacobian(model, p[free], x[good], y[good]), height, x, y, good, slopes)
+    jacobian = _jacobian(model, p[free], x[good], y[good])
+    covariances = covariances_of(jacobian, height, x, y, good, slopes)
     scale = np.abs(_statement(known, p)[free])
     sigmas = (scale * np.sqrt(np.diag(part)) for part in covariances)
     found = Numbers(tuple(known.names[i] for i in free), known.stated(p)[free], *sigmas)
     residual = np.full(height.z.shape, np.nan)
     residual[good] = z - known.model(p, x[good], y[good])
     slope_x, slope_y = _slope_errors(height, slopes, residual, lambda a, b: known.model(p, a, b), x, y, good)
-    return FormFit(name, found, held, height.x, height.y, residual, slope_x, slope_y, middle)
+    left = leftovers(jacobian, residual, height, x, y, good, slopes)
+    return FormFit(name, found, held, height.x, height.y, residual, slope_x, slope_y, middle, *left)
 
 
-def placed(height: HeightMap, count: int) -> tuple[Floats, Floats, NDArray[np.bool_], tuple[float, float]]:
+def leftovers(
+    basis: Floats,
+    residual: Floats,
+    height: HeightMap,
+    x: Floats,
+    y: Floats,
+    good: NDArray[np.bool_],
+    slopes: SlopeMap | None,
+) -> tuple[Floats, Floats, float, float, NDArray[np.float32] | None]:
+    """noise, rig, rms_sigma, step_variance, modes of a FormFit with this residual (H, W); basis (n, k): the
+    derivatives of the height by its free parameters."""
+    noise, rig = (np.full(good.shape, np.nan) for _ in range(2))
+    left, own, square, step, kept = residual[good], slope_noise(height, slopes), 0.0, np.nan, None
+    if own is not None:
+        found = residual_noise(basis, x, y, good, own)
+        noise[good], square = found.sigma, found.rms_variance(left - left.mean())
+        step = found.step_variance
+    rig[good] = 0.0
+    if (modes := height.calibration) is not None:
+        q, _ = np.linalg.qr(np.column_stack([basis / np.linalg.norm(basis, axis=0), np.ones(len(left))]))
+        bent = np.nan_to_num(modes[:, good].astype(np.float64))
+        bent -= (bent @ q) @ q.T
+        rig[good] = np.sqrt(np.sum(bent**2, axis=0))
+        square += 4 * float(np.sum((bent @ left / len(left)) ** 2))
+        square += 2 * float(np.sum((bent @ bent.T / len(left)) ** 2))
+        kept = np.full((len(bent), *good.shape), np.nan, np.float32)
+        kept[:, good] = bent
+    rms = float(np.std(left))
+    sigma = np.nan if own is None and not square else float(np.sqrt(square)) / max(2 * rms, 1e-30)
+    return noise, rig, sigma, step, kept
+
+
+def placed(
+    height: HeightMap, count: int, aperture: NDArray[np.bool_] | None = None
+) -> tuple[Floats, Floats, NDArray[np.bool_], tuple[float, float]]:
     """x, y relative to the middle of the good pixels, good (H, W), and the middle. InputError without
-    enough good pixels.
+    enough good pixels. aperture (H, W): pixels to use.
 
     The outermost ring of good pixels is left out: their centres may see no mirror. Where the map ends at the
     image's border, there is none.
@@ -125,10 +211,11 @@ def placed(height: HeightMap, count: int) -> tuple[Floats, Floats, NDArray[np.bo
     mirror = scipy.ndimage.binary_fill_holes(height.good)
     inside = scipy.ndimage.binary_erosion(mirror, np.ones((3, 3)), border_value=1)
     good = height.good & inside & np.isfinite(height.z)
+    good = good if aperture is None else good & aperture
     if np.count_nonzero(good) < 2 * count:
         few = f"{np.count_nonzero(good)} good pixels within the outermost ring"
         raise InputError(f"height map: {few}, must be at least {2 * count}")
-    middle = tuple(0.5 * float(part[good].min() + part[good].max()) for part in (height.x, height.y))
+    middle = tuple(middle_of(part, good) for part in (height.x, height.y))
     x, y = (np.asarray(part, np.float64) - at for part, at in zip((height.x, height.y), middle, strict=True))
     return x, y, good, (middle[0], middle[1])
 

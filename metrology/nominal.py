@@ -21,9 +21,9 @@ from optolever.errors import InputError, require_file
 from optolever.files import load_arrays
 from optolever.reconstruct import Grid, HeightMap
 
-from .fit import FormFit, Numbers, differences, placed
+from .fit import FormFit, Numbers, differences, leftovers, placed
 
-__all__ = ["NOMINAL_SUFFIXES", "Nominal", "fit_nominal", "load_nominal"]
+__all__ = ["NOMINAL_SUFFIXES", "Nominal", "fit_nominal", "load_nominal", "surface_of"]
 
 Floats = NDArray[np.float64]
 NOMINAL_SUFFIXES = (".npz", ".tif", ".tiff", ".stl", ".ply")
@@ -52,21 +52,27 @@ def load_nominal(path: str | Path) -> Nominal:
     require_file(file)
     suffix = file.suffix.lower()
     if suffix == ".npz":
-        return _of_grid(_npz_grid(file))
+        return surface_of(_npz_grid(file))
     if suffix in (".tif", ".tiff"):
-        return _of_grid(_tiff_grid(file))
+        return surface_of(_tiff_grid(file))
     if suffix in (".stl", ".ply"):
         return _of_points(file, _vertices(file))
     raise InputError(f"{file}: suffix {suffix!r}, must be {' or '.join(NOMINAL_SUFFIXES)}")
 
 
-def fit_nominal(height: HeightMap, nominal: Nominal, name: str = "nominal") -> FormFit:
+def fit_nominal(
+    height: HeightMap,
+    nominal: Nominal,
+    name: str = "nominal",
+    aperture: NDArray[np.bool_] | None = None,
+) -> FormFit:
     """The rigid best fit of a map to a nominal surface: translation (mm) and rotation (degrees) of the map
-    about its middle, relative to coinciding middles; residual along the nominal's z. No sigmas.
+    about its middle, relative to coinciding middles; residual along the nominal's z. No
+    sigmas of these. aperture (H, W): pixels to use.
 
     InputError if less than half of the map lies on the nominal surface.
     """
-    x, y, good, middle = placed(height, len(_NAMES))
+    x, y, good, middle = placed(height, len(_NAMES), aperture)
     points = np.stack([x[good], y[good], height.z[good]], axis=1)
     centre = np.array([0.0, 0.0, float(points[:, 2].mean())])
     points = points - centre
@@ -101,7 +107,10 @@ def fit_nominal(height: HeightMap, nominal: Nominal, name: str = "nominal") -> F
     unknown = np.full(len(p), np.nan)
     values = np.concatenate([p[:3] + start, np.degrees(p[3:] / half)])
     found = Numbers(_NAMES, values, unknown, unknown)
-    return FormFit(name, found, {}, height.x, height.y, residual, slope_x, slope_y, middle)
+    inside = np.isfinite(residual)
+    basis = np.stack([np.ones(int(inside.sum())), x[inside], y[inside]], axis=1)
+    left_over = leftovers(basis, residual, height, x, y, inside, None)
+    return FormFit(name, found, {}, height.x, height.y, residual, slope_x, slope_y, middle, *left_over)
 
 
 def _mean(values: Floats) -> float:
@@ -109,8 +118,8 @@ def _mean(values: Floats) -> float:
     return float(known.mean()) if known.size else 0.0
 
 
-def _of_grid(grid: Grid) -> Nominal:
-    """Cubic splines; cells adjacent to unknown points are unknown."""
+def surface_of(grid: Grid) -> Nominal:
+    """The surface of a grid by cubic splines; cells adjacent to unknown points are unknown."""
     known = np.isfinite(grid.z)
     if min(grid.z.shape) < 4 or not known.any():
         raise InputError(f"nominal: {grid.z.shape} points, must be at least (4, 4), some of them known")

@@ -1,22 +1,18 @@
-"""Zernike polynomials over a circular aperture, in the order of ISO 14999-2 / ANSI Z80.28: n, then m.
-
-Z_n^m = N R_n^|m|(rho) (cos m theta for m >= 0, sin |m| theta for m < 0), N = sqrt((2 - [m = 0]) (n + 1)), so
-that each has an rms of 1 over the full circle; R by Jacobi polynomials (Born and Wolf, Principles of Optics,
-9.2.1).
-"""
+"""fit_zernike: coefficients of Zernike polynomials over a circle, with sigma."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import eval_jacobi
 
 from optolever.errors import InputError
 from optolever.reconstruct import HeightMap, SlopeMap
 
+from .apertures import inscribed_radius
 from .fit import Numbers, covariances_of, placed
+from .zernike_terms import ansi_index, fringe_index, norm, zernike, zernike_name
 
-__all__ = ["ZernikeFit", "fit_zernike", "zernike"]
+__all__ = ["ZernikeFit", "fit_zernike"]
 
 Floats = NDArray[np.float64]
 _MOST = 20  # maximum radial order
@@ -25,41 +21,49 @@ _MOST = 20  # maximum radial order
 @dataclass(frozen=True, slots=True, eq=False)
 class ZernikeFit:
     """Coefficients (mm, rms over the full circle), named Z(n,m); middle and radius of the circle, mm;
-    residual (H, W), mm."""
+    residual (H, W), mm, NaN outside the circle; pairs: (n, m) of each."""
 
     numbers: Numbers
     middle: tuple[float, float]
     radius: float
     residual: Floats
+    pairs: tuple[tuple[int, int], ...]
 
-
-def zernike(n: int, m: int, rho: Floats, theta: Floats) -> Floats:
-    """Z_n^m at rho (1 at the aperture's edge) and theta (from x to y). InputError for invalid n, m."""
-    if n < 0 or abs(m) > n or (n - m) % 2:
-        raise InputError(f"zernike: n = {n}, m = {m}, must be n >= |m| with n - m even")
-    order, half = abs(m), (n - abs(m)) // 2
-    radial = (-1) ** half * rho**order * eval_jacobi(half, order, 0, 1 - 2 * rho**2)
-    turn = np.cos(order * theta) if m >= 0 else np.sin(order * theta)
-    return np.asarray(np.sqrt((1 if m == 0 else 2) * (n + 1)) * radial * turn)
+    def listed(self, order: str = "ansi", amplitude: bool = False) -> Numbers:
+        """The coefficients in ANSI or fringe order, named by place and prysm's name; amplitude: at the edge,
+        not rms."""
+        place = fringe_index if order == "fringe" else ansi_index
+        rows = sorted(range(len(self.pairs)), key=lambda k: place(*self.pairs[k]))
+        factor = np.array([norm(*self.pairs[k]) if amplitude else 1.0 for k in rows])
+        names = tuple(f"Z{place(*self.pairs[k])} {zernike_name(*self.pairs[k])}" for k in rows)
+        own = self.numbers
+        return Numbers(names, *(factor * part[rows] for part in (own.values, own.noise, own.rig)))
 
 
 def fit_zernike(
-    height: HeightMap, order: int = 4, slopes: SlopeMap | None = None, radius: float | None = None
+    height: HeightMap,
+    order: int = 4,
+    slopes: SlopeMap | None = None,
+    radius: float | None = None,
+    aperture: NDArray[np.bool_] | None = None,
 ) -> ZernikeFit:
-    """Coefficients up to a radial order by unweighted least squares over the good pixels without their
-    outermost ring.
+    """Coefficients up to a radial order by unweighted least squares over the good pixels of a circle, without
+    the map's outermost ring.
 
-    The circle is centred at the middle of these; radius (mm), default: encloses all of them.
-    slopes: see `fit_form`.
+    The circle is centred at the middle of these; radius (mm), default: inscribed in them. slopes: see
+    `fit_form`; aperture (H, W): pixels to use.
     """
     if not 1 <= order <= _MOST:
         raise InputError(f"zernike: order is {order}, must be 1 to {_MOST}")
     pairs = [(n, m) for n in range(order + 1) for m in range(-n, n + 1, 2)]
-    x, y, good, middle = placed(height, len(pairs))
-    r, theta = np.hypot(x, y)[good], np.arctan2(y, x)[good]
-    whole = float(r.max()) if radius is None else radius
+    x, y, good, middle = placed(height, len(pairs), aperture)
+    whole = inscribed_radius(x, y, good, (0.0, 0.0)) if radius is None else radius
     if not whole > 0:
         raise InputError(f"zernike: radius is {whole}, must be above 0 mm")
+    good &= np.hypot(x, y) <= whole * (1 + 1e-9)
+    if (count := int(good.sum())) < 2 * len(pairs):
+        raise InputError(f"zernike: {count} good pixels in the circle, must be at least {2 * len(pairs)}")
+    r, theta = np.hypot(x, y)[good], np.arctan2(y, x)[good]
     terms = np.stack([zernike(n, m, r / whole, theta) for n, m in pairs], axis=1)
     values = np.asarray(np.linalg.lstsq(terms, height.z[good], rcond=None)[0], np.float64)
     covariances = covariances_of(terms, height, x, y, good, slopes)
@@ -67,4 +71,4 @@ def fit_zernike(
     residual[good] = height.z[good] - terms @ values
     names = tuple(f"Z({n},{m})" for n, m in pairs)
     noise, rig = (np.sqrt(np.diag(part)) for part in covariances)
-    return ZernikeFit(Numbers(names, values, noise, rig), middle, whole, residual)
+    return ZernikeFit(Numbers(names, values, noise, rig), middle, whole, residual, tuple(pairs))

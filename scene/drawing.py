@@ -3,13 +3,14 @@
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .record import Float
 
 __all__ = ["draw_side"]
 
 
-def draw_side(length: float, pattern: Float, rays: Float, seen: Float, axes: Any = None) -> Any:
+def draw_side(length: float, pattern: Float, rays: Float, seen: NDArray[np.bool_], axes: Any = None) -> Any:
     """Draw with matplotlib, and give the axes back.
 
     length: of the mirror (mm). pattern: its corners, the first one again (5, 3). rays: (n, 4, 3), where each

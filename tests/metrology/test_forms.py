@@ -152,10 +152,12 @@ def test_zernike_polynomials_are_those_of_the_tables() -> None:
 
 def test_zernike_coefficients_of_a_sum_of_terms() -> None:
     u, v = X - MIDDLE[0], Y - MIDDLE[1]
-    radius = float(np.hypot(u, v).max())
+    radius = MIDDLE[1]  # inscribed in the rectangle
     given = {(2, 2): 3e-4, (3, -1): -2e-4, (4, 0): 1e-4}
     z = sum(a * zernike(n, m, np.hypot(u, v) / radius, np.arctan2(v, u)) for (n, m), a in given.items())
-    fit = fit_zernike(height_map(np.asarray(z)), 4)
+    fit = fit_zernike(height_map(np.asarray(z)), 4, radius=radius)
+    assert fit_zernike(height_map(np.asarray(z)), 4).radius == pytest.approx(radius, rel=1e-3)
+    assert np.isfinite(fit.residual).sum() == np.count_nonzero(np.hypot(u, v) <= radius * (1 + 1e-9))
     assert (fit.radius, fit.middle) == (pytest.approx(radius), pytest.approx(MIDDLE))
     for name, value in zip(fit.numbers.names, fit.numbers.values, strict=True):
         n, m = map(int, name[2:-1].split(","))
@@ -205,6 +207,7 @@ def test_zernike_sigmas_on_a_round_aperture_of_uneven_noise() -> None:
         ("sphere:r=3", "'r=3', must be NUMBER=VALUE of vertex_x"),
         ("sphere:radius=x", "radius is 'x', must be a number"),
         ("sphere:radius", "'radius', must be NUMBER=VALUE"),
+        ("piston:piston=0", "every number is given"),
     ],
 )
 def test_what_is_no_form(form: str, words: str) -> None:

@@ -170,3 +170,41 @@ def test_profiles_and_spectra_by_the_command_line(tmp_path: Path, capfd: pytest.
     with (tmp_path / "s.csv").open() as stream:
         assert {row["axis"] for row in csv.DictReader(stream)} == {"x", "y"}
     assert "Profiles of the residual" in capfd.readouterr().out
+
+
+def test_apertures_filters_limits_and_runs_by_the_command_line(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    measured((1e-3, 0, 0), (0, 0, 0))[0].save("h.npz")
+    common = ["form", "h.npz", "--remove", "power", "--json", "n.json"]
+
+    def figures(*words: str, code: int = 0) -> dict[str, Any]:
+        assert run([*common, *words]) == code
+        found: dict[str, Any] = json.loads(Path("n.json").read_text())
+        return found
+
+    whole = figures("--zernike", "4", "--index", "fringe", "--norm", "amplitude")
+    assert "Z9 Primary Spherical" in whole["zernike"]["coefficients_mm"]
+    part = figures(
+        "--aperture", "circle:radius=20", "--limit", f"rms={whole['rms_mm']}", "--limit", "pv=1nm", code=1
+    )
+    assert part["limits"]["rms"]["verdict"] == "pass"
+    assert part["rms_mm"] < whole["rms_mm"]
+    high, low = (figures(f"--{name}pass", "30")["rms_mm"] for name in ("high", "low"))
+    assert high < whole["rms_mm"]
+    assert low < whole["rms_mm"]
+    assert figures("h.npz")["mean_rms_mm"] == pytest.approx(whole["rms_mm"], rel=0.1)
+    runs = figures("h.npz", "--rotations", "0,0", "--out", "p.npz")
+    assert runs["mirror_rms_mm"] < whole["rms_mm"]  # of the square that all turns share
+    assert max(runs["left_rms_mm"].values()) < 1e-9
+    for words, text in (
+        (("--rotations", "0,90"), "is of several maps"),
+        (("h.npz", "--rotations", "0"), "1 angles, must be 2"),
+        (("h.npz", "--zernike", "4"), "is of one map, not of 2"),
+        (("--aperture", "disc"), "must be one of circle"),
+        (("--limit", "sag=3nm"), "NAME one of rms"),
+    ):
+        capfd.readouterr()
+        assert run([*common, *words]) == 2
+        assert text in capfd.readouterr().err

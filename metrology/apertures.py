@@ -1,0 +1,86 @@
+"""Apertures: the part of a map that figures are of. Several of them leave what all contain.
+
+| text | pixels |
+|---|---|
+| circle[:radius=R,x=X,y=Y] | in the circle; default: about the middle of the good pixels, inscribed in them |
+| ellipse:a=A,b=B[,x=X,y=Y] | in the ellipse of half axes A along x, B along y |
+| rectangle:width=W,height=H[,x=X,y=Y] | in the rectangle, W along x, H along y |
+| MASK.png | white in an image of the camera's size |
+
+Lengths in mm, x and y in the mirror's frame.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import scipy.ndimage
+from numpy.typing import NDArray
+
+from optolever.errors import InputError
+from optolever.numbers import real
+from optolever.pictures import read_mask
+
+__all__ = ["aperture_mask", "inscribed_radius", "middle_of"]
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+#: Sizes of each shape, both required but for a circle's.
+_SIZES = {"circle": ("radius",), "ellipse": ("a", "b"), "rectangle": ("width", "height")}
+
+
+def aperture_mask(texts: Sequence[str], x: Floats, y: Floats, good: Mask) -> Mask:
+    """Pixels (H, W) inside all apertures; x, y (H, W): mm; good (H, W). InputError for an unknown shape, a
+    number that is no length, or an aperture without a good pixel."""
+    inside = np.ones(good.shape, np.bool_)
+    for text in texts:
+        name, _, rest = text.partition(":")
+        inside &= _shape(text, name, rest, x, y, good) if name in _SIZES else _image(text, good.shape)
+        if not (inside & good).any():
+            raise InputError(f"aperture {text}: contains no good pixel")
+    return inside
+
+
+def middle_of(part: Floats, good: Mask) -> float:
+    """The middle of the good pixels' range along an axis."""
+    return 0.5 * float(part[good].min() + part[good].max())
+
+
+def inscribed_radius(x: Floats, y: Floats, good: Mask, centre: tuple[float, float]) -> float:
+    """Distance from a point to the border of the good pixels, mm; holes in them are no border."""
+    filled = scipy.ndimage.binary_fill_holes(good)
+    border = filled & ~scipy.ndimage.binary_erosion(filled)
+    return float(np.hypot(x[border] - centre[0], y[border] - centre[1]).min())
+
+
+def _shape(text: str, name: str, rest: str, x: Floats, y: Floats, good: Mask) -> Mask:
+    known, given = (*_SIZES[name], "x", "y"), dict[str, float]()
+    for item in filter(None, rest.split(",")):
+        key, equals, value = item.partition("=")
+        if not equals or key not in known:
+            raise InputError(f"aperture {text}: {item!r}, must be NUMBER=VALUE of {', '.join(known)}")
+        try:
+            given[key] = real(f"aperture {text}: {key}", float(value))
+        except ValueError:
+            raise InputError(f"aperture {text}: {key} is {value!r}, must be a number") from None
+    centre = (given.get("x", middle_of(x, good)), given.get("y", middle_of(y, good)))
+    if name == "circle" and "radius" not in given:
+        given["radius"] = inscribed_radius(x, y, good, centre)
+    for key in _SIZES[name]:
+        if not given.get(key, 0.0) > 0:
+            raise InputError(f"aperture {text}: {key} must be given, above 0 mm")
+    u, v = x - centre[0], y - centre[1]
+    if name == "rectangle":
+        return np.asarray((np.abs(u) <= 0.5 * given["width"]) & (np.abs(v) <= 0.5 * given["height"]))
+    a, b = (given["radius"],) * 2 if name == "circle" else (given["a"], given["b"])
+    return np.asarray((u / a) ** 2 + (v / b) ** 2 <= 1 + 1e-9)
+
+
+def _image(text: str, shape: tuple[int, ...]) -> Mask:
+    path = Path(text)
+    if not path.suffix:
+        raise InputError(f"aperture {text!r}: unknown, must be one of {', '.join(_SIZES)} or a mask's image")
+    mask = read_mask(path)
+    if mask.shape != shape:
+        raise InputError(f"{path}: is {mask.shape[0]}x{mask.shape[1]}, the height map {shape[0]}x{shape[1]}")
+    return np.asarray(mask, np.bool_)

@@ -1,0 +1,68 @@
+"""Figures of a surface's residual: rms less its noise, PVr; limits in the sense of ISO 14253-1."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.errors import InputError
+
+from .zernike_terms import FRINGE, zernike
+
+__all__ = ["Verdict", "judge", "pvr", "rms_less_noise"]
+
+Floats = NDArray[np.float64]
+_MOST = 40_000  # points of the fit of PVr
+_COVERAGE = 2.0  # sigmas of the guard band
+_UNITS = {"mm": 1.0, "um": 1e-3, "µm": 1e-3, "nm": 1e-6, "mrad": 1e-3, "urad": 1e-6, "µrad": 1e-6, "": 1.0}
+
+
+def pvr(x: Floats, y: Floats, z: Floats) -> float:
+    """Robust peak to valley (n,), mm: PV of the fit by the 36 first fringe Zernike terms, and three times the
+    rms of its residual. C. J. Evans, Opt. Eng. 48 (2009) 043605. NaN with fewer than 72 points."""
+    if len(z) < 2 * len(FRINGE):
+        return math.nan
+    step = max(1, -(-len(z) // _MOST))
+    u, v, z = (np.asarray(part[::step], np.float64) for part in (x, y, z))
+    u, v = u - 0.5 * (u.min() + u.max()), v - 0.5 * (v.min() + v.max())
+    r, theta = np.hypot(u, v), np.arctan2(v, u)
+    terms = np.stack([zernike(n, m, r / r.max(), theta) for n, m in FRINGE], axis=1)
+    smooth = terms @ np.linalg.lstsq(terms, z, rcond=None)[0]
+    return float(np.ptp(smooth) + 3 * np.sqrt(np.mean((z - smooth) ** 2)))
+
+
+def rms_less_noise(rms: float, noise_rms: float) -> float:
+    """Rms of the surface, whose measured rms holds noise of this rms; 0 where noise explains all of it."""
+    return math.sqrt(max(rms**2 - noise_rms**2, 0.0))
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """A figure against its limit: pass, fail, or undecided where the limit lies within two sigma."""
+
+    name: str
+    value: float
+    sigma: float
+    limit: float
+    verdict: str
+
+
+def judge(limit: str, figures: dict[str, tuple[float, float]]) -> Verdict:
+    """The verdict on NAME=LIMIT (a length such as 50nm, a slope such as 20urad; mm or rad without a unit) by
+    the figures' values and sigmas. InputError for an unknown name or unit.
+
+    With an uncertainty the conforming zone ends two sigma below the limit (ISO 14253-1).
+    """
+    name, equals, text = limit.partition("=")
+    digits = text.rstrip("munradµ")
+    if name not in figures or not equals:
+        raise InputError(f"limit {limit!r}: must be NAME=LIMIT, NAME one of {', '.join(figures)}")
+    try:
+        most = float(digits) * _UNITS[text[len(digits) :]]
+    except (KeyError, ValueError):
+        raise InputError(f"limit {limit!r}: must be a number with a unit, such as 50nm or 20urad") from None
+    value, sigma = figures[name]
+    band = _COVERAGE * sigma if math.isfinite(sigma) else 0.0
+    verdict = "pass" if value + band <= most else "fail" if not value - band <= most else "undecided"
+    return Verdict(name, value, sigma, most, verdict)

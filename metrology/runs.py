@@ -1,0 +1,102 @@
+"""Several maps of one mirror: mean, differences, and by rotations of the mirror what is the rig's.
+
+A map of a mirror that was turned by a about its middle is rig(r) + mirror(R(-a) r). Mean maps in the frames
+of the mirror and of the rig separate both parts. What no turn changes counts as the mirror's (N-position
+test, C. J. Evans and R. N. Kestner, Appl. Opt. 35 (1996) 1015).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.ndimage
+from numpy.typing import NDArray
+
+from optolever.errors import InputError
+
+from .fit import FormFit
+from .nominal import surface_of
+
+__all__ = ["RunComparison", "compare_runs"]
+
+Floats = NDArray[np.float64]
+_ROUNDS = 20  # of the alternating means, for turns that are not evenly spaced
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RunComparison:
+    """Maps on a regular grid (rows, cols), mm, NaN where a run is unknown: x, y from the middle; mirror (the
+    mean where it was not turned); rig (zero then); left (K, rows, cols): what both do not explain of a run;
+    noise: rms noise of the mirror's map, NaN if unknown.
+    """
+
+    x: Floats
+    y: Floats
+    mirror: Floats
+    rig: Floats
+    left: Floats
+    noise: float
+
+    @staticmethod
+    def rms(z: Floats) -> float:
+        """About the mean."""
+        return float(np.nanstd(z))
+
+
+def compare_runs(fits: Sequence[FormFit], turns: Sequence[float] | None = None) -> RunComparison:
+    """Residuals of two runs or more, turns: of the mirror in each, rad, from x to y (None: none was turned).
+
+    InputError for another number of turns, or runs that have no point in common.
+    """
+    if len(fits) < 2:
+        raise InputError(f"runs: {len(fits)} maps, must be at least 2")
+    if turns is not None and len(turns) != len(fits):
+        raise InputError(f"rotations: {len(turns)} angles, must be {len(fits)}, one for each map")
+    turned = [0.0] * len(fits) if turns is None else list(turns)
+    grids = [fit.grid() for fit in fits]
+    pitch = max(grid.pitch for grid in grids)
+    reach = [min(float(np.nanmax(np.abs(part - at)[np.isfinite(fit.residual)])) for fit, part, at in
+             ((fit, (fit.x, fit.y)[axis], fit.middle[axis]) for fit in fits)) for axis in (0, 1)]  # fmt: skip
+    if turns is not None:
+        reach = [min(reach)] * 2
+    x, y = np.meshgrid(*(pitch * np.arange(-int(each / pitch), int(each / pitch) + 1) for each in reach))
+    surfaces = [surface_of(grid).z for grid in grids]
+
+    def run(k: int, u: Floats, v: Floats) -> Floats:
+        return surfaces[k](u + fits[k].middle[0], v + fits[k].middle[1])
+
+    seen = np.stack([run(k, x, y) for k in range(len(fits))])
+    own = np.stack([run(k, *_turned(x, y, angle)) for k, angle in enumerate(turned)])
+    rig, mirror = np.zeros_like(x), own.mean(axis=0)
+    for _ in range(0 if turns is None else _ROUNDS):
+        rig = np.mean(
+            [z - _sampled(mirror, x, y, pitch, -a) for z, a in zip(seen, turned, strict=True)], axis=0
+        )
+        back = [_sampled(rig, x, y, pitch, a) for a in turned]
+        mirror = np.mean(own - back, axis=0)
+    left = np.stack([z - rig - _sampled(mirror, x, y, pitch, -a) for z, a in zip(seen, turned, strict=True)])
+    known = np.isfinite(mirror) & np.isfinite(rig)
+    if not known.any():
+        raise InputError("runs: the maps have no point in common, they must be of one mirror")
+    mirror, rig = np.where(known, mirror, np.nan), np.where(known, rig, np.nan)
+    noise = float(
+        np.sqrt(sum(np.mean(fit.noise[np.isfinite(fit.residual)] ** 2) for fit in fits)) / len(fits)
+    )
+    return RunComparison(x, y, mirror, rig, left, noise)
+
+
+def _turned(x: Floats, y: Floats, angle: float) -> tuple[Floats, Floats]:
+    c, s = np.cos(angle), np.sin(angle)
+    return c * x - s * y, s * x + c * y
+
+
+def _sampled(z: Floats, x: Floats, y: Floats, pitch: float, angle: float) -> Floats:
+    """z at the turned points; z itself for no turn."""
+    if not angle:
+        return z
+    u, v = _turned(x, y, angle)
+    at = np.stack([(v - y[0, 0]) / pitch, (u - x[0, 0]) / pitch])
+    known = np.isfinite(z)
+    there = scipy.ndimage.map_coordinates(known.astype(np.float64), at, order=1, cval=0.0) > 1 - 1e-9
+    nearest = scipy.ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
+    return np.where(there, scipy.ndimage.map_coordinates(z[tuple(nearest)], at, order=3), np.nan)

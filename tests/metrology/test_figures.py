@@ -1,0 +1,199 @@
+"""Apertures, filters, PVr, noise of a residual, Zernike indices, runs: closed forms, draws, prysm."""
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from optolever import InputError
+from optolever.metrology import (
+    FormFit,
+    ansi_index,
+    aperture_mask,
+    compare_runs,
+    fit_form,
+    fit_zernike,
+    fringe_index,
+    gaussian_filter,
+    judge,
+    pvr,
+    zernike,
+    zernike_name,
+)
+from optolever.reconstruct import Diagnostics, HeightMap, integrate
+
+Floats = NDArray[np.float64]
+PITCH, ROWS, COLS, NOISE = 2.0, 60, 80, 1e-5
+Y, X = (np.asarray(part, np.float64) for part in np.mgrid[0:ROWS, 0:COLS] * PITCH)
+MIDDLE = PITCH * (COLS - 1) / 2, PITCH * (ROWS - 1) / 2
+WAVE = 40.0
+
+
+def height_map(z: Any, **more: Any) -> HeightMap:
+    flags = np.zeros((ROWS, COLS), np.uint16)
+    z = np.asarray(z + 0 * X, np.float64)
+    return HeightMap(X, Y, z, np.full(z.shape, 1e-4), flags, **more)
+
+
+def drawn(seed: int, z: Any = 0.0) -> HeightMap:
+    """Integrated white slope noise on a surface."""
+    field = NOISE * np.random.default_rng(seed).standard_normal((2, ROWS, COLS))
+    return height_map(
+        z + integrate(*field, spacing=PITCH).z, diagnostics=Diagnostics("drawn", slope_sigma=(NOISE, NOISE))
+    )
+
+
+@pytest.mark.parametrize("kept", ["", "high", "low"])
+def test_the_noise_of_a_residual_is_what_draws_of_it_are(kept: Any) -> None:
+    """Standard deviation of 40 draws, rms over the pixels; that of the rms of a surface."""
+    z = 3e-4 * np.sin(2 * np.pi * X / (30.0 if kept == "high" else 90.0))
+
+    def fit(seed: int, surface: Any) -> FormFit:
+        found = fit_form(drawn(seed, surface), "power")
+        return gaussian_filter(found, WAVE, kept) if kept else found
+
+    fits = [fit(seed, z) for seed in range(40)]
+    spread = np.sqrt(np.nanmean(np.var([one.residual for one in fits], axis=0)))
+    assert spread / np.sqrt(np.nanmean(fits[0].noise ** 2)) == pytest.approx(1, abs=0.12)
+    assert np.std([one.rms for one in fits]) / fits[0].rms_sigma == pytest.approx(1, abs=0.3)
+    if not kept:
+        alone = fit_form(height_map(z), "power").rms
+        less = np.array([one.rms_less_noise for one in fits])
+        assert less.mean() == pytest.approx(alone, abs=4 * less.std() / np.sqrt(40))
+        assert abs(np.mean([one.rms for one in fits]) - alone) > abs(less.mean() - alone)
+
+
+def test_a_gaussian_filter_passes_what_the_standard_says() -> None:
+    """exp(-pi (alpha cutoff / wave)^2) of a wave along x, away from the borders; a constant stays one."""
+    alpha = np.sqrt(np.log(2) / np.pi)
+    for wave in (20.0, WAVE, 80.0):
+        z = np.sin(2 * np.pi * X / wave)
+        fit = fit_form(height_map(z), "piston")
+        share = np.exp(-np.pi * (alpha * WAVE / wave) ** 2)
+        inner = np.s_[20:-20, 25:-25]
+        expected = share * z + fit.residual - z
+        low, high = (gaussian_filter(fit, WAVE, kept).residual for kept in ("low", "high"))  # type: ignore[arg-type]
+        np.testing.assert_allclose(low[inner], expected[inner], atol=4e-3)
+        np.testing.assert_allclose((low + high)[inner], fit.residual[inner], atol=1e-12)
+    constant = gaussian_filter(replace(fit, residual=5.0 + 0 * X), WAVE, "low").residual
+    np.testing.assert_allclose(constant, 5.0, atol=1e-9)
+    with pytest.raises(InputError, match="cutoff is 4 mm, must be 8 to "):
+        gaussian_filter(fit, 4.0, "low")
+
+
+def test_an_aperture_holds_the_pixels_of_its_area() -> None:
+    good = np.ones(X.shape, np.bool_)
+    for text, area in (
+        ("circle", np.pi * MIDDLE[1] ** 2),
+        ("circle:radius=20,x=60,y=50", np.pi * 400),
+        ("ellipse:a=40,b=25", np.pi * 1000),
+        ("rectangle:width=61,height=31", 61 * 31),
+    ):
+        found = aperture_mask([text], X, Y, good)
+        assert found.sum() * PITCH**2 == pytest.approx(area, rel=0.03), text
+        fit = fit_form(height_map(1e-3 * X), "tilt", aperture=found)
+        np.testing.assert_array_equal(np.isfinite(fit.residual), found)
+    both = aperture_mask(["circle", "rectangle:width=61,height=200"], X, Y, good)
+    assert both.sum() < aperture_mask(["circle"], X, Y, good).sum()
+    for text, words in (
+        ("circle:r=3", "must be NUMBER=VALUE of radius"),
+        ("ellipse:a=3", "b must be given"),
+        ("square", "must be one of circle"),
+        ("circle:radius=3,x=999", "contains no good pixel"),
+    ):
+        with pytest.raises(InputError, match=words):
+            aperture_mask([text], X, Y, good)
+
+
+def test_pvr_is_that_of_smooth_terms_and_three_sigma() -> None:
+    u, v = np.random.default_rng(2).uniform(-1, 1, (2, 60_000))
+    u, v = (part[np.hypot(u, v) < 1] for part in (u, v))
+    smooth = 2e-4 * zernike(3, 1, np.hypot(u, v), np.arctan2(v, u))
+    noise = 3e-5 * np.random.default_rng(3).standard_normal(len(u))
+    found = pvr(50 * u, 50 * v, smooth + noise)
+    assert found == pytest.approx(np.ptp(smooth) + 3 * 3e-5, rel=0.02)
+    assert np.ptp(smooth + noise) > found
+    assert np.isnan(pvr(u[:60], v[:60], smooth[:60]))
+
+
+PRYSM = """
+import importlib.metadata, json, sys, types
+module = types.ModuleType("pkg_resources")
+module.get_distribution = importlib.metadata.distribution
+sys.modules["pkg_resources"] = module
+import numpy as np
+from prysm.polynomials.zernike import nm_to_ansi_j, nm_to_fringe, nm_to_name, zernike_nm
+pairs = [(n, m) for n in range(6) for m in range(-n, n + 1, 2)]
+at = np.array([0.7]), np.array([0.4])
+rows = [[n, m, nm_to_ansi_j(n, m), nm_to_fringe(n, m), nm_to_name(n, m),
+         float(zernike_nm(n, m, *at)[0]), float(zernike_nm(n, m, *at, norm=False)[0])] for n, m in pairs]
+json.dump(rows, sys.stdout)
+"""
+
+
+def test_indices_names_and_norms_are_prysms() -> None:
+    pytest.importorskip("importlib.metadata").version("prysm")
+    done = subprocess.run([sys.executable, "-W", "ignore", "-c", PRYSM], check=True, capture_output=True)
+    rho, theta = np.array([0.7]), np.array([0.4])
+    odd = set()
+    for n, m, ansi, fringe, name, rms, amplitude in json.loads(done.stdout):
+        assert (ansi_index(n, m), fringe_index(n, m)) == (ansi, fringe), (n, m)
+        value = float(zernike(n, m, rho, theta)[0])
+        assert value == pytest.approx(rms, abs=1e-12)
+        disc = height_map(zernike(n, m, np.hypot(X - MIDDLE[0], Y - MIDDLE[1]) / MIDDLE[1],
+                                  np.arctan2(Y - MIDDLE[1], X - MIDDLE[0])))  # fmt: skip
+        if n == 3:
+            listed = fit_zernike(disc, 3, radius=MIDDLE[1]).listed("fringe", amplitude=True)
+            own = dict(zip(listed.names, listed.values, strict=True))[f"Z{fringe} {name}"]
+            assert own == pytest.approx(rms / amplitude, rel=1e-9)
+        odd |= {(n, m)} if zernike_name(n, m) != name else set()
+    assert odd <= {(5, 5), (5, -5)}  # prysm calls the first pentafoil the secondary one
+
+
+def test_turns_separate_the_mirror_from_the_rig() -> None:
+    """A mirror with coma and a bump, a rig with astigmatism and a bump; four turns, then three uneven."""
+
+    def mirror(u: Floats, v: Floats) -> Floats:
+        bump = np.exp(-((u - 20) ** 2 + (v + 10) ** 2) / 200)
+        return np.asarray(1e-3 * bump + 4e-4 * zernike(3, 1, np.hypot(u, v) / 60, np.arctan2(v, u)))
+
+    def rig(u: Floats, v: Floats) -> Floats:
+        return np.asarray(5e-4 * np.exp(-((u + 15) ** 2 + (v - 5) ** 2) / 300) + 2e-7 * (u * u - v * v))
+
+    u, v = X - MIDDLE[0], Y - MIDDLE[1]
+    inside = np.hypot(u, v) <= 58
+    for turns in (np.radians([0, 90, 180, 270]), np.radians([0, 60, 200])):
+        fits = []
+        for angle in turns:
+            c, s = np.cos(angle), np.sin(angle)
+            z = rig(u, v) + mirror(c * u + s * v, c * v - s * u)
+            fits.append(fit_form(height_map(z), "piston", aperture=inside))
+        found = compare_runs(fits, list(turns))
+        assert np.nanmax(np.abs(found.left)) < 2e-5
+        symmetric = mirror(found.x, found.y) - found.mirror  # the rig's part that no turn changes
+        error = symmetric - np.nanmean(symmetric)
+        assert np.nanstd(error) < 0.35 * np.nanstd(rig(found.x, found.y))
+        both = found.mirror + found.rig - mirror(found.x, found.y) - rig(found.x, found.y)
+        assert np.nanstd(both) < 5e-6
+    plain = compare_runs([fits[0], fits[0]])
+    assert plain.rms(plain.mirror) == pytest.approx(fits[0].rms, rel=0.05)
+    assert np.nanmax(np.abs(plain.left)) < 1e-12
+    with pytest.raises(InputError, match="3 angles, must be 2"):
+        compare_runs(fits[:2], [0, 1, 2])
+
+
+def test_a_limit_is_met_beyond_its_uncertainty() -> None:
+    figures = {"rms": (40e-6, 2e-6), "slope": (21e-6, np.nan)}
+    for text, verdict in (
+        ("rms=50nm", "pass"), ("rms=42nm", "undecided"), ("rms=0.03um", "fail"), ("slope=20urad", "fail"),
+        ("slope=0.021mrad", "pass"),
+    ):  # fmt: skip
+        assert judge(text, figures).verdict == verdict, text
+    for text in ("pv=3nm", "rms", "rms=3miles"):
+        with pytest.raises(InputError, match="limit '"):
+            judge(text, figures)
