@@ -7,6 +7,7 @@ other plausible minima (`among`).
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from optolever.errors import InputError
 from optolever.scene import Scene, adjusted, parameter_values
 
-from .model import reflected
+from .model import rays_of, reflected
 from .observation import Sample
 
 __all__ = ["Adjustment", "Problem", "adjust", "among", "covariance_of", "step_of"]
@@ -55,10 +56,15 @@ class Problem:
         """Names of the unknowns."""
         return list(self.sigmas)
 
+    @cached_property
+    def known(self) -> dict[str, float]:
+        """Values of the scene's parameters."""
+        return parameter_values(self.scene)
+
     @property
     def held(self) -> list[str]:
         """Parameters of the scene that are fixed."""
-        return [name for name in parameter_values(self.scene) if name not in self.sigmas]
+        return [name for name in self.known if name not in self.sigmas]
 
     @property
     def scale(self) -> Floats:
@@ -71,13 +77,19 @@ class Problem:
 
     def scene_at(self, vector: Floats) -> Scene:
         """The scene with these parameter values."""
-        known = parameter_values(self.scene)
-        return adjusted(self.scene, {n: value for n, value in self.named(vector).items() if n in known})
+        return self._scene(self.named(vector))
+
+    def _scene(self, values: Mapping[str, float]) -> Scene:
+        return adjusted(self.scene, {n: by for n, by in values.items() if n in self.known}, self.known)
 
     def data(self, vector: Floats) -> list[Floats]:
         """Residuals (2 n,) of every sample."""
         values, scene = self.named(vector), self.scene_at(vector)
-        return [_rows(s, scene, self._reflected(s, values, scene)) for s in self.samples]
+        rays = (rays_of(scene, s.row, s.col) for s in self.samples)
+        return [
+            _rows(s, scene, self._reflected(s, values, each))
+            for s, each in zip(self.samples, rays, strict=True)
+        ]
 
     def residuals(self, vector: Floats) -> Floats:
         """All rows: samples, priors."""
@@ -90,37 +102,45 @@ class Problem:
         return names if s.reference is None else names | {*s.reference.unknowns(self.frame, True)}
 
     @np.errstate(all="ignore")
-    def _reflected(self, s: Sample, values: Mapping[str, float], scene: Scene) -> list[Rays]:
+    def _reflected(self, s: Sample, values: Mapping[str, float], rays: Rays) -> list[Rays]:
         """The sample's rays after its mirror, and after its reference, if it has one."""
-        shapes = [s.target.shape(s.name, values, scene.mirror)]
+        shapes = [s.target.shape(s.name, values, self.scene.mirror)]
         if s.reference is not None:
-            shapes.append(s.reference.shape(self.frame, values, scene.mirror))
-        return [reflected(scene, shape, s.row, s.col) for shape in shapes]
+            shapes.append(s.reference.shape(self.frame, values, self.scene.mirror))
+        return [reflected(rays, shape) for shape in shapes]
 
     def jacobian(self, vector: Floats) -> Floats:
         """Central differences."""
         return 0.5 * (self.forward(vector, _CENTRAL) + self.forward(vector, -_CENTRAL))
 
     def forward(self, vector: Floats, steps: float = 1.0) -> Floats:
-        """Jacobian by one-sided differences of `steps` steps; a target's unknowns affect only its capture."""
+        """Jacobian by one-sided differences of `steps` steps; a target's unknowns affect only its capture;
+        those of the camera are one computation: rays of all cameras on the same mirror and pattern."""
         starts = np.cumsum([0, *(2 * len(sample.row) for sample in self.samples)])
-        data = self.count - len(vector)
         rows = np.zeros((self.count, len(vector)))
-        scene, known = self.scene_at(vector), parameter_values(self.scene)
-        out = [self._reflected(s, self.named(vector), scene) for s in self.samples]
-        here = self.data(vector)
-        own = [self._own(s) for s in self.samples]
-        for k, name in enumerate(self.names):
-            moved = vector.copy()
-            moved[k] += steps * step_of(name)
-            step = moved[k] - vector[k]  # as rounded
-            values, there = self.named(moved), self.scene_at(moved) if name in known else scene
-            same = name.startswith("pattern.")
-            for i, s in enumerate(self.samples):
-                if name in known or name in own[i]:
-                    change = _rows(s, there, out[i] if same else self._reflected(s, values, there)) - here[i]
-                    rows[starts[i] : starts[i + 1], k] = change / step
-            rows[data + k, k] = 1 / self.sigmas[name]
+        scene, fixed, data = self.scene_at(vector), self.named(vector), self.count - len(vector)
+        moves = [steps * step_of(name) + at - at for name, at in zip(self.names, vector, strict=True)]
+        moved = [dict(fixed) | {name: fixed[name] + by} for name, by in zip(self.names, moves, strict=True)]
+        scenes = {
+            k: self._scene(moved[k]) if name in self.known else scene for k, name in enumerate(self.names)
+        }
+        of_camera = [k for k, name in enumerate(self.names) if name in self.known and name[0] in "cf"]
+        rows[data + np.arange(len(vector)), np.arange(len(vector))] = 1 / self.scale
+        for i, s in enumerate(self.samples):
+            rays, own, part = rays_of(scene, s.row, s.col), self._own(s), rows[starts[i] : starts[i + 1]]
+            out = self._reflected(s, fixed, rays)
+            here = _rows(s, scene, out)
+            if of_camera:
+                each = [rays_of(scenes[k], s.row, s.col) for k in of_camera]
+                joined = (np.concatenate([one[j] for one in each], axis=1) for j in (0, 1))
+                there = _rows(s, scene, self._reflected(s, fixed, (*joined,)), len(each))  # type: ignore[arg-type]
+                part[:, of_camera] = (there.reshape(len(each), -1) - here).T
+            for k, name in enumerate(self.names):
+                if name in self.known and name.startswith("pattern."):
+                    part[:, k] = _rows(s, scenes[k], out) - here
+                elif name in own:
+                    part[:, k] = _rows(s, scenes[k], self._reflected(s, moved[k], rays)) - here
+        rows[:data] /= moves
         return rows
 
 
@@ -151,16 +171,19 @@ class Adjustment:
 
 
 @np.errstate(all="ignore")
-def _rows(s: Sample, scene: Scene, out: Sequence[Rays]) -> Floats:
-    """Residuals of a sample's rays after its mirror, less those after its reference."""
+def _rows(s: Sample, scene: Scene, out: Sequence[Rays], count: int = 1) -> Floats:
+    """Residuals (2 n,) of a sample's rays after its mirror, less those after its reference; of `count` times
+    its rays one after the other."""
     u, v, _ = scene.pattern.landing(*out[0])
     for rays in out[1:]:
         u0, v0, _ = scene.pattern.landing(*rays)
         u, v = u - u0, v - v0
-    rows = np.concatenate([(u - s.u) / s.sigma_u, (v - s.v) / s.sigma_v])
-    clipped: Floats = np.clip(
-        np.nan_to_num(rows, nan=_LOST, posinf=_LOST, neginf=-_LOST), -_LARGEST, _LARGEST
-    )
+    rows = np.stack(
+        [(u.reshape(count, -1) - s.u) / s.sigma_u, (v.reshape(count, -1) - s.v) / s.sigma_v], axis=1
+    ).ravel()
+    if not np.isfinite(rows).all():
+        np.nan_to_num(rows, copy=False, nan=_LOST, posinf=_LOST, neginf=-_LOST)
+    clipped: Floats = np.minimum(np.maximum(rows, -_LARGEST), _LARGEST)
     return clipped
 
 

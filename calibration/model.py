@@ -11,7 +11,7 @@ from optolever.scene import Scene
 
 from .targets import Shape
 
-__all__ = ["reflected"]
+__all__ = ["rays_of", "reflected"]
 
 Floats = NDArray[np.float64]
 
@@ -19,17 +19,23 @@ _STEPS = 12
 _SETTLED = 1e-11  # mm
 
 
-def reflected(scene: Scene, shape: Shape, row: Floats, col: Floats) -> tuple[Floats, Floats]:
-    """Points (3, n) on the mirror, mm, and directions (3, n) from there to the pattern."""
+def rays_of(scene: Scene, row: Floats, col: Floats) -> tuple[Floats, Floats]:
+    """Origins and directions (3, n) of the rays of a scene's pixels."""
     origins, directions = scene.camera.rays_at(row, col)
-    o, d = np.ascontiguousarray(origins.T), np.ascontiguousarray(directions.T)
+    return np.ascontiguousarray(origins.T), np.ascontiguousarray(directions.T)
+
+
+def reflected(rays: tuple[Floats, Floats], shape: Shape) -> tuple[Floats, Floats]:
+    """Points (3, n) on the mirror, mm, and directions (3, n) from there to the pattern."""
+    o, d = rays
     t = -o[2] / d[2]
     for _ in range(_STEPS):
         x, y, z = o + t * d
         h, hx, hy = shape(x, y)
-        step = (z - h) / (d[2] - hx * d[0] - hy * d[1])
+        fall = d[2] - hx * d[0] - hy * d[1]
+        step = (z - h) / fall
         t = t - step
-        if np.nanmax(np.abs(step), initial=0.0) < _SETTLED:
+        if not (np.abs(step) >= _SETTLED).any():
             break
-    normal = np.stack([-hx, -hy, np.ones_like(hx)]) / np.sqrt(1 + hx * hx + hy * hy)
-    return o + t * d, d - 2 * (d * normal).sum(axis=0) * normal
+    twice = 2 * fall / (1 + hx * hx + hy * hy)
+    return o + t * d, np.stack([d[0] + twice * hx, d[1] + twice * hy, d[2] - twice])

@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -158,6 +159,7 @@ def _require(record: object, *names: str) -> None:
             raise InputError(f"{type(record).__name__}.{name} = {value!r}: must be greater than 0 mm")
 
 
+@lru_cache
 def _names(prefix: str, order: int) -> dict[str, tuple[int, int]]:
     """Names of the Legendre shapes of total order 2 to `order`, with their orders along x and y."""
     return {
@@ -168,18 +170,22 @@ def _names(prefix: str, order: int) -> dict[str, tuple[int, int]]:
 def _legendre(table: Floats, mirror: Mirror) -> Shape:
     """sum c_ij P_i(2 x / L - 1) P_j(2 y / W - 1)."""
     order = len(table) - 1
-    powers = np.arange(order + 1)
-    table = _monomials(order).T @ table @ _monomials(order)  # of s^i t^j: these cost a third
-    by_x, by_y = np.zeros_like(table), np.zeros_like(table)
-    by_x[:-1] = (powers[:, None] * table)[1:] * 2 / mirror.length
-    by_y[:, :-1] = (powers * table)[:, 1:] * 2 / mirror.width
-    tables = np.hstack([table, by_x, by_y])
+    table = _monomials(order).T @ table @ _monomials(order)  # of s^i t^j, i + j <= order: by Horner's scheme
+    rows = [line[order - i :: -1] for i, line in enumerate(table.tolist())][::-1]
 
     def shape(x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
-        along_x = np.vander(2 * x.ravel() / mirror.length - 1, order + 1, increasing=True) @ tables
-        along_y = np.vander(2 * y.ravel() / mirror.width - 1, order + 1, increasing=True)
-        z, zx, zy = np.einsum("nkj,nj->kn", along_x.reshape(-1, 3, order + 1), along_y).reshape(3, *x.shape)
-        return z, zx, zy
+        s, t = 2 / mirror.length * x - 1, 2 / mirror.width * y - 1
+        z, by_s, by_t = np.zeros((3, *x.shape))
+        for highest, *others in rows:
+            value: Any = highest
+            slope: Any = 0.0
+            for c in others:
+                slope = slope * t + value
+                value = value * t + c
+            by_s = by_s * s + z
+            z = z * s + value
+            by_t = by_t * s + slope
+        return z, 2 / mirror.length * by_s, 2 / mirror.width * by_t
 
     return shape
 

@@ -5,12 +5,12 @@ changes relative to the scene's: the camera's and the face's in the mirror's axe
 about its middle. mm, rad.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from optolever import InputError
 
@@ -19,7 +19,7 @@ from .face import Face
 from .pattern import Pattern
 from .pattern_shape import Bow
 from .pose import rotate, rotation_from_vector
-from .record import Float
+from .record import Float, changed, positive
 from .rest_form import RestForm
 from .scene import Scene
 
@@ -27,6 +27,8 @@ __all__ = ["adjusted", "parameter_changes", "parameter_values", "without_rest_fo
 
 _LENS = ("k1", "k2", "p1", "p2", "k3")
 _BOW = ("b20", "b11", "b02")
+_PINHOLE = {f"camera.{name}" for name in ("f", "cx", "cy", *_LENS)}
+_MOST = 1e9  # mm: scenes go no further
 _POSE = ("x", "y", "z", "rx", "ry", "rz")
 
 
@@ -51,24 +53,31 @@ def parameter_values(scene: Scene) -> dict[str, float]:
     return {name: float(value) for name, value in values.items()}
 
 
-def adjusted(scene: Scene, values: Mapping[str, float]) -> Scene:
-    """The scene with these numbers; InputError for names that it does not have.
+def adjusted(scene: Scene, values: Mapping[str, float], known: Mapping[str, float] | None = None) -> Scene:
+    """The scene with these numbers; InputError for names that it does not have. known: its
+    `parameter_values`, if they are at hand. Parts whose numbers stay are the same ones.
 
     >>> rig = load("prism48")
     >>> moved = adjusted(rig, {"pattern.z": 0.5})  # mm, along the pattern's normal
     >>> round(float((moved.pattern.origin - rig.pattern.origin) @ rig.pattern.normal), 6)
     0.5
     """
-    known = parameter_values(scene)
-    for name in values:
+    known = parameter_values(scene) if known is None else known
+    for name, value in values.items():
         if name not in known:
             raise InputError(f"parameter {name!r}: the scene has none, must be one of {', '.join(known)}")
-    every = known | dict(values)
-    form = scene.rest_form
-    if form is not None:
+        if not abs(value) <= _MOST:
+            raise InputError(f"parameter {name!r} = {value}: must be finite, at most {_MOST:g}")
+    moved = {name for name, value in values.items() if value != known[name]}
+    every = {**known, **values}
+    camera, pattern, form = scene.camera, scene.pattern, scene.rest_form
+    if form is not None and any(name.startswith("rest.") for name in moved):
         form = RestForm(np.array([every[f"rest.{name}"] for name in form.values]))
-    camera, pattern = _camera(scene.camera, every), _pattern(scene.pattern, every)
-    return replace(scene, camera=camera, pattern=pattern, rest_form=form)
+    if any(name.startswith(("camera.", "face.")) for name in moved):
+        camera = _camera(camera, every, moved)
+    if any(name.startswith("pattern.") for name in moved):
+        pattern = _pattern(pattern, every)
+    return changed(scene, camera=camera, pattern=pattern, rest_form=form)
 
 
 def without_rest_form(scene: Scene) -> Scene:
@@ -87,6 +96,8 @@ def without_rest_form(scene: Scene) -> Scene:
 
 def parameter_changes(scene: Scene, other: Scene) -> dict[str, float]:
     """Changes with which `adjusted` turns this scene into the other; both have the same parts."""
+    from scipy.spatial.transform import Rotation  # which takes a fifth of a second to load
+
     values = parameter_values(other)
     one, two = scene.camera, other.camera
     turn = two.rotation @ one.rotation.T
@@ -113,7 +124,7 @@ def _turn(values: Mapping[str, float], part: str) -> tuple[Float, Float]:
     return pose[:3], pose[3:]
 
 
-def _camera(camera: Camera, values: Mapping[str, float]) -> Camera:
+def _camera(camera: Camera, values: Mapping[str, float], moved: Set[str]) -> Camera:
     shift, turn = _turn(values, "camera")
     rotation = rotation_from_vector(turn)
     posed: dict[str, Any] = {
@@ -122,12 +133,16 @@ def _camera(camera: Camera, values: Mapping[str, float]) -> Camera:
         "v_axis": rotate(rotation, camera.v_axis),
         "face": None if camera.face is None else _face(camera.face, values),
     }
+    camera = changed(camera, **posed)
     if isinstance(camera, PinholeCamera):
+        if moved.isdisjoint(_PINHOLE):
+            return camera
         focal = camera.focal * (values["camera.f"] / camera.focal[0])
         centre = np.array([values["camera.cx"], values["camera.cy"]])
         lens = np.array([values[f"camera.{name}"] for name in _LENS])
-        return replace(camera, **posed, focal=focal, centre=centre, distortion=lens)
-    return replace(camera, **posed, pitch=np.array([values["camera.pitch_u"], values["camera.pitch_v"]]))
+        return replace(camera, focal=focal, centre=centre, distortion=lens)
+    pitch = [positive(name, values[name]) for name in ("camera.pitch_u", "camera.pitch_v")]
+    return changed(camera, pitch=np.array(pitch))
 
 
 def _face(face: Face, values: Mapping[str, float]) -> Face:
@@ -135,11 +150,11 @@ def _face(face: Face, values: Mapping[str, float]) -> Face:
     normal."""
     first, second = _tilt_axes(face)
     rotation = rotation_from_vector(values["face.rx"] * first + values["face.ry"] * second)
-    return replace(
+    return changed(
         face,
         point=face.point + values["face.distance"] * face.normal,
         normal=rotate(rotation, face.normal),
-        index=values["face.index"],
+        index=positive("face.index", values["face.index"]),
     )
 
 
@@ -158,18 +173,23 @@ def _middle(pattern: Pattern) -> Float:
     return middle
 
 
+@lru_cache(maxsize=4)
+def _flat(rows: int, cols: int) -> Bow:
+    return Bow.of_pattern(rows, cols)
+
+
 def _pattern(pattern: Pattern, values: Mapping[str, float]) -> Pattern:
     shift, turn = _turn(values, "pattern")
     axes, half = pattern.rotation.T, _half(pattern)
     rotation = rotation_from_vector(turn @ axes)
     middle = _middle(pattern) + shift @ axes
     u_axis, v_axis = rotate(rotation, pattern.u_axis), rotate(rotation, pattern.v_axis)
-    pitch = values["pattern.pitch"]
+    pitch = positive("pattern.pitch", values["pattern.pitch"])
     origin = middle - pitch * (half[0] * u_axis + half[1] * pattern.aspect * v_axis)
     shape = pattern.shape
     if "pattern.b20" in values:
-        bow = shape if isinstance(shape, Bow) else Bow.of_pattern(pattern.rows, pattern.cols)
+        bow = shape if isinstance(shape, Bow) else _flat(pattern.rows, pattern.cols)
         b20, b11, b02 = (values[f"pattern.{name}"] for name in _BOW)
         bowed = isinstance(shape, Bow) or any((b20, b11, b02))
-        shape = replace(bow, b20=b20, b11=b11, b02=b02) if bowed else None
-    return replace(pattern, origin=origin, u_axis=u_axis, v_axis=v_axis, pitch=pitch, shape=shape)
+        shape = changed(bow, b20=b20, b11=b11, b02=b02) if bowed else None
+    return changed(pattern, origin=origin, u_axis=u_axis, v_axis=v_axis, pitch=pitch, shape=shape)

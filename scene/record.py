@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import MISSING, dataclass, fields
 from functools import cache, partial
-from typing import Any, get_type_hints
+from typing import Any, TypeVar, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 from optolever import InputError
 
 __all__ = [
-    "Declared", "Float", "Record", "declared", "freeze", "integer", "non_negative", "number", "pair",
-    "positive", "table_of", "text", "unit", "vector",
+    "Declared", "Float", "Record", "changed", "declared", "freeze", "integer", "non_negative", "number",
+    "pair", "positive", "table_of", "text", "unit", "vector",
 ]  # fmt: skip
 
 Float = NDArray[np.float64]
+R = TypeVar("R", bound="Record")
 
 _UNIT = 1e-12  # an axis this close to unit length is not rescaled, so that a saved scene loads back equal
 #: Numbers of a scene (mm, px): up to a thousand kilometres, positive ones from a nanometre on. Squares
@@ -100,6 +101,13 @@ def freeze(record: Any, **values: Any) -> None:
     """Set fields of a frozen dataclass (in __post_init__ only)."""
     for name, value in values.items():
         object.__setattr__(record, name, value)
+
+
+def changed(record: R, **values: Any) -> R:
+    """The record with other values of some fields, unchecked: for those that are right by construction."""
+    other: R = object.__new__(type(record))
+    other.__dict__.update(record.__dict__, **values)
+    return other
 
 
 def number(name: str, value: Any) -> float:

@@ -23,7 +23,7 @@ from optolever.calibration import (
     unused_accuracy,
 )
 from optolever.calibration.adjust import adjust
-from optolever.calibration.model import reflected
+from optolever.calibration.model import rays_of, reflected
 from optolever.scene import (
     TYPED,
     Accuracy,
@@ -81,7 +81,7 @@ def test_the_model_is_what_the_ray_tracer_sees(
     if isinstance(target, Ball):
         on &= np.hypot(seen.x - 31.0, seen.y - 20.5) < 2.5
     row, col = np.nonzero(on)
-    point, out = reflected(truth, shape, row.astype(float), col.astype(float))
+    point, out = reflected(rays_of(truth, row.astype(float), col.astype(float)), shape)
     u, v, _ = truth.pattern.landing(point, out)
     assert on.sum() > 100
     assert np.abs(u - seen.u[on]).max() < 1e-9
