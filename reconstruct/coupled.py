@@ -25,6 +25,7 @@ from .judgement.holes import noise_gain
 from .judgement.reweighting import CAUCHY, patches, wrong_pixels
 from .problem import Problem
 from .result import (
+    against_rest,
     anchors_apart,
     anchors_near_wedge,
     height_map,
@@ -110,6 +111,10 @@ def reconstruct(
     if rest is not None:
         height = loaded(height, problem, state, scene, anchor)
     height = without_loose(height)
+    if rest is not None:
+        height = replace(
+            height, notices=(*height.notices, *against_rest(height, correspondence, corrected, scene))
+        )
     if not height.implausible:
         doubts = (
             *anchors_apart(problem, state, height),

@@ -234,6 +234,10 @@ class Measured:
         """The unknown of the mirror at rest: t in mm, or log t."""
         return self.unknown(rest_distance(self.rays.inner_origins, self.rays.inner_directions))
 
+    def points_at_rest(self) -> Floats:
+        """Points (3, rows, cols) of the mirror at rest, mm."""
+        return self._points(self.rest())
+
     def unknown(self, distance: Floats) -> Floats:
         """t -> w."""
         return np.log(distance) if self.rays.logarithmic else distance

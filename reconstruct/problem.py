@@ -135,7 +135,8 @@ def on_pixels(grid: Grid, singular: Mask) -> Problem:
     labels = _anchored_labels(data, samples)
     if not labels.any():
         raise InputError(
-            f"anchor: none has valid pixels (four in a row, unless it is on one) within {EDGE_REACH:g} pixels"
+            f"anchor: no usable pixel (four in a row, unless it is on one) within {EDGE_REACH:g} pixels"
+            f"{_nearest_usable(data, samples)}"
         )
     left_out = grid.valid & singular
     left_out[grid.rows, grid.cols] |= (hollow.T if grid.turned else hollow) & grid.valid[grid.rows, grid.cols]
@@ -179,6 +180,20 @@ def _cropped(data: Measured, window: tuple[slice, slice], mask: Mask) -> Measure
     names = ("u", "v", "sigma_u", "sigma_v")
     parts: dict[str, Any] = {name: np.ascontiguousarray(getattr(data, name)[window]) for name in names}
     return replace(data, rays=data.rays.cropped(*window), mask=mask, **parts)
+
+
+def _nearest_usable(data: Measured, samples: Samples) -> str:
+    """Where the nearest anchor that can be used lies; nothing if no part of the grid is large enough."""
+    labels = scipy.ndimage.label(data.mask)[0]
+    large = np.bincount(labels.ravel()) >= _FEWEST
+    large[0] = False
+    row, col = np.nonzero(large[labels])
+    known = np.isfinite(samples.row) & np.isfinite(samples.col)
+    if not row.size or not known.any():
+        return ""
+    away = np.hypot(row - samples.row[known].mean(), col - samples.col[known].mean())
+    x, y, _ = data.points_at_rest()[:, row[np.argmin(away)], col[np.argmin(away)]]
+    return f"; the nearest is at ({x:.1f}, {y:.1f}) mm: reconstruct --anchor {x:.1f},{y:.1f},Z, Z its height"
 
 
 def _extent(valid: Mask, axis: int) -> slice:

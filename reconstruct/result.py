@@ -23,6 +23,7 @@ from .solver.newton import State
 from .uncertainty.sources import ANCHORS, LOAD, anchor_response
 
 __all__ = [
+    "against_rest",
     "anchors_apart",
     "anchors_near_wedge",
     "height_map",
@@ -33,6 +34,8 @@ __all__ = [
     "without_loose",
 ]
 
+_LOST = 0.005  # of the pixels, that a rest capture does not know: above, they are named
+_DEEP = 5.0  # sigmas of a mean depth; how much deeper than high a map is that was exchanged
 _APART = 5.0  # standard deviations, rms: rigs that are right stay below 1.2
 _SURE = 3.0  # standard deviations
 _BESIDE = 0.05  # of the mirror's length: so near the anchors are its edge's
@@ -239,6 +242,33 @@ def anchors_near_wedge(state: State, height: HeightMap) -> tuple[Notice, ...]:
     return (
         Notice("The error of the anchors grows towards the mirror's other end, times", times, _WEDGE, cure),
     )
+
+
+def against_rest(
+    height: HeightMap, press: Correspondence, corrected: Correspondence, scene: Scene
+) -> tuple[Notice, ...]:
+    """Notices of a map against a rest capture: pixels that this capture does not know; a press that lifts the
+    mirror of a sensor, as if both captures were exchanged."""
+    found, z = [], height.z[np.isfinite(height.z)]
+    lost = int(np.count_nonzero(press.good & ~corrected.good))
+    if lost > _LOST * press.u.size:
+        rows, cols = (np.flatnonzero((press.good & ~corrected.good).any(axis=axis)) for axis in (1, 0))
+        where = f"rows {rows[0]} to {rows[-1]}, columns {cols[0]} to {cols[-1]}"
+        name = (
+            f"The rest capture has no coordinates for {lost} pixels of the press ({where}): no height there"
+        )
+        found.append(
+            Notice(name, lost / press.u.size, _LOST, "capture the mirror at rest with the same exposure")
+        )
+    sigma = float(np.nanmedian(height.sigma)) if z.size else math.nan
+    if (
+        scene.medium is not None
+        and z.size
+        and -z.min() > max(_DEEP * sigma, _DEEP * max(float(z.max()), 0.0))
+    ):
+        name = "Heights lie below those at rest, mm: press and rest are probably exchanged"
+        found.append(Notice(name, float(-z.min()), _DEEP * sigma, "exchange C.npz and reconstruct --rest"))
+    return tuple(found)
 
 
 def off_mirror(height: HeightMap, mirror: Mirror) -> tuple[Notice, ...]:

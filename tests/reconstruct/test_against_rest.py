@@ -1,0 +1,48 @@
+"""A press against a rest capture: exchanged ones, pixels that rest lacks; the nearest usable anchor."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lab.live.world import BALL, world_of
+from optolever import InputError
+from optolever.decode import Correspondence, Flag
+from optolever.reconstruct import reconstruct
+from optolever.scene import Scene, load, resize
+
+SCENE = resize(load("prism48", exact=True), 60, 80)
+
+
+def _seen(scene: Scene, depth: float, seed: int) -> Correspondence:
+    """Of an exact half-space pressed by a ball; depth 0: at rest."""
+    dents = ((BALL, 30.0, 22.0, 4.0, depth),) if depth else ()
+    u, v, *_ = replace(world_of(scene), fading=False).truth(dents)
+    rng, sigma, level = np.random.default_rng(seed), np.full(u.shape, 0.01), np.full(u.shape, 100.0)
+    off = (u < 0) | (u > scene.pattern.cols - 1) | (v < 0) | (v > scene.pattern.rows - 1)
+    u, v = (part + 0.01 * rng.standard_normal(u.shape) for part in (u, v))
+    return Correspondence(u, v, sigma, sigma.copy(), off.astype(np.uint16), level, level.copy())
+
+
+def test_press_and_rest_exchanged_and_pixels_that_rest_lacks() -> None:
+    press, rest = _seen(SCENE, 0.05, 1), _seen(SCENE, 0.0, 2)
+    flags = rest.flags.copy()
+    flags[:, :3] |= np.uint16(Flag.DARK)
+    right = reconstruct(press, SCENE, rest=rest)
+    assert not any("exchanged" in str(each) or "no coordinates" in str(each) for each in right.notices)
+    turned = reconstruct(rest, SCENE, rest=press)
+    (said,) = [str(each) for each in turned.notices if "exchanged" in str(each)]
+    assert "reconstruct --rest" in said
+    lacking = reconstruct(press, SCENE, rest=replace(rest, flags=flags))
+    (said,) = [str(each) for each in lacking.notices if "no coordinates" in str(each)]
+    assert "columns 0 to 2" in said
+
+
+def test_an_anchor_that_cannot_be_used_names_the_nearest_that_can() -> None:
+    press = _seen(SCENE, 0.05, 1)
+    inside = np.zeros(press.u.shape, np.bool_)
+    inside[10:30, 10:30] = True
+    with pytest.raises(InputError, match="the nearest is at ") as refused:
+        reconstruct(press, SCENE, anchor=(50.0, 40.0, 0.0), mask=inside)
+    x, y = (float(part) for part in str(refused.value).partition("--anchor ")[2].split(",")[:2])
+    assert reconstruct(press, SCENE, anchor=(x, y, 0.0), mask=inside).good.any()
