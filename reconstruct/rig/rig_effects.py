@@ -39,9 +39,17 @@ def _refracted(directions: Floats, plane: Floats, index: float) -> Floats:
 
 def gauge_displacement(scene: Scene) -> Floats:
     """Displacement (3, 2, 3), see `HeightMap`, by place (x, y) and turn about z of the rig over the mirror:
-    no height depends on them."""
+    no height depends on them.
+
+    A calibration in open air replaces the typed pose of the camera by one relative to its flats, which stood
+    anywhere: where the mirror lies is known by the typed aim, an angle over the camera's distance.
+    """
     known = TYPED if scene.accuracy is None else scene.accuracy
     x, y = 0.5 * scene.mirror.length, 0.5 * scene.mirror.width
+    place = known.distance
+    if scene.covariance is not None and scene.medium is None:
+        away = float(np.linalg.norm(scene.camera.origin - [x, y, 0.0]))
+        place = float(np.hypot(place, known.angle * away))
     turn = known.angle * np.array([[y, 0, -1], [-x, 1, 0]])
-    shifts = known.distance * np.eye(2)[..., None] * [1, 0, 0]
+    shifts = place * np.eye(2)[..., None] * [1, 0, 0]
     return np.array([*shifts, turn])

@@ -198,3 +198,20 @@ def test_presses_against_one_rest_subtract() -> None:
     assert left < 0.05 * np.median(one.calibration_sigma[both])
     motion = np.sqrt((one.calibration[-one.own :, both] ** 2).sum(axis=0))
     assert (one.difference(two)[1][both] > motion).all()
+
+
+def test_the_place_of_a_mirror_is_as_sure_as_the_aim() -> None:
+    """Flats leave free where the camera looks on the mirror: the foot of its middle ray, traced with
+    300 drawn aims of the typed accuracy, and the typed position."""
+    calibrated = replace(AIR, covariance=rig_covariance(AIR))
+    height = reconstruct(captured(AIR)[1], calibrated)
+    assert height.displacement is not None
+    sigma = np.sqrt(np.sum((height.displacement[-3:-1] @ np.array([1.0, 75.0, 55.0])) ** 2))
+    rng, feet = np.random.default_rng(1), []
+    for _ in range(300):
+        turns = {f"camera.{name}": TYPED.angle * rng.standard_normal() for name in ("rx", "ry")}
+        own = parameter_values(AIR)
+        camera = adjusted(AIR, {name: own[name] + by for name, by in turns.items()}).camera
+        start, way = camera.rays_at(np.array([SIZE[0] / 2]), np.array([SIZE[1] / 2]))
+        feet.append((start - start[:, 2:] / way[:, 2:] * way)[0, :2])
+    assert sigma == pytest.approx(np.sqrt(np.var(feet, axis=0).sum() + 2 * TYPED.distance**2), rel=0.25)
