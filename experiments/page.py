@@ -17,6 +17,7 @@ from typing import Any
 from markupsafe import Markup
 
 from optolever import __version__
+from optolever.charts import chart_file
 from optolever.files import atomic_file
 from optolever.quantities import quantity
 
@@ -25,7 +26,7 @@ from .timing import peak_bytes
 __all__ = ["Figures", "Table", "budget_table", "embedded_json", "write_page"]
 
 FOLDER = Path(__file__).parent / "report"
-SCRIPTS = ("uplot.min.js", "viewer.js", "charts.js")
+SCRIPTS = ("viewer.js", "charts.js")
 LIBRARIES = ("numpy", "scipy", "numba", "moderngl", "opencv-contrib-python-headless", "matplotlib")
 
 
@@ -90,8 +91,8 @@ def write_page(path: str | Path, template: str, seconds: dict[str, float], conte
         "notices": (),
         "version": __version__,
         "versions": _versions(),
-        "style": _text("uplot.min.css", "style.css"),
-        "scripts": _text(*SCRIPTS),
+        "style": _text(chart_file("uplot.min.css"), FOLDER / "style.css"),
+        "scripts": _text(chart_file("uplot.min.js"), *(FOLDER / name for name in SCRIPTS)),
         "seconds": {name: (each, 100 * each / longest) for name, each in seconds.items()},
         "memory_gib": peak_bytes() / 2**30,
         "command": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
@@ -107,8 +108,8 @@ def embedded_json(value: Any) -> Markup:
     return Markup(json.dumps(value, allow_nan=False).replace("<", "\\u003c"))
 
 
-def _text(*names: str) -> Markup:
-    return Markup("".join((FOLDER / name).read_text() for name in names))
+def _text(*paths: Path) -> Markup:
+    return Markup("".join(path.read_text() for path in paths))
 
 
 def _versions() -> Iterable[tuple[str, str]]:

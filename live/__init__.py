@@ -16,7 +16,7 @@
 | `rig.py` | open(): a rig's camera as readings, its rest measured or kept |
 | `outlet.py` | contacts as CSV, whole readings by a socket |
 | `recorded.py` | readings beside their frames, and again from them |
-| `server.py`, `web.py`, `page.html` | the page, and who may ask for it |
+| `server.py`, `web.py`, `page/` | the page's readings; its files, and who may ask for them |
 | `arrays.py` | names of arrays |
 """
 

@@ -2,10 +2,10 @@
 
 `GET /` is the page, `GET /next?after=N` waits for a reading newer than N: the page asks for the next when it
 has drawn one, so that nothing queues up. The answer holds four lengths (little-endian uint32), then JSON of
-the numbers, two JPEGs (camera, sigma) and the height as float32 in micrometres on a grid whose size is in the
-JSON. `POST /tare`, `/record`, `/probe?at=ROW,COL` (shares of the map) and `/clear` steer, with the page's
-token; `GET /snapshot` is the last reading as .npz. Pictures are made when somebody asks; a page that pauses
-asks no more."""
+the numbers, the camera's picture as JPEG, sigma and height as float32 in micrometres on a grid whose size is
+in the JSON. `POST /tare`, `/record`, `/probe?at=ROW,COL` (shares of the map) and `/clear?probe=N` (0: all)
+steer, with the page's token; `GET /snapshot` is the last reading as .npz. Pictures are made when somebody
+asks; a page that pauses asks no more."""
 
 import asyncio
 import io
@@ -22,7 +22,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from starlette.requests import Request
-from starlette.responses import HTMLResponse, PlainTextResponse, Response
+from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route
 
 from optolever.errors import InputError
@@ -38,7 +38,6 @@ from .web import Web
 
 __all__ = ["LiveServer"]
 
-_PAGE = Path(__file__).with_name("page.html")
 _COMMANDS = ("tare", "record", "probe", "clear")
 _POLL = 0.005  # s from a reading to whoever waits for it
 _TROUBLED = 0.5  # s between the answers of a camera that is gone
@@ -77,7 +76,6 @@ class LiveServer:
         self._spectra: tuple[float, list[dict[str, Any] | None]] = 0.0, []
         self._answer, self._error, self._over = "", "", False
         routes = [
-            Route("/", self._page),
             Route("/next", self._next),
             Route("/snapshot", self._snapshot),
             *(Route(f"/{name}", self._steered, methods=["POST"]) for name in _COMMANDS),
@@ -120,22 +118,23 @@ class LiveServer:
         self._thread.join(timeout=5.0)
         self._stop_recording()
 
-    def command(self, name: str, at: tuple[float, float] = (0.5, 0.5)) -> str:
+    def command(self, name: str, at: tuple[float, float] = (0.5, 0.5), probe: int = 0) -> str:
         """Execute a command; returns the outcome in words. Tare is refused during a contact. at: row and
-        column of a new probe, shares of the map."""
+        column of a new probe, shares of the map; probe: the one that clear removes, 0 all."""
         with self._lock:
             try:
-                self._answer = self._executed(name, at)
+                self._answer = self._executed(name, at, probe)
             except (InputError, OSError) as error:
                 self._answer = str(error)
             return self._answer
 
-    def _executed(self, name: str, at: tuple[float, float]) -> str:
+    def _executed(self, name: str, at: tuple[float, float], probe: int) -> str:
         latest = self._latest
         if name == "record":
             return self._stop_recording() or self._start_recording()
         if name == "clear":
-            self._probes.each.clear()
+            del self._probes.each[max(probe - 1, 0) : probe or None]
+            self._spectra = 0.0, []
             return ""
         if name == "probe":
             if len(self._probes.each) >= _PROBES:
@@ -165,9 +164,6 @@ class LiveServer:
         self._record.close()
         said, self._record = f"{self._record.images} frames recorded in {self._record.folder}", None
         return said
-
-    async def _page(self, request: Request) -> Response:
-        return HTMLResponse(_PAGE.read_text(encoding="utf-8").replace("{{token}}", self._web.token))
 
     async def _next(self, request: Request) -> Response:
         """The reading newer than `after`; 204: none came; 503: none will, and why."""
@@ -214,8 +210,11 @@ class LiveServer:
         at = re.fullmatch(r"(0\.?\d{0,9}|1),(0\.?\d{0,9}|1)", request.query_params.get("at", "0.5,0.5"))
         if at is None:
             return PlainTextResponse("at: must be two numbers from 0 to 1", 400)
+        which = request.query_params.get("probe", "0")
+        if re.fullmatch(r"[0-9]", which) is None:
+            return PlainTextResponse("probe: must be a digit", 400)
         place = float(at[1]), float(at[2])
-        return PlainTextResponse(self.command(request.url.path.removeprefix("/"), place))
+        return PlainTextResponse(self.command(request.url.path.removeprefix("/"), place, int(which)))
 
     def _follow(self) -> None:
         try:
@@ -252,7 +251,7 @@ def _body(followed: Followed, state: dict[str, Any], prepared: Prepared) -> byte
     thin = slice(None, None, max(1, -(-reading.z.shape[1] // _GRID)))
     z = np.where(reading.good, 1e3 * reading.z, np.nan).astype(np.float32)[thin, thin]
     sigma = np.where(reading.good, reading.sigma, np.nan)
-    typical = float(np.nanmedian(sigma)) if reading.good.any() else 1.0
+    typical = float(np.nanmedian(sigma)) if reading.good.any() else 1e-3
     numbers = followed.to_dict() | state | {"rows": z.shape[0], "cols": z.shape[1]}
     row, col = (size // 2 for size in points.shape[1:])
     x, y = points[0, row, :: max(2 * col - 1, 1)], points[1, :: max(2 * row - 1, 1), col]
@@ -263,8 +262,8 @@ def _body(followed: Followed, state: dict[str, Any], prepared: Prepared) -> byte
     numbers |= {"layer": prepared.layer is not None}
     frame = np.asarray(followed.image.pixels)
     camera = frame if frame.dtype == np.uint8 else _scaled(frame / prepared.rig.carriers.full)
-    trust = cv2.applyColorMap(_scaled(np.nan_to_num(sigma / (4 * typical), nan=1.0)), cv2.COLORMAP_VIRIDIS)
-    parts = [json.dumps(plain(numbers)).encode(), _jpeg(camera), _jpeg(trust), z.tobytes()]
+    trust = (1e3 * sigma).astype(np.float32)[thin, thin]
+    parts = [json.dumps(plain(numbers)).encode(), _jpeg(camera), trust.tobytes(), z.tobytes()]
     return np.array([len(part) for part in parts], "<u4").tobytes() + b"".join(parts)
 
 

@@ -125,8 +125,8 @@ def test_no_reading_is_of_the_time_of_preparation(
         ready.append(time.monotonic())
         return prepared
 
-    monkeypatch.setattr("optolever.live.prepare", noted)
-    monkeypatch.setattr("optolever.projector.cameras.StillCamera", Queued)
+    monkeypatch.setattr("optolever.live.rig.prepare", noted)
+    monkeypatch.setattr("optolever.projector.rig.StillCamera", Queued)
     out = optolever(
         "live", "--rig", rig, "--set", "camera=virtual", "--headless", "--json-lines", "--frames", "9"
     ).out

@@ -101,13 +101,18 @@ def test_the_page_asks_for_one_reading_after_the_other(server: LiveServer) -> No
     status, page = _ask(server, "/")
     assert status == 200
     assert b"<canvas" in page
-    assert b"http://" not in page.replace(b"http://www.w3.org", b"")  # nothing from outside
+    for path in set(re.findall(rb'(?:src|href)="(/[^"]+)"', page)) - {b"/snapshot"}:
+        status, text = _ask(server, path.decode())
+        assert status == 200
+        assert b"http://" not in text.replace(b"http://www.w3.org", b"")  # nothing from outside
+        assert b"https://" not in text.replace(b"https://github.com/leeoniya/uPlot", b"")
     status, body = _ask(server, "/next?after=0")
     state, camera, sigma, height = _parts(body)
     numbers = json.loads(state)
     assert numbers["trusted"]
     assert np.frombuffer(height, np.float32).size == numbers["rows"] * numbers["cols"]
-    assert camera[:2] == sigma[:2] == b"\xff\xd8"
+    assert camera[:2] == b"\xff\xd8"
+    assert np.nanmedian(np.frombuffer(sigma, np.float32)) == pytest.approx(numbers["sigma_um"], rel=0.2)
     assert _numbers(server, numbers["count"])["count"] > numbers["count"]
     with np.load(io.BytesIO(_ask(server, "/snapshot")[1])) as kept:
         assert kept["z"].shape == kept["sigma"].shape == kept["good"].shape
@@ -163,6 +168,19 @@ def test_odd_clients_leave_no_trace(server: LiveServer, capfd: pytest.CaptureFix
     assert capfd.readouterr() == ("", "")
 
 
+def test_connections_without_a_request_are_closed(server: LiveServer) -> None:
+    """Silent ones, and ones that send a byte now and then; the page's own stays while it asks."""
+    port, start = int(server.address.rstrip("/").rpartition(":")[2]), time.monotonic()
+    with socket.create_connection(("127.0.0.1", port), timeout=10) as silent:
+        with socket.create_connection(("127.0.0.1", port), timeout=10) as slow:
+            for byte in b"GET / ":
+                slow.sendall(bytes([byte]))
+                time.sleep(0.6)
+            assert slow.recv(1) == b""
+        assert silent.recv(1) == b""
+    assert 4 < time.monotonic() - start < 8
+
+
 def test_a_click_sets_a_probe_and_a_button_records(
     server: LiveServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -189,6 +207,9 @@ def test_a_click_sets_a_probe_and_a_button_records(
     again = list(replayed(tmp_path / numbers["recording"]))
     assert len(again) > 5
     assert all(one.identical for one in again)
+    assert _ask(server, "/clear?probe=x", "POST", **token)[0] == 400
+    _ask(server, "/clear?probe=1", "POST", **token)
+    assert np.allclose(_numbers(server, server.readings)["places"], [(0.25, 0.75)], atol=0.02)
     _ask(server, "/clear", "POST", **token)
     assert _numbers(server, server.readings)["probes"] == []
 
@@ -267,6 +288,7 @@ def test_chromium_draws_it(virtual: Virtual, tmp_path: Path) -> None:
         command = [path, *flags, "--dump-dom", live.address]
         done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
     assert "readings/s" in done.stdout
-    sizes = re.findall(r'id="(?:camera|trust)"[^>]*width="(\d+)" height="(\d+)"', done.stdout)
-    assert [int(cols) / int(rows) for cols, rows in sizes] == [4 / 3, 4 / 3]  # of 96 x 128 pixels
+    sizes = re.findall(r'id="camera"[^>]*width="(\d+)" height="(\d+)"', done.stdout)
+    assert [int(cols) / int(rows) for cols, rows in sizes] == [4 / 3]  # of 96 x 128 pixels
+    assert done.stdout.count('class="uplot') == 5  # charts
     assert "CONSOLE" not in done.stderr, done.stderr

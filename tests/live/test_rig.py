@@ -39,7 +39,7 @@ def test_a_rest_is_measured_once(rig: Path, monkeypatch: pytest.MonkeyPatch) -> 
         assert readings.delay > 0
     assert kept_rest(rig).is_file()
     with monkeypatch.context() as patch:
-        patch.setattr("live.rig.decode", None)  # else it would be called
+        patch.setattr("optolever.live.rig.decode", None)  # else it would be called
         with live.open(rig) as readings:
             assert not readings.notices
             assert next(iter(readings)).trusted
