@@ -31,8 +31,8 @@ def command(
 ) -> None:
     """Record images of a camera, with a white display.
 
-    DIR gets frames.tif (BigTIFF, a page per image) and log.jsonl, a line per image with its counter and
-    times. A page without a line is invalid: after a kill or a full disk, all images with a line are intact.
+    DIR gets frames.zst (images less the one before, compressed without loss) and log.jsonl, a line per image
+    with its counter and times. After a kill or a full disk, all images with a line are intact.
     """
     devices = ol.projector.devices_of(rig, changes)
     numbers, failure = dict.fromkeys(("images", "incomplete", "lost", "dropped"), 0), None

@@ -1,17 +1,19 @@
-"""Recordings: a folder of frames.tif (BigTIFF, a page an image, uncompressed) and log.jsonl, a line an event.
+"""Recordings: a folder of frames.zst and log.jsonl, a line an event.
 
-The line of an image is written after its page: a page without a line does not exist. A process that is
-killed, or a disk that is full, leaves all images that have a line. Lines, by "event":
+frames.zst holds a block for every complete image, each a Zstandard frame: the pixels less those of the
+image before, modulo 2^8 or 2^16, little endian, of 16 bits all low bytes first; a key block holds the pixels
+themselves, once a second. The line of an image is written after its block: a block without a line does not
+exist. A process that is killed, or a disk that is full, leaves all images that have a line. Lines are
+numbered from 0 ("line"), so that a lost or exchanged one is named. By "event":
 
     recording: version, wall_less_monotonic_s, free text fields of who recorded; the first one
     configured: the settings that a camera accepted
     shown: index, swapped_s, late
-    image: page, id, device_s, arrived_s, stamp_s, complete, why, crc32; reading, where somebody read it
+    image: id, device_s, arrived_s, stamp_s, complete, why; if complete page (its number), at and bytes (place
+        of its block), key, rows, cols, bits, crc32 (of the pixels); reading, where somebody read it
 """
 
-import errno
 import json
-import os
 import queue
 import threading
 import time
@@ -21,10 +23,11 @@ from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, BinaryIO, Self
 
 import numpy as np
-import tifffile
+import zstandard
+from numpy.typing import NDArray
 
 from optolever.errors import InputError
 from optolever.files import read_lines
@@ -33,15 +36,18 @@ from .devices import Accepted, Image, Shown, no_pixels
 
 __all__ = ["BackgroundRecorder", "Logged", "Recorder", "Recording"]
 
-_VERSION = 1
+_VERSION = 2
 _WAITING = 256 << 20
-_PAGES, _LOG = "frames.tif", "log.jsonl"
+_PAGES, _LOG = "frames.zst", "log.jsonl"
+_KEY_S = 1.0  # from key to key
+_LEVEL = 1  # of Zstandard: 3.6 bits a pixel of a still picture with photon noise; higher ones are no smaller
 _NEEDED = {
     "recording": {"version"},
     "configured": {"exposure_s", "rows", "cols"},
     "shown": {"index", "swapped_s"},
     "image": {"id", "device_s", "arrived_s", "stamp_s", "complete", "why"},
 }
+_BLOCK = {"page", "at", "bytes", "key", "rows", "cols", "bits", "crc32"}
 
 
 class Recorder:
@@ -53,8 +59,10 @@ class Recorder:
             raise InputError(f"{self.folder}: exists and is no empty folder; name another")
         self.folder.mkdir(parents=True, exist_ok=True)
         self._log = (self.folder / _LOG).open("w", encoding="utf-8")
-        self._file = (self.folder / _PAGES).open("w+b")
-        self._pages = tifffile.TiffWriter(self._file, bigtiff=True)
+        self._file = (self.folder / _PAGES).open("wb")
+        self._compressor = zstandard.ZstdCompressor(level=_LEVEL)
+        self._before: NDArray[Any] | None = None
+        self._at, self._lines, self._key_s = 0, 0, 0.0
         self.images = 0
         wall = time.time() - time.monotonic()
         self._line("recording", {"version": _VERSION, "wall_less_monotonic_s": wall, **about})
@@ -87,32 +95,49 @@ class Recorder:
             "why": image.why,
         }
         if image.complete:
-            pixels = np.ascontiguousarray(image.pixels)
-            place = self._pages.write(
-                pixels,
-                contiguous=False,
-                photometric="minisblack",
-                metadata=None,
-                returnoffset=True,
-                description=f"id {image.id} stamp {stamp_s:.6f}",
-            )
-            self._file.flush()
-            if place is None or os.fstat(self._file.fileno()).st_size < sum(place):  # a part may be written
-                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self.folder))
-            line |= {"page": self.images, "crc32": zlib.crc32(pixels.tobytes())}
-            self.images += 1
+            line |= self._block(image)
         self._line("image", line if reading is None else line | {"reading": reading})
 
+    def _block(self, image: Image) -> dict[str, Any]:
+        """Write the pixels; the fields of their line."""
+        pixels = np.ascontiguousarray(image.pixels)
+        before, bits = self._before, 8 * pixels.itemsize
+        key = before is None or before.shape != pixels.shape or before.dtype != pixels.dtype
+        key = key or not 0 <= image.arrived_s - self._key_s < _KEY_S
+        block = self._compressor.compress(_packed(pixels if key else pixels - before))
+        self._file.seek(self._at)  # a part of one may be written
+        self._file.write(block)
+        self._file.flush()
+        rows, cols = pixels.shape
+        place = {"page": self.images, "at": self._at, "bytes": len(block), "key": key}
+        self._before, self._at, self.images = pixels.copy(), self._at + len(block), self.images + 1
+        self._key_s = image.arrived_s if key else self._key_s
+        return place | {"rows": rows, "cols": cols, "bits": bits, "crc32": zlib.crc32(memoryview(pixels))}
+
     def _line(self, event: str, values: Mapping[str, Any]) -> None:
-        self._log.write(json.dumps({"event": event, **values}) + "\n")
+        self._log.write(json.dumps({"event": event, "line": self._lines, **values}) + "\n")
         self._log.flush()
+        self._lines += 1
 
     def close(self) -> None:
         """All that has a line is readable without."""
         self._log.close()
         with suppress(OSError):  # of a full disk, again
-            self._pages.close()
             self._file.close()
+
+
+def _packed(pixels: NDArray[Any]) -> bytes:
+    """Little endian; of 16 bits all low bytes first."""
+    size = pixels.itemsize
+    return pixels.astype(f"<u{size}", copy=False).view(np.uint8).reshape(-1, size).T.tobytes()
+
+
+def _unpacked(data: bytes, line: Mapping[str, Any]) -> NDArray[Any]:
+    """Inverse of _packed. ValueError of another size."""
+    size = int(line["bits"]) // 8
+    planes = np.frombuffer(data, np.uint8).reshape(size, -1).T
+    pixels = np.ascontiguousarray(planes).view(f"<u{size}").reshape(line["rows"], line["cols"])
+    return pixels.astype(f"u{size}")
 
 
 class BackgroundRecorder:
@@ -173,8 +198,15 @@ class Recording:
         if not log.is_file():
             raise InputError(f"{self.folder}: no recording, {_LOG} is missing")
         self._lines = read_lines(log, _is_whole)
+        self._decompressor = zstandard.ZstdDecompressor()
         if not self._lines or self._lines[0].get("version") != _VERSION:
             raise InputError(f"{log}: the first line must state version {_VERSION}")
+        for k, line in enumerate(self._lines):
+            if line.get("line") != k:
+                what = "is missing" if line.get("line", -1) > k else "has been moved"
+                raise InputError(
+                    f"{log}: line {k + 1} {what}: the one there states {line.get('line')}, not {k}"
+                )
         self.about = self._lines[0]
         settings = [line for line in self._lines if line["event"] == "configured"]
         self.accepted = None if not settings else Accepted(**_plain(settings[-1], Accepted))
@@ -186,35 +218,44 @@ class Recording:
     def __iter__(self) -> Iterator[Shown | Logged]:
         """Swaps and images in their order. InputError of an image whose pixels are not those of its line."""
         with ExitStack() as open_files:
-            pages = self._pages(open_files)
+            blocks, before = self._blocks(open_files), None
             for line in self._lines:
                 if line["event"] == "shown":
                     yield Shown(**_plain(line, Shown))
                 elif line["event"] == "image":
-                    yield Logged(self._image(line, pages), line["stamp_s"], line.get("reading"))
+                    image = self._image(line, blocks, before)
+                    before = image.pixels if image.complete else before
+                    yield Logged(image, line["stamp_s"], line.get("reading"))
 
     def images(self) -> Iterator[Logged]:
         """Images in their order."""
         return (event for event in self if isinstance(event, Logged))
 
-    def _pages(self, open_files: ExitStack) -> tifffile.TiffPages | None:
-        """Of the file, while it is open; None where no image has a page."""
+    def _blocks(self, open_files: ExitStack) -> BinaryIO | None:
+        """The file, open; None where no image has a block."""
         if not any("page" in line for line in self._lines):
             return None
         try:
-            return open_files.enter_context(tifffile.TiffFile(self.folder / _PAGES)).pages
-        except (OSError, tifffile.TiffFileError) as error:
+            return open_files.enter_context((self.folder / _PAGES).open("rb"))
+        except OSError as error:
             raise InputError(f"{self.folder / _PAGES}: not readable ({error})") from error
 
-    def _image(self, line: Mapping[str, Any], pages: tifffile.TiffPages | None) -> Image:
+    def _image(self, line: Mapping[str, Any], blocks: BinaryIO | None, before: NDArray[Any] | None) -> Image:
         pixels = no_pixels()
-        if "page" in line:
+        if "page" in line and blocks is not None:
             page, where = line["page"], self.folder / _PAGES
-            if pages is None or page >= len(pages):
+            blocks.seek(line["at"])
+            block = blocks.read(line["bytes"])
+            if len(block) < line["bytes"]:
                 raise InputError(f"{where}: page {page} is missing, its line is there")
             try:
-                pixels = pages[page].asarray()
-            except (ValueError, tifffile.TiffFileError) as error:
+                size = line["rows"] * line["cols"] * line["bits"] // 8
+                pixels = _unpacked(self._decompressor.decompress(block, max_output_size=size), line)
+                if not line["key"]:
+                    if before is None or before.shape != pixels.shape:
+                        raise ValueError("the image before it is another one")
+                    pixels = before.astype(pixels.dtype) + pixels
+            except (ValueError, zstandard.ZstdError) as error:
                 raise InputError(f"{where}: page {page} is damaged ({error})") from error
             if zlib.crc32(pixels.tobytes()) != line["crc32"]:
                 raise InputError(f"{where}: page {page} is damaged, its crc32 is not {line['crc32']}")
@@ -225,7 +266,7 @@ class Recording:
 def _is_whole(line: Any) -> bool:
     """Whether a line has the names that its event needs; an image that is complete has a page."""
     names = line.keys()
-    return _NEEDED[line["event"]] <= names and (not line.get("complete") or {"page", "crc32"} <= names)
+    return _NEEDED[line["event"]] <= names and (not line.get("complete") or names >= _BLOCK)
 
 
 def _plain(line: Mapping[str, Any], record: type[Accepted | Shown]) -> dict[str, Any]:

@@ -139,6 +139,26 @@ def test_an_mcap_file_holds_what_a_recording_holds(tmp_path: Path, root: Path) -
         assert one.message.sequence == image.id
 
 
+def test_what_is_alike_takes_little_room(tmp_path: Path) -> None:
+    """Photon noise about a still picture: the entropy of the differences; of 8 and of 16 bits, over key
+    images, and images of other sizes among them, bit by bit."""
+    rng = np.random.default_rng(0)
+    mean = 120 + 100 * np.cos(np.arange(96) / 5)[:, None] * np.cos(np.arange(128) / 5)
+    for kind, scale in ((np.uint8, 1), (np.uint16, 16)):
+        noisy = [np.rint(scale * rng.normal(mean, 1.5)).clip(0).astype(kind) for _ in range(40)]
+        noisy[20:20] = [noisy[0][:9, :7]]
+        with Recorder(tmp_path / kind.__name__, {}) as recorder:
+            for k, pixels in enumerate(noisy):
+                recorder.image(Image(pixels, k, None, k / 10), k / 10)
+        for pixels, one in zip(noisy, Recording(tmp_path / kind.__name__).images(), strict=True):
+            np.testing.assert_array_equal(one.image.pixels, pixels)
+            assert one.image.pixels.dtype == kind
+        entropy = np.log2(1.5 * scale * np.sqrt(2 * 2 * np.pi * np.e))
+        size = (tmp_path / kind.__name__ / "frames.zst").stat().st_size
+        keys = 6 * mean.size * np.dtype(kind).itemsize
+        assert size < keys + 1.25 * 35 * mean.size * entropy / 8
+
+
 @pytest.mark.daily(1)
 @pytest.mark.parametrize("after", [0.05, 0.2, 0.6])
 def test_killed_at_any_moment(tmp_path: Path, after: float) -> None:
@@ -165,11 +185,14 @@ def test_damage_is_told(tmp_path: Path) -> None:
     log.write_bytes(whole[:-20])  # broken off in the last line: that image does not exist
     assert len(list(Recording(tmp_path / "r"))) == 2
     about, first, *rest = whole.splitlines(keepends=True)
-    other, away = ({**json.loads(first), **change} for change in ({"crc32": 1}, {"page": 7}))
+    other, away = ({**json.loads(first), **change} for change in ({"crc32": 1}, {"at": 9999}))
     for line, words in (
         (json.dumps(other).encode() + b"\n", "page 0 is damaged"),
-        (json.dumps(away).encode() + b"\n", "page 7 is missing"),
+        (json.dumps(away).encode() + b"\n", "page 0 is missing"),
         (b"\xff\n" + first, r"log\.jsonl: line 2 is damaged, 3 lines follow"),
+        (b"", r"log\.jsonl: line 2 is missing"),
+        (rest[0] + first, r"log\.jsonl: line 2 is missing"),
+        (first + first, r"log\.jsonl: line 3 has been moved"),
     ):
         log.write_bytes(b"".join([about, line, *rest]))
         with pytest.raises(InputError, match=words):
