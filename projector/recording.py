@@ -112,7 +112,7 @@ class Recorder:
         place = {"page": self.images, "at": self._at, "bytes": len(block), "key": key}
         self._before, self._at, self.images = pixels.copy(), self._at + len(block), self.images + 1
         self._key_s = image.arrived_s if key else self._key_s
-        return place | {"rows": rows, "cols": cols, "bits": bits, "crc32": zlib.crc32(memoryview(pixels))}
+        return place | {"rows": rows, "cols": cols, "bits": bits, "crc32": zlib.crc32(pixels.data)}
 
     def _line(self, event: str, values: Mapping[str, Any]) -> None:
         self._log.write(json.dumps({"event": event, "line": self._lines, **values}) + "\n")
