@@ -318,7 +318,7 @@ def _statistics(light: Light, ready: Prepared, sample: Sample) -> Sampled:
     maps = _sampled(light, ready, sample)
     good = maps.flags[0] == 0
     chi2 = float(np.median(maps.chi2[0][good])) / ready.dof if ready.dof and good.any() else 0.0
-    return Sampled(float(good.mean()), chi2, float(np.median(maps.amplitude[0])))
+    return Sampled(float(good.mean()), chi2, float(np.median(maps.least[0])))
 
 
 def _sampled(light: Light, ready: Prepared, sample: Sample) -> Maps:
@@ -338,10 +338,10 @@ def _noise(ready: Prepared) -> tuple[np.float32, np.float32]:
 
 
 def _maps(axes: int, rows: int, width: int) -> Maps:
-    chi2, amplitude, offset, error = (np.zeros((rows, width), np.float32) for _ in range(4))
-    place, variance = (np.zeros((axes, rows, width), np.float32) for _ in range(2))
+    chi2, least, offset, error = (np.zeros((rows, width), np.float32) for _ in range(4))
+    place, variance, amplitude = (np.zeros((axes, rows, width), np.float32) for _ in range(3))
     flags = np.zeros((rows, width), np.uint16)
-    return Maps(place, variance, chi2, amplitude, offset, error, flags)
+    return Maps(place, variance, amplitude, chi2, least, offset, error, flags)
 
 
 def _looked_up(light: Light, ready: Prepared, start: int, stop: int) -> Lines:
@@ -401,9 +401,10 @@ def applied(light: Light, ready: Prepared, mask: Mask) -> Correspondence:
             if done < high:
                 new, keep = slice(done, high), done - low
                 # rows beyond first..last are another thread's, too
-                level, wrong = np.empty((2, high - done, cols), np.float32)
-                lines = room.amplitude[keep:], level, wrong
-                out = Maps(room.place, room.variance, room.chi2[keep:], *lines, room.flags[keep:])
+                least, level, wrong = np.empty((3, high - done, cols), np.float32)
+                lines = least, level, wrong
+                maps = room.place, room.variance, room.amplitude
+                out = Maps(*maps, room.chi2[keep:], *lines, room.flags[keep:])
                 looked_up = _looked_up(light, ready, done, high)
                 pixel_rows(_numbers(light), _noise(ready), ready.tables, looked_up, done, high, out, keep)
                 if mask is not None:
@@ -413,7 +414,7 @@ def applied(light: Light, ready: Prepared, mask: Mask) -> Correspondence:
                 for whole, line in zip((amplitude, offset, error), lines, strict=True):
                     whole[begin:end] = line[begin - done : end - done]
                 done = high
-            block = Block(room.place, room.variance, room.chi2, room.amplitude, room.flags)
+            block = Block(room.place, room.variance, room.amplitude, room.chi2, room.flags)
             result = room.result(stop - start, flags[start:stop])
             neighbours(block, start - low, ready.dof, ready.limits, result)
             coordinate[:, start:stop], sigma[:, start:stop] = result.coordinate, result.sigma
@@ -439,9 +440,9 @@ class _Room:
     def begin(self, rows: int, before: _Room | None, shared: int) -> None:
         """A block of so many rows; shared: its first ones are the last ones of the block before."""
         axes, cols = self._axes, self._cols
-        both = [one[: axes * rows * cols].reshape(axes, rows, cols) for one in self._kept[:2]]
-        self.place, self.variance = both
-        self.chi2, self.amplitude = (one[: rows * cols].reshape(rows, cols) for one in self._kept[2:4])
+        maps = [one[: axes * rows * cols].reshape(axes, rows, cols) for one in self._kept[:3]]
+        self.place, self.variance, self.amplitude = maps
+        self.chi2 = self._kept[3][: rows * cols].reshape(rows, cols)
         self.flags = self._flags[:rows]
         if before is not None and shared > 0:
             for name in ("place", "variance", "chi2", "amplitude", "flags"):

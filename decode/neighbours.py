@@ -1,16 +1,17 @@
 """Pixels against their neighbours, on a block of rows: sigma inflated, then flags; no pixel is refused that
 its neighbours confirm.
 
-A place is the mean over a pixel's area and the blur of the lens: half of their second moment times the
-Laplacian of the map is subtracted, and the uncertainty of the moment joins the variance. Three excesses over
-noise join it, too: of the residuals around a pixel (chi2), of third differences over 7 x 7 pixels, and of the
-residual to the quadratic of 5 x 5 (a crease has third differences at few pixels). Beside flagged pixels the
-place is that of the lit part of the aperture, at the display's border that of its lit cells.
+A place is the mean over a pixel's area and the blur of the lens, weighted by light: their second moment m
+times 1/2 laplace u + grad u . grad ln A is subtracted, and the uncertainty of the moment joins the variance.
+A is the amplitude of the axis' coarsest fringe, which a nonlinear display makes ripple least. Three excesses
+over noise join it, too: of the residuals around a pixel (chi2), of third differences over 7 x 7 pixels, and
+of the residual to the quadratic of 5 x 5 (a crease has third differences at few pixels). Beside flagged
+pixels the place is that of the lit part of the aperture, at the display's border that of its lit cells.
 
     neighbours(block, above, dof, limits, result)
 
-    block    place, variance (A, n, W); chi2, amplitude (n, W); flags (n, W): rows of the result and HALO more
-             on either side, fewer at the image's border
+    block    place, variance, amplitude (A, n, W); chi2, flags (n, W): rows of the result and HALO more on
+             either side, fewer at the image's border
     above    rows of the block before the result's first one
     dof      degrees of freedom of chi2, 0: it says nothing
     limits   (A, 6) float32, rows of axis_limits()
@@ -25,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.kernels import F32, I64, kernel
+from optolever.kernels import F32, I64, inlined, kernel
 from optolever.kernels import ONE as _ONE
 from optolever.kernels import ZERO as _ZERO
 
@@ -57,15 +58,15 @@ class Block(NamedTuple):
     """Output of the pixel kernel.
 
     place, variance  (A, n, W) float32, pattern px, px^2: by noise alone (bits: of the interval)
+    amplitude  (A, n, W) float32, levels, of each axis' coarsest fringe
     chi2       (n, W) float32, squares of residuals over their noise, summed over all axes
-    amplitude  (n, W) float32, levels, the smaller one of both axes
     flags      (n, W) uint16, of both axes
     """
 
     place: F32
     variance: F32
-    chi2: F32
     amplitude: F32
+    chi2: F32
     flags: U16
 
 
@@ -106,11 +107,11 @@ def neighbours(block: Block, above: int, dof: int, limits: F32, result: Result) 
     """See the head of the file."""
     rows = len(result.flags)
     top, end = HALO - above, HALO - above + len(block.flags)  # rows of the image; beyond it nothing is clean
-    place, variance, chi2, amplitude, flags = block
+    place, variance, amplitude, chi2, flags = block
     if (top, end) != (0, rows + 2 * HALO):
         ends = (0, 0), (top, rows + 2 * HALO - end), (0, 0)
-        place, variance = np.pad(place, ends), np.pad(variance, ends)
-        chi2, amplitude = np.pad(chi2, ends[1:]), np.pad(amplitude, ends[1:])
+        place, variance, amplitude = (np.pad(one, ends) for one in (place, variance, amplitude))
+        chi2 = np.pad(chi2, ends[1:])
         flags = np.pad(flags, ends[1:], constant_values=np.uint16(Flag.INVALID))
     (axes, n, width), found = place.shape, np.empty_like(flags)
     _confirmed(place, variance, amplitude, flags, limits, top, end, np.zeros(width, np.bool_), found)
@@ -118,13 +119,30 @@ def neighbours(block: Block, above: int, dof: int, limits: F32, result: Result) 
     windows = _whole(n, width) if clean.all() else _windows(clean)
     rings, work = np.zeros((4 * axes + 1, 8, width + 6), np.float32), np.zeros((8, width + 6), np.float32)
     (coordinate, sigma, _), slow = result, np.zeros((axes, rows, width), np.bool_)
-    _excess(place, variance, chi2, windows, limits, np.float32(dof), rings, work, coordinate, sigma, slow)
+    maps, slopes = (place, variance, amplitude, chi2), np.zeros(width, np.float32)
+    _excess(*maps, windows, limits, np.float32(dof), rings, work, slopes, coordinate, sigma, slow)
     result.flags[:] = found[HALO : HALO + rows]
     for a in range(axes):
         at = np.flatnonzero(slow[a])
         if at.size:
-            own = place[a], amplitude, windows[_FULL], windows[_CLEAN], top, end, limits[a], at
+            own = place[a], amplitude[a], amplitude, windows[_FULL], windows[_CLEAN], top, end, limits[a], at
             _judge(*own, coordinate[a], sigma[a], result.flags)
+
+
+@inlined
+def least(amplitude: F32, y: int, x: int) -> np.float32:
+    """Smallest of all axes."""
+    found: np.float32 = min(amplitude[0, y, x], amplitude[len(amplitude) - 1, y, x])
+    return found
+
+
+@inlined
+def falling(place: F32, light: F32, y: int, x: int) -> np.float32:
+    """2 grad u . grad ln A by central differences."""
+    left, right, above, below = light[y, x - 1], light[y, x + 1], light[y - 1, x], light[y + 1, x]
+    along = (place[y, x + 1] - place[y, x - 1]) * (right - left) / max(right + left, _LEAST)
+    down = (place[y + 1, x] - place[y - 1, x]) * (below - above) / max(below + above, _LEAST)
+    return np.float32(along + down)
 
 
 @kernel
@@ -161,8 +179,9 @@ def _confirmed(
                     i, j = (up if d == 0 else down if d == 1 else y), x + (d == 3) - (d == 2)
                     if 0 <= j < width:
                         rim |= flags[i, j] != none
-                        brightest = max(brightest, amplitude[i, j] if flags[i, j] == none else _ZERO)
-                if rim and amplitude[y, x] < half * brightest:
+                        other = least(amplitude, i, j) if flags[i, j] == none else _ZERO
+                        brightest = max(brightest, other)
+                if rim and least(amplitude, y, x) < half * brightest:
                     found[y, x] |= _OUTLIER
                 known, p, v = False, place[a, y, x], variance[a, y, x]
                 for d in range(8):  # amid two neighbours, on the plane of three
@@ -222,8 +241,8 @@ def _over(of: U8, first: int, last: int, axis: int) -> U8:
 
 @kernel
 def _excess(
-    place: F32, variance: F32, chi2: F32, windows: U8, limits: F32, dof: np.float32, rings: F32, work: F32,
-    coordinate: F32, sigma: F32, slow: Mask,
+    place: F32, variance: F32, amplitude: F32, chi2: F32, windows: U8, limits: F32, dof: np.float32,
+    rings: F32, work: F32, light_slope: F32, coordinate: F32, sigma: F32, slow: Mask,
 ) -> None:  # fmt: skip
     """Places without their aperture, sigma with its excesses over noise, clean pixels for _judge: by windows
     that are not full, a jump in them, or the display's border. Sums of rows lie in rings of 8."""
@@ -343,8 +362,12 @@ def _excess(
                 total += rings[cols, y & 7, x]
                 total = total / number if number > three else _ZERO
                 work[7, x] = work[7, x] if work[7, x] > total else total
+            for x in range(1, width - 1):
+                full = np.float32(windows[_FULL, y, x])
+                light_slope[x] = full * falling(place[a], amplitude[a], y, x)
             for x in range(width):
-                level, moved = variance[a, y, x] * work[0, x], limits[a, 4] * rings[bend, y & 7, x]
+                level = variance[a, y, x] * work[0, x]
+                moved = limits[a, 4] * (rings[bend, y & 7, x] + light_slope[x])
                 third = np.float32(0.05) * work[7, x] - _THIRD * level
                 work[6, x] = level + (third if third > _ZERO else _ZERO) + moved * moved
             for x in range(width):
@@ -354,7 +377,7 @@ def _excess(
                 total = work[6, x] + (total if total > _ZERO else _ZERO)
                 sigma[a, r, x] = np.sqrt(total if total > _LEAST else _LEAST)
             for x in range(width):
-                coordinate[a, r, x] = place[a, y, x] - limits[a, 3] * rings[bend, y & 7, x]
+                coordinate[a, r, x] = place[a, y, x] - limits[a, 3] * (rings[bend, y & 7, x] + light_slope[x])
             steep = np.float32(0.2) * limits[a, 0]  # of the least Laplacian of a jump by 2 jumps, 2/7
             for x in range(width):
                 open_ = (windows[_FULL, y, x] == 0) | (abs(rings[bend, y & 7, x]) > steep)
@@ -374,7 +397,7 @@ def _excess(
 
 @kernel
 def _judge(
-    place: F32, amplitude: F32, full: U8, clean: U8, top: int, end: int, limits: F32, at: I64,
+    place: F32, light: F32, amplitude: F32, full: U8, clean: U8, top: int, end: int, limits: F32, at: I64,
     coordinate: F32, sigma: F32, flags: U16,
 ) -> None:  # fmt: skip
     """Variance by the border of the image, of flagged pixels and of the display, flags beyond; places amid
@@ -393,7 +416,7 @@ def _judge(
             if clean[i, j] == none:
                 flagged = True
             else:
-                brightest = max(brightest, amplitude[i, j])
+                brightest = max(brightest, least(amplitude, i, j))
                 if d < 2:
                     down, rows = down + sign * (place[i, j] - q), rows + 1
                 else:
@@ -401,7 +424,7 @@ def _judge(
         along, down = along / np.float32(max(sides, 1)), down / np.float32(max(rows, 1))
         step2, extra = along * along + down * down, _ZERO
         if flagged:
-            loss = half * max(_ONE - amplitude[y, x] / max(brightest, np.float32(1e-6)), _ZERO)
+            loss = half * max(_ONE - least(amplitude, y, x) / max(brightest, np.float32(1e-6)), _ZERO)
             extra = loss * loss * step2
         if full[y, x] == none:
             for i in range(max(y - 2, top), min(y + 3, end)):
@@ -418,8 +441,9 @@ def _judge(
                         weight = np.float32((h - i) ** 2 + (m - j) ** 2) - np.float32(4 / 3)
                         bend += weight * (place[h, m] - place[i, j])
                         nine += 1
-            bend *= half * (aperture + unsure)
-            extra += bend * bend if nine == 9 else _ZERO
+            if nine == 9:
+                bend = (half * bend + falling(place, light, i, j)) * (aperture + unsure)
+                extra += bend * bend
         else:
             rise = abs(place[y - 2, x] + place[y + 2, x] - two * q)
             run = abs(place[y, x - 2] + place[y, x + 2] - two * q)

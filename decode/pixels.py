@@ -47,14 +47,14 @@ class Tables(NamedTuple):
 
 
 class Maps(NamedTuple):
-    """Outputs for rows, each row's lines written: place, variance (A, n, W), chi2, amplitude, offset, error
-    (n, W)
-    float32, flags (n, W) uint16."""
+    """Outputs for rows: place, variance, amplitude of the coarsest fringe (A, n, W), chi2, least amplitude,
+    offset, error (n, W) float32, flags (n, W) uint16."""
 
     place: F32
     variance: F32
-    chi2: F32
     amplitude: F32
+    chi2: F32
+    least: F32
     offset: F32
     error: F32
     flags: NDArray[np.uint16]
@@ -70,25 +70,28 @@ def pixel_rows(
     out: Maps,
     at: int,
 ) -> None:
-    """Decode rows start..stop of the frames into rows 0..stop - start of out, of place and variance from row
-    `at` on; looked_up: (A, n, W) of look-ups."""
+    """Decode rows start..stop of the frames into rows 0..stop - start of out, of maps (A, n, W) from row `at`
+    on; looked_up: (A, n, W) of look-ups."""
     raw, table, clip = light
     shape = stop - start, raw.shape[2]
     chi2, error, flags = out.chi2[: shape[0]], out.error[: shape[0]], np.zeros(shape, np.int32)
     chi2[:], error[:] = 0, 0
     for a, (fringes, code) in enumerate(zip(tables.fringes, tables.bits, strict=True)):
-        place, variance = out.place[a, at : at + shape[0]], out.variance[a, at : at + shape[0]]
+        place, variance, amplitude = (
+            one[a, at : at + shape[0]] for one in (out.place, out.variance, out.amplitude)
+        )
         if tables.given[a]:
             place[:], variance[:] = looked_up.place[a], looked_up.variance[a]
-            amplitude, offset = looked_up.amplitude[a], looked_up.offset[a]
+            amplitude[:], offset = looked_up.amplitude[a], looked_up.offset[a]
             np.maximum(error, looked_up.error[a], out=error)
             chi2 += looked_up.chi2[a]
             flags |= looked_up.flags[a]
         elif fringes:
-            offset, amplitude = np.empty((2, *shape), np.float32)
+            offset = np.empty(shape, np.float32)
             phases, own = np.empty((2, len(fringes) if tables.close[a] else 1, *shape), np.float32)
             for k, fringe in enumerate(fringes):
                 j = k if tables.close[a] else 0
+                amplitude = amplitude if k == 0 else np.empty(shape, np.float32)
                 fringe_rows(
                     light, noise, fringe, start, Fit(offset, amplitude, phases[j], own[j]), chi2, flags
                 )
@@ -120,12 +123,11 @@ def pixel_rows(
             reach = read_rows(raw, table, noise, code, start, (low, high), place, error, flags)
             np.multiply(reach, reach, out=variance)
             variance /= 3
-            amplitude = _HALF * (high - low)
+            np.subtract(high, low, out=amplitude)
+            amplitude *= _HALF
             offset = low + amplitude
         limits = tables.factor[a] * _CONTRAST2, tables.extent[a], tables.more[a], _DIM * clip
-        maps = [
-            one.reshape(-1) for one in (place, variance, amplitude, offset, flags, out.amplitude, out.offset)
-        ]
+        maps = [one.reshape(-1) for one in (place, variance, amplitude, offset, flags, out.least, out.offset)]
         _merge(a == 0, noise, limits, *maps)
     out.flags[: shape[0]] = flags
 

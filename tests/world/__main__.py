@@ -9,7 +9,6 @@ import numpy as np
 from .judge import Verdict, run
 from .light import World
 from .limits import LIMITS, cases
-from .rigs import draw_rig
 
 HEAD = f"{'effect':22s} {'code':30s}  n  good least | places  worst ratio | heights  worst ratio >1%"
 
@@ -46,7 +45,7 @@ def main() -> None:
         if asked.names and name not in asked.names:
             continue
         for code in asked.code or codes:
-            rigs = map(draw_rig, range(asked.first, asked.first + asked.rigs))
+            rigs = range(asked.first, asked.first + asked.rigs)
             print(line(name, code, [run(rig, code, World(**world)) for rig in rigs]), flush=True)
 
 

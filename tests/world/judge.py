@@ -1,6 +1,5 @@
 """A shot decoded and compared with its truth: places, heights, notices."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,10 +10,9 @@ from optolever.errors import InputError
 from optolever.reconstruct import reconstruct
 
 from .light import Shot, World, shoot
-from .rigs import F64, Rig
+from .rigs import F64, Rig, draw_rig
 
 SIGMAS = 5.0
-Decode = Callable[..., Correspondence]
 
 
 @dataclass(frozen=True)
@@ -38,10 +36,12 @@ class Verdict:
         return self.good * float(np.nan_to_num(self.heights if np.isfinite(self.heights) else self.places))
 
 
-def run(rig: Rig, code: str, world: World, seed: int = 0, decoder: Decode = decode) -> Verdict:
-    """One capture, from its frames to heights."""
+def run(number: int, code: str, world: World, seed: int = 0) -> Verdict:
+    """One capture of a rig, from its frames to heights."""
+    rig = draw_rig(number, world.critical)
     shot = shoot(rig, code, world, seed)
-    return judged(rig, code, shot, decoder(shot.frames, shot.sequence))
+    lens = world.lens if world.told else None
+    return judged(rig, code, shot, decode(shot.frames, shot.sequence, lens_px=lens))
 
 
 def judged(rig: Rig, code: str, shot: Shot, found: Correspondence) -> Verdict:

@@ -21,16 +21,19 @@ FINE = 32  # samples of a cell's light
 class World:
     """What is otherwise than in a clean capture; shares unless said.
 
-    cells: the display's blur (cells; 0: the rig's); gamma; lens, camera px rms; lag: of the frame before;
+    critical: the rig, see draw_rig; cells: the display's blur (cells; 0: the rig's); gamma; lens, camera px
+    rms (None: drawn), known to the decoder where `told`; lag: of the frame before;
     flicker: rms of the frames' brightness; growth: of the dent from first to last frame; vignetting: of the
     light in the corners; haze: of the light, scattered over 15 px; row_noise: levels rms, common to a row;
     sharpen: of an unsharp mask of 1 px; jpeg: quality (0: none); white: levels; dark: rows of the image that
     see no mirror; interleaved: u and v in turn; order: wrong order of frames (see `shuffled`).
     """
 
+    critical: bool = False
     cells: float = 0.0
     gamma: float = 1.0
-    lens: float = 0.0
+    lens: float | None = None
+    told: bool = False
     lag: float = 0.0
     flicker: float = 0.0
     growth: float = 0.0
@@ -65,11 +68,13 @@ def shoot(rig: Rig, code: str, world: World, seed: int = 0) -> Shot:
     if world.interleaved:
         described = _interleaved(described)
     shown, order = shuffled(described, world.order, order_rng)
-    lens = world.lens if world.lens else float(optics_rng.choice([0.0, 0.0, 0.2, 0.4]))
-    optics = replace(World(), cells=world.cells, gamma=world.gamma, growth=world.growth, lens=lens)
+    drawn = float(optics_rng.choice([0.0, 0.0, 0.2, 0.4]))
+    lens = drawn if world.lens is None else world.lens
+    optics = World(
+        cells=world.cells, gamma=world.gamma, growth=world.growth, lens=lens, vignetting=world.vignetting
+    )
     light, lit = _light(rig, shown, optics)
     light, lit = light[list(order)], lit.copy()
-    light = light * (1 - world.vignetting * _radius2(SIZE)).astype(np.float32)
     if world.dark:
         hidden = slice(0, round(world.dark * SIZE[0]))
         light[:, hidden], lit[hidden] = 0.0, False
@@ -110,13 +115,14 @@ def _truth(rig: Rig, shown: Sequence, world: World) -> dict[str, F64]:
 def _light(rig: Rig, shown: Sequence, optics: World) -> tuple[F32, Mask]:
     """Light (N, H, W) of SIZE, 1 where a lit pixel sees white; lit."""
     blur = optics.cells or rig.scene.pattern.blur_px
-    side = 8 if blur < 0.2 else 4
+    side = 8 if blur < 0.2 else rig.side
     rays, later = rays_of(rig, side), rays_of(rig, side, optics.growth)
     of_u, of_v = (_profiles(table, blur, optics.gamma) for table in shown.tables())
     light = np.empty((len(shown), *SIZE), np.float32)
     inside, seen = slice(MARGIN, -MARGIN), rays.reflected.astype(np.float32)
     places, motions = (rays.u, rays.v), (later.u - rays.u, later.v - rays.v)
     still: dict[bytes, F32] = {}
+    shade = (1 - optics.vignetting * _radius2(seen.shape, MARGIN * side)).astype(np.float32)
     for i in range(len(shown)):
         fine = seen.copy()
         for k, profile in enumerate((of_u[i], of_v[i])):
@@ -128,7 +134,7 @@ def _light(rig: Rig, shown: Sequence, optics: World) -> tuple[F32, Mask]:
                 fine *= still[key]
         if optics.lens:
             fine = gaussian_filter(fine, optics.lens * side)
-        light[i] = pixels(fine, side).mean(axis=(1, 3))[inside, inside]
+        light[i] = pixels(fine * shade, side).mean(axis=(1, 3))[inside, inside]
     return light, rays.lit & later.lit
 
 
@@ -144,10 +150,11 @@ def _at(profile: F64, place: F64) -> F32:
     return np.interp(at, np.arange(profile.size), profile, 0.0, 0.0).astype(np.float32)
 
 
-def _radius2(size: tuple[int, int]) -> F64:
-    """0 in the middle, 1 in the corners."""
-    row, col = np.meshgrid(*(np.linspace(-1, 1, count) for count in size), indexing="ij")
-    return np.asarray(0.5 * (row**2 + col**2))
+def _radius2(size: tuple[int, ...], margin: int) -> F64:
+    """0 in the middle, 1 in the corners of the image inside a margin."""
+    row, col = (np.arange(count) - 0.5 * (count - 1) for count in size)
+    half_rows, half_cols = (0.5 * count - margin for count in size)
+    return np.asarray(0.5 * ((row[:, None] / half_rows) ** 2 + (col / half_cols) ** 2))
 
 
 def _jpeg(frame: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:

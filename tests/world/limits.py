@@ -11,6 +11,6 @@ LIMITS: dict[str, Any] = tomllib.loads(Path(__file__).with_name("limits.toml").r
 def cases() -> Iterator[tuple[str, list[str], dict[str, Any]]]:
     """Name, codes and fields of World of every effect."""
     yield "clean", list(LIMITS["clean"]["codes"]), {}
-    for group in ("faults", "order", "measured"):
+    for group in ("reflectance", "faults", "order", "measured"):
         for name, world in LIMITS[group]["effects"].items():
             yield name, LIMITS[group]["codes"], world

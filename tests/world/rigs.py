@@ -8,12 +8,14 @@ from numpy.typing import NDArray
 
 from optolever.scene import (
     Camera,
+    Face,
     PinholeCamera,
     Scene,
     Surface,
     Trace,
     dent,
     load,
+    prism_pattern,
     resize,
     scene_window,
     trace,
@@ -30,13 +32,16 @@ MARGIN = 4  # pixels around the image, cells around the pattern, whose light a b
 
 @dataclass(frozen=True, eq=False)
 class Rig:
-    """scene, truth: of the image of SIZE; wide: MARGIN pixels more on every side."""
+    """scene, truth: of the image of SIZE; wide: MARGIN pixels more on every side; side: least number of rays
+    along a pixel's side.
+    """
 
     name: str
     scene: Scene
     wide: Scene
     surface: Surface
     truth: Trace
+    side: int = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,13 +59,14 @@ class Rays:
 
 
 @lru_cache(maxsize=32)
-def draw_rig(number: int) -> Rig:
-    """The rig of a number, which sees the pattern in a third of its image or more."""
+def draw_rig(number: int, critical: bool = False) -> Rig:
+    """The rig of a number, which sees the pattern in a third of its image or more; critical: a prism on whose
+    mirror total reflection begins."""
     rng = np.random.default_rng([72, number])
     rows, cols = SIZE[0] + 2 * MARGIN, SIZE[1] + 2 * MARGIN
-    preset = PRESETS[number % len(PRESETS)]
+    preset = "critical" if critical else PRESETS[number % len(PRESETS)]
     while True:
-        wide = resize(load(preset, exact=True), rows, cols)
+        wide = _critical(rng, rows, cols) if critical else resize(load(preset, exact=True), rows, cols)
         roll = float(np.radians(rng.uniform(-15, 15)) + 0.5 * np.pi * rng.integers(4))
         wide = replace(wide, camera=_turned(wide.camera, roll, float(rng.uniform(0.75, 1.3))))
         density, blur = np.exp(rng.uniform(*np.log([0.6, 1.7]))), float(rng.uniform(0.3, 0.9))
@@ -74,7 +80,23 @@ def draw_rig(number: int) -> Rig:
         cells = wide.pattern.resampled(size[0], size[1], by, 0.5 * (by - 1))
         wide = replace(wide, pattern=replace(cells, blur_px=blur), covariance=None)
         scene = scene_window(wide, MARGIN, MARGIN, *SIZE)
-        return Rig(f"{preset} {number}", scene, wide, surface, trace(scene, surface))
+        side = 8 if critical else 4
+        return Rig(f"{preset} {number}", scene, wide, surface, trace(scene, surface), side)
+
+
+def _critical(rng: np.random.Generator, rows: int, cols: int) -> Scene:
+    """A silicone prism of 45/45 degrees, seen by a pinhole through its face."""
+    prism, distance = load("prism48", exact=True), float(rng.uniform(120, 250))
+    index, edge = float(rng.uniform(1.38, 1.43)), np.array([prism.mirror.length, 0.0, 0.0])
+    ahead, right = np.array([-1.0, 0.0, -1.0]) / np.sqrt(2), np.array([-1.0, 0.0, 1.0]) / np.sqrt(2)
+    start = np.array([0.5 * prism.mirror.length, 0.5 * prism.mirror.width, 0.0]) - distance * ahead
+    focal = np.full(2, distance * rows / prism.mirror.width)
+    centre = 0.5 * np.array([cols - 1.0, rows - 1.0])
+    face = Face(edge, ahead, index)
+    camera = PinholeCamera(start, right, np.array([0.0, 1.0, 0.0]), focal, centre, rows, cols, face=face)
+    pattern = prism_pattern(0.25 * np.pi, 750, 750, 0.06).resampled(1250, 1250, 1.0, 250.0)
+    medium = replace(prism.medium, index=index) if prism.medium is not None else None
+    return replace(prism, camera=camera, pattern=pattern, medium=medium, covariance=None)
 
 
 def _dent(rng: np.random.Generator, scene: Scene) -> Surface:

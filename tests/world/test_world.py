@@ -26,7 +26,7 @@ def _codes() -> Iterator[object]:
 def verdict(rig: int, code: str, effect: str = "clean") -> Verdict:
     """One capture; every test that needs it shares it."""
     world = next(world for name, _, world in cases() if name == effect)
-    return run(draw_rig(rig), code, World(**world))
+    return run(rig, code, World(**world))
 
 
 @pytest.mark.parametrize(("code", "rigs"), list(_codes()))
@@ -46,6 +46,16 @@ def test_clean_captures(code: str, rigs: int) -> None:
     assert np.nanmax(heights) <= limits["heights_worst"]
     assert np.nanmean(heights) <= limits["heights_pooled"] * (1 if rigs >= 12 else 2)
     assert np.sum(heights > limits["heights_often"]) <= max(1, rigs / 16)
+
+
+@pytest.mark.daily(1)
+@pytest.mark.parametrize("lens", [".4 px", ".2 px", ".7 px"])
+def test_light_that_changes_over_a_pixel(lens: str) -> None:
+    """A height behind a known lens, near the angle at which total reflection begins."""
+    limits = LIMITS["reflectance"]
+    found = verdict(3, limits["codes"][0], f"reflectance, lens {lens}")
+    assert found.heights <= limits["heights"]
+    assert limits["ratio"][0] <= found.height_ratio <= limits["ratio"][1]
 
 
 @pytest.mark.parametrize("rigs", [1])
