@@ -22,13 +22,16 @@ __all__ = ["estimate", "variance"]
 _EDGE, _FEWEST, _CHANCE = 0.5, 6, 1e-6
 #: Limit of a residual, over the 0.9 quantile of its bit (four deviations).
 _FAR = 2.5
+#: Largest second difference of places that mix no other ones, px.
+_BENT = 0.5
 #: Parts of the image along each side: a motion of either sign within a part hides it.
 _SIDES = (6, 7, 8, 9)
 
 
 def estimate(view: View) -> Estimate | None:
     """Rate where it moved, pattern px per frame; of the partition of the image that shows it best."""
-    edges = [_edges(view, axis, place) for axis, place in zip(view.plan.axes, view.place, strict=False)]
+    smooth = [_smooth(view, place) for place in view.place]
+    edges = [_edges(view, axis, place) for axis, place in zip(view.plan.axes, smooth, strict=False)]
     best, least = None, _CHANCE / len(_SIDES)
     for side in _SIDES:
         parts = [part for bits in edges for part in _parts(bits, view.sample.places, side)]
@@ -43,23 +46,38 @@ def estimate(view: View) -> Estimate | None:
     return best
 
 
+def _smooth(view: View, place: F64) -> F64:
+    """Places (K,) amid two neighbours of the row on whose line they lie to _BENT px, else NaN: at a rim two
+    places mix."""
+    first, found = view.sample.adjacent(3), np.full(place.shape, np.nan)
+    bend = np.abs(place[first] - 2 * place[first + 1] + place[first + 2])
+    kept = first[bend < _BENT] + 1
+    found[kept] = place[kept]
+    return found
+
+
 def _parts(bits: list[Any], places: NDArray[np.int64], side: int) -> list[tuple[float, float, float, int]]:
     """Of each part of the image: rate by a line through the bits' means over time; sums of squares that it
-    explains and leaves, degrees of freedom."""
+    explains and leaves, degrees of freedom. A part has edges of one width, in px per level."""
     if not bits:
         return []
     found = []
-    slope = np.median([away @ level / (level @ level) for _, _, away, level in bits])
     part = places * side // (places.max(axis=0) + 1) @ (side, 1)
-    count = np.array([np.bincount(part[at], minlength=side**2) for _, at, _, _ in bits], np.float64)
-    total = np.array([
-        np.bincount(part[at], away - slope * level, minlength=side**2) for _, at, away, level in bits
-    ])  # fmt: skip
+
+    def sums(of: list[F64]) -> F64:
+        """(bits, parts)"""
+        pairs = zip(bits, of, strict=True)
+        return np.array([np.bincount(part[at], one, minlength=side**2) for (_, at, _, _), one in pairs])
+
+    count, level = sums([np.ones(len(at)) for _, at, _, _ in bits]), [one for *_, one in bits]
+    width = sums([level * away for _, _, away, level in bits]).sum(axis=0)
+    width /= np.maximum(sums([one * one for one in level]).sum(axis=0), 1e-6)
+    total = sums([away for _, _, away, _ in bits]) - width * sums(level)
     times = np.array([time for time, *_ in bits])
-    for n, sums in zip(count.T, total.T, strict=True):
+    for n, away in zip(count.T, total.T, strict=True):
         several = n >= _FEWEST
         if np.count_nonzero(several) > 2:
-            weight, mean, time = n[several], sums[several] / n[several], times[several]
+            weight, mean, time = n[several], away[several] / n[several], times[several]
             time, mean = time - np.average(time, weights=weight), mean - np.average(mean, weights=weight)
             rate = float(weight * time @ mean / (weight * time @ time))
             left = float(weight @ (mean - rate * time) ** 2)
