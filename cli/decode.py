@@ -103,7 +103,7 @@ def command(
                 plain = ol.decode.Decoder(capture.sequence, settings=replace(settings, response=None))
                 result = ol.calibration.with_better_fit(result, plain.decode(capture.frames, mask=inside))
         seconds = time.perf_counter() - start
-        found = result.notices + ol.decode.too_weak(result)
+        found = result.notices
         result = replace(result, notices=capture.notices + found)
         kept = decoder.profile
         if kept is None and save_profile is not None:

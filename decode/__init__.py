@@ -3,7 +3,7 @@
 | file         | holds                                                                                    |
 |--------------|------------------------------------------------------------------------------------------|
 | `records`    | `Correspondence`, `Flag`, `SharedNoise`                                                  |
-| `decoder`    | `decode`, `too_weak`; `Decoder`, `estimate_profile`: many captures of one rig            |
+| `decoder`    | `decode`; `Decoder`, `estimate_profile`: many captures of one rig                        |
 | `profile`    | `RigProfile`: noise and effects of one rig                                               |
 | `plan`       | a sequence as periods, bits, references, levels; the constraints that it obeys           |
 | `capture`    | one capture: sample, noise, effects, tables, maps                                        |
@@ -12,6 +12,8 @@
 | `pixels`     | levels of one pixel -> place, variance, amplitude, residual, flags; row by row           |
 | `neighbours` | pixels against their neighbours: aperture, rims, jumps, roughness                        |
 | `order`      | wrong frames, by the decoder's score                                                     |
+| `contradiction` | bits and fringes that contradict each other, and the cause                            |
+| `causes`     | why few pixels are good                                                                  |
 | `codes/`     | fringes, bits, orders, look-ups                                                          |
 | `effects/`   | lag, cells, shared noise, motion: one interface                                          |
 | `coverage`   | how much of the image the mirror fills                                                   |
@@ -24,7 +26,7 @@ A pixel's answer depends on its samples, its neighbourhood of 7 x 7 and the came
 from optolever.arguments import check_face
 
 from .coverage import mirror_coverage
-from .decoder import Decoder, decode, estimate_profile, too_weak
+from .decoder import Decoder, decode, estimate_profile
 from .frames import Response, Settings
 from .profile import Effect, RigProfile
 from .records import Correspondence, Flag, SharedNoise
@@ -41,7 +43,6 @@ __all__ = [
     "decode",
     "estimate_profile",
     "mirror_coverage",
-    "too_weak",
 ]
 
 check_face(__name__)

@@ -25,11 +25,12 @@ from .codes.fringe import (
 )
 from .codes.lookup import Lines, LookUp, Table, lookup_rows, prepare, table_of
 from .codes.orders import Orders, order_table
+from .contradiction import contradictions
 from .effects import View, cells, lag, motion, shared
 from .frames import Light, Settings, sample_levels, sample_places
 from .neighbours import HALO, Block, Result, axis_limits, neighbours
 from .noise import Noise, Sample, fit_noise
-from .order import find_order
+from .order import Repair, find_order
 from .pixels import Maps, Tables, pixel_rows
 from .plan import AxisPlan, Fringe, Plan, constraints, plan
 from .profile import AxisProfile, Estimates, Sampled
@@ -85,19 +86,50 @@ def estimated(
     that the profile is of this capture only."""
     around = None if mask is None else minimum_filter(mask, _BLOCK)  # whole blocks of the mask
     repair = find_order(light.raw, sequence, around)
-    if repair is not None:
-        sequence, light = repair.sequence, replace(light, raw=np.ascontiguousarray(light.raw[repair.order]))
-    looked_up = any(axis.looked_up for axis in plan(sequence).axes)
-    sample = lit_sample(light, mask, _WIDER if looked_up else 1)
-    ready = prepared(sequence, settings, _estimate(light, sequence, settings, mask, sample))
-    ready = ready._replace(profile=ready.profile._replace(sampled=_statistics(light, ready, sample)))
-    found = applied(light, ready, mask)
     if repair is None:
-        return found, ready
+        return _decoded(light, sequence, settings, mask)
+    found, *others = (_decoded(*_repaired(light, one), settings, mask)[0] for one in (repair, *repair.others))
+    wrong = np.full(found.flags.shape, not repair.solved)
+    for other in others:
+        for one, two, sigma in ((found.u, other.u, found.sigma_u), (found.v, other.v, found.sigma_v)):
+            wrong |= ~(np.abs(one - two) <= 5 * sigma) & np.isfinite(sigma)
+    np.bitwise_or(found.flags, np.where(wrong, np.uint16(Flag.WRONG_FRAME), np.uint16(0)), out=found.flags)
     notice = Notice(repair.name, float("nan"), float("nan"), repair.cure)
-    if not repair.solved:
-        np.bitwise_or(found.flags, np.uint16(Flag.WRONG_FRAME), out=found.flags)
     return replace(found, notices=(notice, *found.notices)), None
+
+
+def _repaired(light: Light, repair: Repair) -> tuple[Light, Sequence]:
+    return replace(light, raw=np.ascontiguousarray(light.raw[repair.order])), repair.sequence
+
+
+def _decoded(
+    light: Light, sequence: Sequence, settings: Settings, mask: Mask
+) -> tuple[Correspondence, Prepared | None]:
+    """Frames in order; what contradicts itself estimates nothing."""
+    found, ready = _estimated(light, sequence, settings, mask, mask)
+    numbers = _numbers(light), _noise(ready), plan(sequence), ready.tables
+    wrong, notices = contradictions(found.flags, *numbers)
+    if not wrong.any():
+        return found, ready
+    if not wrong.all():
+        inside = ~wrong if mask is None else mask & ~wrong
+        other, rest = _estimated(light, sequence, settings, mask, inside)
+        if any(effect.name == "motion" for effect in rest.profile.effects):
+            return found, ready  # it is the cause, and sigma holds it
+        found, ready, notices = other, rest, (*notices, *other.notices)
+    flags = found.flags | np.where(wrong, np.uint16(Flag.WRONG_FRAME), np.uint16(0))
+    return replace(found, flags=flags, notices=notices), None if wrong.all() else ready
+
+
+def _estimated(
+    light: Light, sequence: Sequence, settings: Settings, mask: Mask, inside: Mask
+) -> tuple[Correspondence, Prepared]:
+    """Decoded in a mask, by a profile of the pixels inside of another."""
+    looked_up = any(axis.looked_up for axis in plan(sequence).axes)
+    sample = lit_sample(light, inside, _WIDER if looked_up else 1)
+    ready = prepared(sequence, settings, _estimate(light, sequence, settings, inside, sample))
+    ready = ready._replace(profile=ready.profile._replace(sampled=_statistics(light, ready, sample)))
+    return applied(light, ready, mask), ready
 
 
 def _estimate(light: Light, sequence: Sequence, settings: Settings, mask: Mask, sample: Sample) -> Estimates:

@@ -13,15 +13,15 @@ from optolever.patterns import Sequence
 from optolever.records import LOG, Progress, logged, silent
 
 from .capture import Prepared, applied, estimated, holds, prepared
+from .causes import few_good
 from .frames import Levels, Light, Response, Settings, in_levels, light_of
 from .plan import plan
 from .profile import RigProfile, digest
-from .records import Correspondence, Flag
+from .records import Correspondence
 
-__all__ = ["Decoder", "decode", "estimate_profile", "too_weak"]
+__all__ = ["Decoder", "decode", "estimate_profile"]
 
 _STEPS = 2
-_REFUSED = 0.1  # of the lit pixels: fewer are good
 #: Largest blur of a lens, px of the camera.
 _LENS = 4.0
 _OTHER = Notice(
@@ -162,6 +162,7 @@ class Decoder:
         if settings.noise is not None:
             settings = replace(settings, noise=settings.noise * unit, gain=settings.gain * unit)
         found, ready = estimated(light, self._sequence, settings, mask)
+        found = replace(found, notices=(*few_good(found, light, self._sequence), *found.notices))
         if ready is not None:  # else a fault of this capture, not of the rig
             self._prepared, shape, dtype = ready, light.raw.shape[1:], light.raw.dtype.name
             self._profile = RigProfile(
@@ -193,15 +194,3 @@ def _validated(settings: Settings) -> None:
             raise InputError(f"decode: {name} is {value}, must be finite and at least 0")
     if settings.lens_px is not None and not 0 <= settings.lens_px <= _LENS:
         raise InputError(f"decode: lens_px is {settings.lens_px}, must be 0 to {_LENS}")
-
-
-def too_weak(found: Correspondence) -> tuple[Notice, ...]:
-    """A notice where fewer than a tenth of the lit pixels are good, and most of them lack contrast."""
-    if found.amplitude is None or not (found.amplitude > 0).any():
-        return ()
-    lit = found.amplitude > 0.5 * np.nanpercentile(found.amplitude, 95)
-    share = float(found.good[lit].mean())
-    faint = float((found.flags[lit] & (Flag.DARK | Flag.LOW_CONTRAST) != 0).mean())
-    name = "The pattern is too weak for its sequence; share of good pixels where it is seen"
-    cure = "expose longer, or show more steps (phase:steps=16)"
-    return (Notice(name, share, _REFUSED, cure),) if share < _REFUSED and faint > 0.5 else ()

@@ -8,6 +8,8 @@ black, those in which white is brighter. The search compares sums of 1 - test. I
 display nor a fault in bits that are constant over the image.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import combinations, product
@@ -30,20 +32,26 @@ Order = NDArray[np.int64]
 _BLOCKS, _SIDE = 36, 10
 #: Sum of 1 - test that starts the search, and least gain (right captures: 0.35 where bits are resolved).
 _POOR = 0.6
-#: Penalty of a test without pixels.
-_NONE = 0.05
+_EXCHANGED = "u and v are exchanged"
+#: Most that a repair leaves: a picture too many in front of a real capture leaves 1.06, a wrong offset 2.6.
+_MOST = 1.6
+#: Penalty of a test without pixels; of a lost frame.
+_NONE, _LOST = 0.05, 0.1
+#: Share of the unrepaired sum, and most of it, by which equal repairs differ; most of them that are compared.
+_EQUAL, _LITTLE, _OTHERS = 0.1, 0.25, 3
 
 
 class Repair(NamedTuple):
     """name, cure: for the notice; order (N',): captured frame of each image of `sequence`, which fits.
     solved: False where the code needs an image that no frame shows, or the order is open: no pixel is
-    good."""
+    good. others: repairs that explain the frames as well, at other places of some pixels."""
 
     name: str
     cure: str
     order: Order
     sequence: Sequence
     solved: bool = True
+    others: tuple[Repair, ...] = ()
 
 
 class _Trial(NamedTuple):
@@ -56,6 +64,11 @@ class _Trial(NamedTuple):
     frames: tuple[int, ...] = ()
     free: int = -1
 
+    @property
+    def in_place(self) -> bool:
+        """Whether one image is lost, and all others are in their places."""
+        return self.free >= 0 and bool((np.diff(self.order) == 1).all())
+
 
 def find_order(frames: NDArray[Any], sequence: Sequence, mask: Mask | None = None) -> Repair | None:
     """frames (N, H, W). None: they are as described, or no other order explains them better."""
@@ -65,9 +78,14 @@ def find_order(frames: NDArray[Any], sequence: Sequence, mask: Mask | None = Non
         return None
     same = _Trial("", np.arange(len(blocks)), sequence)
     base = _missing(blocks, same)
-    if base.sum() < _POOR:
-        return None
     faults, ends = list(_faults(sequence)), tuple(sorted((known.white, known.black)))
+    dead = _dead(blocks, sequence)
+    if base.sum() < _POOR:
+        likely = [trial for trial in faults if trial.in_place and dead[trial.free]]
+        likely += [trial for trial in _descriptions(sequence) if trial.name == _EXCHANGED]
+        tried = [(_cost(blocks, trial, base), trial) for trial in likely]
+        cost, found = min(tried, key=lambda one: one[0], default=(np.inf, same))
+        return _repair(found) if cost < min(0.55 * base.sum(), base.sum() - _POOR / 3) else None
     if ends[0] >= 0 and base[:-1].sum() < _POOR:
         darker = next(trial for trial in faults if trial.frames == ends)
         if _missing(blocks, darker).sum() < _POOR:
@@ -76,31 +94,66 @@ def find_order(frames: NDArray[Any], sequence: Sequence, mask: Mask | None = Non
     few, trials = blocks[:, ::3], [*faults, *_descriptions(sequence)]
     rough = _missing(few, same)
     first = np.argsort([_missing(few, trial, rough).sum() for trial in trials], kind="stable")[:24]
-    # an image that no frame shows loses its tests: a swap is likelier
-    lost = np.array([trials[i].free >= 0 and np.array_equal(trials[i].order, same.order) for i in first])
-    costs = np.array([_missing(blocks, trials[i], base).sum() for i in first]) + 0.1 * lost
+    costs = np.array([_cost(blocks, trials[i], base) for i in first])
+    alive = np.array([trials[i].in_place and not dead[trials[i].free] for i in first])
     # share that remains: in right captures of poor phones .65 to .83, in faults below .55
-    if costs.min() > min(0.55 * base.sum(), base.sum() - _POOR):
+    if costs[np.argmin(costs + alive)] > min(0.55 * base.sum(), base.sum() - _POOR, _MOST):
         return None
+    costs += alive  # a picture that no other one shows is hardly in another's place
     found, *equal = [trials[int(i)] for i in sorted(first[costs <= costs.min() + 0.02])]
+    if not found.frames:
+        if not _elsewhere(blocks, found, equal):
+            return _repair(found)
+        # u before v and v before u look the same: the usual one
+        cure = "decoded so; the other axis first would fit as well: check it, or describe the frames"
+        return _repair(found)._replace(cure=cure)
+    most = costs.min() + min(_EQUAL * base.sum(), _LITTLE)
+    near = [trials[int(i)] for i in first[costs <= most]]
+    others = _elsewhere(blocks, found, [one for one in near if one.frames and one is not found])
+    if not others:
+        return _repair(found)
+    names = ", or ".join(one.name for one in (found, *others[:_OTHERS]))
+    if len(others) > _OTHERS:
+        return Repair(names, "others explain the frames as well; capture again", found.order, sequence, False)
+    cure = "both explain the frames: not good where they differ; capture again"
+    return _repair(found)._replace(name=names, cure=cure, others=tuple(map(_repair, others)))
+
+
+def _elsewhere(blocks: F32, found: _Trial, trials: list[_Trial]) -> list[_Trial]:
+    """Trials that place more than a hundredth of the pixels elsewhere."""
     places = _axes(blocks, found)
-    elsewhere = [
+    return [
         trial
-        for trial in equal
+        for trial in trials
         if any(
             np.mean(np.abs(mine - other) > np.maximum(step, beside)) > 0.01
             for (_, mine, step), (_, other, beside) in zip(places, _axes(blocks, trial), strict=True)
         )
     ]
-    if not elsewhere:
-        return _repair(found)
-    if not found.frames:  # u before v and v before u look the same: the usual one
-        cure = "decoded so; the other axis first would fit as well: check it, or describe the frames"
-        return _repair(found)._replace(cure=cure)
-    if not any(trial.frames for trial in elsewhere):
-        return _repair(found)
-    cure = "others explain the frames as well, at other places; capture again"
-    return Repair(found.name, cure, found.order, found.sequence, solved=False)
+
+
+def _dead(blocks: F32, sequence: Sequence) -> Mask:
+    """Frames (N,) that show the same as another one, or of a code or fringe nothing but black or white."""
+    flat = blocks.reshape(len(blocks), -1)
+    order = np.sort(flat, axis=0)
+    low, high = (
+        np.where(flat > order[0], order[0], order[1]),
+        np.where(flat < order[-1], order[-1], order[-2]),
+    )
+    share = (flat - low) / np.maximum(high - low, 1)
+    flat = (flat - order[0]) / np.maximum(order[-1] - order[0], 1)
+    constant = np.maximum((share < 0.1).mean(axis=1), (share > 0.9).mean(axis=1)) > 0.95
+    coded = np.array([frame.axis is not None for frame in sequence.frames])
+    alike = [
+        any((np.abs(one - flat[j]) < 0.1).mean() > 0.95 for j in range(len(flat)) if j != k)
+        for k, one in enumerate(flat)
+    ]
+    return np.asarray(constant & coded | alike, np.bool_)
+
+
+def _cost(blocks: F32, trial: _Trial, base: NDArray[np.float64]) -> float:
+    """Of a trial; an image that no frame shows loses its tests: a swap is likelier."""
+    return float(_missing(blocks, trial, base).sum()) + (_LOST if trial.in_place else 0.0)
 
 
 def _blocks(frames: NDArray[Any], mask: Mask | None) -> F32 | None:
@@ -147,6 +200,11 @@ def _missing(blocks: F32, trial: _Trial, base: Any = _NONE) -> NDArray[np.float6
         bright = np.mean(white - black > 0.25 * np.ptp(blocks, axis=0))
         tests.append(np.array([np.nan if trial.free in ends else bright]))
     one = np.concatenate(tests)
+    if np.shape(base):
+        lost = np.isposinf(one).sum()
+        one = one[~np.isposinf(one)]
+        if lost:
+            return np.append(np.where(np.isnan(one), _NONE, 1 - one), [max(base.max(), _NONE)] * lost)
     unknown = np.maximum(0.5 * base, _NONE) if np.shape(base) == one.shape else _NONE
     return np.where(np.isnan(one), unknown, 1 - one)
 
@@ -161,6 +219,7 @@ def _tests(blocks: F32, axis: AxisPlan, known: Plan, free: int) -> tuple[NDArray
     """Tests of an axis: of the axis, twice; of each bit and each finer fringe, NaN: too few pixels. Places
     (B, side, side), and the difference of unequal ones, pattern px."""
     fits = [(f.period, *fit) for f in axis.fringes if (fit := _fringe(blocks, f, free)) is not None]
+    gone = len(axis.fringes) - len(fits)
     ok: Mask = np.ones(blocks.shape[1:], np.bool_)
     for *_, residual in fits:
         ok &= residual < 0.7  # gamma 2.2: .57
@@ -190,7 +249,8 @@ def _tests(blocks: F32, axis: AxisPlan, known: Plan, free: int) -> tuple[NDArray
     better = good.mean(axis=(2, 3)).argmax(axis=0), np.arange(blocks.shape[1])
     share, coded = float(good[better].mean()), coded[better]
     at_edges = [coded[edge].mean() if np.count_nonzero(edge) >= 8 else np.nan for edge in edges]
-    return np.array([share, share, *phasors, *at_edges]), place[better], step
+    # a test that a trial takes away is not passed by it
+    return np.array([share, share, *phasors, *at_edges, *[np.inf] * gone]), place[better], step
 
 
 def _fringe(blocks: F32, fringe: Fringe, free: int) -> tuple[F32, F32, F32, F32] | None:
@@ -278,6 +338,7 @@ def _faults(sequence: Sequence) -> Iterator[_Trial]:
     """Single faults of frames, the simplest first."""
     count = len(sequence)
     same = np.arange(count)
+    yield _Trial("picture 0 is one too many", np.append(same[1:], count - 1), sequence, (0,), count - 1)
     for k in range(count - 1):
         late, early = same.copy(), same.copy()
         late[k + 1 :], early[k + 1 : -1] = late[k:-1], early[k + 2 :]
@@ -307,17 +368,18 @@ def _descriptions(sequence: Sequence) -> Iterator[_Trial]:
         ("binary and Gray bits are exchanged", tuple(other), lambda f: {"kind": other[f.kind]}),
         ("fringes have shifts of the other sign", ("phase",), lambda f: {"shift": -(f.shift or 0.0)}),
         (
-            "u and v are exchanged",
+            _EXCHANGED,
             (*BINARY_CODES, "phase"),
             lambda f: {"axis": "uv".replace(f.axis or "", "")},
         ),
     ]
     kinds = {f.kind for f in frames}
     if kinds & set(BINARY_CODES) and "phase" in kinds:  # else unseen
+        size = next(f.cell_px for f in frames if f.kind in BINARY_CODES)
         for by, how in ((0.5, "half"), (2.0, "twice")):
             by_cell = lambda f, by=by: {"cell_px": f.cell_px * by}  # noqa: E731
             by_period = lambda f, by=by: {"period_px": (f.period_px or 1.0) * by}  # noqa: E731
-            changes += [(f"cells are {how} as large", BINARY_CODES, by_cell)]
+            changes += [(f"cells are {how} as large, {by * size:.3g} px", BINARY_CODES, by_cell)]
             changes += [(f"periods are {how} as large", ("phase",), by_period)]
     for name, of, change in changes:
         if kinds & set(of):

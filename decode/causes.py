@@ -1,0 +1,80 @@
+"""Why few pixels of a capture are good: one sentence."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.notices import Notice
+from optolever.patterns import Sequence
+
+from .frames import Light
+from .plan import plan
+from .records import Correspondence, Flag
+
+__all__ = ["few_good", "off_the_end"]
+
+#: Good share of the lit pixels below which a sentence says why, share off the pattern above which one does.
+_FEW, _OFF = 0.5, 1 / 6
+#: Notices that are no cause: each costs sigma alone.
+_SIGMA = "sigma is"
+
+
+def few_good(found: Correspondence, light: Light, sequence: Sequence) -> tuple[Notice, ...]:
+    """A notice where less than half of the lit pixels are good, or a sixth lies off the pattern, and no other
+    notice names the cause."""
+    assert found.amplitude is not None
+    inside = found.flags & Flag.INVALID == 0
+    bright = inside & (found.amplitude > 0)
+    if not bright.any():
+        return ()
+    lit = bright & (found.amplitude > 0.5 * np.percentile(found.amplitude[bright], 95))
+    flags, good = found.flags[lit], float(found.good[lit].mean())
+
+    def share(flag: Flag) -> float:
+        return float((flags & flag != 0).mean())
+
+    if good >= _FEW and share(Flag.OFF_PATTERN) < _OFF:
+        return ()
+    if any(not one.name.startswith(_SIGMA) for one in found.notices):
+        return ()
+    name, cure = _cause(found, light, sequence, lit, share)
+    return (Notice(f"{good:.0%} of the lit pixels are good: {name}", float("nan"), float("nan"), cure),)
+
+
+def off_the_end(axis: str, extent: int, places: NDArray[Any]) -> str:
+    """Where the places (K,) of an axis leave the pattern."""
+    low, high = np.quantile(places, (0.01, 0.99))
+    if -low > high - (extent - 1):
+        return f"{axis} begins at {low:,.0f} of 0 to {extent - 1:,}: offset_px, or u and v exchanged?"
+    return f"{axis} ends at {high:,.0f} of {extent:,}: offset_px, or u and v exchanged?"
+
+
+def _cause(
+    found: Correspondence, light: Light, sequence: Sequence, lit: NDArray[np.bool_], share: Any
+) -> tuple[str, str]:
+    """The cause and its cure; the most certain one first."""
+    some = light.raw[:, lit][:, :: 1 + int(lit.sum()) // 4096]
+    clipped = (some >= light.clip).mean(axis=1)
+    coded = np.array([frame.axis is not None for frame in sequence.frames])
+    if np.mean(clipped[coded] > 0.25) > 0.5 or share(Flag.SATURATED) > 0.5:
+        return f"{np.count_nonzero(clipped > 0.25)} of {len(some)} frames clip", "expose less"
+    if any(axis.fringes for axis in plan(sequence).axes) and len(np.unique(some)) < 3:
+        return "the frames hold two levels only", "fringes need grey values: capture without a threshold"
+    if share(Flag.OFF_PATTERN) >= _OFF:
+        for axis in plan(sequence).axes:
+            places = np.asarray(getattr(found, axis.axis)[lit], np.float64)
+            beyond = (places < -0.5) | (places > axis.extent - 0.5)
+            if beyond.mean() > 0.5 * _OFF:
+                return off_the_end(axis.axis, axis.extent, places), "correct the description"
+    if share(Flag.DARK | Flag.LOW_CONTRAST) > 0.5:
+        cure = "expose longer, or show more steps (phase:steps=16)"
+        return f"the pattern is too weak for its sequence, {np.ptp(some, axis=0).mean():.2g} levels", cure
+    causes = {
+        Flag.ORDER_DOUBTFUL: ("fringe orders are in doubt", "more contrast, longer periods, or finer bits"),
+        Flag.OUTLIER: ("neighbours contradict each other", "a longer finest period, a smoother mirror"),
+        Flag.WRONG_FRAME: ("frames contradict each other", "capture again, or correct the description"),
+        Flag.OFF_PATTERN: ("they lie off the pattern", "correct the size of the surface"),
+        Flag.SATURATED: ("samples clip", "expose less"),
+    }
+    return causes[max(causes, key=share)]

@@ -1,0 +1,204 @@
+"""Wrong captures of drawn rigs, and windows of right ones: `python -m tests.world.wrong WHAT`.
+
+frames: every frame black, white, twice, missing, and a picture too many; descriptions: cells, phases, axes,
+offsets; windows: random parts of right captures in ../shared, which must get no verdict.
+"""
+
+import argparse
+import re
+import warnings
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from optolever.decode import decode
+from optolever.patterns import Frame, Sequence
+from optolever.projector import Capture
+
+from .light import Shot, World, shoot
+from .rigs import draw_rig
+
+SHARED = Path(__file__).parents[3] / "shared"
+CODES = ("gray+phase", "phase", "gray")
+FAULTS = ("black", "white", "twice", "missing", "extra")
+#: Share of the good pixels beyond 5 sigma up to which a capture is harmless.
+HARMLESS = 5e-3
+#: Right captures in ../shared/cases.
+RIGHT = ("12/cap", "19/cap", "23/cap", "t5/calseq4_window", "t5/period_cells_slviewer")
+#: Beginnings of notices that say nothing about frames or their description.
+WEAK = ("sigma is", "the mirror moved")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """good: share of the lit pixels; wrong: share of the good beyond 5 sigma; told: notices."""
+
+    name: str
+    good: float
+    wrong: float
+    told: tuple[str, ...]
+
+    def names(self, *numbers: float) -> bool:
+        """Whether a notice holds one of the numbers."""
+        found = {float(one) for text in self.told for one in re.findall(r"\d*\.?\d+", text)}
+        return any(abs(one - number) < 1e-6 for one in found for number in numbers)
+
+    @property
+    def verdict(self) -> bool:
+        """Whether a notice judges the frames."""
+        return any(not text.startswith(WEAK) for text in self.told)
+
+
+def outcome(name: str, shot: Shot, frames: object, sequence: Sequence) -> Outcome:
+    """Decoded, beside the truth."""
+    found = decode(frames, sequence)  # type: ignore[arg-type]
+    use = found.good & shot.lit
+    off = np.zeros(use.shape, np.bool_)
+    for place, sigma, axis in ((found.u, found.sigma_u, "u"), (found.v, found.sigma_v, "v")):
+        off |= ~(np.abs(place - shot.truth[axis]) <= 5 * sigma)
+    told = tuple(str(one) for one in found.notices)
+    return Outcome(
+        name, float(use.sum() / shot.lit.sum()), float(off[use].mean()) if use.any() else 0.0, told
+    )
+
+
+def broken(frames: np.ndarray, fault: str, k: int) -> np.ndarray:
+    """Frames (N, H, W) with a fault at frame k; 'extra': a white scene, then all others but the last."""
+    out, bright = frames.copy(), frames.max(axis=0)
+    if fault == "black":
+        out[k] = frames.min(axis=0)
+    elif fault == "white":
+        out[k] = bright
+    elif fault == "twice":
+        out[k + 1 :] = frames[k:-1]
+    elif fault == "missing":
+        out[k:-1] = frames[k + 1 :]
+    else:
+        out[k + 1 :], out[k] = frames[k:-1], bright
+    return out
+
+
+def frame_faults(
+    rig: int, code: str, faults: tuple[str, ...] = FAULTS, every: int = 1
+) -> Iterator[tuple[int, Outcome]]:
+    """Number of the frame, and what is found of it."""
+    shot = shoot(draw_rig(rig), code, World())
+    count = len(shot.sequence)
+    for fault in faults:
+        places = range(0, count, every) if fault != "extra" else (0, count // 2, count - 1)
+        for k in places:
+            wrong = broken(shot.frames, fault, k)
+            if not np.array_equal(wrong, shot.frames):
+                frame = shot.sequence[k]
+                label = f"{fault} {k} {frame.kind} {frame.axis or ''}{'' if frame.bit is None else frame.bit}"
+                yield k, outcome(f"{code} {rig}: {label}", shot, wrong, shot.sequence)
+
+
+def named(k: int, found: Outcome) -> bool:
+    """Named rightly (of a repeated or lost frame a neighbour looks alike), or harmless."""
+    near = (k,) if ": black" in found.name or ": white" in found.name else (k - 1, k, k + 1)
+    return found.wrong <= HARMLESS or found.good <= HARMLESS or (found.verdict and found.names(*near))
+
+
+def silent(found: Outcome) -> bool:
+    """Wrong without a verdict."""
+    return found.wrong > HARMLESS and found.good > HARMLESS and not found.verdict
+
+
+def _changed(shown: Sequence, by: Callable[[Frame], Frame]) -> Sequence:
+    return replace(shown, frames=tuple(map(by, shown.frames)))
+
+
+def descriptions(shown: Sequence) -> Iterator[tuple[str, tuple[float, ...], Sequence]]:
+    """Name, numbers one of which a notice must hold, and what is described, of gray+phase as shown."""
+    cell = next(one.cell_px for one in shown.frames if one.bit is not None)
+    top = max(one.bit for one in shown.frames if one.bit is not None and one.axis == "u")
+    for by in (0.5, 0.75, 1.25, 1.5, 2.0):
+        yield (
+            f"cells x {by:g}",
+            (cell,),
+            _changed(shown, lambda one, by=by: _bit(one, cell_px=by * one.cell_px)),
+        )
+    for turn in (0.1, 0.25):
+        yield f"phase + {turn:g}", (turn,), _changed(shown, lambda one, turn=turn: _shifted(one, turn))
+    mirrored = _changed(
+        shown, lambda one: _bit(one, inverted=not one.inverted) if (one.axis, one.bit) == ("u", top) else one
+    )
+    yield "bits of u mirrored", (), mirrored
+    other = {"u": "v", "v": "u"}
+    yield "u and v exchanged", (), _changed(shown, lambda one: replace(one, axis=other.get(one.axis or "")))
+    yield "offset + 100", (), _changed(shown, lambda one: _bit(one, offset_px=(one.offset_px or 0.0) + 100))
+
+
+def _bit(frame: Frame, **change: Any) -> Frame:
+    return frame if frame.bit is None else replace(frame, **change)
+
+
+def _shifted(frame: Frame, turn: float) -> Frame:
+    return replace(frame, shift=(frame.shift or 0.0) + 2 * np.pi * turn) if frame.kind == "phase" else frame
+
+
+def _descriptions(rigs: list[int]) -> None:
+    for rig in rigs:
+        shot = shoot(draw_rig(rig), "gray+phase", World())
+        for name, numbers, told in descriptions(shot.sequence):
+            found = outcome(name, shot, shot.frames, told)
+            right = found.names(*numbers) if numbers else found.verdict
+            bad = found.good * found.wrong
+            told_of = f"{'named' if right else '-'} {list(found.told)}"
+            print(
+                f"rig {rig} {name:18s} good and wrong {bad:.3f}, good {found.good:.3f} {told_of}", flush=True
+            )
+
+
+def _windows(count: int) -> None:
+    """Of every capture that no test of `../shared/cases` calls wrong."""
+    rng = np.random.default_rng(81)
+    for folder in sorted((*SHARED.glob("real/refused/*"), *(SHARED / "cases" / one for one in RIGHT))):
+        shot = Capture.load(folder)
+        _, rows, cols = np.shape(shot.frames)
+        side, verdicts = min(80, rows, cols), []
+        for _ in range(count):
+            y, x = rng.integers(0, rows - side + 1), rng.integers(0, cols - side + 1)
+            found = decode(shot.frames[:, y : y + side, x : x + side], shot.sequence)
+            verdicts += [str(one) for one in found.notices if not str(one).startswith(WEAK)]
+        print(f"{folder.name}: {len(verdicts)} of {count} {list(dict.fromkeys(verdicts))[:3]}", flush=True)
+
+
+def _frames(rigs: int, every: int, codes: list[str]) -> None:
+    for code in codes:
+        found = [one for rig in range(rigs) for one in frame_faults(rig, code, every=every)]
+        for k, one in found:
+            if not named(k, one):
+                print(f"  {one.name}: good {one.good:.3f}, wrong {one.wrong:.3f} {list(one.told)}")
+        for fault in FAULTS:
+            some = [(named(k, one), silent(one)) for k, one in found if f": {fault} " in one.name]
+            right, unsaid = np.mean(some, axis=0)
+            print(
+                f"{code} {fault}: {len(some)}, named or harmless {right:.3f}, silent {unsaid:.3f}", flush=True
+            )
+
+
+def main() -> None:
+    """Print the tables."""
+    given = argparse.ArgumentParser("python -m tests.world.wrong", description=__doc__)
+    given.add_argument("what", choices=("frames", "descriptions", "windows"))
+    given.add_argument("--rigs", type=int, default=4)
+    given.add_argument("--every", type=int, default=1, help="of the frames")
+    given.add_argument("--count", type=int, default=100, help="windows of a capture")
+    given.add_argument("--code", nargs="*", default=list(CODES))
+    asked = given.parse_args()
+    warnings.simplefilter("ignore")
+    if asked.what == "frames":
+        _frames(asked.rigs, asked.every, asked.code)
+    elif asked.what == "windows":
+        _windows(asked.count)
+    else:
+        _descriptions(list(range(asked.rigs)))
+
+
+if __name__ == "__main__":
+    main()
