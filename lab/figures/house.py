@@ -76,7 +76,7 @@ def house(part: str, root: Path = ROOT) -> House:
         wide_functions=sum(
             len(_parameters(one)) > MOST_PARAMETERS and not _is_kernel(one) for one in functions
         ),
-        constants=sum(_is_constant(node) for tree in trees for node in tree.body),
+        constants=sum(_constants(node) for tree in trees for node in tree.body),
     )
 
 
@@ -110,12 +110,23 @@ def _is_kernel(node: ast.FunctionDef) -> bool:
     return any(isinstance(one, ast.Name) and one.id in KERNELS for one in node.decorator_list)
 
 
-def _is_constant(node: ast.stmt) -> bool:
-    """Whether a statement gives numbers, alone or in a tuple or an expression, a name in capitals."""
-    if not isinstance(node, ast.Assign) or not isinstance(node.targets[0], ast.Name):
-        return False
-    values = [one.value for one in ast.walk(node.value) if isinstance(one, ast.Constant)]
-    numbers = [value for value in values if type(value) in (int, float)]
+def _constants(node: ast.stmt) -> int:
+    """How many names in capitals a statement gives to numbers, alone, in a tuple or in an expression."""
+    if not isinstance(node, ast.Assign):
+        return 0
+    names, value = node.targets[0], node.value
+    if isinstance(names, ast.Tuple):
+        parts = value.elts if isinstance(value, ast.Tuple) else [value] * len(names.elts)
+        return sum(_is_constant(name, part) for name, part in zip(names.elts, parts, strict=False))
+    return int(_is_constant(names, value))
+
+
+def _is_constant(name: ast.expr, value: ast.expr) -> bool:
+    known = [one.value for one in ast.walk(value) if isinstance(one, ast.Constant)]
+    numbers = [one for one in known if type(one) in (int, float)]
     return (
-        node.targets[0].id.isupper() and bool(numbers) and not any(isinstance(value, str) for value in values)
+        isinstance(name, ast.Name)
+        and name.id.isupper()
+        and bool(numbers)
+        and not any(isinstance(one, str) for one in known)
     )
