@@ -32,6 +32,9 @@ DECODE = Opt(
 RECONSTRUCT = Opt(
     "--reconstruct", "Measure the reconstructor instead: exactness, time, memory, the Cramer-Rao bound."
 )
+PAGE = Opt(
+    "--page", "Write docs/benchmarks.md and its chart instead: some of all of these, in a few minutes."
+)
 
 
 @program("figures", SAMPLE)
@@ -39,6 +42,7 @@ def command(
     seeds: Annotated[int, Opt("--seeds N", "Runs of the mean over seeds.", click.IntRange(1))] = 30,
     only_decode: Annotated[bool, DECODE] = False,
     only_reconstruct: Annotated[bool, RECONSTRUCT] = False,
+    page: Annotated[bool, PAGE] = False,
     size: Size = None,
     json_path: Json = None,
 ) -> None:
@@ -50,8 +54,16 @@ def command(
     """
     from ..figures.decode_speed import run_decode_figures
     from ..figures.figures import run_figures
+    from ..figures.house import ROOT
     from ..figures.solver_figures import run_solver_figures
 
+    if page:
+        from ..figures.page import write_page
+
+        with progress() as step:
+            path = write_page(ROOT / "docs", step)
+        click.echo(f"Written: {path}")
+        return
     if only_decode and only_reconstruct:
         raise click.UsageError("--decode and --reconstruct: one at a time")
     if only_reconstruct and size is not None:

@@ -85,6 +85,8 @@ class SpeedCode:
 
 _PROFILED = (5.5, 8.0)
 SPEED_CODES = (
+    SpeedCode("gray+phase", profiled=_PROFILED),
+    SpeedCode("phase", profiled=_PROFILED),
     SpeedCode("gray", profiled=_PROFILED),
     SpeedCode("gray:inverses=false"),
     SpeedCode("long-run-gray"),
@@ -93,11 +95,9 @@ SPEED_CODES = (
     SpeedCode("phase:steps=3,periods=8.73782/8.05745/8", 8.0),
     SpeedCode("phase:steps=4,periods=20/22/25", 8.0, extent=1100, profiled=(9.0, 9.0)),
     SpeedCode("phase:counts=1/40"),
-    SpeedCode("phase", profiled=_PROFILED),
     SpeedCode("phase:steps=3,periods=576/64/7", extent=576),
     SpeedCode("micro-phase", 15.0, profiled=(43.0, 43.0)),
     SpeedCode("micro-phase", 25.0, noise=2.0),
-    SpeedCode("gray+phase", profiled=_PROFILED),
     SpeedCode("stripe:step=16", 10.0),
     SpeedCode("stripe:step=8", 10.0),
     SpeedCode("levels", 40.0),
@@ -161,7 +161,7 @@ def run_decode_figures(
     parts: of PARTS; "fringes" and "first calls" compile for long.
     "errors" are those of images of their own sizes.
     """
-    sized = (partial(part, size) for part in (_codes, _profiles, _fringes, _gray, _starts))
+    sized = (partial(part, size) for part in (_codes, profile_figures, _fringes, _gray, _starts))
     every: Parts = dict(zip(PARTS, (*sized, decode_errors), strict=True))
     return measured_parts({name: every[name] for name in parts}, progress)
 
@@ -186,19 +186,26 @@ def _codes(size: tuple[int, int]) -> Iterator[Figure]:
         yield Figure(f"{code.name}, decode over floor", ratio, "times", high=code.limit, note=note)
 
 
-def _profiles(size: tuple[int, int]) -> Iterator[Figure]:
-    """The same by a profile of the rig that another capture told."""
-    for code in SPEED_CODES:
-        if code.profiled is None:
-            continue
+def profile_figures(size: tuple[int, int], most: int = len(SPEED_CODES)) -> Iterator[Figure]:
+    """At most so many codes by a profile of the rig that another capture told, and without one: processor time, minima
+    in one run with the floor's."""
+    for code in [code for code in SPEED_CODES if code.profiled is not None][:most]:
         shown = speed_sequence(code, size)
         frames = speed_frames(shown, size, code.noise)
         decoder = Decoder(shown, estimate_profile(frames, shown))
-        found = decoder.decode(frames)
-        floor, ours, ratio = _pairs(toucher(frames), lambda: decoder.decode(frames))  # noqa: B023
-        note = f"floor {1e3 * floor:.1f} ms, decode {1e3 * ours:.1f} ms; good {100 * found.good.mean():.4g} %"
-        high = code.profiled[0 if size[0] * size[1] >= 1 << 20 else 1]
-        yield Figure(f"{code.name}, with a profile, decode over floor", ratio, "times", high=high, note=note)
+        calls = {"with a profile": partial(decoder.decode, frames), "without": partial(decode, frames, shown)}
+        floor, *times = _minima(toucher(frames), *calls.values())
+        high = None if code.profiled is None else code.profiled[0 if size[0] * size[1] >= 1 << 20 else 1]
+        for name, limit, seconds in zip(calls, (high, None), times, strict=True):
+            note = f"{1e3 * seconds:.1f} ms, {len(shown)} frames"
+            what = f"{code.text}, {size[1]} x {size[0]}, {name}"
+            yield Figure(what, seconds / floor, "floors", high=limit, note=note)
+
+
+def _minima(*calls: Callable[[], Any]) -> list[float]:
+    """Least processor seconds of each, in turn; the first turn warms up."""
+    turns = [[timed(call).processor for call in calls] for _ in range(FEWEST + 2)]
+    return [min(turn[k] for turn in turns[1:]) for k in range(len(calls))]
 
 
 @kernel

@@ -6,6 +6,7 @@ processor time beside them, for machines that are shared.
 
 import tracemalloc
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import lru_cache, partial
 from typing import Any
 
@@ -13,26 +14,30 @@ import numpy as np
 import scipy.fft
 
 from optolever.experiments.arrays import Floats, Mask
-from optolever.experiments.metrics import relative_error, rms
+from optolever.experiments.metrics import relative_error, rms, sigma_ratio
 from optolever.experiments.timing import Measured, timed
 from optolever.reconstruct import HeightMap, integrate, reconstruct
 from optolever.records import Progress, silent
+from optolever.scene import load, resize
 
 from .cliffs import cauchy_loop, cliff
 from .figures import Figure, Parts, measured_parts
-from .place import Place, exact, middle_anchor
+from .place import EXACT_SIGMA, Place, exact, middle_anchor
 from .solver_bound import bound_figures
 
 SIDE = 1024
 LARGE = 2048
 PRISM, RIG = "paper-simulation", "monitor-mirror"
 INTEGRATED = 512
+#: Pixels, and pairs of cosine transforms at most: exact, typed, against rest.
+TIMES = {(480, 640): (90.0, 95.0, 140.0), (1024, 1024): (55.0, 58.0, 100.0)}
 CLIFFS, ROUGH = (512, 612), (1e-2, 1e-4)  # pixels; noise of the slopes, per pixel
 
 
 def run_solver_figures(*, seeds: int = 30, progress: Progress = silent) -> list[Figure]:
     """Measure everything; seeds: runs of the means over noise."""
     parts: Parts = {
+        "times": run_solver_times,
         "mirrors": _mirrors,
         "growth and memory": _growth,
         "integration": _integration,
@@ -40,6 +45,31 @@ def run_solver_figures(*, seeds: int = 30, progress: Progress = silent) -> list[
         "noise": lambda: bound_figures(seeds),
     }
     return measured_parts(parts, progress)
+
+
+def run_solver_times() -> list[Figure]:
+    """Processor time of a height over a pair of cosine transforms, minima; error over sigma beside it."""
+    figures = list[Figure]()
+    for (rows, cols), limits in TIMES.items():
+        place = Place.of(resize(load("prism48"), rows, cols))
+        flat = Place.of(place.scene, "flat")
+        rng = np.random.default_rng(0)
+        seen, rest = (exact(one.truth, noise=EXACT_SIGMA, rng=rng) for one in (place, flat))
+        unit = min(timed(lambda: _transforms(place.truth.u)).processor for _ in range(9))  # noqa: B023
+        known = replace(place.scene, accuracy=None, covariance=None)
+        cases: dict[str, Callable[[], HeightMap]] = {
+            "exact": partial(reconstruct, seen, known),
+            "typed": partial(reconstruct, seen, place.scene),
+            "against rest": partial(reconstruct, seen, place.scene, rest=rest),
+        }
+        for (name, call), limit in zip(cases.items(), limits, strict=True):
+            runs = [timed(call) for _ in range(3)]
+            seconds = min(run.processor for run in runs)
+            height = runs[0].value
+            ratio = sigma_ratio(height.z, place.truth.z, height.total_sigma, height.good)
+            note = f"{seconds:.2f} s; error over total sigma {ratio:.2f}"
+            figures.append(Figure(f"{cols} x {rows}, {name}", seconds / unit, "pairs", high=limit, note=note))
+    return figures
 
 
 def _mirrors() -> Iterator[Figure]:
@@ -130,8 +160,8 @@ def _in_turn(*calls: Callable[[], Any], count: int) -> list[tuple[Measured, ...]
 
 
 def _transforms(values: Floats) -> Floats:
-    modes = scipy.fft.dctn(values, norm="ortho", workers=-1)
-    there: Floats = scipy.fft.idctn(modes, norm="ortho", workers=-1)
+    modes = scipy.fft.dctn(values, norm="ortho")
+    there: Floats = scipy.fft.idctn(modes, norm="ortho")
     return there
 
 
