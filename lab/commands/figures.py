@@ -48,10 +48,11 @@ def command(
 ) -> None:
     """Measure exactness, speed and noise, each beside its limit.
 
-    Trace against brute force, GLSL against float64, frames per second, the demo with and without blur, and
-    error bars over many seeds. --pixels resamples the demo alone (with --decode: it is the frames' size,
-    1920x1080 if not given).
+    Trace against brute force, GLSL against float64, frames per second, the demo with and without blur, error
+    bars over many seeds, and many captures by two processes. --pixels resamples the demo alone (with
+    --decode: it is the frames' size, 1920x1080 if not given).
     """
+    from ..figures.batch import batch_figures
     from ..figures.decode_speed import run_decode_figures
     from ..figures.figures import run_figures
     from ..figures.house import ROOT
@@ -74,7 +75,7 @@ def command(
         elif only_decode:
             figures = run_decode_figures(size=size or (1080, 1920), progress=step)
         else:
-            figures = run_figures(seeds=seeds, size=size, progress=step)
+            figures = [*run_figures(seeds=seeds, size=size, progress=step), *batch_figures()]
     write_json(json_path, {"figures": [asdict(figure) | {"met": figure.met} for figure in figures]})
     rows = [
         (

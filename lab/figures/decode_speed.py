@@ -187,8 +187,8 @@ def _codes(size: tuple[int, int]) -> Iterator[Figure]:
 
 
 def profile_figures(size: tuple[int, int], most: int = len(SPEED_CODES)) -> Iterator[Figure]:
-    """At most so many codes by a profile of the rig that another capture told, and without one: processor time, minima
-    in one run with the floor's."""
+    """At most so many codes by a profile of the rig that another capture told, and without one: processor
+    time, minima in one run with the floor's."""
     for code in [code for code in SPEED_CODES if code.profiled is not None][:most]:
         shown = speed_sequence(code, size)
         frames = speed_frames(shown, size, code.noise)

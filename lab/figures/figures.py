@@ -69,7 +69,6 @@ def run_figures(
         "renderer speed": _speed,
         "demo": lambda: _demo(size),
         "seeds": lambda: _many_seeds(seeds),
-        "batch": _batch,
     }
     return measured_parts(parts, progress)
 
@@ -136,12 +135,6 @@ def _demo(size: tuple[int, int] | None) -> Iterator[Figure]:
     sharp = replace(scene, pattern=replace(scene.pattern, blur_px=0.0))
     numbers = run_demo(sharp, size=size).metrics
     yield Figure("demo without blur, height", numbers["height_rms_rel"], "of the depth", high=2e-4)
-
-
-def _batch() -> Iterator[Figure]:
-    from .batch import batch_figures  # which needs Figure
-
-    return batch_figures()
 
 
 def _many_seeds(seeds: int) -> Iterator[Figure]:

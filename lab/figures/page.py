@@ -37,9 +37,10 @@ _LIVE = ("case", "cell", "time", "transforms", "error/depth", "error/sigma", "be
 _INTRODUCTION = """Written by `python -m lab figures --page` on {day} at commit {commit}: {machine}.
 Simulated, geometry known; real captures are among the tests (`tests/real`). Times are processor times of one
 thread, minima; of many captures wall-clock time. Each table stands under the command that prints it."""
-_OTHERS = """`python -m lab calibration`, `rigs` and `contacts` measure what calibrations, typed rigs and contacts
-are worth, `lab live --streams`, `--vibration` and `--soak` streams of twelve kinds, small vibrations and long
-runs, `lab sync` displays and cameras in simulated time, `lab fuzz` damaged inputs: minutes to hours each."""
+_OTHERS = """`python -m lab calibration`, `rigs` and `contacts` measure what calibrations, typed rigs and
+contacts are worth, `lab live --streams`, `--vibration` and `--soak` streams of twelve kinds, small vibrations
+and long runs, `lab sync` displays and cameras in simulated time, `lab fuzz` damaged inputs, for minutes or
+hours."""
 
 
 def write_page(folder: Path, progress: Progress = silent) -> Path:
@@ -134,11 +135,10 @@ def _figures(figures: Iterable[Figure]) -> Iterator[str]:
     """A table of figures beside their limits."""
 
     def cells(one: Figure) -> tuple[str, ...]:
-        limit = [f"at least {one.low:g}"] * (one.low is not None) + [f"at most {one.high:g}"] * (
-            one.high is not None
-        )
+        known = {"at least": one.low, "at most": one.high}
+        limits = [f"{word} {limit:g}" for word, limit in known.items() if limit is not None]
         missed = [] if one.met else ["missed"]
-        return one.name, number(one.value, one.unit), ", ".join(limit + missed), one.note
+        return one.name, number(one.value, one.unit), ", ".join(limits + missed), one.note
 
     return _table(_FIGURES, map(cells, figures))
 
