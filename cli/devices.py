@@ -24,8 +24,8 @@ Monitors
 def command(json_path: Json = None) -> None:
     """List cameras and monitors with the words that choose them.
 
-    A camera is chosen by address or serial:NUMBER, a monitor by name, never by a number that changes when
-    something is plugged in. Besides: camera=folder:DIR, replay:DIR, virtual; display=window.
+    A camera is chosen by address or serial:NUMBER, a monitor by model and serial (or by its output), never
+    by a number that changes when something is plugged in. Besides: camera=folder:DIR, replay:DIR, virtual; display=window.
     """
     from optolever.projector.cameras import find_cameras
 
@@ -39,7 +39,7 @@ def command(json_path: Json = None) -> None:
         {
             "cameras": [asdict(one) for one in cameras],
             "not_looked_for": silent,
-            "monitors": [asdict(one) | {"display": one.name, "faults": one.faults()} for one in shown],
+            "monitors": [asdict(one) | {"display": one.address, "faults": one.faults()} for one in shown],
         },
     )
     rows = [[one.address, one.model, one.serial, " ".join(one.formats[:4]), one.note] for one in cameras]

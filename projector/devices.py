@@ -44,7 +44,8 @@ class Identity:
 @dataclass(frozen=True, slots=True)
 class Wanted:
     """Settings of a camera. gain: None keeps it; fps: None is the highest; rows, cols: 0 is the full
-    sensor; trigger: free, software or hardware; focus: in the driver's units, None keeps it.
+    sensor; trigger: free, software or hardware; focus: in the driver's units, None keeps it; format: of a
+    webcam's pixels, as the driver names it ("MJPG"); empty: the best raw one.
     """
 
     exposure_s: float
@@ -57,6 +58,7 @@ class Wanted:
     fps: float | None = None
     trigger: str = "free"
     focus: int | None = None
+    format: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -40,6 +40,7 @@ class Devices:
     fps: float | None = None
     trigger: str = "free"
     focus: int | None = None
+    format: str = ""
 
     def wanted(self) -> Wanted:
         """Settings for a camera."""
@@ -48,7 +49,11 @@ class Devices:
 
     def table(self) -> dict[str, Any]:
         """The known fields, for TOML."""
-        return {name: value for name, value in asdict(self).items() if value is not None}
+        return {
+            name: value
+            for name, value in asdict(self).items()
+            if value not in (None, "") or name == "display"
+        }
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ from optolever.patterns import Sequence
 from optolever.processes import SAFE_PATH, environment
 
 from .devices import Shown
-from .monitors import Monitor
+from .monitors import Monitor, edid_of
 from .renderer import FramePainter
 
 __all__ = ["Window", "connected_monitors", "main"]
@@ -50,11 +50,15 @@ def connected_monitors() -> list[Monitor]:
 
 
 def _described(index: int, handle: Any) -> Monitor:
-    mode, name = glfw.get_video_mode(handle), glfw.get_monitor_name(handle)
+    mode, called = glfw.get_video_mode(handle), glfw.get_monitor_name(handle)
+    name = called.decode() if isinstance(called, bytes) else str(called)
+    model, serial = edid_of(name)
     width_mm, height_mm = glfw.get_monitor_physical_size(handle)
     return Monitor(
         index=index,
-        name=name.decode() if isinstance(name, bytes) else str(name),
+        name=name,
+        model=model,
+        serial=serial,
         rows=mode.size.height,
         cols=mode.size.width,
         refresh_hz=mode.refresh_rate,

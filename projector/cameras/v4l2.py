@@ -1,6 +1,7 @@
 """USB cameras on Linux, by V4L2: counter and monotonic stamp of every image, every control read back."""
 
 import errno
+import math
 import sys
 import time
 from dataclasses import replace
@@ -116,12 +117,18 @@ class V4L2Camera:
         """InputError where no format fits, or a trigger is asked for."""
         require_free(wanted)
         offered, known = ioctl.formats(self._device), _GREY[8 if wanted.bits == 8 else 16]
+        if wanted.format:
+            known = {one: known[one] for one in known if one.decode("latin1").strip() == wanted.format}
         fourcc = next((one for one in known if one in offered), None)
+        if fourcc is None and wanted.format:
+            names = " ".join(one.decode("latin1").strip() for one in offered)
+            raise InputError(f"camera: format is {wanted.format!r}, {self._name} has {names}")
         if fourcc is None:
             names = " ".join(one.decode("latin1").strip() for one in offered)
             raise InputError(f"camera: {self._name} has no grey format of {wanted.bits} bits, it has {names}")
         try:
             fps = self._choose_size(wanted, fourcc)
+            faster = self._compressed_rate(wanted, fps) if fourcc != _JPEG and _JPEG in offered else None
         except OSError as error:
             raise InputError(f"camera: {self._name}: {_reason(error)}") from error
         if self._format.fourcc != fourcc:
@@ -129,6 +136,9 @@ class V4L2Camera:
         self._wanted = replace(wanted, focus=self._get(_FOCUS) if wanted.focus is None else wanted.focus)
         moves = any(ioctl.control(self._device, number) is not None for number, _, _ in _LOCKS)
         unlocked = locked(self, self._lock) if moves else tuple(self._lock())
+        if faster is not None:
+            offer = f"{faster:g} as MJPG, compressed with loss: --set format=MJPG"
+            unlocked = (*unlocked, f"frame rate: {fps:g} images a second raw, {offer}")
         units = self._get(_EXPOSURE)
         return Accepted(
             exposure_s=wanted.exposure_s if units is None else units * _UNIT_S,
@@ -139,6 +149,7 @@ class V4L2Camera:
             fps=fps,
             unlocked=unlocked,
             focus=self._get(_FOCUS),
+            format=fourcc.decode("latin1").strip(),
         )
 
     def _choose_size(self, wanted: Wanted, fourcc: bytes) -> float | None:
@@ -156,6 +167,22 @@ class V4L2Camera:
             if fps is None or fps >= min(_SLOW_FPS, wanted.fps or _SLOW_FPS):
                 break
         return fps
+
+    def _compressed_rate(self, wanted: Wanted, fps: float | None) -> float | None:
+        """Images a second of this size as JPEG, where that is at least twice as many; the format stays."""
+        raw = self._format
+        if fps is None or fps >= (wanted.fps or math.inf):
+            return None
+        try:
+            other = ioctl.set_format(self._device, raw.rows, raw.cols, _JPEG)
+            rate = ioctl.set_rate(self._device, wanted.fps or 1000.0)
+        except OSError:
+            return None
+        finally:
+            self._format = ioctl.set_format(self._device, raw.rows, raw.cols, raw.fourcc)
+            ioctl.set_rate(self._device, wanted.fps or 1000.0)
+        same = (other.rows, other.cols, other.fourcc) == (raw.rows, raw.cols, _JPEG)
+        return rate if same and rate is not None and rate >= 2 * fps else None
 
     def _get(self, number: int) -> int | None:
         """A control's value; None where there is none."""

@@ -92,7 +92,8 @@ class RecordedDevice:
             struct.pack_into("<III", data, 8, 1, *self.sizes[index][1::-1])
         elif request == ioctl.S_PARM:
             rates = {size: fps for *size_, fps in self.sizes for size in [tuple(size_)]}
-            struct.pack_into("<II", data, 12, 1, rates.get((self.rows, self.cols), 25))
+            rate = rates.get((self.rows, self.cols), 25)
+            struct.pack_into("<II", data, 12, 1, 3 * rate if self.fourcc == b"MJPG" else rate)
         elif request == ioctl.REQBUFS:
             struct.pack_into("<I", data, 0, min(struct.unpack_from("<I", data)[0], 2))
         elif request == ioctl.QUERYBUF:
@@ -191,7 +192,7 @@ def test_webcams_are_judged_by_the_picture(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_v4l2_takes_compressed_images_smaller_sizes_and_survives_disturbed_ones() -> None:
-    slow = RecordedDevice(fourccs=(b"MJPG",), sizes=((48, 64, 25), (480, 640, 5)))
+    slow = RecordedDevice(fourccs=(b"MJPG",), sizes=((48, 64, 25), (480, 640, 3)))
     camera = V4L2Camera(slow, "/dev/video0")
     assert camera.configure(Wanted(0.01, rows=480, cols=640)).rows == 480
     assert camera.configure(Wanted(0.01)).rows == 48
@@ -214,6 +215,21 @@ def test_v4l2_takes_compressed_images_smaller_sizes_and_survives_disturbed_ones(
     disturbed = camera.next(1.0)
     assert disturbed is not None
     assert not disturbed.complete
+
+
+def test_v4l2_offers_compressed_images_where_raw_ones_are_slow() -> None:
+    device = RecordedDevice(fourccs=(b"YUYV", b"MJPG"), sizes=((480, 640, 10),))
+    camera = V4L2Camera(device, "/dev/video0")
+    accepted = camera.configure(Wanted(0.01))
+    assert (accepted.fps, accepted.format, device.fourcc) == (10.0, "YUYV", b"YUYV")
+    assert any("10 images a second raw, 30 as MJPG" in one for one in accepted.unlocked)
+    taken = camera.configure(Wanted(0.01, format="MJPG"))
+    assert (taken.fps, taken.format, device.fourcc) == (30.0, "MJPG", b"MJPG")
+    assert not any(
+        "raw" in one for one in (*taken.unlocked, *camera.configure(Wanted(0.01, fps=10)).unlocked)
+    )
+    with pytest.raises(InputError, match="format is 'GREY', /dev/video0 has YUYV MJPG"):
+        camera.configure(Wanted(0.01, format="GREY"))
 
 
 @pytest.mark.parametrize("name", ["Mono10p", "Mono12p", "Mono10Packed", "Mono12Packed"])

@@ -11,6 +11,7 @@ import pytest
 
 from optolever import InputError
 from optolever.projector import Monitor, choose_monitor
+from optolever.projector.monitors import edid_of
 
 from .conftest import RUN, optolever
 
@@ -52,6 +53,35 @@ def test_monitors_are_chosen_by_name_never_by_luck() -> None:
         choose_monitor([one, one, two], "A")
     with pytest.raises(InputError, match="'C' is not connected, there is A, B"):
         choose_monitor([one, two], "C")
+
+
+def test_two_monitors_of_one_model_are_told_apart(tmp_path: Path) -> None:
+    """By the serial of EDID, as text or number; without, by the output."""
+    for output, number, texts in (
+        ("DP-1", 0, {0xFC: b"U2412M\n", 0xFF: b"YMYH1\n"}),
+        ("HDMI-A-1", 77, {0xFC: b"U2412M\n"}),
+        ("DP-2", 0, {0xFC: b"U2412M\n"}),
+    ):
+        edid = bytearray(128)
+        edid[:8], edid[12:16] = bytes([0, *[255] * 6, 0]), number.to_bytes(4, "little")
+        for at, (tag, text) in zip((54, 72), texts.items(), strict=False):
+            edid[at + 3], edid[at + 5 : at + 5 + len(text)] = tag, text
+        folder = tmp_path / f"card1-{output}"
+        folder.mkdir()
+        (folder / "edid").write_bytes(edid)
+    outputs = ("DP-1", "HDMI-1", "DP-2", "VGA-1")
+    known = [edid_of(name, tmp_path) for name in outputs]
+    assert known == [("U2412M", "YMYH1"), ("U2412M", "77"), ("U2412M", ""), ("", "")]
+    found = [
+        Monitor(k, name, 10, 10, 60, model=model, serial=serial)
+        for k, (name, (model, serial)) in enumerate(zip(outputs, known, strict=True))
+    ]
+    for text, index in (("U2412M:YMYH1", 0), ("DP-1", 0), ("U2412M:77", 1), ("DP-2", 2), ("VGA-1", 3)):
+        assert choose_monitor(found, text).index == index
+    with pytest.raises(
+        InputError, match="3 monitors are called 'U2412M': name one: U2412M:YMYH1, U2412M:77, DP-2"
+    ):
+        choose_monitor(found, "U2412M")
 
 
 @pytest.fixture(scope="module")
