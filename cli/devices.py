@@ -25,7 +25,8 @@ def command(json_path: Json = None) -> None:
     """List cameras and monitors with the words that choose them.
 
     A camera is chosen by address or serial:NUMBER, a monitor by model and serial (or by its output), never
-    by a number that changes when something is plugged in. Besides: camera=folder:DIR, replay:DIR, virtual; display=window.
+    by a number that changes when something is plugged in. Besides: camera=folder:DIR, replay:DIR, virtual;
+    display=window.
     """
     from optolever.projector.cameras import find_cameras
 

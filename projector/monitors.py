@@ -16,8 +16,8 @@ _STRAIGHT = 0.004  # of full scale: one of 255 levels
 class Monitor:
     """A connected display.
 
-    index: for PatternWindow; name: as the window system calls it (under X11 the output); model, serial: by the
-    monitor's EDID, empty where it cannot be read;
+    index: for PatternWindow; name: as the window system calls it (under X11 the output);
+    model, serial: by the monitor's EDID, empty where it cannot be read;
     rows, cols: of its present mode; refresh_hz: 0 is unknown; rows_mm, cols_mm: 0 is unknown; scale: of the
     desktop; bits: per channel; bend: largest departure of the graphics card's level ramp from a straight
     line, of full scale.
@@ -66,8 +66,8 @@ class Monitor:
 
 def choose_monitor(found: Sequence[Monitor], text: str) -> Monitor:
     """The monitor of that address, name or model. InputError if there is none, or several."""
-    for of in (lambda one: one.address, lambda one: one.name, lambda one: one.model):
-        fitting = [one for one in found if of(one) == text]
+    for name in ("address", "name", "model"):
+        fitting = [one for one in found if getattr(one, name) == text]
         if len(fitting) == 1:
             return fitting[0]
         if fitting:
@@ -95,7 +95,7 @@ def _plain(output: str) -> str:
 
 
 def parsed_edid(data: bytes) -> tuple[str, str]:
-    """Model and serial: texts of the descriptors, else the serial number (VESA E-EDID 1.4, 3.4 and 3.10.3)."""
+    """Model and serial: texts of the descriptors, else the serial number (VESA E-EDID, 3.4, 3.10.3)."""
     if len(data) < 128 or data[:8] != bytes([0, *[255] * 6, 0]):
         return "", ""
     texts = {}

@@ -49,11 +49,8 @@ class Devices:
 
     def table(self) -> dict[str, Any]:
         """The known fields, for TOML."""
-        return {
-            name: value
-            for name, value in asdict(self).items()
-            if value not in (None, "") or name == "display"
-        }
+        known = asdict(self) | {"format": self.format or None}
+        return {name: value for name, value in known.items() if value is not None}
 
 
 @dataclass(frozen=True)
