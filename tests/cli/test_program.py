@@ -68,6 +68,7 @@ def test_samples_are_real(optolever: Program, tmp_path: Path, monkeypatch: pytes
         call = " ".join(line.removesuffix("\\") for line in lines[: ends + 1])
         outcome = optolever(*shlex.split(call.removeprefix("$ "))[1:])
         assert shape(outcome.out) == shape("\n".join(lines[ends + 1 :]))
+    assert {path.name for path in Path("demo").iterdir()} == {"report.html", "height.npz", "figures.csv"}
 
 
 def test_interruption_is_130(optolever: Program, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -2,15 +2,18 @@
 
 import csv
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from optolever.cli import run
-from optolever.experiments import Faults
+from optolever.experiments import Faults, design
 from optolever.experiments.design import compare_codes, frame_rate
+from optolever.experiments.design.chart import front
 from optolever.projector import NOMINAL_SENSOR
 from optolever.scene import load, resize
 
@@ -90,6 +93,33 @@ def test_own_decoders_that_do_not_serve(folder: Path, refused: Callable[..., str
     assert "returns ndarray, must be a Correspondence" in wrong.why
 
 
+def test_what_is_stopped_keeps_its_rows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Ctrl-C after the first code of two: its line, its row, its mark."""
+
+    def stopped(*args: Any, **given: Any) -> Iterator[design.Tradeoff]:
+        (code, _) = args[2]
+        row = design.Tradeoff(code, 1.0, 0.05, None, None, None, 24, 0.4)
+        yield replace(row, cpu_seconds=0.1, simulated=1e-4, spread=1e-6, ratio=1.0, share=1.0)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(design, "compare_codes", stopped)
+    table, chart = tmp_path / "t.csv", tmp_path / "t.png"
+    args = ["design", *SMALL, "--code", "gray+phase", "--code", "phase"]
+    assert run([*args, "--csv", str(table), "--chart", str(chart)]) == 130
+    assert "gray+phase" in capfd.readouterr().out
+    assert [line.partition(",")[0] for line in table.read_text().splitlines()] == ["code", "gray+phase"]
+    assert chart.stat().st_size > 10_000
+
+
+def test_the_front_is_what_no_other_code_beats_in_both() -> None:
+    cost, error = np.array([3.0, 1.0, 2.0, 4.0, 1.0]), np.array([2.0, 5.0, 3.0, 2.5, 6.0])
+    best = {int(k) for k in front(cost, error)}
+    beaten = {k for k in range(5) for j in range(5) if j != k and cost[j] <= cost[k] and error[j] <= error[k]}
+    assert best == set(range(5)) - beaten
+
+
 def test_faults_are_axes() -> None:
     scene = resize(load("prism48"), 36, 48)
     faults = [Faults(), Faults(0.1), Faults(blur=1.0), Faults(gamma=1.5)]
@@ -107,6 +137,8 @@ def test_faults_are_axes() -> None:
     plain, noisy = rows[:2]
     shot = 255 / 2 / (scene.sensor or NOMINAL_SENSOR).gain_e  # variance by photons at mid grey
     expected = np.sqrt((16 + shot) / (1 + shot))
+    assert [row.condition for row in rows[1:4]] == ["noise 4", "noise 1, lag 0.1", "noise 4, lag 0.1"]
+    assert plain.ratio == pytest.approx(1.0, abs=0.4)
     assert noisy.simulated / plain.simulated == pytest.approx(expected, rel=0.3)
     assert rows[2].predicted != rows[2].predicted  # lag is not predicted
     assert rows[4].simulated > plain.simulated  # less contrast
