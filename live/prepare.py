@@ -23,7 +23,7 @@ from .circulation import BLOCKS, circulation
 from .geometry import anchor_line, rest_rays, rim
 from .picture import Carriers, State, model, to_cells, window_mean
 from .prepared import Noise, Prepared
-from .rest import near_anchor, shift_of
+from .rest import creep_of, fitted
 
 __all__ = ["prepare"]
 
@@ -78,10 +78,11 @@ def prepare(
         x, y = rays.points[:2]
         (x_row, x_col), (y_row, y_col) = np.gradient(x), np.gradient(y)
         area = float(np.median(np.abs(x_col * y_row - x_row * y_col)[lit]))
-        measured = _measured_noise(rig, seed, frames.dtype)
-    points = rays.points.astype(np.float32)
+        points = rays.points.astype(np.float32)
+        measured = _measured_noise(rig, points, seed, frames.dtype)
     shape = scene.camera.rows, scene.camera.cols
-    return Prepared(rig, measured, *shape, points, area, scene.layer, _notices(scene, line.edge))
+    edge = 0.0 if scene.accuracy is None else scene.accuracy.edge
+    return Prepared(rig, measured, *shape, points, area, edge, scene.layer, _notices(scene, line.edge))
 
 
 def _notices(scene: Scene, edge: bool) -> tuple[Notice, ...]:
@@ -167,14 +168,16 @@ def _rest_state(carriers: Carriers, mean: Frame) -> State:
     return rest_state(carriers, mean, State(planes))
 
 
-def _measured_noise(rig: Rig, seed: int, kind: np.dtype[np.uint8] | np.dtype[np.uint16]) -> Noise:
+def _measured_noise(
+    rig: Rig, points: Cells, seed: int, kind: np.dtype[np.uint8] | np.dtype[np.uint16]
+) -> Noise:
     """Noise of the chain by simulation: a stream of frames at rest with the measured noise."""
     rng = np.random.default_rng(seed)
     clean = model(rig.carriers, rig.rest)
     spread = np.float32(math.sqrt(max(rig.noise - _QUANTISED, 0.0)))
     sigma = np.full(rig.carriers.shape, _FIRST_SIGMA, np.float32)
     track: Track = at_rest(rig)
-    squares, draws, shifts, near = np.zeros(rig.carriers.shape), [], [], near_anchor(rig)
+    squares, draws, scatter, creep = np.zeros(rig.carriers.shape), [], [], creep_of(rig, points)
     around = [np.zeros(1, np.float32)] * len(BLOCKS)
     for k in range(_WARM + _DRAWS):
         noisy = clean + spread * rng.standard_normal(clean.shape, dtype=np.float32)
@@ -187,7 +190,9 @@ def _measured_noise(rig: Rig, seed: int, kind: np.dtype[np.uint8] | np.dtype[np.
         squares += np.square(z, dtype=np.float64)
         draws.append(z)
         offset = track.state.displacement - rig.rest.displacement
-        shifts.append([shift_of(rig, offset, where & settled.good) for where in near])
+        found = fitted(creep, offset, settled.good, (), None, (1.0, 1.0))
+        coefficients = np.append(found.shift, found.roll) / found.sigmas[:3]
+        scatter.append((np.mean(np.square(offset[:, *creep.at])), np.mean(np.square(coefficients))))
         for i, block in enumerate(BLOCKS):
             around[i] = around[i] + np.square(circulation(settled.slopes, settled.good, block))
     sigma = np.sqrt(scipy.ndimage.gaussian_filter(squares / _DRAWS, _SMOOTH, mode="nearest"))
@@ -195,8 +200,8 @@ def _measured_noise(rig: Rig, seed: int, kind: np.dtype[np.uint8] | np.dtype[np.
         np.sqrt(scipy.ndimage.gaussian_filter(_filled(part / np.float32(_DRAWS)), 2.0, mode="nearest"))
         for part in around
     )
-    shift = np.sqrt(np.mean(np.square(shifts), axis=0).max(axis=1)).astype(np.float32)
-    return Noise(sigma.astype(np.float32), fine, coarse, np.asarray(draws[:_KEPT], np.float32), shift)
+    displacement = np.mean(scatter, axis=0).astype(np.float32)
+    return Noise(sigma.astype(np.float32), fine, coarse, np.asarray(draws[:_KEPT], np.float32), displacement)
 
 
 def _filled(variance: Cells) -> Cells:

@@ -24,20 +24,22 @@ class Noise:
     """Noise of frames at rest, propagated through the chain.
 
     sigma (R, C): of z, mm; curl_fine, curl_coarse: of the circulation around blocks of 8 and 32 cells, mm;
-    draws (K, R, C): heights of single frames, mm; their scatter in any figure is the figure's sigma; shift
-    (2,): of the image at the anchor and next to it, pixels, along either axis."""
+    draws (K, R, C): heights of single frames, mm; their scatter in any figure is the figure's sigma;
+    displacement (2,): variance of a cell's, and the variance of independent cells of which a fit of all cells
+    would scatter as much, turns^2."""
 
     sigma: Cells
     curl_fine: Cells
     curl_coarse: Cells
     draws: Cells
-    shift: Cells
+    displacement: Cells
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Prepared:
     """rows, cols: of the camera's frames; incomplete cells at their end are unused; points (3, R, C): of the
-    mirror at rest, mm; area: of a cell on the mirror, mm^2; layer: elastic, or None; notices: of the
+    mirror at rest, mm; area: of a cell on the mirror, mm^2; edge: standard deviation
+    of the height at which the mirror's edge stays, mm; layer: elastic, or None; notices: of the
     preparation."""
 
     rig: Rig
@@ -46,6 +48,7 @@ class Prepared:
     cols: int
     points: Cells
     area: float
+    edge: float
     layer: Layer | None = None
     notices: tuple[Notice, ...] = ()
 

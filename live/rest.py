@@ -1,116 +1,251 @@
-"""How far the mirror is not at rest where it counts as such: the rig creeps, or a load pulls at the anchor.
+"""The rig and its mirror since rest: motion of the picture and the load's far field, from one frame.
 
-A rig that creeps moves the image. The shift of the image near the anchor is measured; what a shift of the
-camera by a pixel does to height and slopes is solved once.
+Outside three radii of the contacts the displacement (du, dv) is, by least squares,
 
-Contacts make the surface around them sink (`reconstruct.sink_around`). The anchor, which counts as at rest,
-moves that far: all heights with it."""
+    a shift of the picture along columns and along rows, its roll about the middle,
+    and for each contact the far field of a load (`contact.far_field`: its force, moments and size)
+
+A load makes the anchor sink, which counts as at rest; the shift and roll are a camera's that moved. Both come
+off the heights. Their covariance (A^T A)^-1 is scaled by the scatter of fits of frames at rest, and by what
+the fit leaves, as if nine samples were independent. An even sinking of the mirror, or a tilt about its edge,
+is the same picture as a shift along columns: `sinking` says how much one pixel is."""
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
-from optolever.reconstruct import sink_around
+from optolever.contact import far_field
 from optolever.scene import Layer
 
 from .arrays import Cells, Float, Mask
 from .chain import Rig
 from .chord import chord_step, slopes_at
-from .contact import Touch
 
-__all__ = ["Creep", "Load", "creep_of", "load_of", "near_anchor", "shift_of"]
+__all__ = ["Creep", "Deviation", "creep_of", "fitted"]
 
-_STEP = 0.1  # pixels: of the shift that is solved
+_STEP = 0.1  # pixels, turns, mm: of differences
 _ROUNDS = 6  # of the coupled equations
 _WHOLE = 0.99  # share of a window
+_SAMPLES = 2500  # cells of a fit
+_FAR = (3.0, 2.0, 1.5)  # radii of a contact: the first that leaves enough cells
+_FEWEST = 100  # cells
+_NEAR = 0.02  # of a radius: differences of the far field
+_PRIOR = (0.5, 0.2, 0.2, 0.2)  # of a contact's depth: sigma of its far field's terms at its edge
+_EXCESS, _INDEPENDENT = 1.3, 9.0  # variance over noise that counts as misfit; its independent samples
+
+Circle = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Creep:
-    """Of an image that is shifted by a pixel along columns, along rows: heights (2, R, C), mm; slopes (2, 2,
-    R, C): of the distance along the ray, mm a cell; per_tilt, per_height: shift of the image near the anchor
-    by a tilt of the mirror, pixels a rad, and by its height, pixels a mm."""
+    """What motions of the picture do: a shift by a pixel along columns, along rows, a roll of `turn` rad
+    (a pixel at the longer sides).
+
+    heights (3, R, C), mm; slopes (3, 2, R, C): of the distance along the ray, mm a cell; free (R, C): height
+    by an anchor that sinks by 1 mm; at (2, n): cells of the fit; x, y (n,): their places, mm; shapes (3, 2,
+    n): displacement, turns; by_height (2, n), by_slope (2, 2, n): displacement by z, turns/mm, by dz/dx and
+    dz/dy; anchor (3, m): x, y and weight of the anchor's cells; sinking, tilt: of the mirror, mm, rad, that
+    shift the picture by a pixel."""
 
     heights: Cells
     slopes: Cells
-    per_tilt: float
-    per_height: float
+    free: Cells
+    turn: float
+    at: Float
+    x: Float
+    y: Float
+    shapes: Float
+    by_height: Float
+    by_slope: Float
+    anchor: Float
+    sinking: float
+    tilt: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Load:
-    """Of contacts: heights (R, C): what all heights are too low by, mm; shift: of the image near the anchor,
-    pixels, at most."""
+class Deviation:
+    """From rest, of one frame: shift (2,) along columns and rows, roll, of the picture, pixels (a roll's at
+    the longer sides); sink: of the anchor by loads, mm; root (4, k): of the covariance of these; misfit: rms
+    residual over noise."""
 
-    heights: Cells
-    shift: float
+    shift: Float
+    roll: float
+    sink: float
+    root: Float
+    misfit: float
 
+    @property
+    def sigmas(self) -> Float:
+        """Of shift, roll and sink (4,)."""
+        return np.asarray(np.linalg.norm(self.root, axis=1))
 
-def near_anchor(rig: Rig) -> tuple[Mask, Mask]:
-    """The anchor's cells; cells next to them whose window is complete (where none is: the anchor's)."""
-    anchor, side = rig.mirror.anchor[0] > 0, rig.carriers.window.size + 4
-    near = cv2.dilate(anchor.astype(np.uint8), np.ones((side, side), np.uint8)) > 0
-    whole = near & (rig.carriers.share > _WHOLE)
-    return anchor, np.asarray(whole if whole.any() else anchor)
+    def heights(self, creep: Creep) -> Cells:
+        """To be added to the heights (R, C), mm."""
+        parts = np.float32([-self.shift[0], -self.shift[1], -self.roll, self.sink])
+        return _sum(parts, creep)
 
-
-def shift_of(rig: Rig, offset: Cells, where: Mask) -> Float:
-    """Shift of the image along columns and rows (2,), pixels: the median displacement over the rest map's
-    gradient. offset (2, R, C): turns less those at rest."""
-    if not where.any():
-        return np.zeros(2)
-    turns = np.median(offset[:, where], axis=1)
-    per_cell = np.median(rig.gradient[:, where], axis=1).reshape(2, 2).T.astype(np.float64)
-    shift = np.linalg.lstsq(per_cell, turns, rcond=None)[0] * rig.carriers.cell
-    return np.asarray(shift, np.float64)
-
-
-def creep_of(rig: Rig, points: Cells, near: Mask) -> Creep:
-    """points (3, R, C): of the mirror at rest; near: see near_anchor."""
-    trust, steepest = rig.lit.astype(np.float32), np.inf
-    heights: list[Cells] = []
-    slopes: list[Cells] = []
-    for axis in range(2):
-        offset = np.float32(_STEP / rig.carriers.cell) * rig.gradient[2 * axis : 2 * axis + 2]
-        tau: Cells = np.zeros(trust.shape, np.float32)
-        for _ in range(_ROUNDS):
-            change, slope = chord_step(rig.mirror, np.asarray(offset, np.float32), tau, trust)
-            tau = np.asarray(tau + change, np.float32)
-        heights.append(np.asarray(tau * rig.normal / _STEP, np.float32))
-        slopes.append(np.asarray(slope / _STEP, np.float32))
-        rise, run = (np.gradient(part, axis=1 - axis)[near] for part in (heights[-1], points[axis]))
-        steepest = min(steepest, float(np.median(np.abs(rise / run))))
-    return Creep(np.stack(heights), np.stack(slopes), 1 / steepest, _per_height(rig, near))
+    def modes(self, creep: Creep, every: int = 1) -> Cells:
+        """Heights (k, r, c) by independent errors of one standard deviation, of every so many cells, mm."""
+        root = self.root.astype(np.float32) * np.float32([-1, -1, -1, 1])[:, None]
+        few = slice(None, None, every), slice(None, None, every)
+        planes = np.concatenate([creep.heights[:, *few], creep.free[None, *few]])
+        return np.asarray(np.tensordot(root.T, planes, 1), np.float32)
 
 
-def _per_height(rig: Rig, near: Mask) -> float:
-    """Shift of the image by a mirror that is nearer, of the same slope, pixels a mm."""
-    nothing, mirror = np.zeros_like(rig.normal), rig.mirror
-
-    def changed(du: float = 0.0, dv: float = 0.0, tau: float = 0.0) -> Float:
-        offset = np.stack([nothing + np.float32(du), nothing + np.float32(dv)])
-        found = slopes_at(mirror.planes, mirror.steps, offset, nothing + np.float32(tau)) - mirror.slopes
-        return np.asarray(np.median(found[:, near], axis=1) / _STEP, np.float64)
-
-    by_shift = np.stack([changed(du=_STEP), changed(dv=_STEP)], axis=1)
-    offset = np.linalg.lstsq(by_shift, -changed(tau=_STEP), rcond=None)[0]
-    shift = shift_of(rig, np.broadcast_to(offset[:, None, None], (2, *nothing.shape)), near)
-    return float(np.hypot(*shift) / abs(np.median(rig.normal[near])))
-
-
-def load_of(rig: Rig, points: Cells, creep: Creep, touches: Sequence[Touch], layer: Layer | None) -> Load:
-    """The load of contacts on the anchor. layer: elastic; None: a half-space."""
+def creep_of(rig: Rig, points: Cells) -> Creep:
+    """points (3, R, C): of the mirror at rest, mm."""
+    rows, cols = rig.lit.shape
+    turn = 2 / max(rows, cols) / rig.carriers.cell
+    shapes = np.stack([*_shifts(rig), np.float32(turn) * _roll(rig)])
+    heights, slopes = zip(*(_solved(rig, shape) for shape in shapes), strict=True)
     anchor = rig.mirror.anchor[0]
     used = anchor > 0
-    sink, shift = np.zeros(np.count_nonzero(used)), 0.0
-    for touch in touches:
-        radius = math.sqrt(touch.area / math.pi)
-        away = np.hypot(points[0][used] - touch.x, points[1][used] - touch.y).astype(np.float64)
-        sink += sink_around(touch.depth, radius, away, layer)
-        far, away = sink_around(touch.depth, radius, away, None), np.maximum(away, radius)
-        shift += float((creep.per_tilt * far / away + creep.per_height * far).max())
-    moved = float((anchor[used] * sink / rig.normal[used]).sum() / (anchor * rig.mirror.factor).sum())
-    return Load(np.abs(rig.mirror.factor * rig.normal * np.float32(moved)), shift)
+    weight = float((anchor * rig.mirror.factor).sum())
+    free = rig.mirror.factor * rig.normal * np.float32(1 / weight)
+    # of height z the distance along the ray is z / normal; the anchor's mean of it is what counts
+    places = np.stack([points[0][used], points[1][used], anchor[used] / rig.normal[used]]).astype(np.float64)
+    at = _sampled(rig)
+    by_height, by_slope = _by_heights(rig, points, at)
+    x, y = (points[k][*at].astype(np.float64) for k in (0, 1))
+    sampled = shapes[:, :, *at].astype(np.float64)
+    tilted = by_height * (x.max() - x) - by_slope[:, 0]
+    sinking, tilt = (float(np.vdot(sampled[0], one) / np.vdot(one, one)) for one in (by_height, tilted))
+    return Creep(
+        np.stack(heights), np.stack(slopes), free, turn, at, x, y, sampled, by_height, by_slope, places,
+        abs(sinking), abs(tilt),
+    )  # fmt: skip
+
+
+def fitted(
+    creep: Creep,
+    offset: Cells,
+    good: Mask,
+    contacts: Sequence[tuple[Circle, float]],
+    layer: Layer | None,
+    noise: tuple[float, float],
+) -> Deviation:
+    """offset (2, R, C): displacement from rest, turns; contacts: circles and depths, mm; noise: variance of
+    the displacement of a cell, and what of it a fit of all cells keeps, turns^2."""
+    used = good[*creep.at]
+    circles = [circle for circle, _ in contacts]
+    use = used
+    for far in _FAR:
+        use = used.copy()
+        for x, y, radius in circles:
+            use &= np.hypot(creep.x - x, creep.y - y) > far * radius
+        if np.count_nonzero(use) >= _FEWEST:
+            break
+    columns = [*creep.shapes[:, :, use], *_loads(creep, layer, circles, use)]
+    matrix = np.stack([one.ravel() for one in columns], axis=1)
+    right = offset[:, *creep.at][:, use].astype(np.float64).ravel()
+    depths = np.array([depth for _, depth in contacts])
+    size = far_field(layer, circles, *_edges(circles))
+    prior = np.zeros(matrix.shape[1])
+    if circles:
+        edge = np.abs(np.diagonal(size.reshape(len(circles), 4, -1), axis1=0, axis2=2)).T  # (contacts, 4)
+        prior[3:] = (edge / (np.array(_PRIOR) * depths[:, None])).ravel()
+    variance, kept = noise
+    for _ in range(2):
+        normal = matrix.T @ matrix / kept + np.diag(prior**2)
+        scale = np.sqrt(np.maximum(np.diagonal(normal), 1e-30))
+        inverse = np.linalg.pinv(normal / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale)
+        found = inverse @ (matrix.T @ right) / kept
+        rest = float(np.mean(np.square(right - matrix @ found))) if right.size else math.inf
+        kept = max(noise[1], max(rest - _EXCESS * variance, 0.0) * right.size / _INDEPENDENT)
+    sunk = np.zeros((4, matrix.shape[1]))
+    sunk[:3, :3] = np.eye(3)
+    sunk[3, 3:] = far_field(layer, circles, creep.anchor[0], creep.anchor[1]) @ creep.anchor[2]
+    values, vectors = np.linalg.eigh(sunk @ inverse @ sunk.T)
+    shift, roll, sink = np.split(sunk @ found, (2, 3))
+    return Deviation(
+        shift, float(roll[0]), float(sink[0]), vectors * np.sqrt(np.maximum(values, 0)), math.sqrt(rest / variance)
+    )
+
+
+def _sum(parts: Cells, creep: Creep) -> Cells:
+    total = parts[3] * creep.free
+    for size, plane in zip(parts[:3], creep.heights, strict=True):
+        total += size * plane
+    return np.asarray(total, np.float32)
+
+
+def _edges(circles: Sequence[Circle]) -> tuple[Float, Float]:
+    """A place on each circle's edge, away from both axes: none of a far field's terms is zero there."""
+    x, y, radius = np.array(circles, np.float64).reshape(-1, 3).T
+    return x + 0.6 * radius, y + 0.8 * radius
+
+
+def _loads(creep: Creep, layer: Layer | None, circles: Sequence[Circle], use: Mask) -> Float:
+    """Displacements (4 n, 2, m) by far fields of amplitude 1 mm."""
+    if not circles:
+        return np.zeros((0, 2, np.count_nonzero(use)))
+    x, y = creep.x[use], creep.y[use]
+    step = _NEAR * min(circle[2] for circle in circles)
+    z, east, west, north, south = (
+        far_field(layer, circles, x + a * step, y + b * step)
+        for a, b in ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1))
+    )
+    slope = (east - west) / (2 * step), (north - south) / (2 * step)
+    parts = zip((z, *slope), (creep.by_height, *creep.by_slope.swapaxes(0, 1)), strict=True)
+    return np.asarray(sum(part[:, None] * by[None, :, use] for part, by in parts))
+
+
+def _shifts(rig: Rig) -> Cells:
+    """Displacement (2, 2, R, C) by a pixel along columns and along rows, turns."""
+    return rig.gradient.reshape(2, 2, *rig.lit.shape) / np.float32(rig.carriers.cell)
+
+
+def _roll(rig: Rig) -> Cells:
+    """Displacement (2, R, C) by a turn of the picture about its middle, turns a rad."""
+    rows, cols = rig.lit.shape
+    wide, high = (float(np.linalg.norm(rig.mirror.planes[k : k + 3, rows // 2, cols // 2])) for k in (6, 12))
+    row = (np.arange(rows, dtype=np.float32) - np.float32(rows / 2 - 0.5))[:, None]
+    col = np.arange(cols, dtype=np.float32) - np.float32(cols / 2 - 0.5)
+    along, down = rig.gradient[:2], rig.gradient[2:]
+    return np.asarray(down * (np.float32(wide / high) * col) - along * (np.float32(high / wide) * row))
+
+
+def _solved(rig: Rig, shape: Cells) -> tuple[Cells, Cells]:
+    """Heights and slopes by a displacement (2, R, C), to its first order."""
+    trust = rig.lit.astype(np.float32)
+    tau: Cells = np.zeros(trust.shape, np.float32)
+    slope = np.zeros_like(shape)
+    for _ in range(_ROUNDS):
+        change, slope = chord_step(rig.mirror, np.asarray(_STEP * shape, np.float32), tau, trust)
+        tau = np.asarray(tau + change, np.float32)
+    return np.asarray(tau * rig.normal / _STEP, np.float32), np.asarray(slope / _STEP, np.float32)
+
+
+def _sampled(rig: Rig) -> Float:
+    """Rows and columns (2, n) of the cells of a fit: those with a complete window."""
+    every = max(1, round(math.sqrt(rig.lit.size / _SAMPLES)))
+    use = np.zeros(rig.lit.shape, np.bool_)
+    use[every // 2 :: every, every // 2 :: every] = True
+    whole = use & (rig.carriers.share > _WHOLE)
+    return np.stack(np.nonzero(whole if whole.any() else use & rig.lit))
+
+
+def _by_heights(rig: Rig, points: Cells, at: Float) -> tuple[Float, Float]:
+    """See Creep: the linearised equations at rest, turned round."""
+    planes, steps = (part.astype(np.float64) for part in (rig.mirror.planes, rig.mirror.steps))
+    zero = np.zeros(rig.lit.shape)
+
+    def change(du: float = 0.0, dv: float = 0.0, tau: float = 0.0) -> Float:
+        one, other = (
+            slopes_at(planes, steps, np.stack([zero + s * du, zero + s * dv]), zero + s * tau) for s in (1, -1)
+        )
+        return np.asarray((one - other)[:, *at] / 2e-4)
+
+    tiny = 1e-4
+    by_shift = np.stack([change(du=tiny), change(dv=tiny)], axis=1)  # (2 slopes, 2, n)
+    by_tau = change(tau=tiny)
+    (a, b), (c, d) = by_shift
+    inverse = np.stack([[d, -b], [-c, a]]) / (a * d - b * c)  # (2, 2 slopes, n)
+    along = 1 / rig.normal.astype(np.float64)
+    turned = np.stack([np.gradient(along, axis=axis)[*at] for axis in (1, 0)])
+    by_height = np.einsum("dsn,sn->dn", inverse, turned - by_tau * along[*at])
+    steps_xy = np.stack([[np.gradient(points[k].astype(np.float64), axis=axis)[*at] for k in (0, 1)] for axis in (1, 0)])
+    by_slope = np.einsum("dsn,skn->dkn", inverse, steps_xy * along[*at])
+    return by_height, by_slope

@@ -31,6 +31,7 @@ class Accuracy(Record, section="accuracy"):
     sag: Annotated[float, non_negative, "sag_mm"] = 0.01
     glass: Annotated[float, non_negative, "glass_mm"] = 1.0
     centroid: Annotated[float, non_negative, "centroid_px"] = 0.05
+    edge: Annotated[float, non_negative, "edge_mm"] = 0.001
 
 
 #: Of a rig that was set up by hand.
