@@ -8,8 +8,9 @@
 | `chain.py` | one frame, from the image to the height |
 | `picture.py`, `unwrap.py` | the model of the image and its fit; phase unwrapping |
 | `geometry.py`, `chord.py` | rays and anchor; a step of the coupled equations |
-| `contact.py`, `touches.py`, `shape.py` | figures of a contact; contacts over time; tilt and radii |
-| `pressure.py`, `weights.py` | pressure and force; the modulus by known weights |
+| `rest.py` | the picture's shift and roll, and the load at the mirror's edge, in one fit |
+| `touches.py`, `holes.py` | contacts over time; cells without a height |
+| `weights.py` | the modulus by known weights |
 | `probes.py`, `spectrum.py` | heights of single cells over time, the noise floor; their spectra |
 | `circulation.py` | circulation of the slopes: their inconsistency |
 | `source.py`, `follow.py` | cameras, one of them virtual; readings as an iterator, tare |
@@ -23,23 +24,20 @@
 from optolever.arguments import check_face
 
 from .chain import COMPRESSED
-from .contact import Force, Touch
 from .follow import Followed, follow, tared
 from .outlet import ContactTable, ReadingSocket
 from .prepare import prepare
 from .prepared import Noise, Prepared
-from .pressure import Forces
 from .probes import Probe, Probed, Probes, noise_floor
 from .reading import Figures, Reading
 from .recorded import ReadingRecorder, Replayed, has_readings, replayed
 from .rig import Readings, kept_rest
 from .rig import open_rig as open
 from .server import LiveServer
-from .shape import Shape
 from .source import Newest, Source, VirtualFinger, virtual_rig
 from .spectrum import Line, Spectrum, spectrum_of
 from .stream import Live
-from .touches import Touches
+from .touches import Force, Touch, Touches
 from .web import Web
 from .weights import Weighed, Weight, weighed
 
@@ -49,7 +47,6 @@ __all__ = [
     "Figures",
     "Followed",
     "Force",
-    "Forces",
     "Line",
     "Live",
     "LiveServer",
@@ -64,7 +61,6 @@ __all__ = [
     "ReadingSocket",
     "Readings",
     "Replayed",
-    "Shape",
     "Source",
     "Spectrum",
     "Touch",

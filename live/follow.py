@@ -46,7 +46,7 @@ class Followed:
             "depth_mm": depth,
             "depth_sigma_mm": sigma,
             "range_used": reading.figures.used,
-            "touches": [asdict(touch) for touch in reading.touches],
+            "touches": [touch.to_dict() for touch in reading.touches],
             "forces": [asdict(force) for force in reading.forces],
             "probes": [asdict(probe) for probe in self.probes],
         }

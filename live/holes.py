@@ -41,5 +41,5 @@ def holes_of(z: Cells, sigma: Cells, good: Mask, lit: Mask, rim: Mask) -> Holes:
             if np.median(np.abs(z[cut][beside]) / sigma[cut][beside]) > _RISING:
                 steep = True
             else:
-                dust += np.count_nonzero(hole & lost[cut])
-    return Holes(steep, dust / max(np.count_nonzero(lit), 1))
+                dust += int(np.count_nonzero(hole & (lost[cut] > 0)))
+    return Holes(steep, dust / max(int(np.count_nonzero(lit)), 1))

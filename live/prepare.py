@@ -186,13 +186,13 @@ def _measured_noise(
         track = settled.track
         if k < _WARM:
             continue
-        z = track.tau * rig.normal
-        squares += np.square(z, dtype=np.float64)
-        draws.append(z)
         offset = track.state.displacement - rig.rest.displacement
         found = fitted(creep, offset, settled.good, (), None, (1.0, 1.0))
         coefficients = np.append(found.shift, found.roll) / found.sigmas[:3]
-        scatter.append((np.mean(np.square(offset[:, *creep.at])), np.mean(np.square(coefficients))))
+        scatter.append((found.misfit**2, np.mean(np.square(coefficients))))
+        z = track.tau * rig.normal + found.heights(creep)
+        squares += np.square(z, dtype=np.float64)
+        draws.append(z)
         for i, block in enumerate(BLOCKS):
             around[i] = around[i] + np.square(circulation(settled.slopes, settled.good, block))
     sigma = np.sqrt(scipy.ndimage.gaussian_filter(squares / _DRAWS, _SMOOTH, mode="nearest"))

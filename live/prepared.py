@@ -23,10 +23,10 @@ __all__ = ["Noise", "Prepared"]
 class Noise:
     """Noise of frames at rest, propagated through the chain.
 
-    sigma (R, C): of z, mm; curl_fine, curl_coarse: of the circulation around blocks of 8 and 32 cells, mm;
-    draws (K, R, C): heights of single frames, mm; their scatter in any figure is the figure's sigma;
-    displacement (2,): variance of a cell's, and the variance of independent cells of which a fit of all cells
-    would scatter as much, turns^2."""
+    sigma (R, C): of z less the picture's motion, mm; curl_fine, curl_coarse: of the circulation around blocks
+    of 8 and 32 cells, mm; draws (K, R, C): such heights of single frames; their scatter in any figure is the
+    figure's sigma; displacement (2,): variance of a cell's, and the variance of independent cells of which a
+    fit of all cells would scatter as much, turns^2."""
 
     sigma: Cells
     curl_fine: Cells

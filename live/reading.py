@@ -9,7 +9,7 @@ from optolever.notices import Notice
 from optolever.records import Comparable, span
 
 from .arrays import Cells, Mask
-from .contact import Force, Touch
+from .touches import Force, Touch
 
 __all__ = ["CREPT", "Figures", "Reading"]
 
@@ -24,9 +24,11 @@ class Figures:
     light: level over that at rest; contrast: least of the good cells, over that at rest; saturated: share of
     lit pixels; lost: share of the lit cells without height; anchored: share of the anchor's cells that are
     good; curl: mean square circulation around blocks of 8 and 32 cells, in its sigma; left: predicted typical
-    change by further steps, in sigma; shift: of the image near the anchor from rest, along columns and rows,
-    pixels, shift_sigma: by noise, pulled: by contacts at most; noise: rms residual, levels; steps: of the
-    fit; used: share of the measurable curvature, at 1 the image folds and cells are lost."""
+    change by further steps, in sigma; shift: of the whole picture from rest, along columns and rows, pixels,
+    shift_sigma: of either; sinking: of the mirror, mm, and tilt about its edge, rad, of which each would
+    shift the picture as much along columns; roll: of the picture, rad, roll_sigma; misfit: rms displacement
+    outside the contacts that neither shift, roll nor loads explain, over noise; noise: rms residual, levels;
+    steps: of the fit; used: share of the measurable curvature, at 1 the image folds and cells are lost."""
 
     light: float
     contrast: float
@@ -37,7 +39,11 @@ class Figures:
     left: float
     shift: tuple[float, float]
     shift_sigma: float
-    pulled: float
+    sinking: float
+    tilt: float
+    roll: float
+    roll_sigma: float
+    misfit: float
     noise: float
     steps: int
     used: float
@@ -47,24 +53,21 @@ class Figures:
         """Size of the shift, pixels."""
         return math.hypot(*self.shift)
 
-    @property
-    def crept(self) -> bool:
-        """Whether the rig has moved since it was at rest: by more than noise and contacts."""
-        return self.moved > CREPT * self.shift_sigma + self.pulled
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Reading(Comparable):
-    """One frame. z (R, C): height less rest, mm, its mean over the exposure; sigma (R, C): its standard
-    deviation, infinite where it is not measured; noise (R, C): its part that is not common to the map, as
-    that of a rig that creeps or of a loaded anchor is; good (R, C): where it is measured; x, y (R, C): of the
-    mirror point, mm. trusted: the heights may be used; reason: why not, else empty; notices: unusual
-    properties of the frame; time: of the frame, s; tareable: it shows the mirror at rest, maybe of a rig that
-    has moved; touches: contacts, the deepest first, none where it is not trusted; forces: of these, where the
-    scene names an elastic layer."""
+    """One frame. z (R, C): height less rest, mm, its mean over the exposure, less what a camera that moved
+    and a load at the mirror's edge do to it; sigma (R, C): its standard deviation, infinite where it is not
+    measured; total_sigma (R, C): if the mirror itself may have sunk or tilted as a whole; noise (R, C): the
+    part of sigma that is not common to the map; good (R, C): where it is measured; x, y (R, C): of the mirror
+    point, mm. trusted: the heights may be used; reason: why not, else empty; notices: unusual properties of
+    the frame; time: of the frame, s; tareable: it shows the mirror at rest, maybe of a rig that has moved;
+    touches: contacts, the deepest first, none where it is not trusted; forces: of these, where the scene
+    names an elastic layer."""
 
     z: Cells
     sigma: Cells
+    total_sigma: Cells
     good: Mask
     x: Cells
     y: Cells

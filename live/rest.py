@@ -29,10 +29,14 @@ _STEP = 0.1  # pixels, turns, mm: of differences
 _ROUNDS = 6  # of the coupled equations
 _WHOLE = 0.99  # share of a window
 _SAMPLES = 2500  # cells of a fit
-_FAR = (3.0, 2.0, 1.5)  # radii of a contact: the first that leaves enough cells
+_FAR = (
+    (3.0, 1.0),
+    (2.0, 2.0),
+    (1.5, 4.0),
+)  # radii of a contact: the first that leave enough cells; growth of sigma
 _FEWEST = 100  # cells
 _NEAR = 0.02  # of a radius: differences of the far field
-_PRIOR = (0.5, 0.2, 0.2, 0.2)  # of a contact's depth: sigma of its far field's terms at its edge
+_PRIOR = (0.5, 0.2, 0.2, 0.2, 1.0)  # of a contact's depth: sigma of its terms at its edge
 _EXCESS, _INDEPENDENT = 1.3, 9.0  # variance over noise that counts as misfit; its independent samples
 
 Circle = tuple[float, float, float]
@@ -67,31 +71,30 @@ class Creep:
 @dataclass(frozen=True, slots=True, eq=False)
 class Deviation:
     """From rest, of one frame: shift (2,) along columns and rows, roll, of the picture, pixels (a roll's at
-    the longer sides); sink: of the anchor by loads, mm; root (4, k): of the covariance of these; misfit: rms
-    residual over noise."""
+    the longer sides); sink: of the anchor by loads, mm; root (4, 4): of the covariance of these by noise;
+    misfit: rms residual over noise; growth: of the sigmas by it."""
 
     shift: Float
     roll: float
     sink: float
     root: Float
     misfit: float
+    growth: float
 
     @property
     def sigmas(self) -> Float:
         """Of shift, roll and sink (4,)."""
-        return np.asarray(np.linalg.norm(self.root, axis=1))
+        return np.asarray(self.growth * np.linalg.norm(self.root, axis=1))
 
-    def heights(self, creep: Creep) -> Cells:
-        """To be added to the heights (R, C), mm."""
-        parts = np.float32([-self.shift[0], -self.shift[1], -self.roll, self.sink])
-        return _sum(parts, creep)
+    def heights(self, creep: Creep, every: int = 1) -> Cells:
+        """To be added to the heights of every so many cells (r, c), mm."""
+        parts = np.array([*self.shift, self.roll, self.sink], np.float32)
+        heights: Cells = _sum(parts[None], creep, every)[0]
+        return heights
 
     def modes(self, creep: Creep, every: int = 1) -> Cells:
-        """Heights (k, r, c) by independent errors of one standard deviation, of every so many cells, mm."""
-        root = self.root.astype(np.float32) * np.float32([-1, -1, -1, 1])[:, None]
-        few = slice(None, None, every), slice(None, None, every)
-        planes = np.concatenate([creep.heights[:, *few], creep.free[None, *few]])
-        return np.asarray(np.tensordot(root.T, planes, 1), np.float32)
+        """Heights (4, r, c) by independent errors of one standard deviation by noise, mm."""
+        return _sum(self.root.T.astype(np.float32), creep, every)
 
 
 def creep_of(rig: Rig, points: Cells) -> Creep:
@@ -128,53 +131,64 @@ def fitted(
 ) -> Deviation:
     """offset (2, R, C): displacement from rest, turns; contacts: circles and depths, mm; noise: variance of
     the displacement of a cell, and what of it a fit of all cells keeps, turns^2."""
-    used = good[*creep.at]
-    circles = [circle for circle, _ in contacts]
-    use = used
-    for far in _FAR:
-        use = used.copy()
+    circles, depths = [circle for circle, _ in contacts], [depth for _, depth in contacts]
+    use, growth = _outside(creep, good, circles)
+    columns = [*creep.shapes[:, :, use], *_loads(creep, layer, circles, use)]
+    matrix = np.stack([one.ravel() for one in columns], axis=1)
+    right = offset[:, *creep.at][:, use].astype(np.float64).ravel()
+    variance, kept = noise
+    prior = np.append(np.zeros(3), _inverse_priors(layer, circles, depths))
+    normal = matrix.T @ matrix / kept + np.diag(prior**2)
+    scale = np.sqrt(np.maximum(np.diagonal(normal), 1e-30))
+    inverse = np.linalg.pinv(normal / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale)
+    found = inverse @ (matrix.T @ right) / kept
+    rest = float(np.mean(np.square(right - matrix @ found))) if right.size else math.inf
+    excess = max(rest - _EXCESS * variance, 0.0) / kept * right.size / _INDEPENDENT
+    moves = np.zeros((4, matrix.shape[1]))
+    moves[:3, :3] = np.eye(3)
+    if circles:
+        moves[3, 3:] = _terms(layer, circles, creep.anchor[0], creep.anchor[1]) @ creep.anchor[2]
+    values, vectors = np.linalg.eigh(moves @ inverse @ moves.T)
+    along, down, roll, sink = (float(part) for part in moves @ found)
+    root = vectors * np.sqrt(np.maximum(values, 0))
+    misfit = math.sqrt(rest / variance)
+    return Deviation(np.array([along, down]), roll, sink, root, misfit, max(growth, math.sqrt(excess)))
+
+
+def _outside(creep: Creep, good: Mask, circles: Sequence[Circle]) -> tuple[Mask, float]:
+    """Cells of the fit (n,) outside the contacts; growth of its sigmas where they are near."""
+    known, use, growth = good[*creep.at], good[*creep.at], 1.0
+    for far, growth in _FAR:
+        use = known.copy()
         for x, y, radius in circles:
             use &= np.hypot(creep.x - x, creep.y - y) > far * radius
         if np.count_nonzero(use) >= _FEWEST:
             break
-    columns = [*creep.shapes[:, :, use], *_loads(creep, layer, circles, use)]
-    matrix = np.stack([one.ravel() for one in columns], axis=1)
-    right = offset[:, *creep.at][:, use].astype(np.float64).ravel()
-    depths = np.array([depth for _, depth in contacts])
-    size = far_field(layer, circles, *_edges(circles))
-    prior = np.zeros(matrix.shape[1])
-    if circles:
-        edge = np.abs(np.diagonal(size.reshape(len(circles), 4, -1), axis1=0, axis2=2)).T  # (contacts, 4)
-        prior[3:] = (edge / (np.array(_PRIOR) * depths[:, None])).ravel()
-    variance, kept = noise
-    for _ in range(2):
-        normal = matrix.T @ matrix / kept + np.diag(prior**2)
-        scale = np.sqrt(np.maximum(np.diagonal(normal), 1e-30))
-        inverse = np.linalg.pinv(normal / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale)
-        found = inverse @ (matrix.T @ right) / kept
-        rest = float(np.mean(np.square(right - matrix @ found))) if right.size else math.inf
-        kept = max(noise[1], max(rest - _EXCESS * variance, 0.0) * right.size / _INDEPENDENT)
-    sunk = np.zeros((4, matrix.shape[1]))
-    sunk[:3, :3] = np.eye(3)
-    sunk[3, 3:] = far_field(layer, circles, creep.anchor[0], creep.anchor[1]) @ creep.anchor[2]
-    values, vectors = np.linalg.eigh(sunk @ inverse @ sunk.T)
-    shift, roll, sink = np.split(sunk @ found, (2, 3))
-    return Deviation(
-        shift, float(roll[0]), float(sink[0]), vectors * np.sqrt(np.maximum(values, 0)), math.sqrt(rest / variance)
-    )
+    return use, growth
 
 
-def _sum(parts: Cells, creep: Creep) -> Cells:
-    total = parts[3] * creep.free
-    for size, plane in zip(parts[:3], creep.heights, strict=True):
-        total += size * plane
-    return np.asarray(total, np.float32)
+def _inverse_priors(layer: Layer | None, circles: Sequence[Circle], depths: Sequence[float]) -> Float:
+    """Over the standard deviations of the amplitudes of contacts' terms, (5 n,)."""
+    if not circles:
+        return np.zeros(0)
+    x, y, radius = np.array(circles, np.float64).T  # at a place on the edge where no term is zero
+    size = _terms(layer, circles, x + 0.6 * radius, y + 0.8 * radius)
+    each = np.diagonal(size.reshape(len(circles), len(_PRIOR), -1), axis1=0, axis2=2).T
+    return np.asarray(np.abs(each) / (np.array(_PRIOR) * np.array(depths)[:, None])).ravel()
 
 
-def _edges(circles: Sequence[Circle]) -> tuple[Float, Float]:
-    """A place on each circle's edge, away from both axes: none of a far field's terms is zero there."""
-    x, y, radius = np.array(circles, np.float64).reshape(-1, 3).T
-    return x + 0.6 * radius, y + 0.8 * radius
+def _sum(parts: Cells, creep: Creep, every: int) -> Cells:
+    """Heights (k, r, c) that take parts (k, 4) of the motions off and add the anchor's."""
+    few = slice(None, None, every), slice(None, None, every)
+    planes = np.concatenate([-creep.heights[:, *few], creep.free[None, *few]])
+    return np.asarray(np.tensordot(parts, planes, 1), np.float32)
+
+
+def _terms(layer: Layer | None, circles: Sequence[Circle], x: Float, y: Float) -> Float:
+    """Heights (5 n, m) at places (m,): the far field, and the flank of a Gaussian dent that fades."""
+    fields = far_field(layer, circles, x, y).reshape(len(circles), 4, -1)
+    q2 = np.array([((x - a) ** 2 + (y - b) ** 2) / radius**2 for a, b, radius in circles])
+    return np.concatenate([fields, np.exp2(-q2)[:, None]], axis=1).reshape(-1, x.size)
 
 
 def _loads(creep: Creep, layer: Layer | None, circles: Sequence[Circle], use: Mask) -> Float:
@@ -184,7 +198,7 @@ def _loads(creep: Creep, layer: Layer | None, circles: Sequence[Circle], use: Ma
     x, y = creep.x[use], creep.y[use]
     step = _NEAR * min(circle[2] for circle in circles)
     z, east, west, north, south = (
-        far_field(layer, circles, x + a * step, y + b * step)
+        _terms(layer, circles, x + a * step, y + b * step)
         for a, b in ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1))
     )
     slope = (east - west) / (2 * step), (north - south) / (2 * step)
@@ -234,7 +248,8 @@ def _by_heights(rig: Rig, points: Cells, at: Float) -> tuple[Float, Float]:
 
     def change(du: float = 0.0, dv: float = 0.0, tau: float = 0.0) -> Float:
         one, other = (
-            slopes_at(planes, steps, np.stack([zero + s * du, zero + s * dv]), zero + s * tau) for s in (1, -1)
+            slopes_at(planes, steps, np.stack([zero + s * du, zero + s * dv]), zero + s * tau)
+            for s in (1, -1)
         )
         return np.asarray((one - other)[:, *at] / 2e-4)
 
@@ -246,6 +261,8 @@ def _by_heights(rig: Rig, points: Cells, at: Float) -> tuple[Float, Float]:
     along = 1 / rig.normal.astype(np.float64)
     turned = np.stack([np.gradient(along, axis=axis)[*at] for axis in (1, 0)])
     by_height = np.einsum("dsn,sn->dn", inverse, turned - by_tau * along[*at])
-    steps_xy = np.stack([[np.gradient(points[k].astype(np.float64), axis=axis)[*at] for k in (0, 1)] for axis in (1, 0)])
+    steps_xy = np.stack(
+        [[np.gradient(points[k].astype(np.float64), axis=axis)[*at] for k in (0, 1)] for axis in (1, 0)]
+    )
     by_slope = np.einsum("dsn,skn->dkn", inverse, steps_xy * along[*at])
     return by_height, by_slope

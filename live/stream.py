@@ -1,23 +1,23 @@
 """Live: the frames of one prepared rig, one reading each."""
 
 import math
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
+from optolever.contact import Surface, contacts, regions
 from optolever.errors import InputError
 
 from .arrays import Cells, Float, Frame, Mask
 from .chain import COMPRESSED, Settled, Track, at_rest, settle
 from .circulation import BLOCKS, circulation, excess
+from .holes import holes_of
 from .prepared import Prepared
-from .pressure import Forces
 from .reading import CREPT, Figures, Reading
-from .rest import creep_of, load_of, near_anchor, shift_of
-from .touches import Touches, widened
-from .verdict import FADED, judge
+from .rest import Creep, Deviation, creep_of, fitted
+from .touches import Touches, forces_of
+from .verdict import FADED, UNEXPLAINED, judge
 
 __all__ = ["Live"]
 
@@ -27,6 +27,39 @@ _LEAST_STRENGTH = 0.05
 _REMAINS, _MOST = 0.06, 0.6  # share of the window's smoothing that stays: measured on 33 dents of lab live
 _FOLLOWED = 25  # frames from one start at rest to the next
 _CURL = 10.0  # 1 by noise: above, a frame is also fitted from rest
+_COLUMNS = 80  # at least, of the grid on which contacts are looked for first
+_ROUNDS = 4  # of contacts, and of the fit of their load
+_UNSETTLED = 0.2  # sigma of a correction, over its change by a round
+_SAME = 0.1  # of a contact's radius: one that moves less between rounds is the same
+_HIDDEN = 10.0  # sigma at rest: of a height that is interpolated
+
+_Found = tuple[tuple[float, float, float], float]  # circle and depth of a contact, mm
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fitted:
+    """A frame: z (R, C), mm, as the anchor counts as at rest; noise (R, C): its sigma; deviation: from rest;
+    alone: misfit of a motion of the picture without contacts; steep, dust: see Holes."""
+
+    settled: Settled
+    figures: Figures
+    deviation: Deviation
+    alone: float
+    steep: bool
+    dust: float
+    z: Cells
+    noise: Cells
+
+    @property
+    def poor(self) -> bool:
+        """Whether a start from rest may be better."""
+        return judge(self.figures).broken or max(self.figures.curl) > _CURL
+
+    @property
+    def merit(self) -> float:
+        """The smaller, the better."""
+        figures = self.figures
+        return figures.lost + 1e-3 * max(figures.curl) + 1e-3 * figures.left
 
 
 class Live:
@@ -43,10 +76,8 @@ class Live:
         """Begin anew, with another rest."""
         self.prepared, self._faded = prepared, 0
         self._track, self._followed = at_rest(prepared.rig), 0
-        self._touches = Touches(prepared)
-        self._forces = None if prepared.layer is None else Forces(prepared, prepared.layer)
-        self._anchor, self._near = near_anchor(prepared.rig)
-        self._creep = creep_of(prepared.rig, prepared.points, self._near)
+        self._touches = Touches()
+        self.creep: Creep = creep_of(prepared.rig, prepared.points)
 
     def reset(self) -> None:
         """Forget the frames before."""
@@ -56,80 +87,96 @@ class Live:
         """The reading of a frame (H, W) of the camera, taken at `time` (s). InputError for a wrong size or
         type."""
         used = self._used(frame)
-        settled = self._settle(used, self._track)
-        figures = self._figures(used, settled)
-        if self._track.whole and (judge(figures).broken or max(figures.curl) > _CURL):
-            again = self._settle(used, at_rest(self.prepared.rig))
-            others = self._figures(used, again)
-            if _merit(others) < _merit(figures):
-                settled, figures = again, others
-        self._faded = self._faded + 1 if figures.contrast < FADED else 0
-        reading = self._reading(settled, figures, time)
-        self._track, self._followed = settled.track, self._followed + 1
+        found = self._fitted(used, self._track)
+        if self._track.whole and found.poor:
+            found = min(found, self._fitted(used, at_rest(self.prepared.rig)), key=lambda one: one.merit)
+        self._faded = self._faded + 1 if found.figures.contrast < FADED else 0
+        reading = self._reading(found, time)
+        self._track, self._followed = found.settled.track, self._followed + 1
         if not reading.touches or not reading.trusted or self._followed == _FOLLOWED:
             self.reset()
         return reading
 
-    def _reading(self, settled: Settled, figures: Figures, time: float) -> Reading:
-        """Contacts are found beyond noise and creep; they load the anchor, which may explain a shift."""
-        prepared, rig = self.prepared, self.prepared.rig
-        tau = settled.track.tau
+    def _reading(self, found: _Fitted, time: float) -> Reading:
+        """The heights less what the rig and the anchor moved, and the contacts in them."""
+        prepared, rig, tau = self.prepared, self.prepared.rig, found.settled.track.tau
         x, y = (prepared.points[i] + tau * rig.mirror.planes[3 + i] for i in (0, 1))
-        noise = _sigma(prepared, settled, figures)
-        reading = Reading(
-            z=tau * rig.normal,
-            sigma=noise,
-            noise=noise,
-            good=settled.good,
+        z = found.z + found.deviation.heights(self.creep)
+        modes = np.float32(found.deviation.growth) * found.deviation.modes(self.creep)
+        sigma = np.sqrt(np.square(found.noise) + np.square(modes).sum(axis=0))
+        surface = Surface(
+            x,
+            y,
+            z,
+            np.where(found.settled.good, found.noise, np.float32(_HIDDEN) * prepared.noise.sigma),
+            found.settled.good,
+            modes=modes,
+            draws=prepared.noise.draws,
+        )
+        pressing = () if judge(found.figures).broken else regions(surface)
+        verdict = judge(found.figures, self._faded, found.steep and not pressing, found.dust)
+        touches = self._touches.named(contacts(surface, pressing, prepared.layer)) if verdict.trusted else ()
+        alone = found.alone < UNEXPLAINED  # far from rest the fit's first order makes dents of its own
+        still = max(prepared.edge, abs(found.figures.sinking))
+        return Reading(
+            z=z,
+            sigma=sigma,
+            total_sigma=np.sqrt(np.square(sigma) + np.float32(still**2)),
+            noise=found.noise,
+            good=found.settled.good,
             x=x,
             y=y,
-            trusted=True,
-            reason="",
-            notices=(),
-            figures=figures,
-            time=time,
-        )
-        found, steep = self._touches.found(reading, *self._crept(figures))
-        if judge(figures).broken:
-            found, steep = [], False
-        if found:  # their slopes reach the anchor last; a blur moves the anchor's own, truncated windows
-            edge = replace(figures, **self._shift(settled, self._anchor, 0))
-            figures = min(figures, edge, key=lambda one: one.moved)
-        pressing = [one for one, _ in found]
-        load = load_of(rig, prepared.points, self._creep, pressing, prepared.layer)
-        figures = replace(figures, pulled=load.shift)
-        verdict, common = judge(figures, self._faded, steep), _both(self._crept(figures)[1], load.heights)
-        reading = replace(
-            reading,
-            sigma=_both(noise, common),
             trusted=verdict.trusted,
             reason=verdict.reason,
             notices=verdict.notices,
-            figures=figures,
-            tareable=not found and not verdict.broken,
+            figures=found.figures,
+            time=time,
+            tareable=not verdict.broken and (not pressing or (not verdict.trusted and alone)),
+            touches=touches,
+            forces=forces_of(touches),
         )
-        if not verdict.trusted:
-            return reading
-        touches = self._touches.named([widened(one, float(common[at])) for one, at in found])
-        forces = () if self._forces is None else self._forces.update(reading, touches, common)
-        return replace(reading, touches=touches, forces=forces)
 
-    def _crept(self, figures: Figures) -> tuple[Cells, Cells]:
-        """What a shift of the image does to the heights (R, C), mm, and its size, along both axes. It may be
-        a load's: then sigma has both."""
-        if not figures.moved > CREPT * figures.shift_sigma:
-            nothing = np.zeros_like(self._creep.heights[0])
-            return nothing, nothing
-        parts = np.asarray(figures.shift, np.float32)[:, None, None] * self._creep.heights
-        return parts[0] + parts[1], _both(*parts)
+    def _fitted(self, frame: Frame, track: Track) -> _Fitted:
+        prepared, rig = self.prepared, self.prepared.rig
+        settled = settle(rig, frame, track, prepared.noise.sigma)
+        curl, scale = _curl(prepared, settled.slopes, settled.good), _noise_scale(prepared, settled)
+        z, noise = settled.track.tau * rig.normal, _sigma(prepared, settled, curl)
+        deviation, alone = self._deviation(settled, z, noise, scale)
+        moved = np.append(deviation.shift, deviation.roll)
+        if (np.abs(moved) > CREPT * deviation.sigmas[:3]).any():  # what is left of it is the mirror's
+            turned = np.tensordot(moved.astype(np.float32), self.creep.slopes, 1)
+            curl = min(curl, _curl(prepared, settled.slopes - turned, settled.good), key=max)
+            noise = _sigma(prepared, settled, curl)
+        holes = holes_of(z, prepared.noise.sigma, settled.good, rig.lit, rig.rim)
+        figures = self._figures(frame, settled, curl, deviation)
+        return _Fitted(settled, figures, deviation, alone, *holes, z, noise)
 
-    def _shift(self, settled: Settled, where: Mask, which: int) -> dict[str, Any]:
-        """Fields of the figures."""
-        rig, noise = self.prepared.rig, self.prepared.noise
-        offset = settled.track.state.displacement - rig.rest.displacement
-        along, down = shift_of(rig, offset, where & settled.good)
-        sigma = float(noise.shift[which]) * math.sqrt(max(settled.usual / rig.noise, _LEAST_NOISE))
-        return {"shift": (float(along), float(down)), "shift_sigma": sigma}
+    def _deviation(self, settled: Settled, z: Cells, noise: Cells, scale: float) -> tuple[Deviation, float]:
+        """Contacts and their load in turn, on a coarser grid, until no contact comes or goes."""
+        prepared = self.prepared
+        offset = settled.track.state.displacement - prepared.rig.rest.displacement
+        variance = (
+            float(prepared.noise.displacement[0]) * scale,
+            float(prepared.noise.displacement[1]) * scale,
+        )
+        every = max(1, z.shape[1] // _COLUMNS)
+        few = slice(None, None, every), slice(None, None, every)
+        x, y = (part[few] for part in prepared.points[:2])
+        good, noise = (settled.good & ~prepared.rig.rim)[few], noise[few]
+        before: list[_Found] = []
+        last, alone = np.zeros_like(noise), math.inf
+        for _ in range(_ROUNDS):
+            found = fitted(self.creep, offset, settled.good, before, prepared.layer, variance)
+            alone = min(alone, found.misfit if not before else math.inf)
+            moved = found.heights(self.creep, every)
+            sigma = np.hypot(noise, _UNSETTLED * (moved - last))
+            coarse = Surface(x, y, z[few] + moved, sigma, good, modes=found.modes(self.creep, every))
+            after = [(one.circle, one.depth) for one in regions(coarse)]
+            still = float(np.abs(moved - last)[good].max(initial=0.0)) < float(np.median(noise))
+            if still and _same(before, after):
+                break
+            before, last = after, moved
+        return found, alone
 
     def _used(self, frame: Frame) -> Frame:
         """The part of the frame in complete cells."""
@@ -141,19 +188,14 @@ class Live:
         rows, cols = self.prepared.rig.carriers.lit.shape
         return np.ascontiguousarray(frame[:rows, :cols])
 
-    def _settle(self, frame: Frame, track: Track) -> Settled:
-        return settle(self.prepared.rig, frame, track, self.prepared.noise.sigma)
-
-    def _figures(self, frame: Frame, settled: Settled) -> Figures:
-        prepared, rig, good = self.prepared, self.prepared.rig, settled.good
-        moved = self._shift(settled, self._near, 1)
-        curl = _curl(prepared, settled.slopes, good)
-        if math.hypot(*moved["shift"]) > CREPT * moved["shift_sigma"]:  # along the edge it has a circulation
-            turned = np.tensordot(np.asarray(moved["shift"], np.float32), self._creep.slopes, 1)
-            curl = min(curl, _curl(prepared, settled.slopes - turned, good), key=max)
+    def _figures(
+        self, frame: Frame, settled: Settled, curl: tuple[float, float], deviation: Deviation
+    ) -> Figures:
+        rig, good, creep = self.prepared.rig, settled.good, self.creep
         few = slice(None, None, _SPARSE), slice(None, None, _SPARSE)
         full = (frame[few] >= rig.carriers.full)[rig.carriers.lit[few] > 0]
         level = settled.track.state.level
+        along, down, roll, _ = deviation.sigmas
         return Figures(
             light=float(np.median((level[few] / np.maximum(rig.rest.level[few], 1))[rig.lit[few]])),
             contrast=float(np.median(settled.contrast[few][good[few]])) if good[few].any() else 0.0,
@@ -162,12 +204,24 @@ class Live:
             anchored=_share(good, rig.mirror.anchor[0] > 0),
             curl=curl,
             left=settled.left,
-            pulled=0.0,
+            shift=(float(deviation.shift[0]), float(deviation.shift[1])),
+            shift_sigma=max(float(along), float(down)),
+            sinking=creep.sinking * float(deviation.shift[0]),
+            tilt=creep.tilt * float(deviation.shift[0]),
+            roll=creep.turn * deviation.roll,
+            roll_sigma=creep.turn * float(roll),
+            misfit=deviation.misfit,
             noise=float(np.sqrt(settled.usual)),
             steps=settled.steps,
             used=(1 - settled.jacobian) / (1 - COMPRESSED),
-            **moved,
         )
+
+
+def _same(before: list[_Found], after: list[_Found]) -> bool:
+    """Whether the same contacts are found."""
+    return len(before) == len(after) and all(
+        math.dist(one[0], other[0]) < _SAME * other[0][2] for one, other in zip(before, after, strict=True)
+    )
 
 
 def _curl(prepared: Prepared, slopes: Cells, good: Mask) -> tuple[float, float]:
@@ -179,8 +233,9 @@ def _share(good: Mask, among: Mask) -> float:
     return float(np.count_nonzero(good & among) / np.count_nonzero(among))
 
 
-def _merit(figures: Figures) -> float:
-    return figures.lost + 1e-3 * max(figures.curl) + 1e-3 * figures.left
+def _noise_scale(prepared: Prepared, settled: Settled) -> float:
+    """Variance of the image's noise over that at rest."""
+    return max(settled.usual / prepared.rig.noise, _LEAST_NOISE)
 
 
 def _both(one: Cells | Float, other: Cells) -> Cells:
@@ -188,11 +243,10 @@ def _both(one: Cells | Float, other: Cells) -> Cells:
     return np.asarray(np.sqrt(one * one + other * other), np.float32)
 
 
-def _sigma(prepared: Prepared, settled: Settled, figures: Figures) -> Cells:
+def _sigma(prepared: Prepared, settled: Settled, curl: tuple[float, float]) -> Cells:
     """Sigma by noise at rest, scaled to this frame's noise and amplitude and to the inconsistency of its
     slopes (Birge's factor); the predicted change by further steps; and what the window still smooths."""
-    usual = max(settled.usual / prepared.rig.noise, _LEAST_NOISE)
-    birge = max(1.0, *figures.curl)
+    usual, birge = _noise_scale(prepared, settled), max(1.0, *curl)
     factor = np.float32(np.sqrt(usual * birge)) if np.isfinite(usual * birge) else np.float32(np.inf)
     noise = prepared.noise.sigma * factor / np.maximum(settled.strength, _LEAST_STRENGTH)
     sigma = _both(_both(noise, settled.ahead), _smoothed(prepared, settled))

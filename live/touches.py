@@ -2,7 +2,8 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Any
 
 from optolever.contact import Contact
 
@@ -16,6 +17,11 @@ class Touch(Contact):
     """One contact of a frame, see `contact.Contact`; identity: the same from frame to frame."""
 
     identity: int = 0
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values; a flat indenter has no radius."""
+        values = {entry.name: getattr(self, entry.name) for entry in fields(self)}
+        return values | {"indenter_radius": self.indenter_radius if self.indenter_radius_sigma else None}
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,22 +1,25 @@
 """Whether a frame's heights may be used, and the reason where they may not."""
 
+import math
 from dataclasses import dataclass
 
 from optolever.notices import Notice
 
 from .reading import CREPT, Figures
 
-__all__ = ["FADED", "Verdict", "judge"]
+__all__ = ["FADED", "UNEXPLAINED", "Verdict", "judge"]
 
 _LIGHT = (0.7, 1.4)  # of that at rest
 _SATURATED = 0.01  # of the lit pixels
 FADED = 0.85  # contrast over that at rest, median of the good cells
 _MOVING = 20  # frames: a motion's blur ends before, a loss of focus stays
 _LOST = (0.01, 0.3)  # of the lit cells: limits of a notice and of a rejection
+_DUST = 0.001  # of the lit cells
 _LEFT = (1.0, 5.0)  # sigma
 _CURL = (4.0, 20.0)  # of 1 by noise
 _ANCHORED = 0.1  # of the anchor's cells
-_MOVED = 0.25  # pixels
+_MOVED, _ROLLED = 0.5, math.radians(0.1)  # pixels; rad
+UNEXPLAINED = 3.0  # noises: of the displacement outside the contacts
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,40 +33,55 @@ class Verdict:
     broken: bool
 
 
-def judge(figures: Figures, faded: int = 0, steep: bool = False) -> Verdict:
+def judge(figures: Figures, faded: int = 0, steep: bool = False, dust: float = 0.0) -> Verdict:
     """The verdict, from the figures of a frame; faded: how many frames up to this one had less
-    contrast; steep: a flank rises to cells without a height, and is no contact."""
+    contrast; steep: a flank rises to cells without a height, and is no contact; dust: share of the lit cells
+    in holes to which none rises."""
     curl, light = max(figures.curl), figures.light
     stopped = [
         (1 - figures.lost, 1 - _LOST[1], "too few cells see a fringe: cover, fold, or light lost"),
         (figures.anchored, _ANCHORED, "the edge of the mirror, which is taken as at rest, is not visible"),
-        (-curl, -_CURL[1], "the slopes contradict each other, as in a torn or rolled frame"),
+        (-curl, -_CURL[1], "the slopes contradict each other, as in a torn frame"),
         (-figures.left, -_LEFT[1], "the fit does not converge"),
     ]
     reasons = [text for value, least, text in stopped if not value >= least]
     if steep:
         reasons.append("a dent is too steep: its middle has no height, and its flank none that is sure")
-    broken = bool(reasons)
-    if not broken and figures.crept and figures.moved > _MOVED + figures.pulled:  # else contacts may pull
-        reasons.append("the image of the mirror's edge has moved (camera, display or mirror): tare")
+    broken, roll = bool(reasons), abs(figures.roll)
+    if not broken and figures.moved > max(_MOVED, CREPT * figures.shift_sigma):
+        reasons.append("the picture has moved as a whole (camera, display or mirror): tare")
+    if not broken and roll > max(_ROLLED, CREPT * figures.roll_sigma):
+        reasons.append(f"the camera has rolled by {math.degrees(roll):.2g} degrees: tare")
     held, others = "sigma includes it", "heights of the other cells stand"
     anew, mean = "prepare the rig anew in this light", "the height is the mean over the exposure; shorten it"
     blur = "The mirror moved during the exposure; loss of contrast"
     if faded > _MOVING:
-        blur, mean = (
-            "Less contrast in every frame: focus or dust; loss",
-            "clean, focus, prepare anew",
-        )
-    crept = "sigma includes it; tare while nothing touches, and let the rig warm up"
+        blur, mean = "Less contrast in every frame: focus; loss", "focus, prepare anew"
+    sinking, tilt = 1e3 * abs(figures.sinking), 1e6 * abs(figures.tilt)
+    tare = "tare while nothing touches, and let the rig warm up"
+    crept = f"as {sinking:.2g} um of sinking or {tilt:.2g} urad of tilt; heights are of a camera that moved, "
     bounds = [
         (
             figures.moved,
-            CREPT * figures.shift_sigma + figures.pulled,
-            "The rig has moved since it was at rest, pixels",
-            crept,
+            CREPT * figures.shift_sigma,
+            "The picture has moved as a whole since rest, pixels",
+            f"{crept}total_sigma holds a mirror that sank; {tare}",
+        ),
+        (
+            math.degrees(roll),
+            CREPT * math.degrees(figures.roll_sigma),
+            "The camera has rolled since rest, degrees",
+            f"heights are corrected; {tare}",
+        ),
+        (
+            figures.misfit,
+            UNEXPLAINED,
+            "The mirror outside the contacts moves as under no load; residual over noise",
+            "sigma includes it; no half-space: give [layer] thickness_mm, or the rig moved: tare",
         ),
         (figures.saturated, _SATURATED, "Saturated pixels, share", "shorten the exposure"),
-        (figures.lost, _LOST[0], "Cells without a height (cover, fold or steep edge), share", others),
+        (figures.lost - dust, _LOST[0], "Cells without a height (cover, fold or steep edge), share", others),
+        (dust, _DUST, "Specks without a fringe on the mirror at rest (dust), share of the cells", "clean it"),
         (figures.left, _LEFT[0], "The fit has not converged; predicted change of the height, sigma", held),
         (curl, _CURL[0], "The slopes contradict each other; mean square circulation over noise", held),
         (1 - figures.contrast, 1 - FADED, blur, mean),
