@@ -26,6 +26,6 @@ It may import every module of `optolever`; tests alone import it.
 | - `simulated.py`, `synchronisation.py` | the models; what is recovered of them, what is captured |
 | `live/` | heights of single frames |
 | - `world.py` | an independent renderer of dents |
-| - `streams.py`, `figures.py` | twelve kinds of streams, faults; time, error and sigma beside limits |
+| - `streams.py`, `figures.py` | eleven kinds of streams, faults; time, error and sigma beside limits |
 | - `soak.py` | growth of memory, threads and files over a long run |
 """

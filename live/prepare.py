@@ -17,7 +17,7 @@ from optolever.records import logged
 from optolever.scene import Scene
 
 from .arrays import Cells, Float, Frame, Mask
-from .chain import LEAST_SHARE, Rig, Track, at_rest, rest_state, settle
+from .chain import LEAST_SHARE, Rig, at_rest, rest_state, settle
 from .chord import linearised
 from .circulation import BLOCKS, circulation
 from .geometry import anchor_line, rest_rays, rim
@@ -129,6 +129,7 @@ def _carriers(scene: Scene, rest_map: Correspondence, period: float, cell: int, 
     inside = slice(rows), slice(cols)
     u, v = (np.asarray(part[inside], np.float64) for part in (rest_map.u, rest_map.v))
     lit = rest_map.good[inside] & np.isfinite(u) & np.isfinite(v)
+    lit = scipy.ndimage.binary_erosion(lit)  # a pixel at the end sees beyond once the picture moves
     if np.count_nonzero(lit) < 0.1 * lit.size:
         raise InputError(f"rest_map: {100 * lit.mean():.2g} % of the pixels are good, must be 10 % at least")
     u, v = (np.where(lit, part, 0.0) for part in (u, v))
@@ -176,7 +177,7 @@ def _measured_noise(
     clean = model(rig.carriers, rig.rest)
     spread = np.float32(math.sqrt(max(rig.noise - _QUANTISED, 0.0)))
     sigma = np.full(rig.carriers.shape, _FIRST_SIGMA, np.float32)
-    track: Track = at_rest(rig)
+    track = at_rest(rig)
     squares, draws, scatter, creep = np.zeros(rig.carriers.shape), [], [], creep_of(rig, points)
     around = [np.zeros(1, np.float32)] * len(BLOCKS)
     for k in range(_WARM + _DRAWS):
@@ -189,7 +190,7 @@ def _measured_noise(
         offset = track.state.displacement - rig.rest.displacement
         found = fitted(creep, offset, settled.good, (), None, (1.0, 1.0))
         coefficients = np.append(found.shift, found.roll) / found.sigmas[:3]
-        scatter.append((found.misfit**2, np.mean(np.square(coefficients))))
+        scatter.append((found.misfit**2, float(np.mean(np.square(coefficients)))))
         z = track.tau * rig.normal + found.heights(creep)
         squares += np.square(z, dtype=np.float64)
         draws.append(z)

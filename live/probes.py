@@ -21,8 +21,8 @@ _KEPT = 1 << 14  # frames
 
 @dataclass(frozen=True, slots=True)
 class Probed:
-    """One cell in one frame: x, y, z, mm; sigma: of the noise from frame to frame; z is None where the height
-    is not measured or trusted."""
+    """One cell in one frame: x, y, z, mm, of a picture that counts as still: a patch that vibrates moves it,
+    too; sigma: of the noise from frame to frame; z is None where the height is not measured or trusted."""
 
     x: float
     y: float
@@ -41,7 +41,7 @@ class Probe:
         """Take the height of a frame. number: the camera's, None without."""
         at = self.row, self.col
         measured = reading.trusted and bool(reading.good[at])
-        z, sigma = float(reading.z[at]), float(reading.noise[at])
+        z, sigma = float(reading.z[at] - reading.moved[at]), float(reading.noise[at])
         self._frames.append(
             (reading.time, z if measured else math.nan, math.nan if number is None else number)
         )

@@ -59,8 +59,9 @@ class Reading(Comparable):
     """One frame. z (R, C): height less rest, mm, its mean over the exposure, less what a camera that moved
     and a load at the mirror's edge do to it; sigma (R, C): its standard deviation, infinite where it is not
     measured; total_sigma (R, C): if the mirror itself may have sunk or tilted as a whole; noise (R, C): the
-    part of sigma that is not common to the map; good (R, C): where it is measured; x, y (R, C): of the mirror
-    point, mm. trusted: the heights may be used; reason: why not, else empty; notices: unusual properties of
+    part of sigma that is not common to the map; moved (R, C): what z has less of the picture's motion and
+    more of the load's sinking; good (R, C): where it is measured; x, y (R, C): of the mirror point, mm.
+    trusted: the heights may be used; reason: why not, else empty; notices: unusual properties of
     the frame; time: of the frame, s; tareable: it shows the mirror at rest, maybe of a rig that has moved;
     touches: contacts, the deepest first, none where it is not trusted; forces: of these, where the scene
     names an elastic layer."""
@@ -77,6 +78,7 @@ class Reading(Comparable):
     figures: Figures
     time: float
     noise: Cells
+    moved: Cells
     tareable: bool = False
     touches: tuple[Touch, ...] = ()
     forces: tuple[Force, ...] = ()

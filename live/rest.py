@@ -86,10 +86,14 @@ class Deviation:
         """Of shift, roll and sink (4,)."""
         return np.asarray(self.growth * np.linalg.norm(self.root, axis=1))
 
+    @property
+    def motion(self) -> Cells:
+        """Of the picture: shift and roll (3,), pixels."""
+        return np.array([*self.shift, self.roll], np.float32)
+
     def heights(self, creep: Creep, every: int = 1) -> Cells:
         """To be added to the heights of every so many cells (r, c), mm."""
-        parts = np.array([*self.shift, self.roll, self.sink], np.float32)
-        heights: Cells = _sum(parts[None], creep, every)[0]
+        heights: Cells = _sum(np.append(self.motion, np.float32(self.sink))[None], creep, every)[0]
         return heights
 
     def modes(self, creep: Creep, every: int = 1) -> Cells:
@@ -115,10 +119,8 @@ def creep_of(rig: Rig, points: Cells) -> Creep:
     sampled = shapes[:, :, *at].astype(np.float64)
     tilted = by_height * (x.max() - x) - by_slope[:, 0]
     sinking, tilt = (float(np.vdot(sampled[0], one) / np.vdot(one, one)) for one in (by_height, tilted))
-    return Creep(
-        np.stack(heights), np.stack(slopes), free, turn, at, x, y, sampled, by_height, by_slope, places,
-        abs(sinking), abs(tilt),
-    )  # fmt: skip
+    planes = np.stack(heights), np.stack(slopes), free
+    return Creep(*planes, turn, at, x, y, sampled, by_height, by_slope, places, abs(sinking), abs(tilt))
 
 
 def fitted(
@@ -157,14 +159,12 @@ def fitted(
 
 def _outside(creep: Creep, good: Mask, circles: Sequence[Circle]) -> tuple[Mask, float]:
     """Cells of the fit (n,) outside the contacts; growth of its sigmas where they are near."""
-    known, use, growth = good[*creep.at], good[*creep.at], 1.0
-    for far, growth in _FAR:
-        use = known.copy()
-        for x, y, radius in circles:
-            use &= np.hypot(creep.x - x, creep.y - y) > far * radius
-        if np.count_nonzero(use) >= _FEWEST:
-            break
-    return use, growth
+    away = np.full(creep.x.size, np.inf)
+    for x, y, radius in circles:
+        away = np.minimum(away, np.hypot(creep.x - x, creep.y - y) / radius)
+    away[~good[*creep.at]] = 0
+    far, growth = next((one for one in _FAR if np.count_nonzero(away > one[0]) >= _FEWEST), _FAR[-1])
+    return away > far, growth
 
 
 def _inverse_priors(layer: Layer | None, circles: Sequence[Circle], depths: Sequence[float]) -> Float:
@@ -173,7 +173,7 @@ def _inverse_priors(layer: Layer | None, circles: Sequence[Circle], depths: Sequ
         return np.zeros(0)
     x, y, radius = np.array(circles, np.float64).T  # at a place on the edge where no term is zero
     size = _terms(layer, circles, x + 0.6 * radius, y + 0.8 * radius)
-    each = np.diagonal(size.reshape(len(circles), len(_PRIOR), -1), axis1=0, axis2=2).T
+    each = np.diagonal(size.reshape(len(circles), len(_PRIOR), len(circles)), axis1=0, axis2=2).T
     return np.asarray(np.abs(each) / (np.array(_PRIOR) * np.array(depths)[:, None])).ravel()
 
 
@@ -186,9 +186,9 @@ def _sum(parts: Cells, creep: Creep, every: int) -> Cells:
 
 def _terms(layer: Layer | None, circles: Sequence[Circle], x: Float, y: Float) -> Float:
     """Heights (5 n, m) at places (m,): the far field, and the flank of a Gaussian dent that fades."""
-    fields = far_field(layer, circles, x, y).reshape(len(circles), 4, -1)
+    fields = far_field(layer, circles, x, y).reshape(len(circles), 4, x.size)
     q2 = np.array([((x - a) ** 2 + (y - b) ** 2) / radius**2 for a, b, radius in circles])
-    return np.concatenate([fields, np.exp2(-q2)[:, None]], axis=1).reshape(-1, x.size)
+    return np.concatenate([fields, np.exp2(-q2)[:, None]], axis=1).reshape(5 * len(circles), x.size)
 
 
 def _loads(creep: Creep, layer: Layer | None, circles: Sequence[Circle], use: Mask) -> Float:

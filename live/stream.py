@@ -75,9 +75,9 @@ class Live:
     def restart(self, prepared: Prepared) -> None:
         """Begin anew, with another rest."""
         self.prepared, self._faded = prepared, 0
-        self._track, self._followed = at_rest(prepared.rig), 0
         self._touches = Touches()
         self.creep: Creep = creep_of(prepared.rig, prepared.points)
+        self.reset()
 
     def reset(self) -> None:
         """Forget the frames before."""
@@ -101,7 +101,8 @@ class Live:
         """The heights less what the rig and the anchor moved, and the contacts in them."""
         prepared, rig, tau = self.prepared, self.prepared.rig, found.settled.track.tau
         x, y = (prepared.points[i] + tau * rig.mirror.planes[3 + i] for i in (0, 1))
-        z = found.z + found.deviation.heights(self.creep)
+        moved = found.deviation.heights(self.creep)
+        z = found.z + moved
         modes = np.float32(found.deviation.growth) * found.deviation.modes(self.creep)
         sigma = np.sqrt(np.square(found.noise) + np.square(modes).sum(axis=0))
         surface = Surface(
@@ -123,6 +124,7 @@ class Live:
             sigma=sigma,
             total_sigma=np.sqrt(np.square(sigma) + np.float32(still**2)),
             noise=found.noise,
+            moved=moved,
             good=found.settled.good,
             x=x,
             y=y,

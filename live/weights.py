@@ -9,19 +9,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.ndimage
 
-from optolever.contact import forces_on
+from optolever.contact import Surface, contacts, regions
 from optolever.errors import InputError
 from optolever.reconstruct import HeightMap
 from optolever.scene import Layer
 
-from .arrays import Float
-
 __all__ = ["Weighed", "Weight", "weighed"]
 
-_HALF = 0.5  # of the depth: a contact's area
-_SIGNIFICANT = 6.0  # sigma of the height
 _SQUARES = 2e-3  # of a force: pressure on squares in place of Hertz' (tests/live/test_weights.py)
 
 
@@ -73,30 +68,12 @@ def weighed(layer: Layer, weights: Sequence[Weight]) -> Weighed:
 
 
 def _force(unit: Layer, height: HeightMap) -> tuple[float, float]:
-    """Force of the deepest contact, N, and its sigma: that of the height, common to the contact."""
-    grid = height.resample()
-    z = np.where(np.isfinite(grid.z), grid.z, 0.0)
-    peak = np.unravel_index(int(z.argmax()), z.shape)
-    depth, sigma = float(z[peak]), float(grid.sigma[peak])
-    if not depth > _SIGNIFICANT * sigma:
+    """Force on the deepest contact, N, and its sigma: that of the height, common to the contact."""
+    surface = Surface(height.x, height.y, height.z, height.sigma, height.good)
+    found = contacts(surface, regions(surface)[:1], unit)
+    if not found:
         raise InputError(
-            f"height map: the deepest point is {depth:.2g} ± {sigma:.2g} mm, must be {_SIGNIFICANT:g} sigma; "
+            "height map: no point is deeper than six sigma of its height; "
             "press, and give heights less rest (reconstruct --rest)"
         )
-    labels, _ = scipy.ndimage.label(z > _HALF * depth)
-    rows, cols = np.nonzero(labels == labels[peak])
-    circle = (
-        grid.x0 + grid.pitch * float(cols.mean()),
-        grid.y0 + grid.pitch * float(rows.mean()),
-        math.sqrt(rows.size * grid.pitch**2 / math.pi),
-    )
-
-    def sampled(values: Float, places: Float, pitch: float) -> Float:
-        side = max(1, round(pitch / grid.pitch))
-        smooth = scipy.ndimage.uniform_filter(np.nan_to_num(values).astype(np.float64), side)
-        at = (places[:, 1] - grid.y0) / grid.pitch, (places[:, 0] - grid.x0) / grid.pitch
-        return np.asarray(scipy.ndimage.map_coordinates(smooth, at, order=1, mode="nearest"))
-
-    found = forces_on(unit, [circle], lambda places, pitch: sampled(z, places, pitch))
-    moved = found.weights @ sampled(grid.sigma, found.places, found.pitch)
-    return float(found.pressure.sum() * found.pitch**2), abs(float(moved[0])) * found.pitch**2
+    return found[0].force or math.nan, found[0].force_sigma or math.nan

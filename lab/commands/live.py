@@ -26,7 +26,7 @@ contact  4     19.13  10.5 (15)     0.0012 (0.001)    0.519        7e-06        
 def command(
     size: Annotated[tuple[int, int], pixels("Size of the camera.")] = (480, 640),
     streams: Annotated[
-        int, Opt("--streams FRAMES", "Only twelve kinds of streams of so many frames.", click.IntRange(0))
+        int, Opt("--streams FRAMES", "Only eleven kinds of streams of so many frames.", click.IntRange(0))
     ] = 0,
     vibration: Annotated[bool, Opt("--vibration", "Only a surface that vibrates: 12 s at 60 Hz.")] = False,
     soak: Annotated[float, Opt("--soak MINUTES", "Only the virtual rig with page, client, recording.")] = 0.0,

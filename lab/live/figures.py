@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.fft
@@ -35,7 +35,7 @@ _REPEATS = 3
 @dataclass(frozen=True)
 class LiveRow:
     """One case: time of one core over that of two float32 transforms (median), largest rms error over the
-    depth, error over noise (rms over the frames), share beyond five, frames that were trusted."""
+    depth, error over sigma (rms over the frames), share beyond five, frames that were trusted."""
 
     case: str
     cell: int
@@ -66,8 +66,12 @@ def live_rows(size: tuple[int, int], cells: tuple[int, ...], seed: int) -> Itera
     rigs = {cell: stream_rig(scene, cell) for cell in cells}
     some = next(iter(rigs.values()))
     for case, (frames, limits, error_limit) in CASES.items():
-        lights = [some.light(dents, 4) for dents in frames]
-        for cell, rig in rigs.items():
+        worlds = {
+            cell: replace(rig, world=replace(rig.world, fading=case != "contact"))
+            for cell, rig in rigs.items()
+        }
+        lights = [worlds[some.prepared.rig.carriers.cell].light(dents, 4) for dents in frames]
+        for cell, rig in worlds.items():
             yield _row(rig, case, cell, frames, lights, limits[cell], error_limit, seed)
 
 
@@ -93,7 +97,7 @@ def _row(
             error = reading.z - rig.truth(dents)
             inner = reading.good & (reading.x > 6)
             errors.append(float(error[inner].std()) / dents[0][4])
-            ratio = (error / reading.noise)[reading.good]  # these dents end before the anchor
+            ratio = (error / reading.sigma)[reading.good]
             ratios.append(float(np.mean(np.square(ratio))))
             beyond.append(float(np.mean(np.abs(ratio) > 5)))
             trusted.append(reading.trusted)

@@ -1,4 +1,4 @@
-"""Streams of twelve kinds of a tactile sensor's frames, counted; faults of frames."""
+"""Streams of eleven kinds of a tactile sensor's frames, counted; faults of frames."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -66,7 +66,6 @@ KINDS: dict[str, Kind] = {
     ),
     "ball 3 mm, half-space": _pressed(BALL, 3.0, 0.12, fading=False),
     "ball 4 mm rolls": lambda x, y, rise, at: Moment(((BALL, x - 4 + 8 * rise, y, 4.0, 0.08),), False),
-    "ball 5 mm": _pressed(BALL, 5.0, 0.25),
     "ball 5 mm, half-space": _pressed(BALL, 5.0, 0.25, fading=False),
     "deep 2 mm": _pressed(GAUSS, 2.0, 0.3),
     "deep 3 mm": _pressed(GAUSS, 3.0, 0.35),

@@ -6,6 +6,7 @@ index) are read from a scene of a telecentric camera. A dent is a row (kind, x, 
 Gaussian of that sigma, 1 a ball's contact of that radius (Hertz); all fade to zero over the outer tenth
 before x = L0, except in a world that is a half-space (`fading`)."""
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -37,10 +38,17 @@ class World:
     blur: float
     fading: bool = True
 
-    def moved(self, along: float, down: float) -> "World":
-        """With the camera moved by so many pixels along columns and rows of its image."""
+    def moved(self, along: float = 0.0, down: float = 0.0, roll: float = 0.0) -> "World":
+        """With the camera moved by so many pixels along columns and rows of its image, and rolled about its
+        middle, rad."""
         camera = self.camera.copy()
         camera[0] += along * camera[1] + down * camera[2]
+        middle = (self.shape[1] * camera[1] + self.shape[0] * camera[2]) / 2
+        wide, high = np.linalg.norm(camera[1]), np.linalg.norm(camera[2])
+        u, v = camera[1] / wide, camera[2] / high
+        camera[1] = wide * (math.cos(roll) * u + math.sin(roll) * v)
+        camera[2] = high * (math.cos(roll) * v - math.sin(roll) * u)
+        camera[0] += middle - (self.shape[1] * camera[1] + self.shape[0] * camera[2]) / 2
         return replace(self, camera=camera)
 
     def lights(self, dents: ArrayLike, sequence: Sequence, side: int = 4) -> NDArray[np.float32]:

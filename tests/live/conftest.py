@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from lab.live.streams import StreamRig
-from lab.live.world import World, expose, world_of
+from lab.live.world import BALL, World, expose, world_of
 from optolever.decode import Correspondence, decode
 from optolever.live import Prepared, prepare
 from optolever.patterns import Sequence, sequence
@@ -55,7 +55,7 @@ def shot(rest: Rest) -> Callable[..., NDArray[Any]]:
 
     @cache
     def light(dents: Dents) -> NDArray[np.float32]:
-        return rest.world.lights(dents, rest.fringe)[0]
+        return _world(rest, dents).lights(dents, rest.fringe)[0]
 
     def take(dents: Dents = (), seed: int = 0, noise: float = NOISE, gain: float = 1.0) -> NDArray[Any]:
         frame: NDArray[Any] = expose(light(dents), np.random.default_rng(seed), noise, gain)
@@ -67,4 +67,9 @@ def shot(rest: Rest) -> Callable[..., NDArray[Any]]:
 @pytest.fixture(scope="session")
 def truth(rest: Rest, prepared: Prepared) -> Callable[[Dents], NDArray[np.float64]]:
     """Function of dents: the true height in the middle of the cells, mm."""
-    return cache(StreamRig(rest.scene, rest.world, rest.fringe, prepared).truth)
+    return cache(lambda dents: StreamRig(rest.scene, _world(rest, dents), rest.fringe, prepared).truth(dents))
+
+
+def _world(rest: Rest, dents: Dents) -> World:
+    """A half-space under balls, whose far field does not fade."""
+    return replace(rest.world, fading=not any(dent[0] == BALL for dent in dents))

@@ -59,7 +59,7 @@ def test_a_lamp_moves_no_height(rest: Rest, prepared: Prepared, truth: Callable[
     for k, dents in enumerate(((), PRESSED)):
         light, true = rig.shown(Moment(dents, lamp=25.0))
         reading = Live(prepared).update(expose(light, np.random.default_rng(k)))
-        ratio = ((reading.z - true) / reading.noise)[reading.good]
+        ratio = ((reading.z - true) / reading.sigma)[reading.good]
         assert reading.trusted
         assert np.sqrt(np.mean(np.square(ratio))) < 1.2
 

@@ -27,13 +27,14 @@ SMOOTH = [
     ((GAUSS, 25.0, 15.0, 4.0, 0.06), (GAUSS, 38.0, 30.0, 5.0, 0.08)),
 ]
 CONTACTS = [((BALL, 28.0, 20.0, 4.0, 0.05),), ((BALL, 31.0, 22.0, 4.0, 0.07),)]
-#: mm rms of noise that a frame of 240 x 320 pixels leaves, which no fit beats.
-FLOOR = 1.5e-4
+#: mm of noise that a frame of 240 x 320 pixels leaves; mm of the picture's motion that a dent of a third of
+#: the mirror hides.
+FLOOR, HIDDEN = 1.5e-4, 0.005
 
 
 def _errors(reading: Reading, true: Any) -> tuple[Any, Any]:
     error = (reading.z - true)[reading.good]
-    return error, error / reading.noise[reading.good]  # these dents end before the anchor: no load
+    return error, error / reading.sigma[reading.good]
 
 
 def test_the_independent_renderer_agrees_with_the_trace(rest: Rest) -> None:
@@ -56,7 +57,7 @@ def test_heights_are_right_within_sigma(prepared: Prepared, shot: Shot, truth: T
         assert reading.good.mean() > 0.97
         ratios.append(np.mean(np.square(ratio)))
         if dents in SMOOTH:
-            assert np.median(np.abs(error)) < FLOOR
+            assert np.median(np.abs(error)) < (HIDDEN if dents[0][3] > 5 else 3 * FLOOR)
             assert np.mean(np.abs(ratio) > 5) < 0.01
         else:
             inner = reading.good & (reading.x > 6)  # towards x = 0 noise grows without bound
