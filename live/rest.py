@@ -29,11 +29,8 @@ _STEP = 0.1  # pixels, turns, mm: of differences
 _ROUNDS = 6  # of the coupled equations
 _WHOLE = 0.99  # share of a window
 _SAMPLES = 2500  # cells of a fit
-_FAR = (
-    (3.0, 1.0),
-    (2.0, 2.0),
-    (1.5, 4.0),
-)  # radii of a contact: the first that leave enough cells; growth of sigma
+#: Radii of a contact, the first that leave enough cells; growth of sigma there.
+_FAR = ((3.0, 1.0), (2.0, 2.0), (1.5, 4.0))
 _FEWEST = 100  # cells
 _NEAR = 0.02  # of a radius: differences of the far field
 _PRIOR = (0.5, 0.2, 0.2, 0.2, 1.0)  # of a contact's depth: sigma of its terms at its edge

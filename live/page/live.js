@@ -211,7 +211,6 @@ function rows(id, all) {
 }
 const noForce = (n) => (!n.layer ? "the scene names no [layer]" : !n.trusted ? "not trusted" : n.touches.length ? "" : "nothing touches");
 function radius(t) {
-  if (t.shape) return t.shape.radii.map((r, k) => (r === null ? "flat" : both(r, t.shape.radii_sigma[k]))).join(", ");
   return nothing(t.indenter_radius) ? "–" : both(t.indenter_radius, t.indenter_radius_sigma);
 }
 

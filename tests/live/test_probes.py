@@ -98,7 +98,7 @@ def test_a_probe_is_a_cell_with_its_sigma(prepared: Prepared, shot: Shot) -> Non
     reading = Live(prepared).update(shot())
     (probed,) = probes.read(reading)
     at = probe.row, probe.col
-    assert (probed.z, probed.sigma) == (reading.z[at], reading.noise[at])
+    assert (probed.z, probed.sigma) == (reading.z[at] - reading.moved[at], reading.noise[at])
     assert np.hypot(probed.x - 30, probed.y - 22) < np.sqrt(prepared.area)
     (lost,) = probes.read(replace(reading, trusted=False))
     assert lost.z is lost.sigma is None
