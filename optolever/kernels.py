@@ -4,11 +4,12 @@ A kernel assigns numbers, place by place: `a[:] = b` of two lines makes Numba co
 of shapes that differ, some 2 s.
 """
 
+import atexit
 import hashlib
 import os
 import shutil
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
@@ -72,6 +73,8 @@ def _compiled(function: Callable[..., T], **options: Any) -> Callable[..., T]:
 def cache_folder(folder: Path) -> Path | None:
     """Where the compiled kernels of the part around `folder` are kept, for what its sources are now; None if
     nowhere. The first that can be written: NUMBA_CACHE_DIR, the part's __pycache__, the user's cache folder.
+    What lies in those before it that can only be read, as in an installation that its owner has warmed, is
+    linked to from there; from a folder of this process alone where none can be written.
 
     A place that others may write to, as the system's folder for temporary files, is none of them: what is
     kept is loaded as code. Nor is NUMBA_CACHE_DIR taken from Numba, which reads a file in the working folder.
@@ -86,6 +89,7 @@ def cache_folder(folder: Path) -> Path | None:
     user = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"))
     if user.is_absolute():  # a user without a name, as in containers, has no home folder: "~" stays
         places.append(user / "optolever")
+    warmed: list[Path] = []
     for place in places:
         found = place / f"kernels-{state.hexdigest()[:16]}"
         with suppress(OSError):
@@ -95,5 +99,23 @@ def cache_folder(folder: Path) -> Path | None:
             others = sorted(place.glob("kernels-*"), key=lambda one: one.stat().st_mtime)
             for old in others[: -_KEPT - 1]:  # each takes some 25 MB
                 shutil.rmtree(old, ignore_errors=True)
-            return found
+            return _linked(warmed, found)
+        with suppress(OSError):
+            warmed += [found] if found not in warmed and any(found.rglob("*.nbi")) else []
+    if warmed:
+        with suppress(OSError):
+            own = Path(tempfile.mkdtemp(prefix="optolever-kernels-"))  # which nobody else may enter
+            atexit.register(shutil.rmtree, own, ignore_errors=True)
+            return _linked(warmed, own)
     return None
+
+
+def _linked(warmed: Sequence[Path], folder: Path) -> Path:
+    """The folder, with links to what lies in the others: Numba replaces a link, it does not follow it."""
+    for other in warmed:
+        for file in other.rglob("*.nb?"):
+            link = folder / file.relative_to(other)
+            with suppress(OSError):  # another process was faster
+                link.parent.mkdir(parents=True, exist_ok=True)
+                link.symlink_to(file)
+    return folder
