@@ -1,6 +1,6 @@
 """Arguments that several commands share, and what they name, loaded."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -154,8 +154,12 @@ def correspondence_of(path: Path, rig: Path | str) -> "ol.decode.Correspondence"
 
 def response_of(rig: Path | str) -> "ol.decode.Response | None":
     """[response] of a rig's file; None of a preset, or without one."""
-    known = Path(rig).is_file() and "response" in ol.scene.rig_table(rig)
-    return ol.calibration.load_response(rig).response if known else None
+    return ol.calibration.load_response(rig).response if "response" in sections(rig) else None
+
+
+def sections(rig: Path | str) -> Mapping[str, Any]:
+    """Sections of a rig's file, none of a preset: without one of other parts these need not be imported."""
+    return ol.scene.rig_table(rig) if Path(rig).is_file() else {}
 
 
 def decoded_by_response(
@@ -169,9 +173,9 @@ def decoded_by_response(
     return ol.calibration.with_better_fit(found, plain)
 
 
-def name_unused(rig: Path | str, command: str, **sections: str) -> None:
+def name_unused(rig: Path | str, command: str, **reasons: str) -> None:
     """A line for each of these sections (name=why) that a rig's file has: the command does not use it."""
-    table = ol.scene.rig_table(rig) if Path(rig).is_file() else {}
-    for name, why in sections.items():
+    table = sections(rig)
+    for name, why in reasons.items():
         if name in table:
             print_notices([f"{rig}: {command} does not use [{name}]: {why}"])

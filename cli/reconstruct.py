@@ -11,7 +11,19 @@ from optolever import InputError
 
 from .arguments import Arg, Opt, Rare, program
 from .batch import Many
-from .options import Anchor, Json, Pitch, SceneName, Size, blame, load_scene, mask_file, mask_from, rest_file
+from .options import (
+    Anchor,
+    Json,
+    Pitch,
+    SceneName,
+    Size,
+    blame,
+    load_scene,
+    mask_file,
+    mask_from,
+    rest_file,
+    sections,
+)
 from .outputs import GRID_SUFFIXES, HDF5, OutputFile
 from .show import (
     budget_rows,
@@ -110,7 +122,9 @@ def command(
         if facet is not None:
             raise InputError(f"--facet {facet}: {scene_name} is no SOFAST result (.h5)")
         scene = load_scene(scene_name, size)
-    at_rest = None if sofast or size is not None or rest is not None else ol.calibration.load_rest(scene_name)
+    at_rest = None
+    if not sofast and rest is None and size is None and "rest" in sections(scene_name):
+        at_rest = ol.calibration.load_rest(scene_name)
     if change_path is not None and at_rest is None:
         cure = f"{scene_name} has no rest map; run `optolever rest`"
         why = cure if rest is None else f"heights are those above --rest {rest_path}; leave one out"

@@ -9,16 +9,19 @@ edge's variance, so that the solve goes around the crease, and the sigma of pixe
 doubt.
 """
 
+from itertools import accumulate
+from typing import Any
+
 import numpy as np
 import scipy.ndimage
 import scipy.sparse
 import scipy.sparse.csgraph
+from numpy.typing import NDArray
 
-from optolever.blocks import over_image
-from optolever.kernels import exact, inlined
+from optolever.blocks import on_cores
 
 from ..arrays import Floats, Ints, Mask
-from ..solver.edges import Doubt, cubic_at_end, stencil
+from ..solver.edges import Doubt, cubic_at_end, cubic_inside
 
 __all__ = ["cut_off", "edge_doubt", "surest", "touched", "widened"]
 
@@ -32,6 +35,7 @@ _NOISE_CUBIC, _NOISE_LINEAR = 2.01, 1.19  # of cubic minus one side's three or t
 _BEND = 0.375  # of a side's third difference: the error of its extrapolation
 _BEND4 = 0.349  # of its fourth difference: that of the next order
 _CONVERGES = 0.5  # errors that fall so from one order to the next are those of a curve, not of a jump
+_REACH, _BLOCK = 4, 32  # pixels on either side; rows at once: what they need stays in the cache
 _SHARE = 1.0 / 12.0  # a jump inside an edge moves that edge's increment by half of it, the next one's by 1/24
 _BESIDE = 5  # pixels: reach of a crease's surroundings, in which doubts below the noise count too
 _CERTAIN, _ABRUPT = 8.0, 0.2  # of its noise, of the largest step: residual of one side at a kink
@@ -56,8 +60,8 @@ def edge_doubt(
 
     noise: factor on the slopes' standard deviations.
     """
-    dx, plain_x, sure_x = _axis(p, var_p, mask, (0, 1), noise)
-    dy, plain_y, sure_y = _axis(q, var_q, mask, (1, 0), noise)
+    dx, plain_x, sure_x = _axis(p, var_p, mask, 1, noise)
+    dy, plain_y, sure_y = _axis(q, var_q, mask, 0, noise)
     sure, doubtful = sure_x | sure_y, (dx > 0) | (dy > 0)
     parts, count = scipy.ndimage.label(doubtful, structure=np.ones((3, 3)))
     sizes = np.bincount(parts.ravel())
@@ -87,22 +91,13 @@ def _shared(doubt: Floats, mask: Mask) -> Floats:
     return wide
 
 
-def _axis(
-    f: Floats, variance: Floats, mask: Mask, step: tuple[int, int], noise: float
-) -> tuple[Floats, Floats, Mask]:
+def _axis(f: Floats, variance: Floats, mask: Mask, axis: int, noise: float) -> tuple[Floats, Floats, Mask]:
     """Doubts beyond the noise, doubts whatever the noise, and where they are beyond any noise."""
-    di, dj = step
-    out, plain, most = (np.zeros(f.shape) for _ in range(3))
-    sure = np.zeros(f.shape, dtype=np.bool_)
-    over_image(
-        lambda start, stop: _doubt(f, variance, mask, di, dj, noise, out, plain, most, sure, start, stop),
-        f.shape,
-    )
+    with np.errstate(all="ignore"):
+        out, plain, most, sure = _doubts(f, variance, mask, axis, noise)
     if most.any():
         # next to an edge that neither side explains, one side always fails
-        highest, explained = (
-            scipy.ndimage.maximum_filter1d(part, 3, axis=1 if dj else 0) for part in (most, plain)
-        )
+        highest, explained = (scipy.ndimage.maximum_filter1d(part, 3, axis=axis) for part in (most, plain))
         kink = (most >= highest) & (explained < _ONE_SIDED * most)
         for doubt in (out, plain):
             doubt[kink] = np.maximum(doubt, _KINK * most)[kink]
@@ -183,63 +178,82 @@ def cut_off(doubt: Doubt, limit: tuple[Floats, Floats], mask: Mask, anchors: Int
     return away
 
 
-@inlined
-def _edge(f, var, mask, i, j, di, dj, before, after, scale):  # type: ignore[no-untyped-def]
-    """Of the edge from (i, j): the smaller residual of both sides, beyond the noise and regardless of it (inf
-    without a side of enough pixels); whether it exceeds the noise for certain; the largest certain residual.
+def _doubts(
+    f: Floats, variance: Floats, mask: Mask, axis: int, noise: float
+) -> tuple[Floats, Floats, Floats, Mask]:
+    """Of every edge along an axis (0: to the next row): the smaller residual of both sides, beyond the noise
+    and regardless of it; the largest one that is certain; whether the smaller exceeds the noise for certain.
     """
-    i1, j1 = i + di, j + dj
-    centre = stencil(f, mask, i, j, di, dj, before, after)
-    sigma = np.sqrt(0.5 * (var[i, j] + var[i1, j1]))
-    rise = abs(f[i1, j1] - f[i, j])
-    least, certain, whatever, largest = np.inf, np.inf, np.inf, 0.0
-    for side in range(2):
-        s = -1 if side == 0 else 1
-        a, b, c, d = (i, j, i1, j1) if side == 0 else (i1, j1, i, j)
-        room = before if side == 0 else after - 1
-        ai, aj = s * di, s * dj
-        if room < 1 or not mask[a + ai, b + aj]:
-            continue
-        g, g0, g1 = f[c, d], f[a, b], f[a + ai, b + aj]
-        step = max(rise, abs(g1 - g0))
-        if room >= 2 and mask[a + 2 * ai, b + 2 * aj]:
-            g2 = f[a + 2 * ai, b + 2 * aj]
-            step = max(step, abs(g2 - g1))
-            away = abs(centre - (23.0 * g0 - 16.0 * g1 + 5.0 * g2) / 12.0)
-            away = max(away, abs(centre - (5.0 * g + 8.0 * g0 - g1) / 12.0))
-            if room >= 3 and mask[a + 3 * ai, b + 3 * aj]:
-                g3 = f[a + 3 * ai, b + 3 * aj]
-                away = max(away, _BEND * abs(g0 - g3 - 3.0 * (g1 - g2)))
-                finer = abs(centre - (55.0 * g0 - 59.0 * g1 + 37.0 * g2 - 9.0 * g3) / 24.0)
-                finer = max(finer, abs(centre - cubic_at_end(g, g0, g1, g2)))
-                if room >= 4 and mask[a + 4 * ai, b + 4 * aj]:
-                    g4 = f[a + 4 * ai, b + 4 * aj]
-                    finer = max(finer, _BEND4 * abs(g0 + g4 - 4.0 * (g1 + g3) + 6.0 * g2))
-                if finer < _CONVERGES * away:
-                    away = finer
-            noise = sigma * scale * _NOISE_CUBIC
-        else:
-            away = abs(centre - 0.5 * (3.0 * g0 - g1))
-            noise = sigma * scale * _NOISE_LINEAR
-        limit = max(_FAINT * noise, _ROUGH * step)
-        least = min(least, min(away, max(0.0, _RISE * (away - limit))))
-        whatever = min(whatever, away)
-        # a border's pixels may be noisier than this edge's
-        if room >= 3 and away > max(_CERTAIN * noise, _MATTERS * sigma, _ABRUPT * step):
-            largest = max(largest, away)
-        certain = min(certain, away / max(_SIGMAS * noise, _MATTERS * sigma))
-    sure = least > 0.0 and certain > 1.0 and np.isfinite(least)
-    return least if least > _FEEBLE * sigma else 0.0, whatever, sure, largest
+    around = [(_REACH, _REACH + 1) if k == axis else (0, 0) for k in (0, 1)]
+    values, known, spread = (np.pad(part, around) for part in (np.where(mask, f, 0.0), mask, variance))
+    out, plain, most = (np.zeros(f.shape) for _ in range(3))
+    sure, size = np.zeros(f.shape, np.bool_), f.shape[axis]
+    first = _REACH if mask.all() and size > 2 * _REACH + 1 else 0
+    last = size - _REACH - 1 if first else 0  # between these no edge lacks a pixel
 
+    def work(region: tuple[slice, slice, bool]) -> None:
+        rows, cols, whole = region
 
-@exact
-def _doubt(f, var, mask, di, dj, scale, out, plain, most, sure, start, stop):  # type: ignore[no-untyped-def]
-    rows, cols = f.shape
-    for i in range(start, min(stop, rows - di)):
-        for j in range(cols - dj):
-            if not (mask[i, j] and mask[i + di, j + dj]):
-                continue
-            before, after = (i, rows - 1 - i) if di == 1 else (j, cols - 1 - j)
-            least, whatever, certain, largest = _edge(f, var, mask, i, j, di, dj, before, after, scale)
-            if np.isfinite(whatever):
-                out[i, j], plain[i, j], most[i, j], sure[i, j] = least, whatever, largest, certain
+        def at(a: NDArray[Any], k: int) -> NDArray[Any]:
+            down, along = (k, 0) if axis == 0 else (0, k)
+            return a[rows.start + down : rows.stop + down, cols.start + along : cols.stop + along]
+
+        def chosen(condition: Mask, one: Floats, other: Floats | float) -> Floats:
+            return one if whole else np.where(condition, one, other)
+
+        g = {k: at(values, k + _REACH) for k in range(-_REACH, _REACH + 2)}
+        there = {k: at(known, k + _REACH) for k in range(-_REACH, _REACH + 2)}
+        centre = cubic_inside(g[-1], g[0], g[1], g[2])
+        if not whole:
+            end = np.where(there[-1] & there[-2], cubic_at_end(g[1], g[0], g[-1], g[-2]), 0.5 * (g[0] + g[1]))
+            end = np.where(there[2] & there[3], cubic_at_end(g[0], g[1], g[2], g[3]), end)
+            centre = np.where(there[-1] & there[2], centre, end)
+        sigma = np.sqrt(0.5 * (at(spread, _REACH) + at(spread, _REACH + 1)))
+        rise = np.abs(g[1] - g[0])
+        place = np.arange(rows.start, rows.stop)[:, None] if axis == 0 else np.arange(cols.start, cols.stop)
+        sides = []
+        for sign in (-1, 1):
+            near = 0 if sign < 0 else 1
+            g0, g1, g2, g3, g4 = (g[near + sign * k] for k in range(5))
+            one, two, three, four = accumulate((there[near + sign * k] for k in range(1, 5)), np.logical_and)
+            other = g[1 - near]
+            step = np.maximum(rise, np.abs(g1 - g0))
+            step = chosen(two, np.maximum(step, np.abs(g2 - g1)), step)
+            away = np.abs(centre - (23.0 * g0 - 16.0 * g1 + 5.0 * g2) / 12.0)
+            away = np.maximum(away, np.abs(centre - (5.0 * other + 8.0 * g0 - g1) / 12.0))
+            bent = np.maximum(away, _BEND * np.abs(g0 - g3 - 3.0 * (g1 - g2)))
+            finer = np.abs(centre - (55.0 * g0 - 59.0 * g1 + 37.0 * g2 - 9.0 * g3) / 24.0)
+            finer = np.maximum(finer, np.abs(centre - cubic_at_end(other, g0, g1, g2)))
+            fourth = _BEND4 * np.abs(g0 + g4 - 4.0 * (g1 + g3) + 6.0 * g2)
+            finer = chosen(four, np.maximum(finer, fourth), finer)
+            np.copyto(bent, finer, where=finer < _CONVERGES * bent)
+            if not whole:
+                away = np.where(two, away, np.abs(centre - 0.5 * (3.0 * g0 - g1)))
+            away = chosen(three, bent, away)
+            noisy = sigma * (noise * (_NOISE_CUBIC if whole else np.where(two, _NOISE_CUBIC, _NOISE_LINEAR)))
+            limit = np.maximum(_FAINT * noisy, _ROUGH * step)
+            beyond = np.minimum(away, np.maximum(0.0, _RISE * (away - limit)))
+            # a border's pixels may be noisier than this edge's
+            high = away > np.maximum(np.maximum(_CERTAIN * noisy, _MATTERS * sigma), _ABRUPT * step)
+            if not whole:
+                high &= one & (place >= 3 if sign < 0 else place < size - 4)
+            ratio = away / np.maximum(_SIGMAS * noisy, _MATTERS * sigma)
+            sides.append((*(chosen(one, part, np.inf) for part in (beyond, away, ratio)), high * away))
+        least, whatever, certain = (np.minimum(sides[0][k], sides[1][k]) for k in range(3))
+        edge = there[0] & there[1] & np.isfinite(whatever)
+        np.copyto(out[rows, cols], least, where=edge & (least > _FEEBLE * sigma))
+        np.copyto(plain[rows, cols], whatever, where=edge)
+        np.copyto(most[rows, cols], np.maximum(sides[0][3], sides[1][3]), where=edge)
+        np.copyto(sure[rows, cols], (least > 0) & (certain > 1), where=edge)
+
+    pieces = [
+        (slice(k, min(k + step, high)), whole)
+        for low, high, whole in ((0, first, False), (first, last, True), (last, size, False))
+        for step in (_BLOCK if axis == 0 else size,)
+        for k in range(low, high, step)
+    ]
+    lines = [slice(k, min(k + _BLOCK, len(f))) for k in range(0, len(f), _BLOCK)]
+    by_rows = [(piece, slice(0, f.shape[1]), whole) for piece, whole in pieces]
+    by_cols = [(rows, piece, whole) for rows in lines for piece, whole in pieces]
+    on_cores(work, by_rows if axis == 0 else by_cols)
+    return out, plain, most, sure

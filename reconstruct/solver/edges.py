@@ -7,7 +7,7 @@ neighbours: interior (-1, 13, 13, -1)/24; where the image or the mask ends, one-
 trapezoid where fewer than four neighbours stand.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,7 +27,6 @@ __all__ = [
     "factor_increments",
     "increments",
     "scaled_weights",
-    "stencil",
 ]
 
 _STEEP = 0.05  # of the integrating factor's ratio: where it falls so much, slopes do not say by how much
@@ -134,20 +133,22 @@ def apply_laplacian(x: Floats, wx: Floats, wy: Floats, out: Floats | None = None
     return image, float(sums.sum())
 
 
-@inlined
-def cubic_inside(before, g0, g1, after):  # type: ignore[no-untyped-def]
+def cubic_inside(before: Any, g0: Any, g1: Any, after: Any) -> Any:
     """Increment from g0 to g1 of the cubic through four slopes in a row."""
     return (13.0 * (g0 + g1) - before - after) / 24.0
 
 
-@inlined
-def cubic_at_end(g0, g1, g2, g3):  # type: ignore[no-untyped-def]
+def cubic_at_end(g0: Any, g1: Any, g2: Any, g3: Any) -> Any:
     """Increment from g0 to g1 likewise, at the end of these."""
     return (9.0 * g0 + 19.0 * g1 - 5.0 * g2 + g3) / 24.0
 
 
+#: The same in kernels.
+_inside, _at_end = inlined(cubic_inside), inlined(cubic_at_end)
+
+
 @inlined
-def stencil(f, mask, i, j, di, dj, before, after):  # type: ignore[no-untyped-def]
+def _stencil(f, mask, i, j, di, dj, before, after):  # type: ignore[no-untyped-def]
     """Increment from (i, j) to (i + di, j + dj); before/after:
     how many pixels the image has on either side.
     """
@@ -155,11 +156,11 @@ def stencil(f, mask, i, j, di, dj, before, after):  # type: ignore[no-untyped-de
     back = before >= 1 and mask[i - di, j - dj]
     ahead = after >= 2 and mask[i + 2 * di, j + 2 * dj]
     if back and ahead:
-        return cubic_inside(f[i - di, j - dj], g0, g1, f[i + 2 * di, j + 2 * dj])
+        return _inside(f[i - di, j - dj], g0, g1, f[i + 2 * di, j + 2 * dj])
     if ahead and after >= 3 and mask[i + 3 * di, j + 3 * dj]:
-        return cubic_at_end(g0, g1, f[i + 2 * di, j + 2 * dj], f[i + 3 * di, j + 3 * dj])
+        return _at_end(g0, g1, f[i + 2 * di, j + 2 * dj], f[i + 3 * di, j + 3 * dj])
     if back and before >= 2 and mask[i - 2 * di, j - 2 * dj]:
-        return cubic_at_end(g1, g0, f[i - di, j - dj], f[i - 2 * di, j - 2 * dj])
+        return _at_end(g1, g0, f[i - di, j - dj], f[i - 2 * di, j - 2 * dj])
     return 0.5 * (g0 + g1)
 
 
@@ -175,25 +176,26 @@ def _defects(p, q, w, root, mask, whole, gx, gy, start, stop):  # type: ignore[n
         if inner:  # the common case, without a look at the mask
             row, q0, q1, q2, q3 = p[i], q[i - 1], q[i], q[i + 1], q[i + 2]
             for j in range(1, cols - 2):
-                rise = cubic_inside(row[j - 1], row[j], row[j + 1], row[j + 2])
+                rise = _inside(row[j - 1], row[j], row[j + 1], row[j + 2])
                 out_x[j] = (rise - (w0[j + 1] - w0[j])) / (r0[j] * r0[j + 1])
             for j in range(cols):
-                rise = cubic_inside(q0[j], q1[j], q2[j], q3[j])
+                rise = _inside(q0[j], q1[j], q2[j], q3[j])
                 out_y[j] = (rise - (w1[j] - w0[j])) / (r0[j] * r1[j])
-        for j in range(cols):
-            if inner and 1 <= j < cols - 2:
-                continue
-            out_x[j] = 0.0
-            if j + 1 < cols and mask[i, j] and mask[i, j + 1]:
-                rise = stencil(p, mask, i, j, 0, 1, j, cols - 1 - j)
-                out_x[j] = (rise - (w0[j + 1] - w0[j])) / (r0[j] * r0[j + 1])
-        if inner:
-            continue
-        for j in range(cols):
-            out_y[j] = 0.0
-            if i + 1 < rows and mask[i, j] and mask[i + 1, j]:
-                rise = stencil(q, mask, i, j, 1, 0, i, rows - 1 - i)
-                out_y[j] = (rise - (w1[j] - w0[j])) / (r0[j] * r1[j])
+        for axis in range(1 if inner else 2):
+            di, dj = axis, 1 - axis
+            f, out = p, gx
+            if axis == 1:
+                f, out = q, gy
+            for j in range(cols):
+                if inner and 1 <= j < cols - 2:
+                    continue
+                out[i, j] = 0.0
+                k, l = i + di, j + dj
+                if k < rows and l < cols and mask[i, j] and mask[k, l]:
+                    before, after = (i, rows - 1 - i) if axis == 1 else (j, cols - 1 - j)
+                    rise = _stencil(f, mask, i, j, di, dj, before, after)
+                    far, ratio = (w1[j], r1[j]) if axis == 1 else (w0[l], r0[l])
+                    out[i, j] = (rise - (far - w0[j])) / (r0[j] * ratio)
 
 
 @exact
