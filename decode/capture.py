@@ -28,7 +28,7 @@ from .codes.orders import Orders, order_table
 from .contradiction import contradictions
 from .effects import View, cells, lag, motion, shared
 from .frames import Light, Settings, sample_levels, sample_places
-from .neighbours import HALO, Block, Result, axis_limits, neighbours
+from .neighbours import EITHER, HALO, SETTLE, Block, Result, axis_limits, neighbours, settle
 from .noise import Noise, Sample, fit_noise
 from .order import Repair, find_order
 from .pixels import Maps, Tables, pixel_rows
@@ -323,6 +323,7 @@ def prepared(sequence: Sequence, settings: Settings, profile: Estimates) -> Prep
         np.array([own.variance for own in profile.axes], f32),
         np.array([axis.extent for axis in axes], f32),
         np.maximum(np.array(covered, f32), 0),
+        np.array([_either(axis, number) for number, axis in enumerate(axes)], np.int32),
     )
     dof = sum(len(f.index) - 3 for axis in axes if not axis.looked_up for f in axis.fringes)
     dof += sum(
@@ -337,6 +338,14 @@ def prepared(sequence: Sequence, settings: Settings, profile: Estimates) -> Prep
     for table, line in zip(look_ups, limits, strict=True):
         line[0] = line[0] if table is None else table.jump
     return Prepared(axes, profile, tables, dof, limits, look_ups, matrix)
+
+
+def _either(axis: AxisPlan, number: int) -> int:
+    """Flag where two orders fit: of cells as large as a period the neighbours choose."""
+    code = axis.code
+    if code is None or len(axis.fringes) != 1 or code.cell < axis.fringes[0].period * (1 - 1e-6):
+        return int(Flag.ORDER_DOUBTFUL)
+    return int(EITHER[number])
 
 
 def _numbers(light: Light) -> tuple[NDArray[Any], F32 | None, np.float32]:
@@ -421,13 +430,16 @@ def applied(light: Light, ready: Prepared, mask: Mask) -> Correspondence:
     amplitude, offset, error = (np.empty((rows, cols), np.float32) for _ in range(3))
     flags = np.empty((rows, cols), np.uint16)
     size = int(np.clip(_CACHE // (4 * cols * (2 * axes + 2)), 16, 128))
+    open_orders = bool((ready.tables.either >= EITHER[0]).any())
+    halo = HALO + SETTLE if open_orders else HALO
+    periods = np.array([axis.fringes[0].period if axis.fringes else 1.0 for axis in ready.axes], np.float32)
 
     def work(first: int, last: int) -> None:
         """Blocks of a thread, from above: each takes the rows that it shares with the one before."""
-        rooms, done = (_Room(axes, size, cols), _Room(axes, size, cols)), max(first - HALO, 0)
+        rooms, done = (_Room(axes, size, cols), _Room(axes, size, cols)), max(first - halo, 0)
         for number, start in enumerate(range(first, last, size)):
             stop = min(start + size, last)
-            low, high = max(start - HALO, 0), min(stop + HALO, rows)
+            low, high = max(start - halo, 0), min(stop + halo, rows)
             room = rooms[number % 2]
             room.begin(high - low, rooms[1 - number % 2] if number else None, done - low)
             if done < high:
@@ -447,8 +459,13 @@ def applied(light: Light, ready: Prepared, mask: Mask) -> Correspondence:
                     whole[begin:end] = line[begin - done : end - done]
                 done = high
             block = Block(room.place, room.variance, room.amplitude, room.chi2, room.flags)
-            result = room.result(stop - start, flags[start:stop])
-            neighbours(block, start - low, ready.dof, ready.limits, result)
+            result, above = room.result(stop - start, flags[start:stop]), start - low
+            if open_orders:
+                block, above = settle(block, above, stop - start, periods)
+            neighbours(block, above, ready.dof, ready.limits, result)
+            if open_orders:
+                chosen = (result.flags == 0) & (error[start:stop] == 1)
+                error[start:stop][chosen] = 0
             coordinate[:, start:stop], sigma[:, start:stop] = result.coordinate, result.sigma
 
     cuts = np.unique(np.linspace(0, rows, min(threads(), max(rows // 32, 1)) + 1).astype(int)).tolist()
@@ -466,8 +483,9 @@ class _Room:
     """Memory of a block's lines, C-contiguous for every number of rows."""
 
     def __init__(self, axes: int, size: int, cols: int) -> None:
-        self._kept = [np.zeros(axes * (size + 2 * HALO) * cols, np.float32) for _ in range(6)]
-        self._flags, self._axes, self._cols = np.zeros((size + 2 * HALO, cols), np.uint16), axes, cols
+        most = size + 2 * (HALO + SETTLE)
+        self._kept = [np.zeros(axes * most * cols, np.float32) for _ in range(6)]
+        self._flags, self._axes, self._cols = np.zeros((most, cols), np.uint16), axes, cols
 
     def begin(self, rows: int, before: _Room | None, shared: int) -> None:
         """A block of so many rows; shared: its first ones are the last ones of the block before."""

@@ -33,13 +33,15 @@ from optolever.kernels import ZERO as _ZERO
 from .plan import AxisPlan
 from .records import Flag
 
-__all__ = ["HALO", "Block", "Result", "axis_limits", "neighbours"]
+__all__ = ["EITHER", "HALO", "SETTLE", "Block", "Result", "axis_limits", "neighbours", "settle"]
 
 U8 = NDArray[np.uint8]
 U16 = NDArray[np.uint16]
 Mask = NDArray[np.bool_]
-#: Rows that a block needs on either side of its result.
-HALO = 4
+#: Rows that a block needs beside its result; more of them for settle(); flags of two orders by axis.
+HALO, SETTLE, EITHER = 4, 2, (np.uint16(1 << 9), np.uint16(1 << 10))
+#: Fewest sure pixels of 5 x 5 that choose an order, least share that agrees, to this share of a period.
+_CHOOSE, _AGREE, _CHOSEN = 3, 0.9, np.float32(0.25)
 #: Usual blur of a camera's lens, and of a soft one, px of the camera; of a display, cells.
 _LENS, _SOFT, _BLUR = 0.2, 0.6, 0.6
 #: Squared standard deviations beyond which neighbours contradict; thresholds of third differences and of the
@@ -101,6 +103,34 @@ def axis_limits(axis: AxisPlan, lens_px: float | None = None, on_cells: bool = T
     border = 1 / 12 + _BLUR**2 if bordered else 0.0
     extent = float(axis.extent) if bordered else np.inf
     return np.array([jump, extent, border, aperture, unsure, fine], np.float32)
+
+
+def settle(block: Block, above: int, rows: int, periods: F32) -> tuple[Block, int]:
+    """A block of HALO + SETTLE rows around `rows` for neighbours(), and its rows above: where two orders of a
+    period (A,) fit, the one next to the median of the sure pixels of 5 x 5."""
+    place, flags, sure = block.place.copy(), block.flags.copy(), block.flags == 0
+    down, along = (one.ravel() for one in np.mgrid[-2:3, -2:3])
+    for a, period in enumerate(periods):
+        at = np.nonzero(block.flags & EITHER[a])
+        y, x = at[0][:, None] + down, at[1][:, None] + along
+        known = (y >= 0) & (y < len(flags)) & (x >= 0) & (x < flags.shape[1])
+        y, x = np.clip(y, 0, len(flags) - 1), np.clip(x, 0, flags.shape[1] - 1)
+        known &= sure[y, x]
+        number = np.count_nonzero(known, axis=1)
+        values = np.sort(np.where(known, block.place[a][y, x], np.float32(1e9)), axis=1)
+        middle = np.take_along_axis(values, np.maximum(number - 1, 0)[:, None] // 2, axis=1)[:, 0]
+        off = middle - place[a][at]
+        step = np.rint(off / period)
+        chosen = place[a][at] + step * period
+        near = known & (np.abs(block.place[a][y, x] - chosen[:, None]) < _CHOSEN * period)
+        found = (number >= _CHOOSE) & (np.abs(step) <= 1)
+        found &= np.count_nonzero(near, axis=1) >= _AGREE * number
+        place[a][at] = np.where(found, chosen, place[a][at])
+        flags[at] = (flags[at] & ~EITHER[a]) | np.where(found, np.uint16(0), np.uint16(Flag.ORDER_DOUBTFUL))
+    first = max(above - HALO, 0)
+    kept = slice(first, above + rows + HALO)
+    rings = [np.ascontiguousarray(one[:, kept]) for one in (place, block.variance, block.amplitude)]
+    return Block(rings[0], rings[1], rings[2], block.chi2[kept], flags[kept]), above - first
 
 
 def neighbours(block: Block, above: int, dof: int, limits: F32, result: Result) -> None:

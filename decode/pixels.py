@@ -33,7 +33,8 @@ class Tables(NamedTuple):
     """A: axes. given (A,): place comes from a look-up; close (A,): periods are close; factor (A,): variance
     of the
     amplitude over a sample's; more (A,): variance of every place, px^2; extent (A,): of the surface, px;
-    beyond (A,): share of the surface that the coarsest period does not cover."""
+    beyond (A,): share of the surface that the coarsest period does not cover; either (A,): flags where two
+    orders fit the interval of a code, see neighbours.settle."""
 
     fringes: tuple[tuple[FringeTable, ...], ...]
     bits: tuple[BitTable | None, ...]
@@ -44,6 +45,7 @@ class Tables(NamedTuple):
     more: F32
     extent: F32
     beyond: F32
+    either: I32
 
 
 class Maps(NamedTuple):
@@ -105,7 +107,7 @@ def pixel_rows(
                     known = offset - amplitude, offset + amplitude
                     ends = known if code.fringe else ends_of(raw, table, code, start, stop)
                     reach = read_rows(raw, table, noise, code, start, ends, place, error, flags)
-                    join_row(*measured, reach.reshape(-1), *lines)
+                    join_row(*measured, reach.reshape(-1), *lines, tables.either[a])
                 else:
                     start_row(*measured, tables.extent[a], *lines[:2])
                     if tables.beyond[a] > 0:

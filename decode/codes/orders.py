@@ -6,7 +6,8 @@ distance d; the next one is p - |d| away. Where x has a variance s^2 (a coarser 
 
     P(order is wrong) = 1 / (1 + exp(p (p / 2 - |d|) / (s^2 + p^2 v)));
 
-where x lies anywhere in an interval (a code), the place must lie in it and no other one.
+where x lies anywhere in an interval (a code), the place must lie in it and no other one; of two that fit
+(cells as large as a period) the neighbours choose.
 
 If no period covers the surface, each place p (t + k) of the finest period predicts every other phase, so
 that a
@@ -93,16 +94,17 @@ def join_row(
     variance: F32,
     error: F32,
     flags: I32,
+    either: np.int32,
 ) -> None:
-    """Place by a period within the interval of a code, place +- reach."""
+    """Place by a period within the interval of a code, place +- reach; either: flag where two orders fit."""
     per_period, square, none = _ONE / period, period * period, np.int32(0)
     for x in range(place.size):
         rough = place[x]
         away = period * (phase[x] + np.rint(rough * per_period - phase[x])) - rough
         far = abs(away)
-        bad = (far > reach[x] + _OUTSIDE * period) | (period - far - reach[x] < _APART * period)
-        flags[x] |= _ORDER if bad else none
-        error[x] = max(error[x], _ONE if bad else _ZERO)
+        outside, two = far > reach[x] + _OUTSIDE * period, period - far - reach[x] < _APART * period
+        flags[x] |= _ORDER if outside else either if two else none
+        error[x] = max(error[x], _ONE if outside | two else _ZERO)
         place[x] = rough + away
         variance[x] = square * phase_variance[x]
 

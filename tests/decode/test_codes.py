@@ -111,3 +111,19 @@ def test_folded_map_is_decoded_on_both_sides(shoot: Shoot) -> None:
     found = decode(shoot(shown, u, v, noise=1.0), shown, on_cells=False)
     assert found.good.mean() > 0.999
     assert np.abs(found.u - u)[found.good].max() < 0.1
+
+
+def test_cells_as_large_as_a_period(shoot: Shoot, smooth: Map) -> None:
+    """Where two orders fit the neighbours choose; one spot of wrong bits moves no place by a period."""
+    phases, bits = sequence("gray+phase", 150, 170, period=16), sequence("gray", 150, 170, cell=16.0)
+    kept = (
+        [one for one in phases.frames if one.bit is None],
+        [one for one in bits.frames if one.bit is not None],
+    )
+    shown = Sequence((*kept[0], *kept[1]), 150, 170)
+    frames = shoot(shown, *smooth)
+    frames[len(kept[0]) : len(kept[0]) + 3, 40:43, 40:43] = 128
+    found = decode(frames, shown, on_cells=False)
+    assert found.good.mean() > 0.995
+    for coord, truth in zip((found.u, found.v), smooth, strict=True):
+        assert np.abs(coord - truth)[found.good].max() < 1
