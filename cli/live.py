@@ -162,10 +162,11 @@ class _Run:
         count = len(self._delays)
         rate = count / max(time.perf_counter() - self._start, 1e-9)
         frame, density = ol.live.noise_floor(self.prepared, rate)
-        probes = [
-            {"x_mm": each.x, "y_mm": each.y, "spectrum": spectrum and spectrum.to_dict()}
-            for each, spectrum in zip(self.probes.each, self.probes.spectra(), strict=True)
-        ]
+        probes: list[dict[str, Any]] = [{"x_mm": each.x, "y_mm": each.y} for each in self.probes.each]
+        for trace in ol.live.TRACES:
+            name = "spectrum" if trace == "raw" else f"spectrum_{trace}"
+            for one, found in zip(probes, self.probes.spectra(trace=trace), strict=True):
+                one[name] = None if found is None else found.to_dict()
         return {
             "readings": count,
             "trusted": self._trusted,
@@ -188,8 +189,12 @@ class _Run:
             "noise": _noise(self.prepared, numbers["readings_per_s"]),
         }
         for probe in numbers["probes"]:
-            place, found = f"probe {probe['x_mm']:.3g},{probe['y_mm']:.3g}", probe["spectrum"]
-            figures[place] = found["text"] if found else "too few frames"
+            place = f"probe {probe['x_mm']:.3g},{probe['y_mm']:.3g}"
+            for trace, words in ol.live.TRACES.items():
+                found = probe["spectrum" if trace == "raw" else f"spectrum_{trace}"]
+                if trace == "raw" or found:
+                    text = found["text"] if found else "too few frames"
+                    figures[place if trace == "raw" else f"{place} {words}"] = text
         table(f"Live: {name}, {rows} x {cols} cells", figures)
 
 

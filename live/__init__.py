@@ -28,7 +28,7 @@ from .follow import Followed, follow, tared
 from .outlet import ContactTable, ReadingSocket
 from .prepare import prepare
 from .prepared import Noise, Prepared
-from .probes import Probe, Probed, Probes, noise_floor
+from .probes import TRACES, Probe, Probed, Probes, noise_floor
 from .reading import Figures, Reading
 from .recorded import ReadingRecorder, Replayed, has_readings, replayed
 from .rig import Readings, kept_rest
@@ -43,6 +43,7 @@ from .weights import Weighed, Weight, weighed
 
 __all__ = [
     "COMPRESSED",
+    "TRACES",
     "ContactTable",
     "Figures",
     "Followed",

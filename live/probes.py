@@ -1,6 +1,10 @@
 """Probes: the height of single cells over time, and its amplitude spectrum.
 
-One cell each: noise is common to neighbours, so that their mean gains little."""
+One cell each: noise is common to neighbours, so that their mean gains little. A camera that trembles moves
+the whole picture, which reads as height. So a trace is offered in three ways (TRACES): raw; steady, less what
+the shift and roll of the whole picture, measured in that frame, do to the height, which also takes off a
+mirror that sinks or tilts as a whole; difference, raw less the first probe's, which takes off what both have
+in common."""
 
 import math
 from collections import deque
@@ -14,19 +18,23 @@ from .prepared import Prepared
 from .reading import Reading
 from .spectrum import Spectrum, spectrum_of
 
-__all__ = ["Probe", "Probed", "Probes", "noise_floor"]
+__all__ = ["TRACES", "Probe", "Probed", "Probes", "noise_floor"]
 
+#: Ways in which a trace is offered, and their names.
+TRACES = {"raw": "raw", "steady": "less the picture's shift", "difference": "less probe 1"}
 _KEPT = 1 << 14  # frames
 
 
 @dataclass(frozen=True, slots=True)
 class Probed:
-    """One cell in one frame: x, y, z, mm, of a picture that counts as still: a patch that vibrates moves it,
-    too; sigma: of the noise from frame to frame; z is None where the height is not measured or trusted."""
+    """One cell in one frame: x, y, z, mm; z is raw, of a picture that counts as still, steady less the
+    picture's shift and roll, None where the height is not measured or trusted; sigma: of the noise from frame
+    to frame."""
 
     x: float
     y: float
     z: float | None
+    steady: float | None
     sigma: float | None
 
 
@@ -35,23 +43,31 @@ class Probe:
 
     def __init__(self, row: int, col: int, x: float, y: float) -> None:
         self.row, self.col, self.x, self.y = row, col, x, y
-        self._frames: deque[tuple[float, float, float]] = deque(maxlen=_KEPT)
+        self._frames: deque[tuple[float, float, float, float]] = deque(maxlen=_KEPT)
 
     def read(self, reading: Reading, number: int | None = None) -> Probed:
         """Take the height of a frame. number: the camera's, None without."""
         at = self.row, self.col
         measured = reading.trusted and bool(reading.good[at])
-        z, sigma = float(reading.z[at] - reading.moved[at]), float(reading.noise[at])
-        self._frames.append(
-            (reading.time, z if measured else math.nan, math.nan if number is None else number)
-        )
-        return Probed(self.x, self.y, *((z, sigma) if measured else (None, None)))
+        steady, moved = (float(part[at]) if measured else math.nan for part in (reading.z, reading.moved))
+        counter = math.nan if number is None else float(number)
+        self._frames.append((reading.time, steady - moved, steady, counter))
+        if not measured:
+            return Probed(self.x, self.y, None, None, None)
+        return Probed(self.x, self.y, steady - moved, steady, float(reading.noise[at]))
 
-    def spectrum(self, exposure_s: float, seconds: float = math.inf) -> Spectrum | None:
-        """Of the last `seconds`; None: too few frames."""
-        if not self._frames:
+    def spectrum(
+        self, exposure_s: float, seconds: float = math.inf, trace: str = "raw", first: "Probe | None" = None
+    ) -> Spectrum | None:
+        """Of the last `seconds` of one of TRACES; first: the probe of a difference. None: too few frames."""
+        if not self._frames or (trace == "difference" and first in (None, self)):
             return None
-        times, heights, numbers = np.array(self._frames).T
+        times, raw, steady, numbers = np.array(self._frames).T
+        heights = steady if trace == "steady" else raw
+        if trace == "difference" and first is not None:
+            both = min(len(first._frames), times.size)
+            times, numbers = times[-both:], numbers[-both:]
+            heights = raw[-both:] - np.array(first._frames)[-both:, 1]
         last = times > times[-1] - seconds
         counted = bool(np.isfinite(numbers[last]).all())
         return spectrum_of(times[last], heights[last], exposure_s, numbers[last] if counted else None)
@@ -83,9 +99,12 @@ class Probes:
         """All of them in one frame."""
         return tuple(probe.read(reading, number) for probe in self.each)
 
-    def spectra(self, seconds: float = math.inf) -> list[Spectrum | None]:
-        """Of all of them, of the last `seconds`."""
-        return [probe.spectrum(self.exposure_s, seconds) for probe in self.each]
+    def spectra(self, seconds: float = math.inf, trace: str = "raw") -> list[Spectrum | None]:
+        """Of one of TRACES of all of them, of the last `seconds`; of a difference the first has none.
+        InputError of another trace."""
+        if trace not in TRACES:
+            raise InputError(f"trace: {trace!r}, must be one of {', '.join(TRACES)}")
+        return [probe.spectrum(self.exposure_s, seconds, trace, self.each[0]) for probe in self.each]
 
 
 def noise_floor(prepared: Prepared, rate: float) -> tuple[float, float]:

@@ -1,6 +1,7 @@
 """LiveServer: a page on this machine that shows a camera's readings as they come.
 
-`GET /` is the page, `GET /next?after=N` waits for a reading newer than N: the page asks for the next when it
+`GET /` is the page, `GET /next?after=N&trace=raw` (or steady, difference: of the spectra) waits for a
+reading newer than N: the page asks for the next when it
 has drawn one, so that nothing queues up. The answer holds four lengths (little-endian uint32), then JSON of
 the numbers, the camera's picture as JPEG, sigma and height as float32 in micrometres on a grid whose size is
 in the JSON. `POST /tare`, `/record`, `/probe?at=ROW,COL` (shares of the map) and `/clear?probe=N` (0: all)
@@ -30,7 +31,7 @@ from optolever.errors import InputError
 from .arrays import Cells, Frame
 from .follow import Followed, follow, plain, tared
 from .prepared import Prepared
-from .probes import Probes
+from .probes import TRACES, Probes
 from .recorded import ReadingRecorder
 from .source import Newest, Source
 from .stream import Live
@@ -73,7 +74,7 @@ class LiveServer:
         self._count = 0
         self._times: deque[float] = deque(maxlen=_RECENT)
         self._resting: list[Frame] | None = None
-        self._spectra: tuple[float, list[dict[str, Any] | None]] = 0.0, []
+        self._spectra: dict[str, tuple[float, list[dict[str, Any] | None]]] = {}
         self._answer, self._error, self._over = "", "", False
         routes = [
             Route("/next", self._next),
@@ -134,7 +135,7 @@ class LiveServer:
             return self._stop_recording() or self._start_recording()
         if name == "clear":
             del self._probes.each[max(probe - 1, 0) : probe or None]
-            self._spectra = 0.0, []
+            self._spectra.clear()
             return ""
         if name == "probe":
             if len(self._probes.each) >= _PROBES:
@@ -170,6 +171,9 @@ class LiveServer:
         after = request.query_params.get("after", "")
         if not after.isdecimal() or len(after) > _DIGITS:
             return PlainTextResponse(f"after: must be a number of at most {_DIGITS} digits", 400)
+        trace = request.query_params.get("trace", "raw")
+        if trace not in TRACES:
+            return PlainTextResponse(f"trace: must be one of {', '.join(TRACES)}", 400)
         end = time.monotonic() + _WAIT
         while not (self._count > int(after) or self._error or self._over or time.monotonic() > end):
             await asyncio.sleep(_POLL)
@@ -183,18 +187,19 @@ class LiveServer:
         if latest is None or (count <= int(after) and not error):
             return Response(status_code=204)
         state = {"count": count, "rate": self.rate, "answer": error or said, "skipped": self._source.skipped}
-        state |= {"age_s": time.monotonic() - newest, "spectra": self._spectra_now()}
+        state |= {"age_s": time.monotonic() - newest, "spectra": self._spectra_now(trace)}
         state |= {"recording": str(self._record.folder) if self._record else "", "error": error}
         body = await asyncio.to_thread(_body, latest, state, self._live.prepared)
         return Response(body, media_type="application/octet-stream")
 
-    def _spectra_now(self) -> list[dict[str, Any] | None]:
+    def _spectra_now(self, trace: str) -> list[dict[str, Any] | None]:
         """Plain values of the probes' spectra; bins of 1 / duration, nm."""
-        if time.monotonic() > self._spectra[0] + 0.5:
+        if trace not in self._spectra or time.monotonic() > self._spectra[trace][0] + 0.5:
             with self._lock:
-                spectra = self._probes.spectra(_SPECTRUM)
-            self._spectra = time.monotonic(), [None if one is None else one.to_dict() for one in spectra]
-        return self._spectra[1]
+                spectra = self._probes.spectra(_SPECTRUM, trace)
+            plainly = [None if one is None else one.to_dict() for one in spectra]
+            self._spectra[trace] = time.monotonic(), plainly
+        return self._spectra[trace][1]
 
     async def _snapshot(self, request: Request) -> Response:
         """The last reading and its frame as .npz."""

@@ -8,13 +8,13 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from optolever.live import Live, Probes
+from optolever.live import TRACES, Live, Probes, Spectrum
 from optolever.scene import load, resize
 
 from .streams import NOISE, Dents, StreamRig, stream_rig
 from .world import BALL, GAUSS, expose, photons
 
-__all__ = ["CASES", "LiveRow", "Vibration", "live_rows", "transforms_ms", "vibration"]
+__all__ = ["CASES", "LiveRow", "Vibration", "live_rows", "transforms_ms", "trembling", "vibration"]
 
 #: Frames of a case, and the limits: time over that of two transforms by cell, error over depth.
 CASES: dict[str, tuple[tuple[Dents, ...], dict[int, float], float]] = {
@@ -115,6 +115,31 @@ def _row(
         float(np.mean(beyond)),
         float(np.mean(trusted)),
     )
+
+
+def trembling(
+    rig: StreamRig, frames: int, pixels: float, sunk_nm: float = 0.0, rate: float = 60.0, seed: int = 1
+) -> dict[str, Spectrum]:
+    """Spectra of two probes of a mirror at rest by trace (the second's), the camera's picture shifted in each
+    frame by a normal deviate of so many pixels along columns and along rows; sunk_nm: amplitude of 7 Hz by
+    which the mirror sinks as a whole. The light is quadratic in so small a shift."""
+    step, far = 0.05, 1e-6 * max(sunk_nm, 1.0)
+    whole = ((GAUSS, 30.0, 22.5, 1e4, far),)
+    worlds = [rig.world, *(rig.world.moved(*way) for way in ((-step, 0), (step, 0), (0, -step), (0, step)))]
+    still, left, right, up, down = (replace(rig, world=world).light((), 4) for world in worlds)
+    sunk = replace(rig, world=replace(rig.world, fading=False)).light(whole, 4) - still
+    rng, live, probes = np.random.default_rng(seed), Live(rig.prepared), Probes(rig.prepared)
+    for place in ((18.0, 15.0), (40.0, 28.0)):
+        probes.add(*place)
+    for k in range(frames):
+        light = still + sunk * float(np.sin(14 * np.pi * k / rate)) * (sunk_nm > 0)
+        for (less, more), part in zip(
+            ((left, right), (up, down)), rng.normal(0, pixels / step, 2), strict=True
+        ):
+            light = light + 0.5 * part * (more - less) + 0.5 * part**2 * (more + less - 2 * still)
+        probes.read(live.update(photons(light.astype(np.float32), rng), k / rate), k)
+    found = {trace: probes.spectra(trace=trace)[1] for trace in TRACES}
+    return {trace: one for trace, one in found.items() if one is not None}
 
 
 @dataclass(frozen=True)

@@ -210,6 +210,16 @@ function rows(id, all) {
   }));
 }
 const noForce = (n) => (!n.layer ? "the scene names no [layer]" : !n.trusted ? "not trusted" : n.touches.length ? "" : "nothing touches");
+// The height of a probe as it is chosen: raw, less the picture's shift, or less the first probe; mm.
+function traced(all, k) {
+  const p = all[k], kind = $("kind").value;
+  if (kind === "steady") return p.steady;
+  if (kind === "raw" || p.z === null) return p.z;
+  return k && all[0].z !== null ? p.z - all[0].z : null;
+}
+function scattered(all, k) {
+  return $("kind").value === "difference" ? Math.hypot(all[k].sigma, all[0].sigma) : all[k].sigma;
+}
 function radius(t) {
   return nothing(t.indenter_radius) ? "–" : both(t.indenter_radius, t.indenter_radius_sigma);
 }
@@ -238,9 +248,9 @@ function tables(n) {
   rows("probes", n.probes.map((p, k) => {
     const s = n.spectra[k], cell = document.createElement("span"), remove = element("button", "Remove");
     remove.onclick = () => command(`clear?probe=${k + 1}`);
-    element("span", s ? `${s.text} ` : "a few frames more ", cell);
+    element("span", s ? `${s.text} ` : $("kind").value === "difference" && !k ? "" : "a few frames more ", cell);
     cell.append(remove);
-    return [`P${k + 1}`, `${show(p.x, 4)}, ${show(p.y, 4)}`, p.z === null ? "–" : both(1e3 * p.z, 1e3 * p.sigma), cell];
+    return [`P${k + 1}`, `${show(p.x, 4)}, ${show(p.y, 4)}`, nothing(traced(n.probes, k)) ? "–" : both(1e3 * traced(n.probes, k), 1e3 * scattered(n.probes, k)), cell];
   }));
 }
 
@@ -264,7 +274,10 @@ async function draw(body) {
   for (const identity of [...slots.keys()]) if (!seen.has(identity)) slots.delete(identity);
   cards(n);
   drawMap(n, z, top); drawSigma(n, sigma); drawSurface(z, n.rows, n.cols, top); drawSpectra(n.spectra);
-  overTime(charts.trace, (one) => one.probes.map((p, k) => [k, p.z === null ? null : 1e3 * p.z, 1e3 * p.sigma]));
+  overTime(charts.trace, (one) => one.probes.map((p, k) => {
+    const z = traced(one.probes, k);
+    return [k, nothing(z) ? null : 1e3 * z, 1e3 * scattered(one.probes, k)];
+  }));
   overTime(charts.deep, (one) => one.touches.map((t) => [slot(t.identity), 1e3 * t.depth, 1e3 * t.depth_sigma]));
   overTime(charts.place, (one) => one.touches.flatMap((t) => [[slot(t.identity), t.x], [slot(t.identity) + INKS.length, t.y]]));
   $("forces").hidden = !past.some((one) => one.forces.length);
@@ -288,7 +301,7 @@ async function loop() {
   for (;;) {
     try {
       if (paused) await new Promise((done) => setTimeout(done, 1000));  // it still notices the program's end
-      const answer = await fetch(`/next?after=${count}`);
+      const answer = await fetch(`/next?after=${count}&trace=${$("kind").value}`);
       const body = await answer.arrayBuffer();
       await drawn;
       if (answer.status === 200) drawn = draw(body);

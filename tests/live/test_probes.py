@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from lab.live.figures import vibration
+from lab.live.figures import trembling, vibration
 from lab.live.streams import StreamRig
 from optolever import InputError
-from optolever.live import Live, Prepared, Probes, noise_floor, spectrum_of
+from optolever.live import Live, Prepared, Probes, Spectrum, noise_floor, spectrum_of
 
 from .conftest import NOISE, Rest, Shot
 
@@ -92,18 +92,56 @@ def test_a_surface_that_vibrates(rest: Rest, prepared: Prepared) -> None:
     assert found.read_nm[7.0] == pytest.approx(1000.0, abs=min(4 * found.floor_nm, 50.0))
 
 
+def test_a_camera_that_trembles_comes_off(rest: Rest, prepared: Prepared) -> None:
+    """By .02 pixels: the floor less the picture's shift is nearly that of a still camera. What is taken off
+    with it is named: a mirror that sinks as a whole."""
+    rig = StreamRig(rest.scene, rest.world, rest.fringe, prepared)
+    still, trembles = (trembling(rig, 64, pixels) for pixels in (0.0, 0.02))
+    assert trembles["raw"].floor > 5 * still["raw"].floor
+    assert trembles["steady"].floor < 2.5 * still["raw"].floor
+    assert still["steady"].floor < 1.3 * still["raw"].floor
+    sinks = trembling(rig, 64, 0.0, sunk_nm=2000.0)
+    assert sinks["raw"].peak[1] > 5 * sinks["steady"].peak[1]
+
+
 def test_a_probe_is_a_cell_with_its_sigma(prepared: Prepared, shot: Shot) -> None:
     probes = Probes(prepared)
     probe = probes.add(30.0, 22.0)
     reading = Live(prepared).update(shot())
     (probed,) = probes.read(reading)
     at = probe.row, probe.col
-    assert (probed.z, probed.sigma) == (reading.z[at] - reading.moved[at], reading.noise[at])
+    assert (probed.steady, probed.sigma) == (reading.z[at], reading.noise[at])
+    assert probed.z == pytest.approx(reading.z[at] - reading.moved[at])
     assert np.hypot(probed.x - 30, probed.y - 22) < np.sqrt(prepared.area)
     (lost,) = probes.read(replace(reading, trusted=False))
-    assert lost.z is lost.sigma is None
+    assert lost.z is lost.steady is lost.sigma is None
+    with pytest.raises(InputError, match="trace: 'x', must be one of raw, steady, difference"):
+        probes.spectra(trace="x")
     with pytest.raises(InputError, match=r"probe 99,22: must be on .* x 1.3. to 58.7 mm"):
         probes.add(99.0, 22.0)
+
+
+def test_a_difference_of_probes_has_nothing_in_common(prepared: Prepared, shot: Shot) -> None:
+    probes, reading = Probes(prepared), Live(prepared).update(shot())
+    probes.add(20.0, 15.0)
+    other = probes.add(40.0, 28.0)
+    at = np.zeros_like(reading.z)
+    at[other.row, other.col] = 1e-4
+    rng = np.random.default_rng(0)
+    for k in range(120):
+        waves = 1e-3 * np.sin(14 * np.pi * k / RATE) + at * np.sin(30 * np.pi * k / RATE)
+        waves = waves + 1e-6 * rng.standard_normal(at.shape)
+        probes.read(replace(reading, z=(reading.z + waves).astype(np.float32), time=k / RATE))
+    assert [line.hz for line in _known(probes.spectra()[1]).lines] == pytest.approx([7.0, 15.0], abs=0.01)
+    first, found = probes.spectra(trace="difference")
+    assert first is None
+    (line,) = _known(found).lines
+    assert (line.hz, line.amplitude) == (pytest.approx(15.0, abs=0.01), pytest.approx(1e-4, rel=0.02))
+
+
+def _known(spectrum: Spectrum | None) -> Spectrum:
+    assert spectrum is not None
+    return spectrum
 
 
 def test_the_floor_is_that_of_frames_at_rest(prepared: Prepared, shot: Shot) -> None:
