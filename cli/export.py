@@ -30,8 +30,8 @@ def command(
     """Write a height map in other programs' formats.
 
     By the suffix: .npz, .tif (float32), .ply and .stl (mesh), .xyz (points) of the camera's pixels; .x3p,
-    .sdf (ISO 25178) and .dat (Zygo MetroPro) of a regular grid. Good pixels only. With --pitch .npz and
-    .tif are on the grid, too.
+    .sdf (ISO 25178), .dat (Zygo MetroPro), .wft (DFTFringe, of a disc), .csv and .npy of a regular grid. Good
+    pixels only. With --pitch .npz and .tif are on the grid, too.
     """
     height = ol.reconstruct.HeightMap.load(source)
     with ol.files.together(), blame(source):

@@ -44,7 +44,9 @@ REMOVE = Opt(
 )
 ZERNIKE = Opt("--zernike ORDER", "Also Zernike coefficients up to this radial order.", click.IntRange(1, 20))
 SLOPES = Opt("--slopes S.npz", "Slopes by `reconstruct --slopes`, for slope error and noise.")
-NOMINAL = Opt("--nominal FILE", "Remove this surface (.npz, .tif, .stl, .ply; mm) after a rigid best fit.")
+NOMINAL = Opt(
+    "--nominal FILE", "Remove this surface (.npz, a grid or mesh that export writes) after a rigid best fit."
+)
 LINES = Opt("--profile x|y|X0,Y0,X1,Y1", "Also rms and PV of the residual along a line (mm).")
 PROFILES = Opt("--profiles FILE.csv", "Also write the points of the profiles (default: along x and y).", CSV)
 PSD = Rare("--psd FILE.csv", "Also write the power spectral density of the residual along x and y.", CSV)
@@ -94,7 +96,8 @@ def command(
 
     All good pixels have equal weight, but for their outermost ring, which is left out. A concave mirror has
     a radius above 0. Sigmas include the noise of the frames and the errors of the rig. Zernike terms are
-    those of the residual, over the inscribed circle. Several maps of one mirror: their mean and differences.
+    those of the residual, over the inscribed circle. H.npz may be a grid of another program, too (.x3p, .dat,
+    .datx, .wft, .sdf, .tif, .csv, .npy). Several maps of one mirror: their mean and differences.
     """
     shape = _Shape(form, nominal, apertures, highpass, lowpass)
     if len(sources) > 1:
@@ -107,7 +110,7 @@ def command(
     if turns is not None:
         raise InputError(f"--rotations {turns}: is of several maps; name each, with its turn")
     source = sources[0]
-    height = ol.reconstruct.HeightMap.load(source)
+    height = ol.metrology.load_measured(source)
     slopes = None if slopes_path is None else ol.reconstruct.SlopeMap.load(slopes_path)
     with blame(source):
         fit, inside = shape.fitted(height, slopes)
@@ -210,7 +213,7 @@ def _runs(
     fits = []
     for source in sources:
         with blame(source):
-            fits.append(shape.fitted(ol.reconstruct.HeightMap.load(source))[0])
+            fits.append(shape.fitted(ol.metrology.load_measured(source))[0])
     try:
         angles = None if turns is None else [radians(float(text)) for text in turns.split(",")]
     except ValueError:

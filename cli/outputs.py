@@ -16,7 +16,7 @@ from optolever.errors import InputError
 
 HDF5 = (".h5", ".hdf5")
 #: Formats of a regular grid of heights, and of a height map (`reconstruct.HEIGHT_FORMATS`; a test compares).
-GRID_SUFFIXES = (".npz", ".tif", ".tiff", ".x3p", ".sdf", ".dat")
+GRID_SUFFIXES = (".npz", ".tif", ".tiff", ".x3p", ".sdf", ".dat", ".wft", ".csv", ".npy")
 HEIGHT_SUFFIXES = (*GRID_SUFFIXES, ".ply", ".stl", ".xyz")
 
 

@@ -71,7 +71,7 @@ OUT = Opt("--out H.npz", "File to write the height map to.", OutputFile(".npz"))
 GRID = Opt(
     "--grid FILE",
     "Also write the surface on a regular grid of x and y: .npz (with sigma), .tif (with its scale), or .x3p, "
-    ".sdf (ISO 25178), .dat (Zygo), which are only written; again for more.",
+    ".sdf (ISO 25178), .dat (Zygo), .wft (DFTFringe), .csv, .npy; again for more.",
     OutputFile(*GRID_SUFFIXES, bare=False),
 )
 SLOPES = Opt("--slopes FILE.npz", "Also write slopes and curvatures, with sigma.", OutputFile(".npz"))

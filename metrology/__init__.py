@@ -24,7 +24,7 @@ from .filters import gaussian_filter
 from .fit import FormFit, Numbers, fit_form
 from .forms import form_names
 from .lines import Profile, Spectrum, profile, profile_of, spectrum
-from .nominal import NOMINAL_SUFFIXES, Nominal, fit_nominal, load_nominal
+from .nominal import NOMINAL_SUFFIXES, Nominal, fit_nominal, load_measured, load_nominal
 from .runs import RunComparison, compare_runs
 from .zernike import ZernikeFit, fit_zernike
 from .zernike_terms import ansi_index, fringe_index, zernike, zernike_name
@@ -49,6 +49,7 @@ __all__ = [
     "fringe_index",
     "gaussian_filter",
     "judge",
+    "load_measured",
     "load_nominal",
     "profile",
     "profile_of",

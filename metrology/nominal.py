@@ -13,20 +13,20 @@ from pathlib import Path
 
 import numpy as np
 import scipy
-import tifffile
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from optolever.errors import InputError, require_file
 from optolever.files import load_arrays
-from optolever.reconstruct import Grid, HeightMap
+from optolever.maps import READABLE, read_grid
+from optolever.reconstruct import Grid, HeightFlag, HeightMap
 
 from .fit import FormFit, Numbers, differences, leftovers, placed
 
-__all__ = ["NOMINAL_SUFFIXES", "Nominal", "fit_nominal", "load_nominal", "surface_of"]
+__all__ = ["NOMINAL_SUFFIXES", "Nominal", "fit_nominal", "load_measured", "load_nominal", "surface_of"]
 
 Floats = NDArray[np.float64]
-NOMINAL_SUFFIXES = (".npz", ".tif", ".tiff", ".stl", ".ply")
+NOMINAL_SUFFIXES = (".npz", *READABLE, ".stl", ".ply")
 _STEPS, _SETTLED = 30, 1e-6  # of the residual's rms
 _WEAK = 1e-6  # of the strongest direction's effect: weaker directions are fixed
 _MOST = 20_000  # points of the fit
@@ -43,7 +43,8 @@ class Nominal:
 
 
 def load_nominal(path: str | Path) -> Nominal:
-    """From an .npz of a height map or a grid, a .tif with its scale (z in mm), an .stl or a .ply mesh (mm).
+    """From an .npz of a height map or a grid, a grid of another program (`optolever.maps`), or a mesh (.stl,
+    .ply, mm).
 
     The vertices of a mesh are points of a smooth surface z(x, y). InputError for other files, for a TIFF
     without a scale, and for a mesh if trimesh is not installed.
@@ -53,8 +54,8 @@ def load_nominal(path: str | Path) -> Nominal:
     suffix = file.suffix.lower()
     if suffix == ".npz":
         return surface_of(_npz_grid(file))
-    if suffix in (".tif", ".tiff"):
-        return surface_of(_tiff_grid(file))
+    if suffix in READABLE:
+        return surface_of(_grid_of(file))
     if suffix in (".stl", ".ply"):
         return _of_points(file, _vertices(file))
     raise InputError(f"{file}: suffix {suffix!r}, must be {' or '.join(NOMINAL_SUFFIXES)}")
@@ -154,27 +155,26 @@ def _of_points(file: Path, points: Floats) -> Nominal:
     return Nominal(lambda a, b: np.asarray(smooth(a, b)), (float(x), float(y), float(points[:, 2].mean())))
 
 
+def load_measured(path: str | Path) -> HeightMap:
+    """A height map's .npz, or a grid of another program (`optolever.maps`), whose sigma is unknown (0)."""
+    file = Path(path)
+    if file.suffix.lower() not in READABLE:
+        return HeightMap.load(file)
+    grid = _grid_of(file)
+    x, y = np.meshgrid(grid.x, grid.y)
+    flags = np.where(np.isfinite(grid.z), 0, int(HeightFlag.NO_ANCHOR)).astype(np.uint16)
+    return HeightMap(x, y, grid.z, grid.sigma, flags)
+
+
+def _grid_of(file: Path) -> Grid:
+    z, pitch, x0, y0 = read_grid(file)
+    return Grid(z, np.zeros(z.shape), x0, y0, pitch)
+
+
 def _npz_grid(file: Path) -> Grid:
     """The grid of a Grid's file, or of a height map's good pixels at their pitch."""
     names = load_arrays(file, ("z",), ("notices", "diagnostics", "sources", "references"))
     return Grid.load(file) if "pitch" in names else HeightMap.load(file).resample()
-
-
-def _tiff_grid(file: Path) -> Grid:
-    try:
-        with tifffile.TiffFile(file) as tiff:
-            page = tiff.pages.first
-            z = np.asarray(page.asarray(), np.float64)
-            per_cm = page.get_resolution(unit="CENTIMETER")
-            scaled = "ResolutionUnit" in page.tags and page.tags["ResolutionUnit"].value != 1
-    except (OSError, ValueError, KeyError, IndexError, tifffile.TiffFileError) as error:
-        raise InputError(f"{file}: not a readable TIFF ({error})") from error
-    if z.ndim != 2 or not scaled or per_cm[0] != per_cm[1] or not per_cm[0] > 0:
-        raise InputError(
-            f"{file}: {z.ndim}-D, {per_cm} points per cm, must be 2-D with a scale that is the same along x "
-            "and y (as reconstruct --grid writes it)"
-        )
-    return Grid(z, np.zeros(z.shape), 0.0, 0.0, 10.0 / per_cm[0])
 
 
 def _vertices(file: Path) -> Floats:

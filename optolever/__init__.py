@@ -3,7 +3,8 @@
 Parts by floor, imports run downward only: 6 `cli`; 5 `experiments`; 4 `calibration`, `formats`, `live`,
 `metrology`; 3 `reconstruct`; 2 `contact`, `decode`, `projector`; 1 `patterns`, `scene`; 0 this folder:
 `arguments` (records of a wrong type, named at every face), `blocks` and `kernels` (threads, compiled
-loops), `errors`, `files` (whole or absent), `memory`, `notices`, `numbers`, `pictures`, `processes`,
+loops), `errors`, `files` (whole or absent),
+`maps` (heights in other programs' files), `memory`, `notices`, `numbers`, `pictures`, `processes`,
 `quantities`, `records`, `toml`.
 
 `import optolever` is enough: a part is imported when it is asked for, as in `optolever.decode.decode(...)`,

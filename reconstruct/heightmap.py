@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from optolever.decode import Flag
 from optolever.errors import InputError
 from optolever.files import load_arrays, save_arrays
+from optolever.maps import MESHES, chosen, write_tiff
 from optolever.notices import Notice, notices_from_array, notices_to_array
 from optolever.records import Axes, Comparable, flag_line, plot_maps, span
 
 from .arrays import Floats, Mask
 from .outputs.coarse_modes import Modes, expanded, sum_of_squares
-from .outputs.export import MESHES, chosen, write_tiff
 from .outputs.resampling import GRID_FORMATS, Grid, Lean, natural_pitch, resample
 
 __all__ = ["HEIGHT_FORMATS", "Diagnostics", "HeightFlag", "HeightMap"]

@@ -6,7 +6,6 @@
 | `slope_map` | slopes from the normals, with sigma |
 | `curvature` | curvature from the slopes, with sigma |
 | `coarse_modes` | smooth maps on every step-th pixel, and back |
-| `export` | TIFF, PLY, STL, XYZ, SDF, Zygo DAT, X3P; only written |
 """
 
 #: Inside of reconstruct its files are imported one by one: none of their names is public.

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from optolever.errors import InputError
 from optolever.files import load_arrays, save_arrays
 from optolever.kernels import exact
+from optolever.maps import REGULAR, chosen
 from optolever.records import Axes, Comparable, plot_maps, span
 
 from ..arrays import Floats, Mask
-from .export import REGULAR, chosen
 
 __all__ = ["GRID_FORMATS", "Grid", "Lean", "gradients", "natural_pitch", "resample"]
 

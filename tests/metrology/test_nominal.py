@@ -116,7 +116,7 @@ def test_nominal_surfaces_that_do_not_serve(tmp_path: Path, refused: Any) -> Non
         ("small.npz", "covers", "must be at least 50 %"),
         ("pixels.tif", "must be 2-D with a scale"),
         ("n.stl", "n.stl: "),
-        ("n.obj", "suffix '.obj', must be .npz or .tif or .tiff or .stl or .ply"),
+        ("n.obj", "suffix '.obj', must be .npz or .tif or .tiff or .x3p or .sdf"),
     ):
         refused(["form", tmp_path / "h.npz", "--nominal", tmp_path / name], name, *words)
     np.savez(tmp_path / "no.npz", u=np.zeros(3))

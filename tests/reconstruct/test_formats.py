@@ -143,12 +143,13 @@ def test_unknown_suffixes_are_refused_and_the_known_ones_named(
     refused(["export", tmp_path / "h.npz", tmp_path / "h.obj"], "h.obj: suffix '.obj'", *HEIGHT_FORMATS)
 
 
-def test_export_by_the_command_line(plane: HeightMap, tmp_path: Path) -> None:
+def test_export_by_the_command_line(plane: HeightMap, tmp_path: Path, refused: Any) -> None:
     plane.save(tmp_path / "h.npz")
-    files = [tmp_path / f"out{suffix}" for suffix in HEIGHT_FORMATS]
+    files = [tmp_path / f"out{suffix}" for suffix in HEIGHT_FORMATS if suffix != ".wft"]
     assert run(["export", str(tmp_path / "h.npz"), *map(str, files), "--pitch", "0.5"]) == 0
     assert all(path.stat().st_size > 500 for path in files)
     np.testing.assert_allclose(Grid.load(tmp_path / "out.npz").z, plane.resample(0.5).z, atol=1e-6)
+    refused(["export", tmp_path / "h.npz", tmp_path / "out.wft"], "no disc", "--aperture circle")
 
 
 def test_figures_as_csv(plane: HeightMap, tmp_path: Path) -> None:

@@ -1,6 +1,6 @@
-"""Height maps in other programs' formats: TIFF; meshes (PLY, STL) and points (XYZ) of the camera's pixels;
-SDF (ISO 25178-71), Zygo's DAT and X3P (ISO 25178-72, ISO 5436-2: a zip of main.xml, bindata/data.bin,
-md5checksum.hex) of a regular grid.
+"""Writers of heights in other programs' formats: TIFF; meshes (PLY, STL) and points (XYZ) of the camera's
+pixels; SDF (ISO 25178-71), Zygo's DAT, X3P (ISO 25178-72, ISO 5436-2: a zip of main.xml, bindata/data.bin,
+md5checksum.hex), DFTFringe's WFT, CSV and NPY of a regular grid.
 """
 
 import hashlib
@@ -20,11 +20,13 @@ from optolever import __version__
 from optolever.errors import InputError
 from optolever.files import atomic_file
 
-from ..arrays import Floats, Mask
+__all__ = ["DAT_MAGIC", "DAT_STEPS", "DAT_UNKNOWN", "MESHES", "REGULAR", "WFT_NM", "chosen", "write_tiff"]
 
-__all__ = ["MESHES", "REGULAR", "chosen", "write_tiff"]
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 _METRES = 1e-3  # per mm
+_DISC = 0.9  # of the circle around the known points, that they fill at least
 _DATA = "bindata/data.bin"
 _CHECKSUM = "md5checksum.hex"
 #: main.xml: x and y go by increments (I), z is absolute (A); D: float64. The schema asks for a date of
@@ -64,9 +66,11 @@ _DOCUMENT = """<?xml version="1.0" encoding="utf-8"?>
 """
 #: Fields of a MetroPro header of format 2 that readers go by: place, kind, in the order of `_dat_header`.
 #: MetroPro Reference Guide OMP-0347, appendix "MetroPro binary data format". Big-endian.
-_DAT_SIZE, _DAT_MAGIC, _DAT_UNKNOWN = 834, 0x881B0370, 2147483640
-_DAT_STEPS = {2: 131072, 1: 32768, 0: 4096}  # of a wave, by the code of the resolution
+_DAT_SIZE, DAT_MAGIC, DAT_UNKNOWN = 834, 0x881B0370, 2147483640
+DAT_STEPS = {2: 131072, 1: 32768, 0: 4096}  # of a wave, by the code of the resolution
 _WAVE = float(np.float32(632.8e-9))  # m, as the header holds it
+#: nm, of a wave in a .wft file.
+WFT_NM = 550.0
 _OBLIQUITY, _FRINGE = 1.0, 0.5  # waves of height per fringe
 
 
@@ -175,17 +179,17 @@ def write_dat(path: str | Path, z: Floats, pitch_mm: float, *_: float) -> None:
             f"{path}: {z.shape[0]} x {z.shape[1]} points, at most 65535 a side; name a larger pitch"
         )
     largest = float(np.abs(z[known]).max())
-    units = {code: _FRINGE * _WAVE / steps / _METRES for code, steps in _DAT_STEPS.items()}  # mm
-    code = next((each for each, unit in units.items() if largest / unit < _DAT_UNKNOWN), None)
+    units = {code: _FRINGE * _WAVE / steps / _METRES for code, steps in DAT_STEPS.items()}  # mm
+    code = next((each for each, unit in units.items() if largest / unit < DAT_UNKNOWN), None)
     if code is None:
-        most = _DAT_UNKNOWN * max(units.values())
+        most = DAT_UNKNOWN * max(units.values())
         raise InputError(f"{path}: heights up to {largest:.4g} mm, this format holds {most:.4g} mm")
-    values = np.full(z.shape, _DAT_UNKNOWN, ">i4")
+    values = np.full(z.shape, DAT_UNKNOWN, ">i4")
     values[known] = np.round(z[known] / units[code])
     rows, cols = z.shape
     header = bytearray(_DAT_SIZE)
     for place, kind, value in (
-        (0, ">I", _DAT_MAGIC),
+        (0, ">I", DAT_MAGIC),
         (4, ">H", 2),
         (6, ">I", _DAT_SIZE),
         (68, ">H", cols),
@@ -231,6 +235,47 @@ def write_x3p(path: str | Path, z: Floats, pitch_mm: float, x0_mm: float, y0_mm:
     _store(path, container.getvalue())
 
 
+def write_wft(path: str | Path, z: Floats, pitch_mm: float, *_: float) -> None:
+    """z (rows, cols) mm as the wavefront that the surface reflects, twice its height, in waves of 550 nm: a
+    text of a value a line, the lowest row first. The outside ellipse is the circle around the known points;
+    unknown ones in it are 0. InputError where the known points are no disc: DFTFringe has no other mask.
+    """
+    known = np.isfinite(z)
+    _require_any(path, known)
+    row, col = np.nonzero(known)
+    centre = 0.5 * (col.min() + col.max()), 0.5 * (row.min() + row.max())
+    radius = float(np.hypot(col - centre[0], row - centre[1]).max())
+    if known.sum() < _DISC * np.pi * radius**2:
+        raise InputError(
+            f"{path}: the known points are no disc, as a .wft file holds it; take form --aperture circle"
+        )
+    waves = 2e6 / WFT_NM * np.where(known, z, 0.0)
+    lines = [str(z.shape[1]), str(z.shape[0]), *(f"{value:.9g}" for value in waves[::-1].ravel())]
+    lines.append(f"outside ellipse {centre[0]:.9g} {centre[1]:.9g} {radius:.9g} {radius:.9g}")
+    lines += [f"DIAM {2 * radius * pitch_mm:.9g}", "ROC 0", f"Lambda {WFT_NM:g}", ""]
+    _store(path, "\n".join(lines).encode("ascii"))
+
+
+def write_csv(path: str | Path, z: Floats, pitch_mm: float, x0_mm: float, y0_mm: float) -> None:
+    """z (rows, cols) mm, a line a row, nan where unknown, behind a line with pitch, x0 and y0."""
+    _require_any(path, np.isfinite(z))
+    text = io.StringIO()
+    text.write(f"# heights in mm; pitch {float(pitch_mm)!r} x0 {float(x0_mm)!r} y0 {float(y0_mm)!r}\n")
+    np.savetxt(text, z, fmt="%.17g", delimiter=",")
+    _store(path, text.getvalue().encode("ascii"))
+
+
+def write_npy(path: str | Path, z: Floats, pitch_mm: float, x0_mm: float, y0_mm: float) -> None:
+    """x, y, z (3, rows, cols) mm, float64."""
+    _require_any(path, np.isfinite(z))
+    x, y = np.meshgrid(
+        *(start + pitch_mm * np.arange(n) for start, n in zip((x0_mm, y0_mm), z.shape[::-1], strict=True))
+    )
+    data = io.BytesIO()
+    np.save(data, np.stack([x, y, z]))
+    _store(path, data.getvalue())
+
+
 def _store(path: str | Path, *parts: bytes) -> None:
     with atomic_file(path) as temporary:
         temporary.write_bytes(b"".join(parts))
@@ -264,4 +309,7 @@ REGULAR: dict[str, Callable[[str | Path, Floats, float, float, float], None]] = 
     ".x3p": write_x3p,
     ".sdf": write_sdf,
     ".dat": write_dat,
+    ".wft": write_wft,
+    ".csv": write_csv,
+    ".npy": write_npy,
 }

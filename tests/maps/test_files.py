@@ -1,0 +1,112 @@
+"""Heights in files of other programs: round trips, a DATX as Zygo lays it out, damaged files."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from optolever import InputError
+from optolever.cli import run
+from optolever.maps import READABLE, REGULAR, read_grid
+
+Floats = NDArray[np.float64]
+PITCH, X0, Y0 = 0.25, -1.5, 2.0
+#: Largest error of a format, mm: float32, nine digits, the finest step of heights up to 1 mm.
+ERROR = {".tif": 1e-7, ".tiff": 1e-7, ".sdf": 1e-9, ".wft": 1e-9, ".dat": 2e-9}
+PLACED = {".x3p", ".csv", ".npy"}
+
+
+def disc() -> Floats:
+    row, col = np.mgrid[:31, :31]
+    z = 1e-3 * np.random.default_rng(4).standard_normal((31, 31)) + 0.1 * (col - 3) / 31
+    z[np.hypot(row - 15, col - 15) > 15] = np.nan
+    return np.asarray(z)
+
+
+@pytest.mark.parametrize("suffix", REGULAR)
+def test_what_is_written_is_read(tmp_path: Path, suffix: str) -> None:
+    path, z = tmp_path / f"g{suffix}", disc()
+    REGULAR[suffix](path, z, PITCH, X0, Y0)
+    found = read_grid(path)
+    np.testing.assert_allclose(found.z, z, rtol=0, atol=ERROR.get(suffix, 1e-12))
+    assert found.pitch == pytest.approx(PITCH, rel=1e-6)
+    assert (found.x0, found.y0) == pytest.approx((X0, Y0) if suffix in PLACED else (0, 0))
+
+
+def test_a_wft_file_is_a_wavefront_of_both_ways_from_the_lowest_row_on(tmp_path: Path) -> None:
+    z = disc()
+    REGULAR[".wft"](tmp_path / "g.wft", z, PITCH, 0.0, 0.0)
+    lines = (tmp_path / "g.wft").read_text().splitlines()
+    assert lines[:2] == ["31", "31"]
+    assert float(lines[2 + 15]) == pytest.approx(2 * z[30, 15] / 550e-6, rel=1e-6)
+    assert lines[-4:] == ["outside ellipse 15 15 15 15", "DIAM 7.5", "ROC 0", "Lambda 550"]
+
+
+def test_a_zygo_mx_file_is_read(tmp_path: Path) -> None:
+    """Fringes, as MetroPro's successor stores them: scale, obliquity and wavelength (m) make them metres."""
+    h5py = pytest.importorskip("h5py")
+    z = disc()
+    with h5py.File(tmp_path / "g.datx", "w") as tree:
+        fringes = np.where(np.isnan(z), 1e30, z / (0.5 * 632.8e-6))
+        surface = tree.create_dataset("Data/Surface/{id}", data=fringes)
+        surface.attrs["No Data"] = [1e30]
+        surface.attrs["Unit"] = np.array([b"Fringes"])
+        surface.attrs["Interferometric Scale Factor"] = [0.5]
+        surface.attrs["Obliquity Factor"] = [1.0]
+        surface.attrs["Wavelength"] = [632.8e-9]
+        kind = np.dtype([("Category", "S16"), ("BaseUnit", "S16"), ("Parameters", "f8", (4,))])
+        for axis in "XY":
+            surface.attrs[f"{axis} Converter"] = np.array(
+                [(b"LateralCat", b"Pixels", (0, PITCH * 1e-3, 0, 0))], kind
+            )
+    found = read_grid(tmp_path / "g.datx")
+    np.testing.assert_allclose(found.z, z, atol=1e-12)
+    assert found.pitch == pytest.approx(PITCH)
+
+
+@pytest.mark.parametrize("suffix", [each for each in READABLE if each != ".datx"])
+def test_a_damaged_file_is_one_line(tmp_path: Path, suffix: str) -> None:
+    """Cut, or with bytes changed: a line that names the file, or a map of the same size."""
+    path = tmp_path / f"g{suffix}"
+    REGULAR[suffix](path, disc(), PITCH, X0, Y0)
+    whole, rng, said = path.read_bytes(), np.random.default_rng(1), list[str]()
+    for kind in range(40):
+        spoilt = bytearray(whole[: rng.integers(1, len(whole))] if kind % 2 else whole)
+        for at in rng.integers(0, min(len(spoilt), 900), 6):
+            spoilt[at] = rng.integers(0, 256)
+        path.write_bytes(spoilt)
+        try:
+            found = read_grid(path)
+        except InputError as error:
+            said.append(str(error))
+        else:
+            assert not np.isinf(found.z).any()
+    assert len(said) > 5
+    assert all(str(path) in each and "\n" not in each for each in said)
+
+
+def test_form_takes_them_as_measured_and_as_nominal(tmp_path: Path) -> None:
+    row, col = np.mgrid[:40, :50] * 1.0
+    z = 1e-4 * ((col - 25) ** 2 + (row - 20) ** 2)
+    for suffix in (".x3p", ".csv"):
+        REGULAR[suffix](tmp_path / f"g{suffix}", z, 1.0, 0.0, 0.0)
+    figures = tmp_path / "f.json"
+    assert run(["form", str(tmp_path / "g.x3p"), "--remove", "paraboloid", "--json", str(figures)]) == 0
+    assert json.loads(figures.read_text())["numbers"]["focal"]["value"] == pytest.approx(2500)
+    assert (
+        run(
+            [
+                "form",
+                str(tmp_path / "g.x3p"),
+                "--nominal",
+                str(tmp_path / "g.csv"),
+                "--out",
+                str(tmp_path / "r.npz"),
+            ]
+        )
+        == 0
+    )
+    with np.load(tmp_path / "r.npz") as left:
+        assert np.nanmax(np.abs(left["residual"])) < 1e-7
