@@ -189,7 +189,7 @@ def _layers(study: Study) -> list[Layer]:
     if study.slopes is not None and study.curvature is not None:
         signed("slope x", study.slopes.slope_x, "mrad")
         signed("slope y", study.slopes.slope_y, "mrad")
-        signed("mean curvature", study.curvature.mean, "1/m", digits=4)
+        signed("mean curvature", study.curvature.mean, "1/m", digits=4, share=0.96)
     for other, less in given.less.items():
         change, spread = (np.where(less.good, part, np.nan) for part in height.difference(less))
         name = f"{given.name} − {other}"

@@ -37,34 +37,34 @@ def cards(study: Study, figures: Figures) -> list[Card]:
     found: list[Card] = []
     if given.truth is not None and given.correspondence is not None:
         found += _error_cards(given.truth, given.correspondence, height, figures)
-    share = show("good pixels", good.mean(), "%")
-    found.append(("good_share", "Pixels with a height", share, "of all camera pixels"))
+    noise = show("sigma by noise", median(height.sigma), "mm")
+    rig = Markup("")
+    if height.modes is not None:
+        rig = show("sigma by the rig", median(height.calibration_sigma), "mm")
+    if study.deviation is not None:
+        known = good & np.isfinite(study.deviation.z)
+        value = show("sigma of the deviation", float(np.median(study.deviation.total_sigma[known])), "mm")
+        says = Markup("median of the good pixels; of a height {} by noise").format(noise)
+        says += Markup(", {} by the rig").format(rig) if rig else Markup("")
+        found.append(("deviation_sigma", "Standard deviation of the deviation", value, says))
+    else:
+        found.append(("noise_mm", "Standard deviation by noise", noise, "median of the good pixels"))
+        if rig:
+            why = "median of the good pixels; moves the whole map at once"
+            found.append(("rig_mm", "Standard deviation by the rig", rig, why))
     if study.fit is None:
         z = height.z[good] if good.any() else np.array([math.nan])
         deepest, least = show("largest z", z.max(), "mm"), show("smallest z", z.min(), "mm")
         found.append(("depth", "Largest z", deepest, Markup("smallest {}").format(least)))
     else:
         found += _form_cards(study.fit, figures)
-    if study.deviation is not None:
-        known = good & np.isfinite(study.deviation.z)
-        value = show("sigma of the deviation", float(np.median(study.deviation.total_sigma[known])), "mm")
-        says = "median of the good pixels; errors of the rig less their part in the form"
-        found.append(("deviation_sigma", "Standard deviation of the deviation", value, says))
-    value = show("sigma by noise", median(height.sigma), "mm")
-    found.append(("noise_mm", "Standard deviation by noise", value, "median of the good pixels"))
-    if height.modes is not None:
-        value = show("sigma by the rig", median(height.calibration_sigma), "mm")
-        says = "median of the good pixels; moves the whole map at once"
-        found.append(("rig_mm", "Standard deviation by the rig", value, says))
+    share = show("good pixels", good.mean(), "%")
+    found.append(("good_share", "Pixels with a height", share, "of all camera pixels"))
     return found
 
 
 def _form_cards(fit: FormFit, figures: Figures) -> list[Card]:
     show, found = figures.show, list[Card]()
-    for name, number, sigma in zip(fit.numbers.names, fit.numbers.values, fit.numbers.sigma, strict=True):
-        if name in ("radius", "focal"):
-            value = show(f"{fit.form} {name}", number, "mm", float(sigma))
-            found.append((name, f"{name} of the {fit.form}".capitalize(), value, "above 0 where concave"))
     says = f"of the height less the {fit.form}, about its mean"
     value = show("deviation rms", fit.rms, "mm", fit.rms_sigma)
     if math.isfinite(fit.rms_less_noise):
@@ -74,9 +74,16 @@ def _form_cards(fit: FormFit, figures: Figures) -> list[Card]:
     value, robust = show("deviation pv", fit.pv, "mm", fit.pv_sigma), show("deviation pvr", fit.pvr, "mm")
     says = Markup("of good pixels; PVr {}").format(robust)
     found.append(("deviation_pv", "Deviation, peak to valley", value, says))
-    for axis, slope in zip("xy", fit.slope_rms, strict=True):
-        value = show(f"slope error {axis}", 1e6 * slope, "µrad")
-        found.append((f"slope_{axis}", f"Slope error along {axis}, rms", value, "less the form's"))
+    for name, number, sigma in zip(fit.numbers.names, fit.numbers.values, fit.numbers.sigma, strict=True):
+        if name in ("radius", "focal"):
+            value = show(f"{fit.form} {name}", number, "mm", float(sigma))
+            found.append((name, f"{name} of the {fit.form}".capitalize(), value, "above 0 where concave"))
+    along_x, along_y = (
+        show(f"slope error {axis}", 1e6 * slope, "µrad")
+        for axis, slope in zip("xy", fit.slope_rms, strict=True)
+    )
+    says = Markup("along x, less the form's; along y {}").format(along_y)
+    found.append(("slope_error", "Slope error, rms", along_x, says))
     return found
 
 

@@ -48,7 +48,8 @@ class Layer:
     """One map: name, values (H, W) of camera pixels, NaN where unknown, their unit and colour map.
 
     symmetric: colours about zero; sigma: name of the layer of its standard deviations; true: of the truth.
-    factor: on the values, for a unit that reads well; digits: significant ones under the pointer.
+    factor: on the values, for a unit that reads well; digits: significant ones under the pointer; share: of
+    the values, that the colours distinguish (0: by the colour map). Colours of sigma are logarithmic.
     """
 
     name: str
@@ -60,15 +61,17 @@ class Layer:
     true: str = ""
     factor: float = 1.0
     digits: int = 6
+    share: float = 0.0
 
     def data(self, sampled: Values) -> Data:
         """With the samples on a grid, (rows, cols) of its values."""
-        share = 0.9999 if self.colours == "viridis" else 0.995
+        share = self.share or (0.9999 if self.colours == "viridis" else 0.995)
         low, high = robust_limits(self.values, share, self.symmetric)
         names = ("name", "unit", "digits", "colours", "sigma", "true")
         return {name: getattr(self, name) for name in names} | {
             "low": self.factor * low,
             "high": self.factor * high,
+            "log": self.colours == "cividis" and low > 0,
             "data": _base64(self.factor * sampled),
         }
 
@@ -132,7 +135,8 @@ def camera_map(layers: Sequence[Layer], flags: NDArray[np.uint8], colours: Seque
     pixel = thin(np.arange(flags.size).reshape(flags.shape), CAMERA)
     drawn = [layer.data(thin(layer.values, CAMERA)) for layer in layers]
     drawn.append({"name": "flags", "unit": "", "low": 0, "high": 255, "digits": 0, "colours": "", "sigma": "",
-                  "true": "", "data": _base64(thin(flags, CAMERA)), "categories": list(colours)})  # fmt: skip
+                  "true": "", "data": _base64(thin(flags, CAMERA)), "log": False,
+                  "categories": list(colours)})  # fmt: skip
     start = step // 2 - 0.5 * step
     return _map(pixel, (start, start), step, layers, drawn) | {
         "x": "camera column [px]", "y": "camera row [px]", "down": True, "cols": flags.shape[1]

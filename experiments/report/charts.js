@@ -45,6 +45,12 @@ function element(parent, tag, className, text = "") {
   return made;
 }
 
+// Place of a value on a layer's colour scale, 0 to 1; and the value there.
+function share({ low, high, log }, value) {
+  return log ? Math.log(value / low) / Math.log(high / low) : (value - low) / (high - low || 1);
+}
+const valueAt = ({ low, high, log }, at) => (log ? low * (high / low) ** at : low + at * (high - low));
+
 class MapPlot {
   constructor(figure, model) {
     Object.assign(this, { figure, model });
@@ -92,7 +98,7 @@ class MapPlot {
         const value = layer.values[row * nx + col];
         if (Number.isNaN(value)) continue;
         const at = 4 * ((down ? row : ny - 1 - row) * nx + col);
-        const k = 3 * Math.round(clamp(((value - layer.low) / (layer.high - layer.low || 1)) * 255, 0, 255));
+        const k = 3 * Math.round(255 * clamp(share(layer, value), 0, 1));
         picture.data.set([...(lut ? lut.subarray(k, k + 3) : swatches[value]), 255], at);
       }
     this.image = document.createElement("canvas");
@@ -107,10 +113,11 @@ class MapPlot {
     if (lut) {
       const digits = clamp(2 - Math.floor(Math.log10(Math.max(Math.abs(layer.low), Math.abs(layer.high)) || 1)), 0, 12);
       const end = (value) => number(Number(value.toFixed(digits)) || 0, 3);
-      element(this.legend, "span", "", end(layer.low));
+      const scale = element(this.legend, "span", "scale");
       const stops = [...Array(17).keys()].map((i) => `rgb(${lut.subarray(3 * Math.min(255, 16 * i)).slice(0, 3)})`);
-      element(this.legend, "span", "bar").style.background = `linear-gradient(to right, ${stops})`;
-      element(this.legend, "span", "", end(layer.high));
+      element(scale, "span", "bar").style.background = `linear-gradient(to right, ${stops})`;
+      const ticks = element(scale, "span", "ticks");
+      for (const at of [0, 0.5, 1]) element(ticks, "span", "", end(valueAt(layer, at)));
     }
     this.plot.redraw(false);
     this.read(this.plot);
@@ -227,12 +234,12 @@ function chart(figure, spec) {
     x.values = () => spec.names;
   }
   const ticks = spec.log ? { values: (u, splits) => splits.map((v) => (v === null ? null : number(v, 2))) } : {};
-  const size = (width) => ({ width, height: spec.names ? 300 : 240 });
+  const size = (width) => ({ width, height: spec.names ? 300 : spec.plain ? 170 : 240 });
   const first = { value: (u, v) => (spec.names ? spec.names[v] : number(v ?? NaN, 5)), label: spec.names ? "term" : spec.axes[0] };
   const margin = spec.names ? { range: (u, low, high) => [low - 0.7, high + 0.7] } : {};
   const plot = new uPlot(
     {
-      title: spec.title, ...size(figure.clientWidth || 300),
+      title: spec.title, legend: { show: !spec.plain }, ...size(figure.clientWidth || 300),
       scales: { x: { ...scale, ...margin }, y: { ...scale, time: undefined } },
       series: [first, ...series], bands: spec.bands || [],
       axes: [{ ...x, ...(spec.log ? ticks : {}) }, axis(spec.axes[1], ticks)],
@@ -300,7 +307,7 @@ class Profiles {
     const axes = [name === "line" ? "distance [mm]" : `${name} [mm]`, `${layer.name} [${layer.unit}]`];
     const figure = document.getElementById(`profile-${name}`);
     figure.replaceChildren();
-    chart(figure, { title: through, x: columns.at, series, axes, bands });
+    chart(figure, { title: through, x: columns.at, series, axes, bands, plain: true });
   }
 }
 
