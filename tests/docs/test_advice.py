@@ -45,6 +45,8 @@ FLAGS = {
 }
 #: Of the commands that open a rig's devices.
 OF_A_RIG = {"--set"}
+#: Of other programs.
+OTHERS = {"--shm-size"}
 #: A command's name as a word: "camera sync", else "sync".
 WORD = re.compile(
     rf"\b({'|'.join(sorted({*COMMANDS, *(name.split()[-1] for name in COMMANDS)}, key=len, reverse=True))})\b"
@@ -53,7 +55,7 @@ WORD = re.compile(
 
 def wrong(text: str, own: set[str]) -> list[str]:
     """Flags of a text that neither `own` nor a command named before them has."""
-    known, found = set(own), list[str]()
+    known, found = own | OTHERS, list[str]()
     for part in re.finditer(rf"{WORD.pattern}|{FLAG.pattern}", text):
         word = part[0]
         if word.startswith("--"):
