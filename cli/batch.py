@@ -17,7 +17,7 @@ import click
 import optolever as ol
 from optolever import InputError
 
-from .outputs import OutputFile, Program
+from .outputs import OutputFile, Program, files_named
 from .show import number, progress
 from .workers import Outcome, Run, Task, cluster, processes
 
@@ -181,9 +181,10 @@ class Batch:
         own: dict[str, Any],
     ) -> Iterator[Row]:
         """Of some captures; profile: digest of the capture that made it; own: further parameters."""
-        options = {name: value for name, value in self.given.items() if name not in _BESIDE}
-        common: list[Any] = [ol.__version__, profile, {**options, self.command.captures: None}]
-        common += [_stamp(value) for value in options.values() if isinstance(value, Path)]
+        beside = (*_BESIDE, self.command.captures)
+        options = {name: value for name, value in self.given.items() if name not in beside}
+        common: list[Any] = [ol.__version__, profile, options]
+        common += [_stamp(file) for value in options.values() for file in files_named(value)]
         digests = {name: _digest([*common, _stamp(self.captures[name])]) for name in names}
         tasks, stamps = [], {}
         for name in names:

@@ -124,6 +124,16 @@ def _reads(source: Path, path: Path) -> bool:
     return _same(source, path) or any(_same(each, path) for each in files)
 
 
+def files_named(value: Any) -> list[Path]:
+    """Files that an option's value names, and those that its TOML names, as of a rig; sorted."""
+    names = {name for each in (value if isinstance(value, tuple) else (value,)) for name in _texts(str(each))}
+    files = {Path(name) for name in names if os.path.isfile(name)}
+    for file in [file for file in files if file.suffix == ".toml"]:
+        inside = (file.parent / name for name in _texts(file.read_text("utf-8", "replace")))
+        files |= {each for each in inside if os.path.isfile(each)}
+    return sorted(files)
+
+
 def _texts(text: str) -> set[str]:
     """A text and its parts, as in relief:path=picture.png, or the strings of TOML."""
     return {text, *re.split("[:=,\"'\n]", text)} - {""}

@@ -55,8 +55,10 @@ def test_heights_of_many_captures_one_of_which_fails(
 ) -> None:
     (tmp_path / "c1.npz").write_bytes(b"no archive")
     decoded = captures[0].parent / "one"
+    scene = tmp_path / "rig.toml"
+    shutil.copy(captures[0] / "scene.toml", scene)
     args = ["reconstruct", decoded / "c0.npz", tmp_path / "c1.npz", decoded / "c2.npz", "--jobs", "2"]
-    args += ["--scene", captures[0] / "scene.toml", "--out", tmp_path / "h"]
+    args += ["--scene", scene, "--out", tmp_path / "h"]
     assert "2 of 3 captures done" in optolever(*args, code=2).out
     found = table(tmp_path / "h")
     assert {name: row["code"] for name, row in found.items()} == {"c0": "0", "c1": "2", "c2": "0"}
@@ -64,6 +66,19 @@ def test_heights_of_many_captures_one_of_which_fails(
     for k in (0, 2):
         assert float(found[f"c{k}"]["z_max_mm"]) == pytest.approx(0.01 * (k + 1), rel=0.1)
         assert float(found[f"c{k}"]["depth"]) == pytest.approx(0.01 * (k + 1), rel=0.1)
+    times = [path.stat().st_mtime_ns for path in sorted((tmp_path / "h").glob("*.npz"))]
+    (decoded / "c2.npz").touch()  # one capture: the others stay
+    said = optolever(*args, code=2).out
+    assert said.count("as before") == 1
+    assert "c0: as before" in said
+    scene.touch()  # a rig that changed is another one
+    assert "as before" not in optolever(*args, code=2).out
+    assert all(
+        new > old
+        for new, old in zip(
+            [path.stat().st_mtime_ns for path in sorted((tmp_path / "h").glob("*.npz"))], times, strict=True
+        )
+    )
 
 
 def test_two_processes_give_the_same_bits_as_one(
