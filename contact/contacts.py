@@ -345,16 +345,16 @@ class _Places:
             for index in np.nonzero(known)
         ]
         self._pitch = math.sqrt(float(np.median(areas(x, y)))) / every
+        self._last = (np.zeros((0, 2)), np.zeros((2, 0)))
 
     def __call__(self, z: Map, places: Floats, pitch: float) -> Floats:
         """Mean heights (n,) of squares of a pitch around places (n, 2); z (R, C)."""
-        side = max(1, round(pitch / self._pitch))
-        smooth = (
-            scipy.ndimage.uniform_filter(np.asarray(z, np.float64), side)
-            if side > 1
-            else np.asarray(z, np.float64)
-        )
-        return np.asarray(scipy.ndimage.map_coordinates(smooth, self._at(places), order=1, mode="nearest"))
+        side, at = max(1, round(pitch / self._pitch)), self._at(places)
+        low = np.maximum(np.floor(at.min(axis=1)).astype(np.int64) - side, 0)
+        last = np.ceil(at.max(axis=1)).astype(np.int64) + side + 2
+        near = np.asarray(z[low[0] : max(last[0], low[0] + 2), low[1] : max(last[1], low[1] + 2)], np.float64)
+        smooth = scipy.ndimage.uniform_filter(near, side) if side > 1 else near
+        return np.asarray(scipy.ndimage.map_coordinates(smooth, at - low[:, None], order=1, mode="nearest"))
 
     def coarse(self, mode: Floats, places: Floats) -> Floats:
         """A mode (r, c) at places."""
@@ -362,8 +362,10 @@ class _Places:
         return np.asarray(scipy.ndimage.map_coordinates(mode, at, order=1, mode="nearest"))
 
     def _at(self, places: Floats) -> Floats:
-        basis = self._basis(places[:, 0], places[:, 1])
-        return np.stack([basis @ way for way in self._ways])
+        if self._last[0] is not places:  # many maps are asked at the same places
+            basis = self._basis(places[:, 0], places[:, 1])
+            self._last = places, np.stack([basis @ way for way in self._ways])
+        return self._last[1]
 
     def _basis(self, x: Floats, y: Floats) -> Floats:
         a, b = (x - self._middle[0]) / self._extent, (y - self._middle[1]) / self._extent

@@ -49,16 +49,16 @@ class Region:
         return self.x, self.y, self.radius
 
 
-def regions(surface: Surface) -> tuple[Region, ...]:
+def regions(surface: Surface, columns: int = _COLUMNS) -> tuple[Region, ...]:
     """Of a map, the deepest first, 16 at most: six standard deviations above the surface at rest and over the
-    saddle to a deeper one, and .02 of the deepest."""
+    saddle to a deeper one, and .02 of the deepest. columns: of the grid in which peaks are looked for."""
     z, known, holes = filled(surface.z, surface.good)
     sigma = np.where(known & np.isfinite(surface.sigma), surface.sigma, 0)
     rise = SIGNIFICANT * np.hypot(sigma, surface.common)
     sure = known & (z > rise) & (~holes | (z > 0))
     if not sure.any():
         return ()
-    tops = _peaks(z, sure, known & (z > rise / 2), sigma)
+    tops = _peaks(z, sure, known & (z > rise / 2), sigma, columns)
     masks = _parted(tops, [_half_depth(z, *at) for at in tops])
     every = (_region(surface, z, holes, known, at, mask) for at, mask in zip(tops, masks, strict=True))
     found = sorted((one for one in every if one is not None), key=lambda one: -one.depth)
@@ -73,10 +73,10 @@ def areas(x: Map, y: Map) -> Floats:
     return np.where(known, area, np.median(area[known]) if known.any() else 0.0)
 
 
-def _peaks(z: Map, sure: Mask, known: Mask, sigma: Map) -> list[tuple[int, int]]:
+def _peaks(z: Map, sure: Mask, known: Mask, sigma: Map, columns: int) -> list[tuple[int, int]]:
     """Cells (row, col) of the peaks that stand out from their saddles, the highest first; known: cells that
     may be saddles."""
-    step = max(1, z.shape[1] // _COLUMNS)
+    step = max(1, z.shape[1] // columns)
     small, noise = (part[::step, ::step].astype(np.float64) for part in (z, sigma))
     peak, part = sure[::step, ::step], known[::step, ::step]
     margin = np.maximum(SIGNIFICANT * noise, _PROMINENT * small) / 2

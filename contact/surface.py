@@ -96,10 +96,11 @@ def spread(coarse: Floats, step: int, shape: tuple[int, ...]) -> Floats:
 def filled(z: Map, good: Mask) -> tuple[Map, Mask, Mask]:
     """Heights with enclosed holes at the deepest of the cells beside each; which are known then, and the
     holes."""
-    holes = scipy.ndimage.binary_fill_holes(good) & ~good
+    holes = np.zeros_like(good) if good.all() else scipy.ndimage.binary_fill_holes(good) & ~good
     if not holes.any():
         return np.where(good, z, 0), good, holes
     labels, count = scipy.ndimage.label(holes)
     beside = scipy.ndimage.maximum_filter(np.where(good, z, -np.inf), 3)
-    deepest = np.append(0.0, scipy.ndimage.maximum(beside, labels, np.arange(1, count + 1)))
+    deepest = np.full(count + 1, -np.inf)
+    np.maximum.at(deepest, labels[holes], beside[holes])
     return np.where(holes, deepest[labels], np.where(good, z, 0)), good | holes, holes

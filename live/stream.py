@@ -114,7 +114,7 @@ class Live:
             modes=modes,
             draws=prepared.noise.draws,
         )
-        pressing = () if judge(found.figures).broken else regions(surface)
+        pressing = () if judge(found.figures).broken else regions(surface, _COLUMNS)
         verdict = judge(found.figures, self._faded, found.steep and not pressing, found.dust)
         touches = self._touches.named(contacts(surface, pressing, prepared.layer)) if verdict.trusted else ()
         alone = found.alone < UNEXPLAINED  # far from rest the fit's first order makes dents of its own
