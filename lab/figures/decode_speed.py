@@ -240,13 +240,13 @@ def toucher(frames: NDArray[Any]) -> Callable[[], None]:
 
 
 def _pairs(one: Callable[[], Any], other: Callable[[], Any]) -> tuple[float, float, float]:
-    """Seconds of each and other over one, medians over pairs of calls in turn: others may share the machine;
-    the first pair warms up."""
+    """Processor seconds of each and other over one, medians over pairs of calls in turn: others may share the
+    machine; the first pair warms up."""
     one(), other()
     # no value is kept, so that its memory serves the next call
-    pairs = [(timed(one).seconds, timed(other).seconds)]
+    pairs = [(timed(one).processor, timed(other).processor)]
     count = int(np.clip(SECONDS / pairs[0][1], FEWEST, PAIRS))
-    pairs += [(timed(one).seconds, timed(other).seconds) for _ in range(count - 1)]
+    pairs += [(timed(one).processor, timed(other).processor) for _ in range(count - 1)]
     first, second = np.array(pairs).T
     return float(np.median(first)), float(np.median(second)), float(np.median(second / first))
 
