@@ -89,10 +89,8 @@ class Decoder:
     """Decodes captures of one sequence on one rig: plan, tables and the rig's profile are made once.
 
     Each capture runs the kernels, and some pixels test the profile (residuals, contrast, share of good
-    pixels). If
-    the test fails, or no profile fits the frames, the capture gives a new profile, as in `decode`; a notice
-    names
-    the change.
+    pixels). If the test fails, or no profile fits the frames, the capture gives a new profile, as in
+    `decode`; a notice names the change.
     """
 
     def __init__(

@@ -169,8 +169,8 @@ def _blocks(frames: NDArray[Any], mask: Mask | None) -> F32 | None:
     lit = span > 0.4 * np.quantile(span, 0.95)
     if mask is not None:
         lit &= mask[half : mask.shape[0] - half : stride, half : mask.shape[1] - half : stride]
-    around = [frames[:, y::stride, x::stride][:, : low.shape[1], : low.shape[2]] for y in (half - step, half
-    + step)           for x in (half - step, half + step)]  # fmt: skip
+    corners = [(y, x) for y in (half - step, half + step) for x in (half - step, half + step)]
+    around = [frames[:, y::stride, x::stride][:, : low.shape[1], : low.shape[2]] for y, x in corners]
     edges = (np.max(around, axis=0).astype(np.float32) - np.min(around, axis=0) > 0.5 * span) & lit
     chosen: list[tuple[int, int]] = []
     for edge in sorted(edges, key=np.count_nonzero):
@@ -281,10 +281,14 @@ def _word_place(
         middle = fit[3]
     pairs = [[-1 if i == free else i for i in pair] for pair in zip(code.plain, code.inverse, strict=True)]
     unknown = [b for b, pair in enumerate(pairs) if max(pair) < 0]
-    levels = np.stack([
-        (blocks[i] - blocks[j]) / 2 if min(i, j) >= 0 else blocks[i] - middle if i >= 0 else middle -
-        blocks[j] for i, j in pairs
-    ])  # fmt: skip
+
+    def bright(i: int, j: int) -> F32:
+        """Level of a bit beyond its middle, by its frame, that of its inverse, or both."""
+        if min(i, j) >= 0:
+            return np.asarray((blocks[i] - blocks[j]) / 2)
+        return np.asarray(blocks[i] - middle if i >= 0 else middle - blocks[j])
+
+    levels = np.stack([bright(i, j) for i, j in pairs])
     levels[unknown] = half
     bits, opened = np.arange(len(pairs))[:, None, None, None], np.abs(levels) < 0.25 * half
     run = np.zeros(half.shape, np.int64)

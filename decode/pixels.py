@@ -31,10 +31,9 @@ _ORDER = np.int32(Flag.ORDER_DOUBTFUL)
 
 class Tables(NamedTuple):
     """A: axes. given (A,): place comes from a look-up; close (A,): periods are close; factor (A,): variance
-    of the
-    amplitude over a sample's; more (A,): variance of every place, px^2; extent (A,): of the surface, px;
-    beyond (A,): share of the surface that the coarsest period does not cover; either (A,): flags where two
-    orders fit the interval of a code, see neighbours.settle."""
+    of the amplitude over a sample's; more (A,): variance of every place, px^2; extent (A,): of the surface,
+    px; beyond (A,): share of the surface that the coarsest period does not cover; either (A,): flags where
+    two orders fit the interval of a code, see neighbours.settle."""
 
     fringes: tuple[tuple[FringeTable, ...], ...]
     bits: tuple[BitTable | None, ...]

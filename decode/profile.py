@@ -30,8 +30,7 @@ __all__ = ["AxisProfile", "Effect", "Estimates", "RigProfile", "Sampled", "diges
 
 class Sampled(NamedTuple):
     """Statistics of sample pixels while a profile holds: share without a flag; median chi2 per degree of
-    freedom;
-    median amplitude, levels."""
+    freedom; median amplitude, levels."""
 
     good: float
     chi2: float
@@ -40,8 +39,7 @@ class Sampled(NamedTuple):
 
 class AxisProfile(NamedTuple):
     """Of one axis: misfit of each fringe; deviation of a sample over the amplitude (close periods, else 0);
-    variance
-    of every place, px^2; optics of a look-up, None without one."""
+    variance of every place, px^2; optics of a look-up, None without one."""
 
     misfits: tuple[Misfit, ...]
     deviation: float

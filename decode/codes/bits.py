@@ -2,15 +2,12 @@
 
 A bit is open where its level is within a quarter of the pixel's half contrast of the middle, or within five
 deviations of noise. The words that stay possible give an interval of cells: its middle is the place, its
-length over
-sqrt 12 sigma; a single open bit is an edge between two cells and counts as one cell. In Gray and binary
-codes the
-finest open bits are one interval by themselves; of the other open bits (in other codes, of all of them) every
-combination of two is tried, more are an order in doubt.
+length over sqrt 12 sigma; a single open bit is an edge between two cells and counts as one cell. In Gray and
+binary codes the finest open bits are one interval by themselves; of the other open bits (in other codes, of
+all of them) every combination of two is tried, more are an order in doubt.
 
 The middle is that of white and black; without them, of the fringe of the axis; else (max + min) / 2 of the
-code's
-frames. A pair of bit and inverse is compared with itself.
+code's frames. A pair of bit and inverse is compared with itself.
 """
 
 from functools import lru_cache
@@ -135,8 +132,8 @@ def read_rows(
     word, open_, noisy = np.empty((3, *shape), np.int32)
     half, unsure = np.empty(shape, np.float32), np.empty(shape, np.bool_)
     work = np.empty((3, shape[1]), np.float32)
-    _read(raw, table, noise, code.plain, code.inverse, code.gray, start, ends, work, word, open_, noisy,
-        place, half, unsure)  # fmt: skip
+    out = word, open_, noisy, place, half, unsure
+    _read(raw, table, noise, code.plain, code.inverse, code.gray, start, ends, work, *out)
     if not code.gray:
         place[:], half[:] = code.cells[word], _HALF
     at = np.nonzero(unsure)
@@ -156,10 +153,22 @@ def read_rows(
 
 @kernel
 def _read(
-    raw: RawFrames, table: F32 | None, noise: tuple[np.float32, np.float32], plain: I64, inverse: I64,
-    gray: bool, start: int, ends: tuple[F32, F32], work: F32, word: I32, open_: I32, noisy: I32,
-    place: F32, half: F32, unsure: NDArray[np.bool_],
-) -> None:  # fmt: skip
+    raw: RawFrames,
+    table: F32 | None,
+    noise: tuple[np.float32, np.float32],
+    plain: I64,
+    inverse: I64,
+    gray: bool,
+    start: int,
+    ends: tuple[F32, F32],
+    work: F32,
+    word: I32,
+    open_: I32,
+    noisy: I32,
+    place: F32,
+    half: F32,
+    unsure: NDArray[np.bool_],
+) -> None:
     """Words, their open bits and those within noise; of a Gray code with one open bit beside the finest ones
     the middle and half length, in cells, of the interval; unsure: others with open bits."""
     (n, width), (read2, gain), (low, high), none, two = word.shape, noise, ends, np.int32(0), np.float32(2)

@@ -1,11 +1,9 @@
 """Phase shifting: least squares of N samples per period, I_i = A + c cos d_i + s sin d_i.
 
-Phase = atan2(s, c); its variance follows from the covariance of c and s (for N equidistant steps
-2 sigma^2 / (N B^2), the Cramer-Rao bound). Combinations of the samples that vanish for every fringe are
-residuals: over their noise they give chi2. A nonlinear display or camera has harmonics; N >= 4 steps see the
-second
-one in the residuals, but shift no phase by it. So what residuals of a sample share with mean, amplitude and
-the
+Phase = atan2(s, c); its variance follows from the covariance of c and s (for N equidistant steps 2 sigma^2 /
+(N B^2), the Cramer-Rao bound). Combinations of the samples that vanish for every fringe are residuals: over
+their noise they give chi2. A nonlinear display or camera has harmonics; N >= 4 steps see the second one in
+the residuals, but shift no phase by it. So what residuals of a sample share with mean, amplitude and the
 first three harmonics of the phase is regressed out of them; the rest of the bulk scales the phase's variance.
 """
 
@@ -199,10 +197,8 @@ def _aliased(fringe: Fringe, residual: F64, phase: F64, amplitude: F64) -> float
     """Bound on the variance (cycles^2) of a phase of N >= 4 steps by harmonics of a smooth curve.
 
     N equidistant steps alias those of N - 1 and N + 1 to the fundamental: a wave of N periods per cycle, up
-    to
-    h_(N-1) / h_1. Smooth curves have harmonics that fall off about as powers of h_2 / h_1: the bound is
-    taken as
-    (N - 2) (h_2 / h_1)^(N - 2), and a wave of that amplitude adds a third of its square."""
+    to h_(N-1) / h_1. Smooth curves have harmonics that fall off about as powers of h_2 / h_1: the bound is
+    taken as (N - 2) (h_2 / h_1)^(N - 2), and a wave of that amplitude adds a third of its square."""
     double = fringe.unlike @ np.stack([np.cos(2 * fringe.shifts), np.sin(2 * fringe.shifts)], axis=1)
     expected = double @ np.stack([np.cos(2 * phase), np.sin(2 * phase)]) * amplitude
     power = float(np.square(expected).sum())
@@ -218,10 +214,8 @@ def _aliased(fringe: Fringe, residual: F64, phase: F64, amplitude: F64) -> float
 
 def three_step_aliasing(fringe: Fringe, ends: list[tuple[int, int]], sample: Sample, noise: Noise) -> float:
     """Bound on the variance (cycles^2) of a phase of three steps, whose residuals show no harmonic: their
-    mean level
-    deviates from the middle of white and black, or of a bit and its inverse (ends), by h_2 for a quadratic
-    curve, and
-    within 1 % for x^2.2."""
+    mean level deviates from the middle of white and black, or of a bit and its inverse (ends), by h_2 for a
+    quadratic curve, and within 1 % for x^2.2."""
     if len(fringe.index) != 3 or not ends:
         return 0.0
     levels = sample.levels.astype(np.float64)
@@ -295,10 +289,19 @@ def _refit(
 
 @kernel
 def _fit_rows(
-    raw: RawFrames, table: F32 | None, clip: np.float32, noise: tuple[np.float32, np.float32],
-    samples: tuple[I64, F32], numbers: tuple[F32, np.float32, np.float32, F32], start: int, work: F32,
-    top: RawFrames, fit: Fit, chi2: F32, clipped: NDArray[np.bool_],
-) -> None:  # fmt: skip
+    raw: RawFrames,
+    table: F32 | None,
+    clip: np.float32,
+    noise: tuple[np.float32, np.float32],
+    samples: tuple[I64, F32],
+    numbers: tuple[F32, np.float32, np.float32, F32],
+    start: int,
+    work: F32,
+    top: RawFrames,
+    fit: Fit,
+    chi2: F32,
+    clipped: NDArray[np.bool_],
+) -> None:
     """Offset, c, s and a residual lie in work (5, W), with one over a residual's variance, 0: saturated."""
     (n, width), (read2, gain), (index, weights) = chi2.shape, noise, samples
     covariance, scale, more, terms = numbers
@@ -317,10 +320,9 @@ def _fit_rows(
                     for x in range(width):
                         work[line, x] = _ZERO
                 for x in range(width):
-                    work[line, x] += (
-                        w0 * level_of(raw[i0, y, x], table) + w1 * level_of(raw[i1, y, x], table)
-                        + w2 * level_of(raw[i2, y, x], table) + w3 * level_of(raw[i3, y, x], table)
-                    )  # fmt: skip
+                    two = w0 * level_of(raw[i0, y, x], table) + w1 * level_of(raw[i1, y, x], table)
+                    two += w2 * level_of(raw[i2, y, x], table) + w3 * level_of(raw[i3, y, x], table)
+                    work[line, x] += two
                 if j == 0:
                     for x in range(width):
                         brighter = max(max(raw[i0, y, x], raw[i1, y, x]), max(raw[i2, y, x], raw[i3, y, x]))

@@ -1,19 +1,17 @@
 """Fringe orders: from coarse to fine, or of close periods by a table of candidates.
 
 A rough place x selects the order of a finer period p with phase t: of the places p (t + k) the nearest to x,
-at a
-distance d; the next one is p - |d| away. Where x has a variance s^2 (a coarser period),
+at a distance d; the next one is p - |d| away. Where x has a variance s^2 (a coarser period),
 
     P(order is wrong) = 1 / (1 + exp(p (p / 2 - |d|) / (s^2 + p^2 v)));
 
 where x lies anywhere in an interval (a code), the place must lie in it and no other one; of two that fit
 (cells as large as a period) the neighbours choose.
 
-If no period covers the surface, each place p (t + k) of the finest period predicts every other phase, so
-that a
-quantised table over two of them lists the orders within the noise. All phases compare the orders that a
-pixel finds
-in it: their posterior gives the probability of a wrong one, with those beyond the table's tolerance.
+If no period covers the surface, each place p (t + k) of the finest period predicts every other phase, so that
+a quantised table over two of them lists the orders within the noise. All phases compare the orders that a
+pixel finds in it: their posterior gives the probability of a wrong one, with those beyond the table's
+tolerance.
 """
 
 from functools import lru_cache
@@ -113,10 +111,8 @@ class Orders(NamedTuple):
     """A table of the orders of close periods.
 
     listed (most, cells): the nearest, the next, ... of a cell, then _NONE. tolerance: cycles within which
-    they are
-    listed; extent: of the surface, px, which emits all light: a place beyond it is as unlikely as the noise
-    that
-    would shift it there.
+    they are listed; extent: of the surface, px, which emits all light: a place beyond it is as unlikely as
+    the noise that would shift it there.
     """
 
     listed: F32

@@ -1,13 +1,11 @@
 """Effects of a rig or of one capture, each in a module of its own: estimated from a sample of pixels, then
-corrected
-or added to the variance. They never see each other.
+corrected or added to the variance. They never see each other.
 
 An effect's `estimate(view)` returns None where the sample does not show it at a chance of 1e-6: it then costs
 nothing. Beside it a module has one of
 
     matrix(estimate, count) -> (N, N)   levels corrected = matrix @ levels (lag); the decoder folds it into
-    the
-                                        weights of the fringes, so that it costs no pass over the frames
+                                        the weights of the fringes, so that it costs no pass over the frames
     variance(view, estimate) -> (A,)    px^2 of each axis of the plan, added to every pixel (cells, motion)
     shared(view) -> SharedNoise         noise that pixels have in common
 """
