@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optolever.kernels import F32, I64, inlined, kernel
+from optolever.kernels import HALF as _HALF
 from optolever.kernels import ONE as _ONE
 from optolever.kernels import ZERO as _ZERO
 
@@ -147,10 +148,10 @@ def neighbours(block: Block, above: int, dof: int, limits: F32, result: Result) 
     _confirmed(place, variance, amplitude, flags, limits, top, end, np.zeros(width, np.bool_), found)
     clean = found == 0
     windows = _whole(n, width) if clean.all() else _windows(clean)
-    rings, work = np.zeros((4 * axes + 1, 8, width + 6), np.float32), np.zeros((8, width + 6), np.float32)
+    rings, work = np.zeros((4 * axes + 1, 8, width + 6), np.float32), np.zeros((9, width + 6), np.float32)
     (coordinate, sigma, _), slow = result, np.zeros((axes, rows, width), np.bool_)
-    maps, slopes = (place, variance, amplitude, chi2), np.zeros(width, np.float32)
-    _excess(*maps, windows, limits, np.float32(dof), rings, work, slopes, coordinate, sigma, slow)
+    maps = place, variance, amplitude, chi2
+    _excess(*maps, windows, limits, np.float32(dof), rings, work, coordinate, sigma, slow)
     result.flags[:] = found[HALO : HALO + rows]
     for a in range(axes):
         at = np.flatnonzero(slow[a])
@@ -271,165 +272,247 @@ def _over(of: U8, first: int, last: int, axis: int) -> U8:
 
 @kernel
 def _excess(
-    place: F32, variance: F32, amplitude: F32, chi2: F32, windows: U8, limits: F32, dof: np.float32,
-    rings: F32, work: F32, light_slope: F32, coordinate: F32, sigma: F32, slow: Mask,
-) -> None:  # fmt: skip
-    """Places without their aperture, sigma with its excesses over noise, clean pixels for _judge: by windows
-    that are not full, a jump in them, or the display's border. Sums of rows lie in rings of 8."""
-    axes, n, width = place.shape
-    half, three, four, five, ten = (
-        np.float32(0.5),
-        np.float32(3),
-        np.float32(4),
-        np.float32(5),
-        np.float32(10),
-    )
-    share, most, cap = _ONE / max(dof, _ONE), np.float32(25), np.float32(500)
-    mean = _ONE + np.float32(1.1314) * np.sqrt(share)  # four deviations of the mean of 25 pixels
-    alone = _ONE + np.float32(7.0711) * np.sqrt(share) + np.float32(8) * share
+    place: F32,
+    variance: F32,
+    amplitude: F32,
+    chi2: F32,
+    windows: U8,
+    limits: F32,
+    dof: np.float32,
+    rings: F32,
+    work: F32,
+    coordinate: F32,
+    sigma: F32,
+    slow: Mask,
+) -> None:
+    """Places without their aperture, sigma with its excesses over noise, clean pixels for _judge.
+
+    Row k joins the sums of its neighbourhoods, those of row k - 3 are then whole. Sums of rows lie in rings
+    of 8; work (9, W + 6): lines of one row, 0 beside it."""
+    axes, n, _ = place.shape
+    residual, across, fall, curve, flat, off = rings[0], work[0], work[1], work[2], work[3], work[4]
+    column, inflation, third, bracket = work[5], work[6], work[7], work[8]
     for k in range(1, n - 1):
         y, r = k - 3, k - 3 - HALO
-        for x in range(width):
-            one = share * chi2[k, x]
-            rings[0, k & 7, x + 2] = (one if one < most else most) * np.float32(windows[_CLEAN, k, x])
+        _residuals(chi2[k], windows[_CLEAN, k], dof, residual[k & 7])
         if r >= 0:
-            for x in range(width + 4):
-                work[7, x] = (rings[0, (y - 2) & 7, x] + rings[0, (y - 1) & 7, x] + rings[0, y & 7, x]
-                    + rings[0, (y + 1) & 7, x] + rings[0, (y + 2) & 7, x])  # fmt: skip
-            for x in range(width):
-                level = work[7, x] + work[7, x + 1] + work[7, x + 2] + work[7, x + 3] + work[7, x + 4]
-                level, one = level / max(np.float32(windows[_NUMBER, y, x]), _ONE), share * chi2[y, x]
-                level = level if level > mean else _ONE
-                one = one if one > alone else _ONE
-                work[0, x] = level if level > one else one
+            _inflation(residual, y, chi2[y], windows[_NUMBER, y], dof, column, inflation)
         for a in range(axes):
-            if limits[a, 5] == _ZERO:
+            p, v, own = place[a], variance[a], limits[a]
+            if own[5] == _ZERO:
                 if r >= 0:
-                    for x in range(width):
-                        coordinate[a, r, x] = place[a, y, x]
-                    for x in range(width):
-                        sigma[a, r, x] = np.sqrt(max(variance[a, y, x] * work[0, x], _LEAST))
+                    _inflated(p[y], v[y], inflation, coordinate[a, r], sigma[a, r])
                 continue
-            rows, cols, rest, bend = 4 * a + 1, 4 * a + 2, 4 * a + 3, 4 * a + 4
-            for x in range(width - 3):  # squares of third differences, capped
-                h = place[a, k, x + 3] - place[a, k, x] + three * (place[a, k, x + 1] - place[a, k, x + 2])
-                h, c = h * h, cap * variance[a, k, x + 1]
-                work[1, x + 3] = (h if h < c else c) * np.float32(windows[_ROW, k, x])
-            for x in range(width):
-                rings[rows, k & 7, x] = work[1, x] + work[1, x + 1] + work[1, x + 2] + work[1, x + 3]
-            j = k - 3
-            if j >= 0:
-                for x in range(width):
-                    h = place[a, k, x] - place[a, j, x] + three * (place[a, j + 1, x] - place[a, j + 2, x])
-                    h, c = h * h, cap * variance[a, j + 1, x]
-                    work[2, x + 3] = (h if h < c else c) * np.float32(windows[_COL, j, x])
-                for x in range(width):
-                    rings[cols, j & 7, x] = (work[2, x] + work[2, x + 1] + work[2, x + 2] + work[2, x + 3]
-                        + work[2, x + 4] + work[2, x + 5] + work[2, x + 6])  # fmt: skip
-            j = k - 2
-            if (
-                j >= 2
-            ):  # Laplacian of the quadratic through 5 x 5, and squares of the residual to it over three
-                for x in range(width):
-                    q = place[a, j, x]
-                    work[3, x] = (place[a, j - 2, x] - q + (place[a, k, x] - q)
-                        + (place[a, j - 1, x] - q) + (place[a, j + 1, x] - q))  # fmt: skip
-                for x in range(width):
-                    q = place[a, j, x]
-                    work[4, x] = (four * (place[a, j - 2, x] - q + (place[a, k, x] - q))
-                        + (place[a, j - 1, x] - q) + (place[a, j + 1, x] - q))  # fmt: skip
-                for x in range(width - 4):
-                    q = place[a, j, x + 2]
-                    outer, inner = (
-                        place[a, j, x] - q + (place[a, j, x + 4] - q),
-                        place[a, j, x + 1] - q + (place[a, j, x + 3] - q),
-                    )
-                    curve = work[4, x] + work[4, x + 1] + work[4, x + 2] + work[4, x + 3] + work[4, x + 4]
-                    curve += (ten * (outer + inner) + four * (five * outer + work[3, x] + work[3, x + 4])
-                        + (five * inner + work[3, x + 1] + work[3, x + 3]))  # fmt: skip
-                    total = (
-                        five * (outer + inner)
-                        + work[3, x]
-                        + work[3, x + 1]
-                        + work[3, x + 2]
-                        + work[3, x + 3]
-                        + work[3, x + 4]
-                    )
-                    curve = (curve - four * total) * np.float32(1 / 35)
-                    rings[bend, j & 7, x + 2] = curve * np.float32(windows[_FULL, j, x + 2])
-                for x in range(width - 4):
-                    q = place[a, j, x + 2]
-                    total = five * (
-                        place[a, j, x]
-                        - q
-                        + (place[a, j, x + 4] - q)
-                        + (place[a, j, x + 1] - q)
-                        + (place[a, j, x + 3] - q)
-                    )
-                    total += work[3, x] + work[3, x + 1] + work[3, x + 2] + work[3, x + 3] + work[3, x + 4]
-                    off = (
-                        total * np.float32(0.04) * np.float32(windows[_FULL, j, x + 2])
-                        - rings[bend, j & 7, x + 2]
-                    )
-                    work[5, x + 3] = off * off
-                for x in range(width):
-                    rings[rest, j & 7, x] = work[5, x] + work[5, x + 1] + work[5, x + 2]
-            if r < 0:
-                continue
-            for x in range(width):
-                number = np.float32(windows[_ALONG, y, x])
-                total = (
-                    rings[rows, (y - 3) & 7, x] + rings[rows, (y - 2) & 7, x] + rings[rows, (y - 1) & 7, x]
-                )
-                total += rings[rows, y & 7, x] + rings[rows, (y + 1) & 7, x]
-                total += rings[rows, (y + 2) & 7, x] + rings[rows, (y + 3) & 7, x]
-                work[7, x] = total / number if number > three else _ZERO
-            for x in range(width):
-                number = np.float32(windows[_DOWN, y, x])
-                total = (
-                    rings[cols, (y - 3) & 7, x] + rings[cols, (y - 2) & 7, x] + rings[cols, (y - 1) & 7, x]
-                )
-                total += rings[cols, y & 7, x]
-                total = total / number if number > three else _ZERO
-                work[7, x] = work[7, x] if work[7, x] > total else total
-            for x in range(1, width - 1):
-                full = np.float32(windows[_FULL, y, x])
-                light_slope[x] = full * falling(place[a], amplitude[a], y, x)
-            for x in range(width):
-                level = variance[a, y, x] * work[0, x]
-                moved = limits[a, 4] * (rings[bend, y & 7, x] + light_slope[x])
-                third = np.float32(0.05) * work[7, x] - _THIRD * level
-                work[6, x] = level + (third if third > _ZERO else _ZERO) + moved * moved
-            for x in range(width):
-                total = rings[rest, (y - 1) & 7, x] + rings[rest, y & 7, x] + rings[rest, (y + 1) & 7, x]
-                total = _OFF2 * total / max(np.float32(windows[_NEAR, y, x]), _ONE)
-                total -= _REST * variance[a, y, x] * work[0, x]
-                total = work[6, x] + (total if total > _ZERO else _ZERO)
-                sigma[a, r, x] = np.sqrt(total if total > _LEAST else _LEAST)
-            for x in range(width):
-                coordinate[a, r, x] = place[a, y, x] - limits[a, 3] * (rings[bend, y & 7, x] + light_slope[x])
-            steep = np.float32(0.2) * limits[a, 0]  # of the least Laplacian of a jump by 2 jumps, 2/7
-            for x in range(width):
-                open_ = (windows[_FULL, y, x] == 0) | (abs(rings[bend, y & 7, x]) > steep)
-                slow[a, r, x] = open_ & (windows[_CLEAN, y, x] != 0)
-            if limits[a, 2] > _ZERO:
-                for x in range(width - 2):
-                    dx, dy = (
-                        place[a, y, x + 2] - place[a, y, x],
-                        place[a, y + 1, x + 1] - place[a, y - 1, x + 1],
-                    )
-                    reach2 = (half * limits[a, 3] * (dx * dx + dy * dy) + limits[a, 2]) * np.float32(16)
-                    t = place[a, y, x + 1] + half
-                    other = limits[a, 1] - t
-                    t = t if t < other else other
-                    slow[a, r, x + 1] |= (t * abs(t) < reach2) & (windows[_CLEAN, y, x + 1] != 0)
+            own_rings = rings[4 * a + 1 :]
+            rows, cols, rest, bend = own_rings[0], own_rings[1], own_rings[2], own_rings[3]
+            _along(p[k], v[k], windows[_ROW, k], across, rows[k & 7])
+            if k >= 3:
+                _down(p, v[k - 2], k - 3, windows[_COL, k - 3], fall, cols[(k - 3) & 7])
+            if k >= 4:
+                j = k - 2
+                _quadratic(p, j, windows[_FULL, j], curve, flat, bend[j & 7])
+                _rest(p, j, windows[_FULL, j], flat, bend[j & 7], off, rest[j & 7])
+            if r >= 0:
+                _thirds(rows, cols, y, windows[_ALONG, y], windows[_DOWN, y], third)
+                _bracket(p, amplitude[a], y, windows[_FULL, y], bend[y & 7], bracket)
+                _result(p[y], v[y], inflation, third, bracket, own, coordinate[a, r], sigma[a, r])
+                _creased(rest, y, v[y], inflation, windows[_NEAR, y], sigma[a, r])
+                _open(bend[y & 7], windows[_FULL, y], windows[_CLEAN, y], own, slow[a, r])
+                if own[2] > _ZERO:
+                    _bordered(p, y, windows[_CLEAN, y], own, slow[a, r])
+
+
+@kernel
+def _residuals(chi2: F32, clean: U8, dof: np.float32, out: F32) -> None:
+    """chi2 per degree of freedom, capped."""
+    share, most = _ONE / max(dof, _ONE), np.float32(25)
+    for x in range(chi2.size):
+        one = share * chi2[x]
+        out[x + 2] = (one if one < most else most) * np.float32(clean[x])
+
+
+@kernel
+def _inflation(
+    ring: F32, y: int, chi2: F32, number: U8, dof: np.float32, column: F32, inflation: F32
+) -> None:
+    """Factor of the variance: mean of 5 x 5 residuals, or a pixel's own, where beyond four deviations."""
+    share = _ONE / max(dof, _ONE)
+    mean = _ONE + np.float32(1.1314) * np.sqrt(share)
+    alone = _ONE + np.float32(7.0711) * np.sqrt(share) + np.float32(8) * share
+    for x in range(chi2.size + 4):
+        three = ring[(y - 2) & 7, x] + ring[(y - 1) & 7, x] + ring[y & 7, x]
+        column[x] = three + ring[(y + 1) & 7, x] + ring[(y + 2) & 7, x]
+    for x in range(chi2.size):
+        level = column[x] + column[x + 1] + column[x + 2] + column[x + 3] + column[x + 4]
+        level, one = level / max(np.float32(number[x]), _ONE), share * chi2[x]
+        level = level if level > mean else _ONE
+        one = one if one > alone else _ONE
+        inflation[x] = level if level > one else one
+
+
+@kernel
+def _inflated(place: F32, variance: F32, inflation: F32, coordinate: F32, sigma: F32) -> None:
+    """Places that are cells."""
+    for x in range(place.size):
+        coordinate[x] = place[x]
+    for x in range(place.size):
+        sigma[x] = np.sqrt(max(variance[x] * inflation[x], _LEAST))
+
+
+@kernel
+def _along(place: F32, variance: F32, whole: U8, square: F32, out: F32) -> None:
+    """Squares of third differences along a row, capped; sums of four."""
+    three, cap = np.float32(3), np.float32(500)
+    for x in range(place.size - 3):
+        h = place[x + 3] - place[x] + three * (place[x + 1] - place[x + 2])
+        h, c = h * h, cap * variance[x + 1]
+        square[x + 3] = (h if h < c else c) * np.float32(whole[x])
+    for x in range(place.size):
+        out[x] = square[x] + square[x + 1] + square[x + 2] + square[x + 3]
+
+
+@kernel
+def _down(place: F32, variance: F32, j: int, whole: U8, square: F32, out: F32) -> None:
+    """Squares of third differences down the columns from row j, capped; sums of seven along the row."""
+    three, cap = np.float32(3), np.float32(500)
+    for x in range(variance.size):
+        h = place[j + 3, x] - place[j, x] + three * (place[j + 1, x] - place[j + 2, x])
+        h, c = h * h, cap * variance[x]
+        square[x + 3] = (h if h < c else c) * np.float32(whole[x])
+    for x in range(variance.size):
+        four = square[x] + square[x + 1] + square[x + 2] + square[x + 3]
+        out[x] = four + square[x + 4] + square[x + 5] + square[x + 6]
+
+
+@kernel
+def _quadratic(place: F32, j: int, full: U8, curve: F32, flat: F32, bend: F32) -> None:
+    """Laplacian of the quadratic through 5 x 5 around row j; flat: sums of columns."""
+    four, five, ten = np.float32(4), np.float32(5), np.float32(10)
+    for x in range(full.size):
+        q = place[j, x]
+        outer = place[j - 2, x] - q + (place[j + 2, x] - q)
+        inner = place[j - 1, x] - q + (place[j + 1, x] - q)
+        flat[x] = outer + inner
+    for x in range(full.size):
+        q = place[j, x]
+        outer = place[j - 2, x] - q + (place[j + 2, x] - q)
+        inner = place[j - 1, x] - q + (place[j + 1, x] - q)
+        curve[x] = four * outer + inner
+    for x in range(full.size - 4):
+        q = place[j, x + 2]
+        outer = place[j, x] - q + (place[j, x + 4] - q)
+        inner = place[j, x + 1] - q + (place[j, x + 3] - q)
+        bent = curve[x] + curve[x + 1] + curve[x + 2] + curve[x + 3] + curve[x + 4]
+        bent += ten * (outer + inner) + four * (five * outer + flat[x] + flat[x + 4])
+        bent += five * inner + flat[x + 1] + flat[x + 3]
+        total = five * (outer + inner) + flat[x] + flat[x + 1] + flat[x + 2] + flat[x + 3] + flat[x + 4]
+        bend[x + 2] = (bent - four * total) * np.float32(1 / 35) * np.float32(full[x + 2])
+
+
+@kernel
+def _rest(place: F32, j: int, full: U8, flat: F32, bend: F32, off: F32, out: F32) -> None:
+    """Squares of the residual to that quadratic; sums of three."""
+    five = np.float32(5)
+    for x in range(full.size - 4):
+        q = place[j, x + 2]
+        total = place[j, x] - q + (place[j, x + 4] - q) + (place[j, x + 1] - q) + (place[j, x + 3] - q)
+        total = five * total + flat[x] + flat[x + 1] + flat[x + 2] + flat[x + 3] + flat[x + 4]
+        away = total * np.float32(0.04) * np.float32(full[x + 2]) - bend[x + 2]
+        off[x + 3] = away * away
+    for x in range(full.size):
+        out[x] = off[x] + off[x + 1] + off[x + 2]
+
+
+@kernel
+def _thirds(rows: F32, cols: F32, y: int, along: U8, down: U8, out: F32) -> None:
+    """Larger mean of both third differences over 7 x 7 pixels."""
+    three = np.float32(3)
+    for x in range(out.size - 6):
+        number = np.float32(along[x])
+        total = rows[(y - 3) & 7, x] + rows[(y - 2) & 7, x] + rows[(y - 1) & 7, x] + rows[y & 7, x]
+        total += rows[(y + 1) & 7, x] + rows[(y + 2) & 7, x] + rows[(y + 3) & 7, x]
+        out[x] = total / number if number > three else _ZERO
+    for x in range(out.size - 6):
+        number = np.float32(down[x])
+        total = cols[(y - 3) & 7, x] + cols[(y - 2) & 7, x] + cols[(y - 1) & 7, x] + cols[y & 7, x]
+        total = total / number if number > three else _ZERO
+        out[x] = out[x] if out[x] > total else total
+
+
+@kernel
+def _bracket(place: F32, light: F32, y: int, full: U8, bend: F32, out: F32) -> None:
+    """laplace u + 2 grad u . grad ln A: a place's shift over half the second moment."""
+    for x in range(1, full.size - 1):
+        out[x] = bend[x] + np.float32(full[x]) * falling(place, light, y, x)
+
+
+@kernel
+def _result(
+    place: F32,
+    variance: F32,
+    inflation: F32,
+    third: F32,
+    bracket: F32,
+    limits: F32,
+    coordinate: F32,
+    sigma: F32,
+) -> None:
+    """Place without its aperture; variance by noise, third differences and the unsure moment."""
+    aperture, unsure = limits[3], limits[4]
+    for x in range(place.size):
+        level, moved = variance[x] * inflation[x], unsure * bracket[x]
+        beyond = np.float32(0.05) * third[x] - _THIRD * level
+        sigma[x] = level + (beyond if beyond > _ZERO else _ZERO) + moved * moved
+    for x in range(place.size):
+        coordinate[x] = place[x] - aperture * bracket[x]
+
+
+@kernel
+def _creased(rest: F32, y: int, variance: F32, inflation: F32, near: U8, sigma: F32) -> None:
+    """Sigma from the variance and the residuals to the quadratics of 3 x 3 pixels."""
+    for x in range(variance.size):
+        total = rest[(y - 1) & 7, x] + rest[y & 7, x] + rest[(y + 1) & 7, x]
+        total = _OFF2 * total / max(np.float32(near[x]), _ONE) - _REST * variance[x] * inflation[x]
+        total = sigma[x] + (total if total > _ZERO else _ZERO)
+        sigma[x] = np.sqrt(total if total > _LEAST else _LEAST)
+
+
+@kernel
+def _open(bend: F32, full: U8, clean: U8, limits: F32, slow: Mask) -> None:
+    """Clean pixels beside others, or amid a jump: the least Laplacian of one by 2 jumps is 2/7."""
+    steep = np.float32(0.2) * limits[0]
+    for x in range(full.size):
+        slow[x] = ((full[x] == 0) | (abs(bend[x]) > steep)) & (clean[x] != 0)
+
+
+@kernel
+def _bordered(place: F32, y: int, clean: U8, limits: F32, slow: Mask) -> None:
+    """Clean pixels within four reaches of the display's border."""
+    extent, border, aperture = limits[1], limits[2], limits[3]
+    for x in range(clean.size - 2):
+        dx, dy = place[y, x + 2] - place[y, x], place[y + 1, x + 1] - place[y - 1, x + 1]
+        reach2 = (_HALF * aperture * (dx * dx + dy * dy) + border) * np.float32(16)
+        t = place[y, x + 1] + _HALF
+        other = extent - t
+        t = t if t < other else other
+        slow[x + 1] |= (t * abs(t) < reach2) & (clean[x + 1] != 0)
 
 
 @kernel
 def _judge(
-    place: F32, light: F32, amplitude: F32, full: U8, clean: U8, top: int, end: int, limits: F32, at: I64,
-    coordinate: F32, sigma: F32, flags: U16,
-) -> None:  # fmt: skip
+    place: F32,
+    light: F32,
+    amplitude: F32,
+    full: U8,
+    clean: U8,
+    top: int,
+    end: int,
+    limits: F32,
+    at: I64,
+    coordinate: F32,
+    sigma: F32,
+    flags: U16,
+) -> None:
     """Variance by the border of the image, of flagged pixels and of the display, flags beyond; places amid
     a jump, which has no Laplacian; at: number of each pixel of the result."""
     (_, width), half, two, none = place.shape, np.float32(0.5), np.float32(2), np.uint8(0)
