@@ -74,6 +74,9 @@ def prepare(
         noise = float(np.var(frames, axis=0, ddof=1, dtype=np.float64)[carriers.lit > 0].mean())
         normal = rays.directions[2].astype(np.float32)
         rest = _rest_state(carriers, mean)
+        if noise == 0:  # one image several times, as of a simulated camera: then what the model leaves of it
+            left = (mean - model(carriers, rest))[carriers.lit > 0]
+            noise = (1.4826 * float(np.median(np.abs(left)))) ** 2
         rig = Rig(carriers, mirror, rest, max(noise, _QUANTISED), _gradient(carriers), normal, rim(lit))
         x, y = rays.points[:2]
         (x_row, x_col), (y_row, y_col) = np.gradient(x), np.gradient(y)
