@@ -36,7 +36,7 @@ _ALONG, _ACROSS = 2, 1  # rows and columns on either side that predict where it 
 _MIDDLES = 0.05
 #: Rows sampled for that, about.
 _ROWS = 64
-_BLOCK = 8  # rows at once: what they need stays in the cache
+_BLOCK = 1 << 13  # pixels at once: what they need stays in the cache
 _MARGIN = 1e4  # between the noise at two places of the mirror, at most
 
 
@@ -83,36 +83,47 @@ class Measured:
                     change -= slope
         return p, q, p_w, q_w
 
-    def variances(self, w: Floats, every: int = 1) -> Pair:
+    def variances(self, w: Floats, every: int = 1, where: Mask | None = None) -> Pair:
         """Variances of p and q at w that the standard deviations of u and v cause, (rows, cols) each; NaN but
-        in every such row.
+        in every such row, and but around the pixels `where` (rows, cols) they are asked for.
 
         Where the noise is large as against the way to the pattern, that way is the one without noise: to the
         mean of neighbours.
         """
         found = np.full(w.shape, np.nan), np.full(w.shape, np.nan)
         noisy, (u, v) = np.zeros(w.shape, np.bool_), self._on_plane(w)
-        rows = _BLOCK * every
-        over_rows(
-            lambda start, stop: self._spread(slice(start, stop, every), w, u, v, found, noisy), len(w), rows
-        )
+        every_pixel = slice(0, w.shape[0]), slice(0, w.shape[1])
+        down, along = every_pixel if where is None else (_extent(where, 1), _extent(where, 0))
+
+        def block(start: int, stop: int) -> None:
+            rows = slice(down.start + start, min(down.start + stop, down.stop), every)
+            self._spread((rows, along), w, u, v, found, noisy)
+
+        over_rows(block, down.stop - down.start, every * max(1, _BLOCK // (along.stop - along.start)))
         if noisy.any():
             u, v = (_amid(at, noisy) for at in (u, v))
             for row in np.flatnonzero(noisy.any(axis=1)).tolist():
-                self._spread(slice(row, row + 1), w, u, v, found, noisy, True)
+                self._spread((slice(row, row + 1), along), w, u, v, found, noisy, True)
         return found
 
     def _spread(
-        self, rows: slice, w: Floats, u: Floats, v: Floats, found: Pair, noisy: Mask, again: bool = False
+        self,
+        window: tuple[slice, slice],
+        w: Floats,
+        u: Floats,
+        v: Floats,
+        found: Pair,
+        noisy: Mask,
+        again: bool = False,
     ) -> None:
-        """Fill in the variances of some rows, u and v on the plane, and mark pixels whose noise is large;
+        """Fill in the variances of a window, u and v on the plane, and mark pixels whose noise is large;
         again: of these alone."""
         o, d = self.rays.origins, self.rays.directions
-        cols = slice(PAD, PAD + w.shape[1])
+        rows, cols = window[0], slice(PAD + window[1].start, PAD + window[1].stop)
 
         def at(a: Floats, k: int, down: int = 0, right: int = 0) -> Floats:
             start = PAD + rows.start + down
-            return a[k, start : PAD + rows.stop + down : rows.step, PAD + right : cols.stop + right]
+            return a[k, start : PAD + rows.stop + down : rows.step, cols.start + right : cols.stop + right]
 
         def change(a: Floats, k: int, down: int, right: int) -> Floats | float:
             if self.rays.logarithmic if a is o else self.rays.parallel:
@@ -122,12 +133,12 @@ class Measured:
             near -= (at(a, k, 2 * down, 2 * right) - at(a, k, -2 * down, -2 * right)) / 12.0
             return near
 
-        t = np.exp(w[rows]) if self.rays.logarithmic else w[rows]
+        t = np.exp(w[window]) if self.rays.logarithmic else w[window]
         start, *axes = self.plane
         ray = [at(d, k) for k in range(3)]
         with np.errstate(all="ignore"):
             e = [
-                start[k] + u[rows] * axes[0][k] + v[rows] * axes[1][k] - at(o, k) - t * ray[k]
+                start[k] + u[window] * axes[0][k] + v[window] * axes[1][k] - at(o, k) - t * ray[k]
                 for k in range(3)
             ]
             square = e[0] * e[0] + e[1] * e[1] + e[2] * e[2]
@@ -135,7 +146,7 @@ class Measured:
             e = [part * inverse for part in e]
             n = [part - along for part, along in zip(e, ray, strict=True)]
             scale = 1.0 / _dot(n, ray)
-            sigmas = self.sigma_u[rows], self.sigma_v[rows]
+            sigmas = self.sigma_u[window], self.sigma_v[window]
             forward = [_dot(axis, e) for axis in axes]
             noise, ahead = (
                 sum(np.square(sigma) * part for sigma, part in zip(sigmas, parts, strict=True))
@@ -157,11 +168,11 @@ class Measured:
                     for sigma, axis, part in zip(sigmas, axes, forward, strict=True)
                 )
                 if again:
-                    np.copyto(out[rows], factor * total, where=noisy[rows])
+                    np.copyto(out[window], factor * total, where=noisy[window])
                 else:
-                    np.multiply(factor, total, out=out[rows])
+                    np.multiply(factor, total, out=out[window])
         if not again:
-            noisy[rows] = large
+            noisy[window] = large
 
     def singular(
         self, w: Floats, variances: Pair | None = None, usual: Floats | None = None
@@ -180,13 +191,14 @@ class Measured:
         noise = _SURE * np.maximum(pitch[0] * self.sigma_u, pitch[1] * self.sigma_v)
         with np.errstate(invalid="ignore", over="ignore"):
             found: Mask = ~(away - np.square(ahead) > np.square(noise))
-            if usual is None or not (away * away > _MARGIN * usual)[self.mask].all():
-                moved = np.maximum(*(self.variances(w) if variances is None else variances))
+            near = self.mask if usual is None else self.mask & ~(away * away > _MARGIN * usual)
+            if near.any():
+                moved = np.maximum(*(self.variances(w, where=near) if variances is None else variances))
                 if self.rays.logarithmic:
                     moved *= np.square(self.distance(w))
-                found |= ~(away > moved)
+                found |= near & ~(away > moved)
                 usual = away * moved
-        return found & self.mask, usual
+        return found & self.mask, away if usual is None else usual
 
     def sensitive(self, w: Floats, limit: float) -> Mask:
         """Pixels of the mask where a change of w changes a slope, over one pixel, by at least `limit` times
@@ -307,6 +319,12 @@ def _amid(values: Floats, where: Mask) -> Floats:
     means = values.copy()
     means[where] = np.nanmean(0.5 * (windows + windows[:, ::-1, ::-1]), axis=(1, 2))
     return means
+
+
+def _extent(pixels: Mask, axis: int) -> slice:
+    """From the first to the last line that holds some."""
+    at = np.flatnonzero(pixels.any(axis=axis))
+    return slice(int(at[0]), int(at[-1]) + 1)
 
 
 def _dot(one: Sequence[Any], other: Sequence[Any]) -> Any:

@@ -20,6 +20,8 @@ from ..measured import Measured
 
 __all__ = ["bridged", "interpolation", "noise_gain", "small_holes", "whole_lines"]
 
+#: A field (rows, cols) -> the same with its holes filled.
+Fill = Callable[[Floats], Floats]
 LARGEST = 9  # pixels
 NARROW = 2  # pixels between measured ones in a row or a column
 WASTE = 0.01  # of the pixels: what a rectangle, which is solved several times faster, may cost
@@ -81,21 +83,27 @@ def bridged(data: Measured, holes: Mask) -> Measured:
     reached = np.zeros(count + 1, np.bool_)
     reached[parts[known]] = True
     holes = holes & reached[parts]
-    fill = interpolation(known, holes)
-    u, v = fill(data.u)[1], fill(data.v)[1]
-    sigma_u, sigma_v = fill(data.sigma_u)[0], fill(data.sigma_v)[0]
+    harmonic, parabolic = _fillers(known, holes)
+    u, v = (parabolic(harmonic(part)) for part in (data.u, data.v))
+    sigma_u, sigma_v = harmonic(data.sigma_u), harmonic(data.sigma_v)
     return replace(data, u=u, v=v, sigma_u=sigma_u, sigma_v=sigma_v, mask=known | holes)
 
 
 def interpolation(known: Mask, holes: Mask) -> Callable[[Floats], Pair]:
     """What gives a field (rows, cols) of known pixels with its holes filled: harmonic, and by parabolas."""
-    harmonic, parabolic = (_Differences(known, holes, coefficients) for coefficients in (_FIRST, _THIRD))
+    harmonic, parabolic = _fillers(known, holes)
 
     def fill(field: Floats) -> Pair:
-        first = harmonic.filled(field)
-        return first, parabolic.filled(first)
+        first = harmonic(field)
+        return first, parabolic(first)
 
     return fill
+
+
+def _fillers(known: Mask, holes: Mask) -> tuple[Fill, Fill]:
+    """Harmonic, and by parabolas, where what is filled is harmonic."""
+    harmonic, parabolic = (_Differences(known, holes, coefficients) for coefficients in (_FIRST, _THIRD))
+    return harmonic.filled, parabolic.filled
 
 
 def noise_gain(mask: Mask, holes: Mask) -> Floats:
