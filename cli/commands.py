@@ -11,7 +11,7 @@ SECTIONS: Mapping[str, tuple[str, ...]] = {
         *("demo", "doctor", "rig", "show", "simulate", "capture"),
         *("decode", "reconstruct", "calibrate", "report", "live", "design"),
     ),
-    "Further commands": ("camera", "form", "export", "rest", "response", "patterns", "sensor"),
+    "Further commands": ("camera", "form", "export", "sample", "rest", "response", "patterns", "sensor"),
 }
 CAMERA = ("devices", "preview", "expose", "sync", "record", "replay", "measure")
 #: Files that are not named as their command.

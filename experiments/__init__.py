@@ -10,6 +10,7 @@
 | `sync_report.py` | the page of a synchronisation |
 | `acquisition_check.py` | images that show the preceding pattern instead of their nominal one |
 | `user_patterns.py` | sequences, images and decoders that a user brings: function, folder, file |
+| `sample.py` | sets of captures as their owners have them |
 | `faults.py` | simulated frames under lag, gamma, flicker and blur of display and light |
 | `timing.py`, `arrays.py` | seconds of calls and stages, memory; names of types |
 | `design/` | choice of sequence and sensor |
@@ -24,9 +25,11 @@ from .height_report import write_demo_report, write_measurement_report
 from .measurement import Measurement
 from .metrics import height_metrics
 from .rig_report import RigStudy, judged_table, write_rig_report
+from .sample import SAMPLES, write_sample
 from .sync_report import write_sync_report
 
 __all__ = [
+    "SAMPLES",
     "DemoResult",
     "Faults",
     "Measurement",
@@ -38,5 +41,6 @@ __all__ = [
     "write_demo_report",
     "write_measurement_report",
     "write_rig_report",
+    "write_sample",
     "write_sync_report",
 ]

@@ -1,0 +1,43 @@
+"""`optolever sample`: complete sets of captures to begin with, and the commands that go on from them."""
+
+from pathlib import Path
+from typing import Annotated
+
+import click
+
+import optolever as ol
+
+from .arguments import Arg, Opt, program
+from .options import Json, Seed
+from .show import progress, write_json
+
+SAMPLE = """
+$ optolever sample sensor --out sensor
+sensor: a rig, its captures, and the truth apart. It goes on with:
+  optolever response sensor/ramp --scene sensor/rig.toml
+  ...
+"""
+
+OUT = Opt("--out DIR", "Folder to make; default: the name of the set.")
+
+
+@program("sample", SAMPLE)
+def command(
+    name: Annotated[str, Arg("sensor|mirror|forty", click.Choice(["sensor", "mirror", "forty"]))],
+    out: Annotated[Path | None, OUT] = None,
+    seed: Seed = 0,
+    json_path: Json = None,
+) -> None:
+    """Make captures to begin with, as a rig would.
+
+    sensor: a pressed prism; mirror: flats and a mirror in open air; forty: forty presses. Pictures are JPEG
+    with photon noise and gamma 2.2; rig.toml is typed a bit wrong; DIR/truth holds what is true.
+    """
+    folder = Path(name) if out is None else out
+    with progress() as step:
+        step("simulate")
+        commands = ol.experiments.write_sample(name, folder, seed)
+    write_json(json_path, {"commands": commands})
+    click.echo(f"{folder}: a rig, its captures, and the truth apart. It goes on with:")
+    for line in commands:
+        click.echo(f"  {line}")

@@ -1,0 +1,157 @@
+"""Sample data: complete sets of captures as their owners would have them, from a seed.
+
+A camera with photon noise, a display of gamma 2.2, JPEG pictures with a camera's names, a rig whose numbers
+were typed a bit wrong. What is true lies apart, in TRUTH/.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from optolever.files import atomic_folder
+from optolever.patterns import Sequence, sequence
+from optolever.projector import capture, write_description
+from optolever.scene import (
+    Display,
+    Scene,
+    Surface,
+    adjusted,
+    dent_from_text,
+    load,
+    parameter_values,
+    resize,
+    trace,
+    typed_sigmas,
+)
+
+__all__ = ["SAMPLES", "Sample", "write_sample"]
+
+TRUTH = "truth"
+_GAMMA, _QUALITY, _FIRST = 2.2, 97, 4711
+_OFF = 0.3  # standard deviations of typed numbers by which the rig is off
+_CAPTURES = 40
+Shots = Iterator[tuple[str, str, Surface]]
+
+
+@dataclass(frozen=True)
+class Sample:
+    """preset: of the scene; size: of the camera (rows, cols); shots: of a scene and a generator, each with
+    its folder, its sequence and the mirror; commands: they go on from the set's folder, {dir}."""
+
+    preset: str
+    size: tuple[int, int]
+    shots: Callable[[Scene, np.random.Generator], Shots]
+    commands: tuple[str, ...]
+
+
+def _pressed(scene: Scene, rng: np.random.Generator) -> Surface:
+    x, y = rng.uniform(0.3, 0.7, 2) * [scene.mirror.length, scene.mirror.width]
+    return dent_from_text(f"gaussian:peak={rng.uniform(0.1, 0.4):.3f},sigma=6,x={x:.2f},y={y:.2f}", scene)
+
+
+def _sensor(scene: Scene, rng: np.random.Generator) -> Shots:
+    flat = dent_from_text("flat", scene)
+    yield from (
+        ("ramp", "ramp", flat),
+        ("rest", "gray+phase", flat),
+        ("press", "gray+phase", _pressed(scene, rng)),
+    )
+
+
+def _forty(scene: Scene, rng: np.random.Generator) -> Shots:
+    for number in range(1, _CAPTURES + 1):
+        yield f"press{number:02d}", "gray+phase", _pressed(scene, rng)
+
+
+def _tilted(scene: Scene, z: float, a: float, b: float) -> Surface:
+    x0, y0 = 0.5 * scene.mirror.length, 0.5 * scene.mirror.width
+    return Surface(
+        lambda x, y: z + a * (x - x0) + b * (y - y0),
+        lambda x, y: (a + 0 * np.asarray(x), b + 0 * np.asarray(y)),
+    )
+
+
+def _mirror(scene: Scene, rng: np.random.Generator) -> Shots:
+    yield "ramp", "ramp", _tilted(scene, 0, 0, 0)
+    for number, turn in enumerate(2 * np.pi * (np.arange(4) / 4 + rng.uniform()), 1):
+        tilt = np.tan(np.radians(rng.uniform(2.0, 3.5)))
+        yield f"flat{number}", "gray+phase", _tilted(scene, 0, tilt * np.cos(turn), tilt * np.sin(turn))
+    yield "mirror", "gray+phase", dent_from_text("gaussian:peak=0.004,sigma=25", scene)
+
+
+_RESPONSE = "optolever response {dir}/ramp --scene {dir}/rig.toml"
+#: Sets by name.
+SAMPLES = {
+    "sensor": Sample(
+        "prism48",
+        (150, 200),
+        _sensor,
+        (
+            _RESPONSE,
+            "optolever decode {dir}/rest {dir}/press --response {dir}/rig.toml --out {dir}/c",
+            "optolever reconstruct {dir}/c/press.npz --scene {dir}/rig.toml --rest {dir}/c/rest.npz "
+            "--out {dir}/h.npz",
+            "optolever report {dir}/h.npz --correspondence {dir}/c/press.npz --rest {dir}/c/rest.npz "
+            "--scene {dir}/rig.toml --out {dir}/report",
+        ),
+    ),
+    "mirror": Sample(
+        "monitor-mirror",
+        (128, 160),
+        _mirror,
+        (
+            _RESPONSE,
+            "optolever calibrate --scene {dir}/rig.toml --out {dir}/calibrated.toml flat={dir}/flat1 "
+            "flat={dir}/flat2 flat={dir}/flat3 flat={dir}/flat4",
+            "optolever camera measure {dir}/mirror --rig {dir}/calibrated.toml --out {dir}/measured",
+            "optolever form {dir}/measured/h.npz --remove tilt --aperture circle",
+        ),
+    ),
+    "forty": Sample(
+        "prism48",
+        (120, 160),
+        _forty,
+        (
+            "optolever decode {dir}/press* --jobs 2 --out {dir}/c",
+            "optolever reconstruct {dir}/c/press*.npz --scene {dir}/rig.toml --jobs 2 --out {dir}/h",
+        ),
+    ),
+}
+
+
+def write_sample(name: str, out: str | Path, seed: int = 0) -> list[str]:
+    """Write the set of that name into a new folder; the commands that go on from there."""
+    sample, rng = SAMPLES[name], np.random.default_rng(seed)
+    typed = resize(load(sample.preset), *sample.size)
+    truth = replace(_as_built(typed, rng), display=Display(_GAMMA), accuracy=None)
+    with atomic_folder(Path(out)) as folder:
+        typed.save(folder / "rig.toml")
+        (folder / TRUTH).mkdir()
+        truth.save(folder / TRUTH / "rig.toml")
+        for shot, text, surface in sample.shots(truth, rng):
+            shown = sequence(text, truth.pattern.rows, truth.pattern.cols)
+            _pictures(folder / shot, truth, surface, shown, int(rng.integers(1 << 31)))
+            trace(truth, surface).save(folder / TRUTH / f"{shot}.npz")
+    return [command.format(dir=out) for command in sample.commands]
+
+
+def _as_built(typed: Scene, rng: np.random.Generator) -> Scene:
+    """The rig whose numbers were typed with small errors."""
+    values, sigmas = parameter_values(typed), typed_sigmas(typed)
+    return adjusted(
+        typed, {name: values[name] + _OFF * sigma * rng.standard_normal() for name, sigma in sigmas.items()}
+    )
+
+
+def _pictures(folder: Path, scene: Scene, surface: Surface, shown: Sequence, seed: int) -> None:
+    """A folder of pictures as a camera names them, with what `show` writes beside them."""
+    folder.mkdir()
+    write_description(folder / "capture.toml", shown)
+    for number, frame in enumerate(
+        capture(scene, surface, shown, renderer="numpy", seed=seed).frames, _FIRST
+    ):
+        _, data = cv2.imencode(".jpg", frame, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+        (folder / f"DSC_{number}.JPG").write_bytes(data.tobytes())

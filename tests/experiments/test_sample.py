@@ -1,0 +1,42 @@
+"""Sample sets: what their commands give is near the truth that lies apart."""
+
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from optolever.cli import run
+from optolever.experiments import SAMPLES, write_sample
+from optolever.reconstruct import HeightMap
+from optolever.scene import Trace
+
+
+def _go_on(name: str) -> None:
+    commands = write_sample(name, name)
+    assert len(commands) <= 4
+    for line in commands:
+        assert run(shlex.split(line)[1:]) == 0, line
+
+
+def test_a_sensor_is_measured_by_its_commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A rig off by a third of a typed sigma: the deepest point errs by less than three of its sigmas."""
+    monkeypatch.chdir(tmp_path)
+    _go_on("sensor")
+    height, true = HeightMap.load("sensor/h.npz"), Trace.load("sensor/truth/press.npz")
+    deepest = np.unravel_index(np.nanargmax(np.where(height.good, true.z, np.nan)), true.z.shape)
+    assert abs(height.z - true.z)[deepest] < 3 * height.total_sigma[deepest]
+    assert abs(height.z[deepest] / true.z[deepest] - 1) < 0.1
+    assert Path("sensor/report/report.html").stat().st_size > 100_000
+    assert len(list(Path("sensor/press").glob("DSC_*.JPG"))) > 10
+
+
+@pytest.mark.slow
+def test_a_mirror_is_measured_by_its_commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    _go_on("mirror")
+    assert Path("mirror/measured/report.html").is_file()
+
+
+def test_sets_have_a_command_each() -> None:
+    assert set(SAMPLES) == {"sensor", "mirror", "forty"}
