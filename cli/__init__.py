@@ -11,7 +11,7 @@
   captures of targets for `calibrate`; rest and frames for `live`
 - one file a command, named as it: `demo`, `doctor`, `rig`, `simulate`, `capture`, `decode`, `reconstruct`,
   `calibrate`, `report`, `live`, `design`; `camera` with `devices`, `preview`, `expose`, `sync`,
-  `record`, `replay`, `measure`; `form`, `export`, `rest`, `response`, `patterns`, `sensor`;
+  `record`, `replay`, `measure`; `form`, `export`, `sample`, `rest`, `response`, `patterns`, `sensor`;
   `window` is the command `show`
 """
 

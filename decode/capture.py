@@ -214,6 +214,15 @@ def _misfit(
     return found._replace(variance=found.variance + three_step_aliasing(fringe, ends, sample, noise))
 
 
+#: Causes of a wide sigma, and their cures.
+_MOTION, _GAMMA, _LAG = "motion or flicker between the frames", "the display's gamma", "the display's lag"
+_CURES = {
+    _MOTION: "hold the mirror still, and expose for whole periods of the display's light",
+    _GAMMA: "measure it once: optolever response",
+    _LAG: "measure it once: optolever camera sync; or wait longer before each picture",
+}
+
+
 def _notices(profile: Estimates, axes: tuple[AxisPlan, ...], view: View) -> tuple[Notice, ...]:
     """What costs a factor of 1.5 in sigma or more, its largest part by name; motion in any case."""
     found, nan = [], float("nan")
@@ -231,16 +240,16 @@ def _notices(profile: Estimates, axes: tuple[AxisPlan, ...], view: View) -> tupl
             continue
         noise = float(np.nanmedian(variances))
         parts = {
-            "fringes are no sinusoids (motion, flicker, a nonlinear display)": (misfit.scale - 1) * noise,
-            "a nonlinear response, or periods that contradict each other (gamma)": misfit.variance,
-            "display lag, sharp cells or motion": own.variance / fringe.period**2,
+            _MOTION: (misfit.scale - 1) * noise,
+            _GAMMA: misfit.variance,
+            _LAG: own.variance / fringe.period**2,
         }
         factor = (1 + sum(parts.values()) / max(noise, 1e-30)) ** 0.5
         if factor > worst:
             worst, cause = factor, max(parts, key=lambda name: parts[name])
     if worst >= _NOTICED:
-        cure = "a linear display (gamma 1, or response=), longer delays, a still mirror"
-        found.append(Notice(f"sigma is {worst:.2g} times wider than by noise: {cause}", nan, nan, cure))
+        name = f"sigma is {worst:.2g} times wider than noise alone, most likely because of {cause}"
+        found.append(Notice(name, nan, nan, _CURES[cause]))
     return tuple(found)
 
 

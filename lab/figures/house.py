@@ -12,7 +12,7 @@ __all__ = ["BESIDE", "PARTS", "ROOT", "House", "house", "total"]
 ROOT = Path(__file__).resolve().parents[2]
 #: Installed folders, and the lines of each at most; None: no limit of its own.
 PARTS: dict[str, int | None] = {
-    "optolever": 1150,
+    "optolever": 2050,
     "scene": 3000,
     "patterns": 1000,
     "projector": 5600,
@@ -20,11 +20,11 @@ PARTS: dict[str, int | None] = {
     "contact": 1100,
     "reconstruct": 6500,
     "calibration": 2700,
-    "metrology": 1000,
+    "metrology": 1600,
     "live": 3400,
-    "cli": 3900,
+    "cli": 4800,
     "formats": 350,
-    "experiments": 3400,
+    "experiments": 3650,
 }
 INSTALLED = 37_000  # lines of all parts, at most
 BESIDE = {"lab": 4500, "tests": 14_500}
