@@ -108,17 +108,21 @@ def _decoded(
     """Frames in order; what contradicts itself estimates nothing."""
     found, ready = _estimated(light, sequence, settings, mask, mask)
     numbers = _numbers(light), _noise(ready), plan(sequence), ready.tables
-    wrong, notices = contradictions(found.flags, *numbers)
+    wrong, notices = contradictions(found.flags, *numbers, _moved(ready))
     if not wrong.any():
         return found, ready
     if not wrong.all():
         inside = ~wrong if mask is None else mask & ~wrong
         other, rest = _estimated(light, sequence, settings, mask, inside)
-        if any(effect.name == "motion" for effect in rest.profile.effects):
+        if _moved(rest):
             return found, ready  # it is the cause, and sigma holds it
         found, ready, notices = other, rest, (*notices, *other.notices)
     flags = found.flags | np.where(wrong, np.uint16(Flag.WRONG_FRAME), np.uint16(0))
     return replace(found, flags=flags, notices=notices), None if wrong.all() else ready
+
+
+def _moved(ready: Prepared) -> bool:
+    return any(effect.name == "motion" for effect in ready.profile.effects)
 
 
 def _estimated(

@@ -55,12 +55,12 @@ def _cause(
 ) -> tuple[str, str]:
     """The cause and its cure; the most certain one first."""
     some = light.raw[:, lit][:, :: 1 + int(lit.sum()) // 4096]
+    if any(axis.fringes for axis in plan(sequence).axes) and len(np.unique(some)) < 3:
+        return "the frames hold two levels only", "fringes need grey values: capture without a threshold"
     clipped = (some >= light.clip).mean(axis=1)
     coded = np.array([frame.axis is not None for frame in sequence.frames])
     if np.mean(clipped[coded] > 0.25) > 0.5 or share(Flag.SATURATED) > 0.5:
         return f"{np.count_nonzero(clipped > 0.25)} of {len(some)} frames clip", "expose less"
-    if any(axis.fringes for axis in plan(sequence).axes) and len(np.unique(some)) < 3:
-        return "the frames hold two levels only", "fringes need grey values: capture without a threshold"
     if share(Flag.OFF_PATTERN) >= _OFF:
         for axis in plan(sequence).axes:
             places = np.asarray(getattr(found, axis.axis)[lit], np.float64)

@@ -32,8 +32,9 @@ _TILE, _SAMPLES, _ALL = 5, 4, 1 << 16
 #: Least mean phasor, and greatest share outside, of a window; slack of an interval, periods; its widths,
 #: periods, up to which phasors and shares count.
 _LEAST, _OUTSIDE, _SLACK, _NARROW, _WIDE = 0.5, 0.1, 0.05, 0.7, 0.87
-#: Phasor and shift (periods) of all pixels of a wrong shift; share of wrong pixels that a bit explains.
-_COHERENT, _SHIFT, _EXPLAINED = 0.75, 0.06, 0.8
+#: Phasor and shift (periods) of all pixels of a wrong shift, shift if the mirror moved; share of wrong pixels
+#: that a bit explains.
+_COHERENT, _SHIFT, _MOVED, _EXPLAINED = 0.75, 0.06, 0.2, 0.8
 #: Sizes of cells that are tried, of the one described.
 _SIZES = (0.5, 2 / 3, 0.75, 0.8, 1.25, 4 / 3, 1.5, 2.0)
 #: Share of the windows from which on an axis has no good pixel.
@@ -52,9 +53,15 @@ class _View(NamedTuple):
 
 
 def contradictions(
-    flags: NDArray[np.uint16], light: Numbers, noise: tuple[np.float32, np.float32], p: Plan, tables: Tables
+    flags: NDArray[np.uint16],
+    light: Numbers,
+    noise: tuple[np.float32, np.float32],
+    p: Plan,
+    tables: Tables,
+    moved: bool,
 ) -> tuple[Mask, tuple[Notice, ...]]:
-    """Pixels (H, W) where bits and fringes contradict each other, and the causes."""
+    """Pixels (H, W) where bits and fringes contradict each other, and the causes; moved: a mirror that moves
+    shifts bits and fringes."""
     wrong, notices = np.zeros(flags.shape, np.bool_), []
     for axis, fringes, code in zip(p.axes, tables.fringes, tables.bits, strict=True):
         if code is None or axis.looked_up or not fringes or code.cell > _WIDE * fringes[0].period:
@@ -67,7 +74,7 @@ def contradictions(
         view, kept = _view(few, noise, fringes[0], code, row // _TILE * shape[1] + col // _TILE)
         bad, known = _windows(view, float(fringes[0].period), shape)
         share = float(bad.sum() / max(known.sum(), 1))
-        cause, everywhere = _cause(axis, code, view, few[0][:, 0, kept], bad)
+        cause, everywhere = _cause(axis, code, view, few[0][:, 0, kept], bad, _MOVED if moved else _SHIFT)
         if not cause:
             continue
         everywhere |= share > _MOST
@@ -131,7 +138,9 @@ def _windows(view: _View, period: float, shape: tuple[int, ...]) -> tuple[Mask, 
     return known & low & (sums(outside * 1.0) > _OUTSIDE * number), known
 
 
-def _cause(axis: AxisPlan, code: BitTable, view: _View, levels: NDArray[Any], bad: Mask) -> tuple[str, bool]:
+def _cause(
+    axis: AxisPlan, code: BitTable, view: _View, levels: NDArray[Any], bad: Mask, shift: float
+) -> tuple[str, bool]:
     """Name of the cause, and whether it is one of the whole picture; "": nothing is wrong."""
     period, name = axis.fringes[0].period, axis.axis
     z = _phasors(view, period)[view.width <= _NARROW * period]
@@ -140,7 +149,7 @@ def _cause(axis: AxisPlan, code: BitTable, view: _View, levels: NDArray[Any], ba
     low, high = np.quantile(view.middle, (0.1, 0.9)) if len(z) else (0.0, 0.0)
     if abs(mean) > _COHERENT and (low < -period or high > axis.extent + period):
         return off_the_end(name, axis.extent, view.middle), True
-    if abs(mean) > _COHERENT and abs(turn) > _SHIFT:
+    if abs(mean) > _COHERENT and abs(turn) > shift:
         return f"fringes of {name} are {turn:+.2f} periods ({turn * period:+.3g} px) off its bits", True
     if not bad.any():
         return "", False

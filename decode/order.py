@@ -80,7 +80,12 @@ def find_order(frames: NDArray[Any], sequence: Sequence, mask: Mask | None = Non
     base = _missing(blocks, same)
     faults, ends = list(_faults(sequence)), tuple(sorted((known.white, known.black)))
     dead = _dead(blocks, sequence)
+    alone = {trial.free: trial for trial in faults if trial.in_place}
+    strange = [k for k in np.flatnonzero(dead).tolist() if _strange(blocks, known, k)]
+    lost = _repair(alone[strange[0]]) if len(strange) == 1 else None
     if base.sum() < _POOR:
+        if lost is not None:
+            return lost
         likely = [trial for trial in faults if trial.in_place and dead[trial.free]]
         likely += [trial for trial in _descriptions(sequence) if trial.name == _EXCHANGED]
         tried = [(_cost(blocks, trial, base), trial) for trial in likely]
@@ -95,11 +100,19 @@ def find_order(frames: NDArray[Any], sequence: Sequence, mask: Mask | None = Non
     rough = _missing(few, same)
     first = np.argsort([_missing(few, trial, rough).sum() for trial in trials], kind="stable")[:24]
     costs = np.array([_cost(blocks, trials[i], base) for i in first])
-    alive = np.array([trials[i].in_place and not dead[trials[i].free] for i in first])
+    free = np.array([trials[i].free for i in first])
+    freed = {
+        k: _missing(blocks, alone[k], base).sum() - _LOST
+        for k in set(free[free >= 0].tolist())
+        if not dead[k]
+    }
+    # what a lost image alone gains is no order: a picture that no other one shows is hardly in its place
+    alive = np.array([cost > freed.get(int(k), np.inf) for cost, k in zip(costs, free, strict=True)])
     # share that remains: in right captures of poor phones .65 to .83, in faults below .55
-    if costs[np.argmin(costs + alive)] > min(0.55 * base.sum(), base.sum() - _POOR, _MOST):
-        return None
-    costs += alive  # a picture that no other one shows is hardly in another's place
+    best = np.argmin(costs + alive)
+    if costs[best] > min((0.3 if alive[best] else 0.55) * base.sum(), base.sum() - _POOR, _MOST):
+        return lost
+    costs += alive
     found, *equal = [trials[int(i)] for i in sorted(first[costs <= costs.min() + 0.02])]
     if not found.frames:
         if not _elsewhere(blocks, found, equal):
@@ -149,6 +162,17 @@ def _dead(blocks: F32, sequence: Sequence) -> Mask:
         for k, one in enumerate(flat)
     ]
     return np.asarray(constant & coded | alike, np.bool_)
+
+
+def _strange(blocks: F32, known: Plan, k: int) -> bool:
+    """Whether frame k of a fringe is half of the amplitude off its other frames' fit."""
+    for fringe in (one for axis in known.axes for one in axis.fringes if k in one.index):
+        if (fit := _fringe(blocks, fringe, k)) is not None:
+            turn, amplitude, offset, _ = fit
+            shift = np.float32(fringe.shifts[fringe.index.index(k)])
+            off = blocks[k] - offset - amplitude * np.cos(2 * np.pi * turn - shift)
+            return bool(np.median(np.abs(off)) > 0.5 * np.median(amplitude))
+    return False
 
 
 def _cost(blocks: F32, trial: _Trial, base: NDArray[np.float64]) -> float:
@@ -302,10 +326,10 @@ def _word_place(
     finest = (1 << run) - 1
     cell = np.minimum(code.cells[words & ~finest], code.cells[words | finest]) >> run << run
     width = np.asarray((1 << run) * code.cell, np.float32)
-    edges = []
+    edges, lit = [], (half > 0.25 * np.quantile(half, 0.9))[:, 1:-1, 1:-1]  # noise has edges, too
     for b, bit in enumerate(levels > 0):
         beside = bit[:, 1:-1, 2:], bit[:, 1:-1, :-2], bit[:, 2:, 1:-1], bit[:, :-2, 1:-1]
-        edge = np.any([bit[:, 1:-1, 1:-1] != one for one in beside], axis=0) & (run <= b)[:, 1:-1, 1:-1]
+        edge = np.any([bit[:, 1:-1, 1:-1] != one for one in beside], axis=0) & (run <= b)[:, 1:-1, 1:-1] & lit
         # an unknown one is no fault of the order that leaves it out
         edges.append(edge | (fine and b <= unknown[0]))
     return np.asarray(cell * code.cell + 0.5 * (width - 1) + code.origin, np.float32), width, decided, edges

@@ -28,8 +28,8 @@ FAULTS = ("black", "white", "twice", "missing", "extra")
 HARMLESS = 5e-3
 #: Right captures in ../shared/cases.
 RIGHT = ("12/cap", "19/cap", "23/cap", "t5/calseq4_window", "t5/period_cells_slviewer")
-#: Beginnings of notices that say nothing about frames or their description.
-WEAK = ("sigma is", "the mirror moved")
+#: Parts of notices that say nothing about frames or their description.
+WEAK = ("sigma is", "the mirror moved", "are in doubt", "too weak", "neighbours contradict")
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,19 @@ class Outcome:
     @property
     def verdict(self) -> bool:
         """Whether a notice judges the frames."""
-        return any(not text.startswith(WEAK) for text in self.told)
+        return any(_judges(text) for text in self.told)
+
+
+def _judges(text: str) -> bool:
+    return not any(part in text for part in WEAK)
+
+
+def right_window(shot: Capture, rng: np.random.Generator, side: int = 80) -> Outcome:
+    """A random part of a right capture."""
+    _, rows, cols = np.shape(shot.frames)
+    y, x = rng.integers(0, max(rows - side, 0) + 1), rng.integers(0, max(cols - side, 0) + 1)
+    found = decode(shot.frames[:, y : y + side, x : x + side], shot.sequence)
+    return Outcome(f"{y}, {x}", float(found.good.mean()), 0.0, tuple(str(one) for one in found.notices))
 
 
 def outcome(name: str, shot: Shot, frames: object, sequence: Sequence) -> Outcome:
@@ -159,13 +171,10 @@ def _windows(count: int) -> None:
     rng = np.random.default_rng(81)
     for folder in sorted((*SHARED.glob("real/refused/*"), *(SHARED / "cases" / one for one in RIGHT))):
         shot = Capture.load(folder)
-        _, rows, cols = np.shape(shot.frames)
-        side, verdicts = min(80, rows, cols), []
-        for _ in range(count):
-            y, x = rng.integers(0, rows - side + 1), rng.integers(0, cols - side + 1)
-            found = decode(shot.frames[:, y : y + side, x : x + side], shot.sequence)
-            verdicts += [str(one) for one in found.notices if not str(one).startswith(WEAK)]
-        print(f"{folder.name}: {len(verdicts)} of {count} {list(dict.fromkeys(verdicts))[:3]}", flush=True)
+        found = [right_window(shot, rng) for _ in range(count)]
+        verdicts = [text for one in found for text in one.told if _judges(text)]
+        name, words = f"{folder.parent.name}/{folder.name}", list(dict.fromkeys(verdicts))[:3]
+        print(f"{name}: {len(verdicts)} of {count} {words}", flush=True)
 
 
 def _frames(rigs: int, every: int, codes: list[str]) -> None:
