@@ -36,7 +36,7 @@ from .predicted import (
 from .priors import default_priors, unused_accuracy
 from .profile import load_profile, store_profile
 from .response import RigResponse, load_response, measure_response, store_response, with_better_fit
-from .rest import RestMap, load_rest, store_rest
+from .rest import load_rest, store_rest
 from .targets import Ball, Flat, Plate, Rest, Target, target_from_text
 
 __all__ = [
@@ -49,7 +49,6 @@ __all__ = [
     "Observation",
     "Plate",
     "Rest",
-    "RestMap",
     "RigResponse",
     "SoFar",
     "Target",

@@ -1,5 +1,6 @@
 """`optolever camera measure`: capture, decode, reconstruct and report with a rig, in one go."""
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -13,6 +14,7 @@ from .options import Json, Shown, name_unused, response_of
 from .rig_capture import capture_rig, measured_lag, require_new
 from .rig_devices import Changes, OpenedRig, sequence_of
 from .show import (
+    contact_rows,
     height_range,
     length,
     medians,
@@ -83,7 +85,10 @@ def command(
         seen.save(out / "c.npz")
         wrong = ol.experiments.frames_of_another(capture, seen)
         step("reconstruct")
-        height = ol.reconstruct.reconstruct(seen, scene)
+        rest = ol.calibration.load_rest(rig)
+        height = ol.reconstruct.reconstruct(seen, scene, rest=rest)
+        if scene.medium is not None:
+            height = replace(height, contacts=ol.reconstruct.contacts(height, layer=scene.layer))
         height.save(out / "h.npz")
         found = ol.experiments.Measurement(
             height,
@@ -94,14 +99,15 @@ def command(
             rig=str(rig),
             simulated=devices is not None and devices.camera == "virtual",
             saved=("c.npz", "h.npz"),
+            rest=rest,
         )
         ol.experiments.write_measurement_report(out / "report.html", found, full=True)
     noise, rig_error = medians(height.good, height.sigma, height.calibration_sigma)
     frames = {"frames": len(capture)} if taken is None else taken.numbers()
     numbers = {"good_share": float(height.good.mean()), "noise_mm": noise, "rig_mm": rig_error}
-    write_json(json_path, frames | {"wrong_frames": wrong} | numbers)
-    unused = {"profile": f"give --profile {rig}", "rest": "optolever reconstruct --change is of it"}
-    name_unused(rig, "measure", **({} if profile else unused))
+    contacts = [one.to_dict() for one in height.contacts or ()]
+    write_json(json_path, frames | {"wrong_frames": wrong, "contacts": contacts} | numbers)
+    name_unused(rig, "measure", **({} if profile else {"profile": f"give --profile {rig}"}))
     print_notices(height.notices)  # the correspondence's among them
     rows = {
         "camera": str(folder) if devices is None else devices.camera,
@@ -110,6 +116,7 @@ def command(
         "height": " to ".join(map(length, height_range(height))),
         "sigma": f"{noise_and_rig(noise, rig_error)} (medians)",
         "report": str(out / "report.html"),
+        **contact_rows(contacts),
     }
     table(f"Measured in {out}", rows)
     if wrong:

@@ -27,7 +27,7 @@ from .options import (
 from .outputs import GRID_SUFFIXES, HDF5, OutputFile
 from .show import (
     budget_rows,
-    dent_rows,
+    contact_rows,
     flag_rows,
     flag_shares,
     grid,
@@ -52,11 +52,9 @@ Height map in h.npz
   chi2                0.8528 per degree of freedom (953), 1 by noise
   error               0.0002123 of the peak depth, rms
   rms(error / sigma)  0.9969
-  dent 1              depth 1.299979 ± 0.000086 mm; half depth: area 1742.13 ±
-                      0.68 mm², volume 1633.61 ± 0.46 mm³, centroid x 81.8501 ±
-                      0.0011 mm, y 81.8496 ± 0.0011 mm
-  evidence 1          no contact evidence: a smooth surface explains the slopes
-                      as well or better than a contact's edge
+  contact 1           depth 1.299979 ± 0.000086 mm, x 81.8501 ± 0.0011 mm, y
+                      81.8496 ± 0.0011 mm, area 1742.13 ± 0.68 mm², volume
+                      1633.61 ± 0.46 mm³
   time                0.6361 s
 """
 
@@ -75,7 +73,8 @@ GRID = Opt(
     OutputFile(*GRID_SUFFIXES, bare=False),
 )
 SLOPES = Opt("--slopes FILE.npz", "Also write slopes and curvatures, with sigma.", OutputFile(".npz"))
-CHANGE = Opt("--change FILE.npz", "Also write the height less that at rest, with sigma.", OutputFile(".npz"))
+CONTACTS = Opt("--contacts", "Look for contacts in open air, too.")
+NO_REST = Opt("--no-rest", "Heights of the whole mirror, not those above the rest that the rig holds.")
 FACET = Rare("--facet NAME", "Group of the facet in a SOFAST result; default: facet_000.")
 ACCEPT = Opt("--accept", "Keep heights that contradict the scene; else all are flagged, exit code 2.")
 
@@ -89,7 +88,8 @@ def command(
     rest_path: Annotated[Path | None, rest_file("its deviation from the prediction is subtracted")] = None,
     mask_path: Annotated[Path | None, mask_file("Pixels to reconstruct")] = None,
     slopes_path: Annotated[Path | None, SLOPES] = None,
-    change_path: Annotated[Path | None, CHANGE] = None,
+    no_rest: Annotated[bool, NO_REST] = False,
+    find_contacts: Annotated[bool, CONTACTS] = False,
     grids: Annotated[tuple[Path, ...], GRID] = (),
     accept: Annotated[bool, ACCEPT] = False,
     truth: Annotated[Path | None, Opt("--truth TRUTH.npz", "Compare with the truth of a simulation.")] = None,
@@ -122,16 +122,13 @@ def command(
         if facet is not None:
             raise InputError(f"--facet {facet}: {scene_name} is no SOFAST result (.h5)")
         scene = load_scene(scene_name, size)
-    at_rest = None
-    if not sofast and rest is None and size is None and "rest" in sections(scene_name):
-        at_rest = ol.calibration.load_rest(scene_name)
-    if change_path is not None and at_rest is None:
-        cure = f"{scene_name} has no rest map; run `optolever rest`"
-        why = cure if rest is None else f"heights are those above --rest {rest_path}; leave one out"
-        raise InputError(f"--change {change_path}: {why}")
+    if no_rest and rest is not None:
+        raise InputError(f"--no-rest: --rest {rest_path} is given; leave one out")
+    known = not (no_rest or sofast) and rest is None and size is None
+    if known and "rest" in sections(scene_name):
+        rest = ol.calibration.load_rest(scene_name)
     with progress() as step:
         with blame(source):
-            drift = () if at_rest is None else at_rest.notices(correspondence)
             step("reconstruct")
             start = time.perf_counter()
             height = reconstruct.reconstruct(
@@ -140,23 +137,19 @@ def command(
             seconds = time.perf_counter() - start
             step("contacts")
             slopes = reconstruct.slope_map(height, correspondence, scene, rest)
-            height = replace(_with_slope_noise(height, slopes), notices=height.notices + drift)
-            dents = [contact.to_dict() for contact in reconstruct.contacts(height, slopes)]
+            height = _with_slope_noise(height, slopes)
+            if find_contacts or scene.medium is not None:
+                height = replace(height, contacts=reconstruct.contacts(height, slopes, scene.layer))
             step("compare")
-            numbers = _numbers(height) | {"seconds": seconds, "contacts": dents}
+            numbers = _numbers(height) | {"seconds": seconds}
             if height.modes is not None:
-                less = None if at_rest is None else at_rest.height
-                numbers["budget_mm"] = reconstruct.budget(height, less)
+                numbers["budget_mm"] = reconstruct.budget(height)
             if truth is not None:
                 numbers |= _against_truth(truth, correspondence, height)
             regular = height.resample(pitch) if grids else None
         step("write")
         with ol.files.together():
             height.save(out)
-            if change_path is not None and at_rest is not None:
-                change, change_sigma = at_rest.dent(height)
-                maps = {"x": height.x, "y": height.y, "z": change, "sigma": change_sigma}
-                ol.files.save_arrays(change_path, maps)
             if slopes_path is not None:
                 ol.files.save_arrays(slopes_path, asdict(slopes) | asdict(reconstruct.curvature_map(slopes)))
             if regular is not None:
@@ -193,6 +186,7 @@ def _numbers(height: "ol.reconstruct.HeightMap") -> dict[str, Any]:
         "defect": height.diagnostics.defect,
         "chi2": height.diagnostics.chi2,
         "freedom": height.diagnostics.freedom,
+        "contacts": [one.to_dict() for one in height.contacts or ()],
         "notices": [asdict(notice) for notice in height.notices],
     }
 
@@ -220,6 +214,4 @@ def _rows(numbers: dict[str, Any]) -> dict[str, str]:
     if "height_rms_rel" in numbers:
         rows["error"] = f"{number(numbers['height_rms_rel'])} of the peak depth, rms"
         rows["rms(error / sigma)"] = number(numbers["sigma_ratio_height"])
-    for count, dent in enumerate(numbers["contacts"], 1):
-        rows |= dent_rows(dent, count)
-    return rows | {"time": number(numbers["seconds"], "s")}
+    return rows | contact_rows(numbers["contacts"]) | {"time": number(numbers["seconds"], "s")}

@@ -1,4 +1,4 @@
-"""`optolever rest`: the mirror at rest, solved once and stored with the rig."""
+"""`optolever rest`: the mirror at rest, checked and stored with the rig."""
 
 from pathlib import Path
 from typing import Annotated
@@ -12,9 +12,9 @@ from .show import length, medians, number, print_notices, progress, table, write
 
 SAMPLE = """
 $ optolever rest rest.npz --scene rig.toml
-Rest map in rig.rest.npz
+Mirror at rest in rig.rest_places.npz
 ...
-$ optolever reconstruct pressed.npz --scene rig.toml --out h.npz --change dent.npz
+$ optolever reconstruct pressed.npz --scene rig.toml --out h.npz
 """
 
 
@@ -24,9 +24,9 @@ def command(
 ) -> None:
     """Store the mirror at rest with the rig.
 
-    Dents are the height less that at rest (reconstruct --change). CAPTURE, of the untouched mirror, is an
-    .npz of decode or a folder of frames. Run it again whenever reconstruct reports drift: the rig's
-    calibration stays.
+    From then on `reconstruct` gives heights above it (--no-rest: of the whole mirror). CAPTURE, of the
+    untouched mirror, is an .npz of decode or a folder of frames. Run it again whenever reconstruct says that
+    the rig has moved: its calibration stays.
     """
     scene = ol.scene.load(rig)
     with progress() as step:
@@ -38,23 +38,23 @@ def command(
             if not height.good.any():
                 cure = "check that the mirror at rest is in view, and the scene"
                 raise InputError(f"no pixel has a height; {cure}")
-            dents = ol.reconstruct.contacts(height, ol.reconstruct.slope_map(height, seen, scene))
+            dents = ol.reconstruct.contacts(height)
         (sigma,) = medians(height.good, height.total_sigma)
         z = height.z[height.good]
         numbers = {"good_share": float(height.good.mean()), "z_rms_mm": float((z**2).mean() ** 0.5)}
         step("write")
         with ol.files.together():
-            path = ol.calibration.store_rest(rig, ol.calibration.RestMap(height, seen))
+            path = ol.calibration.store_rest(rig, seen)
             write_json(json_path, numbers | {"sigma_mm": sigma})
     print_notices(height.notices)
     for one in dents[:1]:
         place = f"a dent of {length(one.depth)} at ({one.x:.3g}, {one.y:.3g}) mm"
         print_notices(
-            [f"The mirror at rest has {place}: every change lacks it; capture the mirror untouched"]
+            [f"The mirror at rest has {place}: later heights lack it; capture the mirror untouched"]
         )
     rows = {
         "good": number(100 * numbers["good_share"], "% of the pixels"),
         "height": number(numbers["z_rms_mm"], "mm rms"),
         "sigma": f"{length(sigma)} (median, noise and rig)",
     }
-    table(f"Rest map in {path}", rows)
+    table(f"Mirror at rest in {path}", rows)

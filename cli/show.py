@@ -83,24 +83,31 @@ def noise_and_rig(noise: float, rig: float) -> str:
     return f"± {length(noise)} noise" + (f" ± {length(rig)} rig" if rig > 0 else "")
 
 
-def dent_rows(dent: Mapping[str, Any], count: int) -> dict[str, str]:
-    """The dent number `count` (Contact.to_dict) for `table`: its measures, and the evidence for a contact."""
-    x, y = dent["centroid"]
-    noise = dent["depth_sigma"] if dent["depth_noise"] is None else dent["depth_noise"]
-    rig = math.sqrt(max(0.0, dent["depth_sigma"] ** 2 - noise**2))
-    parts = f" (noise {length(noise)}, rig {length(rig)})" if rig > 0 else ""
-    at_least = "at least " if dent["cut"] else ""
+def contact_rows(contacts: "Sequence[Mapping[str, Any]]") -> dict[str, str]:
+    """Contacts (Contact.to_dict) for `table`, a row each."""
+    rows = {}
+    for count, one in enumerate(contacts, 1):
+        at_least = "at least " if one["cut"] else ""
 
-    def give(name: str, unit: str) -> str:
-        return at_least + quantity(dent[name], unit, dent[f"{name}_sigma"])
+        def give(name: str, unit: str, one: "Mapping[str, Any]" = one) -> str:
+            return quantity(one[name], unit, one[f"{name}_sigma"])
 
-    return {
-        f"dent {count}": f"depth {quantity(dent['depth'], 'mm', dent['depth_sigma'])}{parts}; "
-        f"{dent['region']}: area {give('area', 'mm²')}, volume {give('volume', 'mm³')}, "
-        f"centroid x {quantity(x, 'mm', dent['centroid_sigma'])}, "
-        f"y {quantity(y, 'mm', dent['centroid_sigma'])}",
-        f"evidence {count}": dent["evidence"],
-    }
+        radius = one["indenter_radius"]
+        parts = [
+            f"depth {'at least ' if one['hole'] else ''}{give('depth', 'mm')}",
+            f"x {quantity(one['x'], 'mm', one['position_sigma'])}",
+            f"y {quantity(one['y'], 'mm', one['position_sigma'])}",
+            f"area {at_least}{give('area', 'mm²')}",
+            f"volume {at_least}{give('volume', 'mm³')}",
+        ]
+        if radius is not None:
+            parts.append("flat" if math.isinf(radius) else f"radius {give('indenter_radius', 'mm')}")
+        if one["force"] is not None:
+            parts.append(f"force {give('force', 'N')}, at most {number(one['pressure'], 'N/mm²')}")
+        rows[f"contact {count}"] = ", ".join(parts)
+    if contacts and contacts[0]["force"] is None:
+        rows["force"] = "unknown: the scene has no [layer] with youngs_modulus_mpa"
+    return rows
 
 
 def budget_rows(readings: "Mapping[str, Mapping[str, float]]") -> tuple[list[str], list[list[str]]]:

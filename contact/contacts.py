@@ -2,12 +2,13 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.ndimage
 
+from optolever.errors import InputError
 from optolever.scene import Layer
 
 from .arrays import Floats, Map, Mask
@@ -21,6 +22,7 @@ _HALF = 0.5  # of the depth: where a region ends
 _INNER = 0.7  # of the depth: cells of a second fit of the radius
 _FEWEST = 12  # cells of a fit of the radius
 _CURVED = 3.0  # sigma of a curvature, from which on its radius is finite
+_DIPOLE = 1 / 3  # of the noise at an outline: what moves its centroid
 _ROUNDING = 1 / math.sqrt(180)  # of a cell: the share of an area that an outline cuts off at random
 _DEGREE = 4  # of the polynomial that gives a cell's row and column from x and y
 _CELLS = 4000  # that it is fitted to
@@ -68,11 +70,20 @@ class Contact:
         """Plain values."""
         return {entry.name: getattr(self, entry.name) for entry in fields(self)}
 
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> "Contact":
+        """The inverse of to_dict; InputError where a value is missing."""
+        try:
+            return cls(**{entry.name: values[entry.name] for entry in fields(cls)})
+        except (KeyError, TypeError) as error:
+            raise InputError(f"field 'contacts' is not readable ({error})") from error
+
 
 class _Dent(NamedTuple):
     """A region in its box, (r, c) each: x, y from the centroid, z, area of every cell, its share in the
     region, growth of the area by a height that is added there, mm^2/mm; draws (K, r, c) of the noise or None,
-    modes (m, r, c); peak: the deepest cell in the box; pitch: side of a cell."""
+    modes (m, r, c); peak: the deepest cell in the box; pitch: side of a cell;
+    local: noise of the difference of two heights in it, at most."""
 
     x: Floats
     y: Floats
@@ -85,8 +96,10 @@ class _Dent(NamedTuple):
     draws: Floats | None
     modes: Floats
     inside: Mask
+    holes: Mask
     peak: tuple[int, int]
     pitch: float
+    local: float
 
 
 def contacts(surface: Surface, regions: Sequence[Region], layer: Layer | None) -> tuple[Contact, ...]:
@@ -101,8 +114,8 @@ def contacts(surface: Surface, regions: Sequence[Region], layer: Layer | None) -
 
 
 def _contact(surface: Surface, region: Region, z: Map, holes: Mask) -> Contact:
-    dent = _dent(surface, region, z)
-    depth, top, noise = _depth(dent, holes[region.box][dent.peak])
+    dent = _dent(surface, region, z, holes)
+    depth, top, noise = _depth(dent)
     weight = dent.share * dent.cell
     area, volume = float(weight.sum()), float((weight * dent.z).sum())
     x, y = (float((weight * part).sum() / area) for part in (dent.x, dent.y))
@@ -119,6 +132,7 @@ def _contact(surface: Surface, region: Region, z: Map, holes: Mask) -> Contact:
     by_place = shift @ at + np.einsum("krc,arc->ka", grown, arms)
     area_noise, volume_noise, place_noise = _noises(dent, noise, area, depth, weight, arms)
     lacking = _hidden(dent, weight) if region.cut else 0.0
+    doubt = _doubtful(dent)
     reach = math.sqrt((area + lacking) / math.pi)
     radius, radius_sigma = _indenter(surface, region, dent, depth)
     own = float(np.linalg.norm(modes[:, *dent.peak]))
@@ -126,15 +140,15 @@ def _contact(surface: Surface, region: Region, z: Map, holes: Mask) -> Contact:
         x=region.x + x,
         y=region.y + y,
         position_sigma=_norm(
-            place_noise, np.linalg.norm(by_place) / math.sqrt(2), lacking / (area + lacking) * reach
+            place_noise, np.linalg.norm(by_place) / math.sqrt(2), (lacking + doubt) / (area + lacking) * reach
         ),
         depth=depth,
         depth_sigma=_norm(top, own),
         depth_noise=top,
         area=area,
-        area_sigma=_norm(area_noise, *by_area, lacking),
+        area_sigma=_norm(area_noise, *by_area, lacking, doubt),
         volume=volume,
-        volume_sigma=_norm(volume_noise, *by_volume, lacking * volume / area),
+        volume_sigma=_norm(volume_noise, *by_volume, (lacking + doubt) * volume / area),
         indenter_radius=radius,
         indenter_radius_sigma=radius_sigma,
         cut=region.cut,
@@ -144,7 +158,7 @@ def _contact(surface: Surface, region: Region, z: Map, holes: Mask) -> Contact:
     )
 
 
-def _dent(surface: Surface, region: Region, z: Map) -> _Dent:
+def _dent(surface: Surface, region: Region, z: Map, holes: Mask) -> _Dent:
     box = region.box
     x, y, heights, sigma = (
         np.asarray(part[box], np.float64) for part in (surface.x, surface.y, z, surface.sigma)
@@ -169,10 +183,30 @@ def _dent(surface: Surface, region: Region, z: Map) -> _Dent:
     modes = np.zeros((0, *heights.shape))
     if surface.modes is not None and len(surface.modes):
         modes = _modes(surface, box)
+    local = math.inf
+    if surface.slope_sigmas is not None:
+        spread = np.asarray(surface.slope_sigmas[:, *box], np.float64)[:, region.inside & ~holes[box]]
+        local = 2 * pitch * float(np.median(spread)) if spread.size else math.inf
     known = np.isfinite(sigma)
     sigma = np.where(known, sigma, np.median(sigma[known]) if known.any() else 0.0)
     x, y = np.nan_to_num(x - region.x), np.nan_to_num(y - region.y)
-    return _Dent(x, y, heights, sigma, cell, share, growth, slope, draws, modes, region.inside, peak, pitch)
+    return _Dent(
+        x,
+        y,
+        heights,
+        sigma,
+        cell,
+        share,
+        growth,
+        slope,
+        draws,
+        modes,
+        region.inside,
+        holes[box],
+        peak,
+        pitch,
+        local,
+    )
 
 
 def _modes(surface: Surface, box: tuple[slice, slice]) -> Floats:
@@ -190,34 +224,54 @@ def _modes(surface: Surface, box: tuple[slice, slice]) -> Floats:
 
 def _steepness(surface: Surface, region: Region, z: Floats, x: Floats, y: Floats) -> Floats:
     """|dz/d(x, y)| in the region's box."""
+    measured = np.full(z.shape, np.nan)
     if surface.slopes is not None:
-        slopes = surface.slopes[:, *region.box]
-        if np.isfinite(slopes[:, region.inside]).all():
-            return np.asarray(np.hypot(*np.nan_to_num(slopes)), np.float64)
+        measured = np.asarray(np.hypot(*surface.slopes[:, *region.box]), np.float64)
     (z_row, z_col), (x_row, x_col), (y_row, y_col) = (np.gradient(part) for part in (z, x, y))
     with np.errstate(divide="ignore", invalid="ignore"):
         area = x_col * y_row - x_row * y_col
         by_x, by_y = (z_col * y_row - z_row * y_col) / area, (x_col * z_row - x_row * z_col) / area
-    return np.asarray(np.nan_to_num(np.hypot(by_x, by_y), posinf=0.0))
+    return np.where(np.isfinite(measured), measured, np.nan_to_num(np.hypot(by_x, by_y), posinf=0.0))
 
 
-def _depth(dent: _Dent, hole: bool) -> tuple[float, float, float]:
+def _depth(dent: _Dent) -> tuple[float, float, float]:
     """Depth; its sigma by noise and by what lies between cells; the noise of the deepest cell."""
     row, col = dent.peak
     depth, noise = float(dent.z[dent.peak]), float(dent.sigma[dent.peak])
-    rise = 0.0
+    rise, tip = 0.0, 0.0
     for before, after in (((row - 1, col), (row + 1, col)), ((row, col - 1), (row, col + 1))):
         if all(0 <= r < dent.z.shape[0] and 0 <= c < dent.z.shape[1] for r, c in (before, after)):
             low, high = depth - float(dent.z[before]), depth - float(dent.z[after])
-            if low + high > 0:  # of the parabola through three cells
-                rise += min((high - low) ** 2 / (8 * (low + high)), 0.125 * (low + high))
+            if min(low, high) > 0:  # the parabola through three cells; a cone ends that much higher
+                rise += (high - low) ** 2 / (8 * (low + high))
+                tip = max(tip, 0.125 * (low + high))
     beyond = 0.0
-    if hole:  # at most a cone that continues the flank around
-        beside = scipy.ndimage.binary_dilation(dent.inside, iterations=1)
-        beyond = float(np.median(dent.slope[beside])) * math.sqrt(
-            float((dent.cell * dent.inside).sum()) / math.pi
+    hole, beside = _hole_at(dent)
+    if hole.any():  # at most a cone that continues the flank around
+        beyond = float(np.quantile(dent.slope[beside], 0.9)) * math.sqrt(
+            float(dent.cell[hole].sum()) / math.pi
         )
-    return depth, _norm(noise, rise, beyond), noise
+    return depth + rise, _norm(noise, tip, beyond), noise
+
+
+def _hole_at(dent: _Dent) -> tuple[Mask, Mask]:
+    """The hole at the deepest cell or beside it, and the measured cells around."""
+    labels, _ = scipy.ndimage.label(dent.holes, np.ones((3, 3)))
+    row, col = dent.peak
+    near = labels[max(row - 1, 0) : row + 2, max(col - 1, 0) : col + 2]
+    hole = np.isin(labels, near[near > 0])
+    return hole, np.asarray(scipy.ndimage.binary_dilation(hole, iterations=2) & ~dent.holes)
+
+
+def _doubtful(dent: _Dent) -> float:
+    """Standard deviation of the area, mm^2, by holes that the outline crosses: anywhere in them."""
+    labels, count = scipy.ndimage.label(dent.holes, np.ones((3, 3)))
+    if not count:
+        return 0.0
+    every = np.arange(1, count + 1)
+    least, most = (part(dent.share, labels, every) for part in (scipy.ndimage.minimum, scipy.ndimage.maximum))
+    size = scipy.ndimage.sum_labels(dent.cell, labels, every)
+    return float(np.sum(size[(least < 1) & (most > 0)])) / math.sqrt(12)
 
 
 def _noises(
@@ -240,14 +294,15 @@ def _noises(
     at_rim = float(np.median(dent.sigma[rim])) if rim.any() else noise
     # noise of heights is smooth: what the outline and the deepest cell share is in half the depth
     error = math.sqrt(0.25 * noise**2 + max(at_rim**2 - noise**2, 0.0))
+    error = min(error, dent.local)
     flank = float(np.median(dent.slope[rim])) if rim.any() else 0.0
     reach = math.sqrt(area / math.pi)
-    drift = min(error / flank, reach) if flank > 0 else reach
+    drift = min(_DIPOLE * error / flank, reach) if flank > 0 else reach
     by_area = _norm(error * float(dent.growth.sum()), rounding)
     return (
         by_area,
         _norm(float((weight * dent.sigma).sum()), _HALF * depth * by_area),
-        _norm(drift, rounding / area * reach),
+        _norm(drift, rounding / area * reach / math.sqrt(2)),
     )
 
 
@@ -318,14 +373,14 @@ def _pressed(surface: Surface, z: Map, found: Sequence[Contact], layer: Layer) -
         newton = float(behind.pressure[behind.owner == k].sum() * area)
         sigma = _norm(area * by_modes[k], area * by_noise[k], newton * layer.relative_sigma)
         result.append(
-            _replaced(one, newton, sigma, float(behind.pressure[behind.owner == k].max(initial=0.0)))
+            replace(
+                one,
+                force=newton,
+                force_sigma=sigma,
+                pressure=float(behind.pressure[behind.owner == k].max(initial=0.0)),
+            )
         )
     return tuple(result)
-
-
-def _replaced(one: Contact, force: float, sigma: float, pressure: float) -> Contact:
-    values = one.to_dict() | {"force": force, "force_sigma": sigma, "pressure": pressure}
-    return Contact(**values)
 
 
 class _Places:

@@ -16,7 +16,7 @@ from .surface import Surface, filled
 
 __all__ = ["Region", "areas", "regions"]
 
-SIGNIFICANT = 6.0  # standard deviations of the height, its modes included
+SIGNIFICANT = 6.0  # standard deviations of the height by noise and motion
 _PROMINENT = 0.2  # of a peak's height, over the saddle to a higher one
 _SHALLOWEST = 0.02  # of the deepest one's depth
 _FEWEST = 12  # cells of a region
@@ -54,7 +54,7 @@ def regions(surface: Surface, columns: int = _COLUMNS) -> tuple[Region, ...]:
     saddle to a deeper one, and .02 of the deepest. columns: of the grid in which peaks are looked for."""
     z, known, holes = filled(surface.z, surface.good)
     sigma = np.where(known & np.isfinite(surface.sigma), surface.sigma, 0)
-    rise = SIGNIFICANT * np.hypot(sigma, surface.common)
+    rise = SIGNIFICANT * np.hypot(sigma, surface.unsettled)
     sure = known & (z > rise) & (~holes | (z > 0))
     if not sure.any():
         return ()

@@ -7,13 +7,14 @@ therefore
     z' = c m + sum over motions of  a M  + sum over contacts of  A / q + (B dx + C dy + D) / q^3
 
 (K. L. Johnson, Contact Mechanics, 1985, eq. 3.42; of a layer its Green's function in place of 1 / q) by least
-squares over the good cells outside f radii of every contact, weighted by area, a = 0 +- 1. With weights that
-sum to one the covariance is (rho / 3)^2 (A^T W A)^-1, rho the rms residual; f of 2, 2.5, 3, 4 with the least
-sigma of c m.
+squares over the good cells outside f radii of every contact, weighted by area and noise, a = 0 +- 1.
+With weights that sum to one the covariance is (rho / 3)^2 (A^T W A)^-1, rho the rms residual. f is 2, 2.5, 3
+or 4.
 """
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -29,6 +30,7 @@ from .surface import Sag, Surface
 __all__ = ["far_field", "sag", "sink_around"]
 
 _FAR = (2.0, 2.5, 3.0, 4.0)  # radii of a contact
+_WORSE = 1.1  # residual of a fit over those farther away
 _ROUNDS = 3  # of regions in the map less its sag
 _FEWEST = 200  # cells outside the contacts
 _MOST = 6000  # cells of the fit
@@ -37,6 +39,7 @@ _PRIOR = 3.0  # noises: what a motion's prior is weighed against
 _TAILS = 1e-6  # of a column: amplitudes that the map does not show stay small
 _ROBUST = 12  # rounds of Cauchy's weights
 _INDEPENDENT = 36.0  # samples of a robust fit: tails of dents share their errors
+_BEYOND = 5.0  # standard deviations: motions beyond their prior are found, too
 _DEVIATION = 1.4826  # standard deviation over median absolute deviation
 _LEAST = 0.25  # of a half-space's far field, of a layer
 
@@ -59,20 +62,45 @@ def sag(surface: Surface, regions: Sequence[Region], layer: Layer | None) -> Sag
     start = _robust(cells, noise) if len(cells.motion) and cells.z.size else None
     if start is not None:
         regions = regions_of(surface.less(start))
-    best: Sag | None = None
+    fits = []
     for far in _FAR:
-        found: Sag | None = None
-        circles = [one.circle for one in regions]
+        found, circles = None, [one.circle for one in regions]
         for _ in range(_ROUNDS):
             found = _fitted(cells, circles, layer, far, noise)
             if found is None:
                 break
             circles = [one.circle for one in regions_of(surface.less(found))]
-        if found is not None and (best is None or found.sigma < best.sigma):
-            best = found
+        if found is not None:
+            fits.append(found)
         if not circles:  # no radius to be far from
             break
-    return best
+    return _nearest(cells, fits)
+
+
+def _nearest(cells: _Cells, fits: list[Sag]) -> Sag | None:
+    """The fit nearest to the contacts that those farther away agree with (O. V. Lepskii, Theory Probab. Appl.
+    35:454, 1991): in what is taken off, and in what is left."""
+    fields = np.concatenate([cells.motion, cells.free[None]])
+    taken = [np.append(one.motion, one.c) @ fields for one in fits]
+    sizes = [_rms(one.root.T @ fields) * math.sqrt(len(fields)) for one in fits]
+    for k, one in enumerate(fits):
+        others = range(k + 1, len(fits))
+        if all(
+            _rms(taken[k] - taken[n]) < 2 * math.hypot(sizes[k], sizes[n])
+            and one.misfit < _WORSE * fits[n].misfit
+            for n in others
+        ):
+            break
+    else:
+        return None
+    if not others and k:  # none farther away confirms it
+        wider = math.hypot(1.0, _rms(taken[k] - taken[k - 1]) / max(sizes[k], 1e-300))
+        return replace(one, sigma=one.sigma * wider, root=one.root * wider)
+    return one
+
+
+def _rms(values: Floats) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def far_field(layer: Layer | None, circles: Sequence[Circle], x: Floats, y: Floats) -> Floats:
@@ -114,19 +142,21 @@ def _cells(surface: Surface) -> tuple[_Cells, float]:
     known = surface.good[few] & np.isfinite(surface.z[few] + surface.x[few] + surface.y[few] + free)
     known &= np.isfinite(motion).all(axis=0)
     x, y, z = (part[few][known].astype(np.float64) for part in (surface.x, surface.y, surface.z))
-    noise = float(np.median(surface.sigma[few][known])) if known.any() else 0.0
-    return _Cells(x, y, z, area[known], free[known], motion[:, known]), noise
+    sigma = np.asarray(surface.sigma[few][known], np.float64)
+    noise = float(np.median(sigma)) if sigma.size else 0.0
+    weight = area[known] / (1 + np.square(sigma / max(noise, 1e-300)))
+    return _Cells(x, y, z, weight, free[known], motion[:, known]), noise
 
 
 def _robust(cells: _Cells, noise: float) -> Sag:
-    """The motion alone, whatever dents there are: Cauchy's weights, 0 +- 1 of each mode."""
+    """The motion alone, whatever dents there are: Cauchy's weights."""
     count, spread = len(cells.motion), 0.0
     mean = np.zeros(count)
     for _ in range(_ROBUST):
         left = cells.z - mean @ cells.motion
         spread = max(noise, _DEVIATION * float(np.median(np.abs(left))))
         weight = min(1.0, _INDEPENDENT / left.size) / (spread**2 + left**2)
-        normal = (cells.motion * weight) @ cells.motion.T + np.eye(count)
+        normal = (cells.motion * weight) @ cells.motion.T + np.eye(count) / _BEYOND**2
         mean = np.asarray(np.linalg.solve(normal, (cells.motion * weight) @ cells.z), np.float64)
     root = np.zeros((count + 1, count + 1))
     values, vectors = np.linalg.eigh(normal)

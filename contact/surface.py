@@ -6,6 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.ndimage
+import scipy.sparse
+import scipy.sparse.linalg
 
 from .arrays import Floats, Map, Mask
 
@@ -31,8 +33,8 @@ class Surface:
     sigma: noise of z; good: where z is measured; free: z's free mode, which the anchor settles; slopes,
     slope_sigmas (2, R, C): dz/dx, dz/dy; modes (m, r, c) on every step-th cell: one standard deviation of
     each error that all heights have in common, the last ones, `motions` in number, of the rig's motion since
-    rest; displacement (k, 2, 3), k at least m: see `reconstruct.HeightMap`; draws (K, R, C): heights of noise
-    alone, of any size.
+    rest, which are there without a dent; displacement (k, 2, 3), k at least m: see `reconstruct.HeightMap`;
+    draws (K, R, C): heights of noise alone, of any size.
     """
 
     x: Map
@@ -50,17 +52,13 @@ class Surface:
     draws: Map | None = None
 
     @property
-    def common(self) -> Floats:
-        """Standard deviation of z by its modes, (R, C)."""
-        if self.modes is None or not len(self.modes):
+    def unsettled(self) -> Floats:
+        """Standard deviation of z (R, C) where nothing presses, by the motion's modes; the other errors of a
+        rig change a map less rest by a share of its dents."""
+        if self.modes is None or not self.motions:
             return np.zeros(self.z.shape)
-        return np.sqrt(spread(np.square(self.modes, dtype=np.float64).sum(axis=0), self.step, self.z.shape))
-
-    def modes_at(self, row: int, col: int) -> Floats:
-        """The modes (m,) at a cell."""
-        if self.modes is None:
-            return np.zeros(0)
-        return np.asarray(self.modes[:, round(row / self.step), round(col / self.step)], np.float64)
+        own = np.asarray(self.modes[-self.motions :], np.float64)
+        return np.sqrt(spread(np.square(own).sum(axis=0), self.step, self.z.shape))
 
     def less(self, sag: Sag) -> Surface:
         """Less its sag and motion, whose standard deviations take the place of the motion's modes."""
@@ -77,7 +75,7 @@ class Surface:
         if displacement is not None:  # motion moves no point along the mirror
             gauge = displacement[len(own) :]
             displacement = np.concatenate([displacement[: len(rig)], np.zeros((len(left), 2, 3)), gauge])
-        return replace(self, z=z, modes=modes, motions=0, displacement=displacement)
+        return replace(self, z=z, modes=modes, motions=len(left), displacement=displacement)
 
 
 def spread(coarse: Floats, step: int, shape: tuple[int, ...]) -> Floats:
@@ -94,8 +92,8 @@ def spread(coarse: Floats, step: int, shape: tuple[int, ...]) -> Floats:
 
 
 def filled(z: Map, good: Mask) -> tuple[Map, Mask, Mask]:
-    """Heights with enclosed holes at the deepest of the cells beside each; which are known then, and the
-    holes."""
+    """Heights with enclosed holes: at the deepest of the cells beside each where the equations bridged it,
+    else harmonic; what is known then; the holes."""
     holes = np.zeros_like(good) if good.all() else scipy.ndimage.binary_fill_holes(good) & ~good
     if not holes.any():
         return np.where(good, z, 0), good, holes
@@ -103,4 +101,18 @@ def filled(z: Map, good: Mask) -> tuple[Map, Mask, Mask]:
     beside = scipy.ndimage.maximum_filter(np.where(good, z, -np.inf), 3)
     deepest = np.full(count + 1, -np.inf)
     np.maximum.at(deepest, labels[holes], beside[holes])
-    return np.where(holes, deepest[labels], np.where(good, z, 0)), good | holes, holes
+    out, known = np.where(holes, deepest[labels], np.where(good, z, 0)), good | holes
+    places = np.flatnonzero(holes & ~np.isfinite(z))
+    if not places.size:
+        return out, known, holes
+    number = np.full(z.size, -1)
+    number[places] = np.arange(places.size)
+    near = places[:, None] + np.array([-z.shape[1], z.shape[1], -1, 1])  # enclosed: none lies at the border
+    inside = number[near] >= 0
+    row, side = np.nonzero(inside)
+    shape = places.size, places.size
+    coupled = scipy.sparse.csr_array((np.full(row.size, -0.25), (row, number[near[row, side]])), shape=shape)
+    right = 0.25 * np.where(inside, 0.0, out.ravel()[near]).sum(axis=1)
+    matrix = scipy.sparse.csc_array(scipy.sparse.eye_array(places.size) + coupled)
+    out.flat[places] = scipy.sparse.linalg.splu(matrix).solve(right)
+    return out, known, holes

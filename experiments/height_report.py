@@ -20,7 +20,7 @@ from optolever.quantities import length_unit
 from .arrays import Floats
 from .demo import DemoResult
 from .flag_table import FlagRow, flag_index, flag_rows, mirror_area
-from .height_tables import cards, dents_table, differences_table, flags_table, form_table, terms_table
+from .height_tables import cards, contacts_table, differences_table, flags_table, form_table, terms_table
 from .images import png_uri, thin, thumbnail
 from .maps import CAMERA, Data, Layer, camera_map, chart, error_charts, length_layer, mirror_map, surface_data
 from .measurement import Measurement, Study
@@ -44,7 +44,7 @@ FILES = {
 
 
 def write_demo_report(result: DemoResult, path: str | Path, *, full: bool = False) -> DemoResult:
-    """Write the page of a run; returns the run with the dents and the time of the report. full: as below.
+    """Write the page of a run; returns the run with the contacts and the time of the report. full: as below.
 
     The timing on the page ends when its data are computed.
     """
@@ -55,7 +55,7 @@ def write_demo_report(result: DemoResult, path: str | Path, *, full: bool = Fals
     )
     records = result.height, result.correspondence, result.capture, result.scene, result.truth
     study = Study.of(Measurement(*records, source, simulated=True))
-    result = replace(result, contacts=study.dents or ())
+    result = replace(result, contacts=study.contacts or ())
     _write(study, path, lambda: result.with_report(time.perf_counter() - start).seconds, full)
     return result.with_report(time.perf_counter() - start)
 
@@ -143,8 +143,9 @@ def _context(study: Study, figures: Figures) -> dict[str, Any]:
         "middle": middle,
         "terms": None if terms is None else terms_table(terms, figures),
         "radius": "" if terms is None else figures.show("radius of the circle", terms.radius, "mm"),
-        "dents": None if study.dents is None else dents_table(study.dents, figures),
-        "evidence": [f"Dent {n}: {each.evidence}." for n, each in enumerate(study.dents or (), 1)],
+        "contacts": None if study.contacts is None else contacts_table(study.contacts, figures),
+        "pressed": bool(study.contacts),
+        "forceless": any(each.force is None for each in study.contacts or ()),
         "differences": differences_table(given, figures) if given.less else None,
         "budget": budget_table(given.readings, figures),
         "flags": flags_table(rows, area is not None, figures),

@@ -18,7 +18,7 @@ from .measurement import Measurement, Study
 from .metrics import height_metrics, rms
 from .page import Figures, Table
 
-__all__ = ["cards", "dents_table", "differences_table", "flags_table", "form_table", "terms_table"]
+__all__ = ["cards", "contacts_table", "differences_table", "flags_table", "form_table", "terms_table"]
 
 #: Id, name, value and explanation of a number.
 Card: TypeAlias = tuple[str, str, str, str]
@@ -135,21 +135,26 @@ def terms_table(terms: ZernikeFit, figures: Figures) -> Table:
     return Table("zernike-table", ("term", "coefficient ± sigma"), rows)
 
 
-def dents_table(dents: Sequence[Contact], figures: Figures) -> Table:
-    """A row per dent."""
-    heads = ("dent", "region", "depth", "area", "volume", "centroid x", "centroid y")
+def contacts_table(contacts: Sequence[Contact], figures: Figures) -> Table:
+    """A row per contact; force and pressure where the layer is known."""
+    known = any(each.force is not None for each in contacts)
+    heads = ("contact", "", "depth", "area", "volume", "x", "y", *(("force", "pressure") if known else ()))
     rows = []
-    for n, each in enumerate(dents, 1):
-        numbers: tuple[tuple[str, float, str, float], ...] = (
+    for n, each in enumerate(contacts, 1):
+        numbers: list[tuple[str, float, str, float]] = [
             ("depth", each.depth, "mm", each.depth_sigma),
             ("area", each.area, "mm²", each.area_sigma),
             ("volume", each.volume, "mm³", each.volume_sigma),
-            ("centroid x", each.centroid[0], "mm", each.centroid_sigma),
-            ("centroid y", each.centroid[1], "mm", each.centroid_sigma),
-        )
-        region = f"{each.region}, cut: lower bounds" if each.cut else each.region
-        rows.append([str(n), region, *(figures.show(f"dent {n} {each[0]}", *each[1:]) for each in numbers)])
-    return Table("dent-table", heads, rows, texts=2)
+            ("x", each.x, "mm", each.position_sigma),
+            ("y", each.y, "mm", each.position_sigma),
+        ]
+        if each.force is not None and each.force_sigma is not None and each.pressure is not None:
+            numbers += [("force", each.force, "N", each.force_sigma)]
+            numbers += [("pressure", each.pressure, "N/mm²", math.nan)]
+        bounds = [word for word, known in (("cut: lower bounds", each.cut), ("hole", each.hole)) if known]
+        shown = (figures.show(f"contact {n} {one[0]}", *one[1:]) for one in numbers)
+        rows.append([str(n), ", ".join(bounds), *shown])
+    return Table("contact-table", heads, rows, texts=2)
 
 
 def differences_table(given: Measurement, figures: Figures) -> Table:

@@ -1,4 +1,4 @@
-"""A measurement and the derived results of its page: slopes, form and deviation from it, dents."""
+"""A measurement and the derived results of its page: slopes, form and deviation from it, contacts."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class Measurement:
         less = any(name.startswith("rest ") for name in self.height.references)
         if self.correspondence is None or self.scene is None or less == (self.rest is not None):
             return []
-        parts = "heights", "slopes and dents"
+        parts = "heights", "slopes and contacts"
         name = "The {} are less a rest capture, the {} are not".format(*(parts if less else parts[::-1]))
         cure = "give that capture by report --rest" if less else "reconstruct with --rest"
         return [Notice(name, np.nan, np.nan, cure)]
@@ -148,7 +148,7 @@ class Study:
     fit: FormFit | None
     deviation: HeightMap | None
     terms: ZernikeFit | None
-    dents: tuple[Contact, ...] | None
+    contacts: tuple[Contact, ...] | None
 
     @classmethod
     def of(cls, given: Measurement) -> Study:
@@ -156,15 +156,17 @@ class Study:
         some = bool(height.good.any())
         slopes = None
         if found is not None and scene is not None and some:
-            # dents alone need the slopes of the modes
+            # forms alone need no slopes of the modes
             plain = replace(height, modes=None) if given.open_air else height
             slopes = slope_map(plain, found, scene, given.rest)
         fit = _form_fit(given, slopes)
         deviation = None if fit is None else _deviation(height, fit)
         terms = None if deviation is None else _terms(deviation, slopes, _aperture(given))
-        dents = contacts(height, slopes) if slopes is not None and not given.open_air else None
+        pressed = height.contacts
+        if pressed is None and scene is not None and some and not given.open_air:
+            pressed = contacts(height, slopes, scene.layer)
         curvature = None if slopes is None else curvature_map(slopes)
-        return cls(given, slopes, curvature, fit, deviation, terms, dents)
+        return cls(given, slopes, curvature, fit, deviation, terms, pressed)
 
 
 def _aperture(given: Measurement) -> NDArray[np.bool_] | None:

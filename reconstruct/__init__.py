@@ -14,13 +14,13 @@
 | `rig/` | errors of the rig in the height; a rest capture as reference |
 | `integrate.py` | integrate(): plain gradient fields |
 | `outputs/` | a regular grid, slopes, curvature, files |
-| `contact/` | contacts: depth, area, volume, centroid, and the edge of what presses on the mirror |
+| `load.py`, `contacts.py` | sag and motion taken off a map less rest; its contacts |
 """
 
 from optolever.arguments import check_face
-from optolever.contact import basins
+from optolever.contact import Contact, basins, sink_around
 
-from .contact import Contact, contacts, sink_around
+from .contacts import contacts
 from .coupled import reconstruct
 from .exact import exact_correspondence
 from .heightmap import HEIGHT_FORMATS, Diagnostics, HeightFlag, HeightMap
@@ -28,7 +28,6 @@ from .integrate import Integral, integrate
 from .outputs.curvature import CurvatureMap, curvature_map
 from .outputs.resampling import GRID_FORMATS, Grid
 from .outputs.slope_map import SlopeMap, slope_map
-from .rig.motion import unpressed
 from .solver.anchors import Anchor, EdgeAnchor, PixelAnchor, PointAnchor
 from .solver.poisson import ColumnPoisson
 from .uncertainty.budget import TOTAL, budget
@@ -63,7 +62,6 @@ __all__ = [
     "reconstruct",
     "sink_around",
     "slope_map",
-    "unpressed",
 ]
 
 check_face(__name__)

@@ -23,13 +23,13 @@ from .judgement.circulation import circulation_chi2, contradiction
 from .judgement.discontinuities import edge_doubt, touched, widened
 from .judgement.holes import noise_gain
 from .judgement.reweighting import CAUCHY, patches, wrong_pixels
+from .load import SAG, less_sag
 from .problem import Problem
 from .result import (
     against_rest,
     anchors_apart,
     anchors_near_wedge,
     height_map,
-    loaded,
     off_mirror,
     refused,
     with_references,
@@ -109,7 +109,7 @@ def reconstruct(
     problem, state = solution.problem, solution.state
     height = with_references(height, problem, state, solution.noise, corrected, anchor, rest)
     if rest is not None:
-        height = loaded(height, problem, state, scene, anchor)
+        height = less_sag(height, problem, state, scene)
     height = without_loose(height)
     if rest is not None:
         height = replace(
@@ -117,7 +117,7 @@ def reconstruct(
         )
     if not height.implausible:
         doubts = (
-            *anchors_apart(problem, state, height),
+            *(() if SAG in height.sources else anchors_apart(problem, state, height)),
             *anchors_near_wedge(state, height),
             *off_mirror(height, scene.mirror),
         )
@@ -155,8 +155,7 @@ def _with_rig(solution: Solution, measured: Measurement, scene: Scene, accept: b
                 return refused(height, mistake)
     if scene.exact:
         return height
-    modes, notices = rig_modes(model, solutions, height)
-    return replace(height, **modes._asdict(), notices=height.notices + notices)
+    return replace(height, **rig_modes(model, solutions)._asdict())
 
 
 @contextmanager

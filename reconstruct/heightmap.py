@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from optolever.contact import Contact
 from optolever.decode import Flag
 from optolever.errors import InputError
 from optolever.files import load_arrays, save_arrays
@@ -29,7 +30,7 @@ HEIGHT_FORMATS = (*GRID_FORMATS, *MESHES)
 
 _ARRAYS = ("x", "y", "z", "sigma", "flags")
 _SINGLE = ("x", "y", "z", "sigma", "lean", "shared")  # float32 in files
-_TEXTS = ("notices", "diagnostics", "sources", "references")
+_TEXTS = ("notices", "diagnostics", "sources", "references", "contacts")
 
 
 class HeightFlag(IntFlag):
@@ -116,6 +117,7 @@ class HeightMap(Comparable):
     capture): they do not cancel in a difference of two maps.
     references: names (k,) of the rest capture and the anchors that the map rests on; shared (k, H, W) mm: the
     part of `sigma` that is theirs, common to all maps of the same reference.
+    contacts: see `contacts`; None: not looked for.
     """
 
     x: Floats
@@ -134,6 +136,7 @@ class HeightMap(Comparable):
     own: int = 0
     references: tuple[str, ...] = ()
     shared: Floats | None = None
+    contacts: tuple[Contact, ...] | None = None
 
     def __post_init__(self) -> None:
         shape, count, step = np.shape(self.z), self.count, self.modes_step
@@ -198,6 +201,7 @@ class HeightMap(Comparable):
             notices=tuple(dict.fromkeys((*self.notices, *other.notices))),
             references=(),
             shared=None,
+            contacts=None,
             **self._modes_less(other),
         )
 
@@ -252,6 +256,11 @@ class HeightMap(Comparable):
         return change.z, change.total_sigma
 
     @property
+    def against_rest(self) -> bool:
+        """Whether the map is less a capture at rest."""
+        return any(name.startswith("rest ") for name in self.references)
+
+    @property
     def good(self) -> Mask:
         """True where no flag is set."""
         return np.asarray(self.flags == 0)
@@ -273,6 +282,8 @@ class HeightMap(Comparable):
         values: dict[str, Any] = {entry.name: getattr(self, entry.name) for entry in fields(self)}
         values["notices"] = notices_to_array(self.notices) if self.notices else None
         values["diagnostics"] = self.diagnostics.to_json()
+        if self.contacts is not None:
+            values["contacts"] = json.dumps([one.to_dict() for one in self.contacts])
         values |= {name: np.asarray(values[name], np.float32) for name in _SINGLE if values[name] is not None}
         save_arrays(path, {name: one for name, one in values.items() if np.size(one)}, compressed=True)
 
@@ -288,6 +299,10 @@ class HeightMap(Comparable):
                 values[name] = tuple(map(str, np.atleast_1d(values.get(name, ()))))
             if "notices" in values:
                 values["notices"] = notices_from_array(values["notices"])
+            if "contacts" in values:
+                values["contacts"] = tuple(
+                    Contact.from_dict(one) for one in json.loads(str(values["contacts"]))
+                )
             if "diagnostics" in values:
                 values["diagnostics"] = Diagnostics.from_json(str(values["diagnostics"]))
             return cls(**values)

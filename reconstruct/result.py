@@ -9,25 +9,22 @@ from scipy.ndimage import minimum_filter
 
 from optolever.decode import Correspondence, Flag
 from optolever.notices import Notice
-from optolever.scene import Mirror, Scene
+from optolever.scene import Mirror
 
 from .arrays import Floats
-from .contact.load import sinks
 from .heightmap import Diagnostics, HeightFlag, HeightMap
 from .judgement.circulation import contradiction
 from .judgement.discontinuities import cut_off, surest
-from .outputs.coarse_modes import Modes, coarse_step, filled
 from .problem import Problem
-from .solver.anchors import Anchors, EdgeAnchor
+from .solver.anchors import Anchors
 from .solver.newton import State
-from .uncertainty.sources import ANCHORS, LOAD, anchor_response
+from .uncertainty.sources import ANCHORS
 
 __all__ = [
     "against_rest",
     "anchors_apart",
     "anchors_near_wedge",
     "height_map",
-    "loaded",
     "off_mirror",
     "refused",
     "with_references",
@@ -38,7 +35,6 @@ _LOST = 0.005  # of the pixels, that a rest capture does not know: above, they a
 _DEEP = 5.0  # sigmas of a mean depth; how much deeper than high a map is that was exchanged
 _APART = 5.0  # standard deviations, rms: rigs that are right stay below 1.2
 _SURE = 3.0  # standard deviations
-_BESIDE = 0.05  # of the mirror's length: so near the anchors are its edge's
 _WEDGE = 10.0  # times: of a prism within a tenth of its length
 _LOOSE = 100.0  # times the sigma of the pixels around
 _STEEP = 3.0  # standard deviations, of slopes or of the heights around: where doubts exceed them
@@ -143,42 +139,6 @@ def with_references(
         return height
     names, sigmas = tuple(name for name, _ in parts), np.stack([part for _, part in parts])
     return replace(height, references=names, shared=sigmas)
-
-
-def loaded(height: HeightMap, problem: Problem, state: State, scene: Scene, anchor: Anchors) -> HeightMap:
-    """A map less rest with one more error, of this capture alone: contacts make the mirror's edge sink, which
-    counts as at rest. Its standard deviation is what a half-space, or the scene's layer, sinks by there."""
-    if not (anchor is None or anchor == "edge" or isinstance(anchor, EdgeAnchor)):
-        return height
-    x, y = (problem.to_grid(part).ravel()[state.rows.pixel] for part in (height.x, height.y))
-    at_edge = np.abs(x - scene.mirror.length) < _BESIDE * scene.mirror.length
-    sink = np.where(at_edge, sinks(height, scene.mirror.length + 0 * x, y, scene.layer), 0.0)
-    if not np.nanmax(sink, initial=0.0) > 0:
-        return height
-    down = np.abs(problem.to_grid(problem.rays.inner_directions[2]))
-    distance = problem.data.distance(state.w) if problem.data.rays.logarithmic else np.ones(down.shape)
-    known = np.nan_to_num(sink) / (down * distance).ravel()[state.rows.pixel]
-    mode = problem.to_image(anchor_response(problem.labels, state, known) * distance * down, np.nan)
-    step = coarse_step(mode.shape) if height.modes is None else height.modes_step
-    return _with_own_mode(height, filled(mode[None, ::step, ::step]), step, LOAD)
-
-
-def _with_own_mode(height: HeightMap, mode: Modes, step: int, name: str) -> HeightMap:
-    """With one more independent error, the last mode, of this capture alone, which moves no point along the
-    mirror."""
-    count, displacement = height.count, height.displacement
-    shares = np.zeros((0, count, count)) if height.shares is None else height.shares
-    shares = np.pad(shares, (0, 1))
-    shares[-1, -1, -1] = 1.0
-    return replace(
-        height,
-        modes=mode if height.modes is None else np.concatenate([height.modes, mode]),
-        modes_step=step,
-        sources=(*height.sources, name),
-        shares=shares,
-        displacement=None if displacement is None else np.insert(displacement, count, 0.0, axis=0),
-        own=height.own + 1,
-    )
 
 
 def refused(height: HeightMap, mistake: str | None) -> HeightMap:

@@ -269,14 +269,11 @@ def _scores(contact: Contact, finger: Finger, surface: Surface) -> dict[str, flo
     z = surface.height(x, y)
     close = np.hypot(x - finger.x, y - finger.y) < finger.radius
     depth = float(z[close].max())
-    if contact.found:
-        area, place = np.pi * finger.size**2, np.array([finger.x, finger.y])
-    else:
-        labels, _ = scipy.ndimage.label(z > 0.5 * depth)
-        middle = steps.size // 2
-        half: Mask = labels == labels[middle, middle]
-        area, place = np.count_nonzero(half) * _FINE**2, np.array([x[half].mean(), y[half].mean()])
-    off = (np.array(contact.centroid) - place) / contact.centroid_sigma
+    labels, _ = scipy.ndimage.label(z > 0.5 * depth)
+    middle = steps.size // 2
+    half: Mask = labels == labels[middle, middle]
+    area, place = np.count_nonzero(half) * _FINE**2, np.array([x[half].mean(), y[half].mean()])
+    off = (np.array([contact.x, contact.y]) - place) / contact.position_sigma
     return {
         "depth": (contact.depth - depth) / contact.depth_sigma,
         "area": float(contact.area - area) / contact.area_sigma,

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from optolever.decode import Correspondence
 from optolever.errors import InputError
-from optolever.notices import Notice
 from optolever.scene import RestForm, Scene, adjusted, parameter_values, rig_covariance, strided
 
 from ..arrays import Floats, Mask
@@ -35,7 +34,7 @@ from ..solver.anchors import Anchors, PixelAnchor
 from ..solver.newton import State, chord_step
 from ..solver.poisson import Accuracy
 from .calibration import flat_mirror, rest_corrected
-from .motion import limited_motion, motion_shifts, unpressed
+from .motion import motion_shifts
 from .rig_effects import gauge_displacement, glass_shift
 
 __all__ = [
@@ -51,7 +50,7 @@ __all__ = [
 ]
 
 _UNSETTLED = np.uint16(HeightFlag.NOT_CONVERGED | HeightFlag.SINGULAR)
-_STEP = 0.05  # of a standard deviation
+_STEP = 0.005  # of a standard deviation: a tenth of a degree is beyond the reach of chord steps
 _CHORDS = 3  # steps; each leaves about 1 % of the last one, the error of the integrating factor
 #: chi2 up to which derivatives by the rig's errors serve; beyond it they describe errors to a tenth.
 LINEAR = 1e4
@@ -141,9 +140,9 @@ class RigModel:
 
     root (r0, p): rows of the covariance's root, of the scene's numbers `names`; shifts (k, 2, rows, cols):
     changes of u and v in the image; all of one standard deviation, the errors in this order.
-    rest_mirror (2, rows, cols): u and v of the flat mirror where a rest capture is compared with it; still
-    (rows, cols): where nothing presses since. sources (s,): of the errors, in words; shares (s, m, m): the
-    part of each source in their covariance, which is 1. motions: how many of the last errors are of motion.
+    rest_mirror (2, rows, cols): u and v of the flat mirror where a rest capture is compared with it. sources
+    (s,): of the errors, in words; shares (s, m, m): the part of each source in their covariance, which is 1.
+    motions: how many of the last errors are of motion.
     """
 
     problem: Problem
@@ -152,7 +151,6 @@ class RigModel:
     step: int
     held: _Held
     rest_mirror: Floats | None
-    still: Mask | None
     names: tuple[str, ...]
     root: Floats
     shifts: Floats
@@ -197,9 +195,8 @@ class RigModel:
         row, col, points, normals, rest = self.held
         origins, directions = scene.camera.rays_at(row, col)
         x, y = points[:, 0], points[:, 1]
-        if self.rest_mirror is None:
-            rise = rest_height(x, y, scene) - rest_height(x, y, self.scene)
-            points = points + np.multiply.outer(rest * rise, [0.0, 0.0, 1.0])
+        rise = rest_height(x, y, scene) - rest_height(x, y, self.scene)
+        points = points + np.multiply.outer(rest * rise, [0.0, 0.0, 1.0])
         away, along = ((part * normals).sum(axis=1) for part in (points - origins, directions))
         return np.asarray(away / along)
 
@@ -277,13 +274,13 @@ def _model(measured: Measurement, scene: Scene, step: int) -> RigModel | None:
             sag = typed.sag / np.sqrt(len(_SAG)) * np.eye(len(_SAG))
             root, others = scipy.linalg.block_diag(root, sag), [(SAG, len(_SAG))]
         glass = typed.glass * glass_shift(small, problem, state.w, at_rest)
-        stripes = np.broadcast_to([[[typed.centroid]], [[0.0]]], glass.shape)
-        shifts, others = np.stack([glass, stripes]), [*others, (GLASS, 1), (CENTROID, 1)]
-    still = None
+        shifts, others = glass[None], [*others, (GLASS, 1)]
+        if not at_rest:  # both captures see the same stripes
+            stripes = np.broadcast_to([[[typed.centroid]], [[0.0]]], glass.shape)
+            shifts, others = np.stack([glass, stripes]), [*others, (CENTROID, 1)]
     if coarse.rest is not None:
         moved = motion_shifts(coarse.correspondence, scene, step)
         shifts, others = np.concatenate([shifts, moved]), [*others, (MOTION, len(moved))]
-        still = unpressed(coarse.correspondence, coarse.rest)[0]
     extra = np.repeat(np.arange(len(others)), [size for _, size in others])
     shares = np.pad(shares[: len(sources)], ((0, 0), (0, extra.size), (0, extra.size)))
     alone = [
@@ -296,7 +293,6 @@ def _model(measured: Measurement, scene: Scene, step: int) -> RigModel | None:
         step,
         _held(problem, state, small),
         flat_mirror(small) if at_rest else None,
-        still,
         names,
         root,
         shifts,
@@ -320,30 +316,18 @@ def _held(problem: Problem, state: State, scene: Scene) -> _Held:
     return _Held(row, col, origins + distance[:, None] * directions, normals, samples.rest[kept])
 
 
-def rig_modes(
-    model: RigModel, solutions: Sequence[RigSolution], height: HeightMap
-) -> tuple[RigModes, tuple[Notice, ...]]:
-    """The modes of a height map, those of motion limited by where nothing presses."""
+def rig_modes(model: RigModel, solutions: Sequence[RigSolution]) -> RigModes:
+    """The modes of a height map."""
     own, *others = (model.points(each) for each in solutions)
     moved = (np.stack(others) - own) / _STEP
-    notices: tuple[Notice, ...] = ()
-    modes, step = moved[:, 2], model.step
-    if model.still is not None:
-        z, sigma, still = (
-            height.z[::step, ::step],
-            height.sigma[::step, ::step],
-            model.still & height.good[::step, ::step],
-        )
-        modes, notices = limited_motion(modes, model.motions, z, sigma, still)
-    found = RigModes(
-        filled(modes),
-        step,
+    return RigModes(
+        filled(moved[:, 2]),
+        model.step,
         np.concatenate([_affine(own, moved[:, :2]), gauge_displacement(model.scene)]),
         model.sources,
         model.shares,
         model.motions,
     )
-    return found, notices
 
 
 def judged_rig(model: RigModel, solutions: Sequence[RigSolution], raw: float, freedom: int) -> RigJudgement:

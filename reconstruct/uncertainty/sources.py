@@ -28,14 +28,13 @@ from .monte_carlo import drawn_doubts
 from .response import ErrorField, smoothed, variance_by
 
 __all__ = [
-    *("ANCHORS", "BEND", "CELLS", "DOUBTS", "LOAD", "NOISE", "SHARED"),
+    *("ANCHORS", "BEND", "CELLS", "DOUBTS", "NOISE", "SHARED"),
     *("anchor_response", "noise_sources"),
 ]
 
 NOISE, SHARED = "noise of the frames, independent", "noise that pixels have in common"
 CELLS = "cells of a discrete code"
 DOUBTS = "slopes that change too fast between pixels"
-LOAD = "anchor_load"  # a mode of the map, see `result.loaded`
 ANCHORS, BEND = "known heights of the anchors", "curvature between mirror and anchors"
 _DRAWS, _FEWEST = 32, 8
 _PIXELS = 1 << 22  # solved in all: fewer draws for large images

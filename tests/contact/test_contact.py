@@ -72,7 +72,7 @@ def test_motion_comes_off_with_the_sag() -> None:
     found = sag(made, regions(made), None)
     assert found is not None
     left = made.less(found)
-    total = np.hypot(left.sigma, left.common)
+    total = np.hypot(left.sigma, left.unsettled)
     assert np.sqrt(np.mean(((left.z - z) / total) ** 2)) < 1.2
     assert np.sqrt(np.mean(total**2)) < 1e-3  # of motions and a sag of several um
 

@@ -163,7 +163,7 @@ def test_slopes_and_dents_are_less_rest(tmp_path: Path) -> None:
         assert ("The heights are less a rest capture" in page.html) == (name == "without")
     assert errors[0] < 0.1 * errors[1]
     (contact,) = json.loads(numbers.read_text())["contacts"]
-    depth = Page(tmp_path / "with", tmp_path).figures()["dent 1 depth"]
+    depth = Page(tmp_path / "with", tmp_path).figures()["contact 1 depth"]
     assert depth[:2] == pytest.approx((contact["depth"], contact["depth_sigma"]))
 
 
@@ -198,8 +198,8 @@ def test_pages_run_and_ask_the_network_for_nothing(
     )
     assert "<script>alert" not in demo_page.html
     assert "simulated, rig monitor-mirror, typed numbers, not calibrated" in mirror.html
-    assert "Dents and contacts" not in mirror.html
-    assert "Dents and contacts" in demo_page.html
+    assert "<h2>Contacts" not in mirror.html
+    assert "<h2>Contacts" in demo_page.html
 
 
 def test_every_flag_has_words() -> None:

@@ -23,4 +23,4 @@ def test_two_fingers_on_a_drawn_rig(at_rest: bool) -> None:
             assert each.contact is not None
             assert max(np.abs(list(each.scores.values()))) < 3.5
             assert each.contact.depth_sigma < 0.25 * depth
-            assert each.contact.centroid_sigma > 0.5  # mm: where the rig stands along the mirror
+            assert each.contact.position_sigma > 0.5  # mm: where the rig stands along the mirror

@@ -1,4 +1,4 @@
-"""Contacts make the mirror's edge sink, which counts as at rest: that is in the total sigma, by its name."""
+"""Contacts make the mirror's edge sink, which counts as at rest: it is measured and taken off."""
 
 from dataclasses import replace
 from typing import Any
@@ -8,9 +8,10 @@ import pytest
 
 from lab.live.world import BALL, world_of
 from optolever.decode import Correspondence
-from optolever.reconstruct import TOTAL, budget, reconstruct
-from optolever.scene import Layer, Scene, load, resize
+from optolever.reconstruct import budget, reconstruct
+from optolever.scene import Scene, load, resize
 
+SAG = "sag under the load, motion since rest"
 ONE = ((BALL, 30.0, 22.0, 4.0, 0.05),)
 TWO = ((BALL, 22.0, 15.0, 3.0, 0.05), (BALL, 38.0, 30.0, 4.0, 0.04))
 
@@ -32,15 +33,6 @@ def test_balls_on_a_half_space(dents: Any, exact: bool) -> None:
     seen, true = _seen(scene, dents, 0.03, 2)
     height = reconstruct(seen, scene, rest=rest)
     good, error = height.good, height.z - true
-    ratio = float(np.sqrt(np.mean(np.square((error / height.total_sigma)[good]))))
-    assert ratio < 1.3
-    assert ratio > 0.7 or not exact  # a typed rig has more errors than this one
-    assert np.sqrt(np.mean(np.square((error / height.sigma)[good]))) > 10  # without it
-    parts = budget(height)["height (deepest)"]
-    assert 0 < parts["anchor_load"] < parts[TOTAL]
-    lone = reconstruct(rest, scene, rest=_seen(scene, (), 0.003, 3)[0])
-    assert "anchor_load" not in lone.sources
-    thin = reconstruct(seen, replace(scene, layer=Layer(0.2, 0.5, thickness_mm=8.0)), rest=rest)
-    assert budget(thin)["height (deepest)"]["anchor_load"] == pytest.approx(
-        0.25 * parts["anchor_load"], rel=0.02
-    )
+    assert 0.3 < float(np.sqrt(np.mean(np.square((error / height.total_sigma)[good])))) < 1.3
+    assert np.sqrt(np.mean(np.square((error / height.sigma)[good]))) < 1.5  # above 10 with it
+    assert budget(height)["height (deepest)"][SAG] > 0

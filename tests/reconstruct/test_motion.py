@@ -75,7 +75,7 @@ def solved(
 
 
 def moves(height: HeightMap) -> bool:
-    return any("Where nothing presses" in str(notice) for notice in height.notices)
+    return any("rig has moved" in str(notice) or "rig moved" in str(notice) for notice in height.notices)
 
 
 SMALL = {
@@ -108,18 +108,15 @@ def test_a_motion_beyond_its_prior_has_a_notice(name: str) -> None:
 
 @pytest.mark.parametrize("seeds", [range(2), pytest.param(range(2, 10), marks=pytest.mark.slow)])
 def test_sigma_of_noise_against_rest(seeds: range) -> None:
-    """Noise of 0.03 px, the rest capture's a tenth of it or the same, of a rig that stands still."""
-    scene, ratios = resize(load("prism48"), 240, 320), []
-    surface = dent_from_text("gaussian:peak=0.3,sigma=5", scene)
-    true = trace(scene, surface).z
+    """Noise of 0.03 px, the rest capture's a tenth of it or the same, of an exact rig, untouched."""
+    scene, ratios = resize(load("prism48", exact=True), 120, 160), []
+    surface = dent_from_text("flat", scene)
     for seed, share in product(seeds, (0.1, 1.0)):
         rng = np.random.default_rng(seed)
-        now = capture(scene, surface, rng, 0.03)
-        rest = capture(scene, dent_from_text("flat", scene), rng, share * 0.03)
+        now, rest = capture(scene, surface, rng, 0.03), capture(scene, surface, rng, share * 0.03)
         height = reconstruct(now, scene, rest=rest)
-        ratios.append(np.sqrt(np.mean(((height.z - true) / height.sigma)[height.good] ** 2)))
-    assert 0.85 < np.median(ratios) < 1.15
-    assert 0.7 < min(ratios) <= max(ratios) < 1.5
+        ratios.append(np.sqrt(np.mean((height.z / height.total_sigma)[height.good] ** 2)))
+    assert 0.6 < min(ratios) <= max(ratios) < 1.3
 
 
 def test_the_press_given_as_its_own_rest() -> None:

@@ -1,0 +1,42 @@
+"""Contacts of a height map, see `optolever.contact`."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from optolever.contact import Contact, regions, sag
+from optolever.contact import contacts as figures
+from optolever.scene import Layer
+
+from .heightmap import HeightFlag, HeightMap
+from .load import surface_of
+from .outputs.slope_map import SlopeMap
+
+__all__ = ["contacts"]
+
+
+def contacts(
+    height: HeightMap, slopes: SlopeMap | None = None, layer: Layer | None = None
+) -> tuple[Contact, ...]:
+    """Contacts, the deepest first: cells deeper than half of a peak that rises above the surface at rest by
+    six standard deviations; slopes: of the same map; layer: elastic, for the forces.
+
+    Of a map that is not less rest, errors of the rig that most of it shows are taken off before. Only pixels
+    without a flag, or with STEEP alone, are used.
+    """
+    usable = (height.flags & ~np.uint16(HeightFlag.STEEP)) == 0
+    usable &= np.isfinite(height.z) & np.isfinite(height.sigma)
+    if not usable.any():
+        return ()
+    surface = replace(surface_of(height), good=usable)
+    if slopes is not None:
+        surface = replace(
+            surface,
+            slopes=np.stack([slopes.slope_x, slopes.slope_y]),
+            slope_sigmas=np.stack([slopes.sigma_x, slopes.sigma_y]),
+        )
+    if height.count and not height.against_rest:
+        found = sag(replace(surface, motions=height.count), (), layer)
+        if found is not None:
+            surface = replace(surface, motions=height.count).less(found)
+    return figures(surface, regions(surface), layer)

@@ -1,0 +1,119 @@
+"""Heights less rest, less what the load and the rig's motion since rest add to them, as the map shows it.
+
+An anchor counts as at rest, where a load makes it sink; a rig that moved between both captures moves heights.
+Both are fitted outside the contacts (`optolever.contact.sag`) and taken off. Where the fit leaves much more
+than noise, the load is none of a half-space or layer, or the mirror changed as a whole: then nothing is taken
+off, and all of it is in the map's modes.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from optolever.contact import Surface, regions, sag
+from optolever.notices import Notice
+from optolever.scene import Scene
+
+from .arrays import Floats
+from .heightmap import HeightMap
+from .outputs.coarse_modes import coarse_step, filled
+from .problem import Problem
+from .solver.newton import State
+from .uncertainty.sources import anchor_response
+
+__all__ = ["SAG", "less_sag", "surface_of"]
+
+SAG = "sag under the load, motion since rest"
+_MISFIT = 6.0  # noises: half-spaces, layers and dents that fade leave 5, a body that bulges 8
+_MOVED = 3.0  # standard deviations of motion
+_CURE_SAG = "the total sigma holds all of it; give [layer] thickness_mm, or the rig moved: clamp it"
+_CURE_MOVED = "it is taken off as far as the map shows it; clamp the rig, or capture the mirror at rest again"
+
+
+def less_sag(height: HeightMap, problem: Problem, state: State, scene: Scene) -> HeightMap:
+    """A map less rest without its sag and the rig's motion, or with both in its modes."""
+    surface = surface_of(height, _free_mode(problem, state))
+    found = sag(surface, regions(surface), scene.layer)
+    if found is None:
+        return _wider(height)
+    motion = float(np.linalg.norm(found.motion)) / np.sqrt(max(found.motion.size, 1))
+    notices = []
+    if motion > _MOVED:
+        name = "The rig has moved since the mirror was at rest, standard deviations of motion"
+        notices.append(Notice(name, motion, _MOVED, _CURE_MOVED))
+    if found.misfit > _MISFIT:
+        name = "No half-space under load, or the rig moved: residual outside the contacts over noise"
+        notices.append(Notice(name, found.misfit, _MISFIT, _CURE_SAG))
+    less = surface.less(found)
+    assert less.modes is not None
+    modes, z = np.asarray(less.modes, np.float64), np.asarray(less.z, np.float64)
+    if found.misfit > _MISFIT:
+        few = slice(None, None, surface.step), slice(None, None, surface.step)
+        wide = np.zeros((0, *height.z[few].shape))
+        wide = wide if height.modes is None else np.asarray(_wider(height).modes, np.float64)
+        modes, z = np.concatenate([wide, (height.z - z)[None, *few]]), height.z
+    return replace(_with_own(height, modes, surface.step), z=z, notices=(*height.notices, *notices))
+
+
+def _wider(height: HeightMap) -> HeightMap:
+    """The map whose own modes are as large as its heights, where too little of it rests to measure them."""
+    good = height.good & np.isfinite(height.z)
+    if not height.own or height.modes is None or not good.any():
+        return height
+    own = np.square(height.modes[-height.own :], dtype=np.float64).sum(axis=0)
+    wider = 1.4826 * float(np.median(np.abs(height.z[good]))) / float(np.sqrt(np.mean(own)))
+    if not wider > 1:
+        return height
+    modes = height.modes.copy()
+    modes[-height.own :] *= wider
+    cure = "the total sigma holds what the heights can hide; press on less of the mirror"
+    name = "Too little of the mirror rests to say how far the rig moved; standard deviations of motion"
+    notices = (Notice(name, wider, _MOVED, cure),) if wider > _MOVED else ()
+    return replace(height, modes=modes, notices=(*height.notices, *notices))
+
+
+def surface_of(height: HeightMap, free: Floats | None = None, motions: int | None = None) -> Surface:
+    """The arrays of a map for `optolever.contact`; free (H, W): z's free mode; motions: None: the errors of
+    this capture alone."""
+    step = coarse_step(height.z.shape) if height.modes is None else height.modes_step
+    return Surface(
+        *(height.x, height.y, height.z, height.sigma, height.good),
+        free=free,
+        modes=height.modes,
+        step=step,
+        motions=height.own if motions is None else motions,
+        displacement=height.displacement,
+    )
+
+
+def _free_mode(problem: Problem, state: State) -> Floats:
+    """Change of z (H, W) where all known values change alike, of size 1 (median)."""
+    data = problem.data
+    moved = anchor_response(problem.labels, state, np.ones(state.rows.pixel.size))
+    if data.rays.logarithmic:
+        moved = moved * data.distance(state.w)
+    mode = problem.to_image(np.where(data.mask, moved, np.nan), np.nan) * problem.rays.inner_directions[2]
+    size = np.nanmedian(np.abs(mode))
+    return np.asarray(mode / (size if size > 0 else 1.0))
+
+
+def _with_own(height: HeightMap, modes: Floats, step: int) -> HeightMap:
+    """The map whose own errors are the last of these modes, after those of its rig."""
+    common, count = height.count - height.own, len(modes)
+    own, kept = count - common, len(height.sources) - (height.own > 0)
+    shares = np.zeros((kept + 1, count, count))
+    if height.shares is not None:
+        shares[:kept, :common, :common] = height.shares[:kept, :common, :common]
+    shares[-1, common:, common:] = np.eye(own)
+    moves = height.displacement
+    if moves is not None:
+        moves = np.concatenate([moves[:common], np.zeros((own, 2, 3)), moves[height.count :]])
+    return replace(
+        height,
+        modes=filled(modes),
+        modes_step=step,
+        sources=(*height.sources[:kept], SAG),
+        shares=shares,
+        displacement=moves,
+        own=own,
+    )

@@ -1,1 +1,0 @@
-from reconstruct.contact import *
