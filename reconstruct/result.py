@@ -9,7 +9,7 @@ from scipy.ndimage import minimum_filter
 
 from optolever.decode import Correspondence, Flag
 from optolever.notices import Notice
-from optolever.scene import Mirror
+from optolever.scene import Mirror, Scene
 
 from .arrays import Floats
 from .heightmap import Diagnostics, HeightFlag, HeightMap
