@@ -27,8 +27,9 @@ from optolever.arguments import check_face
 
 from .coverage import mirror_coverage
 from .decoder import Decoder, decode, estimate_profile
+from .effects import Effect
 from .frames import Response, Settings
-from .profile import Effect, RigProfile
+from .profile import RigProfile
 from .records import Correspondence, Flag, SharedNoise
 
 __all__ = [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,7 +27,7 @@ from .codes.fringe import (
 from .codes.lookup import Lines, LookUp, Table, lookup_rows, prepare, table_of
 from .codes.orders import Orders, order_table
 from .contradiction import contradictions
-from .effects import View, cells, lag, motion, shared
+from .effects import Module, View, cells, lag, motion, shared
 from .frames import Light, Settings, sample_levels, sample_places
 from .neighbours import EITHER, HALO, SETTLE, Block, Result, axis_limits, neighbours, settle
 from .noise import Noise, Sample, fit_noise
@@ -42,6 +43,8 @@ Mask = NDArray[np.bool_] | None
 #: Runs of the sample, times as many of one for look-ups, motion and noise in common; fewest pixels for an
 #: estimate; median of chi2 with one degree of freedom.
 _RUNS, _WIDER, _FEWEST, _MEDIAN = 64, 4, 64, 0.4549
+#: In turn: the levels are corrected before the places are judged.
+_EFFECTS: tuple[Module, ...] = (lag, motion, cells)
 #: Side of the neighbourhood that lies in a mask where the order of frames is tested.
 _BLOCK = 11
 #: Bytes of a block's lines, about those of a core's cache.
@@ -137,49 +140,46 @@ def _estimated(
 
 
 def _estimate(light: Light, sequence: Sequence, settings: Settings, mask: Mask, sample: Sample) -> Estimates:
-    """Noise, then misfit and effects from a sample, and from a wider one."""
+    """Noise and misfits, then every effect: one corrects the levels, the others add to the variance."""
     wide, p = lit_sample(light, mask, _WIDER), plan(sequence)
-    axes = p.axes
     if settings.noise is not None:
         noise = Noise(settings.noise**2 + light.rounding, settings.gain)
     else:
         noise = fit_noise(p, sample, light.rounding)
     known = noise if settings.noise is not None or constraints(p, len(sequence)) else None
     look_ups = [
-        prepare(sequence, p, axis, light, wide, known, settings) if axis.looked_up else None for axis in axes
+        prepare(sequence, p, axis, light, wide, known, settings) if axis.looked_up else None
+        for axis in p.axes
     ]
     # residuals of a table are noise; differences of neighbours between grey values of cells are not
     noise = next((one.noise for one in look_ups if one is not None and one.noise is not None), noise)
-    nothing = Sampled(0.0, 0.0, 0.0)
-    profile = _with_misfits(Estimates(noise, (), (), None, nothing, ()), sequence, settings, sample, look_ups)
-    place = _places(light, sequence, settings, profile, sample)
-    slow = lag.estimate(View(p, light, noise, sample, *place))
-    if slow is not None:
-        matrix = lag.matrix(slow, len(sample.levels)).astype(np.float32)
-        sample, wide = (replace(one, levels=matrix @ one.levels) for one in (sample, wide))
-        profile = _with_misfits(profile._replace(effects=(slow,)), sequence, settings, sample, look_ups)
+
+    def viewed(profile: Estimates, sample: Sample, wide: Sample) -> tuple[View, Estimates]:
+        profile = _with_misfits(profile, sequence, settings, sample, look_ups)
         place = _places(light, sequence, settings, profile, sample)
-    view = View(p, light, noise, sample, *place)
-    moved, common = None, None
-    if settings.noise is None:
-        profile = _with_between(profile, axes, view)
-    if any(axis.code is not None and axis.fringes for axis in axes):
-        moved = motion.estimate(
-            View(p, light, noise, wide, *_places(light, sequence, settings, profile, wide))
-        )
-    more = np.zeros(len(axes)) if slow is None else lag.variance(view, slow)
-    if moved is not None:
-        more = more + motion.variance(view, moved)
-        profile = profile._replace(effects=(*profile.effects, moved))
-    known_cells = settings.on_cells and (settings.noise is None or settings.blur_px is not None)
-    sharp = cells.estimate(view, settings.blur_px) if known_cells else None
-    if sharp is not None:
-        common = cells.variance(view, sharp)
-        more = more + common
-        profile = profile._replace(effects=(*profile.effects, sharp))
-    own = (axis._replace(variance=float(v)) for axis, v in zip(profile.axes, more, strict=True))
-    profile = profile._replace(axes=tuple(own), shared=shared.shared(view._replace(sample=wide), common))
-    return profile._replace(notices=_notices(profile, axes, view))
+        if settings.noise is None:
+            profile = _with_between(profile, p.axes, place[0], sample)
+        places = partial(_places, light, sequence, settings, profile)
+        return View(p, light, noise, settings, sample, wide, *place, places), profile
+
+    nothing = Estimates(noise, (), (), None, Sampled(0.0, 0.0, 0.0), ())
+    view, profile = viewed(nothing, sample, wide)
+    more = np.zeros((len(_EFFECTS), len(p.axes)))
+    for number, effect in enumerate(_EFFECTS):
+        found = effect.estimate(view)
+        if found is None:
+            continue
+        profile = profile._replace(effects=(*profile.effects, found))
+        if effect is lag:
+            matrix = lag.matrix(found, len(sample.levels)).astype(np.float32)
+            corrected = (replace(one, levels=matrix @ one.levels) for one in (sample, wide))
+            view, profile = viewed(profile, *corrected)
+        more[number] = effect.variance(view, found)
+    every = zip(profile.axes, more.sum(axis=0), strict=True)
+    own = tuple(axis._replace(variance=float(v)) for axis, v in every)
+    common = more[_EFFECTS.index(cells)]
+    profile = profile._replace(axes=own, shared=shared.shared(view, common))
+    return profile._replace(notices=_notices(profile, p.axes, view))
 
 
 def _with_misfits(
@@ -264,11 +264,11 @@ def _phase_variance(fringe: Fringe, sample: Sample, noise: Noise) -> F64:
     return np.asarray(own / np.maximum(c * c + s * s, 1e-6) / (2 * np.pi) ** 2)
 
 
-def _with_between(profile: Estimates, axes: tuple[AxisPlan, ...], view: View) -> Estimates:
+def _with_between(profile: Estimates, axes: tuple[AxisPlan, ...], places: F64, sample: Sample) -> Estimates:
     """Add the variance of the phases by which periods of one axis contradict each other beyond noise."""
     found = []
-    for axis, own, place in zip(axes, profile.axes, view.place, strict=True):
-        more = _between(axis, place, view.sample, profile.noise, own.misfits)
+    for axis, own, place in zip(axes, profile.axes, places, strict=True):
+        more = _between(axis, place, sample, profile.noise, own.misfits)
         misfits = tuple(m._replace(variance=max(m.variance, more)) for m in own.misfits)
         found.append(own._replace(misfits=misfits))
     return profile._replace(axes=tuple(found))

@@ -20,12 +20,12 @@ from optolever.patterns import Sequence
 
 from .codes.fringe import Misfit
 from .codes.lookup import LookUp
-from .effects import Estimate
+from .effects import Effect
 from .frames import Settings
 from .noise import Noise
 from .records import SharedNoise
 
-__all__ = ["AxisProfile", "Effect", "Estimates", "RigProfile", "Sampled", "digest"]
+__all__ = ["AxisProfile", "Estimates", "RigProfile", "Sampled", "digest"]
 
 
 class Sampled(NamedTuple):
@@ -52,19 +52,10 @@ class Estimates(NamedTuple):
 
     noise: Noise
     axes: tuple[AxisProfile, ...]
-    effects: tuple[Estimate, ...]
+    effects: tuple[Effect, ...]
     shared: SharedNoise | None
     sampled: Sampled
     notices: tuple[Notice, ...]
-
-
-class Effect(NamedTuple):
-    """A row of a profile's table: value and standard deviation (NaN: not estimated) in a unit."""
-
-    name: str
-    value: float
-    sigma: float
-    unit: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,7 +86,7 @@ class RigProfile:
         scales = [misfit.scale for axis in self.estimates.axes for misfit in axis.misfits]
         if scales:
             rows.append(Effect("misfit of the fringes", max(scales) ** 0.5, nan, "of the noise"))
-        return (*rows, *(Effect(*estimate) for estimate in self.estimates.effects))
+        return (*rows, *self.estimates.effects)
 
     def with_lag(self, share: float) -> Self:
         """The profile with a measured share of the frame before (`projector.Timing.lag`), where the
@@ -103,7 +94,7 @@ class RigProfile:
         known = self.estimates.effects
         if not share or any(effect.name == "lag" for effect in known):
             return self
-        effects = (*known, Estimate("lag", share, 0.0, "of the frame before"))
+        effects = (*known, Effect("lag", share, 0.0, "of the frame before"))
         return replace(self, estimates=self.estimates._replace(effects=effects))
 
     def save(self, path: str | Path) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 from optolever.kernels import F64
 
 from ..plan import AxisPlan
-from . import Estimate, View
+from . import Effect, View
 
 __all__ = ["estimate", "variance"]
 
@@ -24,13 +24,16 @@ _CONTRAST, _SQUARE, _FEWEST = 0.02, 32, 64
 _SLIGHT, _LIKELY = 0.1, 0.16
 
 
-def estimate(view: View, blur: float | None) -> Estimate | None:
-    """The blur, cells rms, known or at least; None where it costs nothing."""
-    sigma = 0.0
+def estimate(view: View) -> Effect | None:
+    """The blur, cells rms, known or at least; None where it costs nothing, or nobody asks for it."""
+    settings, sigma = view.settings, 0.0
+    blur = settings.blur_px
+    if not settings.on_cells or (settings.noise is not None and blur is None):
+        return None
     if blur is None:
         bounds = [_bound(view, axis, place) for axis, place in zip(view.plan.axes, view.place, strict=True)]
         blur, sigma = max((one for one in bounds if one is not None), default=0.0), np.nan
-    found = Estimate("cells", blur, sigma, "cells rms, least blur")
+    found = Effect("cells", blur, sigma, "cells rms, least blur")
     for more, own in zip(variance(view, found), view.variance, strict=True):
         usual = float(np.nanmedian(own)) if np.isfinite(own).any() else np.inf
         if more > _SLIGHT**2 * usual / _SQUARE:  # a sum along a line keeps what is in common
@@ -38,7 +41,7 @@ def estimate(view: View, blur: float | None) -> Estimate | None:
     return None
 
 
-def variance(view: View, found: Estimate) -> F64:
+def variance(view: View, found: Effect) -> F64:
     """Variance (A,), px^2, that neighbours have in common; of a blur that is only bounded, in the mean."""
     every = zip(view.plan.axes, view.place, strict=True)
     share = _LIKELY if np.isnan(found.sigma) else 1.0

@@ -14,7 +14,7 @@ import numpy as np
 from optolever.kernels import F64
 
 from ..plan import Plan, constraints
-from . import Estimate, View
+from . import Effect, View
 
 __all__ = ["estimate", "matrix", "variance"]
 
@@ -26,7 +26,7 @@ _SURE, _LARGEST = 4.9, 0.5
 _KNOWN = 1e-3
 
 
-def matrix(found: Estimate, count: int) -> F64:
+def matrix(found: Effect, count: int) -> F64:
     """(N, N): frames without lag from captured ones; the first frame has none."""
     return np.asarray(np.linalg.inv(_mixture(found.value, count)))
 
@@ -37,7 +37,7 @@ def _mixture(share: float, count: int) -> F64:
     return mixed
 
 
-def estimate(view: View) -> Estimate | None:
+def estimate(view: View) -> Effect | None:
     """Share of the frame before; its sigma by the scatter among parts of the image and among combinations."""
     plan, count = view.plan, len(view.sample.levels)
     rows = _vanishing(plan, count)
@@ -53,7 +53,7 @@ def estimate(view: View) -> Estimate | None:
             return None
     if not (abs(share) > _SURE * sigma and abs(share) < _LARGEST):
         return None
-    return Estimate("lag", share, sigma, "of the frame before")
+    return Effect("lag", share, sigma, "of the frame before")
 
 
 def _vanishing(plan: Plan, count: int) -> F64:
@@ -103,7 +103,7 @@ def _nuisance(plan: Plan, row: F64, light: F64) -> F64:
     return np.asarray(np.linalg.qr(np.stack([*columns, mean], axis=1))[0])
 
 
-def variance(view: View, found: Estimate) -> F64:
+def variance(view: View, found: Effect) -> F64:
     """px^2 of each axis (A,): sigma of the share times the mean square of the place's change by it."""
     levels = view.sample.levels.astype(np.float64)
     before = np.concatenate([levels[:1], levels[:-1]]) - levels

@@ -14,7 +14,7 @@ from scipy.special import fdtrc
 from optolever.kernels import F64
 
 from ..plan import AxisPlan
-from . import Estimate, View
+from . import Effect, View
 
 __all__ = ["estimate", "variance"]
 
@@ -28,9 +28,12 @@ _BENT = 0.5
 _SIDES = (6, 7, 8, 9)
 
 
-def estimate(view: View) -> Estimate | None:
+def estimate(view: View) -> Effect | None:
     """Rate where it moved, pattern px per frame; of the partition of the image that shows it best."""
-    smooth = [_smooth(view, place) for place in view.place]
+    if not any(axis.code is not None and axis.fringes for axis in view.plan.axes):
+        return None
+    view = view._replace(sample=view.wide)
+    smooth = [_smooth(view, place) for place in view.places(view.wide)[0]]
     edges = [_edges(view, axis, place) for axis, place in zip(view.plan.axes, smooth, strict=False)]
     best, least = None, _CHANCE / len(_SIDES)
     for side in _SIDES:
@@ -42,7 +45,7 @@ def estimate(view: View) -> Estimate | None:
         chance = float(fdtrc(len(parts), freedom.sum(), ratio))
         if chance < least:
             rate, least = float(np.sqrt((rates**4).sum() / (rates**2).sum())), chance
-            best = Estimate("motion", rate, rate / float(np.sqrt(2 * len(parts))), "px per frame")
+            best = Effect("motion", rate, rate / float(np.sqrt(2 * len(parts))), "px per frame")
     return best
 
 
@@ -85,7 +88,7 @@ def _parts(bits: list[Any], places: NDArray[np.int64], side: int) -> list[tuple[
     return found
 
 
-def variance(view: View, found: Estimate) -> F64:
+def variance(view: View, found: Effect) -> F64:
     """px^2 of each axis (A,): a steady motion against an end of the capture; neighbours share it."""
     return np.full(len(view.plan.axes), (found.value * (len(view.plan.frames) - 1)) ** 2 / 3)
 

@@ -26,9 +26,10 @@ __all__ = ["shared"]
 _MOST, _FEWEST, _SURE, _FAR = 4096, 64, 4.9, 16 / 0.455
 
 
-def shared(view: View, common: NDArray[np.float64] | None = None) -> SharedNoise | None:
-    """None if nothing is significant, or without fringes along both axes; common: see cells.variance."""
-    plan, sample = view.plan, view.sample
+def shared(view: View, common: F64) -> SharedNoise | None:
+    """None if nothing is significant, or without fringes along both axes; common (A,): variance, px^2, of the
+    places that neighbours have in common."""
+    plan, sample = view.plan, view.wide
     fringes = {axis.axis: (*axis.fringes, *axis.singles) for axis in plan.axes}
     if len(fringes) != 2 or not all(fringes.values()):
         return None
@@ -36,7 +37,7 @@ def shared(view: View, common: NDArray[np.float64] | None = None) -> SharedNoise
     turns = {name: max(1 / fringe.period for fringe in every) for name, every in fringes.items()}
     shares = {axis.axis: _shares(plan, axis, sample) for axis in plan.axes}
     rows, cols, _ = np.minimum(shares["u"], shares["v"]).tolist()
-    shift = np.zeros(2) if common is None else np.sqrt(common)
+    shift = np.sqrt(common)
     found = SharedNoise(rows, cols, shares["u"][2], shares["v"][2], turns["u"], turns["v"], *shift.tolist())
     return found if max(*found[:4], *shift) > 0 else None
 
