@@ -16,7 +16,7 @@ from .contacts import Contact, contacts
 from .peaks import basins
 from .pressure import Pressed, deflection, forces_on
 from .regions import Region, regions
-from .sag import far_field, sag, sink_around
+from .sag import far_field, sag
 from .surface import Sag, Surface
 
 __all__ = [
@@ -32,7 +32,6 @@ __all__ = [
     "forces_on",
     "regions",
     "sag",
-    "sink_around",
 ]
 
 check_face(__name__)

@@ -27,7 +27,7 @@ from .regions import Region, areas
 from .regions import regions as regions_of
 from .surface import Sag, Surface
 
-__all__ = ["far_field", "sag", "sink_around"]
+__all__ = ["far_field", "sag"]
 
 _FAR = (2.0, 2.5, 3.0, 4.0)  # radii of a contact
 _WORSE = 1.1  # residual of a fit over those farther away
@@ -41,7 +41,6 @@ _ROBUST = 12  # rounds of Cauchy's weights
 _INDEPENDENT = 36.0  # samples of a robust fit: tails of dents share their errors
 _BEYOND = 5.0  # standard deviations: motions beyond their prior are found, too
 _DEVIATION = 1.4826  # standard deviation over median absolute deviation
-_LEAST = 0.25  # of a half-space's far field, of a layer
 
 
 class _Cells(NamedTuple):
@@ -117,17 +116,6 @@ def far_field(layer: Layer | None, circles: Sequence[Circle], x: Floats, y: Floa
         slope = (after - before) / (2 * _STEP * q)
         columns += [at, slope * dx, slope * dy, (after - 2 * at + before) / _STEP**2 + slope]
     return np.stack(columns) if columns else np.zeros((0, *np.shape(x)))
-
-
-def sink_around(depth: float, radius: float, away: Floats, layer: Layer | None) -> Floats:
-    """How far the surface sinks at distances from a ball's contact, mm; layer: elastic; None: a half-space.
-
-    4 / (3 pi) d a / r (Hertz' far field; Johnson, eq. 3.42; within 6 % from r = 1.5 a on); on a bonded
-    incompressible layer of thickness h that times max(.25, 1 - 1.45 r / h).
-    """
-    thickness = math.inf if layer is None or layer.thickness_mm is None else layer.thickness_mm
-    far = 4 / (3 * math.pi) * depth * radius / np.maximum(away, radius)
-    return np.asarray(far * np.maximum(_LEAST, 1 - 1.45 * away / thickness))
 
 
 def _cells(surface: Surface) -> tuple[_Cells, float]:

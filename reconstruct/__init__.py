@@ -18,7 +18,7 @@
 """
 
 from optolever.arguments import check_face
-from optolever.contact import Contact, basins, sink_around
+from optolever.contact import Contact
 
 from .contacts import contacts
 from .coupled import reconstruct
@@ -52,7 +52,6 @@ __all__ = [
     "PixelAnchor",
     "PointAnchor",
     "SlopeMap",
-    "basins",
     "budget",
     "contacts",
     "curvature_map",
@@ -60,7 +59,6 @@ __all__ = [
     "integrate",
     "null_space",
     "reconstruct",
-    "sink_around",
     "slope_map",
 ]
 

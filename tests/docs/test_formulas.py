@@ -310,12 +310,3 @@ def test_a_bent_display() -> None:
 
 
 # Loops
-
-
-@holds(LIVE, "4/(3 pi) d a / r")
-def test_what_an_edge_sinks_by() -> None:
-    """Of Hertz' surface beside a ball's contact (K. L. Johnson, Contact Mechanics, 1985, eq. 3.42)."""
-    q = np.array([1.5, 3.0, 10.0])
-    surface = ((2 - q**2) * np.arcsin(1 / q) + np.sqrt(q**2 - 1)) / np.pi
-    assert np.allclose(reconstruct.sink_around(1.0, 1.0, q, None), surface, rtol=0.06)
-    assert np.allclose(reconstruct.sink_around(1.0, 1.0, q, None), 4 / (3 * np.pi) / q)
