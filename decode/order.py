@@ -30,6 +30,7 @@ Mask = NDArray[np.bool_]
 Order = NDArray[np.int64]
 #: Blocks of the search, side of one, pixels.
 _BLOCKS, _SIDE = 36, 10
+_COMPARED = 1200  # pixels by which two frames count as the same
 #: Sum of 1 - test that starts the search, and least gain (right captures: 0.35 where bits are resolved).
 _POOR = 0.6
 _EXCHANGED = "u and v are exchanged"
@@ -157,10 +158,9 @@ def _dead(blocks: F32, sequence: Sequence) -> Mask:
     flat = (flat - order[0]) / np.maximum(order[-1] - order[0], 1)
     constant = np.maximum((share < 0.1).mean(axis=1), (share > 0.9).mean(axis=1)) > 0.95
     coded = np.array([frame.axis is not None for frame in sequence.frames])
-    alike = [
-        any((np.abs(one - flat[j]) < 0.1).mean() > 0.95 for j in range(len(flat)) if j != k)
-        for k, one in enumerate(flat)
-    ]
+    few = flat[:, :: max(1, flat.shape[1] // _COMPARED)]
+    same = np.stack([(np.abs(one - few) < 0.1).mean(axis=1) > 0.95 for one in few])
+    alike = same.sum(axis=1) > 1  # itself, and another one
     return np.asarray(constant & coded | alike, np.bool_)
 
 
