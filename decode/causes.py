@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
 
 from optolever.notices import Notice
 from optolever.patterns import Sequence
@@ -25,6 +26,8 @@ def few_good(found: Correspondence, light: Light, sequence: Sequence) -> tuple[N
     notice names the cause."""
     assert found.amplitude is not None
     inside = found.flags & Flag.INVALID == 0
+    # a pixel by itself has no neighbours that could confirm it: no fault of the capture
+    inside &= uniform_filter(inside.astype(np.float32), 3, mode="nearest") > 0.5
     bright = inside & (found.amplitude > 0)
     if not bright.any():
         return ()

@@ -121,11 +121,16 @@ def _phasors(view: _View, period: float, middle: F64 | None = None, width: F64 |
     return np.asarray(np.exp(2j * np.pi * (view.phase - middle / period)) / mean)
 
 
+def _outside(view: _View, period: float) -> Mask:
+    """Fringes beyond the interval of their bits, (K,)."""
+    away = np.abs(np.angle(_phasors(view, period))) / (2 * np.pi) * period
+    return np.asarray(away > 0.5 * view.width + _SLACK * period)
+
+
 def _windows(view: _View, period: float, shape: tuple[int, ...]) -> tuple[Mask, Mask]:
     """Tiles amid a window that contradicts itself; those amid enough pixels."""
     z, count = _phasors(view, period), int(np.prod(shape))
-    away = np.abs(np.angle(z)) / (2 * np.pi) * period
-    outside = away > 0.5 * view.width + _SLACK * period
+    outside = _outside(view, period)
     narrow = view.width <= _NARROW * period
 
     def sums(weights: NDArray[Any]) -> F64:
@@ -143,13 +148,16 @@ def _cause(
 ) -> tuple[str, bool]:
     """Name of the cause, and whether it is one of the whole picture; "": nothing is wrong."""
     period, name = axis.fringes[0].period, axis.axis
-    z = _phasors(view, period)[view.width <= _NARROW * period]
+    narrow = view.width <= _NARROW * period
+    z = _phasors(view, period)[narrow]
     mean = z.mean() if len(z) else 0j
     turn = float(np.angle(mean)) / (2 * np.pi)
     low, high = np.quantile(view.middle, (0.1, 0.9)) if len(z) else (0.0, 0.0)
     if abs(mean) > _COHERENT and (low < -period or high > axis.extent + period):
         return off_the_end(name, axis.extent, view.middle), True
-    if abs(mean) > _COHERENT and abs(turn) > shift:
+    # pixels that see few places of a cell have another mean than its middle, and lie inside
+    outside = float(_outside(view, period)[narrow].mean()) if len(z) else 0.0
+    if abs(mean) > _COHERENT and abs(turn) > shift and outside > _OUTSIDE:
         return f"fringes of {name} are {turn:+.2f} periods ({turn * period:+.3g} px) off its bits", True
     if not bad.any():
         return "", False
