@@ -6,11 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optolever.decode import Correspondence
+from optolever.decode import Correspondence, Flag
 from optolever.reconstruct import HeightMap, contacts, reconstruct, slope_map
 from optolever.scene import load
 
 CASES = Path(__file__).parents[3] / "shared" / "cases" / "t4"
+LOST = CASES.parent / "t5" / "contact_lost"
 pytestmark = pytest.mark.skipif(not CASES.is_dir(), reason="../shared/cases/t4 is absent")
 
 
@@ -48,6 +49,28 @@ def test_a_typed_rig_that_is_wrong_by_a_sigma_against_rest() -> None:
         if least == 0:
             assert contacts(height, slope_map(height, part, scene, rest))
     assert max(found) < 10 * min(found)
+
+
+@pytest.mark.skipif(not LOST.is_dir(), reason="../shared/cases/t5/contact_lost is absent")
+def test_a_mode_that_runs_away_at_the_edge_loses_no_contact() -> None:
+    """Typed right, a dent of 300 um: its sigma was kilometres, and no contact was found."""
+    arrays = np.load(LOST / "c.npz")
+    pressed, rest = (
+        Correspondence(
+            arrays[f"u{part}"].astype(float),
+            arrays[f"v{part}"].astype(float),
+            np.full(arrays["u"].shape, 0.004),
+            np.full(arrays["u"].shape, 0.004),
+            np.where(arrays[f"vis{part}"], 0, int(Flag.OFF_PATTERN)).astype(np.uint16),
+        )
+        for part in ("", "0")
+    )
+    scene, truth = load(LOST / "rig.toml"), arrays["z"].astype(float)
+    height = reconstruct(pressed, scene, rest=rest)
+    assert rms_um(height, truth) < total_um(height)
+    assert height.total_sigma[height.good].max() < 0.1
+    (found,) = contacts(height, slope_map(height, pressed, scene, rest))
+    assert abs(found.depth - np.nanmax(truth)) < found.depth_sigma < 0.1
 
 
 def test_schlieren_within_the_typed_accuracy_stay() -> None:
