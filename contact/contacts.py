@@ -247,20 +247,22 @@ def _depth(dent: _Dent) -> tuple[float, float, float]:
                 tip = max(tip, 0.125 * (low + high))
     beyond = 0.0
     hole, beside = _hole_at(dent)
-    if hole.any():  # at most a cone that continues the flank around, as deep again
-        cone = float(np.quantile(dent.slope[beside], 0.9)) * math.sqrt(float(dent.cell[hole].sum()) / math.pi)
-        beyond = min(cone, depth)
+    if hole.any():  # at most a cone that continues the flank around
+        radius = math.sqrt(float(dent.cell[hole].sum()) / math.pi)
+        beyond = float(np.quantile(dent.slope[beside], 0.9)) * radius
     return depth + rise, _norm(noise, tip, beyond), noise
 
 
 def _hole_at(dent: _Dent) -> tuple[Mask, Mask]:
-    """The holes at the deepest cell, beside it or nearly as deep, and the measured cells around."""
+    """The holes at the deepest cell, beside it or nearly as deep; cells around whose slope is measured."""
     labels, _ = scipy.ndimage.label(dent.holes, np.ones((3, 3)))
     row, col = dent.peak
     near = labels[max(row - 1, 0) : row + 2, max(col - 1, 0) : col + 2]
     deep = labels[dent.inside & dent.holes & (dent.z > _INNER * dent.z[dent.peak])]
     hole = np.isin(labels, np.union1d(near[near > 0], deep))
-    return hole, np.asarray(scipy.ndimage.binary_dilation(hole, iterations=2) & ~dent.holes)
+    around, clear = scipy.ndimage.binary_dilation(hole, iterations=3), ~dent.holes
+    apart = around & clear & ~scipy.ndimage.binary_dilation(dent.holes)
+    return hole, apart if apart.any() else around & clear
 
 
 def _doubtful(dent: _Dent) -> float:
