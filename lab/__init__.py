@@ -12,7 +12,6 @@ It may import every module of `optolever`; tests alone import it.
 | - `renderer_speed.py` | frames per second drawn, read back, captured |
 | - `solver_figures.py`, `solver_bound.py` | the solver: exactness, time; its noise and the bound |
 | - `ideal.py`, `place.py` | codes by their definitions; a dented mirror, its exact correspondence |
-| - `cliffs.py` | a cliff behind a mask, and the plain robust integration of it |
 | - `batch.py` | many captures: two processes beside one |
 | - `page.py` | docs/benchmarks.md and its chart |
 | - `contacts.py` | contacts on rigs drawn from the priors, against their total sigma |

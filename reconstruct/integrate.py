@@ -12,26 +12,18 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.ndimage
-import scipy.sparse
-import scipy.sparse.linalg
 from numpy.typing import ArrayLike
 
 from optolever.errors import InputError
 
 from .arrays import Floats, Labels, Mask, Pair
-from .judgement.reweighting import CAUCHY, clean, scaled_median
-from .solver.edges import divergence, edge_weights, increments
-from .solver.poisson import Accuracy, MaskedEdges, edge_problem
+from .solver.edges import edge_weights, increments
+from .solver.poisson import Accuracy, edge_problem
 
 __all__ = ["Integral", "integrate"]
 
 _ONE = np.ones((1, 1))
 _ACCURACY = Accuracy(relative=1e-12)
-_NEGLIGIBLE = 0.1  # energy of a solve's error: a bound of every height's error in standard deviations
-_PATIENCE = 50  # conjugate gradients that cost a factorisation; steeper weights still make it many more
-_FACTORISED = 1 << 20  # pixels: 1 GB of factors
-_STEPS, _SETTLED = 29, 1e-3  # of reweighting; change of the defects' scale, relative
-_ROUNDING = 1e-4  # of the increments: defects below it are quadrature and rounding, no outliers
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,10 +47,9 @@ def integrate(
     mask: ArrayLike | None = None,
     weights: ArrayLike | tuple[ArrayLike, ArrayLike] | None = None,
     spacing: float | tuple[float, float] = 1.0,
-    robust: bool = False,
 ) -> Integral:
     """Heights whose slopes are gx = dz/dx (along columns) and gy = dz/dy (along rows), in the least-squares
-    sense; robust: edges that fit no heights count less (Cauchy's weights), so that outliers stay behind.
+    sense.
 
     gx, gy (H, W): sampled at pixels, NaN where unknown; mask (H, W): pixels to use; weights (H, W) or a pair
     of them for gx and gy: inverse variances; spacing: of the pixels, or (dx, dy). Raises InputError for input
@@ -76,15 +67,11 @@ def integrate(
         raise InputError("mask: no pixel with a gradient is left")
     wp, wq = _weights(weights, p.shape, inside)
     edges, edge = increments(p * dx, q * dy, inside), edge_weights(1.0 / wp, 1.0 / wq, _ONE, inside)
-    if robust:
-        z, iterations = _robust(edges, edge, inside)
-    else:
-        found = edge_problem(*edge, inside).solve(*edges, _ACCURACY)
-        z, iterations = found.x, found.iterations
+    found = edge_problem(*edge, inside).solve(*edges, _ACCURACY)
     labels = scipy.ndimage.label(inside)[0].astype(np.int32)
-    left, count = _residuals(edges, edge, z), sum(int(np.count_nonzero(w)) for w in edge)
+    left, count = _residuals(edges, edge, found.x), sum(int(np.count_nonzero(w)) for w in edge)
     rms = math.sqrt(sum(float(np.einsum("ij,ij->", r, r)) for r in left) / max(count, 1))
-    return Integral(_centred(z, labels), iterations, rms, labels)
+    return Integral(_centred(found.x, labels), found.iterations, rms, labels)
 
 
 def _checked(gx: ArrayLike, gy: ArrayLike, mask: ArrayLike | None) -> tuple[Floats, Floats, Mask]:
@@ -120,46 +107,6 @@ def _weights(
     if not all(np.all(np.isfinite(weight[inside]) & (weight[inside] > 0)) for weight in found):
         raise InputError("weights: must be finite and greater than 0 in every pixel of the mask")
     return found[0], found[1]
-
-
-def _robust(edges: Pair, weights: Pair, mask: Mask) -> tuple[Floats, int]:
-    """Cauchy weights on the edge defects, see `reweighting`: heights, iterations."""
-    floor = _ROUNDING * scaled_median(edges, weights)
-    result, scale = edge_problem(*weights, mask).solve(*edges, Accuracy(relative=1e-10)), 0.0
-    z, iterations = result.x, result.iterations
-    for step in range(_STEPS):
-        residuals = _residuals(edges, weights, z)
-        before, scale = scale, max(scaled_median(residuals, weights), floor)
-        if abs(before - scale) <= _SETTLED * scale or (step == 0 and clean(residuals, weights, scale)):
-            break
-        doubts = (np.abs(part) / (CAUCHY * scale) for part in residuals)
-        wx, wy = (w / (1.0 + w * doubt**2) for w, doubt in zip(weights, doubts, strict=True))
-        accuracy = Accuracy(energy=_NEGLIGIBLE * scale, relative=1e-10)
-        result = MaskedEdges(wx, wy, mask).solve(*edges, accuracy, z, _PATIENCE)
-        z, iterations = result.x, iterations + result.iterations
-        if result.iterations == _PATIENCE and mask.sum() <= _FACTORISED:
-            z = _factorised(edges, (wx, wy), mask)
-    return z, iterations
-
-
-def _factorised(edges: Pair, weights: Pair, mask: Mask) -> Floats:
-    """Heights by a sparse factorisation of the normal equations, the first pixel of every component 0: what
-    extreme weights ask for."""
-    free = mask.ravel().copy()
-    free[np.unique(scipy.ndimage.label(mask)[0].ravel(), return_index=True)[1]] = False
-    number = np.arange(mask.size).reshape(mask.shape)
-    tail = np.concatenate([number[:, :-1].ravel(), number[:-1].ravel()])
-    head = np.concatenate([number[:, 1:].ravel(), number[1:].ravel()])
-    weight = np.concatenate([weights[0][:, :-1].ravel(), weights[1][:-1].ravel()])
-    coupled = scipy.sparse.coo_array((weight, (tail, head)), shape=(mask.size, mask.size)).tocsr()
-    coupled = coupled + coupled.T
-    normal = (scipy.sparse.diags_array(coupled.sum(axis=1)) - coupled)[free][:, free].tocsc()
-    z = np.zeros(mask.shape)
-    if free.any():
-        options = {"SymmetricMode": True}
-        factor = scipy.sparse.linalg.splu(normal, "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
-        z.reshape(-1)[free] = factor.solve(divergence(*edges, *weights).ravel()[free])
-    return z
 
 
 def _residuals(edges: Pair, weights: Pair, z: Floats) -> Pair:

@@ -1,4 +1,4 @@
-"""The reconstructor's figures: exactness and time, growth and memory, plain integration, cliffs.
+"""The reconstructor's figures: exactness and time, growth and memory, plain integration.
 
 Heights from exact correspondences, relative to the peak depth. Times are those of a second call, wall clock;
 processor time beside them, for machines that are shared.
@@ -20,7 +20,6 @@ from optolever.reconstruct import HeightMap, integrate, reconstruct
 from optolever.records import Progress, silent
 from optolever.scene import load, resize
 
-from .cliffs import cauchy_loop, cliff
 from .figures import Figure, Parts, measured_parts
 from .place import EXACT_SIGMA, Place, exact, middle_anchor
 from .solver_bound import bound_figures
@@ -31,7 +30,6 @@ PRISM, RIG = "paper-simulation", "monitor-mirror"
 INTEGRATED = 512
 #: Pixels, and pairs of cosine transforms at most: exact, typed, against rest.
 TIMES = {(480, 640): (90.0, 95.0, 140.0), (1024, 1024): (55.0, 58.0, 100.0)}
-CLIFFS, ROUGH = (512, 612), (1e-2, 1e-4)  # pixels; noise of the slopes, per pixel
 
 
 def run_solver_figures(*, seeds: int = 30, progress: Progress = silent) -> list[Figure]:
@@ -41,7 +39,6 @@ def run_solver_figures(*, seeds: int = 30, progress: Progress = silent) -> list[
         "mirrors": _mirrors,
         "growth and memory": _growth,
         "integration": _integration,
-        "cliffs": _cliffs,
         "noise": lambda: bound_figures(seeds),
     }
     return measured_parts(parts, progress)
@@ -131,27 +128,6 @@ def _integration() -> Iterator[Figure]:
     whole, alone = (np.median([turn[k].processor for turn in turns]) for k in (0, 1))
     ratio = float(whole / alone)
     yield Figure(f"{name}, time over its two transforms", ratio, high=2.0)
-
-
-def _cliffs() -> Iterator[Figure]:
-    """Robust integration over a cliff against a plain loop of reweighted sparse solves."""
-    for noise in ROUGH:
-        z, gx, gy, mask = cliff(*CLIFFS, noise)
-        robust, plain = partial(integrate, gx, gy, mask=mask, robust=True), partial(cauchy_loop, gx, gy, mask)
-        robust()  # what is compiled once is not counted
-        turns = _in_turn(robust, plain, count=2)
-        own, loop = (min(turn[k].processor for turn in turns) for k in (0, 1))
-        errors = [(found - z)[mask] for found in (turns[0][0].value.z, turns[0][1].value)]
-        errors = [error - np.median(error) for error in errors]
-        whole, middle = (
-            [rms(error) for error in errors],
-            [float(np.median(np.abs(error))) for error in errors],
-        )
-        name = f"robust over a cliff, {CLIFFS[0]} x {CLIFFS[1]}, noise {noise:g}"
-        note = f"processor time: {own:.1f} s, loop {loop:.1f} s"
-        yield Figure(f"{name}, time over a plain loop's", own / loop, high=1.0, note=note)
-        note = f"rms {whole[0]:.3g}, loop {whole[1]:.3g}; median {middle[0]:.3g}, loop {middle[1]:.3g}"
-        yield Figure(f"{name}, rms error over a plain loop's", whole[0] / whole[1], high=1.02, note=note)
 
 
 def _in_turn(*calls: Callable[[], Any], count: int) -> list[tuple[Measured, ...]]:

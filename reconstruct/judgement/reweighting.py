@@ -5,37 +5,17 @@ an edge in doubt by |r| / (2.385 s): to the variance 1/w the square of the doubt
 median of |r| sqrt(w), one for noise as announced.
 """
 
-import math
-
 import numpy as np
 import scipy.ndimage
 
 from ..arrays import Floats, Mask, Pair
 from .holes import LARGEST
 
-__all__ = ["CAUCHY", "clean", "patches", "scaled_median", "wrong_pixels"]
+__all__ = ["CAUCHY", "patches", "wrong_pixels"]
 
 CAUCHY = 2.385  # deviations at which the weight is one half: 95 % efficiency under Gaussian noise
-_ROWS = 256
-_CHANCE = 0.01  # of an image without outliers to be reweighted
 _WRONG = 4.0  # standard deviations of an edge: defects of both edges of a wrong pixel
 _ALIKE = 0.25  # of the larger of both: beside a crease the other is 1/12
-
-
-def clean(residuals: Pair, weights: Pair, scale: float) -> bool:
-    """Whether no edge exceeds what normal noise reaches by chance: least squares is then the best."""
-    largest = max(float((np.abs(r) * np.sqrt(w)).max()) for r, w in zip(residuals, weights, strict=True))
-    return largest <= math.sqrt(2 * math.log(2 * residuals[0].size / _CHANCE)) * scale
-
-
-def scaled_median(residuals: Pair, weights: Pair) -> float:
-    """Scaled median of edge values over their standard deviations, from about 256 rows."""
-    pairs = [
-        (r[:: max(1, len(r) // _ROWS)], w[:: max(1, len(w) // _ROWS)])
-        for r, w in zip(residuals, weights, strict=True)
-    ]
-    sizes = np.concatenate([np.abs(r[w > 0]) * np.sqrt(w[w > 0]) for r, w in pairs])
-    return 1.4826 * float(np.median(sizes)) if sizes.size else 0.0
 
 
 def wrong_pixels(defects: Pair, weights: Pair, scale: float) -> Mask:

@@ -44,6 +44,7 @@ _LEAK = 1e-4  # of its column's mean weight: what a missing edge conducts in the
 _SINGLE = 1e-4
 _PEAK = 1e-3  # of a logarithm, whose range is some 10
 _ABREAST = 8  # modes
+_MOST = 500  # iterations
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,11 +205,9 @@ class MaskedEdges:
             float(np.einsum("ij,ij,ij->", g, g, w)) for g, w in zip((gx, gy), self.weights, strict=True)
         )
 
-    def solve(
-        self, gx: Floats, gy: Floats, accuracy: Accuracy, start: Floats | None = None, limit: int = 500
-    ) -> PoissonResult:
+    def solve(self, gx: Floats, gy: Floats, accuracy: Accuracy, start: Floats | None = None) -> PoissonResult:
         """Solve from start (zero) until the remaining error, as the preconditioner estimates it,
-        meets the accuracy, in `limit` iterations at most.
+        meets the accuracy.
         """
         x = np.zeros(gx.shape) if start is None else start * self._mask
         r, image = divergence(gx, gy, *self.weights), np.empty(gx.shape)
@@ -218,7 +217,7 @@ class MaskedEdges:
         z, energy = self._preconditioned(r)
         first = energy
         direction = z.astype(np.float64)
-        for iteration in range(limit):
+        for iteration in range(_MOST):
             if energy <= 0.0 or accuracy.met(energy, first, z):
                 return PoissonResult(x, iteration)
             curvature = apply_laplacian(direction, *self.weights, image)[1]
@@ -231,7 +230,7 @@ class MaskedEdges:
             z, energy = self._preconditioned(r)
             direction *= energy / before
             direction += z
-        return PoissonResult(x, limit)
+        return PoissonResult(x, _MOST)
 
     def _preconditioned(self, r: Floats) -> tuple[F32, float]:
         """About the error that the residual r stands for, zero outside the mask, and its energy."""
