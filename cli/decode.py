@@ -35,11 +35,11 @@ SAMPLE = """
 $ optolever decode capture --out c.npz
 Correspondence in c.npz
   frames       22 of 256 x 256
-  good         98.83 % of the pixels
-  mirror       the mirror fills 100.0 % of the image; 98.8 % of it decoded
-  sigma u      0.0097 px (median of the good pixels)
-  sigma v      0.0098 px (median of the good pixels)
-  off_pattern  1.169 %
+  good         98.03 % of the pixels
+  mirror       the mirror fills 100.0 % of the image; 98.0 % of it decoded
+  sigma u      0.021 px (median of the good pixels)
+  sigma v      0.021 px (median of the good pixels)
+  off_pattern  1.973 %
   time         0.607 s
 """
 

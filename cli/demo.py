@@ -13,11 +13,11 @@ from .show import number, print_notices, progress, table, write_json
 SAMPLE = """
 $ optolever demo --pixels 256x256 --out demo
 Demo: paper-simulation, raised-cosine:peak=1.3, gray+phase, 22 frames
-  height error                0.0001273 of the peak depth, rms
-  unflagged                   98.83 % of the visible pixels
-  rms(error / sigma), u       0.9828
-  rms(error / sigma), v       0.972
-  rms(error / sigma), height  1.002
+  height error                0.0002191 of the peak depth, rms
+  unflagged                   97.63 % of the visible pixels
+  rms(error / sigma), u       0.915
+  rms(error / sigma), v       0.9105
+  rms(error / sigma), height  0.8371
   time                        trace 0.05844, capture 0.08406, decode 0.8246,
                               reconstruct 0.1971, report 2.664, total 3.828 s
   peak memory                 0.4656 GiB

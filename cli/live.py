@@ -22,11 +22,18 @@ from .show import print_notices, table, write_json
 SAMPLE = """
 $ optolever live --pixels 160x120 --headless --frames 48 --probe 30,22
 Live: prism48, 60 x 80 cells
-  readings         48, 48 trusted
-  deepest          0.1701 ± 0.0060 mm
-  rate             1.86 readings/s, median delay 503 ms
-  noise            166 nm a frame, 172 nm/sqrt(Hz)
-  probe 30.4,22.1  3.25e+04 nm at 0.07671 Hz, floor 131 nm
+  readings                                  48, 48 trusted
+  deepest                                   0.1692 ± 0.0026 mm
+  rate                                      2.54 readings/s, median delay 347 ms
+  noise                                     167 nm a frame, 148 nm/sqrt(Hz)
+  probe 30.4,22.1                           6772 ± 524 nm at 0.17 Hz; the times
+                                            have no steady rate: amplitudes are
+                                            lower bounds; floor 521 nm,
+                                            resolution 0.052 Hz
+  probe 30.4,22.1 less the picture's shift  6742 ± 595 nm at 0.17 Hz; the times
+                                            have no steady rate: amplitudes are
+                                            lower bounds; floor 590 nm,
+                                            resolution 0.052 Hz
 """
 
 

@@ -43,18 +43,19 @@ from .show import (
 
 SAMPLE = """
 $ optolever reconstruct c.npz --scene capture/scene.toml \\
-      --truth capture/truth.npz --out h.npz
+      --truth capture/truth.npz --contacts --out h.npz
 Height map in h.npz
   good                98.03 % of the pixels
-  height              -0.006288 to 1.3 mm
+  height              -0.006196 to 1.3 mm
   sigma               ± 90 nm noise (medians)
   off_pattern         1.973 %
-  chi2                0.8528 per degree of freedom (953), 1 by noise
-  error               0.0002123 of the peak depth, rms
-  rms(error / sigma)  0.9969
-  contact 1           depth 1.299979 ± 0.000086 mm, x 81.8501 ± 0.0011 mm, y
-                      81.8496 ± 0.0011 mm, area 1742.13 ± 0.68 mm², volume
-                      1633.61 ± 0.46 mm³
+  chi2                0.846 per degree of freedom (953), 1 by noise
+  error               0.0002127 of the peak depth, rms
+  rms(error / sigma)  0.9885
+  contact 1           depth 1.29999 ± 0.00019 mm, x 81.8501 ± 0.0044 mm, y
+                      81.8496 ± 0.0044 mm, area 1742.67 ± 0.49 mm², volume
+                      1633.96 ± 0.35 mm³, radius 430 ± 75 mm
+  force               unknown: the scene has no [layer] with youngs_modulus_mpa
   time                0.6361 s
 """
 

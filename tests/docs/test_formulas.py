@@ -307,6 +307,3 @@ def test_a_bent_display() -> None:
     )
     off = np.cross(lifted - mirror, ray * [1, 1, -1])  # the mirror at rest turns z
     assert np.nanmax(np.abs(off)) < 1e-6
-
-
-# Loops
