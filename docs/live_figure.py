@@ -13,9 +13,9 @@ import numpy as np
 from optolever.live import LiveServer, virtual_rig
 from optolever.patterns import sequence
 from optolever.projector import Image, footprints, light_of
-from optolever.scene import Layer, Surface, dent, load
+from optolever.scene import Layer, Surface, dent, load, resize
 
-RATE, HERTZ, SIZE = 30.0, 7.0, 1e-4  # frames a second; of the vibration, and its amplitude, mm
+RATE, HERTZ, SIZE = 30.0, 2.0, 1e-4  # frames a second; of the vibration, and its amplitude, mm
 ELECTRONS = 30.0  # a level
 SECONDS = 16  # before the picture
 OUT = Path(__file__).with_name("live.png")
@@ -53,7 +53,7 @@ class Vibrating:
 
 
 def main() -> None:
-    scene = replace(load("prism48", exact=True), layer=Layer(0.3, 0.48, 8.0))
+    scene = replace(resize(load("prism48", exact=True), 240, 320), layer=Layer(0.3, 0.48, 8.0))
     prepared, _ = virtual_rig(scene, noise=2.0)
     with LiveServer(prepared, Vibrating(scene)) as server:
         while server.readings < 2:
