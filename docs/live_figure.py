@@ -63,9 +63,9 @@ def main() -> None:
             at = np.unravel_index(np.hypot(x - place[0], y - place[1]).argmin(), x.shape)
             server.command("probe", (at[0] / x.shape[0], at[1] / x.shape[1]))
         time.sleep(SECONDS)
-        words = ["--headless", "--no-sandbox", "--hide-scrollbars", "--window-size=1300,1150"]
+        words = ["chromium", "--headless", "--no-sandbox", "--hide-scrollbars", "--window-size=1300,1150"]
         words += ["--virtual-time-budget=6000", f"--screenshot={OUT}", server.address]
-        subprocess.run(["chromium", *words], check=True, capture_output=True, timeout=240)
+        subprocess.run(words, check=True, capture_output=True, timeout=240)
 
 
 if __name__ == "__main__":

@@ -112,6 +112,7 @@ class Live:
             np.where(found.settled.good, found.noise, np.float32(_HIDDEN) * prepared.noise.sigma),
             found.settled.good,
             modes=modes,
+            motions=len(modes),
             draws=prepared.noise.draws,
         )
         pressing = () if judge(found.figures).broken else regions(surface, _COLUMNS)
