@@ -64,7 +64,7 @@ def main() -> None:
             server.command("probe", (at[0] / x.shape[0], at[1] / x.shape[1]))
         time.sleep(SECONDS)
         words = ["chromium", "--headless", "--no-sandbox", "--hide-scrollbars", "--window-size=1300,1150"]
-        words += ["--virtual-time-budget=6000", f"--screenshot={OUT}", server.address]
+        words += ["--virtual-time-budget=30000", f"--screenshot={OUT}", server.address]
         subprocess.run(words, check=True, capture_output=True, timeout=240)
 
 
