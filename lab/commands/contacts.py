@@ -11,14 +11,14 @@ from optolever.cli.show import grid, progress, write_json
 __all__ = ["command"]
 
 SAMPLE = """
-$ python -m lab contacts --rigs 10
+$ python -m lab contacts --rigs 2
 Share of errors within one total sigma
-kind      fingers  found  cut  depth  area   position
-ball      6        6      0    0.667  0.667  0.667
-punch     5        5      0    0.4    0.8    0.9
-gaussian  15       15     0    0.933  0.933  0.733
-needle    14       14     0    0.286  0.786  0.714
-all       40       40     0    0.6    0.825  0.738
+kind      fingers  found  cut  depth  area  position
+ball      2        2      0    1      1     0.75
+punch     0        0      0    -      -     -
+gaussian  7        7      0    0.857  1     0.643
+needle    1        1      0    1      1     0.5
+all       10       10     0    0.9    1     0.65
 """
 
 
