@@ -52,6 +52,7 @@ class _Cells(NamedTuple):
     weight: Floats
     free: Floats
     motion: Floats
+    rig: Floats
 
 
 def sag(surface: Surface, regions: Sequence[Region], layer: Layer | None) -> Sag | None:
@@ -123,17 +124,18 @@ def _cells(surface: Surface) -> tuple[_Cells, float]:
     step = surface.step * max(1, round(math.sqrt(surface.z.size / _MOST) / surface.step))
     few, some = (slice(None, None, step),) * 2, (slice(None, None, step // surface.step),) * 2
     area = areas(surface.x, surface.y)[few]
-    motion = np.zeros((0, *area.shape))
-    if surface.modes is not None and surface.motions:
-        motion = np.asarray(surface.modes[-surface.motions :, *some], np.float64)
+    modes = np.zeros((0, *area.shape))
+    if surface.modes is not None:
+        modes = np.asarray(surface.modes[:, *some], np.float64)
+    rig, motion = np.split(modes, [len(modes) - surface.motions])
     free = np.zeros(area.shape) if surface.free is None else np.asarray(surface.free[few], np.float64)
     known = surface.good[few] & np.isfinite(surface.z[few] + surface.x[few] + surface.y[few] + free)
-    known &= np.isfinite(motion).all(axis=0)
+    known &= np.isfinite(modes).all(axis=0)
     x, y, z = (part[few][known].astype(np.float64) for part in (surface.x, surface.y, surface.z))
     sigma = np.asarray(surface.sigma[few][known], np.float64)
     noise = float(np.median(sigma)) if sigma.size else 0.0
     weight = area[known] / (1 + np.square(sigma / max(noise, 1e-300)))
-    return _Cells(x, y, z, weight, free[known], motion[:, known]), noise
+    return _Cells(x, y, z, weight, free[known], motion[:, known], rig[:, known]), noise
 
 
 def _robust(cells: _Cells, noise: float) -> Sag:
@@ -149,7 +151,8 @@ def _robust(cells: _Cells, noise: float) -> Sag:
     root = np.zeros((count + 1, count + 1))
     values, vectors = np.linalg.eigh(normal)
     root[:count, :count] = vectors / np.sqrt(values)
-    return Sag(0.0, 0.0, spread / max(noise, 1e-300), mean, root)
+    rig = np.zeros((count + 1, len(cells.rig)))
+    return Sag(0.0, 0.0, spread / max(noise, 1e-300), mean, root, rig)
 
 
 def _fitted(
@@ -186,4 +189,6 @@ def _fitted(
     values, vectors = np.linalg.eigh(covariance)
     deviation = float(np.sqrt(covariance[-1, -1]))
     half = vectors * np.sqrt(np.maximum(values, 0.0))
-    return Sag(float(found[-1]), deviation, rho / max(noise, 1e-300), found[motions], half)
+    errors = np.concatenate([(cells.rig[:, out] * root).T, np.zeros((len(prior), len(cells.rig)))])
+    rig = np.linalg.lstsq(whole[0], errors, rcond=None)[0][len(tails) :]
+    return Sag(float(found[-1]), deviation, rho / max(noise, 1e-300), found[motions], half, rig)

@@ -17,13 +17,15 @@ __all__ = ["Sag", "Surface", "filled"]
 @dataclass(frozen=True, slots=True, eq=False)
 class Sag:
     """c: amplitude of the free mode, sigma: its standard deviation; misfit: rms residual over the median
-    noise; motion (k,): of the motion's modes; root (1 + k, 1 + k): of the covariance of motion and c."""
+    noise; motion (k,): of the motion's modes; root (1 + k, 1 + k): of the covariance of motion and c;
+    rig (1 + k, m): motion and c that the fit finds in each of the map's other modes."""
 
     c: float
     sigma: float
     misfit: float
     motion: Floats
     root: Floats
+    rig: Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,7 +71,8 @@ class Surface:
         free = np.zeros(own.shape[1:])
         if self.free is not None:
             z, free = z - sag.c * self.free, np.nan_to_num(self.free[few])
-        left = np.tensordot(sag.root.T, np.concatenate([motion, free[None]]), 1)
+        fields = np.concatenate([motion, free[None]])
+        rig, left = rig - np.tensordot(sag.rig.T, fields, 1), np.tensordot(sag.root.T, fields, 1)
         modes = np.concatenate([rig, left]).astype(np.float32)
         displacement = self.displacement
         if displacement is not None:  # motion moves no point along the mirror
