@@ -157,7 +157,7 @@ def _cause(
         return off_the_end(name, axis.extent, view.middle), True
     # pixels that see few places of a cell have another mean than its middle, and lie inside
     outside = float(_outside(view, period)[narrow].mean()) if len(z) else 0.0
-    if abs(mean) > _COHERENT and abs(turn) > shift and outside > _OUTSIDE:
+    if abs(mean) > _COHERENT and abs(turn) > shift and outside > 0.5 * _OUTSIDE:
         return f"fringes of {name} are {turn:+.2f} periods ({turn * period:+.3g} px) off its bits", True
     if not bad.any():
         return "", False
