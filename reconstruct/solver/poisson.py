@@ -45,6 +45,7 @@ _SINGLE = 1e-4
 _PEAK = 1e-3  # of a logarithm, whose range is some 10
 _ABREAST = 8  # modes
 _MOST = 500  # iterations
+_BORROWED = 60  # of them with the preconditioner of other weights
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,6 +193,7 @@ class MaskedEdges:
         self.weights = wx, wy
         self._mask = mask
         self._cycle: Callable[[Floats], F32] | None = near._cycle if isinstance(near, MaskedEdges) else None
+        self._borrowed = self._cycle is not None
 
     @cached_property
     def columns(self) -> ColumnPoisson:
@@ -220,6 +222,10 @@ class MaskedEdges:
         for iteration in range(_MOST):
             if energy <= 0.0 or accuracy.met(energy, first, z):
                 return PoissonResult(x, iteration)
+            if iteration == _BORROWED and self._borrowed:  # it does not serve: its own, from here
+                self._cycle, self._borrowed = None, False
+                z, energy = self._preconditioned(r)
+                direction = z.astype(np.float64)
             curvature = apply_laplacian(direction, *self.weights, image)[1]
             if not curvature > 0.0:  # the direction is all rounding
                 return PoissonResult(x, iteration)
