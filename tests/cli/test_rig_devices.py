@@ -63,6 +63,7 @@ def test_a_rig_captures_what_its_camera_sees(optolever: Program, rig: Path, tmp_
 def test_measure_goes_to_the_report(
     optolever: Program, rig: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    rig.write_text(rig.read_text().partition("\n[rest]")[0])  # which measure would take for a capture at rest
     measure, numbers = ("camera", "measure", "--rig", rig, "--out"), tmp_path / "m.json"
     assert "report.html" in "".join(optolever(*measure, tmp_path / "m", "--json", numbers).out.split())
     files = {"c.npz", "h.npz", "report.html", "capture", "figures.csv", "slopes.npz"}

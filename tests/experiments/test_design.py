@@ -150,7 +150,7 @@ def test_design_writes_what_capture_takes(tmp_path: Path) -> None:
     found = json.loads(numbers.read_text())
     assert found["settings"]["frames"] == 12
     assert all(row["frames"] <= 12 for row in found["rows"])
-    assert run(["capture", *PRISM, "--sequence", str(best), "--out", str(tmp_path / "capture")]) == 0
+    assert run(["simulate", *PRISM, "--sequence", str(best), "--out", str(tmp_path / "capture")]) == 0
     assert len(list((tmp_path / "capture/frames").glob("*.png"))) == found["rows"][0]["frames"]
 
 
