@@ -163,6 +163,10 @@ def test_slopes_and_dents_are_less_rest(tmp_path: Path) -> None:
         assert ("The heights are less a rest capture" in page.html) == (name == "without")
     assert errors[0] < 0.1 * errors[1]
     (contact,) = json.loads(numbers.read_text())["contacts"]
+    page = next(tmp_path.rglob("*.html")).read_text(encoding="utf-8")
+    ids = re.findall(r'\sid="([^"]+)"', page)
+    assert "contacts" in ids
+    assert len(ids) == len(set(ids)), "a section stands twice"
     depth = Page(tmp_path / "with", tmp_path).figures()["contact 1 depth"]
     assert depth[:2] == pytest.approx((contact["depth"], contact["depth_sigma"]))
 
