@@ -1,6 +1,7 @@
 """The one place where pictures are read: PNG, TIFF (of several pages, too), NPY, video and what else OpenCV
 reads, as they are stored (tags of orientation are ignored); errors of one line."""
 
+import logging
 import re
 import struct
 import zlib
@@ -48,6 +49,7 @@ _JPEG_START, _JPEG_END = b"\xff\xd8", b"\xff\xd9"
 _ORIENTATION = 274  # a tag of TIFF
 # what is wrong is said in one line, by whoever asks for the picture
 cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+logging.getLogger("tifffile").addHandler(logging.NullHandler())
 
 
 def read_picture(path: Path) -> Picture:
@@ -170,7 +172,7 @@ def _decoded(path: Path, data: bytes) -> Picture:
             found = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     if found is None:
         what = "a JPEG that is cut off" if data.startswith(_JPEG_START) else "not an image"
-        raise InputError(f"{path}: {what} ({len(data)} bytes)")
+        raise InputError(f"{path}: {what} ({len(data)} bytes); save it again")
     return _red_first(np.asarray(found))[None]
 
 
@@ -213,7 +215,8 @@ def _unturned(data: bytes) -> tuple[bytes, bool]:
     """A TIFF whose tags of orientation are those of a picture as stored (libtiff would turn it), and whether
     0 is said to be white."""
     copy, inverse = bytearray(data), False
-    with suppress(tifffile.TiffFileError, ValueError, struct.error), tifffile.TiffFile(BytesIO(data)) as file:
+    # of a damaged file tifffile raises whatever its numbers lead to; the reader that follows names it
+    with suppress(Exception), tifffile.TiffFile(BytesIO(data)) as file:
         for page in file.pages:
             tag = page.aspage().tags.get(_ORIENTATION)
             if tag is not None and tag.valueoffset + 2 <= len(copy):
@@ -236,9 +239,10 @@ def _by_tifffile(path: Path, data: bytes) -> list[Picture]:
     except InputError:
         raise
     except Exception as error:  # of a damaged file tifffile raises whatever its numbers lead to
-        raise InputError(f"{path}: not an image ({len(data)} bytes; {error})") from error
+        why = str(error) or type(error).__name__
+        raise InputError(f"{path}: not an image ({len(data)} bytes; {why}); save it again") from error
     if not found or found[0].ndim > 3:
-        raise InputError(f"{path}: not an image ({len(data)} bytes)")
+        raise InputError(f"{path}: not an image ({len(data)} bytes; no picture in it); save it again")
     return [page.astype(np.float32) if page.dtype == np.float16 else page for page in found]
 
 

@@ -3,6 +3,7 @@ file is not what its suffix says.
 """
 
 import io
+import logging
 import re
 import struct
 import tokenize
@@ -63,6 +64,8 @@ def read_grid(path: str | Path) -> GridMap:
     return found
 
 
+# of a damaged file tifffile also logs; its error says it in one line
+logging.getLogger("tifffile").addHandler(logging.NullHandler())
 _FAULTS = (
     *(OSError, ValueError, KeyError, IndexError, TypeError, AttributeError, EOFError, OverflowError),
     *(struct.error, zipfile.BadZipFile, ElementTree.ParseError, tifffile.TiffFileError, NotImplementedError),

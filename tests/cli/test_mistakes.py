@@ -57,6 +57,7 @@ simulate {scene} --out {capture} | no empty folder
 {solve} --mask {small} --out {out}.npz | 8x8
 decode {capture} --mask {black} --out {out}.npz | black.png | leaves no pixel
 {solve} --rest {h} --out {out}.npz | field
+{solve} --mask {cut} --out {out}.npz | cut.tif | not an image | save it again
 decode {capture} --roi 3,3,1 --out {out}.npz | --roi | four whole numbers
 calibrate {scene} mirror={c} --out {out}.toml | flat, rest, ball, plate
 calibrate {scene} flat:0={c} --out {out}.toml | greater than 0
@@ -82,12 +83,14 @@ def test_a_line_that_is_not_meant_so(row: str, refused: Refused, chain: Chain, t
         file.write('\n[devices]\ncamera = "virtual"\n')
     cv2.imwrite(str(tmp_path / "small.png"), np.full((8, 8), 255, np.uint8))
     cv2.imwrite(str(tmp_path / "black.png"), np.zeros((96, 96), np.uint8))
+    (tmp_path / "cut.tif").write_bytes(b"II*\0\xff\0\0\0")
     known = {
         "out": tmp_path / "out",
         "folder": tmp_path,
         "rig": tmp_path / "rig.toml",
         "small": tmp_path / "small.png",
         "black": tmp_path / "black.png",
+        "cut": tmp_path / "cut.tif",
         "many": "--sequence phase:steps=64,periods=9/10/11",
         "capture": chain.capture,
         "c": chain.correspondence,
