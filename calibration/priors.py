@@ -84,6 +84,7 @@ def default_priors(scene: Scene) -> dict[str, float]:
 #: Field of Accuracy -> numbers that it holds for where the scene states it; elsewhere their default is wider.
 _OF_FIELD = {
     "scale": ("camera.f",),
+    "focal": ("camera.f",),
     "centre": ("camera.cx", "camera.cy"),
     "distortion": ("camera.k1",),
     "bow": ("pattern.b20", "pattern.b11", "pattern.b02"),

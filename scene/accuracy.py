@@ -15,15 +15,17 @@ __all__ = ["TYPED", "Accuracy"]
 class Accuracy(Record, section="accuracy"):
     """Standard deviations of typed numbers; 0: known exactly.
 
-    angle: of every rotation, rad; distance: of every position, mm; scale: of focal length and pitches,
-    relative; index: of refraction; centre: of the lens's centre, share of the image's columns; distortion: k1
-    of the lens; bow: of the display, mm at its ends; sag: of the mirror at rest, mm; glass: thickness of a
-    cover glass over the display's cells, mm; centroid: of a cell's light, cells.
+    angle: of every rotation, rad; distance: of every position, mm; scale: of pitches, relative; focal: of the
+    focal length, relative, None: as scale; index: of refraction; centre: of the lens's centre, share of the
+    image's columns; distortion: k1 of the lens; bow: of the display, mm at its ends; sag: of the mirror at
+    rest, mm; glass: thickness of a cover glass over the display's cells, mm; centroid: of a cell's light,
+    cells.
     """
 
     angle: Annotated[float, non_negative, "angle_deg"] = math.radians(1.0)
     distance: Annotated[float, non_negative, "distance_mm"] = 0.5
     scale: Annotated[float, non_negative] = 0.01
+    focal: Annotated[float | None, non_negative] = None
     index: Annotated[float, non_negative] = 0.01
     centre: Annotated[float, non_negative] = 0.015
     distortion: Annotated[float, non_negative] = 0.08

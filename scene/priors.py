@@ -16,7 +16,8 @@ GAUGE_HELD = ("camera.x", "camera.y", "camera.rz")
 #: Sources of error: field of Accuracy -> the numbers that it holds for.
 _SOURCES: dict[str, tuple[tuple[str, str], ...]] = {
     "camera pose": (("distance", "camera.x camera.y camera.z"), ("angle", "camera.rx camera.ry camera.rz")),
-    "camera scale": (("scale", "camera.f camera.pitch_u camera.pitch_v"),),
+    "camera scale": (("scale", "camera.pitch_u camera.pitch_v"),),
+    "focal length": (("focal", "camera.f"),),
     "lens": (("centre", "camera.cx camera.cy"), ("distortion", "camera.k1")),
     "face and index": (("angle", "face.rx face.ry"), ("distance", "face.distance"), ("index", "face.index")),
     "pattern pose": (
@@ -72,6 +73,7 @@ def typed_sigmas(scene: Scene, accuracy: Accuracy | None = None) -> dict[str, fl
     for name, value in parameter_values(scene).items():
         if name in _TYPED and name not in held:
             field = _TYPED[name][1]
-            unit = {"scale": abs(value), "centre": float(scene.camera.cols)}.get(field, 1.0)
-            sigmas[name] = getattr(known, field) * unit
+            units = {"scale": abs(value), "focal": abs(value), "centre": float(scene.camera.cols)}
+            stated = getattr(known, field)
+            sigmas[name] = (known.scale if stated is None else stated) * units.get(field, 1.0)
     return sigmas

@@ -280,7 +280,7 @@ def test_a_ball_that_is_none() -> None:
 @pytest.mark.parametrize("preset", ["monitor-mirror", "prism48"])
 def test_a_stated_accuracy_is_a_prior_or_named(preset: str, field: str) -> None:
     scene = load(preset)
-    stated = replace(scene, accuracy=replace(TYPED, **{field: 0.5 * getattr(TYPED, field)}))
+    stated = replace(scene, accuracy=replace(TYPED, **{field: 0.5 * (getattr(TYPED, field) or TYPED.scale)}))
     before, after, named = default_priors(scene), default_priors(stated), unused_accuracy(stated)
     assert (before != after) != bool(named)
     assert all(f"{field} of [accuracy]" in line for line in named)

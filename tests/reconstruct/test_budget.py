@@ -1,6 +1,6 @@
 """The uncertainty budget against solves of rigs that are wrong in one number, and of anchors that are."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,7 @@ from optolever.reconstruct import (
     exact_correspondence,
     reconstruct,
 )
-from optolever.scene import Covariance, Scene, adjusted, dent, load, resize, trace
+from optolever.scene import Accuracy, Covariance, Scene, adjusted, dent, load, parameter_values, resize, trace
 
 SIGMAS = {"camera.ry": 1e-4, "pattern.z": 0.02}  # rad, mm
 
@@ -74,3 +74,25 @@ def test_sources_are_kept(rig: Scene, tmp_path: Path) -> None:
     rig.save(tmp_path / "rig.toml")
     assert load(tmp_path / "rig.toml") == rig
     assert budget(replace(height, flags=np.ones_like(height.flags))) == {}
+
+
+def test_a_focal_length_by_tape_is_in_total_sigma_as_focal() -> None:
+    """A focal length that is 5 % off, all other typed numbers exact; without the key, scale holds it."""
+    zeros = dict.fromkeys((each.name for each in fields(Accuracy)), 0.0)
+    typed = replace(resize(load("monitor-mirror"), 60, 80), accuracy=Accuracy(**zeros | {"focal": 0.05}))
+    true = adjusted(typed, {"camera.f": 1.05 * parameter_values(typed)["camera.f"]})
+    pressed, rest = (
+        exact_correspondence(trace(true, dent(name, true, **numbers)), 1e-3)
+        for name, numbers in (("gaussian", {"peak": 0.2, "sigma": 15.0}), ("flat", {}))
+    )
+    height = reconstruct(pressed, typed, rest=rest)
+    truth = trace(true, dent("gaussian", true, peak=0.2, sigma=15.0)).z
+    deep = height.good & (truth > 0.15)
+    error, sigma = np.abs(height.z - truth)[deep], height.total_sigma[deep]
+    assert np.median(error) > 0.005  # mm
+    assert np.median(error / sigma) == pytest.approx(1, rel=0.2)
+    assert height.sources[0] == "focal length"
+    narrow = replace(typed, accuracy=Accuracy(**zeros | {"focal": None, "scale": 0.01}))
+    less = reconstruct(pressed, narrow, rest=rest)
+    by_tape, by_scale = (next(iter(budget(each).values()))["focal length"] for each in (height, less))
+    assert by_tape == pytest.approx(5 * by_scale, rel=0.05)
