@@ -29,9 +29,9 @@ Mask = NDArray[np.bool_]
 Numbers = tuple[NDArray[Any], F32 | None, np.float32]
 #: Side of a tile, pixels, three of which are a window's; samples of one; pixels up to which all are samples.
 _TILE, _SAMPLES, _ALL = 5, 4, 1 << 16
-#: Least mean phasor, and greatest share outside, of a window; slack of an interval, periods; its widths,
-#: periods, up to which phasors and shares count.
-_LEAST, _OUTSIDE, _SLACK, _NARROW, _WIDE = 0.5, 0.1, 0.05, 0.7, 0.87
+#: Least mean phasor of a window, by one sample of a tile and by all; greatest share outside; slack of an
+#: interval, periods; its widths, periods, up to which phasors and shares count; places for a quantile.
+_SUSPECT, _LEAST, _OUTSIDE, _SLACK, _NARROW, _WIDE, _FEW = 0.75, 0.5, 0.1, 0.05, 0.7, 0.87, 10000
 #: Phasor and shift (periods) of all pixels of a wrong shift, shift if the mirror moved; share of wrong pixels
 #: that a bit explains.
 _COHERENT, _SHIFT, _MOVED, _EXPLAINED = 0.75, 0.06, 0.2, 0.8
@@ -44,12 +44,19 @@ _UNLIT = Flag.DARK | Flag.LOW_CONTRAST | Flag.SATURATED | Flag.INVALID
 
 
 class _View(NamedTuple):
-    """Sample pixels (K,) of one axis: tile; phase, periods; middle and width of the bits' interval, px."""
+    """Sample pixels (K,) of one axis: tile; phase, periods; middle and width of the bits' interval, px; what
+    the fringe is off the middle, periods, and its phasor."""
 
     tile: I64
-    phase: F64
-    middle: F64
-    width: F64
+    phase: F32
+    middle: F32
+    width: F32
+    off: F32
+    phasor: NDArray[np.complex64]
+
+    def outside(self, period: float) -> Mask:
+        """Fringes beyond the interval of their bits, (K,)."""
+        return np.asarray(np.abs(self.off) > 0.5 / period * self.width + _SLACK)
 
 
 def contradictions(
@@ -63,133 +70,144 @@ def contradictions(
     """Pixels (H, W) where bits and fringes contradict each other, and the causes; moved: a mirror that moves
     shifts bits and fringes."""
     wrong, notices = np.zeros(flags.shape, np.bool_), []
+    shape = -(-flags.shape[0] // _TILE), -(-flags.shape[1] // _TILE)
     for axis, fringes, code in zip(p.axes, tables.fringes, tables.bits, strict=True):
         if code is None or axis.looked_up or not fringes or code.cell > _WIDE * fringes[0].period:
             continue
-        shape = -(-flags.shape[0] // _TILE), -(-flags.shape[1] // _TILE)
-        row, col = _places(flags.shape)
-        lit = flags[row, col] & _UNLIT == 0
-        row, col = row[lit], col[lit]
-        few: Numbers = (np.ascontiguousarray(light[0][:, row, col][:, None]), *light[1:])
-        view, kept = _view(few, noise, fringes[0], code, row // _TILE * shape[1] + col // _TILE)
-        bad, known = _windows(view, float(fringes[0].period), shape)
-        share = float(bad.sum() / max(known.sum(), 1))
-        cause, everywhere = _cause(axis, code, view, few[0][:, 0, kept], bad, _MOVED if moved else _SHIFT)
-        if not cause:
-            continue
-        everywhere |= share > _MOST
-        bad = np.ones_like(bad) if everywhere else maximum_filter(bad, 3)
-        tiles = np.repeat(np.repeat(bad, _TILE, axis=0), _TILE, axis=1)
-        wrong |= tiles[: flags.shape[0], : flags.shape[1]]
-        cure = "not good there: check the frames and their description"
-        notices.append(Notice(cause, 1.0 if everywhere else share, 0.0, cure))
+        for count, least in ((1, _SUSPECT), (_SAMPLES, _LEAST)):
+            view, levels = _view(flags, light, noise, fringes[0], code, count)
+            bad, known = _windows(view, float(fringes[0].period), shape, least)
+            cause = _everywhere(axis, view, _MOVED if moved else _SHIFT)
+            if not (cause or bad.any()):
+                break
+        else:
+            share = float(bad.sum() / max(known.sum(), 1))
+            cause = cause or _other_cells(axis, code, view)
+            everywhere = bool(cause) or share > _MOST
+            cause = cause or _wrong_bit(axis, code, view, levels, bad)
+            bad = np.ones_like(bad) if everywhere else maximum_filter(bad, 3)
+            tiles = np.repeat(np.repeat(bad, _TILE, axis=0), _TILE, axis=1)
+            wrong |= tiles[: flags.shape[0], : flags.shape[1]]
+            cure = "not good there: check the frames and their description"
+            notices.append(Notice(cause, 1.0 if everywhere else share, 0.0, cure))
     return wrong, tuple(notices)
 
 
-def _places(shape: tuple[int, ...]) -> tuple[I64, I64]:
+def _places(shape: tuple[int, ...], count: int) -> tuple[I64, I64]:
     """Rows and columns of the samples: some of every tile, at irregular places, or all pixels."""
     if shape[0] * shape[1] <= _ALL:
         row, col = np.divmod(np.arange(shape[0] * shape[1]), shape[1])
         return row, col
     rows, cols = shape[0] // _TILE, shape[1] // _TILE
-    inside = np.random.default_rng(0).integers(0, _TILE, (2, rows, cols, _SAMPLES))
+    inside = np.random.default_rng(0).integers(0, _TILE, (2, rows, cols, count))
     first = _TILE * np.indices((rows, cols))[..., None]
     row, col = (first + inside).reshape(2, -1)
     return row, col
 
 
 def _view(
-    few: Numbers, noise: tuple[np.float32, np.float32], fringe: FringeTable, code: BitTable, tile: I64
-) -> tuple[_View, Mask]:
-    """Samples that are no doubt by themselves, and which these are."""
-    shape = 1, len(tile)
-    offset, amplitude, phase, own, place, error, chi2 = np.zeros((7, *shape), np.float32)
-    flags = np.zeros(shape, np.int32)
-    fringe_rows(few, noise, fringe, 0, Fit(offset, amplitude, phase, own), chi2, flags)
+    flags: NDArray[np.uint16],
+    light: Numbers,
+    noise: tuple[np.float32, np.float32],
+    fringe: FringeTable,
+    code: BitTable,
+    count: int,
+) -> tuple[_View, NDArray[Any]]:
+    """Samples that are no doubt by themselves, so many of a tile, and their levels (N, K) of the axis."""
+    (row, col), width = _places(flags.shape, count), flags.shape[1]
+    tile, place = row // _TILE * -(-width // _TILE) + col // _TILE, row * width + col
+    lit = flags.ravel()[place] & _UNLIT == 0
+    tile, place = tile[lit], place[lit]
+    raw, used = light[0].reshape(len(light[0]), -1), {*fringe.frames, *code.plain, *code.inverse, *code.ends}
+    few = np.zeros((len(raw), 1, len(place)), raw.dtype)
+    for i in used - {-1}:
+        np.take(raw[i], place, out=few[i, 0])
+    own, shape = (few, *light[1:]), (1, len(place))
+    offset, amplitude, phase, variance, middle, error, chi2 = np.zeros((7, *shape), np.float32)
+    doubt = np.zeros(shape, np.int32)
+    fringe_rows(own, noise, fringe, 0, Fit(offset, amplitude, phase, variance), chi2, doubt)
     known = offset - amplitude, offset + amplitude
-    ends = known if code.fringe else ends_of(few[0], few[1], code, 0, 1)
-    reach = read_rows(few[0], few[1], noise, code, 0, ends, place, error, flags)
-    kept = (flags[0] == 0) & (2 * reach[0] < _WIDE * fringe.period)
-    one, two, three = (each[0, kept].astype(np.float64) for each in (phase, place, 2 * reach))
-    return _View(tile[kept], one, two, three), kept
+    ends = known if code.fringe else ends_of(few, light[1], code, 0, 1)
+    reach = read_rows(few, light[1], noise, code, 0, ends, middle, error, doubt)
+    kept = (doubt[0] == 0) & (2 * reach[0] < _WIDE * fringe.period)
+    maps = phase[0, kept], middle[0, kept], 2 * reach[0, kept]
+    return _View(tile[kept], *maps, *_phasors(*maps, float(fringe.period))), few[:, 0, kept]
 
 
-def _phasors(view: _View, period: float, middle: F64 | None = None, width: F64 | None = None) -> NDArray[Any]:
-    """exp 2 pi i (fringe - middle) over sinc of the width, (K,)."""
-    middle, width = view.middle if middle is None else middle, view.width if width is None else width
-    mean = np.sinc(np.minimum(width / period, _NARROW))
-    return np.asarray(np.exp(2j * np.pi * (view.phase - middle / period)) / mean)
+def _phasors(phase: F32, middle: F32, width: F32, period: float) -> tuple[F32, NDArray[np.complex64]]:
+    """Fringe less middle, periods, and exp 2 pi i of it over sinc of the width, (K,)."""
+    off = phase - middle / np.float32(period)
+    off -= np.rint(off)
+    turn, share = np.float32(2 * np.pi) * off, np.sinc(np.minimum(width / np.float32(period), _NARROW))
+    z = np.empty(off.shape, np.complex64)
+    z.real, z.imag = np.cos(turn) / share, np.sin(turn) / share
+    return off, z
 
 
-def _outside(view: _View, period: float) -> Mask:
-    """Fringes beyond the interval of their bits, (K,)."""
-    away = np.abs(np.angle(_phasors(view, period))) / (2 * np.pi) * period
-    return np.asarray(away > 0.5 * view.width + _SLACK * period)
-
-
-def _windows(view: _View, period: float, shape: tuple[int, ...]) -> tuple[Mask, Mask]:
+def _windows(view: _View, period: float, shape: tuple[int, ...], least: float) -> tuple[Mask, Mask]:
     """Tiles amid a window that contradicts itself; those amid enough pixels."""
-    z, count = _phasors(view, period), int(np.prod(shape))
-    outside = _outside(view, period)
-    narrow = view.width <= _NARROW * period
+    outside, narrow, count = view.outside(period), view.width <= _NARROW * period, int(np.prod(shape))
 
-    def sums(weights: NDArray[Any]) -> F64:
-        whole = np.bincount(view.tile, weights, count).reshape(shape)
+    def sums(weights: NDArray[Any] | None) -> F64:
+        whole = np.bincount(view.tile, weights, count).reshape(shape).astype(np.float64)
         return np.asarray(9 * uniform_filter(whole, 3, mode="constant"))
 
-    number, narrower = sums(np.ones(len(z))), sums(narrow * 1.0)
+    number = sums(None)
+    narrower = number if narrow.all() else sums(narrow)
     known = number >= max(0.25 * float(number.max(initial=0.0)), 8)
-    low = (sums(np.where(narrow, z.real, 0.0)) < _LEAST * narrower) | (narrower < 0.25 * number)
-    return known & low & (sums(outside * 1.0) > _OUTSIDE * number), known
+    if not outside.any():
+        return np.zeros(shape, np.bool_), known
+    low = (sums(np.where(narrow, view.phasor.real, 0.0)) < least * narrower) | (narrower < 0.25 * number)
+    return known & low & (sums(outside) > _OUTSIDE * number), known
 
 
-def _cause(
-    axis: AxisPlan, code: BitTable, view: _View, levels: NDArray[Any], bad: Mask, shift: float
-) -> tuple[str, bool]:
-    """Name of the cause, and whether it is one of the whole picture; "": nothing is wrong."""
+def _everywhere(axis: AxisPlan, view: _View, shift: float) -> str:
+    """The cause that all pixels have in common; "": none."""
     period, name = axis.fringes[0].period, axis.axis
     narrow = view.width <= _NARROW * period
-    z = _phasors(view, period)[narrow]
-    mean = z.mean() if len(z) else 0j
+    mean = complex(view.phasor[narrow].mean()) if narrow.any() else 0j
     turn = float(np.angle(mean)) / (2 * np.pi)
-    low, high = np.quantile(view.middle, (0.1, 0.9)) if len(z) else (0.0, 0.0)
-    if abs(mean) > _COHERENT and (low < -period or high > axis.extent + period):
-        return off_the_end(name, axis.extent, view.middle), True
+    if abs(mean) <= _COHERENT:
+        return ""
+    low, high = np.quantile(view.middle[:: 1 + len(view.middle) // _FEW], (0.1, 0.9))
+    if low < -period or high > axis.extent + period:
+        return off_the_end(name, axis.extent, view.middle)
     # pixels that see few places of a cell have another mean than its middle, and lie inside
-    outside = float(_outside(view, period)[narrow].mean()) if len(z) else 0.0
-    if abs(mean) > _COHERENT and abs(turn) > shift and outside > 0.5 * _OUTSIDE:
-        return f"fringes of {name} are {turn:+.2f} periods ({turn * period:+.3g} px) off its bits", True
-    if not bad.any():
-        return "", False
-    first = code.origin - 0.5
+    if abs(turn) > shift and view.outside(period)[narrow].mean() > 0.5 * _OUTSIDE:
+        return f"fringes of {name} are {turn:+.2f} periods ({turn * period:+.3g} px) off its bits"
+    return ""
+
+
+def _other_cells(axis: AxisPlan, code: BitTable, view: _View) -> str:
+    """The size of cells by which bits and fringes agree; "": none of them."""
+    period, first = axis.fringes[0].period, np.float32(code.origin - 0.5)
     for by in _SIZES:
-        middle, width = first + by * (view.middle - first), by * view.width
+        middle, width = first + np.float32(by) * (view.middle - first), np.float32(by) * view.width
         if (
             np.median(width) <= _NARROW * period
-            and _phasors(view, period, middle, width).real.mean() > _COHERENT
+            and _phasors(view.phase, middle, width, period)[1].real.mean() > _COHERENT
         ):
-            return f"cells of {name} are {by * code.cell:.3g} px, not {code.cell:.3g} px", True
-    inside = bad.ravel()[view.tile] & (view.width < 1.01 * code.cell) & (_phasors(view, period).real < 0)
-    some = _View(view.tile[inside], view.phase[inside], view.middle[inside], view.width[inside])
-    return _wrong_bit(axis, code, some, levels, bad.shape), False
+            return f"cells of {axis.axis} are {by * code.cell:.3g} px, not {code.cell:.3g} px"
+    return ""
 
 
-def _wrong_bit(
-    axis: AxisPlan, code: BitTable, view: _View, levels: NDArray[Any], shape: tuple[int, ...]
-) -> str:
+def _wrong_bit(axis: AxisPlan, code: BitTable, view: _View, levels: NDArray[Any], bad: Mask) -> str:
     """The bit whose other value brings contradicting pixels together: one whose frame is black or white in
     all levels (N, K), or that makes the smoothest map of tiles."""
     period, name = axis.fringes[0].period, axis.axis
     text = f"bits and fringes of {name} contradict each other"
-    cell = np.rint((view.middle - code.origin - 0.5 * (code.cell - 1)) / code.cell).astype(np.int64)
+    inside = bad.ravel()[view.tile] & (view.width < 1.01 * code.cell) & (view.phasor.real < 0)
+    tile, phase, middle, width = (one[inside] for one in view[:4])
+    cell = np.rint((middle - code.origin - 0.5 * (code.cell - 1)) / code.cell).astype(np.int64)
     word = np.argsort(code.cells)[np.clip(cell, 0, len(code.cells) - 1)]
-    low, high = levels.min(axis=0), levels.max(axis=0)
-    best, words, number = np.inf, "", np.bincount(view.tile, minlength=int(np.prod(shape))).reshape(shape)
+    used = [i for i in (*code.plain, *code.inverse, *code.ends) if i >= 0]
+    low, high = levels[used].min(axis=0), levels[used].max(axis=0)
+    best, words, number = np.inf, "", np.bincount(tile, minlength=bad.size).reshape(bad.shape)
     for b, (plain, inverse) in enumerate(zip(code.plain.tolist(), code.inverse.tolist(), strict=True)):
-        middle = code.cells[word ^ (1 << b)] * float(code.cell) + 0.5 * (code.cell - 1) + code.origin
-        if not len(cell) or np.mean(_phasors(view, period, middle).real > 0) < _EXPLAINED:
+        middle = code.cells[word ^ (1 << b)] * code.cell + np.float32(0.5) * (code.cell - 1) + code.origin
+        if not len(cell) or np.mean(_phasors(phase, middle, width, period)[1].real > 0) < _EXPLAINED:
             continue
-        mean = np.bincount(view.tile, middle, number.size).reshape(shape) / np.maximum(number, 1)
+        mean = np.bincount(tile, middle, number.size).reshape(bad.shape) / np.maximum(number, 1)
         steps = np.abs(np.diff(mean, axis=1))[(number[:, 1:] > 0) & (number[:, :-1] > 0)]
         rough = float(steps.mean()) if len(steps) else 0.0
         i, bright = max(plain, inverse), float(np.mean(levels[max(plain, inverse)] > 0.5 * (low + high)))

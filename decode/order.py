@@ -30,7 +30,8 @@ Mask = NDArray[np.bool_]
 Order = NDArray[np.int64]
 #: Blocks of the search, side of one, pixels.
 _BLOCKS, _SIDE = 36, 10
-_COMPARED = 1200  # pixels by which two frames count as the same
+#: Places at which blocks may lie; pixels by which two frames count as the same.
+_SEEN, _COMPARED = 6000, 1200
 #: Sum of 1 - test that starts the search, and least gain (right captures: 0.35 where bits are resolved).
 _POOR = 0.6
 _EXCHANGED = "u and v are exchanged"
@@ -79,10 +80,12 @@ def find_order(frames: NDArray[Any], sequence: Sequence, mask: Mask | None = Non
         return None
     same = _Trial("", np.arange(len(blocks)), sequence)
     base = _missing(blocks, same)
-    faults, ends = list(_faults(sequence)), tuple(sorted((known.white, known.black)))
     dead = _dead(blocks, sequence)
-    alone = {trial.free: trial for trial in faults if trial.in_place}
     strange = [k for k in np.flatnonzero(dead).tolist() if _strange(blocks, known, k)]
+    if len(strange) != 1 and base.sum() <= _POOR / 3:
+        return None
+    faults, ends = list(_faults(sequence)), tuple(sorted((known.white, known.black)))
+    alone = {trial.free: trial for trial in faults if trial.in_place}
     lost = _repair(alone[strange[0]]) if len(strange) == 1 else None
     if base.sum() < _POOR:
         if lost is not None:
@@ -183,7 +186,7 @@ def _cost(blocks: F32, trial: _Trial, base: NDArray[np.float64]) -> float:
 def _blocks(frames: NDArray[Any], mask: Mask | None) -> F32 | None:
     """Lit blocks (N, B, side, side); for every frame some in which it has an edge, the rarest edges first."""
     half, step, rng = _SIDE // 2, _SIDE // 2 - 1, np.random.default_rng(0)
-    stride = max(4, int((frames[0].size / 20000) ** 0.5))
+    stride = max(4, int((frames[0].size / _SEEN) ** 0.5))
     low = frames[:, half : frames.shape[1] - half : stride, half : frames.shape[2] - half : stride].astype(
         np.float32
     )

@@ -37,15 +37,15 @@ def estimate(view: View) -> Effect | None:
     edges = [_edges(view, axis, place) for axis, place in zip(view.plan.axes, smooth, strict=False)]
     best, least = None, _CHANCE / len(_SIDES)
     for side in _SIDES:
-        parts = [part for bits in edges for part in _parts(bits, view.sample.places, side)]
-        if not parts:
+        parts = [_parts(bits, view.sample.places, side) for bits in edges if bits]
+        rates, explained, rest, freedom = np.concatenate(parts, axis=1) if parts else np.zeros((4, 0))
+        if not len(rates):
             continue
-        rates, explained, rest, freedom = np.array(parts).T
         ratio = float(explained.mean() / max(rest.sum() / freedom.sum(), 1e-12))
-        chance = float(fdtrc(len(parts), freedom.sum(), ratio))
+        chance = float(fdtrc(len(rates), freedom.sum(), ratio))
         if chance < least:
             rate, least = float(np.sqrt((rates**4).sum() / (rates**2).sum())), chance
-            best = Effect("motion", rate, rate / float(np.sqrt(2 * len(parts))), "px per frame")
+            best = Effect("motion", rate, rate / float(np.sqrt(2 * len(rates))), "px per frame")
     return best
 
 
@@ -59,33 +59,29 @@ def _smooth(view: View, place: F64) -> F64:
     return found
 
 
-def _parts(bits: list[Any], places: NDArray[np.int64], side: int) -> list[tuple[float, float, float, int]]:
-    """Of each part of the image: rate by a line through the bits' means over time; sums of squares that it
+def _parts(bits: list[Any], places: NDArray[np.int64], side: int) -> F64:
+    """(4, parts of the image): rate by a line through the bits' means over time; sums of squares that it
     explains and leaves, degrees of freedom. A part has edges of one width, in px per level."""
-    if not bits:
-        return []
-    found = []
-    part = places * side // (places.max(axis=0) + 1) @ (side, 1)
+    part, size = places * side // (places.max(axis=0) + 1) @ (side, 1), (len(bits), side**2)
+    cell = np.concatenate([number * side**2 + part[at] for number, (_, at, _, _) in enumerate(bits)])
+    away, level = (np.concatenate([one[k] for one in bits]) for k in (2, 3))
 
-    def sums(of: list[F64]) -> F64:
+    def sums(of: F64 | None) -> F64:
         """(bits, parts)"""
-        pairs = zip(bits, of, strict=True)
-        return np.array([np.bincount(part[at], one, minlength=side**2) for (_, at, _, _), one in pairs])
+        return np.bincount(cell, of, minlength=size[0] * size[1]).reshape(size).astype(np.float64)
 
-    count, level = sums([np.ones(len(at)) for _, at, _, _ in bits]), [one for *_, one in bits]
-    width = sums([level * away for _, _, away, level in bits]).sum(axis=0)
-    width /= np.maximum(sums([one * one for one in level]).sum(axis=0), 1e-6)
-    total = sums([away for _, _, away, _ in bits]) - width * sums(level)
-    times = np.array([time for time, *_ in bits])
-    for n, away in zip(count.T, total.T, strict=True):
-        several = n >= _FEWEST
-        if np.count_nonzero(several) > 2:
-            weight, mean, time = n[several], away[several] / n[several], times[several]
-            time, mean = time - np.average(time, weights=weight), mean - np.average(mean, weights=weight)
-            rate = float(weight * time @ mean / (weight * time @ time))
-            left = float(weight @ (mean - rate * time) ** 2)
-            found.append((rate, float(weight @ mean**2) - left, left, len(time) - 2))
-    return found
+    count = sums(None)
+    width = sums(level * away).sum(axis=0) / np.maximum(sums(level * level).sum(axis=0), 1e-6)
+    several = (count >= _FEWEST) & (np.count_nonzero(count >= _FEWEST, axis=0) > 2)
+    kept = several.any(axis=0)
+    weight = np.where(several, count, 0.0)[:, kept]
+    mean = ((sums(away) - width * sums(level)) / np.maximum(count, 1))[:, kept]
+    total, time = weight.sum(axis=0), np.array([time for time, *_ in bits])[:, None]
+    time, mean = time - (weight * time).sum(axis=0) / total, mean - (weight * mean).sum(axis=0) / total
+    rate = (weight * time * mean).sum(axis=0) / (weight * time * time).sum(axis=0)
+    left = (weight * (mean - rate * time) ** 2).sum(axis=0)
+    explained, freedom = (weight * mean**2).sum(axis=0) - left, several.sum(axis=0)[kept] - 2.0
+    return np.stack([rate, explained, left, freedom])
 
 
 def variance(view: View, found: Effect) -> F64:
@@ -112,7 +108,7 @@ def _edges(view: View, axis: AxisPlan, place: F64) -> list[tuple[float, NDArray[
         keep = np.isfinite(place) & (np.abs(level) < _EDGE)
         if not len(at) or np.count_nonzero(keep) < _FEWEST:
             continue
-        nearest = np.abs(place[keep, None] - edge).argmin(axis=1)
+        nearest = np.searchsorted(0.5 * (edge[1:] + edge[:-1]), place[keep])
         rising = np.where(bright[at[nearest]] > 0, 1.0, -1.0)
         away, level = place[keep] - edge[nearest], level[keep] * rising
         proportional = np.median(away * level) / max(np.median(level * level), 1e-6) * level
