@@ -197,7 +197,8 @@ def _wrong_bit(axis: AxisPlan, code: BitTable, view: _View, levels: NDArray[Any]
     period, name = axis.fringes[0].period, axis.axis
     text = f"bits and fringes of {name} contradict each other"
     inside = bad.ravel()[view.tile] & (view.width < 1.01 * code.cell) & (view.phasor.real < 0)
-    tile, phase, middle, width = (one[inside] for one in view[:4])
+    tile = view.tile[inside]
+    phase, middle, width = (one[inside] for one in (view.phase, view.middle, view.width))
     cell = np.rint((middle - code.origin - 0.5 * (code.cell - 1)) / code.cell).astype(np.int64)
     word = np.argsort(code.cells)[np.clip(cell, 0, len(code.cells) - 1)]
     used = [i for i in (*code.plain, *code.inverse, *code.ends) if i >= 0]
