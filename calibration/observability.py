@@ -31,12 +31,12 @@ _TILT = math.radians(2.0)  # between mirrors: below, they are nearly one pose
 MOST_CHI = 1.2  # of a capture: above, the model does not hold (docs/howto/calibrate.md)
 _CONTACT = 300  # pixels
 _MISFIT = (
-    "the capture is mislabelled, the mirror moved, the mask is too large, or a held number must be free "
-    "(calibrate --prior)"
+    "sigma grows by as much; most likely the target is another one than you named, or it moved: calibrate "
+    "--without NAME leaves it out"
 )
 _STATIC = (
-    "a static error (glass, schlieren, bow of the display); it cancels in the captures that are compared "
-    "with this one, and in dents against rest"
+    "most likely a cover glass, uneven air or a bent display; heights against a rest capture are free of it: "
+    "reconstruct --rest"
 )
 _RARE = 1e-4  # false-alarm probability of the test of the priors
 _PART = 0.3  # share of a direction's length above which a parameter is named
@@ -86,12 +86,12 @@ def beyond_priors(found: Adjustment, limit: float = BEYOND) -> list[Notice]:
     means = np.array([problem.means.get(name, 0.0) for name in problem.names])
     away = np.abs(found.values - means) / problem.scale
     lens = [f"camera.{key}" for key in ("k1", "cx", "cy") if f"camera.{key}" in problem.held]
-    free = f"the lens may be distorted (calibrate --prior {lens[0]}=...), " if lens else ""
-    cure = f"{free}a capture is mislabelled, or the typed value is wrong (calibrate --prior NUMBER=SIGMA)"
+    free = f"most likely the lens is distorted: calibrate --prior {lens[0]}=0.2; else " if lens else ""
+    cure = f"{free}the typed value is wrong, or a capture mislabelled: calibrate --prior NUMBER=SIGMA"
     return [
         Notice(
-            f"{problem.names[k]} ended at {found.values[k]:.4g}, typed {means[k]:.4g} +- "
-            f"{problem.scale[k]:.3g}: distance in prior sigma",
+            f"{problem.names[k]} is {found.values[k]:.4g} by the captures, typed {means[k]:.4g} +- "
+            f"{problem.scale[k]:.3g}; distance in prior sigma",
             float(away[k]),
             limit,
             cure,
@@ -111,7 +111,7 @@ def notices(
     compared = any(sample.reference for sample in found.problem.samples)
     warned += [
         Notice(
-            f"residuals of {name} over their noise",
+            f"The rig does not fit {name}; residuals over noise",
             chi,
             MOST_CHI,
             _STATIC if compared and name == found.problem.frame else _MISFIT,
@@ -122,7 +122,7 @@ def notices(
     counts = {o.name: int(np.count_nonzero(o.usable)) for o in observations if isinstance(o.target, Ball)}
     warned += [
         Notice(
-            f"{name} has {count} contact pixels, fewer than {_CONTACT}",
+            f"{name}: the contact has {count} pixels, fewer than {_CONTACT}",
             count,
             math.nan,
             "take a larger ball, or press deeper",
@@ -131,13 +131,11 @@ def notices(
         if count < _CONTACT
     ]
     flats = sorted({each.target.flatness for each in observations if isinstance(each.target, Flat)})
-    through = (
-        [f"the flatness of the reference ({', '.join(f'{1e3 * f:g}' for f in flats)} um)"] if flats else []
-    )
-    through += ["the radius of the ball"] if counts else []
+    um = ", ".join(f"{1e3 * f:g}" for f in flats)
+    through = [f"an error of the reference's flatness adds to the heights ({um} um)"] if flats else []
+    through += ["an error of the ball's radius scales all heights"] if counts else []
     if through:
-        verb = "pass" if len(through) > 1 else "passes"
-        name = f"{' and '.join(through)} {verb} into the heights one to one"
+        name = f"No capture reveals it: {', and '.join(through)}"
         warned.append(Notice(name, math.nan, math.nan, ""))
     return (*warned, Notice(GAUGE, math.nan, math.nan, ""))
 
@@ -159,8 +157,8 @@ def _weak(
         height, depth = effects.sigmas(np.outer(each.error, each.error))
         if max(height / whole[0], depth / whole[1]) > math.sqrt(_SHARE):
             name = (
-                f"the captures do not determine {each.names}, only the priors do: sigma of a height "
-                f"{1e3 * height:.2g} um, of a depth {100 * depth / effects.peak:.2g} % by that"
+                f"The captures do not determine {each.names}, only your typed values do; by that, sigma of a "
+                f"height is {1e3 * height:.2g} um, of a depth {100 * depth / effects.peak:.2g} %"
             )
             notices.append(Notice(name, each.singular, math.nan, cure))
     return notices
@@ -170,7 +168,7 @@ def lacking(observations: Sequence[Observation]) -> Notice | None:
     """Notice of missing captures, None if there are enough."""
     kinds = [type(each.target) for each in observations]
     posed = sum(kind in (Flat, Plate) for kind in kinds)
-    name = f"K = {posed} poses without a ball do not determine the rig"
+    name = f"{posed} poses without a ball do not determine the rig"
     cure = f"{3 - posed} more, tilted by 3 to 8 degrees"
     if not {Flat, Rest} & {*kinds}:
         name, cure = "no capture of a flat or of the mirror at rest", "take one: it defines z = 0"
@@ -194,8 +192,10 @@ def _poses(found: Adjustment, observations: Sequence[Observation]) -> list[Notic
         return warned
     apart = float(np.linalg.norm(tilts[:, None] - tilts[None], axis=-1).max())
     if apart < _TILT:
-        name = "parallel poses" if apart < 0.1 * _TILT else "tilts below 2 degrees"
-        cure = f"mirrors differ by {math.degrees(apart):.2g} degrees: tilt them by 3 to 8"
+        name = (
+            f"The poses are parallel within {math.degrees(apart):.2g} degrees: they hardly determine the rig"
+        )
+        cure = "tilt them by 3 to 8 degrees, about different axes"
         warned.append(Notice(name, math.nan, math.nan, cure))
     return warned
 

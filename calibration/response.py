@@ -74,8 +74,8 @@ def with_better_fit(found: Correspondence, plain: Correspondence) -> Corresponde
         "The frames fit better without the stated response; sigma with it over sigma without",
         worst,
         _WIDER,
-        "measure the response at this exposure (optolever response), or leave decode --response out; sigma "
-        "is that without it, and the difference that it makes",
+        "sigma is that without it, plus the difference; most likely the exposure has changed since: measure "
+        "it again (optolever response), or leave out decode --response",
     )
     return replace(found, **sigma, notices=(*found.notices, notice))
 

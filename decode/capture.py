@@ -233,7 +233,9 @@ def _notices(profile: Estimates, axes: tuple[AxisPlan, ...], view: View) -> tupl
     for effect in profile.effects:
         if effect.name == "motion":
             name = f"the mirror moved while the frames were taken, by {effect.value:.2g} pattern px per frame"
-            found.append(Notice(name, nan, nan, "hold it still, or show fewer frames; sigma includes it"))
+            found.append(
+                Notice(name, nan, nan, "sigma includes it; hold the mirror still, or show fewer frames")
+            )
     worst, cause = 1.0, ""
     for axis, own in zip(axes, profile.axes, strict=True):
         if not axis.fringes or not own.misfits:
@@ -419,7 +421,7 @@ def holds(light: Light, ready: Prepared, mask: Mask) -> tuple[Notice, ...]:
     """Why a profile no longer holds for these frames, by sample pixels; empty: it does."""
     known, now = ready.profile.sampled, _statistics(light, ready, lit_sample(light, mask))
     changes = (
-        ("good pixels of the sample, share", known.good, now.good, now.good < _FEWER * known.good),
+        ("share of good pixels", known.good, now.good, now.good < _FEWER * known.good),
         ("noise of the residuals", known.chi2, now.chi2, now.chi2 > _CHANGED * max(known.chi2, 0.5)),
         (
             "contrast, levels",
@@ -429,7 +431,12 @@ def holds(light: Light, ready: Prepared, mask: Mask) -> tuple[Notice, ...]:
         ),
     )
     return tuple(
-        Notice(f"the rig's profile no longer holds: {name}", new, old, "estimated anew from this capture")
+        Notice(
+            f"the rig's profile no longer fits, {name} was {old:.2g}, is {new:.2g}",
+            float("nan"),
+            float("nan"),
+            "this capture is decoded by its own; store that: optolever decode --save-profile",
+        )
         for name, old, new, changed in changes
         if changed
     )

@@ -71,15 +71,21 @@ def _cause(
             places = np.asarray(getattr(found, axis.axis)[lit], np.float64)
             beyond = (places < -0.5) | (places > axis.extent - 0.5)
             if beyond.mean() > 0.5 * _OFF:
-                return off_the_end(axis.axis, axis.extent, places), "correct the description"
+                return off_the_end(axis.axis, axis.extent, places), "correct capture.toml"
     if share(Flag.DARK | Flag.LOW_CONTRAST) > 0.5:
-        cure = "expose longer, or show more steps (phase:steps=16)"
+        cure = "expose longer, or show more steps (gray+phase:steps=16)"
         return f"the pattern is too weak for its sequence, {np.ptp(some, axis=0).mean():.2g} levels", cure
     causes = {
-        Flag.ORDER_DOUBTFUL: ("fringe orders are in doubt", "more contrast, longer periods, or finer bits"),
-        Flag.OUTLIER: ("neighbours contradict each other", "a longer finest period, a smoother mirror"),
-        Flag.WRONG_FRAME: ("frames contradict each other", "capture again, or correct the description"),
-        Flag.OFF_PATTERN: ("they lie off the pattern", "correct the size of the surface"),
+        Flag.ORDER_DOUBTFUL: (
+            "fringe orders are ambiguous",
+            "most likely too little contrast: expose longer",
+        ),
+        Flag.OUTLIER: (
+            "neighbouring pixels contradict each other",
+            "most likely dust or a rough mirror: clean it, or show longer periods",
+        ),
+        Flag.WRONG_FRAME: ("frames contradict each other", "capture again, or correct capture.toml"),
+        Flag.OFF_PATTERN: ("the others lie beyond the pattern", "correct --pixels or capture.toml"),
         Flag.SATURATED: ("samples clip", "expose less"),
     }
     return causes[max(causes, key=share)]

@@ -88,7 +88,7 @@ def contradictions(
             bad = np.ones_like(bad) if everywhere else maximum_filter(bad, 3)
             tiles = np.repeat(np.repeat(bad, _TILE, axis=0), _TILE, axis=1)
             wrong |= tiles[: flags.shape[0], : flags.shape[1]]
-            cure = "not good there: check the frames and their description"
+            cure = "no coordinates there; check the frames and capture.toml"
             notices.append(Notice(cause, 1.0 if everywhere else share, 0.0, cure))
     return wrong, tuple(notices)
 

@@ -28,7 +28,7 @@ _OTHER = Notice(
     "the rig's profile is of another sequence, size or kind of frames",
     float("nan"),
     float("nan"),
-    "estimated anew from this capture; estimate one from such frames",
+    "this capture is decoded by its own; store that: optolever decode --save-profile",
 )
 
 

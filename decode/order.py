@@ -122,7 +122,7 @@ def find_order(frames: NDArray[Any], sequence: Sequence, mask: Mask | None = Non
         if not _elsewhere(blocks, found, equal):
             return _repair(found)
         # u before v and v before u look the same: the usual one
-        cure = "decoded so; the other axis first would fit as well: check it, or describe the frames"
+        cure = "decoded so; the other axis first fits as well: check u and v, or correct capture.toml"
         return _repair(found)._replace(cure=cure)
     most = costs.min() + min(_EQUAL * base.sum(), _LITTLE)
     near = [trials[int(i)] for i in first[costs <= most]]
@@ -131,8 +131,10 @@ def find_order(frames: NDArray[Any], sequence: Sequence, mask: Mask | None = Non
         return _repair(found)
     names = ", or ".join(one.name for one in (found, *others[:_OTHERS]))
     if len(others) > _OTHERS:
-        return Repair(names, "others explain the frames as well; capture again", found.order, sequence, False)
-    cure = "both explain the frames: not good where they differ; capture again"
+        return Repair(
+            names, "other orders explain the frames as well; capture again", found.order, sequence, False
+        )
+    cure = "both explain the frames: no coordinates where they differ; capture again"
     return _repair(found)._replace(name=names, cure=cure, others=tuple(map(_repair, others)))
 
 
@@ -440,7 +442,7 @@ def _descriptions(sequence: Sequence) -> Iterator[_Trial]:
 
 def _repair(found: _Trial) -> Repair:
     """Leave out an image that no frame shows, with its fringe, or with the finer bits if need be."""
-    sequence, cure = found.sequence, "decoded in the right order; capture again, or correct the description"
+    sequence, cure = found.sequence, "decoded in the right order; correct capture.toml, or capture again"
     if found.free < 0:
         return Repair(found.name, cure, found.order, sequence)
     axes, lost, every = plan(sequence).axes, sequence.frames[found.free], range(len(sequence))
@@ -458,9 +460,7 @@ def _repair(found: _Trial) -> Repair:
         keep = [i for i in every if coarser[i] is not None]
         cure = f"decoded without it, {lost.axis} by coarser bits alone; capture again"
         return Repair(found.name, cure, found.order[keep], replace(sequence, frames=left))
-    return Repair(
-        found.name, "the code cannot do without it; capture again", found.order, sequence, solved=False
-    )
+    return Repair(found.name, "this code needs it; capture again", found.order, sequence, solved=False)
 
 
 def _coarser(frame: Frame, lost: Frame) -> Frame | None:

@@ -77,8 +77,10 @@ class Measurement:
         if self.correspondence is None or self.scene is None or less == (self.rest is not None):
             return []
         parts = "heights", "slopes and contacts"
-        name = "The {} are less a rest capture, the {} are not".format(*(parts if less else parts[::-1]))
-        cure = "give that capture by report --rest" if less else "reconstruct with --rest"
+        name = "The {} are relative to a rest capture, the {} are not".format(
+            *(parts if less else parts[::-1])
+        )
+        cure = "give the same to both: report --rest" if less else "give the same to both: reconstruct --rest"
         return [Notice(name, np.nan, np.nan, cure)]
 
     def _other_rig(self) -> list[Notice]:

@@ -39,33 +39,41 @@ def judge(figures: Figures, faded: int = 0, steep: bool = False, dust: float = 0
     in holes to which none rises."""
     curl, light = max(figures.curl), figures.light
     stopped = [
-        (1 - figures.lost, 1 - _LOST[1], "too few cells see a fringe: cover, fold, or light lost"),
+        (1 - figures.lost, 1 - _LOST[1], "too few cells see a fringe: something covers it, or it is dark"),
         (figures.anchored, _ANCHORED, "the edge of the mirror, which is taken as at rest, is not visible"),
         (-curl, -_CURL[1], "the slopes contradict each other, as in a torn frame"),
         (-figures.left, -_LEFT[1], "the fit does not converge"),
     ]
     reasons = [text for value, least, text in stopped if not value >= least]
     if steep:
-        reasons.append("a dent is too steep: its middle has no height, and its flank none that is sure")
+        reasons.append("a dent is too steep: no fringe is visible in its middle")
     broken, roll = bool(reasons), abs(figures.roll)
     if not broken and figures.moved > max(_MOVED, CREPT * figures.shift_sigma):
         reasons.append("the picture has moved as a whole (camera, display or mirror): tare")
     if not broken and roll > max(_ROLLED, CREPT * figures.roll_sigma):
         reasons.append(f"the camera has rolled by {math.degrees(roll):.2g} degrees: tare")
-    held, others = "sigma includes it", "heights of the other cells stand"
-    anew, mean = "prepare the rig anew in this light", "the height is the mean over the exposure; shorten it"
+    held, others = "sigma includes it", "the other heights are not affected"
+    anew, mean = (
+        "measure the mirror at rest anew in this light",
+        "heights are means over the exposure; shorten it",
+    )
     blur = "The mirror moved during the exposure; loss of contrast"
     if faded > _MOVING:
-        blur, mean = "Less contrast in every frame: focus; loss", "focus, prepare anew"
+        blur, mean = (
+            "Every frame is out of focus; loss of contrast",
+            "focus, and measure the mirror at rest anew",
+        )
     sinking, tilt = 1e3 * abs(figures.sinking), 1e6 * abs(figures.tilt)
     tare = "tare while nothing touches, and let the rig warm up"
-    crept = f"as {sinking:.2g} um of sinking or {tilt:.2g} urad of tilt; heights are of a camera that moved, "
+    crept = (
+        f"as of a mirror that sank by {sinking:.2g} um or tilted by {tilt:.2g} urad; heights count it as the "
+    )
     bounds = [
         (
             figures.moved,
             CREPT * figures.shift_sigma,
             "The picture has moved as a whole since rest, pixels",
-            f"{crept}total_sigma holds a mirror that sank; {tare}",
+            f"{crept}camera's motion, total_sigma as the mirror's; {tare}",
         ),
         (
             math.degrees(roll),
@@ -76,12 +84,12 @@ def judge(figures: Figures, faded: int = 0, steep: bool = False, dust: float = 0
         (
             figures.misfit,
             UNEXPLAINED,
-            "The mirror outside the contacts moves as under no load; residual over noise",
-            "sigma includes it; no half-space: give [layer] thickness_mm, or the rig moved: tare",
+            "Outside the contacts the mirror does not sink as under a load; residual over noise",
+            "sigma includes it; give [layer] thickness_mm if the silicone is thin; if the rig moved: tare",
         ),
         (figures.saturated, _SATURATED, "Saturated pixels, share", "shorten the exposure"),
-        (figures.lost - dust, _LOST[0], "Cells without a height (cover, fold or steep edge), share", others),
-        (dust, _DUST, "Specks without a fringe on the mirror at rest (dust), share of the cells", "clean it"),
+        (figures.lost - dust, _LOST[0], "Cells without a height (covered or too steep), share", others),
+        (dust, _DUST, "Dust: cells at rest without a fringe, share", "clean it"),
         (figures.left, _LEFT[0], "The fit has not converged; predicted change of the height, sigma", held),
         (curl, _CURL[0], "The slopes contradict each other; mean square circulation over noise", held),
         (1 - figures.contrast, 1 - FADED, blur, mean),

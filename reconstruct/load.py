@@ -26,8 +26,12 @@ __all__ = ["SAG", "less_sag", "surface_of"]
 SAG = "sag under the load, motion since rest"
 _MISFIT = 6.0  # noises: half-spaces, layers and dents that fade leave 5, a body that bulges 8
 _MOVED = 3.0  # standard deviations of motion
-_CURE_SAG = "the total sigma holds all of it; give [layer] thickness_mm, or the rig moved: clamp it"
-_CURE_MOVED = "it is taken off as far as the map shows it; clamp the rig, or capture the mirror at rest again"
+_CURE_SAG = (
+    "total_sigma includes it; most likely the silicone is thin: give [layer] thickness_mm in the scene"
+)
+_CURE_MOVED = (
+    "corrected, and total_sigma includes the rest; clamp the rig and capture the mirror at rest again"
+)
 
 
 def less_sag(height: HeightMap, problem: Problem, state: State, scene: Scene) -> HeightMap:
@@ -39,10 +43,10 @@ def less_sag(height: HeightMap, problem: Problem, state: State, scene: Scene) ->
     motion = float(np.linalg.norm(found.motion)) / np.sqrt(max(found.motion.size, 1))
     notices = []
     if motion > _MOVED:
-        name = "The rig has moved since the mirror was at rest, standard deviations of motion"
+        name = "The rig moved between rest and press, by so many of its standard deviations"
         notices.append(Notice(name, motion, _MOVED, _CURE_MOVED))
     if found.misfit > _MISFIT:
-        name = "No half-space under load, or the rig moved: residual outside the contacts over noise"
+        name = "Outside the contacts the mirror does not sink as under a load; residual over noise"
         notices.append(Notice(name, found.misfit, _MISFIT, _CURE_SAG))
     less = surface.less(found)
     assert less.modes is not None
@@ -66,8 +70,8 @@ def _wider(height: HeightMap) -> HeightMap:
         return height
     modes = height.modes.copy()
     modes[-height.own :] *= wider
-    cure = "the total sigma holds what the heights can hide; press on less of the mirror"
-    name = "Too little of the mirror rests to say how far the rig moved; standard deviations of motion"
+    cure = "total_sigma includes it; press on less of the mirror"
+    name = "Too little of the mirror is untouched to measure the rig's motion; sigma of it, times the usual"
     notices = (Notice(name, wider, _MOVED, cure),) if wider > _MOVED else ()
     return replace(height, modes=modes, notices=(*height.notices, *notices))
 

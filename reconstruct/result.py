@@ -181,11 +181,10 @@ def anchors_apart(problem: Problem, state: State, height: HeightMap) -> tuple[No
     if not apart > _APART:
         return ()
     cure = (
-        "check the anchors; the mirror's edge may not rest (a curved mirror: reconstruct --anchor middle), "
-        "or the scene is wrong (pose of camera or pattern): calibrate it, or give a capture of the mirror at "
-        "rest (reconstruct --rest)"
+        "heights err by more than sigma; a curved mirror's edge does not lie at z = 0 (reconstruct --anchor "
+        "middle); on a flat one the scene is wrong: optolever calibrate, or reconstruct --rest"
     )
-    return (Notice("anchors contradict each other, sigma rms", apart, _APART, cure),)
+    return (Notice("The anchors contradict each other; rms in sigma", apart, _APART, cure),)
 
 
 def anchors_near_wedge(state: State, height: HeightMap) -> tuple[Notice, ...]:
@@ -196,8 +195,8 @@ def anchors_near_wedge(state: State, height: HeightMap) -> tuple[Notice, ...]:
         return ()
     sigma = float(np.median(height.total_sigma[height.good])) if height.good.any() else math.nan
     cure = (
-        f"total sigma is {sigma:.2g} mm (median) therefore; anchor the mirror farther from where it meets "
-        "the pattern, or give a capture of the mirror at rest (reconstruct --rest)"
+        f"total_sigma is {sigma:.2g} mm (median) by that; anchor the mirror farther from where it meets the "
+        "pattern, or capture it at rest (reconstruct --rest)"
     )
     return (
         Notice("The error of the anchors grows towards the mirror's other end, times", times, _WEDGE, cure),
@@ -247,19 +246,19 @@ def off_mirror(height: HeightMap, mirror: Mirror) -> tuple[Notice, ...]:
     if farthest <= limit:
         return ()
     cure = (
-        "check the mirror's size, where the camera is and its pitch, or calibrate the rig (by flats alone "
-        "x and y stay where they are)"
+        "x and y are shifted by as much; most likely the mirror's size or the camera's place is wrong in the "
+        "scene: correct it, or calibrate with a ball"
     )
-    return (Notice("points lie off the mirror, mm", farthest, limit, cure),)
+    return (Notice("Points lie beyond the mirror's edge, mm", farthest, limit, cure),)
 
 
 def _unconverged(state: State) -> tuple[Notice, ...]:
     """The notice that no height is known since the solve failed."""
     if not state.diverges:
         return ()
-    name = "The solve did not converge, no height is known; rms of the last step, of the first"
+    name = "The solve did not converge, so no height is known; last step over the first"
     cure = (
-        "the scene is probably wrong: calibrate it, give a capture of the mirror at rest (reconstruct "
-        "--rest), or mask the pixels next to the pattern's edge"
+        "most likely the scene is wrong: optolever calibrate, or reconstruct --rest with a capture of the "
+        "mirror at rest"
     )
     return (Notice(name, state.steps[-1] / state.steps[0], 0.0, cure),)

@@ -248,20 +248,21 @@ def sync_notices(timing: Timing) -> tuple[Notice, ...]:
     if timing.misfit > _MISFIT:
         found.append(
             Notice(
-                "the display does not follow the model of exponential cells (rms of the light, of the swing)",
+                "The display's light does not settle exponentially; rms residual over the swing",
                 timing.misfit,
                 _MISFIT,
-                "switch off dynamic backlight, overdrive and dithering, or capture without [sync]",
+                "most likely dynamic backlight or overdrive: switch it off, then optolever camera sync again",
             )
         )
     whole = timing.whole_refreshes(timing.exposure_s)
     if whole is not None and abs(whole - timing.exposure_s) > 1e-3 * whole:
         found.append(
             Notice(
-                f"the exposure is {timing.exposure_s / (timing.refresh_s or 1):.3g} refreshes of the display",
+                f"The exposure is {timing.exposure_s / (timing.refresh_s or 1):.3g} refreshes, so that the "
+                "display flickers in it",
                 float("nan"),
                 float("nan"),
-                f"expose for {1e3 * whole:.3f} ms, else its refresh beats with the camera",
+                f"expose for whole refreshes: --set exposure_ms={1e3 * whole:.3f}",
             )
         )
     return tuple(found)

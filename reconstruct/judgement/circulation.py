@@ -27,12 +27,12 @@ _LARGEST = 512  # rows or columns: of larger images the middle is looked at
 _CHANCE = 1e-4  # of right geometry to be called wrong, by each size of blocks
 _TRUST = 1.15  # error over sigma that the decoder may have
 _CURE = (
-    "likely the scene (pose of camera or pattern, pitch, lens): calibrate it, or give a capture of the "
-    "mirror at rest (reconstruct --rest); else the mirror moved between frames, or sigma is too small"
+    "heights err by more than sigma; most likely the scene is wrong (pose of camera or pattern, a pitch): "
+    "optolever calibrate, or reconstruct --rest with a capture of the mirror at rest"
 )
 _CURE_BESIDE_RIG = (
-    "errors of the rig within its accuracy do not explain it: the mirror moved between frames, the medium is "
-    "not even (take a rest capture: reconstruct --rest), or sigma is too small"
+    "heights err by more than total_sigma; most likely the mirror moved between frames (hold it still), or "
+    "the light's path is not even: reconstruct --rest with a capture of the mirror at rest"
 )
 
 

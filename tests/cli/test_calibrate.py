@@ -37,7 +37,7 @@ def test_from_captures_to_heights_with_modes(
     files = ("--out", out, "--json", numbers, "--report", page)
     outcome = optolever("calibrate", *flats, "--scene", folder / "given.toml", "--without", "flat3", *files)
     html, found, scene = page.read_text(), json.loads(numbers.read_text()), load(out)
-    for text in ("flat2: chi", "flatness of the reference", "Correlations", "difference of maps"):
+    for text in ("flat2: chi", "flatness adds to the heights", "Correlations", "difference of maps"):
         assert text in html
     assert "camera.f" in outcome.out
     assert "gauge" in outcome.err

@@ -160,7 +160,7 @@ def test_reflected_angles(degrees: float, theta: float) -> None:
     GEOMETRY,
     "slopes from -atan((L0 - x)/x)/2 to +22.5 degrees reach the pattern; at mid-span ±22.5 degrees",
 )
-@holds(LIMITS, "are measurable from -atan((L0 - x)/x)/2 to +22.5 degrees")
+@holds(LIMITS, "measurable from -atan((L0 - x)/x)/2 to +22.5 degrees")
 @pytest.mark.parametrize("col", [6, 20, 30, 40, 54])
 def test_slopes_that_reach_the_pattern(col: int) -> None:
     rig = prism(45.0)

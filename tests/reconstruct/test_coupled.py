@@ -144,7 +144,7 @@ def test_an_anchor_where_mirror_and_pattern_meet_has_a_notice(x: float) -> None:
     )
     notices = [notice for notice in height.notices if "error of the anchors grows" in notice.name]
     assert len(notices) == (x < 0.1 * scene.mirror.length)
-    assert all("total sigma is" in notice.cure for notice in notices)
+    assert all("total_sigma is" in notice.cure for notice in notices)
 
 
 def test_in_open_air_the_middle_stands_in_for_an_edge_that_is_not_seen() -> None:

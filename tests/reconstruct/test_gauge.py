@@ -6,7 +6,7 @@ import pytest
 from optolever.reconstruct import PointAnchor, reconstruct
 from optolever.scene import adjusted, dent, trace
 
-APART = "anchors contradict each other, sigma rms"
+APART = "The anchors contradict each other; rms in sigma"
 
 
 @pytest.mark.daily(1)

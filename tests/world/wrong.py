@@ -29,7 +29,7 @@ HARMLESS = 5e-3
 #: Right captures in ../shared/cases.
 RIGHT = ("12/cap", "19/cap", "23/cap", "t5/calseq4_window", "t5/period_cells_slviewer")
 #: Parts of notices that say nothing about frames or their description.
-WEAK = ("sigma is", "the mirror moved", "are in doubt", "too weak", "neighbours contradict")
+WEAK = ("sigma is", "the mirror moved", "are ambiguous", "too weak", "neighbouring pixels contradict")
 
 
 @dataclass(frozen=True)
