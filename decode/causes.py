@@ -85,7 +85,7 @@ def _cause(
             "most likely dust or a rough mirror: clean it, or show longer periods",
         ),
         Flag.WRONG_FRAME: ("frames contradict each other", "capture again, or correct capture.toml"),
-        Flag.OFF_PATTERN: ("the others lie beyond the pattern", "correct --pixels or capture.toml"),
+        Flag.OFF_PATTERN: ("the others lie beyond the pattern", "correct decode --pixels, or capture.toml"),
         Flag.SATURATED: ("samples clip", "expose less"),
     }
     return causes[max(causes, key=share)]
