@@ -102,7 +102,7 @@ def test_a_display_unlike_the_model_is_told() -> None:
     odd = Timing(0.01, 0, 0.005, 0.005, 0, 0.01, 1 / 60, 0.020, refresh_s=1 / 60, misfit=0.05)
     texts = [str(notice) for notice in sync_notices(odd)]
     assert "does not settle exponentially" in texts[0]
-    assert "expose for 33.333 ms" in texts[1]
+    assert "exposure_ms=33.333" in texts[1]
     assert sync_notices(Timing(0.01, 0, 0.005, 0.005, 0, 0.01, 1 / 60, 1 / 60, refresh_s=1 / 60)) == ()
 
 
