@@ -29,7 +29,7 @@ from .codes.orders import Orders, order_table
 from .contradiction import contradictions
 from .effects import Module, View, cells, lag, motion, shared
 from .frames import Light, Settings, sample_levels, sample_places
-from .neighbours import EITHER, HALO, SETTLE, Block, Result, axis_limits, neighbours, settle
+from .neighbours import BLURRED, EITHER, HALO, SETTLE, Block, Result, axis_limits, neighbours, settle
 from .noise import Noise, Sample, fit_noise
 from .order import Repair, find_order
 from .pixels import Maps, Tables, pixel_rows
@@ -177,8 +177,8 @@ def _estimate(light: Light, sequence: Sequence, settings: Settings, mask: Mask, 
         more[number] = effect.variance(view, found)
     every = zip(profile.axes, more.sum(axis=0), strict=True)
     own = tuple(axis._replace(variance=float(v)) for axis, v in every)
-    common = more[_EFFECTS.index(cells)]
-    profile = profile._replace(axes=own, shared=shared.shared(view, common))
+    common, lens = more[_EFFECTS.index(cells)], BLURRED if settings.lens_px is None else 0.0
+    profile = profile._replace(axes=own, shared=shared.shared(view, common, lens))
     return profile._replace(notices=_notices(profile, p.axes, view))
 
 

@@ -34,7 +34,7 @@ from optolever.kernels import ZERO as _ZERO
 from .plan import AxisPlan
 from .records import Flag
 
-__all__ = ["EITHER", "HALO", "SETTLE", "Block", "Result", "axis_limits", "neighbours", "settle"]
+__all__ = ["BLURRED", "EITHER", "HALO", "SETTLE", "Block", "Result", "axis_limits", "neighbours", "settle"]
 
 U8 = NDArray[np.uint8]
 U16 = NDArray[np.uint16]
@@ -45,6 +45,8 @@ HALO, SETTLE, EITHER = 4, 2, (np.uint16(1 << 9), np.uint16(1 << 10))
 _CHOOSE, _AGREE, _CHOSEN = 3, 0.9, np.float32(0.25)
 #: Usual blur of a camera's lens, and of a soft one, px of the camera; of a display, cells.
 _LENS, _SOFT, _BLUR = 0.2, 0.6, 0.6
+#: Standard deviation of half the second moment of a lens that was not given, px^2.
+BLURRED = 0.25 * _SOFT**2
 #: Squared standard deviations beyond which neighbours contradict; thresholds of third differences and of the
 #: residual to the quadratic, over noise; one over the share of noise in it.
 _SURE2, _THIRD, _REST, _OFF2 = np.float32(25), np.float32(1.2), np.float32(1.6), np.float32(175 / 148)
@@ -97,9 +99,8 @@ def axis_limits(axis: AxisPlan, lens_px: float | None = None, on_cells: bool = T
     else:
         jump = 2 * axis.code.cell if axis.code is not None else 2.0
     lens = _LENS**2 if lens_px is None else lens_px**2
-    least, most = 1 / 48, 1 / 12
-    most += _SOFT**2 if lens_px is None else 0.0
-    aperture, unsure = (0.5 * (1 / 12 + lens), 0.25 * (most - least)) if fine else (0.0, 0.0)
+    unsure = 0.25 * (1 / 12 - 1 / 48) + (BLURRED if lens_px is None else 0.0)
+    aperture, unsure = (0.5 * (1 / 12 + lens), unsure) if fine else (0.0, 0.0)
     bordered = on_cells and fine
     border = 1 / 12 + _BLUR**2 if bordered else 0.0
     extent = float(axis.extent) if bordered else np.inf

@@ -16,7 +16,7 @@ from optolever.notices import Notice
 from optolever.records import LOG, Progress, logged, silent
 from optolever.scene import TYPED, Scene, without_rest_form
 
-from .arrays import Floats, Mask
+from .arrays import Floats, Mask, Pair
 from .first import first_solution
 from .heightmap import HeightMap
 from .judgement.circulation import circulation_chi2, contradiction
@@ -41,6 +41,7 @@ from .rig.model import LINEAR, Measurement, judged_rig, rig_model, rig_modes
 from .solver.anchors import Anchors
 from .solver.edges import Doubt, defects, edge_weights
 from .solver.newton import State, solve
+from .uncertainty.lens import lens_errors
 from .uncertainty.sources import CELLS, NOISE, noise_sources
 
 __all__ = ["Solution", "reconstruct", "solved_height"]
@@ -103,7 +104,7 @@ def reconstruct(
     steps = 1 if scene.exact else 2
     progress("height", 0, steps)
     with logged(f"reconstruct {correspondence.u.shape}"), _explained(rest, scene):
-        solution = solved_height(corrected, scene, anchor, mask)
+        solution = solved_height(corrected, scene, anchor, mask, lens_errors(correspondence, rest))
     progress("errors of the rig", 1, steps)
     height = _with_rig(solution, measured, scene, accept)
     problem, state = solution.problem, solution.state
@@ -171,9 +172,13 @@ def _explained(rest: Correspondence | None, scene: Scene) -> Iterator[None]:
 
 
 def solved_height(
-    correspondence: Correspondence, scene: Scene, anchor: Anchors = None, mask: Mask | None = None
+    correspondence: Correspondence,
+    scene: Scene,
+    anchor: Anchors = None,
+    mask: Mask | None = None,
+    lens: Pair | None = None,
 ) -> Solution:
-    """`reconstruct` of a scene without errors."""
+    """`reconstruct` of a scene without errors; lens: see `lens_errors`."""
     problem, state = first_solution(correspondence, scene, anchor, mask)
     doubt = _doubted(problem, state)
     wrong = np.zeros(1, np.bool_) if doubt is None else _wrong_pixels(problem, state, doubt)
@@ -185,7 +190,7 @@ def solved_height(
     if doubt is not None:
         state = _around_discontinuities(problem, state, doubt)
     gain = noise_gain(problem.data.mask, problem.bridged)
-    noise = noise_sources(problem, state, gain, correspondence.shared_noise)
+    noise = noise_sources(problem, state, gain, correspondence.shared_noise, lens)
     chi2, freedom = circulation_chi2(problem.data, state, gain)
     if CELLS in noise:  # neighbours share their errors
         chi2 /= 1 + float(np.median((noise[CELLS] / noise[NOISE])[problem.data.mask]))

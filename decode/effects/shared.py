@@ -26,9 +26,9 @@ __all__ = ["shared"]
 _MOST, _FEWEST, _SURE, _FAR = 4096, 64, 4.9, 16 / 0.455
 
 
-def shared(view: View, common: F64) -> SharedNoise | None:
+def shared(view: View, common: F64, lens: float) -> SharedNoise | None:
     """None if nothing is significant, or without fringes along both axes; common (A,): variance, px^2, of the
-    places that neighbours have in common."""
+    places that neighbours have in common; lens: see `SharedNoise`."""
     plan, sample = view.plan, view.wide
     fringes = {axis.axis: (*axis.fringes, *axis.singles) for axis in plan.axes}
     if len(fringes) != 2 or not all(fringes.values()):
@@ -37,9 +37,10 @@ def shared(view: View, common: F64) -> SharedNoise | None:
     turns = {name: max(1 / fringe.period for fringe in every) for name, every in fringes.items()}
     shares = {axis.axis: _shares(plan, axis, sample) for axis in plan.axes}
     rows, cols, _ = np.minimum(shares["u"], shares["v"]).tolist()
-    shift = np.sqrt(common)
-    found = SharedNoise(rows, cols, shares["u"][2], shares["v"][2], turns["u"], turns["v"], *shift.tolist())
-    return found if max(*found[:4], *shift) > 0 else None
+    of_u, of_v = map(float, np.sqrt(common))
+    frames = shares["u"][2], shares["v"][2]
+    found = SharedNoise(rows, cols, *frames, turns["u"], turns["v"], of_u, of_v, lens, lens)
+    return found if max(*found[:4], *found[6:]) > 0 else None
 
 
 def _shares(plan: Plan, axis: AxisPlan, sample: Sample) -> tuple[float, float, float]:

@@ -4,6 +4,7 @@
 |---|---|
 | NOISE | noise of every pixel: in closed form, or drawn |
 | SHARED | of u or v: a shift; cosine and sine of the phase, of frames; drawn, of rows and columns |
+| LENS | of u and v together, see `lens` |
 | CELLS | the sawtooth of a discrete code, over the places where its cells may begin |
 | ANCHORS | of every known value; the response is the integrating factor |
 | BEND | of the ways to the anchors in common (`AnchorRows.bend`), likewise |
@@ -20,7 +21,7 @@ import numpy as np
 
 from optolever.decode import SharedNoise
 
-from ..arrays import Floats, Labels, Mask
+from ..arrays import Floats, Labels, Mask, Pair
 from ..problem import Problem
 from ..solver.newton import State
 from .closed_form import unknown_variance
@@ -28,11 +29,12 @@ from .monte_carlo import drawn_doubts
 from .response import ErrorField, smoothed, variance_by
 
 __all__ = [
-    *("ANCHORS", "BEND", "CELLS", "DOUBTS", "NOISE", "SHARED"),
+    *("ANCHORS", "BEND", "CELLS", "DOUBTS", "LENS", "NOISE", "SHARED"),
     *("anchor_response", "noise_sources"),
 ]
 
 NOISE, SHARED = "noise of the frames, independent", "noise that pixels have in common"
+LENS = "blur of the lens, which was not given"
 CELLS = "cells of a discrete code"
 DOUBTS = "slopes that change too fast between pixels"
 ANCHORS, BEND = "known heights of the anchors", "curvature between mirror and anchors"
@@ -44,13 +46,16 @@ _SMOOTH = 4.0  # pixels, rms: over more than the sawtooth of two cells a pixel
 
 
 def noise_sources(
-    problem: Problem, state: State, gain: Floats, shared: SharedNoise | None
+    problem: Problem, state: State, gain: Floats, shared: SharedNoise | None, lens: Pair | None
 ) -> dict[str, Floats]:
     """Variance of the unknown (rows, cols) by every source of noise, in words; NOISE first. gain (rows,
-    cols): see `holes.noise_gain`."""
+    cols): see `holes.noise_gain`; lens: see `lens_errors`."""
     found = {NOISE: gain * unknown_variance(problem.data, state, problem.labels)}
     if shared is not None:
         found[SHARED] = variance_by(problem, state, _shared(problem, shared))
+    if lens is not None:
+        field = ErrorField(problem.to_grid(lens[0]), problem.to_grid(lens[1]))
+        found[LENS] = variance_by(problem, state, [field])
     if problem.data.whole_cells(problem.bridged):
         found[CELLS] = variance_by(problem, state, _cells(problem))
     if state.doubt is not None and state.problem.closed:

@@ -49,9 +49,9 @@ def test_clean_captures(code: str, rigs: int) -> None:
 
 
 @pytest.mark.daily(1)
-@pytest.mark.parametrize("lens", ["lens .4 px", "no lens", "lens .2 px", "lens .7 px"])
+@pytest.mark.parametrize("lens", [".4 px, not told", "lens .4 px", "no lens", "lens .2 px", "lens .7 px"])
 def test_light_that_changes_over_a_pixel(lens: str) -> None:
-    """A height behind a known lens, near the angle at which total reflection begins."""
+    """A height behind a lens, known or not, near the angle at which total reflection begins."""
     limits = LIMITS["reflectance"]
     found = verdict(3, limits["codes"][0], f"reflectance, {lens}")
     assert found.heights <= limits["heights"]

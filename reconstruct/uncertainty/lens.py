@@ -1,0 +1,38 @@
+"""Errors of places by a lens whose blur was not given: one number, common to all pixels."""
+
+import numpy as np
+import scipy.ndimage
+
+from optolever.decode import Correspondence
+
+from ..arrays import Floats, Mask, Pair
+
+__all__ = ["lens_errors"]
+
+_CLEAN = np.ones((5, 5), np.bool_)  # as the decoder asks before it takes the aperture off
+_LEAST = 1e-6
+
+
+def lens_errors(seen: Correspondence, rest: Correspondence | None) -> Pair | None:
+    """Errors of u and v (H, W) by one standard deviation of the lens, less those that the rest capture has
+    in common; None: the lens was given, or the code's places are cells."""
+    noise = seen.shared_noise
+    if noise is None or not (noise.lens_u or noise.lens_v):
+        return None
+    of_u, of_v = (
+        size * (_bracket(seen, axis) - (0.0 if rest is None else _bracket(rest, axis)))
+        for axis, size in (("u", noise.lens_u), ("v", noise.lens_v))
+    )
+    return of_u, of_v
+
+
+def _bracket(seen: Correspondence, axis: str) -> Floats:
+    """laplace u + 2 grad u . grad ln A (H, W), a place's shift over half the aperture's second moment: the
+    mean of 3 x 3 pixels; 0 beside pixels that are not good."""
+    good: Mask = scipy.ndimage.binary_erosion(seen.good, _CLEAN)
+    light = np.ones(good.shape) if seen.amplitude is None else np.maximum(seen.amplitude, _LEAST)
+    place, log = (np.where(seen.good, one, 0.0) for one in (getattr(seen, axis), np.log(light)))
+    shift = scipy.ndimage.laplace(place, mode="nearest")
+    for rise, fall in zip(np.gradient(place), np.gradient(log), strict=True):
+        shift += 2 * rise * fall
+    return np.asarray(scipy.ndimage.uniform_filter(np.where(good, shift, 0.0), 3))
