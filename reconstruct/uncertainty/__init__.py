@@ -7,7 +7,7 @@
 | `response` | the response of the height to an error field |
 | `sources` | the list of the sources of noise, whose variances add up |
 | `budget` | the uncertainty of a height, a depth, a difference, by its sources |
-| `lens`       | errors of places by a lens that was not given |
+| `lens` | errors of places by a lens that was not given |
 | `null_space` | height modes without a slope |
 """
 
