@@ -1,10 +1,10 @@
 """`optolever design`: sequences for a scene, ranked by predicted height error."""
 
 import math
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from itertools import product
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import click
 
@@ -12,7 +12,7 @@ import optolever as ol
 from optolever import InputError
 
 from .arguments import ABOVE_0, AT_LEAST_0, SHARE, Opt, program
-from .options import Dent, Json, Renderer, SceneName, Size, load_scene
+from .options import Dent, Json, Renderer, SceneName, Size
 from .outputs import OutputFile
 from .show import grid, number, progress, table, write_json
 
@@ -39,8 +39,16 @@ CODES = Opt(
     "Compare these codes, each as in --add, in place of a ranking; the next five options are then axes: each "
     "may be given several times.",
 )
-NOISE = Opt("--noise LEVELS", "Noise of a frame, 8-bit levels.", AT_LEAST_0)
-LAG = Opt("--lag SHARE", "Share of the preceding frame in each simulated frame; not predicted.", SHARE)
+NOISE = Opt(
+    "--noise LEVELS",
+    "Noise of a frame beside the sensor's, 8-bit levels; default 1, 0 for a rig with [profile].",
+    AT_LEAST_0,
+)
+LAG = Opt(
+    "--lag SHARE",
+    "Share of the preceding frame in each simulated frame; not predicted; default: the rig's.",
+    SHARE,
+)
 GAMMA = Opt("--gamma G", "Gamma of the display in place of the scene's; unknown to the decoder.", ABOVE_0)
 FLICKER = Opt("--flicker SHARE", "Amplitude of the light at 100 Hz, in simulated frames.", SHARE)
 BLUR = Opt("--blur CELLS", "Rms blur in place of the scene's.", AT_LEAST_0)
@@ -53,7 +61,7 @@ ADD = Opt(
 )
 VERIFY = Opt("--verify N", "Number of the best candidates to simulate.", click.IntRange(min=0))
 _ROWS = 12  # of the table that is printed; the JSON file has all
-SEEDS = Opt("--seeds N", "With --code: draws of noise of each simulation.", click.IntRange(min=1))
+SEEDS = Opt("--seeds N", "Draws of noise of each simulation.", click.IntRange(min=1))
 OUT = Opt("--out FILE.toml", "Gets the best sequence, for show --sequence.", OutputFile(".toml", bare=False))
 CHART = Opt("--chart FILE.png", "With --code: error over both times.", OutputFile(".png", bare=False))
 CSV = Opt("--csv FILE.csv", "With --code: all numbers.", OutputFile(".csv", bare=False))
@@ -67,8 +75,8 @@ def command(
     seconds: Annotated[float | None, TIME] = None,
     refresh: Annotated[float, REFRESH] = 60.0,
     codes: Annotated[tuple[str, ...], CODES] = (),
-    noises: Annotated[tuple[float, ...], NOISE] = (1.0,),
-    lags: Annotated[tuple[float, ...], LAG] = (0.0,),
+    noises: Annotated[tuple[float, ...], NOISE] = (),
+    lags: Annotated[tuple[float, ...], LAG] = (),
     gammas: Annotated[tuple[float, ...], GAMMA] = (),
     flickers: Annotated[tuple[float, ...], FLICKER] = (),
     blurs: Annotated[tuple[float, ...], BLUR] = (),
@@ -87,7 +95,9 @@ def command(
 
     The prediction runs the decoder on simulated images of the scene (of a large camera: on windows of its
     image), and then the solver. Codes that fail too often or lose pixels are listed last; codes of --add are
-    always printed. +-: standard error of the prediction; measured: share of the pixels with a height.
+    always printed. +-: standard error of the prediction, standard deviation of the simulated error over the
+    seeds; measured: share of the pixels with a height. Of a rig's TOML noise ([profile]), response and lag
+    ([profile], else [sync]) are used.
 
     With --code: predicted and simulated error of the named codes beside CPU seconds and seconds of
     acquisition, for every combination of noise and faults.
@@ -95,18 +105,19 @@ def command(
     from optolever.experiments import design
 
     rate = design.frame_rate(refresh, exposure)
-    axes = product(lags, gammas or (None,), flickers or (None,), blurs or (None,))
-    faults = [ol.experiments.Faults(*each) for each in axes]
-    scene, resized = load_scene(scene_name, size), size is not None
+    rig = _of_rig(scene_name)
+    axes = product(lags or (rig.lag,), gammas or (None,), flickers or (None,), blurs or (None,))
+    faults, noises = [ol.experiments.Faults(*each) for each in axes], noises or (rig.noise,)
+    scene, resized = rig.scene if size is None else ol.scene.resize(rig.scene, *size), size is not None
     if codes:
         rows = list[design.Tradeoff]()
-        title = f"{scene.name}, {scene.camera.cols} x {scene.camera.rows}, {seeds} draws"
+        title = f"{scene.name}, {scene.camera.cols} x {scene.camera.rows}, {seeds} draws{rig.known}"
         try:
             with progress() as step:
                 for row in design.compare_codes(
                     scene, dent or scene.dent or "flat", codes,
                     faults=faults, noises=noises, rate=rate, seeds=range(seeds),
-                    resized=resized, renderer=renderer, progress=step,
+                    calibrated=rig.calibrated, resized=resized, renderer=renderer, progress=step,
                 ):  # fmt: skip
                     rows.append(row)
                     with step.aside():
@@ -131,8 +142,9 @@ def command(
     with progress() as step:
         found = design.run_design(
             fault.on(scene), dent or scene.dent or "flat",
-            frames=budget, refresh=rate, noise=noise, verify=verify,
-            extra=extra, lag=fault.lag, renderer=renderer, progress=step,
+            frames=budget, refresh=rate, noise=noise, verify=verify, seeds=seeds,
+            extra=extra, lag=fault.lag, calibrated=rig.calibrated and fault.gamma is None,
+            renderer=renderer, progress=step,
         )  # fmt: skip
     chosen = found.chosen
     with ol.files.together():
@@ -140,22 +152,76 @@ def command(
             chosen.sequence.save(out)
         write_json(json_path, found.to_dict())
     best = found.rows[:_ROWS] + [row for row in found.rows[_ROWS:] if row.text in added]
-    heads = ("sequence", "frames", "time", "predicted", "+-", "simulated", "wrong order", "measured", "")
+    heads = (
+        "sequence",
+        "frames",
+        "time",
+        "predicted",
+        "+-",
+        "simulated",
+        "+-",
+        "wrong order",
+        "measured",
+        "",
+    )
     lines = [
         (
             *(row.text, str(row.frames), number(row.seconds, "s"), number(row.predicted)),
-            *(_known(100 * row.spread, ".0f", " %"), _known(row.simulated), _known(row.failure, ".0e")),
+            *(
+                _known(100 * row.spread, ".0f", " %"),
+                _known(row.simulated),
+                _known(row.simulated_spread, ".1g"),
+            ),
+            _known(row.failure, ".0e"),
             *(number(100 * row.share, "%"), row.why),
         )
         for row in best
     ]
-    grid(f"Height error, rms in mm: {scene.name}, at most {budget} frames", heads, lines)
+    grid(f"Height error, rms in mm: {scene.name}, at most {budget} frames{rig.known}", heads, lines)
     choice = {
         "sequence": "none: no candidate meets the limits" if chosen is None else chosen.text,
         "candidates": str(len(found.rows)),
         "time": ", ".join(f"{name} {number(value)}" for name, value in found.seconds.items()) + " s",
     }
     table("Choice", choice | ({"written to": str(out)} if out is not None and chosen is not None else {}))
+
+
+class _Rig(NamedTuple):
+    """scene: with the noise and response that its file holds; noise: of a frame beside the sensor's, levels;
+    lag; calibrated: the decoder knows the response; known: what the file holds, in words."""
+
+    scene: "ol.scene.Scene"
+    noise: float = 1.0
+    lag: float = 0.0
+    calibrated: bool = False
+    known: str = ""
+
+
+def _of_rig(name: str) -> _Rig:
+    """A preset, or a rig's file with its sections [profile], [response] and [sync]."""
+    scene = ol.scene.load(name)
+    sections = ol.scene.rig_table(Path(name)) if Path(name).is_file() else {}
+    rig, known = _Rig(scene), list[str]()
+    if "response" in sections:
+        found = ol.calibration.load_response(name)
+        blur = found.response.blur
+        soft = scene.pattern if blur is None or math.isnan(blur) else replace(scene.pattern, blur_px=blur)
+        scene = replace(scene, display=ol.scene.Display(found.gamma[0], found.black), pattern=soft)
+        rig, known = rig._replace(scene=scene, calibrated=True), [f"response of gamma {found.gamma[0]:.3g}"]
+    if "profile" in sections:
+        profile = ol.calibration.load_profile(name)
+        noise, unit = profile.estimates.noise, 255 / (profile.clip if profile.dtype == "uint16" else 255)
+        read = unit * math.sqrt(max(noise.read2 - 1 / 12, 0.0))
+        electrons = 1 / (unit * noise.gain) if noise.gain > 0 else 0.0
+        sensor = replace(scene.sensor or ol.projector.NOMINAL_SENSOR, noise=read, gain_e=electrons)
+        lags = [effect.value for effect in profile.effects() if effect.name == "lag"]
+        rig = rig._replace(scene=replace(scene, sensor=sensor), noise=0.0, lag=sum(lags))
+        known.append(f"noise of {read:.2g} levels and {electrons:.2g} electrons a level")
+    timing = ol.projector.timing_of(Path(name)) if "sync" in sections else None
+    if timing is not None and not rig.lag:
+        rig = rig._replace(lag=timing.lag(timing.ready_s()))
+    known += [f"lag {rig.lag:.2g}"] if rig.lag else []
+    return rig._replace(known="".join(f"; {each}" for each in known))
 
 
 def _known(value: float, form: str = ".4g", unit: str = "") -> str:

@@ -18,20 +18,22 @@ sensor: a rig, its captures, and the truth apart. It goes on with:
   ...
 """
 
+NAMES = ["sensor", "mirror", "forty", "design"]
 OUT = Opt("--out DIR", "Folder to make; default: the name of the set.")
 
 
 @program("sample", SAMPLE)
 def command(
-    name: Annotated[str, Arg("sensor|mirror|forty", click.Choice(["sensor", "mirror", "forty"]))],
+    name: Annotated[str, Arg("|".join(NAMES), click.Choice(NAMES))],
     out: Annotated[Path | None, OUT] = None,
     seed: Seed = 0,
     json_path: Json = None,
 ) -> None:
     """Make captures to begin with, as a rig would.
 
-    sensor: a pressed prism; mirror: flats and a mirror in open air; forty: forty presses. Pictures are JPEG
-    with photon noise and gamma 2.2; rig.toml is typed a bit wrong; DIR/truth holds what is true.
+    sensor: a pressed prism; mirror: flats and a mirror in open air; forty: forty presses; design: a rig to
+    choose patterns for. Pictures are JPEG with photon noise and gamma 2.2, of the mirror through a lens with
+    distortion; rig.toml is typed a bit wrong; DIR/truth holds the truth.
     """
     folder = Path(name) if out is None else out
     with progress() as step:

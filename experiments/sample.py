@@ -4,15 +4,15 @@ A camera with photon noise, a display of gamma 2.2, JPEG pictures with a camera'
 were typed a bit wrong. What is true lies apart, in TRUTH/.
 """
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 
 from optolever.files import atomic_folder
-from optolever.patterns import Sequence, sequence
+from optolever.patterns import Sequence, sequence, sequence_from_text
 from optolever.projector import capture, write_description
 from optolever.scene import (
     Display,
@@ -39,12 +39,15 @@ Shots = Iterator[tuple[str, str, Surface]]
 @dataclass(frozen=True)
 class Sample:
     """preset: of the scene; size: of the camera (rows, cols); shots: of a scene and a generator, each with
-    its folder, its sequence and the mirror; commands: they go on from the set's folder, {dir}."""
+    its folder, its sequence and the mirror; commands: they go on from the set's folder, {dir}; lens: numbers
+    of the camera that are typed as 0; own: a sequence in mine.toml."""
 
     preset: str
     size: tuple[int, int]
     shots: Callable[[Scene, np.random.Generator], Shots]
     commands: tuple[str, ...]
+    lens: Mapping[str, float] = field(default_factory=dict)
+    own: str = ""
 
 
 def _pressed(scene: Scene, rng: np.random.Generator) -> Surface:
@@ -76,7 +79,8 @@ def _tilted(scene: Scene, z: float, a: float, b: float) -> Surface:
 
 def _mirror(scene: Scene, rng: np.random.Generator) -> Shots:
     yield "ramp", "ramp", _tilted(scene, 0, 0, 0)
-    for number, turn in enumerate(2 * np.pi * (np.arange(4) / 4 + rng.uniform()), 1):
+    yield "flat1", "gray+phase", _tilted(scene, 0, 0, 0)
+    for number, turn in enumerate(2 * np.pi * (np.arange(3) / 3 + rng.uniform()), 2):
         tilt = np.tan(np.radians(rng.uniform(2.0, 3.5)))
         yield f"flat{number}", "gray+phase", _tilted(scene, 0, tilt * np.cos(turn), tilt * np.sin(turn))
     yield "mirror", "gray+phase", dent_from_text("gaussian:peak=0.004,sigma=25", scene)
@@ -109,6 +113,20 @@ SAMPLES = {
             "optolever camera measure {dir}/mirror --rig {dir}/calibrated.toml --out {dir}/measured",
             "optolever form {dir}/measured/h.npz --remove tilt --aperture circle",
         ),
+        {"camera.k1": -0.08, "camera.k2": 0.02},
+    ),
+    "design": Sample(
+        "prism48",
+        (120, 160),
+        _sensor,
+        (
+            "optolever response {dir}/ramp {dir}/rest --scene {dir}/rig.toml",
+            "optolever decode {dir}/rest --response {dir}/rig.toml --save-profile {dir}/rig.toml "
+            "--out {dir}/c.npz",
+            "optolever design --scene {dir}/rig.toml --code gray+phase --code phase --code {dir}/mine.toml "
+            "--chart {dir}/codes.png",
+        ),
+        own="gray+phase:steps=3,period=6",
     ),
     "forty": Sample(
         "prism48",
@@ -127,12 +145,15 @@ def write_sample(name: str, out: str | Path, seed: int = 0) -> list[str]:
     sample, rng = SAMPLES[name], np.random.default_rng(seed)
     typed = resize(load(sample.preset), *sample.size)
     truth = replace(_as_built(typed, rng), display=Display(_GAMMA), accuracy=None)
+    truth, cells = adjusted(truth, sample.lens), (typed.pattern.rows, typed.pattern.cols)
     with atomic_folder(Path(out)) as folder:
         typed.save(folder / "rig.toml")
+        if sample.own:
+            sequence_from_text(sample.own, *cells).save(folder / "mine.toml")
         (folder / TRUTH).mkdir()
         truth.save(folder / TRUTH / "rig.toml")
         for shot, text, surface in sample.shots(truth, rng):
-            shown = sequence(text, truth.pattern.rows, truth.pattern.cols)
+            shown = sequence(text, *cells)
             _pictures(folder / shot, truth, surface, shown, int(rng.integers(1 << 31)))
             trace(truth, surface).save(folder / TRUTH / f"{shot}.npz")
     return [command.format(dir=out) for command in sample.commands]

@@ -5,6 +5,7 @@ a user's sequences: a Python callable, a folder of images with a description, or
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 from optolever.errors import InputError
 from optolever.patterns import Frame, Sequence, bits_for, sequence_from_text, sequence_names
@@ -30,6 +31,15 @@ class Candidate:
     text: str
     pattern: Sequence | UserImages
     decoder: UserDecoder | None = None
+
+    @property
+    def name(self) -> str:
+        """The argument of a named sequence; of a file or folder its name, of a function that."""
+        pattern, _, decoder = self.text.partition("@")
+        first, _, function = pattern.partition(":")
+        if first not in sequence_names():
+            pattern = Path(pattern).stem if Path(pattern).exists() else function or pattern
+        return f"{pattern} ({decoder.partition(':')[2]})" if decoder else pattern
 
     @property
     def sequence(self) -> Sequence:

@@ -42,16 +42,22 @@ def write_tradeoff_chart(path: Path, rows: Many[Tradeoff], title: str = "") -> N
     figure = new_figure(2 * _WIDTH, _HEIGHT * len(conditions))
     panels = figure.subplots(len(conditions), 2, sharey=True, squeeze=False)
     factor, unit = length_unit(float(np.median([row.simulated for row in shown])) if shown else 1.0)
-    marks = None
+    marks, errors = None, [factor * row.simulated for row in shown]
+    if shown:  # the panels' common scale
+        panels[0, 0].set(yscale="log", ylim=(min(errors) / 1.7, max(errors) * 1.7))
     for pair, condition in zip(panels, conditions, strict=True):
         mine = [row for row in shown if row.condition == condition]
         for panel, cost in zip(pair, _COSTS, strict=True):
             marks = _draw(panel, mine, cost, factor) or marks
             panel.set_xlabel(_COSTS[cost], fontsize=9)
         pair[0].set_ylabel(f"height error, rms [{unit}]", fontsize=9)
-        pair[0].set_title(condition, fontsize=9, loc="left")
+        lost = [row.code for row in rows if row.condition == condition and row not in mine]
+        without = f"; no height: {', '.join(lost)}" if lost else ""
+        pair[0].set_title(f"{condition}{without}", fontsize=9, loc="left")
     if marks is not None:
-        bar = figure.colorbar(marks, ax=panels, ticks=np.log2(_RATIOS), shrink=0.8)
+        bar = figure.colorbar(
+            marks, ax=panels, ticks=np.log2(_RATIOS), shrink=0.8, aspect=20 * len(conditions)
+        )
         bar.ax.set_yticklabels([f"{ratio:g}" for ratio in _RATIOS])
         bar.set_label("error / sigma: 1 where error bars are true", fontsize=9)
     figure.suptitle(f"{title}; grey: nothing is both faster and better".lstrip("; "), fontsize=9)
@@ -72,7 +78,7 @@ def _draw(panel: Axes, rows: Many[Tradeoff], name: str, factor: float) -> Any:
 
     panel.set(xscale="log", yscale="log")
     for axis in (panel.xaxis, panel.yaxis):
-        axis.set_major_locator(LogLocator(10, (1, 2, 5)))
+        axis.set_major_locator(LogLocator(10, (1, 2, 5), numticks=9))
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         axis.set_minor_formatter(NullFormatter())
     panel.tick_params(labelsize=8)
@@ -90,7 +96,6 @@ def _draw(panel: Axes, rows: Many[Tradeoff], name: str, factor: float) -> Any:
         cost, error, np.nan_to_num(bars), fmt="none", ecolor="0.3", elinewidth=1, capsize=2, zorder=2
     )
     panel.set_xlim(cost.min() / 3, cost.max() * 4)
-    panel.set_ylim(error.min() / 1.7, error.max() * 1.7)
     for row, at, (right, up, side) in zip(
         rows, zip(cost, error, strict=True), _labels(panel, rows, cost, error), strict=True
     ):

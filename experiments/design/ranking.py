@@ -34,7 +34,7 @@ class DesignRow:
     order or bit; share: predicted share of measured pixels; why: reason of exclusion ('': none).
 
     predicted and share determine the rank (see merit). simulated, simulated_share: the same from rendered
-    frames, NaN if not simulated.
+    frames, simulated_spread: its standard deviation over the seeds (mm), NaN if not simulated.
     """
 
     text: str
@@ -49,6 +49,7 @@ class DesignRow:
     why: str = ""
     simulated: float = math.nan
     simulated_share: float = math.nan
+    simulated_spread: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -91,6 +92,7 @@ def run_design(
     seeds: int = 3,
     extra: Many[Candidate] = (),
     lag: float = 0.0,
+    calibrated: bool = False,
     renderer: str = "auto",
     progress: Progress = silent,
 ) -> Design:
@@ -100,7 +102,8 @@ def run_design(
     in addition to the sensor's noise. failure: maximum share of pixels with an unflagged wrong fringe order
     or bit. verify: number of the best candidates that are simulated, each with `seeds` draws of noise; those
     with a user's decoder are simulated only, listed last. lag: share of the preceding frame in each
-    simulated frame. InputError if nothing fits the budget.
+    simulated frame. calibrated: the decoder knows the display's response. InputError if nothing fits the
+    budget.
     """
     pressed = dent or scene.dent or "flat"
     surface = dent_from_text(pressed, scene)
@@ -112,7 +115,7 @@ def run_design(
     stages = Stages(2, silent)
     rows: list[DesignRow] = []
     with stages.stage("predict"):
-        lever = Lever(scene, surface)
+        lever = Lever(scene, surface, calibrated=calibrated)
         for one in by_text.values():
             progress("predict", len(rows), len(by_text))
             rows.append(_predicted(lever, one, noise, refresh, failure))
@@ -146,7 +149,7 @@ def _predicted(lever: Lever, candidate: Candidate, noise: float, refresh: float,
     count = len(candidate.sequence)
     row = DesignRow(candidate.text, count, count / refresh)
     try:
-        prediction = predict(lever.view, candidate.sequence, noise)
+        prediction = predict(lever.view, candidate.sequence, noise, response=lever.response)
     except InputError as error:
         return replace(row, why=f"no prediction: {error}")
     height = lever.height(prediction)
@@ -156,15 +159,15 @@ def _predicted(lever: Lever, candidate: Candidate, noise: float, refresh: float,
 
 
 def _simulated_only(
-    one: Candidate, simulated: Callable[[Candidate], tuple[float, float]], refresh: float
+    one: Candidate, simulated: Callable[[Candidate], tuple[float, float, float]], refresh: float
 ) -> DesignRow:
     """The row of a candidate with a user's decoder."""
     row = DesignRow(one.text, len(one.pattern), len(one.pattern) / refresh, why="own decoder: simulated only")
     try:
-        error, share = simulated(one)
+        error, share, spread = simulated(one)
     except InputError as error_:
         return replace(row, why=f"cannot be decoded: {error_}")
-    return replace(row, simulated=error, simulated_share=share, share=share)
+    return replace(row, simulated=error, simulated_share=share, simulated_spread=spread, share=share)
 
 
 def _ruled_out(row: DesignRow, failure: float) -> str:
@@ -183,8 +186,9 @@ def simulate(
     seeds: Many[int],
     renderer: str = "auto",
     lag: float = 0.0,
-) -> tuple[float, float]:
-    """(rms height error in mm, share measured) of rendered, decoded, reconstructed frames, pooled over seeds.
+) -> tuple[float, float, float]:
+    """(rms height error in mm, share measured, standard deviation of the error over the seeds in mm) of
+    rendered, decoded, reconstructed frames.
 
     Over the pixels whose footprint is clear of the pattern's border. InputError if the frames cannot be
     decoded.
@@ -196,12 +200,12 @@ def simulate(
         good = height.good & lever.full.usable
         squares.append(rms((height.z - lever.full.truth.z)[good]) ** 2)
         shares.append(good.sum() / lever.full.usable.sum())
-    return math.sqrt(float(np.mean(squares))), float(np.mean(shares))
+    return math.sqrt(float(np.mean(squares))), float(np.mean(shares)), float(np.std(np.sqrt(squares)))
 
 
 def _verified(
     rows: list[DesignRow],
-    simulated: Callable[[str], tuple[float, float]],
+    simulated: Callable[[str], tuple[float, float, float]],
     verify: int,
     progress: Progress,
 ) -> list[DesignRow]:
@@ -212,8 +216,8 @@ def _verified(
         progress("simulate", len(found), verify)
         row = remaining.pop(0)
         try:
-            error, share = simulated(row.text)
-            found.append(replace(row, simulated=error, simulated_share=share))
+            error, share, spread = simulated(row.text)
+            found.append(replace(row, simulated=error, simulated_share=share, simulated_spread=spread))
         except InputError as error:
             failed.append(replace(row, why=f"cannot be decoded: {error}"))
     return [*found, *remaining, *failed]

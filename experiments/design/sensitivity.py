@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.decode import Correspondence, Flag, decode
+from optolever.decode import Correspondence, Flag, Response, decode
 from optolever.errors import InputError
 from optolever.patterns import Sequence
 from optolever.reconstruct import HeightMap, reconstruct
@@ -52,8 +52,16 @@ class HeightPrediction:
 class Lever:
     """Error propagation of a scene with a dent (or at rest): height error of any sequence's prediction."""
 
-    def __init__(self, scene: Scene, surface: Surface, *, stride: int | None = None) -> None:
-        """The numbers of the scene are taken as exact: errors by noise are the solver's alone."""
+    def __init__(
+        self, scene: Scene, surface: Surface, *, stride: int | None = None, calibrated: bool = False
+    ) -> None:
+        """The numbers of the scene are taken as exact: errors by noise are the solver's alone. calibrated:
+        the decoder knows the response of the scene's display."""
+        self.response = None
+        if calibrated and scene.display is not None:
+            levels = np.arange(256.0)
+            seen = 255 * scene.display.light(levels)
+            self.response = Response(levels, seen, scene.pattern.blur_px)
         self.scene, self.surface = replace(scene, accuracy=None, covariance=None), surface
         self.view = view_of(self.scene, surface, stride_for(scene) if stride is None else stride)
         if not self.view.visible.any():
@@ -71,7 +79,7 @@ class Lever:
         InputError if the frames cannot be decoded or no anchor has valid pixels."""
         pattern = candidate.pattern
         if candidate.decoder is None:
-            return reconstruct(decode(frames, candidate.sequence), self.scene)
+            return reconstruct(decode(frames, candidate.sequence, response=self.response), self.scene)
         levels = pattern.levels if isinstance(pattern, UserImages) else pattern
         return reconstruct(candidate.decoder(frames, levels), self.scene)
 
@@ -142,18 +150,11 @@ class Lever:
         return _known_rms(self._weighted * _errors(self.view, noise))
 
     @cached_property
-    def unit_sigma(self) -> Floats:
-        """Error bars (mm) of the full camera's heights under noise of one cell along u and v, rms over the
-        full camera's pixels inside each pixel of the view; NaN where all are unusable."""
-        square, share = self._blocks
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(np.sqrt(square / share))
-
-    @cached_property
     def to_full(self) -> Floats:
         """Per pixel of the view: height error on the full camera over that on the view, for the same noise
         (cells)."""
-        factor = self.unit_sigma / _unit_sigma(self.view)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            factor = np.sqrt(np.divide(*self._blocks)) / _unit_sigma(self.view)
         return np.asarray(np.where(np.isfinite(factor), factor, np.nanmedian(factor)))
 
     @cached_property

@@ -72,23 +72,26 @@ def compare_codes(
     noises: Many[float],
     rate: float = 60.0,
     seeds: Many[int] = (0,),
+    calibrated: bool = False,
     resized: bool = False,
     renderer: str = "auto",
     progress: Progress = silent,
 ) -> Iterator[Tradeoff]:
-    """Every code ('PATTERN' or 'PATTERN@MODULE:FUNCTION') under every fault and noise, over seeds."""
+    """Every code ('PATTERN' or 'PATTERN@MODULE:FUNCTION') under every fault and noise, over seeds.
+    calibrated: the decoder knows the response of the scene's display, but no fault's gamma."""
     pattern = scene.pattern
     named = [user_candidate(code, pattern.rows, pattern.cols, resized=resized) for code in codes]
     total, done = len(codes) * len(faults) * len(noises), 0
     for fault in faults:
         faulty = fault.on(scene)
-        lever = Lever(faulty, dent_from_text(dent or scene.dent or "flat", faulty))
+        surface = dent_from_text(dent or scene.dent or "flat", faulty)
+        lever = Lever(faulty, surface, calibrated=calibrated and fault.gamma is None)
         for noise, code in product(noises, named):
             progress("simulate", done, total)
             done += 1
             count = len(code.pattern)
             values = fault.lag, fault.gamma, fault.flicker, fault.blur
-            row = Tradeoff(code.text, noise, *values, count, count / rate)
+            row = Tradeoff(code.name, noise, *values, count, count / rate)
             try:
                 yield _simulated(lever, row, code, seeds, renderer)
             except InputError as error:
@@ -98,7 +101,8 @@ def compare_codes(
 def _simulated(lever: Lever, row: Tradeoff, code: Candidate, seeds: Many[int], renderer: str) -> Tradeoff:
     """The row with its numbers."""
     if code.decoder is None and not row.lag:
-        row = replace(row, predicted=lever.height(predict(lever.view, code.sequence, row.noise)).total)
+        there = predict(lever.view, code.sequence, row.noise, response=lever.response)
+        row = replace(row, predicted=lever.height(there).total)
     full, errors, ratios, shares, seconds = lever.full, [], [], [], []
     for seed in seeds:
         frames = lever.frames(code.pattern, row.noise, seed, renderer, row.lag)

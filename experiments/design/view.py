@@ -18,7 +18,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.decode import Correspondence, Flag, decode
+from optolever.decode import Correspondence, Flag, Response, decode
 from optolever.errors import InputError
 from optolever.patterns import Frame, Sequence
 from optolever.projector import NOMINAL_SENSOR, Footprints, footprints, light_of
@@ -144,13 +144,16 @@ class Prediction:
         return rms(error)
 
 
-def predict(view: View, sequence: Sequence, noise: float, *, pairs: int = 1) -> Prediction:
-    """`pairs` pairs of draws under Gaussian noise (rms, 8-bit levels) in addition to the sensor's noise.
+def predict(
+    view: View, sequence: Sequence, noise: float, *, pairs: int = 1, response: Response | None = None
+) -> Prediction:
+    """`pairs` pairs of draws under Gaussian noise (rms, 8-bit levels) in addition to the sensor's noise;
+    response: of the display, as the decoder knows it.
 
     InputError if the sequence does not fit the pattern, does not encode both axes or cannot be decoded.
     """
     _require_fit(view, sequence)
-    decoded = list(_decoded(view, sequence, noise, pairs))
+    decoded = list(_decoded(view, sequence, noise, pairs, response))
 
     def picked(name: str) -> Floats:
         return np.stack([np.asarray(getattr(one, name)).ravel()[view.pick] for one in decoded])
@@ -175,7 +178,9 @@ def _require_fit(view: View, sequence: Sequence) -> None:
             raise InputError(f"sequence {sequence.name}: no frame encodes {axis}; a height needs both axes")
 
 
-def _decoded(view: View, sequence: Sequence, noise: float, pairs: int) -> Iterator[Correspondence]:
+def _decoded(
+    view: View, sequence: Sequence, noise: float, pairs: int, response: Response | None
+) -> Iterator[Correspondence]:
     """Correspondences of noisy images of the view, two per pair."""
     sensor, white = view.sensor, 2**view.sensor.bits - 1
     kind = np.uint8 if sensor.bits == 8 else np.uint16
@@ -188,4 +193,4 @@ def _decoded(view: View, sequence: Sequence, noise: float, pairs: int) -> Iterat
         drawn = scatter * np.random.default_rng([seed, 11]).standard_normal(mean.shape, np.float32)
         for sign in (1, -1):
             raw = np.rint(mean + sign * drawn).clip(0, white).astype(kind)
-            yield decode(raw.reshape(-1, *view.shape), sequence, white_level=white)
+            yield decode(raw.reshape(-1, *view.shape), sequence, white_level=white, response=response)

@@ -160,7 +160,7 @@ def test_slopes_and_dents_are_less_rest(tmp_path: Path) -> None:
             exact, _ = surface.gradient(slopes["x"], slopes["y"])
             errors.append(np.sqrt(np.mean((slopes["slope_x"] - exact)[good] ** 2)))
         page = Page(tmp_path / name, tmp_path)
-        assert ("The heights are less a rest capture" in page.html) == (name == "without")
+        assert ("The heights are relative to a rest capture" in page.html) == (name == "without")
     assert errors[0] < 0.1 * errors[1]
     (contact,) = json.loads(numbers.read_text())["contacts"]
     page = next(tmp_path.rglob("*.html")).read_text(encoding="utf-8")

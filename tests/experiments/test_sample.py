@@ -1,6 +1,7 @@
 """Sample sets: what their commands give is near the truth that lies apart."""
 
 import shlex
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 from optolever.cli import run
 from optolever.experiments import SAMPLES, write_sample
+from optolever.metrology import fit_form
 from optolever.reconstruct import HeightMap
 from optolever.scene import Trace
 
@@ -32,11 +34,38 @@ def test_a_sensor_is_measured_by_its_commands(tmp_path: Path, monkeypatch: pytes
 
 
 @pytest.mark.slow
+def test_a_rig_is_designed_for_by_its_commands(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With its noise and response; a sequence of one's own goes by its file's name."""
+    monkeypatch.chdir(tmp_path)
+    _go_on("design")
+    out = capsys.readouterr().out
+    assert "response of gamma 2.2; noise of" in out
+    assert "\nmine " in out
+    assert Path("design/codes.png").stat().st_size > 10_000
+
+
+@pytest.mark.slow
+def test_forty_presses_are_measured_by_their_commands(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    _go_on("forty")
+    assert len(list(Path("forty/h").glob("press*.npz"))) == 40
+
+
+@pytest.mark.slow
 def test_a_mirror_is_measured_by_its_commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     _go_on("mirror")
     assert Path("mirror/measured/report.html").is_file()
+    height, true = HeightMap.load("mirror/measured/h.npz"), Trace.load("mirror/truth/mirror.npz")
+    good = height.good & true.visible
+    there = replace(height, **{name: np.where(good, getattr(true, name), np.nan) for name in "xyz"})
+    found, form = (fit_form(each, "tilt").residual[good] for each in (height, there))
+    assert np.nanstd(found - form) < 0.2 * np.nanstd(form)
 
 
 def test_sets_have_a_command_each() -> None:
-    assert set(SAMPLES) == {"sensor", "mirror", "forty"}
+    assert set(SAMPLES) == {"sensor", "mirror", "forty", "design"}
