@@ -1,7 +1,6 @@
 """One frame to a height: alternating steps of the image model and of the mirror until convergence.
 
-The state of the preceding frame (`Track`) is the start: it saves steps and determines the fringe order. A
-start from rest takes one or two steps more and converges to the same height."""
+Every frame starts from rest: a state with holes or wrong fringe orders would persist from frame to frame."""
 
 from dataclasses import dataclass
 
@@ -12,10 +11,10 @@ from optolever.kernels import kernel
 
 from .arrays import Cells, Frame, Mask
 from .chord import Linearised, chord_step
-from .picture import Carriers, Fit, State, fit_step, window_mean
+from .picture import Carriers, Fit, State, fit_step
 from .unwrap import beside_tears, torn, unwrapped
 
-__all__ = ["COMPRESSED", "LEAST_SHARE", "Rig", "Settled", "Track", "at_rest", "rest_state", "settle"]
+__all__ = ["COMPRESSED", "LEAST_SHARE", "Rig", "Settled", "rest_state", "settle"]
 
 _f4 = np.float32
 LEAST_SHARE = 0.15  # illuminated share of a window on the pattern: a corner's window has a quarter
@@ -25,8 +24,9 @@ _MISFIT = 6.0  # mean square residual over the median one, at which a cell has h
 COMPRESSED = 0.25  # Jacobian of the map over that at rest: below it the map is about to fold
 _NOT_MOVED = 0.2  # predicted change by further steps in sigma, at convergence
 _STEPS = 6
+_WRAPPED = 2  # steps after which the displacement is whole
 _REST_STEPS = 120
-_KINKED, _KINK_STEPS = 0.3, 4  # rms change in sigma at kinks, which converge slowly; steps for them at most
+_KINKED = 0.3  # the same at kinks, rms
 _SPARSE = 4  # stride of the pixels that measure the light
 _LIGHTER, _LAMP, _DARK = 0.01, 0.03, 0.1  # relative change of light to rescale by, to add; least factor
 _FILL = 4.0  # cells: radius of the interpolation of displacement into gaps
@@ -55,28 +55,20 @@ class Rig:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Track:
-    """State passed on to the next frame. tau (R, C): distance along the rays less that at rest, mm; whole:
-    the state is unwrapped."""
-
-    state: State
-    tau: Cells
-    whole: bool
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Settled:
-    """The fit of a frame. good: cells with a measured height; contrast (R, C): over that at rest, in the same
-    light; strength (R, C): amplitude over that at rest; ahead (R, C): predicted change of z by further steps
+    """The fit of a frame. tau (R, C): distance along the rays less that at rest, mm; good: cells with a
+    measured height; contrast (R, C): over that at rest, in the same light; strength (R, C): amplitude over
+    that at rest; residual (R, C): mean square, levels^2; ahead (R, C): predicted change of z by further steps
     and by the weights at kinks, mm; left: predicted typical change by further steps, in sigma; usual: median
     of the mean square residual; slopes (2, R, C): less those at rest; jacobian: of the map over that at rest,
     the least."""
 
-    track: Track
+    state: State
+    tau: Cells
     good: Mask
     contrast: Cells
     strength: Cells
-    fit: Fit
+    residual: Cells
     ahead: Cells
     left: float
     usual: float
@@ -85,16 +77,9 @@ class Settled:
     jacobian: float
 
 
-def at_rest(rig: Rig) -> Track:
-    """Start of a chain without history."""
-    return Track(rig.rest, np.zeros(rig.carriers.shape, _f4), False)
-
-
-def settle(rig: Rig, frame: Frame, track: Track, sigma: Cells) -> Settled:
+def settle(rig: Rig, frame: Frame, sigma: Cells) -> Settled:
     """Fit a frame. sigma (R, C): of z, mm, for the criterion of convergence."""
-    state, tau = _lighted(rig, track.state, frame), track.tau.copy()
-    if track.whole:
-        state = _calmed(rig, state)
+    state, tau = _lighted(rig, rig.rest, frame), np.zeros(rig.carriers.shape, _f4)
     sizes: list[float] = []
     kinks: list[float] = []
     some = (slice(None, None, 3), slice(None, None, 3))
@@ -103,7 +88,7 @@ def settle(rig: Rig, frame: Frame, track: Track, sigma: Cells) -> Settled:
         state, fit = fit_step(rig.carriers, frame, state)
         good, contrast, strength = _good(rig, state, fit)
         offset = state.displacement - rig.rest.displacement
-        if (not track.whole and step < 2) or (step == 0 and torn(offset, good)):
+        if step < _WRAPPED and torn(offset, good):
             offset, good = unwrapped(offset, good, rig.rim)
             state.displacement[:] = offset + rig.rest.displacement
         if not good.all():
@@ -119,12 +104,13 @@ def settle(rig: Rig, frame: Frame, track: Track, sigma: Cells) -> Settled:
         sizes.append(1.48 * float(np.median(ratios)))
         kinks.append(float(np.sqrt(np.mean(np.square(ratios)))))
         pace, slow = (min(of[-1] / of[-2], 0.8) if step else 0.8 for of in (sizes, kinks))
-        kinked = kinks[-1] * slow / (1 - slow) > _KINKED and step + 1 < _KINK_STEPS
+        kinked = kinks[-1] * slow / (1 - slow) > _KINKED
         if step and sizes[-1] * pace / (1 - pace) < _NOT_MOVED and not kinked:
             break
     left = sizes[-1] * pace / (1 - pace) if np.isfinite(sizes[-1]) else np.inf
     # the residual is evaluated after convergence: before, it is large wherever something moved
-    usual = float(np.median(fit.residual[some]))
+    residual = fit.residual(rig.carriers)
+    usual = float(np.median(residual[some]))
     ratio = _compressions(rig, offset)
     least = float(ratio[good].min(initial=1.0))
     good &= ~_folded(rig, ratio)
@@ -133,13 +119,13 @@ def settle(rig: Rig, frame: Frame, track: Track, sigma: Cells) -> Settled:
     if not good.all():
         good = _anchored(rig, good)
     ahead = np.abs(change) * _f4(slow / (1 - slow))
-    trust = good / (1 + np.square(fit.residual / _f4(_MISFIT * max(usual, rig.noise))))
+    trust = good / (1 + np.square(residual / _f4(_MISFIT * max(usual, rig.noise))))
     if trust.min() < 0.5:  # kinks have a small weight, but must not detach the area that they enclose
         more, slopes = chord_step(rig.mirror, offset, tau, trust.astype(_f4))
         tau += more
         ahead = np.hypot(ahead, more * rig.normal)
     return Settled(
-        Track(state, tau, True), good, contrast, strength, fit, ahead, left, usual, slopes, len(sizes), least
+        state, tau, good, contrast, strength, residual, ahead, left, usual, slopes, len(sizes), least
     )
 
 
@@ -176,29 +162,6 @@ def rest_state(carriers: Carriers, mean: Frame, start: State) -> State:
     for _ in range(_REST_STEPS):
         state, _ = fit_step(carriers, mean, state)
     return state
-
-
-def _calmed(rig: Rig, state: State) -> State:
-    """The state smoothed in truncated windows, whose unobserved components would drift randomly from frame to
-    frame."""
-    calm, cut = state.copy(), np.clip(4 * (1 - rig.carriers.share), 0, 1)
-    for plane, rest in zip(calm.displacement, rig.rest.displacement, strict=True):
-        offset = plane - rest
-        plane += cut * (_straight_mean(offset, rig.carriers.window) - offset)
-    return calm
-
-
-def _straight_mean(plane: Cells, window: Cells) -> Cells:
-    """The window's mean of a plane (R, C), less what the plane's slope adds to it where the window is
-    truncated, and its centroid beside the cell."""
-    mean = window_mean(plane, window, inside=True)
-    straight = mean.copy()
-    for axis, size in enumerate(plane.shape):
-        place = np.arange(size, dtype=_f4)[:, None]
-        centroid = window_mean(place, window, inside=True)
-        along = (centroid - place) / np.gradient(centroid, axis=0)
-        straight -= np.gradient(mean, axis=axis) * (along if axis == 0 else along.T)
-    return straight
 
 
 def _good(rig: Rig, state: State, fit: Fit) -> tuple[Mask, Cells, Cells]:

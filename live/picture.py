@@ -82,27 +82,34 @@ class State:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """Result of a step, (R, C): change of du and dv (2, R, C) in turns; mean square residual before the step,
-    levels^2; share of the window that is lit, on the pattern and not saturated."""
+    """Of a step, before it: squares (R, C): mean square residual of each cell, levels^2, over the cells;
+    share (R, C): of the window that is lit, on the pattern and not saturated."""
 
-    change: Cells
-    residual: Cells
+    squares: Cells
     share: Cells
+
+    def residual(self, carriers: Carriers) -> Cells:
+        """Mean square residual in the window (R, C), levels^2."""
+        return window_mean(self.squares, carriers.window) / np.maximum(self.share, _f4(_LEAST_SHARE))
 
 
 def fit_step(carriers: Carriers, frame: Frame, state: State) -> tuple[State, Fit]:
     """One Gauss-Newton step of every cell. frame: (H, W) of whole cells."""
     rows, cols = carriers.shape
-    full = [to_pixels(carriers, plane) for plane in state.planes]
+    full = np.empty((5, *frame.shape), _f4)
+    for plane, pixels in zip(state.planes, full, strict=True):
+        cv2.resize(plane, frame.shape[::-1], dst=pixels, interpolation=cv2.INTER_LINEAR)
     sums = np.empty((7, rows, cols), _f4)
     args = frame, carriers.turn_u, carriers.turn_v, carriers.lit, *full, carriers.ends
     top, cell = _f4(carriers.full), carriers.cell
     over_rows(lambda start, stop: _residuals(*args, top, cell, sums, start, stop), rows, _BLOCK)
-    for plane in sums:
-        _blur(plane, carriers.window)
-    planes, found = np.empty_like(state.planes), np.empty((4, rows, cols), _f4)
-    over_rows(lambda start, stop: _updated(sums, state.planes, planes, found, start, stop), rows, 64)
-    return State(planes), Fit(found[:2], found[2], found[3])
+    for plane in sums[:6]:
+        cv2.sepFilter2D(
+            plane, cv2.CV_32F, carriers.window, carriers.window, plane, borderType=cv2.BORDER_CONSTANT
+        )
+    planes = np.empty_like(state.planes)
+    over_rows(lambda start, stop: _updated(sums, state.planes, planes, start, stop), rows, 64)
+    return State(planes), Fit(sums[6], sums[5])
 
 
 def model(carriers: Carriers, state: State) -> Pixels:
@@ -130,14 +137,9 @@ def to_cells(pixels: Pixels, cell: int) -> Cells:
     return means.astype(_f4)
 
 
-def window_mean(plane: Cells, window: Cells, inside: bool = False) -> Cells:
-    """A plane (R, C) filtered by the window; beyond its border: zeros, or (inside) reflected."""
-    border = cv2.BORDER_REFLECT if inside else cv2.BORDER_CONSTANT
-    return np.asarray(cv2.sepFilter2D(plane, cv2.CV_32F, window, window, borderType=border), _f4)
-
-
-def _blur(plane: Cells, window: Cells) -> None:
-    cv2.sepFilter2D(plane, cv2.CV_32F, window, window, dst=plane, borderType=cv2.BORDER_CONSTANT)
+def window_mean(plane: Cells, window: Cells) -> Cells:
+    """A plane (R, C) filtered by the window; zero beyond its border."""
+    return np.asarray(cv2.sepFilter2D(plane, cv2.CV_32F, window, window, borderType=cv2.BORDER_CONSTANT), _f4)
 
 
 @inlined
@@ -169,8 +171,8 @@ def _turn_of(s, c):  # type: ignore[no-untyped-def]
 
 @kernel
 def _residuals(frame, turn_u, turn_v, lit, du, dv, level, by_u, by_v, ends, full, cell, out, start, stop):  # type: ignore[no-untyped-def]
-    """out (7, R, C): means over cells of r, r cos u, r sin u, r cos v, r sin v, r^2 and of the pixels that
-    count; r = 0 in the others."""
+    """out (7, R, C): means over cells of r, r cos u, r sin u, r cos v, r sin v, of the pixels that count and
+    of r^2; r = 0 in the others."""
     cols = frame.shape[1]
     row = np.empty((7, cols), np.float32)
     area = _f4(1) / _f4(cell * cell)
@@ -193,8 +195,8 @@ def _residuals(frame, turn_u, turn_v, lit, du, dv, level, by_u, by_v, ends, full
                 row[2, x] += r * sin_u
                 row[3, x] += r * cos_v
                 row[4, x] += r * sin_v
-                row[5, x] += r * whole
-                row[6, x] += counted
+                row[5, x] += counted
+                row[6, x] += r * whole
         for k in range(7):
             for j in range(out.shape[2]):
                 total = _f4(0)
@@ -204,22 +206,18 @@ def _residuals(frame, turn_u, turn_v, lit, du, dv, level, by_u, by_v, ends, full
 
 
 @kernel
-def _updated(sums, before, after, found, start, stop):  # type: ignore[no-untyped-def]
-    """after, before (5, R, C): State.planes; found (4, R, C): change of du, of dv, mean square, share."""
+def _updated(sums, before, after, start, stop):  # type: ignore[no-untyped-def]
+    """after, before (5, R, C): State.planes."""
     cols = sums.shape[2]
     over = np.empty(cols, np.float32)
     for i in range(start, stop):
         for j in range(cols):
-            over[j] = _f4(1) / max(sums[6, i, j], _f4(_LEAST_SHARE))
+            over[j] = _f4(1) / max(sums[5, i, j], _f4(_LEAST_SHARE))
         for j in range(cols):
             after[2, i, j] = before[2, i, j] + sums[0, i, j] * over[j]
-            found[2, i, j] = sums[5, i, j] * over[j]
-            found[3, i, j] = sums[6, i, j]
         for axis in range(2):  # a loop of its own each: with fewer arrays it becomes vector instructions
             for j in range(cols):
                 c = before[3 + axis, i, j] + _f4(2) * sums[1 + 2 * axis, i, j] * over[j]
                 s = _f4(-2) * sums[2 + 2 * axis, i, j] * over[j]
-                turn = _turn_of(s, c)
                 after[3 + axis, i, j] = np.sqrt(c * c + s * s)
-                after[axis, i, j] = before[axis, i, j] + turn
-                found[axis, i, j] = turn
+                after[axis, i, j] = before[axis, i, j] + _turn_of(s, c)

@@ -17,7 +17,7 @@ from optolever.records import logged
 from optolever.scene import Scene
 
 from .arrays import Cells, Float, Frame, Mask
-from .chain import LEAST_SHARE, Rig, at_rest, rest_state, settle
+from .chain import LEAST_SHARE, Rig, rest_state, settle
 from .chord import linearised
 from .circulation import BLOCKS, circulation
 from .geometry import anchor_line, rest_rays, rim
@@ -30,7 +30,7 @@ __all__ = ["prepare"]
 _WINDOW = 0.5  # periods, rms: less leaks between level and fringes, more smooths kinks
 _LEAST_WINDOW = 0.5  # cells, rms
 _BESIDE = 1.0  # pattern pixels: margin at the border, where a footprint may exceed the pattern
-_DRAWS, _KEPT, _WARM = 48, 12, 4
+_DRAWS, _KEPT = 48, 12
 _QUANTISED = 1 / 12  # levels^2: variance by the rounding of a simulated frame
 _SMOOTH = 6.0  # cells: of the map of variances
 _FIRST_SIGMA = 1e-5  # mm: before it is measured
@@ -175,26 +175,22 @@ def _rest_state(carriers: Carriers, mean: Frame) -> State:
 def _measured_noise(
     rig: Rig, points: Cells, seed: int, kind: np.dtype[np.uint8] | np.dtype[np.uint16]
 ) -> Noise:
-    """Noise of the chain by simulation: a stream of frames at rest with the measured noise."""
+    """Noise of the chain by simulation: frames at rest with the measured noise."""
     rng = np.random.default_rng(seed)
     clean = model(rig.carriers, rig.rest)
     spread = np.float32(math.sqrt(max(rig.noise - _QUANTISED, 0.0)))
     sigma = np.full(rig.carriers.shape, _FIRST_SIGMA, np.float32)
-    track = at_rest(rig)
     squares, draws, scatter, creep = np.zeros(rig.carriers.shape), [], [], creep_of(rig, points)
     around = [np.zeros(1, np.float32)] * len(BLOCKS)
-    for k in range(_WARM + _DRAWS):
+    for _ in range(_DRAWS):
         noisy = clean + spread * rng.standard_normal(clean.shape, dtype=np.float32)
         frame = np.clip(np.rint(noisy), 0, rig.carriers.full - 1).astype(kind)
-        settled = settle(rig, frame, track, sigma)
-        track = settled.track
-        if k < _WARM:
-            continue
-        offset = track.state.displacement - rig.rest.displacement
+        settled = settle(rig, frame, sigma)
+        offset = settled.state.displacement - rig.rest.displacement
         found = fitted(creep, offset, settled.good, (), None, (1.0, 1.0))
         coefficients = np.append(found.shift, found.roll) / found.sigmas[:3]
         scatter.append((found.misfit**2, float(np.mean(np.square(coefficients)))))
-        z = track.tau * rig.normal + found.heights(creep)
+        z = settled.tau * rig.normal + found.heights(creep)
         squares += np.square(z, dtype=np.float64)
         draws.append(z)
         for i, block in enumerate(BLOCKS):

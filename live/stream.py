@@ -10,7 +10,7 @@ from optolever.contact import Surface, contacts, regions
 from optolever.errors import InputError
 
 from .arrays import Cells, Float, Frame, Mask
-from .chain import COMPRESSED, Settled, Track, at_rest, settle
+from .chain import COMPRESSED, Settled, settle
 from .circulation import BLOCKS, circulation, excess
 from .holes import holes_of
 from .prepared import Prepared
@@ -25,8 +25,6 @@ _SPARSE = 4  # stride of the pixels and cells of medians and shares
 _LEAST_NOISE = 0.05  # minimum variance of a dark image over that at rest
 _LEAST_STRENGTH = 0.05
 _REMAINS, _MOST = 0.06, 0.6  # share of the window's smoothing that stays: measured on 33 dents of lab live
-_FOLLOWED = 25  # frames from one start at rest to the next
-_CURL = 10.0  # 1 by noise: above, a frame is also fitted from rest
 _COLUMNS = 80  # at least, of the grid on which contacts are looked for first
 _ROUNDS = 4  # of contacts, and of the fit of their load
 _UNSETTLED = 0.2  # sigma of a correction, over its change by a round
@@ -50,24 +48,10 @@ class _Fitted:
     z: Cells
     noise: Cells
 
-    @property
-    def poor(self) -> bool:
-        """Whether a start from rest may be better."""
-        return judge(self.figures).broken or max(self.figures.curl) > _CURL
-
-    @property
-    def merit(self) -> float:
-        """The smaller, the better."""
-        figures = self.figures
-        return figures.lost + 1e-3 * max(figures.curl) + 1e-3 * figures.left
-
 
 class Live:
-    """Readings of frames in order of time; the fit of each frame starts from the preceding one.
-
-    An untrusted frame is fitted once more from rest. The frame after it starts from rest, as does one after a
-    frame without a contact, and one in 25: components that no window resolves neither persist nor drift.
-    After `reset` a frame gives the same height within its noise."""
+    """Readings of frames in order of time. Each is fitted from rest; identities of contacts go by the frame
+    before."""
 
     def __init__(self, prepared: Prepared) -> None:
         self.restart(prepared)
@@ -77,29 +61,17 @@ class Live:
         self.prepared, self._faded = prepared, 0
         self._touches = Touches()
         self.creep: Creep = creep_of(prepared.rig, prepared.points)
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget the frames before."""
-        self._track, self._followed = at_rest(self.prepared.rig), 0
 
     def update(self, frame: Frame, time: float = 0.0) -> Reading:
         """The reading of a frame (H, W) of the camera, taken at `time` (s). InputError for a wrong size or
         type."""
-        used = self._used(frame)
-        found = self._fitted(used, self._track)
-        if self._track.whole and found.poor:
-            found = min(found, self._fitted(used, at_rest(self.prepared.rig)), key=lambda one: one.merit)
+        found = self._fitted(self._used(frame))
         self._faded = self._faded + 1 if found.figures.contrast < FADED else 0
-        reading = self._reading(found, time)
-        self._track, self._followed = found.settled.track, self._followed + 1
-        if not reading.touches or not reading.trusted or self._followed == _FOLLOWED:
-            self.reset()
-        return reading
+        return self._reading(found, time)
 
     def _reading(self, found: _Fitted, time: float) -> Reading:
         """The heights less what the rig and the anchor moved, and the contacts in them."""
-        prepared, rig, tau = self.prepared, self.prepared.rig, found.settled.track.tau
+        prepared, rig, tau = self.prepared, self.prepared.rig, found.settled.tau
         x, y = (prepared.points[i] + tau * rig.mirror.planes[3 + i] for i in (0, 1))
         moved = found.deviation.heights(self.creep)
         z = found.z + moved
@@ -139,11 +111,11 @@ class Live:
             forces=forces_of(touches),
         )
 
-    def _fitted(self, frame: Frame, track: Track) -> _Fitted:
+    def _fitted(self, frame: Frame) -> _Fitted:
         prepared, rig = self.prepared, self.prepared.rig
-        settled = settle(rig, frame, track, prepared.noise.sigma)
+        settled = settle(rig, frame, prepared.noise.sigma)
         curl, scale = _curl(prepared, settled.slopes, settled.good), _noise_scale(prepared, settled)
-        z, noise = settled.track.tau * rig.normal, _sigma(prepared, settled, curl)
+        z, noise = settled.tau * rig.normal, _sigma(prepared, settled, curl)
         deviation, alone = self._deviation(settled, z, noise, scale)
         moved = np.append(deviation.shift, deviation.roll)
         if (np.abs(moved) > CREPT * deviation.sigmas[:3]).any():  # what is left of it is the mirror's
@@ -157,7 +129,7 @@ class Live:
     def _deviation(self, settled: Settled, z: Cells, noise: Cells, scale: float) -> tuple[Deviation, float]:
         """Contacts and their load in turn, on a coarser grid, until no contact comes or goes."""
         prepared = self.prepared
-        offset = settled.track.state.displacement - prepared.rig.rest.displacement
+        offset = settled.state.displacement - prepared.rig.rest.displacement
         variance = (
             float(prepared.noise.displacement[0]) * scale,
             float(prepared.noise.displacement[1]) * scale,
@@ -197,7 +169,7 @@ class Live:
         rig, good, creep = self.prepared.rig, settled.good, self.creep
         few = slice(None, None, _SPARSE), slice(None, None, _SPARSE)
         full = (frame[few] >= rig.carriers.full)[rig.carriers.lit[few] > 0]
-        level = settled.track.state.level
+        level = settled.state.level
         along, down, roll, _ = deviation.sigmas
         return Figures(
             light=float(np.median((level[few] / np.maximum(rig.rest.level[few], 1))[rig.lit[few]])),
@@ -259,9 +231,9 @@ def _sigma(prepared: Prepared, settled: Settled, curl: tuple[float, float]) -> C
 def _smoothed(prepared: Prepared, settled: Settled) -> Cells:
     """What the window still smooths of z, mm (R, C): a window of variance s^2 cells^2 changes a surface by
     s^2 / 2 times its second differences; steps undo all but a share of that, as the rms residual grows."""
-    window, z = prepared.rig.carriers.window, settled.track.tau * prepared.rig.normal
+    window, z = prepared.rig.carriers.window, settled.tau * prepared.rig.normal
     variance = float(np.square(np.arange(window.size) - window.size // 2) @ window / window.sum())
     bends = sum(np.abs(cv2.Sobel(z, cv2.CV_32F, *order, ksize=1)) for order in ((2, 0), (0, 2)))
-    misfit = np.maximum(settled.fit.residual / np.float32(max(settled.usual, 1e-6)), 1)
+    misfit = np.maximum(settled.residual / np.float32(max(settled.usual, 1e-6)), 1)
     share = np.minimum(np.float32(_REMAINS) * np.sqrt(misfit), np.float32(_MOST))
     return np.asarray(np.float32(variance / 2) * bends * share / (1 - share))  # of the bends as they are
