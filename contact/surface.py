@@ -95,8 +95,8 @@ def spread(coarse: Floats, step: int, shape: tuple[int, ...]) -> Floats:
 
 
 def filled(z: Map, good: Mask) -> tuple[Map, Mask, Mask]:
-    """Heights with enclosed holes: at the deepest of the cells beside each where the equations bridged it,
-    else harmonic; what is known then; the holes."""
+    """Heights with enclosed holes: as the equations bridged them, at most the deepest of the cells beside
+    each; else harmonic; what is known then; the holes."""
     holes = np.zeros_like(good) if good.all() else scipy.ndimage.binary_fill_holes(good) & ~good
     if not holes.any():
         return np.where(good, z, 0), good, holes
@@ -104,7 +104,7 @@ def filled(z: Map, good: Mask) -> tuple[Map, Mask, Mask]:
     beside = scipy.ndimage.maximum_filter(np.where(good, z, -np.inf), 3)
     deepest = np.full(count + 1, -np.inf)
     np.maximum.at(deepest, labels[holes], beside[holes])
-    out, known = np.where(holes, deepest[labels], np.where(good, z, 0)), good | holes
+    out, known = np.where(holes, np.minimum(z, deepest[labels]), np.where(good, z, 0)), good | holes
     places = np.flatnonzero(holes & ~np.isfinite(z))
     if not places.size:
         return out, known, holes

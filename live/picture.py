@@ -90,7 +90,8 @@ class Fit:
 
     def residual(self, carriers: Carriers) -> Cells:
         """Mean square residual in the window (R, C), levels^2."""
-        return window_mean(self.squares, carriers.window) / np.maximum(self.share, _f4(_LEAST_SHARE))
+        whole = np.maximum(self.share, _f4(_LEAST_SHARE))
+        return np.asarray(window_mean(self.squares, carriers.window) / whole, _f4)
 
 
 def fit_step(carriers: Carriers, frame: Frame, state: State) -> tuple[State, Fit]:
