@@ -247,9 +247,11 @@ def _depth(dent: _Dent) -> tuple[float, float, float]:
                 tip = max(tip, 0.125 * (low + high))
     beyond = 0.0
     hole, beside = _hole_at(dent)
-    if hole.any():  # at most what the flank around rises over the hole's width: it is steeper inside
+    if hole.any():  # at most a cone that continues the flank around, over a ring by its width
         width = 2 * float(scipy.ndimage.distance_transform_edt(np.pad(hole, 1)).max()) * dent.pitch
-        top = float(dent.z[beside].max()) + float(np.quantile(dent.slope[beside], 0.9)) * width
+        reach = min(math.sqrt(float(dent.cell[hole].sum()) / math.pi), width)
+        rim = scipy.ndimage.binary_dilation(hole, np.ones((3, 3)))
+        top = float(dent.z[rim].max()) + float(np.quantile(dent.slope[beside], 0.9)) * reach
         beyond = max(top - depth, 0.0)
     return depth + rise, _norm(noise, tip, beyond), noise
 
