@@ -19,15 +19,15 @@ from .show import grid, number, progress, table, write_json
 SAMPLE = """
 $ optolever design --scene prism48 --pixels 128x96 --frames 14 --out best.toml
 Height error, rms in mm: prism48, at most 14 frames
-sequence                               frames  time   predicted  +-   simulated  wrong order  measured
-phase:steps=3,periods=4.53333/4.37143  12      0.2 s  6.8e-05    1 %  6.61e-05   0e+00        100 %
-phase:steps=3,periods=3.70909/3.6      12      0.2 s  6.922e-05  1 %  6.587e-05  0e+00        99.78 %
-phase:steps=3,periods=5.56364/5.32174  12      0.2 s  7.183e-05  1 %  7.22e-05   0e+00        100 %
+sequence                               frames  time      predicted  +-   simulated  +-     wrong  measured
+phase:steps=3,periods=5.56364/5.32174  12      0.2 s     0.0001863  1 %  0.000165   2e-06  0e+00  99.81 %
+phase:steps=3,periods=6.8/6.44211      12      0.2 s     0.0002002  1 %  0.0001718  5e-06  0e+00  100 %
+ladder: 2 to 5 px, steps 3/4           14      0.2333 s  0.0002068  1 %  0.0001866  2e-06  0e+00  100 %
 ...
 Choice
-  sequence    phase:steps=3,periods=4.53333/4.37143
+  sequence    phase:steps=3,periods=5.56364/5.32174
   candidates  18
-  time        predict 37.78, simulate 4.291, total 42.07 s
+  time        predict 41.41, simulate 8.642, total 50.05 s
   written to  best.toml
 """
 
@@ -96,8 +96,8 @@ def command(
     The prediction runs the decoder on simulated images of the scene (of a large camera: on windows of its
     image), and then the solver. Codes that fail too often or lose pixels are listed last; codes of --add are
     always printed. +-: standard error of the prediction, standard deviation of the simulated error over the
-    seeds; measured: share of the pixels with a height. Of a rig's TOML noise ([profile]), response and lag
-    ([profile], else [sync]) are used.
+    seeds; wrong: share of unflagged wrong fringe orders; measured: share of the pixels with a height. Noise
+    ([profile]), response and lag of a rig's TOML are used.
 
     With --code: predicted and simulated error of the named codes beside CPU seconds and seconds of
     acquisition, for every combination of noise and faults.
@@ -160,7 +160,7 @@ def command(
         "+-",
         "simulated",
         "+-",
-        "wrong order",
+        "wrong",
         "measured",
         "",
     )

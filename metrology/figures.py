@@ -15,7 +15,7 @@ __all__ = ["Verdict", "judge", "pvr", "rms_less_noise"]
 Floats = NDArray[np.float64]
 _MOST = 40_000  # points of the fit of PVr
 _COVERAGE = 2.0  # sigmas of the guard band
-_UNITS = {"mm": 1.0, "um": 1e-3, "µm": 1e-3, "nm": 1e-6, "mrad": 1e-3, "urad": 1e-6, "µrad": 1e-6, "": 1.0}
+_UNITS = {"mm": 1.0, "um": 1e-3, "µm": 1e-3, "nm": 1e-6, "mrad": 1e-3, "urad": 1e-6, "µrad": 1e-6}
 
 
 def pvr(x: Floats, y: Floats, z: Floats) -> float:
@@ -49,8 +49,8 @@ class Verdict:
 
 
 def judge(limit: str, figures: dict[str, tuple[float, float]]) -> Verdict:
-    """The verdict on NAME=LIMIT (a length such as 50nm, a slope such as 20urad; mm or rad without a unit) by
-    the figures' values and sigmas. InputError for an unknown name or unit.
+    """The verdict on NAME=LIMIT (a length such as 50nm, a slope such as 20urad) by the figures' values and
+    sigmas. InputError for an unknown name or unit.
 
     With an uncertainty the conforming zone ends two sigma below the limit (ISO 14253-1).
     """
@@ -61,7 +61,9 @@ def judge(limit: str, figures: dict[str, tuple[float, float]]) -> Verdict:
     try:
         most = float(digits) * _UNITS[text[len(digits) :]]
     except (KeyError, ValueError):
-        raise InputError(f"limit {limit!r}: must be a number with a unit, such as 50nm or 20urad") from None
+        raise InputError(
+            f"limit {limit!r}: must be a number with its unit, such as {name}=50nm or slope_x=20urad"
+        ) from None
     value, sigma = figures[name]
     band = _COVERAGE * sigma if math.isfinite(sigma) else 0.0
     verdict = "pass" if value + band <= most else "fail" if not value - band <= most else "undecided"

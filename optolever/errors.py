@@ -19,7 +19,11 @@ class InputError(ValueError):
 def require_file(path: str | Path) -> None:
     """InputError unless there is a file of that name."""
     if Path(path).is_dir():
-        inside = sorted(each.name for each in Path(path).iterdir() if each.suffix in (".toml", ".npz"))[:4]
+        inside = sorted(
+            each.name
+            for each in Path(path).iterdir()
+            if each.suffix in (".toml", ".npz") and each.name[0] != "."
+        )[:4]
         cure = f"; it holds {', '.join(inside)}" if inside else ""
         raise InputError(f"{path}: is a folder, must be a file{cure}")
     if not Path(path).is_file():

@@ -223,7 +223,9 @@ def load_arrays(
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     except Exception as error:  # a damaged file: unknown methods, encryption, lies
-        raise InputError(f"{path}: not a readable .npz ({error})") from error
+        raise InputError(
+            f"{path}: not a readable .npz ({error}); give a file that optolever wrote"
+        ) from error
 
 
 def _require_field(name: str, stream: IO[bytes], size: int, text: bool, scalar: bool) -> None:

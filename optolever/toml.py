@@ -1,5 +1,6 @@
 """The one place where TOML is read: with or without a byte order mark; what is no TOML is one line."""
 
+import re
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,9 +18,23 @@ def read_toml(path: str | Path) -> dict[str, Any]:
     TOML."""
     require_file(path)
     try:
-        return tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not readable as TOML in UTF-8: {error}") from error
+        text = Path(path).read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: not readable as TOML: {error}; save it as text in UTF-8") from error
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        at = re.search(r"at line (\d+)", str(error))
+        line = (
+            text.splitlines()[int(at[1]) - 1].strip()
+            if at and 0 < int(at[1]) <= len(text.splitlines())
+            else ""
+        )
+        comma = re.search(r"=\s*-?\d+,\d", line)
+        cure = "; write numbers with a point" if comma else ""
+        raise InputError(
+            f"{path}: not readable as TOML: {error}{f': {line:.60}' if line else ''}{cure}"
+        ) from error
 
 
 def toml_text(table: Mapping[str, Any]) -> str:

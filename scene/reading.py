@@ -48,6 +48,7 @@ _MEANT = {
 }
 #: Keys that may stand in place of one.
 _INSTEAD = {
+    "mirror": "; optolever rig new writes a scene",
     "origin_mm": " with axes (or, on a prism's face, angle_deg)",
     "u_axis": " (or rotation_deg, of a camera look_at_mm, on a prism's face angle_deg)",
 }

@@ -108,5 +108,5 @@ def contradiction(chi2: float | None, freedom: int, rig: bool = False) -> tuple[
     chi2 holds."""
     if chi2 is None or not chi2 > _limit(freedom):
         return ()
-    name = f"slopes contradict each other beyond noise, chi2 per degree of freedom ({freedom})"
+    name = f"The slopes contradict each other; chi2 over its {freedom} degrees of freedom"
     return (Notice(name, chi2, _limit(freedom), _CURE_BESIDE_RIG if rig else _CURE),)

@@ -150,7 +150,9 @@ def _samples(anchor: Anchor, scene: Scene, rays: RayField, mask: Mask) -> Sample
         point = isinstance(anchor, PointAnchor)
         name = f"anchor point ({anchor.x:g}, {anchor.y:g}, {anchor.z:g}) mm" if point else "anchor"  # type: ignore[union-attr]
         size = " x ".join(map(str, rays.shape))
-        raise InputError(f"{name}: at pixel ({row:.1f}, {col:.1f}), outside the image of {size}")
+        raise InputError(
+            f"{name}: at pixel ({row:.1f}, {col:.1f}), outside the image of {size}; name one in view"
+        )
     origin, direction = scene.camera.rays_at(row, col)
     sigma = anchor.sigma / abs(direction[2])
     if isinstance(anchor, PixelAnchor):

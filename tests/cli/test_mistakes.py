@@ -69,6 +69,38 @@ capture --rig {rig} --set camera=0 --out {out} | must be serial:
 capture --rig {rig} --set camera= --out {out} | camera is missing; give --set camera=
 capture --rig {rig} --set speed=3 --out {out} | unknown field 'speed'
 capture --rig {rig} --set trigger=soon --out {out} | trigger is 'soon'
+reconstruct {c} --scene {comma} --out {out}.npz | comma.toml | index = 1,41 | with a point
+reconstruct {c} --scene {empty} --out {out}.npz | empty.toml | mirror is missing | rig new
+reconstruct {c} --scene {twice} --out {out}.npz | twice.toml | Cannot declare
+reconstruct {black} {scene} --out {out}.npz | black.png | not a readable .npz | a file that optolever wrote
+{solve} --anchor corner --out {out}.npz | 'corner' | edge | X,Y,Z
+reconstruct {c} --scene prism84 --out {out}.npz | 'prism84' | prism48
+simulate --scene prism48 --dent gauss --out {out} | 'gauss' | gaussian
+simulate --scene prism48 --noise -1 --out {out} | --noise | -1 | x>=0
+rig new --kind prizm --out {out}.toml | 'prizm' | 'prism'
+calibrate {scene} bal:30,0.003={c} --out {out}.toml | 'bal' | flat, rest, ball, plate
+decode {capture} --lens 9 --out {out}.npz | lens_px is 9 | 0 to 4
+decode {capture} --roi 0,0,999,999 --out {out}.npz | --roi 0,0,999,999 | beyond the frames
+decode {capture} --mask {out}.png --out {out}.npz | out.png | no such file
+decode {capture} --profile {rig} --out {out}.npz | [profile] | --save-profile
+decode {capture} --response {rig} --out {out}.npz | [response] | optolever response
+form {h} --remove parabola | 'parabola' | paraboloid
+form {h} --remove tilt --limit rms=50 | rms=50 | with its unit | rms=50nm
+form {h} --aperture hexagon | 'hexagon' | circle, ellipse, rectangle
+form {h} --aperture circle:radius=-3 | radius | above 0 mm
+form {h} --rotations 0,90 | --rotations 0,90 | several maps
+export {h} {out}.obj | .obj | .stl
+export {h} {out}.csv --pitch 0 | --pitch | x>0
+report {c} --out {out} | field 'x' is missing | it is a correspondence
+report {h} --capture {out}/none --out {out} | none | no such folder
+live --set camera=virtual | --set | --rig
+live {capture} | unexpected extra argument
+response {capture} --scene {rig} | shows 2 levels | must show 3 or more
+response {capture} --scene prism48 | prism48: no such file | rig new
+camera expose --rig prism48 | prism48: no such file | rig new
+sample prism | 'prism' | 'sensor'
+design --scene prism48 --chart {out}.png | --code: missing
+design --scene prism48 --pixels 32x24 --code {folder} | holds neither | coordinates.toml
 """
 
 
@@ -83,6 +115,8 @@ def test_a_line_that_is_not_meant_so(row: str, refused: Refused, chain: Chain, t
         file.write('\n[devices]\ncamera = "virtual"\n')
     cv2.imwrite(str(tmp_path / "small.png"), np.full((8, 8), 255, np.uint8))
     cv2.imwrite(str(tmp_path / "black.png"), np.zeros((96, 96), np.uint8))
+    for name, text in (("comma", "[medium]\nindex = 1,41\n"), ("empty", ""), ("twice", "[mirror]\n" * 2)):
+        (tmp_path / f"{name}.toml").write_text(text)
     (tmp_path / "cut.tif").write_bytes(b"II*\0\xff\0\0\0")
     known = {
         "out": tmp_path / "out",
@@ -91,6 +125,9 @@ def test_a_line_that_is_not_meant_so(row: str, refused: Refused, chain: Chain, t
         "small": tmp_path / "small.png",
         "black": tmp_path / "black.png",
         "cut": tmp_path / "cut.tif",
+        "comma": tmp_path / "comma.toml",
+        "empty": tmp_path / "empty.toml",
+        "twice": tmp_path / "twice.toml",
         "many": "--sequence phase:steps=64,periods=9/10/11",
         "capture": chain.capture,
         "c": chain.correspondence,

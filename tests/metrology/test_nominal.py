@@ -187,7 +187,7 @@ def test_apertures_filters_limits_and_runs_by_the_command_line(
     whole = figures("--zernike", "4", "--index", "fringe", "--norm", "amplitude")
     assert "Z9 Primary Spherical" in whole["zernike"]["coefficients_mm"]
     part = figures(
-        "--aperture", "circle:radius=20", "--limit", f"rms={whole['rms_mm']}", "--limit", "pv=1nm", code=1
+        "--aperture", "circle:radius=20", "--limit", f"rms={whole['rms_mm']}mm", "--limit", "pv=1nm", code=1
     )
     assert part["limits"]["rms"]["verdict"] == "pass"
     assert part["rms_mm"] < whole["rms_mm"]
