@@ -151,20 +151,21 @@ def gradients(x, y, z, good):  # type: ignore[no-untyped-def]
 def _rise(f, good, i, j, di, dj):  # type: ignore[no-untyped-def]
     """Change of f per pixel along an axis: by both neighbours, by the parabola through two on one side, by
     one; 0 by none."""
-    rows, cols = f.shape
-    near = np.zeros(5, np.bool_)
-    for k in (-2, -1, 1, 2):
-        r, c = i + k * di, j + k * dj
-        near[k + 2] = 0 <= r < rows and 0 <= c < cols and good[r, c]
-    if near[1] and near[3]:
+    before, after = _inside(good, i - di, j - dj), _inside(good, i + di, j + dj)
+    if before and after:
         return 0.5 * (f[i + di, j + dj] - f[i - di, j - dj])
-    if not (near[1] or near[3]):
+    if not (before or after):
         return 0.0
-    side = 1 if near[3] else -1
+    side = 1 if after else -1
     first = f[i + side * di, j + side * dj] - f[i, j]
-    if not near[2 + 2 * side]:
+    if not _inside(good, i + 2 * side * di, j + 2 * side * dj):
         return side * first
     return side * (2.0 * first - 0.5 * (f[i + 2 * side * di, j + 2 * side * dj] - f[i, j]))
+
+
+@exact
+def _inside(good, i, j):  # type: ignore[no-untyped-def]
+    return 0 <= i < good.shape[0] and 0 <= j < good.shape[1] and good[i, j]
 
 
 @exact

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
 
 from optolever.decode import Correspondence
 from optolever.errors import InputError
@@ -25,6 +24,7 @@ from ..arrays import Floats, Mask
 from ..geometry import pattern_plane, ray_field
 from ..heightmap import HeightMap
 from ..rig.calibration import rest_corrected
+from .coarse_modes import Modes, expanded, filled, sum_of_squares
 from .resampling import gradients
 
 __all__ = ["SlopeMap", "slope_map"]
@@ -36,9 +36,9 @@ _ARRAYS = ("x", "y", "slope_x", "slope_y", "sigma_x", "sigma_y", "flags")
 class SlopeMap(Comparable):
     """dz/dx and dz/dy on the camera's pixels, (H, W) each; x, y in mm, slopes and their sigmas mm per mm.
 
-    flags: those of the height map; NaN where the height is. calibration: (r, 2, H, W), slopes of the height
-    map's modes: what one standard deviation of every independent error of the rig does to them, apart from
-    the sigmas. None: the height map has no modes.
+    flags: those of the height map; NaN where the height is. modes: (r, 2, rows, cols) on every
+    `modes_step`-th pixel, linear between: change of both slopes by one standard deviation of each error of
+    the rig, apart from the sigmas. None: the height map has no modes.
     """
 
     x: Floats
@@ -48,7 +48,8 @@ class SlopeMap(Comparable):
     sigma_x: Floats
     sigma_y: Floats
     flags: NDArray[np.uint16]
-    calibration: NDArray[np.float32] | None = None
+    modes: Modes | None = None
+    modes_step: int = 1
 
     def __post_init__(self) -> None:
         shape = np.shape(self.x)
@@ -84,20 +85,29 @@ class SlopeMap(Comparable):
     @property
     def total_sigma(self) -> tuple[Floats, Floats]:
         """Standard deviations of slope_x and slope_y: noise and rig."""
-        if self.calibration is None:
+        if self.modes is None:
             return self.sigma_x, self.sigma_y
-        rig = np.sqrt((self.calibration.astype(np.float64) ** 2).sum(axis=0))
+        rig = [np.sqrt(sum_of_squares(self.modes[:, k], self.modes_step, self.x.shape)) for k in (0, 1)]
         return np.hypot(self.sigma_x, rig[0]), np.hypot(self.sigma_y, rig[1])
+
+    @property
+    def calibration(self) -> Modes | None:
+        """The modes on all pixels, (r, 2, H, W); made anew at every call."""
+        if self.modes is None:
+            return None
+        known = np.isfinite(self.slope_x)
+        return np.stack([expanded(self.modes[:, k], self.modes_step, known) for k in (0, 1)], axis=1)
 
     def save(self, path: str | Path) -> None:
         """Write an .npz with the fields' names."""
-        save_arrays(path, {name: getattr(self, name) for name in (*_ARRAYS, "calibration")})
+        save_arrays(path, {name: getattr(self, name) for name in (*_ARRAYS, "modes", "modes_step")})
 
     @classmethod
     def load(cls, path: str | Path) -> SlopeMap:
         """Read what save() wrote; InputError names the file and the field."""
-        arrays = load_arrays(path, _ARRAYS)
-        return cls(**{name: arrays[name] for name in _ARRAYS}, calibration=arrays.get("calibration"))
+        arrays = load_arrays(path, _ARRAYS, scalars=("modes_step",))
+        values: dict[str, Any] = {name: arrays[name] for name in _ARRAYS}
+        return cls(**values, modes=arrays.get("modes"), modes_step=int(arrays.get("modes_step", 1)))
 
 
 def slope_map(
@@ -147,23 +157,18 @@ def slope_map(
         "sigma_y": np.sqrt(variances[1]),
     }
     fields = {name: np.where(known, field, np.nan) for name, field in fields.items()}
-    return SlopeMap(height.x, height.y, flags=height.flags, calibration=_mode_slopes(height), **fields)
+    of_rig: dict[str, Any] = {"modes": _mode_slopes(height), "modes_step": height.modes_step}
+    return SlopeMap(height.x, height.y, flags=height.flags, **of_rig, **fields)
 
 
-def _mode_slopes(height: HeightMap) -> NDArray[np.float32] | None:
-    """Slopes (r, 2, H, W) of the modes over x and y; without neighbours along an axis the nearest pixel's."""
-    modes = height.calibration
-    if modes is None:
+def _mode_slopes(height: HeightMap) -> Modes | None:
+    """Slopes (r, 2, rows, cols) of the modes over x and y, on their own grid; without neighbours along an
+    axis those of the nearest place."""
+    if height.modes is None:
         return None
-    known = np.isfinite(height.z)
-    slopes = np.empty((len(modes), 2, *known.shape), np.float32)
-    for mode, slope in zip(modes, slopes, strict=True):
-        slope[:] = gradients(height.x, height.y, mode.astype(np.float64), known)
-    gaps = ~np.isfinite(slopes).all(axis=(0, 1))
-    if (gaps & known).any():
-        nearest = distance_transform_edt(gaps, return_distances=False, return_indices=True)
-        slopes[:, :, gaps & known] = slopes[:, :, *nearest[:, gaps & known]]
-    return slopes
+    few = np.s_[:: height.modes_step, :: height.modes_step]
+    x, y, known = height.x[few], height.y[few], np.isfinite(height.z[few])
+    return np.stack([filled(gradients(x, y, mode.astype(np.float64), known)) for mode in height.modes])
 
 
 def _moved(direction: Floats, e: list[Floats], n: list[Floats], slopes: list[Floats]) -> list[Floats]:
