@@ -10,7 +10,7 @@ from optolever import InputError
 
 from .arguments import Arg, Opt, Rare, program
 from .batch import Many
-from .options import Json, Shown, name_unused, response_of
+from .options import Json, NoRest, Shown, name_unused, response_of
 from .rig_capture import capture_rig, measured_lag, require_new
 from .rig_devices import Changes, OpenedRig, sequence_of
 from .show import (
@@ -51,6 +51,7 @@ def command(
     out: Annotated[Path, Opt("--out DIR", "Folder to make: capture, maps, report.")],
     sequence: Shown = "gray+phase",
     changes: Changes = (),
+    no_rest: NoRest = False,
     profile: Annotated[Path | None, PROFILE] = None,
     save_profile: Annotated[Path | None, SAVE] = None,
     json_path: Json = None,
@@ -85,7 +86,7 @@ def command(
         seen.save(out / "c.npz")
         wrong = ol.experiments.frames_of_another(capture, seen)
         step("reconstruct")
-        rest = ol.calibration.load_rest(rig)
+        rest = None if no_rest else ol.calibration.load_rest(rig)
         height = ol.reconstruct.reconstruct(seen, scene, rest=rest)
         if scene.medium is not None:
             height = replace(height, contacts=ol.reconstruct.contacts(height, layer=scene.layer))

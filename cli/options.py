@@ -72,6 +72,9 @@ _FULL = "Also write correspondence.npz and slopes.npz, several times the size of
 
 Full = Annotated[bool, Opt("--full", _FULL)]
 Json = Annotated[Path | None, Opt("--json FILE", _NUMBERS, OutputFile(".json", ".csv"))]
+NoRest = Annotated[
+    bool, Opt("--no-rest", "Heights of the whole mirror, not those above the rest that the rig holds.")
+]
 Size = Annotated[tuple[int, int] | None, pixels(_SIZE)]
 SceneName = Annotated[str, preset()]
 Shown = Annotated[str, Opt(f"--sequence {_NAMED}", "Sequence, or a .toml file of one.", lists="sequences")]

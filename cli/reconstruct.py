@@ -14,6 +14,7 @@ from .batch import Many
 from .options import (
     Anchor,
     Json,
+    NoRest,
     Pitch,
     SceneName,
     Size,
@@ -75,7 +76,6 @@ GRID = Opt(
 )
 SLOPES = Opt("--slopes FILE.npz", "Also write slopes and curvatures, with sigma.", OutputFile(".npz"))
 CONTACTS = Opt("--contacts", "Look for contacts in open air, too.")
-NO_REST = Opt("--no-rest", "Heights of the whole mirror, not those above the rest that the rig holds.")
 FACET = Rare("--facet NAME", "Group of the facet in a SOFAST result; default: facet_000.")
 ACCEPT = Opt("--accept", "Keep heights that contradict the scene; else all are flagged, exit code 2.")
 
@@ -89,7 +89,7 @@ def command(
     rest_path: Annotated[Path | None, rest_file("its deviation from the prediction is subtracted")] = None,
     mask_path: Annotated[Path | None, mask_file("Pixels to reconstruct")] = None,
     slopes_path: Annotated[Path | None, SLOPES] = None,
-    no_rest: Annotated[bool, NO_REST] = False,
+    no_rest: NoRest = False,
     find_contacts: Annotated[bool, CONTACTS] = False,
     grids: Annotated[tuple[Path, ...], GRID] = (),
     accept: Annotated[bool, ACCEPT] = False,

@@ -19,6 +19,7 @@ from optolever.live import Prepared, prepare
 from optolever.patterns import sequence
 from optolever.projector import Capture, Image, capture, choose_exposure
 from optolever.projector.cameras import StillCamera
+from optolever.reconstruct import HeightMap
 from optolever.scene import adjusted, dent_from_text, load, resize
 
 from .conftest import Outcome, Program, Refused
@@ -63,11 +64,11 @@ def test_a_rig_captures_what_its_camera_sees(optolever: Program, rig: Path, tmp_
 def test_measure_goes_to_the_report(
     optolever: Program, rig: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    rig.write_text(rig.read_text().partition("\n[rest]")[0])  # which measure would take for a capture at rest
-    measure, numbers = ("camera", "measure", "--rig", rig, "--out"), tmp_path / "m.json"
+    measure, numbers = ("camera", "measure", "--rig", rig, "--no-rest", "--out"), tmp_path / "m.json"
     assert "report.html" in "".join(optolever(*measure, tmp_path / "m", "--json", numbers).out.split())
     files = {"c.npz", "h.npz", "report.html", "capture", "figures.csv", "slopes.npz"}
     assert files == {one.name for one in (tmp_path / "m").iterdir()}
+    assert not HeightMap.load(tmp_path / "m/h.npz").against_rest
     assert "simulated, rig " in (tmp_path / "m/report.html").read_text()
     found = json.loads(numbers.read_text())
     assert found["wrong_frames"] == []
