@@ -30,6 +30,7 @@ from .surface import Sag, Surface
 __all__ = ["far_field", "sag"]
 
 _FAR = (2.0, 2.5, 3.0, 4.0)  # radii of a contact
+_APART = 3.0  # standard deviations between such fits
 _WORSE = 1.1  # residual of a fit over those farther away
 _ROUNDS = 3  # of regions in the map less its sag
 _FEWEST = 200  # cells outside the contacts
@@ -38,8 +39,10 @@ _STEP = 0.05  # of a radius: differences of a layer's profile
 _PRIOR = 3.0  # noises: what a motion's prior is weighed against
 _TAILS = 1e-6  # of a column: amplitudes that the map does not show stay small
 _ROBUST = 12  # rounds of Cauchy's weights
-_INDEPENDENT = 36.0  # samples of a robust fit: tails of dents share their errors
+_INDEPENDENT = 36.0  # samples of noise, and of a robust fit
+_TAILED = 9.0  # samples of what tails of dents leave
 _BEYOND = 5.0  # standard deviations: motions beyond their prior are found, too
+_HALF_SPACE = 0.5  # of a contact's depth, at its radius: .42 of a ball's, .64 of a punch's far field
 _DEVIATION = 1.4826  # standard deviation over median absolute deviation
 
 
@@ -62,31 +65,32 @@ def sag(surface: Surface, regions: Sequence[Region], layer: Layer | None) -> Sag
     start = _robust(cells, noise) if len(cells.motion) and cells.z.size else None
     if start is not None:
         regions = regions_of(surface.less(start))
-    fits = []
+    fits: list[tuple[Sag, Sequence[Region]]] = []
     for far in _FAR:
-        found, circles = None, [one.circle for one in regions]
+        found, within = None, regions
         for _ in range(_ROUNDS):
-            found = _fitted(cells, circles, layer, far, noise)
+            found = _fitted(cells, [one.circle for one in within], layer, far, noise)
             if found is None:
                 break
-            circles = [one.circle for one in regions_of(surface.less(found))]
+            within = regions_of(surface.less(found))
         if found is not None:
-            fits.append(found)
-        if not circles:  # no radius to be far from
+            fits.append((found, within))
+        if not within:  # no radius to be far from
             break
-    return _nearest(cells, fits)
+    nearest = _nearest(cells, [one for one, _ in fits])
+    return None if nearest is None else _likely(cells, nearest[0], fits[nearest[1]][1])
 
 
-def _nearest(cells: _Cells, fits: list[Sag]) -> Sag | None:
+def _nearest(cells: _Cells, fits: list[Sag]) -> tuple[Sag, int] | None:
     """The fit nearest to the contacts that those farther away agree with (O. V. Lepskii, Theory Probab. Appl.
-    35:454, 1991): in what is taken off, and in what is left."""
+    35:454, 1991): in what is taken off, and in what is left; its number."""
     fields = np.concatenate([cells.motion, cells.free[None]])
     taken = [np.append(one.motion, one.c) @ fields for one in fits]
     sizes = [_rms(one.root.T @ fields) * math.sqrt(len(fields)) for one in fits]
     for k, one in enumerate(fits):
         others = range(k + 1, len(fits))
         if all(
-            _rms(taken[k] - taken[n]) < 2 * math.hypot(sizes[k], sizes[n])
+            _rms(taken[k] - taken[n]) < _APART * math.hypot(sizes[k], sizes[n])
             and one.misfit < _WORSE * fits[n].misfit
             for n in others
         ):
@@ -95,8 +99,31 @@ def _nearest(cells: _Cells, fits: list[Sag]) -> Sag | None:
         return None
     if not others and k:  # none farther away confirms it
         wider = math.hypot(1.0, _rms(taken[k] - taken[k - 1]) / max(sizes[k], 1e-300))
-        return replace(one, sigma=one.sigma * wider, root=one.root * wider)
-    return one
+        one = replace(one, sigma=one.sigma * wider, root=one.root * wider)
+    return one, k
+
+
+def _likely(cells: _Cells, found: Sag, regions: Sequence[Region]) -> Sag:
+    """As much of c as is likely: even odds that nothing sank, or as much as under a half-space and by the
+    rig's errors (its standard deviation), by Bayes' rule; the motion follows c by their covariance."""
+    if not found.sigma > 0:
+        return found
+    size = float(np.linalg.norm(found.rig[-1]))
+    if regions:
+        away = [np.hypot(cells.x - one.x, cells.y - one.y) / one.radius for one in regions]
+        deep = np.sum([one.depth / np.maximum(q, 1.0) for one, q in zip(regions, away, strict=True)], axis=0)
+        size = math.hypot(size, _HALF_SPACE * _rms(deep) / _rms(cells.free))
+    share = size**2 / (size**2 + found.sigma**2)
+    c = share * found.c
+    odds = 1 / (1 + math.exp(-0.5 * c * found.c / found.sigma**2) / math.sqrt(1 - share))
+    sigma = math.sqrt(odds * share * found.sigma**2 + odds * (1 - odds) * c**2)
+    covariance = found.root @ found.root.T
+    along = covariance[:, -1] / found.sigma**2
+    covariance += (sigma**2 - found.sigma**2) * np.multiply.outer(along, along)
+    values, vectors = np.linalg.eigh(covariance)
+    motion = found.motion + along[:-1] * (odds * c - found.c)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    return replace(found, c=odds * c, sigma=sigma, motion=motion, root=root)
 
 
 def _rms(values: Floats) -> float:
@@ -178,7 +205,7 @@ def _fitted(
         whole = np.vstack([weighted, np.diag(prior)]), np.append(right, np.zeros(len(prior)))
         found = np.linalg.lstsq(*whole, rcond=None)[0]
         rho = float(np.linalg.norm(right - weighted @ found))
-        unit = max(rho, noise) / 3
+        unit = math.sqrt(max(rho**2 - noise**2, 0.0) / _TAILED + noise**2 / _INDEPENDENT)
     scale = np.hypot(size, prior)
     normal = (weighted.T @ weighted + np.diag(prior**2)) / np.multiply.outer(scale, scale)
     covariance = (
