@@ -36,12 +36,12 @@ _ROUNDS = 3  # of regions in the map less its sag
 _FEWEST = 200  # cells outside the contacts
 _MOST = 6000  # cells of the fit
 _STEP = 0.05  # of a radius: differences of a layer's profile
-_PRIOR = 3.0  # noises: what a motion's prior is weighed against
 _TAILS = 1e-6  # of a column: amplitudes that the map does not show stay small
 _ROBUST = 12  # rounds of Cauchy's weights
 _INDEPENDENT = 36.0  # samples of noise, and of a robust fit
 _TAILED = 9.0  # samples of what tails of dents leave
 _BEYOND = 5.0  # standard deviations: motions beyond their prior are found, too
+_EVEN = 0.5
 _HALF_SPACE = 0.5  # of a contact's depth, at its radius: .42 of a ball's, .64 of a punch's far field
 _DEVIATION = 1.4826  # standard deviation over median absolute deviation
 
@@ -104,8 +104,9 @@ def _nearest(cells: _Cells, fits: list[Sag]) -> tuple[Sag, int] | None:
 
 
 def _likely(cells: _Cells, found: Sag, regions: Sequence[Region]) -> Sag:
-    """As much of c as is likely: even odds that nothing sank, or as much as under a half-space and by the
-    rig's errors (its standard deviation), by Bayes' rule; the motion follows c by their covariance."""
+    """Without c where it is likelier that nothing sank, by Bayes' rule: even odds of that, and of as much as
+    under a half-space and by the rig's errors (its standard deviation); sigma: the root mean square of c's
+    error in both cases; the motion follows c by their covariance."""
     if not found.sigma > 0:
         return found
     size = float(np.linalg.norm(found.rig[-1]))
@@ -116,14 +117,15 @@ def _likely(cells: _Cells, found: Sag, regions: Sequence[Region]) -> Sag:
     share = size**2 / (size**2 + found.sigma**2)
     c = share * found.c
     odds = 1 / (1 + math.exp(-0.5 * c * found.c / found.sigma**2) / math.sqrt(1 - share))
-    sigma = math.sqrt(odds * share * found.sigma**2 + odds * (1 - odds) * c**2)
+    sigma = math.sqrt(odds * share * found.sigma**2 + min(odds, 1 - odds) * c**2)
+    c = c if odds > _EVEN else 0.0
     covariance = found.root @ found.root.T
     along = covariance[:, -1] / found.sigma**2
     covariance += (sigma**2 - found.sigma**2) * np.multiply.outer(along, along)
     values, vectors = np.linalg.eigh(covariance)
-    motion = found.motion + along[:-1] * (odds * c - found.c)
+    motion = found.motion + along[:-1] * (c - found.c)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    return replace(found, c=odds * c, sigma=sigma, motion=motion, root=root)
+    return replace(found, c=c, sigma=sigma, motion=motion, root=root)
 
 
 def _rms(values: Floats) -> float:
@@ -199,7 +201,7 @@ def _fitted(
     size = np.linalg.norm(weighted, axis=0)
     prior = np.where(size > 0, _TAILS * size, 1.0)
     motions = slice(len(tails), len(tails) + count)
-    unit = _PRIOR * noise
+    unit = noise / math.sqrt(_INDEPENDENT)
     for _ in range(2):  # the residual weighs the motion's prior
         prior[motions] = np.hypot(_TAILS * size[motions], unit)
         whole = np.vstack([weighted, np.diag(prior)]), np.append(right, np.zeros(len(prior)))

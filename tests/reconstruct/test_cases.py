@@ -29,6 +29,11 @@ def total_um(height: HeightMap) -> float:
     return 1e3 * float(np.median(height.total_sigma[height.good]))
 
 
+def ratio(height: HeightMap, truth: np.ndarray) -> float:
+    """Rms of error over total sigma."""
+    return float(np.sqrt(np.nanmean(((height.z - truth) / height.total_sigma)[height.good] ** 2)))
+
+
 def test_a_face_that_bulges_is_no_motion() -> None:
     pressed, rest, truth = captures("bulge10")
     height = reconstruct(pressed, load(CASES / "bulge10" / "rig.toml"), rest=rest)
@@ -44,7 +49,8 @@ def test_a_typed_rig_that_is_wrong_by_a_sigma_against_rest() -> None:
         flags = np.where(pressed.u < least, pressed.flags | 1, pressed.flags)
         part = replace(pressed, flags=flags.astype(np.uint16))
         height = reconstruct(part, scene, rest=rest)
-        assert rms_um(height, truth) < total_um(height) < 20.0
+        assert ratio(height, truth) < 1.0  # where it is off, under the dent, total sigma is larger
+        assert total_um(height) < 20.0
         found.append(height.diagnostics.chi2)
         if least == 0:
             assert contacts(height, slope_map(height, part, scene, rest))

@@ -27,9 +27,12 @@ def spread(differences: list[HeightMap]) -> float:
     return float(np.median(scatter / np.median([each.total_sigma[good] for each in differences], axis=0)))
 
 
-@pytest.mark.parametrize("rest_noise", [NOISE, pytest.param(5 * NOISE, marks=pytest.mark.slow)])
-def test_noise_of_a_common_rest_capture_counts_once(rest_noise: float) -> None:
-    """As large as a capture's: sigma was 1.4 times too wide; five times as large (a short exposure): 5."""
+@pytest.mark.parametrize(
+    ("rest_noise", "least"), [(NOISE, 0.85), pytest.param(5 * NOISE, 0.5, marks=pytest.mark.slow)]
+)
+def test_noise_of_a_common_rest_capture_counts_once(rest_noise: float, least: float) -> None:
+    """As large as a capture's: sigma was 1.4 times too wide; five times as large (a short exposure): 5; what
+    either sag may be by it does not cancel."""
     rng = np.random.default_rng(5)
     pressed = [dent("gaussian", SCENE, peak=peak, sigma=6.0) for peak in (0.05, 0.08)]
     found, apart = [], []
@@ -39,5 +42,5 @@ def test_noise_of_a_common_rest_capture_counts_once(rest_noise: float) -> None:
         found.append(two - one)
         other = captured(dent("flat", SCENE), rest_noise, rng)
         apart.append(two - reconstruct(captured(pressed[0], NOISE, rng), SCENE, rest=other))
-    assert 0.5 < spread(found) < 1.15
-    assert 0.5 < spread(apart) < 1.15  # of two rest captures nothing cancels
+    assert least < spread(found) < 1.15
+    assert 0.85 < spread(apart) < 1.15  # of two rest captures nothing cancels
