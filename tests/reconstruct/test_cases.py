@@ -86,6 +86,6 @@ def test_schlieren_within_the_typed_accuracy_stay() -> None:
     assert not height.implausible
     assert height.good.mean() > 0.5
     assert rms_um(height, np.load(folder / "truth.npz")["z"]) < total_um(height)
-    assert any("rest capture" in notice.cure for notice in height.notices)
+    assert any("--rest" in notice.cure for notice in height.notices)
     exact = reconstruct(seen, replace(scene, accuracy=None))
     assert total_um(height) > 10 * total_um(exact)
