@@ -55,38 +55,40 @@ def _pressed(scene: Scene, rng: np.random.Generator) -> Surface:
     return dent_from_text(f"gaussian:peak={rng.uniform(0.1, 0.4):.3f},sigma=6,x={x:.2f},y={y:.2f}", scene)
 
 
-def _sensor(scene: Scene, rng: np.random.Generator) -> Shots:
+def _resting(scene: Scene) -> Shots:
     flat = dent_from_text("flat", scene)
-    yield from (
-        ("ramp", "ramp", flat),
-        ("rest", "gray+phase", flat),
-        ("press", "gray+phase", _pressed(scene, rng)),
-    )
+    yield from (("ramp", "ramp", flat), ("rest", "gray+phase", flat))
+
+
+def _sensor(scene: Scene, rng: np.random.Generator) -> Shots:
+    yield from _resting(scene)
+    yield "press", "gray+phase", _pressed(scene, rng)
 
 
 def _forty(scene: Scene, rng: np.random.Generator) -> Shots:
+    yield from _resting(scene)
     for number in range(1, _CAPTURES + 1):
         yield f"press{number:02d}", "gray+phase", _pressed(scene, rng)
 
 
-def _tilted(scene: Scene, z: float, a: float, b: float) -> Surface:
+def _tilted(scene: Scene, a: float, b: float) -> Surface:
     x0, y0 = 0.5 * scene.mirror.length, 0.5 * scene.mirror.width
     return Surface(
-        lambda x, y: z + a * (x - x0) + b * (y - y0),
+        lambda x, y: a * (x - x0) + b * (y - y0),
         lambda x, y: (a + 0 * np.asarray(x), b + 0 * np.asarray(y)),
     )
 
 
 def _mirror(scene: Scene, rng: np.random.Generator) -> Shots:
-    yield "ramp", "ramp", _tilted(scene, 0, 0, 0)
-    yield "flat1", "gray+phase", _tilted(scene, 0, 0, 0)
+    yield "ramp", "ramp", _tilted(scene, 0, 0)
+    yield "flat1", "gray+phase", _tilted(scene, 0, 0)
     for number, turn in enumerate(2 * np.pi * (np.arange(3) / 3 + rng.uniform()), 2):
         tilt = np.tan(np.radians(rng.uniform(2.0, 3.5)))
-        yield f"flat{number}", "gray+phase", _tilted(scene, 0, tilt * np.cos(turn), tilt * np.sin(turn))
+        yield f"flat{number}", "gray+phase", _tilted(scene, tilt * np.cos(turn), tilt * np.sin(turn))
     yield "mirror", "gray+phase", dent_from_text("gaussian:peak=0.004,sigma=25", scene)
 
 
-_RESPONSE = "optolever response {dir}/ramp --scene {dir}/rig.toml"
+_RESPONSE = "optolever response {dir}/ramp {dir}/rest --scene {dir}/rig.toml"
 #: Sets by name.
 SAMPLES = {
     "sensor": Sample(
@@ -107,7 +109,7 @@ SAMPLES = {
         (128, 160),
         _mirror,
         (
-            _RESPONSE,
+            _RESPONSE.replace("rest", "flat1"),
             "optolever calibrate --scene {dir}/rig.toml --out {dir}/calibrated.toml flat={dir}/flat1 "
             "flat={dir}/flat2 flat={dir}/flat3 flat={dir}/flat4",
             "optolever camera measure {dir}/mirror --rig {dir}/calibrated.toml --out {dir}/measured",
@@ -120,7 +122,7 @@ SAMPLES = {
         (120, 160),
         _sensor,
         (
-            "optolever response {dir}/ramp {dir}/rest --scene {dir}/rig.toml",
+            _RESPONSE,
             "optolever decode {dir}/rest --response {dir}/rig.toml --save-profile {dir}/rig.toml "
             "--out {dir}/c.npz",
             "optolever design --scene {dir}/rig.toml --code gray+phase --code phase --code {dir}/mine.toml "
@@ -133,8 +135,10 @@ SAMPLES = {
         (120, 160),
         _forty,
         (
-            "optolever decode {dir}/press* --jobs 2 --out {dir}/c",
-            "optolever reconstruct {dir}/c/press*.npz --scene {dir}/rig.toml --jobs 2 --out {dir}/h",
+            _RESPONSE,
+            "optolever decode {dir}/rest {dir}/press* --response {dir}/rig.toml --jobs 2 --out {dir}/c",
+            "optolever reconstruct {dir}/c/press*.npz --scene {dir}/rig.toml --rest {dir}/c/rest.npz "
+            "--jobs 2 --out {dir}/h",
         ),
     ),
 }

@@ -8,7 +8,6 @@ import shlex
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import pytest
 
 from optolever.cli import run
@@ -61,18 +60,7 @@ def play(page: str, text: str) -> None:
 )
 def test_page_runs(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    if page == "docs/howto/frames.md":  # images of the display, taken by a camera that sees it one to one
-        _images(tmp_path)
     play(page, (ROOT / page).read_text())
-
-
-def _images(folder: Path) -> None:
-    from optolever.patterns import sequence
-
-    shown = sequence("gray+phase", rows=120, cols=160)
-    (folder / "shots").mkdir()
-    for i, image in enumerate(shown.render()):
-        cv2.imwrite(str(folder / "shots" / f"img_{i}.png"), image)
 
 
 def test_every_code_block_names_its_language() -> None:
