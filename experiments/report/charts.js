@@ -25,16 +25,17 @@ function axis(label, more = {}) {
   };
 }
 
-const across = (label, more = {}) => axis(label, { size: 32, ...more });
+const across = (label, more = {}) => axis(label, { size: 32, ...(label ? {} : { labelSize: 0 }), ...more });
 
 // Keep a plot at the size that its figure's width allows.
 function follow(figure, plot, size) {
   plots.push(plot);
-  new ResizeObserver(() => {
+  const fit = () => {
     if (!figure.clientWidth) return;
     const now = size(figure.clientWidth);
     if (now.width !== plot.width || now.height !== plot.height) plot.setSize(now);
-  }).observe(figure);
+  };
+  new ResizeObserver(() => requestAnimationFrame(fit)).observe(figure);
 }
 
 function element(parent, tag, className, text = "") {
@@ -50,6 +51,13 @@ function share({ low, high, log }, value) {
   return log ? Math.log(value / low) / Math.log(high / low) : (value - low) / (high - low || 1);
 }
 const valueAt = ({ low, high, log }, at) => (log ? low * (high / low) ** at : low + at * (high - low));
+
+// A text for who does not see the picture.
+function describe(plot, text) {
+  const canvas = plot.root.querySelector("canvas");
+  canvas.setAttribute("role", "img");
+  canvas.setAttribute("aria-label", text);
+}
 
 class MapPlot {
   constructor(figure, model) {
@@ -119,6 +127,8 @@ class MapPlot {
       const ticks = element(scale, "span", "ticks");
       for (const at of [0, 0.5, 1]) element(ticks, "span", "", end(valueAt(layer, at)));
     }
+    const range = layer.categories ? "" : ` from ${number(layer.low, 3)} to ${number(layer.high, 3)} ${layer.unit}`;
+    describe(this.plot, `map of ${name}${range} over ${this.model.x} and ${this.model.y}`);
     this.plot.redraw(false);
     this.read(this.plot);
   }
@@ -234,20 +244,21 @@ function chart(figure, spec) {
     x.values = () => spec.names;
   }
   const ticks = spec.log ? { values: (u, splits) => splits.map((v) => (v === null ? null : number(v, 2))) } : {};
-  const size = (width) => ({ width, height: spec.names ? 300 : spec.plain ? 170 : 240 });
+  const size = (width) => ({ width, height: spec.names ? 300 : spec.strip ? 84 : spec.plain ? 160 : 240 });
   const first = { value: (u, v) => (spec.names ? spec.names[v] : number(v ?? NaN, 5)), label: spec.names ? "term" : spec.axes[0] };
   const margin = spec.names ? { range: (u, low, high) => [low - 0.7, high + 0.7] } : {};
   const plot = new uPlot(
     {
       title: spec.title, legend: { show: !spec.plain }, ...size(figure.clientWidth || 300),
-      scales: { x: { ...scale, ...margin }, y: { ...scale, time: undefined } },
+      scales: { x: { ...scale, ...margin }, y: { ...scale, time: undefined, ...(spec.ends ? { range: () => spec.ends } : {}) } },
       series: [first, ...series], bands: spec.bands || [],
-      axes: [{ ...x, ...(spec.log ? ticks : {}) }, axis(spec.axes[1], ticks)],
+      axes: [{ ...x, ...(spec.log ? ticks : {}) }, axis(spec.axes[1], { ...ticks, ...(spec.marks ? { splits: () => spec.marks } : {}) })],
     },
     [spec.x, ...spec.series.map((each) => each.values)],
     figure,
   );
   follow(figure, plot, size);
+  describe(plot, `chart of ${spec.series.map(({ name }) => name).join(", ")} over ${spec.axes[0]}${spec.title ? `: ${spec.title}` : ""}`);
   return plot;
 }
 
@@ -281,13 +292,14 @@ class Profiles {
     const count = Math.max(2, Math.round(length / Math.min(model.dx, model.dy)));
     const others = [layer.sigma, layer.true].map((key) => model.layers.find((each) => each.name === key));
     const [sigma, truth] = others;
-    const columns = { at: [], value: [], low: [], high: [], truth: [] };
+    const columns = { at: [], cells: [], value: [], low: [], high: [], truth: [] };
     const known = (value) => (Number.isFinite(value) ? value : null);
     for (let k = 0; k < count; k++) {
       const t = (k + 0.5) / count;
       const cell = map.cell(a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1]));
       const value = map.value(layer, cell);
       columns.at.push(name === "x" ? a[0] + t * length : name === "y" ? a[1] + t * length : t * length);
+      columns.cells.push(cell);
       columns.value.push(known(value));
       if (sigma) {
         const wide = 2 * map.value(sigma, cell) * inUnit(sigma.unit, layer.unit);
@@ -308,6 +320,28 @@ class Profiles {
     const figure = document.getElementById(`profile-${name}`);
     figure.replaceChildren();
     chart(figure, { title: through, x: columns.at, series, axes, bands, plain: true });
+    if (truth && layer.unit in SIZES) this.strip(figure, columns);
+  }
+
+  // The profile less the true one in nm; the band is +- 2 sigma by noise about 0.
+  strip(figure, { at, cells, value, truth }) {
+    const { model, layer } = this.map;
+    const unit = inUnit(layer.unit, "nm");
+    const residual = value.map((one, k) => (one === null || truth[k] === null ? null : unit * (one - truth[k])));
+    const named = (wanted) => model.layers.find(({ name }) => name === wanted);
+    const noise = named("sigma by noise") || named(layer.sigma);
+    const series = [], bands = [];
+    const wide = cells.map((cell) => (noise ? 2 * inUnit(noise.unit, "nm") * this.map.value(noise, cell) : NaN));
+    if (noise) {
+      for (const sign of [1, -1])
+        series.push({ name: "2 sigma by noise", kind: "edge", values: wide.map((one) => (Number.isFinite(one) ? sign * one : null)) });
+      bands.push({ series: [1, 2], fill: () => colour("--band") });
+    }
+    series.push({ name: "less the true height", kind: "line", values: residual });
+    const sizes = [...residual, ...wide].filter(Number.isFinite).map(Math.abs).sort((a, b) => a - b);
+    const most = sizes[Math.floor(0.98 * sizes.length)] || 1; // what lies beyond is cut off
+    const ends = [-1.3 * most, 1.3 * most], mark = Number(most.toPrecision(1));
+    chart(figure, { x: at, series, axes: ["", "[nm]"], bands, plain: true, strip: true, ends, marks: [-mark, 0, mark] });
   }
 }
 

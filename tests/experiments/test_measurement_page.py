@@ -196,6 +196,9 @@ def test_pages_run_and_ask_the_network_for_nothing(
         dom = browser(page.folder / "report.html", "--dump-dom", *LOGGING)
         assert 'data-charts="ready"' in dom
         assert 'data-viewer="ready"' in dom
+        pictures = re.findall(r"<(?:img|canvas|svg)\b[^>]*>", dom)
+        assert pictures
+        assert all("alt=" in each or "aria-label=" in each for each in pictures)
     assert (
         demo_page.html.count("slopes &lt;contradict&gt; each other (9, at most 1.5 is normal): calibrate")
         == 1
@@ -204,6 +207,26 @@ def test_pages_run_and_ask_the_network_for_nothing(
     assert "simulated, rig monitor-mirror, typed numbers, not calibrated" in mirror.html
     assert "<h2>Contacts" not in mirror.html
     assert "<h2>Contacts" in demo_page.html
+
+
+def test_words_contrast_with_their_ground() -> None:
+    """WCAG 2.1, 1.4.3 (AA): 4.5, in light and in dark."""
+    style = (Path(__file__).resolve().parents[2] / "experiments/report/style.css").read_text()
+
+    def light(colour: str) -> float:
+        shares = [int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)]
+        linear = [each / 12.92 if each <= 0.04045 else ((each + 0.055) / 1.055) ** 2.4 for each in shares]
+        return 0.05 + float(np.dot([0.2126, 0.7152, 0.0722], linear))
+
+    themes = [
+        dict(re.findall(r"--(\w+): (#\w{6})", each)) for each in re.findall(r":root \{(.*?)\}", style, re.S)
+    ]
+    assert len(themes) == 2
+    for theme in themes:
+        for word in ("ink", "soft", "accent", "good", "bad"):
+            for ground in ("card", "ground"):
+                one, other = light(theme[word]), light(theme[ground])
+                assert max(one, other) / min(one, other) >= 4.5, (word, ground)
 
 
 def test_every_flag_has_words() -> None:
