@@ -17,7 +17,7 @@ from optolever.quantities import quantity
 from .arguments import Arg, Opt, Rare, program
 from .options import Json, RigFile, Size, correspondence_of, load_scene, mask_from, name_unused, preset
 from .outputs import OutputFile
-from .rig_targets import Calibrate, capture_targets, so_far_text
+from .rig_targets import Calibrate, answer_at, capture_targets, so_far_text
 from .show import grid, number, print_notices, progress, table, write_json
 
 #: Sections of a rig's file that stay as they are, and the reason.
@@ -107,7 +107,8 @@ def command(
     calibrate = partial(ol.calibration.calibrate_so_far, scene, priors=chosen)
     if rig is not None:  # asks at the terminal: no progress bar over it
         plan, folder = _plan(captures, scene), rig.with_suffix(".captures")
-        found = capture_targets(rig, plan, folder, sequence, calibrate, ask=not yes, resume=resume).required()
+        ask = None if yes else partial(answer_at, folder)
+        found = capture_targets(rig, plan, folder, sequence, calibrate, ask=ask, resume=resume).required()
     with progress() as step:
         if follow:
             found = _followed(given, name, calibrate).required()

@@ -45,16 +45,7 @@ def command(
     """
     import cv2
 
-    devices = ol.projector.devices_of(rig, changes)
-    with opened(rig, devices, levels_of(rig, "black", "white"), running=False) as now:
-        found = ol.projector.choose_exposure(
-            lambda exposure: _take(now, replace(devices.wanted(), exposure_s=exposure)),
-            now.accepted.bits,
-            1e-3 * devices.exposure_ms,
-            now.display.refresh_s,
-        )
-    chosen = replace(devices, exposure_ms=1e3 * found.exposure_s, focus=now.accepted.focus)
-    seen = found.contrast
+    chosen, seen = chosen_exposure(rig, ol.projector.devices_of(rig, changes))
     numbers = {
         "exposure_ms": chosen.exposure_ms,
         "saturated_share": seen.saturated,
@@ -74,6 +65,20 @@ def command(
         "lit": number(100 * seen.mask.mean(), "% of the pixels"),
     }
     table(f"Exposure in {rig}", rows)
+
+
+def chosen_exposure(
+    rig: Path, devices: "ol.projector.Devices"
+) -> "tuple[ol.projector.Devices, ol.projector.Contrast]":
+    """[devices] with the longest exposure that saturates no pixel, and its contrast."""
+    with opened(rig, devices, levels_of(rig, "black", "white"), running=False) as now:
+        found = ol.projector.choose_exposure(
+            lambda exposure: _take(now, replace(devices.wanted(), exposure_s=exposure)),
+            now.accepted.bits,
+            1e-3 * devices.exposure_ms,
+            now.display.refresh_s,
+        )
+    return replace(devices, exposure_ms=1e3 * found.exposure_s, focus=now.accepted.focus), found.contrast
 
 
 def _take(

@@ -83,14 +83,14 @@ def command(
     devices = ol.projector.devices_of(rig, changes)
     end = None if seconds is None else time.monotonic() + seconds
     with opened(rig, devices, levels_of(rig, "black", "white")) as now:
-        views = _until(_views(now), end)
+        views = _until(views_of(now), end)
         last = _print_lines(views) if text else _serve(views, port)
     if last is None:
         raise InputError("camera: no picture came; is the camera running? (optolever camera devices)")
     write_json(json_path, last.numbers())
 
 
-def _views(now: "ol.projector.Opened") -> Iterator[View]:
+def views_of(now: "ol.projector.Opened") -> Iterator[View]:
     """Pictures of the white display without end."""
     arrivals = ol.projector.Arrivals(now.camera, now.time, now.clock, now.triggered, None, now.display)
     timing = ol.projector.Timing(0, 0, 0, 0, 0, 0, 0.01, now.accepted.exposure_s) if now.still else None
@@ -193,10 +193,10 @@ class Page:
         from starlette.responses import Response
 
         view = self._view
-        return Response(b"" if view is None else _drawn(view), media_type="image/jpeg")
+        return Response(b"" if view is None else drawn(view), media_type="image/jpeg")
 
 
-def _drawn(view: View) -> bytes:
+def drawn(view: View) -> bytes:
     """The picture as JPEG."""
     import cv2
     import numpy as np

@@ -45,13 +45,14 @@ def capture_targets(
     sequence: str,
     calibrate: Calibrate,
     *,
-    ask: bool,
+    ask: Callable[[str], str] | None,
     resume: bool,
+    say: Callable[[str], None] = click.echo,
 ) -> "ol.calibration.SoFar":
     """Take every target of a plan (text, target), and calibrate.
 
-    ask: wait for the hands before every capture, and let them decide on a doubtful one; else doubtful ones
-    are set aside. Captures stay in `folder` whatever ends the walk. resume: those of an earlier walk are used
+    ask: waits for the hands before every capture, and gets a letter; None: doubtful ones are set aside.
+    say: gets every judgement. Captures stay in `folder` whatever ends the walk. resume: those of an earlier walk are used
     again; else they are set aside first, with their date.
     """
     devices, shown = ol.projector.devices_of(rig), sequence_of(rig, sequence)
@@ -66,7 +67,7 @@ def capture_targets(
         while True:
             if not (path / "capture.toml").is_file():
                 keeps = ", k keeps the last" if doubtful is not None else ""
-                answer = _answer(f"{hands}{keeps}, s stops", folder) if ask else ""
+                answer = ask(f"{hands}{keeps}, s stops") if ask else ""
                 if answer == "s":
                     return now
                 if answer == "k" and doubtful is not None:
@@ -77,19 +78,19 @@ def capture_targets(
                 _aside(path.with_name(f"{path.name}.recording"))
                 capture_rig(rig, devices, shown, path, keep=False)
             elif doubtful is None:
-                click.echo(f"{path.name}: taken {_taken(path):{_MINUTE}}, used again")
+                say(f"{path.name}: taken {_taken(path):{_MINUTE}}, used again")
             one, then = ol.calibration.Observation(path.name, target, correspondence_of(path, rig)), None
             try:
                 then = calibrate([*used, one])
                 mirror, decoded = ol.decode.mirror_coverage(one.correspondence.flags)
                 fault = ol.calibration.reason_to_repeat(decoded, then.last, now.last, not then.few)
-                click.echo(f"{path.name}: {coverage_text(mirror, decoded)}; {so_far_text(then)}")
+                say(f"{path.name}: {coverage_text(mirror, decoded)}; {so_far_text(then)}")
             except InputError as error:
                 fault = str(error)
             if not fault and then is not None:
                 used, now = [*used, one], then
                 break
-            click.echo(f"{path.name}: set aside: {fault}")
+            say(f"{path.name}: set aside: {fault}")
             aside = _aside(path)
             doubtful = None if then is None else (aside, one, then)
             if not ask:
@@ -114,7 +115,7 @@ def _taken(path: Path) -> datetime:
     return datetime.fromtimestamp((path / "capture.toml").stat().st_mtime)
 
 
-def _answer(question: str, folder: Path) -> str:
+def answer_at(folder: Path, question: str) -> str:
     """A letter from the terminal or a pipe; at its end the program ends, and says where the captures are."""
     try:
         return str(click.prompt(question, default="", show_default=False)).strip().lower()[:1]

@@ -44,16 +44,9 @@ def command(
     Switches the full display between black and white for some seconds and records it with the camera.
     RIG.toml gets [devices] as used and [sync]; capture then waits for the measured time only.
     """
-    devices = ol.projector.devices_of(rig, changes)
     start = time.perf_counter()
-    with opened(rig, devices, levels_of(rig, "black", "white")) as now:
-        found, taken = ol.projector.synchronise(
-            now.display, now.camera, now.accepted,
-            time=now.time, clock=now.clock, seed=seed, triggered=now.triggered,
-        )  # fmt: skip
-    timing = replace(found, camera=devices.camera, display=devices.display)
+    kept, timing, taken = synchronised(rig, ol.projector.devices_of(rig, changes), seed)
     with ol.files.together():
-        kept = replace(devices, focus=now.accepted.focus)
         ol.scene.write_sections(rig, {"devices": kept.table(), "sync": timing.to_table()})
         if page is not None:
             ol.experiments.write_sync_report(timing, taken, time.perf_counter() - start, page)
@@ -72,3 +65,16 @@ def command(
         "residual": number(100 * timing.misfit, "% of white less black"),
     }
     table(f"Synchronisation in {rig}", rows)
+
+
+def synchronised(
+    rig: Path, devices: "ol.projector.Devices", seed: int = 0
+) -> "tuple[ol.projector.Devices, ol.projector.Timing, ol.projector.FlipRecord]":
+    """[devices] as used, [sync], and the flips."""
+    with opened(rig, devices, levels_of(rig, "black", "white")) as now:
+        found, taken = ol.projector.synchronise(
+            now.display, now.camera, now.accepted,
+            time=now.time, clock=now.clock, seed=seed, triggered=now.triggered,
+        )  # fmt: skip
+    timing = replace(found, camera=devices.camera, display=devices.display)
+    return replace(devices, focus=now.accepted.focus), timing, taken

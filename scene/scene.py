@@ -30,7 +30,7 @@ from .sensor import Display, Sensor
 __all__ = ["FOREIGN", "Scene", "resize"]
 
 #: Sections of other parts in a rig's file.
-FOREIGN = ("rest", "response", "profile", "devices", "sync")
+FOREIGN = ("rest", "response", "profile", "devices", "sync", "start")
 _FILES = {"file", "height", "places"}  # keys there that name a file
 
 

@@ -11,7 +11,8 @@ __all__ = ["TypedRig", "rig_toml"]
 
 @dataclass(frozen=True, slots=True)
 class TypedRig:
-    """Sizes (length along x, width) and distances in mm, angles in rad, images as (rows, cols).
+    """Sizes (length along x, width) and distances in mm, angles in rad, images as (rows, cols); focal: in
+    pixels, focal_accuracy: its relative standard deviation, None: that of typed numbers.
 
     angle: of a monitor rig's line of sight with the mirror's normal; of a prism's camera face with the
     mirror. distance: from the camera to the mirror's middle. Of a monitor rig: display_distance, from the
@@ -25,7 +26,6 @@ class TypedRig:
     pitch: float
     image: tuple[int, int]
     focal: float
-    pixel: float
     angle: float
     distance: float
     display_distance: float | None = None
@@ -33,6 +33,7 @@ class TypedRig:
     bezel: float = 0.0
     across: float | None = None
     index: float | None = None
+    focal_accuracy: float | None = None
 
     @property
     def middle(self) -> tuple[float, float]:
@@ -64,15 +65,16 @@ def rig_toml(name: str, rig: TypedRig) -> str:
     camera: dict[str, Any] = {
         "kind": "pinhole",
         "size": [rig.image[1], rig.image[0]],
-        "focal_mm": rig.focal,
-        "pixel_pitch_mm": rig.pixel,
+        "focal_px": _digits(rig.focal),
         "position_mm": _digits(x + rig.distance * sine, y, rig.distance * cosine),
         "look_at_mm": _digits(x, y, 0.0),
     }
     table = {"name": name, "mirror": {"size_mm": [*rig.mirror]}, "pattern": pattern, "camera": camera}
     if rig.index is not None:
         camera["face"], table["medium"] = {"angle_deg": _degrees(rig.angle)}, {"index": rig.index}
-    return f"# Written by `optolever rig new`; lengths in mm, sizes as [columns, rows].\n{toml_text(table)}"
+    if rig.focal_accuracy is not None:
+        table["accuracy"] = {"focal": rig.focal_accuracy}
+    return f"# Lengths in mm, sizes as [columns, rows].\n{toml_text(table)}"
 
 
 def _degrees(angle: float) -> float:
