@@ -8,7 +8,7 @@ import click
 #: Commands by section of --help.
 SECTIONS: Mapping[str, tuple[str, ...]] = {
     "Commands": (
-        *("demo", "doctor", "rig", "show", "simulate", "capture"),
+        *("demo", "start", "doctor", "rig", "show", "simulate", "capture"),
         *("decode", "reconstruct", "calibrate", "report", "live", "design"),
     ),
     "Further commands": ("camera", "form", "export", "sample", "rest", "response", "patterns", "sensor"),

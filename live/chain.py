@@ -103,7 +103,7 @@ def settle(rig: Rig, frame: Frame, sigma: Cells) -> Settled:
             break
         sizes.append(1.48 * float(np.median(ratios)))
         kinks.append(float(np.sqrt(np.mean(np.square(ratios)))))
-        pace, slow = (min(of[-1] / of[-2], 0.8) if step else 0.8 for of in (sizes, kinks))
+        pace, slow = (min(of[-1] / of[-2], 0.8) if step and of[-2] > 0 else 0.8 for of in (sizes, kinks))
         kinked = kinks[-1] * slow / (1 - slow) > _KINKED
         if step and sizes[-1] * pace / (1 - pace) < _NOT_MOVED and not kinked:
             break

@@ -45,6 +45,7 @@ class Followed:
             "notices": [str(notice) for notice in reading.notices],
             "depth_mm": depth,
             "depth_sigma_mm": sigma,
+            "depth_total_sigma_mm": None if depth is None else reading.depth_total_sigma,
             "range_used": reading.figures.used,
             "touches": [touch.to_dict() for touch in reading.touches],
             "forces": [asdict(force) for force in reading.forces],

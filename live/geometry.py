@@ -1,6 +1,6 @@
 """Geometry of a rig at rest, on cells of pixels, for the linearised equations; the anchor."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.ndimage
@@ -34,6 +34,13 @@ class RestRays:
         """(3, R, C), unit."""
         return self.planes[3:6]
 
+    def regular(self, lit: Mask) -> "RestRays":
+        """Cells that are not lit (R, C) lie no nearer to the pattern than those that are: the equations are
+        singular where mirror and pattern meet, and their solution passes through all cells."""
+        away = np.linalg.norm(self.planes[:3], axis=0)
+        times = np.where(lit, 1.0, np.maximum(1.0, away[lit].min() / np.maximum(away, 1e-9)))
+        return replace(self, planes=np.concatenate([self.planes[:3] * times, self.planes[3:]]))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AnchorLine:
@@ -66,7 +73,8 @@ def rest_rays(scene: Scene, rows: int, cols: int, cell: int, period: float) -> R
         for axis in (2, 1)
         for part in (_change(origins, axis) + t * _change(directions, axis), _change(directions, axis))
     ]
-    planes = np.concatenate([way.reshape(t.shape) * reflected, d, *changes])
+    way = np.where(points[0] < 0, np.nan, way.reshape(t.shape))  # beyond the mirror, maybe beyond the display
+    planes = np.concatenate([np.where(way > 0, way, np.nan) * reflected, d, *changes])
     step_u, step_v = period * pattern.steps
     return RestRays(_finite(planes), _finite(points), step_u, step_v)
 

@@ -24,6 +24,7 @@ from .geometry import anchor_line, rest_rays, rim
 from .picture import Carriers, State, model, to_cells, window_mean
 from .prepared import Noise, Prepared
 from .rest import creep_of, fitted
+from .rig_errors import relative_error
 
 __all__ = ["prepare"]
 
@@ -67,7 +68,7 @@ def prepare(
         rows, cols = (cell * count for count in carriers.shape)
         frames = frames[:, :rows, :cols]
         lit = np.asarray(carriers.share > LEAST_SHARE)
-        rays = rest_rays(scene, *carriers.shape, cell, period)
+        rays = rest_rays(scene, *carriers.shape, cell, period).regular(lit)
         line = anchor_line(scene, rays, lit)
         mirror = linearised(rays, line, lit)
         mean = frames.mean(axis=0, dtype=np.float64).astype(np.float32)
@@ -85,7 +86,8 @@ def prepare(
         measured = _measured_noise(rig, points, seed, frames.dtype)
     shape = scene.camera.rows, scene.camera.cols
     edge = 0.0 if scene.accuracy is None else scene.accuracy.edge
-    return Prepared(rig, measured, *shape, points, area, edge, scene.layer, _notices(scene, line.edge))
+    error, notices = relative_error(scene, lit, cell, period), _notices(scene, line.edge)
+    return Prepared(rig, measured, *shape, points, area, edge, error, scene.layer, notices)
 
 
 def _notices(scene: Scene, edge: bool) -> tuple[Notice, ...]:

@@ -38,9 +38,9 @@ class Noise:
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Prepared:
     """rows, cols: of the camera's frames; incomplete cells at their end are unused; points (3, R, C): of the
-    mirror at rest, mm; area: of a cell on the mirror, mm^2; edge: standard deviation
-    of the height at which the mirror's edge stays, mm; layer: elastic, or None; notices: of the
-    preparation."""
+    mirror at rest, mm; area: of a cell on the mirror, mm^2; edge: standard deviation of the height at which
+    the mirror's edge stays, mm; error: of heights by the rig's numbers, relative (None: of a file without
+    it); layer: elastic, or None; notices: of the preparation."""
 
     rig: Rig
     noise: Noise
@@ -49,6 +49,7 @@ class Prepared:
     points: Cells
     area: float
     edge: float
+    error: float | None = None
     layer: Layer | None = None
     notices: tuple[Notice, ...] = ()
 

@@ -58,7 +58,8 @@ class Figures:
 class Reading(Comparable):
     """One frame. z (R, C): height less rest, mm, its mean over the exposure, less what a camera that moved
     and a load at the mirror's edge do to it; sigma (R, C): its standard deviation, infinite where it is not
-    measured; total_sigma (R, C): if the mirror itself may have sunk or tilted as a whole; noise (R, C): the
+    measured; total_sigma (R, C): with the errors of the rig's numbers, and if the mirror itself may
+    have sunk or tilted as a whole; noise (R, C): the
     part of sigma that is not common to the map; moved (R, C): what z has less of the picture's motion and
     more of the load's sinking; good (R, C): where it is measured; x, y (R, C): of the mirror point, mm.
     trusted: the heights may be used; reason: why not, else empty; notices: unusual properties of
@@ -86,9 +87,19 @@ class Reading(Comparable):
     @property
     def deepest(self) -> tuple[float, float] | None:
         """Height and sigma, mm, of the deepest good cell beyond five sigma; None: there is none."""
+        at = self._deepest
+        return None if at is None else (float(self.z.flat[at]), float(self.sigma.flat[at]))
+
+    @property
+    def depth_total_sigma(self) -> float:
+        """Total sigma of the deepest cell, mm; NaN where none is beyond five sigma."""
+        return math.nan if self._deepest is None else float(self.total_sigma.flat[self._deepest])
+
+    @property
+    def _deepest(self) -> int | None:
         deep = np.where(self.good & (self.z > DEEP * self.sigma), self.z, np.float32(-np.inf))
         at = int(deep.argmax())
-        return (float(self.z.flat[at]), float(self.sigma.flat[at])) if deep.flat[at] > 0 else None
+        return at if deep.flat[at] > 0 else None
 
     @property
     def depth(self) -> float:

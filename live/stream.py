@@ -91,11 +91,12 @@ class Live:
         verdict = judge(found.figures, self._faded, found.steep and not pressing, found.dust)
         touches = self._touches.named(contacts(surface, pressing, prepared.layer)) if verdict.trusted else ()
         alone = found.alone < UNEXPLAINED  # far from rest the fit's first order makes dents of its own
+        error = np.float32(prepared.error or 0.0)
         still = max(prepared.edge, abs(found.figures.sinking))
         return Reading(
             z=z,
             sigma=sigma,
-            total_sigma=np.sqrt(np.square(sigma) + np.float32(still**2)),
+            total_sigma=np.sqrt(np.square(sigma) + np.float32(still**2) + np.square(error * z)),
             noise=found.noise,
             moved=moved,
             good=found.settled.good,

@@ -227,7 +227,7 @@ function radius(t) {
 function cards(n) {
   const newtons = n.forces.reduce((sum, f) => sum + f.newton, 0), sigma = Math.hypot(...n.forces.map((f) => f.sigma));
   $("depth").textContent = nothing(n.depth_mm) ? "–" : `${both(1e3 * n.depth_mm, 1e3 * n.depth_sigma_mm)} µm`;
-  $("depth-says").textContent = nothing(n.depth_mm) ? "none beyond five sigma" : `${n.touches.length} contact${n.touches.length === 1 ? "" : "s"}, range used ${Math.round(100 * n.range_used)} %`;
+  $("depth-says").textContent = nothing(n.depth_mm) ? "none beyond five sigma" : `± ${show(1e3 * n.depth_total_sigma_mm, 2)} with the rig's numbers, ${n.touches.length} contact${n.touches.length === 1 ? "" : "s"}, range used ${Math.round(100 * n.range_used)} %`;
   $("newton").textContent = n.forces.length ? `${both(newtons, sigma)} N` : "–";
   $("newton-says").textContent = n.forces.length ? (n.forces.length > 1 ? "sum of all contacts" : "") : noForce(n);
   $("rate").textContent = `${show(n.rate)} /s`;

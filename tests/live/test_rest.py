@@ -86,7 +86,8 @@ def test_a_mirror_that_sinks_is_named_and_in_total_sigma(rest: Rest, prepared: P
 
 def test_the_edge_counts_as_still_within_its_accuracy(rest: Rest, prepared: Prepared) -> None:
     reading, _ = _read(rest, prepared, ())
-    more = np.sqrt(np.square(reading.total_sigma) - np.square(reading.sigma))[reading.good]
+    by_rig = np.square((prepared.error or 0.0) * reading.z)
+    more = np.sqrt(np.square(reading.total_sigma) - np.square(reading.sigma) - by_rig)[reading.good]
     assert more == pytest.approx(rest.scene.accuracy.edge, rel=1e-3)
 
 

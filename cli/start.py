@@ -1,0 +1,102 @@
+"""`optolever start`: from an unpacked camera to a live height, step by step."""
+
+import time
+from pathlib import Path
+from typing import Annotated
+
+import click
+
+import optolever as ol
+from optolever import InputError
+from optolever.quantities import quantity
+
+from .arguments import Opt, Rare, program
+from .outputs import OutputFile
+from .start_front import Front, GoTo, Terminal
+from .start_steps import STEPS, Begun, require_devices
+
+SAMPLE = """
+$ optolever start --text --rig rig.toml
+
+What do you build?
+  1  A mirror in open air, in front of a monitor
+  2  A silicone prism: a display on one face, the camera at another
+  Kind of rig: a mirror in open air before a monitor, or a prism with a display on one face [1]:
+...
+"""
+
+RIG = Opt(
+    "--rig RIG.toml", "File of the rig: written step by step, gone on with.", OutputFile(".toml", bare=False)
+)
+TEXT = Opt("--text", "Ask on the terminal instead of on a page.")
+STEP = Opt("--from STEP", f"Go on at this step: {', '.join(STEPS)}.", click.Choice([*STEPS]))
+FRAMES = Rare("--frames N", "Of the live view, then stop.", click.IntRange(min=1))
+PORT = Rare("--port N", "Port of the page, on 127.0.0.1; default: a free one.", click.IntRange(0, 65535))
+
+
+@program("start", SAMPLE)
+def command(
+    rig: Annotated[Path, RIG] = Path("rig.toml"),
+    text: Annotated[bool, TEXT] = False,
+    step: Annotated[str | None, STEP] = None,
+    frames: Annotated[int | None, FRAMES] = None,
+    port: Annotated[int, PORT] = 0,
+) -> None:
+    """From an unpacked camera to a live height.
+
+    Asks for the kind of rig, camera, display, sizes and the width of the camera's view, shows what the camera
+    sees while you aim, then exposes, synchronises, measures the display's gamma and the mirror at rest,
+    calibrates if you like, and measures live. Each step writes RIG.toml: leave, and come back, and it goes on
+    where it was. Every other command takes that file.
+    """
+    begun = Begun.load(rig)
+    walk(begun, Terminal(), step)
+    _lines(begun.rig, frames)
+
+
+def walk(begun: Begun, front: Front, step: str | None) -> None:
+    """All steps from the one where the walk was left, or from `step`."""
+    names = [*STEPS]
+    at = begun.answers.get("step", names[0]) if step is None else step
+    if step is None and at not in names[:2] and at in names and (why := require_devices(begun)):
+        front.say(f"Not as before. {why}", fault=True)
+        at = why.partition(":")[0]
+    number = names.index(at) if at in names else len(names)
+    while number < len(names):
+        name = names[number]
+        title, run = STEPS[name]
+        front.begin(name, title)
+        try:
+            run(begun, front)
+            number += 1
+        except GoTo as other:
+            number = names.index(other.step) if other.step else max(number - 1, 0)
+        except InputError as error:
+            front.say(str(error), fault=True)
+            try:
+                front.go("This step is not done.", {"": "try again"})
+            except GoTo as other:
+                number = names.index(other.step) if other.step else max(number - 1, 0)
+        begun.write(step=names[number] if number < len(names) else "live")
+
+
+def _lines(rig: Path, frames: int | None) -> None:
+    """A line of the live view a second."""
+    click.secho("\nLive (Ctrl-C ends it)", bold=True)
+    said = -1.0
+    with ol.live.open(rig, ol.live.Prepared.load(ol.live.kept_rest(rig))) as readings:
+        for count, reading in enumerate(readings, 1):
+            if time.monotonic() > said + 1 or count == frames:
+                said = time.monotonic()
+                click.echo(f"  {_depth(reading)}")
+            if count == frames:
+                return
+
+
+def _depth(reading: "ol.live.Reading") -> str:
+    """Depth with its error, or why there is none."""
+    if not reading.trusted:
+        return f"not trusted: {reading.reason}"
+    if reading.deepest is None:
+        return "nothing touches"
+    return f"depth {quantity(1e3 * reading.depth, 'um', 1e3 * reading.depth_total_sigma)}"

@@ -1,0 +1,144 @@
+"""Who asks the questions of `start`: what a front must do, and the one on the terminal."""
+
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+import click
+
+from .preview import View
+from .questions import Question
+
+__all__ = ["BACK", "Draw", "Front", "GoTo", "Terminal"]
+
+BACK = "<"
+_LINE_S = 1.0  # between two lines of the preview
+
+#: A picture of the rig by answers as typed, into a file; ClickException, InputError of answers that are none.
+Draw = Callable[[Mapping[str, str], Path], None]
+
+
+class GoTo(Exception):
+    """The walk goes on at another step; empty: at the one before."""
+
+    def __init__(self, step: str = "") -> None:
+        super().__init__(step)
+        self.step = step
+
+
+class Front(Protocol):
+    """Asks and shows. All calls wait for the user, but for `begin`, `say` and `busy`; GoTo from any."""
+
+    def begin(self, step: str, title: str) -> None:
+        """A step begins."""
+
+    def say(self, text: str, fault: bool = False) -> None:
+        """A line of the step."""
+
+    def busy(self, text: str) -> None:
+        """What is done now."""
+
+    def ask(
+        self, questions: Sequence[Question], defaults: Mapping[str, str], draw: Draw | None = None
+    ) -> dict[str, Any]:
+        """The answers by name, converted."""
+
+    def pick(self, text: str, options: Sequence[str], default: int = 0) -> int:
+        """One of several."""
+
+    def go(self, text: str, keys: Mapping[str, str]) -> str:
+        """A key of these (key: word), the first one by Enter."""
+
+    def look(self, views: Iterator[View]) -> View | None:
+        """The last view before the user goes on."""
+
+    def live(self, address: str) -> None:
+        """The page of the live view is at this address."""
+
+
+class Terminal:
+    """Prompts; `<` goes back a step."""
+
+    def begin(self, step: str, title: str) -> None:
+        """A step begins."""
+        click.secho(f"\n{title}", bold=True)
+
+    def say(self, text: str, fault: bool = False) -> None:
+        """A line of the step."""
+        click.secho(f"  {text}", fg="red" if fault else None)
+
+    def busy(self, text: str) -> None:
+        """What is done now."""
+        click.echo(f"  {text} ...")
+
+    def ask(
+        self, questions: Sequence[Question], defaults: Mapping[str, str], draw: Draw | None = None
+    ) -> dict[str, Any]:
+        """The answers by name, converted; the picture is that of the file at the end."""
+        answers = {}
+        for each in questions:
+            click.secho(f"  (wrong: {each.wrong})", dim=True)
+            while True:
+                text = _line(f"  {each.text} [{defaults[each.name]}]") or defaults[each.name]
+                try:
+                    answers[each.name] = each.kind.convert(text, None, None)
+                    break
+                except click.BadParameter as error:
+                    self.say(error.message, fault=True)
+        return answers
+
+    def pick(self, text: str, options: Sequence[str], default: int = 0) -> int:
+        """One of several, by its number."""
+        for number, option in enumerate(options, 1):
+            click.echo(f"  {number}  {option}")
+        while True:
+            answer = _line(f"  {text} [{default + 1}]") or str(default + 1)
+            if answer.isdecimal() and 1 <= int(answer) <= len(options):
+                return int(answer) - 1
+            self.say(f"{answer!r}, must be 1 to {len(options)}", fault=True)
+
+    def go(self, text: str, keys: Mapping[str, str]) -> str:
+        """A key of these, the first one by Enter."""
+        first, *others = keys
+        words = ", ".join([f"Enter: {keys[first]}", *(f"{key}: {keys[key]}" for key in others)])
+        while True:
+            answer = _line(f"  {text} ({words})")[:1].lower()
+            if not answer or answer in keys:
+                return answer or first
+            self.say(f"{answer!r}, must be Enter{''.join(f' or {key}' for key in others)}", fault=True)
+
+    def look(self, views: Iterator[View]) -> View | None:
+        """A line a second until Enter."""
+        answers: list[str | BaseException] = []
+
+        def wait() -> None:
+            try:
+                answers.append(_line("  Enter goes on"))
+            except BaseException as error:  # handed to the walk
+                answers.append(error)
+
+        said, last = -1.0, None
+        for last in views:
+            if said < 0:
+                threading.Thread(target=wait, daemon=True).start()
+            if time.monotonic() > said + _LINE_S:
+                self.say(last.text())
+                said = time.monotonic()
+            if answers:
+                break
+        if answers and isinstance(answers[0], BaseException):
+            raise answers[0]
+        return last
+
+    def live(self, address: str) -> None:
+        """Nothing: lines follow."""
+
+
+def _line(text: str) -> str:
+    """What is typed; GoTo for `<`."""
+    answer = str(click.prompt(text, default="", show_default=False)).strip()
+    if answer == BACK:
+        raise GoTo
+    return answer

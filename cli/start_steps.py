@@ -1,0 +1,434 @@
+"""The steps of `start`: each asks, measures, and writes its part of the rig's TOML."""
+
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import click
+
+import optolever as ol
+from optolever import InputError
+from optolever.toml import read_toml, toml_text
+
+from .expose import chosen_exposure
+from .options import decoded_by_response, response_of
+from .preview import views_of
+from .questions import KINDS, QUESTIONS, VIEW_60, questions_of, typed_rig
+from .rig import draw_rig, visible_share
+from .rig_capture import capture_rig
+from .rig_devices import levels_of, opened, sequence_of
+from .rig_targets import capture_targets
+from .start_checks import aim_fault, rest_fault
+from .start_front import Front, GoTo
+from .sync import synchronised
+
+__all__ = ["STEPS", "Begun", "require_devices"]
+
+_SIMULATED = "virtual"
+KEPT = ("devices", "sync", "response", "start")  # sections that other numbers of the rig leave as they are
+_RESTS = 8  # frames of the fringe at rest
+_PERIOD = 10.0  # of the fringe, pattern pixels
+_FLATS, _FEWEST_FLATS = 5, 3
+_RADIUS = click.FloatRange(min=0, min_open=True)
+
+
+@dataclass
+class Begun:
+    """A rig's file, and what `start` keeps in it: [start] has the step and the answers as typed."""
+
+    rig: Path
+    table: dict[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def load(cls, rig: Path) -> "Begun":
+        """Of a file, or of none."""
+        return cls(rig, read_toml(rig) if rig.exists() else {})
+
+    @property
+    def answers(self) -> dict[str, Any]:
+        """[start]."""
+        return dict(self.table.get("start", {}))
+
+    @property
+    def kind(self) -> str:
+        """Of the rig."""
+        return str(self.answers.get("kind", KINDS[0]))
+
+    @property
+    def devices(self) -> dict[str, Any]:
+        """[devices]."""
+        return dict(self.table.get("devices", {}))
+
+    @property
+    def simulated(self) -> bool:
+        """Whether the camera is the virtual sensor."""
+        return self.devices.get("camera") == _SIMULATED
+
+    def defaults(self, kind: str) -> dict[str, str]:
+        """Answers as typed, else of a rig of that kind."""
+        return {each.name: str(self.answers.get(each.name, each.default(kind))) for each in QUESTIONS}
+
+    def values(self, **changes: Any) -> dict[str, Any]:
+        """Answers, converted."""
+        texts = self.defaults(self.kind) | changes
+        return {
+            each.name: each.kind.convert(texts[each.name], None, None)
+            for each in QUESTIONS
+            if each.only in ("", self.kind) and texts[each.name] != ""
+        }
+
+    def write(self, sections: Mapping[str, Mapping[str, Any]] | None = None, **answers: Any) -> None:
+        """Keep answers and sections; all else in the file stays."""
+        if self.rig.exists():
+            self.table = read_toml(self.rig)
+        self.table |= {name: dict(part) for name, part in (sections or {}).items()}
+        self.table["start"] = self.answers | {key: value for key, value in answers.items() if value != ""}
+        with ol.files.atomic_file(self.rig) as temporary:
+            temporary.write_text(toml_text(self.table), encoding="utf-8")
+
+
+def kind(begun: Begun, front: Front) -> None:
+    """Monitor or prism."""
+    words = (
+        "A mirror in open air, in front of a monitor",
+        "A silicone prism: a display on one face, the camera at another",
+    )
+    begun.write(kind=KINDS[front.pick(QUESTIONS[0].text, words, KINDS.index(begun.kind))])
+
+
+def camera(begun: Begun, front: Front) -> None:
+    """One of those connected; its image's size by its driver."""
+    from optolever.projector.cameras import find_cameras, open_camera
+
+    front.busy("looking for cameras")
+    found, silent = find_cameras()
+    for reason in silent.values():
+        front.say(reason)
+    addresses = [one.address for one in found] + [_SIMULATED]
+    words = [" ".join(filter(None, (one.model, one.address, one.note))) for one in found]
+    before = begun.devices.get("camera")
+    default = addresses.index(before) if before in addresses else 0
+    chosen = addresses[front.pick("Camera", [*words, "none: a simulated one, to try this out"], default)]
+    devices = {key: value for key, value in begun.devices.items() if key not in ("camera", "exposure_ms")}
+    if chosen == _SIMULATED:
+        image = _typed(begun, front, "image")["image"]
+    else:
+        front.busy("taking a picture")
+        one = open_camera(chosen)
+        try:
+            accepted = one.configure(ol.projector.Wanted(1 / 60))
+        finally:
+            one.close()
+        image = f"{accepted.cols}x{accepted.rows}"
+        front.say(f"The camera's image has {image} pixels.")
+    begun.write({"devices": {"camera": chosen, **devices}}, image=image)
+
+
+def display(begun: Begun, front: Front) -> None:
+    """One of those connected; its pixels, and its size where EDID has it."""
+    devices, names = begun.devices, ["display", "diagonal"]
+    if not begun.simulated:
+        found = ol.projector.monitors()
+        words, addresses = [*map(str, found), "a window, for a try"], [one.address for one in found]
+        before = devices.get("display")
+        default = addresses.index(before) if before in addresses else len(found) - 1
+        chosen = front.pick("Display in front of the mirror", words, default)
+        devices["display"] = [*addresses, "window"][chosen]
+        for one in found[chosen : chosen + 1]:
+            for fault in one.faults():
+                front.say(fault, fault=True)
+            inches = (one.rows_mm**2 + one.cols_mm**2) ** 0.5 / 25.4
+            known = {"display": f"{one.cols}x{one.rows}"} | ({"diagonal": f"{inches:.4g}"} if inches else {})
+            names = ["diagonal"] if not inches else []
+            begun.write({}, **known)
+            front.say(f"{one.cols} x {one.rows} pixels" + (f", {inches:.3g} inches" if inches else ""))
+    begun.write({"devices": devices}, **(_typed(begun, front, *names) if names else {}))
+
+
+def mirror(begun: Begun, front: Front) -> None:
+    """Sizes, angles and distances."""
+    names = [each.name for each in questions_of(begun.kind)]
+    first = [name for name in names if name not in ("kind", "display", "diagonal", "image", "across")]
+    answers = _typed(begun, front, *(name for name in first if not name.startswith("view_")))
+    begun.write(**answers)
+    if begun.kind == "prism":
+        if "across" not in begun.answers:
+            begun.write(across=f"{typed_rig(begun.values()).offset_across:.7g}")
+        begun.write(**_typed(begun, front, "across"))
+
+
+def view(begun: Begun, front: Front) -> None:
+    """The focal length, by the width of the view; the scene is complete."""
+    begun.write(**_typed(begun, front, "view_distance", "view_width"))
+    typed = typed_rig(begun.values())
+    if begun.rig.exists():
+        begun.table = read_toml(begun.rig)
+    kept = {name: part for name, part in begun.table.items() if name in KEPT}
+    with ol.files.together():
+        with ol.files.atomic_file(begun.rig) as temporary:
+            text = ol.scene.rig_toml(begun.rig.stem, typed)
+            temporary.write_text(f"{text}\n{toml_text(kept)}", encoding="utf-8")
+            scene = ol.scene.load(temporary)
+        with ol.files.atomic_file(begun.rig.with_suffix(".png")) as temporary:
+            draw_rig(scene, temporary)
+    begun.write(calibrated=False)
+    share = visible_share(scene)
+    if typed.focal_accuracy == VIEW_60:
+        front.say("60 degrees are assumed: heights have an error of 10 % by that alone.")
+    text = f"By these numbers {100 * share:.0f} % of the pixels see the display in the mirror"
+    front.say(f"{text} ({begun.rig.with_suffix('.png')}).")
+    if share < 0.02:
+        raise InputError(f"{text}: the rig cannot stand so; check the angles and the distances ({'<'}: back)")
+
+
+def aim(begun: Begun, front: Front) -> None:
+    """The preview, until the user goes on."""
+    scene = ol.scene.load(begun.rig)
+    devices = ol.projector.devices_of(begun.rig)
+    while True:
+        with opened(begun.rig, devices, levels_of(begun.rig, "black", "white")) as now:
+            now.require_size(scene)
+            last = front.look(views_of(now))
+        if last is None:
+            raise InputError("camera: no picture came; is it connected? (optolever camera devices)")
+        fault = last.aim.advice(last.best) or aim_fault(last.aim.seen, visible_share(scene))
+        if last.aim.seen == 0 and not begun.simulated:
+            fault += f" Is {devices.display!r} the display in front of the mirror? If not, go back to it."
+        if not fault:
+            return
+        front.say(fault, fault=True)
+        if front.go("Look again?", {"": "look again", "k": "keep it so"}) == "k":
+            return
+
+
+def expose(begun: Begun, front: Front) -> None:
+    """As `camera expose`."""
+    front.busy("finding the longest exposure that saturates nothing")
+    chosen, seen = chosen_exposure(begun.rig, ol.projector.devices_of(begun.rig))
+    ol.scene.write_sections(begun.rig, {"devices": chosen.table()})
+    front.say(f"{chosen.exposure_ms:.4g} ms: white less black is {100 * seen.swing:.0f} % of full scale.")
+    if seen.swing < 0.2:
+        front.say("That is little: open the lens, darken the room, or brighten the display.", fault=True)
+
+
+def sync(begun: Begun, front: Front) -> None:
+    """As `camera sync`; without it every pattern waits half a second."""
+    if begun.simulated:
+        front.say("A simulated camera sees its patterns at once.")
+        return
+    front.busy("flipping the display for some seconds")
+    try:
+        kept, timing, _ = synchronised(begun.rig, ol.projector.devices_of(begun.rig))
+    except InputError as error:
+        front.say(str(error), fault=True)
+        if front.go("Measure the delay again?", {"": "again", "k": "wait half a second always"}) == "":
+            raise GoTo("sync") from error
+        return
+    ol.scene.write_sections(begun.rig, {"devices": kept.table(), "sync": timing.to_table()})
+    front.say(f"A pattern is settled {1e3 * timing.ready_s():.0f} ms after its swap.")
+    for notice in ol.projector.sync_notices(timing):
+        front.say(str(notice))
+
+
+def response(begun: Begun, front: Front) -> None:
+    """The display's gamma, by grey levels: what decodes with it has no gamma any more."""
+    front.busy("showing grey levels")
+    taken = _capture(begun, "ramp")
+    found = ol.calibration.measure_response(taken)
+    ol.calibration.store_response(begun.rig, found)
+    gamma, misfit = found.gamma
+    front.say(f"Gamma {gamma:.2f}, which decoding takes off; {100 * misfit:.1f} % of white differ from it.")
+    if misfit > 0.03:
+        spoilt = "no power law: switch off night light, dynamic contrast and the camera's own gamma or HDR"
+        front.say(f"The levels follow {spoilt}. They are taken off as measured.", fault=True)
+
+
+def rest(begun: Begun, front: Front) -> None:
+    """The mirror at rest: checked against the numbers, kept for heights and for the live view."""
+    front.go("Take everything off the mirror, and hold still.", {"": "measure it"})
+    front.busy("showing the patterns")
+    scene, pattern = ol.scene.load(begun.rig), ol.scene.load(begun.rig).pattern
+    dense = sequence_of(begun.rig, "gray+phase")
+    fringe = ol.patterns.sequence("crossed", pattern.rows, pattern.cols, period=_PERIOD)
+    count = len(dense)
+    shown = ol.patterns.Sequence((*dense.frames, *fringe.frames), pattern.rows, pattern.cols)
+    import numpy as np
+
+    with opened(begun.rig, ol.projector.devices_of(begun.rig), shown) as now:
+        now.require_size(scene)
+        order = (*range(count), *[count] * _RESTS)
+        frames = np.stack([one.image.pixels for one in now.acquire(now.wait(begun.rig), order)])
+        bits = now.accepted.bits
+    front.busy("decoding them")
+    capture = ol.projector.Capture(frames[:count], dense, scene, bits=bits)
+    found = decoded_by_response(capture, response_of(begun.rig))
+    mirror_share, good = ol.decode.mirror_coverage(found.flags)
+    if good < 0.5:
+        text = f"{100 * good:.0f} % of the mirror decoded: is it in focus, and dark around?"
+        raise InputError(f"{text} ({'; '.join(map(str, found.notices)) or 'no notice'})")
+    if late := ol.experiments.frames_of_another(capture, found):
+        raise InputError(f"frames {', '.join(map(str, late))} show the pattern before: go back to sync")
+    if fault := rest_fault(found, scene):
+        raise InputError(fault)
+    if not begun.answers.get("calibrated"):
+        front.busy("taking the errors of the numbers off, as far as the mirror at rest says them")
+        scene = _adjusted(begun, front, found)
+    height = ol.reconstruct.reconstruct(found, scene, anchor="middle")
+    for one in ol.reconstruct.contacts(height)[:1]:
+        place = f"at x = {one.x:.0f}, y = {one.y:.0f} mm, {1e3 * one.depth:.0f} um deep"
+        raise InputError(f"Something touches the mirror {place}: take it off, and wait a little.")
+    scene.save(begun.rig, keep=begun.rig)
+    ol.calibration.store_rest(begun.rig, found)
+    prepared = ol.live.prepare(scene, frames[count:], found, fringe, bits=bits)
+    prepared.save(ol.live.kept_rest(begun.rig))
+    fills = f"The mirror fills {100 * mirror_share:.0f} % of the picture, {100 * good:.0f} % of it decoded."
+    front.say(f"{fills} The rig's numbers leave {100 * (prepared.error or 0.0):.1f} % of a height.")
+
+
+def _adjusted(begun: Begun, front: Front, found: "ol.decode.Correspondence") -> "ol.scene.Scene":
+    """The typed rig, adjusted to its flat mirror within the accuracy of its numbers; as typed where that
+    fails."""
+    typed = _scene_of(begun.values())
+    target, priors = ol.calibration.target_from_text("rest"), ol.scene.typed_sigmas(typed, typed.accuracy)
+    try:
+        fitted = ol.calibration.calibrate(typed, [ol.calibration.Observation("rest", target, found)], priors)
+    except InputError as error:
+        front.say(f"The numbers stay as typed: {error}")
+        return typed
+    if fitted.implausible:
+        wrong = "The mirror at rest contradicts the numbers"
+        raise InputError(f"{wrong}: {fitted.implausible[0]}. Check them, from the mirror's size on.")
+    return fitted.scene
+
+
+def targets(begun: Begun, front: Front) -> None:
+    """Captures of targets, as `calibrate --rig`; may be left out."""
+    if begun.answers.get("calibrated"):
+        front.say("Calibrated.")
+        return
+    word = f"{_FLATS} poses of a flat mirror" if begun.kind == "monitor" else "a ball of known radius"
+    text = "Calibrate? Without it heights have the errors of the typed numbers, some per cent."
+    if front.go(text, {"": "leave it out", "c": f"calibrate by {word}"}) == "":
+        return
+    scene, texts = _scene_of(begun.values()), ["flat"] * _FLATS
+    if begun.kind == "prism":
+        radius = front.ask([_ball()], {"radius": "30"})["radius"]
+        texts = ["rest", f"ball:{radius:g},0.003"]
+    plan = [(each, ol.calibration.target_from_text(each)) for each in texts]
+    calibrate = partial(ol.calibration.calibrate_so_far, scene, priors={})
+
+    def wait(question: str) -> str:
+        keys = {"": "capture", "s": "stop"} | ({"k": "keep the last"} if "k keeps" in question else {})
+        return front.go(question.partition(". Enter")[0], keys)
+
+    folder, found = begun.rig.with_suffix(".captures"), None
+    so_far = capture_targets(
+        begun.rig, plan, folder, "gray+phase", calibrate, ask=wait, resume=True, say=front.say
+    )
+    found = so_far.required()
+    if found.implausible:
+        raise InputError(f"{found.implausible[0]}: measure the numbers again, or put the targets anew")
+    found.scene.save(begun.rig, keep=begun.rig)
+    begun.write(calibrated=True)
+    front.say(f"Calibrated by {len(found.observations)} captures, chi {found.adjustment.chi:.2f}.")
+    raise GoTo("rest")
+
+
+def _ball() -> Any:
+    from .questions import Question
+
+    wrong = "heights scale with it"
+    return Question("radius", "MM", _RADIUS, "Radius of the ball, mm", wrong, ("30", "30"))
+
+
+def _typed(begun: Begun, front: Front, *names: str) -> dict[str, Any]:
+    """Answers as text, by name; the rig is drawn as they are typed."""
+    questions, texts = questions_of(begun.kind, *names), begun.defaults(begun.kind)
+    given: dict[str, str] = {}
+
+    def draw(answers: Mapping[str, str], out: Path) -> None:
+        draw_rig(_scene_of(begun.values(**answers)), out)
+
+    values = front.ask(questions, texts, draw)
+    for each in questions:
+        value = values[each.name]
+        given[each.name] = _as_text(each.name, value)
+    return given
+
+
+def _scene_of(values: Mapping[str, Any]) -> "ol.scene.Scene":
+    """The scene of answers."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "rig.toml"
+        file.write_text(ol.scene.rig_toml("rig", typed_rig(values)), encoding="utf-8")
+        return ol.scene.load(file)
+
+
+def _as_text(name: str, value: Any) -> str:
+    """A converted answer, as it is typed."""
+    if isinstance(value, tuple):
+        pair = value[::-1] if name in ("display", "image") else value
+        return f"{pair[0]:g}x{pair[1]:g}"
+    if name == "view_width" and value == 0:
+        return "?"
+    return f"{value:.10g}"
+
+
+def _capture(begun: Begun, name: str) -> "ol.projector.Capture":
+    """A capture of a sequence, in the rig's folder of captures."""
+    import shutil
+
+    folder = begun.rig.with_suffix(".captures") / name
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    devices = ol.projector.devices_of(begun.rig)
+    return capture_rig(begun.rig, devices, sequence_of(begun.rig, name), folder, keep=False).capture
+
+
+def require_devices(begun: Begun) -> str:
+    """STEP: REASON to go back to where camera, display or a size are not those of before; empty: they are."""
+    from optolever.projector.cameras import open_camera
+
+    if begun.simulated or "camera" not in begun.devices:
+        return ""
+    try:
+        one = open_camera(str(begun.devices["camera"]))
+    except InputError as error:
+        return f"camera: {error}"
+    try:
+        accepted = one.configure(replace(ol.projector.Wanted(1 / 60)))
+    finally:
+        one.close()
+    size = f"{accepted.cols}x{accepted.rows}"
+    if size != begun.answers.get("image", size):
+        return f"camera: its image has {size} pixels, before it had {begun.answers['image']}"
+    name = begun.devices.get("display", "window")
+    if name == "window":
+        return ""
+    try:
+        monitor = ol.projector.choose_monitor(ol.projector.monitors(), name)
+    except InputError as error:
+        return f"display: {error}"
+    size = f"{monitor.cols}x{monitor.rows}"
+    if size != begun.answers.get("display", size):
+        return f"display: {name} has {size} pixels, before it had {begun.answers['display']}"
+    return ""
+
+
+#: Name -> title, and what it does.
+STEPS: dict[str, tuple[str, Callable[[Begun, Front], None]]] = {
+    "kind": ("What do you build?", kind),
+    "camera": ("Camera", camera),
+    "display": ("Display", display),
+    "mirror": ("Sizes and places", mirror),
+    "view": ("The camera's view", view),
+    "aim": ("Aim and focus", aim),
+    "expose": ("Exposure", expose),
+    "sync": ("Delay of the display", sync),
+    "response": ("Gamma of the display", response),
+    "rest": ("The mirror at rest", rest),
+    "targets": ("Calibration", targets),
+}
