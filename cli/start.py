@@ -2,7 +2,7 @@
 
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import click
 
@@ -11,7 +11,9 @@ from optolever import InputError
 from optolever.quantities import quantity
 
 from .arguments import Opt, Rare, program
+from .options import Json
 from .outputs import OutputFile
+from .show import write_json
 from .start_front import Front, GoTo, Terminal
 from .start_steps import STEPS, Begun, require_devices
 
@@ -41,6 +43,7 @@ def command(
     step: Annotated[str | None, STEP] = None,
     frames: Annotated[int | None, FRAMES] = None,
     port: Annotated[int, PORT] = 0,
+    json_path: Json = None,
 ) -> None:
     """From an unpacked camera to a live height.
 
@@ -51,7 +54,7 @@ def command(
     """
     begun = Begun.load(rig)
     walk(begun, Terminal(), step)
-    _lines(begun.rig, frames)
+    write_json(json_path, _lines(begun.rig, frames))
 
 
 def walk(begun: Begun, front: Front, step: str | None) -> None:
@@ -80,8 +83,8 @@ def walk(begun: Begun, front: Front, step: str | None) -> None:
         begun.write(step=names[number] if number < len(names) else "live")
 
 
-def _lines(rig: Path, frames: int | None) -> None:
-    """A line of the live view a second."""
+def _lines(rig: Path, frames: int | None) -> dict[str, Any]:
+    """A line of the live view a second; the figures of the last reading."""
     click.secho("\nLive (Ctrl-C ends it)", bold=True)
     said = -1.0
     with ol.live.open(rig, ol.live.Prepared.load(ol.live.kept_rest(rig))) as readings:
@@ -90,7 +93,19 @@ def _lines(rig: Path, frames: int | None) -> None:
                 said = time.monotonic()
                 click.echo(f"  {_depth(reading)}")
             if count == frames:
-                return
+                return _numbers(reading, readings.prepared)
+    raise InputError("camera: no picture came; is it connected? (optolever camera devices)")
+
+
+def _numbers(reading: "ol.live.Reading", prepared: "ol.live.Prepared") -> dict[str, Any]:
+    depth, sigma = reading.deepest or (None, None)
+    return {
+        "trusted": reading.trusted,
+        "depth_mm": depth,
+        "depth_sigma_mm": sigma,
+        "depth_total_sigma_mm": None if depth is None else reading.depth_total_sigma,
+        "rig_error": prepared.error,
+    }
 
 
 def _depth(reading: "ol.live.Reading") -> str:

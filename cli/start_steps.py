@@ -194,9 +194,11 @@ def aim(begun: Begun, front: Front) -> None:
             last = front.look(views_of(now))
         if last is None:
             raise InputError("camera: no picture came; is it connected? (optolever camera devices)")
-        fault = last.aim.advice(last.best) or aim_fault(last.aim.seen, visible_share(scene))
-        if last.aim.seen == 0 and not begun.simulated:
-            fault += f" Is {devices.display!r} the display in front of the mirror? If not, go back to it."
+        fault, advice = aim_fault(last.aim.seen, visible_share(scene)), last.aim.advice(last.best)
+        if last.aim.seen == 0:
+            fault = (
+                f"{advice} Is {devices.display!r} the display in front of the mirror? If not, go back to it."
+            )
         if not fault:
             return
         front.say(fault, fault=True)

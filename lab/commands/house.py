@@ -14,7 +14,7 @@ $ python -m lab house --part patterns
 Parts
 part       files  lines  at most  JS, GLSL  private words  Any  wide  constants
 patterns   6      1016   1000     0         0.0 in 100     5    0     3
-installed         1016   37000
+installed         1016   38000
 """
 HEADER = ("part", "files", "lines", "at most", "JS, GLSL", "private words", "Any", "wide", "constants")
 

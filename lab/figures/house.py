@@ -22,11 +22,11 @@ PARTS: dict[str, int | None] = {
     "calibration": 2700,
     "metrology": 1600,
     "live": 3400,
-    "cli": 4800,
+    "cli": 5800,
     "formats": 350,
     "experiments": 3650,
 }
-INSTALLED = 37_000  # lines of all parts, at most
+INSTALLED = 38_000  # lines of all parts, at most
 BESIDE = {"lab": 4500, "tests": 14_500}
 _SCRIPTS = (".js", ".glsl")
 #: Words of the project's own dialect where the field has a noun (STYLE.md).
