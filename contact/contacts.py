@@ -25,7 +25,7 @@ _CURVED = 3.0  # sigma of a curvature, from which on its radius is finite
 _DIPOLE = 1 / 3  # of the noise at an outline: what moves its centroid
 _ROUNDING = 1 / math.sqrt(180)  # of a cell: the share of an area that an outline cuts off at random
 _DEGREE = 4  # of the polynomial that gives a cell's row and column from x and y
-_CELLS = 4000  # that it is fitted to
+_CELLS = 1000  # that it is fitted to
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,6 +212,8 @@ def _dent(surface: Surface, region: Region, z: Map, holes: Mask) -> _Dent:
 def _modes(surface: Surface, box: tuple[slice, slice]) -> Floats:
     """The modes (m, r, c) in a box, linear between."""
     assert surface.modes is not None
+    if surface.step == 1:
+        return np.asarray(surface.modes[:, *box], np.float64)
     at = [
         np.minimum(np.arange(part.start, part.stop) / surface.step, size - 1)
         for part, size in zip(box, surface.modes.shape[1:], strict=True)
@@ -357,18 +359,14 @@ def _pressed(surface: Surface, z: Map, found: Sequence[Contact], layer: Layer) -
     circles = [(one.x, one.y, one.radius) for one in found]
     behind = forces_on(layer, circles, lambda at, pitch: sampled(z, at, pitch))
     area, places, pitch = behind.pitch**2, behind.places, behind.pitch
-    common = np.zeros((0, len(places)))
-    if surface.modes is not None and len(surface.modes):
-        grid = np.stack([sampled.coarse(np.asarray(one, np.float64), places) for one in surface.modes])
-        common = grid
-    by_modes = np.linalg.norm(common @ behind.weights.T, axis=0)
+    by_modes = np.zeros(len(found))
+    if surface.modes is not None:
+        by_modes = np.linalg.norm(sampled.sums(surface.modes, behind.weights, places, surface.step), axis=0)
     if surface.draws is not None:
         peak = found[0].row, found[0].col
         size = max(_rms(np.asarray(surface.draws[:, *peak], np.float64)), 1e-300)
-        drawn = np.stack([sampled(one, places, pitch) for one in surface.draws]) * (
-            found[0].depth_noise / size
-        )
-        by_noise = np.sqrt(np.mean(np.square(drawn @ behind.weights.T), axis=0))
+        drawn = sampled.sums(surface.draws, behind.weights, places, 1, pitch)
+        by_noise = np.sqrt(np.mean(np.square(drawn), axis=0)) * (found[0].depth_noise / size)
     else:
         by_noise = np.abs(
             behind.weights @ sampled(np.where(np.isfinite(surface.sigma), surface.sigma, 0), places, pitch)
@@ -416,10 +414,27 @@ class _Places:
         smooth = scipy.ndimage.uniform_filter(near, side) if side > 1 else near
         return np.asarray(scipy.ndimage.map_coordinates(smooth, at - low[:, None], order=1, mode="nearest"))
 
-    def coarse(self, mode: Floats, places: Floats) -> Floats:
-        """A mode (r, c) at places."""
-        at = self._at(places) / self._surface.step
-        return np.asarray(scipy.ndimage.map_coordinates(mode, at, order=1, mode="nearest"))
+    def sums(self, maps: Map, weights: Floats, places: Floats, step: int, pitch: float = 0.0) -> Floats:
+        """Weighted sums (m, k) of maps (m, r, c) on every step-th cell: weights (k, n) of their values at
+        places (n, 2), or of their means in squares of a pitch there."""
+        at, side = self._at(places) / step, max(1, round(pitch / self._pitch))
+        last = np.array(maps.shape[1:])[:, None] - 1
+        at = np.clip(at, 0, last)
+        low = np.minimum(at.astype(np.intp), np.maximum(last - 1, 0))
+        first = np.maximum(low.min(axis=1) - side, 0)
+        shape = tuple(int(size) for size in np.minimum(low.max(axis=1) + side + 2, last[:, 0] + 1) - first)
+        row, col = low - first[:, None]
+        down, along = at - low
+        spread = np.zeros((len(weights), *shape))
+        for r, by_row in ((0, 1 - down), (1, down)):
+            for c, by_col in ((0, 1 - along), (1, along)):
+                inside = np.minimum(row + r, shape[0] - 1) * shape[1] + np.minimum(col + c, shape[1] - 1)
+                for one, weight in zip(spread, weights, strict=True):
+                    one += np.bincount(inside, weight * by_row * by_col, one.size).reshape(shape)
+        if side > 1:
+            spread = scipy.ndimage.uniform_filter(spread, (0, side, side))
+        box = tuple(slice(start, start + size) for start, size in zip(first, shape, strict=True))
+        return np.asarray(np.tensordot(maps[:, *box].astype(np.float64), spread, ((1, 2), (1, 2))))
 
     def _at(self, places: Floats) -> Floats:
         if self._last[0] is not places:  # many maps are asked at the same places

@@ -59,8 +59,8 @@ class Surface:
         rig change a map less rest by a share of its dents."""
         if self.modes is None or not self.motions:
             return np.zeros(self.z.shape)
-        own = np.asarray(self.modes[-self.motions :], np.float64)
-        return np.sqrt(spread(np.square(own).sum(axis=0), self.step, self.z.shape))
+        own = self.modes[-self.motions :]
+        return np.sqrt(spread(np.einsum("mrc,mrc->rc", own, own), self.step, self.z.shape))
 
     def less(self, sag: Sag) -> Surface:
         """Less its sag and motion, whose standard deviations take the place of the motion's modes."""

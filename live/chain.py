@@ -23,10 +23,10 @@ _AMPLITUDE = 6.0  # minimum amplitude in standard deviations
 _MISFIT = 6.0  # mean square residual over the median one, at which a cell has half weight
 COMPRESSED = 0.25  # Jacobian of the map over that at rest: below it the map is about to fold
 _NOT_MOVED = 0.2  # predicted change by further steps in sigma, at convergence
-_STEPS = 6
+_STEPS, _FEWEST = 6, 2
 _WRAPPED = 2  # steps after which the displacement is whole
 _REST_STEPS = 120
-_KINKED = 0.3  # the same at kinks, rms
+_KINKED, _KINK_STEPS = 0.3, 5  # the same at kinks, rms, which converge slowly; steps for them at most
 _SPARSE = 4  # stride of the pixels that measure the light
 _LIGHTER, _LAMP, _DARK = 0.01, 0.03, 0.1  # relative change of light to rescale by, to add; least factor
 _FILL = 4.0  # cells: radius of the interpolation of displacement into gaps
@@ -83,12 +83,13 @@ def settle(rig: Rig, frame: Frame, sigma: Cells) -> Settled:
     sizes: list[float] = []
     kinks: list[float] = []
     some = (slice(None, None, 3), slice(None, None, 3))
-    evenly = np.ones_like(tau)  # gaps are filled; the last step weighs
+    evenly, fewest = np.ones_like(tau), _FEWEST  # gaps are filled; the last step weighs
     for step in range(_STEPS):
         state, fit = fit_step(rig.carriers, frame, state)
         good, contrast, strength = _good(rig, state, fit)
         offset = state.displacement - rig.rest.displacement
         if step < _WRAPPED and torn(offset, good):
+            fewest = _FEWEST + 1
             offset, good = unwrapped(offset, good, rig.rim)
             state.displacement[:] = offset + rig.rest.displacement
         if not good.all():
@@ -104,8 +105,8 @@ def settle(rig: Rig, frame: Frame, sigma: Cells) -> Settled:
         sizes.append(1.48 * float(np.median(ratios)))
         kinks.append(float(np.sqrt(np.mean(np.square(ratios)))))
         pace, slow = (min(of[-1] / of[-2], 0.8) if step and of[-2] > 0 else 0.8 for of in (sizes, kinks))
-        kinked = kinks[-1] * slow / (1 - slow) > _KINKED
-        if step and sizes[-1] * pace / (1 - pace) < _NOT_MOVED and not kinked:
+        kinked = kinks[-1] * slow / (1 - slow) > _KINKED and step + 1 < _KINK_STEPS
+        if step + 1 >= fewest and sizes[-1] * pace / (1 - pace) < _NOT_MOVED and not kinked:
             break
     left = sizes[-1] * pace / (1 - pace) if np.isfinite(sizes[-1]) else np.inf
     # the residual is evaluated after convergence: before, it is large wherever something moved
@@ -199,9 +200,10 @@ def _folded(rig: Rig, ratio: Cells) -> Mask:
 
 def _anchored(rig: Rig, good: Mask) -> Mask:
     """Cells connected to an anchor: the height of an island is known only up to a constant."""
-    labels = cv2.connectedComponents(good.astype(np.uint8), connectivity=4)[1]
-    reached = np.unique(labels[(rig.mirror.anchor[0] > 0) & good])
-    return np.isin(labels, reached[reached > 0])
+    count, labels = cv2.connectedComponents(good.astype(np.uint8), connectivity=4)
+    reached = np.zeros(count, np.bool_)
+    reached[labels[(rig.mirror.anchor[0] > 0) & good]] = True
+    return np.asarray(reached[labels] & good)
 
 
 def _compressions(rig: Rig, offset: Cells) -> Cells:
