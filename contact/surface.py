@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 import scipy.ndimage
 import scipy.sparse
@@ -97,13 +98,18 @@ def spread(coarse: Floats, step: int, shape: tuple[int, ...]) -> Floats:
 def filled(z: Map, good: Mask) -> tuple[Map, Mask, Mask]:
     """Heights with enclosed holes: as the equations bridged them, at most the deepest of the cells beside
     each; else harmonic; what is known then; the holes."""
-    holes = np.zeros_like(good) if good.all() else scipy.ndimage.binary_fill_holes(good) & ~good
-    if not holes.any():
+    count, labels, boxes, _ = cv2.connectedComponentsWithStats((~good).astype(np.uint8), connectivity=4)
+    left, top, width, height = boxes.T[:4]
+    enclosed = (left > 0) & (top > 0) & (left + width < z.shape[1]) & (top + height < z.shape[0])
+    enclosed[0] = False
+    holes = np.asarray(enclosed[labels])
+    if not enclosed.any():
         return np.where(good, z, 0), good, holes
-    labels, count = scipy.ndimage.label(holes)
-    beside = scipy.ndimage.maximum_filter(np.where(good, z, -np.inf), 3)
-    deepest = np.full(count + 1, -np.inf)
-    np.maximum.at(deepest, labels[holes], beside[holes])
+    low, high = left[enclosed].min() - 1, (left + width)[enclosed].max() + 1
+    box = slice(top[enclosed].min() - 1, (top + height)[enclosed].max() + 1), slice(low, high)
+    beside = scipy.ndimage.maximum_filter(np.where(good[box], z[box], -np.inf), 3)
+    deepest = np.full(count, -np.inf)
+    np.maximum.at(deepest, labels[box][holes[box]], beside[holes[box]])
     out, known = np.where(holes, np.minimum(z, deepest[labels]), np.where(good, z, 0)), good | holes
     places = np.flatnonzero(holes & ~np.isfinite(z))
     if not places.size:

@@ -167,13 +167,26 @@ def rest_state(carriers: Carriers, mean: Frame, start: State) -> State:
 
 def _good(rig: Rig, state: State, fit: Fit) -> tuple[Mask, Cells, Cells]:
     """Cells with a fringe, their contrast and strength (see Settled)."""
-    light = np.maximum(state.level / np.maximum(rig.rest.level, 1), _f4(0.05))
-    strength = (state.amplitudes / np.maximum(rig.rest.amplitudes, _f4(1e-3))).min(axis=0)
-    contrast = strength / light
     window, cell = rig.carriers.window, rig.carriers.cell
-    least = _AMPLITUDE * float(np.sqrt(2 * rig.noise) * np.square(window).sum()) / cell
-    good = rig.lit & (fit.share > LEAST_SHARE) & (contrast > _CONTRAST)
-    return good & (state.amplitudes.min(axis=0) > least), contrast, strength
+    least = _f4(_AMPLITUDE * float(np.sqrt(2 * rig.noise) * np.square(window).sum()) / cell)
+    good, contrast = np.empty(fit.share.shape, np.bool_), np.empty_like(fit.share)
+    strength = np.empty_like(contrast)
+    _judged(state.planes, rig.rest.planes, rig.carriers.share, fit.share, least, good, contrast, strength)
+    return good, contrast, strength
+
+
+@kernel
+def _judged(planes, rest, lit, share, least, good, contrast, strength):  # type: ignore[no-untyped-def]
+    """See `_good`; planes, rest (5, R, C): states."""
+    tiny, most = _f4(1e-3), _f4(LEAST_SHARE)
+    for i in range(good.shape[0]):
+        for j in range(good.shape[1]):
+            a, b = planes[3, i, j], planes[4, i, j]
+            light = max(planes[2, i, j] / max(rest[2, i, j], _f4(1)), _f4(0.05))
+            size = min(a / max(rest[3, i, j], tiny), b / max(rest[4, i, j], tiny))
+            strength[i, j], contrast[i, j] = size, size / light
+            seen = (lit[i, j] > most) & (share[i, j] > most) & (min(a, b) > least)
+            good[i, j] = seen & (size > _f4(_CONTRAST) * light)
 
 
 def _fill(rig: Rig, state: State, good: Mask) -> None:
