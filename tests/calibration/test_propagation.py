@@ -70,7 +70,7 @@ def test_figures_and_slopes_hold_the_rig() -> None:
     """Standard deviations of a dent's figures and slopes against rigs that are wrong by each row of the
     covariance's root, measured anew."""
     truth = resize(load("paper-simulation", exact=True), 128, 128)
-    surface = dent("ball", truth, peak=1.3, radius=400 / 1.3)  # Hertz: contact radius 20 mm
+    surface = dent("gaussian", truth, peak=1.3, sigma=14.0)
     scene = uncalibrated(truth)
     assert scene.covariance is not None
     seen = trace(truth, surface)
@@ -93,11 +93,12 @@ def test_figures_and_slopes_hold_the_rig() -> None:
         for name in names:
             squares[name] += ((getattr(moved, name) - getattr(figures, name)) / step) ** 2
         turned += (np.stack([other.slope_x - flat.slope_x, other.slope_y - flat.slope_y]) / step) ** 2
-    for name in names:
-        both, alone = (getattr(each, f"{name}_sigma") for each in (figures, plain))
-        stated, spread = np.sqrt(both**2 - alone**2), np.sqrt(squares[name])
-        # the rim takes part of the modes off; sigma holds what tails of the dent may hide beside
-        assert spread < 1.2 * stated < 4 * spread, name
+    stated, spread = np.sqrt(figures.depth_sigma**2 - plain.depth_sigma**2), np.sqrt(squares["depth"])
+    # the rim takes part of the modes off; sigma holds what tails of the dent may hide beside
+    assert spread < 1.2 * stated < 4 * spread
+    assert abs(figures.depth - 1.3) < 2 * figures.depth_sigma
+    assert figures.indenter_radius_sigma is not None
+    assert np.sqrt(squares["indenter_radius"]) < figures.indenter_radius_sigma
     for predicted, alone, square in zip(slopes.total_sigma, flat.total_sigma, turned, strict=True):
         ratio = np.sqrt(predicted**2 - alone**2) / np.sqrt(square)
         assert np.nanmedian(ratio) == pytest.approx(1, abs=0.02)
