@@ -43,6 +43,7 @@ _TAILED = 9.0  # samples of what tails of dents leave
 _BEYOND = 5.0  # standard deviations: motions beyond their prior are found, too
 _EVEN = 0.5
 _HALF_SPACE = 0.5  # of a contact's depth, at its radius: .42 of a ball's, .64 of a punch's far field
+_OUTLIER = 3.0  # standard deviations of a robust fit: beyond, cells count less
 _DEVIATION = 1.4826  # standard deviation over median absolute deviation
 
 
@@ -65,6 +66,8 @@ def sag(surface: Surface, regions: Sequence[Region], layer: Layer | None) -> Sag
     start = _robust(cells, noise) if len(cells.motion) and cells.z.size else None
     if start is not None:
         regions = regions_of(surface.less(start))
+        away = (cells.z - start.motion @ cells.motion) / (_OUTLIER * start.misfit * max(noise, 1e-300))
+        cells = cells._replace(weight=cells.weight / (1 + away**2))  # where no motion is what modes say
     fits: list[tuple[Sag, Sequence[Region]]] = []
     for far in _FAR:
         found, within = None, regions
