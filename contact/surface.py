@@ -98,6 +98,8 @@ def spread(coarse: Floats, step: int, shape: tuple[int, ...]) -> Floats:
 def filled(z: Map, good: Mask) -> tuple[Map, Mask, Mask]:
     """Heights with enclosed holes: as the equations bridged them, at most the deepest of the cells beside
     each; else harmonic; what is known then; the holes."""
+    if good.all():
+        return z, good, ~good
     count, labels, boxes, _ = cv2.connectedComponentsWithStats((~good).astype(np.uint8), connectivity=4)
     left, top, width, height = boxes.T[:4]
     enclosed = (left > 0) & (top > 0) & (left + width < z.shape[1]) & (top + height < z.shape[0])

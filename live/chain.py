@@ -80,12 +80,13 @@ class Settled:
 def settle(rig: Rig, frame: Frame, sigma: Cells) -> Settled:
     """Fit a frame. sigma (R, C): of z, mm, for the criterion of convergence."""
     state, tau = _lighted(rig, rig.rest, frame), np.zeros(rig.carriers.shape, _f4)
+    seen = rig.carriers.by_columns(frame)
     sizes: list[float] = []
     kinks: list[float] = []
     some = (slice(None, None, 3), slice(None, None, 3))
     evenly, fewest = np.ones_like(tau), _FEWEST  # gaps are filled; the last step weighs
     for step in range(_STEPS):
-        state, fit = fit_step(rig.carriers, frame, state)
+        state, fit = fit_step(rig.carriers, seen, state)
         good, contrast, strength = _good(rig, state, fit)
         offset = state.displacement - rig.rest.displacement
         if step < _WRAPPED and torn(offset, good):
@@ -159,9 +160,9 @@ def _ramps(rows: int, cols: int) -> tuple[Cells, Cells, Cells]:
 
 def rest_state(carriers: Carriers, mean: Frame, start: State) -> State:
     """The fit of frames at rest, as far as that of moving ones comes in time; mean (H, W): of such frames."""
-    state = start
+    state, seen = start, carriers.by_columns(mean)
     for _ in range(_REST_STEPS):
-        state, _ = fit_step(carriers, mean, state)
+        state, _ = fit_step(carriers, seen, state)
     return state
 
 

@@ -11,6 +11,7 @@ smoothing (van Cittert)."""
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -27,7 +28,7 @@ _BLOCK = 24  # rows of cells a thread takes at a time
 _LEAST_SHARE = 0.02  # of a window: below it the sums are divided by this
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Carriers:
     """Constants of the image model for a rig at rest.
 
@@ -51,6 +52,16 @@ class Carriers:
         """Rows and columns of cells."""
         rows, cols = self.share.shape
         return int(rows), int(cols)
+
+    @cached_property
+    def rest(self) -> Pixels:
+        """turn_u, turn_v and lit in columns of cells, (3, H, cell, C)."""
+        return np.stack([self.by_columns(part) for part in (self.turn_u, self.turn_v, self.lit)])
+
+    def by_columns(self, pixels: Frame) -> Frame:
+        """Pixels (H, W) as (H, cell, C): the first of every cell, then the second ones."""
+        rows, cols = pixels.shape
+        return np.ascontiguousarray(pixels.reshape(rows, cols // self.cell, self.cell).swapaxes(1, 2))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,15 +106,11 @@ class Fit:
 
 
 def fit_step(carriers: Carriers, frame: Frame, state: State) -> tuple[State, Fit]:
-    """One Gauss-Newton step of every cell. frame: (H, W) of whole cells."""
+    """One Gauss-Newton step of every cell. frame: of whole cells, by columns of cells, (H, cell, C)."""
     rows, cols = carriers.shape
-    full = np.empty((5, *frame.shape), _f4)
-    for plane, pixels in zip(state.planes, full, strict=True):
-        cv2.resize(plane, frame.shape[::-1], dst=pixels, interpolation=cv2.INTER_LINEAR)
     sums = np.empty((7, rows, cols), _f4)
-    args = frame, carriers.turn_u, carriers.turn_v, carriers.lit, *full, carriers.ends
-    top, cell = _f4(carriers.full), carriers.cell
-    over_rows(lambda start, stop: _residuals(*args, top, cell, sums, start, stop), rows, _BLOCK)
+    args = frame, carriers.rest, state.planes, carriers.ends, _f4(carriers.full), sums
+    over_rows(lambda start, stop: _residuals(*args, start, stop), rows, _BLOCK)
     for plane in sums[:6]:
         cv2.sepFilter2D(
             plane, cv2.CV_32F, carriers.window, carriers.window, plane, borderType=cv2.BORDER_CONSTANT
@@ -171,39 +178,73 @@ def _turn_of(s, c):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _residuals(frame, turn_u, turn_v, lit, du, dv, level, by_u, by_v, ends, full, cell, out, start, stop):  # type: ignore[no-untyped-def]
+def _residuals(frame, rest, planes, ends, full, out, start, stop):  # type: ignore[no-untyped-def]
     """out (7, R, C): means over cells of r, r cos u, r sin u, r cos v, r sin v, of the pixels that count and
-    of r^2; r = 0 in the others."""
-    cols = frame.shape[1]
-    row = np.empty((7, cols), np.float32)
+    of r^2; r = 0 in the others. The state (5, R, C) is linear between cells. One short loop each: with few
+    arrays it becomes vector instructions."""
+    rows, cols = out.shape[1:]
+    cell = frame.shape[1]
     area = _f4(1) / _f4(cell * cell)
+    line, here = np.empty((5, cols + 2), np.float32), np.empty((5, cols), np.float32)
+    cos_u, sin_u, cos_v, sin_v = (
+        np.empty(cols, np.float32),
+        np.empty(cols, np.float32),
+        np.empty(cols, np.float32),
+        np.empty(cols, np.float32),
+    )
+    counted, whole, r = np.empty(cols, np.float32), np.empty(cols, np.float32), np.empty(cols, np.float32)
     for i in range(start, stop):
         for k in range(7):
-            for x in range(cols):
-                row[k, x] = _f4(0)
-        for y in range(i * cell, (i + 1) * cell):
-            for x in range(cols):
-                u, v = turn_u[y, x] + du[y, x], turn_v[y, x] + dv[y, x]
-                cos_u, sin_u = _cos_sin(u)
-                cos_v, sin_v = _cos_sin(v)
-                grey = _f4(frame[y, x])
-                on = (u > ends[0]) & (u < ends[1]) & (v > ends[2]) & (v < ends[3]) & (grey < full)
-                counted = lit[y, x] * area if on else _f4(0)
-                whole = grey - level[y, x] - by_u[y, x] * cos_u - by_v[y, x] * cos_v
-                r = counted * whole
-                row[0, x] += r
-                row[1, x] += r * cos_u
-                row[2, x] += r * sin_u
-                row[3, x] += r * cos_v
-                row[4, x] += r * sin_v
-                row[5, x] += counted
-                row[6, x] += r * whole
-        for k in range(7):
-            for j in range(out.shape[2]):
-                total = _f4(0)
-                for m in range(cell):
-                    total += row[k, j * cell + m]
-                out[k, i, j] = total
+            for j in range(cols):
+                out[k, i, j] = _f4(0)
+        for n in range(cell):
+            y, down = i * cell + n, (_f4(n) + _f4(0.5)) / _f4(cell) - _f4(0.5)
+            other = min(max(i + 1 if down > _f4(0) else i - 1, 0), rows - 1)
+            down = abs(down)
+            for k in range(5):
+                for j in range(cols):
+                    line[k, j + 1] = (_f4(1) - down) * planes[k, i, j] + down * planes[k, other, j]
+                line[k, 0], line[k, cols + 1] = line[k, 1], line[k, cols]
+            for m in range(cell):
+                along = (_f4(m) + _f4(0.5)) / _f4(cell) - _f4(0.5)
+                side = 2 if along > _f4(0) else 0
+                along = abs(along)
+                for k in range(5):
+                    for j in range(cols):
+                        here[k, j] = (_f4(1) - along) * line[k, j + 1] + along * line[k, j + side]
+                for k in range(2):
+                    for j in range(cols):
+                        here[k, j] += rest[k, y, m, j]
+                for j in range(cols):
+                    cos_u[j], sin_u[j] = _cos_sin(here[0, j])
+                for j in range(cols):
+                    cos_v[j], sin_v[j] = _cos_sin(here[1, j])
+                for j in range(cols):
+                    whole[j] = _f4(frame[y, m, j])
+                for j in range(cols):
+                    u, v = here[0, j], here[1, j]
+                    on = (u > ends[0]) & (u < ends[1]) & (v > ends[2]) & (v < ends[3]) & (whole[j] < full)
+                    counted[j] = rest[2, y, m, j] * area if on else _f4(0)
+                for j in range(cols):
+                    whole[j] -= here[2, j] + here[3, j] * cos_u[j]
+                for j in range(cols):
+                    whole[j] -= here[4, j] * cos_v[j]
+                for j in range(cols):
+                    r[j] = whole[j] * counted[j]
+                for j in range(cols):
+                    out[0, i, j] += r[j]
+                for j in range(cols):
+                    out[1, i, j] += r[j] * cos_u[j]
+                for j in range(cols):
+                    out[2, i, j] += r[j] * sin_u[j]
+                for j in range(cols):
+                    out[3, i, j] += r[j] * cos_v[j]
+                for j in range(cols):
+                    out[4, i, j] += r[j] * sin_v[j]
+                for j in range(cols):
+                    out[5, i, j] += counted[j]
+                for j in range(cols):
+                    out[6, i, j] += r[j] * whole[j]
 
 
 @kernel
