@@ -13,25 +13,10 @@
 from optolever.arguments import check_face
 
 from .contacts import Contact, contacts
-from .peaks import basins
-from .pressure import Pressed, deflection, forces_on
 from .regions import Region, regions
 from .sag import far_field, sag
 from .surface import Sag, Surface
 
-__all__ = [
-    "Contact",
-    "Pressed",
-    "Region",
-    "Sag",
-    "Surface",
-    "basins",
-    "contacts",
-    "deflection",
-    "far_field",
-    "forces_on",
-    "regions",
-    "sag",
-]
+__all__ = ["Contact", "Region", "Sag", "Surface", "contacts", "far_field", "regions", "sag"]
 
 check_face(__name__)

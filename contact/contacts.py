@@ -11,7 +11,7 @@ import scipy.ndimage
 from optolever.errors import InputError
 from optolever.scene import Layer
 
-from .arrays import Floats, Map, Mask
+from .arrays import Floats, Map, Mask, norm, rms
 from .pressure import forces_on
 from .regions import Region, areas
 from .surface import Surface, filled
@@ -139,16 +139,16 @@ def _contact(surface: Surface, region: Region, z: Map, holes: Mask) -> Contact:
     return Contact(
         x=region.x + x,
         y=region.y + y,
-        position_sigma=_norm(
+        position_sigma=norm(
             place_noise, np.linalg.norm(by_place) / math.sqrt(2), (lacking + doubt) / (area + lacking) * reach
         ),
         depth=depth,
-        depth_sigma=_norm(top, own),
+        depth_sigma=norm(top, own),
         depth_noise=top,
         area=area,
-        area_sigma=_norm(area_noise, *by_area, lacking, doubt),
+        area_sigma=norm(area_noise, *by_area, lacking, doubt),
         volume=volume,
-        volume_sigma=_norm(volume_noise, *by_volume, (lacking + doubt) * volume / area),
+        volume_sigma=norm(volume_noise, *by_volume, (lacking + doubt) * volume / area),
         indenter_radius=radius,
         indenter_radius_sigma=radius_sigma,
         cut=region.cut,
@@ -170,16 +170,13 @@ def _dent(surface: Surface, region: Region, z: Map, holes: Mask) -> _Dent:
     rise = np.maximum(slope, 1e-12) * pitch
     near = scipy.ndimage.binary_dilation(region.inside)
     share = np.where(near, np.clip(0.5 + (heights - _HALF * heights[peak]) / rise, 0.0, 1.0), 0.0)
-    alone = near & ~scipy.ndimage.binary_dilation(
-        region.inside & (share > 0)
-    )  # cut off from it by another peak
-    share[alone] = 0.0
+    own = scipy.ndimage.binary_dilation(region.inside & (share > 0))
+    share[near & ~own] = 0.0  # cut off from it by another peak
     growth = np.where((share > 0) & (share < 1), cell / rise, 0.0)
     draws = None
     if surface.draws is not None:
         draws = np.asarray(surface.draws[:, *box], np.float64)
-        size = math.sqrt(float(np.mean(draws[:, *peak] ** 2)))
-        draws *= sigma[peak] / max(size, 1e-300) if np.isfinite(sigma[peak]) else 1.0
+        draws *= sigma[peak] / max(rms(draws[:, *peak]), 1e-300) if np.isfinite(sigma[peak]) else 1.0
     modes = np.zeros((0, *heights.shape))
     if surface.modes is not None and len(surface.modes):
         modes = _modes(surface, box)
@@ -190,23 +187,8 @@ def _dent(surface: Surface, region: Region, z: Map, holes: Mask) -> _Dent:
     known = np.isfinite(sigma)
     sigma = np.where(known, sigma, np.median(sigma[known]) if known.any() else 0.0)
     x, y = np.nan_to_num(x - region.x), np.nan_to_num(y - region.y)
-    return _Dent(
-        x,
-        y,
-        heights,
-        sigma,
-        cell,
-        share,
-        growth,
-        slope,
-        draws,
-        modes,
-        region.inside,
-        holes[box],
-        peak,
-        pitch,
-        local,
-    )
+    measured = x, y, heights, sigma, cell
+    return _Dent(*measured, share, growth, slope, draws, modes, region.inside, holes[box], peak, pitch, local)
 
 
 def _modes(surface: Surface, box: tuple[slice, slice]) -> Floats:
@@ -255,7 +237,7 @@ def _depth(dent: _Dent) -> tuple[float, float, float]:
         rim = scipy.ndimage.binary_dilation(hole, np.ones((3, 3)))
         top = float(dent.z[rim].max()) + float(np.quantile(dent.slope[beside], 0.9)) * reach
         beyond = max(top - depth, 0.0)
-    return depth + rise, _norm(noise, tip, beyond), noise
+    return depth + rise, norm(noise, tip, beyond), noise
 
 
 def _hole_at(dent: _Dent) -> tuple[Mask, Mask]:
@@ -290,13 +272,13 @@ def _noises(
     rounding = float(np.linalg.norm(dent.cell[rim])) * _ROUNDING
     if dent.draws is not None:
         grown = (dent.draws - _HALF * dent.draws[:, *dent.peak, None, None]) * dent.growth
-        by_area = _rms(grown.sum(axis=(1, 2)))
-        by_volume = _rms((dent.draws * weight).sum(axis=(1, 2)) + _HALF * depth * grown.sum(axis=(1, 2)))
-        by_place = [_rms((grown * arm).sum(axis=(1, 2))) for arm in arms]
+        by_area = rms(grown.sum(axis=(1, 2)))
+        by_volume = rms((dent.draws * weight).sum(axis=(1, 2)) + _HALF * depth * grown.sum(axis=(1, 2)))
+        by_place = [rms((grown * arm).sum(axis=(1, 2))) for arm in arms]
         return (
-            _norm(by_area, rounding),
+            norm(by_area, rounding),
             by_volume,
-            _norm(*by_place, rounding / area * math.sqrt(area / math.pi)) / math.sqrt(2),
+            norm(*by_place, rounding / area * math.sqrt(area / math.pi)) / math.sqrt(2),
         )
     at_rim = float(np.median(dent.sigma[rim])) if rim.any() else noise
     # noise of heights is smooth: what the outline and the deepest cell share is in half the depth
@@ -305,11 +287,11 @@ def _noises(
     flank = float(np.median(dent.slope[rim])) if rim.any() else 0.0
     reach = math.sqrt(area / math.pi)
     drift = min(_DIPOLE * error / flank, reach) if flank > 0 else reach
-    by_area = _norm(error * float(dent.growth.sum()), rounding)
+    by_area = norm(error * float(dent.growth.sum()), rounding)
     return (
         by_area,
-        _norm(float((weight * dent.sigma).sum()), _HALF * depth * by_area),
-        _norm(drift, rounding / area * reach / math.sqrt(2)),
+        norm(float((weight * dent.sigma).sum()), _HALF * depth * by_area),
+        norm(drift, rounding / area * reach / math.sqrt(2)),
     )
 
 
@@ -332,13 +314,13 @@ def _indenter(
     modes = [float(mode[used] @ weights) for mode in dent.modes]
     size = float(np.hypot(dent.x[used], dent.y[used]).max())
     if dent.draws is not None:
-        noise = _rms(dent.draws[:, used] @ weights)
+        noise = rms(dent.draws[:, used] @ weights)
     elif surface.slope_sigmas is not None:
         slope = float(np.nanmedian(surface.slope_sigmas[:, *region.box][:, used]))
         noise = slope / math.sqrt(float(np.square(dent.x[used]).sum() + np.square(dent.y[used]).sum()))
     else:
         noise = 4 * float(np.median(dent.sigma[used])) / size**2
-    sigma = _norm(noise, *modes, k - narrow[0])
+    sigma = norm(noise, *modes, k - narrow[0])
     return (1 / k, sigma / k**2) if k > _CURVED * sigma else (math.inf, None)
 
 
@@ -364,7 +346,7 @@ def _pressed(surface: Surface, z: Map, found: Sequence[Contact], layer: Layer) -
         by_modes = np.linalg.norm(sampled.sums(surface.modes, behind.weights, places, surface.step), axis=0)
     if surface.draws is not None:
         peak = found[0].row, found[0].col
-        size = max(_rms(np.asarray(surface.draws[:, *peak], np.float64)), 1e-300)
+        size = max(rms(np.asarray(surface.draws[:, *peak], np.float64)), 1e-300)
         drawn = sampled.sums(surface.draws, behind.weights, places, 1, pitch)
         by_noise = np.sqrt(np.mean(np.square(drawn), axis=0)) * (found[0].depth_noise / size)
     else:
@@ -373,16 +355,10 @@ def _pressed(surface: Surface, z: Map, found: Sequence[Contact], layer: Layer) -
         )
     result = []
     for k, one in enumerate(found):
-        newton = float(behind.pressure[behind.owner == k].sum() * area)
-        sigma = _norm(area * by_modes[k], area * by_noise[k], newton * layer.relative_sigma)
-        result.append(
-            replace(
-                one,
-                force=newton,
-                force_sigma=sigma,
-                pressure=float(behind.pressure[behind.owner == k].max(initial=0.0)),
-            )
-        )
+        under = behind.pressure[behind.owner == k]
+        newton, most = float(under.sum() * area), float(under.max(initial=0.0))
+        sigma = norm(area * by_modes[k], area * by_noise[k], newton * layer.relative_sigma)
+        result.append(replace(one, force=newton, force_sigma=sigma, pressure=most))
     return tuple(result)
 
 
@@ -446,11 +422,3 @@ class _Places:
         a, b = (x - self._middle[0]) / self._extent, (y - self._middle[1]) / self._extent
         powers = [a**i * b**j for i in range(_DEGREE + 1) for j in range(_DEGREE + 1 - i)]
         return np.stack(powers, axis=-1)
-
-
-def _norm(*parts: Any) -> float:
-    return float(np.linalg.norm(np.asarray(parts, np.float64)))
-
-
-def _rms(values: Floats) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))

@@ -21,7 +21,7 @@ import numpy as np
 
 from optolever.scene import Layer
 
-from .arrays import Circle, Floats
+from .arrays import Circle, Floats, rms
 from .pressure import profile
 from .regions import Region, areas
 from .regions import regions as regions_of
@@ -89,11 +89,11 @@ def _nearest(cells: _Cells, fits: list[Sag]) -> tuple[Sag, int] | None:
     35:454, 1991): in what is taken off, and in what is left; its number."""
     fields = np.concatenate([cells.motion, cells.free[None]])
     taken = [np.append(one.motion, one.c) @ fields for one in fits]
-    sizes = [_rms(one.root.T @ fields) * math.sqrt(len(fields)) for one in fits]
+    sizes = [rms(one.root.T @ fields) * math.sqrt(len(fields)) for one in fits]
     for k, one in enumerate(fits):
         others = range(k + 1, len(fits))
         if all(
-            _rms(taken[k] - taken[n]) < _APART * math.hypot(sizes[k], sizes[n])
+            rms(taken[k] - taken[n]) < _APART * math.hypot(sizes[k], sizes[n])
             and one.misfit < _WORSE * fits[n].misfit
             for n in others
         ):
@@ -101,7 +101,7 @@ def _nearest(cells: _Cells, fits: list[Sag]) -> tuple[Sag, int] | None:
     else:
         return None
     if not others and k:  # none farther away confirms it
-        wider = math.hypot(1.0, _rms(taken[k] - taken[k - 1]) / max(sizes[k], 1e-300))
+        wider = math.hypot(1.0, rms(taken[k] - taken[k - 1]) / max(sizes[k], 1e-300))
         one = replace(one, sigma=one.sigma * wider, root=one.root * wider)
     return one, k
 
@@ -116,7 +116,7 @@ def _likely(cells: _Cells, found: Sag, regions: Sequence[Region]) -> Sag:
     if regions:
         away = [np.hypot(cells.x - one.x, cells.y - one.y) / one.radius for one in regions]
         deep = np.sum([one.depth / np.maximum(q, 1.0) for one, q in zip(regions, away, strict=True)], axis=0)
-        size = math.hypot(size, _HALF_SPACE * _rms(deep) / _rms(cells.free))
+        size = math.hypot(size, _HALF_SPACE * rms(deep) / rms(cells.free))
     share = size**2 / (size**2 + found.sigma**2)
     c = share * found.c
     odds = 1 / (1 + math.exp(-0.5 * c * found.c / found.sigma**2) / math.sqrt(1 - share))
@@ -129,10 +129,6 @@ def _likely(cells: _Cells, found: Sag, regions: Sequence[Region]) -> Sag:
     motion = found.motion + along[:-1] * (c - found.c)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     return replace(found, c=c, sigma=sigma, motion=motion, root=root)
-
-
-def _rms(values: Floats) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def far_field(layer: Layer | None, circles: Sequence[Circle], x: Floats, y: Floats) -> Floats:
