@@ -292,6 +292,7 @@ class HeightMap(Comparable):
         """Read what save() wrote, maps as float64; InputError names the file and the field."""
         arrays: dict[str, Any] = load_arrays(path, _ARRAYS, _TEXTS, ("own", "modes_step"))
         try:
+            _require_sound(arrays)
             values = {entry.name: arrays[entry.name] for entry in fields(cls) if entry.name in arrays}
             values |= {name: np.asarray(values[name], np.float64) for name in _SINGLE if name in values}
             values |= {name: int(values[name]) for name in ("own", "modes_step") if name in values}
@@ -322,3 +323,23 @@ class HeightMap(Comparable):
             self.save(path) if suffix == ".npz" else write_tiff(path, np.where(self.good, self.z, np.nan))
         else:
             self.resample(pitch_mm).export(path)
+
+
+def _require_sound(arrays: dict[str, Any]) -> None:
+    """InputError for a file's field of another kind or dimension, and for pixels without a flag that have no
+    numbers."""
+    flags = arrays["flags"]
+    if flags.dtype.kind not in "iu":
+        raise InputError(f"flags is {flags.dtype}, must be integer")
+    for name in ("own", "modes_step"):
+        if name in arrays and not 0 <= arrays[name] < 2**16:
+            raise InputError(f"{name} is {arrays[name]}, must be a whole number from 0")
+    for name in (*_SINGLE, "modes", "displacement", "shares"):
+        if name in arrays and np.ndim(arrays[name]) < 2:
+            raise InputError(f"{name} has shape {np.shape(arrays[name])}, must have two dimensions or more")
+    for name in ("x", "y", "z"):
+        values = arrays[name]
+        wrong = np.argwhere((flags == 0) & ~np.isfinite(values)) if values.shape == flags.shape else ()
+        if len(wrong):
+            row, col = map(int, wrong[0][-2:])
+            raise InputError(f"{name} is {values[row, col]} at pixel ({row}, {col}), which has no flag")

@@ -198,6 +198,31 @@ def test_resample_refuses(plane: HeightMap, pitch: float) -> None:
         plane.resample(pitch)
 
 
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("x", np.nan),
+        ("y", np.inf),
+        ("z", np.nan),
+        ("flags", np.float64(-1.0)),
+        ("modes_step", np.array(np.nan)),
+        ("own", np.array(np.inf)),
+        ("displacement", np.array(0.0)),
+        ("modes", np.zeros(3)),
+    ],
+)
+def test_a_file_of_wrong_fields_is_refused(
+    plane: HeightMap, tmp_path: Path, field: str, value: Any, refused: Any
+) -> None:
+    """Names file and field."""
+    plane.save(tmp_path / "h.npz")
+    arrays = dict(np.load(tmp_path / "h.npz"))
+    whole = field in ("x", "y", "z", "flags")
+    arrays[field] = np.full(arrays[field].shape, value) if whole else value
+    np.savez(tmp_path / "h.npz", **arrays)
+    refused(["form", tmp_path / "h.npz", "--remove", "tilt"], "h.npz", field)
+
+
 def test_nothing_to_write(tmp_path: Path) -> None:
     empty = np.full((3, 3), np.nan)
     with pytest.raises(InputError, match="no good point"):
