@@ -29,6 +29,7 @@ __all__ = [
 
 Floats = NDArray[np.float64]
 _STEPS = 30
+_STEEPEST = 1e3  # mm per mm: larger sigmas of slopes are no measurement
 _SETTLED = 1e-9  # rms of the last step's change of the form over the rms residual, at convergence
 _NUDGE = 1e-5  # step of differences over a parameter's scale
 _ANCHORED = 1e-6  # relative response of a parameter to a piston, above which it depends on the anchor
@@ -225,6 +226,12 @@ def slope_noise(height: HeightMap, slopes: SlopeMap | None) -> SlopeNoise | None
     if slopes is not None:
         if slopes.x.shape != height.z.shape:
             raise InputError(f"slope map: {slopes.x.shape}, must be {height.z.shape} as the height map")
+        for name in ("sigma_x", "sigma_y"):
+            most = float(np.max(getattr(slopes, name)[slopes.good], initial=0.0))
+            if most > _STEEPEST:
+                raise InputError(
+                    f"slope map: {name} is {most:g} in a good pixel, must be below {_STEEPEST:g}"
+                )
         return SlopeNoise(np.nan_to_num(slopes.sigma_x), np.nan_to_num(slopes.sigma_y))
     usual = height.diagnostics.slope_sigma
     return SlopeNoise(*usual) if usual is not None else None

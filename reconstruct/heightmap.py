@@ -301,9 +301,11 @@ class HeightMap(Comparable):
             if "notices" in values:
                 values["notices"] = notices_from_array(values["notices"])
             if "contacts" in values:
-                values["contacts"] = tuple(
-                    Contact.from_dict(one) for one in json.loads(str(values["contacts"]))
-                )
+                try:
+                    found = json.loads(str(values["contacts"]))
+                except ValueError as error:
+                    raise InputError(f"field 'contacts' is not readable ({error})") from error
+                values["contacts"] = tuple(Contact.from_dict(one) for one in found)
             if "diagnostics" in values:
                 values["diagnostics"] = Diagnostics.from_json(str(values["diagnostics"]))
             return cls(**values)
@@ -339,7 +341,7 @@ def _require_sound(arrays: dict[str, Any]) -> None:
             raise InputError(f"{name} has shape {np.shape(arrays[name])}, must have two dimensions or more")
     for name in ("x", "y", "z"):
         values = arrays[name]
-        wrong = np.argwhere((flags == 0) & ~np.isfinite(values)) if values.shape == flags.shape else ()
-        if len(wrong):
+        wrong = values.shape == flags.shape and np.argwhere((flags == 0) & ~np.isfinite(values))
+        if np.size(wrong) > 1:
             row, col = map(int, wrong[0][-2:])
             raise InputError(f"{name} is {values[row, col]} at pixel ({row}, {col}), which has no flag")
