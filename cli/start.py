@@ -15,6 +15,7 @@ from .options import Json
 from .outputs import OutputFile
 from .show import write_json
 from .start_front import Front, GoTo, Terminal
+from .start_page import PageFront
 from .start_steps import STEPS, Begun, require_devices
 
 SAMPLE = """
@@ -53,8 +54,18 @@ def command(
     where it was. Every other command takes that file.
     """
     begun = Begun.load(rig)
-    walk(begun, Terminal(), step)
-    write_json(json_path, _lines(begun.rig, frames))
+    if text:
+        walk(begun, Terminal(), step)
+        write_json(json_path, _lines(begun.rig, frames))
+        return
+    try:
+        page = PageFront({name: title for name, (title, _) in STEPS.items()}, port)
+    except OSError as error:
+        raise InputError(f"--port {port}: {error.strerror or error}; name another") from error
+    with page:
+        click.echo(f"Start: {page.address}   (Ctrl-C ends it; the same command goes on)")
+        walk(begun, page, step)
+        write_json(json_path, _live_page(begun.rig, page, frames))
 
 
 def walk(begun: Begun, front: Front, step: str | None) -> None:
@@ -95,6 +106,23 @@ def _lines(rig: Path, frames: int | None) -> dict[str, Any]:
             if count == frames:
                 return _numbers(reading, readings.prepared)
     raise InputError("camera: no picture came; is it connected? (optolever camera devices)")
+
+
+def _live_page(rig: Path, page: PageFront, frames: int | None) -> dict[str, Any]:
+    """The page of `live`; the figures of the last reading."""
+    last: list[ol.live.Reading] = []
+    with ol.live.open(rig, ol.live.Prepared.load(ol.live.kept_rest(rig))) as readings:
+        server = ol.live.LiveServer(
+            readings.prepared, readings.source, heard=lambda one: last.__setitem__(slice(None), [one.reading])
+        )
+        with server:
+            click.echo(f"Live: {server.address}   (Ctrl-C ends it)")
+            page.live(server.address)
+            while not server.error and (frames is None or server.readings < frames):
+                time.sleep(0.05)
+        if server.error:
+            raise InputError(server.error)
+        return _numbers(last[0], readings.prepared)
 
 
 def _numbers(reading: "ol.live.Reading", prepared: "ol.live.Prepared") -> dict[str, Any]:

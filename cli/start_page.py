@@ -1,1 +1,218 @@
-"""The page of `start`."""
+"""The page of `start`: its state as JSON, the answers of its forms, the preview and drawings.
+
+`GET /state?after=N` waits a second for a state newer than N; `POST /answer` (with the page's token) answers
+the form of that id, or goes to a step that was done; `GET /picture` is the newest preview, `GET /drawing?
+NAME=TEXT` the rig by answers as they are typed."""
+
+import queue
+import tempfile
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+import optolever as ol
+from optolever import InputError
+
+from .preview import View, drawn
+from .questions import Question
+from .start_front import Draw, GoTo
+
+__all__ = ["PageFront"]
+
+_WAIT_S = 1.0
+_LONGEST = 4000  # bytes of an answer
+_KINDS = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
+
+
+class PageFront:
+    """A Front on a page. A context manager; port 0: any free one; OSError if it is taken. steps: name ->
+    title, in their order."""
+
+    def __init__(self, steps: Mapping[str, str], port: int = 0) -> None:
+        from starlette.routing import Route
+
+        routes = [Route(path, self._file) for path in ("/", "/start.js", "/start.css")]
+        routes += [
+            Route("/state", self._state),
+            Route("/picture", self._picture),
+            Route("/drawing", self._draw),
+        ]
+        routes.append(Route("/answer", self._answer, methods=["POST"]))
+        self._web = ol.live.Web(routes, port)
+        self._steps, self._new = steps, threading.Condition()
+        self._answers: queue.Queue[dict[str, Any]] = queue.Queue()
+        self._now: dict[str, Any] = {"count": 0, "step": "", "lines": [], "busy": "", "form": None}
+        self._forms = 0
+        self._view: View | None = None
+        self._drawing: Draw | None = None
+
+    @property
+    def address(self) -> str:
+        """Of the page."""
+        return self._web.address
+
+    def __enter__(self) -> "PageFront":
+        self._web.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._web.stop()
+
+    def begin(self, step: str, title: str) -> None:
+        """A step begins; lines of a step that is tried again stay."""
+        lines = self._now["lines"] if self._now["step"] == step else []
+        self._show(step=step, lines=lines, busy="", form=None)
+
+    def say(self, text: str, fault: bool = False) -> None:
+        """A line of the step."""
+        self._show(lines=[*self._now["lines"], [text, fault]], busy="")
+
+    def busy(self, text: str) -> None:
+        """What is done now."""
+        self._show(busy=text)
+
+    def ask(
+        self, questions: Sequence[Question], defaults: Mapping[str, str], draw: Draw | None = None
+    ) -> dict[str, Any]:
+        """The answers by name, converted; a wrong one stays in its field, with the reason."""
+        texts, errors = dict(defaults), dict[str, str]()
+        self._drawing = draw
+        while True:
+            fields = [
+                {"name": one.name, "text": one.text, "wrong": one.wrong, "value": texts[one.name]}
+                | {"error": errors.get(one.name, "")}
+                for one in questions
+            ]
+            given = self._form("ask", fields=fields).get("fields", {})
+            texts |= {one.name: str(given.get(one.name, "")).strip() or texts[one.name] for one in questions}
+            answers, errors = dict[str, Any](), {}
+            for one in questions:
+                try:
+                    answers[one.name] = one.kind.convert(texts[one.name], None, None)
+                except click.BadParameter as error:
+                    errors[one.name] = error.message
+            if not errors:
+                self._drawing = None
+                return answers
+
+    def pick(self, text: str, options: Sequence[str], default: int = 0) -> int:
+        """One of several."""
+        while True:
+            number = self._form("pick", text=text, options=list(options), default=default).get("number")
+            if isinstance(number, int) and 0 <= number < len(options):
+                return number
+
+    def go(self, text: str, keys: Mapping[str, str]) -> str:
+        """A key of these."""
+        while True:
+            key = self._form("go", text=text, keys=list(keys.items())).get("key")
+            if key in keys:
+                return str(key)
+
+    def look(self, views: Iterator[View]) -> View | None:
+        """The last view before the user goes on."""
+        last, form = None, 0
+        for last in views:
+            if not form:
+                form = self._offer("look")
+            self._view = last
+            self._show(aim=last.numbers())
+            answer = self._taken(form, wait=False)
+            if answer is not None:
+                break
+        self._show(form=None)
+        return last
+
+    def live(self, address: str) -> None:
+        """The page goes there."""
+        self._show(live=address, form=None, busy="")
+
+    def _show(self, **changes: Any) -> None:
+        with self._new:
+            self._now = self._now | changes | {"count": self._now["count"] + 1}
+            self._new.notify_all()
+
+    def _offer(self, kind: str, **parts: Any) -> int:
+        self._forms += 1
+        self._show(form={"id": self._forms, "kind": kind, **parts}, busy="")
+        return self._forms
+
+    def _form(self, kind: str, **parts: Any) -> dict[str, Any]:
+        """The answer of a form."""
+        answer = self._taken(self._offer(kind, **parts))
+        self._show(form=None)
+        assert answer is not None
+        return answer
+
+    def _taken(self, form: int, wait: bool = True) -> dict[str, Any] | None:
+        """The answer of the form of this number; None: none yet. GoTo where another step was clicked."""
+        while True:
+            try:
+                answer = self._answers.get(wait, None)
+            except queue.Empty:
+                return None
+            if answer.get("go") in self._steps:
+                self._show(form=None, lines=[])
+                raise GoTo(str(answer["go"]))
+            if answer.get("id") == form:
+                return answer
+
+    def _file(self, request: Any) -> Any:
+        from starlette.responses import Response
+
+        name = request.url.path.removeprefix("/") or "start.html"
+        text = (
+            Path(__file__).with_name(name).read_text(encoding="utf-8").replace("{{token}}", self._web.token)
+        )
+        return Response(text, media_type=_KINDS[name.partition(".")[2]])
+
+    def _state(self, request: Any) -> Any:
+        from starlette.responses import JSONResponse
+
+        after = request.query_params.get("after", "0")
+        number = int(after) if after.isdecimal() and len(after) < 16 else -1
+        with self._new:
+            self._new.wait_for(lambda: self._now["count"] > number, _WAIT_S)
+            return JSONResponse(self._now | {"steps": list(self._steps.items())})
+
+    async def _answer(self, request: Any) -> Any:
+        import json
+
+        from starlette.responses import PlainTextResponse
+
+        text = b""
+        async for part in request.stream():
+            text += part
+            if len(text) > _LONGEST:
+                return PlainTextResponse(f"answer: must be at most {_LONGEST} bytes", 413)
+        try:
+            answer = json.loads(text)
+        except ValueError:
+            answer = None
+        if not isinstance(answer, dict):
+            return PlainTextResponse("answer: must be an object of JSON", 400)
+        self._answers.put(answer)
+        return PlainTextResponse("")
+
+    def _picture(self, request: Any) -> Any:
+        from starlette.responses import Response
+
+        view = self._view
+        return Response(b"" if view is None else drawn(view), media_type="image/jpeg")
+
+    def _draw(self, request: Any) -> Any:
+        from starlette.responses import PlainTextResponse, Response
+
+        draw = self._drawing
+        if draw is None:
+            return PlainTextResponse("nothing is typed now", 404)
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "rig.png"
+            try:
+                draw({name: text for name, text in request.query_params.items() if text}, file)
+            except (InputError, click.ClickException) as error:
+                return PlainTextResponse(" ".join(str(error).split()), 422)
+            return Response(file.read_bytes(), media_type="image/png")
