@@ -10,8 +10,8 @@
 - `rig_devices`, `rig_capture`, `rig_targets`: the devices of a rig opened; a capture by them;
   captures of targets for `calibrate`; rest and frames for `live`
 - `questions`: the questions about a rig, of `rig new` and `start`
-- `start`: the walk from a camera to a live height; `start_steps`: its steps; `start_checks`: answers that
-  contradict the camera; `start_front`: who asks, on the terminal; `start_page`: on a page
+- `start`: the walk from a camera to a live height; `start_steps`: its steps;
+  `start_front`: who asks, on the terminal; `start_page`: on a page
 - one file a command, named as it: `demo`, `doctor`, `rig`, `simulate`, `capture`, `decode`, `reconstruct`,
   `calibrate`, `report`, `live`, `design`; `camera` with `devices`, `preview`, `expose`, `sync`,
   `record`, `replay`, `measure`; `form`, `export`, `sample`, `rest`, `response`, `patterns`, `sensor`;

@@ -12,7 +12,17 @@ import optolever as ol
 
 from .arguments import ABOVE_0, AT_LEAST_0, Opt, Shape
 
-__all__ = ["KINDS", "QUESTIONS", "TAPE", "UNKNOWN", "VIEW_60", "Question", "questions_of", "typed_rig"]
+__all__ = [
+    "BALL",
+    "KINDS",
+    "QUESTIONS",
+    "TAPE",
+    "UNKNOWN",
+    "VIEW_60",
+    "Question",
+    "questions_of",
+    "typed_rig",
+]
 
 KINDS = ("monitor", "prism")
 #: Relative standard deviation of a focal length: by the width of the view by tape; by 60 degrees.
@@ -84,6 +94,13 @@ class Question:
         """As typed; empty: none."""
         return self.defaults[KINDS.index(kind)]
 
+    def typed(self, value: Any) -> str:
+        """A converted answer, as it is typed."""
+        if isinstance(value, tuple):
+            pair = value[::-1] if isinstance(self.kind, Shape) else value
+            return f"{pair[0]:g}x{pair[1]:g}"
+        return UNKNOWN if isinstance(self.kind, _Width) and value == 0 else f"{value:.10g}"
+
 
 _ACUTE = click.FloatRange(min=0, max=90, min_open=True, max_open=True)
 _TURNED = "a degree costs 3 to 12 % of a height, but for what the mirror at rest takes off"
@@ -147,6 +164,8 @@ QUESTIONS: tuple[Question, ...] = (
         "x, y and heights scale with it", (UNKNOWN, UNKNOWN),
     ),
 )  # fmt: skip
+#: Of a target of `calibrate`.
+BALL = Question("radius", "MM", ABOVE_0, "Radius of the ball, mm", "heights scale with it", ("30", "30"))
 _BY_NAME = {each.name: each for each in QUESTIONS}
 
 

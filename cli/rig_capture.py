@@ -5,13 +5,17 @@ import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import optolever as ol
 from optolever import InputError
 from optolever.errors import reason_of
 
-from .rig_devices import opened, wait_of
+from .rig_devices import opened, sequence_of, wait_of
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 
 @dataclass(frozen=True)
@@ -86,6 +90,22 @@ def capture_rig(
     if not keep:
         shutil.rmtree(record)
     return RigCapture(done, taken, seconds, lost, sum(one.late for one in shows))
+
+
+def capture_rest(
+    rig: Path, fringe: "ol.patterns.Sequence", count: int
+) -> "tuple[ol.projector.Capture, NDArray[np.unsignedinteger]]":
+    """A dense capture of the mirror at rest, and `count` frames of one fringe."""
+    import numpy as np
+
+    scene, dense = ol.scene.load(rig), sequence_of(rig, "gray+phase")
+    shown = ol.patterns.Sequence((*dense.frames, *fringe.frames), dense.rows, dense.cols)
+    with opened(rig, ol.projector.devices_of(rig), shown) as now:
+        now.require_size(scene)
+        order, bits = (*range(len(dense)), *[len(dense)] * count), now.accepted.bits
+        frames = np.stack([one.image.pixels for one in now.acquire(now.wait(rig), order)])
+    capture = ol.projector.Capture(frames[: len(dense)], dense, scene, bits=bits)
+    return capture, frames[len(dense) :]
 
 
 def captured(

@@ -50,3 +50,15 @@ def opened(
     with ol.projector.opened(rig, devices, shown, running=running) as now:
         print_notices(now.notices)
         yield now
+
+
+def image_size(address: str) -> str:
+    """WIDTHxHEIGHT of a camera's full image, by its driver. InputError if it cannot be opened."""
+    from optolever.projector.cameras import open_camera
+
+    camera = open_camera(address)
+    try:
+        accepted = camera.configure(ol.projector.Wanted(1 / 60))
+    finally:
+        camera.close()
+    return f"{accepted.cols}x{accepted.rows}"

@@ -1,6 +1,7 @@
 """`optolever start`: from an unpacked camera to a live height, step by step."""
 
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -55,8 +56,7 @@ def command(
     """
     begun = Begun.load(rig)
     if text:
-        walk(begun, Terminal(), step)
-        write_json(json_path, _lines(begun.rig, frames))
+        write_json(json_path, _walked(begun, Terminal(), step, lambda: _lines(begun.rig, frames)))
         return
     try:
         page = PageFront({name: title for name, (title, _) in STEPS.items()}, port)
@@ -64,8 +64,22 @@ def command(
         raise InputError(f"--port {port}: {error.strerror or error}; name another") from error
     with page:
         click.echo(f"Start: {page.address}   (Ctrl-C ends it; the same command goes on)")
-        walk(begun, page, step)
-        write_json(json_path, _live_page(begun.rig, page, frames))
+        write_json(json_path, _walked(begun, page, step, lambda: _live_page(begun.rig, page, frames)))
+
+
+def _walked(
+    begun: Begun, front: Front, step: str | None, live: Callable[[], dict[str, Any]]
+) -> dict[str, Any]:
+    """The figures of the live view after the walk; where it cannot begin, the mirror at rest is measured
+    again."""
+    while True:
+        walk(begun, front, step)
+        try:
+            return live()
+        except InputError as error:
+            front.say(str(error), fault=True)
+            front.go("The live view has ended.", {"": "measure the mirror at rest again"})
+            step = "rest"
 
 
 def walk(begun: Begun, front: Front, step: str | None) -> None:

@@ -64,7 +64,7 @@ class PageFront:
     def begin(self, step: str, title: str) -> None:
         """A step begins; lines of a step that is tried again stay."""
         lines = self._now["lines"] if self._now["step"] == step else []
-        self._show(step=step, lines=lines, busy="", form=None)
+        self._show(step=step, lines=lines, busy="", form=None, live="")
 
     def say(self, text: str, fault: bool = False) -> None:
         """A line of the step."""

@@ -2,12 +2,10 @@
 
 import tempfile
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
-
-import click
 
 import optolever as ol
 from optolever import InputError
@@ -16,12 +14,11 @@ from optolever.toml import read_toml, toml_text
 from .expose import chosen_exposure
 from .options import decoded_by_response, response_of
 from .preview import views_of
-from .questions import KINDS, QUESTIONS, VIEW_60, questions_of, typed_rig
+from .questions import BALL, KINDS, QUESTIONS, VIEW_60, questions_of, typed_rig
 from .rig import draw_rig, visible_share
-from .rig_capture import capture_rig
-from .rig_devices import levels_of, opened, sequence_of
+from .rig_capture import capture_rest, capture_rig
+from .rig_devices import image_size, levels_of, opened, sequence_of
 from .rig_targets import capture_targets
-from .start_checks import aim_fault, rest_fault
 from .start_front import Front, GoTo
 from .sync import synchronised
 
@@ -31,8 +28,9 @@ _SIMULATED = "virtual"
 KEPT = ("devices", "sync", "response", "start")  # sections that other numbers of the rig leave as they are
 _RESTS = 8  # frames of the fringe at rest
 _PERIOD = 10.0  # of the fringe, pattern pixels
-_FLATS, _FEWEST_FLATS = 5, 3
-_RADIUS = click.FloatRange(min=0, min_open=True)
+_FLATS = 5
+_BENT = 0.3  # of a gamma from 1
+_CHI = 3.0  # of the fit of a flat mirror: 0.5 to 1.3 over rigs drawn from the accuracy of typed numbers
 
 
 @dataclass
@@ -101,7 +99,7 @@ def kind(begun: Begun, front: Front) -> None:
 
 def camera(begun: Begun, front: Front) -> None:
     """One of those connected; its image's size by its driver."""
-    from optolever.projector.cameras import find_cameras, open_camera
+    from optolever.projector.cameras import find_cameras
 
     front.busy("looking for cameras")
     found, silent = find_cameras()
@@ -117,12 +115,7 @@ def camera(begun: Begun, front: Front) -> None:
         image = _typed(begun, front, "image")["image"]
     else:
         front.busy("taking a picture")
-        one = open_camera(chosen)
-        try:
-            accepted = one.configure(ol.projector.Wanted(1 / 60))
-        finally:
-            one.close()
-        image = f"{accepted.cols}x{accepted.rows}"
+        image = image_size(chosen)
         front.say(f"The camera's image has {image} pixels.")
     begun.write({"devices": {"camera": chosen, **devices}}, image=image)
 
@@ -194,7 +187,10 @@ def aim(begun: Begun, front: Front) -> None:
             last = front.look(views_of(now))
         if last is None:
             raise InputError("camera: no picture came; is it connected? (optolever camera devices)")
-        fault, advice = aim_fault(last.aim.seen, visible_share(scene)), last.aim.advice(last.best)
+        fault, advice = (
+            ol.calibration.aim_fault(last.aim.seen, visible_share(scene)),
+            last.aim.advice(last.best),
+        )
         if last.aim.seen == 0:
             fault = (
                 f"{advice} Is {devices.display!r} the display in front of the mirror? If not, go back to it."
@@ -243,6 +239,9 @@ def response(begun: Begun, front: Front) -> None:
     ol.calibration.store_response(begun.rig, found)
     gamma, misfit = found.gamma
     front.say(f"Gamma {gamma:.2f}, which decoding takes off; {100 * misfit:.1f} % of white differ from it.")
+    if abs(gamma - 1) > _BENT:
+        cure = "set the display, or the camera, so that both together are linear, and go back to this step"
+        front.say(f"The live view does not take it off, and distrusts steep dents: {cure}.", fault=True)
     if misfit > 0.03:
         spoilt = "no power law: switch off night light, dynamic contrast and the camera's own gamma or HDR"
         front.say(f"The levels follow {spoilt}. They are taken off as measured.", fault=True)
@@ -252,20 +251,11 @@ def rest(begun: Begun, front: Front) -> None:
     """The mirror at rest: checked against the numbers, kept for heights and for the live view."""
     front.go("Take everything off the mirror, and hold still.", {"": "measure it"})
     front.busy("showing the patterns")
-    scene, pattern = ol.scene.load(begun.rig), ol.scene.load(begun.rig).pattern
-    dense = sequence_of(begun.rig, "gray+phase")
-    fringe = ol.patterns.sequence("crossed", pattern.rows, pattern.cols, period=_PERIOD)
-    count = len(dense)
-    shown = ol.patterns.Sequence((*dense.frames, *fringe.frames), pattern.rows, pattern.cols)
-    import numpy as np
-
-    with opened(begun.rig, ol.projector.devices_of(begun.rig), shown) as now:
-        now.require_size(scene)
-        order = (*range(count), *[count] * _RESTS)
-        frames = np.stack([one.image.pixels for one in now.acquire(now.wait(begun.rig), order)])
-        bits = now.accepted.bits
+    scene = ol.scene.load(begun.rig)
+    size = scene.pattern.rows, scene.pattern.cols
+    fringe = ol.patterns.sequence("crossed", *size, period=_PERIOD)
+    capture, fringes = capture_rest(begun.rig, fringe, _RESTS)
     front.busy("decoding them")
-    capture = ol.projector.Capture(frames[:count], dense, scene, bits=bits)
     found = decoded_by_response(capture, response_of(begun.rig))
     mirror_share, good = ol.decode.mirror_coverage(found.flags)
     if good < 0.5:
@@ -273,7 +263,7 @@ def rest(begun: Begun, front: Front) -> None:
         raise InputError(f"{text} ({'; '.join(map(str, found.notices)) or 'no notice'})")
     if late := ol.experiments.frames_of_another(capture, found):
         raise InputError(f"frames {', '.join(map(str, late))} show the pattern before: go back to sync")
-    if fault := rest_fault(found, scene):
+    if fault := ol.calibration.rest_fault(found, scene):
         raise InputError(fault)
     if not begun.answers.get("calibrated"):
         front.busy("taking the errors of the numbers off, as far as the mirror at rest says them")
@@ -284,26 +274,30 @@ def rest(begun: Begun, front: Front) -> None:
         raise InputError(f"Something touches the mirror {place}: take it off, and wait a little.")
     scene.save(begun.rig, keep=begun.rig)
     ol.calibration.store_rest(begun.rig, found)
-    prepared = ol.live.prepare(scene, frames[count:], found, fringe, bits=bits)
+    prepared = ol.live.prepare(scene, fringes, found, fringe, bits=capture.bits)
     prepared.save(ol.live.kept_rest(begun.rig))
     fills = f"The mirror fills {100 * mirror_share:.0f} % of the picture, {100 * good:.0f} % of it decoded."
     front.say(f"{fills} The rig's numbers leave {100 * (prepared.error or 0.0):.1f} % of a height.")
 
 
 def _adjusted(begun: Begun, front: Front, found: "ol.decode.Correspondence") -> "ol.scene.Scene":
-    """The typed rig, adjusted to its flat mirror within the accuracy of its numbers; as typed where that
-    fails."""
+    """The typed rig, adjusted to its flat mirror within the accuracy of its numbers; as typed where the user
+    keeps a mirror that is none."""
     typed = _scene_of(begun.values())
     target, priors = ol.calibration.target_from_text("rest"), ol.scene.typed_sigmas(typed, typed.accuracy)
     try:
         fitted = ol.calibration.calibrate(typed, [ol.calibration.Observation("rest", target, found)], priors)
+        chi = fitted.adjustment.chi
+        why = f"chi {chi:.2g}, at most {_CHI:g} is normal" if chi > _CHI else "".join(fitted.implausible[:1])
+        if not why:
+            return fitted.scene
     except InputError as error:
-        front.say(f"The numbers stay as typed: {error}")
-        return typed
-    if fitted.implausible:
-        wrong = "The mirror at rest contradicts the numbers"
-        raise InputError(f"{wrong}: {fitted.implausible[0]}. Check them, from the mirror's size on.")
-    return fitted.scene
+        why = str(error)
+    touched = "Something touches the mirror, or it moved or is not flat, or a number is wrong"
+    front.say(f"{touched} ({why}).", fault=True)
+    if front.go("Measure it again?", {"": "again", "k": "keep it so, by the numbers as typed"}) == "":
+        raise GoTo("rest")
+    return typed
 
 
 def targets(begun: Begun, front: Front) -> None:
@@ -317,7 +311,7 @@ def targets(begun: Begun, front: Front) -> None:
         return
     scene, texts = _scene_of(begun.values()), ["flat"] * _FLATS
     if begun.kind == "prism":
-        radius = front.ask([_ball()], {"radius": "30"})["radius"]
+        radius = front.ask([BALL], {"radius": BALL.default(begun.kind)})["radius"]
         texts = ["rest", f"ball:{radius:g},0.003"]
     plan = [(each, ol.calibration.target_from_text(each)) for each in texts]
     calibrate = partial(ol.calibration.calibrate_so_far, scene, priors={})
@@ -339,26 +333,15 @@ def targets(begun: Begun, front: Front) -> None:
     raise GoTo("rest")
 
 
-def _ball() -> Any:
-    from .questions import Question
-
-    wrong = "heights scale with it"
-    return Question("radius", "MM", _RADIUS, "Radius of the ball, mm", wrong, ("30", "30"))
-
-
 def _typed(begun: Begun, front: Front, *names: str) -> dict[str, Any]:
     """Answers as text, by name; the rig is drawn as they are typed."""
     questions, texts = questions_of(begun.kind, *names), begun.defaults(begun.kind)
-    given: dict[str, str] = {}
 
     def draw(answers: Mapping[str, str], out: Path) -> None:
         draw_rig(_scene_of(begun.values(**answers)), out)
 
     values = front.ask(questions, texts, draw)
-    for each in questions:
-        value = values[each.name]
-        given[each.name] = _as_text(each.name, value)
-    return given
+    return {each.name: each.typed(values[each.name]) for each in questions}
 
 
 def _scene_of(values: Mapping[str, Any]) -> "ol.scene.Scene":
@@ -367,16 +350,6 @@ def _scene_of(values: Mapping[str, Any]) -> "ol.scene.Scene":
         file = Path(folder) / "rig.toml"
         file.write_text(ol.scene.rig_toml("rig", typed_rig(values)), encoding="utf-8")
         return ol.scene.load(file)
-
-
-def _as_text(name: str, value: Any) -> str:
-    """A converted answer, as it is typed."""
-    if isinstance(value, tuple):
-        pair = value[::-1] if name in ("display", "image") else value
-        return f"{pair[0]:g}x{pair[1]:g}"
-    if name == "view_width" and value == 0:
-        return "?"
-    return f"{value:.10g}"
 
 
 def _capture(begun: Begun, name: str) -> "ol.projector.Capture":
@@ -392,19 +365,12 @@ def _capture(begun: Begun, name: str) -> "ol.projector.Capture":
 
 def require_devices(begun: Begun) -> str:
     """STEP: REASON to go back to where camera, display or a size are not those of before; empty: they are."""
-    from optolever.projector.cameras import open_camera
-
     if begun.simulated or "camera" not in begun.devices:
         return ""
     try:
-        one = open_camera(str(begun.devices["camera"]))
+        size = image_size(str(begun.devices["camera"]))
     except InputError as error:
         return f"camera: {error}"
-    try:
-        accepted = one.configure(replace(ol.projector.Wanted(1 / 60)))
-    finally:
-        one.close()
-    size = f"{accepted.cols}x{accepted.rows}"
     if size != begun.answers.get("image", size):
         return f"camera: its image has {size} pixels, before it had {begun.answers['image']}"
     name = begun.devices.get("display", "window")

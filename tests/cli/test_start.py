@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from optolever.calibration import aim_fault, rest_fault
 from optolever.cli import run
-from optolever.cli.start_checks import aim_fault, rest_fault
 from optolever.decode import Correspondence
 from optolever.scene import Scene, TypedRig, adjusted, dent, load, parameter_values, rig_toml, trace
 
@@ -125,10 +125,10 @@ def screen(tmp_path: Path) -> Iterator[tuple[str, Path]]:
         server.kill()
 
 
-def world(folder: Path, kind: str) -> Path:
+def world(folder: Path, kind: str, gamma: float = 1.0) -> Path:
     (folder / "true.toml").write_text(rig_toml("true", RIGS[kind]))
     file = folder / "world.json"
-    file.write_text(json.dumps({"rig": str(folder / "true.toml"), "gamma": 1.8}))
+    file.write_text(json.dumps({"rig": str(folder / "true.toml"), "gamma": gamma}))
     return file
 
 
@@ -148,7 +148,7 @@ def test_wrong_answers_are_said_before_the_live_view(screen: tuple[str, Path]) -
     """One walk on the terminal that makes every mistake, is told so, and ends with a height."""
     display, folder = screen
     kind = "monitor"
-    world(folder, kind)
+    world(folder, kind, gamma=1.8)
     mirror, view = PLACES[kind], VIEW[kind]
     script: list[list[Any]] = [["1"], ["1"], ["2"], *([text] for text in SCREEN[kind])]
     script += [*([text] for text in ("80x60", *mirror[1:])), *([text] for text in view)]
@@ -160,8 +160,9 @@ def test_wrong_answers_are_said_before_the_live_view(screen: tuple[str, Path]) -
         ["<"],
     ]  # aim: wrong monitor, small mirror
     script += [*([text] for text in mirror), [view[0]], ["360"], [""], ["<"], [view[0]], [view[1]], [""]]
-    script += [["", {"turned": True}], ["", {"turned": False}]]  # at rest: upside down
-    script += [["", {"dent": DENTS[kind]}], [""], ["", {"dent": "flat"}], ["", {"dent": DENTS[kind]}]]
+    script += [["<", {"gamma": 1.0}]]  # the display made linear
+    script += [["", {"turned": True}], ["", {"turned": False, "dent": DENTS[kind]}]]  # at rest: upside down
+    script += [[""], ["", {"dent": "flat"}], [""], ["", {"dent": DENTS[kind]}]]  # and a finger
     (folder / "script.json").write_text(json.dumps(script))
     command = words(folder, str(folder / "script.json"), "--", "start", "--text")
     env = {**os.environ, "DISPLAY": display}
@@ -172,8 +173,10 @@ def test_wrong_answers_are_said_before_the_live_view(screen: tuple[str, Path]) -
         "Check the mirror's size",
         "Check the mirror's size, the width of the view",
         "Gamma 1.8",
+        "does not take it off",
+        "Gamma 1.0",
         "upside down",
-        "Something touches the mirror at x = 7",
+        "Something touches the mirror",
         "of a height",
         "depth 1",
     ]

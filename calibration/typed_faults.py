@@ -1,11 +1,16 @@
-"""Answers of `start` that contradict what the camera sees, each as a sentence."""
+"""Typed numbers of a rig that contradict what its camera sees, each as a sentence."""
 
 import math
-from typing import Any
 
-import optolever as ol
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.decode import Correspondence
+from optolever.scene import Scene, dent, strided, trace
 
 __all__ = ["aim_fault", "rest_fault"]
+
+Floats = NDArray[np.float64]
 
 _SHARE = 1.5  # of the shares of the picture, measured and by the numbers
 _TIMES = 1.3  # of the sizes on the display: beyond what a tape and 60 degrees leave
@@ -25,14 +30,12 @@ def aim_fault(seen: float, by_numbers: float) -> str:
     )
 
 
-def rest_fault(found: "ol.decode.Correspondence", scene: "ol.scene.Scene") -> str:
+def rest_fault(found: Correspondence, scene: Scene) -> str:
     """What is wrong with the numbers, or the set-up, by the places on the display that the camera sees in the
     flat mirror: their turn, their size and their middle; empty: nothing."""
-    import numpy as np
-
     step = max(1, max(found.u.shape) // _COARSE)
-    few = ol.scene.strided(scene, step)
-    flat = ol.scene.trace(few, ol.scene.dent("flat", few))
+    few = strided(scene, step)
+    flat = trace(few, dent("flat", few))
     seen = np.stack([found.u[::step, ::step], found.v[::step, ::step]])
     typed = np.stack([flat.u, flat.v])
     both = found.good[::step, ::step] & np.isfinite(typed).all(axis=0)
@@ -75,15 +78,13 @@ def rest_fault(found: "ol.decode.Correspondence", scene: "ol.scene.Scene") -> st
     return ""
 
 
-def _affine(typed: Any, seen: Any) -> tuple[Any, Any]:
+def _affine(typed: Floats, seen: Floats) -> tuple[Floats, Floats]:
     """The matrix (2, 2) from places by the numbers to measured ones, and the middle of these (2,); the
     second fit goes without the tenth that is furthest off."""
-    import numpy as np
-
     use = np.ones(typed.shape[1], np.bool_)
     for _ in range(2):
         columns = np.vstack([typed - typed[:, use].mean(axis=1, keepdims=True), np.ones(typed.shape[1])])
         found = np.linalg.lstsq(columns[:, use].T, seen[:, use].T, rcond=None)[0].T
         off = np.linalg.norm(seen - found @ columns, axis=0)
         use = off <= np.quantile(off, 0.9)
-    return found[:, :2], seen.mean(axis=1)
+    return np.asarray(found[:, :2]), np.asarray(seen.mean(axis=1))
