@@ -17,6 +17,7 @@
 | `sources.py` | the independent errors behind the covariance |
 | `observability.py` | singular values in prior units, notices |
 | `effects.py` | errors of heights and depths by errors of the parameters |
+| `typed_faults.py` | typed numbers that contradict the camera |
 | `predicted.py` | sigma of a rig at rest and of a dent, before any capture |
 """
 
@@ -38,6 +39,7 @@ from .profile import load_profile, store_profile
 from .response import RigResponse, load_response, measure_response, store_response, with_better_fit
 from .rest import load_rest, store_rest
 from .targets import Ball, Flat, Plate, Rest, Target, target_from_text
+from .typed_faults import aim_fault, rest_fault
 
 __all__ = [
     "PREDICTED_DEPTH",
@@ -52,6 +54,7 @@ __all__ = [
     "RigResponse",
     "SoFar",
     "Target",
+    "aim_fault",
     "calibrate",
     "calibrate_so_far",
     "contact",
@@ -65,6 +68,7 @@ __all__ = [
     "predicted_budget",
     "predicted_maps",
     "reason_to_repeat",
+    "rest_fault",
     "sigma_at_rest",
     "store_profile",
     "store_response",

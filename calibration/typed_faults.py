@@ -36,8 +36,8 @@ def rest_fault(found: Correspondence, scene: Scene) -> str:
     step = max(1, max(found.u.shape) // _COARSE)
     few = strided(scene, step)
     flat = trace(few, dent("flat", few))
-    seen = np.stack([found.u[::step, ::step], found.v[::step, ::step]])
-    typed = np.stack([flat.u, flat.v])
+    seen = np.asarray(np.stack([found.u[::step, ::step], found.v[::step, ::step]]), np.float64)
+    typed = np.asarray(np.stack([flat.u, flat.v]), np.float64)
     both = found.good[::step, ::step] & np.isfinite(typed).all(axis=0)
     if np.count_nonzero(both) < 12:
         return (

@@ -187,14 +187,10 @@ def aim(begun: Begun, front: Front) -> None:
             last = front.look(views_of(now))
         if last is None:
             raise InputError("camera: no picture came; is it connected? (optolever camera devices)")
-        fault, advice = (
-            ol.calibration.aim_fault(last.aim.seen, visible_share(scene)),
-            last.aim.advice(last.best),
-        )
-        if last.aim.seen == 0:
-            fault = (
-                f"{advice} Is {devices.display!r} the display in front of the mirror? If not, go back to it."
-            )
+        seen = last.aim.seen
+        fault = ol.calibration.aim_fault(seen, visible_share(scene))
+        if seen == 0:
+            fault = f"{last.aim.advice(last.best)} Is {devices.display!r} the display in front of the mirror?"
         if not fault:
             return
         front.say(fault, fault=True)
@@ -288,7 +284,11 @@ def _adjusted(begun: Begun, front: Front, found: "ol.decode.Correspondence") -> 
     try:
         fitted = ol.calibration.calibrate(typed, [ol.calibration.Observation("rest", target, found)], priors)
         chi = fitted.adjustment.chi
-        why = f"chi {chi:.2g}, at most {_CHI:g} is normal" if chi > _CHI else "".join(fitted.implausible[:1])
+        why = (
+            f"chi {chi:.2g}, at most {_CHI:g} is normal"
+            if chi > _CHI
+            else "".join(map(str, fitted.implausible[:1]))
+        )
         if not why:
             return fitted.scene
     except InputError as error:
