@@ -96,16 +96,25 @@ def capture_rest(
     rig: Path, fringe: "ol.patterns.Sequence", count: int
 ) -> "tuple[ol.projector.Capture, NDArray[np.unsignedinteger]]":
     """A dense capture of the mirror at rest, and `count` frames of one fringe."""
+    dense = sequence_of(rig, "gray+phase")
+    shown = ol.patterns.Sequence((*dense.frames, *fringe.frames), dense.rows, dense.cols)
+    taken = capture_now(rig, shown, (*range(len(dense)), *[len(dense)] * count))
+    frames, bits, scene = taken.frames, taken.bits, taken.scene
+    return ol.projector.Capture(frames[: len(dense)], dense, scene, bits=bits), frames[len(dense) :]
+
+
+def capture_now(
+    rig: Path, shown: "ol.patterns.Sequence", order: Sequence[int] | None = None
+) -> "ol.projector.Capture":
+    """Images of the frames of a sequence, or of some of them in an order, without a folder."""
     import numpy as np
 
-    scene, dense = ol.scene.load(rig), sequence_of(rig, "gray+phase")
-    shown = ol.patterns.Sequence((*dense.frames, *fringe.frames), dense.rows, dense.cols)
+    order, scene = range(len(shown)) if order is None else order, ol.scene.load(rig)
     with opened(rig, ol.projector.devices_of(rig), shown) as now:
         now.require_size(scene)
-        order, bits = (*range(len(dense)), *[len(dense)] * count), now.accepted.bits
         frames = np.stack([one.image.pixels for one in now.acquire(now.wait(rig), order)])
-    capture = ol.projector.Capture(frames[: len(dense)], dense, scene, bits=bits)
-    return capture, frames[len(dense) :]
+        ordered = ol.patterns.Sequence(tuple(shown.frames[k] for k in order), shown.rows, shown.cols)
+        return ol.projector.Capture(frames, ordered, scene, bits=now.accepted.bits)
 
 
 def captured(

@@ -95,16 +95,14 @@ def walk(begun: Begun, front: Front, step: str | None) -> None:
         title, run = STEPS[name]
         front.begin(name, title)
         try:
-            run(begun, front)
-            number += 1
-        except GoTo as other:
-            number = names.index(other.step) if other.step else max(number - 1, 0)
-        except InputError as error:
-            front.say(str(error), fault=True)
             try:
+                run(begun, front)
+                number += 1
+            except InputError as error:
+                front.say(str(error), fault=True)
                 front.go("This step is not done.", {"": "try again"})
-            except GoTo as other:
-                number = names.index(other.step) if other.step else max(number - 1, 0)
+        except GoTo as other:
+            number = names.index(other.args[0]) if other.args else max(number - 1, 0)
         begun.write(step=names[number] if number < len(names) else "live")
 
 

@@ -20,12 +20,8 @@ _LINE_S = 1.0  # between two lines of the preview
 Draw = Callable[[Mapping[str, str], Path], None]
 
 
-class GoTo(Exception):
-    """The walk goes on at another step; empty: at the one before."""
-
-    def __init__(self, step: str = "") -> None:
-        super().__init__(step)
-        self.step = step
+class GoTo(Exception):  # no error
+    """The walk goes on at another step, its argument; without: at the one before."""
 
 
 class Front(Protocol):

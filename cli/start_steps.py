@@ -16,7 +16,7 @@ from .options import decoded_by_response, response_of
 from .preview import views_of
 from .questions import BALL, KINDS, QUESTIONS, VIEW_60, questions_of, typed_rig
 from .rig import draw_rig, visible_share
-from .rig_capture import capture_rest, capture_rig
+from .rig_capture import capture_now, capture_rest
 from .rig_devices import image_size, levels_of, opened, sequence_of
 from .rig_targets import capture_targets
 from .start_front import Front, GoTo
@@ -25,7 +25,7 @@ from .sync import synchronised
 __all__ = ["STEPS", "Begun", "require_devices"]
 
 _SIMULATED = "virtual"
-KEPT = ("devices", "sync", "response", "start")  # sections that other numbers of the rig leave as they are
+_KEPT = ("devices", "sync", "response", "start")  # sections that other numbers of the rig leave as they are
 _RESTS = 8  # frames of the fringe at rest
 _PERIOD = 10.0  # of the fringe, pattern pixels
 _FLATS = 5
@@ -159,7 +159,7 @@ def view(begun: Begun, front: Front) -> None:
     typed = typed_rig(begun.values())
     if begun.rig.exists():
         begun.table = read_toml(begun.rig)
-    kept = {name: part for name, part in begun.table.items() if name in KEPT}
+    kept = {name: part for name, part in begun.table.items() if name in _KEPT}
     with ol.files.together():
         with ol.files.atomic_file(begun.rig) as temporary:
             text = ol.scene.rig_toml(begun.rig.stem, typed)
@@ -230,8 +230,7 @@ def sync(begun: Begun, front: Front) -> None:
 def response(begun: Begun, front: Front) -> None:
     """The display's gamma, by grey levels: what decodes with it has no gamma any more."""
     front.busy("showing grey levels")
-    taken = _capture(begun, "ramp")
-    found = ol.calibration.measure_response(taken)
+    found = ol.calibration.measure_response(capture_now(begun.rig, sequence_of(begun.rig, "ramp")))
     ol.calibration.store_response(begun.rig, found)
     gamma, misfit = found.gamma
     front.say(f"Gamma {gamma:.2f}, which decoding takes off; {100 * misfit:.1f} % of white differ from it.")
@@ -320,11 +319,9 @@ def targets(begun: Begun, front: Front) -> None:
         keys = {"": "capture", "s": "stop"} | ({"k": "keep the last"} if "k keeps" in question else {})
         return front.go(question.partition(". Enter")[0], keys)
 
-    folder, found = begun.rig.with_suffix(".captures"), None
-    so_far = capture_targets(
-        begun.rig, plan, folder, "gray+phase", calibrate, ask=wait, resume=True, say=front.say
-    )
-    found = so_far.required()
+    folder, shown = begun.rig.with_suffix(".captures"), "gray+phase"
+    taken = capture_targets(begun.rig, plan, folder, shown, calibrate, ask=wait, resume=True, say=front.say)
+    found = taken.required()
     if found.implausible:
         raise InputError(f"{found.implausible[0]}: measure the numbers again, or put the targets anew")
     found.scene.save(begun.rig, keep=begun.rig)
@@ -352,37 +349,23 @@ def _scene_of(values: Mapping[str, Any]) -> "ol.scene.Scene":
         return ol.scene.load(file)
 
 
-def _capture(begun: Begun, name: str) -> "ol.projector.Capture":
-    """A capture of a sequence, in the rig's folder of captures."""
-    import shutil
-
-    folder = begun.rig.with_suffix(".captures") / name
-    shutil.rmtree(folder, ignore_errors=True)
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    devices = ol.projector.devices_of(begun.rig)
-    return capture_rig(begun.rig, devices, sequence_of(begun.rig, name), folder, keep=False).capture
-
-
 def require_devices(begun: Begun) -> str:
     """STEP: REASON to go back to where camera, display or a size are not those of before; empty: they are."""
     if begun.simulated or "camera" not in begun.devices:
         return ""
+    step, name, sizes = "camera", begun.devices.get("display", "window"), dict[str, str]()
     try:
-        size = image_size(str(begun.devices["camera"]))
+        sizes["camera"] = image_size(str(begun.devices["camera"]))
+        step = "display"
+        if name != "window":
+            monitor = ol.projector.choose_monitor(ol.projector.monitors(), name)
+            sizes["display"] = f"{monitor.cols}x{monitor.rows}"
     except InputError as error:
-        return f"camera: {error}"
-    if size != begun.answers.get("image", size):
-        return f"camera: its image has {size} pixels, before it had {begun.answers['image']}"
-    name = begun.devices.get("display", "window")
-    if name == "window":
-        return ""
-    try:
-        monitor = ol.projector.choose_monitor(ol.projector.monitors(), name)
-    except InputError as error:
-        return f"display: {error}"
-    size = f"{monitor.cols}x{monitor.rows}"
-    if size != begun.answers.get("display", size):
-        return f"display: {name} has {size} pixels, before it had {begun.answers['display']}"
+        return f"{step}: {error}"
+    for step, size in sizes.items():
+        before = begun.answers.get({"camera": "image"}.get(step, step), size)
+        if size != before:
+            return f"{step}: it has {size} pixels, before it had {before}"
     return ""
 
 

@@ -151,14 +151,8 @@ def test_wrong_answers_are_said_before_the_live_view(screen: tuple[str, Path]) -
     world(folder, kind, gamma=1.8)
     mirror, view = PLACES[kind], VIEW[kind]
     script: list[list[Any]] = [["1"], ["1"], ["2"], *([text] for text in SCREEN[kind])]
-    script += [*([text] for text in ("80x60", *mirror[1:])), *([text] for text in view)]
-    script += [
-        ["", {"blind": True}],
-        ["", {"blind": False}],
-        [""],
-        ["<"],
-        ["<"],
-    ]  # aim: wrong monitor, small mirror
+    script += [*([text] for text in ("80x60", *mirror[1:])), [view[0]], [view[1], {"blind": True}]]
+    script += [[""], ["", {"blind": False}], [""], ["<"], ["<"]]  # aim: wrong monitor, small mirror
     script += [*([text] for text in mirror), [view[0]], ["360"], [""], ["<"], [view[0]], [view[1]], [""]]
     script += [["<", {"gamma": 1.0}]]  # the display made linear
     script += [["", {"turned": True}], ["", {"turned": False, "dent": DENTS[kind]}]]  # at rest: upside down
