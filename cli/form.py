@@ -117,7 +117,7 @@ def command(
         terms = None
         if order is not None:
             deviation = replace(height, z=fit.residual, modes=fit.modes, modes_step=1)
-            terms = ol.metrology.fit_zernike(deviation, order, slopes, aperture=inside)
+            terms = ol.metrology.fit_zernike(deviation, order, slopes, aperture=inside, removed=fit)
         asked = lines or (("x", "y") if profiles_path is not None else ())
         profiles = {line: ol.metrology.profile_of(fit, line) for line in asked}
         axes = () if psd_path is None else ("x", "y")

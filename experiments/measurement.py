@@ -163,7 +163,7 @@ class Study:
             slopes = slope_map(plain, found, scene, given.rest)
         fit = _form_fit(given, slopes)
         deviation = None if fit is None else _deviation(height, fit)
-        terms = None if deviation is None else _terms(deviation, slopes, _aperture(given))
+        terms = None if fit is None or deviation is None else _terms(deviation, slopes, _aperture(given), fit)
         pressed = height.contacts
         if pressed is None and scene is not None and some and not given.open_air:
             pressed = contacts(height, slopes, scene.layer)
@@ -218,10 +218,10 @@ def _deviation(height: HeightMap, fit: FormFit) -> HeightMap:
 
 
 def _terms(
-    deviation: HeightMap, slopes: SlopeMap | None, aperture: NDArray[np.bool_] | None
+    deviation: HeightMap, slopes: SlopeMap | None, aperture: NDArray[np.bool_] | None, fit: FormFit
 ) -> ZernikeFit | None:
     """None where too few pixels are good."""
     try:
-        return fit_zernike(deviation, ZERNIKE, slopes, aperture=aperture)
+        return fit_zernike(deviation, ZERNIKE, slopes, aperture=aperture, removed=fit)
     except InputError:
         return None

@@ -66,7 +66,8 @@ class FormFit:
     middle: origin x = y = 0 of the form, mm in the mirror's frame; noise, rig (H, W): standard deviations of
     the residual by the slopes' noise (NaN: unknown) and by the errors of the rig, each less its part in the
     form; rms_sigma: of rms, by both; step_variance: mean variance, mm^2, of an increment from pixel to pixel
-    by noise; modes (r, H, W): those of the rig less their part in the form, mm."""
+    by noise; modes (r, H, W): those of the rig less their part in the form, mm; basis (n, k): orthonormal
+    heights of the known pixels that the form and a piston can take off."""
 
     form: str
     numbers: Numbers
@@ -82,6 +83,7 @@ class FormFit:
     rms_sigma: float
     step_variance: float
     modes: NDArray[np.float32] | None
+    basis: Floats
 
     @property
     def sigma(self) -> Floats:
@@ -176,9 +178,10 @@ def leftovers(
     y: Floats,
     good: NDArray[np.bool_],
     slopes: SlopeMap | None,
-) -> tuple[Floats, Floats, float, float, NDArray[np.float32] | None]:
-    """noise, rig, rms_sigma, step_variance, modes of a FormFit with this residual (H, W); basis (n, k): the
-    derivatives of the height by its free parameters."""
+) -> tuple[Floats, Floats, float, float, NDArray[np.float32] | None, Floats]:
+    """noise, rig, rms_sigma, step_variance, modes, basis of a FormFit with this residual (H, W).
+
+    basis (n, k): the derivatives of the height by its free parameters."""
     noise, rig = (np.full(good.shape, np.nan) for _ in range(2))
     left, own, square, step, kept = residual[good], slope_noise(height, slopes), 0.0, np.nan, None
     if own is not None:
@@ -186,8 +189,8 @@ def leftovers(
         noise[good], square = found.sigma, found.rms_variance(left - left.mean())
         step = found.step_variance
     rig[good] = 0.0
+    q, _ = np.linalg.qr(np.column_stack([basis / np.linalg.norm(basis, axis=0), np.ones(len(left))]))
     if (modes := height.calibration) is not None:
-        q, _ = np.linalg.qr(np.column_stack([basis / np.linalg.norm(basis, axis=0), np.ones(len(left))]))
         bent = np.nan_to_num(modes[:, good].astype(np.float64))
         bent -= (bent @ q) @ q.T
         rig[good] = np.sqrt(np.sum(bent**2, axis=0))
@@ -197,7 +200,7 @@ def leftovers(
         kept[:, good] = bent
     rms = float(np.std(left))
     sigma = np.nan if own is None and not square else float(np.sqrt(square)) / max(2 * rms, 1e-30)
-    return noise, rig, sigma, step, kept
+    return noise, rig, sigma, step, kept, q
 
 
 def placed(

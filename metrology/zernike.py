@@ -9,7 +9,8 @@ from optolever.errors import InputError
 from optolever.reconstruct import HeightMap, SlopeMap
 
 from .apertures import inscribed_radius
-from .fit import Numbers, covariances_of, placed
+from .covariance import noise_covariance
+from .fit import FormFit, Numbers, covariances_of, placed, slope_noise
 from .zernike_terms import ansi_index, fringe_index, norm, zernike, zernike_name
 
 __all__ = ["ZernikeFit", "fit_zernike"]
@@ -46,12 +47,14 @@ def fit_zernike(
     slopes: SlopeMap | None = None,
     radius: float | None = None,
     aperture: NDArray[np.bool_] | None = None,
+    removed: FormFit | None = None,
 ) -> ZernikeFit:
     """Coefficients up to a radial order by unweighted least squares over the good pixels of a circle, without
     the map's outermost ring.
 
     The circle is centred at the middle of these; radius (mm), default: inscribed in them. slopes: see
-    `fit_form`; aperture (H, W): pixels to use.
+    `fit_form`; aperture (H, W): pixels to use; removed: the fit whose residual the heights are, which takes
+    its part of their noise off.
     """
     if not 1 <= order <= _MOST:
         raise InputError(f"zernike: order is {order}, must be 1 to {_MOST}")
@@ -71,4 +74,10 @@ def fit_zernike(
     residual[good] = height.z[good] - terms @ values
     names = tuple(f"Z({n},{m})" for n, m in pairs)
     noise, rig = (np.sqrt(np.diag(part)) for part in covariances)
+    if removed is not None and (own := slope_noise(height, slopes)) is not None:
+        known = np.isfinite(removed.residual)
+        weights = np.zeros((len(removed.basis), len(pairs)))
+        weights[good[known]] = terms @ np.linalg.inv(terms.T @ terms)
+        weights -= removed.basis @ (removed.basis.T @ weights)
+        noise = np.sqrt(np.diag(noise_covariance(weights, x, y, known, own)))
     return ZernikeFit(Numbers(names, values, noise, rig), middle, whole, residual, tuple(pairs))

@@ -68,6 +68,21 @@ def test_the_noise_of_a_residual_is_what_draws_of_it_are(kept: Any) -> None:
         assert abs(np.mean([one.rms for one in fits]) - alone) > abs(less.mean() - alone)
 
 
+def test_sigmas_of_terms_of_a_residual_are_what_draws_of_it_are() -> None:
+    """60 draws less their power over the rectangle: the circle's defocus keeps a part of its noise."""
+    found = []
+    for seed in range(60):
+        height = drawn(seed)
+        fit = fit_form(height, "power")
+        found.append(fit_zernike(replace(height, z=fit.residual), 4, removed=fit).numbers)
+        alone = fit_zernike(height, 4).numbers
+    spread = np.std([one.values for one in found], axis=0)
+    ratio = spread / found[0].noise
+    assert np.all((ratio > 0.7) & (ratio < 1.35)), ratio
+    defocus = found[0].names.index("Z(2,0)")
+    assert found[0].noise[defocus] < 0.85 * alone.noise[defocus]
+
+
 def test_a_gaussian_filter_passes_what_the_standard_says() -> None:
     """exp(-pi (alpha cutoff / wave)^2) of a wave along x, away from the borders; a constant stays one."""
     alpha = np.sqrt(np.log(2) / np.pi)
