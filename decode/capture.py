@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter
 
 from optolever.blocks import over_blocks, threads
-from optolever.kernels import F32, F64
+from optolever.kernels import F32, F64, I64
 from optolever.notices import Notice
 from optolever.patterns import Sequence
 
@@ -28,11 +28,11 @@ from .codes.lookup import Lines, LookUp, Table, lookup_rows, prepare, table_of
 from .codes.orders import Orders, order_table
 from .contradiction import contradictions
 from .effects import Module, View, cells, lag, motion, shared
-from .frames import Light, Settings, sample_levels, sample_places
+from .frames import Light, Settings, raw_at, sample_places
 from .neighbours import BLURRED, EITHER, HALO, SETTLE, Block, Result, axis_limits, neighbours, settle
 from .noise import Noise, Sample, fit_noise
 from .order import Repair, find_order
-from .pixels import Maps, Tables, pixel_rows
+from .pixels import AxisTable, Maps, pixel_rows
 from .plan import AxisPlan, Fringe, Plan, constraints, plan
 from .profile import AxisProfile, Estimates, Sampled
 from .records import Correspondence, Flag
@@ -63,23 +63,31 @@ class Prepared(NamedTuple):
 
     axes: tuple[AxisPlan, ...]
     profile: Estimates
-    tables: Tables
+    tables: tuple[AxisTable, ...]
     dof: int
     limits: F32
     look_ups: tuple[Table | None, ...]
     matrix: F64 | None
 
 
-def lit_sample(light: Light, inside: Mask, wider: int = 1) -> Sample:
-    """Lit pixels of the mask, in runs along rows."""
+def lit_pixels(light: Light, inside: Mask, wider: int = 1) -> tuple[I64, NDArray[Any]]:
+    """Lit pixels of the mask, in runs along rows: places (K, 2), raw levels (N, K)."""
     places = sample_places((light.raw.shape[1], light.raw.shape[2]), wider * _RUNS)
     if inside is not None:
         places = places[inside[tuple(places.T)]]
-    sample = Sample(places, sample_levels(light, places))
-    levels = np.where(np.isfinite(sample.levels), sample.levels, np.float32(light.white))
-    span = np.ptp(levels, axis=0) if levels.size else np.zeros(0)
+    raw = raw_at(light, places)
+    ends = (one.astype(light.raw.dtype) for one in (raw.min(axis=0), raw.max(axis=0)))
+    low, high = (np.nan_to_num(light.linear(one), nan=light.white) for one in ends)
+    span = high - low
     least = _LIT * np.quantile(span[span >= 0.5 * span.max()], 0.5) if span.size and span.max() > 0 else 0.0
-    return sample.only(span > least)
+    lit = span > least
+    return (places, raw) if lit.all() else (places[lit], raw[:, lit])
+
+
+def lit_sample(light: Light, inside: Mask, wider: int = 1) -> Sample:
+    """Their linear levels."""
+    places, raw = lit_pixels(light, inside, wider)
+    return Sample(places, light.linear(raw))
 
 
 def estimated(
@@ -135,13 +143,16 @@ def _estimated(
     looked_up = any(axis.looked_up for axis in plan(sequence).axes)
     sample = lit_sample(light, inside, _WIDER if looked_up else 1)
     ready = prepared(sequence, settings, _estimate(light, sequence, settings, inside, sample))
-    ready = ready._replace(profile=ready.profile._replace(sampled=_statistics(light, ready, sample)))
+    ready = ready._replace(
+        profile=ready.profile._replace(sampled=_statistics(light, ready, raw_at(light, sample.places)))
+    )
     return applied(light, ready, mask), ready
 
 
 def _estimate(light: Light, sequence: Sequence, settings: Settings, mask: Mask, sample: Sample) -> Estimates:
     """Noise and misfits, then every effect: one corrects the levels, the others add to the variance."""
-    wide, p = lit_sample(light, mask, _WIDER), plan(sequence)
+    p = plan(sequence)
+    wide = sample if any(axis.looked_up for axis in p.axes) else lit_sample(light, mask, _WIDER)
     if settings.noise is not None:
         noise = Noise(settings.noise**2 + light.rounding, settings.gain)
     else:
@@ -198,7 +209,7 @@ def _places(
     """Places and variances (A, K) of sample pixels; NaN where flagged."""
     if not len(sample.places):
         return (np.zeros((len(profile.axes), 0)),) * 2
-    maps = _sampled(light, prepared(sequence, settings, profile), sample)
+    maps = _sampled(light, prepared(sequence, settings, profile), raw_at(light, sample.places))
     good = maps.flags[0] == 0
     return tuple(np.where(good, one[:, 0].astype(np.float64), np.nan) for one in (maps.place, maps.variance))  # type: ignore[return-value]
 
@@ -319,34 +330,30 @@ def _orders(axis: AxisPlan, own: AxisProfile) -> Orders:
 def prepared(sequence: Sequence, settings: Settings, profile: Estimates) -> Prepared:
     """The decoder of a profile."""
     p = plan(sequence)
-    axes = p.axes
-    f32 = np.float32
-    orders = [_orders(axis, own) for axis, own in zip(axes, profile.axes, strict=True)]
-    covered = [
-        1 - axis.fringes[0].period / axis.extent if axis.fringes and not axis.code else 0.0 for axis in axes
-    ]
-    factor = [2 / len(axis.fringes[-1].index) if axis.fringes else 0.5 for axis in axes]
+    axes, own, f32 = p.axes, profile.axes, np.float32
     slow = next((effect for effect in profile.effects if effect.name == "lag"), None)
     matrix = None if slow is None else lag.matrix(slow, len(sequence))
-    tables = Tables(
-        fringe_tables([axis.fringes for axis in axes], [own.misfits for own in profile.axes], matrix),
-        bit_tables(p, list(axes)),
-        (orders[0], orders[-1]),
-        np.array([axis.looked_up for axis in axes]),
-        np.array([own.deviation > 0 for own in profile.axes]),
-        np.array(factor, f32),
-        np.array([own.variance for own in profile.axes], f32),
-        np.array([axis.extent for axis in axes], f32),
-        np.maximum(np.array(covered, f32), 0),
-        np.array([_either(axis, number) for number, axis in enumerate(axes)], np.int32),
+    fringes = fringe_tables([axis.fringes for axis in axes], [one.misfits for one in own], matrix)
+    tables = tuple(
+        AxisTable(
+            fringes[k],
+            code,
+            _orders(axis, own[k]),
+            axis.looked_up,
+            own[k].deviation > 0,
+            f32(2 / len(axis.fringes[-1].index) if axis.fringes else 0.5),
+            f32(own[k].variance),
+            f32(axis.extent),
+            f32(max(1 - axis.fringes[0].period / axis.extent, 0) if axis.fringes and not axis.code else 0),
+            np.int32(_either(axis, k)),
+        )
+        for k, (axis, code) in enumerate(zip(axes, bit_tables(p, list(axes)), strict=True))
     )
     dof = sum(len(f.index) - 3 for axis in axes if not axis.looked_up for f in axis.fringes)
-    dof += sum(
-        len(axis.fringes) - 1 for axis, own in zip(axes, profile.axes, strict=True) if own.deviation > 0
-    )
+    dof += sum(len(axis.fringes) - 1 for axis, one in zip(axes, own, strict=True) if one.deviation > 0)
     look_ups = tuple(
-        None if own.look_up is None else table_of(sequence, p, axis, own.look_up)
-        for axis, own in zip(axes, profile.axes, strict=True)
+        None if one.look_up is None else table_of(sequence, p, axis, one.look_up)
+        for axis, one in zip(axes, own, strict=True)
     )
     dof += sum(table.dof for table in look_ups if table is not None)
     limits = np.stack([axis_limits(axis, settings.lens_px, settings.on_cells) for axis in axes])
@@ -367,25 +374,21 @@ def _numbers(light: Light) -> tuple[NDArray[Any], F32 | None, np.float32]:
     return light.raw, light.table if len(light.table) else None, np.float32(min(light.clip, 1e9))
 
 
-def _statistics(light: Light, ready: Prepared, sample: Sample) -> Sampled:
-    """Of sample pixels, by the pixel kernel alone."""
-    if not len(sample.places):
+def _statistics(light: Light, ready: Prepared, raw: NDArray[Any]) -> Sampled:
+    """Of sample pixels (N, K), by the pixel kernel alone."""
+    if not raw.shape[1]:
         return Sampled(0.0, 0.0, 0.0)
-    maps = _sampled(light, ready, sample)
+    maps = _sampled(light, ready, raw)
     good = maps.flags[0] == 0
     chi2 = float(np.median(maps.chi2[0][good])) / ready.dof if ready.dof and good.any() else 0.0
     return Sampled(float(good.mean()), chi2, float(np.median(maps.least[0])))
 
 
-def _sampled(light: Light, ready: Prepared, sample: Sample) -> Maps:
-    """Sample pixels decoded as a row of an image."""
-    row, col = sample.places.T
-    few = Light(
-        np.ascontiguousarray(light.raw[:, row, col][:, None, :]), light.clip, light.table, light.rounding
-    )
-    count, axes = len(row), len(ready.axes)
-    maps = _maps(axes, 1, count)
-    pixel_rows(_numbers(few), _noise(ready), ready.tables, _looked_up(few, ready, 0, 1), 0, 1, maps, 0)
+def _sampled(light: Light, ready: Prepared, raw: NDArray[Any]) -> Maps:
+    """Sample pixels (N, K) decoded as a row of an image."""
+    few = replace(light, raw=raw[:, None])
+    maps, looked_up = _maps(len(ready.axes), 1, raw.shape[1]), _looked_up(few, ready, 0, 1)
+    pixel_rows(_numbers(few), _noise(ready), ready.tables, looked_up, (0, 1, 0, 1), 0, maps)
     return maps
 
 
@@ -397,7 +400,7 @@ def _maps(axes: int, rows: int, width: int) -> Maps:
     chi2, least, offset, error = (np.zeros((rows, width), np.float32) for _ in range(4))
     place, variance, amplitude = (np.zeros((axes, rows, width), np.float32) for _ in range(3))
     flags = np.zeros((rows, width), np.uint16)
-    return Maps(place, variance, amplitude, chi2, least, offset, error, flags)
+    return Maps(place, variance, amplitude, chi2, flags, least, offset, error)
 
 
 def _looked_up(light: Light, ready: Prepared, start: int, stop: int) -> Lines:
@@ -419,7 +422,7 @@ def _looked_up(light: Light, ready: Prepared, start: int, stop: int) -> Lines:
 
 def holds(light: Light, ready: Prepared, mask: Mask) -> tuple[Notice, ...]:
     """Why a profile no longer holds for these frames, by sample pixels; empty: it does."""
-    known, now = ready.profile.sampled, _statistics(light, ready, lit_sample(light, mask))
+    known, now = ready.profile.sampled, _statistics(light, ready, lit_pixels(light, mask)[1])
     changes = (
         ("share of good pixels", known.good, now.good, now.good < _FEWER * known.good),
         ("noise of the residuals", known.chi2, now.chi2, now.chi2 > _CHANGED * max(known.chi2, 0.5)),
@@ -446,12 +449,14 @@ def applied(light: Light, ready: Prepared, mask: Mask) -> Correspondence:
     """Decode all pixels by a prepared decoder."""
     _, rows, cols = light.raw.shape
     axes = len(ready.axes)
-    coordinate, sigma = (np.empty((axes, rows, cols), np.float32) for _ in range(2))
-    amplitude, offset, error = (np.empty((rows, cols), np.float32) for _ in range(3))
+    # one piece of memory: the system clears small ones anew for every capture
+    maps = np.empty((2 * axes + 3, rows, cols), np.float32)
+    coordinate, sigma, (amplitude, offset, error) = maps[:axes], maps[axes : 2 * axes], maps[2 * axes :]
     flags = np.empty((rows, cols), np.uint16)
     size = int(np.clip(_CACHE // (4 * cols * (2 * axes + 2)), 16, 128))
-    open_orders = bool((ready.tables.either >= EITHER[0]).any())
+    open_orders = any(table.either >= EITHER[0] for table in ready.tables)
     halo = HALO + SETTLE if open_orders else HALO
+    result = Result(coordinate, sigma, flags)
     periods = np.array([axis.fringes[0].period if axis.fringes else 1.0 for axis in ready.axes], np.float32)
 
     def work(first: int, last: int) -> None:
@@ -459,34 +464,23 @@ def applied(light: Light, ready: Prepared, mask: Mask) -> Correspondence:
         rooms, done = (_Room(axes, size, cols), _Room(axes, size, cols)), max(first - halo, 0)
         for number, start in enumerate(range(first, last, size)):
             stop = min(start + size, last)
-            low, high = max(start - halo, 0), min(stop + halo, rows)
-            room = rooms[number % 2]
-            room.begin(high - low, rooms[1 - number % 2] if number else None, done - low)
+            low, high = start - halo, min(stop + halo, rows)
+            room, before = rooms[number % 2], rooms[1 - number % 2] if number else None
+            block = room.begin(stop - start + 2 * halo, before, 2 * halo)
             if done < high:
-                new, keep = slice(done, high), done - low
-                # rows beyond first..last are another thread's, too
-                least, level, wrong = np.empty((3, high - done, cols), np.float32)
-                lines = least, level, wrong
-                maps = room.place, room.variance, room.amplitude
-                out = Maps(*maps, room.chi2[keep:], *lines, room.flags[keep:])
-                looked_up = _looked_up(light, ready, done, high)
-                pixel_rows(_numbers(light), _noise(ready), ready.tables, looked_up, done, high, out, keep)
+                out, numbers = Maps(*block, amplitude, offset, error), (_numbers(light), _noise(ready))
+                looked_up, which = _looked_up(light, ready, done, high), (done, high, first, last)
+                pixel_rows(*numbers, ready.tables, looked_up, which, done - low, out)
                 if mask is not None:
-                    room.flags[keep:] |= np.where(mask[new], np.uint16(0), np.uint16(Flag.INVALID))
-                begin = max(done, first)
-                end = max(begin, min(high, last))
-                for whole, line in zip((amplitude, offset, error), lines, strict=True):
-                    whole[begin:end] = line[begin - done : end - done]
+                    block.flags[done - low : high - low][~mask[done:high]] |= np.uint16(Flag.INVALID)
                 done = high
-            block = Block(room.place, room.variance, room.amplitude, room.chi2, room.flags)
-            result, above = room.result(stop - start, flags[start:stop]), start - low
+            block.flags[: max(-low, 0)] = block.flags[high - low :] = Flag.INVALID
             if open_orders:
-                block, above = settle(block, above, stop - start, periods)
-            neighbours(block, above, ready.dof, ready.limits, result)
+                block, low = settle(block, periods), low + SETTLE
+            image = max(-low, 0), min(rows - low, len(block.flags))
+            neighbours(block, image, ready.dof, ready.limits, start, result)
             if open_orders:
-                chosen = (result.flags == 0) & (error[start:stop] == 1)
-                error[start:stop][chosen] = 0
-            coordinate[:, start:stop], sigma[:, start:stop] = result.coordinate, result.sigma
+                error[start:stop][(flags[start:stop] == 0) & (error[start:stop] == 1)] = 0
 
     cuts = np.unique(np.linspace(0, rows, min(threads(), max(rows // 32, 1)) + 1).astype(int)).tolist()
     over_blocks(work, cuts)
@@ -504,22 +498,18 @@ class _Room:
 
     def __init__(self, axes: int, size: int, cols: int) -> None:
         most = size + 2 * (HALO + SETTLE)
-        self._kept = [np.zeros(axes * most * cols, np.float32) for _ in range(6)]
+        self._kept = [np.zeros(axes * most * cols, np.float32) for _ in range(4)]
         self._flags, self._axes, self._cols = np.zeros((most, cols), np.uint16), axes, cols
 
-    def begin(self, rows: int, before: _Room | None, shared: int) -> None:
+    def begin(self, rows: int, before: _Room | None, shared: int) -> Block:
         """A block of so many rows; shared: its first ones are the last ones of the block before."""
         axes, cols = self._axes, self._cols
-        maps = [one[: axes * rows * cols].reshape(axes, rows, cols) for one in self._kept[:3]]
-        self.place, self.variance, self.amplitude = maps
-        self.chi2 = self._kept[3][: rows * cols].reshape(rows, cols)
-        self.flags = self._flags[:rows]
-        if before is not None and shared > 0:
-            for name in ("place", "variance", "chi2", "amplitude", "flags"):
-                getattr(self, name)[..., :shared, :] = getattr(before, name)[..., -shared:, :]
-
-    def result(self, rows: int, flags: NDArray[np.uint16]) -> Result:
-        """Output of the neighbours for so many rows."""
-        size, shape = self._axes * rows * self._cols, (self._axes, rows, self._cols)
-        coordinate, sigma = (one[:size].reshape(shape) for one in self._kept[4:])
-        return Result(coordinate, sigma, flags)
+        place, variance, amplitude = (
+            one[: axes * rows * cols].reshape(axes, rows, cols) for one in self._kept[:3]
+        )
+        chi2 = self._kept[3][: rows * cols].reshape(rows, cols)
+        self.block = Block(place, variance, amplitude, chi2, self._flags[:rows])
+        if before is not None:
+            for number, own in enumerate(self.block):
+                np.asarray(own)[..., :shared, :] = np.asarray(before.block[number])[..., -shared:, :]
+        return self.block

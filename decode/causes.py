@@ -34,10 +34,11 @@ def few_good(found: Correspondence, light: Light, sequence: Sequence) -> tuple[N
     if not len(bright):
         return ()
     lit = inside & (found.amplitude > 0.5 * np.percentile(bright[:: 1 + len(bright) // _SEEN], 95))
-    flags, good = found.flags[lit], float(found.good[lit].mean())
+    number = np.count_nonzero(lit)
+    good = np.count_nonzero(lit & found.good) / number
 
     def share(flag: Flag) -> float:
-        return float((flags & flag != 0).mean())
+        return np.count_nonzero(found.flags[lit] & flag) / number
 
     if good >= _FEW and share(Flag.OFF_PATTERN) < _OFF:
         return ()

@@ -17,9 +17,9 @@ from optolever.kernels import F32, F64, I64
 from optolever.notices import Notice
 
 from .causes import off_the_end
-from .codes.bits import BitTable, ends_of, read_rows
-from .codes.fringe import Fit, FringeTable, fringe_rows
-from .pixels import Tables
+from .codes.bits import BitTable, ends_row, read_row
+from .codes.fringe import FringeTable, fit_row
+from .pixels import AxisTable
 from .plan import AxisPlan, Plan
 from .records import Flag
 
@@ -64,19 +64,19 @@ def contradictions(
     light: Numbers,
     noise: tuple[np.float32, np.float32],
     p: Plan,
-    tables: Tables,
+    tables: tuple[AxisTable, ...],
     moved: bool,
 ) -> tuple[Mask, tuple[Notice, ...]]:
     """Pixels (H, W) where bits and fringes contradict each other, and the causes; moved: a mirror that moves
     shifts bits and fringes."""
     wrong, notices = np.zeros(flags.shape, np.bool_), []
     shape = -(-flags.shape[0] // _TILE), -(-flags.shape[1] // _TILE)
-    for axis, fringes, code in zip(p.axes, tables.fringes, tables.bits, strict=True):
-        if code is None or axis.looked_up or not fringes or code.cell > _WIDE * fringes[0].period:
+    for axis, (fringes, code, *_) in zip(p.axes, tables, strict=True):
+        if axis.code is None or axis.looked_up or not axis.fringes or code.cell > _WIDE * fringes.period[0]:
             continue
         for count, least in ((1, _SUSPECT), (_SAMPLES, _LEAST)):
-            view, levels = _view(flags, light, noise, fringes[0], code, count)
-            bad, known = _windows(view, float(fringes[0].period), shape, least)
+            view, few, kept = _view(flags, light, noise, fringes, code, count)
+            bad, known = _windows(view, float(fringes.period[0]), shape, least)
             cause = _everywhere(axis, view, _MOVED if moved else _SHIFT)
             if not (cause or bad.any()):
                 break
@@ -84,7 +84,7 @@ def contradictions(
             share = float(bad.sum() / max(known.sum(), 1))
             cause = cause or _other_cells(axis, code, view)
             everywhere = bool(cause) or share > _MOST
-            cause = cause or _wrong_bit(axis, code, view, levels, bad)
+            cause = cause or _wrong_bit(axis, code, view, few[:, kept], bad)
             bad = np.ones_like(bad) if everywhere else maximum_filter(bad, 3)
             tiles = np.repeat(np.repeat(bad, _TILE, axis=0), _TILE, axis=1)
             wrong |= tiles[: flags.shape[0], : flags.shape[1]]
@@ -112,26 +112,32 @@ def _view(
     fringe: FringeTable,
     code: BitTable,
     count: int,
-) -> tuple[_View, NDArray[Any]]:
-    """Samples that are no doubt by themselves, so many of a tile, and their levels (N, K) of the axis."""
+) -> tuple[_View, NDArray[Any], Mask]:
+    """Samples that are no doubt by themselves, so many of a tile; levels (N, K) of the axis, and which."""
     (row, col), width = _places(flags.shape, count), flags.shape[1]
     tile, place = row // _TILE * -(-width // _TILE) + col // _TILE, row * width + col
     lit = flags.ravel()[place] & _UNLIT == 0
     tile, place = tile[lit], place[lit]
-    raw, used = light[0].reshape(len(light[0]), -1), {*fringe.frames, *code.plain, *code.inverse, *code.ends}
+    raw, used = (
+        light[0].reshape(len(light[0]), -1),
+        {*fringe.frames[0], *code.plain, *code.inverse, *code.ends},
+    )
     few = np.zeros((len(raw), 1, len(place)), raw.dtype)
     for i in used - {-1}:
         np.take(raw[i], place, out=few[i, 0])
-    own, shape = (few, *light[1:]), (1, len(place))
-    offset, amplitude, phase, variance, middle, error, chi2 = np.zeros((7, *shape), np.float32)
-    doubt = np.zeros(shape, np.int32)
-    fringe_rows(own, noise, fringe, 0, Fit(offset, amplitude, phase, variance), chi2, doubt)
-    known = offset - amplitude, offset + amplitude
-    ends = known if code.fringe else ends_of(few, light[1], code, 0, 1)
-    reach = read_rows(few, light[1], noise, code, 0, ends, middle, error, doubt)
-    kept = (doubt[0] == 0) & (2 * reach[0] < _WIDE * fringe.period)
-    maps = phase[0, kept], middle[0, kept], 2 * reach[0, kept]
-    return _View(tile[kept], *maps, *_phasors(*maps, float(fringe.period))), few[:, 0, kept]
+    lines, words, doubt = np.zeros((15, len(place)), np.float32), *np.zeros((2, 2, len(place)), np.int32)
+    offset, amplitude, phase, variance, middle, reach, error, chi2, low, high = lines[5:]
+    fit = lines[:4], np.zeros_like(few[0, 0]), offset, amplitude, phase, variance
+    fit_row(few, *light[1:], noise, fringe, (0, 0), *fit, chi2, doubt[0])
+    if code.fringe:
+        low[:], high[:] = offset - amplitude, offset + amplitude
+    else:
+        ends_row(few, light[1], code.ends, 0, low, high)
+    read_row(few, light[1], noise, code, 0, low, high, lines[:3], words, middle, reach, error, doubt[0])
+    period = float(fringe.period[0])
+    kept = (doubt[0] == 0) & (2 * reach < _WIDE * period)
+    maps = phase[kept], middle[kept], 2 * reach[kept]
+    return _View(tile[kept], *maps, *_phasors(*maps, period)), few[:, 0], kept
 
 
 def _phasors(phase: F32, middle: F32, width: F32, period: float) -> tuple[F32, NDArray[np.complex64]]:

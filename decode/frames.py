@@ -27,7 +27,7 @@ __all__ = [
     "level_of",
     "levels_of",
     "light_of",
-    "sample_levels",
+    "raw_at",
     "sample_places",
 ]
 
@@ -301,10 +301,10 @@ def sample_places(shape: tuple[int, int], runs: int) -> NDArray[np.int64]:
     return np.stack([np.repeat(row, length), across.ravel()], axis=1)
 
 
-def sample_levels(light: Light, places: NDArray[np.int64]) -> F32:
-    """Linear levels (N, K) at places (K, 2); saturated samples are NaN."""
-    number = np.ravel_multi_index(tuple(places.T), light.raw.shape[1:])
-    return light.linear(light.raw.reshape(len(light.raw), -1).take(number, axis=1))
+def raw_at(light: Light, places: NDArray[np.int64]) -> NDArray[Any]:
+    """Raw levels (N, K) at places (K, 2)."""
+    number = places @ (light.raw.shape[2], 1)
+    return np.ascontiguousarray(light.raw.reshape(len(light.raw), -1).take(number, axis=1))
 
 
 @inlined

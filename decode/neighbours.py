@@ -8,16 +8,16 @@ over noise join it, too: of the residuals around a pixel (chi2), of third differ
 of the residual to the quadratic of 5 x 5 (a crease has third differences at few pixels). Beside flagged
 pixels the place is that of the lit part of the aperture, at the display's border that of its lit cells.
 
-    neighbours(block, above, dof, limits, result)
+    neighbours(block, image, dof, limits, start, result)
 
     block    place, variance, amplitude (A, n, W); chi2, flags (n, W): rows of the result and HALO more on
-             either side, fewer at the image's border
-    above    rows of the block before the result's first one
+             either side; image (2,): first of them that is a row of the image, and the one behind the last
     dof      degrees of freedom of chi2, 0: it says nothing
     limits   (A, 6) float32, rows of axis_limits()
-    result   coordinate, sigma (A, R, W), flags (R, W), written
+    result   coordinate, sigma (A, H, W), flags (H, W) of the whole image, written from row `start` on
 
-Axes without frames have no row in A. Flagged pixels may have any place and variance that is finite.
+Axes without frames have no row in A. Flagged pixels may have any place and variance that is finite, and so
+have rows beyond the image, which are flagged.
 """
 
 from functools import lru_cache
@@ -26,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.kernels import F32, I64, inlined, kernel
+from optolever.kernels import F32, inlined, kernel
 from optolever.kernels import HALF as _HALF
 from optolever.kernels import ONE as _ONE
 from optolever.kernels import ZERO as _ZERO
@@ -39,6 +39,7 @@ __all__ = ["BLURRED", "EITHER", "HALO", "SETTLE", "Block", "Result", "axis_limit
 U8 = NDArray[np.uint8]
 U16 = NDArray[np.uint16]
 Mask = NDArray[np.bool_]
+Span = tuple[int, int]
 #: Rows that a block needs beside its result; more of them for settle(); flags of two orders by axis.
 HALO, SETTLE, EITHER = 4, 2, (np.uint16(1 << 9), np.uint16(1 << 10))
 #: Fewest sure pixels of 5 x 5 that choose an order, least share that agrees, to this share of a period.
@@ -76,7 +77,7 @@ class Block(NamedTuple):
 
 
 class Result(NamedTuple):
-    """Rows of the maps: coordinate, sigma (A, R, W) float32, pattern px; flags (R, W) uint16."""
+    """Maps: coordinate, sigma (A, H, W) float32, pattern px; flags (H, W) uint16."""
 
     coordinate: F32
     sigma: F32
@@ -107,9 +108,9 @@ def axis_limits(axis: AxisPlan, lens_px: float | None = None, on_cells: bool = T
     return np.array([jump, extent, border, aperture, unsure, fine], np.float32)
 
 
-def settle(block: Block, above: int, rows: int, periods: F32) -> tuple[Block, int]:
-    """A block of HALO + SETTLE rows around `rows` for neighbours(), and its rows above: where two orders of a
-    period (A,) fit, the one next to the median of the sure pixels of 5 x 5."""
+def settle(block: Block, periods: F32) -> Block:
+    """A block for neighbours() of one with SETTLE rows more on either side: where two orders of a period (A,)
+    fit, the one next to the median of the sure pixels of 5 x 5."""
     place, flags, sure = block.place.copy(), block.flags.copy(), block.flags == 0
     down, along = (one.ravel() for one in np.mgrid[-2:3, -2:3])
     for a, period in enumerate(periods):
@@ -129,36 +130,17 @@ def settle(block: Block, above: int, rows: int, periods: F32) -> tuple[Block, in
         found &= np.count_nonzero(near, axis=1) >= _AGREE * number
         place[a][at] = np.where(found, chosen, place[a][at])
         flags[at] = (flags[at] & ~EITHER[a]) | np.where(found, np.uint16(0), np.uint16(Flag.ORDER_DOUBTFUL))
-    first = max(above - HALO, 0)
-    kept = slice(first, above + rows + HALO)
-    rings = [np.ascontiguousarray(one[:, kept]) for one in (place, block.variance, block.amplitude)]
-    return Block(rings[0], rings[1], rings[2], block.chi2[kept], flags[kept]), above - first
+    rings = [np.ascontiguousarray(one[:, SETTLE:-SETTLE]) for one in (place, block.variance, block.amplitude)]
+    return Block(rings[0], rings[1], rings[2], block.chi2[SETTLE:-SETTLE], flags[SETTLE:-SETTLE])
 
 
-def neighbours(block: Block, above: int, dof: int, limits: F32, result: Result) -> None:
+def neighbours(block: Block, image: Span, dof: int, limits: F32, start: int, result: Result) -> None:
     """See the head of the file."""
-    rows = len(result.flags)
-    top, end = HALO - above, HALO - above + len(block.flags)  # rows of the image; beyond it nothing is clean
-    place, variance, amplitude, chi2, flags = block
-    if (top, end) != (0, rows + 2 * HALO):
-        ends = (0, 0), (top, rows + 2 * HALO - end), (0, 0)
-        place, variance, amplitude = (np.pad(one, ends) for one in (place, variance, amplitude))
-        chi2 = np.pad(chi2, ends[1:])
-        flags = np.pad(flags, ends[1:], constant_values=np.uint16(Flag.INVALID))
-    (axes, n, width), found = place.shape, np.empty_like(flags)
-    _confirmed(place, variance, amplitude, flags, limits, top, end, np.zeros(width, np.bool_), found)
-    clean = found == 0
-    windows = _whole(n, width) if clean.all() else _windows(clean)
-    rings, work = np.zeros((4 * axes + 1, 8, width + 6), np.float32), np.zeros((9, width + 6), np.float32)
-    (coordinate, sigma, _), slow = result, np.zeros((axes, rows, width), np.bool_)
-    maps = place, variance, amplitude, chi2
-    _excess(*maps, windows, limits, np.float32(dof), rings, work, coordinate, sigma, slow)
-    result.flags[:] = found[HALO : HALO + rows]
-    for a in range(axes):
-        at = np.flatnonzero(slow[a])
-        if at.size:
-            own = place[a], amplitude[a], amplitude, windows[_FULL], windows[_CLEAN], top, end, limits[a], at
-            _judge(*own, coordinate[a], sigma[a], result.flags)
+    n, width = block.flags.shape
+    found = _confirmed(block, limits, image)
+    windows = _windows(found == 0) if found[image[0] : image[1]].any() else _whole(n, width, *image)
+    result.flags[start : start + n - 2 * HALO] = found[HALO : n - HALO]
+    _excess(block, windows, limits, np.float32(dof), image, start, result)
 
 
 @inlined
@@ -172,25 +154,18 @@ def least(amplitude: F32, y: int, x: int) -> np.float32:
 def falling(place: F32, light: F32, y: int, x: int) -> np.float32:
     """2 grad u . grad ln A by central differences."""
     left, right, above, below = light[y, x - 1], light[y, x + 1], light[y - 1, x], light[y + 1, x]
-    along = (place[y, x + 1] - place[y, x - 1]) * (right - left) / max(right + left, _LEAST)
-    down = (place[y + 1, x] - place[y - 1, x]) * (below - above) / max(below + above, _LEAST)
-    return np.float32(along + down)
+    wide, high = max(right + left, _LEAST), max(below + above, _LEAST)
+    along = (place[y, x + 1] - place[y, x - 1]) * (right - left) * high
+    down = (place[y + 1, x] - place[y - 1, x]) * (below - above) * wide
+    return np.float32((along + down) / (wide * high))
 
 
 @kernel
-def _confirmed(
-    place: F32,
-    variance: F32,
-    amplitude: F32,
-    flags: U16,
-    limits: F32,
-    top: int,
-    end: int,
-    sure: Mask,
-    found: U16,
-) -> None:
-    """Flags, and OUTLIER where neighbours contradict or half is unlit; rows of the image: top to end."""
-    (axes, n, width), half, two, none = place.shape, np.float32(0.5), np.float32(2), np.uint16(0)
+def _confirmed(block: Block, limits: F32, image: Span) -> U16:
+    """Flags, and OUTLIER where neighbours contradict or half is unlit."""
+    place, variance, amplitude, _, flags = block
+    (axes, n, width), (top, end), half, two = place.shape, image, np.float32(0.5), np.float32(2)
+    found, sure, none = np.empty_like(flags), np.zeros(width, np.bool_), np.uint16(0)
     for y in range(n):
         up, down = max(y - 1, top), min(y + 1, end - 1)
         for x in range(width):
@@ -203,7 +178,11 @@ def _confirmed(
                 off = abs(place[a, y, x] + place[a, y, x + 2] - two * place[a, y, x + 1])
                 beside = flags[y, x] | flags[y, x + 2] | flags[up, x + 1] | flags[down, x + 1]
                 sure[x + 1] = (off < two * jump) & (beside == none)
-            for x in range(width):
+            some = False
+            for x in range(1, width - 1):
+                some |= not sure[x]
+            for number in range(width if some else 2):
+                x = number if some else number * (width - 1)
                 if sure[x] or flags[y, x] != none:
                     continue
                 brightest, rim = _ZERO, False
@@ -243,58 +222,65 @@ def _confirmed(
                     known |= beyond < _ZERO or beyond * beyond < _SURE2 * (v + v2)
                 if not known:
                     found[y, x] |= _OUTLIER
+    return found
 
 
-@lru_cache(maxsize=4)
-def _whole(rows: int, width: int) -> U8:
-    return _windows(np.ones((rows, width), np.bool_))
+@lru_cache(maxsize=8)
+def _whole(rows: int, width: int, top: int, end: int) -> U8:
+    clean = np.zeros((rows, width), np.bool_)
+    clean[top:end] = True
+    return _windows(clean)
 
 
 def _windows(clean: Mask) -> U8:
     """(8, n, W), see _CLEAN, of clean pixels (n, W)."""
-    one = clean.astype(np.uint8)
-    row, col = _over(one, 0, 3, 1) == 4, _over(one, 0, 3, 0) == 4
-    number = _over(_over(one, -2, 2, 0), -2, 2, 1)
-    full = number == 25
-    along = _over(_over(row.astype(np.uint8), -3, 0, 1), -3, 3, 0)
-    down = _over(_over(col.astype(np.uint8), -3, 0, 0), -3, 3, 1)
-    near = _over(_over(full.astype(np.uint8), -1, 1, 0), -1, 1, 1)
-    return np.stack([one, number, full, row, col, along, down, near])
+    out, work = np.zeros((8, *clean.shape), np.uint8), np.empty(clean.shape, np.uint8)
+    out[_CLEAN] = clean
+    _over(_over(out[_CLEAN], 0, 0, -2, 2, work), -2, 2, 0, 0, out[_NUMBER])
+    out[_FULL] = out[_NUMBER] == 25
+    out[_ROW] = _over(out[_CLEAN], 0, 0, 0, 3, work) == 4
+    out[_COL] = _over(out[_CLEAN], 0, 3, 0, 0, work) == 4
+    _over(_over(out[_ROW], 0, 0, -3, 0, work), -3, 3, 0, 0, out[_ALONG])
+    _over(_over(out[_COL], 0, 0, -3, 3, work), -3, 0, 0, 0, out[_DOWN])
+    _over(_over(out[_FULL], 0, 0, -1, 1, work), -1, 1, 0, 0, out[_NEAR])
+    return out
 
 
-def _over(of: U8, first: int, last: int, axis: int) -> U8:
-    """Sums over pixels from `first` to `last` further along an axis, 0 beyond the block."""
-    out, n = np.zeros_like(of), of.shape[axis]
-    to, add = np.moveaxis(out, axis, 0), np.moveaxis(of, axis, 0)
-    for k in range(first, last + 1):
-        to[max(-k, 0) : max(n - k, 0)] += add[max(k, 0) : max(n + k, 0)]
+@kernel
+def _over(of: U8, top: int, bottom: int, left: int, right: int, out: U8) -> U8:
+    """Sums over pixels from `top` to `bottom` further down and `left` to `right` further along, 0 beyond the
+    block, into out."""
+    n, width = of.shape
+    for y in range(n):
+        for x in range(width):
+            out[y, x] = np.uint8(0)
+        for i in range(max(y + top, 0), min(y + bottom + 1, n)):
+            for j in range(left, right + 1):
+                for x in range(max(-j, 0), min(width - j, width)):
+                    out[y, x] += of[i, x + j]
     return out
 
 
 @kernel
 def _excess(
-    place: F32,
-    variance: F32,
-    amplitude: F32,
-    chi2: F32,
-    windows: U8,
-    limits: F32,
-    dof: np.float32,
-    rings: F32,
-    work: F32,
-    coordinate: F32,
-    sigma: F32,
-    slow: Mask,
+    block: Block, windows: U8, limits: F32, dof: np.float32, image: Span, start: int, result: Result
 ) -> None:
-    """Places without their aperture, sigma with its excesses over noise, clean pixels for _judge.
+    """Places without their aperture, sigma with its excesses over noise.
 
     Row k joins the sums of its neighbourhoods, those of row k - 3 are then whole. Sums of rows lie in rings
-    of 8; work (9, W + 6): lines of one row, 0 beside it."""
-    axes, n, _ = place.shape
-    residual, across, fall, curve, flat, off = rings[0], work[0], work[1], work[2], work[3], work[4]
+    of 8; lines of one row have 0 beside it."""
+    (axes, n, width), (place, variance, amplitude, chi2, _) = block.place.shape, block
+    rings, work = np.zeros((4 * axes + 1, 8, width + 6), np.float32), np.zeros((9, width + 6), np.float32)
+    slow, full, clean, (coordinate, sigma, _) = (
+        np.zeros(width, np.bool_),
+        windows[_FULL],
+        windows[_CLEAN],
+        result,
+    )
+    residual, across, fall, inner, flat, off = rings[0], work[0], work[1], work[2], work[3], work[4]
     column, inflation, third, bracket = work[5], work[6], work[7], work[8]
     for k in range(1, n - 1):
-        y, r = k - 3, k - 3 - HALO
+        y, r, to = k - 3, k - 3 - HALO, start + k - 3 - HALO
         _residuals(chi2[k], windows[_CLEAN, k], dof, residual[k & 7])
         if r >= 0:
             _inflation(residual, y, chi2[y], windows[_NUMBER, y], dof, column, inflation)
@@ -302,7 +288,7 @@ def _excess(
             p, v, own = place[a], variance[a], limits[a]
             if own[5] == _ZERO:
                 if r >= 0:
-                    _inflated(p[y], v[y], inflation, coordinate[a, r], sigma[a, r])
+                    _inflated(p[y], v[y], inflation, coordinate[a, to], sigma[a, to])
                 continue
             own_rings = rings[4 * a + 1 :]
             rows, cols, rest, bend = own_rings[0], own_rings[1], own_rings[2], own_rings[3]
@@ -311,16 +297,16 @@ def _excess(
                 _down(p, v[k - 2], k - 3, windows[_COL, k - 3], fall, cols[(k - 3) & 7])
             if k >= 4:
                 j = k - 2
-                _quadratic(p, j, windows[_FULL, j], curve, flat, bend[j & 7])
-                _rest(p, j, windows[_FULL, j], flat, bend[j & 7], off, rest[j & 7])
+                _quadratic(p, j, full[j], inner, flat, off, bend[j & 7], rest[j & 7])
             if r >= 0:
                 _thirds(rows, cols, y, windows[_ALONG, y], windows[_DOWN, y], third)
                 _bracket(p, amplitude[a], y, windows[_FULL, y], bend[y & 7], bracket)
-                _result(p[y], v[y], inflation, third, bracket, own, coordinate[a, r], sigma[a, r])
-                _creased(rest, y, v[y], inflation, windows[_NEAR, y], sigma[a, r])
-                _open(bend[y & 7], windows[_FULL, y], windows[_CLEAN, y], own, slow[a, r])
+                _creased(rest, y, v[y], inflation, windows[_NEAR, y], third)
+                _result(p[y], v[y], inflation, third, bracket, own, (coordinate[a, to], sigma[a, to]))
+                _open(bend[y & 7], full[y], clean[y], own, slow)
                 if own[2] > _ZERO:
-                    _bordered(p, y, windows[_CLEAN, y], own, slow[a, r])
+                    _bordered(p, y, clean[y], own, slow)
+                _judge(block, windows, own, image, (a, y, to), slow, result)
 
 
 @kernel
@@ -386,40 +372,24 @@ def _down(place: F32, variance: F32, j: int, whole: U8, square: F32, out: F32) -
 
 
 @kernel
-def _quadratic(place: F32, j: int, full: U8, curve: F32, flat: F32, bend: F32) -> None:
-    """Laplacian of the quadratic through 5 x 5 around row j; flat: sums of columns."""
-    four, five, ten = np.float32(4), np.float32(5), np.float32(10)
+def _quadratic(place: F32, j: int, full: U8, inner: F32, flat: F32, off: F32, bend: F32, out: F32) -> None:
+    """Laplacian of the quadratic through 5 x 5 around row j; squares of the residual to it, sums of three.
+    inner, flat: sums of the columns' inner and of all their pixels."""
+    three, four, five, ten = np.float32(3), np.float32(4), np.float32(5), np.float32(10)
     for x in range(full.size):
         q = place[j, x]
-        outer = place[j - 2, x] - q + (place[j + 2, x] - q)
-        inner = place[j - 1, x] - q + (place[j + 1, x] - q)
-        flat[x] = outer + inner
-    for x in range(full.size):
-        q = place[j, x]
-        outer = place[j - 2, x] - q + (place[j + 2, x] - q)
-        inner = place[j - 1, x] - q + (place[j + 1, x] - q)
-        curve[x] = four * outer + inner
+        near = place[j - 1, x] - q + (place[j + 1, x] - q)
+        inner[x] = near
+        flat[x] = near + (place[j - 2, x] - q + (place[j + 2, x] - q))
     for x in range(full.size - 4):
-        q = place[j, x + 2]
+        q, whole = place[j, x + 2], np.float32(full[x + 2])
         outer = place[j, x] - q + (place[j, x + 4] - q)
-        inner = place[j, x + 1] - q + (place[j, x + 3] - q)
-        bent = curve[x] + curve[x + 1] + curve[x + 2] + curve[x + 3] + curve[x + 4]
-        bent += ten * (outer + inner) + four * (five * outer + flat[x] + flat[x + 4])
-        bent += five * inner + flat[x + 1] + flat[x + 3]
-        total = five * (outer + inner) + flat[x] + flat[x + 1] + flat[x + 2] + flat[x + 3] + flat[x + 4]
-        bend[x + 2] = (bent - four * total) * np.float32(1 / 35) * np.float32(full[x + 2])
-
-
-@kernel
-def _rest(place: F32, j: int, full: U8, flat: F32, bend: F32, off: F32, out: F32) -> None:
-    """Squares of the residual to that quadratic; sums of three."""
-    five = np.float32(5)
-    for x in range(full.size - 4):
-        q = place[j, x + 2]
-        total = place[j, x] - q + (place[j, x + 4] - q) + (place[j, x + 1] - q) + (place[j, x + 3] - q)
-        total = five * total + flat[x] + flat[x + 1] + flat[x + 2] + flat[x + 3] + flat[x + 4]
-        away = total * np.float32(0.04) * np.float32(full[x + 2]) - bend[x + 2]
-        off[x + 3] = away * away
+        near = place[j, x + 1] - q + (place[j, x + 3] - q)
+        ends, sides = flat[x] + flat[x + 4], flat[x + 1] + flat[x + 3]
+        bent = inner[x] + inner[x + 1] + inner[x + 2] + inner[x + 3] + inner[x + 4]
+        bent = (four * ends + sides + ten * outer - five * near - three * bent) * np.float32(1 / 35) * whole
+        away = (five * (outer + near) + ends + sides + flat[x + 2]) * np.float32(0.04) * whole - bent
+        bend[x + 2], off[x + 3] = bent, away * away
     for x in range(full.size):
         out[x] = off[x] + off[x + 1] + off[x + 2]
 
@@ -429,15 +399,14 @@ def _thirds(rows: F32, cols: F32, y: int, along: U8, down: U8, out: F32) -> None
     """Larger mean of both third differences over 7 x 7 pixels."""
     three = np.float32(3)
     for x in range(out.size - 6):
-        number = np.float32(along[x])
         total = rows[(y - 3) & 7, x] + rows[(y - 2) & 7, x] + rows[(y - 1) & 7, x] + rows[y & 7, x]
-        total += rows[(y + 1) & 7, x] + rows[(y + 2) & 7, x] + rows[(y + 3) & 7, x]
-        out[x] = total / number if number > three else _ZERO
+        out[x] = total + rows[(y + 1) & 7, x] + rows[(y + 2) & 7, x] + rows[(y + 3) & 7, x]
     for x in range(out.size - 6):
-        number = np.float32(down[x])
         total = cols[(y - 3) & 7, x] + cols[(y - 2) & 7, x] + cols[(y - 1) & 7, x] + cols[y & 7, x]
-        total = total / number if number > three else _ZERO
-        out[x] = out[x] if out[x] > total else total
+        one, two = max(np.float32(along[x]), _ONE), max(np.float32(down[x]), _ONE)
+        first, second = out[x] if one > three else _ZERO, total if two > three else _ZERO
+        more = first * two > second * one
+        out[x] = (first if more else second) / (one if more else two)
 
 
 @kernel
@@ -448,34 +417,28 @@ def _bracket(place: F32, light: F32, y: int, full: U8, bend: F32, out: F32) -> N
 
 
 @kernel
-def _result(
-    place: F32,
-    variance: F32,
-    inflation: F32,
-    third: F32,
-    bracket: F32,
-    limits: F32,
-    coordinate: F32,
-    sigma: F32,
-) -> None:
-    """Place without its aperture; variance by noise, third differences and the unsure moment."""
-    aperture, unsure = limits[3], limits[4]
-    for x in range(place.size):
-        level, moved = variance[x] * inflation[x], unsure * bracket[x]
+def _creased(rest: F32, y: int, variance: F32, inflation: F32, near: U8, third: F32) -> None:
+    """Excess of the third differences, and of the residuals to the quadratics of 3 x 3 pixels."""
+    for x in range(variance.size):
+        total = rest[(y - 1) & 7, x] + rest[y & 7, x] + rest[(y + 1) & 7, x]
+        level = variance[x] * inflation[x]
+        total = _OFF2 * total / max(np.float32(near[x]), _ONE) - _REST * level
         beyond = np.float32(0.05) * third[x] - _THIRD * level
-        sigma[x] = level + (beyond if beyond > _ZERO else _ZERO) + moved * moved
-    for x in range(place.size):
-        coordinate[x] = place[x] - aperture * bracket[x]
+        third[x] = (total if total > _ZERO else _ZERO) + (beyond if beyond > _ZERO else _ZERO)
 
 
 @kernel
-def _creased(rest: F32, y: int, variance: F32, inflation: F32, near: U8, sigma: F32) -> None:
-    """Sigma from the variance and the residuals to the quadratics of 3 x 3 pixels."""
-    for x in range(variance.size):
-        total = rest[(y - 1) & 7, x] + rest[y & 7, x] + rest[(y + 1) & 7, x]
-        total = _OFF2 * total / max(np.float32(near[x]), _ONE) - _REST * variance[x] * inflation[x]
-        total = sigma[x] + (total if total > _ZERO else _ZERO)
-        sigma[x] = np.sqrt(total if total > _LEAST else _LEAST)
+def _result(
+    place: F32, variance: F32, inflation: F32, excess: F32, bracket: F32, limits: F32, out: tuple[F32, F32]
+) -> None:
+    """Place without its aperture; sigma by noise, excesses and the unsure moment."""
+    aperture, unsure, (coordinate, sigma) = limits[3], limits[4], out
+    for x in range(place.size):
+        moved = unsure * bracket[x]
+        level = variance[x] * inflation[x] + excess[x] + moved * moved
+        sigma[x] = np.sqrt(level if level > _LEAST else _LEAST)
+    for x in range(place.size):
+        coordinate[x] = place[x] - aperture * bracket[x]
 
 
 @kernel
@@ -501,28 +464,22 @@ def _bordered(place: F32, y: int, clean: U8, limits: F32, slow: Mask) -> None:
 
 @kernel
 def _judge(
-    place: F32,
-    light: F32,
-    amplitude: F32,
-    full: U8,
-    clean: U8,
-    top: int,
-    end: int,
-    limits: F32,
-    at: I64,
-    coordinate: F32,
-    sigma: F32,
-    flags: U16,
+    block: Block, windows: U8, limits: F32, image: Span, at: tuple[int, int, int], slow: Mask, result: Result
 ) -> None:
     """Variance by the border of the image, of flagged pixels and of the display, flags beyond; places amid
-    a jump, which has no Laplacian; at: number of each pixel of the result."""
-    (_, width), half, two, none = place.shape, np.float32(0.5), np.float32(2), np.uint8(0)
+    a jump, which has no Laplacian; slow (W,): pixels of an axis' row, at: axis, row of block and result."""
+    (a, y, to), (top, end), half, two, none = at, image, np.float32(0.5), np.float32(2), np.uint8(0)
+    place, amplitude, clean, width = block.place[a], block.amplitude, windows[_CLEAN], slow.size
     jump, extent, border, aperture, unsure = limits[0], limits[1], limits[2], limits[3], limits[4]
-    for number in at:
-        r, x = number // width, number % width
-        y, q = r + HALO, place[r + HALO, x]
+    light, coordinate, sigma, some = amplitude[a], result.coordinate[a, to], result.sigma[a, to], width < 4
+    for x in range(2, width - 2):
+        some |= slow[x]
+    for number in range(width if some else 4):  # the ends of a row always are
+        x = number if some or number < 2 else width - 4 + number
+        if not slow[x]:
+            continue
+        q, flagged = place[y, x], False
         brightest, along, down, sides, rows = _ZERO, _ZERO, _ZERO, 0, 0
-        flagged, lost = False, False
         for d in range(4):
             i, j, sign = y + (d == 1) - (d == 0), x + (d == 3) - (d == 2), np.float32(2 * (d & 1) - 1)
             if i < top or i >= end or j < 0 or j >= width:
@@ -540,11 +497,9 @@ def _judge(
         if flagged:
             loss = half * max(_ONE - least(amplitude, y, x) / max(brightest, np.float32(1e-6)), _ZERO)
             extra = loss * loss * step2
-        if full[y, x] == none:
-            for i in range(max(y - 2, top), min(y + 3, end)):
-                for j in range(max(x - 2, 0), min(x + 3, width)):
-                    lost |= clean[i, j] == none
-            if lost:
+        if windows[_FULL, y, x] == none:
+            inside = (min(y + 3, end) - max(y - 2, top)) * (min(x + 3, width) - max(x - 2, 0))
+            if windows[_NUMBER, y, x] < inside:
                 extra += step2 * (_RIM2 if flagged else _SECOND2)
             bend, nine = _ZERO, 0  # of the nearest pixel that has eight neighbours
             i, j = min(max(y, top + 1), end - 2), min(max(x, 1), width - 2)
@@ -562,12 +517,11 @@ def _judge(
             rise = abs(place[y - 2, x] + place[y + 2, x] - two * q)
             run = abs(place[y, x - 2] + place[y, x + 2] - two * q)
             if max(rise, run) > two * jump:
-                coordinate[r, x] = q
+                coordinate[x] = q
         if border > _ZERO:
             reach2 = two * aperture * step2 + border
             t = min(q + half, extent - half - q) / np.sqrt(reach2)
-            inside = max(t, _ZERO)
-            extra += np.float32(0.16) * reach2 * np.exp(-inside * inside)
+            extra += np.float32(0.16) * reach2 * np.exp(-(max(t, _ZERO) ** 2))
             if t < _REACH:
-                flags[r, x] |= _OFF
-        sigma[r, x] = np.sqrt(sigma[r, x] * sigma[r, x] + extra)
+                result.flags[to, x] |= _OFF
+        sigma[x] = np.sqrt(sigma[x] * sigma[x] + extra)

@@ -19,7 +19,7 @@ from optolever.kernels import F32, F64
 
 from .plan import Fringe, Plan, constraints
 
-__all__ = ["Noise", "Sample", "fit_noise"]
+__all__ = ["Noise", "Sample", "fit_noise", "regression"]
 
 Residuals = tuple[F64, F64]
 #: Share of a pixel's half contrast from which on a bit is bright or dark, and not at an edge.
@@ -68,6 +68,15 @@ class Sample:
         return np.flatnonzero(flat[count - 1 :] - flat[: max(len(flat) - count + 1, 0)] == count - 1)
 
 
+def regression(waves: F64, of: F64, rank: float) -> F64:
+    """Least squares (M, W) of maps (M, K) by waves (W, K), without directions whose singular value is less
+    than `rank` of the largest."""
+    square, direction = np.linalg.eigh(waves @ waves.T)
+    kept = square > rank**2 * square[-1]
+    some = direction[:, kept]
+    return np.asarray((of @ waves.T @ some / square[kept]) @ some.T)
+
+
 def fit_noise(plan: Plan, sample: Sample, rounding: float = 1 / 12) -> Noise:
     """Noise of the lit pixels of a sample; rounding: least variance, levels^2."""
     levels, first = sample.levels.astype(np.float64), sample.adjacent(3)
@@ -96,13 +105,15 @@ def _of_rows(rows: F64, levels: F64, first: NDArray[np.int64], fringes: Sequence
     first = first[:: 1 + len(rows) * len(first) // _MOST]
     nan = np.isnan(levels)
     levels = np.where(nan, np.fmax.reduce(levels, axis=None, initial=0.0), levels)  # saturated: about white
-    lost = (np.abs(rows) > 1e-9).astype(np.float64) @ nan > 0
+    saturated = np.asarray(nan.any(axis=0))
+    lost = np.zeros((len(rows), len(saturated)), np.bool_)
+    if saturated.any():
+        lost[:, saturated] = (np.abs(rows) > 1e-9).astype(np.float64) @ nan[:, saturated] > 0
     level, residual = np.square(rows) @ levels, rows @ levels
     if fringes and residual.size:
         waves = np.concatenate([fringe.harmonics(levels[list(fringe.index)]) for fringe in fringes])
-        known = ~nan.any(axis=0)
-        known |= np.count_nonzero(known) < _ENOUGH
-        residual -= np.linalg.lstsq(waves[:, known].T, residual[:, known].T, rcond=1e-3)[0].T @ waves
+        known = ~saturated if len(saturated) - np.count_nonzero(saturated) >= _ENOUGH else slice(None)
+        residual -= regression(waves[:, known], residual[:, known], 1e-3) @ waves
     kept = ~(lost[:, first] | lost[:, first + 1] | lost[:, first + 2])
     return _second(level, first)[1][kept], _second(residual, first)[0][kept]
 
@@ -121,25 +132,21 @@ def _of_codes(plan: Plan, levels: F64, first: NDArray[np.int64]) -> Residuals:
     frames = [i for i in (plan.white, plan.black) if i >= 0] + bits
     if len(bits) < 2:
         return np.zeros(0), np.zeros(0)
-    seen = levels[frames]
+    seen, at = levels[frames], np.arange(len(frames))[:, None]
     first = first[:: 1 + len(frames) * len(first) // _MOST]
     with np.errstate(invalid="ignore"):
         # a mean of the five selects without regard to their second differences
-        mean = np.mean([seen[:, first + k] for k in range(5)], axis=0)
+        sums = seen[:, :-4] + seen[:, 1:-3] + seen[:, 2:-2] + seen[:, 3:-1] + seen[:, 4:]
+        mean, bend = sums[:, first] / 5, seen[:, 1:-3] - 2 * seen[:, 2:-2] + seen[:, 3:-1]
         low, high = np.fmin.reduce(mean), np.fmax.reduce(mean)
         share = (2 * mean - low - high) / np.maximum(high - low, 1e-6)
-        state = (share > _FULL).astype(np.int8) - (share < -_FULL)
         found = []
-        for one in (1, -1):
-            full = state == one
-            at = np.arange(len(frames))[:, None]
+        for full in (share > _FULL, share < -_FULL):
             before = np.maximum.accumulate(np.where(full, at, -1), axis=0)
-            for i in range(1, len(frames)):  # the nearest frame before of the same state
-                t = np.flatnonzero(full[i] & (before[i - 1] >= 0))
-                j, k = before[i - 1, t], first[t] + 1
-                three = [(seen[i, k + s] - seen[j, k + s]) / np.sqrt(2) for s in range(3)]
-                residual = (three[0] - 2 * three[1] + three[2]) / np.sqrt(6)
-                found.append((0.5 * (seen[i, k + 1] + seen[j, k + 1]), residual))
+            i, t = np.nonzero(full[1:] & (before[:-1] >= 0))  # the nearest frame before of the same state
+            j, i, k = before[i, t], i + 1, first[t]
+            level = 0.5 * (seen[i, k + 2] + seen[j, k + 2])
+            found.append((level, (bend[i, k] - bend[j, k]) / np.sqrt(12)))
     return np.concatenate([a for a, _ in found]), np.concatenate([b for _, b in found])
 
 
@@ -147,7 +154,8 @@ def _trimmed(residual: F64) -> float:
     """Variance of the bulk of residuals: mean square of those within _TRIM deviations of it, iterated."""
     square = np.square(residual)
     # start from above: of integer grey values more than half of the residuals may be 0
-    variance = 4 * float(np.quantile(square, 0.75)) / 1.15**2 + 1e-9
+    most = 3 * len(square) // 4
+    variance = 4 * float(np.partition(square, most)[most]) / 1.15**2 + 1e-9
     for _ in range(30):
         kept = square[square <= _TRIM**2 * variance]
         found = float(kept.mean()) / _REMAINING if len(kept) else variance

@@ -31,7 +31,7 @@ Order = NDArray[np.int64]
 #: Blocks of the search, side of one, pixels.
 _BLOCKS, _SIDE = 36, 10
 #: Places at which blocks may lie; pixels by which two frames count as the same.
-_SEEN, _COMPARED = 6000, 1200
+_SEEN, _COMPARED = 3000, 400
 #: Sum of 1 - test that starts the search, and least gain (right captures: 0.35 where bits are resolved).
 _POOR = 0.6
 _EXCHANGED = "u and v are exchanged"

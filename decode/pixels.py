@@ -1,4 +1,5 @@
-"""Levels of one pixel -> place, variance, amplitude, residual, flags; by blocks of rows."""
+"""Levels of one pixel -> place, variance, amplitude, residual, flags; row by row, in lines that stay in the
+core's first cache."""
 
 from typing import NamedTuple
 
@@ -9,162 +10,187 @@ from optolever.kernels import F32, I32, kernel
 from optolever.kernels import HALF as _HALF
 from optolever.kernels import ZERO as _ZERO
 
-from .codes.bits import BitTable, ends_of, read_rows
-from .codes.fringe import Fit, FringeTable, fringe_rows
+from .codes.bits import BitTable, ends_row, read_row
+from .codes.fringe import FringeTable, fit_row
 from .codes.lookup import Lines
 from .codes.orders import Orders, climb_row, compare_row, join_row, start_row
 from .frames import RawFrames
 from .records import Flag
 
-__all__ = ["Maps", "Tables", "pixel_rows"]
+__all__ = ["AxisTable", "Maps", "pixel_rows"]
 
 #: Modulation over its noise below which a pixel is flagged: noise alone reaches it once in 3.7e-6.
 _CONTRAST2 = np.float32(25)
-#: Deviations by which a place may lie beyond the surface.
-_SLACK = np.float32(3)
+#: Square of the deviations by which a place may lie beyond the surface.
+_SLACK2 = np.float32(9)
 #: Share of the camera's range that the brightest sample of a dark pixel reaches: 4 of 8 bits.
 _DIM = np.float32(1 / 16)
 _DARK, _LOW, _OFF = np.int32(Flag.DARK), np.int32(Flag.LOW_CONTRAST), np.int32(Flag.OFF_PATTERN)
-_INVALID, _SATURATED = np.int32(Flag.INVALID), np.int32(Flag.SATURATED)
-_ORDER = np.int32(Flag.ORDER_DOUBTFUL)
+_INVALID, _ORDER = np.int32(Flag.INVALID), np.int32(Flag.ORDER_DOUBTFUL)
 
 
-class Tables(NamedTuple):
-    """A: axes. given (A,): place comes from a look-up; close (A,): periods are close; factor (A,): variance
-    of the amplitude over a sample's; more (A,): variance of every place, px^2; extent (A,): of the surface,
-    px; beyond (A,): share of the surface that the coarsest period does not cover; either (A,): flags where
-    two orders fit the interval of a code, see neighbours.settle."""
+class AxisTable(NamedTuple):
+    """An axis for kernels. given: its place comes from a look-up; close: its periods are close; factor:
+    variance of the amplitude over a sample's; more: variance of every place, px^2; extent: of the surface,
+    px; beyond: share of the surface that the coarsest period does not cover; either: flags where two orders
+    fit the interval of a code, see neighbours.settle."""
 
-    fringes: tuple[tuple[FringeTable, ...], ...]
-    bits: tuple[BitTable | None, ...]
-    orders: tuple[Orders, Orders]
-    given: NDArray[np.bool_]
-    close: NDArray[np.bool_]
-    factor: F32
-    more: F32
-    extent: F32
-    beyond: F32
-    either: I32
+    fringes: FringeTable
+    bits: BitTable
+    orders: Orders
+    given: bool
+    close: bool
+    factor: np.float32
+    more: np.float32
+    extent: np.float32
+    beyond: np.float32
+    either: np.int32
 
 
 class Maps(NamedTuple):
-    """Outputs for rows: place, variance, amplitude of the coarsest fringe (A, n, W), chi2, least amplitude,
-    offset, error (n, W) float32, flags (n, W) uint16."""
+    """Outputs. Of a block: place, variance, amplitude of the coarsest fringe (A, n, W), chi2 float32, flags
+    uint16 (n, W); of the image: least amplitude, offset, error (H, W) float32."""
 
     place: F32
     variance: F32
     amplitude: F32
     chi2: F32
+    flags: NDArray[np.uint16]
     least: F32
     offset: F32
     error: F32
-    flags: NDArray[np.uint16]
 
 
 def pixel_rows(
     light: tuple[RawFrames, F32 | None, np.float32],
     noise: tuple[np.float32, np.float32],
-    tables: Tables,
+    tables: tuple[AxisTable, ...],
     looked_up: Lines,
-    start: int,
-    stop: int,
-    out: Maps,
+    rows: tuple[int, int, int, int],
     at: int,
+    out: Maps,
 ) -> None:
-    """Decode rows start..stop of the frames into rows 0..stop - start of out, of maps (A, n, W) from row `at`
-    on; looked_up: (A, n, W) of look-ups."""
-    raw, table, clip = light
-    shape = stop - start, raw.shape[2]
-    chi2, error, flags = out.chi2[: shape[0]], out.error[: shape[0]], np.zeros(shape, np.int32)
-    chi2[:], error[:] = 0, 0
-    for a, (fringes, code) in enumerate(zip(tables.fringes, tables.bits, strict=True)):
-        place, variance, amplitude = (
-            one[a, at : at + shape[0]] for one in (out.place, out.variance, out.amplitude)
-        )
-        if tables.given[a]:
-            place[:], variance[:] = looked_up.place[a], looked_up.variance[a]
-            amplitude[:], offset = looked_up.amplitude[a], looked_up.offset[a]
-            np.maximum(error, looked_up.error[a], out=error)
-            chi2 += looked_up.chi2[a]
-            flags |= looked_up.flags[a]
-        elif fringes:
-            offset = np.empty(shape, np.float32)
-            phases, own = np.empty((2, len(fringes) if tables.close[a] else 1, *shape), np.float32)
-            for k, fringe in enumerate(fringes):
-                j = k if tables.close[a] else 0
-                amplitude = amplitude if k == 0 else np.empty(shape, np.float32)
-                fringe_rows(
-                    light, noise, fringe, start, Fit(offset, amplitude, phases[j], own[j]), chi2, flags
-                )
-                lines = [one.reshape(-1) for one in (place, variance, error, flags)]
-                if tables.close[a]:
-                    continue
-                measured = phases[0].reshape(-1), own[0].reshape(-1), fringe.period
-                if k > 0:
-                    climb_row(*measured, *lines)
-                elif code is not None:
-                    known = offset - amplitude, offset + amplitude
-                    ends = known if code.fringe else ends_of(raw, table, code, start, stop)
-                    reach = read_rows(raw, table, noise, code, start, ends, place, error, flags)
-                    join_row(*measured, reach.reshape(-1), *lines, tables.either[a])
-                else:
-                    start_row(*measured, tables.extent[a], *lines[:2])
-                    if tables.beyond[a] > 0:
-                        np.maximum(error, tables.beyond[a], out=error)
-                        flags |= _ORDER
-            if tables.close[a]:
-                pixels = shape[0] * shape[1]
-                work, wrong = np.empty((6, pixels), np.float32), np.empty(pixels, np.float32)
-                periods = np.array([fringe.period for fringe in fringes])
-                several = phases.reshape(-1, pixels), own.reshape(-1, pixels), periods, tables.orders[a]
-                compare_row(*several, work, *lines[:2], wrong, chi2.reshape(-1), lines[3])
-                np.maximum(error, wrong.reshape(shape), out=error)
-        elif code is not None:
-            low, high = ends_of(raw, table, code, start, stop)
-            reach = read_rows(raw, table, noise, code, start, (low, high), place, error, flags)
-            np.multiply(reach, reach, out=variance)
-            variance /= 3
-            np.subtract(high, low, out=amplitude)
-            amplitude *= _HALF
-            offset = low + amplitude
-        limits = tables.factor[a] * _CONTRAST2, tables.extent[a], tables.more[a], _DIM * clip
-        maps = [one.reshape(-1) for one in (place, variance, amplitude, offset, flags, out.least, out.offset)]
-        _merge(a == 0, noise, limits, *maps)
-    out.flags[: shape[0]] = flags
+    """Decode rows start..stop of the frames into a block's rows from `at` on, and into the image's from
+    `first` to `last`; rows: start, stop, first, last; looked_up: (A, n, W) of look-ups."""
+    for a, table in enumerate(tables):
+        _axis_rows(*light, noise, table, looked_up, rows, (a, at), out)
 
 
 @kernel
-def _merge(
-    first: bool,
+def _axis_rows(
+    raw: RawFrames,
+    table: F32 | None,
+    clip: np.float32,
     noise: tuple[np.float32, np.float32],
-    limits: tuple[np.float32, np.float32, np.float32, np.float32],
-    place: F32,
-    variance: F32,
+    axis: AxisTable,
+    looked_up: Lines,
+    rows: tuple[int, int, int, int],
+    at: tuple[int, int],
+    out: Maps,
+) -> None:
+    """One axis, `at[0]`; flags, chi2, error of both."""
+    (start, stop, first, last), (a, begin) = rows, at
+    fringes, code, width = axis.fringes, axis.bits, raw.shape[2]
+    count, bits = (0, 0) if axis.given else (fringes.period.size, code.plain.size)
+    kept = max(count, 1) if axis.close else 1
+    lines, fits = np.zeros((15, width), np.float32), np.empty((2, kept, width), np.float32)
+    phases, own = fits[0], fits[1]
+    words, flags, top = np.empty((2, width), np.int32), np.empty(width, np.int32), np.empty(width, raw.dtype)
+    offset, amplitude, low, high, reach = lines[0], lines[1], lines[2], lines[3], lines[4]
+    for y in range(start, stop):
+        to = begin + y - start
+        place, variance, coarse = out.place[a, to], out.variance[a, to], out.amplitude[a, to]
+        chi2, shown = out.chi2[to], first <= y < last  # others are another thread's, too
+        error = out.error[y] if shown else lines[5]
+        if a == 0 or not shown:
+            for x in range(width):
+                error[x] = _ZERO
+        for x in range(width):
+            flags[x] = np.int32(out.flags[to, x]) if a else np.int32(0)
+            chi2[x] = chi2[x] if a else _ZERO
+        if axis.given:
+            r, of = y - start, looked_up
+            for x in range(width):
+                place[x], variance[x], coarse[x] = (
+                    of.place[a, r, x],
+                    of.variance[a, r, x],
+                    of.amplitude[a, r, x],
+                )
+                offset[x], error[x] = of.offset[a, r, x], max(error[x], of.error[a, r, x])
+                chi2[x], flags[x] = chi2[x] + of.chi2[a, r, x], flags[x] | of.flags[a, r, x]
+        for k in range(count):
+            j = k if axis.close else 0
+            fit = lines[6:10], top, offset, amplitude, phases[j], own[j]
+            fit_row(raw, table, clip, noise, fringes, (k, y), *fit, chi2, flags)
+            if k == 0:
+                for x in range(width):
+                    coarse[x] = amplitude[x]
+            if axis.close:
+                continue
+            period = fringes.period[k]
+            if k > 0:
+                climb_row(phases[0], own[0], period, place, variance, error, flags)
+            elif bits:
+                if code.fringe:
+                    for x in range(width):
+                        low[x], high[x] = offset[x] - amplitude[x], offset[x] + amplitude[x]
+                else:
+                    ends_row(raw, table, code.ends, y, low, high)
+                read_row(raw, table, noise, code, y, low, high, lines[6:9], words, place, reach, error, flags)
+                join_row(phases[0], own[0], period, reach, place, variance, error, flags, axis.either)
+            else:
+                start_row(phases[0], own[0], period, axis.extent, place, variance)
+                if axis.beyond > _ZERO:
+                    for x in range(width):
+                        error[x] = max(error[x], axis.beyond)
+                        flags[x] |= _ORDER
+        if axis.close:
+            compare_row(
+                phases, own, fringes.period, axis.orders, lines[6:12], place, variance, lines[12], chi2, flags
+            )
+            for x in range(width):
+                error[x] = max(error[x], lines[12, x])
+        elif count == 0 and bits:
+            ends_row(raw, table, code.ends, y, low, high)
+            read_row(raw, table, noise, code, y, low, high, lines[6:9], words, place, reach, error, flags)
+            for x in range(width):
+                variance[x] = reach[x] * reach[x] * np.float32(1 / 3)
+                coarse[x] = _HALF * (high[x] - low[x])
+                offset[x] = low[x] + coarse[x]
+        fine = amplitude if count else coarse
+        _judged(noise, axis, _DIM * clip, fine, offset, place, variance, flags)
+        for x in range(width):
+            out.flags[to, x] = np.uint16(flags[x])
+        if shown:
+            least, mean = out.least[y], out.offset[y]
+            for x in range(width):
+                least[x] = min(least[x], fine[x]) if a else fine[x]
+                mean[x] = _HALF * (mean[x] + offset[x]) if a else offset[x]
+
+
+@kernel
+def _judged(
+    noise: tuple[np.float32, np.float32],
+    axis: AxisTable,
+    dim: np.float32,
     amplitude: F32,
     offset: F32,
+    place: F32,
+    variance: F32,
     flags: I32,
-    least: F32,
-    mean: F32,
 ) -> None:
-    """Flags of one axis; amplitude and offset of both."""
-    (read2, gain), (contrast2, extent, more, dim), none = noise, limits, np.int32(0)
+    """Flags by light and place; numbers that are finite."""
+    (read2, gain), none, contrast2 = noise, np.int32(0), axis.factor * _CONTRAST2
+    more, extent = axis.more, axis.extent
     for x in range(place.size):
-        a, o = amplitude[x], offset[x]
-        faint = (a * a < contrast2 * (read2 + gain * max(o, _ZERO))) | (a <= _ZERO)
+        b, o = amplitude[x], offset[x]
+        faint = (b * b < contrast2 * (read2 + gain * max(o, _ZERO))) | (b <= _ZERO)
         flags[x] |= _LOW if faint else none
-        flags[x] |= _DARK if faint & (o + a < dim) else none
+        flags[x] |= _DARK if faint & (o + b < dim) else none
     for x in range(place.size):
         c, v = place[x], variance[x] + more
-        slack = _HALF + _SLACK * np.sqrt(v)
-        known = abs(c) < np.float32(1e9)
+        known, beyond = abs(c) < np.float32(1e9), max(max(-_HALF - c, c + _HALF - extent), _ZERO)
         flags[x] |= none if known else _INVALID
-        flags[x] |= _OFF if (c < -slack) | (c > extent - np.float32(1) + slack) else none
+        flags[x] |= _OFF if beyond * beyond > _SLACK2 * v else none
         place[x] = c if known else _ZERO
         variance[x] = v if known else np.float32(1e9)
-    if first:
-        for x in range(place.size):
-            least[x], mean[x] = amplitude[x], offset[x]
-    else:
-        for x in range(place.size):
-            least[x] = min(least[x], amplitude[x])
-            mean[x] = _HALF * (mean[x] + offset[x])

@@ -53,9 +53,11 @@ class Fringe:
 
 def harmonic_terms(offset: F64, c: F64, s: F64) -> F64:
     """Terms (9, K) of `Fringe.harmonics`."""
-    amplitude, phase = np.hypot(c, s), np.arctan2(s, c)
-    waves = [amplitude * wave(h * phase) for h in (1, 2, 3) for wave in (np.cos, np.sin)]
-    return np.stack([np.ones_like(offset), offset, amplitude, *waves])
+    wave, amplitude = c + 1j * s, np.hypot(c, s)
+    unit = wave / np.maximum(amplitude, 1e-9)
+    waves = wave, wave * unit, wave * unit * unit
+    parts = [part for one in waves for part in (one.real, one.imag)]
+    return np.stack([np.ones_like(offset), offset, amplitude, *parts])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,9 +14,8 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from optolever.kernels import F32, I32, I64, kernel
+from optolever.kernels import F32, I32, I64, exact, kernel
 from optolever.kernels import HALF as _HALF
 from optolever.kernels import ZERO as _ZERO
 
@@ -24,7 +23,7 @@ from ..frames import RawFrames, level_of
 from ..plan import AxisPlan, Plan
 from ..records import Flag
 
-__all__ = ["BitTable", "bit_tables", "ends_of", "read_rows"]
+__all__ = ["BitTable", "bit_tables", "ends_row", "read_row"]
 
 _ORDER = np.int32(Flag.ORDER_DOUBTFUL)
 _ONE = np.int32(1)
@@ -58,15 +57,31 @@ class BitTable(NamedTuple):
     origin: np.float32
 
 
-def bit_tables(plan: Plan, axes: list[AxisPlan]) -> tuple[BitTable | None, ...]:
-    """Tables of the axes' codes; None: without a code."""
+_WITHOUT = np.zeros(0, np.int64)
+_NONE = BitTable(
+    _WITHOUT,
+    _WITHOUT,
+    _WITHOUT,
+    False,
+    np.zeros(0, np.int32),
+    np.zeros((1, 0), np.int32),
+    False,
+    False,
+    0.0,
+    np.float32(1),
+    np.float32(0),
+)
+
+
+def bit_tables(plan: Plan, axes: list[AxisPlan]) -> tuple[BitTable, ...]:
+    """Tables of the axes' codes, without bits where there is no code."""
     codes = [axis.code for axis in axes if axis.code is not None]
     every = sorted(int(i) for code in codes for i in (*code.plain, *code.inverse) if i >= 0)
-    found: list[BitTable | None] = []
+    found: list[BitTable] = []
     for axis in axes:
         code = axis.code
         if code is None:
-            found.append(None)
+            found.append(_NONE)
             continue
         known = min(plan.white, plan.black) >= 0
         paired = bool((np.minimum(code.plain, code.inverse) >= 0).all())
@@ -101,139 +116,143 @@ def _adjacent(cells: bytes, bits: int, run: bool) -> I32:
     return out
 
 
-def ends_of(raw: RawFrames, table: F32 | None, code: BitTable, start: int, stop: int) -> tuple[F32, F32]:
-    """Levels of black and white (n, W) in rows of the frames."""
-    first = code.ends[0]
-    low = high = raw[first, start:stop]
-    if len(code.ends) == 2:
-        high = raw[code.ends[1], start:stop]
-    else:
-        for i in code.ends[1:]:
-            low, high = np.minimum(low, raw[i, start:stop]), np.maximum(high, raw[i, start:stop])
-    if table is None:
-        return low.astype(np.float32), high.astype(np.float32)
-    return table[low], table[high]
+@kernel
+def ends_row(raw: RawFrames, table: F32 | None, ends: I64, y: int, low: F32, high: F32) -> None:
+    """Levels (W,) of black and white in row y of the frames."""
+    first, last = ends[0], ends[ends.size - 1]
+    for x in range(low.size):
+        low[x], high[x] = level_of(raw[first, y, x], table), level_of(raw[last, y, x], table)
+    if ends.size > 2:
+        for i in ends:
+            for x in range(low.size):
+                level = level_of(raw[i, y, x], table)
+                low[x], high[x] = min(low[x], level), max(high[x], level)
 
 
-def read_rows(
+@kernel
+def read_row(
     raw: RawFrames,
     table: F32 | None,
     noise: tuple[np.float32, np.float32],
     code: BitTable,
-    start: int,
-    ends: tuple[F32, F32],
+    y: int,
+    low: F32,
+    high: F32,
+    work: F32,
+    words: I32,
     place: F32,
+    reach: F32,
     error: F32,
     flags: I32,
-) -> F32:
-    """Places (n, W) by a code in rows of the frames from `start` on; ends: levels of black and white. Half of
-    the interval, pattern px."""
-    shape = place.shape
-    word, open_, noisy = np.empty((3, *shape), np.int32)
-    half, unsure = np.empty(shape, np.float32), np.empty(shape, np.bool_)
-    work = np.empty((3, shape[1]), np.float32)
-    out = word, open_, noisy, place, half, unsure
-    _read(raw, table, noise, code.plain, code.inverse, code.gray, start, ends, work, *out)
-    if not code.gray:
-        place[:], half[:] = code.cells[word], _HALF
-    at = np.nonzero(unsure)
-    if at[0].size:
-        place[at], half[at], doubtful = _unsure(code, word[at], open_[at], noisy[at])
-        flags[at] |= np.where(doubtful, _ORDER, 0)
-    np.multiply(place, code.cell, out=place)
-    place += _HALF * (code.cell - 1) + code.origin
-    np.copyto(half, _HALF, where=half <= 1)
-    doubtful = half > code.most
-    if at[0].size or doubtful.any():
-        flags |= np.where(doubtful, _ORDER, np.int32(0))
-        np.maximum(error, (flags & _ORDER) != 0, out=error)
-    half *= code.cell
-    return half
+) -> None:
+    """Places (W,) by a code in row y of the frames, and half of their intervals, pattern px; low, high:
+    levels of black and white; work (3, W), words (2, W)."""
+    (read2, gain), none, two, width = noise, np.int32(0), np.float32(2), place.size
+    plain, inverse, cells = code.plain, code.inverse, code.cells
+    for x in range(width):
+        words[0, x], words[1, x] = none, none
+    # twice the middle; squares of twice the half width of what is open, of a bit with its inverse and alone
+    for x in range(width):
+        middle, contrast = low[x] + high[x], high[x] - low[x]
+        own = two * _SURE2 * (read2 + gain * max(_HALF * middle, _ZERO))
+        work[0, x] = middle
+        work[1, x] = max(_SHARE2 * contrast * contrast, own)
+        work[2, x] = max(_SHARE2 * contrast * contrast, np.float32(3) * own)
+    for b in range(plain.size):
+        i, j, bit = plain[b], inverse[b], np.int32(_ONE << np.int32(b))
+        if i >= 0 and j >= 0:
+            for x in range(width):
+                d = level_of(raw[i, y, x], table) - level_of(raw[j, y, x], table)
+                words[0, x] |= bit if d > _ZERO else none
+                words[1, x] |= bit if d * d < work[1, x] else none
+        else:
+            sign, i = np.float32(1 if i >= 0 else -1), max(i, j)
+            for x in range(width):
+                d = sign * (two * level_of(raw[i, y, x], table) - work[0, x])
+                words[0, x] |= bit if d > _ZERO else none
+                words[1, x] |= bit if d * d < work[2, x] else none
+    # first and last cell of the interval; of one that needs more thought the last lies before the first
+    if code.gray:
+        for x in range(width):
+            o = words[1, x]
+            fine = np.int32(np.int32(o ^ np.int32(o + _ONE)) >> _ONE)  # the finest open bits
+            more, w = np.int32(o & ~fine), np.int32(words[0, x] & ~fine)
+            w = np.int32(w ^ np.int32(w >> _ONE))
+            w = np.int32(w ^ np.int32(w >> np.int32(2)))
+            w = np.int32(w ^ np.int32(w >> np.int32(4)))
+            w = np.int32(np.int32(w ^ np.int32(w >> np.int32(8))) & ~fine)
+            # the other value of one open bit inverts all finer ones
+            z = np.int32(w ^ np.int32(np.int32(more << _ONE) - (_ONE if more != none else none)))
+            z = np.int32(z & ~fine)
+            first, last = min(w, z), np.int32(max(w, z) + fine)
+            wide = _ONE if np.int32(last - first) > np.int32(_ONE + fine + fine) else none
+            wide = np.int32(wide | np.int32(more & np.int32(more - _ONE)))
+            words[0, x], words[1, x] = first, np.int32(first - _ONE) if wide != none else last
+    else:
+        for x in range(width):
+            cell = cells[words[0, x]]
+            words[0, x], words[1, x] = cell, np.int32(cell - _ONE) if words[1, x] != none else cell
+    some = none
+    for x in range(width):
+        some |= np.int32(words[1, x] - words[0, x])
+    if some < none:
+        for x in range(width):
+            if words[1, x] < words[0, x]:
+                own = two * _SURE2 * (read2 + gain * max(_HALF * work[0, x], _ZERO))
+                if _unsure(raw, table, code, (y, x), (own, work[0, x], work[1, x], work[2, x]), words):
+                    flags[x], error[x] = flags[x] | _ORDER, np.float32(1)
+    size, most, one = code.cell, np.float32(code.most), np.float32(1)
+    begin = _HALF * (size - one) + code.origin
+    for x in range(width):
+        half = _HALF * np.float32(np.int32(words[1, x] - words[0, x] + _ONE))
+        half = half if half > one else _HALF
+        place[x] = _HALF * np.float32(np.int32(words[0, x] + words[1, x])) * size + begin
+        reach[x] = half * size
+    for x in range(width):
+        wide = _ORDER if reach[x] > most * size else none
+        flags[x] |= wide
+        error[x] = max(error[x], one if wide != none else _ZERO)
 
 
-@kernel
-def _read(
+@exact
+def _unsure(
     raw: RawFrames,
     table: F32 | None,
-    noise: tuple[np.float32, np.float32],
-    plain: I64,
-    inverse: I64,
-    gray: bool,
-    start: int,
-    ends: tuple[F32, F32],
-    work: F32,
-    word: I32,
-    open_: I32,
-    noisy: I32,
-    place: F32,
-    half: F32,
-    unsure: NDArray[np.bool_],
-) -> None:
-    """Words, their open bits and those within noise; of a Gray code with one open bit beside the finest ones
-    the middle and half length, in cells, of the interval; unsure: others with open bits."""
-    (n, width), (read2, gain), (low, high), none, two = word.shape, noise, ends, np.int32(0), np.float32(2)
-    for r in range(n):
-        y = start + r
-        for x in range(width):
-            word[r, x] = none
-        for x in range(width):
-            open_[r, x] = none
-        for x in range(width):
-            noisy[r, x] = none
-        # twice the middle; squares of twice a share of the half contrast, of twice noise
-        for x in range(width):
-            work[0, x] = low[r, x] + high[r, x]
-            contrast = high[r, x] - low[r, x]
-            work[1, x] = _SHARE2 * contrast * contrast
-            work[2, x] = two * _SURE2 * (read2 + gain * max(_HALF * work[0, x], _ZERO))
-        for b in range(plain.size):
-            i, j, bit = plain[b], inverse[b], np.int32(_ONE << np.int32(b))
-            if i >= 0 and j >= 0:
-                for x in range(width):
-                    d = level_of(raw[i, y, x], table) - level_of(raw[j, y, x], table)
-                    word[r, x] |= bit if d > _ZERO else none
-                    open_[r, x] |= bit if d * d < max(work[1, x], work[2, x]) else none
-                    noisy[r, x] |= bit if d * d < work[2, x] else none
-            else:
-                sign, k, more = np.float32(1 if i >= 0 else -1), max(i, j), np.float32(3)
-                for x in range(width):
-                    d = sign * (two * level_of(raw[k, y, x], table) - work[0, x])
-                    word[r, x] |= bit if d > _ZERO else none
-                    open_[r, x] |= bit if d * d < max(work[1, x], more * work[2, x]) else none
-                    noisy[r, x] |= bit if d * d < more * work[2, x] else none
-        if gray:
-            for x in range(width):
-                o = open_[r, x]
-                fine = np.int32(o ^ np.int32(o + _ONE)) >> _ONE  # the finest open bits
-                w = np.int32(word[r, x] & ~fine)
-                z = np.int32(w ^ np.int32(o & ~fine))
-                for shift in (1, 2, 4, 8):
-                    w ^= w >> np.int32(shift)
-                    z ^= z >> np.int32(shift)
-                first = min(np.int32(w & ~fine), np.int32(z & ~fine))
-                last = np.int32(max(np.int32(w & ~fine), np.int32(z & ~fine)) + fine)
-                place[r, x] = _HALF * np.float32(first + last)
-                half[r, x] = _HALF * np.float32(last - first + _ONE)
-                unsure[r, x] = last - first > np.int32(_ONE + fine + fine)
-        else:
-            for x in range(width):
-                unsure[r, x] = open_[r, x] != none
-
-
-def _unsure(code: BitTable, word: I32, open_: I32, noisy: I32) -> tuple[F32, F32, NDArray[np.bool_]]:
-    """Middle and half length, cells, of any code by its table, and of a Gray code where the open bits are no
-    edge between two cells; whether three bits are open.
+    code: BitTable,
+    at: tuple[int, int],
+    limits: tuple[np.float32, np.float32, np.float32, np.float32],
+    words: I32,
+) -> bool:
+    """First and last cell of any code by its table, and of a Gray code where the open bits are no edge
+    between two cells; whether three bits are open. limits: square of twice the noise; twice the middle;
+    squares of what is open.
 
     A bit beyond noise is open only at an edge, where its other value leads to the next cell; elsewhere
     interreflections dim it, and its sign counts. Two bits beside the finest ones may be open."""
-    low = (open_ ^ (open_ + 1)) >> 1 if code.run else np.zeros_like(open_)
-    kept = open_ & ~low & (code.adjacent[np.bitwise_count(low), word & ~low] | noisy)
+    (y, x), (own, middle, pair, single) = at, limits
+    word, opened, noisy = np.int64(0), np.int64(0), np.int64(0)
+    for b in range(code.plain.size):
+        i, j, bit = code.plain[b], code.inverse[b], np.int64(1) << b
+        d, most, chance = level_of(raw[max(i, j), y, x], table), single, np.float32(3) * own
+        if i >= 0 and j >= 0:
+            d, most, chance = level_of(raw[i, y, x], table) - level_of(raw[j, y, x], table), pair, own
+        else:
+            d = np.float32(2) * d - middle if i >= 0 else middle - np.float32(2) * d
+        word |= bit if d > _ZERO else np.int64(0)
+        opened |= bit if d * d < most else np.int64(0)
+        noisy |= bit if d * d < chance else np.int64(0)
+    low, count = ((opened ^ (opened + 1)) >> 1) if code.run else np.int64(0), 0
+    while (low >> count) & 1:
+        count += 1
+    kept = opened & ~low & (np.int64(code.adjacent[count, word & ~low]) | noisy)
     one = kept & -kept
     two = kept & ~one
-    doubtful = (two & (two - 1)) != 0
+    doubtful = bool((two & (two - 1)) != 0)
     two &= -two
-    first, last = np.full_like(word, 1 << 30), np.full_like(word, -1)
-    for flip in (word, word ^ one, word ^ two, word ^ one ^ two):
-        start = np.minimum(code.cells[flip & ~low], code.cells[flip | low]) & ~low
-        first, last = np.minimum(first, start), np.maximum(last, start | low)
-    return (0.5 * (first + last)).astype(np.float32), (0.5 * (last - first + 1)).astype(np.float32), doubtful
+    first, last = np.int64(1 << 30), np.int64(-1)
+    for k in range(4):
+        flip = word ^ (one if k & 1 else 0) ^ (two if k & 2 else 0)
+        start = min(np.int64(code.cells[flip & ~low]), np.int64(code.cells[flip | low])) & ~low
+        first, last = min(first, start), max(last, start | low)
+    words[0, x], words[1, x] = first, last
+    return doubtful

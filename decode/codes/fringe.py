@@ -12,21 +12,20 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.kernels import F32, F64, I64, inlined, kernel
+from optolever.kernels import F32, F64, I32, I64, exact, inlined, kernel
 from optolever.kernels import ONE as _ONE
 from optolever.kernels import ZERO as _ZERO
 
 from ..frames import RawFrames, Response, level_of
-from ..noise import Noise, Sample
-from ..plan import Fringe, harmonic_terms
+from ..noise import Noise, Sample, regression
+from ..plan import Fringe
 from ..records import Flag
 
 __all__ = [
-    "Fit",
     "FringeTable",
     "Misfit",
     "bent",
-    "fringe_rows",
+    "fit_row",
     "fringe_tables",
     "measure_misfit",
     "straightened",
@@ -68,57 +67,61 @@ class Misfit(NamedTuple):
 
 
 class FringeTable(NamedTuple):
-    """One fringe for kernels: N samples, rounded up to groups of four; M residuals, one at least.
+    """K fringes of an axis for kernels, coarse to fine: N samples, rounded up to groups of four; M residuals,
+    one at least.
 
-    frames (N,); weights (3 + M, N) of offset, c, s, residuals; design (samples, 3);
-    covariance (3,) of c and s; scale, more: of the variance, cycles^2; terms (M, 9), regressed out; bend (2,
-    B): see Misfit
+    period (K,); frames (K, N); weights (K, 3 + M, N) of offset, c, s, residuals; design (K, N, 3); least
+    (K,): determinant of too few samples; covariance (K, 3) of c and s; scale, more (K,): of the variance,
+    cycles^2; terms (K, M, 9), regressed out; harmonic (K,): whether they are; bend (K, 2, B): see Misfit
     """
 
-    period: np.float32
+    period: F32
     frames: I64
     weights: F32
     design: F64
+    least: F64
     covariance: F32
-    scale: np.float32
-    more: np.float32
+    scale: F32
+    more: F32
     terms: F32
+    harmonic: NDArray[np.bool_]
     bend: F32
-
-
-class Fit(NamedTuple):
-    """Maps (n, W) of one fringe: offset, amplitude, levels; phase, cycles, its variance."""
-
-    offset: F32
-    amplitude: F32
-    phase: F32
-    variance: F32
 
 
 def fringe_tables(
     axes: list[tuple[Fringe, ...]], misfits: list[tuple[Misfit, ...]], matrix: F64 | None = None
-) -> tuple[tuple[FringeTable, ...], ...]:
+) -> tuple[FringeTable, ...]:
     """matrix (F, F): levels of the frames are corrected by it (lag), None: not."""
-    every = zip(axes, misfits, strict=True)
-    return tuple(tuple(_table(*one, matrix) for one in zip(axis, own, strict=True)) for axis, own in every)
+    return tuple(_table(*one, matrix) for one in zip(axes, misfits, strict=True))
 
 
-def _table(fringe: Fringe, misfit: Misfit, matrix: F64 | None) -> FringeTable:
-    index, weights = _samples(fringe, matrix)
-    cov, groups = weights[1:3] @ weights[1:3].T, -len(index) % 4
-    padded = np.pad(weights, ((0, max(4 - len(weights), 0)), (0, groups)))
-    terms = np.zeros((len(padded) - 3, _TERMS))
-    terms[: len(misfit.terms)] = misfit.terms
+def _table(fringes: tuple[Fringe, ...], misfits: tuple[Misfit, ...], matrix: F64 | None) -> FringeTable:
+    count, samples = len(fringes), [_samples(fringe, matrix) for fringe in fringes]
+    groups = max((len(index) + 3 for index, _ in samples), default=4) // 4 * 4
+    most = max((len(weights) for _, weights in samples), default=4)
+    frames, weights = np.zeros((count, groups), np.int64), np.zeros((count, max(most, 4), groups))
+    design, covariance = np.zeros((count, groups, 3)), np.zeros((count, 3))
+    terms = np.zeros((count, max(most, 4) - 3, _TERMS))
+    for k, (fringe, (index, own), misfit) in enumerate(zip(fringes, samples, misfits, strict=True)):
+        frames[k] = np.pad(index, (0, groups - len(index)), mode="edge")
+        weights[k, : len(own), : len(index)] = own
+        cov = own[1:3] @ own[1:3].T
+        covariance[k] = cov[0, 0], cov[0, 1], cov[1, 1]
+        terms[k, : len(misfit.terms)] = misfit.terms
+        if matrix is None:
+            design[k, : len(index)] = fringe.design
     return FringeTable(
-        np.float32(fringe.period),
-        np.pad(index, (0, groups), mode="edge"),
-        padded.astype(np.float32),
-        fringe.design if matrix is None else np.zeros((len(index), 3)),
-        np.array([cov[0, 0], cov[0, 1], cov[1, 1]], np.float32) * _CYCLES2,
-        np.float32(misfit.scale),
-        np.float32(misfit.variance),
+        np.array([fringe.period for fringe in fringes], np.float32),
+        frames,
+        weights.astype(np.float32),
+        design,
+        _DEGENERATE * np.maximum(np.linalg.det(design.swapaxes(1, 2) @ design), 1e-9),
+        (covariance * _CYCLES2).astype(np.float32),
+        np.array([misfit.scale for misfit in misfits], np.float32),
+        np.array([misfit.variance for misfit in misfits], np.float32),
         terms.astype(np.float32),
-        misfit.bend.astype(np.float32),
+        np.asarray(terms.any(axis=(1, 2))),
+        np.stack([np.zeros((2, 0)), *(m.bend for m in misfits)][min(count, 1) :]).astype(np.float32)[:count],
     )
 
 
@@ -153,9 +156,9 @@ def measure_misfit(fringe: Fringe, sample: Sample, noise: Noise) -> Misfit:
     model = fringe.harmonics(levels[:, lit])
     plain = float(np.median(residual**2 / variance)) / _MEDIAN
     weight = 1 / np.sqrt(variance)
-    scaled = (model * weight).T
-    norms = np.maximum(np.linalg.norm(scaled, axis=0), 1e-9)
-    terms = (np.linalg.lstsq(scaled / norms, (residual * weight).T, rcond=_RANK)[0] / norms[:, None]).T
+    scaled = model * weight
+    scaled /= (norms := np.maximum(np.linalg.norm(scaled, axis=1, keepdims=True), 1e-9))
+    terms = regression(scaled, residual * weight, _RANK) / norms[:, 0]
     rest = float(np.median((residual - terms @ model) ** 2 / variance)) / _MEDIAN
     aliased = _aliased(fringe, residual, phase[lit], amplitude[lit])
     if plain < _WORTH * max(rest, 1.0):
@@ -231,129 +234,155 @@ def three_step_aliasing(fringe: Fringe, ends: list[tuple[int, int]], sample: Sam
     return bound**2 / 3 / (2 * np.pi) ** 2 if bound > _SURE * chance else 0.0
 
 
-def fringe_rows(
-    light: tuple[RawFrames, F32 | None, np.float32],
-    noise: tuple[np.float32, np.float32],
-    fringe: FringeTable,
-    start: int,
-    fit: Fit,
-    chi2: F32,
-    flags: NDArray[np.int32],
-) -> None:
-    """Fit a fringe in rows of the frames from `start` on; add its residuals to chi2. Where samples are
-    saturated the others count, flagged where too few stay."""
-    rows, width = chi2.shape
-    clipped, work = np.empty((rows, width), np.bool_), np.empty((5, width), np.float32)
-    top = np.empty(width, light[0].dtype)
-    _fit_rows(*light, noise, fringe[1:3], fringe[4:8], start, work, top, fit, chi2, clipped)
-    if clipped.any():
-        _refit(light, noise, fringe, start, fit, clipped, flags)
-    if fringe.bend.size:
-        phase, variance = fit.phase, fit.variance
-        at = ((phase + np.float32(0.5)) * np.float32(_BEND)).astype(np.int32) % _BEND
-        phase += fringe.bend[0, at]
-        phase -= np.rint(phase)
-        variance *= np.square(fringe.bend[1, at])
-
-
-def _refit(
-    light: tuple[RawFrames, F32 | None, np.float32],
-    noise: tuple[np.float32, np.float32],
-    fringe: FringeTable,
-    start: int,
-    fit: Fit,
-    clipped: NDArray[np.bool_],
-    flags: NDArray[np.int32],
-) -> None:
-    """Fit clipped pixels (K,) to the samples that are not saturated, less the harmonics of that fit."""
-    (raw, table, clip), design, n = light, fringe.design, len(fringe.design)
-    r, x = np.nonzero(clipped)
-    some = raw[fringe.frames[:n], start + r[:, None], x[:, None]]  # (K, N)
-    keep = (some < clip).astype(np.float64)
-    level = some.astype(np.float64) if table is None else table[some].astype(np.float64)
-    normal = np.einsum("kn,ni,nj->kij", keep, design, design)
-    enough = np.linalg.det(normal) > _DEGENERATE * max(float(np.linalg.det(design.T @ design)), 1e-9)
-    flags[r[~enough], x[~enough]] |= _SATURATED
-    r, x, keep, level, normal = (one[enough] for one in (r, x, keep, level, normal))
-    inverse, rows, harmonics = np.linalg.inv(normal), fringe.weights[3:, :n], np.zeros_like(level)
-    o = c = s = np.zeros(len(r))
-    for _ in range(_REFITS):
-        o, c, s = np.einsum("kij,kj->ik", inverse, (keep * (level - harmonics)) @ design)
-        harmonics = (fringe.terms @ harmonic_terms(o, c, s)).T @ rows
-    power = np.maximum(c * c + s * s, 1e-6)
-    across = inverse[:, 1, 1] * s * s - 2 * inverse[:, 1, 2] * c * s + inverse[:, 2, 2] * c * c
-    own = noise[0] + noise[1] * np.maximum(o, 0.0)
-    fit.offset[r, x], fit.amplitude[r, x], fit.phase[r, x] = o, np.sqrt(power), np.arctan2(s, c) / (2 * np.pi)
-    fit.variance[r, x] = fringe.more + fringe.scale * own * across / (2 * np.pi * power) ** 2
-
-
 @kernel
-def _fit_rows(
+def fit_row(
     raw: RawFrames,
     table: F32 | None,
     clip: np.float32,
     noise: tuple[np.float32, np.float32],
-    samples: tuple[I64, F32],
-    numbers: tuple[F32, np.float32, np.float32, F32],
-    start: int,
+    fringe: FringeTable,
+    at: tuple[int, int],
     work: F32,
     top: RawFrames,
-    fit: Fit,
+    offset: F32,
+    amplitude: F32,
+    phase: F32,
+    variance: F32,
     chi2: F32,
-    clipped: NDArray[np.bool_],
+    flags: I32,
 ) -> None:
-    """Offset, c, s and a residual lie in work (5, W), with one over a residual's variance, 0: saturated."""
-    (n, width), (read2, gain), (index, weights) = chi2.shape, noise, samples
-    covariance, scale, more, terms = numbers
-    offset, amplitude, phase, variance = fit
-    cc, cs, ss = scale * covariance[0], _TWO * scale * covariance[1], scale * covariance[2]
-    for r in range(n):
-        y = start + r
+    """Fit fringe k in row y of the frames, at = (k, y): offset, amplitude (levels), phase (cycles) and its
+    variance; add its residuals to chi2. Where samples are saturated the others count, flagged where too few
+    stay. work (4, W): c, s, a residual, one over its variance; finite, as offset."""
+    (read2, gain), (k, y), width, index, w = noise, at, chi2.size, fringe.frames, fringe.weights
+    scale, more, covariance, terms = fringe.scale[k], fringe.more[k], fringe.covariance, fringe.terms
+    cc, cs, ss = covariance[k, 0], _TWO * covariance[k, 1], covariance[k, 2]
+    for x in range(width):
+        top[x] = 0
+    for g in range(0, index.shape[1], 4):
+        i0, i1, i2, i3 = index[k, g], index[k, g + 1], index[k, g + 2], index[k, g + 3]
+        before = _ONE if g else _ZERO
+        o0, o1, o2, o3 = w[k, 0, g], w[k, 0, g + 1], w[k, 0, g + 2], w[k, 0, g + 3]
+        c0, c1, c2, c3 = w[k, 1, g], w[k, 1, g + 1], w[k, 1, g + 2], w[k, 1, g + 3]
+        s0, s1, s2, s3 = w[k, 2, g], w[k, 2, g + 1], w[k, 2, g + 2], w[k, 2, g + 3]
         for x in range(width):
-            top[x] = raw[index[0], y, x]
-        for j in range(len(weights)):
-            line = min(j, 3)
-            for g in range(0, index.size, 4):
-                i0, i1, i2, i3 = index[g], index[g + 1], index[g + 2], index[g + 3]
-                w0, w1, w2, w3 = weights[j, g], weights[j, g + 1], weights[j, g + 2], weights[j, g + 3]
-                if g == 0:
-                    for x in range(width):
-                        work[line, x] = _ZERO
+            l0, l1 = level_of(raw[i0, y, x], table), level_of(raw[i1, y, x], table)
+            l2, l3 = level_of(raw[i2, y, x], table), level_of(raw[i3, y, x], table)
+            offset[x] = before * offset[x] + (o0 * l0 + o1 * l1 + (o2 * l2 + o3 * l3))
+            work[0, x] = before * work[0, x] + (c0 * l0 + c1 * l1 + (c2 * l2 + c3 * l3))
+            work[1, x] = before * work[1, x] + (s0 * l0 + s1 * l1 + (s2 * l2 + s3 * l3))
+        for x in range(width):
+            brighter = max(max(raw[i0, y, x], raw[i1, y, x]), max(raw[i2, y, x], raw[i3, y, x]))
+            top[x] = max(top[x], brighter)
+    for x in range(width):
+        a, b = work[0, x], work[1, x]
+        power, own = max(a * a + b * b, _TINY), scale * (read2 + gain * max(offset[x], _ZERO))
+        variance[x] = more + own * (cc * b * b - cs * a * b + ss * a * a) / (power * power)
+        amplitude[x] = np.sqrt(power)
+        work[3, x] = _ONE / own
+    for x in range(width):
+        phase[x] = cycles_of(work[1, x], work[0, x])
+    brightest = top[0]
+    for x in range(width):
+        brightest = max(brightest, top[x])
+    if brightest >= clip:
+        for x in range(width):
+            work[3, x] = _ZERO if top[x] >= clip else work[3, x]
+    for j in range(terms.shape[1]):
+        for g in range(0, index.shape[1], 4):
+            i0, i1, i2, i3 = index[k, g], index[k, g + 1], index[k, g + 2], index[k, g + 3]
+            w0, w1, w2, w3 = w[k, 3 + j, g], w[k, 3 + j, g + 1], w[k, 3 + j, g + 2], w[k, 3 + j, g + 3]
+            before, last = _ONE if g else _ZERO, g + 4 == index.shape[1] and not fringe.harmonic[k]
+            if not last:
                 for x in range(width):
                     two = w0 * level_of(raw[i0, y, x], table) + w1 * level_of(raw[i1, y, x], table)
                     two += w2 * level_of(raw[i2, y, x], table) + w3 * level_of(raw[i3, y, x], table)
-                    work[line, x] += two
-                if j == 0:
-                    for x in range(width):
-                        brighter = max(max(raw[i0, y, x], raw[i1, y, x]), max(raw[i2, y, x], raw[i3, y, x]))
-                        top[x] = max(top[x], brighter)
-            if j == 2:
+                    work[2, x] = before * work[2, x] + two
+            else:
                 for x in range(width):
-                    a, b = work[1, x], work[2, x]
-                    power, own = max(a * a + b * b, _TINY), read2 + gain * max(work[0, x], _ZERO)
-                    variance[r, x] = more + own * (cc * b * b - cs * a * b + ss * a * a) / (power * power)
-                    amplitude[r, x] = np.sqrt(power)
-                for x in range(width):
-                    phase[r, x] = cycles_of(work[2, x], work[1, x])
-                for x in range(width):
-                    work[4, x] = _ONE / (scale * (read2 + gain * max(work[0, x], _ZERO)))
-                    offset[r, x] = work[0, x]
-                for x in range(width):
-                    clipped[r, x] = top[x] >= clip
-                    work[4, x] = _ZERO if top[x] >= clip else work[4, x]
-            elif j > 2:
-                t = terms[j - 3]
-                if t[2] != _ZERO:  # take the harmonics off
-                    for x in range(width):
-                        a = amplitude[r, x]
-                        inverse = _ONE / max(a, _TINY)
-                        c1, s1 = work[1, x] * inverse, work[2, x] * inverse
-                        c2, s2 = c1 * c1 - s1 * s1, _TWO * c1 * s1
-                        c3, s3 = c2 * c1 - s2 * s1, s2 * c1 + c2 * s1
-                        wave = t[2] + t[3] * c1 + t[4] * s1 + t[5] * c2 + t[6] * s2 + t[7] * c3 + t[8] * s3
-                        work[3, x] -= t[0] + t[1] * work[0, x] + a * wave
-                for x in range(width):
-                    chi2[r, x] += work[3, x] * work[3, x] * work[4, x]
+                    two = w0 * level_of(raw[i0, y, x], table) + w1 * level_of(raw[i1, y, x], table)
+                    two += w2 * level_of(raw[i2, y, x], table) + w3 * level_of(raw[i3, y, x], table)
+                    two += before * work[2, x]
+                    chi2[x] += two * two * work[3, x]
+        if fringe.harmonic[k]:
+            t = terms[k, j]
+            for x in range(width):
+                a = amplitude[x]
+                inverse = _ONE / max(a, _TINY)
+                h1, g1 = work[0, x] * inverse, work[1, x] * inverse
+                h2, g2 = h1 * h1 - g1 * g1, _TWO * h1 * g1
+                h3, g3 = h2 * h1 - g2 * g1, g2 * h1 + h2 * g1
+                wave = t[2] + t[3] * h1 + t[4] * g1 + t[5] * h2 + t[6] * g2 + t[7] * h3 + t[8] * g3
+                rest = work[2, x] - (t[0] + t[1] * offset[x] + a * wave)
+                chi2[x] += rest * rest * work[3, x]
+    if brightest >= clip:
+        for x in range(width):
+            if top[x] >= clip:
+                enough = _refit(raw, table, clip, noise, fringe, at, x, (offset, amplitude, phase, variance))
+                flags[x] |= np.int32(0) if enough else _SATURATED
+    if fringe.bend.shape[2]:
+        for x in range(width):
+            i = np.int32((phase[x] + np.float32(0.5)) * np.float32(_BEND)) % np.int32(_BEND)
+            turn, slope = phase[x] + fringe.bend[k, 0, i], fringe.bend[k, 1, i]
+            phase[x] = turn - np.rint(turn)
+            variance[x] *= slope * slope
+
+
+@exact
+def _refit(
+    raw: RawFrames,
+    table: F32 | None,
+    clip: np.float32,
+    noise: tuple[np.float32, np.float32],
+    fringe: FringeTable,
+    at: tuple[int, int],
+    x: int,
+    fit: tuple[F32, F32, F32, F32],
+) -> bool:
+    """Fit a clipped pixel to the samples that are not saturated, less the harmonics of that fit; whether
+    these are enough."""
+    (k, y), n = at, fringe.frames.shape[1]
+    index, design, rows, terms = fringe.frames[k], fringe.design[k], fringe.weights[k], fringe.terms[k]
+    m00, m01, m02, m11, m12, m22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(n):
+        if raw[index[i], y, x] < clip:
+            a, b, c = design[i, 0], design[i, 1], design[i, 2]
+            m00, m01, m02 = m00 + a * a, m01 + a * b, m02 + a * c
+            m11, m12, m22 = m11 + b * b, m12 + b * c, m22 + c * c
+    i00, i01, i02 = m11 * m22 - m12 * m12, m02 * m12 - m01 * m22, m01 * m12 - m02 * m11
+    i11, i12, i22 = m00 * m22 - m02 * m02, m01 * m02 - m00 * m12, m00 * m11 - m01 * m01
+    det = m00 * i00 + m01 * i01 + m02 * i02
+    if not det > fringe.least[k]:
+        return False
+    waves, off = np.zeros(_TERMS), np.zeros(len(terms))
+    o, c, s, amplitude = 0.0, 0.0, 0.0, 0.0
+    for _ in range(_REFITS):
+        b0, b1, b2 = 0.0, 0.0, 0.0
+        for i in range(n):
+            if raw[index[i], y, x] < clip:
+                level = np.float64(level_of(raw[index[i], y, x], table))
+                for j in range(len(terms)):
+                    level -= off[j] * rows[3 + j, i]
+                b0, b1, b2 = b0 + design[i, 0] * level, b1 + design[i, 1] * level, b2 + design[i, 2] * level
+        o, c = (i00 * b0 + i01 * b1 + i02 * b2) / det, (i01 * b0 + i11 * b1 + i12 * b2) / det
+        s = (i02 * b0 + i12 * b1 + i22 * b2) / det
+        amplitude, turn = np.hypot(c, s), np.arctan2(s, c)
+        waves[0], waves[1], waves[2] = 1.0, o, amplitude
+        for h in range(3):
+            waves[3 + 2 * h], waves[4 + 2 * h] = (
+                amplitude * np.cos((h + 1) * turn),
+                amplitude * np.sin((h + 1) * turn),
+            )
+        for j in range(len(terms)):
+            off[j] = 0.0
+            for t in range(_TERMS):
+                off[j] += terms[j, t] * waves[t]
+    power = max(c * c + s * s, 1e-6)
+    across = (i11 * s * s - 2 * i12 * c * s + i22 * c * c) / det
+    own = noise[0] + noise[1] * max(o, 0.0)
+    fit[0][x], fit[1][x], fit[2][x] = o, np.sqrt(power), np.arctan2(s, c) / (2 * np.pi)
+    fit[3][x] = fringe.more[k] + fringe.scale[k] * own * across / (2 * np.pi * power) ** 2
+    return True
 
 
 @inlined

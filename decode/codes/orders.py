@@ -42,15 +42,15 @@ _ORDER = np.int32(Flag.ORDER_DOUBTFUL)
 
 
 @inlined
-def exp_neg(x: np.float32) -> np.float32:
-    """Upper bound of exp(-x), x >= 0: (1 + x / 64)^-64, twice exp(-x) at x = 10."""
-    y = _ONE + x * np.float32(1 / 64)
+def exp_neg(x: np.float32, over: np.float32) -> np.float32:
+    """Upper bound of exp(-x / over), both >= 0: (1 + x / over / 64)^-64, twice the exponential of -10."""
+    y = over / (over + x * np.float32(1 / 64))
     y = y * y
     y = y * y
     y = y * y
     y = y * y
     y = y * y
-    return _ONE / (y * y)
+    return np.float32(y * y)
 
 
 @kernel
@@ -75,7 +75,7 @@ def climb_row(
         rough, own = place[x], square * phase_variance[x]
         away = period * (phase[x] + np.rint(rough * per_period - phase[x])) - rough
         room = max(_HALF * period - abs(away), _ZERO)
-        e = exp_neg(period * room / (own + variance[x]))
+        e = exp_neg(period * room, own + variance[x])
         error[x] = max(error[x], e)
         flags[x] |= _ORDER if e > _DOUBT else none
         place[x] = rough + away
@@ -193,7 +193,7 @@ def compare_row(
         for x in range(place.size):
             rival = score[x] if order[x] > _NONE else _NEVER
             before = least[x]
-            likely = exp_neg(min(_HALF * abs(rival - before), np.float32(1e4)))
+            likely = exp_neg(min(_HALF * abs(rival - before), np.float32(1e4)), _ONE)
             better = rival < before
             error[x] = (error[x] + _ONE) * likely if better else error[x] + likely
             place[x] = at[x] if better else place[x]
@@ -207,7 +207,7 @@ def compare_row(
     none = np.int32(0)
     for x in range(place.size):
         wrong = error[x] / (_ONE + error[x])
-        wrong += exp_neg(half / (v0[x] + r0 * r0 * v[x])) + exp_neg(half / (v1[x] + r1 * r1 * v[x]))
+        wrong += exp_neg(half, v0[x] + r0 * r0 * v[x]) + exp_neg(half, v1[x] + r1 * r1 * v[x])
         found = least[x] < _NEVER
         error[x] = min(wrong, _ONE) if found else _ONE
         chi2[x] += min(least[x], np.float32(1e6))

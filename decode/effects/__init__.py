@@ -35,7 +35,8 @@ class View(NamedTuple):
     """An effect's input.
 
     plan, light, noise, settings  of the capture; light: all frames (N, H, W) with their tables
-    sample, wide  lit pixels in runs along rows, linear levels (N, K), NaN: saturated; wide: four times more
+    sample, wide  lit pixels in runs along rows, linear levels (N, K), NaN: saturated; wide: four
+                 times more
     place, variance  (A, K) of the sample by the pixel kernel, pattern px, px^2; NaN where a flag is set
     places   the same of another sample
     """

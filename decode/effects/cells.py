@@ -10,7 +10,7 @@ finest fringe against a coarser one, or white less black.
 
 import numpy as np
 
-from optolever.kernels import F64
+from optolever.kernels import F32, F64
 
 from ..plan import AxisPlan
 from . import Effect, View
@@ -27,14 +27,14 @@ _SLIGHT, _LIKELY = 0.1, 0.16
 def estimate(view: View) -> Effect | None:
     """The blur, cells rms, known or at least; None where it costs nothing, or nobody asks for it."""
     settings, sigma = view.settings, 0.0
-    blur = settings.blur_px
+    blur, steps = settings.blur_px, _steps(view)
     if not settings.on_cells or (settings.noise is not None and blur is None):
         return None
     if blur is None:
-        bounds = [_bound(view, axis, place) for axis, place in zip(view.plan.axes, view.place, strict=True)]
+        bounds = [_bound(view, axis, step) for axis, step in zip(view.plan.axes, steps, strict=True)]
         blur, sigma = max((one for one in bounds if one is not None), default=0.0), np.nan
     found = Effect("cells", blur, sigma, "cells rms, least blur")
-    for more, own in zip(variance(view, found), view.variance, strict=True):
+    for more, own in zip(_variances(view, steps, found), view.variance, strict=True):
         usual = float(np.nanmedian(own)) if np.isfinite(own).any() else np.inf
         if more > _SLIGHT**2 * usual / _SQUARE:  # a sum along a line keeps what is in common
             return found
@@ -43,12 +43,20 @@ def estimate(view: View) -> Effect | None:
 
 def variance(view: View, found: Effect) -> F64:
     """Variance (A,), px^2, that neighbours have in common; of a blur that is only bounded, in the mean."""
-    every = zip(view.plan.axes, view.place, strict=True)
+    return _variances(view, _steps(view), found)
+
+
+def _variances(view: View, steps: list[F32 | None], found: Effect) -> F64:
+    every = zip(view.plan.axes, steps, strict=True)
     share = _LIKELY if np.isnan(found.sigma) else 1.0
-    return share * np.array([_common(view, axis, place, found.value) for axis, place in every])
+    return share * np.array([_common(axis, step, found.value) for axis, step in every])
 
 
-def _gradient(view: View, place: F64) -> F64 | None:
+def _steps(view: View) -> list[F32 | None]:
+    return [_gradient(view, place) for place in view.place]
+
+
+def _gradient(view: View, place: F64) -> F32 | None:
     """Steps (2, K) of a map along columns and rows, from its cubic fit; None: too few pixels."""
     known = np.isfinite(place)
     if np.count_nonzero(known) < _FEWEST:
@@ -62,12 +70,11 @@ def _gradient(view: View, place: F64) -> F64 | None:
     fit = np.linalg.lstsq(terms @ terms.T, terms @ place[known], rcond=1e-12)[0]
     along = sum(c * i * xs[i] * ys[j + 1] for c, (i, j) in zip(fit, powers, strict=True))
     down = sum(c * j * xs[i + 1] * ys[j] for c, (i, j) in zip(fit, powers, strict=True))
-    return np.asarray(np.abs(np.stack([along, down])) / size)
+    return np.asarray(np.abs(np.stack([along, down])) / size, np.float32)
 
 
-def _bound(view: View, axis: AxisPlan, place: F64) -> float | None:
+def _bound(view: View, axis: AxisPlan, step: F32 | None) -> float | None:
     """Least blur (cells) by the contrast of the finest fringe; None: unknown."""
-    step = _gradient(view, place)
     levels, plan = view.sample.levels.astype(np.float64), view.plan
     if not axis.fringes or step is None:
         return None
@@ -100,14 +107,13 @@ def _amplitude(fit: F64) -> F64:
     return np.asarray(np.hypot(fit[1], fit[2]))
 
 
-def _common(view: View, axis: AxisPlan, place: F64, blur: float) -> float:
+def _common(axis: AxisPlan, step: F32 | None, blur: float) -> float:
     """Variance (px^2) of one axis."""
-    step = _gradient(view, place)
     if not axis.fringes or step is None:
         return 0.0
     period = axis.fringes[-1].period
 
-    def through(f: float) -> F64:
+    def through(f: float) -> F32:
         box = np.sinc(f) * np.sinc(step[0] * f) * np.sinc(step[1] * f)
         return np.asarray(box * np.exp(-2 * (np.pi * blur * f) ** 2))
 

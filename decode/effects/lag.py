@@ -95,11 +95,9 @@ def _nuisance(plan: Plan, row: F64, light: F64) -> F64:
     columns, mean = [np.ones(light.shape[1])], np.zeros(light.shape[1])
     for fringe in (fringe for axis in plan.axes for fringe in axis.fringes):
         if np.abs(row[list(fringe.index)]).max() > 1e-9:
-            offset, c, s = fringe.inverse @ light[list(fringe.index)]
-            amplitude, phase = np.hypot(c, s), np.arctan2(s, c)
+            _, offset, *waves = fringe.harmonics(light[list(fringe.index)])
             mean += offset  # not each by itself: its difference is what three steps' combinations are
-            columns.append(amplitude)
-            columns += [amplitude * wave(k * phase) for k in (1, 2, 3) for wave in (np.cos, np.sin)]
+            columns += waves
     return np.asarray(np.linalg.qr(np.stack([*columns, mean], axis=1))[0])
 
 

@@ -5,7 +5,7 @@ What remains has noise and, of bits shown dt frames from the fringe, the motion 
 grows by rate^2 dt^2.
 """
 
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +37,8 @@ def estimate(view: View) -> Effect | None:
     edges = [_edges(view, axis, place) for axis, place in zip(view.plan.axes, smooth, strict=False)]
     best, least = None, _CHANCE / len(_SIDES)
     for side in _SIDES:
-        parts = [_parts(bits, view.sample.places, side) for bits in edges if bits]
+        part = view.sample.places * side // (view.sample.places.max(axis=0, initial=0) + 1) @ (side, 1)
+        parts = [_parts(one, part, side**2) for one in edges if one is not None]
         rates, explained, rest, freedom = np.concatenate(parts, axis=1) if parts else np.zeros((4, 0))
         if not len(rates):
             continue
@@ -59,24 +60,36 @@ def _smooth(view: View, place: F64) -> F64:
     return found
 
 
-def _parts(bits: list[Any], places: NDArray[np.int64], side: int) -> F64:
+class _Edges(NamedTuple):
+    """B bits: time to the fringe, frames (B,). Pixels at their edges (E,): number of the bit, pixel; place
+    less the edge's, px; level; their product, and the level's square."""
+
+    time: F64
+    bit: NDArray[np.int64]
+    at: NDArray[np.int64]
+    away: F64
+    level: F64
+    product: F64
+    square: F64
+
+
+def _parts(edges: _Edges, part: NDArray[np.int64], parts: int) -> F64:
     """(4, parts of the image): rate by a line through the bits' means over time; sums of squares that it
     explains and leaves, degrees of freedom. A part has edges of one width, in px per level."""
-    part, size = places * side // (places.max(axis=0) + 1) @ (side, 1), (len(bits), side**2)
-    cell = np.concatenate([number * side**2 + part[at] for number, (_, at, _, _) in enumerate(bits)])
-    away, level = (np.concatenate([one[k] for one in bits]) for k in (2, 3))
+    own = part[edges.at]
+    cell, size = edges.bit * parts + own, (len(edges.time), parts)
 
     def sums(of: F64 | None) -> F64:
         """(bits, parts)"""
         return np.bincount(cell, of, minlength=size[0] * size[1]).reshape(size).astype(np.float64)
 
     count = sums(None)
-    width = sums(level * away).sum(axis=0) / np.maximum(sums(level * level).sum(axis=0), 1e-6)
+    width = np.bincount(own, edges.product, parts) / np.maximum(np.bincount(own, edges.square, parts), 1e-6)
     several = (count >= _FEWEST) & (np.count_nonzero(count >= _FEWEST, axis=0) > 2)
     kept = several.any(axis=0)
     weight = np.where(several, count, 0.0)[:, kept]
-    mean = ((sums(away) - width * sums(level)) / np.maximum(count, 1))[:, kept]
-    total, time = weight.sum(axis=0), np.array([time for time, *_ in bits])[:, None]
+    mean = ((sums(edges.away) - width * sums(edges.level)) / np.maximum(count, 1))[:, kept]
+    total, time = weight.sum(axis=0), edges.time[:, None]
     time, mean = time - (weight * time).sum(axis=0) / total, mean - (weight * mean).sum(axis=0) / total
     rate = (weight * time * mean).sum(axis=0) / (weight * time * time).sum(axis=0)
     left = (weight * (mean - rate * time) ** 2).sum(axis=0)
@@ -89,12 +102,10 @@ def variance(view: View, found: Effect) -> F64:
     return np.full(len(view.plan.axes), (found.value * (len(view.plan.frames) - 1)) ** 2 / 3)
 
 
-def _edges(view: View, axis: AxisPlan, place: F64) -> list[tuple[float, NDArray[np.int64], F64, F64]]:
-    """Of each bit: time to the fringe, frames; pixels at its edges, there the place less the edge's, px, and
-    the level."""
+def _edges(view: View, axis: AxisPlan, place: F64) -> _Edges | None:
     code, levels, p = axis.code, view.sample.levels.astype(np.float64), view.plan
     if code is None or not axis.fringes or min(p.white, p.black) < 0:
-        return []
+        return None
     middle, half = 0.5 * (levels[p.white] + levels[p.black]), 0.5 * (levels[p.white] - levels[p.black])
     word = np.empty(len(code.cells), np.int64)
     word[code.cells] = np.arange(len(code.cells))
@@ -111,8 +122,18 @@ def _edges(view: View, axis: AxisPlan, place: F64) -> list[tuple[float, NDArray[
         nearest = np.searchsorted(0.5 * (edge[1:] + edge[:-1]), place[keep])
         rising = np.where(bright[at[nearest]] > 0, 1.0, -1.0)
         away, level = place[keep] - edge[nearest], level[keep] * rising
-        proportional = np.median(away * level) / max(np.median(level * level), 1e-6) * level
-        far = _FAR * np.quantile(np.abs(away - proportional), 0.9)  # rims are no motion
+        proportional = _quantile(away * level, 0.5) / max(_quantile(level * level, 0.5), 1e-6) * level
+        far = _FAR * _quantile(np.abs(away - proportional), 0.9)  # rims are no motion
         away = proportional + np.clip(away - proportional, -far, far)
         found.append((float(np.mean(shown)) - then, np.flatnonzero(keep), away, level))
-    return found
+    if not found:
+        return None
+    bit = np.repeat(np.arange(len(found)), [len(one[1]) for one in found])
+    at, away, level = (np.concatenate([one[k] for one in found]) for k in (1, 2, 3))
+    time = np.array([one[0] for one in found])
+    return _Edges(time, bit, at.astype(np.int64), away, level, away * level, level * level)
+
+
+def _quantile(values: F64, share: float) -> float:
+    number = int(share * (len(values) - 1))
+    return float(np.partition(values, number)[number])

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from optolever.kernels import F64
 
-from ..noise import Sample
+from ..noise import Sample, regression
 from ..plan import AxisPlan, Fringe, Plan, constraints
 from ..records import SharedNoise
 from . import View
@@ -83,18 +83,12 @@ def _bulk(residual: F64) -> NDArray[np.bool_]:
 
 def _waves(fringe: Fringe, levels: NDArray[np.floating]) -> F64:
     """Offset; cosine and sine of one, two and three times the phase, times the amplitude, (7, K)."""
-    offset, c, s = fringe.inverse @ levels[list(fringe.index)].astype(np.float64)
-    wave = c + 1j * s
-    unit = wave / np.maximum(np.abs(wave), 1e-6)
-    return np.stack(
-        [offset, *(part for k in range(3) for part in ((wave * unit**k).real, (wave * unit**k).imag))]
-    )
+    return np.delete(fringe.harmonics(levels[list(fringe.index)].astype(np.float64)), (0, 2), axis=0)
 
 
 def _without(residual: F64, waves: F64, usual: NDArray[np.int64]) -> F64:
     """Residuals (M, K) less their regression on waves (W, K) over usual pixels."""
-    parts = np.linalg.lstsq(waves[:, usual].T, residual[:, usual].T, rcond=1e-6)[0]
-    return np.asarray(residual - parts.T @ waves)
+    return np.asarray(residual - regression(waves[:, usual], residual[:, usual], 1e-6) @ waves)
 
 
 def _common(residual: F64, line: NDArray[np.int64], square: float) -> float:
