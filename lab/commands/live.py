@@ -13,12 +13,12 @@ __all__ = ["command"]
 
 SAMPLE = """
 $ python -m lab live
-Live: 480 x 640, two float32 cosine transforms 1.837 ms
+Live: 480 x 640, two float32 cosine transforms 1.983 ms
 case     cell  ms     x transforms  error/depth       error/sigma  beyond 5 sigma  trusted
-smooth   2     23.91  12.7 (14)     0.00022 (0.0002)  0.711        0               1
-smooth   4     12.02  6.39 (8)      0.00029 (0.0002)  0.847        1.4e-05         1
-contact  2     54.21  29.4 (30)     0.0029 (0.001)    0.428        2.6e-06         1
-contact  4     19.13  10.5 (15)     0.0012 (0.001)    0.519        7e-06           0.933
+smooth   2     36.82  18.4 (14)     0.0016 (0.0002)   1.49         0               1
+smooth   4     20.73  10.2 (8)      0.0019 (0.0002)   1.51         0               1
+contact  2     46.49  21.6 (30)     0.00068 (0.001)   0.636        1e-05           1
+contact  4     19.68  9.69 (15)     0.031 (0.001)     0.767        0.00085         0.8
 """
 
 
