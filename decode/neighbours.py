@@ -26,10 +26,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.kernels import F32, inlined, kernel
-from optolever.kernels import HALF as _HALF
-from optolever.kernels import ONE as _ONE
-from optolever.kernels import ZERO as _ZERO
+from optolever.kernels import F32, HALF, ONE, ZERO, inlined, kernel
 
 from .plan import AxisPlan
 from .records import Flag
@@ -185,12 +182,12 @@ def _confirmed(block: Block, limits: F32, image: Span) -> U16:
                 x = number if some else number * (width - 1)
                 if sure[x] or flags[y, x] != none:
                     continue
-                brightest, rim = _ZERO, False
+                brightest, rim = ZERO, False
                 for d in range(4):
                     i, j = (up if d == 0 else down if d == 1 else y), x + (d == 3) - (d == 2)
                     if 0 <= j < width:
                         rim |= flags[i, j] != none
-                        other = least(amplitude, i, j) if flags[i, j] == none else _ZERO
+                        other = least(amplitude, i, j) if flags[i, j] == none else ZERO
                         brightest = max(brightest, other)
                 if rim and least(amplitude, y, x) < half * brightest:
                     found[y, x] |= _OUTLIER
@@ -219,7 +216,7 @@ def _confirmed(block: Block, limits: F32, image: Span) -> U16:
                         off = place[a, y + i, x] - p + (place[a, y, x + j] - p) - off
                         v2 += variance[a, y + i, x] + variance[a, y, x + j]
                     beyond = abs(off) - jump
-                    known |= beyond < _ZERO or beyond * beyond < _SURE2 * (v + v2)
+                    known |= beyond < ZERO or beyond * beyond < _SURE2 * (v + v2)
                 if not known:
                     found[y, x] |= _OUTLIER
     return found
@@ -286,7 +283,7 @@ def _excess(
             _inflation(residual, y, chi2[y], windows[_NUMBER, y], dof, column, inflation)
         for a in range(axes):
             p, v, own = place[a], variance[a], limits[a]
-            if own[5] == _ZERO:
+            if own[5] == ZERO:
                 if r >= 0:
                     _inflated(p[y], v[y], inflation, coordinate[a, to], sigma[a, to])
                 continue
@@ -304,7 +301,7 @@ def _excess(
                 _creased(rest, y, v[y], inflation, windows[_NEAR, y], third)
                 _result(p[y], v[y], inflation, third, bracket, own, (coordinate[a, to], sigma[a, to]))
                 _open(bend[y & 7], full[y], clean[y], own, slow)
-                if own[2] > _ZERO:
+                if own[2] > ZERO:
                     _bordered(p, y, clean[y], own, slow)
                 _judge(block, windows, own, image, (a, y, to), slow, result)
 
@@ -312,7 +309,7 @@ def _excess(
 @kernel
 def _residuals(chi2: F32, clean: U8, dof: np.float32, out: F32) -> None:
     """chi2 per degree of freedom, capped."""
-    share, most = _ONE / max(dof, _ONE), np.float32(25)
+    share, most = ONE / max(dof, ONE), np.float32(25)
     for x in range(chi2.size):
         one = share * chi2[x]
         out[x + 2] = (one if one < most else most) * np.float32(clean[x])
@@ -323,17 +320,17 @@ def _inflation(
     ring: F32, y: int, chi2: F32, number: U8, dof: np.float32, column: F32, inflation: F32
 ) -> None:
     """Factor of the variance: mean of 5 x 5 residuals, or a pixel's own, where beyond four deviations."""
-    share = _ONE / max(dof, _ONE)
-    mean = _ONE + np.float32(1.1314) * np.sqrt(share)
-    alone = _ONE + np.float32(7.0711) * np.sqrt(share) + np.float32(8) * share
+    share = ONE / max(dof, ONE)
+    mean = ONE + np.float32(1.1314) * np.sqrt(share)
+    alone = ONE + np.float32(7.0711) * np.sqrt(share) + np.float32(8) * share
     for x in range(chi2.size + 4):
         three = ring[(y - 2) & 7, x] + ring[(y - 1) & 7, x] + ring[y & 7, x]
         column[x] = three + ring[(y + 1) & 7, x] + ring[(y + 2) & 7, x]
     for x in range(chi2.size):
         level = column[x] + column[x + 1] + column[x + 2] + column[x + 3] + column[x + 4]
-        level, one = level / max(np.float32(number[x]), _ONE), share * chi2[x]
-        level = level if level > mean else _ONE
-        one = one if one > alone else _ONE
+        level, one = level / max(np.float32(number[x]), ONE), share * chi2[x]
+        level = level if level > mean else ONE
+        one = one if one > alone else ONE
         inflation[x] = level if level > one else one
 
 
@@ -403,8 +400,8 @@ def _thirds(rows: F32, cols: F32, y: int, along: U8, down: U8, out: F32) -> None
         out[x] = total + rows[(y + 1) & 7, x] + rows[(y + 2) & 7, x] + rows[(y + 3) & 7, x]
     for x in range(out.size - 6):
         total = cols[(y - 3) & 7, x] + cols[(y - 2) & 7, x] + cols[(y - 1) & 7, x] + cols[y & 7, x]
-        one, two = max(np.float32(along[x]), _ONE), max(np.float32(down[x]), _ONE)
-        first, second = out[x] if one > three else _ZERO, total if two > three else _ZERO
+        one, two = max(np.float32(along[x]), ONE), max(np.float32(down[x]), ONE)
+        first, second = out[x] if one > three else ZERO, total if two > three else ZERO
         more = first * two > second * one
         out[x] = (first if more else second) / (one if more else two)
 
@@ -422,9 +419,9 @@ def _creased(rest: F32, y: int, variance: F32, inflation: F32, near: U8, third: 
     for x in range(variance.size):
         total = rest[(y - 1) & 7, x] + rest[y & 7, x] + rest[(y + 1) & 7, x]
         level = variance[x] * inflation[x]
-        total = _OFF2 * total / max(np.float32(near[x]), _ONE) - _REST * level
+        total = _OFF2 * total / max(np.float32(near[x]), ONE) - _REST * level
         beyond = np.float32(0.05) * third[x] - _THIRD * level
-        third[x] = (total if total > _ZERO else _ZERO) + (beyond if beyond > _ZERO else _ZERO)
+        third[x] = (total if total > ZERO else ZERO) + (beyond if beyond > ZERO else ZERO)
 
 
 @kernel
@@ -455,8 +452,8 @@ def _bordered(place: F32, y: int, clean: U8, limits: F32, slow: Mask) -> None:
     extent, border, aperture = limits[1], limits[2], limits[3]
     for x in range(clean.size - 2):
         dx, dy = place[y, x + 2] - place[y, x], place[y + 1, x + 1] - place[y - 1, x + 1]
-        reach2 = (_HALF * aperture * (dx * dx + dy * dy) + border) * np.float32(16)
-        t = place[y, x + 1] + _HALF
+        reach2 = (HALF * aperture * (dx * dx + dy * dy) + border) * np.float32(16)
+        t = place[y, x + 1] + HALF
         other = extent - t
         t = t if t < other else other
         slow[x + 1] |= (t * abs(t) < reach2) & (clean[x + 1] != 0)
@@ -479,7 +476,7 @@ def _judge(
         if not slow[x]:
             continue
         q, flagged = place[y, x], False
-        brightest, along, down, sides, rows = _ZERO, _ZERO, _ZERO, 0, 0
+        brightest, along, down, sides, rows = ZERO, ZERO, ZERO, 0, 0
         for d in range(4):
             i, j, sign = y + (d == 1) - (d == 0), x + (d == 3) - (d == 2), np.float32(2 * (d & 1) - 1)
             if i < top or i >= end or j < 0 or j >= width:
@@ -493,15 +490,15 @@ def _judge(
                 else:
                     along, sides = along + sign * (place[i, j] - q), sides + 1
         along, down = along / np.float32(max(sides, 1)), down / np.float32(max(rows, 1))
-        step2, extra = along * along + down * down, _ZERO
+        step2, extra = along * along + down * down, ZERO
         if flagged:
-            loss = half * max(_ONE - least(amplitude, y, x) / max(brightest, np.float32(1e-6)), _ZERO)
+            loss = half * max(ONE - least(amplitude, y, x) / max(brightest, np.float32(1e-6)), ZERO)
             extra = loss * loss * step2
         if windows[_FULL, y, x] == none:
             inside = (min(y + 3, end) - max(y - 2, top)) * (min(x + 3, width) - max(x - 2, 0))
             if windows[_NUMBER, y, x] < inside:
                 extra += step2 * (_RIM2 if flagged else _SECOND2)
-            bend, nine = _ZERO, 0  # of the nearest pixel that has eight neighbours
+            bend, nine = ZERO, 0  # of the nearest pixel that has eight neighbours
             i, j = min(max(y, top + 1), end - 2), min(max(x, 1), width - 2)
             if end - top > 2 and width > 2:
                 for k in range(9):
@@ -518,10 +515,10 @@ def _judge(
             run = abs(place[y, x - 2] + place[y, x + 2] - two * q)
             if max(rise, run) > two * jump:
                 coordinate[x] = q
-        if border > _ZERO:
+        if border > ZERO:
             reach2 = two * aperture * step2 + border
             t = min(q + half, extent - half - q) / np.sqrt(reach2)
-            extra += np.float32(0.16) * reach2 * np.exp(-(max(t, _ZERO) ** 2))
+            extra += np.float32(0.16) * reach2 * np.exp(-(max(t, ZERO) ** 2))
             if t < _REACH:
                 result.flags[to, x] |= _OFF
         sigma[x] = np.sqrt(sigma[x] * sigma[x] + extra)

@@ -6,9 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.kernels import F32, I32, kernel
-from optolever.kernels import HALF as _HALF
-from optolever.kernels import ZERO as _ZERO
+from optolever.kernels import F32, HALF, I32, ZERO, kernel
 
 from .codes.bits import BitTable, ends_row, read_row
 from .codes.fringe import FringeTable, fit_row
@@ -104,10 +102,10 @@ def _axis_rows(
         error = out.error[y] if shown else lines[5]
         if a == 0 or not shown:
             for x in range(width):
-                error[x] = _ZERO
+                error[x] = ZERO
         for x in range(width):
             flags[x] = np.int32(out.flags[to, x]) if a else np.int32(0)
-            chi2[x] = chi2[x] if a else _ZERO
+            chi2[x] = chi2[x] if a else ZERO
         if axis.given:
             r, of = y - start, looked_up
             for x in range(width):
@@ -140,7 +138,7 @@ def _axis_rows(
                 join_row(phases[0], own[0], period, reach, place, variance, error, flags, axis.either)
             else:
                 start_row(phases[0], own[0], period, axis.extent, place, variance)
-                if axis.beyond > _ZERO:
+                if axis.beyond > ZERO:
                     for x in range(width):
                         error[x] = max(error[x], axis.beyond)
                         flags[x] |= _ORDER
@@ -155,7 +153,7 @@ def _axis_rows(
             read_row(raw, table, noise, code, y, low, high, lines[6:9], words, place, reach, error, flags)
             for x in range(width):
                 variance[x] = reach[x] * reach[x] * np.float32(1 / 3)
-                coarse[x] = _HALF * (high[x] - low[x])
+                coarse[x] = HALF * (high[x] - low[x])
                 offset[x] = low[x] + coarse[x]
         fine = amplitude if count else coarse
         _judged(noise, axis, _DIM * clip, fine, offset, place, variance, flags)
@@ -165,7 +163,7 @@ def _axis_rows(
             least, mean = out.least[y], out.offset[y]
             for x in range(width):
                 least[x] = min(least[x], fine[x]) if a else fine[x]
-                mean[x] = _HALF * (mean[x] + offset[x]) if a else offset[x]
+                mean[x] = HALF * (mean[x] + offset[x]) if a else offset[x]
 
 
 @kernel
@@ -184,13 +182,13 @@ def _judged(
     more, extent = axis.more, axis.extent
     for x in range(place.size):
         b, o = amplitude[x], offset[x]
-        faint = (b * b < contrast2 * (read2 + gain * max(o, _ZERO))) | (b <= _ZERO)
+        faint = (b * b < contrast2 * (read2 + gain * max(o, ZERO))) | (b <= ZERO)
         flags[x] |= _LOW if faint else none
         flags[x] |= _DARK if faint & (o + b < dim) else none
     for x in range(place.size):
         c, v = place[x], variance[x] + more
-        known, beyond = abs(c) < np.float32(1e9), max(max(-_HALF - c, c + _HALF - extent), _ZERO)
+        known, beyond = abs(c) < np.float32(1e9), max(max(-HALF - c, c + HALF - extent), ZERO)
         flags[x] |= none if known else _INVALID
         flags[x] |= _OFF if beyond * beyond > _SLACK2 * v else none
-        place[x] = c if known else _ZERO
+        place[x] = c if known else ZERO
         variance[x] = v if known else np.float32(1e9)

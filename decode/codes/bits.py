@@ -15,9 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from optolever.kernels import F32, I32, I64, exact, kernel
-from optolever.kernels import HALF as _HALF
-from optolever.kernels import ZERO as _ZERO
+from optolever.kernels import F32, HALF, I32, I64, ZERO, exact, kernel
 
 from ..frames import RawFrames, level_of
 from ..plan import AxisPlan, Plan
@@ -30,7 +28,7 @@ _ONE = np.int32(1)
 #: Squares: share of the half contrast, deviations, within which a bit is open.
 _SHARE2, _SURE2 = np.float32(0.25**2), np.float32(25)
 #: Cells, and share of the surface, up to which an interval is no doubt by itself.
-_CELLS, _EXTENT = 16, 1 / 8
+_WIDEST, _EXTENT = 16, 1 / 8
 
 
 class BitTable(NamedTuple):
@@ -57,20 +55,8 @@ class BitTable(NamedTuple):
     origin: np.float32
 
 
-_WITHOUT = np.zeros(0, np.int64)
-_NONE = BitTable(
-    _WITHOUT,
-    _WITHOUT,
-    _WITHOUT,
-    False,
-    np.zeros(0, np.int32),
-    np.zeros((1, 0), np.int32),
-    False,
-    False,
-    0.0,
-    np.float32(1),
-    np.float32(0),
-)
+_NO, _CELLS = np.zeros(0, np.int64), np.zeros((1, 0), np.int32)
+_NONE = BitTable(_NO, _NO, _NO, False, _CELLS[0], _CELLS, False, False, 0.0, np.float32(1), np.float32(0))
 
 
 def bit_tables(plan: Plan, axes: list[AxisPlan]) -> tuple[BitTable, ...]:
@@ -96,7 +82,7 @@ def bit_tables(plan: Plan, axes: list[AxisPlan]) -> tuple[BitTable, ...]:
                 _adjacent(cells.tobytes(), len(code.plain), run),
                 code.kind == "gray",
                 run,
-                1e9 if axis.fringes else max(_CELLS, _EXTENT * axis.extent / code.cell) / 2,
+                1e9 if axis.fringes else max(_WIDEST, _EXTENT * axis.extent / code.cell) / 2,
                 np.float32(code.cell),
                 np.float32(code.origin),
             )
@@ -154,7 +140,7 @@ def read_row(
     # twice the middle; squares of twice the half width of what is open, of a bit with its inverse and alone
     for x in range(width):
         middle, contrast = low[x] + high[x], high[x] - low[x]
-        own = two * _SURE2 * (read2 + gain * max(_HALF * middle, _ZERO))
+        own = two * _SURE2 * (read2 + gain * max(HALF * middle, ZERO))
         work[0, x] = middle
         work[1, x] = max(_SHARE2 * contrast * contrast, own)
         work[2, x] = max(_SHARE2 * contrast * contrast, np.float32(3) * own)
@@ -163,13 +149,13 @@ def read_row(
         if i >= 0 and j >= 0:
             for x in range(width):
                 d = level_of(raw[i, y, x], table) - level_of(raw[j, y, x], table)
-                words[0, x] |= bit if d > _ZERO else none
+                words[0, x] |= bit if d > ZERO else none
                 words[1, x] |= bit if d * d < work[1, x] else none
         else:
             sign, i = np.float32(1 if i >= 0 else -1), max(i, j)
             for x in range(width):
                 d = sign * (two * level_of(raw[i, y, x], table) - work[0, x])
-                words[0, x] |= bit if d > _ZERO else none
+                words[0, x] |= bit if d > ZERO else none
                 words[1, x] |= bit if d * d < work[2, x] else none
     # first and last cell of the interval; of one that needs more thought the last lies before the first
     if code.gray:
@@ -198,20 +184,20 @@ def read_row(
     if some < none:
         for x in range(width):
             if words[1, x] < words[0, x]:
-                own = two * _SURE2 * (read2 + gain * max(_HALF * work[0, x], _ZERO))
+                own = two * _SURE2 * (read2 + gain * max(HALF * work[0, x], ZERO))
                 if _unsure(raw, table, code, (y, x), (own, work[0, x], work[1, x], work[2, x]), words):
                     flags[x], error[x] = flags[x] | _ORDER, np.float32(1)
     size, most, one = code.cell, np.float32(code.most), np.float32(1)
-    begin = _HALF * (size - one) + code.origin
+    begin = HALF * (size - one) + code.origin
     for x in range(width):
-        half = _HALF * np.float32(np.int32(words[1, x] - words[0, x] + _ONE))
-        half = half if half > one else _HALF
-        place[x] = _HALF * np.float32(np.int32(words[0, x] + words[1, x])) * size + begin
+        half = HALF * np.float32(np.int32(words[1, x] - words[0, x] + _ONE))
+        half = half if half > one else HALF
+        place[x] = HALF * np.float32(np.int32(words[0, x] + words[1, x])) * size + begin
         reach[x] = half * size
     for x in range(width):
         wide = _ORDER if reach[x] > most * size else none
         flags[x] |= wide
-        error[x] = max(error[x], one if wide != none else _ZERO)
+        error[x] = max(error[x], one if wide != none else ZERO)
 
 
 @exact
@@ -238,7 +224,7 @@ def _unsure(
             d, most, chance = level_of(raw[i, y, x], table) - level_of(raw[j, y, x], table), pair, own
         else:
             d = np.float32(2) * d - middle if i >= 0 else middle - np.float32(2) * d
-        word |= bit if d > _ZERO else np.int64(0)
+        word |= bit if d > ZERO else np.int64(0)
         opened |= bit if d * d < most else np.int64(0)
         noisy |= bit if d * d < chance else np.int64(0)
     low, count = ((opened ^ (opened + 1)) >> 1) if code.run else np.int64(0), 0

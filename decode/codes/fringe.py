@@ -12,9 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.kernels import F32, F64, I32, I64, exact, inlined, kernel
-from optolever.kernels import ONE as _ONE
-from optolever.kernels import ZERO as _ZERO
+from optolever.kernels import F32, F64, I32, I64, ONE, ZERO, exact, inlined, kernel
 
 from ..frames import RawFrames, Response, level_of
 from ..noise import Noise, Sample, regression
@@ -261,7 +259,7 @@ def fit_row(
         top[x] = 0
     for g in range(0, index.shape[1], 4):
         i0, i1, i2, i3 = index[k, g], index[k, g + 1], index[k, g + 2], index[k, g + 3]
-        before = _ONE if g else _ZERO
+        before = ONE if g else ZERO
         o0, o1, o2, o3 = w[k, 0, g], w[k, 0, g + 1], w[k, 0, g + 2], w[k, 0, g + 3]
         c0, c1, c2, c3 = w[k, 1, g], w[k, 1, g + 1], w[k, 1, g + 2], w[k, 1, g + 3]
         s0, s1, s2, s3 = w[k, 2, g], w[k, 2, g + 1], w[k, 2, g + 2], w[k, 2, g + 3]
@@ -276,10 +274,10 @@ def fit_row(
             top[x] = max(top[x], brighter)
     for x in range(width):
         a, b = work[0, x], work[1, x]
-        power, own = max(a * a + b * b, _TINY), scale * (read2 + gain * max(offset[x], _ZERO))
+        power, own = max(a * a + b * b, _TINY), scale * (read2 + gain * max(offset[x], ZERO))
         variance[x] = more + own * (cc * b * b - cs * a * b + ss * a * a) / (power * power)
         amplitude[x] = np.sqrt(power)
-        work[3, x] = _ONE / own
+        work[3, x] = ONE / own
     for x in range(width):
         phase[x] = cycles_of(work[1, x], work[0, x])
     brightest = top[0]
@@ -287,12 +285,12 @@ def fit_row(
         brightest = max(brightest, top[x])
     if brightest >= clip:
         for x in range(width):
-            work[3, x] = _ZERO if top[x] >= clip else work[3, x]
+            work[3, x] = ZERO if top[x] >= clip else work[3, x]
     for j in range(terms.shape[1]):
         for g in range(0, index.shape[1], 4):
             i0, i1, i2, i3 = index[k, g], index[k, g + 1], index[k, g + 2], index[k, g + 3]
             w0, w1, w2, w3 = w[k, 3 + j, g], w[k, 3 + j, g + 1], w[k, 3 + j, g + 2], w[k, 3 + j, g + 3]
-            before, last = _ONE if g else _ZERO, g + 4 == index.shape[1] and not fringe.harmonic[k]
+            before, last = ONE if g else ZERO, g + 4 == index.shape[1] and not fringe.harmonic[k]
             if not last:
                 for x in range(width):
                     two = w0 * level_of(raw[i0, y, x], table) + w1 * level_of(raw[i1, y, x], table)
@@ -308,7 +306,7 @@ def fit_row(
             t = terms[k, j]
             for x in range(width):
                 a = amplitude[x]
-                inverse = _ONE / max(a, _TINY)
+                inverse = ONE / max(a, _TINY)
                 h1, g1 = work[0, x] * inverse, work[1, x] * inverse
                 h2, g2 = h1 * h1 - g1 * g1, _TWO * h1 * g1
                 h3, g3 = h2 * h1 - g2 * g1, g2 * h1 + h2 * g1

@@ -19,10 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from optolever.kernels import F32, I32, inlined, kernel
-from optolever.kernels import HALF as _HALF
-from optolever.kernels import ONE as _ONE
-from optolever.kernels import ZERO as _ZERO
+from optolever.kernels import F32, HALF, I32, ONE, ZERO, inlined, kernel
 
 from ..records import Flag
 
@@ -58,7 +55,7 @@ def start_row(
     phase: F32, phase_variance: F32, period: np.float32, extent: np.float32, place: F32, variance: F32
 ) -> None:
     """Place by the coarsest period: the one nearest to the middle of the surface."""
-    middle, square = _HALF * (extent - _ONE) / period, period * period
+    middle, square = HALF * (extent - ONE) / period, period * period
     for x in range(place.size):
         t = phase[x]
         place[x] = period * (t + np.rint(middle - t))
@@ -70,11 +67,11 @@ def climb_row(
     phase: F32, phase_variance: F32, period: np.float32, place: F32, variance: F32, error: F32, flags: I32
 ) -> None:
     """Place by a finer period, its order by the place so far."""
-    per_period, square, none = _ONE / period, period * period, np.int32(0)
+    per_period, square, none = ONE / period, period * period, np.int32(0)
     for x in range(place.size):
         rough, own = place[x], square * phase_variance[x]
         away = period * (phase[x] + np.rint(rough * per_period - phase[x])) - rough
-        room = max(_HALF * period - abs(away), _ZERO)
+        room = max(HALF * period - abs(away), ZERO)
         e = exp_neg(period * room, own + variance[x])
         error[x] = max(error[x], e)
         flags[x] |= _ORDER if e > _DOUBT else none
@@ -95,14 +92,14 @@ def join_row(
     either: np.int32,
 ) -> None:
     """Place by a period within the interval of a code, place +- reach; either: flag where two orders fit."""
-    per_period, square, none = _ONE / period, period * period, np.int32(0)
+    per_period, square, none = ONE / period, period * period, np.int32(0)
     for x in range(place.size):
         rough = place[x]
         away = period * (phase[x] + np.rint(rough * per_period - phase[x])) - rough
         far = abs(away)
         outside, two = far > reach[x] + _OUTSIDE * period, period - far - reach[x] < _APART * period
         flags[x] |= _ORDER if outside else either if two else none
-        error[x] = max(error[x], _ONE if outside | two else _ZERO)
+        error[x] = max(error[x], ONE if outside | two else ZERO)
         place[x] = rough + away
         variance[x] = square * phase_variance[x]
 
@@ -169,11 +166,11 @@ def compare_row(
     b = min(1, last - 1)
     r0, r1 = period[last] / period[0], period[last] / period[b]
     for x in range(place.size):
-        weight[x], error[x], least[x], place[x] = _ZERO, _ZERO, _NEVER, _ZERO
+        weight[x], error[x], least[x], place[x] = ZERO, ZERO, _NEVER, ZERO
     for j in range(count):
         square, v = period[j] * period[j], phase_variance[j]
         for x in range(place.size):
-            weight[x] += _ONE / (square * v[x])
+            weight[x] += ONE / (square * v[x])
     t0, t1, t = phase[0], phase[b], phase[last]
     entries = np.float32(_ENTRIES)
     for x in range(place.size):
@@ -193,25 +190,25 @@ def compare_row(
         for x in range(place.size):
             rival = score[x] if order[x] > _NONE else _NEVER
             before = least[x]
-            likely = exp_neg(min(_HALF * abs(rival - before), np.float32(1e4)), _ONE)
+            likely = exp_neg(min(HALF * abs(rival - before), np.float32(1e4)), ONE)
             better = rival < before
-            error[x] = (error[x] + _ONE) * likely if better else error[x] + likely
+            error[x] = (error[x] + ONE) * likely if better else error[x] + likely
             place[x] = at[x] if better else place[x]
             least[x] = min(rival, before)
     half, v0, v1, v = (
-        _HALF * orders.tolerance * orders.tolerance,
+        HALF * orders.tolerance * orders.tolerance,
         phase_variance[0],
         phase_variance[b],
         phase_variance[last],
     )
     none = np.int32(0)
     for x in range(place.size):
-        wrong = error[x] / (_ONE + error[x])
+        wrong = error[x] / (ONE + error[x])
         wrong += exp_neg(half, v0[x] + r0 * r0 * v[x]) + exp_neg(half, v1[x] + r1 * r1 * v[x])
         found = least[x] < _NEVER
-        error[x] = min(wrong, _ONE) if found else _ONE
+        error[x] = min(wrong, ONE) if found else ONE
         chi2[x] += min(least[x], np.float32(1e6))
-        variance[x] = _ONE / weight[x]
+        variance[x] = ONE / weight[x]
         flags[x] |= _ORDER if error[x] > _DOUBT else none
 
 
@@ -232,19 +229,19 @@ def _scores(
     fine, t = period[last], phase[last]
     for x in range(order.size):
         at[x] = fine * (order[x] + t[x])
-        mean[x], score[x] = _ZERO, _ZERO
+        mean[x], score[x] = ZERO, ZERO
     for j in range(last):
-        p, per_period = period[j], _ONE / period[j]
+        p, per_period = period[j], ONE / period[j]
         t, v = phase[j], phase_variance[j]
         for x in range(order.size):
             off = at[x] * per_period - t[x]
             off = p * (np.rint(off) - off)
-            w = _ONE / (p * p * v[x])
+            w = ONE / (p * p * v[x])
             mean[x] += w * off
             score[x] += w * off * off
     for x in range(order.size):
         off = mean[x] / weight[x]
         place = at[x] + off
-        beyond = max(max(-_HALF - place, place + _HALF - extent), _ZERO)
+        beyond = max(max(-HALF - place, place + HALF - extent), ZERO)
         score[x] += beyond * beyond * weight[x] - mean[x] * off
         at[x] = place
