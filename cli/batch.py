@@ -69,7 +69,7 @@ class Many(Program):
 
     NAME.npz and NAME.json of every capture lie there, and table.csv of all. A command with --profile decodes
     the first good capture of every kind (description, size of the pictures) by itself, the others by its
-    profile. What the table has of the same files, options and version is not done again.
+    profile. A capture that the table has, with the same files, options and version, is not done again.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class Many(Program):
         self.imports = [f"optolever.{part}" for part in imports]
         jobs = "Processes of one thread for several captures, whose results lie in the folder --out."
         address = "Dask cluster that takes several captures, in place of processes (extra cluster)."
-        again = "Of several captures also those that table.csv has of an earlier run."
+        again = "Do captures again that table.csv has of an earlier run."
         self.params += [
             click.Option(["--jobs"], type=click.IntRange(1), default=1, metavar="N", help=jobs),
             click.Option(["--scheduler"], metavar="ADDRESS", help=address),

@@ -94,10 +94,10 @@ def command(
 ) -> int:
     """Fit a form to a height map, and measure the residual.
 
-    All good pixels have equal weight, but for their outermost ring, which is left out. A concave mirror has
-    a radius above 0. Sigmas include the noise of the frames and the errors of the rig. Zernike terms are
-    those of the residual, over the inscribed circle. H.npz may be a grid of another program, too (.x3p, .dat,
-    .datx, .wft, .sdf, .tif, .csv, .npy). Several maps of one mirror: their mean and differences.
+    All good pixels but their outermost ring have equal weight. A concave mirror has a radius above 0. Sigmas
+    include the noise of the frames and the errors of the rig. Zernike terms describe the residual over the
+    inscribed circle. H.npz may also be a grid of another program (.x3p, .dat, .datx, .wft, .sdf, .tif, .csv,
+    .npy). Several maps of one mirror: their mean and differences.
     """
     shape = _Shape(form, nominal, apertures, highpass, lowpass)
     if len(sources) > 1:

@@ -60,21 +60,19 @@ _NAMED = "NAME[:KEY=VALUE,...]"
 _NUMBERS = "Write the numbers too: JSON, or CSV (figure, value)."
 _SENSOR = "Standard deviation of Gaussian noise added to that of the scene's sensor, in 8-bit levels."
 _ANCHOR = (
-    "What fixes the height: the camera-side edge at rest (default), the mirror's middle at rest (default in "
-    "open air where that edge is not seen), or a known point (mm; default of a SOFAST rig: its datum)."
+    "The known height: edge, the camera-side edge at rest (default); middle, the mirror's middle at rest "
+    "(default in open air where that edge is not in view); or a point in mm (SOFAST: its datum)."
 )
 _PITCH = "Pitch of the regular grid; default: about that of the camera's pixels."
 _SCREEN = "Size of the display of the sequence, such as 1920x1080."
 _SIZE = "Resample camera and pattern together to this camera size; the field of view stays."
 _RENDERER = "auto: OpenGL where there is a context, else NumPy."
 
-_FULL = "Also write correspondence.npz and slopes.npz, several times the size of all else."
+_FULL = "Also write correspondence.npz and slopes.npz, which are large."
 
 Full = Annotated[bool, Opt("--full", _FULL)]
 Json = Annotated[Path | None, Opt("--json FILE", _NUMBERS, OutputFile(".json", ".csv"))]
-NoRest = Annotated[
-    bool, Opt("--no-rest", "Heights of the whole mirror, not those above the rest that the rig holds.")
-]
+NoRest = Annotated[bool, Opt("--no-rest", "Absolute heights, without the rest capture that the rig holds.")]
 Size = Annotated[tuple[int, int] | None, pixels(_SIZE)]
 SceneName = Annotated[str, preset()]
 Shown = Annotated[str, Opt(f"--sequence {_NAMED}", "Sequence, or a .toml file of one.", lists="sequences")]

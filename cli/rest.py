@@ -24,7 +24,7 @@ def command(
 ) -> None:
     """Store the mirror at rest with the rig.
 
-    From then on `reconstruct` gives heights above it (--no-rest: of the whole mirror). CAPTURE, of the
+    From then on `reconstruct` gives heights above it (--no-rest: absolute ones). CAPTURE, of the
     untouched mirror, is an .npz of decode or a folder of frames. Run it again whenever reconstruct says that
     the rig has moved: its calibration stays.
     """

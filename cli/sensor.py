@@ -31,7 +31,7 @@ def command(
     """Measuring range and sensitivity of a scene.
 
     Slopes, total reflection, lever, free mode, error bars: medians over the mirror at rest, on a thinned
-    camera; error bars are those of the full one. Contacts of balls: until `live` loses cells.
+    camera; error bars of the full one. Balls: how deep they may press before `live` loses cells.
     """
     from optolever.experiments.design import sensor_maps
 
