@@ -197,6 +197,8 @@ def _fitted(
     terms = np.concatenate([tails, cells.motion[:, out], cells.free[None, out]])
     root = np.sqrt(weight / weight.sum())
     weighted, right = (terms * root).T, z * root
+    if not (np.isfinite(weighted).all() and np.isfinite(right).all()):
+        return None  # of a damaged map
     size = np.linalg.norm(weighted, axis=0)
     prior = np.where(size > 0, _TAILS * size, 1.0)
     motions = slice(len(tails), len(tails) + count)

@@ -149,6 +149,9 @@ def _outcome(run: Run, number: int, kind: str, args: list[str], work: Path) -> O
             fault = next(filter(None, (_unsound(result) for result in results if result.exists())), "")
         elif code == 2 and lines and all(_BATCH in line for line in lines):
             pass  # the other inputs of several have their results
+        elif code == 2 and lines and all(line.startswith("Notice: ") for line in lines):
+            # a map is written, every pixel of which is flagged: the capture contradicts its scene
+            fault = next(filter(None, (_unsound(result) for result in results if result.exists())), "")
         elif code != 2 or len(lines) != 1:
             fault = f"exit code {code}, {len(lines)} lines: {' / '.join(lines)[:200]}"
         elif any(result.exists() for result in results):
