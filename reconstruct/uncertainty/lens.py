@@ -30,7 +30,8 @@ def _bracket(seen: Correspondence, axis: str) -> Floats:
     """laplace u + 2 grad u . grad ln A (H, W), a place's shift over half the aperture's second moment: the
     mean of 3 x 3 pixels; 0 beside pixels that are not good."""
     good: Mask = scipy.ndimage.binary_erosion(seen.good, _CLEAN)
-    light = np.ones(good.shape) if seen.amplitude is None else np.maximum(seen.amplitude, _LEAST)
+    light = np.ones(good.shape) if seen.amplitude is None else np.nan_to_num(seen.amplitude)
+    light = np.clip(light, _LEAST, 2.0**16)  # of a damaged file it may be anything
     place, log = (np.where(seen.good, one, 0.0) for one in (getattr(seen, axis), np.log(light)))
     shift = scipy.ndimage.laplace(place, mode="nearest")
     for rise, fall in zip(np.gradient(place), np.gradient(log), strict=True):
