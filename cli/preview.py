@@ -2,6 +2,7 @@
 
 import threading
 import time
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +26,7 @@ sees the display  100 %; saturated 0 %; sharpness 100 % of its best. Good. Next:
 READY = "Good. Next: optolever camera expose."
 _WHITE_S = 3.0  # of white between two black pictures
 _STALE_S = 0.2  # an image that waited longer is not judged: the newest counts
+_GLANCE_S = 5.0
 _PERIOD_S = 0.1  # of a virtual camera, which waits for nothing
 _WIDTH = 960  # columns of the picture on the page, at most
 _WAIT_S = 1.0  # that a request waits for a new picture
@@ -105,6 +107,18 @@ def views_of(now: "ol.projector.Opened") -> Iterator[View]:
             yield View(image.pixels, now.accepted.bits, found, best)
             if now.still:
                 now.time.wait(now.time.now() + _PERIOD_S)
+
+
+def glance(views: Iterator[View]) -> View:
+    """The last view of some seconds: of a display that lies over the page."""
+    return deque(_until(views, time.monotonic() + _GLANCE_S), maxlen=1).pop()
+
+
+def still(view: View) -> Iterator[View]:
+    """One view again and again."""
+    while True:
+        yield view
+        time.sleep(_PERIOD_S)
 
 
 def _until(views: Iterator[View], end: float | None) -> Iterator[View]:

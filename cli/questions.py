@@ -2,8 +2,10 @@
 
 import math
 import re
+import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import click
@@ -21,6 +23,7 @@ __all__ = [
     "VIEW_60",
     "Question",
     "questions_of",
+    "scene_of",
     "typed_rig",
 ]
 
@@ -197,3 +200,11 @@ def typed_rig(values: Mapping[str, Any]) -> "ol.scene.TypedRig":
         focal=focal,
         focal_accuracy=accuracy,
     )
+
+
+def scene_of(values: Mapping[str, Any]) -> "ol.scene.Scene":
+    """The scene of answers."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "rig.toml"
+        file.write_text(ol.scene.rig_toml("rig", typed_rig(values)), encoding="utf-8")
+        return ol.scene.load(file)

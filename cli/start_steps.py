@@ -1,6 +1,5 @@
 """The steps of `start`: each asks, measures, and writes its part of the rig's TOML."""
 
-import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -13,8 +12,8 @@ from optolever.toml import read_toml, toml_text
 
 from .expose import chosen_exposure
 from .options import decoded_by_response, response_of
-from .preview import views_of
-from .questions import BALL, KINDS, QUESTIONS, VIEW_60, questions_of, typed_rig
+from .preview import glance, still, views_of
+from .questions import BALL, KINDS, QUESTIONS, VIEW_60, questions_of, scene_of, typed_rig
 from .rig import draw_rig, visible_share
 from .rig_capture import capture_now, capture_rest
 from .rig_devices import image_size, levels_of, opened, sequence_of
@@ -133,7 +132,7 @@ def display(begun: Begun, front: Front) -> None:
         for one in found[chosen : chosen + 1]:
             for fault in one.faults():
                 front.say(fault, fault=True)
-            inches = (one.rows_mm**2 + one.cols_mm**2) ** 0.5 / 25.4
+            inches = (one.rows_mm**2 + one.cols_mm**2) ** 0.5 / 25.4 if one.model else 0.0  # by EDID
             known = {"display": f"{one.cols}x{one.rows}"} | ({"diagonal": f"{inches:.4g}"} if inches else {})
             names = ["diagonal"] if not inches else []
             begun.write({}, **known)
@@ -181,19 +180,22 @@ def aim(begun: Begun, front: Front) -> None:
     """The preview, until the user goes on."""
     scene = ol.scene.load(begun.rig)
     devices = ol.projector.devices_of(begun.rig)
+    alone = not begun.simulated and devices.display != "window" and len(ol.projector.monitors()) == 1
     while True:
         with opened(begun.rig, devices, levels_of(begun.rig, "black", "white")) as now:
             now.require_size(scene)
-            last = front.look(views_of(now))
+            last = glance(views_of(now)) if alone else front.look(views_of(now))
+        if alone and last is not None:  # the page is visible again
+            last = front.look(still(last))
         if last is None:
             raise InputError("camera: no picture came; is it connected? (optolever camera devices)")
         seen = last.aim.seen
         fault = ol.calibration.aim_fault(seen, visible_share(scene))
         if seen == 0:
             fault = f"{last.aim.advice(last.best)} Is {devices.display!r} the display in front of the mirror?"
-        if not fault:
+        if not fault and not alone:
             return
-        front.say(fault, fault=True)
+        front.say(fault or "Nothing contradicts the numbers.", fault=bool(fault))
         if front.go("Look again?", {"": "look again", "k": "keep it so"}) == "k":
             return
 
@@ -278,7 +280,7 @@ def rest(begun: Begun, front: Front) -> None:
 def _adjusted(begun: Begun, front: Front, found: "ol.decode.Correspondence") -> "ol.scene.Scene":
     """The typed rig, adjusted to its flat mirror within the accuracy of its numbers; as typed where the user
     keeps a mirror that is none."""
-    typed = _scene_of(begun.values())
+    typed = scene_of(begun.values())
     target, priors = ol.calibration.target_from_text("rest"), ol.scene.typed_sigmas(typed, typed.accuracy)
     try:
         fitted = ol.calibration.calibrate(typed, [ol.calibration.Observation("rest", target, found)], priors)
@@ -308,7 +310,7 @@ def targets(begun: Begun, front: Front) -> None:
     text = "Calibrate? Without it heights have the errors of the typed numbers, some per cent."
     if front.go(text, {"": "leave it out", "c": f"calibrate by {word}"}) == "":
         return
-    scene, texts = _scene_of(begun.values()), ["flat"] * _FLATS
+    scene, texts = scene_of(begun.values()), ["flat"] * _FLATS
     if begun.kind == "prism":
         radius = front.ask([BALL], {"radius": BALL.default(begun.kind)})["radius"]
         texts = ["rest", f"ball:{radius:g},0.003"]
@@ -335,18 +337,10 @@ def _typed(begun: Begun, front: Front, *names: str) -> dict[str, Any]:
     questions, texts = questions_of(begun.kind, *names), begun.defaults(begun.kind)
 
     def draw(answers: Mapping[str, str], out: Path) -> None:
-        draw_rig(_scene_of(begun.values(**answers)), out)
+        draw_rig(scene_of(begun.values(**answers)), out)
 
     values = front.ask(questions, texts, draw)
     return {each.name: each.typed(values[each.name]) for each in questions}
-
-
-def _scene_of(values: Mapping[str, Any]) -> "ol.scene.Scene":
-    """The scene of answers."""
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "rig.toml"
-        file.write_text(ol.scene.rig_toml("rig", typed_rig(values)), encoding="utf-8")
-        return ol.scene.load(file)
 
 
 def require_devices(begun: Begun) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from optolever.cli import run
-from optolever.cli.preview import Page, View
+from optolever.cli.preview import Page, View, glance, still
 from optolever.projector import aim
 from optolever.scene import load, resize
 
@@ -70,3 +70,10 @@ def test_the_page_outlines_the_reflection_and_marks_saturated_pixels() -> None:
             assert (status, kind in text) == (200, True)
         assert _ask(page, "/", Host="elsewhere.example:80")[0] == 403
         assert _ask(page, "/next?after=" + 5000 * "9")[0] == 200
+
+
+def test_a_glance_at_one_monitor_is_its_last_view(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("optolever.cli.preview._GLANCE_S", 0.2)
+    level = np.full((20, 20), 100, np.uint8)
+    one = View(level, 8, aim(level, level, level, 8), 1.0)
+    assert glance(still(one)) is one
