@@ -112,7 +112,7 @@ def _likely(cells: _Cells, found: Sag, regions: Sequence[Region]) -> Sag:
     error in both cases; the motion follows c by their covariance."""
     if not found.sigma > 0:
         return found
-    size = float(np.linalg.norm(found.rig[-1]))
+    size, spread = float(np.linalg.norm(found.rig[-1])), found.sigma
     if regions:
         away = [np.hypot(cells.x - one.x, cells.y - one.y) / one.radius for one in regions]
         deep = np.sum([one.depth / np.maximum(q, 1.0) for one, q in zip(regions, away, strict=True)], axis=0)
@@ -128,7 +128,14 @@ def _likely(cells: _Cells, found: Sag, regions: Sequence[Region]) -> Sag:
     values, vectors = np.linalg.eigh(covariance)
     motion = found.motion + along[:-1] * (c - found.c)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    return replace(found, c=c, sigma=sigma, motion=motion, root=root)
+    found = replace(found, c=c, sigma=sigma, motion=motion, root=root)
+    if c or not found.rig[-1].any():
+        return found
+    # errors of the rig that would look like c are as small as c is
+    looks = float(np.linalg.norm(found.rig[-1]))
+    less = 1 - 1 / math.hypot(1.0, looks / spread)
+    kept = found.kept - less * np.multiply.outer(found.rig[-1], found.rig[-1]) / looks**2
+    return replace(found, kept=kept, rig=(found.rig - np.multiply.outer(along, found.rig[-1])) @ kept)
 
 
 def far_field(layer: Layer | None, circles: Sequence[Circle], x: Floats, y: Floats) -> Floats:
@@ -180,7 +187,7 @@ def _robust(cells: _Cells, noise: float) -> Sag:
     values, vectors = np.linalg.eigh(normal)
     root[:count, :count] = vectors / np.sqrt(values)
     rig = np.zeros((count + 1, len(cells.rig)))
-    return Sag(0.0, 0.0, spread / max(noise, 1e-300), mean, root, rig)
+    return Sag(0.0, 0.0, spread / max(noise, 1e-300), 0.0, mean, root, rig, np.eye(len(cells.rig)))
 
 
 def _fitted(
@@ -220,5 +227,9 @@ def _fitted(
     deviation = float(np.sqrt(covariance[-1, -1]))
     half = vectors * np.sqrt(np.maximum(values, 0.0))
     errors = np.concatenate([(cells.rig[:, out] * root).T, np.zeros((len(prior), len(cells.rig)))])
-    rig = np.linalg.lstsq(whole[0], errors, rcond=None)[0][len(tails) :]
-    return Sag(float(found[-1]), deviation, rho / max(noise, 1e-300), found[motions], half, rig)
+    taken = np.linalg.lstsq(whole[0], errors, rcond=None)[0]
+    left = np.linalg.norm((errors - whole[0] @ taken)[: right.size], axis=1) / np.maximum(root, 1e-300)
+    known = math.hypot(noise, float(np.median(left)))
+    fit = rho / max(noise, 1e-300), rho / max(known, 1e-300)
+    rig = taken[len(tails) :]
+    return Sag(float(found[-1]), deviation, *fit, found[motions], half, rig, np.eye(len(cells.rig)))

@@ -18,15 +18,18 @@ __all__ = ["Sag", "Surface", "filled"]
 @dataclass(frozen=True, slots=True, eq=False)
 class Sag:
     """c: amplitude of the free mode, sigma: its standard deviation; misfit: rms residual over the median
-    noise; motion (k,): of the motion's modes; root (1 + k, 1 + k): of the covariance of motion and c;
-    rig (1 + k, m): motion and c that the fit finds in each of the map's other modes."""
+    noise, beyond: over noise and the rig's errors; motion (k,): of the motion's modes; root (1 + k, 1 + k): of
+    the covariance of motion and c; rig (1 + k, m): motion and c that the fit finds in each of the map's other
+    modes, which are mixed by kept (m, m)."""
 
     c: float
     sigma: float
     misfit: float
+    beyond: float
     motion: Floats
     root: Floats
     rig: Floats
+    kept: Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,12 +76,14 @@ class Surface:
         if self.free is not None:
             z, free = z - sag.c * self.free, np.nan_to_num(self.free[few])
         fields = np.concatenate([motion, free[None]])
-        rig, left = rig - np.tensordot(sag.rig.T, fields, 1), np.tensordot(sag.root.T, fields, 1)
+        rig = np.tensordot(sag.kept, rig, 1) - np.tensordot(sag.rig.T, fields, 1)
+        left = np.tensordot(sag.root.T, fields, 1)
         modes = np.concatenate([rig, left]).astype(np.float32)
         displacement = self.displacement
         if displacement is not None:  # motion moves no point along the mirror
             gauge = displacement[len(own) :]
-            displacement = np.concatenate([displacement[: len(rig)], np.zeros((len(left), 2, 3)), gauge])
+            mixed = np.tensordot(sag.kept, displacement[: len(rig)], 1)
+            displacement = np.concatenate([mixed, np.zeros((len(left), 2, 3)), gauge])
         return replace(self, z=z, modes=modes, motions=len(left), displacement=displacement)
 
 

@@ -45,13 +45,13 @@ def less_sag(height: HeightMap, problem: Problem, state: State, scene: Scene) ->
     if motion > _MOVED:
         name = "The rig moved between rest and press, by so many of its standard deviations"
         notices.append(Notice(name, motion, _MOVED, _CURE_MOVED))
-    if found.misfit > _MISFIT:
+    if found.beyond > _MISFIT:
         name = "Outside the contacts the mirror does not sink as under a load; residual over noise"
-        notices.append(Notice(name, found.misfit, _MISFIT, _CURE_SAG))
+        notices.append(Notice(name, found.beyond, _MISFIT, _CURE_SAG))
     less = surface.less(found)
     assert less.modes is not None
     modes, z = np.asarray(less.modes, np.float64), np.asarray(less.z, np.float64)
-    if found.misfit > _MISFIT:
+    if found.beyond > _MISFIT:
         few = slice(None, None, surface.step), slice(None, None, surface.step)
         wide = np.zeros((0, *height.z[few].shape))
         wide = wide if height.modes is None else np.asarray(_wider(height).modes, np.float64)
