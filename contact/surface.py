@@ -18,8 +18,8 @@ __all__ = ["Sag", "Surface", "filled"]
 @dataclass(frozen=True, slots=True, eq=False)
 class Sag:
     """c: amplitude of the free mode, sigma: its standard deviation; misfit: rms residual over the median
-    noise, beyond: over noise and the rig's errors; motion (k,): of the motion's modes; root (1 + k, 1 + k): of
-    the covariance of motion and c; rig (1 + k, m): motion and c that the fit finds in each of the map's other
+    noise, beyond: over noise and the rig's errors; motion (k,): of the motion's modes; root (1 + k, 1 + k):
+    of the covariance of motion and c; rig (1 + k, m): motion and c that the fit finds in each of the other
     modes, which are mixed by kept (m, m)."""
 
     c: float
