@@ -172,7 +172,7 @@ def _as_built(typed: Scene, rng: np.random.Generator) -> Scene:
 
 
 def _pictures(folder: Path, scene: Scene, surface: Surface, shown: Sequence, seed: int) -> None:
-    """A folder of pictures as a camera names them, with what `show` writes beside them."""
+    """A folder of pictures as a camera names them, with the description that `show` writes."""
     folder.mkdir()
     write_description(folder / "capture.toml", shown)
     for number, frame in enumerate(

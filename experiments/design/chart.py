@@ -55,9 +55,7 @@ def write_tradeoff_chart(path: Path, rows: Many[Tradeoff], title: str = "") -> N
         without = f"; no height: {', '.join(lost)}" if lost else ""
         pair[0].set_title(f"{condition}{without}", fontsize=9, loc="left")
     if marks is not None:
-        bar = figure.colorbar(
-            marks, ax=panels, ticks=np.log2(_RATIOS), shrink=0.8, aspect=20 * len(conditions)
-        )
+        bar = figure.colorbar(marks, ax=panels, ticks=np.log2(_RATIOS), aspect=20 * len(conditions))
         bar.ax.set_yticklabels([f"{ratio:g}" for ratio in _RATIOS])
         bar.set_label("error / sigma: 1 where error bars are true", fontsize=9)
     figure.suptitle(f"{title}; grey: nothing is both faster and better".lstrip("; "), fontsize=9)

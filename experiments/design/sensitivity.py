@@ -60,8 +60,7 @@ class Lever:
         self.response = None
         if calibrated and scene.display is not None:
             levels = np.arange(256.0)
-            seen = 255 * scene.display.light(levels)
-            self.response = Response(levels, seen, scene.pattern.blur_px)
+            self.response = Response(levels, 255 * scene.display.light(levels), scene.pattern.blur_px)
         self.scene, self.surface = replace(scene, accuracy=None, covariance=None), surface
         self.view = view_of(self.scene, surface, stride_for(scene) if stride is None else stride)
         if not self.view.visible.any():

@@ -101,8 +101,8 @@ def compare_codes(
 def _simulated(lever: Lever, row: Tradeoff, code: Candidate, seeds: Many[int], renderer: str) -> Tradeoff:
     """The row with its numbers."""
     if code.decoder is None and not row.lag:
-        there = predict(lever.view, code.sequence, row.noise, response=lever.response)
-        row = replace(row, predicted=lever.height(there).total)
+        there = lever.height(predict(lever.view, code.sequence, row.noise, response=lever.response))
+        row = replace(row, predicted=there.total)
     full, errors, ratios, shares, seconds = lever.full, [], [], [], []
     for seed in seeds:
         frames = lever.frames(code.pattern, row.noise, seed, renderer, row.lag)
