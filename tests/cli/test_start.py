@@ -17,6 +17,7 @@ import pytest
 
 from optolever.calibration import aim_fault, rest_fault
 from optolever.cli import run
+from optolever.cli.start_steps import Begun, require_devices
 from optolever.decode import Correspondence
 from optolever.scene import Scene, TypedRig, adjusted, dent, load, parameter_values, rig_toml, trace
 
@@ -98,6 +99,21 @@ def test_it_goes_on_where_it_was_left(
     rig = load("rig.toml")
     assert parameter_values(rig)["camera.f"] == pytest.approx(640 * 500 / 520)
     assert rig.accuracy.focal == 0.05  # type: ignore[union-attr]
+
+
+def test_other_devices_than_before_lead_back_to_their_step(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "rig.toml"
+    file.write_text('[start]\nimage = "640x480"\n[devices]\ncamera = "world:1"\ndisplay = "window"\n')
+    for size, found in (
+        ("640x480", ""),
+        ("1280x720", "camera: it has 1280x720 pixels, before it had 640x480"),
+    ):
+        monkeypatch.setattr("optolever.cli.start_steps.image_size", lambda _, size=size: size)
+        assert require_devices(Begun.load(file)) == found
+    monkeypatch.undo()
+    assert require_devices(Begun.load(file)).startswith("camera: camera: 'world:1'")
 
 
 class Lines:
