@@ -112,7 +112,7 @@ def _likely(cells: _Cells, found: Sag, regions: Sequence[Region]) -> Sag:
     error in both cases; the motion follows c by their covariance."""
     if not found.sigma > 0:
         return found
-    size, spread = float(np.linalg.norm(found.rig[-1])), found.sigma
+    size, spread, seen = float(np.linalg.norm(found.rig[-1])), found.sigma, found.c / found.sigma
     if regions:
         away = [np.hypot(cells.x - one.x, cells.y - one.y) / one.radius for one in regions]
         deep = np.sum([one.depth / np.maximum(q, 1.0) for one, q in zip(regions, away, strict=True)], axis=0)
@@ -131,9 +131,10 @@ def _likely(cells: _Cells, found: Sag, regions: Sequence[Region]) -> Sag:
     found = replace(found, c=c, sigma=sigma, motion=motion, root=root)
     if c or not found.rig[-1].any():
         return found
-    # errors of the rig that would look like c are as small as c is
+    # errors of the rig that would look like c are as small as what was seen of it
     looks = float(np.linalg.norm(found.rig[-1]))
-    less = 1 - 1 / math.hypot(1.0, looks / spread)
+    moment = math.hypot(1.0, looks * seen / math.hypot(looks, spread))  # their second one, over the variance
+    less = max(1 - moment / math.hypot(1.0, looks / spread), 0.0)
     kept = found.kept - less * np.multiply.outer(found.rig[-1], found.rig[-1]) / looks**2
     return replace(found, kept=kept, rig=(found.rig - np.multiply.outer(along, found.rig[-1])) @ kept)
 
