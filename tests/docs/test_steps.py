@@ -36,13 +36,13 @@ class Window:
 
 
 def lines() -> list[list[str]]:
-    """The commands of README's section."""
+    """The commands of README's section, by hand."""
     section = (
         (ROOT / "README.md").read_text().partition("## A capture of your own\n")[2].partition("\n## ")[0]
     )
-    block = re.search(r"```console\n(.*?)```", section, re.DOTALL)
-    assert block is not None
-    return [shlex.split(line.removeprefix("$ optolever ")) for line in block[1].splitlines()]
+    blocks = re.findall(r"(?<!-->\n)```console\n(.*?)```", section, re.DOTALL)
+    (steps,) = (block for block in blocks if "show" in block)
+    return [shlex.split(line.removeprefix("$ optolever ")) for line in steps.splitlines()]
 
 
 def test_the_four_steps_run_as_they_stand(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
