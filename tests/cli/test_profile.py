@@ -34,7 +34,7 @@ def test_a_profile_is_kept_and_decoded_by(
     refused([*decode, "--profile", profile, "--lens", "0.3"], "leave out --response, --lens")
     optolever("simulate", *shown[:-1], "3", "--out", tmp_path / "noisier")
     outcome = optolever("decode", tmp_path / "noisier", "--out", out, "--profile", profile)
-    assert "profile no longer holds: noise" in outcome.err
+    assert "profile no longer fits, noise" in outcome.err
 
 
 def test_the_lag_that_sync_measured_is_taken_off(tmp_path: Path, optolever: Program) -> None:

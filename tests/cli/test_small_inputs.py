@@ -41,7 +41,7 @@ def test_encodings_of_toml(copy: Path, chain: Chain, optolever: Program, refused
     optolever(*decode_it)
     assert Correspondence.load(copy.parent / "c.npz") == Correspondence.load(chain.correspondence)
     (copy / "capture.toml").write_text(text, encoding="utf-16")
-    refused(decode_it, "capture.toml", "not readable as TOML in UTF-8")
+    refused(decode_it, "capture.toml", "not readable as TOML", "save it as text in UTF-8")
 
 
 def test_damaged_archives(chain: Chain, tmp_path: Path, refused: Refused) -> None:
