@@ -331,7 +331,7 @@ def _curvature(dent: _Dent, used: Mask) -> tuple[float, Floats, Mask] | None:
     x, y = dent.x[used], dent.y[used]
     size = float(np.hypot(x, y).max())
     basis = np.stack([np.ones(x.size), x / size, y / size, -np.square(np.hypot(x, y) / size) / 2])
-    weights = np.linalg.solve(basis @ basis.T, basis)[3] / size**2
+    weights = (np.linalg.pinv(basis @ basis.T) @ basis)[3] / size**2
     return float(weights @ dent.z[used]), weights, used
 
 

@@ -10,7 +10,7 @@ from ..arrays import Floats, Mask, Pair
 __all__ = ["lens_errors"]
 
 _CLEAN = np.ones((5, 5), np.bool_)  # as the decoder asks before it takes the aperture off
-_LEAST = 1e-6
+_LEAST, _MOST, _STEEP = 1e-6, 1e6, 100.0
 
 
 def lens_errors(seen: Correspondence, rest: Correspondence | None) -> Pair | None:
@@ -29,11 +29,15 @@ def lens_errors(seen: Correspondence, rest: Correspondence | None) -> Pair | Non
 def _bracket(seen: Correspondence, axis: str) -> Floats:
     """laplace u + 2 grad u . grad ln A (H, W), a place's shift over half the aperture's second moment: the
     mean of 3 x 3 pixels; 0 beside pixels that are not good."""
-    good: Mask = scipy.ndimage.binary_erosion(seen.good, _CLEAN)
-    light = np.ones(good.shape) if seen.amplitude is None else np.nan_to_num(seen.amplitude)
-    light = np.clip(light, _LEAST, 2.0**16)  # of a damaged file it may be anything
-    place, log = (np.where(seen.good, one, 0.0) for one in (getattr(seen, axis), np.log(light)))
+    at = np.asarray(getattr(seen, axis), np.float64)
+    usable: Mask = seen.good & np.isfinite(at)
+    light = np.ones(at.shape) if seen.amplitude is None else np.nan_to_num(seen.amplitude)
+    # of a damaged file both may be anything
+    light, at = np.clip(light, _LEAST, 2.0**16), np.clip(at, -_MOST, _MOST)
+    place, log = (np.where(usable, one, 0.0) for one in (at, np.log(light)))
     shift = scipy.ndimage.laplace(place, mode="nearest")
     for rise, fall in zip(np.gradient(place), np.gradient(log), strict=True):
         shift += 2 * rise * fall
-    return np.asarray(scipy.ndimage.uniform_filter(np.where(good, shift, 0.0), 3))
+    good = scipy.ndimage.binary_erosion(usable, _CLEAN)
+    shift = np.where(good, np.clip(shift, -_STEEP, _STEEP), 0.0)
+    return np.asarray(scipy.ndimage.uniform_filter(shift, 3))
