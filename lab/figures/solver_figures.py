@@ -63,8 +63,8 @@ def run_solver_times() -> list[Figure]:
             runs = [timed(call) for _ in range(2)]  # the first compiles
             seconds = min(run.processor for run in runs)
             height = runs[0].value
-            ratio = sigma_ratio(height.z, place.truth.z, height.sigma, height.good)
-            note = f"{seconds:.2f} s; error over sigma by noise {ratio:.2f}"
+            ratio = sigma_ratio(height.z, place.truth.z, height.total_sigma, height.good)
+            note = f"{seconds:.2f} s; error over total sigma {ratio:.2f}"
             figures.append(Figure(f"{cols} x {rows}, {name}", seconds / unit, "pairs", high=limit, note=note))
     return figures
 
