@@ -46,16 +46,13 @@ def rest_fault(found: Correspondence, scene: Scene) -> str:
         )
     matrix, middle = _affine(typed[:, both], seen[:, both])
     away = middle - typed[:, both].mean(axis=1)
-    turn, flipped = math.degrees(math.atan2(matrix[1, 0] - matrix[0, 1], matrix[0, 0] + matrix[1, 1])), False
-    if np.linalg.det(matrix) < 0:
-        turn = math.degrees(math.atan2(matrix[1, 0] + matrix[0, 1], matrix[0, 0] - matrix[1, 1]))
-        flipped = True
-    size = math.sqrt(abs(float(np.linalg.det(matrix))))
-    if flipped:
+    area = float(np.linalg.det(matrix))
+    if area < 0:
         return (
             "The picture is mirrored: switch off the camera's mirror image, and check that the display is "
             "neither rotated nor mirrored in its settings."
         )
+    turn = math.degrees(math.atan2(matrix[1, 0] - matrix[0, 1], matrix[0, 0] + matrix[1, 1]))
     if abs(turn) > 135:
         return "The camera, or the display, is upside down: turn one of them by 180 degrees, and aim again."
     if abs(turn) > 45:
@@ -63,6 +60,7 @@ def rest_fault(found: Correspondence, scene: Scene) -> str:
             f"The camera, or the display, is turned by {abs(turn):.0f} degrees: the camera's rows run along "
             "the mirror's width (y), as do a monitor's; turn one of them, and aim again."
         )
+    size = math.sqrt(area)
     if not 1 / _TIMES < size < _TIMES:
         return (
             f"The camera sees {size:.2g} times as much of the display as the numbers say: check the width of "

@@ -1,4 +1,4 @@
-"""Arrays by what they hold, shapes stand where they are used; their sizes."""
+"""Arrays by their content (shapes stand where they are used), norm and root mean square."""
 
 from typing import Any
 

@@ -341,7 +341,7 @@ def _require_sound(arrays: dict[str, Any]) -> None:
             raise InputError(f"{name} has shape {np.shape(arrays[name])}, must have two dimensions or more")
     for name in ("x", "y", "z"):
         values = arrays[name]
-        wrong = values.shape == flags.shape and np.argwhere((flags == 0) & ~np.isfinite(values))
-        if np.size(wrong) > 1:
-            row, col = map(int, wrong[0][-2:])
+        if values.shape != flags.shape or flags.ndim != 2:  # said by the map itself
+            continue
+        for row, col in np.argwhere((flags == 0) & ~np.isfinite(values))[:1]:
             raise InputError(f"{name} is {values[row, col]} at pixel ({row}, {col}), which has no flag")

@@ -10,7 +10,7 @@ from ..arrays import Floats, Mask, Pair
 __all__ = ["lens_errors"]
 
 _CLEAN = np.ones((5, 5), np.bool_)  # as the decoder asks before it takes the aperture off
-_LEAST, _MOST, _STEEP = 1e-6, 1e6, 100.0
+_LEAST, _MOST = 1e-6, 1e6
 
 
 def lens_errors(seen: Correspondence, rest: Correspondence | None) -> Pair | None:
@@ -39,5 +39,4 @@ def _bracket(seen: Correspondence, axis: str) -> Floats:
     for rise, fall in zip(np.gradient(place), np.gradient(log), strict=True):
         shift += 2 * rise * fall
     good = scipy.ndimage.binary_erosion(usable, _CLEAN)
-    shift = np.where(good, np.clip(shift, -_STEEP, _STEEP), 0.0)
-    return np.asarray(scipy.ndimage.uniform_filter(shift, 3))
+    return np.asarray(scipy.ndimage.uniform_filter(np.where(good, shift, 0.0), 3))

@@ -9,7 +9,6 @@ changes of the world before it.
 """
 
 import json
-import mmap
 import sys
 import time
 from pathlib import Path
@@ -17,48 +16,16 @@ from typing import Any
 from unittest import mock
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
-from optolever import projector, scene
+sys.path.insert(0, str(Path(__file__).parents[1] / "projector"))
+from screen import FrameBuffer, Optics
+
+from optolever import scene
 from optolever.cli import run
 from optolever.projector import Accepted, Identity, Image, Wanted
-from optolever.projector.footprint import _shares
 
 IDENTITY = Identity("world", "Webcam C1", "1", "world:1", "", ("GREY",))
 PERIOD, FULL = 1 / 40, 1 / 60  # s of an image; exposure at which white is 0.7 of full scale
-
-
-class FrameBuffer:
-    """Xvfb -fbdir: an XWD file that the server keeps mapped; 0 to 1, (rows, cols)."""
-
-    def __init__(self, folder: Path, rows: int, cols: int) -> None:
-        with (folder / "Xvfb_screen0").open("rb") as file:
-            self._map = mmap.mmap(file.fileno(), 0, prot=mmap.PROT_READ)
-        header = np.frombuffer(self._map, ">u4", 25)
-        start, high, stride = int(header[0]) + 12 * int(header[19]), int(header[5]), int(header[12])
-        screen = np.frombuffer(self._map, np.uint8, high * stride, start).reshape(high, stride)
-        self._pixels = screen[:rows, 1 : 4 * cols : 4]
-
-    def __call__(self, gamma: float) -> NDArray[np.float64]:
-        return np.asarray((self._pixels / 255.0) ** gamma)
-
-
-def optics(rig: scene.Scene, surface: scene.Surface) -> Any:
-    """Light of the camera's pixels by that of the cells: a sum over their footprints."""
-    seen, pattern = projector.footprints(rig, surface, 0, rig.camera.rows), rig.pattern
-    cells, shares, starts = [], [], [0]
-    for look, light in zip(seen.along("u"), seen.light, strict=True):
-        if light > 0:
-            u, of_u = _shares(*look[:3], pattern.blur_px, pattern.cols)
-            v, of_v = _shares(*look[3:], pattern.blur_px, pattern.rows)
-            cells.append(
-                np.add.outer((v + np.arange(of_v.size)) * pattern.cols, u + np.arange(of_u.size)).ravel()
-            )
-            shares.append(light * np.outer(of_v, of_u).ravel())
-        starts.append(starts[-1] + (shares[-1].size if light > 0 else 0))
-    table = np.concatenate(shares), np.concatenate(cells), starts
-    return csr_array(table, shape=(seen.light.size, pattern.rows * pattern.cols))
 
 
 class WorldCamera:
@@ -68,7 +35,7 @@ class WorldCamera:
 
     def __init__(self, world: Path, folder: Path) -> None:
         self._file, self._folder = world, folder
-        self._text, self._world, self._table = "", dict[str, Any](), None
+        self._text, self._world = "", dict[str, Any]()
         self._rng, self._count, self._last = np.random.default_rng(0), 0, 0.0
         self._look()
 
@@ -79,7 +46,7 @@ class WorldCamera:
         self._text, self._world = text, json.loads(text)
         self._rig = scene.load(self._world["rig"], exact=True)
         surface = scene.dent_from_text(self._world.get("dent", "flat"), self._rig)
-        self._table = optics(self._rig, surface)
+        self._optics = Optics(self._rig, surface)
         self._screen = FrameBuffer(self._folder, self._rig.pattern.rows, self._rig.pattern.cols)
 
     def configure(self, wanted: Wanted) -> Accepted:
@@ -96,8 +63,8 @@ class WorldCamera:
         self._last = max(self._last + PERIOD, time.monotonic())
         time.sleep(max(self._last - time.monotonic(), 0.0))
         self._look()
-        begun, light = time.monotonic(), self._screen(self._world.get("gamma", 1.0))
-        seen = (self._table @ light.ravel()).reshape(self._rig.camera.rows, self._rig.camera.cols)
+        begun, light = time.monotonic(), (self._screen.pixels / 255.0) ** self._world.get("gamma", 1.0)
+        seen = self._optics(light)
         seen = np.zeros_like(seen) if self._world.get("blind") else seen
         level = 12 + 0.7 * 243 * self._exposure / FULL * (
             seen[::-1, ::-1] if self._world.get("turned") else seen

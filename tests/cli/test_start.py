@@ -161,7 +161,7 @@ def require_height(folder: Path) -> None:
 
 @pytest.mark.slow
 def test_wrong_answers_are_said_before_the_live_view(screen: tuple[str, Path]) -> None:
-    """One walk on the terminal that makes every mistake, is told so, and ends with a height."""
+    """One walk on the terminal that makes every mistake, hears of each, and ends with a height."""
     display, folder = screen
     kind = "monitor"
     world(folder, kind, gamma=1.8)

@@ -28,7 +28,7 @@ CELLS = {
     "visualma_V1": 2.0,
 }
 FIELDS = ("u", "v", "sigma_u", "sigma_v", "flags")
-# Where a row is cut into vectors changes how its sums round, by the processor: of sigma.
+# Processors cut a row into vectors at other places, so that its sums round otherwise: differences over sigma.
 PLACES, SIGMAS = 1e-2, 1e-4
 NEAR = 5  # pixels from a cut, which miss neighbours
 Frames = NDArray[np.generic]
