@@ -109,13 +109,13 @@ def test_free_levels(width: float, blur: float, noise: float) -> None:
 
 
 def test_two_places_alike_are_known() -> None:
-    """Every level is shown at two places: an even chance."""
+    """Every level is shown at two places: an even chance, and no pixel is good."""
     values = np.tile(np.random.default_rng(5).integers(0, 256, (8, 60)), 2)
     shown = Sequence(tuple(Frame("levels", "u", levels=tuple(row.tolist())) for row in values), 4, 120)
     u = 5 + 0.9 * np.arange(50) + 0.013 * np.arange(20)[:, None]
     found = decode(photographed(shown, u), shown)
     assert found.good.mean() < 0.01
-    assert np.median(found.order_error) == pytest.approx(0.5, abs=0.05)
+    assert np.median(found.order_error) > 0.45
 
 
 def test_a_second_stripe_as_bright_is_doubtful() -> None:
