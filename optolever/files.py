@@ -29,6 +29,7 @@ from optolever.memory import require_room
 __all__ = [
     "atomic_file",
     "atomic_folder",
+    "latest",
     "load_arrays",
     "read_lines",
     "require_folder",
@@ -85,7 +86,7 @@ class _Output:
             raise OSError(error.errno or errno.EIO, reason, where.replace(here, asked)) from error
 
 
-_waiting: ContextVar[list[_Output] | None] = ContextVar("outputs that wait for others", default=None)
+_waiting: ContextVar[tuple[list[_Output], ...]] = ContextVar("outputs that wait, block by block", default=())
 
 
 @contextmanager
@@ -93,11 +94,11 @@ def together() -> Iterator[None]:
     """What is written inside takes its place when the block (or the outer one) succeeds: all or nothing."""
     outputs: list[_Output] = []
     outer = _waiting.get()
-    before = _waiting.set(outputs)
+    before = _waiting.set((*outer, outputs))
     try:
         yield
-        if outer is not None:
-            outer += outputs
+        if outer:
+            outer[-1].extend(outputs)
             outputs = []
         # renaming does not fail for want of room, writing to a device may: so devices come first
         for output in sorted(outputs, key=lambda output: not _is_stream(output.target)):
@@ -112,19 +113,26 @@ def together() -> Iterator[None]:
 def _placed(output: _Output, make: Callable[[Path], None]) -> Iterator[Path]:
     """Yield where to write; at the end the output takes its place, or waits for the others of `together`."""
     waiting = _waiting.get()
-    before = _waiting.set(None)  # what is written into a folder is in its place at once
+    before = _waiting.set(())  # what is written into a folder is in its place at once
     try:
         with output.blamed():
             make(output.temporary)
             yield output.temporary
-        if waiting is None:
-            output.take_place()
+        if waiting:
+            waiting[-1].append(output)
         else:
-            waiting.append(output)
+            output.take_place()
     finally:
         _waiting.reset(before)
-        if waiting is None or output not in waiting:
+        if not waiting or output not in waiting[-1]:
             output.discard()
+
+
+def latest(path: str | Path) -> Path:
+    """Where a file's newest content lies: beside it while it waits for others of `together`."""
+    target = _target(Path(path))
+    waiting = (output for outputs in _waiting.get() for output in outputs)
+    return ([Path(path)] + [output.temporary for output in waiting if output.target == target])[-1]
 
 
 def atomic_file(path: str | Path) -> AbstractContextManager[Path]:
@@ -206,9 +214,10 @@ def load_arrays(
     real numbers in a field that is not one of `texts`, more than one in one of `scalars`, or more than fits
     in memory: by the headers of the fields, before any is unpacked.
     """
-    require_file(path)
+    newest = latest(path)
+    require_file(newest)
     try:
-        with zipfile.ZipFile(path) as archive:
+        with zipfile.ZipFile(newest) as archive:
             members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
             missing = [name for name in required if name not in members]
             if missing:
@@ -218,7 +227,7 @@ def load_arrays(
                 with archive.open(info) as stream:
                     _require_field(name, stream, info.file_size, name in texts, name in scalars)
             require_room(f"{len(members)} fields", sum(info.file_size for info in members.values()))
-        with np.load(path, allow_pickle=False) as archived:
+        with np.load(newest, allow_pickle=False) as archived:
             return {name: np.asarray(archived[name]) for name in members}
     except InputError as error:
         raise InputError(f"{path}: {error}") from error

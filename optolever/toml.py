@@ -9,6 +9,7 @@ from typing import Any
 import tomli_w
 
 from optolever.errors import InputError, require_file
+from optolever.files import latest
 
 __all__ = ["read_toml", "toml_text"]
 
@@ -16,9 +17,10 @@ __all__ = ["read_toml", "toml_text"]
 def read_toml(path: str | Path) -> dict[str, Any]:
     """The tables of a TOML file in UTF-8. InputError, which names the file, if there is none or it is no
     TOML."""
-    require_file(path)
+    newest = latest(path)
+    require_file(newest)
     try:
-        text = Path(path).read_text(encoding="utf-8-sig")
+        text = newest.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: not readable as TOML: {error}; save it as text in UTF-8") from error
     try:

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from optolever import InputError
-from optolever.files import atomic_file
+from optolever.files import atomic_file, latest
 from optolever.toml import read_toml, toml_text
 
 from .accuracy import TYPED, Accuracy
@@ -78,7 +78,7 @@ def load(preset_or_path: str | Path, *, exact: bool = False) -> Scene:
     path = Path(preset_or_path)
     if str(preset_or_path) in preset_names():
         path = _PRESETS / f"{preset_or_path}.toml"
-    elif not path.exists():
+    elif not latest(path).exists():
         raise InputError(
             f"scene {str(path)!r}: no such file, and no preset (presets: {', '.join(preset_names())})"
         )

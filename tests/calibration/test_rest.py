@@ -10,6 +10,7 @@ from lab.calibration.rigs import Rig, correspondence_of, prism
 from optolever import InputError
 from optolever.calibration import calibrate, load_rest, store_rest
 from optolever.decode import Correspondence
+from optolever.files import together
 from optolever.reconstruct import reconstruct
 from optolever.scene import Covariance, load, trace
 
@@ -26,6 +27,18 @@ def rig() -> Rig:
 def captured(rig: Rig, dented: bool, seed: int = 0) -> Correspondence:
     take = correspondence_of(0.005, np.random.default_rng(seed))
     return take(rig.truth, rig.dent if dented else rig.rest, 0)
+
+
+def test_kept_with_a_rig_that_is_written_with_it(rig: Rig, tmp_path: Path) -> None:
+    """All or nothing: the second writer of rig.toml keeps what the first has written."""
+    file = tmp_path / "rig.toml"
+    with together():
+        rig.truth.save(file)
+        store_rest(file, captured(rig, False))
+        rig.truth.save(file)
+        assert not file.exists()
+    assert load(file) == rig.truth
+    assert load_rest(file) is not None
 
 
 def test_kept_with_the_rig(rig: Rig, tmp_path: Path) -> None:
