@@ -121,8 +121,8 @@ class Scene(Record):
                     table["calibration"]["date"] = date.fromisoformat(self.covariance.date)
                 if self.rest_form is not None:
                     table["calibration"]["rest_form_mm"] = self.rest_form.coefficients.tolist()
+            others = _foreign(file) | ({} if keep is None else _foreign(Path(keep), file.parent))
             with atomic_file(path) as temporary:
-                others = _foreign(file) | ({} if keep is None else _foreign(Path(keep), file.parent))
                 temporary.write_text(toml_text(table | others), encoding="utf-8")
 
 
