@@ -14,13 +14,13 @@ from .arrays import Circle, Floats, Map, Mask
 from .peaks import basins
 from .surface import Surface, filled
 
-__all__ = ["Region", "areas", "regions"]
+__all__ = ["COLUMNS", "Region", "areas", "regions"]
 
 SIGNIFICANT = 6.0  # standard deviations of the height by noise and motion
 _PROMINENT = 0.2  # of a peak's height, over the saddle to a higher one
 _SHALLOWEST = 0.02  # of the deepest one's depth
 _FEWEST = 12  # cells of a region
-_COLUMNS = 256  # of the grid in which peaks are looked for
+COLUMNS = 256  # of the grid in which peaks are looked for
 _LARGEST = 16  # regions of a map
 _HALF = 0.5
 _MARGIN = 2  # cells around a region
@@ -49,7 +49,7 @@ class Region:
         return self.x, self.y, self.radius
 
 
-def regions(surface: Surface, columns: int = _COLUMNS) -> tuple[Region, ...]:
+def regions(surface: Surface, columns: int = COLUMNS) -> tuple[Region, ...]:
     """Of a map, the deepest first, 16 at most: six standard deviations above the surface at rest and over the
     saddle to a deeper one, and .02 of the deepest. columns: of the grid in which peaks are looked for."""
     z, known, holes = filled(surface.z, surface.good)

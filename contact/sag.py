@@ -23,8 +23,7 @@ from optolever.scene import Layer
 
 from .arrays import Circle, Floats, rms
 from .pressure import profile
-from .regions import Region, areas
-from .regions import regions as regions_of
+from .regions import COLUMNS, Region, areas, regions
 from .surface import Sag, Surface
 
 __all__ = ["far_field", "sag"]
@@ -59,23 +58,31 @@ class _Cells(NamedTuple):
     rig: Floats
 
 
-def sag(surface: Surface, regions: Sequence[Region], layer: Layer | None) -> Sag | None:
-    """Of a surface and its regions, which are found again in the corrected map; layer: None is a half-space;
-    None: too few cells outside the contacts."""
+def sag(surface: Surface, layer: Layer | None) -> Sag | None:
+    """Of a surface outside its regions, which are found again in the corrected map; layer: None is a
+    half-space; None: too few cells outside the contacts."""
     cells, noise = _cells(surface)
+    thin = surface.thinned(max(1, surface.z.shape[1] // COLUMNS))
+
+    def regions_less(taken: Sag) -> tuple[Region, ...]:
+        return regions(thin.less(replace(taken, kept=taken.kept[:0, :0], rig=taken.rig[:, :0])))
+
     start = _robust(cells, noise) if len(cells.motion) and cells.z.size else None
+    first = regions(thin) if start is None else regions_less(start)
     if start is not None:
-        regions = regions_of(surface.less(start))
         away = (cells.z - start.motion @ cells.motion) / (_OUTLIER * start.misfit * max(noise, 1e-300))
         cells = cells._replace(weight=cells.weight / (1 + away**2))  # where no motion is what modes say
     fits: list[tuple[Sag, Sequence[Region]]] = []
     for far in _FAR:
-        found, within = None, regions
+        found, within, before = None, first, None
         for _ in range(_ROUNDS):
-            found = _fitted(cells, [one.circle for one in within], layer, far, noise)
+            circles = [one.circle for one in within]
+            if circles == before:
+                break
+            found, before = _fitted(cells, circles, layer, far, noise), circles
             if found is None:
                 break
-            within = regions_of(surface.less(found))
+            within = regions_less(found)
         if found is not None:
             fits.append((found, within))
         if not within:  # no radius to be far from

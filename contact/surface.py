@@ -10,7 +10,7 @@ import scipy.ndimage
 import scipy.sparse
 import scipy.sparse.linalg
 
-from .arrays import Floats, Map, Mask
+from .arrays import Floats, Ints, Map, Mask
 
 __all__ = ["Sag", "Surface", "filled"]
 
@@ -66,6 +66,16 @@ class Surface:
         own = self.modes[-self.motions :]
         return np.sqrt(spread(np.einsum("mrc,mrc->rc", own, own), self.step, self.z.shape))
 
+    def thinned(self, every: int) -> Surface:
+        """Every so many cells, with the motion's modes alone."""
+        few, count = (slice(None, None, every),) * 2, 0 if self.modes is None else len(self.modes)
+        own = () if self.modes is None else self.modes[count - self.motions :]
+        modes = [spread(one, self.step, self.z.shape, every) for one in own]
+        x, y, z, sigma = (part[few] for part in (self.x, self.y, self.z, self.sigma))
+        free = None if self.free is None else self.free[few]
+        motion = np.reshape(modes, (-1, *z.shape))
+        return Surface(x, y, z, sigma, self.good[few], free, modes=motion, motions=len(motion))
+
     def less(self, sag: Sag) -> Surface:
         """Less its sag and motion, whose standard deviations take the place of the motion's modes."""
         few = slice(None, None, self.step), slice(None, None, self.step)
@@ -87,17 +97,27 @@ class Surface:
         return replace(self, z=z, modes=modes, motions=len(left), displacement=displacement)
 
 
-def spread(coarse: Floats, step: int, shape: tuple[int, ...]) -> Floats:
-    """A field on every step-th cell on all of them, linear between."""
-    if step == 1:
-        return coarse
-    at = [
-        np.minimum(np.arange(size) / step, last - 1) for size, last in zip(shape, coarse.shape, strict=True)
-    ]
-    rows = np.stack([np.interp(at[1], np.arange(coarse.shape[1]), row) for row in coarse])
-    low = np.minimum(at[0].astype(np.intp), max(coarse.shape[0] - 2, 0))
-    share = (at[0] - low)[:, None]
-    return np.asarray((1 - share) * rows[low] + share * rows[np.minimum(low + 1, len(rows) - 1)])
+def spread(coarse: Map, step: int, shape: tuple[int, ...], every: int = 1) -> Floats:
+    """A field on every step-th cell on all of them, or on every so many, linear between."""
+    if step == every:
+        return np.asarray(coarse, np.float64)
+    (row, down), (col, along) = (
+        _between(np.arange(0, size, every) / step, last - 1)
+        for size, last in zip(shape, coarse.shape, strict=True)
+    )
+    far = np.minimum(col + 1, coarse.shape[1] - 1)
+    rows = (1 - along) * coarse[:, col] + along * coarse[:, far]
+    field, below = rows[row], rows[np.minimum(row + 1, len(rows) - 1)]
+    field *= (1 - down)[:, None]
+    below *= down[:, None]
+    field += below
+    return field
+
+
+def _between(at: Floats, last: int) -> tuple[Ints, Floats]:
+    """Lines of the coarse grid before places, and how far these are from it; constant beyond the last."""
+    low = np.minimum(at.astype(np.int64), max(last - 1, 0))
+    return low, np.minimum(at, last) - low
 
 
 def filled(z: Map, good: Mask) -> tuple[Map, Mask, Mask]:

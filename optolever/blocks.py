@@ -82,13 +82,18 @@ def over_blocks(work: Work, cuts: Sequence[int]) -> None:
     Threads that have not begun when the calling one is done are not waited for: work may call over_rows.
     """
     blocks = list(pairwise(cuts))
+    count = min(threads(), len(blocks)) - 1
+    if count < 1:
+        for start, stop in blocks:
+            work(start, stop)
+        return
     left = iter(blocks)
 
     def share() -> None:
         for start, stop in left:  # next() of a list's iterator is one step under the GIL
             work(start, stop)
 
-    helpers = [_pool(os.getpid(), threads()).submit(share) for _ in range(min(threads(), len(blocks)) - 1)]
+    helpers = [_pool(os.getpid(), threads()).submit(share) for _ in range(count)]
     try:
         share()
     finally:
@@ -108,7 +113,11 @@ def on_cores(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Resu
 def over_image(work: Work, shape: tuple[int, ...]) -> None:
     """over_rows for kernels of a few operations a pixel: small images stay on the calling thread."""
     rows, cols = shape[:2]
-    over_rows(work, rows, max(16, -(-_SMALL // max(cols, 1))))
+    block = max(16, -(-_SMALL // max(cols, 1)))
+    if rows <= block:
+        work(0, rows)
+    else:
+        over_rows(work, rows, block)
 
 
 @lru_cache(maxsize=4)

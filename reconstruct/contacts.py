@@ -36,7 +36,7 @@ def contacts(
             slope_sigmas=np.stack([slopes.sigma_x, slopes.sigma_y]),
         )
     if height.count and not height.against_rest:
-        found = sag(replace(surface, motions=height.count), (), layer)
+        found = sag(replace(surface, motions=height.count), layer)
         if found is not None:
             surface = replace(surface, motions=height.count).less(found)
     return figures(surface, regions(surface), layer)

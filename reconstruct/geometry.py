@@ -99,7 +99,8 @@ def rest_distance(origins: Floats, directions: Floats) -> Floats:
 
 def rest_height(x: Floats, y: Floats, scene: Scene) -> Floats:
     """z of the mirror at rest at x, y, mm."""
-    return np.zeros(x.shape) if scene.rest_form is None else scene.rest_form.height(x, y, scene.mirror)
+    form = scene.rest_form
+    return np.zeros(x.shape) if form is None or form.plane else form.height(x, y, scene.mirror)
 
 
 @lru_cache(maxsize=2)

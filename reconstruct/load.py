@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from optolever.contact import Surface, regions, sag
+from optolever.contact import Surface, sag
 from optolever.notices import Notice
 from optolever.scene import Scene
 
@@ -37,7 +37,7 @@ _CURE_MOVED = (
 def less_sag(height: HeightMap, problem: Problem, state: State, scene: Scene) -> HeightMap:
     """A map less rest without its sag and the rig's motion, or with both in its modes."""
     surface = surface_of(height, _free_mode(problem, state))
-    found = sag(surface, regions(surface), scene.layer)
+    found = sag(surface, scene.layer)
     if found is None:
         return _wider(height)
     motion = float(np.linalg.norm(found.motion)) / np.sqrt(max(found.motion.size, 1))

@@ -92,18 +92,20 @@ class Measured:
         """
         found = np.full(w.shape, np.nan), np.full(w.shape, np.nan)
         noisy, (u, v) = np.zeros(w.shape, np.bool_), self._on_plane(w)
+
+        def spread(down: slice, along: slice, again: bool) -> None:
+            def block(start: int, stop: int) -> None:
+                rows = slice(down.start + start, min(down.start + stop, down.stop), every)
+                self._spread((rows, along), w, u, v, found, noisy, again)
+
+            over_rows(block, down.stop - down.start, every * max(1, _BLOCK // (along.stop - along.start)))
+
         every_pixel = slice(0, w.shape[0]), slice(0, w.shape[1])
         down, along = every_pixel if where is None else (_extent(where, 1), _extent(where, 0))
-
-        def block(start: int, stop: int) -> None:
-            rows = slice(down.start + start, min(down.start + stop, down.stop), every)
-            self._spread((rows, along), w, u, v, found, noisy)
-
-        over_rows(block, down.stop - down.start, every * max(1, _BLOCK // (along.stop - along.start)))
+        spread(down, along, again=False)
         if noisy.any():
             u, v = (_amid(at, noisy) for at in (u, v))
-            for row in np.flatnonzero(noisy.any(axis=1)).tolist():
-                self._spread((slice(row, row + 1), along), w, u, v, found, noisy, True)
+            spread(_extent(noisy, 1), _extent(noisy, 0), again=True)
         return found
 
     def _spread(
@@ -114,7 +116,7 @@ class Measured:
         v: Floats,
         found: Pair,
         noisy: Mask,
-        again: bool = False,
+        again: bool,
     ) -> None:
         """Fill in the variances of a window, u and v on the plane, and mark pixels whose noise is large;
         again: of these alone."""

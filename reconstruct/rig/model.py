@@ -3,10 +3,10 @@ other.
 
 A rig has m independent errors a of unit variance: the rows of a root of its covariance, a sag of the mirror
 at rest, the thickness of a cover glass, motion between two captures. `RigModel.solved(a)` is the solution
-that the solver would find if the rig had these errors, by chord steps, so that M_j = (z(h e_j) - z(0))/h
-needs no solve from scratch. h is small, since a rig that is off by one sigma of a wide prior may have no
-solution. Modes are smooth: the model lies on a coarse grid of pixels, each the mean over its surroundings.
-Anchors are looked for once: another rig sees the plane there, by the solution's normal, at another distance.
+that the solver would find if the rig had these errors, by chord steps; M_j = dz/da_j is the solution for a
+change of the slopes, of all modes at once. Modes are smooth: the model lies on a coarse grid of pixels, each
+the mean over its surroundings. Anchors are looked for once: another rig sees the plane there, by the
+solution's normal, at another distance.
 """
 
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ from ..measured import Measured
 from ..outputs.coarse_modes import Modes, coarse_step, filled
 from ..problem import Problem
 from ..solver.anchors import Anchors, PixelAnchor
-from ..solver.newton import State, chord_step
+from ..solver.newton import State, chord_step, linear_changes
 from ..solver.poisson import Accuracy
 from .calibration import flat_mirror, rest_corrected
 from .motion import motion_shifts
@@ -50,7 +50,7 @@ __all__ = [
 ]
 
 _UNSETTLED = np.uint16(HeightFlag.NOT_CONVERGED | HeightFlag.SINGULAR)
-_STEP = 0.005  # of a standard deviation: a tenth of a degree is beyond the reach of chord steps
+_STEP = 1e-5  # of a standard deviation: against rest, changes cancel to a thousandth
 _CHORDS = 3  # steps; each leaves about 1 % of the last one, the error of the integrating factor
 #: chi2 up to which derivatives by the rig's errors serve; beyond it they describe errors to a tenth.
 LINEAR = 1e4
@@ -163,8 +163,8 @@ class RigModel:
         """How many errors there are."""
         return len(self.root) + len(self.shifts)
 
-    def solved(self, errors: Floats, start: State | None = None) -> RigSolution:
-        """The measurement with these errors (m,), and its solution by chord steps."""
+    def changed(self, errors: Floats) -> RigSolution:
+        """The measurement with these errors (m,), unsolved: the model's state with the anchors moved."""
         problem, numbers = self.problem, len(self.root)
         change, moved = errors[:numbers] @ self.root, np.tensordot(errors[numbers:], self.shifts, 1)
         own = parameter_values(self.scene)
@@ -184,10 +184,15 @@ class RigModel:
             u=problem.data.u + problem.to_grid(moved[0]),
             v=problem.data.v + problem.to_grid(moved[1]),
         )
-        known = data.unknown(self._distances(scene))
-        state = replace(self.state if start is None else start, rows=self.state.rows._replace(known=known))
+        rows = self.state.rows._replace(known=data.unknown(self._distances(scene)))
+        return RigSolution(data, replace(self.state, rows=rows), scene)
+
+    def solved(self, errors: Floats, start: State) -> RigSolution:
+        """The measurement with these errors (m,), and its solution by chord steps from a state."""
+        data, own, scene = self.changed(errors)
+        state = replace(start, rows=own.rows)
         for _ in range(_CHORDS):
-            state = chord_step(data, problem.labels, state, _ACCURACY, self.state.share)
+            state = chord_step(data, self.problem.labels, state, _ACCURACY, self.state.share)
         return RigSolution(data, state, scene)
 
     def _distances(self, scene: Scene) -> Floats:
@@ -201,8 +206,19 @@ class RigModel:
         return np.asarray(away / along)
 
     def solutions(self) -> list[RigSolution]:
-        """The solution without errors, and those with one error each."""
-        return [self.solved(errors) for errors in (np.zeros(self.count), *_STEP * np.eye(self.count))]
+        """The solution without errors, and those with one error each, by derivatives."""
+        data, w = self.problem.data, self.state.w
+        own, *others = [
+            self.changed(errors) for errors in (np.zeros(self.count), *_STEP * np.eye(self.count))
+        ]
+        p, q = data.slopes(w)[:2]
+        moved = [one.data.slopes(w)[:2] for one in others]
+        slopes = np.stack([one[0] for one in moved]) - p, np.stack([one[1] for one in moved]) - q
+        known = np.stack([one.state.rows.known for one in others]) - own.state.rows.known
+        changes = linear_changes(data, self.problem.labels, self.state, slopes, known, _CHORDS)
+        return [own] + [
+            one._replace(state=replace(one.state, w=w + by)) for one, by in zip(others, changes, strict=True)
+        ]
 
     def points(self, solution: RigSolution) -> Floats:
         """Mirror points (3, rows, cols) in mm, z less the form at rest of a map against rest; NaN where

@@ -248,8 +248,8 @@ class AnchorRows(NamedTuple):
     sample: Ints
 
     def predict(self, w: Floats, *slopes: Floats) -> Floats:
-        """Value of the unknown at the anchors, (M,)."""
-        value: Floats = w.ravel()[self.pixel] + self._along(slopes, self.by)
+        """Value of the unknown at the anchors, (M,); (..., M) of stacks (..., rows, cols)."""
+        value: Floats = w.reshape(*w.shape[:-2], -1)[..., self.pixel] + self._along(slopes, self.by)
         return value
 
     def bend(self, *slopes: Floats) -> Floats:
@@ -261,8 +261,10 @@ class AnchorRows(NamedTuple):
         return self._along(variances, self.by**2)
 
     def _along(self, fields: Sequence[Floats], weights: Floats) -> Floats:
-        values = np.stack([field.ravel()[at] for field, at in zip(fields, self.at, strict=True)])
-        total: Floats = np.einsum("amk,amk->m", values, weights)
+        values = [
+            field.reshape(*field.shape[:-2], -1)[..., at] for field, at in zip(fields, self.at, strict=True)
+        ]
+        total: Floats = np.einsum("a...mk,amk->...m", np.stack(values), weights)
         return total
 
 

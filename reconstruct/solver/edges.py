@@ -50,12 +50,15 @@ def defects(p: Floats, q: Floats, w: Floats, root: Floats, mask: Mask) -> tuple[
     """Edge defects in units of the integrating factor: (increment of the slope - difference of w) / (root_i
     root_j).
 
-    w and root: (H, W), or (1, 1) if constant. root = sqrt(E).
+    w and root: (H, W), or (1, 1) if constant. root = sqrt(E). p, q and w may be stacks (..., H, W).
     """
-    gx, gy, whole = np.empty(p.shape), np.empty(p.shape), bool(mask.all())
-    w, root = (part if len(part) > 1 else np.full((1, p.shape[1]), part[0, 0]) for part in (w, root))
-    over_image(lambda start, stop: _defects(p, q, w, root, mask, whole, gx, gy, start, stop), p.shape)
-    return gx, gy
+    cols, whole = p.shape[-1], bool(mask.all())
+    w, root = (np.full((1, cols), part[0, 0]) if part.size == 1 else part for part in (w, root))
+    p_flat, q_flat, w_flat = (part.reshape(-1, cols) for part in (p, q, w))
+    gx, gy = np.empty(p_flat.shape), np.empty(p_flat.shape)
+    flat = p_flat, q_flat, w_flat, root, mask, whole, gx, gy
+    over_image(lambda start, stop: _defects(*flat, start, stop), p_flat.shape)
+    return gx.reshape(p.shape), gy.reshape(p.shape)
 
 
 def factor_increments(p_w: Floats, q_w: Floats, mask: Mask) -> tuple[Floats, Floats]:
@@ -117,11 +120,13 @@ def scaled_weights(weights: tuple[Floats, Floats], root: Floats) -> tuple[Floats
 
 def divergence(gx: Floats, gy: Floats, wx: Floats, wy: Floats) -> Floats:
     """D^T (w g): what flows into each pixel minus what flows out of it. Weights (H, W), or (1,
-    W) for all rows.
+    W) for all rows; g may be stacks (..., H, W).
     """
-    out = np.empty(gx.shape)
-    over_image(lambda start, stop: _divergence(gx, gy, wx, wy, out, start, stop), gx.shape)
-    return out
+    rows, cols = gx.shape[-2:]
+    x, y = gx.reshape(-1, cols), gy.reshape(-1, cols)
+    out = np.empty(x.shape)
+    over_image(lambda start, stop: _divergence(x, y, wx, wy, rows, out, start, stop), x.shape)
+    return out.reshape(gx.shape)
 
 
 def apply_laplacian(x: Floats, wx: Floats, wy: Floats, out: Floats | None = None) -> tuple[Floats, float]:
@@ -166,13 +171,15 @@ def _stencil(f, mask, i, j, di, dj, before, after):  # type: ignore[no-untyped-d
 
 @exact
 def _defects(p, q, w, root, mask, whole, gx, gy, start, stop):  # type: ignore[no-untyped-def]
-    rows, cols = p.shape
+    """Images of mask's shape below each other in p, q, w, gx, gy."""
+    rows, cols = mask.shape
     full, scaled = int(w.shape[0] > 1), int(root.shape[0] > 1)
     for i in range(start, stop):
-        below = min(i + 1, rows - 1)
-        w0, w1, r0, r1 = w[full * i], w[full * below], root[scaled * i], root[scaled * below]
+        r = i % rows
+        first, down = i - r, int(r + 1 < rows)
+        w0, w1, r0, r1 = w[full * i], w[full * (i + down)], root[scaled * r], root[scaled * (r + down)]
         out_x, out_y = gx[i], gy[i]
-        inner = whole and cols > 3 and 1 <= i < rows - 2
+        inner = whole and cols > 3 and 1 <= r < rows - 2
         if inner:  # the common case, without a look at the mask
             row, q0, q1, q2, q3 = p[i], q[i - 1], q[i], q[i + 1], q[i + 2]
             for j in range(1, cols - 2):
@@ -183,32 +190,34 @@ def _defects(p, q, w, root, mask, whole, gx, gy, start, stop):  # type: ignore[n
                 out_y[j] = (rise - (w1[j] - w0[j])) / (r0[j] * r1[j])
         for axis in range(1 if inner else 2):
             di, dj = axis, 1 - axis
-            f, out = p, gx
+            f, out = p[first : first + rows], gx
             if axis == 1:
-                f, out = q, gy
+                f, out = q[first : first + rows], gy
             for j in range(cols):
                 if inner and 1 <= j < cols - 2:
                     continue
                 out[i, j] = 0.0
-                k, l = i + di, j + dj
-                if k < rows and l < cols and mask[i, j] and mask[k, l]:
-                    before, after = (i, rows - 1 - i) if axis == 1 else (j, cols - 1 - j)
-                    rise = _stencil(f, mask, i, j, di, dj, before, after)
+                k, l = r + di, j + dj
+                if k < rows and l < cols and mask[r, j] and mask[k, l]:
+                    before, after = (r, rows - 1 - r) if axis == 1 else (j, cols - 1 - j)
+                    rise = _stencil(f, mask, r, j, di, dj, before, after)
                     far, ratio = (w1[j], r1[j]) if axis == 1 else (w0[l], r0[l])
                     out[i, j] = (rise - (far - w0[j])) / (r0[j] * ratio)
 
 
 @exact
-def _divergence(gx, gy, wx, wy, out, start, stop):  # type: ignore[no-untyped-def]
+def _divergence(gx, gy, wx, wy, rows, out, start, stop):  # type: ignore[no-untyped-def]
+    """Images of so many rows below each other."""
     cols = gx.shape[1]
     full = 1 if wx.shape[0] > 1 else 0
     for i in range(start, stop):
+        r = i % rows
         for j in range(cols):
-            total = -wx[full * i, j] * gx[i, j] - wy[full * i, j] * gy[i, j]
+            total = -wx[full * r, j] * gx[i, j] - wy[full * r, j] * gy[i, j]
             if j > 0:
-                total += wx[full * i, j - 1] * gx[i, j - 1]
-            if i > 0:
-                total += wy[full * (i - 1), j] * gy[i - 1, j]
+                total += wx[full * r, j - 1] * gx[i, j - 1]
+            if r > 0:
+                total += wy[full * (r - 1), j] * gy[i - 1, j]
             out[i, j] = total
 
 

@@ -17,7 +17,7 @@ from .anchors import AnchorRows, Samples, anchor_rows, free_constants
 from .edges import Doubt, defects, edge_weights, factor_increments, scaled_weights
 from .poisson import Accuracy, EdgeProblem, edge_problem
 
-__all__ = ["State", "chord_step", "edge_errors", "response", "solve"]
+__all__ = ["State", "chord_step", "edge_errors", "linear_changes", "response", "solve"]
 
 _ONE, _ZERO = np.ones((1, 1)), np.zeros((1, 1))
 _TOLERANCE = 1e-11  # rms change of w, relative to its range, at which to stop
@@ -172,6 +172,22 @@ def chord_step(data: Measured, labels: Labels, state: State, accuracy: Accuracy,
     return replace(state, w=state.w + change, slopes=(p, q), steps=(size,), iterations=step.iterations)
 
 
+def linear_changes(
+    data: Measured, labels: Labels, state: State, slopes: Pair, known: Floats, steps: int
+) -> Floats:
+    """Changes of w (m, rows, cols), first order, by changes of the slopes (m, rows, cols) and of the known
+    values (m, M): chord steps of all at once."""
+    _, _, p_w, q_w = data.slopes(state.w)
+    change, rows = np.zeros(slopes[0].shape), state.rows._replace(known=known)
+    for _ in range(steps):
+        p, q = slopes[0] + p_w * change, slopes[1] + q_w * change
+        step = state.problem.solve(
+            *defects(p, q, change, state.root, data.mask), Accuracy(relative=_RESPONSE)
+        )
+        change += _anchored(step.x, state.root, labels, rows, change, (p, q), state.variances, state.share)[0]
+    return change
+
+
 def missed(data: Measured, state: State, limit: float) -> Mask:
     """Pixels with an edge whose defect exceeds so many standard deviations, (rows, cols)."""
     p, q, _, _ = data.slopes(state.w)
@@ -223,15 +239,17 @@ def _anchored(
     variances: tuple[Floats, Floats],
     share: Floats | None = None,
 ) -> tuple[Floats, Floats]:
-    """The change of w: E times the potential and the constant that the anchors ask for; and their shares."""
+    """The change of w: E times the potential and the constant that the anchors ask for; and their shares.
+    share given: potential, w, slopes and known values may be stacks."""
     at, count = rows.pixel, int(labels.max())
-    factor = np.square(np.broadcast_to(root, w.shape).ravel()[at])
-    error = rows.predict(w, *slopes) + factor * potential.ravel()[at] - rows.known
+    factor = np.square(np.broadcast_to(root, labels.shape).ravel()[at])
+    error = rows.predict(w, *slopes) - rows.known
+    error += factor * potential.reshape(*w.shape[:-2], -1)[..., at]
     if share is None:
         constants, share = free_constants(rows, error, factor, _anchor_spread(rows, variances), count)
     else:
-        constants = -np.bincount(rows.component, share * error / factor, count + 1).astype(np.float64)
-    change = potential + (constants[1] if count == 1 else constants[labels])
+        constants = -(share * error / factor) @ np.eye(count + 1)[rows.component]
+    change = potential + (constants[..., 1, None, None] if count == 1 else constants[..., labels])
     change *= root
     change *= root
     if not labels.all():

@@ -102,18 +102,21 @@ class ColumnPoisson:
         )
 
     def solve(self, rhs: NDArray[np.floating[Any]], single: bool = False) -> Floats:
-        """x with D^T w D x = rhs (rows, cols); the mean over the rows is zero at the heavy end's column.
+        """x with D^T w D x = rhs (..., rows, cols); the mean over the rows is zero at the heavy end's column.
 
         single: x too is float32, half the time.
         """
-        rhs = rhs[:, self._order].astype(np.float32 if single else np.float64)  # which frees the one given
-        modes = scipy.fft.dct(rhs, axis=0, norm="ortho", overwrite_x=True, workers=threads())
+        rhs = rhs[..., self._order].astype(np.float32 if single else np.float64, "C")  # frees the one given
+        modes = scipy.fft.dct(rhs, axis=-2, norm="ortho", overwrite_x=True, workers=threads())
+        flat = modes.reshape(-1, modes.shape[-1])
         over_image(
-            lambda start, stop: _substitute(self._elimination[0], self._inverse_pivot, modes, start, stop),
-            modes.shape,
+            lambda start, stop: _substitute(self._elimination[0], self._inverse_pivot, flat, start, stop),
+            flat.shape,
         )
-        x = scipy.fft.idct(modes, axis=0, norm="ortho", overwrite_x=True, workers=threads())
-        return np.ascontiguousarray(x[:, self._order])
+        x = scipy.fft.idct(
+            flat.reshape(rhs.shape), axis=-2, norm="ortho", overwrite_x=True, workers=threads()
+        )
+        return np.ascontiguousarray(x[..., self._order])
 
     def inverse_diagonal(self) -> Floats:
         """Diagonal of every mode's inverse, (modes, cols);
@@ -168,7 +171,7 @@ class SeparableEdges:
         self.columns = ColumnPoisson(self._wx[0], self._wy[0], wx.shape[0])
 
     def solve(self, gx: Floats, gy: Floats, accuracy: Accuracy, start: Floats | None = None) -> PoissonResult:
-        """One direct solve."""
+        """One direct solve; gx, gy may be stacks (..., rows, cols)."""
         x = self.columns.solve(divergence(gx, gy, self._wx, self._wy), accuracy.single)
         return PoissonResult(x, 1)
 
@@ -208,9 +211,12 @@ class MaskedEdges:
         )
 
     def solve(self, gx: Floats, gy: Floats, accuracy: Accuracy, start: Floats | None = None) -> PoissonResult:
-        """Solve from start (zero) until the remaining error, as the preconditioner estimates it,
-        meets the accuracy.
+        """Solve from start (zero) until the remaining error, as the preconditioner estimates it, meets the
+        accuracy; each of a stack (m, rows, cols) by itself.
         """
+        if gx.ndim > 2:
+            each = [self.solve(*pair, accuracy) for pair in zip(gx, gy, strict=True)]
+            return PoissonResult(np.stack([one.x for one in each]), sum(one.iterations for one in each))
         x = np.zeros(gx.shape) if start is None else start * self._mask
         r, image = divergence(gx, gy, *self.weights), np.empty(gx.shape)
         r *= self._mask
@@ -304,15 +310,19 @@ def _factor(wx, wy, eigenvalues, inverse_pivot, start, stop):  # type: ignore[no
 
 @exact
 def _substitute(wx, inverse_pivot, b, start, stop):  # type: ignore[no-untyped-def]
-    """Each mode waits for its last column: several at once keep the processor busy."""
-    cols = wx.size
-    for first in range(start, stop, _ABREAST):
-        last = min(first + _ABREAST, stop)
+    """Each mode waits for its last column: several at once keep the processor busy. Images may lie below each
+    other."""
+    rows, cols = inverse_pivot.shape
+    first = start
+    while first < stop:
+        above = first - first % rows
+        last = min(first + _ABREAST, stop, above + rows)
         for j in range(cols - 1, 0, -1):
             for k in range(first, last):
-                b[k, j - 1] += wx[j - 1] * inverse_pivot[k, j] * b[k, j]
+                b[k, j - 1] += wx[j - 1] * inverse_pivot[k - above, j] * b[k, j]
         for k in range(first, last):
-            b[k, 0] *= inverse_pivot[k, 0]
+            b[k, 0] *= inverse_pivot[k - above, 0]
         for j in range(1, cols):
             for k in range(first, last):
-                b[k, j] = (b[k, j] + wx[j - 1] * b[k, j - 1]) * inverse_pivot[k, j]
+                b[k, j] = (b[k, j] + wx[j - 1] * b[k, j - 1]) * inverse_pivot[k - above, j]
+        first = last

@@ -55,7 +55,7 @@ def test_sag_is_found_and_taken_off(presses: list[tuple[float, float, float, flo
     z, free = sum(ball(*press) for press in presses), X / 60 + 0.2
     sunk = float(z[:, -1].mean())
     made = surface(z - sunk / 1.2 * free, free=free)
-    found = sag(made, regions(made), None)
+    found = sag(made, None)
     assert found is not None
     assert found.c == pytest.approx(-sunk / 1.2, abs=4 * found.sigma)
     assert found.sigma < 0.06 * sunk
@@ -69,7 +69,7 @@ def test_motion_comes_off_with_the_sag() -> None:
     moved = np.array([1.0, -0.5, 0.7])
     sunk = z - 0.005 * free + np.tensordot(moved, modes, 1)
     made = surface(sunk, free=free, modes=modes, motions=3)
-    found = sag(made, regions(made), None)
+    found = sag(made, None)
     assert found is not None
     left = made.less(found)
     total = np.hypot(left.sigma, left.unsettled)
@@ -80,7 +80,7 @@ def test_motion_comes_off_with_the_sag() -> None:
 def test_a_tilted_mirror_that_nothing_touches_has_no_contact() -> None:
     modes = 2e-3 * np.stack([X / 60, (Y - 22) / 22])
     made = surface(np.tensordot([1.0, 1.0], modes, 1), free=X / 60 + 0.2, modes=modes, motions=2)
-    found = sag(made, regions(made), None)
+    found = sag(made, None)
     assert found is not None
     assert regions(made.less(found)) == ()
 
