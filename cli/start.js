@@ -74,7 +74,7 @@ function build(f, step) {
 }
 
 async function look(now, count) {
-  $("advice").textContent = now.advice.replace("Next: optolever camera expose.", ""); $("advice").className = now.good ? "good" : "";
+  $("advice").textContent = now.advice; $("advice").className = now.good ? "good" : "";
   $("sharpness").textContent = share(now.sharpness); $("bar").value = now.sharpness;
   $("sees").textContent = share(now.sees_share); $("saturated").textContent = share(now.saturated_share);
   const next = new Image();
@@ -83,13 +83,16 @@ async function look(now, count) {
 }
 
 async function loop() {
-  let count = -1;
+  let count = -1, silent = 0;
   for (;;) {
     let now;
     try { now = await (await fetch(`/state?after=${count}`)).json(); }
-    catch { $("title").textContent = "The program has ended: start optolever start again, it goes on here."; build(null); return; }
-    if (now.count === count) continue;
-    count = now.count;
+    catch { $("title").textContent = `The program has ended: start ${document.title} again, it goes on here.`; build(null); return; }
+    if (now.count === count) {
+      if (++silent > 2 && now.form?.kind === "look" && now.aim) { $("advice").textContent = "No new picture: is the camera connected?"; $("advice").className = ""; }
+      continue;
+    }
+    count = now.count; silent = 0;
     if (now.live) { location.href = now.live; return; }
     const at = now.steps.findIndex(([name]) => name === now.step);
     $("steps").replaceChildren(...now.steps.map(([name, title], k) => {

@@ -16,7 +16,7 @@ from .options import Json
 from .outputs import OutputFile
 from .show import write_json
 from .start_front import Front, GoTo, Terminal
-from .start_page import PageFront
+from .start_page import PageFront, page_of
 from .start_steps import STEPS, Begun, require_devices
 
 SAMPLE = """
@@ -33,6 +33,7 @@ RIG = Opt(
     "--rig RIG.toml", "File of the rig: written step by step, gone on with.", OutputFile(".toml", bare=False)
 )
 TEXT = Opt("--text", "Ask on the terminal instead of on a page.")
+NO_BROWSER = Opt("--no-browser", "As --text; the preview is drawn on the rig's display itself.")
 STEP = Opt("--from STEP", f"Go on at this step: {', '.join(STEPS)}.", click.Choice([*STEPS]))
 FRAMES = Rare("--frames N", "Of the live view, then stop.", click.IntRange(min=1))
 PORT = Rare("--port N", "Port of the page, on 127.0.0.1; default: a free one.", click.IntRange(0, 65535))
@@ -42,6 +43,7 @@ PORT = Rare("--port N", "Port of the page, on 127.0.0.1; default: a free one.", 
 def command(
     rig: Annotated[Path, RIG] = Path("rig.toml"),
     text: Annotated[bool, TEXT] = False,
+    no_browser: Annotated[bool, NO_BROWSER] = False,
     step: Annotated[str | None, STEP] = None,
     frames: Annotated[int | None, FRAMES] = None,
     port: Annotated[int, PORT] = 0,
@@ -55,14 +57,12 @@ def command(
     where it was. Every other command takes that file.
     """
     begun = Begun.load(rig)
-    if text:
-        write_json(json_path, _walked(begun, Terminal(), step, lambda: _lines(begun.rig, frames)))
+    if text or no_browser:
+        front = Terminal(on_display=no_browser)
+        write_json(json_path, _walked(begun, front, step, lambda: _lines(begun.rig, frames)))
         return
-    try:
-        page = PageFront({name: title for name, (title, _) in STEPS.items()}, port)
-    except OSError as error:
-        raise InputError(f"--port {port}: {error.strerror or error}; name another") from error
-    with page:
+    titles = {name: title for name, (title, _) in STEPS.items()}
+    with page_of(titles, port, "optolever start") as page:
         click.echo(f"Start: {page.address}   (Ctrl-C ends it; the same command goes on)")
         write_json(json_path, _walked(begun, page, step, lambda: _live_page(begun.rig, page, frames)))
 

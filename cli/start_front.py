@@ -1,5 +1,6 @@
 """Who asks the questions of `start`: what a front must do, and the one on the terminal."""
 
+import queue
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -8,8 +9,8 @@ from typing import Any, Protocol
 
 import click
 
-from .preview import View
 from .questions import Question
+from .views import View
 
 __all__ = ["BACK", "Draw", "Front", "GoTo", "Terminal"]
 
@@ -25,7 +26,12 @@ class GoTo(Exception):  # no error
 
 
 class Front(Protocol):
-    """Asks and shows. All calls wait for the user, but for `begin`, `say` and `busy`; GoTo from any."""
+    """Asks and shows. All calls wait for the user, but for `begin`, `say` and `busy`; GoTo from any.
+    on_display: the preview belongs on the rig's display, even where there is another."""
+
+    @property
+    def on_display(self) -> bool:
+        """Of the preview."""
 
     def begin(self, step: str, title: str) -> None:
         """A step begins."""
@@ -57,6 +63,10 @@ class Front(Protocol):
 class Terminal:
     """Prompts; `<` goes back a step."""
 
+    def __init__(self, on_display: bool = False) -> None:
+        self.on_display = on_display
+        self._lines: queue.Queue[str | BaseException] | None = None  # of a prompt without an answer so far
+
     def begin(self, step: str, title: str) -> None:
         """A step begins."""
         click.secho(f"\n{title}", bold=True)
@@ -77,7 +87,7 @@ class Terminal:
         for each in questions:
             click.secho(f"  (wrong: {each.wrong})", dim=True)
             while True:
-                text = _line(f"  {each.text} [{defaults[each.name]}]") or defaults[each.name]
+                text = self._line(f"  {each.text} [{defaults[each.name]}]") or defaults[each.name]
                 try:
                     answers[each.name] = each.kind.convert(text, None, None)
                     break
@@ -90,7 +100,7 @@ class Terminal:
         for number, option in enumerate(options, 1):
             click.echo(f"  {number}  {option}")
         while True:
-            answer = _line(f"  {text} [{default + 1}]") or str(default + 1)
+            answer = self._line(f"  {text} [{default + 1}]") or str(default + 1)
             if answer.isdecimal() and 1 <= int(answer) <= len(options):
                 return int(answer) - 1
             self.say(f"{answer!r}, must be 1 to {len(options)}", fault=True)
@@ -100,41 +110,54 @@ class Terminal:
         first, *others = keys
         words = ", ".join([f"Enter: {keys[first]}", *(f"{key}: {keys[key]}" for key in others)])
         while True:
-            answer = _line(f"  {text} ({words})")[:1].lower()
+            answer = self._line(f"  {text} ({words})")[:1].lower()
             if not answer or answer in keys:
                 return answer or first
             self.say(f"{answer!r}, must be Enter{''.join(f' or {key}' for key in others)}", fault=True)
 
     def look(self, views: Iterator[View]) -> View | None:
-        """A line a second until Enter."""
-        answers: list[str | BaseException] = []
-
-        def wait() -> None:
-            try:
-                answers.append(_line("  Enter goes on"))
-            except BaseException as error:  # handed to the walk
-                answers.append(error)
-
+        """A line a second until Enter, here or on the display."""
         said, last = -1.0, None
         for last in views:
             if said < 0:
-                threading.Thread(target=wait, daemon=True).start()
+                self._prompt("  Enter goes on")
             if time.monotonic() > said + _LINE_S:
                 self.say(last.text())
                 said = time.monotonic()
-            if answers:
+            assert self._lines is not None
+            if not self._lines.empty():
+                self._answer()
                 break
-        if answers and isinstance(answers[0], BaseException):
-            raise answers[0]
         return last
 
     def live(self, address: str) -> None:
         """Nothing: lines follow."""
 
+    def _line(self, text: str) -> str:
+        """What is typed; GoTo for `<`."""
+        self._prompt(text)
+        return self._answer()
 
-def _line(text: str) -> str:
-    """What is typed; GoTo for `<`."""
-    answer = str(click.prompt(text, default="", show_default=False)).strip()
-    if answer == BACK:
-        raise GoTo
-    return answer
+    def _prompt(self, text: str) -> None:
+        """Wait for a line on a thread; one that still waits gets this question."""
+        if self._lines is not None:
+            click.echo(f"{text}: ", nl=False)
+            return
+        lines = self._lines = queue.Queue()
+
+        def wait() -> None:
+            try:
+                lines.put(str(click.prompt(text, default="", show_default=False)).strip())
+            except BaseException as error:  # handed to the walk
+                lines.put(error)
+
+        threading.Thread(target=wait, daemon=True).start()
+
+    def _answer(self) -> str:
+        assert self._lines is not None
+        answer, self._lines = self._lines.get(), None
+        if isinstance(answer, BaseException):
+            raise answer
+        if answer == BACK:
+            raise GoTo
+        return answer

@@ -16,22 +16,31 @@ import click
 import optolever as ol
 from optolever import InputError
 
-from .preview import View, drawn
 from .questions import Question
 from .start_front import Draw, GoTo
+from .views import View, drawn
 
-__all__ = ["PageFront"]
+__all__ = ["PageFront", "page_of"]
 
 _WAIT_S = 1.0
 _LONGEST = 4000  # bytes of an answer
 _KINDS = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
 
 
-class PageFront:
-    """A Front on a page. A context manager; port 0: any free one; OSError if it is taken. steps: name ->
-    title, in their order."""
+def page_of(steps: Mapping[str, str], port: int, program: str) -> "PageFront":
+    """The page of these steps (name -> title). port 0: any free one; InputError if it is taken."""
+    try:
+        return PageFront(steps, port, program)
+    except OSError as error:
+        raise InputError(f"--port {port}: {error.strerror or error}; name another") from error
 
-    def __init__(self, steps: Mapping[str, str], port: int = 0) -> None:
+
+class PageFront:
+    """A Front on a page of that name. A context manager; OSError if the port is taken."""
+
+    on_display = False
+
+    def __init__(self, steps: Mapping[str, str], port: int, program: str) -> None:
         from starlette.routing import Route
 
         routes = [Route(path, self._file) for path in ("/", "/start.js", "/start.css")]
@@ -42,7 +51,7 @@ class PageFront:
         ]
         routes.append(Route("/answer", self._answer, methods=["POST"]))
         self._web = ol.live.Web(routes, port)
-        self._steps, self._new = steps, threading.Condition()
+        self._steps, self._program, self._new = steps, program, threading.Condition()
         self._answers: queue.Queue[dict[str, Any]] = queue.Queue()
         self._now: dict[str, Any] = {"count": 0, "step": "", "lines": [], "busy": "", "form": None}
         self._forms = 0
@@ -164,9 +173,9 @@ class PageFront:
         from starlette.responses import Response
 
         name = request.url.path.removeprefix("/") or "start.html"
-        text = (
-            Path(__file__).with_name(name).read_text(encoding="utf-8").replace("{{token}}", self._web.token)
-        )
+        text = Path(__file__).with_name(name).read_text(encoding="utf-8")
+        for word, value in (("token", self._web.token), ("program", self._program)):
+            text = text.replace(f"{{{{{word}}}}}", value)
         return Response(text, media_type=_KINDS[name.partition(".")[2]])
 
     def _state(self, request: Any) -> Any:

@@ -12,7 +12,6 @@ from optolever.toml import read_toml, toml_text
 
 from .expose import chosen_exposure
 from .options import decoded_by_response, response_of
-from .preview import glance, still, views_of
 from .questions import BALL, KINDS, QUESTIONS, VIEW_60, questions_of, scene_of, typed_rig
 from .rig import draw_rig, visible_share
 from .rig_capture import capture_now, capture_rest
@@ -20,6 +19,7 @@ from .rig_devices import image_size, levels_of, opened, sequence_of
 from .rig_targets import capture_targets
 from .start_front import Front, GoTo
 from .sync import synchronised
+from .views import sheet_on, views_of
 
 __all__ = ["STEPS", "Begun", "require_devices"]
 
@@ -180,22 +180,22 @@ def aim(begun: Begun, front: Front) -> None:
     """The preview, until the user goes on."""
     scene = ol.scene.load(begun.rig)
     devices = ol.projector.devices_of(begun.rig)
-    alone = not begun.simulated and devices.display != "window" and len(ol.projector.monitors()) == 1
     while True:
         with opened(begun.rig, devices, levels_of(begun.rig, "black", "white")) as now:
             now.require_size(scene)
-            last = glance(views_of(now)) if alone else front.look(views_of(now))
-        if alone and last is not None:  # the page is visible again
-            last = front.look(still(last))
+            sheet = sheet_on(now, scene, devices.display, front.on_display)
+            last = front.look(views_of(now, sheet))
+            if sheet is not None and sheet.key == "escape":
+                raise GoTo
         if last is None:
             raise InputError("camera: no picture came; is it connected? (optolever camera devices)")
         seen = last.aim.seen
         fault = ol.calibration.aim_fault(seen, visible_share(scene))
         if seen == 0:
             fault = f"{last.aim.advice(last.best)} Is {devices.display!r} the display in front of the mirror?"
-        if not fault and not alone:
+        if not fault:
             return
-        front.say(fault or "Nothing contradicts the numbers.", fault=bool(fault))
+        front.say(fault, fault=True)
         if front.go("Look again?", {"": "look again", "k": "keep it so"}) == "k":
             return
 

@@ -4,6 +4,7 @@ GLX of the window and EGL of the virtual sensor end a process that has both; a c
 takes this process only; the picture stays while Python decodes.
 """
 
+import base64
 import json
 import signal
 import subprocess
@@ -142,6 +143,12 @@ class PatternWindow:
             raise IndexError(f"frame {index} of a sequence of {self._count}")
         answer = self._ask("show", index=index)
         return Shown(index, answer["swapped_s"], answer["late"])
+
+    def picture(self, jpeg: bytes, row: int = 0, over: int | None = None) -> list[str]:
+        """Draw a JPEG from this row on, over a frame or black. Returns the keys since the last one ("enter",
+        "escape", letters), which from now on neither step nor close."""
+        answer = self._ask("picture", jpeg=base64.b64encode(jpeg).decode(), row=row, over=over)
+        return list(answer["keys"])
 
     def run(self) -> None:
         """Show frames until the window is closed: right and left arrow step, Escape closes."""

@@ -2,11 +2,13 @@
 
     {"do": "monitors"} | {"do": "open", "sequence": ..., "monitor": ...}
     {"do": "show", "index": ...} | {"do": "wait", "until": ...} | {"do": "run"}
+    {"do": "picture", "jpeg": base64, "row": ..., "over": index or null}
 
 It ends when stdin does, or when the window is closed between two commands. Run by `display`, as `python -m
 optolever.projector.window`: GLX of a window and EGL of the virtual sensor end a process that has both.
 """
 
+import base64
 import ctypes
 import importlib
 import json
@@ -20,6 +22,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
+import cv2
 import moderngl
 import numpy as np
 
@@ -27,6 +30,7 @@ from optolever.errors import InputError
 from optolever.patterns import Sequence
 from optolever.processes import SAFE_PATH, environment
 
+from .context import free
 from .devices import Shown
 from .monitors import Monitor, edid_of
 from .renderer import FramePainter
@@ -99,6 +103,7 @@ class Window:
         self.refresh_s = 1 / rate if rate > 0 else None
         self.gone, self.index = False, -1
         self._steps = 0  # asked for by keys
+        self._keys: list[str] | None = None  # pressed; from the first picture on they do nothing else
         glfw.set_monitor_callback(self._on_monitor)
         try:
             glfw.make_context_current(self._window)
@@ -130,6 +135,26 @@ class Window:
         self.index = index
         return Shown(index, swapped, self.refresh_s is not None and swapped - asked > 1.5 * self.refresh_s)
 
+    def picture(self, jpeg: bytes, row: int, over: int | None) -> list[str]:
+        """Draw a picture from this row of the pattern on, over a frame or black; the keys since the last."""
+        glfw.make_context_current(self._window)
+        part = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR_RGB)
+        assert part is not None
+        size = glfw.get_framebuffer_size(self._window)
+        levels = np.zeros((*size[::-1], 3), np.uint8)
+        if over is not None:
+            frame = self._sequence.render_frame(over)
+            levels[: frame.shape[0], : frame.shape[1]] = frame[..., None]
+        levels[row : row + part.shape[0], : part.shape[1]] = part
+        texture = self._ctx.texture(size, 3, levels[::-1].tobytes(), alignment=1)
+        drawn = self._ctx.framebuffer([texture])
+        self._ctx.copy_framebuffer(self._ctx.screen, drawn)
+        glfw.swap_buffers(self._window)
+        free(self._ctx, drawn, texture)
+        glfw.poll_events()
+        keys, self._keys = self._keys or [], []
+        return keys
+
     def wait(self, until: float) -> None:
         """Leave the frame on until a time, the end of the window or of the monitor."""
         while not self.closed and not self.gone and (left := until - time.monotonic()) > 0:
@@ -155,7 +180,10 @@ class Window:
         """Note the key's command; GLFW forbids to draw and poll from here."""
         if action == glfw.RELEASE:
             return
-        if key == glfw.KEY_ESCAPE:
+        if self._keys is not None:
+            names = {glfw.KEY_ENTER: "enter", glfw.KEY_KP_ENTER: "enter", glfw.KEY_ESCAPE: "escape"}
+            self._keys.append(names.get(key) or str(glfw.get_key_name(key, scancode)))
+        elif key == glfw.KEY_ESCAPE:
             glfw.set_window_should_close(window, True)
         elif key in (glfw.KEY_RIGHT, glfw.KEY_LEFT):
             self._steps += 1 if key == glfw.KEY_RIGHT else -1
@@ -267,6 +295,9 @@ class _Server:
         match command["do"]:
             case "show":
                 return asdict(self.window.show(command["index"]))
+            case "picture":
+                jpeg = base64.b64decode(command["jpeg"])
+                return {"keys": self.window.picture(jpeg, command["row"], command["over"])}
             case "wait":
                 self.window.wait(command["until"])
             case "run":

@@ -4,14 +4,17 @@ import contextlib
 import http.client
 import json
 import re
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
 from optolever.cli import run
-from optolever.cli.preview import Page, View, glance, still
+from optolever.cli.start_page import PageFront, page_of
+from optolever.cli.views import Sheet, View
 from optolever.projector import aim
 from optolever.scene import load, resize
 
@@ -39,41 +42,71 @@ def test_lines_and_figures_of_a_virtual_rig(
     assert found["good"]
 
 
-def _ask(page: Page, path: str, **headers: str) -> tuple[int, bytes]:
+def _ask(page: PageFront, path: str, **headers: str) -> tuple[int, bytes]:
     connection = http.client.HTTPConnection(page.address.removeprefix("http://").rstrip("/"), timeout=10)
     connection.request("GET", path, headers=headers)
     with contextlib.closing(connection), connection.getresponse() as answer:
         return answer.status, answer.read()
 
 
-def test_the_page_outlines_the_reflection_and_marks_saturated_pixels() -> None:
+@pytest.fixture
+def view() -> View:
+    """A display on the left half, a patch of it saturated."""
     white = np.full((120, 160), 20, np.uint8)
     white[:, :80] = 200
     white[50:70, 20:40] = 255
-    black = np.full_like(white, 20)
-    with Page(0) as page:
-        assert json.loads(_ask(page, "/next?after=0")[1]) == {"count": 0}
-        page.show(View(white, 8, aim(white, white, black, 8), 1.0))
-        now = json.loads(_ask(page, "/next?after=0")[1])
-        assert (now["count"], now["good"]) == (1, False)
+    return View(white, 8, aim(white, white, np.full_like(white, 20), 8), 1.0)
+
+
+def test_the_page_outlines_the_reflection_and_marks_saturated_pixels(view: View) -> None:
+    with page_of({"aim": "Aim"}, 0, "optolever camera preview") as page:
+        before = json.loads(_ask(page, "/state?after=-1")[1])
+        assert before["form"] is None
+        seen = list[dict[str, Any]]()
+
+        def views() -> Iterator[View]:
+            for _ in range(2):  # the page shows a view before it asks for the next
+                yield view
+                seen.append(json.loads(_ask(page, "/state?after=0")[1]))
+
+        assert page.look(views()) is view
+        now = seen[-1]["aim"]
+        assert (seen[-1]["form"]["kind"], now["good"]) == ("look", False)
         assert now["sees_share"] == pytest.approx(0.5, abs=0.02)
         jpeg = np.frombuffer(_ask(page, "/picture?1")[1], np.uint8)
         blue, green, red = cv2.imdecode(jpeg, cv2.IMREAD_COLOR).astype(float).transpose(2, 0, 1)
         assert (red - blue)[55:65, 25:35].min() > 100
         assert (green - red)[30:90, 78:82].max() > 60
         for path, kind in (
-            ("/", b"<!doctype html>"),
-            ("/preview.js", b"use strict"),
-            ("/preview.css", b"color"),
+            ("/", b"<title>optolever camera preview"),
+            ("/start.js", b"use strict"),
+            ("/start.css", b"color"),
         ):
             status, text = _ask(page, path)
             assert (status, kind in text) == (200, True)
         assert _ask(page, "/", Host="elsewhere.example:80")[0] == 403
-        assert _ask(page, "/next?after=" + 5000 * "9")[0] == 200
+        assert _ask(page, "/state?after=" + 5000 * "9")[0] == 200
 
 
-def test_a_glance_at_one_monitor_is_its_last_view(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("optolever.cli.preview._GLANCE_S", 0.2)
-    level = np.full((20, 20), 100, np.uint8)
-    one = View(level, 8, aim(level, level, level, 8), 1.0)
-    assert glance(still(one)) is one
+@pytest.mark.parametrize("size", [(1080, 1920), (1920, 1080), (480, 640), (200, 320)])
+def test_the_display_as_a_sheet_has_picture_text_and_a_white_edge(view: View, size: tuple[int, int]) -> None:
+    """All lines of text end within the display, and none runs into the picture."""
+    drawn = list[np.ndarray]()
+
+    class Display:
+        def picture(self, jpeg: bytes) -> list[str]:
+            drawn.append(cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR).astype(int))
+            return ["k", "enter"]
+
+    sheet = Sheet(Display(), *size)  # type: ignore[arg-type]
+    sheet.show(view)
+    assert sheet.key == "enter"
+    (paper,) = drawn
+    assert paper.shape[:2] == size
+    assert min(edge.min() for edge in (paper[-3:], paper[:, :3], paper[:, -3:])) > 230
+    green = np.argwhere((paper[..., 1] - paper[..., 2] > 60) & (paper[..., 1] > 150))
+    (top, left), (bottom, right) = green.min(axis=0), green.max(axis=0)
+    assert bottom - top > 0.3 * min(size)  # the outlined half of the picture
+    assert (right - left) / (bottom - top) == pytest.approx(80 / 120, rel=0.1)
+    for text in (paper[: top - 5], paper[bottom + 8 :]):
+        assert text.min() < 120

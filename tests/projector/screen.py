@@ -1,5 +1,6 @@
-"""The display's side of a world that is not there: Xvfb's frame buffer, and the optics up to the camera."""
+"""The display's side of a world that is not there: Xvfb's frame buffer and keys, the optics to the camera."""
 
+import ctypes
 import mmap
 from pathlib import Path
 
@@ -10,9 +11,21 @@ from scipy.sparse import csr_array
 from optolever import projector, scene
 from optolever.projector.footprint import _shares
 
+ENTER, ESCAPE = 0xFF0D, 0xFF1B  # X keysyms
+
+
+def press(display: str, key: int) -> None:
+    """A key of the X server, down and up."""
+    x11, test = ctypes.CDLL("libX11.so.6"), ctypes.CDLL("libXtst.so.6")
+    x11.XOpenDisplay.restype = ctypes.c_void_p
+    server = ctypes.c_void_p(x11.XOpenDisplay(display.encode()))
+    for down in (1, 0):
+        test.XTestFakeKeyEvent(server, x11.XKeysymToKeycode(server, key), down, 0)
+    x11.XCloseDisplay(server)
+
 
 class FrameBuffer:
-    """Xvfb -fbdir: an XWD file that the server keeps mapped."""
+    """Xvfb -fbdir: an XWD file that the server keeps mapped. colours: blue, green, red."""
 
     def __init__(self, folder: Path, rows: int, cols: int) -> None:
         with (folder / "Xvfb_screen0").open("rb") as file:
@@ -20,7 +33,8 @@ class FrameBuffer:
         header = np.frombuffer(self._map, ">u4", 25)
         start, high, stride = int(header[0]) + 12 * int(header[19]), int(header[5]), int(header[12])
         screen = np.frombuffer(self._map, np.uint8, high * stride, start).reshape(high, stride)
-        self.pixels = screen[:rows, 1 : 4 * cols : 4]
+        self.colours = screen[:rows, : 4 * cols].reshape(rows, cols, 4)[..., :3]
+        self.pixels = self.colours[..., 1]
 
 
 class Optics:

@@ -1,6 +1,5 @@
 """The real window, under Xvfb: what the window holds and what the X server's screen holds."""
 
-import ctypes
 import json
 import os
 import shutil
@@ -13,6 +12,7 @@ from collections.abc import Iterator
 from ctypes.util import find_library
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -31,6 +31,7 @@ from optolever.projector import (
 from optolever.projector.cameras import StillCamera
 
 from .conftest import RUN, optolever
+from .screen import ENTER, ESCAPE, FrameBuffer, press
 from .show_in_window import screen
 
 ROWS, COLS = 200, 320
@@ -83,15 +84,6 @@ def test_window_shows_the_frames(x_server: tuple[str, Path], tmp_path: Path, mod
             np.testing.assert_array_equal(screen[top : top + 48, left : left + 80], image)
 
 
-def press_escape(display: str) -> None:
-    x11, test = ctypes.CDLL("libX11.so.6"), ctypes.CDLL("libXtst.so.6")
-    x11.XOpenDisplay.restype = ctypes.c_void_p
-    server = ctypes.c_void_p(x11.XOpenDisplay(display.encode()))
-    for down in (1, 0):
-        test.XTestFakeKeyEvent(server, x11.XKeysymToKeycode(server, 0xFF1B), down, 0)
-    x11.XCloseDisplay(server)
-
-
 def test_keys_step_and_close(x_server: tuple[str, Path]) -> None:
     assert in_window(x_server[0], "keys") == "3\n"
 
@@ -121,9 +113,39 @@ def test_escape_ends_who_waits_for_images(
         window.show(0)
         arrivals = Arrivals(camera, RealTime(), ClockMap(), display=window)
         assert arrivals.next(1.0) is not None
-        press_escape(x_server[0])
+        press(x_server[0], ESCAPE)
         with pytest.raises(InputError, match="its window was closed"):
             deque(arrivals.until(time.monotonic() + 20), maxlen=0)
+
+
+def test_pictures_over_a_frame_and_the_keys_pressed_meanwhile(
+    x_server: tuple[str, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Escape no longer closes; a frame shown again leaves no trace of the picture."""
+    if find_library("Xtst") is None:
+        pytest.skip("libXtst is absent: nobody presses keys")
+    display, folder = x_server
+    monkeypatch.setenv("DISPLAY", display)
+    shown, colour = sequence("gray", 48, 80), np.array([200, 40, 90], np.uint8)  # blue, green, red
+    jpeg = cv2.imencode(".jpg", np.broadcast_to(colour, (16, 32, 3)).copy())[1].tobytes()
+    with PatternWindow(shown, monitor=0) as window:
+        buffer = FrameBuffer(folder, 48, 80)
+        assert window.picture(jpeg) == []
+        assert abs(buffer.colours[:16, :32].astype(int) - colour).max() < 8
+        assert not buffer.colours[16:].any()
+        for key in (ENTER, ESCAPE, ord("k")):
+            press(display, key)
+        keys = list[str]()
+        end = time.monotonic() + 10
+        while len(keys) < 3 and time.monotonic() < end:
+            keys += window.picture(jpeg, 32, 3)
+        assert keys == ["enter", "escape", "k"]
+        assert not window.closed
+        frame = shown.render_frame(3)
+        np.testing.assert_array_equal(buffer.pixels[:32], frame[:32])
+        assert abs(buffer.colours[32:48, :32].astype(int) - colour).max() < 8
+        window.show(3)
+        np.testing.assert_array_equal(buffer.pixels, frame)
 
 
 def test_show_puts_every_frame_on_the_screen(x_server: tuple[str, Path], tmp_path: Path) -> None:
