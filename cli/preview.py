@@ -72,5 +72,5 @@ def _serve(views: Iterator[View], port: int) -> View | None:
     """The page of `start` with this step alone; the last view."""
     with page_of({"aim": "Aim and focus"}, port, "optolever camera preview") as page:
         click.echo(f"Preview: {page.address}   (Ctrl-C ends it)")
-        page.begin("aim", "")
+        page.begin("aim", "", "")
         return page.look(views)

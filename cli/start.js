@@ -28,7 +28,23 @@ function answers() {
   return Object.fromEntries([...document.querySelectorAll("#form input")].map(one => [one.name, one.value]));
 }
 
+/** The sketches of the display and of the view by the answers. */
+function sketch() {
+  const { display, view_distance, view_width } = answers(), [cols, rows] = (display ?? "").split("x").map(Number);
+  if ($("screen") && cols > 0 && rows > 0) {
+    const scale = Math.min(136 / cols, 78 / rows), [w, h] = [cols * scale, rows * scale], [x, y] = [108 - w / 2, 51 - h / 2];
+    for (const [name, value] of Object.entries({ x, y, width: w, height: h })) $("screen").setAttribute(name, value);
+    $("diagonal").setAttribute("d", `M${x} ${y + h}L${x + w} ${y}`);
+  }
+  if ($("cone")) {
+    const ratio = view_width / view_distance, half = Math.min(50, 78 * (ratio > 0 ? ratio : 2 * Math.tan(Math.PI / 6)));
+    $("cone").setAttribute("d", `M24 55L180 ${55 - half}M24 55L180 ${55 + half}`);
+    $("width").setAttribute("d", `M192 ${55 - half}V${55 + half}`);
+  }
+}
+
 async function draw() {
+  sketch();
   const mine = ++drawing, found = await fetch(`/drawing?${new URLSearchParams(answers())}`);
   if (mine !== drawing) return;
   if (found.status === 404) return;
@@ -40,9 +56,7 @@ async function draw() {
   $("drawn").getContext("2d").drawImage(bitmap, 0, 0);
 }
 
-function ask(f, step) {
-  const art = $(`art-${step}`);
-  if (art) $("form").append(art.content.cloneNode(true));
+function ask(f) {
   for (const each of f.fields) {
     const label = made("label", each.text), input = made("input");
     input.name = each.name; input.value = each.value; input.autocomplete = "off";
@@ -57,11 +71,13 @@ function ask(f, step) {
   draw();
 }
 
-function build(f, step) {
+function build(f, step, rig) {
   $("form").replaceChildren(); $("drawing").hidden = true; $("form").onsubmit = event => event.preventDefault();
   $("look").hidden = !f || f.kind !== "look";
   if (!f) return;
-  if (f.kind === "ask") ask(f, step);
+  const art = $(`art-${step}`) ?? $(`art-${step}-${rig}`);
+  if (art) $("form").append(art.content.cloneNode(true));
+  if (f.kind === "ask") ask(f);
   if (f.kind === "pick") {
     const options = made("div", "", "options");
     f.options.forEach((text, k) => options.append(button(text, { number: k }, k === f.default ? "first" : "", `art-${step}-${k}`)));
@@ -104,7 +120,7 @@ async function loop() {
     $("title").textContent = at < 0 ? "" : now.steps[at][1];
     $("lines").replaceChildren(...now.lines.map(([text, fault]) => made("p", text, fault ? "fault" : "")));
     $("busy").hidden = !now.busy; $("busy").textContent = now.busy;
-    if ((now.form?.id ?? 0) !== form) { form = now.form?.id ?? 0; build(now.form, now.step); }
+    if ((now.form?.id ?? 0) !== form) { form = now.form?.id ?? 0; build(now.form, now.step, now.rig); }
     if (now.form?.kind === "look" && now.aim) await look(now.aim, count);
   }
 }

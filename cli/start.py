@@ -93,7 +93,7 @@ def walk(begun: Begun, front: Front, step: str | None) -> None:
     while number < len(names):
         name = names[number]
         title, run = STEPS[name]
-        front.begin(name, title)
+        front.begin(name, title, begun.kind)
         try:
             try:
                 run(begun, front)

@@ -33,8 +33,8 @@ class Front(Protocol):
     def on_display(self) -> bool:
         """Of the preview."""
 
-    def begin(self, step: str, title: str) -> None:
-        """A step begins."""
+    def begin(self, step: str, title: str, kind: str) -> None:
+        """A step begins, of a rig of that kind."""
 
     def say(self, text: str, fault: bool = False) -> None:
         """A line of the step."""
@@ -67,8 +67,8 @@ class Terminal:
         self.on_display = on_display
         self._lines: queue.Queue[str | BaseException] | None = None  # of a prompt without an answer so far
 
-    def begin(self, step: str, title: str) -> None:
-        """A step begins."""
+    def begin(self, step: str, title: str, kind: str) -> None:
+        """A step begins, of a rig of that kind."""
         click.secho(f"\n{title}", bold=True)
 
     def say(self, text: str, fault: bool = False) -> None:

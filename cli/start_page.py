@@ -70,10 +70,10 @@ class PageFront:
     def __exit__(self, *_: object) -> None:
         self._web.stop()
 
-    def begin(self, step: str, title: str) -> None:
-        """A step begins; lines of a step that is tried again stay."""
+    def begin(self, step: str, title: str, kind: str) -> None:
+        """A step begins, of a rig of that kind; lines of a step that is tried again stay."""
         lines = self._now["lines"] if self._now["step"] == step else []
-        self._show(step=step, lines=lines, busy="", form=None, live="")
+        self._show(step=step, rig=kind, lines=lines, busy="", form=None, live="")
 
     def say(self, text: str, fault: bool = False) -> None:
         """A line of the step."""
