@@ -13,7 +13,7 @@ from .arguments import ABOVE_0, Opt, Rare, program
 from .options import Json
 from .rig_devices import Changes, OpenedRig, levels_of, opened
 from .show import write_json
-from .start_page import page_of
+from .start_page import PageFront
 from .views import View, sheet_on, views_of
 
 SAMPLE = """
@@ -70,7 +70,7 @@ def _print_lines(views: Iterator[View]) -> View | None:
 
 def _serve(views: Iterator[View], port: int) -> View | None:
     """The page of `start` with this step alone; the last view."""
-    with page_of({"aim": "Aim and focus"}, port, "optolever camera preview") as page:
+    with PageFront({"aim": "Aim and focus"}, port, "optolever camera preview") as page:
         click.echo(f"Preview: {page.address}   (Ctrl-C ends it)")
         page.begin("aim", "", "")
         return page.look(views)

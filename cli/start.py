@@ -16,7 +16,7 @@ from .options import Json
 from .outputs import OutputFile
 from .show import write_json
 from .start_front import Front, GoTo, Terminal
-from .start_page import PageFront, page_of
+from .start_page import PageFront
 from .start_steps import STEPS, Begun, require_devices
 
 SAMPLE = """
@@ -62,7 +62,7 @@ def command(
         write_json(json_path, _walked(begun, front, step, lambda: _lines(begun.rig, frames)))
         return
     titles = {name: title for name, (title, _) in STEPS.items()}
-    with page_of(titles, port, "optolever start") as page:
+    with PageFront(titles, port, "optolever start") as page:
         click.echo(f"Start: {page.address}   (Ctrl-C ends it; the same command goes on)")
         write_json(json_path, _walked(begun, page, step, lambda: _live_page(begun.rig, page, frames)))
 

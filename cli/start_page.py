@@ -20,23 +20,16 @@ from .questions import Question
 from .start_front import Draw, GoTo
 from .views import View, drawn
 
-__all__ = ["PageFront", "page_of"]
+__all__ = ["PageFront"]
 
 _WAIT_S = 1.0
 _LONGEST = 4000  # bytes of an answer
 _KINDS = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
 
 
-def page_of(steps: Mapping[str, str], port: int, program: str) -> "PageFront":
-    """The page of these steps (name -> title). port 0: any free one; InputError if it is taken."""
-    try:
-        return PageFront(steps, port, program)
-    except OSError as error:
-        raise InputError(f"--port {port}: {error.strerror or error}; name another") from error
-
-
 class PageFront:
-    """A Front on a page of that name. A context manager; OSError if the port is taken."""
+    """A Front on a page of that program, of these steps (name -> title). A context manager; port 0: any free
+    one; InputError if it is taken."""
 
     on_display = False
 
@@ -50,7 +43,10 @@ class PageFront:
             Route("/drawing", self._draw),
         ]
         routes.append(Route("/answer", self._answer, methods=["POST"]))
-        self._web = ol.live.Web(routes, port)
+        try:
+            self._web = ol.live.Web(routes, port)
+        except OSError as error:
+            raise InputError(f"--port {port}: {error.strerror or error}; name another") from error
         self._steps, self._program, self._new = steps, program, threading.Condition()
         self._answers: queue.Queue[dict[str, Any]] = queue.Queue()
         self._now: dict[str, Any] = {"count": 0, "step": "", "lines": [], "busy": "", "form": None}

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from optolever.cli import run
-from optolever.cli.start_page import PageFront, page_of
+from optolever.cli.start_page import PageFront
 from optolever.cli.views import Sheet, View
 from optolever.projector import aim
 from optolever.scene import load, resize
@@ -59,7 +59,7 @@ def view() -> View:
 
 
 def test_the_page_outlines_the_reflection_and_marks_saturated_pixels(view: View) -> None:
-    with page_of({"aim": "Aim"}, 0, "optolever camera preview") as page:
+    with PageFront({"aim": "Aim"}, 0, "optolever camera preview") as page:
         before = json.loads(_ask(page, "/state?after=-1")[1])
         assert before["form"] is None
         seen = list[dict[str, Any]]()

@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -160,12 +161,48 @@ def words(folder: Path, *more: str) -> list[str]:
             "--rig", str(folder / "rig.toml"), "--frames", "4", "--json", str(folder / "n.json")]  # fmt: skip
 
 
+@pytest.mark.slow
+def test_keys_on_the_display_itself_go_on_and_faults_are_said(screen: tuple[str, Path]) -> None:
+    """One monitor, no browser: a camera that looks elsewhere, then a mirror that is larger than typed."""
+    display, folder = screen
+    file = world(folder, "laptop")
+    rig = replace(RIGS["laptop"], mirror=(80, 60))
+    devices = '[devices]\ncamera = "world:1"\ndisplay = "screen"\n'
+    (folder / "rig.toml").write_text(f"{rig_toml('rig', rig)}\n{devices}")
+    seen = file.read_text()
+    file.write_text(json.dumps(json.loads(seen) | {"blind": True}))
+    command, env = words(folder, "--", "start", "--no-browser", "--from", "aim"), os.environ
+    pipe = subprocess.PIPE
+    with (
+        subprocess.Popen(
+            command, env={**env, "DISPLAY": display}, stdin=pipe, stdout=pipe, text=True
+        ) as program,
+        ended(program, 180),
+    ):
+        assert program.stdin is not None
+        assert program.stdout is not None
+        for before, said, answer in (
+            ("sees the display 0 %", "Is 'screen' the display in front of the mirror?", "\n"),
+            ("sees the display 6", "Check the mirror's size", "k\n"),
+        ):
+            assert any(before in line for line in program.stdout)
+            press(display, ENTER)
+            assert any(said in line for line in program.stdout)
+            file.write_text(seen)
+            program.stdin.write(answer)
+            program.stdin.flush()
+        assert any("Exposure" in line for line in program.stdout)
+
+
 @contextmanager
-def ended(program: "subprocess.Popen[str]") -> Iterator[None]:
+def ended(program: "subprocess.Popen[str]", seconds: float = 300) -> Iterator[None]:
     """Whatever fails: nobody waits for it."""
+    timer = threading.Timer(seconds, program.kill)
+    timer.start()
     try:
         yield
     finally:
+        timer.cancel()
         program.kill()
 
 
