@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from collections.abc import Sequence as Many
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -29,9 +28,9 @@ _COSTS = {
 }
 _WIDTH, _HEIGHT = 5.0, 3.9  # of a panel, inches
 _RATIOS = (0.25, 0.5, 1.0, 2.0, 4.0)  # of error over sigma, on the colour scale
-#: Offsets of a label from its mark (points), with its alignment: the first that crosses no other is taken.
-_PLACES = ((8, 3, "left"), (-8, 3, "right"), (0, 9, "center"), (0, -15, "center"))
-_LETTER, _LINE = 4.6, 11.0  # size of a label's letters, points
+_FREE = 8  # names that a panel of that height has room for
+_GAP, _GRID = 6, 3  # pixels between a mark and its name, between places that are tried
+_NEAR = 12.0  # pixels beyond which a line leads from a mark to its name
 
 
 def write_tradeoff_chart(path: Path, rows: Many[Tradeoff], title: str = "") -> None:
@@ -39,16 +38,19 @@ def write_tradeoff_chart(path: Path, rows: Many[Tradeoff], title: str = "") -> N
     sigma as the colour, the codes that no other beats in both as a grey line."""
     shown = [row for row in rows if row.simulated > 0 and row.cpu_seconds > 0]
     conditions = list(dict.fromkeys(row.condition for row in shown)) or [""]
-    figure = new_figure(2 * _WIDTH, _HEIGHT * len(conditions))
+    names = max([sum(row.condition == each for row in shown) for each in conditions])
+    height = _HEIGHT * max(1.0, names / _FREE) ** 0.5
+    figure = new_figure(2 * _WIDTH, height * len(conditions))
     panels = figure.subplots(len(conditions), 2, sharey=True, squeeze=False)
     factor, unit = length_unit(float(np.median([row.simulated for row in shown])) if shown else 1.0)
-    marks, errors = None, [factor * row.simulated for row in shown]
+    marks, errors, places = None, [factor * row.simulated for row in shown], []
     if shown:  # the panels' common scale
         panels[0, 0].set(yscale="log", ylim=(min(errors) / 1.7, max(errors) * 1.7))
     for pair, condition in zip(panels, conditions, strict=True):
         mine = [row for row in shown if row.condition == condition]
         for panel, cost in zip(pair, _COSTS, strict=True):
             marks = _draw(panel, mine, cost, factor) or marks
+            places.append((panel, [(row.code, getattr(row, cost), factor * row.simulated) for row in mine]))
             panel.set_xlabel(_COSTS[cost], fontsize=9)
         pair[0].set_ylabel(f"height error, rms [{unit}]", fontsize=9)
         lost = [row.code for row in rows if row.condition == condition and row not in mine]
@@ -59,6 +61,10 @@ def write_tradeoff_chart(path: Path, rows: Many[Tradeoff], title: str = "") -> N
         bar.ax.set_yticklabels([f"{ratio:g}" for ratio in _RATIOS])
         bar.set_label("error / sigma: 1 where error bars are true", fontsize=9)
     figure.suptitle(f"{title}; grey: nothing is both faster and better".lstrip("; "), fontsize=9)
+    figure.draw_without_rendering()  # the layout that names are placed in
+    figure.set_layout_engine("none")
+    for panel, named in places:
+        _name(panel, named)
     with atomic_file(path) as temporary:
         figure.savefig(temporary, format="png")
 
@@ -94,44 +100,47 @@ def _draw(panel: Axes, rows: Many[Tradeoff], name: str, factor: float) -> Any:
         cost, error, np.nan_to_num(bars), fmt="none", ecolor="0.3", elinewidth=1, capsize=2, zorder=2
     )
     panel.set_xlim(cost.min() / 3, cost.max() * 4)
-    for row, at, (right, up, side) in zip(
-        rows, zip(cost, error, strict=True), _labels(panel, rows, cost, error), strict=True
-    ):
-        panel.annotate(
-            row.code, at, xytext=(right, up), textcoords="offset points", ha=side, fontsize=8, color="0.15"
-        )
     ratio = np.log2([row.ratio if row.ratio > 0 else math.nan for row in rows])
     return panel.scatter(
         cost, error, c=ratio, cmap="coolwarm", vmin=-2, vmax=2, s=45, edgecolor="0.2", lw=0.8, zorder=3
     )
 
 
-def _labels(panel: Axes, rows: Many[Tradeoff], cost: Floats, error: Floats) -> Iterator[tuple[int, int, str]]:
-    """Where each code's name stands: beside its mark, away from other marks and names."""
+def _name(panel: Axes, named: Many[tuple[str, float, float]]) -> None:
+    """Names of marks at (x, y), each at the nearest place that overlaps no mark, no other name and no
+    border of the panel."""
+    area = panel.get_window_extent()
+    at = panel.transData.transform([(x, y) for _, x, y in named]) if named else np.zeros((0, 2))
+    taken = [np.array([x - _GAP, y - _GAP, x + _GAP, y + _GAP]) for x, y in at]
+    for (text, *mark), (x, y) in zip(named, at, strict=True):
+        label = panel.annotate(text, (mark[0], mark[1]), xytext=(0, 0), textcoords="offset pixels",
+                               fontsize=8, color="0.15", va="bottom")  # fmt: skip
+        size = label.get_window_extent()
+        left, low = np.meshgrid(
+            np.arange(area.x0, max(area.x1 - size.width, area.x0 + 1), _GRID),
+            np.arange(area.y0, max(area.y1 - size.height, area.y0 + 1), _GRID),
+        )
+        boxes = np.stack([left, low, left + size.width, low + size.height], axis=-1)
+        away = np.hypot(*(np.maximum(np.maximum(boxes[..., k] - p, p - boxes[..., k + 2]), 0.0)
+                          for k, p in enumerate((x, y))))  # fmt: skip
+        # of equally near places: right of the mark, level with it
+        cost = np.maximum(away, _GAP + _GRID) + 0.02 * (
+            np.abs(low + 0.5 * size.height - y) + np.maximum(x - left, 0.0)
+        )
+        best = np.unravel_index(
+            np.argmin(cost + 1e3 * sum(_shared(boxes, each) for each in taken)), low.shape
+        )
+        label.set_position((left[best] - x, low[best] - y))
+        taken.append(boxes[best] + (-1, -1, 1, 1))
+        if away[best] > _NEAR:
+            ends = np.clip((x, y), boxes[best][:2], boxes[best][2:])
+            panel.annotate("", (mark[0], mark[1]), xytext=ends - (x, y), textcoords="offset pixels",
+                           arrowprops={"arrowstyle": "-", "color": "0.6", "lw": 0.7})  # fmt: skip
 
-    def points(values: Floats, limits: tuple[float, float], size: float) -> Floats:
-        low, high = np.log(limits)
-        return np.asarray(72 * size * (np.log(values) - low) / (high - low))
 
-    x, y = points(cost, panel.get_xlim(), 0.82 * _WIDTH), points(error, panel.get_ylim(), 0.8 * _HEIGHT)
-    taken = [(a - 5, a + 5, b - 5, b + 5) for a, b in zip(x, y, strict=True)]
-    for row, a, b in zip(rows, x, y, strict=True):
-        best = None
-        for right, up, side in _PLACES:
-            width = _LETTER * len(row.code)
-            left = a + right - {"left": 0.0, "right": width, "center": width / 2}[side]
-            box = left, left + width, b + up, b + up + _LINE
-            out = max(0.0, -box[0]) + max(0.0, box[1] - 72 * 0.82 * _WIDTH)
-            crossed = sum(_overlap(box, other) for other in taken) + 100 * out
-            if best is None or crossed < best[0]:
-                best = crossed, (right, up, side), box
-        assert best is not None
-        taken.append(best[2])
-        yield best[1]
-
-
-def _overlap(one: tuple[float, ...], other: tuple[float, ...]) -> float:
-    """Area that two boxes (left, right, low, high) share."""
-    wide = min(one[1], other[1]) - max(one[0], other[0])
-    tall = min(one[3], other[3]) - max(one[2], other[2])
-    return max(wide, 0.0) * max(tall, 0.0)
+def _shared(boxes: Floats, other: Floats) -> Floats:
+    """Area (...) that boxes (..., 4) of left, low, right, high share with another."""
+    wide, tall = (
+        np.minimum(boxes[..., k + 2], other[k + 2]) - np.maximum(boxes[..., k], other[k]) for k in (0, 1)
+    )
+    return np.asarray(np.maximum(wide, 0.0) * np.maximum(tall, 0.0))

@@ -4,21 +4,28 @@ import json
 import math
 import sys
 from collections.abc import Callable
+from itertools import combinations, product
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+from matplotlib.transforms import Bbox
 
 from optolever.cli import run
 from optolever.errors import InputError
 from optolever.experiments.design import (
     Candidate,
     Lever,
+    Tradeoff,
     predict,
     sensor_maps,
     simulate,
     user_candidate,
+    write_tradeoff_chart,
 )
 from optolever.patterns import sequence, sequence_from_text
 from optolever.scene import Scene, dent, load, resize
@@ -176,3 +183,30 @@ def test_bad_input_is_one_line(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     refused(args, words)
+
+
+@pytest.mark.parametrize("spread", [0.0, 0.02, 0.5])
+def test_names_in_the_chart_overlap_nothing(spread: float, tmp_path: Path, monkeypatch: Any) -> None:
+    """Boxes of the texts as drawn: 14 codes in each of two conditions, crowded about one place."""
+    drawn: list[Figure] = []
+    save = Figure.savefig
+    monkeypatch.setattr(Figure, "savefig", lambda self, *a, **k: (drawn.append(self), save(self, *a, **k)))
+    rng = np.random.default_rng(5)
+    codes = [*(f"phase:steps={n},periods=9/10/11" for n in range(3, 12)), "gray", "gray+phase", "stripe"]
+    codes += ["micro-phase", "own.toml@decoders:mine"]
+    rows = []
+    for code, noise in product(codes, (1.0, 2.0)):
+        seconds, cpu, error = np.exp(spread * rng.standard_normal(3))
+        rows.append(
+            Tradeoff(code, noise, 0.0, None, None, None, 24, seconds, cpu, math.nan, 1e-4 * error, 5e-6, 1.0)
+        )
+    write_tradeoff_chart(tmp_path / "chart.png", rows)
+    (figure,) = drawn
+    for panel in figure.axes[:4]:
+        names = [text for text in panel.texts if text.get_text()]
+        assert {name.get_text() for name in names} == set(codes)
+        boxes = [Text.get_window_extent(name) for name in names]
+        marks = panel.transData.transform([name.xy for name in names])
+        assert not [pair for pair in combinations(boxes, 2) if Bbox.intersection(*pair) is not None]
+        assert not any(box.count_contains(marks) for box in boxes)
+        assert all(panel.bbox.padded(1).containsx(x) for box in boxes for x in (box.x0, box.x1))
