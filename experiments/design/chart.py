@@ -123,15 +123,13 @@ def _name(panel: Axes, named: Many[tuple[str, float, float]]) -> None:
         boxes = np.stack([left, low, left + size.width, low + size.height], axis=-1)
         away = np.hypot(*(np.maximum(np.maximum(boxes[..., k] - p, p - boxes[..., k + 2]), 0.0)
                           for k, p in enumerate((x, y))))  # fmt: skip
-        # of equally near places: right of the mark, level with it
-        cost = np.maximum(away, _GAP + _GRID) + 0.02 * (
-            np.abs(low + 0.5 * size.height - y) + np.maximum(x - left, 0.0)
-        )
+        # of equally near places: right of the mark, above the grey line through it
+        cost = np.maximum(away, _GAP + _GRID) + 0.02 * (np.abs(low - y - 2) + np.maximum(x - left, 0.0))
         best = np.unravel_index(
             np.argmin(cost + 1e3 * sum(_shared(boxes, each) for each in taken)), low.shape
         )
         label.set_position((left[best] - x, low[best] - y))
-        taken.append(boxes[best] + (-1, -1, 1, 1))
+        taken.append(boxes[best] + (-3, -1, 3, 1))
         if away[best] > _NEAR:
             ends = np.clip((x, y), boxes[best][:2], boxes[best][2:])
             panel.annotate("", (mark[0], mark[1]), xytext=ends - (x, y), textcoords="offset pixels",
