@@ -16,7 +16,7 @@ import scipy.sparse.csgraph
 import scipy.sparse.linalg
 from numpy.typing import NDArray
 
-__all__ = ["ResidualNoise", "SlopeNoise", "noise_covariance", "residual_noise"]
+__all__ = ["ResidualNoise", "SlopeNoise", "mean_square_variance", "noise_covariance", "residual_noise"]
 
 Floats = NDArray[np.float64]
 _BLOCKS = 64  # along the longer side of the image
@@ -124,12 +124,18 @@ class ResidualNoise:
     covariance: Floats
     step_variance: float
 
-    def rms_variance(self, residual: Floats) -> float:
-        """Variance of the mean square of residual (n,) + noise, mm^4 (Gaussian noise)."""
-        each = np.bincount(self.number, residual, len(self.count))
-        weighted = self.covariance * self.count
-        square = 4 * each @ self.covariance @ each + 2 * float(np.sum(weighted * weighted.T))
-        return float(square) / len(residual) ** 2
+    def rms_variance(self, residual: Floats) -> tuple[float, float]:
+        """Variances, mm^4, of the mean square of residual (n,) + noise and of that of the noise alone."""
+        each = np.bincount(self.number, residual, len(self.count)) / len(residual)
+        weighted = self.covariance * self.count / len(residual)
+        trace = 2 * float(np.sum(weighted * weighted.T))
+        return mean_square_variance(4 * float(each @ self.covariance @ each), trace), trace
+
+
+def mean_square_variance(linear: float, trace: float) -> float:
+    """Variance of the mean square of s + n, n Gaussian noise of covariance C: 4 s'Cs + 2 tr C^2 (over n^2).
+    linear: 4 r'Cr of the measured r = s + n, whose noise adds 4 tr C^2 on average; trace: 2 tr C^2."""
+    return max(linear - 2 * trace, 0.0) + trace
 
 
 def residual_noise(

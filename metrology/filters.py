@@ -8,10 +8,12 @@ import scipy.ndimage
 from numpy.typing import NDArray
 
 from optolever.errors import InputError
+from optolever.reconstruct import Grid
 
+from .covariance import mean_square_variance, noise_covariance
 from .fit import FormFit, differences
 
-__all__ = ["gaussian_filter"]
+__all__ = ["gaussian_filter", "kept_variance"]
 
 Floats = NDArray[np.float64]
 #: Standard deviation of the weighting function over the cutoff, where half of the amplitude passes:
@@ -19,6 +21,7 @@ Floats = NDArray[np.float64]
 _SIGMA = float(np.sqrt(np.log(2) / np.pi) / np.sqrt(2 * np.pi))
 _LEAST = 4.0  # grid steps of a cutoff
 _REACH = 4.0  # sigma of the kernel
+_SOME = 1e-6  # least share of known points in a weighted mean
 _WAVES = 256  # points a side of the integrals over spatial frequencies
 
 
@@ -45,41 +48,82 @@ def gaussian_filter(fit: FormFit, cutoff: float, kept: Literal["low", "high"]) -
         found[there] = smooth if kept == "low" else values[there] - smooth
         return found
 
-    residual = kept_of(fit.residual, grid.z)
-    modes = None
+    passed = replace(fit, residual=kept_of(fit.residual, grid.z), passes=(*fit.passes, (cutoff, kept)))
+    residual, rms, kept_modes = passed.residual, passed.rms, None
+    left = residual[there] - residual[there].mean()
+    variance, trace = _kept_noise(passed, grid)
+    linear = 4 * float(kept_variance(passed, left[:, None] / len(left))[0])
+    square = mean_square_variance(linear, trace)
+    rig = np.where(there, 0.0, np.nan)
     if fit.modes is not None:
         bent = (replace(fit, residual=np.where(there, mode, np.nan)) for mode in fit.modes)
         modes = np.stack([kept_of(one.residual, one.grid(grid.pitch).z) for one in bent])
-    rms = float(np.nanstd(residual))
-    noise, square = _kept_noise(fit, grid.z - _smooth(grid.z, scale), scale, kept)
-    if kept == "low":  # of long waves, whose noise a low pass keeps
-        square = (2 * rms * fit.rms_sigma * rms / max(fit.rms, 1e-30)) ** 2
-    rig = np.where(there, 0.0, np.nan)
-    if modes is not None:
         rig = np.sqrt(np.sum(modes**2, axis=0))
-        if kept == "high":
-            square += 4 * float(np.sum(np.nanmean(modes * residual, axis=(1, 2)) ** 2))
+        square += 4 * float(np.sum((modes[:, there] @ left / len(left)) ** 2))
+        square += 2 * float(np.sum((modes[:, there] @ modes[:, there].T / len(left)) ** 2))
+        kept_modes = np.asarray(modes, np.float32)
     slope_x, slope_y = differences(fit.x, fit.y, residual)
+    sigma = float(np.sqrt(square)) / max(2 * rms, 1e-30)
     return replace(
-        fit,
-        residual=residual,
+        passed,
         slope_x=slope_x,
         slope_y=slope_y,
-        noise=np.where(there, noise, np.nan),
+        noise=np.sqrt(variance),
         rig=rig,
-        rms_sigma=float(np.sqrt(square)) / max(2 * rms, 1e-30),
-        modes=None if modes is None else modes.astype(np.float32),
+        rms_sigma=sigma,
+        trace=trace,
+        modes=kept_modes,
     )
+
+
+def kept_variance(fit: FormFit, weights: Floats) -> Floats:
+    """Variances (m,) by slope noise of sums of the residual with weights (n, m) over its known pixels: less
+    its part in the form, and behind the filters. NaN where the noise is unknown.
+
+    Filters and fit are applied to the weights, in reverse. Short waves do not feel the map's border: behind a
+    high pass the variance is an integral over spatial frequencies.
+    """
+    grid, there = fit.grid(), np.isfinite(fit.residual)
+    if fit.slope_noise is None:
+        return np.full(weights.shape[1], np.nan)
+    at = np.stack([(fit.y - grid.y0) / grid.pitch, (fit.x - grid.x0) / grid.pitch])[:, there]
+    (xr, xc), (yr, yc) = np.gradient(fit.x), np.gradient(fit.y)
+    area = np.abs(xc * yr - xr * yc)[there] / grid.pitch**2
+    for cutoff, kept in fit.passes[::-1]:
+        scale = _SIGMA * cutoff / grid.pitch
+        share = np.maximum(_blurred(np.isfinite(grid.z).astype(np.float64), scale), _SOME)
+        lows = (_blurred(_scattered(each, at, grid) / share, scale) for each in weights.T)
+        low = np.stack([area * scipy.ndimage.map_coordinates(each, at, order=1, mode="nearest")
+                        for each in lows], axis=1)  # fmt: skip
+        weights = low if kept == "low" else weights - low
+    weights = weights - fit.basis @ (fit.basis.T @ weights)
+    if all(kept == "low" for _, kept in fit.passes):
+        return np.asarray(np.diag(noise_covariance(weights, fit.x, fit.y, there, fit.slope_noise)))
+    spectrum = _spectrum(replace(fit, passes=()), grid)
+    power = (np.abs(np.fft.fft2(_scattered(each, at, grid), spectrum.shape)) ** 2 for each in weights.T)
+    return np.array([float(np.mean(each * spectrum)) for each in power])
+
+
+def _scattered(weights: Floats, at: Floats, grid: Grid) -> Floats:
+    """Weights (n,) of points at rows and columns (2, n) of a grid, shared by its four nearest points."""
+    low = np.clip(np.floor(at).astype(np.intp), 0, np.array(grid.z.shape)[:, None] - 2)
+    part, total = at - low, np.zeros(grid.z.size)
+    for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)):
+        share = np.abs(1 - i - part[0]) * np.abs(1 - j - part[1])
+        place = (low[0] + i) * grid.z.shape[1] + low[1] + j
+        total += np.bincount(place, share * weights, grid.z.size)
+    return total.reshape(grid.z.shape)
+
+
+def _blurred(values: Floats, scale: float) -> Floats:
+    return np.asarray(scipy.ndimage.gaussian_filter(values, scale, mode="constant", truncate=_REACH))
 
 
 def _smooth(z: Floats, scale: float) -> Floats:
     """Weighted mean of the known points; NaN is unknown. Where none is near: the nearest weighted mean."""
     known = np.isfinite(z)
-    weight, total = (
-        scipy.ndimage.gaussian_filter(part, scale, mode="constant", truncate=_REACH)
-        for part in (known.astype(np.float64), np.where(known, z, 0.0))
-    )
-    some = weight > 1e-6
+    weight, total = (_blurred(part, scale) for part in (known.astype(np.float64), np.where(known, z, 0.0)))
+    some = weight > _SOME
     mean = np.where(some, total / np.where(some, weight, 1.0), 0.0)
     if some.all():
         return mean
@@ -87,30 +131,45 @@ def _smooth(z: Floats, scale: float) -> Floats:
     return np.asarray(mean[tuple(nearest)])
 
 
-def _kept_noise(
-    fit: FormFit, regular: Floats, scale: float, kept: Literal["low", "high"]
-) -> tuple[Floats, float]:
-    """Standard deviation (H, W) of the noise that a filter keeps, and the variance of the mean square, mm^4,
-    of a kept residual (rows, cols).
+def _waves(grid: Grid) -> tuple[Floats, Floats]:
+    """Spatial frequencies k, l and d = 4 - 2 cos k - 2 cos l of a square lattice, at least a grid's."""
+    sizes = np.maximum(grid.z.shape, _WAVES)
+    ways = (2 * np.pi * np.fft.fftfreq(size) for size in sizes)
+    waves = np.stack(np.meshgrid(*ways, indexing="ij"))
+    steps = np.asarray(4 - 2 * np.cos(waves[0]) - 2 * np.cos(waves[1]))
+    steps[0, 0] = np.inf
+    return waves, steps
 
-    The spectrum of slope noise that is integrated by least squares on a square lattice: v / d, with
-    d = 4 - 2 cos k - 2 cos l. Increments are the means of the slopes at both ends, which damps short waves.
-    """
-    sizes = np.maximum(regular.shape, _WAVES)
-    waves = np.meshgrid(*(2 * np.pi * np.fft.fftfreq(size) for size in sizes), indexing="ij")
-    steps = [2 - 2 * np.cos(each) for each in waves]
-    steps[0][0, 0] = np.inf
-    low = np.exp(-0.5 * scale**2 * (waves[0] ** 2 + waves[1] ** 2))
-    if kept == "low":
-        taken = float(np.mean((1 - low**2) * fit.step_variance / (steps[0] + steps[1])))
-        return np.sqrt(np.maximum(fit.noise**2 - taken, 0.0)), np.nan
-    averaged = sum(
-        np.where(np.isfinite(each), each, 0.0) * np.cos(0.5 * wave) ** 2
-        for each, wave in zip(steps, waves, strict=True)
-    )
-    spectrum = (1 - low) ** 2 * fit.step_variance * averaged / (steps[0] + steps[1]) ** 2
-    known = np.isfinite(regular)
-    power = np.abs(np.fft.fft2(np.where(known, regular, 0.0), spectrum.shape)) ** 2
-    square = 4 * float(np.mean(power * spectrum)) + 2 * float(known.sum() * np.mean(spectrum**2))
-    noise = np.where(np.isfinite(fit.residual), np.sqrt(np.mean(spectrum)), np.nan)
-    return noise, square / float(known.sum()) ** 2
+
+def _transfer(fit: FormFit, grid: Grid, waves: Floats) -> Floats:
+    """Amplitude that all filters pass."""
+    passed: Floats = np.ones(waves.shape[1:])
+    for cutoff, kept in fit.passes:
+        low = np.exp(-0.5 * (_SIGMA * cutoff / grid.pitch) ** 2 * (waves[0] ** 2 + waves[1] ** 2))
+        passed *= low if kept == "low" else 1 - low
+    return passed
+
+
+def _spectrum(fit: FormFit, grid: Grid) -> Floats:
+    """Power of the noise behind the filters. Slope noise that is integrated by least squares on a square
+    lattice has v / d. Increments are the means of the slopes at both ends, which damps short waves."""
+    waves, steps = _waves(grid)
+    averaged: Floats = np.sum((2 - 2 * np.cos(waves)) * np.cos(0.5 * waves) ** 2, axis=0)
+    return np.asarray(_transfer(fit, grid, waves) ** 2 * fit.step_variance * averaged / steps**2)
+
+
+def _kept_noise(fit: FormFit, grid: Grid) -> tuple[Floats, float]:
+    """Variance of the pixels' noise (H, W) behind all filters, mm^2, and that of its mean square, mm^4;
+    fit: with the noise before the last one."""
+    count = float(np.isfinite(grid.z).sum())
+    if any(kept == "high" for _, kept in fit.passes):
+        spectrum = _spectrum(fit, grid)
+        there = np.isfinite(fit.residual)
+        return np.where(there, np.mean(spectrum), np.nan), 2 * float(np.mean(spectrum**2)) / count
+    waves, steps = _waves(grid)
+    before = _transfer(replace(fit, passes=fit.passes[:-1]), grid, waves) ** 2
+    after = _transfer(fit, grid, waves) ** 2
+    # of long waves, which a low pass keeps but for this share
+    share = float(np.sum((after / steps) ** 2) / np.sum((before / steps) ** 2))
+    taken = np.mean((before - after) * fit.step_variance / steps)
+    return np.maximum(fit.noise**2 - taken, 0.0), share * fit.trace

@@ -63,11 +63,14 @@ class Numbers:
 class FormFit:
     """form: its name; numbers: fitted parameters; held: fixed parameters; x, y (H, W): mm; residual (H, W):
     heights less the form, mm, NaN where not good; slope_x, slope_y (H, W): slopes of the residual, mm per mm;
-    middle: origin x = y = 0 of the form, mm in the mirror's frame; noise, rig (H, W): standard deviations of
-    the residual by the slopes' noise (NaN: unknown) and by the errors of the rig, each less its part in the
-    form; rms_sigma: of rms, by both; step_variance: mean variance, mm^2, of an increment from pixel to pixel
-    by noise; modes (r, H, W): those of the rig less their part in the form, mm; basis (n, k): orthonormal
-    heights of the known pixels that the form and a piston can take off."""
+    middle: origin x = y = 0 of the form, mm in the mirror's frame.
+
+    noise, rig (H, W): standard deviations of the residual by the slopes' noise (NaN: unknown) and by the
+    errors of the rig, mm, each less its part in the form; rms_sigma: of rms, by both, mm; step_variance: mean
+    variance of an increment from pixel to pixel by noise, mm^2; trace: variance of the mean square of the
+    noise, mm^4; modes (r, H, W): height errors by the rig less their part in the form, mm; basis (n, k):
+    orthonormal heights of the n known pixels, which span the form's changes and a piston; slope_noise: of the
+    map (None: unknown); passes: cutoff (mm) and 'low' or 'high' of each filter that was applied."""
 
     form: str
     numbers: Numbers
@@ -82,8 +85,11 @@ class FormFit:
     rig: Floats
     rms_sigma: float
     step_variance: float
+    trace: float
     modes: NDArray[np.float32] | None
     basis: Floats
+    slope_noise: SlopeNoise | None
+    passes: tuple[tuple[float, str], ...] = ()
 
     @property
     def sigma(self) -> Floats:
@@ -178,16 +184,17 @@ def leftovers(
     y: Floats,
     good: NDArray[np.bool_],
     slopes: SlopeMap | None,
-) -> tuple[Floats, Floats, float, float, NDArray[np.float32] | None, Floats]:
-    """noise, rig, rms_sigma, step_variance, modes, basis of a FormFit with this residual (H, W).
+) -> tuple[Floats, Floats, float, float, float, NDArray[np.float32] | None, Floats, SlopeNoise | None]:
+    """Fields of a FormFit with this residual (H, W), from noise to slope_noise.
 
     basis (n, k): the derivatives of the height by its free parameters."""
     noise, rig = (np.full(good.shape, np.nan) for _ in range(2))
-    left, own, square, step, kept = residual[good], slope_noise(height, slopes), 0.0, np.nan, None
+    left, own, square, kept = residual[good], slope_noise(height, slopes), 0.0, None
+    step = trace = np.nan
     if own is not None:
         found = residual_noise(basis, x, y, good, own)
-        noise[good], square = found.sigma, found.rms_variance(left - left.mean())
-        step = found.step_variance
+        noise[good], step = found.sigma, found.step_variance
+        square, trace = found.rms_variance(left - left.mean())
     rig[good] = 0.0
     q, _ = np.linalg.qr(np.column_stack([basis / np.linalg.norm(basis, axis=0), np.ones(len(left))]))
     if (modes := height.calibration) is not None:
@@ -200,7 +207,7 @@ def leftovers(
         kept[:, good] = bent
     rms = float(np.std(left))
     sigma = np.nan if own is None and not square else float(np.sqrt(square)) / max(2 * rms, 1e-30)
-    return noise, rig, sigma, step, kept, q
+    return noise, rig, sigma, step, trace, kept, q, own
 
 
 def placed(

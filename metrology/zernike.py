@@ -9,8 +9,8 @@ from optolever.errors import InputError
 from optolever.reconstruct import HeightMap, SlopeMap
 
 from .apertures import inscribed_radius
-from .covariance import noise_covariance
-from .fit import FormFit, Numbers, covariances_of, placed, slope_noise
+from .filters import kept_variance
+from .fit import FormFit, Numbers, covariances_of, placed
 from .zernike_terms import ansi_index, fringe_index, norm, zernike, zernike_name
 
 __all__ = ["ZernikeFit", "fit_zernike"]
@@ -54,7 +54,7 @@ def fit_zernike(
 
     The circle is centred at the middle of these; radius (mm), default: inscribed in them. slopes: see
     `fit_form`; aperture (H, W): pixels to use; removed: the fit whose residual the heights are, which takes
-    its part of their noise off.
+    its part of their noise off, as its filters do.
     """
     if not 1 <= order <= _MOST:
         raise InputError(f"zernike: order is {order}, must be 1 to {_MOST}")
@@ -74,10 +74,9 @@ def fit_zernike(
     residual[good] = height.z[good] - terms @ values
     names = tuple(f"Z({n},{m})" for n, m in pairs)
     noise, rig = (np.sqrt(np.diag(part)) for part in covariances)
-    if removed is not None and (own := slope_noise(height, slopes)) is not None:
+    if removed is not None and removed.slope_noise is not None:
         known = np.isfinite(removed.residual)
         weights = np.zeros((len(removed.basis), len(pairs)))
         weights[good[known]] = terms @ np.linalg.inv(terms.T @ terms)
-        weights -= removed.basis @ (removed.basis.T @ weights)
-        noise = np.sqrt(np.diag(noise_covariance(weights, x, y, known, own)))
+        noise = np.sqrt(kept_variance(removed, weights))
     return ZernikeFit(Numbers(names, values, noise, rig), middle, whole, residual, tuple(pairs))

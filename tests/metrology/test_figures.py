@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from optolever import InputError
 from optolever.metrology import (
-    FormFit,
     ansi_index,
     aperture_mask,
     compare_runs,
@@ -48,20 +47,35 @@ def drawn(seed: int, z: Any = 0.0) -> HeightMap:
     )
 
 
-@pytest.mark.parametrize("kept", ["", "high", "low"])
-def test_the_noise_of_a_residual_is_what_draws_of_it_are(kept: Any) -> None:
-    """Standard deviation of 40 draws, rms over the pixels; that of the rms of a surface."""
-    z = 3e-4 * np.sin(2 * np.pi * X / (30.0 if kept == "high" else 90.0))
+PASSES: dict[str, tuple[tuple[float, Any], ...]] = {
+    "all": (), "high": ((WAVE, "high"),), "low": ((WAVE, "low"),), "band": ((WAVE, "high"), (20.0, "low")),
+}  # fmt: skip
 
-    def fit(seed: int, surface: Any) -> FormFit:
-        found = fit_form(drawn(seed, surface), "power")
-        return gaussian_filter(found, WAVE, kept) if kept else found
 
-    fits = [fit(seed, z) for seed in range(40)]
+@pytest.mark.daily(2)
+@pytest.mark.parametrize("kept", PASSES)
+@pytest.mark.parametrize("waves", [(), (15.0, 90.0)])
+def test_the_sigmas_of_a_residual_are_what_draws_of_it_are(kept: str, waves: tuple[float, ...]) -> None:
+    """Of 40 draws: standard deviations of the pixels (rms over them), of the rms, of Zernike terms (each, and
+    rms over them), of surfaces with waves of these lengths (mm), less their power, behind filters."""
+    z = sum((3e-4 * np.sin(2 * np.pi * X / wave) for wave in waves), 0.0 * X)
+    fits, terms = [], []
+    for seed in range(40):
+        height = drawn(seed, z)
+        fit = fit_form(height, "power")
+        for cutoff, which in PASSES[kept]:
+            fit = gaussian_filter(fit, cutoff, which)
+        fits.append(fit)
+        deviation = replace(height, z=fit.residual)
+        terms.append(fit_zernike(deviation, 4, removed=None if terms else fit).numbers)
     spread = np.sqrt(np.nanmean(np.var([one.residual for one in fits], axis=0)))
-    assert spread / np.sqrt(np.nanmean(fits[0].noise ** 2)) == pytest.approx(1, abs=0.12)
-    assert np.std([one.rms for one in fits]) / fits[0].rms_sigma == pytest.approx(1, abs=0.3)
-    if not kept:
+    assert spread / np.sqrt(np.nanmean(fits[0].noise ** 2)) == pytest.approx(1, abs=0.15)
+    rms_sigma = np.median([one.rms_sigma for one in fits])
+    assert 0.55 < np.std([one.rms for one in fits]) / rms_sigma < 1.35
+    ratio = np.std([one.values for one in terms], axis=0) / terms[0].noise
+    assert np.all((ratio > 0.65) & (ratio < 1.4)), ratio
+    assert np.sqrt(np.mean(ratio**2)) == pytest.approx(1, abs=0.12)
+    if kept == "all" and waves:
         alone = fit_form(height_map(z), "power").rms
         less = np.array([one.rms_less_noise for one in fits])
         assert less.mean() == pytest.approx(alone, abs=4 * less.std() / np.sqrt(40))
@@ -69,7 +83,7 @@ def test_the_noise_of_a_residual_is_what_draws_of_it_are(kept: Any) -> None:
 
 
 def test_sigmas_of_terms_of_a_residual_are_what_draws_of_it_are() -> None:
-    """60 draws less their power over the rectangle: the circle's defocus keeps a part of its noise."""
+    """A fit of the power over the rectangle takes off a part of the noise of the circle's defocus."""
     found = []
     for seed in range(60):
         height = drawn(seed)
