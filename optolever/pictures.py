@@ -208,6 +208,8 @@ def _from_tiff(path: Path, data: bytes) -> Picture:
         raise InputError(f"{path}: 0 is white (TIFF tag 262); save it with 0 black")
     if any(page.shape != found[0].shape for page in found):
         raise InputError(f"{path}: its pictures differ in size, must be alike")
+    if not found[0].size:
+        raise InputError(f"{path}: its picture has no pixel; the file is damaged, save it again")
     return np.stack(found)
 
 

@@ -57,7 +57,7 @@ def _finite(values: Float) -> Float:
 def first_meeting(origins: Float, directions: Float, surface: Surface, bounds: Bounds) -> Float:
     """Distances t (n,) in mm at which rays (3, n), coming from z > h, first meet the surface; NaN: never."""
     low, high = _span(origins, directions, bounds.mirror)
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
         high = np.minimum(high, (bounds.lowest - origins[2]) / directions[2])
     t = np.full_like(low, np.nan)
     able = np.flatnonzero((low < high) & (directions[2] < 0))

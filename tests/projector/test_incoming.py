@@ -251,6 +251,17 @@ def test_small_tiles_and_half_precision_are_read(dtype: Any, tmp_path: Path) -> 
         np.testing.assert_array_equal(read_pictures(tmp_path / "a.tif"), images)
 
 
+def test_a_tiff_without_its_height_is_refused(tmp_path: Path) -> None:
+    tifffile.imwrite(tmp_path / "a.tif", frames()[0])
+    with tifffile.TiffFile(tmp_path / "a.tif") as file:
+        at = file.pages.first.tags["ImageLength"].offset
+    damaged = bytearray((tmp_path / "a.tif").read_bytes())
+    damaged[at : at + 12] = bytes(12)
+    (tmp_path / "a.tif").write_bytes(damaged)
+    with pytest.raises(InputError, match="a.tif: its picture has no pixel"):
+        read_pictures(tmp_path / "a.tif")
+
+
 @pytest.mark.parametrize("most", [100, 255, 1023])
 def test_pnm_with_numbers_as_text_is_as_stored(most: int, tmp_path: Path) -> None:
     grey, colours = frames(np.uint16, most)[0], frames(np.uint16, most)[:3].transpose(1, 2, 0)
