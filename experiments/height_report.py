@@ -178,7 +178,8 @@ def _layers(study: Study) -> list[Layer]:
         lengths("deviation", study.deviation.z, "RdBu_r", True, sigma=name, digits=7)
         sigmas(name, study.deviation.total_sigma)
     true = "true height" if given.truth is not None else ""
-    lengths("height", height.z, sigma="sigma", true=true, digits=7)
+    strip = "error" if true else "deviation" if study.deviation is not None else ""
+    lengths("height", height.z, sigma="sigma", true=true, strip=strip, digits=7)
     sigmas("sigma", height.total_sigma)
     if height.modes is not None:
         sigmas("sigma by noise", height.sigma)

@@ -47,8 +47,8 @@ Data: TypeAlias = dict[str, Any]
 class Layer:
     """One map: name, values (H, W) of camera pixels, NaN where unknown, their unit and colour map.
 
-    symmetric: colours about zero; sigma: name of the layer of its standard deviations; true: of the truth.
-    factor: on the values, for a unit that reads well; digits: significant ones under the pointer; share: of
+    symmetric: colours about zero; sigma: name of the layer of its standard deviations; true: of the truth;
+    strip: of what a model leaves, shown below a profile. factor: on the values, for a unit that reads well; digits: significant ones under the pointer; share: of
     the values, that the colours distinguish (0: by the colour map). Colours of sigma are logarithmic.
     """
 
@@ -59,6 +59,7 @@ class Layer:
     symmetric: bool = False
     sigma: str = ""
     true: str = ""
+    strip: str = ""
     factor: float = 1.0
     digits: int = 6
     share: float = 0.0
@@ -67,7 +68,7 @@ class Layer:
         """With the samples on a grid, (rows, cols) of its values."""
         share = self.share or (0.9999 if self.colours == "viridis" else 0.995)
         low, high = robust_limits(self.values, share, self.symmetric)
-        names = ("name", "unit", "digits", "colours", "sigma", "true")
+        names = ("name", "unit", "digits", "colours", "sigma", "true", "strip")
         return {name: getattr(self, name) for name in names} | {
             "low": self.factor * low,
             "high": self.factor * high,

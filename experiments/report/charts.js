@@ -5,6 +5,15 @@
 "use strict";
 
 const read = (id) => JSON.parse(document.getElementById(id).textContent);
+// Draws again in other colours: paper is light.
+function recoloured(draw) {
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
+  for (const [event, print] of [["beforeprint", true], ["afterprint", false]])
+    addEventListener(event, () => {
+      document.documentElement.classList.toggle("print", print);
+      draw();
+    });
+}
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 const FONT = "12px system-ui, sans-serif";
 const WHEEL = ["--accent", "--bad", "--good"];
@@ -320,24 +329,25 @@ class Profiles {
     const figure = document.getElementById(`profile-${name}`);
     figure.replaceChildren();
     chart(figure, { title: through, x: columns.at, series, axes, bands, plain: true });
-    if (truth && layer.unit in SIZES) this.strip(figure, columns);
+    const strip = model.layers.find((each) => each.name === layer.strip);
+    if (strip) this.strip(figure, columns, strip);
   }
 
-  // The profile less the true one in nm; the band is +- 2 sigma by noise about 0.
-  strip(figure, { at, cells, value, truth }) {
-    const { model, layer } = this.map;
-    const unit = inUnit(layer.unit, "nm");
-    const residual = value.map((one, k) => (one === null || truth[k] === null ? null : unit * (one - truth[k])));
+  // Error or deviation along the profile in nm; the band is +- 2 sigma about 0, of an error by noise.
+  strip(figure, { at, cells }, layer) {
+    const { model } = this.map;
+    const known = (value) => (Number.isFinite(value) ? value : null);
+    const residual = cells.map((cell) => known(inUnit(layer.unit, "nm") * this.map.value(layer, cell)));
     const named = (wanted) => model.layers.find(({ name }) => name === wanted);
-    const noise = named("sigma by noise") || named(layer.sigma);
+    const noise = (layer.name === "error" && named("sigma by noise")) || named(layer.sigma);
     const series = [], bands = [];
     const wide = cells.map((cell) => (noise ? 2 * inUnit(noise.unit, "nm") * this.map.value(noise, cell) : NaN));
     if (noise) {
       for (const sign of [1, -1])
-        series.push({ name: "2 sigma by noise", kind: "edge", values: wide.map((one) => (Number.isFinite(one) ? sign * one : null)) });
+        series.push({ name: `2 ${noise.name}`, kind: "edge", values: wide.map((one) => known(sign * one)) });
       bands.push({ series: [1, 2], fill: () => colour("--band") });
     }
-    series.push({ name: "less the true height", kind: "line", values: residual });
+    series.push({ name: layer.name, kind: "line", values: residual });
     const sizes = [...residual, ...wide].filter(Number.isFinite).map(Math.abs).sort((a, b) => a - b);
     const most = sizes[Math.floor(0.98 * sizes.length)] || 1; // what lies beyond is cut off
     const ends = [-1.3 * most, 1.3 * most], mark = Number(most.toPrecision(1));
@@ -359,7 +369,7 @@ function drawAll() {
     profiles.update();
   });
   for (const [id, spec] of Object.entries(charts)) chart(document.getElementById(id), spec);
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => plots.forEach((plot) => plot.redraw(false)));
+  recoloured(() => plots.forEach((plot) => plot.redraw(false)));
   page.dataset.charts = "ready";
 }
 

@@ -111,7 +111,7 @@ class SurfaceViewer {
     canvas.addEventListener("dblclick", back);
     this.figure.querySelector("button").addEventListener("click", back);
     new ResizeObserver(() => this.redraw()).observe(canvas);
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.redraw());
+    recoloured(() => this.draw());
   }
 
   redraw() {

@@ -1,8 +1,10 @@
 """The pages of a measurement and of a demo: numbers and maps against the files of their folder."""
 
+import base64
 import csv
 import json
 import re
+import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,6 +21,8 @@ from optolever.experiments.flag_table import MEANING
 from optolever.notices import Notice
 from optolever.reconstruct import HeightFlag, HeightMap
 from optolever.scene import Accuracy, dent, load, resize, trace
+
+from ..cli.chromium import Chromium
 
 Browser = Callable[..., str]
 Floats = NDArray[np.float64]
@@ -209,6 +213,37 @@ def test_pages_run_and_ask_the_network_for_nothing(
     assert "<h2>Contacts" in demo_page.html
 
 
+#: What a sheet of paper cuts off: elements that reach beyond the page, or scroll.
+CUT = """
+[...document.querySelectorAll("section, table, pre, p, figure, canvas, svg, img, .scroll")]
+  .filter((one) => one.getBoundingClientRect().right > innerWidth + 1 ||
+    (one.matches("section, table, pre, p, .scroll") && one.scrollWidth > one.clientWidth + 1))
+  .map((one) => `${one.tagName}#${one.id}.${one.className}`)"""
+INK = "getComputedStyle(document.documentElement).getPropertyValue('--ink').trim()"
+
+
+def test_a_page_prints_whole_and_light(mirror: Page, demo_page: Page, tmp_path: Path) -> None:
+    """On A4 from a dark browser: nothing is cut, canvases are drawn in dark ink, and after it as before."""
+    path = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    if path is None:
+        pytest.skip("no Chromium on this machine: the page is not printed (apt-get install chromium)")
+    for page in (mirror, demo_page):
+        with Chromium(path, tmp_path / "profile") as browser:
+            browser.look(1300, True)
+            browser.open((page.folder / "report.html").as_uri())
+            browser.wait("document.querySelector('[data-charts=ready]')")
+            dark = browser.value(INK)
+            browser.value(f"window.inks = []; addEventListener('beforeprint', () => inks.push({INK}))")
+            pdf = base64.b64decode(browser.call("Page.printToPDF", printBackground=True)["data"])
+            assert pdf.startswith(b"%PDF")
+            assert browser.value("inks") == ["#1b2430"] != [dark]
+            browser.wait(f"{INK} === '{dark}'")
+            browser.look(718, False)  # A4 less margins of 1 cm
+            browser.call("Emulation.setEmulatedMedia", media="print")
+            assert browser.value(CUT) == []
+            assert not browser.messages
+
+
 def test_words_contrast_with_their_ground() -> None:
     """WCAG 2.1, 1.4.3 (AA): 4.5, in light and in dark."""
     style = (Path(__file__).resolve().parents[2] / "experiments/report/style.css").read_text()
@@ -218,9 +253,8 @@ def test_words_contrast_with_their_ground() -> None:
         linear = [each / 12.92 if each <= 0.04045 else ((each + 0.055) / 1.055) ** 2.4 for each in shares]
         return 0.05 + float(np.dot([0.2126, 0.7152, 0.0722], linear))
 
-    themes = [
-        dict(re.findall(r"--(\w+): (#\w{6})", each)) for each in re.findall(r":root \{(.*?)\}", style, re.S)
-    ]
+    roots = re.findall(r":root(?::not\(.print\))? \{(.*?)\}", style, re.S)
+    themes = [found for each in roots if (found := dict(re.findall(r"--(\w+): (#\w{6})", each)))]
     assert len(themes) == 2
     for theme in themes:
         for word in ("ink", "soft", "accent", "good", "bad"):

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -9,12 +10,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+import tomli_w
 
 from optolever.cli import run
 from optolever.experiments import Faults, design
 from optolever.experiments.design import compare_codes, frame_rate
 from optolever.experiments.design.chart import front
-from optolever.projector import NOMINAL_SENSOR
+from optolever.projector import NOMINAL_SENSOR, Timing
 from optolever.scene import load, resize
 
 #: Random dots: a cell is black or white by chance in every image; a pixel is the cell that is most alike.
@@ -112,6 +114,23 @@ def test_what_is_stopped_keeps_its_rows(
     assert "gray+phase" in capfd.readouterr().out
     assert [line.partition(",")[0] for line in table.read_text().splitlines()] == ["code", "gray+phase"]
     assert chart.stat().st_size > 10_000
+
+
+def test_the_rigs_lag_is_that_of_its_measured_wait(tmp_path: Path) -> None:
+    """[sync]: a cell of time constant tau, exposed for T from ln(512) tau on, holds of the frame before
+    tau / T (1 - exp(-T / tau)) / 512. --lag replaces it."""
+    tau, exposure = 0.005, 0.016
+    rig = resize(load("prism48"), 36, 48)
+    rig.save(tmp_path / "rig.toml")
+    timing = Timing(0.02, 0.0, tau, tau, 0.0, 0.0, period_s=0.017, exposure_s=exposure)
+    with (tmp_path / "rig.toml").open("ab") as file:
+        file.write(b"\n" + tomli_w.dumps({"sync": timing.to_table()}).encode())
+    args = ["design", "--scene", str(tmp_path / "rig.toml"), "--renderer", "numpy", "--code", "phase"]
+    expected = tau / exposure * -math.expm1(-exposure / tau) / 512
+    for more, lag in (([], expected), (["--lag", "0.1"], 0.1)):
+        assert run([*args, *more, "--json", str(tmp_path / "d.json")]) == 0
+        (row,) = json.loads((tmp_path / "d.json").read_text())["rows"]
+        assert row["lag"] == pytest.approx(lag, rel=1e-6)
 
 
 def test_the_front_is_what_no_other_code_beats_in_both() -> None:
