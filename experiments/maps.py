@@ -48,8 +48,9 @@ class Layer:
     """One map: name, values (H, W) of camera pixels, NaN where unknown, their unit and colour map.
 
     symmetric: colours about zero; sigma: name of the layer of its standard deviations; true: of the truth;
-    strip: of what a model leaves, shown below a profile. factor: on the values, for a unit that reads well; digits: significant ones under the pointer; share: of
-    the values, that the colours distinguish (0: by the colour map). Colours of sigma are logarithmic.
+    strip: of what a model leaves, shown below a profile. factor: on the values, for a unit that reads well;
+    digits: significant ones under the pointer; share: of the values, that the colours distinguish (0: by the
+    colour map). Colours of sigma are logarithmic.
     """
 
     name: str

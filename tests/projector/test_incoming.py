@@ -258,7 +258,7 @@ def test_a_tiff_without_its_height_is_refused(tmp_path: Path) -> None:
     damaged = bytearray((tmp_path / "a.tif").read_bytes())
     damaged[at : at + 12] = bytes(12)
     (tmp_path / "a.tif").write_bytes(damaged)
-    with pytest.raises(InputError, match="a.tif: its picture has no pixel"):
+    with pytest.raises(InputError, match="its picture has no pixel"):
         read_pictures(tmp_path / "a.tif")
 
 
