@@ -100,7 +100,9 @@ def rest_distance(origins: Floats, directions: Floats) -> Floats:
 def rest_height(x: Floats, y: Floats, scene: Scene) -> Floats:
     """z of the mirror at rest at x, y, mm."""
     form = scene.rest_form
-    return np.zeros(x.shape) if form is None or form.plane else form.height(x, y, scene.mirror)
+    if form is None or not form.coefficients.any():
+        return np.zeros(x.shape)
+    return form.height(x, y, scene.mirror)
 
 
 @lru_cache(maxsize=2)

@@ -58,14 +58,19 @@ class Problem:
     usual: Floats
 
     def to_grid(self, image: NDArray[Any]) -> NDArray[Any]:
-        """The grid's part of an array of the image (H, W)."""
-        part = image[self.rows, self.cols]
-        return np.ascontiguousarray(part.T if self.turned else part)
+        """The grid's part of an array of the image (..., H, W)."""
+        part = image[..., self.rows, self.cols]
+        return np.ascontiguousarray(part.swapaxes(-1, -2) if self.turned else part)
+
+    def rays_on_grid(self, rays: RayField) -> RayField:
+        """The grid's part of rays of the image."""
+        window = rays.cropped(self.rows, self.cols)
+        return window.transposed() if self.turned else window
 
     def to_image(self, grid: NDArray[Any], outside: Any) -> NDArray[Any]:
-        """An array of the image (H, W) from one of the grid."""
-        image = np.full(self.valid.shape, outside, dtype=grid.dtype)
-        image[self.rows, self.cols] = grid.T if self.turned else grid
+        """An array of the image (..., H, W) from one of the grid."""
+        image = np.full((*grid.shape[:-2], *self.valid.shape), outside, dtype=grid.dtype)
+        image[..., self.rows, self.cols] = grid.swapaxes(-1, -2) if self.turned else grid
         return image
 
 

@@ -27,7 +27,7 @@ __all__ = ["adjusted", "parameter_changes", "parameter_values", "without_rest_fo
 
 _LENS = ("k1", "k2", "p1", "p2", "k3")
 _BOW = ("b20", "b11", "b02")
-_PINHOLE = {f"camera.{name}" for name in ("f", "cx", "cy", *_LENS)}
+_INTRINSIC = {f"camera.{name}" for name in ("f", "cx", "cy", *_LENS, "pitch_u", "pitch_v")}
 _MOST = 1e9  # mm: scenes go no further
 _POSE = ("x", "y", "z", "rx", "ry", "rz")
 
@@ -134,9 +134,9 @@ def _camera(camera: Camera, values: Mapping[str, float], moved: Set[str]) -> Cam
         "face": None if camera.face is None else _face(camera.face, values),
     }
     camera = changed(camera, **posed)
+    if moved.isdisjoint(_INTRINSIC):
+        return camera
     if isinstance(camera, PinholeCamera):
-        if moved.isdisjoint(_PINHOLE):
-            return camera
         focal = camera.focal * (values["camera.f"] / camera.focal[0])
         centre = np.array([values["camera.cx"], values["camera.cy"]])
         lens = np.array([values[f"camera.{name}"] for name in _LENS])
@@ -169,7 +169,8 @@ def _half(pattern: Pattern) -> Float:
 
 
 def _middle(pattern: Pattern) -> Float:
-    middle: Float = pattern.origin + _half(pattern) @ pattern.steps
+    cols, rows = pattern.pitch * _half(pattern) * [1.0, pattern.aspect]
+    middle: Float = pattern.origin + cols * pattern.u_axis + rows * pattern.v_axis
     return middle
 
 
@@ -180,16 +181,18 @@ def _flat(rows: int, cols: int) -> Bow:
 
 def _pattern(pattern: Pattern, values: Mapping[str, float]) -> Pattern:
     shift, turn = _turn(values, "pattern")
-    axes, half = pattern.rotation.T, _half(pattern)
+    middle = _middle(pattern)
+    axes = pattern.rotation.T
     rotation = rotation_from_vector(turn @ axes)
-    middle = _middle(pattern) + shift @ axes
     u_axis, v_axis = rotate(rotation, pattern.u_axis), rotate(rotation, pattern.v_axis)
-    pitch = positive("pattern.pitch", values["pattern.pitch"])
-    origin = middle - pitch * (half[0] * u_axis + half[1] * pattern.aspect * v_axis)
+    pitch = values["pattern.pitch"]
+    if pitch != pattern.pitch:
+        pitch = positive("pattern.pitch", pitch)
+    half = _half(pattern)
+    origin = middle + shift @ axes - pitch * (half[0] * u_axis + half[1] * pattern.aspect * v_axis)
     shape = pattern.shape
     if "pattern.b20" in values:
-        bow = shape if isinstance(shape, Bow) else _flat(pattern.rows, pattern.cols)
-        b20, b11, b02 = (values[f"pattern.{name}"] for name in _BOW)
-        bowed = isinstance(shape, Bow) or any((b20, b11, b02))
-        shape = changed(bow, b20=b20, b11=b11, b02=b02) if bowed else None
+        bow = {name: values[f"pattern.{name}"] for name in _BOW}
+        if isinstance(shape, Bow) or any(bow.values()):
+            shape = changed(shape if isinstance(shape, Bow) else _flat(pattern.rows, pattern.cols), **bow)
     return changed(pattern, origin=origin, u_axis=u_axis, v_axis=v_axis, pitch=pitch, shape=shape)

@@ -68,9 +68,9 @@ class Pattern(Posed, section="pattern"):
         Off the plane by fixed-point steps, each to the plane through the last place's cell; they contract by
         the surface's slope times the tangent of incidence. NaN where they do not settle.
         """
-        offset = points - self.origin[:, None]
+        offset, normal = points - self.origin[:, None], self.normal
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            slant, height = self.normal @ directions, self.normal @ offset
+            slant, height = normal @ directions, normal @ offset
             way = -height / slant
             u, v = self._along(offset + way * directions)
             width, tall = self._sides

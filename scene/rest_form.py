@@ -43,11 +43,6 @@ class RestForm(Record):
         freeze(self, coefficients=values)
 
     @property
-    def plane(self) -> bool:
-        """Whether all coefficients are zero."""
-        return not self.coefficients.any()
-
-    @property
     def values(self) -> dict[str, float]:
         """The coefficients by name: L20, L11, L02, L30, ..."""
         orders = legendre_orders(self.coefficients.size)

@@ -27,7 +27,7 @@ from .record import Record, integer, table_of, text
 from .rest_form import RestForm
 from .sensor import Display, Sensor
 
-__all__ = ["FOREIGN", "Scene", "resize"]
+__all__ = ["FOREIGN", "Scene", "pixel_units", "resize"]
 
 #: Sections of other parts in a rig's file.
 FOREIGN = ("rest", "response", "profile", "devices", "sync", "start")
@@ -161,10 +161,15 @@ def resize(scene: Scene, rows: int, cols: int) -> Scene:
     pattern = _resize_pattern(scene.pattern, math.sqrt(by_col * by_row))
     covariance = scene.covariance
     if covariance is not None:
-        pixels = {"f": 1 / by_col, "cx": 1 / by_col, "cy": 1 / by_row, "pitch_u": by_col, "pitch_v": by_row}
-        factors = {f"camera.{name}": factor for name, factor in pixels.items()}
-        covariance = covariance.scaled(factors | {"pattern.pitch": pattern.pitch / scene.pattern.pitch})
+        pitch = {"pattern.pitch": pattern.pitch / scene.pattern.pitch}
+        covariance = covariance.scaled(pixel_units(by_col, by_row) | pitch)
     return replace(scene, camera=camera, pattern=pattern, covariance=covariance)
+
+
+def pixel_units(by_col: float, by_row: float) -> dict[str, float]:
+    """Factors on a camera's numbers whose pixels become so many times larger."""
+    pixels = {"f": 1 / by_col, "cx": 1 / by_col, "cy": 1 / by_row, "pitch_u": by_col, "pitch_v": by_row}
+    return {f"camera.{name}": factor for name, factor in pixels.items()}
 
 
 def _resize_camera(camera: Camera, rows: int, cols: int, by_row: float, by_col: float) -> Camera:

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .cameras import Camera, PinholeCamera
-from .scene import Scene
+from .record import changed
+from .scene import Scene, pixel_units
 
 __all__ = ["mean_beside", "movement", "scene_window", "strided"]
 
@@ -21,16 +22,18 @@ def scene_window(scene: Scene, row: float, col: float, rows: int, cols: int) -> 
 
 
 def strided(scene: Scene, step: int) -> Scene:
-    """The scene with a camera of every step-th row and column, from pixel (0, 0) on; no covariance."""
-    camera = scene.camera
+    """The scene with a camera of every step-th row and column, from pixel (0, 0) on."""
+    camera, covariance = scene.camera, scene.covariance
     rows, cols = -(-camera.rows // step), -(-camera.cols // step)
     if isinstance(camera, PinholeCamera):
-        thinned: Camera = replace(
+        thinned: Camera = changed(
             camera, focal=camera.focal / step, centre=camera.centre / step, rows=rows, cols=cols
         )
     else:
-        thinned = replace(camera, pitch=camera.pitch * step, rows=rows, cols=cols)
-    return replace(scene, camera=thinned, covariance=None)
+        thinned = changed(camera, pitch=camera.pitch * step, rows=rows, cols=cols)
+    if covariance is not None:
+        covariance = covariance.scaled(pixel_units(step, step))
+    return changed(scene, camera=thinned, covariance=covariance)
 
 
 def movement(before: Float, centre: Float, behind: Float) -> Float:

@@ -35,7 +35,7 @@ _NOISE_CUBIC, _NOISE_LINEAR = 2.01, 1.19  # of cubic minus one side's three or t
 _BEND = 0.375  # of a side's third difference: the error of its extrapolation
 _BEND4 = 0.349  # of its fourth difference: that of the next order
 _CONVERGES = 0.5  # errors that fall so from one order to the next are those of a curve, not of a jump
-_REACH, _BLOCK = 4, 32  # pixels on either side; rows at once: what they need stays in the cache
+_REACH, _BLOCK = 4, 1 << 15  # pixels on either side; pixels at once: what they need stays in the cache
 _SHARE = 1.0 / 12.0  # a jump inside an edge moves that edge's increment by half of it, the next one's by 1/24
 _BESIDE = 5  # pixels: reach of a crease's surroundings, in which doubts below the noise count too
 _CERTAIN, _ABRUPT = 8.0, 0.2  # of its noise, of the largest step: residual of one side at a kink
@@ -246,13 +246,14 @@ def _doubts(
         np.copyto(most[rows, cols], np.maximum(sides[0][3], sides[1][3]), where=edge)
         np.copyto(sure[rows, cols], (least > 0) & (certain > 1), where=edge)
 
+    block = max(8, _BLOCK // f.shape[1])
     pieces = [
         (slice(k, min(k + step, high)), whole)
         for low, high, whole in ((0, first, False), (first, last, True), (last, size, False))
-        for step in (_BLOCK if axis == 0 else size,)
+        for step in (block if axis == 0 else size,)
         for k in range(low, high, step)
     ]
-    lines = [slice(k, min(k + _BLOCK, len(f))) for k in range(0, len(f), _BLOCK)]
+    lines = [slice(k, min(k + block, len(f))) for k in range(0, len(f), block)]
     by_rows = [(piece, slice(0, f.shape[1]), whole) for piece, whole in pieces]
     by_cols = [(rows, piece, whole) for rows in lines for piece, whole in pieces]
     on_cores(work, by_rows if axis == 0 else by_cols)

@@ -55,7 +55,7 @@ def flat_mirror(scene: Scene, rays: RayField | None = None) -> Floats:
     away = rest_distance(o, d)
     ahead = away > 0
     out = d * np.array([1.0, 1.0, -1.0])[:, None, None]
-    if scene.rest_form is not None and not scene.rest_form.plane:
+    if scene.rest_form is not None and scene.rest_form.coefficients.any():
         for _ in range(_FORM_STEPS):
             x, y, _ = o + away * d
             away = (rest_height(x, y, scene) - o[2]) / d[2]

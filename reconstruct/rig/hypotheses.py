@@ -12,6 +12,7 @@ from optolever.errors import InputError
 from optolever.scene import Scene, adjusted, parameter_values, strided, typed_covariance
 
 from ..arrays import Floats
+from ..geometry import ray_field, traced_rays
 from ..judgement.circulation import circulation_chi2
 from ..judgement.holes import noise_gain
 from .calibration import flat_mirror
@@ -85,9 +86,10 @@ def _rest_misfit(rest: Correspondence, scene: Scene) -> float:
     Minimises |a|^2 + sum (y - J a)^2 / s^2 over the errors a, y the deviation from the flat mirror in px, s
     at least a pixel and a tenth of y.
     """
-    known, own = typed_covariance(scene), parameter_values(scene)
     step = max(1, min(rest.u.shape) // _LINES)
-    flat = flat_mirror(strided(scene, step))
+    scene = strided(scene, step)
+    known, own, rays = typed_covariance(scene), parameter_values(scene), ray_field(scene.camera)
+    flat = flat_mirror(scene, rays)
     places = np.stack([rest.u[::step, ::step], rest.v[::step, ::step]])
     some = rest.good[::step, ::step] & np.isfinite(flat).all(axis=0) & np.isfinite(places).all(axis=0)
     if known is None or not some.any():
@@ -95,7 +97,9 @@ def _rest_misfit(rest: Correspondence, scene: Scene) -> float:
 
     def moved(row: Floats) -> Floats:
         values = {name: own[name] + _STEP * by for name, by in zip(known.names, row, strict=True)}
-        change: Floats = (flat_mirror(strided(adjusted(scene, values), step)) - flat)[:, some].ravel()
+        other = adjusted(scene, values, own)
+        seen = rays if other.camera is scene.camera else traced_rays(other.camera)
+        change: Floats = (flat_mirror(other, seen) - flat)[:, some].ravel()
         return np.nan_to_num(change / _STEP)
 
     deviation = (places - flat)[:, some].ravel()

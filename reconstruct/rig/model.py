@@ -138,10 +138,11 @@ class _Held(NamedTuple):
 class RigModel:
     """A solved measurement as a function of the errors of its rig, on every step-th pixel.
 
-    root (r0, p): rows of the covariance's root, of the scene's numbers `names`; shifts (k, 2, rows, cols):
-    changes of u and v in the image; all of one standard deviation, the errors in this order.
-    rest_mirror (2, rows, cols): u and v of the flat mirror where a rest capture is compared with it. sources
-    (s,): of the errors, in words; shares (s, m, m): the part of each source in their covariance, which is 1.
+    scene: of that grid; numbers: its own, by name; root (r0, p): rows of the covariance's root, of those in
+    `names`; shifts (k, 2, rows, cols): changes of u and v in the image; all of one standard deviation, the
+    errors in this order. rest_mirror (2, rows, cols): u and v of the flat mirror where a rest capture is
+    compared with it. sources (s,): of the errors, in words; shares (s, m, m): the part of each source in
+    their covariance, which is 1.
     motions: how many of the last errors are of motion.
     """
 
@@ -151,6 +152,7 @@ class RigModel:
     step: int
     held: _Held
     rest_mirror: Floats | None
+    numbers: dict[str, float]
     names: tuple[str, ...]
     root: Floats
     shifts: Floats
@@ -163,54 +165,68 @@ class RigModel:
         """How many errors there are."""
         return len(self.root) + len(self.shifts)
 
-    def changed(self, errors: Floats) -> RigSolution:
-        """The measurement with these errors (m,), unsolved: the model's state with the anchors moved."""
-        problem, numbers = self.problem, len(self.root)
-        change, moved = errors[:numbers] @ self.root, np.tensordot(errors[numbers:], self.shifts, 1)
-        own = parameter_values(self.scene)
-        values = {name: own[name] + float(by) for name, by in zip(self.names, change, strict=True)}
-        scene = strided(adjusted(self.scene, values), self.step)
-        moves = [name for name, by in zip(self.names, change, strict=True) if by and name[0] in "cf"]
-        rays = traced_rays(scene.camera) if moves else problem.rays  # of camera and face
-        if self.rest_mirror is not None and change.any():
-            # the rest capture is compared with what this rig predicts of it
-            moved = moved + np.nan_to_num(flat_mirror(scene, rays) - self.rest_mirror)
-        window = rays.cropped(problem.rows, problem.cols)
-        data = replace(
-            problem.data,
-            rays=window.transposed() if problem.turned else window,
-            plane=pattern_plane(scene),
-            shape=scene.pattern.shape,
-            u=problem.data.u + problem.to_grid(moved[0]),
-            v=problem.data.v + problem.to_grid(moved[1]),
-        )
-        rows = self.state.rows._replace(known=data.unknown(self._distances(scene)))
-        return RigSolution(data, replace(self.state, rows=rows), scene)
+    def changed(self, errors: Floats) -> list[RigSolution]:
+        """The measurements with these errors (n, m), unsolved: the model's state with the anchors moved."""
+        problem, data, numbers = self.problem, self.problem.data, len(self.root)
+        changes, shifts = errors[:, :numbers] @ self.root, np.tensordot(errors[:, numbers:], self.shifts, 1)
+        values = [{k: self.numbers[k] + x for k, x in zip(self.names, one, strict=True)} for one in changes]
+        scenes = [adjusted(self.scene, one, self.numbers) for one in values]
+        rays = [problem.rays if self._sees(one) else traced_rays(one.camera) for one in scenes]
+        if self.rest_mirror is not None:  # the rest capture is compared with what a rig predicts of it
+            flat = [flat_mirror(*pair) for pair in zip(scenes, rays, strict=True)]
+            shifts = shifts + np.nan_to_num(np.stack(flat) - self.rest_mirror)
+        windows = [
+            data.rays if self._sees(scene) else problem.rays_on_grid(one)
+            for scene, one in zip(scenes, rays, strict=True)
+        ]
+        own = self.scene.pattern
+        planes = [data.plane if one.pattern is own else pattern_plane(one) for one in scenes]
+        known = data.unknown(np.stack(self._distances(scenes)))
+        found = []
+        for scene, window, plane, (u, v), at in zip(
+            scenes, windows, planes, problem.to_grid(shifts), known, strict=True
+        ):
+            moved = replace(
+                data, rays=window, plane=plane, shape=scene.pattern.shape, u=data.u + u, v=data.v + v
+            )
+            state = replace(self.state, rows=self.state.rows._replace(known=at))
+            found.append(RigSolution(moved, state, scene))
+        return found
+
+    def _sees(self, scene: Scene) -> bool:
+        """Whether a scene's camera is the model's."""
+        return scene.camera is self.scene.camera
 
     def solved(self, errors: Floats, start: State) -> RigSolution:
         """The measurement with these errors (m,), and its solution by chord steps from a state."""
-        data, own, scene = self.changed(errors)
+        ((data, own, scene),) = self.changed(errors[None])
         state = replace(start, rows=own.rows)
         for _ in range(_CHORDS):
             state = chord_step(data, self.problem.labels, state, _ACCURACY, self.state.share)
         return RigSolution(data, state, scene)
 
-    def _distances(self, scene: Scene) -> Floats:
-        """Of the anchors along the rays of a scene, (M,) mm."""
+    def _distances(self, scenes: list[Scene]) -> list[Floats]:
+        """Of the anchors along the rays of every scene, (M,) mm."""
         row, col, points, normals, rest = self.held
-        origins, directions = scene.camera.rays_at(row, col)
-        x, y = points[:, 0], points[:, 1]
-        rise = rest_height(x, y, scene) - rest_height(x, y, self.scene)
-        points = points + np.multiply.outer(rest * rise, [0.0, 0.0, 1.0])
-        away, along = ((part * normals).sum(axis=1) for part in (points - origins, directions))
-        return np.asarray(away / along)
+        still, x, y, own = (
+            self.scene.camera.rays_at(row, col),
+            points[:, 0],
+            points[:, 1],
+            self.scene.rest_form,
+        )
+        rays = [still if self._sees(one) else one.camera.rays_at(row, col) for one in scenes]
+        before = rest_height(x, y, self.scene)
+        rises = [0.0 * x if one.rest_form is own else rest_height(x, y, one) - before for one in scenes]
+        known = [points + np.multiply.outer(rest * rise, [0.0, 0.0, 1.0]) for rise in rises]
+        return [
+            np.asarray(((at - start) * normals).sum(axis=1) / (ahead * normals).sum(axis=1))
+            for at, (start, ahead) in zip(known, rays, strict=True)
+        ]
 
     def solutions(self) -> list[RigSolution]:
         """The solution without errors, and those with one error each, by derivatives."""
         data, w = self.problem.data, self.state.w
-        own, *others = [
-            self.changed(errors) for errors in (np.zeros(self.count), *_STEP * np.eye(self.count))
-        ]
+        own, *others = self.changed(_STEP * np.eye(self.count + 1, self.count, -1))
         p, q = data.slopes(w)[:2]
         moved = [one.data.slopes(w)[:2] for one in others]
         slopes = np.stack([one[0] for one in moved]) - p, np.stack([one[1] for one in moved]) - q
@@ -220,15 +236,18 @@ class RigModel:
             one._replace(state=replace(one.state, w=w + by)) for one, by in zip(others, changes, strict=True)
         ]
 
-    def points(self, solution: RigSolution) -> Floats:
-        """Mirror points (3, rows, cols) in mm, z less the form at rest of a map against rest; NaN where
+    def points(self, solutions: Sequence[RigSolution]) -> Floats:
+        """Mirror points (n, 3, rows, cols) in mm, z less the form at rest of a map against rest; NaN where
         unsolved."""
-        data, state, scene = solution
-        t = np.where(self.problem.labels > 0, data.distance(state.w), np.nan)
-        points = data.rays.inner_origins + t * data.rays.inner_directions
+        w = np.stack([state.w for _, state, _ in solutions])
+        t = np.where(self.problem.labels > 0, self.problem.data.distance(w), np.nan)
+        found = np.stack([one.rays.inner_directions for one, _, _ in solutions]) * t[:, None]
+        found += np.stack([one.rays.inner_origins for one, _, _ in solutions])
         if self.rest_mirror is not None:
-            points[2] -= rest_height(points[0], points[1], scene)
-        return np.stack([self.problem.to_image(part, np.nan) for part in points])
+            for (x, y, z), (_, _, scene) in zip(found, solutions, strict=True):
+                if scene.rest_form is not self.scene.rest_form:  # which is plane
+                    z -= rest_height(x, y, scene)
+        return self.problem.to_image(found, np.nan)
 
     def circulations(self, solution: RigSolution) -> "_Circulations":
         """Of a solution, over the noise of the one without errors."""
@@ -274,9 +293,10 @@ def rig_model(measured: Measurement, scene: Scene, height: HeightMap | None = No
 
 
 def _model(measured: Measurement, scene: Scene, step: int) -> RigModel | None:
-    coarse, small, at_rest = measured.coarse(step), strided(scene, step), measured.rest is not None
-    problem, state = first_solution(coarse.corrected(small), small, coarse.anchor, coarse.mask)
-    typed, known = scene.accuracy if scene.covariance is None else None, rig_covariance(scene)
+    coarse, typed = measured.coarse(step), scene.accuracy if scene.covariance is None else None
+    scene, at_rest = strided(scene, step), measured.rest is not None
+    problem, state = first_solution(coarse.corrected(scene), scene, coarse.anchor, coarse.mask)
+    known = rig_covariance(scene)
     root = np.zeros((0, 0)) if known is None else known.root
     names = () if known is None else known.names
     sources = () if known is None else known.sources or ("numbers of the rig",)
@@ -289,13 +309,14 @@ def _model(measured: Measurement, scene: Scene, step: int) -> RigModel | None:
             scene, names = replace(scene, rest_form=form), (*names, *_SAG)
             sag = typed.sag / np.sqrt(len(_SAG)) * np.eye(len(_SAG))
             root, others = scipy.linalg.block_diag(root, sag), [(SAG, len(_SAG))]
-        glass = typed.glass * glass_shift(small, problem, state.w, at_rest)
+        glass = typed.glass * glass_shift(scene, problem, state.w, at_rest)
         shifts, others = glass[None], [*others, (GLASS, 1)]
         if not at_rest:  # both captures see the same stripes
             stripes = np.broadcast_to([[[typed.centroid]], [[0.0]]], glass.shape)
             shifts, others = np.stack([glass, stripes]), [*others, (CENTROID, 1)]
-    if coarse.rest is not None:
-        moved = motion_shifts(coarse.correspondence, scene, step)
+    flat = flat_mirror(scene) if at_rest else None
+    if flat is not None:
+        moved = motion_shifts(coarse.correspondence, scene, flat, step)
         shifts, others = np.concatenate([shifts, moved]), [*others, (MOTION, len(moved))]
     extra = np.repeat(np.arange(len(others)), [size for _, size in others])
     shares = np.pad(shares[: len(sources)], ((0, 0), (0, extra.size), (0, extra.size)))
@@ -307,8 +328,9 @@ def _model(measured: Measurement, scene: Scene, step: int) -> RigModel | None:
         state,
         scene,
         step,
-        _held(problem, state, small),
-        flat_mirror(small) if at_rest else None,
+        _held(problem, state, scene),
+        flat,
+        parameter_values(scene),
         names,
         root,
         shifts,
@@ -334,7 +356,7 @@ def _held(problem: Problem, state: State, scene: Scene) -> _Held:
 
 def rig_modes(model: RigModel, solutions: Sequence[RigSolution]) -> RigModes:
     """The modes of a height map."""
-    own, *others = (model.points(each) for each in solutions)
+    own, *others = model.points(solutions)
     moved = (np.stack(others) - own) / _STEP
     return RigModes(
         filled(moved[:, 2]),

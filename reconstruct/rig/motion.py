@@ -3,9 +3,10 @@
 import numpy as np
 
 from optolever.decode import Correspondence
-from optolever.scene import Scene, adjusted, strided
+from optolever.scene import Scene, adjusted, parameter_values
 
 from ..arrays import Floats
+from ..geometry import ray_field, traced_rays
 from ..outputs.coarse_modes import filled
 from .calibration import flat_mirror
 
@@ -15,14 +16,17 @@ _IMAGE, _TURN, _SHIFT = 0.02, 2.4e-5, 1e-3  # of the prior: camera pixels, rad (
 _WEAK = 1e-3  # of the largest mode
 
 
-def motion_shifts(press: Correspondence, scene: Scene, step: int) -> Floats:
-    """Changes of u and v (k, 2, rows, cols) by motions of one standard deviation, on every step-th pixel of
-    the camera; press: of those pixels, which the image's motion shifts. Gaps take the nearest values."""
-    small = strided(scene, step)
-    flat = flat_mirror(small)
+def motion_shifts(press: Correspondence, scene: Scene, flat: Floats, step: int) -> Floats:
+    """Changes of u and v (k, 2, rows, cols) by motions of one standard deviation, of a scene whose camera has
+    every step-th pixel; press: of those pixels, which the image's motion shifts; flat (2, rows, cols): see
+    `flat_mirror`. Gaps take the nearest values."""
+    known, rays = parameter_values(scene), ray_field(scene.camera)
     sizes = {axis: _TURN if axis[0] == "r" else _SHIFT for axis in ("x", "y", "z", "rx", "ry", "rz")}
     poses = [(f"{part}.{axis}", size) for part in ("camera", "pattern") for axis, size in sizes.items()]
-    fields = [flat_mirror(adjusted(small, {name: size})) - flat for name, size in poses]
+    scenes = [adjusted(scene, {name: size}, known) for name, size in poses]
+    own = scene.camera
+    seen = [rays if one.camera is own else traced_rays(one.camera) for one in scenes]
+    fields = [flat_mirror(*pair) - flat for pair in zip(scenes, seen, strict=True)]
     places = np.stack([np.where(press.good, at, np.nan) for at in (press.u, press.v)])
     fields += [_IMAGE / step * np.gradient(places, axis=axis) for axis in (1, 2)]
     whole = filled(np.reshape(fields, (-1, *flat.shape[1:])))
