@@ -133,11 +133,14 @@ def settle(block: Block, periods: F32) -> Block:
 
 def neighbours(block: Block, image: Span, dof: int, limits: F32, start: int, result: Result) -> None:
     """See the head of the file."""
-    n, width = block.flags.shape
-    found = _confirmed(block, limits, image)
+    (axes, n, width), sure = block.place.shape, np.zeros(block.flags.shape[1], np.bool_)
+    found = block.flags.copy()
+    _confirmed(block, limits, image, found, sure)
     windows = _windows(found == 0) if found[image[0] : image[1]].any() else _whole(n, width, *image)
     result.flags[start : start + n - 2 * HALO] = found[HALO : n - HALO]
-    _excess(block, windows, limits, np.float32(dof), image, start, result)
+    work = np.zeros((9, width + 6), np.float32)
+    rings = np.zeros((4 * axes + 1, 8, width + 6), np.float32)
+    _excess(block, windows, limits, np.float32(dof), image, start, result, rings, work, sure)
 
 
 @inlined
@@ -158,17 +161,13 @@ def falling(place: F32, light: F32, y: int, x: int) -> np.float32:
 
 
 @kernel
-def _confirmed(block: Block, limits: F32, image: Span) -> U16:
-    """Flags, and OUTLIER where neighbours contradict or half is unlit."""
+def _confirmed(block: Block, limits: F32, image: Span, found: U16, sure: Mask) -> None:
+    """OUTLIER where neighbours contradict or half is unlit, into found, the flags; sure (W,)."""
     place, variance, amplitude, _, flags = block
     (axes, n, width), (top, end), half, two = place.shape, image, np.float32(0.5), np.float32(2)
-    found, sure, none = np.empty_like(flags), np.zeros(width, np.bool_), np.uint16(0)
-    for y in range(n):
+    none = np.uint16(0)
+    for y in range(top, end):
         up, down = max(y - 1, top), min(y + 1, end - 1)
-        for x in range(width):
-            found[y, x] = flags[y, x]
-        if y < top or y >= end:
-            continue
         for a in range(axes):
             jump = limits[a, 0]
             for x in range(width - 2):  # both neighbours of the row confirm nearly all
@@ -219,7 +218,6 @@ def _confirmed(block: Block, limits: F32, image: Span) -> U16:
                     known |= beyond < ZERO or beyond * beyond < _SURE2 * (v + v2)
                 if not known:
                     found[y, x] |= _OUTLIER
-    return found
 
 
 @lru_cache(maxsize=8)
@@ -260,20 +258,23 @@ def _over(of: U8, top: int, bottom: int, left: int, right: int, out: U8) -> U8:
 
 @kernel
 def _excess(
-    block: Block, windows: U8, limits: F32, dof: np.float32, image: Span, start: int, result: Result
+    block: Block,
+    windows: U8,
+    limits: F32,
+    dof: np.float32,
+    image: Span,
+    start: int,
+    result: Result,
+    rings: F32,
+    work: F32,
+    slow: Mask,
 ) -> None:
     """Places without their aperture, sigma with its excesses over noise.
 
     Row k joins the sums of its neighbourhoods, those of row k - 3 are then whole. Sums of rows lie in rings
-    of 8; lines of one row have 0 beside it."""
-    (axes, n, width), (place, variance, amplitude, chi2, _) = block.place.shape, block
-    rings, work = np.zeros((4 * axes + 1, 8, width + 6), np.float32), np.zeros((9, width + 6), np.float32)
-    slow, full, clean, (coordinate, sigma, _) = (
-        np.zeros(width, np.bool_),
-        windows[_FULL],
-        windows[_CLEAN],
-        result,
-    )
+    (4 A + 1, 8, W + 6) of 8; lines of one row, work (9, W + 6), have 0 beside it; slow (W,)."""
+    (axes, n, _), (place, variance, amplitude, chi2, _) = block.place.shape, block
+    full, clean, (coordinate, sigma, _) = windows[_FULL], windows[_CLEAN], result
     residual, across, fall, inner, flat, off = rings[0], work[0], work[1], work[2], work[3], work[4]
     column, inflation, third, bracket = work[5], work[6], work[7], work[8]
     for k in range(1, n - 1):

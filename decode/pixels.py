@@ -70,8 +70,11 @@ def pixel_rows(
 ) -> None:
     """Decode rows start..stop of the frames into a block's rows from `at` on, and into the image's from
     `first` to `last`; rows: start, stop, first, last; looked_up: (A, n, W) of look-ups."""
+    width, count = light[0].shape[2], max(len(table.fringes.period) for table in tables)
+    lines, words = np.zeros((15 + 2 * count, width), np.float32), np.zeros((3, width), np.int32)
+    top = np.zeros(width, light[0].dtype)
     for a, table in enumerate(tables):
-        _axis_rows(*light, noise, table, looked_up, rows, (a, at), out)
+        _axis_rows(*light, noise, table, looked_up, rows, (a, at), out, lines, words, top)
 
 
 @kernel
@@ -85,15 +88,15 @@ def _axis_rows(
     rows: tuple[int, int, int, int],
     at: tuple[int, int],
     out: Maps,
+    lines: F32,
+    words: I32,
+    top: RawFrames,
 ) -> None:
-    """One axis, `at[0]`; flags, chi2, error of both."""
+    """One axis, `at[0]`; flags, chi2, error of both. lines (15 + 2 K, W), words (3, W), top (W,)."""
     (start, stop, first, last), (a, begin) = rows, at
     fringes, code, width = axis.fringes, axis.bits, raw.shape[2]
     count, bits = (0, 0) if axis.given else (fringes.period.size, code.plain.size)
-    kept = max(count, 1) if axis.close else 1
-    lines, fits = np.zeros((15, width), np.float32), np.empty((2, kept, width), np.float32)
-    phases, own = fits[0], fits[1]
-    words, flags, top = np.empty((2, width), np.int32), np.empty(width, np.int32), np.empty(width, raw.dtype)
+    phases, own, flags = lines[15 : 15 + count], lines[15 + count : 15 + 2 * count], words[2]
     offset, amplitude, low, high, reach = lines[0], lines[1], lines[2], lines[3], lines[4]
     for y in range(start, stop):
         to = begin + y - start
@@ -117,40 +120,36 @@ def _axis_rows(
                 offset[x], error[x] = of.offset[a, r, x], max(error[x], of.error[a, r, x])
                 chi2[x], flags[x] = chi2[x] + of.chi2[a, r, x], flags[x] | of.flags[a, r, x]
         for k in range(count):
-            j = k if axis.close else 0
-            fit = lines[6:10], top, offset, amplitude, phases[j], own[j]
+            fit = lines[6:10], top, offset, amplitude, phases[k], own[k]
             fit_row(raw, table, clip, noise, fringes, (k, y), *fit, chi2, flags)
             if k == 0:
                 for x in range(width):
                     coarse[x] = amplitude[x]
-            if axis.close:
-                continue
-            period = fringes.period[k]
-            if k > 0:
-                climb_row(phases[0], own[0], period, place, variance, error, flags)
-            elif bits:
-                if code.fringe:
-                    for x in range(width):
-                        low[x], high[x] = offset[x] - amplitude[x], offset[x] + amplitude[x]
-                else:
-                    ends_row(raw, table, code.ends, y, low, high)
-                read_row(raw, table, noise, code, y, low, high, lines[6:9], words, place, reach, error, flags)
+                    low[x], high[x] = offset[x] - amplitude[x], offset[x] + amplitude[x]
+        if bits:
+            if not code.fringe:
+                ends_row(raw, table, code.ends, y, low, high)
+            read_row(raw, table, noise, code, y, low, high, lines[6:9], words, place, reach, error, flags)
+        if axis.close:
+            compare_row(
+                phases, own, fringes.period, axis.orders, lines[6:12], words[0], place, variance, lines[12],
+                chi2, flags,
+            )  # fmt: skip
+            for x in range(width):
+                error[x] = max(error[x], lines[12, x])
+        elif count:
+            if bits:
+                period = fringes.period[0]
                 join_row(phases[0], own[0], period, reach, place, variance, error, flags, axis.either)
             else:
-                start_row(phases[0], own[0], period, axis.extent, place, variance)
+                start_row(phases[0], own[0], fringes.period[0], axis.extent, place, variance)
                 if axis.beyond > ZERO:
                     for x in range(width):
                         error[x] = max(error[x], axis.beyond)
                         flags[x] |= _ORDER
-        if axis.close:
-            compare_row(
-                phases, own, fringes.period, axis.orders, lines[6:12], place, variance, lines[12], chi2, flags
-            )
-            for x in range(width):
-                error[x] = max(error[x], lines[12, x])
-        elif count == 0 and bits:
-            ends_row(raw, table, code.ends, y, low, high)
-            read_row(raw, table, noise, code, y, low, high, lines[6:9], words, place, reach, error, flags)
+            for k in range(1, count):
+                climb_row(phases[k], own[k], fringes.period[k], place, variance, error, flags)
+        elif bits:
             for x in range(width):
                 variance[x] = reach[x] * reach[x] * np.float32(1 / 3)
                 coarse[x] = HALF * (high[x] - low[x])

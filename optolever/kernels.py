@@ -1,7 +1,8 @@
 """How loops are compiled: public Numba, without the interpreter's lock, cached on disk.
 
 A kernel assigns numbers, place by place: `a[:] = b` of two lines makes Numba compile the message that tells
-of shapes that differ, some 2 s.
+of shapes that differ, some 2 s. What it writes to is allocated by its caller: each kind of np.zeros is a
+function to compile.
 """
 
 import atexit
@@ -63,7 +64,8 @@ def _compiled(function: Callable[..., T], **options: Any) -> Callable[..., T]:
     folder = cache_folder(Path(function.__code__.co_filename).parent)
     before, _config.CACHE_DIR = _config.CACHE_DIR, str(folder or "")
     try:
-        made = numba.njit(cache=folder is not None, nogil=True, error_model="numpy", **options)(function)
+        keep: dict[str, Any] = {"cache": folder is not None, "nogil": True, "error_model": "numpy"}
+        made = numba.njit(no_cfunc_wrapper=True, **keep, **options)(function)  # nobody calls it from C
     finally:
         _config.CACHE_DIR = before
     return cast(Callable[..., T], made)

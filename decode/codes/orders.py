@@ -153,14 +153,15 @@ def compare_row(
     period: F32,
     orders: Orders,
     work: F32,
+    cell: I32,
     place: F32,
     variance: F32,
     error: F32,
     chi2: F32,
     flags: I32,
 ) -> None:
-    """Place by all of K close periods; phase and its variance (K, W), work (6, W)."""
-    count, cell = period.size, np.empty(place.size, np.int32)
+    """Place by all of K close periods; phase and its variance (K, W), work (6, W), cell (W,)."""
+    count = period.size
     order, at, mean, score, least, weight = work[0], work[1], work[2], work[3], work[4], work[5]
     last = count - 1
     b = min(1, last - 1)
