@@ -13,7 +13,6 @@
 | `judgement.py` | contribution of each capture to the accuracy |
 | `rest.py` | the height map of the mirror at rest, stored with the rig; drift |
 | `response.py` | response, blur, vignetting and backlight of display and camera, stored with the rig |
-| `profile.py` | a decoder's profile of the rig, stored with it |
 | `sources.py` | the independent errors behind the covariance |
 | `observability.py` | singular values in prior units, notices |
 | `effects.py` | errors of heights and depths by errors of the parameters |
@@ -35,7 +34,6 @@ from .predicted import (
     sigma_at_rest,
 )
 from .priors import default_priors, unused_accuracy
-from .profile import load_profile, store_profile
 from .response import RigResponse, load_response, measure_response, store_response, with_better_fit
 from .rest import load_rest, store_rest
 from .targets import Ball, Flat, Plate, Rest, Target, target_from_text
@@ -61,7 +59,6 @@ __all__ = [
     "default_priors",
     "judged",
     "left_out",
-    "load_profile",
     "load_response",
     "load_rest",
     "measure_response",
@@ -70,7 +67,6 @@ __all__ = [
     "reason_to_repeat",
     "rest_fault",
     "sigma_at_rest",
-    "store_profile",
     "store_response",
     "store_rest",
     "target_from_text",

@@ -4,8 +4,8 @@ import csv
 import hashlib
 import json
 import os
+import re
 import shutil
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -25,6 +25,8 @@ from .workers import Outcome, Run, Task, cluster, processes
 _BESIDE = ("out", "json_path", "save_profile")
 #: Columns of every table, around the numbers of the command itself.
 _FIRST, _LAST = ("capture", "code", "notices", "good", "depth", "area", "force"), ("digest", "error")
+#: Lines of capture.toml that differ between captures of one kind.
+_OF_ONE_FRAME = re.compile(r"^(file|time) *=.*\n?", re.MULTILINE)
 #: Share of good pixels of the mirror from which a capture makes the profile of others.
 _GOOD = 0.5
 
@@ -232,17 +234,14 @@ def _by_name(captures: Sequence[Path]) -> dict[str, Path]:
 
 def _kind(capture: Path) -> str:
     """What captures share that one profile may hold for: their description, the header of their pictures."""
-    described: Any = None
+    described, header, pictures = "", b"", list[Path]()
     with suppress(OSError, ValueError):
-        described = tomllib.loads((capture / "capture.toml").read_text("utf-8"))
-        tables = described.get("frames", ())
-        pictures = [capture / table.get("file", "") for table in tables]
-        described["frames"] = [
-            {key: value for key, value in table.items() if key not in ("file", "time")} for table in tables
-        ]
-    if described is None or not (pictures and pictures[0].is_file()):
+        text = (capture / "capture.toml").read_text("utf-8")
+        described = _OF_ONE_FRAME.sub("", text)
+        first = re.search(r'^file *= *"(.+)"', text, re.MULTILINE)
+        pictures = [capture / first[1]] if first else []
+    if not (pictures and pictures[0].is_file()):
         pictures = sorted(path for path in capture.iterdir() if path.is_file() and path.suffix != ".toml")
-    header = b""
     with suppress(OSError, IndexError), pictures[0].open("rb") as file:
         header = file.read(26)  # of a PNG: its size and its bits
     return repr((described, header if header.startswith(b"\x89PNG") else b""))

@@ -91,7 +91,7 @@ def command(
             settings = ol.decode.Settings(response=light, lens_px=lens, blur_px=blur)
             known = None
             if profile is not None:
-                known = ol.calibration.load_profile(profile).with_lag(measured_lag(profile, source))
+                known = ol.decode.RigProfile.load(profile).with_lag(measured_lag(profile, source))
                 if not any(_alike(settings, each) for each in (ol.decode.Settings(), known.settings)):
                     wrong = "is of another response, lens or blur"
                     cure = "leave out --response, --lens and --blur"
@@ -128,7 +128,7 @@ def command(
         with ol.files.together():
             result.save(out)
             if kept is not None and save_profile is not None:
-                ol.calibration.store_profile(save_profile, kept)
+                kept.save(save_profile)
             write_json(json_path, numbers)
     print_notices(result.notices)
     rows, cols = capture.shape

@@ -209,7 +209,7 @@ def _of_rig(name: str) -> _Rig:
         scene = replace(scene, display=ol.scene.Display(found.gamma[0], found.black), pattern=soft)
         rig, known = rig._replace(scene=scene, calibrated=True), [f"response of gamma {found.gamma[0]:.3g}"]
     if "profile" in sections:
-        profile = ol.calibration.load_profile(name)
+        profile = ol.decode.RigProfile.load(name)
         noise, unit = profile.estimates.noise, 255 / (profile.clip if profile.dtype == "uint16" else 255)
         read = unit * math.sqrt(max(noise.read2 - 1 / 12, 0.0))
         electrons = 1 / (unit * noise.gain) if noise.gain > 0 else 0.0

@@ -74,7 +74,7 @@ def command(
             taken = capture_rig(rig, devices, sequence_of(rig, sequence), folder, keep=False, record=record)
         capture = ol.projector.Capture.load(folder) if taken is None else taken.capture
         step("decode")
-        known = None if profile is None else ol.calibration.load_profile(profile)
+        known = None if profile is None else ol.decode.RigProfile.load(profile)
         light = response_of(rig) if known is None else known.settings.response
         decoder = ol.decode.Decoder(capture.sequence, known, ol.decode.Settings(response=light))
         seen, lag = decoder.decode(capture.frames), measured_lag(rig, folder)
@@ -82,7 +82,7 @@ def command(
             lagged = ol.decode.Decoder(capture.sequence, decoder.profile.with_lag(lag))
             seen = lagged.decode(capture.frames)
         if save_profile is not None and decoder.profile is not None:
-            ol.calibration.store_profile(save_profile, decoder.profile)
+            decoder.profile.save(save_profile)
         seen.save(out / "c.npz")
         wrong = ol.experiments.frames_of_another(capture, seen)
         step("reconstruct")

@@ -119,17 +119,38 @@ def _axis_rows(
                 )
                 offset[x], error[x] = of.offset[a, r, x], max(error[x], of.error[a, r, x])
                 chi2[x], flags[x] = chi2[x] + of.chi2[a, r, x], flags[x] | of.flags[a, r, x]
-        for k in range(count):
-            fit = lines[6:10], top, offset, amplitude, phases[k], own[k]
-            fit_row(raw, table, clip, noise, fringes, (k, y), *fit, chi2, flags)
+        for k in range(max(count, min(bits, 1))):
+            if k < count:
+                j = k if axis.close else 0
+                fit = lines[6:10], top, offset, amplitude, phases[j], own[j]
+                fit_row(raw, table, clip, noise, fringes, (k, y), *fit, chi2, flags)
+            if k == 0 and bits:
+                if code.fringe:
+                    for x in range(width):
+                        low[x], high[x] = offset[x] - amplitude[x], offset[x] + amplitude[x]
+                else:
+                    ends_row(raw, table, code.ends, y, low, high)
+                read_row(raw, table, noise, code, y, low, high, lines[6:9], words, place, reach, error, flags)
             if k == 0:
                 for x in range(width):
-                    coarse[x] = amplitude[x]
-                    low[x], high[x] = offset[x] - amplitude[x], offset[x] + amplitude[x]
-        if bits:
-            if not code.fringe:
-                ends_row(raw, table, code.ends, y, low, high)
-            read_row(raw, table, noise, code, y, low, high, lines[6:9], words, place, reach, error, flags)
+                    coarse[x] = amplitude[x] if count else HALF * (high[x] - low[x])
+            if axis.close:
+                continue
+            if k > 0:
+                climb_row(phases[0], own[0], fringes.period[k], place, variance, error, flags)
+            elif count and bits:
+                period = fringes.period[0]
+                join_row(phases[0], own[0], period, reach, place, variance, error, flags, axis.either)
+            elif bits:
+                for x in range(width):
+                    variance[x] = reach[x] * reach[x] * np.float32(1 / 3)
+                    offset[x] = low[x] + coarse[x]
+            else:
+                start_row(phases[0], own[0], fringes.period[0], axis.extent, place, variance)
+                if axis.beyond > ZERO:
+                    for x in range(width):
+                        error[x] = max(error[x], axis.beyond)
+                        flags[x] |= _ORDER
         if axis.close:
             compare_row(
                 phases, own, fringes.period, axis.orders, lines[6:12], words[0], place, variance, lines[12],
@@ -137,23 +158,6 @@ def _axis_rows(
             )  # fmt: skip
             for x in range(width):
                 error[x] = max(error[x], lines[12, x])
-        elif count:
-            if bits:
-                period = fringes.period[0]
-                join_row(phases[0], own[0], period, reach, place, variance, error, flags, axis.either)
-            else:
-                start_row(phases[0], own[0], fringes.period[0], axis.extent, place, variance)
-                if axis.beyond > ZERO:
-                    for x in range(width):
-                        error[x] = max(error[x], axis.beyond)
-                        flags[x] |= _ORDER
-            for k in range(1, count):
-                climb_row(phases[k], own[k], fringes.period[k], place, variance, error, flags)
-        elif bits:
-            for x in range(width):
-                variance[x] = reach[x] * reach[x] * np.float32(1 / 3)
-                coarse[x] = HALF * (high[x] - low[x])
-                offset[x] = low[x] + coarse[x]
         fine = amplitude if count else coarse
         _judged(noise, axis, _DIM * clip, fine, offset, place, variance, flags)
         for x in range(width):

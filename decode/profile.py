@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optolever.errors import InputError
-from optolever.files import load_arrays, save_arrays
+from optolever.files import load_arrays, save_arrays, together
 from optolever.notices import Notice
 from optolever.patterns import Sequence
+from optolever.scene import rig_table, write_sections
 
 from .codes.fringe import Misfit
 from .codes.lookup import LookUp
@@ -98,14 +99,26 @@ class RigProfile:
         return replace(self, estimates=self.estimates._replace(effects=effects))
 
     def save(self, path: str | Path) -> None:
-        """Write an .npz: arrays, and all other numbers as JSON."""
-        arrays: dict[str, NDArray[Any]] = {}
+        """Write an .npz: arrays, and all other numbers as JSON; for a rig's TOML in its folder, and into the
+        TOML its name, as file of [profile]."""
+        file, arrays = Path(path), dict[str, NDArray[Any]]()
         text = json.dumps(_packed(self, "profile", arrays))
-        save_arrays(path, {"profile": np.array(text), **arrays})
+        with together():
+            if file.suffix.lower() == ".toml":
+                toml, file = file, file.with_suffix(".profile.npz")
+                write_sections(toml, {"profile": {"file": file.name}})
+            save_arrays(file, {"profile": np.array(text), **arrays})
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
-        """Read what save() wrote; InputError names the file."""
+        """Read what save() wrote, an .npz or a rig's TOML; InputError names the wrong file."""
+        path = Path(path)
+        if path.suffix.lower() == ".toml":
+            section = rig_table(path).get("profile")
+            name = section.get("file") if isinstance(section, Mapping) else None
+            if not isinstance(name, str):
+                raise InputError(f"{path}: [profile] must name a file; run `optolever decode --save-profile`")
+            path = path.parent / name
         arrays = load_arrays(path, ("profile",), ("profile",))
         try:
             found = _unpacked(cls, json.loads(str(arrays["profile"])), arrays)
