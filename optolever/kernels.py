@@ -64,8 +64,8 @@ def _compiled(function: Callable[..., T], **options: Any) -> Callable[..., T]:
     folder = cache_folder(Path(function.__code__.co_filename).parent)
     before, _config.CACHE_DIR = _config.CACHE_DIR, str(folder or "")
     try:
-        keep: dict[str, Any] = {"cache": folder is not None, "nogil": True, "error_model": "numpy"}
-        made = numba.njit(no_cfunc_wrapper=True, **keep, **options)(function)  # nobody calls it from C
+        options |= {"cache": folder is not None, "no_cfunc_wrapper": True}  # nobody calls them from C
+        made = numba.njit(nogil=True, error_model="numpy", **options)(function)
     finally:
         _config.CACHE_DIR = before
     return cast(Callable[..., T], made)
