@@ -115,7 +115,7 @@ def contacts(surface: Surface, regions: Sequence[Region], layer: Layer | None) -
 
 def _contact(surface: Surface, region: Region, z: Map, holes: Mask) -> Contact:
     dent = _dent(surface, region, z, holes)
-    depth, top, noise = _depth(dent)
+    depth, noise, tip, beyond = _depth(dent)
     weight = dent.share * dent.cell
     area, volume = float(weight.sum()), float((weight * dent.z).sum())
     x, y = (float((weight * part).sum() / area) for part in (dent.x, dent.y))
@@ -133,6 +133,7 @@ def _contact(surface: Surface, region: Region, z: Map, holes: Mask) -> Contact:
     area_noise, volume_noise, place_noise = _noises(dent, noise, area, depth, weight, arms)
     lacking = _hidden(dent, weight) if region.cut else 0.0
     doubt = _doubtful(dent)
+    ended = _HALF * tip * float(dent.growth.sum())  # half of a higher tip lies farther inside
     reach = math.sqrt((area + lacking) / math.pi)
     radius, radius_sigma = _indenter(surface, region, dent, depth)
     own = float(np.linalg.norm(modes[:, *dent.peak]))
@@ -143,12 +144,12 @@ def _contact(surface: Surface, region: Region, z: Map, holes: Mask) -> Contact:
             place_noise, np.linalg.norm(by_place) / math.sqrt(2), (lacking + doubt) / (area + lacking) * reach
         ),
         depth=depth,
-        depth_sigma=norm(top, own),
-        depth_noise=top,
+        depth_sigma=norm(noise, tip, beyond, own),
+        depth_noise=norm(noise, tip, beyond),
         area=area,
-        area_sigma=norm(area_noise, *by_area, lacking, doubt),
+        area_sigma=norm(area_noise, *by_area, lacking, doubt, ended),
         volume=volume,
-        volume_sigma=norm(volume_noise, *by_volume, (lacking + doubt) * volume / area),
+        volume_sigma=norm(volume_noise, *by_volume, (lacking + doubt) * volume / area, _HALF * depth * ended),
         indenter_radius=radius,
         indenter_radius_sigma=radius_sigma,
         cut=region.cut,
@@ -218,8 +219,8 @@ def _steepness(surface: Surface, region: Region, z: Floats, x: Floats, y: Floats
     return np.where(np.isfinite(measured), measured, np.nan_to_num(np.hypot(by_x, by_y), posinf=0.0))
 
 
-def _depth(dent: _Dent) -> tuple[float, float, float]:
-    """Depth; its sigma by noise and by what lies between cells; the noise of the deepest cell."""
+def _depth(dent: _Dent) -> tuple[float, float, float, float]:
+    """Depth; its noise; its standard deviations by what lies between cells, and in holes."""
     row, col = dent.peak
     depth, noise = float(dent.z[dent.peak]), float(dent.sigma[dent.peak])
     rise, tip = 0.0, 0.0
@@ -237,7 +238,7 @@ def _depth(dent: _Dent) -> tuple[float, float, float]:
         rim = scipy.ndimage.binary_dilation(hole, np.ones((3, 3)))
         top = float(dent.z[rim].max()) + float(np.quantile(dent.slope[beside], 0.9)) * reach
         beyond = max(top - depth, 0.0)
-    return depth + rise, norm(noise, tip, beyond), noise
+    return depth + rise, noise, tip, beyond
 
 
 def _hole_at(dent: _Dent) -> tuple[Mask, Mask]:

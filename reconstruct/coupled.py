@@ -9,12 +9,13 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+import scipy.ndimage
 
 from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.notices import Notice
 from optolever.records import LOG, Progress, logged, silent
-from optolever.scene import TYPED, Scene, without_rest_form
+from optolever.scene import TYPED, Scene, rig_covariance, without_rest_form
 
 from .arrays import Floats, Mask, Pair
 from .first import first_solution
@@ -55,6 +56,7 @@ _SAME_CAPTURE = Notice(
 )
 _ROBUST = 6  # solves without what misses the heights
 _MOST_WRONG = 0.1  # of the pixels: more is a wrong scene
+_TURNED = 0.05  # rad: typed rigs are off by .04
 _FEW = 2e-3  # doubtful edges a pixel, two of which each has: fewer leave the closed form
 _ONE = np.ones((1, 1))
 
@@ -181,7 +183,7 @@ def solved_height(
     """`reconstruct` of a scene without errors; lens: see `lens_errors`."""
     problem, state = first_solution(correspondence, scene, anchor, mask)
     doubt = _doubted(problem, state)
-    wrong = np.zeros(1, np.bool_) if doubt is None else _wrong_pixels(problem, state, doubt)
+    wrong = np.zeros(1, np.bool_) if doubt is None else _wrong_pixels(problem, state, doubt, scene)
     if wrong.any():
         used = ~wrong if mask is None else np.asarray(mask) & ~wrong
         with suppress(InputError):  # an anchor among them
@@ -204,10 +206,10 @@ def _height(solution: Solution, rig: bool = False) -> HeightMap:
     return height_map(problem, state, seen, noise, known, freedom, rig)
 
 
-def _wrong_pixels(problem: Problem, state: State, jumps: Doubt) -> Mask:
+def _wrong_pixels(problem: Problem, state: State, jumps: Doubt, scene: Scene) -> Mask:
     """Pixels of the image that a robust solve misses, where slopes jump."""
     robust, wrong, mask = state, np.zeros_like(problem.data.mask), problem.data.mask
-    weights = edge_weights(*state.variances, _ONE, mask)
+    weights = edge_weights(*state.variances, _ONE, mask, _turned(problem, state, scene))
     for _ in range(_ROBUST):
         defect, scale = defects(*robust.slopes, robust.w, _ONE, mask), max(1.0, robust.misfit)
         before, wrong = wrong, wrong_pixels(defect, weights, scale) & ~problem.bridged
@@ -219,6 +221,18 @@ def _wrong_pixels(problem: Problem, state: State, jumps: Doubt) -> Mask:
     wrong = patches(wrong, surely, touched(jumps)) & mask & ~problem.bridged
     few = np.count_nonzero(wrong) <= _MOST_WRONG * wrong.size
     return problem.to_image(wrong & few, False)
+
+
+def _turned(problem: Problem, state: State, scene: Scene) -> Doubt | None:
+    """Standard deviations of the edges' increments by the rig's rotations, which turn and shear what slopes
+    changed by since rest."""
+    covariance = rig_covariance(scene)
+    if covariance is None:
+        return None
+    turns = [name.rpartition(".")[2] in ("rx", "ry", "rz") for name in covariance.names]
+    change = np.hypot(*defects(*state.slopes, problem.data.rest(), _ONE, problem.data.mask))
+    share = min(float(np.linalg.norm(covariance.root[:, turns])), _TURNED)
+    return Doubt(*2 * [share * scipy.ndimage.maximum_filter(change, 3)])
 
 
 def _around_discontinuities(problem: Problem, state: State, doubt: Doubt) -> State:

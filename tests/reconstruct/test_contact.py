@@ -7,8 +7,18 @@ import numpy as np
 import pytest
 
 from optolever.decode import Correspondence
-from optolever.reconstruct import Contact, PixelAnchor, contacts, reconstruct, slope_map
-from optolever.scene import Scene, Surface, dent_from_text, load, resize, trace
+from optolever.reconstruct import Contact, HeightFlag, PixelAnchor, contacts, reconstruct, slope_map
+from optolever.scene import (
+    Scene,
+    Surface,
+    adjusted,
+    dent_from_text,
+    load,
+    parameter_values,
+    resize,
+    rig_covariance,
+    trace,
+)
 
 SIDE = 128
 MIDDLE = 0.5 * 163.7
@@ -225,3 +235,21 @@ def test_a_bulge_that_the_rig_explains_is_no_dent(prism: Scene, noisy) -> None:
     assert len(contacts(height, slope_map(height, seen, prism))) == 2
     (contact,) = contacts(known, slope_map(known, seen, prism))
     assert contact.depth == pytest.approx(0.3, abs=4 * contact.depth_sigma + 3e-4)
+
+
+def test_a_rim_on_a_rig_that_is_not_as_typed_is_no_wrong_correspondence(noisy) -> None:
+    """Slopes that a wrong rig turns contradict each other: the most where a ball's rim makes them jump."""
+    scene, texts = resize(load("prism48"), 90, 120), ("ball:peak=.06,radius=250", "flat")
+    covariance, own = rig_covariance(scene), parameter_values(scene)
+    assert covariance is not None
+    for seed in (0, 2):
+        errors = np.random.default_rng(seed).standard_normal(len(covariance.root)) @ covariance.root
+        wrong = {name: own[name] + by for name, by in zip(covariance.names, errors, strict=True)}
+        rig = adjusted(replace(scene, accuracy=None), wrong)
+        seen, rest = (noisy(trace(rig, dent_from_text(text, rig)), 0.004, 0.004, seed) for text in texts)
+        height = reconstruct(seen, scene, rest=rest)
+        assert not (height.flags & HeightFlag.CURL).any()
+        (one,) = contacts(height)
+        assert not one.hole
+        assert abs(one.depth - 0.06) < 2 * one.depth_sigma < 0.015
+        assert abs(one.area - np.pi * 250 * 0.06) < 2 * one.area_sigma < 0.25 * one.area
