@@ -21,20 +21,24 @@ from functools import lru_cache
 
 import numpy as np
 import scipy.fft
+import scipy.interpolate
 import scipy.linalg
+import scipy.special
 
 from optolever.blocks import blas_on_one
 from optolever.scene import Layer
 
 from .arrays import Circle, Floats, Labels, Mask
 
-__all__ = ["Pressed", "deflection", "forces_on", "profile"]
+__all__ = ["BONDED", "Pressed", "bonded", "deflection", "forces_on"]
 
 _SQUARES = 350  # of the grid around all contacts
 _PITCHES = tuple(0.0625 * 2 ** (k / 2) for k in range(16))  # mm: a table of deflections each
 _REACH = 1.6  # of the radius of a contact's area: where pressure is looked for
 _RIDGE = 1e-6  # of a square's own deflection: a thin incompressible layer's matrix is nearly singular
 _ROUNDS = 20  # of leaving out squares
+BONDED = 12  # thicknesses: beyond, the base leaves no deflection
+_DEEPEST = 20.0  # wave numbers times thickness: of larger ones S is 1
 _SPAN = 96  # squares to each side that a table holds
 
 
@@ -69,12 +73,16 @@ def deflection(layer: Layer, pitch: float, places: Floats) -> Floats:
     return np.asarray(table.take(y * (_SPAN + 1) + x))
 
 
-def profile(layer: Layer, r: Floats) -> Floats:
-    """Deflection per force, mm/N, at distances r from it, mm."""
-    reach = float(r.max(initial=0.0)) / (_SPAN - 1)
-    pitch = next((one for one in _PITCHES if one >= reach), _PITCHES[-1])
-    along = _table(layer, pitch)[0] / pitch**2
-    return np.asarray(np.interp(r / pitch, np.arange(_SPAN + 1), along))
+@lru_cache(maxsize=8)
+def bonded(layer: Layer) -> scipy.interpolate.CubicSpline:
+    """What a base adds to the deflection under a force, pi E* h w over the force less h / r, at distances r
+    in units of the thickness h: the integral of (S(q) - 1) J0(q r / h) over q; as good as -h / r from 12 h
+    on."""
+    r, (nodes, weights) = np.linspace(0.0, BONDED, 1 + 32 * BONDED), np.polynomial.legendre.leggauss(256)
+    q, weights = _DEEPEST * (nodes + 1) / 2, _DEEPEST * weights / 2
+    return scipy.interpolate.CubicSpline(
+        r, scipy.special.j0(np.outer(r, q)) @ (weights * (_ratio(layer, q) - 1))
+    )
 
 
 def _squares(circles: list[Circle], pitch: float) -> tuple[Floats, Labels]:
@@ -131,12 +139,16 @@ def _table(layer: Layer, pitch: float) -> Floats:
 def _layer_transform(layer: Layer, k: Floats) -> Floats:
     """Deflection over pressure of waves of wave number k (rad/mm), mm per N/mm^2."""
     h, nu = float(layer.thickness_mm or 0.0), layer.poisson
-    q = np.minimum(k * h, 50.0)
-    a, b = 3 - 4 * nu, 5 - 12 * nu + 8 * nu**2
-    ratio = (a * np.sinh(2 * q) - 2 * q) / (a * np.cosh(2 * q) + 2 * q**2 + b)
+    q = np.minimum(k * h, _DEEPEST)
     still = h * (1 - 2 * nu) / (1 - nu) ** 2 / layer.plane_modulus
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(q > 1e-6, 2 * ratio / (layer.plane_modulus * k), still)
+        return np.where(q > 1e-6, 2 * _ratio(layer, q) / (layer.plane_modulus * k), still)
+
+
+def _ratio(layer: Layer, q: Floats) -> Floats:
+    """S, deflection over that of a half-space, of waves of wave number q / h."""
+    a, b = 3 - 4 * layer.poisson, 5 - 12 * layer.poisson + 8 * layer.poisson**2
+    return (a * np.sinh(2 * q) - 2 * q) / (a * np.cosh(2 * q) + 2 * q**2 + b)
 
 
 def _love(x: Floats, y: Floats, side: float) -> Floats:

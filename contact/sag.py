@@ -22,7 +22,7 @@ import numpy as np
 from optolever.scene import Layer
 
 from .arrays import Circle, Floats, rms
-from .pressure import profile
+from .pressure import BONDED, bonded
 from .regions import COLUMNS, Region, areas, regions
 from .surface import Sag, Surface
 
@@ -34,7 +34,6 @@ _WORSE = 1.1  # residual of a fit over those farther away
 _ROUNDS = 3  # of regions in the map less its sag
 _FEWEST = 200  # cells outside the contacts
 _MOST = 6000  # cells of the fit
-_STEP = 0.05  # of a radius: differences of a layer's profile
 _TAILS = 1e-6  # of a column: amplitudes that the map does not show stay small
 _ROBUST = 12  # rounds of Cauchy's weights
 _INDEPENDENT = 36.0  # samples of noise, and of a robust fit
@@ -153,12 +152,14 @@ def far_field(layer: Layer | None, circles: Sequence[Circle], x: Floats, y: Floa
     for cx, cy, radius in circles:
         dx, dy = (x - cx) / radius, (y - cy) / radius
         q = np.maximum(np.hypot(dx, dy), 1.0)
-        if layer is None or layer.thickness_mm is None:
-            columns += [1 / q, dx / q**3, dy / q**3, q**-3]
-            continue
-        before, at, after = (profile(layer, (q + k * _STEP) * radius) for k in (-1, 0, 1))
-        slope = (after - before) / (2 * _STEP * q)
-        columns += [at, slope * dx, slope * dy, (after - 2 * at + before) / _STEP**2 + slope]
+        at, slope, bend = 1 / q, -(q**-3), 2 * q**-3
+        if layer is not None and layer.thickness_mm is not None:
+            base, size = bonded(layer), radius / layer.thickness_mm
+            r = np.minimum(q * size, BONDED)
+            at = at + size * base(r)
+            slope = slope + size**2 * base(r, 1) / q
+            bend = bend + size**3 * base(r, 2)
+        columns += [at, slope * dx, slope * dy, bend + slope]
     return np.stack(columns) if columns else np.zeros((0, *np.shape(x)))
 
 

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+import scipy.interpolate
+import scipy.special
 
 from optolever.contact import Surface, contacts, regions, sag
 from optolever.scene import Layer
@@ -61,6 +63,40 @@ def test_sag_is_found_and_taken_off(presses: list[tuple[float, float, float, flo
     assert found.sigma < 0.06 * sunk
     off = made.less(found).z - z
     assert np.sqrt(np.mean(off**2)) < 0.05 * sunk
+
+
+def base(radius: float, depth: float, thickness: float, nu: float) -> scipy.interpolate.CubicSpline:
+    """What a rigid base adds to `ball`, by distance: waves of Airy's stress f =
+    (A + B z) e^-z + (C + D z) e^z in plane strain, f = 1 and f' = 0 where it presses; nothing moves at depth
+    q = k h."""
+
+    def terms(z: np.ndarray, order: int) -> np.ndarray:
+        down, up = (-1) ** order * np.exp(-z), np.exp(z)
+        return np.stack([down, (z - order) * down, up, (z + order) * up], axis=-1)
+
+    k, step = np.linspace(1e-3, 16 / thickness, 2000, retstep=True)
+    q = k * thickness
+    still = (1 - nu) * terms(q, 2) + nu * terms(q, 0), (1 - nu) * terms(q, 3) - (2 - nu) * terms(q, 1)
+    equations = np.stack([terms(0 * q, 0), terms(0 * q, 1), *still], axis=1)
+    stress = np.linalg.solve(equations, np.eye(4)[:, :1])
+    ratio = (terms(0 * q, 3) * stress[..., 0]).sum(axis=1) / 2  # over the deflection of a half-space
+    load = (np.sin(k * radius) - k * radius * np.cos(k * radius)) / (k * radius) ** 3
+    r = np.linspace(0, 60, 400)
+    added = scipy.special.j0(np.outer(r, k)) @ ((ratio - 1) * load) * step
+    return scipy.interpolate.CubicSpline(r, 4 * depth * radius / np.pi * added)
+
+
+@pytest.mark.parametrize("thickness", [12.0, 20.0])
+def test_a_base_behind_the_layer_is_no_sag(thickness: float) -> None:
+    free, layer = X / 60 + 0.2, Layer(youngs_modulus_mpa=1.0, poisson=0.48, thickness_mm=thickness)
+    z = ball(30, 22, 4, 0.1) + base(4, 0.1, thickness, 0.48)(np.hypot(X - 30, Y - 22))
+    made = surface(z - 1e-3 * free, free=free)
+    found, without = (sag(made, one) for one in (layer, None))
+    assert found is not None
+    assert without is not None
+    assert found.c == pytest.approx(-1e-3, abs=4 * found.sigma)
+    assert found.sigma < 1e-4
+    assert found.misfit < 1.3 < without.misfit
 
 
 def test_motion_comes_off_with_the_sag() -> None:
