@@ -40,7 +40,8 @@ Residual
 CSV = OutputFile(".csv")
 REMOVE = Opt(
     "--remove FORM[:NUMBER=VALUE,...]",
-    "piston, tilt, power, paraboloid, sphere, conic or cylinder; given ones are fixed (sphere:radius=4000).",
+    "piston, tilt, power, paraboloid, sphere, conic, asphere, off-axis or cylinder; given numbers are fixed "
+    "(sphere:radius=4000, off-axis:distance=100).",
 )
 ZERNIKE = Opt("--zernike ORDER", "Also Zernike coefficients up to this radial order.", click.IntRange(1, 20))
 SLOPES = Opt("--slopes S.npz", "Slopes by `reconstruct --slopes`, for slope error and noise.")
@@ -64,6 +65,9 @@ LIMIT = Opt(
     "--limit NAME=LIMIT",
     "rms, pv or pvr (rms=50nm), slope_x or slope_y (20urad): pass or fail by 2 sigma; fail: exit code 1.",
 )
+WAVES = Opt(
+    "--waves NM", "Also the reflected wavefront (twice the surface) in waves of this length.", ABOVE_0
+)
 TURNS = Opt(
     "--rotations DEG,DEG,...",
     "Of several maps: the mirror's turns, from x to y; separates the mirror's part from the rig's.",
@@ -84,6 +88,7 @@ def command(
     index: Annotated[Literal["ansi", "fringe"], INDEX] = "ansi",
     norm: Annotated[Literal["rms", "amplitude"], NORM] = "rms",
     limits: Annotated[tuple[str, ...], LIMIT] = (),
+    waves: Annotated[float | None, WAVES] = None,
     turns: Annotated[str | None, TURNS] = None,
     slopes_path: Annotated[Path | None, SLOPES] = None,
     lines: Annotated[tuple[str, ...], LINES] = (),
@@ -101,8 +106,13 @@ def command(
     """
     shape = _Shape(form, nominal, apertures, highpass, lowpass)
     if len(sources) > 1:
-        alone = {"--slopes": slopes_path, "--zernike": order, "--profile": lines, "--limit": limits}
-        alone |= {"--profiles": profiles_path, "--psd": psd_path}
+        alone: dict[str, object] = {
+            "--slopes": slopes_path,
+            "--zernike": order,
+            "--profile": lines,
+            "--limit": limits,
+        }
+        alone |= {"--profiles": profiles_path, "--psd": psd_path, "--waves": waves}
         for option, value in alone.items():
             if value:
                 raise InputError(f"{option}: is of one map, not of {len(sources)}; leave it out")
@@ -127,6 +137,9 @@ def command(
     known |= {"slope_x": (along_x, float("nan")), "slope_y": (along_y, float("nan"))}
     verdicts = [ol.metrology.judge(limit, known) for limit in limits]
     numbers = fit.to_dict()
+    if waves is not None:
+        wavefront = {name: ol.metrology.in_waves(known[name][0], waves) for name in ("rms", "pv", "pvr")}
+        numbers["waves"] = {"length_nm": waves} | wavefront
     if profiles:
         numbers["profiles"] = {name: {"rms_mm": one.rms, "pv_mm": one.pv} for name, one in profiles.items()}
     if verdicts:
@@ -159,6 +172,10 @@ def command(
         "slope error": f"{number(1e6 * along_x)} urad rms along x, {number(1e6 * along_y)} urad along y",
         "left out": "the outermost ring of good pixels, whose centres may see no mirror",
     }
+    if waves is not None:
+        scaled = ([ol.metrology.in_waves(each, waves) for each in known[name]] for name in ("rms", "pv"))
+        rms, pv = (quantity(value, "", sigma) for value, sigma in scaled)
+        residual["wavefront"] = f"{rms} waves rms, PV {pv} waves of {waves:g} nm, twice the surface"
     table("Residual" + "".join(f", {text}" for text in shape.texts()), residual)
     if profiles:
         rows = {

@@ -6,7 +6,7 @@ from typing import Annotated
 import optolever as ol
 from optolever import InputError
 
-from .arguments import Arg, Opt, program
+from .arguments import ABOVE_0, Arg, Opt, program
 from .options import Full, Json, blame, load_scene, preset, rest_file
 from .outputs import ReportFolder
 from .show import budget_rows, grid, medians, noise_and_rig, number, print_notices, table, write_json
@@ -30,6 +30,7 @@ REMOVE = Opt(
 )
 LESS = Opt("--less H.npz", "Height map of the same rig: the difference and its uncertainty; again for more.")
 APERTURE = Opt("--aperture SHAPE|MASK.png", "Of the form and its deviation, as in `form`; again for more.")
+WAVES = Opt("--waves NM", "Also the deviation as a reflected wavefront in waves of this length.", ABOVE_0)
 FILES = ReportFolder("report.html", "figures.csv", "height.npz")
 
 
@@ -42,6 +43,7 @@ def command(
     scene_name: Annotated[str | None, preset(": adds its drawing, areas, slopes and dents")] = None,
     form: Annotated[str | None, REMOVE] = None,
     apertures: Annotated[tuple[str, ...], APERTURE] = (),
+    waves: Annotated[float | None, WAVES] = None,
     less: Annotated[tuple[Path, ...], LESS] = (),
     out: Annotated[Path, Opt("--out DIR", "Gets report.html and its data.", FILES)] = Path("out/report"),
     full: Full = False,
@@ -71,6 +73,7 @@ def command(
         form="" if form == "none" else form,
         less=others,
         apertures=apertures,
+        waves=waves,
         rest=None if rest_path is None else ol.decode.Correspondence.load(rest_path),
     )
     total, noise, rig = medians(height.good, height.total_sigma, height.sigma, height.calibration_sigma)

@@ -8,7 +8,7 @@ import numpy as np
 from markupsafe import Markup
 
 from optolever.decode import Correspondence
-from optolever.metrology import FormFit, ZernikeFit
+from optolever.metrology import FormFit, ZernikeFit, in_waves
 from optolever.reconstruct import Contact, HeightMap
 from optolever.scene import Trace
 
@@ -57,13 +57,13 @@ def cards(study: Study, figures: Figures) -> list[Card]:
         deepest, least = show("largest z", z.max(), "mm"), show("smallest z", z.min(), "mm")
         found.append(("depth", "Largest z", deepest, Markup("smallest {}").format(least)))
     else:
-        found += _form_cards(study.fit, figures)
+        found += _form_cards(study.fit, figures, given.waves)
     share = show("good pixels", good.mean(), "%")
     found.append(("good_share", "Pixels with a height", share, "of all camera pixels"))
     return found
 
 
-def _form_cards(fit: FormFit, figures: Figures) -> list[Card]:
+def _form_cards(fit: FormFit, figures: Figures, waves: float | None) -> list[Card]:
     show, found = figures.show, list[Card]()
     says = f"of the height less the {fit.form}, about its mean"
     value = show("deviation rms", fit.rms, "mm", fit.rms_sigma)
@@ -74,6 +74,13 @@ def _form_cards(fit: FormFit, figures: Figures) -> list[Card]:
     value, robust = show("deviation pv", fit.pv, "mm", fit.pv_sigma), show("deviation pvr", fit.pvr, "mm")
     says = Markup("of good pixels; PVr {}").format(robust)
     found.append(("deviation_pv", "Deviation, peak to valley", value, says))
+    if waves is not None:
+        rms, pv = (
+            show(f"wavefront {name}", in_waves(each, waves), "waves", in_waves(sigma, waves))
+            for name, each, sigma in (("rms", fit.rms, fit.rms_sigma), ("pv", fit.pv, fit.pv_sigma))
+        )
+        says = Markup("peak to valley {}; of {} nm, twice the deviation").format(pv, f"{waves:g}")
+        found.append(("wavefront", "Reflected wavefront, rms", rms, says))
     for name, number, sigma in zip(fit.numbers.names, fit.numbers.values, fit.numbers.sigma, strict=True):
         if name in ("radius", "focal"):
             value = show(f"{fit.form} {name}", number, "mm", float(sigma))

@@ -40,7 +40,7 @@ class Measurement:
     are simulated. form: to be subtracted (`metrology.fit_form`); '': none; None: a sphere for a mirror in
     open air. less: maps of the same rig by name, for differences. saved: existing files of the page's folder.
     rest: the correspondence of the mirror at rest, of a map reconstructed against it. apertures: of the form
-    and its deviation (`metrology.aperture_mask`).
+    and its deviation (`metrology.aperture_mask`). waves: nm, of the wavefront on the page (None: none).
     """
 
     height: HeightMap
@@ -57,6 +57,7 @@ class Measurement:
     saved: tuple[str, ...] = ()
     rest: Correspondence | None = None
     apertures: tuple[str, ...] = ()
+    waves: float | None = None
 
     def __post_init__(self) -> None:
         size = self.height.z.shape
@@ -193,28 +194,11 @@ def _form_fit(given: Measurement, slopes: SlopeMap | None) -> FormFit | None:
 
 
 def _deviation(height: HeightMap, fit: FormFit) -> HeightMap:
-    """The map less the form; its error modes less the fit's response to them. To first order the fit's
-    parameters change the surface by a plane and a quadric, for a conic also by r^4. Its noise: what the fit
-    leaves of it, that of the map where the slopes' noise is unknown."""
-    modes = height.calibration
-    height = replace(height, sigma=np.where(np.isfinite(fit.noise), fit.noise, height.sigma))
-    if modes is None:
-        return replace(height, z=fit.residual)
-    good = height.good & np.isfinite(fit.residual)
-    scale = max(float(np.ptp(part[good])) for part in (height.x, height.y))
-    x, y = ((part[good] - at) / scale for part, at in zip((height.x, height.y), fit.middle, strict=True))
-    r2 = x * x + y * y
-    free, terms = fit.numbers.names, [np.ones_like(x)]
-    terms += [x, y] if len(free) > 1 else []
-    terms += [r2] if {"power", "radius", "focal"} & set(free) and fit.form != "cylinder" else []
-    terms += [x * x, x * y, y * y] if fit.form == "cylinder" else []
-    terms += [r2 * r2] if "conic" in free else []
-    basis, _ = np.linalg.qr(np.stack(terms, axis=1))
-    bent = np.full(modes.shape, np.nan, np.float32)
-    for mode, less in zip(modes, bent, strict=True):
-        values = mode[good].astype(np.float64)
-        less[good] = values - basis @ (basis.T @ values)
-    return replace(height, z=fit.residual, modes=bent, modes_step=1)
+    """The map less the form, with what the fit leaves of its noise and of its error modes; the noise of the
+    map where that of the slopes is unknown."""
+    noise = np.where(np.isfinite(fit.noise), fit.noise, height.sigma)
+    less = replace(height, z=fit.residual, sigma=noise)
+    return less if fit.modes is None else replace(less, modes=fit.modes, modes_step=1)
 
 
 def _terms(

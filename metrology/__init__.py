@@ -2,7 +2,7 @@
 
 | file | holds |
 |---|---|
-| `forms.py` | forms by name: plane, sphere, cylinder, paraboloid, conic; parameters free or fixed |
+| `forms.py` | forms by name: planes, sphere, conics, asphere, off-axis, cylinder; numbers free or fixed |
 | `fit.py` | `fit_form`: least squares over the good pixels; `FormFit`: parameters with sigma, residual |
 | `nominal.py` | a nominal height map or mesh after its rigid best fit |
 | `lines.py` | profiles along lines, power spectral density |
@@ -10,7 +10,7 @@
 | `apertures.py` | circle, ellipse, rectangle, image: the pixels that figures are of |
 | `filters.py` | high and low pass |
 | `runs.py` | mean and difference of runs, rotated ones too |
-| `figures.py` | PVr, rms less its noise, limits |
+| `figures.py` | PVr, rms less its noise, waves, limits |
 | `covariance.py` | covariance of fitted parameters, and of what they leave, by slope noise |
 
 Lengths in mm, slopes in mm per mm; z > 0 is towards the camera: a concave mirror has a radius above 0.
@@ -19,7 +19,7 @@ Lengths in mm, slopes in mm per mm; z > 0 is towards the camera: a concave mirro
 from optolever.arguments import check_face
 
 from .apertures import aperture_mask
-from .figures import Verdict, judge, pvr
+from .figures import Verdict, in_waves, judge, pvr
 from .filters import gaussian_filter
 from .fit import FormFit, Numbers, fit_form
 from .forms import form_names
@@ -48,6 +48,7 @@ __all__ = [
     "form_names",
     "fringe_index",
     "gaussian_filter",
+    "in_waves",
     "judge",
     "load_measured",
     "load_nominal",

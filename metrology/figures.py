@@ -10,7 +10,7 @@ from optolever.errors import InputError
 
 from .zernike_terms import FRINGE, zernike
 
-__all__ = ["Verdict", "judge", "pvr", "rms_less_noise"]
+__all__ = ["Verdict", "in_waves", "judge", "pvr", "rms_less_noise"]
 
 Floats = NDArray[np.float64]
 _MOST = 40_000  # points of the fit of PVr
@@ -30,6 +30,15 @@ def pvr(x: Floats, y: Floats, z: Floats) -> float:
     terms = np.stack([zernike(n, m, r / r.max(), theta) for n, m in FRINGE], axis=1)
     smooth = terms @ np.linalg.lstsq(terms, z, rcond=None)[0]
     return float(np.ptp(smooth) + 3 * np.sqrt(np.mean((z - smooth) ** 2)))
+
+
+def in_waves(height: float, nm: float) -> float:
+    """Waves of nm in the wavefront that a surface of this height (mm) reflects: twice the height.
+
+    >>> round(in_waves(316.4e-6, 632.8), 9)
+    1.0
+    """
+    return 2e6 * height / nm
 
 
 def rms_less_noise(rms: float, noise_rms: float) -> float:

@@ -285,24 +285,37 @@ def _quadric(x: Floats, y: Floats, z: Floats) -> Floats:
 
 
 def _fitted(form: Form, held: dict[str, float], x: Floats, y: Floats, z: Floats) -> tuple[Floats, list[int]]:
-    """Internal parameters by Gauss-Newton steps from the best quadric, and the indices of the free ones."""
-    p = form.start(_quadric(x, y, z))
-    given = form.stated(p)
-    for name, value in held.items():
-        given[form.names.index(name)] = value
-    p = np.where([name in held for name in form.names], form.internal(given), p)
+    """Internal parameters by Gauss-Newton steps from the best quadric (of several starts the one that leaves
+    least), and the indices of the free ones."""
     free = [i for i, name in enumerate(form.names) if name not in held]
+    found = list[tuple[float, int, Floats]]()
+    for start in np.atleast_2d(form.start(_quadric(x, y, z))):
+        given = form.stated(start)
+        for name, value in held.items():
+            given[form.names.index(name)] = value
+        p = np.where([name in held for name in form.names], form.internal(given), start)
+        if _settled(form, p, free, x, y, z):
+            found.append((float(np.std(z - form.model(p, x, y))), len(found), p))
+    if not found:
+        raise InputError("form: the fit does not settle; give some of its numbers, or remove power")
+    return min(found)[2], free
+
+
+def _settled(form: Form, p: Floats, free: list[int], x: Floats, y: Floats, z: Floats) -> bool:
+    """Gauss-Newton steps of p, in place; False where they diverge."""
     model = _freed(form, p, free)
-    for _ in range(_STEPS if free else 0):
-        left = z - model(p[free], x, y)
-        step = np.linalg.lstsq(_jacobian(model, p[free], x, y), left, rcond=None)[0]
-        p[free] += step
-        moved = model(p[free], x, y) - (z - left)
-        if not np.isfinite(moved).all():
-            raise InputError("form: the fit does not settle; give some of its numbers, or remove power")
+    for _ in range(_STEPS):
+        before = model(p[free], x, y)
+        left = z - before
+        jacobian = _jacobian(model, p[free], x, y)
+        size = np.linalg.norm(jacobian, axis=0)
+        if not (np.isfinite(left).all() and np.isfinite(size).all() and size.all()):
+            return False
+        p[free] += np.linalg.lstsq(jacobian / size, left, rcond=None)[0] / size
+        moved = model(p[free], x, y) - before
         if np.sqrt(np.mean(moved**2)) <= _SETTLED * max(float(left.std()), 1e-9):
             break
-    return p, free
+    return bool(np.isfinite(model(p[free], x, y)).all())
 
 
 def _freed(form: Form, p: Floats, free: list[int]) -> Callable[[Floats, Floats, Floats], Floats]:

@@ -8,7 +8,13 @@
 | paraboloid | vertex_x, vertex_y, vertex_z, focal | r^2 / (4 focal), r from the vertex |
 | sphere | ..., radius | c r^2 / (1 + sqrt(1 - c^2 r^2)), c = 1 / radius |
 | conic | ..., radius, conic | c r^2 / (1 + sqrt(1 - (1 + conic) c^2 r^2)) |
+| asphere | ..., radius, conic (given, 0), a4, a6, a8 (given, 0) | conic + a4 r^4 + a6 r^6 + a8 r^8 |
+| off-axis | piston, tilt_x, tilt_y, distance, azimuth_deg, radius, conic (given, -1) | see below |
 | cylinder | axis_deg, slope, vertex_t, vertex_z, radius | slope s + a circle across, s along the axis |
+
+off-axis: a segment of a conic of revolution (vertex radius, conic) whose middle lies `distance` from the
+axis, in a direction azimuth_deg from x; z is along the normal at its middle, plus a plane. A number that a
+form gives by default is fitted with NUMBER=free: off-axis:distance=100,conic=free.
 
 Source of the conic's sag: D. Malacara, Optical Shop Testing, 3rd ed. (2007), appendix 1.
 """
@@ -31,16 +37,16 @@ Model = Callable[[Floats, Floats, Floats], Floats]
 
 @dataclass(frozen=True, slots=True)
 class Form:
-    """A model z(p, x, y) of internal parameters p; names: of the stated parameters; start: p from the best
-    quadric a + b x + c y + (d x^2 + 2 e x y + f y^2) / 2 (6,); stated, internal: p -> stated parameters,
-    elementwise, and back.
-    """
+    """A model z(p, x, y) of internal parameters p (m,); names: of the stated parameters; start: p, or several
+    (s, m), from the best quadric a + b x + c y + (d x^2 + 2 e x y + f y^2) / 2 (6,); stated, internal: p ->
+    stated parameters, elementwise, and back; given: parameters that are fixed by default."""
 
     names: tuple[str, ...]
     model: Model
     start: Callable[[Floats], Floats]
     stated: Callable[[Floats], Floats]
     internal: Callable[[Floats], Floats]
+    given: tuple[tuple[str, float], ...] = ()
 
 
 def _same(p: Floats) -> Floats:
@@ -80,6 +86,51 @@ def _revolved(conic: float | None) -> Model:
         return np.asarray(p[2] + _sag(p[3], k, (x - p[0]) ** 2 + (y - p[1]) ** 2))
 
     return model
+
+
+def _asphere(p: Floats, x: Floats, y: Floats) -> Floats:
+    r2 = (x - p[0]) ** 2 + (y - p[1]) ** 2
+    return np.asarray(p[2] + _sag(p[3], p[4], r2) + r2 * r2 * (p[5] + r2 * (p[6] + r2 * p[7])))
+
+
+def _off_axis(p: Floats, x: Floats, y: Floats) -> Floats:
+    """Where the normal at (x, y) meets c (X^2 + Y^2 + (1 + k) Z^2) = 2 Z: w = C / (sqrt(B^2 - A C) - B)."""
+    distance, azimuth, c, k = p[3:]
+    u, v = np.cos(azimuth) * x + np.sin(azimuth) * y, np.cos(azimuth) * y - np.sin(azimuth) * x
+    sag = float(_sag(c, k, np.array(distance**2)))
+    lean = np.arctan2(c * distance, 1 - (1 + k) * c * sag)  # slope of the parent at the middle
+    cos, sin = np.cos(lean), np.sin(lean)
+    out, up = distance + u * cos, sag + u * sin
+    a = c * (sin**2 + (1 + k) * cos**2)
+    b = c * ((1 + k) * up * cos - out * sin) - cos
+    rest = c * (out**2 + v**2 + (1 + k) * up**2) - 2 * up
+    w = rest / (np.sqrt(np.maximum(b * b - a * rest, 0.0)) - b)
+    return np.asarray(w + p[0] + p[1] * x + p[2] * y)
+
+
+def _segment(q: Floats) -> Floats:
+    """Segments (2, 7) of a paraboloid with the curvatures of a quadric, c cos^3 a along the azimuth, c cos a
+    across; which end of its axis of symmetry is the near one, curvatures do not say."""
+    values, vectors = np.linalg.eigh(np.array([[q[3], q[4]], [q[4], q[5]]]))
+    radial, across = np.argsort(np.abs(values))
+    if values[across] == 0:
+        raise InputError("form: the heights are flat, must be curved; remove tilt")
+    cos = np.sqrt(np.clip(values[radial] / values[across], 0.1, 1.0))
+    c = float(values[across] / cos)
+    azimuth = float(np.arctan2(vectors[1, radial], vectors[0, radial]))
+    ends = (azimuth, azimuth - np.copysign(np.pi, azimuth))
+    return np.array([[*q[:3], np.sqrt(1 / cos**2 - 1) / abs(c), each, c, -1.0] for each in ends])
+
+
+def _turned(turn: Callable[[Floats], Floats]) -> Callable[[Floats], Floats]:
+    """Azimuth in degrees or radians, and radius for curvature."""
+
+    def change(p: Floats) -> Floats:
+        changed = _last_inverse(5)(p)
+        changed[4] = turn(changed[4])
+        return changed
+
+    return change
 
 
 def _vertex(q: Floats) -> Floats:
@@ -146,6 +197,21 @@ FORMS: dict[str, Form] = {
         lambda q: np.append(_vertex(q), 0.0),
         *2 * (_last_inverse(3),),
     ),
+    "asphere": Form(
+        (*_VERTEX, "radius", "conic", "a4", "a6", "a8"),
+        _asphere,
+        lambda q: np.append(_vertex(q), np.zeros(4)),
+        *2 * (_last_inverse(3),),
+        (("conic", 0.0), ("a8", 0.0)),
+    ),
+    "off-axis": Form(
+        (*_PLANE[:3], "distance", "azimuth_deg", "radius", "conic"),
+        _off_axis,
+        _segment,
+        _turned(np.degrees),
+        _turned(np.radians),
+        (("conic", -1.0),),
+    ),
     "cylinder": Form(
         ("axis_deg", "slope", "vertex_t", "vertex_z", "radius"), _cylinder, _of_quadric, _degrees, _radians
     ),
@@ -163,13 +229,17 @@ def form_from_text(text: str) -> tuple[str, Form, dict[str, float]]:
     name, _, rest = text.partition(":")
     if name not in FORMS:
         raise InputError(f"form {text!r}: unknown, must be one of {', '.join(FORMS)}")
-    form, held = FORMS[name], {}
+    form = FORMS[name]
+    held = dict(form.given)
     for item in filter(None, rest.split(",")):
         key, equals, value = item.partition("=")
         if not equals or key not in form.names:
             raise InputError(f"form {text!r}: {item!r}, must be NUMBER=VALUE of {', '.join(form.names)}")
+        if value == "free":
+            held.pop(key, None)
+            continue
         try:
             held[key] = real(f"form {text!r}: {key}", float(value))
         except ValueError:
-            raise InputError(f"form {text!r}: {key} is {value!r}, must be a number") from None
+            raise InputError(f"form {text!r}: {key} is {value!r}, must be a number or free") from None
     return name, form, held

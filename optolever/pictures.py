@@ -297,6 +297,8 @@ def _require_whole_png(path: Path, data: bytes) -> None:
             raise InputError(
                 f"{path}: damaged PNG (checksum of chunk {kind.decode('latin-1')!r} at byte {at})"
             )
+        if (kind == b"IHDR") != (at == len(_PNG_SIGNATURE)):
+            raise InputError(f"{path}: damaged PNG (chunk {kind.decode('latin-1')!r} at byte {at})")
         if kind == b"IEND":
             return
         at = end

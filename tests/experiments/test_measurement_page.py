@@ -69,7 +69,8 @@ def mirror(tmp_path_factory: pytest.TempPathFactory) -> Page:
         solve = ("--anchor", "75,55,0", "--out", folder / f"{name}.npz")
         optolever("reconstruct", folder / f"c-{name}.npz", *scene, *solve)
     given = ("--correspondence", folder / "c-one.npz", "--capture", folder / "one")
-    also = ("--scene", "monitor-mirror", "--less", folder / "two.npz", "--out", folder / "page")
+    also = ("--scene", "monitor-mirror", "--less", folder / "two.npz", "--waves", "632.8")
+    also = (*also, "--out", folder / "page")
     optolever("report", folder / "one.npz", *given, *also)
     return Page(folder / "page", folder)
 
@@ -242,6 +243,14 @@ def test_a_page_prints_whole_and_light(mirror: Page, demo_page: Page, tmp_path: 
             browser.call("Emulation.setEmulatedMedia", media="print")
             assert browser.value(CUT) == []
             assert not browser.messages
+
+
+def test_a_wavefront_on_the_page_is_twice_the_deviation(mirror: Page) -> None:
+    figures = mirror.figures()
+    for name in ("rms", "pv"):
+        waves, deviation = figures[f"wavefront {name}"], figures[f"deviation {name}"]
+        assert np.array(waves[:2]) * 632.8e-6 == pytest.approx(2 * np.array(deviation[:2]))
+        assert waves[2] == "waves"
 
 
 def test_words_contrast_with_their_ground() -> None:

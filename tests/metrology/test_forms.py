@@ -1,7 +1,9 @@
 """Forms, Zernike terms and their sigmas, against closed forms and against noise that is drawn."""
 
+import json
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from optolever import InputError
+from optolever.cli import run
 from optolever.metrology import fit_form, fit_zernike, form_names, zernike
 from optolever.reconstruct import Diagnostics, HeightMap, SlopeMap, integrate
 
@@ -40,6 +43,31 @@ def tilted_cylinder() -> Floats:
     return 0.01 * s - (4000 - np.sqrt(4000**2 - t**2))
 
 
+def aspheric(radius: float, constant: float, a4: float, a6: float) -> Floats:
+    r2 = (X - X0) ** 2 + (Y - Y0) ** 2
+    return conic(radius, constant) + a4 * r2**2 + a6 * r2**3
+
+
+def segment(radius: float, constant: float, distance: float, azimuth: float) -> Floats:
+    """Heights on a segment of a conic: points of the parent by its explicit sag, turned into the frame of the
+    normal, and found at (X, Y) by Newton steps along the parent's own coordinates."""
+    a, c = np.radians(azimuth), 1 / radius
+    x, y = X - MIDDLE[0], Y - MIDDLE[1]
+    u, v = np.cos(a) * x + np.sin(a) * y, np.cos(a) * y - np.sin(a) * x
+
+    def sag(out: Any, across: Any) -> Any:
+        r2 = out**2 + across**2
+        return c * r2 / (1 + np.sqrt(1 - (1 + constant) * c * c * r2))
+
+    lean = np.arctan((sag(distance + 1e-4, 0.0) - sag(distance - 1e-4, 0.0)) / 2e-4)
+    out = distance + u * np.cos(lean)
+    for _ in range(60):  # the point whose foot on the tangent plane is (u, v)
+        up = sag(out, v) - sag(distance, 0.0)
+        out = distance + (u - up * np.sin(lean)) / np.cos(lean)
+    up = sag(out, v) - sag(distance, 0.0)
+    return np.asarray(up * np.cos(lean) - (out - distance) * np.sin(lean))
+
+
 EXACT = {
     "sphere": (
         0.3 + 4000 - np.sqrt(4000**2 - (X - X0) ** 2 - (Y - Y0) ** 2),
@@ -50,6 +78,17 @@ EXACT = {
     "conic:conic=-0.7": (conic(300, -0.7), {"radius": 300}),
     "sphere:radius=4000": (4000 - np.sqrt(4000**2 - (X - X0) ** 2 - (Y - Y0) ** 2), {"vertex_z": 0}),
     "tilt": (0.2 + 0.03 * X - 0.05 * Y, {"tilt_x": 0.03, "tilt_y": -0.05}),
+    "asphere": (aspheric(300, 0, 2e-8, -3e-13), {"radius": 300, "a4": 2e-8, "a6": -3e-13}),
+    "asphere:conic=-0.7,a4=2e-8,a6=0": (aspheric(300, -0.7, 2e-8, 0), {"radius": 300}),
+    "asphere:conic=free,a4=2e-8,a6=-3e-13": (
+        aspheric(300, -0.7, 2e-8, -3e-13),
+        {"radius": 300, "conic": -0.7},
+    ),
+    "off-axis": (segment(600, -1, 200, 30), {"radius": 600, "distance": 200, "azimuth_deg": 30}),
+    "off-axis:distance=200,conic=free": (
+        0.1 + 1e-3 * (X - MIDDLE[0]) + segment(-600, -1.4, 200, -20),
+        {"radius": -600, "conic": -1.4, "azimuth_deg": -20, "tilt_x": 1e-3, "piston": 0.1},
+    ),
     "cylinder": (tilted_cylinder(), {"axis_deg": 25, "slope": 0.01, "radius": -4000}),
 }
 
@@ -94,10 +133,17 @@ def test_slopes_of_a_slope_map_are_used_less_those_of_the_form() -> None:
     assert fit_form(map_, "sphere", slopes).slope_rms == pytest.approx((3e-5, 4e-5), rel=1e-4)
 
 
-@pytest.mark.parametrize("form", ["sphere", "paraboloid", "power", "cylinder"])
+NOISY: dict[str, Any] = {
+    "sphere": conic(4000, 0), "paraboloid": conic(4000, 0), "power": conic(4000, 0),
+    "cylinder": tilted_cylinder(), "conic": conic(300, -0.7), "asphere": aspheric(300, 0, 2e-8, -3e-13),
+    "off-axis": segment(600, -1, 200, 30), "off-axis:distance=200,conic=free": segment(600, -1, 200, 30),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("form", NOISY)
 def test_sigmas_are_what_slope_noise_does(form: str) -> None:
     """40 draws of white slope noise, integrated by least squares; what hangs on the anchor has none."""
-    s, z = 1e-5, tilted_cylinder() if form == "cylinder" else conic(4000, 0)
+    s, z = 1e-5, NOISY[form]
     usual = Diagnostics("drawn", slope_sigma=(s, s))
     values, noise = [], np.zeros(0)
     for seed in range(40):
@@ -123,6 +169,16 @@ def test_the_rigs_errors_are_in_sigma() -> None:
     rig = fit.numbers.rig[fit.numbers.names.index("radius")]
     assert rig == pytest.approx(4000**2 * 2e-9, rel=1e-3)
     assert np.isnan(fit.numbers.noise).all()  # a file that does not say how noisy its slopes are
+
+
+def test_a_wavefront_is_twice_its_surface(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    height_map(1e-4 * np.sin(X / 7.0)).save(tmp_path / "h.npz")
+    args = ["form", str(tmp_path / "h.npz"), "--remove", "tilt", "--waves", "632.8"]
+    assert run([*args, "--json", str(tmp_path / "n.json")]) == 0
+    found = json.loads((tmp_path / "n.json").read_text())
+    for name in ("rms", "pv", "pvr"):
+        assert found["waves"][name] * 632.8e-6 == pytest.approx(2 * found[f"{name}_mm"])
+    assert f"{found['waves']['rms']:.4f} waves rms" in capsys.readouterr().out
 
 
 #: Z_n^m as tables print them: R. J. Noll, J. Opt. Soc. Am. 66 (1976), table I.
