@@ -29,8 +29,9 @@ _SAME = 5.0  # sigma: two captures whose difference is smaller everywhere are on
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Observation:
-    """name: prefix of the names of its unknowns; target: the captured mirror, ball or plate; mask (H, W):
-    pixels to use; None: all, or for a ball the contact, detected by comparison with the frame's capture."""
+    """A capture of a target. name: prefix of the names of its unknowns; target: the captured mirror, ball or
+    plate; mask (H, W): pixels to use; None: all, or for a ball the contact, detected by comparison with the
+    frame's capture."""
 
     name: str
     target: Target

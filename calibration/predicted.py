@@ -29,8 +29,8 @@ def sigma_at_rest(scene: Scene) -> HeightMap:
 
 
 def predicted_maps(scene: Scene) -> tuple[Scene, HeightMap, HeightMap]:
-    """The scene on fewer pixels, a dent in the middle of the mirror as it would measure it, anchored next to
-    it, and the mirror at rest."""
+    """The scene on fewer pixels, and two maps as it would measure them: a dent in the middle of the mirror,
+    anchored beside it, and the mirror at rest."""
     small = _coarse(scene)
     length = small.mirror.length
     pressed = dent("gaussian", small, peak=PREDICTED_DEPTH * length, sigma=_WIDTH * length)
@@ -38,7 +38,7 @@ def predicted_maps(scene: Scene) -> tuple[Scene, HeightMap, HeightMap]:
 
 
 def predicted_budget(scene: Scene) -> dict[str, dict[str, float]]:
-    """Uncertainty of that dent by its sources, see `budget`."""
+    """Uncertainty of a dent in the middle of the mirror by source, see `reconstruct.budget`."""
     return budget(*predicted_maps(scene)[1:])
 
 

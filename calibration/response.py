@@ -99,7 +99,8 @@ class RigResponse:
 
     @property
     def gamma(self) -> tuple[float, float]:
-        """Exponent of the power law fitted to g, and its rms residual as a share of white."""
+        """Exponent of the power law fitted to the light of the levels, and its rms residual as a share of
+        white."""
         level, light = np.arange(1, 256) / 255, self.response.light()[1:]
         found = scipy.optimize.least_squares(lambda gamma: level**gamma - light, 1.0)
         return float(found.x[0]), float(np.sqrt(np.mean(found.fun**2)))

@@ -28,7 +28,8 @@ def store_rest(rig: str | Path, seen: Correspondence) -> Path:
 
 
 def load_rest(rig: str | Path) -> Correspondence | None:
-    """What a rig's TOML names; None without it. InputError names the wrong file."""
+    """The correspondence of the mirror at rest that a rig's TOML names; None without one. InputError names
+    the wrong file."""
     file = Path(rig)
     if not file.is_file():  # a preset's name
         return None

@@ -19,7 +19,8 @@ _COARSE = 64  # rows and columns that are compared
 
 
 def aim_fault(seen: float, by_numbers: float) -> str:
-    """Shares of the picture that see the display: measured, and by the typed numbers; empty: they agree."""
+    """A sentence where the share of the picture that sees the display contradicts the typed numbers; empty
+    where they agree."""
     if by_numbers / _SHARE - 0.05 <= seen <= by_numbers * _SHARE + 0.05:
         return ""
     more = "more" if seen > by_numbers else "less"

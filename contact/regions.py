@@ -50,8 +50,9 @@ class Region:
 
 
 def regions(surface: Surface, columns: int = COLUMNS) -> tuple[Region, ...]:
-    """Of a map, the deepest first, 16 at most: six standard deviations above the surface at rest and over the
-    saddle to a deeper one, and .02 of the deepest. columns: of the grid in which peaks are looked for."""
+    """Dents of a map, the deepest first, 16 at most: peaks of six standard deviations above the surface at
+    rest and above the saddle to a deeper peak, and of .02 of the deepest. columns: of the grid in which peaks
+    are looked for."""
     z, known, holes = filled(surface.z, surface.good)
     sigma = np.where(known & np.isfinite(surface.sigma), surface.sigma, 0)
     rise = SIGNIFICANT * np.hypot(sigma, surface.unsettled)

@@ -58,8 +58,9 @@ class _Cells(NamedTuple):
 
 
 def sag(surface: Surface, layer: Layer | None) -> Sag | None:
-    """Of a surface outside its regions, which are found again in the corrected map; layer: None is a
-    half-space; None: too few cells outside the contacts."""
+    """Fit sinking, motion and far fields to a surface outside its regions, which are found again in the
+    corrected map. layer: elastic, None is a half-space. Returns None if too few cells lie outside the
+    contacts."""
     cells, noise = _cells(surface)
     thin = surface.thinned(max(1, surface.z.shape[1] // COLUMNS))
 
@@ -146,8 +147,8 @@ def _likely(cells: _Cells, found: Sag, regions: Sequence[Region]) -> Sag:
 
 
 def far_field(layer: Layer | None, circles: Sequence[Circle], x: Floats, y: Floats) -> Floats:
-    """What contacts do to heights (4 n, ...) at places outside: for each the field of a force, of its two
-    first moments and of its second; in any unit."""
+    """Heights (4 n, ...) that n contacts cause at places outside them, in any unit: for each contact the
+    fields of a force, of its two first moments and of its second moment."""
     columns = []
     for cx, cy, radius in circles:
         dx, dy = (x - cx) / radius, (y - cy) / radius

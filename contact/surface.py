@@ -17,10 +17,11 @@ __all__ = ["Sag", "Surface", "filled"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sag:
-    """c: amplitude of the free mode, sigma: its standard deviation; misfit: rms residual over the median
-    noise, beyond: over noise and the rig's errors; motion (k,): of the motion's modes; root (1 + k, 1 + k):
-    of the covariance of motion and c; rig (1 + k, m): motion and c that the fit finds in each of the other
-    modes, which are mixed by kept (m, m)."""
+    """Fit of the mirror's sinking and of the rig's motion to the heights outside the contacts. c: amplitude
+    of the free mode, sigma: its standard deviation; misfit: rms residual over the median noise, beyond: over
+    noise and the rig's errors; motion (k,): of the motion's modes; root (1 + k, 1 + k): of the covariance of
+    motion and c; rig (1 + k, m): motion and c that the fit finds in each of the other modes, which are mixed
+    by kept (m, m)."""
 
     c: float
     sigma: float
@@ -77,7 +78,8 @@ class Surface:
         return Surface(x, y, z, sigma, self.good[few], free, modes=motion, motions=len(motion))
 
     def less(self, sag: Sag) -> Surface:
-        """Less its sag and motion, whose standard deviations take the place of the motion's modes."""
+        """The surface without the fitted sag and motion; their standard deviations replace the motion's
+        modes."""
         few = slice(None, None, self.step), slice(None, None, self.step)
         own = np.zeros((0, *self.z[few].shape)) if self.modes is None else np.asarray(self.modes, np.float64)
         rig, motion = own[: len(own) - self.motions], own[len(own) - self.motions :]

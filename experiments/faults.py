@@ -22,8 +22,9 @@ Levels = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True)
 class Faults:
-    """lag: share of the preceding frame in each frame; gamma: of the display, in place of the scene's;
-    flicker: relative amplitude of the light at 100 Hz; blur: rms, cells. None: the scene's value."""
+    """Faults of display and light. lag: share of the preceding frame in each frame; gamma: of the display, in
+    place of the scene's; flicker: relative amplitude of the light at 100 Hz; blur: rms, cells. None: the
+    scene's value."""
 
     lag: float = 0.0
     gamma: float | None = None

@@ -58,7 +58,7 @@ class RigStudy:
 
 
 def write_rig_report(study: RigStudy, path: str | Path) -> None:
-    """Write the page."""
+    """Write the page of a calibration."""
     scene, rest = study.scene, sigma_at_rest(study.scene)
     heads, rows = judged_table(study.judged)
     drawing, bar = rig_drawing({"before": study.given, "after": scene})

@@ -33,7 +33,8 @@ _TURNS = 10  # the pose settles: the normal turns by the offset over the distanc
 
 @dataclass(frozen=True, eq=False)
 class SofastRig:
-    """scene: camera, facet and screen; a flat screen's cells are 1 mm, u along its x, v along its y.
+    """A rig of SOFAST as a scene. scene: camera, facet and screen; a flat screen's cells are 1 mm, u along
+    its x, v along its y.
 
     mask (H, W): camera pixels that see the facet. fractions (n, 2), cells (n, 2): places on the pattern of
     fractions (x, y) of the displayed image; linear between them. datum: the origin of SOFAST's optic
@@ -73,7 +74,7 @@ def load_sofast_rig(path: str | Path | Sequence[str | Path], facet: str = "facet
 def on_rig(correspondence: Correspondence, rig: SofastRig) -> Correspondence:
     """The correspondence in cells of the rig's pattern (1 mm) instead of the screen's nominal pixels.
 
-    What does not see the facet, or the screen where nobody measured it, is flagged INVALID.
+    Pixels that do not see the facet, or that see an unmeasured part of the screen, are INVALID.
     """
     shape = correspondence.u.shape
     if shape != rig.mask.shape:

@@ -79,7 +79,7 @@ class ContactTable(_Outlet):
         self._file.flush()
 
     def close(self) -> None:
-        """All rows are in the file without."""
+        """Close the file; all rows are in it already."""
         self._file.close()
 
 

@@ -25,8 +25,8 @@ class Noise:
 
     sigma (R, C): of z less the picture's motion, mm; curl_fine, curl_coarse: of the circulation around blocks
     of 8 and 32 cells, mm; draws (K, R, C): such heights of single frames; their scatter in any figure is the
-    figure's sigma; displacement (2,): variance of a cell's, and the variance of independent cells of which a
-    fit of all cells would scatter as much, turns^2."""
+    figure's sigma; displacement (2,), turns^2: variance of a cell's displacement, and the variance with which
+    independent cells would make a fit of all cells scatter as much as it does."""
 
     sigma: Cells
     curl_fine: Cells
@@ -37,10 +37,10 @@ class Noise:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Prepared:
-    """rows, cols: of the camera's frames; incomplete cells at their end are unused; points (3, R, C): of the
-    mirror at rest, mm; area: of a cell on the mirror, mm^2; edge: standard deviation of the height at which
-    the mirror's edge stays, mm; error: of heights by the rig's numbers, relative (None: of a file without
-    it); layer: elastic, or None; notices: of the preparation."""
+    """A rig at rest, as `Live` needs it. rows, cols: of the camera's frames; incomplete cells at their end
+    are unused; points (3, R, C): of the mirror at rest, mm; area: of a cell on the mirror, mm^2; edge:
+    standard deviation of the height at which the mirror's edge stays, mm; error: of heights by the rig's
+    numbers, relative (None: of a file without it); layer: elastic, or None; notices: of the preparation."""
 
     rig: Rig
     noise: Noise

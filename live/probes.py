@@ -27,8 +27,8 @@ _KEPT = 1 << 14  # frames
 
 @dataclass(frozen=True, slots=True)
 class Probed:
-    """One cell in one frame: x, y, z, mm; z is raw, of a picture that counts as still, steady less the
-    picture's shift and roll, None where the height is not measured or trusted; sigma: of the noise from frame
+    """One cell in one frame: x, y, z, mm; z: from the picture as it is; steady: less the effect of the
+    picture's shift and roll; None where the height is not measured or trusted; sigma: of the noise from frame
     to frame."""
 
     x: float
@@ -59,7 +59,8 @@ class Probe:
     def spectrum(
         self, exposure_s: float, seconds: float = math.inf, trace: str = "raw", first: "Probe | None" = None
     ) -> Spectrum | None:
-        """Of the last `seconds` of one of TRACES; first: the probe of a difference. None: too few frames."""
+        """Amplitude spectrum of the last `seconds` of a trace, one of TRACES; first: the probe that is
+        subtracted in a difference. None of too few frames."""
         if not self._frames or (trace == "difference" and first in (None, self)):
             return None
         times, raw, steady, numbers = np.array(self._frames).T
@@ -100,8 +101,8 @@ class Probes:
         return tuple(probe.read(reading, number) for probe in self.each)
 
     def spectra(self, seconds: float = math.inf, trace: str = "raw") -> list[Spectrum | None]:
-        """Of one of TRACES of all of them, of the last `seconds`; of a difference the first has none.
-        InputError of another trace."""
+        """Amplitude spectra of a trace, one of TRACES, of all probes over the last `seconds`; of a difference
+        the first probe has none. InputError of another trace."""
         if trace not in TRACES:
             raise InputError(f"trace: {trace!r}, must be one of {', '.join(TRACES)}")
         return [probe.spectrum(self.exposure_s, seconds, trace, self.each[0]) for probe in self.each]

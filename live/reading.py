@@ -58,14 +58,13 @@ class Figures:
 class Reading(Comparable):
     """One frame. z (R, C): height less rest, mm, its mean over the exposure, less what a camera that moved
     and a load at the mirror's edge do to it; sigma (R, C): its standard deviation, infinite where it is not
-    measured; total_sigma (R, C): with the errors of the rig's numbers, and if the mirror itself may
-    have sunk or tilted as a whole; noise (R, C): the
-    part of sigma that is not common to the map; moved (R, C): what z has less of the picture's motion and
-    more of the load's sinking; good (R, C): where it is measured; x, y (R, C): of the mirror point, mm.
-    trusted: the heights may be used; reason: why not, else empty; notices: unusual properties of
-    the frame; time: of the frame, s; tareable: it shows the mirror at rest, maybe of a rig that has moved;
-    touches: contacts, the deepest first, none where it is not trusted; forces: of these, where the scene
-    names an elastic layer."""
+    measured; total_sigma (R, C): with the errors of the rig's numbers, and of a sinking or tilt of the whole
+    mirror; noise (R, C): the part of sigma that is not common to the map; moved (R, C): the correction that z
+    holds: less the effect of the picture's motion, plus the sinking by loads at the edge; good (R, C): where
+    it is measured; x, y (R, C): of the mirror point, mm. trusted: the heights may be used; reason: why not,
+    else empty; notices: unusual properties of the frame; time: of the frame, s; tareable: it shows the mirror
+    at rest, maybe of a rig that has moved; touches: contacts, the deepest first, none where it is not
+    trusted; forces: of these, where the scene names an elastic layer."""
 
     z: Cells
     sigma: Cells

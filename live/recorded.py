@@ -39,7 +39,8 @@ class ReadingRecorder(Recorder):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Replayed:
-    """A reading anew; identical: bit by bit to the recorded one, heights and sigmas included."""
+    """A reading that was computed again; identical: whether it equals the recorded one bit by bit, with
+    heights and sigmas."""
 
     followed: Followed
     identical: bool

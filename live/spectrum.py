@@ -36,8 +36,8 @@ _Complex = NDArray[np.complex64]
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """A vibration: hz, amplitude (mm), each with sigma; folds: frequencies, Hz, that the rate of the
-    frames does not tell from hz, below one and a half times that rate."""
+    """A vibration: hz, amplitude (mm), each with sigma; folds: frequencies, Hz, below one and a half times
+    the frame rate, whose samples are those of hz (aliases)."""
 
     hz: float
     hz_sigma: float
@@ -124,9 +124,9 @@ class Spectrum:
 def spectrum_of(
     times: ArrayLike, heights: ArrayLike, exposure_s: float = 0.0, numbers: ArrayLike | None = None
 ) -> Spectrum | None:
-    """times (n,), s, rising; heights (n,), mm, NaN: none; exposure_s: of a frame; numbers (n,): of the
-    camera's counter, by which a steady camera's times are the line through `times`. None of too few
-    frames."""
+    """Amplitude spectrum of heights over time. times (n,), s, rising; heights (n,), mm, NaN: none;
+    exposure_s: of a frame; numbers (n,): of the camera's counter, by which a steady camera's times are the
+    line through `times`. None of too few frames."""
     t, z = np.asarray(times, np.float64), np.asarray(heights, np.float64)
     if numbers is not None and t.size >= _FEWEST:
         t = _by_counter(t, np.asarray(numbers, np.float64))

@@ -50,8 +50,8 @@ class _Fitted:
 
 
 class Live:
-    """Readings of frames in order of time. Each is fitted from rest; identities of contacts go by the frame
-    before."""
+    """Readings of frames in order of time. Each is fitted from rest; a contact keeps the identity of the
+    nearest one in the frame before."""
 
     def __init__(self, prepared: Prepared) -> None:
         self.restart(prepared)

@@ -26,8 +26,8 @@ class Touch(Contact):
 
 @dataclass(frozen=True, slots=True)
 class Force:
-    """On one contact: newton, sigma: by the height's errors and the modulus; peak: largest pressure,
-    N/mm^2."""
+    """Force on one contact: newton (N), with its sigma by the height's errors and the modulus; peak: largest
+    pressure, N/mm^2."""
 
     identity: int
     newton: float

@@ -31,8 +31,8 @@ class Weight:
 
 @dataclass(frozen=True, slots=True)
 class Weighed:
-    """layer: with the modulus and its sigma; moduli, sigmas: of each map, N/mm^2; chi: rms deviation of the
-    moduli from their mean in sigma, NaN of one map."""
+    """The elastic modulus by known weights. layer: with the modulus and its sigma; moduli, sigmas: of each
+    map, N/mm^2; chi: rms deviation of the moduli from their mean in sigma, NaN of one map."""
 
     layer: Layer
     moduli: tuple[float, ...]
@@ -41,9 +41,10 @@ class Weighed:
 
 
 def weighed(layer: Layer, weights: Sequence[Weight]) -> Weighed:
-    """The layer with the modulus that the weights tell, their mean by inverse variance. Errors of the heights
-    count as common to all maps, those of the weights as independent; weights that contradict each other
-    widen sigma. InputError of a map without a contact, or a weight that is not above 0."""
+    """The layer with the modulus that known weights measure: the mean over the maps, weighted by inverse
+    variance. Errors of the heights count as common to all maps, those of the weights as independent; weights
+    that contradict each other widen sigma. InputError of a map without a contact, or a weight that is not
+    above 0."""
     unit = replace(layer, youngs_modulus_mpa=1.0, youngs_modulus_sigma_mpa=0.0)
     moduli, by_height, by_weight = (np.zeros(len(weights)) for _ in range(3))
     for k, weight in enumerate(weights):

@@ -61,9 +61,9 @@ class Numbers:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FormFit:
-    """form: its name; numbers: fitted parameters; held: fixed parameters; x, y (H, W): mm; residual (H, W):
-    heights less the form, mm, NaN where not good; slope_x, slope_y (H, W): slopes of the residual, mm per mm;
-    middle: origin x = y = 0 of the form, mm in the mirror's frame.
+    """A form fitted to a map. form: its name; numbers: fitted parameters; held: fixed parameters; x, y (H,
+    W): mm; residual (H, W): heights less the form, mm, NaN where not good; slope_x, slope_y (H, W): slopes of
+    the residual, mm per mm; middle: origin x = y = 0 of the form, mm in the mirror's frame.
 
     noise, rig (H, W): standard deviations of the residual by the slopes' noise (NaN: unknown) and by the
     errors of the rig, mm, each less its part in the form; rms_sigma: of rms, by both, mm; step_variance: mean
@@ -110,7 +110,7 @@ class FormFit:
 
     @property
     def pv_sigma(self) -> float:
-        """Of the highest and the lowest pixel."""
+        """Standard deviation of pv, mm: of the highest and the lowest pixel."""
         ends = [part.ravel() for part in (self.residual, self.sigma)]
         return float(np.hypot(ends[1][np.nanargmax(ends[0])], ends[1][np.nanargmin(ends[0])]))
 

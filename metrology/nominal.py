@@ -68,8 +68,8 @@ def fit_nominal(
     aperture: NDArray[np.bool_] | None = None,
 ) -> FormFit:
     """The rigid best fit of a map to a nominal surface: translation (mm) and rotation (degrees) of the map
-    about its middle, relative to coinciding middles; residual along the nominal's z. No
-    sigmas of these. aperture (H, W): pixels to use.
+    about its middle, relative to coinciding middles; residual along the nominal's z. These have no sigma.
+    aperture (H, W): pixels to use.
 
     InputError if less than half of the map lies on the nominal surface.
     """

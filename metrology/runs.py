@@ -39,7 +39,7 @@ class RunComparison:
 
     @staticmethod
     def rms(z: Floats) -> float:
-        """About the mean."""
+        """Rms of a map about its mean, mm."""
         return float(np.nanstd(z))
 
 

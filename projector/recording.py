@@ -120,7 +120,7 @@ class Recorder:
         self._lines += 1
 
     def close(self) -> None:
-        """All that has a line is readable without."""
+        """Close the files; a recording that was not closed is readable up to its last line."""
         self._log.close()
         with suppress(OSError):  # of a full disk, again
             self._file.close()
@@ -164,7 +164,7 @@ class BackgroundRecorder:
             self.dropped += 1
 
     def close(self) -> None:
-        """Write the queue."""
+        """Write all images that wait, and close."""
         self._queue.put(None)
         self._thread.join()
 

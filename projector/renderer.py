@@ -110,7 +110,7 @@ class PatternRenderer:
         return image
 
     def finish(self) -> None:
-        """Wait until everything that was drawn is there."""
+        """Wait until the GPU has drawn everything."""
         self._ctx.finish()
 
     def release(self) -> None:

@@ -21,8 +21,8 @@ def contacts(
     """Contacts, the deepest first: cells deeper than half of a peak that rises above the surface at rest by
     six standard deviations; slopes: of the same map; layer: elastic, for the forces.
 
-    Of a map that is not less rest, errors of the rig that most of it shows are taken off before. Only pixels
-    without a flag, or with STEEP alone, are used.
+    In a map without a rest capture, errors of the rig that show in most of the map are removed first. Only
+    pixels without a flag, or with STEEP alone, are used.
     """
     usable = (height.flags & ~np.uint16(HeightFlag.STEEP)) == 0
     usable &= np.isfinite(height.z) & np.isfinite(height.sigma)

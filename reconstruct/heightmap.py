@@ -37,14 +37,13 @@ class HeightFlag(IntFlag):
     """Reasons not to trust a height, in addition to the decoder's (bits below 1024); 0 = good.
 
     NO_ANCHOR: nothing ties the pixel to a known height; CURL: its slopes are those of no surface; STEEP: it
-    is reached only across slopes that change too fast between pixels (a cusp, a rim), what that may cost
-    exceeds three sigma of the pixels around and is in its sigma (not so where pixels are missing along the
-    same line: a step of any height may hide there, and the piece behind it is flagged); NOT_CONVERGED: the
-    last steps still moved it, or so many others that nothing can be said of any; SINGULAR: the pattern lies
-    within its noise of the mirror or of the ray there, so that there is no normal, or so near that the
-    solution does not converge there (a scene that is slightly wrong), or its total sigma is a hundred
-    times that of its neighbours; IMPLAUSIBLE: no rig of the scene's accuracy can have
-    taken the capture (on all pixels).
+    is reached only across slopes that change too fast between pixels (a cusp, a rim), by which its height may
+    be wrong by more than three sigma of the pixels around (in its sigma; not so where pixels are missing
+    along the same line, since a gap may hide a step of any height); NOT_CONVERGED: the last steps still moved
+    it, or too many others; SINGULAR: the pattern lies within its noise of the mirror or of the ray there, so
+    that there is no normal, or so near that the solution does not converge there (a scene that is slightly
+    wrong), or its total sigma is a hundred times that of its neighbours; IMPLAUSIBLE: no rig of the scene's
+    accuracy can have taken the capture (on all pixels).
     """
 
     NO_ANCHOR = 1024

@@ -68,7 +68,8 @@ class Covariance(Record):
 
     @property
     def root(self) -> Float:
-        """L (r, p), r <= p: matrix = L^T L, rows by falling share, without those of rounding size."""
+        """L (r, p), r <= p: matrix = L^T L, rows in falling order of their size, without those at the level
+        of rounding."""
         scale = np.sqrt(np.diag(self.matrix))
         shares, vectors = np.linalg.eigh(self.matrix / np.outer(scale, scale))
         some = shares > 1e-14 * shares.max()

@@ -46,8 +46,8 @@ def movement(before: Float, centre: Float, behind: Float) -> Float:
 
 
 def mean_beside(coordinate: tuple[Float, Float, Float], light: tuple[Float, Float, Float]) -> Float:
-    """Mean of a coordinate over a pixel's light less its centre's, by both at one end, the centre, the other
-    end (Simpson's rule); 0 where one end sees nothing (NaN)."""
+    """Mean of a coordinate over a pixel's light less its value at the centre, by its values and the light at
+    one end, the centre and the other end (Simpson's rule); 0 where one end sees nothing (NaN)."""
     (before, centre, behind), (first, middle, last) = coordinate, light
     with np.errstate(divide="ignore", invalid="ignore"):
         moment = first * (before - centre) + last * (behind - centre)

@@ -14,8 +14,9 @@ OnImage = Callable[[Image, float], None]
 
 @dataclass(frozen=True, slots=True)
 class Arrivals:
-    """triggered: the camera waits for `trigger`; on_image: called with every image and its time; display: one
-    that the camera needs."""
+    """The images of a camera one by one, with their times. triggered: the camera waits for `trigger`;
+    on_image: called with every image and its time; display: shows the patterns, for a camera that takes its
+    images from it (a recording)."""
 
     camera: Camera
     time: Time
@@ -25,7 +26,7 @@ class Arrivals:
     display: Display | None = None
 
     def next(self, timeout_s: float) -> Image | None:
-        """The next image, as of a camera that waits for nothing."""
+        """The next image; a camera that waits for `trigger` is triggered first."""
         return next((image for image, _ in self.until(self.time.now() + timeout_s)), None)
 
     def stamped(self, until: float) -> tuple[Image, Stamp] | None:

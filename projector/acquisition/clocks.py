@@ -52,13 +52,13 @@ class ClockMap:
         return max(self._waits) - median(self._waits) if self._waits and not self._count else 0.0
 
     def ask(self, time_s: float) -> None:
-        """That an image is waited for from now on, if none was waited for."""
+        """Note the start of a wait for an image, unless one is under way."""
         self._asked = time_s if self._asked is None else self._asked
 
     def stamp(self, image: Image) -> Stamp:
-        """Take an image into account, and its time. Stamps that do not rise, or that lie more than 1 s after
-        or 2 s before their arrival, are not trusted: arrival counts instead, `distrusted` counts them. Two
-        in a row that agree are a clock that was set: the map begins anew.
+        """Add an image to the map; returns its time. Stamps that do not rise, or that lie more than 1 s after
+        or 2 s before their arrival, are not trusted: arrival counts instead, `distrusted` counts them. Two in
+        a row that agree are a clock that was set: the map begins anew.
         """
         device, arrived = image.device_s, image.arrived_s
         if self._asked is not None:

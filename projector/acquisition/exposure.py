@@ -23,9 +23,9 @@ _LIT = 0.03  # of the swing of the brightest pixels: threshold of the mask
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Contrast:
-    """saturated: share of the pixels at the top level; bright: level below which all others stay, of full
-    scale; swing: white less black (median of the mask), of full scale; mask (H, W): pixels that see the
-    pattern.
+    """Levels of a white and a black display. saturated: share of the pixels at the top level; bright: level
+    below which all others stay, of full scale; swing: white less black (median of the mask), of full scale;
+    mask (H, W): pixels that see the pattern.
     """
 
     saturated: float

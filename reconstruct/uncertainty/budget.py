@@ -22,7 +22,7 @@ _PART = 0.01  # of the noise's variance: smaller sources count with the others
 
 
 def budget(height: HeightMap, less: HeightMap | None = None) -> dict[str, dict[str, float]]:
-    """Reading -> source -> standard deviation in mm, noise first and TOTAL, the root sum square, behind.
+    """Standard deviations in mm, by reading and source: noise first, TOTAL (their root sum square) last.
 
     Readings: the height at the deepest good point; the depth of the dent there against the mean of what is a
     tenth as deep or less; with `less`, a map of the same rig, the deepest point of the difference.

@@ -16,8 +16,8 @@ _ACCURACY = Accuracy(relative=1e-12)
 
 
 def null_space(scene: Scene) -> Floats:
-    """Mode of the mirror at rest that no slope changes with, (H, W): change of z on the camera's pixels, of
-    largest value 1.
+    """The change of the mirror's height that leaves every measured slope as it is, (H, W): change of z on the
+    camera's pixels, of largest value 1.
 
     Slopes determine the height up to a multiple of it (45-degree prism: in proportion to x, a rotation about
     the edge shared with the pattern). One known height fixes the multiple; an anchor's error scales with the
