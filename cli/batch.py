@@ -33,7 +33,7 @@ _GOOD = 0.5
 
 @dataclass(frozen=True)
 class Row:
-    """A line of the table, by its columns; as text those that were read."""
+    """A line of the table, by its columns; as text the cells that were read."""
 
     values: Mapping[str, Any]
 
@@ -142,7 +142,7 @@ class Batch:
             raise InputError(f"--save-profile {kept}: {what} have no common profile; leave it out")
 
     def rows(self, run: Run, before: Mapping[str, Row]) -> Iterator[Row]:
-        """Of every capture, as it ends; those of `before` that are of the same digest are not run."""
+        """Of every capture, as it ends; a capture whose digest is in `before` is not run."""
         if "save_profile" not in self.given or self.given["profile"] is not None:
             yield from self._of(run, list(self.captures), before, None, {})
             return

@@ -10,7 +10,7 @@ from .show import table, write_json
 
 
 def print_names(kinds: Container[str], scene_name: str, json_path: Path | None) -> None:
-    """Print names of some kinds with parameters and defaults, dents as of a scene; write those of all.
+    """Print names of some kinds with parameters and defaults, dents as of a scene; write all of them.
 
     A parameter without a value must be given (path) or follows from the others.
     """

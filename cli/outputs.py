@@ -125,7 +125,7 @@ def _reads(source: Path, path: Path) -> bool:
 
 
 def files_named(value: Any) -> list[Path]:
-    """Files that an option's value names, and those that its TOML names, as of a rig; sorted."""
+    """Files that an option's value names, and files that its TOML names, as of a rig; sorted."""
     names = {name for each in (value if isinstance(value, tuple) else (value,)) for name in _texts(str(each))}
     files = {Path(name) for name in names if os.path.isfile(name)}
     for file in [file for file in files if file.suffix == ".toml"]:

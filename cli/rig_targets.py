@@ -52,8 +52,8 @@ def capture_targets(
     """Take every target of a plan (text, target), and calibrate.
 
     ask: waits for the hands before every capture, and gets a letter; None: doubtful ones are set aside.
-    say: gets every judgement. Captures stay in `folder` whatever ends the walk. resume: those of an earlier
-    walk are used again; else they are set aside first, with their date.
+    say: gets every judgement. Captures stay in `folder` whatever ends the walk. resume: use captures of
+    an earlier walk again; else they are set aside first, with their date.
     """
     devices, shown = ol.projector.devices_of(rig), sequence_of(rig, sequence)
     folder.mkdir(parents=True, exist_ok=True)

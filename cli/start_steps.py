@@ -344,7 +344,7 @@ def _typed(begun: Begun, front: Front, *names: str) -> dict[str, Any]:
 
 
 def require_devices(begun: Begun) -> str:
-    """STEP: REASON to go back to where camera, display or a size are not those of before; empty: they are."""
+    """STEP: REASON to go back to where camera, display or a size differ from before; empty: they do not."""
     if begun.simulated or "camera" not in begun.devices:
         return ""
     step, name, sizes = "camera", begun.devices.get("display", "window"), dict[str, str]()
@@ -363,7 +363,7 @@ def require_devices(begun: Begun) -> str:
     return ""
 
 
-#: Name -> title, and what it does.
+#: Name -> title, and its action in words.
 STEPS: dict[str, tuple[str, Callable[[Begun, Front], None]]] = {
     "kind": ("What do you build?", kind),
     "camera": ("Camera", camera),

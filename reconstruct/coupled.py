@@ -113,7 +113,7 @@ def reconstruct(
     height = with_references(height, problem, state, solution.noise, corrected, anchor, rest)
     if rest is not None:
         height = less_sag(height, problem, state, scene)
-    height = without_loose(height)
+    height = without_loose(height, scene.mirror)
     if rest is not None:
         height = replace(
             height, notices=(*height.notices, *against_rest(height, correspondence, corrected, scene))

@@ -42,8 +42,8 @@ class HeightFlag(IntFlag):
     along the same line, since a gap may hide a step of any height); NOT_CONVERGED: the last steps still moved
     it, or too many others; SINGULAR: the pattern lies within its noise of the mirror or of the ray there, so
     that there is no normal, or so near that the solution does not converge there (a scene that is slightly
-    wrong), or its total sigma is a hundred times that of its neighbours; IMPLAUSIBLE: no rig of the scene's
-    accuracy can have taken the capture (on all pixels).
+    wrong), or its total sigma is a hundred times that of its neighbours, or a quarter of the mirror's length;
+    IMPLAUSIBLE: no rig of the scene's accuracy can have taken the capture (on all pixels).
     """
 
     NO_ANCHOR = 1024

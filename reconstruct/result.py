@@ -36,6 +36,7 @@ _DEEP = 5.0  # sigmas of a mean depth; how much deeper than high a map is that w
 _APART = 5.0  # standard deviations, rms: rigs that are right stay below 1.2
 _SURE = 3.0  # standard deviations
 _WEDGE = 10.0  # times: of a prism within a tenth of its length
+_UNKNOWN = 0.25  # of the mirror's length: a height of such a sigma is none
 _LOOSE = 100.0  # times the sigma of the pixels around
 _STEEP = 3.0  # standard deviations, of slopes or of the heights around: where doubts exceed them
 
@@ -154,10 +155,14 @@ def refused(height: HeightMap, mistake: str | None) -> HeightMap:
     return replace(height, flags=flags, notices=(*height.notices, Notice(name, math.nan, math.nan, cure)))
 
 
-def without_loose(height: HeightMap) -> HeightMap:
-    """The height with pixels flagged SINGULAR whose total sigma is a hundred times the median of their
-    neighbours' or more."""
+def without_loose(height: HeightMap, mirror: Mirror) -> HeightMap:
+    """The height with pixels flagged SINGULAR whose total sigma exceeds a quarter of the mirror's length,
+    or is a hundred times the median of their neighbours' or more."""
     sigma = np.where(height.good, height.total_sigma, np.nan)
+    unknown = sigma > _UNKNOWN * mirror.length
+    if unknown.any():
+        flags = height.flags | np.where(unknown, np.uint16(HeightFlag.SINGULAR), np.uint16(0))
+        height, sigma = replace(height, flags=flags), np.where(unknown, np.nan, sigma)
     around = minimum_filter(np.where(np.isfinite(sigma), sigma, np.inf), 3)
     loose = sigma > _LOOSE * around
     if not loose.any():

@@ -15,8 +15,8 @@ OnImage = Callable[[Image, float], None]
 @dataclass(frozen=True, slots=True)
 class Arrivals:
     """The images of a camera one by one, with their times. triggered: the camera waits for `trigger`;
-    on_image: called with every image and its time; display: shows the patterns, for a camera that takes its
-    images from it (a recording)."""
+    on_image: called with every image and its time; display: its window must
+    stay open."""
 
     camera: Camera
     time: Time

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from optolever.reconstruct import HeightFlag, PixelAnchor, reconstruct
+from optolever.reconstruct import HeightFlag, PixelAnchor, PointAnchor, exact_correspondence, reconstruct
 from optolever.scene import dent_from_text, load, resize, trace
 
 
@@ -26,3 +26,14 @@ def test_a_pattern_that_touches_the_mirror_costs_its_pixels_alone(noisy, dent: s
     assert good.sum() > 0.95 * truth.visible.sum()
     error = np.abs(height.z - truth.z)[good]
     assert np.all(error < 5 * height.sigma[good] + 1e-9 * scene.mirror.length)
+
+
+def test_a_sigma_as_large_as_the_mirror_is_no_measurement() -> None:
+    """Of a mirror 60 mm long, by an anchor that is known to 1 or to 30 mm."""
+    scene = resize(load("prism48", exact=True), 24, 32)
+    seen = exact_correspondence(trace(scene, dent_from_text("flat", scene)))
+    for sigma, flagged in ((1.0, False), (30.0, True)):
+        height = reconstruct(seen, scene, anchor=PointAnchor(45, 22, 0, sigma=sigma))
+        farther = height.sigma > 15
+        assert farther.any() == flagged
+        assert np.array_equal((height.flags & HeightFlag.SINGULAR) > 0, farther)
