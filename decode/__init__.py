@@ -33,17 +33,8 @@ from .profile import RigProfile
 from .records import Correspondence, Flag, SharedNoise
 
 __all__ = [
-    "Correspondence",
-    "Decoder",
-    "Effect",
-    "Flag",
-    "Response",
-    "RigProfile",
-    "Settings",
-    "SharedNoise",
-    "decode",
-    "estimate_profile",
-    "mirror_coverage",
-]
+    "Correspondence", "Decoder", "Effect", "Flag", "Response", "RigProfile", "Settings", "SharedNoise",
+    "decode", "estimate_profile", "mirror_coverage",
+]  # fmt: skip
 
 check_face(__name__)

@@ -17,19 +17,9 @@ from optolever.patterns import Sequence
 from .records import Correspondence
 
 __all__ = [
-    "Levels",
-    "Light",
-    "RawFrames",
-    "RawLevel",
-    "Response",
-    "Settings",
-    "in_levels",
-    "level_of",
-    "levels_of",
-    "light_of",
-    "raw_at",
-    "sample_places",
-]
+    "Levels", "Light", "RawFrames", "RawLevel", "Response", "Settings", "in_levels", "level_of",
+    "levels_of", "light_of", "raw_at", "sample_places",
+]  # fmt: skip
 
 #: A camera's level as it comes, and an array of them.
 RawLevel = np.uint8 | np.uint16 | np.float32

@@ -19,18 +19,8 @@ from .named import sequence, sequence_from_text, sequence_names, sequence_parame
 from .sequence import Sequence
 
 __all__ = [
-    "BINARY_CODES",
-    "KINDS",
-    "Frame",
-    "Sequence",
-    "bits_for",
-    "code_words",
-    "frame_tables",
-    "lattice_lines",
-    "sequence",
-    "sequence_from_text",
-    "sequence_names",
-    "sequence_parameters",
-]
+    "BINARY_CODES", "KINDS", "Frame", "Sequence", "bits_for", "code_words", "frame_tables",
+    "lattice_lines", "sequence", "sequence_from_text", "sequence_names", "sequence_parameters",
+]  # fmt: skip
 
 check_face(__name__)

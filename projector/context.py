@@ -14,16 +14,7 @@ from typing import Any, TypeVar
 
 import moderngl
 
-__all__ = [
-    "ContextInfo",
-    "NoContextError",
-    "checked",
-    "collect",
-    "context",
-    "context_info",
-    "free",
-    "keep",
-]
+__all__ = ["ContextInfo", "NoContextError", "checked", "collect", "context", "context_info", "free", "keep"]
 
 T = TypeVar("T")
 

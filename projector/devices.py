@@ -10,17 +10,9 @@ from numpy.typing import NDArray
 from optolever.errors import InputError
 
 __all__ = [
-    "Accepted",
-    "Camera",
-    "CameraLost",
-    "Display",
-    "Identity",
-    "Image",
-    "RealTime",
-    "Shown",
-    "Time",
+    "Accepted", "Camera", "CameraLost", "Display", "Identity", "Image", "RealTime", "Shown", "Time",
     "Wanted",
-]
+]  # fmt: skip
 
 
 class CameraLost(InputError):

@@ -20,15 +20,9 @@ from ..plan import Fringe
 from ..records import Flag
 
 __all__ = [
-    "FringeTable",
-    "Misfit",
-    "bent",
-    "fit_row",
-    "fringe_tables",
-    "measure_misfit",
-    "straightened",
+    "FringeTable", "Misfit", "bent", "fit_row", "fringe_tables", "measure_misfit", "straightened",
     "three_step_aliasing",
-]
+]  # fmt: skip
 
 _SATURATED = np.int32(Flag.SATURATED)
 _TWO = np.float32(2)

@@ -19,23 +19,7 @@ from .synchronise import FlipFit, FlipRecord, fit_timing, flip_fit, sync_notices
 from .timing import SAFE_WAIT_S, Timing
 
 __all__ = [
-    "SAFE_WAIT_S",
-    "Aim",
-    "Arrivals",
-    "ClockMap",
-    "Contrast",
-    "ExposureChoice",
-    "FlipFit",
-    "FlipRecord",
-    "Stamp",
-    "Taken",
-    "Timing",
-    "acquire",
-    "aim",
-    "choose_exposure",
-    "contrast",
-    "fit_timing",
-    "flip_fit",
-    "sync_notices",
-    "synchronise",
-]
+    "SAFE_WAIT_S", "Aim", "Arrivals", "ClockMap", "Contrast", "ExposureChoice", "FlipFit", "FlipRecord",
+    "Stamp", "Taken", "Timing", "acquire", "aim", "choose_exposure", "contrast", "fit_timing", "flip_fit",
+    "sync_notices", "synchronise",
+]  # fmt: skip
