@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.kernels import F32, HALF, I32, ZERO, kernel
+from optolever.kernels import F32, HALF, I32, ZERO, inlined, kernel
 
 from .codes.bits import BitTable, ends_row, read_row
 from .codes.fringe import FringeTable, fit_row
@@ -17,6 +17,7 @@ from .records import Flag
 
 __all__ = ["AxisTable", "Maps", "pixel_rows"]
 
+U16 = NDArray[np.uint16]
 #: Modulation over its noise below which a pixel is flagged: noise alone reaches it once in 3.7e-6.
 _CONTRAST2 = np.float32(25)
 #: Square of the deviations by which a place may lie beyond the surface.
@@ -53,7 +54,7 @@ class Maps(NamedTuple):
     variance: F32
     amplitude: F32
     chi2: F32
-    flags: NDArray[np.uint16]
+    flags: U16
     least: F32
     offset: F32
     error: F32
@@ -74,7 +75,23 @@ def pixel_rows(
     lines, words = np.zeros((15 + 2 * count, width), np.float32), np.zeros((3, width), np.int32)
     top = np.zeros(width, light[0].dtype)
     for a, table in enumerate(tables):
-        _axis_rows(*light, noise, table, looked_up, rows, (a, at), out, lines, words, top)
+        if table.given:
+            _given_rows(noise, table, _DIM * light[2], looked_up, rows, (a, at), out, lines, words[2])
+        else:  # apart: each is compiled where it is needed
+            decoded = _close_rows if table.close else _axis_rows
+            decoded(*light, noise, table, rows, (a, at), out, lines, words, top)
+
+
+@inlined
+def _rows_of(
+    out: Maps, lines: F32, a: int, to: int, y: int, shown: bool
+) -> tuple[F32, F32, F32, F32, F32, F32, F32]:
+    """Place, variance, amplitude, chi2 of a block's row; error, least amplitude and offset of the image's, or
+    (another thread's, too) scratch."""
+    error, least, mean = (
+        (out.error[y], out.least[y], out.offset[y]) if shown else (lines[5], lines[13], lines[14])
+    )
+    return out.place[a, to], out.variance[a, to], out.amplitude[a, to], out.chi2[to], error, least, mean
 
 
 @kernel
@@ -84,7 +101,6 @@ def _axis_rows(
     clip: np.float32,
     noise: tuple[np.float32, np.float32],
     axis: AxisTable,
-    looked_up: Lines,
     rows: tuple[int, int, int, int],
     at: tuple[int, int],
     out: Maps,
@@ -92,37 +108,20 @@ def _axis_rows(
     words: I32,
     top: RawFrames,
 ) -> None:
-    """One axis, `at[0]`; flags, chi2, error of both. lines (15 + 2 K, W), words (3, W), top (W,)."""
+    """An axis of a code or a ladder of periods, `at[0]`; flags, chi2, error of both. lines (15 + 2 K, W),
+    words (3, W), top (W,)."""
     (start, stop, first, last), (a, begin) = rows, at
     fringes, code, width = axis.fringes, axis.bits, raw.shape[2]
-    count, bits = (0, 0) if axis.given else (fringes.period.size, code.plain.size)
-    phases, own, flags = lines[15 : 15 + count], lines[15 + count : 15 + 2 * count], words[2]
+    count, bits, flags = fringes.period.size, code.plain.size, words[2]
     offset, amplitude, low, high, reach = lines[0], lines[1], lines[2], lines[3], lines[4]
+    phase, own = lines[10], lines[11]
     for y in range(start, stop):
-        to = begin + y - start
-        place, variance, coarse = out.place[a, to], out.variance[a, to], out.amplitude[a, to]
-        chi2, shown = out.chi2[to], first <= y < last  # others are another thread's, too
-        error = out.error[y] if shown else lines[5]
-        if a == 0 or not shown:
-            for x in range(width):
-                error[x] = ZERO
-        for x in range(width):
-            flags[x] = np.int32(out.flags[to, x]) if a else np.int32(0)
-            chi2[x] = chi2[x] if a else ZERO
-        if axis.given:
-            r, of = y - start, looked_up
-            for x in range(width):
-                place[x], variance[x], coarse[x] = (
-                    of.place[a, r, x],
-                    of.variance[a, r, x],
-                    of.amplitude[a, r, x],
-                )
-                offset[x], error[x] = of.offset[a, r, x], max(error[x], of.error[a, r, x])
-                chi2[x], flags[x] = chi2[x] + of.chi2[a, r, x], flags[x] | of.flags[a, r, x]
+        to, shown = begin + y - start, first <= y < last
+        place, variance, coarse, chi2, error, least, mean = _rows_of(out, lines, a, to, y, shown)
+        _begun(a > 0, shown, out.flags[to], flags, chi2, error)
         for k in range(max(count, min(bits, 1))):
             if k < count:
-                j = k if axis.close else 0
-                fit = lines[6:10], top, offset, amplitude, phases[j], own[j]
+                fit = lines[6:10], top, offset, amplitude, phase, own
                 fit_row(raw, table, clip, noise, fringes, (k, y), *fit, chi2, flags)
             if k == 0 and bits:
                 if code.fringe:
@@ -134,39 +133,106 @@ def _axis_rows(
             if k == 0:
                 for x in range(width):
                     coarse[x] = amplitude[x] if count else HALF * (high[x] - low[x])
-            if axis.close:
-                continue
             if k > 0:
-                climb_row(phases[0], own[0], fringes.period[k], place, variance, error, flags)
+                climb_row(phase, own, fringes.period[k], place, variance, error, flags)
             elif count and bits:
-                period = fringes.period[0]
-                join_row(phases[0], own[0], period, reach, place, variance, error, flags, axis.either)
+                join_row(phase, own, fringes.period[0], reach, place, variance, error, flags, axis.either)
             elif bits:
                 for x in range(width):
                     variance[x] = reach[x] * reach[x] * np.float32(1 / 3)
                     offset[x] = low[x] + coarse[x]
             else:
-                start_row(phases[0], own[0], fringes.period[0], axis.extent, place, variance)
+                start_row(phase, own, fringes.period[0], axis.extent, place, variance)
                 if axis.beyond > ZERO:
                     for x in range(width):
                         error[x] = max(error[x], axis.beyond)
                         flags[x] |= _ORDER
-        if axis.close:
-            compare_row(
-                phases, own, fringes.period, axis.orders, lines[6:12], words[0], place, variance, lines[12],
-                chi2, flags,
-            )  # fmt: skip
-            for x in range(width):
-                error[x] = max(error[x], lines[12, x])
         fine = amplitude if count else coarse
         _judged(noise, axis, _DIM * clip, fine, offset, place, variance, flags)
-        for x in range(width):
-            out.flags[to, x] = np.uint16(flags[x])
-        if shown:
-            least, mean = out.least[y], out.offset[y]
-            for x in range(width):
-                least[x] = min(least[x], fine[x]) if a else fine[x]
-                mean[x] = HALF * (mean[x] + offset[x]) if a else offset[x]
+        _ended(a > 0, fine, offset, flags, out.flags[to], least, mean)
+
+
+@kernel
+def _close_rows(
+    raw: RawFrames,
+    table: F32 | None,
+    clip: np.float32,
+    noise: tuple[np.float32, np.float32],
+    axis: AxisTable,
+    rows: tuple[int, int, int, int],
+    at: tuple[int, int],
+    out: Maps,
+    lines: F32,
+    words: I32,
+    top: RawFrames,
+) -> None:
+    """An axis of close periods; see _axis_rows."""
+    (start, stop, first, last), (a, begin), flags = rows, at, words[2]
+    count, offset, amplitude, wrong = axis.fringes.period.size, lines[0], lines[1], lines[12]
+    phases, own = lines[15 : 15 + count], lines[15 + count : 15 + 2 * count]
+    for y in range(start, stop):
+        to, shown = begin + y - start, first <= y < last
+        place, variance, coarse, chi2, error, least, mean = _rows_of(out, lines, a, to, y, shown)
+        _begun(a > 0, shown, out.flags[to], flags, chi2, error)
+        for k in range(count):
+            fit = lines[6:10], top, offset, amplitude, phases[k], own[k]
+            fit_row(raw, table, clip, noise, axis.fringes, (k, y), *fit, chi2, flags)
+            if k == 0:
+                for x in range(coarse.size):
+                    coarse[x] = amplitude[x]
+        rest = words[0], place, variance, wrong, chi2, flags
+        compare_row(phases, own, axis.fringes.period, axis.orders, lines[6:12], *rest)
+        for x in range(coarse.size):
+            error[x] = max(error[x], wrong[x])
+        _judged(noise, axis, _DIM * clip, amplitude, offset, place, variance, flags)
+        _ended(a > 0, amplitude, offset, flags, out.flags[to], least, mean)
+
+
+@kernel
+def _given_rows(
+    noise: tuple[np.float32, np.float32],
+    axis: AxisTable,
+    dim: np.float32,
+    of: Lines,
+    rows: tuple[int, int, int, int],
+    at: tuple[int, int],
+    out: Maps,
+    lines: F32,
+    flags: I32,
+) -> None:
+    """An axis by a look-up; see _axis_rows."""
+    (start, stop, first, last), (a, begin) = rows, at
+    for y in range(start, stop):
+        to, r, shown = begin + y - start, y - start, first <= y < last
+        place, variance, coarse, chi2, error, least, mean = _rows_of(out, lines, a, to, y, shown)
+        _begun(a > 0, shown, out.flags[to], flags, chi2, error)
+        for x in range(coarse.size):
+            place[x], variance[x] = of.place[a, r, x], of.variance[a, r, x]
+            coarse[x], error[x] = of.amplitude[a, r, x], max(error[x], of.error[a, r, x])
+            chi2[x], flags[x] = chi2[x] + of.chi2[a, r, x], flags[x] | of.flags[a, r, x]
+        _judged(noise, axis, dim, coarse, of.offset[a, r], place, variance, flags)
+        _ended(a > 0, coarse, of.offset[a, r], flags, out.flags[to], least, mean)
+
+
+@kernel
+def _begun(second: bool, shown: bool, before: U16, flags: I32, chi2: F32, error: F32) -> None:
+    """A row's flags, chi2 and error: of the axis before, if this is the second one."""
+    kept = second and shown
+    for x in range(flags.size):
+        error[x] = error[x] if kept else ZERO
+    for x in range(flags.size):
+        flags[x] = np.int32(before[x]) if second else np.int32(0)
+        chi2[x] = chi2[x] if second else ZERO
+
+
+@kernel
+def _ended(second: bool, amplitude: F32, offset: F32, flags: I32, out: U16, least: F32, mean: F32) -> None:
+    """Flags, least amplitude and mean offset of both axes."""
+    for x in range(flags.size):
+        out[x] = np.uint16(flags[x])
+    for x in range(flags.size):
+        least[x] = min(least[x], amplitude[x]) if second else amplitude[x]
+        mean[x] = HALF * (mean[x] + offset[x]) if second else offset[x]
 
 
 @kernel
