@@ -208,16 +208,12 @@ def test_bad_arguments(name: str, value: float) -> None:
         decode(np.zeros((22, 4, 4), np.uint8), GRAY_PHASE, **{name: value})
 
 
-def _decoded(name: str, inverses: bool, brighter: float) -> Correspondence:
-    shown = sequence(name, 4, COLS, axes="u", inverses=inverses)
-    return decode(photographed(shown, U, WIDTH, 0.4, brighter=brighter), shown)
-
-
 @pytest.mark.daily(2)
 @pytest.mark.parametrize("brighter", [1.2, 2.0])
 @pytest.mark.parametrize("name", ["gray", "binary", "long-run-gray"])
 def test_bits_and_inverses_compare_as_ever(name: str, brighter: float) -> None:
     """What their mean is says nothing where white saturates: no pixel is refused for it."""
-    found = _decoded(name, True, brighter)
+    shown = sequence(name, 4, COLS, axes="u", inverses=True)
+    found = decode(photographed(shown, U, WIDTH, 0.4, brighter=brighter), shown)
     assert found.good.mean() > 0.97
     assert rms(scores(found, U)) < 1.1

@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 
 import moderngl
 import pytest
@@ -19,6 +20,21 @@ def optolever(display: str, *words: str) -> "subprocess.CompletedProcess[str]":
     """The program on a display."""
     command, environment = [*RUN, *words], {**os.environ, "DISPLAY": display}
     return subprocess.run(command, env=environment, capture_output=True, text=True, check=False, timeout=60)
+
+
+@contextmanager
+def x_display(*words: str) -> Iterator[str]:
+    """Display of an X server of our own; empty where it does not start."""
+    read, write = os.pipe()
+    command, quiet = [words[0], "-displayfd", str(write), *words[1:], "-nolisten", "tcp"], subprocess.DEVNULL
+    with subprocess.Popen(command, pass_fds=[write], stdout=quiet, stderr=quiet) as server:
+        os.close(write)
+        with os.fdopen(read) as stream:
+            number = stream.readline().strip()
+        try:
+            yield f":{number}" if number else ""
+        finally:
+            server.terminate()
 
 
 @pytest.fixture(scope="session")

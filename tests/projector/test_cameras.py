@@ -17,9 +17,11 @@ import pytest
 from optolever import InputError
 from optolever.patterns import sequence
 from optolever.projector import (
+    Camera,
     CameraLost,
     ClockMap,
     Identity,
+    Image,
     RealTime,
     Timing,
     Wanted,
@@ -126,6 +128,13 @@ WEBCAM = {
 }
 
 
+def taken(camera: Camera, timeout_s: float = 1.0) -> Image:
+    """An image that came."""
+    image = camera.next(timeout_s)
+    assert image is not None
+    return image
+
+
 FAST = Timing(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.01, 0.01)
 
 
@@ -143,8 +152,7 @@ def test_v4l2_images_are_the_bytes_of_the_driver(fourcc: bytes, bits: int) -> No
     assert (accepted.rows, accepted.cols, accepted.bits, accepted.fps) == (6, 8, bits, 25.0)
     assert accepted.unlocked == ("exposure: the driver has no control",)
     camera.start()
-    image = camera.next(1.0)
-    assert image is not None
+    image = taken(camera)
     rows = np.frombuffer(device.memory, np.uint8).reshape(6, -1)
     expected = {
         b"NV12": rows[:, :8],
@@ -154,8 +162,7 @@ def test_v4l2_images_are_the_bytes_of_the_driver(fourcc: bytes, bits: int) -> No
     }[fourcc]
     np.testing.assert_array_equal(image.pixels, expected)
     assert (image.id, image.device_s, image.complete) == (0, 7.25, True)
-    assert camera.next(0.0) is not None
-    assert camera.next(0.0) is not None
+    taken(camera), taken(camera)
     assert camera.lost == 2  # sequence 1 -> 4
     assert camera.next(0.0) is None
 
@@ -200,21 +207,16 @@ def test_v4l2_takes_compressed_images_smaller_sizes_and_survives_disturbed_ones(
     data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 100])[1].tobytes()
     slow.memory, slow.sequences = bytearray(data), tuple(range(9))
     camera.start()
-    image = camera.next(1.0)
-    assert image is not None
+    image = taken(camera)
     assert np.abs(image.pixels.astype(int) - picture).max() <= 2
     head = data.index(b"\xff\xda") + 40
     for cut in (len(data) // 2, head, len(data) - 20):  # some cameras write the end nevertheless
         for end in (b"", b"\xff\xd9"):
             slow.memory[: cut + 2] = data[:cut] + (end or data[cut : cut + 2])
             slow.used = cut + len(end)
-            broken = camera.next(1.0)
-            assert broken is not None
-            assert not broken.complete
+            assert not taken(camera).complete
     slow.fault = errno.EIO
-    disturbed = camera.next(1.0)
-    assert disturbed is not None
-    assert not disturbed.complete
+    assert not taken(camera).complete
 
 
 def test_v4l2_offers_compressed_images_where_raw_ones_are_slow() -> None:
@@ -223,11 +225,10 @@ def test_v4l2_offers_compressed_images_where_raw_ones_are_slow() -> None:
     accepted = camera.configure(Wanted(0.01))
     assert (accepted.fps, accepted.format, device.fourcc) == (10.0, "YUYV", b"YUYV")
     assert any("10 images a second raw, 30 as MJPG" in one for one in accepted.unlocked)
-    taken = camera.configure(Wanted(0.01, format="MJPG"))
-    assert (taken.fps, taken.format, device.fourcc) == (30.0, "MJPG", b"MJPG")
-    assert not any(
-        "raw" in one for one in (*taken.unlocked, *camera.configure(Wanted(0.01, fps=10)).unlocked)
-    )
+    fast = camera.configure(Wanted(0.01, format="MJPG"))
+    assert (fast.fps, fast.format, device.fourcc) == (30.0, "MJPG", b"MJPG")
+    slow = camera.configure(Wanted(0.01, fps=10))
+    assert not any("raw" in one for one in (*fast.unlocked, *slow.unlocked))
     with pytest.raises(InputError, match="format is 'GREY', /dev/video0 has YUYV MJPG"):
         camera.configure(Wanted(0.01, format="GREY"))
 
@@ -259,8 +260,7 @@ def test_v4l2_faults_are_one_line() -> None:
         broken = V4L2Camera(RecordedDevice(**fault), "/dev/video0")  # type: ignore[arg-type]
         broken.configure(Wanted(0.01))
         broken.start()
-        image = broken.next(1.0)
-        assert image is not None
+        image = taken(broken)
         assert (image.complete, image.pixels.size) == (False, 0)
     device = RecordedDevice()
     camera = V4L2Camera(device, "/dev/video0")
@@ -311,8 +311,7 @@ def test_opencv_reads_what_it_can_open(tmp_path: Path) -> None:
     assert any("exposure" in one for one in accepted.unlocked)
     camera.start()
     for level in (40, 120, 200):
-        image = camera.next(1.0)
-        assert image is not None
+        image = taken(camera)
         assert image.pixels.shape == (48, 64)
         assert abs(float(image.pixels.mean()) - level) < 2
     assert camera.next(1.0) is None
@@ -336,8 +335,7 @@ def test_pylon_and_its_emulator(monkeypatch: pytest.MonkeyPatch) -> None:
     native.TestImageSelector.Value = "Testimage1"  # a diagonal ramp, which moves along each image
     camera.start()
     for number in range(3):
-        image = camera.next(2.0)
-        assert image is not None
+        image = taken(camera, 2.0)
         assert (image.id, image.complete, image.pixels.shape) == (number, True, (48, 64))
         ramp = image.pixels.astype(int)
         assert (np.diff(ramp, axis=0) % 256 == 1).all()
@@ -352,8 +350,7 @@ def test_pylon_and_its_emulator(monkeypatch: pytest.MonkeyPatch) -> None:
     camera.start()
     assert camera.next(0.2) is None
     camera.trigger()
-    image = camera.next(2.0)
-    assert image is not None
+    image = taken(camera, 2.0)
     assert image.pixels.dtype == np.uint16
     camera.stop()
     camera.close()
@@ -370,8 +367,8 @@ def test_cameras_that_are_not_there_are_cameras(tmp_path: Path) -> None:
     for camera in (open_camera(f"folder:{tmp_path / 'c'}"), StillCamera(expected, Identity("", "", "", ""))):
         camera.configure(Wanted(0.01))
         order = range(len(shown))
-        taken = list(acquire(camera, camera, FAST, order, time=RealTime(), clock=ClockMap()))
-        np.testing.assert_array_equal([one.image.pixels for one in taken], expected.frames)
+        every = list(acquire(camera, camera, FAST, order, time=RealTime(), clock=ClockMap()))
+        np.testing.assert_array_equal([one.image.pixels for one in every], expected.frames)
         camera.close()
 
 

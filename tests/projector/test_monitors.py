@@ -13,7 +13,7 @@ from optolever import InputError
 from optolever.projector import Monitor, choose_monitor
 from optolever.projector.monitors import edid_of
 
-from .conftest import RUN, optolever
+from .conftest import RUN, optolever, x_display
 
 CONFIGURATION = """
 Section "Device"
@@ -91,21 +91,11 @@ def dummy(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         pytest.skip("Xorg is absent (Debian: xserver-xorg-core xserver-xorg-video-dummy x11-xserver-utils)")
     folder = tmp_path_factory.mktemp("dummy")
     (folder / "dummy.conf").write_text(CONFIGURATION)
-    read, write = os.pipe()
-    words = ["Xorg", "-displayfd", str(write), "-config", str(folder / "dummy.conf"), "-noreset"]
-    words += ["-logfile", str(folder / "log"), "-nolisten", "tcp", "-novtswitch", "-sharevts"]
-    with subprocess.Popen(
-        words, pass_fds=[write], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-    ) as server:
-        os.close(write)
-        with os.fdopen(read) as stream:
-            number = stream.readline().strip()
-        if not number:
+    words = ["-config", str(folder / "dummy.conf"), "-logfile", str(folder / "log"), "-noreset"]
+    with x_display("Xorg", *words, "-novtswitch", "-sharevts") as display:
+        if not display:
             pytest.skip("Xorg with the driver dummy does not start here (needs root and its Debian package)")
-        try:
-            yield f":{number}"
-        finally:
-            server.terminate()
+        yield display
 
 
 def xrandr(display: str, *words: str) -> None:

@@ -30,7 +30,7 @@ from optolever.projector import (
 )
 from optolever.projector.cameras import StillCamera
 
-from .conftest import RUN, optolever
+from .conftest import RUN, optolever, x_display
 from .screen import ENTER, ESCAPE, FrameBuffer, press
 from .show_in_window import screen
 
@@ -40,24 +40,12 @@ ROWS, COLS = 200, 320
 @pytest.fixture(scope="module")
 def x_server(tmp_path_factory: pytest.TempPathFactory, gl_info: ContextInfo) -> Iterator[tuple[str, Path]]:
     """(display, folder of its frame buffer file) of a server of our own; skips where nothing can draw."""
-    binary = shutil.which("Xvfb")
-    if binary is None:
+    if shutil.which("Xvfb") is None:
         pytest.skip("Xvfb is absent (Debian: apt-get install xvfb)")
     folder = tmp_path_factory.mktemp("xvfb")
-    read, write = os.pipe()
-    args = [binary, "-displayfd", str(write), "-screen", "0", f"{COLS}x{ROWS}x24", "-fbdir", str(folder)]
-    with subprocess.Popen(
-        [*args, "-nolisten", "tcp"], pass_fds=[write], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-    ) as server:
-        os.close(write)
-        with os.fdopen(read) as stream:
-            number = stream.readline().strip()
-        try:
-            assert number, "Xvfb did not start"
-            yield f":{number}", folder
-        finally:
-            server.terminate()
-            server.wait(10)
+    with x_display("Xvfb", "-screen", "0", f"{COLS}x{ROWS}x24", "-fbdir", str(folder)) as display:
+        assert display, "Xvfb did not start"
+        yield display, folder
 
 
 def in_window(display: str, *words: object) -> str:
