@@ -13,8 +13,8 @@
 | cylinder | axis_deg, slope, vertex_t, vertex_z, radius | slope s + a circle across, s along the axis |
 
 off-axis: a segment of a conic of revolution (vertex radius, conic) whose middle lies `distance` from the
-axis, in a direction azimuth_deg from x; z is along the normal at its middle, plus a plane. A number that a
-form gives by default is fitted with NUMBER=free: off-axis:distance=100,conic=free.
+axis, in a direction azimuth_deg from x; tilt_x, tilt_y: slopes of the plane that touches it there. A number
+that a form gives by default is fitted with NUMBER=free: off-axis:distance=100,conic=free.
 
 Source of the conic's sag: D. Malacara, Optical Shop Testing, 3rd ed. (2007), appendix 1.
 """
@@ -94,18 +94,22 @@ def _asphere(p: Floats, x: Floats, y: Floats) -> Floats:
 
 
 def _off_axis(p: Floats, x: Floats, y: Floats) -> Floats:
-    """Where the normal at (x, y) meets c (X^2 + Y^2 + (1 + k) Z^2) = 2 Z: w = C / (sqrt(B^2 - A C) - B)."""
+    """Where the line along z at (x, y) meets the parent c (X^2 + Y^2 + (1 + k) Z^2) = 2 Z."""
     distance, azimuth, c, k = p[3:]
-    u, v = np.cos(azimuth) * x + np.sin(azimuth) * y, np.cos(azimuth) * y - np.sin(azimuth) * x
     sag = float(_sag(c, k, np.array(distance**2)))
     lean = np.arctan2(c * distance, 1 - (1 + k) * c * sag)  # slope of the parent at the middle
     cos, sin = np.cos(lean), np.sin(lean)
-    out, up = distance + u * cos, sag + u * sin
-    a = c * (sin**2 + (1 + k) * cos**2)
-    b = c * ((1 + k) * up * cos - out * sin) - cos
-    rest = c * (out**2 + v**2 + (1 + k) * up**2) - 2 * up
-    w = rest / (np.sqrt(np.maximum(b * b - a * rest, 0.0)) - b)
-    return np.asarray(w + p[0] + p[1] * x + p[2] * y)
+    normal = np.array([-p[1], -p[2], 1.0]) / np.sqrt(1 + p[1] ** 2 + p[2] ** 2)
+    radial = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+    radial[2] = radial[:2] @ p[1:3]
+    radial /= np.linalg.norm(radial)
+    frame = np.stack([radial, np.cross(normal, radial), normal])
+    turn = np.array([[cos, 0.0, -sin], [0.0, 1.0, 0.0], [sin, 0.0, cos]]) @ frame
+    metric, line = np.array([1.0, 1.0, 1 + k]), turn[:, 2]
+    foot = np.array([distance, 0.0, sag]) + x[..., None] * turn[:, 0] + y[..., None] * turn[:, 1]
+    a, b = c * float(line @ (metric * line)), c * foot @ (metric * line) - line[2]
+    rest = c * np.square(foot) @ metric - 2 * foot[..., 2]
+    return np.asarray(p[0] + rest / (np.sqrt(np.maximum(b * b - a * rest, 0.0)) - b))
 
 
 def _segment(q: Floats) -> Floats:
@@ -122,15 +126,18 @@ def _segment(q: Floats) -> Floats:
     return np.array([[*q[:3], np.sqrt(1 / cos**2 - 1) / abs(c), each, c, -1.0] for each in ends])
 
 
-def _turned(turn: Callable[[Floats], Floats]) -> Callable[[Floats], Floats]:
-    """Azimuth in degrees or radians, and radius for curvature."""
+def _stated_segment(p: Floats) -> Floats:
+    """With radius for curvature, azimuth in degrees, distance above 0."""
+    changed = _last_inverse(5)(p)
+    changed[3] = abs(p[3])
+    changed[4] = (np.degrees(p[4]) + (0 if p[3] >= 0 else 180) + 180) % 360 - 180
+    return changed
 
-    def change(p: Floats) -> Floats:
-        changed = _last_inverse(5)(p)
-        changed[4] = turn(changed[4])
-        return changed
 
-    return change
+def _internal_segment(p: Floats) -> Floats:
+    changed = _last_inverse(5)(p)
+    changed[4] = np.radians(p[4])
+    return changed
 
 
 def _vertex(q: Floats) -> Floats:
@@ -208,8 +215,8 @@ FORMS: dict[str, Form] = {
         (*_PLANE[:3], "distance", "azimuth_deg", "radius", "conic"),
         _off_axis,
         _segment,
-        _turned(np.degrees),
-        _turned(np.radians),
+        _stated_segment,
+        _internal_segment,
         (("conic", -1.0),),
     ),
     "cylinder": Form(

@@ -20,7 +20,7 @@ PARTS: dict[str, int | None] = {
     "contact": 1100,
     "reconstruct": 6500,
     "calibration": 2700,
-    "metrology": 1760,
+    "metrology": 1780,
     "live": 3400,
     "cli": 5800,
     "formats": 350,

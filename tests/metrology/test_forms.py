@@ -86,9 +86,11 @@ EXACT = {
     ),
     "off-axis": (segment(600, -1, 200, 30), {"radius": 600, "distance": 200, "azimuth_deg": 30}),
     "off-axis:distance=200,conic=free": (
-        0.1 + 1e-3 * (X - MIDDLE[0]) + segment(-600, -1.4, 200, -20),
-        {"radius": -600, "conic": -1.4, "azimuth_deg": -20, "tilt_x": 1e-3, "piston": 0.1},
+        0.1 + segment(-600, -1.4, 200, -20),
+        {"radius": -600, "conic": -1.4, "azimuth_deg": -20, "tilt_x": 0, "piston": 0.1},
     ),
+    # a sphere is the same anywhere, and tilted
+    "off-axis:distance=100,azimuth_deg=40,conic=free": (conic(4000, 0), {"radius": 4000, "conic": 0}),
     "cylinder": (tilted_cylinder(), {"axis_deg": 25, "slope": 0.01, "radius": -4000}),
 }
 
