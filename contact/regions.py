@@ -128,9 +128,9 @@ def _region(
     )
     inside = mask[box]
     measured = inside & np.isfinite(surface.x[box])
-    if np.count_nonzero(measured) < _FEWEST:
-        return None
     cell = areas(surface.x[box], surface.y[box])
+    if np.count_nonzero(measured) < _FEWEST or not cell[measured].any():
+        return None
     area, (x, y) = (
         float(cell[inside].sum()),
         (part[box][measured].astype(np.float64) for part in (surface.x, surface.y)),

@@ -37,7 +37,7 @@ from .result import (
     without_loose,
 )
 from .rig.calibration import same_capture
-from .rig.hypotheses import likely_mistake, likely_mistake_at_rest
+from .rig.hypotheses import likely_mistake, likely_mistake_at_rest, turned_against
 from .rig.model import LINEAR, Measurement, judged_rig, rig_model, rig_modes
 from .solver.anchors import Anchors
 from .solver.edges import Doubt, defects, edge_weights
@@ -134,13 +134,16 @@ def reconstruct(
 def _with_rig(solution: Solution, measured: Measurement, scene: Scene, accept: bool) -> HeightMap:
     """The height with the modes of its rig, its slopes judged after the errors of the rig are taken off; all
     pixels are flagged where no such rig can have taken the capture, unless `accept`."""
-    height, chi2, freedom = _height(solution), solution.chi2, solution.freedom
+    chi2, freedom, at_rest = solution.chi2, solution.freedom, measured.rest is not None
+    height = _height(solution, rest=at_rest)
     contradicted = bool(contradiction(chi2, freedom))
     if scene.exact and not (contradicted and chi2 > LINEAR):
         return height
     typed = replace(scene, accuracy=TYPED) if scene.exact else scene
     if measured.rest is not None and not accept:
-        mistake = likely_mistake_at_rest(measured.rest, scene)
+        mistake = turned_against(measured.correspondence, measured.rest) or likely_mistake_at_rest(
+            measured.rest, scene
+        )
         if mistake is not None:
             return refused(height, mistake)
     model = rig_model(measured, typed, height)
@@ -150,10 +153,10 @@ def _with_rig(solution: Solution, measured: Measurement, scene: Scene, accept: b
     if contradicted:
         left = judged_rig(model, solutions, chi2, freedom)
         if not scene.exact:
-            height = _height(solution._replace(chi2=left.chi2, freedom=left.freedom), rig=True)
+            height = _height(solution._replace(chi2=left.chi2, freedom=left.freedom), rig=True, rest=at_rest)
         doubted = not left.exact and not (left.likely and left.chi2 < _DOUBTED)
-        if doubted and measured.rest is None and not accept:
-            mistake = likely_mistake(measured, typed, left)
+        if doubted and not accept:
+            mistake = None if at_rest else likely_mistake(measured, typed, left)
             if mistake or not left.likely:
                 return refused(height, mistake)
     if scene.exact:
@@ -199,11 +202,11 @@ def solved_height(
     return Solution(correspondence, problem, state, noise, chi2, freedom)
 
 
-def _height(solution: Solution, rig: bool = False) -> HeightMap:
-    """The map of a solution; rig: its chi2 is what errors of the rig leave."""
+def _height(solution: Solution, rig: bool = False, rest: bool = False) -> HeightMap:
+    """The map of a solution; rig: its chi2 is what errors of the rig leave; rest: see `height_map`."""
     seen, problem, state, noise, chi2, freedom = solution
     known = None if math.isnan(chi2) else chi2
-    return height_map(problem, state, seen, noise, known, freedom, rig)
+    return height_map(problem, state, seen, noise, known, freedom, rig, rest)
 
 
 def _wrong_pixels(problem: Problem, state: State, jumps: Doubt, scene: Scene) -> Mask:

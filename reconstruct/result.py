@@ -32,6 +32,7 @@ __all__ = [
 ]
 
 _LOST = 0.005  # of the pixels, that a rest capture does not know: above, they are named
+_HOLLOW = 0.3  # of the depth: silicone rises less beside a contact
 _DEEP = 5.0  # sigmas of a mean depth; how much deeper than high a map is that was exchanged
 _APART = 5.0  # standard deviations, rms: rigs that are right stay below 1.2
 _SURE = 3.0  # standard deviations
@@ -49,9 +50,10 @@ def height_map(
     chi2: float | None,
     freedom: int,
     rig: bool = False,
+    rest: bool = False,
 ) -> HeightMap:
     """noise: variance of the unknown by source; chi2, freedom: of the slopes' circulation, see `Diagnostics`;
-    rig: after errors of the rig are taken off.
+    rig: after errors of the rig are taken off; rest: against a rest capture.
     """
     data, doubt, variance = problem.data, state.doubt, np.sum(list(noise.values()), axis=0)
     steep = np.zeros(data.mask.shape, dtype=np.bool_)
@@ -93,7 +95,7 @@ def height_map(
     points = t * d
     points += o
     x, y, z = points
-    notices = correspondence.notices + _unconverged(state) + contradiction(chi2, freedom, rig)
+    notices = correspondence.notices + _unconverged(state) + contradiction(chi2, freedom, rig, rest)
     return HeightMap(x, y, z, deviation, flags, diagnostics, problem.rays.lean, notices)
 
 
@@ -147,7 +149,7 @@ def refused(height: HeightMap, mistake: str | None) -> HeightMap:
     mistake: in the scene, without which the capture fits, in words."""
     flags = height.flags | np.uint16(HeightFlag.IMPLAUSIBLE)
     cure = (
-        f"with one change it fits: {mistake}; correct the scene"
+        f"with one change it fits: {mistake}; correct it"
         if mistake
         else "check pose, pitch and size of pattern and camera, and that the capture belongs to this scene"
     )
@@ -212,7 +214,7 @@ def against_rest(
     height: HeightMap, press: Correspondence, corrected: Correspondence, scene: Scene
 ) -> tuple[Notice, ...]:
     """Notices of a map against a rest capture: pixels that this capture does not know; a press that lifts the
-    mirror of a sensor, as if both captures were exchanged."""
+    mirror of a sensor, as if both captures were exchanged or one had a contact at rest."""
     found, z = [], height.z[np.isfinite(height.z)]
     lost = int(np.count_nonzero(press.good & ~corrected.good))
     if lost > _LOST * press.u.size:
@@ -225,13 +227,16 @@ def against_rest(
             Notice(name, lost / press.u.size, _LOST, "capture the mirror at rest with the same exposure")
         )
     sigma = float(np.nanmedian(height.sigma)) if z.size else math.nan
-    if (
-        scene.medium is not None
-        and z.size
-        and -z.min() > max(_DEEP * sigma, _DEEP * max(float(z.max()), 0.0))
-    ):
-        name = "Heights lie below those at rest, mm: press and rest are probably exchanged"
-        found.append(Notice(name, float(-z.min()), _DEEP * sigma, "exchange C.npz and reconstruct --rest"))
+    if scene.medium is None or not z.size:
+        return tuple(found)
+    lowest, highest, low = float(-z.min()), max(float(z.max()), 0.0), "Heights lie below those at rest, mm:"
+    if lowest > _DEEP * max(sigma, highest):
+        name = f"{low} press and rest are probably exchanged"
+        found.append(Notice(name, lowest, _DEEP * sigma, "exchange C.npz and reconstruct --rest"))
+    elif lowest > max(_DEEP * height.total_sigma.flat[np.nanargmin(height.z)], _HOLLOW * highest):
+        name = f"{low} the rest capture probably shows a contact"
+        cure = "take everything off the mirror and capture it at rest again"
+        found.append(Notice(name, lowest, _HOLLOW * highest, cure))
     return tuple(found)
 
 

@@ -34,6 +34,10 @@ _CURE_BESIDE_RIG = (
     "heights err by more than total_sigma; most likely the mirror moved between frames (hold it still), or "
     "the light's path is not even: reconstruct --rest with a capture of the mirror at rest"
 )
+_CURE_AGAINST_REST = (
+    "heights err by more than total_sigma; most likely the mirror moved between frames, or press and rest "
+    "are not of one rig: hold it still, capture both again"
+)
 
 
 def circulation_chi2(data: Measured, state: State, gain: Floats) -> tuple[float, int]:
@@ -103,10 +107,13 @@ def _limit(freedom: int) -> float:
     return _TRUST**2 * float(scipy.special.chdtri(freedom, _CHANCE)) / freedom
 
 
-def contradiction(chi2: float | None, freedom: int, rig: bool = False) -> tuple[Notice, ...]:
+def contradiction(
+    chi2: float | None, freedom: int, rig: bool = False, rest: bool = False
+) -> tuple[Notice, ...]:
     """The notice that noise does not explain the slopes, if that is so; rig: nor errors of the rig, which
-    chi2 holds."""
+    chi2 holds; rest: of heights against a rest capture."""
     if chi2 is None or not chi2 > _limit(freedom):
         return ()
     name = f"The slopes contradict each other; chi2 over its {freedom} degrees of freedom"
-    return (Notice(name, chi2, _limit(freedom), _CURE_BESIDE_RIG if rig else _CURE),)
+    cure = _CURE_AGAINST_REST if rest else _CURE_BESIDE_RIG if rig else _CURE
+    return (Notice(name, chi2, _limit(freedom), cure),)

@@ -18,7 +18,7 @@ from ..judgement.holes import noise_gain
 from .calibration import flat_mirror
 from .model import LIKELY, Measurement, RigJudgement, judged_rig, rig_model
 
-__all__ = ["likely_mistake", "likely_mistake_at_rest"]
+__all__ = ["likely_mistake", "likely_mistake_at_rest", "turned_against"]
 
 _BETTER = 0.1  # of the misfit: the limit for the right description
 _LINES = 24  # rows of the grid on which a rest capture is compared with the flat mirror
@@ -35,6 +35,19 @@ _TURNS = {
     "the display is turned by 90 degrees (u and v exchanged, u reversed)": (True, True, False),
     "the display is turned by 270 degrees (u and v exchanged, v reversed)": (True, False, True),
     "u and v are exchanged and both reversed": (True, True, True),
+}
+
+#: Whether rows, columns of the picture are reversed.
+_FLIPS = {
+    "the pictures of press and rest are mirrored to each other, left to right": (
+        slice(None),
+        slice(None, None, -1),
+    ),
+    "the pictures of press and rest are mirrored to each other, top to bottom": (
+        slice(None, None, -1),
+        slice(None),
+    ),
+    "the pictures of press and rest are turned by 180 degrees to each other": 2 * (slice(None, None, -1),),
 }
 
 _Change = Callable[[Correspondence], Correspondence]
@@ -77,6 +90,19 @@ def likely_mistake_at_rest(rest: Correspondence, scene: Scene) -> str | None:
     found = {words: _rest_misfit(change(rest), other) for words, (change, other) in _mistakes(scene).items()}
     best = min(found, key=found.__getitem__)
     return best if found[best] < min(LIKELY, _BETTER * misfit) else None
+
+
+def turned_against(press: Correspondence, rest: Correspondence) -> str | None:
+    """The turn of the pictures without which press and rest lie ten times nearer to each other, in words."""
+
+    def apart(flip: tuple[slice, slice]) -> float:
+        both = press.good & rest.good[flip]
+        away = np.hypot(press.u - rest.u[flip], press.v - rest.v[flip])[both]
+        return float(np.median(away)) if away.size else np.inf
+
+    found = {words: apart(flip) for words, flip in _FLIPS.items()}
+    best = min(found, key=found.__getitem__)
+    return best if found[best] < _BETTER * apart((slice(None), slice(None))) else None
 
 
 def _rest_misfit(rest: Correspondence, scene: Scene) -> float:

@@ -14,9 +14,9 @@ from optolever.scene import Scene, load, resize
 SCENE = resize(load("prism48", exact=True), 60, 80)
 
 
-def _seen(scene: Scene, depth: float, seed: int) -> Correspondence:
+def _seen(scene: Scene, depth: float, seed: int, x: float = 30.0) -> Correspondence:
     """Of an exact half-space pressed by a ball; depth 0: at rest."""
-    dents = ((BALL, 30.0, 22.0, 4.0, depth),) if depth else ()
+    dents = ((BALL, x, 22.0, 4.0, depth),) if depth else ()
     u, v, *_ = replace(world_of(scene), fading=False).truth(dents)
     rng, sigma, level = np.random.default_rng(seed), np.full(u.shape, 0.01), np.full(u.shape, 100.0)
     off = (u < 0) | (u > scene.pattern.cols - 1) | (v < 0) | (v > scene.pattern.rows - 1)
@@ -29,10 +29,13 @@ def test_press_and_rest_exchanged_and_pixels_that_rest_lacks() -> None:
     flags = rest.flags.copy()
     flags[:, :3] |= np.uint16(Flag.DARK)
     right = reconstruct(press, SCENE, rest=rest)
-    assert not any("exchanged" in str(each) or "no coordinates" in str(each) for each in right.notices)
+    assert not any("below" in str(each) or "no coordinates" in str(each) for each in right.notices)
     turned = reconstruct(rest, SCENE, rest=press)
     (said,) = [str(each) for each in turned.notices if "exchanged" in str(each)]
     assert "reconstruct --rest" in said
+    touched = reconstruct(press, SCENE, rest=_seen(SCENE, 0.03, 2, x=42.0))
+    (said,) = [str(each) for each in touched.notices if "shows a contact" in str(each)]
+    assert "take everything off the mirror" in said
     lacking = reconstruct(press, SCENE, rest=replace(rest, flags=flags))
     (said,) = [str(each) for each in lacking.notices if "no coordinates" in str(each)]
     assert "columns 0 to 2" in said

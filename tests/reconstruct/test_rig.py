@@ -5,6 +5,7 @@ Truth is traced by `scene.trace` through the rig as it is; modes are compared wi
 scenes.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -176,6 +177,24 @@ def test_a_mistake_in_the_scene_is_named(words: str, against_rest: bool) -> None
     assert height.implausible
     assert any(words in notice.cure for notice in height.notices)
     assert reconstruct(press, scene, anchor=ANCHOR, rest=rest, accept=True).good.any()
+
+
+@pytest.mark.parametrize(
+    ("words", "turn"),
+    [
+        ("left to right", lambda m: m[:, ::-1]),
+        ("top to bottom", lambda m: m[::-1]),
+        ("180 degrees", lambda m: m[::-1, ::-1]),
+    ],
+)
+def test_a_press_whose_pictures_are_turned_against_rest_is_refused(
+    words: str, turn: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+) -> None:
+    press, rest = (captured(PRISM, name, seed=k)[1] for k, name in enumerate(("gaussian", "flat")))
+    arrays = {name: turn(getattr(press, name)) for name in ("u", "v", "sigma_u", "sigma_v", "flags")}
+    height = reconstruct(replace(press, **arrays), PRISM, rest=rest)
+    assert height.implausible
+    assert any(words in notice.cure for notice in height.notices)
 
 
 def test_an_exact_scene_that_is_impossible_is_refused() -> None:
