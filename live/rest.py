@@ -6,9 +6,10 @@ Outside three radii of the contacts the displacement (du, dv) is, by least squar
     and for each contact the far field of a load (`contact.far_field`: its force, moments and size)
 
 A load makes the anchor sink, which counts as at rest; the shift and roll are a camera's that moved. Both come
-off the heights. Their covariance (A^T A)^-1 is scaled by the scatter of fits of frames at rest, and by what
-the fit leaves, as if nine samples were independent. An even sinking of the mirror, or a tilt about its edge,
-is the same picture as a shift along columns: `sinking` says how much one pixel is."""
+off the heights. Where more than noise is left, a cell weighs 1 / (1 + r^2 / 4), r: its residual over noise.
+Their covariance (A^T A)^-1 is scaled by the scatter of fits of frames at rest, and by what the fit leaves, as
+if nine samples were independent. An even sinking of the mirror, or a tilt about its edge, is the same picture
+as a shift along columns: `sinking` says how much one pixel is."""
 
 import math
 from collections.abc import Sequence
@@ -29,12 +30,12 @@ _STEP = 0.1  # pixels, turns, mm: of differences
 _ROUNDS = 6  # of the coupled equations
 _WHOLE = 0.99  # share of a window
 _SAMPLES = 2500  # cells of a fit
-#: Radii of a contact, the first that leave enough cells; growth of sigma there.
-_FAR = ((3.0, 1.0), (2.0, 2.0), (1.5, 4.0))
+_FAR = (3.0, 2.0, 1.5)  # radii of a contact, the first that leave enough cells
 _FEWEST = 100  # cells
 _NEAR = 0.02  # of a radius: differences of the far field
 _PRIOR = (0.5, 0.2, 0.2, 0.2, 1.0)  # of a contact's depth: sigma of its terms at its edge
 _EXCESS, _INDEPENDENT = 1.3, 9.0  # variance over noise that counts as misfit; its independent samples
+_REWEIGHTED, _KEPT = 5, 0.842  # fits, each by the residuals of the last; of the noise's variance so weighted
 
 Circle = tuple[float, float, float]
 
@@ -131,17 +132,23 @@ def fitted(
     """offset (2, R, C): displacement from rest, turns; contacts: circles and depths, mm; noise: variance of
     the displacement of a cell, and what of it a fit of all cells keeps, turns^2."""
     circles, depths = [circle for circle, _ in contacts], [depth for _, depth in contacts]
-    use, growth = _outside(creep, good, circles)
+    use = _outside(creep, good, circles)
     columns = [*creep.shapes[:, :, use], *_loads(creep, layer, circles, use)]
     matrix = np.stack([one.ravel() for one in columns], axis=1)
     right = offset[:, *creep.at][:, use].astype(np.float64).ravel()
     variance, kept = noise
     prior = np.append(np.zeros(3), _inverse_priors(layer, circles, depths))
-    normal = matrix.T @ matrix / kept + np.diag(prior**2)
-    scale = np.sqrt(np.maximum(np.diagonal(normal), 1e-30))
-    inverse = np.linalg.pinv(normal / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale)
-    found = inverse @ (matrix.T @ right) / kept
-    rest = float(np.mean(np.square(right - matrix @ found))) if right.size else math.inf
+    weights, rests = np.ones(right.size), list[float]()
+    for _ in range(_REWEIGHTED if circles else 1):
+        normal = (matrix.T * weights) @ matrix / kept + np.diag(prior**2)
+        scale = np.sqrt(np.maximum(np.diagonal(normal), 1e-30))
+        inverse = np.linalg.pinv(normal / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale)
+        found = inverse @ (matrix.T @ (weights * right)) / kept
+        squares = np.square(right - matrix @ found)
+        rests.append(float(np.average(squares, weights=weights)) if right.size else math.inf)
+        if not _EXCESS * variance < (rest := rests[-1] / (_KEPT if rests[1:] else 1.0)) < math.inf:
+            break
+        weights = np.tile(1 / (1 + squares.reshape(2, -1).mean(axis=0) / (4 * variance)), 2)
     excess = max(rest - _EXCESS * variance, 0.0) / kept * right.size / _INDEPENDENT
     moves = np.zeros((4, matrix.shape[1]))
     moves[:3, :3] = np.eye(3)
@@ -150,18 +157,18 @@ def fitted(
     values, vectors = np.linalg.eigh(moves @ inverse @ moves.T)
     along, down, roll, sink = (float(part) for part in moves @ found)
     root = vectors * np.sqrt(np.maximum(values, 0))
-    misfit = math.sqrt(rest / variance)
-    return Deviation(np.array([along, down]), roll, sink, root, misfit, max(growth, math.sqrt(excess)))
+    misfit = math.sqrt(rests[0] / variance)
+    return Deviation(np.array([along, down]), roll, sink, root, misfit, max(1.0, math.sqrt(excess)))
 
 
-def _outside(creep: Creep, good: Mask, circles: Sequence[Circle]) -> tuple[Mask, float]:
-    """Cells of the fit (n,) outside the contacts; growth of its sigmas where they are near."""
+def _outside(creep: Creep, good: Mask, circles: Sequence[Circle]) -> Mask:
+    """Cells of the fit (n,) outside the contacts."""
     away = np.full(creep.x.size, np.inf)
     for x, y, radius in circles:
         away = np.minimum(away, np.hypot(creep.x - x, creep.y - y) / radius)
     away[~good[*creep.at]] = 0
-    far, growth = next((one for one in _FAR if np.count_nonzero(away > one[0]) >= _FEWEST), _FAR[-1])
-    return away > far, growth
+    far = next((far for far in _FAR if np.count_nonzero(away > far) >= _FEWEST), _FAR[-1])
+    return np.asarray(away > far)
 
 
 def _inverse_priors(layer: Layer | None, circles: Sequence[Circle], depths: Sequence[float]) -> Float:

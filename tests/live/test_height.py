@@ -29,7 +29,7 @@ SMOOTH = [
 CONTACTS = [((BALL, 28.0, 20.0, 4.0, 0.05),), ((BALL, 31.0, 22.0, 4.0, 0.07),)]
 #: mm of noise that a frame of 240 x 320 pixels leaves; mm of the picture's motion that a dent of a third of
 #: the mirror hides.
-FLOOR, HIDDEN = 1.5e-4, 0.005
+FLOOR, HIDDEN = 1.5e-4, 0.002
 
 
 def _errors(reading: Reading, true: Any) -> tuple[Any, Any]:
@@ -63,7 +63,7 @@ def test_heights_are_right_within_sigma(prepared: Prepared, shot: Shot, truth: T
             assert (reading.z - truth(dents))[inner].std() < 5e-3 * dents[0][4]
             assert np.abs(error).max() < 0.1 * dents[0][4]
     # an error is a few modes: six frames hold them to 30 %
-    assert (0.4 if dents in SMOOTH else 0) < np.sqrt(np.mean(ratios)) < 1.5
+    assert (0.3 if dents in SMOOTH else 0) < np.sqrt(np.mean(ratios)) < 1.5
 
 
 @pytest.mark.parametrize("radius", [4.0, 5.0])

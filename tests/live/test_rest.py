@@ -12,7 +12,7 @@ import pytest
 from lab.live.world import BALL, GAUSS, expose
 from optolever.live import Live, Prepared, Reading
 
-from .conftest import LAYER, NOISE, Rest
+from .conftest import LAYER, NOISE, Rest, Shot
 
 Truth = Callable[[Any], Any]
 MOVED, ROLLED = "The picture has moved as a whole", "The camera has rolled"
@@ -56,6 +56,12 @@ def test_creep_and_load_come_off_and_only_creep_is_named(
     assert not _named(reading, ROLLED)
     assert len(reading.touches) == len(PRESSES[press])
     assert reading.tareable == (not PRESSES[press])
+
+
+def test_a_dent_as_wide_as_the_mirror_is_one_contact(prepared: Prepared, shot: Shot) -> None:
+    """Its flank ends at the edge, unlike any load's: cells that do not fit weigh less."""
+    (touch,) = Live(prepared).update(shot(((GAUSS, 33.9, 27.4, 8.8, 0.346),))).touches
+    assert abs(touch.depth - 0.346) < 3 * touch.depth_sigma < 0.15 * 0.346
 
 
 @pytest.mark.parametrize("radius", [3.0, 4.0, 5.0])
