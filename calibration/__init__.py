@@ -17,6 +17,7 @@
 | `observability.py` | singular values in prior units, notices |
 | `effects.py` | errors of heights and depths by errors of the parameters |
 | `typed_faults.py` | typed numbers that contradict the camera |
+| `weights.py` | the modulus of an elastic layer by known weights |
 | `predicted.py` | sigma of a rig at rest and of a dent, before any capture |
 """
 
@@ -38,6 +39,7 @@ from .response import RigResponse, load_response, measure_response, store_respon
 from .rest import load_rest, store_rest
 from .targets import Ball, Flat, Plate, Rest, Target, target_from_text
 from .typed_faults import aim_fault, rest_fault
+from .weights import Weighed, Weight, weighed
 
 __all__ = [
     "PREDICTED_DEPTH",
@@ -52,6 +54,8 @@ __all__ = [
     "RigResponse",
     "SoFar",
     "Target",
+    "Weighed",
+    "Weight",
     "aim_fault",
     "calibrate",
     "calibrate_so_far",
@@ -71,6 +75,7 @@ __all__ = [
     "store_rest",
     "target_from_text",
     "unused_accuracy",
+    "weighed",
     "with_better_fit",
 ]
 

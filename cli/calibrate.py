@@ -224,8 +224,8 @@ def _weigh(
     given = []
     for numbers, path in _pairs("--weight", weights, "NEWTON[,SIGMA]=H.npz, such as 0.5,0.005=h.npz"):
         values = [_number("--weight", part) for part in numbers.split(",")[:2]]
-        given.append(ol.live.Weight(ol.reconstruct.HeightMap.load(path), *values))
-    found = ol.live.weighed(scene.layer, given)
+        given.append(ol.calibration.Weight(ol.reconstruct.HeightMap.load(path), *values))
+    found = ol.calibration.weighed(scene.layer, given)
     layer, each = found.layer, list(zip(weights, found.moduli, found.sigmas, strict=True))
     modulus = layer.youngs_modulus_mpa, layer.youngs_modulus_mpa * layer.relative_sigma
     names = "youngs_modulus_mpa", "youngs_modulus_sigma_mpa"

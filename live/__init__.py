@@ -11,7 +11,6 @@
 | `rest.py` | the picture's shift and roll, and the load at the mirror's edge, in one fit |
 | `rig_errors.py` | common error of heights by the rig's numbers |
 | `touches.py`, `holes.py` | contacts over time; cells without a height |
-| `weights.py` | the modulus by known weights |
 | `probes.py`, `spectrum.py` | heights of single cells over time, the noise floor; their spectra |
 | `circulation.py` | circulation of the slopes: their inconsistency |
 | `source.py`, `follow.py` | cameras, one of them virtual; readings as an iterator, tare |
@@ -40,7 +39,6 @@ from .spectrum import Line, Spectrum, spectrum_of
 from .stream import Live
 from .touches import Force, Touch, Touches
 from .web import Web
-from .weights import Weighed, Weight, weighed
 
 __all__ = [
     "COMPRESSED",
@@ -69,8 +67,6 @@ __all__ = [
     "Touches",
     "VirtualFinger",
     "Web",
-    "Weighed",
-    "Weight",
     "follow",
     "has_readings",
     "kept_rest",
@@ -81,7 +77,6 @@ __all__ = [
     "spectrum_of",
     "tared",
     "virtual_rig",
-    "weighed",
 ]
 
 check_face(__name__)

@@ -83,7 +83,7 @@ def settle(rig: Rig, frame: Frame, sigma: Cells) -> Settled:
     seen = rig.carriers.by_columns(frame)
     sizes: list[float] = []
     kinks: list[float] = []
-    some = (slice(None, None, 3), slice(None, None, 3))
+    some = np.s_[::3, ::3]
     evenly, fewest = np.ones_like(tau), _FEWEST  # gaps are filled; the last step weighs
     for step in range(_STEPS):
         state, fit = fit_step(rig.carriers, seen, state)
@@ -113,9 +113,12 @@ def settle(rig: Rig, frame: Frame, sigma: Cells) -> Settled:
     # the residual is evaluated after convergence: before, it is large wherever something moved
     residual = fit.residual(rig.carriers)
     usual = float(np.median(residual[some]))
-    ratio = _compressions(rig, offset)
+    ratio = _compressions(rig.gradient, offset)
     least = float(ratio[good].min(initial=1.0))
-    good &= ~_folded(rig, ratio)
+    if ratio.min() < COMPRESSED:  # also cells whose window reaches there
+        reach = rig.carriers.window.size // 3
+        folded = (ratio < COMPRESSED).astype(np.uint8)
+        good &= cv2.dilate(folded, np.ones((reach, reach), np.uint8)) == 0
     if torn(offset, good):
         good &= ~beside_tears(offset)
     if not good.all():
@@ -134,7 +137,7 @@ def settle(rig: Rig, frame: Frame, sigma: Cells) -> Settled:
 def _lighted(rig: Rig, state: State, frame: Frame) -> State:
     """The state in the frame's light: scaled by the display's, its level tilted by a lamp's. Truncated
     windows would take many steps to converge to it."""
-    few = slice(None, None, _SPARSE), slice(None, None, _SPARSE)
+    few = np.s_[::_SPARSE, ::_SPARSE]
     lit, grey = rig.carriers.lit[few] > 0, frame[few]
     gain = float(grey[lit].mean()) / max(float(state.level[rig.lit].mean()), 1.0)
     if not _DARK < gain < 1 / _DARK:
@@ -168,10 +171,10 @@ def rest_state(carriers: Carriers, mean: Frame, start: State) -> State:
 
 def _good(rig: Rig, state: State, fit: Fit) -> tuple[Mask, Cells, Cells]:
     """Cells with a fringe, their contrast and strength (see Settled)."""
-    window, cell = rig.carriers.window, rig.carriers.cell
-    least = _f4(_AMPLITUDE * float(np.sqrt(2 * rig.noise) * np.square(window).sum()) / cell)
-    good, contrast = np.empty(fit.share.shape, np.bool_), np.empty_like(fit.share)
-    strength = np.empty_like(contrast)
+    size = float(np.square(rig.carriers.window).sum()) / rig.carriers.cell
+    least = _f4(_AMPLITUDE * float(np.sqrt(2 * rig.noise)) * size)
+    contrast, strength = np.empty((2, *fit.share.shape), _f4)
+    good = np.empty(fit.share.shape, np.bool_)
     _judged(state.planes, rig.rest.planes, rig.carriers.share, fit.share, least, good, contrast, strength)
     return good, contrast, strength
 
@@ -202,16 +205,6 @@ def _fill(rig: Rig, state: State, good: Mask) -> None:
         plane[bad] = (around + rest)[bad]
 
 
-def _folded(rig: Rig, ratio: Cells) -> Mask:
-    """Cells where the map is nearly folded, and cells whose window reaches them; ratio (R, C): Jacobian over
-    that at rest."""
-    found = (ratio < COMPRESSED).astype(np.uint8)
-    reach = rig.carriers.window.size // 3
-    if not found.any():
-        return found > 0
-    return np.asarray(cv2.dilate(found, np.ones((reach, reach), np.uint8)) > 0)
-
-
 def _anchored(rig: Rig, good: Mask) -> Mask:
     """Cells connected to an anchor: the height of an island is known only up to a constant."""
     count, labels = cv2.connectedComponents(good.astype(np.uint8), connectivity=4)
@@ -220,16 +213,10 @@ def _anchored(rig: Rig, good: Mask) -> Mask:
     return np.asarray(reached[labels] & good)
 
 
-def _compressions(rig: Rig, offset: Cells) -> Cells:
-    """Jacobian of the map (R, C) over that at rest; 1 at the ends."""
-    ratio = np.ones(offset.shape[1:], _f4)
-    _jacobians(rig.gradient, offset, ratio)
-    return ratio
-
-
 @kernel
-def _jacobians(gradient, offset, ratio):  # type: ignore[no-untyped-def]
-    half = _f4(0.5)
+def _compressions(gradient, offset):  # type: ignore[no-untyped-def]
+    """Jacobian of the map (R, C) over that at rest; 1 at the ends."""
+    ratio, half = np.ones(offset.shape[1:], np.float32), _f4(0.5)
     for i in range(1, ratio.shape[0] - 1):
         for j in range(1, ratio.shape[1] - 1):
             a, b, c, d = gradient[0, i, j], gradient[1, i, j], gradient[2, i, j], gradient[3, i, j]
@@ -239,3 +226,4 @@ def _jacobians(gradient, offset, ratio):  # type: ignore[no-untyped-def]
             c += half * (offset[0, i + 1, j] - offset[0, i - 1, j])
             d += half * (offset[1, i + 1, j] - offset[1, i - 1, j])
             ratio[i, j] = (a * d - b * c) / at_rest
+    return ratio

@@ -15,7 +15,7 @@ from typing import TypeVar
 import numpy as np
 
 from optolever.blocks import over_rows
-from optolever.kernels import kernel
+from optolever.kernels import inlined, kernel
 from optolever.reconstruct import ColumnPoisson, integrate
 
 from .arrays import Cells, Float, Mask
@@ -180,36 +180,33 @@ def _slopes(g, steps, displacement, tau, out, start, stop):  # type: ignore[no-u
                 )
 
 
+@inlined
+def _rise(a, b, c, d, at):  # type: ignore[no-untyped-def]
+    """Integral of the cubic through four values, over the first, second or third step (at -1, 0, 1)."""
+    first, last = (a, d) if at < 1 else (d, a)
+    low, high = (b, c) if at < 1 else (c, b)
+    if at == 0:
+        return _f4(1 / 24) * (_f4(13) * (b + c) - a - d)
+    return _f4(1 / 24) * (_f4(9) * first + _f4(19) * low - _f4(5) * high + last)
+
+
 @kernel
 def _increments(slopes, tau, root, out, start, stop):  # type: ignore[no-untyped-def]
     """out (2, R, C): increments of the slopes by the cubic through four cells, less those of tau, over the
     integrating factor; 0 beyond the last column or row."""
     rows, cols = tau.shape
-    w = _f4(1 / 24)
     p, q = slopes[0], slopes[1]
     for i in range(start, stop):
         for j in range(cols - 1):
-            if 1 <= j < cols - 2:
-                rise = w * (_f4(13) * (p[i, j] + p[i, j + 1]) - p[i, j - 1] - p[i, j + 2])
-            elif j == 0:
-                rise = w * (_f4(9) * p[i, 0] + _f4(19) * p[i, 1] - _f4(5) * p[i, 2] + p[i, 3])
-            else:
-                k = cols - 1
-                rise = w * (_f4(9) * p[i, k] + _f4(19) * p[i, k - 1] - _f4(5) * p[i, k - 2] + p[i, k - 3])
+            k = min(max(j - 1, 0), cols - 4)
+            rise = _rise(p[i, k], p[i, k + 1], p[i, k + 2], p[i, k + 3], j - 1 - k)
             out[0, i, j] = (rise - tau[i, j + 1] + tau[i, j]) / (root[i, j] * root[i, j + 1])
         out[0, i, cols - 1] = _f4(0)
+        k, n = min(max(i - 1, 0), rows - 4), min(i + 1, rows - 1)
         for j in range(cols):
-            if i == rows - 1:
-                out[1, i, j] = _f4(0)
-                continue
-            if 1 <= i < rows - 2:
-                rise = w * (_f4(13) * (q[i, j] + q[i + 1, j]) - q[i - 1, j] - q[i + 2, j])
-            elif i == 0:
-                rise = w * (_f4(9) * q[0, j] + _f4(19) * q[1, j] - _f4(5) * q[2, j] + q[3, j])
-            else:
-                k = rows - 1
-                rise = w * (_f4(9) * q[k, j] + _f4(19) * q[k - 1, j] - _f4(5) * q[k - 2, j] + q[k - 3, j])
-            out[1, i, j] = (rise - tau[i + 1, j] + tau[i, j]) / (root[i, j] * root[i + 1, j])
+            rise = _rise(q[k, j], q[k + 1, j], q[k + 2, j], q[k + 3, j], i - 1 - k)
+            step = (rise - tau[n, j] + tau[i, j]) / (root[i, j] * root[n, j])
+            out[1, i, j] = step if i < rows - 1 else _f4(0)
 
 
 @kernel

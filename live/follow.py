@@ -18,7 +18,7 @@ from .reading import Reading
 from .source import Source
 from .stream import Live
 
-__all__ = ["Followed", "follow", "plain", "tared"]
+__all__ = ["Followed", "follow", "tared"]
 
 _PATIENCE = 30.0  # s without a frame, after which the camera counts as lost
 
@@ -80,12 +80,3 @@ def tared(prepared: Prepared, frames: Frame) -> Prepared:
     mean = np.asarray(frames, np.float64)[:, :rows, :cols].mean(axis=0).astype(np.float32)
     state = rest_state(carriers, mean, prepared.rig.rest)
     return replace(prepared, rig=replace(prepared.rig, rest=state))
-
-
-def plain(value: Any) -> Any:
-    """The value without NaN and infinities, which JSON lacks."""
-    if isinstance(value, dict):
-        return {key: plain(each) for key, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(each) for each in value]
-    return None if isinstance(value, float) and not np.isfinite(value) else value

@@ -7,52 +7,36 @@ reader gets the newest message, not all."""
 import csv
 import json
 import socket
-import threading
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from queue import Empty, Full, Queue
+from threading import Thread
+from typing import Any
 
 import numpy as np
 
 from optolever.errors import InputError, reason_of
+from optolever.files import plain
 
-from .follow import Followed, plain
+from .follow import Followed
 
 __all__ = ["ContactTable", "ReadingSocket"]
 
 _COLUMNS = {
-    "x_mm": "x",
-    "y_mm": "y",
-    "position_sigma_mm": "position_sigma",
-    "depth_mm": "depth",
-    "depth_sigma_mm": "depth_sigma",
-    "area_mm2": "area",
-    "area_sigma_mm2": "area_sigma",
-    "volume_mm3": "volume",
-    "volume_sigma_mm3": "volume_sigma",
-    "cut": "cut",
-    "hole": "hole",
+    f"{name}{unit}": name
+    for unit, names in {
+        "_mm": ("x", "y", "position_sigma", "depth", "depth_sigma"),
+        "_mm2": ("area", "area_sigma"),
+        "_mm3": ("volume", "volume_sigma"),
+        "": ("cut", "hole"),
+    }.items()
+    for name in names
 }
 _FORCES = {"force_n": "newton", "force_sigma_n": "sigma", "pressure_n_mm2": "peak"}
+_LAST_S = 1.0  # for a reader to take the last message
 
 
-class _Outlet:
-    """A context manager that closes."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """End."""
-
-
-class ContactTable(_Outlet):
+class ContactTable(AbstractContextManager["ContactTable"]):
     """A CSV with a row for every contact of a reading, one without a contact where there is none. What is
     killed leaves the rows so far. InputError where the file cannot be written."""
 
@@ -70,16 +54,14 @@ class ContactTable(_Outlet):
         head = f"{reading.time:.6f}", followed.image.id, int(reading.trusted)
         forces = {force.identity: force for force in reading.forces}
         for touch in reading.touches:
-            force = forces.get(touch.identity)
-            by_name = [getattr(touch, name) for name in _COLUMNS.values()]
-            by_name += [None if force is None else getattr(force, name) for name in _FORCES.values()]
-            self._rows.writerow((*head, touch.identity, *map(_cell, by_name)))
+            values = [getattr(touch, name) for name in _COLUMNS.values()]
+            values += [getattr(forces.get(touch.identity), name, None) for name in _FORCES.values()]
+            self._rows.writerow((*head, touch.identity, *map(_cell, values)))
         if not reading.touches:
             self._rows.writerow((*head, "", *[""] * (len(_COLUMNS) + len(_FORCES))))
         self._file.flush()
 
-    def close(self) -> None:
-        """Close the file; all rows are in it already."""
+    def __exit__(self, *_: object) -> None:
         self._file.close()
 
 
@@ -87,7 +69,7 @@ def _cell(value: Any) -> Any:
     return "" if value is None else int(value) if isinstance(value, bool) else f"{value:.6g}"
 
 
-class ReadingSocket(_Outlet):
+class ReadingSocket(AbstractContextManager["ReadingSocket"]):
     """Serves a Unix socket on threads, for programs of this user. InputError where the path is taken."""
 
     def __init__(self, path: str | Path) -> None:
@@ -102,7 +84,7 @@ class ReadingSocket(_Outlet):
             raise InputError(f"{path}: no socket can be made there ({reason_of(error)})") from error
         self._path.chmod(0o600)
         self._server.listen()
-        threading.Thread(target=self._accept, daemon=True).start()
+        Thread(target=self._accept, daemon=True).start()
 
     def write(self, followed: Followed) -> None:
         """The message of a reading, to all who are connected."""
@@ -112,7 +94,7 @@ class ReadingSocket(_Outlet):
         z = np.where(reading.good, reading.z, np.nan).astype("<f4")
         row, col = (size // 2 for size in z.shape)
         ends = {"x_mm": reading.x[row, :: z.shape[1] - 1], "y_mm": reading.y[:: z.shape[0] - 1, col]}
-        numbers = followed.to_dict() | {name: [float(v) for v in end] for name, end in ends.items()}
+        numbers = followed.to_dict() | {name: end.tolist() for name, end in ends.items()}
         numbers |= {"rows": z.shape[0], "cols": z.shape[1], "bytes": z.nbytes}
         message = json.dumps(plain(numbers)).encode() + b"\n" + z.tobytes()
         self._clients = [client for client in self._clients if client.offer(message)]
@@ -122,8 +104,7 @@ class ReadingSocket(_Outlet):
             while True:
                 self._clients = [*self._clients, _Client(self._server.accept()[0])]
 
-    def close(self) -> None:
-        """Disconnect all."""
+    def __exit__(self, *_: object) -> None:
         with suppress(OSError):
             self._server.shutdown(socket.SHUT_RDWR)
         self._server.close()
@@ -136,33 +117,26 @@ class _Client:
     """Sends the newest message on a thread."""
 
     def __init__(self, connection: socket.socket) -> None:
-        self._connection, self._ready = connection, threading.Condition()
-        self._message, self._over = b"", False
-        threading.Thread(target=self._send, daemon=True).start()
+        self._connection, self._next = connection, Queue[bytes](1)
+        self._thread = Thread(target=self._send, daemon=True)
+        self._thread.start()
 
     def offer(self, message: bytes) -> bool:
         """In place of one that waits; whether somebody reads."""
-        with self._ready:
-            self._message = message
-            self._ready.notify()
-        return not self._over
+        with suppress(Empty):
+            self._next.get_nowait()
+        self._next.put(message)
+        return self._thread.is_alive()
 
     def end(self) -> None:
         """Once what waits is sent."""
-        with self._ready:
-            self._over = True
-            self._ready.notify()
+        with suppress(Full):
+            self._next.put(b"", timeout=_LAST_S)
 
     def _send(self) -> None:
         with self._connection, suppress(OSError):
-            while True:
-                with self._ready:
-                    self._ready.wait_for(lambda: self._message or self._over)
-                    message, self._message = self._message, b""
-                if not message:
-                    break
+            while message := self._next.get():
                 self._connection.sendall(message)
-        self._over = True
 
 
 def _answers(path: Path) -> bool:

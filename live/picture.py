@@ -81,15 +81,6 @@ class State:
         level: Cells = self.planes[2]
         return level
 
-    @property
-    def amplitudes(self) -> Cells:
-        """Of the fringe along u and along v, (2, R, C)."""
-        return self.planes[3:]
-
-    def copy(self) -> "State":
-        """One that may be changed."""
-        return State(self.planes.copy())
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:

@@ -19,7 +19,7 @@ from optolever.scene import Scene
 from .arrays import Cells, Float, Frame, Mask
 from .chain import LEAST_SHARE, Rig, rest_state, settle
 from .chord import linearised
-from .circulation import BLOCKS, circulation
+from .circulation import BLOCKS, circulations
 from .geometry import anchor_line, rest_rays, rim
 from .picture import Carriers, State, model, to_cells, window_mean
 from .prepared import Noise, Prepared
@@ -182,31 +182,20 @@ def _measured_noise(
     clean = model(rig.carriers, rig.rest)
     spread = np.float32(math.sqrt(max(rig.noise - _QUANTISED, 0.0)))
     sigma = np.full(rig.carriers.shape, _FIRST_SIGMA, np.float32)
-    squares, draws, scatter, creep = np.zeros(rig.carriers.shape), [], [], creep_of(rig, points)
-    around = [np.zeros(1, np.float32)] * len(BLOCKS)
+    squares, draws, curls, scatter = np.zeros(rig.carriers.shape), [], [], []
+    creep = creep_of(rig, points)
     for _ in range(_DRAWS):
         noisy = clean + spread * rng.standard_normal(clean.shape, dtype=np.float32)
         frame = np.clip(np.rint(noisy), 0, rig.carriers.full - 1).astype(kind)
         settled = settle(rig, frame, sigma)
         offset = settled.state.displacement - rig.rest.displacement
         found = fitted(creep, offset, settled.good, (), None, (1.0, 1.0))
-        coefficients = np.append(found.shift, found.roll) / found.sigmas[:3]
-        scatter.append((found.misfit**2, float(np.mean(np.square(coefficients)))))
+        scatter.append((found.misfit**2, float(np.mean(np.square(found.motion / found.sigmas[:3])))))
         z = settled.tau * rig.normal + found.heights(creep)
         squares += np.square(z, dtype=np.float64)
         draws.append(z)
-        for i, block in enumerate(BLOCKS):
-            around[i] = around[i] + np.square(circulation(settled.slopes, settled.good, block))
+        curls.append(circulations(settled.slopes, settled.good))
     sigma = np.sqrt(scipy.ndimage.gaussian_filter(squares / _DRAWS, _SMOOTH, mode="nearest"))
-    fine, coarse = (
-        np.sqrt(scipy.ndimage.gaussian_filter(_filled(part / np.float32(_DRAWS)), 2.0, mode="nearest"))
-        for part in around
-    )
+    curl = np.nan_to_num(np.mean(curls, axis=0), posinf=1.0)
     displacement = np.mean(scatter, axis=0).astype(np.float32)
-    return Noise(sigma.astype(np.float32), fine, coarse, np.asarray(draws[:_KEPT], np.float32), displacement)
-
-
-def _filled(variance: Cells) -> Cells:
-    """Incomplete blocks at rest get the median of the others."""
-    known = np.isfinite(variance)
-    return np.where(known, variance, np.median(variance[known]) if known.any() else 1.0).astype(np.float32)
+    return Noise(sigma.astype(np.float32), curl, np.asarray(draws[:_KEPT], np.float32), displacement)

@@ -1,6 +1,5 @@
 """Prepared: the precomputed record of a rig at rest, and its file."""
 
-import types
 import typing
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
@@ -13,7 +12,7 @@ from optolever.files import load_arrays, save_arrays
 from optolever.notices import Notice, notices_from_array, notices_to_array
 from optolever.scene import Layer
 
-from .arrays import Cells
+from .arrays import Cells, Float
 from .chain import Rig
 
 __all__ = ["Noise", "Prepared"]
@@ -23,14 +22,13 @@ __all__ = ["Noise", "Prepared"]
 class Noise:
     """Noise of frames at rest, propagated through the chain.
 
-    sigma (R, C): of z less the picture's motion, mm; curl_fine, curl_coarse: of the circulation around blocks
-    of 8 and 32 cells, mm; draws (K, R, C): such heights of single frames; their scatter in any figure is the
+    sigma (R, C): of z less the picture's motion, mm; curl (2,): mean square circulation around blocks of 8
+    and 32 cells, mm^2; draws (K, R, C): such heights of single frames; their scatter in any figure is the
     figure's sigma; displacement (2,), turns^2: variance of a cell's displacement, and the variance with which
     independent cells would make a fit of all cells scatter as much as it does."""
 
     sigma: Cells
-    curl_fine: Cells
-    curl_coarse: Cells
+    curl: Float
     draws: Cells
     displacement: Cells
 
@@ -101,17 +99,13 @@ def _built(kind: Any, arrays: dict[str, Any], prefix: str, given: dict[str, Any]
     """Inverse of _flat. KeyError of a name that is not there."""
     values = dict(given or {})
     for name, hint in typing.get_type_hints(kind).items():
+        whole, options = prefix + name, typing.get_args(hint) or (hint,)
         if name in values:
             continue
-        whole = prefix + name
-        options = typing.get_args(hint) if isinstance(hint, types.UnionType) else (hint,)
-        there = any(key == whole or key.startswith(f"{whole}.") for key in arrays)
-        if type(None) in options and not there:
+        if type(None) in options and not any(f"{key}.".startswith(f"{whole}.") for key in arrays):
             values[name] = None
         elif is_dataclass(options[0]):
             values[name] = _built(options[0], arrays, f"{whole}.")
-        elif whole not in arrays:
-            raise KeyError(whole)
         else:
             value = arrays[whole]
             values[name] = options[0](value[()]) if options[0] in (int, float, bool) else value

@@ -12,7 +12,7 @@ if nine samples were independent. An even sinking of the mirror, or a tilt about
 as a shift along columns: `sinking` says how much one pixel is."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,15 +45,14 @@ class Creep:
     """What motions of the picture do: a shift by a pixel along columns, along rows, a roll of `turn` rad
     (a pixel at the longer sides).
 
-    heights (3, R, C), mm; slopes (3, 2, R, C): of the distance along the ray, mm a cell; free (R, C): height
-    by an anchor that sinks by 1 mm; at (2, n): cells of the fit; x, y (n,): their places, mm; shapes (3, 2,
-    n): displacement, turns; by_height (2, n), by_slope (2, 2, n): displacement by z, turns/mm, by dz/dx and
-    dz/dy; anchor (3, m): x, y and weight of the anchor's cells; sinking, tilt: of the mirror, mm, rad, that
-    shift the picture by a pixel."""
+    heights (4, R, C): that take them off, mm, and by an anchor that sinks by 1 mm; slopes (3, 2, R, C): of
+    the distance along the ray, mm a cell; at (2, n): cells of the fit; x, y (n,): their places, mm; shapes
+    (3, 2, n): displacement, turns; by_height (2, n), by_slope (2, 2, n): displacement by z, turns/mm, by
+    dz/dx and dz/dy; anchor (3, m): x, y and weight of the anchor's cells; sinking, tilt: of the mirror, mm,
+    rad, that shift the picture by a pixel."""
 
     heights: Cells
     slopes: Cells
-    free: Cells
     turn: float
     at: Float
     x: Float
@@ -68,42 +67,40 @@ class Creep:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Deviation:
-    """From rest, of one frame: shift (2,) along columns and rows, roll, of the picture, pixels (a roll's at
-    the longer sides); sink: of the anchor by loads, mm; root (4, 4): of the covariance of these by noise;
-    misfit: rms residual over noise; growth: of the sigmas by it."""
+    """From rest, of one frame: parts (4,): shift of the picture along columns and rows, and its roll, pixels
+    (a roll's at the longer sides), sinking of the anchor by loads, mm; root (4, 4): of the covariance of
+    these by noise; misfit: rms residual over noise; growth: of the sigmas by it."""
 
-    shift: Float
-    roll: float
-    sink: float
-    root: Float
+    parts: Cells
+    root: Cells
     misfit: float
     growth: float
 
     @property
-    def sigmas(self) -> Float:
-        """Of shift, roll and sink (4,)."""
+    def sigmas(self) -> Cells:
+        """Of the parts (4,)."""
         return np.asarray(self.growth * np.linalg.norm(self.root, axis=1))
 
     @property
     def motion(self) -> Cells:
         """Of the picture: shift and roll (3,), pixels."""
-        return np.array([*self.shift, self.roll], np.float32)
+        return self.parts[:3]
 
     def heights(self, creep: Creep, every: int = 1) -> Cells:
         """To be added to the heights of every so many cells (r, c), mm."""
-        heights: Cells = _sum(np.append(self.motion, np.float32(self.sink))[None], creep, every)[0]
-        return heights
+        return np.asarray(np.tensordot(self.parts, creep.heights[:, ::every, ::every], 1))
 
     def modes(self, creep: Creep, every: int = 1) -> Cells:
         """Heights (4, r, c) by independent errors of one standard deviation by noise, mm."""
-        return _sum(self.root.T.astype(np.float32), creep, every)
+        return np.asarray(np.tensordot(self.root.T, creep.heights[:, ::every, ::every], 1))
 
 
 def creep_of(rig: Rig, points: Cells) -> Creep:
     """points (3, R, C): of the mirror at rest, mm."""
     rows, cols = rig.lit.shape
     turn = 2 / max(rows, cols) / rig.carriers.cell
-    shapes = np.stack([*_shifts(rig), np.float32(turn) * _roll(rig)])
+    shifts = rig.gradient.reshape(2, 2, rows, cols) / np.float32(rig.carriers.cell)
+    shapes = np.stack([*shifts, np.float32(turn) * _roll(rig)])
     heights, slopes = zip(*(_solved(rig, shape) for shape in shapes), strict=True)
     anchor = rig.mirror.anchor[0]
     used = anchor > 0
@@ -117,8 +114,9 @@ def creep_of(rig: Rig, points: Cells) -> Creep:
     sampled = shapes[:, :, *at].astype(np.float64)
     tilted = by_height * (x.max() - x) - by_slope[:, 0]
     sinking, tilt = (float(np.vdot(sampled[0], one) / np.vdot(one, one)) for one in (by_height, tilted))
-    planes = np.stack(heights), np.stack(slopes), free
-    return Creep(*planes, turn, at, x, y, sampled, by_height, by_slope, places, abs(sinking), abs(tilt))
+    sizes = abs(sinking), abs(tilt)
+    planes = np.stack([*(-height for height in heights), free])
+    return Creep(planes, np.stack(slopes), turn, at, x, y, sampled, by_height, by_slope, places, *sizes)
 
 
 def fitted(
@@ -127,7 +125,7 @@ def fitted(
     good: Mask,
     contacts: Sequence[tuple[Circle, float]],
     layer: Layer | None,
-    noise: tuple[float, float],
+    noise: Iterable[float],
 ) -> Deviation:
     """offset (2, R, C): displacement from rest, turns; contacts: circles and depths, mm; noise: variance of
     the displacement of a cell, and what of it a fit of all cells keeps, turns^2."""
@@ -136,7 +134,7 @@ def fitted(
     columns = [*creep.shapes[:, :, use], *_loads(creep, layer, circles, use)]
     matrix = np.stack([one.ravel() for one in columns], axis=1)
     right = offset[:, *creep.at][:, use].astype(np.float64).ravel()
-    variance, kept = noise
+    variance, kept = (float(part) for part in noise)
     prior = np.append(np.zeros(3), _inverse_priors(layer, circles, depths))
     weights, rests = np.ones(right.size), list[float]()
     for _ in range(_REWEIGHTED if circles else 1):
@@ -152,13 +150,11 @@ def fitted(
     excess = max(rest - _EXCESS * variance, 0.0) / kept * right.size / _INDEPENDENT
     moves = np.zeros((4, matrix.shape[1]))
     moves[:3, :3] = np.eye(3)
-    if circles:
-        moves[3, 3:] = _terms(layer, circles, creep.anchor[0], creep.anchor[1]) @ creep.anchor[2]
+    moves[3, 3:] = _terms(layer, circles, creep.anchor[0], creep.anchor[1]) @ creep.anchor[2]
     values, vectors = np.linalg.eigh(moves @ inverse @ moves.T)
-    along, down, roll, sink = (float(part) for part in moves @ found)
-    root = vectors * np.sqrt(np.maximum(values, 0))
-    misfit = math.sqrt(rests[0] / variance)
-    return Deviation(np.array([along, down]), roll, sink, root, misfit, max(1.0, math.sqrt(excess)))
+    root, parts = vectors * np.sqrt(np.maximum(values, 0)), moves @ found
+    misfit, growth = math.sqrt(rests[0] / variance), max(1.0, math.sqrt(excess))
+    return Deviation(parts.astype(np.float32), root.astype(np.float32), misfit, growth)
 
 
 def _outside(creep: Creep, good: Mask, circles: Sequence[Circle]) -> Mask:
@@ -172,24 +168,18 @@ def _outside(creep: Creep, good: Mask, circles: Sequence[Circle]) -> Mask:
 
 
 def _inverse_priors(layer: Layer | None, circles: Sequence[Circle], depths: Sequence[float]) -> Float:
-    """Over the standard deviations of the amplitudes of contacts' terms, (5 n,)."""
-    if not circles:
-        return np.zeros(0)
-    x, y, radius = np.array(circles, np.float64).T  # at a place on the edge where no term is zero
+    """Over the standard deviations of the amplitudes of contacts' terms (5 n,), at a place on the edge where
+    none is zero."""
+    x, y, radius = np.array(circles, np.float64).reshape(-1, 3).T
     size = _terms(layer, circles, x + 0.6 * radius, y + 0.8 * radius)
     each = np.diagonal(size.reshape(len(circles), len(_PRIOR), len(circles)), axis1=0, axis2=2).T
     return np.asarray(np.abs(each) / (np.array(_PRIOR) * np.array(depths)[:, None])).ravel()
 
 
-def _sum(parts: Cells, creep: Creep, every: int) -> Cells:
-    """Heights (k, r, c) that take parts (k, 4) of the motions off and add the anchor's."""
-    few = slice(None, None, every), slice(None, None, every)
-    planes = np.concatenate([-creep.heights[:, *few], creep.free[None, *few]])
-    return np.asarray(np.tensordot(parts, planes, 1), np.float32)
-
-
 def _terms(layer: Layer | None, circles: Sequence[Circle], x: Float, y: Float) -> Float:
     """Heights (5 n, m) at places (m,): the far field, and the flank of a Gaussian dent that fades."""
+    if not circles:
+        return np.zeros((0, x.size))
     fields = far_field(layer, circles, x, y).reshape(len(circles), 4, x.size)
     q2 = np.array([((x - a) ** 2 + (y - b) ** 2) / radius**2 for a, b, radius in circles])
     return np.concatenate([fields, np.exp2(-q2)[:, None]], axis=1).reshape(5 * len(circles), x.size)
@@ -197,10 +187,8 @@ def _terms(layer: Layer | None, circles: Sequence[Circle], x: Float, y: Float) -
 
 def _loads(creep: Creep, layer: Layer | None, circles: Sequence[Circle], use: Mask) -> Float:
     """Displacements (4 n, 2, m) by far fields of amplitude 1 mm."""
-    if not circles:
-        return np.zeros((0, 2, np.count_nonzero(use)))
     x, y = creep.x[use], creep.y[use]
-    step = _NEAR * min(circle[2] for circle in circles)
+    step = _NEAR * min((circle[2] for circle in circles), default=1.0)
     z, east, west, north, south = (
         _terms(layer, circles, x + a * step, y + b * step)
         for a, b in ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1))
@@ -208,11 +196,6 @@ def _loads(creep: Creep, layer: Layer | None, circles: Sequence[Circle], use: Ma
     slope = (east - west) / (2 * step), (north - south) / (2 * step)
     parts = zip((z, *slope), (creep.by_height, *creep.by_slope.swapaxes(0, 1)), strict=True)
     return np.asarray(sum(part[:, None] * by[None, :, use] for part, by in parts))
-
-
-def _shifts(rig: Rig) -> Cells:
-    """Displacement (2, 2, R, C) by a pixel along columns and along rows, turns."""
-    return rig.gradient.reshape(2, 2, *rig.lit.shape) / np.float32(rig.carriers.cell)
 
 
 def _roll(rig: Rig) -> Cells:

@@ -21,15 +21,15 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route
 
 from optolever.errors import InputError
+from optolever.files import plain
 
 from .arrays import Cells, Frame
-from .follow import Followed, follow, plain, tared
+from .follow import Followed, follow, tared
 from .prepared import Prepared
 from .probes import TRACES, Probes
 from .recorded import ReadingRecorder
@@ -265,10 +265,10 @@ def _body(followed: Followed, state: dict[str, Any], prepared: Prepared) -> byte
     numbers |= {"marks": marks, "places": [_place(points, one.x, one.y) for one in followed.probes]}
     numbers |= {"sigma_um": 1e3 * typical, "lost": reading.figures.lost, "noise": reading.figures.noise}
     numbers |= {"layer": prepared.layer is not None}
-    frame = np.asarray(followed.image.pixels)
-    camera = frame if frame.dtype == np.uint8 else _scaled(frame / prepared.rig.carriers.full)
     trust = (1e3 * sigma).astype(np.float32)[thin, thin]
-    parts = [json.dumps(plain(numbers)).encode(), _jpeg(camera), trust.tobytes(), z.tobytes()]
+    share = followed.image.pixels.astype(np.float32) / prepared.rig.carriers.full
+    camera = cv2.imencode(".jpg", np.clip(255 * share, 0, 255).astype(np.uint8), _JPEG)[1]
+    parts = [json.dumps(plain(numbers)).encode(), camera.tobytes(), trust.tobytes(), z.tobytes()]
     return np.array([len(part) for part in parts], "<u4").tobytes() + b"".join(parts)
 
 
@@ -277,11 +277,3 @@ def _place(points: Cells, x: float, y: float) -> tuple[float, float]:
     at = np.unravel_index(int(np.hypot(points[0] - x, points[1] - y).argmin()), points.shape[1:])
     row, col = ((int(one) + 0.5) / size for one, size in zip(at, points.shape[1:], strict=True))
     return row, col
-
-
-def _scaled(share: NDArray[np.floating[Any]]) -> Frame:
-    return np.asarray(np.clip(255 * share, 0, 255), np.uint8)
-
-
-def _jpeg(picture: Frame) -> bytes:
-    return cv2.imencode(".jpg", picture, _JPEG)[1].tobytes()

@@ -7,8 +7,10 @@ frames are skipped and counted, none is late."""
 from __future__ import annotations
 
 import math
-import threading
 import time
+from contextlib import suppress
+from queue import Empty, Queue
+from threading import Thread
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -91,12 +93,10 @@ class Newest:
     manager."""
 
     def __init__(self, source: Source) -> None:
-        self._source = source
-        self._image: Image | None = None
-        self._ready, self._over = threading.Condition(), False
-        self._error: BaseException | None = None
-        self.skipped = 0
-        self._thread = threading.Thread(target=self._read, daemon=True)
+        self._source, self.skipped = source, 0
+        self._newest: Queue[Image | Exception] = Queue(1)
+        self._over = False
+        self._thread = Thread(target=self._read, daemon=True)
 
     def __enter__(self) -> Newest:
         self._thread.start()
@@ -108,27 +108,26 @@ class Newest:
 
     def next(self, timeout_s: float) -> Image | None:
         """The newest frame; None: nothing came. Errors of the camera come through."""
-        with self._ready:
-            self._ready.wait_for(lambda: self._image is not None or self._error is not None, timeout_s)
-            if self._error is not None:
-                raise self._error
-            image, self._image = self._image, None
-        return image
+        try:
+            found = self._newest.get(timeout=timeout_s)
+        except Empty:
+            return None
+        if isinstance(found, Exception):
+            raise found
+        return found
 
     def _read(self) -> None:
-        try:
-            while not self._over:
-                image = self._source.next(0.2)
-                if image is None:
-                    continue
-                with self._ready:
-                    self.skipped += self._image is not None
-                    self._image = image
-                    self._ready.notify_all()
-        except Exception as error:  # handed to whoever asks for the next frame
-            with self._ready:
-                self._error = error
-                self._ready.notify_all()
+        found: Image | Exception | None = None
+        while not (self._over or isinstance(found, Exception)):
+            try:
+                found = self._source.next(0.2)
+            except Exception as error:  # handed to whoever asks for the next frame
+                found = error
+            if found is not None:
+                with suppress(Empty):
+                    self._newest.get_nowait()
+                    self.skipped += 1
+                self._newest.put(found)
 
 
 def _light(scene: Scene, surface: Surface, fringe: Sequence) -> Pixels:

@@ -96,19 +96,11 @@ class Spectrum:
         hertz, peak = self.peak
         bins = self.amplitudes[: self.amplitudes.size // _FINE * _FINE].reshape(-1, _FINE)
         nanometres = np.nan_to_num(1e6 * bins.max(axis=1)).round(3)
-        lines = [
-            {
-                "hz": line.hz,
-                "hz_sigma": line.hz_sigma,
-                "nm": 1e6 * line.amplitude,
-                "nm_sigma": 1e6 * line.sigma,
-                "folds": list(line.folds),
-            }
-            for line in self.lines
-        ]
+        numbers = [(one.hz, one.hz_sigma, 1e6 * one.amplitude, 1e6 * one.sigma) for one in self.lines]
+        lines = [dict(zip(("hz", "hz_sigma", "nm", "nm_sigma"), one, strict=True)) for one in numbers]
         return {
             "text": str(self),
-            "lines": lines,
+            "lines": [a | {"folds": list(b.folds)} for a, b in zip(lines, self.lines, strict=True)],
             "peak_hz": hertz,
             "peak_nm": 1e6 * peak,
             "floor_nm": 1e6 * self.floor,

@@ -5,6 +5,7 @@ Applied Optics 41:7437, 2002): in plain order it would propagate a wrong period 
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from optolever.kernels import exact
 
@@ -20,15 +21,12 @@ _CALM = 15  # cells: the flood starts at the middle of the smoothest square of t
 def torn(displacement: Cells, good: Mask) -> bool:
     """Whether adjacent good cells differ by more than `TORN` turns; displacement (2, R, C), less that at
     rest."""
-    return any(_tears(one, good, np.float32(TORN)) for one in displacement)
+    return bool(_tears(displacement, good).any())
 
 
 def beside_tears(displacement: Cells) -> Mask:
     """Cells within two cells of a tear."""
-    found = np.zeros(displacement.shape[1:], np.uint8)
-    for one in displacement:
-        found[:, 1:] |= np.abs(np.diff(one, axis=1)) > TORN
-        found[1:] |= np.abs(np.diff(one, axis=0)) > TORN
+    found = _tears(displacement, np.ones(displacement.shape[1:], np.bool_))
     return np.asarray(cv2.dilate(found, np.ones((5, 5), np.uint8)) > 0)
 
 
@@ -50,41 +48,25 @@ def unwrapped(displacement: Cells, good: Mask, rim: Mask) -> tuple[Cells, Mask]:
     return np.where(reached, whole, displacement), good & reached
 
 
-@exact
-def _tears(d, good, limit):  # type: ignore[no-untyped-def]
-    for i in range(d.shape[0]):
-        for j in range(d.shape[1]):
-            if not good[i, j]:
-                continue
-            if j + 1 < d.shape[1] and good[i, j + 1] and abs(d[i, j + 1] - d[i, j]) > limit:
-                return True
-            if i + 1 < d.shape[0] and good[i + 1, j] and abs(d[i + 1, j] - d[i, j]) > limit:
-                return True
-    return False
+def _tears(displacement: Cells, good: Mask) -> NDArray[np.uint8]:
+    """1 in the second cell of a tear."""
+    found = np.zeros(good.shape, np.uint8)
+    for one in displacement:
+        found[:, 1:] |= (np.abs(np.diff(one, axis=1)) > TORN) & good[:, 1:] & good[:, :-1]
+        found[1:] |= (np.abs(np.diff(one, axis=0)) > TORN) & good[1:] & good[:-1]
+    return found
 
 
-@exact
-def _roughness(d, good):  # type: ignore[no-untyped-def]
+def _roughness(d: Cells, good: Mask) -> NDArray[np.uint8]:
     """Second differences of the wrapped phase in classes; the last one: half a turn and more, or adjacent to
     a cell that is not good."""
-    rows, cols = d.shape
-    out = np.full((rows, cols), _BUCKETS - 1, np.uint8)
-    for i in range(1, rows - 1):
-        for j in range(1, cols - 1):
-            if not (good[i, j] and good[i, j - 1] and good[i, j + 1] and good[i - 1, j] and good[i + 1, j]):
-                continue
-            left, right = d[i, j] - d[i, j - 1], d[i, j + 1] - d[i, j]
-            above, below = d[i, j] - d[i - 1, j], d[i + 1, j] - d[i, j]
-            bend = abs((left - np.rint(left)) - (right - np.rint(right)))
-            bend += abs((above - np.rint(above)) - (below - np.rint(below)))
-            out[i, j] = np.uint8(min(bend * 2.0 * (_BUCKETS - 1), _BUCKETS - 1.0))
-    for i in range(rows):
-        for j in (0, cols - 1):
-            out[i, j] = out[min(max(i, 1), rows - 2), min(max(j, 1), cols - 2)]
-    for j in range(cols):
-        for i in (0, rows - 1):
-            out[i, j] = out[min(max(i, 1), rows - 2), min(max(j, 1), cols - 2)]
-    return out
+    whole = cv2.erode(good.astype(np.uint8), cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))) > 0
+    bend = np.zeros(d.shape, np.float32)
+    for axis, inner in ((1, np.s_[:, 1:-1]), (0, np.s_[1:-1])):
+        step = np.diff(d, axis=axis)
+        bend[inner] += np.abs(np.diff(step - np.rint(step), axis=axis))
+    rank = np.where(whole, np.minimum(2 * bend, 1), 1) * (_BUCKETS - 1)
+    return np.pad(rank[1:-1, 1:-1].astype(np.uint8), 1, mode="edge")
 
 
 @exact

@@ -53,46 +53,29 @@ def judge(figures: Figures, faded: int = 0, steep: bool = False, dust: float = 0
     if not broken and roll > max(_ROLLED, CREPT * figures.roll_sigma):
         reasons.append(f"the camera has rolled by {math.degrees(roll):.2g} degrees: tare")
     held, others = "sigma includes it", "the other heights are not affected"
-    anew, mean = (
-        "measure the mirror at rest anew in this light",
-        "heights are means over the exposure; shorten it",
-    )
-    blur = "The mirror moved during the exposure; loss of contrast"
-    if faded > _MOVING:
-        blur, mean = (
-            "Every frame is out of focus; loss of contrast",
-            "focus, and measure the mirror at rest anew",
-        )
+    anew, focused = "measure the mirror at rest anew in this light", faded <= _MOVING
+    blur = "The mirror moved during the exposure" if focused else "Every frame is out of focus"
+    mean = "heights are means over the exposure; shorten it"
+    cure = mean if focused else "focus, and measure the mirror at rest anew"
     sinking, tilt = 1e3 * abs(figures.sinking), 1e6 * abs(figures.tilt)
     tare = "tare while nothing touches, and let the rig warm up"
-    crept = (
-        f"as of a mirror that sank by {sinking:.2g} um or tilted by {tilt:.2g} urad; heights count it as the "
-    )
+    crept = f"as of a mirror that sank by {sinking:.2g} um or tilted by {tilt:.2g} urad; heights count it as "
+    crept += f"the camera's motion, total_sigma as the mirror's; {tare}"
+    thin = "sigma includes it; give [layer] thickness_mm if the silicone is thin; if the rig moved: tare"
+    load = "Outside the contacts the mirror does not sink as under a load; residual over noise"
+    still, level = CREPT * figures.shift_sigma, CREPT * math.degrees(figures.roll_sigma)
+    rolled = f"heights are corrected; {tare}"
+    change = "The fit has not converged; predicted change of the height, sigma"
     bounds = [
-        (
-            figures.moved,
-            CREPT * figures.shift_sigma,
-            "The picture has moved as a whole since rest, pixels",
-            f"{crept}camera's motion, total_sigma as the mirror's; {tare}",
-        ),
-        (
-            math.degrees(roll),
-            CREPT * math.degrees(figures.roll_sigma),
-            "The camera has rolled since rest, degrees",
-            f"heights are corrected; {tare}",
-        ),
-        (
-            figures.misfit,
-            UNEXPLAINED,
-            "Outside the contacts the mirror does not sink as under a load; residual over noise",
-            "sigma includes it; give [layer] thickness_mm if the silicone is thin; if the rig moved: tare",
-        ),
+        (figures.moved, still, "The picture has moved as a whole since rest, pixels", crept),
+        (math.degrees(roll), level, "The camera has rolled since rest, degrees", rolled),
+        (figures.misfit, UNEXPLAINED, load, thin),
         (figures.saturated, _SATURATED, "Saturated pixels, share", "shorten the exposure"),
         (figures.lost - dust, _LOST[0], "Cells without a height (covered or too steep), share", others),
         (dust, _DUST, "Dust: cells at rest without a fringe, share", "clean it"),
-        (figures.left, _LEFT[0], "The fit has not converged; predicted change of the height, sigma", held),
+        (figures.left, _LEFT[0], change, held),
         (curl, _CURL[0], "The slopes contradict each other; mean square circulation over noise", held),
-        (1 - figures.contrast, 1 - FADED, blur, mean),
+        (1 - figures.contrast, 1 - FADED, f"{blur}; loss of contrast", cure),
         (light, _LIGHT[1], "More light than at rest, ratio", anew),
         (1 / max(light, 1e-3), 1 / _LIGHT[0], "Less light than at rest, ratio at rest to now", anew),
     ]

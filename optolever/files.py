@@ -31,6 +31,7 @@ __all__ = [
     "atomic_folder",
     "latest",
     "load_arrays",
+    "plain",
     "read_lines",
     "require_folder",
     "require_writable",
@@ -273,14 +274,14 @@ def read_lines(path: Path, is_whole: Callable[[Any], bool]) -> list[dict[str, An
 def write_json(path: str | Path, values: Mapping[str, Any]) -> None:
     """Write a record as JSON, whole or not at all; NaN and infinities become null."""
     with atomic_file(path) as temporary:
-        temporary.write_text(json.dumps(_plain(values), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        temporary.write_text(json.dumps(plain(values), indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def write_csv(path: str | Path, values: Mapping[str, Any]) -> None:
     """Write a record as lines `figure,value`, whole or not at all; the names of nested records are joined by
     points, entries of lists are counted from 0, NaN and infinities are empty.
     """
-    write_rows(path, ("figure", "value"), _flat("", _plain(values)))
+    write_rows(path, ("figure", "value"), _flat("", plain(values)))
 
 
 def write_rows(path: str | Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
@@ -302,13 +303,14 @@ def _flat(name: str, value: Any) -> Iterator[tuple[str, Any]]:
         yield name, value
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
+    """The value by what JSON has: lists, no NaN or infinities."""
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     if hasattr(value, "tolist"):
-        return _plain(value.tolist())
+        return plain(value.tolist())
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return str(value) if isinstance(value, Path) else value

@@ -17,7 +17,7 @@ from optolever.scene import Layer
 
 __all__ = ["Weighed", "Weight", "weighed"]
 
-_SQUARES = 2e-3  # of a force: pressure on squares in place of Hertz' (tests/live/test_weights.py)
+_SQUARES = 2e-3  # of a force: pressure on squares in place of Hertz' (tests/calibration/test_weights.py)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from optolever import InputError
+from optolever.calibration import Weight, weighed
 from optolever.cli import run
-from optolever.live import Weight, weighed
 from optolever.reconstruct import HeightMap
 from optolever.scene import Layer, load
 
