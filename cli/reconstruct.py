@@ -140,7 +140,7 @@ def command(
             slopes = reconstruct.slope_map(height, correspondence, scene, rest)
             height = _with_slope_noise(height, slopes)
             if find_contacts or scene.medium is not None:
-                height = replace(height, contacts=reconstruct.contacts(height, slopes, scene.layer))
+                height = replace(height, contacts=reconstruct.contacts(height, scene.layer))
             step("compare")
             numbers = _numbers(height) | {"seconds": seconds}
             if height.modes is not None:

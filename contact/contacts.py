@@ -82,8 +82,7 @@ class Contact:
 class _Dent(NamedTuple):
     """A region in its box, (r, c) each: x, y from the centroid, z, area of every cell, its share in the
     region, growth of the area by a height that is added there, mm^2/mm; draws (K, r, c) of the noise or None,
-    modes (m, r, c); peak: the deepest cell in the box; pitch: side of a cell;
-    local: noise of the difference of two heights in it, at most."""
+    modes (m, r, c); peak: the deepest cell in the box; pitch: side of a cell."""
 
     x: Floats
     y: Floats
@@ -99,7 +98,6 @@ class _Dent(NamedTuple):
     holes: Mask
     peak: tuple[int, int]
     pitch: float
-    local: float
 
 
 def contacts(surface: Surface, regions: Sequence[Region], layer: Layer | None) -> tuple[Contact, ...]:
@@ -135,7 +133,7 @@ def _contact(surface: Surface, region: Region, z: Map, holes: Mask) -> Contact:
     doubt = _doubtful(dent)
     ended = _HALF * tip * float(dent.growth.sum())  # half of a higher tip lies farther inside
     reach = math.sqrt((area + lacking) / math.pi)
-    radius, radius_sigma = _indenter(surface, region, dent, depth)
+    radius, radius_sigma = _indenter(dent, depth)
     own = float(np.linalg.norm(modes[:, *dent.peak]))
     return Contact(
         x=region.x + x,
@@ -167,7 +165,7 @@ def _dent(surface: Surface, region: Region, z: Map, holes: Mask) -> _Dent:
     cell = areas(x, y)
     pitch = math.sqrt(float(np.median(cell)))
     peak = region.row - box[0].start, region.col - box[1].start
-    slope = _steepness(surface, region, heights, x, y)
+    slope = _steepness(heights, x, y)
     rise = np.maximum(slope, 1e-12) * pitch
     near = scipy.ndimage.binary_dilation(region.inside)
     share = np.where(near, np.clip(0.5 + (heights - _HALF * heights[peak]) / rise, 0.0, 1.0), 0.0)
@@ -181,15 +179,11 @@ def _dent(surface: Surface, region: Region, z: Map, holes: Mask) -> _Dent:
     modes = np.zeros((0, *heights.shape))
     if surface.modes is not None and len(surface.modes):
         modes = _modes(surface, box)
-    local = math.inf
-    if surface.slope_sigmas is not None:
-        spread = np.asarray(surface.slope_sigmas[:, *box], np.float64)[:, region.inside & ~holes[box]]
-        local = 2 * pitch * float(np.median(spread)) if spread.size else math.inf
     known = np.isfinite(sigma)
     sigma = np.where(known, sigma, np.median(sigma[known]) if known.any() else 0.0)
     x, y = np.nan_to_num(x - region.x), np.nan_to_num(y - region.y)
     measured = x, y, heights, sigma, cell
-    return _Dent(*measured, share, growth, slope, draws, modes, region.inside, holes[box], peak, pitch, local)
+    return _Dent(*measured, share, growth, slope, draws, modes, region.inside, holes[box], peak, pitch)
 
 
 def _modes(surface: Surface, box: tuple[slice, slice]) -> Floats:
@@ -207,16 +201,13 @@ def _modes(surface: Surface, box: tuple[slice, slice]) -> Floats:
     )
 
 
-def _steepness(surface: Surface, region: Region, z: Floats, x: Floats, y: Floats) -> Floats:
-    """|dz/d(x, y)| in the region's box."""
-    measured = np.full(z.shape, np.nan)
-    if surface.slopes is not None:
-        measured = np.asarray(np.hypot(*surface.slopes[:, *region.box]), np.float64)
+def _steepness(z: Floats, x: Floats, y: Floats) -> Floats:
+    """|dz/d(x, y)|, 0 where it is not known."""
     (z_row, z_col), (x_row, x_col), (y_row, y_col) = (np.gradient(part) for part in (z, x, y))
     with np.errstate(divide="ignore", invalid="ignore"):
         area = x_col * y_row - x_row * y_col
         by_x, by_y = (z_col * y_row - z_row * y_col) / area, (x_col * z_row - x_row * z_col) / area
-    return np.where(np.isfinite(measured), measured, np.nan_to_num(np.hypot(by_x, by_y), posinf=0.0))
+    return np.asarray(np.nan_to_num(np.hypot(by_x, by_y), posinf=0.0))
 
 
 def _depth(dent: _Dent) -> tuple[float, float, float, float]:
@@ -284,7 +275,6 @@ def _noises(
     at_rim = float(np.median(dent.sigma[rim])) if rim.any() else noise
     # noise of heights is smooth: what the outline and the deepest cell share is in half the depth
     error = math.sqrt(0.25 * noise**2 + max(at_rim**2 - noise**2, 0.0))
-    error = min(error, dent.local)
     flank = float(np.median(dent.slope[rim])) if rim.any() else 0.0
     reach = math.sqrt(area / math.pi)
     drift = min(_DIPOLE * error / flank, reach) if flank > 0 else reach
@@ -303,9 +293,7 @@ def _hidden(dent: _Dent, weight: Floats) -> float:
     return max(circle - float(weight.sum()), dent.pitch * math.sqrt(float(weight.sum())))
 
 
-def _indenter(
-    surface: Surface, region: Region, dent: _Dent, depth: float
-) -> tuple[float | None, float | None]:
+def _indenter(dent: _Dent, depth: float) -> tuple[float | None, float | None]:
     """Radius of the surface inside, from z = a + b x + c y - k (x^2 + y^2) / 2, R = 1 / k, and its sigma: by
     noise, by modes and by what cells nearer to the middle say."""
     wide, narrow = (_curvature(dent, dent.inside & (dent.z > share * depth)) for share in (_HALF, _INNER))
@@ -316,9 +304,6 @@ def _indenter(
     size = float(np.hypot(dent.x[used], dent.y[used]).max())
     if dent.draws is not None:
         noise = rms(dent.draws[:, used] @ weights)
-    elif surface.slope_sigmas is not None:
-        slope = float(np.nanmedian(surface.slope_sigmas[:, *region.box][:, used]))
-        noise = slope / math.sqrt(float(np.square(dent.x[used]).sum() + np.square(dent.y[used]).sum()))
     else:
         noise = 4 * float(np.median(dent.sigma[used])) / size**2
     sigma = norm(noise, *modes, k - narrow[0])
@@ -338,22 +323,21 @@ def _curvature(dent: _Dent, used: Mask) -> tuple[float, Floats, Mask] | None:
 
 def _pressed(surface: Surface, z: Map, found: Sequence[Contact], layer: Layer) -> tuple[Contact, ...]:
     """The contacts with their forces."""
-    sampled = _Places(surface)
+    means = _Means(surface)
     circles = [(one.x, one.y, one.radius) for one in found]
-    behind = forces_on(layer, circles, lambda at, pitch: sampled(z, at, pitch))
-    area, places, pitch = behind.pitch**2, behind.places, behind.pitch
+    behind = forces_on(layer, circles, lambda at, pitch: means(z[None], at, pitch)[0])
+    at, pitch, area = behind.places, behind.pitch, behind.pitch**2
     by_modes = np.zeros(len(found))
     if surface.modes is not None:
-        by_modes = np.linalg.norm(sampled.sums(surface.modes, behind.weights, places, surface.step), axis=0)
+        by_modes = np.linalg.norm(means(surface.modes, at, 0.0, surface.step) @ behind.weights.T, axis=0)
     if surface.draws is not None:
         peak = found[0].row, found[0].col
         size = max(rms(np.asarray(surface.draws[:, *peak], np.float64)), 1e-300)
-        drawn = sampled.sums(surface.draws, behind.weights, places, 1, pitch)
+        drawn = means(surface.draws, at, pitch) @ behind.weights.T
         by_noise = np.sqrt(np.mean(np.square(drawn), axis=0)) * (found[0].depth_noise / size)
     else:
-        by_noise = np.abs(
-            behind.weights @ sampled(np.where(np.isfinite(surface.sigma), surface.sigma, 0), places, pitch)
-        )
+        noise = np.where(np.isfinite(surface.sigma), surface.sigma, 0)
+        by_noise = np.abs(behind.weights @ means(noise[None], at, pitch)[0])
     result = []
     for k, one in enumerate(found):
         under = behind.pressure[behind.owner == k]
@@ -363,11 +347,10 @@ def _pressed(surface: Surface, z: Map, found: Sequence[Contact], layer: Layer) -
     return tuple(result)
 
 
-class _Places:
-    """Rows and columns of places on the mirror."""
+class _Means:
+    """Means of maps in squares around places on the mirror."""
 
     def __init__(self, surface: Surface) -> None:
-        self._surface = surface
         every = max(1, round(math.sqrt(surface.z.size / _CELLS)))
         few = slice(None, None, every), slice(None, None, every)
         x, y = (np.asarray(part[few], np.float64) for part in (surface.x, surface.y))
@@ -375,49 +358,27 @@ class _Places:
         self._middle = np.array([x[known].mean(), y[known].mean()])
         self._extent = float(max(np.ptp(x[known]), np.ptp(y[known]), 1e-6))
         basis = self._basis(x[known], y[known])
-        self._ways = [
-            np.linalg.lstsq(basis, every * index.astype(np.float64), rcond=None)[0]
-            for index in np.nonzero(known)
-        ]
+        index = every * np.stack(np.nonzero(known), axis=-1).astype(np.float64)
+        self._ways = np.linalg.lstsq(basis, index, rcond=None)[0]
         self._pitch = math.sqrt(float(np.median(areas(x, y)))) / every
-        self._last = (np.zeros((0, 2)), np.zeros((2, 0)))
 
-    def __call__(self, z: Map, places: Floats, pitch: float) -> Floats:
-        """Mean heights (n,) of squares of a pitch around places (n, 2); z (R, C)."""
-        side, at = max(1, round(pitch / self._pitch)), self._at(places)
-        low = np.maximum(np.floor(at.min(axis=1)).astype(np.int64) - side, 0)
+    def __call__(self, maps: Map, places: Floats, pitch: float, step: int = 1) -> Floats:
+        """Of maps (m, r, c) on every step-th cell, in squares of a pitch around places (n, 2): (m, n), linear
+        between cells."""
+        at = (self._basis(*places.T) @ self._ways).T / step
+        side = max(1, round(pitch / self._pitch))
+        low = np.clip(np.floor(at.min(axis=1)).astype(np.int64) - side, 0, np.array(maps.shape[1:]) - 1)
         last = np.ceil(at.max(axis=1)).astype(np.int64) + side + 2
-        near = np.asarray(z[low[0] : max(last[0], low[0] + 2), low[1] : max(last[1], low[1] + 2)], np.float64)
-        smooth = scipy.ndimage.uniform_filter(near, side) if side > 1 else near
-        return np.asarray(scipy.ndimage.map_coordinates(smooth, at - low[:, None], order=1, mode="nearest"))
-
-    def sums(self, maps: Map, weights: Floats, places: Floats, step: int, pitch: float = 0.0) -> Floats:
-        """Weighted sums (m, k) of maps (m, r, c) on every step-th cell: weights (k, n) of their values at
-        places (n, 2), or of their means in squares of a pitch there."""
-        at, side = self._at(places) / step, max(1, round(pitch / self._pitch))
-        last = np.array(maps.shape[1:])[:, None] - 1
-        at = np.clip(at, 0, last)
-        low = np.minimum(at.astype(np.intp), np.maximum(last - 1, 0))
-        first = np.maximum(low.min(axis=1) - side, 0)
-        shape = tuple(int(size) for size in np.minimum(low.max(axis=1) + side + 2, last[:, 0] + 1) - first)
-        row, col = low - first[:, None]
-        down, along = at - low
-        spread = np.zeros((len(weights), *shape))
-        for r, by_row in ((0, 1 - down), (1, down)):
-            for c, by_col in ((0, 1 - along), (1, along)):
-                inside = np.minimum(row + r, shape[0] - 1) * shape[1] + np.minimum(col + c, shape[1] - 1)
-                for one, weight in zip(spread, weights, strict=True):
-                    one += np.bincount(inside, weight * by_row * by_col, one.size).reshape(shape)
+        near = np.asarray(maps[:, low[0] : last[0], low[1] : last[1]], np.float64)
         if side > 1:
-            spread = scipy.ndimage.uniform_filter(spread, (0, side, side))
-        box = tuple(slice(start, start + size) for start, size in zip(first, shape, strict=True))
-        return np.asarray(np.tensordot(maps[:, *box].astype(np.float64), spread, ((1, 2), (1, 2))))
-
-    def _at(self, places: Floats) -> Floats:
-        if self._last[0] is not places:  # many maps are asked at the same places
-            basis = self._basis(places[:, 0], places[:, 1])
-            self._last = places, np.stack([basis @ way for way in self._ways])
-        return self._last[1]
+            near = scipy.ndimage.uniform_filter(near, (0, side, side))
+        end = np.array(near.shape[1:])[:, None] - 1
+        at = np.clip(at - low[:, None], 0, end)
+        first = at.astype(np.int64)
+        (r, c), (below, beside), (down, along) = first, np.minimum(first + 1, end), at - first
+        above = (1 - along) * near[:, r, c] + along * near[:, r, beside]
+        under = (1 - along) * near[:, below, c] + along * near[:, below, beside]
+        return np.asarray((1 - down) * above + down * under)
 
     def _basis(self, x: Floats, y: Floats) -> Floats:
         a, b = (x - self._middle[0]) / self._extent, (y - self._middle[1]) / self._extent

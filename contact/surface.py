@@ -37,11 +37,11 @@ class Sag:
 class Surface:
     """Heights less rest on the cells of a camera, (R, C); lengths in mm, z above 0 where it is pressed in.
 
-    sigma: noise of z; good: where z is measured; free: z's free mode, which the anchor settles; slopes,
-    slope_sigmas (2, R, C): dz/dx, dz/dy; modes (m, r, c) on every step-th cell: one standard deviation of
-    each error that all heights have in common, the last ones, `motions` in number, of the rig's motion since
-    rest, which are there without a dent; displacement (k, 2, 3), k at least m: see `reconstruct.HeightMap`;
-    draws (K, R, C): heights of noise alone, of any size.
+    sigma: noise of z; good: where z is measured; free: z's free mode, which the anchor settles; modes
+    (m, r, c) on every step-th cell: one standard deviation of each error that all heights have in common, the
+    last ones, `motions` in number, of the rig's motion since rest, which are there without a dent;
+    displacement (k, 2, 3), k at least m: see `reconstruct.HeightMap`; draws (K, R, C): heights of noise
+    alone, of any size.
     """
 
     x: Map
@@ -50,8 +50,6 @@ class Surface:
     sigma: Map
     good: Mask
     free: Map | None = None
-    slopes: Map | None = None
-    slope_sigmas: Map | None = None
     modes: Map | None = None
     step: int = 1
     motions: int = 0

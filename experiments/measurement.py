@@ -167,7 +167,7 @@ class Study:
         terms = None if fit is None or deviation is None else _terms(deviation, slopes, _aperture(given), fit)
         pressed = height.contacts
         if pressed is None and scene is not None and some and not given.open_air:
-            pressed = contacts(height, slopes, scene.layer)
+            pressed = contacts(height, scene.layer)
         curvature = None if slopes is None else curvature_map(slopes)
         return cls(given, slopes, curvature, fit, deviation, terms, pressed)
 

@@ -10,16 +10,13 @@ from optolever.scene import Layer
 
 from .heightmap import HeightFlag, HeightMap
 from .load import surface_of
-from .outputs.slope_map import SlopeMap
 
 __all__ = ["contacts"]
 
 
-def contacts(
-    height: HeightMap, slopes: SlopeMap | None = None, layer: Layer | None = None
-) -> tuple[Contact, ...]:
+def contacts(height: HeightMap, layer: Layer | None = None) -> tuple[Contact, ...]:
     """Contacts, the deepest first: cells deeper than half of a peak that rises above the surface at rest by
-    six standard deviations; slopes: of the same map; layer: elastic, for the forces.
+    six standard deviations; layer: elastic, for the forces.
 
     In a map without a rest capture, errors of the rig that show in most of the map are removed first. Only
     pixels without a flag, or with STEEP alone, are used.
@@ -29,12 +26,6 @@ def contacts(
     if not usable.any():
         return ()
     surface = replace(surface_of(height), good=usable)
-    if slopes is not None:
-        surface = replace(
-            surface,
-            slopes=np.stack([slopes.slope_x, slopes.slope_y]),
-            slope_sigmas=np.stack([slopes.sigma_x, slopes.sigma_y]),
-        )
     if height.count and not height.against_rest:
         found = sag(replace(surface, motions=height.count), layer)
         if found is not None:

@@ -17,11 +17,9 @@ from optolever.experiments.arrays import Floats, Mask
 from optolever.reconstruct import (
     Contact,
     HeightMap,
-    SlopeMap,
     contacts,
     exact_correspondence,
     reconstruct,
-    slope_map,
 )
 from optolever.scene import (
     Scene,
@@ -146,8 +144,8 @@ def press(
     rng: np.random.Generator,
     at_rest: bool = True,
     differences: bool = False,
-) -> tuple[HeightMap, SlopeMap]:
-    """Height and slopes of fingers on a rig drawn from the priors of a typed scene; at_rest: against a rest
+) -> HeightMap:
+    """Height of fingers on a rig drawn from the priors of a typed scene; at_rest: against a rest
     capture; differences: modes by whole solves with other numbers of the scene, not by `reconstruct`."""
     covariance = rig_covariance(scene)
     assert covariance is not None
@@ -156,8 +154,7 @@ def press(
     noise = float(rng.uniform(0.01, 0.02))
     rest = _captured(truth, dent("flat", scene), noise, rng) if at_rest else None
     seen = _captured(truth, surface_of(fingers, scene), noise, rng)
-    height = _with_differences(seen, scene, rest) if differences else reconstruct(seen, scene, rest=rest)
-    return height, slope_map(height, seen, scene, rest)
+    return _with_differences(seen, scene, rest) if differences else reconstruct(seen, scene, rest=rest)
 
 
 def _changed(scene: Scene, change: Floats) -> Scene:
@@ -191,9 +188,9 @@ def _with_differences(seen: Correspondence, scene: Scene, rest: Correspondence |
     return replace(height, modes=whole, modes_step=1, displacement=np.stack(moves))
 
 
-def compared(pressed: tuple[HeightMap, SlopeMap], fingers: list[Finger], scene: Scene) -> list[Compared]:
+def compared(height: HeightMap, fingers: list[Finger], scene: Scene) -> list[Compared]:
     """Every finger against the nearest contact of a map."""
-    found = contacts(*pressed)
+    found = contacts(height)
     surface, result = surface_of(fingers, scene), []
     for finger in fingers:
         off = [np.hypot(c.x - finger.x, c.y - finger.y) for c in found]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from optolever.decode import Correspondence, Flag
-from optolever.reconstruct import HeightMap, contacts, reconstruct, slope_map
+from optolever.reconstruct import HeightMap, contacts, reconstruct
 from optolever.scene import load
 
 CASES = Path(__file__).parents[3] / "shared" / "cases" / "t4"
@@ -53,7 +53,7 @@ def test_a_typed_rig_that_is_wrong_by_a_sigma_against_rest() -> None:
         assert total_um(height) < 20.0
         found.append(height.diagnostics.chi2)
         if least == 0:
-            assert contacts(height, slope_map(height, part, scene, rest))
+            assert contacts(height)
     assert max(found) < 10 * min(found)
 
 
@@ -75,7 +75,7 @@ def test_a_mode_that_runs_away_at_the_edge_loses_no_contact() -> None:
     height = reconstruct(pressed, scene, rest=rest)
     assert rms_um(height, truth) < total_um(height)
     assert height.total_sigma[height.good].max() < 0.1
-    (found,) = contacts(height, slope_map(height, pressed, scene, rest))
+    (found,) = contacts(height)
     assert abs(found.depth - np.nanmax(truth)) < found.depth_sigma < 0.1
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from optolever.decode import Correspondence
-from optolever.reconstruct import Contact, HeightFlag, PixelAnchor, contacts, reconstruct, slope_map
+from optolever.reconstruct import Contact, HeightFlag, PixelAnchor, contacts, reconstruct
 from optolever.scene import (
     Scene,
     Surface,
@@ -38,7 +38,7 @@ def found_in(
     row, col = int(at[0] * scene.camera.rows), int(at[1] * scene.camera.cols)
     anchor = PixelAnchor(float(row), float(col), float(truth.z[row, col]))
     height = reconstruct(seen, scene, anchor=anchor)
-    return contacts(height, slope_map(height, seen, scene))
+    return contacts(height)
 
 
 @pytest.fixture(scope="module")
@@ -121,7 +121,7 @@ def gaussians(scene: Scene, *places: tuple[float, float, float]) -> Surface:
 
 def measured(scene: Scene, seen: Correspondence, anchor: PixelAnchor | None = None) -> tuple[Contact, ...]:
     height = reconstruct(seen, scene, anchor=anchor)
-    return contacts(height, slope_map(height, seen, scene))
+    return contacts(height)
 
 
 def test_every_dent_is_measured_by_its_own_depth(prism: Scene, noisy) -> None:
@@ -192,12 +192,11 @@ def test_positions_and_areas_hold_the_errors_of_the_rig(prism: Scene, noisy) -> 
     """A shift, a turn about the mirror's middle and a scale of 1 %, which change no height: closed form."""
     seen = noisy(trace(prism, gaussians(prism, (0.2, 20, 12))), 0.01, 0.01)
     height = reconstruct(seen, prism)
-    slopes = slope_map(height, seen, prism)
-    (sure,) = contacts(height, slopes)
+    (sure,) = contacts(height)
     turn, scale = 0.02, 0.01
     moves = [[[0.5, 0, 0], [0, 0, 0]], [[turn * 22.5, 0, -turn], [-turn * 30, turn, 0]]]
     moves += [[[0, scale, 0], [0, 0, scale]]]
-    (contact,) = contacts(replace(height, displacement=np.array(moves)), slopes)
+    (contact,) = contacts(replace(height, displacement=np.array(moves)))
     expected = [np.hypot(0.5, turn * 10.5), turn * 10]
     scaled = [scale * 20, scale * 12]
     middle = np.sqrt(contact.position_sigma**2 - sure.position_sigma**2)
@@ -218,7 +217,7 @@ def test_errors_that_a_dent_shares_with_its_surroundings_cancel(prism: Scene, no
         drawn = np.random.default_rng(seed).standard_normal(4)
         z = height.z + np.tensordot(drawn, modes, 1)
         wrong = replace(height, z=z, modes=modes)
-        found = contacts(wrong, slope_map(wrong, seen, prism))
+        found = contacts(wrong)
         assert len(found) == 2
         for contact, depth in zip(found, (0.3, 0.1), strict=True):
             assert abs(contact.depth - depth) < 2.5 * contact.depth_sigma
@@ -232,8 +231,8 @@ def test_a_bulge_that_the_rig_explains_is_no_dent(prism: Scene, noisy) -> None:
     bulge = gaussians(prism, (0.05, 40, 30)).height(height.x, height.y)
     modes = np.nan_to_num(bulge[None]).astype(np.float32)
     known = replace(height, modes=modes)
-    assert len(contacts(height, slope_map(height, seen, prism))) == 2
-    (contact,) = contacts(known, slope_map(known, seen, prism))
+    assert len(contacts(height)) == 2
+    (contact,) = contacts(known)
     assert contact.depth == pytest.approx(0.3, abs=4 * contact.depth_sigma + 3e-4)
 
 
