@@ -3,7 +3,7 @@
 | file | holds |
 |---|---|
 | `surface.py` | Surface: the map, whichever part measured it |
-| `regions.py`, `peaks.py` | regions(): which dents there are, and the cells of each |
+| `regions.py` | regions(): which dents there are, and the cells of each |
 | `sag.py` | sag(): how far everything sank and the rig moved; the far field of contacts |
 | `contacts.py` | contacts(): their figures |
 | `pressure.py` | pressure and force by the elasticity of the layer |

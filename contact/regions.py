@@ -1,7 +1,8 @@
 """Regions: the peaks of a map that rise above its noise, each with the cells deeper than half of it.
 
-Under a ball on an elastic half-space the contact ends at half the depth (K. L. Johnson, Contact Mechanics,
-1985, ch. 3).
+A peak counts if its lower bound exceeds the upper bound of its saddle to a deeper one (persistence: H.
+Edelsbrunner, J. Harer, Computational Topology, 2010, ch. VII), on levels that fall by a tenth. Under a ball
+on an elastic half-space the contact ends at half the depth (K. L. Johnson, Contact Mechanics, 1985, ch. 3).
 """
 
 import math
@@ -11,7 +12,6 @@ import cv2
 import numpy as np
 
 from .arrays import Circle, Floats, Map, Mask
-from .peaks import basins
 from .surface import Surface, filled
 
 __all__ = ["COLUMNS", "Region", "areas", "regions"]
@@ -19,6 +19,7 @@ __all__ = ["COLUMNS", "Region", "areas", "regions"]
 SIGNIFICANT = 6.0  # standard deviations of the height by noise and motion
 _PROMINENT = 0.2  # of a peak's height, over the saddle to a higher one
 _SHALLOWEST = 0.02  # of the deepest one's depth
+_FALL = 0.9  # of a level: the next one
 _FEWEST = 12  # cells of a region
 COLUMNS = 256  # of the grid in which peaks are looked for
 _LARGEST = 16  # regions of a map
@@ -78,12 +79,20 @@ def _peaks(z: Map, sure: Mask, known: Mask, sigma: Map, columns: int) -> list[tu
     """Cells (row, col) of the peaks that stand out from their saddles, the highest first; known: cells that
     may be saddles."""
     step = max(1, z.shape[1] // columns)
-    small, noise = (part[::step, ::step].astype(np.float64) for part in (z, sigma))
-    peak, part = sure[::step, ::step], known[::step, ::step]
+    small, noise, peak, saddle = (part[::step, ::step] for part in (z, sigma, sure, known))
     margin = np.maximum(SIGNIFICANT * noise, _PROMINENT * small) / 2
-    _, tops = basins(small, margin, part, 1.0)
-    found = [divmod(int(at), small.shape[1]) for at in tops if peak.flat[at]]
-    climbed = [_climbed(z, sure, row * step, col * step, step) for row, col in found[: 2 * _LARGEST]]
+    lower, upper = np.where(peak, small - margin, -np.inf), np.where(saddle, small + margin, -np.inf)
+    level, found = float(lower.max()), list[tuple[int, int]]()
+    least = _SHALLOWEST * level
+    while level > least and len(found) < 2 * _LARGEST:
+        level *= _FALL
+        labels = cv2.connectedComponents((upper > level).astype(np.uint8))[1]
+        new = (lower > level) & ~np.isin(labels, [labels[at] for at in found])
+        while new.any():
+            row, col = divmod(int(np.where(new, lower, -np.inf).argmax()), new.shape[1])
+            found.append((row, col))
+            new &= labels != labels[row, col]
+    climbed = [_climbed(z, sure, row * step, col * step, step) for row, col in found]
     return sorted(dict.fromkeys(climbed), key=lambda at: -float(z[at]))
 
 
