@@ -22,7 +22,7 @@ __all__ = ["FLOOR", "drawn_doubts", "monte_carlo_variance"]
 
 FLOOR = 0.02  # of a slope's variance: the least that a height next to an exact anchor is given
 _DRAWS = 64
-_PIXELS = 1 << 22  # solved in all: fewer draws for large images
+_PIXELS = 1 << 21  # solved in all: fewer draws for large images
 _FEWEST = 4
 _MOSTLY = 0.9  # of the pixels: their quantile sets the number of draws
 _SOME = 1 << 15  # pixels
@@ -104,12 +104,15 @@ def drawn_doubts(doubt: Doubt, p: Floats, q: Floats, rng: np.random.Generator) -
     sign of the slope along every edge, as a rim is misjudged in the same way all around.
     """
     rims, count = scipy.ndimage.label(touched(doubt), np.ones((3, 3)))
-    one, other = rng.standard_normal((2, *p.shape))
-    shared = rng.standard_normal(count + 1)[rims]
-    rise_x, rise_y = np.zeros_like(p), np.zeros_like(q)
-    rise_x[:, :-1] = np.sign(np.nan_to_num(p[:, :-1] + p[:, 1:]))
-    rise_y[:-1] = np.sign(np.nan_to_num(q[:-1] + q[1:]))
-    return (doubt.x * one, doubt.y * other), (doubt.x * shared * rise_x, doubt.y * shared * rise_y)
+    shared, alone, together = rng.standard_normal(count + 1), [], []
+    for part, slope, step in ((doubt.x, p.ravel(), 1), (doubt.y, q.ravel(), p.shape[1])):
+        at, one, common = np.flatnonzero(part), np.zeros(part.shape), np.zeros(part.shape)
+        size = part.flat[at]
+        one.flat[at] = size * rng.standard_normal(at.size)
+        common.flat[at] = size * shared[rims.flat[at]] * np.sign(np.nan_to_num(slope[at] + slope[at + step]))
+        alone.append(one)
+        together.append(common)
+    return (alone[0], alone[1]), (together[0], together[1])
 
 
 def _divergence(edges: Pair, state: State, rng: np.random.Generator) -> Floats:

@@ -34,11 +34,12 @@ class ErrorField(NamedTuple):
 def variance_by(problem: Problem, state: State, fields: Iterable[ErrorField]) -> Floats:
     """Variance of the unknown (rows, cols) by a source of errors."""
     p, q, _, _ = problem.data.slopes(state.w)
-    total = np.zeros(problem.labels.shape)
+    total, nothing = np.zeros(problem.labels.shape), np.zeros(problem.labels.shape)
     for field in fields:
-        if field.edges is None and not (field.u.any() or field.v.any()):
+        moved = bool(field.u.any() or field.v.any())
+        if field.edges is None and not moved:
             continue
-        slopes = slope_errors(problem.data, state, (p, q), field)
+        slopes = slope_errors(problem.data, state, (p, q), field) if moved else (nothing, nothing)
         total += np.square(response(problem.data, problem.labels, state, slopes, field.edges))
     return smoothed(total, problem.labels > 0, _WIDE)
 
