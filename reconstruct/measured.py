@@ -262,55 +262,46 @@ class Measured:
 
 
 @inlined
-def _along_cols(a, k, r, c):  # type: ignore[no-untyped-def]
-    return (8.0 * (a[k, r, c + 1] - a[k, r, c - 1]) - (a[k, r, c + 2] - a[k, r, c - 2])) / 12.0
-
-
-@inlined
-def _along_rows(a, k, r, c):  # type: ignore[no-untyped-def]
-    return (8.0 * (a[k, r + 1, c] - a[k, r - 1, c]) - (a[k, r + 2, c] - a[k, r - 2, c])) / 12.0
-
-
-@inlined
-def _tilt(t, g, o, d, n, m, scale):  # type: ignore[no-untyped-def]
-    """Change of t along an axis, and its derivative by t. g, o: change of the ray's direction and origin
-    along the axis; m: of the normal n by t; scale = -1 / (n . d).
-    """
-    ax, ay, az = o[0] + t * g[0], o[1] + t * g[1], o[2] + t * g[2]
-    slope = scale * (n[0] * ax + n[1] * ay + n[2] * az)
-    tangent = m[0] * (ax + slope * d[0]) + m[1] * (ay + slope * d[1]) + m[2] * (az + slope * d[2])
-    return slope, scale * (tangent + (n[0] * g[0] + n[1] * g[1] + n[2] * g[2]))
+def _change(a, k, r, c, down, right):  # type: ignore[no-untyped-def]
+    """Of a padded array along rows (down = 1) or columns (right = 1), to the fourth order."""
+    near = a[k, r + down, c + right] - a[k, r - down, c - right]
+    return (8.0 * near - (a[k, r + 2 * down, c + 2 * right] - a[k, r - 2 * down, c - 2 * right])) / 12.0
 
 
 @kernel
 def _slopes(o, d, plane, u, v, t, p, q, p_t, q_t, start, stop):  # type: ignore[no-untyped-def]
+    """In each pixel the change of t along both axes, and its derivative by t; n: the normal, m: its change by
+    t, g: change of the ray's direction, a: of its point."""
     for i in range(start, stop):
         r = PAD + i
         for j in range(u.shape[1]):
-            c = PAD + j
+            c, away = PAD + j, t[i, j]
             dx, dy, dz = d[0, r, c], d[1, r, c], d[2, r, c]
-            ex = plane[0, 0] + u[i, j] * plane[1, 0] + v[i, j] * plane[2, 0] - o[0, r, c] - t[i, j] * dx
-            ey = plane[0, 1] + u[i, j] * plane[1, 1] + v[i, j] * plane[2, 1] - o[1, r, c] - t[i, j] * dy
-            ez = plane[0, 2] + u[i, j] * plane[1, 2] + v[i, j] * plane[2, 2] - o[2, r, c] - t[i, j] * dz
+            ex = plane[0, 0] + u[i, j] * plane[1, 0] + v[i, j] * plane[2, 0] - o[0, r, c] - away * dx
+            ey = plane[0, 1] + u[i, j] * plane[1, 1] + v[i, j] * plane[2, 1] - o[1, r, c] - away * dy
+            ez = plane[0, 2] + u[i, j] * plane[1, 2] + v[i, j] * plane[2, 2] - o[2, r, c] - away * dz
             inverse = 1.0 / math.sqrt(ex * ex + ey * ey + ez * ez)
             ex, ey, ez = ex * inverse, ey * inverse, ez * inverse
             de = dx * ex + dy * ey + dz * ez
-            n = ex - dx, ey - dy, ez - dz
-            m = -(dx - de * ex) * inverse, -(dy - de * ey) * inverse, -(dz - de * ez) * inverse
-            scale = -1.0 / (n[0] * dx + n[1] * dy + n[2] * dz)
-            ray = dx, dy, dz
-
-            g = _along_cols(d, 0, r, c), _along_cols(d, 1, r, c), _along_cols(d, 2, r, c)
-            moved = _along_cols(o, 0, r, c), _along_cols(o, 1, r, c), _along_cols(o, 2, r, c)
-            slope, change = _tilt(t[i, j], g, moved, ray, n, m, scale)
-            p[i, j] = slope
-            p_t[i, j] = change
-
-            g = _along_rows(d, 0, r, c), _along_rows(d, 1, r, c), _along_rows(d, 2, r, c)
-            moved = _along_rows(o, 0, r, c), _along_rows(o, 1, r, c), _along_rows(o, 2, r, c)
-            slope, change = _tilt(t[i, j], g, moved, ray, n, m, scale)
-            q[i, j] = slope
-            q_t[i, j] = change
+            nx, ny, nz = ex - dx, ey - dy, ez - dz
+            mx, my, mz = -(dx - de * ex) * inverse, -(dy - de * ey) * inverse, -(dz - de * ez) * inverse
+            scale = -1.0 / (nx * dx + ny * dy + nz * dz)
+            for axis in range(2):
+                gx = _change(d, 0, r, c, axis, 1 - axis)
+                gy = _change(d, 1, r, c, axis, 1 - axis)
+                gz = _change(d, 2, r, c, axis, 1 - axis)
+                ax = _change(o, 0, r, c, axis, 1 - axis) + away * gx
+                ay = _change(o, 1, r, c, axis, 1 - axis) + away * gy
+                az = _change(o, 2, r, c, axis, 1 - axis) + away * gz
+                slope = scale * (nx * ax + ny * ay + nz * az)
+                turned = mx * (ax + slope * dx) + my * (ay + slope * dy) + mz * (az + slope * dz)
+                change = scale * (turned + (nx * gx + ny * gy + nz * gz))
+                if axis == 0:
+                    p[i, j] = slope
+                    p_t[i, j] = change
+                else:
+                    q[i, j] = slope
+                    q_t[i, j] = change
 
 
 def _amid(values: Floats, where: Mask) -> Floats:

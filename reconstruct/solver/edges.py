@@ -153,18 +153,18 @@ _inside, _at_end = inlined(cubic_inside), inlined(cubic_at_end)
 
 
 @inlined
-def _stencil(f, mask, i, j, di, dj, before, after):  # type: ignore[no-untyped-def]
-    """Increment from (i, j) to (i + di, j + dj); before/after:
-    how many pixels the image has on either side.
+def _stencil(f, mask, i, r, j, di, dj, before, after):  # type: ignore[no-untyped-def]
+    """Increment from (i, j) to (i + di, j + dj), of the image's row r; before/after: how many pixels it has
+    on either side.
     """
     g0, g1 = f[i, j], f[i + di, j + dj]
-    back = before >= 1 and mask[i - di, j - dj]
-    ahead = after >= 2 and mask[i + 2 * di, j + 2 * dj]
+    back = before >= 1 and mask[r - di, j - dj]
+    ahead = after >= 2 and mask[r + 2 * di, j + 2 * dj]
     if back and ahead:
         return _inside(f[i - di, j - dj], g0, g1, f[i + 2 * di, j + 2 * dj])
-    if ahead and after >= 3 and mask[i + 3 * di, j + 3 * dj]:
+    if ahead and after >= 3 and mask[r + 3 * di, j + 3 * dj]:
         return _at_end(g0, g1, f[i + 2 * di, j + 2 * dj], f[i + 3 * di, j + 3 * dj])
-    if back and before >= 2 and mask[i - 2 * di, j - 2 * dj]:
+    if back and before >= 2 and mask[r - 2 * di, j - 2 * dj]:
         return _at_end(g1, g0, f[i - di, j - dj], f[i - 2 * di, j - 2 * dj])
     return 0.5 * (g0 + g1)
 
@@ -176,7 +176,7 @@ def _defects(p, q, w, root, mask, whole, gx, gy, start, stop):  # type: ignore[n
     full, scaled = int(w.shape[0] > 1), int(root.shape[0] > 1)
     for i in range(start, stop):
         r = i % rows
-        first, down = i - r, int(r + 1 < rows)
+        down = int(r + 1 < rows)
         w0, w1, r0, r1 = w[full * i], w[full * (i + down)], root[scaled * r], root[scaled * (r + down)]
         out_x, out_y = gx[i], gy[i]
         inner = whole and cols > 3 and 1 <= r < rows - 2
@@ -190,9 +190,9 @@ def _defects(p, q, w, root, mask, whole, gx, gy, start, stop):  # type: ignore[n
                 out_y[j] = (rise - (w1[j] - w0[j])) / (r0[j] * r1[j])
         for axis in range(1 if inner else 2):
             di, dj = axis, 1 - axis
-            f, out = p[first : first + rows], gx
+            f, out = p, gx
             if axis == 1:
-                f, out = q[first : first + rows], gy
+                f, out = q, gy
             for j in range(cols):
                 if inner and 1 <= j < cols - 2:
                     continue
@@ -200,7 +200,7 @@ def _defects(p, q, w, root, mask, whole, gx, gy, start, stop):  # type: ignore[n
                 k, l = r + di, j + dj
                 if k < rows and l < cols and mask[r, j] and mask[k, l]:
                     before, after = (r, rows - 1 - r) if axis == 1 else (j, cols - 1 - j)
-                    rise = _stencil(f, mask, r, j, di, dj, before, after)
+                    rise = _stencil(f, mask, i, r, j, di, dj, before, after)
                     far, ratio = (w1[j], r1[j]) if axis == 1 else (w0[l], r0[l])
                     out[i, j] = (rise - (far - w0[j])) / (r0[j] * ratio)
 
