@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, fields, replace
-from math import isfinite, radians
+from math import isfinite, nan, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -15,7 +15,7 @@ from optolever.quantities import quantity
 from .arguments import ABOVE_0, Arg, Opt, Rare, program
 from .options import Json, blame
 from .outputs import OutputFile
-from .show import grid, length, number, table, write_json
+from .show import grid, length, table, write_json
 
 if TYPE_CHECKING:
     import numpy as np
@@ -63,7 +63,8 @@ HIGH = Opt("--highpass MM", "Keep wavelengths below this cutoff (Gaussian, ISO 1
 LOW = Opt("--lowpass MM", "Keep wavelengths above this cutoff (Gaussian, ISO 16610-61).", ABOVE_0)
 LIMIT = Opt(
     "--limit NAME=LIMIT",
-    "rms, pv or pvr (rms=50nm), slope_x or slope_y (20urad): pass or fail by 2 sigma; fail: exit code 1.",
+    "rms, pv or pvr (rms=50nm), slope_x or slope_y (20urad): pass or fail by 2 sigma, "
+    "undecided where sigma is unknown; fail: exit code 1.",
 )
 WAVES = Opt(
     "--waves NM", "Also the reflected wavefront (twice the surface) in waves of this length.", ABOVE_0
@@ -132,14 +133,18 @@ def command(
         profiles = {line: ol.metrology.profile_of(fit, line) for line in asked}
         axes = () if psd_path is None else ("x", "y")
         spectra = {axis: ol.metrology.spectrum(fit.grid(), axis) for axis in axes}
-    along_x, along_y = fit.slope_rms
-    known = {"rms": (fit.rms, fit.rms_sigma), "pv": (fit.pv, fit.pv_sigma), "pvr": (fit.pvr, float("nan"))}
-    known |= {"slope_x": (along_x, float("nan")), "slope_y": (along_y, float("nan"))}
+    along_x, along_y = ol.metrology.slope_errors(fit)
+    known = {"rms": (fit.rms, fit.rms_sigma), "pv": (fit.pv, fit.pv_sigma), "pvr": (fit.pvr, fit.pv_sigma)}
+    known |= {"slope_x": along_x.known, "slope_y": along_y.known}
     verdicts = [ol.metrology.judge(limit, known) for limit in limits]
     numbers = fit.to_dict()
     if waves is not None:
         wavefront = {name: ol.metrology.in_waves(known[name][0], waves) for name in ("rms", "pv", "pvr")}
         numbers["waves"] = {"length_nm": waves} | wavefront
+    numbers |= {
+        "slope_rms_less_noise": [along_x.less_noise, along_y.less_noise],
+        "slope_rms_sigma": [along_x.sigma, along_y.sigma],
+    }
     if profiles:
         numbers["profiles"] = {name: {"rms_mm": one.rms, "pv_mm": one.pv} for name, one in profiles.items()}
     if verdicts:
@@ -166,10 +171,14 @@ def command(
         circle = f"circle of radius {terms.radius:.6g} mm"
         _fitted(f"Zernike terms of the residual, um, {what}, {circle}", listed, 1e3)
     less = "" if not isfinite(fit.rms_less_noise) else f"; without its noise {length(fit.rms_less_noise)}"
+    x_text, y_text = (_slope(*each.known) for each in (along_x, along_y))
+    with_noise = ""
+    if isfinite(along_x.less_noise):
+        with_noise = f"; with its noise {_slope(along_x.rms)}, {_slope(along_y.rms)}"
     residual = {
         "heights": f"{quantity(fit.rms, 'mm', fit.rms_sigma)} rms{less}",
-        "PV": f"{quantity(fit.pv, 'mm', fit.pv_sigma)}; PVr {length(fit.pvr)}",
-        "slope error": f"{number(1e6 * along_x)} urad rms along x, {number(1e6 * along_y)} urad along y",
+        "PV": f"{quantity(fit.pv, 'mm', fit.pv_sigma)}; PVr {quantity(fit.pvr, 'mm', fit.pv_sigma)}",
+        "slope error": f"{x_text} rms along x, {y_text} along y{with_noise}",
         "left out": "the outermost ring of good pixels, whose centres may see no mirror",
     }
     if waves is not None:
@@ -254,12 +263,14 @@ def _runs(
 
 def _against(one: "ol.metrology.Verdict") -> str:
     """A figure and its limit."""
-    slope = one.name.startswith("slope")
-    value, limit = (
-        quantity(1e6 * each if slope else each, "urad" if slope else "mm", sigma)
-        for each, sigma in ((one.value, 1e6 * one.sigma if slope else one.sigma), (one.limit, float("nan")))
-    )
-    return f"{value}, at most {limit}"
+    unknown = "" if isfinite(one.sigma) else "noise unknown, "
+    if one.name.startswith("slope"):
+        return f"{unknown}{_slope(one.value, one.sigma)}, at most {_slope(one.limit)}"
+    return f"{unknown}{quantity(one.value, 'mm', one.sigma)}, at most {quantity(one.limit, 'mm')}"
+
+
+def _slope(value: float, sigma: float = nan) -> str:
+    return quantity(1e6 * value, "µrad", 1e6 * sigma)
 
 
 def _points(record: "ol.metrology.Profile | ol.metrology.Spectrum") -> Iterator[tuple[float, ...]]:

@@ -90,6 +90,8 @@ def command(
         height = ol.reconstruct.reconstruct(seen, scene, rest=rest)
         if scene.medium is not None:
             height = replace(height, contacts=ol.reconstruct.contacts(height, layer=scene.layer))
+        plain = ol.reconstruct.slope_map(replace(height, modes=None), seen, scene, rest)
+        height = ol.reconstruct.with_slope_noise(height, plain)
         height.save(out / "h.npz")
         found = ol.experiments.Measurement(
             height,

@@ -138,7 +138,7 @@ def command(
             seconds = time.perf_counter() - start
             step("contacts")
             slopes = reconstruct.slope_map(height, correspondence, scene, rest)
-            height = _with_slope_noise(height, slopes)
+            height = reconstruct.with_slope_noise(height, slopes)
             if find_contacts or scene.medium is not None:
                 height = replace(height, contacts=reconstruct.contacts(height, scene.layer))
             step("compare")
@@ -162,16 +162,6 @@ def command(
     if "budget_mm" in numbers:
         grid("Uncertainty by source", *budget_rows(numbers["budget_mm"]))
     return 2 if height.implausible else 0
-
-
-def _with_slope_noise(
-    height: "ol.reconstruct.HeightMap", slopes: "ol.reconstruct.SlopeMap"
-) -> "ol.reconstruct.HeightMap":
-    """The map with the median slope noise of its good pixels, for programs that read it without slopes."""
-    if not height.good.any():
-        return height
-    along_x, along_y = medians(height.good, slopes.sigma_x, slopes.sigma_y)
-    return replace(height, diagnostics=replace(height.diagnostics, slope_sigma=(along_x, along_y)))
 
 
 def _numbers(height: "ol.reconstruct.HeightMap") -> dict[str, Any]:

@@ -8,7 +8,7 @@ import numpy as np
 from markupsafe import Markup
 
 from optolever.decode import Correspondence
-from optolever.metrology import FormFit, ZernikeFit, in_waves
+from optolever.metrology import FormFit, ZernikeFit, in_waves, slope_errors
 from optolever.reconstruct import Contact, HeightMap
 from optolever.scene import Trace
 
@@ -85,11 +85,13 @@ def _form_cards(fit: FormFit, figures: Figures, waves: float | None) -> list[Car
         if name in ("radius", "focal"):
             value = show(f"{fit.form} {name}", number, "mm", float(sigma))
             found.append((name, f"{name} of the {fit.form}".capitalize(), value, "above 0 where concave"))
+    along = dict(zip("xy", slope_errors(fit), strict=True))
     along_x, along_y = (
-        show(f"slope error {axis}", 1e6 * slope, "µrad")
-        for axis, slope in zip("xy", fit.slope_rms, strict=True)
+        show(f"slope error {axis}", 1e6 * one.known[0], "µrad", 1e6 * one.known[1])
+        for axis, one in along.items()
     )
-    says = Markup("along x, less the form's; along y {}").format(along_y)
+    noise = "less noise" if math.isfinite(along["x"].sigma) else "noise unknown"
+    says = Markup("along x, less the form's, {}; along y {}").format(noise, along_y)
     found.append(("slope_error", "Slope error, rms", along_x, says))
     return found
 

@@ -11,6 +11,7 @@
 | `filters.py` | high and low pass |
 | `runs.py` | mean and difference of runs, rotated ones too |
 | `figures.py` | PVr, rms less its noise, waves, limits |
+| `slope_error.py` | `slope_errors`: rms of the residual's slopes, less their noise, with sigma |
 | `covariance.py` | covariance of fitted parameters, and of what they leave, by slope noise |
 
 Lengths in mm, slopes in mm per mm; z > 0 is towards the camera: a concave mirror has a radius above 0.
@@ -26,6 +27,7 @@ from .forms import form_names
 from .lines import Profile, Spectrum, profile, profile_of, spectrum
 from .nominal import NOMINAL_SUFFIXES, Nominal, fit_nominal, load_measured, load_nominal
 from .runs import RunComparison, compare_runs
+from .slope_error import SlopeError, slope_errors
 from .zernike import ZernikeFit, fit_zernike
 from .zernike_terms import ansi_index, fringe_index, zernike, zernike_name
 
@@ -36,6 +38,7 @@ __all__ = [
     "Numbers",
     "Profile",
     "RunComparison",
+    "SlopeError",
     "Spectrum",
     "Verdict",
     "ZernikeFit",
@@ -55,6 +58,7 @@ __all__ = [
     "profile",
     "profile_of",
     "pvr",
+    "slope_errors",
     "spectrum",
     "zernike",
     "zernike_name",

@@ -48,7 +48,8 @@ def rms_less_noise(rms: float, noise_rms: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """A figure against its limit: pass, fail, or undecided where the limit lies within two sigma."""
+    """A figure against its limit: pass, fail, or undecided where the limit lies within two sigma, or sigma is
+    unknown (NaN)."""
 
     name: str
     value: float
@@ -74,6 +75,6 @@ def judge(limit: str, figures: dict[str, tuple[float, float]]) -> Verdict:
             f"limit {limit!r}: must be a number with its unit, such as {name}=50nm or slope_x=20urad"
         ) from None
     value, sigma = figures[name]
-    band = _COVERAGE * sigma if math.isfinite(sigma) else 0.0
-    verdict = "pass" if value + band <= most else "fail" if not value - band <= most else "undecided"
+    band = _COVERAGE * sigma
+    verdict = "pass" if value + band <= most else "fail" if value - band > most else "undecided"
     return Verdict(name, value, sigma, most, verdict)

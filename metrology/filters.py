@@ -13,7 +13,7 @@ from optolever.reconstruct import Grid
 from .covariance import mean_square_variance, noise_covariance
 from .fit import FormFit, differences
 
-__all__ = ["gaussian_filter", "kept_variance"]
+__all__ = ["gaussian_filter", "kept_variance", "transfer"]
 
 Floats = NDArray[np.float64]
 #: Standard deviation of the weighting function over the cutoff, where half of the amplitude passes:
@@ -141,11 +141,11 @@ def _waves(grid: Grid) -> tuple[Floats, Floats]:
     return waves, steps
 
 
-def _transfer(fit: FormFit, grid: Grid, waves: Floats) -> Floats:
-    """Amplitude that all filters pass."""
-    passed: Floats = np.ones(waves.shape[1:])
-    for cutoff, kept in fit.passes:
-        low = np.exp(-0.5 * (_SIGMA * cutoff / grid.pitch) ** 2 * (waves[0] ** 2 + waves[1] ** 2))
+def transfer(passes: tuple[tuple[float, str], ...], k: Floats, m: Floats) -> Floats:
+    """Amplitude that filters (cutoff in mm, 'low' or 'high') pass at the waves k, m, radians per mm."""
+    passed: Floats = np.ones(k.shape)
+    for cutoff, kept in passes:
+        low = np.exp(-0.5 * (_SIGMA * cutoff) ** 2 * (k**2 + m**2))
         passed *= low if kept == "low" else 1 - low
     return passed
 
@@ -155,7 +155,9 @@ def _spectrum(fit: FormFit, grid: Grid) -> Floats:
     lattice has v / d. Increments are the means of the slopes at both ends, which damps short waves."""
     waves, steps = _waves(grid)
     averaged: Floats = np.sum((2 - 2 * np.cos(waves)) * np.cos(0.5 * waves) ** 2, axis=0)
-    return np.asarray(_transfer(fit, grid, waves) ** 2 * fit.step_variance * averaged / steps**2)
+    return np.asarray(
+        transfer(fit.passes, *waves / grid.pitch) ** 2 * fit.step_variance * averaged / steps**2
+    )
 
 
 def _kept_noise(fit: FormFit, grid: Grid) -> tuple[Floats, float]:
@@ -167,8 +169,8 @@ def _kept_noise(fit: FormFit, grid: Grid) -> tuple[Floats, float]:
         there = np.isfinite(fit.residual)
         return np.where(there, np.mean(spectrum), np.nan), 2 * float(np.mean(spectrum**2)) / count
     waves, steps = _waves(grid)
-    before = _transfer(replace(fit, passes=fit.passes[:-1]), grid, waves) ** 2
-    after = _transfer(fit, grid, waves) ** 2
+    before = transfer(fit.passes[:-1], *waves / grid.pitch) ** 2
+    after = transfer(fit.passes, *waves / grid.pitch) ** 2
     # of long waves, which a low pass keeps but for this share
     share = float(np.sum((after / steps) ** 2) / np.sum((before / steps) ** 2))
     taken = np.mean((before - after) * fit.step_variance / steps)

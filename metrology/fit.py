@@ -110,7 +110,7 @@ class FormFit:
 
     @property
     def pv_sigma(self) -> float:
-        """Standard deviation of pv, mm: of the highest and the lowest pixel."""
+        """Standard deviation of pv, mm: of the highest and the lowest pixel; of pvr, a bound."""
         ends = [part.ravel() for part in (self.residual, self.sigma)]
         return float(np.hypot(ends[1][np.nanargmax(ends[0])], ends[1][np.nanargmin(ends[0])]))
 
@@ -126,7 +126,7 @@ class FormFit:
 
     @property
     def slope_rms(self) -> tuple[float, float]:
-        """Rms slope error along x and y, mm per mm."""
+        """Rms of the residual's slopes along x and y as measured, mm per mm (less noise: `slope_errors`)."""
         along_x, along_y = (float(np.sqrt(np.nanmean(s**2))) for s in (self.slope_x, self.slope_y))
         return along_x, along_y
 
@@ -134,7 +134,8 @@ class FormFit:
         """Plain values, without the maps."""
         numbers = {"numbers": self.numbers.to_dict(), "held": self.held, "middle_mm": self.middle}
         figures: dict[str, Any] = {"rms_mm": self.rms, "rms_sigma_mm": self.rms_sigma, "pv_mm": self.pv}
-        figures |= {"rms_less_noise_mm": self.rms_less_noise, "pvr_mm": self.pvr, "slope_rms": self.slope_rms}
+        figures |= {"pv_sigma_mm": self.pv_sigma, "rms_less_noise_mm": self.rms_less_noise}
+        figures |= {"pvr_mm": self.pvr, "slope_rms": self.slope_rms}
         return {"form": self.form} | numbers | figures
 
     def grid(self, pitch_mm: float | None = None) -> Grid:
@@ -206,7 +207,7 @@ def leftovers(
         kept = np.full((len(bent), *good.shape), np.nan, np.float32)
         kept[:, good] = bent
     rms = float(np.std(left))
-    sigma = np.nan if own is None and not square else float(np.sqrt(square)) / max(2 * rms, 1e-30)
+    sigma = np.nan if own is None else float(np.sqrt(square)) / max(2 * rms, 1e-30)
     return noise, rig, sigma, step, trace, kept, q, own
 
 

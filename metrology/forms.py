@@ -249,4 +249,6 @@ def form_from_text(text: str) -> tuple[str, Form, dict[str, float]]:
             held[key] = real(f"form {text!r}: {key}", float(value))
         except ValueError:
             raise InputError(f"form {text!r}: {key} is {value!r}, must be a number or free") from None
+        if key in ("radius", "focal") and held[key] == 0:
+            raise InputError(f"form {text!r}: {key} is 0 mm, must not be 0; below 0 where convex")
     return name, form, held

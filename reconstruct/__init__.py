@@ -27,7 +27,7 @@ from .heightmap import HEIGHT_FORMATS, Diagnostics, HeightFlag, HeightMap
 from .integrate import Integral, integrate
 from .outputs.curvature import CurvatureMap, curvature_map
 from .outputs.resampling import GRID_FORMATS, Grid
-from .outputs.slope_map import SlopeMap, slope_map
+from .outputs.slope_map import SlopeMap, slope_map, with_slope_noise
 from .solver.anchors import Anchor, EdgeAnchor, PixelAnchor, PointAnchor
 from .solver.poisson import ColumnPoisson
 from .uncertainty.budget import TOTAL, budget
@@ -60,6 +60,7 @@ __all__ = [
     "null_space",
     "reconstruct",
     "slope_map",
+    "with_slope_noise",
 ]
 
 check_face(__name__)

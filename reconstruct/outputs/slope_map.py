@@ -7,7 +7,7 @@ dt ((d.e) e - d)/|X - P|, e the unit vector along X - P.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +27,7 @@ from ..rig.calibration import rest_corrected
 from .coarse_modes import Modes, expanded, filled, sum_of_squares
 from .resampling import gradients
 
-__all__ = ["SlopeMap", "slope_map"]
+__all__ = ["SlopeMap", "slope_map", "with_slope_noise"]
 
 _ARRAYS = ("x", "y", "slope_x", "slope_y", "sigma_x", "sigma_y", "flags")
 
@@ -159,6 +159,15 @@ def slope_map(
     fields = {name: np.where(known, field, np.nan) for name, field in fields.items()}
     of_rig: dict[str, Any] = {"modes": _mode_slopes(height), "modes_step": height.modes_step}
     return SlopeMap(height.x, height.y, flags=height.flags, **of_rig, **fields)
+
+
+def with_slope_noise(height: HeightMap, slopes: SlopeMap) -> HeightMap:
+    """The map with the median slope noise of its good pixels, for programs that read it without slopes."""
+    if not height.good.any():
+        return height
+    noise = (float(np.median(each[height.good])) for each in (slopes.sigma_x, slopes.sigma_y))
+    along_x, along_y = noise
+    return replace(height, diagnostics=replace(height.diagnostics, slope_sigma=(along_x, along_y)))
 
 
 def _mode_slopes(height: HeightMap) -> Modes | None:

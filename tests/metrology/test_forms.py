@@ -127,7 +127,7 @@ def test_what_a_given_radius_leaves() -> None:
     assert fit.slope_rms == pytest.approx([np.sqrt(np.mean(part**2)) for part in inner[::-1]], rel=1e-2)
 
 
-def test_slopes_of_a_slope_map_are_used_less_those_of_the_form() -> None:
+def test_slopes_of_a_slope_map_are_kept_less_those_of_the_form() -> None:
     z = conic(900, 0)
     map_, root = height_map(z), np.sqrt(900**2 - (X - X0) ** 2 - (Y - Y0) ** 2)
     same = np.zeros(z.shape)
@@ -266,6 +266,8 @@ def test_zernike_sigmas_on_a_round_aperture_of_uneven_noise() -> None:
         ("sphere:radius=x", "radius is 'x', must be a number"),
         ("sphere:radius", "'radius', must be NUMBER=VALUE"),
         ("piston:piston=0", "every number is given"),
+        ("sphere:radius=0", "radius is 0 mm, must not be 0"),
+        ("paraboloid:focal=0", "focal is 0 mm, must not be 0"),
     ],
 )
 def test_what_is_no_form(form: str, words: str) -> None:
