@@ -211,11 +211,9 @@ def _noise(prepared: "ol.live.Prepared", rate: float) -> str:
 
 
 def _page(run: _Run, source: "ol.live.Source", frames: int | None, port: int, record: Path | None) -> None:
-    try:
-        server = ol.live.LiveServer(run.prepared, source, port, record=record, probes=run.probes, heard=run)
-    except OSError as error:
-        raise InputError(f"--port {port}: {error.strerror or error}; name another") from error
-    with server:
+    with ol.live.LiveServer(
+        run.prepared, source, port, record=record, probes=run.probes, heard=run
+    ) as server:
         click.echo(f"Live: {server.address}   (Ctrl-C ends it)", err=run.lines)
         said = False
         while not server.error and (frames is None or server.readings < frames):

@@ -45,7 +45,7 @@ def command(
     devices, scene = ol.projector.devices_of(rig, changes), ol.scene.load(rig)
     end = None if seconds is None else time.monotonic() + seconds
     with opened(rig, devices, levels_of(rig, "black", "white")) as now:
-        views = _until(views_of(now, None if text else sheet_on(now, scene, devices.display)), end)
+        views = _until(views_of(now, None if text else sheet_on(now.display, scene, devices.display)), end)
         last = _print_lines(views) if text else _serve(views, port)
     if last is None:
         raise InputError("camera: no picture came; is the camera running? (optolever camera devices)")

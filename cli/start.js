@@ -75,7 +75,7 @@ function build(f, step, rig) {
   $("form").replaceChildren(); $("drawing").hidden = true; $("form").onsubmit = event => event.preventDefault();
   $("look").hidden = !f || f.kind !== "look";
   if (!f) return;
-  const art = $(`art-${step}`) ?? $(`art-${step}-${rig}`);
+  const art = $(`art-${f.fields?.[0].name}`) ?? $(`art-${step}`) ?? $(`art-${step}-${rig}`);
   if (art) $("form").append(art.content.cloneNode(true));
   if (f.kind === "ask") ask(f);
   if (f.kind === "pick") {

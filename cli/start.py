@@ -1,7 +1,6 @@
 """`optolever start`: from an unpacked camera to a live height, step by step."""
 
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -18,6 +17,7 @@ from .show import write_json
 from .start_front import Front, GoTo, Terminal
 from .start_page import PageFront
 from .start_steps import STEPS, Begun, require_devices
+from .views import Sheet, sheet_on
 
 SAMPLE = """
 $ optolever start --text --rig rig.toml
@@ -58,24 +58,21 @@ def command(
     """
     begun = Begun.load(rig)
     if text or no_browser:
-        front = Terminal(on_display=no_browser)
-        write_json(json_path, _walked(begun, front, step, lambda: _lines(begun.rig, frames)))
+        write_json(json_path, _walked(begun, Terminal(on_display=no_browser), step, frames))
         return
     titles = {name: title for name, (title, _) in STEPS.items()}
     with PageFront(titles, port, "optolever start") as page:
         click.echo(f"Start: {page.address}   (Ctrl-C ends it; the same command goes on)")
-        write_json(json_path, _walked(begun, page, step, lambda: _live_page(begun.rig, page, frames)))
+        write_json(json_path, _walked(begun, page, step, frames))
 
 
-def _walked(
-    begun: Begun, front: Front, step: str | None, live: Callable[[], dict[str, Any]]
-) -> dict[str, Any]:
+def _walked(begun: Begun, front: Front, step: str | None, frames: int | None) -> dict[str, Any]:
     """The figures of the live view after the walk; where it cannot begin, the mirror at rest is measured
     again."""
     while True:
         walk(begun, front, step)
         try:
-            return live()
+            return _live(begun, front, frames)
         except InputError as error:
             front.say(str(error), fault=True)
             front.go("The live view has ended.", {"": "measure the mirror at rest again"})
@@ -106,35 +103,51 @@ def walk(begun: Begun, front: Front, step: str | None) -> None:
         begun.write(step=names[number] if number < len(names) else "live")
 
 
-def _lines(rig: Path, frames: int | None) -> dict[str, Any]:
-    """A line of the live view a second; the figures of the last reading."""
+def _live(begun: Begun, front: Front, frames: int | None) -> dict[str, Any]:
+    """The live view, on the page where the display leaves it visible; the figures of the last reading."""
+    with ol.live.open(begun.rig, ol.live.Prepared.load(ol.live.kept_rest(begun.rig))) as readings:
+        scene, name = ol.scene.load(begun.rig), begun.devices.get("display", "window")
+        sheet = sheet_on(readings.display, scene, name, front.on_display)
+        if isinstance(front, PageFront) and sheet is None:
+            return _page(readings, front, frames)
+        return _lines(readings, sheet, ol.calibration.load_rest(begun.rig), frames)
+
+
+def _lines(
+    readings: "ol.live.Readings",
+    sheet: Sheet | None,
+    rest: "ol.decode.Correspondence | None",
+    frames: int | None,
+) -> dict[str, Any]:
+    """A line of the live view a second, on the display itself beyond its part that is seen, too."""
     click.secho("\nLive (Ctrl-C ends it)", bold=True)
     said = -1.0
-    with ol.live.open(rig, ol.live.Prepared.load(ol.live.kept_rest(rig))) as readings:
-        for count, reading in enumerate(readings, 1):
-            if time.monotonic() > said + 1 or count == frames:
-                said = time.monotonic()
-                click.echo(f"  {_depth(reading)}")
-            if count == frames:
-                return _numbers(reading, readings.prepared)
+    for count, reading in enumerate(readings, 1):
+        if time.monotonic() > said + 1 or count == frames:
+            said, text = time.monotonic(), _depth(reading)
+            click.echo(f"  {text}")
+            if sheet is not None and rest is not None:
+                sheet.caption(f"{text}. Escape: back.", rest)
+                if sheet.key == "escape":
+                    raise InputError(f"The last reading: {text}")
+        if count == frames:
+            return _numbers(reading, readings.prepared)
     raise InputError("camera: no picture came; is it connected? (optolever camera devices)")
 
 
-def _live_page(rig: Path, page: PageFront, frames: int | None) -> dict[str, Any]:
-    """The page of `live`; the figures of the last reading."""
+def _page(readings: "ol.live.Readings", page: PageFront, frames: int | None) -> dict[str, Any]:
+    """The page of `live`."""
     last: list[ol.live.Reading] = []
-    with ol.live.open(rig, ol.live.Prepared.load(ol.live.kept_rest(rig))) as readings:
-        server = ol.live.LiveServer(
-            readings.prepared, readings.source, heard=lambda one: last.__setitem__(slice(None), [one.reading])
-        )
-        with server:
-            click.echo(f"Live: {server.address}   (Ctrl-C ends it)")
-            page.live(server.address)
-            while not server.error and (frames is None or server.readings < frames):
-                time.sleep(0.05)
+    with ol.live.LiveServer(
+        readings.prepared, readings.source, heard=lambda one: last.__setitem__(slice(None), [one.reading])
+    ) as server:
+        click.echo(f"Live: {server.address}   (Ctrl-C ends it)")
+        page.live(server.address)
+        while not server.error and (frames is None or server.readings < frames):
+            time.sleep(0.05)
         if server.error:
             raise InputError(server.error)
-        return _numbers(last[0], readings.prepared)
+    return _numbers(last[0], readings.prepared)
 
 
 def _numbers(reading: "ol.live.Reading", prepared: "ol.live.Prepared") -> dict[str, Any]:

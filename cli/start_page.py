@@ -43,10 +43,7 @@ class PageFront:
             Route("/drawing", self._draw),
         ]
         routes.append(Route("/answer", self._answer, methods=["POST"]))
-        try:
-            self._web = ol.live.Web(routes, port)
-        except OSError as error:
-            raise InputError(f"--port {port}: {error.strerror or error}; name another") from error
+        self._web = ol.live.Web(routes, port)
         self._steps, self._program, self._new = steps, program, threading.Condition()
         self._answers: queue.Queue[dict[str, Any]] = queue.Queue()
         self._now: dict[str, Any] = {"count": 0, "step": "", "lines": [], "busy": "", "form": None}

@@ -102,7 +102,7 @@ def camera(begun: Begun, front: Front) -> None:
 
     front.busy("looking for cameras")
     found, silent = find_cameras()
-    for reason in silent.values():
+    for reason in () if found else silent.values():
         front.say(reason)
     addresses = [one.address for one in found] + [_SIMULATED]
     words = [" ".join(filter(None, (one.model, one.address, one.note))) for one in found]
@@ -183,7 +183,7 @@ def aim(begun: Begun, front: Front) -> None:
     while True:
         with opened(begun.rig, devices, levels_of(begun.rig, "black", "white")) as now:
             now.require_size(scene)
-            sheet = sheet_on(now, scene, devices.display, front.on_display)
+            sheet = sheet_on(now.display, scene, devices.display, front.on_display)
             last = front.look(views_of(now, sheet))
             if sheet is not None and sheet.key == "escape":
                 raise GoTo

@@ -67,20 +67,44 @@ class Sheet:
 
     def show(self, view: View) -> None:
         """Draw a view, and look for keys."""
-        pressed = self.display.picture(_jpeg(_paper(view, self.rows, self.cols)))
+        self._draw(_paper(view, self.rows, self.cols))
+
+    def caption(self, text: str, seen: "ol.decode.Correspondence") -> None:
+        """A text over the pattern in the outer half of the widest margin that the camera does not see (seen:
+        what it does, at rest), and look for keys; nothing where that is too narrow."""
+        import numpy as np
+
+        (left, right), (above, below) = (
+            (each[seen.good].min(), each[seen.good].max()) for each in (seen.u, seen.v)
+        )
+        margins = [above, self.rows - below, left, self.cols - right]
+        line, side = _line(self.rows, self.cols), int(np.argmax(margins))
+        if (thick := int(margins[side] / 2)) < 1.5 * line:
+            return
+        strip = np.zeros(
+            (*((min(thick, 2 * line), self.cols) if side < 2 else (self.rows, thick)), 3), np.uint8
+        )
+        _write(strip, line, text, 1.2, (255, 255, 255), 0)
+        at = (self.rows - strip.shape[0]) * (side == 1), (self.cols - strip.shape[1]) * (side == 3)
+        self._draw(strip, at, self.display.index)
+
+    def _draw(
+        self, picture: "NDArray[np.uint8]", at: tuple[int, int] = (0, 0), over: int | None = None
+    ) -> None:
+        pressed = self.display.picture(_jpeg(picture), at, over)
         self.key = next((each for each in pressed if each in _KEYS), "")
 
 
 def sheet_on(
-    now: "ol.projector.Opened", scene: "ol.scene.Scene", name: str, always: bool = False
+    display: "ol.projector.Display", scene: "ol.scene.Scene", name: str, always: bool = False
 ) -> Sheet | None:
     """The sheet on the display of that name where it is the only one, or always; None: it is free for a page,
     or there is no window."""
-    if not isinstance(now.display, ol.projector.PatternWindow):
+    if not isinstance(display, ol.projector.PatternWindow):
         return None
     if not always and (name == "window" or len(ol.projector.monitors()) > 1):
         return None
-    return Sheet(now.display, scene.pattern.rows, scene.pattern.cols)
+    return Sheet(display, scene.pattern.rows, scene.pattern.cols)
 
 
 def views_of(now: "ol.projector.Opened", sheet: Sheet | None = None) -> Iterator[View]:
@@ -114,31 +138,40 @@ def drawn(view: View) -> bytes:
 
 def _paper(view: View, rows: int, cols: int) -> "NDArray[np.uint8]":
     """White paper (rows, cols, 3) with advice, figures, picture and keys."""
-    import cv2
     import numpy as np
 
-    paper, line = np.full((rows, cols, 3), 255, np.uint8), max(min(rows, cols) // _LINES, 10)
-    numbers, top = view.numbers(), line
+    paper, line, numbers = np.full((rows, cols, 3), 255, np.uint8), _line(rows, cols), view.numbers()
 
-    def write(text: str, size: float, colour: tuple[int, int, int], top: int) -> int:
-        scale = size * 0.5 * line / _CAPITAL
-        (wide, _), _ = cv2.getTextSize("n" * 20, cv2.FONT_HERSHEY_SIMPLEX, scale, 1)
-        for part in textwrap.wrap(text, max(20 * (cols - 2 * line) // wide, 8)):
-            top += round(size * line)
-            place, thick = (line, top - round(0.3 * size * line)), max(round(1.6 * scale), 1)
-            cv2.putText(paper, part, place, cv2.FONT_HERSHEY_SIMPLEX, scale, colour, thick, cv2.LINE_AA)
-        return top
-
-    top = write(numbers["advice"], 1.5, _GOOD if numbers["good"] else _BAD, 0)
-    top = write(view.figures(), 1.0, _INK, top)
+    top = _write(paper, line, numbers["advice"], 1.5, _GOOD if numbers["good"] else _BAD, 0)
+    top = _write(paper, line, view.figures(), 1.0, _INK, top)
     below = rows - 3 * line - line * (rows > cols)
     scale = min((below - top - line) / view.pixels.shape[0], (cols - 2 * line) / view.pixels.shape[1])
     if scale > 0.02:
         picture = _picture(view, scale, larger=True)
         paper[top + line // 2 :, line:][: picture.shape[0], : picture.shape[1]] = picture
     keys = "   ".join(f"{key.capitalize()}: {word}." for key, word in _KEYS.items())
-    write(keys, 1.0, _INK, write(_FOCUS, 1.0, _INK, below))
+    _write(paper, line, keys, 1.0, _INK, _write(paper, line, _FOCUS, 1.0, _INK, below))
     return paper
+
+
+def _line(rows: int, cols: int) -> int:
+    """Height of a line of text, pixels."""
+    return max(min(rows, cols) // _LINES, 10)
+
+
+def _write(
+    paper: "NDArray[np.uint8]", line: int, text: str, size: float, colour: tuple[int, int, int], top: int
+) -> int:
+    """Lines of text below `top`; where they end."""
+    import cv2
+
+    scale, font = size * 0.5 * line / _CAPITAL, cv2.FONT_HERSHEY_SIMPLEX
+    (wide, _), _ = cv2.getTextSize("n" * 20, font, scale, 1)
+    for part in textwrap.wrap(text.replace("±", "+-"), max(20 * (paper.shape[1] - 2 * line) // wide, 8)):
+        top += round(size * line)
+        place, thick = (line, top - round(0.3 * size * line)), max(round(1.6 * scale), 1)
+        cv2.putText(paper, part, place, font, scale, colour, thick, cv2.LINE_AA)
+    return top
 
 
 def _picture(view: View, scale: float, larger: bool = False) -> "NDArray[np.uint8]":

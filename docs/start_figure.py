@@ -17,8 +17,8 @@ from optolever.cli.start_page import PageFront
 from optolever.cli.start_steps import STEPS, Begun
 
 OUT = Path(__file__).with_name("start_aim.png")
-ANSWERS = {"monitor": {"image": "480x360", "display": "640x480", "diagonal": "15.75", "view_width": "520"}}
-ANSWERS["prism"] = ANSWERS["monitor"] | {"display": "480x640", "diagonal": "5.5", "view_width": "480"}
+ANSWERS = {"monitor": {"image": "480x360", "display": "640x480", "diagonal": "15.75", "view_width": "180"}}
+ANSWERS["prism"] = ANSWERS["monitor"] | {"display": "480x640", "diagonal": "5.5", "view_width": "205"}
 
 
 def photographed(page: Chromium, folder: Path, name: str) -> None:
@@ -46,14 +46,14 @@ def walked(kind: str, folder: Path | None) -> None:
             count = 0
             while thread.is_alive():
                 time.sleep(0.2)
-                if not page.value("document.querySelector('#form button')"):
+                if not page.value("!!document.querySelector('#form button:not(:disabled)')"):
                     continue
                 step = page.value("document.querySelector('[aria-current]').textContent")
                 names = {title: name for name, title in titles.items()}
                 if step == titles["aim"]:
                     page.wait("document.getElementById('picture').naturalWidth")
                     if kind == "monitor":
-                        page.look(980, dark=False)
+                        page.look(820, dark=False)
                         time.sleep(0.5)
                         page.picture(OUT)
                 if folder is not None:

@@ -41,11 +41,13 @@ def kept_rest(rig: str | Path) -> Path:
 
 class Readings:
     """Readings of a running camera, of its newest frame each, without end (a recording has one). prepared: of
-    the rig; exposure_s: of a frame; notices: of the devices, and of a rest that no longer holds; probes."""
+    the rig; exposure_s: of a frame; notices: of the devices, and of a rest that no longer holds; probes;
+    display: of the fringe."""
 
     def __init__(self, prepared: Prepared, now: Opened, notices: tuple[Notice, ...]) -> None:
         self.prepared, self.exposure_s, self.notices = prepared, now.accepted.exposure_s, notices
         self.source: Source = now.arrivals()
+        self.display = now.display
         self.probes = Probes(prepared, now.accepted.exposure_s)
         self._live, self._camera = Live(prepared), now.camera
         self._delays: list[float] = []

@@ -25,6 +25,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from optolever.charts import chart_file
+from optolever.errors import InputError
 
 __all__ = ["TOKEN_HEADER", "Web"]
 
@@ -54,12 +55,15 @@ _HEADERS = {
 
 
 class Web:
-    """Serves the page and routes on a thread from `start` to `stop`. port 0: any free one; OSError if it is
-    taken."""
+    """Serves the page and routes on a thread from `start` to `stop`. port 0: any free one; InputError if
+    it is taken."""
 
     def __init__(self, routes: Sequence[BaseRoute], port: int) -> None:
         self.token = secrets.token_urlsafe(32)
-        self._socket = socket.create_server((_HOST, port))
+        try:
+            self._socket = socket.create_server((_HOST, port))
+        except OSError as error:
+            raise InputError(f"--port {port}: {error.strerror or error}; name another") from error
         self.address = f"http://{_HOST}:{self._socket.getsockname()[1]}/"
         config = uvicorn.Config(
             _Guard(Starlette(routes=[*routes, *(Route(path, self._file) for path in _FILES)]), self.token),

@@ -144,10 +144,10 @@ class PatternWindow:
         answer = self._ask("show", index=index)
         return Shown(index, answer["swapped_s"], answer["late"])
 
-    def picture(self, jpeg: bytes, row: int = 0, over: int | None = None) -> list[str]:
-        """Draw a JPEG from this row on, over a frame or black. Returns the keys since the last one ("enter",
-        "escape", letters), which from now on neither step nor close."""
-        answer = self._ask("picture", jpeg=base64.b64encode(jpeg).decode(), row=row, over=over)
+    def picture(self, jpeg: bytes, at: tuple[int, int] = (0, 0), over: int | None = None) -> list[str]:
+        """Draw a JPEG, its corner at (row, column), over a frame or black. Returns the keys since the last
+        ("enter", "escape", letters), which from now on neither step nor close."""
+        answer = self._ask("picture", jpeg=base64.b64encode(jpeg).decode(), at=at, over=over)
         return list(answer["keys"])
 
     def run(self) -> None:

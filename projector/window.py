@@ -2,7 +2,7 @@
 
     {"do": "monitors"} | {"do": "open", "sequence": ..., "monitor": ...}
     {"do": "show", "index": ...} | {"do": "wait", "until": ...} | {"do": "run"}
-    {"do": "picture", "jpeg": base64, "row": ..., "over": index or null}
+    {"do": "picture", "jpeg": base64, "at": [row, col], "over": index or null}
 
 It ends when stdin does, or when the window is closed between two commands. Run by `display`, as `python -m
 optolever.projector.window`: GLX of a window and EGL of the virtual sensor end a process that has both.
@@ -135,8 +135,8 @@ class Window:
         self.index = index
         return Shown(index, swapped, self.refresh_s is not None and swapped - asked > 1.5 * self.refresh_s)
 
-    def picture(self, jpeg: bytes, row: int, over: int | None) -> list[str]:
-        """Draw a picture from this row of the pattern on, over a frame or black; the keys since the last."""
+    def picture(self, jpeg: bytes, at: tuple[int, int], over: int | None) -> list[str]:
+        """Draw a picture, its corner at (row, column), over a frame or black; the keys since the last."""
         glfw.make_context_current(self._window)
         part = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR_RGB)
         assert part is not None
@@ -145,7 +145,8 @@ class Window:
         if over is not None:
             frame = self._sequence.render_frame(over)
             levels[: frame.shape[0], : frame.shape[1]] = frame[..., None]
-        levels[row : row + part.shape[0], : part.shape[1]] = part
+        row, col = at
+        levels[row : row + part.shape[0], col : col + part.shape[1]] = part
         texture = self._ctx.texture(size, 3, levels[::-1].tobytes(), alignment=1)
         drawn = self._ctx.framebuffer([texture])
         self._ctx.copy_framebuffer(self._ctx.screen, drawn)
@@ -297,7 +298,7 @@ class _Server:
                 return asdict(self.window.show(command["index"]))
             case "picture":
                 jpeg = base64.b64decode(command["jpeg"])
-                return {"keys": self.window.picture(jpeg, command["row"], command["over"])}
+                return {"keys": self.window.picture(jpeg, command["at"], command["over"])}
             case "wait":
                 self.window.wait(command["until"])
             case "run":

@@ -6,6 +6,7 @@ import json
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -88,20 +89,29 @@ def test_the_page_outlines_the_reflection_and_marks_saturated_pixels(view: View)
         assert _ask(page, "/state?after=" + 5000 * "9")[0] == 200
 
 
+class Display:
+    """Of pictures: levels, place, frame below."""
+
+    index = 7
+
+    def __init__(self) -> None:
+        self.drawn: list[tuple[np.ndarray, tuple[int, int], int | None]] = []
+
+    def picture(self, jpeg: bytes, at: tuple[int, int], over: int | None) -> list[str]:
+        levels = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR).astype(int)
+        self.drawn.append((levels, at, over))
+        return ["k", "enter"]
+
+
 @pytest.mark.parametrize("size", [(1080, 1920), (1920, 1080), (480, 640), (200, 320)])
 def test_the_display_as_a_sheet_has_picture_text_and_a_white_edge(view: View, size: tuple[int, int]) -> None:
     """All lines of text end within the display, and none runs into the picture."""
-    drawn = list[np.ndarray]()
-
-    class Display:
-        def picture(self, jpeg: bytes) -> list[str]:
-            drawn.append(cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR).astype(int))
-            return ["k", "enter"]
-
-    sheet = Sheet(Display(), *size)  # type: ignore[arg-type]
+    display = Display()
+    sheet = Sheet(display, *size)  # type: ignore[arg-type]
     sheet.show(view)
     assert sheet.key == "enter"
-    (paper,) = drawn
+    ((paper, _, over),) = display.drawn
+    assert over is None
     assert paper.shape[:2] == size
     assert min(edge.min() for edge in (paper[-3:], paper[:, :3], paper[:, -3:])) > 230
     green = np.argwhere((paper[..., 1] - paper[..., 2] > 60) & (paper[..., 1] > 150))
@@ -110,3 +120,32 @@ def test_the_display_as_a_sheet_has_picture_text_and_a_white_edge(view: View, si
     assert (right - left) / (bottom - top) == pytest.approx(80 / 120, rel=0.1)
     for text in (paper[: top - 5], paper[bottom + 8 :]):
         assert text.min() < 120
+
+
+@pytest.mark.parametrize("side", ["top", "bottom", "left", "right", "none"])
+def test_a_caption_lies_in_the_margin_that_the_camera_does_not_see(side: str) -> None:
+    rows, cols = 480, 640
+    box = {"top": 20, "bottom": rows - 20, "left": 20, "right": cols - 20}
+    box |= {} if side == "none" else {side: abs(box[side] - 120)}
+    v, u = np.mgrid[box["top"] : box["bottom"] : 9j, box["left"] : box["right"] : 9j]
+    display = Display()
+    sheet = Sheet(display, rows, cols)  # type: ignore[arg-type]
+    sheet.caption("depth 100 ± 3 um.", SimpleNamespace(u=u, v=v, good=np.ones(u.shape, bool)))  # type: ignore[arg-type]
+    if side == "none":
+        assert not display.drawn
+        return
+    ((strip, (row, col), over),) = display.drawn
+    assert over == 7  # the fringe, which stays on
+    assert (strip > 200).any()
+    covered = np.zeros((rows, cols), bool)
+    covered[row : row + strip.shape[0], col : col + strip.shape[1]] = True
+    assert covered.sum() == strip[..., 0].size
+    assert not (covered & _around(box, side, rows, cols)).any()
+
+
+def _around(box: dict[str, int], side: str, rows: int, cols: int) -> np.ndarray:
+    """Pixels that the camera sees, and 50 beyond on that side."""
+    near = box | {side: box[side] + (50 if side in ("bottom", "right") else -50)}
+    seen = np.zeros((rows, cols), bool)
+    seen[near["top"] : near["bottom"], near["left"] : near["right"]] = True
+    return seen

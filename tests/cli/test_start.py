@@ -33,7 +33,7 @@ RIGS = {
     "monitor": TypedRig((150, 110), (240, 320), 1.0, (180, 240), 686.0, math.radians(30), 500, 400),
     "prism": TypedRig(
         (60, 45), (320, 240), 0.19, (180, 240), 600.0, math.radians(50), 120,
-        display_angle=math.radians(48), bezel=5.0, index=1.41,
+        display_angle=math.radians(48), bezel=0.0, index=1.41,
     ),
     "laptop": TypedRig((150, 110), (480, 640), 0.5, (180, 240), 686.0, math.radians(30), 500, 400),
 }  # fmt: skip
@@ -42,7 +42,7 @@ DENTS = {"monitor": "gaussian:peak=0.1,sigma=15", "prism": "gaussian:peak=0.1,si
 SCREEN = {"monitor": ("320x240", "15.75"), "prism": ("240x320", "2.992")}
 PLACES = {
     "monitor": ("150x110", "30.7", "500.4", "399.7"),
-    "prism": ("60x45", "49.5", "119.6", "48", "5", "silicone", ""),
+    "prism": ("60x45", "49.5", "119.6", "48", "0", "silicone", ""),
 }
 VIEW = {"monitor": ("500", "180"), "prism": ("120", "49.2")}
 for table in (DENTS, PLACES, VIEW):
@@ -319,8 +319,9 @@ def test_a_page_leads_from_an_empty_folder_to_a_live_height(kind: str, screen: t
         wait("Calibration")
         file.write_text(json.dumps(json.loads(file.read_text()) | {"dent": DENTS[kind]}))
         click()
-        page.wait("document.title === 'optolever live'", 60)
-        program.wait(timeout=60)
+        if kind != "laptop":  # there the display itself has the readings
+            page.wait("document.title === 'optolever live'", 60)
+        program.wait(timeout=120)
         errors = [one for one in page.messages if "ERR_CONNECTION" not in one]  # the program has ended
     assert not errors
     assert typed <= (14 if kind == "prism" else 12)

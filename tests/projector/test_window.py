@@ -126,12 +126,12 @@ def test_pictures_over_a_frame_and_the_keys_pressed_meanwhile(
         keys = list[str]()
         end = time.monotonic() + 10
         while len(keys) < 3 and time.monotonic() < end:
-            keys += window.picture(jpeg, 32, 3)
+            keys += window.picture(jpeg, (32, 40), 3)
         assert keys == ["enter", "escape", "k"]
         assert not window.closed
         frame = shown.render_frame(3)
         np.testing.assert_array_equal(buffer.pixels[:32], frame[:32])
-        assert abs(buffer.colours[32:48, :32].astype(int) - colour).max() < 8
+        assert abs(buffer.colours[32:48, 40:72].astype(int) - colour).max() < 8
         window.show(3)
         np.testing.assert_array_equal(buffer.pixels, frame)
 
