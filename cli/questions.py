@@ -136,7 +136,7 @@ QUESTIONS: tuple[Question, ...] = (
     ),
     Question(
         "distance", "MM", ABOVE_0, "Camera to the middle of the mirror, mm",
-        "x, y and heights scale with it", ("500", "120"),
+        "x, y and heights scale with it", ("250", "120"),
     ),
     Question(
         "display_distance", "MM", ABOVE_0, "Monitor: display's middle to the mirror's middle, mm",

@@ -1,5 +1,6 @@
 """`optolever start`: from an unpacked camera to a live height, step by step."""
 
+import sys
 import time
 from pathlib import Path
 from typing import Annotated, Any
@@ -63,6 +64,8 @@ def command(
     titles = {name: title for name, (title, _) in STEPS.items()}
     with PageFront(titles, port, "optolever start") as page:
         click.echo(f"Start: {page.address}   (Ctrl-C ends it; the same command goes on)")
+        if sys.stdout.isatty():
+            click.launch(page.address)
         write_json(json_path, _walked(begun, page, step, frames))
 
 

@@ -85,9 +85,9 @@ class Terminal:
         """The answers by name, converted; the picture is that of the file at the end."""
         answers = {}
         for each in questions:
-            click.secho(f"  (wrong: {each.wrong})", dim=True)
+            click.echo(f"  {each.text}" + click.style(f"; wrong: {each.wrong}", dim=True))
             while True:
-                text = self._line(f"  {each.text} [{defaults[each.name]}]") or defaults[each.name]
+                text = self._line(f"    [{defaults[each.name]}]") or defaults[each.name]
                 try:
                     answers[each.name] = each.kind.convert(text, None, None)
                     break

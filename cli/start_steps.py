@@ -26,8 +26,9 @@ __all__ = ["STEPS", "Begun", "require_devices"]
 _SIMULATED = "virtual"
 _KEPT = ("devices", "sync", "response", "start")  # sections that other numbers of the rig leave as they are
 _RESTS = 8  # frames of the fringe at rest
-_PERIOD = 10.0  # of the fringe, pattern pixels
+_PERIOD, _SPAN = 10.0, 8.0  # of the fringe, pattern pixels at least, camera pixels at least
 _FLATS = 5
+_LEAST = 0.1  # share of the picture that sees the display: below it `prepare` refuses
 _BENT = 0.3  # of a gamma from 1
 _CHI = 3.0  # of the fit of a flat mirror: 0.5 to 1.3 over rigs drawn from the accuracy of typed numbers
 
@@ -171,9 +172,10 @@ def view(begun: Begun, front: Front) -> None:
     if typed.focal_accuracy == VIEW_60:
         front.say("60 degrees are assumed: heights have an error of 10 % by that alone.")
     text = f"By these numbers {100 * share:.0f} % of the pixels see the display in the mirror"
+    if share < _LEAST:
+        cure = "move the camera nearer, take a longer lens, or correct the numbers"
+        raise InputError(f"{text}, must be {100 * _LEAST:.0f} % at least: {cure} (go back a step)")
     front.say(f"{text} ({begun.rig.with_suffix('.png')}).")
-    if share < 0.02:
-        raise InputError(f"{text}: the rig cannot stand so; check the angles and the distances ({'<'}: back)")
 
 
 def aim(begun: Begun, front: Front) -> None:
@@ -250,7 +252,7 @@ def rest(begun: Begun, front: Front) -> None:
     front.busy("showing the patterns")
     scene = ol.scene.load(begun.rig)
     size = scene.pattern.rows, scene.pattern.cols
-    fringe = ol.patterns.sequence("crossed", *size, period=_PERIOD)
+    fringe = ol.patterns.sequence("crossed", *size, period=_period(scene))
     capture, fringes = capture_rest(begun.rig, fringe, _RESTS)
     front.busy("decoding them")
     found = decoded_by_response(capture, response_of(begun.rig))
@@ -262,7 +264,7 @@ def rest(begun: Begun, front: Front) -> None:
         raise InputError(f"frames {', '.join(map(str, late))} show the pattern before: go back to sync")
     if fault := ol.calibration.rest_fault(found, scene):
         raise InputError(fault)
-    if not begun.answers.get("calibrated"):
+    if not (begun.answers.get("calibrated") or begun.simulated):
         front.busy("taking the errors of the numbers off, as far as the mirror at rest says them")
         scene = _adjusted(begun, front, found)
     height = ol.reconstruct.reconstruct(found, scene, anchor="middle")
@@ -275,6 +277,18 @@ def rest(begun: Begun, front: Front) -> None:
     prepared.save(ol.live.kept_rest(begun.rig))
     fills = f"The mirror fills {100 * mirror_share:.0f} % of the picture, {100 * good:.0f} % of it decoded."
     front.say(f"{fills} The rig's numbers leave {100 * (prepared.error or 0.0):.1f} % of a height.")
+
+
+def _period(scene: "ol.scene.Scene") -> float:
+    """Of the fringe, pattern pixels: fine, but not too fine for the camera."""
+    import numpy as np
+
+    rows, cols = (min(size, 120) for size in (scene.camera.rows, scene.camera.cols))
+    few = ol.scene.resize(scene, rows, cols)
+    flat = ol.scene.trace(few, ol.scene.dent("flat", few))
+    down, across = (np.hypot(*(np.diff(one, axis=axis) for one in (flat.u, flat.v))) for axis in (0, 1))
+    steps = np.nanmedian(down) * rows / scene.camera.rows, np.nanmedian(across) * cols / scene.camera.cols
+    return max(_PERIOD, float(np.ceil(_SPAN * max(steps))))
 
 
 def _adjusted(begun: Begun, front: Front, found: "ol.decode.Correspondence") -> "ol.scene.Scene":

@@ -229,7 +229,7 @@ def test_wrong_answers_are_said_before_the_live_view(screen: tuple[str, Path]) -
     (folder / "script.json").write_text(json.dumps(script))
     command = words(folder, str(folder / "script.json"), "--", "start", "--text")
     env = {**os.environ, "DISPLAY": display}
-    done = subprocess.run(command, env=env, capture_output=True, text=True, timeout=400, check=False)
+    done = subprocess.run(command, env=env, capture_output=True, text=True, timeout=560, check=False)
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-2000:]
     said = [
         "Is 'window' the display in front of the mirror?",
