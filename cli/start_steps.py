@@ -21,7 +21,7 @@ from .start_front import Front, GoTo
 from .sync import synchronised
 from .views import sheet_on, views_of
 
-__all__ = ["STEPS", "Begun", "require_devices"]
+__all__ = ["STEPS", "Begun", "fringe_period", "require_devices"]
 
 _SIMULATED = "virtual"
 _KEPT = ("devices", "sync", "response", "start")  # sections that other numbers of the rig leave as they are
@@ -252,7 +252,7 @@ def rest(begun: Begun, front: Front) -> None:
     front.busy("showing the patterns")
     scene = ol.scene.load(begun.rig)
     size = scene.pattern.rows, scene.pattern.cols
-    fringe = ol.patterns.sequence("crossed", *size, period=_period(scene))
+    fringe = ol.patterns.sequence("crossed", *size, period=fringe_period(scene))
     capture, fringes = capture_rest(begun.rig, fringe, _RESTS)
     front.busy("decoding them")
     found = decoded_by_response(capture, response_of(begun.rig))
@@ -279,16 +279,16 @@ def rest(begun: Begun, front: Front) -> None:
     front.say(f"{fills} The rig's numbers leave {100 * (prepared.error or 0.0):.1f} % of a height.")
 
 
-def _period(scene: "ol.scene.Scene") -> float:
+def fringe_period(scene: "ol.scene.Scene") -> float:
     """Of the fringe, pattern pixels: fine, but not too fine for the camera."""
     import numpy as np
 
-    rows, cols = (min(size, 120) for size in (scene.camera.rows, scene.camera.cols))
-    few = ol.scene.resize(scene, rows, cols)
+    step = max(1, min(scene.camera.rows, scene.camera.cols) // 60)
+    few = ol.scene.strided(scene, step)
     flat = ol.scene.trace(few, ol.scene.dent("flat", few))
-    down, across = (np.hypot(*(np.diff(one, axis=axis) for one in (flat.u, flat.v))) for axis in (0, 1))
-    steps = np.nanmedian(down) * rows / scene.camera.rows, np.nanmedian(across) * cols / scene.camera.cols
-    return max(_PERIOD, float(np.ceil(_SPAN * max(steps))))
+    u, v = (np.where(flat.visible, one, np.nan) for one in (flat.u, flat.v))
+    each = max(np.nanmedian(np.hypot(np.diff(u, axis=axis), np.diff(v, axis=axis))) for axis in (0, 1)) / step
+    return max(_PERIOD, float(np.ceil(_SPAN * each)))
 
 
 def _adjusted(begun: Begun, front: Front, found: "ol.decode.Correspondence") -> "ol.scene.Scene":

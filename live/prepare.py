@@ -83,7 +83,11 @@ def prepare(
         (x_row, x_col), (y_row, y_col) = np.gradient(x), np.gradient(y)
         area = float(np.median(np.abs(x_col * y_row - x_row * y_col)[lit]))
         points = rays.points.astype(np.float32)
-        measured = _measured_noise(rig, points, seed, frames.dtype)
+        with np.errstate(over="ignore", invalid="ignore"):
+            measured = _measured_noise(rig, points, seed, frames.dtype)
+    if not np.isfinite(measured.displacement).all():
+        fine = f"a period of {period:g} pattern pixels is too fine for the camera: take a longer one"
+        raise InputError(f"rest_frames: the fit of the fringe at rest does not converge; {fine}")
     shape = scene.camera.rows, scene.camera.cols
     edge = 0.0 if scene.accuracy is None else scene.accuracy.edge
     error, notices = relative_error(scene, lit, cell, period), _notices(scene, line.edge)

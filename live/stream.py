@@ -167,9 +167,8 @@ def _share(good: Mask, among: Mask) -> float:
 
 
 def _noise_scale(prepared: Prepared, settled: Settled) -> float:
-    """Variance of the image's noise over that at rest; 1 where the fit has overflowed."""
-    usual = settled.usual if np.isfinite(settled.usual) else prepared.rig.noise
-    return max(usual / prepared.rig.noise, _LEAST_NOISE)
+    """Variance of the image's noise over that at rest."""
+    return max(settled.usual / prepared.rig.noise, _LEAST_NOISE)
 
 
 def _both(one: Cells | Float, other: Cells) -> Cells:

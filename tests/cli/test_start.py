@@ -18,10 +18,14 @@ import cv2
 import numpy as np
 import pytest
 
+from optolever import InputError
 from optolever.calibration import aim_fault, rest_fault
 from optolever.cli import run
-from optolever.cli.start_steps import Begun, require_devices
+from optolever.cli.start_steps import Begun, fringe_period, require_devices
 from optolever.decode import Correspondence
+from optolever.live import prepare
+from optolever.patterns import sequence
+from optolever.projector import capture
 from optolever.scene import Scene, TypedRig, adjusted, dent, load, parameter_values, rig_toml, trace
 
 from ..projector.screen import ENTER, ESCAPE, FrameBuffer, press
@@ -85,6 +89,21 @@ def test_a_wrong_answer_is_named(scene: Scene) -> None:
     assert re.search(r"sees 0\.\d+ times as much .* width of the view", wide)
     assert "mm from where" in rest_fault(right, adjusted(scene, {"camera.ry": 0.15}))
     assert "mirror's size" in aim_fault(0.9, 0.4)
+
+
+def test_a_coarse_camera_gets_a_coarser_fringe(tmp_path: Path) -> None:
+    """60 degrees, a display of fine pixels: ten of them are 1.5 of the camera's, which `prepare` refuses."""
+    prism = replace(RIGS["prism"], display=(480, 270), pitch=0.254, image=(120, 160), focal=138.6, bezel=0.0)
+    (tmp_path / "rig.toml").write_text(rig_toml("rig", prism))
+    rig = load(tmp_path / "rig.toml")
+    found, shown = seen_by(rig), sequence("crossed", rig.pattern.rows, rig.pattern.cols, period=10.0)
+    frames = np.repeat(capture(rig, dent("flat", rig), shown).frames, 8, axis=0)
+    with pytest.raises(InputError, match="a period of 10 pattern pixels is too fine for the camera"):
+        prepare(rig, frames, found, shown, bits=8, cell=1)
+    each = np.nanmedian(np.where(found.good[:, 1:] & found.good[:, :-1], np.diff(found.u, axis=1), np.nan))
+    assert fringe_period(rig) / abs(each) == pytest.approx(8, rel=0.1)
+    (tmp_path / "fine.toml").write_text(rig_toml("fine", RIGS["prism"]))
+    assert fringe_period(load(tmp_path / "fine.toml")) == 10
 
 
 def test_it_goes_on_where_it_was_left(
