@@ -7,8 +7,8 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import minimum_filter
 
 from optolever.blocks import over_blocks, threads
 from optolever.kernels import F32, F64, I64
@@ -95,7 +95,7 @@ def estimated(
 ) -> tuple[Correspondence, Prepared | None]:
     """Put the frames in order, estimate their profile, and decode by it. None: they are not as described, so
     that the profile is of this capture only."""
-    around = None if mask is None else minimum_filter(mask, _BLOCK)  # whole blocks of the mask
+    around = None if mask is None else scipy.ndimage.minimum_filter(mask, _BLOCK)  # whole blocks of the mask
     repair = find_order(light.raw, sequence, around)
     if repair is None:
         return _decoded(light, sequence, settings, mask)

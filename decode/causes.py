@@ -3,8 +3,8 @@
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter
 
 from optolever.notices import Notice
 from optolever.patterns import Sequence
@@ -29,7 +29,7 @@ def few_good(found: Correspondence, light: Light, sequence: Sequence) -> tuple[N
     assert found.amplitude is not None
     inside = found.flags & Flag.INVALID == 0
     if not inside.all():  # a pixel by itself has no neighbours that could confirm it: no fault of the capture
-        inside &= uniform_filter(inside.astype(np.float32), 3, mode="nearest") > 0.5
+        inside &= scipy.ndimage.uniform_filter(inside.astype(np.float32), 3, mode="nearest") > 0.5
     bright = found.amplitude[inside & (found.amplitude > 0)]
     if not len(bright):
         return ()

@@ -10,8 +10,8 @@ nothing. The cause is the shift of the fringes, the size of the cells or the bit
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter, uniform_filter
 
 from optolever.kernels import F32, F64, I64
 from optolever.notices import Notice
@@ -85,7 +85,7 @@ def contradictions(
             cause = cause or _other_cells(axis, code, view)
             everywhere = bool(cause) or share > _MOST
             cause = cause or _wrong_bit(axis, code, view, few[:, kept], bad)
-            bad = np.ones_like(bad) if everywhere else maximum_filter(bad, 3)
+            bad = np.ones_like(bad) if everywhere else scipy.ndimage.maximum_filter(bad, 3)
             tiles = np.repeat(np.repeat(bad, _TILE, axis=0), _TILE, axis=1)
             wrong |= tiles[: flags.shape[0], : flags.shape[1]]
             cure = "no coordinates there; check the frames and capture.toml"
@@ -156,7 +156,7 @@ def _windows(view: _View, period: float, shape: tuple[int, ...], least: float) -
 
     def sums(weights: NDArray[Any] | None) -> F64:
         whole = np.bincount(view.tile, weights, count).reshape(shape).astype(np.float64)
-        return np.asarray(9 * uniform_filter(whole, 3, mode="constant"))
+        return np.asarray(9 * scipy.ndimage.uniform_filter(whole, 3, mode="constant"))
 
     number = sums(None)
     narrower = number if narrow.all() else sums(narrow)

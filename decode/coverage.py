@@ -3,9 +3,9 @@
 import math
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_fill_holes
 
 from .records import Flag
 
@@ -17,6 +17,8 @@ def mirror_coverage(flags: NDArray[np.unsignedinteger[Any]]) -> tuple[float, flo
     """
     without = Flag.DARK | Flag.LOW_CONTRAST | Flag.INVALID
     changing = (flags & without == 0) | (flags & Flag.SATURATED != 0)
-    mirror = np.asarray(binary_fill_holes(changing)) & (flags & Flag.INVALID == 0)
+    around = np.pad(changing.astype(np.uint8), 1)
+    cv2.floodFill(around, None, (0, 0), 2)
+    mirror = (around[1:-1, 1:-1] != 2) & (flags & Flag.INVALID == 0)
     good = float((flags == 0)[mirror].mean()) if mirror.any() else math.nan
     return float(mirror.mean()), good

@@ -23,6 +23,7 @@ have rows beyond the image, which are flagged.
 from functools import lru_cache
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -229,30 +230,20 @@ def _whole(rows: int, width: int, top: int, end: int) -> U8:
 
 def _windows(clean: Mask) -> U8:
     """(8, n, W), see _CLEAN, of clean pixels (n, W)."""
-    out, work = np.zeros((8, *clean.shape), np.uint8), np.empty(clean.shape, np.uint8)
+    out = np.empty((8, *clean.shape), np.uint8)
+
+    def sums(of: int, rows: Span, cols: Span) -> U8:
+        """Over pixels from rows[0] to rows[1] further down and cols[0] to cols[1] further along, 0 beyond."""
+        size, anchor = (cols[1] - cols[0] + 1, rows[1] - rows[0] + 1), (-cols[0], -rows[0])
+        found: U8 = cv2.boxFilter(out[of], cv2.CV_8U, size, None, anchor, False, cv2.BORDER_CONSTANT)
+        return found
+
     out[_CLEAN] = clean
-    _over(_over(out[_CLEAN], 0, 0, -2, 2, work), -2, 2, 0, 0, out[_NUMBER])
+    out[_NUMBER] = sums(_CLEAN, (-2, 2), (-2, 2))
     out[_FULL] = out[_NUMBER] == 25
-    out[_ROW] = _over(out[_CLEAN], 0, 0, 0, 3, work) == 4
-    out[_COL] = _over(out[_CLEAN], 0, 3, 0, 0, work) == 4
-    _over(_over(out[_ROW], 0, 0, -3, 0, work), -3, 3, 0, 0, out[_ALONG])
-    _over(_over(out[_COL], 0, 0, -3, 3, work), -3, 0, 0, 0, out[_DOWN])
-    _over(_over(out[_FULL], 0, 0, -1, 1, work), -1, 1, 0, 0, out[_NEAR])
-    return out
-
-
-@kernel
-def _over(of: U8, top: int, bottom: int, left: int, right: int, out: U8) -> U8:
-    """Sums over pixels from `top` to `bottom` further down and `left` to `right` further along, 0 beyond the
-    block, into out."""
-    n, width = of.shape
-    for y in range(n):
-        for x in range(width):
-            out[y, x] = np.uint8(0)
-        for i in range(max(y + top, 0), min(y + bottom + 1, n)):
-            for j in range(left, right + 1):
-                for x in range(max(-j, 0), min(width - j, width)):
-                    out[y, x] += of[i, x + j]
+    out[_ROW], out[_COL] = sums(_CLEAN, (0, 0), (0, 3)) == 4, sums(_CLEAN, (0, 3), (0, 0)) == 4
+    out[_ALONG], out[_DOWN] = sums(_ROW, (-3, 3), (-3, 0)), sums(_COL, (-3, 0), (-3, 3))
+    out[_NEAR] = sums(_FULL, (-1, 1), (-1, 1))
     return out
 
 

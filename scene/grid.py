@@ -14,7 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.linalg import solve_banded
+import scipy
 
 from optolever import InputError
 from optolever.kernels import exact
@@ -81,7 +81,7 @@ def _prefilter(z: Float) -> Float:
         bands[4 + j, n - 1 - j] = weight
     right = np.zeros((n, z.shape[1]))
     right[1:-1] = z
-    solved: Float = solve_banded((4, 4), bands, right)
+    solved: Float = scipy.linalg.solve_banded((4, 4), bands, right)
     return solved
 
 

@@ -14,9 +14,8 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d
-from scipy.special import chdtri, expit, ndtr
 
 from optolever.errors import InputError
 from optolever.kernels import F32, F64, I64
@@ -196,7 +195,7 @@ def _matched(
     if start is not None:
         samples[np.isnan(start)] = np.nan
     numbers, camera = np.empty((count, 6)), (noise.read2, noise.gain, table.misfit2)
-    limit = float(chdtri(table.dof, _RARE))
+    limit = float(scipy.special.chdtri(table.dof, _RARE))
     match(samples, table.block[at], begin, cols, table.book, camera, limit, numbers)
     place, variance, *rest = numbers.T
     px = table.first[at] + place / PER_PX
@@ -229,7 +228,7 @@ def _rival_error(light: Light, raw: NDArray[Any], index: I64, at: I64, noise: No
     rival = np.nan_to_num(light.linear(other), nan=light.white)
     bright = np.maximum(rival - found.offset, 0.0)
     variance = noise.variance(rival)
-    error = expit(-0.5 * (found.scale**2 - bright**2) / variance)
+    error = scipy.special.expit(-0.5 * (found.scale**2 - bright**2) / variance)
     doubtful = (bright**2 > 25 * variance) & (bright > _RIVAL * found.scale)
     error = np.where(doubtful, np.maximum(error, bright / np.maximum(bright + found.scale, 1e-9)), error)
     return np.where(np.isnan(found.place), 1.0, error)
@@ -438,7 +437,7 @@ def _weight(distance: F64, optics: Optics) -> F64:
 
     def twice(t: F64) -> F64:
         z = t / soft
-        return np.asarray(t * ndtr(z) + soft * np.exp(-0.5 * z * z) / math.sqrt(2 * math.pi))
+        return np.asarray(t * scipy.special.ndtr(z) + soft * np.exp(-0.5 * z * z) / math.sqrt(2 * math.pi))
 
     far, near = (1 + width) / 2, (1 - width) / 2
     ends = twice(distance + far) - twice(distance + near) - twice(distance - near) + twice(distance - far)
@@ -470,7 +469,7 @@ def _surface(words: F32, reach: int) -> tuple[F32, I64, F32]:
     near, around = np.arange(-per, per + 1), np.arange(-per // 2, per // 2 + 1)
     for some in np.array_split(place, math.ceil(count / 256)):
         similar = coarse[some] @ coarse.T
-        peak = similar >= maximum_filter1d(similar, 3, axis=1, mode="nearest")
+        peak = similar >= scipy.ndimage.maximum_filter1d(similar, 3, axis=1, mode="nearest")
         similar[~peak | (np.abs(place - some[:, None]) <= guard)] = -1.0
         best = np.argpartition(-similar, last - 1, axis=1)[:, :last]
         best = np.take_along_axis(

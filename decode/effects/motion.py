@@ -8,8 +8,8 @@ grows by rate^2 dt^2.
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import fdtrc
 
 from optolever.kernels import F64
 
@@ -43,7 +43,7 @@ def estimate(view: View) -> Effect | None:
         if not len(rates):
             continue
         ratio = float(explained.mean() / max(rest.sum() / freedom.sum(), 1e-12))
-        chance = float(fdtrc(len(rates), freedom.sum(), ratio))
+        chance = float(scipy.special.fdtrc(len(rates), freedom.sum(), ratio))
         if chance < least:
             rate, least = float(np.sqrt((rates**4).sum() / (rates**2).sum())), chance
             best = Effect("motion", rate, rate / float(np.sqrt(2 * len(rates))), "px per frame")
