@@ -1,6 +1,5 @@
 """Draws the frames of a Sequence with OpenGL, bit-equal to Sequence.render()."""
 
-from types import TracebackType
 from typing import Self
 
 import moderngl
@@ -92,9 +91,7 @@ class PatternRenderer:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.release()
 
     def draw(self, index: int) -> None:
