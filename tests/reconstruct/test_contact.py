@@ -64,18 +64,18 @@ def balls(scene: Scene, noisy) -> list[Contact]:
 
 
 @pytest.mark.parametrize(
-    ("name", "expected"),
+    ("name", "expected", "least"),
     [
-        ("depth", 1.3),
-        ("area", np.pi * 400),
-        ("volume", 0.75 * 1.3 * np.pi * 400),
-        ("indenter_radius", 400 / 1.3),
+        ("depth", 1.3, 0.4),
+        ("area", np.pi * 400, 0.3),
+        ("volume", 0.75 * 1.3 * np.pi * 400, 0.3),
+        ("indenter_radius", 400 / 1.3, 0.2),
     ],
 )
-def test_error_bars_hold(balls: list[Contact], name: str, expected: float) -> None:
-    """Over seeds: no error is beyond what its bar allows; of area and volume it is an upper bound."""
+def test_error_bars_hold(balls: list[Contact], name: str, expected: float, least: float) -> None:
+    """Over seeds: no error is beyond what its bar allows; of area, volume and radius it is an upper bound."""
     ratio = np.array([(getattr(c, name) - expected) / getattr(c, f"{name}_sigma") for c in balls])
-    assert 0.2 < np.sqrt(np.mean(ratio**2)) < 1.4
+    assert least < np.sqrt(np.mean(ratio**2)) < 1.4
     assert np.abs(ratio).max() < 3.5
 
 
