@@ -13,7 +13,6 @@ TOML only.
 | `scene.py`, `reading.py`, `presets/` | Scene, resize; strict TOML of a rig; the scenes on board |
 | `typed_rig.py` | a rig's TOML from sizes, angles and distances |
 | `parameters.py`, `covariance.py` | the numbers that a calibration adjusts; how sure they are |
-| `rest_form.py` | form of the mirror at rest, measured by a calibration |
 | `accuracy.py`, `priors.py` | how sure typed numbers are; the covariance that every scene has |
 | `surface.py`, `grid.py` | Surface (height and gradient), Formula; height array as a bicubic spline |
 | `forms.py`, `dents.py`, `relief.py` | closed forms of the dents; dents by name; a dent from an image |
@@ -33,13 +32,12 @@ from .face import Face
 from .grid import Grid
 from .layer import Layer
 from .medium import Medium
-from .mirror import Mirror
+from .mirror import Mirror, RestForm
 from .parameters import adjusted, parameter_changes, parameter_values, without_rest_form
 from .pattern import Pattern, prism_pattern
 from .pattern_shape import Bow, PatternShape, PointTable
 from .priors import GAUGE_HELD, rig_covariance, typed_covariance, typed_sigmas
 from .reading import load, preset_names, rig_table, write_sections
-from .rest_form import RestForm
 from .scene import Scene, resize
 from .sensor import Display, Sensor
 from .surface import Formula, Surface, surface_from_array

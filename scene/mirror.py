@@ -1,13 +1,18 @@
-"""The mirror at rest: the rectangle z = 0, 0 <= x <= length, 0 <= y <= width."""
-
-from __future__ import annotations
+"""The mirror at rest: the rectangle z = 0, 0 <= x <= length, 0 <= y <= width, and its form as a calibration
+measures it.
+"""
 
 from dataclasses import dataclass
 from typing import Annotated
 
-from .record import Record, positive
+import numpy as np
+from numpy.polynomial import legendre
 
-__all__ = ["Mirror"]
+from optolever import InputError
+
+from .record import Float, Record, freeze, positive
+
+__all__ = ["Mirror", "RestForm", "legendre_orders"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -16,3 +21,65 @@ class Mirror(Record, section="mirror"):
 
     length: Annotated[float, positive, "size_mm", 0]
     width: Annotated[float, positive, "size_mm", 1]
+
+
+def legendre_orders(count: int) -> list[tuple[int, int]]:
+    """Orders (i, j) along x and y of the first `count` Legendre shapes of total order 2, 3, ...
+
+    >>> legendre_orders(4)
+    [(2, 0), (1, 1), (0, 2), (3, 0)]
+    """
+    orders: list[tuple[int, int]] = []
+    total = 2
+    while len(orders) < count:
+        orders += [(total - j, j) for j in range(total + 1)]
+        total += 1
+    return orders[:count]
+
+
+@dataclass(frozen=True, eq=False)
+class RestForm(Record):
+    """z = sum c_ij P_i(2 x / length - 1) P_j(2 y / width - 1) over total orders i + j from 2 on; coefficients
+    (n,) in mm, in the order of `legendre_orders`. The frame z = 0 is the plane that these shapes leave out.
+    """
+
+    coefficients: Float
+
+    def __post_init__(self) -> None:
+        values = np.array(self.coefficients, dtype=np.float64)
+        if values.ndim != 1 or not np.isfinite(values).all():
+            raise InputError(f"rest form: coefficients of shape {values.shape}, must be (n,) and finite")
+        values.flags.writeable = False
+        freeze(self, coefficients=values)
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The coefficients by name: L20, L11, L02, L30, ..."""
+        orders = legendre_orders(self.coefficients.size)
+        return {f"L{i}{j}": float(c) for (i, j), c in zip(orders, self.coefficients, strict=True)}
+
+    def height(self, x: Float, y: Float, mirror: Mirror) -> Float:
+        """z in mm at x, y."""
+        return self._sum(self._table, x, y, mirror)
+
+    def slopes(self, x: Float, y: Float, mirror: Mirror) -> tuple[Float, Float]:
+        """dz/dx and dz/dy at x, y."""
+        along, across = (np.asarray(legendre.legder(self._table, axis=axis), np.float64) for axis in (0, 1))
+        return (
+            2 / mirror.length * self._sum(along, x, y, mirror),
+            2 / mirror.width * self._sum(across, x, y, mirror),
+        )
+
+    @property
+    def _table(self) -> Float:
+        orders = legendre_orders(self.coefficients.size)
+        size = 1 + max((max(each) for each in orders), default=0)
+        table = np.zeros((size, size))
+        for order, c in zip(orders, self.coefficients, strict=True):
+            table[order] = c
+        return table
+
+    @staticmethod
+    def _sum(table: Float, x: Float, y: Float, mirror: Mirror) -> Float:
+        z = legendre.legval2d(2 * x / mirror.length - 1, 2 * y / mirror.width - 1, table)
+        return np.asarray(z, dtype=np.float64)

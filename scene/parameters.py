@@ -16,11 +16,11 @@ from optolever import InputError
 
 from .cameras import Camera, PinholeCamera
 from .face import Face
+from .mirror import RestForm
 from .pattern import Pattern
 from .pattern_shape import Bow
 from .pose import rotate, rotation_from_vector
 from .record import Float, changed, positive
-from .rest_form import RestForm
 from .scene import Scene
 
 __all__ = ["adjusted", "parameter_changes", "parameter_values", "without_rest_form"]

@@ -24,13 +24,12 @@ from .dents import dent_from_text
 from .face import Face
 from .layer import Layer
 from .medium import Medium
-from .mirror import Mirror
+from .mirror import Mirror, RestForm
 from .parameters import parameter_values
 from .pattern import Pattern, prism_pattern
 from .pattern_shape import Bow, PointTable
 from .pose import look_at, rotation_from_vector
 from .record import Float, Record, declared, number, pair, positive, text, vector
-from .rest_form import RestForm
 from .scene import FOREIGN, Scene
 from .sensor import Display, Sensor
 

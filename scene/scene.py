@@ -21,10 +21,9 @@ from .covariance import Covariance
 from .drawing import draw_side
 from .layer import Layer
 from .medium import Medium
-from .mirror import Mirror
+from .mirror import Mirror, RestForm
 from .pattern import Pattern
 from .record import Record, integer, table_of, text
-from .rest_form import RestForm
 from .sensor import Display, Sensor
 
 __all__ = ["FOREIGN", "Scene", "pixel_units", "resize"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,16 +25,14 @@ def scene_window(scene: Scene, row: float, col: float, rows: int, cols: int) -> 
 def strided(scene: Scene, step: int) -> Scene:
     """The scene with a camera of every step-th row and column, from pixel (0, 0) on."""
     camera, covariance = scene.camera, scene.covariance
-    rows, cols = -(-camera.rows // step), -(-camera.cols // step)
+    values: dict[str, Any] = {"rows": -(-camera.rows // step), "cols": -(-camera.cols // step)}
     if isinstance(camera, PinholeCamera):
-        thinned: Camera = changed(
-            camera, focal=camera.focal / step, centre=camera.centre / step, rows=rows, cols=cols
-        )
+        values |= {"focal": camera.focal / step, "centre": camera.centre / step}
     else:
-        thinned = changed(camera, pitch=camera.pitch * step, rows=rows, cols=cols)
+        values |= {"pitch": camera.pitch * step}
     if covariance is not None:
         covariance = covariance.scaled(pixel_units(step, step))
-    return changed(scene, camera=thinned, covariance=covariance)
+    return changed(scene, camera=changed(camera, **values), covariance=covariance)
 
 
 def movement(before: Float, centre: Float, behind: Float) -> Float:
