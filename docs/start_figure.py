@@ -18,7 +18,13 @@ from optolever.cli.start_steps import STEPS, Begun
 
 OUT = Path(__file__).with_name("start_aim.png")
 ANSWERS = {"monitor": {"image": "480x360", "display": "640x480", "diagonal": "15.75", "view_width": "180"}}
-ANSWERS["prism"] = ANSWERS["monitor"] | {"display": "480x640", "diagonal": "5.5", "view_width": "205"}
+ANSWERS["monitor"]["distance"] = "500"
+ANSWERS["prism"] = ANSWERS["monitor"] | {
+    "display": "480x640",
+    "diagonal": "5.5",
+    "view_width": "205",
+    "distance": "120",
+}
 
 
 def photographed(page: Chromium, folder: Path, name: str) -> None:
