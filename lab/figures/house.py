@@ -15,7 +15,7 @@ PARTS: dict[str, int | None] = {
     "optolever": 2050,
     "scene": 3000,
     "patterns": 1000,
-    "projector": 6070,
+    "projector": 6080,
     "decode": 5750,
     "contact": 1100,
     "reconstruct": 6500,
