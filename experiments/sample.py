@@ -1,9 +1,11 @@
 """Sample data: complete sets of captures as their owners would have them, from a seed.
 
 A camera with photon noise, a display of gamma 2.2, JPEG pictures with a camera's names, a rig whose numbers
-were typed a bit wrong. What is true lies apart, in TRUTH/.
+were typed a bit wrong. What is true lies apart, in TRUTH/. Sensors are pressed by a ball, as Hertz has it
+(K. L. Johnson, Contact Mechanics, 1985, equations 3.41 and 4.22 to 4.24).
 """
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -11,11 +13,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from optolever.files import atomic_folder
+from optolever.files import atomic_folder, write_rows
 from optolever.patterns import Sequence, sequence, sequence_from_text
 from optolever.projector import capture, write_description
 from optolever.scene import (
     Display,
+    Layer,
     Scene,
     Surface,
     adjusted,
@@ -27,13 +30,64 @@ from optolever.scene import (
     typed_sigmas,
 )
 
+from .arrays import Floats
+
 __all__ = ["SAMPLES", "Sample", "write_sample"]
 
 TRUTH = "truth"
 _GAMMA, _QUALITY, _FIRST = 2.2, 97, 4711
 _OFF = 0.3  # standard deviations of typed numbers by which the rig is off
 _CAPTURES = 40
-Shots = Iterator[tuple[str, str, Surface]]
+_LAYER = Layer(0.2)
+_CONTACTS = ("capture", "x_mm", "y_mm", "depth_mm", "radius_mm", "force_n")
+_BALL = 30.0  # mm, radius of the object that presses
+
+
+@dataclass(frozen=True)
+class Ball:
+    """A ball that presses a half-space: place of its lowest point, depth, mm."""
+
+    x: float
+    y: float
+    depth: float
+
+    @property
+    def edge(self) -> float:
+        """Radius of the contact, mm."""
+        return math.sqrt(_BALL * self.depth)
+
+    def force(self, layer: Layer) -> float:
+        """N."""
+        return 4 / 3 * layer.plane_modulus * self.edge * self.depth
+
+    def height(self, x: Floats, y: Floats) -> Floats:
+        """Of the mirror, mm."""
+        away, size = np.hypot(x - self.x, y - self.y) / self.edge, self.edge**2 / _BALL
+        out = np.maximum(away, 1.0)
+        beyond = size / np.pi * ((2 - out**2) * np.arcsin(1 / out) + np.sqrt(out**2 - 1))
+        return np.where(away < 1, self.depth - size * away**2 / 2, beyond)
+
+    def gradient(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
+        """Of the height."""
+        dx, dy = (x - self.x) / self.edge, (y - self.y) / self.edge
+        away = np.hypot(dx, dy)
+        out, size = np.maximum(away, 1.0), self.edge / _BALL
+        beyond = 2 / np.pi * size * (np.sqrt(1 - out**-2) / out - np.arcsin(1 / out))
+        share = np.where(away < 1, -size, beyond)
+        return share * dx, share * dy
+
+
+@dataclass(frozen=True)
+class Shot:
+    """Pictures of a sequence into a folder; of a mirror, pressed or not."""
+
+    folder: str
+    sequence: str
+    surface: Surface
+    ball: Ball | None = None
+
+
+Shots = Iterator[Shot]
 
 
 @dataclass(frozen=True)
@@ -50,25 +104,26 @@ class Sample:
     own: str = ""
 
 
-def _pressed(scene: Scene, rng: np.random.Generator) -> Surface:
+def _pressed(folder: str, scene: Scene, rng: np.random.Generator) -> Shot:
     x, y = rng.uniform(0.3, 0.7, 2) * [scene.mirror.length, scene.mirror.width]
-    return dent_from_text(f"gaussian:peak={rng.uniform(0.1, 0.4):.3f},sigma=6,x={x:.2f},y={y:.2f}", scene)
+    ball = Ball(round(x, 2), round(y, 2), round(rng.uniform(0.1, 0.4), 3))
+    return Shot(folder, "gray+phase", Surface(ball.height, ball.gradient), ball)
 
 
 def _resting(scene: Scene) -> Shots:
     flat = dent_from_text("flat", scene)
-    yield from (("ramp", "ramp", flat), ("rest", "gray+phase", flat))
+    yield from (Shot("ramp", "ramp", flat), Shot("rest", "gray+phase", flat))
 
 
 def _sensor(scene: Scene, rng: np.random.Generator) -> Shots:
     yield from _resting(scene)
-    yield "press", "gray+phase", _pressed(scene, rng)
+    yield _pressed("press", scene, rng)
 
 
 def _forty(scene: Scene, rng: np.random.Generator) -> Shots:
     yield from _resting(scene)
     for number in range(1, _CAPTURES + 1):
-        yield f"press{number:02d}", "gray+phase", _pressed(scene, rng)
+        yield _pressed(f"press{number:02d}", scene, rng)
 
 
 def _tilted(scene: Scene, a: float, b: float) -> Surface:
@@ -80,12 +135,13 @@ def _tilted(scene: Scene, a: float, b: float) -> Surface:
 
 
 def _mirror(scene: Scene, rng: np.random.Generator) -> Shots:
-    yield "ramp", "ramp", _tilted(scene, 0, 0)
-    yield "flat1", "gray+phase", _tilted(scene, 0, 0)
+    yield Shot("ramp", "ramp", _tilted(scene, 0, 0))
+    yield Shot("flat1", "gray+phase", _tilted(scene, 0, 0))
     for number, turn in enumerate(2 * np.pi * (np.arange(3) / 3 + rng.uniform()), 2):
         tilt = np.tan(np.radians(rng.uniform(2.0, 3.5)))
-        yield f"flat{number}", "gray+phase", _tilted(scene, tilt * np.cos(turn), tilt * np.sin(turn))
-    yield "mirror", "gray+phase", dent_from_text("gaussian:peak=0.004,sigma=25", scene)
+        flat = _tilted(scene, tilt * np.cos(turn), tilt * np.sin(turn))
+        yield Shot(f"flat{number}", "gray+phase", flat)
+    yield Shot("mirror", "gray+phase", dent_from_text("gaussian:peak=0.004,sigma=25", scene))
 
 
 _RESPONSE = "optolever response {dir}/ramp {dir}/rest --scene {dir}/rig.toml"
@@ -148,6 +204,7 @@ def write_sample(name: str, out: str | Path, seed: int = 0) -> list[str]:
     """Write the set of that name into a new folder; the commands that go on from there."""
     sample, rng = SAMPLES[name], np.random.default_rng(seed)
     typed = resize(load(sample.preset), *sample.size)
+    typed = replace(typed, dent=None, layer=None if typed.medium is None else _LAYER)
     truth = replace(_as_built(typed, rng), display=Display(_GAMMA), accuracy=None)
     truth, cells = adjusted(truth, sample.lens), (typed.pattern.rows, typed.pattern.cols)
     with atomic_folder(Path(out)) as folder:
@@ -156,19 +213,29 @@ def write_sample(name: str, out: str | Path, seed: int = 0) -> list[str]:
             sequence_from_text(sample.own, *cells).save(folder / "mine.toml")
         (folder / TRUTH).mkdir()
         truth.save(folder / TRUTH / "rig.toml")
-        for shot, text, surface in sample.shots(truth, rng):
-            shown = sequence(text, *cells)
-            _pictures(folder / shot, truth, surface, shown, int(rng.integers(1 << 31)))
-            trace(truth, surface).save(folder / TRUTH / f"{shot}.npz")
+        contacts = []
+        for shot in sample.shots(truth, rng):
+            shown = sequence(shot.sequence, *cells)
+            _pictures(folder / shot.folder, truth, shot.surface, shown, int(rng.integers(1 << 31)))
+            trace(truth, shot.surface).save(folder / TRUTH / f"{shot.folder}.npz")
+            if shot.ball is not None and truth.layer is not None:
+                ball = shot.ball
+                contacts.append((shot.folder, ball.x, ball.y, ball.depth, _BALL, ball.force(truth.layer)))
+        if contacts:
+            write_rows(folder / TRUTH / "contacts.csv", _CONTACTS, contacts)
     return [command.format(dir=out) for command in sample.commands]
 
 
 def _as_built(typed: Scene, rng: np.random.Generator) -> Scene:
     """The rig whose numbers were typed with small errors."""
     values, sigmas = parameter_values(typed), typed_sigmas(typed)
-    return adjusted(
+    built = adjusted(
         typed, {name: values[name] + _OFF * sigma * rng.standard_normal() for name, sigma in sigmas.items()}
     )
+    if typed.layer is None:
+        return built
+    stiffer = 1 + _OFF * typed.layer.relative_sigma * rng.standard_normal()
+    return replace(built, layer=Layer(stiffer * typed.layer.youngs_modulus_mpa))
 
 
 def _pictures(folder: Path, scene: Scene, surface: Surface, shown: Sequence, seed: int) -> None:

@@ -1,5 +1,6 @@
 """Sample sets: what their commands give is near the truth that lies apart."""
 
+import csv
 import shlex
 from dataclasses import replace
 from glob import glob
@@ -11,6 +12,7 @@ import pytest
 
 from optolever.cli import run
 from optolever.experiments import SAMPLES, write_sample
+from optolever.experiments.sample import Ball
 from optolever.metrology import fit_form
 from optolever.reconstruct import HeightMap
 from optolever.scene import Trace
@@ -32,6 +34,16 @@ def test_a_sensor_is_measured_by_its_commands(tmp_path: Path, monkeypatch: pytes
     deepest = np.unravel_index(np.nanargmax(np.where(height.good, true.z, np.nan)), true.z.shape)
     assert abs(height.z - true.z)[deepest] < 3 * height.total_sigma[deepest]
     assert abs(height.z[deepest] / true.z[deepest] - 1) < 0.1
+    with Path("sensor/truth/contacts.csv").open() as file:
+        (pressed,) = csv.DictReader(file)
+    (found,) = height.contacts or ()
+    area = np.pi * float(pressed["radius_mm"]) * float(pressed["depth_mm"])  # as Hertz has it
+    for name, value in {
+        "depth": pressed["depth_mm"], "indenter_radius": pressed["radius_mm"],
+        "force": pressed["force_n"], "area": area,
+    }.items():  # fmt: skip
+        true, sigma = float(value), getattr(found, f"{name}_sigma")
+        assert abs(getattr(found, name) - true) < 3 * sigma < 0.4 * true, name
     assert Path("sensor/report/report.html").stat().st_size > 100_000
     assert len(list(Path("sensor/press").glob("DSC_*.JPG"))) > 10
 
@@ -68,6 +80,17 @@ def test_a_mirror_is_measured_by_its_commands(tmp_path: Path, monkeypatch: pytes
     there = replace(height, **{name: np.where(good, getattr(true, name), np.nan) for name in "xyz"})
     found, form = (fit_form(each, "tilt").residual[good] for each in (height, there))
     assert np.nanstd(found - form) < 0.2 * np.nanstd(form)
+
+
+def test_the_slopes_of_the_ball_are_those_of_its_height() -> None:
+    """By central differences, within the contact, at its edge and beyond."""
+    ball, step = Ball(20.0, 15.0, 0.3), 1e-5
+    x, y = (20 + 8 * np.cos(np.arange(50)), 15 + 0.2 * np.arange(50))
+    numeric = [
+        (ball.height(x + a, y + b) - ball.height(x - a, y - b)) / (2 * step)
+        for a, b in ((step, 0), (0, step))
+    ]
+    np.testing.assert_allclose(ball.gradient(x, y), numeric, atol=1e-7)
 
 
 def test_sets_have_a_command_each() -> None:
