@@ -8,7 +8,7 @@ import optolever as ol
 from .arguments import Opt, program
 from .options import Dent, Full, Json, Noise, Renderer, SceneName, Seed, Shown, Size, load_scene
 from .outputs import ReportFolder
-from .show import number, print_notices, progress, table, write_json
+from .show import length, number, print_notices, progress, table, write_json
 
 SAMPLE = """
 $ optolever demo --pixels 256x256 --out demo
@@ -64,11 +64,13 @@ def command(
     print_notices(result.height.notices)
     metrics, seconds = result.metrics, result.seconds
     rows = {
-        "height error": f"{number(metrics['height_rms_rel'])} of the peak depth, rms",
+        "height error": f"{length(metrics['height_rms_mm'])} rms, {length(metrics['height_median_mm'])} median, "
+        f"{number(metrics['height_rms_rel'])} of the peak depth, rms",
+        "sigma": f"{length(metrics['height_sigma_mm'])} rms",
         "unflagged": number(100 * metrics["unflagged_share"], "% of the visible pixels"),
         "rms(error / sigma), u": number(metrics["sigma_ratio_u"]),
         "rms(error / sigma), v": number(metrics["sigma_ratio_v"]),
-        "rms(error / sigma), height": number(metrics["sigma_ratio_height"]),
+        "rms(error / sigma), height": number(metrics["sigma_ratio_total"]),
         "time": ", ".join(f"{name} {number(value)}" for name, value in seconds.items()) + " s",
         "peak memory": number(result.peak_bytes / 2**30, "GiB"),
         "report": str(out / "report.html"),

@@ -160,7 +160,8 @@ def command(
     print_notices(height.notices)
     table(f"Height map in {out}", _rows(numbers))
     if "budget_mm" in numbers:
-        grid("Uncertainty by source", *budget_rows(numbers["budget_mm"]))
+        title = "Uncertainty by source; a contact's depth is less the rig's errors that its surroundings show"
+        grid(title, *budget_rows(numbers["budget_mm"]))
     return 2 if height.implausible else 0
 
 
@@ -204,5 +205,5 @@ def _rows(numbers: dict[str, Any]) -> dict[str, str]:
         rows["chi2"] = f"{number(numbers['chi2'])} per degree of freedom ({freedom}), 1 by noise{by}"
     if "height_rms_rel" in numbers:
         rows["error"] = f"{number(numbers['height_rms_rel'])} of the peak depth, rms"
-        rows["rms(error / sigma)"] = number(numbers["sigma_ratio_height"])
+        rows["rms(error / sigma)"] = number(numbers["sigma_ratio_total"])
     return rows | contact_rows(numbers["contacts"]) | {"time": number(numbers["seconds"], "s")}

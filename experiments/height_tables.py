@@ -44,14 +44,14 @@ def cards(study: Study, figures: Figures) -> list[Card]:
     if study.deviation is not None:
         known = good & np.isfinite(study.deviation.z)
         value = show("sigma of the deviation", float(np.median(study.deviation.total_sigma[known])), "mm")
-        says = Markup("median of the good pixels; of a height {} by noise").format(noise)
+        says = Markup("of the good pixels; of a height {} by noise").format(noise)
         says += Markup(", {} by the rig").format(rig) if rig else Markup("")
-        found.append(("deviation_sigma", "Standard deviation of the deviation", value, says))
+        found.append(("deviation_sigma", "Standard deviation of the deviation, median", value, says))
     else:
-        found.append(("noise_mm", "Standard deviation by noise", noise, "median of the good pixels"))
+        found.append(("noise_mm", "Standard deviation by noise, median", noise, "of the good pixels"))
         if rig:
-            why = "median of the good pixels; moves the whole map at once"
-            found.append(("rig_mm", "Standard deviation by the rig", rig, why))
+            why = "of the good pixels; moves the whole map at once"
+            found.append(("rig_mm", "Standard deviation by the rig, median", rig, why))
     if study.fit is None:
         z = height.z[good] if good.any() else np.array([math.nan])
         deepest, least = show("largest z", z.max(), "mm"), show("smallest z", z.min(), "mm")
@@ -106,9 +106,16 @@ def _error_cards(truth: Trace, found: Correspondence, height: HeightMap, figures
     over_peak = show("error rms over peak", m["height_rms_rel"])
     share = show("unflagged of visible", m["unflagged_share"], "%")
     ratio, *axes = (
-        show(f"error over sigma, {name}", m[f"sigma_ratio_{name}"]) for name in ("height", "u", "v")
+        show(f"error over sigma, {name}", m[f"sigma_ratio_{key}"])
+        for name, key in (("height", "total"), ("u", "u"), ("v", "v"))
     )
-    largest = Markup("{} rms; largest, over that height: {}").format(error, worst)
+    sigma, middle = (
+        show(name, m[key], "mm")
+        for name, key in (("sigma rms", "height_sigma_mm"), ("error median", "height_median_mm"))
+    )
+    largest = Markup("{} rms, by sigma {}; median {}; largest, over that height: {}").format(
+        error, sigma, middle, worst
+    )
     says = Markup("1 where error bars are true; u {}, v {}").format(*axes)
     return [
         ("height_rms_rel", "Height error, rms over largest height", over_peak, largest),

@@ -118,7 +118,7 @@ class Measurement:
         """`reconstruct.budget` of the map and of every difference; a mirror in open air has no dent."""
         found = budget(self.height)
         if self.open_air:
-            found.pop("depth of the dent", None)
+            found.pop("over surroundings (deepest)", None)
             found = {name.replace("(deepest)", "(largest)"): sources for name, sources in found.items()}
         for name, other in self.less.items():
             change = budget(self.height, other).get("difference of maps", {})

@@ -44,7 +44,9 @@ def height_metrics(truth: Trace, correspondence: Correspondence, height: HeightM
 
     height_rms_rel: rms height error over unflagged pixels / peak depth; unflagged_share: of the truth-visible
     pixels; unflagged_invisible: unflagged pixels without a mirror point in view, as a share of all pixels;
-    sigma_ratio_u, _v, _height: rms(error / sigma) over unflagged pixels. NaN for a divisor of zero.
+    sigma_ratio_u, _v, _height: rms(error / sigma by noise) over unflagged pixels, sigma_ratio_total: of the
+    height, by noise and rig; height_sigma_mm: rms of that sigma; height_median_mm: median absolute error. NaN
+    for a divisor of zero.
     """
     decoded = correspondence.good & truth.visible
     stands = unflagged(truth, height)
@@ -65,4 +67,7 @@ def height_metrics(truth: Trace, correspondence: Correspondence, height: HeightM
         "sigma_ratio_u": sigma_ratio(correspondence.u, truth.u, correspondence.sigma_u, decoded),
         "sigma_ratio_v": sigma_ratio(correspondence.v, truth.v, correspondence.sigma_v, decoded),
         "sigma_ratio_height": sigma_ratio(height.z, truth.z, height.sigma, stands),
+        "sigma_ratio_total": sigma_ratio(height.z, truth.z, height.total_sigma, stands),
+        "height_sigma_mm": rms(height.total_sigma[stands]),
+        "height_median_mm": float(np.median(np.abs(error))) if error.size else math.nan,
     }

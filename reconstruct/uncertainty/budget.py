@@ -24,8 +24,8 @@ _PART = 0.01  # of the noise's variance: smaller sources count with the others
 def budget(height: HeightMap, less: HeightMap | None = None) -> dict[str, dict[str, float]]:
     """Standard deviations in mm, by reading and source: noise first, TOTAL (their root sum square) last.
 
-    Readings: the height at the deepest good point; the depth of the dent there against the mean of what is a
-    tenth as deep or less; with `less`, a map of the same rig, the deepest point of the difference.
+    Readings: the height at the deepest good point; the same over the mean of what is a tenth as deep or less
+    (a contact's depth is also less what else the surroundings show of the rig's errors); with `less`, a map of the same rig, the deepest point of the difference.
     """
     good = height.good & np.isfinite(height.z) & np.isfinite(height.sigma)
     if not good.any():
@@ -34,7 +34,7 @@ def budget(height: HeightMap, less: HeightMap | None = None) -> dict[str, dict[s
     around = good & (height.z <= _SHALLOW * height.z[at])
     readings = {"height (deepest)": _one(height, at, None)}
     if around.any():
-        readings["depth of the dent"] = _one(height, at, around)
+        readings["over surroundings (deepest)"] = _one(height, at, around)
     if less is not None:
         difference = height - less
         both = difference.good & np.isfinite(difference.z) & np.isfinite(difference.sigma)

@@ -42,8 +42,15 @@ def test_headline_numbers() -> None:
         "sigma_ratio_u": 0.2,
         "sigma_ratio_v": 0.1,
         "sigma_ratio_height": 0.2,
+        "sigma_ratio_total": 0.2,
+        "height_sigma_mm": 0.5,
+        "height_median_mm": 0.1,
     }
     assert {name: numbers[name] for name in expected} == pytest.approx(expected)
+    rig = HeightMap(at_x, at_y, height, sigma, flags, modes=np.full((1, *SHAPE), 1.2, np.float32))
+    total = height_metrics(exact, Correspondence(u, v, sigma, sigma, flags), rig)
+    assert total["sigma_ratio_total"] == pytest.approx(0.1 / 1.3)
+    assert total["sigma_ratio_height"] == pytest.approx(0.2)
     assert math.isnan(none["height_rms_rel"])
     assert none["unflagged_share"] == 0
 
