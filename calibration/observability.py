@@ -132,7 +132,7 @@ def notices(
     ]
     flats = sorted({each.target.flatness for each in observations if isinstance(each.target, Flat)})
     um = ", ".join(f"{1e3 * f:g}" for f in flats)
-    through = [f"an error of the reference's flatness adds to the heights ({um} um)"] if flats else []
+    through = [f"an error of the reference's flatness adds to the heights ({um} µm)"] if flats else []
     through += ["an error of the ball's radius scales all heights"] if counts else []
     if through:
         name = f"No capture reveals it: {', and '.join(through)}"
@@ -158,7 +158,7 @@ def _weak(
         if max(height / whole[0], depth / whole[1]) > math.sqrt(_SHARE):
             name = (
                 f"The captures do not determine {each.names}, only your typed values do; by that, sigma of a "
-                f"height is {1e3 * height:.2g} um, of a depth {100 * depth / effects.peak:.2g} %"
+                f"height is {1e3 * height:.2g} µm, of a depth {100 * depth / effects.peak:.2g} %"
             )
             notices.append(Notice(name, each.singular, math.nan, cure))
     return notices

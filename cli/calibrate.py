@@ -12,7 +12,7 @@ import click
 
 import optolever as ol
 from optolever import InputError
-from optolever.quantities import quantity
+from optolever.quantities import quantity, two_digits
 
 from .arguments import Arg, Opt, Rare, program
 from .options import Json, RigFile, Size, correspondence_of, load_scene, mask_from, name_unused, preset
@@ -147,7 +147,7 @@ def command(
     print_notices(ol.calibration.unused_accuracy(scene))
     name_unused(name, "calibrate", **_UNUSED)
     rows = [
-        (each["name"], quantity(each["value"], "", each["sigma"]), f"{each['prior_sigma']:.2g}")
+        (each["name"], quantity(each["value"], "", each["sigma"]), two_digits(each["prior_sigma"]))
         for each in found.parameters
     ]
     grid("Parameters (mm, rad, px)", ("name", "value ± sigma", "prior sigma"), rows)

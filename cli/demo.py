@@ -63,9 +63,10 @@ def command(
             write_json(json_path, numbers)
     print_notices(result.height.notices)
     metrics, seconds = result.metrics, result.seconds
+    middle = length(metrics["height_median_mm"])
     rows = {
-        "height error": f"{length(metrics['height_rms_mm'])} rms, {length(metrics['height_median_mm'])} median, "
-        f"{number(metrics['height_rms_rel'])} of the peak depth, rms",
+        "height error": f"{length(metrics['height_rms_mm'])} rms, median {middle}",
+        "": f"{number(metrics['height_rms_rel'])} of the peak depth, rms",
         "sigma": f"{length(metrics['height_sigma_mm'])} rms",
         "unflagged": number(100 * metrics["unflagged_share"], "% of the visible pixels"),
         "rms(error / sigma), u": number(metrics["sigma_ratio_u"]),

@@ -10,7 +10,7 @@ import click
 
 import optolever as ol
 from optolever import InputError
-from optolever.quantities import quantity
+from optolever.quantities import quantity, two_digits
 
 from .arguments import ABOVE_0, Arg, Opt, Rare, program
 from .options import Json, blame
@@ -169,7 +169,7 @@ def command(
     if terms is not None and listed is not None:
         what = "amplitude" if norm == "amplitude" else "rms (ISO 14999-2)"
         circle = f"circle of radius {terms.radius:.6g} mm"
-        _fitted(f"Zernike terms of the residual, um, {what}, {circle}", listed, 1e3)
+        _fitted(f"Zernike terms of the residual, µm, {what}, {circle}", listed, 1e3)
     less = "" if not isfinite(fit.rms_less_noise) else f"; without its noise {length(fit.rms_less_noise)}"
     x_text, y_text = (_slope(*each.known) for each in (along_x, along_y))
     with_noise = ""
@@ -282,7 +282,7 @@ def _fitted(title: str, numbers: "ol.metrology.Numbers", factor: float = 1.0) ->
     """Parameters with sigma and its parts; a dash where one is unknown."""
     rows = [
         [name, quantity(factor * each["value"], "", factor * each["sigma"])]
-        + ["-" if each[key] != each[key] else f"{factor * each[key]:.2g}" for key in ("noise", "rig")]
+        + ["-" if each[key] != each[key] else two_digits(factor * each[key]) for key in ("noise", "rig")]
         for name, each in numbers.to_dict().items()
     ]
     grid(title, ("number", "value ± sigma", "noise", "rig"), rows)

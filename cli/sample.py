@@ -14,7 +14,7 @@ from .show import progress, write_json
 SAMPLE = """
 $ optolever sample sensor --out sensor
 sensor: a rig, its captures, and the truth apart. It goes on with:
-  optolever response sensor/ramp --scene sensor/rig.toml
+  optolever response sensor/ramp sensor/rest --scene sensor/rig.toml
   ...
 """
 

@@ -10,7 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import optolever as ol
-from optolever.quantities import quantity
+from optolever.quantities import length as length
+from optolever.quantities import number as number
+from optolever.quantities import quantity, two_digits
 
 if TYPE_CHECKING:
     from enum import IntFlag
@@ -19,13 +21,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from optolever.notices import Notice
-
-
-def number(value: float, unit: str = "") -> str:
-    """Four significant digits and a unit; a dash if not finite."""
-    if not math.isfinite(value):
-        return "-"
-    return f"{value:.4g} {unit}".rstrip()
 
 
 def flag_shares(flags: "NDArray[np.unsignedinteger]", *kinds: "type[IntFlag]") -> dict[str, float]:
@@ -65,19 +60,6 @@ def coverage_text(mirror: float, good: float) -> str:
     return f"the mirror fills {100 * mirror:.1f} % of the image; {100 * good:.1f} % of it decoded"
 
 
-def length(mm: float) -> str:
-    """A length with two significant digits in nm, um or mm.
-
-    >>> length(0.0000069), length(0.0034), length(0.44)
-    ('6.9 nm', '3.4 um', '0.44 mm')
-    """
-    if not math.isfinite(mm):
-        return "unknown"
-    if abs(mm) >= 0.0995:
-        return f"{mm:.2g} mm"
-    return f"{1e3 * mm:.2g} um" if abs(mm) >= 0.995e-3 else f"{1e6 * mm:.2g} nm"
-
-
 def noise_and_rig(noise: float, rig: float) -> str:
     """Standard deviations (mm) by noise and by the errors of the rig; 0: an exact scene."""
     return f"± {length(noise)} noise" + (f" ± {length(rig)} rig" if rig > 0 else "")
@@ -103,7 +85,7 @@ def contact_rows(contacts: "Sequence[Mapping[str, Any]]") -> dict[str, str]:
         if radius is not None:
             parts.append("flat" if math.isinf(radius) else f"radius {give('indenter_radius', 'mm')}")
         if one["force"] is not None:
-            parts.append(f"force {give('force', 'N')}, at most {number(one['pressure'], 'N/mm²')}")
+            parts.append(f"force {give('force', 'N')}, at most {quantity(one['pressure'], 'N/mm²')}")
         rows[f"contact {count}"] = ", ".join(parts)
     if contacts and contacts[0]["force"] is None:
         rows["force"] = "unknown: the scene has no [layer] with youngs_modulus_mpa"
@@ -114,10 +96,10 @@ def budget_rows(readings: "Mapping[str, Mapping[str, float]]") -> tuple[list[str
     """Header and rows for `grid` of an uncertainty budget (mm), in micrometres: a row per source."""
     names = list(dict.fromkeys(name for sources in readings.values() for name in sources))
     rows = [
-        [name, *(f"{1e3 * sources[name]:.2g}" if name in sources else "" for sources in readings.values())]
+        [name, *(two_digits(1e3 * sources[name]) if name in sources else "" for sources in readings.values())]
         for name in names
     ]
-    return ["um", *readings], rows
+    return ["µm", *readings], rows
 
 
 def print_notices(notices: "Iterable[Notice | str]") -> None:

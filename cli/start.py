@@ -170,4 +170,4 @@ def _depth(reading: "ol.live.Reading") -> str:
         return f"not trusted: {reading.reason}"
     if reading.deepest is None:
         return "nothing touches"
-    return f"depth {quantity(1e3 * reading.depth, 'um', 1e3 * reading.depth_total_sigma)}"
+    return f"depth {quantity(1e3 * reading.depth, 'µm', 1e3 * reading.depth_total_sigma)}"

@@ -269,7 +269,7 @@ def rest(begun: Begun, front: Front) -> None:
         scene = _adjusted(begun, front, found)
     height = ol.reconstruct.reconstruct(found, scene, anchor="middle")
     for one in ol.reconstruct.contacts(height)[:1]:
-        place = f"at x = {one.x:.0f}, y = {one.y:.0f} mm, {1e3 * one.depth:.0f} um deep"
+        place = f"at x = {one.x:.0f}, y = {one.y:.0f} mm, {1e3 * one.depth:.0f} µm deep"
         raise InputError(f"Something touches the mirror {place}: take it off, and wait a little.")
     scene.save(begun.rig, keep=begun.rig)
     ol.calibration.store_rest(begun.rig, found)

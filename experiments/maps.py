@@ -50,7 +50,7 @@ class Layer:
     symmetric: colours about zero; sigma: name of the layer of its standard deviations; true: of the truth;
     strip: of what a model leaves, shown below a profile. factor: on the values, for a unit that reads well;
     digits: significant ones under the pointer; share: of the values, that the colours distinguish (0: by the
-    colour map). Colours of sigma are logarithmic.
+    colour map); its data say whether values lie below or above them. Colours of sigma are logarithmic.
     """
 
     name: str
@@ -69,10 +69,13 @@ class Layer:
         """With the samples on a grid, (rows, cols) of its values."""
         share = self.share or (0.9999 if self.colours == "viridis" else 0.995)
         low, high = robust_limits(self.values, share, self.symmetric)
+        known = self.values[np.isfinite(self.values)]
         names = ("name", "unit", "digits", "colours", "sigma", "true", "strip")
         return {name: getattr(self, name) for name in names} | {
             "low": self.factor * low,
             "high": self.factor * high,
+            "below": bool(np.any(known < low)),
+            "above": bool(np.any(known > high)),
             "log": self.colours == "cividis" and low > 0,
             "data": _base64(self.factor * sampled),
         }

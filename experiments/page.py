@@ -19,7 +19,7 @@ from markupsafe import Markup
 from optolever import __version__
 from optolever.charts import chart_file
 from optolever.files import atomic_file
-from optolever.quantities import quantity
+from optolever.quantities import quantity, two_digits
 
 from .timing import peak_bytes
 
@@ -86,6 +86,7 @@ def write_page(path: str | Path, template: str, seconds: dict[str, float], conte
         trim_blocks=True,
     )
     environment.filters["quantity"] = quantity
+    environment.filters["figures"] = two_digits
     longest = max((each for name, each in seconds.items() if name != "total"), default=0.0) or 1.0
     common = {
         "notices": (),

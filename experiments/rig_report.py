@@ -33,9 +33,9 @@ _JUDGED = {
     "seen": ("seen, %", 1e2),
     "decoded": ("decoded, %", 1e2),
     "tilt_deg": ("tilt, degrees", 1.0),
-    "height_so_far_mm": ("height so far, um", 1e3),
+    "height_so_far_mm": ("height so far, µm", 1e3),
     "height_without_mm": ("without it", 1e3),
-    "depth_so_far_mm": ("depth so far, um", 1e3),
+    "depth_so_far_mm": ("depth so far, µm", 1e3),
     "depth_without_mm": ("without it", 1e3),
 }
 

@@ -59,7 +59,7 @@ def judge(figures: Figures, faded: int = 0, steep: bool = False, dust: float = 0
     cure = mean if focused else "focus, and measure the mirror at rest anew"
     sinking, tilt = 1e3 * abs(figures.sinking), 1e6 * abs(figures.tilt)
     tare = "tare while nothing touches, and let the rig warm up"
-    crept = f"as of a mirror that sank by {sinking:.2g} um or tilted by {tilt:.2g} urad; heights count it as "
+    crept = f"as of a mirror that sank by {sinking:.2g} µm or tilted by {tilt:.2g} µrad; heights count it as "
     crept += f"the camera's motion, total_sigma as the mirror's; {tare}"
     thin = "sigma includes it; give [layer] thickness_mm if the silicone is thin; if the rig moved: tare"
     load = "Outside the contacts the mirror does not sink as under a load; residual over noise"

@@ -16,7 +16,14 @@ import scipy.sparse.csgraph
 import scipy.sparse.linalg
 from numpy.typing import NDArray
 
-__all__ = ["ResidualNoise", "SlopeNoise", "mean_square_variance", "noise_covariance", "residual_noise"]
+__all__ = [
+    "ResidualNoise",
+    "SlopeNoise",
+    "mean_square_variance",
+    "noise_covariance",
+    "residual_noise",
+    "root_sigma",
+]
 
 Floats = NDArray[np.float64]
 _BLOCKS = 64  # along the longer side of the image
@@ -136,6 +143,12 @@ def mean_square_variance(linear: float, trace: float) -> float:
     """Variance of the mean square of s + n, n Gaussian noise of covariance C: 4 s'Cs + 2 tr C^2 (over n^2).
     linear: 4 r'Cr of the measured r = s + n, whose noise adds 4 tr C^2 on average; trace: 2 tr C^2."""
     return max(linear - 2 * trace, 0.0) + trace
+
+
+def root_sigma(rms: float, variance: float) -> float:
+    """Standard deviation of an rms whose square has this variance, which may exceed the square."""
+    spread = float(np.sqrt(variance))
+    return spread / float(np.sqrt(4 * rms**2 + spread)) if spread else 0.0
 
 
 def residual_noise(

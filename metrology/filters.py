@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from optolever.errors import InputError
 from optolever.reconstruct import Grid
 
-from .covariance import mean_square_variance, noise_covariance
+from .covariance import mean_square_variance, noise_covariance, root_sigma
 from .fit import FormFit, differences
 
 __all__ = ["gaussian_filter", "kept_variance", "transfer"]
@@ -63,7 +63,7 @@ def gaussian_filter(fit: FormFit, cutoff: float, kept: Literal["low", "high"]) -
         square += 2 * float(np.sum((modes[:, there] @ modes[:, there].T / len(left)) ** 2))
         kept_modes = np.asarray(modes, np.float32)
     slope_x, slope_y = differences(fit.x, fit.y, residual)
-    sigma = float(np.sqrt(square)) / max(2 * rms, 1e-30)
+    sigma = root_sigma(rms, square)
     return replace(
         passed,
         slope_x=slope_x,

@@ -12,7 +12,7 @@ from optolever.errors import InputError
 from optolever.reconstruct import Grid, HeightFlag, HeightMap, SlopeMap
 
 from .apertures import middle_of
-from .covariance import SlopeNoise, noise_covariance, residual_noise
+from .covariance import SlopeNoise, noise_covariance, residual_noise, root_sigma
 from .figures import pvr, rms_less_noise
 from .forms import Form, form_from_text
 
@@ -207,7 +207,7 @@ def leftovers(
         kept = np.full((len(bent), *good.shape), np.nan, np.float32)
         kept[:, good] = bent
     rms = float(np.std(left))
-    sigma = np.nan if own is None else float(np.sqrt(square)) / max(2 * rms, 1e-30)
+    sigma = np.nan if own is None else root_sigma(rms, square)
     return noise, rig, sigma, step, trace, kept, q, own
 
 

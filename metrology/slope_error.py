@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .covariance import SlopeNoise, mean_square_variance
+from .covariance import SlopeNoise, mean_square_variance, root_sigma
 from .figures import rms_less_noise
 from .filters import transfer
 from .fit import FormFit, differences
@@ -63,9 +63,8 @@ def _one(slope: Floats, spectrum: Floats, modes: tuple[Floats, ...]) -> SlopeErr
         bent = np.nan_to_num(np.stack([mode[there] for mode in modes]))
         square += 4 * float(np.sum((bent @ values / count) ** 2))
         square += 2 * float(np.sum((bent @ bent.T / count) ** 2))
-    less, spread = rms_less_noise(rms, noise), math.sqrt(square)
-    # of the root of a square that noise may make zero
-    return SlopeError(rms, less, spread / math.sqrt(4 * less**2 + spread) if spread else 0.0)
+    less = rms_less_noise(rms, noise)
+    return SlopeError(rms, less, root_sigma(less, square))
 
 
 def _difference_noise(fit: FormFit, noise: SlopeNoise) -> tuple[Floats, Floats]:

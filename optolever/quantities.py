@@ -2,7 +2,7 @@
 
 import math
 
-__all__ = ["length_unit", "quantity"]
+__all__ = ["length", "length_unit", "number", "quantity", "two_digits"]
 
 
 def length_unit(size: float) -> tuple[float, str]:
@@ -42,11 +42,52 @@ def quantity(value: float, unit: str = "", sigma: float = math.nan) -> str:
     return f"{text} {unit}".rstrip().replace("-", "−")
 
 
+def number(value: float, unit: str = "") -> str:
+    """Four significant digits without trailing zeros, and a unit; a dash if not finite.
+
+    >>> number(0.25, "s"), number(69840.0), number(6.984e-6)
+    ('0.25 s', '69840', '6.984 × 10⁻⁶')
+    """
+    if not math.isfinite(value):
+        return "-"
+    text = f"{value:.4g}"
+    return f"{_plain(value) if 'e' in text else text} {unit}".rstrip().replace("-", "−")
+
+
+def length(mm: float) -> str:
+    """A length with two significant digits in nm, µm or mm.
+
+    >>> length(0.0000069), length(0.0034), length(0.44), length(7.6e-4)
+    ('6.9 nm', '3.4 µm', '0.44 mm', '760 nm')
+    """
+    if not math.isfinite(mm):
+        return "unknown"
+    factor, unit = (1.0, "mm") if abs(mm) >= 0.0995 else (1e3, "µm") if abs(mm) >= 0.995e-3 else (1e6, "nm")
+    return f"{two_digits(factor * mm)} {unit}"
+
+
+def two_digits(value: float) -> str:
+    """Two significant digits; a power of ten below 1e-4 and from 1e5.
+
+    >>> two_digits(760.4), two_digits(0.0123), two_digits(6.3e-5)
+    ('760', '0.012', '6.3 × 10⁻⁵')
+    """
+    value = float(f"{value:.1e}")
+    if value and not 1e-4 <= abs(value) < 1e5:
+        return _power(value, 1).replace("-", "−")
+    return (f"{value:.0f}" if abs(value) >= 10 else f"{value:.2g}").replace("-", "−")
+
+
 def _plain(value: float) -> str:
     """Four significant digits, all of an integer part."""
     if value == 0:
         return "0"
     if 1e-3 <= abs(value) < 1e7:
         return f"{value:.0f}" if abs(value) >= 999.5 else f"{value:#.4g}"
-    digits, _, power = f"{value:.3e}".partition("e")
+    return _power(value, 3)
+
+
+def _power(value: float, places: int) -> str:
+    """Digits and a power of ten."""
+    digits, _, power = f"{value:.{places}e}".partition("e")
     return f"{digits} × 10" + str(int(power)).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))

@@ -134,7 +134,7 @@ class MapPlot {
       const stops = [...Array(17).keys()].map((i) => `rgb(${lut.subarray(3 * Math.min(255, 16 * i)).slice(0, 3)})`);
       element(scale, "span", "bar").style.background = `linear-gradient(to right, ${stops})`;
       const ticks = element(scale, "span", "ticks");
-      for (const at of [0, 0.5, 1]) element(ticks, "span", "", end(valueAt(layer, at)));
+      for (const at of [0, 0.5, 1]) element(ticks, "span", "", (at === 0 && layer.below ? "\u2264 " : at === 1 && layer.above ? "\u2265 " : "") + end(valueAt(layer, at)));
     }
     const range = layer.categories ? "" : ` from ${number(layer.low, 3)} to ${number(layer.high, 3)} ${layer.unit}`;
     describe(this.plot, `map of ${name}${range} over ${this.model.x} and ${this.model.y}`);

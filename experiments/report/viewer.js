@@ -123,7 +123,7 @@ class SurfaceViewer {
   }
 
   fillLegend() {
-    const { lut, low, high, unit } = this.layer;
+    const { lut, low, high, unit, below, above } = this.layer;
     const bar = this.figure.querySelector(".bar");
     const stops = [...Array(17).keys()].map((i) => {
       const k = Math.min(255, i * 16) * 3;
@@ -132,8 +132,8 @@ class SurfaceViewer {
     bar.style.background = `linear-gradient(to right, ${stops.join(",")})`;
     const digits = clamp(2 - Math.floor(Math.log10(Math.max(Math.abs(low), Math.abs(high)) || 1)), 0, 12);
     const text = (v) => (Number(v.toFixed(digits)) || 0).toString().replace("-", "\u2212");
-    this.figure.querySelector(".low").textContent = text(low);
-    this.figure.querySelector(".high").textContent = `${text(high)} ${unit}`;
+    this.figure.querySelector(".low").textContent = (below ? "\u2264 " : "") + text(low);
+    this.figure.querySelector(".high").textContent = `${above ? "\u2265 " : ""}${text(high)} ${unit}`;
   }
 
   // Screen position of a model point (mm) and its nearness; the camera is at infinity.
@@ -283,14 +283,16 @@ class SurfaceViewer {
     const foot = this.project(...left, low), top = this.project(...left, high);
     line(foot, top);
     context.textAlign = "right";
-    const { ticks, digits } = niceTicks(low, high, Math.max(1, Math.min(4, Math.floor((foot[1] - top[1]) / (2 * size)))));
+    const [factor, unit] = high - low >= 0.1 ? [1, "mm"] : high - low >= 1e-4 ? [1e3, "\u00b5m"] : [1e6, "nm"];
+    const count = Math.max(2, Math.min(4, Math.floor((foot[1] - top[1]) / (2 * size))));
+    const { ticks, digits } = niceTicks(factor * low, factor * high, count);
     for (const t of ticks) {
-      const p = this.project(...left, t);
+      const p = this.project(...left, t / factor);
       line(p, [p[0] - 5 * this.ratio, p[1]]);
       context.fillText(t.toFixed(digits).replace("-", "\u2212"), p[0] - 8 * this.ratio, p[1]);
     }
     context.textAlign = "center";
-    context.fillText(`${this.label} [mm]`, top[0], top[1] - 1.2 * size);
+    context.fillText(`${this.label} [${unit}]`, top[0], top[1] - 1.2 * size);
   }
 }
 

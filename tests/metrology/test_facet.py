@@ -93,7 +93,7 @@ def test_residual_and_radius_of_the_facet(tmp_path: Path, capfd: pytest.CaptureF
     assert abs(found["numbers"]["radius"]["value"] - radius) < 5 * found["numbers"]["radius"]["sigma"]
     with np.load(tmp_path / "r.npz") as stored:
         assert np.nanstd(stored["residual"]) == pytest.approx(found["rms_mm"], rel=1e-6)
-    assert "urad rms along x" in capfd.readouterr().out
+    assert "µrad rms along x" in capfd.readouterr().out
 
 
 def places(scene: Scene, truth: Trace, seed: int, noise: float = 0.02) -> Correspondence:
