@@ -71,7 +71,7 @@ def command(
     lens: Annotated[float | None, LENS] = None,
     blur: Annotated[float | None, BLUR] = None,
     json_path: Json = None,
-) -> None:
+) -> int:
     """Find the pattern coordinates of every pixel, with sigma.
 
     DIR is a folder with capture.toml and its frames, or a measurement of OpenCSP's SOFAST (HDF5, extra
@@ -136,10 +136,16 @@ def command(
         "frames": f"{len(capture)} of {rows} x {cols}",
         "good": number(100 * numbers["good_share"], "% of the pixels"),
         "mirror": coverage_text(mirror, decoded),
-        "sigma u": f"{sigma_u:.2g} px (median of the good pixels)",
-        "sigma v": f"{sigma_v:.2g} px (median of the good pixels)",
     }
+    if good := result.good.any():
+        medians_px = {"sigma u": sigma_u, "sigma v": sigma_v}
+        figures |= {name: f"{one:.2g} px (median of the good pixels)" for name, one in medians_px.items()}
     table(f"Correspondence in {out}", figures | flag_rows(numbers["flags"]) | {"time": number(seconds, "s")})
+    if not good:
+        shown = "{2}x{1} pixels".format(*capture.sequence.shape)
+        cause = f"most likely the display had not {shown} or showed another sequence or order"
+        print_notices([f"{source}: no pixel is good, {cause}; correct --pixels, --sequence or capture.toml"])
+    return 0 if good else 2
 
 
 def _alike(one: "ol.decode.Settings", other: "ol.decode.Settings") -> bool:

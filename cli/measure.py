@@ -119,7 +119,7 @@ def command(
         "height": " to ".join(map(length, height_range(height))),
         "sigma": f"{noise_and_rig(noise, rig_error)} (medians)",
         "report": str(out / "report.html"),
-        **contact_rows(contacts),
+        **contact_rows(contacts, scene.layer),
     }
     table(f"Measured in {out}", rows)
     if wrong:

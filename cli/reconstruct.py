@@ -158,7 +158,7 @@ def command(
                     regular.export(path)
             write_json(json_path, numbers)
     print_notices(height.notices)
-    table(f"Height map in {out}", _rows(numbers))
+    table(f"Height map in {out}", _rows(numbers, scene.layer))
     if "budget_mm" in numbers:
         title = "Uncertainty by source; a contact's depth is less the rig's errors that its surroundings show"
         grid(title, *budget_rows(numbers["budget_mm"]))
@@ -192,7 +192,7 @@ def _against_truth(
     return ol.experiments.height_metrics(truth, correspondence, height)
 
 
-def _rows(numbers: dict[str, Any]) -> dict[str, str]:
+def _rows(numbers: dict[str, Any], layer: "ol.scene.Layer | None") -> dict[str, str]:
     rig = numbers["calibration_sigma_mm"]
     rows = {
         "good": number(100 * numbers["good_share"], "% of the pixels"),
@@ -206,4 +206,4 @@ def _rows(numbers: dict[str, Any]) -> dict[str, str]:
     if "height_rms_rel" in numbers:
         rows["error"] = f"{number(numbers['height_rms_rel'])} of the peak depth, rms"
         rows["rms(error / sigma)"] = number(numbers["sigma_ratio_total"])
-    return rows | contact_rows(numbers["contacts"]) | {"time": number(numbers["seconds"], "s")}
+    return rows | contact_rows(numbers["contacts"], layer) | {"time": number(numbers["seconds"], "s")}

@@ -57,7 +57,7 @@ def command(
     if rest_path is not None and (correspondence is None or scene_name is None):
         raise InputError(f"--rest {rest_path}: needs --correspondence and --scene")
     height = ol.reconstruct.HeightMap.load(source)
-    paths = (source, *less)
+    paths, size = (source, *less), height.z.shape
     stems = [path.stem for path in paths]
     name, *names = stems if len(set(stems)) == len(paths) else [str(path) for path in paths]
     others = {each: ol.reconstruct.HeightMap.load(path) for each, path in zip(names, less, strict=True)}
@@ -65,7 +65,7 @@ def command(
         height,
         None if correspondence is None else ol.decode.Correspondence.load(correspondence),
         None if folder is None else ol.projector.Capture.load(folder),
-        None if scene_name is None else load_scene(scene_name, height.z.shape),
+        None if scene_name is None else load_scene(scene_name, None if Path(scene_name).exists() else size),
         source=str(source),
         name=name,
         rig=scene_name or "",
@@ -74,6 +74,7 @@ def command(
         less=others,
         apertures=apertures,
         waves=waves,
+        apart=True,
         rest=None if rest_path is None else ol.decode.Correspondence.load(rest_path),
     )
     total, noise, rig = medians(height.good, height.total_sigma, height.sigma, height.calibration_sigma)

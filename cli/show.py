@@ -65,8 +65,10 @@ def noise_and_rig(noise: float, rig: float) -> str:
     return f"± {length(noise)} noise" + (f" ± {length(rig)} rig" if rig > 0 else "")
 
 
-def contact_rows(contacts: "Sequence[Mapping[str, Any]]") -> dict[str, str]:
-    """Contacts (Contact.to_dict) for `table`, a row each."""
+def contact_rows(
+    contacts: "Sequence[Mapping[str, Any]]", layer: "ol.scene.Layer | None" = None
+) -> dict[str, str]:
+    """Contacts (Contact.to_dict) for `table`, a row each; layer: of the scene."""
     rows = {}
     for count, one in enumerate(contacts, 1):
         at_least = "at least " if one["cut"] else ""
@@ -89,6 +91,8 @@ def contact_rows(contacts: "Sequence[Mapping[str, Any]]") -> dict[str, str]:
         rows[f"contact {count}"] = ", ".join(parts)
     if contacts and contacts[0]["force"] is None:
         rows["force"] = "unknown: the scene has no [layer] with youngs_modulus_mpa"
+    elif contacts and layer is not None and layer.thickness_mm is None:
+        rows["force"] = "of a half-space: the scene's [layer] has no thickness_mm"
     return rows
 
 

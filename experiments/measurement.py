@@ -30,6 +30,8 @@ __all__ = ["Measurement", "Study"]
 
 ZERNIKE = 6  # radial order
 _SAMPLE, _OFF_RAY = 2000, 0.1  # pixels; of a pixel on the mirror
+_UNLIKE, _NONE, _FEW = 0.1, 0.33, 0.01  # of 1 less a correlation; of the pixels: of right captures none
+_OTHER, _PART = 10.0, 0.3  # sigmas of slopes, 1.3 where right; of the slopes themselves
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +43,7 @@ class Measurement:
     open air. less: maps of the same rig by name, for differences. saved: existing files of the page's folder.
     rest: the correspondence of the mirror at rest, of a map reconstructed against it. apertures: of the form
     and its deviation (`metrology.aperture_mask`). waves: nm, of the wavefront on the page (None: none).
+    apart: the records are of files that may not belong together; InputError where they contradict each other.
     """
 
     height: HeightMap
@@ -58,14 +61,29 @@ class Measurement:
     rest: Correspondence | None = None
     apertures: tuple[str, ...] = ()
     waves: float | None = None
+    apart: bool = False
 
     def __post_init__(self) -> None:
-        size = self.height.z.shape
-        if self.capture is not None and self.capture.frames.shape[1:] != size:
-            found = "{} x {}".format(*self.capture.frames.shape[1:])
-            raise InputError(
-                f"capture: frames of {found} pixels, must be {size[0]} x {size[1]} as the height map"
-            )
+        size, own, frames = self.height.z.shape, self.correspondence, self.capture
+        sizes = {
+            "capture: its frames have": None if frames is None else frames.shape,
+            "correspondence: has": None if own is None else own.u.shape,
+            "scene: its camera has": None
+            if self.scene is None
+            else (self.scene.camera.rows, self.scene.camera.cols),
+        }
+        for name, found in sizes.items():
+            if found is not None and found != size:
+                wrong = "{} x {} pixels, must be {} x {} as the height map".format(*found, *size)
+                raise InputError(f"{name} {wrong}; give that of this map")
+        if own is None or not self.apart:
+            return
+        if (self.height.good & ~own.good).any():
+            what = f"knows {(self.height.good & ~own.good).sum()} good pixels of the height map not"
+            raise InputError(f"correspondence: {what}; give the one that it was reconstructed from")
+        if frames is not None and (share := _unlike(own, frames)) > _FEW:
+            what = f"show other patterns than the correspondence in {100 * share:.2g} % of the pixels"
+            raise InputError(f"capture: its frames {what}; give the capture that was decoded")
 
     @property
     def notices(self) -> tuple[Notice, ...]:
@@ -85,14 +103,11 @@ class Measurement:
         return [Notice(name, np.nan, np.nan, cure)]
 
     def _other_rig(self) -> list[Notice]:
-        """Whether the map's points lie off the camera rays of the scene. InputError for another size."""
+        """Whether the map's points lie off the camera rays of the scene."""
         height, scene = self.height, self.scene
         known = height.good & np.isfinite(height.z)
         if scene is None or not known.any():
             return []
-        if (scene.camera.rows, scene.camera.cols) != height.z.shape:
-            size = f"{scene.camera.rows} x {scene.camera.cols}"
-            raise InputError(f"scene: its camera has {size} pixels, the height map {height.z.shape}")
         row, col = (part[:: max(1, len(part) // _SAMPLE)] for part in np.nonzero(known))
         origins, ways = scene.camera.rays_at(row.astype(np.float64), col.astype(np.float64))
         away = np.stack([part[row, col] for part in (height.x, height.y, height.z)], axis=-1) - origins
@@ -162,6 +177,8 @@ class Study:
             # forms alone need no slopes of the modes
             plain = replace(height, modes=None) if given.open_air else height
             slopes = slope_map(plain, found, scene, given.rest)
+            if given.apart and height.against_rest == (given.rest is not None):
+                _require_same(height, slopes)
         fit = _form_fit(given, slopes)
         deviation = None if fit is None else _deviation(height, fit)
         terms = None if fit is None or deviation is None else _terms(deviation, slopes, _aperture(given), fit)
@@ -170,6 +187,38 @@ class Study:
             pressed = contacts(height, scene.layer)
         curvature = None if slopes is None else curvature_map(slopes)
         return cls(given, slopes, curvature, fit, deviation, terms, pressed)
+
+
+def _unlike(found: Correspondence, capture: Capture) -> float:
+    """Share of the good pixels whose levels do not follow those of the patterns at their place: less than
+    noise and blur explain, which are the same in most pixels."""
+    row, col = (part[:: max(1, len(part) // _SAMPLE)] for part in np.nonzero(found.good))
+    shown, limits = capture.sequence, (capture.sequence.rows - 1, capture.sequence.cols - 1)
+    v, u = (
+        np.rint(part[row, col]).clip(0, most).astype(np.int64)
+        for part, most in zip((found.v, found.u), limits, strict=True)
+    )
+    patterns = np.stack([shown.render_frame(k)[v, u] for k in range(len(shown))]).astype(np.float64)
+    levels = capture.frames[:, row, col].astype(np.float64)
+    a, b = patterns - patterns.mean(axis=0), levels - levels.mean(axis=0)
+    with np.errstate(invalid="ignore"):  # a pixel of constant level
+        away = 1 - (a * b).sum(axis=0) / np.sqrt((a * a).sum(axis=0) * (b * b).sum(axis=0))
+    away = away[np.isfinite(away)]
+    return float((away > min(5 * np.median(away) + _UNLIKE, _NONE)).mean()) if away.size else 0.0
+
+
+def _require_same(height: HeightMap, slopes: SlopeMap) -> None:
+    """InputError where slopes are not the gradient of the heights: correspondence or rest of other maps."""
+    points = (np.where(slopes.good, part, np.nan) for part in (height.x, height.y, height.z))
+    x, y, z = (np.asarray(np.gradient(part)) for part in points)
+    off = np.abs(z - slopes.slope_x * x - slopes.slope_y * y)
+    sigmas = off / np.hypot(slopes.sigma_x * x, slopes.sigma_y * y)
+    if not np.isfinite(sigmas).any():
+        return
+    worst, step = (float(np.nanquantile(part, 0.95)) for part in (sigmas, off))
+    if worst > _OTHER and step > _PART * np.nanquantile(np.abs(z), 0.95):
+        wrong = f"slopes differ from the heights' gradient by {worst:.2g} sigma in 5 % of the pixels"
+        raise InputError(f"correspondence: its {wrong}; give it and the rest that the map was made of")
 
 
 def _aperture(given: Measurement) -> NDArray[np.bool_] | None:

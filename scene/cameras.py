@@ -12,7 +12,7 @@ from optolever import InputError
 
 from .face import Face
 from .pose import Posed, cross, rotate, transform
-from .record import Float, integer, pair, unit, vector  # noqa: F401  unit: of Posed
+from .record import Float, axis, integer, pair, vector  # noqa: F401  axis: of Posed
 
 __all__ = ["Camera", "PinholeCamera", "TelecentricCamera", "distort", "prism_camera", "undistort"]
 

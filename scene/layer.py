@@ -11,6 +11,11 @@ from .record import Record, non_negative, positive
 
 __all__ = ["Layer"]
 
+#: From gels to hard rubber, from films to blocks; the unit, and the one that is typed by mistake.
+_PLAUSIBLE = {
+    "youngs_modulus_mpa": ((1e-3, 100.0), "MPa (N/mm^2); divide Pa by 1000000, kPa by 1000"),
+    "thickness_mm": ((0.05, 1000.0), "mm; multiply metres by 1000"),
+}
 _TYPED = 0.1  # of a silicone's modulus from a data sheet or by hardness
 
 
@@ -26,6 +31,15 @@ class Layer(Record, section="layer"):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        for key, ((least, most), unit) in _PLAUSIBLE.items():
+            value = getattr(self, key)
+            if value is not None and not least <= value <= most:
+                wrong = f"layer.{key} = {value:g}: must be {least:g} to {most:g}"
+                raise InputError(f"{wrong}; its unit is {unit}")
+        if (self.youngs_modulus_sigma_mpa or 0.0) > self.youngs_modulus_mpa:
+            wrong = f"layer.youngs_modulus_sigma_mpa = {self.youngs_modulus_sigma_mpa:g}"
+            limit = f"must be at most the modulus, {self.youngs_modulus_mpa:g}"
+            raise InputError(f"{wrong}: {limit}; its unit is MPa, as that of the modulus, not per cent")
         if self.poisson > 0.5:
             raise InputError(f"layer.poisson = {self.poisson:g}: must be 0 to 0.5")
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from .pattern_shape import PatternShape
 from .pose import Posed, cross
-from .record import Float, freeze, integer, non_negative, positive, unit, vector  # noqa: F401  of Posed
+from .record import Float, axis, freeze, integer, non_negative, positive, vector  # noqa: F401  of Posed
 
 __all__ = ["Pattern", "prism_pattern"]
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from optolever import InputError
 
-from .record import Float, Record, unit, vector
+from .record import Float, Record, axis, vector
 
 __all__ = [
     "Posed",
@@ -34,8 +34,8 @@ class Posed(Record):
     """In the mirror's frame: origin (3,) mm; u_axis (columns), v_axis (rows) (3,), unit, perpendicular."""
 
     origin: Annotated[Float, vector, "origin_mm"]
-    u_axis: Annotated[Float, unit]
-    v_axis: Annotated[Float, unit]
+    u_axis: Annotated[Float, axis]
+    v_axis: Annotated[Float, axis]
 
     def __post_init__(self) -> None:
         super().__post_init__()

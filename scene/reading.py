@@ -54,6 +54,7 @@ _INSTEAD = {
 _PINHOLE = ("focal_px", "focal_mm", "pixel_pitch_mm", "centre_px", "distortion")
 #: mm between cells of a display: those of microdisplays are 0.0025 mm apart.
 _LEAST_PITCH = 1e-3
+_LARGEST = 1e4  # mm, of a display: walls that mirrors of power plants are measured by
 _PRESETS = Path(__file__).parent / "presets"
 _angle = partial(positive, below=90)
 T = TypeVar("T")
@@ -253,6 +254,9 @@ def _pattern(table: _Table) -> Pattern:
         origin = flat.origin + along * flat.u_axis + across * flat.v_axis
         fixed |= {"origin": origin, "u_axis": flat.u_axis, "v_axis": flat.v_axis}
     pattern = table.record(Pattern, fixed | _rotation(table))
+    if (size := max(pattern.cols * pitch, pattern.rows * tall)) > _LARGEST:
+        wrong = f"pattern.pitch_mm = {pitch:g}: makes the display {1e-3 * size:.3g} m large"
+        raise InputError(f"{wrong}, must be at most {1e-3 * _LARGEST:g} m; divide micrometres by 1000")
     if bow is not None:
         bow.known(of=Bow)
         return replace(pattern, shape=bow.record(Bow, **vars(Bow.of_pattern(pattern.rows, pattern.cols))))

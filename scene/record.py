@@ -14,14 +14,15 @@ from numpy.typing import NDArray
 from optolever import InputError
 
 __all__ = [
-    "Declared", "Float", "Record", "changed", "declared", "freeze", "integer", "non_negative", "number",
-    "pair", "positive", "table_of", "text", "unit", "vector",
+    "Declared", "Float", "Record", "axis", "changed", "declared", "freeze", "integer", "non_negative",
+    "number", "pair", "positive", "table_of", "text", "unit", "vector",
 ]  # fmt: skip
 
 Float = NDArray[np.float64]
 R = TypeVar("R", bound="Record")
 
 _UNIT = 1e-12  # an axis this close to unit length is not rescaled, so that a saved scene loads back equal
+_TYPED = 0.01  # of a unit length whose numbers have three digits
 #: Numbers of a scene (mm, px): up to a thousand kilometres, positive ones from a nanometre on. Squares
 #: of larger numbers may overflow float64, and larger ratios leave no digits to a solver.
 _MOST, _LEAST = 1e9, 1e-6
@@ -170,6 +171,15 @@ def unit(name: str, value: Any) -> Float:
     if length < _LEAST:
         raise InputError(f"{name} = {axis.tolist()}: must not be zero")
     return axis if abs(length - 1) <= _UNIT else vector(name, axis / length)
+
+
+def axis(name: str, value: Any) -> Float:
+    """`unit` of a vector whose length is 1 to the digits that were typed; InputError otherwise."""
+    direction, length = unit(name, value), float(np.linalg.norm(vector(name, value)))
+    if abs(length - 1) > _TYPED:
+        wrong = f"{name} = {list(value)}: its length is {length:.4g}, must be 1 within {100 * _TYPED:g} %"
+        raise InputError(f"{wrong}; a digit is wrong, or divide its numbers by {length:.4g}")
+    return direction
 
 
 def text(name: str, value: Any) -> str:

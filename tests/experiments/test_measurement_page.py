@@ -19,6 +19,7 @@ from optolever.decode import Correspondence, Flag
 from optolever.experiments import DemoResult, Measurement, write_demo_report, write_measurement_report
 from optolever.experiments.flag_table import MEANING
 from optolever.notices import Notice
+from optolever.projector import Capture
 from optolever.reconstruct import HeightFlag, HeightMap
 from optolever.scene import Accuracy, dent, load, resize, trace
 
@@ -72,6 +73,12 @@ def mirror(tmp_path_factory: pytest.TempPathFactory) -> Page:
     also = ("--scene", "monitor-mirror", "--less", folder / "two.npz", "--waves", "632.8")
     also = (*also, "--out", folder / "page")
     optolever("report", folder / "one.npz", *given, *also)
+    taken = Capture.load(folder / "two")
+    replace(taken, frames=np.roll(taken.frames, 9, axis=2)).save(folder / "moved")
+    found = Correspondence.load(folder / "c-one.npz")
+    replace(found, v=found.v + np.linspace(0, 3, 80)).save(folder / "bent.npz")
+    replace(found, flags=np.ones_like(found.flags)).save(folder / "none.npz")
+    resize(load("monitor-mirror"), 48, 64).save(folder / "small.toml")
     return Page(folder / "page", folder)
 
 
@@ -127,6 +134,10 @@ def test_flags_add_up_to_the_mirror(mirror: Page) -> None:
     [
         (("--remove", "egg"), "form 'egg': unknown, must be one of"),
         (("--scene", "prism48", "--less", "{files}/c-one.npz"), "c-one.npz"),
+        (("--scene", "{files}/small.toml"), "camera has 48 x 64 pixels, must be 64 x 80"),
+        (("--correspondence", "{files}/none.npz"), "good pixels of the height map not"),
+        (("--correspondence", "{files}/bent.npz", "--scene", "monitor-mirror"), "slopes differ"),
+        (("--correspondence", "{files}/c-one.npz", "--capture", "{files}/moved"), "other patterns"),
     ],
 )
 def test_a_mistake_is_one_line_and_leaves_no_page(

@@ -33,6 +33,7 @@ angle_deg = 45
 size = [100, 75]
 pitch_mm = [0.42, 0.6]
 """
+LAYER = "[layer]\nyoungs_modulus_mpa = {}\n"
 RIG = """\
 name = "rig"
 [mirror]
@@ -42,7 +43,7 @@ size = [425, 450]
 pitch_mm = 0.1
 origin_mm = [1, 2, 3]
 u_axis = [0.6, 0, 0.8]
-v_axis = [0, 2, 0]
+v_axis = [0, 0.998, 0]
 [camera]
 kind = "pinhole"
 size = [100, 75]
@@ -205,6 +206,26 @@ BAD = [
         MINIMAL.replace("pitch_mm = 0.1", "pitch_mm = 1e-4"),
         r"pattern\.pitch_mm = 0\.0001: must be at least 0\.001 mm; .* multiply metres by 1000",
     ),
+    (
+        MINIMAL.replace("pitch_mm = 0.1", "pitch_mm = 100"),
+        r"pattern\.pitch_mm = 100: makes the display 45 m large, must be .* divide micrometres by 1000",
+    ),
+    (
+        RIG.replace("[0.6, 0, 0.8]", "[0.6, 0, 7.998]"),
+        r"pattern\.u_axis = .*: its length is 8\.02, must be 1 within 1 %; .* divide its numbers by 8\.02",
+    ),
+    (
+        MINIMAL + LAYER.format("200000"),
+        r"layer\.youngs_modulus_mpa = 200000: .* 100; .* divide Pa by 1000000",
+    ),
+    (
+        MINIMAL + LAYER.format("0.2\nthickness_mm = 0.012"),
+        r"layer\.thickness_mm = 0\.012: must be 0\.05 to 1000; .* multiply metres by 1000",
+    ),
+    (
+        MINIMAL + LAYER.format("0.2\nyoungs_modulus_sigma_mpa = 2"),
+        r"layer\.youngs_modulus_sigma_mpa = 2: must be at most the modulus, 0\.2",
+    ),
     (MINIMAL.replace("[60, 45]", "[true, 45]"), r"mirror\.size_mm = True: must be a number"),
     (MINIMAL.replace("[425, 450]", "[425.5, 450]"), r"pattern\.size = 425\.5: must be a whole number"),
     (MINIMAL.replace("[425, 450]", "[0, 450]"), r"pattern\.size = 0: must be 1 to 65536"),
@@ -225,9 +246,12 @@ BAD = [
     (MINIMAL + "[sensor]\niso = 100\n", r"sensor\.iso is unknown, must be one of bits, noise"),
     ("dent = 'hole'\n" + MINIMAL, r"dent 'hole': unknown, must be one of flat"),
     ("name = ''\n" + MINIMAL, r"name = '': must be a text that is not empty"),
-    (RIG.replace("v_axis = [0, 2, 0]", "v_axis = [1, 0, 0]"), r"pattern\.v_axis = .*perpendicular to u_axis"),
-    (RIG.replace("v_axis = [0, 2, 0]", "v_axis = [0, 0, 0]"), r"pattern\.v_axis = .*must not be zero"),
-    (RIG.replace("v_axis = [0, 2, 0]\n", ""), r"pattern\.v_axis is missing"),
+    (
+        RIG.replace("v_axis = [0, 0.998, 0]", "v_axis = [1, 0, 0]"),
+        r"pattern\.v_axis = .*perpendicular to u_axis",
+    ),
+    (RIG.replace("v_axis = [0, 0.998, 0]", "v_axis = [0, 0, 0]"), r"pattern\.v_axis = .*must not be zero"),
+    (RIG.replace("v_axis = [0, 0.998, 0]\n", ""), r"pattern\.v_axis is missing"),
     (
         RIG.replace("look_at_mm = [30, 20, 0]", "look_at_mm = [10, 20, 300]"),
         r"camera\.look_at_mm = .*must differ",
