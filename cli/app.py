@@ -39,6 +39,9 @@ def exit_code(call: Callable[[], Any], name: str) -> int:
         code = call()
     except InputError as error:
         return _complain(name, str(error))
+    except click.exceptions.NoArgsIsHelpError as error:
+        click.echo(error.message)
+        return 0
     except click.ClickException as error:
         context = getattr(error, "ctx", None)
         hint = f" (see {context.command_path} --help)" if context is not None else ""

@@ -6,7 +6,7 @@ import json
 import os
 import re
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -57,13 +57,11 @@ class Row:
         return str(self.values.get("code")) != "0"
 
     def lines(self) -> Iterator[str]:
-        """For the terminal: the numbers or the error, and the notices."""
+        """For the terminal: the numbers or the error."""
         name = self.values["capture"]
         shown = {key: value for key, value in self.values.items() if isinstance(value, float)}
         figures = ", ".join(f"{key} {number(value)}" for key, value in shown.items()) or "as before"
         yield f"{name}: {self.values['error'] if self.failed else figures}"
-        for notice in filter(None, str(self.values["notices"]).split("; ")):
-            yield f"{name}: notice: {notice}"
 
 
 class Many(Program):
@@ -103,6 +101,8 @@ class Many(Program):
                 text = f"{parameter.opts[0]}: is of one capture, not of {len(captures)}; leave it out"
                 raise InputError(text)
         out = Path(ctx.params["out"])
+        if out.suffix.lower() == ".npz":
+            raise InputError(f"--out {out}: becomes a folder, of {len(captures)} captures; leave .npz out")
         batch = Batch(self, ctx.params, _by_name(captures), out, again)
         ol.files.require_folder(out, "table.csv")
         workers = processes(jobs, self.imports) if scheduler is None else cluster(scheduler)
@@ -116,8 +116,10 @@ class Many(Program):
                     step(str(self.name), len(rows), len(batch.captures))
                     with step.aside():
                         for line in row.lines():
-                            click.echo(line, err=row.failed or ": notice: " in line)
+                            click.echo(line, err=row.failed)
             finally:
+                for line in _notices(rows.values()):
+                    click.echo(line, err=True)
                 _save_table(out / "table.csv", before | rows)
                 done = sum(not row.failed for row in rows.values())
                 click.echo(f"{done} of {len(batch.captures)} captures done; {out / 'table.csv'}")
@@ -216,6 +218,18 @@ class Batch:
         parameters = {**self.given, self.command.captures: (self.captures[name],), "out": self.result(name)}
         parameters = {**parameters, "json_path": self.out / f"{name}.json", **own}
         return Task(name, self.command.callback.__module__, parameters, os.getcwd())
+
+
+def _notices(rows: Iterable[Row]) -> Iterator[str]:
+    """Those of captures, those that differ in numbers alone once, by the first."""
+    alike = dict[str, list[str]]()
+    for row in rows:
+        for notice in filter(None, str(row.values["notices"]).split("; ")):
+            alike.setdefault(re.sub(r"\d[\d.,]*", "", notice), []).append(
+                f"{row.values['capture']}: notice: {notice}"
+            )
+    for first, *more in alike.values():
+        yield f"{len(more) + 1} captures: such as {first}" if more else first
 
 
 def _by_name(captures: Sequence[Path]) -> dict[str, Path]:

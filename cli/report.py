@@ -61,6 +61,9 @@ def command(
     stems = [path.stem for path in paths]
     name, *names = stems if len(set(stems)) == len(paths) else [str(path) for path in paths]
     others = {each: ol.reconstruct.HeightMap.load(path) for each, path in zip(names, less, strict=True)}
+    for path, other in zip(less, others.values(), strict=True):
+        if other == height:
+            raise InputError(f"--less {path}: is the map {source} itself; give another map of the rig")
     given = ol.experiments.Measurement(
         height,
         None if correspondence is None else ol.decode.Correspondence.load(correspondence),

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import optolever as ol
 from optolever.quantities import length as length
 from optolever.quantities import number as number
-from optolever.quantities import quantity, two_digits
+from optolever.quantities import two_digits
 
 if TYPE_CHECKING:
     from enum import IntFlag
@@ -71,24 +71,7 @@ def contact_rows(
     """Contacts (Contact.to_dict) for `table`, a row each; layer: of the scene."""
     rows = {}
     for count, one in enumerate(contacts, 1):
-        at_least = "at least " if one["cut"] else ""
-
-        def give(name: str, unit: str, one: "Mapping[str, Any]" = one) -> str:
-            return quantity(one[name], unit, one[f"{name}_sigma"])
-
-        radius = one["indenter_radius"]
-        parts = [
-            f"depth {'at least ' if one['hole'] else ''}{give('depth', 'mm')}",
-            f"x {quantity(one['x'], 'mm', one['position_sigma'])}",
-            f"y {quantity(one['y'], 'mm', one['position_sigma'])}",
-            f"area {at_least}{give('area', 'mm²')}",
-            f"volume {at_least}{give('volume', 'mm³')}",
-        ]
-        if radius is not None:
-            parts.append("flat" if math.isinf(radius) else f"radius {give('indenter_radius', 'mm')}")
-        if one["force"] is not None:
-            parts.append(f"force {give('force', 'N')}, at most {quantity(one['pressure'], 'N/mm²')}")
-        rows[f"contact {count}"] = ", ".join(parts)
+        rows[f"contact {count}"] = str(ol.reconstruct.Contact.from_dict(dict(one)))
     if contacts and contacts[0]["force"] is None:
         rows["force"] = "unknown: the scene has no [layer] with youngs_modulus_mpa"
     elif contacts and layer is not None and layer.thickness_mm is None:

@@ -9,6 +9,7 @@ import numpy as np
 import scipy.ndimage
 
 from optolever.errors import InputError
+from optolever.quantities import quantity
 from optolever.scene import Layer
 
 from .arrays import Floats, Map, Mask, norm, rms
@@ -65,6 +66,28 @@ class Contact:
     def radius(self) -> float:
         """Of a circle of its area, mm."""
         return math.sqrt(self.area / math.pi)
+
+    def __str__(self) -> str:
+        """With units and standard deviations, to their second digit."""
+        at_least = "at least " if self.cut else ""
+
+        def give(name: str, unit: str) -> str:
+            return quantity(getattr(self, name), unit, getattr(self, f"{name}_sigma"))
+
+        parts = [
+            f"depth {'at least ' if self.hole else ''}{give('depth', 'mm')}",
+            f"x {quantity(self.x, 'mm', self.position_sigma)}",
+            f"y {quantity(self.y, 'mm', self.position_sigma)}",
+            f"area {at_least}{give('area', 'mm²')}",
+            f"volume {at_least}{give('volume', 'mm³')}",
+        ]
+        if self.indenter_radius is not None:
+            flat = math.isinf(self.indenter_radius)
+            parts.append("flat" if flat else f"radius {give('indenter_radius', 'mm')}")
+        if self.force is not None and self.pressure is not None:
+            parts.append(f"force {quantity(self.force, 'N', self.force_sigma or math.nan)}")
+            parts.append(f"at most {quantity(self.pressure, 'N/mm²')}")
+        return ", ".join(parts)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values."""

@@ -255,7 +255,8 @@ def light_of(
     """
     stack = np.asarray(frames)
     if stack.ndim != 3 or 0 in stack.shape:
-        raise InputError(f"decode: frames have shape {stack.shape}, must be (N, H, W)")
+        cure = "projector.Capture.from_pictures(folder, sequence).frames reads files, and makes colours grey"
+        raise InputError(f"decode: frames have shape {stack.shape}, must be (N, H, W); {cure}")
     if len(stack) != len(sequence):
         raise InputError(f"decode: {len(stack)} frames, sequence {sequence.name} describes {len(sequence)}")
     if white_level is not None and not white_level > 0:

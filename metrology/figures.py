@@ -74,6 +74,8 @@ def judge(limit: str, figures: dict[str, tuple[float, float]]) -> Verdict:
         raise InputError(
             f"limit {limit!r}: must be a number with its unit, such as {name}=50nm or slope_x=20urad"
         ) from None
+    if not most > 0:
+        raise InputError(f"limit {limit!r}: must be above 0; it holds for magnitudes, such as {name}=4um")
     value, sigma = figures[name]
     band = _COVERAGE * sigma
     verdict = "pass" if value + band <= most else "fail" if value - band > most else "undecided"

@@ -25,6 +25,7 @@ def require_file(path: str | Path) -> None:
             if each.suffix in (".toml", ".npz") and each.name[0] != "."
         )[:4]
         cure = f"; it holds {', '.join(inside)}" if inside else ""
+        cure += " (optolever decode makes an .npz of it)" if "capture.toml" in inside else ""
         raise InputError(f"{path}: is a folder, must be a file{cure}")
     if not Path(path).is_file():
         raise InputError(f"{path}: no such file")

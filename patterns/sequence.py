@@ -157,8 +157,8 @@ class Sequence:
                 raise InputError(f"{where}: unknown field {name!r}, known are {', '.join(known)}")
         for name in ("rows", "cols"):
             value = plain.get(name)
-            if not isinstance(value, int) or isinstance(value, bool):
-                raise InputError(f"{where}: {name} is {value!r}, must be an integer")
+            if not isinstance(value, int) or isinstance(value, bool) or not 1 <= value <= 1 << 16:
+                raise InputError(f"{where}: {name} is {value!r}, must be a whole number in 1..{1 << 16}")
         frames = plain.get("frames")
         if not isinstance(frames, list | tuple) or not all(isinstance(item, Mapping) for item in frames):
             raise InputError(f"{where}: frames is {type(frames).__name__}, must be a list of tables")

@@ -122,13 +122,18 @@ class Capture:
         return cls(**read_folder(folder, description, channel))
 
     @classmethod
-    def from_pictures(cls, source: Source, sequence: Sequence, *, channel: str = "luminance") -> Self:
+    def from_pictures(
+        cls, source: Source, sequence: Sequence | None = None, *, channel: str = "luminance"
+    ) -> Self:
         """Pictures that another program took of the N patterns of `sequence`, one each, in that order.
 
+        sequence: None: that of the folder's capture.toml (`load`).
         source: a folder, a glob pattern, a file of several pictures (TIFF, NPY, video), or files; names are
         sorted as people count. channel: red, green, blue or luminance.
         InputError names the file, or the number of pictures and a remedy.
         """
+        if sequence is None:
+            return cls.load(source, channel=channel)
         frames, notices = incoming(source, sequence, channel)
         return cls(frames, sequence, bits=bits_of(frames), notices=notices)
 

@@ -122,7 +122,7 @@ def reconstruct(
         doubts = (
             *(() if SAG in height.sources else anchors_apart(problem, state, height)),
             *anchors_near_wedge(state, height),
-            *off_mirror(height, scene.mirror),
+            *off_mirror(height, scene.mirror, anchor is None or isinstance(anchor, str)),
         )
         height = replace(height, notices=(*height.notices, *doubts))
     for notice in height.notices:

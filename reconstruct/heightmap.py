@@ -181,6 +181,9 @@ class HeightMap(Comparable):
         if not isinstance(other, HeightMap):
             return NotImplemented
         counts = [each.count - each.own for each in (self, other)]
+        if self.against_rest != other.against_rest:
+            cure = "reconstruct both with the same --rest, or none"
+            raise InputError(f"difference: one of both maps alone is less a rest capture; {cure}")
         if self.z.shape != other.z.shape or counts[0] != counts[1]:
             raise InputError(
                 f"difference: maps of {self.z.shape} and {other.z.shape} pixels with {counts[0]} and "

@@ -240,7 +240,7 @@ def against_rest(
     return tuple(found)
 
 
-def off_mirror(height: HeightMap, mirror: Mirror) -> tuple[Notice, ...]:
+def off_mirror(height: HeightMap, mirror: Mirror, at_rest: bool) -> tuple[Notice, ...]:
     """The notice that good pixels lie off the mirror by more than one pixel, which may see it in part, and
     the uncertainty of their positions."""
     x, y = height.x[height.good], height.y[height.good]
@@ -258,7 +258,7 @@ def off_mirror(height: HeightMap, mirror: Mirror) -> tuple[Notice, ...]:
     cure = (
         "x and y are shifted by as much; most likely the mirror's size or the camera's place is wrong in the "
         "scene: correct it, or calibrate with a ball"
-    )
+    ) + ("" if at_rest else "; or the anchor is no point of the mirror")
     return (Notice("Points lie beyond the mirror's edge, mm", farthest, limit, cure),)
 
 

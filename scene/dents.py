@@ -134,6 +134,10 @@ def _checked(name: str, scene: Scene, params: dict[str, Any]) -> dict[str, Any]:
             positive(f"dent {name!r}: {key}", values[key])
     if name == "ball":
         positive(f"dent {name!r}: peak", values["peak"])
+    most = max(scene.mirror.length, scene.mirror.width)
+    if abs(values.get("peak", 0.0)) > most:
+        wrong = f"dent {name!r}: peak = {values['peak']:g}: must be at most the mirror's size, {most:g} mm"
+        raise InputError(f"{wrong}; divide micrometres by 1000")
     return values
 
 

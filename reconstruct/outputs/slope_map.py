@@ -115,7 +115,8 @@ def slope_map(
 ) -> SlopeMap:
     """Slopes at the mirror points of a height map, from the correspondence that it was reconstructed from.
 
-    rest: as in `reconstruct`. InputError if the shapes do not agree.
+    rest: as in `reconstruct`. A map less a rest capture needs the same here: without it the slopes are
+    absolute, with the rig's deviation. InputError if the shapes do not agree.
     """
     if correspondence.u.shape != height.z.shape:
         raise InputError(f"correspondence: shape {correspondence.u.shape}, the height map {height.z.shape}")

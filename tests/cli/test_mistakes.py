@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from optolever.decode import Correspondence
+from optolever.patterns import Sequence
 from optolever.projector import Capture
+from optolever.reconstruct import HeightMap
 from optolever.scene import load, resize
 
 from .conftest import Chain, Program, Refused
@@ -100,6 +102,13 @@ response {capture} --scene prism48 | prism48: no such file | rig new
 camera expose --rig prism48 | prism48: no such file | rig new
 sample prism | 'prism' | 'sensor'
 design --scene prism48 --chart {out}.png | --code: missing
+reconstruct {capture} {scene} --out {out}.npz | is a folder | optolever decode makes an .npz of it
+decode {capture} --description {minus} --out {out}.npz | minus.toml: rows is -188 | 1..65536
+decode {capture} {frames} --out {out}.npz | becomes a folder, of 2 captures | leave .npz out
+report {h} --less {h} --out {out} | --less | is the map | give another
+report {h} --less {rested} --out {out} | one of both maps alone is less a rest capture | --rest
+form {h} --limit pv=-4um | pv=-4um | above 0
+simulate --scene prism48 --dent gaussian:peak=300 --out {out} | peak = 300 | at most the mirror's size, 60 mm
 design --scene prism48 --pixels 32x24 --code {folder} | holds neither | coordinates.toml
 """
 
@@ -117,6 +126,10 @@ def test_a_line_that_is_not_meant_so(row: str, refused: Refused, chain: Chain, t
     cv2.imwrite(str(tmp_path / "black.png"), np.zeros((96, 96), np.uint8))
     for name, text in (("comma", "[medium]\nindex = 1,41\n"), ("empty", ""), ("twice", "[mirror]\n" * 2)):
         (tmp_path / f"{name}.toml").write_text(text)
+    (tmp_path / "minus.toml").write_text("rows = -188\ncols = 187\n[[frames]]\nkind = 'white'\n")
+    height = HeightMap.load(chain.height)
+    rested = replace(height, references=("rest 1",), shared=np.zeros((1, *height.z.shape)))
+    rested.save(tmp_path / "rested.npz")
     (tmp_path / "cut.tif").write_bytes(b"II*\0\xff\0\0\0")
     known = {
         "out": tmp_path / "out",
@@ -125,6 +138,9 @@ def test_a_line_that_is_not_meant_so(row: str, refused: Refused, chain: Chain, t
         "small": tmp_path / "small.png",
         "black": tmp_path / "black.png",
         "cut": tmp_path / "cut.tif",
+        "minus": tmp_path / "minus.toml",
+        "rested": tmp_path / "rested.npz",
+        "frames": chain.capture / "frames",
         "comma": tmp_path / "comma.toml",
         "empty": tmp_path / "empty.toml",
         "twice": tmp_path / "twice.toml",
@@ -136,6 +152,18 @@ def test_a_line_that_is_not_meant_so(row: str, refused: Refused, chain: Chain, t
         "scene": f"--scene {chain.capture / 'scene.toml'}",
     }
     refused(line.format(**known).split(), *words)
+
+
+def test_no_good_pixel_and_no_command(optolever: Program, chain: Chain, tmp_path: Path) -> None:
+    """A file is written, the cause is said; alone the program shows its help."""
+    shown = Capture.load(chain.capture).sequence
+    Sequence(shown.frames[::-1], 70, 90).save(tmp_path / "turned.toml")
+    args = ("--description", tmp_path / "turned.toml", "--out", tmp_path / "c.npz")
+    said = optolever("decode", chain.capture / "frames", *args, code=2)
+    assert "no pixel is good, most likely the display had not 90x70 pixels" in said.err
+    assert "nan" not in said.out
+    assert not Correspondence.load(tmp_path / "c.npz").good.any()
+    assert "Commands:" in optolever().out
 
 
 def test_lengths_in_metres(refused: Refused, tmp_path: Path) -> None:
