@@ -21,12 +21,11 @@ from .start_front import Front, GoTo
 from .sync import synchronised
 from .views import sheet_on, views_of
 
-__all__ = ["STEPS", "Begun", "fringe_period", "require_devices"]
+__all__ = ["STEPS", "Begun", "require_devices"]
 
 _SIMULATED = "virtual"
 _KEPT = ("devices", "sync", "response", "start")  # sections that other numbers of the rig leave as they are
 _RESTS = 8  # frames of the fringe at rest
-_PERIOD, _SPAN = 10.0, 8.0  # of the fringe, pattern pixels at least, camera pixels at least
 _FLATS = 5
 _LEAST = 0.1  # share of the picture that sees the display: below it `prepare` refuses
 _BENT = 0.3  # of a gamma from 1
@@ -252,7 +251,7 @@ def rest(begun: Begun, front: Front) -> None:
     front.busy("showing the patterns")
     scene = ol.scene.load(begun.rig)
     size = scene.pattern.rows, scene.pattern.cols
-    fringe = ol.patterns.sequence("crossed", *size, period=fringe_period(scene))
+    fringe = ol.patterns.sequence("crossed", *size, period=ol.live.fringe_period(scene))
     capture, fringes = capture_rest(begun.rig, fringe, _RESTS)
     front.busy("decoding them")
     found = decoded_by_response(capture, response_of(begun.rig))
@@ -277,18 +276,6 @@ def rest(begun: Begun, front: Front) -> None:
     prepared.save(ol.live.kept_rest(begun.rig))
     fills = f"The mirror fills {100 * mirror_share:.0f} % of the picture, {100 * good:.0f} % of it decoded."
     front.say(f"{fills} The rig's numbers leave {100 * (prepared.error or 0.0):.1f} % of a height.")
-
-
-def fringe_period(scene: "ol.scene.Scene") -> float:
-    """Of the fringe, pattern pixels: fine, but not too fine for the camera."""
-    import numpy as np
-
-    step = max(1, min(scene.camera.rows, scene.camera.cols) // 60)
-    few = ol.scene.strided(scene, step)
-    flat = ol.scene.trace(few, ol.scene.dent("flat", few))
-    u, v = (np.where(flat.visible, one, np.nan) for one in (flat.u, flat.v))
-    each = max(np.nanmedian(np.hypot(np.diff(u, axis=axis), np.diff(v, axis=axis))) for axis in (0, 1)) / step
-    return max(_PERIOD, float(np.ceil(_SPAN * each)))
 
 
 def _adjusted(begun: Begun, front: Front, found: "ol.decode.Correspondence") -> "ol.scene.Scene":

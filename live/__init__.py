@@ -31,7 +31,7 @@ from .prepared import Noise, Prepared
 from .probes import TRACES, Probe, Probed, Probes, noise_floor
 from .reading import Figures, Reading
 from .recorded import ReadingRecorder, Replayed, has_readings, replayed
-from .rig import Readings, kept_rest
+from .rig import Readings, fringe_period, kept_rest
 from .rig import open_rig as open
 from .server import LiveServer
 from .source import Newest, Source, VirtualFinger, virtual_rig
@@ -68,6 +68,7 @@ __all__ = [
     "VirtualFinger",
     "Web",
     "follow",
+    "fringe_period",
     "has_readings",
     "kept_rest",
     "noise_floor",

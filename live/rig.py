@@ -14,7 +14,7 @@ from optolever.notices import Notice
 from optolever.patterns import Sequence, sequence
 from optolever.projector import Devices, Image, Opened, Timing, devices_of, opened
 from optolever.projector.cameras import Replay
-from optolever.scene import Scene, load
+from optolever.scene import Scene, dent, load, strided, trace
 
 from .follow import Followed, follow
 from .geometry import rest_rays
@@ -25,11 +25,11 @@ from .reading import Reading
 from .source import Newest, Source
 from .stream import Live
 
-__all__ = ["Readings", "kept_rest", "open_rig"]
+__all__ = ["Readings", "fringe_period", "kept_rest", "open_rig"]
 
 _RESTS = 8  # frames of the fringe
 _LOOKS = 3  # frames by which a rest that was measured before is judged
-_PERIOD = 10.0  # of the fringe, pattern pixels
+_PERIOD, _SPAN = 10.0, 8.0  # of the fringe, pattern pixels at least, camera pixels at least
 _PATIENCE_S = 5.0
 _RECENT = 60  # readings of the latency
 
@@ -37,6 +37,16 @@ _RECENT = 60  # readings of the latency
 def kept_rest(rig: str | Path) -> Path:
     """Where a rig's newest rest is kept, beside its TOML."""
     return Path(rig).with_suffix(".live.npz")
+
+
+def fringe_period(scene: Scene) -> float:
+    """Of the fringe that `open` shows, pattern pixels: fine, but not too fine for the camera."""
+    step = max(1, min(scene.camera.rows, scene.camera.cols) // 60)
+    few = strided(scene, step)
+    flat = trace(few, dent("flat", few))
+    u, v = (np.where(flat.visible, one, np.nan) for one in (flat.u, flat.v))
+    each = [np.hypot(np.diff(u, axis=axis), np.diff(v, axis=axis)) / step for axis in (0, 1)]
+    return max(_PERIOD, float(np.ceil(_SPAN * max(map(np.nanmedian, each)))))
 
 
 class Readings:
@@ -116,7 +126,10 @@ def _at_rest(
                 return
         if given:
             raise InputError(f"{name}: no longer holds ({why}); measure the mirror at rest anew")
-    dense, fringe = sequence("gray+phase", rows, cols), sequence("crossed", rows, cols, period=_PERIOD)
+    dense, fringe = (
+        sequence("gray+phase", rows, cols),
+        sequence("crossed", rows, cols, period=fringe_period(scene)),
+    )
     shown = Sequence((*dense.frames, *fringe.frames), rows, cols)
     with opened(rig, devices, shown) as now:
         now.require_size(scene)

@@ -21,9 +21,9 @@ import pytest
 from optolever import InputError
 from optolever.calibration import aim_fault, rest_fault
 from optolever.cli import run
-from optolever.cli.start_steps import Begun, fringe_period, require_devices
+from optolever.cli.start_steps import Begun, require_devices
 from optolever.decode import Correspondence
-from optolever.live import prepare
+from optolever.live import fringe_period, prepare
 from optolever.patterns import sequence
 from optolever.projector import capture
 from optolever.scene import Scene, TypedRig, adjusted, dent, load, parameter_values, rig_toml, trace
