@@ -24,7 +24,8 @@ from .workers import Outcome, Run, Task, cluster, processes
 #: Parameters that change no result.
 _BESIDE = ("out", "json_path", "save_profile")
 #: Columns of every table, around the numbers of the command itself.
-_FIRST, _LAST = ("capture", "code", "notices", "good", "depth", "area", "force"), ("digest", "error")
+_OF_CONTACT = ("depth", "depth_sigma", "area", "force")
+_FIRST, _LAST = ("capture", "code", "notices", "good", *_OF_CONTACT), ("digest", "error")
 #: Lines of capture.toml that differ between captures of one kind.
 _OF_ONE_FRAME = re.compile(r"^(file|time) *=.*\n?", re.MULTILINE)
 #: Share of good pixels of the mirror from which a capture makes the profile of others.
@@ -39,8 +40,8 @@ class Row:
 
     @classmethod
     def of(cls, outcome: Outcome, digest: str) -> "Row":
-        """Of a command that ended: the deepest contact's depth, area and force (mm, mm^2, N) among its
-        numbers."""
+        """Of a command that ended: the deepest contact's depth with sigma, area and force (mm, mm^2,
+        N) among its numbers."""
         given = outcome.numbers
         contacts = [one for one in given.get("contacts", ()) if one.get("depth") is not None]
         deepest: dict[str, Any] = max(contacts, key=lambda one: abs(one["depth"]), default={})
@@ -48,7 +49,7 @@ class Row:
         own = {name: value for name, value in given.items() if isinstance(value, int | float)}
         values = {"capture": outcome.name, "code": outcome.code, "notices": "; ".join(notices)}
         values |= {"good": own.pop("good_share", "")}
-        values |= {name: deepest.get(name, "") for name in ("depth", "area", "force")}
+        values |= {name: deepest.get(name, "") for name in _OF_CONTACT}
         return cls(values | own | {"digest": digest, "error": outcome.error})
 
     @property

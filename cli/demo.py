@@ -13,14 +13,16 @@ from .show import length, number, print_notices, progress, table, write_json
 SAMPLE = """
 $ optolever demo --pixels 256x256 --out demo
 Demo: paper-simulation, raised-cosine:peak=1.3, gray+phase, 22 frames
-  height error                0.0002191 of the peak depth, rms
+  height error                280 nm rms, median 63 nm
+                              0.0002191 of the peak depth, rms
+  sigma                       370 nm rms
   unflagged                   97.63 % of the visible pixels
   rms(error / sigma), u       0.915
   rms(error / sigma), v       0.9105
-  rms(error / sigma), height  0.8371
-  time                        trace 0.05844, capture 0.08406, decode 0.8246,
-                              reconstruct 0.1971, report 2.664, total 3.828 s
-  peak memory                 0.4656 GiB
+  rms(error / sigma), height  0.8096
+  time                        trace 0.172, capture 0.3159, decode 0.7326,
+                              reconstruct 0.255, report 0.596, total 2.071 s
+  peak memory                 0.3953 GiB
   report                      demo/report.html
 """
 

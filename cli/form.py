@@ -22,18 +22,20 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 SAMPLE = """
-$ optolever form h.npz --remove sphere
-Form of h.npz: sphere; x, y from the middle (150.021, 150) mm
-number    value ± sigma            noise    rig
-vertex_x  −0.022879 ± 0.000063     6.3e-05  0
-vertex_y  0.001375 ± 0.000065      6.5e-05  0
-vertex_z  4.065 × 10⁻⁴             -        0
-radius    4000.5960 ± 0.0023       0.0023   0
+$ optolever form measured/h.npz --remove sphere
+Form of measured/h.npz: sphere; x, y from the middle (77.3119, 55.978) mm
+number    value ± sigma     noise  rig
+vertex_x  −0.9 ± 1.7        0.46   1.7
+vertex_y  2.1 ± 2.5         0.58   2.4
+vertex_z  0.002464          -      0.0013
+radius    −970000 ± 420000  10000  420000
 Residual
-  heights      0.46 um rms; without its noise 0.46 um
-  PV           3.6 um; PVr 3.1 um
-  slope error  29.1 urad rms along x, 29.11 urad along y
-  left out     the outermost ring of good pixels, whose centres may see no mirror
+  heights      0.560 ± 0.018 µm rms; without its noise 560 nm
+  PV           2.66 ± 0.22 µm; PVr 2.57 ± 0.22 µm
+  slope error  39.2 ± 1.1 µrad rms along x, 30.9 ± 1.1 µrad along y; with its
+               noise 44.66 µrad, 40.83 µrad
+  left out     the outermost ring of good pixels, whose centres may see no
+               mirror
 """
 
 

@@ -47,10 +47,10 @@ $ optolever reconstruct c.npz --scene capture/scene.toml \\
       --truth capture/truth.npz --contacts --out h.npz
 Height map in h.npz
   good                98.03 % of the pixels
-  height              -0.006196 to 1.3 mm
+  height              −0.006196 to 1.3 mm
   sigma               ± 90 nm noise (medians)
   off_pattern         1.973 %
-  chi2                0.846 per degree of freedom (953), 1 by noise
+  chi2                0.846 per degree of freedom (953 of them), 1 by noise
   error               0.0002127 of the peak depth, rms
   rms(error / sigma)  0.9885
   contact 1           depth 1.29999 ± 0.00019 mm, x 81.8501 ± 0.0044 mm, y
@@ -202,7 +202,7 @@ def _rows(numbers: dict[str, Any], layer: "ol.scene.Layer | None") -> dict[str, 
     }
     if numbers["chi2"] is not None:
         freedom, by = numbers["freedom"], "" if rig is None else " and the errors of the rig"
-        rows["chi2"] = f"{number(numbers['chi2'])} per degree of freedom ({freedom}), 1 by noise{by}"
+        rows["chi2"] = f"{number(numbers['chi2'])} per degree of freedom ({freedom} of them), 1 by noise{by}"
     if "height_rms_rel" in numbers:
         rows["error"] = f"{number(numbers['height_rms_rel'])} of the peak depth, rms"
         rows["rms(error / sigma)"] = number(numbers["sigma_ratio_total"])

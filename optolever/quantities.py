@@ -67,13 +67,13 @@ def length(mm: float) -> str:
 
 
 def two_digits(value: float) -> str:
-    """Two significant digits; a power of ten below 1e-4 and from 1e5.
+    """Two significant digits; a power of ten below 1e-4 and from 1e7.
 
     >>> two_digits(760.4), two_digits(0.0123), two_digits(6.3e-5)
     ('760', '0.012', '6.3 × 10⁻⁵')
     """
     value = float(f"{value:.1e}")
-    if value and not 1e-4 <= abs(value) < 1e5:
+    if value and not 1e-4 <= abs(value) < 1e7:
         return _power(value, 1).replace("-", "−")
     return (f"{value:.0f}" if abs(value) >= 10 else f"{value:.2g}").replace("-", "−")
 

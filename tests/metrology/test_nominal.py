@@ -2,6 +2,7 @@
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from optolever import InputError
 from optolever.cli import run
 from optolever.metrology import fit_nominal, load_nominal, profile, spectrum
-from optolever.reconstruct import Grid, HeightMap
+from optolever.reconstruct import Diagnostics, Grid, HeightMap
 
 Floats = NDArray[np.float64]
 ERROR = 2e-4  # mm: what the measured mirror has and the nominal one has not
@@ -176,7 +177,10 @@ def test_apertures_filters_limits_and_runs_by_the_command_line(
     tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    measured((1e-3, 0, 0), (0, 0, 0))[0].save("h.npz")
+    noisy = Diagnostics("drawn", slope_sigma=(1e-7, 1e-7))
+    plain = measured((1e-3, 0, 0), (0, 0, 0))[0]
+    plain.save("plain.npz")
+    replace(plain, diagnostics=noisy).save("h.npz")
     common = ["form", "h.npz", "--remove", "power", "--json", "n.json"]
 
     def figures(*words: str, code: int = 0) -> dict[str, Any]:
@@ -190,6 +194,9 @@ def test_apertures_filters_limits_and_runs_by_the_command_line(
         "--aperture", "circle:radius=20", "--limit", f"rms={whole['rms_mm']}mm", "--limit", "pv=1nm", code=1
     )
     assert part["limits"]["rms"]["verdict"] == "pass"
+    capfd.readouterr()
+    assert run(["form", "plain.npz", "--remove", "power", "--limit", "pv=1nm"]) == 0
+    assert "pv  undecided: noise unknown" in capfd.readouterr().out
     assert part["rms_mm"] < whole["rms_mm"]
     high, low = (figures(f"--{name}pass", "30")["rms_mm"] for name in ("high", "low"))
     assert high < whole["rms_mm"]
