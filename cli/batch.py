@@ -111,6 +111,8 @@ class Many(Program):
         with progress() as step, workers as run:
             out.mkdir(exist_ok=True)
             rows = dict[str, Row]()
+            if scheduler is None and not any(map(_compiled, self.imports)):
+                step("compile kernels (once)")
             try:
                 for row in batch.rows(run, before):
                     rows[row.values["capture"]] = row
@@ -219,6 +221,17 @@ class Batch:
         parameters = {**self.given, self.command.captures: (self.captures[name],), "out": self.result(name)}
         parameters = {**parameters, "json_path": self.out / f"{name}.json", **own}
         return Task(name, self.command.callback.__module__, parameters, os.getcwd())
+
+
+def _compiled(part: str) -> bool:
+    """Whether kernels of a part are kept from an earlier run."""
+    from importlib.util import find_spec
+
+    from optolever.kernels import cache_folder
+
+    spec = find_spec(part)
+    kept = cache_folder(Path((spec.origin if spec is not None else None) or "").parent)
+    return kept is not None and any(kept.rglob("*.nbi"))
 
 
 def _notices(rows: Iterable[Row]) -> Iterator[str]:

@@ -15,7 +15,7 @@ from optolever.quantities import quantity, two_digits
 from .arguments import ABOVE_0, Arg, Opt, Rare, program
 from .options import Json, blame
 from .outputs import OutputFile
-from .show import grid, length, table, write_json
+from .show import grid, length, print_notices, table, write_json
 
 if TYPE_CHECKING:
     import numpy as np
@@ -138,6 +138,8 @@ def command(
     along_x, along_y = ol.metrology.slope_errors(fit)
     known = {"rms": (fit.rms, fit.rms_sigma), "pv": (fit.pv, fit.pv_sigma), "pvr": (fit.pvr, fit.pv_sigma)}
     known |= {"slope_x": along_x.known, "slope_y": along_y.known}
+    if inside is not None and (inside | ~height.good).all():
+        print_notices([f"--aperture {' '.join(apertures)}: contains every good pixel, nothing is left out"])
     verdicts = [ol.metrology.judge(limit, known) for limit in limits]
     numbers = fit.to_dict()
     if waves is not None:

@@ -138,7 +138,7 @@ def _mirror(scene: Scene, rng: np.random.Generator) -> Shots:
     yield Shot("ramp", "ramp", _tilted(scene, 0, 0))
     yield Shot("flat1", "gray+phase", _tilted(scene, 0, 0))
     for number, turn in enumerate(2 * np.pi * (np.arange(3) / 3 + rng.uniform()), 2):
-        tilt = np.tan(np.radians(rng.uniform(2.0, 3.5)))
+        tilt = np.tan(np.radians(rng.uniform(3.2, 5.0)))
         flat = _tilted(scene, tilt * np.cos(turn), tilt * np.sin(turn))
         yield Shot(f"flat{number}", "gray+phase", flat)
     yield Shot("mirror", "gray+phase", dent_from_text("gaussian:peak=0.004,sigma=25", scene))

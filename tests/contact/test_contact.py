@@ -1,5 +1,7 @@
 """Contacts of maps in closed form: Hertz' ball (K. L. Johnson, Contact Mechanics, 1985, eq. 3.42)."""
 
+import re
+
 import numpy as np
 import pytest
 import scipy.interpolate
@@ -47,6 +49,7 @@ def test_the_force_is_hertz_force() -> None:
     assert found.force == pytest.approx(force, rel=0.02)
     assert found.force_sigma is not None
     assert found.force_sigma < 0.02 * force
+    assert re.match(r"depth 0\.100\d+ ± .* mm, x .* mm², .* mm³, .*force 0\.44\d+ ± .* N, ", str(found))
 
 
 @pytest.mark.parametrize(
