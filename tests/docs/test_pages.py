@@ -3,6 +3,8 @@
 A block behind `<!-- not run: REASON -->` is left out. A TOML block that begins with `# NAME.toml` is written.
 """
 
+import contextlib
+import io
 import re
 import shlex
 from dataclasses import dataclass
@@ -25,6 +27,9 @@ SLOW = {
     "docs/rig/monitor.md",
     "docs/rig/prism.md",
 }
+#: Pages whose printed numbers are compared with those of the run.
+PRINTED = {"docs/howto/facet.md", "docs/howto/rest.md"}
+NUMBER = re.compile(r"(?<![\w.,])-?\d+(?:\.\d+)?(?![\w,])")
 BLOCK = re.compile(
     r"(<!-- not run: [^>]+ -->\n)?^```(python|console|toml)\n(.*?)^```", re.MULTILINE | re.DOTALL
 )
@@ -50,9 +55,34 @@ def play(page: str, text: str) -> None:
         elif block.language == "toml" and re.fullmatch(r"# [\w-]+\.toml", first):
             Path(first[2:]).write_text(block.text)
         elif block.language == "console":
-            for line in block.text.replace("\\\n", " ").splitlines():
-                if line.startswith("$ optolever "):
-                    assert run(shlex.split(line)[2:]) == 0, f"{page}: {line}"
+            for line, shown in commands(block.text):
+                printed = io.StringIO()
+                with contextlib.redirect_stdout(printed):
+                    assert run(shlex.split(line)[1:]) == 0, f"{page}: {line}"
+                if page in PRINTED:
+                    same(shown, printed.getvalue(), page)
+
+
+def commands(text: str) -> list[tuple[str, str]]:
+    """Commands of a block, and what it shows of their output."""
+    parts = re.split(r"^\$ (?=optolever )", text.replace("\\\n", " "), flags=re.MULTILINE)[1:]
+    return [(head, shown) for head, _, shown in (part.partition("\n") for part in parts)]
+
+
+def same(shown: str, printed: str, page: str) -> None:
+    """Lines of the same beginning have the same numbers within 20 % of the line's largest."""
+    lines = dict(
+        re.split(r"  +", line.strip(), maxsplit=1) for line in printed.splitlines() if "  " in line.strip()
+    )
+    for line in shown.splitlines():
+        name, _, rest = line.strip().partition("  ")
+        if not rest or "×" in rest:
+            continue
+        assert name in lines, f"{page}: {line} is not printed"
+        old, new = (
+            [float(one) for one in NUMBER.findall(text.replace("−", "-"))] for text in (rest, lines[name])
+        )
+        assert new[: len(old)] == pytest.approx(old, rel=0.2, abs=0.01 * max(map(abs, old), default=0)), line
 
 
 @pytest.mark.parametrize(
