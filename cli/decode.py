@@ -142,9 +142,11 @@ def command(
         figures |= {name: f"{one:.2g} px (median of the good pixels)" for name, one in medians_px.items()}
     table(f"Correspondence in {out}", figures | flag_rows(numbers["flags"]) | {"time": number(seconds, "s")})
     if not good:
+        said = any("lit pixels are good" in notice.name for notice in found)
         shown = "{2}x{1} pixels".format(*capture.sequence.shape)
-        cause = f"most likely the display had not {shown} or showed another sequence or order"
-        print_notices([f"{source}: no pixel is good, {cause}; correct --pixels, --sequence or capture.toml"])
+        cause = f"; most likely the display had not {shown} or showed another sequence or order"
+        cure = "correct --pixels, --sequence or capture.toml"
+        print_notices([f"{source}: no pixel is good" + ("" if said else f"{cause}: {cure}")])
     return 0 if good else 2
 
 
