@@ -9,7 +9,6 @@ from typing import Any
 import tomli_w
 
 from optolever.errors import InputError, require_file
-from optolever.files import latest
 
 __all__ = ["read_toml", "toml_text"]
 
@@ -17,6 +16,8 @@ __all__ = ["read_toml", "toml_text"]
 def read_toml(path: str | Path) -> dict[str, Any]:
     """The tables of a TOML file in UTF-8. InputError, which names the file, if there is none or it is no
     TOML."""
+    from optolever.files import latest  # NumPy only where a file is read
+
     newest = latest(path)
     require_file(newest)
     try:
