@@ -250,10 +250,10 @@ def test_turns_separate_the_mirror_from_the_rig() -> None:
 def test_a_limit_is_met_beyond_its_uncertainty() -> None:
     figures = {"rms": (40e-6, 2e-6), "slope": (21e-6, np.nan)}
     for text, verdict in (
-        ("rms=50nm", "pass"), ("rms=42nm", "undecided"), ("rms=0.03um", "fail"), ("rms=0nm", "fail"),
+        ("rms=50nm", "pass"), ("rms=42nm", "undecided"), ("rms=0.03um", "fail"), ("rms=1nm", "fail"),
         ("slope=20urad", "undecided"), ("slope=1mrad", "undecided"),
     ):  # fmt: skip
         assert judge(text, figures).verdict == verdict, text
-    for text in ("pv=3nm", "rms", "rms=3miles"):
+    for text in ("pv=3nm", "rms", "rms=3miles", "rms=0nm"):
         with pytest.raises(InputError, match="limit '"):
             judge(text, figures)
