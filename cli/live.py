@@ -20,20 +20,25 @@ from .rig_devices import Changes
 from .show import print_notices, table, write_json
 
 SAMPLE = """
-$ optolever live --pixels 160x120 --headless --frames 48 --probe 30,22
+$ optolever live --pixels 160x120 --headless --frames 300 --probe 30,22
 Live: prism48, 60 x 80 cells
-  readings                                  48, 48 trusted
-  deepest                                   0.1692 ± 0.0026 mm
-  rate                                      2.54 readings/s, median delay 347 ms
-  noise                                     167 nm a frame, 148 nm/sqrt(Hz)
-  probe 30.4,22.1                           6772 ± 524 nm at 0.17 Hz; the times
-                                            have no steady rate: amplitudes are
-                                            lower bounds; floor 521 nm,
-                                            resolution 0.052 Hz
-  probe 30.4,22.1 less the picture's shift  6742 ± 595 nm at 0.17 Hz; the times
-                                            have no steady rate: amplitudes are
-                                            lower bounds; floor 590 nm,
-                                            resolution 0.052 Hz
+  readings                                  300, 300 trusted
+  deepest                                   0.1707 ± 0.0022 mm
+  rate                                      21.6 readings/s, median delay 23.1
+                                            ms
+  noise                                     148 nm a frame, 45 nm/sqrt(Hz)
+  probe 30.4,22.1                           48727 ± 954 nm at 0.62 Hz, or 59.30,
+                                            60.53; 19721 ± 838 nm at 1.24 Hz, or
+                                            58.68, 61.15; 7989 ± 625 nm at 1.85
+                                            Hz, or 58.07, 61.77; floor 453 nm,
+                                            resolution 0.072 Hz; 1.7 s of motion
+                                            left out
+  probe 30.4,22.1 less the picture's shift  48555 ± 947 nm at 0.62 Hz, or 59.30,
+                                            60.53; 19578 ± 839 nm at 1.24 Hz, or
+                                            58.68, 61.15; 7990 ± 624 nm at 1.85
+                                            Hz, or 58.07, 61.77; floor 460 nm,
+                                            resolution 0.072 Hz; 1.7 s of motion
+                                            left out
 """
 
 

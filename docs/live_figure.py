@@ -3,12 +3,16 @@
 python docs/live_figure.py
 """
 
-import subprocess
+import sys
+import tempfile
 import time
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "cli"))
+from chromium import Chromium
 
 from optolever.live import LiveServer, virtual_rig
 from optolever.patterns import sequence
@@ -17,7 +21,7 @@ from optolever.scene import Layer, Surface, dent, load, resize
 
 RATE, HERTZ, SIZE = 30.0, 2.0, 1e-4  # frames a second; of the vibration, and its amplitude, mm
 ELECTRONS = 30.0  # a level
-SECONDS = 16  # before the picture
+SECONDS = 24  # before the picture
 OUT = Path(__file__).with_name("live.png")
 
 
@@ -62,10 +66,11 @@ def main() -> None:
         for place in ((24.0, 16.0), (12.0, 36.0)):
             at = np.unravel_index(np.hypot(x - place[0], y - place[1]).argmin(), x.shape)
             server.command("probe", (at[0] / x.shape[0], at[1] / x.shape[1]))
-        time.sleep(SECONDS)
-        words = ["chromium", "--headless", "--no-sandbox", "--hide-scrollbars", "--window-size=1300,1150"]
-        words += ["--virtual-time-budget=30000", f"--screenshot={OUT}", server.address]
-        subprocess.run(words, check=True, capture_output=True, timeout=240)
+        with tempfile.TemporaryDirectory() as folder, Chromium("chromium", Path(folder)) as page:
+            page.open(server.address)
+            page.look(1300, dark=False)
+            time.sleep(SECONDS)
+            page.picture(OUT)
 
 
 if __name__ == "__main__":
