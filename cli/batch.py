@@ -108,10 +108,12 @@ class Many(Program):
         ol.files.require_folder(out, "table.csv")
         workers = processes(jobs, self.imports) if scheduler is None else cluster(scheduler)
         before = _read_table(out / "table.csv")
+        from optolever.kernels import are_compiled
+
         with progress() as step, workers as run:
             out.mkdir(exist_ok=True)
             rows = dict[str, Row]()
-            if scheduler is None and not any(map(_compiled, self.imports)):
+            if scheduler is None and not any(map(are_compiled, self.imports)):
                 step("compile kernels (once)")
             try:
                 for row in batch.rows(run, before):
@@ -223,26 +225,15 @@ class Batch:
         return Task(name, self.command.callback.__module__, parameters, os.getcwd())
 
 
-def _compiled(part: str) -> bool:
-    """Whether kernels of a part are kept from an earlier run."""
-    from importlib.util import find_spec
-
-    from optolever.kernels import cache_folder
-
-    spec = find_spec(part)
-    kept = cache_folder(Path((spec.origin if spec is not None else None) or "").parent)
-    return kept is not None and any(kept.rglob("*.nbi"))
-
-
 def _notices(rows: Iterable[Row]) -> Iterator[str]:
-    """Those of captures, those that differ in numbers alone once, by the first."""
-    alike = dict[str, list[str]]()
+    """Notices of all captures; several that differ only in numbers are one line, by the first."""
+    same = dict[str, list[str]]()
     for row in rows:
         for notice in filter(None, str(row.values["notices"]).split("; ")):
-            alike.setdefault(re.sub(r"\d[\d.,]*", "", notice), []).append(
+            same.setdefault(re.sub(r"\d[\d.,]*", "", notice), []).append(
                 f"{row.values['capture']}: notice: {notice}"
             )
-    for first, *more in alike.values():
+    for first, *more in same.values():
         yield f"{len(more) + 1} captures: such as {first}" if more else first
 
 

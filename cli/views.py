@@ -27,7 +27,7 @@ _KEYS = {"enter": "it is aimed and sharp, go on", "escape": "back"}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """A picture, what it says about aim and focus, the best sharpness so far."""
+    """A picture, aim and focus measured in it, the best sharpness so far."""
 
     pixels: Any
     bits: int
@@ -70,8 +70,8 @@ class Sheet:
         self._draw(_paper(view, self.rows, self.cols))
 
     def caption(self, text: str, seen: "ol.decode.Correspondence") -> None:
-        """A text over the pattern in the outer half of the widest margin that the camera does not see (seen:
-        what it does, at rest), and look for keys; nothing where that is too narrow."""
+        """A text over the pattern in the outer half of the widest margin beyond the camera's view; looks for
+        keys, too; no text where that is too narrow. seen: the correspondence at rest."""
         import numpy as np
 
         (left, right), (above, below) = (

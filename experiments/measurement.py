@@ -190,8 +190,8 @@ class Study:
 
 
 def _unlike(found: Correspondence, capture: Capture) -> float:
-    """Share of the good pixels whose levels do not follow those of the patterns at their place: less than
-    noise and blur explain, which are the same in most pixels."""
+    """Share of the good pixels whose levels correlate less with the patterns at their place than noise and
+    blur explain, which are the same in most pixels."""
     row, col = (part[:: max(1, len(part) // _SAMPLE)] for part in np.nonzero(found.good))
     shown, limits = capture.sequence, (capture.sequence.rows - 1, capture.sequence.cols - 1)
     v, u = (

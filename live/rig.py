@@ -22,14 +22,14 @@ from .prepare import prepare
 from .prepared import Prepared
 from .probes import Probes
 from .reading import Reading
-from .source import Newest, Source
+from .source import PERIOD, Newest, Source
 from .stream import Live
 
 __all__ = ["Readings", "fringe_period", "kept_rest", "open_rig"]
 
 _RESTS = 8  # frames of the fringe
 _LOOKS = 3  # frames by which a rest that was measured before is judged
-_PERIOD, _SPAN = 10.0, 8.0  # of the fringe, pattern pixels at least, camera pixels at least
+_SPAN = 8.0  # camera pixels in a period of the fringe, at least
 _PATIENCE_S = 5.0
 _RECENT = 60  # readings of the latency
 
@@ -46,7 +46,7 @@ def fringe_period(scene: Scene) -> float:
     flat = trace(few, dent("flat", few))
     u, v = (np.where(flat.visible, one, np.nan) for one in (flat.u, flat.v))
     each = [np.hypot(np.diff(u, axis=axis), np.diff(v, axis=axis)) / step for axis in (0, 1)]
-    return max(_PERIOD, float(np.ceil(_SPAN * max(map(np.nanmedian, each)))))
+    return max(PERIOD, float(np.ceil(_SPAN * max(map(np.nanmedian, each)))))
 
 
 class Readings:
@@ -126,10 +126,8 @@ def _at_rest(
                 return
         if given:
             raise InputError(f"{name}: no longer holds ({why}); measure the mirror at rest anew")
-    dense, fringe = (
-        sequence("gray+phase", rows, cols),
-        sequence("crossed", rows, cols, period=fringe_period(scene)),
-    )
+    dense = sequence("gray+phase", rows, cols)
+    fringe = sequence("crossed", rows, cols, period=fringe_period(scene))
     shown = Sequence((*dense.frames, *fringe.frames), rows, cols)
     with opened(rig, devices, shown) as now:
         now.require_size(scene)

@@ -26,7 +26,7 @@ from .prepared import Prepared
 
 __all__ = ["Newest", "Source", "VirtualFinger", "virtual_rig"]
 
-_PERIOD = 10.0  # pattern pixels
+PERIOD = 10.0  # of the fringe, pattern pixels
 _RESTS = 8  # frames at rest
 _CYCLE = 48  # frames of a press
 _DEPTH = 0.35  # of the curvature at which the picture folds, at most
@@ -80,7 +80,7 @@ def virtual_rig(
 ) -> tuple[Prepared, VirtualFinger]:
     """A scene captured at rest, prepared, and its camera. noise: 8-bit levels; cell: see prepare."""
     rows, cols = scene.pattern.rows, scene.pattern.cols
-    full, fringe = sequence("gray+phase", rows, cols), sequence("crossed", rows, cols, period=_PERIOD)
+    full, fringe = sequence("gray+phase", rows, cols), sequence("crossed", rows, cols, period=PERIOD)
     flat = dent("flat", scene)
     seen = capture(scene, flat, full, renderer="numpy", noise=noise, seed=seed)
     rest_map: Correspondence = decode(seen.frames, full)

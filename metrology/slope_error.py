@@ -1,7 +1,7 @@
 """Slope error of a residual: rms of its slopes, less their noise, with sigma.
 
-Slopes are central differences of heights: of those of a slope map most is noise, which the integration to
-heights takes off. Heights that are integrated by least squares from white slopes, with increments of variance
+Slopes are central differences of heights. Slopes of a slope map are mostly noise, which the integration to
+heights removes. Heights that are integrated by least squares from white slopes, with increments of variance
 v_c, v_r along columns and rows, each of the cubic through four slopes in a row, have the power
 (g(c) / v_c + g(r) / v_r) / d^2 at the waves c, r (per pixel), g(c) = 4 sin^2(c/2) ((13 cos(c/2) -
 cos(3c/2)) / 12)^2, d = (2 - 2 cos c) / v_c + (2 - 2 cos r) / v_r; filters pass a part of it.

@@ -1,8 +1,8 @@
 """How loops are compiled: public Numba, without the interpreter's lock, cached on disk.
 
 A kernel assigns numbers, place by place: `a[:] = b` of two lines makes Numba compile the message that tells
-of shapes that differ, some 2 s. What it writes to is allocated by its caller: each kind of np.zeros is a
-function to compile.
+of shapes that differ, some 2 s. Its caller allocates the outputs: each kind of np.zeros is a function to
+compile.
 """
 
 import atexit
@@ -13,6 +13,7 @@ import tempfile
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import lru_cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -21,7 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
-    "F32", "F64", "HALF", "I32", "I64", "ONE", "ZERO", "Real", "cache_folder", "exact", "inlined", "kernel",
+    "F32", "F64", "HALF", "I32", "I64", "ONE", "ZERO", "Real", "are_compiled", "cache_folder", "exact",
+    "inlined", "kernel",
 ]  # fmt: skip
 
 F32 = NDArray[np.float32]
@@ -69,6 +71,13 @@ def _compiled(function: Callable[..., T], **options: Any) -> Callable[..., T]:
     finally:
         _config.CACHE_DIR = before
     return cast(Callable[..., T], made)
+
+
+def are_compiled(part: str) -> bool:
+    """Whether kernels of a part (`optolever.decode`) are kept from an earlier run."""
+    spec = find_spec(part)
+    kept = None if spec is None or spec.origin is None else cache_folder(Path(spec.origin).parent)
+    return kept is not None and any(kept.rglob("*.nbi"))
 
 
 @lru_cache(maxsize=16)

@@ -215,7 +215,7 @@ def against_rest(
 ) -> tuple[Notice, ...]:
     """Notices of a map against a rest capture: pixels that this capture does not know; a press that lifts the
     mirror of a sensor, as if both captures were exchanged or one had a contact at rest."""
-    found, z = [], height.z[np.isfinite(height.z)]
+    found, z = [], height.z[height.good]
     lost = int(np.count_nonzero(press.good & ~corrected.good))
     if lost > _LOST * press.u.size:
         rows, cols = (np.flatnonzero((press.good & ~corrected.good).any(axis=axis)) for axis in (1, 0))
@@ -226,14 +226,14 @@ def against_rest(
         found.append(
             Notice(name, lost / press.u.size, _LOST, "capture the mirror at rest with the same exposure")
         )
-    sigma = float(np.nanmedian(height.sigma)) if z.size else math.nan
     if scene.medium is None or not z.size:
         return tuple(found)
+    sigma = float(np.median(height.sigma[height.good]))
     lowest, highest, low = float(-z.min()), max(float(z.max()), 0.0), "Heights lie below those at rest, mm:"
     if lowest > _DEEP * max(sigma, highest):
         name = f"{low} press and rest are probably exchanged"
         found.append(Notice(name, lowest, _DEEP * sigma, "exchange C.npz and reconstruct --rest"))
-    elif lowest > max(_DEEP * height.total_sigma.flat[np.nanargmin(height.z)], _HOLLOW * highest):
+    elif lowest > max(_DEEP * height.total_sigma[height.good][z.argmin()], _HOLLOW * highest):
         name = f"{low} the rest capture probably shows a contact"
         cure = "take everything off the mirror and capture it at rest again"
         found.append(Notice(name, lowest, _HOLLOW * highest, cure))

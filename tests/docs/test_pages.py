@@ -64,7 +64,7 @@ def play(page: str, text: str) -> None:
 
 
 def commands(text: str) -> list[tuple[str, str]]:
-    """Commands of a block, and what it shows of their output."""
+    """Commands of a block, and the part of their output that it prints."""
     parts = re.split(r"^\$ (?=optolever )", text.replace("\\\n", " "), flags=re.MULTILINE)[1:]
     return [(head, shown) for head, _, shown in (part.partition("\n") for part in parts)]
 
