@@ -13,7 +13,7 @@ import signal
 import time
 import traceback
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
+from contextlib import chdir, contextmanager, redirect_stderr, redirect_stdout, suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -134,7 +134,7 @@ def _outcome(run: Run, number: int, kind: str, args: list[str], work: Path) -> O
     start, code, fault = time.process_time(), None, ""
     with (work / "stderr").open("w+", encoding="utf-8", errors="replace") as said:
         try:
-            with _into(said), redirect_stdout(io.StringIO()), _limited():
+            with chdir(work), _into(said), redirect_stdout(io.StringIO()), _limited():
                 code = run(args)
         except SystemExit as error:
             code = error.code if isinstance(error.code, int) else 1
