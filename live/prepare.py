@@ -36,6 +36,7 @@ _QUANTISED = 1 / 12  # levels^2: variance by the rounding of a simulated frame
 _SMOOTH = 6.0  # cells: of the map of variances
 _FIRST_SIGMA = 1e-5  # mm: before it is measured
 _CELLS = (1, 2, 4, 8)
+_APART = 2.0  # times the median of the frames' mean square differences from their median
 
 
 def prepare(
@@ -55,7 +56,7 @@ def prepare(
     (default: those of the frames' type); seed: of the simulated noise that is propagated through the chain.
     InputError where the arguments do not match."""
     period = _period(scene, sequence)
-    frames = _frames(scene, rest_frames, rest_map)
+    frames, others = _agreeing(_frames(scene, rest_frames, rest_map))
     if cell not in _CELLS:
         raise InputError(f"cell = {cell}: must be one of {_CELLS}")
     side = (max(BLOCKS) + 1) * cell
@@ -91,7 +92,17 @@ def prepare(
     shape = scene.camera.rows, scene.camera.cols
     edge = 0.0 if scene.accuracy is None else scene.accuracy.edge
     error, notices = relative_error(scene, lit, cell, period), _notices(scene, line.edge)
-    return Prepared(rig, measured, *shape, points, area, edge, error, scene.layer, notices)
+    return Prepared(rig, measured, *shape, points, area, edge, error, scene.layer, (*others, *notices))
+
+
+def _agreeing(frames: Frame) -> tuple[Frame, tuple[Notice, ...]]:
+    """The frames that agree with their median, two at least; a notice of the others."""
+    median = np.median(frames, axis=0).astype(np.float32)
+    apart = np.array([np.square(frame - median).mean() for frame in frames])
+    same = apart <= max(_APART * np.median(apart), np.sort(apart)[1])
+    count, name = int(np.count_nonzero(~same)), f"Frames at rest unlike the others, of {len(same)}"
+    cure = "they are left out; keep display and mirror still while it is measured"
+    return frames[same], (Notice(name, count, 0, cure),) if count else ()
 
 
 def _notices(scene: Scene, edge: bool) -> tuple[Notice, ...]:

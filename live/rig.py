@@ -28,9 +28,9 @@ from .stream import Live
 __all__ = ["Readings", "fringe_period", "kept_rest", "open_rig"]
 
 _RESTS = 8  # frames of the fringe
-_LOOKS = 3  # frames by which a rest that was measured before is judged
 _SPAN = 8.0  # camera pixels in a period of the fringe, at least
 _PATIENCE_S = 5.0
+_LOOK_S = 2.0  # for a display that is slow to show the fringe
 _RECENT = 60  # readings of the latency
 
 
@@ -95,10 +95,10 @@ def open_rig(
     """Camera and display of a rig, and its readings: a context manager.
 
     rest: of the mirror; None: the newest that was measured, kept beside the TOML.
-    It is used after a look at three frames. Where there is none, or it no longer holds (a notice says why),
-    the mirror must be at rest: it is measured by gray+phase and eight frames of the fringe, and kept.
-    changes: of [devices], KEY=VALUE; anew: measure it in any case. InputError of a rig that cannot be read,
-    and of a rest that was given and does not hold."""
+    It is used once a frame of two seconds is trusted. Where there is none, or it no longer holds (a notice
+    says why), the mirror must be at rest: it is measured by gray+phase and eight frames of the fringe, and
+    kept. changes: of [devices], KEY=VALUE; anew: measure it in any case. InputError of a rig that cannot be
+    read, and of a rest that was given and does not hold."""
     rig, known, why = Path(rig), rest, ""
     scene, devices, name = load(rig), devices_of(rig, changes), "rest" if rest else str(kept_rest(rig))
     if known is None and Path(name).is_file():
@@ -157,12 +157,12 @@ def _other(known: Prepared, scene: Scene) -> str:
 
 
 def _look(known: Prepared, now: Opened, timing: Timing | None) -> str:
-    """Why no frame of three is trusted; empty: one is."""
+    """Why no frame of two seconds is trusted; empty: one is."""
     live, arrivals = Live(known), now.arrivals()
     image: Image | None = next(iter(now.acquire(timing, [0]))).image
-    why = ""
-    for _ in range(_LOOKS):
-        if image is not None and image.complete:
+    end, why = now.time.now() + _LOOK_S, ""
+    while image is not None and now.time.now() < end:
+        if image.complete:
             reading = live.update(image.pixels)
             if reading.trusted:
                 return ""

@@ -111,6 +111,15 @@ def test_pixels_that_the_rest_map_lacks_are_left_out(rest: Rest, shot: Shot, tru
     assert np.sqrt(np.mean(np.square(ratio))) < 2
 
 
+def test_a_frame_at_rest_that_is_torn_is_left_out(rest: Rest, shot: Shot, truth: Truth) -> None:
+    frames = rest.frames.copy()
+    frames[2, :120] = 200
+    own = prepare(rest.scene, frames, rest.rest_map, rest.fringe)
+    assert [(one.name, one.size) for one in own.notices] == [("Frames at rest unlike the others, of 8", 1)]
+    _, ratio = _errors(Live(own).update(shot(SMOOTH[0], 1)), truth(SMOOTH[0]))
+    assert 0.3 < np.sqrt(np.mean(np.square(ratio))) < 2
+
+
 def test_what_does_not_fit_is_one_line(rest: Rest, prepared: Prepared) -> None:
     wrong = sequence("gray+phase", rest.scene.pattern.rows, rest.scene.pattern.cols)
     for frames, shown, cell, words in (

@@ -62,6 +62,21 @@ def test_a_rest_is_measured_once(rig: Path, monkeypatch: pytest.MonkeyPatch) -> 
         assert next(iter(readings)).trusted
 
 
+def test_a_display_may_be_slow_to_show_the_fringe(rig: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with live.open(rig) as readings:
+        prepared = readings.prepared
+    following, dark = StillCamera.next, 20
+
+    def late(camera: StillCamera, timeout_s: float) -> Image | None:
+        nonlocal dark
+        image, dark = following(camera, timeout_s), dark - 1
+        return image if image is None or dark < 0 else replace(image, pixels=np.zeros_like(image.pixels))
+
+    monkeypatch.setattr(StillCamera, "next", late)
+    with live.open(rig, prepared) as readings:
+        assert next(iter(readings)).trusted
+
+
 def test_a_rest_of_one_image_several_times_has_its_noise(tmp_path: Path) -> None:
     """The simulated camera repeats photons; another picture of the same mirror has others."""
     rig = _saved(replace(resize(load("prism48"), 96, 128), dent="flat"), tmp_path / "rig.toml")
