@@ -9,7 +9,6 @@ It may import every module of `optolever`; tests alone import it.
 | - `figures.py` | run_figures; reflection by brute force, which checks scene.trace |
 | - `decode_speed.py`, `decode_errors.py` | the decoder: speed, and errors beside what noise allows |
 | - `peers.py` | other decoders on the same frames: fringes, OpenCV |
-| - `renderer_speed.py` | frames per second drawn, read back, captured |
 | - `solver_figures.py`, `solver_bound.py` | the solver: exactness, time; its noise and the bound |
 | - `ideal.py`, `place.py` | codes by their definitions; a dented mirror, its exact correspondence |
 | - `batch.py` | many captures: two processes beside one |

@@ -2,8 +2,10 @@
 reflection by brute force, which checks `scene.trace`.
 """
 
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,12 +15,11 @@ from optolever.decode import decode
 from optolever.experiments import run_demo
 from optolever.experiments.arrays import Floats
 from optolever.experiments.metrics import rms
+from optolever.experiments.timing import timed
 from optolever.patterns import Sequence, sequence
-from optolever.projector import NoContextError, capture, context_info
+from optolever.projector import NoContextError, PatternRenderer, capture, chosen_renderer, context_info
 from optolever.records import Progress, silent
 from optolever.scene import Scene, Surface, dent_from_text, load, resize, trace
-
-from .renderer_speed import measure_renderer
 
 STEPS = 4096  # samples along a ray, between which a crossing is looked for
 HALVINGS = 80  # more than float64 has bits
@@ -26,6 +27,7 @@ RAYS = 500
 SEEDS = 30
 SMALL = (192, 192)
 COMPARED = (384, 384)  # camera of the comparison of renderers
+FULL = (1080, 1920)  # of the speeds
 TRACED = ("raised-cosine", "gaussian", "ball", "needle", "ridge")
 
 
@@ -116,10 +118,25 @@ def _decoded_apart(frames: list[NDArray[Any]], shown: Sequence) -> float:
 
 
 def _speed() -> Iterator[Figure]:
+    """Frames drawn for a second; captured once with noise, after a small capture that compiles."""
+    name = "{1} x {0}".format(*FULL)
+    if chosen_renderer("auto") == "gl":
+        shown = sequence("gray+phase", *FULL)
+        with PatternRenderer(shown) as patterns:
+            patterns.draw(0)
+            patterns.finish()
+            count, start = 0, time.perf_counter()
+            while (passed := time.perf_counter() - start) < 1:
+                patterns.draw(count % len(shown))
+                patterns.finish()
+                count += 1
+        yield Figure(f"drawn at {name}", count / passed, "frames/s", note=str(context_info()))
     scene = load("paper-simulation", exact=True)
-    speed = measure_renderer(scene, dent_from_text("raised-cosine", scene))
-    yield Figure("drawn at 1920 x 1080", speed.drawn, "frames/s", note=speed.context)
-    yield Figure("captured at 1920 x 1080", speed.captured, "frames/s")
+    for size in ((64, 64), FULL):
+        sized = resize(scene, *size)
+        shown = sequence("gray+phase", sized.pattern.rows, sized.pattern.cols)
+        taken = timed(partial(capture, sized, dent_from_text("raised-cosine", sized), shown, noise=1.0))
+    yield Figure(f"captured at {name}", len(shown) / taken.seconds, "frames/s")
 
 
 def _demo(size: tuple[int, int] | None) -> Iterator[Figure]:
