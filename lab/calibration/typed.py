@@ -6,9 +6,8 @@ capture.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from math import nan
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,10 +74,6 @@ class TypedRun:
     def silent(self) -> bool:
         """More than 1 % of the heights beyond five total sigma, without a notice."""
         return self.beyond > _SILENT and not self.noticed
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values."""
-        return asdict(self)
 
 
 def _numbers(*keys: str) -> Callable[[Scene, Rng], _Drawn]:

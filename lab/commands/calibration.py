@@ -1,5 +1,6 @@
 """`python -m lab calibration`: what a calibration is worth, by simulated rigs."""
 
+from dataclasses import asdict
 from typing import Annotated
 
 import click
@@ -58,7 +59,7 @@ def command(
             if not drawn:
                 rows.append((name, "0", *["-"] * 10))
                 continue
-            column = {key: np.array([each.to_dict()[key] for each in drawn]) for key in NUMBERS}
+            column = {key: np.array([getattr(each, key) for each in drawn]) for key in NUMBERS}
             share = column["scale"] / column["sigma_scale"]
             cells = [np.median(column["error"]), column["error"].max(), np.abs(column["scale"]).max()]
             cells += [np.sqrt(np.mean(share**2)), column["chi2"].mean(), np.median(column["modes"])]
@@ -66,5 +67,4 @@ def command(
             cells += [np.sqrt(np.mean(column[key] ** 2)) for key in ("absolute", "change")]
             rows.append((name, str(len(drawn)), *(f"{cell:.3g}" for cell in cells)))
     grid("Dent less rest, relative to its depth", HEADS, rows)
-    if json_path is not None:
-        write_json(json_path, {"figures": [each.to_dict() for each in found]})
+    write_json(json_path, {"figures": [asdict(each) for each in found]})

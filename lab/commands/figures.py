@@ -1,16 +1,13 @@
 """`python -m lab figures`: figures beside their limits, measured here and now."""
 
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import click
 
 from optolever.cli.arguments import Opt, program
 from optolever.cli.options import Json, Size
 from optolever.cli.show import grid, number, progress, write_json
-
-if TYPE_CHECKING:
-    from ..figures.figures import Figure
 
 __all__ = ["command"]
 
@@ -77,21 +74,8 @@ def command(
         else:
             figures = [*run_figures(seeds=seeds, size=size, progress=step), *batch_figures()]
     write_json(json_path, {"figures": [asdict(figure) | {"met": figure.met} for figure in figures]})
-    rows = [
-        (
-            figure.name,
-            number(figure.value, figure.unit),
-            _limit(figure),
-            figure.note if figure.met else f"NOT MET; {figure.note}".rstrip("; "),
-        )
-        for figure in figures
-    ]
+    rows = []
+    for figure in figures:
+        note = figure.note if figure.met else f"NOT MET; {figure.note}".rstrip("; ")
+        rows.append((figure.name, number(figure.value, figure.unit), figure.limits(), note))
     grid("Figures", ("figure", "measured", "limit", ""), rows)
-
-
-def _limit(figure: "Figure") -> str:
-    if figure.low is None and figure.high is None:
-        return ""
-    if figure.low is None or figure.high is None:
-        return f"at most {figure.high:g}" if figure.low is None else f"at least {figure.low:g}"
-    return f"{figure.low:g} to {figure.high:g}"

@@ -35,19 +35,13 @@ def command(
     rows = [house(part) for part in parts or (*PARTS, *BESIDE) if (ROOT / part).is_dir()]
     installed = total(rows)
     lines = [
-        (
-            row.part,
-            str(row.files),
-            str(row.lines),
-            str(row.limit or ""),
-            str(row.scripts),
+        [
+            *map(str, (row.part, row.files, row.lines, row.limit or "", row.scripts)),
             f"{row.private_words:.1f} in 100",
-            str(row.any_parameters),
-            str(row.wide_functions),
-            str(row.constants),
-        )
+            *map(str, (row.any_parameters, row.wide_functions, row.constants)),
+        ]
         for row in rows
     ]
     sums = ["installed", "", str(installed["lines"]), str(installed["limit"]), *[""] * 5]
-    grid("Parts", HEADER, [*map(list, lines), sums])
+    grid("Parts", HEADER, [*lines, sums])
     write_json(json_path, {"parts": [asdict(row) for row in rows], "installed": installed})

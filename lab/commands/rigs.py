@@ -1,5 +1,6 @@
 """`python -m lab rigs`: heights of rigs that are not as typed, against their total sigma."""
 
+from dataclasses import asdict
 from typing import Annotated
 
 import click
@@ -10,6 +11,10 @@ from optolever.cli.show import grid, length, progress, write_json
 
 __all__ = ["command"]
 
+HEADS = (
+    *("kind", "capture", "runs", "error", "total sigma", "error/sigma", "worst", "beyond"),
+    *("notices", "refused", "silent"),
+)
 SAMPLE = """
 $ python -m lab rigs --draws 5
 Rigs off by draws of their priors
@@ -63,18 +68,5 @@ def command(
                 str(sum(run.silent for run in some)),
             )
             rows.append((kind, "against rest" if rest else "alone", str(len(some)), *cells))
-    heads = (
-        "kind",
-        "capture",
-        "runs",
-        "error",
-        "total sigma",
-        "error/sigma",
-        "worst",
-        "beyond",
-        "notices",
-        "refused",
-    )
-    grid("Rigs off by draws of their priors", (*heads, "silent"), rows)
-    if json_path is not None:
-        write_json(json_path, {"runs": [run.to_dict() for run in runs]})
+    grid("Rigs off by draws of their priors", HEADS, rows)
+    write_json(json_path, {"runs": [asdict(run) for run in runs]})

@@ -10,6 +10,7 @@ from optolever.cli.show import grid, write_json
 
 __all__ = ["command"]
 
+NAMES = ("latency", "rise", "fall", "shutter")
 SAMPLE = """
 $ python -m lab sync --frames 100000
 Synchronisation in simulated time
@@ -49,6 +50,3 @@ def command(
     grid("Synchronisation in simulated time", heads, rows)
     counts = {name: sum(getattr(one, name) for one in figures) for name in ("frames", "wrong", "mixed")}
     write_json(json_path, {"worst_ratio": max(one.ratio for one in figures), **counts})
-
-
-NAMES = ("latency", "rise", "fall", "shutter")

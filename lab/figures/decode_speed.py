@@ -37,8 +37,7 @@ from .ideal import camera_frames
 from .peers import axis_by_axis, cv2_coder, cv2_decode, cv2_places, fringes_coder
 
 SIZE = (1080, 1920)
-#: Turns of two that are compared, fewer where they take longer together than so many seconds.
-PAIRS, FEWEST, SECONDS = 10, 3, 10.0
+TURNS = 4  # of calls that are compared, after one that warms up
 #: Frames for others, levels.
 OFFSET, AMPLITUDE, NOISE = 110.0, 95.0, 1.5
 PERIODS, STEPS = (2160.0, 48.0), 4
@@ -178,12 +177,12 @@ def _codes(size: tuple[int, int]) -> Iterator[Figure]:
         shown = speed_sequence(code, size)
         frames = speed_frames(shown, size, code.noise)
         found = decode(frames, shown)
-        floor, ours, ratio = _pairs(toucher(frames), lambda: decode(frames, shown))  # noqa: B023
+        floor, ours = _minima(toucher(frames), partial(decode, frames, shown))
         note = (
             f"{1e9 * ours / frames.size:.2f} ns per frame and pixel; {len(shown)} frames: floor "
             f"{1e3 * floor:.1f} ms, decode {1e3 * ours:.1f} ms; good {100 * found.good.mean():.4g} %"
         )
-        yield Figure(f"{code.name}, decode over floor", ratio, "times", high=code.limit, note=note)
+        yield Figure(f"{code.name}, decode over floor", ours / floor, "times", high=code.limit, note=note)
 
 
 def profile_figures(size: tuple[int, int], most: int = len(SPEED_CODES)) -> Iterator[Figure]:
@@ -203,8 +202,8 @@ def profile_figures(size: tuple[int, int], most: int = len(SPEED_CODES)) -> Iter
 
 
 def _minima(*calls: Callable[[], Any]) -> list[float]:
-    """Least processor seconds of each, in turn; the first turn warms up."""
-    turns = [[timed(call).processor for call in calls] for _ in range(FEWEST + 2)]
+    """Least processor seconds of each, in turn: others may share the machine."""
+    turns = [[timed(call).processor for call in calls] for _ in range(1 + TURNS)]
     return [min(turn[k] for turn in turns[1:]) for k in range(len(calls))]
 
 
@@ -239,18 +238,6 @@ def toucher(frames: NDArray[Any]) -> Callable[[], None]:
     return touch
 
 
-def _pairs(one: Callable[[], Any], other: Callable[[], Any]) -> tuple[float, float, float]:
-    """Processor seconds of each and other over one, medians over pairs of calls in turn: others may share the
-    machine; the first pair warms up."""
-    one(), other()
-    # no value is kept, so that its memory serves the next call
-    pairs = [(timed(one).processor, timed(other).processor)]
-    count = int(np.clip(SECONDS / pairs[0][1], FEWEST, PAIRS))
-    pairs += [(timed(one).processor, timed(other).processor) for _ in range(count - 1)]
-    first, second = np.array(pairs).T
-    return float(np.median(first)), float(np.median(second)), float(np.median(second / first))
-
-
 def _error(
     name: str, u: NDArray[Any], v: NDArray[Any], truth: tuple[Floats, Floats], good: NDArray[Any]
 ) -> Figure:
@@ -276,12 +263,11 @@ def _fringes(size: tuple[int, int]) -> Iterator[Figure]:
         ("fringes", False, "no sigma, no flags"),
         ("fringes verbose", True, "uncertainty (of rounding only), residual, no flags"),
     ):
-        _, theirs, ratio = _pairs(
-            partial(decode, frames, shown, on_cells=False),
-            partial(coder.decode, stack, verbose=verbose),
+        ours, theirs = _minima(
+            partial(decode, frames, shown, on_cells=False), partial(coder.decode, stack, verbose=verbose)
         )
         yield Figure(f"{name}, {label}", 1e3 * theirs, "ms", note=f"u, v, amplitudes, offsets; {more}")
-        yield Figure(f"{name}, {label} over optolever", ratio, low=30)
+        yield Figure(f"{name}, {label} over optolever", theirs / ours, low=30)
     x = np.asarray(coder.decode(stack).x, np.float64)[..., 0]
     yield _error(f"{name}, fringes", x[0], x[1], truth, np.asarray(np.isfinite(x).all(axis=0)))
 
@@ -296,12 +282,10 @@ def _gray(size: tuple[int, int]) -> Iterator[Figure]:
     yield _error(f"{name}, optolever", found.u, found.v, truth, found.good)
     (white, black), _ = _shoot(Sequence((Frame("white"), Frame("black")), rows, cols), size)
     code, images = cv2_coder(shown), list(frames)
-    ours, theirs, ratio = _pairs(
-        lambda: decode(frames, shown), lambda: cv2_decode(code, images, white, black)
-    )
+    ours, theirs = _minima(partial(decode, frames, shown), partial(cv2_decode, code, images, white, black))
     yield Figure(f"{name}, optolever", 1e3 * ours, "ms")
     yield Figure(f"{name}, cv2", 500 * theirs, "ms", note="whole u, v; half of its time for two cameras")
-    yield Figure(f"{name}, cv2 over optolever", 0.5 * ratio, low=60)
+    yield Figure(f"{name}, cv2 over optolever", 0.5 * theirs / ours, low=60)
     chosen = np.random.default_rng(0).integers(0, size, (2000, 2))
     u, v = cv2_places(code, images, chosen).T
     there = truth[0][tuple(chosen.T)], truth[1][tuple(chosen.T)]

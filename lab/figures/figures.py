@@ -47,6 +47,11 @@ class Figure:
         """Whether the value lies within its limits."""
         return (self.low is None or self.value >= self.low) and (self.high is None or self.value <= self.high)
 
+    def limits(self) -> str:
+        """In words."""
+        known = {"at least": self.low, "at most": self.high}
+        return ", ".join(f"{word} {limit:g}" for word, limit in known.items() if limit is not None)
+
 
 Parts = Mapping[str, Callable[[], Iterable[Figure]]]
 

@@ -135,10 +135,8 @@ def _figures(figures: Iterable[Figure]) -> Iterator[str]:
     """A table of figures beside their limits."""
 
     def cells(one: Figure) -> tuple[str, ...]:
-        known = {"at least": one.low, "at most": one.high}
-        limits = [f"{word} {limit:g}" for word, limit in known.items() if limit is not None]
-        missed = [] if one.met else ["missed"]
-        return one.name, number(one.value, one.unit), ", ".join(limits + missed), one.note
+        missed = "" if one.met else ", missed"
+        return one.name, number(one.value, one.unit), one.limits() + missed, one.note
 
     return _table(_FIGURES, map(cells, figures))
 
