@@ -9,12 +9,8 @@ from optolever.reconstruct import HeightMap, PixelAnchor, budget, exact_correspo
 from optolever.scene import Scene, Surface, dent, resize, trace
 
 __all__ = [
-    "PREDICTED_DEPTH",
-    "PREDICTED_NOISE",
-    "predicted_budget",
-    "predicted_maps",
-    "sigma_at_rest",
-]
+    "PREDICTED_DEPTH", "PREDICTED_NOISE", "predicted_budget", "predicted_maps", "sigma_at_rest",
+]  # fmt: skip
 
 _LINES = 60  # rows of the image
 PREDICTED_NOISE = 0.01  # px

@@ -29,18 +29,7 @@ from .sample import SAMPLES, write_sample
 from .sync_report import write_sync_report
 
 __all__ = [
-    "SAMPLES",
-    "DemoResult",
-    "Faults",
-    "Measurement",
-    "RigStudy",
-    "frames_of_another",
-    "height_metrics",
-    "judged_table",
-    "run_demo",
-    "write_demo_report",
-    "write_measurement_report",
-    "write_rig_report",
-    "write_sample",
-    "write_sync_report",
-]
+    "SAMPLES", "DemoResult", "Faults", "Measurement", "RigStudy", "frames_of_another",
+    "height_metrics", "judged_table", "run_demo", "write_demo_report", "write_measurement_report",
+    "write_rig_report", "write_sample", "write_sync_report",
+]  # fmt: skip

@@ -32,36 +32,11 @@ from .zernike import ZernikeFit, fit_zernike
 from .zernike_terms import ansi_index, fringe_index, zernike, zernike_name
 
 __all__ = [
-    "NOMINAL_SUFFIXES",
-    "FormFit",
-    "Nominal",
-    "Numbers",
-    "Profile",
-    "RunComparison",
-    "SlopeError",
-    "Spectrum",
-    "Verdict",
-    "ZernikeFit",
-    "ansi_index",
-    "aperture_mask",
-    "compare_runs",
-    "fit_form",
-    "fit_nominal",
-    "fit_zernike",
-    "form_names",
-    "fringe_index",
-    "gaussian_filter",
-    "in_waves",
-    "judge",
-    "load_measured",
-    "load_nominal",
-    "profile",
-    "profile_of",
-    "pvr",
-    "slope_errors",
-    "spectrum",
-    "zernike",
-    "zernike_name",
-]
+    "NOMINAL_SUFFIXES", "FormFit", "Nominal", "Numbers", "Profile", "RunComparison", "SlopeError",
+    "Spectrum", "Verdict", "ZernikeFit", "ansi_index", "aperture_mask", "compare_runs", "fit_form",
+    "fit_nominal", "fit_zernike", "form_names", "fringe_index", "gaussian_filter", "in_waves",
+    "judge", "load_measured", "load_nominal", "profile", "profile_of", "pvr", "slope_errors",
+    "spectrum", "zernike", "zernike_name",
+]  # fmt: skip
 
 check_face(__name__)

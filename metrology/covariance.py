@@ -17,13 +17,9 @@ import scipy.sparse.linalg
 from numpy.typing import NDArray
 
 __all__ = [
-    "ResidualNoise",
-    "SlopeNoise",
-    "mean_square_variance",
-    "noise_covariance",
-    "residual_noise",
+    "ResidualNoise", "SlopeNoise", "mean_square_variance", "noise_covariance", "residual_noise",
     "root_sigma",
-]
+]  # fmt: skip
 
 Floats = NDArray[np.float64]
 _BLOCKS = 64  # along the longer side of the image

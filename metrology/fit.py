@@ -17,15 +17,9 @@ from .figures import pvr, rms_less_noise
 from .forms import Form, form_from_text
 
 __all__ = [
-    "FormFit",
-    "Numbers",
-    "covariances_of",
-    "differences",
-    "fit_form",
-    "leftovers",
-    "placed",
+    "FormFit", "Numbers", "covariances_of", "differences", "fit_form", "leftovers", "placed",
     "slope_noise",
-]
+]  # fmt: skip
 
 Floats = NDArray[np.float64]
 _STEPS = 30

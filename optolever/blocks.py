@@ -12,16 +12,9 @@ from typing import TypeVar
 from threadpoolctl import ThreadpoolController, threadpool_limits
 
 __all__ = [
-    "ONE_THREAD",
-    "THREADS_VARIABLE",
-    "Work",
-    "blas_on_one",
-    "on_cores",
-    "over_blocks",
-    "over_image",
-    "over_rows",
-    "threads",
-]
+    "ONE_THREAD", "THREADS_VARIABLE", "Work", "blas_on_one", "on_cores", "over_blocks",
+    "over_image", "over_rows", "threads",
+]  # fmt: skip
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")

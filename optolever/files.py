@@ -27,20 +27,10 @@ from optolever.errors import InputError, reason_of, require_file
 from optolever.memory import require_room
 
 __all__ = [
-    "atomic_file",
-    "atomic_folder",
-    "latest",
-    "load_arrays",
-    "plain",
-    "read_lines",
-    "require_folder",
-    "require_writable",
-    "save_arrays",
-    "together",
-    "write_csv",
-    "write_json",
+    "atomic_file", "atomic_folder", "latest", "load_arrays", "plain", "read_lines",
+    "require_folder", "require_writable", "save_arrays", "together", "write_csv", "write_json",
     "write_rows",
-]
+]  # fmt: skip
 
 _FAILED = "cannot be written"
 

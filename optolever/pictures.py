@@ -19,17 +19,9 @@ from optolever.errors import InputError, require_file
 from optolever.memory import require_room
 
 __all__ = [
-    "CHANNELS",
-    "PICTURES",
-    "STACKS",
-    "colours_of",
-    "grey_of",
-    "is_lossy",
-    "read_mask",
-    "read_picture",
-    "read_pictures",
-    "whole_jpeg",
-]
+    "CHANNELS", "PICTURES", "STACKS", "colours_of", "grey_of", "is_lossy", "read_mask",
+    "read_picture", "read_pictures", "whole_jpeg",
+]  # fmt: skip
 
 Picture = NDArray[Any]
 

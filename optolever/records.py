@@ -14,16 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 __all__ = [
-    "LOG",
-    "Axes",
-    "Comparable",
-    "Progress",
-    "flag_line",
-    "logged",
-    "plot_maps",
-    "silent",
-    "span",
-]
+    "LOG", "Axes", "Comparable", "Progress", "flag_line", "logged", "plot_maps", "silent", "span",
+]  # fmt: skip
 
 #: What the package does, for whoever listens: logging.getLogger("optolever").
 LOG = logging.getLogger("optolever")

@@ -35,32 +35,11 @@ from .uncertainty.null_space import null_space
 from .uncertainty.sources import NOISE
 
 __all__ = [
-    "GRID_FORMATS",
-    "HEIGHT_FORMATS",
-    "NOISE",
-    "TOTAL",
-    "Anchor",
-    "ColumnPoisson",
-    "Contact",
-    "CurvatureMap",
-    "Diagnostics",
-    "EdgeAnchor",
-    "Grid",
-    "HeightFlag",
-    "HeightMap",
-    "Integral",
-    "PixelAnchor",
-    "PointAnchor",
-    "SlopeMap",
-    "budget",
-    "contacts",
-    "curvature_map",
-    "exact_correspondence",
-    "integrate",
-    "null_space",
-    "reconstruct",
-    "slope_map",
+    "GRID_FORMATS", "HEIGHT_FORMATS", "NOISE", "TOTAL", "Anchor", "ColumnPoisson", "Contact",
+    "CurvatureMap", "Diagnostics", "EdgeAnchor", "Grid", "HeightFlag", "HeightMap", "Integral",
+    "PixelAnchor", "PointAnchor", "SlopeMap", "budget", "contacts", "curvature_map",
+    "exact_correspondence", "integrate", "null_space", "reconstruct", "slope_map",
     "with_slope_noise",
-]
+]  # fmt: skip
 
 check_face(__name__)

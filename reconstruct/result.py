@@ -21,15 +21,9 @@ from .solver.newton import State
 from .uncertainty.sources import ANCHORS
 
 __all__ = [
-    "against_rest",
-    "anchors_apart",
-    "anchors_near_wedge",
-    "height_map",
-    "off_mirror",
-    "refused",
-    "with_references",
-    "without_loose",
-]
+    "against_rest", "anchors_apart", "anchors_near_wedge", "height_map", "off_mirror", "refused",
+    "with_references", "without_loose",
+]  # fmt: skip
 
 _LOST = 0.005  # of the pixels, that a rest capture does not know: above, they are named
 _HOLLOW = 0.3  # of the depth: silicone rises less beside a contact

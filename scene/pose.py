@@ -17,14 +17,9 @@ from optolever import InputError
 from .record import Float, Record, axis, vector
 
 __all__ = [
-    "Posed",
-    "cross",
-    "look_at",
-    "rotate",
-    "rotation_from_axes",
-    "rotation_from_vector",
+    "Posed", "cross", "look_at", "rotate", "rotation_from_axes", "rotation_from_vector",
     "transform",
-]
+]  # fmt: skip
 
 _RIGHT_ANGLE = 1e-9  # largest cosine between two axes that are called perpendicular
 

@@ -19,23 +19,7 @@ from .tradeoff import Tradeoff, compare_codes, frame_rate, write_tradeoff_csv
 from .view import predict, view_of
 
 __all__ = [
-    "Candidate",
-    "Design",
-    "DesignRow",
-    "Lever",
-    "SensorMaps",
-    "Tradeoff",
-    "candidates",
-    "compare_codes",
-    "frame_rate",
-    "ladder",
-    "merit",
-    "predict",
-    "run_design",
-    "sensor_maps",
-    "simulate",
-    "user_candidate",
-    "view_of",
-    "write_tradeoff_chart",
-    "write_tradeoff_csv",
-]
+    "Candidate", "Design", "DesignRow", "Lever", "SensorMaps", "Tradeoff", "candidates",
+    "compare_codes", "frame_rate", "ladder", "merit", "predict", "run_design", "sensor_maps",
+    "simulate", "user_candidate", "view_of", "write_tradeoff_chart", "write_tradeoff_csv",
+]  # fmt: skip

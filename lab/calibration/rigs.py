@@ -28,15 +28,9 @@ from optolever.scene import (
 )
 
 __all__ = [
-    "Rig",
-    "ball_cap",
-    "behind_face",
-    "correspondence_of",
-    "frame_change",
-    "open_air",
-    "prism",
+    "Rig", "ball_cap", "behind_face", "correspondence_of", "frame_change", "open_air", "prism",
     "shape_surface",
-]
+]  # fmt: skip
 
 Floats = NDArray[np.float64]
 Rng = np.random.Generator

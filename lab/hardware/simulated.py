@@ -8,14 +8,9 @@ from numpy.typing import NDArray
 from optolever.projector import Accepted, Identity, Image, Shown, Wanted
 
 __all__ = [
-    "SETTINGS",
-    "Setting",
-    "SimulatedCamera",
-    "SimulatedDisplay",
-    "SimulatedTime",
-    "codes",
+    "SETTINGS", "Setting", "SimulatedCamera", "SimulatedDisplay", "SimulatedTime", "codes",
     "drawn_setting",
-]
+]  # fmt: skip
 
 Float = NDArray[np.float64]
 

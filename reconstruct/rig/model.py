@@ -38,16 +38,9 @@ from .motion import motion_shifts
 from .rig_effects import gauge_displacement, glass_shift
 
 __all__ = [
-    "LIKELY",
-    "LINEAR",
-    "Measurement",
-    "RigJudgement",
-    "RigModel",
-    "RigModes",
-    "judged_rig",
-    "rig_model",
-    "rig_modes",
-]
+    "LIKELY", "LINEAR", "Measurement", "RigJudgement", "RigModel", "RigModes", "judged_rig",
+    "rig_model", "rig_modes",
+]  # fmt: skip
 
 _UNSETTLED = np.uint16(HeightFlag.NOT_CONVERGED | HeightFlag.SINGULAR)
 _STEP = 1e-5  # of a standard deviation: against rest, changes cancel to a thousandth

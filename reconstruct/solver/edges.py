@@ -17,17 +17,9 @@ from optolever.kernels import exact, inlined
 from ..arrays import Floats, Mask
 
 __all__ = [
-    "Doubt",
-    "apply_laplacian",
-    "cubic_at_end",
-    "cubic_inside",
-    "defects",
-    "divergence",
-    "edge_weights",
-    "factor_increments",
-    "increments",
-    "scaled_weights",
-]
+    "Doubt", "apply_laplacian", "cubic_at_end", "cubic_inside", "defects", "divergence",
+    "edge_weights", "factor_increments", "increments", "scaled_weights",
+]  # fmt: skip
 
 _STEEP = 0.05  # of the integrating factor's ratio: where it falls so much, slopes do not say by how much
 

@@ -25,16 +25,9 @@ from .edges import apply_laplacian, divergence
 from .multigrid import Multigrid
 
 __all__ = [
-    "Accuracy",
-    "ColumnPoisson",
-    "EdgeProblem",
-    "MaskedEdges",
-    "PoissonResult",
-    "SeparableEdges",
-    "column_profile",
-    "edge_problem",
-    "spread",
-]
+    "Accuracy", "ColumnPoisson", "EdgeProblem", "MaskedEdges", "PoissonResult", "SeparableEdges",
+    "column_profile", "edge_problem", "spread",
+]  # fmt: skip
 
 SEPARABLE_SPREAD = (
     0.4  # rms of the log weights about their columns' mean: a loss of 1 to 2 % in sigma at most
