@@ -36,6 +36,7 @@ _QUANTISED = 1 / 12  # levels^2: variance by the rounding of a simulated frame
 _SMOOTH = 6.0  # cells: of the map of variances
 _FIRST_SIGMA = 1e-5  # mm: before it is measured
 _CELLS = (1, 2, 4, 8)
+_PLACED = 0.25  # periods: sigma of the rest map, at most
 _APART = 2.0  # times the median of the frames' mean square differences from their median
 
 
@@ -88,7 +89,8 @@ def prepare(
             measured = _measured_noise(rig, points, seed, frames.dtype)
     if not np.isfinite(measured.displacement).all():
         fine = f"a period of {period:g} pattern pixels is too fine for the camera: take a longer one"
-        raise InputError(f"rest_frames: the fit of the fringe at rest does not converge; {fine}")
+        other = "or the frames show another pattern than rest_map's mirror: capture both anew"
+        raise InputError(f"rest_frames: the fit of the fringe at rest does not converge; {fine}, {other}")
     shape = scene.camera.rows, scene.camera.cols
     edge = 0.0 if scene.accuracy is None else scene.accuracy.edge
     error, notices = relative_error(scene, lit, cell, period), _notices(scene, line.edge)
@@ -148,10 +150,14 @@ def _carriers(scene: Scene, rest_map: Correspondence, period: float, cell: int, 
     rows, cols = (count // cell * cell for count in rest_map.u.shape)
     inside = slice(rows), slice(cols)
     u, v = (np.asarray(part[inside], np.float64) for part in (rest_map.u, rest_map.v))
-    lit = rest_map.good[inside] & np.isfinite(u) & np.isfinite(v)
+    sigma = np.maximum(rest_map.sigma_u, rest_map.sigma_v)[inside]
+    lit = rest_map.good[inside] & np.isfinite(u) & np.isfinite(v) & (sigma < _PLACED * period)
     lit = scipy.ndimage.binary_erosion(lit)  # a pixel at the end sees beyond once the picture moves
     if np.count_nonzero(lit) < 0.1 * lit.size:
-        raise InputError(f"rest_map: {100 * lit.mean():.2g} % of the pixels are good, must be 10 % at least")
+        known = f"good, and known to {_PLACED:g} of the fringe's period"
+        raise InputError(
+            f"rest_map: {100 * lit.mean():.2g} % of the pixels are {known}, must be 10 % at least"
+        )
     u, v = (np.where(lit, part, 0.0) for part in (u, v))
     slopes = [float(np.median(np.hypot(*np.gradient(part))[lit])) for part in (u, v)]
     rms = _WINDOW * period / max(min(slopes), 1e-3)

@@ -130,5 +130,8 @@ def test_what_does_not_fit_is_one_line(rest: Rest, prepared: Prepared) -> None:
     ):
         with pytest.raises(InputError, match=words):
             prepare(rest.scene, frames, rest.rest_map, shown, cell=cell)
+    coarse = replace(rest.rest_map, sigma_v=np.full_like(rest.rest_map.sigma_v, 18.0))
+    with pytest.raises(InputError, match=r"rest_map: 0 % .* known to 0.25 of the fringe's period"):
+        prepare(rest.scene, rest.frames, coarse, rest.fringe)
     with pytest.raises(InputError, match="frame: uint8 of shape"):
         Live(prepared).update(np.zeros((4, 4), np.uint8))
