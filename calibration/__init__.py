@@ -27,13 +27,7 @@ from .calibrate import Calibration, calibrate, left_out
 from .contact import contact
 from .judgement import Judgement, SoFar, calibrate_so_far, judged, reason_to_repeat
 from .observation import Observation
-from .predicted import (
-    PREDICTED_DEPTH,
-    PREDICTED_NOISE,
-    predicted_budget,
-    predicted_maps,
-    sigma_at_rest,
-)
+from .predicted import PREDICTED_DEPTH, PREDICTED_NOISE, predicted_budget, predicted_maps, sigma_at_rest
 from .priors import default_priors, unused_accuracy
 from .response import RigResponse, load_response, measure_response, store_response, with_better_fit
 from .rest import load_rest, store_rest

@@ -152,18 +152,7 @@ def command(
             chosen.sequence.save(out)
         write_json(json_path, found.to_dict())
     best = found.rows[:_ROWS] + [row for row in found.rows[_ROWS:] if row.text in added]
-    heads = (
-        "sequence",
-        "frames",
-        "time",
-        "predicted",
-        "+-",
-        "simulated",
-        "+-",
-        "wrong",
-        "measured",
-        "",
-    )
+    heads = ("sequence", "frames", "time", "predicted", "+-", "simulated", "+-", "wrong", "measured", "")
     lines = [
         (
             *(row.text, str(row.frames), number(row.seconds, "s"), number(row.predicted)),

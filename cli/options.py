@@ -89,10 +89,7 @@ Pictured = Annotated[
     Opt(f"--sequence {_NAMED}", "Sequence of the pictures, in the order of their names.", lists="sequences"),
 ]
 #: Size of the pictures of a display.
-Display = Annotated[
-    tuple[int, int] | None,
-    Opt("--pixels WIDTHxHEIGHT", _SCREEN, Shape()),
-]
+Display = Annotated[tuple[int, int] | None, Opt("--pixels WIDTHxHEIGHT", _SCREEN, Shape())]
 Rig = Annotated[Path, Opt("--scene RIG.toml", "Rig in which the result is stored.", RigFile())]
 
 

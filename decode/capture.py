@@ -16,14 +16,7 @@ from optolever.notices import Notice
 from optolever.patterns import Sequence
 
 from .codes.bits import bit_tables
-from .codes.fringe import (
-    Misfit,
-    bent,
-    fringe_tables,
-    measure_misfit,
-    straightened,
-    three_step_aliasing,
-)
+from .codes.fringe import Misfit, bent, fringe_tables, measure_misfit, straightened, three_step_aliasing
 from .codes.lookup import Lines, LookUp, Table, lookup_rows, prepare, table_of
 from .codes.orders import Orders, order_table
 from .contradiction import contradictions

@@ -69,11 +69,7 @@ def decode(
 
 
 def estimate_profile(
-    frames: ArrayLike,
-    sequence: Sequence,
-    settings: Settings | None = None,
-    *,
-    mask: ArrayLike | None = None,
+    frames: ArrayLike, sequence: Sequence, settings: Settings | None = None, *, mask: ArrayLike | None = None
 ) -> RigProfile:
     """Profile of the rig, for further captures; see `decode` for the parameters."""
     decoder = Decoder(sequence, settings=settings)

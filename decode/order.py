@@ -400,11 +400,7 @@ def _descriptions(sequence: Sequence) -> Iterator[_Trial]:
         ("bits are in reverse order", BINARY_CODES, lambda f: {"bit": last[f.axis or "u"] - (f.bit or 0)}),
         ("binary and Gray bits are exchanged", tuple(other), lambda f: {"kind": other[f.kind]}),
         ("fringes have shifts of the other sign", ("phase",), lambda f: {"shift": -(f.shift or 0.0)}),
-        (
-            _EXCHANGED,
-            (*BINARY_CODES, "phase"),
-            lambda f: {"axis": "uv".replace(f.axis or "", "")},
-        ),
+        (_EXCHANGED, (*BINARY_CODES, "phase"), lambda f: {"axis": "uv".replace(f.axis or "", "")}),
     ]
     kinds = {f.kind for f in frames}
     if kinds & set(BINARY_CODES) and "phase" in kinds:  # else unseen

@@ -86,11 +86,7 @@ class Readings:
 
 
 def open_rig(
-    rig: str | Path,
-    rest: Prepared | None = None,
-    *,
-    changes: Iterable[str] = (),
-    anew: bool = False,
+    rig: str | Path, rest: Prepared | None = None, *, changes: Iterable[str] = (), anew: bool = False
 ) -> AbstractContextManager[Readings]:
     """Camera and display of a rig, and its readings: a context manager.
 

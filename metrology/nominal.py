@@ -62,10 +62,7 @@ def load_nominal(path: str | Path) -> Nominal:
 
 
 def fit_nominal(
-    height: HeightMap,
-    nominal: Nominal,
-    name: str = "nominal",
-    aperture: NDArray[np.bool_] | None = None,
+    height: HeightMap, nominal: Nominal, name: str = "nominal", aperture: NDArray[np.bool_] | None = None
 ) -> FormFit:
     """The rigid best fit of a map to a nominal surface: translation (mm) and rotation (degrees) of the map
     about its middle, relative to coinciding middles; residual along the nominal's z. These have no sigma.

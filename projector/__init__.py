@@ -44,18 +44,7 @@ from .acquisition import (
 )
 from .capture import Capture
 from .context import ContextInfo, NoContextError, context_info
-from .devices import (
-    Accepted,
-    Camera,
-    CameraLost,
-    Display,
-    Identity,
-    Image,
-    RealTime,
-    Shown,
-    Time,
-    Wanted,
-)
+from .devices import Accepted, Camera, CameraLost, Display, Identity, Image, RealTime, Shown, Time, Wanted
 from .display import PatternWindow, monitors
 from .electronics import NOMINAL_SENSOR, WHITE_NOISE_SENSOR
 from .folder import write_description

@@ -82,10 +82,7 @@ def _bound(view: View, axis: AxisPlan, step: F32 | None) -> float | None:
     own = _median(_amplitude(fine.inverse @ levels[list(fine.index)]))
     if len(axis.fringes) > 1:
         coarse = axis.fringes[0]
-        whole, per2 = (
-            _median(_amplitude(coarse.inverse @ levels[list(coarse.index)])),
-            coarse.period**-2,
-        )
+        whole, per2 = (_median(_amplitude(coarse.inverse @ levels[list(coarse.index)])), coarse.period**-2)
     elif min(plan.white, plan.black) >= 0:
         whole, per2 = _median(levels[plan.white] - levels[plan.black]) / 2, 0.0
     else:

@@ -14,13 +14,7 @@ from scipy.spatial.transform import Rotation
 from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.experiments.arrays import Floats, Mask
-from optolever.reconstruct import (
-    Contact,
-    HeightMap,
-    contacts,
-    exact_correspondence,
-    reconstruct,
-)
+from optolever.reconstruct import Contact, HeightMap, contacts, exact_correspondence, reconstruct
 from optolever.scene import (
     Scene,
     Surface,

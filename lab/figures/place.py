@@ -53,11 +53,7 @@ def resolve(scene: Scene | str | Path, size: tuple[int, int] | None = None) -> S
 
 
 def exact(
-    truth: Trace,
-    where: Mask | None = None,
-    *,
-    noise: float = 0.0,
-    rng: np.random.Generator | None = None,
+    truth: Trace, where: Mask | None = None, *, noise: float = 0.0, rng: np.random.Generator | None = None
 ) -> Correspondence:
     """The true correspondence, flagged where a pixel views no pattern and outside `where` (H, W).
 

@@ -49,12 +49,7 @@ _CHANCE = 5.0  # standard deviations of a count: no more are missing along a lin
 
 
 def edge_doubt(
-    p: Floats,
-    q: Floats,
-    var_p: Floats,
-    var_q: Floats,
-    mask: Mask,
-    noise: float = 1.0,
+    p: Floats, q: Floats, var_p: Floats, var_q: Floats, mask: Mask, noise: float = 1.0
 ) -> Doubt | None:
     """The doubts of slopes p, q (H, W); None if no edge is doubtful.
 

@@ -74,11 +74,7 @@ def factor_increments(p_w: Floats, q_w: Floats, mask: Mask) -> tuple[Floats, Flo
 
 
 def edge_weights(
-    var_p: Floats,
-    var_q: Floats,
-    root: Floats,
-    mask: Mask,
-    doubt: Doubt | None = None,
+    var_p: Floats, var_q: Floats, root: Floats, mask: Mask, doubt: Doubt | None = None
 ) -> tuple[Floats, Floats]:
     """Weights (E_i E_j) / var_edge of the edges, var_edge the mean of its two pixels' slope variances
     and the square of the edge's doubt.

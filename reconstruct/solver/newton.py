@@ -264,11 +264,7 @@ def _anchor_spread(rows: AnchorRows, variances: tuple[Floats, Floats]) -> Floats
 
 
 def _anchor_energy(
-    root: Floats,
-    rows: AnchorRows,
-    w: Floats,
-    slopes: tuple[Floats, Floats],
-    variances: tuple[Floats, Floats],
+    root: Floats, rows: AnchorRows, w: Floats, slopes: tuple[Floats, Floats], variances: tuple[Floats, Floats]
 ) -> float:
     """What the anchors ask for, squared over its variance: no slope sees it, and yet a step that brings it
     about is progress.

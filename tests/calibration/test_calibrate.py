@@ -24,15 +24,7 @@ from optolever.calibration import (
 )
 from optolever.calibration.adjust import adjust
 from optolever.calibration.model import rays_of, reflected
-from optolever.scene import (
-    TYPED,
-    Accuracy,
-    Covariance,
-    load,
-    parameter_changes,
-    parameter_values,
-    trace,
-)
+from optolever.scene import TYPED, Accuracy, Covariance, load, parameter_changes, parameter_values, trace
 
 
 def air(seed: int, poses: int, tilts: tuple[float, float] = (3.0, 8.0), noise: float = 0.0016) -> Rig:

@@ -30,13 +30,7 @@ CODES: list[tuple[str, dict[str, Any], float]] = [
 @pytest.mark.parametrize(("name", "params", "limit"), CODES)
 @pytest.mark.parametrize(("dtype", "scale"), [(np.uint8, 1), (np.uint16, 16)])
 def test_ideal_frames(
-    shoot: Shoot,
-    smooth: Map,
-    name: str,
-    params: dict[str, Any],
-    limit: float,
-    dtype: type,
-    scale: int,
+    shoot: Shoot, smooth: Map, name: str, params: dict[str, Any], limit: float, dtype: type, scale: int
 ) -> None:
     shown = sequence(name, 150, 170, **params)
     frames = shoot(

@@ -157,8 +157,7 @@ def test_reflected_angles(degrees: float, theta: float) -> None:
 
 
 @holds(
-    GEOMETRY,
-    "slopes from -atan((L0 - x)/x)/2 to +22.5 degrees reach the pattern; at mid-span ±22.5 degrees",
+    GEOMETRY, "slopes from -atan((L0 - x)/x)/2 to +22.5 degrees reach the pattern; at mid-span ±22.5 degrees"
 )
 @holds(LIMITS, "measurable from -atan((L0 - x)/x)/2 to +22.5 degrees")
 @pytest.mark.parametrize("col", [6, 20, 30, 40, 54])
@@ -223,10 +222,7 @@ def test_total_reflection() -> None:
 # Where the image folds
 
 
-@holds(
-    GEOMETRY,
-    "concave towards the light with a curvature above about 1/(2x) along x, 1/x across it",
-)
+@holds(GEOMETRY, "concave towards the light with a curvature above about 1/(2x) along x, 1/x across it")
 @pytest.mark.parametrize("col", [10, 30, 45])
 @pytest.mark.parametrize(("along", "times"), [("x", 2.0), ("y", 1.0)])
 def test_curvature_at_which_the_image_folds(col: int, along: str, times: float) -> None:
@@ -278,10 +274,7 @@ def test_the_free_mode_of_45_degrees() -> None:
 # Light
 
 
-@holds(
-    SCENE,
-    "Light of level g (0..255), relative to that of 255: black + (1 - black) (g/255)^gamma.",
-)
+@holds(SCENE, "Light of level g (0..255), relative to that of 255: black + (1 - black) (g/255)^gamma.")
 @holds(SCENE, "level = offset + 255 (exposure light)^(1/gamma), clipped to 0..255")
 def test_levels_of_a_camera() -> None:
     display, sensor = Display(gamma=2.2, black=0.05), Sensor(gamma=1.8, exposure=0.7, offset=12.0)

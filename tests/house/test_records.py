@@ -75,13 +75,7 @@ def test_records_come_back_from_their_files(
 ) -> None:
     """Equal to what was saved; a file that lacks a field is named with it, as is one that is not there."""
     _, _, truth, _, where, height = chain
-    for record in (
-        truth,
-        where,
-        height,
-        *derived,
-        curvature_map(derived[1]),
-    ):
+    for record in (truth, where, height, *derived, curvature_map(derived[1])):
         path = tmp_path / f"{type(record).__name__}.npz"
         record.save(path)
         again = type(record).load(path)

@@ -8,15 +8,7 @@ import numpy as np
 import pytest
 
 from optolever.cli import run
-from optolever.live import (
-    Followed,
-    Live,
-    Prepared,
-    ReadingRecorder,
-    VirtualFinger,
-    replayed,
-    virtual_rig,
-)
+from optolever.live import Followed, Live, Prepared, ReadingRecorder, VirtualFinger, replayed, virtual_rig
 from optolever.patterns import sequence
 from optolever.projector import WHITE_NOISE_SENSOR, Image, capture
 from optolever.projector.cameras import StillCamera

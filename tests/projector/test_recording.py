@@ -16,17 +16,7 @@ import pytest
 from lab.hardware.simulated import Setting, SimulatedCamera, SimulatedDisplay, SimulatedTime, codes
 from optolever import InputError
 from optolever.live import Live, ReadingRecorder, follow, virtual_rig
-from optolever.projector import (
-    Accepted,
-    ClockMap,
-    Image,
-    Recorder,
-    Recording,
-    Shown,
-    Taken,
-    Wanted,
-    acquire,
-)
+from optolever.projector import Accepted, ClockMap, Image, Recorder, Recording, Shown, Taken, Wanted, acquire
 from optolever.projector.cameras import Replay, open_camera
 from optolever.scene import Layer, load, resize
 

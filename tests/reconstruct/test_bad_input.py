@@ -8,11 +8,7 @@ import pytest
 
 from optolever import InputError
 from optolever.decode import Correspondence
-from optolever.reconstruct import (
-    PixelAnchor,
-    PointAnchor,
-    reconstruct,
-)
+from optolever.reconstruct import PixelAnchor, PointAnchor, reconstruct
 from optolever.scene import load
 
 from .conftest import exact_case

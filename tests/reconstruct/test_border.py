@@ -74,10 +74,7 @@ def passage(shape: tuple[int, int]) -> np.ndarray:
 
 
 @pytest.mark.daily(1)
-@pytest.mark.parametrize(
-    ("dropouts", "off"),
-    [(0.1, 0.15), (0.3, 0.15), (0.35, 0.2), (None, 0.2)],
-)
+@pytest.mark.parametrize(("dropouts", "off"), [(0.1, 0.15), (0.3, 0.15), (0.35, 0.2), (None, 0.2)])
 def test_sigma_of_a_mask_is_what_repeated_noise_gives(
     exact, noisy, cut, dropouts: float | None, off: float
 ) -> None:

@@ -26,11 +26,7 @@ NOISE = 0.05
 
 
 def found_in(
-    scene: Scene,
-    surface: Surface,
-    noisy: Callable[..., Correspondence],
-    seed: int = 0,
-    at=(0.5, 0.5),
+    scene: Scene, surface: Surface, noisy: Callable[..., Correspondence], seed: int = 0, at=(0.5, 0.5)
 ):
     """Contacts of a surface that is known in one place, from correspondences with noise."""
     truth = trace(scene, surface)

@@ -8,21 +8,8 @@ import numpy as np
 import pytest
 
 from optolever.decode import Correspondence
-from optolever.reconstruct import (
-    HeightMap,
-    exact_correspondence,
-    reconstruct,
-)
-from optolever.scene import (
-    PinholeCamera,
-    Scene,
-    Surface,
-    adjusted,
-    dent_from_text,
-    load,
-    resize,
-    trace,
-)
+from optolever.reconstruct import HeightMap, exact_correspondence, reconstruct
+from optolever.scene import PinholeCamera, Scene, Surface, adjusted, dent_from_text, load, resize, trace
 
 NOISE = 0.015
 ARCSECONDS = np.radians(5 / 3600)
@@ -78,10 +65,7 @@ def moves(height: HeightMap) -> bool:
     return any("rig moved" in str(notice) for notice in height.notices)
 
 
-SMALL = {
-    "prism48": "gaussian:peak=0.3,sigma=4",
-    "monitor-mirror": "gaussian:peak=0.1,sigma=10",
-}
+SMALL = {"prism48": "gaussian:peak=0.3,sigma=4", "monitor-mirror": "gaussian:peak=0.1,sigma=10"}
 
 
 @pytest.mark.daily(2)

@@ -8,16 +8,7 @@ import pytest
 
 from optolever import InputError
 from optolever.reconstruct import exact_correspondence, reconstruct
-from optolever.scene import (
-    Covariance,
-    RestForm,
-    Scene,
-    Surface,
-    load,
-    resize,
-    trace,
-    without_rest_form,
-)
+from optolever.scene import Covariance, RestForm, Scene, Surface, load, resize, trace, without_rest_form
 
 FORM = np.array([0.012, -0.007, 0.009, 0.004, 0.003, -0.002, 0.005])  # mm
 

@@ -154,11 +154,7 @@ def solve3(pattern, direction, hit):
 
 @pytest.mark.daily(12)
 @pytest.mark.parametrize("name", [n for n in dent_names() if n != "relief"])
-@pytest.mark.parametrize(
-    "scene",
-    [prism(), prism(48.0, 50.0), rig()],
-    ids=["45", "48-50", "pinhole"],
-)
+@pytest.mark.parametrize("scene", [prism(), prism(48.0, 50.0), rig()], ids=["45", "48-50", "pinhole"])
 def test_every_dent_against_brute_force(name, scene):
     params, height = heights(name, scene)
     found = trace(scene, dent(name, scene, **params))
