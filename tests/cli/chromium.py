@@ -3,22 +3,40 @@
 import base64
 import json
 import os
+import shutil
 import subprocess
 import time
 from pathlib import Path
 from typing import Any, Self
 
+import pytest
+
 FLAGS = ["--headless=new", "--no-sandbox", "--disable-gpu", "--no-first-run", "--hide-scrollbars"]
 FLAGS += ["--disable-background-networking", "--disable-component-update", "--disable-sync"]
+MESSAGES = "Runtime.exceptionThrown", "Log.entryAdded", "Runtime.consoleAPICalled"
+
+
+def chromium() -> str:
+    """Its path; skips the test where there is none."""
+    path = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    return path or pytest.skip("no Chromium on this machine (apt-get install chromium)")
+
+
+def printed(address: str, folder: Path, *options: str) -> str:
+    """What it prints of a page with more options; with --enable-logging=stderr no message is allowed."""
+    command = [chromium(), *FLAGS, f"--user-data-dir={folder}", *options, address]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
+    assert "CONSOLE" not in done.stderr, done.stderr
+    return done.stdout
 
 
 class Chromium:
     """One page. messages: what it wrote to its console, and its errors."""
 
-    def __init__(self, path: str, folder: Path) -> None:
+    def __init__(self, folder: Path) -> None:
         ours, theirs = os.pipe(), os.pipe()
         command = f'exec "$@" 3<&{ours[0]} 4>&{theirs[1]}'
-        words = [path, *FLAGS, "--remote-debugging-pipe", f"--user-data-dir={folder}", "about:blank"]
+        words = [chromium(), *FLAGS, "--remote-debugging-pipe", f"--user-data-dir={folder}", "about:blank"]
         self._process = subprocess.Popen(
             ["bash", "-c", command, "chromium", *words],
             pass_fds=(ours[0], theirs[1]), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
@@ -55,11 +73,7 @@ class Chromium:
                 self._rest += part
             text, _, self._rest = self._rest.partition(b"\0")
             answer = json.loads(text)
-            if answer.get("method") in (
-                "Runtime.exceptionThrown",
-                "Log.entryAdded",
-                "Runtime.consoleAPICalled",
-            ):
+            if answer.get("method") in MESSAGES:
                 self.messages.append(text.decode())
             if answer.get("id") == self._number:
                 assert "result" in answer, answer

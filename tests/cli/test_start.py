@@ -28,6 +28,7 @@ from optolever.patterns import sequence
 from optolever.projector import capture
 from optolever.scene import Scene, TypedRig, adjusted, dent, load, parameter_values, rig_toml, trace
 
+from ..projector.conftest import x_display
 from ..projector.screen import ENTER, ESCAPE, FrameBuffer, press
 from .chromium import Chromium
 
@@ -161,11 +162,8 @@ def screen(tmp_path: Path) -> Iterator[tuple[str, Path]]:
     """An X server and the folder of its frame buffer."""
     if shutil.which("Xvfb") is None:
         pytest.skip("Xvfb is absent (Debian: apt-get install xvfb)")
-    command = ["Xvfb", "-displayfd", "1", "-screen", "0", "640x480x24", "-fbdir", str(tmp_path)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as server:
-        assert server.stdout is not None
-        yield f":{server.stdout.readline().strip()}", tmp_path
-        server.kill()
+    with x_display("Xvfb", "-screen", "0", "640x480x24", "-fbdir", str(tmp_path)) as display:
+        yield display, tmp_path
 
 
 def world(folder: Path, kind: str, gamma: float = 1.0) -> Path:
@@ -272,15 +270,12 @@ def test_wrong_answers_are_said_before_the_live_view(screen: tuple[str, Path]) -
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["monitor", "prism", "laptop"])
 def test_a_page_leads_from_an_empty_folder_to_a_live_height(kind: str, screen: tuple[str, Path]) -> None:
-    path = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-    if path is None:
-        pytest.skip("no Chromium on this machine: the page is not opened")
     display, folder = screen
     file, typed = world(folder, kind), 0
     env = {**os.environ, "DISPLAY": display}
     with (
         subprocess.Popen(words(folder, "--", "start"), env=env, stdout=subprocess.PIPE, text=True) as program,
-        Chromium(path, folder / "profile") as page,
+        Chromium(folder / "profile") as page,
         ended(program),
     ):
         assert program.stdout is not None

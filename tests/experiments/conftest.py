@@ -1,7 +1,5 @@
-"""One small run of the demo , and a browser to open their reports in."""
+"""One small run of the demo, and a browser to open their reports in."""
 
-import shutil
-import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
@@ -9,17 +7,8 @@ import pytest
 
 from optolever.experiments import DemoResult, run_demo
 
-FLAGS = [
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--hide-scrollbars",
-]
+from ..cli.chromium import printed
+
 Browser = Callable[..., str]
 
 
@@ -31,18 +20,5 @@ def demo() -> DemoResult:
 
 @pytest.fixture
 def browser(tmp_path: Path) -> Browser:
-    """Opens a page in headless Chromium with more options; gives back what it prints. Skips where there is
-    none.
-    """
-    path = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-    if path is None:
-        pytest.skip("no Chromium on this machine: the page is not opened (apt-get install chromium)")
-
-    def open_page(page: Path, *options: str) -> str:
-        profile = f"--user-data-dir={tmp_path / 'profile'}"
-        command = [path, *FLAGS, profile, *options, page.as_uri()]
-        done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
-        assert "CONSOLE" not in done.stderr, done.stderr  # messages, with --enable-logging=stderr
-        return done.stdout
-
-    return open_page
+    """Opens a page in headless Chromium with more options; gives back what it prints."""
+    return lambda page, *options: printed(page.as_uri(), tmp_path / "profile", *options)

@@ -5,10 +5,8 @@ import http.client
 import io
 import json
 import re
-import shutil
 import socket
 import struct
-import subprocess
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -32,6 +30,8 @@ from optolever.live import (
 )
 from optolever.projector import Image
 from optolever.scene import load, resize
+
+from ..cli.chromium import printed
 
 Virtual = tuple[Prepared, VirtualFinger]
 
@@ -279,16 +279,11 @@ def test_lines_of_json_and_the_numbers_of_the_run(
 
 @pytest.mark.slow
 def test_chromium_draws_it(virtual: Virtual, tmp_path: Path) -> None:
-    path = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-    if path is None:
-        pytest.skip("no Chromium on this machine: the page is not opened")
     with LiveServer(*virtual) as live:
-        flags = ["--headless=new", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr"]
-        flags += ["--virtual-time-budget=4000", f"--user-data-dir={tmp_path / 'profile'}"]
-        command = [path, *flags, "--dump-dom", live.address]
-        done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
-    assert "readings/s" in done.stdout
-    sizes = re.findall(r'id="camera"[^>]*width="(\d+)" height="(\d+)"', done.stdout)
+        page = printed(
+            live.address, tmp_path, "--enable-logging=stderr", "--virtual-time-budget=4000", "--dump-dom"
+        )
+    assert "readings/s" in page
+    sizes = re.findall(r'id="camera"[^>]*width="(\d+)" height="(\d+)"', page)
     assert [int(cols) / int(rows) for cols, rows in sizes] == [4 / 3]  # of 96 x 128 pixels
-    assert done.stdout.count('class="uplot') == 5  # charts
-    assert "CONSOLE" not in done.stderr, done.stderr
+    assert page.count('class="uplot') == 5  # charts

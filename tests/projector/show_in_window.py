@@ -9,21 +9,11 @@ from pathlib import Path
 
 import glfw
 import numpy as np
-from numpy.typing import NDArray
+from screen import FrameBuffer
 
 from optolever.patterns import sequence
 from optolever.projector import PatternWindow, monitors
 from optolever.projector.window import Window
-
-
-def screen(folder: Path) -> NDArray[np.uint8]:
-    """The screen as the X server holds it, (rows, cols) of one colour: an XWD file of 32-bit pixels."""
-    data = (folder / "Xvfb_screen0").read_bytes()
-    header = np.frombuffer(data, ">u4", 25)
-    size, cols, rows, stride, colours = (int(header[i]) for i in (0, 4, 5, 12, 19))
-    start = size + 12 * colours
-    pixels = np.frombuffer(data, np.uint8, rows * stride, start).reshape(rows, stride)
-    return pixels[:, : 4 * cols].reshape(rows, cols, 4)[..., 1].copy()
 
 
 def press_keys() -> None:
@@ -41,13 +31,14 @@ def press_keys() -> None:
 def main(folder: Path, out: Path, mode: str) -> None:
     """Show three frames, keep the screen's pixels of each."""
     found = monitors()
+    screen = FrameBuffer(folder, found[0].rows, found[0].cols)
     shown = sequence("gray+phase", 48, 80)
     screens = []
     monitor = 0 if mode == "full-screen" else None
     with PatternWindow(shown, monitor=monitor) as window:
         for index in range(3):
             window.show(index)
-            screens.append(screen(folder))
+            screens.append(screen.pixels.copy())
     sizes = [(monitor.rows, monitor.cols) for monitor in found]
     np.savez(out, screens=screens, monitors=sizes, expected=shown.render()[:3])
 

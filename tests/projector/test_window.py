@@ -32,7 +32,6 @@ from optolever.projector.cameras import StillCamera
 
 from .conftest import RUN, optolever, x_display
 from .screen import ENTER, ESCAPE, FrameBuffer, press
-from .show_in_window import screen
 
 ROWS, COLS = 200, 320
 
@@ -143,11 +142,11 @@ def test_show_puts_every_frame_on_the_screen(x_server: tuple[str, Path], tmp_pat
     words = [*RUN, "show", "--sequence", "phase:steps=3,periods=8", "--pixels", "80x48", "--monitor", "0"]
     words += ["--seconds", "0.5", "--json", str(report)]
     expected = sequence("phase", 48, 80, steps=3, periods=8).render()
-    seen: list[np.ndarray] = []
+    seen, buffer = list[np.ndarray](), FrameBuffer(folder, 48, 80)
     env, pipe = {**os.environ, "DISPLAY": display}, subprocess.PIPE
     with subprocess.Popen(words, env=env, cwd=tmp_path, stdout=pipe, stderr=pipe, text=True) as process:
         while process.poll() is None:
-            image = screen(folder)[:48, :80]
+            image = buffer.pixels.copy()
             if image.any() and not (seen and np.array_equal(image, seen[-1])):
                 seen.append(image)
             time.sleep(0.02)
