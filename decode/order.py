@@ -37,6 +37,10 @@ _POOR = 0.6
 _EXCHANGED = "u and v are exchanged"
 #: Most that a repair leaves: a picture too many in front of a real capture leaves 1.06, a wrong offset 2.6.
 _MOST = 1.6
+#: Finest bits without which a place is still worth its pixel: the rounding of coarser cells is no noise.
+_FINE = 2
+#: Median residual of a fringe over its amplitude, at most.
+_SINE = 0.3
 #: Penalty of a test without pixels; of a lost frame.
 _NONE, _LOST = 0.05, 0.1
 #: Share of the unrepaired sum, and most of it, by which equal repairs differ; most of them that are compared.
@@ -117,7 +121,9 @@ def find_order(frames: NDArray[Any], sequence: Sequence, mask: Mask | None = Non
     if costs[best] > min((0.3 if alive[best] else 0.55) * base.sum(), base.sum() - _POOR, _MOST):
         return lost
     costs += alive
-    found, *equal = [trials[int(i)] for i in sorted(first[costs <= costs.min() + 0.02])]
+    equals = [trials[int(i)] for i in sorted(first[costs <= costs.min() + 0.02])]
+    # three steps that are left of four agree with any order: one that all four confirm is likelier
+    found, *equal = sorted(equals, key=lambda one: not _confirmed(blocks, one))
     if not found.frames:
         if not _elsewhere(blocks, found, equal):
             return _repair(found)
@@ -136,6 +142,13 @@ def find_order(frames: NDArray[Any], sequence: Sequence, mask: Mask | None = Non
         )
     cure = "both explain the frames: no coordinates where they differ; capture again"
     return _repair(found)._replace(name=names, cure=cure, others=tuple(map(_repair, others)))
+
+
+def _confirmed(blocks: F32, trial: _Trial) -> bool:
+    """Whether every image is shown, and all steps of each fringe lie on a sinusoid."""
+    some = blocks[trial.order]
+    fits = [_fringe(some, one, -1) for axis in plan(trial.sequence).axes for one in axis.fringes]
+    return trial.free < 0 and all(fit is not None and np.median(fit[3]) < _SINE for fit in fits)
 
 
 def _elsewhere(blocks: F32, found: _Trial, trials: list[_Trial]) -> list[_Trial]:
@@ -448,9 +461,8 @@ def _repair(found: _Trial) -> Repair:
         less = replace(sequence, frames=tuple(sequence.frames[i] for i in keep))
         if _decodable(axes, less):
             return Repair(found.name, "decoded without it; capture again", found.order[keep], less)
-    coarser = [
-        _coarser(frame, lost) if lost.kind in ("gray", "binary") else None for frame in sequence.frames
-    ]
+    fine = lost.kind in ("gray", "binary") and (lost.bit or 0) < _FINE
+    coarser = [_coarser(frame, lost) if fine else None for frame in sequence.frames]
     left = tuple(frame for frame in coarser if frame is not None)
     if any(frame.kind == lost.kind and frame.axis == lost.axis for frame in left):
         keep = [i for i in every if coarser[i] is not None]
