@@ -17,12 +17,12 @@ from optolever.patterns import Sequence
 
 from .codes.bits import bit_tables
 from .codes.fringe import Misfit, bent, fringe_tables, measure_misfit, straightened, three_step_aliasing
-from .codes.lookup import Lines, LookUp, Table, lookup_rows, prepare, table_of
+from .codes.lookup import Lines, LookUp, Table, beside, lookup_rows, prepare, table_of
 from .codes.orders import Orders, order_table
 from .contradiction import contradictions
 from .effects import Module, View, cells, lag, motion, shared
 from .frames import Light, Settings, raw_at, sample_places
-from .neighbours import BLURRED, EITHER, HALO, SETTLE, Block, Result, axis_limits, neighbours, settle
+from .neighbours import BLURRED, EITHER, HALO, SETTLE, Beside, Block, Result, axis_limits, neighbours, settle
 from .noise import Noise, Sample, fit_noise
 from .order import Repair, find_order
 from .pixels import AxisTable, Maps, pixel_rows
@@ -356,11 +356,19 @@ def prepared(sequence: Sequence, settings: Settings, profile: Estimates) -> Prep
 
 
 def _either(axis: AxisPlan, number: int) -> int:
-    """Flag where two orders fit: of cells as large as a period the neighbours choose."""
+    """Flag where two orders fit: of cells as large as a period, and of look-ups but sweeps, the neighbours
+    choose."""
     code = axis.code
+    if axis.looked_up and axis.stripes is None:
+        return int(EITHER[number])
     if code is None or len(axis.fringes) != 1 or code.cell < axis.fringes[0].period * (1 - 1e-6):
         return int(Flag.ORDER_DOUBTFUL)
     return int(EITHER[number])
+
+
+def _period(axis: AxisPlan, table: Table | None) -> float:
+    """Between two places that fit, px: a coarsest period; of levels four jumps."""
+    return axis.fringes[0].period if axis.fringes else 4 * table.jump if table is not None else 1.0
 
 
 def _numbers(light: Light) -> tuple[NDArray[Any], F32 | None, np.float32]:
@@ -403,14 +411,34 @@ def _looked_up(light: Light, ready: Prepared, start: int, stop: int) -> Lines:
     shape = (axes, stop - start, light.raw.shape[2]) if some else (1, 1, 1)
     place, variance, amplitude, offset, error, chi2 = (np.zeros(shape, np.float32) for _ in range(6))
     out = Lines(place, variance, amplitude, offset, error, chi2, np.zeros(shape, np.int32))
-    if some and ready.matrix is not None:
-        levels = np.tensordot(ready.matrix, light.linear(light.raw[:, start:stop]), 1).astype(np.float32)
-        levels = np.where(np.isnan(levels), np.float32(np.inf), levels)
-        light, start, stop = Light(levels, np.inf, np.zeros(0, np.float32), light.rounding), 0, stop - start
+    light = _corrected(light, ready, light.raw[:, start:stop]) if some else light
     for a, table in enumerate(ready.look_ups):
         if table is not None:
-            lookup_rows(light, ready.profile.noise, table, start, stop, Lines(*(one[a] for one in out)))
+            either, lines = int(ready.tables[a].either), Lines(*(one[a] for one in out))
+            lookup_rows(light, ready.profile.noise, table, 0, stop - start, either, lines)
     return out
+
+
+def _corrected(light: Light, ready: Prepared, raw: NDArray[Any]) -> Light:
+    """Light of these pixels (N, ...), less the lag."""
+    if ready.matrix is None:
+        return replace(light, raw=raw)
+    levels = np.tensordot(ready.matrix, light.linear(raw), 1).astype(np.float32)
+    levels = np.where(np.isnan(levels), np.float32(np.inf), levels)
+    return Light(levels, np.inf, np.zeros(0, np.float32), light.rounding)
+
+
+def _beside(light: Light, ready: Prepared, table: Table, row: int) -> Beside:
+    """For settle(): what neighbours may choose of a look-up; row: of the image, the block's first."""
+
+    def look_up(
+        at: tuple[NDArray[np.intp], ...], place: F32, other: F32
+    ) -> tuple[F32, F32, NDArray[np.bool_]]:
+        some = _corrected(light, ready, light.raw[:, at[0] + row, at[1]])
+        found, variance, fits = beside(some, ready.profile.noise, table, place, other)
+        return found.astype(np.float32), variance.astype(np.float32), fits
+
+    return look_up
 
 
 def holds(light: Light, ready: Prepared, mask: Mask) -> tuple[Notice, ...]:
@@ -450,7 +478,7 @@ def applied(light: Light, ready: Prepared, mask: Mask) -> Correspondence:
     open_orders = any(table.either >= EITHER[0] for table in ready.tables)
     halo = HALO + SETTLE if open_orders else HALO
     result = Result(coordinate, sigma, flags)
-    periods = np.array([axis.fringes[0].period if axis.fringes else 1.0 for axis in ready.axes], np.float32)
+    periods = np.array([_period(*one) for one in zip(ready.axes, ready.look_ups, strict=True)], np.float32)
 
     def work(first: int, last: int) -> None:
         """Blocks of a thread, from above: each takes the rows that it shares with the one before."""
@@ -469,7 +497,8 @@ def applied(light: Light, ready: Prepared, mask: Mask) -> Correspondence:
                 done = high
             block.flags[: max(-low, 0)] = block.flags[high - low :] = Flag.INVALID
             if open_orders:
-                block, low = settle(block, periods), low + SETTLE
+                looks = [None if one is None else _beside(light, ready, one, low) for one in ready.look_ups]
+                block, low = settle(block, periods, looks), low + SETTLE
             image = max(-low, 0), min(rows - low, len(block.flags))
             neighbours(block, image, ready.dof, ready.limits, start, result)
             if open_orders:

@@ -20,6 +20,7 @@ Axes without frames have no row in A. Flagged pixels may have any place and vari
 have rows beyond the image, which are flagged.
 """
 
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -32,12 +33,24 @@ from optolever.kernels import F32, HALF, ONE, ZERO, inlined, kernel
 from .plan import AxisPlan
 from .records import Flag
 
-__all__ = ["BLURRED", "EITHER", "HALO", "SETTLE", "Block", "Result", "axis_limits", "neighbours", "settle"]
+__all__ = [
+    "BLURRED",
+    "EITHER",
+    "HALO",
+    "SETTLE",
+    "Beside",
+    "Block",
+    "Result",
+    "axis_limits",
+    "neighbours",
+    "settle",
+]
 
 U8 = NDArray[np.uint8]
 U16 = NDArray[np.uint16]
 Mask = NDArray[np.bool_]
 Span = tuple[int, int]
+Beside = Callable[[tuple[NDArray[np.intp], ...], F32, F32], tuple[F32, F32, Mask]]
 #: Rows that a block needs beside its result; more of them for settle(); flags of two orders by axis.
 HALO, SETTLE, EITHER = 4, 2, (np.uint16(1 << 9), np.uint16(1 << 10))
 #: Fewest sure pixels of 5 x 5 that choose an order, least share that agrees, to this share of a period.
@@ -106,12 +119,16 @@ def axis_limits(axis: AxisPlan, lens_px: float | None = None, on_cells: bool = T
     return np.array([jump, extent, border, aperture, unsure, fine], np.float32)
 
 
-def settle(block: Block, periods: F32) -> Block:
-    """A block for neighbours() of one with SETTLE rows more on either side: where two orders of a period (A,)
-    fit, the one next to the median of the sure pixels of 5 x 5."""
+def settle(block: Block, periods: F32, look_ups: Sequence[Beside | None]) -> Block:
+    """A block for neighbours() of one with SETTLE rows more on either side: where two orders of a period
+    (A,), or two places of a look-up, fit, the one next to the median of the sure pixels of 5 x 5.
+
+    look_ups: (rows and columns, their places, other ones) -> places next to these, variances, whether they
+    fit; None: orders."""
     place, flags, sure = block.place.copy(), block.flags.copy(), block.flags == 0
+    variance = block.variance.copy()
     down, along = (one.ravel() for one in np.mgrid[-2:3, -2:3])
-    for a, period in enumerate(periods):
+    for a, (period, look_up) in enumerate(zip(periods, look_ups, strict=True)):
         at = np.nonzero(block.flags & EITHER[a])
         y, x = at[0][:, None] + down, at[1][:, None] + along
         known = (y >= 0) & (y < len(flags)) & (x >= 0) & (x < flags.shape[1])
@@ -120,15 +137,18 @@ def settle(block: Block, periods: F32) -> Block:
         number = np.count_nonzero(known, axis=1)
         values = np.sort(np.where(known, block.place[a][y, x], np.float32(1e9)), axis=1)
         middle = np.take_along_axis(values, np.maximum(number - 1, 0)[:, None] // 2, axis=1)[:, 0]
-        off = middle - place[a][at]
-        step = np.rint(off / period)
-        chosen = place[a][at] + step * period
+        own, spread, found = place[a][at], variance[a][at], number >= _CHOOSE
+        if look_up is None:
+            step = np.rint((middle - own) / period)
+            chosen, fits = own + step * period, np.abs(step) <= 1
+        else:
+            chosen, spread, fits = look_up(at, own, middle)
+        found &= fits
         near = known & (np.abs(block.place[a][y, x] - chosen[:, None]) < _CHOSEN * period)
-        found = (number >= _CHOOSE) & (np.abs(step) <= 1)
         found &= np.count_nonzero(near, axis=1) >= _AGREE * number
-        place[a][at] = np.where(found, chosen, place[a][at])
+        place[a][at], variance[a][at] = np.where(found, (chosen, spread), (own, variance[a][at]))
         flags[at] = (flags[at] & ~EITHER[a]) | np.where(found, np.uint16(0), np.uint16(Flag.ORDER_DOUBTFUL))
-    rings = [np.ascontiguousarray(one[:, SETTLE:-SETTLE]) for one in (place, block.variance, block.amplitude)]
+    rings = [np.ascontiguousarray(one[:, SETTLE:-SETTLE]) for one in (place, variance, block.amplitude)]
     return Block(rings[0], rings[1], rings[2], block.chi2[SETTLE:-SETTLE], flags[SETTLE:-SETTLE])
 
 

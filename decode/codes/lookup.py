@@ -28,7 +28,7 @@ from ..plan import plan as plan_of
 from ..records import Flag
 from .match import COARSE, PER_PX, RIVALS, Book, match
 
-__all__ = ["Lines", "LookUp", "Table", "lookup_rows", "prepare", "table_of"]
+__all__ = ["Lines", "LookUp", "Table", "beside", "lookup_rows", "prepare", "table_of"]
 
 #: Pixels of the sample on which the spread is measured.
 _PIXELS = 2048
@@ -149,8 +149,11 @@ class _Trial(NamedTuple):
     misfit: F64
 
 
-def lookup_rows(light: Light, noise: Noise, table: Table, start: int, stop: int, out: Lines) -> None:
-    """Decode rows start..stop of the frames into out, which has stop - start rows."""
+def lookup_rows(
+    light: Light, noise: Noise, table: Table, start: int, stop: int, either: int, out: Lines
+) -> None:
+    """Decode rows start..stop of the frames into out, which has stop - start rows; either: flags where two
+    places fit."""
     noise, cols, extent = table.noise or noise, light.raw.shape[2], table.axis.extent
     found = _matched(light, light.raw[:, start:stop].reshape(len(light.raw), -1), cols, noise, table)
     none, contrast = np.isnan(found.place), 0.5 * found.scale
@@ -166,14 +169,30 @@ def lookup_rows(light: Light, noise: Noise, table: Table, start: int, stop: int,
         (Flag.DARK, faint & dim),
         (Flag.LOW_CONTRAST, faint),
         (Flag.SATURATED, clipped & (faint | blind)),
-        (Flag.ORDER_DOUBTFUL, blind | (found.error > _DOUBT)),
+        (Flag.ORDER_DOUBTFUL, blind),
+        (either, ~blind & (found.error > _DOUBT)),
         (Flag.OFF_PATTERN, ~none & ((place < -0.5) | (place > extent - 0.5))),
         (Flag.INVALID, none),
     ):
         flags |= np.where(where, np.int32(flag), np.int32(0))
-    maps: list[NDArray[Any]] = [place, variance, contrast, middle, found.error, found.chi2 * table.dof, flags]
+    error = np.where(flags & int(either), 1.0, found.error)
+    maps: list[NDArray[Any]] = [place, variance, contrast, middle, error, found.chi2 * table.dof, flags]
     for into, values in zip(out, maps, strict=True):
         into[...] = values.reshape(into.shape)
+
+
+def beside(
+    light: Light, noise: Noise, table: Table, place: F32, other: F32
+) -> tuple[F64, F64, NDArray[np.bool_]]:
+    """Of pixels (N, K) of light, the place next to `other` (K,), pattern px, its variance, and whether it
+    fits as well as the one next to `place`."""
+    noise, cols = table.noise or noise, place.size
+    own, found = (
+        _matched(light, light.raw, cols, noise, table, one.astype(np.float64)) for one in (place, other)
+    )
+    beyond = (found.chi2 - own.chi2) * table.dof
+    fits = np.isfinite(found.place) & (scipy.special.expit(-0.5 * np.nan_to_num(beyond)) > _DOUBT)
+    return np.nan_to_num(found.place), found.variance + table.unsure, fits
 
 
 def _matched(

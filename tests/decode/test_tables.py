@@ -59,6 +59,18 @@ def test_micro_phase_shifting(shoot: Shoot, smooth: Map, named: bool) -> None:
     assert 0.7 < rms(scores(found, *smooth)) < 1.1
 
 
+@pytest.mark.parametrize("jump", [0.0, 100.0])
+def test_of_two_places_that_fit_neighbours_choose(shoot: Shoot, smooth: Map, jump: float) -> None:
+    """Noise leaves a twelfth of the pixels two places; sigma beside them is that of the others, and no pixel
+    amid a jump gets the place of the wrong side."""
+    u, v = smooth[0] + 300 + jump * (np.arange(140) > 70), smooth[1] + 200
+    shown = sequence("micro-phase", 600, 800)
+    found = decode(shoot(shown, u, v, noise=3.0, gain=0.05), shown)
+    assert found.good.mean() > 0.995
+    assert silent(found, u, v) == 0
+    assert np.mean(found.sigma_u[:, :60] > 0.2) < 0.01
+
+
 @pytest.mark.daily(1)
 @pytest.mark.parametrize("width", [2.2, 3.0])
 @pytest.mark.parametrize("name", ["free", "micro-phase"])
