@@ -132,15 +132,9 @@ def command(
             found.scene.save(out, keep=name)
             if page is not None:
                 study = ol.experiments.RigStudy(
-                    scene,
-                    found.scene,
-                    found.adjustment.chi,
-                    found.parameters,
-                    found.residuals,
-                    numbers["judged"],
-                    found.notices,
-                    {"adjust": numbers["seconds"]},
-                )
+                    scene, found.scene, found.adjustment.chi, found.parameters, found.residuals,
+                    numbers["judged"], found.notices, {"adjust": numbers["seconds"]},
+                )  # fmt: skip
                 ol.experiments.write_rig_report(study, page)
             write_json(json_path, numbers)
     print_notices(found.notices)

@@ -94,16 +94,10 @@ def command(
         height = ol.reconstruct.with_slope_noise(height, plain)
         height.save(out / "h.npz")
         found = ol.experiments.Measurement(
-            height,
-            seen,
-            capture,
-            scene,
-            source=str(out / "h.npz"),
-            rig=str(rig),
-            simulated=devices is not None and devices.camera == "virtual",
-            saved=("c.npz", "h.npz"),
+            height, seen, capture, scene, source=str(out / "h.npz"), rig=str(rig),
+            simulated=devices is not None and devices.camera == "virtual", saved=("c.npz", "h.npz"),
             rest=rest,
-        )
+        )  # fmt: skip
         ol.experiments.write_measurement_report(out / "report.html", found, full=True)
     noise, rig_error = medians(height.good, height.sigma, height.calibration_sigma)
     frames = {"frames": len(capture)} if taken is None else taken.numbers()

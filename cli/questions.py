@@ -15,17 +15,9 @@ import optolever as ol
 from .arguments import ABOVE_0, AT_LEAST_0, Opt, Shape
 
 __all__ = [
-    "BALL",
-    "KINDS",
-    "QUESTIONS",
-    "TAPE",
-    "UNKNOWN",
-    "VIEW_60",
-    "Question",
-    "questions_of",
-    "scene_of",
+    "BALL", "KINDS", "QUESTIONS", "TAPE", "UNKNOWN", "VIEW_60", "Question", "questions_of", "scene_of",
     "typed_rig",
-]
+]  # fmt: skip
 
 KINDS = ("monitor", "prism")
 #: Relative standard deviation of a focal length: by the width of the view by tape; by 60 degrees.

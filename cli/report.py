@@ -65,21 +65,14 @@ def command(
         if other == height:
             raise InputError(f"--less {path}: is the map {source} itself; give another map of the rig")
     given = ol.experiments.Measurement(
-        height,
-        None if correspondence is None else ol.decode.Correspondence.load(correspondence),
+        height, None if correspondence is None else ol.decode.Correspondence.load(correspondence),
         None if folder is None else ol.projector.Capture.load(folder),
         None if scene_name is None else load_scene(scene_name, None if Path(scene_name).exists() else size),
-        source=str(source),
-        name=name,
-        rig=scene_name or "",
+        source=str(source), name=name, rig=scene_name or "",
         simulated=folder is not None and (folder / "truth.npz").is_file(),
-        form="" if form == "none" else form,
-        less=others,
-        apertures=apertures,
-        waves=waves,
-        apart=True,
+        form="" if form == "none" else form, less=others, apertures=apertures, waves=waves, apart=True,
         rest=None if rest_path is None else ol.decode.Correspondence.load(rest_path),
-    )
+    )  # fmt: skip
     total, noise, rig = medians(height.good, height.total_sigma, height.sigma, height.calibration_sigma)
     shares = {"good_share": float(height.good.mean()), "sigma_mm": total, "noise_mm": noise, "rig_mm": rig}
     with blame(source):

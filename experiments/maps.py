@@ -20,18 +20,9 @@ from .arrays import Floats
 from .images import robust_limits, thin
 
 __all__ = [
-    "VERTICES",
-    "Data",
-    "Layer",
-    "MirrorGrid",
-    "camera_map",
-    "chart",
-    "error_charts",
-    "length_layer",
-    "mirror_map",
-    "reliability",
-    "surface_data",
-]
+    "VERTICES", "Data", "Layer", "MirrorGrid", "camera_map", "chart", "error_charts", "length_layer",
+    "mirror_map", "reliability", "surface_data",
+]  # fmt: skip
 
 CELLS, SAMPLES = 500_000, 800_000  # of a map; of all its layers together
 VERTICES = 150  # of the surface, on the longer side of the image

@@ -80,15 +80,10 @@ def linearised(rays: RestRays, line: AnchorLine, lit: Mask) -> Linearised:
         planes, steps.astype(_f4), np.zeros((2, rows, cols), _f4), np.zeros((rows, cols), _f4)
     )
     return Linearised(
-        planes,
-        steps.astype(_f4),
-        at_rest,
-        factor.astype(_f4),
-        np.sqrt(factor).astype(_f4),
-        along.astype(_f4),
-        across.astype(_f4),
+        planes, steps.astype(_f4), at_rest, factor.astype(_f4), np.sqrt(factor).astype(_f4),
+        along.astype(_f4), across.astype(_f4),
         np.stack([line.distance, line.per_col, line.per_row]).astype(_f4),
-    )
+    )  # fmt: skip
 
 
 def chord_step(rig: Linearised, displacement: Cells, tau: Cells, trust: Cells) -> tuple[Cells, Cells]:

@@ -65,15 +65,9 @@ def gaussian_filter(fit: FormFit, cutoff: float, kept: Literal["low", "high"]) -
     slope_x, slope_y = differences(fit.x, fit.y, residual)
     sigma = root_sigma(rms, square)
     return replace(
-        passed,
-        slope_x=slope_x,
-        slope_y=slope_y,
-        noise=np.sqrt(variance),
-        rig=rig,
-        rms_sigma=sigma,
-        trace=trace,
-        modes=kept_modes,
-    )
+        passed, slope_x=slope_x, slope_y=slope_y, noise=np.sqrt(variance), rig=rig, rms_sigma=sigma,
+        trace=trace, modes=kept_modes,
+    )  # fmt: skip
 
 
 def kept_variance(fit: FormFit, weights: Floats) -> Floats:

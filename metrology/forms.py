@@ -21,6 +21,7 @@ Source of the conic's sag: D. Malacara, Optical Shop Testing, 3rd ed. (2007), ap
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +62,17 @@ def _last_inverse(*places: int, factor: float = 1.0) -> Callable[[Floats], Float
         with np.errstate(divide="ignore"):
             for place in places:
                 changed[place] = factor / changed[place]
+        return changed
+
+    return change
+
+
+def _angle(place: int, unit: Callable[[Any], Any], inverse: int) -> Callable[[Floats], Floats]:
+    """An angle in another unit, and the inverse of the parameter at another place."""
+
+    def change(p: Floats) -> Floats:
+        changed = _last_inverse(inverse)(p)
+        changed[place] = unit(p[place])
         return changed
 
     return change
@@ -134,12 +146,6 @@ def _stated_segment(p: Floats) -> Floats:
     return changed
 
 
-def _internal_segment(p: Floats) -> Floats:
-    changed = _last_inverse(5)(p)
-    changed[4] = np.radians(p[4])
-    return changed
-
-
 def _vertex(q: Floats) -> Floats:
     """Vertex and mean curvature of a quadric."""
     c = 0.5 * (q[3] + q[5])
@@ -147,6 +153,11 @@ def _vertex(q: Floats) -> Floats:
         raise InputError("form: the heights are flat, must be curved; remove tilt")
     x, y = -q[1] / c, -q[2] / c
     return np.array([x, y, q[0] - 0.5 * c * (x * x + y * y), c])
+
+
+def _vertex_and(more: int) -> Callable[[Floats], Floats]:
+    """The vertex of a quadric, then so many zeros."""
+    return lambda q: np.append(_vertex(q), np.zeros(more))
 
 
 def _cylinder(p: Floats, x: Floats, y: Floats) -> Floats:
@@ -169,19 +180,10 @@ def _of_quadric(q: Floats) -> Floats:
     return np.array([angle, float(q[1:3] @ along), at, q[0] - 0.5 * c * at * at, c])
 
 
-def _degrees(p: Floats) -> Floats:
-    changed = _last_inverse(4)(p)
-    changed[0] = np.degrees(changed[0])
-    return changed
-
-
-def _radians(p: Floats) -> Floats:
-    changed = _last_inverse(4)(p)
-    changed[0] = np.radians(changed[0])
-    return changed
-
-
 _VERTEX = ("vertex_x", "vertex_y", "vertex_z")
+_RADIUS = 2 * (_last_inverse(3),)
+_SEGMENT = ("piston", "tilt_x", "tilt_y", "distance", "azimuth_deg", "radius", "conic")
+_CYLINDER = ("axis_deg", "slope", "vertex_t", "vertex_z", "radius")
 _PLANE = ("piston", "tilt_x", "tilt_y", "power")
 
 
@@ -197,31 +199,17 @@ FORMS: dict[str, Form] = {
     "tilt": _planar(3),
     "power": _planar(4),
     "paraboloid": Form((*_VERTEX, "focal"), _revolved(-1.0), _vertex, *2 * (_last_inverse(3, factor=0.5),)),
-    "sphere": Form((*_VERTEX, "radius"), _revolved(0.0), _vertex, *2 * (_last_inverse(3),)),
-    "conic": Form(
-        (*_VERTEX, "radius", "conic"),
-        _revolved(None),
-        lambda q: np.append(_vertex(q), 0.0),
-        *2 * (_last_inverse(3),),
-    ),
+    "sphere": Form((*_VERTEX, "radius"), _revolved(0.0), _vertex, *_RADIUS),
+    "conic": Form((*_VERTEX, "radius", "conic"), _revolved(None), _vertex_and(1), *_RADIUS),
     "asphere": Form(
         (*_VERTEX, "radius", "conic", "a4", "a6", "a8"),
-        _asphere,
-        lambda q: np.append(_vertex(q), np.zeros(4)),
-        *2 * (_last_inverse(3),),
+        *(_asphere, _vertex_and(4), *_RADIUS),
         (("conic", 0.0), ("a8", 0.0)),
     ),
     "off-axis": Form(
-        (*_PLANE[:3], "distance", "azimuth_deg", "radius", "conic"),
-        _off_axis,
-        _segment,
-        _stated_segment,
-        _internal_segment,
-        (("conic", -1.0),),
+        _SEGMENT, _off_axis, _segment, _stated_segment, _angle(4, np.radians, 5), (("conic", -1.0),)
     ),
-    "cylinder": Form(
-        ("axis_deg", "slope", "vertex_t", "vertex_z", "radius"), _cylinder, _of_quadric, _degrees, _radians
-    ),
+    "cylinder": Form(_CYLINDER, _cylinder, _of_quadric, _angle(0, np.degrees, 4), _angle(0, np.radians, 4)),
 }
 
 

@@ -61,17 +61,12 @@ def command(
     header = ("case", "cell", "ms", "x transforms", "error/depth", "error/sigma", "beyond 5 sigma", "trusted")
     lines = [
         [
-            row.case,
-            str(row.cell),
-            number(row.ms),
-            f"{row.ratio:.3g} ({row.ratio_limit:g})",
-            f"{row.error:.2g} ({row.error_limit:g})",
-            f"{row.sigma_ratio:.3g}",
-            f"{row.beyond:.2g}",
+            row.case, str(row.cell), number(row.ms), f"{row.ratio:.3g} ({row.ratio_limit:g})",
+            f"{row.error:.2g} ({row.error_limit:g})", f"{row.sigma_ratio:.3g}", f"{row.beyond:.2g}",
             f"{row.trusted:.3g}",
         ]
         for row in rows
-    ]
+    ]  # fmt: skip
     grid(
         f"Live: {size[0]} x {size[1]}, two float32 cosine transforms {number(transforms_ms(*size), 'ms')}",
         header,

@@ -84,23 +84,15 @@ class SpeedCode:
 
 _PROFILED = (5.5, 8.0)
 SPEED_CODES = (
-    SpeedCode("gray+phase", profiled=_PROFILED),
-    SpeedCode("phase", profiled=_PROFILED),
-    SpeedCode("gray", profiled=_PROFILED),
-    SpeedCode("gray:inverses=false"),
-    SpeedCode("long-run-gray"),
-    SpeedCode("phase:steps=4"),
-    SpeedCode("phase:steps=8"),
+    SpeedCode("gray+phase", profiled=_PROFILED), SpeedCode("phase", profiled=_PROFILED),
+    SpeedCode("gray", profiled=_PROFILED), SpeedCode("gray:inverses=false"), SpeedCode("long-run-gray"),
+    SpeedCode("phase:steps=4"), SpeedCode("phase:steps=8"),
     SpeedCode("phase:steps=3,periods=8.73782/8.05745/8", 8.0),
     SpeedCode("phase:steps=4,periods=20/22/25", 8.0, extent=1100, profiled=(9.0, 9.0)),
-    SpeedCode("phase:counts=1/40"),
-    SpeedCode("phase:steps=3,periods=576/64/7", extent=576),
-    SpeedCode("micro-phase", 15.0, profiled=(43.0, 43.0)),
-    SpeedCode("micro-phase", 25.0, noise=2.0),
-    SpeedCode("stripe:step=16", 10.0),
-    SpeedCode("stripe:step=8", 10.0),
-    SpeedCode("levels", 40.0),
-)
+    SpeedCode("phase:counts=1/40"), SpeedCode("phase:steps=3,periods=576/64/7", extent=576),
+    SpeedCode("micro-phase", 15.0, profiled=(43.0, 43.0)), SpeedCode("micro-phase", 25.0, noise=2.0),
+    SpeedCode("stripe:step=16", 10.0), SpeedCode("stripe:step=8", 10.0), SpeedCode("levels", 40.0),
+)  # fmt: skip
 
 
 def speed_sequence(code: SpeedCode, size: tuple[int, int]) -> Sequence:

@@ -104,17 +104,9 @@ def _row(
     ms = float(np.median(times))
     share = np.asarray(times) / np.asarray(ours)
     return LiveRow(
-        case,
-        cell,
-        ms,
-        float(np.median(share)),
-        ratio_limit,
-        max(errors),
-        error_limit,
-        float(np.sqrt(np.mean(ratios))),
-        float(np.mean(beyond)),
-        float(np.mean(trusted)),
-    )
+        case, cell, ms, float(np.median(share)), ratio_limit, max(errors), error_limit,
+        float(np.sqrt(np.mean(ratios))), float(np.mean(beyond)), float(np.mean(trusted)),
+    )  # fmt: skip
 
 
 def trembling(

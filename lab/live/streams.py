@@ -21,12 +21,19 @@ Frame = NDArray[np.uint8]
 Dents = tuple[tuple[float, float, float, float, float], ...]
 NOISE = 1.5
 _PRESSES = 3  # of a stream, each at another place
+
+
+def _upper(frame: Frame) -> NDArray[np.bool_]:
+    """Half of the rows, (H, 1)."""
+    return np.arange(len(frame))[:, None] < len(frame) // 2
+
+
 #: What may be wrong with a run of frames; the frame at fault from the good one and the one before.
 FAULTS: dict[str, Callable[[Frame, Frame], Frame]] = {
     "black": lambda now, before: np.zeros_like(now),
     "white": lambda now, before: np.full_like(now, 255),
-    "torn": lambda now, before: _halves(now, np.roll(before, 9, 1)),
-    "covered": lambda now, before: _covered(now),
+    "torn": lambda now, before: np.where(_upper(now), now, np.roll(before, 9, 1)),
+    "covered": lambda now, before: np.where(_upper(now.T).T, now, np.uint8(25)),
     "bumped": lambda now, before: np.roll(now, 3, 1),
     "rolled": lambda now, before: np.roll(now, 2 * now.shape[0] // 7, 0),
     "saturated": lambda now, before: np.clip(now.astype(np.float64) * 3, 0, 255).astype(np.uint8),
@@ -159,24 +166,7 @@ def played(rig: StreamRig, kind: Kind, frames: int, rng: np.random.Generator) ->
             counts["off"] += abs(touch.depth - max(dent[4] for dent in deep)) > 5 * touch.depth_sigma
         ratios.append(float(np.mean(np.square(ratio))))
     return Tally(
-        frames=frames,
-        trusted=len(ratios),
-        noticed=counts["noticed"],
-        wrong=counts["wrong"],
-        silent=counts["silent"],
-        contacts=counts["contacts"],
-        off=counts["off"],
+        frames=frames, trusted=len(ratios), noticed=counts["noticed"], wrong=counts["wrong"],
+        silent=counts["silent"], contacts=counts["contacts"], off=counts["off"],
         ratio=float(np.sqrt(np.mean(ratios))),
-    )
-
-
-def _halves(upper: Frame, lower: Frame) -> Frame:
-    torn = upper.copy()
-    torn[len(torn) // 2 :] = lower[len(torn) // 2 :]
-    return torn
-
-
-def _covered(frame: Frame) -> Frame:
-    covered = frame.copy()
-    covered[:, frame.shape[1] // 2 :] = 25
-    return covered
+    )  # fmt: skip

@@ -101,17 +101,9 @@ class PylonCamera:
             gain = None if wanted.gain is None else float(self._get(_GAIN) or 0.0)
             exposure, rate = 1e-6 * float(self._get(_EXPOSURE) or 0.0), self._get(_RESULTING)
             return Accepted(
-                exposure,
-                rows,
-                cols,
-                row,
-                col,
-                wanted.bits,
-                gain,
-                rate,
-                wanted.trigger,
+                exposure, rows, cols, row, col, wanted.bits, gain, rate, wanted.trigger,
                 unlocked=tuple(unlocked),
-            )
+            )  # fmt: skip
 
     def _node(self, names: tuple[str, ...]) -> Any:
         """The first feature of these that the camera has, or None."""

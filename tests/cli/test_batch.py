@@ -186,14 +186,9 @@ def test_ctrl_c_ends_at_once_with_the_table_of_what_is_done(
     for copy in many:
         shutil.copytree(captures[0], copy)
     command = [
-        sys.executable,
-        "-c",
-        "from optolever.cli import main; main()",
-        "decode",
-        *map(str, many),
-        "--out",
-        str(tmp_path / "o"),
-    ]
+        sys.executable, "-c", "from optolever.cli import main; main()", "decode", *map(str, many),
+        "--out", str(tmp_path / "o"),
+    ]  # fmt: skip
     with subprocess.Popen([*command, "--jobs", "2"], stderr=subprocess.PIPE, start_new_session=True) as batch:
         while len(list((tmp_path / "o").glob("*.json"))) < 3:
             assert batch.poll() is None

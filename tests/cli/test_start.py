@@ -249,17 +249,10 @@ def test_wrong_answers_are_said_before_the_live_view(screen: tuple[str, Path]) -
     done = subprocess.run(command, env=env, capture_output=True, text=True, timeout=560, check=False)
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-2000:]
     said = [
-        "Is 'window' the display in front of the mirror?",
-        "Check the mirror's size",
-        "Check the mirror's size, the width of the view",
-        "Gamma 1.8",
-        "does not take it off",
-        "Gamma 1.0",
-        "upside down",
-        "Something touches the mirror",
-        "of a height",
-        "depth 1",
-    ]
+        "Is 'window' the display in front of the mirror?", "Check the mirror's size",
+        "Check the mirror's size, the width of the view", "Gamma 1.8", "does not take it off",
+        "Gamma 1.0", "upside down", "Something touches the mirror", "of a height", "depth 1",
+    ]  # fmt: skip
     at = 0
     for text in said:
         at = done.stdout.find(text, at) + 1

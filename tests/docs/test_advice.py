@@ -13,16 +13,9 @@ from optolever.cli.commands import MODULES
 
 ROOT = Path(__file__).resolve().parents[2]
 PARTS = (
-    "scene",
-    "patterns",
-    "projector",
-    "decode",
-    "reconstruct",
-    "calibration",
-    "metrology",
-    "formats",
+    "scene", "patterns", "projector", "decode", "reconstruct", "calibration", "metrology", "formats",
     "live",
-)
+)  # fmt: skip
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 FLAG = re.compile(r"(?<![\w-])--[a-z][a-z-]*")
 

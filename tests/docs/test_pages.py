@@ -18,15 +18,9 @@ ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "docs").rglob("*.md"))
 #: Pages that measure for seconds; the others are run every day.
 SLOW = {
-    "docs/howto/calibrate.md",
-    "docs/howto/code.md",
-    "docs/howto/compare.md",
-    "docs/howto/facet.md",
-    "docs/howto/live.md",
-    "docs/howto/rest.md",
-    "docs/rig/monitor.md",
-    "docs/rig/prism.md",
-}
+    "docs/howto/calibrate.md", "docs/howto/code.md", "docs/howto/compare.md", "docs/howto/facet.md",
+    "docs/howto/live.md", "docs/howto/rest.md", "docs/rig/monitor.md", "docs/rig/prism.md",
+}  # fmt: skip
 #: Pages whose printed numbers are compared with those of the run.
 PRINTED = {"docs/howto/facet.md", "docs/howto/rest.md"}
 NUMBER = re.compile(r"(?<![\w.,])-?\d+(?:\.\d+)?(?![\w,])")

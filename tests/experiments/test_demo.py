@@ -6,13 +6,8 @@ import math
 from optolever.experiments import DemoResult
 
 RELIED_ON = (
-    "height_rms_rel",
-    "unflagged_share",
-    "sigma_ratio_height",
-    "sigma_ratio_u",
-    "seconds",
-    "peak_bytes",
-)
+    "height_rms_rel", "unflagged_share", "sigma_ratio_height", "sigma_ratio_u", "seconds", "peak_bytes",
+)  # fmt: skip
 
 
 def test_numbers_have_their_names_and_are_plain(demo: DemoResult) -> None:

@@ -15,16 +15,9 @@ from optolever.patterns import Frame, sequence
 from optolever.scene import load
 
 PARTS = (
-    "patterns",
-    "scene",
-    "projector",
-    "decode",
-    "reconstruct",
-    "calibration",
-    "live",
-    "metrology",
+    "patterns", "scene", "projector", "decode", "reconstruct", "calibration", "live", "metrology",
     "formats",
-)
+)  # fmt: skip
 #: Values of no record: what users pass by mistake.
 WRONG = ["gray+phase", 7, np.zeros((3, 4)), object(), ["gray"]]
 #: Records mistaken for others.

@@ -69,15 +69,9 @@ def wheel(tmp_path_factory: pytest.TempPathFactory, root: Path) -> Path:
         shutil.copytree(root / folder, source / folder, ignore=shutil.ignore_patterns("__pycache__"))
     target = tmp_path_factory.mktemp("wheel")
     command = [
-        sys.executable,
-        "-m",
-        "pip",
-        "wheel",
-        "--quiet",
-        "--no-deps",
-        "--no-build-isolation",
+        sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation",
         "--no-index",
-    ]
+    ]  # fmt: skip
     run = subprocess.run(
         [*command, "--wheel-dir", str(target), str(source)], capture_output=True, text=True, check=False
     )

@@ -29,14 +29,10 @@ from .oracle import part, shader_traced, supersampled
 DENTS = [name for name in dent_names() if name != "relief"]
 SIZE = 96
 SHAPES = (
-    Frame("white"),
-    Frame("gray", "u", bit=2),
-    Frame("gray", "v", bit=0),
-    Frame("phase", "u", period_px=8.0, shift=0.7),
-    Frame("phase", "v", period_px=16.0, shift=2.0),
-    Frame("lattice", period_px=11.0, width_px=2.5),
-    Frame("crossed", period_px=9.0),
-)
+    Frame("white"), Frame("gray", "u", bit=2), Frame("gray", "v", bit=0),
+    Frame("phase", "u", period_px=8.0, shift=0.7), Frame("phase", "v", period_px=16.0, shift=2.0),
+    Frame("lattice", period_px=11.0, width_px=2.5), Frame("crossed", period_px=9.0),
+)  # fmt: skip
 
 
 def shown(scene: Scene) -> Sequence:
