@@ -31,8 +31,7 @@ Choice
   written to  best.toml
 """
 
-FRAMES = Opt("--frames N", "Maximum number of frames; default 24.", click.IntRange(min=2))
-TIME = Opt("--time SECONDS", "Maximum display time, in place of --frames or beside it.", ABOVE_0)
+FRAMES = Opt("--frames N", "Maximum number of frames.", click.IntRange(min=2))
 REFRESH = Opt("--refresh HZ", "Frames that the display shows per second.", ABOVE_0)
 CODES = Opt(
     "--code PATTERN[@DECODER]",
@@ -71,8 +70,7 @@ CSV = Opt("--csv FILE.csv", "With --code: all numbers.", OutputFile(".csv", bare
 def command(
     scene_name: SceneName,
     dent: Dent = None,
-    frames: Annotated[int | None, FRAMES] = None,
-    seconds: Annotated[float | None, TIME] = None,
+    frames: Annotated[int, FRAMES] = 24,
     refresh: Annotated[float, REFRESH] = 60.0,
     codes: Annotated[tuple[str, ...], CODES] = (),
     noises: Annotated[tuple[float, ...], NOISE] = (),
@@ -133,16 +131,12 @@ def command(
     if len(faults) * len(noises) > 1 or chart or csv_path:
         raise InputError("--code: missing; several noises or faults, --chart and --csv compare named codes")
     (fault,), (noise,) = faults, noises
-    by_time = math.inf if seconds is None else seconds * rate + 1e-9
-    budget = int(min(frames or (24 if seconds is None else math.inf), by_time))
-    if budget < 2:
-        raise InputError(f"--time {seconds:g}: shows less than two frames, must be at least {2 / rate:.3g}")
     cells = scene.pattern.rows, scene.pattern.cols
     extra = [design.user_candidate(text, *cells, resized=resized) for text in added]
     with progress() as step:
         found = design.run_design(
             fault.on(scene), dent or scene.dent or "flat",
-            frames=budget, refresh=rate, noise=noise, verify=verify, seeds=seeds,
+            frames=frames, refresh=rate, noise=noise, verify=verify, seeds=seeds,
             extra=extra, lag=fault.lag, calibrated=rig.calibrated and fault.gamma is None,
             renderer=renderer, progress=step,
         )  # fmt: skip
@@ -155,18 +149,13 @@ def command(
     heads = ("sequence", "frames", "time", "predicted", "+-", "simulated", "+-", "wrong", "measured", "")
     lines = [
         (
-            *(row.text, str(row.frames), number(row.seconds, "s"), number(row.predicted)),
-            *(
-                _known(100 * row.spread, ".0f", " %"),
-                _known(row.simulated),
-                _known(row.simulated_spread, ".1g"),
-            ),
-            _known(row.failure, ".0e"),
-            *(number(100 * row.share, "%"), row.why),
+            row.text, str(row.frames), number(row.seconds, "s"), number(row.predicted),
+            _known(100 * row.spread, ".0f", " %"), _known(row.simulated), _known(row.simulated_spread, ".1g"),
+            _known(row.failure, ".0e"), number(100 * row.share, "%"), row.why,
         )
         for row in best
-    ]
-    grid(f"Height error, rms in mm: {scene.name}, at most {budget} frames{rig.known}", heads, lines)
+    ]  # fmt: skip
+    grid(f"Height error, rms in mm: {scene.name}, at most {frames} frames{rig.known}", heads, lines)
     choice = {
         "sequence": "none: no candidate meets the limits" if chosen is None else chosen.text,
         "candidates": str(len(found.rows)),
