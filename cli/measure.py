@@ -11,7 +11,7 @@ from optolever import InputError
 from .arguments import Arg, Opt, Rare, program
 from .batch import Many
 from .options import Json, NoRest, Shown, name_unused, response_of
-from .rig_capture import capture_rig, measured_lag, require_new
+from .rig_capture import capture_rig, measured_lag
 from .rig_devices import Changes, OpenedRig, sequence_of
 from .show import (
     contact_rows,
@@ -62,7 +62,7 @@ def command(
     pattern and the preceding one: a display's light changes later than its buffer is swapped.
     """
 
-    require_new(out)
+    ol.files.require_new_folder(out)
     scene = ol.scene.load(rig)
     devices = None if captures else ol.projector.devices_of(rig, changes)
     with progress() as step:

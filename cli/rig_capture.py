@@ -56,7 +56,7 @@ def capture_rig(
 
     InputError and CameraLost name the recording of the images so far, and the command that hands them out.
     """
-    require_new(out)
+    ol.files.require_new_folder(out)
     scene = ol.scene.load(rig)
     record = _new_name(out.with_name(f"{out.name}.recording") if record is None else record)
     with opened(rig, devices, shown) as now:
@@ -130,12 +130,6 @@ def captured(
     stamps = np.array([one.stamp_s for one in taken])
     times = {"timestamps": stamps - stamps[0], "bits": bits or 8 * frames.dtype.itemsize}
     return ol.projector.Capture(frames, shown[: len(taken)], scene, **times)
-
-
-def require_new(out: Path) -> None:
-    """InputError unless a folder can be made there."""
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise InputError(f"{out}: exists and is no empty folder; name another")
 
 
 def _new_name(path: Path) -> Path:

@@ -28,8 +28,8 @@ from optolever.memory import require_room
 
 __all__ = [
     "atomic_file", "atomic_folder", "latest", "load_arrays", "plain", "read_lines",
-    "require_folder", "require_writable", "save_arrays", "together", "write_csv", "write_json",
-    "write_rows",
+    "require_folder", "require_new_folder", "require_writable", "save_arrays", "together",
+    "write_csv", "write_json", "write_rows",
 ]  # fmt: skip
 
 _FAILED = "cannot be written"
@@ -146,8 +146,7 @@ def atomic_folder(path: str | Path) -> AbstractContextManager[Path]:
     Errors as of atomic_file.
     """
     target = Path(path)
-    if target.exists() and (not target.is_dir() or any(target.iterdir())):
-        raise InputError(f"{target}: exists and is no empty folder; nothing is written over, name another")
+    require_new_folder(target)
     _require_parent(target, target)
     output = _Output(target, target, target.parent / f".{target.name}.{secrets.token_hex(8)}")
     return _placed(output, Path.mkdir)
@@ -163,6 +162,12 @@ def require_writable(path: str | Path) -> None:
     target = _target(asked)
     if not _is_stream(target):
         _require_parent(asked, target)
+
+
+def require_new_folder(folder: Path) -> None:
+    """InputError unless it is absent or empty."""
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError(f"{folder}: exists and is no empty folder; nothing is written over, name another")
 
 
 def require_folder(path: str | Path, *files: str) -> None:

@@ -29,7 +29,7 @@ import zstandard
 from numpy.typing import NDArray
 
 from optolever.errors import InputError
-from optolever.files import read_lines
+from optolever.files import read_lines, require_new_folder
 
 from .devices import Accepted, Image, Shown, no_pixels
 
@@ -54,8 +54,7 @@ class Recorder:
 
     def __init__(self, folder: str | Path, about: Mapping[str, Any]) -> None:
         self.folder = Path(folder)
-        if self.folder.exists() and (not self.folder.is_dir() or any(self.folder.iterdir())):
-            raise InputError(f"{self.folder}: exists and is no empty folder; name another")
+        require_new_folder(self.folder)
         self.folder.mkdir(parents=True, exist_ok=True)
         self._log = (self.folder / _LOG).open("w", encoding="utf-8")
         self._file = (self.folder / _PAGES).open("wb")
