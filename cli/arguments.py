@@ -33,13 +33,8 @@ class Arg:
     def parameter(self, name: str, annotation: Any, _: Any) -> click.Parameter:
         """The argument of a function's parameter."""
         kind, many = _kind(annotation)
-        return click.Argument(
-            [name],
-            type=self.kind or kind,
-            nargs=-1 if many else 1,
-            required=self.required,
-            metavar=self.metavar,
-        )
+        count: dict[str, Any] = {"nargs": -1 if many else 1, "required": self.required}
+        return click.Argument([name], type=self.kind or kind, metavar=self.metavar, **count)
 
 
 @dataclass(frozen=True)

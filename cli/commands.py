@@ -18,11 +18,6 @@ CAMERA = ("devices", "preview", "expose", "sync", "record", "replay", "measure")
 MODULES = {"show": "window"}
 
 
-def module_of(name: str) -> str:
-    """The module of a command, in this folder."""
-    return MODULES.get(name, name)
-
-
 class Commands(click.Group):
     """A group whose commands are modules of a package, imported when they are asked for.
 
@@ -38,7 +33,8 @@ class Commands(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in self.list_commands(ctx):
             return None
-        command = importlib.import_module(f"{self.package}.{module_of(cmd_name)}").command
+        module = MODULES.get(cmd_name, cmd_name)
+        command = importlib.import_module(f"{self.package}.{module}").command
         assert isinstance(command, click.Command)
         return command
 

@@ -35,14 +35,9 @@ def command(json_path: Json = None) -> None:
         shown = ol.projector.monitors()
     except InputError as error:
         shown, silent = [], silent | {"monitors": str(error)}
-    write_json(
-        json_path,
-        {
-            "cameras": [asdict(one) for one in cameras],
-            "not_looked_for": silent,
-            "monitors": [asdict(one) | {"display": one.address, "faults": one.faults()} for one in shown],
-        },
-    )
+    monitors = [asdict(one) | {"display": one.address, "faults": one.faults()} for one in shown]
+    found = {"cameras": [asdict(one) for one in cameras], "not_looked_for": silent, "monitors": monitors}
+    write_json(json_path, found)
     rows = [[one.address, one.model, one.serial, " ".join(one.formats[:4]), one.note] for one in cameras]
     grid("Cameras", ("camera", "model", "serial", "formats", "note"), rows or [["none"]])
     print_notices(silent.values())

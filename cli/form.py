@@ -109,13 +109,8 @@ def command(
     """
     shape = _Shape(form, nominal, apertures, highpass, lowpass)
     if len(sources) > 1:
-        alone: dict[str, object] = {
-            "--slopes": slopes_path,
-            "--zernike": order,
-            "--profile": lines,
-            "--limit": limits,
-        }
-        alone |= {"--profiles": profiles_path, "--psd": psd_path, "--waves": waves}
+        alone: dict[str, object] = {"--slopes": slopes_path, "--zernike": order, "--profile": lines}
+        alone |= {"--limit": limits, "--profiles": profiles_path, "--psd": psd_path, "--waves": waves}
         for option, value in alone.items():
             if value:
                 raise InputError(f"{option}: is of one map, not of {len(sources)}; leave it out")

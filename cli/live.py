@@ -14,33 +14,19 @@ from optolever import InputError
 from optolever.quantities import quantity
 
 from .arguments import AT_LEAST_0, Opt, Rare, program
-from .options import Json, Noise, RigFile, Seed, Size, load_scene, preset
+from .options import Json, Noise, Port, RigFile, Seed, Size, load_scene, preset
 from .outputs import OutputFile
 from .rig_devices import Changes
 from .show import print_notices, table, write_json
 
 SAMPLE = """
-$ optolever live --pixels 160x120 --headless --frames 300 --probe 30,22
+$ optolever live --pixels 160x120 --headless --frames 300
 Live: prism48, 60 x 80 cells
-  readings                                  300, 300 trusted
-  deepest                                   0.1707 ± 0.0022 mm
-  rate                                      21.6 readings/s, median delay 23.1
-                                            ms
-  noise                                     148 nm a frame, 45 nm/sqrt(Hz)
-  probe 30.4,22.1                           48727 ± 954 nm at 0.62 Hz, or 59.30,
-                                            60.53; 19721 ± 838 nm at 1.24 Hz, or
-                                            58.68, 61.15; 7989 ± 625 nm at 1.85
-                                            Hz, or 58.07, 61.77; floor 453 nm,
-                                            resolution 0.072 Hz; 1.7 s of motion
-                                            left out
-  probe 30.4,22.1 less the picture's shift  48555 ± 947 nm at 0.62 Hz, or 59.30,
-                                            60.53; 19578 ± 839 nm at 1.24 Hz, or
-                                            58.68, 61.15; 7990 ± 624 nm at 1.85
-                                            Hz, or 58.07, 61.77; floor 460 nm,
-                                            resolution 0.072 Hz; 1.7 s of motion
-                                            left out
+  readings  300, 300 trusted
+  deepest   0.1707 ± 0.0022 mm
+  rate      21.6 readings/s, median delay 23.1 ms
+  noise     148 nm a frame, 45 nm/sqrt(Hz)
 """
-
 
 _RATED = 120  # readings: the rate is that of the last 60, the first ones are slow
 RATE = Opt("--rate HZ", "Frames a second of the virtual camera; 0: as fast as they are read.", AT_LEAST_0)
@@ -56,7 +42,6 @@ SOCKET = Rare(
     "Unix socket that sends every reading: a line of JSON, then the heights.",
     click.Path(path_type=Path),
 )
-PORT = Rare("--port N", "Port of the page, on 127.0.0.1; default: a free one.", click.IntRange(0, 65535))
 
 
 @program("live", SAMPLE)
@@ -76,7 +61,7 @@ def command(
     socket: Annotated[Path | None, SOCKET] = None,
     probe: Annotated[tuple[str, ...], PROBE] = (),
     seed: Seed = 0,
-    port: Annotated[int, PORT] = 0,
+    port: Port = 0,
     json_path: Json = None,
 ) -> None:
     """Measure every frame of a camera: height, contacts, force.

@@ -81,6 +81,9 @@ Dent = Annotated[
 ]
 Noise = Annotated[float, Opt("--noise LEVELS", _SENSOR, AT_LEAST_0)]
 Seed = Annotated[int, Rare("--seed N", "Seed of the random numbers.", click.IntRange(min=0))]
+Port = Annotated[
+    int, Rare("--port N", "Port of the page, on 127.0.0.1; default: a free one.", click.IntRange(0, 65535))
+]
 Renderer = Annotated[Literal["auto", "gl", "numpy"], Rare("--renderer auto|gl|numpy", _RENDERER)]
 Anchor = Annotated[Any, Opt("--anchor edge|middle|X,Y,Z", _ANCHOR, Anchored())]
 Pitch = Annotated[float | None, Rare("--pitch MM", _PITCH, ABOVE_0)]

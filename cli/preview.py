@@ -9,8 +9,8 @@ import click
 import optolever as ol
 from optolever import InputError
 
-from .arguments import ABOVE_0, Opt, Rare, program
-from .options import Json
+from .arguments import ABOVE_0, Opt, program
+from .options import Json, Port
 from .rig_devices import Changes, OpenedRig, levels_of, opened
 from .show import write_json
 from .start_page import PageFront
@@ -23,7 +23,6 @@ sees the display  100 %; saturated 0 %; sharpness 100 % of its best. Good.
 
 TEXT = Opt("--text", "Print a line a second instead of serving a page.")
 SECONDS = Opt("--seconds SECONDS", "Stop after so long; default: Ctrl-C.", ABOVE_0)
-PORT = Rare("--port N", "Port of the page, on 127.0.0.1; default: a free one.", click.IntRange(0, 65535))
 
 
 @program("preview", SAMPLE)
@@ -32,7 +31,7 @@ def command(
     changes: Changes = (),
     text: Annotated[bool, TEXT] = False,
     seconds: Annotated[float | None, SECONDS] = None,
-    port: Annotated[int, PORT] = 0,
+    port: Port = 0,
     json_path: Json = None,
 ) -> None:
     """Aim and focus a rig's camera.

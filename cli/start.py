@@ -12,7 +12,7 @@ from optolever import InputError
 from optolever.quantities import quantity
 
 from .arguments import Opt, Rare, program
-from .options import Json
+from .options import Json, Port
 from .outputs import OutputFile
 from .show import write_json
 from .start_front import Front, GoTo, Terminal
@@ -37,7 +37,6 @@ TEXT = Opt("--text", "Ask on the terminal instead of on a page.")
 NO_BROWSER = Opt("--no-browser", "As --text; the preview is drawn on the rig's display itself.")
 STEP = Opt("--from STEP", f"Go on at this step: {', '.join(STEPS)}.", click.Choice([*STEPS]))
 FRAMES = Rare("--frames N", "Of the live view, then stop.", click.IntRange(min=1))
-PORT = Rare("--port N", "Port of the page, on 127.0.0.1; default: a free one.", click.IntRange(0, 65535))
 
 
 @program("start", SAMPLE)
@@ -47,7 +46,7 @@ def command(
     no_browser: Annotated[bool, NO_BROWSER] = False,
     step: Annotated[str | None, STEP] = None,
     frames: Annotated[int | None, FRAMES] = None,
-    port: Annotated[int, PORT] = 0,
+    port: Port = 0,
     json_path: Json = None,
 ) -> None:
     """From an unpacked camera to a live height.

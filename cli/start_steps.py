@@ -286,11 +286,8 @@ def _adjusted(begun: Begun, front: Front, found: "ol.decode.Correspondence") -> 
     try:
         fitted = ol.calibration.calibrate(typed, [ol.calibration.Observation("rest", target, found)], priors)
         chi = fitted.adjustment.chi
-        why = (
-            f"chi {chi:.2g}, at most {_CHI:g} is normal"
-            if chi > _CHI
-            else "".join(map(str, fitted.implausible[:1]))
-        )
+        why = f"chi {chi:.2g}, at most {_CHI:g} is normal" if chi > _CHI else ""
+        why = why or "".join(map(str, fitted.implausible[:1]))
         if not why:
             return fitted.scene
     except InputError as error:
