@@ -19,6 +19,12 @@ __all__ = ["few_good", "off_the_end"]
 _FEW, _OFF = 0.5, 1 / 6
 #: Pixels by which lit ones are known.
 _SEEN = 1 << 15
+#: Amplitude of the modulation over white from which on contrast is no cause, and the cure then.
+_AMPLE = 0.1
+_OTHERWISE = (
+    "their contrast is high: either the periods repeat on the pattern (add one as wide as it, or bits), or "
+    "periods, shifts, steps or the pattern's pixels are others than described"
+)
 #: Notices that are no cause: each costs sigma alone.
 _SIGMA = "sigma is"
 
@@ -73,13 +79,14 @@ def _cause(
             beyond = (places < -0.5) | (places > axis.extent - 0.5)
             if beyond.mean() > 0.5 * _OFF:
                 return off_the_end(axis.axis, axis.extent, places), "correct capture.toml"
-    if share(Flag.DARK | Flag.LOW_CONTRAST) > 0.5:
+    ample = np.median(found.amplitude[lit]) > _AMPLE * light.clip
+    if share(Flag.DARK | Flag.LOW_CONTRAST) > 0.5 and not ample:
         cure = "expose longer, or show more steps (gray+phase:steps=16)"
         return f"the pattern is too weak for its sequence, {np.ptp(some, axis=0).mean():.2g} levels", cure
     causes = {
         Flag.ORDER_DOUBTFUL: (
             "fringe orders are ambiguous",
-            "most likely too little contrast: expose longer",
+            _OTHERWISE if ample else "most likely too little contrast: expose longer",
         ),
         Flag.OUTLIER: (
             "neighbouring pixels contradict each other",

@@ -413,6 +413,14 @@ def _descriptions(sequence: Sequence) -> Iterator[_Trial]:
         ("bits are in reverse order", BINARY_CODES, lambda f: {"bit": last[f.axis or "u"] - (f.bit or 0)}),
         ("binary and Gray bits are exchanged", tuple(other), lambda f: {"kind": other[f.kind]}),
         ("fringes have shifts of the other sign", ("phase",), lambda f: {"shift": -(f.shift or 0.0)}),
+        *(
+            (
+                f"fringes are {name} for a cosine",
+                ("phase",),
+                lambda f, by=by: {"shift": (f.shift or 0.0) + by},
+            )
+            for name, by in (("a sine", -np.pi / 2), ("a negative sine", np.pi / 2))
+        ),
         (_EXCHANGED, (*BINARY_CODES, "phase"), lambda f: {"axis": "uv".replace(f.axis or "", "")}),
     ]
     kinds = {f.kind for f in frames}

@@ -28,6 +28,7 @@ Picture = NDArray[Any]
 #: Suffixes of pictures, and of files that may hold several.
 PICTURES = (".png", ".bmp", ".pgm", ".pnm", ".ppm", ".tif", ".tiff", ".jpg", ".jpeg", ".jp2", ".webp", ".npy")
 _VIDEOS = (".avi", ".mkv", ".mp4", ".mov", ".m4v", ".webm")
+_LOSSLESS = ("FFV1", "HFYU", "FFVH", "\0\0\0\0")
 STACKS = (".tif", ".tiff", ".npy", *_VIDEOS)
 _TIFF = (".tif", ".tiff")
 #: Luminance of red, green, blue: ITU-R BT.601.
@@ -118,8 +119,14 @@ def colours_of(picture: Picture) -> Picture | None:
 
 
 def is_lossy(path: Path) -> bool:
-    """Whether a file's pictures are not what the camera took, by its suffix: JPEG and video."""
-    return path.suffix.lower() in (".jpg", ".jpeg", ".webp", *_VIDEOS)
+    """Whether a file's pictures are not what the camera took: JPEG, and video of any but a lossless codec."""
+    suffix = path.suffix.lower()
+    return suffix in (".jpg", ".jpeg", ".webp") or (suffix in _VIDEOS and not _is_lossless(path))
+
+
+def _is_lossless(path: Path) -> bool:
+    code = int(cv2.VideoCapture(str(path)).get(cv2.CAP_PROP_FOURCC)) & 0xFFFFFFFF
+    return code.to_bytes(4, "little").decode("latin-1").upper() in _LOSSLESS
 
 
 def whole_jpeg(data: bytes, flags: int = cv2.IMREAD_UNCHANGED) -> Picture | None:

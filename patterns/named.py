@@ -125,7 +125,8 @@ def sequence_from_text(text: str, rows: int, cols: int) -> Sequence:
 def _loaded(path: str, rows: int, cols: int) -> Sequence:
     found = Sequence.load(path)
     if (found.rows, found.cols) != (rows, cols):
-        raise InputError(f"{path}: is for {found.rows}x{found.cols} cells, the surface has {rows}x{cols}")
+        own, given = f"{found.cols} columns x {found.rows} rows", f"{cols} columns x {rows} rows"
+        raise InputError(f"{path}: is for {own}, the surface has {given}")
     return found
 
 

@@ -167,7 +167,8 @@ def _require_image(path: Path, image: NDArray[Any], bits: int) -> None:
     """InputError unless it holds values below 2^bits in the type of so many."""
     expected = np.dtype(np.uint8 if bits == 8 else np.uint16)
     if image.dtype != expected:
-        raise InputError(f"{path}: {image.dtype} pixels, {bits} bits need {expected}")
+        cure = f"{bits} bits need {expected}: write bits = {8 * image.dtype.itemsize}, or the camera's, first"
+        raise InputError(f"{path}: {image.dtype} pixels, {cure}")
     if image.max() > 2**bits - 1:
         raise InputError(f"{path}: value {image.max()}, the limit of {bits} bits is {2**bits - 1}")
 

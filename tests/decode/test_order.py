@@ -21,6 +21,14 @@ CODES = {
     "gray+phase": sequence("gray+phase", *SURFACE),
     "phase": sequence("phase", *SURFACE),
 }
+#: Bits to the last pixel, and fringes of 16.
+BOTH = replace(
+    CODES["plain gray"],
+    frames=(
+        *CODES["plain gray"].frames,
+        *(Frame("phase", axis, shift=k * np.pi / 2, period_px=16.0) for axis in "uv" for k in range(4)),
+    ),
+)
 
 
 def named(found: Correspondence) -> str:
@@ -138,3 +146,11 @@ def test_another_description_is_found(
         for frame in shown
     ]
     assert repaired(decode(frames, replace(shown, frames=tuple(other))), smooth)
+
+
+def test_a_sine_for_a_cosine_is_found(shoot: Shoot, smooth: Map) -> None:
+    sine = [replace(f, shift=f.shift + np.pi / 2) if f.shift is not None else f for f in BOTH]
+    frames = shoot(replace(BOTH, frames=tuple(sine)), *smooth, noise=1.0, gain=1 / 30)
+    found = decode(frames, BOTH)
+    assert "a negative sine for a cosine" in named(found)
+    assert repaired(found, smooth)
