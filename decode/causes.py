@@ -66,6 +66,7 @@ def _cause(
     found: Correspondence, light: Light, sequence: Sequence, lit: NDArray[np.bool_], share: Any
 ) -> tuple[str, str]:
     """The cause and its cure; the most certain one first."""
+    amplitude = np.asarray(found.amplitude)[lit]
     some = light.raw[:, lit][:, :: 1 + int(lit.sum()) // 4096]
     if any(axis.fringes for axis in plan(sequence).axes) and len(np.unique(some)) < 3:
         return "the frames hold two levels only", "fringes need grey values: capture without a threshold"
@@ -79,7 +80,7 @@ def _cause(
             beyond = (places < -0.5) | (places > axis.extent - 0.5)
             if beyond.mean() > 0.5 * _OFF:
                 return off_the_end(axis.axis, axis.extent, places), "correct capture.toml"
-    ample = np.median(found.amplitude[lit]) > _AMPLE * light.clip
+    ample = float(np.median(amplitude)) > _AMPLE * light.clip
     if share(Flag.DARK | Flag.LOW_CONTRAST) > 0.5 and not ample:
         cure = "expose longer, or show more steps (gray+phase:steps=16)"
         return f"the pattern is too weak for its sequence, {np.ptp(some, axis=0).mean():.2g} levels", cure

@@ -92,8 +92,8 @@ def test_a_tiff_whose_0_is_white_is_turned_or_refused(tmp_path: Path) -> None:
         Capture.from_pictures(tmp_path / "s.tif", SHOWN)
 
 
-@pytest.mark.parametrize(("codec", "off"), [("FFV1", 1), ("MJPG", 60)])
-def test_a_video_of_one_picture_per_pattern(tmp_path: Path, codec: str, off: int) -> None:
+@pytest.mark.parametrize("codec", ["FFV1", "MJPG"])
+def test_a_video_of_one_picture_per_pattern(tmp_path: Path, codec: str) -> None:
     """Grey levels as they were; a notice of a codec with loss."""
     path, images = tmp_path / "v.avi", frames()
     video = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), 10, (28, 20), False)
@@ -103,8 +103,11 @@ def test_a_video_of_one_picture_per_pattern(tmp_path: Path, codec: str, off: int
         video.write(image)
     video.release()
     found = Capture.from_pictures(path, SHOWN)
-    assert np.abs(found.frames.astype(int) - images).max() <= off
-    assert names(found) == (["pictures compressed with loss (JPEG, video)"] if codec == "MJPG" else [])
+    if codec == "MJPG":
+        assert names(found) == ["pictures compressed with loss (JPEG, video)"]
+    else:
+        assert not found.notices
+        assert np.abs(found.frames.astype(int) - images).max() <= 1
 
 
 def test_floating_point_becomes_levels_whatever_its_unit(tmp_path: Path) -> None:
