@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from optolever.blocks import over_image, over_rows
-from optolever.kernels import inlined, kernel
+from optolever.kernels import kernel
 from optolever.scene import PatternShape
 
 from .arrays import Floats, Mask, Pair
@@ -71,16 +71,16 @@ class Measured:
     def slopes(self, w: Floats) -> tuple[Floats, ...]:
         """Slopes p, q (along columns, along rows) of the unknown at w, and their derivatives dp/dw, dq/dw;
         (rows, cols) each, NaN where u or v is."""
-        p, q, p_w, q_w = (np.empty(w.shape) for _ in range(4))
         u, v = self._on_plane(w)
+        found, moving = np.empty((4, *w.shape)), (not self.rays.logarithmic, not self.rays.parallel)
         with np.errstate(over="ignore", invalid="ignore"):
             t = self.distance(w)
-            arrays = self.rays.origins, self.rays.directions, self.plane, u, v, t, p, q, p_w, q_w
+            arrays = self.rays.origins, self.rays.directions, *moving, self.plane, u, v, t, found
             over_image(lambda start, stop: _slopes(*arrays, start, stop), w.shape)
             if self.rays.logarithmic:
-                for slope, change in ((p, p_w), (q, q_w)):
-                    slope /= t
-                    change -= slope
+                found[:2] /= t
+                found[2:] -= found[:2]
+        p, q, p_w, q_w = found
         return p, q, p_w, q_w
 
     def variances(self, w: Floats, every: int = 1, where: Mask | None = None) -> Pair:
@@ -261,20 +261,31 @@ class Measured:
         return np.exp(w) if self.rays.logarithmic else w
 
 
-@inlined
-def _change(a, k, r, c, down, right):  # type: ignore[no-untyped-def]
-    """Of a padded array along rows (down = 1) or columns (right = 1), to the fourth order."""
-    near = a[k, r + down, c + right] - a[k, r - down, c - right]
-    return (8.0 * near - (a[k, r + 2 * down, c + 2 * right] - a[k, r - 2 * down, c - 2 * right])) / 12.0
-
-
 @kernel
-def _slopes(o, d, plane, u, v, t, p, q, p_t, q_t, start, stop):  # type: ignore[no-untyped-def]
-    """In each pixel the change of t along both axes, and its derivative by t; n: the normal, m: its change by
-    t, g: change of the ray's direction, a: of its point."""
+def _slopes(o, d, shifting, turning, plane, u, v, t, found, start, stop):  # type: ignore[no-untyped-def]
+    """In each pixel the change of t along both axes (0: along the row), and its derivative by t; n: the
+    normal, m: its change by t, g: change of the ray's direction, a: of its point, to the fourth order. Sums
+    in rows of their own become vector instructions."""
+    cols = u.shape[1]
+    changes, out = np.zeros((4, 3, cols)), np.zeros((4, cols))
     for i in range(start, stop):
         r = PAD + i
-        for j in range(u.shape[1]):
+        for k in range(3):
+            for axis in range(2):
+                down, right = axis, 1 - axis
+                if shifting:
+                    for j in range(cols):
+                        c = PAD + j
+                        near = 8.0 * (o[k, r + down, c + right] - o[k, r - down, c - right])
+                        far = o[k, r + 2 * down, c + 2 * right] - o[k, r - 2 * down, c - 2 * right]
+                        changes[axis, k, j] = (near - far) / 12.0
+                if turning:
+                    for j in range(cols):
+                        c = PAD + j
+                        near = 8.0 * (d[k, r + down, c + right] - d[k, r - down, c - right])
+                        far = d[k, r + 2 * down, c + 2 * right] - d[k, r - 2 * down, c - 2 * right]
+                        changes[2 + axis, k, j] = (near - far) / 12.0
+        for j in range(cols):
             c, away = PAD + j, t[i, j]
             dx, dy, dz = d[0, r, c], d[1, r, c], d[2, r, c]
             ex = plane[0, 0] + u[i, j] * plane[1, 0] + v[i, j] * plane[2, 0] - o[0, r, c] - away * dx
@@ -287,21 +298,17 @@ def _slopes(o, d, plane, u, v, t, p, q, p_t, q_t, start, stop):  # type: ignore[
             mx, my, mz = -(dx - de * ex) * inverse, -(dy - de * ey) * inverse, -(dz - de * ez) * inverse
             scale = -1.0 / (nx * dx + ny * dy + nz * dz)
             for axis in range(2):
-                gx = _change(d, 0, r, c, axis, 1 - axis)
-                gy = _change(d, 1, r, c, axis, 1 - axis)
-                gz = _change(d, 2, r, c, axis, 1 - axis)
-                ax = _change(o, 0, r, c, axis, 1 - axis) + away * gx
-                ay = _change(o, 1, r, c, axis, 1 - axis) + away * gy
-                az = _change(o, 2, r, c, axis, 1 - axis) + away * gz
+                gx, gy, gz = changes[2 + axis, 0, j], changes[2 + axis, 1, j], changes[2 + axis, 2, j]
+                ax = changes[axis, 0, j] + away * gx
+                ay = changes[axis, 1, j] + away * gy
+                az = changes[axis, 2, j] + away * gz
                 slope = scale * (nx * ax + ny * ay + nz * az)
                 turned = mx * (ax + slope * dx) + my * (ay + slope * dy) + mz * (az + slope * dz)
-                change = scale * (turned + (nx * gx + ny * gy + nz * gz))
-                if axis == 0:
-                    p[i, j] = slope
-                    p_t[i, j] = change
-                else:
-                    q[i, j] = slope
-                    q_t[i, j] = change
+                out[axis, j] = slope
+                out[2 + axis, j] = scale * (turned + (nx * gx + ny * gy + nz * gz))
+        for k in range(4):
+            for j in range(cols):
+                found[k, i, j] = out[k, j]
 
 
 def _amid(values: Floats, where: Mask) -> Floats:

@@ -35,24 +35,25 @@ _MEDIAN = 2.0 * math.log(2.0)  # of chi squared with two degrees of freedom
 _MOVING = 0.05  # of the pixels: more are not single noisy ones
 _SLOWEST = 0.99  # ratio of successive steps: the upper limit in extrapolation
 _LARGEST = 1e12  # of the median variance: a slope without information
-_CHORD_RATE = 1e-3  # refit the integrating factor while a step leaves more than this of the last one
+_CHORD_RATE = 1e-2  # refit the integrating factor while a step leaves more than this of the last one
 
 
 @dataclass(frozen=True, slots=True)
 class State:
     """The end of a solve.
 
-    w: the unknown (rows, cols), outside the mask as it started; root: square root of the integrating
-    factor; problem: the last weighted problem; rows, share: the anchors, and each one's share in its
-    component's constant; slopes: p and q before the last step; variances: of these; steps: rms change of w
-    in every step; iterations: linear solves and conjugate-gradient iterations; converged: whether the last
-    step met the tolerance, or noise hides the rest in every pixel; energy: sum of the squared edge
-    defects over their variances, before the last step; bend: how much curves may mislead every anchor;
-    doubt: of the edges; unsettled (rows, cols): pixels that steps like the last ones would still move, if it
-    did not converge; misfit: see `_misfit`.
+    w: the unknown (rows, cols), outside the mask as it started; before: w before the last step; root:
+    square root of the integrating factor; problem: the last weighted problem; rows, share: the anchors,
+    and each one's share in its component's constant; slopes: p and q at `before`; variances: of these;
+    steps: rms change of w in every step; iterations: linear solves and conjugate-gradient iterations;
+    converged: whether the last step met the tolerance, or noise hides the rest in every pixel; energy:
+    sum of the squared edge defects over their variances, before the last step; bend: how much curves may
+    mislead every anchor; doubt: of the edges; unsettled (rows, cols): pixels that steps like the last
+    ones would still move, if it did not converge; misfit: see `_misfit`.
     """
 
     w: Floats
+    before: Floats
     root: Floats
     problem: EdgeProblem
     rows: AnchorRows
@@ -133,7 +134,7 @@ def solve(
         change, share = _anchored(step.x, root, labels, rows, w, (p, q), variances)
         del step
         change = _limited(change, data, w)
-        w = w + change
+        before, w = w, w + change
         steps.append(float(np.sqrt(np.mean(change**2))))
         converged = _left(steps) <= max(tolerance, _NOISE_SHARE * quiet * noise)
         if converged or len(steps) >= _MAX_STEPS or _stalled(steps):
@@ -144,6 +145,7 @@ def solve(
                 converged = not unsettled.any()
             return State(
                 w,
+                before,
                 root,
                 problem,
                 rows,
@@ -169,7 +171,8 @@ def chord_step(data: Measured, labels: Labels, state: State, accuracy: Accuracy,
     step = state.problem.solve(gx, gy, accuracy)
     change, _ = _anchored(step.x, state.root, labels, state.rows, state.w, (p, q), state.variances, share)
     size = float(np.sqrt(np.mean(change**2)))
-    return replace(state, w=state.w + change, slopes=(p, q), steps=(size,), iterations=step.iterations)
+    w = state.w + change
+    return replace(state, w=w, before=state.w, slopes=(p, q), steps=(size,), iterations=step.iterations)
 
 
 def linear_changes(

@@ -175,11 +175,11 @@ def edge_diagonal(columns: ColumnPoisson) -> Floats:
     """Diagonal of the rectangle's inverse, (rows, cols): sum_k v_k(col) phi_k(row)^2,
     symmetric in the rows.
     """
-    modes = columns.inverse_diagonal()
-    rows = columns.rows
-    upper = (rows + 1) // 2
-    angle = np.pi * np.outer(np.arange(upper) + 0.5, np.arange(rows)) / rows
-    squares = np.cos(angle) ** 2 * (2.0 / rows)
-    squares[:, 0] = 1.0 / rows
-    half = squares @ modes
-    return np.concatenate([half, half[: rows - upper][::-1]])
+    modes, rows = columns.inverse_diagonal(), columns.rows
+    # phi_k^2 = (1 + cos 2 k x) / rows, x = pi (row + 1/2) / rows: itself a sum of cosines, 2 k folded back
+    even, low, high = np.zeros(modes.shape), np.arange(1, (rows + 1) // 2), np.arange(rows // 2 + 1, rows)
+    even[0] = modes.sum(axis=0)
+    even[2 * low] = 0.5 * modes[low]
+    even[2 * (rows - high)] -= 0.5 * modes[high]
+    found: Floats = scipy.fft.dct(even, type=3, axis=0, overwrite_x=True, workers=threads())
+    return found / rows

@@ -1,15 +1,15 @@
 """Errors of places by a lens whose blur was not given: one number, common to all pixels."""
 
+import cv2
 import numpy as np
-import scipy.ndimage
 
 from optolever.decode import Correspondence
 
-from ..arrays import Floats, Mask, Pair
+from ..arrays import Floats, Pair
 
 __all__ = ["lens_errors"]
 
-_CLEAN = np.ones((5, 5), np.bool_)  # as the decoder asks before it takes the aperture off
+_CLEAN = np.ones((5, 5), np.uint8)  # as the decoder asks before it takes the aperture off
 _LEAST, _MOST = 1e-6, 1e6
 
 
@@ -19,24 +19,34 @@ def lens_errors(seen: Correspondence, rest: Correspondence | None) -> Pair | Non
     noise = seen.shared_noise
     if noise is None or not (noise.lens_u or noise.lens_v):
         return None
-    of_u, of_v = (
-        size * (_bracket(seen, axis) - (0.0 if rest is None else _bracket(rest, axis)))
-        for axis, size in (("u", noise.lens_u), ("v", noise.lens_v))
-    )
-    return of_u, of_v
+    errors = _brackets(seen)
+    if rest is not None:
+        errors = errors - _brackets(rest)
+    return noise.lens_u * errors[0], noise.lens_v * errors[1]
 
 
-def _bracket(seen: Correspondence, axis: str) -> Floats:
-    """laplace u + 2 grad u . grad ln A (H, W), a place's shift over half the aperture's second moment: the
-    mean of 3 x 3 pixels; 0 beside pixels that are not good."""
-    at = np.asarray(getattr(seen, axis), np.float64)
-    usable: Mask = seen.good & np.isfinite(at)
-    light = np.ones(at.shape) if seen.amplitude is None else np.nan_to_num(seen.amplitude)
+def _brackets(seen: Correspondence) -> Floats:
+    """laplace u + 2 grad u . grad A / A, of v likewise (2, H, W), a place's shift over half the aperture's
+    second moment: the mean of 3 x 3 pixels; 0 beside pixels that are not good."""
+    usable = seen.good & np.isfinite(seen.u) & np.isfinite(seen.v)
+    light = np.ones(usable.shape) if seen.amplitude is None else np.nan_to_num(seen.amplitude)
     # of a damaged file both may be anything
-    light, at = np.clip(light, _LEAST, 2.0**16), np.clip(at, -_MOST, _MOST)
-    place, log = (np.where(usable, one, 0.0) for one in (at, np.log(light)))
-    shift = scipy.ndimage.laplace(place, mode="nearest")
-    for rise, fall in zip(np.gradient(place), np.gradient(log), strict=True):
-        shift += 2 * rise * fall
-    good = scipy.ndimage.binary_erosion(usable, _CLEAN)
-    return np.asarray(scipy.ndimage.uniform_filter(np.where(good, shift, 0.0), 3))
+    light = np.where(usable, np.clip(light, _LEAST, 2.0**16), 1.0).astype(np.float64)
+    falls = [part / light for part in _slopes(light)]
+    good = cv2.erode(usable.view(np.uint8), _CLEAN, borderType=cv2.BORDER_CONSTANT, borderValue=0)
+    found = []
+    for at in (seen.u, seen.v):
+        place = np.where(usable, np.clip(at, -_MOST, _MOST), 0.0).astype(np.float64)
+        shift: Floats = np.asarray(cv2.Laplacian(place, cv2.CV_64F), np.float64)
+        for rise, fall in zip(_slopes(place), falls, strict=True):
+            shift += rise * fall
+        shift *= good
+        found.append(cv2.blur(shift, (3, 3)))
+    return np.stack(found)
+
+
+def _slopes(values: Floats) -> Pair:
+    """Differences of the neighbours on either side, along columns and rows (H, W)."""
+    difference = np.array([[-1.0, 0.0, 1.0]])
+    along, down = (cv2.filter2D(values, cv2.CV_64F, part) for part in (difference, difference.T))
+    return np.asarray(along), np.asarray(down)

@@ -81,14 +81,13 @@ def _drawn(
     edges' doubts.
     """
     rows = state.rows
-    p, q, _, _ = data.slopes(state.w)
     du, dv = (
         np.where(data.mask, sigma, 0.0) * rng.standard_normal(labels.shape)
         for sigma in (data.sigma_u, data.sigma_v)
     )
-    slopes, alone, together = slope_errors(data, state, (p, q), ErrorField(du, dv)), None, None
+    slopes, alone, together = slope_errors(data, state, ErrorField(du, dv)), None, None
     if state.doubt is not None:
-        alone, common = drawn_doubts(state.doubt, p, q, rng)
+        alone, common = drawn_doubts(state.doubt, *state.slopes, rng)
         together = (alone[0] + common[0], alone[1] + common[1])
     own = response(data, labels, state, slopes, together)
     factor = np.broadcast_to(state.root**2, own.shape)

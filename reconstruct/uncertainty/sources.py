@@ -26,7 +26,7 @@ from ..problem import Problem
 from ..solver.newton import State
 from .closed_form import unknown_variance
 from .monte_carlo import drawn_doubts
-from .response import ErrorField, smoothed, variance_by
+from .response import ErrorField, smooth_variance, smoothed, variance_by
 
 __all__ = [
     *("ANCHORS", "BEND", "CELLS", "DOUBTS", "LENS", "NOISE", "SHARED"),
@@ -52,10 +52,11 @@ def noise_sources(
     cols): see `holes.noise_gain`; lens: see `lens_errors`."""
     found = {NOISE: gain * unknown_variance(problem.data, state, problem.labels)}
     if shared is not None:
-        found[SHARED] = variance_by(problem, state, _shared(problem, shared))
+        common = variance_by(problem, state, _shared(problem, shared))
+        found |= {SHARED: common} if common.any() else {}
     if lens is not None:
         field = ErrorField(problem.to_grid(lens[0]), problem.to_grid(lens[1]))
-        found[LENS] = variance_by(problem, state, [field])
+        found[LENS] = smooth_variance(problem, state, field)
     if problem.data.whole_cells(problem.bridged):
         found[CELLS] = variance_by(problem, state, _cells(problem))
     if state.doubt is not None and state.problem.closed:
@@ -80,15 +81,19 @@ def _anchors(labels: Labels, state: State) -> dict[str, Floats]:
 
 
 def _shared(problem: Problem, noise: SharedNoise) -> Iterator[ErrorField]:
-    data, shape, nothing, waves = problem.data, problem.labels.shape, np.zeros(problem.labels.shape), []
+    data, shape, nothing = problem.data, problem.labels.shape, np.zeros(problem.labels.shape)
+    lines, waves = noise.rows > 0 or noise.cols > 0, []
     of_u = noise.turns_u, noise.shift_u, noise.frames_u, data.u, data.sigma_u
     of_v = noise.turns_v, noise.shift_v, noise.frames_v, data.v, data.sigma_v
-    for turns, shift, frames, at, sigma in (of_u, of_v):
-        phase = 2 * np.pi * turns * np.where(data.mask, at, 0.0)
-        waves.append(np.where(data.mask, sigma, 0.0) * np.stack([np.cos(phase), np.sin(phase)]))
-        for field in (nothing + shift, *(np.sqrt(frames) * waves[-1])):
-            yield ErrorField(field, nothing) if len(waves) == 1 else ErrorField(nothing, field)
-    count = int(np.clip(_PIXELS // nothing.size, _FEWEST, _DRAWS)) if noise.rows > 0 or noise.cols > 0 else 0
+    for axis, (turns, shift, frames, at, sigma) in enumerate((of_u, of_v)):
+        fields = [nothing + shift] if shift > 0 else []
+        if frames > 0 or lines:
+            phase = 2 * np.pi * turns * np.where(data.mask, at, 0.0)
+            waves.append(np.where(data.mask, sigma, 0.0) * np.stack([np.cos(phase), np.sin(phase)]))
+            fields += [*(np.sqrt(frames) * waves[-1])] if frames > 0 else []
+        for field in fields:
+            yield ErrorField(nothing, field) if axis else ErrorField(field, nothing)
+    count = int(np.clip(_PIXELS // nothing.size, _FEWEST, _DRAWS)) if lines else 0
     rng, (by_rows, by_cols) = (
         np.random.default_rng(_SEED),
         (noise.rows, noise.cols)[:: -1 if problem.turned else 1],
