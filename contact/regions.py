@@ -83,15 +83,19 @@ def _peaks(z: Map, sure: Mask, known: Mask, sigma: Map, columns: int) -> list[tu
     margin = np.maximum(SIGNIFICANT * noise, _PROMINENT * small) / 2
     lower, upper = np.where(peak, small - margin, -np.inf), np.where(saddle, small + margin, -np.inf)
     level, found = float(lower.max()), list[tuple[int, int]]()
-    least = _SHALLOWEST * level
+    least, inside = _SHALLOWEST * level, np.zeros(lower.shape, np.bool_)
     while level > least and len(found) < 2 * _LARGEST:
         level *= _FALL
-        labels = cv2.connectedComponents((upper > level).astype(np.uint8))[1]
-        new = (lower > level) & ~np.isin(labels, [labels[at] for at in found])
+        if not ((lower > level) & ~inside).any():  # what is joined to a peak stays so at lower levels
+            continue
+        count, labels = cv2.connectedComponents((upper > level).astype(np.uint8))
+        inside = np.isin(np.arange(count), [labels[at] for at in found])[labels]
+        new = (lower > level) & ~inside
         while new.any():
             row, col = divmod(int(np.where(new, lower, -np.inf).argmax()), new.shape[1])
             found.append((row, col))
-            new &= labels != labels[row, col]
+            inside |= labels == labels[row, col]
+            new &= ~inside
     climbed = [_climbed(z, sure, row * step, col * step, step) for row, col in found]
     return sorted(dict.fromkeys(climbed), key=lambda at: -float(z[at]))
 

@@ -24,14 +24,18 @@ def coarse_step(shape: tuple[int, ...]) -> int:
 
 def filled(coarse: Floats) -> Modes:
     """The modes, gaps from their nearest neighbours. InputError where one has nothing but gaps."""
-    modes = coarse.astype(np.float32)
+    modes, nearest, before = coarse.astype(np.float32), (), np.zeros(0, np.bool_)
     for mode in modes:
         gaps = ~np.isfinite(mode)
         if gaps.all():
             raise InputError("calibration: no height is left where a number of the scene is off by its sigma")
         if gaps.any():
-            nearest = scipy.ndimage.distance_transform_edt(gaps, return_distances=False, return_indices=True)
-            mode[:] = mode[tuple(nearest)]
+            if not np.array_equal(gaps, before):
+                found = scipy.ndimage.distance_transform_edt(
+                    gaps, return_distances=False, return_indices=True
+                )
+                nearest, before = tuple(found), gaps
+            mode[:] = mode[nearest]
     return modes
 
 
@@ -51,12 +55,17 @@ def sum_of_squares(coarse: Modes, step: int, shape: tuple[int, ...]) -> Floats:
     """Of the modes in every pixel, (H, W): between nodes a parabola along either axis."""
     if step == 1:
         return np.asarray(np.einsum("rij,rij->ij", coarse, coarse, dtype=np.float64))
-    (rows, cols), (down, across) = (
-        [_linear(2 * nodes - 1, 2) for nodes in coarse.shape[1:]],
-        [_quadratic(size, step) for size in shape],
-    )
-    squares = sum(np.square(rows @ (cols @ nodes.T.astype(np.float64)).T) for nodes in coarse)
-    return np.asarray(np.maximum(down @ (across @ np.asarray(squares).T).T, 0.0))
+    nodes, (down, across) = coarse.astype(np.float64), [_quadratic(size, step) for size in shape]
+    squares = np.empty([2 * size - 1 for size in coarse.shape[1:]])
+    left, above = nodes[..., :-1] + nodes[..., 1:], nodes[:, :-1] + nodes[:, 1:]
+    for part, amid in (
+        (squares[::2, ::2], nodes),
+        (squares[::2, 1::2], 0.5 * left),
+        (squares[1::2, ::2], 0.5 * above),
+        (squares[1::2, 1::2], 0.25 * (left[:, :-1] + left[:, 1:])),
+    ):
+        np.einsum("rij,rij->ij", amid, amid, out=part)
+    return np.asarray(np.maximum(down @ (across @ squares.T).T, 0.0))
 
 
 def _places(size: int, step: int) -> tuple[NDArray[np.intp], Floats]:

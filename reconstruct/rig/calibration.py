@@ -3,7 +3,9 @@
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
+from optolever.blocks import over_rows
 from optolever.decode import Correspondence, Flag
 from optolever.errors import InputError
 from optolever.scene import Scene
@@ -14,6 +16,7 @@ from ..geometry import RayField, ray_field, rest_distance, rest_height
 __all__ = ["flat_mirror", "rest_corrected", "same_capture"]
 
 _SAME = 0.02  # standard deviations of the noise
+_BLOCK = 1 << 14  # pixels at once: what they need stays in the cache
 _FORM_STEPS = 4  # each leaves the form's slope times the ray's, some thousandths
 
 
@@ -36,8 +39,8 @@ def rest_corrected(correspondence: Correspondence, rest: Correspondence, scene: 
         correspondence,
         u=correspondence.u - np.where(known, rest.u - flat_u, 0.0),
         v=correspondence.v - np.where(known, rest.v - flat_v, 0.0),
-        sigma_u=np.hypot(correspondence.sigma_u, np.where(known, rest.sigma_u, 0.0)),
-        sigma_v=np.hypot(correspondence.sigma_v, np.where(known, rest.sigma_v, 0.0)),
+        sigma_u=_added(correspondence.sigma_u, np.where(known, rest.sigma_u, np.float32(0))),
+        sigma_v=_added(correspondence.sigma_v, np.where(known, rest.sigma_v, np.float32(0))),
         flags=(correspondence.flags | unknown).astype(np.uint16),
         notices=tuple(dict.fromkeys(correspondence.notices + rest.notices)),
     )
@@ -51,7 +54,23 @@ def flat_mirror(scene: Scene, rays: RayField | None = None) -> Floats:
     capture at rest shows where they are.
     """
     rays = ray_field(scene.camera) if rays is None else rays
-    o, d = rays.inner_origins, rays.inner_directions
+    (rows, cols), found = rays.shape, np.empty((2, *rays.shape))
+
+    def block(start: int, stop: int) -> None:
+        parts = (part[:, start:stop] for part in (rays.inner_origins, rays.inner_directions))
+        found[:, start:stop] = _reflected(scene, *parts)
+
+    over_rows(block, rows, max(1, _BLOCK // cols))
+    return found
+
+
+def _added(one: NDArray[np.floating], other: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Root of the sum of squares: `hypot` is three times slower."""
+    return np.asarray(np.sqrt(np.square(one) + np.square(other)))
+
+
+def _reflected(scene: Scene, o: Floats, d: Floats) -> Floats:
+    """`flat_mirror` of rays (3, n, W)."""
     away = rest_distance(o, d)
     ahead = away > 0
     out = d * np.array([1.0, 1.0, -1.0])[:, None, None]

@@ -30,6 +30,7 @@ def motion_shifts(press: Correspondence, scene: Scene, flat: Floats, step: int) 
     places = np.stack([np.where(press.good, at, np.nan) for at in (press.u, press.v)])
     fields += [_IMAGE / step * np.gradient(places, axis=axis) for axis in (1, 2)]
     whole = filled(np.reshape(fields, (-1, *flat.shape[1:])))
-    _, values, modes = np.linalg.svd(whole.reshape(len(fields), -1).astype(np.float64), full_matrices=False)
-    strong: Floats = (values[:, None] * modes)[values > _WEAK * values.max()]
+    rows = whole.reshape(len(fields), -1).astype(np.float64)
+    squares, turns = np.linalg.eigh(rows @ rows.T)
+    strong: Floats = turns[:, squares > _WEAK**2 * squares[-1]].T[::-1] @ rows  # the largest first
     return strong.reshape(-1, *flat.shape)
