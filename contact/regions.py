@@ -83,10 +83,10 @@ def _peaks(z: Map, sure: Mask, known: Mask, sigma: Map, columns: int) -> list[tu
     margin = np.maximum(SIGNIFICANT * noise, _PROMINENT * small) / 2
     lower, upper = np.where(peak, small - margin, -np.inf), np.where(saddle, small + margin, -np.inf)
     level, found = float(lower.max()), list[tuple[int, int]]()
-    least, inside = _SHALLOWEST * level, np.zeros(lower.shape, np.bool_)
+    least, highest = _SHALLOWEST * level, level
     while level > least and len(found) < 2 * _LARGEST:
         level *= _FALL
-        if not ((lower > level) & ~inside).any():  # what is joined to a peak stays so at lower levels
+        if not highest > level:  # what is joined to a peak stays so at lower levels
             continue
         count, labels = cv2.connectedComponents((upper > level).astype(np.uint8))
         inside = np.isin(np.arange(count), [labels[at] for at in found])[labels]
@@ -96,6 +96,7 @@ def _peaks(z: Map, sure: Mask, known: Mask, sigma: Map, columns: int) -> list[tu
             found.append((row, col))
             inside |= labels == labels[row, col]
             new &= ~inside
+        highest = float(np.where(inside, -np.inf, lower).max())
     climbed = [_climbed(z, sure, row * step, col * step, step) for row, col in found]
     return sorted(dict.fromkeys(climbed), key=lambda at: -float(z[at]))
 

@@ -13,9 +13,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 import scipy.linalg
-import scipy.ndimage
 from numpy.typing import NDArray
 
 from optolever.decode import Correspondence
@@ -412,10 +412,11 @@ def _coarse(c: Correspondence, step: int) -> Correspondence:
     if step == 1:
         return c
     side = 2 * (step // 2) + 1
-    whole = scipy.ndimage.minimum_filter(c.good, side)[::step, ::step]
+    whole = cv2.erode(c.good.astype(np.uint8), np.ones((side, side), np.uint8))[::step, ::step] > 0
 
     def mean(values: NDArray[np.floating]) -> Floats:
-        means = scipy.ndimage.uniform_filter(np.where(c.good, values, 0.0), side)[::step, ::step]
+        known = np.where(c.good, values, 0.0).astype(np.float64)
+        means = cv2.blur(known, (side, side), borderType=cv2.BORDER_REFLECT)[::step, ::step]
         return np.where(whole, means, values[::step, ::step])
 
     sigma_u, sigma_v = (
