@@ -10,15 +10,14 @@ doubt.
 """
 
 from itertools import accumulate
-from typing import Any
 
+import cv2
 import numpy as np
 import scipy.ndimage
 import scipy.sparse
 import scipy.sparse.csgraph
-from numpy.typing import NDArray
 
-from optolever.blocks import on_cores
+from optolever.blocks import over_rows
 
 from ..arrays import Floats, Ints, Mask
 from ..solver.edges import Doubt, cubic_at_end, cubic_inside
@@ -55,20 +54,23 @@ def edge_doubt(
 
     noise: factor on the slopes' standard deviations.
     """
-    dx, plain_x, sure_x = _axis(p, var_p, mask, 1, noise)
-    dy, plain_y, sure_y = _axis(q, var_q, mask, 0, noise)
+    along, down = (p, var_p, mask, 1, noise), (q, var_q, mask, 0, noise)
+    (dx, plain_x, sure_x, seen_x), (dy, plain_y, sure_y, seen_y) = _axis(*along), _axis(*down)
     sure, doubtful = sure_x | sure_y, (dx > 0) | (dy > 0)
-    parts, count = scipy.ndimage.label(doubtful, structure=np.ones((3, 3)))
-    sizes = np.bincount(parts.ravel())
-    sizes[0] = 0
-    long = (sizes >= _CHAIN)[parts]
-    sure |= long
+    count, parts, boxes, _ = cv2.connectedComponentsWithStats(doubtful.view(np.uint8))
+    long = boxes[:, cv2.CC_STAT_AREA] >= _CHAIN
+    long[0] = False
+    if long.any():
+        sure |= long[parts]
     if not sure.any():
         return None
-    found = np.zeros(count + 1, dtype=np.bool_)
+    found = np.zeros(count, dtype=np.bool_)
     found[parts[sure]] = True
     found[0] = False
     near = scipy.ndimage.maximum_filter(sure, _BESIDE)
+    for plain, seen, field in ((plain_x, seen_x, along), (plain_y, seen_y, down)):
+        at = np.flatnonzero(near & ~seen)
+        plain.flat[at] = _residuals(*field, at)[1]
     dx, dy = (
         np.where(near, plain, np.where(found[parts], doubt, 0.0))
         for doubt, plain in ((dx, plain_x), (dy, plain_y))
@@ -86,10 +88,19 @@ def _shared(doubt: Floats, mask: Mask) -> Floats:
     return wide
 
 
-def _axis(f: Floats, variance: Floats, mask: Mask, axis: int, noise: float) -> tuple[Floats, Floats, Mask]:
-    """Doubts beyond the noise, doubts whatever the noise, and where they are beyond any noise."""
-    with np.errstate(all="ignore"):
-        out, plain, most, sure = _doubts(f, variance, mask, axis, noise)
+def _axis(
+    f: Floats, variance: Floats, mask: Mask, axis: int, noise: float
+) -> tuple[Floats, Floats, Mask, Mask]:
+    """Doubts beyond the noise, doubts whatever the noise, and where they are beyond any noise; of the edges
+    of the last mask alone, beside which all others have none."""
+    seen = _rough(f, variance, mask, axis, noise)
+    at = np.flatnonzero(seen)
+    out, plain, most = (np.zeros(f.shape) for _ in range(3))
+    sure = np.zeros(f.shape, np.bool_)
+    for image, values in zip(
+        (out, plain, most, sure), _residuals(f, variance, mask, axis, noise, at), strict=True
+    ):
+        image.flat[at] = values
     if most.any():
         # next to an edge that neither side explains, one side always fails
         highest, explained = (scipy.ndimage.maximum_filter1d(part, 3, axis=axis) for part in (most, plain))
@@ -97,7 +108,7 @@ def _axis(f: Floats, variance: Floats, mask: Mask, axis: int, noise: float) -> t
         for doubt in (out, plain):
             doubt[kink] = np.maximum(doubt, _KINK * most)[kink]
         sure |= kink
-    return out, plain, sure
+    return out, plain, sure, seen
 
 
 def touched(doubt: Doubt) -> Mask:
@@ -173,83 +184,106 @@ def cut_off(doubt: Doubt, limit: tuple[Floats, Floats], mask: Mask, anchors: Int
     return away
 
 
-def _doubts(
-    f: Floats, variance: Floats, mask: Mask, axis: int, noise: float
+def _rough(f: Floats, variance: Floats, mask: Mask, axis: int, noise: float) -> Mask:
+    """Edges along an axis that may have a doubt, and their neighbours along it: third differences bound what
+    both sides leave, where no pixel is missing."""
+    rough, size = np.zeros(f.shape, np.bool_), f.shape[axis]
+    lines = np.moveaxis(rough, axis, 0)
+    if size <= 2 * _REACH + 2:
+        rough[:] = True
+        return rough
+    lines[:_REACH], lines[-_REACH - 2 :] = True, True
+    bound = 2.0 * _CERTAIN**2 * _NOISE_CUBIC**2 * noise**2
+    inner = slice(_REACH, size - _REACH - 2)
+
+    def work(start: int, stop: int) -> None:
+        """Rows or, along columns, rows of edges."""
+        if axis == 1:
+            field, spread, out = f[start:stop].T, variance[start:stop].T, rough[start:stop].T[inner]
+        else:
+            start, stop = max(start, inner.start), min(stop, inner.stop)
+            if start >= stop:
+                return
+            around = slice(start - _REACH, stop + _REACH + 2)
+            field, spread, out = f[around], variance[around], rough[start:stop]
+        count = len(out)
+        third = np.abs(field[3:] - field[:-3] - 3.0 * (field[2:-1] - field[1:-2]))
+        beside, centre, far = third * (10.0 / 24.0), third[_REACH - 1 :][:count] / 24.0, third * _BEND
+        one, other = (
+            np.maximum(beside[_REACH - 1 + k :][:count] + centre, far[_REACH - 1 + 2 * k :][:count])
+            for k in (-1, 1)
+        )
+        least = np.maximum(np.minimum(one, other) * (_CERTAIN / _FAINT), np.maximum(one, other))
+        least *= least
+        np.greater(least, 0.25 * bound * (spread[_REACH:][:count] + spread[_REACH + 1 :][:count]), out=out)
+
+    with np.errstate(invalid="ignore", over="ignore"):
+        over_rows(work, len(f), max(8, _BLOCK // f.shape[1]))
+    if not mask.all():
+        part = np.moveaxis(~mask, axis, 0)
+        for k in range(-_REACH, _REACH + 2):  # pixels that an edge's residuals ask for
+            lines[max(0, -k) : size - max(0, k)] |= part[max(0, k) : size - max(0, -k)]
+    wide = np.moveaxis(rough.copy(), axis, 0)
+    wide[1:] |= lines[:-1]
+    wide[:-1] |= lines[1:]
+    inside = np.moveaxis(mask, axis, 0)
+    wide &= inside
+    wide[:-1] &= inside[1:]
+    wide[-1] = False
+    return np.moveaxis(wide, 0, axis)
+
+
+def _residuals(
+    f: Floats, variance: Floats, mask: Mask, axis: int, noise: float, at: Ints
 ) -> tuple[Floats, Floats, Floats, Mask]:
-    """Of every edge along an axis (0: to the next row): the smaller residual of both sides, beyond the noise
-    and regardless of it; the largest one that is certain; whether the smaller exceeds the noise for certain.
+    """Of edges along an axis (0: to the next row), by the numbers of their first pixels: the smaller residual
+    of both sides, beyond the noise and regardless of it; the largest one that is certain; whether the smaller
+    exceeds the noise for certain.
     """
-    around = [(_REACH, _REACH + 1) if k == axis else (0, 0) for k in (0, 1)]
-    values, known, spread = (np.pad(part, around) for part in (np.where(mask, f, 0.0), mask, variance))
-    out, plain, most = (np.zeros(f.shape) for _ in range(3))
-    sure, size = np.zeros(f.shape, np.bool_), f.shape[axis]
-    first = _REACH if mask.all() and size > 2 * _REACH + 1 else 0
-    last = size - _REACH - 1 if first else 0  # between these no edge lacks a pixel
-
-    def work(region: tuple[slice, slice, bool]) -> None:
-        rows, cols, whole = region
-
-        def at(a: NDArray[Any], k: int) -> NDArray[Any]:
-            down, along = (k, 0) if axis == 0 else (0, k)
-            return a[rows.start + down : rows.stop + down, cols.start + along : cols.stop + along]
-
-        def chosen(condition: Mask, one: Floats, other: Floats | float) -> Floats:
-            return one if whole else np.where(condition, one, other)
-
-        g = {k: at(values, k + _REACH) for k in range(-_REACH, _REACH + 2)}
-        there = {k: at(known, k + _REACH) for k in range(-_REACH, _REACH + 2)}
+    size, step = f.shape[axis], f.shape[1] if axis == 0 else 1
+    place = at // f.shape[1] if axis == 0 else at % f.shape[1]
+    known, values = mask.ravel(), f.ravel()
+    g, there = {}, {}
+    for k in range(-_REACH, _REACH + 2):
+        inside = (place + k >= 0) & (place + k < size)
+        pixel = np.where(inside, at + k * step, at)
+        there[k] = inside & known[pixel]
+        g[k] = np.where(there[k], values[pixel], 0.0)
+    with np.errstate(all="ignore"):
         centre = cubic_inside(g[-1], g[0], g[1], g[2])
-        if not whole:
-            end = np.where(there[-1] & there[-2], cubic_at_end(g[1], g[0], g[-1], g[-2]), 0.5 * (g[0] + g[1]))
-            end = np.where(there[2] & there[3], cubic_at_end(g[0], g[1], g[2], g[3]), end)
-            centre = np.where(there[-1] & there[2], centre, end)
-        sigma = np.sqrt(0.5 * (at(spread, _REACH) + at(spread, _REACH + 1)))
-        rise = np.abs(g[1] - g[0])
-        place = np.arange(rows.start, rows.stop)[:, None] if axis == 0 else np.arange(cols.start, cols.stop)
-        sides = []
+        end = np.where(there[-1] & there[-2], cubic_at_end(g[1], g[0], g[-1], g[-2]), 0.5 * (g[0] + g[1]))
+        end = np.where(there[2] & there[3], cubic_at_end(g[0], g[1], g[2], g[3]), end)
+        centre = np.where(there[-1] & there[2], centre, end)
+        beyond_edge = variance.ravel()[np.where(place + 1 < size, at + step, at)]
+        sigma = np.sqrt(0.5 * (variance.ravel()[at] + beyond_edge))
+        rise, sides = np.abs(g[1] - g[0]), []
         for sign in (-1, 1):
             near = 0 if sign < 0 else 1
             g0, g1, g2, g3, g4 = (g[near + sign * k] for k in range(5))
             one, two, three, four = accumulate((there[near + sign * k] for k in range(1, 5)), np.logical_and)
             other = g[1 - near]
-            step = np.maximum(rise, np.abs(g1 - g0))
-            step = chosen(two, np.maximum(step, np.abs(g2 - g1)), step)
+            step_size = np.maximum(rise, np.abs(g1 - g0))
+            step_size = np.where(two, np.maximum(step_size, np.abs(g2 - g1)), step_size)
             away = np.abs(centre - (23.0 * g0 - 16.0 * g1 + 5.0 * g2) / 12.0)
             away = np.maximum(away, np.abs(centre - (5.0 * other + 8.0 * g0 - g1) / 12.0))
             bent = np.maximum(away, _BEND * np.abs(g0 - g3 - 3.0 * (g1 - g2)))
             finer = np.abs(centre - (55.0 * g0 - 59.0 * g1 + 37.0 * g2 - 9.0 * g3) / 24.0)
             finer = np.maximum(finer, np.abs(centre - cubic_at_end(other, g0, g1, g2)))
             fourth = _BEND4 * np.abs(g0 + g4 - 4.0 * (g1 + g3) + 6.0 * g2)
-            finer = chosen(four, np.maximum(finer, fourth), finer)
-            np.copyto(bent, finer, where=finer < _CONVERGES * bent)
-            if not whole:
-                away = np.where(two, away, np.abs(centre - 0.5 * (3.0 * g0 - g1)))
-            away = chosen(three, bent, away)
-            noisy = sigma * (noise * (_NOISE_CUBIC if whole else np.where(two, _NOISE_CUBIC, _NOISE_LINEAR)))
-            limit = np.maximum(_FAINT * noisy, _ROUGH * step)
+            finer = np.where(four, np.maximum(finer, fourth), finer)
+            bent = np.where(finer < _CONVERGES * bent, finer, bent)
+            away = np.where(two, away, np.abs(centre - 0.5 * (3.0 * g0 - g1)))
+            away = np.where(three, bent, away)
+            noisy = sigma * (noise * np.where(two, _NOISE_CUBIC, _NOISE_LINEAR))
+            limit = np.maximum(_FAINT * noisy, _ROUGH * step_size)
             beyond = np.minimum(away, np.maximum(0.0, _RISE * (away - limit)))
             # a border's pixels may be noisier than this edge's
-            high = away > np.maximum(np.maximum(_CERTAIN * noisy, _MATTERS * sigma), _ABRUPT * step)
-            if not whole:
-                high &= one & (place >= 3 if sign < 0 else place < size - 4)
+            high = away > np.maximum(np.maximum(_CERTAIN * noisy, _MATTERS * sigma), _ABRUPT * step_size)
+            high &= one & (place >= 3 if sign < 0 else place < size - 4)
             ratio = away / np.maximum(_SIGMAS * noisy, _MATTERS * sigma)
-            sides.append((*(chosen(one, part, np.inf) for part in (beyond, away, ratio)), high * away))
+            sides.append((*(np.where(one, part, np.inf) for part in (beyond, away, ratio)), high * away))
         least, whatever, certain = (np.minimum(sides[0][k], sides[1][k]) for k in range(3))
         edge = there[0] & there[1] & np.isfinite(whatever)
-        np.copyto(out[rows, cols], least, where=edge & (least > _FEEBLE * sigma))
-        np.copyto(plain[rows, cols], whatever, where=edge)
-        np.copyto(most[rows, cols], np.maximum(sides[0][3], sides[1][3]), where=edge)
-        np.copyto(sure[rows, cols], (least > 0) & (certain > 1), where=edge)
-
-    block = max(8, _BLOCK // f.shape[1])
-    pieces = [
-        (slice(k, min(k + step, high)), whole)
-        for low, high, whole in ((0, first, False), (first, last, True), (last, size, False))
-        for step in (block if axis == 0 else size,)
-        for k in range(low, high, step)
-    ]
-    lines = [slice(k, min(k + block, len(f))) for k in range(0, len(f), block)]
-    by_rows = [(piece, slice(0, f.shape[1]), whole) for piece, whole in pieces]
-    by_cols = [(rows, piece, whole) for rows in lines for piece, whole in pieces]
-    on_cores(work, by_rows if axis == 0 else by_cols)
-    return out, plain, most, sure
+        out = np.where(edge & (least > _FEEBLE * sigma), least, 0.0)
+        most = np.where(edge, np.maximum(sides[0][3], sides[1][3]), 0.0)
+        return out, np.where(edge, whatever, 0.0), most, edge & (least > 0) & (certain > 1)
