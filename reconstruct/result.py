@@ -11,7 +11,7 @@ from optolever.decode import Correspondence, Flag
 from optolever.notices import Notice
 from optolever.scene import Mirror, Scene
 
-from .arrays import Floats
+from .arrays import Floats, middle, some_rows
 from .heightmap import Diagnostics, HeightFlag, HeightMap
 from .judgement.circulation import contradiction
 from .judgement.discontinuities import cut_off, surest
@@ -51,6 +51,7 @@ def height_map(
     rig: after errors of the rig are taken off; rest: against a rest capture.
     """
     data, doubt, variance = problem.data, state.doubt, np.sum(list(noise.values()), axis=0)
+    some = some_rows(variance)
     steep = np.zeros(data.mask.shape, dtype=np.bool_)
     if doubt is not None:
         limits = _STEEP * np.sqrt(state.variances[0]), _STEEP * np.sqrt(state.variances[1])
@@ -85,7 +86,7 @@ def height_map(
         lost=problem.lost,
         chi2=chi2,
         freedom=freedom,
-        noise={name: float(np.median((each / variance)[data.mask])) for name, each in noise.items()},
+        noise={name: middle(each[some] / variance[some], data.mask[some]) for name, each in noise.items()},
     )
     points = t * d
     points += o

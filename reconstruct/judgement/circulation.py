@@ -14,7 +14,7 @@ import scipy.special
 
 from optolever.notices import Notice
 
-from ..arrays import Floats, Mask
+from ..arrays import Floats, Mask, middle
 from ..measured import Measured
 from ..solver.edges import increments
 from ..solver.newton import State
@@ -68,7 +68,7 @@ def circulations(mask: Mask, slopes: tuple[Floats, Floats], variance: Floats) ->
     gx, gy = increments(p, q, inside)
     squares = gx[:-1, :-1] - gx[1:, :-1] + gy[:-1, 1:] - gy[:-1, :-1]
     # sums are differences of cumulative sums: they must exceed the rounding of these
-    spread = np.minimum(variance[window], _MOST * float(np.median(variance[mask])))
+    spread = np.minimum(variance[window], _MOST * middle(variance, mask))
     found, block = [], _SMALLEST
     single, variances = _table(squares), _table(spread)
     holes = None if inside.all() else _table((~inside).astype(np.float64))

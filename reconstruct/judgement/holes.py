@@ -29,7 +29,7 @@ SHARE = 0.5  # of the image: where more is missing, it falls apart
 _FIRST, _THIRD = (-1.0, 1.0), (-1.0, 3.0, -3.0, 1.0)
 _ROUNDING = 1e-14  # what iterations leave
 _MOST = 200  # of their steps
-_REACH = 4.0  # pixels, rms: over which the gain is averaged
+_REACH, _FAR = 4.0, 4.0  # pixels, rms: over which the gain is averaged; of these: where it ends
 _UNEVEN = 1.6  # of that ratio: some neighbours count several times, others not at all
 
 
@@ -111,10 +111,16 @@ def noise_gain(mask: Mask, holes: Mask) -> Floats:
     (rows, cols): all pixels over the measured ones around."""
     if not holes.any():
         return np.ones(mask.shape)
-    every, known = (
-        scipy.ndimage.gaussian_filter(part.astype(float), _REACH) for part in (mask, mask & ~holes)
-    )
-    gain: Floats = (np.maximum(every, 1e-12) / np.maximum(known, 1e-12)) ** _UNEVEN
+    gain, wide = np.ones(mask.shape), int(_FAR * _REACH) + 1
+    box = tuple(
+        slice(max(0, int(at[0]) - 2 * wide), int(at[-1]) + 2 * wide + 1)
+        for at in (np.flatnonzero(holes.any(axis=axis)) for axis in (1, 0))
+    )  # beyond it no hole is in reach
+    lost = scipy.ndimage.gaussian_filter(holes[box].astype(float), _REACH, truncate=_FAR)
+    every = 1.0
+    if not mask[box].all():
+        every = scipy.ndimage.gaussian_filter(mask[box].astype(float), _REACH, truncate=_FAR)
+    gain[box] = (np.maximum(every, 1e-12) / np.maximum(every - lost, 1e-12)) ** _UNEVEN
     return gain
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.ndimage
 
-from ..arrays import Floats, Labels, Mask, Pair
+from ..arrays import Floats, Labels, Mask, Pair, middle, some_rows
 from ..measured import Measured
 from .anchors import AnchorRows, Samples, anchor_rows, free_constants
 from .edges import Doubt, defects, edge_weights, factor_increments, scaled_weights
@@ -30,7 +30,6 @@ _NOISE_SHARE = 0.02  # of a slope's standard deviation: a change below the noise
 _RESPONSE = 1e-3  # of the first error: beside doubts, 1e-2 halves sigma
 _ASTRAY = 0.1  # of a slope's standard deviation: a pixel's step in the end that counts as moving
 _PATIENCE, _SHRINKS = 3, 0.5  # steps, of the smallest before: converging steps shrink more
-_ROWS = 64
 _MEDIAN = 2.0 * math.log(2.0)  # of chi squared with two degrees of freedom
 _MOVING = 0.05  # of the pixels: more are not single noisy ones
 _SLOWEST = 0.99  # ratio of successive steps: the upper limit in extrapolation
@@ -90,7 +89,7 @@ def solve(
     rows = anchor_rows(samples, data, labels)
     variances = _guarded(data.variances(w) if variances is None else variances, data.mask)
     tolerance = _TOLERANCE * float(np.ptp(w[data.mask]))
-    noise = math.sqrt(float(np.median(variances[0][data.mask])))
+    noise = math.sqrt(middle(variances[0], data.mask))
     own = edge_weights(*variances, _ONE, data.mask, doubt)
     plain = edge_problem(*own, data.mask, doubt is None)
     problem, root, phi = plain, _ONE, None
@@ -110,7 +109,7 @@ def solve(
             weights = scaled_weights(own, root)
             # the first factor changes the weights by orders of magnitude, others hardly
             problem = edge_problem(*weights, data.mask, doubt is None, problem if steps else None)
-            sample = tuple(part[_some(part)].copy() for part in weights)
+            sample = tuple(part[some_rows(part)].copy() for part in weights)
             del weights
         del p_w, q_w
         gx, gy = defects(p, q, w, root, data.mask)
@@ -307,18 +306,13 @@ def _left(steps: list[float]) -> float:
 
 def _misfit(weights: tuple[Floats, ...], gx: Floats, gy: Floats) -> float:
     """Robust root mean square of the edge defects over their standard deviations, below 1 for noise as
-    announced, independent of single wrong pixels. weights: of the rows that `_some` takes.
+    announced, independent of single wrong pixels. weights: of `some_rows`.
     """
-    (wx, wy), rows = weights, _some(gx)
+    (wx, wy), rows = weights, some_rows(gx)
     both = (wx > 0) & (wy > 0)
     if not both.any():
         return 0.0
     return math.sqrt(float(np.median((wx * gx[rows] ** 2 + wy * gy[rows] ** 2)[both])) / _MEDIAN)
-
-
-def _some(image: Floats) -> slice:
-    """About 64 rows."""
-    return slice(None, None, max(1, len(image) // _ROWS))
 
 
 def _stalled(steps: list[float]) -> bool:
@@ -345,8 +339,9 @@ def _guarded(variances: tuple[Floats, Floats], mask: Mask) -> tuple[Floats, Floa
     """
     guarded = []
     for variance in variances:
-        middle = float(np.median(variance[mask]))
-        floor = 1e-24 * middle if middle > 0 else 1.0
-        most = _LARGEST * middle if middle > 0 else np.inf
-        guarded.append(np.where(mask, np.clip(variance, floor, most), max(middle, floor)))
+        usual = middle(variance, mask)
+        floor = 1e-24 * usual if usual > 0 else 1.0
+        most = _LARGEST * usual if usual > 0 else np.inf
+        inside = np.clip(variance, floor, most)
+        guarded.append(inside if mask.all() else np.where(mask, inside, max(usual, floor)))
     return guarded[0], guarded[1]

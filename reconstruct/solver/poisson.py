@@ -37,6 +37,7 @@ _LEAK = 1e-4  # of its column's mean weight: what a missing edge conducts in the
 _SINGLE = 1e-4
 _PEAK = 1e-3  # of a logarithm, whose range is some 10
 _ABREAST = 8  # modes
+_SAMPLE = 64  # rows, about
 _MOST = 500  # iterations
 _BORROWED = 60  # of them with the preconditioner of other weights
 
@@ -262,9 +263,9 @@ def edge_problem(
 
 def spread(weights: Floats) -> float:
     """rms of log(weights / their column's profile) over the edges that exist;
-    estimated from at most 512 rows.
+    estimated from some of the rows.
     """
-    sample = weights[:: max(1, weights.shape[0] // 512)]
+    sample = weights[:: max(1, weights.shape[0] // _SAMPLE)]
     present = sample > 0
     if not present.any():
         return 0.0

@@ -108,6 +108,8 @@ def slope_errors(data: Measured, state: State, field: ErrorField) -> Pair:
 
 def smoothed(values: Floats, mask: Mask, width: float) -> Floats:
     """Gaussian mean over the mask, (rows, cols)."""
+    if mask.all():
+        return np.asarray(scipy.ndimage.gaussian_filter(values, width))
     share = scipy.ndimage.gaussian_filter(mask.astype(np.float64), width)
     total = scipy.ndimage.gaussian_filter(np.where(mask, values, 0.0), width)
     return np.asarray(total / np.maximum(share, 1e-12))
