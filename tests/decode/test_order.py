@@ -154,3 +154,14 @@ def test_a_sine_for_a_cosine_is_found(shoot: Shoot, smooth: Map) -> None:
     found = decode(frames, BOTH)
     assert "a negative sine for a cosine" in named(found)
     assert repaired(found, smooth)
+
+
+@pytest.mark.parametrize(
+    ("light", "said"), [(100.0, "periods repeat on the pattern"), (6.0, "expose longer")]
+)
+def test_orders_that_are_ambiguous_have_their_cause(
+    light: float, said: str, shoot: Shoot, smooth: Map
+) -> None:
+    shown = sequence("phase", *SURFACE, periods=(7, 8))
+    found = decode(shoot(shown, *smooth, noise=1.0, amplitude=light), shown)
+    assert said in "".join(map(str, found.notices))
