@@ -32,17 +32,17 @@ class RigFile(click.Path):
 
 
 class Anchored(click.ParamType[Any]):
-    """edge, middle, or a known point of the mirror X,Y,Z in mm; none, for methods that take no anchor."""
+    """edge, middle, border, a known point of the mirror X,Y,Z in mm; none, for methods without an anchor."""
 
-    name = "edge|middle|X,Y,Z"
+    name = "edge|middle|border|X,Y,Z"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        if value in ("edge", "middle", "none"):
+        if value in ("edge", "middle", "border", "none"):
             return value
         try:
             x, y, z = (float(part) for part in str(value).split(","))
         except ValueError:
-            self.fail(f"{value!r} is neither edge nor middle nor X,Y,Z (mm)", param, ctx)
+            self.fail(f"{value!r} is neither edge, middle, border nor X,Y,Z (mm)", param, ctx)
         return x, y, z
 
 
@@ -60,8 +60,9 @@ _NAMED = "NAME[:KEY=VALUE,...]"
 _NUMBERS = "Write the numbers too: JSON, or CSV (figure, value)."
 _SENSOR = "Standard deviation of Gaussian noise added to that of the scene's sensor, in 8-bit levels."
 _ANCHOR = (
-    "The known height: edge, the camera-side edge at rest (default); middle, the mirror's middle at rest "
-    "(default in open air where that edge is not in view); or a point in mm (SOFAST: its datum)."
+    "The known height: edge, the camera-side edge at rest (default); where that is not in view border, of "
+    "what the camera sees (default with --rest), or middle, of the mirror (default in open air); or a point "
+    "in mm (SOFAST: its datum)."
 )
 _PITCH = "Pitch of the regular grid; default: about that of the camera's pixels."
 _SCREEN = "Size of the display of the sequence, such as 1920x1080."
@@ -85,7 +86,7 @@ Port = Annotated[
     int, Rare("--port N", "Port of the page, on 127.0.0.1; default: a free one.", click.IntRange(0, 65535))
 ]
 Renderer = Annotated[Literal["auto", "gl", "numpy"], Rare("--renderer auto|gl|numpy", _RENDERER)]
-Anchor = Annotated[Any, Opt("--anchor edge|middle|X,Y,Z", _ANCHOR, Anchored())]
+Anchor = Annotated[Any, Opt("--anchor edge|middle|border|X,Y,Z", _ANCHOR, Anchored())]
 Pitch = Annotated[float | None, Rare("--pitch MM", _PITCH, ABOVE_0)]
 Pictured = Annotated[
     str | None,

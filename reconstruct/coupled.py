@@ -39,7 +39,7 @@ from .result import (
 from .rig.calibration import same_capture
 from .rig.hypotheses import likely_mistake, likely_mistake_at_rest, turned_against
 from .rig.model import LINEAR, Measurement, judged_rig, rig_model, rig_modes
-from .solver.anchors import Anchors
+from .solver.anchors import EDGE_OR_BORDER, Anchors
 from .solver.edges import Doubt, defects, edge_weights
 from .solver.newton import State, solve
 from .uncertainty.lens import lens_errors
@@ -59,6 +59,10 @@ _MOST_WRONG = 0.1  # of the pixels: more is a wrong scene
 _TURNED = 0.05  # rad: typed rigs are off by .04
 _FEW = 2e-3  # doubtful edges a pixel, two of which each has: fewer leave the closed form
 _ONE = np.ones((1, 1))
+_MIDDLE = Notice(
+    "the camera does not see the mirror's edge: its middle counts as at rest, at z = 0", math.nan, math.nan,
+    "if it is pressed there, all heights are wrong: --anchor border, or a point at rest X,Y,0; or --rest",
+)  # fmt: skip
 
 
 class Solution(NamedTuple):
@@ -88,8 +92,9 @@ def reconstruct(
 ) -> HeightMap:
     """The mirror behind a correspondence, by Newton's method with an integrating factor.
 
-    anchor: what settles the free mode: 'edge' (default: the camera-side edge x = L0 rests), 'middle' (default
-    in open air without that edge in view), a point (x, y, z) in mm, or anchors of `anchors`. mask (H, W):
+    anchor: what settles the free mode: 'edge' (default: the camera-side edge x = L0 rests), 'border' (of what
+    the camera sees: default without that edge in view, if rest is given), 'middle' (default else in open
+    air), a point (x, y, z) in mm, or anchors of `anchors`. mask (H, W):
     pixels to use, among those without a flag. rest: what was decoded from the mirror at rest; its deviation
     from the scene's prediction is taken off as an error of calibration.
     accept: keep the heights of a capture that no rig of this scene's accuracy can have taken; else all its
@@ -101,6 +106,7 @@ def reconstruct(
         if same_capture(correspondence, rest):
             correspondence = replace(correspondence, notices=(*correspondence.notices, _SAME_CAPTURE))
         scene = without_rest_form(scene)  # heights are those above the mirror at rest
+        anchor = EDGE_OR_BORDER if anchor is None else anchor
     measured = Measurement(correspondence, anchor, mask, rest)
     corrected = measured.corrected(scene)
     steps = 1 if scene.exact else 2
@@ -125,6 +131,8 @@ def reconstruct(
             *off_mirror(height, scene.mirror, anchor is None or isinstance(anchor, str)),
         )
         height = replace(height, notices=(*height.notices, *doubts))
+    if anchor is None and problem.samples.row.size == 1:
+        height = replace(height, notices=(*height.notices, _MIDDLE))
     for notice in height.notices:
         LOG.warning("%s", notice)
     progress("reconstructed", steps, steps)

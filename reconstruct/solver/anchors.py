@@ -4,8 +4,9 @@ The slopes leave one degree of freedom per connected component (dt ~ E, the inte
 h = C x, a rotation about the pattern's edge). Nothing in the image fixes it; an anchor does.
 
 The default is the camera-side edge at rest: the line x = L0, z = 0, reached by extrapolation from the pixels
-next to it. Where the camera does not see that line, the default is the middle of a mirror in open air; of a
-prism a point, a pixel's height or a distance must be named.
+next to it. Where the camera does not see that line, the default is the border of what it sees, if the mirror
+was captured at rest; else the middle of a mirror in open air; of a prism a point, a pixel's height or a
+distance must be named.
 
 Known distances at places of the image (`Samples`) become linear rows on the grid (`AnchorRows`), whose robust
 mean settles the free constant of every component.
@@ -16,6 +17,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy.ndimage
 
 from optolever.errors import InputError
 from optolever.scene import Camera, PinholeCamera, Scene
@@ -26,7 +28,7 @@ from ..measured import Measured
 
 __all__ = [
     *("Anchor", "AnchorRows", "Anchors", "EdgeAnchor", "PixelAnchor", "PointAnchor"),
-    *("Samples", "anchor_rows", "anchor_samples", "free_constants"),
+    *("EDGE_OR_BORDER", "Samples", "anchor_rows", "anchor_samples", "free_constants"),
 ]
 
 EDGE_REACH = 4.0  # pixels over which the slope may be extrapolated to the edge
@@ -34,6 +36,9 @@ _THERE = 0.05  # pixels: an anchor so near needs no slopes
 _STARTS = np.array([-1, 0, -3, -2])  # of a window of four pixels, relative to the pixel; the best first
 _COARSE, _LINES = 8, 8  # pixels between rays, lines of them: the first look
 _MOST = 1e9  # mm: scenes go no further
+_BORDER = 200  # pixels of the border, about
+#: The default against a capture at rest.
+EDGE_OR_BORDER = "edge or border"
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +95,8 @@ class Samples(NamedTuple):
 
 def anchor_samples(anchor: Anchors, scene: Scene, rays: RayField, mask: Mask) -> Samples:
     """Anchors as known distances at pixels. 'edge': the camera-side edge at rest; 'middle': the middle at
-    rest; None: the edge, or the middle in open air where no valid pixel lies at the edge.
+    rest; 'border': the border of what the camera sees at rest; EDGE_OR_BORDER: the latter where no valid
+    pixel lies at the edge; None: the edge, or then in open air the middle.
 
     Raises InputError if an anchor cannot be used with this scene and mask.
     """
@@ -98,10 +104,14 @@ def anchor_samples(anchor: Anchors, scene: Scene, rays: RayField, mask: Mask) ->
     if isinstance(anchor, str) and anchor == "middle":
         middle = PointAnchor(x, y, float(rest_height(np.array([x]), np.array([y]), scene)[0]))
         return _samples(middle, scene, rays, mask)._replace(rest=np.ones(1, np.bool_))
+    if isinstance(anchor, str) and anchor == "border":
+        return _border_samples(scene, rays, mask)
     try:
         parts = [_samples(each, scene, rays, mask) for each in _listed(anchor)]
     except InputError:
         camera = scene.camera
+        if isinstance(anchor, str) and anchor == EDGE_OR_BORDER:
+            return _border_samples(scene, rays, mask)
         if anchor is not None or not isinstance(camera, PinholeCamera) or camera.face or scene.medium:
             raise
         return anchor_samples("middle", scene, rays, mask)
@@ -109,12 +119,12 @@ def anchor_samples(anchor: Anchors, scene: Scene, rays: RayField, mask: Mask) ->
 
 
 def _listed(anchor: Anchors) -> Sequence[Anchor]:
-    if anchor is None or (isinstance(anchor, str) and anchor == "edge"):
+    if anchor is None or (isinstance(anchor, str) and anchor in ("edge", EDGE_OR_BORDER)):
         return [EdgeAnchor()]
     if isinstance(anchor, str):
         raise InputError(
-            f"anchor = {anchor!r}: unknown, must be 'edge', 'middle' or known points; without any the height "
-            "is free by one mode"
+            f"anchor = {anchor!r}: unknown, must be 'edge', 'middle', 'border' or known points; without any "
+            "the height is free by one mode"
         )
     if isinstance(anchor, Anchor):
         return [anchor]
@@ -191,15 +201,35 @@ def _edge_samples(anchor: EdgeAnchor, scene: Scene, rays: RayField, mask: Mask) 
     for _ in range(3):  # the line's exact position: chord steps on the rays themselves
         along = along + (length - _rest_x(*rays_at(along))) / step
     origins, directions = rays_at(along)
-    distance = rest_distance(origins, directions)
-    for _ in range(3):  # a form of micrometres: each step leaves a slope's part of the last one
-        x, y, z = origins + distance * directions
-        distance = distance + (rest_height(x, y, scene) - z) / directions[2]
+    distance = _rest_distance(origins, directions, scene)
     row, col = (lines, along) if axis == 1 else (along, lines)
     # one error common to the edge: the mean over its lines must not reduce it
     sigma = anchor.sigma * np.sqrt(lines.size) / np.abs(directions[2])
     own = np.full((lines.size, 3), np.nan)
     return Samples(row.astype(float), col.astype(float), distance, sigma, np.ones(lines.size, np.bool_), own)
+
+
+def _border_samples(scene: Scene, rays: RayField, mask: Mask) -> Samples:
+    """Pixels of the outer border of the valid ones, at rest."""
+    whole = scipy.ndimage.binary_fill_holes(mask)
+    border = np.argwhere(mask & whole & ~scipy.ndimage.binary_erosion(whole))
+    row, col = border[:: max(1, len(border) // _BORDER)].T
+    if not row.size:
+        raise InputError("anchor = 'border': no pixel is valid")
+    directions = rays.inner_directions[:, row, col]
+    distance = _rest_distance(rays.inner_origins[:, row, col], directions, scene)
+    known = np.ones(row.size, np.bool_)
+    own = np.full((row.size, 3), np.nan)
+    return Samples(row.astype(float), col.astype(float), distance, np.zeros(row.size), known, own)
+
+
+def _rest_distance(origins: Floats, directions: Floats, scene: Scene) -> Floats:
+    """Along rays (3, M) to the mirror at rest, mm."""
+    distance = rest_distance(origins, directions)
+    for _ in range(3):  # a form of micrometres: each step leaves a slope's part of the last one
+        x, y, z = origins + distance * directions
+        distance = distance + (rest_height(x, y, scene) - z) / directions[2]
+    return distance
 
 
 def _rest_x(origins: Floats, directions: Floats) -> Floats:

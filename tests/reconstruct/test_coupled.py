@@ -160,7 +160,20 @@ def test_in_open_air_the_middle_stands_in_for_an_edge_that_is_not_seen() -> None
     seen = exact_correspondence(truth)
     least = reconstruct(seen, scene, mask=mask)
     assert np.abs(least.z - truth.z)[least.good].max() < 1e-5 * np.nanmax(truth.z)
+    assert any("its middle counts as at rest" in each.name for each in least.notices)
     np.testing.assert_array_equal(reconstruct(seen, scene, anchor="middle", mask=mask).z, least.z)
     prism = resize(load("prism48"), 60, 80)
     with pytest.raises(InputError, match="anchor = 'edge': no valid pixel"):
         reconstruct(exact_correspondence(trace(prism, dent("flat", prism))), prism, mask=mask)
+
+
+def test_against_rest_the_border_stands_in_for_an_edge_that_is_not_seen() -> None:
+    """A finger presses the middle of what the camera sees."""
+    scene = resize(load("monitor-mirror", exact=True), 60, 80)
+    truth = trace(scene, dent("gaussian:peak=0.1,sigma=6", scene))
+    row, col = np.mgrid[:60, :80]
+    mask = np.hypot(row - 30, col - 40) < 25
+    rest = exact_correspondence(trace(scene, dent("flat", scene)))
+    found = reconstruct(exact_correspondence(truth), scene, mask=mask, rest=rest)
+    assert np.abs(found.z - truth.z)[found.good].max() < 1e-3 * 0.1
+    assert not found.notices
