@@ -83,20 +83,17 @@ def _peaks(z: Map, sure: Mask, known: Mask, sigma: Map, columns: int) -> list[tu
     margin = np.maximum(SIGNIFICANT * noise, _PROMINENT * small) / 2
     lower, upper = np.where(peak, small - margin, -np.inf), np.where(saddle, small + margin, -np.inf)
     level, found = float(lower.max()), list[tuple[int, int]]()
-    least, highest = _SHALLOWEST * level, level
+    least = _SHALLOWEST * level
     while level > least and len(found) < 2 * _LARGEST:
         level *= _FALL
-        if not highest > level:  # what is joined to a peak stays so at lower levels
+        if not lower.max() > level:  # what is joined to a peak stays so at lower levels
             continue
-        count, labels = cv2.connectedComponents((upper > level).astype(np.uint8))
-        inside = np.isin(np.arange(count), [labels[at] for at in found])[labels]
-        new = (lower > level) & ~inside
-        while new.any():
-            row, col = divmod(int(np.where(new, lower, -np.inf).argmax()), new.shape[1])
-            found.append((row, col))
-            inside |= labels == labels[row, col]
-            new &= ~inside
-        highest = float(np.where(inside, -np.inf, lower).max())
+        labels = cv2.connectedComponents((upper > level).view(np.uint8))[1]
+        for at in found:
+            lower[labels == labels[at]] = -np.inf
+        while lower.max() > level:
+            found.append(divmod(int(lower.argmax()), lower.shape[1]))
+            lower[labels == labels[found[-1]]] = -np.inf
     climbed = [_climbed(z, sure, row * step, col * step, step) for row, col in found]
     return sorted(dict.fromkeys(climbed), key=lambda at: -float(z[at]))
 

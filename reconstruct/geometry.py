@@ -73,9 +73,8 @@ class RayField:
 
 
 def ray_field(camera: Any) -> RayField:
-    """Rays of a camera's every pixel;
-    the last two cameras are remembered (streams ask for the same again).
-    """
+    """Rays of a camera's every pixel; the last ones are remembered: streams ask for the same again, on the
+    grids of a rest capture and of a rig, too."""
     try:
         return _remembered(camera)
     except TypeError:  # a camera that cannot be hashed
@@ -105,7 +104,7 @@ def rest_height(x: Floats, y: Floats, scene: Scene) -> Floats:
     return form.height(x, y, scene.mirror)
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=4)
 def _remembered(camera: Any) -> RayField:
     return traced_rays(camera)
 

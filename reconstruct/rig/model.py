@@ -403,7 +403,7 @@ def _affine(points: Floats, moved: Floats) -> Floats:
     known = np.isfinite(points).all(axis=0) & np.isfinite(moved).all(axis=(0, 1))
     terms = np.stack([np.ones(np.count_nonzero(known)), points[0][known], points[1][known]], axis=1)
     fields = moved[:, :, known].reshape(-1, len(terms)).T
-    found: Floats = np.linalg.lstsq(terms, fields, rcond=None)[0].T.reshape(-1, 2, 3)
+    found: Floats = (np.linalg.pinv(terms) @ fields).T.reshape(-1, 2, 3)
     return found
 
 
