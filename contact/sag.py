@@ -9,12 +9,14 @@ therefore
 (K. L. Johnson, Contact Mechanics, 1985, eq. 3.42; of a layer its Green's function in place of 1 / q) by least
 squares over the good cells outside f radii of every contact, weighted by area and noise, a = 0 +- 1.
 With weights that sum to one the covariance is (rho / 3)^2 (A^T W A)^-1, rho the rms residual. f is 2, 2.5, 3
-or 4.
+or 4. Where dents fade, or the layer is another one, powers of q take the place of the sum; c is 0 +- 2.5
+noises, or free.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -30,7 +32,7 @@ __all__ = ["far_field", "sag"]
 
 _FAR = (2.0, 2.5, 3.0, 4.0)  # radii of a contact
 _APART = 3.0  # standard deviations between such fits
-_WORSE = 1.1  # residual of a fit over those farther away
+_WORSE, _MUCH = 1.1, 1.5  # residual of a fit over others, above which it misses what these see
 _ROUNDS = 3  # of regions in the map less its sag
 _FEWEST = 200  # cells outside the contacts
 _MOST = 6000  # cells of the fit
@@ -39,8 +41,8 @@ _ROBUST = 12  # rounds of Cauchy's weights
 _INDEPENDENT = 36.0  # samples of noise, and of a robust fit
 _TAILED = 9.0  # samples of what tails of dents leave
 _BEYOND = 5.0  # standard deviations: motions beyond their prior are found, too
-_EVEN = 0.5
-_HALF_SPACE = 0.5  # of a contact's depth, at its radius: .42 of a ball's, .64 of a punch's far field
+_STILL = 2.5  # noises: a mirror that sinks by no more does not sink
+_FADES, _ANY = range(3, 9), range(1, 7)  # powers of the distance
 _OUTLIER = 3.0  # standard deviations of a robust fit: beyond, cells count less
 _DEVIATION = 1.4826  # standard deviation over median absolute deviation
 
@@ -51,6 +53,7 @@ class _Cells(NamedTuple):
     x: Floats
     y: Floats
     z: Floats
+    sigma: Floats
     weight: Floats
     free: Floats
     motion: Floats
@@ -65,35 +68,34 @@ def sag(surface: Surface, layer: Layer | None) -> Sag | None:
     thin = surface.thinned(max(1, surface.z.shape[1] // COLUMNS))
 
     def regions_less(taken: Sag) -> tuple[Region, ...]:
-        return regions(thin.less(replace(taken, kept=taken.kept[:0, :0], rig=taken.rig[:, :0])))
+        return regions(thin.less(replace(taken, rig=taken.rig[:, :0])))
 
     start = _robust(cells, noise) if len(cells.motion) and cells.z.size else None
     first = regions(thin) if start is None else regions_less(start)
     if start is not None:
         away = (cells.z - start.motion @ cells.motion) / (_OUTLIER * start.misfit * max(noise, 1e-300))
         cells = cells._replace(weight=cells.weight / (1 + away**2))  # where no motion is what modes say
-    fits: list[tuple[Sag, Sequence[Region]]] = []
+    fits = list[Sag]()
     for far in _FAR:
         found, within, before = None, first, None
         for _ in range(_ROUNDS):
             circles = [one.circle for one in within]
             if circles == before:
                 break
-            found, before = _fitted(cells, circles, layer, far, noise), circles
+            found, before = _simplest(cells, circles, layer, far, noise), circles
             if found is None:
                 break
             within = regions_less(found)
         if found is not None:
-            fits.append((found, within))
+            fits.append(found)
         if not within:  # no radius to be far from
             break
-    nearest = _nearest(cells, [one for one, _ in fits])
-    return None if nearest is None else _likely(cells, nearest[0], fits[nearest[1]][1])
+    return _nearest(cells, fits)
 
 
-def _nearest(cells: _Cells, fits: list[Sag]) -> tuple[Sag, int] | None:
+def _nearest(cells: _Cells, fits: list[Sag]) -> Sag | None:
     """The fit nearest to the contacts that those farther away agree with (O. V. Lepskii, Theory Probab. Appl.
-    35:454, 1991): in what is taken off, and in what is left; its number."""
+    35:454, 1991): in what is taken off, and in what is left."""
     fields = np.concatenate([cells.motion, cells.free[None]])
     taken = [np.append(one.motion, one.c) @ fields for one in fits]
     sizes = [rms(one.root.T @ fields) * math.sqrt(len(fields)) for one in fits]
@@ -101,7 +103,7 @@ def _nearest(cells: _Cells, fits: list[Sag]) -> tuple[Sag, int] | None:
         others = range(k + 1, len(fits))
         if all(
             rms(taken[k] - taken[n]) < _APART * math.hypot(sizes[k], sizes[n])
-            and one.misfit < _WORSE * fits[n].misfit
+            and one.beyond < _MUCH * fits[n].beyond
             for n in others
         ):
             break
@@ -110,40 +112,7 @@ def _nearest(cells: _Cells, fits: list[Sag]) -> tuple[Sag, int] | None:
     if not others and k:  # none farther away confirms it
         wider = math.hypot(1.0, rms(taken[k] - taken[k - 1]) / max(sizes[k], 1e-300))
         one = replace(one, sigma=one.sigma * wider, root=one.root * wider)
-    return one, k
-
-
-def _likely(cells: _Cells, found: Sag, regions: Sequence[Region]) -> Sag:
-    """Without c where it is likelier that nothing sank, by Bayes' rule: even odds of that, and of as much as
-    under a half-space and by the rig's errors (its standard deviation); sigma: the root mean square of c's
-    error in both cases; the motion follows c by their covariance."""
-    if not found.sigma > 0:
-        return found
-    size, spread, seen = float(np.linalg.norm(found.rig[-1])), found.sigma, found.c / found.sigma
-    if regions:
-        away = [np.hypot(cells.x - one.x, cells.y - one.y) / one.radius for one in regions]
-        deep = np.sum([one.depth / np.maximum(q, 1.0) for one, q in zip(regions, away, strict=True)], axis=0)
-        size = math.hypot(size, _HALF_SPACE * rms(deep) / rms(cells.free))
-    share = size**2 / (size**2 + found.sigma**2)
-    c = share * found.c
-    odds = 1 / (1 + math.exp(-0.5 * c * found.c / found.sigma**2) / math.sqrt(1 - share))
-    sigma = math.sqrt(odds * share * found.sigma**2 + min(odds, 1 - odds) * c**2)
-    c = c if odds > _EVEN else 0.0
-    covariance = found.root @ found.root.T
-    along = covariance[:, -1] / found.sigma**2
-    covariance += (sigma**2 - found.sigma**2) * np.multiply.outer(along, along)
-    values, vectors = np.linalg.eigh(covariance)
-    motion = found.motion + along[:-1] * (c - found.c)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
-    found = replace(found, c=c, sigma=sigma, motion=motion, root=root)
-    if c or not found.rig[-1].any():
-        return found
-    # errors of the rig that would look like c are as small as what was seen of it
-    looks = float(np.linalg.norm(found.rig[-1]))
-    moment = math.hypot(1.0, looks * seen / math.hypot(looks, spread))  # their second one, over the variance
-    less = max(1 - moment / math.hypot(1.0, looks / spread), 0.0)
-    kept = found.kept - less * np.multiply.outer(found.rig[-1], found.rig[-1]) / looks**2
-    return replace(found, kept=kept, rig=(found.rig - np.multiply.outer(along, found.rig[-1])) @ kept)
+    return one
 
 
 def far_field(layer: Layer | None, circles: Sequence[Circle], x: Floats, y: Floats) -> Floats:
@@ -180,7 +149,7 @@ def _cells(surface: Surface) -> tuple[_Cells, float]:
     sigma = np.asarray(surface.sigma[few][known], np.float64)
     noise = float(np.median(sigma)) if sigma.size else 0.0
     weight = area[known] / (1 + np.square(sigma / max(noise, 1e-300)))
-    return _Cells(x, y, z, weight, free[known], motion[:, known], rig[:, known]), noise
+    return _Cells(x, y, z, sigma, weight, free[known], motion[:, known], rig[:, known]), noise
 
 
 def _robust(cells: _Cells, noise: float) -> Sag:
@@ -197,20 +166,53 @@ def _robust(cells: _Cells, noise: float) -> Sag:
     values, vectors = np.linalg.eigh(normal)
     root[:count, :count] = vectors / np.sqrt(values)
     rig = np.zeros((count + 1, len(cells.rig)))
-    return Sag(0.0, 0.0, spread / max(noise, 1e-300), 0.0, mean, root, rig, np.eye(len(cells.rig)))
+    return Sag(0.0, 0.0, spread / max(noise, 1e-300), 0.0, mean, root, rig)
+
+
+def _simplest(
+    cells: _Cells, circles: Sequence[Circle], layer: Layer | None, far: float, noise: float
+) -> Sag | None:
+    """By cells outside so many radii of the contacts, the first that leaves hardly more than the best: a load
+    on the half-space or layer; a dent that fades while nothing sinks; contacts of any round far field."""
+    kinds = [
+        (_WORSE, partial(far_field, layer), math.inf),
+        (_MUCH, partial(_round, _FADES), _STILL * noise),
+        (1.0, partial(_round, _ANY), math.inf),
+    ]
+    fits = [(much, _fitted(cells, circles, *kind, far, noise)) for much, *kind in kinds]
+    found = [(much, one) for much, one in fits if one is not None]
+    best = min((one.misfit for _, one in found), default=0.0)
+    return next((one for much, one in found if one.misfit <= much * best), None)
+
+
+def _round(powers: range, circles: Sequence[Circle], x: Floats, y: Floats) -> Floats:
+    """Heights (n * k, ...) around contacts that fall with these powers of the distance, and their first
+    moments."""
+    columns = []
+    for cx, cy, radius in circles:
+        dx, dy = (x - cx) / radius, (y - cy) / radius
+        t = 1 / np.maximum(np.hypot(dx, dy), 1.0)
+        columns += [*(t**power for power in powers), dx * t**3, dy * t**3]
+    return np.reshape(columns, (-1, *np.shape(x)))
 
 
 def _fitted(
-    cells: _Cells, circles: Sequence[Circle], layer: Layer | None, far: float, noise: float
+    cells: _Cells,
+    circles: Sequence[Circle],
+    fields: Callable[[Sequence[Circle], Floats, Floats], Floats],
+    sinks: float,
+    far: float,
+    noise: float,
 ) -> Sag | None:
-    """By cells outside so many radii of the contacts."""
+    """With these fields outside the contacts; sinks: standard deviation of c that is expected, mm."""
     out = np.ones(cells.z.size, np.bool_)
     for cx, cy, radius in circles:
         out &= np.hypot(cells.x - cx, cells.y - cy) > far * radius
     if np.count_nonzero(out) < _FEWEST:
         return None
-    x, y, z, weight = (part[out] for part in cells[:4])
-    tails, count = far_field(layer, circles, x, y), len(cells.motion)
+    x, y, z, sigma, weight = (part[out] for part in cells[:5])
+    noise = math.sqrt(float(weight @ sigma**2 / weight.sum()))
+    tails, count = fields(circles, x, y), len(cells.motion)
     terms = np.concatenate([tails, cells.motion[:, out], cells.free[None, out]])
     root = np.sqrt(weight / weight.sum())
     weighted, right = (terms * root).T, z * root
@@ -222,6 +224,7 @@ def _fitted(
     unit = noise / math.sqrt(_INDEPENDENT)
     for _ in range(2):  # the residual weighs the motion's prior
         prior[motions] = np.hypot(_TAILS * size[motions], unit)
+        prior[-1] = math.hypot(_TAILS * size[-1] if size[-1] > 0 else 1.0, unit / sinks)
         whole = np.vstack([weighted, np.diag(prior)]), np.append(right, np.zeros(len(prior)))
         found = np.linalg.lstsq(*whole, rcond=None)[0]
         rho = float(np.linalg.norm(right - weighted @ found))
@@ -242,4 +245,4 @@ def _fitted(
     known = math.hypot(noise, float(np.median(left)))
     fit = rho / max(noise, 1e-300), rho / max(known, 1e-300)
     rig = taken[len(tails) :]
-    return Sag(float(found[-1]), deviation, *fit, found[motions], half, rig, np.eye(len(cells.rig)))
+    return Sag(float(found[-1]), deviation, *fit, found[motions], half, rig)

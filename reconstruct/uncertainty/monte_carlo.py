@@ -87,7 +87,7 @@ def _drawn(
     )
     slopes, alone, together = slope_errors(data, state, ErrorField(du, dv)), None, None
     if state.doubt is not None:
-        alone, common = drawn_doubts(state.doubt, *state.slopes, rng)
+        alone, common = drawn_doubts(state.doubt, state.w - data.rest(), rng)
         together = (alone[0] + common[0], alone[1] + common[1])
     own = response(data, labels, state, slopes, together)
     factor = np.broadcast_to(state.root**2, own.shape)
@@ -98,17 +98,21 @@ def _drawn(
     return own, factor * (control - pinned)
 
 
-def drawn_doubts(doubt: Doubt, p: Floats, q: Floats, rng: np.random.Generator) -> tuple[Pair, Pair]:
+def drawn_doubts(doubt: Doubt, rise: Floats, rng: np.random.Generator) -> tuple[Pair, Pair]:
     """Draws of the edges' doubts: independent, as the rectangle's edges are, and common to each rim with the
-    sign of the slope along every edge, as a rim is misjudged in the same way all around.
+    sign of the rise (rows, cols) above the mirror at rest along every edge, as a rim is misjudged in the same
+    way all around: a jump lies evenly in its edge and a doubt bounds it, the variance is a third.
     """
     rims, count = scipy.ndimage.label(touched(doubt), np.ones((3, 3)))
-    shared, alone, together = rng.standard_normal(count + 1), [], []
-    for part, slope, step in ((doubt.x, p.ravel(), 1), (doubt.y, q.ravel(), p.shape[1])):
+    shared = rng.choice([-1.0, 1.0], count + 1) / np.sqrt(3.0)
+    alone, together = [], []
+    rise = np.nan_to_num(rise)
+    for part, axis in ((doubt.x, 1), (doubt.y, 0)):
+        up = np.sign(np.diff(rise, axis=axis, append=0.0 * np.take(rise, [-1], axis)))
         at, one, common = np.flatnonzero(part), np.zeros(part.shape), np.zeros(part.shape)
         size = part.flat[at]
         one.flat[at] = size * rng.standard_normal(at.size)
-        common.flat[at] = size * shared[rims.flat[at]] * np.sign(np.nan_to_num(slope[at] + slope[at + step]))
+        common.flat[at] = size * shared[rims.flat[at]] * up.flat[at]
         alone.append(one)
         together.append(common)
     return (alone[0], alone[1]), (together[0], together[1])

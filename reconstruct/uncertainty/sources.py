@@ -60,7 +60,7 @@ def noise_sources(
     if problem.data.whole_cells(problem.bridged):
         found[CELLS] = variance_by(problem, state, _cells(problem))
     if state.doubt is not None and state.problem.closed:
-        found[DOUBTS] = variance_by(problem, state, _doubts(state))
+        found[DOUBTS] = variance_by(problem, state, _doubts(problem, state))
     return found | {name: each for name, each in _anchors(problem.labels, state).items() if each.any()}
 
 
@@ -120,14 +120,15 @@ def _cells(problem: Problem) -> Iterator[ErrorField]:
         yield ErrorField(of_u, of_v)
 
 
-def _doubts(state: State) -> Iterator[ErrorField]:
-    """A jump lies evenly in its edge: a doubt bounds it, its variance is a third of the square."""
+def _doubts(problem: Problem, state: State) -> Iterator[ErrorField]:
+    """Draws of the doubts, see `drawn_doubts`."""
     rng, nothing = np.random.default_rng(_SEED), np.zeros(state.w.shape)
     assert state.doubt is not None
+    rise = state.w - problem.data.rest()
     for _ in range(_FEWEST):
-        (alone_x, alone_y), (x, y) = drawn_doubts(state.doubt, *state.slopes, rng)
-        size = np.sqrt(3.0 * _FEWEST)
-        yield ErrorField(nothing, nothing, ((alone_x + x) / size, (alone_y + y) / size))
+        (alone_x, alone_y), (x, y) = drawn_doubts(state.doubt, rise, rng)
+        alone, size = 1 / np.sqrt(3.0 * _FEWEST), 1 / np.sqrt(_FEWEST)
+        yield ErrorField(nothing, nothing, (alone * alone_x + size * x, alone * alone_y + size * y))
 
 
 def _twiced(coord: Floats, mask: Mask) -> Floats:

@@ -94,12 +94,12 @@ def test_a_base_behind_the_layer_is_no_sag(thickness: float) -> None:
     free, layer = X / 60 + 0.2, Layer(youngs_modulus_mpa=1.0, poisson=0.48, thickness_mm=thickness)
     z = ball(30, 22, 4, 0.1) + base(4, 0.1, thickness, 0.48)(np.hypot(X - 30, Y - 22))
     made = surface(z - 1e-3 * free, free=free)
-    found, without = (sag(made, one) for one in (layer, None))
-    assert found is not None
-    assert without is not None
-    assert found.c == pytest.approx(-1e-3, abs=4 * found.sigma)
-    assert found.sigma < 1e-4
-    assert found.misfit < 1.3 < without.misfit
+    for given in (layer, None):
+        found = sag(made, given)
+        assert found is not None
+        assert found.c == pytest.approx(-1e-3, abs=4 * found.sigma)
+        assert found.sigma < 1e-4
+        assert found.misfit < 1.5
 
 
 def test_motion_comes_off_with_the_sag() -> None:
@@ -114,6 +114,20 @@ def test_motion_comes_off_with_the_sag() -> None:
     total = np.hypot(left.sigma, left.unsettled)
     assert np.sqrt(np.mean(((left.z - z) / total) ** 2)) < 1.2
     assert np.sqrt(np.mean(total**2)) < 1e-3  # of motions and a sag of several um
+
+
+@pytest.mark.parametrize("width", [5.0, 8.0])
+def test_a_dent_that_fades_sinks_nothing(width: float) -> None:
+    """A motion looks like sinking: both are unknown where the flank is taken for a load's."""
+    z = 0.3 * np.exp(-((X - 30) ** 2 + (Y - 22) ** 2) / (2 * width**2))
+    modes = 1.7e-3 * np.stack([1 - X / 60, (Y - 22) / 22])
+    made = surface(z, noise=1.5e-5, free=X / 60 + 0.2, modes=modes, motions=2)
+    found = sag(made, None)
+    assert found is not None
+    left = made.less(found)
+    total = np.hypot(left.sigma, left.unsettled)
+    assert np.sqrt(np.mean(((left.z - z) / total) ** 2)) < 1.5
+    assert np.sqrt(np.mean(total**2)) < 2e-4
 
 
 def test_a_tilted_mirror_that_nothing_touches_has_no_contact() -> None:

@@ -5,7 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lab.calibration.rigs import correspondence_of, prism
 from optolever.reconstruct import HeightFlag, reconstruct
+from optolever.scene import Surface
 
 from .conftest import scores
 
@@ -34,6 +36,29 @@ def test_no_silent_error_around_steep_dents(exact, noisy, preset, dent, size, si
     assert (height.flags & (HeightFlag.STEEP | HeightFlag.CURL)).any()
     assert height.good.mean() > good
     assert np.nanmax(np.abs(scores(height, truth))) < 5.0
+
+
+def test_a_punch_is_as_low_as_its_sigma_says() -> None:
+    """The slope at its rim has no bound: the step there is taken for too small all around."""
+    rng = np.random.default_rng(1)
+    take = correspondence_of(0.005, rng)
+    rig = prism(rng, 0, take, size=160)
+    x, y, radius, peak = 30.0, 24.0, 3.6, 0.03
+
+    def gradient(at, along):
+        q = np.maximum(np.hypot(at - x, along - y) / radius, 1.0)
+        fall = -2 / np.pi * peak / (q * radius) ** 2 / np.sqrt(np.maximum(q * q - 1, 1e-12)) * (q > 1)
+        sides = zip(rig.rest.gradient(at, along), (at - x, along - y), strict=True)
+        return tuple(slope + fall * side for slope, side in sides)
+
+    def punch(at, along):
+        return peak * 2 / np.pi * np.arcsin(1 / np.maximum(np.hypot(at - x, along - y) / radius, 1.0))
+
+    pressed = Surface(lambda at, along: rig.rest.height(at, along) + punch(at, along), gradient)
+    found = reconstruct(take(rig.truth, pressed, 0), rig.truth, rest=take(rig.truth, rig.rest, 0))
+    off = (found.z - punch(found.x, found.y)) / found.total_sigma
+    inside = found.good & (np.hypot(found.x - x, found.y - y) < 0.8 * radius)
+    assert np.median(np.abs(off[inside])) < 4.0
 
 
 SIGMA = 0.05
