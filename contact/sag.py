@@ -47,6 +47,10 @@ _OUTLIER = 3.0  # standard deviations of a robust fit: beyond, cells count less
 _DEVIATION = 1.4826  # standard deviation over median absolute deviation
 
 
+#: Of circles, x and y (n,): columns (k, n).
+_Fields = Callable[[Sequence[Circle], Floats, Floats], Floats]
+
+
 class _Cells(NamedTuple):
     """Cells (n,) of a fit."""
 
@@ -174,12 +178,12 @@ def _simplest(
 ) -> Sag | None:
     """By cells outside so many radii of the contacts, the first that leaves hardly more than the best: a load
     on the half-space or layer; a dent that fades while nothing sinks; contacts of any round far field."""
-    kinds = [
+    kinds: list[tuple[float, _Fields, float]] = [
         (_WORSE, partial(far_field, layer), math.inf),
         (_MUCH, partial(_round, _FADES), _STILL * noise),
         (1.0, partial(_round, _ANY), math.inf),
     ]
-    fits = [(much, _fitted(cells, circles, *kind, far, noise)) for much, *kind in kinds]
+    fits = [(much, _fitted(cells, circles, fields, sinks, far, noise)) for much, fields, sinks in kinds]
     found = [(much, one) for much, one in fits if one is not None]
     best = min((one.misfit for _, one in found), default=0.0)
     return next((one for much, one in found if one.misfit <= much * best), None)
@@ -199,7 +203,7 @@ def _round(powers: range, circles: Sequence[Circle], x: Floats, y: Floats) -> Fl
 def _fitted(
     cells: _Cells,
     circles: Sequence[Circle],
-    fields: Callable[[Sequence[Circle], Floats, Floats], Floats],
+    fields: _Fields,
     sinks: float,
     far: float,
     noise: float,
