@@ -41,6 +41,7 @@ _ROBUST = 12  # rounds of Cauchy's weights
 _INDEPENDENT = 36.0  # samples of noise, and of a robust fit
 _TAILED = 9.0  # samples of what tails of dents leave
 _BEYOND = 5.0  # standard deviations: motions beyond their prior are found, too
+_SEEN = 2.0  # standard deviations of c under a load
 _STILL = 2.5  # noises: a mirror that sinks by no more does not sink
 _FADES, _ANY = range(3, 9), range(1, 7)  # powers of the distance
 _OUTLIER = 3.0  # standard deviations of a robust fit: beyond, cells count less
@@ -107,7 +108,7 @@ def _nearest(cells: _Cells, fits: list[Sag]) -> Sag | None:
         others = range(k + 1, len(fits))
         if all(
             rms(taken[k] - taken[n]) < _APART * math.hypot(sizes[k], sizes[n])
-            and one.beyond < _MUCH * fits[n].beyond
+            and max(one.misfit, 1.0) < _WORSE * max(fits[n].misfit, 1.0)
             for n in others
         ):
             break
@@ -186,6 +187,8 @@ def _simplest(
     fits = [(much, _fitted(cells, circles, fields, sinks, far, noise)) for much, fields, sinks in kinds]
     found = [(much, one) for much, one in fits if one is not None]
     best = min((one.misfit for _, one in found), default=0.0)
+    if found and abs(found[0][1].c) < _SEEN * found[0][1].sigma:
+        found = found[1:]
     return next((one for much, one in found if one.misfit <= much * best), None)
 
 
