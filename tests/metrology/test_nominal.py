@@ -174,8 +174,9 @@ def test_profiles_and_spectra_by_the_command_line(tmp_path: Path, capfd: pytest.
 
 
 def test_apertures_filters_limits_and_runs_by_the_command_line(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, refused: Any
 ) -> None:
+    """And the wavefront: twice the surface."""
     monkeypatch.chdir(tmp_path)
     noisy = Diagnostics("drawn", slope_sigma=(1e-7, 1e-7))
     plain = measured((1e-3, 0, 0), (0, 0, 0))[0]
@@ -188,8 +189,10 @@ def test_apertures_filters_limits_and_runs_by_the_command_line(
         found: dict[str, Any] = json.loads(Path("n.json").read_text())
         return found
 
-    whole = figures("--zernike", "4", "--index", "fringe", "--norm", "amplitude")
+    whole = figures("--zernike", "4", "--index", "fringe", "--norm", "amplitude", "--waves", "632.8")
     assert "Z9 Primary Spherical" in whole["zernike"]["coefficients_mm"]
+    for name in ("rms", "pv", "pvr"):
+        assert whole["waves"][name] * 632.8e-6 == pytest.approx(2 * whole[f"{name}_mm"])
     part = figures(
         "--aperture", "circle:radius=20", "--limit", f"rms={whole['rms_mm']}mm", "--limit", "pv=1nm", code=1
     )
@@ -212,6 +215,4 @@ def test_apertures_filters_limits_and_runs_by_the_command_line(
         (("--aperture", "disc"), "must be one of circle"),
         (("--limit", "sag=3nm"), "NAME one of rms"),
     ):
-        capfd.readouterr()
-        assert run([*common, *words]) == 2
-        assert text in capfd.readouterr().err
+        refused([*common, *words], text)
