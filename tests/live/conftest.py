@@ -17,6 +17,7 @@ from optolever.patterns import Sequence, sequence
 from optolever.scene import Layer, Scene, load, resize
 
 Shot = Callable[..., Any]
+Truth = Callable[[Any], Any]
 Dents = tuple[tuple[float, float, float, float, float], ...]
 NOISE = 1.5
 LAYER = Layer(0.2, 0.5, youngs_modulus_sigma_mpa=0.0)
@@ -50,6 +51,12 @@ def prepared(rest: Rest) -> Prepared:
 
 
 @pytest.fixture(scope="session")
+def stream(rest: Rest, prepared: Prepared) -> StreamRig:
+    """The prepared rig with its renderer."""
+    return StreamRig(rest.scene, rest.world, rest.fringe, prepared)
+
+
+@pytest.fixture(scope="session")
 def shot(rest: Rest) -> Callable[..., NDArray[Any]]:
     """Function of dents and a seed: the frame; noise in levels, gain of the light."""
 
@@ -65,9 +72,9 @@ def shot(rest: Rest) -> Callable[..., NDArray[Any]]:
 
 
 @pytest.fixture(scope="session")
-def truth(rest: Rest, prepared: Prepared) -> Callable[[Dents], NDArray[np.float64]]:
+def truth(rest: Rest, stream: StreamRig) -> Callable[[Dents], NDArray[np.float64]]:
     """Function of dents: the true height in the middle of the cells, mm."""
-    return cache(lambda dents: StreamRig(rest.scene, _world(rest, dents), rest.fringe, prepared).truth(dents))
+    return cache(lambda dents: replace(stream, world=_world(rest, dents)).truth(dents))
 
 
 def _world(rest: Rest, dents: Dents) -> World:

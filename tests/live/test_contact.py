@@ -1,7 +1,6 @@
 """Contacts over time, and forces of rendered balls against Hertz."""
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -14,7 +13,6 @@ from optolever.live import Live, Prepared, Touches
 
 from .conftest import LAYER, NOISE, Rest
 
-Shot = Callable[..., Any]
 Place = tuple[float, float]
 
 

@@ -1,6 +1,5 @@
 """Frames that cannot be trusted are told, and the first good frame after them is trusted again."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -10,9 +9,8 @@ from lab.live.streams import FAULTS, KINDS, Moment, StreamRig, played
 from lab.live.world import GAUSS, expose
 from optolever.live import Live, Prepared
 
-from .conftest import Rest
+from .conftest import Rest, Shot, Truth
 
-Shot = Callable[..., Any]
 PRESSED = ((GAUSS, 30.0, 22.5, 8.0, 0.15),)
 ELSEWHERE = ((GAUSS, 27.0, 15.0, 6.0, 0.1),)
 #: Faults whose heights stay right, which a notice tells.
@@ -53,20 +51,17 @@ def test_a_hole_is_one_contact_or_no_trust(prepared: Prepared, shot: Shot, size:
         assert touch.depth_sigma < peak
 
 
-def test_a_lamp_moves_no_height(rest: Rest, prepared: Prepared, truth: Callable[..., Any]) -> None:
+def test_a_lamp_moves_no_height(stream: StreamRig, prepared: Prepared) -> None:
     """25 levels across the picture: two sigma of error where the fit started in the display's light alone."""
-    rig = StreamRig(rest.scene, rest.world, rest.fringe, prepared)
     for k, dents in enumerate(((), PRESSED)):
-        light, true = rig.shown(Moment(dents, lamp=25.0))
+        light, true = stream.shown(Moment(dents, lamp=25.0))
         reading = Live(prepared).update(expose(light, np.random.default_rng(k)))
         ratio = ((reading.z - true) / reading.sigma)[reading.good]
         assert reading.trusted
         assert np.sqrt(np.mean(np.square(ratio))) < 1.2
 
 
-def test_motion_in_the_exposure_is_the_mean(
-    rest: Rest, prepared: Prepared, truth: Callable[..., Any]
-) -> None:
+def test_motion_in_the_exposure_is_the_mean(rest: Rest, prepared: Prepared, truth: Truth) -> None:
     """The mean of heights is a height: a finger that slides by 1 mm is read as that mean."""
     places = [((GAUSS, 29.5 + k / 8, 22.5, 7.0, 0.1),) for k in range(9)]
     light = np.mean([rest.world.lights(one, rest.fringe, 3)[0] for one in places], axis=0)
@@ -88,10 +83,9 @@ def test_falling_light_touches_nothing(prepared: Prepared, shot: Shot) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
-def test_streams_are_not_silently_wrong(rest: Rest, prepared: Prepared, kind: str) -> None:
+def test_streams_are_not_silently_wrong(stream: StreamRig, kind: str) -> None:
     """At most one frame in a hundred: `python -m lab live --streams 300`; here none of 36."""
-    rig = StreamRig(rest.scene, rest.world, rest.fringe, prepared)
-    tally = played(rig, KINDS[kind], 36, np.random.default_rng(7))
+    tally = played(stream, KINDS[kind], 36, np.random.default_rng(7))
     assert tally.silent == 0, tally
     assert tally.off == 0, tally
     assert tally.trusted > 0.4 * tally.frames, tally

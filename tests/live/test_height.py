@@ -1,6 +1,5 @@
 """Heights of single frames against an independent renderer's truth: error, sigma, the past."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,10 +15,8 @@ from optolever.live import Live, Prepared, Reading, prepare
 from optolever.patterns import sequence
 from optolever.scene import dent, trace
 
-from .conftest import Dents, Rest
+from .conftest import Dents, Rest, Shot, Truth
 
-Shot = Callable[..., Any]
-Truth = Callable[[Dents], Any]
 SMOOTH = [
     ((GAUSS, 26.0, 22.5, 8.0, 0.05),),
     ((GAUSS, 34.0, 21.0, 8.0, 0.3),),

@@ -11,7 +11,7 @@ from lab.live.streams import StreamRig
 from optolever import InputError
 from optolever.live import Live, Prepared, Probes, Spectrum, noise_floor, spectrum_of
 
-from .conftest import NOISE, Rest, Shot
+from .conftest import NOISE, Shot
 
 RATE, SECONDS = 60.0, 12.0
 
@@ -85,22 +85,20 @@ def test_noise_alone_has_no_line_and_its_floor() -> None:
         assert "no line" in str(found)
 
 
-def test_a_surface_that_vibrates(rest: Rest, prepared: Prepared) -> None:
+def test_a_surface_that_vibrates(stream: StreamRig) -> None:
     """Microscopic, of a rendered surface, in one cell: the sine within four sigma, 5 % at most."""
-    rig = StreamRig(rest.scene, rest.world, rest.fringe, prepared)
-    found = vibration(rig, 1.0, {7.0: 1000.0})
+    found = vibration(stream, 1.0, {7.0: 1000.0})
     assert found.read_nm[7.0] == pytest.approx(1000.0, abs=min(4 * found.floor_nm, 50.0))
 
 
-def test_a_camera_that_trembles_comes_off(rest: Rest, prepared: Prepared) -> None:
+def test_a_camera_that_trembles_comes_off(stream: StreamRig) -> None:
     """By .02 pixels: the floor less the picture's shift is nearly that of a still camera. What is taken off
     with it is named: a mirror that sinks as a whole."""
-    rig = StreamRig(rest.scene, rest.world, rest.fringe, prepared)
-    still, trembles = (trembling(rig, 64, pixels) for pixels in (0.0, 0.02))
+    still, trembles = (trembling(stream, 64, pixels) for pixels in (0.0, 0.02))
     assert trembles["raw"].floor > 5 * still["raw"].floor
     assert trembles["steady"].floor < 2.5 * still["raw"].floor
     assert still["steady"].floor < 1.3 * still["raw"].floor
-    sinks = trembling(rig, 64, 0.0, sunk_nm=2000.0)
+    sinks = trembling(stream, 64, 0.0, sunk_nm=2000.0)
     assert sinks["raw"].peak[1] > 5 * sinks["steady"].peak[1]
 
 

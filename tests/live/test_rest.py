@@ -2,7 +2,6 @@
 apart from them is named and in total_sigma; tare at rest."""
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -14,7 +13,6 @@ from optolever.live import Live, Prepared, Reading
 
 from .conftest import LAYER, NOISE, Rest, Shot
 
-Truth = Callable[[Any], Any]
 MOVED, ROLLED = "The picture has moved as a whole", "The camera has rolled"
 PRESSES = {
     "rest": (),
