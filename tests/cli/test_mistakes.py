@@ -110,6 +110,10 @@ report {h} --less {rested} --out {out} | one of both maps alone is less a rest c
 form {h} --limit pv=-4um | pv=-4um | above 0
 simulate --scene prism48 --dent gaussian:peak=300 --out {out} | peak = 300 | at most the mirror's size, 60 mm
 design --scene prism48 --pixels 32x24 --code {folder} | holds neither | coordinates.toml
+design --scene prism48 --pixels 96x72 --frames 3 | no candidate fits
+design --scene prism48 --pixels 96x72 --out {out}.json | suffix '.json', must be .toml
+design --scene prism48 --pixels 96x72 --add nowhere:nothing | cannot be imported
+sensor --scene prism48 --pixels 96x72 --sequence grey | name is 'grey'
 """
 
 
@@ -132,18 +136,10 @@ def test_a_line_that_is_not_meant_so(row: str, refused: Refused, chain: Chain, t
     rested.save(tmp_path / "rested.npz")
     (tmp_path / "cut.tif").write_bytes(b"II*\0\xff\0\0\0")
     known = {
+        **{path.stem: path for path in tmp_path.iterdir()},
         "out": tmp_path / "out",
         "folder": tmp_path,
-        "rig": tmp_path / "rig.toml",
-        "small": tmp_path / "small.png",
-        "black": tmp_path / "black.png",
-        "cut": tmp_path / "cut.tif",
-        "minus": tmp_path / "minus.toml",
-        "rested": tmp_path / "rested.npz",
         "frames": chain.capture / "frames",
-        "comma": tmp_path / "comma.toml",
-        "empty": tmp_path / "empty.toml",
-        "twice": tmp_path / "twice.toml",
         "many": "--sequence phase:steps=64,periods=9/10/11",
         "capture": chain.capture,
         "c": chain.correspondence,

@@ -3,7 +3,6 @@
 import json
 import math
 import sys
-from collections.abc import Callable
 from itertools import combinations, product
 from pathlib import Path
 from typing import Any
@@ -166,22 +165,6 @@ def test_sensor_writes_its_numbers(tmp_path: Path) -> None:
     assert run(["sensor", *SMALL, "--json", str(numbers)]) == 0
     found = json.loads(numbers.read_text())["numbers"]
     assert found["reflection_margin_deg"] == pytest.approx(48 - math.degrees(math.asin(1 / 1.41)), abs=0.01)
-
-
-@pytest.mark.parametrize(
-    ("args", "words"),
-    [
-        (["design", *PRISM, "--frames", "3"], "no candidate fits"),
-        (["design", *PRISM, "--out", "best.json"], "suffix '.json', must be .toml"),
-        (["design", *PRISM, "--add", "nowhere:nothing"], "cannot be imported"),
-        (["sensor", *PRISM, "--sequence", "grey"], "name is 'grey'"),
-    ],
-)
-def test_bad_input_is_one_line(
-    args: list[str], words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refused: Callable[..., str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    refused(args, words)
 
 
 @pytest.mark.parametrize("spread", [0.0, 0.02, 0.5])

@@ -140,13 +140,10 @@ def test_flags_add_up_to_the_mirror(mirror: Page) -> None:
     ],
 )
 def test_a_mistake_is_one_line_and_leaves_no_page(
-    words: tuple[str, ...], message: str, mirror: Page, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    words: tuple[str, ...], message: str, mirror: Page, tmp_path: Path, refused: Callable[..., str]
 ) -> None:
     given = [word.format(files=mirror.files) for word in words]
-    source, out = str(mirror.files / "one.npz"), str(tmp_path / "page")
-    assert run(["report", source, *given, "--out", out]) == 2
-    (line,) = capfd.readouterr().err.strip().splitlines()
-    assert message in line
+    refused(["report", mirror.files / "one.npz", *given, "--out", tmp_path / "page"], message)
     assert not (tmp_path / "page").exists()
 
 
