@@ -1,6 +1,8 @@
-"""Headless Chromium by its debugging pipe: open, evaluate, wait, picture."""
+"""Requests of a page, and headless Chromium by its debugging pipe: open, evaluate, wait, picture."""
 
 import base64
+import contextlib
+import http.client
 import json
 import os
 import shutil
@@ -28,6 +30,15 @@ def printed(address: str, folder: Path, *options: str) -> str:
     done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
     assert "CONSOLE" not in done.stderr, done.stderr
     return done.stdout
+
+
+def asked(address: str, path: str, method: str = "GET", **headers: str) -> tuple[int, bytes]:
+    """Status and body of the answer of a page's server."""
+    host = address.removeprefix("http://").rstrip("/")
+    connection = http.client.HTTPConnection(host, timeout=30)
+    connection.request(method, path, headers={"Host": host, **headers})
+    with contextlib.closing(connection), connection.getresponse() as answer:
+        return answer.status, answer.read()
 
 
 class Chromium:

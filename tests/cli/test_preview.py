@@ -1,7 +1,5 @@
 """`optolever camera preview`: lines on the terminal, and the page's answers."""
 
-import contextlib
-import http.client
 import json
 import re
 from collections.abc import Iterator
@@ -19,6 +17,8 @@ from optolever.cli.views import Sheet, View
 from optolever.projector import aim
 from optolever.scene import load, resize
 
+from .chromium import asked
+
 
 @pytest.fixture
 def rig(tmp_path: Path) -> Path:
@@ -32,22 +32,13 @@ def test_lines_and_figures_of_a_virtual_rig(
     rig: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "p.json"
-    assert (
-        run(["camera", "preview", "--rig", str(rig), "--text", "--seconds", "0.3", "--json", str(out)]) == 0
-    )
-    assert re.search(
-        r"sees the display 1?\d\d %; saturated 0 %; sharpness \d+ % of its best", capsys.readouterr().out
-    )
+    words = ["camera", "preview", "--rig", str(rig), "--text", "--seconds", "0.3"]
+    assert run([*words, "--json", str(out)]) == 0
+    line = r"sees the display 1?\d\d %; saturated 0 %; sharpness \d+ % of its best"
+    assert re.search(line, capsys.readouterr().out)
     found = json.loads(out.read_text())
     assert found["sees_share"] > 0.9
     assert found["good"]
-
-
-def _ask(page: PageFront, path: str, **headers: str) -> tuple[int, bytes]:
-    connection = http.client.HTTPConnection(page.address.removeprefix("http://").rstrip("/"), timeout=10)
-    connection.request("GET", path, headers=headers)
-    with contextlib.closing(connection), connection.getresponse() as answer:
-        return answer.status, answer.read()
 
 
 @pytest.fixture
@@ -61,32 +52,29 @@ def view() -> View:
 
 def test_the_page_outlines_the_reflection_and_marks_saturated_pixels(view: View) -> None:
     with PageFront({"aim": "Aim"}, 0, "optolever camera preview") as page:
-        before = json.loads(_ask(page, "/state?after=-1")[1])
+        before = json.loads(asked(page.address, "/state?after=-1")[1])
         assert before["form"] is None
         seen = list[dict[str, Any]]()
 
         def views() -> Iterator[View]:
             for _ in range(2):  # the page shows a view before it asks for the next
                 yield view
-                seen.append(json.loads(_ask(page, "/state?after=0")[1]))
+                seen.append(json.loads(asked(page.address, "/state?after=0")[1]))
 
         assert page.look(views()) is view
         now = seen[-1]["aim"]
         assert (seen[-1]["form"]["kind"], now["good"]) == ("look", False)
         assert now["sees_share"] == pytest.approx(0.5, abs=0.02)
-        jpeg = np.frombuffer(_ask(page, "/picture?1")[1], np.uint8)
+        jpeg = np.frombuffer(asked(page.address, "/picture?1")[1], np.uint8)
         blue, green, red = cv2.imdecode(jpeg, cv2.IMREAD_COLOR).astype(float).transpose(2, 0, 1)
         assert (red - blue)[55:65, 25:35].min() > 100
         assert (green - red)[30:90, 78:82].max() > 60
-        for path, kind in (
-            ("/", b"<title>optolever camera preview"),
-            ("/start.js", b"use strict"),
-            ("/start.css", b"color"),
-        ):
-            status, text = _ask(page, path)
+        title = b"<title>optolever camera preview"
+        for path, kind in (("/", title), ("/start.js", b"use strict"), ("/start.css", b"color")):
+            status, text = asked(page.address, path)
             assert (status, kind in text) == (200, True)
-        assert _ask(page, "/", Host="elsewhere.example:80")[0] == 403
-        assert _ask(page, "/state?after=" + 5000 * "9")[0] == 200
+        assert asked(page.address, "/", Host="elsewhere.example:80")[0] == 403
+        assert asked(page.address, "/state?after=" + 5000 * "9")[0] == 200
 
 
 class Display:

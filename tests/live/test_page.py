@@ -1,7 +1,6 @@
 """The live page: its answers, its commands, who may ask; the program's lines of JSON; Chromium draws it."""
 
 import contextlib
-import http.client
 import io
 import json
 import re
@@ -31,7 +30,7 @@ from optolever.live import (
 from optolever.projector import Image
 from optolever.scene import load, resize
 
-from ..cli.chromium import printed
+from ..cli.chromium import asked, printed
 
 Virtual = tuple[Prepared, VirtualFinger]
 
@@ -66,11 +65,7 @@ def server(virtual: Virtual) -> Iterator[LiveServer]:
 
 
 def _ask(server: LiveServer, path: str, method: str = "GET", **headers: str) -> tuple[int, bytes]:
-    host = server.address.removeprefix("http://").rstrip("/")
-    connection = http.client.HTTPConnection(host, timeout=30)
-    connection.request(method, path, headers={"Host": host, **headers})
-    with contextlib.closing(connection), connection.getresponse() as answer:
-        return answer.status, answer.read()
+    return asked(server.address, path, method, **headers)
 
 
 def _token(server: LiveServer) -> dict[str, str]:
