@@ -99,22 +99,18 @@ def incoming(
     files, notices = _files(source)
     named = _listed([str(each) for each in source]) if isinstance(source, list | tuple) else str(source)
     if len(files) > 1:
-        files, more = _named_alike(files, len(shown))
-        notices += more
-        files, more = _from_where_numbers_start(files)
-        notices += more
-    pictures, more = _of_one_size(read_files(files, channel), len(shown))
-    notices += more
-    pictures, more = _without_copies(pictures, len(shown))
-    notices += more
+        why = "not named as the other pictures"
+        files = _only(files, len(shown), _template, lambda path: path.name, why, notices)
+        files = _from_where_numbers_start(files, notices)
+    pictures = _of_one_size(read_files(files, channel), len(shown), notices)
+    pictures = _without_copies(pictures, len(shown), notices)
     if len(pictures) != len(shown):
         raise InputError(f"{named}: {_other_count(len(pictures), shown)}{_missing(files)}")
     require_room(f"{named}: {len(pictures)} pictures", 2 * len(pictures) * pictures[0].levels.nbytes)
     notices += _colour_notices(pictures, channel)
     if any(map(is_lossy, files)):
         notices.append(LOSSY)
-    levels, more = _as_levels(pictures)
-    return levels, tuple(notices + more)
+    return _as_levels(pictures, notices), tuple(notices)
 
 
 def natural_key(name: str) -> list[Any]:
@@ -181,30 +177,27 @@ def _template(path: Path) -> str:
 
 
 def _only(
-    items: list[Item], count: int, kind: Callable[[Item], Any], name: Callable[[Item], str], why: str
-) -> tuple[list[Item], list[Notice]]:
-    """Of too many items those of one kind, if they alone are `count`."""
+    items: list[Item], count: int, kind: Callable[[Item], Any], name: Callable[[Item], str], why: str,
+    notices: list[Notice],
+) -> list[Item]:  # fmt: skip
+    """Of too many items those of one kind, if they alone are `count`, and a notice of the others."""
     kinds = Counter(map(kind, items))
     fitting = [each for each, number in kinds.items() if number == count]
     if len(items) <= count or len(fitting) != 1:
-        return items, []
+        return items
     others = [name(item) for item in items if kind(item) != fitting[0]]
-    return [item for item in items if kind(item) == fitting[0]], [
-        _said(f"{_listed(others)}: {why}, passed over")
-    ]
+    notices.append(_said(f"{_listed(others)}: {why}, passed over"))
+    return [item for item in items if kind(item) == fitting[0]]
 
 
-def _named_alike(files: list[Path], count: int) -> tuple[list[Path], list[Notice]]:
-    return _only(files, count, _template, lambda path: path.name, "not named as the other pictures")
-
-
-def _of_one_size(pictures: list[Picture], count: int) -> tuple[list[Picture], list[Notice]]:
+def _of_one_size(pictures: list[Picture], count: int, notices: list[Notice]) -> list[Picture]:
     """Pictures of one size and type. InputError names one that differs from most."""
 
     def kind(picture: Picture) -> tuple[Any, ...]:
         return *picture.levels.shape, picture.levels.dtype.name
 
-    chosen, notices = _only(pictures, count, kind, lambda picture: picture.file, "of another size or type")
+    why = "of another size or type"
+    chosen = _only(pictures, count, kind, lambda picture: picture.file, why, notices)
     usual = Counter(map(kind, chosen)).most_common(1)[0][0]
     for picture in chosen:
         if kind(picture) != usual:
@@ -213,22 +206,21 @@ def _of_one_size(pictures: list[Picture], count: int) -> tuple[list[Picture], li
                 f"{picture.file}: {own}, must be {most} as most of the pictures; name those by a pattern, "
                 "such as 'shots/img_*.png'"
             )
-    return chosen, notices
+    return chosen
 
 
-def _without_copies(pictures: list[Picture], count: int) -> tuple[list[Picture], list[Notice]]:
+def _without_copies(pictures: list[Picture], count: int, notices: list[Notice]) -> list[Picture]:
     """Of too many pictures all that do not repeat the one before to the last bit, if they alone are
     `count`: no camera takes one twice."""
     if len(pictures) <= count:
-        return pictures, []
-    copies = [
-        i for i in range(1, len(pictures)) if np.array_equal(pictures[i].levels, pictures[i - 1].levels)
-    ]
+        return pictures
+    levels = [picture.levels for picture in pictures]
+    copies = [i for i in range(1, len(levels)) if np.array_equal(levels[i], levels[i - 1])]
     if len(pictures) - len(copies) != count:
-        return pictures, []
+        return pictures
     names = [pictures[i].file for i in copies]
-    kept = [picture for i, picture in enumerate(pictures) if i not in copies]
-    return kept, [_said(f"{_listed(names)}: the same as the picture before, passed over")]
+    notices.append(_said(f"{_listed(names)}: the same as the picture before, passed over"))
+    return [picture for i, picture in enumerate(pictures) if i not in copies]
 
 
 def _numbers(files: Iterable[Path]) -> list[int]:
@@ -242,15 +234,16 @@ def _numbers(files: Iterable[Path]) -> list[int]:
     return [int(each[varying[0]]) for each in parts]
 
 
-def _from_where_numbers_start(files: list[Path]) -> tuple[list[Path], list[Notice]]:
+def _from_where_numbers_start(files: list[Path], notices: list[Notice]) -> list[Path]:
     """In order of taking where a camera's counter passed 9999 and began again: one gap, up to nines."""
     numbers = _numbers(files)
     gaps = [i for i in range(1, len(numbers)) if numbers[i] != numbers[i - 1] + 1]
     if len(gaps) != 1 or numbers[0] > 1 or not re.fullmatch("9+", str(numbers[-1])):
-        return files, []
+        return files
     first = gaps[0]
     text = f"{files[first].name} is taken for the first: the counter passed {numbers[-1]} and began again"
-    return files[first:] + files[:first], [_said(text, "name the pictures in order where that is wrong")]
+    notices.append(_said(text, "name the pictures in order where that is wrong"))
+    return files[first:] + files[:first]
 
 
 def _missing(files: list[Path]) -> str:
@@ -328,26 +321,22 @@ def _colour_notices(pictures: list[Picture], channel: str) -> list[Notice]:
     return [_said(f"{COLOURED.name} (contrast in levels: {told})", cure)]
 
 
-def _as_levels(pictures: list[Picture]) -> tuple[Levels, list[Notice]]:
+def _as_levels(pictures: list[Picture], notices: list[Notice]) -> Levels:
     """Pictures as uint8 or uint16 (N, H, W)."""
     stack = np.stack([picture.levels for picture in pictures])
     if stack.dtype in (np.uint8, np.uint16):
-        return stack, []
+        return stack
     finite = np.isfinite(stack)
     if not finite.any():
         raise InputError(f"{pictures[0].file}: no value is finite, must be light")
     least, most = float(stack[finite].min()), float(stack[finite].max())
-    notices = []
     if not finite.all():
         whole = finite.all(axis=0)
-        notices.append(
-            _said(
-                f"{np.count_nonzero(~whole)} pixels are not finite in some picture", "they are taken as dark"
-            )
-        )
+        lost = f"{np.count_nonzero(~whole)} pixels are not finite in some picture"
+        notices.append(_said(lost, "they are taken as dark"))
         stack = np.where(whole, stack, least)
     if stack.dtype.kind in "iu" and least >= 0 and most < 65536:
-        return stack.astype(np.uint16), notices
+        return stack.astype(np.uint16)
     low = min(least, 0.0)
     scale = 65535.0 if low == 0 and 0 < most <= 1 else _BRIGHTEST / max(most - low, np.finfo(np.float64).tiny)
-    return np.rint((stack.astype(np.float64) - low) * scale).astype(np.uint16), notices
+    return np.rint((stack.astype(np.float64) - low) * scale).astype(np.uint16)
