@@ -11,7 +11,7 @@ import numpy as np
 from optolever.errors import InputError
 
 from ..devices import Accepted, CameraLost, Identity, Image, Wanted
-from .webcam import locked, require_free
+from .webcam import Untriggered, locked, require_free
 
 __all__ = ["OpenCVCamera", "find", "open_named"]
 
@@ -39,7 +39,7 @@ def open_named(name: str) -> "OpenCVCamera":
     return OpenCVCamera(name)
 
 
-class OpenCVCamera:
+class OpenCVCamera(Untriggered):
     """Read in `next`; stamps by the driver's where they rise. OpenCV hides the counter."""
 
     lost = 0
@@ -114,10 +114,6 @@ class OpenCVCamera:
             for _ in range(_BUFFERS):
                 self._capture.grab()
         self._last = time.monotonic()
-
-    def trigger(self) -> float:
-        """InputError: webcams have none."""
-        raise InputError("camera: a webcam has no software trigger, trigger must be free")
 
     def next(self, timeout_s: float) -> Image | None:
         """Blocks until the driver hands out an image; CameraLost after 5 s of refusals."""

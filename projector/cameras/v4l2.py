@@ -16,7 +16,7 @@ from ..devices import Accepted, CameraLost, Identity, Image, Wanted, no_pixels
 from . import ioctl
 from .ioctl import OpenDevice
 from .pixels import from_jpeg
-from .webcam import locked, require_free
+from .webcam import Untriggered, locked, require_free
 
 __all__ = ["V4L2Camera", "find", "open_named"]
 
@@ -92,7 +92,7 @@ def open_named(name: str) -> "V4L2Camera":
         raise InputError(f"camera: {name}: {_reason(error)}") from error
 
 
-class V4L2Camera:
+class V4L2Camera(Untriggered):
     """`lost` by gaps of the driver's counter; stamps where the driver says that they are monotonic."""
 
     def __init__(self, device: OpenDevice, name: str) -> None:
@@ -120,12 +120,11 @@ class V4L2Camera:
         if wanted.format:
             known = {one: known[one] for one in known if one.decode("latin1").strip() == wanted.format}
         fourcc = next((one for one in known if one in offered), None)
-        if fourcc is None and wanted.format:
-            names = " ".join(one.decode("latin1").strip() for one in offered)
-            raise InputError(f"camera: format is {wanted.format!r}, {self._name} has {names}")
         if fourcc is None:
+            lacks = f"{self._name} has no grey format of {wanted.bits} bits, it"
+            what = f"format is {wanted.format!r}, {self._name}" if wanted.format else lacks
             names = " ".join(one.decode("latin1").strip() for one in offered)
-            raise InputError(f"camera: {self._name} has no grey format of {wanted.bits} bits, it has {names}")
+            raise InputError(f"camera: {what} has {names}")
         try:
             fps = self._choose_size(wanted, fourcc)
             faster = self._compressed_rate(wanted, fps) if fourcc != _JPEG and _JPEG in offered else None
@@ -225,10 +224,6 @@ class V4L2Camera:
         except OSError as error:
             raise InputError(f"camera: {self._name}: {_reason(error)}") from error
         self._running, self._last = True, -1
-
-    def trigger(self) -> float:
-        """InputError: webcams have none."""
-        raise InputError("camera: a webcam has no software trigger, trigger must be free")
 
     def next(self, timeout_s: float) -> Image | None:
         """The oldest image that waits; CameraLost where it was unplugged."""

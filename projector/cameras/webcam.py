@@ -10,10 +10,18 @@ from optolever.errors import InputError
 
 from ..devices import Camera, Wanted
 
-__all__ = ["locked", "require_free"]
+__all__ = ["Untriggered", "locked", "require_free"]
 
 _SETTLE_S = 0.5
 _STILL = {"focus": 0.1, "exposure": 0.05}  # changes of sharpness and brightness, at most
+
+
+class Untriggered:
+    """A camera that runs by itself."""
+
+    def trigger(self) -> float:
+        """InputError: webcams have none."""
+        raise InputError("camera: a webcam has no software trigger, trigger must be free")
 
 
 def require_free(wanted: Wanted) -> None:
