@@ -83,27 +83,11 @@ def run_demo(
         correspondence = decode(taken.frames, pattern)
     with stages.stage("reconstruct"):
         height = reconstruct(correspondence, known)
-    return DemoResult(
-        scene=known,
-        sequence=pattern,
-        capture=taken,
-        truth=truth,
-        correspondence=correspondence,
-        height=height,
-        metrics=height_metrics(truth, correspondence, height),
-        seconds=stages.seconds,
-        peak_bytes=peak_bytes(),
-        settings={
-            "scene": known.name,
-            "size": [known.camera.rows, known.camera.cols],
-            "blur_px": known.pattern.blur_px,
-            "dent": pressed,
-            "sequence": sequence,
-            "frames": len(pattern),
-            "noise": noise,
-            "seed": seed,
-            "renderer": drawn_by,
-            "method": height.diagnostics.method,
-            "anchor": None,
-        },
-    )
+    settings = {
+        "scene": known.name, "size": [known.camera.rows, known.camera.cols], "blur_px": known.pattern.blur_px,
+        "dent": pressed, "sequence": sequence, "frames": len(pattern), "noise": noise, "seed": seed,
+        "renderer": drawn_by, "method": height.diagnostics.method, "anchor": None,
+    }  # fmt: skip
+    metrics = height_metrics(truth, correspondence, height)
+    found = (correspondence, height, metrics, stages.seconds, peak_bytes(), settings)
+    return DemoResult(known, pattern, taken, truth, *found)

@@ -99,10 +99,8 @@ def _form_cards(fit: FormFit, figures: Figures, waves: float | None) -> list[Car
 def _error_cards(truth: Trace, found: Correspondence, height: HeightMap, figures: Figures) -> list[Card]:
     """Errors against the truth."""
     show, m = figures.show, height_metrics(truth, found, height)
-    error, worst = (
-        show("error rms", m["height_rms_mm"], "mm"),
-        show("error max over peak", m["height_max_rel"]),
-    )
+    error = show("error rms", m["height_rms_mm"], "mm")
+    worst = show("error max over peak", m["height_max_rel"])
     over_peak = show("error rms over peak", m["height_rms_rel"])
     share = show("unflagged of visible", m["unflagged_share"], "%")
     ratio, *axes = (
@@ -117,14 +115,10 @@ def _error_cards(truth: Trace, found: Correspondence, height: HeightMap, figures
         error, sigma, middle, worst
     )
     says = Markup("1 where error bars are true; u {}, v {}").format(*axes)
+    seen = "of the pixels that see the pattern in the mirror"
     return [
         ("height_rms_rel", "Height error, rms over largest height", over_peak, largest),
-        (
-            "unflagged_share",
-            "Visible pixels with a height",
-            share,
-            "of the pixels that see the pattern in the mirror",
-        ),
+        ("unflagged_share", "Visible pixels with a height", share, seen),
         ("sigma_ratio_height", "Error over sigma, height", ratio, says),
     ]
 

@@ -145,58 +145,40 @@ def _mirror(scene: Scene, rng: np.random.Generator) -> Shots:
 
 
 _RESPONSE = "optolever response {dir}/ramp {dir}/rest --scene {dir}/rig.toml"
+_SENSOR = """
+optolever decode {dir}/rest {dir}/press --response {dir}/rig.toml --out {dir}/c
+optolever reconstruct {dir}/c/press.npz --scene {dir}/rig.toml --rest {dir}/c/rest.npz --out {dir}/h.npz
+optolever report {dir}/h.npz --correspondence {dir}/c/press.npz --rest {dir}/c/rest.npz \
+--scene {dir}/rig.toml --out {dir}/report
+"""
+_MIRROR = """
+optolever calibrate --scene {dir}/rig.toml --out {dir}/calibrated.toml flat={dir}/flat1 flat={dir}/flat2 \
+flat={dir}/flat3 flat={dir}/flat4
+optolever camera measure {dir}/mirror --rig {dir}/calibrated.toml --out {dir}/measured
+optolever form {dir}/measured/h.npz --remove tilt --aperture circle
+"""
+_DESIGN = """
+optolever decode {dir}/rest --response {dir}/rig.toml --save-profile {dir}/rig.toml --out {dir}/c.npz
+optolever design --scene {dir}/rig.toml --code gray+phase --code phase --code {dir}/mine.toml \
+--chart {dir}/codes.png
+"""
+_FORTY = """
+optolever decode {dir}/rest {dir}/press* --response {dir}/rig.toml --jobs 2 --out {dir}/c
+optolever reconstruct {dir}/c/press*.npz --scene {dir}/rig.toml --rest {dir}/c/rest.npz --jobs 2 --out {dir}/h
+"""
+_LENS = {"camera.k1": -0.08, "camera.k2": 0.02}
+
+
+def _commands(text: str, rest: str = "rest") -> tuple[str, ...]:
+    return _RESPONSE.replace("rest", rest), *text.strip().splitlines()
+
+
 #: Sets by name.
 SAMPLES = {
-    "sensor": Sample(
-        "prism48",
-        (150, 200),
-        _sensor,
-        (
-            _RESPONSE,
-            "optolever decode {dir}/rest {dir}/press --response {dir}/rig.toml --out {dir}/c",
-            "optolever reconstruct {dir}/c/press.npz --scene {dir}/rig.toml --rest {dir}/c/rest.npz "
-            "--out {dir}/h.npz",
-            "optolever report {dir}/h.npz --correspondence {dir}/c/press.npz --rest {dir}/c/rest.npz "
-            "--scene {dir}/rig.toml --out {dir}/report",
-        ),
-    ),
-    "mirror": Sample(
-        "monitor-mirror",
-        (128, 160),
-        _mirror,
-        (
-            _RESPONSE.replace("rest", "flat1"),
-            "optolever calibrate --scene {dir}/rig.toml --out {dir}/calibrated.toml flat={dir}/flat1 "
-            "flat={dir}/flat2 flat={dir}/flat3 flat={dir}/flat4",
-            "optolever camera measure {dir}/mirror --rig {dir}/calibrated.toml --out {dir}/measured",
-            "optolever form {dir}/measured/h.npz --remove tilt --aperture circle",
-        ),
-        {"camera.k1": -0.08, "camera.k2": 0.02},
-    ),
-    "design": Sample(
-        "prism48",
-        (120, 160),
-        _sensor,
-        (
-            _RESPONSE,
-            "optolever decode {dir}/rest --response {dir}/rig.toml --save-profile {dir}/rig.toml "
-            "--out {dir}/c.npz",
-            "optolever design --scene {dir}/rig.toml --code gray+phase --code phase --code {dir}/mine.toml "
-            "--chart {dir}/codes.png",
-        ),
-        own="gray+phase:steps=3,period=6",
-    ),
-    "forty": Sample(
-        "prism48",
-        (120, 160),
-        _forty,
-        (
-            _RESPONSE,
-            "optolever decode {dir}/rest {dir}/press* --response {dir}/rig.toml --jobs 2 --out {dir}/c",
-            "optolever reconstruct {dir}/c/press*.npz --scene {dir}/rig.toml --rest {dir}/c/rest.npz "
-            "--jobs 2 --out {dir}/h",
-        ),
-    ),
+    "sensor": Sample("prism48", (150, 200), _sensor, _commands(_SENSOR)),
+    "mirror": Sample("monitor-mirror", (128, 160), _mirror, _commands(_MIRROR, "flat1"), _LENS),
+    "design": Sample("prism48", (120, 160), _sensor, _commands(_DESIGN), own="gray+phase:steps=3,period=6"),
+    "forty": Sample("prism48", (120, 160), _forty, _commands(_FORTY)),
 }
 
 

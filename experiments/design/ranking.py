@@ -125,12 +125,9 @@ def run_design(
         rows = _verified(rows, lambda text: simulated(by_text[text]), verify, progress)
         rows += [_simulated_only(one, simulated, refresh) for one in extra if one.decoder is not None]
     best = next((row for row in rows if not row.why), None)
-    size, light = (
-        [scene.camera.rows, scene.camera.cols],
-        {"noise": noise, "lag": lag, "blur": pattern.blur_px},
-    )
+    size = [scene.camera.rows, scene.camera.cols]
     settings = {"scene": scene.name, "dent": pressed, "size": size, "frames": frames, "refresh": refresh}
-    settings |= {**light, "failure": failure}
+    settings |= {"noise": noise, "lag": lag, "blur": pattern.blur_px, "failure": failure}
     return Design(rows, by_text, None if best is None else by_text[best.text], settings, stages.seconds)
 
 
