@@ -28,7 +28,7 @@ from optolever.scene import (
 )
 
 __all__ = [
-    "Rig", "ball_cap", "behind_face", "correspondence_of", "frame_change", "open_air", "prism",
+    "Rig", "ball_cap", "behind_face", "correspondence_of", "dented", "frame_change", "open_air", "prism",
     "shape_surface",
 ]  # fmt: skip
 
@@ -110,10 +110,23 @@ def form(coefficients: Floats, mirror: Mirror) -> Callable[[Floats, Floats], Flo
         s, t = 2 * x / mirror.length - 1, 2 * y / mirror.width - 1
         along, across = ((1.0, at, 1.5 * at**2 - 0.5, 2.5 * at**3 - 1.5 * at) for at in (s, t))
         terms = zip(coefficients, places, strict=False)
-        total: Floats = sum(c * along[i] * across[j] for c, (i, j) in terms)
+        total: Floats = sum((c * along[i] * across[j] for c, (i, j) in terms), 0 * (x + y))
         return total
 
     return height
+
+
+def dented(
+    under: Callable[[Floats, Floats], Floats], x: float, y: float, depth: float, size: float
+) -> Surface:
+    """A mirror `under` with a Gaussian dent, mm."""
+
+    def height(a: Floats, b: Floats) -> Floats:
+        square = (a - x) ** 2 + (b - y) ** 2
+        dent: Floats = under(a, b) + depth * np.exp(-square / (2 * size**2))
+        return dent
+
+    return shape_surface(height)
 
 
 def open_air(
@@ -147,12 +160,9 @@ def open_air(
         surface = reference(rng.uniform(-5, 5) if k else 0.0, tilt * np.cos(angle), tilt * np.sin(angle))
         observations.append(Observation(f"flat{k}", Flat(flatness), capture(truth, surface, k)))
 
-    def dent(a: Floats, b: Floats) -> Floats:
-        height: Floats = 0.5 * np.exp(-((a - x) ** 2 + (b - y) ** 2) / (2 * 18.0**2))
-        return height
-
-    flat, form_alone = shape_surface(lambda x, y: 0 * (x + y)), reference(0.0, 0.0, 0.0)
-    return Rig(truth, base, observations, shape_surface(dent), flat, reference=form_alone)
+    flat, form_alone = form(np.zeros(0), truth.mirror), reference(0.0, 0.0, 0.0)
+    dent = dented(flat, x, y, 0.5, 18.0)
+    return Rig(truth, base, observations, dent, shape_surface(flat), reference=form_alone)
 
 
 def prism(
@@ -183,12 +193,8 @@ def prism(
             inside = np.hypot(seen.x - x, seen.y - y) < 0.8 * np.sqrt(0.3 * radius)
         observations.append(Observation(f"ball{k}", Ball(radius, 1e-4 * radius), c, np.asarray(inside)))
 
-    def dented(x: Floats, y: Floats) -> Floats:
-        square = (x - 0.5 * length) ** 2 + (y - 0.5 * width) ** 2
-        height: Floats = sag(x, y) + 0.3 * np.exp(-square / 128.0)
-        return height
-
-    return Rig(truth, base, observations, shape_surface(dented), rest, numbers)
+    dent = dented(sag, 0.5 * length, 0.5 * width, 0.3, 8.0)
+    return Rig(truth, base, observations, dent, rest, numbers)
 
 
 def ball_cap(

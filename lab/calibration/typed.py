@@ -29,7 +29,7 @@ from optolever.scene import (
     typed_sigmas,
 )
 
-from .rigs import behind_face, form, shape_surface
+from .rigs import behind_face, dented, form, shape_surface
 
 __all__ = ["KINDS", "TypedRun", "typed_runs"]
 
@@ -178,13 +178,7 @@ def _surfaces(scene: Scene, sag: Floats, rng: Rng) -> tuple[Surface, Surface]:
     size = length * rng.uniform(0.06, 0.12)
     x, y = length * rng.uniform(0.35, 0.65), width * rng.uniform(0.35, 0.65)
     bent = form(sag, scene.mirror)
-
-    def pressed(at: Floats, along: Floats) -> Floats:
-        square = (at - x) ** 2 + (along - y) ** 2
-        height: Floats = bent(at, along) + depth * np.exp(-square / (2 * size**2))
-        return height
-
-    return shape_surface(bent), shape_surface(pressed)
+    return shape_surface(bent), dented(bent, x, y, depth, size)
 
 
 def _moved(scene: Scene, motion: float, rng: Rng) -> Scene:

@@ -145,12 +145,11 @@ def _outcome(run: Run, number: int, kind: str, args: list[str], work: Path) -> O
         lines = said.read().strip().splitlines()
     results = [work / name for name in ("out.npz", "out")]
     if not fault:
-        if code == 0:
-            fault = next(filter(None, (_unsound(result) for result in results if result.exists())), "")
-        elif code == 2 and lines and all(_BATCH in line for line in lines):
+        # with notices alone a map is written, every pixel of which is flagged: it contradicts its scene
+        flagged = code == 2 and lines and all(line.startswith("Notice: ") for line in lines)
+        if code == 2 and lines and all(_BATCH in line for line in lines):
             pass  # the other inputs of several have their results
-        elif code == 2 and lines and all(line.startswith("Notice: ") for line in lines):
-            # a map is written, every pixel of which is flagged: the capture contradicts its scene
+        elif code == 0 or flagged:
             fault = next(filter(None, (_unsound(result) for result in results if result.exists())), "")
         elif code != 2 or len(lines) != 1:
             fault = f"exit code {code}, {len(lines)} lines: {' / '.join(lines)[:200]}"
