@@ -34,8 +34,7 @@ SCREEN = Opt("--monitor NAME", "[devices]: display, as `optolever camera devices
 FOCAL = Opt("--focal MM", "Focal length, with --pixel in place of the view.", ABOVE_0)
 PIXEL = Opt("--pixel MM", "Pitch of the camera's pixels, with --focal.", ABOVE_0)
 PITCH = Opt("--pitch MM", "Pitch of the display's pixels, in place of --diagonal.", ABOVE_0)
-OUT = Opt("--out RIG.toml", "File to write.", OutputFile(".toml", bare=False))
-PICTURE = Opt("--picture FILE", "Default: RIG.png.", OutputFile(".png", ".svg", bare=False))
+OUT = Opt("--out RIG.toml", "File to write; RIG.png is its drawing.", OutputFile(".toml", bare=False))
 Number: TypeAlias = float | None
 Pair: TypeAlias = tuple[int, int] | None
 
@@ -68,7 +67,6 @@ def new(
     pitch: Annotated[Number, PITCH] = None,
     camera: Annotated[str | None, CAMERA] = None,
     monitor: Annotated[str | None, SCREEN] = None,
-    picture: Annotated[Path | None, PICTURE] = None,
     json_path: Json = None,
 ) -> None:
     """Write the TOML of a rig and draw it from the side.
@@ -97,7 +95,7 @@ def new(
         if chosen[name] is None:
             chosen[name] = click.prompt(option.help, default="") if sys.stdin.isatty() else ""
     devices = {name: address for name, address in chosen.items() if address}
-    typed, drawn = typed_rig(values), picture or out.with_suffix(".png")
+    typed, drawn = typed_rig(values), out.with_suffix(".png")
     with ol.files.together():
         with ol.files.atomic_file(out) as temporary:
             temporary.write_text(ol.scene.rig_toml(out.stem, typed), encoding="utf-8")
