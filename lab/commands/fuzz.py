@@ -43,9 +43,8 @@ def command(
     with tempfile.TemporaryDirectory() as folder, progress() as step:
         for done, outcome in enumerate(fuzz(run, app, cases, seed, first, Path(folder))):
             step("cases", done, cases)
-            ended[
-                outcome.kind, "faults" if outcome.fault else ("results", "", "refused")[outcome.code or 0]
-            ] += 1
+            how = "faults" if outcome.fault else ("results", "", "refused")[outcome.code or 0]
+            ended[outcome.kind, how] += 1
             slowest, largest = max(slowest, outcome.seconds), max(largest, outcome.bytes)
             if outcome.fault:
                 faults.append(outcome)
@@ -54,9 +53,8 @@ def command(
     grid("Damaged inputs", ("kind", *columns), rows)
     for outcome in faults:
         last = outcome.fault.strip().splitlines()[-1]
-        click.echo(
-            f"--seed {seed} --first {outcome.number}, {outcome.kind}: {last}\n  {' '.join(outcome.args)}"
-        )
+        click.echo(f"--seed {seed} --first {outcome.number}, {outcome.kind}: {last}")
+        click.echo(f"  {' '.join(outcome.args)}")
     verdict = {"faults": f"{len(faults)} of {cases}", "slowest": number(slowest, "s")}
     table("Verdict", verdict | {"memory": number(largest / 2**30, "GiB (the most of one case)")})
     if json_path is not None:

@@ -67,11 +67,8 @@ def command(
         ]
         for row in rows
     ]  # fmt: skip
-    grid(
-        f"Live: {size[0]} x {size[1]}, two float32 cosine transforms {number(transforms_ms(*size), 'ms')}",
-        header,
-        lines,
-    )
+    ours = number(transforms_ms(*size), "ms")
+    grid(f"Live: {size[0]} x {size[1]}, two float32 cosine transforms {ours}", header, lines)
     write_json(json_path, {"rows": [asdict(row) for row in rows]})
 
 

@@ -111,9 +111,8 @@ def _renderers() -> Iterator[Figure]:
         ]
         levels = (frames[0].astype(np.float64) - frames[1]) / 257
         yield Figure(f"GLSL against float64, {name}, frames rms", rms(levels), "levels", high=0.5)
-        yield Figure(
-            f"GLSL against float64, {name}, decoded rms", _decoded_apart(frames, shown), "px", high=2e-3
-        )
+        apart = _decoded_apart(frames, shown)
+        yield Figure(f"GLSL against float64, {name}, decoded rms", apart, "px", high=2e-3)
 
 
 def _decoded_apart(frames: list[NDArray[Any]], shown: Sequence) -> float:
