@@ -92,7 +92,7 @@ def _pool(jobs: int, modules: Sequence[str]) -> Iterator[ProcessPoolExecutor]:
     forks = "forkserver" in multiprocessing.get_all_start_methods()
     context = multiprocessing.get_context("forkserver" if forks else "spawn")
     if forks:
-        context.set_forkserver_preload(list(modules))
+        context.set_forkserver_preload([*modules, f"{__package__}.warm"])
     try:
         pool = ProcessPoolExecutor(jobs, context, _begin)
         pool.submit(os.getpid).result()

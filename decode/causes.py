@@ -1,11 +1,13 @@
 """Why few pixels of a capture are good: one sentence."""
 
+import math
 from typing import Any
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from optolever.kernels import F64
 from optolever.notices import Notice
 from optolever.patterns import Sequence
 
@@ -17,7 +19,7 @@ __all__ = ["few_good", "off_the_end"]
 
 #: Good share of the lit pixels below which a sentence says why, share off the pattern above which one does.
 _FEW, _OFF = 0.5, 1 / 6
-#: Pixels by which lit ones are known.
+#: Pixels that are looked at: each so many-th of a row and of a column.
 _SEEN = 1 << 15
 #: Amplitude of the modulation over white from which on contrast is no cause, and the cure then.
 _AMPLE = 0.1
@@ -33,24 +35,29 @@ def few_good(found: Correspondence, light: Light, sequence: Sequence) -> tuple[N
     """A notice where less than half of the lit pixels are good, or a sixth lies off the pattern, and no other
     notice names the cause."""
     assert found.amplitude is not None
-    inside = found.flags & Flag.INVALID == 0
+    some = (slice(None, None, max(1, math.isqrt(found.flags.size // _SEEN))),) * 2
+    flags, amplitude = found.flags[some], found.amplitude[some]
+    inside = flags & Flag.INVALID == 0
     if not inside.all():  # a pixel by itself has no neighbours that could confirm it: no fault of the capture
-        inside &= scipy.ndimage.uniform_filter(inside.astype(np.float32), 3, mode="nearest") > 0.5
-    bright = found.amplitude[inside & (found.amplitude > 0)]
+        known = (found.flags & Flag.INVALID == 0).astype(np.float32)
+        inside &= scipy.ndimage.uniform_filter(known, 3, mode="nearest")[some] > 0.5
+    bright = amplitude[inside & (amplitude > 0)]
     if not len(bright):
         return ()
-    lit = inside & (found.amplitude > 0.5 * np.percentile(bright[:: 1 + len(bright) // _SEEN], 95))
-    number = np.count_nonzero(lit)
-    good = np.count_nonzero(lit & found.good) / number
+    lit = inside & (amplitude > 0.5 * np.percentile(bright, 95))
+    flags = flags[lit]
+    good = np.count_nonzero(flags == 0) / len(flags)
 
     def share(flag: Flag) -> float:
-        return np.count_nonzero(found.flags[lit] & flag) / number
+        return np.count_nonzero(flags & flag) / len(flags)
 
     if good >= _FEW and share(Flag.OFF_PATTERN) < _OFF:
         return ()
     if any(not one.name.startswith(_SIGMA) for one in found.notices):
         return ()
-    name, cure = _cause(found, light, sequence, lit, share)
+    places = {axis: getattr(found, axis)[some][lit].astype(np.float64) for axis in ("u", "v")}
+    ample = float(np.median(amplitude[lit])) > _AMPLE * light.clip
+    name, cure = _cause(light.raw[(slice(None), *some)][:, lit], light.clip, ample, places, sequence, share)
     return (Notice(f"{good:.0%} of the lit pixels are good: {name}", float("nan"), float("nan"), cure),)
 
 
@@ -63,24 +70,23 @@ def off_the_end(axis: str, extent: int, places: NDArray[Any]) -> str:
 
 
 def _cause(
-    found: Correspondence, light: Light, sequence: Sequence, lit: NDArray[np.bool_], share: Any
+    levels: NDArray[Any], clip: float, ample: bool, found: dict[str, F64], sequence: Sequence, share: Any
 ) -> tuple[str, str]:
-    """The cause and its cure; the most certain one first."""
-    amplitude = np.asarray(found.amplitude)[lit]
-    some = light.raw[:, lit][:, :: 1 + int(lit.sum()) // 4096]
+    """The cause and its cure, of levels (N, K) and places (K,); ample: contrast; the most certain one
+    first."""
+    some = levels[:, :: 1 + levels.shape[1] // 4096]
     if any(axis.fringes for axis in plan(sequence).axes) and len(np.unique(some)) < 3:
         return "the frames hold two levels only", "fringes need grey values: capture without a threshold"
-    clipped = (some >= light.clip).mean(axis=1)
+    clipped = (some >= clip).mean(axis=1)
     coded = np.array([frame.axis is not None for frame in sequence.frames])
     if np.mean(clipped[coded] > 0.25) > 0.5 or share(Flag.SATURATED) > 0.5:
         return f"{np.count_nonzero(clipped > 0.25)} of {len(some)} frames clip", "expose less"
     if share(Flag.OFF_PATTERN) >= _OFF:
         for axis in plan(sequence).axes:
-            places = np.asarray(getattr(found, axis.axis)[lit], np.float64)
+            places = found[axis.axis]
             beyond = (places < -0.5) | (places > axis.extent - 0.5)
             if beyond.mean() > 0.5 * _OFF:
                 return off_the_end(axis.axis, axis.extent, places), "correct capture.toml"
-    ample = float(np.median(amplitude)) > _AMPLE * light.clip
     if share(Flag.DARK | Flag.LOW_CONTRAST) > 0.5 and not ample:
         cure = "expose longer, or show more steps (gray+phase:steps=16)"
         return f"the pattern is too weak for its sequence, {np.ptp(some, axis=0).mean():.2g} levels", cure

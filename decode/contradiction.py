@@ -99,10 +99,9 @@ def _places(shape: tuple[int, ...], count: int) -> tuple[I64, I64]:
         row, col = np.divmod(np.arange(shape[0] * shape[1]), shape[1])
         return row, col
     rows, cols = shape[0] // _TILE, shape[1] // _TILE
-    inside = np.random.default_rng(0).integers(0, _TILE, (2, rows, cols, count))
-    first = _TILE * np.indices((rows, cols))[..., None]
-    row, col = (first + inside).reshape(2, -1)
-    return row, col
+    down, along = (np.random.default_rng(0).integers(0, _TILE, (rows, one, count)) for one in (1, cols))
+    row = np.broadcast_to(_TILE * np.arange(rows)[:, None, None] + down, along.shape)  # few lines of memory
+    return row.ravel(), (_TILE * np.arange(cols)[:, None] + along).ravel()
 
 
 def _view(

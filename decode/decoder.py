@@ -96,7 +96,7 @@ class Decoder:
         self._settings = settings or (Settings() if profile is None else profile.settings)
         _validated(self._settings)
         plan(sequence)  # checks the frames
-        self._sequence, self._profile = sequence, profile
+        self._sequence, self._digest, self._profile = sequence, digest(sequence), profile
         self._prepared: Prepared | None = None
 
     @property
@@ -148,7 +148,7 @@ class Decoder:
     def _fits(self, profile: RigProfile, light: Light) -> bool:
         """Whether a profile fits the frames: sequence, size and type."""
         kind = profile.sequence, profile.shape, profile.dtype
-        return kind == (digest(self._sequence), light.raw.shape[1:], light.raw.dtype.name)
+        return kind == (self._digest, light.raw.shape[1:], light.raw.dtype.name)
 
     def _anew(self, light: Light, mask: NDArray[np.bool_] | None, unit: float) -> Correspondence:
         """Estimate the profile, and decode by it."""
@@ -160,7 +160,7 @@ class Decoder:
         if ready is not None:  # else a fault of this capture, not of the rig
             self._prepared, shape, dtype = ready, light.raw.shape[1:], light.raw.dtype.name
             self._profile = RigProfile(
-                digest(self._sequence),
+                self._digest,
                 shape,
                 dtype,
                 light.clip,

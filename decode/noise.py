@@ -132,7 +132,7 @@ def _of_codes(plan: Plan, levels: F64, first: NDArray[np.int64]) -> Residuals:
     frames = [i for i in (plan.white, plan.black) if i >= 0] + bits
     if len(bits) < 2:
         return np.zeros(0), np.zeros(0)
-    seen, at = levels[frames], np.arange(len(frames))[:, None]
+    seen, at, none = levels[frames], np.arange(len(frames), dtype=np.int16)[:, None], np.int16(-1)
     first = first[:: 1 + len(frames) * len(first) // _MOST]
     with np.errstate(invalid="ignore"):
         # a mean of the five selects without regard to their second differences
@@ -142,8 +142,9 @@ def _of_codes(plan: Plan, levels: F64, first: NDArray[np.int64]) -> Residuals:
         share = (2 * mean - low - high) / np.maximum(high - low, 1e-6)
         found = []
         for full in (share > _FULL, share < -_FULL):
-            before = np.maximum.accumulate(np.where(full, at, -1), axis=0)
-            i, t = np.nonzero(full[1:] & (before[:-1] >= 0))  # the nearest frame before of the same state
+            before = np.maximum.accumulate(np.where(full, at, none), axis=0)
+            # the nearest frame before of the same state; np.nonzero takes five times as long
+            i, t = np.divmod(np.flatnonzero(full[1:] & (before[:-1] >= 0)), full.shape[1])
             j, i, k = before[i, t], i + 1, first[t]
             level = 0.5 * (seen[i, k + 2] + seen[j, k + 2])
             found.append((level, (bend[i, k] - bend[j, k]) / np.sqrt(12)))
@@ -157,8 +158,9 @@ def _trimmed(residual: F64) -> float:
     most = 3 * len(square) // 4
     variance = 4 * float(np.partition(square, most)[most]) / 1.15**2 + 1e-9
     for _ in range(30):
-        kept = square[square <= _TRIM**2 * variance]
-        found = float(kept.mean()) / _REMAINING if len(kept) else variance
+        kept = square <= _TRIM**2 * variance
+        number = np.count_nonzero(kept)
+        found = float(square @ kept.astype(np.float64)) / number / _REMAINING if number else variance
         if abs(found - variance) <= 1e-4 * variance:
             break
         variance = found

@@ -17,7 +17,6 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -36,8 +35,6 @@ ZERO, HALF, ONE = np.float32(0), np.float32(0.5), np.float32(1)
 #: A number of a kernel that single and double precision pass alike: it is compiled for either.
 Real = float | np.floating
 T = TypeVar("T")
-#: Its settings are made when numba is imported: no checker knows them.
-_config: Any = numba.config
 #: Reorderings that let loops become vector instructions; NaN and infinity keep their meaning.
 _REORDER = {"contract", "reassoc", "nsz", "arcp"}
 #: Caches of older sources that stay, the latest ones: two branches of a checkout take turns.
@@ -63,13 +60,16 @@ def inlined(function: Callable[..., T]) -> Callable[..., T]:
 def _compiled(function: Callable[..., T], **options: Any) -> Callable[..., T]:
     """numba.njit, cached under a key of all sources: Numba itself watches a kernel's own file only, and not
     the files of those that it calls. Where nothing can be kept, every process compiles for itself."""
+    import numba  # .3 s, and who asks whether kernels are compiled has none
+
+    config: Any = numba.config  # its settings are made when numba is imported: no checker knows them
     folder = cache_folder(Path(function.__code__.co_filename).parent)
-    before, _config.CACHE_DIR = _config.CACHE_DIR, str(folder or "")
+    before, config.CACHE_DIR = config.CACHE_DIR, str(folder or "")
     try:
         options |= {"cache": folder is not None, "no_cfunc_wrapper": True}  # nobody calls them from C
         made = numba.njit(nogil=True, error_model="numpy", **options)(function)
     finally:
-        _config.CACHE_DIR = before
+        config.CACHE_DIR = before
     return cast(Callable[..., T], made)
 
 

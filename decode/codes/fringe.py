@@ -257,12 +257,14 @@ def fit_row(
         o0, o1, o2, o3 = w[k, 0, g], w[k, 0, g + 1], w[k, 0, g + 2], w[k, 0, g + 3]
         c0, c1, c2, c3 = w[k, 1, g], w[k, 1, g + 1], w[k, 1, g + 2], w[k, 1, g + 3]
         s0, s1, s2, s3 = w[k, 2, g], w[k, 2, g + 1], w[k, 2, g + 2], w[k, 2, g + 3]
+        r0, r1, r2, r3 = w[k, 3, g], w[k, 3, g + 1], w[k, 3, g + 2], w[k, 3, g + 3]
         for x in range(width):
             l0, l1 = level_of(raw[i0, y, x], table), level_of(raw[i1, y, x], table)
             l2, l3 = level_of(raw[i2, y, x], table), level_of(raw[i3, y, x], table)
             offset[x] = before * offset[x] + (o0 * l0 + o1 * l1 + (o2 * l2 + o3 * l3))
             work[0, x] = before * work[0, x] + (c0 * l0 + c1 * l1 + (c2 * l2 + c3 * l3))
             work[1, x] = before * work[1, x] + (s0 * l0 + s1 * l1 + (s2 * l2 + s3 * l3))
+            work[2, x] = before * work[2, x] + (r0 * l0 + r1 * l1 + (r2 * l2 + r3 * l3))
         for x in range(width):
             brighter = max(max(raw[i0, y, x], raw[i1, y, x]), max(raw[i2, y, x], raw[i3, y, x]))
             top[x] = max(top[x], brighter)
@@ -281,22 +283,18 @@ def fit_row(
         for x in range(width):
             work[3, x] = ZERO if top[x] >= clip else work[3, x]
     for j in range(terms.shape[1]):
-        for g in range(0, index.shape[1], 4):
+        for g in range(0, index.shape[1] if j else 0, 4):  # the first one is known
             i0, i1, i2, i3 = index[k, g], index[k, g + 1], index[k, g + 2], index[k, g + 3]
             w0, w1, w2, w3 = w[k, 3 + j, g], w[k, 3 + j, g + 1], w[k, 3 + j, g + 2], w[k, 3 + j, g + 3]
-            before, last = ONE if g else ZERO, g + 4 == index.shape[1] and not fringe.harmonic[k]
-            if not last:
-                for x in range(width):
-                    two = w0 * level_of(raw[i0, y, x], table) + w1 * level_of(raw[i1, y, x], table)
-                    two += w2 * level_of(raw[i2, y, x], table) + w3 * level_of(raw[i3, y, x], table)
-                    work[2, x] = before * work[2, x] + two
-            else:
-                for x in range(width):
-                    two = w0 * level_of(raw[i0, y, x], table) + w1 * level_of(raw[i1, y, x], table)
-                    two += w2 * level_of(raw[i2, y, x], table) + w3 * level_of(raw[i3, y, x], table)
-                    two += before * work[2, x]
-                    chi2[x] += two * two * work[3, x]
-        if fringe.harmonic[k]:
+            before = ONE if g else ZERO
+            for x in range(width):
+                two = w0 * level_of(raw[i0, y, x], table) + w1 * level_of(raw[i1, y, x], table)
+                two += w2 * level_of(raw[i2, y, x], table) + w3 * level_of(raw[i3, y, x], table)
+                work[2, x] = before * work[2, x] + two
+        if not fringe.harmonic[k]:
+            for x in range(width):
+                chi2[x] += work[2, x] * work[2, x] * work[3, x]
+        else:
             t = terms[k, j]
             for x in range(width):
                 a = amplitude[x]

@@ -17,8 +17,8 @@ from . import Effect, View
 
 __all__ = ["estimate", "variance"]
 
-#: Relative error of a contrast, by a display's response; side of a neighbourhood, and fewest pixels.
-_CONTRAST, _SQUARE, _FEWEST = 0.02, 32, 64
+#: Relative error of a contrast, by a display's response; side of a neighbourhood; fewest and most pixels.
+_CONTRAST, _SQUARE, _FEWEST, _MOST = 0.02, 32, 64, 1024
 #: Negligible share of sigma; share of the variance of sharp cells that a blur of 0 to 0.9 cells leaves in
 #: the mean: the sidebands fall as exp(-2 (pi b)^2), their square to 0.141 / 0.9.
 _SLIGHT, _LIKELY = 0.1, 0.16
@@ -58,14 +58,16 @@ def _steps(view: View) -> list[F32 | None]:
 
 def _gradient(view: View, place: F64) -> F32 | None:
     """Steps (2, K) of a map along columns and rows, from its cubic fit; None: too few pixels."""
-    known = np.isfinite(place)
-    if np.count_nonzero(known) < _FEWEST:
+    known = np.flatnonzero(np.isfinite(place))
+    if len(known) < _FEWEST:
         return None
+    known = known[:: 1 + len(known) // _MOST]
     row, col = view.sample.places[known].T.astype(np.float64)
     size = max(float(np.ptp(row)), float(np.ptp(col)), 1.0)
     y, x = (row - row.mean()) / size, (col - col.mean()) / size
     powers = [(i, j) for i in range(4) for j in range(4 - i)]
-    xs, ys = (np.stack([np.zeros_like(x), x**0, x, x * x, x**3]) for x in (x, y))  # from the power -1 on
+    one, none = np.ones_like(x), np.zeros_like(x)
+    xs, ys = (np.stack([none, one, x, x * x, x * x * x]) for x in (x, y))  # from the power -1 on
     terms = np.stack([xs[i + 1] * ys[j + 1] for i, j in powers])
     fit = np.linalg.lstsq(terms @ terms.T, terms @ place[known], rcond=1e-12)[0]
     along = sum(c * i * xs[i] * ys[j + 1] for c, (i, j) in zip(fit, powers, strict=True))

@@ -8,6 +8,7 @@ unequal noise of the levels, is subtracted. Codes without fringes need no correc
 """
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -56,6 +57,7 @@ def estimate(view: View) -> Effect | None:
     return Effect("lag", share, sigma, "of the frame before")
 
 
+@lru_cache(maxsize=16)
 def _vanishing(plan: Plan, count: int) -> F64:
     """Orthonormal combinations (M, N) without the first frame, before which another one is unknown."""
     axes = tuple(replace(axis, code=None) for axis in plan.axes)

@@ -33,11 +33,14 @@ def estimate(view: View) -> Effect | None:
     if not any(axis.code is not None and axis.fringes for axis in view.plan.axes):
         return None
     view = view._replace(sample=view.wide)
+    if not len(view.wide.places):
+        return None
     smooth = [_smooth(view, place) for place in view.places(view.wide)[0]]
     edges = [_edges(view, axis, place) for axis, place in zip(view.plan.axes, smooth, strict=False)]
     best, least = None, _CHANCE / len(_SIDES)
     for side in _SIDES:
-        part = view.sample.places * side // (view.sample.places.max(axis=0, initial=0) + 1) @ (side, 1)
+        rows, cols = (np.arange(one + 1) * side // (one + 1) for one in view.sample.places.max(axis=0))
+        part = rows[view.sample.places[:, 0]] * side + cols[view.sample.places[:, 1]]
         parts = [_parts(one, part, side**2) for one in edges if one is not None]
         rates, explained, rest, freedom = np.concatenate(parts, axis=1) if parts else np.zeros((4, 0))
         if not len(rates):
@@ -103,10 +106,15 @@ def variance(view: View, found: Effect) -> F64:
 
 
 def _edges(view: View, axis: AxisPlan, place: F64) -> _Edges | None:
-    code, levels, p = axis.code, view.sample.levels.astype(np.float64), view.plan
+    code, p, known = axis.code, view.plan, np.flatnonzero(np.isfinite(place))
     if code is None or not axis.fringes or min(p.white, p.black) < 0:
         return None
-    middle, half = 0.5 * (levels[p.white] + levels[p.black]), 0.5 * (levels[p.white] - levels[p.black])
+    place = place[known]
+    levels = {
+        i: view.sample.levels[i, known] for i in (*code.plain, *code.inverse, p.white, p.black) if i >= 0
+    }
+    white, black = levels[p.white], levels[p.black]
+    middle, half = 0.5 * (white + black), 0.5 * np.maximum(white - black, 0)
     word = np.empty(len(code.cells), np.int64)
     word[code.cells] = np.arange(len(code.cells))
     then, found = float(np.mean(axis.fringes[-1].index)), []
@@ -115,17 +123,17 @@ def _edges(view: View, axis: AxisPlan, place: F64) -> _Edges | None:
         at = np.flatnonzero(np.diff(bright)) + 1
         edge = at * code.cell - 0.5 + code.origin
         signed = [levels[i] - middle if i == pair[0] else middle - levels[i] for i in shown]
-        level = np.divide(np.mean(signed, axis=0), half, out=np.full(half.shape, np.inf), where=half > 0)
-        keep = np.isfinite(place) & (np.abs(level) < _EDGE)
-        if not len(at) or np.count_nonzero(keep) < _FEWEST:
+        mean = signed[0] if len(signed) == 1 else 0.5 * (signed[0] + signed[1])
+        keep = np.flatnonzero(np.abs(mean) < np.float32(_EDGE) * half)
+        if not len(at) or len(keep) < _FEWEST:
             continue
-        nearest = np.searchsorted(0.5 * (edge[1:] + edge[:-1]), place[keep])
-        rising = np.where(bright[at[nearest]] > 0, 1.0, -1.0)
-        away, level = place[keep] - edge[nearest], level[keep] * rising
+        there, level = place[keep], mean[keep].astype(np.float64) / half[keep]
+        nearest = np.searchsorted(0.5 * (edge[1:] + edge[:-1]), there)
+        away, level = there - edge[nearest], level * np.where(bright[at[nearest]] > 0, 1.0, -1.0)
         proportional = _quantile(away * level, 0.5) / max(_quantile(level * level, 0.5), 1e-6) * level
         far = _FAR * _quantile(np.abs(away - proportional), 0.9)  # rims are no motion
         away = proportional + np.clip(away - proportional, -far, far)
-        found.append((float(np.mean(shown)) - then, np.flatnonzero(keep), away, level))
+        found.append((float(np.mean(shown)) - then, known[keep], away, level))
     if not found:
         return None
     bit = np.repeat(np.arange(len(found)), [len(one[1]) for one in found])

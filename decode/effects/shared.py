@@ -9,6 +9,7 @@ smaller estimate of both axes counts.
 """
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from optolever.kernels import F64
 
 from ..noise import Sample, regression
-from ..plan import AxisPlan, Fringe, Plan, constraints
+from ..plan import Fringe, Plan, constraints
 from ..records import SharedNoise
 from . import View
 
@@ -35,7 +36,7 @@ def shared(view: View, common: F64, lens: float) -> SharedNoise | None:
         return None
     sample = sample.only(slice(None, None, 1 + len(sample.places) // _MOST))
     turns = {name: max(1 / fringe.period for fringe in every) for name, every in fringes.items()}
-    shares = {axis.axis: _shares(plan, axis, sample) for axis in plan.axes}
+    shares = {axis.axis: _shares(plan, k, sample) for k, axis in enumerate(plan.axes)}
     rows, cols, _ = np.minimum(shares["u"], shares["v"]).tolist()
     of_u, of_v = map(float, np.sqrt(common))
     frames = shares["u"][2], shares["v"][2]
@@ -43,13 +44,11 @@ def shared(view: View, common: F64, lens: float) -> SharedNoise | None:
     return found if max(*found[:4], *found[6:]) > 0 else None
 
 
-def _shares(plan: Plan, axis: AxisPlan, sample: Sample) -> tuple[float, float, float]:
-    """Shares of rows, columns and frames, by one axis' constraints, if necessary with white and black."""
-    alone, count = replace(plan, axes=(axis,)), len(sample.levels)
-    groups = constraints(replace(alone, white=-1, black=-1), count) or constraints(alone, count)
-    if not groups or not axis.fringes:
+def _shares(plan: Plan, number: int, sample: Sample) -> tuple[float, float, float]:
+    """Shares of rows, columns and frames, by the constraints of axis `number`."""
+    axis, rows = plan.axes[number], _rows(plan, number, len(sample.levels))
+    if not len(rows) or not axis.fringes:
         return 0.0, 0.0, 0.0
-    rows = groups[-1]
     used = (np.abs(rows) > 1e-9).any(axis=0)
     sample = sample.only(np.isfinite(sample.levels[used]).all(axis=0))
     residual = rows[:, used] @ sample.levels[used].astype(np.float64)
@@ -73,6 +72,14 @@ def _shares(plan: Plan, axis: AxisPlan, sample: Sample) -> tuple[float, float, f
     chance = (len(light) + _SURE * np.sqrt(2 * len(light))) / residual.shape[1]
     by_row, by_col = (_common(of_lines * kept, line, square) for line in sample.places.T)
     return by_row, by_col, frames if frames > chance else 0.0
+
+
+@lru_cache(maxsize=16)
+def _rows(plan: Plan, number: int, count: int) -> F64:
+    """Constraints (M, count) of one axis, if necessary with white and black."""
+    alone = replace(plan, axes=plan.axes[number : number + 1])
+    groups = constraints(replace(alone, white=-1, black=-1), count) or constraints(alone, count)
+    return groups[-1] if groups else np.zeros((0, count))
 
 
 def _bulk(residual: F64) -> NDArray[np.bool_]:
