@@ -216,8 +216,8 @@ def _blocks(frames: NDArray[Any], mask: Mask | None) -> F32 | None:
     edges = (np.max(around, axis=0).astype(np.float32) - np.min(around, axis=0) > 0.5 * span) & lit
     chosen: list[tuple[int, int]] = []
     for edge in sorted(edges, key=np.count_nonzero):
-        if (more := 2 - sum(bool(edge[at]) for at in chosen)) > 0:
-            chosen += [(int(y), int(x)) for y, x in rng.permutation(np.argwhere(edge))[:more]]
+        more = 2 - sum(bool(edge[at]) for at in chosen)
+        chosen += [(int(y), int(x)) for y, x in rng.permutation(np.argwhere(edge))[: max(more, 0)]]
     chosen = chosen[:_BLOCKS]
     chosen += [(int(y), int(x)) for y, x in rng.permutation(np.argwhere(lit))[: _BLOCKS - len(chosen)]]
     if not chosen:
