@@ -5,7 +5,7 @@
 - `arguments`: commands from functions with typed parameters; --help-all
 - `options`, `names`: arguments of several commands (--json, --pixels, scenes); --list
 - `outputs`: output files, checked before any work
-- `batch`, `workers`: many captures by one command; processes and clusters that run them
+- `batch`, `workers`: many captures by one command; processes and clusters that run them; `warm`: for them
 - `show`: tables, progress, JSON
 - `rig_devices`, `rig_capture`, `rig_targets`: the devices of a rig opened; a capture by them;
   captures of targets for `calibrate`; rest and frames for `live`

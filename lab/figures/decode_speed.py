@@ -37,7 +37,7 @@ from .ideal import camera_frames
 from .peers import axis_by_axis, cv2_coder, cv2_decode, cv2_places, fringes_coder
 
 SIZE = (1080, 1920)
-TURNS = 4  # of calls that are compared, after one that warms up
+TURNS = 12  # of calls that are compared, after one that warms up
 #: Frames for others, levels.
 OFFSET, AMPLITUDE, NOISE = 110.0, 95.0, 1.5
 PERIODS, STEPS = (2160.0, 48.0), 4
