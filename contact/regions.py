@@ -56,7 +56,7 @@ def regions(surface: Surface, columns: int = COLUMNS) -> tuple[Region, ...]:
     are looked for."""
     z, known, holes = filled(surface.z, surface.good)
     sigma = np.where(known & np.isfinite(surface.sigma), surface.sigma, 0)
-    rise = SIGNIFICANT * np.hypot(sigma, surface.unsettled)
+    rise = SIGNIFICANT * np.sqrt(np.square(sigma) + np.square(surface.unsettled))
     sure = known & (z > rise) & (~holes | (z > 0))
     if not sure.any():
         return ()
@@ -84,17 +84,19 @@ def _peaks(z: Map, sure: Mask, known: Mask, sigma: Map, columns: int) -> list[tu
     lower, upper = np.where(peak, small - margin, -np.inf), np.where(saddle, small + margin, -np.inf)
     level, found = float(lower.max()), list[tuple[int, int]]()
     least = _SHALLOWEST * level
+    left, top, width, height = cv2.boundingRect((upper > _FALL * least).view(np.uint8))
+    lower, upper = (part[top : top + height, left : left + width] for part in (lower, upper))
     while level > least and len(found) < 2 * _LARGEST:
         level *= _FALL
         if not lower.max() > level:  # what is joined to a peak stays so at lower levels
             continue
-        labels = cv2.connectedComponents((upper > level).view(np.uint8))[1]
+        labels = cv2.connectedComponents((upper > level).astype(np.uint8))[1]
         for at in found:
             lower[labels == labels[at]] = -np.inf
         while lower.max() > level:
-            found.append(divmod(int(lower.argmax()), lower.shape[1]))
+            found.append(divmod(int(lower.argmax()), width))
             lower[labels == labels[found[-1]]] = -np.inf
-    climbed = [_climbed(z, sure, row * step, col * step, step) for row, col in found]
+    climbed = [_climbed(z, sure, (top + row) * step, (left + col) * step, step) for row, col in found]
     return sorted(dict.fromkeys(climbed), key=lambda at: -float(z[at]))
 
 
