@@ -76,13 +76,13 @@ def sag(surface: Surface, layer: Layer | None) -> Sag | None:
         return regions(thin.less(replace(taken, rig=taken.rig[:, :0])))
 
     start = _robust(cells, noise) if len(cells.motion) and cells.z.size else None
-    first = regions(thin) if start is None else regions_less(start)
+    within = regions(thin) if start is None else regions_less(start)
     if start is not None:
         away = (cells.z - start.motion @ cells.motion) / (_OUTLIER * start.misfit * max(noise, 1e-300))
         cells = cells._replace(weight=cells.weight / (1 + away**2))  # where no motion is what modes say
     fits = list[Sag]()
     for far in _FAR:
-        found, within, before = None, first, None
+        found, before = None, None
         for _ in range(_ROUNDS):
             circles = [one.circle for one in within]
             if circles == before:
@@ -228,16 +228,22 @@ def _fitted(
     size = np.linalg.norm(weighted, axis=0)
     prior = np.where(size > 0, _TAILS * size, 1.0)
     motions = slice(len(tails), len(tails) + count)
-    unit = noise / math.sqrt(_INDEPENDENT)
+    unit, errors = noise / math.sqrt(_INDEPENDENT), (cells.rig[:, out] * root).T
+    # the triangle of all equations: fits of as many as there are terms
+    triangle: Floats = np.linalg.qr(np.column_stack([weighted, right, errors]), mode="r")
+    upper, lost = triangle[: len(terms), : len(terms)], abs(float(triangle[len(terms), len(terms)]))
+    aims = np.zeros((2 * len(terms), 1 + len(cells.rig)))
+    aims[: len(terms)] = triangle[: len(terms), len(terms) :]
+    rounding = np.finfo(np.float64).eps * len(weighted)
     for _ in range(2):  # the residual weighs the motion's prior
         prior[motions] = np.hypot(_TAILS * size[motions], unit)
         prior[-1] = math.hypot(_TAILS * size[-1] if size[-1] > 0 else 1.0, unit / sinks)
-        whole = np.vstack([weighted, np.diag(prior)]), np.append(right, np.zeros(len(prior)))
-        found = np.linalg.lstsq(*whole, rcond=None)[0]
-        rho = float(np.linalg.norm(right - weighted @ found))
+        whole = np.vstack([upper, np.diag(prior)])
+        found, *taken = np.linalg.lstsq(whole, aims, rcond=rounding)[0].T
+        rho = math.hypot(lost, float(np.linalg.norm(aims[: len(upper), 0] - upper @ found)))
         unit = math.sqrt(max(rho**2 - noise**2, 0.0) / _TAILED + noise**2 / _INDEPENDENT)
     scale = np.hypot(size, prior)
-    normal = (weighted.T @ weighted + np.diag(prior**2)) / np.multiply.outer(scale, scale)
+    normal = (upper.T @ upper + np.diag(prior**2)) / np.multiply.outer(scale, scale)
     covariance = (
         unit**2 * (np.linalg.inv(normal) / np.multiply.outer(scale, scale))[len(tails) :, len(tails) :]
     )
@@ -246,10 +252,8 @@ def _fitted(
     values, vectors = np.linalg.eigh(covariance)
     deviation = float(np.sqrt(covariance[-1, -1]))
     half = vectors * np.sqrt(np.maximum(values, 0.0))
-    errors = np.concatenate([(cells.rig[:, out] * root).T, np.zeros((len(prior), len(cells.rig)))])
-    taken = np.linalg.lstsq(whole[0], errors, rcond=None)[0]
-    left = np.linalg.norm((errors - whole[0] @ taken)[: right.size], axis=1) / np.maximum(root, 1e-300)
+    rig = np.reshape(taken, (len(cells.rig), len(terms))).T
+    left = np.linalg.norm(errors - weighted @ rig, axis=1) / np.maximum(root, 1e-300)
     known = math.hypot(noise, float(np.median(left)))
     fit = rho / max(noise, 1e-300), rho / max(known, 1e-300)
-    rig = taken[len(tails) :]
-    return Sag(float(found[-1]), deviation, *fit, found[motions], half, rig)
+    return Sag(float(found[-1]), deviation, *fit, found[motions], half, rig[len(tails) :])
