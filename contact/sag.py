@@ -230,7 +230,7 @@ def _fitted(
     motions = slice(len(tails), len(tails) + count)
     unit, errors = noise / math.sqrt(_INDEPENDENT), (cells.rig[:, out] * root).T
     # the triangle of all equations: fits of as many as there are terms
-    triangle: Floats = np.linalg.qr(np.column_stack([weighted, right, errors]), mode="r")
+    triangle = np.asarray(np.linalg.qr(np.column_stack([weighted, right, errors]), mode="r"))
     upper, lost = triangle[: len(terms), : len(terms)], abs(float(triangle[len(terms), len(terms)]))
     aims = np.zeros((2 * len(terms), 1 + len(cells.rig)))
     aims[: len(terms)] = triangle[: len(terms), len(terms) :]

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from optolever.blocks import blas_on_one
 from optolever.contact import Surface, sag
 from optolever.notices import Notice
 from optolever.scene import Scene
@@ -37,7 +38,8 @@ _CURE_MOVED = (
 def less_sag(height: HeightMap, problem: Problem, state: State, scene: Scene) -> HeightMap:
     """A map less rest without its sag and the rig's motion, or with both in its modes."""
     surface = surface_of(height, _free_mode(problem, state))
-    found = sag(surface, scene.layer)
+    with blas_on_one():
+        found = sag(surface, scene.layer)
     if found is None:
         return _wider(height)
     motion = float(np.linalg.norm(found.motion)) / np.sqrt(max(found.motion.size, 1))
