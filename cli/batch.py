@@ -47,7 +47,7 @@ class Row:
         deepest: dict[str, Any] = max(contacts, key=lambda one: abs(one["depth"]), default={})
         notices = [notice["name"] for notice in given.get("notices", ())]
         own = {name: value for name, value in given.items() if isinstance(value, int | float)}
-        values = {"capture": outcome.name, "code": outcome.code, "notices": "; ".join(notices)}
+        values = {"capture": outcome.name, "code": outcome.code, "notices": " | ".join(notices)}
         values |= {"good": own.pop("good_share", "")}
         values |= {name: deepest.get(name, "") for name in _OF_CONTACT}
         return cls(values | own | {"digest": digest, "error": outcome.error})
@@ -229,7 +229,7 @@ def _notices(rows: Iterable[Row]) -> Iterator[str]:
     """Notices of all captures; several that differ only in numbers are one line, by the first."""
     same = dict[str, list[str]]()
     for row in rows:
-        for notice in filter(None, str(row.values["notices"]).split("; ")):
+        for notice in filter(None, str(row.values["notices"]).split(" | ")):
             same.setdefault(re.sub(r"\d[\d.,]*", "", notice), []).append(
                 f"{row.values['capture']}: notice: {notice}"
             )

@@ -33,7 +33,7 @@ def command(
     .sdf (ISO 25178), .dat (Zygo MetroPro), .wft (DFTFringe, of a disc), .csv and .npy of a regular grid. Good
     pixels only. With --pitch .npz and .tif are on the grid, too.
     """
-    height = ol.reconstruct.HeightMap.load(source)
+    height = ol.metrology.load_measured(source)
     with ol.files.together(), blame(source):
         for path in files:
             height.export(path, pitch)

@@ -1,8 +1,8 @@
 """`optolever form`: a height map without its form: radius, residual, slope error, Zernike coefficients."""
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, fields, replace
-from math import isfinite, nan, radians
+from dataclasses import asdict, dataclass, fields
+from math import isfinite, isinf, nan, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -14,7 +14,7 @@ from optolever.quantities import quantity, two_digits
 
 from .arguments import ABOVE_0, Arg, Opt, Rare, program
 from .options import Json, blame
-from .outputs import OutputFile
+from .outputs import HEIGHT_SUFFIXES, OutputFile
 from .show import grid, length, print_notices, table, write_json
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ vertex_y  2.1 ± 2.5         0.58   2.4
 vertex_z  0.002464          -      0.0013
 radius    −970000 ± 420000  10000  420000
 Residual
-  heights      0.560 ± 0.018 µm rms; without its noise 560 nm
+  heights      0.560 ± 0.018 µm rms; without its noise 0.560 ± 0.018 µm
   PV           2.66 ± 0.22 µm; PVr 2.57 ± 0.22 µm
   slope error  39.2 ± 1.1 µrad rms along x, 30.9 ± 1.1 µrad along y; with its
                noise 44.66 µrad, 40.83 µrad
@@ -42,8 +42,8 @@ Residual
 CSV = OutputFile(".csv")
 REMOVE = Opt(
     "--remove FORM[:NUMBER=VALUE,...]",
-    "piston, tilt, power, paraboloid, sphere, conic, asphere, off-axis or cylinder; given numbers are fixed "
-    "(sphere:radius=4000, off-axis:distance=100).",
+    "piston, tilt, power, paraboloid, sphere (default), conic, asphere, off-axis or cylinder; given numbers "
+    "(mm) are fixed (sphere:radius=4000, off-axis:distance=100).",
 )
 ZERNIKE = Opt("--zernike ORDER", "Also Zernike coefficients up to this radial order.", click.IntRange(1, 20))
 SLOPES = Opt("--slopes S.npz", "Slopes by `reconstruct --slopes`, for slope error and noise.")
@@ -53,7 +53,12 @@ NOMINAL = Opt(
 LINES = Opt("--profile x|y|X0,Y0,X1,Y1", "Also rms and PV of the residual along a line (mm).")
 PROFILES = Opt("--profiles FILE.csv", "Also write the points of the profiles (default: along x and y).", CSV)
 PSD = Rare("--psd FILE.csv", "Also write the power spectral density of the residual along x and y.", CSV)
-OUT = Opt("--out R.npz", "Also write x, y, residual, slope_x, slope_y (mm, mm per mm).", OutputFile(".npz"))
+OUT = Opt(
+    "--out R.npz",
+    "Also write the residual, in the formats of `export`; of several maps the mean, in .npz with each map "
+    "less it.",
+    OutputFile(*HEIGHT_SUFFIXES, bare=False),
+)
 
 
 APERTURE = Opt(
@@ -82,7 +87,7 @@ NORM = Rare("--norm rms|amplitude", "Of Zernike terms: rms over the circle, or a
 @program("form", SAMPLE)
 def command(
     sources: Annotated[tuple[Path, ...], Arg("H.npz...")],
-    form: Annotated[str, REMOVE] = "sphere",
+    form: Annotated[str | None, REMOVE] = None,
     nominal: Annotated[Path | None, NOMINAL] = None,
     apertures: Annotated[tuple[str, ...], APERTURE] = (),
     highpass: Annotated[float | None, HIGH] = None,
@@ -107,7 +112,19 @@ def command(
     inscribed circle. H.npz may also be a grid of another program (.x3p, .dat, .datx, .wft, .sdf, .tif, .csv,
     .npy). Several maps of one mirror: their mean and differences.
     """
-    shape = _Shape(form, nominal, apertures, highpass, lowpass)
+    if nominal is not None and form is not None:
+        raise InputError(f"--remove {form}: {nominal} is removed already; leave one out")
+    if order is None and (index, norm) != ("ansi", "rms"):
+        raise InputError("--index, --norm: are of Zernike terms; add --zernike ORDER")
+    names = [limit.partition("=")[0] for limit in limits]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"--limit {name}: has {names.count(name)} limits, must be one")
+    if highpass is not None and lowpass is not None and highpass <= lowpass:
+        raise InputError(
+            f"--highpass {highpass:g}: must be above --lowpass {lowpass:g}, else no wave is left"
+        )
+    shape = _Shape(form or "sphere", nominal, apertures, highpass, lowpass)
     if len(sources) > 1:
         alone: dict[str, object] = {"--slopes": slopes_path, "--zernike": order, "--profile": lines}
         alone |= {"--limit": limits, "--profiles": profiles_path, "--psd": psd_path, "--waves": waves}
@@ -124,8 +141,8 @@ def command(
         fit, inside = shape.fitted(height, slopes)
         terms = None
         if order is not None:
-            deviation = replace(height, z=fit.residual, modes=fit.modes, modes_step=1)
-            terms = ol.metrology.fit_zernike(deviation, order, slopes, aperture=inside, removed=fit)
+            left = fit.deviation(height)
+            terms = ol.metrology.fit_zernike(left, order, slopes, aperture=inside, removed=fit)
         asked = lines or (("x", "y") if profiles_path is not None else ())
         profiles = {line: ol.metrology.profile_of(fit, line) for line in asked}
         axes = () if psd_path is None else ("x", "y")
@@ -159,8 +176,7 @@ def command(
             points = [(name, *row) for name, one in spectra.items() for row in _points(one)]
             ol.files.write_rows(psd_path, ("axis", "frequency_per_mm", "density_mm3"), points)
         if out is not None:
-            names = ("x", "y", "residual", "slope_x", "slope_y")
-            ol.files.save_arrays(out, {name: getattr(fit, name) for name in names})
+            fit.export(out, height)
         write_json(json_path, numbers)
     held = "".join(f", {name} = {value:g} given" for name, value in fit.held.items())
     middle = f"x, y from the middle ({fit.middle[0]:.6g}, {fit.middle[1]:.6g}) mm"
@@ -169,14 +185,15 @@ def command(
         what = "amplitude" if norm == "amplitude" else "rms (ISO 14999-2)"
         circle = f"circle of radius {terms.radius:.6g} mm"
         _fitted(f"Zernike terms of the residual, µm, {what}, {circle}", listed, 1e3)
-    less = "" if not isfinite(fit.rms_less_noise) else f"; without its noise {length(fit.rms_less_noise)}"
+    less = quantity(fit.rms_less_noise, "mm", fit.less_noise_sigma, fit.rms)
+    less = f"; without its noise {less}" if isfinite(fit.rms_less_noise) else ""
     x_text, y_text = (_slope(*each.known) for each in (along_x, along_y))
     with_noise = ""
     if isfinite(along_x.less_noise):
         with_noise = f"; with its noise {_slope(along_x.rms)}, {_slope(along_y.rms)}"
     residual = {
         "heights": f"{quantity(fit.rms, 'mm', fit.rms_sigma)} rms{less}",
-        "PV": f"{quantity(fit.pv, 'mm', fit.pv_sigma)}; PVr {quantity(fit.pvr, 'mm', fit.pv_sigma)}",
+        "PV": f"{quantity(fit.pv, 'mm', fit.pv_sigma)}; PVr {quantity(fit.pvr, 'mm', fit.pv_sigma, fit.pv)}",
         "slope error": f"{x_text} rms along x, {y_text} along y{with_noise}",
         "left out": "the outermost ring of good pixels, whose centres may see no mirror",
     }
@@ -215,9 +232,14 @@ class _Shape:
             inside = ol.metrology.aperture_mask(self.apertures, height.x, height.y, height.good)
         if self.nominal is None:
             fit = ol.metrology.fit_form(height, self.form, slopes, inside)
+            if ":" in self.form and fit.rms > (
+                flat := ol.metrology.fit_form(height, "tilt", None, inside).rms
+            ):
+                left = f"leaves {length(fit.rms)} rms, a plane {length(flat)}"
+                print_notices([f"--remove {self.form}: {left}; are its numbers of this mirror, in mm?"])
         else:
             surface = ol.metrology.load_nominal(self.nominal)
-            fit = ol.metrology.fit_nominal(height, surface, str(self.nominal), inside)
+            fit = ol.metrology.fit_nominal(height, surface, str(self.nominal), inside, slopes)
         if self.lowpass is not None:
             fit = ol.metrology.gaussian_filter(fit, self.lowpass, "low")
         return fit if self.highpass is None else ol.metrology.gaussian_filter(
@@ -235,10 +257,10 @@ def _runs(
     sources: tuple[Path, ...], shape: _Shape, turns: str | None, out: Path | None, json_path: Path | None
 ) -> int:
     """Mean and differences of several maps."""
-    fits = []
-    for source in sources:
+    heights, fits = [ol.metrology.load_measured(source) for source in sources], []
+    for source, height in zip(sources, ol.metrology.in_common(heights), strict=True):
         with blame(source):
-            fits.append(shape.fitted(ol.metrology.load_measured(source))[0])
+            fits.append(shape.fitted(height)[0])
     try:
         angles = None if turns is None else [radians(float(text)) for text in turns.split(",")]
     except ValueError:
@@ -250,11 +272,10 @@ def _runs(
     left = {path: found.rms(z) for path, z in zip(paths, found.left, strict=True)}
     with ol.files.together():
         if out is not None:
-            maps = {"x": found.x, "y": found.y, "mirror": found.mirror, "rig": found.rig, "left": found.left}
-            ol.files.save_arrays(out, maps)
+            found.export(out)
         write_json(json_path, numbers | {"noise_mm": found.noise, "left_rms_mm": left})
     rows = {name: f"{length(found.rms(z))} rms" for name, z in parts.items()}
-    rows["noise"] = f"{length(found.noise)} rms in the first" if isfinite(found.noise) else "unknown"
+    rows[f"noise of the {next(iter(parts))}"] = length(found.noise)
     rows |= {f"left in {path}": f"{length(rms)} rms" for path, rms in left.items()}
     table(f"{len(sources)} maps less {shape.nominal or shape.form}", rows)
     return 0
@@ -281,7 +302,9 @@ def _fitted(title: str, numbers: "ol.metrology.Numbers", factor: float = 1.0) ->
     """Parameters with sigma and its parts; a dash where one is unknown."""
     rows = [
         [name, quantity(factor * each["value"], "", factor * each["sigma"])]
-        + ["-" if each[key] != each[key] else two_digits(factor * each[key]) for key in ("noise", "rig")]
+        + [two_digits(factor * each[key]) if isfinite(each[key]) else "-" for key in ("noise", "rig")]
+        if not isinf(each["sigma"])
+        else [name, "undetermined", "-", "-"]
         for name, each in numbers.to_dict().items()
     ]
     grid(title, ("number", "value ± sigma", "noise", "rig"), rows)

@@ -36,7 +36,7 @@ FILES = {
     "figures.csv": "every number of this page",
     "height.npz": "x, y, z, sigma (mm), flags",
     "slopes.npz": "slopes, curvature and their sigmas",
-    "deviation.npz": "x, y, height less the form (mm), its slopes",
+    "deviation.npz": "height less the form (mm), as height.npz, and its slopes",
     "correspondence.npz": "u, v and their sigmas (pattern pixels), flags",
     "h.npz": "x, y, z, sigma (mm), flags",
     "c.npz": "u, v and their sigmas (pattern pixels), flags",
@@ -95,8 +95,8 @@ def _save_data(study: Study, folder: Path, full: bool) -> list[str]:
             f"curvature_{name}": getattr(study.curvature, name) for name in ("mean", "sigma_mean")
         }
     if study.fit is not None:
-        form = ("x", "y", "residual", "slope_x", "slope_y")
-        singles["deviation.npz"] = {name: getattr(study.fit, name) for name in form}
+        study.fit.export(folder / "deviation.npz", given.height)
+        made.append("deviation.npz")
     for name, arrays in singles.items():  # in single precision, as the page has them
         save_arrays(
             folder / name,

@@ -68,10 +68,13 @@ def _form_cards(fit: FormFit, figures: Figures, waves: float | None) -> list[Car
     says = f"of the height less the {fit.form}, about its mean"
     value = show("deviation rms", fit.rms, "mm", fit.rms_sigma)
     if math.isfinite(fit.rms_less_noise):
-        less = show("deviation rms less noise", fit.rms_less_noise, "mm")
+        less = show("deviation rms less noise", fit.rms_less_noise, "mm", fit.less_noise_sigma)
         says = Markup("{}; without its noise {}").format(says, less)
     found.append(("deviation_rms", "Deviation, rms", value, says))
-    value, robust = show("deviation pv", fit.pv, "mm", fit.pv_sigma), show("deviation pvr", fit.pvr, "mm")
+    value, robust = (
+        show(f"deviation {name}", each, "mm", fit.pv_sigma)
+        for name, each in (("pv", fit.pv), ("pvr", fit.pvr))
+    )
     says = Markup("of good pixels; PVr {}").format(robust)
     found.append(("deviation_pv", "Deviation, peak to valley", value, says))
     if waves is not None:

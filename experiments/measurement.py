@@ -180,7 +180,7 @@ class Study:
             if given.apart and height.against_rest == (given.rest is not None):
                 _require_same(height, slopes)
         fit = _form_fit(given, slopes)
-        deviation = None if fit is None else _deviation(height, fit)
+        deviation = None if fit is None else fit.deviation(height)
         terms = None if fit is None or deviation is None else _terms(deviation, slopes, _aperture(given), fit)
         pressed = height.contacts
         if pressed is None and scene is not None and some and not given.open_air:
@@ -240,14 +240,6 @@ def _form_fit(given: Measurement, slopes: SlopeMap | None) -> FormFit | None:
         return (
             fit_form(given.height, "tilt", slopes, _aperture(given)) if given.height.good.sum() > 6 else None
         )
-
-
-def _deviation(height: HeightMap, fit: FormFit) -> HeightMap:
-    """The map less the form, with what the fit leaves of its noise and of its error modes; the noise of the
-    map where that of the slopes is unknown."""
-    noise = np.where(np.isfinite(fit.noise), fit.noise, height.sigma)
-    less = replace(height, z=fit.residual, sigma=noise)
-    return less if fit.modes is None else replace(less, modes=fit.modes, modes_step=1)
 
 
 def _terms(

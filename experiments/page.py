@@ -56,12 +56,12 @@ class Figures:
         return Markup('<span class="figure" data-figure="{}">{}</span>').format(name, text)
 
     def save(self, path: str | Path) -> None:
-        """Write a CSV: name, value, sigma, unit; sigma empty where there is none."""
+        """Write a CSV: name, value, sigma, unit; sigma empty where there is none; shares from 0 to 1."""
         with atomic_file(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
             rows = csv.writer(stream)
             rows.writerow(("name", "value", "sigma", "unit"))
             for name, (value, sigma, unit) in self.rows.items():
-                rows.writerow((name, repr(value), "" if math.isnan(sigma) else repr(sigma), unit))
+                rows.writerow((name, repr(value), "" if math.isnan(sigma) else repr(sigma), unit.strip("%")))
 
 
 def budget_table(readings: Mapping[str, Mapping[str, float]], figures: Figures) -> Table:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from optolever.errors import InputError
 from optolever.reconstruct import Grid
 
-from .covariance import mean_square_variance, noise_covariance, root_sigma
+from .covariance import mean_square_variance, noise_covariance
 from .fit import FormFit, differences
 
 __all__ = ["gaussian_filter", "kept_variance", "transfer"]
@@ -49,7 +49,7 @@ def gaussian_filter(fit: FormFit, cutoff: float, kept: Literal["low", "high"]) -
         return found
 
     passed = replace(fit, residual=kept_of(fit.residual, grid.z), passes=(*fit.passes, (cutoff, kept)))
-    residual, rms, kept_modes = passed.residual, passed.rms, None
+    residual, kept_modes = passed.residual, None
     left = residual[there] - residual[there].mean()
     variance, trace = _kept_noise(passed, grid)
     linear = 4 * float(kept_variance(passed, left[:, None] / len(left))[0])
@@ -63,9 +63,8 @@ def gaussian_filter(fit: FormFit, cutoff: float, kept: Literal["low", "high"]) -
         square += 2 * float(np.sum((modes[:, there] @ modes[:, there].T / len(left)) ** 2))
         kept_modes = np.asarray(modes, np.float32)
     slope_x, slope_y = differences(fit.x, fit.y, residual)
-    sigma = root_sigma(rms, square)
     return replace(
-        passed, slope_x=slope_x, slope_y=slope_y, noise=np.sqrt(variance), rig=rig, rms_sigma=sigma,
+        passed, slope_x=slope_x, slope_y=slope_y, noise=np.sqrt(variance), rig=rig, variance=square,
         trace=trace, modes=kept_modes,
     )  # fmt: skip
 

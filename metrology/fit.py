@@ -1,7 +1,8 @@
 """fit_form: a form fitted to the good pixels of a height map, its parameters with sigma, and the residual."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -60,11 +61,12 @@ class FormFit:
     the residual, mm per mm; middle: origin x = y = 0 of the form, mm in the mirror's frame.
 
     noise, rig (H, W): standard deviations of the residual by the slopes' noise (NaN: unknown) and by the
-    errors of the rig, mm, each less its part in the form; rms_sigma: of rms, by both, mm; step_variance: mean
-    variance of an increment from pixel to pixel by noise, mm^2; trace: variance of the mean square of the
-    noise, mm^4; modes (r, H, W): height errors by the rig less their part in the form, mm; basis (n, k):
-    orthonormal heights of the n known pixels, which span the form's changes and a piston; slope_noise: of the
-    map (None: unknown); passes: cutoff (mm) and 'low' or 'high' of each filter that was applied."""
+    errors of the rig, mm, each less its part in the form; variance: of the residual's mean square, by both,
+    mm^4; step_variance: mean variance of an increment from pixel to pixel by noise, mm^2; trace: variance of
+    the mean square of the noise, mm^4; modes (r, H, W): height errors by the rig less their part in the form,
+    mm; basis (n, k): orthonormal heights of the n known pixels, which span the form's changes and a piston;
+    slope_noise: of the map (None: unknown); passes: cutoff (mm) and 'low' or 'high' of each filter that was
+    applied."""
 
     form: str
     numbers: Numbers
@@ -77,7 +79,7 @@ class FormFit:
     middle: tuple[float, float]
     noise: Floats
     rig: Floats
-    rms_sigma: float
+    variance: float
     step_variance: float
     trace: float
     modes: NDArray[np.float32] | None
@@ -95,6 +97,16 @@ class FormFit:
         """Rms of the surface alone, mm; NaN if the noise is unknown."""
         known = self.noise[np.isfinite(self.residual)]
         return rms_less_noise(self.rms, float(np.sqrt(np.mean(known**2))))
+
+    @property
+    def rms_sigma(self) -> float:
+        """Standard deviation of rms, mm, by noise and rig (NaN: unknown)."""
+        return root_sigma(self.rms, self.variance)
+
+    @property
+    def less_noise_sigma(self) -> float:
+        """Standard deviation of rms_less_noise, mm."""
+        return root_sigma(self.rms_less_noise, self.variance)
 
     @property
     def pvr(self) -> float:
@@ -129,8 +141,25 @@ class FormFit:
         numbers = {"numbers": self.numbers.to_dict(), "held": self.held, "middle_mm": self.middle}
         figures: dict[str, Any] = {"rms_mm": self.rms, "rms_sigma_mm": self.rms_sigma, "pv_mm": self.pv}
         figures |= {"pv_sigma_mm": self.pv_sigma, "rms_less_noise_mm": self.rms_less_noise}
+        figures |= {"rms_less_noise_sigma_mm": self.less_noise_sigma}
         figures |= {"pvr_mm": self.pvr, "slope_rms": self.slope_rms}
         return {"form": self.form} | numbers | figures
+
+    def deviation(self, height: HeightMap) -> HeightMap:
+        """The map that was fitted, less the form: sigma by what the fit leaves of its noise (the map's where
+        that of the slopes is unknown), and so the modes; NO_ANCHOR where no residual is known."""
+        sigma = np.where(np.isfinite(self.noise), self.noise, height.sigma)
+        unknown = np.where(np.isnan(self.residual) & height.good, int(HeightFlag.NO_ANCHOR), 0)
+        flags = height.flags | unknown.astype(np.uint16)
+        less = replace(height, z=self.residual, sigma=sigma, flags=flags, contacts=None)
+        less = replace(less, references=(), shared=None)
+        return less if self.modes is None else replace(less, modes=self.modes, modes_step=1)
+
+    def export(self, path: str | Path, height: HeightMap) -> None:
+        """Write the deviation of the map that was fitted, as `HeightMap.export` does; to an .npz also slope_x
+        and slope_y."""
+        slopes = {name: getattr(self, name).astype(np.float32) for name in ("slope_x", "slope_y")}
+        self.deviation(height).export(path, **slopes)
 
     def grid(self, pitch_mm: float | None = None) -> Grid:
         """The residual on a regular grid of x and y (None: about as fine as the pixels)."""
@@ -200,9 +229,7 @@ def leftovers(
         square += 2 * float(np.sum((bent @ bent.T / len(left)) ** 2))
         kept = np.full((len(bent), *good.shape), np.nan, np.float32)
         kept[:, good] = bent
-    rms = float(np.std(left))
-    sigma = np.nan if own is None else root_sigma(rms, square)
-    return noise, rig, sigma, step, trace, kept, q, own
+    return noise, rig, np.nan if own is None else square, step, trace, kept, q, own
 
 
 def placed(

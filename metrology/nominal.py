@@ -1,12 +1,13 @@
 """A nominal surface, from a height map or a mesh, and its rigid best fit to a measured map.
 
 The measured points move as a rigid body, Q = R(a) (P - c) + c + t, with the minimal sum of squares of the
-differences Q_z - N(Q_x, Q_y) to the nominal surface N (Gauss-Newton). Directions with hardly any effect on
-the differences, such as rotation about the axis of a sphere, are fixed.
+differences Q_z - N(Q_x, Q_y) to the nominal surface N (Gauss-Newton). Directions with less effect on the
+differences than what is left, such as rotation about the axis of a sphere, are fixed.
 """
 
 from __future__ import annotations
 
+import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,11 +18,11 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from optolever.errors import InputError, require_file
-from optolever.files import load_arrays
 from optolever.maps import READABLE, read_grid
-from optolever.reconstruct import Grid, HeightFlag, HeightMap
+from optolever.reconstruct import Grid, HeightFlag, HeightMap, SlopeMap
 
-from .fit import FormFit, Numbers, differences, leftovers, placed
+from .covariance import noise_covariance
+from .fit import FormFit, Numbers, differences, leftovers, placed, slope_noise
 
 __all__ = ["NOMINAL_SUFFIXES", "Nominal", "fit_nominal", "load_measured", "load_nominal", "surface_of"]
 
@@ -29,7 +30,9 @@ Floats = NDArray[np.float64]
 NOMINAL_SUFFIXES = (".npz", *READABLE, ".stl", ".ply")
 _STEPS, _SETTLED = 30, 1e-6  # of the residual's rms
 _WEAK = 1e-6  # of the strongest direction's effect: weaker directions are fixed
+_FAR = 0.1  # of half the map's width: a motion so far that changes less than is left is fixed
 _MOST = 20_000  # points of the fit
+_ORDER = 4  # of the polynomials that may look like motion
 _NUDGE = 1e-4  # step of differences over half the map's width
 _NAMES = ("shift_x", "shift_y", "shift_z", "turn_x", "turn_y", "turn_z")
 
@@ -62,11 +65,19 @@ def load_nominal(path: str | Path) -> Nominal:
 
 
 def fit_nominal(
-    height: HeightMap, nominal: Nominal, name: str = "nominal", aperture: NDArray[np.bool_] | None = None
+    height: HeightMap,
+    nominal: Nominal,
+    name: str = "nominal",
+    aperture: NDArray[np.bool_] | None = None,
+    slopes: SlopeMap | None = None,
 ) -> FormFit:
     """The rigid best fit of a map to a nominal surface: translation (mm) and rotation (degrees) of the map
-    about its middle, relative to coinciding middles; residual along the nominal's z. These have no sigma.
-    aperture (H, W): pixels to use.
+    about its middle, relative to coinciding middles; residual along the nominal's z. aperture (H, W): pixels
+    to use; slopes: see `fit_form`.
+
+    sigma by noise: that of the slopes, where it is known, and as much of a motion as is left in one
+    polynomial of x and y, since a changed figure looks like motion; infinite of a motion that changes
+    less than is left, which stays 0. shift_z hangs on the anchor and has none.
 
     InputError if less than half of the map lies on the nominal surface.
     """
@@ -81,9 +92,11 @@ def fit_nominal(
         moved = Rotation.from_rotvec(p[3:] / half).apply(some) + p[:3] + nominal.middle
         return np.asarray(moved[:, 2] - nominal.z(moved[:, 0], moved[:, 1]))
 
-    used = points[:: max(1, len(points) // _MOST)]
-    p = np.zeros(len(_NAMES))
+    step = max(1, len(points) // _MOST)
+    used = points[::step]
+    p, free = np.zeros(len(_NAMES)), np.eye(len(_NAMES))
     p[2] = -_mean(left(p, used))
+    start = p
     for _ in range(_STEPS):
         rest = left(p, used)
         nudges = _NUDGE * half * np.eye(len(p))
@@ -94,21 +107,42 @@ def fit_nominal(
         if np.count_nonzero(known) < 0.5 * len(used):
             share = 100 * np.count_nonzero(known) / len(used)
             raise InputError(f"{name}: covers {share:.0f} % of the measured map, must be at least 50 %")
-        step = -np.linalg.lstsq(jacobian[known], rest[known], rcond=_WEAK)[0]
-        p = p + step
-        if np.abs(jacobian[known] @ step).max() <= _SETTLED * max(float(np.std(rest[known])), 1e-9):
-            break
+        rest, jacobian = rest[known], jacobian[known]
+        move = -free @ np.linalg.lstsq(jacobian @ free, rest, rcond=_WEAK)[0]
+        p = p + move
+        if np.abs(jacobian @ move).max() <= _SETTLED * max(float(np.std(rest)), 1e-9):
+            _, s, directions = np.linalg.svd(jacobian, full_matrices=False)
+            sure = s > np.maximum(_WEAK * s[0], np.linalg.norm(rest) / (_FAR * half))
+            if free.shape[1] <= np.count_nonzero(sure):
+                break
+            p, free = start, directions[sure].T
+    weights, rig = np.zeros((len(points), len(p))), np.zeros(len(p))
+    weights[::step][known] = (free @ np.linalg.pinv(jacobian @ free)).T
+    noise = np.linalg.norm(weights, axis=0) * _in_one_term(rest, used[known, :2] / half)
+    if (own := slope_noise(height, slopes)) is not None:
+        noise = np.hypot(noise, np.sqrt(np.diag(noise_covariance(weights, x, y, good, own))))
+    if (modes := height.calibration) is not None:
+        rig = np.linalg.norm(np.nan_to_num(modes[:, good]).astype(np.float64) @ weights, axis=0)
     residual = np.full(height.z.shape, np.nan)
     residual[good] = left(p, points)
     slope_x, slope_y = differences(height.x, height.y, residual)
-    start = np.array([nominal.middle[k] - (*middle, centre[2])[k] for k in range(3)])
-    unknown = np.full(len(p), np.nan)
-    values = np.concatenate([p[:3] + start, np.degrees(p[3:] / half)])
-    found = Numbers(_NAMES, values, unknown, unknown)
+    p[:3] += np.array([nominal.middle[k] - (*middle, centre[2])[k] for k in range(3)])
+    fixed = np.sum(free**2, axis=1) < 0.5
+    p[fixed], noise[fixed], noise[2] = 0.0, np.inf, np.nan
+    scale = np.repeat([1.0, np.degrees(1 / half)], 3)
+    found = Numbers(_NAMES, scale * p, scale * noise, scale * rig)
     inside = np.isfinite(residual)
     basis = np.stack([np.ones(int(inside.sum())), x[inside], y[inside]], axis=1)
-    left_over = leftovers(basis, residual, height, x, y, inside, None)
+    left_over = leftovers(basis, residual, height, x, y, inside, slopes)
     return FormFit(name, found, {}, height.x, height.y, residual, slope_x, slope_y, middle, *left_over)
+
+
+def _in_one_term(left: Floats, at: Floats) -> float:
+    """Root mean square over polynomials of the places `at` (n, 2), orthonormal over the points, of their
+    coefficients in what is left (n,) by a motion, which takes as many as it has numbers."""
+    powers = [(i, k - i) for k in range(_ORDER + 1) for i in range(k + 1)]
+    terms, _ = np.linalg.qr(np.stack([at[:, 0] ** i * at[:, 1] ** j for i, j in powers], axis=1))
+    return float(np.linalg.norm(terms.T @ left) / np.sqrt(len(powers) - len(_NAMES)))
 
 
 def _mean(values: Floats) -> float:
@@ -153,11 +187,12 @@ def _of_points(file: Path, points: Floats) -> Nominal:
 
 
 def load_measured(path: str | Path) -> HeightMap:
-    """A height map's .npz, or a grid of another program (`optolever.maps`), whose sigma is unknown (0)."""
+    """A height map's or grid's .npz, or a grid of another program (`optolever.maps`), whose sigma is 0."""
     file = Path(path)
-    if file.suffix.lower() not in READABLE:
+    foreign = file.suffix.lower() in READABLE
+    if not foreign and not _holds_grid(file):
         return HeightMap.load(file)
-    grid = _grid_of(file)
+    grid = _grid_of(file) if foreign else Grid.load(file)
     x, y = np.meshgrid(grid.x, grid.y)
     flags = np.where(np.isfinite(grid.z), 0, int(HeightFlag.NO_ANCHOR)).astype(np.uint16)
     return HeightMap(x, y, grid.z, grid.sigma, flags)
@@ -170,8 +205,16 @@ def _grid_of(file: Path) -> Grid:
 
 def _npz_grid(file: Path) -> Grid:
     """The grid of a Grid's file, or of a height map's good pixels at their pitch."""
-    names = load_arrays(file, ("z",), ("notices", "diagnostics", "sources", "references"))
-    return Grid.load(file) if "pitch" in names else HeightMap.load(file).resample()
+    return Grid.load(file) if _holds_grid(file) else HeightMap.load(file).resample()
+
+
+def _holds_grid(file: Path) -> bool:
+    """Whether an .npz is a Grid's."""
+    try:
+        with zipfile.ZipFile(file) as archive:
+            return "pitch.npy" in archive.namelist()
+    except (OSError, zipfile.BadZipFile):  # named by the reader
+        return False
 
 
 def _vertices(file: Path) -> Floats:

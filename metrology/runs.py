@@ -6,18 +6,20 @@ test, C. J. Evans and R. N. Kestner, Appl. Opt. 35 (1996) 1015).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import scipy.ndimage
 from numpy.typing import NDArray
 
 from optolever.errors import InputError
+from optolever.reconstruct import HeightFlag, HeightMap
 
 from .fit import FormFit
 from .nominal import surface_of
 
-__all__ = ["RunComparison", "compare_runs"]
+__all__ = ["RunComparison", "compare_runs", "in_common"]
 
 Floats = NDArray[np.float64]
 _ROUNDS = 20  # of the alternating means, for turns that are not evenly spaced
@@ -37,10 +39,26 @@ class RunComparison:
     left: Floats
     noise: float
 
+    def export(self, path: str | Path) -> None:
+        """Write the mirror's map, as `HeightMap.export` does; to an .npz also rig and left."""
+        unknown = np.isnan(self.mirror)
+        sigma = np.where(unknown, np.nan, self.noise)
+        flags = np.where(unknown, int(HeightFlag.NO_ANCHOR), 0).astype(np.uint16)
+        HeightMap(self.x, self.y, self.mirror, sigma, flags).export(path, rig=self.rig, left=self.left)
+
     @staticmethod
     def rms(z: Floats) -> float:
         """Rms of a map about its mean, mm."""
         return float(np.nanstd(z))
+
+
+def in_common(heights: Sequence[HeightMap]) -> list[HeightMap]:
+    """The maps, each flagged wherever one of them is, so that forms of them are of one area. Maps of
+    different sizes are left as they are."""
+    if len({height.z.shape for height in heights}) > 1:
+        return list(heights)
+    flags = np.bitwise_or.reduce([height.flags for height in heights])
+    return [replace(height, flags=flags) for height in heights]
 
 
 def compare_runs(fits: Sequence[FormFit], turns: Sequence[float] | None = None) -> RunComparison:

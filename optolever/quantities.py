@@ -12,14 +12,16 @@ def length_unit(size: float) -> tuple[float, str]:
     return (1e3, "µm") if abs(size) >= 1e-4 else (1e6, "nm")
 
 
-def quantity(value: float, unit: str = "", sigma: float = math.nan) -> str:
+def quantity(value: float, unit: str = "", sigma: float = math.nan, size: float = 0.0) -> str:
     """A number for reading: as many digits as its sigma leaves two of, four without one; lengths (mm) in the
-    unit in which they read well, shares (unit %) in per cent.
+    unit in which they read well (or `size`, of a number beside it), shares (unit %) in per cent.
 
     >>> quantity(4000.5961, "mm", 0.0023)
     '4000.5961 ± 0.0023 mm'
     >>> quantity(4.6e-4, "mm"), quantity(0.98765, "%"), quantity(0.0123, "mm", 2.5e-6)
     ('0.4600 µm', '98.77 %', '12.3000 ± 0.0025 µm')
+    >>> quantity(9.98e-5, "mm", 1.2e-6, size=1.01e-4)
+    '0.0998 ± 0.0012 µm'
     """
     if not math.isfinite(value):
         return "–"
@@ -27,7 +29,7 @@ def quantity(value: float, unit: str = "", sigma: float = math.nan) -> str:
     if unit == "%":
         factor = 100.0
     elif unit == "mm":
-        factor, unit = length_unit(value if value else sigma)
+        factor, unit = length_unit(size or value or sigma)
     value, sigma = factor * value, factor * sigma
     if not (math.isfinite(sigma) and sigma > 0):
         text = _plain(value)

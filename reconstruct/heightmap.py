@@ -279,9 +279,10 @@ class HeightMap(Comparable):
         pitch = natural_pitch(self.x, self.y, self.good) if pitch_mm is None else pitch_mm
         return resample(self.x, self.y, self.z, self.total_sigma, self.good, pitch, self.lean)
 
-    def save(self, path: str | Path) -> None:
-        """Write a compressed .npz with the fields' names, maps as float32; what is empty is left out."""
-        values: dict[str, Any] = {entry.name: getattr(self, entry.name) for entry in fields(self)}
+    def save(self, path: str | Path, **more: Floats) -> None:
+        """Write a compressed .npz with the fields' names, maps as float32; what is empty is left out. more:
+        arrays that it also holds."""
+        values: dict[str, Any] = {entry.name: getattr(self, entry.name) for entry in fields(self)} | more
         values["notices"] = notices_to_array(self.notices) if self.notices else None
         values["diagnostics"] = self.diagnostics.to_json()
         if self.contacts is not None:
@@ -314,8 +315,8 @@ class HeightMap(Comparable):
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
 
-    def export(self, path: str | Path, pitch_mm: float | None = None) -> None:
-        """Write in the format of the suffix, one of HEIGHT_FORMATS; InputError names these.
+    def export(self, path: str | Path, pitch_mm: float | None = None, **more: Floats) -> None:
+        """Write in the format of the suffix, one of HEIGHT_FORMATS; InputError names these. more: see `save`.
 
         X3P, SDF and DAT hold a regular grid of the pitch (None: about as fine as the pixels). NPZ and TIFF do
         so where a pitch is given; else they hold the camera's pixels.
@@ -324,7 +325,9 @@ class HeightMap(Comparable):
         if suffix in MESHES:
             MESHES[suffix](path, self.x, self.y, self.z, self.total_sigma, self.good)
         elif pitch_mm is None and suffix in (".npz", ".tif", ".tiff"):
-            self.save(path) if suffix == ".npz" else write_tiff(path, np.where(self.good, self.z, np.nan))
+            self.save(path, **more) if suffix == ".npz" else write_tiff(
+                path, np.where(self.good, self.z, np.nan)
+            )
         else:
             self.resample(pitch_mm).export(path)
 

@@ -247,7 +247,8 @@ def write_wft(path: str | Path, z: Floats, pitch_mm: float, *_: float) -> None:
     radius = float(np.hypot(col - centre[0], row - centre[1]).max())
     if known.sum() < _DISC * np.pi * radius**2:
         raise InputError(
-            f"{path}: the known points are no disc, as a .wft file holds it; take form --aperture circle"
+            f"{path}: the known points are no disc, as a .wft file holds it; "
+            "`form --aperture circle --out FILE.wft` writes one"
         )
     waves = 2e6 / WFT_NM * np.where(known, z, 0.0)
     lines = [str(z.shape[1]), str(z.shape[0]), *(f"{value:.9g}" for value in waves[::-1].ravel())]

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from optolever import InputError
 from optolever.cli import run
 from optolever.maps import READABLE, REGULAR, read_grid
+from optolever.reconstruct import HeightMap
 
 Floats = NDArray[np.float64]
 PITCH, X0, Y0 = 0.25, -1.5, 2.0
@@ -97,5 +98,33 @@ def test_form_takes_them_as_measured_and_as_nominal(tmp_path: Path) -> None:
     assert json.loads(figures.read_text())["numbers"]["focal"]["value"] == pytest.approx(2500)
     words = ["form", "g.x3p", "--nominal", "g.csv", "--out", "r.npz"]
     assert run([str(tmp_path / word) if "." in word else word for word in words]) == 0
-    with np.load(tmp_path / "r.npz") as left:
-        assert np.nanmax(np.abs(left["residual"])) < 1e-7
+    assert np.nanmax(np.abs(HeightMap.load(tmp_path / "r.npz").z)) < 1e-7
+
+
+def test_what_form_and_export_write_is_read_and_exported_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """A map, its residual in a circle, grids of both as .npz and of other programs, a mean of maps."""
+    monkeypatch.chdir(tmp_path)
+    row, col = np.mgrid[:40, :50] * 1.0
+    z = 1e-4 * ((col - 25) ** 2 + (row - 20) ** 2) + 1e-3 * np.sin(col / 5)
+    HeightMap(col, row, z, 0 * z, np.zeros(z.shape, np.uint16)).save("h.npz")
+    assert run(["export", "h.npz", "h.wft"]) == 2
+    assert "`form --aperture circle --out FILE.wft`" in capfd.readouterr().err
+    for words in (
+        "form h.npz --aperture circle --out r.wft",
+        "form h.npz --aperture circle --out r.npz",
+        "export r.npz again.wft",
+        "export h.npz g.npz g.x3p --pitch 1",
+        "export g.npz g.csv",
+        "export g.csv again.npy",
+        "form g.npz h.npz --remove paraboloid --out mean.npz",
+        "export mean.npz mean.sdf",
+    ):
+        assert run(words.split()) == 0, words
+    np.testing.assert_allclose(read_grid(Path("g.csv")).z, z, atol=1e-8)
+    np.testing.assert_array_equal(read_grid(Path("again.npy")).z, read_grid(Path("g.csv")).z)
+    left, mean = read_grid(Path("r.wft")).z, HeightMap.load("mean.npz")
+    np.testing.assert_allclose(read_grid(Path("again.wft")).z, left, atol=1e-8)
+    assert 3e-4 < np.nanstd(left) < 8e-4
+    assert 3e-4 < np.std(mean.z[mean.good]) < 8e-4

@@ -1,6 +1,7 @@
 """A concave facet of 300 mm, R = 4 m, a bump of 3 um and waviness, from rendered frames to its figures."""
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -91,9 +92,16 @@ def test_residual_and_radius_of_the_facet(tmp_path: Path, capfd: pytest.CaptureF
     assert found["rms_mm"] == pytest.approx(rms, rel=0.01)
     assert found["numbers"]["radius"]["value"] == pytest.approx(radius, rel=1e-4)
     assert abs(found["numbers"]["radius"]["value"] - radius) < 5 * found["numbers"]["radius"]["sigma"]
-    with np.load(tmp_path / "r.npz") as stored:
-        assert np.nanstd(stored["residual"]) == pytest.approx(found["rms_mm"], rel=1e-6)
-    assert "µrad rms along x" in capfd.readouterr().out
+    assert np.nanstd(HeightMap.load(tmp_path / "r.npz").z) == pytest.approx(found["rms_mm"], rel=1e-6)
+    assert found["rms_less_noise_mm"] < found["rms_mm"]
+    printed = capfd.readouterr().out
+    assert "µrad rms along x" in printed
+    raw, less = re.findall(
+        r"([0-9.]+) ± [0-9.]+ µm", next(line for line in printed.splitlines() if "heights" in line)
+    )
+    assert 0 <= float(raw) - float(less) < 0.01 * float(raw)
+    assert run(["form", str(tmp_path / "h.npz"), "--remove", "sphere:radius=4"]) == 0  # m, not mm
+    assert "sphere:radius=4: leaves" in capfd.readouterr().err
 
 
 def places(scene: Scene, truth: Trace, seed: int, noise: float = 0.02) -> Correspondence:

@@ -80,6 +80,7 @@ def test_the_sigmas_of_a_residual_are_what_draws_of_it_are(kept: str, waves: tup
     if kept == "all" and waves:
         alone = fit_form(height_map(z), "power").rms
         less = np.array([one.rms_less_noise for one in fits])
+        assert 0.55 < less.std() / np.median([one.less_noise_sigma for one in fits]) < 1.35
         assert less.mean() == pytest.approx(alone, abs=4 * less.std() / np.sqrt(40))
         assert abs(np.mean([one.rms for one in fits]) - alone) > abs(less.mean() - alone)
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from optolever import InputError
 from optolever.cli import run
 from optolever.metrology import fit_nominal, load_nominal, profile, spectrum
-from optolever.reconstruct import Diagnostics, Grid, HeightMap
+from optolever.reconstruct import Diagnostics, Grid, HeightMap, integrate
 
 Floats = NDArray[np.float64]
 ERROR = 2e-4  # mm: what the measured mirror has and the nominal one has not
@@ -102,7 +102,42 @@ def test_directions_that_change_nothing_stay(tmp_path: Path) -> None:
     z = 2000 - np.sqrt(2000**2 - (u - 4) ** 2 - v**2)
     fit = fit_nominal(as_map(u, v, z), load_nominal(tmp_path / "n.npz"))
     assert fit.rms < 1e-7
-    assert abs(dict(zip(fit.numbers.names, fit.numbers.values, strict=True))["turn_z"]) < 1e-6
+    numbers = fit.numbers.to_dict()
+    assert numbers["turn_z"]["value"] == 0
+    assert np.isinf(numbers["turn_z"]["sigma"])
+    fit.export(tmp_path / "r.npz", as_map(u, v, z))
+    left = HeightMap.load(tmp_path / "r.npz")
+    np.testing.assert_allclose(left.z[left.good], fit.residual[np.isfinite(fit.residual)], atol=1e-9)
+
+
+@pytest.mark.parametrize("changed", ["noise", "figure"])
+@pytest.mark.parametrize("shape", ["sphere", "design"])
+def test_sigmas_of_a_motion_hold_noise_and_changed_figures(tmp_path: Path, shape: str, changed: str) -> None:
+    """20 draws of slope noise, or of a bump: nothing moved. A bump on a sphere of 40 m looks like a shift
+    (sigma seven times too wide, where the nominal surface's noise alone fixes it)."""
+    form = design if shape == "design" else (lambda x, y: (x * x + y * y) / 8e4)
+    axis = np.arange(-60, 61.0)
+    x, y = np.meshgrid(axis, axis)
+    own = integrate(*(3e-6 * np.random.default_rng(99).standard_normal((2, *x.shape))), spacing=1.0).z
+    grid = form(x, y) + (own if shape == "sphere" else 0)
+    Grid(grid, x, -60.0, -60.0, 1.0).save(tmp_path / "n.npz")
+    nominal, (v, u), found = load_nominal(tmp_path / "n.npz"), np.mgrid[-30:30:61j, -40:40:81j], []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        a, b = rng.uniform(-30, 30, 2)
+        if changed == "noise":
+            added = integrate(*(1e-5 * rng.standard_normal((2, *u.shape))), spacing=1.0).z
+        else:
+            added = 2e-3 * np.exp(-((u - a) ** 2 + (v - b) ** 2) / 288)
+        known = Diagnostics("drawn", slope_sigma=(1e-5, 1e-5) if changed == "noise" else None)
+        numbers = fit_nominal(replace(as_map(u, v, form(u, v) + added), diagnostics=known), nominal).numbers
+        found.append((numbers.values, numbers.sigma))
+    values, sigmas = (np.array(part)[:, [0, 1, 3, 4, 5]] for part in zip(*found, strict=True))
+    error, sigma = np.sqrt(np.mean(values**2, axis=0)), np.median(sigmas, axis=0)
+    fixed = np.isinf(sigma)
+    assert (error[fixed] == 0).all()
+    ratio = error[~fixed] / sigma[~fixed]
+    assert np.all((ratio > 0.12) & (ratio < 2.5)), ratio
 
 
 def test_nominal_surfaces_that_do_not_serve(tmp_path: Path, refused: Any) -> None:
@@ -121,7 +156,7 @@ def test_nominal_surfaces_that_do_not_serve(tmp_path: Path, refused: Any) -> Non
     ):
         refused(["form", tmp_path / "h.npz", "--nominal", tmp_path / name], name, *words)
     np.savez(tmp_path / "no.npz", u=np.zeros(3))
-    with pytest.raises(InputError, match="field 'z' is missing"):
+    with pytest.raises(InputError, match="field 'x' is missing"):
         load_nominal(tmp_path / "no.npz")
 
 
@@ -205,6 +240,10 @@ def test_apertures_filters_limits_and_runs_by_the_command_line(
     assert high < whole["rms_mm"]
     assert low < whole["rms_mm"]
     assert figures("h.npz")["mean_rms_mm"] == pytest.approx(whole["rms_mm"], rel=0.1)
+    flags = plain.flags.copy()
+    flags[:, :40] = 1024
+    replace(plain, diagnostics=noisy, flags=flags).save("part.npz")  # the same map, a part of it
+    assert max(figures("part.npz")["left_rms_mm"].values()) < 1e-9
     runs = figures("h.npz", "--rotations", "0,0", "--out", "p.npz")
     assert runs["mirror_rms_mm"] < whole["rms_mm"]  # of the square that all turns share
     assert max(runs["left_rms_mm"].values()) < 1e-9
@@ -214,5 +253,9 @@ def test_apertures_filters_limits_and_runs_by_the_command_line(
         (("h.npz", "--zernike", "4"), "is of one map, not of 2"),
         (("--aperture", "disc"), "must be one of circle"),
         (("--limit", "sag=3nm"), "NAME one of rms"),
+        (("--limit", "rms=1um", "--limit", "rms=2nm"), "--limit rms: has 2 limits"),
+        (("--index", "fringe"), "add --zernike"),
+        (("--highpass", "5", "--lowpass", "20"), "must be above --lowpass 20"),
+        (("--nominal", "plain.npz"), "leave one out"),
     ):
         refused([*common, *words], text)
