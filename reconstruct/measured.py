@@ -186,21 +186,47 @@ class Measured:
         from that half-line than its noise may move it, and farther from P than a pixel's noisy slopes move P.
         usual: that product at another w, much as here: variances are computed where a pixel comes near.
         """
-        way = self.to_pattern(w)
-        away = np.einsum("kij,kij->ij", way, way)
-        ahead = np.maximum(np.einsum("kij,kij->ij", way, self.rays.inner_directions), 0.0)
-        pitch = np.linalg.norm(self.plane[1:], axis=1)
-        noise = _SURE * np.maximum(pitch[0] * self.sigma_u, pitch[1] * self.sigma_v)
+        away, across = self.ways(w)
+        pitch = np.square(self.plane[1:]).sum(axis=1)
+        noise = np.maximum(pitch[0] * np.square(self.sigma_u), pitch[1] * np.square(self.sigma_v))
         with np.errstate(invalid="ignore", over="ignore"):
-            found: Mask = ~(away - np.square(ahead) > np.square(noise))
-            near = self.mask if usual is None else self.mask & ~(away * away > _MARGIN * usual)
-            if near.any():
-                moved = np.maximum(*(self.variances(w, where=near) if variances is None else variances))
+            found: Mask = ~(across > _SURE**2 * noise)
+            if usual is None:
+                moved = np.maximum(*(self.variances(w) if variances is None else variances))
                 if self.rays.logarithmic:
                     moved *= np.square(self.distance(w))
-                found |= near & ~(away > moved)
-                usual = away * moved
-        return found & self.mask, away if usual is None else usual
+                return (found | ~(away > moved)) & self.mask, away * moved
+            near = self.mask & ~(away * away > _MARGIN * usual)
+            if near.any():
+                p, q = self.variances(w, where=near)
+                moved = np.maximum(p[near], q[near])
+                if self.rays.logarithmic:
+                    moved *= np.square(self.distance(w[near]))
+                found[near] |= ~(away[near] > moved)
+        return found & self.mask, usual
+
+    def ways(self, w: Floats) -> Pair:
+        """Squares of the ways from the mirror points at w to the pattern points, and to the rays' ways on
+        from P, (rows, cols) mm^2."""
+        (u, v), found = self._on_plane(w), np.empty((2, *w.shape))
+        o, d = self.rays.inner_origins, self.rays.inner_directions
+
+        def block(start: int, stop: int) -> None:
+            rows = slice(start, stop)
+            t, (square, across) = self.distance(w[rows]), found[:, rows]
+            square[:], ahead = 0.0, np.zeros(t.shape)
+            for (at, by_u, by_v), origin, along in zip(self.plane.T, o[:, rows], d[:, rows], strict=True):
+                e = u[rows] * by_u
+                e += v[rows] * by_v
+                e += at - origin
+                e -= t * along
+                ahead += e * along
+                square += np.square(e, out=e)
+            np.subtract(square, np.square(np.maximum(ahead, 0.0, out=ahead)), out=across)
+
+        with np.errstate(invalid="ignore", over="ignore"):
+            over_rows(block, len(w), max(1, _BLOCK // w.shape[1]))
+        return found[0], found[1]
 
     def sensitive(self, w: Floats, limit: float) -> Mask:
         """Pixels of the mask where a change of w changes a slope, over one pixel, by at least `limit` times

@@ -257,9 +257,10 @@ def _on(at: NDArray[Any], sigma: NDArray[Any], extent: int) -> Mask:
 
 def _rows_rule(data: Measured) -> bool:
     """True if the slopes' variance depends on the row rather than on the column."""
+    every = max(1, len(data.mask) // _ROWS)
     with np.errstate(divide="ignore", invalid="ignore"):
-        values = np.log(data.variances(data.rest(), max(1, len(data.mask) // _ROWS))[0])
-    known, spreads = data.mask & np.isfinite(values), []
+        values = np.log(data.variances(data.rest(), every)[0][::every])
+    known, spreads = data.mask[::every] & np.isfinite(values), []
     for axis in (0, 1):
         count = known.sum(axis=axis)
         means = np.where(known, values, 0.0).sum(axis=axis)[count > 0] / count[count > 0]
@@ -275,9 +276,14 @@ def _transposed(data: Measured) -> Measured:
 
 def _anchored_labels(data: Measured, samples: Samples) -> Labels:
     """The components of the grid that an anchor reaches, numbered from 1 on, 0 elsewhere."""
-    labels = scipy.ndimage.label(data.mask)[0].astype(np.int32)
+    if data.mask.all():
+        labels = np.ones(data.mask.shape, np.int32)
+    else:
+        labels = scipy.ndimage.label(data.mask)[0].astype(np.int32)
     reached = np.unique(anchor_rows(samples, data, labels).component)
     reached = reached[np.bincount(labels.ravel())[reached] >= _FEWEST]
+    if reached.size == labels.max():  # all of them
+        return labels
     renumber = np.zeros(int(labels.max()) + 1, dtype=np.int32)
     renumber[reached] = np.arange(1, reached.size + 1)
     numbered: Labels = renumber[labels]

@@ -4,8 +4,8 @@ import hashlib
 import math
 from dataclasses import replace
 
+import cv2
 import numpy as np
-from scipy.ndimage import minimum_filter
 
 from optolever.decode import Correspondence, Flag
 from optolever.notices import Notice
@@ -26,6 +26,7 @@ __all__ = [
 ]  # fmt: skip
 
 _ROWS = 64  # whose medians stand for those of all, about
+_AROUND = np.ones((3, 3), np.uint8)
 _LOST = 0.005  # of the pixels, that a rest capture does not know: above, they are named
 _HOLLOW = 0.3  # of the depth: silicone rises less beside a contact
 _DEEP = 5.0  # sigmas of a mean depth; how much deeper than high a map is that was exchanged
@@ -58,7 +59,7 @@ def height_map(
         lost = (~data.mask | problem.bridged) & ~problem.to_grid(problem.suspects)
         away = cut_off(doubt, limits, data.mask, state.rows.pixel[state.share > 0], lost)
         # a doubt common to all of a pixel's edges is in the pixel's variance
-        around = minimum_filter(np.where(data.mask, variance, np.inf), 3)
+        around = cv2.erode(np.where(data.mask, variance, np.inf), _AROUND, borderType=cv2.BORDER_REPLICATE)
         steep = away | (surest(doubt, data.mask) > _STEEP * np.sqrt(around))
     distance = data.distance(state.w)
     solved = problem.to_image(data.mask, False) & problem.valid
@@ -162,7 +163,7 @@ def without_loose(height: HeightMap, mirror: Mirror) -> HeightMap:
     if unknown.any():
         flags = height.flags | np.where(unknown, np.uint16(HeightFlag.SINGULAR), np.uint16(0))
         height, sigma = replace(height, flags=flags), np.where(unknown, np.nan, sigma)
-    around = minimum_filter(np.where(np.isfinite(sigma), sigma, np.inf), 3)
+    around = cv2.erode(np.where(np.isfinite(sigma), sigma, np.inf), _AROUND, borderType=cv2.BORDER_REPLICATE)
     loose = sigma > _LOOSE * around
     if not loose.any():
         return height

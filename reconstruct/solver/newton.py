@@ -102,9 +102,10 @@ def solve(
     while True:
         p, q, p_w, q_w = data.slopes(w)
         if _rate(steps) > _CHORD_RATE:
-            fit = plain.solve(*factor_increments(p_w, q_w, data.mask), _FACTOR_ACCURACY, phi)
+            rises = factor_increments(p_w, q_w, data.mask, np.float32)
+            fit = plain.solve(*rises, _FACTOR_ACCURACY, phi)
             phi, iterations = fit.x, iterations + fit.iterations
-            del fit
+            del fit, rises
             root = _root(phi, labels)
             weights = scaled_weights(own, root)
             # the first factor changes the weights by orders of magnitude, others hardly
@@ -285,7 +286,7 @@ def _limited(change: Floats, data: Measured, w: Floats) -> Floats:
     """The change, cut to half the way to the pattern where it would lead farther."""
     if float(np.abs(change).max()) < _SMALL_STEP * float(np.ptp(w)):
         return change
-    limit = 0.5 * np.linalg.norm(data.to_pattern(w), axis=0)
+    limit = 0.5 * np.sqrt(data.ways(w)[0])
     limit = limit / data.distance(w) if data.rays.logarithmic else limit
     limited: Floats = np.clip(change, -limit, limit, where=np.isfinite(limit), out=change)
     return limited
