@@ -7,8 +7,8 @@ leave more, the larger the block, until it holds them all: blocks of 4, 8, 16, .
 """
 
 import math
-from itertools import pairwise
 
+import cv2
 import numpy as np
 import scipy.special
 
@@ -67,37 +67,25 @@ def circulations(mask: Mask, slopes: tuple[Floats, Floats], variance: Floats) ->
     p, q = (np.ascontiguousarray(part[window]) for part in slopes)
     gx, gy = increments(p, q, inside)
     squares = gx[:-1, :-1] - gx[1:, :-1] + gy[:-1, 1:] - gy[:-1, :-1]
-    # sums are differences of cumulative sums: they must exceed the rounding of these
+    # running sums must exceed the rounding of what went through them
     spread = np.minimum(variance[window], _MOST * middle(variance, mask))
-    found, block = [], _SMALLEST
-    single, variances = _table(squares), _table(spread)
-    holes = None if inside.all() else _table((~inside).astype(np.float64))
+    found, block, lost = [], _SMALLEST, None if inside.all() else (~inside).astype(np.float64)
     while block <= min(inside.shape) // 4:
         wide = 2 * block
-        mean, limits = _boxes(_table(_boxes(single, block)), block), _boxes(variances, wide)
+        mean, limits = _boxes(_boxes(squares, block), block), _boxes(spread, wide)
         here = slice(min(len(mean), len(limits))), slice(min(mean.shape[1], limits.shape[1]))
         limits *= 2.0 * (2.0 * block**2 + 1.0) / (3.0 * block**2) * block**4 / wide**2
         score = mean[here] / np.sqrt(limits, out=limits)[here]
-        found.append((block, score.ravel() if holes is None else score[_boxes(holes, wide)[here] < 0.5]))
+        found.append((block, score.ravel() if lost is None else score[_boxes(lost, wide)[here] < 0.5]))
         block = wide
     return found
 
 
-def _table(values: Floats) -> Floats:
-    """Sums of all that is above and to the left, with a line of zeros."""
-    table = np.zeros((values.shape[0] + 1, values.shape[1] + 1))
-    inner = table[1:, 1:]
-    np.cumsum(values, axis=1, out=inner)
-    for before, line in pairwise(inner):
-        line += before
-    return table
-
-
-def _boxes(table: Floats, size: int) -> Floats:
+def _boxes(values: Floats, size: int) -> Floats:
     """Sums over all squares of size x size."""
-    high = table[size:] - table[:-size]
-    boxes: Floats = high[:, size:] - high[:, :-size]
-    return boxes
+    sums = cv2.boxFilter(values, cv2.CV_64F, (size, size), anchor=(0, 0), normalize=False)
+    rows, cols = values.shape
+    return np.ascontiguousarray(sums[: rows - size + 1, : cols - size + 1])
 
 
 def _limit(freedom: int) -> float:

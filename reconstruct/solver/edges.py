@@ -53,27 +53,23 @@ def defects(p: Floats, q: Floats, w: Floats, root: Floats, mask: Mask) -> tuple[
     return gx.reshape(p.shape), gy.reshape(p.shape)
 
 
-def factor_increments(
-    p_w: Floats, q_w: Floats, mask: Mask, precision: type[np.floating] = np.float64
-) -> tuple[Floats, Floats]:
+def factor_increments(p_w: Floats, q_w: Floats, mask: Mask) -> tuple[Floats, Floats]:
     """Edge increments of the logarithm of the integrating factor, log((1 + f_i/2) / (1 - f_j/2)).
 
-    This is the factor of the trapezoid rule from pixel to pixel (exact for a factor C x). precision: of what
-    is computed.
+    This is the factor of the trapezoid rule from pixel to pixel (exact for a factor C x).
     """
-    p_w, q_w = (part.astype(precision, copy=False) for part in (p_w, q_w))
-    gx, gy, half, one = np.zeros(p_w.shape), np.zeros(p_w.shape), precision(0.5), precision(1.0)
+    gx, gy = np.zeros(p_w.shape), np.zeros(p_w.shape)
     for out, f0, f1, both in (
         (gx[:, :-1], p_w[:, :-1], p_w[:, 1:], mask[:, :-1] & mask[:, 1:]),
         (gy[:-1], q_w[:-1], q_w[1:], mask[:-1] & mask[1:]),
     ):
-        above, below = one + half * f0, one - half * f1
+        above, below = 1.0 + 0.5 * f0, 1.0 - 0.5 * f1
         steep = ~(np.minimum(above, below) > _STEEP)
         with np.errstate(all="ignore"):
             np.divide(above, below, out=above)
             np.log(above, out=above)
         if steep.any():
-            above[steep] = half * (f0[steep] + f1[steep])
+            above[steep] = 0.5 * (f0[steep] + f1[steep])
         np.copyto(out, above, where=both)
     return gx, gy
 

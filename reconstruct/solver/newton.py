@@ -102,10 +102,9 @@ def solve(
     while True:
         p, q, p_w, q_w = data.slopes(w)
         if _rate(steps) > _CHORD_RATE:
-            rises = factor_increments(p_w, q_w, data.mask, np.float32)
-            fit = plain.solve(*rises, _FACTOR_ACCURACY, phi)
+            fit = plain.solve(*factor_increments(p_w, q_w, data.mask), _FACTOR_ACCURACY, phi)
             phi, iterations = fit.x, iterations + fit.iterations
-            del fit, rises
+            del fit
             root = _root(phi, labels)
             weights = scaled_weights(own, root)
             # the first factor changes the weights by orders of magnitude, others hardly
