@@ -26,27 +26,27 @@ def lens_errors(seen: Correspondence, rest: Correspondence | None) -> Pair | Non
 
 
 def _brackets(seen: Correspondence) -> Floats:
-    """laplace u + 2 grad u . grad A / A, of v likewise (2, H, W), a place's shift over half the aperture's
+    """laplace u + 2 grad u . grad ln A, of v likewise (2, H, W), a place's shift over half the aperture's
     second moment: the mean of 3 x 3 pixels; 0 beside pixels that are not good."""
     usable = seen.good & np.isfinite(seen.u) & np.isfinite(seen.v)
     light = np.ones(usable.shape) if seen.amplitude is None else np.nan_to_num(seen.amplitude)
     # of a damaged file both may be anything
-    light = np.where(usable, np.clip(light, _LEAST, 2.0**16), 1.0).astype(np.float64)
-    falls = [part / light for part in _slopes(light)]
+    log = np.where(usable, np.log(np.clip(light, _LEAST, 2.0**16)), 0.0).astype(np.float64)
+    falls = _slopes(log)
     good = cv2.erode(usable.view(np.uint8), _CLEAN, borderType=cv2.BORDER_CONSTANT, borderValue=0)
     found = []
     for at in (seen.u, seen.v):
         place = np.where(usable, np.clip(at, -_MOST, _MOST), 0.0).astype(np.float64)
         shift: Floats = np.asarray(cv2.Laplacian(place, cv2.CV_64F), np.float64)
         for rise, fall in zip(_slopes(place), falls, strict=True):
-            shift += rise * fall
+            shift += 2.0 * rise * fall
         shift *= good
         found.append(cv2.blur(shift, (3, 3)))
     return np.stack(found)
 
 
 def _slopes(values: Floats) -> Pair:
-    """Differences of the neighbours on either side, along columns and rows (H, W)."""
-    difference = np.array([[-1.0, 0.0, 1.0]])
+    """By the neighbours on either side, along columns and rows (H, W)."""
+    difference = np.array([[-0.5, 0.0, 0.5]])
     along, down = (cv2.filter2D(values, cv2.CV_64F, part) for part in (difference, difference.T))
     return np.asarray(along), np.asarray(down)
