@@ -76,7 +76,9 @@ class Measured:
         with np.errstate(over="ignore", invalid="ignore"):
             t = self.distance(w)
             arrays = self.rays.origins, self.rays.directions, *moving, self.plane, u, v, t, found
-            over_image(lambda start, stop: _slopes(*arrays, start, stop), w.shape)
+            over_image(
+                lambda start, stop: _slopes(*arrays, np.zeros((4, 3, w.shape[1])), start, stop), w.shape
+            )
             if self.rays.logarithmic:
                 found[:2] /= t
                 found[2:] -= found[:2]
@@ -288,29 +290,26 @@ class Measured:
 
 
 @kernel
-def _slopes(o, d, shifting, turning, plane, u, v, t, found, start, stop):  # type: ignore[no-untyped-def]
+def _slopes(o, d, shifting, turning, plane, u, v, t, found, changes, start, stop):  # type: ignore[no-untyped-def]
     """In each pixel the change of t along both axes (0: along the row), and its derivative by t; n: the
-    normal, m: its change by t, g: change of the ray's direction, a: of its point, to the fourth order. Sums
-    in rows of their own become vector instructions."""
+    normal, m: its change by t, g: change of the ray's direction, a: of its point, to the fourth order, kept
+    in changes (4, 3, cols). Written to a row of its own, a loop becomes vector instructions."""
     cols = u.shape[1]
-    changes, out = np.zeros((4, 3, cols)), np.zeros((4, cols))
+    row = np.empty(4 * cols)
     for i in range(start, stop):
         r = PAD + i
-        for k in range(3):
-            for axis in range(2):
-                down, right = axis, 1 - axis
-                if shifting:
+        for part in range(2):
+            a = o
+            if part == 1:
+                a = d
+            for k in range(3 if (turning if part == 1 else shifting) else 0):
+                for axis in range(2):
+                    down, right = axis, 1 - axis
                     for j in range(cols):
                         c = PAD + j
-                        near = 8.0 * (o[k, r + down, c + right] - o[k, r - down, c - right])
-                        far = o[k, r + 2 * down, c + 2 * right] - o[k, r - 2 * down, c - 2 * right]
-                        changes[axis, k, j] = (near - far) / 12.0
-                if turning:
-                    for j in range(cols):
-                        c = PAD + j
-                        near = 8.0 * (d[k, r + down, c + right] - d[k, r - down, c - right])
-                        far = d[k, r + 2 * down, c + 2 * right] - d[k, r - 2 * down, c - 2 * right]
-                        changes[2 + axis, k, j] = (near - far) / 12.0
+                        near = 8.0 * (a[k, r + down, c + right] - a[k, r - down, c - right])
+                        far = a[k, r + 2 * down, c + 2 * right] - a[k, r - 2 * down, c - 2 * right]
+                        changes[2 * part + axis, k, j] = (near - far) / 12.0
         for j in range(cols):
             c, away = PAD + j, t[i, j]
             dx, dy, dz = d[0, r, c], d[1, r, c], d[2, r, c]
@@ -330,11 +329,11 @@ def _slopes(o, d, shifting, turning, plane, u, v, t, found, start, stop):  # typ
                 az = changes[axis, 2, j] + away * gz
                 slope = scale * (nx * ax + ny * ay + nz * az)
                 turned = mx * (ax + slope * dx) + my * (ay + slope * dy) + mz * (az + slope * dz)
-                out[axis, j] = slope
-                out[2 + axis, j] = scale * (turned + (nx * gx + ny * gy + nz * gz))
+                row[axis * cols + j] = slope
+                row[(2 + axis) * cols + j] = scale * (turned + (nx * gx + ny * gy + nz * gz))
         for k in range(4):
             for j in range(cols):
-                found[k, i, j] = out[k, j]
+                found[k, i, j] = row[k * cols + j]
 
 
 def _amid(values: Floats, where: Mask) -> Floats:
