@@ -29,6 +29,10 @@ _OTHERWISE = (
 )
 #: Notices that are no cause: each costs sigma alone.
 _SIGMA = "sigma is"
+_NOTHING = Notice(
+    "no pixel fits the sequence", float("nan"), float("nan"),
+    "correct the order of the frames, or their description in capture.toml",
+)  # fmt: skip
 
 
 def few_good(found: Correspondence, light: Light, sequence: Sequence) -> tuple[Notice, ...]:
@@ -43,7 +47,7 @@ def few_good(found: Correspondence, light: Light, sequence: Sequence) -> tuple[N
         inside &= scipy.ndimage.uniform_filter(known, 3, mode="nearest")[some] > 0.5
     bright = amplitude[inside & (amplitude > 0)]
     if not len(bright):
-        return ()
+        return () if found.notices or not inside.size else (_NOTHING,)
     lit = inside & (amplitude > 0.5 * np.percentile(bright, 95))
     flags = flags[lit]
     good = np.count_nonzero(flags == 0) / len(flags)

@@ -301,6 +301,8 @@ def prepare(
         assumed = _residual_noise(best.table, best.found, floor)
     trials = _tried(lambda optics: fitted(optics, start), axis, blur, on_cells)
     best = trials[int(np.argmin(_costs(trials)))]
+    if not np.isfinite(best.found.variance).any():
+        return LookUp(best.optics, 0.0, 0.0, Noise(floor) if noise is None else None)
     unsure = _crowding(best.table, best.found)
     if noise is None:
         return LookUp(best.optics, unsure, 0.0, _residual_noise(best.table, best.found, floor))

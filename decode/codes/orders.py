@@ -30,6 +30,8 @@ __all__ = ["Orders", "climb_row", "compare_row", "join_row", "order_table", "sta
 _ENTRIES, _DEVIATIONS, _STEP = 64, 5.0, 2**0.5
 #: No order, and the misfit of no order.
 _NONE, _NEVER = np.float32(-20000), np.float32(1e30)
+#: Variance of a place that is not known, px^2.
+_FAR = np.float32(1e9)
 #: Probability of a wrong order above which a pixel is flagged.
 _DOUBT = np.float32(1e-4)
 #: Shares of a period by which a place may lie outside of its interval, and by which another must stay
@@ -160,7 +162,7 @@ def compare_row(
     chi2: F32,
     flags: I32,
 ) -> None:
-    """Place by all of K close periods; phase and its variance (K, W), work (6, W), cell (W,)."""
+    """Place by all of K close periods; phase and its variance (K, W), work (6, W) is left at 0, cell (W,)."""
     count = period.size
     order, at, mean, score, least, weight = work[0], work[1], work[2], work[3], work[4], work[5]
     last = count - 1
@@ -173,12 +175,13 @@ def compare_row(
         for x in range(place.size):
             weight[x] += ONE / (square * v[x])
     t0, t1, t = phase[0], phase[b], phase[last]
-    entries = np.float32(_ENTRIES)
+    entries, none = np.float32(_ENTRIES), np.int32(0)
     for x in range(place.size):
         a, c = t0[x] - t[x] * r0, t1[x] - t[x] * r1
         a, c = a - np.floor(a), c - np.floor(c)
-        i = min(np.int32(a * entries), np.int32(_ENTRIES - 1))
-        k = min(np.int32(c * entries), np.int32(_ENTRIES - 1))
+        # of a phase that is no number it is the least integer
+        i = max(min(np.int32(a * entries), np.int32(_ENTRIES - 1)), none)
+        k = max(min(np.int32(c * entries), np.int32(_ENTRIES - 1)), none)
         cell[x] = i * np.int32(_ENTRIES) + k
     for rank in range(len(orders.listed)):
         listed, some = orders.listed[rank], False
@@ -202,15 +205,19 @@ def compare_row(
         phase_variance[b],
         phase_variance[last],
     )
-    none = np.int32(0)
     for x in range(place.size):
         wrong = error[x] / (ONE + error[x])
         wrong += exp_neg(half, v0[x] + r0 * r0 * v[x]) + exp_neg(half, v1[x] + r1 * r1 * v[x])
         found = least[x] < _NEVER
         error[x] = min(wrong, ONE) if found else ONE
-        chi2[x] += min(least[x], np.float32(1e6))
-        variance[x] = ONE / weight[x]
+        # a pixel without light has no phase, and a variance that is no number
+        chi2[x] += min(least[x], np.float32(1e6)) if found else ZERO
+        own = ONE / weight[x]
+        variance[x] = own if own < _FAR else _FAR
         flags[x] |= _ORDER if error[x] > _DOUBT else none
+    for line in work:
+        for x in range(place.size):
+            line[x] = ZERO  # the next fit multiplies them by 0: they must be finite
 
 
 @kernel

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from optolever import InputError
 from optolever.decode import Correspondence, Flag, Response, decode
 from optolever.experiments.metrics import rms
-from optolever.patterns import Frame, Sequence, sequence
+from optolever.patterns import Frame, Sequence, sequence, sequence_from_text
 
 from .conftest import Map, Shoot, scores, silent
 from .light import COLS, WIDTH, U, camera, photographed
@@ -156,6 +156,19 @@ def test_flicker_is_no_silent_error(shoot: Shoot, smooth: Map) -> None:
         found = decode(camera(still + flicker[:, None, None]), shown, on_cells=False)
         wrong += silent(found, *smooth, least=0.05) > 1e-4
     assert wrong <= 2  # 6 of 40 draws
+
+
+@pytest.mark.parametrize("name", ["gray+phase", "phase", "phase:periods=9/10/11,steps=3"])
+def test_pixels_that_are_no_numbers_are_invalid(name: str, shoot: Shoot, smooth: Map) -> None:
+    """Close periods read the table of their orders by the phase."""
+    shown = sequence_from_text(name, 150, 170)
+    frames = shoot(shown, *smooth, noise=1.0).astype(np.float64)
+    lost = np.random.default_rng(0).random(smooth[0].shape) < 0.005
+    frames[:, lost] = np.nan
+    found = decode(frames, shown)
+    assert (found.flags[lost] & Flag.INVALID.value).all()
+    assert found.good.mean() > 0.7
+    assert silent(found, *smooth, least=2.0) < 0.01
 
 
 def test_one_period_alone_is_never_called_good(shoot: Shoot, smooth: Map) -> None:

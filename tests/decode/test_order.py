@@ -165,3 +165,17 @@ def test_orders_that_are_ambiguous_have_their_cause(
     shown = sequence("phase", *SURFACE, periods=(7, 8))
     found = decode(shoot(shown, *smooth, noise=1.0, amplitude=light), shown)
     assert said in "".join(map(str, found.notices))
+
+
+def test_levels_in_reverse_order_end_in_a_notice(shoot: Shoot, smooth: Map) -> None:
+    rng = np.random.default_rng(1)
+    images = rng.integers(0, 2, (24, 170)) * 255
+    frames = [
+        Frame("levels", axis, levels=tuple(image[:extent].tolist()))
+        for axis, extent in (("u", 170), ("v", 150))
+        for image in images
+    ]
+    shown = Sequence(tuple(frames), *SURFACE)
+    found = decode(shoot(shown, *smooth, noise=1.0)[::-1], shown)
+    assert not found.good.any() or silent(found, *smooth, least=2.0) < 0.01
+    assert found.notices
