@@ -73,7 +73,7 @@ def sag(surface: Surface, layer: Layer | None) -> Sag | None:
     thin = surface.thinned(max(1, surface.z.shape[1] // COLUMNS))
 
     def regions_less(taken: Sag) -> tuple[Region, ...]:
-        return regions(thin.less(replace(taken, rig=taken.rig[:, :0])))
+        return regions(thin.less(replace(taken, rig=taken.rig[:, :0], kept=taken.kept[:0, :0])))
 
     start = _robust(cells, noise) if len(cells.motion) and cells.z.size else None
     within = regions(thin) if start is None else regions_less(start)
@@ -95,7 +95,8 @@ def sag(surface: Surface, layer: Layer | None) -> Sag | None:
             fits.append(found)
         if not within:  # no radius to be far from
             break
-    return _nearest(cells, fits)
+    found = _nearest(cells, fits)
+    return None if found is None else replace(found, kept=_kept(found))
 
 
 def _nearest(cells: _Cells, fits: list[Sag]) -> Sag | None:
@@ -118,6 +119,17 @@ def _nearest(cells: _Cells, fits: list[Sag]) -> Sag | None:
         wider = math.hypot(1.0, rms(taken[k] - taken[k - 1]) / max(sizes[k], 1e-300))
         one = replace(one, sigma=one.sigma * wider, root=one.root * wider)
     return one
+
+
+def _kept(found: Sag) -> Floats:
+    """Root (m, m) of the second moments of the rig's errors, 1 each before, by the motion that was seen: the
+    rig's own, of unit variance, and what its errors look like (Bayes' rule)."""
+    looks, seen = found.rig[:-1], found.motion
+    gain = np.linalg.solve(looks @ looks.T + np.eye(len(seen)) + found.root[:-1] @ found.root[:-1].T, looks)
+    mean = gain.T @ seen
+    moment = np.eye(looks.shape[1]) - looks.T @ gain + np.multiply.outer(mean, mean)
+    values, vectors = np.linalg.eigh(moment)
+    return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T)
 
 
 def far_field(layer: Layer | None, circles: Sequence[Circle], x: Floats, y: Floats) -> Floats:
@@ -171,7 +183,7 @@ def _robust(cells: _Cells, noise: float) -> Sag:
     values, vectors = np.linalg.eigh(normal)
     root[:count, :count] = vectors / np.sqrt(values)
     rig = np.zeros((count + 1, len(cells.rig)))
-    return Sag(0.0, 0.0, spread / max(noise, 1e-300), 0.0, mean, root, rig)
+    return Sag(0.0, 0.0, spread / max(noise, 1e-300), 0.0, mean, root, rig, np.eye(len(cells.rig)))
 
 
 def _simplest(
@@ -256,4 +268,6 @@ def _fitted(
     left = np.linalg.norm(errors - weighted @ rig, axis=1) / np.maximum(root, 1e-300)
     known = math.hypot(noise, float(np.median(left)))
     fit = rho / max(noise, 1e-300), rho / max(known, 1e-300)
-    return Sag(float(found[-1]), deviation, *fit, found[motions], half, rig[len(tails) :])
+    return Sag(
+        float(found[-1]), deviation, *fit, found[motions], half, rig[len(tails) :], np.eye(len(cells.rig))
+    )

@@ -20,7 +20,8 @@ class Sag:
     """Fit of the mirror's sinking and of the rig's motion to the heights outside the contacts. c: amplitude
     of the free mode, sigma: its standard deviation; misfit: rms residual over the median noise, beyond: over
     noise and the rig's errors; motion (k,): of the motion's modes; root (1 + k, 1 + k): of the covariance of
-    motion and c; rig (1 + k, m): motion and c that the fit finds in each of the other modes."""
+    motion and c; rig (1 + k, m): motion and c that the fit finds in each of the other modes; kept (m, m): the
+    root of these modes' second moments after it."""
 
     c: float
     sigma: float
@@ -29,6 +30,7 @@ class Sag:
     motion: Floats
     root: Floats
     rig: Floats
+    kept: Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,13 +86,14 @@ class Surface:
         if self.free is not None:
             z, free = z - sag.c * self.free, np.nan_to_num(self.free[few])
         fields = np.concatenate([motion, free[None]])
-        rig = rig - np.tensordot(sag.rig.T, fields, 1)
+        rig = np.tensordot(sag.kept, rig - np.tensordot(sag.rig.T, fields, 1), 1)
         left = np.tensordot(sag.root.T, fields, 1)
         modes = np.concatenate([rig, left]).astype(np.float32)
         displacement = self.displacement
         if displacement is not None:  # motion moves no point along the mirror
             still = np.zeros((len(left), 2, 3))
-            displacement = np.concatenate([displacement[: len(rig)], still, displacement[len(own) :]])
+            mixed = np.tensordot(sag.kept, displacement[: len(rig)], 1)
+            displacement = np.concatenate([mixed, still, displacement[len(own) :]])
         return replace(self, z=z, modes=modes, motions=len(left), displacement=displacement)
 
 

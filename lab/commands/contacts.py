@@ -13,12 +13,12 @@ __all__ = ["command"]
 SAMPLE = """
 $ python -m lab contacts --rigs 2
 Share of errors within one total sigma
-kind      fingers  found  cut  depth  area  position
-ball      2        2      0    1      1     0.75
-punch     0        0      0    -      -     -
-gaussian  7        7      0    0.857  1     0.643
-needle    1        1      0    1      1     0.5
-all       10       10     0    0.9    1     0.65
+kind      fingers  found  cut  depth  area   position
+ball      2        2      0    1      1      0.75
+punch     0        0      0    -      -      -
+gaussian  7        7      0    0.571  0.571  0.571
+needle    1        1      0    1      1      0.5
+all       10       10     0    0.7    0.7    0.6
 """
 
 
