@@ -98,6 +98,8 @@ def test_every_number_agrees_with_the_file_beside_the_page(mirror: Page) -> None
     figures = mirror.figures()
     assert {name for name, _ in shown} == set(figures)
     assert len(shown) > 60
+    assert "%" not in {unit for *_, unit in figures.values()}  # shares, from 0 to 1
+    assert figures["deviation rms"][0] > figures["deviation rms less noise"][0] > 0
     for name, text in shown:
         value, sigma, _ = figures[name]
         if not np.isfinite(value):
