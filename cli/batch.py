@@ -6,7 +6,7 @@ import json
 import os
 import re
 import shutil
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,6 +30,8 @@ _FIRST, _LAST = ("capture", "code", "notices", "good", *_OF_CONTACT), ("digest",
 _OF_ONE_FRAME = re.compile(r"^(file|time) *=.*\n?", re.MULTILINE)
 #: Share of good pixels of the mirror from which a capture makes the profile of others.
 _GOOD = 0.5
+#: Share of most captures' good pixels from which on a capture's are named.
+_FEWER = 0.9
 
 
 @dataclass(frozen=True)
@@ -225,11 +227,16 @@ class Batch:
         return Task(name, self.command.callback.__module__, parameters, os.getcwd())
 
 
-def _notices(rows: Iterable[Row]) -> Iterator[str]:
+def _notices(rows: Collection[Row]) -> Iterator[str]:
     """Notices of all captures; several that differ only in numbers are one line, by the first."""
     same = dict[str, list[str]]()
+    shares = sorted(float(row.values["good"] or 0) for row in rows if not row.failed)
     for row in rows:
-        for notice in filter(None, str(row.values["notices"]).split(" | ")):
+        notices = list(filter(None, str(row.values["notices"]).split(" | ")))
+        if not row.failed and float(row.values["good"] or 0) < _FEWER * (usual := shares[len(shares) // 2]):
+            good = 100 * float(row.values["good"] or 0)
+            notices.append(f"{good:.0f} % of the pixels are good, {100 * usual:.0f} % of most captures'")
+        for notice in notices:
             same.setdefault(re.sub(r"\d[\d.,]*", "", notice), []).append(
                 f"{row.values['capture']}: notice: {notice}"
             )

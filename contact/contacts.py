@@ -36,10 +36,10 @@ class Contact:
     x, y: centroid of the cells deeper than half the depth, position_sigma: of either; depth: of the deepest
     cell, depth_noise: its sigma by noise alone; area (mm^2), volume (mm^3): of these cells; without draws of
     the noise their sigmas are upper bounds: noise is taken as common to them. cut: the map's end or unknown
-    cells end the region, area and volume are lower bounds; hole: cells that are not measured are inside: at
-    the deepest cell the depth is a lower bound. indenter_radius: of the surface inside, inf: flat within
-    three sigma, None: of too few cells. force (N), force_sigma, pressure (the largest, N/mm^2): where the
-    elastic layer is known. row, col: the deepest cell.
+    cells end the region, area and volume are lower bounds; hole: cells that are not measured are inside, or
+    end it at its deepest cell: there the depth is a lower bound. indenter_radius: of the surface inside, inf:
+    flat within three sigma, None: of too few cells. force (N), force_sigma, pressure (the largest, N/mm^2):
+    where the elastic layer is known. row, col: the deepest cell.
     """
 
     x: float
@@ -105,7 +105,8 @@ class Contact:
 class _Dent(NamedTuple):
     """A region in its box, (r, c) each: x, y from the centroid, z, area of every cell, its share in the
     region, growth of the area by a height that is added there, mm^2/mm; draws (K, r, c) of the noise or None,
-    modes (m, r, c); peak: the deepest cell in the box; pitch: side of a cell."""
+    modes (m, r, c); known: cells whose height is known; peak: the deepest cell in the box; pitch: side of a
+    cell."""
 
     x: Floats
     y: Floats
@@ -119,6 +120,7 @@ class _Dent(NamedTuple):
     modes: Floats
     inside: Mask
     holes: Mask
+    known: Mask
     peak: tuple[int, int]
     pitch: float
 
@@ -127,18 +129,23 @@ def contacts(surface: Surface, regions: Sequence[Region], layer: Layer | None) -
     """The figures of a surface's regions, in their order; layer: elastic; None: no force is known."""
     if not regions:
         return ()
-    z, _, holes = filled(surface.z, surface.good)
-    found = [_contact(surface, region, z, holes) for region in regions]
+    z, known, holes = filled(surface.z, surface.good)
+    found = [_contact(surface, region, z, known, holes) for region in regions]
     if layer is None:
         return tuple(found)
     return _pressed(surface, z, found, layer)
 
 
-def _contact(surface: Surface, region: Region, z: Map, holes: Mask) -> Contact:
-    dent = _dent(surface, region, z, holes)
-    depth, noise, tip, beyond = _depth(dent)
+def _contact(surface: Surface, region: Region, z: Map, known: Mask, holes: Mask) -> Contact:
+    dent = _dent(surface, region, z, known, holes)
     weight = dent.share * dent.cell
     area, volume = float(weight.sum()), float((weight * dent.z).sum())
+    lacking = _hidden(dent, weight) if region.cut else 0.0
+    reach = math.sqrt((area + lacking) / math.pi)
+    row, col = dent.peak
+    beside = dent.known[max(row - 1, 0) : row + 2, max(col - 1, 0) : col + 2]
+    ended = beside.size < 9 or not bool(beside.all())
+    depth, noise, tip, beyond = _depth(dent, reach if ended else 0.0)
     x, y = (float((weight * part).sum() / area) for part in (dent.x, dent.y))
     arms = np.stack([dent.x - x, dent.y - y]) / area
     moved = np.zeros((0, 2, 3)) if surface.displacement is None else surface.displacement
@@ -152,10 +159,8 @@ def _contact(surface: Surface, region: Region, z: Map, holes: Mask) -> Contact:
     at = np.array([1.0, region.x + x, region.y + y])
     by_place = shift @ at + np.einsum("krc,arc->ka", grown, arms)
     area_noise, volume_noise, place_noise = _noises(dent, noise, area, depth, weight, arms)
-    lacking = _hidden(dent, weight) if region.cut else 0.0
     doubt = _doubtful(dent)
-    ended = _HALF * tip * float(dent.growth.sum())  # half of a higher tip lies farther inside
-    reach = math.sqrt((area + lacking) / math.pi)
+    inward = _HALF * tip * float(dent.growth.sum())  # half of a higher tip lies farther inside
     radius, radius_sigma = _indenter(dent, depth)
     own = float(np.linalg.norm(modes[:, *dent.peak]))
     return Contact(
@@ -168,19 +173,21 @@ def _contact(surface: Surface, region: Region, z: Map, holes: Mask) -> Contact:
         depth_sigma=norm(noise, tip, beyond, own),
         depth_noise=norm(noise, tip, beyond),
         area=area,
-        area_sigma=norm(area_noise, *by_area, lacking, doubt, ended),
+        area_sigma=norm(area_noise, *by_area, lacking, doubt, inward),
         volume=volume,
-        volume_sigma=norm(volume_noise, *by_volume, (lacking + doubt) * volume / area, _HALF * depth * ended),
+        volume_sigma=norm(
+            volume_noise, *by_volume, (lacking + doubt) * volume / area, _HALF * depth * inward
+        ),
         indenter_radius=radius,
         indenter_radius_sigma=radius_sigma,
         cut=region.cut,
-        hole=region.hole,
+        hole=region.hole or ended,
         row=region.row,
         col=region.col,
     )
 
 
-def _dent(surface: Surface, region: Region, z: Map, holes: Mask) -> _Dent:
+def _dent(surface: Surface, region: Region, z: Map, known: Mask, holes: Mask) -> _Dent:
     box = region.box
     x, y, heights, sigma = (
         np.asarray(part[box], np.float64) for part in (surface.x, surface.y, z, surface.sigma)
@@ -202,11 +209,13 @@ def _dent(surface: Surface, region: Region, z: Map, holes: Mask) -> _Dent:
     modes = np.zeros((0, *heights.shape))
     if surface.modes is not None and len(surface.modes):
         modes = _modes(surface, box)
-    known = np.isfinite(sigma)
-    sigma = np.where(known, sigma, np.median(sigma[known]) if known.any() else 0.0)
+    told = np.isfinite(sigma)
+    sigma = np.where(told, sigma, np.median(sigma[told]) if told.any() else 0.0)
     x, y = np.nan_to_num(x - region.x), np.nan_to_num(y - region.y)
     measured = x, y, heights, sigma, cell
-    return _Dent(*measured, share, growth, slope, draws, modes, region.inside, holes[box], peak, pitch)
+    return _Dent(
+        *measured, share, growth, slope, draws, modes, region.inside, holes[box], known[box], peak, pitch
+    )
 
 
 def _modes(surface: Surface, box: tuple[slice, slice]) -> Floats:
@@ -233,38 +242,44 @@ def _steepness(z: Floats, x: Floats, y: Floats) -> Floats:
     return np.asarray(np.nan_to_num(np.hypot(by_x, by_y), posinf=0.0))
 
 
-def _depth(dent: _Dent) -> tuple[float, float, float, float]:
-    """Depth; its noise; its standard deviations by what lies between cells, and in holes."""
+def _depth(dent: _Dent, reach: float) -> tuple[float, float, float, float]:
+    """Depth; its noise; its standard deviations by what lies between cells, and in holes or, as far as reach,
+    beyond unknown cells or the map's end at the deepest cell."""
     row, col = dent.peak
     depth, noise = float(dent.z[dent.peak]), float(dent.sigma[dent.peak])
     rise, tip = 0.0, 0.0
     for before, after in (((row - 1, col), (row + 1, col)), ((row, col - 1), (row, col + 1))):
-        if all(0 <= r < dent.z.shape[0] and 0 <= c < dent.z.shape[1] for r, c in (before, after)):
+        beside = (before, after)
+        if all(0 <= r < dent.z.shape[0] and 0 <= c < dent.z.shape[1] and dent.known[r, c] for r, c in beside):
             low, high = depth - float(dent.z[before]), depth - float(dent.z[after])
             if min(low, high) > 0:  # the parabola through three cells; a cone ends that much higher
                 rise += (high - low) ** 2 / (8 * (low + high))
                 tip = max(tip, 0.125 * (low + high))
-    beyond = 0.0
-    hole, beside = _hole_at(dent)
+    hole, at = _hole_at(dent), np.zeros(dent.z.shape, np.bool_)
+    at[dent.peak] = True
+    beyond = reach * _flank(dent, at) if reach else 0.0
     if hole.any():  # at most a cone that continues the flank around, over a ring by its width
         width = 2 * float(scipy.ndimage.distance_transform_edt(np.pad(hole, 1)).max()) * dent.pitch
         reach = min(math.sqrt(float(dent.cell[hole].sum()) / math.pi), width)
         rim = scipy.ndimage.binary_dilation(hole, np.ones((3, 3)))
-        top = float(dent.z[rim].max()) + float(np.quantile(dent.slope[beside], 0.9)) * reach
-        beyond = max(top - depth, 0.0)
+        beyond = max(float(dent.z[rim].max()) + _flank(dent, hole) * reach - depth, beyond)
     return depth + rise, noise, tip, beyond
 
 
-def _hole_at(dent: _Dent) -> tuple[Mask, Mask]:
-    """The holes at the deepest cell, beside it or nearly as deep; cells around whose slope is measured."""
+def _hole_at(dent: _Dent) -> Mask:
+    """The holes at the deepest cell, beside it or nearly as deep."""
     labels, _ = scipy.ndimage.label(dent.holes, np.ones((3, 3)))
     row, col = dent.peak
     near = labels[max(row - 1, 0) : row + 2, max(col - 1, 0) : col + 2]
     deep = labels[dent.inside & dent.holes & (dent.z > _INNER * dent.z[dent.peak])]
-    hole = np.isin(labels, np.union1d(near[near > 0], deep))
-    around, clear = scipy.ndimage.binary_dilation(hole, iterations=3), ~dent.holes
-    apart = around & clear & ~scipy.ndimage.binary_dilation(dent.holes)
-    return hole, apart if apart.any() else around & clear
+    return np.isin(labels, np.union1d(near[near > 0], deep))
+
+
+def _flank(dent: _Dent, at: Mask) -> float:
+    """Slope around cells, where it is measured."""
+    around, clear = scipy.ndimage.binary_dilation(at, iterations=3), dent.known & ~dent.holes
+    apart = around & ~scipy.ndimage.binary_dilation(~clear)
+    return float(np.quantile(dent.slope[apart if apart.any() else around & clear], 0.9))
 
 
 def _doubtful(dent: _Dent) -> float:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from optolever.blocks import on_cores
 from optolever.errors import InputError
-from optolever.kernels import F32, F64, inlined
+from optolever.kernels import F32, F64, inlined, plain
 from optolever.patterns import Sequence
 
 from .records import Correspondence
@@ -202,8 +202,14 @@ class Levels:
 
 
 def in_levels(frames: ArrayLike) -> Levels:
-    """Frames scaled for decoding. InputError if no pixel is finite in all of them."""
+    """Frames scaled for decoding, integers as uint16. InputError if no pixel is finite in all of them."""
     stack = np.asarray(frames)
+    if stack.dtype.kind in "iu" and stack.size and stack.dtype not in (np.uint8, np.uint16):
+        low, high = int(stack.min()), int(stack.max())
+        if low < 0 or high > 65535:
+            found = f"frames are {stack.dtype} from {low} to {high}"
+            raise InputError(f"decode: {found}, must be 0 to 65535; take frames.astype(float)")
+        stack = stack.astype(np.uint16)
     if stack.dtype.kind != "f" or stack.ndim != 3 or 0 in stack.shape:
         return Levels(stack)
     finite = np.isfinite(stack).all(axis=0)
@@ -275,7 +281,7 @@ def light_of(
     if rounding is None or white_level is None:
         step, found = levels_of(stack)
         white_level, rounding = white_level or found, step * step / 12
-    return Light(np.ascontiguousarray(stack), float(white_level), table, rounding)
+    return Light(plain(stack), float(white_level), table, rounding)
 
 
 def sample_places(shape: tuple[int, int], runs: int) -> NDArray[np.int64]:

@@ -7,6 +7,7 @@ import numpy as np
 
 from optolever.contact import Surface, contacts, regions
 from optolever.errors import InputError
+from optolever.kernels import plain
 
 from .arrays import Cells, Float, Frame, Mask
 from .chain import COMPRESSED, Settled, settle
@@ -121,10 +122,11 @@ class Live:
         shape = self.prepared.rows, self.prepared.cols
         if np.shape(frame) != shape or np.asarray(frame).dtype.kind != "u":
             raise InputError(
-                f"frame: {np.asarray(frame).dtype} of shape {np.shape(frame)}, must be uint of {shape}"
+                f"frame: {np.asarray(frame).dtype} of {np.shape(frame)}, must be uint8 or uint16 of {shape}; "
+                "of other programs: frame.astype(np.uint16)"
             )
         rows, cols = self.prepared.rig.carriers.lit.shape
-        return np.ascontiguousarray(frame[:rows, :cols])
+        return plain(frame[:rows, :cols])
 
     def _figures(
         self, frame: Frame, settled: Settled, curl: tuple[float, float], deviation: Deviation

@@ -6,6 +6,7 @@ import inspect
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cache, wraps
+from os import PathLike
 from pathlib import Path
 from threading import local
 from types import UnionType
@@ -94,14 +95,16 @@ def _is_record(hint: Any) -> bool:
 
 
 def _types(hint: Any) -> tuple[list[Any], list[Any]] | None:
-    """Types of an annotation's values and, of lists, of their elements; None unless it names records and
-    besides them only None and callables."""
+    """Types of an annotation's values and, of lists, of their elements; None unless it names records or
+    files and besides them only None, texts and callables."""
     kinds: list[Any] = []
     elements: list[Any] = []
     for one in _members(hint):
         origin = get_origin(one)
         if one is type(None) or _is_record(one):
             kinds.append(one)
+        elif one in (Path, str) and Path in _members(hint):
+            kinds += [PathLike, str]
         elif origin is Callable:
             kinds.append(Callable)
         elif origin in (tuple, list, Sequence, Iterable) and all(map(_is_record, _members(get_args(one)[0]))):
@@ -109,7 +112,7 @@ def _types(hint: Any) -> tuple[list[Any], list[Any]] | None:
             kinds += [Iterator] if origin is Iterable else []  # its elements come later
         else:
             return None
-    return (kinds, elements) if elements or any(map(_is_record, kinds)) else None
+    return (kinds, elements) if elements or PathLike in kinds or any(map(_is_record, kinds)) else None
 
 
 def _require(name: str, value: Any, kinds: list[Any], elements: list[Any]) -> None:
@@ -119,7 +122,8 @@ def _require(name: str, value: Any, kinds: list[Any], elements: list[Any]) -> No
             _require(f"{name}[{i}]", each, elements, [])
     elif not isinstance(value, tuple(kinds)):
         records = [one for one in (*kinds, *elements) if _is_record(one)]
-        named = " or ".join(f"{one.__module__.split('.')[1]}.{one.__name__}" for one in records)
+        file = ["path"] if PathLike in kinds else []
+        named = " or ".join([*(f"{one.__module__.split('.')[1]}.{one.__name__}" for one in records), *file])
         cures = "; ".join(f"{_MAKERS[one.__name__]} makes one" for one in records if one.__name__ in _MAKERS)
         plain = isinstance(value, str | Path | int | float | None)
         found = repr(value)[:60] if plain else type(value).__name__

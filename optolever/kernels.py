@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 __all__ = [
     "F32", "F64", "HALF", "I32", "I64", "ONE", "ZERO", "Real", "are_compiled", "cache_folder", "exact",
-    "inlined", "kernel",
+    "inlined", "kernel", "plain",
 ]  # fmt: skip
 
 F32 = NDArray[np.float32]
@@ -55,6 +55,16 @@ def inlined(function: Callable[..., T]) -> Callable[..., T]:
     """A small function that becomes part of its callers' loops. For numbers: of arrays that it takes
     references are counted on every call where it branches; those that a `kernel` takes are not."""
     return _compiled(function, fastmath=_REORDER, inline="always")
+
+
+def plain(array: NDArray[Any]) -> NDArray[Any]:
+    """The array in C order and native bytes, as writable memory: for all else a kernel is compiled anew."""
+    array = np.ascontiguousarray(array, array.dtype.newbyteorder("="))
+    if not array.flags.writeable:  # nobody writes to it, but Numba's type differs
+        interface = dict(array.__array_interface__)
+        interface["data"] = interface["data"][0], False
+        array = np.asarray(type("_View", (), {"__array_interface__": interface, "base": array})())
+    return array
 
 
 def _compiled(function: Callable[..., T], **options: Any) -> Callable[..., T]:

@@ -7,10 +7,10 @@ from typing import Any
 from optolever import InputError
 
 from .forms import FORMS
-from .record import number, positive
+from .record import Float, number, positive
 from .relief import relief
 from .scene import Scene
-from .surface import Formula, Surface
+from .surface import Both, Formula, Surface
 
 __all__ = ["dent", "dent_from_text", "dent_names", "dent_parameters"]
 
@@ -87,7 +87,15 @@ def dent(name: str, scene: Scene, **params: Any) -> Surface:
         return relief(scene, taper=_TAPER * scene.mirror.length, **values)
     formula = Formula(name, _complete(name, scene, values))
     form = partial(FORMS[name], **formula.params)
-    return Surface(lambda x, y: form(x, y)[0], lambda x, y: form(x, y)[1:], formula, both=form)
+    return Surface(partial(_height, form), partial(_gradient, form), formula, both=form)
+
+
+def _height(form: Both, x: Float, y: Float) -> Float:
+    return form(x, y)[0]
+
+
+def _gradient(form: Both, x: Float, y: Float) -> tuple[Float, Float]:
+    return form(x, y)[1:]
 
 
 def dent_from_text(text: str, scene: Scene) -> Surface:

@@ -1,7 +1,10 @@
 // The page of `optolever live`: asks for a reading, draws it, asks for the next. Charts by uPlot.
 "use strict";
 const SPAN = 20, FONT = "12px system-ui, sans-serif";  // s of the traces
-const INKS = ["#e4572e", "#1f9ed8", "#2e9e5b", "#b565d9", "#c99700", "#7f8c9a"];
+const INKS = [  // as many as contacts at most
+  "#e4572e", "#1f9ed8", "#2e9e5b", "#b565d9", "#c99700", "#7f8c9a", "#d62779", "#00a3a3",
+  "#8c564b", "#5b6ee1", "#8a9a00", "#f08a8a", "#7a3fa0", "#3f7f93", "#b08a5a", "#7ccd32",
+];
 const $ = (id) => document.getElementById(id);
 const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 const past = [], slots = new Map();  // readings of the last SPAN s; contact -> its colour

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,8 @@ import numpy as np
 import pytest
 
 from optolever.blocks import ONE_THREAD
+from optolever.decode import Correspondence, Flag
+from optolever.notices import Notice
 from optolever.processes import SAFE_PATH, environment
 
 from .conftest import Program
@@ -59,9 +62,15 @@ def test_heights_of_many_captures_one_of_which_fails(
     decoded = captures[0].parent / "one"
     scene = tmp_path / "rig.toml"
     shutil.copy(captures[0] / "scene.toml", scene)
-    args = ["reconstruct", decoded / "c0.npz", tmp_path / "c1.npz", decoded / "c2.npz", "--jobs", "2"]
+    seen = Correspondence.load(decoded / "c2.npz")
+    flags = np.where(np.arange(seen.u.shape[0])[:, None] < 18, Flag.DARK, seen.flags)
+    replace(seen, flags=flags, notices=(Notice("half; half", 1, 0, ""),)).save(tmp_path / "c2.npz")
+    args = ["reconstruct", decoded / "c0.npz", tmp_path / "c1.npz", tmp_path / "c2.npz", "--jobs", "2"]
     args += ["--scene", scene, "--out", tmp_path / "h"]
-    assert "2 of 3 captures done" in optolever(*args, code=2).out
+    said = optolever(*args, code=2)
+    assert "2 of 3 captures done" in said.out
+    assert "c2: notice: half; half\n" in said.err
+    assert re.search(r"c2: notice: 67 % of the pixels are good, \d+ % of most captures'\n", said.err)
     found = table(tmp_path / "h")
     assert {name: row["code"] for name, row in found.items()} == {"c0": "0", "c1": "2", "c2": "0"}
     assert "c1.npz" in found["c1"]["error"]
@@ -69,7 +78,7 @@ def test_heights_of_many_captures_one_of_which_fails(
         assert float(found[f"c{k}"]["z_max_mm"]) == pytest.approx(0.01 * (k + 1), rel=0.1)
         assert float(found[f"c{k}"]["depth"]) == pytest.approx(0.01 * (k + 1), rel=0.1)
     times = [path.stat().st_mtime_ns for path in sorted((tmp_path / "h").glob("*.npz"))]
-    (decoded / "c2.npz").touch()  # one capture: the others stay
+    (tmp_path / "c2.npz").touch()  # one capture: the others stay
     said = optolever(*args, code=2).out
     assert said.count("as before") == 1
     assert "c0: as before" in said

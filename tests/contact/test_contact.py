@@ -160,3 +160,15 @@ def test_a_dent_that_the_picture_ends_is_cut() -> None:
     (found,) = contacts(made, regions(made), None)
     assert found.cut
     assert abs(found.area - 16 * np.pi) < 2 * found.area_sigma
+
+
+@pytest.mark.parametrize("end", [24, 26, 28, 30])
+def test_a_dent_cut_before_its_tip_is_at_least_so_deep(end: float) -> None:
+    """Unknown cells from x = end on, as far as the map goes; the tip is at x = 30."""
+    made = surface(ball(30, 22, 6, 0.1))
+    good = end > X
+    seen = Surface(X, Y, np.where(good, made.z, np.nan), made.sigma, good)
+    (found,) = contacts(seen, regions(seen), None)
+    assert str(found).startswith("depth at least ")
+    assert found.depth == pytest.approx(made.z[good].max(), abs=2e-4)
+    assert abs(found.depth - 0.1) < 2 * found.depth_sigma

@@ -57,9 +57,11 @@ def test_bytes_are_decoded_as_wider_numbers_are(
     frames = shoot(shown, *smooth, noise=15.0, offset=light + 10, amplitude=light)
     frames[3, 40:44, 20:30] = frames[5, 40:44, 20:30]
     one, two = decode(frames, shown), decode(frames.astype(np.uint16), shown, white_level=255)
+    others = [decode(frames.astype(kind), shown, white_level=255) for kind in (np.int16, np.int64, ">u2")]
     assert 0.05 < np.mean(one.flags != 0) < 0.95
     for field in ("u", "v", "sigma_u", "sigma_v", "flags", "amplitude", "offset"):
-        np.testing.assert_array_equal(getattr(one, field), getattr(two, field))
+        for other in (two, *others):
+            np.testing.assert_array_equal(getattr(one, field), getattr(other, field))
     # probabilities of both axes are joined pixel by pixel, or in vectors, which round in other places
     np.testing.assert_allclose(one.order_error, two.order_error, rtol=1e-6)
 

@@ -4,6 +4,7 @@ import importlib
 import inspect
 import typing
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from types import UnionType
 from typing import Any
 
@@ -51,15 +52,19 @@ def _records(hint: Any) -> list[type]:
     return [one for part in typing.get_args(hint) for one in _records(part)]
 
 
-def _cases() -> list[Any]:
+def _cases(named: Callable[[Any], Any] = _records) -> list[Any]:
     """Function, parameter, its annotation; anchors, which are texts and tuples, too, have their tests."""
     return [
         pytest.param(function, parameter, hint, id=f"{part}.{name}({parameter})")
         for part in PARTS
         for name, function in _callables(part)
         for parameter, hint in typing.get_type_hints(function).items()
-        if parameter not in ("return", "anchor") and _records(hint)
+        if parameter not in ("return", "anchor") and named(hint)
     ]
+
+
+def _is_path(hint: Any) -> bool:
+    return Path in _alternatives(hint) and "[" not in str(hint)
 
 
 def _stand_in(hint: Any) -> object:
@@ -67,21 +72,24 @@ def _stand_in(hint: Any) -> object:
     kinds = _alternatives(hint)
     if type(None) in kinds:
         return None
+    if Path in kinds:
+        return "x"
     if not inspect.isclass(kinds[0]):
         return []
     return tuple.__new__(kinds[0]) if issubclass(kinds[0], tuple) else object.__new__(kinds[0])
 
 
-@pytest.mark.parametrize(("function", "parameter", "hint"), _cases())
+@pytest.mark.parametrize(("function", "parameter", "hint"), [*_cases(), *_cases(_is_path)])
 def test_a_wrong_record_is_one_line(function: Callable[..., Any], parameter: str, hint: Any) -> None:
     """Arguments that are no records are None: the check comes before any of them is used."""
     hints = typing.get_type_hints(function)
     others = {
-        name: _stand_in(hints[name]) if _records(hints.get(name)) and name != "anchor" else None
+        name: _stand_in(hints[name]) if wanted and name != "anchor" else None
         for name in inspect.signature(function).parameters
+        for wanted in [_is_path(hints.get(name)) or _records(hints.get(name))]
     }
     for value in (*WRONG, *RECORDS, *([] if type(None) in _alternatives(hint) else [None])):
-        if isinstance(value, tuple(_records(hint))) and "[" not in str(hint):
+        if isinstance(value, (*_records(hint), *([str] if _is_path(hint) else []))) and "[" not in str(hint):
             continue
         with pytest.raises(InputError) as caught:
             function(**{**others, parameter: value})
