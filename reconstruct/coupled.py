@@ -37,7 +37,7 @@ from .result import (
     without_loose,
 )
 from .rig.calibration import same_capture
-from .rig.hypotheses import likely_mistake, likely_mistake_at_rest, turned_against
+from .rig.hypotheses import likely_mistake, likely_mistake_at_rest, of_another_rig, turned_against
 from .rig.model import LINEAR, Measurement, judged_rig, rig_model, rig_modes
 from .solver.anchors import EDGE_OR_BORDER, Anchors
 from .solver.edges import Doubt, defects, edge_weights
@@ -61,7 +61,7 @@ _FEW = 2e-3  # doubtful edges a pixel, two of which each has: fewer leave the cl
 _ONE = np.ones((1, 1))
 _MIDDLE = Notice(
     "the camera does not see the mirror's edge: its middle counts as at rest, at z = 0", math.nan, math.nan,
-    "if it is pressed there, all heights are wrong: --anchor border, or a point at rest X,Y,0; or --rest",
+    "if it is pressed there, heights are wrong: reconstruct --rest, or --anchor border, or --anchor X,Y,0",
 )  # fmt: skip
 
 
@@ -111,7 +111,7 @@ def reconstruct(
     corrected = measured.corrected(scene)
     steps = 1 if scene.exact else 2
     progress("height", 0, steps)
-    with logged(f"reconstruct {correspondence.u.shape}"), _explained(rest, scene):
+    with logged(f"reconstruct {correspondence.u.shape}"), _explained(measured, scene):
         solution = solved_height(corrected, scene, anchor, mask, lens_errors(correspondence, rest))
     progress("errors of the rig", 1, steps)
     height = _with_rig(solution, measured, scene, accept)
@@ -131,6 +131,7 @@ def reconstruct(
             *off_mirror(height, scene.mirror, anchor is None or isinstance(anchor, str)),
         )
         height = replace(height, notices=(*height.notices, *doubts))
+    height = replace(height, notices=(*height.notices, *of_another_rig(measured, scene)))
     if anchor is None and problem.samples.row.size == 1:
         height = replace(height, notices=(*height.notices, _MIDDLE))
     for notice in height.notices:
@@ -173,15 +174,19 @@ def _with_rig(solution: Solution, measured: Measurement, scene: Scene, accept: b
 
 
 @contextmanager
-def _explained(rest: Correspondence | None, scene: Scene) -> Iterator[None]:
+def _explained(measured: Measurement, scene: Scene) -> Iterator[None]:
     """A capture that cannot be solved names the mistake in its scene that its rest capture shows."""
     try:
         yield
     except InputError as error:
-        mistake = None if rest is None else likely_mistake_at_rest(rest, scene)
-        if mistake is None:
-            raise
-        raise InputError(f"{error}; with one change of the scene the rest capture fits: {mistake}") from error
+        mistake = None if measured.rest is None else likely_mistake_at_rest(measured.rest, scene)
+        if mistake is not None:
+            raise InputError(
+                f"{error}; with one change of the scene the rest capture fits: {mistake}"
+            ) from error
+        for notice in of_another_rig(measured, scene):
+            raise InputError(f"{error}; {notice}") from error
+        raise
 
 
 def solved_height(

@@ -1,6 +1,7 @@
 """Impossible captures: whether a rig of the scene's accuracy can have taken one, and which mistake explains
 it."""
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -9,7 +10,8 @@ import numpy as np
 
 from optolever.decode import Correspondence
 from optolever.errors import InputError
-from optolever.scene import Scene, adjusted, parameter_values, strided, typed_covariance
+from optolever.notices import Notice
+from optolever.scene import PinholeCamera, Scene, adjusted, parameter_values, strided, typed_covariance
 
 from ..arrays import Floats
 from ..geometry import ray_field, traced_rays
@@ -18,12 +20,13 @@ from ..judgement.holes import noise_gain
 from .calibration import flat_mirror
 from .model import LIKELY, Measurement, RigJudgement, judged_rig, rig_model
 
-__all__ = ["likely_mistake", "likely_mistake_at_rest", "turned_against"]
+__all__ = ["likely_mistake", "likely_mistake_at_rest", "of_another_rig", "turned_against"]
 
 _BETTER = 0.1  # of the misfit: the limit for the right description
 _LINES = 24  # rows of the grid on which a rest capture is compared with the flat mirror, or with a press
 _NOISE = 1.0  # px: sag, glass and curvature of a rest capture
 _TENTH = 0.1  # of the deviation: derivatives describe large errors to a tenth
+_TURNS_ROBUST = 8  # of the weights
 _STEP = 0.05  # of a standard deviation
 _RATIOS = {"ten times larger": 10.0, "ten times smaller": 0.1, "twice as large": 2.0, "half as large": 0.5}
 #: Whether u and v are exchanged, then u, v reversed.
@@ -107,10 +110,42 @@ def turned_against(press: Correspondence, rest: Correspondence) -> str | None:
     return best if found[best] < _BETTER * apart((slice(None), slice(None))) else None
 
 
+def of_another_rig(measured: Measurement, scene: Scene) -> tuple[Notice, ...]:
+    """The notice that a flat mirror in this rig shows no pattern, or that the capture at rest (of a prism
+    the press itself) shows it elsewhere than the accuracy of the rig's numbers allows."""
+    seen = measured.correspondence if measured.rest is None else measured.rest
+    few = strided(scene, max(1, min(seen.u.shape) // _LINES))
+    if not np.isfinite(flat_mirror(few)).any():
+        name = "By the scene's numbers no pixel sees the pattern in a flat mirror"
+        return (Notice(name, math.nan, math.nan, "correct them (optolever sensor draws them)"),)
+    camera = scene.camera
+    open_air = isinstance(camera, PinholeCamera) and not camera.face and not scene.medium
+    if measured.rest is None and (scene.accuracy is None or open_air):
+        return ()
+    errors, _, names = _rest_errors(seen, scene, robust=measured.rest is None)
+    far = float(np.sqrt(np.mean(errors**2))) if errors.size else 0.0
+    if far**2 <= LIKELY:
+        return ()
+    most = names[int(np.abs(errors).argmax())]
+    name = f"A flat mirror is seen elsewhere than by the scene's numbers, {most} the most; rms in sigma"
+    cure = f"correct mirror, pattern and camera of the scene ({most} may stand for another), or calibrate"
+    return (Notice(name, far, LIKELY**0.5, cure),)
+
+
 def _rest_misfit(rest: Correspondence, scene: Scene) -> float:
     """Mean square of the errors, in standard deviations, that the rig needs so that a flat mirror explains
-    the rest capture, and of what they leave; 0 where nothing is comparable.
+    the rest capture, and of what they leave; 0 where nothing is comparable."""
+    errors, left, _ = _rest_errors(rest, scene)
+    return float(np.mean(errors**2)) + left if errors.size else 0.0
 
+
+def _rest_errors(
+    rest: Correspondence, scene: Scene, robust: bool = False
+) -> tuple[Floats, float, tuple[str, ...]]:
+    """Errors of the rig's numbers, in standard deviations, by which a flat mirror explains the rest capture,
+    the mean square of what they leave, and their names; none where nothing is comparable.
+
+    robust: places that a dent moves count less.
     Minimises |a|^2 + sum (y - J a)^2 / s^2 over the errors a, y the deviation from the flat mirror in px, s
     at least a pixel and a tenth of y.
     """
@@ -121,7 +156,7 @@ def _rest_misfit(rest: Correspondence, scene: Scene) -> float:
     places = np.stack([rest.u[::step, ::step], rest.v[::step, ::step]])
     some = rest.good[::step, ::step] & np.isfinite(flat).all(axis=0) & np.isfinite(places).all(axis=0)
     if known is None or not some.any():
-        return 0.0
+        return np.zeros(0), 0.0, ()
 
     def moved(row: Floats) -> Floats:
         values = {name: own[name] + _STEP * by for name, by in zip(known.names, row, strict=True)}
@@ -133,10 +168,13 @@ def _rest_misfit(rest: Correspondence, scene: Scene) -> float:
     deviation = (places - flat)[:, some].ravel()
     fields = np.stack([moved(row) for row in known.root], axis=1)
     size = max(_NOISE, _TENTH * float(np.sqrt(np.mean(deviation**2))))
-    normal = fields.T @ fields / size**2 + np.eye(fields.shape[1])
-    errors = np.linalg.solve(normal, fields.T @ deviation / size**2)
-    left = deviation - fields @ errors
-    return float(np.mean(errors**2) + np.mean(left**2) / size**2)
+    weight = np.ones(len(deviation))
+    for _ in range(_TURNS_ROBUST if robust else 1):
+        normal = (fields.T * weight) @ fields / size**2 + np.eye(fields.shape[1])
+        errors = np.linalg.solve(normal, (fields.T * weight) @ deviation / size**2)
+        left = deviation - fields @ errors
+        weight = 1 / (1 + np.square(left / max(_NOISE, 1.4826 * float(np.median(np.abs(left))))))
+    return np.asarray(errors), float(np.mean(left**2)) / size**2, known.names
 
 
 def _mistakes(scene: Scene) -> dict[str, tuple[_Change, Scene]]:

@@ -1,6 +1,7 @@
 """reconstruct() on exact correspondences of traced scenes: figures, anchors, masks, rest captures, starts."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from optolever.reconstruct import (
     exact_correspondence,
     reconstruct,
 )
-from optolever.scene import Surface, load, resize, trace
+from optolever.scene import Scene, Surface, load, resize, trace
 from optolever.scene import dent_from_text as dent
 
 
@@ -130,10 +131,10 @@ def test_rest_capture_takes_off_the_calibration_and_adds_its_noise_and_its_gaps(
 
 
 def test_a_dent_over_the_whole_mirror_is_not_made_worse_by_its_sag(exact) -> None:
-    """Nothing rests, and nothing sank."""
+    """Nothing rests, and nothing sank: 6 nm of 1.3 mm, a hundredth of the least sigma."""
     scene, truth, correspondence = exact("paper-simulation", "raised-cosine", 96, 96)
     _, _, rest = exact("paper-simulation", "flat", 96, 96)
-    assert relative_error(reconstruct(correspondence, scene, rest=rest), truth) < 1e-6
+    assert relative_error(reconstruct(correspondence, scene, rest=rest), truth) < 1e-5
 
 
 @pytest.mark.parametrize("x", [3.0, 30.0])
@@ -175,5 +176,51 @@ def test_against_rest_the_border_stands_in_for_an_edge_that_is_not_seen() -> Non
     mask = np.hypot(row - 30, col - 40) < 25
     rest = exact_correspondence(trace(scene, dent("flat", scene)))
     found = reconstruct(exact_correspondence(truth), scene, mask=mask, rest=rest)
-    assert np.abs(found.z - truth.z)[found.good].max() < 1e-3 * 0.1
+    error = np.abs(found.z - truth.z)[found.good]
+    assert error.max() < 2e-3 * 0.1
+    assert (error < 2 * found.total_sigma[found.good]).all()
     assert not found.notices
+
+
+PRISM = """[mirror]
+size_mm = [60, 45]
+[pattern]
+angle_deg = 48
+size = [75, 75]
+pitch_mm = 0.6
+[camera]
+kind = "telecentric"
+angle_deg = 48
+size = [80, 60]
+pitch_mm = [0.5018, 0.75]
+[medium]
+index = 1.41
+"""
+
+
+@pytest.mark.parametrize("rest", [False, True])
+def test_the_sides_of_the_mirror_exchanged_and_a_display_behind_it_are_named(
+    rest: bool, tmp_path: Path
+) -> None:
+    """Camera and display stand where the mirror's length puts them."""
+    right = load(_written(tmp_path / "right.toml", PRISM))
+    press, still = (exact_correspondence(trace(right, dent(name, right))) for name in ("gaussian", "flat"))
+
+    def said(scene: Scene) -> list[str]:
+        found = reconstruct(press, scene, rest=still if rest else None).notices
+        return [one.name for one in found if "scene's numbers" in one.name]
+
+    assert not said(right)
+    (words,) = said(load(_written(tmp_path / "exchanged.toml", PRISM.replace("[60, 45]", "[45, 60]"))))
+    assert "seen elsewhere than by the scene's numbers" in words
+    x, y, z = right.pattern.origin
+    try:
+        below = "".join(said(replace(right, pattern=replace(right.pattern, origin=(x, y, z - 200)))))
+    except InputError as error:
+        below = str(error)
+    assert "no pixel sees the pattern in a flat mirror" in below
+
+
+def _written(path: Path, text: str) -> Path:
+    path.write_text(text)
+    return path
