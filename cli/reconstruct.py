@@ -162,7 +162,7 @@ def command(
     if "budget_mm" in numbers:
         title = "Uncertainty by source; a contact's depth is less the rig's errors that its surroundings show"
         grid(title, *budget_rows(numbers["budget_mm"]))
-    return 2 if height.implausible else 0
+    return 0 if height.good.any() and not height.implausible else 2
 
 
 def _numbers(height: "ol.reconstruct.HeightMap") -> dict[str, Any]:

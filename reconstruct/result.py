@@ -25,6 +25,8 @@ __all__ = [
     "with_references", "without_loose",
 ]  # fmt: skip
 
+_MOSTLY = 0.5  # of the good pixels: lost, without a word
+_LENGTH = "these pixels have no height; correct [mirror] size_mm, [accuracy] or the anchor"
 _ROWS = 64  # whose medians stand for those of all, about
 _AROUND = np.ones((3, 3), np.uint8)
 _LOST = 0.005  # of the pixels, that a rest capture does not know: above, they are named
@@ -161,8 +163,12 @@ def without_loose(height: HeightMap, mirror: Mirror) -> HeightMap:
     sigma = np.where(height.good, height.total_sigma, np.nan)
     unknown = sigma > _UNKNOWN * mirror.length
     if unknown.any():
+        share = np.count_nonzero(unknown) / np.count_nonzero(height.good)
+        wide = Notice("total sigma exceeds a quarter of the mirror's length, share", share, _MOSTLY, _LENGTH)
+        notices = (*height.notices, wide) if share > _MOSTLY else height.notices
         flags = height.flags | np.where(unknown, np.uint16(HeightFlag.SINGULAR), np.uint16(0))
-        height, sigma = replace(height, flags=flags), np.where(unknown, np.nan, sigma)
+        height = replace(height, flags=flags, notices=notices)
+        sigma = np.where(unknown, np.nan, sigma)
     around = cv2.erode(np.where(np.isfinite(sigma), sigma, np.inf), _AROUND, borderType=cv2.BORDER_REPLICATE)
     loose = sigma > _LOOSE * around
     if not loose.any():

@@ -31,9 +31,9 @@ _STEP = 0.05  # of a standard deviation
 _RATIOS = {"ten times larger": 10.0, "ten times smaller": 0.1, "twice as large": 2.0, "half as large": 0.5}
 #: Whether u and v are exchanged, then u, v reversed.
 _TURNS = {
-    "u runs the other way along the display": (False, True, False),
-    "v runs the other way along the display": (False, False, True),
-    "the display is turned by 180 degrees": (False, True, True),
+    "u runs the other way along the display, or the picture is mirrored": (False, True, False),
+    "v runs the other way along the display, or the picture is mirrored": (False, False, True),
+    "the display is turned by 180 degrees, or the picture is": (False, True, True),
     "u and v are exchanged": (True, False, False),
     "the display is turned by 90 degrees (u and v exchanged, u reversed)": (True, True, False),
     "the display is turned by 270 degrees (u and v exchanged, v reversed)": (True, False, True),

@@ -219,6 +219,8 @@ def test_the_sides_of_the_mirror_exchanged_and_a_display_behind_it_are_named(
     except InputError as error:
         below = str(error)
     assert "no pixel sees the pattern in a flat mirror" in below
+    metres = load(_written(tmp_path / "metres.toml", PRISM.replace("[60, 45]", "[0.06, 0.045]")))
+    assert any("quarter" in one.name or "elsewhere" in one.name for one in reconstruct(press, metres).notices)
 
 
 def _written(path: Path, text: str) -> Path:
