@@ -54,7 +54,8 @@ BLUR = Opt("--blur CELLS", "Rms blur in place of the scene's.", AT_LEAST_0)
 EXPOSURE = Opt("--exposure MS", "Exposure of a frame, rounded up to full refreshes.", AT_LEAST_0)
 ADD = Opt(
     "--add PATTERN",
-    "Also rank a sequence; a folder of images with a coordinates.toml ([[frames]] file, axis) or "
+    "Also rank a sequence (a .toml of more cells than --pixels leaves is cropped); a folder of "
+    "images with a coordinates.toml ([[frames]] file, axis) or "
     "MODULE:FUNCTION, where FUNCTION(rows, cols) returns a patterns.Sequence or images; @MODULE:FUNCTION "
     "after it: a decoder of yours (simulated only).",
 )

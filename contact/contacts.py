@@ -36,10 +36,10 @@ class Contact:
     x, y: centroid of the cells deeper than half the depth, position_sigma: of either; depth: of the deepest
     cell, depth_noise: its sigma by noise alone; area (mm^2), volume (mm^3): of these cells; without draws of
     the noise their sigmas are upper bounds: noise is taken as common to them. cut: the map's end or unknown
-    cells end the region, area and volume are lower bounds; hole: cells that are not measured are inside, or
-    end it at its deepest cell: there the depth is a lower bound. indenter_radius: of the surface inside, inf:
-    flat within three sigma, None: of too few cells. force (N), force_sigma, pressure (the largest, N/mm^2):
-    where the elastic layer is known. row, col: the deepest cell.
+    cells end the region, area, volume and force are lower bounds; hole: cells that are not measured are
+    inside, or end it at its deepest cell: there the depth is a lower bound. indenter_radius: of the surface
+    inside, inf: flat within three sigma, None: of too few cells. force (N), force_sigma, pressure (the
+    largest, N/mm^2; of a cut one too high): where the elastic layer is known. row, col: the deepest cell.
     """
 
     x: float
@@ -84,8 +84,9 @@ class Contact:
         if self.indenter_radius is not None:
             flat = math.isinf(self.indenter_radius)
             parts.append("flat" if flat else f"radius {give('indenter_radius', 'mm')}")
-        if self.force is not None and self.pressure is not None:
-            parts.append(f"force {quantity(self.force, 'N', self.force_sigma or math.nan)}")
+        if self.force is not None:
+            parts.append(f"force {at_least}{quantity(self.force, 'N', self.force_sigma or math.nan)}")
+        if self.pressure is not None and not self.cut:  # a cut is a cliff
             parts.append(f"at most {quantity(self.pressure, 'N/mm²')}")
         return ", ".join(parts)
 

@@ -120,7 +120,7 @@ def _from_function(text: str, rows: int, cols: int) -> Sequence | UserImages:
     elif isinstance(found, Sequence):
         size, pattern = (found.rows, found.cols), found
     else:
-        kind = type(found).__name__
+        kind = f"{found.dtype} {found.shape}" if isinstance(found, np.ndarray) else type(found).__name__
         raise InputError(f"{what}: returns {kind}, must be a Sequence or uint8 images (N, rows, cols)")
     if size != (rows, cols):
         raise InputError(f"{what}: is {size[0]}x{size[1]} cells, must be {rows}x{cols}")

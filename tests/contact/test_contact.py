@@ -168,7 +168,8 @@ def test_a_dent_cut_before_its_tip_is_at_least_so_deep(end: float) -> None:
     made = surface(ball(30, 22, 6, 0.1))
     good = end > X
     seen = Surface(X, Y, np.where(good, made.z, np.nan), made.sigma, good)
-    (found,) = contacts(seen, regions(seen), None)
+    (found,) = contacts(seen, regions(seen), Layer(youngs_modulus_mpa=0.5))
     assert str(found).startswith("depth at least ")
+    assert re.search("force at least .* N$", str(found))
     assert found.depth == pytest.approx(made.z[good].max(), abs=2e-4)
     assert abs(found.depth - 0.1) < 2 * found.depth_sigma

@@ -93,6 +93,7 @@ def test_user_patterns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         "from optolever.patterns import sequence\n"
         "def good(rows, cols):\n    return sequence('phase', rows, cols)\n"
         "def bad(rows, cols):\n    return 7\n"
+        "def dark(rows, cols):\n    import numpy\n    return numpy.zeros((2, rows, cols))\n"
         "def broken(rows, cols):\n    raise ValueError('no')\n"
     )
     monkeypatch.setattr(sys, "path", [part for part in sys.path if part])
@@ -102,6 +103,7 @@ def test_user_patterns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert sys.path == before  # nothing that is imported later comes from there
     for name, complaint in (
         ("bad", "must be a Sequence"),
+        ("dark", "returns float64 .2, 40, 60., must be"),
         ("broken", "ValueError: no"),
         ("none", "imported"),
     ):
