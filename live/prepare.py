@@ -36,6 +36,8 @@ _QUANTISED = 1 / 12  # levels^2: variance by the rounding of a simulated frame
 _SMOOTH = 6.0  # cells: of the map of variances
 _FIRST_SIGMA = 1e-5  # mm: before it is measured
 _CELLS = (1, 2, 4, 8)
+_WHOLE = 0.999  # share of a cell's window that is lit
+_ELSEWHERE, _FEW = 0.05, 0.03  # periods: ten times what a fringe at rest shows; share of the cells
 _PLACED = 0.25  # periods: sigma of the rest map, at most
 _APART = 2.0  # times the median of the frames' mean square differences from their median
 
@@ -77,6 +79,7 @@ def prepare(
         noise = float(np.var(frames, axis=0, ddof=1, dtype=np.float64)[carriers.lit > 0].mean())
         normal = rays.directions[2].astype(np.float32)
         rest = _rest_state(carriers, mean)
+        others += _elsewhere(carriers, rest)
         if noise == 0:  # one image several times, as of a simulated camera: then what the model leaves of it
             left = (mean - model(carriers, rest))[carriers.lit > 0]
             noise = (1.4826 * float(np.median(np.abs(left)))) ** 2
@@ -105,6 +108,22 @@ def _agreeing(frames: Frame) -> tuple[Frame, tuple[Notice, ...]]:
     count, name = int(np.count_nonzero(~same)), f"Frames at rest unlike the others, of {len(same)}"
     cure = "they are left out; keep display and mirror still while it is measured"
     return frames[same], (Notice(name, count, 0, cure),) if count else ()
+
+
+def _elsewhere(carriers: Carriers, rest: State) -> tuple[Notice, ...]:
+    """The notice of cells whose fringe is not where the rest map puts it; InputError where most are not."""
+    turns = np.hypot(*rest.displacement)[carriers.share > _WHOLE]
+    if not turns.size:
+        return ()
+    most, share = float(np.median(turns)), float((turns > 2 * _ELSEWHERE).mean())
+    if most > _ELSEWHERE:
+        cure = "give the period shown, and frames and map of the same mirror, neither mirrored nor turned"
+        raise InputError(
+            f"rest_frames: the fringe lies {most:.2g} periods from where rest_map puts it (median, at most "
+            f"{_ELSEWHERE:g}): {cure}"
+        )
+    name, cure = "Cells at rest whose fringe is elsewhere than by rest_map, share", "measure it at rest anew"
+    return (Notice(name, share, _FEW, cure),) if share > _FEW else ()
 
 
 def _notices(scene: Scene, edge: bool) -> tuple[Notice, ...]:

@@ -117,6 +117,12 @@ def test_a_frame_at_rest_that_is_torn_is_left_out(rest: Rest, shot: Shot, truth:
     assert 0.3 < np.sqrt(np.mean(np.square(ratio))) < 2
 
 
+def test_a_touch_between_map_and_frames_at_rest_is_said(rest: Rest, shot: Shot) -> None:
+    frames = np.stack([shot(((GAUSS, 20.0, 20.0, 3.0, 0.07),), seed) for seed in range(8)])
+    (said,) = prepare(rest.scene, frames, rest.rest_map, rest.fringe).notices
+    assert "fringe is elsewhere than by rest_map" in said.name
+
+
 def test_what_does_not_fit_is_one_line(rest: Rest, prepared: Prepared) -> None:
     wrong = sequence("gray+phase", rest.scene.pattern.rows, rest.scene.pattern.cols)
     for frames, shown, cell, words in (
@@ -127,8 +133,12 @@ def test_what_does_not_fit_is_one_line(rest: Rest, prepared: Prepared) -> None:
     ):
         with pytest.raises(InputError, match=words):
             prepare(rest.scene, frames, rest.rest_map, shown, cell=cell)
+    other = sequence("crossed", rest.scene.pattern.rows, rest.scene.pattern.cols, period=12.0)
+    for frames, shown in ((rest.frames, other), (rest.frames[:, ::-1], rest.fringe)):
+        with pytest.raises(InputError, match=r"where rest_map puts it|does not converge"):
+            prepare(rest.scene, frames, rest.rest_map, shown)
     coarse = replace(rest.rest_map, sigma_v=np.full_like(rest.rest_map.sigma_v, 18.0))
     with pytest.raises(InputError, match=r"rest_map: 0 % .* known to 0.25 of the fringe's period"):
         prepare(rest.scene, rest.frames, coarse, rest.fringe)
-    with pytest.raises(InputError, match="frame: uint8 of shape"):
+    with pytest.raises(InputError, match=r"frame: uint8 of \(4, 4\)"):
         Live(prepared).update(np.zeros((4, 4), np.uint8))
