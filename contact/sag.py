@@ -43,6 +43,7 @@ _TAILED = 9.0  # samples of what tails of dents leave
 _BEYOND = 5.0  # standard deviations: motions beyond their prior are found, too
 _SEEN = 2.0  # standard deviations of c under a load
 _STILL = 2.5  # noises: a mirror that sinks by no more does not sink
+_SINKS = 0.05  # of the largest height: what sinks with it, whatever the far field is
 _FADES, _ANY = range(3, 9), range(1, 7)  # powers of the distance
 _OUTLIER = 3.0  # standard deviations of a robust fit: beyond, cells count less
 _DEVIATION = 1.4826  # standard deviation over median absolute deviation
@@ -194,7 +195,7 @@ def _simplest(
     kinds: list[tuple[float, _Fields, float]] = [
         (_WORSE, partial(far_field, layer), math.inf),
         (_MUCH, partial(_round, _FADES), _STILL * noise),
-        (1.0, partial(_round, _ANY), math.inf),
+        (1.0, partial(_round, _ANY), _SINKS * float(cells.z.max(initial=0.0))),
     ]
     fits = [(much, _fitted(cells, circles, fields, sinks, far, noise)) for much, fields, sinks in kinds]
     found = [(much, one) for much, one in fits if one is not None]

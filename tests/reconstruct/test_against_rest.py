@@ -1,6 +1,7 @@
 """A press against a rest capture: exchanged ones, pixels that rest lacks; the nearest usable anchor."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,8 +9,9 @@ import pytest
 from lab.live.world import BALL, world_of
 from optolever import InputError
 from optolever.decode import Correspondence, Flag
-from optolever.reconstruct import reconstruct
-from optolever.scene import Scene, load, resize
+from optolever.reconstruct import contacts, reconstruct
+from optolever.scene import Scene, load, resize, trace
+from optolever.scene import dent_from_text as dent
 
 SCENE = resize(load("prism48", exact=True), 60, 80)
 
@@ -49,3 +51,41 @@ def test_an_anchor_that_cannot_be_used_names_the_nearest_that_can() -> None:
         reconstruct(press, SCENE, anchor=(50.0, 40.0, 0.0), mask=inside)
     x, y = (float(part) for part in str(refused.value).partition("--anchor ")[2].split(",")[:2])
     assert reconstruct(press, SCENE, anchor=(x, y, 0.0), mask=inside).good.any()
+
+
+DRIFTING = """[mirror]
+size_mm = [150.0, 110.0]
+[pattern]
+size = [1920, 1080]
+pitch_mm = 0.2767
+origin_mm = [20.5, -210.5, 331.0]
+u_axis = [0.0, 1.0, 0.0]
+v_axis = [-0.8, 0.0, -0.6]
+[camera]
+kind = "pinhole"
+size = [80, 64]
+focal_px = 332.0
+position_mm = [{}, {}, {}]
+look_at_mm = [{}, 55.0, 0.0]
+"""
+
+
+@pytest.mark.parametrize("hours", [0, 10, 18])
+def test_a_camera_that_drifts_beyond_its_prior_hides_no_contact(hours: int, tmp_path: Path) -> None:
+    """By 6 um and 2 um of aim an hour: what motion leaves is no far field of the dent."""
+
+    def rig(after: int) -> Scene:
+        path = tmp_path / f"{after}.toml"
+        numbers = 375 + 0.003 * after, 55 + 0.001 * after, 400 + 0.005 * after, 81.64 + 0.002 * after
+        path.write_text(DRIFTING.format(*numbers))
+        return load(path)
+
+    def seen(scene: Scene, name: str, seed: int) -> Correspondence:
+        at, rng = trace(scene, dent(name, scene)), np.random.default_rng(seed)
+        u, v = (part + 0.02 * rng.standard_normal(part.shape) for part in (at.u, at.v))
+        sigma, level = np.full(u.shape, 0.02), np.full(u.shape, 100.0)
+        return Correspondence(u, v, sigma, sigma.copy(), (~at.visible).astype(np.uint16), level, level.copy())
+
+    press = seen(rig(hours), "gaussian:peak=0.02,sigma=10,x=70,y=50", hours)
+    (found,) = contacts(reconstruct(press, rig(0), rest=seen(rig(0), "flat", 99)))
+    assert abs(found.depth - 0.02) < 2 * found.depth_sigma < 0.02
