@@ -47,7 +47,7 @@ def few_good(found: Correspondence, light: Light, sequence: Sequence) -> tuple[N
         inside &= scipy.ndimage.uniform_filter(known, 3, mode="nearest")[some] > 0.5
     bright = amplitude[inside & (amplitude > 0)]
     if not len(bright):
-        return () if found.notices or not inside.size else (_NOTHING,)
+        return (_NOTHING,) if (found.flags & Flag.INVALID).all() and not found.notices else ()
     lit = inside & (amplitude > 0.5 * np.percentile(bright, 95))
     flags = flags[lit]
     good = np.count_nonzero(flags == 0) / len(flags)

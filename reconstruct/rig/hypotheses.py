@@ -114,6 +114,8 @@ def of_another_rig(measured: Measurement, scene: Scene) -> tuple[Notice, ...]:
     """The notice that a flat mirror in this rig shows no pattern, or that the capture at rest (of a prism
     the press itself) shows it elsewhere than the accuracy of the rig's numbers allows."""
     seen = measured.correspondence if measured.rest is None else measured.rest
+    if seen.u.shape != (scene.camera.rows, scene.camera.cols):
+        return ()
     few = strided(scene, max(1, min(seen.u.shape) // _LINES))
     if not np.isfinite(flat_mirror(few)).any():
         name = "By the scene's numbers no pixel sees the pattern in a flat mirror"

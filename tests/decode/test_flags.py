@@ -182,7 +182,8 @@ def test_one_period_alone_is_never_called_good(shoot: Shoot, smooth: Map) -> Non
         (lambda frames: frames[:-1], "21 frames, sequence gray.phase describes 22"),
         (lambda frames: frames[0], "shape"),
         (lambda frames: frames[:, :0], "shape"),
-        (lambda frames: frames.astype(np.int32), "int32"),
+        (lambda frames: frames.astype(np.int32) - 1, "int32 from -1 to -1"),
+        (lambda frames: frames.astype(np.complex64), "complex64"),
         (lambda frames: np.full(frames.shape, np.nan), "no pixel is finite"),
     ],
 )
