@@ -77,13 +77,14 @@ def sag(surface: Surface, layer: Layer | None) -> Sag | None:
         return regions(thin.less(replace(taken, rig=taken.rig[:, :0], kept=taken.kept[:0, :0])))
 
     start = _robust(cells, noise) if len(cells.motion) and cells.z.size else None
-    within = regions(thin) if start is None else regions_less(start)
+    first = regions(thin) if start is None else regions_less(start)
     if start is not None:
         away = (cells.z - start.motion @ cells.motion) / (_OUTLIER * start.misfit * max(noise, 1e-300))
         cells = cells._replace(weight=cells.weight / (1 + away**2))  # where no motion is what modes say
     fits = list[Sag]()
     for far in _FAR:
-        found, before = None, None
+        # each from the robust fit: a contact that one distance loses is not lost to the others
+        found, within, before = None, first, None
         for _ in range(_ROUNDS):
             circles = [one.circle for one in within]
             if circles == before:
