@@ -198,6 +198,7 @@ def _simplest(
         (_MUCH, partial(_round, _FADES), _STILL * noise),
         (1.0, partial(_round, _ANY), _SINKS * float(cells.z.max(initial=0.0))),
     ]
+    kinds = kinds if cells.free.any() else kinds[:1]  # without a sag no far field looks like one
     fits = [(much, _fitted(cells, circles, fields, sinks, far, noise)) for much, fields, sinks in kinds]
     found = [(much, one) for much, one in fits if one is not None]
     best = min((one.misfit for _, one in found), default=0.0)
