@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import fields, replace
 
 from optolever.errors import InputError
-from optolever.scene import GAUGE_HELD, TYPED, Accuracy, PinholeCamera, Scene, parameter_values, typed_sigmas
+from optolever.scene import GAUGE_HELD, TYPED, Accuracy, Scene, parameter_values, typed_sigmas
 
 __all__ = ["GAUGE", "MEANING", "default_priors", "is_pose", "plausible", "resolved", "unused_accuracy"]
 
@@ -73,7 +73,7 @@ def default_priors(scene: Scene) -> dict[str, float]:
         for name in names
         if field in stated and name in typed and typed[name] > 0
     }
-    if _open_air(scene):
+    if scene.open_air:
         held = ("pattern.pitch", "camera.k3", *GAUGE_HELD)
         return {name: sigma for name, sigma in wide.items() if name not in held} | own
     sigmas = typed | _lens(scene) | own
@@ -91,11 +91,6 @@ _OF_FIELD = {
 }
 
 
-def _open_air(scene: Scene) -> bool:
-    """Whether captures alone may determine the rig."""
-    return isinstance(scene.camera, PinholeCamera) and scene.camera.face is None and scene.medium is None
-
-
 def _stated(scene: Scene) -> set[str]:
     """Fields of the scene's accuracy that are not those of a rig set up by hand."""
     known = scene.accuracy or TYPED
@@ -106,7 +101,7 @@ def unused_accuracy(scene: Scene) -> list[str]:
     """A line for each number of [accuracy] that is stated, and has no effect on a calibration."""
     later = "reconstruct uses it"
     why = dict.fromkeys(("glass", "centroid"), later) | {"sag": f"rest:ORDER,SIGMA states it; {later}"}
-    if _open_air(scene):
+    if scene.open_air:
         free = "the captures determine these numbers; to hold one: calibrate --prior camera.z=0.1"
         why |= {"angle": free, "distance": free}
     known, priors = scene.accuracy or TYPED, default_priors(scene)

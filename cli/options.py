@@ -61,8 +61,8 @@ _NUMBERS = "Write the numbers too: JSON, or CSV (figure, value)."
 _SENSOR = "Standard deviation of Gaussian noise added to that of the scene's sensor, in 8-bit levels."
 _ANCHOR = (
     "The known height: edge, the camera-side edge at rest (default); where that is not in view border, of "
-    "what the camera sees (default with --rest), or middle, of the mirror (default in open air); or a point "
-    "in mm (SOFAST: its datum)."
+    "the view (default with --rest), or middle, of the mirror (default in open air); or a point in mm "
+    "(SOFAST: its datum)."
 )
 _PITCH = "Pitch of the regular grid; default: about that of the camera's pixels."
 _SCREEN = "Size of the display of the sequence, such as 1920x1080."

@@ -210,8 +210,8 @@ def _dent(surface: Surface, region: Region, z: Map, known: Mask, holes: Mask) ->
     modes = np.zeros((0, *heights.shape))
     if surface.modes is not None and len(surface.modes):
         modes = _modes(surface, box)
-    told = np.isfinite(sigma)
-    sigma = np.where(told, sigma, np.median(sigma[told]) if told.any() else 0.0)
+    finite = np.isfinite(sigma)
+    sigma = np.where(finite, sigma, np.median(sigma[finite]) if finite.any() else 0.0)
     x, y = np.nan_to_num(x - region.x), np.nan_to_num(y - region.y)
     measured = x, y, heights, sigma, cell
     return _Dent(

@@ -24,7 +24,7 @@ from optolever.reconstruct import (
     curvature_map,
     slope_map,
 )
-from optolever.scene import PinholeCamera, Scene, Trace
+from optolever.scene import Scene, Trace
 
 __all__ = ["Measurement", "Study"]
 
@@ -125,8 +125,7 @@ class Measurement:
         scene = self.scene
         if scene is None:
             return bool(self.form)
-        bare = scene.medium is None and scene.layer is None
-        return bare and isinstance(scene.camera, PinholeCamera) and scene.camera.face is None
+        return scene.open_air and scene.layer is None
 
     @cached_property
     def readings(self) -> dict[str, dict[str, float]]:

@@ -92,11 +92,11 @@ def reconstruct(
 ) -> HeightMap:
     """The mirror behind a correspondence, by Newton's method with an integrating factor.
 
-    anchor: what settles the free mode: 'edge' (default: the camera-side edge x = L0 rests), 'border' (of what
-    the camera sees: default without that edge in view, if rest is given), 'middle' (default else in open
-    air), a point (x, y, z) in mm, or anchors of `anchors`. mask (H, W):
-    pixels to use, among those without a flag. rest: what was decoded from the mirror at rest; its deviation
-    from the scene's prediction is taken off as an error of calibration.
+    anchor: what settles the free mode: 'edge' (default: the camera-side edge x = L0 rests), 'border' (of the
+    camera's view: default without that edge in it, if rest is given), 'middle' (default else in open air), a
+    point (x, y, z) in mm, or anchors of `anchors`. mask (H, W): pixels to use, of those without a flag.
+    rest: what was decoded from the mirror at rest; its deviation from the scene's prediction is taken off as
+    an error of calibration.
     accept: keep the heights of a capture that no rig of this scene's accuracy can have taken; else all its
     pixels are flagged IMPLAUSIBLE.
     progress: called with what is being done, how many steps are done, and of how many. Raises InputError if
@@ -184,9 +184,9 @@ def _explained(measured: Measurement, scene: Scene) -> Iterator[None]:
             raise InputError(
                 f"{error}; with one change of the scene the rest capture fits: {mistake}"
             ) from error
-        for notice in of_another_rig(measured, scene):
-            raise InputError(f"{error}; {notice}") from error
-        raise
+        if not (found := of_another_rig(measured, scene)):
+            raise
+        raise InputError(f"{error}; {found[0]}") from error
 
 
 def solved_height(

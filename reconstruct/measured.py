@@ -23,7 +23,7 @@ from optolever.blocks import over_image, over_rows
 from optolever.kernels import kernel
 from optolever.scene import PatternShape
 
-from .arrays import Floats, Mask, Pair
+from .arrays import Floats, Mask, Pair, some_rows
 from .geometry import PAD, RayField, rest_distance
 
 __all__ = ["Measured"]
@@ -35,7 +35,6 @@ _ALONG, _ACROSS = 2, 1  # rows and columns on either side that predict where it 
 #: of several cells (of up to 88 % of the pixels). Coordinates of other codes are nowhere exactly at a middle.
 _MIDDLES = 0.05
 #: Rows sampled for that, about.
-_ROWS = 64
 _BLOCK = 1 << 13  # pixels at once: what they need stays in the cache
 _MARGIN = 1e4  # between the noise at two places of the mirror, at most
 
@@ -63,7 +62,7 @@ class Measured:
         errors are those of neighbours, so that differences of neighbours say nothing about them.
         bridged (rows, cols): pixels that were interpolated.
         """
-        rows = slice(None, None, max(1, len(self.u) // _ROWS))
+        rows = some_rows(self.u)
         seen = self.mask[rows] & ~bridged[rows]
         values = (part[rows][seen] for part in (self.u, self.v))
         return all(bool(np.mean(2 * x == np.rint(2 * x)) > _MIDDLES) for x in values)

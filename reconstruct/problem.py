@@ -11,7 +11,7 @@ from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.scene import Pattern, Scene
 
-from .arrays import Floats, Labels, Mask, Pair
+from .arrays import Floats, Labels, Mask, Pair, some_rows
 from .geometry import RayField, pattern_plane, ray_field
 from .judgement.holes import bridged, small_holes
 from .measured import Measured
@@ -23,7 +23,6 @@ __all__ = ["Problem", "on_pixels", "prepare"]
 _LEAST = 2  # rows and columns of pixels
 _LEAST_SIGMA = 1e-5
 #: Rows on which it is looked how the slopes' variances go, about.
-_ROWS = 64
 #: Deviations that noise may lead beyond the pattern.
 _NOISE = 5.0
 #: Pixels of a component: with fewer, the way to an anchor has no estimate of the change of slope.
@@ -257,10 +256,10 @@ def _on(at: NDArray[Any], sigma: NDArray[Any], extent: int) -> Mask:
 
 def _rows_rule(data: Measured) -> bool:
     """True if the slopes' variance depends on the row rather than on the column."""
-    every = max(1, len(data.mask) // _ROWS)
+    rows = some_rows(data.mask)
     with np.errstate(divide="ignore", invalid="ignore"):
-        values = np.log(data.variances(data.rest(), every)[0][::every])
-    known, spreads = data.mask[::every] & np.isfinite(values), []
+        values = np.log(data.variances(data.rest(), rows.step)[0][rows])
+    known, spreads = data.mask[rows] & np.isfinite(values), []
     for axis in (0, 1):
         count = known.sum(axis=axis)
         means = np.where(known, values, 0.0).sum(axis=axis)[count > 0] / count[count > 0]

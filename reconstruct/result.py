@@ -27,7 +27,6 @@ __all__ = [
 
 _MOSTLY = 0.5  # of the good pixels: lost, without a word
 _LENGTH = "these pixels have no height; correct [mirror] size_mm, [accuracy] or the anchor"
-_ROWS = 64  # whose medians stand for those of all, about
 _AROUND = np.ones((3, 3), np.uint8)
 _LOST = 0.005  # of the pixels, that a rest capture does not know: above, they are named
 _HOLLOW = 0.3  # of the depth: silicone rises less beside a contact
@@ -125,7 +124,7 @@ def with_references(
     if np.nanmax(settled, initial=0.0) > 0:
         parts.append((f"anchor {anchor!r}", np.fmin(settled, height.sigma)))
     if rest is not None:
-        few = slice(None, None, max(1, len(rest.u) // _ROWS))
+        few = some_rows(rest.u)
         both = corrected.good[few] & rest.good[few]
         own, whole = (
             (

@@ -63,6 +63,12 @@ class Scene(Record):
         """Whether the scene's numbers have no errors (simulations)."""
         return self.accuracy is None and self.covariance is None
 
+    @property
+    def open_air(self) -> bool:
+        """Whether neither a prism nor a camera face lies before the mirror."""
+        camera = self.camera
+        return isinstance(camera, PinholeCamera) and camera.face is None and self.medium is None
+
     def __repr__(self) -> str:
         mirror, pattern, camera = self.mirror, self.pattern, self.camera
         inside = "ideal mirror" if self.medium is None else f"in a medium of index {self.medium.index:g}"

@@ -10,12 +10,12 @@ from optolever.decode import Correspondence, Flag
 from optolever.errors import InputError
 from optolever.scene import Scene
 
-from ..arrays import Floats
+from ..arrays import Floats, some_rows
 from ..geometry import RayField, ray_field, rest_distance, rest_height
 
 __all__ = ["flat_mirror", "rest_corrected", "same_capture"]
 
-_SAME, _ROWS = 0.02, 64  # standard deviations of the noise, in so many rows
+_SAME = 0.02  # standard deviations of the noise
 _BLOCK = 1 << 14  # pixels at once: what they need stays in the cache
 _FORM_STEPS = 4  # each leaves the form's slope times the ray's, some thousandths
 
@@ -90,7 +90,7 @@ def _reflected(scene: Scene, o: Floats, d: Floats) -> Floats:
 def same_capture(pressed: Correspondence, rest: Correspondence) -> bool:
     """Whether both are one capture: they differ by less than a fiftieth of their noise, so that no second
     exposure can have made them."""
-    few = slice(None, None, max(1, len(rest.u) // _ROWS))
+    few = some_rows(rest.u)
     both = pressed.good[few] & rest.good[few] if pressed.u.shape == rest.u.shape else np.zeros(1, np.bool_)
     if not both.any():
         return False

@@ -11,9 +11,9 @@ import numpy as np
 from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.notices import Notice
-from optolever.scene import PinholeCamera, Scene, adjusted, parameter_values, strided, typed_covariance
+from optolever.scene import Scene, adjusted, parameter_values, strided, typed_covariance
 
-from ..arrays import Floats
+from ..arrays import Floats, some_rows
 from ..geometry import ray_field, traced_rays
 from ..judgement.circulation import circulation_chi2
 from ..judgement.holes import noise_gain
@@ -23,10 +23,10 @@ from .model import LIKELY, Measurement, RigJudgement, judged_rig, rig_model
 __all__ = ["likely_mistake", "likely_mistake_at_rest", "of_another_rig", "turned_against"]
 
 _BETTER = 0.1  # of the misfit: the limit for the right description
-_LINES = 24  # rows of the grid on which a rest capture is compared with the flat mirror, or with a press
+_LINES = 24  # rows of the grid on which a rest capture is compared with the flat mirror
 _NOISE = 1.0  # px: sag, glass and curvature of a rest capture
 _TENTH = 0.1  # of the deviation: derivatives describe large errors to a tenth
-_TURNS_ROBUST = 8  # of the weights
+_REWEIGHTED = 8  # times
 _STEP = 0.05  # of a standard deviation
 _RATIOS = {"ten times larger": 10.0, "ten times smaller": 0.1, "twice as large": 2.0, "half as large": 0.5}
 #: Whether u and v are exchanged, then u, v reversed.
@@ -98,7 +98,7 @@ def likely_mistake_at_rest(rest: Correspondence, scene: Scene) -> str | None:
 def turned_against(press: Correspondence, rest: Correspondence) -> str | None:
     """The turn of the pictures without which press and rest lie ten times nearer to each other, in words."""
 
-    few = slice(None, None, max(1, len(rest.u) // _LINES))
+    few = some_rows(rest.u)
 
     def apart(flip: tuple[slice, slice]) -> float:
         both = press.good[few] & rest.good[flip][few]
@@ -120,9 +120,7 @@ def of_another_rig(measured: Measurement, scene: Scene) -> tuple[Notice, ...]:
     if not np.isfinite(flat_mirror(few)).any():
         name = "By the scene's numbers no pixel sees the pattern in a flat mirror"
         return (Notice(name, math.nan, math.nan, "correct them (optolever sensor draws them)"),)
-    camera = scene.camera
-    open_air = isinstance(camera, PinholeCamera) and not camera.face and not scene.medium
-    if measured.rest is None and (scene.accuracy is None or open_air):
+    if measured.rest is None and (scene.accuracy is None or scene.open_air):
         return ()
     errors, _, names = _rest_errors(seen, scene, robust=measured.rest is None)
     far = float(np.sqrt(np.mean(errors**2))) if errors.size else 0.0
@@ -171,7 +169,7 @@ def _rest_errors(
     fields = np.stack([moved(row) for row in known.root], axis=1)
     size = max(_NOISE, _TENTH * float(np.sqrt(np.mean(deviation**2))))
     weight = np.ones(len(deviation))
-    for _ in range(_TURNS_ROBUST if robust else 1):
+    for _ in range(_REWEIGHTED if robust else 1):
         normal = (fields.T * weight) @ fields / size**2 + np.eye(fields.shape[1])
         errors = np.linalg.solve(normal, (fields.T * weight) @ deviation / size**2)
         left = deviation - fields @ errors

@@ -4,7 +4,7 @@ The slopes leave one degree of freedom per connected component (dt ~ E, the inte
 h = C x, a rotation about the pattern's edge). Nothing in the image fixes it; an anchor does.
 
 The default is the camera-side edge at rest: the line x = L0, z = 0, reached by extrapolation from the pixels
-next to it. Where the camera does not see that line, the default is the border of what it sees, if the mirror
+next to it. Where the camera does not see that line, the default is the border of its view, if the mirror
 was captured at rest; else the middle of a mirror in open air; of a prism a point, a pixel's height or a
 distance must be named.
 
@@ -20,7 +20,7 @@ import numpy as np
 import scipy.ndimage
 
 from optolever.errors import InputError
-from optolever.scene import Camera, PinholeCamera, Scene
+from optolever.scene import Camera, Scene
 
 from ..arrays import Floats, Ints, Labels, Mask, Pair
 from ..geometry import RayField, rest_distance, rest_height
@@ -95,7 +95,7 @@ class Samples(NamedTuple):
 
 def anchor_samples(anchor: Anchors, scene: Scene, rays: RayField, mask: Mask) -> Samples:
     """Anchors as known distances at pixels. 'edge': the camera-side edge at rest; 'middle': the middle at
-    rest; 'border': the border of what the camera sees at rest; EDGE_OR_BORDER: the latter where no valid
+    rest; 'border': the border of the camera's view at rest; EDGE_OR_BORDER: the latter where no valid
     pixel lies at the edge; None: the edge, or then in open air the middle.
 
     Raises InputError if an anchor cannot be used with this scene and mask.
@@ -109,10 +109,9 @@ def anchor_samples(anchor: Anchors, scene: Scene, rays: RayField, mask: Mask) ->
     try:
         parts = [_samples(each, scene, rays, mask) for each in _listed(anchor)]
     except InputError:
-        camera = scene.camera
         if isinstance(anchor, str) and anchor == EDGE_OR_BORDER:
             return _border_samples(scene, rays, mask)
-        if anchor is not None or not isinstance(camera, PinholeCamera) or camera.face or scene.medium:
+        if anchor is not None or not scene.open_air:
             raise
         return anchor_samples("middle", scene, rays, mask)
     return Samples(*(np.concatenate(part) for part in zip(*parts, strict=True)))

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from optolever.blocks import over_image, threads
 from optolever.kernels import F32, exact
 
-from ..arrays import Floats, Mask
+from ..arrays import Floats, Mask, some_rows
 from .edges import apply_laplacian, divergence
 from .multigrid import Multigrid
 
@@ -37,7 +37,6 @@ _LEAK = 1e-4  # of its column's mean weight: what a missing edge conducts in the
 _SINGLE = 1e-4
 _PEAK = 1e-3  # of a logarithm, whose range is some 10
 _ABREAST = 8  # modes
-_SAMPLE = 64  # rows, about
 _MOST = 500  # iterations
 _BORROWED = 60  # of them with the preconditioner of other weights
 
@@ -265,7 +264,7 @@ def spread(weights: Floats) -> float:
     """rms of log(weights / their column's profile) over the edges that exist;
     estimated from some of the rows.
     """
-    sample = weights[:: max(1, weights.shape[0] // _SAMPLE)]
+    sample = weights[some_rows(weights)]
     present = sample > 0
     if not present.any():
         return 0.0

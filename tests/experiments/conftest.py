@@ -20,5 +20,5 @@ def demo() -> DemoResult:
 
 @pytest.fixture
 def browser(tmp_path: Path) -> Browser:
-    """Opens a page in headless Chromium with more options; gives back what it prints."""
+    """Opens a page in headless Chromium with more options; returns its output."""
     return lambda page, *options: printed(page.as_uri(), tmp_path / "profile", *options)
