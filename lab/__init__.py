@@ -6,15 +6,15 @@ It may import every module of `optolever`; tests alone import it.
 |---|---|
 | `program.py`, `commands/` | the program; one file a command, named as it |
 | `figures/` | figures beside their limits |
-| - `figures.py` | run_figures; reflection by brute force, which checks scene.trace |
-| - `decode_speed.py`, `decode_errors.py` | the decoder: speed, and errors beside what noise allows |
+| - `figures.py` | run_figures: the demo and its error bars |
+| - `decode_speed.py` | the decoder's speed |
 | - `peers.py` | other decoders on the same frames: fringes, OpenCV |
-| - `solver_figures.py`, `solver_bound.py` | the solver: exactness, time; its noise and the bound |
-| - `ideal.py`, `place.py` | codes by their definitions; a dented mirror, its exact correspondence |
+| - `solver_figures.py`, `solver_bound.py` | the solver's time; the bound of its errors |
+| - `ideal.py` | codes by their definitions |
 | - `batch.py` | many captures: two processes beside one |
 | - `page.py` | docs/benchmarks.md and its chart |
 | - `contacts.py` | contacts on rigs drawn from the priors, against their total sigma |
-| - `house.py` | the source in figures: lines, private words, types, constants |
+| - `house.py` | the source in figures: lines, constants |
 | `calibration/` | what a calibration is worth |
 | - `rigs.py`, `figures.py` | rigs with errors and captures on them; the figures |
 | - `typed.py` | rigs that are not as typed: heights against their total sigma |
@@ -25,5 +25,4 @@ It may import every module of `optolever`; tests alone import it.
 | `live/` | heights of single frames |
 | - `world.py` | an independent renderer of dents |
 | - `streams.py`, `figures.py` | eleven kinds of streams, faults; time, error and sigma beside limits |
-| - `soak.py` | growth of memory, threads and files over a long run |
 """

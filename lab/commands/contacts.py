@@ -26,7 +26,6 @@ all       10       10     0    0.7    0.7    0.6
 def command(
     rigs: Annotated[int, Opt("--rigs N", "Number of them.", click.IntRange(1))] = 45,
     seed: Seed = 2,
-    differences: Annotated[bool, Opt("--differences", "Modes by whole solves, not `reconstruct`'s.")] = False,
     json_path: Json = None,
 ) -> None:
     """Press two to five fingers on rigs drawn from the priors, and compare contacts with the truth.
@@ -37,7 +36,7 @@ def command(
 
     drawn: list[Compared] = []
     with progress() as step:
-        for number, part in enumerate(contact_figures(rigs, seed, differences=differences)):
+        for number, part in enumerate(contact_figures(rigs, seed)):
             step("rigs", number, rigs)
             drawn += part
     table = {}

@@ -12,23 +12,20 @@ from optolever.cli.show import grid, number, progress, write_json
 __all__ = ["command"]
 
 SAMPLE = """
-$ python -m lab figures
+$ python -m lab figures --pixels 256x256
 Figures
-figure                                                measured      limit
-trace against brute force, paper-simulation, largest  8.527e-14 px  at most 1e-09
-GLSL against float64, paper-simulation, decoded rms   1.539e-05 px  at most 0.002
+figure                                measured  limit
+...
+demo, unflagged                       97.63 %   at least 95
+demo, rms(error / sigma) of u         0.915     at least 0.9, at most 1.1
 ...
 """
 
 
 DECODE = Opt(
-    "--decode",
-    "Measure the decoder instead: speed beside memory, `fringes` and OpenCV, on the same frames; errors "
-    "beside what noise allows.",
+    "--decode", "The decoder's time beside memory's, `fringes` and OpenCV, on the same frames, instead."
 )
-RECONSTRUCT = Opt(
-    "--reconstruct", "Measure the reconstructor instead: exactness, time, memory, the Cramer-Rao bound."
-)
+RECONSTRUCT = Opt("--reconstruct", "The reconstructor's time beside that of cosine transforms, instead.")
 PAGE = Opt(
     "--page", "Write docs/benchmarks.md and its chart instead: some of all of these, in a few minutes."
 )
@@ -43,17 +40,16 @@ def command(
     size: Size = None,
     json_path: Json = None,
 ) -> None:
-    """Measure exactness, speed and noise, each beside its limit.
+    """Measure errors and speed, each beside its limit.
 
-    Trace against brute force, GLSL against float64, frames per second, the demo with and without blur, error
-    bars over many seeds, and many captures by two processes. --pixels resamples the demo alone (with
-    --decode: it is the frames' size, 1920x1080 if not given).
+    The demo with and without blur, error bars over many seeds, and many captures by two processes. --pixels
+    resamples the demo alone (with --decode: it is the frames' size, 1920x1080 if not given).
     """
     from ..figures.batch import batch_figures
     from ..figures.decode_speed import run_decode_figures
     from ..figures.figures import run_figures
     from ..figures.house import ROOT
-    from ..figures.solver_figures import run_solver_figures
+    from ..figures.solver_figures import run_solver_times
 
     if page:
         from ..figures.page import write_page
@@ -68,7 +64,7 @@ def command(
         raise click.UsageError("--pixels: the reconstructor's figures have their own sizes")
     with progress() as step:
         if only_reconstruct:
-            figures = run_solver_figures(seeds=seeds, progress=step)
+            figures = run_solver_times()
         elif only_decode:
             figures = run_decode_figures(size=size or (1080, 1920), progress=step)
         else:

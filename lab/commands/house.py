@@ -12,11 +12,11 @@ __all__ = ["command"]
 SAMPLE = """
 $ python -m lab house --part patterns
 Parts
-part       files  lines  at most  JS, GLSL  private words  Any  wide  constants
-patterns   6      1016   1000     0         0.0 in 100     5    0     3
-installed         1016   38000
+part       files  lines  at most  JS, GLSL  constants
+patterns   6      963    1000     0         7
+installed         963    38000
 """
-HEADER = ("part", "files", "lines", "at most", "JS, GLSL", "private words", "Any", "wide", "constants")
+HEADER = ("part", "files", "lines", "at most", "JS, GLSL", "constants")
 
 
 @program("house", SAMPLE)
@@ -24,24 +24,18 @@ def command(
     parts: Annotated[tuple[str, ...], Opt("--part NAME", "Only this one; again for more.")] = (),
     json_path: Json = None,
 ) -> None:
-    """Count lines of the installed parts, lab and tests beside their limits, private words, types, constants.
+    """Count lines of the installed parts, lab and tests beside their limits.
 
-    private words: of the project's own dialect (STYLE.md), per 100 words of docstrings and comments; Any:
-    parameters typed so; wide: functions of more than 8 parameters, kernels apart; constants: numbers named
-    at a module's top.
+    constants: numbers named at a module's top.
     """
     from ..figures.house import BESIDE, PARTS, ROOT, house, total
 
     rows = [house(part) for part in parts or (*PARTS, *BESIDE) if (ROOT / part).is_dir()]
     installed = total(rows)
     lines = [
-        [
-            *map(str, (row.part, row.files, row.lines, row.limit or "", row.scripts)),
-            f"{row.private_words:.1f} in 100",
-            *map(str, (row.any_parameters, row.wide_functions, row.constants)),
-        ]
+        [*map(str, (row.part, row.files, row.lines, row.limit or "", row.scripts, row.constants))]
         for row in rows
     ]
-    sums = ["installed", "", str(installed["lines"]), str(installed["limit"]), *[""] * 5]
+    sums = ["installed", "", str(installed["lines"]), str(installed["limit"]), "", ""]
     grid("Parts", HEADER, [*lines, sums])
     write_json(json_path, {"parts": [asdict(row) for row in rows], "installed": installed})

@@ -29,7 +29,6 @@ def command(
         int, Opt("--streams FRAMES", "Only eleven kinds of streams of so many frames.", click.IntRange(0))
     ] = 0,
     vibration: Annotated[bool, Opt("--vibration", "Only a surface that vibrates: 12 s at 60 Hz.")] = False,
-    soak: Annotated[float, Opt("--soak MINUTES", "Only the virtual rig with page, client, recording.")] = 0.0,
     seed: Seed = 1,
     json_path: Json = None,
 ) -> None:
@@ -40,17 +39,12 @@ def command(
     with more than 0.1 % of the heights beyond five sigma, silent the ones without a notice; off are contacts
     whose depth is beyond five sigma."""
     from ..live.figures import live_rows, transforms_ms
-    from ..live.soak import soaked
 
     if streams:
         write_json(json_path, _streams(size, streams, seed))
         return
     if vibration:
         write_json(json_path, _vibration(size, seed))
-        return
-    if soak:
-        found = list(soaked(soak, size, seed))
-        grid("Soak", list(found[0]), [[number(value) for value in row.values()] for row in found])
         return
     rows = []
     with progress() as step:

@@ -31,7 +31,6 @@ __all__ = ["KINDS", "Compared", "Finger", "contact_figures", "coverage", "drawn_
 
 KINDS = ("ball", "punch", "gaussian", "needle")
 _GAUGE = (0.5, 0.5, np.radians(1.0))  # mm, mm, rad: where the whole rig stands along the mirror
-_STEP = 0.1  # of a standard deviation
 _TAPER = 0.1  # of the mirror's length, as dents of a scene fade to the edge at rest
 _FINE, _COARSE = 0.05, 0.25  # mm: grids of the true areas and of the dents that merge
 
@@ -73,17 +72,14 @@ class Compared:
     scores: dict[str, float]
 
 
-def contact_figures(
-    rigs: int, seed: int = 0, size: tuple[int, int] = (120, 160), differences: bool = False
-) -> Iterator[list[Compared]]:
-    """Fingers of every drawn rig against what was found, none where the rig gives no height; differences: see
-    `press`."""
+def contact_figures(rigs: int, seed: int = 0, size: tuple[int, int] = (120, 160)) -> Iterator[list[Compared]]:
+    """Fingers of every drawn rig against what was found, none where the rig gives no height."""
     scene = resize(load("prism48"), *size)
     for number in range(rigs):
         rng = np.random.default_rng([60, seed, number])
         fingers = drawn_press(scene, rng)
         try:
-            pressed = press(scene, fingers, rng, differences=differences)
+            pressed = press(scene, fingers, rng)
         except InputError:  # the anchor is not in view
             yield [Compared(finger, None, {}) for finger in fingers]
         else:
@@ -132,15 +128,8 @@ def _merge(fingers: list[Finger], scene: Scene) -> bool:
     return False
 
 
-def press(
-    scene: Scene,
-    fingers: list[Finger],
-    rng: np.random.Generator,
-    at_rest: bool = True,
-    differences: bool = False,
-) -> HeightMap:
-    """Height of fingers on a rig drawn from the priors of a typed scene; at_rest: against a rest
-    capture; differences: modes by whole solves with other numbers of the scene, not by `reconstruct`."""
+def press(scene: Scene, fingers: list[Finger], rng: np.random.Generator, at_rest: bool = True) -> HeightMap:
+    """Height of fingers on a rig drawn from the priors of a typed scene; at_rest: against a rest capture."""
     covariance = rig_covariance(scene)
     assert covariance is not None
     changed = _changed(scene, rng.standard_normal(len(covariance.root)) @ covariance.root)
@@ -148,7 +137,7 @@ def press(
     noise = float(rng.uniform(0.01, 0.02))
     rest = _captured(truth, dent("flat", scene), noise, rng) if at_rest else None
     seen = _captured(truth, surface_of(fingers, scene), noise, rng)
-    return _with_differences(seen, scene, rest) if differences else reconstruct(seen, scene, rest=rest)
+    return reconstruct(seen, scene, rest=rest)
 
 
 def _changed(scene: Scene, change: Floats) -> Scene:
@@ -157,29 +146,6 @@ def _changed(scene: Scene, change: Floats) -> Scene:
     assert covariance is not None
     values = {name: own[name] + by for name, by in zip(covariance.names, change, strict=True)}
     return replace(adjusted(scene, values), covariance=None, accuracy=None)
-
-
-def _with_differences(seen: Correspondence, scene: Scene, rest: Correspondence | None) -> HeightMap:
-    """The height with modes and displacement by differences of whole solves, the gauge behind them."""
-    covariance = rig_covariance(scene)
-    assert covariance is not None
-    height = reconstruct(seen, _changed(scene, 0 * covariance.root[0]), rest=rest)
-    base = reconstruct(seen, _changed(scene, 0 * covariance.root[0]), rest=rest)
-    known = np.isfinite(base.z)
-    terms = np.stack([np.ones(known.sum()), base.x[known], base.y[known]], axis=1)
-    modes, moves = [], []
-    for row in covariance.root:
-        other = reconstruct(seen, _changed(scene, _STEP * row), rest=rest)
-        modes.append((other.z - base.z) / _STEP)
-        moved = np.stack([other.x - base.x, other.y - base.y], axis=-1)[known] / _STEP
-        settled = np.isfinite(moved).all(axis=1)
-        moves.append(np.linalg.lstsq(terms[settled], moved[settled], rcond=None)[0].T)
-    along, across, turn = _GAUGE
-    x, y = 0.5 * scene.mirror.length, 0.5 * scene.mirror.width
-    moves += [np.array([[along, 0, 0], [0, 0, 0]]), np.array([[0, 0, 0], [across, 0, 0]])]
-    moves += [turn * np.array([[y, 0, -1], [-x, 1, 0]])]
-    whole = np.nan_to_num(np.stack(modes)).astype(np.float32)
-    return replace(height, modes=whole, modes_step=1, displacement=np.stack(moves))
 
 
 def compared(height: HeightMap, fingers: list[Finger], scene: Scene) -> list[Compared]:

@@ -1,20 +1,14 @@
-"""The decoder's speed beside what memory allows and beside other decoders, on the same frames in one run; its
-errors: see decode_errors.
+"""The decoder's speed beside what memory allows and beside other decoders, on the same frames in one run.
 
 The floor is a kernel of the same shape that reads every frame and writes as many bytes as decode, into
 memory that the process has already.
 Frames for others are those of an ideal surface and camera: a smooth map, noise, rounding.
 """
 
-import os
-import subprocess
-import sys
-import tempfile
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from importlib.util import find_spec
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,12 +20,10 @@ from optolever.experiments.arrays import Floats
 from optolever.experiments.metrics import rms
 from optolever.experiments.timing import timed
 from optolever.kernels import kernel
-from optolever.patterns import Frame, Sequence, sequence, sequence_from_text
-from optolever.processes import SAFE_PATH, environment
+from optolever.patterns import Frame, Sequence, sequence
 from optolever.projector import Footprints, light_of
 from optolever.records import Progress, silent
 
-from .decode_errors import decode_errors
 from .figures import Figure, Parts, measured_parts
 from .ideal import camera_frames
 from .peers import axis_by_axis, cv2_coder, cv2_decode, cv2_places, fringes_coder
@@ -45,80 +37,25 @@ PERIODS, STEPS = (2160.0, 48.0), 4
 DARK, BRIGHT = 20.0, 220.0
 BLUR = 0.5  # cells, rms, between display and camera
 _PLACES = 128  # per cell, at which a pixel may look
-#: Free levels: frames of an axis, cells of the display that share a grey value.
-_FREE_FRAMES, _FREE_CELL = 12, 2.0
-PARTS = ("codes", "profiles", "fringes", "gray", "first calls", "errors")
-_START = """
-import sys, time
-import numpy as np
-from optolever.decode import decode
-from optolever.errors import InputError
-from optolever.patterns import sequence_from_text
-frames = np.load(sys.argv[1])
-shown = sequence_from_text(sys.argv[2], *frames.shape[1:])
-start = time.perf_counter()
-decode(frames, shown)
-print(time.perf_counter() - start)
-"""
+PARTS = ("profiles", "fringes", "gray")
+#: Codes, and floors at most with a profile, of images of a megapixel or more and of smaller ones.
+SPEED_CODES = {
+    **dict.fromkeys(("gray+phase", "phase", "gray"), (5.5, 8.0)),
+    "micro-phase": (43.0, 43.0),
+}
 
 
-@dataclass(frozen=True, slots=True)
-class SpeedCode:
-    """text: of the sequence, or "levels": random grey values; limit: times the floor that decoding may take;
-    noise: grey levels; extent: surface, cells along either axis at most (0: as many as the camera has
-    pixels); profiled: limits with a profile of the rig, of images of a megapixel or more and of smaller ones
-    (None: not asked)."""
-
-    text: str
-    limit: float = 5.0
-    noise: float = 1.0
-    extent: int = 0
-    profiled: tuple[float, float] | None = None
-
-    @property
-    def name(self) -> str:
-        """Of its row in the table."""
-        name = "free levels" if self.text == "levels" else self.text
-        return name + (f" on {self.extent} cells" if self.extent else "") + f", noise {self.noise:g}"
-
-
-_PROFILED = (5.5, 8.0)
-SPEED_CODES = (
-    SpeedCode("gray+phase", profiled=_PROFILED), SpeedCode("phase", profiled=_PROFILED),
-    SpeedCode("gray", profiled=_PROFILED), SpeedCode("gray:inverses=false"), SpeedCode("long-run-gray"),
-    SpeedCode("phase:steps=4"), SpeedCode("phase:steps=8"),
-    SpeedCode("phase:steps=3,periods=8.73782/8.05745/8", 8.0),
-    SpeedCode("phase:steps=4,periods=20/22/25", 8.0, extent=1100, profiled=(9.0, 9.0)),
-    SpeedCode("phase:counts=1/40"), SpeedCode("phase:steps=3,periods=576/64/7", extent=576),
-    SpeedCode("micro-phase", 15.0, profiled=(43.0, 43.0)), SpeedCode("micro-phase", 25.0, noise=2.0),
-    SpeedCode("stripe:step=16", 10.0), SpeedCode("stripe:step=8", 10.0), SpeedCode("levels", 40.0),
-)  # fmt: skip
-
-
-def speed_sequence(code: SpeedCode, size: tuple[int, int]) -> Sequence:
-    """On a surface of `size` (rows, cols), or as much of it as the code tells apart."""
-    rows, cols = (min(extent, code.extent or extent) for extent in size)
-    if code.text != "levels":
-        return sequence_from_text(code.text, rows, cols)
-    rng = np.random.default_rng(0)
-    frames = []
-    for axis, extent in (("u", cols), ("v", rows)):
-        for levels in rng.integers(0, 256, (_FREE_FRAMES, int(np.ceil(extent / _FREE_CELL)))).tolist():
-            frames.append(Frame("levels", axis, levels=tuple(levels), cell_px=_FREE_CELL))
-    return Sequence(tuple(frames), rows, cols)
-
-
-def smooth_map(size: tuple[int, int], surface: tuple[int, int]) -> tuple[Floats, Floats]:
-    """u and v of every pixel: within the surface, with a gradient that changes."""
+def smooth_map(size: tuple[int, int]) -> tuple[Floats, Floats]:
+    """u and v of every pixel, on a surface of as many cells: within it, with a gradient that changes."""
     row, col = np.mgrid[: size[0], : size[1]].astype(np.float64)
     x, y = col / size[1], row / size[0]
-    u = surface[1] * (0.03 + 0.93 * x + 0.005 * np.sin(9 * y))
-    return u, surface[0] * (0.03 + 0.93 * y + 0.005 * np.cos(9 * x))
+    u = size[1] * (0.03 + 0.93 * x + 0.005 * np.sin(9 * y))
+    return u, size[0] * (0.03 + 0.93 * y + 0.005 * np.cos(9 * x))
 
 
-def speed_frames(shown: Sequence, size: tuple[int, int], noise: float) -> NDArray[np.uint8]:
-    """Images (N, *size) of a surface with smooth_map, white noise of `noise` levels."""
-    maps = [np.rint(place * _PLACES).astype(np.intp) for place in smooth_map(size, (shown.rows, shown.cols))]
+def speed_frames(shown: Sequence, size: tuple[int, int]) -> NDArray[np.uint8]:
+    """Images (N, *size) of a surface with smooth_map, white noise of a level."""
+    maps = [np.rint(place * _PLACES).astype(np.intp) for place in smooth_map(size)]
     lines = [_line(shown, axis, 0.93 / pixels) for axis, pixels in enumerate(size[::-1])]
     stack = np.empty((len(shown), *size), np.uint8)
 
@@ -127,7 +64,7 @@ def speed_frames(shown: Sequence, size: tuple[int, int], noise: float) -> NDArra
         axis = int(frame.axis == "v")
         (light,) = light_of(lines[axis], replace(shown, frames=(frame,)), None, BLUR)
         level = np.float32(DARK) + np.float32(BRIGHT - DARK) * light[maps[axis]]
-        level += np.float32(noise) * np.random.default_rng(i).standard_normal(size, dtype=np.float32)
+        level += np.random.default_rng(i).standard_normal(size, dtype=np.float32)
         stack[i] = np.clip(np.rint(level), 0, 255)
 
     on_cores(fill, range(len(shown)))
@@ -149,47 +86,33 @@ def run_decode_figures(
 ) -> list[Figure]:
     """Everything on frames of `size` (rows, cols), the surface's size too; peers that are missing say so.
 
-    parts: of PARTS; "fringes" and "first calls" compile for long.
-    "errors" are those of images of their own sizes.
+    parts: of PARTS; "fringes" compiles for long.
     """
-    sized = (partial(part, size) for part in (_codes, profile_figures, _fringes, _gray, _starts))
-    every: Parts = dict(zip(PARTS, (*sized, decode_errors), strict=True))
+    every: Parts = dict(
+        zip(PARTS, (partial(part, size) for part in (profile_figures, _fringes, _gray)), strict=True)
+    )
     return measured_parts({name: every[name] for name in parts}, progress)
 
 
 def _shoot(shown: Sequence, size: tuple[int, int]) -> tuple[NDArray[Any], tuple[Floats, Floats]]:
     """Frames of an ideal surface with a smooth map, and that."""
-    truth = smooth_map(size, size)
+    truth = smooth_map(size)
     return camera_frames(shown, truth, (OFFSET, AMPLITUDE), NOISE, np.random.default_rng(0)), truth
-
-
-def _codes(size: tuple[int, int]) -> Iterator[Figure]:
-    """Every code with decode's default options, beside the floor of its own frames."""
-    for code in SPEED_CODES:
-        shown = speed_sequence(code, size)
-        frames = speed_frames(shown, size, code.noise)
-        found = decode(frames, shown)
-        floor, ours = _minima(toucher(frames), partial(decode, frames, shown))
-        note = (
-            f"{1e9 * ours / frames.size:.2f} ns per frame and pixel; {len(shown)} frames: floor "
-            f"{1e3 * floor:.1f} ms, decode {1e3 * ours:.1f} ms; good {100 * found.good.mean():.4g} %"
-        )
-        yield Figure(f"{code.name}, decode over floor", ours / floor, "times", high=code.limit, note=note)
 
 
 def profile_figures(size: tuple[int, int], most: int = len(SPEED_CODES)) -> Iterator[Figure]:
     """At most so many codes by a profile of the rig that another capture told, and without one: processor
     time, minima in one run with the floor's."""
-    for code in [code for code in SPEED_CODES if code.profiled is not None][:most]:
-        shown = speed_sequence(code, size)
-        frames = speed_frames(shown, size, code.noise)
+    for text, (large, small) in [*SPEED_CODES.items()][:most]:
+        shown = sequence(text, *size)
+        frames = speed_frames(shown, size)
         decoder = Decoder(shown, estimate_profile(frames, shown))
         calls = {"with a profile": partial(decoder.decode, frames), "without": partial(decode, frames, shown)}
         floor, *times = _minima(toucher(frames), *calls.values())
-        high = None if code.profiled is None else code.profiled[0 if size[0] * size[1] >= 1 << 20 else 1]
+        high = large if size[0] * size[1] >= 1 << 20 else small
         for name, limit, seconds in zip(calls, (high, None), times, strict=True):
             note = f"{1e3 * seconds:.1f} ms, {len(shown)} frames"
-            what = f"{code.text}, {size[1]} x {size[0]}, {name}"
+            what = f"{text}, {size[1]} x {size[0]}, {name}"
             yield Figure(what, seconds / floor, "floors", high=limit, note=note)
 
 
@@ -283,28 +206,3 @@ def _gray(size: tuple[int, int]) -> Iterator[Figure]:
     u, v = cv2_places(code, images, chosen).T
     there = truth[0][tuple(chosen.T)], truth[1][tuple(chosen.T)]
     yield _error(f"{name}, cv2 (2000 pixels)", u, v, there, np.isfinite(u))
-
-
-def _starts(size: tuple[int, int]) -> Iterator[Figure]:
-    """The first call in a fresh process, its kernels compiled or cached."""
-    for text in ("phase", "gray", "gray+phase"):
-        shown = sequence(text, *size)
-        frames, _ = _shoot(shown, size)
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / "frames.npy"
-            np.save(path, frames)
-            cold, warm = (_first_call(path, text, Path(folder) / "cache") for _ in range(2))
-        yield Figure(f"first decode of {text}, nothing compiled", cold, "s", high=20)
-        yield Figure(f"first decode of {text}, kernels cached", warm, "s", high=1)
-
-
-def _first_call(path: Path, text: str, cache: Path) -> float:
-    """Seconds of the first decode in a process whose compiled kernels are in `cache`."""
-    with environment(SAFE_PATH):
-        run = subprocess.run(
-            [sys.executable, "-c", _START, str(path), text],
-            env=os.environ | {"NUMBA_CACHE_DIR": str(cache)},
-            capture_output=True,
-            text=True,
-        )
-    return float(run.stdout)

@@ -38,9 +38,8 @@ _INTRODUCTION = """Written by `python -m lab figures --page` on {day} at commit 
 Simulated, geometry known; real captures are among the tests (`tests/real`). Times are processor times of one
 thread, minima; of many captures wall-clock time. Each table stands under the command that prints it."""
 _OTHERS = """`python -m lab calibration`, `rigs` and `contacts` measure what calibrations, typed rigs and
-contacts are worth, `lab live --streams`, `--vibration` and `--soak` streams of twelve kinds, small vibrations
-and long runs, `lab sync` displays and cameras in simulated time, `lab fuzz` damaged inputs, for minutes or
-hours."""
+contacts are worth, `lab live --streams` and `--vibration` streams of eleven kinds and small vibrations, `lab
+sync` displays and cameras in simulated time, `lab fuzz` damaged inputs, for minutes or hours."""
 
 
 def write_page(folder: Path, progress: Progress = silent) -> Path:

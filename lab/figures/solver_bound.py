@@ -1,6 +1,6 @@
-"""Noise: the solver's error against the Cramer-Rao bound, and how often error bars hold.
+"""The Cramer-Rao bound of a height's error, which a test compares the solver with.
 
-The bound, by algebra on the measurement: noise of u and v moves every pixel's slopes, the increment between
+By algebra on the measurement: noise of u and v moves every pixel's slopes, the increment between
 two pixels integrates the cubic through four slopes, and the height's differences are these increments, which
 depend on the height themselves. For noise of variance one the best linear estimate of the heights w from
 J w = B noise has the covariance block of the inverse of [[B B^T, J, 0], [J^T, 0, a], [0, a^T, 0]], a the mean
@@ -8,58 +8,15 @@ that the anchor knows; taken at every third pixel. Slopes come from the law of r
 from central differences: nothing of the solver is used.
 """
 
-from collections.abc import Iterator
-
 import numpy as np
 import scipy.sparse
 import scipy.sparse.linalg
 
 from optolever.experiments.arrays import Floats
-from optolever.reconstruct import reconstruct
 from optolever.scene import Scene, Trace
 
-from .figures import Figure
-from .place import Place, exact
-
-PRISM, DENT = "paper-simulation", "raised-cosine"
-SIDE = 64
-NOISES = (0.01, 0.1, 1.0)  # px
-CUTS = {"full prism": 1.0, "cut prism": 0.9}  # share of the columns, from the camera's side: x >= 0.1 L0
 EVERY = 3  # pixels: where the bound is taken
-COVERED = 192
 _CUBIC = ((-1, 13, 13, -1), (9, 19, -5, 1), (1, -5, 19, 9))  # / 24: inside, at either end
-
-
-def bound_figures(seeds: int) -> Iterator[Figure]:
-    """Errors over the bound, and coverage."""
-    place = Place.of(PRISM, DENT, (SIDE, SIDE))
-    for name, share in CUTS.items():
-        cols = round(share * SIDE)
-        least = least_variance(place.scene, place.truth, cols)
-        for noise in NOISES:
-            errors = np.array([_error(place, noise, seed, cols)[0] for seed in range(2 * seeds)])
-            squares = errors[:, ::EVERY, :cols:EVERY] ** 2 / least
-            note = f"{100 * float(np.mean(np.isnan(errors[:, :, :cols]))):.2g} % flagged"
-            ratio = float(np.sqrt(np.nanmean(squares))) / noise
-            yield Figure(f"error over the bound, {name}, {noise:g} px", ratio, high=1.05, note=note)
-    place = Place.of(PRISM, DENT, (COVERED, COVERED))
-    shares = []
-    for seed in range(seeds):
-        error, sigma = _error(place, 0.1, seed, COVERED)
-        stands = np.isfinite(error)
-        shares.append(float(np.mean(np.abs(error[stands]) < sigma[stands])))
-    name = f"within one sigma, {COVERED} x {COVERED}, mean over {seeds} seeds"
-    yield Figure(name, 100 * float(np.mean(shares)), "%", low=65, high=71)
-
-
-def _error(place: Place, noise: float, seed: int, cols: int) -> tuple[Floats, Floats]:
-    """Height minus truth (NaN where flagged) and sigma, from noisy correspondences of the first columns."""
-    truth = place.truth
-    seen = exact(truth, noise=noise, rng=np.random.default_rng(seed))
-    mask = np.zeros(truth.u.shape, dtype=np.bool_)
-    mask[:, :cols] = True
-    height = reconstruct(seen, place.scene, mask=mask)
-    return np.where(height.good, height.z - truth.z, np.nan), height.sigma
 
 
 def least_variance(scene: Scene, truth: Trace, cols: int) -> Floats:
