@@ -119,7 +119,7 @@ def _nearest(cells: _Cells, fits: list[Sag]) -> Sag | None:
         return None
     if not others and k:  # none farther away confirms it
         wider = math.hypot(1.0, rms(taken[k] - taken[k - 1]) / max(sizes[k], 1e-300))
-        one = replace(one, sigma=one.sigma * wider, root=one.root * wider)
+        one = replace(one, sigma=one.sigma * wider, root=one.root * wider, noise=one.noise / wider**2)
     return one
 
 
@@ -185,7 +185,8 @@ def _robust(cells: _Cells, noise: float) -> Sag:
     values, vectors = np.linalg.eigh(normal)
     root[:count, :count] = vectors / np.sqrt(values)
     rig = np.zeros((count + 1, len(cells.rig)))
-    return Sag(0.0, 0.0, spread / max(noise, 1e-300), 0.0, mean, root, rig, np.eye(len(cells.rig)))
+    kept, unknown = np.eye(len(cells.rig)), np.zeros_like(root)
+    return Sag(0.0, 0.0, spread / max(noise, 1e-300), 0.0, mean, root, rig, kept, unknown)
 
 
 def _simplest(
@@ -259,18 +260,21 @@ def _fitted(
         unit = math.sqrt(max(rho**2 - noise**2, 0.0) / _TAILED + noise**2 / _INDEPENDENT)
     scale = np.hypot(size, prior)
     normal = (upper.T @ upper + np.diag(prior**2)) / np.multiply.outer(scale, scale)
-    covariance = (
-        unit**2 * (np.linalg.inv(normal) / np.multiply.outer(scale, scale))[len(tails) :, len(tails) :]
-    )
+    inverse = (np.linalg.inv(normal) / np.multiply.outer(scale, scale))[len(tails) :]
     if not cells.free.any():
-        covariance[-1], covariance[:, -1] = 0.0, 0.0
+        inverse[-1], inverse[:, -1] = 0.0, 0.0
+    covariance = unit**2 * inverse[:, len(tails) :]
     values, vectors = np.linalg.eigh(covariance)
     deviation = float(np.sqrt(covariance[-1, -1]))
     half = vectors * np.sqrt(np.maximum(values, 0.0))
+    gain = np.linalg.pinv(half, rcond=1e-6) @ inverse @ upper.T
+    by_noise = noise**2 / _INDEPENDENT * gain @ gain.T
     rig = np.reshape(taken, (len(cells.rig), len(terms))).T
     left = np.linalg.norm(errors - weighted @ rig, axis=1) / np.maximum(root, 1e-300)
     known = math.hypot(noise, float(np.median(left)))
     fit = rho / max(noise, 1e-300), rho / max(known, 1e-300)
     return Sag(
-        float(found[-1]), deviation, *fit, found[motions], half, rig[len(tails) :], np.eye(len(cells.rig))
+        *(float(found[-1]), deviation, *fit, found[motions], half, rig[len(tails) :]),
+        kept=np.eye(len(cells.rig)),
+        noise=by_noise,
     )

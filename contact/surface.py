@@ -21,7 +21,8 @@ class Sag:
     of the free mode, sigma: its standard deviation; misfit: rms residual over the median noise, beyond: over
     noise and the rig's errors; motion (k,): of the motion's modes; root (1 + k, 1 + k): of the covariance of
     motion and c; rig (1 + k, m): motion and c that the fit finds in each of the other modes; kept (m, m): the
-    root of these modes' second moments after it."""
+    root of these modes' second moments after it; noise (1 + k, 1 + k): the part of the columns' unit
+    covariance that is noise of the map."""
 
     c: float
     sigma: float
@@ -31,6 +32,7 @@ class Sag:
     root: Floats
     rig: Floats
     kept: Floats
+    noise: Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)

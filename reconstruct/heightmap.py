@@ -23,11 +23,13 @@ from .arrays import Floats, Mask
 from .outputs.coarse_modes import Modes, expanded, sum_of_squares
 from .outputs.resampling import GRID_FORMATS, Grid, Lean, natural_pitch, resample
 
-__all__ = ["HEIGHT_FORMATS", "Diagnostics", "HeightFlag", "HeightMap"]
+__all__ = ["HEIGHT_FORMATS", "REST_NOISE", "Diagnostics", "HeightFlag", "HeightMap"]
 
 #: Suffixes of the files that a height map is written to.
 HEIGHT_FORMATS = (*GRID_FORMATS, *MESHES)
 
+#: Source of those own modes that maps of one rest capture have in common.
+REST_NOISE = "noise of the rest capture in sag and motion"
 _ARRAYS = ("x", "y", "z", "sigma", "flags")
 _SINGLE = ("x", "y", "z", "sigma", "lean", "shared")  # float32 in files
 _TEXTS = ("notices", "diagnostics", "sources", "references", "contacts")
@@ -211,24 +213,47 @@ class HeightMap(Comparable):
         """The modes of the difference: common ones less the other's, then those of either capture alone."""
         if self.modes is None or other.modes is None:
             return {"modes": None, "sources": (), "shares": None, "displacement": None, "own": 0}
-        common, own, step = self.count - self.own, self.own + other.own, self.modes_step
+        common, step = self.count - self.own, self.modes_step
         mine, others = self.modes, other.modes
         if step != other.modes_step:
             mine, others, step = *(np.asarray(each.calibration) for each in (self, other)), 1
-        modes = np.concatenate([mine[:common] - others[:common], mine[common:], others[common:]])
+        (alone, by_rest), (others_alone, others_rest) = self._own(mine), other._own(others)
+        if self._rest() == other._rest():
+            both = _differences(by_rest, others_rest)
+        else:
+            both = np.concatenate([by_rest, others_rest])
+        parts = [mine[:common] - others[:common], alone, others_alone, both]
+        modes = np.concatenate(parts).astype(np.float32)
+        own = len(modes) - common
         changed: dict[str, Any] = {"modes": modes, "modes_step": step, "own": own}
         if self.shares is not None:
             wider = np.pad(self.shares[:, :common, :common], ((0, 0), (0, own), (0, own)))
-            alone = np.diag(np.repeat([0.0, 1.0], (common, own)))
+            ours = np.diag(np.repeat([0.0, 1.0], (common, own)))
             last = self.sources[-1] if self.own else other.sources[-1] if other.own else ""
-            kept = [k for k, name in enumerate(self.sources) if name != last]
+            kept = [k for k, name in enumerate(self.sources) if name not in (last, REST_NOISE)]
             changed["sources"] = (*(self.sources[k] for k in kept), *((last,) if own else ()))
-            changed["shares"] = np.concatenate([wider[kept], alone[None]] if own else [wider])
+            changed["shares"] = np.concatenate([wider[kept], ours[None]] if own else [wider])
         if self.displacement is not None:
             still = np.zeros((own, 2, 3))
-            gauge = self.displacement[common + self.own :]
+            gauge = self.displacement[self.count :]
             changed["displacement"] = np.concatenate([self.displacement[:common], still, gauge])
         return changed
+
+    def _own(self, modes: Modes) -> tuple[Floats, Floats]:
+        """Own ones of these modes, without and by the rest capture's noise; none where these are zero."""
+        own = np.asarray(modes[self.count - self.own :], np.float64)
+        if self.shares is None or REST_NOISE not in self.sources:
+            return own, own[:0]
+        share = self.shares[self.sources.index(REST_NOISE)][-self.own :, -self.own :]
+        values, vectors = np.linalg.eigh(share)
+        values = np.clip(values, 0.0, 1.0)
+        return tuple(
+            np.tensordot((vectors * np.sqrt(part)).T, own, 1)[part > 0] for part in (1 - values, values)
+        )
+
+    def _rest(self) -> set[str]:
+        """The rest capture's name."""
+        return {name for name in self.references if name.startswith("rest ")}
 
     @property
     def count(self) -> int:
@@ -330,6 +355,16 @@ class HeightMap(Comparable):
             )
         else:
             self.resample(pitch_mm).export(path)
+
+
+def _differences(one: Floats, other: Floats) -> Floats:
+    """Modes (n, ...) less others (m, ...), turned to where they are most alike: any rotation of modes has
+    their covariance."""
+    count = max(len(one), len(other))
+    first, second = (np.pad(each, ((0, count - len(each)), (0, 0), (0, 0))) for each in (one, other))
+    rows = [np.nan_to_num(each).reshape(count, first[0].size if count else 0) for each in (first, second)]
+    left, _, right = np.linalg.svd(rows[0] @ rows[1].T)
+    return np.asarray(first - np.tensordot(left @ right, second, 1))
 
 
 def _require_sound(arrays: dict[str, Any]) -> None:

@@ -16,7 +16,7 @@ from optolever.notices import Notice
 from optolever.scene import Scene
 
 from .arrays import Floats
-from .heightmap import HeightMap
+from .heightmap import REST_NOISE, HeightMap
 from .outputs.coarse_modes import coarse_step, filled
 from .problem import Problem
 from .solver.newton import State
@@ -58,7 +58,9 @@ def less_sag(height: HeightMap, problem: Problem, state: State, scene: Scene) ->
         wide = np.zeros((0, *height.z[few].shape))
         wide = wide if height.modes is None else np.asarray(_wider(height).modes, np.float64)
         modes, z = np.concatenate([wide, (height.z - z)[None, *few]]), height.z
-    return replace(_with_own(height, modes, surface.step), z=z, notices=(*height.notices, *notices))
+        return replace(_with_own(height, modes, surface.step), z=z, notices=(*height.notices, *notices))
+    own = _with_own(height, modes, surface.step, _rest_share(height) * found.noise)
+    return replace(own, z=z, notices=(*height.notices, *notices))
 
 
 def _wider(height: HeightMap) -> HeightMap:
@@ -103,14 +105,24 @@ def _free_mode(problem: Problem, state: State) -> Floats:
     return np.asarray(mode / (size if size > 0 else 1.0))
 
 
-def _with_own(height: HeightMap, modes: Floats, step: int) -> HeightMap:
-    """The map whose own errors are the last of these modes, after those of its rig."""
+def _rest_share(height: HeightMap) -> float:
+    """Of the noise's variance that is the rest capture's, median."""
+    good, rest = height.good, [name.startswith("rest ") for name in height.references]
+    if height.shared is None or not any(rest) or not good.any():
+        return 0.0
+    return float(np.median(np.square(height.shared[rest][0][good] / height.sigma[good])))
+
+
+def _with_own(height: HeightMap, modes: Floats, step: int, of_rest: Floats | None = None) -> HeightMap:
+    """The map whose own errors are the last of these modes, after those of its rig; of_rest: the part of
+    their covariance, which is 1, by noise of the rest capture."""
     common, count = height.count - height.own, len(modes)
     own, kept = count - common, len(height.sources) - (height.own > 0)
-    shares = np.zeros((kept + 1, count, count))
+    shares = np.zeros((kept + 2, count, count))
     if height.shares is not None:
         shares[:kept, :common, :common] = height.shares[:kept, :common, :common]
-    shares[-1, common:, common:] = np.eye(own)
+    shares[-2, common:, common:] = 0.0 if of_rest is None else of_rest
+    shares[-1, common:, common:] = np.eye(own) - shares[-2, common:, common:]
     moves = height.displacement
     if moves is not None:
         moves = np.concatenate([moves[:common], np.zeros((own, 2, 3)), moves[height.count :]])
@@ -118,7 +130,7 @@ def _with_own(height: HeightMap, modes: Floats, step: int) -> HeightMap:
         height,
         modes=filled(modes),
         modes_step=step,
-        sources=(*height.sources[:kept], SAG),
+        sources=(*height.sources[:kept], REST_NOISE, SAG),
         shares=shares,
         displacement=moves,
         own=own,
