@@ -20,10 +20,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-import scipy.fft
-import scipy.interpolate
-import scipy.linalg
-import scipy.special
+import scipy
 
 from optolever.blocks import blas_on_one
 from optolever.scene import Layer
@@ -74,7 +71,7 @@ def deflection(layer: Layer, pitch: float, places: Floats) -> Floats:
 
 
 @lru_cache(maxsize=8)
-def bonded(layer: Layer) -> scipy.interpolate.CubicSpline:
+def bonded(layer: Layer) -> "scipy.interpolate.CubicSpline":
     """What a base adds to the deflection under a force, pi E* h w over the force less h / r, at distances r
     in units of the thickness h: the integral of (S(q) - 1) J0(q r / h) over q; as good as -h / r from 12 h
     on."""

@@ -4,6 +4,7 @@ report/measurement.html.
 
 import time
 from collections.abc import Callable
+from contextvars import copy_context
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from optolever.blocks import at_once
 from optolever.files import save_arrays, together
 from optolever.metrology import ZernikeFit
 from optolever.patterns import Frame
@@ -54,7 +56,7 @@ def write_demo_report(result: DemoResult, path: str | Path, *, full: bool = Fals
         f"{asked['noise']:g} (8-bit levels, rms), seed {asked['seed']}, renderer {asked['renderer']}"
     )
     records = result.height, result.correspondence, result.capture, result.scene, result.truth
-    study = Study.of(Measurement(*records, source, simulated=True))
+    study = Study.of(Measurement(*records, result.metrics, source, simulated=True))
     result = replace(result, contacts=study.contacts or ())
     _write(study, path, lambda: result.with_report(time.perf_counter() - start).seconds, full)
     return result.with_report(time.perf_counter() - start)
@@ -70,10 +72,13 @@ def write_measurement_report(path: str | Path, given: Measurement, *, full: bool
 def _write(study: Study, path: str | Path, seconds: Callable[[], dict[str, float]], full: bool) -> None:
     """seconds: function of the stages' seconds, called when the page's data are computed."""
     figures, folder = Figures(), Path(path).parent
-    context = _context(study, figures)
     folder.mkdir(parents=True, exist_ok=True)
     with together():
-        names = [*study.given.saved, *_save_data(study, folder, full), "figures.csv"]
+        own = copy_context()  # a thread has none of `together` by itself
+        made, context = at_once(
+            lambda: own.run(_save_data, study, folder, full), lambda: _context(study, figures)
+        )
+        names = [*study.given.saved, *made, "figures.csv"]
         files = {name: text for name, text in FILES.items() if name in names}
         write_page(path, "measurement.html", seconds(), context | {"files": files})
         figures.save(folder / "figures.csv")
@@ -108,17 +113,11 @@ def _save_data(study: Study, folder: Path, full: bool) -> list[str]:
 def _context(study: Study, figures: Figures) -> dict[str, Any]:
     given, height = study.given, study.given.height
     layers, scene = _layers(study), given.scene
+    known = np.where(height.good, height.x, np.nan)
     area = None if scene is None else mirror_area(scene)
     size = 0.0 if scene is None else scene.mirror.length * scene.mirror.width
     rows = flag_rows(height.flags, area, size)
     drawing, bar = (Markup(""), 0.0) if scene is None else rig_drawing({"rig": scene})
-    surface = surface_data(
-        study.deviation or height, "height" if study.fit is None else "deviation", study.fit is not None
-    )
-    maps = {
-        "mirror": mirror_map(np.where(height.good, height.x, np.nan), height.y, layers),
-        "camera": _camera(given, rows),
-    }
     fit, terms, middle = study.fit, study.terms, Markup("")
     form = None if fit is None else form_table(fit, figures)
     if fit is not None:
@@ -126,14 +125,23 @@ def _context(study: Study, figures: Figures) -> dict[str, Any]:
             figures.show(f"middle {axis}", value, "mm") for axis, value in zip("xy", fit.middle, strict=True)
         )
         middle = Markup(", ").join(at)
+    main = (height, "height", False) if study.deviation is None else (study.deviation, "deviation", True)
+    mirror, first, charts, camera, frames, surface = at_once(
+        lambda: mirror_map(known, height.y, layers),
+        lambda: cards(study, figures),
+        lambda: _charts(study),
+        lambda: _camera(given, rows),
+        lambda: [] if given.capture is None else _frame_pairs(given.capture),
+        lambda: surface_data(*main),
+    )
     return {
         "provenance": given.provenance,
         "source": given.source,
         "size": height.z.shape,
         "notices": given.notices,
-        "cards": cards(study, figures),
-        "maps": embedded_json(maps),
-        "charts": embedded_json(_charts(study)),
+        "cards": first,
+        "maps": embedded_json({"mirror": mirror, "camera": camera}),
+        "charts": embedded_json(charts),
         "layers": [layer.name for layer in layers],
         "differenced": [f"{given.name} − {name}" for name in given.less],
         "surface": surface,
@@ -152,7 +160,7 @@ def _context(study: Study, figures: Figures) -> dict[str, Any]:
         "areas": area is not None,
         "truth": given.truth is not None,
         "coordinates": given.correspondence is not None,
-        "frames": [] if given.capture is None else _frame_pairs(given.capture),
+        "frames": frames,
         "drawing": drawing,
         "bar": bar,
     }

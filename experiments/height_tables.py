@@ -1,21 +1,19 @@
 """The numbers and tables of a measurement's page; every number of theirs is also in its file."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TypeAlias
 
 import numpy as np
 from markupsafe import Markup
 
-from optolever.decode import Correspondence
 from optolever.metrology import FormFit, ZernikeFit, in_waves, slope_errors
-from optolever.reconstruct import Contact, HeightMap
-from optolever.scene import Trace
+from optolever.reconstruct import Contact
 
 from .arrays import Floats
 from .flag_table import FlagRow
 from .measurement import Measurement, Study
-from .metrics import height_metrics, rms
+from .metrics import rms
 from .page import Figures, Table
 
 __all__ = ["cards", "contacts_table", "differences_table", "flags_table", "form_table", "terms_table"]
@@ -35,8 +33,8 @@ def cards(study: Study, figures: Figures) -> list[Card]:
         return float(np.median(values[good])) if good.any() else math.nan
 
     found: list[Card] = []
-    if given.truth is not None and given.correspondence is not None:
-        found += _error_cards(given.truth, given.correspondence, height, figures)
+    if given.metrics:
+        found += _error_cards(given.metrics, figures)
     noise = show("sigma by noise", median(height.sigma), "mm")
     rig = Markup("")
     if height.modes is not None:
@@ -99,9 +97,9 @@ def _form_cards(fit: FormFit, figures: Figures, waves: float | None) -> list[Car
     return found
 
 
-def _error_cards(truth: Trace, found: Correspondence, height: HeightMap, figures: Figures) -> list[Card]:
+def _error_cards(m: Mapping[str, float], figures: Figures) -> list[Card]:
     """Errors against the truth."""
-    show, m = figures.show, height_metrics(truth, found, height)
+    show = figures.show
     error = show("error rms", m["height_rms_mm"], "mm")
     worst = show("error max over peak", m["height_max_rel"])
     over_peak = show("error rms over peak", m["height_rms_rel"])

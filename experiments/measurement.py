@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from optolever.blocks import at_once
 from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.metrology import FormFit, ZernikeFit, aperture_mask, fit_form, fit_zernike
@@ -38,9 +39,10 @@ _OTHER, _PART = 10.0, 0.3  # sigmas of slopes, 1.3 where right; of the slopes th
 class Measurement:
     """A measurement: the height map, and if known its correspondence, capture and scene, and the truth.
 
-    source: origin of the map; name: of the map in differences; rig: file of the scene; simulated: the frames
-    are simulated. form: to be subtracted (`metrology.fit_form`); '': none; None: a sphere for a mirror in
-    open air. less: maps of the same rig by name, for differences. saved: existing files of the page's folder.
+    metrics: against the truth (`metrics.height_metrics`). source: origin of the map; name: of the map in
+    differences; rig: file of the scene; simulated: the frames are simulated. form: to be subtracted
+    (`metrology.fit_form`); '': none; None: a sphere for a mirror in open air. less: maps of the same rig by
+    name, for differences. saved: existing files of the page's folder.
     rest: the correspondence of the mirror at rest, of a map reconstructed against it. apertures: of the form
     and its deviation (`metrology.aperture_mask`). waves: nm, of the wavefront on the page (None: none).
     apart: the records are of files that may not belong together; InputError where they contradict each other.
@@ -51,6 +53,7 @@ class Measurement:
     capture: Capture | None = None
     scene: Scene | None = None
     truth: Trace | None = None
+    metrics: Mapping[str, float] = field(default_factory=dict)
     source: str = ""
     name: str = "this map"
     rig: str = ""
@@ -169,23 +172,32 @@ class Study:
 
     @classmethod
     def of(cls, given: Measurement) -> Study:
-        height, found, scene = given.height, given.correspondence, given.scene
-        some = bool(height.good.any())
-        slopes = None
-        if found is not None and scene is not None and some:
-            # forms alone need no slopes of the modes
-            plain = replace(height, modes=None) if given.open_air else height
-            slopes = slope_map(plain, found, scene, given.rest)
-            if given.apart and height.against_rest == (given.rest is not None):
-                _require_same(height, slopes)
+        height = given.height
+        (slopes, curvature), pressed = at_once(lambda: _slopes(given), lambda: _contacts(given))
         fit = _form_fit(given, slopes)
         deviation = None if fit is None else fit.deviation(height)
         terms = None if fit is None or deviation is None else _terms(deviation, slopes, _aperture(given), fit)
-        pressed = height.contacts
-        if pressed is None and scene is not None and some and not given.open_air:
-            pressed = contacts(height, scene.layer)
-        curvature = None if slopes is None else curvature_map(slopes)
         return cls(given, slopes, curvature, fit, deviation, terms, pressed)
+
+
+def _slopes(given: Measurement) -> tuple[SlopeMap, CurvatureMap] | tuple[None, None]:
+    """With the curvature. InputError: they are not of the heights, and the records may be of two maps."""
+    height, found, scene = given.height, given.correspondence, given.scene
+    if found is None or scene is None or not height.good.any():
+        return None, None
+    # forms alone need no slopes of the modes
+    slopes = slope_map(replace(height, modes=None) if given.open_air else height, found, scene, given.rest)
+    if given.apart and height.against_rest == (given.rest is not None):
+        _require_same(height, slopes)
+    return slopes, curvature_map(slopes)
+
+
+def _contacts(given: Measurement) -> tuple[Contact, ...] | None:
+    """Of the map's file, else of its heights; None of a mirror in open air."""
+    height, scene = given.height, given.scene
+    if height.contacts is not None or scene is None or given.open_air or not height.good.any():
+        return height.contacts
+    return contacts(height, scene.layer)
 
 
 def _unlike(found: Correspondence, capture: Capture) -> float:

@@ -7,12 +7,12 @@ from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import AbstractContextManager
 from functools import lru_cache
 from itertools import pairwise
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from threadpoolctl import ThreadpoolController, threadpool_limits
 
 __all__ = [
-    "ONE_THREAD", "THREADS_VARIABLE", "Work", "blas_on_one", "on_cores", "over_blocks",
+    "ONE_THREAD", "THREADS_VARIABLE", "Work", "at_once", "blas_on_one", "on_cores", "over_blocks",
     "over_image", "over_rows", "threads",
 ]  # fmt: skip
 
@@ -101,6 +101,11 @@ def on_cores(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Resu
     done: dict[int, Result] = {}
     over_rows(lambda start, _: done.update({start: work(items[start])}), len(items), 1)
     return [done[i] for i in range(len(items))]
+
+
+def at_once(*calls: Callable[[], Any]) -> list[Any]:
+    """Results of different calls, on all cores."""
+    return on_cores(lambda each: each(), calls)
 
 
 def over_image(work: Work, shape: tuple[int, ...]) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib import colormaps
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
@@ -193,6 +194,16 @@ def demo_page(demo: DemoResult, tmp_path_factory: pytest.TempPathFactory) -> Pag
     run_ = write_demo_report(replace(demo, height=height, settings=settings), folder / "report.html")
     assert run_.seconds["report"] > 0
     return Page(folder, folder)
+
+
+def test_colours_are_those_of_matplotlib(demo_page: Page) -> None:
+    found = re.search(r'id="map-data">(.*?)</script>', demo_page.html, re.DOTALL)
+    assert found is not None
+    luts = json.loads(found[1])["mirror"]["luts"]
+    assert set(luts) == {"viridis", "cividis", "RdBu_r"}
+    for name, lut in luts.items():
+        colours = np.round(255 * colormaps[name](np.linspace(0, 1, 256))[:, :3])
+        assert list(base64.b64decode(lut)) == colours.astype(int).ravel().tolist()
 
 
 def test_pages_run_and_ask_the_network_for_nothing(
