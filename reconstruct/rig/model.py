@@ -341,8 +341,11 @@ def _held(problem: Problem, state: State, scene: Scene) -> _Held:
     row, col = down[kept] + problem.rows.start, along[kept] + problem.cols.start
     distance, normal = samples.distance[kept], samples.normal[kept]
     origins, directions = scene.camera.rays_at(row, col)
-    ahead = problem.data.to_pattern(state.w).reshape(3, -1)[:, state.rows.pixel].T
-    bisector = ahead / np.linalg.norm(ahead, axis=1)[:, None] - directions
+    ahead, ray = (
+        part.reshape(3, -1)[:, state.rows.pixel].T
+        for part in (problem.data.to_pattern(state.w), problem.data.rays.inner_directions)
+    )
+    bisector = ahead / np.linalg.norm(ahead, axis=1)[:, None] - ray
     normals = np.where(np.isnan(normal), bisector, normal)
     return _Held(row, col, origins + distance[:, None] * directions, normals, samples.rest[kept])
 
