@@ -213,7 +213,7 @@ def test_presses_against_one_rest_subtract() -> None:
     assert one.own > 0
     less = one - two
     assert less.calibration is not None
-    assert less.own == one.own + two.own
+    assert less.own == one.own + two.own + max(one.own, two.own)  # of noise of the rest capture
     assert less.shares is not None
     assert np.allclose(less.shares.sum(axis=0), np.eye(len(less.calibration)))
     common = less.calibration[: -less.own]
