@@ -14,8 +14,6 @@ from itertools import accumulate
 import cv2
 import numpy as np
 import scipy.ndimage
-import scipy.sparse
-import scipy.sparse.csgraph
 
 from optolever.blocks import over_rows
 
@@ -151,18 +149,17 @@ def cut_off(doubt: Doubt, limit: tuple[Floats, Floats], mask: Mask, anchors: Int
     gap lies between an island and the anchored part: pixels missing at an island's other rim separate
     nothing. lost: pixels without a measurement.
     """
-    index = np.arange(mask.size).reshape(mask.shape)
     inner = (mask[:, :-1] & mask[:, 1:], mask[:-1] & mask[1:])
     open_x, open_y = inner[0] & (doubt[0] <= limit[0])[:, :-1], inner[1] & (doubt[1] <= limit[1])[:-1]
-    tail = np.concatenate([index[:, :-1][open_x], index[:-1][open_y]])
-    head = np.concatenate([index[:, 1:][open_x], index[1:][open_y]])
-    graph = scipy.sparse.coo_array((np.ones(tail.size), (tail, head)), shape=(mask.size, mask.size))
-    parts = scipy.sparse.csgraph.connected_components(graph, directed=False)[1].reshape(mask.shape)
+    ways = np.zeros([2 * size - 1 for size in mask.shape], np.uint8)  # edges between the pixels
+    ways[::2, ::2], ways[::2, 1::2], ways[1::2, ::2] = mask, open_x, open_y
+    parts = cv2.connectedComponents(ways, connectivity=4)[1][::2, ::2]
     held = np.zeros(parts.max() + 1, dtype=np.bool_)
     held[parts.ravel()[anchors]] = True
-    islands, count = scipy.ndimage.label(mask & ~held[parts])
-    if count == 0:
-        return np.zeros(mask.shape, dtype=np.bool_)
+    away: Mask = mask & ~held[parts]
+    if not away.any():
+        return away
+    islands, count = scipy.ndimage.label(away)
     line = np.zeros(mask.shape, dtype=np.bool_)
     for closed, apart, ends in (
         (inner[0] & ~open_x, parts[:, 1:] != parts[:, :-1], (line[:, :-1], line[:, 1:])),
@@ -180,8 +177,7 @@ def cut_off(doubt: Doubt, limit: tuple[Floats, Floats], mask: Mask, anchors: Int
     usual = area * (missing[0] / max(area[0], 1))
     torn = (missing > usual + _CHANCE * np.sqrt(usual)) & (missing >= _MISSING * length)
     torn[0] = False
-    away: Mask = torn[islands]
-    return away
+    return np.asarray(torn[islands])
 
 
 def _rough(f: Floats, variance: Floats, mask: Mask, axis: int, noise: float) -> Mask:

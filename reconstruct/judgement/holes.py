@@ -9,6 +9,8 @@ neighbours' edges; a bridged pixel stays flagged and gets no height.
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 import scipy.ndimage
@@ -27,8 +29,8 @@ NARROW = 2  # pixels between measured ones in a row or a column
 WASTE = 0.01  # of the pixels: what a rectangle, which is solved several times faster, may cost
 SHARE = 0.5  # of the image: where more is missing, it falls apart
 _FIRST, _THIRD = (-1.0, 1.0), (-1.0, 3.0, -3.0, 1.0)
-_ROUNDING = 1e-14  # what iterations leave
-_MOST = 200  # of their steps
+_WEAK = 1e-9  # of the squares: what these do not settle stays as it is
+_STEPS = 3  # each leaves as little of the last one's error, where the squares settle it
 _REACH, _FAR = 4.0, 4.0  # pixels, rms: over which the gain is averaged; of these: where it ends
 _UNEVEN = 1.6  # of that ratio: some neighbours count several times, others not at all
 
@@ -144,12 +146,20 @@ class _Differences:
         shape = len(self._pixels), self._at.size
         self._of_holes = scipy.sparse.csr_array((self._coefficients[term], place), shape=shape)
 
+    @cached_property
+    def _normal(self) -> Any:
+        """The factors of the normal equations: their rounding goes with the steps."""
+        weak = _WEAK * float(self._coefficients @ self._coefficients)
+        normal = self._of_holes.T @ self._of_holes + weak * scipy.sparse.eye_array(self._at.size)
+        options = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.0}
+        return scipy.sparse.linalg.splu(normal.tocsc(), **options, options={"SymmetricMode": True})
+
     def filled(self, field: Floats) -> Floats:
         """The field (rows, cols), holes changed as little as the differences ask for."""
         out = field.astype(np.float64)
         values = out.ravel()
         values[self._at] = np.nan_to_num(values[self._at])
-        off = values[self._pixels] @ self._coefficients
-        options = {"atol": _ROUNDING, "btol": _ROUNDING, "conlim": 0, "iter_lim": _MOST}
-        values[self._at] -= scipy.sparse.linalg.lsqr(self._of_holes, off, **options)[0]
+        for _ in range(_STEPS):
+            off = values[self._pixels] @ self._coefficients
+            values[self._at] -= self._normal.solve(self._of_holes.T @ off)
         return out

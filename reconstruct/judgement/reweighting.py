@@ -8,7 +8,7 @@ median of |r| sqrt(w), one for noise as announced.
 import numpy as np
 import scipy.ndimage
 
-from ..arrays import Floats, Mask, Pair
+from ..arrays import Floats, Ints, Mask, Pair
 from .holes import LARGEST
 
 __all__ = ["CAUCHY", "patches", "wrong_pixels"]
@@ -22,8 +22,8 @@ def wrong_pixels(defects: Pair, weights: Pair, scale: float) -> Mask:
     """Pixels (H, W) whose two edges along an axis miss the heights by much and likewise, as a wrong slope
     enters both; a crease enters one.
     """
-    x, y = (defect * np.sqrt(weight) / scale for defect, weight in zip(defects, weights, strict=True))
-    wrong: Mask = _likewise(x) | _likewise(y.T).T
+    (x, y), (of_x, of_y) = defects, weights
+    wrong: Mask = _likewise(x, of_x, 1, scale) | _likewise(y, of_y, x.shape[1], scale)
     return wrong
 
 
@@ -41,11 +41,20 @@ def patches(wrong: Mask, surely: Mask, jumps: Mask) -> Mask:
     return found
 
 
-def _likewise(score: Floats) -> Mask:
-    """Of the edges along rows; where one is missing the other decides."""
-    before = np.roll(score, 1, axis=1)
-    before[:, 0] = 0.0
+def _likewise(defect: Floats, weight: Floats, step: int, scale: float) -> Mask:
+    """Of the edges along an axis, from pixels to those so many later; where one is missing the other
+    decides."""
+    found, flat, of_flat = np.zeros(defect.size, np.bool_), defect.ravel(), weight.ravel()
+    high = np.flatnonzero(flat * flat * of_flat > (_WRONG * scale) ** 2)
+    pixels = np.union1d(high, high + step)  # no edge leads beyond the image
+
+    def scores(at: Ints) -> Floats:
+        at = np.maximum(at, 0)
+        return np.asarray(flat[at] * np.sqrt(of_flat[at]) / scale)
+
+    first = pixels % defect.shape[1] == 0 if step == 1 else pixels < step
+    score, before = scores(pixels), np.where(first, 0.0, scores(pixels - step))
     one, other = np.where(before == 0, score, before), np.where(score == 0, before, score)
-    less, more = np.sort(np.abs([one, other]), axis=0)
-    found: Mask = (one * other > 0) & (less > _WRONG) & (less > _ALIKE * more)
-    return found
+    less, more = np.minimum(abs(one), abs(other)), np.maximum(abs(one), abs(other))
+    found[pixels] = (one * other > 0) & (less > _WRONG) & (less > _ALIKE * more)
+    return found.reshape(defect.shape)

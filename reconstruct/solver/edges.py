@@ -14,10 +14,10 @@ import numpy as np
 from optolever.blocks import over_image
 from optolever.kernels import exact, inlined
 
-from ..arrays import Floats, Mask
+from ..arrays import Floats, Ints, Mask
 
 __all__ = [
-    "Doubt", "apply_laplacian", "cubic_at_end", "cubic_inside", "defects", "divergence",
+    "Doubt", "SomeEdges", "apply_laplacian", "cubic_at_end", "cubic_inside", "defects", "divergence",
     "edge_weights", "factor_increments", "increments", "scaled_weights",
 ]  # fmt: skip
 
@@ -30,6 +30,23 @@ class Doubt(NamedTuple):
 
     x: Floats
     y: Floats
+
+
+class SomeEdges(NamedTuple):
+    """Values of a few edges, along columns and along rows, and their numbers in the flat image."""
+
+    at_x: Ints
+    at_y: Ints
+    x: Floats
+    y: Floats
+
+    def times(self, by: float) -> "SomeEdges":
+        """The values times a number."""
+        return self._replace(x=by * self.x, y=by * self.y)
+
+    def plus(self, other: "SomeEdges") -> "SomeEdges":
+        """The sum with values of the same edges."""
+        return self._replace(x=self.x + other.x, y=self.y + other.y)
 
 
 def increments(p: Floats, q: Floats, mask: Mask) -> tuple[Floats, Floats]:

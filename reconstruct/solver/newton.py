@@ -14,7 +14,7 @@ import scipy.ndimage
 from ..arrays import Floats, Labels, Mask, Pair, middle, some_rows
 from ..measured import Measured
 from .anchors import AnchorRows, Samples, anchor_rows, free_constants
-from .edges import Doubt, defects, edge_weights, factor_increments, scaled_weights
+from .edges import Doubt, SomeEdges, defects, edge_weights, factor_increments, scaled_weights
 from .poisson import Accuracy, EdgeProblem, edge_problem
 
 __all__ = ["State", "chord_step", "edge_errors", "linear_changes", "response", "solve"]
@@ -203,31 +203,29 @@ def missed(data: Measured, state: State, limit: float) -> Mask:
 
 
 def response(
-    data: Measured,
-    labels: Labels,
-    state: State,
-    slopes: tuple[Floats, Floats],
-    edges: tuple[Floats, Floats] | None = None,
+    data: Measured, labels: Labels, state: State, slopes: Pair | None, edges: SomeEdges | None = None
 ) -> Floats:
-    """Change of the solution (rows, cols) by errors of the slopes (rows, cols) and of single edges'
-    increments, first order.
+    """Change of the solution (rows, cols) by errors of the slopes (rows, cols), if there are any, and of
+    single edges' increments, first order.
     """
     step = state.problem.solve(*edge_errors(data, state, slopes, edges), Accuracy(relative=_RESPONSE))
     rows = state.rows._replace(known=np.zeros(state.rows.known.shape))
     still = np.zeros(state.w.shape)
+    slopes = slopes or (still, still)
     return _anchored(step.x, state.root, labels, rows, still, slopes, state.variances, state.share)[0]
 
 
 def edge_errors(
-    data: Measured, state: State, slopes: tuple[Floats, Floats], edges: tuple[Floats, Floats] | None
+    data: Measured, state: State, slopes: Pair | None, edges: SomeEdges | None
 ) -> tuple[Floats, Floats]:
-    """Edge defects (rows, cols) by errors of the slopes and of single edges' increments, in units of the
-    integrating factor."""
-    gx, gy = defects(*slopes, _ZERO, state.root, data.mask)
+    """Edge defects (rows, cols) by errors of the slopes, if there are any, and of single edges' increments,
+    in units of the integrating factor."""
+    nothing = np.zeros(data.mask.shape), np.zeros(data.mask.shape)
+    gx, gy = nothing if slopes is None else defects(*slopes, _ZERO, state.root, data.mask)
     if edges is not None:
-        root = np.broadcast_to(state.root, gx.shape)
-        gx[:, :-1] += edges[0][:, :-1] / (root[:, :-1] * root[:, 1:])
-        gy[:-1] += edges[1][:-1] / (root[:-1] * root[1:])
+        root: Floats = np.broadcast_to(state.root, gx.shape).ravel()
+        gx.ravel()[edges.at_x] += edges.x / (root[edges.at_x] * root[edges.at_x + 1])
+        gy.ravel()[edges.at_y] += edges.y / (root[edges.at_y] * root[edges.at_y + gy.shape[1]])
     return gx, gy
 
 

@@ -7,13 +7,15 @@ after n draws uncertain by 2 (1 - rho^4) / n of itself, squared, rho the correla
 are enough where a mask changes little; where it changes all, b tends to zero and the draws decide.
 """
 
+from collections.abc import Iterator
+
 import numpy as np
 import scipy.ndimage
 
 from ..arrays import Floats, Labels, Pair
 from ..judgement.discontinuities import touched
 from ..measured import Measured
-from ..solver.edges import Doubt, apply_laplacian, divergence
+from ..solver.edges import Doubt, SomeEdges, apply_laplacian, divergence
 from ..solver.newton import State, edge_errors, response
 from ..solver.poisson import ColumnPoisson
 from .response import ErrorField, slope_errors, smoothed
@@ -40,11 +42,14 @@ def monte_carlo_variance(
     most = int(np.clip(_PIXELS // np.count_nonzero(inside), _FEWEST, _DRAWS))
     rng = np.random.default_rng(_SEED)
     sums = np.zeros((3, *rectangle.shape))
+    doubts = None if state.doubt is None else drawn_doubts(state.doubt, state.w - data.rest(), rng)
     scale = rectangle + _beside_known(state)
     for count in range(1, most + 1):
         own, control = (
             np.divide(errors, np.sqrt(size), out=np.zeros_like(errors), where=size > 0)
-            for errors, size in zip(_drawn(data, state, labels, load, rng), (scale, rectangle), strict=True)
+            for errors, size in zip(
+                _drawn(data, state, labels, load, rng, doubts), (scale, rectangle), strict=True
+            )
         )
         sums += np.stack([own * own, own * control, control * control])
         if count >= _FEWEST and _unexplained(sums[:, inside]) * _DRAWS <= count:
@@ -75,7 +80,12 @@ def _unexplained(sums: Floats) -> float:
 
 
 def _drawn(
-    data: Measured, state: State, labels: Labels, load: Floats, rng: np.random.Generator
+    data: Measured,
+    state: State,
+    labels: Labels,
+    load: Floats,
+    rng: np.random.Generator,
+    doubts: Iterator[tuple[SomeEdges, SomeEdges]] | None,
 ) -> tuple[Floats, Floats]:
     """Answers (rows, cols) of the solution and of the rectangle to one draw of noise and of the
     edges' doubts.
@@ -86,9 +96,9 @@ def _drawn(
         for sigma in (data.sigma_u, data.sigma_v)
     )
     slopes, alone, together = slope_errors(data, state, ErrorField(du, dv)), None, None
-    if state.doubt is not None:
-        alone, common = drawn_doubts(state.doubt, state.w - data.rest(), rng)
-        together = (alone[0] + common[0], alone[1] + common[1])
+    if doubts is not None:
+        alone, common = next(doubts)
+        together = alone.plus(common)
     own = response(data, labels, state, slopes, together)
     factor = np.broadcast_to(state.root**2, own.shape)
     edges = edge_errors(data, state, slopes, alone)
@@ -98,24 +108,27 @@ def _drawn(
     return own, factor * (control - pinned)
 
 
-def drawn_doubts(doubt: Doubt, rise: Floats, rng: np.random.Generator) -> tuple[Pair, Pair]:
+def drawn_doubts(
+    doubt: Doubt, rise: Floats, rng: np.random.Generator
+) -> Iterator[tuple[SomeEdges, SomeEdges]]:
     """Draws of the edges' doubts: independent, as the rectangle's edges are, and common to each rim with the
     sign of the rise (rows, cols) above the mirror at rest along every edge, as a rim is misjudged in the same
     way all around: a jump lies evenly in its edge and a doubt bounds it, the variance is a third.
     """
     rims, count = scipy.ndimage.label(touched(doubt), np.ones((3, 3)))
-    shared = rng.choice([-1.0, 1.0], count + 1) / np.sqrt(3.0)
-    alone, together = [], []
-    rise = np.nan_to_num(rise)
-    for part, axis in ((doubt.x, 1), (doubt.y, 0)):
-        up = np.sign(np.diff(rise, axis=axis, append=0.0 * np.take(rise, [-1], axis)))
-        at, one, common = np.flatnonzero(part), np.zeros(part.shape), np.zeros(part.shape)
-        size = part.flat[at]
-        one.flat[at] = size * rng.standard_normal(at.size)
-        common.flat[at] = size * shared[rims.flat[at]] * up.flat[at]
-        alone.append(one)
-        together.append(common)
-    return (alone[0], alone[1]), (together[0], together[1])
+    steps = 1, rise.shape[1]
+    rims, rise = rims.ravel(), rise.ravel()
+    at = [np.flatnonzero(part) for part in doubt]  # no edge leads beyond the image
+    sizes = [part.ravel()[these] for part, these in zip(doubt, at, strict=True)]
+    up = [
+        np.sign(np.nan_to_num(rise[these + step]) - np.nan_to_num(rise[these]))
+        for these, step in zip(at, steps, strict=True)
+    ]
+    while True:
+        shared = rng.choice([-1.0, 1.0], count + 1) / np.sqrt(3.0)
+        alone = [size * rng.standard_normal(size.size) for size in sizes]
+        common = [size * shared[rims[these]] * sign for size, these, sign in zip(sizes, at, up, strict=True)]
+        yield SomeEdges(at[0], at[1], *alone), SomeEdges(at[0], at[1], *common)
 
 
 def _divergence(edges: Pair, state: State, rng: np.random.Generator) -> Floats:

@@ -19,7 +19,7 @@ from ..geometry import PAD, RayField
 from ..measured import Measured
 from ..outputs.coarse_modes import expanded
 from ..problem import Problem
-from ..solver.edges import edge_weights
+from ..solver.edges import SomeEdges, edge_weights
 from ..solver.newton import State, response
 from ..solver.poisson import edge_problem
 
@@ -36,17 +36,17 @@ class ErrorField(NamedTuple):
 
     u: Floats
     v: Floats
-    edges: Pair | None = None
+    edges: SomeEdges | None = None
 
 
 def variance_by(problem: Problem, state: State, fields: Iterable[ErrorField]) -> Floats:
     """Variance of the unknown (rows, cols) by a source of errors."""
-    total, nothing = np.zeros(problem.labels.shape), np.zeros(problem.labels.shape)
+    total = np.zeros(problem.labels.shape)
     for field in fields:
         moved = bool(field.u.any() or field.v.any())
         if field.edges is None and not moved:
             continue
-        slopes = slope_errors(problem.data, state, field) if moved else (nothing, nothing)
+        slopes = slope_errors(problem.data, state, field) if moved else None
         total += np.square(response(problem.data, problem.labels, state, slopes, field.edges))
     return smoothed(total, problem.labels > 0, _WIDE) if total.any() else total
 

@@ -16,6 +16,7 @@ with the cells begun elsewhere (a parametric bootstrap: Efron, 10.1214/aos/11763
 """
 
 from collections.abc import Iterator
+from itertools import islice
 
 import numpy as np
 
@@ -124,11 +125,10 @@ def _doubts(problem: Problem, state: State) -> Iterator[ErrorField]:
     """Draws of the doubts, see `drawn_doubts`."""
     rng, nothing = np.random.default_rng(_SEED), np.zeros(state.w.shape)
     assert state.doubt is not None
-    rise = state.w - problem.data.rest()
-    for _ in range(_FEWEST):
-        (alone_x, alone_y), (x, y) = drawn_doubts(state.doubt, rise, rng)
-        alone, size = 1 / np.sqrt(3.0 * _FEWEST), 1 / np.sqrt(_FEWEST)
-        yield ErrorField(nothing, nothing, (alone * alone_x + size * x, alone * alone_y + size * y))
+    alone, size = 1 / np.sqrt(3.0 * _FEWEST), 1 / np.sqrt(_FEWEST)
+    draws = drawn_doubts(state.doubt, state.w - problem.data.rest(), rng)
+    for own, common in islice(draws, _FEWEST):
+        yield ErrorField(nothing, nothing, own.times(alone).plus(common.times(size)))
 
 
 def _twiced(coord: Floats, mask: Mask) -> Floats:
