@@ -9,6 +9,7 @@ from functools import lru_cache
 from itertools import pairwise
 from typing import Any, TypeVar
 
+import numpy as np
 from threadpoolctl import ThreadpoolController, threadpool_limits
 
 __all__ = [
@@ -30,6 +31,7 @@ ONE_THREAD = {THREADS_VARIABLE: "1"} | {f"{name}_NUM_THREADS": "1" for name in _
 the last bit wherever they are made.
 """
 
+_LARGEST = (1 << 25) - (1 << 13)
 _SMALL = 1 << 15  # pixels that one thread has done before a second one is awake
 
 
@@ -124,4 +126,11 @@ def _pool(process: int, size: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(size, thread_name_prefix="optolever")
 
 
+def _keep_freed_memory() -> None:
+    """glibc keeps freed memory for the next arrays, up to twice the largest block of at most 32 MiB that was
+    freed (man mallopt, M_MMAP_THRESHOLD); until then each array is mapped and faulted in anew."""
+    np.empty(_LARGEST, np.uint8)
+
+
 _limit_blas()
+_keep_freed_memory()
