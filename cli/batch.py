@@ -106,13 +106,14 @@ class Many(Program):
         out = Path(ctx.params["out"])
         if out.suffix.lower() == ".npz":
             raise InputError(f"--out {out}: becomes a folder, of {len(captures)} captures; leave .npz out")
-        batch = Batch(self, ctx.params, _by_name(captures), out, again)
-        ol.files.require_folder(out, "table.csv")
-        workers = processes(jobs, self.imports) if scheduler is None else cluster(scheduler)
         before = _read_table(out / "table.csv")
-        from optolever.kernels import are_compiled
+        early = again or not before
+        workers = processes(jobs, self.imports, early) if scheduler is None else cluster(scheduler)
+        with workers as run, progress() as step:
+            batch = Batch(self, ctx.params, _by_name(captures), out, again)
+            ol.files.require_folder(out, "table.csv")
+            from optolever.kernels import are_compiled
 
-        with progress() as step, workers as run:
             out.mkdir(exist_ok=True)
             rows = dict[str, Row]()
             if scheduler is None and not any(map(are_compiled, self.imports)):

@@ -1,5 +1,6 @@
 """Tasks of a batch on workers: processes of one thread, or a Dask cluster."""
 
+import gc
 import importlib
 import json
 import multiprocessing
@@ -13,6 +14,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager, nullcontext, redirect_stderr, redirect_stdout, suppress
 from dataclasses import dataclass, field
 from io import StringIO
+from multiprocessing.context import BaseContext
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -81,25 +83,33 @@ def _begin() -> None:
         _ended.set()
         raise SystemExit(130)
 
+    gc.freeze()
+    gc.enable()  # `warm` has stopped it
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, end)
 
 
-@contextmanager
-def _pool(jobs: int, modules: Sequence[str]) -> Iterator[ProcessPoolExecutor]:
-    """Processes forked from one that has imported the modules, where the system has a fork. They end with an
-    error inside. InputError where the system lacks what processes need."""
+def _started(modules: Sequence[str]) -> BaseContext:
+    """Start the process that imports the modules and from which others are forked, where the system has a
+    fork; it is not waited for."""
     forks = "forkserver" in multiprocessing.get_all_start_methods()
     context = multiprocessing.get_context("forkserver" if forks else "spawn")
     if forks:
-        context.set_forkserver_preload([*modules, f"{__package__}.warm"])
-    try:
-        pool = ProcessPoolExecutor(jobs, context, _begin)
+        from multiprocessing import forkserver
+
+        context.set_forkserver_preload([f"{__package__}.warm", *modules])
+        with _possible():
+            forkserver.ensure_running()
+    return context
+
+
+@contextmanager
+def _pool(jobs: int, modules: Sequence[str]) -> Iterator[ProcessPoolExecutor]:
+    """Processes that have imported the modules. They end with an error inside. InputError where the system
+    lacks what processes need."""
+    with _possible():
+        pool = ProcessPoolExecutor(jobs, _started(modules), _begin)
         pool.submit(os.getpid).result()
-    except BrokenProcessPool:
-        raise
-    except (OSError, ImportError) as error:
-        raise _cannot_start(error) from error
     try:
         yield pool
     except BaseException:
@@ -108,6 +118,17 @@ def _pool(jobs: int, modules: Sequence[str]) -> Iterator[ProcessPoolExecutor]:
         raise
     finally:
         pool.shutdown()
+
+
+@contextmanager
+def _possible() -> Iterator[None]:
+    """InputError where processes cannot be started."""
+    try:
+        yield
+    except BrokenProcessPool:
+        raise
+    except (OSError, ImportError) as error:
+        raise _cannot_start(error) from error
 
 
 def _cannot_start(error: Exception) -> InputError:
@@ -140,12 +161,15 @@ def _results(pool: ProcessPoolExecutor, tasks: Sequence[Task]) -> Iterator[Outco
 
 
 @contextmanager
-def processes(jobs: int, modules: Sequence[str]) -> Iterator[Run]:
+def processes(jobs: int, modules: Sequence[str], early: bool) -> Iterator[Run]:
     """One pool; what a killed process leaves runs once more together, then alone: which kills it shows.
 
-    modules: what the command imports, once for all processes.
+    modules: what the command imports, once for all processes. early: there is work for sure, so this begins
+    at once.
     """
     with environment(SAFE_PATH | ONE_THREAD), ExitStack() as stack:
+        if early:
+            _started(modules)
         pools = list[ProcessPoolExecutor]()  # none where nothing is left to do
 
         def run(tasks: Sequence[Task]) -> Iterator[Outcome]:

@@ -9,7 +9,6 @@ from functools import lru_cache
 from itertools import pairwise
 from typing import Any, TypeVar
 
-import numpy as np
 from threadpoolctl import ThreadpoolController, threadpool_limits
 
 __all__ = [
@@ -123,14 +122,16 @@ def over_image(work: Work, shape: tuple[int, ...]) -> None:
 @lru_cache(maxsize=4)
 def _pool(process: int, size: int) -> ThreadPoolExecutor:
     """Threads that stay: starting one costs as much as a small image. A forked process has none of them."""
+    _keep_freed_memory()
     return ThreadPoolExecutor(size, thread_name_prefix="optolever")
 
 
 def _keep_freed_memory() -> None:
     """glibc keeps freed memory for the next arrays, up to twice the largest block of at most 32 MiB that was
     freed (man mallopt, M_MMAP_THRESHOLD); until then each array is mapped and faulted in anew."""
+    import numpy as np  # not for those who ask for ONE_THREAD alone
+
     np.empty(_LARGEST, np.uint8)
 
 
 _limit_blas()
-_keep_freed_memory()

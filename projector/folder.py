@@ -14,7 +14,6 @@ allowed in it, and no other pictures in `frames/`.
 """
 
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +22,7 @@ import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 
-from optolever.blocks import threads
+from optolever.blocks import on_cores
 from optolever.errors import InputError
 from optolever.files import atomic_file, atomic_folder
 from optolever.notices import Notice
@@ -65,8 +64,7 @@ def write_folder(
     with atomic_folder(folder) as target:
         (target / _FRAMES).mkdir()
         files = [f"{_FRAMES}/{index:03d}.png" for index in range(len(frames))]
-        with ThreadPoolExecutor(threads()) as pool:
-            list(pool.map(_write_image, (target / file for file in files), frames))
+        on_cores(lambda index: _write_image(target / files[index], frames[index]), range(len(frames)))
         description = tomli_w.dumps(_described(sequence, times, bits, files))
         (target / _DESCRIPTION).write_text(description, encoding="utf-8")
         if scene is not None:

@@ -9,7 +9,6 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterable
 from collections.abc import Sequence as Items
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -17,7 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.blocks import threads
+from optolever.blocks import on_cores
 from optolever.errors import InputError
 from optolever.memory import require_room
 from optolever.notices import Notice
@@ -79,8 +78,7 @@ def read_files(files: Iterable[Path], channel: str) -> list[Picture]:
             found.append(Picture(name, grey_of(picture, channel), some))
         return found
 
-    with ThreadPoolExecutor(threads()) as pool:
-        return [picture for part in pool.map(read, files) for picture in part]
+    return [picture for part in on_cores(read, list(files)) for picture in part]
 
 
 def incoming(
