@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from optolever.blocks import over_image
 from optolever.errors import InputError
 from optolever.scene import Scene
 
@@ -113,16 +114,23 @@ def traced_rays(camera: Any) -> RayField:
     """Rays of a camera's every pixel, not remembered."""
     rows = np.arange(-PAD, camera.rows + PAD, dtype=np.float64)
     cols = np.arange(-PAD, camera.cols + PAD, dtype=np.float64)
-    row, col = np.meshgrid(rows, cols, indexing="ij")
-    origins, directions = (
-        np.ascontiguousarray(np.moveaxis(np.asarray(part, dtype=np.float64), -1, 0))
-        for part in camera.rays_at(row, col)
-    )
+    origins, directions = (np.empty((3, rows.size, cols.size)) for _ in range(2))
+    first = [part[:, None, None] for part in camera.rays_at(0.0, 0.0)]
+    shifts, spreads, finite = list[float](), list[float](), list[bool]()
+
+    def block(start: int, stop: int) -> None:
+        found = camera.rays_at(rows[start:stop, None], cols)
+        image = slice(max(start, PAD), min(stop, rows.size - PAD)), slice(PAD, -PAD)
+        for part, out, one, away in zip(found, (origins, directions), first, (shifts, spreads), strict=True):
+            out[:, start:stop] = np.moveaxis(part, -1, 0)
+            away.append(float(np.abs(out[:, start:stop] - one).max()))
+            finite.append(bool(np.isfinite(out[:, *image]).all()))
+
+    over_image(block, (rows.size, cols.size))
     inner = (slice(None), slice(PAD, -PAD), slice(PAD, -PAD))
-    if not (np.isfinite(origins[inner]).all() and np.isfinite(directions[inner]).all()):
+    if not all(finite):
         raise InputError("scene: the camera has pixels without a finite ray")
-    spread = float(np.abs(directions - directions[:, PAD : PAD + 1, PAD : PAD + 1]).max())
-    shift = float(np.abs(origins - origins[:, PAD : PAD + 1, PAD : PAD + 1]).max())
+    shift, spread = (float(np.max(away)) for away in (shifts, spreads))  # NaN of one is that of all
     return RayField(origins, directions, spread > 0 and shift == 0, _lean(directions[inner]), spread == 0)
 
 

@@ -76,19 +76,27 @@ def factor_increments(p_w: Floats, q_w: Floats, mask: Mask) -> tuple[Floats, Flo
     This is the factor of the trapezoid rule from pixel to pixel (exact for a factor C x).
     """
     gx, gy = np.zeros(p_w.shape), np.zeros(p_w.shape)
-    for out, f0, f1, both in (
-        (gx[:, :-1], p_w[:, :-1], p_w[:, 1:], mask[:, :-1] & mask[:, 1:]),
-        (gy[:-1], q_w[:-1], q_w[1:], mask[:-1] & mask[1:]),
-    ):
-        above, below = 1.0 + 0.5 * f0, 1.0 - 0.5 * f1
-        steep = ~(np.minimum(above, below) > _STEEP)
-        with np.errstate(all="ignore"):
-            np.divide(above, below, out=above)
-            np.log(above, out=above)
-        if steep.any():
-            above[steep] = 0.5 * (f0[steep] + f1[steep])
-        np.copyto(out, above, where=both)
+
+    def block(start: int, stop: int) -> None:
+        for out, f, (one, other) in zip((gx, gy), (p_w, q_w), _ends(start, stop, len(mask)), strict=True):
+            above, below = 1.0 + 0.5 * f[one], 1.0 - 0.5 * f[other]
+            steep = ~(np.minimum(above, below) > _STEEP)
+            with np.errstate(all="ignore"):
+                np.divide(above, below, out=above)
+                np.log(above, out=above)
+            if steep.any():
+                above[steep] = 0.5 * (f[one][steep] + f[other][steep])
+            np.copyto(out[one], above, where=mask[one] & mask[other])
+
+    over_image(block, mask.shape)
     return gx, gy
+
+
+def _ends(start: int, stop: int, rows: int) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
+    """Windows of the pixels at both ends of the edges of some rows, along columns and along rows."""
+    last = min(stop, rows - 1)
+    along = np.s_[start:stop, :-1], np.s_[start:stop, 1:]
+    return along, (np.s_[start:last], np.s_[start + 1 : last + 1])
 
 
 def edge_weights(
@@ -98,29 +106,32 @@ def edge_weights(
     and the square of the edge's doubt.
     """
     wx, wy = np.zeros(var_p.shape), np.zeros(var_p.shape)
-    for out, variance, more, (one, other) in (
-        (wx, var_p, doubt and doubt.x, (np.s_[:, :-1], np.s_[:, 1:])),
-        (wy, var_q, doubt and doubt.y, (np.s_[:-1], np.s_[1:])),
-    ):
-        total = variance[one] + variance[other]
-        if more is not None:
-            total += 2.0 * np.square(more[one])
-        np.divide(2.0, total, out=out[one], where=mask[one] & mask[other])
+    doubts = (None, None) if doubt is None else doubt
+    each = (wx, var_p, doubts[0]), (wy, var_q, doubts[1])
+
+    def block(start: int, stop: int) -> None:
+        for (out, variance, more), (one, other) in zip(each, _ends(start, stop, len(mask)), strict=True):
+            total = variance[one] + variance[other]
+            if more is not None:
+                total += 2.0 * np.square(more[one])
+            np.divide(2.0, total, out=out[one], where=mask[one] & mask[other])
+
+    over_image(block, mask.shape)
     return (wx, wy) if root.size == 1 and root[0, 0] == 1.0 else scaled_weights((wx, wy), root)
 
 
 def scaled_weights(weights: tuple[Floats, Floats], root: Floats) -> tuple[Floats, Floats]:
     """The weights (rows, cols) of edges times E_i E_j; root: (rows, cols), or (1, 1) if constant."""
-    wx, wy = weights
-    root = np.broadcast_to(root, wx.shape)
-    scaled = np.zeros(wx.shape), np.zeros(wy.shape)
-    for out, weight, (one, other) in (
-        (scaled[0], wx, (np.s_[:, :-1], np.s_[:, 1:])),
-        (scaled[1], wy, (np.s_[:-1], np.s_[1:])),
-    ):
-        both = root[one] * root[other]
-        both *= both
-        np.multiply(weight[one], both, out=out[one])
+    shape = weights[0].shape
+    root, scaled = np.broadcast_to(root, shape), (np.zeros(shape), np.zeros(shape))
+
+    def block(start: int, stop: int) -> None:
+        for out, weight, (one, other) in zip(scaled, weights, _ends(start, stop, shape[0]), strict=True):
+            both = root[one] * root[other]
+            both *= both
+            np.multiply(weight[one], both, out=out[one])
+
+    over_image(block, shape)
     return scaled
 
 
