@@ -7,7 +7,7 @@ Defaults are shown; an option without one is required. A tuple repeats, a bool i
 """
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import NoneType, UnionType
@@ -89,13 +89,16 @@ def _kind(annotation: Any) -> tuple[Any, bool]:
 
 
 def program(
-    name: str, text: str, kind: Callable[..., Program] = Program
+    name: str, text: str, kind: Callable[..., Program] = Program, listed: Mapping[str, Opt] | None = None
 ) -> Callable[[Callable[..., Any]], Program]:
-    """A command of a kind from a function; text: a sample session."""
+    """A command of a kind from a function; text: a sample session; listed: options of the values that the
+    function takes as **; None where they are not given."""
 
     def made(function: Callable[..., Any]) -> Program:
-        params = []
+        params = [mark.parameter(key, str, None) for key, mark in (listed or {}).items()]
         for each in inspect.signature(function).parameters.values():
+            if each.kind is inspect.Parameter.VAR_KEYWORD:
+                continue
             annotation, mark = get_args(each.annotation)
             params.append(mark.parameter(each.name, annotation, each.default))
         params += helping([each for each in params if isinstance(each, Option)])

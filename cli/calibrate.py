@@ -12,6 +12,7 @@ import click
 
 import optolever as ol
 from optolever import InputError
+from optolever.numbers import listed, parsed
 from optolever.quantities import quantity, two_digits
 
 from .arguments import Arg, Opt, Rare, program
@@ -94,7 +95,7 @@ def command(
             raise InputError(f"{option}: {cure}")
     scene = load_scene(str(name), size)
     chosen = {
-        key: _number("--prior", text)
+        key: parsed(f"--prior {key}", text)
         for key, text in _pairs("--prior", priors, "NUMBER=SIGMA, such as pattern.z=0.5")
     }
     if rig is None and bool(captures) == bool(weights):
@@ -165,7 +166,7 @@ class _Given:
 
     def observed(self, rig: Path | str) -> "ol.calibration.Observation":
         seen = correspondence_of(self.path, rig)
-        mask = None if self.mask is None else mask_from(self.mask, seen.u.shape, f"{self.path} is")
+        mask = None if self.mask is None else mask_from(self.mask, seen.u.shape, str(self.path))
         return ol.calibration.Observation(self.path.stem, self.target, seen, mask)
 
 
@@ -217,7 +218,7 @@ def _weigh(
         raise InputError(f"--weight: {name} has no [layer], must have one; any youngs_modulus_mpa will do")
     given = []
     for numbers, path in _pairs("--weight", weights, "NEWTON[,SIGMA]=H.npz, such as 0.5,0.005=h.npz"):
-        values = [_number("--weight", part) for part in numbers.split(",")[:2]]
+        values = listed("--weight", numbers, "NEWTON[,SIGMA], numbers")[:2]
         given.append(ol.calibration.Weight(ol.reconstruct.HeightMap.load(path), *values))
     found = ol.calibration.weighed(scene.layer, given)
     layer, each = found.layer, list(zip(weights, found.moduli, found.sigmas, strict=True))
@@ -238,10 +239,3 @@ def _pairs(option: str, texts: Sequence[str], form: str) -> list[tuple[str, str]
         if not value:
             raise InputError(f"{option} {text}: must be {form}")
     return pairs
-
-
-def _number(option: str, text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise InputError(f"{option}: {text!r}, must be a number") from None

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import optolever as ol
 from optolever import InputError
+from optolever.numbers import listed, whole
 
 from .arguments import AT_LEAST_0, Arg, Opt, Rare, program
 from .batch import Many
@@ -167,12 +168,10 @@ def _inside(mask: Path | None, roi: str | None, shape: tuple[int, int]) -> "NDAr
 
     if mask is None and roi is None:
         return None
-    inside = np.ones(shape, np.bool_) if mask is None else mask_from(mask, shape, "frames are")
+    inside = np.ones(shape, np.bool_) if mask is None else mask_from(mask, shape, "the frames")
     if roi is not None:
-        try:
-            top, left, rows, cols = map(int, roi.split(","))
-        except ValueError:
-            raise InputError(f"--roi {roi!r}: must be four whole numbers, TOP,LEFT,ROWS,COLS") from None
+        form = "four whole numbers, TOP,LEFT,ROWS,COLS"
+        top, left, rows, cols = (whole("--roi", each) for each in listed("--roi", roi, form, 4))
         rectangle = np.zeros(shape, np.bool_)
         rectangle[top : top + rows, left : left + cols] = True
         if min(top, left) < 0 or rows < 1 or cols < 1 or rectangle.sum() != rows * cols:

@@ -10,6 +10,7 @@ import click
 
 import optolever as ol
 from optolever import InputError
+from optolever.numbers import listed
 from optolever.quantities import quantity, two_digits
 
 from .arguments import ABOVE_0, Arg, Opt, Rare, program
@@ -261,10 +262,8 @@ def _runs(
     for source, height in zip(sources, ol.metrology.in_common(heights), strict=True):
         with blame(source):
             fits.append(shape.fitted(height)[0])
-    try:
-        angles = None if turns is None else [radians(float(text)) for text in turns.split(",")]
-    except ValueError:
-        raise InputError(f"--rotations {turns}: must be degrees with commas, such as 0,90,180,270") from None
+    form = "degrees with commas, such as 0,90,180,270"
+    angles = None if turns is None else [radians(each) for each in listed("--rotations", turns, form)]
     found = ol.metrology.compare_runs(fits, angles)
     parts = {"mirror" if turns else "mean": found.mirror} | ({"rig": found.rig} if turns else {})
     numbers = {f"{name}_rms_mm": found.rms(z) for name, z in parts.items()}

@@ -11,6 +11,7 @@ import click
 
 import optolever as ol
 from optolever import InputError
+from optolever.numbers import listed
 from optolever.quantities import quantity
 
 from .arguments import AT_LEAST_0, Opt, Rare, program
@@ -87,7 +88,7 @@ def command(
         print_notices(prepared.notices)
         probes = ol.live.Probes(prepared, exposure_s)
         for text in probe:
-            probes.add(*_place(text))
+            probes.add(*listed("--probe", text, "X,Y in mm, such as 30,22.5", 2))
         sinks: list[Any] = [] if csv is None else [stack.enter_context(ol.live.ContactTable(csv))]
         sinks += [] if socket is None else [stack.enter_context(ol.live.ReadingSocket(socket))]
         run = _Run(prepared, probes, json_lines, sinks)
@@ -113,14 +114,6 @@ def _rig(
     readings = stack.enter_context(ol.live.open(rig, named, changes=changes, anew=rest == "new"))
     print_notices(readings.notices)
     return readings.prepared, readings.source, readings.exposure_s
-
-
-def _place(text: str) -> tuple[float, float]:
-    try:
-        x, y = (float(part) for part in text.split(","))
-    except ValueError as error:
-        raise InputError(f"--probe {text}: must be X,Y in mm, such as 30,22.5") from error
-    return x, y
 
 
 def _require_real() -> None:

@@ -9,6 +9,7 @@ import click
 
 import optolever as ol
 from optolever import InputError
+from optolever.numbers import listed
 
 from .arguments import ABOVE_0, AT_LEAST_0, Opt, Rare, Shape
 from .outputs import OutputFile
@@ -39,11 +40,7 @@ class Anchored(click.ParamType[Any]):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         if value in ("edge", "middle", "border", "none"):
             return value
-        try:
-            x, y, z = (float(part) for part in str(value).split(","))
-        except ValueError:
-            self.fail(f"{value!r} is neither edge, middle, border nor X,Y,Z (mm)", param, ctx)
-        return x, y, z
+        return tuple(listed("--anchor", str(value), "edge, middle, border or X,Y,Z (mm)", 3))
 
 
 def pixels(text: str) -> Opt:
@@ -131,7 +128,8 @@ def mask_from(path: Path, shape: tuple[int, ...], others: str) -> "NDArray[np.bo
 
     mask = read_mask(path)
     if mask.shape != shape:
-        raise InputError(f"{path}: is {mask.shape[0]}x{mask.shape[1]}, {others} {shape[0]}x{shape[1]}")
+        sizes = "is {}x{} pixels, must be {}x{}".format(*mask.shape[::-1], *shape[::-1])
+        raise InputError(f"{path}: {sizes} as {others}; draw it on an image of this camera")
     return mask
 
 

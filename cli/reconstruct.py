@@ -109,11 +109,11 @@ def command(
     source, reconstruct = sources[0], ol.reconstruct
     correspondence = ol.decode.Correspondence.load(source)
     rest = None if rest_path is None else ol.decode.Correspondence.load(rest_path)
-    mask = None if mask_path is None else mask_from(mask_path, correspondence.u.shape, f"{source} is")
+    mask = None if mask_path is None else mask_from(mask_path, correspondence.u.shape, str(source))
     sofast = _sofast_files(scene_name)
     if sofast:
         if size is not None:
-            raise InputError(f"--pixels: {scene_name} is a SOFAST rig, its size is that of its camera")
+            raise InputError(f"--pixels: {scene_name} is a SOFAST rig of its camera's size; leave it out")
         rig = ol.formats.load_sofast_rig(sofast, *(() if facet is None else (facet,)))
         with blame(source):
             correspondence = ol.formats.on_rig(correspondence, rig)
@@ -121,7 +121,7 @@ def command(
         scene, anchor = rig.scene, anchor or rig.datum
     else:
         if facet is not None:
-            raise InputError(f"--facet {facet}: {scene_name} is no SOFAST result (.h5)")
+            raise InputError(f"--facet {facet}: {scene_name} is no SOFAST result (.h5); leave it out")
         scene = load_scene(scene_name, size)
     if no_rest and rest is not None:
         raise InputError(f"--no-rest: --rest {rest_path} is given; leave one out")
@@ -188,7 +188,8 @@ def _against_truth(
 ) -> dict[str, float]:
     truth = ol.scene.Trace.load(path)
     if truth.z.shape != height.z.shape:
-        raise InputError(f"{path}: z has shape {truth.z.shape}, the height map {height.z.shape}")
+        wrong = f"z has shape {truth.z.shape}, must be {height.z.shape} as the height map"
+        raise InputError(f"{path}: {wrong}; give the truth of this capture")
     return ol.experiments.height_metrics(truth, correspondence, height)
 
 

@@ -28,7 +28,6 @@ Rig in rig.toml
 
 
 QUESTION = {each.name: each for each in QUESTIONS}
-ASKED = {name: each.option for name, each in QUESTION.items()}
 CAMERA = Opt("--camera ADDRESS", "[devices]: camera, as `optolever camera devices` lists it; empty: none")
 SCREEN = Opt("--monitor NAME", "[devices]: display, as `optolever camera devices` lists it; empty: none")
 FOCAL = Opt("--focal MM", "Focal length, with --pixel in place of the view.", ABOVE_0)
@@ -36,7 +35,6 @@ PIXEL = Opt("--pixel MM", "Pitch of the camera's pixels, with --focal.", ABOVE_0
 PITCH = Opt("--pitch MM", "Pitch of the display's pixels, in place of --diagonal.", ABOVE_0)
 OUT = Opt("--out RIG.toml", "File to write; RIG.png is its drawing.", OutputFile(".toml", bare=False))
 Number: TypeAlias = float | None
-Pair: TypeAlias = tuple[int, int] | None
 
 
 @click.group("rig", epilog=sample(SAMPLE))
@@ -45,29 +43,16 @@ def command() -> None:
 
 
 @command.add_command
-@program("new", SAMPLE)
+@program("new", SAMPLE, listed={each.name: each.option for each in QUESTIONS})
 def new(
     out: Annotated[Path, OUT],
-    kind: Annotated[str | None, ASKED["kind"]] = None,
-    mirror: Annotated[Pair, ASKED["mirror"]] = None,
-    display: Annotated[Pair, ASKED["display"]] = None,
-    diagonal: Annotated[Number, ASKED["diagonal"]] = None,
-    image: Annotated[Pair, ASKED["image"]] = None,
-    angle: Annotated[Number, ASKED["angle"]] = None,
-    distance: Annotated[Number, ASKED["distance"]] = None,
-    display_distance: Annotated[Number, ASKED["display_distance"]] = None,
-    display_angle: Annotated[Number, ASKED["display_angle"]] = None,
-    bezel: Annotated[Number, ASKED["bezel"]] = None,
-    across: Annotated[Number, ASKED["across"]] = None,
-    index: Annotated[Number, ASKED["index"]] = None,
-    view_distance: Annotated[Number, ASKED["view_distance"]] = None,
-    view_width: Annotated[Number, ASKED["view_width"]] = None,
     focal: Annotated[Number, FOCAL] = None,
     pixel: Annotated[Number, PIXEL] = None,
     pitch: Annotated[Number, PITCH] = None,
     camera: Annotated[str | None, CAMERA] = None,
     monitor: Annotated[str | None, SCREEN] = None,
     json_path: Json = None,
+    **answers: Any,
 ) -> None:
     """Write the TOML of a rig and draw it from the side.
 
@@ -75,8 +60,8 @@ def new(
     camera points at the mirror's middle; a monitor is perpendicular to the reflected line of sight; a prism's
     face is perpendicular to the camera's.
     """
-    values = dict(click.get_current_context().params)
-    values["kind"] = kind = kind or _asked(QUESTION["kind"], "monitor")
+    values = answers | {"focal": focal, "pixel": pixel, "pitch": pitch}
+    values["kind"] = kind = answers["kind"] or _asked(QUESTION["kind"], "monitor")
     for each in QUESTIONS:
         if each.only not in ("", kind) and values[each.name] is not None:
             wrong = f"applies to --kind {each.only}, --kind is {kind}; leave it out"
@@ -87,7 +72,7 @@ def new(
     for each in questions_of(kind):
         if values[each.name] is None and each.name != "across" and in_place.get(each.name) is None:
             values[each.name] = _asked(each, kind)
-    if kind == "prism" and across is None:
+    if kind == "prism" and answers["across"] is None:
         centred = round(typed_rig(values).offset_across, 4)
         values["across"] = _asked(QUESTION["across"], kind, str(centred))
     chosen = {"camera": camera, "display": monitor}

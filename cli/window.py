@@ -5,8 +5,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
-import click
-
 import optolever as ol
 from optolever import InputError
 
@@ -27,10 +25,7 @@ Shown on monitor 1
 
 
 SEQUENCE = Opt("--sequence NAME[:KEY=VALUE,...]", "Sequence, or a .toml file by design or Sequence.save.")
-MONITOR = Opt(
-    "--monitor N", "Its number in --list; default: the second, or the only one.", click.IntRange(min=0)
-)
-DISPLAY = Opt("--display NAME", "Full screen there, by its name in --list.")
+MONITOR = Opt("--monitor N|NAME", "Its number or name in --list; default: the second, or the only one.")
 SECONDS = Opt("--seconds SECONDS", "Of each frame; default: arrows step, Escape closes.", ABOVE_0)
 DESCRIBED = "Gets the description, for decode --description; default: capture.toml."
 OUT = Opt("--out TOML", DESCRIBED, OutputFile(".toml", bare=False))
@@ -39,8 +34,7 @@ OUT = Opt("--out TOML", DESCRIBED, OutputFile(".toml", bare=False))
 @program("show", SAMPLE)
 def command(
     sequence: Annotated[str, SEQUENCE] = "gray+phase",
-    monitor: Annotated[int | None, MONITOR] = None,
-    display: Annotated[str | None, DISPLAY] = None,
+    monitor: Annotated[str | None, MONITOR] = None,
     size: Annotated[tuple[int, int] | None, pixels("Size of the pattern; default: the full monitor.")] = None,
     seconds: Annotated[float | None, SECONDS] = None,
     out: Annotated[Path | None, OUT] = None,
@@ -58,7 +52,7 @@ def command(
         write_json(json_path, {"monitors": [asdict(monitor) for monitor in found]})
         print_monitors(found)
         return
-    chosen = _chosen(found, monitor, display, size is None)
+    chosen = _chosen(found, monitor, size is None)
     print_notices(() if chosen is None else chosen.faults())
     if size is None and sequence.endswith(".toml"):
         shown = ol.patterns.Sequence.load(sequence)
@@ -93,14 +87,14 @@ def command(
 
 
 def _chosen(
-    found: "list[ol.projector.Monitor]", number: int | None, name: str | None, full: bool
+    found: "list[ol.projector.Monitor]", asked: str | None, full: bool
 ) -> "ol.projector.Monitor | None":
-    """The given monitor, else the second one, else (full) the only one, else none: a plain window."""
-    if name is not None:
-        return ol.projector.choose_monitor(found, name)
-    if number is None:
+    """The monitor asked for, else the second one, else (full) the only one, else none: a plain window."""
+    if asked is None:
         return found[1] if len(found) > 1 else found[0] if full and found else None
-    if number >= len(found):
+    if not asked.isdecimal():
+        return ol.projector.choose_monitor(found, asked)
+    if int(asked) >= len(found):
         most = f"0 to {len(found) - 1}" if len(found) > 1 else "0, the only one"
-        raise InputError(f"--monitor {number}: does not exist, must be {most} (see --list)")
-    return found[number]
+        raise InputError(f"--monitor {asked}: does not exist, must be {most} (see --list)")
+    return found[int(asked)]

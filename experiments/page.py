@@ -2,7 +2,6 @@
 file.
 """
 
-import csv
 import importlib.metadata
 import json
 import math
@@ -18,7 +17,7 @@ from markupsafe import Markup
 
 from optolever import __version__
 from optolever.charts import chart_file
-from optolever.files import atomic_file
+from optolever.files import atomic_file, write_rows
 from optolever.quantities import quantity, two_digits
 
 from .timing import peak_bytes
@@ -57,11 +56,11 @@ class Figures:
 
     def save(self, path: str | Path) -> None:
         """Write a CSV: name, value, sigma, unit; sigma empty where there is none; shares from 0 to 1."""
-        with atomic_file(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
-            rows = csv.writer(stream)
-            rows.writerow(("name", "value", "sigma", "unit"))
-            for name, (value, sigma, unit) in self.rows.items():
-                rows.writerow((name, repr(value), "" if math.isnan(sigma) else repr(sigma), unit.strip("%")))
+        rows = (
+            (name, repr(value), "" if math.isnan(sigma) else repr(sigma), unit.strip("%"))
+            for name, (value, sigma, unit) in self.rows.items()
+        )
+        write_rows(path, ("name", "value", "sigma", "unit"), rows)
 
 
 def budget_table(readings: Mapping[str, Mapping[str, float]], figures: Figures) -> Table:

@@ -1,30 +1,26 @@
-"""Wall-clock and processor time of calls and stages, and peak memory."""
+"""Processor time of calls, seconds of stages, peak memory."""
 
 import resource
 import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from optolever.records import Progress
 
 
-@dataclass(frozen=True, slots=True)
-class Measured:
-    """Value of a call, its wall-clock and processor seconds."""
+class Measured(NamedTuple):
+    """Value of a call, its processor seconds."""
 
     value: Any
-    seconds: float
     processor: float
 
 
 def timed(call: Callable[[], Any]) -> Measured:
     """Time a call."""
-    start, processor = time.perf_counter(), time.process_time()
-    value = call()
-    return Measured(value, time.perf_counter() - start, time.process_time() - processor)
+    start = time.process_time()
+    return Measured(call(), time.process_time() - start)
 
 
 def peak_bytes() -> int:

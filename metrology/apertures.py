@@ -18,7 +18,7 @@ import scipy.ndimage
 from numpy.typing import NDArray
 
 from optolever.errors import InputError
-from optolever.numbers import real
+from optolever.numbers import parsed, written
 from optolever.pictures import read_mask
 
 __all__ = ["aperture_mask", "inscribed_radius", "middle_of"]
@@ -54,21 +54,15 @@ def inscribed_radius(x: Floats, y: Floats, good: Mask, centre: tuple[float, floa
 
 
 def _shape(text: str, name: str, rest: str, x: Floats, y: Floats, good: Mask) -> Mask:
-    known, given = (*_SIZES[name], "x", "y"), dict[str, float]()
-    for item in filter(None, rest.split(",")):
-        key, equals, value = item.partition("=")
-        if not equals or key not in known:
-            raise InputError(f"aperture {text}: {item!r}, must be NUMBER=VALUE of {', '.join(known)}")
-        try:
-            given[key] = real(f"aperture {text}: {key}", float(value))
-        except ValueError:
-            raise InputError(f"aperture {text}: {key} is {value!r}, must be a number") from None
+    what, known = f"aperture {text}", (*_SIZES[name], "x", "y")
+    texts = written(what, rest, f"NUMBER=VALUE of {', '.join(known)}", known)
+    given = {key: parsed(f"{what}: {key}", value) for key, value in texts.items()}
     centre = (given.get("x", middle_of(x, good)), given.get("y", middle_of(y, good)))
     if name == "circle" and "radius" not in given:
         given["radius"] = inscribed_radius(x, y, good, centre)
     for key in _SIZES[name]:
         if not given.get(key, 0.0) > 0:
-            raise InputError(f"aperture {text}: {key} must be given, above 0 mm")
+            raise InputError(f"{what}: {key} must be given, above 0 mm")
     u, v = x - centre[0], y - centre[1]
     if name == "rectangle":
         return np.asarray((np.abs(u) <= 0.5 * given["width"]) & (np.abs(v) <= 0.5 * given["height"]))
@@ -82,5 +76,6 @@ def _image(text: str, shape: tuple[int, ...]) -> Mask:
         raise InputError(f"aperture {text!r}: unknown, must be one of {', '.join(_SIZES)} or a mask's image")
     mask = read_mask(path)
     if mask.shape != shape:
-        raise InputError(f"{path}: is {mask.shape[0]}x{mask.shape[1]}, the height map {shape[0]}x{shape[1]}")
+        sizes = "is {}x{} pixels, must be {}x{}".format(*mask.shape[::-1], *shape[::-1])
+        raise InputError(f"{path}: {sizes} as the height map; draw it on an image of this camera")
     return np.asarray(mask, np.bool_)

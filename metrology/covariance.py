@@ -17,8 +17,8 @@ import scipy.sparse.linalg
 from numpy.typing import NDArray
 
 __all__ = [
-    "ResidualNoise", "SlopeNoise", "mean_square_variance", "noise_covariance", "residual_noise",
-    "root_sigma",
+    "ResidualNoise", "SlopeNoise", "mean_square_variance", "modes_variance", "noise_covariance",
+    "residual_noise", "root_sigma",
 ]  # fmt: skip
 
 Floats = NDArray[np.float64]
@@ -139,6 +139,13 @@ def mean_square_variance(linear: float, trace: float) -> float:
     """Variance of the mean square of s + n, n Gaussian noise of covariance C: 4 s'Cs + 2 tr C^2 (over n^2).
     linear: 4 r'Cr of the measured r = s + n, whose noise adds 4 tr C^2 on average; trace: 2 tr C^2."""
     return max(linear - 2 * trace, 0.0) + trace
+
+
+def modes_variance(modes: Floats, values: Floats) -> float:
+    """Variance of the mean square of values (n,) by modes (r, n) of standard deviation 1."""
+    count = len(values)
+    own, common = np.sum((modes @ values / count) ** 2), np.sum((modes @ modes.T / count) ** 2)
+    return float(4 * own + 2 * common)
 
 
 def root_sigma(rms: float, variance: float) -> float:

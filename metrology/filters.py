@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from optolever.errors import InputError
 from optolever.reconstruct import Grid
 
-from .covariance import mean_square_variance, noise_covariance
-from .fit import FormFit, differences
+from .covariance import mean_square_variance, modes_variance, noise_covariance
+from .fit import FormFit
 
 __all__ = ["gaussian_filter", "kept_variance", "transfer"]
 
@@ -59,14 +59,9 @@ def gaussian_filter(fit: FormFit, cutoff: float, kept: Literal["low", "high"]) -
         bent = (replace(fit, residual=np.where(there, mode, np.nan)) for mode in fit.modes)
         modes = np.stack([kept_of(one.residual, one.grid(grid.pitch).z) for one in bent])
         rig = np.sqrt(np.sum(modes**2, axis=0))
-        square += 4 * float(np.sum((modes[:, there] @ left / len(left)) ** 2))
-        square += 2 * float(np.sum((modes[:, there] @ modes[:, there].T / len(left)) ** 2))
+        square += modes_variance(modes[:, there], left)
         kept_modes = np.asarray(modes, np.float32)
-    slope_x, slope_y = differences(fit.x, fit.y, residual)
-    return replace(
-        passed, slope_x=slope_x, slope_y=slope_y, noise=np.sqrt(variance), rig=rig, variance=square,
-        trace=trace, modes=kept_modes,
-    )  # fmt: skip
+    return replace(passed, noise=np.sqrt(variance), rig=rig, variance=square, trace=trace, modes=kept_modes)
 
 
 def kept_variance(fit: FormFit, weights: Floats) -> Floats:

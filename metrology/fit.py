@@ -13,7 +13,7 @@ from optolever.errors import InputError
 from optolever.reconstruct import Grid, HeightFlag, HeightMap, SlopeMap
 
 from .apertures import middle_of
-from .covariance import SlopeNoise, noise_covariance, residual_noise, root_sigma
+from .covariance import SlopeNoise, modes_variance, noise_covariance, residual_noise, root_sigma
 from .figures import pvr, rms_less_noise
 from .forms import Form, form_from_text
 
@@ -57,8 +57,8 @@ class Numbers:
 @dataclass(frozen=True, slots=True, eq=False)
 class FormFit:
     """A form fitted to a map. form: its name; numbers: fitted parameters; held: fixed parameters; x, y (H,
-    W): mm; residual (H, W): heights less the form, mm, NaN where not good; slope_x, slope_y (H, W): slopes of
-    the residual, mm per mm; middle: origin x = y = 0 of the form, mm in the mirror's frame.
+    W): mm; residual (H, W): heights less the form, mm, NaN where not good; middle: origin x = y = 0 of the
+    form, mm in the mirror's frame.
 
     noise, rig (H, W): standard deviations of the residual by the slopes' noise (NaN: unknown) and by the
     errors of the rig, mm, each less its part in the form; variance: of the residual's mean square, by both,
@@ -74,8 +74,6 @@ class FormFit:
     x: Floats
     y: Floats
     residual: Floats
-    slope_x: Floats
-    slope_y: Floats
     middle: tuple[float, float]
     noise: Floats
     rig: Floats
@@ -131,9 +129,14 @@ class FormFit:
         return float(np.nanmax(self.residual) - np.nanmin(self.residual))
 
     @property
+    def slopes(self) -> tuple[Floats, Floats]:
+        """dz/dx and dz/dy of the residual (H, W), mm per mm, by differences between pixels."""
+        return differences(self.x, self.y, self.residual)
+
+    @property
     def slope_rms(self) -> tuple[float, float]:
-        """Rms of the residual's slopes along x and y as measured, mm per mm (less noise: `slope_errors`)."""
-        along_x, along_y = (float(np.sqrt(np.nanmean(s**2))) for s in (self.slope_x, self.slope_y))
+        """Rms of the residual's slopes along x and y, mm per mm (less noise: `slope_errors`)."""
+        along_x, along_y = (float(np.sqrt(np.nanmean(s**2))) for s in self.slopes)
         return along_x, along_y
 
     def to_dict(self) -> dict[str, Any]:
@@ -158,7 +161,8 @@ class FormFit:
     def export(self, path: str | Path, height: HeightMap) -> None:
         """Write the deviation of the map that was fitted, as `HeightMap.export` does; to an .npz also slope_x
         and slope_y."""
-        slopes = {name: getattr(self, name).astype(np.float32) for name in ("slope_x", "slope_y")}
+        pair = zip(("slope_x", "slope_y"), self.slopes, strict=True)
+        slopes: dict[str, Any] = {name: each.astype(np.float32) for name, each in pair}
         self.deviation(height).export(path, **slopes)
 
     def grid(self, pitch_mm: float | None = None) -> Grid:
@@ -178,8 +182,8 @@ def fit_form(
     """Unweighted least-squares fit of a form to the good pixels without their outermost ring.
 
     form: one of form_names(), followed by fixed parameters: 'sphere:radius=4000', 'conic:conic=-1'. slopes:
-    slope map of the same correspondence, for the parameters' sigmas by noise and for the slope error (None:
-    differences of the residual). aperture (H, W): pixels to use. InputError without enough good pixels.
+    slope map of the same correspondence, for sigmas by noise (None: by the noise that the map states).
+    aperture (H, W): pixels to use. InputError without enough good pixels.
     """
     name, known, held = form_from_text(form)
     if len(held) == len(known.names):
@@ -195,9 +199,8 @@ def fit_form(
     found = Numbers(tuple(known.names[i] for i in free), known.stated(p)[free], *sigmas)
     residual = np.full(height.z.shape, np.nan)
     residual[good] = z - known.model(p, x[good], y[good])
-    slope_x, slope_y = _slope_errors(height, slopes, residual, lambda a, b: known.model(p, a, b), x, y, good)
     left = leftovers(jacobian, residual, height, x, y, good, slopes)
-    return FormFit(name, found, held, height.x, height.y, residual, slope_x, slope_y, middle, *left)
+    return FormFit(name, found, held, height.x, height.y, residual, middle, *left)
 
 
 def leftovers(
@@ -225,8 +228,7 @@ def leftovers(
         bent = np.nan_to_num(modes[:, good].astype(np.float64))
         bent -= (bent @ q) @ q.T
         rig[good] = np.sqrt(np.sum(bent**2, axis=0))
-        square += 4 * float(np.sum((bent @ left / len(left)) ** 2))
-        square += 2 * float(np.sum((bent @ bent.T / len(left)) ** 2))
+        square += modes_variance(bent, left)
         kept = np.full((len(bent), *good.shape), np.nan, np.float32)
         kept[:, good] = bent
     return noise, rig, np.nan if own is None else square, step, trace, kept, q, own
@@ -247,7 +249,7 @@ def placed(
     good = good if aperture is None else good & aperture
     if np.count_nonzero(good) < 2 * count:
         few = f"{np.count_nonzero(good)} good pixels within the outermost ring"
-        raise InputError(f"height map: {few}, must be at least {2 * count}")
+        raise InputError(f"height map: {few}, must be at least {2 * count}; take a form of fewer numbers")
     middle = tuple(middle_of(part, good) for part in (height.x, height.y))
     x, y = (np.asarray(part, np.float64) - at for part, at in zip((height.x, height.y), middle, strict=True))
     return x, y, good, (middle[0], middle[1])
@@ -366,26 +368,6 @@ def _statement(form: Form, p: Floats) -> Floats:
     """Derivative of each stated parameter by its internal one (m,)."""
     step = _NUDGE * np.maximum(np.abs(p), 1e-12)
     return np.asarray((form.stated(p + step) - form.stated(p - step)) / (2 * step))
-
-
-def _slope_errors(
-    height: HeightMap,
-    slopes: SlopeMap | None,
-    residual: Floats,
-    form: Callable[[Floats, Floats], Floats],
-    x: Floats,
-    y: Floats,
-    good: NDArray[np.bool_],
-) -> tuple[Floats, Floats]:
-    """dz/dx and dz/dy of the residual (H, W), NaN where unknown."""
-    if slopes is None:
-        return differences(height.x, height.y, residual)
-    step = 1e-6 * max(float(np.ptp(x[good])), float(np.ptp(y[good])), 1e-9)
-    along_x = (form(x + step, y) - form(x - step, y)) / (2 * step)
-    along_y = (form(x, y + step) - form(x, y - step)) / (2 * step)
-    parts = (slopes.slope_x - along_x, slopes.slope_y - along_y)
-    one, other = (np.where(good, part, np.nan) for part in parts)
-    return one, other
 
 
 def differences(x: Floats, y: Floats, z: Floats) -> tuple[Floats, Floats]:

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optolever.errors import InputError
-from optolever.numbers import real
+from optolever.numbers import parsed, written
 
 __all__ = ["FORMS", "Form", "form_from_text", "form_names"]
 
@@ -225,18 +225,12 @@ def form_from_text(text: str) -> tuple[str, Form, dict[str, float]]:
     if name not in FORMS:
         raise InputError(f"form {text!r}: unknown, must be one of {', '.join(FORMS)}")
     form = FORMS[name]
-    held = dict(form.given)
-    for item in filter(None, rest.split(",")):
-        key, equals, value = item.partition("=")
-        if not equals or key not in form.names:
-            raise InputError(f"form {text!r}: {item!r}, must be NUMBER=VALUE of {', '.join(form.names)}")
+    held, what = dict(form.given), f"form {text!r}"
+    for key, value in written(what, rest, f"NUMBER=VALUE of {', '.join(form.names)}", form.names).items():
         if value == "free":
             held.pop(key, None)
             continue
-        try:
-            held[key] = real(f"form {text!r}: {key}", float(value))
-        except ValueError:
-            raise InputError(f"form {text!r}: {key} is {value!r}, must be a number or free") from None
+        held[key] = parsed(f"{what}: {key}", value)
         if key in ("radius", "focal") and held[key] == 0:
-            raise InputError(f"form {text!r}: {key} is 0 mm, must not be 0; below 0 where convex")
+            raise InputError(f"{what}: {key} is 0 mm, must not be 0; below 0 where convex")
     return name, form, held

@@ -7,6 +7,7 @@ import scipy.ndimage
 from numpy.typing import NDArray
 
 from optolever.errors import InputError
+from optolever.numbers import listed
 from optolever.reconstruct import Grid
 
 from .fit import FormFit
@@ -67,10 +68,7 @@ def profile_of(fit: FormFit, line: str) -> Profile:
         "x": (x[0], fit.middle[1], x[-1], fit.middle[1]),
         "y": (fit.middle[0], y[0], fit.middle[0], y[-1]),
     }
-    try:
-        x0, y0, x1, y1 = ends[line] if line in ends else map(float, line.split(","))
-    except ValueError:
-        raise InputError(f"profile {line!r}: must be x, y or X0,Y0,X1,Y1 (mm)") from None
+    x0, y0, x1, y1 = ends.get(line) or listed("profile", line, "x, y or X0,Y0,X1,Y1 (mm)", 4)
     found = profile(grid, (x0, y0), (x1, y1))
     if not np.isfinite(found.rms):
         part = f"x {x[0]:.4g} to {x[-1]:.4g}, y {y[0]:.4g} to {y[-1]:.4g} mm"
@@ -111,4 +109,5 @@ def _rectangle(z: Floats) -> Floats:
         if inside.mean() >= _KNOWN and inside.shape[1] >= _LEAST:
             found = z[part[0], part[1]]
             return np.where(inside, found, found[inside].mean())
-    raise InputError(f"spectrum: no known rectangle of at least {_LEAST} points about the middle")
+    few = f"no known rectangle of at least {_LEAST} points about the middle"
+    raise InputError(f"spectrum: {few}; the map is too small, or has gaps there")

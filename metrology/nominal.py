@@ -22,7 +22,7 @@ from optolever.maps import READABLE, read_grid
 from optolever.reconstruct import Grid, HeightFlag, HeightMap, SlopeMap
 
 from .covariance import noise_covariance
-from .fit import FormFit, Numbers, differences, leftovers, placed, slope_noise
+from .fit import FormFit, Numbers, leftovers, placed, slope_noise
 
 __all__ = ["NOMINAL_SUFFIXES", "Nominal", "fit_nominal", "load_measured", "load_nominal", "surface_of"]
 
@@ -55,13 +55,12 @@ def load_nominal(path: str | Path) -> Nominal:
     file = Path(path)
     require_file(file)
     suffix = file.suffix.lower()
-    if suffix == ".npz":
-        return surface_of(_npz_grid(file))
-    if suffix in READABLE:
-        return surface_of(_grid_of(file))
+    if suffix not in NOMINAL_SUFFIXES:
+        raise InputError(f"{file}: suffix {suffix!r}, must be {' or '.join(NOMINAL_SUFFIXES)}")
     if suffix in (".stl", ".ply"):
         return _of_points(file, _vertices(file))
-    raise InputError(f"{file}: suffix {suffix!r}, must be {' or '.join(NOMINAL_SUFFIXES)}")
+    grid = _grid_of(file)
+    return surface_of(HeightMap.load(file).resample() if grid is None else grid)
 
 
 def fit_nominal(
@@ -125,7 +124,6 @@ def fit_nominal(
         rig = np.linalg.norm(np.nan_to_num(modes[:, good]).astype(np.float64) @ weights, axis=0)
     residual = np.full(height.z.shape, np.nan)
     residual[good] = left(p, points)
-    slope_x, slope_y = differences(height.x, height.y, residual)
     p[:3] += np.array([nominal.middle[k] - (*middle, centre[2])[k] for k in range(3)])
     fixed = np.sum(free**2, axis=1) < 0.5
     p[fixed], noise[fixed], noise[2] = 0.0, np.inf, np.nan
@@ -134,7 +132,7 @@ def fit_nominal(
     inside = np.isfinite(residual)
     basis = np.stack([np.ones(int(inside.sum())), x[inside], y[inside]], axis=1)
     left_over = leftovers(basis, residual, height, x, y, inside, slopes)
-    return FormFit(name, found, {}, height.x, height.y, residual, slope_x, slope_y, middle, *left_over)
+    return FormFit(name, found, {}, height.x, height.y, residual, middle, *left_over)
 
 
 def _in_one_term(left: Floats, at: Floats) -> float:
@@ -189,32 +187,23 @@ def _of_points(file: Path, points: Floats) -> Nominal:
 def load_measured(path: str | Path) -> HeightMap:
     """A height map's or grid's .npz, or a grid of another program (`optolever.maps`), whose sigma is 0."""
     file = Path(path)
-    foreign = file.suffix.lower() in READABLE
-    if not foreign and not _holds_grid(file):
+    if (grid := _grid_of(file)) is None:
         return HeightMap.load(file)
-    grid = _grid_of(file) if foreign else Grid.load(file)
     x, y = np.meshgrid(grid.x, grid.y)
     flags = np.where(np.isfinite(grid.z), 0, int(HeightFlag.NO_ANCHOR)).astype(np.uint16)
     return HeightMap(x, y, grid.z, grid.sigma, flags)
 
 
-def _grid_of(file: Path) -> Grid:
-    z, pitch, x0, y0 = read_grid(file)
-    return Grid(z, np.zeros(z.shape), x0, y0, pitch)
-
-
-def _npz_grid(file: Path) -> Grid:
-    """The grid of a Grid's file, or of a height map's good pixels at their pitch."""
-    return Grid.load(file) if _holds_grid(file) else HeightMap.load(file).resample()
-
-
-def _holds_grid(file: Path) -> bool:
-    """Whether an .npz is a Grid's."""
+def _grid_of(file: Path) -> Grid | None:
+    """The grid of another program's file or of a Grid's .npz; None of any other."""
+    if file.suffix.lower() in READABLE:
+        z, pitch, x0, y0 = read_grid(file)
+        return Grid(z, np.zeros(z.shape), x0, y0, pitch)
     try:
         with zipfile.ZipFile(file) as archive:
-            return "pitch.npy" in archive.namelist()
+            return Grid.load(file) if "pitch.npy" in archive.namelist() else None
     except (OSError, zipfile.BadZipFile):  # named by the reader
-        return False
+        return None
 
 
 def _vertices(file: Path) -> Floats:

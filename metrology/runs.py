@@ -10,11 +10,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import scipy.ndimage
 from numpy.typing import NDArray
 
 from optolever.errors import InputError
-from optolever.reconstruct import HeightFlag, HeightMap
+from optolever.reconstruct import Grid, HeightFlag, HeightMap
 
 from .fit import FormFit
 from .nominal import surface_of
@@ -86,6 +85,8 @@ def compare_runs(fits: Sequence[FormFit], turns: Sequence[float] | None = None) 
     seen = np.stack([run(k, x, y) for k in range(len(fits))])
     own = np.stack([run(k, *_turned(x, y, angle)) for k, angle in enumerate(turned)])
     rig, mirror = np.zeros_like(x), own.mean(axis=0)
+    if not np.isfinite(mirror).any():
+        raise InputError("runs: the maps have no point in common, they must be of one mirror")
     for _ in range(0 if turns is None else _ROUNDS):
         rig = np.mean(
             [z - _sampled(mirror, x, y, pitch, -a) for z, a in zip(seen, turned, strict=True)], axis=0
@@ -94,8 +95,6 @@ def compare_runs(fits: Sequence[FormFit], turns: Sequence[float] | None = None) 
         mirror = np.mean(own - back, axis=0)
     left = np.stack([z - rig - _sampled(mirror, x, y, pitch, -a) for z, a in zip(seen, turned, strict=True)])
     known = np.isfinite(mirror) & np.isfinite(rig)
-    if not known.any():
-        raise InputError("runs: the maps have no point in common, they must be of one mirror")
     mirror, rig = np.where(known, mirror, np.nan), np.where(known, rig, np.nan)
     noise = float(
         np.sqrt(sum(np.mean(fit.noise[np.isfinite(fit.residual)] ** 2) for fit in fits)) / len(fits)
@@ -112,9 +111,5 @@ def _sampled(z: Floats, x: Floats, y: Floats, pitch: float, angle: float) -> Flo
     """z at the turned points; z itself for no turn."""
     if not angle:
         return z
-    u, v = _turned(x, y, angle)
-    at = np.stack([(v - y[0, 0]) / pitch, (u - x[0, 0]) / pitch])
-    known = np.isfinite(z)
-    there = scipy.ndimage.map_coordinates(known.astype(np.float64), at, order=1, cval=0.0) > 1 - 1e-9
-    nearest = scipy.ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
-    return np.where(there, scipy.ndimage.map_coordinates(z[tuple(nearest)], at, order=3), np.nan)
+    grid = Grid(z, np.zeros_like(z), float(x[0, 0]), float(y[0, 0]), pitch)
+    return surface_of(grid).z(*_turned(x, y, angle))

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .covariance import SlopeNoise, mean_square_variance, root_sigma
+from .covariance import SlopeNoise, mean_square_variance, modes_variance, root_sigma
 from .figures import rms_less_noise
 from .filters import transfer
 from .fit import FormFit, differences
@@ -40,14 +40,13 @@ class SlopeError:
 
 def slope_errors(fit: FormFit) -> tuple[SlopeError, SlopeError]:
     """Along x and along y."""
-    slopes = differences(fit.x, fit.y, fit.residual)
     if fit.slope_noise is None:
-        along_x, along_y = (SlopeError(float(np.sqrt(np.nanmean(each**2)))) for each in slopes)
+        along_x, along_y = map(SlopeError, fit.slope_rms)
         return along_x, along_y
     spectra = _difference_noise(fit, fit.slope_noise)
     modes = () if fit.modes is None else fit.modes.astype(np.float64)
     rig = zip(*(differences(fit.x, fit.y, mode) for mode in modes), strict=True) if len(modes) else ((), ())
-    along_x, along_y = (_one(*each) for each in zip(slopes, spectra, rig, strict=True))
+    along_x, along_y = (_one(*each) for each in zip(fit.slopes, spectra, rig, strict=True))
     return along_x, along_y
 
 
@@ -61,8 +60,7 @@ def _one(slope: Floats, spectrum: Floats, modes: tuple[Floats, ...]) -> SlopeErr
     square = mean_square_variance(linear, 2 * float(np.mean(spectrum**2)) / count)
     if modes:
         bent = np.nan_to_num(np.stack([mode[there] for mode in modes]))
-        square += 4 * float(np.sum((bent @ values / count) ** 2))
-        square += 2 * float(np.sum((bent @ bent.T / count) ** 2))
+        square += modes_variance(bent, values)
     less = rms_less_noise(rms, noise)
     return SlopeError(rms, less, root_sigma(less, square))
 

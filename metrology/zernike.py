@@ -65,7 +65,8 @@ def fit_zernike(
         raise InputError(f"zernike: radius is {whole}, must be above 0 mm")
     good &= np.hypot(x, y) <= whole * (1 + 1e-9)
     if (count := int(good.sum())) < 2 * len(pairs):
-        raise InputError(f"zernike: {count} good pixels in the circle, must be at least {2 * len(pairs)}")
+        few = f"{count} good pixels in the circle, must be at least {2 * len(pairs)}"
+        raise InputError(f"zernike: {few}; lower the order, or widen the circle")
     r, theta = np.hypot(x, y)[good], np.arctan2(y, x)[good]
     terms = np.stack([zernike(n, m, r / whole, theta) for n, m in pairs], axis=1)
     values = np.asarray(np.linalg.lstsq(terms, height.z[good], rcond=None)[0], np.float64)

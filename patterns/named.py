@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from optolever.errors import InputError
-from optolever.numbers import whole
+from optolever.numbers import whole, written
 
 from .codes import bits_for
 from .frame import Frame
@@ -109,17 +109,8 @@ def sequence_from_text(text: str, rows: int, cols: int) -> Sequence:
     if text.endswith(".toml"):
         return _loaded(text, rows, cols)
     name, _, rest = text.partition(":")
-    params: dict[str, Any] = {}
-    for item in filter(None, rest.split(",")):
-        key, equals, value = item.partition("=")
-        if not equals:
-            raise InputError(
-                f"sequence {text!r}: {item!r} is no parameter, must be name=value; several values: 16/8"
-            )
-        if key.strip() in params:
-            raise InputError(f"sequence {text!r}: {key.strip()} is given twice")
-        params[key.strip()] = _parsed(value.strip())
-    return sequence(name.strip(), rows, cols, **params)
+    params = written(f"sequence {text!r}", rest, "name=value; several values: 16/8")
+    return sequence(name.strip(), rows, cols, **{key: _parsed(value) for key, value in params.items()})
 
 
 def _loaded(path: str, rows: int, cols: int) -> Sequence:

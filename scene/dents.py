@@ -5,6 +5,7 @@ from functools import partial
 from typing import Any
 
 from optolever import InputError
+from optolever.numbers import parsed, written
 
 from .forms import FORMS
 from .record import Float, number, positive
@@ -107,22 +108,10 @@ def dent_from_text(text: str, scene: Scene) -> Surface:
 def _from_text(text: str) -> tuple[str, dict[str, Any]]:
     """Name and parameters of the command line's form."""
     name, _, rest = text.partition(":")
-    params: dict[str, Any] = {}
-    for item in filter(None, rest.split(",")):
-        key, equals, value = (part.strip() for part in item.partition("="))
-        if not equals or not key or not value:
-            raise InputError(f"dent {text!r}: {item!r} must read parameter=value")
-        if key in params:
-            raise InputError(f"dent {text!r}: parameter {key!r} is given twice, must be given once")
-        params[key] = value if key in _TEXTS.get(name.strip(), ()) else _parsed(text, key, value)
+    params: dict[str, Any] = dict(written(f"dent {text!r}", rest, "parameter=value"))
+    for key in params.keys() - set(_TEXTS.get(name.strip(), ())):
+        params[key] = parsed(f"dent {text!r}: {key}", params[key])
     return name.strip(), params
-
-
-def _parsed(text: str, key: str, value: str) -> float:
-    try:
-        return float(value)
-    except ValueError as error:
-        raise InputError(f"dent {text!r}: {key} = {value!r}: must be a number") from error
 
 
 def _checked(name: str, scene: Scene, params: dict[str, Any]) -> dict[str, Any]:

@@ -9,20 +9,19 @@ from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Any
 
-import numpy as np
-
 from optolever.errors import InputError
 from optolever.records import Progress, silent
 from optolever.scene import Scene, dent_from_text
 
-from ..metrics import rms
 from ..timing import Stages
 from .candidates import Candidate, candidates
-from .sensitivity import Lever
+from .sensitivity import Lever, Simulation
 from .view import predict
 
 #: Minimum predicted share of measured pixels.
 LEAST_SHARE = 0.5
+#: Maximum share of pixels with an unflagged wrong fringe order or bit.
+MOST_FAILURES = 1e-3
 #: Error of a pixel without a height, in rms errors of the measured pixels.
 LOST = 5.0
 
@@ -87,7 +86,6 @@ def run_design(
     frames: int = 24,
     refresh: float = 60.0,
     noise: float = 1.0,
-    failure: float = 1e-3,
     verify: int = 3,
     seeds: int = 3,
     extra: Many[Candidate] = (),
@@ -99,11 +97,10 @@ def run_design(
     """Rank the candidates of at most `frames` frames (and `extra` ones) for a scene, simulate the best.
 
     dent: as on the command line, default: the scene's dent or the mirror at rest. noise: rms, 8-bit levels,
-    in addition to the sensor's noise. failure: maximum share of pixels with an unflagged wrong fringe order
-    or bit. verify: number of the best candidates that are simulated, each with `seeds` draws of noise; those
-    with a user's decoder are simulated only, listed last. lag: share of the preceding frame in each
-    simulated frame. calibrated: the decoder knows the display's response. InputError if nothing fits the
-    budget.
+    in addition to the sensor's noise. verify: number of the best candidates that are simulated, each with
+    `seeds` draws of noise; those with a user's decoder are simulated only, listed last. lag: share of the
+    preceding frame in each simulated frame. calibrated: the decoder knows the display's response. InputError
+    if nothing fits the budget.
     """
     pressed = dent or scene.dent or "flat"
     surface = dent_from_text(pressed, scene)
@@ -118,20 +115,25 @@ def run_design(
         lever = Lever(scene, surface, calibrated=calibrated)
         for one in by_text.values():
             progress("predict", len(rows), len(by_text))
-            rows.append(_predicted(lever, one, noise, refresh, failure))
+            rows.append(_predicted(lever, one, noise, refresh))
         rows.sort(key=lambda row: (bool(row.why), merit(row.predicted, row.share)))
     with stages.stage("simulate"):
-        simulated = partial(simulate, lever, noise=noise, seeds=range(seeds), renderer=renderer, lag=lag)
-        rows = _verified(rows, lambda text: simulated(by_text[text]), verify, progress)
-        rows += [_simulated_only(one, simulated, refresh) for one in extra if one.decoder is not None]
+        simulated = partial(lever.simulate, noise=noise, seeds=range(seeds), renderer=renderer, lag=lag)
+        rows = _verified(rows, lambda row: _simulated(row, by_text[row.text], simulated), verify, progress)
+        for one in (each for each in extra if each.decoder is not None):
+            row = DesignRow(
+                one.text, len(one.pattern), len(one.pattern) / refresh, why="own decoder: simulated only"
+            )
+            row = _simulated(row, one, simulated)
+            rows.append(replace(row, share=row.simulated_share))
     best = next((row for row in rows if not row.why), None)
     size = [scene.camera.rows, scene.camera.cols]
     settings = {"scene": scene.name, "dent": pressed, "size": size, "frames": frames, "refresh": refresh}
-    settings |= {"noise": noise, "lag": lag, "blur": pattern.blur_px, "failure": failure}
+    settings |= {"noise": noise, "lag": lag, "blur": pattern.blur_px, "failure": MOST_FAILURES}
     return Design(rows, by_text, None if best is None else by_text[best.text], settings, stages.seconds)
 
 
-def _predicted(lever: Lever, candidate: Candidate, noise: float, refresh: float, failure: float) -> DesignRow:
+def _predicted(lever: Lever, candidate: Candidate, noise: float, refresh: float) -> DesignRow:
     """The predicted row of a candidate."""
     count = len(candidate.sequence)
     row = DesignRow(candidate.text, count, count / refresh)
@@ -142,69 +144,34 @@ def _predicted(lever: Lever, candidate: Candidate, noise: float, refresh: float,
     height = lever.height(prediction)
     row = replace(row, predicted=height.total, spread=height.spread, noise=height.noise, bias=height.bias)
     row = replace(row, failure=prediction.failure, share=height.share)
-    return replace(row, why=_ruled_out(row, failure))
+    return replace(row, why=_ruled_out(row))
 
 
-def _simulated_only(
-    one: Candidate, simulated: Callable[[Candidate], tuple[float, float, float]], refresh: float
-) -> DesignRow:
-    """The row of a candidate with a user's decoder."""
-    row = DesignRow(one.text, len(one.pattern), len(one.pattern) / refresh, why="own decoder: simulated only")
+def _simulated(row: DesignRow, one: Candidate, simulated: Callable[[Candidate], Simulation]) -> DesignRow:
+    """The row with its simulation, or with the reason for none."""
     try:
-        error, share, spread = simulated(one)
-    except InputError as error_:
-        return replace(row, why=f"cannot be decoded: {error_}")
-    return replace(row, simulated=error, simulated_share=share, simulated_spread=spread, share=share)
+        found = simulated(one)
+    except InputError as error:
+        return replace(row, why=f"cannot be decoded: {error}")
+    return replace(row, simulated=found.error, simulated_share=found.share, simulated_spread=found.spread)
 
 
-def _ruled_out(row: DesignRow, failure: float) -> str:
+def _ruled_out(row: DesignRow) -> str:
     """Reason of exclusion of a row, '' for none."""
-    if row.failure > failure:
+    if row.failure > MOST_FAILURES:
         return f"fails at {row.failure:.1e} of the pixels"
     if row.share < LEAST_SHARE:
         return f"measures {row.share:.0%} of the pixels"
     return ""
 
 
-def simulate(
-    lever: Lever,
-    candidate: Candidate,
-    noise: float,
-    seeds: Many[int],
-    renderer: str = "auto",
-    lag: float = 0.0,
-) -> tuple[float, float, float]:
-    """(rms height error in mm, share measured, standard deviation of the error over the seeds in mm) of
-    rendered, decoded, reconstructed frames.
-
-    Over the pixels whose footprint is clear of the pattern's border. InputError if the frames cannot be
-    decoded.
-    """
-    squares, shares = [], []
-    for seed in seeds:
-        frames = lever.frames(candidate.pattern, noise, seed, renderer, lag)
-        height = lever.solved(frames, candidate)
-        good = height.good & lever.full.usable
-        squares.append(rms((height.z - lever.full.truth.z)[good]) ** 2)
-        shares.append(good.sum() / lever.full.usable.sum())
-    return math.sqrt(float(np.mean(squares))), float(np.mean(shares)), float(np.std(np.sqrt(squares)))
-
-
 def _verified(
-    rows: list[DesignRow],
-    simulated: Callable[[str], tuple[float, float, float]],
-    verify: int,
-    progress: Progress,
+    rows: list[DesignRow], simulated: Callable[[DesignRow], DesignRow], verify: int, progress: Progress
 ) -> list[DesignRow]:
     """The best `verify` rows simulated, then the other rows; rows that cannot be decoded are last."""
-    found: list[DesignRow] = []
-    remaining, failed = list(rows), []
+    found, failed, remaining = list[DesignRow](), list[DesignRow](), list(rows)
     while remaining and len(found) < verify and not remaining[0].why:
         progress("simulate", len(found), verify)
-        row = remaining.pop(0)
-        try:
-            error, share, spread = simulated(row.text)
-            found.append(replace(row, simulated=error, simulated_share=share, simulated_spread=spread))
-        except InputError as error:
-            failed.append(replace(row, why=f"cannot be decoded: {error}"))
+        row = simulated(remaining.pop(0))
+        (failed if row.why else found).append(row)
     return [*found, *remaining, *failed]

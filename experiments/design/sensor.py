@@ -144,14 +144,12 @@ class SensorMaps:
         }
 
 
-def sensor_maps(
-    scene: Scene, sequence: str = "gray+phase", noise: float = 1.0, side: int = SIDE
-) -> SensorMaps:
-    """Maps on a camera thinned to about `side` pixels; sigma is that of the full camera.
+def sensor_maps(scene: Scene, sequence: str = "gray+phase", noise: float = 1.0) -> SensorMaps:
+    """Maps on a camera thinned to about SIDE pixels; sigma is that of the full camera.
 
     InputError if no pixel sees the pattern at rest.
     """
-    lever = Lever(scene, dent("flat", scene), stride=stride_for(scene, side))
+    lever = Lever(scene, dent("flat", scene), stride=stride_for(scene, SIDE))
     thin = lever.view.scene
     rest = Rest.of(thin)
     (low, high), (low_y, high_y) = (rest.slope_limits(along) for along in "xy")

@@ -7,16 +7,12 @@ from dataclasses import asdict, dataclass, fields, replace
 from itertools import product
 from pathlib import Path
 
-import numpy as np
-
 from optolever.errors import InputError
 from optolever.files import write_rows
 from optolever.records import Progress, silent
 from optolever.scene import Scene, dent_from_text
 
 from ..faults import Faults
-from ..metrics import rms, sigma_ratio
-from ..timing import timed
 from .candidates import Candidate, user_candidate
 from .sensitivity import Lever
 from .view import predict
@@ -103,25 +99,14 @@ def _simulated(lever: Lever, row: Tradeoff, code: Candidate, seeds: Many[int], r
     if code.decoder is None and not row.lag:
         there = lever.height(predict(lever.view, code.sequence, row.noise, response=lever.response))
         row = replace(row, predicted=there.total)
-    full, errors, ratios, shares, seconds = lever.full, [], [], [], []
-    for seed in seeds:
-        frames = lever.frames(code.pattern, row.noise, seed, renderer, row.lag)
-        taken = timed(lambda frames=frames: lever.solved(frames, code))  # type: ignore[misc]
-        height = taken.value
-        good = height.good & full.usable
-        errors.append(rms((height.z - full.truth.z)[good]))
-        ratios.append(sigma_ratio(height.z, full.truth.z, height.sigma, good))
-        shares.append(float(good.sum() / full.usable.sum()))
-        seconds.append(taken.processor)
-    if len(seconds) == 1:  # the first call compiles
-        seconds.append(timed(lambda: lever.solved(frames, code)).processor)
+    found = lever.simulate(code, row.noise, seeds, renderer, row.lag)
     return replace(
         row,
-        cpu_seconds=min(seconds),
-        simulated=rms(np.array(errors)),
-        spread=float(np.std(errors)),
-        ratio=rms(np.array(ratios)),
-        share=float(np.mean(shares)),
+        cpu_seconds=found.seconds,
+        simulated=found.error,
+        spread=found.spread,
+        ratio=found.ratio,
+        share=found.share,
     )
 
 

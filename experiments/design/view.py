@@ -25,7 +25,6 @@ from optolever.projector import NOMINAL_SENSOR, Footprints, footprints, light_of
 from optolever.scene import Scene, Sensor, Surface, Trace, resize, trace
 
 from ..arrays import Floats, Mask
-from ..metrics import rms
 
 FINEST = 128  # pixels along the shorter side above which a camera is thinned
 BLOCK, MARGIN = 24, 4  # pixels of a window, and of its margin, which is decoded but not used
@@ -118,10 +117,10 @@ def _windows(full: int, count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prediction:
-    """D noise draws of a sequence in a view, in pairs of opposite noise.
+    """Two draws of opposite noise of a sequence in a view.
 
-    error, sigma (D, 2, H, W): error of u and v, and the decoder's sigma, cells, 0 and inf where a pixel is
-    flagged; good (D, H, W): not flagged; usable (H, W): pixels of the error statistics.
+    error, sigma (2, 2, H, W): error of u and v, and the decoder's sigma, cells, 0 and inf where a pixel is
+    flagged; good (2, H, W): not flagged; usable (H, W): pixels of the error statistics.
     """
 
     error: Floats
@@ -137,23 +136,15 @@ class Prediction:
         gross = (size > cells) & (size > far * self.sigma)
         return float(np.asarray(gross.any(axis=1))[:, self.usable].mean())
 
-    @property
-    def rms(self) -> float:
-        """Rms error over the usable, unflagged pixels, cells."""
-        error = self.error.swapaxes(0, 1)[:, self.good & self.usable]
-        return rms(error)
 
-
-def predict(
-    view: View, sequence: Sequence, noise: float, *, pairs: int = 1, response: Response | None = None
-) -> Prediction:
-    """`pairs` pairs of draws under Gaussian noise (rms, 8-bit levels) in addition to the sensor's noise;
-    response: of the display, as the decoder knows it.
+def predict(view: View, sequence: Sequence, noise: float, *, response: Response | None = None) -> Prediction:
+    """A pair of draws under Gaussian noise (rms, 8-bit levels) in addition to the sensor's noise; response:
+    of the display, as the decoder knows it.
 
     InputError if the sequence does not fit the pattern, does not encode both axes or cannot be decoded.
     """
     _require_fit(view, sequence)
-    decoded = list(_decoded(view, sequence, noise, pairs, response))
+    decoded = list(_decoded(view, sequence, noise, response))
 
     def picked(name: str) -> Floats:
         return np.stack([np.asarray(getattr(one, name)).ravel()[view.pick] for one in decoded])
@@ -179,9 +170,9 @@ def _require_fit(view: View, sequence: Sequence) -> None:
 
 
 def _decoded(
-    view: View, sequence: Sequence, noise: float, pairs: int, response: Response | None
+    view: View, sequence: Sequence, noise: float, response: Response | None
 ) -> Iterator[Correspondence]:
-    """Correspondences of noisy images of the view, two per pair."""
+    """Correspondences of images of the view with noise of either sign."""
     sensor, white = view.sensor, 2**view.sensor.bits - 1
     kind = np.uint8 if sensor.bits == 8 else np.uint16
     light = light_of(view.image, sequence, view.scene.display, view.scene.pattern.blur_px)
@@ -189,8 +180,7 @@ def _decoded(
     shot = np.maximum(level - sensor.offset, 0.0) / sensor.gain_e if sensor.gain_e > 0 else 0.0
     scatter = np.sqrt(noise**2 + sensor.noise**2 + shot)
     mean, scatter = (np.asarray(part * (white / 255), np.float32) for part in (level, scatter))
-    for seed in range(pairs):
-        drawn = scatter * np.random.default_rng([seed, 11]).standard_normal(mean.shape, np.float32)
-        for sign in (1, -1):
-            raw = np.rint(mean + sign * drawn).clip(0, white).astype(kind)
-            yield decode(raw.reshape(-1, *view.shape), sequence, white_level=white, response=response)
+    drawn = scatter * np.random.default_rng([0, 11]).standard_normal(mean.shape, np.float32)
+    for sign in (1, -1):
+        raw = np.rint(mean + sign * drawn).clip(0, white).astype(kind)
+        yield decode(raw.reshape(-1, *view.shape), sequence, white_level=white, response=response)

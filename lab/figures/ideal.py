@@ -45,15 +45,11 @@ def camera_frames(
     levels: tuple[float, float],
     noise: float,
     rng: np.random.Generator,
-    step: int = 1,
-) -> NDArray[np.uint8] | NDArray[np.uint16]:
-    """Frames (N, H, W) of pixels at place (u, v); levels: offset and amplitude; noise: white, rms; step:
-    quantisation steps per level, uint16 if above one.
-    """
-    (offset, amplitude), kind = levels, np.uint8 if step == 1 else np.uint16
-    frames = np.empty((len(shown), *place[0].shape), kind)
+) -> NDArray[np.uint8]:
+    """Frames (N, H, W) of pixels at place (u, v); levels: offset and amplitude; noise: white, rms."""
+    offset, amplitude = levels
+    frames = np.empty((len(shown), *place[0].shape), np.uint8)
     for i in range(len(shown)):
         light = offset + amplitude * (2 * ideal_level(shown, i, *place) - 1)
-        light += noise * rng.standard_normal(light.shape)
-        frames[i] = np.clip(np.rint(step * light), 0, np.iinfo(kind).max)
+        frames[i] = np.clip(np.rint(light + noise * rng.standard_normal(light.shape)), 0, 255)
     return frames

@@ -82,7 +82,7 @@ def test_calibrate_by_weights(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert abs(layer.youngs_modulus_mpa - MODULUS) < 3 * layer.youngs_modulus_sigma_mpa < 0.01 * MODULUS
     assert json.loads(numbers.read_text())["youngs_modulus_mpa"] == layer.youngs_modulus_mpa
     capsys.readouterr()
-    for weight, said in (("0.5", "must be NEWTON[,SIGMA]=H.npz"), ("x=h.npz", "must be a number")):
+    for weight, said in (("0.5", "must be NEWTON[,SIGMA]=H.npz"), ("x=h.npz", "must be NEWTON[,SIGMA]")):
         assert run([*words[:5], "--weight", weight]) == 2
         (line,) = capsys.readouterr().err.splitlines()
         assert said in line

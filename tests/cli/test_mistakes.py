@@ -108,6 +108,24 @@ decode {capture} {frames} --out {out}.npz | becomes a folder, of 2 captures | le
 report {h} --less {h} --out {out} | --less | is the map | give another
 report {h} --less {rested} --out {out} | one of both maps alone is less a rest capture | --rest
 form {h} --limit pv=-4um | pv=-4um | above 0
+form {h} --limit sag=3nm | NAME one of rms
+form {h} --limit rms=3miles | rms=3miles | with its unit
+form {h} --limit rms=1um --limit rms=2nm | --limit rms: has 2 limits
+form {h} --aperture circle:r=3 | 'r=3' | NUMBER=VALUE of radius
+form {h} --aperture ellipse:a=3 | b must be given
+form {h} --aperture circle:radius=3,x=999 | contains no good pixel
+form {h} --remove sphere:r=3 | 'r=3' | NUMBER=VALUE of vertex_x
+form {h} --remove sphere:radius | 'radius' | NUMBER=VALUE
+form {h} --remove sphere:radius=x | radius is 'x' | must be a number
+form {h} --remove sphere:radius=0 | radius is 0 mm | must not be 0
+form {h} --remove paraboloid:focal=0 | focal is 0 mm | must not be 0
+form {h} --remove piston:piston=0 | every number is given
+form {h} --remove power --nominal {h} | leave one out
+form {h} --index fringe | add --zernike
+form {h} --highpass 5 --lowpass 20 | must be above --lowpass 20
+form {h} {h} --rotations 0 | 1 angles, must be 2
+form {h} {h} --rotations 0,x | --rotations '0,x' | 0,90,180,270
+form {h} {h} --zernike 4 | is of one map, not of 2
 simulate --scene prism48 --dent gaussian:peak=300 --out {out} | peak = 300 | at most the mirror's size, 60 mm
 design --scene prism48 --pixels 32x24 --code {folder} | holds neither | coordinates.toml
 design --scene prism48 --pixels 96x72 --frames 3 | no candidate fits

@@ -1,4 +1,4 @@
-"""Inputs as they come: files of file managers, byte order marks, damaged archives, masks, NaN."""
+"""Inputs as they come: byte order marks, masks, NaN, light that is too weak."""
 
 import shutil
 from pathlib import Path
@@ -23,15 +23,6 @@ def copy(chain: Chain, tmp_path: Path) -> Path:
     return tmp_path / "capture"
 
 
-def test_files_of_file_managers_are_passed_over(copy: Path, optolever: Program) -> None:
-    names = [".DS_Store", "Thumbs.db", "._000.png"]
-    for name in names:
-        (copy / "frames" / name).write_bytes(b"\0\1")
-    notices = optolever("decode", copy, "--out", copy.parent / "c.npz").err
-    assert all(name in notices for name in names)
-    assert "no pictures, passed over" in notices
-
-
 def test_encodings_of_toml(copy: Path, chain: Chain, optolever: Program, refused: Refused) -> None:
     """A byte order mark is passed over, UTF-16 is refused."""
     decode_it = ["decode", copy, "--out", copy.parent / "c.npz"]
@@ -42,18 +33,6 @@ def test_encodings_of_toml(copy: Path, chain: Chain, optolever: Program, refused
     assert Correspondence.load(copy.parent / "c.npz") == Correspondence.load(chain.correspondence)
     (copy / "capture.toml").write_text(text, encoding="utf-16")
     refused(decode_it, "capture.toml", "not readable as TOML", "save it as text in UTF-8")
-
-
-def test_damaged_archives(chain: Chain, tmp_path: Path, refused: Refused) -> None:
-    with np.load(chain.correspondence) as archive:
-        arrays = dict(archive)
-    path = tmp_path / "c.npz"
-    solve = ["reconstruct", path, "--scene", chain.capture / "scene.toml", "--out", tmp_path / "h.npz"]
-    for wrong in (np.full((96, 96), "1.0"), np.zeros((96, 95)), np.array([{}])):
-        np.savez(path, **arrays | {"u": wrong})
-        refused(solve, "c.npz")
-    path.write_bytes(chain.correspondence.read_bytes()[:-1000])
-    refused(solve, "c.npz")
 
 
 HALF = np.arange(96) < np.full((96, 1), 30)

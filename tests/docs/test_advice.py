@@ -1,4 +1,4 @@
-"""Every option that a message or a page advises is one of the command that it is advised for."""
+"""Every option that a message advises is one of the command that it is advised for."""
 
 import ast
 import re
@@ -16,7 +16,6 @@ PARTS = (
     "scene", "patterns", "projector", "decode", "reconstruct", "calibration", "metrology", "formats",
     "live",
 )  # fmt: skip
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 FLAG = re.compile(r"(?<![\w-])--[a-z][a-z-]*")
 
 
@@ -98,20 +97,4 @@ def test_messages_of_a_command_name_its_own_options() -> None:
         if " " in text and not text.startswith("--")
         for flag in wrong(text, modules.get(path.stem, every))
     }
-    assert not found
-
-
-def test_commands_of_pages_and_samples_have_their_options() -> None:
-    texts = {str(path.relative_to(ROOT)): path.read_text() for path in PAGES}
-    texts |= {name: command.epilog or "" for name, command in COMMANDS.items()}
-    line = re.compile(r"optolever ([a-z]+(?: [a-z]+)?)((?:\\\n|[^`\n|;])*)")
-    found, seen = list[str](), 0
-    for source, text in texts.items():
-        for name, rest in line.findall(text):
-            own = FLAGS.get(name, FLAGS.get(name.split()[0], set()))
-            seen += bool(own)
-            found += [
-                f"{source}: optolever {name} {flag}" for flag in FLAG.findall(rest) if own and flag not in own
-            ]
-    assert seen > 80
     assert not found

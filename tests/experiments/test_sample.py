@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from optolever.cli import run
-from optolever.experiments import SAMPLES, write_sample
+from optolever.experiments import write_sample
 from optolever.experiments.sample import Ball
 from optolever.metrology import fit_form
 from optolever.reconstruct import HeightMap
@@ -91,7 +91,3 @@ def test_the_slopes_of_the_ball_are_those_of_its_height() -> None:
         for a, b in ((step, 0), (0, step))
     ]
     np.testing.assert_allclose(ball.gradient(x, y), numeric, atol=1e-7)
-
-
-def test_sets_have_a_command_each() -> None:
-    assert set(SAMPLES) == {"sensor", "mirror", "forty", "design"}

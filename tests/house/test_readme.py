@@ -3,12 +3,15 @@
 import re
 import shlex
 from pathlib import Path
+from textwrap import dedent
 
 import click
 import pytest
 
 from lab.program import NAME, lab
 from optolever.cli.app import app
+
+from ..docs.test_advice import COMMANDS
 
 TARGET = re.compile(r"^([a-z-]+):", re.MULTILINE)
 
@@ -18,9 +21,9 @@ def pages(root: Path) -> list[Path]:
     return [root / "README.md", *sorted((root / "docs").rglob("*.md"))]
 
 
-def command_lines(page: Path) -> list[str]:
-    """Calls of make, optolever and the laboratory on a page, continuation lines joined."""
-    text = page.read_text()
+def command_lines(page: Path | str) -> list[str]:
+    """Calls of make, optolever and the laboratory on a page or in a text, continuation lines joined."""
+    text = page if isinstance(page, str) else page.read_text()
     blocks = re.findall(r"^```[a-z]*\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
     lines = "".join(blocks).replace("\\\n", " ").splitlines()
     bare = [re.sub(r"^\$ ", "", line).split("#")[0].strip() for line in lines]
@@ -50,8 +53,11 @@ def test_make_targets_exist(root: Path) -> None:
 
 
 def test_programs_lines_parse(root: Path) -> None:
-    """Each line names a command and options that exist."""
+    """Each line of a page or a sample names a command and options that exist."""
     lines = [(page.name, line) for page in pages(root) for line in command_lines(page)]
+    for name, command in COMMANDS.items():
+        sample = f"```{dedent((command.epilog or '').partition('Sample:')[2])}\n```"
+        lines += [(name, line) for line in command_lines(sample)]
     programs = {"optolever ": app, f"{NAME} ": lab}
     calls = [
         (page, program, shlex.split(line.removeprefix(start)))

@@ -70,6 +70,8 @@ def test_the_sigmas_of_a_residual_are_what_draws_of_it_are(kept: str, waves: tup
         fits.append(fit)
         deviation = replace(height, z=fit.residual)
         terms.append(fit_zernike(deviation, 4, removed=None if terms else fit).numbers)
+    defocus = terms[0].names.index("Z(2,0)")  # of which the fit of the power takes off a part
+    assert terms[0].noise[defocus] < 0.85 * fit_zernike(height, 4).numbers.noise[defocus]
     spread = np.sqrt(np.nanmean(np.var([one.residual for one in fits], axis=0)))
     assert spread / np.sqrt(np.nanmean(fits[0].noise ** 2)) == pytest.approx(1, abs=0.15)
     rms_sigma = np.median([one.rms_sigma for one in fits])
@@ -114,21 +116,6 @@ def test_a_slope_error_is_that_of_the_surface_alone(kept: str, wave: float) -> N
             assert np.sqrt(np.mean(rms**2)) < 3 * np.median(sigma) < 0.3 * NOISE
 
 
-def test_sigmas_of_terms_of_a_residual_are_what_draws_of_it_are() -> None:
-    """A fit of the power over the rectangle takes off a part of the noise of the circle's defocus."""
-    found = []
-    for seed in range(60):
-        height = drawn(seed)
-        fit = fit_form(height, "power")
-        found.append(fit_zernike(replace(height, z=fit.residual), 4, removed=fit).numbers)
-        alone = fit_zernike(height, 4).numbers
-    spread = np.std([one.values for one in found], axis=0)
-    ratio = spread / found[0].noise
-    assert np.all((ratio > 0.7) & (ratio < 1.35)), ratio
-    defocus = found[0].names.index("Z(2,0)")
-    assert found[0].noise[defocus] < 0.85 * alone.noise[defocus]
-
-
 def test_a_gaussian_filter_passes_what_the_standard_says() -> None:
     """exp(-pi (alpha cutoff / wave)^2) of a wave along x, away from the borders; a constant stays one."""
     alpha = np.sqrt(np.log(2) / np.pi)
@@ -161,14 +148,6 @@ def test_an_aperture_holds_the_pixels_of_its_area() -> None:
         np.testing.assert_array_equal(np.isfinite(fit.residual), found)
     both = aperture_mask(["circle", "rectangle:width=61,height=200"], X, Y, good)
     assert both.sum() < aperture_mask(["circle"], X, Y, good).sum()
-    for text, words in (
-        ("circle:r=3", "must be NUMBER=VALUE of radius"),
-        ("ellipse:a=3", "b must be given"),
-        ("square", "must be one of circle"),
-        ("circle:radius=3,x=999", "contains no good pixel"),
-    ):
-        with pytest.raises(InputError, match=words):
-            aperture_mask([text], X, Y, good)
 
 
 def test_pvr_is_that_of_smooth_terms_and_three_sigma() -> None:
@@ -255,6 +234,3 @@ def test_a_limit_is_met_beyond_its_uncertainty() -> None:
         ("slope=20urad", "undecided"), ("slope=1mrad", "undecided"),
     ):  # fmt: skip
         assert judge(text, figures).verdict == verdict, text
-    for text in ("pv=3nm", "rms", "rms=3miles", "rms=0nm"):
-        with pytest.raises(InputError, match="limit '"):
-            judge(text, figures)

@@ -117,14 +117,6 @@ def test_what_a_given_radius_leaves() -> None:
     assert fit.slope_rms == pytest.approx([np.sqrt(np.mean(part**2)) for part in inner[::-1]], rel=1e-2)
 
 
-def test_slopes_of_a_slope_map_are_kept_less_those_of_the_form() -> None:
-    z = conic(900, 0)
-    map_, root = height_map(z), np.sqrt(900**2 - (X - X0) ** 2 - (Y - Y0) ** 2)
-    same = np.zeros(z.shape)
-    slopes = SlopeMap(map_.x, map_.y, (X - X0) / root + 3e-5, (Y - Y0) / root - 4e-5, same, same, map_.flags)
-    assert fit_form(map_, "sphere", slopes).slope_rms == pytest.approx((3e-5, 4e-5), rel=1e-4)
-
-
 NOISY: dict[str, Any] = {
     "sphere": conic(4000, 0), "paraboloid": conic(4000, 0), "power": conic(4000, 0),
     "cylinder": tilted_cylinder(), "conic": conic(300, -0.7), "asphere": aspheric(300, 0, 2e-8, -3e-13),
@@ -230,23 +222,6 @@ def test_zernike_sigmas_on_a_round_aperture_of_uneven_noise() -> None:
         return fit_zernike(map_, 3, slopes).numbers
 
     assert unknown_over_draws(one) == {"Z(0,0)"}
-
-
-@pytest.mark.parametrize(
-    ("form", "words"),
-    [
-        ("ball", "form 'ball': unknown, must be one of piston"),
-        ("sphere:r=3", "'r=3', must be NUMBER=VALUE of vertex_x"),
-        ("sphere:radius=x", "radius is 'x', must be a number"),
-        ("sphere:radius", "'radius', must be NUMBER=VALUE"),
-        ("piston:piston=0", "every number is given"),
-        ("sphere:radius=0", "radius is 0 mm, must not be 0"),
-        ("paraboloid:focal=0", "focal is 0 mm, must not be 0"),
-    ],
-)
-def test_what_is_no_form(form: str, words: str) -> None:
-    with pytest.raises(InputError, match=words):
-        fit_form(height_map(conic(500, 0)), form)
 
 
 def test_too_few_pixels_are_refused() -> None:

@@ -134,7 +134,7 @@ def test_text_form() -> None:
         ("greycode", "name is 'greycode'"),
         ("phase:step=3", "unknown parameter 'step'"),
         ("phase:steps=2", "steps is 2"),
-        ("phase:steps", "no parameter"),
+        ("phase:steps", "must be name=value"),
         ("gray:axes=w", "axes is 'w'"),
         ("phase:periods=16/0", r"periods is \(16, 0\)"),
         ("phase:periods=1e999", "periods is inf"),

@@ -126,7 +126,7 @@ def test_bent_levels_are_told(dummy: str) -> None:
 @pytest.mark.slow
 def test_a_monitor_that_goes_away_ends_the_show(dummy: str, tmp_path: Path) -> None:
     plug(dummy)
-    words = [*RUN, "show", "--sequence", "phase", "--display", "DUMMY1", "--seconds", "1.5"]
+    words = [*RUN, "show", "--sequence", "phase", "--monitor", "DUMMY1", "--seconds", "1.5"]
     env, pipe = {**os.environ, "DISPLAY": dummy}, subprocess.PIPE
     with subprocess.Popen(words, env=env, cwd=tmp_path, stdout=pipe, stderr=pipe, text=True) as process:
         time.sleep(18)

@@ -168,7 +168,7 @@ def test_show_lists_monitors_and_refuses_others(x_server: tuple[str, Path]) -> N
         (("--monitor", "3"), "does not exist, must be 0, the only one"),
         (("--monitor", "0", "--pixels", "4000x4000"), "the sequence needs 4000x4000"),
         (("--pixels", "4000x4000"), f"the largest monitor has {ROWS}x{COLS}"),
-        (("--display", "nobody"), "is not connected, there is screen"),
+        (("--monitor", "nobody"), "is not connected, there is screen"),
     ):
         done = optolever(display, "show", *words)
         assert done.returncode == 2
