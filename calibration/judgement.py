@@ -101,15 +101,13 @@ class SoFar:
         return self.found
 
 
-def calibrate_so_far(
-    scene: Scene, observations: Sequence[Observation], priors: Mapping[str, float], *, guess: bool = False
-) -> SoFar:
+def calibrate_so_far(scene: Scene, observations: Sequence[Observation], priors: Mapping[str, float]) -> SoFar:
     """`calibrate` of captures while others are still to come. No calibration without a Flat or a Rest, nor of
     so few Flats that any rig would fit them. InputError names a wrong capture."""
     few, kinds = lacking(observations), {type(one.target) for one in observations}
     cure = "" if few is None else f"{few.name}: {few.cure}"
     if Rest in kinds or (Flat in kinds and few is None):
-        found = calibrate(scene, observations, priors, guess=guess)
+        found = calibrate(scene, observations, priors)
         return SoFar(found, cure, next(one for one in judged(found) if one.name == observations[-1].name))
     if Flat in kinds:
         checked(observations, (scene.camera.rows, scene.camera.cols))

@@ -175,7 +175,7 @@ def _inside(mask: Path | None, roi: str | None, shape: tuple[int, int]) -> "NDAr
         rectangle = np.zeros(shape, np.bool_)
         rectangle[top : top + rows, left : left + cols] = True
         if min(top, left) < 0 or rows < 1 or cols < 1 or rectangle.sum() != rows * cols:
-            raise InputError(f"--roi {roi}: reaches beyond the frames, which are {shape[0]}x{shape[1]}")
+            raise InputError(f"--roi {roi}: reaches beyond the frames of {shape[1]}x{shape[0]} pixels")
         inside &= rectangle
     return inside
 

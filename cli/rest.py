@@ -49,7 +49,7 @@ def command(
     print_notices(height.notices)
     for one in dents[:1]:
         place = f"a dent of {length(one.depth)} at ({one.x:.3g}, {one.y:.3g}) mm"
-        lack = "later heights lack it; capture the mirror untouched"
+        lack = "later heights lack it; capture the mirror untouched, and run optolever rest again"
         print_notices([f"The mirror at rest has {place}: {lack}"])
     rows = {
         "good": number(100 * numbers["good_share"], "% of the pixels"),

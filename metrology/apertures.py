@@ -37,7 +37,9 @@ def aperture_mask(texts: Sequence[str], x: Floats, y: Floats, good: Mask) -> Mas
         name, _, rest = text.partition(":")
         inside &= _shape(text, name, rest, x, y, good) if name in _SIZES else _image(text, good.shape)
         if not (inside & good).any():
-            raise InputError(f"aperture {text}: contains no good pixel")
+            raise InputError(
+                f"aperture {text}: contains no good pixel; move or widen it, in mm from the mirror's corner"
+            )
     return inside
 
 

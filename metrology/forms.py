@@ -124,15 +124,21 @@ def _off_axis(p: Floats, x: Floats, y: Floats) -> Floats:
     return np.asarray(p[0] + rest / (np.sqrt(np.maximum(b * b - a * rest, 0.0)) - b))
 
 
+def _curved(curvature: float) -> float:
+    """InputError where it is 0."""
+    if curvature == 0:
+        raise InputError("form: the heights are flat, must be curved; remove tilt")
+    return curvature
+
+
 def _segment(q: Floats) -> Floats:
     """Segments (2, 7) of a paraboloid with the curvatures of a quadric, c cos^3 a along the azimuth, c cos a
     across; which end of its axis of symmetry is the near one, curvatures do not say."""
     values, vectors = np.linalg.eigh(np.array([[q[3], q[4]], [q[4], q[5]]]))
     radial, across = np.argsort(np.abs(values))
-    if values[across] == 0:
-        raise InputError("form: the heights are flat, must be curved; remove tilt")
-    cos = np.sqrt(np.clip(values[radial] / values[across], 0.1, 1.0))
-    c = float(values[across] / cos)
+    strong = _curved(float(values[across]))
+    cos = np.sqrt(np.clip(values[radial] / strong, 0.1, 1.0))
+    c = float(strong / cos)
     azimuth = float(np.arctan2(vectors[1, radial], vectors[0, radial]))
     ends = (azimuth, azimuth - np.copysign(np.pi, azimuth))
     return np.array([[*q[:3], np.sqrt(1 / cos**2 - 1) / abs(c), each, c, -1.0] for each in ends])
@@ -148,9 +154,7 @@ def _stated_segment(p: Floats) -> Floats:
 
 def _vertex(q: Floats) -> Floats:
     """Vertex and mean curvature of a quadric."""
-    c = 0.5 * (q[3] + q[5])
-    if c == 0:
-        raise InputError("form: the heights are flat, must be curved; remove tilt")
+    c = _curved(0.5 * (q[3] + q[5]))
     x, y = -q[1] / c, -q[2] / c
     return np.array([x, y, q[0] - 0.5 * c * (x * x + y * y), c])
 
@@ -170,9 +174,7 @@ def _of_quadric(q: Floats) -> Floats:
     """Parameters of a cylinder from a quadric, by its direction of largest curvature."""
     values, vectors = np.linalg.eigh(np.array([[q[3], q[4]], [q[4], q[5]]]))
     strong = int(np.argmax(np.abs(values)))
-    c, across = float(values[strong]), vectors[:, strong]
-    if c == 0:
-        raise InputError("form: the heights are flat, must be curved; remove tilt")
+    c, across = _curved(float(values[strong])), vectors[:, strong]
     angle = float(np.arctan2(-across[0], across[1]))
     angle = (angle + np.pi / 2) % np.pi - np.pi / 2
     along, across = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])

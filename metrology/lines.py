@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.ndimage
+import scipy
 from numpy.typing import NDArray
 
 from optolever.errors import InputError
@@ -85,15 +85,8 @@ def spectrum(grid: Grid, axis: str) -> Spectrum:
     if axis not in ("x", "y"):
         raise InputError(f"spectrum: axis is {axis!r}, must be x or y")
     z = _rectangle(grid.z if axis == "x" else grid.z.T)
-    count = z.shape[1]
-    place = np.linspace(-1.0, 1.0, count)
-    flat = z - z.mean(axis=1, keepdims=True)
-    flat -= (flat @ place / (place @ place))[:, None] * place
-    window = np.hanning(count + 1)[:-1]
-    power = np.abs(np.fft.rfft(flat * window, axis=1)) ** 2
-    density = 2 * grid.pitch * power.mean(axis=0) / np.sum(window**2)
-    frequency = np.arange(1, len(density)) / (count * grid.pitch)
-    return Spectrum(frequency, density[1:])
+    frequency, density = scipy.signal.periodogram(z, 1 / grid.pitch, "hann", detrend="linear")
+    return Spectrum(frequency[1:], density[:, 1:].mean(axis=0))
 
 
 def _rectangle(z: Floats) -> Floats:

@@ -105,7 +105,9 @@ def fit_nominal(
         known = np.isfinite(rest) & np.isfinite(jacobian).all(axis=1)
         if np.count_nonzero(known) < 0.5 * len(used):
             share = 100 * np.count_nonzero(known) / len(used)
-            raise InputError(f"{name}: covers {share:.0f} % of the measured map, must be at least 50 %")
+            raise InputError(
+                f"{name}: covers {share:.0f} % of the measured map, must be at least 50 %; give a larger one"
+            )
         rest, jacobian = rest[known], jacobian[known]
         move = -free @ np.linalg.lstsq(jacobian @ free, rest, rcond=_WEAK)[0]
         p = p + move

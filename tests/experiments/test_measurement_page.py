@@ -289,6 +289,15 @@ def test_words_contrast_with_their_ground() -> None:
                 assert max(one, other) / min(one, other) >= 4.5, (word, ground)
 
 
+def test_numbers_of_a_demo_have_their_names_and_are_plain(demo: DemoResult) -> None:
+    """Those that checks from outside rely on."""
+    plain = json.loads(json.dumps(demo.to_dict()))
+    assert {"height_rms_rel", "unflagged_share", "sigma_ratio_height", "sigma_ratio_u"} <= set(plain)
+    assert {"trace", "capture", "decode", "reconstruct", "total"} <= set(plain["seconds"])
+    assert plain["peak_bytes"] > 1e7
+    assert all(np.isfinite(value) for value in demo.metrics.values())
+
+
 def test_every_flag_has_words() -> None:
     for member in (*Flag, *HeightFlag):
         assert MEANING[str(member.name)]
