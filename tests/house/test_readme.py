@@ -21,9 +21,9 @@ def pages(root: Path) -> list[Path]:
     return [root / "README.md", *sorted((root / "docs").rglob("*.md"))]
 
 
-def command_lines(page: Path | str) -> list[str]:
-    """Calls of make, optolever and the laboratory on a page or in a text, continuation lines joined."""
-    text = page if isinstance(page, str) else page.read_text()
+def command_lines(page: Path) -> list[str]:
+    """Calls of make, optolever and the laboratory on a page, continuation lines joined."""
+    text = page.read_text()
     blocks = re.findall(r"^```[a-z]*\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
     lines = "".join(blocks).replace("\\\n", " ").splitlines()
     bare = [re.sub(r"^\$ ", "", line).split("#")[0].strip() for line in lines]
@@ -56,8 +56,8 @@ def test_programs_lines_parse(root: Path) -> None:
     """Each line of a page or a sample names a command and options that exist."""
     lines = [(page.name, line) for page in pages(root) for line in command_lines(page)]
     for name, command in COMMANDS.items():
-        sample = f"```{dedent((command.epilog or '').partition('Sample:')[2])}\n```"
-        lines += [(name, line) for line in command_lines(sample)]
+        sample = dedent((command.epilog or "").partition("Sample:\n")[2]).replace("\\\n", " ")
+        lines += [(name, line[2:]) for line in sample.splitlines() if line.startswith("$ ")]
     programs = {"optolever ": app, f"{NAME} ": lab}
     calls = [
         (page, program, shlex.split(line.removeprefix(start)))
