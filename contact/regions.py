@@ -85,17 +85,18 @@ def _peaks(z: Map, sure: Mask, known: Mask, sigma: Map, columns: int) -> list[tu
     level, found = float(lower.max()), list[tuple[int, int]]()
     least = _SHALLOWEST * level
     left, top, width, height = cv2.boundingRect((upper > _FALL * least).view(np.uint8))
-    lower, upper = (part[top : top + height, left : left + width] for part in (lower, upper))
+    lower, upper = (part[top : top + height, left : left + width].copy() for part in (lower, upper))
     while level > least and len(found) < 2 * _LARGEST:
         level *= _FALL
         if not lower.max() > level:  # what is joined to a peak stays so at lower levels
             continue
-        labels = cv2.connectedComponents((upper > level).astype(np.uint8))[1]
-        for at in found:
-            lower[labels == labels[at]] = -np.inf
+        count, labels = cv2.connectedComponents((upper > level).view(np.uint8))
+        joined = np.zeros(count, np.bool_)
+        joined[[labels[at] for at in found]] = True
+        np.copyto(lower, -np.inf, where=joined[labels])
         while lower.max() > level:
             found.append(divmod(int(lower.argmax()), width))
-            lower[labels == labels[found[-1]]] = -np.inf
+            np.copyto(lower, -np.inf, where=labels == labels[found[-1]])
     climbed = [_climbed(z, sure, (top + row) * step, (left + col) * step, step) for row, col in found]
     return sorted(dict.fromkeys(climbed), key=lambda at: -float(z[at]))
 

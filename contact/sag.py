@@ -66,6 +66,33 @@ class _Cells(NamedTuple):
     rig: Floats
 
 
+class _Outside(NamedTuple):
+    """Cells (n,) far from the contacts; times the root of their weight own (n, k + 1): the motion's modes and
+    the free one, right (n,): heights, errors (n, m): the rig's; sinks: whether there is a free mode."""
+
+    x: Floats
+    y: Floats
+    root: Floats
+    noise: float
+    own: Floats
+    right: Floats
+    errors: Floats
+    sinks: bool
+
+
+class _Fit(NamedTuple):
+    """Of `fields` in number, motion and the free mode: found (terms, 1 + m) of heights and errors, rho: rms
+    residual, unit: standard deviation of what a cell says."""
+
+    weighted: Floats
+    upper: Floats
+    prior: Floats
+    found: Floats
+    rho: float
+    unit: float
+    fields: int
+
+
 def sag(surface: Surface, layer: Layer | None) -> Sag | None:
     """Fit sinking, motion and far fields to a surface outside its regions, which are found again in the
     corrected map. layer: elastic, None is a half-space. Returns None if too few cells lie outside the
@@ -74,7 +101,8 @@ def sag(surface: Surface, layer: Layer | None) -> Sag | None:
     thin = surface.thinned(max(1, surface.z.shape[1] // COLUMNS))
 
     def regions_less(taken: Sag) -> tuple[Region, ...]:
-        return regions(thin.less(replace(taken, rig=taken.rig[:, :0], kept=taken.kept[:0, :0])))
+        less = thin.less(replace(taken, rig=taken.rig[:, :0], kept=taken.kept[:0, :0]))
+        return regions(less, COLUMNS // 2)
 
     start = _robust(cells, noise) if len(cells.motion) and cells.z.size else None
     first = regions(thin) if start is None else regions_less(start)
@@ -85,14 +113,14 @@ def sag(surface: Surface, layer: Layer | None) -> Sag | None:
     for far in _FAR:
         # each from the robust fit: a contact that one distance loses is not lost to the others
         found, within, before = None, first, None
-        for _ in range(_ROUNDS):
+        for rounds_left in reversed(range(_ROUNDS)):
             circles = [one.circle for one in within]
             if circles == before:
                 break
             found, before = _simplest(cells, circles, layer, far, noise), circles
             if found is None:
                 break
-            within = regions_less(found)
+            within = regions_less(found) if rounds_left else within
         if found is not None:
             fits.append(found)
         if not within:  # no radius to be far from
@@ -200,12 +228,19 @@ def _simplest(
         (1.0, partial(_round, _ANY), _SINKS * float(cells.z.max(initial=0.0))),
     ]
     kinds = kinds if cells.free.any() else kinds[:1]  # without a sag no far field looks like one
-    fits = [(much, _fitted(cells, circles, fields, sinks, far, noise)) for much, fields, sinks in kinds]
+    outside = _outside(cells, circles, far)
+    if outside is None:
+        return None
+    fits = [
+        (much, _fitted(outside, fields(circles, outside.x, outside.y), sinks))
+        for much, fields, sinks in kinds
+    ]
     found = [(much, one) for much, one in fits if one is not None]
-    best = min((one.misfit for _, one in found), default=0.0)
-    if found and abs(found[0][1].c) < _SEEN * found[0][1].sigma:
+    best = min((one.rho for _, one in found), default=0.0)
+    if found and abs((first := _as_sag(outside, found[0][1])).c) < _SEEN * first.sigma:
         found = found[1:]
-    return next((one for much, one in found if one.misfit <= much * best), None)
+    one = next((one for much, one in found if one.rho <= much * best), None)
+    return None if one is None else _as_sag(outside, one)
 
 
 def _round(powers: range, circles: Sequence[Circle], x: Floats, y: Floats) -> Floats:
@@ -219,62 +254,65 @@ def _round(powers: range, circles: Sequence[Circle], x: Floats, y: Floats) -> Fl
     return np.reshape(columns, (-1, *np.shape(x)))
 
 
-def _fitted(
-    cells: _Cells,
-    circles: Sequence[Circle],
-    fields: _Fields,
-    sinks: float,
-    far: float,
-    noise: float,
-) -> Sag | None:
-    """With these fields outside the contacts; sinks: standard deviation of c that is expected, mm."""
+def _outside(cells: _Cells, circles: Sequence[Circle], far: float) -> _Outside | None:
+    """The cells outside so many radii of the contacts; None of too few."""
     out = np.ones(cells.z.size, np.bool_)
     for cx, cy, radius in circles:
         out &= np.hypot(cells.x - cx, cells.y - cy) > far * radius
     if np.count_nonzero(out) < _FEWEST:
         return None
     x, y, z, sigma, weight = (part[out] for part in cells[:5])
-    noise = math.sqrt(float(weight @ sigma**2 / weight.sum()))
-    tails, count = fields(circles, x, y), len(cells.motion)
-    terms = np.concatenate([tails, cells.motion[:, out], cells.free[None, out]])
-    root = np.sqrt(weight / weight.sum())
-    weighted, right = (terms * root).T, z * root
-    if not (np.isfinite(weighted).all() and np.isfinite(right).all()):
-        return None  # of a damaged map
-    size = np.linalg.norm(weighted, axis=0)
-    prior = np.where(size > 0, _TAILS * size, 1.0)
-    motions = slice(len(tails), len(tails) + count)
-    unit, errors = noise / math.sqrt(_INDEPENDENT), (cells.rig[:, out] * root).T
+    noise, root = math.sqrt(float(weight @ sigma**2 / weight.sum())), np.sqrt(weight / weight.sum())
+    own = (np.concatenate([cells.motion[:, out], cells.free[None, out]]) * root).T
+    return _Outside(x, y, root, noise, own, z * root, (cells.rig[:, out] * root).T, bool(cells.free.any()))
+
+
+def _fitted(outside: _Outside, fields: Floats, sinks: float) -> _Fit | None:
+    """With these fields (t, n); sinks: standard deviation of c that is expected, mm."""
+    noise, fewer = outside.noise, len(fields)
+    weighted = np.concatenate([fields * outside.root, outside.own.T]).T
+    terms, motions = weighted.shape[1], slice(fewer, weighted.shape[1] - 1)
     # the triangle of all equations: fits of as many as there are terms
-    triangle = np.asarray(np.linalg.qr(np.column_stack([weighted, right, errors]), mode="r"))
-    upper, lost = triangle[: len(terms), : len(terms)], abs(float(triangle[len(terms), len(terms)]))
-    aims = np.zeros((2 * len(terms), 1 + len(cells.rig)))
-    aims[: len(terms)] = triangle[: len(terms), len(terms) :]
+    every = np.concatenate([weighted.T, outside.right[None], outside.errors.T]).T
+    triangle = np.asarray(np.linalg.qr(every, mode="r"))
+    if not np.isfinite(triangle).all():
+        return None  # of a damaged map
+    upper, lost = triangle[:terms, :terms], abs(float(triangle[terms, terms]))
+    size = np.linalg.norm(upper, axis=0)
+    prior = np.where(size > 0, _TAILS * size, 1.0)
+    unit = noise / math.sqrt(_INDEPENDENT)
+    aims = np.zeros((2 * terms, triangle.shape[1] - terms))
+    aims[:terms] = triangle[:terms, terms:]
     rounding = np.finfo(np.float64).eps * len(weighted)
     for _ in range(2):  # the residual weighs the motion's prior
         prior[motions] = np.hypot(_TAILS * size[motions], unit)
         prior[-1] = math.hypot(_TAILS * size[-1] if size[-1] > 0 else 1.0, unit / sinks)
         whole = np.vstack([upper, np.diag(prior)])
-        found, *taken = np.linalg.lstsq(whole, aims, rcond=rounding)[0].T
-        rho = math.hypot(lost, float(np.linalg.norm(aims[: len(upper), 0] - upper @ found)))
+        found = np.linalg.lstsq(whole, aims, rcond=rounding)[0]
+        rho = math.hypot(lost, float(np.linalg.norm(aims[:terms, 0] - upper @ found[:, 0])))
         unit = math.sqrt(max(rho**2 - noise**2, 0.0) / _TAILED + noise**2 / _INDEPENDENT)
-    scale = np.hypot(size, prior)
+    return _Fit(weighted, upper, prior, found, rho, unit, fewer)
+
+
+def _as_sag(outside: _Outside, fit: _Fit) -> Sag:
+    """The fit with its covariance, and what it finds in the rig's errors."""
+    weighted, upper, prior, found, rho, unit, fewer = fit
+    noise, scale = outside.noise, np.hypot(np.linalg.norm(upper, axis=0), prior)
     normal = (upper.T @ upper + np.diag(prior**2)) / np.multiply.outer(scale, scale)
-    inverse = (np.linalg.inv(normal) / np.multiply.outer(scale, scale))[len(tails) :]
-    if not cells.free.any():
+    inverse = (np.linalg.inv(normal) / np.multiply.outer(scale, scale))[fewer:]
+    if not outside.sinks:
         inverse[-1], inverse[:, -1] = 0.0, 0.0
-    covariance = unit**2 * inverse[:, len(tails) :]
+    covariance = unit**2 * inverse[:, fewer:]
     values, vectors = np.linalg.eigh(covariance)
     deviation = float(np.sqrt(covariance[-1, -1]))
     half = vectors * np.sqrt(np.maximum(values, 0.0))
     gain = np.linalg.pinv(half, rcond=1e-6) @ inverse @ upper.T
     by_noise = noise**2 / _INDEPENDENT * gain @ gain.T
-    rig = np.reshape(taken, (len(cells.rig), len(terms))).T
-    left = np.linalg.norm(errors - weighted @ rig, axis=1) / np.maximum(root, 1e-300)
-    known = math.hypot(noise, float(np.median(left)))
-    fit = rho / max(noise, 1e-300), rho / max(known, 1e-300)
+    left = np.linalg.norm(outside.errors - weighted @ found[:, 1:], axis=1)
+    known = math.hypot(noise, float(np.median(left / np.maximum(outside.root, 1e-300))))
     return Sag(
-        *(float(found[-1]), deviation, *fit, found[motions], half, rig[len(tails) :]),
-        kept=np.eye(len(cells.rig)),
+        *(float(found[-1, 0]), deviation, rho / max(noise, 1e-300), rho / max(known, 1e-300)),
+        *(found[fewer:-1, 0], half, found[fewer:, 1:]),
+        kept=np.eye(outside.errors.shape[1]),
         noise=by_noise,
     )

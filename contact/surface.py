@@ -84,12 +84,14 @@ class Surface:
         own = np.zeros((0, *self.z[few].shape)) if self.modes is None else np.asarray(self.modes, np.float64)
         rig, motion = own[: len(own) - self.motions], own[len(own) - self.motions :]
         z = self.z - spread(np.tensordot(sag.motion, motion, 1), self.step, self.z.shape)
-        free = np.zeros(own.shape[1:])
+        left = np.tensordot(sag.root[:-1].T, motion, 1)
+        found = np.tensordot(sag.rig[:-1].T, motion, 1)
         if self.free is not None:
-            z, free = z - sag.c * self.free, np.nan_to_num(self.free[few])
-        fields = np.concatenate([motion, free[None]])
-        rig = np.tensordot(sag.kept, rig - np.tensordot(sag.rig.T, fields, 1), 1)
-        left = np.tensordot(sag.root.T, fields, 1)
+            free = np.nan_to_num(self.free[few])
+            z = z - sag.c * self.free
+            left += np.multiply.outer(sag.root[-1], free)
+            found += np.multiply.outer(sag.rig[-1], free)
+        rig = np.tensordot(sag.kept, rig - found, 1)
         modes = np.concatenate([rig, left]).astype(np.float32)
         displacement = self.displacement
         if displacement is not None:  # motion moves no point along the mirror

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.ndimage
 
+from optolever.blocks import blas_on_one
 from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.notices import Notice
@@ -114,7 +115,8 @@ def reconstruct(
     with logged(f"reconstruct {correspondence.u.shape}"), _explained(measured, scene):
         solution = solved_height(corrected, scene, anchor, mask, lens_errors(correspondence, rest))
     progress("errors of the rig", 1, steps)
-    height = _with_rig(solution, measured, scene, accept)
+    with blas_on_one():
+        height = _with_rig(solution, measured, scene, accept)
     problem, state = solution.problem, solution.state
     height = with_references(height, problem, state, solution.noise, corrected, anchor, rest)
     if rest is not None:
