@@ -97,11 +97,12 @@ def _span(origins: Float, directions: Float, mirror: Mirror) -> tuple[Float, Flo
     low, high = np.zeros(origins.shape[1]), np.full(origins.shape[1], np.inf)
     for start, step, most in zip(origins, directions, (mirror.length, mirror.width), strict=False):
         with np.errstate(divide="ignore", invalid="ignore"):
-            ends = np.sort(np.stack([(0.0 - start) / step, (most - start) / step]), axis=0)
+            before, after = (0.0 - start) / step, (most - start) / step
         always = (step == 0) & (start >= 0) & (start <= most)
         never = (step == 0) & ~always
-        low = np.maximum(low, np.where(always, 0.0, np.where(never, np.inf, ends[0])))
-        high = np.minimum(high, np.where(always, np.inf, np.where(never, 0.0, ends[1])))
+        first, last = np.minimum(before, after), np.maximum(before, after)
+        low = np.maximum(low, np.where(always, 0.0, np.where(never, np.inf, first)))
+        high = np.minimum(high, np.where(always, np.inf, np.where(never, 0.0, last)))
     return low, high
 
 
