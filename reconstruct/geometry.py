@@ -131,7 +131,8 @@ def traced_rays(camera: Any) -> RayField:
     if not all(finite):
         raise InputError("scene: the camera has pixels without a finite ray")
     shift, spread = (float(np.max(away)) for away in (shifts, spreads))  # NaN of one is that of all
-    return RayField(origins, directions, spread > 0 and shift == 0, _lean(directions[inner]), spread == 0)
+    seen = directions[inner] if spread != 0 else directions[:, :1, :1]
+    return RayField(origins, directions, spread > 0 and shift == 0, _lean(seen), spread == 0)
 
 
 def _lean(directions: Floats) -> NDArray[np.float32]:

@@ -2,7 +2,9 @@
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
+from optolever.blocks import on_cores
 from optolever.decode import Correspondence
 
 from ..arrays import Floats, Pair
@@ -34,15 +36,16 @@ def _brackets(seen: Correspondence) -> Floats:
     log = np.where(usable, np.log(np.clip(light, _LEAST, 2.0**16)), 0.0).astype(np.float64)
     falls = _slopes(log)
     good = cv2.erode(usable.view(np.uint8), _CLEAN, borderType=cv2.BORDER_CONSTANT, borderValue=0)
-    found = []
-    for at in (seen.u, seen.v):
+
+    def bracket(at: NDArray[np.floating]) -> Floats:
         place = np.where(usable, np.clip(at, -_MOST, _MOST), 0.0).astype(np.float64)
         shift: Floats = np.asarray(cv2.Laplacian(place, cv2.CV_64F), np.float64)
         for rise, fall in zip(_slopes(place), falls, strict=True):
             shift += 2.0 * rise * fall
         shift *= good
-        found.append(cv2.blur(shift, (3, 3)))
-    return np.stack(found)
+        return np.asarray(cv2.blur(shift, (3, 3)))
+
+    return np.stack(on_cores(bracket, (seen.u, seen.v)))
 
 
 def _slopes(values: Floats) -> Pair:
