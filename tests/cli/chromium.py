@@ -100,7 +100,7 @@ class Chromium:
         assert "exceptionDetails" not in found, found
         return found["result"].get("value")
 
-    def wait(self, script: str, seconds: float = 60.0) -> Any:
+    def wait(self, script: str, seconds: float = 300.0) -> Any:
         """Until an expression holds."""
         end = time.monotonic() + seconds
         while not (found := self.value(f"!!({script})")):

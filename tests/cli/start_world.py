@@ -8,7 +8,9 @@ looks elsewhere); read before every image. SCRIPT.json: lines of whoever sits at
 changes of the world before it.
 """
 
+import faulthandler
 import json
+import signal
 import sys
 import time
 from pathlib import Path
@@ -101,6 +103,7 @@ class Hands:
 
 
 def main() -> int:
+    faulthandler.register(signal.SIGUSR1, chain=True)  # the test asks for the stacks, and it ends
     world, folder = Path(sys.argv[1]), Path(sys.argv[2])
     dash = sys.argv.index("--")
     if dash == 4:
