@@ -6,6 +6,7 @@
 | `stream.py` | Live: one reading per frame |
 | `reading.py`, `verdict.py` | results of a frame; whether they are valid |
 | `chain.py` | one frame, from the image to the height |
+| `strays.py` | pixels that do not show the fringe, left out |
 | `picture.py`, `unwrap.py` | the model of the image and its fit; phase unwrapping |
 | `geometry.py`, `chord.py` | rays and anchor; a step of the coupled equations |
 | `rest.py` | the picture's shift and roll, and the load at the mirror's edge, in one fit |

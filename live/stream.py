@@ -10,12 +10,13 @@ from optolever.errors import InputError
 from optolever.kernels import plain
 
 from .arrays import Cells, Float, Frame, Mask
-from .chain import COMPRESSED, Settled, settle
+from .chain import COMPRESSED, Settled
 from .circulation import circulations
 from .holes import holes_of
 from .prepared import Prepared
 from .reading import CREPT, Figures, Reading
 from .rest import Creep, Deviation, creep_of, fitted
+from .strays import settle_without_strays
 from .touches import Touches, forces_of
 from .verdict import FADED, UNEXPLAINED, judge
 
@@ -50,7 +51,7 @@ class Live:
         """The reading of a frame (H, W) of the camera, taken at `time` (s): heights less what the rig and the
         anchor moved, and the contacts in them. InputError for a wrong size or type."""
         prepared, rig, frame = self.prepared, self.prepared.rig, self._used(frame)
-        settled = settle(rig, frame, prepared.noise.sigma)
+        settled, strays = settle_without_strays(rig, frame, prepared.noise.sigma)
         good, raw, slopes = settled.good, settled.tau * rig.normal, settled.slopes
         deviation, alone = self._deviation(settled, raw, _sigma(prepared, settled))
         if (np.abs(deviation.motion) > CREPT * deviation.sigmas[:3]).any():  # what is left is the mirror's
@@ -69,7 +70,7 @@ class Live:
         draws = prepared.noise.draws
         surface = Surface(x, y, z, hidden, good, modes=modes, motions=len(modes), draws=draws)
         pressing = () if judge(figures).broken else regions(surface, _COLUMNS)
-        verdict = judge(figures, self._faded, steep and not pressing, dust)
+        verdict = judge(figures, self._faded, steep and not pressing, dust, strays)
         touches = self._touches.named(contacts(surface, pressing, prepared.layer)) if verdict.trusted else ()
         # far from rest the fit's first order makes dents of its own
         free = not pressing or (not verdict.trusted and alone < UNEXPLAINED)

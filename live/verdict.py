@@ -33,10 +33,12 @@ class Verdict:
     broken: bool
 
 
-def judge(figures: Figures, faded: int = 0, steep: bool = False, dust: float = 0.0) -> Verdict:
+def judge(
+    figures: Figures, faded: int = 0, steep: bool = False, dust: float = 0.0, strays: float = 0.0
+) -> Verdict:
     """The verdict, from the figures of a frame; faded: how many frames up to this one had less
     contrast; steep: a flank rises to cells without a height, and is no contact; dust: share of the lit cells
-    in holes to which none rises."""
+    in holes to which none rises; strays: share of the lit pixels that the fit leaves out."""
     curl, light = max(figures.curl), figures.light
     stopped = [
         (1 - figures.lost, 1 - _LOST[1], "too few cells see a fringe: something covers it, or it is dark"),
@@ -72,7 +74,7 @@ def judge(figures: Figures, faded: int = 0, steep: bool = False, dust: float = 0
         (figures.misfit, UNEXPLAINED, load, thin),
         (figures.saturated, _SATURATED, "Saturated pixels, share", "shorten the exposure"),
         (figures.lost - dust, _LOST[0], "Cells without a height (covered or too steep), share", others),
-        (dust, _DUST, "Dust: cells at rest without a fringe, share", "clean it"),
+        (max(dust, strays), _DUST, "Dust or a hair: share of the picture without a fringe", "clean it"),
         (figures.left, _LEFT[0], change, held),
         (curl, _CURL[0], "The slopes contradict each other; mean square circulation over noise", held),
         (1 - figures.contrast, 1 - FADED, f"{blur}; loss of contrast", cure),

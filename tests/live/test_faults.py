@@ -51,6 +51,32 @@ def test_a_hole_is_one_contact_or_no_trust(prepared: Prepared, shot: Shot, size:
         assert touch.depth_sigma < peak
 
 
+@pytest.mark.parametrize("dents", [(), PRESSED], ids=["rest", "pressed"])
+@pytest.mark.parametrize(
+    "line",
+    [
+        lambda y, x: x == 110,
+        lambda y, x: (y == 130) | (y == 131),
+        lambda y, x: abs(x - 90 - 0.5 * y) < 0.6,
+        lambda y, x: (abs(x - 60.5) < 1) & (abs(y - 90) < 30),
+    ],
+    ids=["column", "rows", "hair", "fibre"],
+)
+def test_a_line_without_a_fringe_moves_no_height(
+    stream: StreamRig, prepared: Prepared, line: Any, dents: Any
+) -> None:
+    """Black pixels on a dent's flank made a contact 8 sigma too shallow, and a false one."""
+    light, true = stream.shown(Moment(dents))
+    frame = expose(light, np.random.default_rng(5))
+    frame[line(*np.indices(frame.shape))] = 12
+    reading = Live(prepared).update(frame)
+    assert reading.trusted, reading.reason
+    assert "Dust or a hair" in str(reading.notices)
+    ratio = ((reading.z - true) / reading.sigma)[reading.good]
+    assert np.sqrt(np.mean(np.square(ratio))) < 1.3
+    assert len(reading.touches) == len(dents)
+
+
 def test_a_lamp_moves_no_height(stream: StreamRig, prepared: Prepared) -> None:
     """25 levels across the picture: two sigma of error where the fit started in the display's light alone."""
     for k, dents in enumerate(((), PRESSED)):
