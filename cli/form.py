@@ -110,8 +110,8 @@ def command(
 
     All good pixels but their outermost ring have equal weight. A concave mirror has a radius above 0. Sigmas
     include the noise of the frames and the errors of the rig. Zernike terms describe the residual over the
-    inscribed circle. H.npz may also be a grid of another program (.x3p, .dat, .datx, .wft, .sdf, .tif, .csv,
-    .npy). Several maps of one mirror: their mean and differences.
+    aperture's circle, else the inscribed one. H.npz may also be a grid of another program (.x3p, .dat, .datx,
+    .wft, .sdf, .csv, .npy; .tif with floats in mm). Several maps of one mirror: their mean and differences.
     """
     if nominal is not None and form is not None:
         raise InputError(f"--remove {form}: {nominal} is removed already; leave one out")
@@ -143,7 +143,8 @@ def command(
         terms = None
         if order is not None:
             left = fit.deviation(height)
-            terms = ol.metrology.fit_zernike(left, order, slopes, aperture=inside, removed=fit)
+            centre, radius = ol.metrology.aperture_circle(apertures, height.x, height.y, height.good)
+            terms = ol.metrology.fit_zernike(left, order, slopes, radius, None, fit, centre)
         asked = lines or (("x", "y") if profiles_path is not None else ())
         profiles = {line: ol.metrology.profile_of(fit, line) for line in asked}
         axes = () if psd_path is None else ("x", "y")
@@ -184,7 +185,7 @@ def command(
     _fitted(f"Form of {source}: {fit.form}{held}; {middle}", fit.numbers)
     if terms is not None and listed is not None:
         what = "amplitude" if norm == "amplitude" else "rms (ISO 14999-2)"
-        circle = f"circle of radius {terms.radius:.6g} mm"
+        circle = "circle of radius {:.6g} mm about ({:.6g}, {:.6g}) mm".format(terms.radius, *terms.middle)
         _fitted(f"Zernike terms of the residual, µm, {what}, {circle}", listed, 1e3)
     less = quantity(fit.rms_less_noise, "mm", fit.less_noise_sigma, fit.rms)
     less = f"; without its noise {less}" if isfinite(fit.rms_less_noise) else ""

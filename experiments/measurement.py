@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from optolever.blocks import at_once
 from optolever.decode import Correspondence
 from optolever.errors import InputError
-from optolever.metrology import FormFit, ZernikeFit, aperture_mask, fit_form, fit_zernike
+from optolever.metrology import FormFit, ZernikeFit, aperture_circle, aperture_mask, fit_form, fit_zernike
 from optolever.notices import Notice
 from optolever.projector import Capture
 from optolever.reconstruct import (
@@ -176,7 +176,7 @@ class Study:
         (slopes, curvature), pressed = at_once(lambda: _slopes(given), lambda: _contacts(given))
         fit = _form_fit(given, slopes)
         deviation = None if fit is None else fit.deviation(height)
-        terms = None if fit is None or deviation is None else _terms(deviation, slopes, _aperture(given), fit)
+        terms = None if fit is None or deviation is None else _terms(deviation, slopes, given, fit)
         return cls(given, slopes, curvature, fit, deviation, terms, pressed)
 
 
@@ -254,10 +254,11 @@ def _form_fit(given: Measurement, slopes: SlopeMap | None) -> FormFit | None:
 
 
 def _terms(
-    deviation: HeightMap, slopes: SlopeMap | None, aperture: NDArray[np.bool_] | None, fit: FormFit
+    deviation: HeightMap, slopes: SlopeMap | None, given: Measurement, fit: FormFit
 ) -> ZernikeFit | None:
     """None where too few pixels are good."""
     try:
-        return fit_zernike(deviation, ZERNIKE, slopes, aperture=aperture, removed=fit)
+        centre, radius = aperture_circle(given.apertures, deviation.x, deviation.y, given.height.good)
+        return fit_zernike(deviation, ZERNIKE, slopes, radius, removed=fit, centre=centre)
     except InputError:
         return None

@@ -19,7 +19,7 @@ Lengths in mm, slopes in mm per mm; z > 0 is towards the camera: a concave mirro
 
 from optolever.arguments import check_face
 
-from .apertures import aperture_mask
+from .apertures import aperture_circle, aperture_mask
 from .figures import Verdict, in_waves, judge, pvr
 from .filters import gaussian_filter
 from .fit import FormFit, Numbers, fit_form
@@ -33,10 +33,10 @@ from .zernike_terms import ansi_index, fringe_index, zernike, zernike_name
 
 __all__ = [
     "NOMINAL_SUFFIXES", "FormFit", "Nominal", "Numbers", "Profile", "RunComparison", "SlopeError",
-    "Spectrum", "Verdict", "ZernikeFit", "ansi_index", "aperture_mask", "compare_runs", "fit_form",
-    "fit_nominal", "fit_zernike", "form_names", "fringe_index", "gaussian_filter", "in_common",
-    "in_waves", "judge", "load_measured", "load_nominal", "profile", "profile_of", "pvr", "slope_errors",
-    "spectrum", "zernike", "zernike_name",
+    "Spectrum", "Verdict", "ZernikeFit", "ansi_index", "aperture_circle", "aperture_mask", "compare_runs",
+    "fit_form", "fit_nominal", "fit_zernike", "form_names", "fringe_index", "gaussian_filter",
+    "in_common", "in_waves", "judge", "load_measured", "load_nominal", "profile", "profile_of", "pvr",
+    "slope_errors", "spectrum", "zernike", "zernike_name",
 ]  # fmt: skip
 
 check_face(__name__)

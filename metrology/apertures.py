@@ -21,7 +21,7 @@ from optolever.errors import InputError
 from optolever.numbers import parsed, written
 from optolever.pictures import read_mask
 
-__all__ = ["aperture_mask", "inscribed_radius", "middle_of"]
+__all__ = ["aperture_circle", "aperture_mask", "inscribed_radius", "middle_of"]
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -34,13 +34,22 @@ def aperture_mask(texts: Sequence[str], x: Floats, y: Floats, good: Mask) -> Mas
     number that is no length, or an aperture without a good pixel."""
     inside = np.ones(good.shape, np.bool_)
     for text in texts:
-        name, _, rest = text.partition(":")
-        inside &= _shape(text, name, rest, x, y, good) if name in _SIZES else _image(text, good.shape)
+        known = text.partition(":")[0] in _SIZES
+        inside &= _shape(text, x, y, good) if known else _image(text, good.shape)
         if not (inside & good).any():
             raise InputError(
                 f"aperture {text}: contains no good pixel; move or widen it, in mm from the mirror's corner"
             )
     return inside
+
+
+def aperture_circle(
+    texts: Sequence[str], x: Floats, y: Floats, good: Mask
+) -> tuple[tuple[float, float] | None, float | None]:
+    """Centre and radius (mm) of the smallest circle among apertures; None, None without one."""
+    given = [_numbers(text, x, y, good) for text in texts if text.partition(":")[0] == "circle"]
+    least = min(given, key=lambda each: each["radius"], default=None)
+    return (None, None) if least is None else ((least["x"], least["y"]), least["radius"])
 
 
 def middle_of(part: Floats, good: Mask) -> float:
@@ -55,20 +64,27 @@ def inscribed_radius(x: Floats, y: Floats, good: Mask, centre: tuple[float, floa
     return float(np.hypot(x[border] - centre[0], y[border] - centre[1]).min())
 
 
-def _shape(text: str, name: str, rest: str, x: Floats, y: Floats, good: Mask) -> Mask:
+def _numbers(text: str, x: Floats, y: Floats, good: Mask) -> dict[str, float]:
+    """Sizes and centre of a shape."""
+    name, _, rest = text.partition(":")
     what, known = f"aperture {text}", (*_SIZES[name], "x", "y")
     texts = written(what, rest, f"NUMBER=VALUE of {', '.join(known)}", known)
     given = {key: parsed(f"{what}: {key}", value) for key, value in texts.items()}
-    centre = (given.get("x", middle_of(x, good)), given.get("y", middle_of(y, good)))
+    given = {"x": middle_of(x, good), "y": middle_of(y, good)} | given
     if name == "circle" and "radius" not in given:
-        given["radius"] = inscribed_radius(x, y, good, centre)
+        given["radius"] = inscribed_radius(x, y, good, (given["x"], given["y"]))
     for key in _SIZES[name]:
         if not given.get(key, 0.0) > 0:
             raise InputError(f"{what}: {key} must be given, above 0 mm")
-    u, v = x - centre[0], y - centre[1]
-    if name == "rectangle":
+    return given
+
+
+def _shape(text: str, x: Floats, y: Floats, good: Mask) -> Mask:
+    given = _numbers(text, x, y, good)
+    u, v = x - given["x"], y - given["y"]
+    if "width" in given:
         return np.asarray((np.abs(u) <= 0.5 * given["width"]) & (np.abs(v) <= 0.5 * given["height"]))
-    a, b = (given["radius"],) * 2 if name == "circle" else (given["a"], given["b"])
+    a, b = (given["radius"],) * 2 if "radius" in given else (given["a"], given["b"])
     return np.asarray((u / a) ** 2 + (v / b) ** 2 <= 1 + 1e-9)
 
 

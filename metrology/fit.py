@@ -235,16 +235,16 @@ def leftovers(
 
 
 def placed(
-    height: HeightMap, count: int, aperture: NDArray[np.bool_] | None = None
+    height: HeightMap, count: int, aperture: NDArray[np.bool_] | None = None, ring: bool = True
 ) -> tuple[Floats, Floats, NDArray[np.bool_], tuple[float, float]]:
     """x, y relative to the middle of the good pixels, good (H, W), and the middle. InputError without
-    enough good pixels. aperture (H, W): pixels to use.
+    enough good pixels. aperture (H, W): pixels to use; ring: False where the map is without it already.
 
     The outermost ring of good pixels is left out: their centres may see no mirror. Where the map ends at the
     image's border, there is none.
     """
     mirror = scipy.ndimage.binary_fill_holes(height.good)
-    inside = scipy.ndimage.binary_erosion(mirror, np.ones((3, 3)), border_value=1)
+    inside = scipy.ndimage.binary_erosion(mirror, np.ones((3, 3)), border_value=1) if ring else mirror
     good = height.good & inside & np.isfinite(height.z)
     good = good if aperture is None else good & aperture
     if np.count_nonzero(good) < 2 * count:

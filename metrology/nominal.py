@@ -24,7 +24,9 @@ from optolever.reconstruct import Grid, HeightFlag, HeightMap, SlopeMap
 from .covariance import noise_covariance
 from .fit import FormFit, Numbers, leftovers, placed, slope_noise
 
-__all__ = ["NOMINAL_SUFFIXES", "Nominal", "fit_nominal", "load_measured", "load_nominal", "surface_of"]
+__all__ = [
+    "NOMINAL_SUFFIXES", "Nominal", "extended", "fit_nominal", "load_measured", "load_nominal", "surface_of",
+]  # fmt: skip
 
 Floats = NDArray[np.float64]
 NOMINAL_SUFFIXES = (".npz", *READABLE, ".stl", ".ply")
@@ -155,22 +157,32 @@ def surface_of(grid: Grid) -> Nominal:
     known = np.isfinite(grid.z)
     if min(grid.z.shape) < 4 or not known.any():
         raise InputError(f"nominal: {grid.z.shape} points, must be at least (4, 4), some of them known")
-    nearest = scipy.ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
-    filled = np.asarray(grid.z[tuple(nearest)], np.float64)
-    # the last rows go on as straight lines, so that the splines' mirrored ends lie outside
-    coefficients = scipy.ndimage.spline_filter(np.pad(filled, 12, "reflect", reflect_type="odd"))
-    inside = known.astype(np.float64)
+    inside, whole = known.astype(np.float64), extended(grid)
 
     def z(x: Floats, y: Floats) -> Floats:
         at = np.stack([(y - grid.y0) / grid.pitch, (x - grid.x0) / grid.pitch])
         there = scipy.ndimage.map_coordinates(inside, at, order=1, cval=0.0) > 1 - 1e-9
-        height = scipy.ndimage.map_coordinates(coefficients, at + 12, order=3, prefilter=False)
-        return np.where(there, height, np.nan)
+        return np.where(there, whole(x, y), np.nan)
 
     rows, cols = np.nonzero(known)
     middle = [grid.x0 + 0.5 * grid.pitch * (cols.min() + cols.max())]
     middle += [grid.y0 + 0.5 * grid.pitch * (rows.min() + rows.max()), float(grid.z[known].mean())]
     return Nominal(z, (middle[0], middle[1], middle[2]))
+
+
+def extended(grid: Grid) -> Callable[[Floats, Floats], Floats]:
+    """z(x, y) of a grid by cubic splines; unknown points are as the nearest known one."""
+    unknown = ~np.isfinite(grid.z)
+    nearest = scipy.ndimage.distance_transform_edt(unknown, return_distances=False, return_indices=True)
+    filled = np.asarray(grid.z[tuple(nearest)], np.float64)
+    # the last rows go on as straight lines, so that the splines' mirrored ends lie outside
+    coefficients = scipy.ndimage.spline_filter(np.pad(filled, 12, "reflect", reflect_type="odd"))
+
+    def z(x: Floats, y: Floats) -> Floats:
+        at = np.stack([(y - grid.y0) / grid.pitch, (x - grid.x0) / grid.pitch])
+        return np.asarray(scipy.ndimage.map_coordinates(coefficients, at + 12, order=3, prefilter=False))
+
+    return z
 
 
 def _of_points(file: Path, points: Floats) -> Nominal:

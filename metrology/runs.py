@@ -10,13 +10,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import scipy.ndimage
 from numpy.typing import NDArray
 
 from optolever.errors import InputError
 from optolever.reconstruct import Grid, HeightFlag, HeightMap
 
 from .fit import FormFit
-from .nominal import surface_of
+from .nominal import extended, surface_of
 
 __all__ = ["RunComparison", "compare_runs", "in_common"]
 
@@ -84,16 +85,22 @@ def compare_runs(fits: Sequence[FormFit], turns: Sequence[float] | None = None) 
 
     seen = np.stack([run(k, x, y) for k in range(len(fits))])
     own = np.stack([run(k, *_turned(x, y, angle)) for k, angle in enumerate(turned)])
+    if turns is not None:
+        seen, own = _closed(seen, own, x, y, pitch, turned)
     rig, mirror = np.zeros_like(x), own.mean(axis=0)
     if not np.isfinite(mirror).any():
         raise InputError("runs: the maps have no point in common, they must be of one mirror")
+
+    def at(z: Floats, sign: int, within: bool = False) -> Floats:
+        """z at the points of each turn, or NaN where not within its known ones."""
+        grid = Grid(z, np.zeros_like(z), float(x[0, 0]), float(y[0, 0]), pitch)
+        surface = surface_of(grid).z if within else extended(grid)
+        return np.stack([surface(*_turned(x, y, sign * angle)) if angle else z for angle in turned])
+
     for _ in range(0 if turns is None else _ROUNDS):
-        rig = np.mean(
-            [z - _sampled(mirror, x, y, pitch, -a) for z, a in zip(seen, turned, strict=True)], axis=0
-        )
-        back = [_sampled(rig, x, y, pitch, a) for a in turned]
-        mirror = np.mean(own - back, axis=0)
-    left = np.stack([z - rig - _sampled(mirror, x, y, pitch, -a) for z, a in zip(seen, turned, strict=True)])
+        rig = np.mean(seen - at(mirror, -1), axis=0)
+        mirror = np.mean(own - at(rig, 1), axis=0)
+    left = seen - rig - at(mirror, -1, within=True)
     known = np.isfinite(mirror) & np.isfinite(rig)
     mirror, rig = np.where(known, mirror, np.nan), np.where(known, rig, np.nan)
     noise = float(
@@ -107,9 +114,23 @@ def _turned(x: Floats, y: Floats, angle: float) -> tuple[Floats, Floats]:
     return c * x - s * y, s * x + c * y
 
 
-def _sampled(z: Floats, x: Floats, y: Floats, pitch: float, angle: float) -> Floats:
-    """z at the turned points; z itself for no turn."""
-    if not angle:
-        return z
-    grid = Grid(z, np.zeros_like(z), float(x[0, 0]), float(y[0, 0]), pitch)
-    return surface_of(grid).z(*_turned(x, y, angle))
+def _closed(
+    seen: Floats, own: Floats, x: Floats, y: Floats, pitch: float, turned: Sequence[float]
+) -> tuple[Floats, Floats]:
+    """Both (K, rows, cols), NaN where a run is unknown, or a turned point lies more than a point beyond."""
+    rig, mirror = (np.asarray(np.isfinite(part).all(axis=0)) for part in (seen, own))
+
+    def near(known: NDArray[np.bool_], angle: float) -> NDArray[np.bool_]:
+        u, v = _turned(x, y, angle)
+        wide = scipy.ndimage.binary_dilation(known, np.ones((3, 3)))
+        at = (v - y[0, 0]) / pitch, (u - x[0, 0]) / pitch
+        return np.asarray(scipy.ndimage.map_coordinates(wide, at, order=0, cval=False))
+
+    while True:
+        before = np.count_nonzero(rig) + np.count_nonzero(mirror)
+        for angle in turned:
+            mirror &= near(rig, angle)
+        for angle in turned:
+            rig &= near(mirror, -angle)
+        if np.count_nonzero(rig) + np.count_nonzero(mirror) == before:
+            return np.where(rig, seen, np.nan), np.where(mirror, own, np.nan)

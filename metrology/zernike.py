@@ -48,18 +48,21 @@ def fit_zernike(
     radius: float | None = None,
     aperture: NDArray[np.bool_] | None = None,
     removed: FormFit | None = None,
+    centre: tuple[float, float] | None = None,
 ) -> ZernikeFit:
     """Coefficients up to a radial order by unweighted least squares over the good pixels of a circle, without
     the map's outermost ring.
 
-    The circle is centred at the middle of these; radius (mm), default: inscribed in them. slopes: see
-    `fit_form`; aperture (H, W): pixels to use; removed: the fit whose residual the heights are, which takes
-    its part of their noise off, as its filters do.
+    centre (x, y, mm), default: the middle of these; radius (mm), default: inscribed in them. slopes: see
+    `fit_form`; aperture (H, W): pixels to use; removed: the fit whose residual the heights are, without the
+    ring already, which takes its part of their noise off, as its filters do.
     """
-    if not 1 <= order <= _MOST:
-        raise InputError(f"zernike: order is {order}, must be 1 to {_MOST}")
+    if order not in range(1, _MOST + 1):
+        raise InputError(f"zernike: order is {order}, must be 1 to {_MOST}, whole")
     pairs = [(n, m) for n in range(order + 1) for m in range(-n, n + 1, 2)]
-    x, y, good, middle = placed(height, len(pairs), aperture)
+    x, y, good, middle = placed(height, len(pairs), aperture, removed is None)
+    if centre is not None:
+        x, y, middle = x + middle[0] - centre[0], y + middle[1] - centre[1], centre
     whole = inscribed_radius(x, y, good, (0.0, 0.0)) if radius is None else radius
     if not whole > 0:
         raise InputError(f"zernike: radius is {whole}, must be above 0 mm")

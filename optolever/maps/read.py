@@ -85,16 +85,20 @@ def _pitch(along_x: float, along_y: float) -> float:
     return float(along_x)
 
 
-def _reshaped(values: Floats, rows: int, cols: int) -> Floats:
+def _reshaped(values: NDArray[np.generic], rows: int, cols: int) -> Floats:
     if not 0 < rows * cols <= _MOST or values.size < rows * cols:
-        raise InputError(f"{values.size} heights, its header says {rows} x {cols}")
+        raise InputError(f"{values.size} points, its header says {rows} x {cols}; export it again")
     return np.asarray(values[: rows * cols].reshape(rows, cols), np.float64)
 
 
 def _tiff(file: Path) -> GridMap:
     with tifffile.TiffFile(file) as tiff:
         page = tiff.pages.first
-        z = np.asarray(page.asarray(), np.float64)
+        heights = page.asarray()
+        usual = "mm" if heights.dtype.kind == "f" else "unknown"
+        if (unit := (tiff.shaped_metadata or ({},))[0].get("unit", usual)) != "mm":
+            raise InputError(f"heights are {heights.dtype}, their unit {unit}; scale them to floats in mm")
+        z = np.asarray(heights, np.float64)
         per_cm = page.get_resolution(unit="CENTIMETER")
         scaled = "ResolutionUnit" in page.tags and page.tags["ResolutionUnit"].value != 1
     if z.ndim != 2 or not scaled or per_cm[0] != per_cm[1] or not per_cm[0] > 0:
@@ -119,13 +123,18 @@ def _x3p(file: Path) -> GridMap:
         start = [float(text(f"Record1/Axes/C{axis}/Offset", "0")) * _METRES for axis in "XY"]
         cols, rows = (int(text(f"Record3/MatrixDimension/Size{axis}")) for axis in "XY")
         data = archive.read(text("Record3/DataLink/PointDataLink"))
+        mask = text("Record3/DataLink/ValidPointsLink")
+        valid = np.frombuffer(archive.read(mask), np.uint8) if mask else None
     kind = text("Record1/Axes/CZ/DataType")
     z = np.frombuffer(data, _X3P_TYPES[kind]).astype(np.float64)
     if kind in "LI":
         increment, offset = (float(text(f"Record1/Axes/CZ/{name}", default)) for name, default in
                              (("Increment", "1"), ("Offset", "0")))  # fmt: skip
         z = z * increment + offset
-    return GridMap(_reshaped(z * _METRES, rows, cols), _pitch(*step), *start)
+    z = _reshaped(z * _METRES, rows, cols)
+    if valid is not None:  # a bit a point, the lowest first
+        z[_reshaped(np.unpackbits(valid, bitorder="little"), rows, cols) == 0] = np.nan
+    return GridMap(z, _pitch(*step), *start)
 
 
 def _sdf(file: Path) -> GridMap:

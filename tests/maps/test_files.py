@@ -1,10 +1,13 @@
 """Heights in files of other programs: round trips, a DATX as Zygo lays it out, damaged files."""
 
 import json
+import zipfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import tifffile
 from numpy.typing import NDArray
 
 from optolever import InputError
@@ -65,6 +68,56 @@ def test_a_zygo_mx_file_is_read(tmp_path: Path) -> None:
     found = read_grid(tmp_path / "g.datx")
     np.testing.assert_allclose(found.z, z, atol=1e-12)
     assert found.pitch == pytest.approx(PITCH)
+
+
+def test_an_x3p_file_of_integers_and_a_mask_is_read(tmp_path: Path) -> None:
+    """ISO 25178-72: a bit a point, 1 where it is valid, the lowest bit first; nm, from 20 um on."""
+    z, links = disc(), "</PointDataLink><ValidPointsLink>bindata/valid.bin</ValidPointsLink>"
+    REGULAR[".x3p"](tmp_path / "g.x3p", z, PITCH, X0, Y0)
+    document = (
+        zipfile.ZipFile(tmp_path / "g.x3p").read("main.xml").decode().replace("</PointDataLink>", links)
+    )
+    head, axis = document.split("<CZ><AxisType>A</AxisType><DataType>D</DataType>")
+    kind = "<CZ><AxisType>A</AxisType><DataType>L</DataType><Increment>1e-9</Increment><Offset>2e-5</Offset>"
+    with zipfile.ZipFile(tmp_path / "mask.x3p", "w") as file:
+        file.writestr("main.xml", head + kind + axis)
+        file.writestr("bindata/data.bin", np.round(1e6 * np.nan_to_num(z - 0.02)).astype("<i4").tobytes())
+        file.writestr("bindata/valid.bin", np.packbits(np.isfinite(z), bitorder="little").tobytes())
+    found = read_grid(tmp_path / "mask.x3p")
+    np.testing.assert_allclose(found.z, z, rtol=0, atol=0.51e-6)
+    assert (found.x0, found.y0, found.pitch) == pytest.approx((X0, Y0, PITCH))
+
+
+def test_a_tiff_is_of_mm(tmp_path: Path) -> None:
+    """Integers, whose unit is unknown, and another unit in tifffile's description are no heights."""
+    scale: dict[str, Any] = {"resolution": (40, 40), "resolutionunit": "CENTIMETER"}
+    path, z = tmp_path / "g.tif", np.nan_to_num(disc()).astype(np.float32)
+    tifffile.imwrite(path, z, **scale)
+    np.testing.assert_array_equal(read_grid(path).z, z)
+    for heights, unit in ((1e6 * z).astype(np.uint16), "unknown"), (z, "um"):
+        tifffile.imwrite(path, heights, metadata=None if unit == "unknown" else {"unit": unit}, **scale)
+        with pytest.raises(
+            InputError, match=f"{heights.dtype}, their unit {unit}; scale them to floats in mm"
+        ):
+            read_grid(path)
+
+
+def test_zernike_terms_are_of_the_circle_that_is_named(tmp_path: Path) -> None:
+    """Amplitudes of defocus, astigmatism and coma at the rim of a circle in a map that goes on."""
+    x, y = np.meshgrid(np.arange(-40, 41.0), np.arange(-30, 31.0))
+    u, v = (x - 3) / 25, (y + 2) / 25
+    given = {"Defocus": 0.3, "Primary Astigmatism 00°": 0.1, "Primary Coma X": 0.2, "Primary Coma Y": 0.07}
+    square = u**2 + v**2
+    parts = 2 * square - 1, u**2 - v**2, (3 * square - 2) * u, (3 * square - 2) * v
+    z = 1e-3 * sum(size * part for size, part in zip(given.values(), parts, strict=True))
+    REGULAR[".csv"](tmp_path / "g.csv", z, 1.0, -40.0, -30.0)
+    words = "form {}/g.csv --remove piston --aperture circle:radius=25,x=3,y=-2 --zernike 3 --norm amplitude"
+    assert run([*words.format(tmp_path).split(), "--json", str(tmp_path / "f.json")]) == 0
+    found = json.loads((tmp_path / "f.json").read_text())["zernike"]
+    assert found["radius_mm"] == 25
+    for name, term in found["coefficients_mm"].items():
+        own = 1e-3 * given.get(name.partition(" ")[2], 0.0)
+        assert "Piston" in name or term["value"] == pytest.approx(own, abs=1e-9), name
 
 
 @pytest.mark.parametrize("suffix", [each for each in READABLE if each != ".datx"])
