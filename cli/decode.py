@@ -93,7 +93,7 @@ def command(
             known = None
             if profile is not None:
                 known = ol.decode.RigProfile.load(profile).with_lag(measured_lag(profile, source))
-                if not any(_alike(settings, each) for each in (ol.decode.Settings(), known.settings)):
+                if settings not in (ol.decode.Settings(), known.settings):
                     wrong = "is of another response, lens or blur"
                     cure = "leave out --response, --lens and --blur"
                     raise InputError(f"--profile {profile}: {wrong}; {cure}")
@@ -149,17 +149,6 @@ def command(
         cure = "correct --pixels, --sequence or capture.toml"
         print_notices([f"{source}: no pixel is good" + ("" if said else f"{cause}: {cure}")])
     return 0 if good else 2
-
-
-def _alike(one: "ol.decode.Settings", other: "ol.decode.Settings") -> bool:
-    """Whether two settings are equal; the curves of their responses are arrays."""
-
-    def plain(settings: "ol.decode.Settings") -> tuple[Any, ...]:
-        light = settings.response
-        curves = () if light is None else (light.shown.tolist(), light.seen.tolist(), str(light.blur))
-        return replace(settings, response=None), curves
-
-    return plain(one) == plain(other)
 
 
 def _inside(mask: Path | None, roi: str | None, shape: tuple[int, int]) -> "NDArray[np.bool_] | None":

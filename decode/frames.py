@@ -13,6 +13,7 @@ from optolever.blocks import on_cores
 from optolever.errors import InputError
 from optolever.kernels import F32, F64, inlined, plain
 from optolever.patterns import Sequence
+from optolever.records import Comparable
 
 from .records import Correspondence
 
@@ -30,8 +31,8 @@ _RUN = 64
 _BRIGHT = 128.0
 
 
-@dataclass(frozen=True, slots=True)
-class Response:
+@dataclass(frozen=True, slots=True, eq=False)
+class Response(Comparable):
     """Camera levels `seen` (K,) where levels `shown` (K,) were displayed; both rise strictly with each other.
 
     Between the entries the inverse is linear. Beyond them it continues with the slope of the last pair, or

@@ -69,7 +69,7 @@ def _same(one: Any, other: Any) -> bool:
     if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
         one, other = np.asarray(one), np.asarray(other)
         return bool(np.array_equal(one, other, equal_nan=one.dtype.kind == other.dtype.kind == "f"))
-    return bool(one == other)
+    return bool(one == other) or (one != one and other != other)
 
 
 def span(values: ArrayLike, where: ArrayLike | bool = True) -> str:
