@@ -71,7 +71,7 @@ class Measured:
         """Slopes p, q (along columns, along rows) of the unknown at w, and their derivatives dp/dw, dq/dw;
         (rows, cols) each, NaN where u or v is."""
         u, v = self._on_plane(w)
-        found, moving = np.empty((4, *w.shape)), (not self.rays.logarithmic, not self.rays.parallel)
+        found, moving = np.empty((4, *w.shape)), (int(self.rays.logarithmic), 1 if self.rays.parallel else 2)
         with np.errstate(over="ignore", invalid="ignore"):
             t = self.distance(w)
             arrays = self.rays.origins, self.rays.directions, *moving, self.plane, u, v, t, found
@@ -289,26 +289,25 @@ class Measured:
 
 
 @kernel
-def _slopes(o, d, shifting, turning, plane, u, v, t, found, changes, start, stop):  # type: ignore[no-untyped-def]
+def _slopes(o, d, first, last, plane, u, v, t, found, changes, start, stop):  # type: ignore[no-untyped-def]
     """In each pixel the change of t along both axes (0: along the row), and its derivative by t; n: the
-    normal, m: its change by t, g: change of the ray's direction, a: of its point, to the fourth order, kept
-    in changes (4, 3, cols). Written to a row of its own, a loop becomes vector instructions."""
+    normal, g: change of the ray's direction, a: of its point, to the fourth order, kept in changes (4, 3,
+    cols), what does not change left out (from `first` to `last`). As n . T = 0, the part of T along e is that
+    along d, and n's change by t moves p by -(T . d) / |X - P|."""
     cols = u.shape[1]
-    row = np.empty(4 * cols)
     for i in range(start, stop):
         r = PAD + i
-        for part in range(2):
-            a = o
-            if part == 1:
-                a = d
-            for k in range(3 if (turning if part == 1 else shifting) else 0):
-                for axis in range(2):
-                    down, right = axis, 1 - axis
-                    for j in range(cols):
-                        c = PAD + j
-                        near = 8.0 * (a[k, r + down, c + right] - a[k, r - down, c - right])
-                        far = a[k, r + 2 * down, c + 2 * right] - a[k, r - 2 * down, c - 2 * right]
-                        changes[2 * part + axis, k, j] = (near - far) / 12.0
+        for part in range(first, last):
+            for k in range(3):
+                a = o[k]
+                if part == 1:
+                    a = d[k]
+                for j in range(cols):
+                    c = PAD + j
+                    near, far = a[r, c + 1] - a[r, c - 1], a[r, c + 2] - a[r, c - 2]
+                    changes[2 * part, k, j] = (8.0 * near - far) / 12.0
+                    near, far = a[r + 1, c] - a[r - 1, c], a[r + 2, c] - a[r - 2, c]
+                    changes[2 * part + 1, k, j] = (8.0 * near - far) / 12.0
         for j in range(cols):
             c, away = PAD + j, t[i, j]
             dx, dy, dz = d[0, r, c], d[1, r, c], d[2, r, c]
@@ -316,10 +315,7 @@ def _slopes(o, d, shifting, turning, plane, u, v, t, found, changes, start, stop
             ey = plane[0, 1] + u[i, j] * plane[1, 1] + v[i, j] * plane[2, 1] - o[1, r, c] - away * dy
             ez = plane[0, 2] + u[i, j] * plane[1, 2] + v[i, j] * plane[2, 2] - o[2, r, c] - away * dz
             inverse = 1.0 / math.sqrt(ex * ex + ey * ey + ez * ez)
-            ex, ey, ez = ex * inverse, ey * inverse, ez * inverse
-            de = dx * ex + dy * ey + dz * ez
-            nx, ny, nz = ex - dx, ey - dy, ez - dz
-            mx, my, mz = -(dx - de * ex) * inverse, -(dy - de * ey) * inverse, -(dz - de * ez) * inverse
+            nx, ny, nz = ex * inverse - dx, ey * inverse - dy, ez * inverse - dz
             scale = -1.0 / (nx * dx + ny * dy + nz * dz)
             for axis in range(2):
                 gx, gy, gz = changes[2 + axis, 0, j], changes[2 + axis, 1, j], changes[2 + axis, 2, j]
@@ -327,12 +323,9 @@ def _slopes(o, d, shifting, turning, plane, u, v, t, found, changes, start, stop
                 ay = changes[axis, 1, j] + away * gy
                 az = changes[axis, 2, j] + away * gz
                 slope = scale * (nx * ax + ny * ay + nz * az)
-                turned = mx * (ax + slope * dx) + my * (ay + slope * dy) + mz * (az + slope * dz)
-                row[axis * cols + j] = slope
-                row[(2 + axis) * cols + j] = scale * (turned + (nx * gx + ny * gy + nz * gz))
-        for k in range(4):
-            for j in range(cols):
-                found[k, i, j] = row[k * cols + j]
+                found[axis, i, j] = slope
+                along = dx * ax + dy * ay + dz * az + slope
+                found[2 + axis, i, j] = scale * (nx * gx + ny * gy + nz * gz) - inverse * along
 
 
 def _amid(values: Floats, where: Mask) -> Floats:

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from optolever.blocks import over_image
-from optolever.kernels import exact, inlined
+from optolever.kernels import exact
 
 from ..arrays import Floats, Ints, Mask
 
@@ -62,12 +62,45 @@ def defects(p: Floats, q: Floats, w: Floats, root: Floats, mask: Mask) -> tuple[
     w and root: (H, W), or (1, 1) if constant. root = sqrt(E). p, q and w may be stacks (..., H, W).
     """
     cols, whole = p.shape[-1], bool(mask.all())
-    w, root = (np.full((1, cols), part[0, 0]) if part.size == 1 else part for part in (w, root))
-    p_flat, q_flat, w_flat = (part.reshape(-1, cols) for part in (p, q, w))
-    gx, gy = np.empty(p_flat.shape), np.empty(p_flat.shape)
-    flat = p_flat, q_flat, w_flat, root, mask, whole, gx, gy
-    over_image(lambda start, stop: _defects(*flat, start, stop), p_flat.shape)
-    return gx.reshape(p.shape), gy.reshape(p.shape)
+    level, scale = (np.full((1, cols), part[0, 0]) if part.size == 1 else part for part in (w, root))
+    p_flat, q_flat, w_flat = (part.reshape(-1, cols) for part in (p, q, level))
+    gx, gy = np.empty(p.shape), np.empty(p.shape)
+    flat = p_flat, q_flat, w_flat, scale, gx.reshape(-1, cols), gy.reshape(-1, cols)
+    over_image(lambda start, stop: _defects(*flat, len(mask), start, stop), p_flat.shape)
+    for slopes, out, axis in ((p, gx, 1), (q, gy, 0)):
+        _at_ends(slopes, w, root, mask, whole, out, axis)
+    return gx, gy
+
+
+def _at_ends(f: Floats, w: Floats, root: Floats, mask: Mask, whole: bool, out: Floats, axis: int) -> None:
+    """The defects along an axis where the image or the mask ends: zero where no edge is, else by what
+    neighbours stand."""
+    size, step = mask.shape[axis], mask.shape[1] if axis == 0 else 1
+    ends = np.zeros(mask.shape, np.bool_)
+    edges, inside = np.moveaxis(ends, axis, 0), np.moveaxis(mask, axis, 0)
+    if whole:
+        edges[: size - 1 : max(size - 2, 1)] = True
+        np.moveaxis(out, axis - 2, 0)[-1] = 0.0
+    else:
+        np.logical_and(inside[:-1], inside[1:], out=edges[:-1])
+        np.copyto(out, 0.0, where=~ends)
+        edges[1:-2] &= ~(inside[:-3] & inside[3:])
+    at = np.flatnonzero(ends)
+    place, known = at // mask.shape[1] if axis == 0 else at % mask.shape[1], mask.ravel()
+    flat, g, stands = f.reshape(*f.shape[:-2], -1), {}, {}
+    for k in range(-2, 4):
+        within = (place + k >= 0) & (place + k < size)
+        pixel = np.where(within, at + k * step, at)
+        g[k], stands[k] = flat[..., pixel], within & known[pixel]
+    with np.errstate(all="ignore"):
+        rise = np.where(stands[-1] & stands[-2], cubic_at_end(g[1], g[0], g[-1], g[-2]), 0.5 * (g[0] + g[1]))
+        rise = np.where(stands[2] & stands[3], cubic_at_end(g[0], g[1], g[2], g[3]), rise)
+        rise = np.where(stands[-1] & stands[2], cubic_inside(g[-1], g[0], g[1], g[2]), rise)
+    if w.size > 1:
+        values = w.reshape(*w.shape[:-2], -1)
+        rise = rise - (values[..., at + step] - values[..., at])
+    ratio = np.broadcast_to(root, mask.shape).ravel()
+    out.reshape(*f.shape[:-2], -1)[..., at] = rise / (ratio[at] * ratio[at + step])
 
 
 def factor_increments(p_w: Floats, q_w: Floats, mask: Mask) -> tuple[Floats, Floats]:
@@ -165,61 +198,19 @@ def cubic_at_end(g0: Any, g1: Any, g2: Any, g3: Any) -> Any:
     return (9.0 * g0 + 19.0 * g1 - 5.0 * g2 + g3) / 24.0
 
 
-#: The same in kernels.
-_inside, _at_end = inlined(cubic_inside), inlined(cubic_at_end)
-
-
-@inlined
-def _stencil(f, mask, i, r, j, di, dj, before, after):  # type: ignore[no-untyped-def]
-    """Increment from (i, j) to (i + di, j + dj), of the image's row r; before/after: how many pixels it has
-    on either side.
-    """
-    g0, g1 = f[i, j], f[i + di, j + dj]
-    back = before >= 1 and mask[r - di, j - dj]
-    ahead = after >= 2 and mask[r + 2 * di, j + 2 * dj]
-    if back and ahead:
-        return _inside(f[i - di, j - dj], g0, g1, f[i + 2 * di, j + 2 * dj])
-    if ahead and after >= 3 and mask[r + 3 * di, j + 3 * dj]:
-        return _at_end(g0, g1, f[i + 2 * di, j + 2 * dj], f[i + 3 * di, j + 3 * dj])
-    if back and before >= 2 and mask[r - 2 * di, j - 2 * dj]:
-        return _at_end(g1, g0, f[i - di, j - dj], f[i - 2 * di, j - 2 * dj])
-    return 0.5 * (g0 + g1)
-
-
 @exact
-def _defects(p, q, w, root, mask, whole, gx, gy, start, stop):  # type: ignore[no-untyped-def]
-    """Images of mask's shape below each other in p, q, w, gx, gy."""
-    rows, cols = mask.shape
-    full, scaled = int(w.shape[0] > 1), int(root.shape[0] > 1)
+def _defects(p, q, w, root, gx, gy, rows, start, stop):  # type: ignore[no-untyped-def]
+    """As if all neighbours stood; images of so many rows below each other in p, q, w, gx, gy."""
+    full, scaled, cols = int(w.shape[0] > 1), int(root.shape[0] > 1), p.shape[1]
     for i in range(start, stop):
-        r = i % rows
-        down = int(r + 1 < rows)
-        w0, w1, r0, r1 = w[full * i], w[full * (i + down)], root[scaled * r], root[scaled * (r + down)]
-        out_x, out_y = gx[i], gy[i]
-        inner = whole and cols > 3 and 1 <= r < rows - 2
-        if inner:  # the common case, without a look at the mask
-            row, q0, q1, q2, q3 = p[i], q[i - 1], q[i], q[i + 1], q[i + 2]
-            for j in range(1, cols - 2):
-                rise = _inside(row[j - 1], row[j], row[j + 1], row[j + 2])
-                out_x[j] = (rise - (w0[j + 1] - w0[j])) / (r0[j] * r0[j + 1])
-            for j in range(cols):
-                rise = _inside(q0[j], q1[j], q2[j], q3[j])
-                out_y[j] = (rise - (w1[j] - w0[j])) / (r0[j] * r1[j])
-        for axis in range(1 if inner else 2):
-            di, dj = axis, 1 - axis
-            f, out = p, gx
-            if axis == 1:
-                f, out = q, gy
-            for j in range(cols):
-                if inner and 1 <= j < cols - 2:
-                    continue
-                out[i, j] = 0.0
-                k, l = r + di, j + dj
-                if k < rows and l < cols and mask[r, j] and mask[k, l]:
-                    before, after = (r, rows - 1 - r) if axis == 1 else (j, cols - 1 - j)
-                    rise = _stencil(f, mask, i, r, j, di, dj, before, after)
-                    far, ratio = (w1[j], r1[j]) if axis == 1 else (w0[l], r0[l])
-                    out[i, j] = (rise - (far - w0[j])) / (r0[j] * ratio)
+        above, under, beyond = max(i - 1, 0), min(i + 1, len(q) - 1), min(i + 2, len(q) - 1)
+        here, near, r, s = full * i, full * under, scaled * (i % rows), scaled * (under % rows)
+        for j in range(1, cols - 2):
+            rise = (13.0 * (p[i, j] + p[i, j + 1]) - p[i, j - 1] - p[i, j + 2]) / 24.0
+            gx[i, j] = (rise - (w[here, j + 1] - w[here, j])) / (root[r, j] * root[r, j + 1])
+        for j in range(cols):
+            rise = (13.0 * (q[i, j] + q[under, j]) - q[above, j] - q[beyond, j]) / 24.0
+            gy[i, j] = (rise - (w[near, j] - w[here, j])) / (root[r, j] * root[s, j])
 
 
 @exact
