@@ -3,7 +3,7 @@
 import importlib
 import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor, wait
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import AbstractContextManager
 from functools import lru_cache
 from itertools import pairwise
@@ -98,10 +98,17 @@ def over_blocks(work: Work, cuts: Sequence[int]) -> None:
 
 
 def on_cores(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
-    """[work(item) for item in items], on all cores."""
-    done: dict[int, Result] = {}
-    over_rows(lambda start, _: done.update({start: work(items[start])}), len(items), 1)
-    return [done[i] for i in range(len(items))]
+    """[work(item) for item in items], on all cores; of several errors the first item's comes through."""
+    done = [Future[Result]() for _ in items]
+
+    def one(start: int, _: int) -> None:
+        try:
+            done[start].set_result(work(items[start]))
+        except Exception as error:
+            done[start].set_exception(error)
+
+    over_rows(one, len(items), 1)
+    return [each.result() for each in done]
 
 
 def at_once(*calls: Callable[[], Any]) -> list[Any]:
