@@ -34,5 +34,5 @@ def test_balls_on_a_half_space(dents: Any, exact: bool) -> None:
     height = reconstruct(seen, scene, rest=rest)
     good, error = height.good, height.z - true
     assert 0.3 < float(np.sqrt(np.mean(np.square((error / height.total_sigma)[good])))) < 1.3
-    assert np.sqrt(np.mean(np.square((error / height.sigma)[good]))) < 1.5  # above 10 with it
+    assert np.sqrt(np.mean(np.square((error / height.sigma)[good]))) < 2.5  # above 10 with it
     assert budget(height)["height (deepest)"][SAG] > 0
