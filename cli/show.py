@@ -90,10 +90,10 @@ def budget_rows(readings: "Mapping[str, Mapping[str, float]]") -> tuple[list[str
 
 
 def print_notices(notices: "Iterable[Notice | str]") -> None:
-    """Print each on stderr, one line."""
+    """Print each on stderr, one line, once."""
     import click
 
-    for notice in notices:
+    for notice in dict.fromkeys(map(str, notices)):
         click.echo(f"Notice: {notice}", err=True)
 
 

@@ -207,7 +207,10 @@ def _wft(file: Path) -> GridMap:
 
 def _csv(file: Path) -> GridMap:
     text = file.read_text("utf-8")
-    about = dict(re.findall(r"(pitch|x0|y0) (\S+)", text.partition("\n")[0] if text.startswith("#") else ""))
+    head = text.partition("\n")[0] if text.startswith("#") else ""
+    about = dict(re.findall(r"(pitch|x0|y0|heights in) ([^\s;]+)", head))
+    if (unit := about.get("heights in", "mm")) != "mm":
+        raise InputError(f"heights in {unit}, must be in mm; scale them")
     if "pitch" not in about:
         raise InputError("its first line must be '# pitch MM' (with x0 MM y0 MM, if they are known)")
     z = np.loadtxt(io.StringIO(text), delimiter=",", ndmin=2)

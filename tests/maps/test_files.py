@@ -88,18 +88,23 @@ def test_an_x3p_file_of_integers_and_a_mask_is_read(tmp_path: Path) -> None:
     assert (found.x0, found.y0, found.pitch) == pytest.approx((X0, Y0, PITCH))
 
 
-def test_a_tiff_is_of_mm(tmp_path: Path) -> None:
-    """Integers, whose unit is unknown, and another unit in tifffile's description are no heights."""
+def test_heights_are_of_mm(tmp_path: Path) -> None:
+    """No heights are integers in a TIFF, whose unit is unknown, and those of another unit in tifffile's
+    description, or in the first line of a CSV."""
     scale: dict[str, Any] = {"resolution": (40, 40), "resolutionunit": "CENTIMETER"}
     path, z = tmp_path / "g.tif", np.nan_to_num(disc()).astype(np.float32)
     tifffile.imwrite(path, z, **scale)
     np.testing.assert_array_equal(read_grid(path).z, z)
-    for heights, unit in ((1e6 * z).astype(np.uint16), "unknown"), (z, "um"):
-        tifffile.imwrite(path, heights, metadata=None if unit == "unknown" else {"unit": unit}, **scale)
-        with pytest.raises(
-            InputError, match=f"{heights.dtype}, their unit {unit}; scale them to floats in mm"
-        ):
-            read_grid(path)
+    tifffile.imwrite(path, (1e6 * z).astype(np.uint16), metadata=None, **scale)
+    with pytest.raises(InputError, match="uint16, their unit unknown; scale them to floats in mm"):
+        read_grid(path)
+    tifffile.imwrite(path, z, metadata={"unit": "um"}, **scale)
+    with pytest.raises(InputError, match="float32, their unit um; scale them to floats in mm"):
+        read_grid(path)
+    table = tmp_path / "g.csv"
+    table.write_text("# heights in um; pitch 1.0\n1,2\n3,4\n")
+    with pytest.raises(InputError, match=r"g\.csv: heights in um, must be in mm; scale them"):
+        read_grid(table)
 
 
 def test_zernike_terms_are_of_the_circle_that_is_named(tmp_path: Path) -> None:
