@@ -16,7 +16,7 @@ from optolever.numbers import listed, parsed
 from optolever.quantities import quantity, two_digits
 
 from .arguments import Arg, Opt, Rare, program
-from .options import Json, RigFile, Size, correspondence_of, load_scene, mask_from, name_unused, preset
+from .options import Json, RigFile, Size, correspondence_of, load_scene, name_unused, preset
 from .outputs import OutputFile
 from .rig_targets import Calibrate, answer_at, capture_targets, so_far_text
 from .show import grid, number, print_notices, progress, table, write_json
@@ -165,8 +165,10 @@ class _Given:
     mask: Path | None
 
     def observed(self, rig: Path | str) -> "ol.calibration.Observation":
+        from optolever.pictures import read_mask
+
         seen = correspondence_of(self.path, rig)
-        mask = None if self.mask is None else mask_from(self.mask, seen.u.shape, str(self.path))
+        mask = None if self.mask is None else read_mask(self.mask, seen.u.shape, str(self.path))
         return ol.calibration.Observation(self.path.stem, self.target, seen, mask)
 
 

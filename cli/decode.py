@@ -12,7 +12,7 @@ from optolever.numbers import listed, whole
 
 from .arguments import AT_LEAST_0, Arg, Opt, Rare, program
 from .batch import Many
-from .options import Display, Json, Pictured, blame, mask_file, mask_from, shown_sequence
+from .options import Display, Json, Pictured, blame, mask_file, shown_sequence
 from .outputs import HDF5, OutputFile
 from .rig_capture import measured_lag
 from .show import (
@@ -155,9 +155,11 @@ def _inside(mask: Path | None, roi: str | None, shape: tuple[int, int]) -> "NDAr
     """Pixels (H, W) inside --mask and --roi; None: all."""
     import numpy as np
 
+    from optolever.pictures import read_mask
+
     if mask is None and roi is None:
         return None
-    inside = np.ones(shape, np.bool_) if mask is None else mask_from(mask, shape, "the frames")
+    inside = np.ones(shape, np.bool_) if mask is None else read_mask(mask, shape, "the frames")
     if roi is not None:
         form = "four whole numbers, TOP,LEFT,ROWS,COLS"
         top, left, rows, cols = (whole("--roi", each) for each in listed("--roi", roi, form, 4))

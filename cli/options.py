@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import click
 
@@ -14,10 +14,6 @@ from optolever.numbers import listed
 from .arguments import ABOVE_0, AT_LEAST_0, Opt, Rare, Shape
 from .outputs import OutputFile
 from .show import print_notices
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
 
 
 class RigFile(click.Path):
@@ -119,18 +115,6 @@ def load_scene(name: str, size: tuple[int, int] | None = None, *, exact: bool = 
     there is none."""
     scene = ol.scene.load(name, exact=exact)
     return scene if size is None else ol.scene.resize(scene, *size)
-
-
-def mask_from(path: Path, shape: tuple[int, ...], others: str) -> "NDArray[np.bool_]":
-    """Pixels marked in an image of the given shape; InputError if there are none, or if its size differs from
-    that of `others`."""
-    from optolever.pictures import read_mask
-
-    mask = read_mask(path)
-    if mask.shape != shape:
-        sizes = "is {}x{} pixels, must be {}x{}".format(*mask.shape[::-1], *shape[::-1])
-        raise InputError(f"{path}: {sizes} as {others}; draw it on an image of this camera")
-    return mask
 
 
 @contextmanager

@@ -21,7 +21,6 @@ from .options import (
     blame,
     load_scene,
     mask_file,
-    mask_from,
     rest_file,
     sections,
 )
@@ -106,10 +105,12 @@ def command(
     or SOFAST's inputs, with commas: camera.h5,display.h5,orientation.h5,measurement.h5[,facet.json]; for a
     correspondence decoded from that measurement.
     """
+    from optolever.pictures import read_mask
+
     source, reconstruct = sources[0], ol.reconstruct
     correspondence = ol.decode.Correspondence.load(source)
     rest = None if rest_path is None else ol.decode.Correspondence.load(rest_path)
-    mask = None if mask_path is None else mask_from(mask_path, correspondence.u.shape, str(source))
+    mask = None if mask_path is None else read_mask(mask_path, correspondence.u.shape, str(source))
     sofast = _sofast_files(scene_name)
     if sofast:
         if size is not None:

@@ -92,8 +92,4 @@ def _image(text: str, shape: tuple[int, ...]) -> Mask:
     path = Path(text)
     if not path.suffix:
         raise InputError(f"aperture {text!r}: unknown, must be one of {', '.join(_SIZES)} or a mask's image")
-    mask = read_mask(path)
-    if mask.shape != shape:
-        sizes = "is {}x{} pixels, must be {}x{}".format(*mask.shape[::-1], *shape[::-1])
-        raise InputError(f"{path}: {sizes} as the height map; draw it on an image of this camera")
-    return np.asarray(mask, np.bool_)
+    return read_mask(path, shape, "the height map")

@@ -73,9 +73,9 @@ def read_pictures(path: Path) -> Picture:
     return _from_tiff(path, data) if suffix in _TIFF else _decoded(path, data)
 
 
-def read_mask(path: Path) -> NDArray[np.bool_]:
+def read_mask(path: Path, shape: tuple[int, ...], others: str) -> NDArray[np.bool_]:
     """Pixels (H, W) that a picture marks: above the middle of its values; of pixels of one colour those that
-    are opaque. InputError if it marks none."""
+    are opaque. InputError if it marks none, or is not of this shape, as `others` are."""
     picture = read_picture(path)
     values = grey_of(picture)
     if picture.ndim == 3 and picture.shape[2] in (2, 4) and np.ptp(values) == 0:
@@ -85,6 +85,9 @@ def read_mask(path: Path) -> NDArray[np.bool_]:
         raise InputError(
             f"{path}: every value is 0, so the mask leaves no pixel; paint white what is to be kept"
         )
+    if values.shape != shape:
+        sizes = "is {}x{} pixels, must be {}x{}".format(*values.shape[::-1], *shape[::-1])
+        raise InputError(f"{path}: {sizes} as {others}; draw it on an image of this camera")
     return np.asarray(values >= most if least == most else values > 0.5 * (least + most))
 
 
