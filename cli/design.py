@@ -12,7 +12,7 @@ import optolever as ol
 from optolever import InputError
 
 from .arguments import ABOVE_0, AT_LEAST_0, SHARE, Opt, program
-from .options import Dent, Json, Renderer, SceneName, Size
+from .options import Dent, Json, Renderer, SceneName, Size, sections
 from .outputs import OutputFile
 from .show import grid, number, progress, table, write_json
 
@@ -179,15 +179,14 @@ class _Rig(NamedTuple):
 def _of_rig(name: str) -> _Rig:
     """A preset, or a rig's file with its sections [profile], [response] and [sync]."""
     scene = ol.scene.load(name)
-    sections = ol.scene.rig_table(Path(name)) if Path(name).is_file() else {}
-    rig, known = _Rig(scene), list[str]()
-    if "response" in sections:
+    held, rig, known = sections(name), _Rig(scene), list[str]()
+    if "response" in held:
         found = ol.calibration.load_response(name)
         blur = found.response.blur
         soft = scene.pattern if blur is None or math.isnan(blur) else replace(scene.pattern, blur_px=blur)
         scene = replace(scene, display=ol.scene.Display(found.gamma[0], found.black), pattern=soft)
         rig, known = rig._replace(scene=scene, calibrated=True), [f"response of gamma {found.gamma[0]:.3g}"]
-    if "profile" in sections:
+    if "profile" in held:
         profile = ol.decode.RigProfile.load(name)
         noise, unit = profile.estimates.noise, 255 / (profile.clip if profile.dtype == "uint16" else 255)
         read = unit * math.sqrt(max(noise.read2 - 1 / 12, 0.0))
@@ -196,7 +195,7 @@ def _of_rig(name: str) -> _Rig:
         lags = [effect.value for effect in profile.effects() if effect.name == "lag"]
         rig = rig._replace(scene=replace(scene, sensor=sensor), noise=0.0, lag=sum(lags))
         known.append(f"noise of {read:.2g} levels and {electrons:.2g} electrons a level")
-    timing = ol.projector.timing_of(Path(name)) if "sync" in sections else None
+    timing = ol.projector.timing_of(Path(name)) if "sync" in held else None
     if timing is not None and not rig.lag:
         rig = rig._replace(lag=timing.lag(timing.ready_s()))
     known += [f"lag {rig.lag:.2g}"] if rig.lag else []
