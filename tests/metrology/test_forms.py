@@ -181,21 +181,6 @@ def test_zernike_polynomials_are_those_of_the_tables() -> None:
             zernike(n, m, r, t)
 
 
-def test_zernike_coefficients_of_a_sum_of_terms() -> None:
-    u, v = X - MIDDLE[0], Y - MIDDLE[1]
-    radius = MIDDLE[1]  # inscribed in the rectangle
-    given = {(2, 2): 3e-4, (3, -1): -2e-4, (4, 0): 1e-4}
-    z = sum(a * zernike(n, m, np.hypot(u, v) / radius, np.arctan2(v, u)) for (n, m), a in given.items())
-    fit = fit_zernike(height_map(np.asarray(z)), 4, radius=radius)
-    assert fit_zernike(height_map(np.asarray(z)), 4).radius == pytest.approx(radius, rel=1e-3)
-    assert np.isfinite(fit.residual).sum() == np.count_nonzero(np.hypot(u, v) <= radius * (1 + 1e-9))
-    assert (fit.radius, fit.middle) == (pytest.approx(radius), pytest.approx(MIDDLE))
-    for name, value in zip(fit.numbers.names, fit.numbers.values, strict=True):
-        n, m = map(int, name[2:-1].split(","))
-        assert value == pytest.approx(given.get((n, m), 0.0), abs=1e-12)
-    assert np.nanmax(np.abs(fit.residual)) < 1e-12
-
-
 def test_the_outermost_ring_is_left_out() -> None:
     """Pixels that the mirror covers in part are wrong and enlarge the circle; a hole has no ring."""
     distance = np.hypot(X - MIDDLE[0], Y - MIDDLE[1])
