@@ -35,7 +35,7 @@ _ALONG, _ACROSS = 2, 1  # rows and columns on either side that predict where it 
 #: of several cells (of up to 88 % of the pixels). Coordinates of other codes are nowhere exactly at a middle.
 _MIDDLES = 0.05
 #: Rows sampled for that, about.
-_BLOCK = 1 << 13  # pixels at once: what they need stays in the cache
+_BLOCK = 1 << 14  # pixels at once: what they need stays in the cache
 _MARGIN = 1e4  # between the noise at two places of the mirror, at most
 
 

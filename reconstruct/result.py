@@ -135,8 +135,10 @@ def with_references(
             else (0.0, 1.0)
         )
         others = np.sqrt(np.maximum(height.sigma**2 - np.nan_to_num(settled) ** 2, 0.0))
-        digest = hashlib.blake2b(np.stack([rest.u, rest.v]).tobytes(), digest_size=8).hexdigest()
-        parts.append((f"rest {digest}", np.sqrt(own / whole) * others))
+        digest = hashlib.blake2b(digest_size=8)
+        for places in (rest.u, rest.v):
+            digest.update(np.ascontiguousarray(places).data.cast("B"))
+        parts.append((f"rest {digest.hexdigest()}", np.sqrt(own / whole) * others))
     if not parts:
         return height
     names, sigmas = tuple(name for name, _ in parts), np.stack([part for _, part in parts])

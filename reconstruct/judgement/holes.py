@@ -145,12 +145,13 @@ class _Differences:
         place = row, np.searchsorted(self._at, self._pixels[row, term])
         shape = len(self._pixels), self._at.size
         self._of_holes = scipy.sparse.csr_array((self._coefficients[term], place), shape=shape)
+        self._to_holes = self._of_holes.T.tocsr()
 
     @cached_property
     def _normal(self) -> Any:
         """The factors of the normal equations: their rounding goes with the steps."""
         weak = _WEAK * float(self._coefficients @ self._coefficients)
-        normal = self._of_holes.T @ self._of_holes + weak * scipy.sparse.eye_array(self._at.size)
+        normal = self._to_holes @ self._of_holes + weak * scipy.sparse.eye_array(self._at.size)
         options = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.0}
         return scipy.sparse.linalg.splu(normal.tocsc(), **options, options={"SymmetricMode": True})
 
@@ -161,5 +162,5 @@ class _Differences:
         values[self._at] = np.nan_to_num(values[self._at])
         for _ in range(_STEPS):
             off = values[self._pixels] @ self._coefficients
-            values[self._at] -= self._normal.solve(self._of_holes.T @ off)
+            values[self._at] -= self._normal.solve(self._to_holes @ off)
         return out
