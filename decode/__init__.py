@@ -15,7 +15,7 @@
 | `contradiction` | bits and fringes that contradict each other, and the cause                            |
 | `causes`     | why few pixels are good                                                                  |
 | `codes/`     | fringes, bits, orders, look-ups                                                          |
-| `effects/`   | lag, cells, shared noise, motion: one interface                                          |
+| `effects/`   | lag, motion, shared noise: one interface                                                 |
 | `coverage`   | how much of the image the mirror fills                                                   |
 
 u along the pattern's columns, v along its rows, integer = pixel centre; sigma in pattern pixels, at least

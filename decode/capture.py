@@ -20,7 +20,7 @@ from .codes.fringe import Misfit, bent, fringe_tables, measure_misfit, straighte
 from .codes.lookup import Lines, LookUp, Table, beside, lookup_rows, prepare, table_of
 from .codes.orders import Orders, order_table
 from .contradiction import contradictions
-from .effects import Module, View, cells, lag, motion, shared
+from .effects import Module, View, lag, motion, shared
 from .frames import Light, Settings, raw_at, sample_places
 from .neighbours import BLURRED, EITHER, HALO, SETTLE, Beside, Block, Result, axis_limits, neighbours, settle
 from .noise import Noise, Sample, fit_noise
@@ -37,7 +37,7 @@ Mask = NDArray[np.bool_] | None
 #: estimate; median of chi2 with one degree of freedom.
 _RUNS, _WIDER, _FEWEST, _MEDIAN = 64, 4, 64, 0.4549
 #: In turn: the levels are corrected before the places are judged.
-_EFFECTS: tuple[Module, ...] = (lag, motion, cells)
+_EFFECTS: tuple[Module, ...] = (lag, motion)
 #: Side of the neighbourhood that lies in a mask where the order of frames is tested.
 _BLOCK = 11
 #: Bytes of a block's lines, about those of a core's cache.
@@ -160,16 +160,15 @@ def _estimate(light: Light, sequence: Sequence, settings: Settings, mask: Mask, 
 
     def viewed(profile: Estimates, sample: Sample, wide: Sample) -> tuple[View, Estimates]:
         profile = _with_misfits(profile, sequence, settings, sample, look_ups)
-        place = _places(light, sequence, settings, profile, sample)
         if settings.noise is None:
-            profile = _with_between(profile, p.axes, place[0], sample)
-        places = partial(_places, light, sequence, settings, profile)
-        return View(p, light, noise, settings, sample, wide, *place, places), profile
+            places = _places(light, sequence, settings, profile, sample)
+            profile = _with_between(profile, p.axes, places, sample)
+        return View(p, noise, sample, wide, partial(_places, light, sequence, settings, profile)), profile
 
     nothing = Estimates(noise, (), (), None, Sampled(0.0, 0.0, 0.0), ())
     view, profile = viewed(nothing, sample, wide)
-    more = np.zeros((len(_EFFECTS), len(p.axes)))
-    for number, effect in enumerate(_EFFECTS):
+    more = np.zeros(len(p.axes))
+    for effect in _EFFECTS:
         found = effect.estimate(view)
         if found is None:
             continue
@@ -178,11 +177,10 @@ def _estimate(light: Light, sequence: Sequence, settings: Settings, mask: Mask, 
             matrix = lag.matrix(found, len(sample.levels)).astype(np.float32)
             corrected = (replace(one, levels=matrix @ one.levels) for one in (sample, wide))
             view, profile = viewed(profile, *corrected)
-        more[number] = effect.variance(view, found)
-    every = zip(profile.axes, more.sum(axis=0), strict=True)
-    own = tuple(axis._replace(variance=float(v)) for axis, v in every)
-    common, lens = more[_EFFECTS.index(cells)], BLURRED if settings.lens_px is None else 0.0
-    profile = profile._replace(axes=own, shared=shared.shared(view, common, lens))
+        more += effect.variance(view, found)
+    own = tuple(axis._replace(variance=float(v)) for axis, v in zip(profile.axes, more, strict=True))
+    lens = BLURRED if settings.lens_px is None else 0.0
+    profile = profile._replace(axes=own, shared=shared.shared(view, lens))
     return profile._replace(notices=_notices(profile, p.axes, view))
 
 
@@ -196,15 +194,12 @@ def _with_misfits(
     return profile._replace(axes=tuple(own))
 
 
-def _places(
-    light: Light, sequence: Sequence, settings: Settings, profile: Estimates, sample: Sample
-) -> tuple[F64, F64]:
-    """Places and variances (A, K) of sample pixels; NaN where flagged."""
+def _places(light: Light, sequence: Sequence, settings: Settings, profile: Estimates, sample: Sample) -> F64:
+    """Places (A, K) of sample pixels, pattern px; NaN where flagged."""
     if not len(sample.places):
-        return (np.zeros((len(profile.axes), 0)),) * 2
+        return np.zeros((len(profile.axes), 0))
     maps = _sampled(light, prepared(sequence, settings, profile), raw_at(light, sample.places))
-    good = maps.flags[0] == 0
-    return tuple(np.where(good, one[:, 0].astype(np.float64), np.nan) for one in (maps.place, maps.variance))  # type: ignore[return-value]
+    return np.where(maps.flags[0] == 0, maps.place[:, 0].astype(np.float64), np.nan)
 
 
 def _misfit(
@@ -232,14 +227,13 @@ _CURES = {
 
 
 def _notices(profile: Estimates, axes: tuple[AxisPlan, ...], view: View) -> tuple[Notice, ...]:
-    """What costs a factor of 1.5 in sigma or more, its largest part by name; motion in any case."""
-    found, nan = [], float("nan")
+    """Motion; else what costs a factor of 1.5 in sigma or more, its largest part by name."""
+    nan = float("nan")
     for effect in profile.effects:
         if effect.name == "motion":
             name = f"the mirror moved while the frames were taken, by {effect.value:.2g} pattern px per frame"
-            found.append(
-                Notice(name, nan, nan, "sigma includes it; hold the mirror still, or show fewer frames")
-            )
+            cure = "sigma includes it; hold the mirror still, or show fewer frames"
+            return (Notice(name, nan, nan, cure),)
     worst, cause = 1.0, ""
     for axis, own in zip(axes, profile.axes, strict=True):
         if not axis.fringes or not own.misfits:
@@ -257,10 +251,10 @@ def _notices(profile: Estimates, axes: tuple[AxisPlan, ...], view: View) -> tupl
         factor = (1 + sum(parts.values()) / max(noise, 1e-30)) ** 0.5
         if factor > worst:
             worst, cause = factor, max(parts, key=lambda name: parts[name])
-    if worst >= _NOTICED:
-        name = f"sigma is {worst:.2g} times wider than noise alone, most likely because of {cause}"
-        found.append(Notice(name, nan, nan, _CURES[cause]))
-    return tuple(found)
+    if worst < _NOTICED:
+        return ()
+    name = f"sigma is {worst:.2g} times wider than noise alone, most likely because of {cause}"
+    return (Notice(name, nan, nan, _CURES[cause]),)
 
 
 def _phase_variance(fringe: Fringe, sample: Sample, noise: Noise) -> F64:

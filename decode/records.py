@@ -37,9 +37,7 @@ class SharedNoise(NamedTuple):
     """Shares (0 to 1) of the frames' noise variance that pixels have in common: within a row, within a
     column, and, for the frames of u and of v, over the image by level and phase (a lamp that flickers).
     turns: of the finest fringe along u and v per pattern pixel; a frame's noise shifts the place by the
-    cosine of its phase. shift: standard deviation common to all of u and of v, pattern pixels, by motion of
-    camera or mirror, by stray light such as a second reflection, and by residual pixelation where the
-    sampling is commensurate with the display's cells. lens: standard deviation of half the second moment
+    cosine of its phase. lens: standard deviation of half the second moment
     of a camera pixel's aperture, px^2 of the camera, by a lens that was not given: places of u and of v are
     off by it times laplace u + 2 grad u . grad ln A.
     """
@@ -50,8 +48,6 @@ class SharedNoise(NamedTuple):
     frames_v: float
     turns_u: float
     turns_v: float
-    shift_u: float = 0.0
-    shift_v: float = 0.0
     lens_u: float = 0.0
     lens_v: float = 0.0
 
@@ -140,10 +136,8 @@ class Correspondence(Comparable):
 
 
 def _shared_noise(stored: NDArray[Any]) -> SharedNoise:
-    """Shared noise from its stored array (10,)."""
-    limits = np.array([1.0, 1.0, 1.0, 1.0, *6 * [np.inf]])
+    """Shared noise from its stored array (8,)."""
+    limits = np.array([1.0, 1.0, 1.0, 1.0, *4 * [np.inf]])
     if stored.shape != limits.shape or not ((stored >= 0) & (stored <= limits) & np.isfinite(stored)).all():
-        raise InputError(
-            f"shared_noise is {stored.tolist()}, must be four shares (0 to 1), turns, shifts, lenses"
-        )
+        raise InputError(f"shared_noise is {stored.tolist()}, must be four shares (0 to 1), turns, lenses")
     return SharedNoise(*map(float, stored))

@@ -31,8 +31,7 @@ _CYCLES2 = np.float32(1 / (4 * np.pi**2))
 #: Determinant of a fit's normal matrix, relative to all samples, below which samples are too few.
 _DEGENERATE = 1e-3
 #: Fewest and most pixels for a misfit; median of chi2 with one degree of freedom; ratio of chi2 without and
-#: with harmonics
-#: from which on they are regressed out.
+#: with harmonics from which on they are regressed out.
 _FEWEST, _MOST, _MEDIAN, _WORTH = 64, 4096, 0.4549, 1.1
 #: Deviations from which on a harmonic is significant; condition of the regression.
 _SURE, _RANK = 4.0, 1e-2
@@ -139,9 +138,8 @@ def measure_misfit(fringe: Fringe, sample: Sample, noise: Noise) -> Misfit:
     if len(rows) == 0 or levels.shape[1] < _FEWEST:
         return Misfit(1.0, nothing)
     o, c, s = fringe.inverse @ levels
-    phase, amplitude, offset = np.arctan2(s, c), np.hypot(c, s), o
-    variance = noise.variance(offset)
-    lit = amplitude**2 > 50 / len(levels) * variance
+    variance = noise.variance(o)
+    lit = c * c + s * s > 50 / len(levels) * variance
     if np.count_nonzero(lit) < _FEWEST:
         return Misfit(1.0, nothing)
     residual, variance = (rows @ levels)[:, lit], variance[lit]
@@ -152,10 +150,9 @@ def measure_misfit(fringe: Fringe, sample: Sample, noise: Noise) -> Misfit:
     scaled /= (norms := np.maximum(np.linalg.norm(scaled, axis=1, keepdims=True), 1e-9))
     terms = regression(scaled, residual * weight, _RANK) / norms[:, 0]
     rest = float(np.median((residual - terms @ model) ** 2 / variance)) / _MEDIAN
-    aliased = _aliased(fringe, residual, phase[lit], amplitude[lit])
     if plain < _WORTH * max(rest, 1.0):
-        return Misfit(max(plain, 1.0), nothing, aliased)
-    return Misfit(max(rest, 1.0), terms, aliased)
+        return Misfit(max(plain, 1.0), nothing)
+    return Misfit(max(rest, 1.0), terms)
 
 
 def bent(fringe: Fringe, response: Response, blur: float, misfit: Misfit) -> Misfit:
@@ -186,25 +183,6 @@ def straightened(turn: F64, misfit: Misfit) -> F64:
     if not misfit.bend.size:
         return turn
     return np.asarray(turn + misfit.bend[0, ((turn + 0.5) * _BEND).astype(np.int64) % _BEND])
-
-
-def _aliased(fringe: Fringe, residual: F64, phase: F64, amplitude: F64) -> float:
-    """Bound on the variance (cycles^2) of a phase of N >= 4 steps by harmonics of a smooth curve.
-
-    N equidistant steps alias those of N - 1 and N + 1 to the fundamental: a wave of N periods per cycle, up
-    to h_(N-1) / h_1. Smooth curves have harmonics that fall off about as powers of h_2 / h_1: the bound is
-    taken as (N - 2) (h_2 / h_1)^(N - 2), and a wave of that amplitude adds a third of its square."""
-    double = fringe.unlike @ np.stack([np.cos(2 * fringe.shifts), np.sin(2 * fringe.shifts)], axis=1)
-    expected = double @ np.stack([np.cos(2 * phase), np.sin(2 * phase)]) * amplitude
-    power = float(np.square(expected).sum())
-    if power < residual.shape[1]:
-        return 0.0
-    second = abs(float((expected * residual).sum())) / power
-    square = float(np.mean(residual**2))
-    steps, chance = len(fringe.index) - 2, float(np.sqrt(square / power))
-    bound = (steps * second**steps) ** 2 / 3
-    real = second > _SURE * chance and bound > _NEGLIGIBLE * square / float(np.mean(amplitude**2))
-    return float(bound / (2 * np.pi) ** 2) if real else 0.0
 
 
 def three_step_aliasing(fringe: Fringe, ends: list[tuple[int, int]], sample: Sample, noise: Noise) -> float:

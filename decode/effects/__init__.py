@@ -7,7 +7,7 @@ corrected or added to the variance. They never see each other.
     matrix(found, count) -> (N, N)      of lag alone: levels corrected = matrix @ levels; the decoder folds it
                                         into the weights of the fringes, so that it costs no pass over frames
 
-`lag`, `motion` and `cells` (sharp ones) are effects; `shared` measures noise that pixels have in common.
+`lag` and `motion` are effects; `shared` measures noise that pixels have in common.
 """
 
 from collections.abc import Callable
@@ -15,7 +15,6 @@ from typing import NamedTuple, Protocol
 
 from optolever.kernels import F64
 
-from ..frames import Light, Settings
 from ..noise import Noise, Sample
 from ..plan import Plan
 
@@ -34,22 +33,16 @@ class Effect(NamedTuple):
 class View(NamedTuple):
     """An effect's input.
 
-    plan, light, noise, settings  of the capture; light: all frames (N, H, W) with their tables
-    sample, wide  lit pixels in runs along rows, linear levels (N, K), NaN: saturated; wide: four
-                 times more
-    place, variance  (A, K) of the sample by the pixel kernel, pattern px, px^2; NaN where a flag is set
-    places   the same of another sample
+    plan, noise   of the capture
+    sample, wide  lit pixels in runs along rows, linear levels (N, K), NaN: saturated; wide: four times more
+    places        (A, K) of a sample by the pixel kernel, pattern px; NaN where a flag is set
     """
 
     plan: Plan
-    light: Light
     noise: Noise
-    settings: Settings
     sample: Sample
     wide: Sample
-    place: F64
-    variance: F64
-    places: Callable[[Sample], tuple[F64, F64]]
+    places: Callable[[Sample], F64]
 
 
 class Module(Protocol):

@@ -35,7 +35,7 @@ def estimate(view: View) -> Effect | None:
     view = view._replace(sample=view.wide)
     if not len(view.wide.places):
         return None
-    smooth = [_smooth(view, place) for place in view.places(view.wide)[0]]
+    smooth = [_smooth(view, place) for place in view.places(view.wide)]
     edges = [_edges(view, axis, place) for axis, place in zip(view.plan.axes, smooth, strict=False)]
     best, least = None, _CHANCE / len(_SIDES)
     for side in _SIDES:

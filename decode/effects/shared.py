@@ -27,9 +27,8 @@ __all__ = ["shared"]
 _MOST, _FEWEST, _SURE, _FAR = 4096, 64, 4.9, 16 / 0.455
 
 
-def shared(view: View, common: F64, lens: float) -> SharedNoise | None:
-    """None if nothing is significant, or without fringes along both axes; common (A,): variance, px^2, of the
-    places that neighbours have in common; lens: see `SharedNoise`."""
+def shared(view: View, lens: float) -> SharedNoise | None:
+    """None if nothing is significant, or without fringes along both axes; lens: see `SharedNoise`."""
     plan, sample = view.plan, view.wide
     fringes = {axis.axis: (*axis.fringes, *axis.singles) for axis in plan.axes}
     if len(fringes) != 2 or not all(fringes.values()):
@@ -38,10 +37,9 @@ def shared(view: View, common: F64, lens: float) -> SharedNoise | None:
     turns = {name: max(1 / fringe.period for fringe in every) for name, every in fringes.items()}
     shares = {axis.axis: _shares(plan, k, sample) for k, axis in enumerate(plan.axes)}
     rows, cols, _ = np.minimum(shares["u"], shares["v"]).tolist()
-    of_u, of_v = map(float, np.sqrt(common))
     frames = shares["u"][2], shares["v"][2]
-    found = SharedNoise(rows, cols, *frames, turns["u"], turns["v"], of_u, of_v, lens, lens)
-    return found if max(*found[:4], *found[6:]) > 0 else None
+    found = SharedNoise(rows, cols, *frames, turns["u"], turns["v"], lens, lens)
+    return found if max(*found[:4], lens) > 0 else None
 
 
 def _shares(plan: Plan, number: int, sample: Sample) -> tuple[float, float, float]:

@@ -84,15 +84,14 @@ def _anchors(labels: Labels, state: State) -> dict[str, Floats]:
 def _shared(problem: Problem, noise: SharedNoise) -> Iterator[ErrorField]:
     data, shape, nothing = problem.data, problem.labels.shape, np.zeros(problem.labels.shape)
     lines, waves = noise.rows > 0 or noise.cols > 0, []
-    of_u = noise.turns_u, noise.shift_u, noise.frames_u, data.u, data.sigma_u
-    of_v = noise.turns_v, noise.shift_v, noise.frames_v, data.v, data.sigma_v
-    for axis, (turns, shift, frames, at, sigma) in enumerate((of_u, of_v)):
-        fields = [nothing + shift] if shift > 0 else []
-        if frames > 0 or lines:
-            phase = 2 * np.pi * turns * np.where(data.mask, at, 0.0)
-            waves.append(np.where(data.mask, sigma, 0.0) * np.stack([np.cos(phase), np.sin(phase)]))
-            fields += [*(np.sqrt(frames) * waves[-1])] if frames > 0 else []
-        for field in fields:
+    of_u = noise.turns_u, noise.frames_u, data.u, data.sigma_u
+    of_v = noise.turns_v, noise.frames_v, data.v, data.sigma_v
+    for axis, (turns, frames, at, sigma) in enumerate((of_u, of_v)):
+        if not (frames > 0 or lines):
+            continue
+        phase = 2 * np.pi * turns * np.where(data.mask, at, 0.0)
+        waves.append(np.where(data.mask, sigma, 0.0) * np.stack([np.cos(phase), np.sin(phase)]))
+        for field in np.sqrt(frames) * waves[-1] if frames > 0 else ():
             yield ErrorField(nothing, field) if axis else ErrorField(field, nothing)
     count = int(np.clip(_PIXELS // nothing.size, _FEWEST, _DRAWS)) if lines else 0
     rng, (by_rows, by_cols) = (

@@ -71,7 +71,6 @@ def test_a_lamp_that_flickers(clean: tuple[np.ndarray, Sequence]) -> None:
     assert found is not None
     assert min(found.frames_u, found.frames_v) > 0.15
     assert max(found.rows, found.cols) < 0.02
-    assert max(found.shift_u, found.shift_v) < 1e-4  # what cells leave
 
 
 def test_saved_and_loaded(tmp_path: Path) -> None:

@@ -112,10 +112,10 @@ def places(scene: Scene, truth: Trace, seed: int, noise: float = 0.02) -> Corres
 
 
 def rendered(scene: Scene, truth: Trace, seed: int) -> Correspondence:
-    """Places decoded from rendered frames, with the display's blur that an exact scene states."""
+    """Places decoded from rendered frames."""
     shown = sequence("gray+phase", scene.pattern.rows, scene.pattern.cols)
     frames = capture(scene, FACET, shown, noise=1.0, seed=seed, renderer="numpy").frames
-    return decode(frames, shown, blur_px=scene.pattern.blur_px)
+    return decode(frames, shown)
 
 
 @pytest.mark.slow

@@ -46,14 +46,8 @@ def run(number: int, code: str, world: World, seed: int = 0) -> Verdict:
 
 def judged(rig: Rig, code: str, shot: Shot, found: Correspondence) -> Verdict:
     """Beside its truth."""
-    use, shared = found.good & shot.lit, found.shared_noise
-    shift = (0.0, 0.0) if shared is None else (shared.shift_u, shared.shift_v)
-    score = np.stack(
-        [
-            (found.u - shot.truth["u"])[use] / np.hypot(found.sigma_u[use], shift[0]),
-            (found.v - shot.truth["v"])[use] / np.hypot(found.sigma_v[use], shift[1]),
-        ]
-    )
+    use, axes = found.good & shot.lit, ((found.u, found.sigma_u, "u"), (found.v, found.sigma_v, "v"))
+    score = np.stack([(place - shot.truth[name])[use] / sigma[use] for place, sigma, name in axes])
     heights = _height_scores(rig, shot, found)
     names = tuple(dict.fromkeys(str(one.name) for one in found.notices))
     good = float(found.good[shot.lit].mean())
