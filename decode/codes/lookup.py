@@ -34,8 +34,8 @@ __all__ = ["Lines", "LookUp", "Table", "beside", "lookup_rows", "prepare", "tabl
 _PIXELS = 2048
 #: Trial spreads, pattern pixels rms: from a pixel of a third of a cell to defocus, or to half a stripe.
 _SHARPEST, _WIDEST, _TRIED = 0.12, 2.4, 8
-#: First assumptions: a pixel of one cell without blur, and blurred ones; shares of the blur tried at last.
-_STARTS, _SHARES = (0.29, 0.6, 1.2), (0.05, 0.25, 0.75, 0.95)
+#: First assumptions: a pixel of one cell without blur, and blurred ones.
+_STARTS = (0.29, 0.6, 1.2)
 #: Squared residuals that noise reaches once in so many pixels; probability of another place that is doubtful,
 #: or excludes a pixel of the sample; modulation over its noise below which there is no contrast.
 _RARE, _DOUBT, _CONTRAST = 1e-5, 1e-4, 5.0
@@ -89,7 +89,6 @@ class LookUp(NamedTuple):
     """Estimates of a table, see there; optics: between cells and samples."""
 
     optics: Optics
-    unsure: float
     misfit2: float
     noise: Noise | None
 
@@ -100,8 +99,7 @@ class Table:
 
     book     codewords; frames (K, n): samples of each place of a sweep (K = 1: of anything else); block,
              first (K,): block of the book, and coordinate of its first codeword
-    unsure   variance of places by optics that are not known, px^2; misfit2: variance of the residuals beyond
-             noise over the squared contrast
+    misfit2  variance of the residuals beyond noise over the squared contrast
     noise    of the camera, from the residuals; None: it was known
     """
 
@@ -110,7 +108,6 @@ class Table:
     frames: I64
     block: I64
     first: F64
-    unsure: float = 0.0
     misfit2: float = 0.0
     noise: Noise | None = None
 
@@ -159,7 +156,7 @@ def lookup_rows(
     none, contrast = np.isnan(found.place), 0.5 * found.scale
     middle = found.offset + contrast
     place = np.where(none, 0.0, found.place)
-    variance = np.where(none, float(extent) ** 2, found.variance + table.unsure)
+    variance = np.where(none, float(extent) ** 2, found.variance)
     faint = contrast**2 < 0.5 * _CONTRAST**2 * noise.variance(middle)
     blind = none | (variance > float(extent) ** 2 / 12)
     dim = middle + contrast < (light.white / 16 if math.isfinite(light.white) else 0.0)
@@ -192,7 +189,7 @@ def beside(
     )
     beyond = (found.chi2 - own.chi2) * table.dof
     fits = np.isfinite(found.place) & (scipy.special.expit(-0.5 * np.nan_to_num(beyond)) > _DOUBT)
-    return np.nan_to_num(found.place), found.variance + table.unsure, fits
+    return np.nan_to_num(found.place), found.variance, fits
 
 
 def _matched(
@@ -290,38 +287,35 @@ def prepare(
     # grey values of single cells are found only by a spread that is near the true one
     first = [_optics(spread, blur, on_cells) for spread in (_STARTS if axis.levels else _STARTS[:1])]
     if not few.shape[1]:
-        return LookUp(first[0]._replace(light=display), 0.0, 0.0, noise)
-    trials = [fitted(one, None) for one in first]
-    found = trials[int(np.argmin(_costs(trials)))].found
+        return LookUp(first[0]._replace(light=display), 0.0, noise)
+    best = _likeliest([fitted(one, None) for one in first])
+    found = best.found
     start = np.where(found.error < 1e-3, found.place, np.nan)
     if not np.isfinite(start).any():
-        return LookUp(first[0]._replace(light=display), 0.0, 0.0, noise)
+        return LookUp(first[0]._replace(light=display), 0.0, noise)
     if noise is None:
-        best = trials[int(np.argmin(_costs(trials)))]
-        assumed = _residual_noise(best.table, best.found, floor)
-    trials = _tried(lambda optics: fitted(optics, start), axis, blur, on_cells)
-    best = trials[int(np.argmin(_costs(trials)))]
+        assumed = _residual_noise(best.table, found, floor)
+    best = _likeliest(_tried(lambda optics: fitted(optics, start), axis, blur, on_cells))
     if not np.isfinite(best.found.variance).any():
-        return LookUp(best.optics, 0.0, 0.0, Noise(floor) if noise is None else None)
-    unsure = _crowding(best.table, best.found)
+        return LookUp(best.optics, 0.0, Noise(floor) if noise is None else None)
     if noise is None:
-        return LookUp(best.optics, unsure, 0.0, _residual_noise(best.table, best.found, floor))
-    return LookUp(best.optics, unsure, _beyond(best.table, best.found, noise), None)
+        return LookUp(best.optics, 0.0, _residual_noise(best.table, best.found, floor))
+    return LookUp(best.optics, _beyond(best.table, best.found, noise), None)
 
 
 def table_of(sequence: Sequence, plan: Plan, axis: AxisPlan, estimates: LookUp) -> Table:
     """Table of an axis by the estimates of an earlier capture."""
     one = sequence, axis.axis, estimates.optics
     table = _sweep(*one) if axis.stripes is not None else _table(*one, _frames_of(plan, axis), True)
-    return replace(table, unsure=estimates.unsure, misfit2=estimates.misfit2, noise=estimates.noise)
+    return replace(table, misfit2=estimates.misfit2, noise=estimates.noise)
 
 
-def _optics(spread: float, blur: float | None, on_cells: bool, share: float = 0.5) -> Optics:
-    """Optics of a spread without the blur, if that is known."""
+def _optics(spread: float, blur: float | None, on_cells: bool) -> Optics:
+    """Optics of a spread without the blur, if that is known; else half of its variance is blur."""
     if not on_cells or spread == 0:
         return Optics(0.0, 1.0)
     if blur is None:
-        return Optics(spread, share)
+        return Optics(spread, 0.5)
     spread = math.hypot(spread, blur)
     return Optics(spread, (blur / spread) ** 2)
 
@@ -329,7 +323,7 @@ def _optics(spread: float, blur: float | None, on_cells: bool, share: float = 0.
 def _tried(
     fitted: Callable[[Optics], _Trial], axis: AxisPlan, blur: float | None, on_cells: bool
 ) -> list[_Trial]:
-    """Trials of spreads, ever closer around the best one, then of other shares of the blur."""
+    """Trials of spreads, ever closer around the best one."""
     if not on_cells:
         return [fitted(_optics(0.0, blur, on_cells))]
     widest = max(_WIDEST, 0.5 * axis.stripes.width if axis.stripes else 0.0)
@@ -337,36 +331,20 @@ def _tried(
     if not (axis.levels or axis.code):
         trials.append(fitted(_optics(0.0, blur, True)))
     for factor in (1.24, 1.11, 1.05):
-        best = trials[int(np.argmin(_costs(trials)))].optics
+        best = _likeliest(trials).optics
         if best.spread > 0:
             own = math.sqrt(max(best.spread**2 - (blur or 0.0) ** 2, 1e-4))
             trials += [fitted(_optics(own * one, blur, True)) for one in (1 / factor, factor)]
-    best = trials[int(np.argmin(_costs(trials)))].optics
-    if best.spread > 0 and blur is None:
-        trials += [fitted(best._replace(share=one)) for one in _SHARES]
     return trials
 
 
-def _costs(trials: list[_Trial]) -> F64:
-    """-2 log likelihood of trials, over all places of each pixel: squared residuals with long tails."""
+def _likeliest(trials: list[_Trial]) -> _Trial:
+    """By -2 log likelihood over all places of each pixel: squared residuals with long tails."""
     dof = trials[0].table.dof
     misfit = np.minimum([one.misfit for one in trials], _NO_FIT)
     variance = np.minimum([one.found.variance for one in trials], 1.0)
-    return np.asarray((_TAIL * dof * np.log1p(misfit / _TAIL) - np.log(variance)).sum(axis=1))
-
-
-def _crowding(table: Table, found: _Found) -> float:
-    """Variance of places (px^2) by wrong optics: they shift places within each cell, and crowd evenly spread
-    ones.
-
-    A density of 1 + 2 c cos(2 pi h u) follows from shifts of c / (pi h) cells. The posterior of a place
-    spreads it."""
-    used, cell = np.isfinite(found.variance), table.book.cell / PER_PX
-    place, variance, total = found.place[used] / cell, found.variance[used] / cell**2, 0.0
-    for h in (1, 2):
-        mean = np.exp(2j * np.pi * h * place - 2 * (np.pi * h) ** 2 * variance).mean()
-        total += max(abs(mean) ** 2 - 1 / len(place), 0.0) / (2 * (np.pi * h) ** 2)
-    return total * cell**2
+    cost = (_TAIL * dof * np.log1p(misfit / _TAIL) - np.log(variance)).sum(axis=1)
+    return trials[int(np.argmin(cost))]
 
 
 def _beyond(table: Table, found: _Found, noise: Noise) -> float:
