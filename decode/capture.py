@@ -468,20 +468,22 @@ def applied(light: Light, ready: Prepared, mask: Mask) -> Correspondence:
     maps = np.empty((2 * axes + 3, rows, cols), np.float32)
     coordinate, sigma, (amplitude, offset, error) = maps[:axes], maps[axes : 2 * axes], maps[2 * axes :]
     flags = np.empty((rows, cols), np.uint16)
-    size = int(np.clip(_CACHE // (4 * cols * (2 * axes + 2)), 16, 128))
+    most = int(np.clip(_CACHE // (4 * cols * (2 * axes + 2)), 16, 128))
     open_orders = any(table.either >= EITHER[0] for table in ready.tables)
     halo = HALO + SETTLE if open_orders else HALO
     result = Result(coordinate, sigma, flags)
     periods = np.array([_period(*one) for one in zip(ready.axes, ready.look_ups, strict=True)], np.float32)
 
     def work(first: int, last: int) -> None:
-        """Blocks of a thread, from above: each takes the rows that it shares with the one before."""
-        rooms, done = (_Room(axes, size, cols), _Room(axes, size, cols)), max(first - halo, 0)
-        for number, start in enumerate(range(first, last, size)):
-            stop = min(start + size, last)
-            low, high = start - halo, min(stop + halo, rows)
-            room, before = rooms[number % 2], rooms[1 - number % 2] if number else None
-            block = room.begin(stop - start + 2 * halo, before, 2 * halo)
+        """Blocks of a thread, from above, of one size, in one memory: the rows shared with the one before
+        move up."""
+        size, done = -(-(last - first) // -(-(last - first) // most)), max(first - halo, 0)
+        memory, before = _block(axes, size + 2 * halo, cols), first
+        for start in (*range(first, last - size, size), last - size):
+            stop, low, high, block = start + size, start - halo, min(start + size + halo, rows), memory
+            for own in block if start > before else ():
+                own[..., : before - start, :] = own[..., start - before :, :].copy()
+            before = start
             if done < high:
                 out, numbers = Maps(*block, amplitude, offset, error), (_numbers(light), _noise(ready))
                 looked_up, which = _looked_up(light, ready, done, high), (done, high, first, last)
@@ -509,23 +511,7 @@ def applied(light: Light, ready: Prepared, mask: Mask) -> Correspondence:
     )
 
 
-class _Room:
-    """Memory of a block's lines, C-contiguous for every number of rows."""
-
-    def __init__(self, axes: int, size: int, cols: int) -> None:
-        most = size + 2 * (HALO + SETTLE)
-        self._kept = [np.zeros(axes * most * cols, np.float32) for _ in range(4)]
-        self._flags, self._axes, self._cols = np.zeros((most, cols), np.uint16), axes, cols
-
-    def begin(self, rows: int, before: _Room | None, shared: int) -> Block:
-        """A block of so many rows; shared: its first ones are the last ones of the block before."""
-        axes, cols = self._axes, self._cols
-        place, variance, amplitude = (
-            one[: axes * rows * cols].reshape(axes, rows, cols) for one in self._kept[:3]
-        )
-        chi2 = self._kept[3][: rows * cols].reshape(rows, cols)
-        self.block = Block(place, variance, amplitude, chi2, self._flags[:rows])
-        if before is not None:
-            for number, own in enumerate(self.block):
-                np.asarray(own)[..., :shared, :] = np.asarray(before.block[number])[..., -shared:, :]
-        return self.block
+def _block(axes: int, rows: int, cols: int) -> Block:
+    place, variance, amplitude = (np.zeros((axes, rows, cols), np.float32) for _ in range(3))
+    chi2, flags = np.zeros((rows, cols), np.float32), np.zeros((rows, cols), np.uint16)
+    return Block(place, variance, amplitude, chi2, flags)
