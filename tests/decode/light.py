@@ -8,10 +8,6 @@ from optolever.patterns import Frame, Sequence
 
 F64 = NDArray[np.float64]
 
-#: Pixels of so many cells along a surface, rows each of which sees the cells from a place of its own.
-WIDTH, COLS = 0.6, 150
-U = 8 + WIDTH * np.arange(int((COLS - 18) / WIDTH)) + 0.013 * np.arange(96)[:, None]
-
 
 def camera(light: F64, noise: float = 0.0, seed: int = 0) -> NDArray[np.uint8]:
     """Frames of 8 bits of light (levels), with white noise (levels)."""
@@ -19,9 +15,11 @@ def camera(light: F64, noise: float = 0.0, seed: int = 0) -> NDArray[np.uint8]:
     return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
 
 
-def seen_by_pixels(shown: Sequence, u: F64, width: float, blur: float, lit: float = 1.0) -> F64:
-    """Frames (N, 1, W) that pixels of `width` cells at u (W,) see, blurred by `blur` cells rms; a share `lit`
-    of a cell's width gives light.
+def photographed(
+    shown: Sequence, u: F64, width: float = 1.0, blur: float = 0.3, noise: float = 1.0, seed: int = 7
+) -> NDArray[np.uint8]:
+    """Frames (N, H, W) of 8 bits, with white noise (levels), that pixels of `width` cells at u (H, W) see,
+    blurred by `blur` cells rms.
 
     A cell's light is the integral over the pixel of the blurred cell: differences of the antiderivative
     t Phi(t / blur) + blur phi(t / blur) of the normal distribution Phi.
@@ -31,30 +29,16 @@ def seen_by_pixels(shown: Sequence, u: F64, width: float, blur: float, lit: floa
         z = t / blur
         return t * 0.5 * (1 + erf(z / np.sqrt(2))) + blur * np.exp(-0.5 * z * z) / np.sqrt(2 * np.pi)
 
-    tables, _ = shown.tables()
-    centre = np.arange(shown.cols)[None, :] - u[:, None]
-    inside = [integral(centre + one * lit / 2 + two * width / 2) for one in (1, -1) for two in (1, -1)]
-    light = (inside[0] - inside[1] - inside[2] + inside[3]) / (width * lit)
-    return 16 + 0.85 * (tables.astype(float) @ light.T)[:, None, :]
-
-
-def photographed(
-    shown: Sequence,
-    u: F64,
-    width: float = 1.0,
-    blur: float = 0.3,
-    noise: float = 1.0,
-    seed: int = 7,
-    brighter: float = 1.0,
-    dark: float = 0.0,
-    lit: float = 1.0,
-) -> NDArray[np.uint8]:
-    """Frames of 8 bits of pixels at u (H, W), with white noise (levels), `brighter` times as bright, and
-    `dark` levels more; lit: see seen_by_pixels.
-    """
-    rows = [seen_by_pixels(shown, row, width, blur, lit) for row in u]
-    light = dark + brighter * np.concatenate(rows, axis=1)
-    return camera(light, noise, seed)
+    table, ends, rows = (
+        shown.tables()[0].astype(float),
+        [(one, two) for one in (1, -1) for two in (1, -1)],
+        [],
+    )
+    for row in u:
+        centre = np.arange(shown.cols)[None, :] - row[:, None]
+        inside = [one * two * integral(centre + one / 2 + two * width / 2) for one, two in ends]
+        rows.append(16 + 0.85 * (table @ (sum(inside) / width).T))
+    return camera(np.stack(rows, axis=1), noise, seed)
 
 
 def free_levels(cols: int, frames: int) -> Sequence:

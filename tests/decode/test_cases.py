@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from optolever.decode import decode
-from optolever.patterns import Sequence, sequence
+from optolever.patterns import sequence
 from optolever.reconstruct import PixelAnchor, reconstruct
-from optolever.scene import dent_from_text, load, resize, trace
+from optolever.scene import dent_from_text, load, trace
 
 CASES = Path(__file__).parents[3] / "shared/cases/t4"
 pytestmark = pytest.mark.skipif(not CASES.is_dir(), reason="../shared/cases/t4 is absent")
@@ -34,14 +34,3 @@ def test_a_mirror_that_moves_while_frames_are_taken() -> None:
     assert 0.5 < np.sqrt(np.mean(error**2)) < 1.25
     assert np.abs(error).max() < 5
     assert height.z[height.good].max() == pytest.approx(0.37, abs=0.02)
-
-
-@pytest.mark.parametrize("seed", ["seed0", "seed1"])
-def test_lag_and_gamma_of_frames_axis_by_axis(seed: str) -> None:
-    folder, rig = CASES / "lag_axis_by_axis", resize(load("prism48", exact=True), 144, 192)
-    truth = np.load(folder / "truth.npz")
-    found = decode(np.load(folder / "frames.npz")[seed], Sequence.load(folder / "sequence.toml"))
-    height = reconstruct(found, rig)
-    good = height.good & truth["visible"]
-    assert good.sum() > 0.95 * truth["visible"].sum()
-    assert np.mean(np.abs(height.z - truth["z"])[good] > 5 * height.sigma[good]) <= 0.01

@@ -35,16 +35,6 @@ def test_a_clipped_stripe_is_known_by_its_flanks(smooth: Map, step: int) -> None
 
 
 @pytest.mark.daily(1)
-@pytest.mark.parametrize("camera", [{}, {"noise": 0.5, "gain": 0.3}])
-def test_swept_stripe_in_shot_noise(shoot: Shoot, smooth: Map, camera: dict[str, float]) -> None:
-    """The place follows from the stripe's flanks, whose noise is far above the dark; told, or measured."""
-    shown = sequence("stripe", 150, 170, step=4)
-    found = decode(shoot(shown, *smooth, noise=0.5, gain=0.3), shown, **camera)
-    assert found.good.mean() > 0.99
-    assert rms(scores(found, *smooth)) == pytest.approx(1, abs=0.05 if camera else 0.16)
-
-
-@pytest.mark.daily(1)
 @pytest.mark.parametrize("named", [False, True])
 def test_micro_phase_shifting(shoot: Shoot, smooth: Map, named: bool) -> None:
     """Periods near 16 px, three shifts for the first and one for each other (Gupta & Nayar, CVPR 2012)."""
@@ -69,19 +59,6 @@ def test_of_two_places_that_fit_neighbours_choose(shoot: Shoot, smooth: Map, jum
     assert found.good.mean() > 0.995
     assert silent(found, u, v) == 0
     assert np.mean(found.sigma_u[:, :60] > 0.2) < 0.01
-
-
-@pytest.mark.daily(1)
-@pytest.mark.parametrize("width", [2.2, 3.0])
-@pytest.mark.parametrize("name", ["free", "micro-phase"])
-def test_pixels_of_more_than_two_cells_know_how_sure_they_are(name: str, width: float) -> None:
-    """They are no stripes of two cells, of which others lie on the pixel."""
-    shown = free_levels(400, 14) if name == "free" else sequence("micro-phase", 4, 400, axes="u")
-    u = 8 + width * np.arange(int(380 / width)) + 0.013 * np.arange(96)[:, None]
-    found = decode(photographed(shown, u, width, 0.5), shown)
-    assert found.good.mean() > 0.99
-    assert silent(found, u) == 0
-    assert 0.35 < rms(scores(found, u)) < 1.05
 
 
 def test_pattern_that_was_just_invented(smooth: Map) -> None:

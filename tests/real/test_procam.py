@@ -4,6 +4,7 @@ The board is a plane, so on its white squares the map from camera to projector i
 distortion of both lenses, for which a cubic polynomial stands. Rounding alone costs sqrt(2/12) = 0.408 px.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -15,7 +16,7 @@ from optolever.cli import run
 from optolever.decode import decode
 from optolever.projector import Capture
 
-from .conftest import DESCRIPTION, LIT, WHITE, monomials
+from .conftest import DESCRIPTION, GROSS, LIT, WHITE, monomials
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -57,6 +58,30 @@ def test_white_squares_fit_a_plane(decoded: dict[str, NDArray[np.generic]], ligh
     cubic = misfit_cubic(row, col, place)
     assert np.sqrt(np.mean(cubic**2)) <= 0.42
     assert np.sqrt(np.mean(misfit_homography(row, col, place) ** 2)) <= 0.5
+
+
+@pytest.mark.parametrize("inverses", [True, False])
+def test_the_lit_board_is_good_and_nowhere_grossly_wrong(
+    inverses: bool, procam: Capture, light: Floats
+) -> None:
+    """Beside a cubic map through the words of the bits on the white squares, which knows nothing of the
+    decoder. A weak bit costs resolution, which sigma holds, and not the pixel."""
+    keep = [i for i, frame in enumerate(procam.sequence.frames) if inverses or not frame.inverted]
+    shown = replace(procam.sequence, frames=tuple(procam.sequence.frames[i] for i in keep))
+    found, lit = decode(procam.frames[keep], shown), light > LIT
+    assert found.good[lit].mean() >= 0.95
+    use, off = lit & found.good, []
+    basis = monomials(*np.mgrid[: light.shape[0], : light.shape[1]].astype(np.float64))
+    for place, first in ((found.u, 0), (found.v, 20)):
+        bits = procam.frames[first : first + 20 : 2] > procam.frames[first + 1 : first + 21 : 2]
+        cells = np.tensordot(2.0 ** np.arange(10)[::-1], np.logical_xor.accumulate(bits), 1)
+        white = light > WHITE
+        for _ in range(3):
+            fit = np.linalg.lstsq(basis[white], cells[white], rcond=None)[0]
+            white = (light > WHITE) & (np.abs(cells - basis @ fit) < 2)
+        assert np.std((cells - basis @ fit)[white]) < 0.36  # rounding alone: 0.29
+        off.append((place - basis @ fit)[use])
+    assert (np.hypot(*off) <= np.maximum(GROSS, 5 * np.hypot(found.sigma_u, found.sigma_v)[use])).all()
 
 
 def test_a_swap_is_named_and_repaired(procam: Capture, light: Floats) -> None:
