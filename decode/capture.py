@@ -16,11 +16,11 @@ from optolever.notices import Notice
 from optolever.patterns import Sequence
 
 from .codes.bits import bit_tables
-from .codes.fringe import Misfit, bent, fringe_tables, measure_misfit, straightened, three_step_aliasing
+from .codes.fringe import Misfit, bent, fringe_table, measure_misfit, straightened, three_step_aliasing
 from .codes.lookup import Lines, LookUp, Table, beside, lookup_rows, prepare, table_of
 from .codes.orders import Orders, order_table
 from .contradiction import contradictions
-from .effects import Module, View, lag, motion, shared
+from .effects import View, lag, motion, shared
 from .frames import Light, Settings, raw_at, sample_places
 from .neighbours import BLURRED, EITHER, HALO, SETTLE, Beside, Block, Result, axis_limits, neighbours, settle
 from .noise import Noise, Sample, fit_noise
@@ -37,7 +37,7 @@ Mask = NDArray[np.bool_] | None
 #: estimate; median of chi2 with one degree of freedom.
 _RUNS, _WIDER, _FEWEST, _MEDIAN = 64, 4, 64, 0.4549
 #: In turn: the levels are corrected before the places are judged.
-_EFFECTS: tuple[Module, ...] = (lag, motion)
+_EFFECTS = (lag, motion)
 #: Side of the neighbourhood that lies in a mask where the order of frames is tested.
 _BLOCK = 11
 #: Bytes of a block's lines, about those of a core's cache.
@@ -162,7 +162,8 @@ def _estimate(light: Light, sequence: Sequence, settings: Settings, mask: Mask, 
         profile = _with_misfits(profile, sequence, settings, sample, look_ups)
         if settings.noise is None:
             places = _places(light, sequence, settings, profile, sample)
-            profile = _with_between(profile, p.axes, places, sample)
+            every = zip(profile.axes, p.axes, places, strict=True)
+            profile = profile._replace(axes=tuple(_between(*one, sample, noise) for one in every))
         return View(p, noise, sample, wide, partial(_places, light, sequence, settings, profile)), profile
 
     nothing = Estimates(noise, (), (), None, Sampled(0.0, 0.0, 0.0), ())
@@ -264,33 +265,19 @@ def _phase_variance(fringe: Fringe, sample: Sample, noise: Noise) -> F64:
     return np.asarray(own / np.maximum(c * c + s * s, 1e-6) / (2 * np.pi) ** 2)
 
 
-def _with_between(profile: Estimates, axes: tuple[AxisPlan, ...], places: F64, sample: Sample) -> Estimates:
-    """Add the variance of the phases by which periods of one axis contradict each other beyond noise."""
-    found = []
-    for axis, own, place in zip(axes, profile.axes, places, strict=True):
-        more = _between(axis, place, sample, profile.noise, own.misfits)
-        misfits = tuple(m._replace(variance=max(m.variance, more)) for m in own.misfits)
-        found.append(own._replace(misfits=misfits))
-    return profile._replace(axes=tuple(found))
-
-
-def _between(axis: AxisPlan, place: F64, sample: Sample, noise: Noise, misfits: tuple[Misfit, ...]) -> float:
-    """Variance (cycles^2) of a phase by the contradictions of coarser periods to the place, beyond noise and
-    misfit."""
+def _between(own: AxisProfile, axis: AxisPlan, place: F64, sample: Sample, noise: Noise) -> AxisProfile:
+    """Add the variance of the phases by which coarser periods contradict the place beyond noise."""
     most, fine = 0.0, axis.fringes[-1].period if axis.fringes else 1.0
-    for fringe, misfit in zip(axis.fringes[:-1], misfits, strict=False):
+    for fringe, misfit in zip(axis.fringes[:-1], own.misfits, strict=False):
         _, c, s = fringe.inverse @ sample.levels[list(fringe.index)].astype(np.float64)
         variance = misfit.scale * _phase_variance(fringe, sample, noise)
         away = straightened(np.arctan2(s, c) / (2 * np.pi), misfit) - place / fringe.period
         away -= np.rint(away)
         ok = np.isfinite(away)
         if np.count_nonzero(ok) >= _FEWEST:
-            beyond = float(
-                np.median(away[ok] ** 2) / _MEDIAN
-                - np.median(variance[ok]) * (1 + (fine / fringe.period) ** 2)
-            )
-            most = max(most, beyond / (1 + (fine / fringe.period) ** 2))
-    return most
+            of_both = float(np.median(away[ok] ** 2)) / _MEDIAN / (1 + (fine / fringe.period) ** 2)
+            most = max(most, of_both - float(np.median(variance[ok])))
+    return own._replace(misfits=tuple(m._replace(variance=max(m.variance, most)) for m in own.misfits))
 
 
 def _deviation(axis: AxisPlan, sample: Sample, noise: Noise) -> float:
@@ -320,10 +307,9 @@ def prepared(sequence: Sequence, settings: Settings, profile: Estimates) -> Prep
     axes, own, f32 = p.axes, profile.axes, np.float32
     slow = next((effect for effect in profile.effects if effect.name == "lag"), None)
     matrix = None if slow is None else lag.matrix(slow, len(sequence))
-    fringes = fringe_tables([axis.fringes for axis in axes], [one.misfits for one in own], matrix)
     tables = tuple(
         AxisTable(
-            fringes[k],
+            fringe_table(axis.fringes, own[k].misfits, matrix),
             code,
             _orders(axis, own[k]),
             axis.looked_up,
@@ -392,10 +378,7 @@ def _noise(ready: Prepared) -> tuple[np.float32, np.float32]:
 
 
 def _maps(axes: int, rows: int, width: int) -> Maps:
-    chi2, least, offset, error = (np.zeros((rows, width), np.float32) for _ in range(4))
-    place, variance, amplitude = (np.zeros((axes, rows, width), np.float32) for _ in range(3))
-    flags = np.zeros((rows, width), np.uint16)
-    return Maps(place, variance, amplitude, chi2, flags, least, offset, error)
+    return Maps(*_block(axes, rows, width), *np.zeros((3, rows, width), np.float32))
 
 
 def _looked_up(light: Light, ready: Prepared, start: int, stop: int) -> Lines:

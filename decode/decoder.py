@@ -114,7 +114,7 @@ class Decoder:
         inside = _mask(given.inside(mask), light)
         with logged(f"decode {light.raw.shape} by {self._sequence.name}"):
             progress("decode", 0, _STEPS)
-            found, doubts = self._by_profile(light, inside, given.unit)
+            found, doubts = self._by_profile(light, inside)
             if found is None:
                 light = light if self._profile is None else self._light(given, None)
                 found = self._anew(light, inside, given.unit)
@@ -133,23 +133,20 @@ class Decoder:
         return light_of(given.frames, self._sequence, white, self._settings.response, rounding)
 
     def _by_profile(
-        self, light: Light, mask: NDArray[np.bool_] | None, unit: float
+        self, light: Light, mask: NDArray[np.bool_] | None
     ) -> tuple[Correspondence | None, tuple[Notice, ...]]:
         """None where no profile fits these frames or the profile no longer holds; notices give the reason."""
-        if self._profile is None:
+        known = self._profile
+        if known is None:
             return None, ()
-        if not self._fits(self._profile, light):
+        kind = self._digest, light.raw.shape[1:], light.raw.dtype.name
+        if kind != (known.sequence, known.shape, known.dtype):
             self._prepared = None
             return None, (_OTHER,)
         if self._prepared is None:
-            self._prepared = prepared(self._sequence, self._settings, self._profile.estimates)
+            self._prepared = prepared(self._sequence, self._settings, known.estimates)
         doubts = holds(light, self._prepared, mask)
         return (None, doubts) if doubts else (applied(light, self._prepared, mask), ())
-
-    def _fits(self, profile: RigProfile, light: Light) -> bool:
-        """Whether a profile fits the frames: sequence, size and type."""
-        kind = profile.sequence, profile.shape, profile.dtype
-        return kind == (self._digest, light.raw.shape[1:], light.raw.dtype.name)
 
     def _anew(self, light: Light, mask: NDArray[np.bool_] | None, unit: float) -> Correspondence:
         """Estimate the profile, and decode by it."""
@@ -160,16 +157,9 @@ class Decoder:
             found, ready = estimated(light, self._sequence, settings, mask)
         found = replace(found, notices=(*few_good(found, light, self._sequence), *found.notices))
         if ready is not None:  # else a fault of this capture, not of the rig
-            self._prepared, shape, dtype = ready, light.raw.shape[1:], light.raw.dtype.name
-            self._profile = RigProfile(
-                self._digest,
-                shape,
-                dtype,
-                light.clip,
-                light.rounding,
-                self._settings,
-                ready.profile,
-            )
+            kind, camera = (light.raw.shape[1:], light.raw.dtype.name), (light.clip, light.rounding)
+            self._prepared = ready
+            self._profile = RigProfile(self._digest, *kind, *camera, self._settings, ready.profile)
         return found
 
 

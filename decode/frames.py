@@ -255,7 +255,7 @@ def light_of(
     response: Response | None = None,
     rounding: float | None = None,
 ) -> Light:
-    """Check frames against their description. InputError if they do not fit or are not finite.
+    """Check frames of in_levels() against their description. InputError if they do not fit.
 
     rounding: variance by rounding, if it and white_level are known of the camera; else all samples of 16-bit
     frames determine both.
@@ -268,12 +268,7 @@ def light_of(
         raise InputError(f"decode: {len(stack)} frames, sequence {sequence.name} describes {len(sequence)}")
     if white_level is not None and not white_level > 0:
         raise InputError(f"decode: white_level is {white_level}, must be above 0")
-    if stack.dtype.kind == "f":
-        bad = np.flatnonzero(~np.isfinite(stack).all(axis=(1, 2)))
-        if len(bad):
-            raise InputError(f"decode: frame {bad[0]} holds values that are not finite")
-        stack = stack.astype(np.float32)
-    elif stack.dtype not in (np.uint8, np.uint16):
+    if stack.dtype not in (np.uint8, np.uint16, np.float32):
         raise InputError(f"decode: frames are {stack.dtype}, must be uint8, uint16 or float")
     response = None if response is None or response.blur is not None else response  # a display's stays
     if response is not None and stack.dtype.kind != "u":

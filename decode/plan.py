@@ -44,20 +44,16 @@ class Fringe:
     def harmonics(self, levels: F64) -> F64:
         """Terms (9, K) of a smooth response's harmonics in samples (N, K): 1, offset, amplitude, and the
         amplitude times cosine and sine of one to three times the phase."""
-        return harmonic_terms(*(self.inverse @ levels))
+        offset, c, s = self.inverse @ levels
+        wave, amplitude = c + 1j * s, np.hypot(c, s)
+        unit = wave / np.maximum(amplitude, 1e-9)
+        waves = wave, wave * unit, wave * unit * unit
+        parts = [part for one in waves for part in (one.real, one.imag)]
+        return np.stack([np.ones_like(offset), offset, amplitude, *parts])
 
     def few(self) -> bool:
         """Whether there are fewer than three different shifts, too few for a phase."""
         return len(np.unique(np.round(np.mod(self.shifts, 2 * np.pi), 6))) < 3
-
-
-def harmonic_terms(offset: F64, c: F64, s: F64) -> F64:
-    """Terms (9, K) of `Fringe.harmonics`."""
-    wave, amplitude = c + 1j * s, np.hypot(c, s)
-    unit = wave / np.maximum(amplitude, 1e-9)
-    waves = wave, wave * unit, wave * unit * unit
-    parts = [part for one in waves for part in (one.real, one.imag)]
-    return np.stack([np.ones_like(offset), offset, amplitude, *parts])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -227,15 +223,16 @@ def _fringes(sequence: Sequence, index: list[int]) -> tuple[Fringe, ...]:
     groups: dict[float, list[int]] = {}
     for i in index:
         groups.setdefault(sequence.frames[i].period_px or 1.0, []).append(i)
-    return tuple(_fringe(sequence, groups[period], period) for period in sorted(groups, reverse=True))
 
+    def shift(i: int) -> float:
+        """Inversion adds half a turn."""
+        return (sequence.frames[i].shift or 0.0) + (math.pi if sequence.frames[i].inverted else 0.0)
 
-def _fringe(sequence: Sequence, index: list[int], period: float) -> Fringe:
-    """A fringe from its frames, sorted by shift; inversion adds half a turn."""
-    frames = sequence.frames
-    by = sorted(((frames[i].shift or 0.0) + (math.pi if frames[i].inverted else 0.0), i) for i in index)
-    shifts, order = np.array([shift for shift, _ in by]), tuple(i for _, i in by)
-    return Fringe(order, period, shifts)
+    found = []
+    for period in sorted(groups, reverse=True):
+        own = sorted(groups[period], key=shift)
+        found.append(Fringe(tuple(own), period, np.array([shift(i) for i in own])))
+    return tuple(found)
 
 
 @lru_cache(maxsize=16)

@@ -20,7 +20,7 @@ from ..plan import Fringe
 from ..records import Flag
 
 __all__ = [
-    "FringeTable", "Misfit", "bent", "fit_row", "fringe_tables", "measure_misfit", "straightened",
+    "FringeTable", "Misfit", "bent", "fit_row", "fringe_table", "measure_misfit", "straightened",
     "three_step_aliasing",
 ]  # fmt: skip
 
@@ -79,14 +79,8 @@ class FringeTable(NamedTuple):
     bend: F32
 
 
-def fringe_tables(
-    axes: list[tuple[Fringe, ...]], misfits: list[tuple[Misfit, ...]], matrix: F64 | None = None
-) -> tuple[FringeTable, ...]:
+def fringe_table(fringes: tuple[Fringe, ...], misfits: tuple[Misfit, ...], matrix: F64 | None) -> FringeTable:
     """matrix (F, F): levels of the frames are corrected by it (lag), None: not."""
-    return tuple(_table(*one, matrix) for one in zip(axes, misfits, strict=True))
-
-
-def _table(fringes: tuple[Fringe, ...], misfits: tuple[Misfit, ...], matrix: F64 | None) -> FringeTable:
     count, samples = len(fringes), [_samples(fringe, matrix) for fringe in fringes]
     groups = max((len(index) + 3 for index, _ in samples), default=4) // 4 * 4
     most = max((len(weights) for _, weights in samples), default=4)

@@ -274,13 +274,9 @@ def prepare(
     assumed = noise or Noise(max(floor, 1e-5 * contrast))
     on_cells = settings.on_cells or bool(axis.levels or axis.code)
 
-    def table_for(optics: Optics, search: bool) -> Table:
-        one = sequence, axis.axis, optics
-        return _sweep(*one) if axis.stripes is not None else _table(*one, _frames_of(plan, axis), search)
-
     def fitted(optics: Optics, start: F64 | None) -> _Trial:
         optics = optics._replace(light=display)
-        table = table_for(optics, start is None)
+        table = _known(sequence, plan, axis, optics, start is None)
         found = _matched(levels, raw, raw.shape[1], assumed, table, start)
         return _Trial(optics, table, found, np.where(np.isfinite(found.variance), found.chi2, np.inf))
 
@@ -305,9 +301,15 @@ def prepare(
 
 def table_of(sequence: Sequence, plan: Plan, axis: AxisPlan, estimates: LookUp) -> Table:
     """Table of an axis by the estimates of an earlier capture."""
-    one = sequence, axis.axis, estimates.optics
-    table = _sweep(*one) if axis.stripes is not None else _table(*one, _frames_of(plan, axis), True)
+    table = _known(sequence, plan, axis, estimates.optics, True)
     return replace(table, misfit2=estimates.misfit2, noise=estimates.noise)
+
+
+def _known(sequence: Sequence, plan: Plan, axis: AxisPlan, optics: Optics, search: bool) -> Table:
+    """search: see _table."""
+    if axis.stripes is not None:
+        return _sweep(sequence, axis.axis, optics)
+    return _table(sequence, axis.axis, optics, _frames_of(plan, axis), search)
 
 
 def _optics(spread: float, blur: float | None, on_cells: bool) -> Optics:

@@ -11,14 +11,14 @@ corrected or added to the variance. They never see each other.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from optolever.kernels import F64
 
 from ..noise import Noise, Sample
 from ..plan import Plan
 
-__all__ = ["Effect", "Module", "View"]
+__all__ = ["Effect", "View"]
 
 
 class Effect(NamedTuple):
@@ -43,13 +43,3 @@ class View(NamedTuple):
     sample: Sample
     wide: Sample
     places: Callable[[Sample], F64]
-
-
-class Module(Protocol):
-    """A module of this folder."""
-
-    def estimate(self, view: View) -> Effect | None:
-        """None: not significant."""
-
-    def variance(self, view: View, found: Effect) -> F64:
-        """px^2 (A,)."""

@@ -65,15 +65,13 @@ def _smooth(view: View, place: F64) -> F64:
 
 class _Edges(NamedTuple):
     """B bits: time to the fringe, frames (B,). Pixels at their edges (E,): number of the bit, pixel; place
-    less the edge's, px; level; their product, and the level's square."""
+    less the edge's, px; level."""
 
     time: F64
     bit: NDArray[np.int64]
     at: NDArray[np.int64]
     away: F64
     level: F64
-    product: F64
-    square: F64
 
 
 def _parts(edges: _Edges, part: NDArray[np.int64], parts: int) -> F64:
@@ -87,7 +85,8 @@ def _parts(edges: _Edges, part: NDArray[np.int64], parts: int) -> F64:
         return np.bincount(cell, of, minlength=size[0] * size[1]).reshape(size).astype(np.float64)
 
     count = sums(None)
-    width = np.bincount(own, edges.product, parts) / np.maximum(np.bincount(own, edges.square, parts), 1e-6)
+    product, square = (np.bincount(own, edges.level * one, parts) for one in (edges.away, edges.level))
+    width = product / np.maximum(square, 1e-6)
     several = (count >= _FEWEST) & (np.count_nonzero(count >= _FEWEST, axis=0) > 2)
     kept = several.any(axis=0)
     weight = np.where(several, count, 0.0)[:, kept]
@@ -139,7 +138,7 @@ def _edges(view: View, axis: AxisPlan, place: F64) -> _Edges | None:
     bit = np.repeat(np.arange(len(found)), [len(one[1]) for one in found])
     at, away, level = (np.concatenate([one[k] for one in found]) for k in (1, 2, 3))
     time = np.array([one[0] for one in found])
-    return _Edges(time, bit, at.astype(np.int64), away, level, away * level, level * level)
+    return _Edges(time, bit, at.astype(np.int64), away, level)
 
 
 def _quantile(values: F64, share: float) -> float:
