@@ -8,6 +8,7 @@ Without any combination, second differences of the frames (J. Immerkaer, doi:10.
 Variances are trimmed means in bins of equal width, which dark pixels do not fill.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from optolever.kernels import F32, F64
 
-from .plan import Plan, constraints
+from .plan import Fringe, Plan, constraints
 
 __all__ = ["Noise", "Sample", "fit_noise", "regression"]
 
@@ -83,7 +84,8 @@ def fit_noise(plan: Plan, sample: Sample, rounding: float = 1 / 12) -> Noise:
     rows = np.concatenate(groups[:-1] or groups) if groups else np.zeros((0, len(levels)))
     kinds = [_of_codes(plan, levels, sample.adjacent(5))]
     if not _two_levels(kinds[0][0]):
-        kinds.append(_of_rows(rows, levels, first))
+        fringes = [f for axis in plan.axes for f in axis.fringes if len(groups) > 1]  # rows within a fringe
+        kinds.append(_of_rows(rows, levels, first, fringes))
     if sum(len(one) for one, _ in kinds) < _FEWEST:
         kinds = [_of_rows(np.eye(len(levels)), levels, first)]
     return _line(kinds, rounding)
@@ -97,8 +99,9 @@ def _two_levels(level: F64) -> bool:
     return bool(min(np.count_nonzero(level < low), np.count_nonzero(level > high)) >= _ENOUGH)
 
 
-def _of_rows(rows: F64, levels: F64, first: NDArray[np.int64]) -> Residuals:
-    """Levels and second differences of orthonormal combinations (M, N) of the samples (N, K)."""
+def _of_rows(rows: F64, levels: F64, first: NDArray[np.int64], fringes: Sequence[Fringe] = ()) -> Residuals:
+    """Levels and second differences of orthonormal combinations (M, N) of the samples (N, K), less
+    the fringes' harmonics, which a gamma makes oscillate along a row."""
     first = first[:: 1 + len(rows) * len(first) // _MOST]
     nan = np.isnan(levels)
     levels = np.where(nan, np.fmax.reduce(levels, axis=None, initial=0.0), levels)  # saturated: about white
@@ -106,13 +109,19 @@ def _of_rows(rows: F64, levels: F64, first: NDArray[np.int64]) -> Residuals:
     lost = np.zeros((len(rows), len(saturated)), np.bool_)
     if saturated.any():
         lost[:, saturated] = (np.abs(rows) > 1e-9).astype(np.float64) @ nan[:, saturated] > 0
+    level, residual = np.square(rows) @ levels, rows @ levels
+    if fringes and residual.size:
+        waves = np.concatenate([fringe.harmonics(levels[list(fringe.index)]) for fringe in fringes])
+        known = ~saturated if len(saturated) - np.count_nonzero(saturated) >= _ENOUGH else slice(None)
+        residual -= regression(waves[:, known], residual[:, known], 1e-3) @ waves
     kept = ~(lost[:, first] | lost[:, first + 1] | lost[:, first + 2])
+    return _second(level, first)[1][kept], _second(residual, first)[0][kept]
 
-    def weighed(of: F64, *weights: float) -> F64:
-        a, b, c = weights
-        return np.asarray((a * of[:, first] + b * of[:, first + 1] + c * of[:, first + 2])[kept])
 
-    return weighed(np.square(rows) @ levels, 1 / 6, 4 / 6, 1 / 6), weighed(rows @ levels, 1, -2, 1) / 6**0.5
+def _second(of: F64, first: NDArray[np.int64]) -> tuple[F64, F64]:
+    """Second difference over its noise, and weighted mean, (M, T) of three pixels of maps (M, K)."""
+    a, b, c = of[:, first], of[:, first + 1], of[:, first + 2]
+    return (a - 2 * b + c) / np.sqrt(6), (a + 4 * b + c) / 6
 
 
 def _of_codes(plan: Plan, levels: F64, first: NDArray[np.int64]) -> Residuals:
