@@ -34,8 +34,8 @@ __all__ = ["Lines", "LookUp", "Table", "beside", "lookup_rows", "prepare", "tabl
 _PIXELS = 2048
 #: Trial spreads, pattern pixels rms: from a pixel of a third of a cell to defocus, or to half a stripe.
 _SHARPEST, _WIDEST, _TRIED = 0.12, 2.4, 8
-#: First assumptions: a pixel of one cell without blur, and blurred ones.
-_STARTS = (0.29, 0.6, 1.2)
+#: First assumptions: a pixel of one cell without blur, and blurred ones; shares of the blur tried at last.
+_STARTS, _SHARES = (0.29, 0.6, 1.2), (0.05, 0.25, 0.75, 0.95)
 #: Squared residuals that noise reaches once in so many pixels; probability of another place that is doubtful,
 #: or excludes a pixel of the sample; modulation over its noise below which there is no contrast.
 _RARE, _DOUBT, _CONTRAST = 1e-5, 1e-4, 5.0
@@ -325,7 +325,8 @@ def _optics(spread: float, blur: float | None, on_cells: bool) -> Optics:
 def _tried(
     fitted: Callable[[Optics], _Trial], axis: AxisPlan, blur: float | None, on_cells: bool
 ) -> list[_Trial]:
-    """Trials of spreads, ever closer around the best one."""
+    """Trials of spreads, ever closer around the best one; of grey values, then of other shares of the
+    blur."""
     if not on_cells:
         return [fitted(_optics(0.0, blur, on_cells))]
     widest = max(_WIDEST, 0.5 * axis.stripes.width if axis.stripes else 0.0)
@@ -337,6 +338,9 @@ def _tried(
         if best.spread > 0:
             own = math.sqrt(max(best.spread**2 - (blur or 0.0) ** 2, 1e-4))
             trials += [fitted(_optics(own * one, blur, True)) for one in (1 / factor, factor)]
+    best = _likeliest(trials).optics
+    if axis.levels and best.spread > 0 and blur is None:
+        trials += [fitted(best._replace(share=one)) for one in _SHARES]
     return trials
 
 
