@@ -112,7 +112,7 @@ def reconstruct(
     corrected = measured.corrected(scene)
     steps = 1 if scene.exact else 2
     progress("height", 0, steps)
-    with logged(f"reconstruct {correspondence.u.shape}"), _explained(measured, scene):
+    with logged(f"reconstruct {correspondence.u.shape}"), _explained(measured, scene), blas_on_one():
         solution = solved_height(corrected, scene, anchor, mask, lens_errors(correspondence, rest))
     progress("errors of the rig", 1, steps)
     with blas_on_one():
