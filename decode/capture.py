@@ -206,9 +206,8 @@ def _places(light: Light, sequence: Sequence, settings: Settings, profile: Estim
 def _misfit(
     fringe: Fringe, p: Plan, axis: AxisPlan, sample: Sample, noise: Noise, settings: Settings
 ) -> Misfit:
-    code = axis.code
-    pairs = [] if code is None else list(zip(code.plain.tolist(), code.inverse.tolist(), strict=True))
-    ends = [pair for pair in (*pairs, (p.white, p.black)) if min(pair) >= 0]
+    ends = [] if axis.code is None else axis.code.pairs()
+    ends += [(p.white, p.black)] if min(p.white, p.black) >= 0 else []
     found = measure_misfit(fringe, sample, noise)
     if np.isnan(noise.read2_sigma):  # given: each pixel is judged by its neighbourhood alone
         found = found._replace(scale=1.0, terms=np.zeros_like(found.terms))

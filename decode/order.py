@@ -334,11 +334,12 @@ def _word_place(
     levels[unknown] = half
     bits, opened = np.arange(len(pairs))[:, None, None, None], np.abs(levels) < 0.25 * half
     run = np.zeros(half.shape, np.int64)
-    for b in range(0 if code.together else len(pairs)):
+    together = code.kind == "binary"  # several bits change between adjacent cells; in Gray codes one does
+    for b in range(0 if together else len(pairs)):
         run += (run == b) & opened[b]
     fine = bool(unknown) and unknown[0] <= 2  # coarser ones are constant in most blocks
     run = np.maximum(run, unknown[0] + 1) if fine else run
-    decided = (opened & (bits >= run)).sum(axis=0) <= (3 if code.together else 1)
+    decided = (opened & (bits >= run)).sum(axis=0) <= (3 if together else 1)
     word = ((levels > 0) << bits).sum(axis=0)
     words = np.stack([word, word ^ (1 << unknown[0])]) if unknown and not fine else word[None]
     finest = (1 << run) - 1

@@ -67,10 +67,10 @@ class Code:
     origin: float
     cells: NDArray[np.int32]  # word -> cell
 
-    @property
-    def together(self) -> bool:
-        """Whether several bits change between adjacent cells; in Gray codes one does."""
-        return self.kind == "binary"
+    def pairs(self) -> list[tuple[int, int]]:
+        """Frames of the bits that have an inverse, and of it."""
+        both = (self.plain >= 0) & (self.inverse >= 0)
+        return list(zip(self.plain[both].tolist(), self.inverse[both].tolist(), strict=True))
 
     def centre(self, cell: NDArray[np.int32]) -> F64:
         """Coordinate of a cell's centre, pattern pixels."""
@@ -244,16 +244,11 @@ def constraints(plan: Plan, count: int) -> tuple[F64, ...]:
     free. Empty groups are omitted.
     """
     fringes = [fringe for axis in plan.axes for fringe in axis.fringes]
-    pairs = [pair for axis in plan.axes if axis.code for pair in _pairs(axis.code)]
+    pairs = [pair for axis in plan.axes if axis.code for pair in axis.code.pairs()]
     ends = [(plan.white, plan.black)] if plan.white >= 0 and plan.black >= 0 else []
     within = [row for fringe in fringes for row in _null_space([fringe], [], count)]
     groups = [within, _null_space([], pairs, count), _null_space(fringes, pairs + ends, count)]
     return tuple(np.asarray(group, np.float64) for group in groups if len(group))
-
-
-def _pairs(code: Code) -> list[tuple[int, int]]:
-    both = (code.plain >= 0) & (code.inverse >= 0)
-    return list(zip(code.plain[both].tolist(), code.inverse[both].tolist(), strict=True))
 
 
 def _null_space(fringes: list[Fringe], pairs: list[tuple[int, int]], count: int) -> list[F64]:
