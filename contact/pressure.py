@@ -71,14 +71,14 @@ def deflection(layer: Layer, pitch: float, places: Floats) -> Floats:
 
 
 @lru_cache(maxsize=8)
-def bonded(layer: Layer) -> "scipy.interpolate.CubicSpline":
+def bonded(poisson: float) -> "scipy.interpolate.CubicSpline":
     """What a base adds to the deflection under a force, pi E* h w over the force less h / r, at distances r
     in units of the thickness h: the integral of (S(q) - 1) J0(q r / h) over q; as good as -h / r from 12 h
     on."""
     r, (nodes, weights) = np.linspace(0.0, BONDED, 1 + 32 * BONDED), np.polynomial.legendre.leggauss(256)
     q, weights = _DEEPEST * (nodes + 1) / 2, _DEEPEST * weights / 2
     return scipy.interpolate.CubicSpline(
-        r, scipy.special.j0(np.outer(r, q)) @ (weights * (_ratio(layer, q) - 1))
+        r, scipy.special.j0(np.outer(r, q)) @ (weights * (_ratio(poisson, q) - 1))
     )
 
 
@@ -139,12 +139,12 @@ def _layer_transform(layer: Layer, k: Floats) -> Floats:
     q = np.minimum(k * h, _DEEPEST)
     still = h * (1 - 2 * nu) / (1 - nu) ** 2 / layer.plane_modulus
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(q > 1e-6, 2 * _ratio(layer, q) / (layer.plane_modulus * k), still)
+        return np.where(q > 1e-6, 2 * _ratio(nu, q) / (layer.plane_modulus * k), still)
 
 
-def _ratio(layer: Layer, q: Floats) -> Floats:
+def _ratio(poisson: float, q: Floats) -> Floats:
     """S, deflection over that of a half-space, of waves of wave number q / h."""
-    a, b = 3 - 4 * layer.poisson, 5 - 12 * layer.poisson + 8 * layer.poisson**2
+    a, b = 3 - 4 * poisson, 5 - 12 * poisson + 8 * poisson**2
     return (a * np.sinh(2 * q) - 2 * q) / (a * np.cosh(2 * q) + 2 * q**2 + b)
 
 

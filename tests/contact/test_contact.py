@@ -116,6 +116,23 @@ def test_motion_comes_off_with_the_sag() -> None:
     assert np.sqrt(np.mean(total**2)) < 1e-3  # of motions and a sag of several um
 
 
+@pytest.mark.parametrize("thickness", [12.0, 30.0])
+def test_a_layer_of_unknown_thickness_is_found_where_the_rig_moved(thickness: float) -> None:
+    """c counted as 0 +- 2.5 noises, as of a dent that fades: heights were 2 sigma off."""
+    z = ball(30, 22, 4, 0.06) + base(4, 0.06, thickness, 0.48)(np.hypot(X - 30, Y - 22))
+    free = X / 60 + 0.2
+    modes = 1e-3 * np.stack([X / 60, (Y - 22) / 22, (X / 30 - 1) ** 2])
+    moved = np.tensordot(np.array([1.0, -0.5, 0.7]), modes, 1)
+    sunk = z - float(z[:, -1].mean()) / 1.2 * free + moved
+    made = surface(sunk, noise=2e-5, free=free, modes=modes, motions=3)
+    found = sag(made, None)
+    assert found is not None
+    left = made.less(found)
+    error, total = left.z - z, np.hypot(left.sigma, left.unsettled)
+    assert np.sqrt(np.mean((error / total) ** 2)) < 1.6
+    assert np.sqrt(np.mean(error**2)) < 1.5e-4
+
+
 @pytest.mark.parametrize("width", [5.0, 8.0])
 def test_a_dent_that_fades_sinks_nothing(width: float) -> None:
     """A motion looks like sinking: both are unknown where the flank is taken for a load's."""
