@@ -53,7 +53,9 @@ ROI = Opt("--roi TOP,LEFT,ROWS,COLS", "Decode this rectangle only; the rest of C
 LENS = Rare("--lens PX", "Rms blur of the lens, at most 4; default: 0.28, sigma allows 0 to 0.6.", AT_LEAST_0)
 PROFILE = Opt("--profile RIG.toml|NPZ", "Profile of the rig by --save-profile, instead of a new estimate.")
 SAVE = Opt("--save-profile RIG.toml|NPZ", "Store this capture's profile, with the rig or in a file.")
-BLUR = Rare("--blur CELLS", "Rms blur of the display's cells; default: by the fringes' contrast.", AT_LEAST_0)
+BLUR = Rare(
+    "--blur CELLS", "Rms blur of the cells, for --response and look-ups; default: fitted.", AT_LEAST_0
+)
 
 
 @program("decode", SAMPLE, partial(Many, captures="sources", imports=("decode", "projector"), folders=True))

@@ -23,10 +23,12 @@ _FEW, _OFF = 0.5, 1 / 6
 _SEEN = 1 << 15
 #: Amplitude of the modulation over white from which on contrast is no cause, and the cure then.
 _AMPLE = 0.1
+_BRIGHT, _FOCUS = 0.3, "focus the camera on the mirror with a smaller aperture, or show longer periods"
 _OTHERWISE = (
     "their contrast is high: either the periods repeat on the pattern (add one as wide as it, or bits), or "
     "periods, shifts, steps or the pattern's pixels are others than described"
 )
+_EXPOSE = "switch off the camera's automatic exposure and gain; or white and black are other frames"
 #: Notices that are no cause: each costs sigma alone.
 _SIGMA = "sigma is"
 _NOTHING = Notice(
@@ -39,6 +41,7 @@ def few_good(found: Correspondence, light: Light, sequence: Sequence) -> tuple[N
     """A notice where less than half of the lit pixels are good, or a sixth lies off the pattern, and no other
     notice names the cause."""
     assert found.amplitude is not None
+    nan = float("nan")
     some = (slice(None, None, max(1, math.isqrt(found.flags.size // _SEEN))),) * 2
     flags, amplitude = found.flags[some], found.amplitude[some]
     inside = flags & Flag.INVALID == 0
@@ -57,12 +60,26 @@ def few_good(found: Correspondence, light: Light, sequence: Sequence) -> tuple[N
 
     if good >= _FEW and share(Flag.OFF_PATTERN) < _OFF:
         return ()
+    levels = light.raw[(slice(None), *some)][:, lit]
+    if good < _FEW and (exposed := _exposed_by_itself(levels, amplitude[lit], sequence)):
+        return (Notice(f"{good:.0%} of the lit pixels are good: {exposed}", nan, nan, _EXPOSE),)
     if any(not one.name.startswith(_SIGMA) for one in found.notices):
         return ()
     places = {axis: getattr(found, axis)[some][lit].astype(np.float64) for axis in ("u", "v")}
     ample = float(np.median(amplitude[lit])) > _AMPLE * light.clip
-    name, cure = _cause(light.raw[(slice(None), *some)][:, lit], light.clip, ample, places, sequence, share)
-    return (Notice(f"{good:.0%} of the lit pixels are good: {name}", float("nan"), float("nan"), cure),)
+    name, cure = _cause(levels, light.clip, ample, places, sequence, share)
+    return (Notice(f"{good:.0%} of the lit pixels are good: {name}", nan, nan, cure),)
+
+
+def _exposed_by_itself(levels: NDArray[Any], amplitude: NDArray[Any], sequence: Sequence) -> str:
+    """Fringes swing more than white less black only where frames were exposed differently; else nothing.
+    levels (N, K), amplitude (K,) of fringes."""
+    known = plan(sequence)
+    if min(known.white, known.black) < 0 or not any(axis.fringes for axis in known.axes):
+        return ""
+    swing = float(np.median(levels[known.white].astype(np.float64) - levels[known.black]))
+    fringes = 2 * float(np.median(amplitude))
+    return f"white is {swing:.0f} levels over black, fringes swing by {fringes:.0f}" * (swing < 0.5 * fringes)
 
 
 def off_the_end(axis: str, extent: int, places: NDArray[Any]) -> str:
@@ -92,8 +109,11 @@ def _cause(
             if beyond.mean() > 0.5 * _OFF:
                 return off_the_end(axis.axis, axis.extent, places), "correct capture.toml"
     if share(Flag.DARK | Flag.LOW_CONTRAST) > 0.5 and not ample:
+        swing = float(np.ptp(some, axis=0).mean())
+        if swing > _BRIGHT * clip:
+            return f"fringes are weak where frames differ by {swing:.0f} levels", _FOCUS
         cure = "expose longer, or show more steps (gray+phase:steps=16)"
-        return f"the pattern is too weak for its sequence, {np.ptp(some, axis=0).mean():.2g} levels", cure
+        return f"the pattern is too weak for its sequence, {swing:.2g} levels", cure
     causes = {
         Flag.ORDER_DOUBTFUL: (
             "fringe orders are ambiguous",

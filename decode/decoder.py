@@ -55,7 +55,8 @@ def decode(
                  without `noise` both are estimated from the frames, and so is what fringes are off beyond it
     white_level  level at which the camera clips; default 255, for uint16 the 10, 12, 14 or 16 bits in use
     response     of a display (with a blur): phases and look-ups follow its light; of a camera: inverted first
-    blur_px      rms blur between display and camera, cells; default: bounded by the fringes' contrast
+    blur_px      rms blur between display and camera, cells, for `response` and look-ups of grey values, which
+                 otherwise fit it
     lens_px      rms blur of the camera's lens, its pixels (4 at most), which smooths the map; its effect is
                  corrected; default: 0.28, with a sigma that allows 0 to 0.6 (a slanted edge, ISO 12233)
     on_cells     the display shows frames on the cells of a surface of the sequence's size, see Frame.tables,

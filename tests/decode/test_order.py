@@ -4,12 +4,15 @@ import itertools
 from collections.abc import Callable
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from optolever.decode import Correspondence, decode
 from optolever.patterns import Frame, Sequence, sequence
+from optolever.projector import capture
+from optolever.scene import dent, load, resize
 
 from .conftest import Map, Shoot, silent
 
@@ -165,6 +168,26 @@ def test_orders_that_are_ambiguous_have_their_cause(
     shown = sequence("phase", *SURFACE, periods=(7, 8))
     found = decode(shoot(shown, *smooth, noise=1.0, amplitude=light), shown)
     assert said in "".join(map(str, found.notices))
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda frame: frame * (100 / frame.mean()), "automatic exposure"),
+        (lambda frame: cv2.GaussianBlur(frame, (0, 0), 2.0), "focus the camera"),
+    ],
+    ids=["exposure", "focus"],
+)
+def test_a_fault_of_the_camera_is_named(change: Callable[[Frames], Frames], said: str) -> None:
+    """Each frame as bright as the others; a lens out of focus, which is no lack of light."""
+    whole = load("monitor-mirror")
+    scene = replace(resize(whole, 96, 120), pattern=whole.pattern)
+    shown = sequence("gray+phase", scene.pattern.rows, scene.pattern.cols)
+    seen = capture(scene, dent("flat", scene), shown, noise=1.0, seed=1, renderer="numpy").frames
+    frames = np.stack([np.clip(np.rint(change(frame.astype(np.float64))), 0, 255) for frame in seen])
+    found = decode(frames.astype(np.uint8), shown)
+    assert found.good.mean() < 0.1
+    assert said in str(found.notices[0])
 
 
 def test_levels_in_reverse_order_end_in_a_notice(shoot: Shoot, smooth: Map) -> None:
