@@ -227,13 +227,15 @@ def _simplest(
     cells: _Cells, circles: Sequence[Circle], layer: Layer | None, far: float, noise: float, solid: bool
 ) -> Sag | None:
     """By cells outside so many radii of the contacts, the first that leaves hardly more than the best: a load
-    on the half-space or layer; a dent that fades while nothing sinks; contacts of any round far field."""
+    on the half-space or layer; a dent that fades while nothing sinks; contacts of any round far field.
+    Without a free mode nothing counts as at rest, and the dent that fades comes first."""
     kinds: list[tuple[float, _Fields, float]] = [
         (_WORSE, partial(far_field, layer), math.inf),
         (_MUCH, partial(_round, _FADES), _STILL * noise),
         (1.0, partial(_round, _ANY), _SINKS * float(cells.z.max(initial=0.0))),
     ]
-    kinds = kinds if cells.free.any() else kinds[:1]  # without a sag no far field looks like one
+    if not cells.free.any():  # far fields of a load would take what the rig's errors look like
+        kinds = [(_WORSE, *kinds[1][1:]), (1.0, *kinds[0][1:])]
     outside = _outside(cells, circles, far)
     if outside is None:
         return None
