@@ -228,14 +228,14 @@ def _simplest(
 ) -> Sag | None:
     """By cells outside so many radii of the contacts, the first that leaves hardly more than the best: a load
     on the half-space or layer; a dent that fades while nothing sinks; contacts of any round far field.
-    Without a free mode nothing counts as at rest, and the dent that fades comes first."""
+    Without a free mode nothing counts as at rest: of load and dent that fades the one that leaves less."""
     kinds: list[tuple[float, _Fields, float]] = [
         (_WORSE, partial(far_field, layer), math.inf),
         (_MUCH, partial(_round, _FADES), _STILL * noise),
         (1.0, partial(_round, _ANY), _SINKS * float(cells.z.max(initial=0.0))),
     ]
-    if not cells.free.any():  # far fields of a load would take what the rig's errors look like
-        kinds = [(_WORSE, *kinds[1][1:]), (1.0, *kinds[0][1:])]
+    if not cells.free.any():  # a load's fields look like errors of the rig: only where they leave less
+        kinds = [(1.0, *kinds[0][1:]), (1.0, *kinds[1][1:])]
     outside = _outside(cells, circles, far)
     if outside is None:
         return None
