@@ -28,7 +28,7 @@ _OTHERWISE = (
     "their contrast is high: either the periods repeat on the pattern (add one as wide as it, or bits), or "
     "periods, shifts, steps or the pattern's pixels are others than described"
 )
-_EXPOSE = "switch off the camera's automatic exposure and gain; or white and black are other frames"
+_EXPOSE = "switch off the camera's automatic exposure and gain"
 #: Notices that are no cause: each costs sigma alone.
 _SIGMA = "sigma is"
 _NOTHING = Notice(
@@ -61,7 +61,8 @@ def few_good(found: Correspondence, light: Light, sequence: Sequence) -> tuple[N
     if good >= _FEW and share(Flag.OFF_PATTERN) < _OFF:
         return ()
     levels = light.raw[(slice(None), *some)][:, lit]
-    if good < _FEW and (exposed := _exposed_by_itself(levels, amplitude[lit], sequence)):
+    means = light.raw[(slice(None), *some)].mean(axis=(1, 2))
+    if good < _FEW and (exposed := _exposed_by_itself(means, amplitude[lit], sequence)):
         return (Notice(f"{good:.0%} of the lit pixels are good: {exposed}", nan, nan, _EXPOSE),)
     if any(not one.name.startswith(_SIGMA) for one in found.notices):
         return ()
@@ -71,15 +72,15 @@ def few_good(found: Correspondence, light: Light, sequence: Sequence) -> tuple[N
     return (Notice(f"{good:.0%} of the lit pixels are good: {name}", nan, nan, cure),)
 
 
-def _exposed_by_itself(levels: NDArray[Any], amplitude: NDArray[Any], sequence: Sequence) -> str:
-    """Fringes swing more than white less black only where frames were exposed differently; else nothing.
-    levels (N, K), amplitude (K,) of fringes."""
+def _exposed_by_itself(means: NDArray[Any], amplitude: NDArray[Any], sequence: Sequence) -> str:
+    """Where no frame is brighter than another, white neither, although fringes swing; else nothing.
+    means (N,) of frames, amplitude (K,) of fringes."""
     known = plan(sequence)
     if min(known.white, known.black) < 0 or not any(axis.fringes for axis in known.axes):
         return ""
-    swing = float(np.median(levels[known.white].astype(np.float64) - levels[known.black]))
-    fringes = 2 * float(np.median(amplitude))
-    return f"white is {swing:.0f} levels over black, fringes swing by {fringes:.0f}" * (swing < 0.5 * fringes)
+    fringes, usual, most = 2 * float(np.median(amplitude)), float(np.median(means)), float(means.max())
+    said = f"all frames have {usual:.0f} levels on average, white too, where fringes swing by {fringes:.0f}"
+    return said * (most - usual < 0.25 * fringes)
 
 
 def off_the_end(axis: str, extent: int, places: NDArray[Any]) -> str:

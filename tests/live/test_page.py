@@ -268,7 +268,7 @@ def test_lines_of_json_and_the_numbers_of_the_run(
     numbers = json.loads((tmp_path / "run.json").read_text())
     assert numbers["readings"] == 20
     assert numbers["probes"][0]["spectrum"]["peak_nm"] > 1000
-    refused(["live", "--headless", "--probe", "30"], "--probe 30", "X,Y")
+    refused(["live", "--headless", "--probe", "30"], "--probe '30'", "X,Y")
     refused(["live", "--scene", "none.toml", "--headless"], "none.toml")
 
 
