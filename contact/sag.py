@@ -100,9 +100,8 @@ class _Fit(NamedTuple):
 
 def sag(surface: Surface, layer: Layer | None, solid: bool = True) -> Sag | None:
     """Fit sinking, motion and far fields to a surface outside its regions, which are found again in the
-    corrected map. layer: elastic, None is a half-space; solid: whether one of unknown thickness
-    may lie behind the mirror. Returns None if too few cells lie outside the
-    contacts."""
+    corrected map. layer: elastic, None is a half-space; solid: whether one of unknown thickness may lie
+    behind the mirror. Returns None if too few cells lie outside the contacts."""
     cells, noise = _cells(surface)
     thin = surface.thinned(max(1, surface.z.shape[1] // COLUMNS))
 
@@ -247,14 +246,11 @@ def _simplest(
     best = min((one.rho for _, one in found), default=0.0)
     if found and not (_seen(_as_sag(outside, found[0][1])) and found[0][1].rho <= _WORSE * best):
         found = found[1:]
-        unknown = (
-            solid and cells.free.any() and len(cells.motion) and (layer is None or layer.thickness_mm is None)
-        )
-        bonded = (
-            _of_layer(outside, circles, layer, best, kinds[1][2]) if found and circles and unknown else None
-        )
-        if bonded is not None:
-            return bonded
+        unknown = solid and outside.sinks and (layer is None or layer.thickness_mm is None)
+        if unknown and found and circles and len(cells.motion):
+            layered = _of_layer(outside, circles, layer, best, kinds[1][2])
+            if layered is not None:
+                return layered
     one = next((one for much, one in found if one.rho <= much * best), None)
     return None if one is None else _as_sag(outside, one)
 
@@ -383,7 +379,7 @@ def _fitted(outside: _Outside, fields: Floats, sinks: float) -> _Fit | None:
 
 
 def _as_sag(outside: _Outside, fit: _Fit) -> Sag:
-    """The fit with its covariance, and what it finds in the rig's errors."""
+    """The fit with its covariance, and the part of the rig's errors that it takes."""
     weighted, upper, prior, found, rho, unit, fewer = fit
     noise, scale = outside.noise, np.hypot(np.linalg.norm(upper, axis=0), prior)
     normal = (upper.T @ upper + np.diag(prior**2)) / np.multiply.outer(scale, scale)

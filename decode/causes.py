@@ -21,8 +21,9 @@ __all__ = ["few_good", "off_the_end"]
 _FEW, _OFF = 0.5, 1 / 6
 #: Pixels that are looked at: each so many-th of a row and of a column.
 _SEEN = 1 << 15
-#: Amplitude of the modulation over white from which on contrast is no cause, and the cure then.
+#: Amplitude of the modulation over white from which on contrast is no cause, and the cure then (_OTHERWISE).
 _AMPLE = 0.1
+#: Range of a pixel's levels over white from which on light is no cause, and the cure then.
 _BRIGHT, _FOCUS = 0.3, "focus the camera on the mirror with a smaller aperture, or show longer periods"
 _OTHERWISE = (
     "their contrast is high: either the periods repeat on the pattern (add one as wide as it, or bits), or "
@@ -73,14 +74,15 @@ def few_good(found: Correspondence, light: Light, sequence: Sequence) -> tuple[N
 
 
 def _exposed_by_itself(means: NDArray[Any], amplitude: NDArray[Any], sequence: Sequence) -> str:
-    """Where no frame is brighter than another, white neither, although fringes swing; else nothing.
-    means (N,) of frames, amplitude (K,) of fringes."""
+    """Says that white is no brighter than other frames although fringes swing; else nothing. means (N,) of
+    frames, amplitude (K,) of fringes."""
     known = plan(sequence)
     if min(known.white, known.black) < 0 or not any(axis.fringes for axis in known.axes):
         return ""
-    fringes, usual, most = 2 * float(np.median(amplitude)), float(np.median(means)), float(means.max())
-    said = f"all frames have {usual:.0f} levels on average, white too, where fringes swing by {fringes:.0f}"
-    return said * (most - usual < 0.25 * fringes)
+    fringes, usual = 2 * float(np.median(amplitude)), float(np.median(means))
+    if float(means.max()) - usual > 0.25 * fringes:
+        return ""
+    return f"all frames have {usual:.0f} levels on average, white too, where fringes swing by {fringes:.0f}"
 
 
 def off_the_end(axis: str, extent: int, places: NDArray[Any]) -> str:

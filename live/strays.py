@@ -28,15 +28,16 @@ def settle_without_strays(rig: Rig, frame: Frame, sigma: Cells) -> tuple[Settled
     if _largest(found) < _LARGE:
         return first, 0.0
     out, without = np.zeros(frame.shape, np.bool_), np.asarray(rig.carriers.full, frame.dtype)
-    for number in range(_ROUNDS):
-        rest, limit = _rest(rig, frame, found)
-        if number and not _of_one_sign(rest[out]):
-            break
+    rest, limit = _rest(rig, frame, found)
+    for _ in range(_ROUNDS):
         out |= _largest_ones(np.where(out, np.float32(0), np.abs(rest)), limit)
         if not 0 < out.mean() < _MOST:
             break
         found = settle(rig, np.where(out, without, frame), sigma)  # as saturated: it does not enter
-        if _largest(found) < _SMALL and _of_one_sign(_rest(rig, frame, found)[0][out]):
+        rest, limit = _rest(rig, frame, found)
+        if not _of_one_sign(rest[out]):
+            break
+        if _largest(found) < _SMALL:
             return found, float(np.count_nonzero(out) / np.count_nonzero(rig.carriers.lit))
     return first, 0.0
 
@@ -54,10 +55,12 @@ def _rest(rig: Rig, frame: Frame, found: Settled) -> tuple[Pixels, float]:
 
 
 def _largest_ones(size: Pixels, limit: float) -> Mask:
+    """Pixels (H, W) above the limit whose residual is near the largest around."""
     largest = cv2.dilate(size, np.ones((_REACH, _REACH), np.uint8))
     return np.asarray((size > limit) & (size >= np.float32(_OF_LARGEST) * largest))
 
 
 def _of_one_sign(rest: Pixels) -> bool:
+    """Whether nearly all of the residuals (n,) are positive, or negative, by squares."""
     brighter, all_of_them = (float(np.sum(np.square(part))) for part in (np.maximum(rest, 0), rest))
     return min(brighter, all_of_them - brighter) < _OTHERS * all_of_them

@@ -30,7 +30,7 @@ ONE_THREAD = {THREADS_VARIABLE: "1"} | {f"{name}_NUM_THREADS": "1" for name in _
 the last bit wherever they are made.
 """
 
-_LARGEST = (1 << 25) - (1 << 13)
+_LARGEST = (1 << 25) - (1 << 13)  # bytes: the largest block whose release raises glibc's threshold
 _SMALL = 1 << 15  # pixels that one thread has done before a second one is awake
 
 

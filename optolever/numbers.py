@@ -31,7 +31,7 @@ def real(name: str, value: Any) -> float:
 
 
 def parsed(name: str, text: str) -> float:
-    """The number that a text says. InputError, which names what it is, for anything else."""
+    """A number from its text. InputError with the name for anything else."""
     try:
         return float(text)
     except ValueError:

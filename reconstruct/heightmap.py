@@ -358,8 +358,8 @@ class HeightMap(Comparable):
 
 
 def _differences(one: Floats, other: Floats) -> Floats:
-    """Modes (n, ...) less others (m, ...), turned to where they are most alike: any rotation of modes has
-    their covariance."""
+    """Modes (n, ...) less others (m, ...), turned to the least difference: any rotation of modes has their
+    covariance."""
     count = max(len(one), len(other))
     first, second = (np.pad(each, ((0, count - len(each)), (0, 0), (0, 0))) for each in (one, other))
     rows = [np.nan_to_num(each).reshape(count, first[0].size if count else 0) for each in (first, second)]

@@ -70,7 +70,7 @@ def test_the_sigmas_of_a_residual_are_what_draws_of_it_are(kept: str, waves: tup
         fits.append(fit)
         deviation = replace(height, z=fit.residual)
         terms.append(fit_zernike(deviation, 4, removed=None if terms else fit).numbers)
-    defocus = terms[0].names.index("Z(2,0)")  # of which the fit of the power takes off a part
+    defocus = terms[0].names.index("Z(2,0)")  # the fit of the power takes off a part of it
     assert terms[0].noise[defocus] < 0.85 * fit_zernike(height, 4).numbers.noise[defocus]
     spread = np.sqrt(np.nanmean(np.var([one.residual for one in fits], axis=0)))
     assert spread / np.sqrt(np.nanmean(fits[0].noise ** 2)) == pytest.approx(1, abs=0.15)
