@@ -42,6 +42,8 @@ _CERTAIN = 16.0  # squared residuals, in their variance, that a late swap explai
 _LATE_S = 0.004  # a swap whose light is later than the others' by more does not count in the fit
 _MISFIT = 0.03
 _ROUNDS = 3
+_LOWEST, _HIGHEST = np.array([-0.1, 1e-4, 1e-4, -0.1]), np.array([0.5, 0.2, 0.2, 0.1])  # numbers of a fit, s
+_LEAST_SCATTER = 1e-6  # of the swing
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -169,8 +171,10 @@ def fit_timing(taken: FlipRecord, accepted: Accepted, refresh_s: float | None) -
         found, misfit, slopes = _fit(taken, exposure, swaps, found)
     latency, rise, fall, shutter = (float(value) for value in found)
     freedom = max(misfit.size - 4 - 2 * len(taken.bands), 1)
-    covariance = np.linalg.pinv(slopes.T @ slopes) * float(misfit @ misfit) / freedom
-    formal = np.sqrt(np.diag(covariance))
+    scatter = max(float(np.sqrt(misfit @ misfit / freedom)), _LEAST_SCATTER)
+    ranges = np.diag(scatter * np.sqrt(12) / (_HIGHEST - _LOWEST))  # of an unseen number: its bounds'
+    factor = np.linalg.qr(np.vstack([slopes, ranges]), mode="r")
+    formal = scatter * np.linalg.norm(np.linalg.inv(factor), axis=1)
     sigma = dict(zip(("latency", "rise", "fall", "shutter"), map(float, formal), strict=True))
     sigma["latency"] = float(np.hypot(sigma["latency"], taken.sigma_s))
     period = float(np.median(np.diff(taken.stamps_s)))
@@ -325,7 +329,7 @@ def _fit(taken: FlipRecord, exposure: float, swaps: Float, start: Float | None) 
             one,
             args=(taken, exposure, swaps),
             x_scale=1e-3,
-            bounds=([-0.1, 1e-4, 1e-4, -0.1], [0.5, 0.2, 0.2, 0.1]),
+            bounds=(_LOWEST, _HIGHEST),
         )
         for one in starts
     ]

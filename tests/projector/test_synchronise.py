@@ -18,10 +18,12 @@ from optolever import InputError
 from optolever.projector import (
     Accepted,
     ClockMap,
+    FlipRecord,
     Image,
     Timing,
     Wanted,
     acquire,
+    fit_timing,
     flip_fit,
     sync_notices,
     synchronise,
@@ -165,6 +167,27 @@ def test_a_clock_that_is_set_is_followed(by: float) -> None:
 def _arrived(k: int, offset: float) -> Image:
     """Image k of 30 a second, 30.5 ms after its exposure, stamped by a clock that is `offset` ahead."""
     return Image(np.zeros((1, 1), np.uint8), k, 100 + k / 30 + offset, 100.0305 + k / 30)
+
+
+def test_a_rise_that_no_image_shows_has_the_sigma_of_its_range() -> None:
+    """A loaded computer loses images. Here they show one fall alone, of a closed form, in 4 bands."""
+    exposure, latency, fall, bands = 0.01, 0.03, 0.004, np.array([0.125, 0.375, 0.625, 0.875])
+    stamps = 0.5 + np.arange(60) / 61.3
+
+    def light(until: np.ndarray) -> np.ndarray:  # its integral, s; white until 1 s + latency
+        dark = np.maximum(until - 1.0 - latency, 0.0)
+        return np.asarray(until - dark + fall * -np.expm1(-dark / fall))
+
+    starts = stamps[:, None] + 0.008 * bands
+    noise = np.random.default_rng(0).normal(0, 0.002, starts.shape)
+    brightness = (light(starts + exposure) - light(starts)) / exposure + noise
+    swaps = np.array([-1.0, 1.0])
+    taken = FlipRecord(stamps, 0.0, brightness, bands, swaps, np.array([1.0, 0.0]), np.full(60, 0.03), 0.0)
+    timing = fit_timing(taken, Accepted(exposure), 1 / 60)
+    assert timing.sigma_s is not None
+    assert timing.sigma_s["rise"] == pytest.approx(0.2 / np.sqrt(12), rel=0.01)
+    for name, true, found in (("latency", latency, timing.latency_s), ("fall", fall, timing.fall_s)):
+        assert abs(found - true) < 3 * timing.sigma_s[name] < 0.002
 
 
 def test_the_page_shows_late_swaps_and_the_slope_of_the_rows() -> None:
