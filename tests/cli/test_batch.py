@@ -203,7 +203,7 @@ def test_ctrl_c_ends_at_once_with_the_table_of_what_is_done(
             assert batch.poll() is None
             time.sleep(0.05)
         (os.killpg if to_group else os.kill)(batch.pid, signal.SIGINT)
-        batch.communicate(timeout=20)
+        batch.communicate(timeout=120)
     assert batch.returncode == 130
     found = table(tmp_path / "o")
     assert 2 <= len(found) < len(many)

@@ -144,7 +144,7 @@ def test_a_socket_sends_whole_heights(tmp_path: Path) -> None:
             sender.write(followed)
         with pytest.raises(InputError, match="no socket can be made"):
             ReadingSocket(tmp_path / "s")
-    thread.join(timeout=10)
+    thread.join(timeout=60)
     assert followed is not None
     numbers, z = seen[-1]
     assert numbers["frame"] == followed.image.id

@@ -19,7 +19,7 @@ RUN = (sys.executable, "-c", "import sys; from optolever.cli import run; sys.exi
 def optolever(display: str, *words: str) -> "subprocess.CompletedProcess[str]":
     """The program on a display."""
     command, environment = [*RUN, *words], {**os.environ, "DISPLAY": display}
-    return subprocess.run(command, env=environment, capture_output=True, text=True, check=False, timeout=60)
+    return subprocess.run(command, env=environment, capture_output=True, text=True, check=False, timeout=300)
 
 
 @contextmanager
