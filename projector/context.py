@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 
 import moderngl
 
-__all__ = ["ContextInfo", "NoContextError", "checked", "collect", "context", "context_info", "free", "keep"]
+__all__ = ["ContextInfo", "NoContextError", "checked", "context", "context_info", "free", "keep"]
 
 T = TypeVar("T")
 
@@ -76,7 +76,7 @@ def context() -> moderngl.Context:
         _local.context, _local.backend = _create()
         _local.kept = {}
         _drawn.add(os.getpid())
-        # Objects that nobody released are collected there, for `collect` to free and for tests to count.
+        # Objects that nobody released are collected there, for tests to count.
         _local.context.gc_mode = "context_gc"
     return _local.context
 
@@ -109,15 +109,6 @@ def free(ctx: moderngl.Context, *items: Any) -> None:
     ctx.detect_framebuffer(0).use()
     for item in items:
         item.release()
-
-
-def collect(ctx: moderngl.Context) -> int:
-    """Free the GL objects that were dropped without being released; how many there were."""
-    dropped = [item for item in ctx.objects if hasattr(item, "release")]
-    ctx.objects.clear()
-    for item in dropped:
-        item.release()
-    return len(dropped)
 
 
 @contextmanager

@@ -7,7 +7,7 @@
 | `aravis.py`, `aravis_library.py` | GigE Vision and USB3 Vision by Aravis 0.8 (ctypes); its prototypes |
 | `webcam.py`, `pixels.py` | what webcams have in common; packed pixels |
 | `pylon.py` | Basler's cameras by pypylon |
-| `opencv.py` | whatever cv2.VideoCapture opens by a path or URL |
+| `opencv.py` | streams of network cameras, and films |
 | `still.py` | the images of a capture as a camera, with the display that it looks at |
 | `replay.py` | a recording as a camera, its display and its clock |
 """

@@ -13,7 +13,7 @@ __all__ = ["find_cameras", "open_camera"]
 #: Prefix of an address -> file here, with `find() -> list[Identity]` and `open_named(name) -> Camera`.
 _BACKENDS = {"v4l2": "v4l2", "gige": "aravis", "aravis": "aravis", "pylon": "pylon", "opencv": "opencv"}
 _KINDS = (
-    "serial:NUMBER, v4l2:PATH, gige:ADDRESS, aravis:NAME, pylon:SERIAL, opencv:PATH, folder:DIR, replay:DIR"
+    "serial:NUMBER, v4l2:PATH, gige:ADDRESS, aravis:NAME, pylon:SERIAL, opencv:URL, folder:DIR, replay:DIR"
 )
 
 

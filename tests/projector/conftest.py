@@ -11,7 +11,7 @@ import moderngl
 import pytest
 
 from optolever.projector import ContextInfo, NoContextError, context_info
-from optolever.projector.context import collect, context
+from optolever.projector.context import context
 
 RUN = (sys.executable, "-c", "import sys; from optolever.cli import run; sys.exit(run(sys.argv[1:]))")
 
@@ -44,6 +44,15 @@ def gl_info() -> ContextInfo:
         return context_info()
     except NoContextError as error:
         pytest.skip(str(error))
+
+
+def collect(ctx: moderngl.Context) -> int:
+    """Free the GL objects that were dropped without being released; how many there were."""
+    dropped = [item for item in ctx.objects if hasattr(item, "release")]
+    ctx.objects.clear()
+    for item in dropped:
+        item.release()
+    return len(dropped)
 
 
 @pytest.fixture
