@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Annotated
 
 import optolever as ol
-from optolever import InputError
 
 from .arguments import Arg, Opt, Rare, program
 from .batch import Many
@@ -58,8 +57,7 @@ def command(
 ) -> None:
     """Take a capture with a rig, or read one; heights and a report.
 
-    The folder --out gets capture/, c.npz, h.npz, report.html and its data. Every frame is checked against its
-    pattern and the preceding one: a display's light changes later than its buffer is swapped.
+    The folder --out gets capture/, c.npz, h.npz, report.html and its data.
     """
 
     ol.files.require_new_folder(out)
@@ -84,7 +82,6 @@ def command(
         if save_profile is not None and decoder.profile is not None:
             decoder.profile.save(save_profile)
         seen.save(out / "c.npz")
-        wrong = ol.experiments.frames_of_another(capture, seen)
         step("reconstruct")
         rest = None if no_rest else ol.calibration.load_rest(rig)
         height = ol.reconstruct.reconstruct(seen, scene, rest=rest)
@@ -103,7 +100,7 @@ def command(
     frames = {"frames": len(capture)} if taken is None else taken.numbers()
     numbers = {"good_share": float(height.good.mean()), "noise_mm": noise, "rig_mm": rig_error}
     contacts = [one.to_dict() for one in height.contacts or ()]
-    write_json(json_path, frames | {"wrong_frames": wrong, "contacts": contacts} | numbers)
+    write_json(json_path, frames | {"contacts": contacts} | numbers)
     name_unused(rig, "measure", **({} if profile else {"profile": f"give --profile {rig}"}))
     print_notices(height.notices)  # the correspondence's among them
     rows = {
@@ -116,6 +113,3 @@ def command(
         **contact_rows(contacts, scene.layer),
     }
     table(f"Measured in {out}", rows)
-    if wrong:
-        what = f"frames {', '.join(map(str, wrong))} fit the preceding pattern better than their own"
-        raise InputError(f"{what}: the display had not settled; run optolever camera sync")

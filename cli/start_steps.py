@@ -259,8 +259,8 @@ def rest(begun: Begun, front: Front) -> None:
     if good < 0.5:
         text = f"{100 * good:.0f} % of the mirror decoded: is it in focus, and dark around?"
         raise InputError(f"{text} ({'; '.join(map(str, found.notices)) or 'no notice'})")
-    if late := ol.experiments.frames_of_another(capture, found):
-        raise InputError(f"frames {', '.join(map(str, late))} show the pattern before: go back to sync")
+    for notice in found.notices:
+        front.say(str(notice))
     if fault := ol.calibration.rest_fault(found, scene):
         raise InputError(fault)
     if not (begun.answers.get("calibrated") or begun.simulated):

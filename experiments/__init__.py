@@ -8,7 +8,6 @@
 | `flag_table.py` | flags by area |
 | `rig_report.py`, `rig_drawing.py` | the page of a calibration; a rig to scale |
 | `sync_report.py` | the page of a synchronisation |
-| `acquisition_check.py` | images that show the preceding pattern instead of their nominal one |
 | `user_patterns.py` | sequences, images and decoders that a user brings: function, folder, file |
 | `sample.py` | sets of captures as their owners have them |
 | `faults.py` | simulated frames under lag, gamma, flicker and blur of display and light |
@@ -18,7 +17,6 @@
 | `images.py` | figures and images as PNG |
 """
 
-from .acquisition_check import frames_of_another
 from .demo import DemoResult, run_demo
 from .faults import Faults
 from .height_report import write_demo_report, write_measurement_report
@@ -29,7 +27,7 @@ from .sample import SAMPLES, write_sample
 from .sync_report import write_sync_report
 
 __all__ = [
-    "SAMPLES", "DemoResult", "Faults", "Measurement", "RigStudy", "frames_of_another",
-    "height_metrics", "judged_table", "run_demo", "write_demo_report", "write_measurement_report",
-    "write_rig_report", "write_sample", "write_sync_report",
+    "SAMPLES", "DemoResult", "Faults", "Measurement", "RigStudy", "height_metrics", "judged_table",
+    "run_demo", "write_demo_report", "write_measurement_report", "write_rig_report", "write_sample",
+    "write_sync_report",
 ]  # fmt: skip

@@ -65,9 +65,6 @@ def read_pictures(path: Path) -> Picture:
     data = path.read_bytes()
     if data.startswith(_PNG_SIGNATURE):
         _require_whole_png(path, data)
-    several = _animated(data)
-    if several > 1:
-        raise InputError(f"{path}: is an animation of {several} pictures; save each as a PNG of its own")
     if data[:2] in _ASCII:
         return _from_ascii(path, data)
     return _from_tiff(path, data) if suffix in _TIFF else _decoded(path, data)
@@ -151,31 +148,20 @@ def whole_jpeg(data: bytes, flags: int = cv2.IMREAD_UNCHANGED) -> Picture | None
     return np.asarray(found) if again is not None and np.array_equal(found, again) else None
 
 
-def _animated(data: bytes) -> int:
-    """How many pictures a PNG or a WebP shows one after the other; 0: it is no animation."""
-    if data.startswith(_PNG_SIGNATURE):
-        at = data.find(b"acTL", 0, data.find(b"IDAT"))
-        return int.from_bytes(data[at + 4 : at + 8], "big") if at > 0 else 0
-    at, count = 12, 0
-    while data[:4] == b"RIFF" and data[8:12] == b"WEBP" and at + 8 <= len(data):
-        count += data[at : at + 4] == b"ANMF"
-        length = int.from_bytes(data[at + 4 : at + 8], "little")
-        at += 8 + length + length % 2
-    return count
-
-
 def _decoded(path: Path, data: bytes) -> Picture:
     """The picture of a file by OpenCV, which has blue first."""
-    found: Any = None
+    found: Any = []
     with suppress(cv2.error):  # a header that claims more than OpenCV takes
         if data.startswith(_JPEG_START):
-            found = whole_jpeg(data)
+            found = [each for each in (whole_jpeg(data),) if each is not None]
         elif data:
-            found = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    if found is None:
+            found = cv2.imdecodemulti(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)[1]
+    if not len(found):
         what = "a JPEG that is cut off" if data.startswith(_JPEG_START) else "not an image"
         raise InputError(f"{path}: {what} ({len(data)} bytes); save it again")
-    return _red_first(np.asarray(found))[None]
+    if len(found) > 1:
+        raise InputError(f"{path}: is an animation of {len(found)} pictures; save each as a PNG of its own")
+    return _red_first(np.asarray(found[0]))[None]
 
 
 #: Kinds of PNM whose numbers are text, and their values per pixel.

@@ -13,8 +13,7 @@ import cv2
 import numpy as np
 import pytest
 
-from optolever.decode import Correspondence, Decoder, decode, estimate_profile
-from optolever.experiments import frames_of_another
+from optolever.decode import Correspondence, Decoder, estimate_profile
 from optolever.live import Prepared, prepare
 from optolever.patterns import sequence
 from optolever.projector import Capture, Image, capture, choose_exposure
@@ -71,7 +70,6 @@ def test_measure_goes_to_the_report(
     assert not HeightMap.load(tmp_path / "m/h.npz").against_rest
     assert "simulated, rig " in (tmp_path / "m/report.html").read_text()
     found = json.loads(numbers.read_text())
-    assert found["wrong_frames"] == []
     assert found["good_share"] > 0.5
     monkeypatch.setattr("optolever.cli.measure.measured_lag", lambda *_: 1 / 512)  # of a slow display
     optolever(*measure, tmp_path / "slow")
@@ -79,15 +77,6 @@ def test_measure_goes_to_the_report(
     known = estimate_profile(capture.frames, capture.sequence).with_lag(1 / 512)
     expected = Decoder(capture.sequence, known).decode(capture.frames)
     np.testing.assert_array_equal(Correspondence.load(tmp_path / "slow/c.npz").u, expected.u)
-
-
-def test_a_frame_of_the_pattern_before_is_found(rig: Path) -> None:
-    shown = sequence("gray+phase", load(rig).pattern.rows, load(rig).pattern.cols)
-    frames = sensor_frames(rig, noise=1.0)
-    seen, late = decode(frames, shown), frames.copy()
-    late[7] = frames[6]
-    found = [frames_of_another(Capture(each, shown), seen) for each in (frames, late)]
-    assert found == [[], [7]]
 
 
 def test_exposure_is_the_longest_that_does_not_saturate() -> None:
