@@ -41,6 +41,7 @@ _LATENESS = np.arange(-0.01, 0.0605, _LATENESS_STEP_S)
 _CERTAIN = 16.0  # squared residuals, in their variance, that a late swap explains
 _LATE_S = 0.004  # a swap whose light is later than the others' by more does not count in the fit
 _MISFIT = 0.03
+_UNSEEN_S = 0.005  # sigma of a time constant
 _ROUNDS = 3
 _LOWEST, _HIGHEST = np.array([-0.1, 1e-4, 1e-4, -0.1]), np.array([0.5, 0.2, 0.2, 0.1])  # numbers of a fit, s
 _LEAST_SCATTER = 1e-6  # of the swing
@@ -256,6 +257,17 @@ def sync_notices(timing: Timing) -> tuple[Notice, ...]:
                 timing.misfit,
                 _MISFIT,
                 "most likely dynamic backlight or overdrive: switch it off, then optolever camera sync again",
+            )
+        )
+    sigma = timing.sigma_s or {}
+    unseen = max(sigma.get("rise", 0.0), sigma.get("fall", 0.0))
+    if unseen > _UNSEEN_S:
+        found.append(
+            Notice(
+                "Few images show how the display's cells settle, so that capture waits longer; sigma, ms",
+                1e3 * unseen,
+                1e3 * _UNSEEN_S,
+                "end other programs, then optolever camera sync again",
             )
         )
     whole = timing.whole_refreshes(timing.exposure_s)

@@ -47,8 +47,10 @@ class Timing:
 
     def ready_s(self, levels: int = 256) -> float:
         """From a swap to the first stamp whose image holds the new pattern alone, to half a level."""
-        settled = math.log(2 * levels) * max(self.rise_s, self.fall_s)
-        spread = 3 * (self.sigma_s or {}).get("latency", 0.0)
+        sigma = self.sigma_s or {}
+        slowest = max(self.rise_s + sigma.get("rise", 0.0), self.fall_s + sigma.get("fall", 0.0))
+        settled = math.log(2 * levels) * slowest
+        spread = 3 * sigma.get("latency", 0.0)
         return self.latency_s + self.jitter_s + settled + spread - min(self.shutter_s, 0.0)
 
     def lag(self, waited_s: float) -> float:

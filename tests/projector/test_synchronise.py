@@ -186,6 +186,8 @@ def test_a_rise_that_no_image_shows_has_the_sigma_of_its_range() -> None:
     timing = fit_timing(taken, Accepted(exposure), 1 / 60)
     assert timing.sigma_s is not None
     assert timing.sigma_s["rise"] == pytest.approx(0.2 / np.sqrt(12), rel=0.01)
+    assert 0.3 < timing.ready_s() < 0.6
+    assert any("Few images show how" in notice.name for notice in sync_notices(timing))
     for name, true, found in (("latency", latency, timing.latency_s), ("fall", fall, timing.fall_s)):
         assert abs(found - true) < 3 * timing.sigma_s[name] < 0.002
 
