@@ -134,7 +134,7 @@ def contacts(surface: Surface, regions: Sequence[Region], layer: Layer | None) -
     found = [_contact(surface, region, z, known, holes) for region in regions]
     if layer is None:
         return tuple(found)
-    return _pressed(surface, z, found, layer)
+    return _pressed(surface, z, regions, found, layer)
 
 
 def _contact(surface: Surface, region: Region, z: Map, known: Mask, holes: Mask) -> Contact:
@@ -360,11 +360,16 @@ def _curvature(dent: _Dent, used: Mask) -> tuple[float, Floats, Mask] | None:
     return float(weights @ dent.z[used]), weights, used
 
 
-def _pressed(surface: Surface, z: Map, found: Sequence[Contact], layer: Layer) -> tuple[Contact, ...]:
-    """The contacts with their forces."""
+def _pressed(
+    surface: Surface, z: Map, regions: Sequence[Region], found: Sequence[Contact], layer: Layer
+) -> tuple[Contact, ...]:
+    """The contacts of the regions with their forces."""
     means = _Means(surface)
-    circles = [(one.x, one.y, one.radius) for one in found]
-    behind = forces_on(layer, circles, lambda at, pitch: means(z[None], at, pitch)[0])
+    every = np.stack([surface.x, surface.y], axis=-1)
+    places = (every[one.box][one.inside] for one in regions)
+    cells = [at[np.isfinite(at).all(axis=1)] for at in places]
+    radii = [one.radius for one in found]
+    behind = forces_on(layer, cells, radii, lambda at, pitch: means(z[None], at, pitch)[0])
     at, pitch, area = behind.places, behind.pitch, behind.pitch**2
     by_modes = np.zeros(len(found))
     if surface.modes is not None:

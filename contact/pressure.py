@@ -25,18 +25,21 @@ import scipy
 from optolever.blocks import blas_on_one
 from optolever.scene import Layer
 
-from .arrays import Circle, Floats, Labels, Mask
+from .arrays import Floats, Labels, Mask
 
 __all__ = ["BONDED", "Pressed", "bonded", "deflection", "forces_on"]
 
-_SQUARES = 350  # of the grid around all contacts
+_SQUARES, _MOST = 350, 450  # of the grid around all contacts: aimed at, at most
 _PITCHES = tuple(0.0625 * 2 ** (k / 2) for k in range(16))  # mm: a table of deflections each
-_REACH = 1.6  # of the radius of a contact's area: where pressure is looked for
+_BESIDE = 0.6  # of the radius of a contact's area: as far beside its cells pressure is looked for
 _RIDGE = 1e-6  # of a square's own deflection: a thin incompressible layer's matrix is nearly singular
 _ROUNDS = 20  # of leaving out squares
 BONDED = 12  # thicknesses: beyond, the base leaves no deflection
 _DEEPEST = 20.0  # wave numbers times thickness: of larger ones S is 1
 _SPAN = 96  # squares to each side that a table holds
+
+#: Of places (n, 2) and a pitch: mean heights (n,) of squares there, mm.
+_Height = Callable[[Floats, float], Floats]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,13 +54,13 @@ class Pressed:
     weights: Floats
 
 
-def forces_on(layer: Layer, circles: list[Circle], height: Callable[[Floats, float], Floats]) -> Pressed:
-    """Pressures behind contacts, circles (x, y, radius) of their areas; height: function of places (n, 2) and
-    a pitch: mean heights (n,) of squares there, mm."""
-    reached = [(x, y, _REACH * radius) for x, y, radius in circles]
-    wanted = math.sqrt(sum(math.pi * radius**2 for _, _, radius in reached) / _SQUARES)
-    pitch = next((one for one in _PITCHES if one >= wanted), _PITCHES[-1])
-    places, owner = _squares(reached, pitch)
+def forces_on(layer: Layer, cells: list[Floats], radii: list[float], height: _Height) -> Pressed:
+    """Pressures behind contacts: places (k, 2) of each one's cells, radii of circles of their areas."""
+    wanted = (1 + _BESIDE) * math.sqrt(math.pi * sum(radius**2 for radius in radii) / _SQUARES)
+    for pitch in (*(one for one in _PITCHES[:-1] if one >= wanted), _PITCHES[-1]):
+        places, owner = _squares(cells, radii, pitch)
+        if len(places) < _MOST:
+            break
     with blas_on_one():
         pressure, weights = _pressed(deflection(layer, pitch, places), height(places, pitch), owner)
     return Pressed(pressure, places, pitch, owner, weights)
@@ -82,17 +85,25 @@ def bonded(poisson: float) -> "scipy.interpolate.CubicSpline":
     )
 
 
-def _squares(circles: list[Circle], pitch: float) -> tuple[Floats, Labels]:
-    """Places (n, 2) on a grid in the circles (x, y, radius), and the circle that each belongs to (n,)."""
-    low = [min(one[k] - one[2] for one in circles) for k in (0, 1)]
-    high = [max(one[k] + one[2] for one in circles) for k in (0, 1)]
-    spans = [(math.floor(a / pitch), math.ceil(b / pitch) + 1) for a, b in zip(low, high, strict=True)]
-    x, y = (np.arange(*span) * pitch for span in spans)
-    at = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    relative = np.stack([np.hypot(at[:, 0] - a, at[:, 1] - b) / radius for a, b, radius in circles])
-    owner = relative.argmin(axis=0)
-    inside = relative.min(axis=0) <= 1
-    return at[inside], owner[inside]
+def _squares(cells: list[Floats], radii: list[float], pitch: float) -> tuple[Floats, Labels]:
+    """Places (n, 2) on a grid in and beside the contacts, and the contact that each is nearest to (n,)."""
+    parts = [_beside(at, radius, pitch) for at, radius in zip(cells, radii, strict=True)]
+    index, away = (np.concatenate(part) for part in zip(*parts, strict=True))
+    owner = np.repeat(np.arange(len(parts)), [len(part[0]) for part in parts])
+    nearest = np.argsort(away, kind="stable")
+    places, first = np.unique(index[nearest], axis=0, return_index=True)
+    return places * pitch, owner[nearest][first]
+
+
+def _beside(cells: Floats, radius: float, pitch: float) -> tuple[Labels, Floats]:
+    """Places (n, 2), pitches, in and beside a contact, and their distances from its cells in its radius."""
+    index, reach = np.rint(cells / pitch).astype(np.int64), math.ceil(_BESIDE * radius / pitch)
+    low = index.min(axis=0) - reach
+    outside = np.ones(index.max(axis=0) + 1 + reach - low, np.bool_)
+    outside[tuple((index - low).T)] = False
+    away = scipy.ndimage.distance_transform_edt(outside) * (pitch / radius)
+    places = np.stack(np.nonzero(away <= _BESIDE), axis=-1)
+    return places + low, away[tuple(places.T)]
 
 
 def _pressed(matrix: Floats, height: Floats, owner: Labels) -> tuple[Floats, Floats]:

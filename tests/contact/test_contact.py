@@ -52,6 +52,23 @@ def test_the_force_is_hertz_force() -> None:
     assert re.match(r"depth 0\.100\d+ ± .* mm, x .* mm², .* mm³, .*force 0\.44\d+ ± .* N, ", str(found))
 
 
+@pytest.mark.parametrize("sides", [(3.0, 3.0), (8.0, 2.0), (15.0, 1.5)])
+def test_the_force_of_a_long_contact_is_that_which_presses(sides: tuple[float, float]) -> None:
+    """A half-space under pressure on an ellipse: the sum of Boussinesq's deflections p dA / (pi E* r)."""
+    layer, step = Layer(youngs_modulus_mpa=0.5, youngs_modulus_sigma_mpa=0.0), 0.1
+    x, y = np.meshgrid(np.arange(-120, 120, step), np.arange(-90, 90, step))
+    pressure = 0.01 * np.sqrt(np.maximum(1 - (x / sides[0]) ** 2 - (y / sides[1]) ** 2, 0))
+    away = np.hypot(x, y)
+    at_zero = 4 * np.arcsinh(1) / step  # mean of 1 / r over a square around
+    kernel = np.fft.ifftshift(np.where(away < step / 2, at_zero, 1 / np.maximum(away, step / 2)))
+    whole = np.fft.irfft2(np.fft.rfft2(pressure) * np.fft.rfft2(kernel), pressure.shape)
+    sunk = whole * step**2 / (np.pi * layer.plane_modulus)
+    spline = scipy.interpolate.RectBivariateSpline(y[:, 0], x[0], sunk)
+    made = surface(spline.ev(Y - 22, X - 30))
+    (found,) = contacts(made, regions(made), layer)
+    assert found.force == pytest.approx(pressure.sum() * step**2, rel=0.02)
+
+
 @pytest.mark.parametrize(
     "presses", [[(30, 22, 5, 0.1)], [(15, 12, 3, 0.06), (40, 30, 4, 0.08)], [(52, 22, 4, 0.1)]]
 )
