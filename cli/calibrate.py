@@ -132,11 +132,8 @@ def command(
         with ol.files.together():
             found.scene.save(out, keep=name)
             if page is not None:
-                study = ol.experiments.RigStudy(
-                    scene, found.scene, found.adjustment.chi, found.parameters, found.residuals,
-                    numbers["judged"], found.notices, {"adjust": numbers["seconds"]},
-                )  # fmt: skip
-                ol.experiments.write_rig_report(study, page)
+                took = {"adjust": numbers["seconds"]}
+                ol.experiments.write_rig_report(scene, found, numbers["judged"], took, page)
             write_json(json_path, numbers)
     print_notices(found.notices)
     print_notices(ol.calibration.unused_accuracy(scene))

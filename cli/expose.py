@@ -72,13 +72,13 @@ def chosen_exposure(
 ) -> "tuple[ol.projector.Devices, ol.projector.Contrast]":
     """[devices] with the longest exposure that saturates no pixel, and its contrast."""
     with opened(rig, devices, levels_of(rig, "black", "white"), running=False) as now:
-        found = ol.projector.choose_exposure(
+        exposure_s, found = ol.projector.choose_exposure(
             lambda exposure: _take(now, replace(devices.wanted(), exposure_s=exposure)),
             now.accepted.bits,
             1e-3 * devices.exposure_ms,
             now.display.refresh_s,
         )
-    return replace(devices, exposure_ms=1e3 * found.exposure_s, focus=now.accepted.focus), found.contrast
+    return replace(devices, exposure_ms=1e3 * exposure_s, focus=now.accepted.focus), found
 
 
 def _take(

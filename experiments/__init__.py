@@ -22,12 +22,12 @@ from .faults import Faults
 from .height_report import write_demo_report, write_measurement_report
 from .measurement import Measurement
 from .metrics import height_metrics
-from .rig_report import RigStudy, judged_table, write_rig_report
+from .rig_report import judged_table, write_rig_report
 from .sample import SAMPLES, write_sample
 from .sync_report import write_sync_report
 
 __all__ = [
-    "SAMPLES", "DemoResult", "Faults", "Measurement", "RigStudy", "height_metrics", "judged_table",
+    "SAMPLES", "DemoResult", "Faults", "Measurement", "height_metrics", "judged_table",
     "run_demo", "write_demo_report", "write_measurement_report", "write_rig_report", "write_sample",
     "write_sync_report",
 ]  # fmt: skip

@@ -5,14 +5,18 @@ errors; the prose is in report/rig.html.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from optolever.calibration import PREDICTED_DEPTH, PREDICTED_NOISE, predicted_budget, sigma_at_rest
-from optolever.notices import Notice
+from optolever.calibration import (
+    PREDICTED_DEPTH,
+    PREDICTED_NOISE,
+    Calibration,
+    predicted_budget,
+    sigma_at_rest,
+)
 from optolever.quantities import length_unit, quantity
 from optolever.reconstruct import HeightMap
 from optolever.scene import Scene
@@ -40,41 +44,31 @@ _JUDGED = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class RigStudy:
-    """given, scene: the rig before and after, the latter with its covariance; chi: of the adjustment;
-    parameters: name, value, sigma, prior, prior_sigma of each; residuals: capture -> row, col (n,) and
-    residuals of u and v (n,), in sigma; judged: capture -> its `calibration.Judgement`; notices; seconds per
-    stage."""
-
-    given: Scene
-    scene: Scene
-    chi: float
-    parameters: Sequence[Mapping[str, Any]]
-    residuals: Mapping[str, tuple[Floats, Floats, Floats, Floats]]
-    judged: Mapping[str, Mapping[str, float | None]]
-    notices: Sequence[Notice]
-    seconds: dict[str, float]
-
-
-def write_rig_report(study: RigStudy, path: str | Path) -> None:
-    """Write the page of a calibration."""
-    scene, rest = study.scene, sigma_at_rest(study.scene)
-    heads, rows = judged_table(study.judged)
-    drawing, bar = rig_drawing({"before": study.given, "after": scene})
-    remarks = [(bool(each.cure or each.limit == each.limit), str(each)) for each in study.notices]
+def write_rig_report(
+    given: Scene,
+    found: Calibration,
+    judged: Mapping[str, Mapping[str, float | None]],
+    seconds: dict[str, float],
+    path: str | Path,
+) -> None:
+    """Write the page of a calibration of a given rig. judged: capture -> its `calibration.Judgement`; seconds
+    per stage."""
+    scene, rest = found.scene, sigma_at_rest(found.scene)
+    heads, rows = judged_table(judged)
+    drawing, bar = rig_drawing({"before": given, "after": scene})
+    remarks = [(bool(each.cure or each.limit == each.limit), str(each)) for each in found.notices]
     context = {
         "name": scene.name,
         "day": "" if scene.covariance is None else scene.covariance.date,
-        "chi": study.chi,
+        "chi": found.adjustment.chi,
         "sigma": float(np.nanmedian(rest.calibration_sigma)),
         "remarks": sorted(remarks, key=lambda each: not each[0]),
-        "captures": [(name, rms(np.concatenate(found[2:])), _residual_figure(found))
-                     for name, found in study.residuals.items()],
+        "captures": [(name, rms(np.concatenate(parts[2:])), _residual_figure(parts))
+                     for name, parts in found.residuals.items()],
         "judged": Table("judged-table", heads, rows, kinds=[
-            "beyond" if (each.get("chi") or 0.0) > MOST_CHI else "" for each in study.judged.values()]),
+            "beyond" if (each.get("chi") or 0.0) > MOST_CHI else "" for each in judged.values()]),
         "limits": {"chi": MOST_CHI, "off": MOST_OFF, "gain": LEAST_GAIN},
-        "numbers": _parameter_table(study.parameters),
+        "numbers": _parameter_table(found.parameters),
         "correlations": _correlation_figure(scene),
         "drawing": drawing,
         "bar": bar,
@@ -83,7 +77,7 @@ def write_rig_report(study: RigStudy, path: str | Path) -> None:
         "depth": scene.mirror.length * PREDICTED_DEPTH,
         "noise": PREDICTED_NOISE,
     }  # fmt: skip
-    write_page(path, "rig.html", study.seconds, context)
+    write_page(path, "rig.html", seconds, context)
 
 
 def judged_table(judged: Mapping[str, Mapping[str, float | None]]) -> tuple[list[str], list[list[str]]]:

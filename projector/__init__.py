@@ -27,7 +27,6 @@ from .acquisition import (
     Arrivals,
     ClockMap,
     Contrast,
-    ExposureChoice,
     FlipFit,
     FlipRecord,
     Stamp,
@@ -57,7 +56,7 @@ from .virtual import RENDERERS, capture, chosen_renderer
 __all__ = [
     "NOMINAL_SENSOR", "RENDERERS", "SAFE_WAIT_S", "WHITE_NOISE_SENSOR", "Accepted", "Aim", "Arrivals",
     "BackgroundRecorder", "Camera", "CameraLost", "Capture", "ClockMap", "ContextInfo", "Contrast",
-    "Devices", "Display", "ExposureChoice", "FlipFit", "FlipRecord", "Footprints", "Identity", "Image",
+    "Devices", "Display", "FlipFit", "FlipRecord", "Footprints", "Identity", "Image",
     "Logged", "Monitor", "NoContextError", "Opened", "PatternWindow", "RealTime",
     "Recorder", "Recording", "Shown", "Stamp", "Taken", "Time", "Timing", "Wanted", "acquire", "aim",
     "capture", "choose_exposure", "choose_monitor", "chosen_renderer", "context_info", "contrast",

@@ -56,8 +56,11 @@ class Capture:
         expected = np.dtype(np.uint8 if self.bits == 8 else np.uint16)
         if self.frames.dtype != expected:
             raise InputError(f"frames: {self.frames.dtype}, {self.bits} bits need {expected}")
-        if self.timestamps is not None:
-            _require_per_frame("timestamps", self.timestamps, count)
+        if self.timestamps is not None and self.timestamps.shape != (count,):
+            raise InputError(f"timestamps: shape {self.timestamps.shape}, must be one per frame: ({count},)")
+        if self.timestamps is not None and not np.isfinite(self.timestamps).all():
+            worst = int(np.argmin(np.isfinite(self.timestamps)))
+            raise InputError(f"timestamps: {self.timestamps[worst]} of frame {worst}, must be finite")
 
     def __repr__(self) -> str:
         rows, cols = self.shape
@@ -136,11 +139,3 @@ class Capture:
             return cls.load(source, channel=channel)
         frames, notices = incoming(source, sequence, channel)
         return cls(frames, sequence, bits=bits_of(frames), notices=notices)
-
-
-def _require_per_frame(name: str, values: NDArray[np.float64], count: int) -> None:
-    if values.shape != (count,):
-        raise InputError(f"{name}: shape {values.shape}, must be one per frame: ({count},)")
-    if not np.isfinite(values).all():
-        worst = int(np.argmin(np.isfinite(values)))
-        raise InputError(f"{name}: {values[worst]} of frame {worst}, must be finite")

@@ -14,12 +14,12 @@ from .acquire import Taken, acquire
 from .aim import Aim, aim
 from .arrivals import Arrivals
 from .clocks import ClockMap, Stamp
-from .exposure import Contrast, ExposureChoice, choose_exposure, contrast
+from .exposure import Contrast, choose_exposure, contrast
 from .synchronise import FlipFit, FlipRecord, fit_timing, flip_fit, sync_notices, synchronise
 from .timing import SAFE_WAIT_S, Timing
 
 __all__ = [
-    "SAFE_WAIT_S", "Aim", "Arrivals", "ClockMap", "Contrast", "ExposureChoice", "FlipFit", "FlipRecord",
+    "SAFE_WAIT_S", "Aim", "Arrivals", "ClockMap", "Contrast", "FlipFit", "FlipRecord",
     "Stamp", "Taken", "Timing", "acquire", "aim", "choose_exposure", "contrast", "fit_timing", "flip_fit",
     "sync_notices", "synchronise",
 ]  # fmt: skip

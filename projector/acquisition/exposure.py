@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from optolever.errors import InputError
 
-__all__ = ["Contrast", "ExposureChoice", "choose_exposure", "contrast"]
+__all__ = ["Contrast", "choose_exposure", "contrast"]
 
 Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 
@@ -32,14 +32,6 @@ class Contrast:
     bright: float
     swing: float
     mask: NDArray[np.bool_]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ExposureChoice:
-    """The exposure (s), its contrast."""
-
-    exposure_s: float
-    contrast: Contrast
 
 
 def contrast(white: Pixels, black: Pixels, bits: int) -> Contrast:
@@ -72,8 +64,8 @@ def choose_exposure(
     bits: int,
     start_s: float,
     unit_s: float | None = None,
-) -> ExposureChoice:
-    """The longest exposure at which at most 0.01 % of the pixels saturate.
+) -> tuple[float, Contrast]:
+    """The longest exposure (s) at which at most 0.01 % of the pixels saturate, and its contrast.
 
     take(exposure) sets the camera and returns the exposure that it accepted, an image of white, one of black.
     unit_s: refresh of the display; the exposure is an integer multiple of it; None: any.
@@ -90,8 +82,8 @@ def choose_exposure(
         tried.add(wanted)
         found = contrast(white, black, bits)
         if found.saturated <= _SATURATED:
-            if good is None or accepted > good.exposure_s:
-                good = ExposureChoice(accepted, found)
+            if good is None or accepted > good[0]:
+                good = accepted, found
             factor = _TOP / max(found.bright, 0.01)
         else:
             factor = 0.5 if found.bright >= 1 else _TOP

@@ -2,11 +2,13 @@
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from optolever.experiments import RigStudy, write_rig_report
+from optolever.experiments import write_rig_report
 from optolever.notices import Notice
 from optolever.scene import Covariance, load, resize
 
@@ -27,7 +29,14 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> str:
     judged = {"rest": {"chi": 1.0}, "ball": {"chi": 1.5}}
     notices = [Notice("wrong", 2.0, 1.0, "mend it"), Notice("remark", np.nan, np.nan, "")]
     path = tmp_path_factory.mktemp("rig") / "rig.html"
-    write_rig_report(RigStudy(rig, scene, 1.5, numbers, residuals, judged, notices, {"adjust": 1.0}), path)
+    found: Any = SimpleNamespace(
+        scene=scene,
+        adjustment=SimpleNamespace(chi=1.5),
+        parameters=numbers,
+        residuals=residuals,
+        notices=notices,
+    )
+    write_rig_report(rig, found, judged, {"adjust": 1.0}, path)
     return path.read_text()
 
 
