@@ -91,6 +91,8 @@ def over_blocks(work: Work, cuts: Sequence[int]) -> None:
     try:
         share()
     finally:
+        for _ in left:  # after an error or Ctrl-C nobody begins another block
+            pass
         begun = [helper for helper in helpers if not helper.cancel()]
         wait(begun)
     for helper in begun:

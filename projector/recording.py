@@ -139,19 +139,19 @@ def _unpacked(data: bytes, line: Mapping[str, Any]) -> NDArray[Any]:
 class BackgroundRecorder:
     """Writes in a separate thread, so that a slow disk does not delay the camera.
 
-    At most 256 MB of images wait; those beyond are dropped, and counted. failure: the OSError that ended it.
+    At most 256 MB of images wait; those beyond are dropped, and counted. failure: the error that ended it.
     """
 
     def __init__(self, recorder: Recorder, image_bytes: int) -> None:
         self._recorder = recorder
         self._queue: queue.Queue[tuple[Image, float] | None] = queue.Queue(max(1, _WAITING // image_bytes))
         self.dropped = 0
-        self.failure: OSError | None = None
+        self.failure: Exception | None = None
         self._thread = threading.Thread(target=self._write, name="recorder", daemon=True)
         self._thread.start()
 
     def image(self, image: Image, stamp_s: float) -> None:
-        """Hand over an image. OSError once the disk is full."""
+        """Hand over an image. Raises `failure`, as on a full disk."""
         if self.failure is not None:
             raise self.failure
         try:
@@ -169,7 +169,7 @@ class BackgroundRecorder:
             try:
                 if self.failure is None:
                     self._recorder.image(*one)
-            except OSError as error:
+            except Exception as error:  # whatever it is: nobody else empties the queue
                 self.failure = error
 
 

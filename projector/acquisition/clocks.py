@@ -76,16 +76,16 @@ class ClockMap:
             self._blocks.clear()
             self._mean_excess, self._count = 0.0, 0
             self._add(*odd)
-        elif ahead < -_LATE_S:  # late in a queue
-            return self._by_arrival(arrived)
+        elif ahead < -_LATE_S:  # late in a queue: no image of what was shown since
+            return self._by_arrival(arrived, -ahead)
         self._last, self._odd = device, None
         self._add(device, delay)
         time, sigma = self.host(device)
         return Stamp(time, sigma, trusted=True, late_s=3 * sigma)
 
-    def _by_arrival(self, arrived: float) -> Stamp:
+    def _by_arrival(self, arrived: float, late_s: float = 0.0) -> Stamp:
         self.distrusted += 1
-        return Stamp(arrived, 0.0, trusted=False, late_s=self.hiccup_s)
+        return Stamp(arrived, 0.0, trusted=False, late_s=max(late_s, self.hiccup_s))
 
     @property
     def images(self) -> int:

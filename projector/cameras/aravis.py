@@ -170,7 +170,8 @@ class AravisCamera:
             if self._gone:
                 raise CameraLost(f"camera: {self._name} is gone: unplugged, or without power")
             return None
-        to_monotonic = time.monotonic() - time.time()  # Aravis stamps arrivals with the wall clock
+        wall = time.time()  # by which Aravis stamps arrivals; read first, a pause makes it late, never early
+        to_monotonic = time.monotonic() - wall
         status = call("buffer_get_status", buffer)
         complete = status == 0
         pixels = self._pixels(buffer) if complete else no_pixels()

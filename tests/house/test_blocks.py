@@ -3,6 +3,8 @@
 import os
 import subprocess
 import sys
+import threading
+import time
 
 import pytest
 
@@ -21,6 +23,23 @@ def test_exceptions_come_through(threads: str, monkeypatch: pytest.MonkeyPatch) 
     for _ in range(20):
         with pytest.raises(ValueError, match="2 first"):  # whichever thread is faster
             on_cores(lambda n: fail(n, "first" if n == 2 else "later") if n > 1 else n, range(40))
+
+
+def test_nobody_begins_a_block_after_an_interrupt(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(THREADS_VARIABLE, "2")
+    interrupted, done = threading.Event(), list[int]()
+
+    def work(start: int, stop: int) -> None:
+        if threading.current_thread() is threading.main_thread():
+            interrupted.set()
+            raise KeyboardInterrupt
+        interrupted.wait(60)
+        done.append(start)
+        time.sleep(0.001)
+
+    with pytest.raises(KeyboardInterrupt):
+        over_rows(work, 10_000, 1)
+    assert len(done) < 9_000
 
 
 def test_blas_has_as_many_threads() -> None:

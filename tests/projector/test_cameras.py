@@ -9,6 +9,7 @@ import sys
 from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -29,6 +30,7 @@ from optolever.projector import (
     capture,
 )
 from optolever.projector.cameras import StillCamera, find_cameras, ioctl, open_camera, webcam
+from optolever.projector.cameras.aravis import AravisCamera
 from optolever.projector.cameras.pixels import unpacked
 from optolever.projector.cameras.v4l2 import V4L2Camera
 from optolever.scene import dent, load, resize
@@ -370,6 +372,26 @@ def test_cameras_that_are_not_there_are_cameras(tmp_path: Path) -> None:
         every = list(acquire(camera, camera, FAST, order, time=RealTime(), clock=ClockMap()))
         np.testing.assert_array_equal([one.image.pixels for one in every], expected.frames)
         camera.close()
+
+
+def test_a_pause_of_the_computer_makes_no_arrival_earlier(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Aravis has the wall clock. One that is too early would shift all stamps: the map is of the least."""
+    now = [50.0]
+
+    def read(ahead: float) -> float:
+        now[0] += 0.05  # so long every look at a clock takes
+        return now[0] + ahead
+
+    clocks = SimpleNamespace(time=lambda: read(1000.0), monotonic=lambda: read(0.0))
+    monkeypatch.setattr("optolever.projector.cameras.aravis.time", clocks)
+    answers = {"stream_timeout_pop_buffer": 1, "buffer_get_status": 3, "buffer_get_frame_id": 7}
+    answers |= {"buffer_get_timestamp": 2e9, "buffer_get_system_timestamp": 1e9 * (1000 + 49.9)}
+    camera = AravisCamera.__new__(AravisCamera)
+    camera._library = SimpleNamespace(call=lambda name, *_: answers.get(name))
+    camera._stream, camera._last, camera._gige = 1, None, True
+    image = camera.next(1.0)
+    assert image is not None
+    assert image.arrived_s >= 49.9
 
 
 def aravis_or_skip() -> None:

@@ -5,7 +5,9 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +18,18 @@ import pytest
 from lab.hardware.simulated import Setting, SimulatedCamera, SimulatedDisplay, SimulatedTime, codes
 from optolever import InputError
 from optolever.live import Live, ReadingRecorder, follow, virtual_rig
-from optolever.projector import Accepted, ClockMap, Image, Recorder, Recording, Shown, Taken, Wanted, acquire
+from optolever.projector import (
+    Accepted,
+    BackgroundRecorder,
+    ClockMap,
+    Image,
+    Recorder,
+    Recording,
+    Shown,
+    Taken,
+    Wanted,
+    acquire,
+)
 from optolever.projector.cameras import Replay, open_camera
 from optolever.scene import Layer, load, resize
 
@@ -164,6 +177,27 @@ def test_killed_at_any_moment(tmp_path: Path, after: float) -> None:
     assert [one.image.id for one in seen] == list(range(len(seen)))
     for k, one in enumerate(seen):
         assert (one.image.pixels == k % 251).all()
+
+
+def test_a_writer_that_fails_is_closed_and_says_why() -> None:
+    """Whatever ends it: nobody waits for ever for room in its queue."""
+
+    class Broken(Recorder):
+        def __init__(self) -> None: ...
+
+        def image(self, *_: object) -> None:
+            raise ValueError("pixels of another kind")
+
+    writer = BackgroundRecorder(Broken(), image_bytes=1 << 30)  # room for one
+    image = Image(np.zeros((2, 2), np.uint8), 1, None, 0.0)
+    with suppress(ValueError):
+        for _ in range(3):
+            writer.image(image, 0.0)
+    closing = threading.Thread(target=writer.close, daemon=True)
+    closing.start()
+    closing.join(60)
+    assert not closing.is_alive()
+    assert "another kind" in str(writer.failure)
 
 
 def test_damage_is_told(tmp_path: Path) -> None:

@@ -153,6 +153,17 @@ def test_one_nonsense_stamp_is_distrusted(nonsense: float, offset: float) -> Non
         assert stamp.time_s == pytest.approx(true.arrived_s, abs=1e-9)
 
 
+def test_an_image_that_waited_long_is_no_new_one() -> None:
+    """Suspended for 5 s: of the six that waited in the driver none may count as exposed after that."""
+    clock = ClockMap()
+    for k in range(60):
+        clock.stamp(_arrived(k, 50.0))
+    for k in range(60, 66):
+        late = replace(_arrived(k, 50.0), arrived_s=100 + 60 / 30 + 5)
+        stamp = clock.stamp(late)
+        assert stamp.time_s - stamp.late_s == pytest.approx(_arrived(k, 50.0).arrived_s, abs=1e-6)
+
+
 @pytest.mark.parametrize("by", [-60.0, 60.0])
 def test_a_clock_that_is_set_is_followed(by: float) -> None:
     """One stamp counts by its arrival."""
