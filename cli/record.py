@@ -35,7 +35,8 @@ def command(
     with its counter and times. After a kill or a full disk, all images with a line are intact.
     """
     devices = ol.projector.devices_of(rig, changes)
-    numbers, failure = dict.fromkeys(("images", "incomplete", "lost", "dropped"), 0), None
+    numbers = dict.fromkeys(("images", "incomplete", "lost", "dropped"), 0)
+    failure: Exception | None = None
     with opened(rig, devices, levels_of(rig, "white")) as now:
         shown = now.display.show(0)
         size = now.accepted.rows * now.accepted.cols * (1 if now.accepted.bits == 8 else 2)
