@@ -9,11 +9,10 @@ therefore
 (K. L. Johnson, Contact Mechanics, 1985, eq. 3.42; of a layer its Green's function in place of 1 / q) by least
 squares over the good cells outside f radii of every contact, weighted by area and noise, a = 0 +- 1.
 With weights that sum to one the covariance is (rho / 3)^2 (A^T W A)^-1, rho the rms residual. f is 2, 2.5, 3
-or 4. Where the map shows another field and the rig may move, that of a layer of unknown thickness is tried;
-where dents fade, powers of q take the place of the sum; c is 0 +- 2.5 noises, or free.
+or 4. Where dents fade, as on a layer of unknown thickness, powers of q take the place of the sum; c is 0 +- 6
+noises, or free.
 """
 
-import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -43,13 +42,9 @@ _INDEPENDENT = 36.0  # samples of noise, and of a robust fit
 _TAILED = 9.0  # samples of what tails of dents leave
 _BEYOND = 5.0  # standard deviations: motions beyond their prior are found, too
 _SEEN = 2.0  # standard deviations of c under a load
-_STILL = 2.5  # noises: a mirror that sinks by no more does not sink
+_STILL = 6.0  # noises: as a layer on a base sinks, whose thickness nobody knows
 _SINKS = 0.05  # of the largest height: what sinks with it, whatever the far field is
 _FADES, _ANY = range(3, 9), range(1, 7)  # powers of the distance
-_THICKNESS = (2.0, 2.5, 3.2, 4.0, 5.0, 6.3, 8.0)  # of a layer, radii of the contacts
-_THICKER = 1.1  # times: for the derivative
-_POISSON = (0.5, 0.47)  # ratios of a layer that is not known: silicone
-_THINNED = 4  # cells: layers are compared on fewer
 _OUTLIER = 3.0  # standard deviations of a robust fit: beyond, cells count less
 _DEVIATION = 1.4826  # standard deviation over median absolute deviation
 
@@ -98,10 +93,10 @@ class _Fit(NamedTuple):
     fields: int
 
 
-def sag(surface: Surface, layer: Layer | None, solid: bool = True) -> Sag | None:
+def sag(surface: Surface, layer: Layer | None) -> Sag | None:
     """Fit sinking, motion and far fields to a surface outside its regions, which are found again in the
-    corrected map. layer: elastic, None is a half-space; solid: whether one of unknown thickness may lie
-    behind the mirror. Returns None if too few cells lie outside the contacts."""
+    corrected map. layer: elastic, None is a half-space. Returns None if too few cells lie outside the
+    contacts."""
     cells, noise = _cells(surface)
     thin = surface.thinned(max(1, surface.z.shape[1] // COLUMNS))
 
@@ -122,7 +117,7 @@ def sag(surface: Surface, layer: Layer | None, solid: bool = True) -> Sag | None
             circles = [one.circle for one in within]
             if circles == before:
                 break
-            found, before = _simplest(cells, circles, layer, far, noise, solid), circles
+            found, before = _simplest(cells, circles, layer, far, noise), circles
             if found is None:
                 break
             within = regions_less(found) if rounds_left else within
@@ -223,7 +218,7 @@ def _robust(cells: _Cells, noise: float) -> Sag:
 
 
 def _simplest(
-    cells: _Cells, circles: Sequence[Circle], layer: Layer | None, far: float, noise: float, solid: bool
+    cells: _Cells, circles: Sequence[Circle], layer: Layer | None, far: float, noise: float
 ) -> Sag | None:
     """By cells outside so many radii of the contacts, the first that leaves hardly more than the best: a load
     on the half-space or layer; a dent that fades while nothing sinks; contacts of any round far field.
@@ -244,87 +239,12 @@ def _simplest(
     ]
     found = [(much, one) for much, one in fits if one is not None]
     best = min((one.rho for _, one in found), default=0.0)
-    if found and not (_seen(_as_sag(outside, found[0][1])) and found[0][1].rho <= _WORSE * best):
-        found = found[1:]
-        unknown = solid and outside.sinks and (layer is None or layer.thickness_mm is None)
-        if unknown and found and circles and len(cells.motion):
-            layered = _of_layer(outside, circles, layer, best, kinds[1][2])
-            if layered is not None:
-                return layered
+    if found:
+        load = _as_sag(outside, found[0][1])
+        if abs(load.c) < _SEEN * load.sigma or found[0][1].rho > _WORSE * best:  # 0 without a free mode
+            found = found[1:]
     one = next((one for much, one in found if one.rho <= much * best), None)
     return None if one is None else _as_sag(outside, one)
-
-
-def _seen(fit: Sag) -> bool:
-    """Whether it sinks beyond doubt."""
-    return abs(fit.c) >= _SEEN * fit.sigma  # 0 without a free mode
-
-
-def _of_layer(
-    outside: _Outside, circles: Sequence[Circle], layer: Layer | None, best: float, sinks: float
-) -> Sag | None:
-    """With the fields of a layer of unknown thickness: the mean of the fits by their likelihood, as if the
-    best one left noise, and of that of a dent that fades. None where a layer leaves more than `best`, or
-    nothing sinks for certain."""
-    radius = math.sqrt(np.mean([size**2 for _, _, size in circles]))
-    ratios = (layer.poisson,) if layer is not None else _POISSON
-    kinds = [
-        partial(_bonded, Layer(youngs_modulus_mpa=1.0, poisson=ratio, thickness_mm=times * radius))
-        for ratio, times in itertools.product(ratios, _THICKNESS)
-    ]
-    few = _thinned(outside)
-    tried = [_fitted(few, of(circles, few.x, few.y), math.inf) for of in kinds]
-    fits = [(of, one) for of, one in zip(kinds, tried, strict=True) if one is not None]
-    if not fits:
-        return None
-    rest = np.array([one.rho for _, one in fits])
-    of = fits[int(rest.argmin())][0]
-    whole = _fitted(outside, of(circles, outside.x, outside.y), math.inf)
-    if whole is None or whole.rho > _WORSE * best or not _seen(found := _as_sag(outside, whole)):
-        return None
-    likely = np.exp(-0.5 * _INDEPENDENT * ((rest / max(rest.min(), 1e-300)) ** 2 - 1))
-    likely /= likely.sum()
-    sags = [_as_sag(few, one) for _, one in fits]
-    sinking, sure = np.array([(one.c, one.sigma) for one in sags]).T
-    middle = float(likely @ sinking)
-    if abs(middle) < _SEEN * math.sqrt(float(likely @ (sure**2 + (sinking - middle) ** 2))):
-        return None
-    fades = _fitted(few, _round(_FADES, circles, few.x, few.y), sinks)
-    if fades is not None:
-        sags.append(_as_sag(few, fades))
-        other = math.exp(-0.5 * _INDEPENDENT * ((fades.rho / max(rest.min(), 1e-300)) ** 2 - 1))
-        likely = np.append(likely, other) / (1 + other)
-    each = np.array([[*one.motion, one.c] for one in sags])
-    mean = likely @ each
-    spread = np.tensordot(likely, [one.root @ one.root.T for one in sags], 1)
-    values, vectors = np.linalg.eigh(spread + (likely * (each - mean).T) @ (each - mean))
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
-    turn = np.linalg.pinv(root, rcond=1e-6) @ found.root
-    c, sigma, noise = float(mean[-1]), float(np.linalg.norm(root[-1])), turn @ found.noise @ turn.T
-    return replace(found, c=c, sigma=sigma, motion=mean[:-1], root=root, noise=noise)
-
-
-def _thinned(outside: _Outside) -> _Outside:
-    """Some of the cells, without the rig's errors."""
-    x, y, root, own, right, errors = (
-        part[::_THINNED]
-        for part in (outside.x, outside.y, outside.root, outside.own, outside.right, outside.errors)
-    )
-    size = float(np.linalg.norm(root))
-    return _Outside(x, y, root / size, outside.noise, own / size, right / size, errors[:, :0], outside.sinks)
-
-
-def _bonded(layer: Layer, circles: Sequence[Circle], x: Floats, y: Floats) -> Floats:
-    """Heights (7 n, ...) of a layer, see `far_field`; by a change of its thickness; of dipoles, as the solver
-    spreads errors of the slopes at the contact's rim."""
-    fields = far_field(layer, circles, x, y)
-    assert layer.thickness_mm is not None
-    thicker = far_field(replace(layer, thickness_mm=_THICKER * layer.thickness_mm), circles, x, y)
-    dipoles = []
-    for cx, cy, radius in circles:
-        square = np.maximum(np.hypot(x - cx, y - cy) / radius, 1.0) ** 2
-        dipoles += [(x - cx) / radius / square, (y - cy) / radius / square]
-    return np.concatenate([fields, thicker[::4] - fields[::4], dipoles])
 
 
 def _round(powers: range, circles: Sequence[Circle], x: Floats, y: Floats) -> Floats:

@@ -39,7 +39,7 @@ def less_sag(height: HeightMap, problem: Problem, state: State, scene: Scene) ->
     """A map less rest without its sag and the rig's motion, or with both in its modes."""
     surface = surface_of(height, _free_mode(problem, state))
     with blas_on_one():
-        found = sag(surface, scene.layer, solid=not scene.open_air)
+        found = sag(surface, scene.layer)
     if found is None:
         return _wider(height)
     motion = float(np.linalg.norm(found.motion)) / np.sqrt(max(found.motion.size, 1))

@@ -134,8 +134,8 @@ def test_motion_comes_off_with_the_sag() -> None:
 
 
 @pytest.mark.parametrize("thickness", [12.0, 30.0])
-def test_a_layer_of_unknown_thickness_is_found_where_the_rig_moved(thickness: float) -> None:
-    """c counted as 0 +- 2.5 noises, as of a dent that fades: heights were 2 sigma off."""
+def test_a_layer_of_unknown_thickness_is_within_sigma_where_the_rig_moved(thickness: float) -> None:
+    """It sinks by more than the noise, which its far field does not show."""
     z = ball(30, 22, 4, 0.06) + base(4, 0.06, thickness, 0.48)(np.hypot(X - 30, Y - 22))
     free = X / 60 + 0.2
     modes = 1e-3 * np.stack([X / 60, (Y - 22) / 22, (X / 30 - 1) ** 2])
