@@ -91,8 +91,14 @@ class GigEHost:
         except BaseException as error:  # a callback of C cannot raise
             self.errors.append(error)
 
+    def stop(self) -> None:
+        """As if it were unplugged."""
+        if self._host:
+            self._objects.g_object_unref.argtypes = [POINTER]
+            self._objects.g_object_unref(self._host)
+            self._host = None
+
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        self._objects.g_object_unref.argtypes = [POINTER]
-        self._objects.g_object_unref(self._host)
+        self.stop()
         if self.errors and error is None:
             raise self.errors[0]

@@ -7,8 +7,6 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from optolever.patterns import Sequence
-from optolever.projector.groups import frame_groups
-from optolever.projector.optics_gl import GLOptics
 from optolever.scene import Camera, PinholeCamera, Scene, Surface, trace
 
 Float = NDArray[np.float64]
@@ -32,17 +30,6 @@ def finer(camera: Camera, times: int) -> Camera:
     corner = camera.origin - 0.5 * (camera.pitch[0] * camera.u_axis + camera.pitch[1] * camera.v_axis)
     origin = corner + 0.5 * (pitch[0] * camera.u_axis + pitch[1] * camera.v_axis)
     return replace(camera, rows=rows, cols=cols, origin=origin, pitch=pitch)
-
-
-def shader_traced(scene: Scene, surface: Surface, sequence: Sequence) -> Float:
-    """What the shader traces of a sequence's places: u, v, and whether they are seen, (H, W, 3)."""
-    rows, cols = scene.camera.rows, scene.camera.cols
-    seen = np.empty((rows, cols, 4), np.float32)
-    optics = GLOptics(scene, frame_groups(sequence, None), rows, surface)
-    optics.trace(0, rows)
-    optics.seen[0].read_into(seen, (0, 0, cols, rows), 4, dtype="f4")
-    optics.release()
-    return seen.astype(np.float64)
 
 
 def light_of_rays(images: Float, u: Float, v: Float, blur: float) -> Float:

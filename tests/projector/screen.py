@@ -11,7 +11,7 @@ from scipy.sparse import csr_array
 from optolever import projector, scene
 from optolever.projector.footprint import _shares
 
-ENTER, ESCAPE = 0xFF0D, 0xFF1B  # X keysyms
+ENTER, ESCAPE, LEFT, RIGHT = 0xFF0D, 0xFF1B, 0xFF51, 0xFF53  # X keysyms
 
 
 def press(display: str, key: int) -> None:

@@ -31,7 +31,7 @@ from optolever.projector import (
 from optolever.projector.cameras import StillCamera
 
 from .conftest import RUN, optolever, x_display
-from .screen import ENTER, ESCAPE, FrameBuffer, press
+from .screen import ENTER, ESCAPE, LEFT, RIGHT, FrameBuffer, press
 
 ROWS, COLS = 200, 320
 
@@ -47,32 +47,46 @@ def x_server(tmp_path_factory: pytest.TempPathFactory, gl_info: ContextInfo) -> 
         yield display, folder
 
 
-def in_window(display: str, *words: object) -> str:
-    """Output of show_in_window.py on a display."""
-    script, environment = Path(__file__).with_name("show_in_window.py"), {**os.environ, "DISPLAY": display}
-    command = [sys.executable, script, *map(str, words)]
-    run = subprocess.run(command, env=environment, capture_output=True, text=True, check=False, timeout=300)
-    assert run.returncode == 0, run.stderr
-    return run.stdout
+def needs_keys() -> None:
+    if find_library("Xtst") is None:
+        pytest.skip("libXtst is absent: nobody presses keys")
 
 
-@pytest.mark.parametrize("mode", ["window", "full-screen"])
-def test_window_shows_the_frames(x_server: tuple[str, Path], tmp_path: Path, mode: str) -> None:
+@pytest.mark.parametrize("monitor", [None, 0], ids=["window", "full-screen"])
+def test_window_shows_the_frames(
+    x_server: tuple[str, Path], monkeypatch: pytest.MonkeyPatch, monitor: int | None
+) -> None:
     """In full screen at the corner and black around, in a window somewhere."""
-    display, folder = x_server
-    in_window(display, folder, tmp_path / "seen.npz", mode)
-    with np.load(tmp_path / "seen.npz") as seen:
-        assert seen["monitors"].tolist() == [[ROWS, COLS]]
-        for screen, image in zip(seen["screens"], seen["expected"], strict=True):
+    monkeypatch.setenv("DISPLAY", x_server[0])
+    shown, buffer = sequence("gray+phase", 48, 80), FrameBuffer(x_server[1], ROWS, COLS)
+    with PatternWindow(shown, monitor=monitor) as window:
+        for index, image in enumerate(shown.render()[:3]):
+            window.show(index)
+            screen = buffer.pixels.copy()
             assert screen.sum(dtype=int) == image.sum(dtype=int)
             top = left = 0
-            if image.any() and mode == "window":
+            if image.any() and monitor is None:
                 top, left = np.argwhere(screen).min(axis=0) - np.argwhere(image).min(axis=0)
             np.testing.assert_array_equal(screen[top : top + 48, left : left + 80], image)
 
 
-def test_keys_step_and_close(x_server: tuple[str, Path]) -> None:
-    assert in_window(x_server[0], "keys") == "3\n"
+def test_keys_step_and_close(x_server: tuple[str, Path], tmp_path: Path) -> None:
+    """Of `show` that nobody hurries: right, right, left, Escape."""
+    needs_keys()
+    display, folder = x_server
+    frames, buffer = sequence("gray+phase", 48, 80).render(), FrameBuffer(folder, 48, 80)
+    words = [*RUN, "show", "--sequence", "gray+phase", "--pixels", "80x48", "--monitor", "0"]
+    env, quiet = {**os.environ, "DISPLAY": display}, subprocess.DEVNULL
+    with subprocess.Popen(words, env=env, cwd=tmp_path, stdout=quiet, stderr=quiet) as process:
+        for key, index in ((None, 0), (RIGHT, 1), (RIGHT, 2), (LEFT, 1)):
+            if key is not None:
+                press(display, key)
+            end = time.monotonic() + 120
+            while not np.array_equal(buffer.pixels, frames[index]):
+                assert time.monotonic() < end, index
+                time.sleep(0.02)
+        press(display, ESCAPE)
+        assert process.wait(120) == 0
 
 
 def test_a_window_that_dies_is_one_line(x_server: tuple[str, Path], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -91,8 +105,7 @@ def test_escape_ends_who_waits_for_images(
     x_server: tuple[str, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As `live --rig` does: it ends in one line."""
-    if find_library("Xtst") is None:
-        pytest.skip("libXtst is absent: nobody presses Escape")
+    needs_keys()
     monkeypatch.setenv("DISPLAY", x_server[0])
     shown = sequence("gray", 48, 80)
     camera = StillCamera(Capture(shown.render(), shown), Identity("still", "still", "", "still"))
@@ -109,8 +122,7 @@ def test_pictures_over_a_frame_and_the_keys_pressed_meanwhile(
     x_server: tuple[str, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Escape no longer closes; a frame shown again leaves no trace of the picture."""
-    if find_library("Xtst") is None:
-        pytest.skip("libXtst is absent: nobody presses keys")
+    needs_keys()
     display, folder = x_server
     monkeypatch.setenv("DISPLAY", display)
     shown, colour = sequence("gray", 48, 80), np.array([200, 40, 90], np.uint8)  # blue, green, red
