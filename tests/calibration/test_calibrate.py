@@ -212,12 +212,6 @@ def test_what_cannot_be_observed_is_warned_of() -> None:
     assert "the reference's flatness" in good
 
 
-def test_a_calibration_prints_its_numbers(ball_rig: Calibration) -> None:
-    lines = repr(ball_rig).splitlines()
-    assert len(lines) == 3
-    assert f"{len(ball_rig.parameters)} parameters, 2 captures" in lines[0]
-
-
 def bad(name: str) -> object:
     """A calibration of three flats, one thing of which is wrong."""
     rig = air(6, 3)

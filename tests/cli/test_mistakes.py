@@ -26,9 +26,6 @@ decode {capture}/frames --out {out}.npz | no capture.toml | --sequence | --pixel
 decode {capture}/frames --sequence gray+phase --out {out}.npz | --pixels is missing
 decode {capture}/frames --sequence gray+phase --pixels 1920x1080 --out {out}.npz | 1920x1080 has 28 frames
 simulate --scene prism48 --sequence phase:periods=16,8 --out {out} | '8' | name=value | 16/8
-simulate --scene prism48 --sequence phase:steps=2 --out {out} | steps is 2 | at least 3
-simulate --scene prism48 --dent gaussian:depth=1 --out {out} | 'depth' | must be one of peak
-simulate --scene prism --out {out} | 'prism' | prism48
 simulate --scene prism48 --pixels 800*600 --out {out} | '800*600' | 640x480
 simulate --out {out} | --scene
 calibrate {scene} flat --out {out}.toml | capture 'flat' | flat=pose.npz
@@ -40,11 +37,14 @@ rig new --kind prism --display-distance 3 --out {out}.toml | --display-distance 
 patterns export {out} --pixels 0x5 | '0x5' | WIDTHxHEIGHT
 reconstruct {h} {scene} --out {out}.npz | field 'u' is missing | it is a height map
 form {c} | field 'x' is missing | it is a correspondence | decode
-decode {c} --out {out}.npz | is no folder of frames | --sequence
 form {h} --profile 900,0,900,9 | meets no height | must lie in x
 report {h} --rest {c} --out {out} | needs --correspondence and --scene
 rest {c} --scene prism48 | prism48: no such file | rig new
 camera measure --rig prism48 --out {out} | prism48: no such file | rig new
+camera expose --rig prism48 | prism48: no such file | rig new
+report {h} --capture {out}/none --out {out} | none | no such folder
+decode {capture} --mask {out}.png --out {out}.npz | out.png | no such file
+decode {c} --out {out}.npz | is no folder of frames | --sequence
 live --pixels 8x8 --headless | 8 x 8 pixels | at least 66 x 66
 calibrate {scene} --out {out}.toml | TARGET=CAPTURE | --weight NEWTON=H.npz
 calibrate {scene} --weight 1={h} --out {out}.toml | has no [layer]
@@ -67,7 +67,6 @@ calibrate {scene} flat={c} --without a --out {out}.toml | no such capture
 calibrate {scene} flat={c} flat={c} --out {out}.toml | taken twice
 calibrate --rig {rig} | targets of a prism are missing
 calibrate rest=r.npz | Missing option '--scene'
-capture --rig {rig} --set camera=0 --out {out} | must be serial:
 capture --rig {rig} --set camera= --out {out} | camera is missing; give --set camera=
 capture --rig {rig} --set speed=3 --out {out} | unknown field 'speed'
 capture --rig {rig} --set trigger=soon --out {out} | trigger is 'soon'
@@ -75,15 +74,10 @@ reconstruct {c} --scene {comma} --out {out}.npz | comma.toml | index = 1,41 | wi
 reconstruct {c} --scene {empty} --out {out}.npz | empty.toml | mirror is missing | rig new
 reconstruct {c} --scene {twice} --out {out}.npz | twice.toml | Cannot declare
 reconstruct {black} {scene} --out {out}.npz | black.png | not a readable .npz | a file that optolever wrote
-{solve} --anchor corner --out {out}.npz | 'corner' | edge | X,Y,Z
-reconstruct {c} --scene prism84 --out {out}.npz | 'prism84' | prism48
-simulate --scene prism48 --dent gauss --out {out} | 'gauss' | gaussian
 simulate --scene prism48 --noise -1 --out {out} | --noise | -1 | x>=0
 rig new --kind prizm --out {out}.toml | 'prizm' | 'prism'
-calibrate {scene} bal:30,0.003={c} --out {out}.toml | 'bal' | flat, rest, ball, plate
 decode {capture} --lens 9 --out {out}.npz | lens_px is 9 | 0 to 4
 decode {capture} --roi 0,0,999,999 --out {out}.npz | --roi 0,0,999,999 | beyond the frames
-decode {capture} --mask {out}.png --out {out}.npz | out.png | no such file
 decode {capture} --profile {rig} --out {out}.npz | [profile] | --save-profile
 decode {capture} --response {rig} --out {out}.npz | [response] | optolever response
 form {h} --remove parabola | 'parabola' | paraboloid
@@ -94,12 +88,10 @@ form {h} --rotations 0,90 | --rotations 0,90 | several maps
 export {h} {out}.obj | .obj | .stl
 export {h} {out}.csv --pitch 0 | --pitch | x>0
 report {c} --out {out} | field 'x' is missing | it is a correspondence
-report {h} --capture {out}/none --out {out} | none | no such folder
 live --set camera=virtual | --set | --rig
 live {capture} | unexpected extra argument
 response {capture} --scene {rig} | shows 2 levels | must show 3 or more
 response {capture} --scene prism48 | prism48: no such file | rig new
-camera expose --rig prism48 | prism48: no such file | rig new
 sample prism | 'prism' | 'sensor'
 design --scene prism48 --chart {out}.png | --code: missing
 reconstruct {capture} {scene} --out {out}.npz | is a folder | optolever decode makes an .npz of it
@@ -115,10 +107,7 @@ form {h} --aperture circle:r=3 | 'r=3' | NUMBER=VALUE of radius
 form {h} --aperture ellipse:a=3 | b must be given
 form {h} --aperture circle:radius=3,x=999 | contains no good pixel
 form {h} --remove sphere:r=3 | 'r=3' | NUMBER=VALUE of vertex_x
-form {h} --remove sphere:radius | 'radius' | NUMBER=VALUE
-form {h} --remove sphere:radius=x | radius is 'x' | must be a number
 form {h} --remove sphere:radius=0 | radius is 0 mm | must not be 0
-form {h} --remove paraboloid:focal=0 | focal is 0 mm | must not be 0
 form {h} --remove piston:piston=0 | every number is given
 form {h} --remove power --nominal {h} | leave one out
 form {h} --index fringe | add --zernike
@@ -131,41 +120,45 @@ design --scene prism48 --pixels 32x24 --code {folder} | holds neither | coordina
 design --scene prism48 --pixels 96x72 --frames 3 | no candidate fits
 design --scene prism48 --pixels 96x72 --out {out}.json | suffix '.json', must be .toml
 design --scene prism48 --pixels 96x72 --add nowhere:nothing | cannot be imported
-sensor --scene prism48 --pixels 96x72 --sequence grey | name is 'grey'
 """
 
 
-@pytest.mark.parametrize("row", LINES.strip().splitlines())
-def test_a_line_that_is_not_meant_so(row: str, refused: Refused, chain: Chain, tmp_path: Path) -> None:
-    """An older result is kept."""
-    line, *words = row.split(" | ")
-    solve = f"reconstruct {chain.correspondence} --scene {chain.capture / 'scene.toml'}"
-    (tmp_path / "out.npz").write_bytes(b"an older result")
-    resize(load("prism48"), 48, 64).save(tmp_path / "rig.toml")
-    with (tmp_path / "rig.toml").open("a") as file:
+@pytest.fixture(scope="module")
+def known(chain: Chain, tmp_path_factory: pytest.TempPathFactory) -> dict[str, object]:
+    """Names of a line, most of them of files."""
+    folder = tmp_path_factory.mktemp("mistakes")
+    resize(load("prism48"), 48, 64).save(folder / "rig.toml")
+    with (folder / "rig.toml").open("a") as file:
         file.write('\n[devices]\ncamera = "virtual"\n')
-    cv2.imwrite(str(tmp_path / "small.png"), np.full((8, 8), 255, np.uint8))
-    cv2.imwrite(str(tmp_path / "black.png"), np.zeros((96, 96), np.uint8))
+    cv2.imwrite(str(folder / "small.png"), np.full((8, 8), 255, np.uint8))
+    cv2.imwrite(str(folder / "black.png"), np.zeros((96, 96), np.uint8))
     for name, text in (("comma", "[medium]\nindex = 1,41\n"), ("empty", ""), ("twice", "[mirror]\n" * 2)):
-        (tmp_path / f"{name}.toml").write_text(text)
-    (tmp_path / "minus.toml").write_text("rows = -188\ncols = 187\n[[frames]]\nkind = 'white'\n")
+        (folder / f"{name}.toml").write_text(text)
+    (folder / "minus.toml").write_text("rows = -188\ncols = 187\n[[frames]]\nkind = 'white'\n")
     height = HeightMap.load(chain.height)
     rested = replace(height, references=("rest 1",), shared=np.zeros((1, *height.z.shape)))
-    rested.save(tmp_path / "rested.npz")
-    (tmp_path / "cut.tif").write_bytes(b"II*\0\xff\0\0\0")
-    known = {
-        **{path.stem: path for path in tmp_path.iterdir()},
-        "out": tmp_path / "out",
-        "folder": tmp_path,
+    rested.save(folder / "rested.npz")
+    (folder / "cut.tif").write_bytes(b"II*\0\xff\0\0\0")
+    return {
+        **{path.stem: path for path in folder.iterdir()},
         "frames": chain.capture / "frames",
         "many": "--sequence phase:steps=64,periods=9/10/11",
         "capture": chain.capture,
         "c": chain.correspondence,
         "h": chain.height,
-        "solve": solve,
+        "solve": f"reconstruct {chain.correspondence} --scene {chain.capture / 'scene.toml'}",
         "scene": f"--scene {chain.capture / 'scene.toml'}",
     }
-    refused(line.format(**known).split(), *words)
+
+
+@pytest.mark.parametrize("row", LINES.strip().splitlines())
+def test_a_line_that_is_not_meant_so(
+    row: str, refused: Refused, known: dict[str, object], tmp_path: Path
+) -> None:
+    """An older result is kept."""
+    line, *words = row.split(" | ")
+    (tmp_path / "out.npz").write_bytes(b"an older result")
+    refused(line.format(**known, out=tmp_path / "out", folder=tmp_path).split(), *words)
 
 
 def test_no_good_pixel_and_no_command(optolever: Program, chain: Chain, tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Inputs as they come: byte order marks, masks, NaN, light that is too weak."""
+"""Inputs as they come: byte order marks, masks, light that is too weak."""
 
 import shutil
 from pathlib import Path
@@ -9,9 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from optolever import InputError
-from optolever.decode import Correspondence, Flag, decode
-from optolever.projector import Capture
+from optolever.decode import Correspondence, Flag
 
 from .conftest import Chain, Program, Refused
 
@@ -56,19 +54,6 @@ def test_two_values_are_a_mask(kind: str, chain: Chain, tmp_path: Path, optoleve
     found, unmasked = Correspondence.load(out), Correspondence.load(chain.correspondence)
     np.testing.assert_array_equal(found.flags & Flag.INVALID == 0, HALF)
     assert found.good[HALF].mean() > 0.9 * unmasked.good[HALF].mean()
-
-
-def test_pixels_that_are_not_finite_are_invalid(chain: Chain) -> None:
-    taken = Capture.load(chain.capture)
-    frames, shown = taken.frames, taken.sequence
-    broken = frames.astype(np.float64)
-    broken[3, 10:20, 10:20] = np.nan
-    broken[5, 30, 30] = np.inf
-    lost, found = ~np.isfinite(broken).all(axis=0), decode(broken, shown)
-    np.testing.assert_array_equal(found.flags & Flag.INVALID != 0, lost)
-    np.testing.assert_array_equal(found.good[~lost], Correspondence.load(chain.correspondence).good[~lost])
-    with pytest.raises(InputError, match="no pixel is finite"):
-        decode(np.full(frames.shape, np.nan), shown)
 
 
 def test_light_that_is_too_weak_is_named(copy: Path, chain: Chain, optolever: Program) -> None:

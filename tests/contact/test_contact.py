@@ -28,19 +28,6 @@ def surface(z: np.ndarray, noise: float = 5e-5, **more: object) -> Surface:
     return Surface(X, Y, seen, np.full(z.shape, noise), np.ones(z.shape, bool), draws=draws, **more)  # type: ignore[arg-type]
 
 
-def test_a_ball_has_its_figures() -> None:
-    made = surface(ball(30, 22, 5, 0.1))
-    (found,) = contacts(made, regions(made), None)
-    assert found.depth == pytest.approx(0.1, abs=4 * found.depth_sigma)
-    assert found.area == pytest.approx(np.pi * 25, abs=4 * found.area_sigma)
-    assert found.area_sigma < 0.02 * found.area
-    assert np.hypot(found.x - 30, found.y - 22) < 4 * found.position_sigma < 0.1
-    assert found.indenter_radius == pytest.approx(250, rel=0.02)
-    assert not found.cut
-    assert not found.hole
-    assert found.force is None
-
-
 def test_the_force_is_hertz_force() -> None:
     made = surface(ball(30, 22, 5, 0.1))
     layer = Layer(youngs_modulus_mpa=0.5, youngs_modulus_sigma_mpa=0.0)
@@ -177,23 +164,6 @@ def test_one_object_is_one_contact_and_two_are_two() -> None:
     punch = surface(0.05 * 2 / np.pi * np.arcsin(1 / q), noise=5e-4)
     assert len(regions(punch)) == 1
     assert len(regions(surface(ball(20, 22, 4, 0.1) + ball(36, 22, 3, 0.03)))) == 2
-
-
-def test_a_hole_at_the_tip_makes_the_depth_a_lower_bound() -> None:
-    made = surface(ball(30, 22, 4, 0.1))
-    good = np.hypot(X - 30, Y - 22) > 1.5
-    holed = Surface(X, Y, np.where(good, made.z, np.nan), made.sigma, good)
-    (found,) = contacts(holed, regions(holed), None)
-    assert found.hole
-    assert 0.08 < found.depth < 0.1
-    assert abs(found.depth - 0.1) < 2 * found.depth_sigma
-
-
-def test_a_dent_that_the_picture_ends_is_cut() -> None:
-    made = surface(ball(0, 22, 4, 0.1))
-    (found,) = contacts(made, regions(made), None)
-    assert found.cut
-    assert abs(found.area - 16 * np.pi) < 2 * found.area_sigma
 
 
 @pytest.mark.parametrize("end", [24, 26, 28, 30])

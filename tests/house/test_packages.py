@@ -116,6 +116,8 @@ names = [name for name in dir(optolever) if name not in optolever.__all__]
 for part in map(optolever.__getattr__, names):
     assert Path(part.__file__).is_relative_to(sys.argv[1])
 assert "paper-simulation" in optolever.scene.preset_names()
+assert not hasattr(optolever, "nothing")
+assert "matplotlib" not in sys.modules
 assert cache_folder(Path(optolever.decode.__file__).parent) is None
 good = abs(surface_from_array(np.ones((4, 4)), 0.0, 0.0, 1.0).height(1.5, 1.5) - 1.0) < 1e-12
 print("works", good)

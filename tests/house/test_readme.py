@@ -37,13 +37,6 @@ def test_the_readme_is_short_and_begins_with_two_commands(root: Path) -> None:
     assert len((root / "README.md").read_text().splitlines()) <= 150
 
 
-def test_figures_of_accuracy_say_what_they_hold_for(root: Path) -> None:
-    text = (root / "README.md").read_text()
-    section = text.partition("## How accurate\n")[2].partition("\n## ")[0]
-    assert "*Simulated, geometry known*" in section
-    assert len(re.findall(r"^\| `optolever demo.*`", section, re.MULTILINE)) == 3
-
-
 def test_make_targets_exist(root: Path) -> None:
     targets = set(TARGET.findall((root / "Makefile").read_text()))
     lines = [line for page in pages(root) for line in command_lines(page)]

@@ -1,8 +1,6 @@
-"""Records as Python objects: a few lines, a plot, equality; parts at the package's name; log and progress."""
+"""Records as Python objects: a few lines, a plot, equality; log and progress."""
 
 import logging
-import subprocess
-import sys
 import zipfile
 from dataclasses import replace
 from pathlib import Path
@@ -123,21 +121,6 @@ def test_records_are_drawn(chain: Chain, derived: tuple[Grid, SlopeMap]) -> None
         assert all(ax.images and ax.get_title() for ax in axes)
     assert chain[0].plot().get_xlabel() == "x [mm]"
     pyplot.close("all")
-
-
-def test_one_import_is_enough() -> None:
-    """And imports nothing heavy by itself."""
-    code = (
-        "import sys, optolever; "
-        "heavy = {'numpy', 'scipy', 'cv2', 'numba', 'matplotlib'} & set(sys.modules); "
-        "assert not heavy, heavy; "
-        "assert {'decode', 'scene'} <= set(dir(optolever)); "
-        "assert callable(optolever.decode.decode) and callable(optolever.scene.load); "
-        "assert 'matplotlib' not in sys.modules; "
-        "assert not hasattr(optolever, 'nothing')"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
 
 
 def test_long_calls_tell_how_far_they_are(chain: Chain, caplog: pytest.LogCaptureFixture) -> None:

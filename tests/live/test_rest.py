@@ -11,7 +11,7 @@ import pytest
 from lab.live.world import BALL, GAUSS, expose
 from optolever.live import Live, Prepared, Reading
 
-from .conftest import LAYER, NOISE, Rest, Shot
+from .conftest import NOISE, Rest, Shot
 
 MOVED, ROLLED = "The picture has moved as a whole", "The camera has rolled"
 PRESSES = {
@@ -60,18 +60,6 @@ def test_a_dent_as_wide_as_the_mirror_is_one_contact(prepared: Prepared, shot: S
     """Its flank ends at the edge, unlike any load's: cells that do not fit weigh less."""
     (touch,) = Live(prepared).update(shot(((GAUSS, 33.9, 27.4, 8.8, 0.346),))).touches
     assert abs(touch.depth - 0.346) < 3 * touch.depth_sigma < 0.15 * 0.346
-
-
-@pytest.mark.parametrize("radius", [3.0, 4.0, 5.0])
-def test_depth_and_force_of_a_ball_on_a_half_space(rest: Rest, prepared: Prepared, radius: float) -> None:
-    """The edge sinks by 2 to 4 um with it."""
-    depth = 0.004 * radius**2
-    reading, _ = _read(rest, prepared, ((BALL, 30.0, 22.0, radius, depth),))
-    (touch,), (force,) = reading.touches, reading.forces
-    assert abs(touch.depth - depth) < 3 * touch.depth_sigma < 0.15 * depth
-    assert touch.depth == pytest.approx(depth, rel=0.03)  # the window spans twice what it does at 480 x 640
-    newton = 4 / 3 * LAYER.plane_modulus * radius * depth
-    assert abs(force.newton - newton) < 3 * force.sigma < 0.15 * newton
 
 
 @pytest.mark.parametrize("sunk", [0.0005, -0.002, 0.005])

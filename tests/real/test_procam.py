@@ -1,13 +1,12 @@
 """procam_capture_0: a Gray-coded projector on a flat chessboard.
 
 The board is a plane, so on its white squares the map from camera to projector is a homography, up to the
-distortion of both lenses, for which a cubic polynomial stands. Rounding alone costs sqrt(2/12) = 0.408 px.
+distortion of both lenses: a cubic polynomial stands for both. Rounding alone costs sqrt(2/12) = 0.408 px.
 """
 
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -38,18 +37,6 @@ def misfit_cubic(row: Floats, col: Floats, place: Floats) -> Floats:
     return np.hypot(*(place - basis @ np.linalg.lstsq(basis, place, rcond=None)[0]).T)
 
 
-def misfit_homography(row: Floats, col: Floats, place: Floats) -> Floats:
-    """Distance (n,) in projector pixels of places (n, 2) from the best homography."""
-    matrix, _ = cv2.findHomography(np.stack([col, row], axis=1), place)
-    mapped = np.stack([col, row, np.ones_like(col)], axis=1) @ matrix.T
-    return np.hypot(*(place - mapped[:, :2] / mapped[:, 2:]).T)
-
-
-def test_black_squares_are_the_share_that_the_readme_tells(light: Floats, sheet: Mask) -> None:
-    """So the outline taken here is the one meant there."""
-    assert (light[sheet] <= LIT).mean() == pytest.approx(0.38, abs=0.02)
-
-
 def test_white_squares_fit_a_plane(decoded: dict[str, NDArray[np.generic]], light: Floats) -> None:
     use = (light > WHITE) & (decoded["flags"] == 0)
     assert use.sum() > 0.95 * (light > WHITE).sum()
@@ -57,7 +44,6 @@ def test_white_squares_fit_a_plane(decoded: dict[str, NDArray[np.generic]], ligh
     place = np.stack([decoded["u"][use], decoded["v"][use]], axis=1).astype(np.float64)
     cubic = misfit_cubic(row, col, place)
     assert np.sqrt(np.mean(cubic**2)) <= 0.42
-    assert np.sqrt(np.mean(misfit_homography(row, col, place) ** 2)) <= 0.5
 
 
 @pytest.mark.parametrize("inverses", [True, False])

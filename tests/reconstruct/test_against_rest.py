@@ -6,28 +6,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lab.live.world import BALL, world_of
+from lab.live.world import BALL
 from optolever import InputError
 from optolever.decode import Correspondence, Flag
 from optolever.reconstruct import contacts, reconstruct
 from optolever.scene import Scene, load, resize, trace
 from optolever.scene import dent_from_text as dent
 
+from .conftest import correspondence_of, pressed_half_space
+
 SCENE = resize(load("prism48", exact=True), 60, 80)
 
 
-def _seen(scene: Scene, depth: float, seed: int, x: float = 30.0) -> Correspondence:
-    """Of an exact half-space pressed by a ball; depth 0: at rest."""
-    dents = ((BALL, x, 22.0, 4.0, depth),) if depth else ()
-    u, v, *_ = replace(world_of(scene), fading=False).truth(dents)
-    rng, sigma, level = np.random.default_rng(seed), np.full(u.shape, 0.01), np.full(u.shape, 100.0)
-    off = (u < 0) | (u > scene.pattern.cols - 1) | (v < 0) | (v > scene.pattern.rows - 1)
-    u, v = (part + 0.01 * rng.standard_normal(u.shape) for part in (u, v))
-    return Correspondence(u, v, sigma, sigma.copy(), off.astype(np.uint16), level, level.copy())
+def _seen(depth: float, seed: int, x: float = 30.0) -> Correspondence:
+    """Under a ball; depth 0: at rest."""
+    return pressed_half_space(SCENE, ((BALL, x, 22.0, 4.0, depth),) if depth else (), 0.01, seed)[0]
 
 
 def test_press_and_rest_exchanged_and_pixels_that_rest_lacks() -> None:
-    press, rest = _seen(SCENE, 0.05, 1), _seen(SCENE, 0.0, 2)
+    press, rest = _seen(0.05, 1), _seen(0.0, 2)
     flags = rest.flags.copy()
     flags[:, :3] |= np.uint16(Flag.DARK)
     right = reconstruct(press, SCENE, rest=rest)
@@ -35,7 +32,7 @@ def test_press_and_rest_exchanged_and_pixels_that_rest_lacks() -> None:
     turned = reconstruct(rest, SCENE, rest=press)
     (said,) = [str(each) for each in turned.notices if "exchanged" in str(each)]
     assert "reconstruct --rest" in said
-    touched = reconstruct(press, SCENE, rest=_seen(SCENE, 0.03, 2, x=42.0))
+    touched = reconstruct(press, SCENE, rest=_seen(0.03, 2, x=42.0))
     (said,) = [str(each) for each in touched.notices if "shows a contact" in str(each)]
     assert "take everything off the mirror" in said
     lacking = reconstruct(press, SCENE, rest=replace(rest, flags=flags))
@@ -44,7 +41,7 @@ def test_press_and_rest_exchanged_and_pixels_that_rest_lacks() -> None:
 
 
 def test_an_anchor_that_cannot_be_used_names_the_nearest_that_can() -> None:
-    press = _seen(SCENE, 0.05, 1)
+    press = _seen(0.05, 1)
     inside = np.zeros(press.u.shape, np.bool_)
     inside[10:30, 10:30] = True
     with pytest.raises(InputError, match="the nearest is at ") as refused:
@@ -81,10 +78,7 @@ def test_a_camera_that_drifts_beyond_its_prior_hides_no_contact(hours: int, tmp_
         return load(path)
 
     def seen(scene: Scene, name: str, seed: int) -> Correspondence:
-        at, rng = trace(scene, dent(name, scene)), np.random.default_rng(seed)
-        u, v = (part + 0.02 * rng.standard_normal(part.shape) for part in (at.u, at.v))
-        sigma, level = np.full(u.shape, 0.02), np.full(u.shape, 100.0)
-        return Correspondence(u, v, sigma, sigma.copy(), (~at.visible).astype(np.uint16), level, level.copy())
+        return correspondence_of(trace(scene, dent(name, scene)), 0.02, 0.02, seed)
 
     press = seen(rig(hours), "gaussian:peak=0.02,sigma=10,x=70,y=50", hours)
     (found,) = contacts(reconstruct(press, rig(0), rest=seen(rig(0), "flat", 99)))

@@ -1,13 +1,13 @@
 """Differences of two maps of one rest capture and one anchor: their errors count once."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from optolever.decode import Correspondence
-from optolever.reconstruct import HeightMap, exact_correspondence, reconstruct
+from optolever.reconstruct import HeightMap, reconstruct
 from optolever.scene import Surface, dent, load, resize, trace
+
+from .conftest import correspondence_of
 
 SCENE = resize(load("prism48", exact=True), 48, 64)
 NOISE = 0.02
@@ -15,9 +15,7 @@ DRAWS = 60
 
 
 def captured(surface: Surface, sigma: float, rng: np.random.Generator) -> Correspondence:
-    seen = exact_correspondence(trace(SCENE, surface), sigma)
-    u, v = (part + sigma * rng.standard_normal(part.shape) for part in (seen.u, seen.v))
-    return replace(seen, u=u, v=v)
+    return correspondence_of(trace(SCENE, surface), sigma, sigma, rng)
 
 
 def spread(differences: list[HeightMap]) -> float:

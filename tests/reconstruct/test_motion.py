@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from optolever.decode import Correspondence
-from optolever.reconstruct import HeightMap, contacts, exact_correspondence, reconstruct
+from optolever.reconstruct import HeightMap, contacts, reconstruct
 from optolever.scene import (
     PinholeCamera,
     Scene,
@@ -20,6 +20,8 @@ from optolever.scene import (
     resize,
     trace,
 )
+
+from .conftest import correspondence_of
 
 NOISE = 0.015
 ARCSECONDS = np.radians(5 / 3600)
@@ -52,12 +54,7 @@ def moved(scene: Scene, rng: np.random.Generator, scale: float = 1.0, image: flo
 
 
 def capture(scene: Scene, surface: Surface, rng: np.random.Generator, noise: float = NOISE) -> Correspondence:
-    seen = exact_correspondence(trace(scene, surface), noise)
-    return replace(
-        seen,
-        u=seen.u + noise * rng.standard_normal(seen.u.shape),
-        v=seen.v + noise * rng.standard_normal(seen.u.shape),
-    )
+    return correspondence_of(trace(scene, surface), noise, noise, rng)
 
 
 def solved(

@@ -31,6 +31,8 @@ from optolever.scene import (
     typed_sigmas,
 )
 
+from .conftest import correspondence_of
+
 NOISE = 0.01  # px
 SIZE = 90, 120
 PRISM = resize(load("prism48"), *SIZE)
@@ -47,10 +49,7 @@ def captured(
     length = scene.mirror.length
     depth = {"peak": length / 300, "sigma": length / 12} if name == "gaussian" else {}
     truth = trace(scene, dent(name, scene, **depth))
-    rng = np.random.default_rng(seed)
-    u, v = (at + noise * rng.standard_normal(at.shape) for at in (truth.u, truth.v))
-    sigma = np.full(u.shape, NOISE)
-    return truth, Correspondence(u, v, sigma, sigma.copy(), np.where(truth.visible, 0, 1).astype(np.uint16))
+    return truth, correspondence_of(truth, NOISE, noise, seed)
 
 
 def off(scene: Scene, name: str, times: float) -> Scene:

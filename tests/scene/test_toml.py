@@ -67,13 +67,8 @@ def read(tmp_path):
 def test_the_smallest_scene_is_small_and_works(read):
     assert len(MINIMAL.splitlines()) <= 12
     scene = read(MINIMAL)
-    assert (scene.name, scene.medium, scene.display, scene.sensor, scene.dent) == (
-        "s",
-        None,
-        None,
-        None,
-        None,
-    )
+    assert scene.name == "s"
+    assert scene.medium is scene.display is scene.sensor is scene.dent is None
     assert scene.pattern.blur_px == 0
     assert trace(scene, dent("flat", scene)).visible.mean() > 0.95
 
@@ -204,6 +199,9 @@ MINIMAL | [camera] -> [camera]\nkind = 3 | camera.kind = 3: must be a text
 MINIMAL | [camera] -> [camera]\nfocal_px = 3 | camera.focal_px: is of kind = 'pinhole'
 MINIMAL | [camera] -> camera = 3\n[x] | x is unknown, must be one of name
 MINIMAL | -> [medium] | medium.index is missing
+MINIMAL | -> [medium]\nindex = 0 | medium.index = 0: must be greater than 0
+MINIMAL | -> [display]\nblack = 1 | display.black = 1: must be less than 1
+MINIMAL | -> [sensor]\nshutter_s = 1 | sensor.shutter_s = 1: must be at most frame_s
 MINIMAL | -> [sensor]\nbits = 7 | sensor.bits = 7: must be 8 to 16
 MINIMAL | -> [sensor]\niso = 100 | sensor.iso is unknown, must be one of bits, noise
 MINIMAL | [mirror] -> dent = 'hole'\n[mirror] | dent 'hole': unknown, must be one of flat

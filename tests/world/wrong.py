@@ -1,12 +1,10 @@
-"""Wrong captures of drawn rigs, and windows of right ones: `python -m tests.world.wrong WHAT`.
+"""Wrong captures of drawn rigs, and windows of right ones.
 
 frames: every frame black, white, twice, missing, and a picture too many; descriptions: cells, phases, axes,
 offsets; windows: random parts of right captures in ../shared, which must get no verdict.
 """
 
-import argparse
 import re
-import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -151,63 +149,3 @@ def _bit(frame: Frame, **change: Any) -> Frame:
 
 def _shifted(frame: Frame, turn: float) -> Frame:
     return replace(frame, shift=(frame.shift or 0.0) + 2 * np.pi * turn) if frame.kind == "phase" else frame
-
-
-def _descriptions(rigs: list[int]) -> None:
-    for rig in rigs:
-        shot = shoot(draw_rig(rig), "gray+phase", World())
-        for name, numbers, told in descriptions(shot.sequence):
-            found = outcome(name, shot, shot.frames, told)
-            right = found.names(*numbers) if numbers else found.verdict
-            bad = found.good * found.wrong
-            told_of = f"{'named' if right else '-'} {list(found.told)}"
-            print(
-                f"rig {rig} {name:18s} good and wrong {bad:.3f}, good {found.good:.3f} {told_of}", flush=True
-            )
-
-
-def _windows(count: int) -> None:
-    """Of every capture that no test of `../shared/cases` calls wrong."""
-    rng = np.random.default_rng(81)
-    for folder in sorted((*SHARED.glob("real/refused/*"), *(SHARED / "cases" / one for one in RIGHT))):
-        shot = Capture.load(folder)
-        found = [right_window(shot, rng) for _ in range(count)]
-        verdicts = [text for one in found for text in one.told if _judges(text)]
-        name, words = f"{folder.parent.name}/{folder.name}", list(dict.fromkeys(verdicts))[:3]
-        print(f"{name}: {len(verdicts)} of {count} {words}", flush=True)
-
-
-def _frames(rigs: int, every: int, codes: list[str]) -> None:
-    for code in codes:
-        found = [one for rig in range(rigs) for one in frame_faults(rig, code, every=every)]
-        for k, one in found:
-            if not named(k, one):
-                print(f"  {one.name}: good {one.good:.3f}, wrong {one.wrong:.3f} {list(one.told)}")
-        for fault in FAULTS:
-            some = [(named(k, one), silent(one)) for k, one in found if f": {fault} " in one.name]
-            right, unsaid = np.mean(some, axis=0)
-            print(
-                f"{code} {fault}: {len(some)}, named or harmless {right:.3f}, silent {unsaid:.3f}", flush=True
-            )
-
-
-def main() -> None:
-    """Print the tables."""
-    given = argparse.ArgumentParser("python -m tests.world.wrong", description=__doc__)
-    given.add_argument("what", choices=("frames", "descriptions", "windows"))
-    given.add_argument("--rigs", type=int, default=4)
-    given.add_argument("--every", type=int, default=1, help="of the frames")
-    given.add_argument("--count", type=int, default=100, help="windows of a capture")
-    given.add_argument("--code", nargs="*", default=list(CODES))
-    asked = given.parse_args()
-    warnings.simplefilter("ignore")
-    if asked.what == "frames":
-        _frames(asked.rigs, asked.every, asked.code)
-    elif asked.what == "windows":
-        _windows(asked.count)
-    else:
-        _descriptions(list(range(asked.rigs)))
-
-
-if __name__ == "__main__":
-    main()
