@@ -11,7 +11,7 @@ import pytest
 from lab.live.world import BALL, GAUSS, expose
 from optolever.live import Live, Prepared, Reading
 
-from .conftest import NOISE, Rest, Shot
+from .conftest import LAYER, NOISE, Rest, Shot
 
 MOVED, ROLLED = "The picture has moved as a whole", "The camera has rolled"
 PRESSES = {
@@ -60,6 +60,17 @@ def test_a_dent_as_wide_as_the_mirror_is_one_contact(prepared: Prepared, shot: S
     """Its flank ends at the edge, unlike any load's: cells that do not fit weigh less."""
     (touch,) = Live(prepared).update(shot(((GAUSS, 33.9, 27.4, 8.8, 0.346),))).touches
     assert abs(touch.depth - 0.346) < 3 * touch.depth_sigma < 0.15 * 0.346
+
+
+def test_depth_and_force_of_a_small_ball_on_a_half_space(rest: Rest, prepared: Prepared) -> None:
+    """The edge sinks by 2 um with it."""
+    radius, depth = 3.0, 0.036
+    reading, _ = _read(rest, prepared, ((BALL, 30.0, 22.0, radius, depth),))
+    (touch,), (force,) = reading.touches, reading.forces
+    assert abs(touch.depth - depth) < 3 * touch.depth_sigma < 0.15 * depth
+    assert touch.depth == pytest.approx(depth, rel=0.03)  # the window spans twice what it does at 480 x 640
+    newton = 4 / 3 * LAYER.plane_modulus * radius * depth
+    assert abs(force.newton - newton) < 3 * force.sigma < 0.15 * newton
 
 
 @pytest.mark.parametrize("sunk", [0.0005, -0.002, 0.005])
