@@ -26,37 +26,21 @@ def test_table_in_any_order_with_a_dead_end() -> None:
     assert response.shown_of(2.0 - 0.88) == pytest.approx(-0.88 * 200 / 228)
 
 
-def test_measured_from_a_ramp(shoot: Shoot, smooth: Map) -> None:
-    """Under uneven light, gamma 2.2: decoding with the measured response is as good as with the true one."""
-    light = np.linspace(60, 120, 140)[None, :] * np.ones((120, 1))
-    ramp, shown = sequence("ramp", 150, 170, count=52), sequence("gray+phase", 150, 170)
-    camera = {"gamma": 2.2, "noise": 1.0, "amplitude": light, "offset": light + 4}
-    measured = Response.from_ramp(shoot(ramp, *smooth, **camera), ramp)
-    relative = (measured.seen - measured.seen[0]) / (measured.seen[-1] - measured.seen[0])
-    np.testing.assert_allclose(relative, (measured.shown / 255) ** 2.2, atol=0.02)
-    frames = shoot(shown, *smooth, **camera)
-    errors = []
-    for response in (None, measured):
-        found = decode(frames, shown, response=response, on_cells=False)
-        errors.append(float(np.std((found.u - smooth[0])[found.good])))
-    assert errors[1] < 0.05
-    assert errors[1] <= errors[0]
-
-
 @pytest.mark.daily(1)
 @pytest.mark.parametrize(("name", "params"), [("stripe", {"step": 8}), ("micro-phase", {})])
 def test_grey_values_and_sweeps_are_inverted_too(
     shoot: Shoot, smooth: Map, name: str, params: dict[str, float]
 ) -> None:
-    """Gamma 2.2: flagged or in sigma as it is, decoded within a smaller one once the response is given."""
+    """Gamma 2.2, no blur: flagged or in sigma as it is, decoded within a smaller one by the response."""
     shown = sequence(name, 150, 170, **params)
     frames = shoot(shown, *smooth, gamma=2.2, noise=0.5, offset=127.5, amplitude=120)
-    bent, straight = (decode(frames, shown, response=given) for given in (None, Response.from_gamma(2.2)))
+    response = Response.from_gamma(2.2, blur=0.0)
+    bent, straight = (decode(frames, shown, response=given) for given in (None, response))
     assert silent(bent, *smooth) == 0
     assert bent.good.mean() < 0.1 or np.median(bent.sigma_u) > 2 * np.median(straight.sigma_u)
     assert straight.good.mean() > 0.9
     error = ((straight.u - smooth[0]) / straight.sigma_u)[straight.good]
-    assert np.sqrt(np.mean(error**2)) < 1.2
+    assert 0.5 < np.sqrt(np.mean(error**2)) < 1.2
 
 
 @pytest.mark.daily(2)

@@ -199,6 +199,7 @@ REFUSED: list[tuple[Callable[[Path], list[Path]], str]] = [
     (partial(without, 1), "DisplayShape has none of the screen models"),
     (partial(without, 2), "no SpatialOrientation/r_cam_screen"),
     (partial(without, 3), "no MeasurementSofastFringe/mask_images"),
+    (lambda folder: inputs(folder)[:1], "no MeasurementSofastFringe/mask_images"),
     (partial(definition, '{"v_facet_corners": {"x": [0]}}'), r"facet\.json: no definition of one facet"),
     (partial(definition, "[1"), r"facet\.json: no definition of one facet"),
     (partial(definition, '{"v_facet_locations": {}}'), r"facet\.json: no definition of one facet"),

@@ -1,6 +1,7 @@
 """The live page: its answers, its commands, who may ask; the program's lines of JSON; Chromium draws it."""
 
 import contextlib
+import csv
 import io
 import json
 import re
@@ -255,13 +256,18 @@ def test_lines_of_json_and_the_numbers_of_the_run(
     capfd: pytest.CaptureFixture[str], tmp_path: Path, refused: Callable[..., str]
 ) -> None:
     args = ["live", "--pixels", "128x96", "--rate", "0", "--headless", "--frames", "20", "--probe", "24,22"]
-    assert run([*args, "--json-lines", "--json", str(tmp_path / "run.json")]) == 0
+    outlets = ["--csv", str(tmp_path / "c.csv"), "--socket", str(tmp_path / "s")]
+    assert run([*args, "--json-lines", "--json", str(tmp_path / "run.json"), *outlets]) == 0
     lines = [json.loads(line) for line in capfd.readouterr().out.splitlines()]
     assert [line["frame"] for line in lines] == list(range(20))
     assert all(line["trusted"] for line in lines)
     assert max(line["depth_mm"] or 0 for line in lines) > 0.02
     assert lines[0]["depth_mm"] is None
     assert all(line["probes"][0]["sigma"] > 0 for line in lines)
+    rows = list(csv.DictReader((tmp_path / "c.csv").read_text().splitlines()))
+    assert [float(row["depth_mm"]) if row["depth_mm"] else None for row in rows] == pytest.approx(
+        [line["depth_mm"] for line in lines], abs=1e-5
+    )
     assert run([*args[:3], "--frames", "130"]) == 0  # with the page
     out = capfd.readouterr().out
     assert out.count(" nm/sqrt(Hz)") == 2  # once the rate is known, and at the end
@@ -270,6 +276,8 @@ def test_lines_of_json_and_the_numbers_of_the_run(
     assert numbers["probes"][0]["spectrum"]["peak_nm"] > 1000
     refused(["live", "--headless", "--probe", "30"], "--probe '30'", "X,Y")
     refused(["live", "--scene", "none.toml", "--headless"], "none.toml")
+    refused([*args, "--csv", tmp_path / "none" / "c.csv"], "none")
+    refused([*args, "--rest", "new"], "--rest: needs --rig")
 
 
 @pytest.mark.slow

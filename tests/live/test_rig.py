@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from optolever import InputError, live
-from optolever.cli import run
 from optolever.live import ReadingRecorder, ReadingSocket, kept_rest, virtual_rig
 from optolever.projector import WHITE_NOISE_SENSOR, Image
 from optolever.projector.cameras import StillCamera
@@ -151,15 +150,3 @@ def test_a_socket_sends_whole_heights(tmp_path: Path) -> None:
     np.testing.assert_array_equal(z, np.where(followed.reading.good, followed.reading.z, np.nan))
     assert numbers["x_mm"] == pytest.approx([followed.reading.x[24, 0], followed.reading.x[24, -1]])
     assert not (tmp_path / "s").exists()
-
-
-def test_the_program_writes_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = ["live", "--pixels", "128x96", "--rate", "0", "--headless", "--frames", "12"]
-    outlets = ["--csv", str(tmp_path / "c.csv"), "--socket", str(tmp_path / "s")]
-    assert run([*words, *outlets]) == 0
-    rows = list(csv.DictReader((tmp_path / "c.csv").read_text().splitlines()))
-    assert len(rows) == 12
-    assert max(float(row["depth_mm"] or 0) for row in rows) > 0.01
-    assert run([*words, "--csv", str(tmp_path / "none" / "c.csv")]) == 2
-    assert run([*words, "--rest", "new"]) == 2
-    assert "--rest: needs --rig" in capsys.readouterr().err

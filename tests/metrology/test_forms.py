@@ -134,6 +134,7 @@ def unknown_over_draws(one: Callable[[np.random.Generator], Numbers]) -> set[str
     return {name for name, each in zip(drawn[0].names, known, strict=True) if not each}
 
 
+@pytest.mark.daily(3)
 @pytest.mark.parametrize("form", NOISY)
 def test_sigmas_are_what_slope_noise_does(form: str) -> None:
     """40 draws of white slope noise, integrated by least squares; what hangs on the anchor has none."""

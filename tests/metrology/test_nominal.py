@@ -110,6 +110,7 @@ def test_directions_that_change_nothing_stay(tmp_path: Path) -> None:
     np.testing.assert_allclose(left.z[left.good], fit.residual[np.isfinite(fit.residual)], atol=1e-9)
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize("changed", ["noise", "figure"])
 @pytest.mark.parametrize("shape", ["sphere", "design"])
 def test_sigmas_of_a_motion_hold_noise_and_changed_figures(tmp_path: Path, shape: str, changed: str) -> None:

@@ -3,7 +3,6 @@
 Its slopes rest on a fitted paraboloid; the free-form solve here finds height from the screen points alone.
 """
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -77,20 +76,6 @@ def test_heights_by_the_command_line(real: Path, rig: SofastRig, screen_file: Pa
     assert np.sqrt(np.mean(error**2)) < 5e-6
     assert np.quantile(np.abs(error), 0.999) < 30e-6
     assert run([*args, "--pixels", "64x64"]) == 2
-
-
-@pytest.mark.parametrize("group", ["Camera", "DisplayShape", "SpatialOrientation", "DataSofastInput"])
-def test_an_input_of_sofast_alone_is_refused_by_what_it_lacks(
-    real: Path, tmp_path: Path, refused: Callable[..., str], group: str
-) -> None:
-    """SOFAST keeps camera, display, orientation and facet in files of their own, too; none is a rig."""
-    alone = tmp_path / f"{group}.h5"
-    with h5py.File(real / "sofast_facet/data_expected_facet.h5") as file, h5py.File(alone, "w") as part:
-        file.copy(group, part)
-    given = tmp_path / "c.npz"
-    Correspondence(*np.ones((4, 8, 8)), flags=np.zeros((8, 8), np.uint16)).save(given)
-    wanted = "no MeasurementSofastFringe/mask_images"
-    refused(["reconstruct", given, "--scene", alone, "--out", tmp_path / "h.npz"], f"{alone}: no ", wanted)
 
 
 def test_the_facet_from_inputs_alone(

@@ -209,12 +209,8 @@ def test_presses_against_one_rest_subtract() -> None:
     _, rest = captured(PRISM, "flat", seed=1)
     one, two = (reconstruct(captured(PRISM, seed=seed)[1], PRISM, rest=rest) for seed in (2, 3))
     assert one.calibration is not None
-    assert one.own > 0
     less = one - two
     assert less.calibration is not None
-    assert less.own == one.own + two.own + max(one.own, two.own)  # of noise of the rest capture
-    assert less.shares is not None
-    assert np.allclose(less.shares.sum(axis=0), np.eye(len(less.calibration)))
     common = less.calibration[: -less.own]
     both = less.good
     left = np.median(np.sqrt((common[:, both] ** 2).sum(axis=0)))
