@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -26,7 +27,7 @@ from .prepared import Noise, Prepared
 from .rest import creep_of, fitted
 from .rig_errors import relative_error
 
-__all__ = ["prepare"]
+__all__ = ["prepare", "stated"]
 
 _WINDOW = 0.5  # periods, rms: less leaks between level and fringes, more smooths kinks
 _LEAST_WINDOW = 0.5  # cells, rms
@@ -95,9 +96,15 @@ def prepare(
         other = "or the frames show another pattern than rest_map's mirror: capture both anew"
         raise InputError(f"rest_frames: the fit of the fringe at rest does not converge; {fine}, {other}")
     shape = scene.camera.rows, scene.camera.cols
-    edge = 0.0 if scene.accuracy is None else scene.accuracy.edge
-    error, notices = relative_error(scene, lit, cell, period), _notices(scene, line.edge)
-    return Prepared(rig, measured, *shape, points, area, edge, error, scene.layer, (*others, *notices))
+    notices = (*others, *_notices(scene, line.edge))
+    return stated(Prepared(rig, measured, *shape, points, area, 0.0, notices=notices), scene)
+
+
+def stated(known: Prepared, scene: Scene) -> Prepared:
+    """A rig at rest with the layer and the errors that its scene states now."""
+    carriers, edge = known.rig.carriers, 0.0 if scene.accuracy is None else scene.accuracy.edge
+    error = relative_error(scene, known.rig.lit, carriers.cell, carriers.period)
+    return replace(known, edge=edge, error=error, layer=scene.layer)
 
 
 def _agreeing(frames: Frame) -> tuple[Frame, tuple[Notice, ...]]:

@@ -18,7 +18,7 @@ from optolever.scene import Scene, dent, load, strided, trace
 
 from .follow import Followed, follow
 from .geometry import rest_rays
-from .prepare import prepare
+from .prepare import prepare, stated
 from .prepared import Prepared
 from .probes import Probes
 from .reading import Reading
@@ -30,7 +30,7 @@ __all__ = ["Readings", "fringe_period", "kept_rest", "open_rig"]
 _RESTS = 8  # frames of the fringe
 _SPAN = 8.0  # camera pixels in a period of the fringe, at least
 _PATIENCE_S = 5.0
-_LOOK_S = 2.0  # for a display that is slow to show the fringe
+_LOOK_S, _LOOKS = 2.0, 30  # and images, for a display that is slow to show the fringe
 _RECENT = 60  # readings of the latency
 
 
@@ -112,11 +112,13 @@ def _at_rest(
     """name, why: of a rest, and what is wrong with it; given: it must hold."""
     rows, cols = scene.pattern.rows, scene.pattern.cols
     if known is not None:
-        known = replace(known, layer=scene.layer)
         fringe = sequence("crossed", rows, cols, period=known.rig.carriers.period)
         with opened(rig, devices, fringe) as now:
             now.require_size(scene)
-            why = _other(known, scene) or _look(known, now, now.wait(rig))
+            why = _other(known, scene)
+            if not why:
+                known = stated(known, scene)
+                why = _look(known, now, now.wait(rig))
             if not why:
                 yield Readings(known, now, tuple(map(_said, now.notices)))
                 return
@@ -153,11 +155,12 @@ def _other(known: Prepared, scene: Scene) -> str:
 
 
 def _look(known: Prepared, now: Opened, timing: Timing | None) -> str:
-    """Why no frame of two seconds is trusted; empty: one is."""
+    """Why no frame of two seconds and thirty images is trusted; empty: one is."""
     live, arrivals = Live(known), now.arrivals()
     image: Image | None = next(iter(now.acquire(timing, [0]))).image
-    end, why = now.time.now() + _LOOK_S, ""
-    while image is not None and now.time.now() < end:
+    end, looks, why = now.time.now() + _LOOK_S, 0, ""
+    while image is not None and (now.time.now() < end or looks < _LOOKS):
+        looks += 1
         if image.complete:
             reading = live.update(image.pixels)
             if reading.trusted:

@@ -14,7 +14,7 @@ from optolever import InputError, live
 from optolever.live import ReadingRecorder, ReadingSocket, kept_rest, virtual_rig
 from optolever.projector import WHITE_NOISE_SENSOR, Image
 from optolever.projector.cameras import StillCamera
-from optolever.scene import Layer, Scene, load, resize
+from optolever.scene import Accuracy, Layer, Scene, load, resize
 
 
 @pytest.fixture
@@ -42,6 +42,11 @@ def test_a_rest_is_measured_once(rig: Path, monkeypatch: pytest.MonkeyPatch) -> 
         with live.open(rig) as readings:
             assert not readings.notices
             assert next(iter(readings)).trusted
+        replace(load(rig), accuracy=Accuracy(scale=0.05, edge=0.02)).save(rig)
+        with live.open(rig) as readings:  # errors are those that the file states now
+            assert next(iter(readings)).total_sigma.min() > 0.02
+            assert readings.prepared.error is not None
+            assert readings.prepared.error > 0.02
     following = StillCamera.next
 
     def bumped(camera: StillCamera, timeout_s: float) -> Image | None:
