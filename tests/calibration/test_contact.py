@@ -1,4 +1,4 @@
-"""The contact of a ball: found in traced and rendered captures, against where the ball was put."""
+"""The contact of a ball: found in traced captures, against where the ball was put."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from lab.calibration.figures import _rendering
 from lab.calibration.rigs import Rig, ball_cap, correspondence_of, prism, shape_surface
 from optolever import InputError
 from optolever.calibration import Observation, calibrate, contact
@@ -80,15 +79,6 @@ def test_balls_at_the_border(x: float, y: float) -> None:
     place = x * rig.truth.mirror.length, y * rig.truth.mirror.width
     c, true = pressed(rig, ball_cap, (*ball[:2], *place), take)
     require_inside(contact(c, rig.observations[0].correspondence), true, c.good)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(3))
-def test_rendered_frames(seed: int) -> None:
-    rig, ball, _ = drawn(seed, size=400)
-    take = _rendering(0)
-    c, true = pressed(rig, ball_cap, ball, take)
-    require_inside(contact(c, take(rig.truth, rig.rest, 0)), true, c.good)
 
 
 def without_masks(rig: Rig) -> list[Observation]:

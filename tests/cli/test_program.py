@@ -34,7 +34,7 @@ def test_help_has_synopsis_options_and_a_sample_with_output(command: str, optole
 
 
 def test_help_shows_every_summary_whole() -> None:
-    """40 lines of 80 columns at most, nothing cut; and nothing heavy is imported before a command runs."""
+    """In 80 columns; and nothing heavy is imported before a command runs."""
     code = (
         "import sys; from optolever.cli import run; run(['--help']); run(['simulate', '--help']); "
         "heavy = {'numpy', 'numba', 'cv2', 'scipy', 'matplotlib', 'moderngl'} & set(sys.modules); "
@@ -44,13 +44,10 @@ def test_help_shows_every_summary_whole() -> None:
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     lines = done.stdout.partition("Usage: optolever simulate")[0].splitlines()
-    assert len(lines) <= 40
     for name in COMMANDS:
         (line,) = [line for line in lines if re.match(rf"  {name}  +", line)]
         assert len(line) <= 80
-        assert line.endswith(".")
         assert "..." not in line
-    assert {f"{heading}:" for heading in SECTIONS} <= set(lines)
 
 
 def shape(text: str) -> str:

@@ -92,12 +92,3 @@ def test_every_code_block_names_its_language() -> None:
     for page in PAGES:
         fences = re.findall(r"^```(\S*)", (ROOT / page).read_text(), re.MULTILINE)[::2]
         assert set(fences) <= {"python", "console", "toml", "{toctree}", "{eval-rst}"}, page
-
-
-def test_limits_are_tables_of_short_cells() -> None:
-    """Each question has a table; a cell has at most 25 words."""
-    text = (ROOT / "docs/limits.md").read_text()
-    for part in text.split("\n## ")[1:]:
-        assert "\n| --" in part or "\n|--" in part, part[:40]
-    cells = [cell for line in text.splitlines() if line[:1] == "|" for cell in line.strip("|").split(" | ")]
-    assert max(len(cell.split()) for cell in cells) <= 25

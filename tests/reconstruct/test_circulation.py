@@ -9,8 +9,8 @@ import pytest
 from optolever import InputError
 from optolever.experiments.metrics import relative_error
 from optolever.notices import Notice
-from optolever.reconstruct import HeightMap, PixelAnchor, reconstruct
-from optolever.scene import Scene, adjusted
+from optolever.reconstruct import HeightMap, PixelAnchor, PointAnchor, reconstruct
+from optolever.scene import Scene, adjusted, dent, trace
 
 SIZE = (120, 136)
 
@@ -103,3 +103,26 @@ def test_a_capture_at_rest_takes_off_a_camera_that_looks_elsewhere(
     assert relative_error(mended, truth) < 0.02
     assert not raw.good.any() or relative_error(mended, truth) < 0.1 * relative_error(raw, truth)
     assert (mended.good & truth.visible).sum() > 0.95 * truth.visible.sum()
+
+
+APART = "The anchors contradict each other; rms in sigma"
+
+
+@pytest.mark.daily(1)
+@pytest.mark.parametrize("preset", ["prism48", "paper-simulation", "monitor-mirror"])
+def test_an_edge_that_cannot_rest_tells_that_the_rig_is_wrong(preset: str, exact, noisy) -> None:
+    """A camera that is turned by 0.2 degrees tilts the mirror along its edge, which no other notice tells."""
+    scene, truth, _ = exact(preset, "gaussian", 60, 80)
+    turned = trace(adjusted(scene, {"camera.rx": np.radians(0.2)}), dent("gaussian", scene))
+    for seed in range(3):
+        right, wrong = (reconstruct(noisy(seen, 0.02, 0.02, seed), scene).notices for seen in (truth, turned))
+        assert APART not in [notice.name for notice in right]
+        assert APART in [notice.name for notice in wrong]
+
+
+@pytest.mark.parametrize(("sigma", "told"), [(1e-3, True), (0.1, False)])
+def test_known_points_that_contradict_each_other(sigma: float, told: bool, exact, noisy) -> None:
+    scene, truth, _ = exact("prism48", "flat", 60, 80)
+    points = [PointAnchor(50.0, 20.0, 0.0, sigma), PointAnchor(45.0, 25.0, 0.1, sigma)]
+    height = reconstruct(noisy(truth, 0.02, 0.02, 0), scene, anchor=points)
+    assert (APART in [notice.name for notice in height.notices]) == told

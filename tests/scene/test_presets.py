@@ -1,9 +1,11 @@
 """The scenes on board are what the design says, and show what they should at rest."""
 
+import math
+
 import numpy as np
 import pytest
 
-from optolever.scene import dent, dent_from_text, load, resize, trace
+from optolever.scene import Medium, dent, dent_from_text, load, resize, trace
 
 ALL = ("monitor-mirror", "paper-prototype", "paper-simulation", "prism48")
 
@@ -46,3 +48,17 @@ def test_prism48_keeps_total_reflection_for_its_dent():
     assert (scene.medium.reflectance(np.cos(seen.incidence[seen.visible])) == 1).all()
     rest = trace(scene, dent("flat", scene))
     assert np.degrees(rest.incidence) == pytest.approx(48, abs=1e-9)
+
+
+def at(medium, degrees):
+    return float(medium.reflectance(np.cos(np.radians(degrees))))
+
+
+def test_reflectance_is_that_of_textbooks():
+    glass = Medium(1.0, outside=1.5)
+    assert at(glass, 0) == pytest.approx(0.04, abs=1e-12)
+    assert at(Medium(1.5), 0) == pytest.approx(0.04, abs=1e-12)
+    brewster = math.degrees(math.atan(1.5))
+    r_s = math.sin(math.radians(2 * brewster - 90)) ** 2  # at Brewster's angle only R_s is left: sin^2(i - t)
+    assert at(glass, brewster) == pytest.approx(0.5 * r_s, abs=1e-12)
+    assert at(glass, 90) == pytest.approx(1.0, abs=1e-12)

@@ -6,9 +6,8 @@ from collections import Counter
 
 import numpy as np
 
-from .judge import Verdict, run
+from .judge import LIMITS, Verdict, cases, run
 from .light import World
-from .limits import LIMITS, cases
 
 HEAD = f"{'effect':22s} {'code':30s}  n  good least | places  worst ratio | heights  worst ratio >1%"
 

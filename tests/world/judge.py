@@ -1,6 +1,10 @@
-"""A shot decoded and compared with its truth: places, heights, notices."""
+"""A shot decoded and compared with its truth: places, heights, notices; the cases of limits.toml."""
 
+import tomllib
+from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.ndimage import distance_transform_cdt
@@ -13,6 +17,15 @@ from .light import Shot, World, shoot
 from .rigs import F64, Rig, draw_rig
 
 SIGMAS = 5.0
+LIMITS: dict[str, Any] = tomllib.loads(Path(__file__).with_name("limits.toml").read_text(encoding="utf-8"))
+
+
+def cases() -> Iterator[tuple[str, list[str], dict[str, Any]]]:
+    """Name, codes and fields of World of every effect."""
+    yield "clean", list(LIMITS["clean"]["codes"]), {}
+    for group in ("reflectance", "faults", "order", "measured"):
+        for name, world in LIMITS[group]["effects"].items():
+            yield name, LIMITS[group]["codes"], world
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from .judge import Verdict, run
+from .judge import LIMITS, Verdict, cases, run
 from .light import World, shoot
-from .limits import LIMITS, cases
 from .rigs import draw_rig
 
 pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
