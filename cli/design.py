@@ -14,20 +14,20 @@ from optolever import InputError
 from .arguments import ABOVE_0, AT_LEAST_0, SHARE, Opt, program
 from .options import Dent, Json, Renderer, SceneName, Size, sections
 from .outputs import OutputFile
-from .show import grid, number, progress, table, write_json
+from .show import number, progress, table, write_json
 
 SAMPLE = """
 $ optolever design --scene prism48 --pixels 128x96 --frames 14 --out best.toml
 Height error, rms in mm: prism48, at most 14 frames
-sequence                               frames  time      predicted  +-   simulated  +-     wrong  measured
-phase:steps=3,periods=5.56364/5.32174  12      0.2 s     0.0001863  1 %  0.000165   2e-06  0e+00  99.81 %
-phase:steps=3,periods=6.8/6.44211      12      0.2 s     0.0002002  1 %  0.0001718  5e-06  0e+00  100 %
-ladder: 2 to 5 px, steps 3/4           14      0.2333 s  0.0002068  1 %  0.0001866  2e-06  0e+00  100 %
+code                                   frames     acquire    CPU        predicted  simulated  +-  ...
+phase:steps=3,periods=5.56364/5.32174  12         0.2 s      0.125 s    0.0001864  0.000165   1.9e-06
+phase:steps=3,periods=6.8/6.44211      12         0.2 s      0.0494 s   0.0002002  0.0001719  5e-06
+ladder: 2 to 5 px, steps 3/4           14         0.233 s    0.0491 s   0.0002068  0.0001866  1.6e-06
 ...
 Choice
   sequence    phase:steps=3,periods=5.56364/5.32174
   candidates  18
-  time        predict 41.41, simulate 8.642, total 50.05 s
+  time        predict 33.26, simulate 6.842, total 40.1 s
   written to  best.toml
 """
 
@@ -94,9 +94,8 @@ def command(
 
     The prediction runs the decoder on simulated images of the scene (of a large camera: on windows of its
     image), and then the solver. Codes that fail too often or lose pixels are listed last; codes of --add are
-    always printed. +-: standard error of the prediction, standard deviation of the simulated error over the
-    seeds; wrong: share of unflagged wrong fringe orders; measured: share of the pixels with a height. Noise
-    ([profile]), response and lag of a rig's TOML are used.
+    always printed. +-: standard deviation of the simulated error over the seeds; measured: share of the
+    pixels with a height. Noise ([profile]), response and lag of a rig's TOML are used.
 
     With --code: predicted and simulated error of the named codes beside CPU seconds and seconds of
     acquisition, for every combination of noise and faults.
@@ -146,17 +145,10 @@ def command(
         if out is not None and chosen is not None:
             chosen.sequence.save(out)
         write_json(json_path, found.to_dict())
-    best = found.rows[:_ROWS] + [row for row in found.rows[_ROWS:] if row.text in added]
-    heads = ("sequence", "frames", "time", "predicted", "+-", "simulated", "+-", "wrong", "measured", "")
-    lines = [
-        (
-            row.text, str(row.frames), number(row.seconds, "s"), number(row.predicted),
-            _known(100 * row.spread, ".0f", " %"), _known(row.simulated), _known(row.simulated_spread, ".1g"),
-            _known(row.failure, ".0e"), number(100 * row.share, "%"), row.why,
-        )
-        for row in best
-    ]  # fmt: skip
-    grid(f"Height error, rms in mm: {scene.name}, at most {frames} frames{rig.known}", heads, lines)
+    best = found.rows[:_ROWS] + [row for row in found.rows[_ROWS:] if row.code in added]
+    width = max(len(row.code) for row in best)
+    for row in best:
+        _print_row(row, row is best[0], width, f"{scene.name}, at most {frames} frames{rig.known}")
     choice = {
         "sequence": "none: no candidate meets the limits" if chosen is None else chosen.text,
         "candidates": str(len(found.rows)),
@@ -208,7 +200,7 @@ def _known(value: float, form: str = ".4g", unit: str = "") -> str:
 
 
 def _print_row(row: "ol.experiments.design.Tradeoff", first: bool, width: int, title: str) -> None:
-    """A line of the table of named codes, under its header."""
+    """A line of the table of codes, under its header."""
     names = ("frames", "acquire", "CPU", "predicted", "simulated", "+-", "err/sigma", "measured")
     if first:
         click.secho(f"Height error, rms in mm: {title}", bold=True)

@@ -12,14 +12,14 @@
 
 from .candidates import Candidate, candidates, ladder, user_candidate
 from .chart import write_tradeoff_chart
-from .ranking import Design, DesignRow, merit, run_design
+from .ranking import Design, merit, run_design
 from .sensitivity import Lever, Simulation
 from .sensor import SensorMaps, sensor_maps
 from .tradeoff import Tradeoff, compare_codes, frame_rate, write_tradeoff_csv
 from .view import predict, view_of
 
 __all__ = [
-    "Candidate", "Design", "DesignRow", "Lever", "SensorMaps", "Simulation", "Tradeoff",
+    "Candidate", "Design", "Lever", "SensorMaps", "Simulation", "Tradeoff",
     "candidates", "compare_codes", "frame_rate", "ladder", "merit", "predict", "run_design", "sensor_maps",
     "user_candidate", "view_of", "write_tradeoff_chart", "write_tradeoff_csv",
 ]  # fmt: skip

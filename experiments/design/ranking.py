@@ -13,10 +13,11 @@ from optolever.errors import InputError
 from optolever.records import Progress, silent
 from optolever.scene import Scene, dent_from_text
 
+from ..faults import Faults
 from ..timing import Stages
 from .candidates import Candidate, candidates
-from .sensitivity import Lever, Simulation
-from .view import predict
+from .sensitivity import Lever
+from .tradeoff import Tradeoff, predicted, row_of, simulated
 
 #: Minimum predicted share of measured pixels.
 LEAST_SHARE = 0.5
@@ -26,38 +27,13 @@ MOST_FAILURES = 1e-3
 LOST = 5.0
 
 
-@dataclass(frozen=True, slots=True)
-class DesignRow:
-    """One candidate. predicted, noise, bias: rms height error and its parts (mm); spread: relative standard
-    error of predicted by the finite number of noise draws; failure: share of pixels with an unflagged wrong
-    order or bit; share: predicted share of measured pixels; why: reason of exclusion ('': none).
-
-    predicted and share determine the rank (see merit). simulated, simulated_share: the same from rendered
-    frames, simulated_spread: its standard deviation over the seeds (mm), NaN if not simulated.
-    """
-
-    text: str
-    frames: int
-    seconds: float
-    predicted: float = math.nan
-    spread: float = math.nan
-    noise: float = math.nan
-    bias: float = math.nan
-    failure: float = math.nan
-    share: float = math.nan
-    why: str = ""
-    simulated: float = math.nan
-    simulated_share: float = math.nan
-    simulated_spread: float = math.nan
-
-
 @dataclass(frozen=True)
 class Design:
-    """Rows from best to worst, excluded ones last; candidates by text; chosen: the best; settings,
-    seconds.
+    """Rows from best to worst by predicted and share (see merit), excluded ones last; candidates by the
+    rows' codes; chosen: the best; settings, seconds.
     """
 
-    rows: list[DesignRow]
+    rows: list[Tradeoff]
     candidates: dict[str, Candidate]
     chosen: Candidate | None
     settings: dict[str, Any]
@@ -109,54 +85,29 @@ def run_design(
     by_text = {one.text: one for one in offered if one.decoder is None}
     if not by_text:
         raise InputError(f"frames: {frames}, no candidate fits; a fringe ladder on both axes needs 12")
-    stages = Stages(2, silent)
-    rows: list[DesignRow] = []
+    stages, fault = Stages(2, silent), Faults(lag)
+    rows: list[Tradeoff] = []
     with stages.stage("predict"):
         lever = Lever(scene, surface, calibrated=calibrated)
-        for one in by_text.values():
+        for name, one in by_text.items():
             progress("predict", len(rows), len(by_text))
-            rows.append(_predicted(lever, one, noise, refresh))
+            row = predicted(lever, row_of(one, name, fault, noise, refresh), one)
+            rows.append(row if row.why else replace(row, why=_ruled_out(row)))
         rows.sort(key=lambda row: (bool(row.why), merit(row.predicted, row.share)))
     with stages.stage("simulate"):
-        simulated = partial(lever.simulate, noise=noise, seeds=range(seeds), renderer=renderer, lag=lag)
-        rows = _verified(rows, lambda row: _simulated(row, by_text[row.text], simulated), verify, progress)
+        made = partial(simulated, lever, seeds=range(seeds), renderer=renderer)
+        rows = _verified(rows, lambda row: made(row, by_text[row.code]), verify, progress)
         for one in (each for each in extra if each.decoder is not None):
-            row = DesignRow(
-                one.text, len(one.pattern), len(one.pattern) / refresh, why="own decoder: simulated only"
-            )
-            row = _simulated(row, one, simulated)
-            rows.append(replace(row, share=row.simulated_share))
+            row = made(row_of(one, one.text, fault, noise, refresh), one)
+            rows.append(replace(row, why=row.why or "own decoder: simulated only"))
     best = next((row for row in rows if not row.why), None)
     size = [scene.camera.rows, scene.camera.cols]
     settings = {"scene": scene.name, "dent": pressed, "size": size, "frames": frames, "refresh": refresh}
     settings |= {"noise": noise, "lag": lag, "blur": pattern.blur_px, "failure": MOST_FAILURES}
-    return Design(rows, by_text, None if best is None else by_text[best.text], settings, stages.seconds)
+    return Design(rows, by_text, None if best is None else by_text[best.code], settings, stages.seconds)
 
 
-def _predicted(lever: Lever, candidate: Candidate, noise: float, refresh: float) -> DesignRow:
-    """The predicted row of a candidate."""
-    count = len(candidate.sequence)
-    row = DesignRow(candidate.text, count, count / refresh)
-    try:
-        prediction = predict(lever.view, candidate.sequence, noise, response=lever.response)
-    except InputError as error:
-        return replace(row, why=f"no prediction: {error}")
-    height = lever.height(prediction)
-    row = replace(row, predicted=height.total, spread=height.spread, noise=height.noise, bias=height.bias)
-    row = replace(row, failure=prediction.failure, share=height.share)
-    return replace(row, why=_ruled_out(row))
-
-
-def _simulated(row: DesignRow, one: Candidate, simulated: Callable[[Candidate], Simulation]) -> DesignRow:
-    """The row with its simulation, or with the reason for none."""
-    try:
-        found = simulated(one)
-    except InputError as error:
-        return replace(row, why=f"cannot be decoded: {error}")
-    return replace(row, simulated=found.error, simulated_share=found.share, simulated_spread=found.spread)
-
-
-def _ruled_out(row: DesignRow) -> str:
+def _ruled_out(row: Tradeoff) -> str:
     """Reason of exclusion of a row, '' for none."""
     if row.failure > MOST_FAILURES:
         return f"fails at {row.failure:.1e} of the pixels"
@@ -166,12 +117,12 @@ def _ruled_out(row: DesignRow) -> str:
 
 
 def _verified(
-    rows: list[DesignRow], simulated: Callable[[DesignRow], DesignRow], verify: int, progress: Progress
-) -> list[DesignRow]:
+    rows: list[Tradeoff], simulate: Callable[[Tradeoff], Tradeoff], verify: int, progress: Progress
+) -> list[Tradeoff]:
     """The best `verify` rows simulated, then the other rows; rows that cannot be decoded are last."""
-    found, failed, remaining = list[DesignRow](), list[DesignRow](), list(rows)
+    found, failed, remaining = list[Tradeoff](), list[Tradeoff](), list(rows)
     while remaining and len(found) < verify and not remaining[0].why:
         progress("simulate", len(found), verify)
-        row = simulated(remaining.pop(0))
+        row = simulate(remaining.pop(0))
         (failed if row.why else found).append(row)
     return [*found, *remaining, *failed]

@@ -1,4 +1,5 @@
-"""Speed against error of codes, of a user's patterns and decoders, under faults of display and light."""
+"""Speed against error of codes, of a user's patterns and decoders, under faults of display and light: a row
+per code and condition, predicted, simulated, or both."""
 
 import math
 from collections.abc import Iterator
@@ -17,7 +18,9 @@ from .candidates import Candidate, user_candidate
 from .sensitivity import Lever
 from .view import predict
 
-__all__ = ["Tradeoff", "compare_codes", "frame_rate", "write_tradeoff_csv"]
+__all__ = [
+    "Tradeoff", "compare_codes", "frame_rate", "predicted", "row_of", "simulated", "write_tradeoff_csv",
+]  # fmt: skip
 
 
 def frame_rate(refresh: float, exposure_ms: float) -> float:
@@ -32,7 +35,9 @@ class Tradeoff:
     acquisition_seconds: of its frames; cpu_seconds: of decoding and solving one capture, a minimum;
     predicted, simulated: rms height error, mm (predicted: NaN with lag and for a user's decoder); spread:
     standard deviation of the simulated one over the seeds, mm; ratio: rms(error / sigma); share: of pixels
-    with a height.
+    with a height, simulated, else predicted; predicted_spread: relative standard error of predicted by the
+    finite number of noise draws; failure: predicted share of pixels with an unflagged wrong order or bit;
+    why: reason of exclusion ('': none).
     """
 
     code: str
@@ -49,6 +54,8 @@ class Tradeoff:
     spread: float = math.nan
     ratio: float = math.nan
     share: float = math.nan
+    predicted_spread: float = math.nan
+    failure: float = math.nan
     why: str = ""
 
     @property
@@ -85,21 +92,40 @@ def compare_codes(
         for noise, code in product(noises, named):
             progress("simulate", done, total)
             done += 1
-            count = len(code.pattern)
-            values = fault.lag, fault.gamma, fault.flicker, fault.blur
-            row = Tradeoff(code.name, noise, *values, count, count / rate)
-            try:
-                yield _simulated(lever, row, code, seeds, renderer)
-            except InputError as error:
-                yield replace(row, why=str(error))
+            row = row_of(code, code.name, fault, noise, rate)
+            if code.decoder is None and not row.lag:
+                row = predicted(lever, row, code)
+            yield row if row.why else simulated(lever, row, code, seeds, renderer)
 
 
-def _simulated(lever: Lever, row: Tradeoff, code: Candidate, seeds: Many[int], renderer: str) -> Tradeoff:
-    """The row with its numbers."""
-    if code.decoder is None and not row.lag:
-        there = lever.height(predict(lever.view, code.sequence, row.noise, response=lever.response))
-        row = replace(row, predicted=there.total)
-    found = lever.simulate(code, row.noise, seeds, renderer, row.lag)
+def row_of(code: Candidate, name: str, fault: Faults, noise: float, rate: float) -> Tradeoff:
+    """The row of a code without a result; rate: frames per second."""
+    count = len(code.pattern)
+    return Tradeoff(name, noise, fault.lag, fault.gamma, fault.flicker, fault.blur, count, count / rate)
+
+
+def predicted(lever: Lever, row: Tradeoff, code: Candidate) -> Tradeoff:
+    """The row with its prediction, or with the reason for none."""
+    try:
+        there = predict(lever.view, code.sequence, row.noise, response=lever.response)
+    except InputError as error:
+        return replace(row, why=f"no prediction: {error}")
+    height = lever.height(there)
+    return replace(
+        row,
+        predicted=height.total,
+        predicted_spread=height.spread,
+        failure=there.failure,
+        share=height.share,
+    )
+
+
+def simulated(lever: Lever, row: Tradeoff, code: Candidate, seeds: Many[int], renderer: str) -> Tradeoff:
+    """The row with its simulation, or with the reason for none."""
+    try:
+        found = lever.simulate(code, row.noise, seeds, renderer, row.lag)
+    except InputError as error:
+        return replace(row, why=f"cannot be decoded: {error}")
     return replace(
         row,
         cpu_seconds=found.seconds,
