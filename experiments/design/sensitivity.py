@@ -40,11 +40,9 @@ PAIRED = 6  # draws of noise on both cameras: the ratio of their errors varies b
 
 @dataclass(frozen=True, slots=True)
 class HeightPrediction:
-    """rms over the measured pixels, mm: of noise, of bias, of both; spread: relative standard error of the
-    total by the finite number of noise draws; share: share of the usable pixels with a height."""
+    """total: rms over the measured pixels by noise and bias, mm; spread: its relative standard error by the
+    finite number of noise draws; share: share of the usable pixels with a height."""
 
-    noise: float
-    bias: float
     total: float
     spread: float
     share: float
@@ -137,13 +135,13 @@ class Lever:
             )
             scale, scatter = self._typical
         except InputError:  # no anchor left
-            return HeightPrediction(math.nan, math.nan, math.nan, math.nan, 0.0)
+            return HeightPrediction(math.nan, math.nan, 0.0)
         reached = plus.good & minus.good & prediction.usable
         noise_mm = scale * rms((self._weighted * 0.5 * (plus.z - minus.z))[reached])
         bias_mm = rms((self._weighted * (0.5 * (plus.z + minus.z) - view.truth.z))[reached])
         total = math.hypot(noise_mm, bias_mm)
         share = float(np.mean([one.good[prediction.usable].mean() for one in (plus, minus)]))
-        return HeightPrediction(noise_mm, bias_mm, total, scatter * (noise_mm / total) ** 2, share)
+        return HeightPrediction(total, scatter * (noise_mm / total) ** 2, share)
 
     def _unit_noise(self, number: int) -> Floats:
         """White noise (2, H, W) with `number` as seed."""
