@@ -92,14 +92,17 @@ def command(
         sinks: list[Any] = [] if csv is None else [stack.enter_context(ol.live.ContactTable(csv))]
         sinks += [] if socket is None else [stack.enter_context(ol.live.ReadingSocket(socket))]
         run = _Run(prepared, probes, json_lines, sinks)
-        if headless:
-            _headless(run, source, frames, stack, record)
-        else:
-            _page(run, source, frames, port, record)
-        numbers = run.numbers()
-        if not json_lines:
-            run.print(name, numbers)
-    write_json(json_path, numbers)
+        try:
+            if headless:
+                _headless(run, source, frames, stack, record)
+            else:
+                _page(run, source, frames, port, record)
+        finally:  # Ctrl-C is how most runs end
+            if run.readings:
+                numbers = run.numbers()
+                if not json_lines:
+                    run.print(name, numbers)
+                write_json(json_path, numbers)
 
 
 def _rig(
@@ -148,8 +151,12 @@ class _Run:
         if self.lines:
             click.echo(json.dumps(followed.to_dict()))
 
+    @property
+    def readings(self) -> int:
+        return len(self._delays)
+
     def numbers(self) -> dict[str, Any]:
-        count = len(self._delays)
+        count = self.readings
         rate = count / max(time.perf_counter() - self._start, 1e-9)
         frame, density = ol.live.noise_floor(self.prepared, rate)
         probes: list[dict[str, Any]] = [{"x_mm": each.x, "y_mm": each.y} for each in self.probes.each]
@@ -163,7 +170,7 @@ class _Run:
             "depth_mm": self._deepest[0] or None,
             "depth_sigma_mm": self._deepest[1] or None,
             "readings_per_s": rate,
-            "delay_s": median(self._delays) if count else None,
+            "delay_s": median(self._delays),
             "noise_nm": 1e6 * frame,
             "noise_nm_per_sqrt_hz": 1e6 * density,
             "probes": probes,

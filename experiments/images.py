@@ -44,10 +44,7 @@ def figure_uri(figure: Figure) -> str:
 def png_uri(image: NDArray[np.uint8]) -> str:
     """A grey (rows, cols) or RGB (rows, cols, 3) image as a PNG data URI."""
     channels = image if image.ndim == 2 else image[..., ::-1]
-    done, data = cv2.imencode(".png", np.ascontiguousarray(channels))
-    if not done:
-        raise ValueError(f"image of shape {image.shape} cannot be written as PNG")
-    return _uri(data.tobytes())
+    return _uri(cv2.imencode(".png", np.ascontiguousarray(channels))[1].tobytes())
 
 
 def thumbnail(frame: NDArray[Any], side: int) -> NDArray[np.uint8]:

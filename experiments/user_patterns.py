@@ -161,14 +161,9 @@ def _frame(path: Path, index: int, table: Any, rows: int, cols: int) -> Frame:
     if not isinstance(table, dict) or set(table) - {"file", "axis"}:
         raise InputError(f"{where}: is {table!r:.60}, must hold file and axis")
     axis, name = table.get("axis"), table.get("file")
-    if axis not in ("u", "v", None) or not isinstance(name, str):
+    if axis not in ("u", "v") or not isinstance(name, str):
         raise InputError(f"{where}: file {name!r} and axis {axis!r}, must be text and 'u' or 'v'")
     image = _image(path.parent / name, rows, cols)
-    if axis is None:
-        level = int(image.flat[0])
-        if np.ptp(image) > SLACK:
-            raise InputError(f"{where}: {name} varies, axis must say along what")
-        return {255: Frame("white"), 0: Frame("black")}.get(level, Frame("uniform", level=level))
     along = image if axis == "u" else image.T
     if np.ptp(along, axis=0).max() > SLACK:
         raise InputError(f"{where}: {name} varies across {axis} too, must vary along it alone")

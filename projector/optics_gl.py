@@ -52,10 +52,6 @@ class _Program:
             self.program[name] = unit
         self.vertices.render(moderngl.TRIANGLES, vertices=3)
 
-    def release(self) -> None:
-        self.vertices.release()
-        self.program.release()
-
 
 def _program(text: str) -> _Program:
     """A source's program, compiled once in a context: drivers take longer for that than for the drawing."""

@@ -7,10 +7,14 @@ import shlex
 import subprocess
 import sys
 import textwrap
+from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from optolever import live
 from optolever.cli.commands import CAMERA, SECTIONS
 
 from .conftest import Program
@@ -77,6 +81,21 @@ def test_interruption_is_130(optolever: Program, monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(scene, "load", interrupt)
     optolever("simulate", "--scene", "paper-simulation", "--out", tmp_path / "capture", code=130)
     assert not list(tmp_path.iterdir())
+
+
+def test_ctrl_c_ends_a_live_view_with_its_numbers(
+    optolever: Program, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    follow = live.follow
+
+    def interrupted(*args: Any) -> Iterator[live.Followed]:
+        yield from islice(follow(*args), 3)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(live, "follow", interrupted)
+    words = ("live", "--pixels", "96x72", "--rate", "0", "--headless", "--json", tmp_path / "n.json")
+    assert "readings  3," in optolever(*words, code=130).out
+    assert json.loads((tmp_path / "n.json").read_text())["readings"] == 3
 
 
 def test_names_of_presets(optolever: Program, tmp_path: Path) -> None:
