@@ -25,13 +25,14 @@ COLUMNS = 256  # of the grid in which peaks are looked for
 _LARGEST = 16  # regions of a map
 _HALF = 0.5
 _MARGIN = 2  # cells around a region
+_LONGEST = 6  # circles along a region
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Region:
     """A contact's deepest cell (row, col), depth, and its cells: box of the map, inside (r, c) of the box; x,
     y: centroid, radius: of a circle of its area, mm; cut: the map's end or unknown cells end it; hole: cells
-    that are not measured are inside."""
+    that are not measured are inside; circles: of equal areas, one after the other along a long contact."""
 
     row: int
     col: int
@@ -44,10 +45,7 @@ class Region:
     cut: bool
     hole: bool
 
-    @property
-    def circle(self) -> Circle:
-        """Place and radius."""
-        return self.x, self.y, self.radius
+    circles: tuple[Circle, ...]
 
 
 def regions(surface: Surface, columns: int = COLUMNS) -> tuple[Region, ...]:
@@ -162,4 +160,20 @@ def _region(
         inside=inside,
         cut=bool(ended or (grown & ~known[box]).any()),
         hole=bool((inside & holes[box]).any()),
+        circles=_circles(x, y, weight, area),
     )
+
+
+def _circles(x: Floats, y: Floats, weight: Floats, area: float) -> tuple[Circle, ...]:
+    """As many as it is longer than wide, of cells (n,) with weights that sum to one."""
+    at = np.stack([x, y])
+    off = at - (at @ weight)[:, None]
+    (least, most), axes = np.linalg.eigh((off * weight) @ off.T)
+    count = round(min(math.sqrt(most / least), _LONGEST)) if least > 0 else 1
+    along = np.argsort(axes[:, 1] @ off)
+    part = np.empty(x.size, np.int64)
+    part[along] = np.minimum(count * np.cumsum(weight[along]), count - 1).astype(np.int64)
+    total = np.bincount(part, weight, count)
+    places = [np.bincount(part, weight * one, count) / total for one in at]
+    radii = np.sqrt(total * area / math.pi)
+    return tuple(zip(*(part.tolist() for part in (*places, radii)), strict=True))

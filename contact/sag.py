@@ -114,7 +114,7 @@ def sag(surface: Surface, layer: Layer | None) -> Sag | None:
         # each from the robust fit: a contact that one distance loses is not lost to the others
         found, within, before = None, first, None
         for rounds_left in reversed(range(_ROUNDS)):
-            circles = [one.circle for one in within]
+            circles = [circle for one in within for circle in one.circles]
             if circles == before:
                 break
             found, before = _simplest(cells, circles, layer, far, noise), circles

@@ -111,7 +111,7 @@ class Live:
             alone = min(alone, found.misfit if not before else math.inf)
             moved = found.heights(self.creep, every)
             coarse = Surface(x, y, z[few] + moved, noise, good, modes=found.modes(self.creep, every))
-            after = [(one.circle, one.depth) for one in regions(coarse)]
+            after = [(circle, one.depth) for one in regions(coarse) for circle in one.circles]
             still = float(np.abs(moved - last)[good].max(initial=0.0)) < float(np.median(noise))
             if still and _same(before, after):
                 break
