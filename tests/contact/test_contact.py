@@ -106,8 +106,12 @@ def test_a_base_behind_the_layer_is_no_sag(thickness: float) -> None:
         assert found.misfit < 1.5
 
 
-def test_motion_comes_off_with_the_sag() -> None:
-    z, free = ball(30, 22, 5, 0.1), (X / 60 + 0.3) ** 2
+@pytest.mark.parametrize(
+    "presses", [[(30, 22, 5, 0.1)], [(16 + 3 * k, 10 + 2.4 * k, 3, 0.02) for k in range(10)]]
+)
+def test_motion_comes_off_with_the_sag(presses: list[tuple[float, float, float, float]]) -> None:
+    """Also under a long contact, whose far field is no round one's."""
+    z, free = sum(ball(*press) for press in presses), (X / 60 + 0.3) ** 2
     modes = 1e-3 * np.stack([X / 60, (Y - 22) / 22, (X / 30 - 1) ** 2])
     moved = np.array([1.0, -0.5, 0.7])
     sunk = z - 0.005 * free + np.tensordot(moved, modes, 1)
@@ -117,7 +121,7 @@ def test_motion_comes_off_with_the_sag() -> None:
     left = made.less(found)
     total = np.hypot(left.sigma, left.unsettled)
     assert np.sqrt(np.mean(((left.z - z) / total) ** 2)) < 1.2
-    assert np.sqrt(np.mean(total**2)) < 1e-3  # of motions and a sag of several um
+    assert np.sqrt(np.mean(total**2)) < 3e-4  # of motions and a sag of several um
 
 
 @pytest.mark.parametrize("thickness", [12.0, 30.0])
