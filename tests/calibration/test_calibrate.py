@@ -110,7 +110,7 @@ def test_open_air_without_a_guess(poses: int) -> None:
     assert 0.9 < found.adjustment.chi < 1.1
     sigma = {each["name"]: each["sigma"] for each in found.parameters}
     truth = parameter_values(rig.truth)
-    for name in (
+    for name in [
         "camera.f",
         "camera.cx",
         "camera.cy",
@@ -118,7 +118,7 @@ def test_open_air_without_a_guess(poses: int) -> None:
         "pattern.b20",
         "pattern.b11",
         "pattern.b02",
-    ):
+    ]:
         value = parameter_values(found.scene)[name]
         assert abs(value - truth[name]) < 5 * sigma[name], name
     assert all(0.8 < left_out(found, f"flat{k}") < 1.5 for k in range(1, poses))

@@ -148,12 +148,8 @@ def test_faults_are_axes() -> None:
             scene, None, ("gray+phase",), faults=faults, noises=(1.0, 4.0), resized=True, renderer="numpy"
         )
     )
-    assert [(row.lag, row.gamma, row.blur) for row in rows[::2]] == [
-        (0.0, None, None),
-        (0.1, None, None),
-        (0.0, None, 1.0),
-        (0.0, 1.5, None),
-    ]
+    axes = [(row.lag, row.gamma, row.blur) for row in rows[::2]]
+    assert axes == [(0.0, None, None), (0.1, None, None), (0.0, None, 1.0), (0.0, 1.5, None)]
     plain, noisy = rows[:2]
     shot = 255 / 2 / (scene.sensor or NOMINAL_SENSOR).gain_e  # variance by photons at mid grey
     expected = np.sqrt((16 + shot) / (1 + shot))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from lab.figures.house import PARTS, house
+from lab.figures.house import PARTS
 from lab.program import NAME, SECTIONS, run
 
 COMMANDS = [name for names in SECTIONS.values() for name in names]
@@ -45,10 +45,3 @@ def test_damaged_inputs_end_in_one_line_or_a_result_that_holds(
     code = run(["fuzz", "--cases", str(cases), "--seed", "7", "--json", str(path)])
     assert code == 0, capfd.readouterr().out
     assert path.is_file()
-
-
-def test_numbers_named_in_tuples_are_counted(tmp_path: Path) -> None:
-    (tmp_path / "part").mkdir()
-    text = 'A = 1\n_B, _C = 2, 3.0  # two\nD = (4, 5)\nE, NAME = 6, "six"\nf = 7\n'
-    (tmp_path / "part" / "a.py").write_text(text, encoding="utf-8")
-    assert house("part", tmp_path).constants == 5

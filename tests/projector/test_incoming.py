@@ -214,15 +214,14 @@ def test_a_description_without_files_takes_pictures_in_their_order(tmp_path: Pat
 
 
 @pytest.mark.parametrize("tag", [2, 3, 6, 8])
-@pytest.mark.parametrize("suffix", [".tif", ".png", ".jpg", ".webp"])
+@pytest.mark.parametrize("suffix", [".tif", ".png", ".jpg"])
 def test_tags_of_orientation_are_ignored(suffix: str, tag: int, tmp_path: Path) -> None:
     """Frames and masks are as stored; a tagged JPEG is as the same JPEG without its tag."""
     image, path = frames()[0], tmp_path / f"a{suffix}"
     if suffix == ".tif":
         tifffile.imwrite(path, np.stack([image] * 2), extratags=[(274, "H", 1, tag, True)])
     else:
-        coded, data = cv2.imencode(suffix, image, [cv2.IMWRITE_WEBP_QUALITY, 101])
-        assert coded
+        data = cv2.imencode(suffix, image)[1]
         exif = b"II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0" + bytes([tag]) + bytes(7)
         path.write_bytes(tagged(data.tobytes(), suffix, exif))
         image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
@@ -231,17 +230,13 @@ def test_tags_of_orientation_are_ignored(suffix: str, tag: int, tmp_path: Path) 
 
 
 def tagged(data: bytes, suffix: str, exif: bytes) -> bytes:
-    """A PNG, JPEG or WebP with an Exif block."""
+    """A PNG or JPEG with an Exif block."""
     if suffix == ".jpg":
         block = b"Exif\0\0" + exif
         return data[:2] + b"\xff\xe1" + (len(block) + 2).to_bytes(2, "big") + block + data[2:]
-    if suffix == ".png":
-        chunk = b"eXIf" + exif
-        block = len(exif).to_bytes(4, "big") + chunk + zlib.crc32(chunk).to_bytes(4, "big")
-        return data[:33] + block + data[33:]
-    head = b"VP8X" + (10).to_bytes(4, "little") + b"\x08\0\0\0" + (27).to_bytes(3, "little")
-    body = head + (19).to_bytes(3, "little") + data[12:] + b"EXIF" + len(exif).to_bytes(4, "little") + exif
-    return b"RIFF" + (len(body) + 4).to_bytes(4, "little") + b"WEBP" + body
+    chunk = b"eXIf" + exif
+    block = len(exif).to_bytes(4, "big") + chunk + zlib.crc32(chunk).to_bytes(4, "big")
+    return data[:33] + block + data[33:]
 
 
 @pytest.mark.parametrize("suffix", [".png", ".webp"])

@@ -10,15 +10,6 @@ from optolever.projector import capture
 from optolever.reconstruct import reconstruct
 from optolever.scene import Pattern, dent, load, resize
 
-TALL = 0.5
-
-
-def squeezed(rows: int, cols: int):
-    """prism48 whose pattern has cells half as tall, and twice as many rows."""
-    scene = resize(load("prism48", exact=True), rows, cols)
-    pattern = scene.pattern
-    return replace(scene, pattern=replace(pattern, aspect=TALL, rows=int(pattern.rows / TALL)))
-
 
 def test_places_are_steps_along_either_axis() -> None:
     pattern = Pattern((1, 2, 3), (0, 1, 0), (0.6, 0, 0.8), 0.2, 40, 30, aspect=0.7)
@@ -31,8 +22,9 @@ def test_places_are_steps_along_either_axis() -> None:
 
 
 def test_heights_through_cells_that_are_not_square() -> None:
-    """By photon noise, about 2 levels."""
-    scene = squeezed(80, 100)
+    """Half as tall, in twice as many rows; by photon noise, about 2 levels."""
+    scene = resize(load("prism48", exact=True), 80, 100)
+    scene = replace(scene, pattern=replace(scene.pattern, aspect=0.5, rows=2 * scene.pattern.rows))
     shown = sequence("gray+phase", scene.pattern.rows, scene.pattern.cols)
     seen = capture(scene, dent("gaussian", scene, peak=0.1, sigma=5), shown, noise=0.5)
     height = reconstruct(decode(seen.frames, shown), scene)
