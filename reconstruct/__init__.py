@@ -3,7 +3,7 @@
 | room or file | holds |
 |---|---|
 | `coupled.py` | reconstruct(): the chain from measurement to HeightMap |
-| `problem.py`, `first.py`, `result.py` | checks, window, components; the first solution; it as a HeightMap |
+| `problem.py`, `result.py` | checks, window, components, the first solution; it as a HeightMap |
 | `geometry.py`, `arrays.py` | rays of the camera; names of arrays |
 | `measured.py` | a measured grid, and its slopes in closed form |
 | `heightmap.py` | HeightMap |

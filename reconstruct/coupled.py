@@ -19,14 +19,13 @@ from optolever.records import LOG, Progress, logged, silent
 from optolever.scene import TYPED, Scene, rig_covariance, without_rest_form
 
 from .arrays import Floats, Mask, Pair
-from .first import first_solution
 from .heightmap import HeightMap
 from .judgement.circulation import circulation_chi2, contradiction
 from .judgement.discontinuities import edge_doubt, touched, widened
 from .judgement.holes import noise_gain
 from .judgement.reweighting import CAUCHY, patches, wrong_pixels
 from .load import SAG, less_sag
-from .problem import Problem
+from .problem import Problem, first_solution
 from .result import (
     against_rest,
     anchors_apart,
@@ -43,8 +42,7 @@ from .rig.model import LINEAR, Measurement, judged_rig, rig_model, rig_modes
 from .solver.anchors import EDGE_OR_BORDER, Anchors
 from .solver.edges import Doubt, defects, edge_weights
 from .solver.newton import State, solve
-from .uncertainty.lens import lens_errors
-from .uncertainty.sources import CELLS, NOISE, noise_sources
+from .uncertainty.sources import CELLS, NOISE, lens_errors, noise_sources
 
 __all__ = ["Solution", "reconstruct", "solved_height"]
 

@@ -1,4 +1,5 @@
-"""The camera's rays as one padded array: the scene's part in the equations of the mirror."""
+"""The camera's rays as one padded array, and where the mirror at rest reflects them: the scene's part in the
+equations of the mirror."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -7,14 +8,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.blocks import over_image
+from optolever.blocks import Work, over_rows
 from optolever.errors import InputError
 from optolever.scene import Scene
 
 from .arrays import Floats
 
-__all__ = ["PAD", "RayField", "pattern_plane", "ray_field", "rest_distance", "rest_height", "traced_rays"]
+__all__ = [
+    *("PAD", "RayField", "flat_mirror", "pattern_plane", "ray_field", "rest_distance", "rest_height"),
+    "traced_rays",
+]
 
+_BLOCK = 1 << 14  # pixels at once: what they need stays in the cache
+_FORM_STEPS = 4  # each leaves the form's slope times the ray's, some thousandths
 PAD = 2  # pixels beyond the image on every side: the reach of a 4th-order central difference
 
 
@@ -115,22 +121,21 @@ def traced_rays(camera: Any) -> RayField:
     rows = np.arange(-PAD, camera.rows + PAD, dtype=np.float64)
     cols = np.arange(-PAD, camera.cols + PAD, dtype=np.float64)
     origins, directions = (np.empty((3, rows.size, cols.size)) for _ in range(2))
-    first = [part[:, None, None] for part in camera.rays_at(0.0, 0.0)]
-    shifts, spreads, finite = list[float](), list[float](), list[bool]()
+    finite = list[bool]()
 
     def block(start: int, stop: int) -> None:
         found = camera.rays_at(rows[start:stop, None], cols)
         image = slice(max(start, PAD), min(stop, rows.size - PAD)), slice(PAD, -PAD)
-        for part, out, one, away in zip(found, (origins, directions), first, (shifts, spreads), strict=True):
+        for part, out in zip(found, (origins, directions), strict=True):
             out[:, start:stop] = np.moveaxis(part, -1, 0)
-            away.append(float(np.abs(out[:, start:stop] - one).max()))
             finite.append(bool(np.isfinite(out[:, *image]).all()))
 
-    over_image(block, (rows.size, cols.size))
+    _by_rows(block, rows.size, cols.size)
     inner = (slice(None), slice(PAD, -PAD), slice(PAD, -PAD))
     if not all(finite):
         raise InputError("scene: the camera has pixels without a finite ray")
-    shift, spread = (float(np.max(away)) for away in (shifts, spreads))  # NaN of one is that of all
+    # NaN of a ray beyond the image is that of all
+    shift, spread = (float(np.ptp(part, axis=(1, 2)).max()) for part in (origins, directions))
     seen = directions[inner] if spread != 0 else directions[:, :1, :1]
     return RayField(origins, directions, spread > 0 and shift == 0, _lean(seen), spread == 0)
 
@@ -140,3 +145,47 @@ def _lean(directions: Floats) -> NDArray[np.float32]:
         lean: NDArray[np.float32] = (directions[:2] / directions[2]).astype(np.float32)
     first = lean[:, :1, :1]
     return first.copy() if bool((lean == first).all()) else lean
+
+
+def flat_mirror(scene: Scene, rays: RayField | None = None) -> Floats:
+    """Place on the pattern's surface of every pixel by the mirror at rest, u and v (2, H, W); NaN where there
+    is none. rays: of the scene's camera, if they are known.
+
+    Neither mirror nor pattern nor medium end: a scene that is a little wrong has its edges elsewhere, and the
+    capture at rest shows where they are.
+    """
+    rays = ray_field(scene.camera) if rays is None else rays
+    (rows, cols), found = rays.shape, np.empty((2, *rays.shape))
+
+    def block(start: int, stop: int) -> None:
+        some = slice(None), slice(start, stop)
+        found[some] = _reflected(scene, rays.inner_origins[some], rays.inner_directions[some])
+
+    _by_rows(block, rows, cols)
+    return found
+
+
+def _by_rows(work: Work, rows: int, cols: int) -> None:
+    """On all cores; few pixels on the calling thread."""
+    if rows * cols <= _BLOCK:
+        work(0, rows)
+    else:
+        over_rows(work, rows, max(1, _BLOCK // cols))
+
+
+def _reflected(scene: Scene, o: Floats, d: Floats) -> Floats:
+    """`flat_mirror` of rays (3, n, W)."""
+    away = rest_distance(o, d)
+    ahead = away > 0
+    out = d * np.array([1.0, 1.0, -1.0])[:, None, None]
+    if scene.rest_form is not None and scene.rest_form.coefficients.any():
+        for _ in range(_FORM_STEPS):
+            x, y, _ = o + away * d
+            away = (rest_height(x, y, scene) - o[2]) / d[2]
+        hx, hy = scene.rest_form.slopes(x, y, scene.mirror)
+        normal = np.stack([-hx, -hy, np.ones_like(hx)])
+        out = d - 2 * (d * normal).sum(axis=0) / (normal * normal).sum(axis=0) * normal
+    u, v, way = scene.pattern.landing((o + away * d).reshape(3, -1), out.reshape(3, -1))
+    with np.errstate(invalid="ignore"):
+        seen = (way.reshape(away.shape) > 0) & ahead
+    return np.where(seen, np.stack([u, v]).reshape(2, *away.shape), np.nan)

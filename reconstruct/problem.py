@@ -1,4 +1,5 @@
-"""From a Correspondence and a Scene to the grid that is solved: checks, window, orientation, components."""
+"""From a Correspondence and a Scene to the grid that is solved, and its first solution: checks, window,
+orientation, components; what cannot be solved is left out."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -13,20 +14,22 @@ from optolever.scene import Pattern, Scene
 
 from .arrays import Floats, Labels, Mask, Pair, some_rows
 from .geometry import RayField, pattern_plane, ray_field
-from .judgement.holes import bridged, small_holes
+from .judgement.holes import bridged, small_holes, whole_lines
 from .measured import Measured
 from .solver.anchors import EDGE_REACH, Anchors, Samples, anchor_rows, anchor_samples
+from .solver.newton import State, missed, solve
 
-__all__ = ["Problem", "on_pixels", "prepare"]
+__all__ = ["Problem", "first_solution"]
 
-#: Pattern pixels: the lower limit of sigma.
 _LEAST = 2  # rows and columns of pixels
-_LEAST_SIGMA = 1e-5
-#: Rows on which it is looked how the slopes' variances go, about.
-#: Deviations that noise may lead beyond the pattern.
-_NOISE = 5.0
+_LEAST_SIGMA = 1e-5  # pattern pixels
+_NOISE = 5.0  # deviations that noise may lead beyond the pattern
 #: Pixels of a component: with fewer, the way to an anchor has no estimate of the change of slope.
 _FEWEST = 4
+_ATTEMPTS = 3  # each without the pixels that have no normal at the last solution
+#: Of w's change over a pixel: slopes that a wrong scene, any error, amplifies.
+_SENSITIVE, _UNSTABLE = 0.25, 1.0
+_MISSED = 5.0  # standard deviations of an edge
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +99,34 @@ class Grid:
     usual: Floats
 
 
-def prepare(
+def first_solution(
+    correspondence: Correspondence, scene: Scene, anchor: Anchors = None, mask: Mask | None = None
+) -> tuple[Problem, State]:
+    """The problem and its solution, without a look at outliers and discontinuities.
+
+    Pixels that cannot be solved with the mirror at rest are excluded first, then those that cannot at the
+    solution. If Newton's method does not converge, so are pixels close to the pattern with a large edge
+    defect: in a scene that is slightly wrong they lie beyond the pattern.
+    """
+    singular = np.zeros(correspondence.u.shape, dtype=np.bool_)
+    grid = _prepare(correspondence, scene, anchor, mask)
+    for _ in range(_ATTEMPTS):
+        problem = _on_pixels(grid, singular)
+        data = problem.data
+        state = solve(data, problem.samples, problem.labels, data.rest(), variances=problem.variances)
+        hollow = data.singular(state.w, usual=problem.usual)[0]
+        if not state.converged:
+            limit = _UNSTABLE if hollow.any() else _SENSITIVE
+            beside = data.sensitive(state.w, limit) | data.sensitive(data.rest(), limit)
+            hollow = whole_lines(hollow | (beside & missed(data, state, _MISSED)))
+        singular |= problem.to_image(hollow, False)
+        problem = replace(problem, singular=problem.singular | (singular & problem.valid))
+        if not hollow.any():
+            break
+    return problem, state
+
+
+def _prepare(
     correspondence: Correspondence, scene: Scene, anchor: Anchors = None, mask: Mask | None = None
 ) -> Grid:
     """Everything up to the choice of pixels. Raises InputError where the input makes no sense or no anchor
@@ -129,7 +159,7 @@ def prepare(
     return Grid(rays, valid, rows, cols, turned, data, samples, seen, holes, variances, hollow, usual)
 
 
-def on_pixels(grid: Grid, singular: Mask) -> Problem:
+def _on_pixels(grid: Grid, singular: Mask) -> Problem:
     """The problem on a grid without pixels that cannot be solved at rest, nor `singular` ones (H, W). Raises
     InputError where no anchor reaches any other."""
     data, samples, cut = grid.data, grid.samples, grid.data.mask & _part(grid, grid.valid & singular)

@@ -6,44 +6,46 @@ TOML only.
 
 | file | holds |
 |---|---|
-| `mirror.py`, `pattern.py`, `medium.py`, `sensor.py` | records; Fresnel; display and sensor response |
+| `mirror.py`, `sensor.py` | mirror, its form at rest, medium (Fresnel); display and sensor response |
+| `pattern.py` | the pattern's surface: flat, bowed, or a table of points |
 | `layer.py` | the elastic layer whose boundary is the mirror |
-| `pattern_shape.py` | displays that are not flat: bow, table of points |
 | `cameras.py`, `face.py` | pixel -> ray, lens distortion, refraction at a face |
-| `scene.py`, `reading.py`, `presets/` | Scene, resize; strict TOML of a rig; the scenes on board |
+| `scene.py`, `reading.py`, `presets/` | Scene, resize, window; strict TOML of a rig; scenes on board |
 | `typed_rig.py` | a rig's TOML from sizes, angles and distances |
-| `parameters.py`, `covariance.py` | the numbers that a calibration adjusts; how sure they are |
-| `accuracy.py`, `priors.py` | how sure typed numbers are; the covariance that every scene has |
+| `parameters.py`, `covariance.py` | the numbers that a calibration adjusts; how sure they are, typed or not |
 | `surface.py`, `grid.py` | Surface (height and gradient), Formula; height array as a bicubic spline |
 | `forms.py`, `dents.py`, `relief.py` | closed forms of the dents; dents by name; a dent from an image |
-| `meeting.py`, `tracing.py` | first meeting of ray and surface; Trace, trace |
+| `meeting.py`, `tracing.py` | first meeting of ray and surface; Trace, trace; a pixel's movement |
 | `drawing.py` | the rig from the side |
-| `window.py` | a part of the image as a camera; how far the view moves across a pixel |
 | `record.py`, `pose.py` | fields declared with limit and key; x_A = T_AB x_B |
 """
 
 from optolever.arguments import check_face
 
-from .accuracy import TYPED, Accuracy
 from .cameras import Camera, PinholeCamera, TelecentricCamera, prism_camera
-from .covariance import Covariance
+from .covariance import TYPED, Accuracy, Covariance
 from .dents import dent, dent_from_text, dent_names, dent_parameters
 from .face import Face
 from .grid import Grid
 from .layer import Layer
-from .medium import Medium
-from .mirror import Mirror, RestForm
-from .parameters import adjusted, parameter_changes, parameter_values, without_rest_form
-from .pattern import Pattern, prism_pattern
-from .pattern_shape import Bow, PatternShape, PointTable
-from .priors import GAUGE_HELD, rig_covariance, typed_covariance, typed_sigmas
+from .mirror import Medium, Mirror, RestForm
+from .parameters import (
+    GAUGE_HELD,
+    adjusted,
+    parameter_changes,
+    parameter_values,
+    rig_covariance,
+    typed_covariance,
+    typed_sigmas,
+    without_rest_form,
+)
+from .pattern import Bow, Pattern, PatternShape, PointTable, prism_pattern
 from .reading import load, preset_names, rig_table, write_sections
-from .scene import Scene, resize
+from .scene import Scene, resize, scene_window, strided
 from .sensor import Display, Sensor
 from .surface import Formula, Surface, surface_from_array
-from .tracing import Trace, trace
+from .tracing import Trace, mean_beside, movement, trace
 from .typed_rig import TypedRig, rig_toml
-from .window import mean_beside, movement, scene_window, strided
 
 __all__ = [
     "GAUGE_HELD", "TYPED", "Accuracy", "Bow", "Camera", "Covariance", "Display", "Face", "Formula",

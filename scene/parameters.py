@@ -1,4 +1,4 @@
-"""The numbers of a scene that a calibration adjusts, by name, and a scene with other ones.
+"""The numbers of a scene that a calibration adjusts, by name; a scene with other ones; their covariance.
 
 Intrinsic numbers (focal length, pitches, bow, index) and the form of the mirror at rest are values; poses are
 changes relative to the scene's: the camera's and the face's in the mirror's axes, the pattern's in its axes
@@ -14,22 +14,49 @@ import numpy as np
 
 from optolever import InputError
 
-from .cameras import Camera, PinholeCamera
+from .cameras import Camera, PinholeCamera, TelecentricCamera
+from .covariance import TYPED, Accuracy, Covariance
 from .face import Face
 from .mirror import RestForm
-from .pattern import Pattern
-from .pattern_shape import Bow
+from .pattern import Bow, Pattern
 from .pose import rotate, rotation_from_vector
 from .record import Float, changed, positive
 from .scene import Scene
 
-__all__ = ["adjusted", "parameter_changes", "parameter_values", "without_rest_form"]
+__all__ = [
+    *("GAUGE_HELD", "adjusted", "parameter_changes", "parameter_values", "rig_covariance"),
+    *("typed_covariance", "typed_sigmas", "without_rest_form"),
+]
 
 _LENS = ("k1", "k2", "p1", "p2", "k3")
 _BOW = ("b20", "b11", "b02")
 _INTRINSIC = {f"camera.{name}" for name in ("f", "cx", "cy", *_LENS, "pitch_u", "pitch_v")}
 _MOST = 1e9  # mm: scenes go no further
 _POSE = ("x", "y", "z", "rx", "ry", "rz")
+#: Fixed: the mirror's frame follows the camera in x, y and its turn about z; no height depends on them.
+GAUGE_HELD = ("camera.x", "camera.y", "camera.rz")
+
+#: Sources of error: field of Accuracy -> the numbers that it holds for.
+_SOURCES: dict[str, tuple[tuple[str, str], ...]] = {
+    "camera pose": (("distance", "camera.x camera.y camera.z"), ("angle", "camera.rx camera.ry camera.rz")),
+    "camera scale": (("scale", "camera.pitch_u camera.pitch_v"),),
+    "focal length": (("focal", "camera.f"),),
+    "lens": (("centre", "camera.cx camera.cy"), ("distortion", "camera.k1")),
+    "face and index": (("angle", "face.rx face.ry"), ("distance", "face.distance"), ("index", "face.index")),
+    "pattern pose": (
+        ("distance", "pattern.x pattern.y pattern.z"),
+        ("angle", "pattern.rx pattern.ry pattern.rz"),
+    ),
+    "pattern pitch": (("scale", "pattern.pitch"),),
+    "display bow": (("bow", "pattern.b20 pattern.b11 pattern.b02"),),
+}
+#: Number -> source, field of Accuracy.
+_TYPED = {
+    name: (source, field)
+    for source, parts in _SOURCES.items()
+    for field, names in parts
+    for name in names.split()
+}
 
 
 def parameter_values(scene: Scene) -> dict[str, float]:
@@ -118,6 +145,49 @@ def parameter_changes(scene: Scene, other: Scene) -> dict[str, float]:
     return values
 
 
+def rig_covariance(scene: Scene) -> Covariance | None:
+    """The covariance of a scene's numbers: its calibration's, else that of typed numbers; None where the
+    scene is exact.
+
+    >>> rig_covariance(load("prism48", exact=True)) is None
+    True
+    """
+    if scene.covariance is not None:
+        return scene.covariance
+    return None if scene.accuracy is None else typed_covariance(scene, scene.accuracy)
+
+
+def typed_covariance(scene: Scene, accuracy: Accuracy | None = None) -> Covariance | None:
+    """Independent errors of `typed_sigmas`, with their sources; None where all are 0."""
+    sigmas = {name: sigma for name, sigma in typed_sigmas(scene, accuracy).items() if sigma > 0}
+    if not sigmas:
+        return None
+    own = np.array([_TYPED[name][0] for name in sigmas])
+    variances = np.diag(np.square([*sigmas.values()]))
+    sources = tuple(source for source in _SOURCES if source in own)
+    parts = np.stack([np.where(own == source, variances, 0.0) for source in sources])
+    return Covariance(tuple(sigmas), variances, sources=sources, parts=parts, gauge="typed")
+
+
+def typed_sigmas(scene: Scene, accuracy: Accuracy | None = None) -> dict[str, float]:
+    """Name (see `parameter_values`) -> standard deviation of a number that was typed; finite everywhere.
+
+    Omitted: the gauge (`GAUGE_HELD`), and numbers without an effect (the distance of a telecentric camera,
+    higher terms of a lens's distortion).
+    """
+    known = TYPED if accuracy is None else accuracy
+    telecentric = isinstance(scene.camera, TelecentricCamera)
+    held = {*GAUGE_HELD, "camera.z"} if telecentric else set(GAUGE_HELD)
+    sigmas = {}
+    for name, value in parameter_values(scene).items():
+        if name in _TYPED and name not in held:
+            field = _TYPED[name][1]
+            units = {"scale": abs(value), "focal": abs(value), "centre": float(scene.camera.cols)}
+            stated = getattr(known, field)
+            sigmas[name] = (known.scale if stated is None else stated) * units.get(field, 1.0)
+    return sigmas
+
+
 def _turn(values: Mapping[str, float], part: str) -> tuple[Float, Float]:
     """Shift (3,) and rotation vector (3,) of a part."""
     pose = np.array([values[f"{part}.{name}"] for name in _POSE])
@@ -180,19 +250,17 @@ def _flat(rows: int, cols: int) -> Bow:
 
 
 def _pattern(pattern: Pattern, values: Mapping[str, float]) -> Pattern:
-    shift, turn = _turn(values, "pattern")
-    middle = _middle(pattern)
-    axes = pattern.rotation.T
-    rotation = rotation_from_vector(turn @ axes)
-    u_axis, v_axis = rotate(rotation, pattern.u_axis), rotate(rotation, pattern.v_axis)
+    (shift, turn), half, middle = _turn(values, "pattern"), _half(pattern), _middle(pattern)
     pitch = values["pattern.pitch"]
     if pitch != pattern.pitch:
         pitch = positive("pattern.pitch", pitch)
-    half = _half(pattern)
-    origin = middle + shift @ axes - pitch * (half[0] * u_axis + half[1] * pattern.aspect * v_axis)
     shape = pattern.shape
     if "pattern.b20" in values:
         bow = {name: values[f"pattern.{name}"] for name in _BOW}
         if isinstance(shape, Bow) or any(bow.values()):
             shape = changed(shape if isinstance(shape, Bow) else _flat(pattern.rows, pattern.cols), **bow)
+    axes = pattern.rotation.T
+    rotation = rotation_from_vector(turn @ axes)
+    u_axis, v_axis = rotate(rotation, pattern.u_axis), rotate(rotation, pattern.v_axis)
+    origin = middle + shift @ axes - pitch * (half[0] * u_axis + half[1] * pattern.aspect * v_axis)
     return changed(pattern, origin=origin, u_axis=u_axis, v_axis=v_axis, pitch=pitch, shape=shape)

@@ -17,17 +17,14 @@ from optolever import InputError
 from optolever.files import atomic_file, latest
 from optolever.toml import read_toml, toml_text
 
-from .accuracy import TYPED, Accuracy
 from .cameras import Camera, PinholeCamera, TelecentricCamera, prism_camera
-from .covariance import Covariance
+from .covariance import TYPED, Accuracy, Covariance
 from .dents import dent_from_text
 from .face import Face
 from .layer import Layer
-from .medium import Medium
-from .mirror import Mirror, RestForm
+from .mirror import Medium, Mirror, RestForm
 from .parameters import parameter_values
-from .pattern import Pattern, prism_pattern
-from .pattern_shape import Bow, PointTable
+from .pattern import Bow, Pattern, PointTable, prism_pattern
 from .pose import look_at, rotation_from_vector
 from .record import Float, Record, declared, number, pair, positive, text, vector
 from .scene import FOREIGN, Scene

@@ -1,4 +1,4 @@
-"""The scene: everything that is physically there, and the same scene at another resolution."""
+"""The scene: everything that is physically there; the same at another resolution, or of a part of it."""
 
 from __future__ import annotations
 
@@ -15,18 +15,16 @@ from optolever import InputError
 from optolever.files import atomic_file, together
 from optolever.toml import read_toml, toml_text
 
-from .accuracy import TYPED, Accuracy
 from .cameras import Camera, PinholeCamera
-from .covariance import Covariance
+from .covariance import TYPED, Accuracy, Covariance
 from .drawing import draw_side
 from .layer import Layer
-from .medium import Medium
-from .mirror import Mirror, RestForm
+from .mirror import Medium, Mirror, RestForm
 from .pattern import Pattern
-from .record import Record, integer, table_of, text
+from .record import Record, changed, integer, table_of, text
 from .sensor import Display, Sensor
 
-__all__ = ["FOREIGN", "Scene", "pixel_units", "resize"]
+__all__ = ["FOREIGN", "Scene", "resize", "scene_window", "strided"]
 
 #: Sections of other parts in a rig's file.
 FOREIGN = ("rest", "response", "profile", "devices", "sync", "start")
@@ -167,11 +165,29 @@ def resize(scene: Scene, rows: int, cols: int) -> Scene:
     covariance = scene.covariance
     if covariance is not None:
         pitch = {"pattern.pitch": pattern.pitch / scene.pattern.pitch}
-        covariance = covariance.scaled(pixel_units(by_col, by_row) | pitch)
+        covariance = covariance.scaled(_pixel_units(by_col, by_row) | pitch)
     return replace(scene, camera=camera, pattern=pattern, covariance=covariance)
 
 
-def pixel_units(by_col: float, by_row: float) -> dict[str, float]:
+def scene_window(scene: Scene, row: float, col: float, rows: int, cols: int) -> Scene:
+    """The scene with a camera whose pixel (0, 0) is at (row, col) of its camera, fractions allowed."""
+    return replace(scene, camera=_window(scene.camera, row, col, rows, cols))
+
+
+def strided(scene: Scene, step: int) -> Scene:
+    """The scene with a camera of every step-th row and column, from pixel (0, 0) on."""
+    camera, covariance = scene.camera, scene.covariance
+    values: dict[str, Any] = {"rows": -(-camera.rows // step), "cols": -(-camera.cols // step)}
+    if isinstance(camera, PinholeCamera):
+        values |= {"focal": camera.focal / step, "centre": camera.centre / step}
+    else:
+        values |= {"pitch": camera.pitch * step}
+    if covariance is not None:
+        covariance = covariance.scaled(_pixel_units(step, step))
+    return changed(scene, camera=changed(camera, **values), covariance=covariance)
+
+
+def _pixel_units(by_col: float, by_row: float) -> dict[str, float]:
     """Factors on a camera's numbers whose pixels become so many times larger."""
     pixels = {"f": 1 / by_col, "cx": 1 / by_col, "cy": 1 / by_row, "pitch_u": by_col, "pitch_v": by_row}
     return {f"camera.{name}": factor for name, factor in pixels.items()}
@@ -190,3 +206,10 @@ def _resize_camera(camera: Camera, rows: int, cols: int, by_row: float, by_col: 
 def _resize_pattern(pattern: Pattern, by: float) -> Pattern:
     rows, cols = (max(1, math.ceil(count / by - 1e-6)) for count in (pattern.rows, pattern.cols))
     return pattern.resampled(rows, cols, 1 / by, 0.5 / by - 0.5)
+
+
+def _window(camera: Camera, row: float, col: float, rows: int, cols: int) -> Camera:
+    if isinstance(camera, PinholeCamera):
+        return replace(camera, centre=camera.centre - np.array([col, row]), rows=rows, cols=cols)
+    shift = col * camera.pitch[0] * camera.u_axis + row * camera.pitch[1] * camera.v_axis
+    return replace(camera, origin=camera.origin + shift, rows=rows, cols=cols)

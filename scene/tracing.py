@@ -1,4 +1,5 @@
-"""Exact ray tracing (float64): camera pixel -> first meeting with the mirror -> reflection -> pattern."""
+"""Exact ray tracing (float64): camera pixel -> first meeting with the mirror -> reflection -> pattern; how
+far a view moves across a pixel."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +19,7 @@ from .record import Float
 from .scene import Scene
 from .surface import Surface
 
-__all__ = ["Trace", "trace"]
+__all__ = ["Trace", "mean_beside", "movement", "trace"]
 
 _BLOCK = 16  # rows at a time: a block's temporaries stay in the cache
 
@@ -133,3 +134,22 @@ def _on_cells(scene: Scene, u: Float, v: Float) -> NDArray[np.bool_]:
         (u >= -0.5) & (u <= scene.pattern.cols - 0.5) & (v >= -0.5) & (v <= scene.pattern.rows - 0.5)
     )
     return inside
+
+
+def movement(before: Float, centre: Float, behind: Float) -> Float:
+    """Movement of a coordinate from one end of a pixel to the other; twice that of a half where one end sees
+    nothing (NaN), 0 where both do."""
+    half = np.where(np.isfinite(before), centre - before, behind - centre)
+    whole = np.where(np.isfinite(before) & np.isfinite(behind), behind - before, 2.0 * half)
+    moved: Float = np.nan_to_num(whole, nan=0.0)
+    return moved
+
+
+def mean_beside(coordinate: tuple[Float, Float, Float], light: tuple[Float, Float, Float]) -> Float:
+    """Mean of a coordinate over a pixel's light less its value at the centre, by its values and the light at
+    one end, the centre and the other end (Simpson's rule); 0 where one end sees nothing (NaN)."""
+    (before, centre, behind), (first, middle, last) = coordinate, light
+    with np.errstate(divide="ignore", invalid="ignore"):
+        moment = first * (before - centre) + last * (behind - centre)
+        apart: Float = np.nan_to_num(moment / (first + 4.0 * middle + last), nan=0.0, posinf=0.0, neginf=0.0)
+    return apart

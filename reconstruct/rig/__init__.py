@@ -3,10 +3,9 @@
 | file | holds |
 |---|---|
 | `model` | modes by the errors of the rig; whether these explain the slopes |
-| `rig_effects` | errors that are no numbers of the scene: cover glass, gauge |
 | `hypotheses` | mistakes in a description, tried one by one |
 | `motion` | the rig's motion between rest and press |
-| `calibration` | a rest capture as reference |
+| `calibration` | a rest capture as reference; errors that are no numbers of the scene: cover glass, gauge |
 """
 
 #: Inside of reconstruct its files are imported one by one: none of their names is public.

@@ -1,23 +1,23 @@
-"""A capture of the mirror at rest as a reference: its deviation from the prediction is calibration."""
+"""What captures of one rig have in common, and its scene does not know: the deviation of a capture of the
+mirror at rest from the prediction, a cover glass, the gauge."""
 
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.blocks import over_rows
 from optolever.decode import Correspondence, Flag
 from optolever.errors import InputError
-from optolever.scene import Scene
+from optolever.scene import TYPED, Scene
 
 from ..arrays import Floats, some_rows
-from ..geometry import RayField, ray_field, rest_distance, rest_height
+from ..geometry import flat_mirror
+from ..problem import Problem
 
-__all__ = ["flat_mirror", "rest_corrected", "same_capture"]
+__all__ = ["gauge_displacement", "glass_shift", "rest_corrected", "same_capture"]
 
 _SAME = 0.02  # standard deviations of the noise
-_BLOCK = 1 << 14  # pixels at once: what they need stays in the cache
-_FORM_STEPS = 4  # each leaves the form's slope times the ray's, some thousandths
+_GLASS_INDEX = 1.5  # of a display's cover
 
 
 def rest_corrected(correspondence: Correspondence, rest: Correspondence, scene: Scene) -> Correspondence:
@@ -46,45 +46,9 @@ def rest_corrected(correspondence: Correspondence, rest: Correspondence, scene: 
     )
 
 
-def flat_mirror(scene: Scene, rays: RayField | None = None) -> Floats:
-    """Place on the pattern's surface of every pixel by the mirror at rest, u and v (2, H, W); NaN where there
-    is none. rays: of the scene's camera, if they are known.
-
-    Neither mirror nor pattern nor medium end: a scene that is a little wrong has its edges elsewhere, and the
-    capture at rest shows where they are.
-    """
-    rays = ray_field(scene.camera) if rays is None else rays
-    (rows, cols), found = rays.shape, np.empty((2, *rays.shape))
-
-    def block(start: int, stop: int) -> None:
-        parts = (part[:, start:stop] for part in (rays.inner_origins, rays.inner_directions))
-        found[:, start:stop] = _reflected(scene, *parts)
-
-    over_rows(block, rows, max(1, _BLOCK // cols))
-    return found
-
-
 def _added(one: NDArray[np.floating], other: NDArray[np.floating]) -> NDArray[np.floating]:
     """Root of the sum of squares: `hypot` is three times slower."""
     return np.asarray(np.sqrt(np.square(one) + np.square(other)))
-
-
-def _reflected(scene: Scene, o: Floats, d: Floats) -> Floats:
-    """`flat_mirror` of rays (3, n, W)."""
-    away = rest_distance(o, d)
-    ahead = away > 0
-    out = d * np.array([1.0, 1.0, -1.0])[:, None, None]
-    if scene.rest_form is not None and scene.rest_form.coefficients.any():
-        for _ in range(_FORM_STEPS):
-            x, y, _ = o + away * d
-            away = (rest_height(x, y, scene) - o[2]) / d[2]
-        hx, hy = scene.rest_form.slopes(x, y, scene.mirror)
-        normal = np.stack([-hx, -hy, np.ones_like(hx)])
-        out = d - 2 * (d * normal).sum(axis=0) / (normal * normal).sum(axis=0) * normal
-    u, v, way = scene.pattern.landing((o + away * d).reshape(3, -1), out.reshape(3, -1))
-    with np.errstate(invalid="ignore"):
-        seen = (way.reshape(away.shape) > 0) & ahead
-    return np.stack([np.where(seen, at.reshape(away.shape), np.nan) for at in (u, v)])
 
 
 def same_capture(pressed: Correspondence, rest: Correspondence) -> bool:
@@ -100,3 +64,46 @@ def same_capture(pressed: Correspondence, rest: Correspondence) -> bool:
         if not np.nanmean(np.square((one - other) / noise)) < _SAME**2:
             return False
     return True
+
+
+def glass_shift(scene: Scene, problem: Problem, w: Floats, at_rest: bool) -> Floats:
+    """Change of u and v (2, rows, cols) by a cover glass of 1 mm, less that of the rest capture; w: the
+    unknown of the solution."""
+    data, index = problem.data, 1.0 if scene.medium is None else scene.medium.index
+    shift = _refracted(data.to_pattern(w), data.plane, index)
+    if at_rest:
+        reflected = data.rays.inner_directions * np.array([1.0, 1.0, -1.0])[:, None, None]
+        shift = shift - _refracted(reflected, data.plane, index)
+    return np.stack([np.nan_to_num(problem.to_image(part, 0.0)) for part in shift])
+
+
+def _refracted(directions: Floats, plane: Floats, index: float) -> Floats:
+    """Change of the places, in cells (2, rows, cols), where rays (3, rows, cols) meet the cells behind 1 mm
+    of glass: by Snell's law, tan of the angle in the glass less tan of the angle outside."""
+    pitch = np.linalg.norm(plane[1:], axis=1)
+    axes = plane[1:] / pitch[:, None]
+    local = np.tensordot(np.stack([*axes, np.cross(*axes)]), directions, 1)
+    across = np.hypot(local[0], local[1])
+    sine = index / _GLASS_INDEX * across / np.linalg.norm(local, axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        factor = sine / np.sqrt(1 - sine**2) / across - 1 / np.abs(local[2])
+    shift: Floats = factor * local[:2] / pitch[:, None, None]
+    return shift
+
+
+def gauge_displacement(scene: Scene) -> Floats:
+    """Displacement (3, 2, 3), see `HeightMap`, by place (x, y) and turn about z of the rig over the mirror:
+    no height depends on them.
+
+    A calibration in open air replaces the typed pose of the camera by one relative to its flats, which stood
+    anywhere: where the mirror lies is known by the typed aim, an angle over the camera's distance.
+    """
+    known = TYPED if scene.accuracy is None else scene.accuracy
+    x, y = 0.5 * scene.mirror.length, 0.5 * scene.mirror.width
+    place = known.distance
+    if scene.covariance is not None and scene.medium is None:
+        away = float(np.linalg.norm(scene.camera.origin - [x, y, 0.0]))
+        place = float(np.hypot(place, known.angle * away))
+    turn = known.angle * np.array([[y, 0, -1], [-x, 1, 0]])
+    shifts = place * np.eye(2)[..., None] * [1, 0, 0]
+    return np.array([*shifts, turn])

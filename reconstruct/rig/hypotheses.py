@@ -14,10 +14,9 @@ from optolever.notices import Notice
 from optolever.scene import Scene, adjusted, parameter_values, strided, typed_covariance
 
 from ..arrays import Floats, some_rows
-from ..geometry import ray_field, traced_rays
+from ..geometry import flat_mirror, ray_field, traced_rays
 from ..judgement.circulation import circulation_chi2
 from ..judgement.holes import noise_gain
-from .calibration import flat_mirror
 from .model import LIKELY, Measurement, RigJudgement, judged_rig, rig_model
 
 __all__ = ["likely_mistake", "likely_mistake_at_rest", "of_another_rig", "turned_against"]
@@ -157,16 +156,15 @@ def _rest_errors(
     some = rest.good[::step, ::step] & np.isfinite(flat).all(axis=0) & np.isfinite(places).all(axis=0)
     if known is None or not some.any():
         return np.zeros(0), 0.0, ()
-
-    def moved(row: Floats) -> Floats:
-        values = {name: own[name] + _STEP * by for name, by in zip(known.names, row, strict=True)}
-        other = adjusted(scene, values, own)
-        seen = rays if other.camera is scene.camera else traced_rays(other.camera)
-        change: Floats = (flat_mirror(other, seen) - flat)[:, some].ravel()
-        return np.nan_to_num(change / _STEP)
-
-    deviation = (places - flat)[:, some].ravel()
-    fields = np.stack([moved(row) for row in known.root], axis=1)
+    deviation, camera = (places - flat)[:, some].ravel(), scene.camera
+    values = [
+        {name: own[name] + _STEP * by for name, by in zip(known.names, row, strict=True)}
+        for row in known.root
+    ]
+    scenes = [adjusted(scene, one, own) for one in values]
+    moved = [flat_mirror(one, rays if one.camera is camera else traced_rays(one.camera)) for one in scenes]
+    fields = np.nan_to_num((np.stack(moved, axis=-1) - flat[..., None])[:, some] / _STEP)
+    fields = fields.reshape(len(deviation), -1)
     size = max(_NOISE, _TENTH * float(np.sqrt(np.mean(deviation**2))))
     weight = np.ones(len(deviation))
     for _ in range(_REWEIGHTED if robust else 1):

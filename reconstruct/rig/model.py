@@ -23,19 +23,17 @@ from optolever.errors import InputError
 from optolever.scene import RestForm, Scene, adjusted, parameter_values, rig_covariance, strided
 
 from ..arrays import Floats, Mask
-from ..first import first_solution
-from ..geometry import pattern_plane, rest_height, traced_rays
+from ..geometry import flat_mirror, pattern_plane, rest_height, traced_rays
 from ..heightmap import HeightFlag, HeightMap
 from ..judgement.circulation import circulations
 from ..measured import Measured
 from ..outputs.coarse_modes import Modes, coarse_step, filled
-from ..problem import Problem
+from ..problem import Problem, first_solution
 from ..solver.anchors import Anchors, PixelAnchor
 from ..solver.newton import State, chord_step, linear_changes
 from ..solver.poisson import Accuracy
-from .calibration import flat_mirror, rest_corrected
+from .calibration import gauge_displacement, glass_shift, rest_corrected
 from .motion import motion_shifts
-from .rig_effects import gauge_displacement, glass_shift
 
 __all__ = [
     "LIKELY", "LINEAR", "Measurement", "RigJudgement", "RigModel", "RigModes", "judged_rig",
@@ -164,12 +162,13 @@ class RigModel:
         changes, shifts = errors[:, :numbers] @ self.root, np.tensordot(errors[:, numbers:], self.shifts, 1)
         values = [{k: self.numbers[k] + x for k, x in zip(self.names, one, strict=True)} for one in changes]
         scenes = [adjusted(self.scene, one, self.numbers) for one in values]
-        rays = [problem.rays if self._sees(one) else traced_rays(one.camera) for one in scenes]
+        camera = self.scene.camera
+        rays = [problem.rays if one.camera is camera else traced_rays(one.camera) for one in scenes]
         if self.rest_mirror is not None:  # the rest capture is compared with what a rig predicts of it
             flat = [flat_mirror(*pair) for pair in zip(scenes, rays, strict=True)]
             shifts = shifts + np.nan_to_num(np.stack(flat) - self.rest_mirror)
         windows = [
-            data.rays if self._sees(scene) else problem.rays_on_grid(one)
+            data.rays if scene.camera is camera else problem.rays_on_grid(one)
             for scene, one in zip(scenes, rays, strict=True)
         ]
         own = self.scene.pattern
@@ -186,10 +185,6 @@ class RigModel:
             found.append(RigSolution(moved, state, scene))
         return found
 
-    def _sees(self, scene: Scene) -> bool:
-        """Whether a scene's camera is the model's."""
-        return scene.camera is self.scene.camera
-
     def solved(self, errors: Floats, start: State) -> RigSolution:
         """The measurement with these errors (m,), and its solution by chord steps from a state."""
         ((data, own, scene),) = self.changed(errors[None])
@@ -201,13 +196,9 @@ class RigModel:
     def _distances(self, scenes: list[Scene]) -> list[Floats]:
         """Of the anchors along the rays of every scene, (M,) mm."""
         row, col, points, normals, rest = self.held
-        still, x, y, own = (
-            self.scene.camera.rays_at(row, col),
-            points[:, 0],
-            points[:, 1],
-            self.scene.rest_form,
-        )
-        rays = [still if self._sees(one) else one.camera.rays_at(row, col) for one in scenes]
+        camera, own, (x, y) = self.scene.camera, self.scene.rest_form, points[:, :2].T
+        still = camera.rays_at(row, col)
+        rays = [still if one.camera is camera else one.camera.rays_at(row, col) for one in scenes]
         before = rest_height(x, y, self.scene)
         rises = [0.0 * x if one.rest_form is own else rest_height(x, y, one) - before for one in scenes]
         known = [points + np.multiply.outer(rest * rise, [0.0, 0.0, 1.0]) for rise in rises]

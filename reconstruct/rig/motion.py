@@ -6,9 +6,8 @@ from optolever.decode import Correspondence
 from optolever.scene import Scene, adjusted, parameter_values
 
 from ..arrays import Floats
-from ..geometry import ray_field, traced_rays
+from ..geometry import flat_mirror, ray_field, traced_rays
 from ..outputs.coarse_modes import filled
-from .calibration import flat_mirror
 
 __all__ = ["motion_shifts"]
 

@@ -289,6 +289,11 @@ class AnchorRows(NamedTuple):
         """Variance that the way from the pixels adds, of the slopes', (M,)."""
         return self._along(variances, self.by**2)
 
+    def error_variance(self, variances: Pair) -> Floats:
+        """Variance of the predicted values less the known ones, (M,), by the slopes' variances."""
+        total: Floats = self.sigma**2 + self.spread(*variances) + 0.25 * variances[0].ravel()[self.pixel]
+        return total
+
     def _along(self, fields: Sequence[Floats], weights: Floats) -> Floats:
         values = [
             field.reshape(*field.shape[:-2], -1)[..., at] for field, at in zip(fields, self.at, strict=True)

@@ -246,7 +246,7 @@ def _anchored(
     error = rows.predict(w, *slopes) - rows.known
     error += factor * potential.reshape(*w.shape[:-2], -1)[..., at]
     if share is None:
-        constants, share = free_constants(rows, error, factor, _anchor_spread(rows, variances), count)
+        constants, share = free_constants(rows, error, factor, rows.error_variance(variances), count)
     else:
         constants = -(share * error / factor) @ np.eye(count + 1)[rows.component]
     change = potential + (constants[..., 1, None, None] if count == 1 else constants[..., labels])
@@ -255,12 +255,6 @@ def _anchored(
     if not labels.all():
         change *= labels > 0
     return change, share
-
-
-def _anchor_spread(rows: AnchorRows, variances: tuple[Floats, Floats]) -> Floats:
-    """Variance of the anchors' predicted values less the known ones, (M,)."""
-    spread: Floats = rows.sigma**2 + rows.spread(*variances) + 0.25 * variances[0].ravel()[rows.pixel]
-    return spread
 
 
 def _anchor_energy(
@@ -273,7 +267,7 @@ def _anchor_energy(
         return 0.0
     factor = np.broadcast_to(root**2, w.shape).ravel()[rows.pixel]
     error = rows.predict(w, *slopes) - rows.known
-    spread = _anchor_spread(rows, variances)
+    spread = rows.error_variance(variances)
     constants, share = free_constants(rows, error, factor, spread, int(rows.component.max()))
     weights = np.bincount(rows.component, np.where(share > 0, factor**2 / spread, 0.0), constants.size)
     return float(weights @ np.square(constants))

@@ -5,9 +5,8 @@
 | `closed_form` | variance of the height on a rectangle |
 | `monte_carlo` | the same by drawn noise |
 | `response` | the response of the height to an error field |
-| `sources` | the list of the sources of noise, whose variances add up |
+| `sources` | the list of the sources of noise, whose variances add up; errors by a lens that was not given |
 | `budget` | the uncertainty of a height, a depth, a difference, by its sources |
-| `lens` | errors of places by a lens that was not given |
 | `null_space` | height modes without a slope |
 """
 

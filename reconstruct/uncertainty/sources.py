@@ -4,7 +4,7 @@
 |---|---|
 | NOISE | noise of every pixel: in closed form, or drawn |
 | SHARED | of u or v: a shift; cosine and sine of the phase, of frames; drawn, of rows and columns |
-| LENS | of u and v together, see `lens` |
+| LENS | of u and v together, see `lens_errors` |
 | CELLS | the sawtooth of a discrete code, over the places where its cells may begin |
 | ANCHORS | of every known value; the response is the integrating factor |
 | BEND | of the ways to the anchors in common (`AnchorRows.bend`), likewise |
@@ -18,9 +18,12 @@ with the cells begun elsewhere (a parametric bootstrap: Efron, 10.1214/aos/11763
 from collections.abc import Iterator
 from itertools import islice
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from optolever.decode import SharedNoise
+from optolever.blocks import on_cores
+from optolever.decode import Correspondence, SharedNoise
 
 from ..arrays import Floats, Labels, Mask, Pair
 from ..problem import Problem
@@ -31,7 +34,7 @@ from .response import ErrorField, smooth_variance, smoothed, variance_by
 
 __all__ = [
     *("ANCHORS", "BEND", "CELLS", "DOUBTS", "LENS", "NOISE", "SHARED"),
-    *("anchor_response", "noise_sources"),
+    *("anchor_response", "lens_errors", "noise_sources"),
 ]
 
 NOISE, SHARED = "noise of the frames, independent", "noise that pixels have in common"
@@ -44,6 +47,8 @@ _PIXELS = 1 << 22  # solved in all: fewer draws for large images
 _SEED = 20140318
 _PLACES = 8  # of the cells' beginning
 _SMOOTH = 4.0  # pixels, rms: over more than the sawtooth of two cells a pixel
+_CLEAN = np.ones((5, 5), np.uint8)  # as the decoder asks before it takes the aperture off
+_SMALL, _LARGE = 1e-6, 1e6
 
 
 def noise_sources(
@@ -135,3 +140,43 @@ def _twiced(coord: Floats, mask: Mask) -> Floats:
     Analysis, 1977): the slope determines where sampling is commensurate."""
     once = smoothed(coord, mask, _SMOOTH)
     return once + smoothed(coord - once, mask, _SMOOTH)
+
+
+def lens_errors(seen: Correspondence, rest: Correspondence | None) -> Pair | None:
+    """Errors of u and v (H, W) by one standard deviation of the lens, less those that the rest capture has
+    in common; None: the lens was given, or the code's places are cells."""
+    noise = seen.shared_noise
+    if noise is None or not (noise.lens_u or noise.lens_v):
+        return None
+    errors = _brackets(seen)
+    if rest is not None:
+        errors = errors - _brackets(rest)
+    return noise.lens_u * errors[0], noise.lens_v * errors[1]
+
+
+def _brackets(seen: Correspondence) -> Floats:
+    """laplace u + 2 grad u . grad ln A, of v likewise (2, H, W), a place's shift over half the aperture's
+    second moment: the mean of 3 x 3 pixels; 0 beside pixels that are not good."""
+    usable = seen.good & np.isfinite(seen.u) & np.isfinite(seen.v)
+    light = np.ones(usable.shape) if seen.amplitude is None else np.nan_to_num(seen.amplitude)
+    # of a damaged file both may be anything
+    log = np.where(usable, np.log(np.clip(light, _SMALL, 2.0**16)), 0.0).astype(np.float64)
+    falls = _slopes(log)
+    good = cv2.erode(usable.view(np.uint8), _CLEAN, borderType=cv2.BORDER_CONSTANT, borderValue=0)
+
+    def bracket(at: NDArray[np.floating]) -> Floats:
+        place = np.where(usable, np.clip(at, -_LARGE, _LARGE), 0.0).astype(np.float64)
+        shift: Floats = np.asarray(cv2.Laplacian(place, cv2.CV_64F), np.float64)
+        for rise, fall in zip(_slopes(place), falls, strict=True):
+            shift += 2.0 * rise * fall
+        shift *= good
+        return np.asarray(cv2.blur(shift, (3, 3)))
+
+    return np.stack(on_cores(bracket, (seen.u, seen.v)))
+
+
+def _slopes(values: Floats) -> Pair:
+    """By the neighbours on either side, along columns and rows (H, W)."""
+    difference = np.array([[-0.5, 0.0, 0.5]])
+    along, down = (cv2.filter2D(values, cv2.CV_64F, part) for part in (difference, difference.T))
+    return np.asarray(along), np.asarray(down)
