@@ -154,8 +154,9 @@ def _prepare(
     data = _transposed(data) if turned else data
     holes = small_holes(data.mask)
     seen, data = data.mask, bridged(data, holes)
-    variances = data.variances(data.rest())
-    hollow, usual = data.singular(data.rest(), variances)
+    rest = data.rest()
+    variances = data.variances(rest)
+    hollow, usual = data.singular(rest, variances)
     return Grid(rays, valid, rows, cols, turned, data, samples, seen, holes, variances, hollow, usual)
 
 

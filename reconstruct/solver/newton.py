@@ -86,7 +86,7 @@ def solve(
     each with an anchor sample at least; doubt: of the edges' increments, see `discontinuities`; variances: of
     the slopes at w, if they are known.
     """
-    rows = anchor_rows(samples, data, labels)
+    rows, few = anchor_rows(samples, data, labels), some_rows(w)
     variances = _guarded(data.variances(w) if variances is None else variances, data.mask)
     tolerance = _TOLERANCE * float(np.ptp(w[data.mask]))
     noise = math.sqrt(middle(variances[0], data.mask))
@@ -109,7 +109,7 @@ def solve(
             weights = scaled_weights(own, root)
             # the first factor changes the weights by orders of magnitude, others hardly
             problem = edge_problem(*weights, data.mask, doubt is None, problem if steps else None)
-            sample = tuple(part[some_rows(part)].copy() for part in weights)
+            sample = tuple(part[few].copy() for part in weights)
             del weights
         del p_w, q_w
         gx, gy = defects(p, q, w, root, data.mask)
@@ -123,7 +123,7 @@ def solve(
             merits.pop()
             steps.append(steps[-1])
             continue
-        misfit = _misfit(sample, gx, gy)
+        misfit = _misfit(sample, gx[few], gy[few])
         # data may be better than announced; a wrong scene may miss most of them
         quiet = max(min(1.0, math.sqrt(energies[-1] / data.mask.sum())), misfit)
         relative = _RELATIVE if steps else _FIRST_RELATIVE
@@ -298,13 +298,13 @@ def _left(steps: list[float]) -> float:
 
 def _misfit(weights: tuple[Floats, ...], gx: Floats, gy: Floats) -> float:
     """Robust root mean square of the edge defects over their standard deviations, below 1 for noise as
-    announced, independent of single wrong pixels. weights: of `some_rows`.
+    announced, independent of single wrong pixels.
     """
-    (wx, wy), rows = weights, some_rows(gx)
+    wx, wy = weights
     both = (wx > 0) & (wy > 0)
     if not both.any():
         return 0.0
-    return math.sqrt(float(np.median((wx * gx[rows] ** 2 + wy * gy[rows] ** 2)[both])) / _MEDIAN)
+    return math.sqrt(float(np.median((wx * gx**2 + wy * gy**2)[both])) / _MEDIAN)
 
 
 def _stalled(steps: list[float]) -> bool:
