@@ -9,8 +9,8 @@ therefore
 (K. L. Johnson, Contact Mechanics, 1985, eq. 3.42; of a layer its Green's function in place of 1 / q) by least
 squares over the good cells outside f radii of every contact, weighted by area and noise, a = 0 +- 1.
 With weights that sum to one the covariance is (rho / 3)^2 (A^T W A)^-1, rho the rms residual. f is 2, 2.5, 3
-or 4. Where dents fade, as on a layer of unknown thickness, powers of q take the place of the sum; c is 0 +- 6
-noises, or free.
+or 4. Where dents fade, as on a layer of unknown thickness, powers of q take the place of the sum; c is 0 +- 2.5
+noises, 6 where the rig may move, or free.
 """
 
 import math
@@ -42,7 +42,7 @@ _INDEPENDENT = 36.0  # samples of noise, and of a robust fit
 _TAILED = 9.0  # samples of what tails of dents leave
 _BEYOND = 5.0  # standard deviations: motions beyond their prior are found, too
 _SEEN = 2.0  # standard deviations of c under a load
-_STILL = 6.0  # noises: as a layer on a base sinks, whose thickness nobody knows
+_STILL, _YIELDS = 2.5, 6.0  # noises: of a dent that fades; where the rig moves, which hides a layer's sinking
 _SINKS = 0.05  # of the largest height: what sinks with it, whatever the far field is
 _FADES, _ANY = range(3, 9), range(1, 7)  # powers of the distance
 _OUTLIER = 3.0  # standard deviations of a robust fit: beyond, cells count less
@@ -225,7 +225,7 @@ def _simplest(
     Without a free mode nothing counts as at rest: of load and dent that fades the one that leaves less."""
     kinds: list[tuple[float, _Fields, float]] = [
         (_WORSE, partial(far_field, layer), math.inf),
-        (_MUCH, partial(_round, _FADES), _STILL * noise),
+        (_MUCH, partial(_round, _FADES), (_YIELDS if len(cells.motion) else _STILL) * noise),
         (1.0, partial(_round, _ANY), _SINKS * float(cells.z.max(initial=0.0))),
     ]
     if not cells.free.any():  # a load's fields look like errors of the rig: only where they leave less
