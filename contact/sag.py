@@ -9,8 +9,8 @@ therefore
 (K. L. Johnson, Contact Mechanics, 1985, eq. 3.42; of a layer its Green's function in place of 1 / q) by least
 squares over the good cells outside f radii of every contact, weighted by area and noise, a = 0 +- 1.
 With weights that sum to one the covariance is (rho / 3)^2 (A^T W A)^-1, rho the rms residual. f is 2, 2.5, 3
-or 4. Where dents fade, as on a layer of unknown thickness, powers of q take the place of the sum; c is 0 +- 2.5
-noises, 6 where the rig may move, or free.
+or 4. Where dents fade, as on a layer of unknown thickness, powers of q take the place of the sum; c is
+0 +- 2.5 noises, 6 where the rig may move, or free.
 """
 
 import math
