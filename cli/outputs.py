@@ -104,24 +104,16 @@ def _require_apart(outputs: list[Path], inputs: list[str]) -> None:
         if path.exists() and not path.is_file():
             continue  # devices take whatever comes
         for text in inputs:
-            if any(_reads(Path(name), path) for name in _texts(text)):
-                what = "is an input" if path.exists() else "would become an input"
-                raise InputError(f"{path}: {what} ({text}), which it would destroy; name another output")
+            if any(_same(each, path) for each in files_named(text)) or _is_within(path, text):
+                raise InputError(f"{path}: is an input ({text}), which it would destroy; name another output")
         if any(_same(path, other) for other in outputs[:place]):
             raise InputError(f"{path}: is named for two outputs, each needs a file of its own")
 
 
-def _reads(source: Path, path: Path) -> bool:
-    """Whether a command that is given `source` reads the file `path`: itself; what it names, if it is TOML;
-    TOML in it, if it is a folder."""
-    if source.is_dir():
-        inside = path.resolve().is_relative_to(source.resolve())
-        return inside and path.suffix == ".toml" and path.exists()
-    if not source.is_file():
-        return False
-    named = _texts(source.read_text("utf-8", "replace")) if source.suffix == ".toml" else set[str]()
-    files = (source.parent / name for name in named if os.path.isfile(source.parent / name))
-    return _same(source, path) or any(_same(each, path) for each in files)
+def _is_within(path: Path, text: str) -> bool:
+    """Whether a command that is given a folder in a text reads this TOML file in it."""
+    folders = (Path(name).resolve() for name in _texts(text) if os.path.isdir(name))
+    return path.suffix == ".toml" and path.exists() and any(map(path.resolve().is_relative_to, folders))
 
 
 def files_named(value: Any) -> list[Path]:

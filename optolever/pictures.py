@@ -2,7 +2,6 @@
 reads, as they are stored (tags of orientation are ignored); errors of one line."""
 
 import logging
-import re
 import struct
 import zlib
 from contextlib import suppress
@@ -65,8 +64,8 @@ def read_pictures(path: Path) -> Picture:
     data = path.read_bytes()
     if data.startswith(_PNG_SIGNATURE):
         _require_whole_png(path, data)
-    if data[:2] in _ASCII:
-        return _from_ascii(path, data)
+    if data[:2] in (b"P2", b"P3"):  # which OpenCV scales
+        raise InputError(f"{path}: a PNM whose numbers are text; save it as PNG")
     return _from_tiff(path, data) if suffix in _TIFF else _decoded(path, data)
 
 
@@ -162,24 +161,6 @@ def _decoded(path: Path, data: bytes) -> Picture:
     if len(found) > 1:
         raise InputError(f"{path}: is an animation of {len(found)} pictures; save each as a PNG of its own")
     return _red_first(np.asarray(found[0]))[None]
-
-
-#: Kinds of PNM whose numbers are text, and their values per pixel.
-_ASCII = {b"P2": 1, b"P3": 3}
-
-
-def _from_ascii(path: Path, data: bytes) -> Picture:
-    """A PGM or PPM whose numbers are text; OpenCV scales those of other than 8 bits."""
-    try:
-        words = re.sub(rb"#[^\n]*", b"", data).split()
-        cols, rows, most = map(int, words[1:4])
-        levels = np.array(words[4:], np.int64).reshape(rows, cols, _ASCII[words[0]])
-    except ValueError as error:
-        raise InputError(f"{path}: not a readable PNM ({error})") from error
-    if not levels.size or not 0 < most < 65536 or levels.min() < 0 or levels.max() > most:
-        raise InputError(f"{path}: its values are not all between 0 and its largest, {most}")
-    levels = levels.astype(np.uint8 if most < 256 else np.uint16)
-    return levels[..., 0][None] if levels.shape[2] == 1 else levels[None]
 
 
 def _from_tiff(path: Path, data: bytes) -> Picture:

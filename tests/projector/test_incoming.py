@@ -268,16 +268,10 @@ def test_a_tiff_without_its_height_is_refused(tmp_path: Path) -> None:
         read_pictures(tmp_path / "a.tif")
 
 
-@pytest.mark.parametrize("most", [100, 255, 1023])
-def test_pnm_with_numbers_as_text_is_as_stored(most: int, tmp_path: Path) -> None:
-    grey, colours = frames(np.uint16, most)[0], frames(np.uint16, most)[:3].transpose(1, 2, 0)
-    for kind, image, name in (("P2", grey, "a.pgm"), ("P3", colours, "a.ppm")):
-        values = " ".join(map(str, image.ravel()))
-        (tmp_path / name).write_text(f"{kind}\n# by a camera\n28 20\n{most}\n{values}\n", encoding="ascii")
-        np.testing.assert_array_equal(read_pictures(tmp_path / name)[0], image)
-        (tmp_path / name).write_text(f"{kind}\n28 20\n{most}\n{values[:-9]}\n", encoding="ascii")
-        with pytest.raises(InputError, match=f"{name}: not a readable PNM"):
-            read_pictures(tmp_path / name)
+def test_pnm_with_numbers_as_text_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.pgm").write_text("P2\n2 1\n1023\n7 900\n", encoding="ascii")
+    with pytest.raises(InputError, match="numbers are text; save it as PNG"):
+        read_pictures(tmp_path / "a.pgm")
 
 
 def test_a_file_of_another_length_than_its_header_says_is_refused(tmp_path: Path) -> None:
