@@ -13,13 +13,14 @@ import click
 from optolever import InputError, __version__
 from optolever.errors import reason_of
 
-from .commands import Program
+from .commands import SECTIONS, Commands
 
 _GARBAGE = 50_000  # objects between collections: imports make many and no garbage, of 700 it takes .1 s
 
 
 @click.group(
-    cls=Program,
+    cls=Commands,
+    sections=SECTIONS,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     epilog="Start with: optolever demo --out out/demo",
 )

@@ -2,6 +2,7 @@
 
 import importlib
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import click
 
@@ -19,13 +20,14 @@ MODULES = {"show": "window"}
 
 
 class Commands(click.Group):
-    """A group whose commands are modules of a package, imported when they are asked for.
+    """A group whose commands are modules of a package, imported when they are asked for; sections: their
+    names under headings."""
 
-    sections: names under their headings. package: where the modules lie.
-    """
-
-    sections: Mapping[str, Sequence[str]] = {}
-    package = __package__
+    def __init__(
+        self, *args: Any, sections: Mapping[str, Sequence[str]], package: str = __package__, **given: Any
+    ) -> None:
+        super().__init__(*args, **given)
+        self.sections, self.package = sections, package
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return [name for names in self.sections.values() for name in names]
@@ -47,9 +49,3 @@ class Commands(click.Group):
                 rows.append((name, command.get_short_help_str(limit=formatter.width)))
             with formatter.section(heading):
                 formatter.write_dl(rows)
-
-
-class Program(Commands):
-    """optolever NAME."""
-
-    sections = SECTIONS

@@ -15,15 +15,11 @@ SECTIONS: Mapping[str, tuple[str, ...]] = {
 NAME = "python -m lab"
 
 
-class Laboratory(Commands):
-    """python -m lab NAME."""
-
-    sections = SECTIONS
-    package = f"{__package__}.commands"
-
-
 @click.group(
-    cls=Laboratory, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100}
+    cls=Commands,
+    sections=SECTIONS,
+    package=f"{__package__}.commands",
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
 def lab() -> None:
     """The laboratory: figures, damaged inputs.
