@@ -33,15 +33,12 @@ _MISSED = 5.0  # standard deviations of an edge
 
 
 @dataclass(frozen=True, slots=True)
-class Problem:
-    """The equations' data, and their window in the image.
+class Window:
+    """The part of an image that holds valid pixels.
 
-    rays, valid: of the full image (H, W); rows, cols: the window that holds valid pixels; turned: the
-    window's rows and columns are exchanged, so that the slopes' variances go by columns; data: that grid, to
-    which the samples belong; labels: its anchored components from 1 on; bridged: interpolated pixels, of
-    small holes; lost: valid pixels without an anchor; singular (H, W): valid pixels of the
-    image that cannot be solved (see `Measured.singular`); suspects (H, W): wrong pixels; variances,
-    usual: see `Grid`.
+    rays, valid: of the full image (H, W); rows, cols: the part; turned: its rows and columns are exchanged,
+    so that the slopes' variances go by columns; data: that grid, to which the samples belong; variances: of
+    the slopes with the mirror at rest; usual: see `Measured.singular`.
     """
 
     rays: RayField
@@ -51,11 +48,6 @@ class Problem:
     turned: bool
     data: Measured
     samples: Samples
-    labels: Labels
-    bridged: Mask
-    lost: int
-    singular: Mask
-    suspects: Mask
     variances: Pair
     usual: Floats
 
@@ -77,26 +69,26 @@ class Problem:
 
 
 @dataclass(frozen=True, slots=True)
-class Grid:
-    """The window of the image that holds valid pixels, before any is left out; names as in `Problem`.
+class Grid(Window):
+    """Before any pixel is left out, holes bridged. seen, holes (rows, cols): measured pixels, and those
+    between; hollow: pixels that cannot be solved with the mirror at rest."""
 
-    data: holes bridged; seen, holes (rows, cols): measured pixels, and those between; variances: of the
-    slopes with the mirror at rest; hollow: pixels that cannot be solved there; usual: see
-    `Measured.singular`.
-    """
-
-    rays: RayField
-    valid: Mask
-    rows: slice
-    cols: slice
-    turned: bool
-    data: Measured
-    samples: Samples
     seen: Mask
     holes: Mask
-    variances: Pair
     hollow: Mask
-    usual: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Problem(Window):
+    """What is solved. labels: the grid's anchored components from 1 on; bridged: interpolated pixels, of
+    small holes; lost: valid pixels without an anchor; singular (H, W): valid pixels of the image that cannot
+    be solved (see `Measured.singular`); suspects (H, W): wrong pixels."""
+
+    labels: Labels
+    bridged: Mask
+    lost: int
+    singular: Mask
+    suspects: Mask
 
 
 def first_solution(
@@ -157,13 +149,13 @@ def _prepare(
     rest = data.rest()
     variances = data.variances(rest)
     hollow, usual = data.singular(rest, variances)
-    return Grid(rays, valid, rows, cols, turned, data, samples, seen, holes, variances, hollow, usual)
+    return Grid(rays, valid, rows, cols, turned, data, samples, variances, usual, seen, holes, hollow)
 
 
 def _on_pixels(grid: Grid, singular: Mask) -> Problem:
     """The problem on a grid without pixels that cannot be solved at rest, nor `singular` ones (H, W). Raises
     InputError where no anchor reaches any other."""
-    data, samples, cut = grid.data, grid.samples, grid.data.mask & _part(grid, grid.valid & singular)
+    data, samples, cut = grid.data, grid.samples, grid.data.mask & grid.to_grid(grid.valid & singular)
     hollow = grid.hollow | cut
     # after holes are bridged: across these none is
     data = replace(data, mask=data.mask & ~hollow)
@@ -189,19 +181,14 @@ def _on_pixels(grid: Grid, singular: Mask) -> Problem:
         grid.turned,
         _cropped(data, inner, labels > 0),
         samples.on_grid(down, along, False),
+        (grid.variances[0][inner], grid.variances[1][inner]),
+        grid.usual[inner],
         labels,
         (grid.holes & ~hollow)[inner],
         lost,
         left_out,
         np.zeros_like(grid.valid),
-        (grid.variances[0][inner], grid.variances[1][inner]),
-        grid.usual[inner],
     )
-
-
-def _part(grid: Grid, image: Mask) -> Mask:
-    part = image[grid.rows, grid.cols]
-    return part.T if grid.turned else part
 
 
 def _within(outer: slice, inner: slice) -> slice:

@@ -9,12 +9,12 @@ TOML only.
 | `mirror.py`, `sensor.py` | mirror, its form at rest, medium (Fresnel); display and sensor response |
 | `pattern.py` | the pattern's surface: flat, bowed, or a table of points |
 | `layer.py` | the elastic layer whose boundary is the mirror |
-| `cameras.py`, `face.py` | pixel -> ray, lens distortion, refraction at a face |
+| `cameras.py` | pixel -> ray, lens distortion, refraction at a face |
 | `scene.py`, `reading.py`, `presets/` | Scene, resize, window; strict TOML of a rig; scenes on board |
 | `typed_rig.py` | a rig's TOML from sizes, angles and distances |
 | `parameters.py`, `covariance.py` | the numbers that a calibration adjusts; how sure they are, typed or not |
-| `surface.py`, `grid.py` | Surface (height and gradient), Formula; height array as a bicubic spline |
-| `forms.py`, `dents.py`, `relief.py` | closed forms of the dents; dents by name; a dent from an image |
+| `surface.py` | Surface (height and gradient), Formula; height array as a bicubic spline |
+| `forms.py`, `dents.py` | closed forms of the dents; dents by name, or from an image |
 | `meeting.py`, `tracing.py` | first meeting of ray and surface; Trace, trace; a pixel's movement |
 | `drawing.py` | the rig from the side |
 | `record.py`, `pose.py` | fields declared with limit and key; x_A = T_AB x_B |
@@ -22,11 +22,9 @@ TOML only.
 
 from optolever.arguments import check_face
 
-from .cameras import Camera, PinholeCamera, TelecentricCamera, prism_camera
+from .cameras import Camera, Face, PinholeCamera, TelecentricCamera, prism_camera
 from .covariance import TYPED, Accuracy, Covariance
 from .dents import dent, dent_from_text, dent_names, dent_parameters
-from .face import Face
-from .grid import Grid
 from .layer import Layer
 from .mirror import Medium, Mirror, RestForm
 from .parameters import (
@@ -43,7 +41,7 @@ from .pattern import Bow, Pattern, PatternShape, PointTable, prism_pattern
 from .reading import load, preset_names, rig_table, write_sections
 from .scene import Scene, resize, scene_window, strided
 from .sensor import Display, Sensor
-from .surface import Formula, Surface, surface_from_array
+from .surface import Formula, Grid, Surface, surface_from_array
 from .tracing import Trace, mean_beside, movement, trace
 from .typed_rig import TypedRig, rig_toml
 

@@ -1,17 +1,22 @@
-"""Dents by name: their parameters, the defaults that suit a scene, and the surfaces they make."""
+"""Dents by name: their parameters, the defaults that suit a scene, and the surfaces they make;
+a dent from an image."""
 
 import math
 from functools import partial
+from pathlib import Path
 from typing import Any
+
+import cv2
+import numpy as np
 
 from optolever import InputError
 from optolever.numbers import parsed, written
+from optolever.pictures import grey_of, read_picture
 
-from .forms import FORMS
+from .forms import FORMS, taper_of
 from .record import Float, number, positive
-from .relief import relief
 from .scene import Scene
-from .surface import Both, Formula, Surface
+from .surface import Both, Formula, Grid, Surface, from_grid
 
 __all__ = ["dent", "dent_from_text", "dent_names", "dent_parameters"]
 
@@ -19,6 +24,8 @@ _TAPER = 0.1  # share of the mirror's length, at x = L0, over which dents fade t
 _PEAK = 1.3 / 163.7  # default peak over the mirror's shorter side: paper-simulation's 1.3 mm
 _DECAY = 10 / 163.7  # likewise the needle's 10 mm
 _SIGMA = 20 / 163.7  # and the Gaussian's 20 mm: the image does not fold (peak/sigma^2 below 1/(2 x))
+_NODES = 2048  # nodes along a side; larger images are averaged down
+_ZEROS = 12  # nodes at x = L0 that are exactly zero, so that the spline is too (it forgets by 0.27 per node)
 
 Params = dict[str, float]
 
@@ -85,7 +92,7 @@ def dent(name: str, scene: Scene, **params: Any) -> Surface:
         params = written | params
     values = _checked(name, scene, params)
     if name == "relief":
-        return relief(scene, taper=_TAPER * scene.mirror.length, **values)
+        return _relief(scene, taper=_TAPER * scene.mirror.length, **values)
     formula = Formula(name, _complete(name, scene, values))
     form = partial(FORMS[name], **formula.params)
     return Surface(partial(_height, form), partial(_gradient, form), formula, both=form)
@@ -152,3 +159,43 @@ def _complete(name: str, scene: Scene, values: Params) -> Params:
         angle = math.radians(params.pop("angle_deg"))
         params |= {"nx": math.cos(angle), "ny": math.sin(angle)}
     return {**params, "length": length, "taper": _TAPER * length} if params else params
+
+
+def _relief(scene: Scene, *, path: str, peak: float, smooth: float, taper: float) -> Surface:
+    """Surface whose height is the image at `path`, stretched over the mirror: black 0, white `peak` mm.
+
+    Columns run along x, rows along y; of colours their luminance. smooth: rms radius (mm) of a Gaussian
+    blur that turns the image's steps into slopes; taper: mm over which the height fades out towards x = L0.
+    """
+    positive("dent 'relief': smooth", smooth, zero=True)
+    heights = peak * _grey(Path(path))
+    heights = _fitted(heights)
+    rows, cols = heights.shape
+    dx, dy = scene.mirror.length / (cols - 1), scene.mirror.width / (rows - 1)
+    if smooth > 0:
+        heights = np.asarray(
+            cv2.GaussianBlur(
+                heights, (0, 0), smooth / dx, sigmaY=smooth / dy, borderType=cv2.BORDER_REPLICATE
+            ),
+            np.float64,
+        )
+    fade, _ = taper_of(dx * (np.arange(cols) + _ZEROS), scene.mirror.length, taper)
+    grid = Grid(heights * fade, 0.0, 0.0, dx, dy)
+    return from_grid(grid)
+
+
+def _grey(path: Path) -> Float:
+    """The image as 0..1 (rows, cols); InputError if it is none."""
+    grey = grey_of(read_picture(path))
+    return grey.astype(np.float64) / {"uint8": 255.0, "uint16": 65535.0}.get(grey.dtype.name, 1.0)
+
+
+def _fitted(heights: Float) -> Float:
+    """At most _NODES nodes along a side, by area; at least enough for the taper's zeros."""
+    least = 10 * _ZEROS
+    rows, cols = (min(max(side, least), _NODES) for side in heights.shape)
+    if (rows, cols) == heights.shape:
+        return heights
+    shrinks = rows <= heights.shape[0] and cols <= heights.shape[1]
+    how = cv2.INTER_AREA if shrinks else cv2.INTER_CUBIC
+    return np.asarray(cv2.resize(heights, (cols, rows), interpolation=how), np.float64)

@@ -14,9 +14,8 @@ import numpy as np
 
 from optolever import InputError
 
-from .cameras import Camera, PinholeCamera, TelecentricCamera
+from .cameras import Camera, Face, PinholeCamera, TelecentricCamera
 from .covariance import TYPED, Accuracy, Covariance
-from .face import Face
 from .mirror import RestForm
 from .pattern import Bow, Pattern
 from .pose import rotate, rotation_from_vector

@@ -17,10 +17,9 @@ from optolever import InputError
 from optolever.files import atomic_file, latest
 from optolever.toml import read_toml, toml_text
 
-from .cameras import Camera, PinholeCamera, TelecentricCamera, prism_camera
+from .cameras import Camera, Face, PinholeCamera, TelecentricCamera, prism_camera
 from .covariance import TYPED, Accuracy, Covariance
 from .dents import dent_from_text
-from .face import Face
 from .layer import Layer
 from .mirror import Medium, Mirror, RestForm
 from .parameters import parameter_values

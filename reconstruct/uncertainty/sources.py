@@ -1,6 +1,6 @@
 """The height's variance by noise, as a list of sources that add up.
 
-| source | its error fields (see `response`) |
+| source | its error fields (see `monte_carlo`) |
 |---|---|
 | NOISE | noise of every pixel: in closed form, or drawn |
 | SHARED | of u or v: a shift; cosine and sine of the phase, of frames; drawn, of rows and columns |
@@ -29,8 +29,7 @@ from ..arrays import Floats, Labels, Mask, Pair
 from ..problem import Problem
 from ..solver.newton import State
 from .closed_form import unknown_variance
-from .monte_carlo import drawn_doubts
-from .response import ErrorField, smooth_variance, smoothed, variance_by
+from .monte_carlo import ErrorField, drawn_doubts, smooth_variance, smoothed, variance_by
 
 __all__ = [
     *("ANCHORS", "BEND", "CELLS", "DOUBTS", "LENS", "NOISE", "SHARED"),
