@@ -1,4 +1,4 @@
-// A height array by its cubic B-spline: see scene/grid.py for the formulas.
+// A height array by its cubic B-spline: see scene/surface.py for the formulas.
 // Coefficients come as float pairs, high and low part, and are summed relative to the nearest node: slopes are
 // differences of neighbours, and float32 heights of 1 mm at 0.1 mm pitch would make them wrong by 1e-6 rad.
 uniform sampler2D coefficients;  // (columns + 2, rows + 2)
