@@ -7,7 +7,7 @@ from types import ModuleType
 
 import pytest
 
-from optolever.patterns import named, sequence
+from optolever.patterns import sequence, sequence_names, sequence_parameters
 
 PARTS = ("scene", "patterns", "projector", "decode", "reconstruct", "calibration", "experiments", "live")
 FACES = [importlib.import_module(f"optolever.{part}") for part in PARTS]
@@ -35,9 +35,7 @@ def test_examples_hold(face: ModuleType) -> None:
 def test_help_names_every_parameter_of_every_code() -> None:
     text = inspect.getdoc(sequence) or ""
     rows = {line.split("|")[1]: line.split("|")[2] for line in text.splitlines() if line.startswith("| ")}
-    for name, build in named._BUILDERS.items():
+    for name in sequence_names():
         (row,) = [value for names, value in rows.items() if name in names.strip().split(", ")]
-        for key, parameter in list(inspect.signature(build).parameters.items())[2:]:
-            assert key in row, f"{name}: {key}"
-            if parameter.default is not None:
-                assert f"{key}={parameter.default!r}" in row, f"{name}: {key}"
+        for key, default in sequence_parameters(name).items():
+            assert (key if default is None else f"{key}={default!r}") in row, f"{name}: {key}"

@@ -47,10 +47,10 @@ class Outcome:
     @property
     def verdict(self) -> bool:
         """Whether a notice judges the frames."""
-        return any(_judges(text) for text in self.told)
+        return any(judges(text) for text in self.told)
 
 
-def _judges(text: str) -> bool:
+def judges(text: str) -> bool:
     return not any(part in text for part in WEAK)
 
 
