@@ -12,7 +12,7 @@ from optolever.numbers import listed, whole
 
 from .arguments import AT_LEAST_0, Arg, Opt, Rare, program
 from .batch import Many
-from .options import Display, Json, Pictured, blame, mask_file, shown_sequence
+from .options import Display, Json, Pictured, blame, checked_response, mask_file, shown_sequence
 from .outputs import HDF5, OutputFile
 from .rig_capture import measured_lag
 from .show import (
@@ -102,9 +102,8 @@ def command(
                 settings = known.settings
             decoder = ol.decode.Decoder(capture.sequence, known, settings)
             result = decoder.decode(capture.frames, mask=inside, progress=step)
-            if response is not None and result.notices:
-                plain = ol.decode.Decoder(capture.sequence, settings=replace(settings, response=None))
-                result = ol.calibration.with_better_fit(result, plain.decode(capture.frames, mask=inside))
+            if response is not None:
+                result = checked_response(result, capture, settings, inside)
         seconds = time.perf_counter() - start
         found = result.notices
         result = replace(result, notices=capture.notices + found)

@@ -9,7 +9,7 @@ import optolever as ol
 
 from .arguments import Arg, Opt, Rare, program
 from .batch import Many
-from .options import Json, NoRest, Shown, name_unused, response_of
+from .options import Json, NoRest, Shown, checked_response, name_unused, response_of
 from .rig_capture import capture_rig, measured_lag
 from .rig_devices import Changes, OpenedRig, sequence_of
 from .show import (
@@ -74,11 +74,13 @@ def command(
         step("decode")
         known = None if profile is None else ol.decode.RigProfile.load(profile)
         light = response_of(rig) if known is None else known.settings.response
-        decoder = ol.decode.Decoder(capture.sequence, known, ol.decode.Settings(response=light))
+        settings = ol.decode.Settings(response=light)
+        decoder = ol.decode.Decoder(capture.sequence, known, settings)
         seen, lag = decoder.decode(capture.frames), measured_lag(rig, folder)
         if lag and decoder.profile is not None:
             lagged = ol.decode.Decoder(capture.sequence, decoder.profile.with_lag(lag))
             seen = lagged.decode(capture.frames)
+        seen = checked_response(seen, capture, settings) if known is None else seen
         if save_profile is not None and decoder.profile is not None:
             decoder.profile.save(save_profile)
         seen.save(out / "c.npz")

@@ -2,8 +2,9 @@
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import click
 
@@ -14,6 +15,10 @@ from optolever.numbers import listed
 from .arguments import ABOVE_0, AT_LEAST_0, Opt, Rare, Shape
 from .outputs import OutputFile
 from .show import print_notices
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 
 class RigFile(click.Path):
@@ -149,12 +154,24 @@ def sections(rig: Path | str) -> Mapping[str, Any]:
 def decoded_by_response(
     capture: "ol.projector.Capture", light: "ol.decode.Response | None"
 ) -> "ol.decode.Correspondence":
-    """The correspondence by a response, checked by that without it where the frames contradict it."""
+    """The correspondence by a response, checked by that without it."""
+    settings = ol.decode.Settings(response=light)
     found = ol.decode.decode(capture.frames, capture.sequence, response=light)
-    if light is None or not found.notices:
+    return checked_response(found, capture, settings)
+
+
+def checked_response(
+    found: "ol.decode.Correspondence",
+    capture: "ol.projector.Capture",
+    settings: "ol.decode.Settings",
+    mask: "NDArray[np.bool_] | None" = None,
+) -> "ol.decode.Correspondence":
+    """A correspondence by the response of settings, checked by that without it where the frames contradict
+    it."""
+    if settings.response is None or not found.notices:
         return found
-    plain = ol.decode.decode(capture.frames, capture.sequence)
-    return ol.calibration.with_better_fit(found, plain)
+    plain = ol.decode.Decoder(capture.sequence, settings=replace(settings, response=None))
+    return ol.calibration.with_better_fit(found, plain.decode(capture.frames, mask=mask))
 
 
 def name_unused(rig: Path | str, command: str, **reasons: str) -> None:

@@ -11,7 +11,8 @@ import optolever as ol
 from optolever import InputError
 from optolever.errors import reason_of
 
-from .rig_devices import opened, sequence_of, wait_of
+from .rig_devices import opened, sequence_of
+from .show import print_notices
 
 if TYPE_CHECKING:
     import numpy as np
@@ -61,7 +62,9 @@ def capture_rig(
     record = _new_name(out.with_name(f"{out.name}.recording") if record is None else record)
     with opened(rig, devices, shown) as now:
         now.require_size(scene)
-        timing = wait_of(now, rig)
+        if (timing := now.wait(rig)) is None:
+            wait = "every pattern gets 0.5 s to settle; optolever camera sync measures the time"
+            print_notices([f"The rig has no [sync]: {wait}"])
         about: dict[str, Any] = {"camera": now.camera.identity.address, "refresh_s": now.display.refresh_s}
         about |= {"rig": rig.read_text(encoding="utf-8"), "sequence": shown.to_dict()}
         if timing is not None:

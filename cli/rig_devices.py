@@ -33,15 +33,6 @@ def levels_of(rig: Path, *kinds: str) -> "ol.patterns.Sequence":
     return ol.patterns.Sequence(tuple(map(ol.patterns.Frame, kinds)), pattern.rows, pattern.cols)
 
 
-def wait_of(now: "ol.projector.Opened", rig: Path) -> "ol.projector.Timing | None":
-    """`Opened.wait`, with a notice where it is unknown."""
-    timing = now.wait(rig)
-    if timing is None:
-        wait = "every pattern gets 0.5 s to settle; optolever camera sync measures the time"
-        print_notices([f"The rig has no [sync]: {wait}"])
-    return timing
-
-
 @contextmanager
 def opened(
     rig: Path, devices: "ol.projector.Devices", shown: "ol.patterns.Sequence", *, running: bool = True

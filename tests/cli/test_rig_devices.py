@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import pytest
 
-from optolever.decode import Correspondence, Decoder, estimate_profile
+from optolever.decode import Correspondence, Decoder, Response, estimate_profile
 from optolever.live import Prepared, prepare
 from optolever.patterns import sequence
 from optolever.projector import Capture, Image, capture, choose_exposure
@@ -77,6 +77,17 @@ def test_measure_goes_to_the_report(
     known = estimate_profile(capture.frames, capture.sequence).with_lag(1 / 512)
     expected = Decoder(capture.sequence, known).decode(capture.frames)
     np.testing.assert_array_equal(Correspondence.load(tmp_path / "slow/c.npz").u, expected.u)
+
+
+def test_measure_doubts_a_response_that_the_frames_contradict(
+    optolever: Program, rig: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A linear display that is said to have a gamma of 2.2, as `decode --response` and `rest` doubt it."""
+    levels = np.arange(0.0, 256.0)
+    wrong = Response(levels, 255 * (levels / 255) ** 2.2 + 1e-3 * levels)
+    monkeypatch.setattr("optolever.cli.measure.response_of", lambda _: wrong)
+    words = ("--rig", rig, "--no-rest", "--sequence", "phase:steps=3", "--out", tmp_path / "m")
+    assert "fit better without the stated response" in optolever("camera", "measure", *words).err
 
 
 def test_exposure_is_the_longest_that_does_not_saturate() -> None:
