@@ -136,8 +136,11 @@ def _elsewhere(carriers: Carriers, rest: State) -> tuple[Notice, ...]:
 def _notices(scene: Scene, edge: bool) -> tuple[Notice, ...]:
     border = "The camera does not see the edge x = L0: the border of the visible part counts as at rest"
     bent = "The pattern is not flat: displacements of the image are taken along its plane"
+    deep = "The [layer] has no thickness_mm: forces are of a half-space"
+    half_space = scene.layer is not None and scene.layer.thickness_mm is None
     possible = (
         (not edge, border, "heights are relative to that border; keep contacts away from it"),
+        (half_space, deep, "give thickness_mm: of a layer on a base they are up to four times as large"),
         (scene.pattern.shape is not None, bent, "measure heights of large slopes with a dense sequence"),
     )
     return tuple(Notice(name, math.nan, math.nan, cure) for holds, name, cure in possible if holds)
@@ -243,6 +246,7 @@ def _measured_noise(
         draws.append(z)
         curls.append(circulations(settled.slopes, settled.good))
     sigma = np.sqrt(scipy.ndimage.gaussian_filter(squares / _DRAWS, _SMOOTH, mode="nearest"))
-    curl = np.nan_to_num(np.mean(curls, axis=0), posinf=1.0)
+    curl = np.mean(curls, axis=0)
+    curl[curl == 0] = 1.0  # no complete block: no verdict by it
     displacement = np.mean(scatter, axis=0).astype(np.float32)
     return Noise(sigma.astype(np.float32), curl, np.asarray(draws[:_KEPT], np.float32), displacement)

@@ -1,5 +1,6 @@
 """Frames that cannot be trusted are told, and the first good frame after them is trusted again."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -7,7 +8,8 @@ import pytest
 
 from lab.live.streams import FAULTS, KINDS, Moment, StreamRig, played
 from lab.live.world import GAUSS, expose
-from optolever.live import Live, Prepared
+from optolever.decode import Flag
+from optolever.live import Live, Prepared, prepare
 
 from .conftest import Rest, Shot, Truth
 
@@ -75,6 +77,27 @@ def test_a_line_without_a_fringe_moves_no_height(
     ratio = ((reading.z - true) / reading.sigma)[reading.good]
     assert np.sqrt(np.mean(np.square(ratio))) < 1.3
     assert len(reading.touches) == len(dents)
+
+
+def test_a_mirror_in_a_part_of_the_picture_is_trusted(rest: Rest, prepared: Prepared, shot: Shot) -> None:
+    """36 rows of cells: where a block of 32 lies in them is not for the picture's corner to say."""
+    rows = np.arange(240)[:, None]
+    dark, few = (rows < 84) | (rows >= 156), rest.rest_map.flags | Flag.DARK
+    rest_map = replace(rest.rest_map, flags=np.where(dark, few, rest.rest_map.flags))
+
+    def seen(frames: Any) -> Any:
+        return np.where(dark, np.uint8(15), frames)
+
+    part = prepare(rest.scene, seen(rest.frames), rest_map, rest.fringe)
+    live = Live(part)
+    for seed, dents in enumerate([(), ((GAUSS, 30.0, 22.0, 3.0, 0.05),)]):
+        reading = live.update(seen(shot(dents, seed)))
+        assert reading.trusted, reading.reason
+        assert max(reading.figures.curl) < 4
+        assert len(reading.touches) == len(dents)
+    torn = shot(((GAUSS, 30.0, 22.0, 3.0, 0.05),), 5).copy()
+    torn[120:] = np.roll(torn[120:], 3, axis=1)
+    assert max(live.update(seen(torn)).figures.curl) > 20
 
 
 def test_a_lamp_moves_no_height(stream: StreamRig, prepared: Prepared) -> None:
