@@ -117,9 +117,10 @@ def cache_folder(folder: Path) -> Path | None:
             found.mkdir(parents=True, exist_ok=True)
             tempfile.TemporaryFile(dir=found).close()
             os.utime(found)
-            others = sorted(place.glob("kernels-*"), key=lambda one: one.stat().st_mtime)
-            for old in others[: -_KEPT - 1]:  # each takes some 25 MB
-                shutil.rmtree(old, ignore_errors=True)
+            with suppress(OSError):  # another process may take them away meanwhile
+                others = sorted(place.glob("kernels-*"), key=lambda one: one.stat().st_mtime)
+                for old in others[: -_KEPT - 1]:  # each takes some 25 MB
+                    shutil.rmtree(old, ignore_errors=True)
             return _linked(warmed, found)
         with suppress(OSError):
             warmed += [found] if found not in warmed and any(found.rglob("*.nbi")) else []

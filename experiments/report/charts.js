@@ -128,11 +128,10 @@ class MapPlot {
       element(this.legend, "span", "", word);
     }
     if (lut) {
-      const digits = clamp(2 - Math.floor(Math.log10(Math.max(Math.abs(layer.low), Math.abs(layer.high)) || 1)), 0, 12);
+      const digits = endDigits(layer);
       const end = (value) => number(Number(value.toFixed(digits)) || 0, 3);
       const scale = element(this.legend, "span", "scale");
-      const stops = [...Array(17).keys()].map((i) => `rgb(${lut.subarray(3 * Math.min(255, 16 * i)).slice(0, 3)})`);
-      element(scale, "span", "bar").style.background = `linear-gradient(to right, ${stops})`;
+      element(scale, "span", "bar").style.background = gradient(lut);
       const ticks = element(scale, "span", "ticks");
       for (const at of [0, 0.5, 1]) element(ticks, "span", "", (at === 0 && layer.below ? "\u2264 " : at === 1 && layer.above ? "\u2265 " : "") + end(valueAt(layer, at)));
     }

@@ -8,6 +8,13 @@ const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
 const floats = (text) => new Float32Array(bytes(text).buffer);
 const clamp = (v, low, high) => Math.min(high, Math.max(low, v));
 
+// Colours of a table of 256 from left to right; digits behind the point at the ends of a colour scale.
+function gradient(lut) {
+  const stops = [...Array(17).keys()].map((i) => `rgb(${lut.subarray(3 * Math.min(255, 16 * i)).slice(0, 3)})`);
+  return `linear-gradient(to right, ${stops})`;
+}
+const endDigits = ({ low, high }) => clamp(2 - Math.floor(Math.log10(Math.max(Math.abs(low), Math.abs(high)) || 1)), 0, 12);
+
 function niceTicks(low, high, count) {
   const raw = (high - low) / count;
   const power = 10 ** Math.floor(Math.log10(raw));
@@ -124,13 +131,8 @@ class SurfaceViewer {
 
   fillLegend() {
     const { lut, low, high, unit, below, above } = this.layer;
-    const bar = this.figure.querySelector(".bar");
-    const stops = [...Array(17).keys()].map((i) => {
-      const k = Math.min(255, i * 16) * 3;
-      return `rgb(${lut[k]},${lut[k + 1]},${lut[k + 2]}) ${(i / 16) * 100}%`;
-    });
-    bar.style.background = `linear-gradient(to right, ${stops.join(",")})`;
-    const digits = clamp(2 - Math.floor(Math.log10(Math.max(Math.abs(low), Math.abs(high)) || 1)), 0, 12);
+    this.figure.querySelector(".bar").style.background = gradient(lut);
+    const digits = endDigits(this.layer);
     const text = (v) => (Number(v.toFixed(digits)) || 0).toString().replace("-", "\u2212");
     this.figure.querySelector(".low").textContent = (below ? "\u2264 " : "") + text(low);
     this.figure.querySelector(".high").textContent = `${above ? "\u2265 " : ""}${text(high)} ${unit}`;

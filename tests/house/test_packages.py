@@ -12,6 +12,8 @@ from typing import Any
 
 import pytest
 
+from optolever.kernels import cache_folder
+
 NOT_PARTS = {"examples", "docs", "lab", "tests", "typings", "out", "build", "dist"}
 
 
@@ -141,6 +143,20 @@ def test_an_image_without_a_home_and_with_packages_that_are_read_only(wheel: Pat
     assert run.returncode == 0, run.stderr
     assert "works True" in run.stdout
     assert "NUMBA_CACHE_DIR" in run.stdout
+
+
+def test_a_cache_that_another_process_takes_away_is_no_obstacle(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Processes that begin together after an update remove the same old caches, here a dead link."""
+    kept, part = tmp_path / "kept", tmp_path / "part"
+    kept.mkdir()
+    part.mkdir()
+    (kept / "kernels-gone").symlink_to("nowhere")
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(kept))
+    found = cache_folder(part)
+    assert found is not None
+    assert found.parent == kept
 
 
 WARMED = """
