@@ -25,16 +25,18 @@ MIDDLE = 0.5 * 163.7
 NOISE = 0.05
 
 
+def measured(scene: Scene, seen: Correspondence, anchor: PixelAnchor | None = None) -> tuple[Contact, ...]:
+    return contacts(reconstruct(seen, scene, anchor=anchor))
+
+
 def found_in(
-    scene: Scene, surface: Surface, noisy: Callable[..., Correspondence], seed: int = 0, at=(0.5, 0.5)
-):
-    """Contacts of a surface that is known in one place, from correspondences with noise."""
+    scene: Scene, surface: Surface, noisy: Callable[..., Correspondence], seed: int = 0
+) -> tuple[Contact, ...]:
+    """Contacts of a surface that is known in its middle, from correspondences with noise."""
     truth = trace(scene, surface)
-    seen = noisy(truth, NOISE, NOISE, seed)
-    row, col = int(at[0] * scene.camera.rows), int(at[1] * scene.camera.cols)
+    row, col = scene.camera.rows // 2, scene.camera.cols // 2
     anchor = PixelAnchor(float(row), float(col), float(truth.z[row, col]))
-    height = reconstruct(seen, scene, anchor=anchor)
-    return contacts(height)
+    return measured(scene, noisy(truth, NOISE, NOISE, seed), anchor)
 
 
 @pytest.fixture(scope="module")
@@ -113,11 +115,6 @@ def prism() -> Scene:
 
 def gaussians(scene: Scene, *places: tuple[float, float, float]) -> Surface:
     return shifted_sum(scene, *(f"gaussian:peak={peak},sigma={PRISM},x={x},y={y}" for peak, x, y in places))
-
-
-def measured(scene: Scene, seen: Correspondence, anchor: PixelAnchor | None = None) -> tuple[Contact, ...]:
-    height = reconstruct(seen, scene, anchor=anchor)
-    return contacts(height)
 
 
 def test_every_dent_is_measured_by_its_own_depth(prism: Scene, noisy) -> None:
