@@ -120,20 +120,17 @@ def reconstruct(
     if rest is not None:
         height = less_sag(height, problem, state, scene)
     height = without_loose(height, scene.mirror)
+    notices = [*height.notices]
     if rest is not None:
-        height = replace(
-            height, notices=(*height.notices, *against_rest(height, correspondence, corrected, scene))
-        )
+        notices += against_rest(height, correspondence, corrected, scene)
     if not height.implausible:
-        doubts = (
-            *(() if SAG in height.sources else anchors_apart(problem, state, height)),
-            *anchors_near_wedge(state, height),
-            *off_mirror(height, scene.mirror, anchor is None or isinstance(anchor, str)),
-        )
-        height = replace(height, notices=(*height.notices, *doubts))
-    height = replace(height, notices=(*height.notices, *of_another_rig(measured, scene)))
+        notices += () if SAG in height.sources else anchors_apart(problem, state, height)
+        notices += anchors_near_wedge(state, height)
+        notices += off_mirror(height, scene.mirror, anchor is None or isinstance(anchor, str))
+    notices += of_another_rig(measured, scene)
     if anchor is None and problem.samples.row.size == 1:
-        height = replace(height, notices=(*height.notices, _MIDDLE))
+        notices.append(_MIDDLE)
+    height = replace(height, notices=tuple(notices))
     for notice in height.notices:
         LOG.warning("%s", notice)
     progress("reconstructed", steps, steps)

@@ -6,9 +6,9 @@ TOML only.
 
 | file | holds |
 |---|---|
-| `mirror.py`, `sensor.py` | mirror, its form at rest, medium (Fresnel); display and sensor response |
+| `mirror.py` | mirror, its form at rest, medium (Fresnel), elastic layer |
+| `sensor.py` | display and sensor response |
 | `pattern.py` | the pattern's surface: flat, bowed, or a table of points |
-| `layer.py` | the elastic layer whose boundary is the mirror |
 | `cameras.py` | pixel -> ray, lens distortion, refraction at a face |
 | `scene.py`, `reading.py`, `presets/` | Scene, resize, window; strict TOML of a rig; scenes on board |
 | `typed_rig.py` | a rig's TOML from sizes, angles and distances |
@@ -25,8 +25,7 @@ from optolever.arguments import check_face
 from .cameras import Camera, Face, PinholeCamera, TelecentricCamera, prism_camera
 from .covariance import TYPED, Accuracy, Covariance
 from .dents import dent, dent_from_text, dent_names, dent_parameters
-from .layer import Layer
-from .mirror import Medium, Mirror, RestForm
+from .mirror import Layer, Medium, Mirror, RestForm
 from .parameters import (
     GAUGE_HELD,
     adjusted,

@@ -1,5 +1,5 @@
 """The mirror at rest: the rectangle z = 0, 0 <= x <= length, 0 <= y <= width, its form as a calibration
-measures it, and the medium in front, whose boundary it is.
+measures it, the medium in front, whose boundary it is, and the elastic layer, which relates a dent to a force.
 """
 
 from __future__ import annotations
@@ -14,10 +14,16 @@ from numpy.polynomial import legendre
 
 from optolever import InputError
 
-from .record import Float, Record, freeze, positive
+from .record import Float, Record, freeze, non_negative, positive
 
-__all__ = ["Medium", "Mirror", "RestForm", "legendre_orders"]
+__all__ = ["Layer", "Medium", "Mirror", "RestForm", "legendre_orders"]
 
+#: From gels to hard rubber, from films to blocks; the unit, and the one that is typed by mistake.
+_PLAUSIBLE = {
+    "youngs_modulus_mpa": ((1e-3, 100.0), "MPa (N/mm^2); divide Pa by 1000000, kPa by 1000"),
+    "thickness_mm": ((0.05, 1000.0), "mm; multiply metres by 1000"),
+}
+_TYPED_MODULUS = 0.1  # of a silicone's modulus from a data sheet or by hardness
 _index = partial(positive, below=10)
 
 
@@ -120,3 +126,39 @@ class Medium(Record, section="medium"):
             transmitted > 0, 0.5 * (s * s + p * p), np.where(np.isnan(c), np.nan, 1.0)
         )
         return reflected
+
+
+@dataclass(frozen=True, eq=False)
+class Layer(Record, section="layer"):
+    """Bonded to a rigid base; thickness_mm None: a half-space; youngs_modulus_mpa: N/mm^2, with its standard
+    deviation (None: a tenth, as of a typed number); poisson: up to 0.5."""
+
+    youngs_modulus_mpa: Annotated[float, positive]
+    poisson: Annotated[float, non_negative] = 0.5
+    thickness_mm: Annotated[float | None, positive] = None
+    youngs_modulus_sigma_mpa: Annotated[float | None, non_negative] = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for key, ((least, most), unit) in _PLAUSIBLE.items():
+            value = getattr(self, key)
+            if value is not None and not least <= value <= most:
+                wrong = f"layer.{key} = {value:g}: must be {least:g} to {most:g}"
+                raise InputError(f"{wrong}; its unit is {unit}")
+        if (self.youngs_modulus_sigma_mpa or 0.0) > self.youngs_modulus_mpa:
+            wrong = f"layer.youngs_modulus_sigma_mpa = {self.youngs_modulus_sigma_mpa:g}"
+            limit = f"must be at most the modulus, {self.youngs_modulus_mpa:g}"
+            raise InputError(f"{wrong}: {limit}; its unit is MPa, as that of the modulus, not per cent")
+        if self.poisson > 0.5:
+            raise InputError(f"layer.poisson = {self.poisson:g}: must be 0 to 0.5")
+
+    @property
+    def relative_sigma(self) -> float:
+        """Standard deviation of the modulus over the modulus."""
+        sigma = self.youngs_modulus_sigma_mpa
+        return _TYPED_MODULUS if sigma is None else sigma / self.youngs_modulus_mpa
+
+    @property
+    def plane_modulus(self) -> float:
+        """E / (1 - nu^2), N/mm^2."""
+        return self.youngs_modulus_mpa / (1 - self.poisson**2)

@@ -20,8 +20,7 @@ from optolever.toml import read_toml, toml_text
 from .cameras import Camera, Face, PinholeCamera, TelecentricCamera, prism_camera
 from .covariance import TYPED, Accuracy, Covariance
 from .dents import dent_from_text
-from .layer import Layer
-from .mirror import Medium, Mirror, RestForm
+from .mirror import Layer, Medium, Mirror, RestForm
 from .parameters import parameter_values
 from .pattern import Bow, Pattern, PointTable, prism_pattern
 from .pose import look_at, rotation_from_vector

@@ -18,8 +18,7 @@ from optolever.toml import read_toml, toml_text
 from .cameras import Camera, PinholeCamera
 from .covariance import TYPED, Accuracy, Covariance
 from .drawing import draw_side
-from .layer import Layer
-from .mirror import Medium, Mirror, RestForm
+from .mirror import Layer, Medium, Mirror, RestForm
 from .pattern import Pattern
 from .record import Record, changed, integer, table_of, text
 from .sensor import Display, Sensor
