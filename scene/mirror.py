@@ -1,5 +1,5 @@
 """The mirror at rest: the rectangle z = 0, 0 <= x <= length, 0 <= y <= width, its form as a calibration
-measures it, the medium in front, whose boundary it is, and the elastic layer, which relates a dent to a force.
+measures it, the medium in front, whose boundary it is, and the elastic layer that a force dents.
 """
 
 from __future__ import annotations
