@@ -8,6 +8,7 @@ import os
 import signal
 import tempfile
 import threading
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -28,7 +29,7 @@ from .outputs import Program
 
 _TRIES = 3  # of a task whose worker was killed
 _WITHOUT_WORKER = 10.0  # seconds until a cluster without a worker is named
-_END = 0.5  # seconds that processes have to take their temporary files away
+_END = 3.0  # seconds that all processes have together to take their temporary files away
 _ONE_AT_A_TIME = threading.Lock()  # streams and the working folder belong to a whole process
 _ended = threading.Event()
 
@@ -146,8 +147,9 @@ def _end_processes() -> None:
     left = multiprocessing.active_children()
     for process in left:
         process.terminate()
+    end = time.monotonic() + _END
     for process in left:
-        process.join(_END)
+        process.join(max(end - time.monotonic(), 0.0))
     for process in left:
         process.kill()
 

@@ -1,6 +1,7 @@
 """Many captures by one command: results and their table, captures that fail, workers that are killed."""
 
 import csv
+import multiprocessing
 import os
 import re
 import shutil
@@ -18,6 +19,7 @@ import numpy as np
 import pytest
 
 from optolever.blocks import ONE_THREAD
+from optolever.cli.workers import _end_processes
 from optolever.decode import Correspondence, Flag
 from optolever.notices import Notice
 from optolever.processes import SAFE_PATH, environment
@@ -184,6 +186,35 @@ def test_notices_are_in_the_table_and_on_the_terminal(
     assert said.count("pictures compressed with loss") == 1
     (with_loss,) = (row for name, row in table(tmp_path / "o").items() if name == "jpg")
     assert "pictures compressed with loss" in with_loss["notices"]
+
+
+def _writing(path: Path, begun: Any) -> None:
+    """A worker in compiled code for a second, where no signal is answered, with a file half-written."""
+
+    def end(*_: object) -> None:
+        raise SystemExit(130)
+
+    signal.signal(signal.SIGTERM, end)
+    try:
+        signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGTERM])
+        path.touch()
+        begun.set()
+        time.sleep(1.0)
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGTERM])
+    finally:
+        path.unlink()
+
+
+def test_a_worker_that_is_slow_to_end_leaves_no_half_file(tmp_path: Path) -> None:
+    context = multiprocessing.get_context("fork")
+    begun = context.Event()
+    worker = context.Process(target=_writing, args=(tmp_path / ".half.npz", begun))
+    worker.start()
+    assert begun.wait(60)
+    _end_processes()
+    worker.join(60)
+    assert worker.exitcode == 130
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.slow
