@@ -9,8 +9,9 @@ therefore
 (K. L. Johnson, Contact Mechanics, 1985, eq. 3.42; of a layer its Green's function in place of 1 / q) by least
 squares over the good cells outside f radii of every contact, weighted by area and noise, a = 0 +- 1.
 With weights that sum to one the covariance is (rho / 3)^2 (A^T W A)^-1, rho the rms residual. f is 2, 2.5, 3
-or 4. Where dents fade, as on a layer of unknown thickness, powers of q take the place of the sum; c is
-0 +- 2.5 noises, 6 where the rig may move, or free.
+or 4. Where dents fade, as on a layer of unknown thickness, powers of q and exponentials take the place of the
+sum, and c is 0 +- 2.5 noises, 6 where the rig may move, and what the dents reach at the anchors. Both count by
+their likelihood outside 2 radii, where they differ most: what this does not decide is in sigma.
 """
 
 import math
@@ -36,15 +37,16 @@ _WORSE, _MUCH = 1.1, 1.5  # residual of a fit over others, above which it misses
 _ROUNDS = 3  # of regions in the map less its sag
 _FEWEST = 200  # cells outside the contacts
 _MOST = 6000  # cells of the fit
+_AMPLITUDE = 3.0  # of the deepest contact: standard deviation of fields at its rim
 _TAILS = 1e-6  # of a column: amplitudes that the map does not show stay small
 _ROBUST = 12  # rounds of Cauchy's weights
 _INDEPENDENT = 36.0  # samples of noise, and of a robust fit
 _TAILED = 9.0  # samples of what tails of dents leave
 _BEYOND = 5.0  # standard deviations: motions beyond their prior are found, too
-_SEEN = 2.0  # standard deviations of c under a load
 _STILL, _YIELDS = 2.5, 6.0  # noises: of a dent that fades; where the rig moves, which hides a layer's sinking
 _SINKS = 0.05  # of the largest height: what sinks with it, whatever the far field is
-_FADES, _ANY = range(3, 9), range(1, 7)  # powers of the distance
+_POWERS, _ANY = (3, 4), range(1, 7)  # of the distance
+_RATES = (0.7, 1.4, 2.8)  # a radius
 _OUTLIER = 3.0  # standard deviations of a robust fit: beyond, cells count less
 _DEVIATION = 1.4826  # standard deviation over median absolute deviation
 
@@ -54,7 +56,7 @@ _Fields = Callable[[Sequence[Circle], Floats, Floats], Floats]
 
 
 class _Cells(NamedTuple):
-    """Cells (n,) of a fit."""
+    """Cells (n,) of a fit; their median noise, the depth of what is pressed, and the anchors (k, 2), mm."""
 
     x: Floats
     y: Floats
@@ -64,11 +66,15 @@ class _Cells(NamedTuple):
     free: Floats
     motion: Floats
     rig: Floats
+    noise: float
+    depth: float
+    anchors: Floats | None
 
 
 class _Outside(NamedTuple):
     """Cells (n,) far from the contacts; times the root of their weight own (n, k + 1): the motion's modes and
-    the free one, right (n,): heights, errors (n, m): the rig's; sinks: whether there is a free mode."""
+    the free one, right (n,): heights, errors (n, m): the rig's; sinks: whether there is a free mode; depth:
+    of the deepest contact."""
 
     x: Floats
     y: Floats
@@ -78,6 +84,7 @@ class _Outside(NamedTuple):
     right: Floats
     errors: Floats
     sinks: bool
+    depth: float
 
 
 class _Fit(NamedTuple):
@@ -93,23 +100,26 @@ class _Fit(NamedTuple):
     fields: int
 
 
-def sag(surface: Surface, layer: Layer | None) -> Sag | None:
+def sag(surface: Surface, layer: Layer | None, solid: bool = True) -> Sag | None:
     """Fit sinking, motion and far fields to a surface outside its regions, which are found again in the
-    corrected map. layer: elastic, None is a half-space. Returns None if too few cells lie outside the
-    contacts."""
-    cells, noise = _cells(surface)
+    corrected map. layer: elastic, None is a half-space; solid: whether either lies behind the mirror. Returns
+    None if too few cells lie outside the contacts."""
+    cells = _cells(surface)
     thin = surface.thinned(max(1, surface.z.shape[1] // COLUMNS))
 
     def regions_less(taken: Sag) -> tuple[Region, ...]:
         less = thin.less(replace(taken, rig=taken.rig[:, :0], kept=taken.kept[:0, :0]))
         return regions(less, COLUMNS // 2)
 
-    start = _robust(cells, noise) if len(cells.motion) and cells.z.size else None
+    start = _robust(cells) if cells.z.size and (len(cells.motion) or cells.free.any()) else None
     first = regions(thin) if start is None else regions_less(start)
     if start is not None:
-        away = (cells.z - start.motion @ cells.motion) / (_OUTLIER * start.misfit * max(noise, 1e-300))
-        cells = cells._replace(weight=cells.weight / (1 + away**2))  # where no motion is what modes say
-    fits = list[Sag]()
+        left = cells.z - start.motion @ cells.motion - start.c * cells.free
+        away = left / (_OUTLIER * start.misfit * max(cells.noise, 1e-300))
+        # where no motion is what modes say
+        cells = cells._replace(weight=cells.weight / (1 + away**2), depth=float(left.max()))
+    fits, new = list[Sag](), None
+    odds: Sequence[float] | None = None
     for far in _FAR:
         # each from the robust fit: a contact that one distance loses is not lost to the others
         found, within, before = None, first, None
@@ -117,10 +127,11 @@ def sag(surface: Surface, layer: Layer | None) -> Sag | None:
             circles = [circle for one in within for circle in one.circles]
             if circles == before:
                 break
-            found, before = _simplest(cells, circles, layer, far, noise), circles
+            (found, new), before = _explained(cells, circles, layer, solid, far, odds), circles
             if found is None:
                 break
             within = regions_less(found) if rounds_left else within
+        odds = new if odds is None else odds
         if found is not None:
             fits.append(found)
         if not within:  # no radius to be far from
@@ -180,8 +191,8 @@ def far_field(layer: Layer | None, circles: Sequence[Circle], x: Floats, y: Floa
     return np.stack(columns) if columns else np.zeros((0, *np.shape(x)))
 
 
-def _cells(surface: Surface) -> tuple[_Cells, float]:
-    """Cells of the modes' grid that everything is known of, and their median noise."""
+def _cells(surface: Surface) -> _Cells:
+    """Cells of the modes' grid that everything is known of."""
     step = surface.step * max(1, round(math.sqrt(surface.z.size / _MOST) / surface.step))
     few, some = (slice(None, None, step),) * 2, (slice(None, None, step // surface.step),) * 2
     area = areas(surface.x, surface.y)[few]
@@ -196,65 +207,111 @@ def _cells(surface: Surface) -> tuple[_Cells, float]:
     sigma = np.asarray(surface.sigma[few][known], np.float64)
     noise = float(np.median(sigma)) if sigma.size else 0.0
     weight = area[known] / (1 + np.square(sigma / max(noise, 1e-300)))
-    return _Cells(x, y, z, sigma, weight, free[known], motion[:, known], rig[:, known]), noise
+    fields, depth = (free[known], motion[:, known], rig[:, known]), float(z.max(initial=0.0))
+    return _Cells(x, y, z, sigma, weight, *fields, noise, depth, surface.anchors)
 
 
-def _robust(cells: _Cells, noise: float) -> Sag:
-    """The motion alone, whatever dents there are: Cauchy's weights."""
-    count, spread = len(cells.motion), 0.0
-    mean = np.zeros(count)
+def _robust(cells: _Cells) -> Sag:
+    """Motion and sinking alone, whatever dents there are: Cauchy's weights."""
+    fields, noise, spread = np.concatenate([cells.motion, cells.free[None]]), cells.noise, 0.0
+    count, mean = len(fields), np.zeros(len(fields))
+    prior = np.diag([*np.full(count - 1, 1 / _BEYOND**2), 0.0 if cells.free.any() else 1.0])
     for _ in range(_ROBUST):
-        left = cells.z - mean @ cells.motion
+        left = cells.z - mean @ fields
         spread = max(noise, _DEVIATION * float(np.median(np.abs(left))))
         weight = min(1.0, _INDEPENDENT / left.size) / (spread**2 + left**2)
-        normal = (cells.motion * weight) @ cells.motion.T + np.eye(count) / _BEYOND**2
-        mean = np.asarray(np.linalg.solve(normal, (cells.motion * weight) @ cells.z), np.float64)
-    root = np.zeros((count + 1, count + 1))
+        normal = (fields * weight) @ fields.T + prior
+        mean = np.asarray(np.linalg.solve(normal, (fields * weight) @ cells.z), np.float64)
     values, vectors = np.linalg.eigh(normal)
-    root[:count, :count] = vectors / np.sqrt(values)
-    rig = np.zeros((count + 1, len(cells.rig)))
-    kept, unknown = np.eye(len(cells.rig)), np.zeros_like(root)
-    return Sag(0.0, 0.0, spread / max(noise, 1e-300), 0.0, mean, root, rig, kept, unknown)
+    root = vectors / np.sqrt(values)
+    rig, kept, unknown = np.zeros((count, len(cells.rig))), np.eye(len(cells.rig)), np.zeros_like(root)
+    misfit = spread / max(noise, 1e-300)
+    return Sag(float(mean[-1]), 0.0, misfit, 0.0, mean[:-1], root, rig, kept, unknown)
 
 
-def _simplest(
-    cells: _Cells, circles: Sequence[Circle], layer: Layer | None, far: float, noise: float
-) -> Sag | None:
-    """By cells outside so many radii of the contacts, the first that leaves hardly more than the best: a load
-    on the half-space or layer; a dent that fades while nothing sinks; contacts of any round far field.
-    Without a free mode nothing counts as at rest: of load and dent that fades the one that leaves less."""
-    kinds: list[tuple[float, _Fields, float]] = [
-        (_WORSE, partial(far_field, layer), math.inf),
-        (_MUCH, partial(_round, _FADES), (_YIELDS if len(cells.motion) else _STILL) * noise),
-        (1.0, partial(_round, _ANY), _SINKS * float(cells.z.max(initial=0.0))),
-    ]
-    if not cells.free.any():  # a load's fields look like errors of the rig: only where they leave less
-        kinds = [(1.0, *kinds[0][1:]), (1.0, *kinds[1][1:])]
+def _explained(
+    cells: _Cells,
+    circles: Sequence[Circle],
+    layer: Layer | None,
+    solid: bool,
+    far: float,
+    odds: Sequence[float] | None,
+) -> tuple[Sag | None, Sequence[float] | None]:
+    """By cells outside so many radii of the contacts, the mean of a load on the half-space or layer and of a
+    dent that fades, by their odds, and these (None: by these cells); where both miss what is there, contacts
+    of any round far field."""
     outside = _outside(cells, circles, far)
     if outside is None:
-        return None
-    fits = [
-        (much, _fitted(outside, fields(circles, outside.x, outside.y), sinks))
-        for much, fields, sinks in kinds
+        return None, odds
+    faded, free = _sinks(cells, circles), bool(cells.free.any())
+    kinds: list[tuple[_Fields, float]] = [
+        (partial(far_field, layer), math.inf),
+        (_fading, faded),
+        (_round, max(_SINKS * cells.depth, faded)),
     ]
-    found = [(much, one) for much, one in fits if one is not None]
-    best = min((one.rho for _, one in found), default=0.0)
-    if found:
-        load = _as_sag(outside, found[0][1])
-        if abs(load.c) < _SEEN * load.sigma or found[0][1].rho > _WORSE * best:  # 0 without a free mode
-            found = found[1:]
-    one = next((one for much, one in found if one.rho <= much * best), None)
-    return None if one is None else _as_sag(outside, one)
+    kinds = kinds if free else kinds[:2]
+    fits = [_fitted(outside, fields(circles, outside.x, outside.y), sinks) for fields, sinks in kinds]
+    load, fades, either = fits[0], fits[1], fits[-1]
+    best = min((one.rho for one in fits if one is not None), default=0.0)
+    if odds is None:
+        odds = [solid * _likelihood(load, best), _likelihood(fades, best)]
+    likely = [(share, one) for share, one in zip(odds, (load, fades), strict=True) if one and share > 0]
+    if not likely:
+        return (_as_sag(outside, either) if either else None), odds
+    return _mean([_as_sag(outside, one) for _, one in likely], np.array([share for share, _ in likely])), odds
 
 
-def _round(powers: range, circles: Sequence[Circle], x: Floats, y: Floats) -> Floats:
-    """Heights (n * k, ...) around contacts that fall with these powers of the distance, and their first
-    moments."""
+def _likelihood(fit: _Fit | None, best: float) -> float:
+    """Of a fit, as if the best one left noise, and of its motion; 0 if it misses what the best one sees."""
+    if fit is None or fit.rho > _MUCH * best:
+        return 0.0
+    motion = fit.found[fit.fields : -1, 0]
+    power = _INDEPENDENT * ((fit.rho / max(best, 1e-300)) ** 2 - 1) + motion @ motion
+    return math.exp(-0.5 * power)
+
+
+def _mean(fits: list[Sag], likely: Floats) -> Sag:
+    """The mean of fits by their likelihood; the rest is of the likeliest."""
+    each, likely = np.array([[*one.motion, one.c] for one in fits]), likely / likely.sum()
+    best, mean = fits[int(likely.argmax())], likely @ each
+    spread = np.tensordot(likely, [one.root @ one.root.T for one in fits], 1)
+    values, vectors = np.linalg.eigh(spread + (likely * (each - mean).T) @ (each - mean))
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    turn = np.linalg.pinv(root, rcond=1e-6) @ best.root
+    c, sigma, noise = float(mean[-1]), float(np.linalg.norm(root[-1])), turn @ best.noise @ turn.T
+    return replace(best, c=c, sigma=sigma, motion=mean[:-1], root=root, noise=noise)
+
+
+def _sinks(cells: _Cells, circles: Sequence[Circle]) -> float:
+    """Standard deviation of c, mm, beside dents that fade: noise, and what they reach, as Gaussians of half
+    the depth at their radii, at the anchors; any where these are not known."""
+    if cells.anchors is None:
+        return math.inf
+    still = (_YIELDS if len(cells.motion) else _STILL) * cells.noise
+    q = [np.hypot(*(cells.anchors - (cx, cy)).T) / radius for cx, cy, radius in circles]
+    reach = rms(np.sum(0.5 ** np.square(q), axis=0)) if q else 0.0
+    return math.hypot(still, cells.depth * reach)
+
+
+def _fading(circles: Sequence[Circle], x: Floats, y: Floats) -> Floats:
+    """Heights (8 n, ...) around contacts that fade, by powers of the distance, exponentials, a Gaussian, and
+    their first moments."""
+    columns = []
+    for cx, cy, radius in circles:
+        dx, dy = (x - cx) / radius, (y - cy) / radius
+        q = np.maximum(np.hypot(dx, dy), 1.0)
+        columns += [*(q**-power for power in _POWERS), *(np.exp(-rate * (q - 1)) for rate in _RATES)]
+        columns += [0.5 ** (q**2 - 1), dx * q**-4, dy * q**-4]
+    return np.reshape(columns, (-1, *np.shape(x)))
+
+
+def _round(circles: Sequence[Circle], x: Floats, y: Floats) -> Floats:
+    """Heights (8 n, ...) around contacts that fall with powers of the distance, and their first moments."""
     columns = []
     for cx, cy, radius in circles:
         dx, dy = (x - cx) / radius, (y - cy) / radius
         t = 1 / np.maximum(np.hypot(dx, dy), 1.0)
-        columns += [*(t**power for power in powers), dx * t**3, dy * t**3]
+        columns += [*(t**power for power in _ANY), dx * t**4, dy * t**4]
     return np.reshape(columns, (-1, *np.shape(x)))
 
 
@@ -268,7 +325,9 @@ def _outside(cells: _Cells, circles: Sequence[Circle], far: float) -> _Outside |
     x, y, z, sigma, weight = (part[out] for part in cells[:5])
     noise, root = math.sqrt(float(weight @ sigma**2 / weight.sum())), np.sqrt(weight / weight.sum())
     own = (np.concatenate([cells.motion[:, out], cells.free[None, out]]) * root).T
-    return _Outside(x, y, root, noise, own, z * root, (cells.rig[:, out] * root).T, bool(cells.free.any()))
+    return _Outside(
+        x, y, root, noise, own, z * root, (cells.rig[:, out] * root).T, bool(cells.free.any()), cells.depth
+    )
 
 
 def _fitted(outside: _Outside, fields: Floats, sinks: float) -> _Fit | None:
@@ -289,6 +348,7 @@ def _fitted(outside: _Outside, fields: Floats, sinks: float) -> _Fit | None:
     aims[:terms] = triangle[:terms, terms:]
     rounding = np.finfo(np.float64).eps * len(weighted)
     for _ in range(2):  # the residual weighs the motion's prior
+        prior[:fewer] = np.hypot(_TAILS * size[:fewer], unit / max(_AMPLITUDE * outside.depth, 1e-300))
         prior[motions] = np.hypot(_TAILS * size[motions], unit)
         prior[-1] = math.hypot(_TAILS * size[-1] if size[-1] > 0 else 1.0, unit / sinks)
         whole = np.vstack([upper, np.diag(prior)])

@@ -43,7 +43,7 @@ class Surface:
     (m, r, c) on every step-th cell: one standard deviation of each error that all heights have in common, the
     last ones, `motions` in number, of the rig's motion since rest, which are there without a dent;
     displacement (k, 2, 3), k at least m: see `reconstruct.HeightMap`; draws (K, R, C): heights of noise
-    alone, of any size.
+    alone, of any size; anchors (n, 2): x and y of what counts as at rest.
     """
 
     x: Map
@@ -57,6 +57,7 @@ class Surface:
     motions: int = 0
     displacement: Floats | None = None
     draws: Map | None = None
+    anchors: Floats | None = None
 
     @property
     def unsettled(self) -> Floats:

@@ -25,9 +25,9 @@ def contacts(height: HeightMap, layer: Layer | None = None) -> tuple[Contact, ..
     usable &= np.isfinite(height.z) & np.isfinite(height.sigma)
     if not usable.any():
         return ()
-    surface = replace(surface_of(height), good=usable)
-    if height.count and not height.against_rest:
-        found = sag(replace(surface, motions=height.count), layer)
-        if found is not None:
-            surface = replace(surface, motions=height.count).less(found)
+    surface = replace(surface_of(height, height.free), good=usable)
+    if not height.against_rest and (height.count or height.free is not None):
+        surface = replace(surface, motions=height.count)
+        found = sag(surface, layer, solid=height.free is None)
+        surface = surface if found is None else surface.less(found)
     return figures(surface, regions(surface), layer)

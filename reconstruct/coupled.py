@@ -24,7 +24,7 @@ from .judgement.circulation import circulation_chi2, contradiction
 from .judgement.discontinuities import edge_doubt, touched, widened
 from .judgement.holes import noise_gain
 from .judgement.reweighting import CAUCHY, patches, wrong_pixels
-from .load import SAG, less_sag
+from .load import SAG, free_mode, less_sag
 from .problem import Problem, first_solution
 from .result import (
     against_rest,

@@ -31,7 +31,7 @@ HEIGHT_FORMATS = (*GRID_FORMATS, *MESHES)
 #: Source of those own modes that maps of one rest capture have in common.
 REST_NOISE = "noise of the rest capture in sag and motion"
 _ARRAYS = ("x", "y", "z", "sigma", "flags")
-_SINGLE = ("x", "y", "z", "sigma", "lean", "shared")  # float32 in files
+_SINGLE = ("x", "y", "z", "sigma", "lean", "shared", "free")  # float32 in files
 _TEXTS = ("notices", "diagnostics", "sources", "references", "contacts")
 
 
@@ -119,6 +119,8 @@ class HeightMap(Comparable):
     references: names (k,) of the rest capture and the anchors that the map rests on; shared (k, H, W) mm: the
     part of `sigma` that is theirs, common to all maps of the same reference.
     contacts: see `contacts`; None: not looked for.
+    free: (H, W) change of z with the anchor's height, of size 1 (median), where an anchor is a guess: the
+    middle of a mirror whose edge is not seen; None: it is none.
     """
 
     x: Floats
@@ -138,6 +140,7 @@ class HeightMap(Comparable):
     references: tuple[str, ...] = ()
     shared: Floats | None = None
     contacts: tuple[Contact, ...] | None = None
+    free: Floats | None = None
 
     def __post_init__(self) -> None:
         shape, count, step = np.shape(self.z), self.count, self.modes_step
@@ -150,6 +153,7 @@ class HeightMap(Comparable):
             "modes": ((count, *((size - 1) // step + 1 for size in shape)),),
             "displacement": ((moves, 2, 3),),
             "shared": ((len(self.references), *shape),),
+            "free": (shape,),
         }
         if count:
             shapes["shares"] = ((len(self.sources), count, count),)
@@ -206,6 +210,7 @@ class HeightMap(Comparable):
             references=(),
             shared=None,
             contacts=None,
+            free=None,
             **self._modes_less(other),
         )
 

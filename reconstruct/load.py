@@ -22,7 +22,7 @@ from .problem import Problem
 from .solver.newton import State
 from .uncertainty.sources import anchor_response
 
-__all__ = ["SAG", "less_sag", "surface_of"]
+__all__ = ["SAG", "free_mode", "less_sag", "surface_of"]
 
 SAG = "sag under the load, motion since rest"
 _MISFIT = 6.0  # noises: half-spaces, layers and dents that fade leave 5, a body that bulges 8
@@ -37,9 +37,13 @@ _CURE_MOVED = (
 
 def less_sag(height: HeightMap, problem: Problem, state: State, scene: Scene) -> HeightMap:
     """A map less rest without its sag and the rig's motion, or with both in its modes."""
-    surface = surface_of(height, _free_mode(problem, state))
+    held = np.zeros(problem.data.mask.shape, np.bool_)
+    held.flat[state.rows.pixel] = state.share > 0
+    held = problem.to_image(held, False) & np.isfinite(height.z)
+    anchors = np.stack([height.x[held], height.y[held]], axis=-1)
+    surface = replace(surface_of(height, free_mode(problem, state)), anchors=anchors)
     with blas_on_one():
-        found = sag(surface, scene.layer)
+        found = sag(surface, scene.layer, solid=not scene.open_air)
     if found is None:
         return _wider(height)
     motion = float(np.linalg.norm(found.motion)) / np.sqrt(max(found.motion.size, 1))
@@ -80,21 +84,20 @@ def _wider(height: HeightMap) -> HeightMap:
     return replace(height, modes=modes, notices=(*height.notices, *notices))
 
 
-def surface_of(height: HeightMap, free: Floats | None = None, motions: int | None = None) -> Surface:
-    """The arrays of a map for `optolever.contact`; free (H, W): z's free mode; motions: None: the errors of
-    this capture alone."""
+def surface_of(height: HeightMap, free: Floats | None = None) -> Surface:
+    """The arrays of a map for `optolever.contact`; free (H, W): z's free mode."""
     step = coarse_step(height.z.shape) if height.modes is None else height.modes_step
     return Surface(
         *(height.x, height.y, height.z, height.sigma, height.good),
         free=free,
         modes=height.modes,
         step=step,
-        motions=height.own if motions is None else motions,
+        motions=height.own,
         displacement=height.displacement,
     )
 
 
-def _free_mode(problem: Problem, state: State) -> Floats:
+def free_mode(problem: Problem, state: State) -> Floats:
     """Change of z (H, W) where all known values change alike, of size 1 (median)."""
     data = problem.data
     moved = anchor_response(problem.labels, state, np.ones(state.rows.pixel.size))

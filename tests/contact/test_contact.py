@@ -13,6 +13,9 @@ from optolever.scene import Layer
 X, Y = np.meshgrid(np.linspace(0, 60, 160), np.linspace(0, 45, 120))
 
 
+EDGE = np.stack([np.full(9, 60.0), np.linspace(0, 45, 9)], axis=-1)  # where the mirror counts as at rest
+
+
 def ball(cx: float, cy: float, radius: float, depth: float) -> np.ndarray:
     """Depth under and around a ball on a half-space; its own radius is radius^2 / depth."""
     q = np.hypot(X - cx, Y - cy) / radius
@@ -132,7 +135,7 @@ def test_a_layer_of_unknown_thickness_is_within_sigma_where_the_rig_moved(thickn
     modes = 1e-3 * np.stack([X / 60, (Y - 22) / 22, (X / 30 - 1) ** 2])
     moved = np.tensordot(np.array([1.0, -0.5, 0.7]), modes, 1)
     sunk = z - float(z[:, -1].mean()) / 1.2 * free + moved
-    made = surface(sunk, noise=2e-5, free=free, modes=modes, motions=3)
+    made = surface(sunk, noise=2e-5, free=free, anchors=EDGE, modes=modes, motions=3)
     found = sag(made, None)
     assert found is not None
     left = made.less(found)
@@ -146,7 +149,7 @@ def test_a_dent_that_fades_sinks_nothing(width: float) -> None:
     """A motion looks like sinking: both are unknown where the flank is taken for a load's."""
     z = 0.3 * np.exp(-((X - 30) ** 2 + (Y - 22) ** 2) / (2 * width**2))
     modes = 1.7e-3 * np.stack([1 - X / 60, (Y - 22) / 22])
-    made = surface(z, noise=1.5e-5, free=X / 60 + 0.2, modes=modes, motions=2)
+    made = surface(z, noise=1.5e-5, free=X / 60 + 0.2, anchors=EDGE, modes=modes, motions=2)
     found = sag(made, None)
     assert found is not None
     left = made.less(found)
