@@ -10,8 +10,8 @@ therefore
 squares over the good cells outside f radii of every contact, weighted by area and noise, a = 0 +- 1.
 With weights that sum to one the covariance is (rho / 3)^2 (A^T W A)^-1, rho the rms residual. f is 2, 2.5, 3
 or 4. Where dents fade, as on a layer of unknown thickness, powers of q and exponentials take the place of the
-sum, and c is 0 +- 2.5 noises, 6 where the rig may move, and what the dents reach at the anchors. Both count by
-their likelihood outside 2 radii, where they differ most: what this does not decide is in sigma.
+sum, and c is 0 +- 2.5 noises, 6 where the rig may move, and what the dents reach at the anchors. Both count
+by their likelihood outside 2 radii, where they differ most: what this does not decide is in sigma.
 """
 
 import math
