@@ -130,6 +130,7 @@ def reconstruct(
     notices += of_another_rig(measured, scene)
     if anchor is None and problem.samples.row.size == 1:
         notices.append(_MIDDLE)
+        height = replace(height, free=free_mode(problem, state))
     height = replace(height, notices=tuple(notices))
     for notice in height.notices:
         LOG.warning("%s", notice)
