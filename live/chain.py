@@ -111,8 +111,8 @@ def settle(rig: Rig, frame: Frame, sigma: Cells) -> Settled:
             break
     left = sizes[-1] * pace / (1 - pace) if np.isfinite(sizes[-1]) else np.inf
     # the residual is evaluated after convergence: before, it is large wherever something moved
-    residual = fit.residual(rig.carriers)
-    usual = float(np.median(residual[some]))
+    residual = fit.residual(rig.carriers)  # of cells that are not lit: 0
+    usual = float(np.median(residual[some][rig.lit[some]]))
     ratio = _compressions(rig.gradient, offset)
     least = float(ratio[good].min(initial=1.0))
     if ratio.min() < COMPRESSED:  # also cells whose window reaches there

@@ -93,7 +93,7 @@ def test_a_mirror_in_a_part_of_the_picture_is_trusted(rest: Rest, prepared: Prep
     for seed, dents in enumerate([(), ((GAUSS, 30.0, 22.0, 3.0, 0.05),)]):
         reading = live.update(seen(shot(dents, seed)))
         assert reading.trusted, reading.reason
-        assert max(reading.figures.curl) < 4
+        assert max(*reading.figures.curl, reading.figures.misfit) < 3
         assert len(reading.touches) == len(dents)
     torn = shot(((GAUSS, 30.0, 22.0, 3.0, 0.05),), 5).copy()
     torn[120:] = np.roll(torn[120:], 3, axis=1)
