@@ -20,6 +20,7 @@ from .surface import Surface, filled
 __all__ = ["Contact", "contacts"]
 
 _HALF = 0.5  # of the depth: where a region ends
+_SURE = 3.0  # standard deviations of a depth: others come last
 _INNER = 0.7  # of the depth: cells of a second fit of the radius
 _FEWEST = 12  # cells of a fit of the radius
 _CURVED = 3.0  # sigma of a curvature, from which on its radius is finite
@@ -127,14 +128,15 @@ class _Dent(NamedTuple):
 
 
 def contacts(surface: Surface, regions: Sequence[Region], layer: Layer | None) -> tuple[Contact, ...]:
-    """The figures of a surface's regions, in their order; layer: elastic; None: no force is known."""
+    """The figures of a surface's regions, in their order, but last those whose depth is below three of its
+    standard deviations; layer: elastic; None: no force is known."""
     if not regions:
         return ()
     z, known, holes = filled(surface.z, surface.good)
-    found = [_contact(surface, region, z, known, holes) for region in regions]
-    if layer is None:
-        return tuple(found)
-    return _pressed(surface, z, regions, found, layer)
+    found: Sequence[Contact] = [_contact(surface, region, z, known, holes) for region in regions]
+    if layer is not None:
+        found = _pressed(surface, z, regions, found, layer)
+    return tuple(sorted(found, key=lambda one: one.depth < _SURE * one.depth_sigma))
 
 
 def _contact(surface: Surface, region: Region, z: Map, known: Mask, holes: Mask) -> Contact:

@@ -63,7 +63,7 @@ class Reading(Comparable):
     holds: less the effect of the picture's motion, plus the sinking by loads at the edge; good (R, C): where
     it is measured; x, y (R, C): of the mirror point, mm. trusted: the heights may be used; reason: why not,
     else empty; notices: unusual properties of the frame; time: of the frame, s; tareable: it shows the mirror
-    at rest, maybe of a rig that has moved; touches: contacts, the deepest first, none where it is not
+    at rest, maybe of a rig that has moved; touches: contacts, see `contact.contacts`, none where it is not
     trusted; forces: of these, where the scene names an elastic layer."""
 
     z: Cells

@@ -43,7 +43,7 @@ class Touches:
         self._next = 1
 
     def named(self, contacts: Sequence[Contact]) -> tuple[Touch, ...]:
-        """The contacts of the next frame, the deepest first."""
+        """The contacts of the next frame, in their order."""
         named = []
         free = list(self._last)
         for contact in contacts:

@@ -16,7 +16,8 @@ __all__ = ["contacts"]
 
 def contacts(height: HeightMap, layer: Layer | None = None) -> tuple[Contact, ...]:
     """Contacts, the deepest first: cells deeper than half of a peak that rises above the surface at rest by
-    six standard deviations; layer: elastic, for the forces.
+    six standard deviations; last those whose depth is below three of its own (at a hole, or by the rig's
+    errors); layer: elastic, for the forces.
 
     In a map without a rest capture, errors of the rig that show in most of the map are removed first. Only
     pixels without a flag, or with STEEP alone, are used.
