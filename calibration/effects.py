@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from optolever.errors import InputError
 from optolever.scene import Covariance, Scene
 
 from .predicted import predicted_maps
@@ -43,6 +44,8 @@ def effects(scene: Scene, by: Floats) -> Effects:
     unit = np.sqrt(np.diag(small.covariance.matrix) / own)  # of the small scene's numbers
     by_mode = by.T @ (unit[:, None] * np.linalg.pinv(small.covariance.root))
     both = height.good & rest.good
+    if not both.any():
+        raise InputError("calibration: the adjusted rig sees no mirror; are the captures of their targets?")
     depth = (height.calibration - rest.calibration)[:, both]
     change = (height.z - rest.z)[both]
     deepest = int(np.argmax(change))

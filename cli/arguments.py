@@ -7,6 +7,7 @@ Defaults are shown; an option without one is required. A tuple repeats, a bool i
 """
 
 import inspect
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +19,19 @@ import click
 from .outputs import Option, Program
 
 FILE = click.Path(path_type=Path)
-ABOVE_0, AT_LEAST_0 = click.FloatRange(min=0, min_open=True), click.FloatRange(min=0)
+
+
+class Finite(click.FloatRange):
+    """A number, neither NaN nor infinite, in a range."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        found: float = super().convert(value, param, ctx)
+        if not math.isfinite(found):
+            self.fail(f"{value!r} is not a finite number", param, ctx)
+        return found
+
+
+ABOVE_0, AT_LEAST_0 = Finite(min=0, min_open=True), Finite(min=0)
 SHARE = click.FloatRange(0, 1, max_open=True)
 
 

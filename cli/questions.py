@@ -12,7 +12,7 @@ import click
 
 import optolever as ol
 
-from .arguments import ABOVE_0, AT_LEAST_0, Opt, Shape
+from .arguments import ABOVE_0, AT_LEAST_0, Finite, Opt, Shape
 
 __all__ = [
     "BALL", "KINDS", "QUESTIONS", "TAPE", "UNKNOWN", "VIEW_60", "Question", "questions_of", "scene_of",
@@ -97,7 +97,7 @@ class Question:
         return UNKNOWN if isinstance(self.kind, _Width) and value == 0 else f"{value:.10g}"
 
 
-_ACUTE = click.FloatRange(min=0, max=90, min_open=True, max_open=True)
+_ACUTE = Finite(min=0, max=90, min_open=True, max_open=True)
 _TURNED = "a degree costs 3 to 12 % of a height, but for what the mirror at rest takes off"
 #: In the order in which they are asked.
 QUESTIONS: tuple[Question, ...] = (
@@ -143,7 +143,7 @@ QUESTIONS: tuple[Question, ...] = (
         "0.5 mm costs 2 % of a height", ("", "0"), "prism",
     ),
     Question(
-        "across", "MM", click.FLOAT, "Prism: from the mirror's side y = 0 to the display's first pixel, mm",
+        "across", "MM", Finite(), "Prism: from the mirror's side y = 0 to the display's first pixel, mm",
         "the patterns lie elsewhere; the mirror at rest takes it off", ("", ""), "prism",
     ),
     Question(

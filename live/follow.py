@@ -74,8 +74,10 @@ def follow(
 
 def tared(prepared: Prepared, frames: Frame) -> Prepared:
     """The rig with the mirror of these frames (N, H, W) as its rest, to correct a drift of zero. The measured
-    noise stays."""
-    carriers = prepared.rig.carriers
+    noise stays. InputError of frames of another size, or of none."""
+    carriers, size = prepared.rig.carriers, (prepared.rows, prepared.cols)
+    if np.ndim(frames) != 3 or np.shape(frames)[1:] != size or not len(frames):
+        raise InputError(f"frames: {np.shape(frames)}, must be (N, {size[0]}, {size[1]}), one or more")
     rows, cols = carriers.lit.shape
     mean = np.asarray(frames, np.float64)[:, :rows, :cols].mean(axis=0).astype(np.float32)
     state = rest_state(carriers, mean, prepared.rig.rest)

@@ -33,6 +33,7 @@ calibrate {scene} ball:30={c} --out {out}.toml | target ball | ball:RADIUS,SIGMA
 calibrate {scene} flat={c} --prior pattern.zz=1 --out {out}.toml | pattern.zz | pattern.
 show --monitor 99
 rig new --kind prism --out {out}.toml | --mirror is missing | mm
+rig new --kind prism --diagonal nan --out {out}.toml | --diagonal | 'nan' is not a finite number
 rig new --kind prism --display-distance 3 --out {out}.toml | --display-distance | --kind is prism
 patterns export {out} --pixels 0x5 | '0x5' | WIDTHxHEIGHT
 reconstruct {h} {scene} --out {out}.npz | field 'u' is missing | it is a height map

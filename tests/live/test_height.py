@@ -11,7 +11,7 @@ from lab.live.world import BALL, GAUSS, expose
 from optolever import InputError
 from optolever.decode import Flag
 from optolever.experiments.design import sensor_maps
-from optolever.live import Live, Prepared, Reading, prepare
+from optolever.live import Live, Prepared, Reading, prepare, tared
 from optolever.patterns import sequence
 from optolever.scene import dent, trace
 
@@ -140,5 +140,8 @@ def test_what_does_not_fit_is_one_line(rest: Rest, prepared: Prepared) -> None:
     coarse = replace(rest.rest_map, sigma_v=np.full_like(rest.rest_map.sigma_v, 18.0))
     with pytest.raises(InputError, match=r"rest_map: 0 % .* known to 0.25 of the fringe's period"):
         prepare(rest.scene, rest.frames, coarse, rest.fringe)
+    for few in (np.zeros((240, 320), np.uint8), np.zeros((0, 240, 320), np.uint8)):
+        with pytest.raises(InputError, match=r"frames: .* must be \(N, 240, 320\), one or more"):
+            tared(prepared, few)
     with pytest.raises(InputError, match=r"frame: uint8 of \(4, 4\)"):
         Live(prepared).update(np.zeros((4, 4), np.uint8))
