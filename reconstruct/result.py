@@ -9,12 +9,14 @@ import numpy as np
 
 from optolever.decode import Correspondence, Flag
 from optolever.notices import Notice
-from optolever.scene import Mirror, Scene
+from optolever.scene import Mirror, Scene, Surface, strided, trace
 
 from .arrays import Floats, middle, some_rows
+from .geometry import flat_mirror
 from .heightmap import Diagnostics, HeightFlag, HeightMap
 from .judgement.circulation import contradiction
 from .judgement.discontinuities import cut_off, surest
+from .outputs.coarse_modes import coarse_step
 from .problem import Problem
 from .solver.anchors import Anchors
 from .solver.newton import State
@@ -36,6 +38,7 @@ _SURE = 3.0  # standard deviations
 _WEDGE = 10.0  # times: of a prism within a tenth of its length
 _UNKNOWN = 0.25  # of the mirror's length: a height of such a sigma is none
 _LOOSE = 100.0  # times the sigma of the pixels around
+_MOVED, _UNIT = 0.02, 1e-3  # camera pixels: motion's own standard deviation; mm
 _STEEP = 3.0  # standard deviations, of slopes or of the heights around: where doubts exceed them
 
 
@@ -231,6 +234,8 @@ def against_rest(
         found.append(
             Notice(name, lost / press.u.size, _LOST, "capture the mirror at rest with the same exposure")
         )
+    if z.size:
+        found += _moved(height, corrected, scene)
     if scene.medium is None or not z.size:
         return tuple(found)
     sigma = float(np.median(height.sigma[height.good]))
@@ -243,6 +248,29 @@ def against_rest(
         cure = "take everything off the mirror and capture it at rest again"
         found.append(Notice(name, lowest, _HOLLOW * highest, cure))
     return tuple(found)
+
+
+def _moved(height: HeightMap, corrected: Correspondence, scene: Scene) -> list[Notice]:
+    """The notice that the picture has moved since rest as if the mirror had sunk evenly, which is taken for
+    motion of the rig: median over the map."""
+    step = coarse_step(height.z.shape)
+    few, scene = np.s_[::step, ::step], strided(scene, step)
+    flat = flat_mirror(scene)
+    lower = trace(scene, Surface(lambda x, y: 0 * x * y + _UNIT, lambda x, y: (0 * x, 0 * y)))
+    field = (np.stack([lower.u, lower.v]) - flat) / _UNIT
+    moved, size = np.stack([corrected.u[few], corrected.v[few]]) - flat, np.square(field).sum(axis=0)
+    pixel = np.hypot(*np.gradient(flat, axis=2)) / step
+    known = height.good[few] & np.isfinite(moved).all(axis=0) & (size > 0) & (pixel > 0)  # not NaN
+    if not known.any():
+        return []
+    sunk = abs(float(np.median(((moved * field).sum(axis=0) / size)[known])))
+    shift = sunk * float(np.median((np.sqrt(size) / pixel)[known]))
+    cure = (
+        f"as of a mirror that sank by {1e3 * sunk:.2g} µm; heights count it as the rig's motion, total_sigma "
+    )
+    cure += "lacks it: clamp the rig, let it warm up, and capture the mirror at rest again"
+    name = "The picture has moved as a whole since rest, pixels"
+    return [Notice(name, shift, _MOVED, cure)] if shift > _MOVED else []
 
 
 def off_mirror(height: HeightMap, mirror: Mirror, at_rest: bool) -> tuple[Notice, ...]:

@@ -159,3 +159,17 @@ def test_a_dent_that_reaches_the_anchor_is_no_motion(width: int, place: str) -> 
     error = np.where(height.good, height.z - trace(scene, surface).z, np.nan)
     assert np.sqrt(np.nanmean((error / height.total_sigma) ** 2)) < 1.3
     assert np.nanmedian(height.total_sigma) < 0.06 / 8
+
+
+@pytest.mark.parametrize(("name", "sunk"), [("monitor-mirror", 0.05), ("prism48", 0.01)])
+def test_a_mirror_that_sinks_evenly_is_named(name: str, sunk: float) -> None:
+    """Heights do not show it: it is the picture of a camera that moved. Without it there is no notice."""
+    scene, rng = resize(load(name), 96, 120), np.random.default_rng(1)
+    dent, flat = dent_from_text(SMALL[name], scene), dent_from_text("flat", scene)
+    rest = capture(scene, flat, rng)
+    for depth in (0.0, sunk):
+        lower = Surface(lambda x, y, by=depth: dent.height(x, y) + by, dent.gradient)  # type: ignore[misc]
+        height = reconstruct(capture(scene, lower, rng), scene, rest=rest)
+        named = [str(one) for one in height.notices if "moved as a whole" in one.name]
+        assert len(named) == (depth > 0)
+    assert f"sank by {1e3 * sunk:.2g} µm" in named[0] or f"sank by {1e3 * sunk - 1:.2g} µm" in named[0]
