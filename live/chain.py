@@ -18,6 +18,7 @@ __all__ = ["COMPRESSED", "LEAST_SHARE", "Rig", "Settled", "rest_state", "settle"
 
 _f4 = np.float32
 LEAST_SHARE = 0.15  # illuminated share of a window on the pattern: a corner's window has a quarter
+_WHOLE = 0.99
 _CONTRAST = 0.15  # of that at rest, in the same light: below it a window has no fringe
 _AMPLITUDE = 6.0  # minimum amplitude in standard deviations
 _MISFIT = 6.0  # mean square residual over the median one, at which a cell has half weight
@@ -52,6 +53,11 @@ class Rig:
     def lit(self) -> Mask:
         """Cells whose window has enough of the pattern in view at rest."""
         return np.asarray(self.carriers.share > LEAST_SHARE)
+
+    @property
+    def whole(self) -> Mask:
+        """Cells whose whole window has the pattern in view at rest."""
+        return np.asarray(self.carriers.share > _WHOLE)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -244,7 +244,7 @@ def _measured_noise(
         z = settled.tau * rig.normal + found.heights(creep)
         squares += np.square(z, dtype=np.float64)
         draws.append(z)
-        curls.append(circulations(settled.slopes, settled.good))
+        curls.append(circulations(settled.slopes, settled.good & rig.whole))
     sigma = np.sqrt(scipy.ndimage.gaussian_filter(squares / _DRAWS, _SMOOTH, mode="nearest"))
     curl = np.mean(curls, axis=0)
     curl[curl == 0] = 1.0  # no complete block: no verdict by it

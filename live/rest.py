@@ -28,7 +28,6 @@ __all__ = ["Creep", "Deviation", "creep_of", "fitted"]
 
 _STEP = 0.1  # pixels, turns, mm: of differences
 _ROUNDS = 6  # of the coupled equations
-_WHOLE = 0.99  # share of a window
 _SAMPLES = 2500  # cells of a fit
 _FAR = (3.0, 2.0, 1.5)  # radii of a contact, the first that leave enough cells
 _FEWEST = 100  # cells
@@ -224,7 +223,7 @@ def _sampled(rig: Rig) -> Float:
     every = max(1, round(math.sqrt(rig.lit.size / _SAMPLES)))
     use = np.zeros(rig.lit.shape, np.bool_)
     use[every // 2 :: every, every // 2 :: every] = True
-    whole = use & (rig.carriers.share > _WHOLE)
+    whole = use & rig.whole
     return np.stack(np.nonzero(whole if whole.any() else use & rig.lit))
 
 

@@ -56,7 +56,7 @@ class Live:
         deviation, alone = self._deviation(settled, raw, _sigma(prepared, settled))
         if (np.abs(deviation.motion) > CREPT * deviation.sigmas[:3]).any():  # what is left is the mirror's
             slopes = slopes - np.tensordot(deviation.motion, self.creep.slopes, 1)
-        fine, coarse = (circulations(slopes, good) / prepared.noise.curl).tolist()
+        fine, coarse = (circulations(slopes, good & rig.whole) / prepared.noise.curl).tolist()
         noise = _sigma(prepared, settled, max(1.0, fine, coarse))
         steep, dust = holes_of(raw, prepared.noise.sigma, good, rig.lit, rig.rim)
         figures = self._figures(frame, settled, (fine, coarse), deviation)

@@ -112,15 +112,16 @@ def test_a_frame_at_rest_that_is_torn_is_left_out(rest: Rest, shot: Shot, truth:
     frames = rest.frames.copy()
     frames[2, :120] = 200
     own = prepare(rest.scene, frames, rest.rest_map, rest.fringe)
-    assert [(one.name, one.size) for one in own.notices] == [("Frames at rest unlike the others, of 8", 1)]
+    assert ("Frames at rest unlike the others, of 8", 1) in [(one.name, one.size) for one in own.notices]
     _, ratio = _errors(Live(own).update(shot(SMOOTH[0], 1)), truth(SMOOTH[0]))
     assert 0.3 < np.sqrt(np.mean(np.square(ratio))) < 2
 
 
 def test_a_touch_between_map_and_frames_at_rest_is_said(rest: Rest, shot: Shot) -> None:
     frames = np.stack([shot(((GAUSS, 20.0, 20.0, 3.0, 0.07),), seed) for seed in range(8)])
-    (said,) = prepare(rest.scene, frames, rest.rest_map, rest.fringe).notices
+    said, half_space = prepare(rest.scene, frames, rest.rest_map, rest.fringe).notices
     assert "fringe is elsewhere than by rest_map" in said.name
+    assert "forces are of a half-space" in half_space.name
 
 
 def test_what_does_not_fit_is_one_line(rest: Rest, prepared: Prepared) -> None:

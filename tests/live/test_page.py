@@ -42,13 +42,14 @@ def virtual() -> Virtual:
 
 
 class _Rest:
-    """A camera that sees the mirror at rest."""
+    """A camera that sees the mirror at rest, 200 times a second."""
 
     def __init__(self, finger: VirtualFinger) -> None:
         self._frames, self._count = finger.at_rest(), 0
 
     def next(self, timeout_s: float) -> Image | None:
         self._count += 1
+        time.sleep(0.005)  # without it the threads of the readings and the server hardly run
         return Image(self._frames[self._count % len(self._frames)], self._count, None, self._count / 1e5)
 
 
