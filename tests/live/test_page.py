@@ -248,6 +248,7 @@ def test_a_slow_reader_gets_the_newest_frame(virtual: Virtual) -> None:
     with Newest(_Rest(virtual[1])) as source:
         first, later = source.next(5.0), None
         while later is None or source.skipped == 0:
+            time.sleep(0.03)
             later = source.next(5.0)
     assert first is not None
     assert (later.id or 0) > (first.id or 0)
