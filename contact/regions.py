@@ -150,6 +150,7 @@ def _region(
     weight = cell[measured] / cell[measured].sum()
     ended = top == 0 or left == 0 or top + height == rows or left + width == cols
     grown = cv2.dilate(inside.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    cut = bool(ended or (grown & ~known[box]).any())
     return Region(
         *at,
         depth=float(z[at]),
@@ -158,18 +159,19 @@ def _region(
         radius=math.sqrt(area / math.pi),
         box=box,
         inside=inside,
-        cut=bool(ended or (grown & ~known[box]).any()),
+        cut=cut,
         hole=bool((inside & holes[box]).any()),
-        circles=_circles(x, y, weight, area),
+        circles=_circles(x, y, weight, area, cut),
     )
 
 
-def _circles(x: Floats, y: Floats, weight: Floats, area: float) -> tuple[Circle, ...]:
-    """As many as it is longer than wide, of cells (n,) with weights that sum to one."""
+def _circles(x: Floats, y: Floats, weight: Floats, area: float, cut: bool) -> tuple[Circle, ...]:
+    """As many as it is longer than wide (of a cut disc one), of cells (n,) with weights that sum to one."""
     at = np.stack([x, y])
     off = at - (at @ weight)[:, None]
     (least, most), axes = np.linalg.eigh((off * weight) @ off.T)
-    count = round(min(math.sqrt(most / least), _LONGEST)) if least > 0 else 1
+    longer = min(math.sqrt(most / least), _LONGEST) if least > 0 else 1.0
+    count = int(longer) if cut else round(longer)
     along = np.argsort(axes[:, 1] @ off)
     part = np.empty(x.size, np.int64)
     part[along] = np.minimum(count * np.cumsum(weight[along]), count - 1).astype(np.int64)
