@@ -3,7 +3,7 @@
 | file | holds |
 |---|---|
 | `context.py`, `shaders.py`, `shaders/` | the OpenGL context (EGL first); shader files and their flags |
-| `renderer.py` | a frame drawn, bit-equal to NumPy's |
+| `renderer.py` | frames drawn offscreen, bit-equal to NumPy's |
 | `display.py`, `window.py` | the same in a real window, in a separate process |
 | `monitors.py` | monitors by name; settings that distort levels |
 | `devices.py` | records and protocols of cameras, displays, clocks |
@@ -50,6 +50,7 @@ from .folder import write_description
 from .monitors import Monitor, choose_monitor
 from .optics_numpy import Footprints, footprints, light_of
 from .recording import BackgroundRecorder, Logged, Recorder, Recording
+from .renderer import PatternRenderer
 from .rig import Devices, Opened, devices_of, opened, timing_of
 from .virtual import RENDERERS, capture, chosen_renderer
 
@@ -57,7 +58,7 @@ __all__ = [
     "NOMINAL_SENSOR", "RENDERERS", "SAFE_WAIT_S", "WHITE_NOISE_SENSOR", "Accepted", "Aim", "Arrivals",
     "BackgroundRecorder", "Camera", "CameraLost", "Capture", "ClockMap", "ContextInfo", "Contrast",
     "Devices", "Display", "FlipFit", "FlipRecord", "Footprints", "Identity", "Image",
-    "Logged", "Monitor", "NoContextError", "Opened", "PatternWindow", "RealTime",
+    "Logged", "Monitor", "NoContextError", "Opened", "PatternRenderer", "PatternWindow", "RealTime",
     "Recorder", "Recording", "Shown", "Stamp", "Taken", "Time", "Timing", "Wanted", "acquire", "aim",
     "capture", "choose_exposure", "choose_monitor", "chosen_renderer", "context_info", "contrast",
     "devices_of", "fit_timing", "flip_fit", "footprints", "light_of", "monitors", "opened",

@@ -125,7 +125,7 @@ class Window:
         """Put frame `index` on the screen; when that was. InputError once the monitor is gone."""
         asked = time.monotonic()
         glfw.make_context_current(self._window)
-        self._painter.draw(index, self._ctx.screen, glfw.get_framebuffer_size(self._window)[1])
+        self._painter.draw(index, self._ctx.screen, top=glfw.get_framebuffer_size(self._window)[1])
         glfw.swap_buffers(self._window)
         self._ctx.finish()
         swapped = time.monotonic()

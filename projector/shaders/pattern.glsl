@@ -7,7 +7,7 @@ uniform bool mean;           // mean of both tables instead of their product
 uniform usampler2D table;    // (cells, frames): levels as they are shown
 #endif
 uniform int frame;
-uniform int top;             // the target's uppermost row, where row 0 is drawn
+uniform int top;             // 0: row 0 is the target's first row; else the target's height, and row 0 is on top
 
 out vec4 level;
 
@@ -26,6 +26,7 @@ uint shown(ivec2 at) {
 }
 
 void main() {
-    ivec2 at = ivec2(gl_FragCoord.x, top - int(gl_FragCoord.y));
+    ivec2 at = ivec2(gl_FragCoord.xy);
+    if (top > 0) at.y = top - 1 - at.y;
     level = vec4(vec3(float(shown(at)) / 255.0), 1.0);
 }
