@@ -43,7 +43,7 @@ def test_a_rest_is_measured_once(rig: Path, monkeypatch: pytest.MonkeyPatch) -> 
             assert not readings.notices
             assert next(iter(readings)).trusted
         replace(load(rig), accuracy=Accuracy(scale=0.05, edge=0.02)).save(rig)
-        with live.open(rig) as readings:  # errors are those that the file states now
+        with live.open(rig) as readings:  # with the errors in the file
             assert next(iter(readings)).total_sigma.min() > 0.02
             assert readings.prepared.error is not None
             assert readings.prepared.error > 0.02
