@@ -50,7 +50,7 @@ _FEWEST_LINES = 8  # lines of it
 
 
 class ErrorField(NamedTuple):
-    """One error of unit variance: its change of u and v (rows, cols), pattern px, and to the edges'
+    """One error of unit variance: its change of u and v (rows, cols), pattern px, and of the edges'
     increments."""
 
     u: Floats
