@@ -4,7 +4,7 @@
 |---|---|
 | `surface.py` | Surface: the map, whichever part measured it |
 | `regions.py` | regions(): which dents there are, and the cells of each |
-| `sag.py` | sag(): how far everything sank and the rig moved; the far field of contacts |
+| `far_field.py` | load_fit(): how far everything sank and the rig moved; the far field of contacts |
 | `contacts.py` | contacts(): their figures |
 | `pressure.py` | pressure and force by the elasticity of the layer |
 | `arrays.py` | names of arrays |
@@ -13,10 +13,10 @@
 from optolever.arguments import check_face
 
 from .contacts import Contact, contacts
+from .far_field import far_field, load_fit
 from .regions import Region, regions
-from .sag import far_field, sag
-from .surface import Sag, Surface
+from .surface import LoadFit, Surface
 
-__all__ = ["Contact", "Region", "Sag", "Surface", "contacts", "far_field", "regions", "sag"]
+__all__ = ["Contact", "LoadFit", "Region", "Surface", "contacts", "far_field", "load_fit", "regions"]
 
 check_face(__name__)

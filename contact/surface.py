@@ -1,4 +1,4 @@
-"""Surface: a map less rest as arrays, whichever part measured it; Sag: what is taken off it."""
+"""Surface: a map less rest as arrays, whichever part measured it; LoadFit: what is taken off it."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ import scipy.sparse.linalg
 
 from .arrays import Floats, Ints, Map, Mask
 
-__all__ = ["Sag", "Surface", "filled"]
+__all__ = ["LoadFit", "Surface", "filled"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sag:
+class LoadFit:
     """Fit of the mirror's sinking and of the rig's motion to the heights outside the contacts. c: amplitude
     of the free mode, sigma: its standard deviation; misfit: rms residual over the median noise, beyond: over
     noise and the rig's errors; motion (k,): of the motion's modes; root (1 + k, 1 + k): of the covariance of
@@ -78,26 +78,26 @@ class Surface:
         motion = np.reshape(modes, (-1, *z.shape))
         return Surface(x, y, z, sigma, self.good[few], free, modes=motion, motions=len(motion))
 
-    def less(self, sag: Sag) -> Surface:
+    def less(self, fit: LoadFit) -> Surface:
         """The surface without the fitted sag and motion; their standard deviations replace the motion's
         modes."""
         few = slice(None, None, self.step), slice(None, None, self.step)
         own = np.zeros((0, *self.z[few].shape)) if self.modes is None else np.asarray(self.modes, np.float64)
         rig, motion = own[: len(own) - self.motions], own[len(own) - self.motions :]
-        z = self.z - spread(np.tensordot(sag.motion, motion, 1), self.step, self.z.shape)
-        left = np.tensordot(sag.root[:-1].T, motion, 1)
-        found = np.tensordot(sag.rig[:-1].T, motion, 1)
+        z = self.z - spread(np.tensordot(fit.motion, motion, 1), self.step, self.z.shape)
+        left = np.tensordot(fit.root[:-1].T, motion, 1)
+        found = np.tensordot(fit.rig[:-1].T, motion, 1)
         if self.free is not None:
             free = np.nan_to_num(self.free[few])
-            z = z - sag.c * self.free
-            left += np.multiply.outer(sag.root[-1], free)
-            found += np.multiply.outer(sag.rig[-1], free)
-        rig = np.tensordot(sag.kept, rig - found, 1)
+            z = z - fit.c * self.free
+            left += np.multiply.outer(fit.root[-1], free)
+            found += np.multiply.outer(fit.rig[-1], free)
+        rig = np.tensordot(fit.kept, rig - found, 1)
         modes = np.concatenate([rig, left]).astype(np.float32)
         displacement = self.displacement
         if displacement is not None:  # motion moves no point along the mirror
             still = np.zeros((len(left), 2, 3))
-            mixed = np.tensordot(sag.kept, displacement[: len(rig)], 1)
+            mixed = np.tensordot(fit.kept, displacement[: len(rig)], 1)
             displacement = np.concatenate([mixed, still, displacement[len(own) :]])
         return replace(self, z=z, modes=modes, motions=len(left), displacement=displacement)
 

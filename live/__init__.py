@@ -9,7 +9,7 @@
 | `strays.py` | pixels that do not show the fringe, left out |
 | `picture.py`, `unwrap.py` | the model of the image and its fit; phase unwrapping |
 | `geometry.py`, `chord.py` | rays and anchor; a step of the coupled equations |
-| `rest.py` | the picture's shift and roll, and the load at the mirror's edge, in one fit |
+| `rig_motion.py` | the picture's shift and roll, and the load at the mirror's edge, in one fit |
 | `rig_errors.py` | common error of heights by the rig's numbers |
 | `touches.py`, `holes.py` | contacts over time; cells without a height |
 | `probes.py`, `spectrum.py` | heights of single cells over time, the noise floor; their spectra |

@@ -24,8 +24,8 @@ from .circulation import BLOCKS, circulations
 from .geometry import anchor_line, rest_rays, rim
 from .picture import Carriers, State, model, to_cells, window_mean
 from .prepared import Noise, Prepared
-from .rest import creep_of, fitted
 from .rig_errors import relative_error
+from .rig_motion import fitted, rig_motion
 
 __all__ = ["prepare", "stated"]
 
@@ -233,7 +233,7 @@ def _measured_noise(
     spread = np.float32(math.sqrt(max(rig.noise - _QUANTISED, 0.0)))
     sigma = np.full(rig.carriers.shape, _FIRST_SIGMA, np.float32)
     squares, draws, curls, scatter = np.zeros(rig.carriers.shape), [], [], []
-    creep = creep_of(rig, points)
+    creep = rig_motion(rig, points)
     for _ in range(_DRAWS):
         noisy = clean + spread * rng.standard_normal(clean.shape, dtype=np.float32)
         frame = np.clip(np.rint(noisy), 0, rig.carriers.full - 1).astype(kind)

@@ -15,7 +15,7 @@ from .circulation import circulations
 from .holes import holes_of
 from .prepared import Prepared
 from .reading import CREPT, Figures, Reading
-from .rest import Creep, Deviation, creep_of, fitted
+from .rig_motion import Deviation, RigMotion, fitted, rig_motion
 from .strays import settle_without_strays
 from .touches import Touches, forces_of
 from .verdict import FADED, UNEXPLAINED, judge
@@ -45,7 +45,7 @@ class Live:
         """Begin anew, with another rest."""
         self.prepared, self._faded = prepared, 0
         self._touches = Touches()
-        self.creep: Creep = creep_of(prepared.rig, prepared.points)
+        self.creep: RigMotion = rig_motion(prepared.rig, prepared.points)
 
     def update(self, frame: Frame, time: float = 0.0) -> Reading:
         """The reading of a frame (H, W) of the camera, taken at `time` (s): heights less what the rig and the

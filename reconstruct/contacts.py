@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from optolever.contact import Contact, regions, sag
+from optolever.contact import Contact, load_fit, regions
 from optolever.contact import contacts as figures
 from optolever.scene import Layer
 
@@ -29,6 +29,6 @@ def contacts(height: HeightMap, layer: Layer | None = None) -> tuple[Contact, ..
     surface = replace(surface_of(height, height.free), good=usable)
     if not height.against_rest and (height.count or height.free is not None):
         surface = replace(surface, motions=height.count)
-        found = sag(surface, layer, solid=height.free is None)
+        found = load_fit(surface, layer, solid=height.free is None)
         surface = surface if found is None else surface.less(found)
     return figures(surface, regions(surface), layer)

@@ -1,9 +1,9 @@
 """Heights less rest, less what the load and the rig's motion since rest add to them, as the map shows it.
 
 An anchor counts as at rest, where a load makes it sink; a rig that moved between both captures moves heights.
-Both are fitted outside the contacts (`optolever.contact.sag`) and taken off. Where the fit leaves much more
-than noise, the load is none of a half-space or layer, or the mirror changed as a whole: then nothing is taken
-off, and all of it is in the map's modes.
+Both are fitted outside the contacts (`optolever.contact.load_fit`) and taken off. Where the fit leaves much
+more than noise, the load is none of a half-space or layer, or the mirror changed as a whole: then nothing is
+taken off, and all of it is in the map's modes.
 """
 
 from dataclasses import replace
@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from optolever.blocks import blas_on_one
-from optolever.contact import Surface, sag
+from optolever.contact import Surface, load_fit
 from optolever.notices import Notice
 from optolever.scene import Scene
 
@@ -43,7 +43,7 @@ def less_sag(height: HeightMap, problem: Problem, state: State, scene: Scene) ->
     anchors = np.stack([height.x[held], height.y[held]], axis=-1)
     surface = replace(surface_of(height, free_mode(problem, state)), anchors=anchors)
     with blas_on_one():
-        found = sag(surface, scene.layer, solid=not scene.open_air)
+        found = load_fit(surface, scene.layer, solid=not scene.open_air)
     if found is None:
         return _wider(height)
     motion = float(np.linalg.norm(found.motion)) / np.sqrt(max(found.motion.size, 1))

@@ -8,7 +8,7 @@ import pytest
 import scipy.interpolate
 import scipy.special
 
-from optolever.contact import Surface, contacts, regions, sag
+from optolever.contact import Surface, contacts, load_fit, regions
 from optolever.scene import Layer
 
 X, Y = np.meshgrid(np.linspace(0, 60, 160), np.linspace(0, 45, 120))
@@ -68,7 +68,7 @@ def test_sag_is_found_and_taken_off(presses: list[tuple[float, float, float, flo
     z, free = sum(ball(*press) for press in presses), X / 60 + 0.2
     sunk = float(z[:, -1].mean())
     made = surface(z - sunk / 1.2 * free, free=free)
-    found = sag(made, None)
+    found = load_fit(made, None)
     assert found is not None
     assert found.c == pytest.approx(-sunk / 1.2, abs=4 * found.sigma)
     assert found.sigma < 0.06 * sunk
@@ -103,7 +103,7 @@ def test_a_base_behind_the_layer_is_no_sag(thickness: float) -> None:
     z = ball(30, 22, 4, 0.1) + base(4, 0.1, thickness, 0.48)(np.hypot(X - 30, Y - 22))
     made = surface(z - 1e-3 * free, free=free)
     for given in (layer, None):
-        found = sag(made, given)
+        found = load_fit(made, given)
         assert found is not None
         assert found.c == pytest.approx(-1e-3, abs=4 * found.sigma)
         assert found.sigma < 1e-4
@@ -120,7 +120,7 @@ def test_motion_comes_off_with_the_sag(presses: list[tuple[float, float, float, 
     moved = np.array([1.0, -0.5, 0.7])
     sunk = z - 0.005 * free + np.tensordot(moved, modes, 1)
     made = surface(sunk, free=free, modes=modes, motions=3)
-    found = sag(made, None)
+    found = load_fit(made, None)
     assert found is not None
     left = made.less(found)
     total = np.hypot(left.sigma, left.unsettled)
@@ -137,7 +137,7 @@ def test_a_layer_of_unknown_thickness_is_within_sigma_where_the_rig_moved(thickn
     moved = np.tensordot(np.array([1.0, -0.5, 0.7]), modes, 1)
     sunk = z - float(z[:, -1].mean()) / 1.2 * free + moved
     made = surface(sunk, noise=2e-5, free=free, anchors=EDGE, modes=modes, motions=3)
-    found = sag(made, None)
+    found = load_fit(made, None)
     assert found is not None
     left = made.less(found)
     error, total = left.z - z, np.hypot(left.sigma, left.unsettled)
@@ -151,7 +151,7 @@ def test_a_dent_that_fades_sinks_nothing(width: float) -> None:
     z = 0.3 * np.exp(-((X - 30) ** 2 + (Y - 22) ** 2) / (2 * width**2))
     modes = 1.7e-3 * np.stack([1 - X / 60, (Y - 22) / 22])
     made = surface(z, noise=1.5e-5, free=X / 60 + 0.2, anchors=EDGE, modes=modes, motions=2)
-    found = sag(made, None)
+    found = load_fit(made, None)
     assert found is not None
     left = made.less(found)
     total = np.hypot(left.sigma, left.unsettled)
@@ -162,7 +162,7 @@ def test_a_dent_that_fades_sinks_nothing(width: float) -> None:
 def test_a_tilted_mirror_that_nothing_touches_has_no_contact() -> None:
     modes = 2e-3 * np.stack([X / 60, (Y - 22) / 22])
     made = surface(np.tensordot([1.0, 1.0], modes, 1), free=X / 60 + 0.2, modes=modes, motions=2)
-    found = sag(made, None)
+    found = load_fit(made, None)
     assert found is not None
     assert regions(made.less(found)) == ()
 

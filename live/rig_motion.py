@@ -24,7 +24,7 @@ from .arrays import Cells, Float, Mask
 from .chain import Rig
 from .chord import chord_step, slopes_at
 
-__all__ = ["Creep", "Deviation", "creep_of", "fitted"]
+__all__ = ["Deviation", "RigMotion", "fitted", "rig_motion"]
 
 _STEP = 0.1  # pixels, turns, mm: of differences
 _ROUNDS = 6  # of the coupled equations
@@ -40,7 +40,7 @@ Circle = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Creep:
+class RigMotion:
     """What motions of the picture do: a shift by a pixel along columns, along rows, a roll of `turn` rad
     (a pixel at the longer sides).
 
@@ -85,16 +85,16 @@ class Deviation:
         """Of the picture: shift and roll (3,), pixels."""
         return self.parts[:3]
 
-    def heights(self, creep: Creep, every: int = 1) -> Cells:
+    def heights(self, creep: RigMotion, every: int = 1) -> Cells:
         """To be added to the heights of every so many cells (r, c), mm."""
         return np.asarray(np.tensordot(self.parts, creep.heights[:, ::every, ::every], 1))
 
-    def modes(self, creep: Creep, every: int = 1) -> Cells:
+    def modes(self, creep: RigMotion, every: int = 1) -> Cells:
         """Heights (4, r, c) by independent errors of one standard deviation by noise, mm."""
         return np.asarray(np.tensordot(self.root.T, creep.heights[:, ::every, ::every], 1))
 
 
-def creep_of(rig: Rig, points: Cells) -> Creep:
+def rig_motion(rig: Rig, points: Cells) -> RigMotion:
     """points (3, R, C): of the mirror at rest, mm."""
     rows, cols = rig.lit.shape
     turn = 2 / max(rows, cols) / rig.carriers.cell
@@ -115,11 +115,11 @@ def creep_of(rig: Rig, points: Cells) -> Creep:
     sinking, tilt = (float(np.vdot(sampled[0], one) / np.vdot(one, one)) for one in (by_height, tilted))
     sizes = abs(sinking), abs(tilt)
     planes = np.stack([*(-height for height in heights), free])
-    return Creep(planes, np.stack(slopes), turn, at, x, y, sampled, by_height, by_slope, places, *sizes)
+    return RigMotion(planes, np.stack(slopes), turn, at, x, y, sampled, by_height, by_slope, places, *sizes)
 
 
 def fitted(
-    creep: Creep,
+    creep: RigMotion,
     offset: Cells,
     good: Mask,
     contacts: Sequence[tuple[Circle, float]],
@@ -156,7 +156,7 @@ def fitted(
     return Deviation(parts.astype(np.float32), root.astype(np.float32), misfit, growth)
 
 
-def _outside(creep: Creep, good: Mask, circles: Sequence[Circle]) -> Mask:
+def _outside(creep: RigMotion, good: Mask, circles: Sequence[Circle]) -> Mask:
     """Cells of the fit (n,) outside the contacts."""
     away = np.full(creep.x.size, np.inf)
     for x, y, radius in circles:
@@ -184,7 +184,7 @@ def _terms(layer: Layer | None, circles: Sequence[Circle], x: Float, y: Float) -
     return np.concatenate([fields, np.exp2(-q2)[:, None]], axis=1).reshape(5 * len(circles), x.size)
 
 
-def _loads(creep: Creep, layer: Layer | None, circles: Sequence[Circle], use: Mask) -> Float:
+def _loads(creep: RigMotion, layer: Layer | None, circles: Sequence[Circle], use: Mask) -> Float:
     """Displacements (4 n, 2, m) by far fields of amplitude 1 mm."""
     x, y = creep.x[use], creep.y[use]
     step = _NEAR * min((circle[2] for circle in circles), default=1.0)
@@ -228,7 +228,7 @@ def _sampled(rig: Rig) -> Float:
 
 
 def _by_heights(rig: Rig, points: Cells, at: Float) -> tuple[Float, Float]:
-    """See Creep: the linearised equations at rest, turned round."""
+    """See RigMotion: the linearised equations at rest, turned round."""
     planes, steps = (part.astype(np.float64) for part in (rig.mirror.planes, rig.mirror.steps))
     zero = np.zeros(rig.lit.shape)
 

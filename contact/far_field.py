@@ -27,9 +27,9 @@ from optolever.scene import Layer
 from .arrays import Circle, Floats, rms
 from .pressure import BONDED, bonded
 from .regions import COLUMNS, Region, areas, regions
-from .surface import Sag, Surface
+from .surface import LoadFit, Surface
 
-__all__ = ["far_field", "sag"]
+__all__ = ["far_field", "load_fit"]
 
 _FAR = (2.0, 2.5, 3.0, 4.0)  # radii of a contact
 _APART = 3.0  # standard deviations between such fits
@@ -100,14 +100,14 @@ class _Fit(NamedTuple):
     fields: int
 
 
-def sag(surface: Surface, layer: Layer | None, solid: bool = True) -> Sag | None:
+def load_fit(surface: Surface, layer: Layer | None, solid: bool = True) -> LoadFit | None:
     """Fit sinking, motion and far fields to a surface outside its regions, which are found again in the
     corrected map. layer: elastic, None is a half-space; solid: whether either lies behind the mirror. Returns
     None if too few cells lie outside the contacts."""
     cells = _cells(surface)
     thin = surface.thinned(max(1, surface.z.shape[1] // COLUMNS))
 
-    def regions_less(taken: Sag) -> tuple[Region, ...]:
+    def regions_less(taken: LoadFit) -> tuple[Region, ...]:
         less = thin.less(replace(taken, rig=taken.rig[:, :0], kept=taken.kept[:0, :0]))
         return regions(less, COLUMNS // 2)
 
@@ -118,7 +118,7 @@ def sag(surface: Surface, layer: Layer | None, solid: bool = True) -> Sag | None
         away = left / (_OUTLIER * start.misfit * max(cells.noise, 1e-300))
         # where no motion is what modes say
         cells = cells._replace(weight=cells.weight / (1 + away**2), depth=float(left.max()))
-    fits, new = list[Sag](), None
+    fits, new = list[LoadFit](), None
     odds: Sequence[float] | None = None
     for far in _FAR:
         # each from the robust fit: a contact that one distance loses is not lost to the others
@@ -140,7 +140,7 @@ def sag(surface: Surface, layer: Layer | None, solid: bool = True) -> Sag | None
     return None if found is None else replace(found, kept=_kept(found))
 
 
-def _nearest(cells: _Cells, fits: list[Sag]) -> Sag | None:
+def _nearest(cells: _Cells, fits: list[LoadFit]) -> LoadFit | None:
     """The fit nearest to the contacts that those farther away agree with (O. V. Lepskii, Theory Probab. Appl.
     35:454, 1991): in what is taken off, and in what is left."""
     fields = np.concatenate([cells.motion, cells.free[None]])
@@ -162,7 +162,7 @@ def _nearest(cells: _Cells, fits: list[Sag]) -> Sag | None:
     return one
 
 
-def _kept(found: Sag) -> Floats:
+def _kept(found: LoadFit) -> Floats:
     """Root (m, m) of the second moments of the rig's errors, 1 each before, by the motion that was seen: the
     rig's own, of unit variance, and what its errors look like (Bayes' rule)."""
     looks, seen = found.rig[:-1], found.motion
@@ -211,7 +211,7 @@ def _cells(surface: Surface) -> _Cells:
     return _Cells(x, y, z, sigma, weight, *fields, noise, depth, surface.anchors)
 
 
-def _robust(cells: _Cells) -> Sag:
+def _robust(cells: _Cells) -> LoadFit:
     """Motion and sinking alone, whatever dents there are: Cauchy's weights."""
     fields, noise, spread = np.concatenate([cells.motion, cells.free[None]]), cells.noise, 0.0
     count, mean = len(fields), np.zeros(len(fields))
@@ -226,7 +226,7 @@ def _robust(cells: _Cells) -> Sag:
     root = vectors / np.sqrt(values)
     rig, kept, unknown = np.zeros((count, len(cells.rig))), np.eye(len(cells.rig)), np.zeros_like(root)
     misfit = spread / max(noise, 1e-300)
-    return Sag(float(mean[-1]), 0.0, misfit, 0.0, mean[:-1], root, rig, kept, unknown)
+    return LoadFit(float(mean[-1]), 0.0, misfit, 0.0, mean[:-1], root, rig, kept, unknown)
 
 
 def _explained(
@@ -236,7 +236,7 @@ def _explained(
     solid: bool,
     far: float,
     odds: Sequence[float] | None,
-) -> tuple[Sag | None, Sequence[float] | None]:
+) -> tuple[LoadFit | None, Sequence[float] | None]:
     """By cells outside so many radii of the contacts, the mean of a load on the half-space or layer and of a
     dent that fades, by their odds, and these (None: by these cells); where both miss what is there, contacts
     of any round far field."""
@@ -270,7 +270,7 @@ def _likelihood(fit: _Fit | None, best: float) -> float:
     return math.exp(-0.5 * power)
 
 
-def _mean(fits: list[Sag], likely: Floats) -> Sag:
+def _mean(fits: list[LoadFit], likely: Floats) -> LoadFit:
     """The mean of fits by their likelihood; the rest is of the likeliest."""
     each, likely = np.array([[*one.motion, one.c] for one in fits]), likely / likely.sum()
     best, mean = fits[int(likely.argmax())], likely @ each
@@ -358,7 +358,7 @@ def _fitted(outside: _Outside, fields: Floats, sinks: float) -> _Fit | None:
     return _Fit(weighted, upper, prior, found, rho, unit, fewer)
 
 
-def _as_sag(outside: _Outside, fit: _Fit) -> Sag:
+def _as_sag(outside: _Outside, fit: _Fit) -> LoadFit:
     """The fit with its covariance, and the part of the rig's errors that it takes."""
     weighted, upper, prior, found, rho, unit, fewer = fit
     noise, scale = outside.noise, np.hypot(np.linalg.norm(upper, axis=0), prior)
@@ -374,7 +374,7 @@ def _as_sag(outside: _Outside, fit: _Fit) -> Sag:
     by_noise = noise**2 / _INDEPENDENT * gain @ gain.T
     left = np.linalg.norm(outside.errors - weighted @ found[:, 1:], axis=1)
     known = math.hypot(noise, float(np.median(left / np.maximum(outside.root, 1e-300))))
-    return Sag(
+    return LoadFit(
         *(float(found[-1, 0]), deviation, rho / max(noise, 1e-300), rho / max(known, 1e-300)),
         *(found[fewer:-1, 0], half, found[fewer:, 1:]),
         kept=np.eye(outside.errors.shape[1]),
