@@ -37,7 +37,7 @@ Mask = NDArray[np.bool_] | None
 #: estimate; median of chi2 with one degree of freedom.
 _RUNS, _WIDER, _FEWEST, _MEDIAN = 64, 4, 64, 0.4549
 #: In turn: the levels are corrected before the places are judged.
-_EFFECTS = (lag, motion)
+_EFFECTS = (lag, motion, shared)
 #: Side of the neighbourhood that lies in a mask where the order of frames is tested.
 _BLOCK = 11
 #: Bytes of a block's lines, about those of a core's cache.
@@ -161,27 +161,29 @@ def _estimate(light: Light, sequence: Sequence, settings: Settings, mask: Mask, 
     def viewed(profile: Estimates, sample: Sample, wide: Sample) -> tuple[View, Estimates]:
         profile = _with_misfits(profile, sequence, settings, sample, look_ups)
         if settings.noise is None:
-            places = _places(light, sequence, settings, profile, sample)
-            every = zip(profile.axes, p.axes, places, strict=True)
+            every = zip(
+                profile.axes, p.axes, _places(light, sequence, settings, profile, sample), strict=True
+            )
             profile = profile._replace(axes=tuple(_between(*one, sample, noise) for one in every))
-        return View(p, noise, sample, wide, partial(_places, light, sequence, settings, profile)), profile
+        places = partial(_places, light, sequence, settings, profile)
+        return View(p, noise, sample, wide, places, lens), profile
 
+    lens = BLURRED if settings.lens_px is None else 0.0
     nothing = Estimates(noise, (), (), None, Sampled(0.0, 0.0, 0.0), ())
     view, profile = viewed(nothing, sample, wide)
     more = np.zeros(len(p.axes))
     for effect in _EFFECTS:
-        found = effect.estimate(view)
+        found = effect.correct(view)
         if found is None:
             continue
-        profile = profile._replace(effects=(*profile.effects, found))
-        if effect is lag:
-            matrix = lag.matrix(found, len(sample.levels)).astype(np.float32)
-            corrected = (replace(one, levels=matrix @ one.levels) for one in (sample, wide))
-            view, profile = viewed(profile, *corrected)
-        more += effect.variance(view, found)
+        rows = () if found.effect is None else (found.effect,)
+        profile = profile._replace(effects=(*profile.effects, *rows), shared=found.shared)
+        if found.matrix is not None:
+            matrix = found.matrix.astype(np.float32)
+            view, profile = viewed(profile, *(replace(s, levels=matrix @ s.levels) for s in (sample, wide)))
+        more += found.variance
     own = tuple(axis._replace(variance=float(v)) for axis, v in zip(profile.axes, more, strict=True))
-    lens = BLURRED if settings.lens_px is None else 0.0
-    profile = profile._replace(axes=own, shared=shared.shared(view, lens))
+    profile = profile._replace(axes=own)
     return profile._replace(notices=_notices(profile, p.axes, view))
 
 

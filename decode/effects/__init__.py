@@ -1,24 +1,24 @@
 """Effects of a rig or of one capture, each in a module of its own: estimated from a sample of pixels, then
 corrected or added to the variance. They never see each other.
 
-    estimate(view) -> Effect | None     None where the sample does not show it at a chance of 1e-6: it then
-                                        costs nothing
-    variance(view, found) -> (A,)       px^2 of each axis of the plan, added to every pixel
-    matrix(found, count) -> (N, N)      of lag alone: levels corrected = matrix @ levels; the decoder folds it
-                                        into the weights of the fringes, so that it costs no pass over frames
+    correct(view) -> Correction | None     None where the sample does not show it at a chance of 1e-6: it then
+                                           costs nothing
 
-`lag` and `motion` are effects; `shared` measures noise that pixels have in common.
+`lag` corrects levels, `motion` adds to the variance of places, `shared` measures what pixels have in common.
 """
 
 from collections.abc import Callable
 from typing import NamedTuple
 
+import numpy as np
+
 from optolever.kernels import F64
 
 from ..noise import Noise, Sample
 from ..plan import Plan
+from ..records import SharedNoise
 
-__all__ = ["Effect", "View"]
+__all__ = ["Correction", "Effect", "View"]
 
 
 class Effect(NamedTuple):
@@ -30,12 +30,24 @@ class Effect(NamedTuple):
     unit: str = ""
 
 
+class Correction(NamedTuple):
+    """Of one effect: its row of the profile, None without; variance of the places, px^2, (A,) axes of the
+    plan or () all of them; matrix (N, N): levels corrected = matrix @ levels, which the decoder folds into
+    the weights of the fringes; noise that pixels have in common."""
+
+    effect: Effect | None
+    variance: F64 = np.zeros(())
+    matrix: F64 | None = None
+    shared: SharedNoise | None = None
+
+
 class View(NamedTuple):
     """An effect's input.
 
     plan, noise   of the capture
     sample, wide  lit pixels in runs along rows, linear levels (N, K), NaN: saturated; wide: four times more
     places        (A, K) of a sample by the pixel kernel, pattern px; NaN where a flag is set
+    lens          standard deviation of half the second moment of a lens that is not given, px^2
     """
 
     plan: Plan
@@ -43,3 +55,4 @@ class View(NamedTuple):
     sample: Sample
     wide: Sample
     places: Callable[[Sample], F64]
+    lens: float

@@ -15,9 +15,9 @@ import numpy as np
 from optolever.kernels import F64
 
 from ..plan import Plan, constraints
-from . import Effect, View
+from . import Correction, Effect, View
 
-__all__ = ["estimate", "matrix", "variance"]
+__all__ = ["correct", "matrix"]
 
 #: Most pixels of the sample, and fewest; parts of them for the scatter of the share; steps.
 _MOST, _FEWEST, _PARTS, _STEPS = 2048, 256, 16, 3
@@ -38,8 +38,9 @@ def _mixture(share: float, count: int) -> F64:
     return mixed
 
 
-def estimate(view: View) -> Effect | None:
-    """Share of the frame before; its sigma by the scatter among parts of the image and among combinations."""
+def correct(view: View) -> Correction | None:
+    """Levels without a share of the frame before; its sigma by the scatter among parts of the image and among
+    combinations."""
     plan, count = view.plan, len(view.sample.levels)
     rows = _vanishing(plan, count)
     levels = view.sample.levels[:, np.isfinite(view.sample.levels).all(axis=0)].astype(np.float64)
@@ -54,7 +55,8 @@ def estimate(view: View) -> Effect | None:
             return None
     if not (abs(share) > _SURE * sigma and abs(share) < _LARGEST):
         return None
-    return Effect("lag", share, sigma, "of the frame before")
+    found = Effect("lag", share, sigma, "of the frame before")
+    return Correction(found, _variance(view, found), matrix(found, count))
 
 
 @lru_cache(maxsize=16)
@@ -103,9 +105,9 @@ def _nuisance(plan: Plan, row: F64, light: F64) -> F64:
     return np.asarray(np.linalg.qr(np.stack([*columns, mean], axis=1))[0])
 
 
-def variance(view: View, found: Effect) -> F64:
+def _variance(view: View, found: Effect) -> F64:
     """px^2 of each axis (A,): sigma of the share times the mean square of the place's change by it."""
-    levels = view.sample.levels.astype(np.float64)
+    levels = matrix(found, len(view.sample.levels)) @ view.sample.levels.astype(np.float64)
     before = np.concatenate([levels[:1], levels[:-1]]) - levels
     shifts = []
     for axis in view.plan.axes:

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from optolever.kernels import F64
 
 from ..plan import AxisPlan
-from . import Effect, View
+from . import Correction, Effect, View
 
-__all__ = ["estimate", "variance"]
+__all__ = ["correct"]
 
 #: Level, share of the half contrast, below which a pixel is at an edge; fewest of them in a part; chance.
 _EDGE, _FEWEST, _CHANCE = 0.5, 6, 1e-6
@@ -28,8 +28,9 @@ _BENT = 0.5
 _SIDES = (6, 7, 8, 9)
 
 
-def estimate(view: View) -> Effect | None:
-    """Rate where it moved, pattern px per frame; of the partition of the image that shows it best."""
+def correct(view: View) -> Correction | None:
+    """Rate where it moved, pattern px per frame, of the partition of the image that shows it best; variance
+    of a steady motion against an end of the capture."""
     if not any(axis.code is not None and axis.fringes for axis in view.plan.axes):
         return None
     view = view._replace(sample=view.wide)
@@ -49,7 +50,8 @@ def estimate(view: View) -> Effect | None:
         chance = float(scipy.special.fdtrc(len(rates), freedom.sum(), ratio))
         if chance < least:
             rate, least = float(np.sqrt((rates**4).sum() / (rates**2).sum())), chance
-            best = Effect("motion", rate, rate / float(np.sqrt(2 * len(rates))), "px per frame")
+            found = Effect("motion", rate, rate / float(np.sqrt(2 * len(rates))), "px per frame")
+            best = Correction(found, np.array((rate * (len(view.plan.frames) - 1)) ** 2 / 3))
     return best
 
 
@@ -97,11 +99,6 @@ def _parts(edges: _Edges, part: NDArray[np.int64], parts: int) -> F64:
     left = (weight * (mean - rate * time) ** 2).sum(axis=0)
     explained, freedom = (weight * mean**2).sum(axis=0) - left, several.sum(axis=0)[kept] - 2.0
     return np.stack([rate, explained, left, freedom])
-
-
-def variance(view: View, found: Effect) -> F64:
-    """px^2 of each axis (A,): a steady motion against an end of the capture; neighbours share it."""
-    return np.full(len(view.plan.axes), (found.value * (len(view.plan.frames) - 1)) ** 2 / 3)
 
 
 def _edges(view: View, axis: AxisPlan, place: F64) -> _Edges | None:

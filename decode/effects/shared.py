@@ -19,16 +19,16 @@ from optolever.kernels import F64
 from ..noise import Sample, regression
 from ..plan import Fringe, Plan, constraints
 from ..records import SharedNoise
-from . import View
+from . import Correction, View
 
-__all__ = ["shared"]
+__all__ = ["correct"]
 
 #: Most and fewest pixels; deviations of a chance of 1e-6; squared ones of an outlier, over the median square.
 _MOST, _FEWEST, _SURE, _FAR = 4096, 64, 4.9, 16 / 0.455
 
 
-def shared(view: View, lens: float) -> SharedNoise | None:
-    """None if nothing is significant, or without fringes along both axes; lens: see `SharedNoise`."""
+def correct(view: View) -> Correction | None:
+    """None if nothing is significant, or without fringes along both axes."""
     plan, sample = view.plan, view.wide
     fringes = {axis.axis: (*axis.fringes, *axis.singles) for axis in plan.axes}
     if len(fringes) != 2 or not all(fringes.values()):
@@ -38,8 +38,8 @@ def shared(view: View, lens: float) -> SharedNoise | None:
     shares = {axis.axis: _shares(plan, k, sample) for k, axis in enumerate(plan.axes)}
     rows, cols, _ = np.minimum(shares["u"], shares["v"]).tolist()
     frames = shares["u"][2], shares["v"][2]
-    found = SharedNoise(rows, cols, *frames, turns["u"], turns["v"], lens, lens)
-    return found if max(*found[:4], lens) > 0 else None
+    found = SharedNoise(rows, cols, *frames, turns["u"], turns["v"], view.lens, view.lens)
+    return Correction(None, shared=found) if max(*found[:4], view.lens) > 0 else None
 
 
 def _shares(plan: Plan, number: int, sample: Sample) -> tuple[float, float, float]:
