@@ -25,4 +25,7 @@ It may import every module of `optolever`; tests alone import it.
 | `live/` | heights of single frames |
 | - `world.py` | an independent renderer of dents |
 | - `streams.py`, `figures.py` | eleven kinds of streams, faults; time, error and sigma beside limits |
+| `judgements/` | false alarms and misses of every test |
+| - `record.py`, `tables.py`, `parts.py` | a row; tables; the parts that have rows |
+| - `heights.py`, `live.py` | captures of right and wrong rigs, which tests name them |
 """

@@ -9,7 +9,7 @@ from optolever.cli.commands import Commands
 
 #: Commands by section of --help.
 SECTIONS: Mapping[str, tuple[str, ...]] = {
-    "Figures": ("figures", "calibration", "contacts", "rigs", "sync", "live", "house"),
+    "Figures": ("figures", "calibration", "contacts", "rigs", "sync", "live", "judgements", "house"),
     "Attacks": ("fuzz",),
 }
 NAME = "python -m lab"

@@ -1,0 +1,52 @@
+"""`python -m lab judgements`: every test of the program, its false alarms and its misses."""
+
+from dataclasses import asdict
+from typing import Annotated
+
+import click
+
+from optolever.cli.arguments import Opt, program
+from optolever.cli.options import Json
+from optolever.cli.show import grid, progress, write_json
+
+__all__ = ["command"]
+
+SAMPLE = """
+$ python -m lab judgements --part heights --seeds 2
+False alarms on right captures
+part     test        limit  right captures  false alarms  of kind
+heights  moved       0.02   18              0
+...
+Faults that no test names
+part     fault                  named by  wrong captures  missed
+heights  camera moved by .2 px  moved     2               0
+"""
+
+
+@program("judgements", SAMPLE)
+def command(
+    seeds: Annotated[int, Opt("--seeds N", "Captures of every kind.", click.IntRange(1))] = 3,
+    part: Annotated[str | None, Opt("--part decode|heights|live", "One part; default: all.")] = None,
+    page: Annotated[bool, Opt("--page", "Write the tables into docs/benchmarks.md, too.")] = False,
+    json_path: Json = None,
+) -> None:
+    """Count, for every test, right captures that it refuses or names, and wrong ones that it misses.
+
+    Captures are drawn, right ones of many kinds and wrong ones by kind of fault; a fault counts where the
+    result is wrong.
+    """
+    from ..figures.house import ROOT
+    from ..judgements.parts import judged
+    from ..judgements.tables import FALSE_HEADS, MISSED_HEADS, false_alarms, misses, with_section
+
+    with progress() as step:
+        step(part or "all parts")
+        rows = judged(part, seeds)
+    grid("False alarms on right captures", FALSE_HEADS, false_alarms(rows))
+    grid("Faults that no test names", MISSED_HEADS, misses(rows))
+    if page:
+        which = "" if part is None else f" --part {part}"
+        with_section(
+            ROOT / "docs" / "benchmarks.md", rows, f"python -m lab judgements --seeds {seeds}{which}"
+        )
+    write_json(json_path, {"rows": [asdict(row) for row in rows]})

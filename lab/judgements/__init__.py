@@ -1,0 +1,9 @@
+"""False alarms and misses of the program's judgements, counted.
+
+| file | holds |
+|---|---|
+| `record.py` | a row |
+| `parts.py` | the parts that have rows |
+| `heights.py`, `live.py` | captures of right and wrong rigs, and which tests name them |
+| `tables.py` | rows as tables |
+"""

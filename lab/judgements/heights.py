@@ -1,0 +1,271 @@
+"""Judgements of `reconstruct`: rigs that are as described, and faults of every kind, traced by `scene.trace`.
+
+A rig is prism48, exact for even seeds, typed and drawn from its priors for odd ones. A right map has less
+than 1 % of its heights beyond five total sigma; a fault counts where more are.
+"""
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.decode import Correspondence
+from optolever.errors import InputError
+from optolever.reconstruct import HeightMap, exact_correspondence, reconstruct
+from optolever.scene import (
+    Scene,
+    Surface,
+    TelecentricCamera,
+    adjusted,
+    load,
+    parameter_values,
+    resize,
+    rig_covariance,
+    trace,
+)
+
+from ..calibration.rigs import shape_surface
+from .record import Row
+
+__all__ = ["rows"]
+
+Floats = NDArray[np.float64]
+Rng = np.random.Generator
+
+_PART = "heights"
+_SIZE, _NOISE = (120, 160), 0.01  # px
+_BEYOND = 0.01  # share of the heights
+#: Test -> how its notice begins.
+TESTS = {
+    "moved": "The picture has moved as a whole",
+    "motion": "The rig moved between rest and press",
+    "load": "Outside the contacts the mirror does not sink",
+    "circulation": "The slopes contradict each other",
+    "plausible": "The capture contradicts its scene",
+    "rest rig": "A flat mirror is seen elsewhere",
+    "anchors": "The anchors contradict each other",
+    "wedge": "The error of the anchors grows",
+    "mirror's edge": "Points lie beyond the mirror's edge",
+    "total sigma": "total sigma exceeds a quarter",
+    "rest pixels": "The rest capture has no coordinates",
+    "below rest": "Heights lie below those at rest",
+    "converged": "The solve did not converge",
+}
+
+
+@dataclass(frozen=True)
+class _Case:
+    """A capture: the scene as it is typed, press and rest, and the true height (NaN: unknown)."""
+
+    typed: Scene
+    press: Correspondence
+    rest: Correspondence | None
+    z: Floats
+
+    def solved(self) -> HeightMap | None:
+        """None: refused in one line."""
+        try:
+            return reconstruct(self.press, self.typed, rest=self.rest)
+        except InputError:
+            return None
+
+
+@dataclass(frozen=True)
+class _Rigs:
+    """The scene as it is typed and the rig as it is."""
+
+    typed: Scene
+    true: Scene
+
+    def case(
+        self,
+        surface: Surface,
+        rng: Rng,
+        now: Scene | None = None,
+        before: Surface | None = None,
+        alone: bool = False,
+    ) -> _Case:
+        """Of a press; now: the rig when it is captured; before: the mirror at rest."""
+        now = self.true if now is None else now
+        press, z = _captured(now, surface, rng)
+        rest, flat = _captured(self.true, _ball(0.0) if before is None else before, rng)
+        return _Case(self.typed, press, None if alone else rest, z - flat)
+
+
+def rows(seeds: int) -> list[Row]:
+    """Of every test on every kind of right captures, and of every kind of fault."""
+    found = []
+    for kind, make in RIGHT.items():
+        maps = [(_named(height), wrong) for seed in range(seeds) for height, wrong in _maps(make, kind, seed)]
+        told, off = [one for one, wrong in maps if not wrong], [one for one, wrong in maps if wrong]
+        found += [
+            Row(_PART, test, kind, math.nan, len(told), sum(test in one for one in told), 0, 0)
+            for test in TESTS
+        ]
+        found.append(Row(_PART, "any", kind, math.nan, 0, 0, len(off), sum(not one for one in off)))
+    for kind, (make, tests) in WRONG.items():
+        named = [
+            _named(height) for seed in range(seeds) for height, wrong in _maps(make, kind, seed) if wrong
+        ]
+        missed = sum(not one & set(tests) for one in named)
+        found.append(Row(_PART, ", ".join(tests), kind, math.nan, 0, 0, len(named), missed))
+    return found
+
+
+def _maps(make: "_Make", kind: str, seed: int) -> Iterator[tuple[HeightMap | None, bool]]:
+    """The map of a case and whether its heights are wrong."""
+    rng = np.random.default_rng([91, seed, sum(map(ord, kind))])
+    case = make(_rigs(seed, rng), rng)
+    height = case.solved()
+    yield height, height is None or _wrong(height, case.z)
+
+
+def _wrong(height: HeightMap, z: Floats) -> bool:
+    good = height.good & np.isfinite(z)
+    score = np.abs(height.z - z)[good] > 5 * height.total_sigma[good]
+    return not good.any() or float(score.mean()) > _BEYOND
+
+
+def _named(height: HeightMap | None) -> set[str]:
+    """Tests that have a notice; all of them where nothing is solved."""
+    if height is None:
+        return set(TESTS)
+    return {test for test, name in TESTS.items() if any(one.name.startswith(name) for one in height.notices)}
+
+
+def _rigs(seed: int, rng: Rng) -> _Rigs:
+    scene = resize(load("prism48", exact=seed % 2 == 0), *_SIZE)
+    covariance = rig_covariance(scene)
+    if covariance is None:
+        return _Rigs(scene, scene)
+    own, change = parameter_values(scene), rng.standard_normal(len(covariance.root)) @ covariance.root
+    values = {name: own[name] + by for name, by in zip(covariance.names, change, strict=True)}
+    return _Rigs(scene, replace(adjusted(scene, values), covariance=None, accuracy=None))
+
+
+def _captured(scene: Scene, surface: Surface, rng: Rng) -> tuple[Correspondence, Floats]:
+    seen = trace(scene, surface)
+    exact = exact_correspondence(seen, _NOISE)
+    u, v = (part + _NOISE * rng.standard_normal(part.shape) for part in (exact.u, exact.v))
+    return replace(exact, u=u, v=v), np.where(seen.visible, seen.z, np.nan)
+
+
+def _ball(depth: float, x: float = 30.0, y: float = 22.0, radius: float = 4.0, sunk: float = 0.0) -> Surface:
+    """Hertz's contact of a ball on a half-space (K. L. Johnson, Contact Mechanics, 1985, eq. 3.42), mm; sunk:
+    of the whole mirror."""
+
+    def height(a: Floats, b: Floats) -> Floats:
+        square = ((a - x) ** 2 + (b - y) ** 2) / radius**2
+        q = np.sqrt(np.where(square.real > 1, square, 1.0))
+        outside = ((2 - q**2) * np.arcsin(1 / q) + np.sqrt(q**2 - 1 + 1e-15)) / np.pi
+        return np.asarray(sunk + depth * np.where(square.real > 1, outside, 1 - square / 2))
+
+    return shape_surface(height)
+
+
+def _punch(depth: float, x: float = 30.0, y: float = 22.0, radius: float = 4.0) -> Surface:
+    """A flat rigid punch on a half-space (Johnson, eq. 3.38): depth inside, 2 / pi asin(a / r) outside."""
+
+    def height(a: Floats, b: Floats) -> Floats:
+        square = ((a - x) ** 2 + (b - y) ** 2) / radius**2
+        q = np.sqrt(np.where(square.real > 1, square, 1.0))
+        return np.asarray(
+            depth * np.where(square.real > 1, 2 / np.pi * np.arcsin(1 / (q + 1e-9)), 1.0 + 0 * a)
+        )
+
+    return shape_surface(height)
+
+
+def _drawn_ball(rng: Rng) -> Surface:
+    return _ball(rng.uniform(0.03, 0.12), rng.uniform(24, 36), rng.uniform(16, 28), rng.uniform(3, 5))
+
+
+def _drawn_punch(rng: Rng) -> Surface:
+    return _punch(rng.uniform(0.02, 0.06), rng.uniform(24, 36), rng.uniform(16, 28), rng.uniform(3, 5))
+
+
+def _moved(scene: Scene, rng: Rng, micrometres: float = 1.0) -> Scene:
+    """Camera and pattern moved by so much and by five arc seconds a micrometre."""
+    own, moved = parameter_values(scene), {}
+    for part in ("camera", "pattern"):
+        for name in ("x", "y", "z", "rx", "ry", "rz"):
+            size = np.radians(5 / 3600) if name.startswith("r") else 1e-3
+            moved[f"{part}.{name}"] = own[f"{part}.{name}"] + micrometres * size * rng.standard_normal()
+    return adjusted(scene, moved)
+
+
+def _shifted(scene: Scene, pixels: float) -> Scene:
+    """The camera moved along the columns of its image."""
+    camera = scene.camera
+    assert isinstance(camera, TelecentricCamera)
+    return replace(
+        scene, camera=replace(camera, origin=camera.origin + pixels * camera.pitch[0] * camera.u_axis)
+    )
+
+
+def _two_moments(rigs: _Rigs, rng: Rng) -> _Case:
+    """The camera moved by half a pixel between the frames of u and those of v."""
+    surface = _drawn_ball(rng)
+    case, later = rigs.case(surface, rng), _captured(_shifted(rigs.true, 0.5), surface, rng)[0]
+    return replace(case, press=replace(case.press, v=later.v))
+
+
+def _exchanged(rigs: _Rigs, rng: Rng) -> _Case:
+    case = rigs.case(_drawn_ball(rng), rng)
+    assert case.rest is not None
+    return replace(case, press=case.rest, rest=case.press)
+
+
+def _reversed(rigs: _Rigs, rng: Rng) -> _Case:
+    """u runs the other way, in both captures."""
+    case = rigs.case(_drawn_ball(rng), rng)
+    assert case.rest is not None
+    last = rigs.typed.pattern.cols - 1
+    press, rest = (replace(one, u=last - one.u) for one in (case.press, case.rest))
+    return replace(case, press=press, rest=rest)
+
+
+def _coarser(rigs: _Rigs, rng: Rng, alone: bool) -> _Case:
+    """The pattern's pitch is typed half as large as it is."""
+    case, pattern = rigs.case(_drawn_ball(rng), rng, alone=alone), rigs.typed.pattern
+    return replace(case, typed=replace(rigs.typed, pattern=replace(pattern, pitch=0.5 * pattern.pitch)))
+
+
+_Make = Callable[[_Rigs, Rng], _Case]
+#: Kind of right captures -> makes one.
+RIGHT: dict[str, _Make] = {
+    "untouched": lambda rigs, rng: rigs.case(_ball(0.0), rng),
+    "ball": lambda rigs, rng: rigs.case(_drawn_ball(rng), rng),
+    "punch": lambda rigs, rng: rigs.case(_drawn_punch(rng), rng),
+    "ball, alone": lambda rigs, rng: rigs.case(_drawn_ball(rng), rng, alone=True),
+    "ball, moved by the prior": lambda rigs, rng: rigs.case(_drawn_ball(rng), rng, _moved(rigs.true, rng)),
+    "untouched, moved by the prior": lambda rigs, rng: rigs.case(_ball(0.0), rng, _moved(rigs.true, rng)),
+}
+
+
+def _camera(pixels: float) -> _Make:
+    return lambda rigs, rng: rigs.case(_drawn_ball(rng), rng, _shifted(rigs.true, pixels))
+
+
+def _sinks(micrometres: float) -> _Make:
+    return lambda rigs, rng: rigs.case(_ball(0.05, sunk=1e-3 * micrometres), rng)
+
+
+_MOVED = ("moved", "motion")
+_SCENE = ("plausible", "rest rig", "circulation")
+#: Kind of fault -> makes a capture of it, and the tests one of which names it.
+WRONG: dict[str, tuple[_Make, tuple[str, ...]]] = {
+    **{f"camera moved by {px:g} px": (_camera(px), _MOVED) for px in (0.05, 0.2, 1.0)},
+    **{f"block sank by {um} µm": (_sinks(um), _MOVED) for um in (5, 20, 50)},
+    "press and rest exchanged": (_exchanged, ("below rest",)),
+    "contact at rest": (
+        lambda rigs, rng: rigs.case(_ball(0.05), rng, before=_ball(0.04, 40.0)),
+        ("below rest",),
+    ),
+    "u and v of two moments": (_two_moments, ("circulation", "plausible")),
+    "u reversed": (_reversed, _SCENE),
+    "pitch half as large": (lambda rigs, rng: _coarser(rigs, rng, False), _SCENE),
+    "pitch half as large, alone": (lambda rigs, rng: _coarser(rigs, rng, True), _SCENE),
+}

@@ -1,0 +1,51 @@
+"""Rows as tables: of every test its limit and false alarms, of every kind of fault what is missed; and the
+section of docs/benchmarks.md."""
+
+import math
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from .record import Row
+
+__all__ = ["FALSE_HEADS", "MISSED_HEADS", "false_alarms", "misses", "with_section"]
+
+FALSE_HEADS = ("part", "test", "limit", "right captures", "false alarms", "of kind")
+MISSED_HEADS = ("part", "fault", "named by", "wrong captures", "missed")
+_TITLE = "## Judgements"
+
+
+def false_alarms(rows: Iterable[Row]) -> list[tuple[str, ...]]:
+    """Cells of every test: its limit, right captures, false alarms and their kinds."""
+    tests: dict[tuple[str, str], list[Row]] = {}
+    for row in rows:
+        tests.setdefault((row.part, row.test), []).append(row)
+    lines = []
+    for (part, test), some in tests.items():
+        if not any(row.right for row in some):
+            continue
+        kinds = ", ".join(row.kind for row in some if row.false_alarms)
+        counts = (str(sum(getattr(row, name) for row in some)) for name in ("right", "false_alarms"))
+        lines.append((part, test, _limit(some), *counts, kinds))
+    return lines
+
+
+def misses(rows: Iterable[Row]) -> list[tuple[str, ...]]:
+    """Cells of every kind of fault: the tests that name it, wrong captures and the missed ones."""
+    return [(row.part, row.kind, row.test, str(row.wrong), str(row.missed)) for row in rows if row.wrong]
+
+
+def _limit(some: Sequence[Row]) -> str:
+    known = sorted({row.limit for row in some if not math.isnan(row.limit)})
+    return "" if not known else f"{known[0]:.3g}" if len(known) == 1 else f"{known[0]:.3g} to {known[-1]:.3g}"
+
+
+def with_section(page: Path, rows: Sequence[Row], command: str) -> None:
+    """Write the tables into a page in place of its section, at its end where it has none."""
+    lines = [_TITLE, "", f"`{command}`: tests of captures and results, on right and on wrong ones.", ""]
+    tables = ((FALSE_HEADS, false_alarms(rows)), (MISSED_HEADS, misses(rows)))
+    for heads, cells in tables:
+        lines += [f"| {' | '.join(heads)} |", "|" + "---|" * len(heads)]
+        lines += [*(f"| {' | '.join(line)} |" for line in cells), ""]
+    before, _, after = page.read_text("utf-8").partition(f"{_TITLE}\n")
+    _, next_title, rest = after.partition("\n## ")
+    page.write_text(before.rstrip() + "\n\n" + "\n".join(lines) + (next_title[1:] + rest), "utf-8")

@@ -1,0 +1,29 @@
+"""`python -m lab judgements`: what it counts, and the section that it writes."""
+
+from pathlib import Path
+
+from lab.judgements.record import Row
+from lab.judgements.tables import false_alarms, misses, with_section
+
+ROWS = [
+    Row("heights", "moved", "ball", 0.1, 5, 0, 0, 0),
+    Row("heights", "moved", "punch", 0.1, 4, 2, 0, 0),
+    Row("heights", "moved, motion", "camera moved", 0.1, 0, 0, 3, 1),
+]
+
+
+def test_counts_by_test_and_by_kind_of_fault() -> None:
+    assert false_alarms(ROWS) == [("heights", "moved", "0.1", "9", "2", "punch")]
+    assert misses(ROWS) == [("heights", "camera moved", "moved, motion", "3", "1")]
+
+
+def test_the_section_replaces_itself_and_nothing_else(tmp_path: Path) -> None:
+    page = tmp_path / "benchmarks.md"
+    page.write_text("# Benchmarks\n\n## Judgements\n\nold\n\n## Further\n\nlast\n", "utf-8")
+    for _ in range(2):
+        with_section(page, ROWS, "python -m lab judgements")
+        text = page.read_text("utf-8")
+        assert "old" not in text
+        assert text.count("| heights | camera moved | moved, motion | 3 | 1 |") == 1
+        assert text.startswith("# Benchmarks\n\n## Judgements\n")
+        assert text.endswith("\n## Further\n\nlast\n")
