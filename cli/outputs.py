@@ -21,14 +21,15 @@ HEIGHT_SUFFIXES = (*GRID_SUFFIXES, ".ply", ".stl", ".xyz")
 
 
 class OutputFile(click.Path):
-    """A file to write. suffixes: of the formats that the command writes; bare: without a suffix, too.
+    """A file to write. suffixes: of the formats that the command writes; bare: without a suffix, too; folder:
+    the command makes the file's folder where there is none.
 
     A device needs no suffix.
     """
 
-    def __init__(self, *suffixes: str, bare: bool = True) -> None:
+    def __init__(self, *suffixes: str, bare: bool = True, folder: bool = False) -> None:
         super().__init__(path_type=Path)
-        self.suffixes, self.bare = suffixes, bare
+        self.suffixes, self.bare, self.folder = suffixes, bare, folder
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         path = Path(str(super().convert(value, param, ctx)))
@@ -83,7 +84,9 @@ class Program(click.Command):
         for kind, value in self._values(parameters):
             if isinstance(kind, OutputFile):
                 outputs.append(value)
-                if value.absolute().parent not in made or value.parent.exists():
+                if kind.folder:
+                    ol.files.require_folder(value.parent, value.name)
+                elif value.absolute().parent not in made or value.parent.exists():
                     ol.files.require_writable(value)
         _require_apart(outputs, inputs)
         assert self.callback is not None

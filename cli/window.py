@@ -27,8 +27,8 @@ Shown on monitor 1
 SEQUENCE = Opt("--sequence NAME[:KEY=VALUE,...]", "Sequence, or a .toml file by design or Sequence.save.")
 MONITOR = Opt("--monitor N|NAME", "Its number or name in --list; default: the second, or the only one.")
 SECONDS = Opt("--seconds SECONDS", "Of each frame; default: arrows step, Escape closes.", ABOVE_0)
-DESCRIBED = "Gets the description, for decode --description; default: capture.toml."
-OUT = Opt("--out TOML", DESCRIBED, OutputFile(".toml", bare=False))
+DESCRIBED = "Gets the description, for decode --description, in a new folder, too; default: capture.toml."
+OUT = Opt("--out TOML", DESCRIBED, OutputFile(".toml", bare=False, folder=True))
 
 
 @program("show", SAMPLE)
@@ -64,6 +64,7 @@ def command(
     described, index = out or Path("capture.toml"), None if chosen is None else chosen.index
     times = list[float]()
     with ol.projector.PatternWindow(shown, monitor=index) as window:
+        described.parent.mkdir(parents=True, exist_ok=True)
         ol.projector.write_description(described, shown)
         if seconds is None:
             window.run()

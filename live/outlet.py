@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from optolever.errors import InputError, reason_of
-from optolever.files import plain
+from optolever.files import growing_file, plain
 
 from .follow import Followed
 
@@ -41,10 +41,7 @@ class ContactTable(AbstractContextManager["ContactTable"]):
     killed leaves the rows so far. InputError where the file cannot be written."""
 
     def __init__(self, path: str | Path) -> None:
-        try:
-            self._file = Path(path).open("w", newline="", encoding="utf-8")  # noqa: SIM115
-        except OSError as error:
-            raise InputError(f"{path}: {reason_of(error)}") from error
+        self._file = growing_file(path)
         self._rows = csv.writer(self._file)
         self._rows.writerow(("time_s", "frame", "trusted", "contact", *_COLUMNS, *_FORCES))
 
@@ -83,6 +80,7 @@ class ReadingSocket(AbstractContextManager["ReadingSocket"]):
             self._server.close()
             raise InputError(f"{path}: no socket can be made there ({reason_of(error)})") from error
         self._path.chmod(0o600)
+        self._made = self._path.stat().st_ino
         self._server.listen()
         Thread(target=self._accept, daemon=True).start()
 
@@ -110,7 +108,8 @@ class ReadingSocket(AbstractContextManager["ReadingSocket"]):
         self._server.close()
         for client in self._clients:
             client.end()
-        self._path.unlink(missing_ok=True)
+        if self._path.exists() and self._path.stat().st_ino == self._made:  # no file of that name since
+            self._path.unlink()
 
 
 class _Client:

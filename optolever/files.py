@@ -27,7 +27,7 @@ from optolever.errors import InputError, reason_of, require_file
 from optolever.memory import require_room
 
 __all__ = [
-    "atomic_file", "atomic_folder", "latest", "load_arrays", "plain", "read_lines",
+    "atomic_file", "atomic_folder", "growing_file", "latest", "load_arrays", "plain", "read_lines",
     "require_folder", "require_new_folder", "require_writable", "save_arrays", "together",
     "write_csv", "write_json", "write_rows",
 ]  # fmt: skip
@@ -150,6 +150,16 @@ def atomic_folder(path: str | Path) -> AbstractContextManager[Path]:
     _require_parent(target, target)
     output = _Output(target, target, target.parent / f".{target.name}.{secrets.token_hex(8)}")
     return _placed(output, Path.mkdir)
+
+
+def growing_file(path: str | Path, mode: str = "w") -> IO[Any]:
+    """A file, open, that grows as its content comes: what is killed leaves what was flushed. InputError where
+    it cannot be opened."""
+    require_writable(path)
+    try:
+        return Path(path).open(mode, **({} if "b" in mode else {"encoding": "utf-8", "newline": ""}))
+    except OSError as error:
+        raise InputError(f"{path}: {reason_of(error)}") from error
 
 
 def require_writable(path: str | Path) -> None:

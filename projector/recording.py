@@ -29,7 +29,7 @@ import zstandard
 from numpy.typing import NDArray
 
 from optolever.errors import InputError
-from optolever.files import read_lines, require_new_folder
+from optolever.files import growing_file, read_lines, require_new_folder
 
 from .devices import Accepted, Image, Shown, no_pixels
 
@@ -56,8 +56,7 @@ class Recorder:
         self.folder = Path(folder)
         require_new_folder(self.folder)
         self.folder.mkdir(parents=True, exist_ok=True)
-        self._log = (self.folder / _LOG).open("w", encoding="utf-8")
-        self._file = (self.folder / _PAGES).open("wb")
+        self._log, self._file = growing_file(self.folder / _LOG), growing_file(self.folder / _PAGES, "wb")
         self._compressor = zstandard.ZstdCompressor(level=_LEVEL)
         self._before: NDArray[Any] | None = None
         self._at, self._lines, self._key_s = 0, 0, 0.0

@@ -155,3 +155,7 @@ def test_a_socket_sends_whole_heights(tmp_path: Path) -> None:
     np.testing.assert_array_equal(z, np.where(followed.reading.good, followed.reading.z, np.nan))
     assert numbers["x_mm"] == pytest.approx([followed.reading.x[24, 0], followed.reading.x[24, -1]])
     assert not (tmp_path / "s").exists()
+    with ReadingSocket(tmp_path / "s"):
+        (tmp_path / "s").rename(tmp_path / "aside")
+        (tmp_path / "s").write_text("of somebody else")
+    assert (tmp_path / "s").read_text() == "of somebody else"
