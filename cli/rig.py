@@ -8,6 +8,7 @@ import click
 
 import optolever as ol
 from optolever import InputError
+from optolever.records import default_style
 
 from .arguments import ABOVE_0, Opt, program, sample
 from .options import Json
@@ -108,6 +109,7 @@ def visible_share(rig: "ol.scene.Scene") -> float:
     return float(ol.scene.trace(few, ol.scene.dent("flat", few)).visible.mean())
 
 
+@default_style()
 def draw_rig(rig: "ol.scene.Scene", out: Path) -> None:
     """The rig from the side, as a picture."""
     from matplotlib.figure import Figure

@@ -19,6 +19,7 @@ from optolever.calibration import (
 )
 from optolever.quantities import length_unit, quantity
 from optolever.reconstruct import HeightMap
+from optolever.records import default_style
 from optolever.scene import Scene
 
 from .arrays import Floats
@@ -44,6 +45,7 @@ _JUDGED = {
 }
 
 
+@default_style()
 def write_rig_report(
     given: Scene,
     found: Calibration,

@@ -7,6 +7,7 @@ import numpy as np
 
 from optolever.projector import FlipFit, FlipRecord, Timing, flip_fit, sync_notices
 from optolever.quantities import quantity
+from optolever.records import default_style
 
 from .images import figure_uri, label_axes, new_figure
 from .page import Table, write_page
@@ -16,6 +17,7 @@ __all__ = ["write_sync_report"]
 _MOST, _AFTER_S = 4000, 0.1  # points of a picture; time after a swap
 
 
+@default_style()
 def write_sync_report(timing: Timing, taken: FlipRecord, seconds: float, path: str | Path) -> None:
     """Write the page of a synchronisation and the record that it was fitted to."""
     found, refresh, sigma = flip_fit(taken, timing), timing.refresh_s, timing.sigma_s or {}

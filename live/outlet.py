@@ -42,7 +42,7 @@ class ContactTable(AbstractContextManager["ContactTable"]):
 
     def __init__(self, path: str | Path) -> None:
         self._file = growing_file(path)
-        self._rows = csv.writer(self._file)
+        self._rows = csv.writer(self._file, lineterminator="\n")
         self._rows.writerow(("time_s", "frame", "trusted", "contact", *_COLUMNS, *_FORCES))
 
     def write(self, followed: Followed) -> None:

@@ -157,7 +157,7 @@ def growing_file(path: str | Path, mode: str = "w") -> IO[Any]:
     it cannot be opened."""
     require_writable(path)
     try:
-        return Path(path).open(mode, **({} if "b" in mode else {"encoding": "utf-8", "newline": ""}))
+        return Path(path).open(mode, encoding=None if "b" in mode else "utf-8")
     except OSError as error:
         raise InputError(f"{path}: {reason_of(error)}") from error
 

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 __all__ = [
-    "LOG", "Axes", "Comparable", "Progress", "flag_line", "logged", "plot_maps", "silent", "span",
+    "LOG", "Axes", "Comparable", "Progress", "default_style", "flag_line", "logged", "plot_maps", "silent",
+    "span",
 ]  # fmt: skip
 
 #: What the package does, for whoever listens: logging.getLogger("optolever").
@@ -84,6 +85,16 @@ def flag_line(flags: NDArray[np.unsignedinteger[Any]], names: Mapping[int, str])
     shares = {name: float((flags & bit != 0).mean()) for bit, name in names.items() if flags.size}
     told = [f"{name.lower()} {100 * share:.2g} %" for name, share in shares.items() if share > 0]
     return "flags: " + (", ".join(told) or "none")
+
+
+@contextmanager
+def default_style() -> Iterator[None]:
+    """Matplotlib's own defaults, for pictures of the program: a user's matplotlibrc (text.usetex, fonts) is
+    for the user's."""
+    import matplotlib
+
+    with matplotlib.rc_context(matplotlib.rcParamsDefault):
+        yield
 
 
 def plot_maps(maps: Mapping[str, ArrayLike], axes: Any = None) -> Axes:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from optolever.files import atomic_file
 from optolever.quantities import length_unit
+from optolever.records import default_style
 
 from ..arrays import Floats
 from ..images import new_figure
@@ -33,6 +34,7 @@ _GAP, _GRID = 6, 3  # pixels between a mark and its name, between places that ar
 _NEAR = 12.0  # pixels beyond which a line leads from a mark to its name
 
 
+@default_style()
 def write_tradeoff_chart(path: Path, rows: Many[Tradeoff], title: str = "") -> None:
     """Write a PNG: height error over both times, its standard deviation over the seeds as a bar, error over
     sigma as the colour, the codes that no other beats in both as a grey line."""

@@ -6,6 +6,7 @@ import shlex
 from pathlib import Path
 from typing import Any
 
+import matplotlib
 import numpy as np
 import pytest
 
@@ -40,7 +41,11 @@ def test_a_monitor_stands_square_to_the_reflected_line_of_sight(optolever: Progr
     numbers: dict[str, Any] = json.loads((tmp_path / "n.json").read_text())
     share = trace(rig, dent_of("flat", rig)).visible.mean()
     assert numbers["visible_share"] == pytest.approx(share, abs=0.01)
-    assert (tmp_path / "rig.png").stat().st_size > 5000
+    drawn = (tmp_path / "rig.png").read_bytes()
+    assert len(drawn) > 5000
+    with matplotlib.rc_context({"text.usetex": True, "font.size": 30}):  # of a user's matplotlibrc
+        optolever("rig", "new", *MONITOR, "--out", out)
+    assert (tmp_path / "rig.png").read_bytes() == drawn
 
 
 def test_a_prism_has_its_faces_at_their_angles(optolever: Program, tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import matplotlib
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -185,6 +186,9 @@ def test_names_in_the_chart_overlap_nothing(spread: float, tmp_path: Path, monke
         )
     write_tradeoff_chart(tmp_path / "chart.png", rows)
     (figure,) = drawn
+    with matplotlib.rc_context({"text.usetex": True, "font.size": 30}):  # of a user's matplotlibrc
+        write_tradeoff_chart(tmp_path / "again.png", rows)
+    assert (tmp_path / "again.png").read_bytes() == (tmp_path / "chart.png").read_bytes()
     for panel in figure.axes[:4]:
         names = [text for text in panel.texts if text.get_text()]
         assert {name.get_text() for name in names} == set(codes)

@@ -2,9 +2,11 @@
 
 import re
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import matplotlib
 import numpy as np
 import pytest
 
@@ -15,6 +17,10 @@ from optolever.scene import Covariance, load, resize
 
 @pytest.fixture(scope="module")
 def page(tmp_path_factory: pytest.TempPathFactory) -> str:
+    return written(tmp_path_factory.mktemp("rig") / "rig.html")
+
+
+def written(path: Path) -> str:
     """Two captures, one with a chi of 1.5; four numbers: sharp, known from the prior, 4.9 and 5.1 off."""
     rig = resize(load("prism48"), 60, 80)
     names = ("camera.ry", "pattern.z")
@@ -28,7 +34,6 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> str:
     residuals = {name: (row, col, chi * sign, chi * sign) for name, chi in (("rest", 1.0), ("ball", 1.5))}
     judged = {"rest": {"chi": 1.0}, "ball": {"chi": 1.5}}
     notices = [Notice("wrong", 2.0, 1.0, "mend it"), Notice("remark", np.nan, np.nan, "")]
-    path = tmp_path_factory.mktemp("rig") / "rig.html"
     found: Any = SimpleNamespace(
         scene=scene,
         adjustment=SimpleNamespace(chi=1.5),
@@ -38,6 +43,13 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> str:
     )
     write_rig_report(rig, found, judged, {"adjust": 1.0}, path)
     return path.read_text()
+
+
+def test_its_figures_are_drawn_in_no_user_s_style(page: str, tmp_path: Path) -> None:
+    with matplotlib.rc_context({"text.usetex": True, "font.size": 30}):
+        again = written(tmp_path / "rig.html")
+    figures = re.compile('data:image/png;base64,[^"]*')
+    assert figures.findall(again) == figures.findall(page) != []
 
 
 def test_what_is_beyond_its_limit_is_red(page: str) -> None:
