@@ -173,17 +173,26 @@ def _given(captures: Sequence[str], without: Sequence[str]) -> list[_Given]:
     """Captures without those named by --without."""
     given = []
     for text in captures:
-        match = re.fullmatch(r"(?P<target>[a-z]+(:[^=]*)?)=(?P<path>[^@]+)(@(?P<mask>.+))?", text)
+        match = re.fullmatch(r"(?P<target>[a-z]+(:[^=]*)?)=(?P<capture>.+)", text)
         if match is None:
             form = "TARGET=CAPTURE, such as flat=pose.npz or ball:30,0.003=b.npz"
             raise InputError(f"capture {text!r}: must be {form}")
         target = ol.calibration.target_from_text(match["target"])
-        given.append(_Given(target, Path(match["path"]), Path(match["mask"]) if match["mask"] else None))
+        given.append(_Given(target, *_path_and_mask(match["capture"])))
     names = [each.path.stem for each in given]
     for name in without:
         if name not in names:
             raise InputError(f"--without {name}: no such capture, must be one of {', '.join(names)}")
     return [each for each in given if each.path.stem not in without]
+
+
+def _path_and_mask(text: str) -> tuple[Path, Path | None]:
+    """Both sides of the @ before a picture; paths may hold an @, too."""
+    from optolever.pictures import PICTURES
+
+    places = [found.start() for found in re.finditer("@", text)] if text.lower().endswith(PICTURES) else []
+    there = [at for at in places if Path(text[at + 1 :]).is_file()] or places[-1:]
+    return (Path(text[: there[0]]), Path(text[there[0] + 1 :])) if there else (Path(text), None)
 
 
 def _plan(texts: Sequence[str], scene: "ol.scene.Scene") -> list[tuple[str, "ol.calibration.Target"]]:

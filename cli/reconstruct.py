@@ -1,5 +1,6 @@
 """`optolever reconstruct`: a correspondence and a scene to a height map."""
 
+import re
 import time
 from dataclasses import asdict, replace
 from functools import partial
@@ -62,7 +63,8 @@ Height map in h.npz
 
 def _sofast_files(scene: str) -> list[str]:
     """Files of SOFAST that make up the scene; none where it is another."""
-    files = [scene] if Path(scene).exists() else scene.split(",")
+    commas = r"(?i)(?:(?<=\.h5)|(?<=\.hdf5)|(?<=\.json)),"
+    files = [scene] if Path(scene).exists() else re.split(commas, scene)
     return files if any(Path(each).suffix.lower() in HDF5 for each in files) else []
 
 

@@ -1,5 +1,6 @@
 """Numbers of Python, of NumPy and of texts, as they come in, as Python's own."""
 
+import re
 from collections.abc import Container
 from typing import Any
 
@@ -55,13 +56,14 @@ def listed(name: str, text: str, form: str, count: int = 0) -> list[float]:
 
 def written(what: str, text: str, form: str, known: Container[str] | None = None) -> dict[str, str]:
     """Values by name of 'name=value,name=value'. InputError, which begins with `what` and says the form, for
-    another form, for a name that is not among the known ones, and for one that is given twice.
+    another form, for a name that is not among the known ones, and for one that is given twice. A comma
+    belongs to a value, as of a path, unless a name and = follow it.
 
     >>> written("dent", "peak=0.3, sigma=8", "name=value")
     {'peak': '0.3', 'sigma': '8'}
     """
     found: dict[str, str] = {}
-    for item in filter(None, text.split(",")):
+    for item in filter(None, re.split(r",(?=\s*\w+\s*=|$)", text)):
         name, _, value = (part.strip() for part in item.partition("="))
         if not (name and value) or (known is not None and name not in known):
             raise InputError(f"{what}: {item!r}, must be {form}")

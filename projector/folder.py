@@ -105,7 +105,7 @@ def read_folder(
     pictures = read_files([base / file for file in files], channel)
     if len(pictures) != len(files):
         several = next(picture.file for picture in pictures if picture.file.endswith("]"))
-        raise InputError(f"{base}: {several.partition('[')[0]} holds several pictures, must be one")
+        raise InputError(f"{base}: {several.rpartition('[')[0]} holds several pictures, must be one")
     images = [picture.levels for picture in pictures]
     for file, image in zip(files, images, strict=True):
         _require_image(base / file, image, bits)

@@ -141,7 +141,8 @@ def _files(source: Source) -> tuple[list[Path], list[Notice]]:
             )
         return [base], []
     if glob.has_magic(str(source)):
-        found = [Path(name) for name in glob.glob(str(source)) if Path(name).is_file()]
+        folder = Path(glob.escape(str(base.parent)) if base.parent.is_dir() else base.parent)
+        found = [Path(name) for name in glob.glob(str(folder / base.name)) if Path(name).is_file()]
         return _pictures_among(found, str(source), "pattern")
     raise InputError(f"{source}: no such file or folder")
 

@@ -3,6 +3,7 @@ a user's sequences: a Python callable, a folder of images with a description, or
 """
 
 import math
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,7 +36,7 @@ class Candidate:
     @property
     def name(self) -> str:
         """The argument of a named sequence; of a file or folder its name, of a function that."""
-        pattern, _, decoder = self.text.partition("@")
+        pattern, decoder = _halves(self.text)
         first, _, function = pattern.partition(":")
         if first not in sequence_names():
             pattern = Path(pattern).stem if Path(pattern).exists() else function or pattern
@@ -144,8 +145,14 @@ def ladder(
 def user_candidate(text: str, rows: int, cols: int, *, resized: bool = False) -> Candidate:
     """The candidate of 'PATTERN[@MODULE:FUNCTION]': see `user_sequence` and `user_decoder`. InputError for
     images without a decoder."""
-    name, _, decoder = text.partition("@")
+    name, decoder = _halves(text)
     pattern = user_sequence(name, rows, cols, resized=resized)
     if decoder:
         return Candidate(text, pattern, user_decoder(decoder))
     return Candidate(text, Candidate(text, pattern).sequence)
+
+
+def _halves(text: str) -> tuple[str, str]:
+    """PATTERN and MODULE:FUNCTION; a path may hold an @, too."""
+    pattern, _, decoder = text.rpartition("@")
+    return (pattern, decoder) if re.fullmatch(r"[\w.]+:\w+", decoder) else (text, "")
