@@ -85,7 +85,8 @@ def base(radius: float, depth: float, thickness: float, nu: float) -> scipy.inte
         down, up = (-1) ** order * np.exp(-z), np.exp(z)
         return np.stack([down, (z - order) * down, up, (z + order) * up], axis=-1)
 
-    k, step = np.linspace(1e-3, 16 / thickness, 2000, retstep=True)
+    step = 16 / thickness / 2000
+    k = step * (np.arange(2000) + 0.5)
     q = k * thickness
     still = (1 - nu) * terms(q, 2) + nu * terms(q, 0), (1 - nu) * terms(q, 3) - (2 - nu) * terms(q, 1)
     equations = np.stack([terms(0 * q, 0), terms(0 * q, 1), *still], axis=1)

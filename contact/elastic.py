@@ -1,0 +1,363 @@
+"""Contacts by the elastic field around them: place, radius, depth and force, each with sigma, from one fit.
+
+A pressure ~ (1 - s^2 / a^2)^m on a disc of radius a (m = -1/2: a flat punch, 1/2: a ball) moves a half-space,
+F its force, by
+
+    w(r) = F / (pi E* r) 2F1(1/2, 1/2; m + 2; a^2 / r^2)                                outside the disc,
+    w(r) = F / (pi E* a) (m + 1) B(1/2, m + 1) 2F1(1/2, -1/2 - m; 1; r^2 / a^2)         inside
+
+(I. N. Sneddon, Int. J. Engng Sci. 3:47, 1965). A base below a layer of thickness h adds F / (pi E* h) times
+b + a^2 / (4 (m + 2)) laplace b, b: `pressure.bonded`. A long contact is several discs of one radius and m,
+each with its own F. F and the motion's modes enter linearly; place, log a, m and an unknown h by Gauss-Newton
+steps.
+
+Two fits are compared: to the cells beyond 1.3 radii of the contacts ("flank"), and to all cells ("whole").
+Where the flank does not follow such a field, the pressure is another one or the surface fades: nothing is
+found.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+import scipy
+
+from optolever.scene import Layer
+
+from .arrays import Floats, Labels, Mask, norm
+from .pressure import BONDED, bonded
+from .regions import Region
+from .surface import Surface
+
+__all__ = ["ElasticFit", "elastic_fits"]
+
+_MOST, _FEWEST = 3000, 40  # cells of a fit
+_INDEPENDENT, _MISFIT = 36.0, 9.0  # samples of the map's noise, of what is left beyond it
+_NEAR, _REACH = 1.3, 8.0  # radii of a contact: where a flank begins, and ends
+_WIDER = 1.6  # resolutions: what a map smooths looks wider than it is up to there
+_POWER, _POWERS = (0.5, 0.8), (-0.5, 2.0)  # m: mean and sigma; least and most
+_PLACE, _CUT, _SIZE = 0.5, 1.0, 0.4  # sigmas: of a place, radii, of a cut contact's; of log a
+_FREE = 1e3  # sigma of what is free
+_THICK, _THICKEST = 2.0, 4.0  # log of h over the largest radius: start; sigma about it
+_STEP, _ROUNDS, _LEAP = 1e-4, 25, 0.3
+_ROUGH = 0.03  # of the depth: misfit inside that the whole fit allows for
+_REFUSED = (0.03, 8.0, 0.005)  # misfit over the depth; in noises and over the depth
+_FOLLOWS, _APART = 0.007, 1.7  # of the depth: misfit of a whole fit; sigmas between both forces
+_SHARES = 0.5, 0.3  # of the difference of both forces in the sigma of the whole fit's, of the flank's
+_FORCE, _DEPTH, _UNSEEN, _THIN = 0.002, 0.02, 0.12, 0.09  # least relative sigmas: no pressure is exactly such
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ElasticFit:
+    """One contact by the field around it.
+
+    values, sigmas (6,): x, y, radius a of the pressure and depth (mm), force over E* (mm^2), power m of the
+    pressure, and their standard deviations by noise, modes and what such pressures leave out; whole: the
+    inside follows the same pressure; bound: the depth is a lower bound: m is at its limit, or the deepest
+    place lies outside the map; misfit: rms residual over noise; left: what of it exceeds noise, over the
+    depth; thickness, thickness_sigma: of the bonded layer that was looked for, mm (None: it was given, or a
+    half-space is)."""
+
+    values: Floats
+    sigmas: Floats
+    whole: bool
+    bound: bool
+    misfit: float
+    left: float
+    thickness: float | None
+    thickness_sigma: float | None
+
+
+class _Cells(NamedTuple):
+    """Cells (n,) of a fit: place, height, root of the weight; rig, own (m, n): modes of the rig's errors and
+    of its motion; noise: rms, mm."""
+
+    x: Floats
+    y: Floats
+    z: Floats
+    root: Floats
+    rig: Floats
+    own: Floats
+    noise: float
+
+
+class _Discs(NamedTuple):
+    """Discs (n,) of the contacts: x, y, contact; size (k,): radius of each contact's first, cut (k,)."""
+
+    x: Floats
+    y: Floats
+    owner: Labels
+    size: Floats
+    cut: Mask
+
+
+class _Solved(NamedTuple):
+    """Terms (t,): dx, dy, log a, m of each contact, F / (pi E*) of each disc, the modes, log h where it is
+    looked for; their covariance; misfit: rms residual over noise; excess: of it over noise, mm."""
+
+    terms: Floats
+    covariance: Floats
+    misfit: float
+    excess: float
+
+
+class _Base(NamedTuple):
+    """A bonded layer's thickness (mm, inf: a half-space) and Poisson's ratio."""
+
+    thickness: float
+    poisson: float
+
+
+def elastic_fits(
+    surface: Surface, regions: Sequence[Region], layer: Layer | None, resolution: float = 0.0
+) -> list[ElasticFit | None]:
+    """Of every region of a map less rest, in their order; None where no such pressure makes the heights
+    around. layer: elastic, its modulus does not matter, None: a half-space; where no thickness is given and a
+    half-space does not make the field, a thickness is looked for. resolution: smaller contacts (radius, mm)
+    look wider in the map than they are."""
+    poisson, thickness = (0.5, None) if layer is None else (layer.poisson, layer.thickness_mm)
+    base = _Base(thickness or math.inf, poisson)
+    found = _compared(surface, regions, base, resolution, False)
+    if thickness is None and None in found:
+        thin = _compared(surface, regions, base, resolution, True)
+        for k, new in enumerate(thin):
+            if found[k] is None and new is not None and new.whole and not regions[k].hole:
+                found[k] = new
+    return found
+
+
+def _compared(
+    surface: Surface, regions: Sequence[Region], base: _Base, resolution: float, search: bool
+) -> list[ElasticFit | None]:
+    """The whole fit where it agrees with the flank's, else this; search: for the layer's thickness."""
+    discs = _discs(regions)
+    near = max(_NEAR, _WIDER * resolution / float(discs.size.min())) if regions else _NEAR
+    flank = _fit(surface, regions, discs, base, resolution, search, near, 0.0)
+    whole = _fit(surface, regions, discs, base, resolution, search, 0.0, _ROUGH) if flank else None
+    found: list[ElasticFit | None] = []
+    for k, region in enumerate(regions):
+        one = flank[k] if flank else None
+        inside = whole[k] if whole else None
+        found.append(None if one is None else _chosen(one, inside, region.radius >= resolution))
+    return found
+
+
+def _chosen(flank: ElasticFit, whole: ElasticFit | None, resolved: bool) -> ElasticFit | None:
+    """One of a contact's two fits, its sigmas with their difference; None where the flank's is refused."""
+    if _refused(flank):
+        return None
+    if whole is None or _refused(whole) or whole.left > _FOLLOWS or not resolved:
+        return flank
+    apart = float(whole.values[4] - flank.values[4])
+    inside = abs(apart) < _APART * float(flank.sigmas[4])
+    one, share = (whole, _SHARES[0]) if inside else (flank, _SHARES[1])
+    sigmas = one.sigmas.copy()
+    sigmas[4] = norm(sigmas[4], share * apart)
+    return replace(one, sigmas=sigmas, whole=inside)
+
+
+def _refused(fit: ElasticFit) -> bool:
+    most, noises, share = _REFUSED
+    return min(fit.values[3:5]) <= 0 or fit.left > most or (fit.misfit > noises and fit.left > share)
+
+
+def _discs(regions: Sequence[Region]) -> _Discs:
+    circles = np.array([disc for one in regions for disc in one.circles], np.float64).reshape(-1, 3)
+    owner = np.repeat(np.arange(len(regions)), [len(one.circles) for one in regions])
+    size = np.array([one.circles[0][2] for one in regions], np.float64)
+    return _Discs(circles[:, 0], circles[:, 1], owner, size, np.array([one.cut for one in regions], np.bool_))
+
+
+def _fit(
+    surface: Surface,
+    regions: Sequence[Region],
+    discs: _Discs,
+    base: _Base,
+    resolution: float,
+    search: bool,
+    near: float,
+    tolerance: float,
+) -> list[ElasticFit] | None:
+    """To the cells outside so many radii; None of too few. tolerance: sigma over the depth of heights within
+    1.3 radii."""
+    cells = _cells(surface, discs, near, tolerance)
+    if cells is None:
+        return None
+    count, first, own = len(regions), 4 * len(regions) + discs.x.size, len(cells.own)
+    sigma, mean = np.ones(first + own + search), np.zeros(first + own + search)
+    place = np.where(discs.cut, _CUT, _PLACE) * discs.size
+    grown = np.where(discs.size < resolution, 3 * _SIZE, _SIZE)
+    sigma[: 4 * count] = np.stack([place, place, grown, np.full(count, _POWER[1])], axis=1).ravel()
+    sigma[4 * count : first], mean[3 : 4 * count : 4] = _FREE, _POWER[0]
+    if search:
+        sigma[-1], mean[-1] = _THICKEST, _THICK + math.log(discs.size.max())
+    start = mean.copy()
+    start[4 * count : first] = [
+        0.6 * one.depth * disc[2] / len(one.circles) for one in regions for disc in one.circles
+    ]
+    solved = _solved(cells, discs, base, search, start, mean, sigma)
+    inside = _inside(surface)
+    return [_figures(solved, discs, base, search, k, inside) for k in range(count)]
+
+
+def _cells(surface: Surface, discs: _Discs, near: float, tolerance: float) -> _Cells | None:
+    radius = discs.size[discs.owner]
+    away = np.full(surface.z.shape, np.inf)
+    for x, y, size in zip(discs.x, discs.y, radius, strict=True):
+        np.minimum(away, np.hypot(surface.x - x, surface.y - y) / size, out=away)
+    use = surface.good & np.isfinite(surface.z + surface.sigma) & (away > near) & (away < _REACH)
+    every = max(1, round(math.sqrt(np.count_nonzero(use) / _MOST)))
+    row, col = (every * part for part in np.nonzero(use[::every, ::every]))
+    if row.size < _FEWEST:
+        return None
+    x, y, z, sigma = (
+        np.asarray(part[row, col], np.float64) for part in (surface.x, surface.y, surface.z, surface.sigma)
+    )
+    modes = np.zeros((0, row.size))
+    if surface.modes is not None and len(surface.modes):
+        ends = zip((row, col), surface.modes.shape[1:], strict=True)
+        coarse = [np.minimum(np.rint(at / surface.step).astype(int), size - 1) for at, size in ends]
+        modes = np.asarray(surface.modes[:, *coarse], np.float64)
+    rig, own = np.split(modes, [len(modes) - surface.motions])
+    noise = math.sqrt(float(np.mean(sigma**2)))
+    deepest = max(float(np.max(surface.z, where=surface.good, initial=0.0)), noise)
+    rough = np.where(away[row, col] < _NEAR, tolerance * deepest, 0.0)
+    return _Cells(x, y, z, 1 / np.sqrt(sigma**2 + noise**2 + rough**2), rig, own, noise)
+
+
+def _inside(surface: Surface) -> Callable[[float, float], bool]:
+    """Whether a place lies in the box of the measured cells, whose row and column are linear in it."""
+    rows, cols = np.nonzero(surface.good & np.isfinite(surface.x + surface.y))
+    every = slice(None, None, max(1, rows.size // _MOST))
+    ones = np.ones(rows[every].size)
+    basis = np.stack([ones, surface.x[rows, cols][every], surface.y[rows, cols][every]], axis=1)
+    index = np.stack([rows[every], cols[every]], axis=1).astype(np.float64)
+    ways = np.linalg.lstsq(basis, index, rcond=None)[0]
+    low, high = index.min(axis=0) - 0.5, index.max(axis=0) + 0.5
+
+    def inside(x: float, y: float) -> bool:
+        at = np.array([1.0, x, y]) @ ways
+        return bool(((at > low) & (at < high)).all())
+
+    return inside
+
+
+def _solved(
+    cells: _Cells, discs: _Discs, base: _Base, search: bool, start: Floats, mean: Floats, sigma: Floats
+) -> _Solved:
+    """Gauss-Newton steps; `unit`: what a cell's residual, one of so few independent ones, counts for."""
+    count, terms, unit = discs.size.size, start.copy(), 1.0
+    shapes, own = slice(0, 4 * count), slice(4 * count + discs.x.size, start.size - search)
+    leaps = np.stack([discs.size, discs.size, np.ones(count), np.ones(count)], axis=1).ravel()
+    scale = np.zeros(sigma.size)
+    for _ in range(_ROUNDS):
+        total, by = _heights(discs, base, search, terms, cells.x, cells.y)
+        by[own], rest = cells.own, cells.z - total - terms[own] @ cells.own
+        weighted = by * cells.root
+        normal = weighted @ weighted.T / unit**2 + np.diag(sigma**-2)
+        scale = 1 / np.sqrt(np.diagonal(normal))
+        inverse = np.linalg.inv(normal * np.multiply.outer(scale, scale)) * np.multiply.outer(scale, scale)
+        step = inverse @ (weighted @ (rest * cells.root) / unit**2 + (mean - terms) / sigma**2)
+        leap = max(float(np.max(np.abs(step[shapes]) / leaps)), abs(float(step[-1])) if search else 0.0)
+        terms = terms + step * min(1.0, _LEAP / max(leap, 1e-9))
+        terms[3 : 4 * count : 4] = np.clip(terms[3 : 4 * count : 4], *_POWERS)
+        terms[2 : 4 * count : 4] = np.clip(terms[2 : 4 * count : 4], -1.5, 1.0)
+        chi = float(np.mean(np.square(rest * cells.root)))
+        unit = math.sqrt(rest.size * (max(chi - 1, 0) / _MISFIT + min(chi, 1) / _INDEPENDENT))
+        if leap < _STEP:
+            break
+    by_rig = inverse @ (weighted * cells.root) @ cells.rig.T / unit**2
+    excess = math.sqrt(max(float(np.mean(rest**2)) - cells.noise**2, 0.0))
+    return _Solved(terms, inverse + by_rig @ by_rig.T, math.sqrt(2 * chi), excess)
+
+
+def _heights(
+    discs: _Discs, base: _Base, search: bool, terms: Floats, x: Floats, y: Floats
+) -> tuple[Floats, Floats]:
+    """Heights (n,) at places by all discs, and their derivatives by the terms (t, n)."""
+    total, by, contacts = np.zeros(x.size), np.zeros((terms.size, x.size)), 4 * discs.size.size
+    if search:
+        base = base._replace(thickness=math.exp(terms[-1]))
+    for n, k in enumerate(discs.owner.tolist()):
+        dx, dy, grown, m = terms[4 * k : 4 * k + 4].tolist()
+        right, up = x - discs.x[n] - dx, y - discs.y[n] - dy
+        r, load = np.hypot(right, up), float(terms[contacts + n])
+        w, slope, by_size, by_power, by_thickness = _profile(r, discs.size[k] * math.exp(grown), m, base)
+        total += load * w
+        by[contacts + n] = w
+        toward = -load * slope / np.maximum(r, 1e-9)
+        by[4 * k : 4 * k + 4] += [toward * right, toward * up, load * by_size, load * by_power]
+        if search:
+            by[-1] += load * by_thickness
+    return total, by
+
+
+def _profile(r: Floats, a: float, m: float, base: _Base) -> Floats:
+    """w pi E* / F (n,), mm^-1, at distances r, and its derivatives by r, log a, m and log h (5, n)."""
+    w, slope, by_power = _half_space(r / a, m)
+    out = np.stack([w / a, slope / a**2, -(w + r / a * slope) / a, by_power / a, np.zeros(r.size)])
+    h = base.thickness
+    if math.isfinite(h):
+        at = np.clip(r / h, 0.02, BONDED)
+        b, b1, b2, b3 = (bonded(base.poisson)(at, order) for order in range(4))
+        size = (a / h) ** 2 / (4 * (m + 2))
+        bend, bends = b2 + b1 / at, b3 + b2 / at - b1 / at**2
+        added, slope = b + size * bend, b1 + size * bends
+        parts = [
+            added,
+            slope / h,
+            2 * size * bend,
+            -size / (m + 2) * bend,
+            -added - at * slope - 2 * size * bend,
+        ]
+        none = np.stack([-1 / np.maximum(r, a), np.maximum(r, a) ** -2.0, *np.zeros((3, r.size))])
+        out += np.where(at < BONDED, np.stack(parts) / h, none)
+    return out
+
+
+def _half_space(q: Floats, m: float) -> tuple[Floats, Floats, Floats]:
+    """w pi E* a / F at distances q (radii), and its derivatives by q and m."""
+    out, far = np.empty((3, q.size)), q >= 1
+    for where, table, u in ((~far, _table()[0], q[~far]), (far, _table()[1], 1 / q[far])):
+        t = np.sqrt(np.maximum(1 - u, 1e-8))
+        by_u = table.ev(m, t, dy=1) / (-2 * t)
+        out[:, where] = table.ev(m, t), by_u, table.ev(m, t, dx=1)
+    out[1, far] *= -(q[far] ** -2.0)
+    return out[0], out[1], out[2]
+
+
+@lru_cache(maxsize=1)
+def _table() -> "tuple[scipy.interpolate.RectBivariateSpline, ...]":
+    """w pi E* a / F inside and outside by m and by sqrt(1 - u), u = q and 1 / q: smooth at the disc's end."""
+    m, t = np.linspace(*_POWERS, 51)[:, None], np.linspace(0.0, 1.0, 129)
+    u = 1 - t**2
+    inside = (m + 1) * scipy.special.beta(0.5, m + 1) * scipy.special.hyp2f1(0.5, -0.5 - m, 1, u**2)
+    outside = u * scipy.special.hyp2f1(0.5, 0.5, m + 2, u**2)
+    return tuple(scipy.interpolate.RectBivariateSpline(m[:, 0], t, each) for each in (inside, outside))
+
+
+def _figures(
+    solved: _Solved, discs: _Discs, base: _Base, search: bool, k: int, inside: Callable[[float, float], bool]
+) -> ElasticFit:
+    terms, contacts = solved.terms, 4 * discs.size.size
+    mine = np.flatnonzero(discs.owner == k)
+    x, y = discs.x[mine] + terms[4 * k], discs.y[mine] + terms[4 * k + 1]
+    depths, by = _heights(discs, base, search, terms, x, y)
+    deepest, size = int(depths.argmax()), discs.size[k] * math.exp(terms[4 * k + 2])
+    turn = np.zeros((6, terms.size))
+    turn[0, 4 * k] = turn[1, 4 * k + 1] = turn[5, 4 * k + 3] = 1.0
+    turn[2, 4 * k + 2], turn[4, contacts + mine] = size, math.pi
+    turn[3] = by[:, deepest]
+    turn[3, 4 * k : 4 * k + 2] = 0.0  # the contact moves as one
+    load, m = math.pi * float(terms[contacts + mine].sum()), float(terms[4 * k + 3])
+    values = np.array([x.mean(), y.mean(), size, depths[deepest], load, m])
+    sigmas = np.sqrt(np.einsum("it,ts,is->i", turn, solved.covariance, turn))
+    h = math.exp(terms[-1]) if search else base.thickness
+    sigmas[4] = norm(sigmas[4], (_FORCE + _THIN * (size / h) ** 4) * load)
+    bound = m in _POWERS or not inside(float(x[deepest]), float(y[deepest]))
+    left = solved.excess / max(abs(float(values[3])), 1e-300)
+    more = (h, h * math.sqrt(solved.covariance[-1, -1])) if search else (None, None)
+    return ElasticFit(values, sigmas, False, bound, solved.misfit, left, *more)
