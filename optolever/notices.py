@@ -1,6 +1,10 @@
-"""Notices: what a result wants its user to know, as data that is saved with it, printed and drawn."""
+"""Notices: what a result wants its user to know, as data that is saved with it, printed and drawn.
+
+Judged: the test that a notice comes from.
+"""
 
 import json
+import math
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -10,7 +14,7 @@ from numpy.typing import NDArray
 
 from optolever.errors import InputError
 
-__all__ = ["Notice", "notices_from_array", "notices_to_array"]
+__all__ = ["Judged", "Notice", "notices_from_array", "notices_to_array"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +33,33 @@ class Notice:
         limit = f", at most {self.limit:.2g} is normal" if size and self.limit > 0 else ""
         beyond = f" ({size}{limit})" if size else ""
         return f"{self.name}{beyond}: {self.cure}" if self.cure else f"{self.name}{beyond}"
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """A test of a result: its figure, the limit beyond which it fails (infinite: it never does; NaN of
+    either: it fails), words that hold then, and what to do."""
+
+    test: str
+    figure: float
+    limit: float
+    words: str
+    cure: str = ""
+
+    @property
+    def fails(self) -> bool:
+        """Whether the figure is beyond its limit."""
+        return not self.figure <= self.limit
+
+    @property
+    def notice(self) -> Notice:
+        """Its words with figure and limit."""
+        return Notice(self.words, self.figure, self.limit, self.cure)
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON; None for a number that is none."""
+        figure, limit = (number if math.isfinite(number) else None for number in (self.figure, self.limit))
+        return {"test": self.test, "figure": figure, "limit": limit, "fails": self.fails}
 
 
 def notices_to_array(notices: Iterable[Notice]) -> NDArray[np.str_]:
