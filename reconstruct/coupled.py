@@ -34,7 +34,7 @@ from .result import (
     off_mirror,
     refused,
     with_references,
-    without_loose,
+    without_unknown,
 )
 from .rig.calibration import same_capture
 from .rig.hypotheses import likely_mistake, likely_mistake_at_rest, of_another_rig, turned_against
@@ -119,7 +119,7 @@ def reconstruct(
     height = with_references(height, problem, state, solution.noise, corrected, anchor, rest)
     if rest is not None:
         height = less_sag(height, problem, state, scene)
-    height = without_loose(height, scene.mirror)
+    height = without_unknown(height, scene.mirror)
     notices = [*height.notices]
     if rest is not None:
         notices += against_rest(height, correspondence, corrected, scene)

@@ -68,16 +68,6 @@ class RayField:
             parallel=self.parallel,
         )
 
-    def transposed(self) -> "RayField":
-        """Rows and columns exchanged."""
-        swap = (0, 2, 1)
-        return RayField(
-            np.ascontiguousarray(self.origins.transpose(swap)),
-            np.ascontiguousarray(self.directions.transpose(swap)),
-            self.logarithmic,
-            parallel=self.parallel,
-        )
-
 
 def ray_field(camera: Any) -> RayField:
     """Rays of a camera's every pixel; the last ones are remembered: streams ask for the same again, on the

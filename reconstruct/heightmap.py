@@ -40,11 +40,9 @@ class HeightFlag(IntFlag):
 
     NO_ANCHOR: nothing ties the pixel to a known height; CURL: its slopes are those of no surface; STEEP: it
     is reached only across slopes that change too fast between pixels (a cusp, a rim), by which its height may
-    be wrong by more than three sigma of the pixels around (in its sigma; not so where pixels are missing
-    along the same line, since a gap may hide a step of any height); NOT_CONVERGED: the last steps still moved
-    it, or too many others; SINGULAR: the pattern lies within its noise of the mirror or of the ray there, so
-    that there is no normal, or so near that the solution does not converge there (a scene that is slightly
-    wrong), or its total sigma is a hundred times that of its neighbours, or a quarter of the mirror's length;
+    be wrong by more than three sigma of the pixels around (in its sigma); NOT_CONVERGED: the last steps still
+    moved it, or too many others; SINGULAR: the pattern lies within its noise of the mirror or of the ray
+    there, so that there is no normal, or its total sigma exceeds a quarter of the mirror's length;
     IMPLAUSIBLE: no rig of the scene's accuracy can have taken the capture (on all pixels).
     """
 

@@ -229,14 +229,6 @@ class Measured:
             over_rows(block, len(w), max(1, _BLOCK // w.shape[1]))
         return found[0], found[1]
 
-    def sensitive(self, w: Floats, limit: float) -> Mask:
-        """Pixels of the mask where a change of w changes a slope, over one pixel, by at least `limit` times
-        itself, as close to the pattern.
-        """
-        _, _, p_w, q_w = self.slopes(w)
-        found: Mask = np.maximum(np.abs(p_w), np.abs(q_w)) >= limit
-        return found & self.mask
-
     def to_pattern(self, w: Floats) -> Floats:
         """X - P, from the mirror points at w to the pattern points, (3, rows, cols) mm."""
         (u, v), way = self._on_plane(w), self._points(w)

@@ -12,12 +12,12 @@ from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.scene import Pattern, Scene
 
-from .arrays import Floats, Labels, Mask, Pair, some_rows
+from .arrays import Floats, Labels, Mask, Pair
 from .geometry import RayField, pattern_plane, ray_field
-from .judgement.holes import bridged, small_holes, whole_lines
+from .judgement.holes import bridged, small_holes
 from .measured import Measured
 from .solver.anchors import EDGE_REACH, Anchors, Samples, anchor_rows, anchor_samples
-from .solver.newton import State, missed, solve
+from .solver.newton import State, solve
 
 __all__ = ["Problem", "first_solution"]
 
@@ -26,26 +26,20 @@ _LEAST_SIGMA = 1e-5  # pattern pixels
 _NOISE = 5.0  # deviations that noise may lead beyond the pattern
 #: Pixels of a component: with fewer, the way to an anchor has no estimate of the change of slope.
 _FEWEST = 4
-_ATTEMPTS = 3  # each without the pixels that have no normal at the last solution
-#: Of w's change over a pixel: slopes that a wrong scene, any error, amplifies.
-_SENSITIVE, _UNSTABLE = 0.25, 1.0
-_MISSED = 5.0  # standard deviations of an edge
 
 
 @dataclass(frozen=True, slots=True)
 class Window:
     """The part of an image that holds valid pixels.
 
-    rays, valid: of the full image (H, W); rows, cols: the part; turned: its rows and columns are exchanged,
-    so that the slopes' variances go by columns; data: that grid, to which the samples belong; variances: of
-    the slopes with the mirror at rest; usual: see `Measured.singular`.
+    rays, valid: of the full image (H, W); rows, cols: the part; data: that grid, to which the samples
+    belong; variances: of the slopes with the mirror at rest; usual: see `Measured.singular`.
     """
 
     rays: RayField
     valid: Mask
     rows: slice
     cols: slice
-    turned: bool
     data: Measured
     samples: Samples
     variances: Pair
@@ -53,18 +47,16 @@ class Window:
 
     def to_grid(self, image: NDArray[Any]) -> NDArray[Any]:
         """The grid's part of an array of the image (..., H, W)."""
-        part = image[..., self.rows, self.cols]
-        return np.ascontiguousarray(part.swapaxes(-1, -2) if self.turned else part)
+        return np.ascontiguousarray(image[..., self.rows, self.cols])
 
     def rays_on_grid(self, rays: RayField) -> RayField:
         """The grid's part of rays of the image."""
-        window = rays.cropped(self.rows, self.cols)
-        return window.transposed() if self.turned else window
+        return rays.cropped(self.rows, self.cols)
 
     def to_image(self, grid: NDArray[Any], outside: Any) -> NDArray[Any]:
         """An array of the image (..., H, W) from one of the grid."""
         image = np.full((*grid.shape[:-2], *self.valid.shape), outside, dtype=grid.dtype)
-        image[..., self.rows, self.cols] = grid.swapaxes(-1, -2) if self.turned else grid
+        image[..., self.rows, self.cols] = grid
         return image
 
 
@@ -96,26 +88,14 @@ def first_solution(
 ) -> tuple[Problem, State]:
     """The problem and its solution, without a look at outliers and discontinuities.
 
-    Pixels that cannot be solved with the mirror at rest are excluded first, then those that cannot at the
-    solution. If Newton's method does not converge, so are pixels close to the pattern with a large edge
-    defect: in a scene that is slightly wrong they lie beyond the pattern.
+    Pixels that cannot be solved with the mirror at rest are excluded.
     """
-    singular = np.zeros(correspondence.u.shape, dtype=np.bool_)
     grid = _prepare(correspondence, scene, anchor, mask)
-    for _ in range(_ATTEMPTS):
-        problem = _on_pixels(grid, singular)
-        data = problem.data
-        state = solve(data, problem.samples, problem.labels, data.rest(), variances=problem.variances)
-        hollow = data.singular(state.w, usual=problem.usual)[0]
-        if not state.converged:
-            limit = _UNSTABLE if hollow.any() else _SENSITIVE
-            beside = data.sensitive(state.w, limit) | data.sensitive(data.rest(), limit)
-            hollow = whole_lines(hollow | (beside & missed(data, state, _MISSED)))
-        singular |= problem.to_image(hollow, False)
-        problem = replace(problem, singular=problem.singular | (singular & problem.valid))
-        if not hollow.any():
-            break
-    return problem, state
+    problem = _on_pixels(grid)
+    data = problem.data
+    state = solve(data, problem.samples, problem.labels, data.rest(), variances=problem.variances)
+    hollow = problem.to_image(data.singular(state.w, usual=problem.usual)[0], False)
+    return replace(problem, singular=problem.singular | (hollow & problem.valid)), state
 
 
 def _prepare(
@@ -141,22 +121,19 @@ def _prepare(
     rows, cols = (_extent(valid, axis) for axis in (1, 0))
     data = _window(correspondence, rays, pattern_plane(scene), valid, rows, cols)
     data = replace(data, shape=scene.pattern.shape)
-    turned = _rows_rule(data)
-    samples = samples.on_grid(rows, cols, turned)
-    data = _transposed(data) if turned else data
+    samples = samples.on_grid(rows, cols)
     holes = small_holes(data.mask)
     seen, data = data.mask, bridged(data, holes)
     rest = data.rest()
     variances = data.variances(rest)
     hollow, usual = data.singular(rest, variances)
-    return Grid(rays, valid, rows, cols, turned, data, samples, variances, usual, seen, holes, hollow)
+    return Grid(rays, valid, rows, cols, data, samples, variances, usual, seen, holes, hollow)
 
 
-def _on_pixels(grid: Grid, singular: Mask) -> Problem:
-    """The problem on a grid without pixels that cannot be solved at rest, nor `singular` ones (H, W). Raises
-    InputError where no anchor reaches any other."""
-    data, samples, cut = grid.data, grid.samples, grid.data.mask & grid.to_grid(grid.valid & singular)
-    hollow = grid.hollow | cut
+def _on_pixels(grid: Grid) -> Problem:
+    """The problem on a grid without pixels that cannot be solved at rest. Raises InputError where no anchor
+    reaches any other."""
+    data, samples, hollow = grid.data, grid.samples, grid.hollow
     # after holes are bridged: across these none is
     data = replace(data, mask=data.mask & ~hollow)
     labels = _anchored_labels(data, samples)
@@ -165,8 +142,7 @@ def _on_pixels(grid: Grid, singular: Mask) -> Problem:
             f"anchor: no usable pixel (four in a row, unless it is on one) within {EDGE_REACH:g} pixels"
             f"{_nearest_usable(data, samples)}"
         )
-    left_out = grid.valid & singular
-    left_out[grid.rows, grid.cols] |= (hollow.T if grid.turned else hollow) & grid.valid[grid.rows, grid.cols]
+    left_out = grid.to_image(hollow, False) & grid.valid
     lost = int(np.count_nonzero(grid.seen & ~hollow & (labels == 0)))
     down, along = (_extent(labels > 0, axis) for axis in (1, 0))
     if min(down.stop - down.start, along.stop - along.start) < _LEAST:
@@ -176,11 +152,10 @@ def _on_pixels(grid: Grid, singular: Mask) -> Problem:
     return Problem(
         grid.rays,
         grid.valid,
-        _within(grid.rows, along if grid.turned else down),
-        _within(grid.cols, down if grid.turned else along),
-        grid.turned,
+        _within(grid.rows, down),
+        _within(grid.cols, along),
         _cropped(data, inner, labels > 0),
-        samples.on_grid(down, along, False),
+        samples.on_grid(down, along),
         (grid.variances[0][inner], grid.variances[1][inner]),
         grid.usual[inner],
         labels,
@@ -270,25 +245,6 @@ def _on(at: NDArray[Any], sigma: NDArray[Any], extent: int) -> Mask:
     with np.errstate(invalid="ignore"):
         beyond = np.maximum(-0.5 - at, at - (extent - 0.5))
         return np.asarray(beyond <= 0.5 + _NOISE * np.minimum(sigma, extent))
-
-
-def _rows_rule(data: Measured) -> bool:
-    """True if the slopes' variance depends on the row rather than on the column."""
-    rows = some_rows(data.mask)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        values = np.log(data.variances(data.rest(), rows.step)[0][rows])
-    known, spreads = data.mask[rows] & np.isfinite(values), []
-    for axis in (0, 1):
-        count = known.sum(axis=axis)
-        means = np.where(known, values, 0.0).sum(axis=axis)[count > 0] / count[count > 0]
-        spreads.append(float(np.var(means)) if means.size else 0.0)
-    return spreads[1] > 4.0 * spreads[0] + 1e-3
-
-
-def _transposed(data: Measured) -> Measured:
-    names = ("u", "v", "sigma_u", "sigma_v", "mask")
-    turned: dict[str, Any] = {name: np.ascontiguousarray(getattr(data, name).T) for name in names}
-    return replace(data, rays=data.rays.transposed(), **turned)
 
 
 def _anchored_labels(data: Measured, samples: Samples) -> Labels:

@@ -15,7 +15,7 @@ from .arrays import Floats, middle, some_rows
 from .geometry import flat_mirror
 from .heightmap import Diagnostics, HeightFlag, HeightMap
 from .judgement.circulation import contradiction
-from .judgement.discontinuities import cut_off, surest
+from .judgement.discontinuities import surest
 from .outputs.coarse_modes import coarse_step
 from .problem import Problem
 from .solver.anchors import Anchors
@@ -24,11 +24,12 @@ from .uncertainty.sources import ANCHORS
 
 __all__ = [
     "against_rest", "anchors_apart", "anchors_near_wedge", "height_map", "off_mirror", "refused",
-    "with_references", "without_loose",
+    "with_references", "without_unknown",
 ]  # fmt: skip
 
 _MOSTLY = 0.5  # of the good pixels: lost, without a word
 _LENGTH = "these pixels have no height; correct [mirror] size_mm, [accuracy] or the anchor"
+_UNKNOWN = 0.25  # of the mirror's length: a height of such a sigma is none
 _AROUND = np.ones((3, 3), np.uint8)
 _LOST = 0.005  # of the pixels, that a rest capture does not know: above, they are named
 _HOLLOW = 0.3  # of the depth: silicone rises less beside a contact
@@ -36,8 +37,6 @@ _DEEP = 5.0  # sigmas of a mean depth; how much deeper than high a map is that w
 _APART = 5.0  # standard deviations, rms: rigs that are right stay below 1.2
 _SURE = 3.0  # standard deviations
 _WEDGE = 10.0  # times: of a prism within a tenth of its length
-_UNKNOWN = 0.25  # of the mirror's length: a height of such a sigma is none
-_LOOSE = 100.0  # times the sigma of the pixels around
 _MOVED, _UNIT = 0.02, 1e-3  # camera pixels: motion's own standard deviation; mm
 _STEEP = 3.0  # standard deviations, of slopes or of the heights around: where doubts exceed them
 
@@ -59,12 +58,9 @@ def height_map(
     some = some_rows(variance)
     steep = np.zeros(data.mask.shape, dtype=np.bool_)
     if doubt is not None:
-        limits = _STEEP * np.sqrt(state.variances[0]), _STEEP * np.sqrt(state.variances[1])
-        lost = (~data.mask | problem.bridged) & ~problem.to_grid(problem.suspects)
-        away = cut_off(doubt, limits, data.mask, state.rows.pixel[state.share > 0], lost)
         # a doubt common to all of a pixel's edges is in the pixel's variance
         around = cv2.erode(np.where(data.mask, variance, np.inf), _AROUND, borderType=cv2.BORDER_REPLICATE)
-        steep = away | (surest(doubt, data.mask) > _STEEP * np.sqrt(around))
+        steep = surest(doubt, data.mask) > _STEEP * np.sqrt(around)
     distance = data.distance(state.w)
     solved = problem.to_image(data.mask, False) & problem.valid
     t = np.where(solved, problem.to_image(distance, np.nan), np.nan)
@@ -161,25 +157,16 @@ def refused(height: HeightMap, mistake: str | None) -> HeightMap:
     return replace(height, flags=flags, notices=(*height.notices, Notice(name, math.nan, math.nan, cure)))
 
 
-def without_loose(height: HeightMap, mirror: Mirror) -> HeightMap:
-    """The height with pixels flagged SINGULAR whose total sigma exceeds a quarter of the mirror's length,
-    or is a hundred times the median of their neighbours' or more."""
-    sigma = np.where(height.good, height.total_sigma, np.nan)
-    unknown = sigma > _UNKNOWN * mirror.length
-    if unknown.any():
-        share = np.count_nonzero(unknown) / np.count_nonzero(height.good)
-        wide = Notice("total sigma exceeds a quarter of the mirror's length, share", share, _MOSTLY, _LENGTH)
-        notices = (*height.notices, wide) if share > _MOSTLY else height.notices
-        flags = height.flags | np.where(unknown, np.uint16(HeightFlag.SINGULAR), np.uint16(0))
-        height = replace(height, flags=flags, notices=notices)
-        sigma = np.where(unknown, np.nan, sigma)
-    around = cv2.erode(np.where(np.isfinite(sigma), sigma, np.inf), _AROUND, borderType=cv2.BORDER_REPLICATE)
-    loose = sigma > _LOOSE * around
-    if not loose.any():
+def without_unknown(height: HeightMap, mirror: Mirror) -> HeightMap:
+    """The height with pixels flagged SINGULAR whose total sigma exceeds a quarter of the mirror's length."""
+    unknown = height.good & (height.total_sigma > _UNKNOWN * mirror.length)
+    if not unknown.any():
         return height
-    windows = np.lib.stride_tricks.sliding_window_view(np.pad(sigma, 1, constant_values=np.nan), (3, 3))
-    loose[loose] = sigma[loose] > _LOOSE * np.nanmedian(windows[loose].reshape(-1, 9), axis=1)
-    return replace(height, flags=height.flags | np.where(loose, np.uint16(HeightFlag.SINGULAR), np.uint16(0)))
+    share = np.count_nonzero(unknown) / np.count_nonzero(height.good)
+    wide = Notice("total sigma exceeds a quarter of the mirror's length, share", share, _MOSTLY, _LENGTH)
+    notices = (*height.notices, wide) if share > _MOSTLY else height.notices
+    flags = height.flags | np.where(unknown, np.uint16(HeightFlag.SINGULAR), np.uint16(0))
+    return replace(height, flags=flags, notices=notices)
 
 
 def anchors_apart(problem: Problem, state: State, height: HeightMap) -> tuple[Notice, ...]:

@@ -20,7 +20,7 @@ from optolever.blocks import over_rows
 from ..arrays import Floats, Ints, Mask
 from ..solver.edges import Doubt, cubic_at_end, cubic_inside
 
-__all__ = ["cut_off", "edge_doubt", "surest", "touched", "widened"]
+__all__ = ["edge_doubt", "surest", "touched", "widened"]
 
 _SIGMAS = 5.0  # of the difference's noise: both sides exceed it by chance in no edge of a megapixel
 _FAINT = 2.0  # of the same, for edges that continue a crease
@@ -40,9 +40,6 @@ _ONE_SIDED = 0.25  # of that, at most: the other side's residual
 _KINK = 0.5  # of one side's residual, at the edge of three where it is largest
 _FEEBLE = 0.5  # of a slope's sigma
 _AROUND = 7  # pixels: reach of a doubt over pixels that were interpolated
-_BY_LINE = 2  # pixels from a line of doubts to one that is missing along it
-_MISSING = 0.02  # of the line, at least
-_CHANCE = 5.0  # standard deviations of a count: no more are missing along a line by chance
 
 
 def edge_doubt(
@@ -139,45 +136,6 @@ def surest(doubt: Doubt, mask: Mask) -> Floats:
     least[:, 1:] = np.minimum(least[:, 1:], x[:, :-1])
     least[1:] = np.minimum(least[1:], y[:-1])
     return np.where(np.isfinite(least), least, 0.0)
-
-
-def cut_off(doubt: Doubt, limit: tuple[Floats, Floats], mask: Mask, anchors: Ints, lost: Mask) -> Mask:
-    """Pixels that doubts beyond the limits (H, W) and missing pixels together part from every anchor.
-
-    Where pixels are missing along a line of doubts, slopes may exceed the range, and a step of any height
-    may hide between two pixels: no doubt is large enough. Where none is missing, sigma contains the doubts. A
-    gap lies between an island and the anchored part: pixels missing at an island's other rim separate
-    nothing. lost: pixels without a measurement.
-    """
-    inner = (mask[:, :-1] & mask[:, 1:], mask[:-1] & mask[1:])
-    open_x, open_y = inner[0] & (doubt[0] <= limit[0])[:, :-1], inner[1] & (doubt[1] <= limit[1])[:-1]
-    ways = np.zeros([2 * size - 1 for size in mask.shape], np.uint8)  # edges between the pixels
-    ways[::2, ::2], ways[::2, 1::2], ways[1::2, ::2] = mask, open_x, open_y
-    parts = cv2.connectedComponents(ways, connectivity=4)[1][::2, ::2]
-    held = np.zeros(parts.max() + 1, dtype=np.bool_)
-    held[parts.ravel()[anchors]] = True
-    away: Mask = mask & ~held[parts]
-    if not away.any():
-        return away
-    islands, count = scipy.ndimage.label(away)
-    line = np.zeros(mask.shape, dtype=np.bool_)
-    for closed, apart, ends in (
-        (inner[0] & ~open_x, parts[:, 1:] != parts[:, :-1], (line[:, :-1], line[:, 1:])),
-        (inner[1] & ~open_y, parts[1:] != parts[:-1], (line[:-1], line[1:])),
-    ):
-        for end in ends:
-            end |= closed & apart
-    along = np.where(line, islands, 0)
-    near, sides = (
-        scipy.ndimage.maximum_filter(part, 2 * _BY_LINE + 1) for part in (along, mask & held[parts])
-    )
-    missing, area, length = (
-        np.bincount(part.ravel(), minlength=count + 1) for part in (near[lost & sides], near[sides], along)
-    )
-    usual = area * (missing[0] / max(area[0], 1))
-    torn = (missing > usual + _CHANCE * np.sqrt(usual)) & (missing >= _MISSING * length)
-    torn[0] = False
-    return np.asarray(torn[islands])
 
 
 def _rough(f: Floats, variance: Floats, mask: Mask, axis: int, noise: float) -> Mask:

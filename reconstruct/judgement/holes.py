@@ -20,13 +20,12 @@ import scipy.sparse.linalg
 from ..arrays import Floats, Mask, Pair
 from ..measured import Measured
 
-__all__ = ["bridged", "interpolation", "noise_gain", "small_holes", "whole_lines"]
+__all__ = ["bridged", "interpolation", "noise_gain", "small_holes"]
 
 #: A field (rows, cols) -> the same with its holes filled.
 Fill = Callable[[Floats], Floats]
 LARGEST = 9  # pixels
 NARROW = 2  # pixels between measured ones in a row or a column
-WASTE = 0.01  # of the pixels: what a rectangle, which is solved several times faster, may cost
 SHARE = 0.5  # of the image: where more is missing, it falls apart
 _FIRST, _THIRD = (-1.0, 1.0), (-1.0, 3.0, -3.0, 1.0)
 _WEAK = 1e-9  # of the squares: what these do not settle stays as it is
@@ -62,18 +61,6 @@ def _slit(mask: Mask) -> Mask:
         for k in range(1, gap + 1):
             found[:, k : k - gap - 1] |= ends
     return found & ~mask
-
-
-def whole_lines(pixels: Mask) -> Mask:
-    """Pixels (rows, cols), and the rest of the rows or columns from a border on that hold some, so that a
-    rectangle remains; not where that costs more than WASTE of the pixels.
-    """
-    filled = pixels.copy()
-    for lines in (filled, filled[::-1], filled.T, filled.T[::-1]):
-        cut = lines[: int(np.argmin(lines.any(axis=1)))]
-        if np.count_nonzero(~cut) <= WASTE * pixels.size:
-            cut[:] = True
-    return filled
 
 
 def bridged(data: Measured, holes: Mask) -> Measured:

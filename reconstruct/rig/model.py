@@ -328,7 +328,7 @@ def _model(measured: Measurement, scene: Scene, step: int) -> RigModel | None:
 def _held(problem: Problem, state: State, scene: Scene) -> _Held:
     """The anchors of a solution; scene: of its grid."""
     samples, kept = problem.samples, state.rows.sample
-    down, along = (samples.col, samples.row) if problem.turned else (samples.row, samples.col)
+    down, along = samples.row, samples.col
     row, col = down[kept] + problem.rows.start, along[kept] + problem.cols.start
     distance, normal = samples.distance[kept], samples.normal[kept]
     origins, directions = scene.camera.rays_at(row, col)

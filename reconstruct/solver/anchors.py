@@ -87,10 +87,10 @@ class Samples(NamedTuple):
     rest: Mask
     normal: Floats
 
-    def on_grid(self, rows: slice, cols: slice, turned: bool) -> "Samples":
-        """The same in the pixels of a window, rows and columns exchanged if turned."""
+    def on_grid(self, rows: slice, cols: slice) -> "Samples":
+        """The same in the pixels of a window."""
         row, col = self.row - rows.start, self.col - cols.start
-        return self._replace(row=col, col=row) if turned else self._replace(row=row, col=col)
+        return self._replace(row=row, col=col)
 
 
 def anchor_samples(anchor: Anchors, scene: Scene, rays: RayField, mask: Mask) -> Samples:

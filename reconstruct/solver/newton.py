@@ -190,18 +190,6 @@ def linear_changes(
     return change
 
 
-def missed(data: Measured, state: State, limit: float) -> Mask:
-    """Pixels with an edge whose defect exceeds so many standard deviations, (rows, cols)."""
-    p, q, _, _ = data.slopes(state.w)
-    gx, gy = defects(p, q, state.w, state.root, data.mask)
-    wx, wy = edge_weights(*state.variances, state.root, data.mask, state.doubt)
-    x, y = (w * g * g > limit * limit for w, g in ((wx, gx), (wy, gy)))
-    found: Mask = x | y
-    found[:, 1:] |= x[:, :-1]
-    found[1:] |= y[:-1]
-    return found
-
-
 def response(
     data: Measured, labels: Labels, state: State, slopes: Pair | None, edges: SomeEdges | None = None
 ) -> Floats:

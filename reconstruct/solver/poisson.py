@@ -26,7 +26,7 @@ from .multigrid import Multigrid
 
 __all__ = [
     "Accuracy", "ColumnPoisson", "EdgeProblem", "MaskedEdges", "PoissonResult", "SeparableEdges",
-    "column_profile", "edge_problem", "spread",
+    "column_profile", "edge_problem",
 ]  # fmt: skip
 
 SEPARABLE_SPREAD = (
@@ -256,12 +256,12 @@ def edge_problem(
     """Separable where the mask is the full rectangle and the weights go by columns closely enough
     (not if single edges are to count less). near: see `MaskedEdges`.
     """
-    if separable and mask.all() and max(spread(wx), spread(wy)) < SEPARABLE_SPREAD:
+    if separable and mask.all() and max(_spread(wx), _spread(wy)) < SEPARABLE_SPREAD:
         return SeparableEdges(wx, wy)
     return MaskedEdges(wx, wy, mask, near)
 
 
-def spread(weights: Floats) -> float:
+def _spread(weights: Floats) -> float:
     """rms of log(weights / their column's profile) over the edges that exist;
     estimated from some of the rows.
     """

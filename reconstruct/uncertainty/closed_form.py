@@ -10,12 +10,9 @@ covariance is smaller,
 averaged over the Brillouin zone: c is local (the correction is an operator of order zero), about a fifth of
 the slopes' variance; all of this is for weights by columns. |A| = (13 cos(k/2) - cos(3k/2)) / 12 for the
 four-pixel increments.
-Deviations of the slopes' variances from their columns' means add by the solve's response: `unlike_columns`.
-A solve that weights every edge by its own variance has less of them: `_effective`.
 An anchor sum_m a_m w_m = known subtracts the covariance with it: var_i = G_ii - 2 (G a)_i + a.G a.
 """
 
-import math
 from functools import lru_cache
 
 import numpy as np
@@ -24,35 +21,22 @@ import scipy.ndimage
 
 from optolever.blocks import threads
 
-from ..arrays import Floats, Labels, Mask, Pair
-from ..judgement.holes import noise_gain
+from ..arrays import Floats, Labels
 from ..measured import Measured
 from ..solver.newton import State
-from ..solver.poisson import ColumnPoisson, spread
+from ..solver.poisson import ColumnPoisson
 from .monte_carlo import FLOOR, monte_carlo_variance
 
-__all__ = ["averaging_gain", "edge_diagonal", "unknown_variance", "unlike_columns"]
-
-#: Pixels: noise farther away is that of its column, on average; the reach of an answer's square (1 / r^2).
-_NEAR = 64
-_MISSING, _HOLE = 1e-3, 64  # of the pixels; pixels of a hole: the noise behind it is that without it
-#: rms of the log weights about their columns' mean: of more, which lie in lines, it errs by a fifth.
-_UNEVEN = 0.6
-_ROWS, _ROUNDS = 256, 4  # rows that tell of a column, about; fixed point steps, each leaves less than a tenth
+__all__ = ["averaging_gain", "edge_diagonal", "unknown_variance"]
 
 
 def unknown_variance(data: Measured, state: State, labels: Labels) -> Floats:
-    """Variance of w in every pixel, (rows, cols): the closed form on a rectangle whose holes are small and
-    whose edges are not in doubt; else drawn noise (see `monte_carlo`).
+    """Variance of w in every pixel, (rows, cols): the closed form on a rectangle with weights by
+    columns; else drawn noise (see `monte_carlo`).
     """
     rows, problem = state.rows, state.problem
     factor = np.broadcast_to(state.root**2, state.w.shape)
-    weights, whole = problem.weights, state.doubt is None and _whole(data.mask)
-    known = weights is None or (whole and max(map(spread, weights)) < _UNEVEN)
-    if known and weights is not None:
-        columns, (var_p, var_q) = _effective(weights)
-    else:
-        columns, (var_p, var_q) = problem.columns, (each / factor**2 for each in state.variances)
+    columns = problem.columns
     at = factor.ravel()[rows.pixel]
     along_rows = 1.0 / columns.wy
     # of the edges on either side of a pixel
@@ -67,86 +51,13 @@ def unknown_variance(data: Measured, state: State, labels: Labels) -> Floats:
     constant = float(share @ potential.ravel()[rows.pixel]) + own.sum()
     potential *= -2.0
     potential += constant
-    diagonal = edge_diagonal(columns)
-    potential += diagonal
-    if known:
-        more = unlike_columns((var_p, var_q), diagonal)
-        potential += more
-        # errors of the anchors as fully correlated
-        potential += max(float(share @ more.ravel()[rows.pixel]), 0.0)
+    potential += edge_diagonal(columns)
     potential -= gain
     variance: Floats = np.maximum(potential, FLOOR * along_cols, out=potential)
     variance *= factor**2
-    if not known:
+    if problem.weights is not None:
         return monte_carlo_variance(data, state, labels, variance, load)
-    return variance if data.mask.all() else variance * noise_gain(np.ones_like(data.mask), ~data.mask)
-
-
-def _whole(mask: Mask) -> bool:
-    """Whether no pixel is missing but in few holes, around which alone the noise is larger."""
-    outside = ~mask
-    if np.count_nonzero(outside) > _MISSING * mask.size:
-        return False
-    sizes = np.bincount(scipy.ndimage.label(outside, np.ones((3, 3)))[0].ravel())
-    return bool((sizes[1:] <= _HOLE).all())
-
-
-def _effective(weights: Pair) -> tuple[ColumnPoisson, Pair]:
-    """The problem by columns whose noise is that of a solve with these weights (rows, cols), and the
-    variances of single edges that do to it what they do to that solve.
-
-    Effective medium: in the network of the columns' variances V an edge of the variance v answers by
-    V (v - V) / ((1 - g) v + g V), g the share of a current between its ends that it carries; V is such that
-    these vanish on average (Kirkpatrick, doi:10.1103/RevModPhys.45.574; anisotropic: Bernasconi,
-    doi:10.1103/PhysRevB.9.4575).
-    """
-    middle = [float(np.median(part[part > 0])) for part in (w[:: max(1, len(w) // _ROWS)] for w in weights)]
-    share = 2 / math.pi * math.atan(math.sqrt(middle[0] / middle[1]))
-    profiles, found = [], []
-    for w, g in ((weights[0][:, :-1], share), (weights[1][:-1], 1 - share)):
-        there = w > 0
-        v = np.divide(1.0, w, out=np.ones(w.shape), where=there)
-        some, present = v[:: max(1, len(v) // _ROWS)], there[:: max(1, len(v) // _ROWS)]
-        usual = (present * some).sum(axis=0) / present.sum(axis=0)
-        for _ in range(_ROUNDS):
-            each = present / ((1 - g) * some + g * usual)
-            usual = (some * each).sum(axis=0) / each.sum(axis=0)
-        found.append(usual + there * (usual * (v - usual) / ((1 - g) * v + g * usual)))
-        profiles.append(1 / usual)
-    columns = ColumnPoisson(np.append(profiles[0], profiles[0][-1:]), profiles[1], len(weights[0]))
-    along_cols, along_rows = (np.pad(part, ((0, k), (0, 1 - k)), mode="edge") for k, part in enumerate(found))
-    return columns, (along_cols, along_rows)
-
-
-def unlike_columns(variances: Pair, diagonal: Floats) -> Floats:
-    """What slopes' variances (rows, cols; of p and q, over the square of the integrating factor) other than
-    their columns' means, for which the solve is weighted, add to the potential's variance `diagonal`, same
-    units (rows, cols).
-
-    Near a pixel the solve is a convolution: a slope along x is answered by h, of the transform
-    -2i sin(k_x / 2) |A| / (l_x + r l_y), r = var_p / var_q, one along y likewise; the variance is the sum
-    of h^2 times that of the slopes. Beyond the border all is mirrored. Where noise grows from column to
-    column the response is rather its quiet side's: a decrease is at most `diagonal`.
-    """
-    usual = [variance.mean(axis=0) for variance in variances]
-    r = float(np.median(usual[0] / usual[1]))
-    k = 2 * np.pi * np.fft.fftfreq(4 * _NEAR)
-    l = 2 - 2 * np.cos(k)
-    answer = 2 * np.sin(k / 2) * (13 * np.cos(k / 2) - np.cos(3 * k / 2)) / 12
-    both = l + r * l[:, None]
-    both[0, 0] = np.inf
-    kernels = (np.square(np.fft.ifft2(part / both).imag) for part in (answer, np.sqrt(r) * answer[:, None]))
-    total, parts, shape = 0.0, 0.0, [n + 2 * _NEAR for n in variances[0].shape]
-    size = [scipy.fft.next_fast_len(n, real=True) for n in shape]
-    for variance, own, kernel in zip(variances, usual, kernels, strict=True):
-        more = np.pad((variance / own - 1).astype(np.float32), _NEAR, mode="symmetric")
-        near = np.roll(kernel, (_NEAR, _NEAR), (0, 1))[: 2 * _NEAR + 1, : 2 * _NEAR + 1].astype(np.float32)
-        spectra = (scipy.fft.rfft2(part, size, workers=threads()) for part in (more, near))
-        total, parts = total + np.prod(list(spectra), axis=0), parts + float(near.sum())
-    found = scipy.fft.irfft2(total, size, workers=threads())[2 * _NEAR : shape[0], 2 * _NEAR : shape[1]]
-    return np.asarray(
-        np.where(found > 0, usual[0], np.minimum(usual[0], diagonal / parts)) * found, np.float64
-    )
+    return variance
 
 
 def averaging_gain(var_p: Floats, var_q: Floats) -> Floats:

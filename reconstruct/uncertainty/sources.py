@@ -98,13 +98,10 @@ def _shared(problem: Problem, noise: SharedNoise) -> Iterator[ErrorField]:
         for field in np.sqrt(frames) * waves[-1] if frames > 0 else ():
             yield ErrorField(nothing, field) if axis else ErrorField(field, nothing)
     count = int(np.clip(_PIXELS // nothing.size, _FEWEST, _DRAWS)) if lines else 0
-    rng, (by_rows, by_cols) = (
-        np.random.default_rng(_SEED),
-        (noise.rows, noise.cols)[:: -1 if problem.turned else 1],
-    )
+    rng = np.random.default_rng(_SEED)
     for _ in range(count):
         rows, cols = rng.standard_normal((2, 2, shape[0], 1)), rng.standard_normal((2, 2, 1, shape[1]))
-        drawn = np.sqrt(by_rows / count) * rows + np.sqrt(by_cols / count) * cols
+        drawn = np.sqrt(noise.rows / count) * rows + np.sqrt(noise.cols / count) * cols
         yield ErrorField(*((part * wave).sum(axis=0) for part, wave in zip(drawn, waves, strict=True)))
 
 

@@ -57,10 +57,16 @@ def test_the_same_mirror_seen_otherwise(exact, noisy, how: str, noise: float, ho
     straight, turned, turn = reconstruct(seen, scene), reconstruct(other, other_scene), CHANGES[how]
     np.testing.assert_array_equal(turned.flags, turn(straight.flags))
     good, sigma = turned.good, turn(straight.sigma)
+    drawn = how == "quarter turn"  # sigma: in closed form one way, of 64 draws the other, uncertain by 9 %
     exact_limit = 1e-8 * np.nanmax(truth.z)  # iterations stop at 1e-10 of the first residual
-    limit = exact_limit if noise == 0 and not holes else 0.05 * sigma[good]
-    for name in ("z", "sigma"):
-        assert np.all(np.abs(getattr(turned, name) - turn(getattr(straight, name)))[good] < limit)
+    limit = exact_limit if noise == 0 and not holes else (0.1 if drawn else 0.05) * sigma[good]
+    assert np.all(np.abs(turned.z - turn(straight.z))[good] < limit)
+    off = np.abs(turned.sigma - turn(straight.sigma))[good]
+    if drawn:
+        assert np.median(off / sigma[good]) < 0.09
+    else:
+        assert np.all(off < limit)
     slopes = [slope_map(*each) for each in ((straight, seen, scene), (turned, other, other_scene))]
     sign = -1 if how == "mirror image" else 1
-    np.testing.assert_allclose(slopes[1].slope_y[good], sign * turn(slopes[0].slope_y)[good], atol=1e-5)
+    near = 3e-4 if drawn else 1e-5
+    np.testing.assert_allclose(slopes[1].slope_y[good], sign * turn(slopes[0].slope_y)[good], atol=near)
