@@ -9,15 +9,13 @@ edge's variance, so that the solve goes around the crease, and the sigma of pixe
 doubt.
 """
 
-from itertools import accumulate
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 import scipy.ndimage
 
-from optolever.blocks import over_rows
-
-from ..arrays import Floats, Ints, Mask
+from ..arrays import Floats, Mask
 from ..solver.edges import Doubt, cubic_at_end, cubic_inside
 
 __all__ = ["edge_doubt", "surest", "touched", "widened"]
@@ -32,7 +30,7 @@ _NOISE_CUBIC, _NOISE_LINEAR = 2.01, 1.19  # of cubic minus one side's three or t
 _BEND = 0.375  # of a side's third difference: the error of its extrapolation
 _BEND4 = 0.349  # of its fourth difference: that of the next order
 _CONVERGES = 0.5  # errors that fall so from one order to the next are those of a curve, not of a jump
-_REACH, _BLOCK = 4, 1 << 15  # pixels on either side; pixels at once: what they need stays in the cache
+_REACH = 4  # pixels on either side
 _SHARE = 1.0 / 12.0  # a jump inside an edge moves that edge's increment by half of it, the next one's by 1/24
 _BESIDE = 5  # pixels: reach of a crease's surroundings, in which doubts below the noise count too
 _CERTAIN, _ABRUPT = 8.0, 0.2  # of its noise, of the largest step: residual of one side at a kink
@@ -49,28 +47,25 @@ def edge_doubt(
 
     noise: factor on the slopes' standard deviations.
     """
-    along, down = (p, var_p, mask, 1, noise), (q, var_q, mask, 0, noise)
-    (dx, plain_x, sure_x, seen_x), (dy, plain_y, sure_y, seen_y) = _axis(*along), _axis(*down)
-    sure, doubtful = sure_x | sure_y, (dx > 0) | (dy > 0)
-    count, parts, boxes, _ = cv2.connectedComponentsWithStats(doubtful.view(np.uint8))
-    long = boxes[:, cv2.CC_STAT_AREA] >= _CHAIN
-    long[0] = False
-    if long.any():
-        sure |= long[parts]
+    fields = _field(p, var_p, mask), _field(q.T, var_q.T, mask.T)
+    found = [_axis(field, noise) for field in fields]
+    sure, doubtful = found[0][2] | found[1][2].T, (found[0][0] > 0) | (found[1][0].T > 0)
+    _, parts, boxes, _ = cv2.connectedComponentsWithStats(doubtful.astype(np.uint8))
+    sure |= doubtful & (boxes[:, cv2.CC_STAT_AREA] >= _CHAIN)[parts]
     if not sure.any():
         return None
-    found = np.zeros(count, dtype=np.bool_)
-    found[parts[sure]] = True
-    found[0] = False
-    near = scipy.ndimage.maximum_filter(sure, _BESIDE)
-    for plain, seen, field in ((plain_x, seen_x, along), (plain_y, seen_y, down)):
-        at = np.flatnonzero(near & ~seen)
-        plain.flat[at] = _residuals(*field, at)[1]
-    dx, dy = (
-        np.where(near, plain, np.where(found[parts], doubt, 0.0))
-        for doubt, plain in ((dx, plain_x), (dy, plain_y))
-    )
-    return Doubt(_shared(dx, mask), _shared(dy.T, mask.T).T.copy())
+    chain, near = doubtful & np.isin(parts, parts[sure]), scipy.ndimage.maximum_filter(sure, _BESIDE)
+    doubts = []
+    for field, (doubt, plain, _), beside, kept in zip(
+        fields, found, (near, near.T), (chain, chain.T), strict=True
+    ):
+        at = beside & field.edges
+        plain[at] = np.fmax(plain[at], _residuals(field, at, noise)[1])
+        doubts.append(np.where(beside, plain, np.where(kept, doubt, 0.0)))
+    # a line of two pixels has no estimate: the largest one around
+    most = scipy.ndimage.maximum_filter(np.nan_to_num(np.fmax(doubts[0], doubts[1].T)), _AROUND)
+    dx, dy = (np.where(np.isnan(doubt), m, doubt) for doubt, m in zip(doubts, (most, most.T), strict=True))
+    return Doubt(_shared(dx, mask), _shared(dy, mask.T).T.copy())
 
 
 def _shared(doubt: Floats, mask: Mask) -> Floats:
@@ -83,27 +78,86 @@ def _shared(doubt: Floats, mask: Mask) -> Floats:
     return wide
 
 
-def _axis(
-    f: Floats, variance: Floats, mask: Mask, axis: int, noise: float
-) -> tuple[Floats, Floats, Mask, Mask]:
-    """Doubts beyond the noise, doubts whatever the noise, and where they are beyond any noise; of the edges
-    of the last mask alone, beside which all others have none."""
-    seen = _rough(f, variance, mask, axis, noise)
-    at = np.flatnonzero(seen)
-    out, plain, most = (np.zeros(f.shape) for _ in range(3))
-    sure = np.zeros(f.shape, np.bool_)
-    for image, values in zip(
-        (out, plain, most, sure), _residuals(f, variance, mask, axis, noise, at), strict=True
-    ):
-        image.flat[at] = values
+class _Field(NamedTuple):
+    """slopes: (H, W + 2 _REACH + 1), NaN where missing; sigma, edges (H, W): of the edges to the next column,
+    and where there are any."""
+
+    slopes: Floats
+    sigma: Floats
+    edges: Mask
+
+
+def _field(slopes: Floats, variance: Floats, mask: Mask) -> _Field:
+    padded = np.full((len(mask), mask.shape[1] + 2 * _REACH + 1), np.nan)
+    np.copyto(padded[:, _REACH : -_REACH - 1], slopes, where=mask)
+    edges = mask & np.roll(mask, -1, axis=1)
+    edges[:, -1] = False
+    return _Field(padded, np.sqrt(0.5 * (variance + np.roll(variance, -1, axis=1)), order="C"), edges)
+
+
+def _axis(field: _Field, noise: float) -> tuple[Floats, Floats, Mask]:
+    """Of the edges along rows: doubts beyond the noise, doubts whatever the noise (NaN where neither side has
+    two pixels), and where they are beyond any noise."""
+    rough = _rough(field, noise)
+    out, plain, most, sure = (np.zeros(rough.shape, kind) for kind in (float, float, float, np.bool_))
+    for image, values in zip((out, plain, most, sure), _residuals(field, rough, noise), strict=True):
+        image[rough] = values
     if most.any():
         # next to an edge that neither side explains, one side always fails
-        highest, explained = (scipy.ndimage.maximum_filter1d(part, 3, axis=axis) for part in (most, plain))
-        kink = (most >= highest) & (explained < _ONE_SIDED * most)
+        highest, explained = (
+            scipy.ndimage.maximum_filter1d(part, 3) for part in (most, np.nan_to_num(plain))
+        )
+        kink = (most > 0) & (most >= highest) & (explained < _ONE_SIDED * most)
         for doubt in (out, plain):
-            doubt[kink] = np.maximum(doubt, _KINK * most)[kink]
+            doubt[kink] = np.fmax(doubt, _KINK * most)[kink]
         sure |= kink
-    return out, plain, sure, seen
+    return out, plain, sure
+
+
+@np.errstate(invalid="ignore")
+def _rough(field: _Field, noise: float) -> Mask:
+    """Edges that may have a doubt, and their neighbours: third differences bound what both sides leave."""
+    g, size = field.slopes, field.edges.shape[1]
+    third = np.abs(g[:, 3:] - g[:, :-3] - 3.0 * (g[:, 2:-1] - g[:, 1:-2]))
+    before, inner, after = (third[:, k : k + size] for k in (2, 3, 4))
+    left = np.maximum(10.0 / 24.0 * before + inner / 24.0, _BEND * third[:, 1 : 1 + size])
+    right = np.maximum(10.0 / 24.0 * after + inner / 24.0, _BEND * third[:, 5 : 5 + size])
+    least = np.maximum(np.minimum(left, right) * (_CERTAIN / _FAINT), np.maximum(left, right))
+    rough = ~(least <= (_CERTAIN * _NOISE_CUBIC * noise) * field.sigma)
+    return field.edges & (rough | np.roll(rough, 1, axis=1) | np.roll(rough, -1, axis=1))
+
+
+@np.errstate(all="ignore")
+def _residuals(field: _Field, at: Mask, noise: float) -> tuple[Floats, Floats, Floats, Mask]:
+    """Of some edges: the smaller residual of both sides, beyond the noise and regardless of it; the largest
+    one that is certain; whether the smaller exceeds the noise for certain."""
+    row, col = np.nonzero(at)
+    g, sigma = field.slopes[row, np.arange(2 * _REACH + 2)[:, None] + col], field.sigma[at]
+    inner, ends = cubic_inside(*g[_REACH - 1 :][:4]), (g[_REACH:][:4], g[_REACH + 1 :: -1][:4])
+    centre = np.where(np.isfinite(inner), inner, 0.5 * (g[_REACH] + g[_REACH + 1]))
+    for end in (cubic_at_end(*part) for part in reversed(ends)):
+        centre = np.where(np.isfinite(inner) | ~np.isfinite(end), centre, end)
+    rise, sides = np.abs(g[_REACH + 1] - g[_REACH]), []
+    for other, g0, g1, g2, g3, g4 in (g[_REACH + 1 :: -1][:6], g[_REACH:][:6]):
+        two, three, step = np.isfinite(g2), np.isfinite(g3), np.fmax(rise, np.abs(g1 - g0))
+        step = np.where(two, np.fmax(step, np.abs(g2 - g1)), step)
+        away = np.abs(centre - (23.0 * g0 - 16.0 * g1 + 5.0 * g2) / 12.0)
+        away = np.maximum(away, np.abs(centre - (5.0 * other + 8.0 * g0 - g1) / 12.0))
+        bent = np.maximum(away, _BEND * np.abs(g0 - g3 - 3.0 * (g1 - g2)))
+        finer = np.abs(centre - (55.0 * g0 - 59.0 * g1 + 37.0 * g2 - 9.0 * g3) / 24.0)
+        finer = np.maximum(finer, np.abs(centre - cubic_at_end(other, g0, g1, g2)))
+        finer = np.fmax(finer, _BEND4 * np.abs(g0 + g4 - 4.0 * (g1 + g3) + 6.0 * g2))
+        bent = np.where(finer < _CONVERGES * bent, finer, bent)
+        away = np.where(three, bent, np.where(two, away, np.abs(centre - 0.5 * (3.0 * g0 - g1))))
+        noisy = sigma * (noise * np.where(two, _NOISE_CUBIC, _NOISE_LINEAR))
+        beyond = np.minimum(away, np.fmax(0.0, _RISE * (away - np.fmax(_FAINT * noisy, _ROUGH * step))))
+        # a border's pixels may be noisier than this edge's
+        high = three & (away > np.fmax(np.fmax(_CERTAIN * noisy, _MATTERS * sigma), _ABRUPT * step))
+        ratio = away / np.fmax(_SIGMAS * noisy, _MATTERS * sigma)
+        sides.append((beyond, away, ratio, np.where(high, away, 0.0)))
+    least, plain, certain = (np.fmin(sides[0][k], sides[1][k]) for k in range(3))
+    out = np.where(least > _FEEBLE * sigma, least, 0.0)
+    return out, plain, np.maximum(sides[0][3], sides[1][3]), (least > 0) & (certain > 1)
 
 
 def touched(doubt: Doubt) -> Mask:
@@ -136,108 +190,3 @@ def surest(doubt: Doubt, mask: Mask) -> Floats:
     least[:, 1:] = np.minimum(least[:, 1:], x[:, :-1])
     least[1:] = np.minimum(least[1:], y[:-1])
     return np.where(np.isfinite(least), least, 0.0)
-
-
-def _rough(f: Floats, variance: Floats, mask: Mask, axis: int, noise: float) -> Mask:
-    """Edges along an axis that may have a doubt, and their neighbours along it: third differences bound what
-    both sides leave, where no pixel is missing."""
-    rough, size = np.zeros(f.shape, np.bool_), f.shape[axis]
-    lines = np.moveaxis(rough, axis, 0)
-    if size <= 2 * _REACH + 2:
-        rough[:] = True
-        return rough
-    lines[:_REACH], lines[-_REACH - 2 :] = True, True
-    bound = 2.0 * _CERTAIN**2 * _NOISE_CUBIC**2 * noise**2
-    inner = slice(_REACH, size - _REACH - 2)
-
-    def work(start: int, stop: int) -> None:
-        """Rows or, along columns, rows of edges."""
-        if axis == 1:
-            field, spread, out = f[start:stop].T, variance[start:stop].T, rough[start:stop].T[inner]
-        else:
-            start, stop = max(start, inner.start), min(stop, inner.stop)
-            if start >= stop:
-                return
-            around = slice(start - _REACH, stop + _REACH + 2)
-            field, spread, out = f[around], variance[around], rough[start:stop]
-        count = len(out)
-        third = np.abs(field[3:] - field[:-3] - 3.0 * (field[2:-1] - field[1:-2]))
-        beside, centre, far = third * (10.0 / 24.0), third[_REACH - 1 :][:count] / 24.0, third * _BEND
-        one, other = (
-            np.maximum(beside[_REACH - 1 + k :][:count] + centre, far[_REACH - 1 + 2 * k :][:count])
-            for k in (-1, 1)
-        )
-        least = np.maximum(np.minimum(one, other) * (_CERTAIN / _FAINT), np.maximum(one, other))
-        least *= least
-        np.greater(least, 0.25 * bound * (spread[_REACH:][:count] + spread[_REACH + 1 :][:count]), out=out)
-
-    with np.errstate(invalid="ignore", over="ignore"):
-        over_rows(work, len(f), max(8, _BLOCK // f.shape[1]))
-    if not mask.all():
-        part = np.moveaxis(~mask, axis, 0)
-        for k in range(-_REACH, _REACH + 2):  # pixels that an edge's residuals ask for
-            lines[max(0, -k) : size - max(0, k)] |= part[max(0, k) : size - max(0, -k)]
-    wide = np.moveaxis(rough.copy(), axis, 0)
-    wide[1:] |= lines[:-1]
-    wide[:-1] |= lines[1:]
-    inside = np.moveaxis(mask, axis, 0)
-    wide &= inside
-    wide[:-1] &= inside[1:]
-    wide[-1] = False
-    return np.moveaxis(wide, 0, axis)
-
-
-def _residuals(
-    f: Floats, variance: Floats, mask: Mask, axis: int, noise: float, at: Ints
-) -> tuple[Floats, Floats, Floats, Mask]:
-    """Of edges along an axis (0: to the next row), by the numbers of their first pixels: the smaller residual
-    of both sides, beyond the noise and regardless of it; the largest one that is certain; whether the smaller
-    exceeds the noise for certain.
-    """
-    size, step = f.shape[axis], f.shape[1] if axis == 0 else 1
-    place = at // f.shape[1] if axis == 0 else at % f.shape[1]
-    known, values = mask.ravel(), f.ravel()
-    g, there = {}, {}
-    for k in range(-_REACH, _REACH + 2):
-        inside = (place + k >= 0) & (place + k < size)
-        pixel = np.where(inside, at + k * step, at)
-        there[k] = inside & known[pixel]
-        g[k] = np.where(there[k], values[pixel], 0.0)
-    with np.errstate(all="ignore"):
-        centre = cubic_inside(g[-1], g[0], g[1], g[2])
-        end = np.where(there[-1] & there[-2], cubic_at_end(g[1], g[0], g[-1], g[-2]), 0.5 * (g[0] + g[1]))
-        end = np.where(there[2] & there[3], cubic_at_end(g[0], g[1], g[2], g[3]), end)
-        centre = np.where(there[-1] & there[2], centre, end)
-        beyond_edge = variance.ravel()[np.where(place + 1 < size, at + step, at)]
-        sigma = np.sqrt(0.5 * (variance.ravel()[at] + beyond_edge))
-        rise, sides = np.abs(g[1] - g[0]), []
-        for sign in (-1, 1):
-            near = 0 if sign < 0 else 1
-            g0, g1, g2, g3, g4 = (g[near + sign * k] for k in range(5))
-            one, two, three, four = accumulate((there[near + sign * k] for k in range(1, 5)), np.logical_and)
-            other = g[1 - near]
-            step_size = np.maximum(rise, np.abs(g1 - g0))
-            step_size = np.where(two, np.maximum(step_size, np.abs(g2 - g1)), step_size)
-            away = np.abs(centre - (23.0 * g0 - 16.0 * g1 + 5.0 * g2) / 12.0)
-            away = np.maximum(away, np.abs(centre - (5.0 * other + 8.0 * g0 - g1) / 12.0))
-            bent = np.maximum(away, _BEND * np.abs(g0 - g3 - 3.0 * (g1 - g2)))
-            finer = np.abs(centre - (55.0 * g0 - 59.0 * g1 + 37.0 * g2 - 9.0 * g3) / 24.0)
-            finer = np.maximum(finer, np.abs(centre - cubic_at_end(other, g0, g1, g2)))
-            fourth = _BEND4 * np.abs(g0 + g4 - 4.0 * (g1 + g3) + 6.0 * g2)
-            finer = np.where(four, np.maximum(finer, fourth), finer)
-            bent = np.where(finer < _CONVERGES * bent, finer, bent)
-            away = np.where(two, away, np.abs(centre - 0.5 * (3.0 * g0 - g1)))
-            away = np.where(three, bent, away)
-            noisy = sigma * (noise * np.where(two, _NOISE_CUBIC, _NOISE_LINEAR))
-            limit = np.maximum(_FAINT * noisy, _ROUGH * step_size)
-            beyond = np.minimum(away, np.maximum(0.0, _RISE * (away - limit)))
-            # a border's pixels may be noisier than this edge's
-            high = away > np.maximum(np.maximum(_CERTAIN * noisy, _MATTERS * sigma), _ABRUPT * step_size)
-            high &= one & (place >= 3 if sign < 0 else place < size - 4)
-            ratio = away / np.maximum(_SIGMAS * noisy, _MATTERS * sigma)
-            sides.append((*(np.where(one, part, np.inf) for part in (beyond, away, ratio)), high * away))
-        least, whatever, certain = (np.minimum(sides[0][k], sides[1][k]) for k in range(3))
-        edge = there[0] & there[1] & np.isfinite(whatever)
-        out = np.where(edge & (least > _FEEBLE * sigma), least, 0.0)
-        most = np.where(edge, np.maximum(sides[0][3], sides[1][3]), 0.0)
-        return out, np.where(edge, whatever, 0.0), most, edge & (least > 0) & (certain > 1)
