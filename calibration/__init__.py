@@ -21,8 +21,6 @@
 | `predicted.py` | sigma of a rig at rest and of a dent, before any capture |
 """
 
-from optolever.arguments import check_face
-
 from .calibrate import Calibration, calibrate, left_out
 from .contact import contact
 from .judgement import Judgement, SoFar, calibrate_so_far, judged, reason_to_repeat
@@ -43,5 +41,3 @@ __all__ = [
     "reason_to_repeat", "rest_fault", "sigma_at_rest", "store_response", "store_rest",
     "target_from_text", "unused_accuracy", "weighed", "with_better_fit",
 ]  # fmt: skip
-
-check_face(__name__)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from optolever import arguments
 from optolever.errors import InputError
 from optolever.notices import Notice
 from optolever.scene import Covariance, RestForm, Scene, adjusted, parameter_changes, parameter_values
@@ -132,6 +133,7 @@ class Calibration:
         }
 
 
+@arguments.checked(scene=Scene, observations=[Observation])
 def calibrate(
     scene: Scene,
     observations: Sequence[Observation],

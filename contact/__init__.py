@@ -11,8 +11,6 @@
 | `arrays.py` | names of arrays |
 """
 
-from optolever.arguments import check_face
-
 from .contacts import Contact, contacts
 from .elastic import ElasticFit, elastic_fits
 from .far_field import far_field, load_fit
@@ -23,5 +21,3 @@ __all__ = [
     "Contact", "ElasticFit", "LoadFit", "Region", "Surface", "contacts", "elastic_fits", "far_field",
     "load_fit", "regions",
 ]  # fmt: skip
-
-check_face(__name__)

@@ -23,8 +23,6 @@ u along the pattern's columns, v along its rows, integer = pixel centre; sigma i
 A pixel's answer depends on its samples, its neighbourhood of 7 x 7 and the camera's noise.
 """
 
-from optolever.arguments import check_face
-
 from .coverage import mirror_coverage
 from .decoder import Decoder, decode, estimate_profile
 from .effects import Effect
@@ -36,5 +34,3 @@ __all__ = [
     "Correspondence", "Decoder", "Effect", "Flag", "Response", "RigProfile", "Settings", "SharedNoise",
     "decode", "estimate_profile", "mirror_coverage",
 ]  # fmt: skip
-
-check_face(__name__)

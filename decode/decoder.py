@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from optolever.arguments import checked
 from optolever.blocks import blas_on_one
 from optolever.errors import InputError
 from optolever.notices import Notice
@@ -33,6 +34,7 @@ _OTHER = Notice(
 )
 
 
+@checked(sequence=Sequence, response=Response, profile=RigProfile)
 def decode(
     frames: ArrayLike,
     sequence: Sequence,

@@ -22,8 +22,6 @@
 | `arrays.py` | names of arrays |
 """
 
-from optolever.arguments import check_face
-
 from .chain import COMPRESSED
 from .follow import Followed, follow, tared
 from .outlet import ContactTable, ReadingSocket
@@ -48,5 +46,3 @@ __all__ = [
     "Touches", "VirtualFinger", "Web", "follow", "fringe_period", "has_readings", "kept_rest",
     "noise_floor", "open", "prepare", "replayed", "spectrum_of", "tared", "virtual_rig",
 ]  # fmt: skip
-
-check_face(__name__)

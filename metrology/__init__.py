@@ -17,8 +17,6 @@
 Lengths in mm, slopes in mm per mm; z > 0 is towards the camera: a concave mirror has a radius above 0.
 """
 
-from optolever.arguments import check_face
-
 from .apertures import aperture_circle, aperture_mask
 from .figures import Verdict, in_waves, judge, pvr
 from .filters import gaussian_filter
@@ -38,5 +36,3 @@ __all__ = [
     "in_common", "in_waves", "judge", "load_measured", "load_nominal", "profile", "profile_of", "pvr",
     "slope_errors", "spectrum", "zernike", "zernike_name",
 ]  # fmt: skip
-
-check_face(__name__)

@@ -11,8 +11,6 @@
 Pattern coordinates: u along columns, v along rows, integer = pixel centre.
 """
 
-from optolever.arguments import check_face
-
 from .codes import BINARY_CODES, bits_for, code_words
 from .frame import KINDS, Frame, frame_tables, lattice_lines
 from .named import sequence, sequence_from_text, sequence_names, sequence_parameters
@@ -22,5 +20,3 @@ __all__ = [
     "BINARY_CODES", "KINDS", "Frame", "Sequence", "bits_for", "code_words", "frame_tables",
     "lattice_lines", "sequence", "sequence_from_text", "sequence_names", "sequence_parameters",
 ]  # fmt: skip
-
-check_face(__name__)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from optolever.arguments import checked
 from optolever.errors import InputError
 from optolever.numbers import whole, written
 
@@ -42,6 +43,7 @@ def _wanted(name: str) -> dict[str, inspect.Parameter]:
     return dict(list(inspect.signature(_BUILDERS[name]).parameters.items())[2:])
 
 
+@checked(name=str)
 def sequence(name: str, rows: int, cols: int, **params: Any) -> Sequence:
     """The named sequence for a surface of rows x cols pixels (cells).
 

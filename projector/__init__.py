@@ -19,8 +19,6 @@
 | `cameras/` | back-ends of cameras |
 """
 
-from optolever.arguments import check_face
-
 from .acquisition import (
     SAFE_WAIT_S,
     Aim,
@@ -64,5 +62,3 @@ __all__ = [
     "devices_of", "fit_timing", "flip_fit", "footprints", "light_of", "monitors", "opened",
     "sync_notices", "synchronise", "timing_of", "write_description",
 ]  # fmt: skip
-
-check_face(__name__)

@@ -10,6 +10,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from optolever.arguments import checked
 from optolever.blocks import threads
 from optolever.errors import InputError
 from optolever.memory import require_room
@@ -47,6 +48,7 @@ class _Optics(Protocol):
     def render(self, start: int, stop: int) -> list[tuple[int, Light]]: ...
 
 
+@checked(scene=Scene, surface=(Surface, Callable), sequence=Sequence)
 def capture(
     scene: Scene,
     surface: Surface | Motion,

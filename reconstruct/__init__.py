@@ -17,7 +17,6 @@
 | `load.py`, `contacts.py` | sag and motion taken off a map less rest; its contacts |
 """
 
-from optolever.arguments import check_face
 from optolever.contact import Contact
 
 from .contacts import contacts
@@ -41,5 +40,3 @@ __all__ = [
     "exact_correspondence", "integrate", "null_space", "reconstruct", "slope_map",
     "with_slope_noise",
 ]  # fmt: skip
-
-check_face(__name__)

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.ndimage
 
+from optolever.arguments import checked
 from optolever.blocks import blas_on_one
 from optolever.decode import Correspondence
 from optolever.errors import InputError
@@ -79,6 +80,7 @@ class Solution(NamedTuple):
     freedom: int
 
 
+@checked(correspondence=Correspondence, scene=Scene, rest=Correspondence)
 def reconstruct(
     correspondence: Correspondence,
     scene: Scene,

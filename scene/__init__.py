@@ -20,8 +20,6 @@ TOML only.
 | `record.py`, `pose.py` | fields declared with limit and key; x_A = T_AB x_B |
 """
 
-from optolever.arguments import check_face
-
 from .cameras import Camera, Face, PinholeCamera, TelecentricCamera, prism_camera
 from .covariance import TYPED, Accuracy, Covariance
 from .dents import dent, dent_from_text, dent_names, dent_parameters
@@ -54,5 +52,3 @@ __all__ = [
     "surface_from_array", "trace", "typed_covariance", "typed_sigmas", "without_rest_form",
     "write_sections",
 ]  # fmt: skip
-
-check_face(__name__)

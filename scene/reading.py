@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from optolever import InputError
+from optolever.arguments import checked
 from optolever.files import atomic_file, latest
 from optolever.toml import read_toml, toml_text
 
@@ -61,6 +62,7 @@ def preset_names() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in _PRESETS.glob("*.toml")))
 
 
+@checked(preset_or_path=(str, Path))
 def load(preset_or_path: str | Path, *, exact: bool = False) -> Scene:
     """The preset of that name, or the scene in that TOML file; InputError if there is none, or a bad one.
 

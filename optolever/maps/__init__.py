@@ -18,11 +18,7 @@ y = y0 + i pitch.
 | .npy | x | x | x, y, z (3, rows, cols), float64 |
 """
 
-from optolever.arguments import check_face
-
 from .read import READABLE, GridMap, read_grid
 from .write import MESHES, REGULAR, chosen, write_tiff
 
 __all__ = ["MESHES", "READABLE", "REGULAR", "GridMap", "chosen", "read_grid", "write_tiff"]
-
-check_face(__name__)
