@@ -218,7 +218,7 @@ def sync(begun: Begun, front: Front) -> None:
         return
     front.busy("flipping the display for some seconds")
     try:
-        kept, timing, _ = synchronised(begun.rig, ol.projector.devices_of(begun.rig))
+        kept, timing = synchronised(begun.rig, ol.projector.devices_of(begun.rig))
     except InputError as error:
         front.say(str(error), fault=True)
         if front.go("Measure the delay again?", {"": "again", "k": "wait half a second always"}) == "":

@@ -1,16 +1,13 @@
 """`optolever camera sync`: latency, settling and shutter of a rig's display and camera, into its [sync]."""
 
-import time
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
 
 import optolever as ol
 from optolever.quantities import quantity
 
-from .arguments import Opt, program
+from .arguments import program
 from .options import Json, Seed
-from .outputs import OutputFile
 from .rig_devices import Changes, OpenedRig, levels_of, opened
 from .show import number, print_notices, table, write_json
 
@@ -28,14 +25,10 @@ Synchronisation in rig.toml
 """
 
 
-PAGE = Opt("--report FILE.html", "Also write a page about it.", OutputFile(".html"))
-
-
 @program("sync", SAMPLE)
 def command(
     rig: OpenedRig,
     changes: Changes = (),
-    page: Annotated[Path | None, PAGE] = None,
     seed: Seed = 0,
     json_path: Json = None,
 ) -> None:
@@ -44,12 +37,9 @@ def command(
     Switches the full display between black and white for some seconds and records it with the camera.
     RIG.toml gets [devices] as used and [sync]; capture then waits for the measured time only.
     """
-    start = time.perf_counter()
-    kept, timing, taken = synchronised(rig, ol.projector.devices_of(rig, changes), seed)
+    kept, timing = synchronised(rig, ol.projector.devices_of(rig, changes), seed)
     with ol.files.together():
         ol.scene.write_sections(rig, {"devices": kept.table(), "sync": timing.to_table()})
-        if page is not None:
-            ol.experiments.write_sync_report(timing, taken, time.perf_counter() - start, page)
         write_json(json_path, timing.to_table() | {"ready_s": timing.ready_s()})
     print_notices(ol.projector.sync_notices(timing))
     sigma = timing.sigma_s or {}
@@ -69,12 +59,12 @@ def command(
 
 def synchronised(
     rig: Path, devices: "ol.projector.Devices", seed: int = 0
-) -> "tuple[ol.projector.Devices, ol.projector.Timing, ol.projector.FlipRecord]":
-    """[devices] as used, [sync], and the flips."""
+) -> "tuple[ol.projector.Devices, ol.projector.Timing]":
+    """[devices] as used, and [sync]."""
     with opened(rig, devices, levels_of(rig, "black", "white")) as now:
-        found, taken = ol.projector.synchronise(
+        found, _ = ol.projector.synchronise(
             now.display, now.camera, now.accepted,
             time=now.time, clock=now.clock, seed=seed, triggered=now.triggered,
         )  # fmt: skip
     timing = replace(found, camera=devices.camera, display=devices.display)
-    return replace(devices, focus=now.accepted.focus), timing, taken
+    return replace(devices, focus=now.accepted.focus), timing

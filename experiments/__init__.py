@@ -7,7 +7,6 @@
 | `height_tables.py`, `maps.py` | the tables, maps and charts of that page |
 | `flag_table.py` | flags by area |
 | `rig_report.py`, `rig_drawing.py` | the page of a calibration; a rig to scale |
-| `sync_report.py` | the page of a synchronisation |
 | `user_patterns.py` | sequences, images and decoders that a user brings: function, folder, file |
 | `sample.py` | sets of captures as their owners have them |
 | `faults.py` | simulated frames under lag, gamma, flicker and blur of display and light |
@@ -24,10 +23,8 @@ from .measurement import Measurement
 from .metrics import height_metrics
 from .rig_report import judged_table, write_rig_report
 from .sample import SAMPLES, write_sample
-from .sync_report import write_sync_report
 
 __all__ = [
     "SAMPLES", "DemoResult", "Faults", "Measurement", "height_metrics", "judged_table",
     "run_demo", "write_demo_report", "write_measurement_report", "write_rig_report", "write_sample",
-    "write_sync_report",
 ]  # fmt: skip

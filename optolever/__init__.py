@@ -2,7 +2,7 @@
 
 Parts by floor, imports run downward only: 6 `cli`; 5 `experiments`; 4 `calibration`, `formats`, `live`,
 `metrology`; 3 `reconstruct`; 2 `contact`, `decode`, `projector`; 1 `patterns`, `scene`; 0 this folder:
-`arguments` (records of a wrong type, named at every face), `blocks` and `kernels` (threads, compiled
+`arguments` (records of a wrong type, named at the verbs), `blocks` and `kernels` (threads, compiled
 loops), `errors`, `files` (whole or absent),
 `maps` (heights in other programs' files), `memory`, `notices`, `numbers`, `pictures`, `processes`,
 `quantities`, `records`, `toml`.

@@ -54,10 +54,15 @@ def _require(name: str, value: object, kinds: Any) -> None:
         for i, each in enumerate(value):
             _require(f"{name}[{i}]", each, kinds[0])
         return
-    types = kinds if isinstance(kinds, tuple | list) else (kinds,)
+    types = tuple(kinds) if isinstance(kinds, tuple | list) else (kinds,)
     if isinstance(kinds, list) or not isinstance(value, types):
         cures = "; ".join(f"{_MAKERS[kind.__name__]} makes one" for kind in types if kind.__name__ in _MAKERS)
         found = repr(value)[:60] if isinstance(value, str | int | float | None) else type(value).__name__
-        named = " or ".join(kind.__name__ for kind in types)
+        named = " or ".join(f"{_part(kind)}{kind.__name__}" for kind in types)
         many = "a list of" if isinstance(kinds, list) else "a"
         raise InputError(f"{name}: {found}, must be {many} {named}{cures and ': '}{cures}")
+
+
+def _part(kind: type) -> str:
+    """The part that a record comes from, as `scene.`."""
+    return f"{kind.__module__.split('.')[1]}." if kind.__module__.startswith("optolever.") else ""

@@ -25,7 +25,6 @@ from .acquisition import (
     Arrivals,
     ClockMap,
     Contrast,
-    FlipFit,
     FlipRecord,
     Stamp,
     Taken,
@@ -35,7 +34,6 @@ from .acquisition import (
     choose_exposure,
     contrast,
     fit_timing,
-    flip_fit,
     sync_notices,
     synchronise,
 )
@@ -55,10 +53,10 @@ from .virtual import RENDERERS, capture, chosen_renderer
 __all__ = [
     "NOMINAL_SENSOR", "RENDERERS", "SAFE_WAIT_S", "WHITE_NOISE_SENSOR", "Accepted", "Aim", "Arrivals",
     "BackgroundRecorder", "Camera", "CameraLost", "Capture", "ClockMap", "ContextInfo", "Contrast",
-    "Devices", "Display", "FlipFit", "FlipRecord", "Footprints", "Identity", "Image",
+    "Devices", "Display", "FlipRecord", "Footprints", "Identity", "Image",
     "Logged", "Monitor", "NoContextError", "Opened", "PatternRenderer", "PatternWindow", "RealTime",
     "Recorder", "Recording", "Shown", "Stamp", "Taken", "Time", "Timing", "Wanted", "acquire", "aim",
     "capture", "choose_exposure", "choose_monitor", "chosen_renderer", "context_info", "contrast",
-    "devices_of", "fit_timing", "flip_fit", "footprints", "light_of", "monitors", "opened",
+    "devices_of", "fit_timing", "footprints", "light_of", "monitors", "opened",
     "sync_notices", "synchronise", "timing_of", "write_description",
 ]  # fmt: skip

@@ -20,7 +20,7 @@ from optolever.blocks import on_cores
 from optolever.errors import InputError
 from optolever.memory import require_room
 from optolever.notices import Notice
-from optolever.patterns import Sequence, sequence, sequence_names, sequence_parameters
+from optolever.patterns import Sequence
 from optolever.pictures import CHANNELS, PICTURES, STACKS, colours_of, grey_of, is_lossy, read_pictures
 
 __all__ = ["COLOURED", "LOSSY", "Picture", "Source", "incoming", "natural_key", "passed_over", "read_files"]
@@ -30,20 +30,6 @@ Levels = NDArray[np.uint8] | NDArray[np.uint16]
 #: A folder, a glob pattern, a file of several pictures, or files.
 Source = str | Path | Items[str | Path]
 
-#: Displays that a count of pictures is compared with, columns x rows.
-_DISPLAYS = (
-    *((640, 480), (800, 480), (800, 600), (854, 480), (1024, 600), (1024, 768), (1280, 720), (1280, 800)),
-    *((1366, 768), (1440, 900), (1600, 900), (1680, 1050), (1920, 1080), (1920, 1200), (2048, 1536)),
-    *((2560, 1440), (2560, 1600), (3440, 1440), (3840, 2160)),
-)
-#: Sides of another display over those described; parameters of another sequence.
-_SIDES = (0.25, 0.5, 1.0, 2.0, 4.0)
-_PARAMETERS = {
-    "inverses": (True, False),
-    "steps": (3, 4, 5, 6, 8),
-    "axes": ("u", "v"),
-    "references": (True, False),
-}
 #: Share of the strongest colour's contrast below which a colour carries nothing.
 _NOTHING = 0.05
 #: Pixels of a picture along a side that colours are compared at.
@@ -265,34 +251,8 @@ def _other_count(found: int, shown: Sequence) -> str:
         times = found // len(shown)
         return f"{text}: {times} times as many; keep one picture of each pattern, of one exposure"
     what = f"{abs(found - len(shown))} {'lost' if found < len(shown) else 'too many'}"
-    fitting = _fitting(found, shown)
-    if fitting:
-        what += f", or another description: {' or '.join(fitting)} has {found}"
+    what += ", or another --sequence or --pixels"
     return f"{text}: {what}; name the pictures by a pattern, such as 'shots/img_*.png'"
-
-
-def _fitting(found: int, shown: Sequence) -> list[str]:
-    """Descriptions of as many frames: other parameters of the same name, other displays."""
-    if shown.name not in sequence_names():
-        return []
-    known = sequence_parameters(shown.name)
-
-    def fits(rows: int, cols: int, **given: Any) -> bool:
-        try:
-            return len(sequence(shown.name, rows, cols, **given)) == found
-        except InputError:
-            return False
-
-    parameters = [
-        f"--sequence {shown.name}:{key}={str(value).lower()}"
-        for key, values in _PARAMETERS.items()
-        for value in (values if key in known else ())
-        if fits(shown.rows, shown.cols, **{key: value})
-    ]
-    displays = [f"--pixels {cols}x{rows}" for cols, rows in _DISPLAYS if fits(rows, cols)]
-    if not displays and any(fits(int(a * shown.rows), int(b * shown.cols)) for a in _SIDES for b in _SIDES):
-        displays = ["decode --pixels of another size"]
-    return parameters[:2] + displays[:2]
 
 
 def _colour_notices(pictures: list[Picture], channel: str) -> list[Notice]:

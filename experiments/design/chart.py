@@ -29,9 +29,6 @@ _COSTS = {
 }
 _WIDTH, _HEIGHT = 5.0, 3.9  # of a panel, inches
 _RATIOS = (0.25, 0.5, 1.0, 2.0, 4.0)  # of error over sigma, on the colour scale
-_FREE = 8  # names that a panel of that height has room for
-_GAP, _GRID = 6, 3  # pixels between a mark and its name, between places that are tried
-_NEAR = 12.0  # pixels beyond which a line leads from a mark to its name
 
 
 @default_style()
@@ -40,9 +37,7 @@ def write_tradeoff_chart(path: Path, rows: Many[Tradeoff], title: str = "") -> N
     sigma as the colour, the codes that no other beats in both as a grey line."""
     shown = [row for row in rows if row.simulated > 0 and row.cpu_seconds > 0]
     conditions = list(dict.fromkeys(row.condition for row in shown)) or [""]
-    names = max([sum(row.condition == each for row in shown) for each in conditions])
-    height = _HEIGHT * max(1.0, names / _FREE) ** 0.5
-    figure = new_figure(2 * _WIDTH, height * len(conditions))
+    figure = new_figure(2 * _WIDTH, _HEIGHT * len(conditions))
     panels = figure.subplots(len(conditions), 2, sharey=True, squeeze=False)
     factor, unit = length_unit(float(np.median([row.simulated for row in shown])) if shown else 1.0)
     marks, errors, places = None, [factor * row.simulated for row in shown], []
@@ -63,12 +58,14 @@ def write_tradeoff_chart(path: Path, rows: Many[Tradeoff], title: str = "") -> N
         bar.ax.set_yticklabels([f"{ratio:g}" for ratio in _RATIOS])
         bar.set_label("error / sigma: 1 where error bars are true", fontsize=9)
     figure.suptitle(f"{title}; grey: nothing is both faster and better".lstrip("; "), fontsize=9)
-    figure.draw_without_rendering()  # the layout that names are placed in
-    figure.set_layout_engine("none")
-    for panel, named in places:
-        _name(panel, named)
+    order = list(dict.fromkeys(row.code for row in shown))
+    for panel, named in places:  # numbers, named once below
+        for code, x, y in named:
+            panel.annotate(str(order.index(code) + 1), (x, y), (5, 5), textcoords="offset points", fontsize=8)
+    names = "\n".join(f"{k}  {code}" for k, code in enumerate(order, 1))
+    figure.text(0.01, -0.01, names, fontsize=8, va="top")
     with atomic_file(path) as temporary:
-        figure.savefig(temporary, format="png")
+        figure.savefig(temporary, format="png", bbox_inches="tight")
 
 
 def front(cost: Floats, error: Floats) -> NDArray[np.intp]:
@@ -106,41 +103,3 @@ def _draw(panel: Axes, rows: Many[Tradeoff], name: str, factor: float) -> Any:
     return panel.scatter(
         cost, error, c=ratio, cmap="coolwarm", vmin=-2, vmax=2, s=45, edgecolor="0.2", lw=0.8, zorder=3
     )
-
-
-def _name(panel: Axes, named: Many[tuple[str, float, float]]) -> None:
-    """Names of marks at (x, y), each at the nearest place that overlaps no mark, no other name and no
-    border of the panel."""
-    area = panel.get_window_extent()
-    at = panel.transData.transform([(x, y) for _, x, y in named]) if named else np.zeros((0, 2))
-    taken = [np.array([x - _GAP, y - _GAP, x + _GAP, y + _GAP]) for x, y in at]
-    for (text, *mark), (x, y) in zip(named, at, strict=True):
-        label = panel.annotate(text, (mark[0], mark[1]), xytext=(0, 0), textcoords="offset pixels",
-                               fontsize=8, color="0.15", va="bottom")  # fmt: skip
-        size = label.get_window_extent()
-        left, low = np.meshgrid(
-            np.arange(area.x0, max(area.x1 - size.width, area.x0 + 1), _GRID),
-            np.arange(area.y0, max(area.y1 - size.height, area.y0 + 1), _GRID),
-        )
-        boxes = np.stack([left, low, left + size.width, low + size.height], axis=-1)
-        away = np.hypot(*(np.maximum(np.maximum(boxes[..., k] - p, p - boxes[..., k + 2]), 0.0)
-                          for k, p in enumerate((x, y))))  # fmt: skip
-        # of equally near places: right of the mark, above the grey line through it
-        cost = np.maximum(away, _GAP + _GRID) + 0.02 * (np.abs(low - y - 2) + np.maximum(x - left, 0.0))
-        best = np.unravel_index(
-            np.argmin(cost + 1e3 * sum(_shared(boxes, each) for each in taken)), low.shape
-        )
-        label.set_position((left[best] - x, low[best] - y))
-        taken.append(boxes[best] + (-3, -1, 3, 1))
-        if away[best] > _NEAR:
-            ends = np.clip((x, y), boxes[best][:2], boxes[best][2:])
-            panel.annotate("", (mark[0], mark[1]), xytext=ends - (x, y), textcoords="offset pixels",
-                           arrowprops={"arrowstyle": "-", "color": "0.6", "lw": 0.7})  # fmt: skip
-
-
-def _shared(boxes: Floats, other: Floats) -> Floats:
-    """Area (...) that boxes (..., 4) of left, low, right, high share with another."""
-    wide, tall = (
-        np.minimum(boxes[..., k + 2], other[k + 2]) - np.maximum(boxes[..., k], other[k]) for k in (0, 1)
-    )
-    return np.asarray(np.maximum(wide, 0.0) * np.maximum(tall, 0.0))

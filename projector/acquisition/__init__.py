@@ -15,11 +15,11 @@ from .aim import Aim, aim
 from .arrivals import Arrivals
 from .clocks import ClockMap, Stamp
 from .exposure import Contrast, choose_exposure, contrast
-from .synchronise import FlipFit, FlipRecord, fit_timing, flip_fit, sync_notices, synchronise
+from .synchronise import FlipRecord, fit_timing, sync_notices, synchronise
 from .timing import SAFE_WAIT_S, Timing
 
 __all__ = [
-    "SAFE_WAIT_S", "Aim", "Arrivals", "ClockMap", "Contrast", "FlipFit", "FlipRecord",
-    "Stamp", "Taken", "Timing", "acquire", "aim", "choose_exposure", "contrast", "fit_timing", "flip_fit",
+    "SAFE_WAIT_S", "Aim", "Arrivals", "ClockMap", "Contrast", "FlipRecord",
+    "Stamp", "Taken", "Timing", "acquire", "aim", "choose_exposure", "contrast", "fit_timing",
     "sync_notices", "synchronise",
 ]  # fmt: skip

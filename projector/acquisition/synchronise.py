@@ -23,7 +23,7 @@ from .arrivals import Arrivals
 from .clocks import ClockMap
 from .timing import Timing
 
-__all__ = ["FlipFit", "FlipRecord", "fit_timing", "flip_fit", "sync_notices", "synchronise"]
+__all__ = ["FlipRecord", "fit_timing", "sync_notices", "synchronise"]
 
 Float = NDArray[np.float64]
 
@@ -196,47 +196,6 @@ def fit_timing(taken: FlipRecord, accepted: Accepted, refresh_s: float | None) -
         trigger=accepted.trigger,
         sigma_s=sigma,
     )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FlipFit:
-    """A Timing against its record. lateness_s (F - 1,): light of every swap after the first, relative to the
-    others; since_s (N, B): from the light of a swap to the start of a band's exposure; light, model (N, B):
-    measured and predicted, 0 black to 1 white; rising (N, B): whether that swap was to white; begins_s (B,):
-    start of every band's exposure after the first row's, each fitted alone.
-    """
-
-    lateness_s: Float
-    since_s: Float
-    light: Float
-    model: Float
-    rising: NDArray[np.bool_]
-    begins_s: Float
-
-
-def flip_fit(taken: FlipRecord, timing: Timing) -> FlipFit:
-    """How well a Timing explains its record, for a page: nothing of it enters a capture."""
-    exposure = timing.exposure_s
-    numbers = np.array([timing.latency_s, timing.rise_s, timing.fall_s, timing.shutter_s])
-    late = np.zeros(len(taken.swaps_s))
-    for _ in range(_ROUNDS):
-        late = _lateness(taken, exposure, numbers, late)
-    swaps = taken.swaps_s + late
-    model = _light(numbers, taken, exposure, swaps)
-    starts = _starts(numbers, taken)
-    k = np.maximum(np.searchsorted(swaps, starts + exposure, side="right") - 1, 0)
-
-    def cost(begin: float, band: int) -> float:
-        one = replace(taken, bands=np.ones(1), brightness=taken.brightness[:, [band]])
-        return float(np.sum(_residual(np.array([*numbers[:3], begin]), one, exposure, swaps) ** 2))
-
-    reach = abs(timing.shutter_s) + _LATE_S
-    begins = [
-        scipy.optimize.minimize_scalar(cost, bounds=(-reach, reach), args=(band,), method="bounded").x
-        for band in range(len(taken.bands))
-    ]
-    light = _scaled(taken.brightness, model)
-    return FlipFit(late[1:], starts - swaps[k], light, model, taken.levels[k] > 0.5, np.array(begins))
 
 
 def _scaled(brightness: Float, model: Float) -> Float:

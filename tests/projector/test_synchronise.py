@@ -24,7 +24,6 @@ from optolever.projector import (
     Wanted,
     acquire,
     fit_timing,
-    flip_fit,
     sync_notices,
     synchronise,
 )  # fmt: skip
@@ -201,22 +200,3 @@ def test_a_rise_that_no_image_shows_has_the_sigma_of_its_range() -> None:
     assert any("Few images show how" in notice.name for notice in sync_notices(timing))
     for name, true, found in (("latency", latency, timing.latency_s), ("fall", fall, timing.fall_s)):
         assert abs(found - true) < 3 * timing.sigma_s[name] < 0.002
-
-
-def test_the_page_shows_late_swaps_and_the_slope_of_the_rows() -> None:
-    """Of a camera and a display whose truth is known; every fifth swap comes a refresh late."""
-    setting = Setting(late=0.2, shutter=-0.012, read_out=0.014)
-    time, rng = SimulatedTime(), np.random.default_rng(1)
-    display = SimulatedDisplay(setting, time, np.repeat([[0.0], [1.0]], 8, axis=1), rng)
-    camera = SimulatedCamera(setting, time, display, rng, rows=32)
-    accepted = camera.configure(Wanted(setting.exposure))
-    camera.start()
-    timing, taken = synchronise(display, camera, accepted, time=time, clock=ClockMap(), seed=0)
-    found = flip_fit(taken, timing)
-    assert len(found.lateness_s) == 60
-    late = np.abs(found.lateness_s - setting.refresh) < 2e-3
-    assert (late | (np.abs(found.lateness_s) < 2e-3)).all()
-    assert 5 <= late.sum() <= 20
-    slope = np.polyfit(taken.bands, found.begins_s, 1)[0]
-    assert slope == pytest.approx(setting.shutter * 32 / 31, rel=0.03)
-    assert np.abs(found.light - found.model).max() < 0.05
