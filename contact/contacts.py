@@ -13,6 +13,7 @@ from optolever.quantities import quantity
 from optolever.scene import Layer
 
 from .arrays import Floats, Map, Mask, norm, rms
+from .elastic import ElasticFit
 from .pressure import forces_on
 from .regions import Region, areas
 from .surface import Surface, filled
@@ -28,6 +29,8 @@ _DIPOLE = 1 / 3  # of the noise at an outline: what moves its centroid
 _ROUNDING = 1 / math.sqrt(180)  # of a cell: the share of an area that an outline cuts off at random
 _DEGREE = 4  # of the polynomial that gives a cell's row and column from x and y
 _CELLS = 1000  # that it is fitted to
+_ROUGH, _UNSEEN = 0.02, 0.12  # of a fit's depth: least sigma, of one that is not measured
+_ROUND = 0.6  # power of a pressure: below, a ball's or a flat punch's
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,10 +40,12 @@ class Contact:
     x, y: centroid of the cells deeper than half the depth, position_sigma: of either; depth: of the deepest
     cell, depth_noise: its sigma by noise alone; area (mm^2), volume (mm^3): of these cells; without draws of
     the noise their sigmas are upper bounds: noise is taken as common to them. cut: the map's end or unknown
-    cells end the region, area, volume and force are lower bounds; hole: cells that are not measured are
-    inside, or end it at its deepest cell: there the depth is a lower bound. indenter_radius: of the surface
-    inside, inf: flat within three sigma, None: of too few cells. force (N), force_sigma, pressure (the
-    largest, N/mm^2; of a cut one too high): where the elastic layer is known. row, col: the deepest cell.
+    cells end the region, area and volume are lower bounds; hole: cells that are not measured are inside, or
+    end it at its deepest cell. indenter_radius: of the surface inside, inf: flat within three sigma, None: of
+    too few cells. force (N), force_sigma, pressure (the largest, N/mm^2; of a cut one too high): where the
+    elastic layer is known. row, col: the deepest cell. depth_at_least, force_at_least: a lower bound: part of
+    the contact is not measured, and the field around it does not follow an elastic layer, or not as far.
+    layer_thickness, mm: of the bonded layer that makes the field around, where none is given.
     """
 
     x: float
@@ -62,6 +67,10 @@ class Contact:
     force: float | None = None
     force_sigma: float | None = None
     pressure: float | None = None
+    depth_at_least: bool = False
+    force_at_least: bool = False
+    layer_thickness: float | None = None
+    layer_thickness_sigma: float | None = None
 
     @property
     def radius(self) -> float:
@@ -70,25 +79,29 @@ class Contact:
 
     def __str__(self) -> str:
         """With units and standard deviations, to their second digit."""
-        at_least = "at least " if self.cut else ""
+        cut, deep, forced = (
+            "at least " if bound else "" for bound in (self.cut, self.depth_at_least, self.force_at_least)
+        )
 
         def give(name: str, unit: str) -> str:
             return quantity(getattr(self, name), unit, getattr(self, f"{name}_sigma"))
 
         parts = [
-            f"depth {'at least ' if self.hole else ''}{give('depth', 'mm')}",
+            f"depth {deep}{give('depth', 'mm')}",
             f"x {quantity(self.x, 'mm', self.position_sigma)}",
             f"y {quantity(self.y, 'mm', self.position_sigma)}",
-            f"area {at_least}{give('area', 'mm²')}",
-            f"volume {at_least}{give('volume', 'mm³')}",
+            f"area {cut}{give('area', 'mm²')}",
+            f"volume {cut}{give('volume', 'mm³')}",
         ]
         if self.indenter_radius is not None:
             flat = math.isinf(self.indenter_radius)
             parts.append("flat" if flat else f"radius {give('indenter_radius', 'mm')}")
         if self.force is not None:
-            parts.append(f"force {at_least}{quantity(self.force, 'N', self.force_sigma or math.nan)}")
+            parts.append(f"force {forced}{quantity(self.force, 'N', self.force_sigma or math.nan)}")
         if self.pressure is not None and not self.cut:  # a cut is a cliff
             parts.append(f"at most {quantity(self.pressure, 'N/mm²')}")
+        if self.layer_thickness is not None:
+            parts.append(f"as if on a layer of {give('layer_thickness', 'mm')}: give [layer] thickness_mm")
         return ", ".join(parts)
 
     def to_dict(self) -> dict[str, Any]:
@@ -99,8 +112,8 @@ class Contact:
     def from_dict(cls, values: dict[str, Any]) -> "Contact":
         """The inverse of to_dict; InputError where a value is missing."""
         try:
-            return cls(**{entry.name: values[entry.name] for entry in fields(cls)})
-        except (KeyError, TypeError) as error:
+            return cls(**{entry.name: values[entry.name] for entry in fields(cls) if entry.name in values})
+        except TypeError as error:
             raise InputError(f"field 'contacts' is not readable ({error})") from error
 
 
@@ -127,16 +140,40 @@ class _Dent(NamedTuple):
     pitch: float
 
 
-def contacts(surface: Surface, regions: Sequence[Region], layer: Layer | None) -> tuple[Contact, ...]:
+def contacts(
+    surface: Surface,
+    regions: Sequence[Region],
+    layer: Layer | None,
+    fits: Sequence[ElasticFit | None] = (),
+) -> tuple[Contact, ...]:
     """The figures of a surface's regions, in their order, but last those whose depth is below three of its
-    standard deviations; layer: elastic; None: no force is known."""
+    standard deviations; layer: elastic; None: no force is known; fits: of the regions by `elastic_fits`:
+    their forces, and depths that are not measured, take the place of the map's."""
     if not regions:
         return ()
     z, known, holes = filled(surface.z, surface.good)
     found: Sequence[Contact] = [_contact(surface, region, z, known, holes) for region in regions]
     if layer is not None:
         found = _pressed(surface, z, regions, found, layer)
+    every = zip(found, regions, fits or [None] * len(regions), strict=True)
+    found = [_by_fit(one, fit, layer, region.hole) for one, region, fit in every]
     return tuple(sorted(found, key=lambda one: one.depth < _SURE * one.depth_sigma))
+
+
+def _by_fit(one: Contact, fit: ElasticFit | None, layer: Layer | None, dark: bool) -> Contact:
+    """With the force of the fit, and its depth where the deepest cell is not measured or the contact is a
+    ball's or a flat punch's, whose deepest cells lie on its rim; dark: cells inside are not measured."""
+    if fit is None:
+        return one
+    _, _, _, depth, load, power = fit.values.tolist()
+    sigma = norm(fit.sigmas[3], (_ROUGH if fit.whole and not dark else _UNSEEN) * depth)
+    if (one.depth_at_least or (fit.whole and power < _ROUND)) and sigma < one.depth_sigma:
+        one = replace(one, depth=depth, depth_sigma=sigma, depth_at_least=one.depth_at_least and fit.bound)
+    one = replace(one, force_at_least=False)
+    if layer is not None:
+        sigma = norm(layer.plane_modulus * fit.sigmas[4], layer.plane_modulus * load * layer.relative_sigma)
+        one = replace(one, force=layer.plane_modulus * load, force_sigma=sigma)
+    return replace(one, layer_thickness=fit.thickness, layer_thickness_sigma=fit.thickness_sigma)
 
 
 def _contact(surface: Surface, region: Region, z: Map, known: Mask, holes: Mask) -> Contact:
@@ -187,6 +224,8 @@ def _contact(surface: Surface, region: Region, z: Map, known: Mask, holes: Mask)
         hole=region.hole or ended,
         row=region.row,
         col=region.col,
+        depth_at_least=beyond > 0,
+        force_at_least=region.cut,
     )
 
 
@@ -250,23 +289,26 @@ def _depth(dent: _Dent, reach: float) -> tuple[float, float, float, float]:
     beyond unknown cells or the map's end at the deepest cell."""
     row, col = dent.peak
     depth, noise = float(dent.z[dent.peak]), float(dent.sigma[dent.peak])
-    rise, tip = 0.0, 0.0
+    tip_rise, tip = 0.0, 0.0
     for before, after in (((row - 1, col), (row + 1, col)), ((row, col - 1), (row, col + 1))):
         beside = (before, after)
         if all(0 <= r < dent.z.shape[0] and 0 <= c < dent.z.shape[1] and dent.known[r, c] for r, c in beside):
             low, high = depth - float(dent.z[before]), depth - float(dent.z[after])
             if min(low, high) > 0:  # the parabola through three cells; a cone ends that much higher
-                rise += (high - low) ** 2 / (8 * (low + high))
+                tip_rise += (high - low) ** 2 / (8 * (low + high))
                 tip = max(tip, 0.125 * (low + high))
-    hole, at = _hole_at(dent), np.zeros(dent.z.shape, np.bool_)
-    at[dent.peak] = True
-    beyond = reach * _flank(dent, at) if reach else 0.0
-    if hole.any():  # at most a cone that continues the flank around, over a ring by its width
+    hole = _hole_at(dent)
+    beyond = reach * _outward(dent) if reach else 0.0
+    if hole.any():  # at most a cone that continues the slope toward it
+        clear = dent.known & ~dent.holes
+        first, _, third = rings = [scipy.ndimage.binary_dilation(hole, np.ones((3, 3)), n) for n in (1, 2, 3)]
+        rim, away = first & clear, third & ~rings[1] & clear
         width = 2 * float(scipy.ndimage.distance_transform_edt(np.pad(hole, 1)).max()) * dent.pitch
-        reach = min(math.sqrt(float(dent.cell[hole].sum()) / math.pi), width)
-        rim = scipy.ndimage.binary_dilation(hole, np.ones((3, 3)))
-        beyond = max(float(dent.z[rim].max()) + _flank(dent, hole) * reach - depth, beyond)
-    return depth + rise, noise, tip, beyond
+        reach = min(math.sqrt(float(dent.cell[hole].sum()) / math.pi), width) + dent.pitch / 2
+        rise = float(dent.z[rim].mean() - dent.z[away].mean()) / 2 if away.any() else float(dent.z[rim].max())
+        top = float(dent.z[rim].max()) + max(rise, 0.0) * reach / dent.pitch
+        beyond = max(top - depth, beyond)
+    return depth + tip_rise, noise, tip, beyond
 
 
 def _hole_at(dent: _Dent) -> Mask:
@@ -278,11 +320,16 @@ def _hole_at(dent: _Dent) -> Mask:
     return np.isin(labels, np.union1d(near[near > 0], deep))
 
 
-def _flank(dent: _Dent, at: Mask) -> float:
-    """Slope around cells, where it is measured."""
-    around, clear = scipy.ndimage.binary_dilation(at, iterations=3), dent.known & ~dent.holes
-    apart = around & ~scipy.ndimage.binary_dilation(~clear)
-    return float(np.quantile(dent.slope[apart if apart.any() else around & clear], 0.9))
+def _outward(dent: _Dent) -> float:
+    """Rise at the deepest cell toward the map's end or unknown cells, over three cells, with its noise."""
+    (row, col), found = dent.peak, 0.0
+    known, noise = np.pad(dent.known, 3), math.sqrt(2) * float(dent.sigma[dent.peak])
+    for down, along in ((-1, 0), (1, 0), (0, -1), (0, 1)):
+        r, c = row - 3 * down, col - 3 * along
+        if not known[row + 3 + down, col + 3 + along] and known[r + 3, c + 3]:
+            length = math.hypot(dent.x[dent.peak] - dent.x[r, c], dent.y[dent.peak] - dent.y[r, c])
+            found = max(found, (float(dent.z[dent.peak] - dent.z[r, c]) + noise) / max(length, 1e-12))
+    return found
 
 
 def _doubtful(dent: _Dent) -> float:

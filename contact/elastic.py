@@ -35,19 +35,20 @@ from .surface import Surface
 __all__ = ["ElasticFit", "elastic_fits"]
 
 _MOST, _FEWEST = 3000, 40  # cells of a fit
+_CLEAR = 0.9  # share of a contact's cells that are measured, where a thickness is said
 _INDEPENDENT, _MISFIT = 36.0, 9.0  # samples of the map's noise, of what is left beyond it
 _NEAR, _REACH = 1.3, 8.0  # radii of a contact: where a flank begins, and ends
 _WIDER = 1.6  # resolutions: what a map smooths looks wider than it is up to there
 _POWER, _POWERS = (0.5, 0.8), (-0.5, 2.0)  # m: mean and sigma; least and most
 _PLACE, _CUT, _SIZE = 0.5, 1.0, 0.4  # sigmas: of a place, radii, of a cut contact's; of log a
-_FREE = 1e3  # sigma of what is free
+_FREE = 1e3  # sigma of a force over E*, mm^2
 _THICK, _THICKEST = 2.0, 4.0  # log of h over the largest radius: start; sigma about it
 _STEP, _ROUNDS, _LEAP = 1e-4, 25, 0.3
 _ROUGH = 0.03  # of the depth: misfit inside that the whole fit allows for
 _REFUSED = (0.03, 8.0, 0.005)  # misfit over the depth; in noises and over the depth
 _FOLLOWS, _APART = 0.007, 1.7  # of the depth: misfit of a whole fit; sigmas between both forces
 _SHARES = 0.5, 0.3  # of the difference of both forces in the sigma of the whole fit's, of the flank's
-_FORCE, _DEPTH, _UNSEEN, _THIN = 0.002, 0.02, 0.12, 0.09  # least relative sigmas: no pressure is exactly such
+_FORCE, _THIN = 0.002, 0.09  # least relative sigma of a force; of one on a layer, times (a / h)^4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,20 +121,29 @@ def elastic_fits(
     look wider in the map than they are."""
     poisson, thickness = (0.5, None) if layer is None else (layer.poisson, layer.thickness_mm)
     base = _Base(thickness or math.inf, poisson)
-    found = _compared(surface, regions, base, resolution, False)
-    if thickness is None and None in found:
-        thin = _compared(surface, regions, base, resolution, True)
-        for k, new in enumerate(thin):
-            if found[k] is None and new is not None and new.whole and not regions[k].hole:
-                found[k] = new
+    found: list[ElasticFit | None] = [None] * len(regions)
+    clear = [float(surface.good[one.box][one.inside].mean()) > _CLEAR for one in regions]
+    for search in (False, True)[: 1 + (thickness is None)]:
+        # half a disc is as long as two: it is one, unless one does not make the field
+        for single in (True, False)[0 if any(one.cut for one in regions) else 1 :]:
+            if None in found:
+                new = _compared(surface, regions, _discs(regions, single), base, resolution, search)
+                sure = [
+                    not search or (one is not None and one.whole and clear[k]) for k, one in enumerate(new)
+                ]
+                found = [old or (one if ok else None) for old, one, ok in zip(found, new, sure, strict=True)]
     return found
 
 
 def _compared(
-    surface: Surface, regions: Sequence[Region], base: _Base, resolution: float, search: bool
+    surface: Surface,
+    regions: Sequence[Region],
+    discs: _Discs,
+    base: _Base,
+    resolution: float,
+    search: bool,
 ) -> list[ElasticFit | None]:
     """The whole fit where it agrees with the flank's, else this; search: for the layer's thickness."""
-    discs = _discs(regions)
     near = max(_NEAR, _WIDER * resolution / float(discs.size.min())) if regions else _NEAR
     flank = _fit(surface, regions, discs, base, resolution, search, near, 0.0)
     whole = _fit(surface, regions, discs, base, resolution, search, 0.0, _ROUGH) if flank else None
@@ -164,11 +174,13 @@ def _refused(fit: ElasticFit) -> bool:
     return min(fit.values[3:5]) <= 0 or fit.left > most or (fit.misfit > noises and fit.left > share)
 
 
-def _discs(regions: Sequence[Region]) -> _Discs:
-    circles = np.array([disc for one in regions for disc in one.circles], np.float64).reshape(-1, 3)
-    owner = np.repeat(np.arange(len(regions)), [len(one.circles) for one in regions])
-    size = np.array([one.circles[0][2] for one in regions], np.float64)
-    return _Discs(circles[:, 0], circles[:, 1], owner, size, np.array([one.cut for one in regions], np.bool_))
+def _discs(regions: Sequence[Region], single: bool) -> _Discs:
+    """Of contacts; single: those that are cut have one."""
+    parts = [((one.x, one.y, one.radius),) if single and one.cut else one.circles for one in regions]
+    x, y, _ = np.array([disc for part in parts for disc in part], np.float64).reshape(-1, 3).T
+    owner = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
+    size = np.array([part[0][2] for part in parts], np.float64)
+    return _Discs(x, y, owner, size, np.array([one.cut for one in regions], np.bool_))
 
 
 def _fit(
@@ -195,9 +207,8 @@ def _fit(
     if search:
         sigma[-1], mean[-1] = _THICKEST, _THICK + math.log(discs.size.max())
     start = mean.copy()
-    start[4 * count : first] = [
-        0.6 * one.depth * disc[2] / len(one.circles) for one in regions for disc in one.circles
-    ]
+    depths = np.array([one.depth for one in regions])
+    start[4 * count : first] = (0.6 * depths * discs.size / np.bincount(discs.owner))[discs.owner]
     solved = _solved(cells, discs, base, search, start, mean, sigma)
     inside = _inside(surface)
     return [_figures(solved, discs, base, search, k, inside) for k in range(count)]

@@ -20,7 +20,7 @@ SIGNIFICANT = 6.0  # standard deviations of the height by noise and motion
 _PROMINENT = 0.2  # of a peak's height, over the saddle to a higher one
 _SHALLOWEST = 0.02  # of the deepest one's depth
 _FALL = 0.9  # of a level: the next one
-_FEWEST = 12  # cells of a region
+_FEWEST, _SURE = (12, 5), 8.0  # cells of a region; of one beyond so many standard deviations
 COLUMNS = 256  # of the grid in which peaks are looked for
 _LARGEST = 16  # regions of a map
 _HALF = 0.5
@@ -60,7 +60,10 @@ def regions(surface: Surface, columns: int = COLUMNS) -> tuple[Region, ...]:
         return ()
     tops = _peaks(z, sure, known & (z > rise / 2), sigma, columns)
     masks = _parted(tops, [_half_depth(z, *at) for at in tops])
-    every = (_region(surface, z, holes, known, at, mask) for at, mask in zip(tops, masks, strict=True))
+    every = (
+        _region(surface, z, holes, known, at, mask, _least(z, rise, at))
+        for at, mask in zip(tops, masks, strict=True)
+    )
     found = sorted((one for one in every if one is not None), key=lambda one: -one.depth)
     return tuple(one for one in found if one.depth > _SHALLOWEST * found[0].depth)[:_LARGEST]
 
@@ -129,8 +132,13 @@ def _parted(tops: list[tuple[int, int]], masks: list[Mask]) -> list[Mask]:
     return parted
 
 
+def _least(z: Map, rise: Floats, at: tuple[int, int]) -> int:
+    """Cells of a region at least; rise (R, C): six standard deviations."""
+    return _FEWEST[bool(z[at] > _SURE / SIGNIFICANT * rise[at])]
+
+
 def _region(
-    surface: Surface, z: Map, holes: Mask, known: Mask, at: tuple[int, int], mask: Mask
+    surface: Surface, z: Map, holes: Mask, known: Mask, at: tuple[int, int], mask: Mask, least: int
 ) -> Region | None:
     left, top, width, height = cv2.boundingRect(mask.astype(np.uint8))
     rows, cols = mask.shape
@@ -141,7 +149,7 @@ def _region(
     inside = mask[box]
     measured = inside & np.isfinite(surface.x[box])
     cell = areas(surface.x[box], surface.y[box])
-    if np.count_nonzero(measured) < _FEWEST or not cell[measured].any():
+    if np.count_nonzero(measured) < least or not cell[measured].any():
         return None
     area, (x, y) = (
         float(cell[inside].sum()),

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from optolever.contact import Contact, load_fit, regions
+from optolever.contact import Contact, elastic_fits, load_fit, regions
 from optolever.contact import contacts as figures
 from optolever.scene import Layer
 
@@ -31,4 +31,5 @@ def contacts(height: HeightMap, layer: Layer | None = None) -> tuple[Contact, ..
         surface = replace(surface, motions=height.count)
         found = load_fit(surface, layer, solid=height.free is None)
         surface = surface if found is None else surface.less(found)
-    return figures(surface, regions(surface), layer)
+    dents = regions(surface)
+    return figures(surface, dents, layer, elastic_fits(surface, dents, layer))
