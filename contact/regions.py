@@ -98,16 +98,16 @@ def _peaks(z: Map, sure: Mask, known: Mask, sigma: Map, columns: int) -> list[tu
         while lower.max() > level:
             found.append(divmod(int(lower.argmax()), width))
             np.copyto(lower, -np.inf, where=labels == labels[found[-1]])
-    climbed = [_climbed(z, sure, (top + row) * step, (left + col) * step, step) for row, col in found]
+    climbed = [_climbed(z, known, (top + row) * step, (left + col) * step, step) for row, col in found]
     return sorted(dict.fromkeys(climbed), key=lambda at: -float(z[at]))
 
 
-def _climbed(z: Map, sure: Mask, row: int, col: int, reach: int) -> tuple[int, int]:
+def _climbed(z: Map, known: Mask, row: int, col: int, reach: int) -> tuple[int, int]:
     """The highest cell that uphill steps lead to."""
     while True:
         top, left = max(row - reach, 0), max(col - reach, 0)
         box = slice(top, row + reach + 1), slice(left, col + reach + 1)
-        near = np.where(sure[box], z[box], 0)
+        near = np.where(known[box], z[box], 0)
         down, along = np.unravel_index(int(near.argmax()), near.shape)
         if not near[down, along] > z[row, col]:
             return row, col

@@ -85,7 +85,7 @@ class Reading(Comparable):
 
     @property
     def deepest(self) -> tuple[float, float] | None:
-        """Height and sigma, mm, of the deepest good cell beyond five sigma; None: there is none."""
+        """Height and sigma, mm, of the deepest good cell; None: none is beyond five sigma."""
         at = self._deepest
         return None if at is None else (float(self.z.flat[at]), float(self.sigma.flat[at]))
 
@@ -96,9 +96,8 @@ class Reading(Comparable):
 
     @property
     def _deepest(self) -> int | None:
-        deep = np.where(self.good & (self.z > DEEP * self.sigma), self.z, np.float32(-np.inf))
-        at = int(deep.argmax())
-        return at if deep.flat[at] > 0 else None
+        deep = np.where(self.good, self.z, np.float32(-np.inf))
+        return int(deep.argmax()) if (deep > DEEP * self.sigma).any() else None
 
     @property
     def depth(self) -> float:
