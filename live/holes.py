@@ -16,17 +16,17 @@ _RISING = 30.0  # sigma at rest: median height beside a hole of a dent
 
 
 class Holes(NamedTuple):
-    """steep: whether a flank rises to cells without a height; dust: share of the lit cells in holes to which
-    none rises."""
+    """steep: whether a flank rises to cells without a height; dust (R, C): cells of holes to which none
+    rises."""
 
     steep: bool
-    dust: float
+    dust: Mask
 
 
 def holes_of(z: Cells, sigma: Cells, good: Mask, lit: Mask, rim: Mask) -> Holes:
     """z, sigma (R, C): height and its noise at rest, mm; good: measured; lit, rim: see `Rig`."""
     lost = (lit & ~good).astype(np.uint8)
-    steep, dust = False, 0
+    steep, dust = False, np.zeros_like(good)
     if lost.any():
         closed = cv2.morphologyEx(lost, cv2.MORPH_CLOSE, np.ones((_CLOSED, _CLOSED), np.uint8))
         _, labels, boxes, _ = cv2.connectedComponentsWithStats(closed, connectivity=8)
@@ -41,5 +41,5 @@ def holes_of(z: Cells, sigma: Cells, good: Mask, lit: Mask, rim: Mask) -> Holes:
             if np.median(np.abs(z[cut][beside]) / sigma[cut][beside]) > _RISING:
                 steep = True
             else:
-                dust += int(np.count_nonzero(hole & (lost[cut] > 0)))
-    return Holes(steep, dust / max(int(np.count_nonzero(lit)), 1))
+                dust[cut] |= hole & (lost[cut] > 0)
+    return Holes(steep, dust)

@@ -21,7 +21,7 @@ from optolever.kernels import inlined, kernel
 
 from .arrays import Cells, Frame, Pixels
 
-__all__ = ["Carriers", "Fit", "State", "fit_step", "model", "to_cells", "to_pixels", "window_mean"]
+__all__ = ["Carriers", "Fit", "State", "fit_step", "model", "to_cells", "window_mean"]
 
 _f4 = np.float32
 _BLOCK = 24  # rows of cells a thread takes at a time
@@ -57,6 +57,12 @@ class Carriers:
     def rest(self) -> Pixels:
         """turn_u, turn_v and lit in columns of cells, (3, H, cell, C)."""
         return np.stack([self.by_columns(part) for part in (self.turn_u, self.turn_v, self.lit)])
+
+    @cached_property
+    def spread(self) -> float:
+        """Standard deviation of the window, cells: half of the longer period in the picture."""
+        away = np.arange(self.window.size) - self.window.size // 2
+        return math.sqrt(float(np.square(away) @ self.window / self.window.sum()))
 
     def by_columns(self, pixels: Frame) -> Frame:
         """Pixels (H, W) as (H, cell, C): the first of every cell, then the second ones."""
@@ -113,20 +119,10 @@ def fit_step(carriers: Carriers, frame: Frame, state: State) -> tuple[State, Fit
 
 def model(carriers: Carriers, state: State) -> Pixels:
     """The picture (H, W) of a state, levels."""
-    du, dv, level, by_u, by_v = (to_pixels(carriers, plane) for plane in state.planes)
-    tau = _f4(2 * math.pi)
-    picture: Pixels = (
-        level
-        + by_u * np.cos(tau * np.remainder(carriers.turn_u + du, 1))
-        + by_v * np.cos(tau * np.remainder(carriers.turn_v + dv, 1))
-    )
-    return picture
-
-
-def to_pixels(carriers: Carriers, plane: Cells) -> Pixels:
-    """A plane of cells (R, C), linear in between, on the pixels (H, W)."""
     rows, cols = carriers.lit.shape
-    return np.asarray(cv2.resize(plane, (cols, rows), interpolation=cv2.INTER_LINEAR), _f4)
+    picture = np.empty_like(carriers.rest[2])
+    over_rows(lambda start, stop: _pictured(carriers.rest, state.planes, picture, start, stop), rows, _BLOCK)
+    return np.ascontiguousarray(picture.swapaxes(1, 2).reshape(rows, cols))
 
 
 def to_cells(pixels: Pixels, cell: int) -> Cells:
@@ -169,11 +165,53 @@ def _turn_of(s, c):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def _row(planes, y, cell, line):  # type: ignore[no-untyped-def]
+    """line (5, C + 2): the state (5, R, C) on a row of pixels, linear between rows of cells."""
+    rows, cols = planes.shape[1:]
+    i, down = y // cell, (_f4(y % cell) + _f4(0.5)) / _f4(cell) - _f4(0.5)
+    other = min(max(i + 1 if down > _f4(0) else i - 1, 0), rows - 1)
+    down = abs(down)
+    for k in range(5):
+        for j in range(cols):
+            line[k, j + 1] = (_f4(1) - down) * planes[k, i, j] + down * planes[k, other, j]
+        line[k, 0], line[k, cols + 1] = line[k, 1], line[k, cols]
+
+
+@kernel
+def _here(line, rest, y, m, here):  # type: ignore[no-untyped-def]
+    """here (5, C): a row's state at the m-th pixels of its cells, linear between them; u, v whole."""
+    cell, cols = rest.shape[2], rest.shape[3]
+    along = (_f4(m) + _f4(0.5)) / _f4(cell) - _f4(0.5)
+    side = 2 if along > _f4(0) else 0
+    along = abs(along)
+    for k in range(5):
+        for j in range(cols):
+            here[k, j] = (_f4(1) - along) * line[k, j + 1] + along * line[k, j + side]
+    for k in range(2):
+        for j in range(cols):
+            here[k, j] += rest[k, y, m, j]
+
+
+@kernel
+def _pictured(rest, planes, out, start, stop):  # type: ignore[no-untyped-def]
+    """out (H, cell, C): the picture of a state, by columns of cells."""
+    cell, cols = rest.shape[2], rest.shape[3]
+    line, here = np.empty((5, cols + 2), np.float32), np.empty((5, cols), np.float32)
+    for y in range(start, stop):
+        _row(planes, y, cell, line)
+        for m in range(cell):
+            _here(line, rest, y, m, here)
+            for j in range(cols):
+                out[y, m, j] = here[2, j] + here[3, j] * _cos_sin(here[0, j])[0]
+            for j in range(cols):
+                out[y, m, j] += here[4, j] * _cos_sin(here[1, j])[0]
+
+
+@kernel
 def _residuals(frame, rest, planes, ends, full, out, start, stop):  # type: ignore[no-untyped-def]
     """out (7, R, C): means over cells of r, r cos u, r sin u, r cos v, r sin v, of the pixels that count and
-    of r^2; r = 0 in the others. The state (5, R, C) is linear between cells. One short loop each: with few
-    arrays it becomes vector instructions."""
-    rows, cols = out.shape[1:]
+    of r^2; r = 0 in the others. One short loop each: with few arrays it becomes vector instructions."""
+    cols = out.shape[2]
     cell = frame.shape[1]
     area = _f4(1) / _f4(cell * cell)
     line, here = np.empty((5, cols + 2), np.float32), np.empty((5, cols), np.float32)
@@ -189,23 +227,10 @@ def _residuals(frame, rest, planes, ends, full, out, start, stop):  # type: igno
             for j in range(cols):
                 out[k, i, j] = _f4(0)
         for n in range(cell):
-            y, down = i * cell + n, (_f4(n) + _f4(0.5)) / _f4(cell) - _f4(0.5)
-            other = min(max(i + 1 if down > _f4(0) else i - 1, 0), rows - 1)
-            down = abs(down)
-            for k in range(5):
-                for j in range(cols):
-                    line[k, j + 1] = (_f4(1) - down) * planes[k, i, j] + down * planes[k, other, j]
-                line[k, 0], line[k, cols + 1] = line[k, 1], line[k, cols]
+            y = i * cell + n
+            _row(planes, y, cell, line)
             for m in range(cell):
-                along = (_f4(m) + _f4(0.5)) / _f4(cell) - _f4(0.5)
-                side = 2 if along > _f4(0) else 0
-                along = abs(along)
-                for k in range(5):
-                    for j in range(cols):
-                        here[k, j] = (_f4(1) - along) * line[k, j + 1] + along * line[k, j + side]
-                for k in range(2):
-                    for j in range(cols):
-                        here[k, j] += rest[k, y, m, j]
+                _here(line, rest, y, m, here)
                 for j in range(cols):
                     cos_u[j], sin_u[j] = _cos_sin(here[0, j])
                 for j in range(cols):

@@ -1,8 +1,9 @@
-"""Pixels that do not show the fringe: a hair, dust, a dead line of the camera that was not there at rest.
+"""Pixels that do not show the fringe: a hair, dust, a drop, a dead line of the camera, not there at rest.
 
 Where the residual is far above its median, the pixels of the largest residuals are left out and the frame is
 fitted again, until all others agree. An object is darker than the fringe, or brighter; a fringe that the
-model does not follow is both: then, and where not all others agree in the end, the fit stays as it was."""
+model does not follow, as at a contact's rim, is both: then there is no second fit, but where the picture is
+dark over a period. Where not all others agree in the end, the fit stays as it was."""
 
 import cv2
 import numpy as np
@@ -17,6 +18,7 @@ _LARGE, _SMALL = 20.0, 6.0  # mean square residual of a cell over the median one
 _SIGMAS = 6.0  # of a grey value: residual of a stray pixel, at least
 _OF_LARGEST, _REACH = 0.5, 9  # share of the largest residual among so many pixels
 _ROUNDS = 8
+_DARK_BOX, _DARK = 0.75, 0.5  # periods of a mean of the picture; of its median
 _OTHERS = 0.2  # share of the square residuals left out that have the other sign, at most; of dents .4 to .6
 _MOST = 0.05  # share of the pixels
 
@@ -29,6 +31,9 @@ def settle_without_strays(rig: Rig, frame: Frame, sigma: Cells) -> tuple[Settled
         return first, 0.0
     out, without = np.zeros(frame.shape, np.bool_), np.asarray(rig.carriers.full, frame.dtype)
     rest, limit = _rest(rig, frame, found)
+    new, period = _largest_ones(np.abs(rest), limit), 2 * rig.carriers.spread * rig.carriers.cell
+    if not _of_one_sign(rest[new]) and not _dark(rest, limit, frame, period):
+        return first, 0.0
     for _ in range(_ROUNDS):
         out |= _largest_ones(np.where(out, np.float32(0), np.abs(rest)), limit)
         if not 0 < out.mean() < _MOST:
@@ -52,6 +57,19 @@ def _rest(rig: Rig, frame: Frame, found: Settled) -> tuple[Pixels, float]:
     seen = (rig.carriers.lit > 0) & (frame < rig.carriers.full)
     rest = np.where(seen, frame - model(rig.carriers, found.state), np.float32(0))
     return rest, _SIGMAS * float(np.sqrt(max(found.usual, rig.noise)))
+
+
+def _dark(rest: Pixels, limit: float, frame: Frame, period: float) -> bool:
+    """Whether the picture (H, W) is dark over a period beside large residuals; period: pixels."""
+    large = (np.abs(rest) > limit).astype(np.uint8)
+    near = cv2.dilate(large, np.ones(_odd(period), np.uint8)) > 0
+    mean = cv2.boxFilter(frame, cv2.CV_32F, _odd(_DARK_BOX * period))
+    return bool(mean[near].min(initial=np.inf) < _DARK * np.median(mean[::4, ::4]))
+
+
+def _odd(size: float) -> tuple[int, int]:
+    """Side of a square of pixels with a middle, nearest to a size."""
+    return (2 * round((size - 1) / 2) + 1,) * 2
 
 
 def _largest_ones(size: Pixels, limit: float) -> Mask:

@@ -1,11 +1,13 @@
 """Live: the frames of one prepared rig, one reading each."""
 
 import math
+from collections.abc import Sequence
+from dataclasses import replace
 
 import cv2
 import numpy as np
 
-from optolever.contact import Surface, contacts, regions
+from optolever.contact import Region, Surface, contacts, regions
 from optolever.errors import InputError
 from optolever.kernels import plain
 
@@ -29,6 +31,8 @@ _REMAINS, _MOST = 0.06, 0.6  # share of the window's smoothing that stays: measu
 _COLUMNS = 80  # at least, of the grid on which contacts are looked for first
 _ROUNDS = 4  # of contacts, and of the fit of their load
 _SAME = 0.1  # of a contact's radius: one that moves less between rounds is the same
+_KINK = 40.0  # mean square residual over the usual one, at which the slope that a kink loses is not measured
+_RESOLVED = 2.2  # windows, rms: radius of a contact whose depth is measured
 _HIDDEN = 10.0  # sigma at rest: of a height that is interpolated
 
 _Found = tuple[tuple[float, float, float], float]  # circle and depth of a contact, mm
@@ -58,7 +62,7 @@ class Live:
             slopes = slopes - np.tensordot(deviation.motion, self.creep.slopes, 1)
         fine, coarse = (circulations(slopes, good & rig.whole) / prepared.noise.curl).tolist()
         noise = _sigma(prepared, settled, max(1.0, fine, coarse))
-        steep, dust = holes_of(raw, prepared.noise.sigma, good, rig.lit, rig.rim)
+        steep, dusty = holes_of(raw, prepared.noise.sigma, good, rig.lit, rig.rim)
         figures = self._figures(frame, settled, (fine, coarse), deviation)
         self._faded = self._faded + 1 if figures.contrast < FADED else 0
         x, y = (prepared.points[i] + settled.tau * rig.mirror.planes[3 + i] for i in (0, 1))
@@ -70,8 +74,14 @@ class Live:
         draws = prepared.noise.draws
         surface = Surface(x, y, z, hidden, good, modes=modes, motions=len(modes), draws=draws)
         pressing = () if judge(figures).broken else regions(surface, _COLUMNS)
-        verdict = judge(figures, self._faded, steep and not pressing, dust, strays)
-        touches = self._touches.named(contacts(surface, pressing, prepared.layer)) if verdict.trusted else ()
+        pressing = tuple(one for one in pressing if not _is_dust(one, dusty, good))
+        if lost := _lost_in_kinks(prepared, settled, z, pressing):
+            modes = np.concatenate([modes, lost])
+            sigma, surface = np.sqrt(sigma**2 + np.square(lost).sum(axis=0)), replace(surface, modes=modes)
+        verdict = judge(figures, self._faded, steep and not pressing, _share(dusty, rig.lit), strays)
+        found = contacts(surface, pressing, prepared.layer) if verdict.trusted else ()
+        least = _RESOLVED * rig.carriers.spread * math.sqrt(prepared.area)
+        touches = self._touches.named([replace(one, hole=one.hole or one.radius < least) for one in found])
         # far from rest the fit's first order makes dents of its own
         free = not pressing or (not verdict.trusted and alone < UNEXPLAINED)
         error, still = np.float32(prepared.error or 0.0), max(prepared.edge, abs(figures.sinking))
@@ -165,6 +175,30 @@ def _same(before: list[_Found], after: list[_Found]) -> bool:
     )
 
 
+def _is_dust(region: Region, dusty: Mask, good: Mask) -> bool:
+    """Whether a region is hardly more than a hole to which no flank rises."""
+    inside, at = region.inside, region.box
+    return np.count_nonzero(inside & dusty[at]) > np.count_nonzero(inside & good[at])
+
+
+def _lost_in_kinks(prepared: Prepared, settled: Settled, z: Cells, regions: Sequence[Region]) -> list[Cells]:
+    """A mode (R, C), mm, of each region with a kink too sharp for the window: what of the slope it loses
+    there, all heights within lack."""
+    if not regions or not settled.residual.max() > _KINK * settled.usual:
+        return []
+    reach = prepared.rig.carriers.window.size // 2
+    apart = cv2.erode(settled.good.astype(np.uint8), np.ones((reach, reach), np.uint8)) > 0
+    sharp = apart & (settled.residual > _KINK * settled.usual)
+    smoothed, lost = np.where(apart, _smoothed(prepared, settled), np.float32(0)), list[Cells]()
+    for one in regions:
+        if (sharp[one.box] & one.inside).any():
+            mode = np.zeros_like(z)
+            within = np.clip(2 * z[one.box] / np.float32(one.depth) - 1, 0, 1) * one.inside
+            mode[one.box] = within * smoothed[one.box][one.inside].max()
+            lost.append(mode)
+    return lost
+
+
 def _share(good: Mask, among: Mask) -> float:
     return float(np.count_nonzero(good & among) / np.count_nonzero(among))
 
@@ -191,8 +225,7 @@ def _sigma(prepared: Prepared, settled: Settled, birge: float = 1.0) -> Cells:
 def _smoothed(prepared: Prepared, settled: Settled) -> Cells:
     """What the window still smooths of z, mm (R, C): a window of variance s^2 cells^2 changes a surface by
     s^2 / 2 times its second differences; steps undo all but a share of that, as the rms residual grows."""
-    window, z = prepared.rig.carriers.window, settled.tau * prepared.rig.normal
-    variance = float(np.square(np.arange(window.size) - window.size // 2) @ window / window.sum())
+    variance, z = prepared.rig.carriers.spread**2, settled.tau * prepared.rig.normal
     bends = sum(np.abs(cv2.Sobel(z, cv2.CV_32F, *order, ksize=1)) for order in ((2, 0), (0, 2)))
     misfit = np.maximum(settled.residual / np.float32(max(settled.usual, 1e-6)), 1)
     share = np.minimum(np.float32(_REMAINS) * np.sqrt(misfit), np.float32(_MOST))

@@ -59,6 +59,8 @@ def judge(
     blur = "The mirror moved during the exposure" if focused else "Every frame is out of focus"
     mean = "heights are means over the exposure; shorten it"
     cure = mean if focused else "focus, and measure the mirror at rest anew"
+    if light > 1 / FADED or light * figures.contrast > FADED:  # no blur adds light
+        blur, cure = "More light than at rest, which is not the pattern's", f"darken the room, or {anew}"
     sinking, tilt = 1e3 * abs(figures.sinking), 1e6 * abs(figures.tilt)
     tare = "tare while nothing touches, and let the rig warm up"
     crept = f"as of a mirror that sank by {sinking:.2g} µm or tilted by {tilt:.2g} µrad; heights count it as "
