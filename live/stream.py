@@ -178,7 +178,7 @@ def _same(before: list[_Found], after: list[_Found]) -> bool:
 def _is_dust(region: Region, dusty: Mask, good: Mask) -> bool:
     """Whether a region is hardly more than a hole to which no flank rises."""
     inside, at = region.inside, region.box
-    return np.count_nonzero(inside & dusty[at]) > np.count_nonzero(inside & good[at])
+    return bool(np.count_nonzero(inside & dusty[at]) > np.count_nonzero(inside & good[at]))
 
 
 def _lost_in_kinks(prepared: Prepared, settled: Settled, z: Cells, regions: Sequence[Region]) -> list[Cells]:

@@ -26,7 +26,7 @@ contact  4     19.68  9.69 (15)     0.031 (0.001)     0.767        0.00085      
 def command(
     size: Annotated[tuple[int, int], pixels("Size of the camera.")] = (480, 640),
     streams: Annotated[
-        int, Opt("--streams FRAMES", "Only eleven kinds of streams of so many frames.", click.IntRange(0))
+        int, Opt("--streams FRAMES", "Only streams of all kinds, of so many frames each.", click.IntRange(0))
     ] = 0,
     vibration: Annotated[bool, Opt("--vibration", "Only a surface that vibrates: 12 s at 60 Hz.")] = False,
     seed: Seed = 1,

@@ -1,2 +1,2 @@
-"""Heights of single frames: an independent renderer, eleven kinds of streams, faults, figures beside their
+"""Heights of single frames: an independent renderer, streams of all kinds, faults, figures beside their
 limits."""

@@ -1,4 +1,4 @@
-"""Streams of eleven kinds of a tactile sensor's frames, counted; faults of frames."""
+"""Streams of a tactile sensor's frames of all kinds, counted; faults of frames."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from optolever.live import Live, Prepared, prepare
 from optolever.patterns import Sequence, sequence
 from optolever.scene import Scene
 
-from .world import BALL, GAUSS, World, expose, photons, world_of
+from .world import BALL, GAUSS, LAYERED, PUNCH, World, expose, photons, world_of
 
 __all__ = ["FAULTS", "KINDS", "Moment", "StreamRig", "Tally", "played", "stream_rig"]
 
@@ -44,13 +44,17 @@ FAULTS: dict[str, Callable[[Frame, Frame], Frame]] = {
 @dataclass(frozen=True)
 class Moment:
     """What a frame shows. fading: see World; creep: of the camera along columns and rows, pixels; lamp:
-    levels that it adds at the far end of the columns; blur: of the lens, rms pixels."""
+    levels that it adds at the far end of the columns; blur: of the lens, rms pixels; dark: radius, mm, of the
+    disc around the first dent where an object that wets the silicone ends total reflection; contacts: how
+    many the dents are, None: each is one."""
 
     dents: Dents = ()
     fading: bool = True
     creep: tuple[float, float] = (0.0, 0.0)
     lamp: float = 0.0
     blur: float = 0.0
+    dark: float = 0.0
+    contacts: int | None = None
 
 
 Kind = Callable[[float, float, float, float], Moment]
@@ -58,6 +62,23 @@ Kind = Callable[[float, float, float, float], Moment]
 
 def _pressed(kind: int, size: float, peak: float, fading: bool = True) -> Kind:
     return lambda x, y, rise, at: Moment(((kind, x, y, size, peak * rise),), fading)
+
+
+def _at(x: float | None, y: float | None) -> Kind:
+    """A ball of 4 mm beside an end of the mirror."""
+    return lambda across, along, rise, at: Moment(
+        ((BALL, across if x is None else x, along if y is None else y, 4.0, 0.05 * rise),), False
+    )
+
+
+def _rounded(x: float, y: float, radius: float, depth: float) -> Dents:
+    """A punch whose rim is rounded over .3 mm, as the sum of flat ones: pressures and deflections add."""
+    return tuple((PUNCH, x, y, radius - 0.3 * (k + 0.5) / 16, depth / 16) for k in range(16))
+
+
+def _line(x: float, y: float, along: tuple[float, float], depth: float) -> Dents:
+    """Balls of 2 mm, .6 mm apart over 8 mm from a place in a direction."""
+    return tuple((BALL, x + 0.6 * k * along[0], y + 0.6 * k * along[1], 2.0, depth) for k in range(14))
 
 
 def _beside(change: Callable[[float], Moment]) -> Kind:
@@ -80,6 +101,21 @@ KINDS: dict[str, Kind] = {
     "creep along rows": _beside(lambda at: Moment(creep=(0.0, 0.2 * at))),
     "lamp": _beside(lambda at: Moment(lamp=25 * at)),
     "blur": _beside(lambda at: Moment(blur=1.5 * at)),
+    "dark": lambda x, y, rise, at: Moment(((BALL, x, y, 4.0, 0.05 * rise),), False, dark=3.6),
+    "cut at x = 0": _at(4.0, None),
+    "cut at x = L0": _at(57.0, None),
+    "cut at y = 0": _at(None, 2.0),
+    "cut at y = W": _at(None, 43.0),
+    "narrow, 1 mm": _pressed(BALL, 1.0, 0.015, fading=False),
+    "sharp punch": _pressed(PUNCH, 4.0, 0.03, fading=False),
+    "rounded punch": lambda x, y, rise, at: Moment(_rounded(x, y, 4.0, 0.03 * rise), False, contacts=1),
+    "line": lambda x, y, rise, at: Moment(_line(x - 4, y, (1.0, 0.0), 0.008 * rise), False, contacts=1),
+    "L": lambda x, y, rise, at: Moment(
+        _line(x - 4, y, (1.0, 0.0), 0.006 * rise) + _line(x - 4, y, (0.0, 1.0), 0.006 * rise),
+        False,
+        contacts=1,
+    ),
+    "ball 4 mm, layer": _pressed(LAYERED, 4.0, 0.05, fading=False),
 }
 
 
@@ -107,6 +143,10 @@ class StreamRig:
         """Light (H, W) and true height (R, C) of a moment."""
         here = replace(self, world=replace(self.world.moved(*moment.creep), fading=moment.fading))
         light = gaussian_filter(here.light(moment.dents), moment.blur)
+        if moment.dark:
+            x, y = here.world.truth(())[3:]
+            wet = np.hypot(x - moment.dents[0][1], y - moment.dents[0][2]) < moment.dark
+            light *= 1 - np.float32(0.97) * gaussian_filter(wet.astype(np.float32), 0.7)
         light += np.linspace(0, moment.lamp / 216, light.shape[1], dtype=np.float32)
         return light, here.truth(moment.dents)
 
@@ -115,8 +155,8 @@ class StreamRig:
 class Tally:
     """Counts of a stream's frames. noticed: trusted, with a notice; wrong: trusted, with more than 0.1 % of
     the heights beyond five sigma; silent: of these the ones without a notice; contacts: trusted, beyond 10 um
-    of depth, that show as many contacts as there are dents; off: of these the ones whose deepest is beyond
-    five sigma; ratio: error over sigma, rms over the trusted frames."""
+    of depth, that show as many contacts as there are; off: of these the ones whose deepest is beyond five
+    sigma, above it where it says "at least"; ratio: error over sigma, rms over the trusted frames."""
 
     frames: int
     trusted: int
@@ -155,15 +195,17 @@ def played(rig: StreamRig, kind: Kind, frames: int, rng: np.random.Generator) ->
             continue
         ratio = ((reading.z - true) / reading.sigma)[reading.good]
         wrong = float(np.mean(np.abs(ratio) > 5)) > 1e-3
-        deep = [dent for dent in moment.dents if dent[4] > 0.01]
-        same = bool(deep) and len(reading.touches) == len(deep)
+        deepest = float(true.max())
+        count = len(moment.dents) if moment.contacts is None else moment.contacts
+        same = deepest > 0.01 and len(reading.touches) == count
         counts["noticed"] += bool(reading.notices)
         counts["wrong"] += wrong
         counts["silent"] += wrong and not reading.notices
         counts["contacts"] += same
         if same:
             touch = reading.touches[0]
-            counts["off"] += abs(touch.depth - max(dent[4] for dent in deep)) > 5 * touch.depth_sigma
+            above = touch.depth - deepest
+            counts["off"] += (above if touch.hole else abs(above)) > 5 * touch.depth_sigma
         ratios.append(float(np.mean(np.square(ratio))))
     return Tally(
         frames=frames, trusted=len(ratios), noticed=counts["noticed"], wrong=counts["wrong"],

@@ -3,15 +3,19 @@ area.
 
 Its intersection, reflection and look-up are its own; only the numbers of a rig (camera grid, pattern pose,
 index) are read from a scene of a telecentric camera. A dent is a row (kind, x, y, size, peak): kind 0 a
-Gaussian of that sigma, 1 a ball's contact of that radius (Hertz); all fade to zero over the outer tenth
-before x = L0, except in a world that is a half-space (`fading`)."""
+Gaussian of that sigma; 1 a ball's contact of that radius on a half-space (Hertz), 2 a flat punch's with a
+sharp rim (Sneddon), 3 a ball's on a layer 2.5 radii thick, bonded to a base (`_on_layer`). All fade to zero
+over the outer tenth before x = L0, except in a world that is elastic (`fading`)."""
 
 import math
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
+import scipy.special
 from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicHermiteSpline
 from scipy.ndimage import gaussian_filter
 
 from optolever.blocks import over_rows
@@ -20,7 +24,9 @@ from optolever.patterns import Sequence
 from optolever.scene import Scene
 
 Float = NDArray[np.float64]
-GAUSS, BALL = 0, 1
+GAUSS, BALL, PUNCH, LAYERED = 0, 1, 2, 3
+_THICK = 2.5  # radii of a contact: the layer
+_NEAREST, _STEP = 14.0, 0.01  # radii: end and step of the table of its deflection
 _FINE = 8  # parts of a cell in which the blurred pattern is tabled
 
 
@@ -70,7 +76,8 @@ class World:
         light, truth = np.zeros((len(tables), *self.shape), np.float32), np.zeros((5, *self.shape))
         rows = np.asarray(dents, np.float64).reshape(-1, 5)
         end = self.size[0] if self.fading else 1e9
-        args = self.camera, self.plane, self.size, rows, end, self.index, side, tables, light, truth
+        layer = _on_layer() if (rows[:, 0] == LAYERED).any() else np.zeros((2, 2))
+        args = self.camera, self.plane, self.size, rows, layer, end, self.index, side, tables, light, truth
         over_rows(lambda start, stop: _trace(start, stop, *args), self.shape[0], 16)
         return light, truth
 
@@ -104,14 +111,42 @@ def photons(light: NDArray[np.float32], rng: np.random.Generator, electrons: flo
     return np.clip(np.rint(levels), 0, 255).astype(np.uint8)
 
 
+@cache
+def _on_layer() -> Float:
+    """Deflection (n, 2) and its slope by the distance in radii, 1 in the middle: the pressure of Hertz on an
+    incompressible layer bonded to a base, by its transform (see `contact.pressure`: S(q))."""
+    k = np.linspace(1e-5, 60, 40000)
+    q = np.minimum(_THICK * k, 30)
+    layer = (2 * np.sinh(2 * q) - 4 * q) / (2 * np.cosh(2 * q) + 2 + 4 * q * q)
+    weight = (np.sin(k) - k * np.cos(k)) / k**3 * layer
+    r = np.arange(0, _NEAREST + 0.1, 0.05)
+    z = np.array([weight @ scipy.special.j0(k * one) for one in r])
+    slope = -np.array([(weight * k) @ scipy.special.j1(k * one) for one in r])
+    between = CubicHermiteSpline(r, z / z[0], slope / z[0])
+    fine = np.arange(0, _NEAREST, _STEP)
+    return np.stack([between(fine), between(fine, 1)], axis=1)
+
+
 @inlined
-def _height(x, y, dents, length):  # type: ignore[no-untyped-def]
+def _height(x, y, dents, layer, length):  # type: ignore[no-untyped-def]
     h, hx, hy = 0.0, 0.0, 0.0
     for k in range(dents.shape[0]):
         dx, dy, s, a = x - dents[k, 1], y - dents[k, 2], dents[k, 3], dents[k, 4]
         if dents[k, 0] == 0.0:
             e = a * np.exp(-0.5 * (dx * dx + dy * dy) / (s * s))
             h, hx, hy = h + e, hx - dx / (s * s) * e, hy - dy / (s * s) * e
+        elif dents[k, 0] == 3.0:
+            q = np.sqrt(dx * dx + dy * dy) / s
+            m = min(int(q / _STEP), layer.shape[0] - 2)
+            f = min(q / _STEP - m, 1.0)
+            h += a * ((1 - f) * layer[m, 0] + f * layer[m + 1, 0])
+            o = a * ((1 - f) * layer[m, 1] + f * layer[m + 1, 1]) / (s * s * max(q, 1e-9))
+            hx, hy = hx + o * dx, hy + o * dy
+        elif dents[k, 0] == 2.0:
+            q2 = max((dx * dx + dy * dy) / (s * s), 1.0)
+            h += a * 2 / np.pi * np.arcsin(1 / np.sqrt(q2))
+            o = -a * 2 / np.pi / (q2 * np.sqrt(max(q2 - 1, 1e-6)) * s * s) if q2 > 1 else 0.0
+            hx, hy = hx + o * dx, hy + o * dy
         else:
             q2 = (dx * dx + dy * dy) / (s * s)
             if q2 <= 1.0:
@@ -130,7 +165,7 @@ def _height(x, y, dents, length):  # type: ignore[no-untyped-def]
 
 
 @exact
-def _trace(start, stop, cam, plane, size, dents, end, index, side, tables, out, truth):  # type: ignore[no-untyped-def]
+def _trace(start, stop, cam, plane, size, dents, layer, end, index, side, tables, out, truth):  # type: ignore[no-untyped-def]
     o0, cu, cv, d = cam[0], cam[1], cam[2], cam[3]
     nx = plane[1, 1] * plane[2, 2] - plane[1, 2] * plane[2, 1]
     ny = plane[1, 2] * plane[2, 0] - plane[1, 0] * plane[2, 2]
@@ -148,7 +183,7 @@ def _trace(start, stop, cam, plane, size, dents, end, index, side, tables, out, 
                 oz = o0[2] + col * cu[2] + row * cv[2]
                 t, hx, hy = -oz / d[2], 0.0, 0.0
                 for _ in range(30):
-                    h, hx, hy = _height(ox + t * d[0], oy + t * d[1], dents, end)
+                    h, hx, hy = _height(ox + t * d[0], oy + t * d[1], dents, layer, end)
                     step = (oz + t * d[2] - h) / (d[2] - hx * d[0] - hy * d[1])
                     t -= step
                     if abs(step) < 1e-11:

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lab.live.world import BALL, expose
+from lab.live.streams import Moment, StreamRig
+from lab.live.world import BALL, PUNCH, expose, photons
 from optolever.contact import Contact
 from optolever.live import Live, Prepared, Touches
 
@@ -57,3 +58,51 @@ def test_a_rolling_ball_is_followed(rest: Rest, prepared: Prepared, edge: float,
         assert touch.indenter_radius_sigma is not None
         assert abs(touch.indenter_radius - edge**2 / depth) < 2 * touch.indenter_radius_sigma
     assert len(names) == 1
+
+
+@pytest.mark.parametrize(("radius", "depth", "share"), [(3.0, 0.03, 0.8), (4.0, 0.05, 1.0), (6.0, 0.05, 0.9)])
+def test_a_dark_contact_is_a_contact_with_a_hole(
+    stream: StreamRig, prepared: Prepared, radius: float, depth: float, share: float
+) -> None:
+    """An object that wets the silicone ends total reflection where it touches: the cells around are right."""
+    moment = Moment(((BALL, 30.0, 22.0, radius, depth),), False, dark=share * radius)
+    light, true = stream.shown(moment)
+    reading = Live(prepared).update(photons(light, np.random.default_rng(5)))
+    assert reading.trusted, reading.reason
+    error = (reading.z - true)[reading.good]
+    ratio = error / reading.sigma[reading.good]
+    assert error.std() < 6e-4
+    assert np.sqrt(np.mean(np.square(ratio))) < 1.5
+    assert not reading.good[np.unravel_index(true.argmax(), true.shape)]
+    (touch,) = reading.touches
+    assert touch.hole
+    assert math.dist((touch.x, touch.y), (30, 22)) < min(4 * touch.position_sigma, 1.0)
+    assert abs(touch.depth - depth) < 3 * touch.depth_sigma
+
+
+@pytest.mark.parametrize(("radius", "depth"), [(0.7, 0.012), (1.0, 0.012), (1.0, 0.02), (1.5, 0.025)])
+def test_what_is_narrower_than_the_window_says_at_least(
+    stream: StreamRig, prepared: Prepared, radius: float, depth: float
+) -> None:
+    """The depth was that of a cell of the flank, 8 to 20 sigma too shallow."""
+    light, true = stream.shown(Moment(((BALL, 30.0, 22.0, radius, depth),), False))
+    reading = Live(prepared).update(photons(light, np.random.default_rng(5)))
+    (touch,) = reading.touches
+    assert touch.hole or touch.depth_sigma > 0.3 * touch.depth
+    assert abs(touch.depth - true.max()) < 3 * touch.depth_sigma
+    assert reading.z[touch.row, touch.col] == reading.depth
+
+
+@pytest.mark.parametrize(("radius", "depth"), [(3.0, 0.02), (4.0, 0.03), (6.0, 0.03)])
+def test_a_sharp_rim_is_in_the_sigma_of_what_it_encloses(
+    stream: StreamRig, prepared: Prepared, radius: float, depth: float
+) -> None:
+    """The window loses slope at the rim: the plateau, 6 to 16 % too shallow, was 3 to 9 sigma off."""
+    light, true = stream.shown(Moment(((PUNCH, 30.0, 22.0, radius, depth),), False))
+    reading = Live(prepared).update(photons(light, np.random.default_rng(5)))
+    inside = np.hypot(reading.x - 30, reading.y - 22) < 0.7 * radius
+    ratio = ((reading.z - true) / reading.sigma)[inside]
+    assert 0.3 < np.sqrt(np.mean(np.square(ratio))) < 2
+    (touch,) = reading.touches
+    assert 0.3 < abs(touch.depth - depth) / touch.depth_sigma < 2
+    assert touch.depth_sigma < 0.25 * depth

@@ -79,6 +79,19 @@ def test_a_line_without_a_fringe_moves_no_height(
     assert len(reading.touches) == len(dents)
 
 
+@pytest.mark.parametrize("side", [16, 24])
+def test_dust_is_no_contact(prepared: Prepared, shot: Shot, side: int) -> None:
+    """A speck of two periods of the fringe was a contact of 3 um."""
+    for seed, (row, col) in enumerate(((81, 90), (110, 200))):
+        frame = shot((), seed).copy()
+        frame[row : row + side, col : col + side] = 12
+        reading = Live(prepared).update(frame)
+        assert reading.trusted, reading.reason
+        assert not reading.touches
+        assert "Dust or a hair" in str(reading.notices)
+        assert not (np.abs(reading.z) > 5 * reading.sigma)[reading.good].any()
+
+
 def test_a_mirror_in_a_part_of_the_picture_is_trusted(rest: Rest, prepared: Prepared, shot: Shot) -> None:
     """36 rows of cells: where a block of 32 lies in them is not for the picture's corner to say."""
     rows = np.arange(240)[:, None]
@@ -108,6 +121,21 @@ def test_a_lamp_moves_no_height(stream: StreamRig, prepared: Prepared) -> None:
         ratio = ((reading.z - true) / reading.sigma)[reading.good]
         assert reading.trusted
         assert np.sqrt(np.mean(np.square(ratio))) < 1.2
+
+
+@pytest.mark.parametrize("dents", [(), PRESSED], ids=["rest", "pressed"])
+def test_light_of_the_room_is_no_motion(stream: StreamRig, prepared: Prepared, dents: Any) -> None:
+    """It lowers the contrast as a blur does, and raises the level, which no blur does."""
+    light, true = stream.shown(Moment(dents))
+    blurred, _ = stream.shown(Moment(dents, blur=1.0))
+    for lit, word, other in ((light + 0.12, "More light", "moved"), (blurred, "moved", "More light")):
+        frame = expose(lit.astype(np.float32), np.random.default_rng(3))
+        reading = Live(prepared).update(frame)
+        (notice,) = (one for one in reading.notices if "loss of contrast" in one.name)
+        assert word in notice.name
+        assert other not in notice.name
+    ratio = ((reading.z - true) / reading.sigma)[reading.good]
+    assert np.sqrt(np.mean(np.square(ratio))) < 1.5
 
 
 def test_motion_in_the_exposure_is_the_mean(rest: Rest, prepared: Prepared, truth: Truth) -> None:
