@@ -13,7 +13,7 @@ from .touches import Force, Touch
 
 __all__ = ["CREPT", "Figures", "Reading"]
 
-DEEP = 5.0  # sigma of a height
+DEEP, KNOWN = 5.0, 3.0  # sigma of a dent's height; noise of its cells'
 CREPT = 5.0  # sigma of a shift of the image, beyond which the rig has moved
 
 
@@ -85,7 +85,8 @@ class Reading(Comparable):
 
     @property
     def deepest(self) -> tuple[float, float] | None:
-        """Height and sigma, mm, of the deepest good cell; None: none is beyond five sigma."""
+        """Height and sigma, mm, of the deepest cell beyond three times its noise; None: none is beyond
+        five sigma."""
         at = self._deepest
         return None if at is None else (float(self.z.flat[at]), float(self.sigma.flat[at]))
 
@@ -96,7 +97,7 @@ class Reading(Comparable):
 
     @property
     def _deepest(self) -> int | None:
-        deep = np.where(self.good, self.z, np.float32(-np.inf))
+        deep = np.where(self.good & (self.z > KNOWN * self.noise), self.z, np.float32(-np.inf))
         return int(deep.argmax()) if (deep > DEEP * self.sigma).any() else None
 
     @property

@@ -31,7 +31,7 @@ _REMAINS, _MOST = 0.06, 0.6  # share of the window's smoothing that stays: measu
 _COLUMNS = 80  # at least, of the grid on which contacts are looked for first
 _ROUNDS = 4  # of contacts, and of the fit of their load
 _SAME = 0.1  # of a contact's radius: one that moves less between rounds is the same
-_KINK = 40.0  # mean square residual over the usual one, at which the slope that a kink loses is not measured
+_KINK = 30.0  # residual over the usual one, mean squares, at which half of what a kink loses is lacking
 _RESOLVED = 2.2  # windows, rms: radius of a contact whose depth is measured
 _HIDDEN = 10.0  # sigma at rest: of a height that is interpolated
 
@@ -182,20 +182,17 @@ def _is_dust(region: Region, dusty: Mask, good: Mask) -> bool:
 
 
 def _lost_in_kinks(prepared: Prepared, settled: Settled, z: Cells, regions: Sequence[Region]) -> list[Cells]:
-    """A mode (R, C), mm, of each region with a kink too sharp for the window: what of the slope it loses
-    there, all heights within lack."""
-    if not regions or not settled.residual.max() > _KINK * settled.usual:
-        return []
-    reach = prepared.rig.carriers.window.size // 2
-    apart = cv2.erode(settled.good.astype(np.uint8), np.ones((reach, reach), np.uint8)) > 0
-    sharp = apart & (settled.residual > _KINK * settled.usual)
-    smoothed, lost = np.where(apart, _smoothed(prepared, settled), np.float32(0)), list[Cells]()
+    """A mode (R, C), mm, of each region: what of the slope the window loses at its sharpest kink is lacking
+    in all heights within. Beside cells without a height nothing is known of it."""
+    reach, lost = prepared.rig.carriers.window.size // 2, list[Cells]()
+    apart = cv2.erode(settled.good.astype(np.uint8), np.ones((reach, reach), np.uint8))
+    smoothed = _smoothed(prepared, settled) * apart if regions else z
     for one in regions:
-        if (sharp[one.box] & one.inside).any():
-            mode = np.zeros_like(z)
-            within = np.clip(2 * z[one.box] / np.float32(one.depth) - 1, 0, 1) * one.inside
-            mode[one.box] = within * smoothed[one.box][one.inside].max()
-            lost.append(mode)
+        mode, inside = np.zeros_like(z), one.inside * apart[one.box]
+        sharp = np.square((settled.residual[one.box] * inside).max() / max(_KINK * settled.usual, 1e-6))
+        within = np.clip(2 * z[one.box] / np.float32(one.depth) - 1, 0, 1) * one.inside
+        mode[one.box] = within * (smoothed[one.box] * inside).max() * (sharp / (1 + sharp))
+        lost.append(mode)
     return lost
 
 

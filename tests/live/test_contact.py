@@ -90,7 +90,7 @@ def test_what_is_narrower_than_the_window_says_at_least(
     (touch,) = reading.touches
     assert touch.hole or touch.depth_sigma > 0.3 * touch.depth
     assert abs(touch.depth - true.max()) < 3 * touch.depth_sigma
-    assert reading.z[touch.row, touch.col] == reading.depth
+    assert reading.z[touch.row, touch.col] <= reading.depth < true.max()
 
 
 @pytest.mark.parametrize(("radius", "depth"), [(3.0, 0.02), (4.0, 0.03), (6.0, 0.03)])
